@@ -1,0 +1,58 @@
+"""Certified configuration-space maps by FFT correlation.
+
+Every name is imported when it is first asked for, so that importing the package costs next to nothing.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from cspace.states import BLOCKED as BLOCKED
+from cspace.states import FREE as FREE
+from cspace.states import MIXED as MIXED
+
+if TYPE_CHECKING:
+    from cspace.builder import build as build
+    from cspace.errors import ConfigurationError as ConfigurationError
+    from cspace.errors import CspaceError as CspaceError
+    from cspace.errors import FileError as FileError
+    from cspace.errors import GeometryError as GeometryError
+    from cspace.errors import InputError as InputError
+    from cspace.errors import MissingPackageError as MissingPackageError
+    from cspace.grid import Grid as Grid
+    from cspace.io.files import open_map as open  # noqa: A004 - cspace.open is the public name
+    from cspace.robot import Robot as Robot
+    from cspace.space import CSpace as CSpace
+    from cspace.workspace import Workspace as Workspace
+
+__version__ = "0.1.0"
+
+_HOME = {
+    "build": ("cspace.builder", "build"),
+    "ConfigurationError": ("cspace.errors", "ConfigurationError"),
+    "CspaceError": ("cspace.errors", "CspaceError"),
+    "FileError": ("cspace.errors", "FileError"),
+    "GeometryError": ("cspace.errors", "GeometryError"),
+    "InputError": ("cspace.errors", "InputError"),
+    "MissingPackageError": ("cspace.errors", "MissingPackageError"),
+    "Grid": ("cspace.grid", "Grid"),
+    "open": ("cspace.io.files", "open_map"),
+    "Robot": ("cspace.robot", "Robot"),
+    "CSpace": ("cspace.space", "CSpace"),
+    "Workspace": ("cspace.workspace", "Workspace"),
+}
+
+__all__ = ["BLOCKED", "FREE", "MIXED", "__version__", *_HOME]
+
+
+def __getattr__(name: str) -> Any:
+    try:
+        module, attribute = _HOME[name]
+    except KeyError:
+        raise AttributeError(f"module 'cspace' has no attribute {name!r}") from None
+    value = getattr(import_module(module), attribute)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

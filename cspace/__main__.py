@@ -1,0 +1,5 @@
+"""``python -m cspace``: the command line."""
+
+from cspace.cli import main
+
+main()

@@ -1,0 +1,78 @@
+"""The command line.
+
+Nothing heavy is imported before a command runs, so that ``--help`` is instant.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from cspace.cli.maps import export, info, make, picture
+from cspace.cli.planning import demo, plan
+from cspace.errors import CspaceError
+
+
+class _Commands(TyperGroup):
+    """The commands, with what goes wrong told in one line."""
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except BrokenPipeError:
+            raise
+        except (CspaceError, OSError) as error:
+            problem = str(error)
+        except MemoryError as error:
+            problem = f"out of memory: {error or 'the map is too large'}; a map must fit in memory; use larger cells"
+        except KeyboardInterrupt:
+            typer.echo("cspace: interrupted", err=True)
+            raise typer.Exit(130) from None
+        typer.echo(f"cspace: {' '.join(problem.split())}", err=True)
+        raise typer.Exit(2)
+
+
+app = typer.Typer(
+    cls=_Commands,
+    help="Certified configuration-space maps: build them, look at them, plan on them, export them.",
+    epilog="Exit codes: 0 done, 1 no path found, 2 bad input, 130 interrupted.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from cspace import __version__
+
+        typer.echo(f"cspace {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and stop.")
+    ] = False,
+) -> None:
+    pass
+
+
+_COMMANDS = {"demo": demo, "map": make, "plan": plan, "info": info, "plot": picture, "export": export}
+for _name, _command in _COMMANDS.items():
+    app.command(_name)(_command)
+
+
+def main() -> None:
+    """Run the command line and leave with its exit code."""
+    try:
+        app(prog_name="cspace")
+    except KeyboardInterrupt:
+        # Before or after a command ran, where the commands' own handler does not reach.
+        sys.exit(130)

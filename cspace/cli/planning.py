@@ -1,0 +1,139 @@
+"""Commands that plan: on a saved map, and the demonstration of it all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from cspace.cli.options import Json, MapFile, Overwrite, check_folder, check_outputs, configuration, given
+from cspace.cli.report import Clock, describe_map, progress_bar, show
+
+if TYPE_CHECKING:
+    from planners import Plan
+
+_PATHS = (".csv", ".json")
+
+
+def plan(
+    file: MapFile,
+    start: Annotated[str, typer.Option(metavar="X,Y", help="Where the robot is, metres; e.g. --start=-1,2.")],
+    goal: Annotated[str, typer.Option(metavar="X,Y", help="Where it goes, metres.")],
+    output: Annotated[
+        list[Path] | None,
+        typer.Option("--output", "-o", metavar="PATH", help="The path: .csv or .json; may be given again."),
+    ] = None,
+    planner: Annotated[str, typer.Option(help="An OMPL planner, by name; a wrong one lists them all.")] = "RRTConnect",
+    time_limit: Annotated[float, typer.Option(metavar="SECONDS", help="When to give up.")] = 1.0,
+    seed: Annotated[int | None, typer.Option(help="Makes the run repeatable.")] = None,
+    simplify: Annotated[bool, typer.Option("--simplify/--no-simplify", help="Shorten the path.")] = True,
+    objective: Annotated[str | None, typer.Option(help="What to optimise: length or clearance.")] = None,
+    picture: Annotated[Path | None, typer.Option(metavar="PNG", help="Draw map and path.")] = None,
+    overwrite: Overwrite = False,
+    as_json: Json = False,
+) -> None:
+    """Plan a path on a saved map. The exit code is 1 where none is found."""
+    from cspace.io.files import open_map
+    from cspace.plot import SUFFIXES, save_plot
+
+    check_outputs(output or [], _PATHS, overwrite)
+    check_outputs([picture] if picture else [], SUFFIXES, overwrite)
+    ends = configuration(start, "--start"), configuration(goal, "--goal")
+    import planners
+
+    clock = Clock()
+    with clock.step("read"):
+        space = open_map(file)
+    with clock.step("plan"):
+        found = planners.plan(
+            space,
+            *ends,
+            planner=planner,
+            time_limit=time_limit,
+            simplify=simplify,
+            seed=seed,
+            **given(objective=objective),
+        )
+    if found.solved:
+        with clock.step("write"):
+            _write(found, output or [], overwrite)
+    if picture:
+        with clock.step("draw"):
+            save_plot(space, picture, overwrite, path=found if found.solved else None, start=ends[0], goal=ends[1])
+    show({**_describe(found), "seconds": clock.seconds}, as_json)
+    if not found.solved:
+        typer.echo(f"cspace: no path from {start} to {goal}: {found.status}", err=True)
+        raise typer.Exit(1)
+
+
+def demo(
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="FOLDER", help="Where to write.")] = Path(
+        "cspace-demo"
+    ),
+    overwrite: Overwrite = False,
+    as_json: Json = False,
+) -> None:
+    """Map a bundled floor plan, prove what can be reached, plan, and write map, path and picture."""
+    check_folder(output)
+    saved, table, document, drawing = (output / name for name in ("map.zarr", "path.csv", "path.json", "picture.png"))
+    if output.exists():
+        check_outputs([saved, table, document, drawing], (".zarr", ".csv", ".json", ".png"), overwrite)
+    clock = Clock()
+    with clock.step("import"):
+        import planners
+        from cspace import build
+        from cspace import demo as flat
+        from cspace.errors import InputError
+        from cspace.plot import save_plot
+    with clock.step("draw floor plan"):
+        workspace = flat.demo_workspace()
+    with clock.step("build map"), progress_bar("building") as progress:
+        space = build(workspace, flat.demo_robot(), progress=progress)
+    with clock.step("prove"):
+        proofs = {
+            "start to goal": space.path_exists(flat.START, flat.GOAL),
+            "start to store room": space.path_exists(flat.START, flat.STORE),
+        }
+    with clock.step("plan"):
+        found = planners.plan(space, flat.START, flat.GOAL, seed=1)
+    if proofs != {"start to goal": True, "start to store room": False} or not (found.solved and found.certified):
+        raise InputError(f"the demonstration went wrong: {proofs}, {found.status}; please report it")
+    output.mkdir(parents=True, exist_ok=True)
+    with clock.step("save map"):
+        space.save(saved, overwrite=overwrite)
+    with clock.step("save path"):
+        _write(found, [table, document], overwrite)
+    with clock.step("draw picture"):
+        save_plot(space, drawing, overwrite, path=found)
+    show(
+        {
+            "map": describe_map(space),
+            "path exists": proofs,
+            "plan": _describe(found),
+            "files": {"map": str(saved), "path": [str(table), str(document)], "picture": str(drawing)},
+            "seconds": clock.seconds,
+        },
+        as_json,
+    )
+
+
+def _describe(found: Plan) -> dict[str, Any]:
+    """What there is to say about a plan."""
+    described: dict[str, Any] = {"planner": found.planner, "solved": found.solved, "status": found.status}
+    if found.solved:
+        described |= {
+            "configurations": len(found.path),
+            "length_m": found.length,
+            "clearance_m": found.clearance,
+            "certified": found.certified,
+            "path": found.path.tolist(),
+        }
+    return described
+
+
+def _write(found: Plan, files: list[Path], overwrite: bool) -> None:
+    """Write a path to files, by suffix."""
+    for file in files:
+        write = found.to_csv if file.suffix.lower() == ".csv" else found.to_json
+        write(file, overwrite=overwrite)

@@ -1,0 +1,159 @@
+"""What a command tells: a table for people or one JSON document for machines, and a progress bar while it works."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from cspace.robot import Robot
+    from cspace.space import CSpace
+    from cspace.workspace import Workspace
+
+
+class Clock:
+    """Seconds that each named step took, in order."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+
+    @contextmanager
+    def step(self, name: str) -> Iterator[None]:
+        """Time the block."""
+        began = time.perf_counter()
+        yield
+        self.seconds[name] = round(time.perf_counter() - began, 4)
+
+
+@contextmanager
+def progress_bar(words: str) -> Iterator[Callable[[int, int], None] | None]:
+    """A bar on the error stream, where that is a terminal: the callback to pass to the library, else None."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(words, total=None)
+
+        def advance(done: int, total: int) -> None:
+            bar.update(task, completed=done, total=total)
+
+        yield advance
+
+
+def show(document: dict[str, Any], as_json: bool) -> None:
+    """Print a document on the standard output.
+
+    Parameters
+    ----------
+    document : dict
+        Names to values, nested at will; a name that ends in ``_m`` or ``_m2`` is in metres or square metres.
+    as_json : bool
+        One JSON document, where what is not finite is null, in place of a table.
+    """
+    if as_json:
+        typer.echo(json.dumps(_finite(document), indent=2, allow_nan=False))
+        return
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(box=None, show_header=False, pad_edge=False)
+    table.add_column(style="bold", no_wrap=True)
+    table.add_column(overflow="fold")
+    for name, value in _rows(document):
+        table.add_row(name, value)
+    console = Console(highlight=False, markup=False, emoji=False)
+    if not console.is_terminal:
+        # Nothing is folded where the text goes to a file or another program.
+        console.width = 100_000
+    console.print(table)
+
+
+def describe_map(space: CSpace) -> dict[str, Any]:
+    """What there is to say about a map."""
+    import numpy as np
+
+    from cspace.states import NAMES
+
+    counts = np.bincount(space.state.ravel(), minlength=len(NAMES))
+    grid = space.grid
+    return {
+        "robot": space.robot.name,
+        "workspace": space.workspace.source,
+        "lower_m": list(grid.lower),
+        "upper_m": list(grid.upper),
+        "spacing_m": grid.spacing,
+        "shape": list(grid.shape),
+        "cells": dict(zip(NAMES, counts.tolist(), strict=True)),
+        "free_area_m2": float(counts[0]) * grid.spacing**grid.dim,
+        "outside": space.outside,
+        "margin_m": space.margin,
+        "precision": space.precision,
+        "overlaps": space.overlaps is not None,
+    }
+
+
+def describe_workspace(workspace: Workspace) -> dict[str, Any]:
+    """What there is to say about a workspace."""
+    grid = workspace.grid
+    return {
+        "workspace": workspace.source,
+        "lower_m": list(grid.lower),
+        "upper_m": list(grid.upper),
+        "spacing_m": grid.spacing,
+        "shape": list(grid.shape),
+        "cells": {"occupied": int(workspace.outer.sum()), "total": grid.size},
+    }
+
+
+def describe_robot(robot: Robot) -> dict[str, Any]:
+    """What there is to say about a robot."""
+    left, bottom, right, top = robot.geometry.bounds
+    return {
+        "robot": robot.name,
+        "lower_m": [left, bottom],
+        "upper_m": [right, top],
+        "area_m2": robot.geometry.area,
+        "spec": robot.spec,
+    }
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: _finite(item) for name, item in value.items()}
+    if isinstance(value, list):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _rows(document: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
+    for name, value in document.items():
+        label = name.removesuffix("_m2").removesuffix("_m").replace("_", " ")
+        unit = " m²" if name.endswith("_m2") else " m" if name.endswith("_m") else ""
+        if isinstance(value, dict):
+            yield from _rows(value, f"{prefix}{label}, ")
+        elif isinstance(value, list) and value and isinstance(value[0], list | dict):
+            continue
+        else:
+            yield prefix + label, _text(value, " s" if prefix.startswith("seconds") else unit)
+
+
+def _text(value: Any, unit: str) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if value is None:
+        return "undecided"
+    if isinstance(value, list):
+        return ", ".join(_text(item, "") for item in value) + unit
+    if isinstance(value, int):
+        return f"{value:,}{unit}"
+    return f"{value:.6g}{unit}" if isinstance(value, float) else f"{value}{unit}"

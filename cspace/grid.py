@@ -1,0 +1,198 @@
+"""Grid: the only place where metres and cell indices meet."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cspace.errors import InputError
+
+SLACK: Final = 2.0**-26
+"""Rounding allowance in cells. Outer rasters grow by it and inner rasters shrink by it, and the rounding of every
+look-up stays below it, so that no answer depends on how a floating-point number was rounded."""
+
+MAX_COORDINATE: Final = 2.0**22
+"""Largest coordinate in cells, measured from the origin of the frame, for which :data:`SLACK` covers the rounding."""
+
+
+def finite(values: ArrayLike, name: str) -> NDArray[np.float64]:
+    """``values`` as a float64 array.
+
+    Raises
+    ------
+    InputError
+        If a value is not a number, is NaN or is infinite.
+    """
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} is {values!r}; it must be numeric; pass floats in metres") from error
+    bad = ~np.isfinite(array)
+    if bad.any():
+        index = tuple(int(i) for i in np.argwhere(bad)[0])
+        where = f"{name}[{', '.join(map(str, index))}]" if index else name
+        raise InputError(
+            f"{where} is {array[index]}; NaN and infinities are refused; drop or replace such values first"
+        )
+    return array
+
+
+def positive(value: Any, name: str, unit: str = "metres") -> float:
+    """``value`` as a float above zero.
+
+    Raises
+    ------
+    InputError
+        If it is not one number, not finite, or not above zero.
+    """
+    array = finite(value, name)
+    if array.ndim or array <= 0.0:
+        raise InputError(f"{name} is {value!r}; it must be one number above zero; pass it in {unit}, e.g. 0.05")
+    return float(array)
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """A box of closed cubic cells; cell ``i`` is ``lower + spacing * (i + [0, 1]^d)``.
+
+    Arrays over the grid are indexed in the order of the coordinates, ``[x, y]`` or ``[x, y, z]``.
+
+    Parameters
+    ----------
+    lower : sequence of float, length d
+        Lower corner of cell 0, in metres; d is 2 or 3.
+    spacing : float
+        Side of a cell, in metres.
+    shape : sequence of int, length d
+        Number of cells along each axis.
+
+    Raises
+    ------
+    InputError
+        If a value is not finite, the spacing or a count is not above zero, or the lengths differ; or if the grid lies
+        so far from the origin (over 2^22 cells) that floating-point rounding could reach the certificate's slack.
+    """
+
+    lower: tuple[float, ...]
+    spacing: float
+    shape: tuple[int, ...]
+
+    def __init__(self, lower: ArrayLike, spacing: float, shape: Sequence[int]) -> None:
+        corner = finite(lower, "lower")
+        if corner.ndim != 1 or len(corner) not in (2, 3):
+            raise InputError(f"lower is {lower!r}; it must hold 2 or 3 coordinates; pass e.g. (0.0, 0.0)")
+        side = positive(spacing, "spacing")
+        counts = np.asarray(shape)
+        if counts.shape != corner.shape or counts.dtype.kind not in "iu" or (counts <= 0).any():
+            raise InputError(
+                f"shape is {tuple(np.atleast_1d(counts).tolist())}; it must hold {len(corner)} whole numbers above "
+                "zero, one for each coordinate of lower; pass the number of cells along each axis"
+            )
+        reach = float(np.max(np.maximum(np.abs(corner), np.abs(corner + side * counts))) / side)
+        if reach > MAX_COORDINATE:
+            raise InputError(
+                f"the grid reaches {reach:.3g} cells from the origin; at most {MAX_COORDINATE:.0f} keep the answers "
+                "proven against rounding; use a larger spacing, or move the frame's origin nearer to the map"
+            )
+        object.__setattr__(self, "lower", tuple(corner.tolist()))
+        object.__setattr__(self, "spacing", side)
+        object.__setattr__(self, "shape", tuple(int(n) for n in counts))
+
+    @property
+    def dim(self) -> int:
+        """Number of axes, 2 or 3."""
+        return len(self.shape)
+
+    @property
+    def size(self) -> int:
+        """Number of cells."""
+        return math.prod(self.shape)
+
+    @property
+    def upper(self) -> tuple[float, ...]:
+        """Upper corner, in metres."""
+        return tuple(low + self.spacing * n for low, n in zip(self.lower, self.shape, strict=True))
+
+    def coordinates(self, points: ArrayLike, name: str = "points") -> NDArray[np.float64]:
+        """Check a batch of points.
+
+        Parameters
+        ----------
+        points : array-like, shape (..., d)
+            Metres.
+
+        Returns
+        -------
+        ndarray of float64, shape (..., d)
+
+        Raises
+        ------
+        InputError
+            If the last axis is not d long, or a value is not finite.
+        """
+        array = finite(points, name)
+        if array.ndim == 0 or array.shape[-1] != self.dim:
+            raise InputError(
+                f"{name} has shape {array.shape}; its last axis must be {self.dim} long, one entry for each "
+                "coordinate; pass one configuration or a batch of them"
+            )
+        return array
+
+    def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
+        """Whether points lie in the closed box of the grid.
+
+        Parameters
+        ----------
+        points : array-like, shape (..., d)
+
+        Returns
+        -------
+        ndarray of bool, shape (...)
+        """
+        array = self.coordinates(points)
+        inside = (array >= self.lower) & (array <= self.upper)
+        return np.asarray(inside.all(axis=-1))
+
+    def cell_of(self, points: ArrayLike) -> NDArray[np.int64]:
+        """Cells that hold points; outside the grid, the cell that an endless grid would have there.
+
+        A point on a border belongs to the cell above it, except on the grid's own upper border, which belongs to the
+        last cell: cell ``i`` owns ``lower + spacing * (i + [0, 1))``, the last one its upper border too.
+
+        Parameters
+        ----------
+        points : array-like, shape (..., d)
+
+        Returns
+        -------
+        ndarray of int64, shape (..., d)
+        """
+        array = self.coordinates(points)
+        cells = np.floor((array - self.lower) / self.spacing)
+        last = np.asarray(self.shape) - 1
+        cells = np.where((cells == last + 1) & (array <= self.upper), last, cells)
+        # Beyond 2^62 cells an int64 would wrap around; far outside is far outside.
+        return np.clip(cells, -(2.0**62), 2.0**62).astype(np.int64)
+
+    def center_of(self, cells: ArrayLike) -> NDArray[np.float64]:
+        """Middle points of cells.
+
+        Parameters
+        ----------
+        cells : array-like of int, shape (..., d)
+
+        Returns
+        -------
+        ndarray of float64, shape (..., d)
+            Metres.
+        """
+        return np.asarray(self.lower + self.spacing * (np.asarray(cells) + 0.5))
+
+    def centers(self, axis: int) -> NDArray[np.float64]:
+        """Coordinates of the cells' middle points along one axis, in metres, shape (shape[axis],)."""
+        return self.lower[axis] + self.spacing * (np.arange(self.shape[axis]) + 0.5)

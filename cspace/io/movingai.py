@@ -1,0 +1,144 @@
+"""Grid maps and scenarios of the MovingAI benchmarks (Sturtevant, "Benchmarks for Grid-Based Pathfinding", 2012)."""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace.errors import FileError
+from cspace.io.input import read_text
+
+PASSABLE: Final = ".GS"
+BLOCKED: Final = "@OTW"
+_DROP_CELLS: Final = str.maketrans("", "", PASSABLE + BLOCKED)
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """One problem of a ``.scen`` file, in the index order of this library: ``[x, y]``, with y counted from the bottom.
+
+    Attributes
+    ----------
+    bucket : int
+        Group of problems of about the same length.
+    map_name : str
+        The map as the file names it.
+    width, height : int
+        Cells of the map along x and y.
+    start, goal : tuple of int
+        Cells ``(x, y)``.
+    optimal_length : float
+        Length of the shortest path, in cells: straight steps 1, diagonal steps sqrt 2, no cutting of corners.
+    """
+
+    bucket: int
+    map_name: str
+    width: int
+    height: int
+    start: tuple[int, int]
+    goal: tuple[int, int]
+    optimal_length: float
+
+
+def read_map(path: str | os.PathLike[str]) -> NDArray[np.bool_]:
+    """Blocked cells of a ``.map`` file.
+
+    ``.``, ``G`` and ``S`` are passable; ``@``, ``O``, ``T`` and ``W`` are blocked. The first row is the top.
+
+    Returns
+    -------
+    ndarray of bool, shape (width, height)
+
+    Raises
+    ------
+    FileError
+        If the file is missing, the header is malformed, a row has the wrong length or another character, or rows are
+        missing or left over; the message names the line.
+    """
+    lines = _lines(path, "MovingAI map")
+    if lines[:1] != ["type octile"]:
+        raise _fault(path, 1, lines, "'type octile'")
+    sizes: dict[str, int] = {}
+    for number, line in enumerate(lines[1:3], start=2):
+        key, _, value = line.partition(" ")
+        if key not in ("height", "width") or not value.strip().isdecimal() or int(value) == 0:
+            raise _fault(path, number, lines, "'height' or 'width' and a whole number above zero")
+        sizes[key] = int(value)
+    if len(sizes) != 2:
+        raise _fault(path, min(len(lines), 2) + 1, lines, "'height' and 'width', once each, in lines 2 and 3")
+    if lines[3:4] != ["map"]:
+        raise _fault(path, 4, lines, "'map'")
+    rows, width, height = lines[4:], sizes["width"], sizes["height"]
+    for number, row in enumerate(rows, start=5):
+        if len(row) != width:
+            raise FileError(
+                f"{os.fspath(path)}, line {number} has {len(row)} characters; the header says width {width}; the file "
+                "is damaged, fetch it again"
+            )
+        wrong = row.translate(_DROP_CELLS)
+        if wrong:
+            raise FileError(
+                f"{os.fspath(path)}, line {number}, column {row.index(wrong[0]) + 1} is {wrong[0]!r}; cells are one of "
+                f"'{PASSABLE}' (passable) or '{BLOCKED}' (blocked); replace it"
+            )
+    if len(rows) != height:
+        raise FileError(
+            f"{os.fspath(path)} ends at line {len(lines)} with {len(rows)} rows; the header says height {height}; the "
+            "file is truncated or damaged, fetch it again"
+        )
+    cells = np.frombuffer("".join(rows).encode("ascii"), dtype=np.uint8).reshape(height, width)
+    blocked = np.isin(cells, np.frombuffer(BLOCKED.encode("ascii"), dtype=np.uint8))
+    return np.ascontiguousarray(blocked[::-1].T)
+
+
+def read_scenarios(path: str | os.PathLike[str]) -> list[Scenario]:
+    """Problems of a ``.scen`` file, in the order of the file.
+
+    Returns
+    -------
+    list of Scenario
+
+    Raises
+    ------
+    FileError
+        If the file is missing, does not begin with ``version 1``, or a line is malformed or has a cell outside its
+        map; the message names the line.
+    """
+    lines = _lines(path, "MovingAI scenario file")
+    if not lines or lines[0].split() not in (["version", "1"], ["version", "1.0"]):
+        raise _fault(path, 1, lines, "'version 1'")
+    return [_scenario(path, number, lines) for number, line in enumerate(lines[1:], start=2) if line]
+
+
+def _scenario(path: str | os.PathLike[str], number: int, lines: list[str]) -> Scenario:
+    """One line of a ``.scen`` file."""
+    parts = lines[number - 1].split()
+    try:
+        bucket, name = int(parts[0]), " ".join(parts[1:-7])
+        width, height, x0, y0, x1, y1 = map(int, parts[-7:-1])
+        length = float(parts[-1])
+    except (ValueError, IndexError):
+        name, length = "", math.nan
+    if not name or not math.isfinite(length):
+        raise _fault(path, number, lines, "bucket, map, width, height, start x y, goal x y and optimal length")
+    if not (0 <= x0 < width and 0 <= x1 < width and 0 <= y0 < height and 0 <= y1 < height):
+        raise _fault(path, number, lines, f"a start and a goal inside {width} x {height} cells")
+    return Scenario(bucket, name, width, height, (x0, height - 1 - y0), (x1, height - 1 - y1), length)
+
+
+def _lines(path: str | os.PathLike[str], kind: str) -> list[str]:
+    """Lines of a text file, without blank ones at the end."""
+    return [line.rstrip() for line in read_text(path, kind).rstrip().split("\n")]
+
+
+def _fault(path: str | os.PathLike[str], number: int, lines: list[str], rule: str) -> FileError:
+    """The error for a line that is not what it should be."""
+    found = repr(lines[number - 1][:60]) if number <= len(lines) else "missing"
+    return FileError(
+        f"{os.fspath(path)}, line {number} is {found}; it must hold {rule}; the file is damaged or of another format"
+    )

@@ -1,0 +1,139 @@
+"""Outputs that are either complete or not there: written under a temporary name beside the target, then renamed."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import uuid
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from cspace.errors import FileError, InputError
+
+
+@contextmanager
+def replacing(
+    path: str | os.PathLike[str],
+    overwrite: bool = False,
+    *,
+    folder: Callable[[Path], bool] | None = None,
+) -> Iterator[Path]:
+    """Hand out a temporary name to write to; give it the real name once the block has ended well.
+
+    Any exception in the block, Ctrl-C included, removes what was written and leaves the target as it was. Targets are
+    checked before the block runs, so that long work is not lost to a name that could never be used. Several outputs
+    that belong together are nested, the one that refers to the others outermost::
+
+        with replacing("map.yaml") as yaml, replacing("map.pgm") as pgm:
+            ...
+
+    Parameters
+    ----------
+    path : path-like
+        The file or folder to write. A link is followed.
+    overwrite : bool
+        Whether an existing output may be replaced. A folder is replaced only by a folder and a file only by a file.
+    folder : callable, optional
+        Given where the output is a folder: tells of an existing, non-empty folder whether it is an earlier output,
+        so that ``overwrite`` never removes anything else.
+
+    Yields
+    ------
+    pathlib.Path
+        A name in the same folder and with the same suffix, at which nothing exists.
+
+    Raises
+    ------
+    FileError
+        If the folder is missing or may not be written, if the target exists and may not be replaced, or if writing
+        fails in the block or afterwards.
+    """
+    target = _named(path)
+    try:
+        _check(target, overwrite, folder)
+        temporary = _beside(target)
+        try:
+            yield temporary
+            _check(target, overwrite, folder)
+            _move(temporary, target)
+        finally:
+            _remove(temporary)
+    except FileError:
+        raise
+    except OSError as error:
+        raise FileError(
+            f"{target} cannot be written: {error.strerror or error}; an output needs a writable folder with free "
+            "space; free some or choose another folder"
+        ) from error
+
+
+def _named(path: str | os.PathLike[str]) -> Path:
+    """The file that ``path`` means, links followed."""
+    try:
+        return Path(path).resolve()
+    except (TypeError, ValueError) as error:
+        raise InputError(f"path is {path!r}; it must be a file name; pass a string or a pathlib.Path") from error
+    except (OSError, RuntimeError) as error:
+        raise FileError(f"{os.fspath(path)} cannot be resolved: {error}; choose another name") from error
+
+
+def _check(target: Path, overwrite: bool, folder: Callable[[Path], bool] | None) -> None:
+    """Raise FileError where ``target`` may not be written."""
+    parent = target.parent
+    if not parent.is_dir():
+        raise FileError(
+            f"{target} cannot be written: {parent} is not a folder; outputs go to an existing folder; create it first "
+            "or choose another"
+        )
+    if not os.access(parent, os.W_OK | os.X_OK):
+        raise FileError(
+            f"{target} cannot be written: no permission to write in {parent}; an output needs a writable folder; "
+            "change its permissions or choose another"
+        )
+    if not target.exists():
+        return
+    if not overwrite:
+        raise FileError(
+            f"{target} exists; an existing output is kept unless told otherwise; pass overwrite=True (--overwrite on "
+            "the command line) or choose another name"
+        )
+    if folder is None and not target.is_file():
+        raise FileError(f"{target} is not a plain file; a file replaces only a file; choose another name")
+    if folder is not None and not target.is_dir():
+        raise FileError(f"{target} is not a folder; a folder replaces only a folder; choose another name")
+    if folder is not None and any(target.iterdir()) and not folder(target):
+        raise FileError(
+            f"{target} holds more than an earlier output; only an earlier output is replaced; choose another name, or "
+            "remove the folder yourself"
+        )
+
+
+def _beside(target: Path) -> Path:
+    """A fresh name in the folder of ``target``: only within one folder is a rename sure to be atomic."""
+    return target.with_name(f".cspace-{uuid.uuid4().hex[:12]}{target.suffix}")
+
+
+def _move(temporary: Path, target: Path) -> None:
+    """Rename ``temporary`` to ``target``; an old folder is kept aside until the new one is in its place."""
+    if not target.is_dir():
+        temporary.replace(target)
+        return
+    aside = _beside(target)
+    try:
+        target.rename(aside)
+        temporary.rename(target)
+    except BaseException:
+        if aside.exists() and not target.exists():
+            aside.rename(target)
+        _remove(aside)
+        raise
+    _remove(aside)
+
+
+def _remove(path: Path) -> None:
+    """Remove a file or folder of ours, where it is there."""
+    if path.is_dir():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        path.unlink(missing_ok=True)

@@ -1,0 +1,297 @@
+"""ROS maps: a YAML file and the image beside it, read and written."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cspace.errors import FileError, InputError
+from cspace.grid import SLACK, Grid
+from cspace.io.image import read_shades
+from cspace.io.input import read_text
+from cspace.io.output import replacing
+from cspace.states import BLOCKED, FREE, MIXED
+
+Bools = NDArray[np.bool_]
+Floats = NDArray[np.float64]
+
+UNKNOWN: Final = ("occupied", "free")
+SUFFIXES: Final = (".yaml", ".yml")
+QUARTERS: Final = ((1, 0), (0, 1), (-1, 0), (0, -1))
+"""Cosine and sine of 0 to 3 quarter turns."""
+
+LEVELS: Final = {FREE: 254, MIXED: 205, BLOCKED: 0}
+"""Grey of each state in a written map, as the ROS tools write free, unknown and occupied."""
+
+
+def read_ros_map(path: str | os.PathLike[str], unknown: str = "occupied") -> tuple[Grid, Bools, Bools]:
+    """Read a ROS map.
+
+    The image becomes cells as in map_server of ROS 1 and Navigation2. With *shade* the mean of the colour channels
+    from 0 (black) to 1 (white), and ``p = 1 - shade``, or ``p = shade`` where ``negate`` is 1:
+
+    * ``trinary`` (also where ``mode`` is absent): ``p >= occupied_thresh`` is occupied, ``p < free_thresh`` is free,
+      the rest is unknown;
+    * ``scale``: ``p < free_thresh`` is free, the rest is occupied: a cell that is occupied with some probability is
+      not proven free;
+    * ``raw``: ``round(255 * shade)`` is the occupancy in per cent; below ``100 * free_thresh`` is free, up to 100 is
+      occupied, above is unknown.
+
+    In ``trinary`` and ``scale`` a pixel that is not fully opaque is unknown, as in Navigation2 since 2025. Releases
+    disagree about ``p`` equal to a threshold; here it is never free.
+
+    A map that is turned by a whole number of quarter turns stays exact. By any other ``yaw`` its cells become squares
+    turned about the origin's corner; they are rasterised onto an upright grid of the same spacing that covers them,
+    whose cells beyond the turned map are unknown.
+
+    Parameters
+    ----------
+    path : path-like
+        The YAML file. Its ``image`` is looked up beside it.
+    unknown : {"occupied", "free"}
+        What unknown cells are.
+
+    Returns
+    -------
+    grid : Grid
+    outer, inner : ndarray of bool, shape grid.shape
+        Cells that meet an obstacle and cells that lie in obstacles; the same array unless the map is turned.
+
+    Raises
+    ------
+    InputError
+        If ``unknown`` is neither word.
+    FileError
+        If the YAML or its image is missing or malformed; the message names the key and its value.
+    """
+    if unknown not in UNKNOWN:
+        raise InputError(
+            f"unknown is {unknown!r}; it says what unknown cells are; pass one of {', '.join(map(repr, UNKNOWN))}"
+        )
+    header = _read_header(path)
+    shade, opaque = read_shades(header.image, "ROS map's image")
+    free, occupied = MODES[header.mode](header, shade, opaque)
+    solid = ~free if unknown == "occupied" else occupied
+    turns = _quarter_turns(header.yaw, solid.shape)
+    if turns is None:
+        return _turned(header, solid, beyond=unknown == "occupied")
+    lower, _ = _extent(header, solid.shape, *QUARTERS[turns])
+    cells = np.rot90(solid, turns)
+    return _grid(header, lower, cells.shape), cells, cells
+
+
+def write_ros_map(state: ArrayLike, grid: Grid, path: str | os.PathLike[str], overwrite: bool = False) -> None:
+    """Write a map of the states FREE, MIXED and BLOCKED as a ROS map: free, unknown and occupied.
+
+    Reading it back with ``unknown="occupied"`` gives the cells that are not FREE, with ``unknown="free"`` those that
+    are BLOCKED, on the same grid to the last bit.
+
+    Parameters
+    ----------
+    state : array-like of uint8, shape (nx, ny)
+    grid : Grid
+        In the plane, of that shape.
+    path : path-like
+        The YAML file, ending in ``.yaml`` or ``.yml``; the image goes beside it, ending in ``.pgm``.
+    overwrite : bool
+        Whether existing files may be replaced.
+
+    Raises
+    ------
+    InputError
+        If the suffix is another one, or ``state`` does not fit the grid or holds another value.
+    FileError
+        If a file exists and may not be replaced, or cannot be written; then neither file is changed.
+    """
+    import yaml
+
+    try:
+        target = Path(path)
+    except TypeError as error:
+        raise InputError(f"path is {path!r}; it must be a file name; pass a string or a pathlib.Path") from error
+    if target.suffix.lower() not in SUFFIXES:
+        raise InputError(f"{target} ends in {target.suffix!r}; a ROS map ends in .yaml; rename it")
+    cells = np.asarray(state)
+    if grid.dim != 2 or cells.shape != grid.shape:
+        raise InputError(
+            f"state has shape {cells.shape} on a grid of {grid.shape}; a ROS map is a plane grid of the same shape; "
+            "export a map of the plane, or one slice of it"
+        )
+    if not np.isin(cells, list(LEVELS)).all():
+        wrong = cells[~np.isin(cells, list(LEVELS))][0]
+        raise InputError(f"state holds {wrong}; it must hold {', '.join(map(str, LEVELS))} only; pass CSpace.state")
+    image = target.with_suffix(".pgm")
+    header = {
+        "image": image.name,
+        "mode": "trinary",
+        "resolution": grid.spacing,
+        "origin": [*grid.lower, 0.0],
+        "negate": 0,
+        "occupied_thresh": 0.65,
+        "free_thresh": 0.1,
+    }
+    levels = np.array([LEVELS[value] for value in sorted(LEVELS)], dtype=np.uint8)
+    pixels = levels[cells.astype(np.intp)].T[::-1]
+    # The YAML refers to the image, so that it gets its name last.
+    with replacing(target, overwrite) as yaml_file, replacing(image, overwrite) as image_file:
+        image_file.write_bytes(b"P5\n%d %d\n255\n" % (grid.shape[0], grid.shape[1]) + pixels.tobytes())
+        yaml_file.write_text(yaml.safe_dump(header, sort_keys=False, default_flow_style=None), encoding="utf-8")
+
+
+@dataclass(frozen=True, slots=True)
+class _Header:
+    """What the YAML file says."""
+
+    path: str
+    image: Path
+    mode: str
+    resolution: float
+    origin: tuple[float, float]
+    yaw: float
+    negate: bool
+    occupied_thresh: float
+    free_thresh: float
+
+
+def _read_header(path: str | os.PathLike[str]) -> _Header:
+    import yaml
+
+    text = read_text(path, "ROS map")
+    try:
+        document = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        reason = " ".join(str(error).split())
+        raise FileError(f"{os.fspath(path)} is not YAML: {reason}; a ROS map is a YAML file; mend that line") from error
+    if not isinstance(document, dict):
+        raise _fault(path, f"holds {type(document).__name__}", "keys and values", "write e.g. 'resolution: 0.05'")
+    image = _value(document, "image", path)
+    if not isinstance(image, str) or not image:
+        raise _fault(path, f"image is {image!r}", "the name of the image", "write e.g. 'image: map.pgm'")
+    mode = document.get("mode", "trinary")
+    if not isinstance(mode, str) or mode not in MODES:
+        raise _fault(path, f"mode is {mode!r}", f"one of {', '.join(MODES)}", "correct it")
+    resolution = _number(_value(document, "resolution", path), "resolution", path)
+    if resolution <= 0.0:
+        raise _fault(
+            path, f"resolution is {resolution}", "metres per cell, above zero", "write e.g. 'resolution: 0.05'"
+        )
+    origin = _value(document, "origin", path)
+    if not isinstance(origin, list) or len(origin) != 3:
+        raise _fault(path, f"origin is {origin!r}", "x, y and yaw", "write e.g. 'origin: [0.0, 0.0, 0.0]'")
+    x, y, yaw = (_number(value, f"origin[{i}]", path) for i, value in enumerate(origin))
+    negate = _value(document, "negate", path)
+    if negate not in (0, 1):
+        raise _fault(path, f"negate is {negate!r}", "0 or 1", "write 'negate: 0' where dark pixels are obstacles")
+    if negate and mode == "raw":
+        raise _fault(path, "negate is 1 in raw mode", "0 there: ROS 1 and ROS 2 disagree on what it does", "remove it")
+    occupied, free = (_number(_value(document, key, path), key, path) for key in ("occupied_thresh", "free_thresh"))
+    for key, value in (("occupied_thresh", occupied), ("free_thresh", free)):
+        if not 0.0 <= value <= 1.0:
+            raise _fault(path, f"{key} is {value}", "between 0 and 1", "correct it")
+    if free >= occupied:
+        raise _fault(
+            path, f"free_thresh is {free} and occupied_thresh is {occupied}", "free below occupied", "exchange them"
+        )
+    return _Header(
+        os.fspath(path), Path(path).parent / image, mode, resolution, (x, y), yaw, bool(negate), occupied, free
+    )
+
+
+def _value(document: Mapping[str, Any], key: str, path: str | os.PathLike[str]) -> Any:
+    if key not in document:
+        raise _fault(path, f"{key} is missing", f"there, beside {', '.join(document) or 'nothing'}", f"add '{key}:'")
+    return document[key]
+
+
+def _number(value: Any, key: str, path: str | os.PathLike[str]) -> float:
+    """A finite number; YAML 1.1 takes 1e-3, having no dot, for a string."""
+    try:
+        number = math.nan if isinstance(value, bool) else float(value)
+    except (TypeError, ValueError):
+        number = math.nan
+    if not math.isfinite(number):
+        raise _fault(path, f"{key} is {value!r}", "a finite number", "correct it")
+    return number
+
+
+def _fault(path: str | os.PathLike[str], found: str, rule: str, mend: str) -> FileError:
+    return FileError(f"{os.fspath(path)}: {found}; in a ROS map it must be {rule}; {mend}")
+
+
+def _trinary(header: _Header, shade: Floats, opaque: Bools) -> tuple[Bools, Bools]:
+    p = shade if header.negate else 1.0 - shade
+    return (p < header.free_thresh) & opaque, (p >= header.occupied_thresh) & opaque
+
+
+def _scale(header: _Header, shade: Floats, opaque: Bools) -> tuple[Bools, Bools]:
+    p = shade if header.negate else 1.0 - shade
+    free = p < header.free_thresh
+    return free & opaque, ~free & opaque
+
+
+def _raw(header: _Header, shade: Floats, opaque: Bools) -> tuple[Bools, Bools]:
+    percent = np.floor(255.0 * shade + 0.5)
+    free = percent < 100.0 * header.free_thresh
+    return free, ~free & (percent <= 100.0)
+
+
+MODES: Final[Mapping[str, Callable[[_Header, Floats, Bools], tuple[Bools, Bools]]]] = {
+    "trinary": _trinary,
+    "scale": _scale,
+    "raw": _raw,
+}
+"""From a shade to free and occupied cells, by the ``mode`` of the YAML; the remaining cells are unknown."""
+
+
+def _quarter_turns(yaw: float, shape: tuple[int, ...]) -> int | None:
+    """Number of quarter turns, 0 to 3, where ``yaw`` is a multiple of them up to rounding; else None."""
+    turns = round(yaw / (math.pi / 2))
+    error = abs(yaw - turns * (math.pi / 2))
+    return turns % 4 if error * math.hypot(*shape) <= SLACK / 64 else None
+
+
+def _extent(header: _Header, shape: tuple[int, ...], cos: float, sin: float) -> tuple[Floats, Floats]:
+    """Lower and upper corner of the box around the turned map, in metres."""
+    corners = np.array([(0, 0), (shape[0], 0), shape, (0, shape[1])]) @ np.array([(cos, sin), (-sin, cos)])
+    return (
+        np.asarray(header.origin + header.resolution * corners.min(axis=0)),
+        np.asarray(header.origin + header.resolution * corners.max(axis=0)),
+    )
+
+
+def _turned(header: _Header, solid: Bools, beyond: bool) -> tuple[Grid, Bools, Bools]:
+    """The map turned by its yaw, on an upright grid; ``beyond`` tells whether the ground around it is solid."""
+    from cspace.raster import cells_touched_and_inside
+    from cspace.raster.boundary import boundary_segments
+
+    cos, sin = math.cos(header.yaw), math.sin(header.yaw)
+    lower, upper = _extent(header, solid.shape, cos, sin)
+    # The corners are rounded, so that the grid is wider than their box by more than that.
+    counts = np.ceil((upper - lower) / header.resolution + 2.0 * SLACK)
+    middle = 0.5 * (lower + upper)
+    shape = tuple(int(n) for n in counts)
+    grid = _grid(header, middle - 0.5 * header.resolution * counts, shape)
+    # The border of whichever set lies within the turned map: the ground around it then needs no border of its own.
+    bounded = ~solid if beyond else solid
+    segments = boundary_segments(bounded, 1.0, (0.0, 0.0)).reshape(-1, 2)
+    turned = header.origin + header.resolution * (segments @ np.array([(cos, sin), (-sin, cos)]))
+    touched = inside = np.zeros(shape, dtype=np.bool_)
+    if len(segments):
+        touched, inside = cells_touched_and_inside(turned.reshape(-1, 4), grid)
+    if beyond:
+        inside = ~inside
+    return grid, touched | inside, inside & ~touched
+
+
+def _grid(header: _Header, lower: ArrayLike, shape: tuple[int, ...]) -> Grid:
+    try:
+        return Grid(lower, header.resolution, shape)
+    except InputError as error:
+        raise FileError(f"{header.path}: {error}") from error

@@ -1,0 +1,70 @@
+"""Raster: a set of lattice offsets, the discrete robot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace.errors import InputError
+
+MAX_CELLS = 2**28
+
+
+@dataclass(frozen=True, slots=True)
+class Raster:
+    """A finite set of offsets ``m`` in Z^d, held as a bitmap trimmed to its bounding box.
+
+    Attributes
+    ----------
+    cells : ndarray of bool
+        ``cells[i]`` tells whether the offset ``lower + i`` belongs to the set; of shape (0, ...) for the empty set.
+    lower : tuple of int
+        Offset of ``cells[0, ...]``.
+    """
+
+    cells: NDArray[np.bool_]
+    lower: tuple[int, ...]
+
+    @classmethod
+    def trimmed(cls, cells: NDArray[np.bool_], lower: tuple[int, ...]) -> Raster:
+        """The set of the True entries of ``cells``, whose first entry is the offset ``lower``."""
+        window = []
+        for axis in range(cells.ndim):
+            used = np.flatnonzero(cells.any(axis=tuple(a for a in range(cells.ndim) if a != axis)))
+            if not len(used):
+                return cls(np.zeros((0,) * cells.ndim, dtype=np.bool_), (0,) * cells.ndim)
+            window.append(slice(int(used[0]), int(used[-1]) + 1))
+        tight = np.ascontiguousarray(cells[tuple(window)])
+        tight.setflags(write=False)
+        return cls(tight, tuple(low + part.start for low, part in zip(lower, window, strict=True)))
+
+    @property
+    def upper(self) -> tuple[int, ...]:
+        """The largest offset along each axis, inclusive."""
+        return tuple(low + n - 1 for low, n in zip(self.lower, self.cells.shape, strict=True))
+
+    @property
+    def count(self) -> int:
+        """Number of offsets in the set."""
+        return int(np.count_nonzero(self.cells))
+
+
+def blank(low: NDArray[np.float64], high: NDArray[np.float64]) -> tuple[NDArray[np.bool_], tuple[int, ...]]:
+    """An empty bitmap over the lattice points of a box, with two cells to spare, and the offset of its first entry.
+
+    Raises
+    ------
+    InputError
+        If the box holds more cells than a raster may.
+    """
+    first = np.floor(low) - 2
+    shape = np.ceil(high) + 3 - first
+    if np.prod(shape) > MAX_CELLS:
+        across = " x ".join(f"{n:.0f}" for n in shape)
+        raise InputError(
+            f"the robot is {across} cells large at this spacing; at most {MAX_CELLS} cells are rasterised; "
+            "use a larger spacing, or check the robot's units (metres)"
+        )
+    return np.zeros(tuple(shape.astype(int)), dtype=np.bool_), tuple(int(n) for n in first)

@@ -1,0 +1,40 @@
+"""Compiled loops in threads: the kernels release the GIL, and share nothing that they write."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
+LEAST = 50_000
+"""Elements below which a second thread costs more than it saves."""
+
+
+def cores() -> int:
+    """Number of cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def in_chunks(work: Callable[[int, int], int], size: int, least: int = LEAST) -> int:
+    """Call ``work(start, stop)`` over chunks of ``range(size)``, in threads where that pays.
+
+    Parameters
+    ----------
+    work : callable
+        Gives the index, from ``start``, of the first bad element of its chunk, or -1.
+    size : int
+    least : int
+        Smallest chunk that is worth a thread.
+
+    Returns
+    -------
+    int
+        Index of the first bad element, or -1.
+    """
+    threads = min(cores(), max(1, size // least))
+    if threads == 1:
+        return work(0, size)
+    ends = [size * k // threads for k in range(threads + 1)]
+    with ThreadPoolExecutor(threads) as pool:
+        found = list(pool.map(work, ends[:-1], ends[1:]))
+    return next((start + index for start, index in zip(ends, found, strict=False) if index >= 0), -1)

@@ -1,0 +1,20 @@
+"""What several test files share."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+
+@pytest.fixture(scope="session")
+def data() -> Path:
+    """The folder of real maps and shapes."""
+    name = os.environ.get("CSPACE_TEST_DATA")
+    if not name:
+        pytest.skip("CSPACE_TEST_DATA is not set; set it to the folder of real maps to run this test")
+    folder = Path(name)
+    if not folder.is_dir():
+        pytest.skip(f"CSPACE_TEST_DATA is {name!r}, which is not a folder; set it to the folder of real maps")
+    return folder

@@ -1,0 +1,156 @@
+"""Images as workspaces."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from cspace import Grid, Workspace
+from cspace.errors import FileError, InputError
+from cspace.io.image import read_shades
+
+PIXELS = np.array([[0, 255, 255], [0, 100, 200]], dtype=np.uint8)
+"""Two rows, the first at the top, of three columns."""
+
+
+@pytest.fixture
+def image(tmp_path: Path) -> Path:
+    Image.fromarray(PIXELS).save(tmp_path / "map.png")
+    return tmp_path / "map.png"
+
+
+def test_first_row_is_the_top(image: Path) -> None:
+    workspace = Workspace.from_image(image, 0.1, lower=(2.0, 3.0))
+    assert workspace.grid == Grid((2.0, 3.0), 0.1, (3, 2))
+    assert workspace.outer.tolist() == [[True, True], [True, False], [False, False]]
+    assert workspace.inner is workspace.outer
+    assert workspace.source == str(image)
+
+
+def test_dark_free_is_the_complement(image: Path) -> None:
+    dark = Workspace.from_image(image, 0.1)
+    assert np.array_equal(Workspace.from_image(image, 0.1, dark="free").outer, ~dark.outer)
+
+
+@pytest.mark.parametrize(("threshold", "count"), [(1e-9, 2), (100 / 255, 2), (0.4, 3), (200 / 255, 3), (0.8, 4), (1.0, 4)])
+def test_threshold(image: Path, threshold: float, count: int) -> None:
+    assert Workspace.from_image(image, 0.1, threshold=threshold).outer.sum() == count
+
+
+@pytest.mark.parametrize("suffix", ["png", "pgm", "ppm", "bmp", "tif"])
+@pytest.mark.parametrize("mode", ["L", "RGB"])
+def test_every_format_gives_the_same(tmp_path: Path, suffix: str, mode: str) -> None:
+    Image.fromarray(PIXELS).convert(mode).save(tmp_path / f"map.{suffix}")
+    shade, opaque = read_shades(tmp_path / f"map.{suffix}", "image")
+    assert shade == pytest.approx(PIXELS[::-1].T / 255.0)
+    assert opaque.all()
+
+
+def test_jpeg(tmp_path: Path) -> None:
+    Image.fromarray(PIXELS.repeat(16, axis=0).repeat(16, axis=1)).save(tmp_path / "map.jpg", quality=95)
+    occupied = Workspace.from_image(tmp_path / "map.jpg", 1.0).outer
+    assert occupied[::16, ::16].tolist() == [[True, True], [True, False], [False, False]]
+
+
+def test_palette_and_one_bit(tmp_path: Path) -> None:
+    Image.fromarray(PIXELS).convert("P").save(tmp_path / "palette.png")
+    assert read_shades(tmp_path / "palette.png", "image")[0] == pytest.approx(PIXELS[::-1].T / 255.0)
+    Image.fromarray(PIXELS > 128).save(tmp_path / "bits.png")
+    assert np.array_equal(read_shades(tmp_path / "bits.png", "image")[0], (PIXELS > 128)[::-1].T)
+
+
+@pytest.mark.parametrize("suffix", ["pgm", "png"])
+def test_sixteen_bits(tmp_path: Path, suffix: str) -> None:
+    levels = np.array([[0, 1, 300], [65535, 65534, 40000]], dtype=np.uint16)
+    Image.fromarray(levels).save(tmp_path / f"map.{suffix}")
+    assert np.array_equal(read_shades(tmp_path / f"map.{suffix}", "image")[0], levels[::-1].T / 65535.0)
+
+
+def test_plain_text_pgm_of_both_depths(tmp_path: Path) -> None:
+    (tmp_path / "map.pgm").write_text("P2\n# comment\n3 2\n255\n0 51 255\n255 102 0\n")
+    assert read_shades(tmp_path / "map.pgm", "image")[0] == pytest.approx(np.array([[1.0, 0.0], [0.4, 0.2], [0.0, 1.0]]))
+    (tmp_path / "map.pgm").write_text("P2\n3 1\n65535\n0 65535 13107\n")
+    assert read_shades(tmp_path / "map.pgm", "image")[0] == pytest.approx(np.array([[0.0], [1.0], [0.2]]))
+
+
+def test_colour_is_the_mean_of_the_channels(tmp_path: Path) -> None:
+    Image.fromarray(np.array([[[255, 0, 0], [255, 255, 0]]], dtype=np.uint8)).save(tmp_path / "map.png")
+    assert read_shades(tmp_path / "map.png", "image")[0] == pytest.approx(np.array([[1 / 3], [2 / 3]]))
+
+
+@pytest.mark.parametrize("mode", ["RGBA", "LA"])
+@pytest.mark.parametrize("dark", ["occupied", "free"])
+def test_what_is_not_opaque_is_occupied(tmp_path: Path, mode: str, dark: str) -> None:
+    picture = Image.fromarray(np.array([[0, 0, 255, 255]], dtype=np.uint8)).convert(mode)
+    picture.putalpha(Image.fromarray(np.array([[255, 0, 254, 255]], dtype=np.uint8)))
+    picture.save(tmp_path / "map.png")
+    occupied = Workspace.from_image(tmp_path / "map.png", 1.0, dark=dark).outer[:, 0]
+    assert occupied.tolist() == [dark == "occupied", True, True, dark == "free"]
+
+
+def test_transparent_palette_entry(tmp_path: Path) -> None:
+    Image.fromarray(PIXELS).convert("P").save(tmp_path / "map.png", transparency=255)
+    assert np.array_equal(read_shades(tmp_path / "map.png", "image")[1], (PIXELS != 255)[::-1].T)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"threshold": 0.0}, "threshold is 0.0"),
+        ({"threshold": 1.5}, "threshold is 1.5"),
+        ({"threshold": float("nan")}, "threshold is nan"),
+        ({"threshold": (0.1, 0.2)}, "threshold is"),
+        ({"dark": "black"}, "dark is 'black'"),
+        ({"spacing": 0.0}, "spacing is 0.0"),
+        ({"spacing": -1.0}, "spacing is -1.0"),
+        ({"lower": (1.0,)}, "lower is"),
+        ({"lower": (0.0, 0.0, 0.0)}, "shape is"),
+    ],
+)
+def test_bad_options(image: Path, options: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        Workspace.from_image(image, **({"spacing": 1.0} | options))
+
+
+@pytest.mark.parametrize("content", [b"", b"not an image", b"P5\n3 2\n255\n\x00", b"P5\n3 x\n", b"P2\n3 2\n255\n0 1 a", b"P2\n3 2\n255\n0 1"])
+def test_damaged_images(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "bad.pgm").write_bytes(content)
+    with pytest.raises(FileError, match=r"bad\.pgm cannot be decoded"):
+        Workspace.from_image(tmp_path / "bad.pgm", 1.0)
+
+
+@pytest.mark.parametrize("suffix", ["png", "pgm", "bmp", "jpg"])
+@pytest.mark.parametrize("part", [0.02, 0.5, 0.95])
+def test_truncated_images(tmp_path: Path, suffix: str, part: float) -> None:
+    path = tmp_path / f"map.{suffix}"
+    Image.fromarray(np.random.default_rng(0).integers(256, size=(64, 64)).astype(np.uint8)).save(path)
+    path.write_bytes(path.read_bytes()[: int(part * path.stat().st_size)])
+    with pytest.raises(FileError, match="cannot be decoded"):
+        Workspace.from_image(path, 1.0)
+
+
+def test_pixels_of_an_unknown_kind(tmp_path: Path) -> None:
+    Image.fromarray(np.array([[0.0, np.nan]], dtype=np.float32)).save(tmp_path / "float.tif")
+    with pytest.raises(FileError, match="image mode 'F'"):
+        Workspace.from_image(tmp_path / "float.tif", 1.0)
+    Image.fromarray(np.array([[0, 70000]], dtype=np.int32)).save(tmp_path / "wide.tif")
+    with pytest.raises(FileError, match="image mode 'I'"):
+        Workspace.from_image(tmp_path / "wide.tif", 1.0)
+
+
+@pytest.mark.parametrize("name", ["normal.ppm", "thin.ppm"])
+def test_real_mazes_against_a_plain_reading(data: Path, name: str) -> None:
+    path = data / "maps" / name
+    _, comment, size, depth, body = path.read_bytes().split(b"\n", 4)
+    assert (comment[:1], size, depth, len(body)) == (b"#", b"450 450", b"255", 3 * 450 * 450)
+    dark = [sum(body[k : k + 3]) / 765 < 0.5 for k in range(0, len(body), 3)]
+    workspace = Workspace.from_image(path, 1.0)
+    assert workspace.grid.shape == (450, 450)
+    assert workspace.outer.sum() == sum(dark)
+    assert 0 < sum(dark) < 450 * 450
+    for x, y in np.random.default_rng(1).integers(450, size=(500, 2)).tolist():
+        assert workspace.outer[x, y] == dark[(449 - y) * 450 + x]

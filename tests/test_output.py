@@ -1,0 +1,265 @@
+"""Outputs are complete or not there, and nothing that was there is lost."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from cspace.errors import FileError, InputError
+from cspace.io.output import replacing
+
+STOPS = [KeyboardInterrupt, ValueError, MemoryError, SystemExit]
+
+
+def write(path: Path, text: str, *, overwrite: bool = False) -> None:
+    with replacing(path, overwrite) as temporary:
+        temporary.write_text(text)
+
+
+def write_folder(path: Path, text: str, *, overwrite: bool = False) -> None:
+    with replacing(path, overwrite, folder=lambda old: (old / "text").exists()) as temporary:
+        temporary.mkdir()
+        (temporary / "text").write_text(text)
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(entry.name for entry in folder.iterdir())
+
+
+def test_a_file_appears_when_it_is_complete(tmp_path: Path) -> None:
+    with replacing(tmp_path / "map.npz") as temporary:
+        temporary.write_text("new")
+        assert temporary.parent == tmp_path
+        assert temporary.suffix == ".npz"
+        assert not (tmp_path / "map.npz").exists()
+    assert names(tmp_path) == ["map.npz"]
+    assert (tmp_path / "map.npz").read_text() == "new"
+
+
+def test_a_folder_appears_when_it_is_complete(tmp_path: Path) -> None:
+    write_folder(tmp_path / "map", "new")
+    assert names(tmp_path) == ["map"]
+    assert names(tmp_path / "map") == ["text"]
+
+
+@pytest.mark.parametrize("stop", STOPS)
+@pytest.mark.parametrize("old", [False, True])
+def test_an_interruption_leaves_a_file_as_it_was(tmp_path: Path, stop: type[BaseException], old: bool) -> None:
+    path = tmp_path / "out.csv"
+    if old:
+        path.write_text("old")
+    with pytest.raises(stop), replacing(path, overwrite=True) as temporary:
+        temporary.write_text("half")
+        raise stop
+    assert names(tmp_path) == (["out.csv"] if old else [])
+    assert not old or path.read_text() == "old"
+
+
+@pytest.mark.parametrize("stop", STOPS)
+@pytest.mark.parametrize("old", [False, True])
+def test_an_interruption_leaves_a_folder_as_it_was(tmp_path: Path, stop: type[BaseException], old: bool) -> None:
+    path = tmp_path / "map"
+    if old:
+        write_folder(path, "old")
+    with pytest.raises(stop), replacing(path, overwrite=True, folder=lambda _: True) as temporary:
+        (temporary / "deep").mkdir(parents=True)
+        (temporary / "deep" / "file").write_text("half")
+        raise stop
+    assert names(tmp_path) == (["map"] if old else [])
+    assert not old or (path / "text").read_text() == "old"
+
+
+@pytest.mark.parametrize("writer", [write, write_folder])
+def test_what_exists_is_kept_unless_told_otherwise(tmp_path: Path, writer: Callable[..., None]) -> None:
+    path = tmp_path / "out"
+    writer(path, "old")
+    with pytest.raises(FileError, match=r"out exists; an existing output is kept .*--overwrite"):
+        writer(path, "new")
+    written = path / "text" if path.is_dir() else path
+    assert written.read_text() == "old"
+    writer(path, "new", overwrite=True)
+    assert written.read_text() == "new"
+    assert names(tmp_path) == ["out"]
+
+
+def test_the_check_comes_before_the_work(tmp_path: Path) -> None:
+    (tmp_path / "out").write_text("old")
+    ran = False
+    with pytest.raises(FileError), replacing(tmp_path / "out"):
+        ran = True
+    assert not ran
+
+
+def test_an_output_that_appears_meanwhile_is_kept(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="exists"), replacing(tmp_path / "out") as temporary:
+        temporary.write_text("mine")
+        (tmp_path / "out").write_text("theirs")
+    assert (tmp_path / "out").read_text() == "theirs"
+    assert names(tmp_path) == ["out"]
+
+
+@pytest.mark.parametrize("failing", [1, 2])
+@pytest.mark.parametrize("stop", [OSError("no"), KeyboardInterrupt()])
+def test_the_old_folder_comes_back_if_a_rename_fails(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, failing: int, stop: BaseException
+) -> None:
+    path = tmp_path / "map"
+    write_folder(path, "old")
+    rename, calls = os.rename, 0
+
+    def stub(source: Path, target: Path) -> None:
+        nonlocal calls
+        calls += 1
+        if calls == failing:
+            raise stop
+        rename(source, target)
+
+    monkeypatch.setattr(os, "rename", stub)
+    with pytest.raises(FileError if isinstance(stop, OSError) else KeyboardInterrupt):
+        write_folder(path, "new", overwrite=True)
+    assert calls >= failing
+    assert names(tmp_path) == ["map"]
+    assert (path / "text").read_text() == "old"
+
+
+def test_an_interruption_after_the_last_rename_leaves_the_new_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "map"
+    write_folder(path, "old")
+    rename, calls = os.rename, 0
+
+    def stub(source: Path, target: Path) -> None:
+        nonlocal calls
+        calls += 1
+        rename(source, target)
+        if calls == 2:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(os, "rename", stub)
+    with pytest.raises(KeyboardInterrupt):
+        write_folder(path, "new", overwrite=True)
+    assert names(tmp_path) == ["map"]
+    assert (path / "text").read_text() == "new"
+
+
+def test_only_an_earlier_output_is_replaced(tmp_path: Path) -> None:
+    foreign = tmp_path / "home"
+    foreign.mkdir()
+    (foreign / "thesis.tex").write_text("years")
+    with pytest.raises(FileError, match="holds more than an earlier output"):
+        write_folder(foreign, "new", overwrite=True)
+    assert names(foreign) == ["thesis.tex"]
+
+
+def test_an_empty_folder_may_be_replaced(tmp_path: Path) -> None:
+    (tmp_path / "map").mkdir()
+    write_folder(tmp_path / "map", "new", overwrite=True)
+    assert names(tmp_path / "map") == ["text"]
+
+
+def test_a_file_replaces_no_folder_and_a_folder_no_file(tmp_path: Path) -> None:
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "file").write_text("old")
+    with pytest.raises(FileError, match="not a plain file"):
+        write(tmp_path / "folder", "new", overwrite=True)
+    with pytest.raises(FileError, match="not a folder"):
+        write_folder(tmp_path / "file", "new", overwrite=True)
+    assert names(tmp_path) == ["file", "folder"]
+
+
+def test_a_pipe_is_not_replaced(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(FileError, match="not a plain file"):
+        write(tmp_path / "pipe", "new", overwrite=True)
+    assert (tmp_path / "pipe").is_fifo()
+
+
+def test_a_link_is_followed(tmp_path: Path) -> None:
+    (tmp_path / "real").mkdir()
+    (tmp_path / "real" / "out").write_text("old")
+    (tmp_path / "link").symlink_to(tmp_path / "real" / "out")
+    write(tmp_path / "link", "new", overwrite=True)
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "real" / "out").read_text() == "new"
+
+
+def test_a_missing_folder_is_named(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match=r"nowhere is not a folder; .*create it first"):
+        write(tmp_path / "nowhere" / "out", "new")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(FileError, match="file is not a folder"):
+        write(tmp_path / "file" / "out", "new")
+
+
+def test_an_unwritable_folder_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    with pytest.raises(FileError, match=r"no permission to write in .*; an output needs a writable folder"):
+        write(tmp_path / "out", "new")
+    assert names(tmp_path) == []
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="permissions do not bind the superuser")
+def test_permissions_are_respected(tmp_path: Path) -> None:
+    tmp_path.chmod(0o500)
+    with pytest.raises(FileError, match="no permission to write in"):
+        write(tmp_path / "out", "new")
+
+
+def test_a_full_disk_is_named(tmp_path: Path) -> None:
+    with (
+        pytest.raises(FileError, match=r"out cannot be written: No space left .*; an output needs"),
+        replacing(tmp_path / "out") as temporary,
+    ):
+        temporary.write_text("half")
+        raise OSError(28, "No space left on device")
+    assert names(tmp_path) == []
+
+
+def test_an_error_in_the_block_keeps_its_message(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match=r"^mine$"), replacing(tmp_path / "out"):
+        raise FileError("mine")
+
+
+@pytest.mark.parametrize("path", ["x" * 400, "nul\0byte", ""])
+def test_impossible_names_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, path: str) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises((FileError, InputError)):
+        write(path, "new")  # type: ignore[arg-type]
+    assert names(tmp_path) == []
+
+
+@pytest.mark.parametrize("path", [None, 3])
+def test_a_path_must_be_a_path(path: object) -> None:
+    with pytest.raises(InputError, match="it must be a file name"):
+        write(path, "new")  # type: ignore[arg-type]
+
+
+def test_nested_outputs_appear_together_or_not_at_all(tmp_path: Path) -> None:
+    with (
+        pytest.raises(KeyboardInterrupt),
+        replacing(tmp_path / "a.yaml") as first,
+        replacing(tmp_path / "a.pgm") as second,
+    ):
+        first.write_text("1")
+        second.write_text("2")
+        raise KeyboardInterrupt
+    assert names(tmp_path) == []
+
+
+def test_the_usual_permissions_apply(tmp_path: Path) -> None:
+    write(tmp_path / "out", "new")
+    (tmp_path / "plain").write_text("new")
+    assert (tmp_path / "out").stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+
+def test_a_writer_that_writes_nothing_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="cannot be written"), replacing(tmp_path / "out"):
+        pass
+    with pytest.raises(FileError, match="cannot be written"), replacing(tmp_path / "out") as temporary:
+        temporary.mkdir()
+        shutil.rmtree(temporary)
