@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from cspace.errors import InputError as InputError
     from cspace.errors import MissingPackageError as MissingPackageError
     from cspace.grid import Grid as Grid
-    from cspace.io.files import open_map as open  # noqa: A004 - cspace.open is the public name
+    from cspace.io.files import open_map as open  # noqa: A004, F401 - the public name
     from cspace.robot import Robot as Robot
     from cspace.space import CSpace as CSpace
     from cspace.workspace import Workspace as Workspace

@@ -6,10 +6,10 @@ Imported only when something is drawn, since it needs matplotlib.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.artist import allow_rasterization
 from matplotlib.image import AxesImage
 
 if TYPE_CHECKING:
@@ -23,28 +23,28 @@ _FIRST = 1024
 """Largest number of blocks along an axis before the first drawing tells how many pixels there are."""
 
 
-def coarsen(classes: NDArray[np.uint8], steps: tuple[int, int]) -> NDArray[np.uint8]:
+def coarsen(classes: NDArray[np.uint8], counts: tuple[int, int]) -> NDArray[np.uint8]:
     """The largest class in each block of cells.
 
     Parameters
     ----------
     classes : ndarray of uint8, shape (nx, ny)
-    steps : tuple of int, length 2
-        Cells of a block along x and y; the last blocks may hold fewer.
+    counts : tuple of int, length 2
+        Blocks along x and y, at most as many as cells; block ``i`` of ``m`` begins at cell ``i * n // m``, so that
+        their sides differ by at most one cell.
 
     Returns
     -------
-    ndarray of uint8, shape (ceil(nx / steps[0]), ceil(ny / steps[1]))
+    ndarray of uint8, shape counts
     """
-    for axis, step in enumerate(steps):
-        if step > 1:
-            head = classes.shape[axis] // step * step
-            whole, rest = np.split(classes, [head], axis=axis)
-            shape = (*whole.shape[:axis], head // step, step, *whole.shape[axis + 1 :])
-            parts = [whole.reshape(shape).max(axis=axis + 1)]
-            if rest.shape[axis]:
-                parts.append(rest.max(axis=axis, keepdims=True))
-            classes = np.concatenate(parts, axis=axis)
+    for axis, count in enumerate(counts):
+        cells = classes.shape[axis]
+        first = np.arange(count) * cells // count
+        last = np.append(first[1:], cells) - 1
+        largest = classes.take(first, axis)
+        for step in range(1, -(-cells // count)):
+            np.maximum(largest, classes.take(np.minimum(first + step, last), axis), out=largest)
+        classes = largest
     return classes
 
 
@@ -52,7 +52,7 @@ class CellImage(AxesImage):
     """Cells of a planar grid, coloured by class; where cells are smaller than pixels, the largest class wins.
 
     The blocks are chosen afresh at every drawing from the view and the pixels of the output, so a large map draws
-    fast, and zooming in shows its cells.
+    fast, and zooming in shows its cells. Nothing is drawn further than a pixel or two from its place.
 
     Parameters
     ----------
@@ -71,45 +71,38 @@ class CellImage(AxesImage):
         self._classes = classes
         self._colors = colors
         self._grid = grid
-        self._shown: tuple[Any, ...] = ()
-        nx, ny = classes.shape
-        self._show((0, nx), (0, ny), (math.ceil(nx / _FIRST), math.ceil(ny / _FIRST)))
+        self._shown: list[tuple[int, int, int]] = []
+        self._show([(0, n, min(n, _FIRST)) for n in classes.shape], (grid.lower, grid.upper))
 
-    @allow_rasterization
     def draw(self, renderer: RendererBase) -> None:
         """Choose the blocks for this output, then draw them."""
         # A vector backend draws at 72 dots per inch and magnifies its images.
         magnification = renderer.get_image_magnification()
-        spans, steps = [], []
-        for axis, (low, high) in enumerate((self.axes.get_xlim(), self.axes.get_ylim())):
-            low, high = min(low, high), max(low, high)
+        spans, lower, upper = [], [], []
+        for axis, limits in enumerate((self.axes.get_xlim(), self.axes.get_ylim())):
             pixels = (self.axes.bbox.width, self.axes.bbox.height)[axis] * magnification
-            step = max(1, math.ceil((high - low) / self._grid.spacing / max(pixels - 2.0, 1.0)))
-            count = self._grid.shape[axis]
-            first = math.floor((low - self._grid.lower[axis]) / self._grid.spacing)
-            last = math.ceil((high - self._grid.lower[axis]) / self._grid.spacing)
-            # Whole blocks, counted from cell 0, so that they stand still while the view moves.
-            first = min(max(first, 0), count - 1) // step * step
-            last = min(max(-(-last // step) * step, first + 1), count)
-            spans.append((first, last))
-            steps.append(step)
-        self._show(spans[0], spans[1], (steps[0], steps[1]))
+            origin, cells, h = self._grid.lower[axis], self._grid.shape[axis], self._grid.spacing
+            first = min(max(math.floor((min(limits) - origin) / h), 0), cells - 1)
+            stop = min(max(math.ceil((max(limits) - origin) / h), first + 1), cells)
+            low, high = origin + h * first, origin + h * stop
+            # Pixels that the cells in view cover, less one for each end that falls within a pixel.
+            covered = (min(high, max(limits)) - max(low, min(limits))) / (max(limits) - min(limits)) * pixels - 2.0
+            count = max(1, min(stop - first, math.floor(covered)))
+            if count < stop - first:
+                # Blocks share what is in view, or the outermost might show less than a pixel of itself.
+                low, high = max(low, min(limits)), min(high, max(limits))
+            spans.append((first, stop, count))
+            lower.append(low)
+            upper.append(high)
+        self._show(spans, (lower, upper))
         super().draw(renderer)
 
-    def _show(self, x: tuple[int, int], y: tuple[int, int], steps: tuple[int, int]) -> None:
-        """Show cells ``x[0] .. x[1] - 1`` by ``y[0] .. y[1] - 1`` in blocks of ``steps``."""
-        if self._shown == (x, y, steps):
-            return
-        self._shown = (x, y, steps)
-        blocks = coarsen(self._classes[x[0] : x[1], y[0] : y[1]], steps)
-        self.set_data(self._colors[blocks.T])
-        (left, bottom), h = self._grid.lower, self._grid.spacing
-        first = (left + h * x[0], bottom + h * y[0])
-        self.set_extent(
-            (
-                first[0],
-                first[0] + h * steps[0] * blocks.shape[0],
-                first[1],
-                first[1] + h * steps[1] * blocks.shape[1],
-            )
-        )
+    def _show(self, spans: list[tuple[int, int, int]], box: tuple[Sequence[float], Sequence[float]]) -> None:
+        """Show, along each axis, cells ``first .. stop - 1`` in ``count`` blocks between two corners in metres."""
+        if self._shown != spans:
+            (left, right, columns), (bottom, top, rows) = spans
+            blocks = coarsen(self._classes[left:right, bottom:top], (columns, rows))
+            self.set_data(self._colors[blocks.T])
+            self._shown = spans
+        (x0, y0), (x1, y1) = box
+        self.set_extent((x0, x1, y0, y1))

@@ -46,11 +46,17 @@ def state_at(state: States, frame: Floats, box: Ints, beyond: int, x: float, y: 
 @njit(cache=True, nogil=True)
 def classify(state: States, frame: Floats, box: Ints, beyond: int, points: Floats, out: States) -> int:
     """States of points, shape (n, 2); the index of the first point that is not finite, or -1."""
+    lower_x, lower_y, spacing = frame[0], frame[1], frame[2]
+    nx, ny = state.shape
     for k in range(points.shape[0]):
         x, y = points[k, 0], points[k, 1]
-        if not (math.isfinite(x) and math.isfinite(y)):
+        u, v = (x - lower_x) / spacing, (y - lower_y) / spacing
+        if 0.0 <= u < nx and 0.0 <= v < ny:  # nearly always; False for NaN
+            out[k] = state[np.uint64(u), np.uint64(v)]
+        elif math.isfinite(x) and math.isfinite(y):
+            out[k] = state_at(state, frame, box, beyond, x, y)
+        else:
             return k
-        out[k] = state_at(state, frame, box, beyond, x, y)
     return -1
 
 
@@ -104,9 +110,7 @@ def edges_are_free(
 
 
 @njit(cache=True, nogil=True)
-def overlaps_at(
-    sums: NDArray[np.int32], frame: Floats, runs: Ints, outside: int, points: Floats, out: Ints
-) -> int:
+def overlaps_at(sums: NDArray[np.int32], frame: Floats, runs: Ints, outside: int, points: Floats, out: Ints) -> int:
     """Overlaps of a robot at points, shape (n, 2), summed run by run; the first point that is not finite, or -1.
 
     ``sums[i, j]`` is the number of obstacle cells among the first j of column i, and each of ``runs`` a row
@@ -238,7 +242,7 @@ def clearance_at(
         dx = max(0.0, walls[w, 0] - px, px - walls[w, 2])
         dy = max(0.0, walls[w, 1] - py, py - walls[w, 3])
         best = min(best, math.hypot(dx, dy))
-    return max(0.0, best - 4.0 * SLACK) * frame[2]
+    return max(0.0, best - 4.0 * SLACK) * float(frame[2])
 
 
 @njit(cache=True, nogil=True)

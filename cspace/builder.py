@@ -106,9 +106,7 @@ def build(
         collides = correlate(workspace.inner, [inner_robot], progress=advance(1), **options)
         state += collides.results[0].view(np.uint8)
         precision = max(precision, collides.precision)
-    return CSpace(
-        workspace, robot, state, outside=outside, margin=margin, precision=precision, overlaps=overlaps
-    )
+    return CSpace(workspace, robot, state, outside=outside, margin=margin, precision=precision, overlaps=overlaps)
 
 
 def _check(

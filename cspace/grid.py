@@ -195,4 +195,4 @@ class Grid:
 
     def centers(self, axis: int) -> NDArray[np.float64]:
         """Coordinates of the cells' middle points along one axis, in metres, shape (shape[axis],)."""
-        return self.lower[axis] + self.spacing * (np.arange(self.shape[axis]) + 0.5)
+        return np.asarray(self.lower[axis] + self.spacing * (np.arange(self.shape[axis]) + 0.5))

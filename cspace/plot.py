@@ -154,7 +154,7 @@ def save_plot(
         raise InputError("ax is given; save_plot draws a figure of its own; use plot and ax.figure.savefig instead")
     dots = positive(dpi, "dpi", "pixels per inch")
     with replacing(target, overwrite) as temporary:
-        plot(space, **options).figure.savefig(temporary, dpi=dots)
+        plot(space, **options).figure.canvas.print_figure(temporary, dpi=dots)
     return target
 
 
@@ -223,14 +223,14 @@ def _new_axes(box: NDArray[np.float64]) -> Axes:
     """Axes in a figure that belongs to no window, with room around them for labels and a legend."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     width, height = box[1] - box[0]
     drawn = np.array([width, height * _stretch(box)])
     drawn *= _LONG / drawn.max()
     room = (0.9, 1.5) if width >= height else (2.9, 0.9)
     size = (max(float(drawn[0] + room[0]), 4.2), float(drawn[1] + room[1]))
-    figure = Figure(figsize=size, dpi=150.0, layout="constrained")
-    figure.get_layout_engine().set(h_pad=0.1)
+    figure = Figure(figsize=size, dpi=150.0, layout=ConstrainedLayoutEngine(h_pad=0.1))
     FigureCanvasAgg(figure)
     return figure.add_subplot()
 

@@ -78,7 +78,7 @@ class Robot:
 
     @classmethod
     def rectangle(cls, length: float, width: float, center: ArrayLike = (0.0, 0.0)) -> Robot:
-        """A rectangle: ``length`` along x, ``width`` along y, its middle at ``center`` in the robot's frame (metres)."""
+        """A rectangle, ``length`` along x and ``width`` along y around ``center`` in the robot's frame (metres)."""
         import shapely
 
         half_length, half_width = positive(length, "length") / 2, positive(width, "width") / 2

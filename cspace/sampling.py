@@ -12,9 +12,7 @@ EDGE = 2.0**-20
 """Part of a cell, along its border, that samples keep off, so that rounding never puts one into the next cell."""
 
 
-def sample_cells(
-    cells: NDArray[np.int64], grid: Grid, n: int, rng: np.random.Generator
-) -> NDArray[np.float64]:
+def sample_cells(cells: NDArray[np.int64], grid: Grid, n: int, rng: np.random.Generator) -> NDArray[np.float64]:
     """Points uniform over a set of cells.
 
     Parameters

@@ -34,13 +34,13 @@ Floats = NDArray[np.float64]
 class CSpace:
     """Certified map of the configurations ``(x, y)`` of a robot that translates in the plane.
 
-    :func:`cspace.build` makes it and :func:`cspace.open` reads a saved one. Every look-up takes one configuration, shape
-    (2,), and answers with a Python number, or a batch, shape (..., 2), and answers with an array of shape (...). Look-ups
-    are compiled and may be called from several threads at once. What they need beyond the map itself (distances, labels,
-    sums) is computed at the first call and kept.
+    :func:`cspace.build` makes it and :func:`cspace.open` reads a saved one. Every look-up takes one configuration,
+    shape (2,), and answers with a Python number, or a batch, shape (..., 2), and answers with an array of shape (...).
+    Look-ups are compiled and may be called from several threads at once. What they need beyond the map itself
+    (distances, labels, sums) is computed at the first call and kept.
 
-    A configuration outside the grid is BLOCKED under ``outside="blocked"`` where the robot is proven to stick out of the
-    workspace, FREE under ``outside="free"`` where it is proven to reach no obstacle, and otherwise MIXED.
+    A configuration outside the grid is BLOCKED under ``outside="blocked"`` where the robot is proven to stick out of
+    the workspace, FREE under ``outside="free"`` where it is proven to reach no obstacle, and otherwise MIXED.
 
     Parameters
     ----------
@@ -150,8 +150,8 @@ class CSpace:
     def contains_robot(self, q: ArrayLike) -> Any:
         """Whether the robot is proven to lie wholly inside the obstacles at configurations.
 
-        This is the packing question: with the obstacles a container's cavity or a sheet of material, True means that the
-        robot fits in there, margin included. False means that it is not proven at this resolution.
+        This is the packing question: with the obstacles a container's cavity or a sheet of material, True means that
+        the robot fits in there, margin included. False means that it is not proven at this resolution.
 
         Parameters
         ----------
@@ -169,8 +169,8 @@ class CSpace:
     def motion_is_free(self, q0: ArrayLike, q1: ArrayLike) -> Any:
         """Whether straight edges are proven collision-free all along.
 
-        True where every closed cell that the edge touches, be it in a corner, is FREE. An edge that lies on the border of
-        two cells touches both; so an edge that starts on the border of a cell that is not FREE is not proven.
+        True where every closed cell that the edge touches, be it in a corner, is FREE. An edge that lies on the border
+        of two cells touches both; so an edge that starts on the border of a cell that is not FREE is not proven.
 
         Parameters
         ----------
@@ -239,21 +239,13 @@ class CSpace:
             True: a chain of FREE cells joins them. False: no chain of FREE and MIXED cells does, which proves that no
             collision-free path exists. None: undecided at this resolution.
         """
-        labels = self._components
-        ends = []
-        for q, name in ((q0, "q0"), (q1, "q1")):
-            cells = self.grid.cell_of(q if np.ndim(q) else self._points(q, name))
-            inside = ((cells >= 0) & (cells < self.grid.shape)).all(axis=-1)
-            clipped = np.clip(cells, -1, self.grid.shape)
-            free = labels.free[tuple(np.moveaxis(np.where(inside[..., None], cells, 0), -1, 0))]
-            passable = labels.open[tuple(np.moveaxis(clipped + 1, -1, 0))]
-            blocked = np.asarray(self.classify(q)) == BLOCKED
-            ends.append((np.where(inside, free, 0), np.where(blocked, 0, passable)))
-        (free0, open0), (free1, open1) = ends
+        (free0, open0), (free1, open1) = self._labels_at(q0, "q0"), self._labels_at(q1, "q1")
         joined = (free0 == free1) & (free0 > 0)
         apart = (open0 != open1) | (open0 == 0) | (open1 == 0)
-        answer = np.where(joined, True, np.where(apart, False, None))  # noqa: FBT003
-        return answer if answer.ndim else answer.item()
+        answer = np.full(joined.shape, None, dtype=object)
+        answer[joined] = True
+        answer[apart] = False
+        return answer if answer.ndim else answer[()]
 
     # ---- the set of FREE configurations ------------------------------------------------------------------------------
 
@@ -321,10 +313,9 @@ class CSpace:
         callable
             ``check(x, y) -> bool``; the numbers must be floats and are not checked.
         """
-        nx, ny = self.grid.shape
         table = self._once("table", lambda: np.pad(self.state, ((0, 1), (0, 1)), mode="edge").tobytes())
         (lower_x, lower_y), (upper_x, upper_y) = self.grid.lower, self.grid.upper
-        spacing, row, outside = self.grid.spacing, ny + 1, self.is_free
+        spacing, row, outside = self.grid.spacing, self.grid.shape[1] + 1, self.is_free
 
         def check(x: float, y: float) -> bool:
             # The table's last row and column repeat the last cells, for points on the grid's upper border.
@@ -413,6 +404,17 @@ class CSpace:
     @property
     def _free_cells(self) -> NDArray[np.int64]:
         return self._once("free cells", lambda: np.flatnonzero(self.state == FREE))
+
+    def _labels_at(self, q: ArrayLike, name: str) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+        """Component labels of configurations, FREE and open; 0 where they belong to none."""
+        points = self.grid.coordinates(q, name)
+        cells = self.grid.cell_of(points)
+        on_rim = np.clip(cells, -1, self.grid.shape) + 1
+        inside = ((cells >= 0) & (cells < self.grid.shape)).all(axis=-1)
+        free = self._components.free[tuple(np.moveaxis(np.where(inside[..., None], cells, 0), -1, 0))]
+        passable = self._components.open[tuple(np.moveaxis(on_rim, -1, 0))]
+        blocked = np.asarray(self.classify(points)) == BLOCKED
+        return np.where(inside, free, 0), np.where(blocked, 0, passable)
 
     def _sum(self, side: str, q: ArrayLike) -> Any:
         from cspace import _kernels

@@ -6,6 +6,11 @@ import os
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+# A test that meets a compiled kernel for the first time waits for the compiler.
+settings.register_profile("cspace", deadline=None)
+settings.load_profile("cspace")
 
 
 @pytest.fixture(scope="session")

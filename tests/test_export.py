@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import xarray
 from hypothesis import given, settings
-from test_store import SUFFIXES, refused, same, spaces
+from maps import SUFFIXES, refused, same, spaces
 
 import cspace
 from cspace.errors import FileError
@@ -56,7 +56,7 @@ def test_a_dataset_is_labelled(space: cspace.CSpace) -> None:
 
 
 @given(space=spaces())
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 def test_a_dataset_holds_every_map(space: cspace.CSpace) -> None:
     dataset = space.to_xarray()
     about = dataset.attrs

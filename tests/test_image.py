@@ -36,7 +36,9 @@ def test_dark_free_is_the_complement(image: Path) -> None:
     assert np.array_equal(Workspace.from_image(image, 0.1, dark="free").outer, ~dark.outer)
 
 
-@pytest.mark.parametrize(("threshold", "count"), [(1e-9, 2), (100 / 255, 2), (0.4, 3), (200 / 255, 3), (0.8, 4), (1.0, 4)])
+@pytest.mark.parametrize(
+    ("threshold", "count"), [(1e-9, 2), (100 / 255, 2), (0.4, 3), (200 / 255, 3), (0.8, 4), (1.0, 4)]
+)
 def test_threshold(image: Path, threshold: float, count: int) -> None:
     assert Workspace.from_image(image, 0.1, threshold=threshold).outer.sum() == count
 
@@ -72,7 +74,9 @@ def test_sixteen_bits(tmp_path: Path, suffix: str) -> None:
 
 def test_plain_text_pgm_of_both_depths(tmp_path: Path) -> None:
     (tmp_path / "map.pgm").write_text("P2\n# comment\n3 2\n255\n0 51 255\n255 102 0\n")
-    assert read_shades(tmp_path / "map.pgm", "image")[0] == pytest.approx(np.array([[1.0, 0.0], [0.4, 0.2], [0.0, 1.0]]))
+    assert read_shades(tmp_path / "map.pgm", "image")[0] == pytest.approx(
+        np.array([[1.0, 0.0], [0.4, 0.2], [0.0, 1.0]])
+    )
     (tmp_path / "map.pgm").write_text("P2\n3 1\n65535\n0 65535 13107\n")
     assert read_shades(tmp_path / "map.pgm", "image")[0] == pytest.approx(np.array([[0.0], [1.0], [0.2]]))
 
@@ -116,7 +120,9 @@ def test_bad_options(image: Path, options: dict[str, Any], message: str) -> None
         Workspace.from_image(image, **({"spacing": 1.0} | options))
 
 
-@pytest.mark.parametrize("content", [b"", b"not an image", b"P5\n3 2\n255\n\x00", b"P5\n3 x\n", b"P2\n3 2\n255\n0 1 a", b"P2\n3 2\n255\n0 1"])
+@pytest.mark.parametrize(
+    "content", [b"", b"not an image", b"P5\n3 2\n255\n\x00", b"P5\n3 x\n", b"P2\n3 2\n255\n0 1 a", b"P2\n3 2\n255\n0 1"]
+)
 def test_damaged_images(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "bad.pgm").write_bytes(content)
     with pytest.raises(FileError, match=r"bad\.pgm cannot be decoded"):

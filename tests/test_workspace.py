@@ -106,7 +106,9 @@ def files(tmp_path: Path) -> Path:
     for suffix in (".png", ".pgm", ".bmp"):
         Image.fromarray(pixels).save(tmp_path / f"map{suffix}")
     (tmp_path / "map.map").write_text("type octile\nheight 3\nwidth 2\nmap\n..\n@@\n@.\n")
-    header = "image: map.pgm\nresolution: 1.0\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    header = (
+        "image: map.pgm\nresolution: 1.0\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
     (tmp_path / "map.yaml").write_text(header)
     (tmp_path / "map.YML").write_text(header)
     np.save(tmp_path / "map.npy", np.array(L_SHAPE, dtype=bool))

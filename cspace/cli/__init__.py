@@ -6,6 +6,7 @@ Nothing heavy is imported before a command runs, so that ``--help`` is instant.
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from typing import Annotated, Any
 
 import typer
@@ -64,7 +65,14 @@ def _options(
     pass
 
 
-_COMMANDS = {"demo": demo, "map": make, "plan": plan, "info": info, "plot": picture, "export": export}
+_COMMANDS: dict[str, Callable[..., None]] = {
+    "demo": demo,
+    "map": make,
+    "plan": plan,
+    "info": info,
+    "plot": picture,
+    "export": export,
+}
 for _name, _command in _COMMANDS.items():
     app.command(_name)(_command)
 

@@ -42,10 +42,15 @@ Spacing = Annotated[
 
 def make(
     workspace: Annotated[
-        Path, typer.Argument(metavar="WORKSPACE", help="A ROS map (.yaml), image, MovingAI .map, .geojson or .wkt.")
+        Path,
+        typer.Argument(
+            metavar="WORKSPACE", readable=False, help="A ROS map (.yaml), image, MovingAI .map, .geojson or .wkt."
+        ),
     ],
     robot: Annotated[str, typer.Option(metavar="SPEC", help="disc:0.3, rect:0.9x0.6 or a file with a polygon.")],
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="OUT", help="The map: .zarr or .npz.")],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="OUT", readable=False, help="The map: .zarr or .npz.")
+    ],
     spacing: Spacing = None,
     unknown: Annotated[Unknown | None, typer.Option(help="What unknown cells count as  [default: occupied].")] = None,
     outside: Annotated[Outside, typer.Option(help="What lies beyond the workspace.")] = Outside.BLOCKED,
@@ -109,8 +114,12 @@ def info(
 
 def picture(
     file: MapFile,
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="PNG", help="The picture: .png, .pdf or .svg.")],
-    path: Annotated[Path | None, typer.Option(metavar="FILE", help="A path to draw: .csv or .json.")] = None,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="PNG", readable=False, help="The picture: .png, .pdf or .svg.")
+    ],
+    path: Annotated[
+        Path | None, typer.Option(metavar="FILE", readable=False, help="A path to draw: .csv or .json.")
+    ] = None,
     start: Annotated[str | None, typer.Option(metavar="X,Y", help="A configuration to mark, metres.")] = None,
     goal: Annotated[str | None, typer.Option(metavar="X,Y", help="A configuration to mark, metres.")] = None,
     robot_every: Annotated[
@@ -140,7 +149,7 @@ def picture(
 
 def export(
     file: MapFile,
-    output: Annotated[Path, typer.Argument(metavar="OUT", help=".npz, .zarr, or .yaml for a ROS map.")],
+    output: Annotated[Path, typer.Argument(metavar="OUT", readable=False, help=".npz, .zarr, or .yaml for a ROS map.")],
     overwrite: Overwrite = False,
     as_json: Json = False,
 ) -> None:

@@ -13,7 +13,8 @@ from cspace.errors import FileError, InputError
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document, for machines.")]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace existing outputs.")]
-MapFile = Annotated[Path, typer.Argument(metavar="MAP", help="A saved map: .zarr or .npz.")]
+# Typer looks at files before any command runs and tells of them in its own way; the library does it better.
+MapFile = Annotated[Path, typer.Argument(metavar="MAP", readable=False, help="A saved map: .zarr or .npz.")]
 
 
 def configuration(text: str, option: str) -> tuple[float, float]:
@@ -76,7 +77,10 @@ def check_folder(folder: Path) -> None:
     while not there.exists() and there != there.parent:
         there = there.parent
     if not there.is_dir() or not os.access(there, os.W_OK | os.X_OK):
-        raise FileError(f"{there} is not a folder that can be written; outputs need one; choose another folder")
+        raise FileError(
+            f"{folder} cannot be written: {there.resolve()} is not a folder that may be written; outputs need one; "
+            "choose another"
+        )
 
 
 def _check_target(target: Path, overwrite: bool) -> None:

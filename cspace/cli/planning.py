@@ -22,14 +22,16 @@ def plan(
     goal: Annotated[str, typer.Option(metavar="X,Y", help="Where it goes, metres.")],
     output: Annotated[
         list[Path] | None,
-        typer.Option("--output", "-o", metavar="PATH", help="The path: .csv or .json; may be given again."),
+        typer.Option(
+            "--output", "-o", metavar="PATH", readable=False, help="The path: .csv or .json; may be given again."
+        ),
     ] = None,
     planner: Annotated[str, typer.Option(help="An OMPL planner, by name; a wrong one lists them all.")] = "RRTConnect",
     time_limit: Annotated[float, typer.Option(metavar="SECONDS", help="When to give up.")] = 1.0,
     seed: Annotated[int | None, typer.Option(help="Makes the run repeatable.")] = None,
     simplify: Annotated[bool, typer.Option("--simplify/--no-simplify", help="Shorten the path.")] = True,
     objective: Annotated[str | None, typer.Option(help="What to optimise: length or clearance.")] = None,
-    picture: Annotated[Path | None, typer.Option(metavar="PNG", help="Draw map and path.")] = None,
+    picture: Annotated[Path | None, typer.Option(metavar="PNG", readable=False, help="Draw map and path.")] = None,
     overwrite: Overwrite = False,
     as_json: Json = False,
 ) -> None:
@@ -68,9 +70,9 @@ def plan(
 
 
 def demo(
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="FOLDER", help="Where to write.")] = Path(
-        "cspace-demo"
-    ),
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="FOLDER", readable=False, help="Where to write.")
+    ] = Path("cspace-demo"),
     overwrite: Overwrite = False,
     as_json: Json = False,
 ) -> None:
@@ -86,32 +88,32 @@ def demo(
         from cspace import demo as flat
         from cspace.errors import InputError
         from cspace.plot import save_plot
-    with clock.step("draw floor plan"):
+    with clock.step("draw_floor_plan"):
         workspace = flat.demo_workspace()
-    with clock.step("build map"), progress_bar("building") as progress:
+    with clock.step("build_map"), progress_bar("building") as progress:
         space = build(workspace, flat.demo_robot(), progress=progress)
     with clock.step("prove"):
         proofs = {
-            "start to goal": space.path_exists(flat.START, flat.GOAL),
-            "start to store room": space.path_exists(flat.START, flat.STORE),
+            "start_to_goal": space.path_exists(flat.START, flat.GOAL),
+            "start_to_store_room": space.path_exists(flat.START, flat.STORE),
         }
     with clock.step("plan"):
         found = planners.plan(space, flat.START, flat.GOAL, seed=1)
-    if proofs != {"start to goal": True, "start to store room": False} or not (found.solved and found.certified):
+    if proofs != {"start_to_goal": True, "start_to_store_room": False} or not (found.solved and found.certified):
         raise InputError(f"the demonstration went wrong: {proofs}, {found.status}; please report it")
     output.mkdir(parents=True, exist_ok=True)
-    with clock.step("save map"):
+    with clock.step("save_map"):
         space.save(saved, overwrite=overwrite)
-    with clock.step("save path"):
+    with clock.step("save_path"):
         _write(found, [table, document], overwrite)
-    with clock.step("draw picture"):
+    with clock.step("draw_picture"):
         save_plot(space, drawing, overwrite, path=found)
     show(
         {
             "map": describe_map(space),
-            "path exists": proofs,
+            "path_exists": proofs,
             "plan": _describe(found),
-            "files": {"map": str(saved), "path": [str(table), str(document)], "picture": str(drawing)},
+            "files": {"map": str(saved), "path_csv": str(table), "path_json": str(document), "picture": str(drawing)},
             "seconds": clock.seconds,
         },
         as_json,
@@ -120,7 +122,12 @@ def demo(
 
 def _describe(found: Plan) -> dict[str, Any]:
     """What there is to say about a plan."""
-    described: dict[str, Any] = {"planner": found.planner, "solved": found.solved, "status": found.status}
+    described: dict[str, Any] = {
+        "planner": found.planner,
+        "solved": found.solved,
+        "status": found.status,
+        "path_exists": found.path_exists,
+    }
     if found.solved:
         described |= {
             "configurations": len(found.path),

@@ -56,7 +56,8 @@ def show(document: dict[str, Any], as_json: bool) -> None:
     Parameters
     ----------
     document : dict
-        Names to values, nested at will; a name that ends in ``_m`` or ``_m2`` is in metres or square metres.
+        Names to values, nested at will; a name that ends in ``_m`` or ``_m2`` is in metres or square metres. Lists
+        of lists are for machines only.
     as_json : bool
         One JSON document, where what is not finite is null, in place of a table.
     """
@@ -65,17 +66,22 @@ def show(document: dict[str, Any], as_json: bool) -> None:
         return
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
     table = Table(box=None, show_header=False, pad_edge=False)
-    table.add_column(style="bold", no_wrap=True)
+    table.add_column(no_wrap=True)
     table.add_column(overflow="fold")
     for name, value in _rows(document):
-        table.add_row(name, value)
+        table.add_row(name if value else Text(name, style="bold"), value)
     console = Console(highlight=False, markup=False, emoji=False)
-    if not console.is_terminal:
-        # Nothing is folded where the text goes to a file or another program.
-        console.width = 100_000
-    console.print(table)
+    if console.is_terminal:
+        console.print(table)
+        return
+    # Nothing is folded or padded where the text goes to a file or another program.
+    console.width = 100_000
+    with console.capture() as captured:
+        console.print(table)
+    typer.echo("\n".join(line.rstrip() for line in captured.get().splitlines()))
 
 
 def describe_map(space: CSpace) -> dict[str, Any]:
@@ -123,7 +129,6 @@ def describe_robot(robot: Robot) -> dict[str, Any]:
         "lower_m": [left, bottom],
         "upper_m": [right, top],
         "area_m2": robot.geometry.area,
-        "spec": robot.spec,
     }
 
 
@@ -135,16 +140,16 @@ def _finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def _rows(document: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
+def _rows(document: dict[str, Any], indent: str = "") -> Iterator[tuple[str, str]]:
+    """Names and values; a nested document becomes a heading, whose value is empty, and what it holds."""
     for name, value in document.items():
         label = name.removesuffix("_m2").removesuffix("_m").replace("_", " ")
-        unit = " m²" if name.endswith("_m2") else " m" if name.endswith("_m") else ""
         if isinstance(value, dict):
-            yield from _rows(value, f"{prefix}{label}, ")
-        elif isinstance(value, list) and value and isinstance(value[0], list | dict):
-            continue
-        else:
-            yield prefix + label, _text(value, " s" if prefix.startswith("seconds") else unit)
+            yield indent + label, ""
+            yield from _rows(value, indent + "  ")
+        elif not (isinstance(value, list) and value and isinstance(value[0], list)):
+            unit = " m²" if name.endswith("_m2") else " m" if name.endswith("_m") else ""
+            yield indent + label, _text(value, unit)
 
 
 def _text(value: Any, unit: str) -> str:
@@ -153,7 +158,7 @@ def _text(value: Any, unit: str) -> str:
     if value is None:
         return "undecided"
     if isinstance(value, list):
-        return ", ".join(_text(item, "") for item in value) + unit
+        return f"({', '.join(_text(item, '') for item in value)}){unit}"
     if isinstance(value, int):
         return f"{value:,}{unit}"
     return f"{value:.6g}{unit}" if isinstance(value, float) else f"{value}{unit}"

@@ -1,8 +1,8 @@
 """Correlation of a workspace bitmap with robot rasters (Kavraki, 1995), by overlap-save in tiles.
 
-``overlap[k] = sum over m of W[k + m] * A[m]`` for every cell k of the map, where W beyond the map is all obstacle or all
-free. The map is read in tiles small enough for a core's cache. A tile without obstacles, or all obstacle, is settled
-without a transform; the spectrum of any other is computed once and multiplied with that of every raster.
+``overlap[k] = sum over m of W[k + m] * A[m]`` for every cell k of the map, where W beyond the map is all obstacle or
+all free. The map is read in tiles small enough for a core's cache. A tile without obstacles, or all obstacle, is
+settled without a transform; the spectrum of any other is computed once and multiplied with that of every raster.
 """
 
 from __future__ import annotations
@@ -224,4 +224,5 @@ def _robot_spectrum(part: _Part, lower: tuple[int, ...], tiling: Tiling) -> NDAr
     spectrum = fft.rfft(spectrum, n=tiling.tile[-1], axis=-1)
     for axis, length in enumerate(tiling.tile[:-1]):
         spectrum = fft.fft(spectrum, n=length, axis=axis)
-    return np.conj(spectrum).astype(np.complex64 if tiling.precision == "float32" else np.complex128)
+    conjugate: NDArray[Any] = np.conj(spectrum)
+    return conjugate.astype(np.complex64 if tiling.precision == "float32" else np.complex128)

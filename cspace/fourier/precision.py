@@ -6,12 +6,12 @@ of its lengths, every pass a set of small butterflies followed by twiddle factor
 
 * *One pass.* A complex addition has relative error u, a complex product sqrt(5) u (Brent, Percival and Zimmermann,
   2007), a stored twiddle factor u. A radix-2 butterfly therefore perturbs its result by at most (1 + sqrt(5) + 1) u
-  = 4.3 u, relative to the 2-norm and equally relative to the sum of the moduli of its inputs; radices 4 and 8 are cheaper
-  than two and three such passes. Radix 3 and 5 butterflies, as sums of at most 5 products in any order, stay below
-  12 u and 19 u in the 2-norm; 14 and 23 are used.
-* *Forward.* Passes are multiples of unitary maps, so their errors add: the spectrum of the tile has relative 2-norm error at
-  most ``g u``, with ``g`` the sum of the pass constants (Higham, 2002, theorem 24.2, has the same shape with a larger
-  constant). The robot's spectrum is computed in float64 and rounded once.
+  = 4.3 u, relative to the 2-norm and equally relative to the sum of the moduli of its inputs; radices 4 and 8 are
+  cheaper than two and three such passes. Radix 3 and 5 butterflies, as sums of at most 5 products in any order, stay
+  below 12 u and 19 u in the 2-norm; 14 and 23 are used.
+* *Forward.* Passes are multiples of unitary maps, so their errors add: the spectrum of the tile has relative 2-norm
+  error at most ``g u``, with ``g`` the sum of the pass constants (Higham, 2002, theorem 24.2, has the same shape with a
+  larger constant). The robot's spectrum is computed in float64 and rounded once.
 * *Product.* By Cauchy-Schwarz the errors of both spectra change the exact inverse transform, at any point, by at most
   ``(g + 1) u |W - 1/2| |A|``; the product's own rounding adds ``sqrt(5) u |W - 1/2| |A|``.
 * *Inverse.* Each result is a sum over paths through the passes, so its error is at most ``g u`` times the mean modulus

@@ -84,7 +84,7 @@ def _lengths(cells: int, extent: int) -> list[int]:
 
 
 def fast_lengths(least: int) -> Iterator[int]:
-    """Products of 2, 3 and 5 from ``least`` upwards, at most two of the factors odd: the lengths with quick transforms."""
+    """Lengths with quick transforms from ``least`` upwards: a power of two times 1, 3, 5, 9 or 15."""
     bound = 2 ** max(5, math.ceil(math.log2(max(least, 1))) + 1)
     yield from (length for length in _smooth(bound) if length >= least)
 

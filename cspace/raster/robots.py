@@ -10,9 +10,10 @@ computed from them are then off by less than 2^-28 cells: a few roundings of 2^-
 difference is ever divided by a smaller one (the clip parameter of an edge is a ratio in [0, 1] whose relative error is
 three roundings; the half chord of a disc is taken of a radius that was enlarged or reduced first, by more than the
 rounding of its square). Outer rasters grow by ``SLACK`` = 2^-26 cells and inner ones shrink by as much. So the outer
-raster holds every offset that the definition asks for, and at most those within 2 ``SLACK`` of it besides; the inner one
-holds no offset that the definition forbids, and leaves out at most those within 3 ``SLACK`` of the robot's border, among
-them lattice points exactly on it. The rounding of a look-up (also below 2^-28 cells) is covered by the same slack.
+raster holds every offset that the definition asks for, and at most those within 2 ``SLACK`` of it besides; the inner
+one holds no offset that the definition forbids, and leaves out at most those within 3 ``SLACK`` of the robot's border,
+among them lattice points exactly on it. The rounding of a look-up (also below 2^-28 cells) is covered by the same
+slack.
 
 The work grows with the length of the boundary; only the parity fill visits every cell of the bounding box, at one byte
 each.

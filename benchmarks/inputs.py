@@ -1,0 +1,46 @@
+"""Maps to run on: drawn at random, and real ones."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace import Workspace
+
+Bools = NDArray[np.bool_]
+
+
+def boxes(size: int, density: float, rng: np.random.Generator) -> Bools:
+    """Boxes of 5 to 100 cells a side until a share of the cells is occupied."""
+    occupied = np.zeros((size, size), dtype=np.bool_)
+    longest = min(100, size // 4)
+    while occupied.mean() < density:
+        for _ in range(16):
+            (x, y), (a, b) = rng.integers(0, size - longest, 2), rng.integers(5, longest, 2)
+            occupied[x : x + a, y : y + b] = True
+    return occupied
+
+
+def noise(size: int, density: float, rng: np.random.Generator) -> Bools:
+    """Single cells, each occupied by chance."""
+    return np.asarray(rng.random((size, size), dtype=np.float32) < density)
+
+
+def data_folder() -> Path | None:
+    """The folder of real maps that ``CSPACE_TEST_DATA`` names, if there is one."""
+    folder = Path(os.environ.get("CSPACE_TEST_DATA", ""))
+    return folder if os.environ.get("CSPACE_TEST_DATA") and folder.is_dir() else None
+
+
+def real_map(name: str) -> Workspace | None:
+    """A real map, by its path below the data folder; None where it is absent."""
+    folder = data_folder()
+    if folder is None or not (folder / name).is_file():
+        return None
+    return Workspace.open(folder / name)
+
+
+NO_DATA = "real maps skipped: CSPACE_TEST_DATA does not name the folder that holds them"

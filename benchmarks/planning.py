@@ -1,0 +1,188 @@
+"""Time to a first solution on real maps, against the usual way: shapely in the callback, motions in steps."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import cspace
+from benchmarks import inputs
+from benchmarks.exact import union_of_cells
+from benchmarks.report import Report
+from benchmarks.timing import Timing
+from cspace import CSpace, Robot
+
+Floats = NDArray[np.float64]
+Query = tuple[Floats, Floats]
+
+LIMIT = 60.0
+"""Seconds that a search may take."""
+
+
+def run(report: Report, seed: int) -> None:
+    """RRTConnect with the same seeds and queries, the two in turns."""
+    try:
+        import planners  # noqa: F401 - whether it is there at all
+    except ImportError as error:
+        report.note(f"skipped: {error}")
+        return
+    if inputs.data_folder() is None:
+        report.note(inputs.NO_DATA)
+        return
+    rng = np.random.default_rng(seed)
+    _compare(report, "maps/depot.yaml", 0.3, lambda space: _far_apart(space, 3, rng))
+    _compare(report, "movingai/Berlin_1_1024.map", 2.0, lambda space: _from_scenarios(space, 3))
+
+
+def _compare(report: Report, name: str, radius: float, choose: Callable[[CSpace], list[Query]]) -> None:
+    import shapely
+
+    workspace = inputs.real_map(name)
+    if workspace is None:
+        report.note(f"{name} skipped: not in the folder of real maps")
+        return
+    robot = Robot.disc(radius)
+    cspace.build(workspace, robot)  # compiles
+    began = time.perf_counter()
+    space = cspace.build(workspace, robot)
+    built = time.perf_counter() - began
+    began = time.perf_counter()
+    obstacles = union_of_cells(workspace.outer, workspace.grid)
+    shapely.prepare(obstacles)
+    united = time.perf_counter() - began
+    queries = choose(space)
+    seeds = 3 if report.quick else 10
+    queries = queries[:1] if report.quick else queries
+    report.section(
+        f"{name}: {workspace.grid.shape[0]} x {workspace.grid.shape[1]} cells of {workspace.grid.spacing:g} m, disc of "
+        f"radius {radius:g} m, RRTConnect, {len(queries)} queries, {seeds} seeds each"
+    )
+    ours, peer = Timing([]), Timing([])
+    for query in queries:
+        for seed in range(seeds):
+            # A first search that is not timed, so that neither pays for what is made at the first call.
+            for timing, make in ((ours, _ours(space)), (peer, _peer(space, obstacles, radius))):
+                if not timing.seconds:
+                    _solve(make, query, seed)
+                cpu = time.process_time()
+                taken, path = _solve(make, query, seed)
+                timing.cpu.append(time.process_time() - cpu)
+                timing.seconds.append(taken)
+                timing.value.append(path)
+    report.timing("ours, set-up and search", ours)
+    report.timing("OMPL with prepared shapely, set-up and search", peer)
+    report.ratio("OMPL with prepared shapely / ours", peer, ours, least=10.0)
+    report.note(f"made once for each map: ours {built * 1e3:.3g} ms (build), the peer {united * 1e3:.3g} ms (polygons)")
+    report.figure("with both charged to every search", (peer.median + united) / (ours.median + built))
+    report.figure("with only our build charged to every search", peer.median / (ours.median + built))
+    for number in range(len(queries)):
+        part = slice(number * seeds, (number + 1) * seeds)
+        start, goal = queries[number]
+        ratio = statistics.median(peer.seconds[part]) / statistics.median(ours.seconds[part])
+        report.figure(f"query {number}: {_text(start)} to {_text(goal)}", ratio)
+    solved = [path for path in ours.value if path is not None]
+    report.check(len(solved) == len(ours.value), f"ours: {len(solved)} of {len(ours.value)} searches reach the goal")
+    colliding = sum(_collides(obstacles, path, radius) for path in solved)
+    report.check(not colliding, f"ours: {colliding} of {len(solved)} paths collide, by the whole path's exact distance")
+    paths = [path for path in peer.value if path is not None]
+    report.note(
+        f"the peer: {len(paths)} of {len(peer.value)} searches reach the goal within {LIMIT:g} s, and "
+        f"{sum(_collides(obstacles, path, radius) for path in paths)} of these paths collide between the steps"
+    )
+
+
+def _ours(space: CSpace) -> Callable[[], Any]:
+    import planners
+
+    return lambda: planners.simple_setup(space)
+
+
+def _peer(space: CSpace, obstacles: Any, radius: float) -> Callable[[], Any]:
+    """A plain OMPL script: shapely tells whether the disc is free, and motions are checked at half a cell."""
+    import shapely
+    from ompl import base as ob
+    from ompl import geometric as og
+
+    (left, low), (right, high) = space.grid.lower, space.grid.upper
+
+    class Checker(ob.StateValidityChecker):
+        def isValid(self, state: Any) -> bool:  # noqa: N802 - OMPL's name
+            x, y = state[0], state[1]
+            inside = left + radius < x < right - radius and low + radius < y < high - radius
+            return inside and not shapely.dwithin(obstacles, shapely.Point(x, y), radius)
+
+    def setup() -> Any:
+        import planners
+
+        states = planners.state_space(space)
+        made = og.SimpleSetup(states)
+        si = made.getSpaceInformation()
+        made.setStateValidityChecker(Checker(si))
+        si.setStateValidityCheckingResolution(0.5 * space.grid.spacing / states.getMaximumExtent())
+        return made
+
+    return setup
+
+
+def _solve(make: Callable[[], Any], query: Query, seed: int) -> tuple[float, Floats | None]:
+    """Seconds until a first solution, and the path; None where none was found."""
+    from ompl import geometric as og
+    from ompl import util as ou
+
+    ou.setLogLevel(ou.LOG_NONE)
+    ou.RNG.setSeed(seed + 1)
+    began = time.perf_counter()
+    setup = make()
+    states = []
+    for point in query:
+        state = setup.getStateSpace().allocState()
+        state[0], state[1] = float(point[0]), float(point[1])
+        states.append(state)
+    setup.setStartAndGoalStates(*states)
+    setup.setPlanner(og.RRTConnect(setup.getSpaceInformation()))
+    setup.solve(LIMIT)
+    taken = time.perf_counter() - began
+    if not setup.haveExactSolutionPath():
+        return taken, None
+    return taken, np.array([[state[0], state[1]] for state in setup.getSolutionPath().getStates()])
+
+
+def _collides(obstacles: Any, path: Floats, radius: float) -> bool:
+    import shapely
+
+    return bool(shapely.dwithin(obstacles, shapely.LineString(path), radius))
+
+
+def _far_apart(space: CSpace, number: int, rng: np.random.Generator) -> list[Query]:
+    """Random FREE pairs that a path joins, no straight edge does, and half the map's diagonal lies between."""
+    least = 0.5 * np.hypot(*np.subtract(space.grid.upper, space.grid.lower))
+    starts, goals = space.sample_free(20_000, rng), space.sample_free(20_000, rng)
+    fit = (np.hypot(*(starts - goals).T) >= least) & (space.path_exists(starts, goals) == True)  # noqa: E712 - of objects
+    fit &= ~space.motion_is_free(starts, goals)
+    if fit.sum() < number:
+        raise RuntimeError(f"only {fit.sum()} of 20000 random pairs are far apart, joined and out of sight")
+    return list(zip(starts[fit][:number], goals[fit][:number], strict=True))
+
+
+def _from_scenarios(space: CSpace, number: int) -> list[Query]:
+    """The longest problems of the map's scenario file that the disc can solve."""
+    source = space.workspace.source + ".scen"
+    rows = np.loadtxt(source, skiprows=1, usecols=(4, 5, 6, 7, 8))
+    found: list[Query] = []
+    for x0, y0, x1, y1, _ in rows[np.argsort(-rows[:, 4], kind="stable")]:
+        # Rows are counted from the top of the map.
+        start, goal = (np.array([x + 0.5, space.grid.shape[1] - y - 0.5]) for x, y in ((x0, y0), (x1, y1)))
+        if space.path_exists(start, goal) is True and not space.motion_is_free(start, goal):
+            found.append((start, goal))
+            if len(found) == number:
+                break
+    return found
+
+
+def _text(point: Floats) -> str:
+    return f"({point[0]:.1f}, {point[1]:.1f})"

@@ -1,0 +1,121 @@
+"""Report: what a run of benchmarks found, printed as it comes and kept for a file."""
+
+from __future__ import annotations
+
+import json
+import platform
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from benchmarks.timing import Timing
+
+PACKAGES = ("cspace", "numpy", "scipy", "numba", "shapely", "ompl", "opencv-python-headless")
+
+
+class Report:
+    """Figures, notes and failed checks.
+
+    Parameters
+    ----------
+    quick : bool
+        Whether the run takes smaller sizes and fewer repetitions than its figures are meant for.
+    """
+
+    def __init__(self, quick: bool) -> None:
+        self.quick = quick
+        self.benchmark = ""
+        self.case = ""
+        self.rows: list[dict[str, Any]] = []
+        self.notes: list[str] = []
+        self.failures: list[str] = []
+        self.machine = machine()
+        print("; ".join(f"{key} {value}" for key, value in self.machine.items()))
+
+    def start(self, benchmark: str) -> None:
+        """Begin another benchmark."""
+        self.benchmark = benchmark
+        print(f"\n== {benchmark}{' (quick)' if self.quick else ''}", flush=True)
+
+    def section(self, case: str) -> None:
+        """Begin another case; ``case`` tells the sizes."""
+        self.case = case
+        print(f"\n{case}", flush=True)
+
+    def note(self, text: str) -> None:
+        """Something that the reader should know."""
+        self.notes.append(f"{self.benchmark}: {text}")
+        print(f"  {text}", flush=True)
+
+    def timing(self, name: str, timing: Timing, **more: Any) -> None:
+        """The median time of one call, and how far its runs spread."""
+        low, high = min(timing.seconds), max(timing.seconds)
+        cpu = timing.median_cpu if timing.cpu else None
+        figures = {"median_s": timing.median, "min_s": low, "max_s": high, "cpu_s": cpu, "runs": len(timing.seconds)}
+        self._row(name, {**figures, **more})
+        spread = f"({_time(low)} to {_time(high)}, {len(timing.seconds)} runs"
+        spread += ")" if cpu is None else f"; cpu {_time(cpu)})"
+        extra = "".join(f", {key.replace('_', ' ')} {value}" for key, value in more.items())
+        print(f"  {name:<58}{_time(timing.median):>10}  {spread}{extra}", flush=True)
+
+    def figure(
+        self, name: str, value: float, unit: str = "x", least: float | None = None, most: float | None = None
+    ) -> None:
+        """One number beside its target: ``least`` or ``most``. A missed target is printed and is not a failure."""
+        bound = least if least is not None else most
+        verdict = None
+        told = ""
+        if bound is not None:
+            verdict = value >= bound if least is not None else value <= bound
+            side = "least" if least is not None else "most"
+            told = f"  target: at {side} {bound:g}, {'met' if verdict else 'MISSED'}"
+        self._row(name, {"value": value, "unit": unit, "least": least, "most": most, "met": verdict})
+        print(f"  {name:<58}{f'{value:.3g} {unit}':>10}{told}", flush=True)
+
+    def ratio(
+        self, name: str, over: Timing, under: Timing, least: float | None = None, most: float | None = None
+    ) -> None:
+        """How many times longer one call takes than another, by the clock; and by CPU time, which other work on the
+        machine disturbs less and which threads do not lower."""
+        self.figure(name, over.median / under.median, least=least, most=most)
+        if over.cpu and under.cpu and under.median_cpu > 0.0:
+            self.rows[-1]["cpu_value"] = cpu = over.median_cpu / under.median_cpu
+            print(f"  {'    in CPU time':<58}{f'{cpu:.3g} x':>10}", flush=True)
+
+    def check(self, holds: bool, claim: str) -> None:
+        """A claim about the results; one that does not hold makes the run fail."""
+        self._row(claim, {"holds": bool(holds)})
+        print(f"  {'ok  ' if holds else 'FAIL'} {claim}", flush=True)
+        if not holds:
+            self.failures.append(f"{self.benchmark}: {self.case}: {claim}")
+
+    def write(self, path: Path) -> None:
+        """Save everything as JSON; the file appears whole or not at all."""
+        whole = {"machine": self.machine, "quick": self.quick, "failures": self.failures, "notes": self.notes}
+        part = path.with_name(path.name + ".part")
+        part.write_text(json.dumps({**whole, "rows": self.rows}, indent=1) + "\n", encoding="utf-8")
+        part.replace(path)
+
+    def _row(self, name: str, values: dict[str, Any]) -> None:
+        self.rows.append({"benchmark": self.benchmark, "case": self.case, "name": name, **values})
+
+
+def machine() -> dict[str, str]:
+    """Versions, and the number of cores that this process may use."""
+    from cspace.threads import cores
+
+    found = {"cores": str(cores()), "system": f"{platform.system()} {platform.machine()}"}
+    found["python"] = platform.python_version()
+    for name in PACKAGES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "source tree" if name == "cspace" else "missing"
+    return found
+
+
+def _time(seconds: float) -> str:
+    for scale, unit in ((1.0, "s"), (1e-3, "ms"), (1e-6, "us")):
+        if seconds >= scale:
+            return f"{seconds / scale:.3g} {unit}"
+    return f"{seconds * 1e9:.3g} ns"

@@ -1,0 +1,103 @@
+"""Calls taken in turns and timed, and the memory that one needs."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import statistics
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+
+@dataclass
+class Timing:
+    """What several runs of one call took, by the clock and of all cores together, and what it gave the first time.
+
+    Where other work slows the clock down, the two differ by more than the number of workers tells.
+    """
+
+    value: Any
+    seconds: list[float] = field(default_factory=list)
+    cpu: list[float] = field(default_factory=list)
+
+    @property
+    def median(self) -> float:
+        return statistics.median(self.seconds)
+
+    @property
+    def median_cpu(self) -> float:
+        return statistics.median(self.cpu)
+
+    def per(self, number: int) -> Timing:
+        """The same for one of ``number`` things that the call does."""
+        return Timing(self.value, [taken / number for taken in self.seconds], [taken / number for taken in self.cpu])
+
+
+def interleave(calls: Mapping[str, Callable[[], Any]], runs: int) -> dict[str, Timing]:
+    """Time calls in turns, so that what else the machine does falls on all of them alike.
+
+    Parameters
+    ----------
+    calls : mapping of str to callable
+    runs : int
+        Timed runs of each, after one that is not timed. Each round begins with another call.
+
+    Returns
+    -------
+    dict of str to Timing
+        In the order of ``calls``; ``value`` is from the run that was not timed.
+    """
+    timings = {name: Timing(call()) for name, call in calls.items()}
+    names = list(calls)
+    for turn in range(runs):
+        first = turn % len(names)
+        for name in names[first:] + names[:first]:
+            start, cpu = time.perf_counter(), time.process_time()
+            calls[name]()
+            timings[name].seconds.append(time.perf_counter() - start)
+            timings[name].cpu.append(time.process_time() - cpu)
+    return timings
+
+
+def memory_rise(call: Callable[[], Any]) -> float | None:
+    """Largest rise of this process's resident memory while a call runs, in bytes; None where psutil is missing."""
+    try:
+        import psutil
+    except ImportError:
+        return None
+    process = psutil.Process()
+    before = highest = process.memory_info().rss
+    done = threading.Event()
+
+    def watch() -> None:
+        nonlocal highest
+        while not done.wait(0.001):
+            highest = max(highest, process.memory_info().rss)
+
+    watcher = threading.Thread(target=watch)
+    watcher.start()
+    try:
+        kept = call()
+        highest = max(highest, process.memory_info().rss)
+        del kept
+    finally:
+        done.set()
+        watcher.join()
+    return float(highest - before)
+
+
+@contextlib.contextmanager
+def one_core() -> Iterator[bool]:
+    """Keep this thread, and those it starts, on one core; gives False where the system cannot."""
+    if not hasattr(os, "sched_setaffinity"):
+        yield False
+        return
+    allowed = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {min(allowed)})
+    try:
+        yield True
+    finally:
+        os.sched_setaffinity(0, allowed)

@@ -1,0 +1,96 @@
+"""What makes one path better than another."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from ompl import base as ob
+
+from cspace.errors import InputError
+from cspace.grid import finite, positive
+
+if TYPE_CHECKING:
+    from cspace.space import CSpace
+
+COMFORT: Final = 0.1
+"""Clearance beyond which more is not worth a detour, as a share of the map's longer side, where none is given."""
+
+_FEW: Final = 20
+"""Steps up to which one look-up at a time is quicker than the way in and out of numpy."""
+
+
+class ClearanceObjective(ob.OptimizationObjective):
+    """Length, weighted by how close it comes to what is not FREE.
+
+    A metre of path at clearance c costs ``1 + weight * max(0, 1 - c / comfort)**2``, integrated along each edge in
+    steps of at most one cell. So the cost is never below the length, which OMPL may use as a bound.
+
+    OMPL asks this objective through Python at every step, which rules out the planners that ask from a second thread:
+    PRM and PRMstar would wait for each other without end. :func:`planners.plan` refuses those.
+
+    Parameters
+    ----------
+    si : ompl.base.SpaceInformation
+        Of a :func:`planners.state_space`.
+    space : CSpace
+    weight : float
+        How many extra metres a metre at clearance zero is worth.
+    comfort : float, optional
+        Clearance in metres from which on a path costs its length. A tenth of the map's longer side, if left out.
+
+    Raises
+    ------
+    InputError
+        If ``weight`` is negative or not finite, or ``comfort`` is not above zero.
+    """
+
+    # A StateCostIntegralObjective would do the integral, but the bindings never call a Python subclass of it.
+
+    def __init__(self, si: Any, space: CSpace, *, weight: float = 10.0, comfort: float | None = None) -> None:
+        super().__init__(si)
+        if finite(weight, "weight").ndim or weight < 0.0:
+            raise InputError(f"weight is {weight!r}; it must be one number, zero or above; pass e.g. 10.0")
+        grid = space.grid
+        reach = COMFORT * grid.spacing * max(grid.shape) if comfort is None else positive(comfort, "comfort")
+        self._weight = float(weight)
+        self._scale = 1.0 / reach
+        self._step = grid.spacing
+        self._clearance = space.clearance_checker()
+        self._clearances = space.clearance
+
+    def stateCost(self, state: Any) -> Any:  # noqa: N802 - OMPL's name
+        """Cost of a metre of path at a state."""
+        short = max(0.0, 1.0 - self._scale * self._clearance(state[0], state[1]))
+        return ob.Cost(1.0 + self._weight * short * short)
+
+    def motionCost(self, first: Any, second: Any) -> Any:  # noqa: N802 - OMPL's name
+        """Cost of a straight edge: its length times the mean cost at the middles of equal steps."""
+        x, y = first[0], first[1]
+        dx, dy = second[0] - x, second[1] - y
+        length = math.hypot(dx, dy)
+        steps = math.ceil(length / self._step)
+        if not steps:
+            return ob.Cost(0.0)
+        lack = (self._lack if steps <= _FEW else self._lack_of_many)(x, y, dx / steps, dy / steps, steps)
+        return ob.Cost(length * (1.0 + self._weight * lack / steps))
+
+    def motionCostHeuristic(self, first: Any, second: Any) -> Any:  # noqa: N802 - OMPL's name
+        """Length of the edge, which its cost is never below."""
+        return ob.Cost(math.hypot(second[0] - first[0], second[1] - first[1]))
+
+    def _lack(self, x: float, y: float, dx: float, dy: float, steps: int) -> float:
+        """Sum of the squared lack of clearance, as a share of the comfortable one, at the middles of steps."""
+        clearance, scale, total = self._clearance, self._scale, 0.0
+        for k in range(steps):
+            short = 1.0 - scale * clearance(x + (k + 0.5) * dx, y + (k + 0.5) * dy)
+            if short > 0.0:
+                total += short * short
+        return total
+
+    def _lack_of_many(self, x: float, y: float, dx: float, dy: float, steps: int) -> float:
+        """The same in one look-up."""
+        k = np.arange(0.5, steps)
+        short = np.maximum(0.0, 1.0 - self._scale * self._clearances(np.stack([x + k * dx, y + k * dy], axis=-1)))
+        return float(short @ short)

@@ -1,0 +1,60 @@
+"""Random inputs for hypothesis."""
+
+import math
+
+import numpy as np
+import shapely
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from cspace import Robot
+
+seeds = st.integers(0, 2**32 - 1)
+spacings = st.sampled_from([0.05, 0.1, 0.25, 1.0, 0.37])
+
+
+def bitmaps(side=12):
+    return hnp.arrays(np.bool_, st.tuples(st.integers(1, side), st.integers(1, side)))
+
+
+@st.composite
+def stars(draw, radius=1.0):
+    """Vertices of a star-shaped polygon, convex or not, whose reference point may lie anywhere."""
+    corners = draw(st.integers(3, 9))
+    rng = np.random.default_rng(draw(seeds))
+    gaps = rng.uniform(0.2, 1.0, corners)
+    angles = np.cumsum(gaps) / gaps.sum() * 2 * math.pi
+    spokes = rng.uniform(0.3, 1.0, corners) * radius
+    center = rng.uniform(-1, 1, 2) * draw(st.sampled_from([0.0, 0.3, 1.5])) * radius
+    vertices = center + spokes[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    if draw(st.booleans()):
+        vertices = np.round(vertices, 1)
+    polygon = shapely.Polygon(vertices)
+    if not polygon.is_valid or polygon.area < 1e-3:
+        vertices = np.array([[-0.5, -0.4], [0.6, -0.4], [0.1, 0.5]]) * radius
+    return vertices
+
+
+@st.composite
+def robots(draw, size=1.0):
+    """Robots of every kind, with their exact shape as a function that tells the distance of shapely geometries."""
+    kind = draw(st.sampled_from(["disc", "rectangle", "star", "ring", "parts", "balls", "cells"]))
+    rng = np.random.default_rng(draw(seeds))
+    center = rng.uniform(-1, 1, 2) * size
+    if kind == "disc":
+        return Robot.disc(size * rng.uniform(0.1, 1.0), center)
+    if kind == "rectangle":
+        return Robot.rectangle(*(size * rng.uniform(0.1, 2.0, 2)), center)
+    if kind == "star":
+        return Robot.polygon(draw(stars(size)))
+    if kind == "ring":
+        hull = shapely.Point(center).buffer(size, quad_segs=3)
+        return Robot.polygon(hull.difference(shapely.Point(center).buffer(size * 0.6, quad_segs=2)))
+    if kind == "parts":
+        return Robot.polygon([shapely.Polygon(draw(stars(size / 2))), shapely.box(size, 0.0, 1.4 * size, size / 2)])
+    if kind == "balls":
+        n = int(rng.integers(2, 6))
+        return Robot.balls(rng.uniform(-size, size, (n, 2)), size * rng.uniform(0.1, 0.5, n))
+    occupied = rng.random((int(rng.integers(1, 6)), int(rng.integers(1, 6)))) < 0.6
+    occupied[0, 0] = True
+    return Robot.cells(occupied, size / 4 * rng.uniform(0.5, 1.5), center)

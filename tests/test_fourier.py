@@ -1,0 +1,126 @@
+"""The engine against sums taken one by one."""
+
+import threading
+
+import numpy as np
+import pytest
+import scipy.fft
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+import oracles
+from cspace.fourier import correlate
+from cspace.fourier.precision import MARGIN, UNIT_ROUNDOFF, error_bound, growth
+from cspace.fourier.tiles import choose_tiling, fast_lengths
+from cspace.raster import Raster
+from strategies import bitmaps, seeds
+
+
+def by_shifts(occupied, raster, outside):
+    """Overlaps by adding up shifted copies of the map."""
+    pad = 300
+    wide = np.pad(occupied, pad, constant_values=outside)
+    total = np.zeros(occupied.shape, dtype=np.int64)
+    for m, n in oracles.raster_offsets(raster):
+        total += wide[pad + m : pad + m + occupied.shape[0], pad + n : pad + n + occupied.shape[1]]
+    return total
+
+
+@given(bitmaps(9), bitmaps(7), st.tuples(st.integers(-12, 6), st.integers(-12, 6)), st.booleans())
+@example(np.ones((1, 9), bool), np.ones((5, 1), bool), (-2, 0), True)
+@example(np.zeros((4, 4), bool), np.ones((20, 20), bool), (-9, -9), False)
+@example(np.ones((4, 4), bool), np.ones((20, 20), bool), (-9, -9), True)
+@example(np.zeros((3, 3), bool), np.zeros((2, 2), bool), (0, 0), True)
+def test_overlaps_equal_the_sum(occupied, cells, lower, outside):
+    raster = Raster.trimmed(cells, lower)
+    counts = correlate(occupied, [raster], outside=outside, counts=True).results[0]
+    expected = oracles.overlap(occupied, oracles.raster_offsets(raster), outside)
+    assert {k: counts[k] for k in np.ndindex(counts.shape)} == expected
+
+
+@settings(max_examples=25)
+@given(seeds)
+def test_many_tiles_and_many_rasters(seed):
+    rng = np.random.default_rng(seed)
+    occupied = rng.random(rng.integers(100, 400, 2)) < rng.choice([0.001, 0.05, 0.5])
+    occupied[: rng.integers(0, 90)] = rng.random() < 0.5
+    rasters = [
+        Raster.trimmed(rng.random(rng.integers(1, 60, 2)) < 0.7, tuple(rng.integers(-40, 10, 2).tolist()))
+        for _ in range(rng.integers(1, 4))
+    ]
+    outside = bool(rng.integers(2))
+    counts = correlate(occupied, rasters, outside=outside, counts=True, workers=2)
+    hits = correlate(occupied, rasters, outside=outside, workers=1)
+    for raster, count, hit in zip(rasters, counts.results, hits.results, strict=True):
+        expected = by_shifts(occupied, raster, outside)
+        assert (count == expected).all()
+        assert (hit == (expected > 0)).all()
+
+
+def test_float64_where_float32_is_not_proven():
+    disc = np.hypot(*np.mgrid[-250:251, -250:251]) <= 250
+    raster = Raster.trimmed(disc, (-250, -250))
+    occupied = np.zeros((700, 600), dtype=bool)
+    occupied[350, 300] = occupied[10, 10] = True
+    result = correlate(occupied, [raster], outside=False, counts=True)
+    assert result.precision == "float64"
+    assert error_bound(choose_tiling(occupied.shape, disc.shape, raster.count).tile, raster.count, "float32") > MARGIN
+    expected = np.zeros((1200, 1100), dtype=int)
+    for i, j in np.argwhere(occupied):
+        expected[i : i + 501, j : j + 501] += disc[::-1, ::-1]
+    assert (result.results[0] == expected[250:950, 250:850]).all()
+    small = Raster.trimmed(disc[240:261, 240:261], (-10, -10))
+    assert correlate(occupied, [small], outside=False).precision == "float32"
+
+
+@settings(max_examples=20)
+@given(seeds, st.sampled_from([64, 90, 128, 240, 256]))
+def test_the_error_stays_below_its_bound(seed, length):
+    """Worst of random and of aligned inputs; transforms as the engine runs them."""
+    rng = np.random.default_rng(seed)
+    robot = rng.random((length // 3, length // 3)) < rng.choice([0.1, 1.0])
+    tile = (rng.random((length, length)) < 0.5) - np.float32(0.5)
+    if rng.integers(2):
+        tile[: robot.shape[0], : robot.shape[1]] = robot - 0.5
+    wide = scipy.fft.rfft2(robot.astype(np.float64), s=tile.shape)
+    spectrum = scipy.fft.rfft2(tile.astype(np.float32)) * np.conj(wide).astype(np.complex64)
+    got = scipy.fft.irfft2(spectrum, s=tile.shape)
+    assert got.dtype == np.float32
+    exact = scipy.fft.irfft2(scipy.fft.rfft2(tile.astype(np.float64)) * np.conj(wide), s=tile.shape)
+    assert np.abs(got - exact).max() < error_bound(tile.shape, int(robot.sum()), "float32")
+
+
+def test_bounds_grow_with_size_and_know_their_lengths():
+    assert growth(8) < growth(16) < growth(48)
+    with pytest.raises(ValueError, match="7"):
+        growth(14)
+    ratio = error_bound((64, 64), 9, "float64") / error_bound((64, 64), 9, "float32")
+    assert 1.0 < ratio / (UNIT_ROUNDOFF["float64"] / UNIT_ROUNDOFF["float32"]) < 1.6
+
+
+@given(st.integers(1, 5000))
+def test_fast_lengths_ascend_from_the_least(least):
+    lengths = fast_lengths(least)
+    first, second = next(lengths), next(lengths)
+    assert least <= first < second
+    growth(first)
+
+
+def test_progress_runs_to_the_end():
+    seen = []
+    occupied = np.random.default_rng(0).random((2000, 300)) < 0.1
+    raster = Raster.trimmed(np.ones((5, 5), bool), (-2, -2))
+    correlate(occupied, [raster], outside=True, workers=2, progress=lambda done, total: seen.append((done, total)))
+    assert seen[-1][0] == seen[-1][1] == len(seen)
+
+
+def test_an_error_in_the_progress_callback_stops_the_run():
+    def stop(done, total):
+        raise KeyboardInterrupt
+
+    before = threading.active_count()
+    raster = Raster.trimmed(np.ones((5, 5), bool), (-2, -2))
+    occupied = np.random.default_rng(0).random((4000, 300)) < 0.1
+    with pytest.raises(KeyboardInterrupt):
+        correlate(occupied, [raster], outside=True, workers=2, progress=stop)
+    assert threading.active_count() == before

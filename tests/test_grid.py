@@ -1,0 +1,71 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cspace import Grid, InputError
+
+
+def test_holds_plain_immutable_values():
+    grid = Grid(np.array([1, 2]), np.float32(0.5), np.array([3, 4]))
+    assert (grid.lower, grid.spacing, grid.shape) == ((1.0, 2.0), 0.5, (3, 4))
+    assert (grid.upper, grid.dim, grid.size) == ((2.5, 4.0), 2, 12)
+    assert grid == Grid((1, 2), 0.5, (3, 4)) and hash(grid) == hash(Grid((1, 2), 0.5, (3, 4)))
+    with pytest.raises(AttributeError):
+        grid.spacing = 1.0
+
+
+def test_borders_belong_to_the_cell_above_and_the_last_border_to_the_last_cell():
+    grid = Grid((0, 10), 1.0, (3, 2))
+    assert grid.cell_of((0.0, 10.0)).tolist() == [0, 0]
+    assert grid.cell_of((1.0, 11.0)).tolist() == [1, 1]
+    assert grid.cell_of((3.0, 12.0)).tolist() == [2, 1]
+    assert grid.cell_of((-1e-9, 12.1)).tolist() == [-1, 2]
+    assert grid.contains([(0, 10), (3, 12), (3.01, 11), (1, 9.9)]).tolist() == [True, True, False, False]
+
+
+@pytest.mark.parametrize("batch", [(), (5,), (2, 3), (0,)])
+def test_batches_of_any_shape(batch):
+    grid = Grid((-1, -1), 0.1, (20, 20))
+    points = np.zeros((*batch, 2))
+    assert grid.cell_of(points).shape == (*batch, 2)
+    assert grid.contains(points).shape == batch
+    assert grid.center_of(grid.cell_of(points)).shape == (*batch, 2)
+
+
+@given(st.integers(0, 19), st.integers(0, 6), st.floats(0.01, 3.0), st.floats(-50, 50))
+def test_a_center_lies_in_its_cell(i, j, spacing, low):
+    grid = Grid((low, -low), spacing, (20, 7))
+    assert grid.cell_of(grid.center_of((i, j))).tolist() == [i, j]
+    assert grid.centers(0)[i] == grid.center_of((i, j))[0]
+
+
+def test_far_points_do_not_wrap_around():
+    grid = Grid((0, 0), 1e-3, (10, 10))
+    assert (grid.cell_of((1e300, -1e300)) == (2**62, -(2**62))).all()
+
+
+@pytest.mark.parametrize(
+    ("lower", "spacing", "shape", "words"),
+    [
+        ((0, 0), 0.0, (1, 1), "spacing is 0.0"),
+        ((0, 0), -0.1, (1, 1), "spacing is -0.1"),
+        ((0, 0), float("nan"), (1, 1), "spacing is nan"),
+        ((0, 0), "wide", (1, 1), "spacing is 'wide'"),
+        ((0, np.inf), 1.0, (1, 1), r"lower\[1\] is inf"),
+        ((0,), 1.0, (1,), "lower is"),
+        ((0, 0), 1.0, (1, 0), "shape is"),
+        ((0, 0), 1.0, (1, 2, 3), "shape is"),
+        ((0, 0), 1.0, (1.5, 2), "shape is"),
+        ((1e9, 0), 1e-3, (4, 4), "cells from the origin"),
+    ],
+)
+def test_refuses(lower, spacing, shape, words):
+    with pytest.raises(InputError, match=words):
+        Grid(lower, spacing, shape)
+
+
+@pytest.mark.parametrize("points", [(np.nan, 0.0), [(0.0, 0.0), (np.inf, 1.0)], (1.0, 2.0, 3.0), 4.0, "here"])
+def test_refuses_points(points):
+    with pytest.raises(InputError):
+        Grid((0, 0), 1.0, (2, 2)).cell_of(points)

@@ -1,0 +1,92 @@
+import json
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given
+
+from cspace import FileError, GeometryError, InputError, Robot
+from strategies import robots
+
+SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
+
+
+@given(robots())
+def test_a_spec_makes_the_same_robot_again(robot):
+    again = Robot.from_spec(json.loads(json.dumps(robot.spec)))
+    for mine, theirs in zip(robot.rasters(0.2, 0.05), again.rasters(0.2, 0.05), strict=True):
+        assert mine.lower == theirs.lower
+        assert (mine.cells == theirs.cells).all()
+    assert again.geometry.equals(robot.geometry)
+
+
+def test_the_geometry_is_the_shape():
+    hole = shapely.box(0, 0, 4, 4).difference(shapely.box(1, 1, 2, 2))
+    assert Robot.polygon(hole).geometry.equals(hole)
+    assert Robot.polygon(SQUARE).geometry.equals(shapely.box(0, 0, 1, 1))
+    assert Robot.rectangle(2, 1, (3, 4)).geometry.equals(shapely.box(2, 3.5, 4, 4.5))
+    assert Robot.disc(2, (1, 0)).geometry.bounds == pytest.approx((-1, -2, 3, 2))
+    bitmap = Robot.cells([[True, False], [True, True]], 0.5, (-0.5, 0)).geometry
+    assert bitmap.equals(shapely.union_all([shapely.box(-0.5, 0, 0.5, 0.5), shapely.box(0, 0, 0.5, 1)]))
+
+
+@pytest.mark.parametrize(
+    ("text", "bounds"), [("disc:0.3", (-0.3, -0.3, 0.3, 0.3)), ("rect:0.9x0.6", (-0.45, -0.3, 0.45, 0.3))]
+)
+def test_opens_short_texts(text, bounds):
+    assert Robot.open(text).geometry.bounds == pytest.approx(bounds)
+
+
+def test_opens_polygon_files(tmp_path, data):
+    (tmp_path / "robot.wkt").write_text("POLYGON ((0 0, 2 0, 0 1, 0 0))")
+    assert Robot.open(tmp_path / "robot.wkt").geometry.area == 1.0
+    car = Robot.open(data / "polygons" / "car.geojson").geometry
+    assert car.bounds == pytest.approx((-2.1267, -1.217, 2.1267, 1.217), abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: Robot.disc(0.0), "radi.* 0"),
+        (lambda: Robot.disc(-1.0), "-1"),
+        (lambda: Robot.disc(float("nan")), "nan"),
+        (lambda: Robot.disc(1.0, (0, 0, 0)), "center"),
+        (lambda: Robot.rectangle(1.0, 0.0), "width is 0.0"),
+        (lambda: Robot.balls([], []), "centers"),
+        (lambda: Robot.balls([(0, 0)], [1, 2]), "radii"),
+        (lambda: Robot.balls([(0, 0), (1, 1)], [1, 0]), "radii holds 0"),
+        (lambda: Robot.polygon(shapely.Polygon()), "empty"),
+        (lambda: Robot.polygon([(0, 0), (1, 1)]), "at least 3"),
+        (lambda: Robot.polygon([(0, 0), (1, 1), (1, 0), (0, 1)]), "Self-intersection"),
+        (lambda: Robot.polygon([(0, 0), (1, 1), (2, 2)]), "part 0"),
+        (lambda: Robot.polygon([(0, 0), (1, np.nan), (2, 2)]), "nan"),
+        (lambda: Robot.polygon(shapely.LineString([(0, 0), (1, 1)])), "LineString"),
+        (lambda: Robot.cells(np.zeros((3, 3), bool), 0.1), "no True cell"),
+        (lambda: Robot.cells(np.ones((3, 3)), 0.1), "boolean"),
+        (lambda: Robot.cells(np.ones((3, 3), bool), -0.1), "spacing is -0.1"),
+        (lambda: Robot.open("disc:wide"), "RADIUS"),
+        (lambda: Robot.open("disc:-0.3"), "above zero"),
+        (lambda: Robot.open("rect:0.3"), "LENGTHxWIDTH"),
+        (lambda: Robot.open("cube:0.3"), "disc:RADIUS"),
+        (lambda: Robot.from_spec({"kind": "teapot"}), "teapot"),
+        (lambda: Robot.disc(1.0).rasters(0.1, -0.1), "margin is -0.1"),
+        (lambda: Robot.disc(1.0).rasters(0.0), "spacing is 0.0"),
+        (lambda: Robot.disc(1e6).rasters(0.01), "cells large"),
+    ],
+)
+def test_refuses(make, words):
+    with pytest.raises(InputError, match=words):
+        make()
+
+
+def test_a_shape_without_area_is_a_geometry_error():
+    with pytest.raises(GeometryError):
+        Robot.polygon(shapely.Polygon())
+
+
+def test_a_missing_file_is_a_file_error(tmp_path):
+    with pytest.raises(FileError, match="robot.wkt"):
+        Robot.open(tmp_path / "robot.wkt")
+    (tmp_path / "robot.stl").touch()
+    with pytest.raises(FileError, match=r"\.stl"):
+        Robot.open(tmp_path / "robot.stl")
