@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +44,39 @@ def components(state: NDArray[np.uint8], rim_is_open: bool) -> Components:
     rim = FREE if rim_is_open else BLOCKED
     passable = np.pad(state, 1, constant_values=rim) != BLOCKED
     return Components(_labels(state == FREE), _labels(passable))
+
+
+def path_exists(
+    labels: Components,
+    start: tuple[NDArray[np.int64], NDArray[np.uint8]],
+    goal: tuple[NDArray[np.int64], NDArray[np.uint8]],
+) -> Any:
+    """Whether a path joins configurations: True, False (proven) or None (undecided), or an array of them.
+
+    Parameters
+    ----------
+    labels : Components
+    start, goal : tuple of ndarrays, shape (..., 2) and (...)
+        Cells of the configurations, in the grid or not, and their states.
+    """
+    (free0, open0), (free1, open1) = _labels_of(labels, *start), _labels_of(labels, *goal)
+    joined = (free0 == free1) & (free0 > 0)
+    apart = (open0 != open1) | (open0 == 0) | (open1 == 0)
+    answer = np.full(joined.shape, None, dtype=object)
+    answer[joined] = True
+    answer[apart] = False
+    return answer if answer.ndim else answer[()]
+
+
+def _labels_of(
+    labels: Components, cells: NDArray[np.int64], states: NDArray[np.uint8]
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Labels of cells among the free and the open ones; the rim stands for all cells outside the grid."""
+    shape = labels.free.shape
+    inside = np.asarray(((cells >= 0) & (cells < shape)).all(axis=-1))
+    free = labels.free[tuple(np.moveaxis(np.where(inside[..., None], cells, 0), -1, 0))]
+    passable = labels.open[tuple(np.moveaxis(np.clip(cells, -1, shape) + 1, -1, 0))]
+    return np.where(inside, free, 0), np.where(states == BLOCKED, 0, passable)
 
 
 def _labels(cells: NDArray[np.bool_]) -> NDArray[np.int32]:

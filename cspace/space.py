@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cspace.batches import answer, answer_edges
 from cspace.errors import InputError
 from cspace.grid import Grid
-from cspace.raster.raster import Raster
+from cspace.outside import Outside
 from cspace.robot import Robot
-from cspace.states import BLOCKED, FREE, MIXED
-from cspace.threads import in_chunks
+from cspace.states import FREE
 from cspace.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from cspace.clearance import ClearanceField
-    from cspace.connectivity import Components
 
 T = TypeVar("T")
 Floats = NDArray[np.float64]
@@ -87,7 +86,9 @@ class CSpace:
         grid = workspace.grid
         self._frame = _read_only(np.array([*grid.lower, grid.spacing, *grid.upper]))
         self._rasters = robot.rasters(grid.spacing, margin)
-        self._box, self._beyond = self._beyond_the_grid()
+        self._beyond = Outside.of(workspace.outer, *self._rasters, outside)
+        self._map = (self.state, self._frame, self._beyond.box, self._beyond.state)
+        self._walls = self._beyond.walls(grid.shape)
         self._made: dict[str, Any] = {}
         self._lock = threading.RLock()
 
@@ -123,7 +124,7 @@ class CSpace:
         """
         from cspace import _kernels
 
-        return self._answer(q, np.uint8, int, partial(_kernels.classify, *self._map))
+        return answer(q, partial(_kernels.classify, *self._map), np.uint8, int)
 
     def is_free(self, q: ArrayLike) -> Any:
         """Whether configurations are proven collision-free; as :meth:`classify`, with bool for an answer."""
@@ -183,25 +184,7 @@ class CSpace:
         """
         from cspace import _kernels
 
-        starts, ends = self._points(q0, "q0"), self._points(q1, "q1")
-        try:
-            starts, ends = np.broadcast_arrays(starts, ends)
-        except ValueError as error:
-            raise InputError(
-                f"q0 has shape {starts.shape} and q1 {ends.shape}; they must broadcast; pass batches of equal shape"
-            ) from error
-        shape = starts.shape[:-1]
-        first, second = (np.ascontiguousarray(part.reshape(-1, 2)) for part in (starts, ends))
-        out = np.empty(len(first), dtype=np.bool_)
-
-        def work(start: int, stop: int) -> int:
-            chunk = slice(start, stop)
-            return int(_kernels.edges_are_free(*self._map, first[chunk], second[chunk], out[chunk]))
-
-        bad = in_chunks(work, len(out), least=2_000)
-        if bad >= 0:
-            raise _not_finite(np.concatenate([first[bad], second[bad]]), "edge", bad)
-        return out.reshape(shape) if shape else bool(out[0])
+        return answer_edges(q0, q1, partial(_kernels.edges_are_free, *self._map))
 
     def clearance(self, q: ArrayLike) -> Any:
         """Lower bound of the distance, in the plane of translations, to the nearest configuration that is not FREE.
@@ -222,8 +205,8 @@ class CSpace:
         from cspace import _kernels
 
         field = self._clearance
-        fixed = (field.squares, *self._map, field.walls, field.some)
-        return self._answer(q, np.float64, float, partial(_kernels.clearances, *fixed))
+        fixed = (field.squares, *self._map, self._walls, field.some)
+        return answer(q, partial(_kernels.clearances, *fixed), np.float64, float)
 
     def path_exists(self, q0: ArrayLike, q1: ArrayLike) -> Any:
         """Whether a collision-free path joins configurations.
@@ -239,13 +222,12 @@ class CSpace:
             True: a chain of FREE cells joins them. False: no chain of FREE and MIXED cells does, which proves that no
             collision-free path exists. None: undecided at this resolution.
         """
-        (free0, open0), (free1, open1) = self._labels_at(q0, "q0"), self._labels_at(q1, "q1")
-        joined = (free0 == free1) & (free0 > 0)
-        apart = (open0 != open1) | (open0 == 0) | (open1 == 0)
-        answer = np.full(joined.shape, None, dtype=object)
-        answer[joined] = True
-        answer[apart] = False
-        return answer if answer.ndim else answer[()]
+        from cspace.connectivity import components, path_exists
+
+        rim_is_open = not self._beyond.is_all_blocked(self.grid.shape)
+        labels = self._once("components", lambda: components(self.state, rim_is_open))
+        ends = (self.grid.coordinates(q0, "q0"), self.grid.coordinates(q1, "q1"))
+        return path_exists(labels, *((self.grid.cell_of(q), np.asarray(self.classify(q))) for q in ends))
 
     # ---- the set of FREE configurations ------------------------------------------------------------------------------
 
@@ -313,14 +295,14 @@ class CSpace:
         callable
             ``check(x, y) -> bool``; the numbers must be floats and are not checked.
         """
-        table = self._once("table", lambda: np.pad(self.state, ((0, 1), (0, 1)), mode="edge").tobytes())
+        # The last row and column stand twice, for points on the grid's upper border.
+        rows = self._once("rows", lambda: [row.tobytes() for row in np.pad(self.state, ((0, 1), (0, 1)), mode="edge")])
         (lower_x, lower_y), (upper_x, upper_y) = self.grid.lower, self.grid.upper
-        spacing, row, outside = self.grid.spacing, self.grid.shape[1] + 1, self.is_free
+        spacing, outside = self.grid.spacing, self.is_free
 
         def check(x: float, y: float) -> bool:
-            # The table's last row and column repeat the last cells, for points on the grid's upper border.
             if lower_x <= x <= upper_x and lower_y <= y <= upper_y:
-                return not table[int((x - lower_x) / spacing) * row + int((y - lower_y) / spacing)]
+                return not rows[int((x - lower_x) / spacing)][int((y - lower_y) / spacing)]
             return bool(outside((x, y)))
 
         return check
@@ -335,7 +317,7 @@ class CSpace:
         """
         from cspace import _kernels
 
-        return partial(_kernels.edge_is_free, *self._map)
+        return _entry(_kernels.edge_is_free, self._map, 4)
 
     def clearance_checker(self) -> Callable[[float, float], float]:
         """A quick ``clearance`` of two floats, in one compiled call.
@@ -348,7 +330,7 @@ class CSpace:
         from cspace import _kernels
 
         field = self._clearance
-        return partial(_kernels.clearance_at, field.squares, *self._map, field.walls, field.some)
+        return _entry(_kernels.clearance_at, (field.squares, *self._map, self._walls, field.some), 2)
 
     # ---- files and pictures ------------------------------------------------------------------------------------------
 
@@ -379,42 +361,14 @@ class CSpace:
     # ---- what is computed once ---------------------------------------------------------------------------------------
 
     @property
-    def _map(self) -> tuple[NDArray[np.uint8], Floats, NDArray[np.int64], int]:
-        return self.state, self._frame, self._box, self._beyond
-
-    @property
     def _clearance(self) -> ClearanceField:
         from cspace.clearance import clearance_field
 
-        return self._once("clearance", lambda: clearance_field(self.state, self._box, self._beyond))
-
-    @property
-    def _components(self) -> Components:
-        from cspace.connectivity import components
-
-        def make() -> Components:
-            # The rim is BLOCKED only where every cell outside the grid is: where the box of others lies in the grid.
-            box, last = self._box, np.asarray(self.grid.shape) - 1
-            in_grid = (box[:2] >= 0).all() and (box[2:] <= last).all()
-            empty = (box[:2] > box[2:]).any()
-            return components(self.state, rim_is_open=not (self._beyond == BLOCKED and (in_grid or empty)))
-
-        return self._once("components", make)
+        return self._once("clearance", lambda: clearance_field(self.state))
 
     @property
     def _free_cells(self) -> NDArray[np.int64]:
         return self._once("free cells", lambda: np.flatnonzero(self.state == FREE))
-
-    def _labels_at(self, q: ArrayLike, name: str) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-        """Component labels of configurations, FREE and open; 0 where they belong to none."""
-        points = self.grid.coordinates(q, name)
-        cells = self.grid.cell_of(points)
-        on_rim = np.clip(cells, -1, self.grid.shape) + 1
-        inside = ((cells >= 0) & (cells < self.grid.shape)).all(axis=-1)
-        free = self._components.free[tuple(np.moveaxis(np.where(inside[..., None], cells, 0), -1, 0))]
-        passable = self._components.open[tuple(np.moveaxis(on_rim, -1, 0))]
-        blocked = np.asarray(self.classify(points)) == BLOCKED
-        return np.where(inside, free, 0), np.where(blocked, 0, passable)
 
     def _sum(self, side: str, q: ArrayLike) -> Any:
         from cspace import _kernels
@@ -425,7 +379,7 @@ class CSpace:
         sums = self._once(f"{key} sums", lambda: column_sums(cells))
         runs = self._once("runs", lambda: raster_runs(self._rasters[0]))
         fixed = (sums, self._frame, runs, int(self.outside == "blocked"))
-        return self._answer(q, np.int64, int, partial(_kernels.overlaps_at, *fixed))
+        return answer(q, partial(_kernels.overlaps_at, *fixed), np.int64, int)
 
     def _once(self, key: str, make: Callable[[], T]) -> T:
         """What ``make`` gives, made at the first call, by one thread."""
@@ -436,52 +390,17 @@ class CSpace:
         value: T = self._made[key]
         return value
 
-    def _points(self, q: ArrayLike, name: str) -> Floats:
-        """``q`` as float64 with its last axis checked; whether it is finite is left to the kernels."""
-        try:
-            points = np.asarray(q, dtype=np.float64)
-        except (TypeError, ValueError) as error:
-            raise InputError(f"{name} is {q!r}; it must be numeric; pass coordinates in metres") from error
-        return points if points.ndim and points.shape[-1] == self.dof else self.grid.coordinates(points, name)
 
-    def _answer(self, q: ArrayLike, dtype: type[Any], scalar: Callable[[Any], T], kernel: Callable[..., int]) -> Any:
-        """Run a kernel over configurations and answer in kind."""
-        points = self._points(q, "q")
-        flat = np.ascontiguousarray(points.reshape(-1, self.dof))
-        out = np.empty(len(flat), dtype=dtype)
-        bad = in_chunks(lambda start, stop: int(kernel(flat[start:stop], out[start:stop])), len(flat))
-        if bad >= 0:
-            raise _not_finite(flat[bad], "q", bad)
-        return out.reshape(points.shape[:-1]) if points.ndim > 1 else scalar(out[0])
+def _entry(kernel: Any, fixed: tuple[Any, ...], floats: int) -> Callable[..., Any]:
+    """A kernel with its first arguments bound and some floats to come, without numba's dispatch on every call."""
+    import numba
 
-    def _beyond_the_grid(self) -> tuple[NDArray[np.int64], int]:
-        """What lies outside the grid, as :mod:`cspace._kernels` has it."""
-        outer, inner = self._rasters
-        if self.outside == "blocked":
-            # BLOCKED is proven where an inner offset falls beyond the workspace.
-            return _box((0, 0), self.grid.shape, inner), BLOCKED if inner.count else MIXED
-        obstacles = Raster.trimmed(self.workspace.outer, (0, 0))
-        if not obstacles.count:
-            return np.array([0, 0, -1, -1]), FREE
-        # FREE is proven where no outer offset can fall on the bounding box of the obstacles.
-        low, high = np.asarray(obstacles.lower), np.asarray(obstacles.upper)
-        return np.array([*(low - outer.upper), *(high - outer.lower)]), FREE
-
-
-def _box(low: tuple[int, ...], shape: tuple[int, ...], inner: Raster) -> NDArray[np.int64]:
-    """Cells at which all inner offsets fall on the grid."""
-    first = np.asarray(low) - inner.lower
-    last = np.asarray(shape) - 1 - inner.upper
-    return np.array([*first, *last])
+    types = (*map(numba.typeof, fixed), *[numba.float64] * floats)
+    kernel.compile(types)
+    return partial(kernel.get_overload(types), *fixed)
 
 
 def _read_only(array: NDArray[Any]) -> NDArray[Any]:
     array = np.ascontiguousarray(array)
     array.setflags(write=False)
     return array
-
-
-def _not_finite(values: Floats, name: str, index: int) -> InputError:
-    return InputError(
-        f"{name} number {index} is {tuple(values.tolist())}; NaN and infinities are refused; drop or replace them first"
-    )

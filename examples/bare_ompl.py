@@ -29,6 +29,7 @@ def main() -> None:  # OMPL's objects must be gone before Python ends, so they l
     states.setBounds(bounds)
 
     ou.setLogLevel(ou.LOG_WARN)
+    ou.RNG.setSeed(1)
     setup = og.SimpleSetup(states)
     setup.setStateValidityChecker(lambda state: is_free(state[0], state[1]))
     # OMPL checks motions in steps of 1 % of the extent unless told otherwise, which is 0.12 m here: over a thin wall.

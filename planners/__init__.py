@@ -3,10 +3,12 @@
 OMPL's objects must be gone before the interpreter ends, or its bindings report leaks: create them inside functions.
 """
 
+from importlib import import_module
+
 from cspace.errors import MissingPackageError
 
 try:
-    from ompl import base, geometric, util  # noqa: F401 - whether they are there at all
+    import_module("ompl.geometric")
 except ImportError as error:
     raise MissingPackageError(
         f"planners needs OMPL, which cannot be imported ({error}); everything in cspace works without it; "

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import settings
 
 # A test that meets a compiled kernel for the first time waits for the compiler.
-settings.register_profile("cspace", deadline=None)
+settings.register_profile("cspace", deadline=None, derandomize="CI" in os.environ)
 settings.load_profile("cspace")
 
 

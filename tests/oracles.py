@@ -116,9 +116,7 @@ def overlap(occupied, offsets, outside):
     def filled(i, j):
         return bool(occupied[i, j]) if 0 <= i < nx and 0 <= j < ny else outside
 
-    return {
-        (i, j): sum(filled(i + m, j + n) for m, n in offsets) for i, j in product(range(nx), range(ny))
-    }
+    return {(i, j): sum(filled(i + m, j + n) for m, n in offsets) for i, j in product(range(nx), range(ny))}
 
 
 def touched_cells(start, end, spacing, lower, shape):

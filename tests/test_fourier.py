@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 import oracles
 from cspace.fourier import correlate
 from cspace.fourier.precision import MARGIN, UNIT_ROUNDOFF, error_bound, growth
-from cspace.fourier.tiles import choose_tiling, fast_lengths
+from cspace.fourier.tiles import choose_tiling, fast_length
 from cspace.raster import Raster
 from strategies import bitmaps, seeds
 
@@ -99,11 +99,17 @@ def test_bounds_grow_with_size_and_know_their_lengths():
 
 
 @given(st.integers(1, 5000))
-def test_fast_lengths_ascend_from_the_least(least):
-    lengths = fast_lengths(least)
-    first, second = next(lengths), next(lengths)
-    assert least <= first < second
-    growth(first)
+def test_fast_lengths(least):
+    length = fast_length(least)
+    assert least <= length < 2 * least + 1
+    growth(length)  # knows its prime factors
+
+
+def test_tiles_fit_the_cache_and_the_robot():
+    """A small robot on a large map gets tiles well below the map; a robot as large as the map a single tile."""
+    small = choose_tiling((4096, 4096), (65, 65), 3000)
+    assert all(4 * 65 <= length <= 1024 for length in small.tile)
+    assert choose_tiling((100, 100), (100, 100), 7000).step >= (100, 100)
 
 
 def test_progress_runs_to_the_end():

@@ -1,4 +1,4 @@
 """The engine: correlations of bitmaps by FFT, with integer results that are proven right."""
 
-from cspace.fourier.correlate import Correlation as Correlation
-from cspace.fourier.correlate import correlate as correlate
+from cspace.fourier.correlation import Correlation as Correlation
+from cspace.fourier.correlation import correlate as correlate

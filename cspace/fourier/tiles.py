@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -33,7 +33,7 @@ class Tiling:
     error: float
 
 
-def choose_tiling(shape: Sequence[int], extent: Sequence[int], count: int) -> Tiling:
+def choose_tiling(shape: Sequence[int], extent: Sequence[int], count: int, threads: int = 1) -> Tiling:
     """The cheapest tiling whose proven error stays below a quarter.
 
     Parameters
@@ -44,6 +44,8 @@ def choose_tiling(shape: Sequence[int], extent: Sequence[int], count: int) -> Ti
         Cells of the robot's bounding box.
     count : int
         Largest number of offsets in one raster.
+    threads : int
+        How many tiles are worked on at once.
 
     Returns
     -------
@@ -55,7 +57,7 @@ def choose_tiling(shape: Sequence[int], extent: Sequence[int], count: int) -> Ti
         step = tuple(length - r + 1 for length, r in zip(tile, extent, strict=True))
         tiles = math.prod(math.ceil(n / s) for n, s in zip(shape, step, strict=True))
         for precision in ("float32", "float64"):
-            cost = tiles * _tile_cost(tile, precision)
+            cost = math.ceil(tiles / threads) * _tile_cost(tile, precision)
             if cost < best_cost and (error := error_bound(tile, count, precision)) < MARGIN:
                 best, best_cost = Tiling(tile, step, precision, error), cost
     if best is None:
@@ -77,19 +79,19 @@ def _tile_cost(tile: Sequence[int], precision: str) -> float:
 
 
 def _lengths(cells: int, extent: int) -> list[int]:
-    """Transform lengths worth a try: at least the robot, at most one tile for the whole map."""
-    whole = next(fast_lengths(cells + extent - 1))
-    shortest = min(whole, max(extent + extent // 8, 32))
-    return list(itertools.takewhile(lambda length: length <= whole, fast_lengths(shortest)))
+    """Transform lengths worth a try: somewhat more than the robot, and at most one tile for the whole map."""
+    whole = fast_length(cells + extent - 1)
+    least = min(whole, max(extent + extent // 8, 32))
+    return [length for length in _fast_lengths(whole) if length >= least]
 
 
-def fast_lengths(least: int) -> Iterator[int]:
-    """Lengths with quick transforms from ``least`` upwards: a power of two times 1, 3, 5, 9 or 15."""
-    bound = 2 ** max(5, math.ceil(math.log2(max(least, 1))) + 1)
-    yield from (length for length in _smooth(bound) if length >= least)
+def fast_length(least: int) -> int:
+    """The smallest length with quick transforms that is not below ``least``."""
+    return min(length for length in _fast_lengths(2 * least) if length >= least)
 
 
 @cache
-def _smooth(bound: int) -> tuple[int, ...]:
+def _fast_lengths(most: int) -> tuple[int, ...]:
+    """Lengths with quick transforms: powers of two times 1, 3, 5, 9 or 15."""
     odd = (1, 3, 5, 9, 15)
-    return tuple(sorted(o << k for o in odd for k in range(bound.bit_length()) if o << k <= bound))
+    return tuple(sorted(o << k for o in odd for k in range(most.bit_length()) if o << k <= most))

@@ -89,11 +89,12 @@ def correlate(
     lower = tuple(min(part.lower[a] for part, _ in live) for a in range(len(shape)))
     upper = tuple(max(part.lower[a] + part.cells.shape[a] for part, _ in live) for a in range(len(shape)))
     extent = tuple(high - low for low, high in zip(lower, upper, strict=True))
-    tiling = choose_tiling(shape, extent, max(part.count for part, _ in live))
+    threads = workers or cores()
+    tiling = choose_tiling(shape, extent, max(part.count for part, _ in live), threads)
     run = _TileRun(occupied, outside, tiling, lower, [part for part, _ in live], [result for _, result in live])
 
     corners = list(itertools.product(*(range(0, n, s) for n, s in zip(shape, tiling.step, strict=True))))
-    threads = min(workers or cores(), len(corners))
+    threads = min(threads, len(corners))
     if threads == 1:
         _consume(map(run.settle, corners), len(corners), progress)
     else:
