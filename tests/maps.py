@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from strategies import robots
 
 import cspace
 from cspace.errors import FileError
 from cspace.io.files import open_map
+from strategies import robots
 
 SUFFIXES = [".zarr", "", ".npz"]
 

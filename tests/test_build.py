@@ -105,7 +105,7 @@ def test_agrees_with_the_exact_minkowski_sum(robot, obstacle):
 @settings(max_examples=20)
 @given(bitmaps(), bitmaps(), robots(0.3), st.tuples(st.integers(-3, 3), st.integers(-3, 3)))
 def test_laws(first, second, robot, shift):
-    """More obstacles, a larger margin: never more FREE, never less BLOCKED. Union of obstacles: the worse of the maps."""
+    """More obstacles or margin: never more FREE, never less BLOCKED. Union of obstacles: the worse of the maps."""
     shape = tuple(min(a, b) for a, b in zip(first.shape, second.shape, strict=True))
     first, second = (part[: shape[0], : shape[1]] for part in (first, second))
 

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 import xarray
 from hypothesis import given, settings
-from maps import SUFFIXES, refused, same, spaces
 
 import cspace
 from cspace.errors import FileError
 from cspace.io.files import export, open_map
+from maps import SUFFIXES, refused, same, spaces
 
 
 @pytest.fixture

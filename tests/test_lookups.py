@@ -126,7 +126,7 @@ def test_contains_robot_finds_the_fit():
 @settings(max_examples=40)
 @given(robots(0.5), seeds, st.sampled_from(["blocked", "free"]))
 def test_the_outside_is_proven_too(robot, seed, outside):
-    """Far and near outside: FREE and BLOCKED hold for the geometry, however far the reference point is from the robot."""
+    """FREE and BLOCKED hold for the geometry outside the grid too, also with the reference point off the robot."""
     rng = np.random.default_rng(seed)
     occupied = rng.random((12, 9)) < 0.2
     space = cspace.build(Workspace.from_array(occupied, 0.2), robot, outside=outside)

@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 from ompl import base as ob
 from ompl import util as ou
-from planning import GOAL, START, check, halves, room, with_state
 
 import planners
 from cspace import BLOCKED, FREE, MIXED, ConfigurationError, CSpace, InputError, Robot, Workspace, build
 from planners.registry import IGNORE_OBJECTIVES, SECOND_THREAD
+from planning import GOAL, START, check, halves, room, with_state
 
 NAMES = planners.planner_names()
 ANYTIME = {"AORRTC", "BITstar", "InformedRRTstar", "PRMstar", "RRTstar", "SORRTstar"}

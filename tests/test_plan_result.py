@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from planning import GOAL, START, distances, halves, room
 
 import planners
 from cspace import BLOCKED, CSpace, FileError, Robot, Workspace, build
 from planners.result import least_clearance
+from planning import GOAL, START, distances, halves, room
 
 
 @pytest.fixture(scope="module")

@@ -85,7 +85,7 @@ def test_a_shape_without_area_is_a_geometry_error():
 
 
 def test_a_missing_file_is_a_file_error(tmp_path):
-    with pytest.raises(FileError, match="robot.wkt"):
+    with pytest.raises(FileError, match=r"robot\.wkt"):
         Robot.open(tmp_path / "robot.wkt")
     (tmp_path / "robot.stl").touch()
     with pytest.raises(FileError, match=r"\.stl"):

@@ -16,12 +16,12 @@ import xarray
 import zarr
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from maps import SUFFIXES, refused, same, spaces
 
 import cspace
 from cspace.errors import FileError, InputError
 from cspace.io import npz, record, store
 from cspace.io.files import export, open_map, save
+from maps import SUFFIXES, refused, same, spaces
 
 
 @pytest.fixture
