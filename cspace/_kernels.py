@@ -78,13 +78,13 @@ def edge_is_free(
         first_y, last_y = min(box[1], 0), max(box[3], ny - 1)
     if px > qx:
         px, py, qx, qy = qx, qy, px, py
-    slope = (qy - py) / (qx - px) if qx > px else 0.0
     low_y, high_y = min(py, qy), max(py, qy)
     for i in range(max(first_x, math.ceil(px - SLACK) - 1), min(last_x, math.floor(qx + SLACK)) + 1):
         low, high = low_y, high_y
         if qx > px:
-            a = py + (min(max(i - SLACK, px), qx) - px) * slope
-            b = py + (min(max(i + 1 + SLACK, px), qx) - px) * slope
+            # A ratio of differences, between 0 and 1: a slope would overflow on edges that are all but upright.
+            a = py + (min(max(i - SLACK, px), qx) - px) / (qx - px) * (qy - py)
+            b = py + (min(max(i + 1 + SLACK, px), qx) - px) / (qx - px) * (qy - py)
             low, high = max(min(a, b), low_y), min(max(a, b), high_y)
         for j in range(max(first_y, math.ceil(low - SLACK) - 1), min(last_y, math.floor(high + SLACK)) + 1):
             if 0 <= i < nx and 0 <= j < ny:

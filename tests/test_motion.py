@@ -26,13 +26,15 @@ coordinates = st.one_of(
 points = st.tuples(coordinates, coordinates)
 
 
-@settings(max_examples=150)
+@settings(max_examples=300)
 @given(st.lists(st.tuples(st.integers(0, 7), st.integers(0, 7)), max_size=12), points, points)
 @example([(1, 2)], (0.25, 0.25), (0.75, 0.75))  # through a corner that a closed cell shares
 @example([(2, 1)], (0.25, 0.25), (0.75, 0.75))
 @example([(3, 3)], (0.0, 1.0), (2.0, 1.0))  # along a border, above a closed cell
 @example([(3, 4)], (0.0, 1.0), (2.0, 1.0))  # and below one
 @example([], (0.0, 0.0), (2.0, 2.0))
+@example([(0, 0)], (0.0, 0.0), (5e-324, 0.25))  # upright but for a denormal number
+@example([(0, 1)], (0.0, 2.0), (1e-300, 0.0))
 def test_free_means_that_every_touched_cell_is_free(closed, start, end):
     free = np.ones((8, 8), dtype=bool)
     for cell in closed:

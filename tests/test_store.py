@@ -207,6 +207,11 @@ def test_another_format_version_is_refused(copy: Path) -> None:
     refused(copy, "has format version 2", "reads version 1 only", "open it with the version of cspace that wrote it")
 
 
+def test_a_missing_array_is_refused(copy: Path) -> None:
+    shutil.rmtree(copy / "overlap")
+    refused(copy, "its array 'overlap' is missing")
+
+
 def test_a_swapped_array_is_refused(copy: Path) -> None:
     shutil.rmtree(copy / "inner")
     shutil.copytree(copy / "outer", copy / "inner")

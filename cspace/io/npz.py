@@ -71,7 +71,7 @@ def read_npz(path: str | os.PathLike[str]) -> CSpace:
         if "metadata" not in members:
             raise unusable(path, "it holds no metadata")
         metadata = json.loads(str(members["metadata"][()]))
-        arrays = {name: members[name] for name in unseal(metadata, path)}
+        arrays = {name: members[name] for name in unseal(metadata, path) if name in members}
     except FileError:
         raise
     except Exception as error:  # A damaged file makes the decoders raise almost anything.

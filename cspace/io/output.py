@@ -71,11 +71,9 @@ def replacing(
 def _named(path: str | os.PathLike[str]) -> Path:
     """The file that ``path`` means, links followed."""
     try:
-        return Path(path).resolve()
+        return Path(os.path.realpath(path))
     except (TypeError, ValueError) as error:
         raise InputError(f"path is {path!r}; it must be a file name; pass a string or a pathlib.Path") from error
-    except (OSError, RuntimeError) as error:
-        raise FileError(f"{os.fspath(path)} cannot be resolved: {error}; choose another name") from error
 
 
 def _check(target: Path, overwrite: bool, folder: Callable[[Path], bool] | None) -> None:
