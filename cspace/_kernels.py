@@ -110,32 +110,38 @@ def edges_are_free(
 
 
 @njit(cache=True, nogil=True)
-def overlaps_at(sums: NDArray[np.int32], frame: Floats, runs: Ints, outside: int, points: Floats, out: Ints) -> int:
-    """Overlaps of a robot at points, shape (n, 2), summed run by run; the first point that is not finite, or -1.
+def overlap_at(sums: NDArray[np.int32], frame: Floats, runs: Ints, outside: int, x: float, y: float) -> int:
+    """Overlap of a robot at a point, summed run by run.
 
     ``sums[i, j]`` is the number of obstacle cells among the first j of column i, and each of ``runs`` a row
     ``(dx, first dy, last dy)`` of robot offsets.
     """
     nx, ny = sums.shape[0], sums.shape[1] - 1
+    i = _cell(x, frame[0], frame[2], frame[3], nx)
+    j = _cell(y, frame[1], frame[2], frame[4], ny)
+    total = 0
+    for r in range(runs.shape[0]):
+        column = i + runs[r, 0]
+        first = j + runs[r, 1]
+        last = j + runs[r, 2]
+        hidden = last - first + 1
+        if 0 <= column < nx:
+            a = min(max(first, 0), ny)
+            b = min(max(last + 1, 0), ny)
+            total += sums[column, b] - sums[column, a]
+            hidden -= b - a
+        total += hidden * outside
+    return total
+
+
+@njit(cache=True, nogil=True)
+def overlaps(sums: NDArray[np.int32], frame: Floats, runs: Ints, outside: int, points: Floats, out: Ints) -> int:
+    """``overlap_at`` of points, shape (n, 2); the index of the first point that is not finite, or -1."""
     for k in range(points.shape[0]):
         x, y = points[k, 0], points[k, 1]
         if not (math.isfinite(x) and math.isfinite(y)):
             return k
-        i = _cell(x, frame[0], frame[2], frame[3], nx)
-        j = _cell(y, frame[1], frame[2], frame[4], ny)
-        total = 0
-        for r in range(runs.shape[0]):
-            column = i + runs[r, 0]
-            first = j + runs[r, 1]
-            last = j + runs[r, 2]
-            hidden = last - first + 1
-            if 0 <= column < nx:
-                a = min(max(first, 0), ny)
-                b = min(max(last + 1, 0), ny)
-                total += sums[column, b] - sums[column, a]
-                hidden -= b - a
-            total += hidden * outside
-        out[k] = total
+        out[k] = overlap_at(sums, frame, runs, outside, x, y)
     return -1
 
 

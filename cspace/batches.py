@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.errors import InputError
+from cspace.rotations import MAX_YAW
 from cspace.threads import in_chunks
 
 Floats = NDArray[np.float64]
@@ -17,12 +18,14 @@ EDGES_A_THREAD = 2_000
 """Edges below which a second thread costs more than it saves."""
 
 
-def answer(q: ArrayLike, kernel: Callable[..., int], dtype: type[Any], scalar: Callable[[Any], Any]) -> Any:
+def answer(q: ArrayLike, dof: int, kernel: Callable[..., int], dtype: type[Any], scalar: Callable[[Any], Any]) -> Any:
     """What a kernel gives for configurations.
 
     Parameters
     ----------
     q : array-like, shape (d,) or (..., d)
+    dof : int
+        The length d of a configuration.
     kernel : callable
         ``kernel(points, out)`` fills ``out``, shape (n,), for points of shape (n, d); it gives the index of the first
         point that is not finite, or -1.
@@ -36,7 +39,7 @@ def answer(q: ArrayLike, kernel: Callable[..., int], dtype: type[Any], scalar: C
     InputError
         If the last axis is not d long, or a value is not a finite number.
     """
-    points = as_points(q, "q")
+    points = as_points(q, "q", dof)
     flat = np.ascontiguousarray(points.reshape(-1, points.shape[-1]))
     out = np.empty(len(flat), dtype=dtype)
     bad = in_chunks(lambda start, stop: int(kernel(flat[start:stop], out[start:stop])), len(flat))
@@ -45,9 +48,9 @@ def answer(q: ArrayLike, kernel: Callable[..., int], dtype: type[Any], scalar: C
     return out.reshape(points.shape[:-1]) if points.ndim > 1 else scalar(out[0])
 
 
-def answer_edges(q0: ArrayLike, q1: ArrayLike, kernel: Callable[..., int]) -> Any:
+def answer_edges(q0: ArrayLike, q1: ArrayLike, dof: int, kernel: Callable[..., int]) -> Any:
     """What a kernel tells, True or False, of straight edges; as :func:`answer`, with two batches that broadcast."""
-    starts, ends = as_points(q0, "q0"), as_points(q1, "q1")
+    starts, ends = as_points(q0, "q0", dof), as_points(q1, "q1", dof)
     try:
         starts, ends = np.broadcast_arrays(starts, ends)
     except ValueError as error:
@@ -66,12 +69,12 @@ def answer_edges(q0: ArrayLike, q1: ArrayLike, kernel: Callable[..., int]) -> An
     return out.reshape(starts.shape[:-1]) if starts.ndim > 1 else bool(out[0])
 
 
-def as_points(q: ArrayLike, name: str, dof: int = 2) -> Floats:
+def as_points(q: ArrayLike, name: str, dof: int) -> Floats:
     """``q`` as float64 with its last axis checked; whether it is finite is left to the kernels."""
     try:
         points = np.asarray(q, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise InputError(f"{name} is {q!r}; it must be numeric; pass coordinates in metres") from error
+        raise InputError(f"{name} is {q!r}; it must be numeric; pass coordinates in metres, yaw in radians") from error
     if points.ndim == 0 or points.shape[-1] != dof:
         raise InputError(
             f"{name} has shape {points.shape}; its last axis must be {dof} long, one entry for each coordinate; "
@@ -82,5 +85,6 @@ def as_points(q: ArrayLike, name: str, dof: int = 2) -> Floats:
 
 def _not_finite(values: Floats, name: str, index: int) -> InputError:
     return InputError(
-        f"{name} number {index} is {tuple(values.tolist())}; NaN and infinities are refused; drop or replace them first"
+        f"{name} number {index} is {tuple(values.tolist())}; NaN, infinities and a yaw beyond {MAX_YAW:.0f} rad are "
+        "refused; drop or replace them first"
     )

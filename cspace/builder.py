@@ -6,13 +6,19 @@ offsets proves a cell FREE, and an overlap of the inner ones proves it BLOCKED (
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from cspace.errors import InputError
+from cspace.raster.raster import Raster
 from cspace.robot import Robot, check_margin
+from cspace.rotations import Rotations, check_rotations
+from cspace.slices import slice_rasters
 from cspace.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -20,12 +26,15 @@ if TYPE_CHECKING:
 
 Progress = Callable[[int, int], None]
 
+BATCH = 8
+"""Slices that are worked on together: they share the transforms of the workspace, and memory grows with them."""
+
 
 def build(
     workspace: Workspace,
     robot: Robot,
     *,
-    rotations: None = None,
+    rotations: int | ArrayLike | Rotations | None = None,
     inner: bool = True,
     overlap: bool = False,
     method: str = "fft",
@@ -34,7 +43,7 @@ def build(
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> CSpace:
-    """Map the configurations of a robot that translates among obstacles.
+    """Map the configurations of a robot that translates, or translates and turns, among obstacles.
 
     Parameters
     ----------
@@ -42,8 +51,11 @@ def build(
         The obstacles, in the plane.
     robot : Robot
         The robot, in the plane.
-    rotations : None
-        Only robots that translate are mapped; any other value is refused.
+    rotations : int or array-like, optional
+        For a robot that turns: a number of equal cells of yaw, the first with its middle at 0, or the borders of the
+        cells in radians, ascending over a whole turn. FREE and BLOCKED are then proven for every position and every yaw
+        of a cell. Slices that a symmetry of the robot repeats are computed and stored once. If left out, the robot only
+        translates.
     inner : bool
         Also prove cells BLOCKED. Without it, every cell that is not FREE is MIXED, at half the work.
     overlap : bool
@@ -81,37 +93,79 @@ def build(
     >>> space.is_free([1.0, 1.5])
     True
     """
-    from cspace.fourier import correlate
     from cspace.space import CSpace
 
-    _check(workspace, robot, rotations, method, outside, workers)
+    _check(workspace, robot, method, outside, workers)
     margin = check_margin(margin)
-    outer_robot, inner_robot = robot.rasters(workspace.grid.spacing, margin)
-    blocked_outside = outside == "blocked"
-    options: dict[str, Any] = {"outside": blocked_outside, "workers": workers}
-    shared = inner and not overlap and workspace.inner is workspace.outer
-    runs = 1 if shared or not inner else 2
-
-    def advance(run: int) -> Progress | None:
-        return None if progress is None else lambda done, total: progress(run * total + done, runs * total)
-
-    outer_rasters = [outer_robot, inner_robot] if shared else [outer_robot]
-    outer = correlate(workspace.outer, outer_rasters, counts=overlap, progress=advance(0), **options)
-    precision = outer.precision
-    overlaps = outer.results[0] if overlap else None
-    state = (outer.results[0] != 0).view(np.uint8)
-    if shared:
-        state += outer.results[1].view(np.uint8)
-    elif inner:
-        collides = correlate(workspace.inner, [inner_robot], progress=advance(1), **options)
-        state += collides.results[0].view(np.uint8)
-        precision = max(precision, collides.precision)
-    return CSpace(workspace, robot, state, outside=outside, margin=margin, precision=precision, overlaps=overlaps)
+    cells = check_rotations(rotations)
+    rasters = slice_rasters(robot, workspace.grid.spacing, margin, cells)
+    engine = _Engine(workspace, rasters, inner, outside == "blocked", workers, progress)
+    state = np.empty((len(rasters), *workspace.grid.shape), dtype=np.uint8)
+    overlaps = np.empty(state.shape, dtype=np.int32) if overlap else None
+    precisions = {engine.run(slice(first, first + BATCH), state, overlaps) for first in range(0, len(rasters), BATCH)}
+    flat = cells is None
+    return CSpace(
+        workspace,
+        robot,
+        state[0] if flat else state,
+        outside=outside,
+        margin=margin,
+        precision=max(precisions),
+        overlaps=overlaps[0] if flat and overlaps is not None else overlaps,
+        rotations=cells,
+        rasters=rasters,
+    )
 
 
-def _check(
-    workspace: Workspace, robot: Robot, rotations: object, method: str, outside: str, workers: int | None
-) -> None:
+@dataclass(frozen=True, slots=True)
+class _Engine:
+    """The correlations of one build, a batch of slices at a time."""
+
+    workspace: Workspace
+    rasters: Sequence[tuple[Raster, Raster]]
+    inner: bool
+    outside: bool
+    workers: int | None
+    progress: Progress | None
+
+    def run(self, batch: slice, state: NDArray[np.uint8], overlaps: NDArray[np.int32] | None) -> str:
+        """Fill a batch of slices; the precision that it took."""
+        outer_robots = [outer for outer, _ in self.rasters[batch]]
+        inner_robots = [inner for _, inner in self.rasters[batch]]
+        free = list(state[batch].view(np.bool_))
+        part = batch.start // BATCH, math.ceil(len(self.rasters) / BATCH)
+        if self.inner and overlaps is None and self.workspace.inner is self.workspace.outer:
+            # One workspace bitmap: its spectra serve both rasters.
+            collides = [np.empty(state.shape[1:], dtype=np.bool_) for _ in inner_robots]
+            rasters, out = [*outer_robots, *inner_robots], [*free, *collides]
+            precision = self._correlate(self.workspace.outer, rasters, out, *part)
+        else:
+            steps = 2 if self.inner else 1
+            first, second = (part[0] * steps, part[1] * steps), (part[0] * steps + 1, part[1] * steps)
+            counts = free if overlaps is None else list(overlaps[batch])
+            precision = self._correlate(self.workspace.outer, outer_robots, counts, *first)
+            if overlaps is not None:
+                np.not_equal(overlaps[batch], 0, out=state[batch].view(np.bool_))
+            if not self.inner:
+                return precision
+            collides = [np.empty(state.shape[1:], dtype=np.bool_) for _ in inner_robots]
+            precision = max(precision, self._correlate(self.workspace.inner, inner_robots, collides, *second))
+        for one, hit in zip(state[batch], collides, strict=True):
+            one += hit.view(np.uint8)
+        return precision
+
+    def _correlate(
+        self, occupied: NDArray[np.bool_], rasters: Sequence[Raster], out: Sequence[NDArray[Any]], step: int, steps: int
+    ) -> str:
+        from cspace.fourier import correlate
+
+        tell = self.progress
+        advance = None if tell is None else lambda done, total: tell(step * total + done, steps * total)
+        options: dict[str, Any] = {"outside": self.outside, "workers": self.workers, "progress": advance}
+        return correlate(occupied, rasters, out=out, **options).precision
+
+
+def _check(workspace: Workspace, robot: Robot, method: str, outside: str, workers: int | None) -> None:
     if not isinstance(workspace, Workspace):
         raise InputError(f"workspace is a {type(workspace).__name__}; it must be a Workspace; use Workspace.from_array")
     if not isinstance(robot, Robot):
@@ -121,8 +175,6 @@ def _check(
             f"the workspace has {workspace.grid.dim} dimensions and the robot {robot.dim}; they must agree; "
             "take both in the plane"
         )
-    if rotations is not None:
-        raise InputError(f"rotations is {rotations!r}; robots that turn are not supported; leave it None")
     if method != "fft":
         raise InputError(f"method is {method!r}; the engines are: 'fft'")
     if outside not in ("blocked", "free"):

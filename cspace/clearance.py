@@ -28,7 +28,7 @@ class ClearanceField:
     some: bool
 
 
-def clearance_field(state: NDArray[np.uint8]) -> ClearanceField:
+def clearance_field(state: NDArray[np.uint8], out: NDArray[np.int32] | None = None) -> ClearanceField:
     """Exact distance transform of a map to its cells that are not FREE.
 
     Two passes over separable distances (Felzenszwalb and Huttenlocher, 2012), in threads, in integers.
@@ -36,6 +36,8 @@ def clearance_field(state: NDArray[np.uint8]) -> ClearanceField:
     Parameters
     ----------
     state : ndarray of uint8, shape (nx, ny)
+    out : ndarray of int32, shape (nx, ny), optional
+        Where to write the squared distances.
 
     Returns
     -------
@@ -46,7 +48,7 @@ def clearance_field(state: NDArray[np.uint8]) -> ClearanceField:
     nx, ny = state.shape
     closed = state != FREE
     gaps = np.empty(state.shape, dtype=np.int32)
-    squares = np.empty(state.shape, dtype=np.int32)
+    squares = np.empty(state.shape, dtype=np.int32) if out is None else out
     none = ny + 1  # farther than any cell of the column
 
     def along_columns(start: int, stop: int) -> int:

@@ -235,7 +235,22 @@ class Robot:
         ]
         return shapely.union_all(regions)
 
-    def rasters(self, spacing: float, margin: float = 0.0) -> tuple[Raster, Raster]:
+    @property
+    def symmetry(self) -> int:
+        """How many turns in a circle map the robot to itself: 1, 2 or 4, or 0 for all turns.
+
+        Only turns that map it to itself to the last bit count.
+        """
+        if len(self.radii) == 1 and not self.centers.any():
+            return 0
+        for order, turn in ((4, [[0.0, 1.0], [-1.0, 0.0]]), (2, [[-1.0, 0.0], [0.0, -1.0]])):
+            if self._features(np.eye(2)) == self._features(np.asarray(turn)):
+                return order
+        return 1
+
+    def rasters(
+        self, spacing: float, margin: float = 0.0, *, yaw: float = 0.0, sweep: float = 0.0
+    ) -> tuple[Raster, Raster]:
         """The discrete robot at a spacing.
 
         Parameters
@@ -244,6 +259,10 @@ class Robot:
             Side of the map's cells, metres.
         margin : float
             Metres by which the robot is grown, on the outer side only.
+        yaw : float
+            Turn of the robot about its reference point, radians.
+        sweep : float
+            The rasters hold for all turns within this angle of ``yaw``, radians.
 
         Returns
         -------
@@ -262,8 +281,18 @@ class Robot:
         side = positive(spacing, "spacing")
         grown = check_margin(margin)
         if len(self.radii):
-            return ball_rasters(self.centers, self.radii, side, grown)
-        return outline_rasters(self.outlines, side, grown)
+            return ball_rasters(self.centers, self.radii, side, grown, yaw, sweep)
+        return outline_rasters(self.outlines, side, grown, yaw, sweep)
+
+    def _features(self, turn: Floats) -> set[tuple[float, ...]]:
+        """What the shape is made of, turned: discs, or border segments without direction."""
+        found: set[tuple[float, ...]] = set()
+        for (x, y), radius in zip((self.centers @ turn + 0.0).tolist(), self.radii.tolist(), strict=True):
+            found.add((x, y, radius))
+        for number, outline in enumerate(self.outlines):
+            ends = (outline.reshape(-1, 2) @ turn + 0.0).reshape(-1, 2, 2).tolist()
+            found.update((*min(first, last), *max(first, last), number) for first, last in ends)
+        return found
 
 
 def check_margin(margin: float) -> float:

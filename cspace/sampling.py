@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from cspace.errors import ConfigurationError, InputError
 from cspace.grid import Grid
+from cspace.rotations import TURN, Rotations
 
 EDGE = 2.0**-20
 """Part of a cell, along its border, that samples keep off, so that rounding never puts one into the next cell."""
@@ -46,6 +49,51 @@ def nearest_center(cells: NDArray[np.int64], grid: Grid, point: NDArray[np.float
     return best
 
 
+def sample_stack(
+    cells: Sequence[NDArray[np.int64]],
+    slice_of: NDArray[np.int64],
+    rotations: Rotations,
+    grid: Grid,
+    n: int,
+    rng: np.random.Generator,
+) -> NDArray[np.float64]:
+    """Configurations ``(x, y, yaw)`` uniform over the volume of the cells of all rotations; shape (n, 3).
+
+    ``cells`` holds flat indices of each slice.
+    """
+    borders = np.asarray(rotations.borders)
+    sizes = np.array([len(part) for part in cells])[slice_of] * np.diff(borders)
+    turns = rng.choice(rotations.count, size=n, p=sizes / sizes.sum())
+    samples = np.empty((n, 3))
+    for number in np.unique(slice_of[turns]):
+        chosen = slice_of[turns] == number
+        samples[chosen, :2] = sample_cells(cells[number], grid, int(chosen.sum()), rng)
+    samples[:, 2] = borders[turns] + np.diff(borders)[turns] * rng.uniform(EDGE, 1.0 - EDGE, n)
+    return samples
+
+
+def nearest_turned(
+    cells: Sequence[NDArray[np.int64]],
+    slice_of: NDArray[np.int64],
+    rotations: Rotations,
+    grid: Grid,
+    q: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Middle ``(x, y, yaw)`` of the nearest cell, half a metre counting as much as a radian."""
+    representatives = rotations.representatives
+    apart = np.abs((representatives - q[2] + np.pi) % TURN - np.pi) / 2.0
+    best, best_distance = q, np.inf
+    for k in np.argsort(apart, kind="stable"):
+        if apart[k] >= best_distance:
+            break
+        if len(cells[slice_of[k]]):
+            center = nearest_center(cells[slice_of[k]], grid, q[:2])
+            distance = float(np.hypot(*(center - q[:2])) + apart[k])
+            if distance < best_distance:
+                best, best_distance = np.array([*center, representatives[k]]), distance
+    return best
+
+
 def check_rng(rng: object) -> np.random.Generator:
     """``rng`` itself, if it is a Generator."""
     if not isinstance(rng, np.random.Generator):
@@ -56,9 +104,9 @@ def check_rng(rng: object) -> np.random.Generator:
     return rng
 
 
-def refuse_empty(cells: NDArray[np.int64]) -> None:
-    """Raise where there is no FREE cell."""
-    if not len(cells):
+def refuse_empty(cells: Sequence[NDArray[np.int64]]) -> None:
+    """Raise where no slice has a FREE cell."""
+    if not any(len(part) for part in cells):
         raise ConfigurationError(
             "the map has no FREE cell; nothing can be drawn from it; use a smaller robot, a finer spacing, or "
             "unknown='free' where the workspace is a sensor map"

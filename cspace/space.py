@@ -3,40 +3,41 @@
 from __future__ import annotations
 
 import operator
-import threading
-from collections.abc import Callable
-from functools import partial
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.batches import answer, answer_edges
+from cspace.batches import answer, answer_edges, as_points
 from cspace.errors import InputError
 from cspace.grid import Grid
+from cspace.once import Once
 from cspace.outside import Outside
+from cspace.plane import PlaneLookups
+from cspace.raster.raster import Raster
 from cspace.robot import Robot
+from cspace.rotations import Rotations
+from cspace.slices import slice_of_rotation, slice_rasters
 from cspace.states import FREE
+from cspace.turning.lookups import TurningLookups
 from cspace.workspace import Workspace
 
 if TYPE_CHECKING:
     import xarray
     from matplotlib.axes import Axes
 
-    from cspace.clearance import ClearanceField
-
-T = TypeVar("T")
 Floats = NDArray[np.float64]
 
 
 class CSpace:
-    """Certified map of the configurations ``(x, y)`` of a robot that translates in the plane.
+    """Certified map of the configurations of a robot in the plane: ``(x, y)``, or ``(x, y, yaw)`` for one that turns.
 
     :func:`cspace.build` makes it and :func:`cspace.open` reads a saved one. Every look-up takes one configuration,
-    shape (2,), and answers with a Python number, or a batch, shape (..., 2), and answers with an array of shape (...).
-    Look-ups are compiled and may be called from several threads at once. What they need beyond the map itself
-    (distances, labels, sums) is computed at the first call and kept.
+    shape (dof,), and answers with a Python number, or a batch, shape (..., dof), and answers with an array of shape
+    (...). Look-ups are compiled and may be called from several threads at once. What they need beyond the map itself
+    (distances, labels, sums) is computed at the first call and kept. Yaw is in radians, and wrapped.
 
     A configuration outside the grid is BLOCKED under ``outside="blocked"`` where the robot is proven to stick out of
     the workspace, FREE under ``outside="free"`` where it is proven to reach no obstacle, and otherwise MIXED.
@@ -45,19 +46,27 @@ class CSpace:
     ----------
     workspace : Workspace
     robot : Robot
-    state : ndarray of uint8, shape workspace.grid.shape
-        FREE, MIXED or BLOCKED, of each cell of positions of the robot's reference point.
+    state : ndarray of uint8, shape (nx, ny) or (slices, nx, ny)
+        FREE, MIXED or BLOCKED, of each cell of positions of the robot's reference point; with rotations, of each slice.
     outside : {"blocked", "free"}
     margin : float
         Metres by which the robot was grown for FREE.
     precision : {"float32", "float64"}
         In which the transforms were run.
-    overlaps : ndarray of int32, shape workspace.grid.shape, optional
+    overlaps : ndarray of int32, the shape of state, optional
         Overlap of each cell.
-    """
+    rotations : Rotations, optional
+        Rotation cells of a robot that turns.
+    rasters : sequence of (outer, inner) Raster, optional
+        The robot's, for each slice; made again if left out.
 
-    rotations = None
-    dof = 2
+    Attributes
+    ----------
+    stack : ndarray of uint8, shape (slices, nx, ny)
+        The slices, as they are stored: one where the robot only translates.
+    slice_of : ndarray of int64, shape (rotations,)
+        Which slice each rotation cell has; turns that map the robot to itself share theirs.
+    """
 
     def __init__(
         self,
@@ -69,38 +78,71 @@ class CSpace:
         margin: float,
         precision: str,
         overlaps: NDArray[np.int32] | None = None,
+        rotations: Rotations | None = None,
+        rasters: Sequence[tuple[Raster, Raster]] | None = None,
     ) -> None:
+        self.slice_of = slice_of_rotation(robot, rotations)
+        shape = workspace.grid.shape if rotations is None else (int(self.slice_of.max()) + 1, *workspace.grid.shape)
         for name, array, kind in (("state", state, np.uint8), ("overlaps", overlaps, np.int32)):
-            if array is not None and (array.shape != workspace.grid.shape or array.dtype != kind):
+            if array is not None and (array.shape != shape or array.dtype != kind):
                 raise InputError(
-                    f"{name} has shape {array.shape} and type {array.dtype}; it must have the grid's shape "
-                    f"{workspace.grid.shape} and type {np.dtype(kind)}; use cspace.build"
+                    f"{name} has shape {array.shape} and type {array.dtype}; it must have the map's shape "
+                    f"{shape} and type {np.dtype(kind)}; use cspace.build"
                 )
         self.workspace = workspace
         self.robot = robot
         self.outside = outside
         self.margin = margin
         self.precision = precision
-        self.state = _read_only(state)
+        self.rotations = rotations
+        self.stack = _read_only(state).reshape(-1, *workspace.grid.shape)
         self.overlaps = None if overlaps is None else _read_only(overlaps)
-        grid = workspace.grid
-        self._frame = _read_only(np.array([*grid.lower, grid.spacing, *grid.upper]))
-        self._rasters = robot.rasters(grid.spacing, margin)
-        self._beyond = Outside.of(workspace.outer, *self._rasters, outside)
-        self._map = (self.state, self._frame, self._beyond.box, self._beyond.state)
-        self._walls = self._beyond.walls(grid.shape)
-        self._made: dict[str, Any] = {}
-        self._lock = threading.RLock()
+        self._once = Once()
+        if rasters is not None:
+            self._once("rasters", lambda: list(rasters))
 
     @property
     def grid(self) -> Grid:
         """Cells of positions of the robot's reference point; the workspace's grid."""
         return self.workspace.grid
 
+    @property
+    def dof(self) -> int:
+        """Numbers in a configuration: 2, or 3 for a robot that turns."""
+        return 2 if self.rotations is None else 3
+
+    @property
+    def state(self) -> NDArray[np.uint8]:
+        """State of each cell, shape (nx, ny) or (rotations, nx, ny).
+
+        Read-only. A new array at each call where slices are shared; :attr:`stack` and :attr:`slice_of` cost nothing.
+        """
+        if self.rotations is None:
+            return self.stack[0]
+        shared = len(self.stack) < len(self.slice_of)
+        every: NDArray[np.uint8] = _read_only(self.stack[self.slice_of]) if shared else self.stack
+        return every
+
+    def slice_at(self, yaw: float = 0.0) -> NDArray[np.uint8]:
+        """State of each cell in the rotation cell of a yaw (radians), shape (nx, ny)."""
+        cell = 0 if self.rotations is None else int(self.rotations.cell_of(yaw))
+        part: NDArray[np.uint8] = self.stack[self.slice_of[cell]]
+        return part
+
+    def count(self) -> tuple[int, int, int]:
+        """Number of FREE, MIXED and BLOCKED cells, over all rotation cells."""
+        shares = np.bincount(self.slice_of, minlength=len(self.stack))
+        each = np.array([np.bincount(part.ravel(), minlength=3) for part in self.stack])
+        free, mixed, blocked = (shares @ each).tolist()
+        return free, mixed, blocked
+
     def __repr__(self) -> str:
-        free, mixed, blocked = (int(n) for n in np.bincount(self.state.ravel(), minlength=3))
+        free, mixed, blocked = self.count()
         cells = " x ".join(map(str, self.grid.shape))
-        return f"CSpace({cells} cells of {self.grid.spacing:g} m, {self.robot.name}: {free=}, {mixed=}, {blocked=})"
+        turns = "" if self.rotations is None else f" x {self.rotations.count} rotations"
+        return (
+            f"CSpace({cells} cells of {self.grid.spacing:g} m{turns}, {self.robot.name}: {free=}, {mixed=}, {blocked=})"
+        )
 
     # ---- one cell ----------------------------------------------------------------------------------------------------
 
@@ -109,8 +151,8 @@ class CSpace:
 
         Parameters
         ----------
-        q : array-like, shape (2,) or (..., 2)
-            Metres.
+        q : array-like, shape (dof,) or (..., dof)
+            Metres, and radians.
 
         Returns
         -------
@@ -122,9 +164,7 @@ class CSpace:
         InputError
             If the last axis is not 2 long, or a value is NaN or infinite.
         """
-        from cspace import _kernels
-
-        return answer(q, partial(_kernels.classify, *self._map), np.uint8, int)
+        return answer(q, self.dof, self._lookups.classify(), np.uint8, int)
 
     def is_free(self, q: ArrayLike) -> Any:
         """Whether configurations are proven collision-free; as :meth:`classify`, with bool for an answer."""
@@ -139,8 +179,8 @@ class CSpace:
 
         Parameters
         ----------
-        q : array-like, shape (2,) or (..., 2)
-            Metres.
+        q : array-like, shape (dof,) or (..., dof)
+            Metres, and radians.
 
         Returns
         -------
@@ -156,14 +196,16 @@ class CSpace:
 
         Parameters
         ----------
-        q : array-like, shape (2,) or (..., 2)
-            Metres.
+        q : array-like, shape (dof,) or (..., dof)
+            Metres, and radians.
 
         Returns
         -------
         bool or ndarray of bool, shape (...)
         """
-        return operator.eq(self._sum("inner", q), self._rasters[0].count)
+        counts = np.array([outer.count for outer, _ in self._rasters])
+        inside = operator.eq(self._sum("inner", q), counts[self._slices_of(q)])
+        return inside if np.ndim(inside) else bool(inside)
 
     # ---- stretches ---------------------------------------------------------------------------------------------------
 
@@ -175,16 +217,14 @@ class CSpace:
 
         Parameters
         ----------
-        q0, q1 : array-like, shape (2,) or (..., 2)
-            Ends of the edges, metres; broadcast against each other.
+        q0, q1 : array-like, shape (dof,) or (..., dof)
+            Ends of the edges, metres and radians; broadcast against each other.
 
         Returns
         -------
         bool or ndarray of bool, shape (...)
         """
-        from cspace import _kernels
-
-        return answer_edges(q0, q1, partial(_kernels.edges_are_free, *self._map))
+        return answer_edges(q0, q1, self.dof, self._lookups.edges())
 
     def clearance(self, q: ArrayLike) -> Any:
         """Lower bound of the distance, in the plane of translations, to the nearest configuration that is not FREE.
@@ -194,27 +234,23 @@ class CSpace:
 
         Parameters
         ----------
-        q : array-like, shape (2,) or (..., 2)
-            Metres.
+        q : array-like, shape (dof,) or (..., dof)
+            Metres, and radians.
 
         Returns
         -------
         float or ndarray of float64, shape (...)
             Metres.
         """
-        from cspace import _kernels
-
-        field = self._clearance
-        fixed = (field.squares, *self._map, self._walls, field.some)
-        return answer(q, partial(_kernels.clearances, *fixed), np.float64, float)
+        return answer(q, self.dof, self._lookups.clearances(), np.float64, float)
 
     def path_exists(self, q0: ArrayLike, q1: ArrayLike) -> Any:
         """Whether a collision-free path joins configurations.
 
         Parameters
         ----------
-        q0, q1 : array-like, shape (2,) or (..., 2)
-            Metres; broadcast against each other.
+        q0, q1 : array-like, shape (dof,) or (..., dof)
+            Metres, and radians; broadcast against each other.
 
         Returns
         -------
@@ -224,10 +260,9 @@ class CSpace:
         """
         from cspace.connectivity import components, path_exists
 
-        rim_is_open = not self._beyond.is_all_blocked(self.grid.shape)
-        labels = self._once("components", lambda: components(self.state, rim_is_open))
-        ends = (self.grid.coordinates(q0, "q0"), self.grid.coordinates(q1, "q1"))
-        return path_exists(labels, *((self.grid.cell_of(q), np.asarray(self.classify(q))) for q in ends))
+        labels = self._once("components", lambda: components(self.stack, self.slice_of, self._rim_is_open()))
+        ends = (self._checked(q0, "q0"), self._checked(q1, "q1"))
+        return path_exists(labels, *((self._cells_of(q), np.asarray(self.classify(q))) for q in ends))
 
     # ---- the set of FREE configurations ------------------------------------------------------------------------------
 
@@ -243,8 +278,8 @@ class CSpace:
 
         Returns
         -------
-        ndarray of float64, shape (n, 2), or (2,)
-            Metres.
+        ndarray of float64, shape (n, dof), or (dof,)
+            Metres, and radians.
 
         Raises
         ------
@@ -253,13 +288,17 @@ class CSpace:
         InputError
             If ``n`` is negative or ``rng`` is not a Generator.
         """
-        from cspace.sampling import check_rng, refuse_empty, sample_cells
+        from cspace.sampling import check_rng, refuse_empty, sample_cells, sample_stack
 
         generator = check_rng(rng)
         if n is not None and (not isinstance(n, int | np.integer) or n < 0):
             raise InputError(f"n is {n!r}; it must be a whole number, zero or above, or None for one sample")
         refuse_empty(self._free_cells)
-        samples = sample_cells(self._free_cells, self.grid, 1 if n is None else int(n), generator)
+        count = 1 if n is None else int(n)
+        if self.rotations is None:
+            samples = sample_cells(self._free_cells[0], self.grid, count, generator)
+        else:
+            samples = sample_stack(self._free_cells, self.slice_of, self.rotations, self.grid, count, generator)
         return samples[0] if n is None else samples
 
     def nearest_free(self, q: ArrayLike) -> Floats:
@@ -267,70 +306,60 @@ class CSpace:
 
         Parameters
         ----------
-        q : array-like, shape (2,)
-            Metres; may lie anywhere.
+        q : array-like, shape (dof,)
+            Metres and radians; may lie anywhere. Half a metre counts as much as a radian, as in OMPL's SE(2).
 
         Returns
         -------
-        ndarray of float64, shape (2,)
-            Metres.
+        ndarray of float64, shape (dof,)
 
         Raises
         ------
         ConfigurationError
             If the map has no FREE cell.
         """
-        from cspace.sampling import nearest_center, refuse_empty
+        from cspace.sampling import nearest_center, nearest_turned, refuse_empty
 
         refuse_empty(self._free_cells)
-        return nearest_center(self._free_cells, self.grid, self.grid.coordinates(q, "q"))
+        point = self._checked(q, "q")
+        if self.rotations is None:
+            return nearest_center(self._free_cells[0], self.grid, point)
+        return nearest_turned(self._free_cells, self.slice_of, self.rotations, self.grid, point)
 
     # ---- for callbacks -----------------------------------------------------------------------------------------------
 
-    def point_checker(self) -> Callable[[float, float], bool]:
-        """A quick ``is_free`` of two floats, for callbacks that are called a million times.
+    def point_checker(self) -> Callable[..., bool]:
+        """A quick ``is_free`` of floats, for callbacks that are called a million times.
 
         Returns
         -------
         callable
-            ``check(x, y) -> bool``; the numbers must be floats and are not checked.
+            ``check(x, y) -> bool`` or ``check(x, y, yaw) -> bool``; the numbers must be finite floats, and are not
+            checked.
         """
-        # The last row and column stand twice, for points on the grid's upper border.
-        rows = self._once("rows", lambda: [row.tobytes() for row in np.pad(self.state, ((0, 1), (0, 1)), mode="edge")])
-        (lower_x, lower_y), (upper_x, upper_y) = self.grid.lower, self.grid.upper
-        spacing, outside = self.grid.spacing, self.is_free
+        return self._lookups.point_checker()
 
-        def check(x: float, y: float) -> bool:
-            if lower_x <= x <= upper_x and lower_y <= y <= upper_y:
-                return not rows[int((x - lower_x) / spacing)][int((y - lower_y) / spacing)]
-            return bool(outside((x, y)))
-
-        return check
-
-    def edge_checker(self) -> Callable[[float, float, float, float], bool]:
-        """A quick ``motion_is_free`` of four floats, in one compiled call.
+    def edge_checker(self) -> Callable[..., bool]:
+        """A quick ``motion_is_free`` of the floats of two configurations, in one compiled call.
 
         Returns
         -------
         callable
-            ``check(x0, y0, x1, y1) -> bool``; the numbers must be finite floats and are not checked.
+            ``check(x0, y0, x1, y1) -> bool`` or ``check(x0, y0, yaw0, x1, y1, yaw1) -> bool``; the numbers must be
+            finite floats, and are not checked.
         """
-        from cspace import _kernels
+        return self._lookups.edge_checker()
 
-        return _entry(_kernels.edge_is_free, self._map, 4)
-
-    def clearance_checker(self) -> Callable[[float, float], float]:
-        """A quick ``clearance`` of two floats, in one compiled call.
+    def clearance_checker(self) -> Callable[..., float]:
+        """A quick ``clearance`` of floats, in one compiled call.
 
         Returns
         -------
         callable
-            ``check(x, y) -> float``; the numbers must be finite floats and are not checked.
+            ``check(x, y) -> float`` or ``check(x, y, yaw) -> float``; the numbers must be finite floats, and are not
+            checked.
         """
-        from cspace import _kernels
-
-        field = self._clearance
-        return _entry(_kernels.clearance_at, (field.squares, *self._map, self._walls, field.some), 2)
+        return self._lookups.clearance_checker()
 
     # ---- files and pictures ------------------------------------------------------------------------------------------
 
@@ -361,43 +390,63 @@ class CSpace:
     # ---- what is computed once ---------------------------------------------------------------------------------------
 
     @property
-    def _clearance(self) -> ClearanceField:
-        from cspace.clearance import clearance_field
-
-        return self._once("clearance", lambda: clearance_field(self.state))
+    def _rasters(self) -> list[tuple[Raster, Raster]]:
+        return self._once("rasters", lambda: slice_rasters(self.robot, self.grid.spacing, self.margin, self.rotations))
 
     @property
-    def _free_cells(self) -> NDArray[np.int64]:
-        return self._once("free cells", lambda: np.flatnonzero(self.state == FREE))
+    def _outsides(self) -> list[Outside]:
+        outer = self.workspace.outer
+        return self._once("outsides", lambda: [Outside.of(outer, *pair, self.outside) for pair in self._rasters])
+
+    @property
+    def _lookups(self) -> PlaneLookups | TurningLookups:
+        return self._once("look-ups", self._make_lookups)
+
+    def _make_lookups(self) -> PlaneLookups | TurningLookups:
+        frame = _read_only(np.array([*self.grid.lower, self.grid.spacing, *self.grid.upper]))
+        if self.rotations is None:
+            return PlaneLookups(self.stack[0], frame, self._outsides[0])
+        return TurningLookups(self.stack, self.slice_of, self.rotations, frame, self._outsides)
+
+    @property
+    def _free_cells(self) -> list[NDArray[np.int64]]:
+        """Flat indices of the FREE cells of each slice."""
+        return self._once("free cells", lambda: [np.flatnonzero(part == FREE) for part in self.stack])
+
+    def _rim_is_open(self) -> NDArray[np.bool_]:
+        """Whether some configuration outside the grid is not BLOCKED, for each slice."""
+        return np.array([not outside.is_all_blocked(self.grid.shape) for outside in self._outsides])
+
+    def _checked(self, q: ArrayLike, name: str) -> Floats:
+        """Configurations as float64, all finite and of the right length."""
+        points = as_points(q, name, self.dof)
+        self.classify(points)  # raises where one is not finite
+        return points
+
+    def _slices_of(self, q: ArrayLike) -> NDArray[np.int64]:
+        """Slice of each of a batch of configurations."""
+        if self.rotations is None:
+            return np.zeros(np.shape(q)[:-1], dtype=np.int64)
+        part: NDArray[np.int64] = self.slice_of[self.rotations.cell_of(np.asarray(q, dtype=np.float64)[..., 2])]
+        return part
+
+    def _cells_of(self, points: Floats) -> NDArray[np.int64]:
+        """Cells ``(rotation, x, y)`` of configurations, in the grid or not."""
+        cells = self.grid.cell_of(points[..., :2])
+        turn = (
+            np.zeros(points.shape[:-1], np.int64) if self.rotations is None else self.rotations.cell_of(points[..., 2])
+        )
+        return np.concatenate([turn[..., None], cells], axis=-1)
 
     def _sum(self, side: str, q: ArrayLike) -> Any:
-        from cspace import _kernels
-        from cspace.overlap import column_sums, raster_runs
+        from cspace.overlap import column_sums
 
         cells = self.workspace.outer if side == "outer" else self.workspace.inner
-        key = "outer" if cells is self.workspace.outer else "inner"
-        sums = self._once(f"{key} sums", lambda: column_sums(cells))
-        runs = self._once("runs", lambda: raster_runs(self._rasters[0]))
-        fixed = (sums, self._frame, runs, int(self.outside == "blocked"))
-        return answer(q, partial(_kernels.overlaps_at, *fixed), np.int64, int)
-
-    def _once(self, key: str, make: Callable[[], T]) -> T:
-        """What ``make`` gives, made at the first call, by one thread."""
-        if key not in self._made:
-            with self._lock:
-                if key not in self._made:
-                    self._made[key] = make()
-        value: T = self._made[key]
-        return value
-
-
-def _entry(kernel: Any, fixed: tuple[Any, ...], floats: int) -> Callable[..., Any]:
-    """A kernel with its first arguments bound and some floats to come, without numba's dispatch on every call."""
-    import numba
-
-    types = (*map(numba.typeof, fixed), *[numba.float64] * floats)
-    kernel.compile(types)
-    return partial(kernel.get_overload(types), *fixed)
+        key = "outer sums" if cells is self.workspace.outer else "inner sums"
+        sums = self._once(key, lambda: column_sums(cells))
+        rasters = [outer for outer, _ in self._rasters]
+        kernel = self._lookups.overlaps(sums, rasters, int(self.outside == "blocked"))
+        return answer(q, self.dof, kernel, np.int64, int)
 
 
 def _read_only(array: NDArray[Any]) -> NDArray[Any]:

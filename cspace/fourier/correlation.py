@@ -12,6 +12,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,9 @@ from cspace.raster.raster import Raster
 from cspace.threads import cores
 
 Bools = NDArray[np.bool_]
+
+SPECTRA_BYTES = 2**26
+"""Memory for robot spectra held at once; more rasters than fit share the tiles' spectra in groups."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +53,7 @@ def correlate(
     *,
     outside: bool,
     counts: bool = False,
+    out: Sequence[NDArray[Any]] | None = None,
     workers: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Correlation:
@@ -64,6 +69,8 @@ def correlate(
         Whether the cells beyond the map are obstacle.
     counts : bool
         Return overlap counts rather than whether there is any overlap.
+    out : sequence of ndarray, optional
+        Where to write the results, one array for each raster; new arrays if left out.
     workers : int, optional
         Threads; by default one for each core that the process may use. With 1 everything runs in the calling thread,
         where ``scipy.fft.set_backend`` holds.
@@ -76,7 +83,7 @@ def correlate(
     """
     shape = occupied.shape
     dtype = np.int32 if counts else np.bool_
-    results: list[NDArray[Any]] = [np.empty(shape, dtype) for _ in rasters]
+    results: list[NDArray[Any]] = [np.empty(shape, dtype) for _ in rasters] if out is None else list(out)
     parts = [_Part.within_reach(raster, shape, outside) for raster in rasters]
     live = [(part, result) for part, result in zip(parts, results, strict=True) if part.cells.size]
     for part, result in zip(parts, results, strict=True):
@@ -91,26 +98,40 @@ def correlate(
     extent = tuple(high - low for low, high in zip(lower, upper, strict=True))
     threads = workers or cores()
     tiling = choose_tiling(shape, extent, max(part.count for part, _ in live), threads)
-    run = _TileRun(occupied, outside, tiling, lower, [part for part, _ in live], [result for _, result in live])
-
     corners = list(itertools.product(*(range(0, n, s) for n, s in zip(shape, tiling.step, strict=True))))
-    threads = min(threads, len(corners))
-    if threads == 1:
-        _consume(map(run.settle, corners), len(corners), progress)
-    else:
-        with ThreadPoolExecutor(threads) as pool:
-            try:
-                _consume(pool.map(run.settle, corners), len(corners), progress)
-            except BaseException:
-                pool.shutdown(cancel_futures=True)
-                raise
+    group = max(1, SPECTRA_BYTES // tiling.spectrum_bytes)
+    total = math.ceil(len(live) / group) * len(corners)
+    for first in range(0, len(live), group):
+        run = _TileRun(occupied, outside, tiling, lower, live[first : first + group])
+        before = first // group * len(corners)
+        _settle(run, corners, threads, None if progress is None else partial(_advance, progress, before, total))
     return Correlation(results, tiling.precision, tiling.error)
 
 
-def _consume(done: Iterable[None], total: int, progress: Callable[[int, int], None] | None) -> None:
+def _advance(progress: Callable[[int, int], None], before: int, total: int, done: int) -> None:
+    progress(before + done, total)
+
+
+def _settle(
+    run: _TileRun, corners: Sequence[tuple[int, ...]], threads: int, progress: Callable[[int], None] | None
+) -> None:
+    """Settle tiles in threads; a failure or Ctrl-C stops those that have not begun."""
+    threads = min(threads, len(corners))
+    if threads == 1:
+        _consume(map(run.settle, corners), progress)
+        return
+    with ThreadPoolExecutor(threads) as pool:
+        try:
+            _consume(pool.map(run.settle, corners), progress)
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+
+
+def _consume(done: Iterable[None], progress: Callable[[int], None] | None) -> None:
     for number, _ in enumerate(done, start=1):
         if progress is not None:
-            progress(number, total)
+            progress(number)
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,13 +167,12 @@ class _TileRun:
         outside: bool,
         tiling: Tiling,
         lower: tuple[int, ...],
-        parts: Sequence[_Part],
-        results: Sequence[NDArray[Any]],
+        members: Sequence[tuple[_Part, NDArray[Any]]],
     ) -> None:
         self.occupied, self.outside, self.tiling, self.lower = occupied, outside, tiling, lower
-        self.parts, self.results = parts, results
+        self.parts, self.results = [part for part, _ in members], [result for _, result in members]
         self.real = np.dtype(tiling.precision)
-        self.spectra = [_robot_spectrum(part, lower, tiling) for part in parts]
+        self.spectra = [_robot_spectrum(part, lower, tiling) for part in self.parts]
 
     def settle(self, corner: tuple[int, ...]) -> None:
         """Write the results from ``corner`` on, as far as one tile yields them."""

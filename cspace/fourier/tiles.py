@@ -32,6 +32,12 @@ class Tiling:
     precision: str
     error: float
 
+    @property
+    def spectrum_bytes(self) -> int:
+        """Memory that the spectrum of a tile or robot takes."""
+        width = 8 if self.precision == "float32" else 16
+        return math.prod(self.tile[:-1]) * (self.tile[-1] // 2 + 1) * width
+
 
 def choose_tiling(shape: Sequence[int], extent: Sequence[int], count: int, threads: int = 1) -> Tiling:
     """The cheapest tiling whose proven error stays below a quarter.

@@ -40,6 +40,15 @@ class Raster:
         tight.setflags(write=False)
         return cls(tight, tuple(low + part.start for low, part in zip(lower, window, strict=True)))
 
+    def quarter_turned(self, turns: int) -> Raster:
+        """The set turned by quarter turns about the origin, ``(x, y)`` to ``(-y, x)`` each: an exact permutation."""
+        cells, lower, upper = self.cells, self.lower, self.upper
+        for _ in range(turns % 4):
+            # Entry [x, y] of the turned bitmap is entry [y, -x] of the bitmap.
+            cells = cells.T[::-1]
+            lower, upper = (-upper[1], lower[0]), (-lower[1], upper[0])
+        return Raster(np.ascontiguousarray(cells), lower if self.cells.size else self.lower)
+
     @property
     def upper(self) -> tuple[int, ...]:
         """The largest offset along each axis, inclusive."""

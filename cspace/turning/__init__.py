@@ -1,0 +1,1 @@
+"""Look-ups in maps of robots that turn."""
