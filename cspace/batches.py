@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.errors import InputError
+from cspace.grid import unmasked
 from cspace.threads import in_chunks
 
 Floats = NDArray[np.float64]
@@ -68,6 +69,7 @@ def answer_edges(q0: ArrayLike, q1: ArrayLike, kernel: Callable[..., int]) -> An
 
 def as_points(q: ArrayLike, name: str, dof: int = 2) -> Floats:
     """``q`` as float64 with its last axis checked; whether it is finite is left to the kernels."""
+    unmasked(q, name)
     try:
         points = np.asarray(q, dtype=np.float64)
     except (TypeError, ValueError) as error:

@@ -17,7 +17,7 @@ from cspace.errors import InputError
 from cspace.grid import Grid
 from cspace.outside import Outside
 from cspace.robot import Robot
-from cspace.states import FREE
+from cspace.states import BLOCKED, FREE
 from cspace.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ class CSpace:
     workspace : Workspace
     robot : Robot
     state : ndarray of uint8, shape workspace.grid.shape
-        FREE, MIXED or BLOCKED, of each cell of positions of the robot's reference point.
+        FREE, MIXED or BLOCKED, of each cell of positions of the robot's reference point. It is taken over, not copied.
     outside : {"blocked", "free"}
     margin : float
         Metres by which the robot was grown for FREE.
@@ -76,6 +76,8 @@ class CSpace:
                     f"{name} has shape {array.shape} and type {array.dtype}; it must have the grid's shape "
                     f"{workspace.grid.shape} and type {np.dtype(kind)}; use cspace.build"
                 )
+        if state.size and state.max() > BLOCKED:
+            raise InputError(f"state holds {state.max()}; it must be FREE, MIXED or BLOCKED, 0 to 2; use cspace.build")
         self.workspace = workspace
         self.robot = robot
         self.outside = outside
