@@ -69,10 +69,12 @@ def edge_is_free(
     nx, ny = state.shape
     px, py = (x0 - lower_x) / spacing, (y0 - lower_y) / spacing
     qx, qy = (x1 - lower_x) / spacing, (y1 - lower_y) / spacing
+    if not abs(px) + abs(py) + abs(qx) + abs(qy) <= 8.0 * MAX_COORDINATE:  # nor is NaN
+        return False
     first_x, first_y, last_x, last_y = 0, 0, nx - 1, ny - 1
     if not (min(x0, x1) >= lower_x and max(x0, x1) <= upper_x and min(y0, y1) >= lower_y and max(y0, y1) <= upper_y):
         # An edge that leaves the grid is proven only where all is FREE beyond the grid and the box.
-        if beyond != FREE or max(abs(px), abs(py), abs(qx), abs(qy)) > MAX_COORDINATE:
+        if beyond != FREE:
             return False
         first_x, last_x = min(box[0], 0), max(box[2], nx - 1)
         first_y, last_y = min(box[1], 0), max(box[3], ny - 1)
@@ -248,7 +250,7 @@ def clearance_at(
         dx = max(0.0, walls[w, 0] - px, px - walls[w, 2])
         dy = max(0.0, walls[w, 1] - py, py - walls[w, 3])
         best = min(best, math.hypot(dx, dy))
-    return max(0.0, best - 4.0 * SLACK) * float(frame[2])
+    return max(0.0, best * (1.0 - 2.0**-48) - 4.0 * SLACK) * float(frame[2])
 
 
 @njit(cache=True, nogil=True)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.errors import InputError
+from cspace.grid import unmasked
 from cspace.rotations import MAX_YAW
 from cspace.threads import in_chunks
 
@@ -71,6 +72,7 @@ def answer_edges(q0: ArrayLike, q1: ArrayLike, dof: int, kernel: Callable[..., i
 
 def as_points(q: ArrayLike, name: str, dof: int) -> Floats:
     """``q`` as float64 with its last axis checked; whether it is finite is left to the kernels."""
+    unmasked(q, name)
     try:
         points = np.asarray(q, dtype=np.float64)
     except (TypeError, ValueError) as error:

@@ -28,6 +28,7 @@ def finite(values: ArrayLike, name: str) -> NDArray[np.float64]:
     InputError
         If a value is not a number, is NaN or is infinite.
     """
+    unmasked(values, name)
     try:
         array = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
@@ -42,6 +43,21 @@ def finite(values: ArrayLike, name: str) -> NDArray[np.float64]:
     return array
 
 
+def unmasked(values: Any, name: str) -> None:
+    """Refuse masked entries: what a mask hides is neither free nor occupied.
+
+    Raises
+    ------
+    InputError
+        If ``values`` is a masked array with masked entries.
+    """
+    if isinstance(values, np.ma.MaskedArray) and np.ma.getmaskarray(values).any():
+        raise InputError(
+            f"{name} has {int(np.ma.getmaskarray(values).sum())} masked entries; each must have a value; "
+            "fill them first, e.g. array.filled(True) for occupied cells"
+        )
+
+
 def positive(value: Any, name: str, unit: str = "metres") -> float:
     """``value`` as a float above zero.
 
@@ -53,6 +69,8 @@ def positive(value: Any, name: str, unit: str = "metres") -> float:
     array = finite(value, name)
     if array.ndim or array <= 0.0:
         raise InputError(f"{name} is {value!r}; it must be one number above zero; pass it in {unit}, e.g. 0.05")
+    if not 1e-100 < array < 1e100:
+        raise InputError(f"{name} is {value!r}; it must lie between 1e-100 and 1e100; check its units ({unit})")
     return float(array)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import json
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.errors import FileError, GeometryError, InputError
-from cspace.grid import finite, positive
+from cspace.grid import MAX_COORDINATE, finite, positive, unmasked
 from cspace.raster.raster import Raster
 
 if TYPE_CHECKING:
@@ -33,21 +34,46 @@ class Robot:
     ----------
     name : str
         A short text for people, such as ``"disc 0.3 m"``.
-    spec : dict
-        Plain numbers, strings and lists from which :meth:`from_spec` makes the same robot again.
+    definition : str
+        JSON of :attr:`spec`.
     outlines : tuple of ndarray, shape (E, 4)
         Border segments ``(x0, y0, x1, y1)`` of each region, metres; empty for discs.
     centers, radii : ndarray, shape (n, 2) and (n,)
         Discs, metres; empty for regions.
+    span : float
+        Largest modulus of the numbers that the shape was computed from, metres.
     """
 
     name: str
-    spec: dict[str, Any]
+    definition: str
     outlines: tuple[Floats, ...]
     centers: Floats
     radii: Floats
+    span: float
 
     dim = 2
+
+    @property
+    def spec(self) -> dict[str, Any]:
+        """Plain numbers, strings and lists from which :meth:`from_spec` makes the same robot again."""
+        spec: dict[str, Any] = json.loads(self.definition)
+        return spec
+
+    @classmethod
+    def _of(
+        cls,
+        name: str,
+        spec: dict[str, Any],
+        outlines: Sequence[Floats] = (),
+        centers: Floats | None = None,
+        radii: Floats | None = None,
+        span: float = 0.0,
+    ) -> Robot:
+        points = np.empty((0, 2)) if centers is None else centers
+        sizes = np.empty(0) if radii is None else radii
+        reach = [float(np.abs(part).max()) for part in outlines] + (np.abs(points).max(axis=1) + sizes).tolist()
+        frozen = tuple(map(_frozen, outlines))
+        return cls(name, json.dumps(spec), frozen, _frozen(points), _frozen(sizes), max(span, *reach, 0.0))
 
     @classmethod
     def polygon(cls, shape: Any, *, name: str | None = None) -> Robot:
@@ -68,12 +94,10 @@ class Robot:
         from cspace.raster.outlines import polygon_outline
 
         parts = _polygons(shape)
-        return cls(
+        return cls._of(
             name=name or _polygon_name(parts),
             spec={"kind": "polygon", "wkb": [base64.b64encode(part.wkb).decode() for part in parts]},
-            outlines=tuple(_frozen(polygon_outline(part)) for part in parts),
-            centers=_frozen(np.empty((0, 2))),
-            radii=_frozen(np.empty(0)),
+            outlines=[polygon_outline(part) for part in parts],
         )
 
     @classmethod
@@ -121,12 +145,11 @@ class Robot:
         if (sizes <= 0).any():
             raise InputError(f"radii holds {sizes.min():g}; each must be above zero; drop discs that have no area")
         single = len(points) == 1
-        return cls(
+        return cls._of(
             name=f"disc {sizes[0]:g} m" if single else f"{len(points)} discs",
             spec={"kind": "balls", "centers": points.tolist(), "radii": sizes.tolist()},
-            outlines=(),
-            centers=_frozen(points.copy()),
-            radii=_frozen(sizes),
+            centers=points.copy(),
+            radii=sizes,
         )
 
     @classmethod
@@ -151,16 +174,18 @@ class Robot:
         """
         from cspace.raster.boundary import boundary_segments
 
+        unmasked(occupied, "occupied")
         bitmap = np.asarray(occupied)
         if bitmap.ndim != 2 or bitmap.dtype != np.bool_:
             raise InputError(
                 f"occupied has shape {bitmap.shape} and type {bitmap.dtype}; it must be a two-dimensional boolean "
                 "array; compare with a threshold first, e.g. array > 0"
             )
+        bitmap = bitmap != 0  # a boolean array may hold other bytes than 0 and 1
         if not bitmap.any():
             raise GeometryError("occupied holds no True cell; a robot must have an area; set the cells it fills")
         side, corner = positive(spacing, "spacing"), _point(lower, "lower")
-        return cls(
+        return cls._of(
             name=f"bitmap {bitmap.shape[0]} x {bitmap.shape[1]} cells of {side:g} m",
             spec={
                 "kind": "cells",
@@ -169,9 +194,8 @@ class Robot:
                 "spacing": side,
                 "lower": list(corner),
             },
-            outlines=(_frozen(boundary_segments(bitmap, side, corner)),),
-            centers=_frozen(np.empty((0, 2))),
-            radii=_frozen(np.empty(0)),
+            outlines=[boundary_segments(bitmap, side, corner)],
+            span=max(map(abs, corner)) + side * max(bitmap.shape),
         )
 
     @classmethod
@@ -274,12 +298,19 @@ class Robot:
         Raises
         ------
         InputError
-            If the spacing is not above zero, the margin is negative, or the robot is absurdly large at that spacing.
+            If the spacing is not above zero, the margin is negative, or the robot is absurdly large or far from its
+            reference point at that spacing.
         """
         from cspace.raster.robots import ball_rasters, outline_rasters
 
         side = positive(spacing, "spacing")
         grown = check_margin(margin)
+        far = (self.span + grown) / side
+        if not far <= MAX_COORDINATE:
+            raise InputError(
+                f"the robot reaches {far:.3g} cells from its reference point; at most {MAX_COORDINATE:.0f} keep the "
+                "answers proven against rounding; use a larger spacing, or check the robot's units (metres) and origin"
+            )
         if len(self.radii):
             return ball_rasters(self.centers, self.radii, side, grown, yaw, sweep)
         return outline_rasters(self.outlines, side, grown, yaw, sweep)

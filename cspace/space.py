@@ -20,7 +20,7 @@ from cspace.raster.raster import Raster
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.slices import slice_of_rotation, slice_rasters
-from cspace.states import FREE
+from cspace.states import BLOCKED, FREE
 from cspace.turning.lookups import TurningLookups
 from cspace.workspace import Workspace
 
@@ -48,6 +48,7 @@ class CSpace:
     robot : Robot
     state : ndarray of uint8, shape (nx, ny) or (slices, nx, ny)
         FREE, MIXED or BLOCKED, of each cell of positions of the robot's reference point; with rotations, of each slice.
+        It is taken over, not copied.
     outside : {"blocked", "free"}
     margin : float
         Metres by which the robot was grown for FREE.
@@ -89,6 +90,8 @@ class CSpace:
                     f"{name} has shape {array.shape} and type {array.dtype}; it must have the map's shape "
                     f"{shape} and type {np.dtype(kind)}; use cspace.build"
                 )
+        if state.size and state.max() > BLOCKED:
+            raise InputError(f"state holds {state.max()}; it must be FREE, MIXED or BLOCKED, 0 to 2; use cspace.build")
         self.workspace = workspace
         self.robot = robot
         self.outside = outside

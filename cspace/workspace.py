@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.errors import FileError, InputError
-from cspace.grid import Grid, finite, positive
+from cspace.grid import Grid, finite, positive, unmasked
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -321,6 +321,13 @@ obstacle in that strip still marks the last cell."""
 
 def _cells(values: ArrayLike, name: str) -> NDArray[np.bool_]:
     """A read-only copy of a boolean array of two or three axes."""
+    dims = getattr(values, "dims", None)
+    if dims is not None and tuple(dims) != ("x", "y", "z")[: len(dims)]:
+        raise InputError(
+            f"{name} has the dimensions {tuple(dims)}; they must be named x, y (and z), in this order; "
+            'rename or transpose it, e.g. array.transpose("x", "y")'
+        )
+    unmasked(values, name)
     try:
         array = np.asarray(values)
     except ValueError as error:
@@ -345,7 +352,7 @@ def _cells(values: ArrayLike, name: str) -> NDArray[np.bool_]:
                 f"{name}[{', '.join(map(str, index))}] is {array[index]}; whole numbers must be 0 or 1; compare with a "
                 "threshold first, e.g. array >= 50"
             )
-    copy = np.array(array, dtype=np.bool_, order="C")
+    copy = np.array(array != 0, order="C")  # a boolean array may hold other bytes than 0 and 1; a comparison does not
     copy.setflags(write=False)
     return copy
 

@@ -1,6 +1,7 @@
 """Clearance against brute force over all cells."""
 
 import math
+from fractions import Fraction
 
 import numpy as np
 from hypothesis import given, settings
@@ -59,6 +60,18 @@ def test_clearance_is_a_close_lower_bound(robot, seed, outside):
                 assert bound > distance - 1.5 * h
         else:
             assert bound == math.inf
+
+
+def test_far_outside_the_bound_still_holds():
+    occupied = np.zeros((1, 1), bool)
+    occupied[0, 0] = True
+    space = cspace.build(Workspace.from_array(occupied, 0.1, (0.3, 0.7)), Robot.disc(0.1), outside="free")
+    q = (-18660724.11262548, 27488679.34025253)
+    outer, _ = space.robot.rasters(0.1)
+    h, x, y = Fraction(0.1), Fraction(q[0]), Fraction(q[1])
+    box_x = Fraction(0.3) - h * outer.upper[0]
+    box_y = Fraction(0.7) + h * (1 - outer.lower[1])
+    assert Fraction(space.clearance(q)) ** 2 <= (box_x - x) ** 2 + (y - box_y) ** 2
 
 
 def test_an_empty_plane_has_no_bound():

@@ -168,6 +168,27 @@ def test_look_ups_from_many_threads_agree():
             assert (mine == theirs).all()
 
 
+def test_masked_configurations_are_refused(space):
+    with pytest.raises(InputError, match="1 masked"):
+        space.classify(np.ma.array([(0.0, 3.0)], mask=[(True, False)]))
+
+
+def test_quick_edges_never_pass_nan():
+    free = cspace.build(Workspace.from_array(np.zeros((3, 3), bool), 0.1), Robot.disc(0.1), outside="free")
+    check = free.edge_checker()
+    for hole in range(4):
+        ends = [0.1, 0.1, 0.2, 0.2]
+        ends[hole] = float("nan")
+        assert not check(*ends)
+
+
+def test_refuses_states_that_are_none(space):
+    with pytest.raises(InputError, match="state holds 3"):
+        cspace.CSpace(
+            space.workspace, space.robot, np.full_like(space.state, 3), outside="free", margin=0.0, precision="float32"
+        )
+
+
 def test_refuses_a_state_that_does_not_fit(space):
-    with pytest.raises(InputError, match="grid's shape"):
+    with pytest.raises(InputError, match="map's shape"):
         cspace.CSpace(space.workspace, space.robot, space.state[1:], outside="free", margin=0.0, precision="float32")

@@ -71,12 +71,32 @@ def test_opens_polygon_files(tmp_path, data):
         (lambda: Robot.from_spec({"kind": "teapot"}), "teapot"),
         (lambda: Robot.disc(1.0).rasters(0.1, -0.1), "margin is -0.1"),
         (lambda: Robot.disc(1.0).rasters(0.0), "spacing is 0.0"),
-        (lambda: Robot.disc(1e6).rasters(0.01), "cells large"),
+        (lambda: Robot.disc(1e4).rasters(0.01), "cells large"),
+        (lambda: Robot.disc(0.4, (4e6, 0.0)).rasters(0.05), "from its reference point"),
+        (lambda: Robot.disc(0.4, (1e300, 0.0)).rasters(0.05), "from its reference point"),
+        (lambda: Robot.polygon(np.add([(0, 0), (1, 0), (0, 1)], 4e6)).rasters(0.05), "check the robot's units"),
+        (lambda: Robot.cells(np.ones((2, 2), bool), 1e-9, (4e6, 0)).rasters(0.05), "from its reference point"),
+        (lambda: Robot.cells(np.ma.array(np.ones((2, 2), bool), mask=True), 0.1), "4 masked"),
     ],
 )
 def test_refuses(make, words):
     with pytest.raises(InputError, match=words):
         make()
+
+
+def test_a_bitmap_of_odd_bytes_is_what_numpy_shows():
+    """Viewed as boolean, all of these bytes are True."""
+    odd = np.full((6, 5), 100, np.uint8)
+    odd[2:4] = 101
+    mine, plain = Robot.cells(odd.view(bool), 0.1), Robot.cells(np.ones((6, 5), bool), 0.1)
+    assert (mine.outlines[0] == plain.outlines[0]).all()
+    assert mine.spec == plain.spec
+
+
+def test_the_spec_is_a_copy():
+    robot = Robot.disc(1.0)
+    robot.spec["radii"][0] = 0.1
+    assert robot.spec["radii"] == [1.0]
 
 
 def test_a_shape_without_area_is_a_geometry_error():

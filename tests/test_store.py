@@ -212,6 +212,14 @@ def test_a_missing_array_is_refused(copy: Path) -> None:
     refused(copy, "its array 'overlap' is missing")
 
 
+def test_a_map_cannot_lose_an_array_unseen(copy: Path) -> None:
+    attributes = zarr.open_group(copy).attrs
+    attributes["digests"] = " ".join(
+        entry for entry in str(attributes["digests"]).split() if not entry.startswith("inner")
+    )
+    refused(copy, "its metadata differ from their digest")
+
+
 def test_a_swapped_array_is_refused(copy: Path) -> None:
     shutil.rmtree(copy / "inner")
     shutil.copytree(copy / "outer", copy / "inner")

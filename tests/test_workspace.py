@@ -189,3 +189,24 @@ def test_npy_file_of_floats(tmp_path: Path) -> None:
     np.save(tmp_path / "floats.npy", np.full((2, 2), 0.5))
     with pytest.raises(InputError, match="dtype float64"):
         Workspace.open(tmp_path / "floats.npy", spacing=1.0)
+
+
+def test_masked_cells_are_refused():
+    cells = np.ma.array(np.zeros((3, 2), bool), mask=[[True, False]] * 3)
+    with pytest.raises(InputError, match="3 masked"):
+        Workspace.from_array(cells, 0.1)
+    assert not Workspace.from_array(np.ma.array(np.zeros((3, 2), bool)), 0.1).outer.any()
+
+
+def test_labelled_cells_must_be_in_the_order_of_the_coordinates():
+    import xarray
+
+    cells = xarray.DataArray(np.eye(3, dtype=bool)[:2], dims=("y", "x"))
+    with pytest.raises(InputError, match="transpose"):
+        Workspace.from_array(cells, 0.1)
+    assert Workspace.from_array(cells.transpose("x", "y"), 0.1).grid.shape == (3, 2)
+
+
+def test_odd_bytes_become_plain_booleans():
+    cells = np.array([[0, 255], [101, 0]], np.uint8).view(bool)
+    assert Workspace.from_array(cells, 0.1).outer.view(np.uint8).tolist() == [[0, 1], [1, 0]]

@@ -103,7 +103,8 @@ def _shades(image: Image, file: os.PathLike[str]) -> tuple[NDArray[np.float64], 
     opaque = np.ones((image.height, image.width), dtype=np.bool_)
     if image.mode in ("1", "L") and not image.has_transparency_data:
         return np.asarray(image.convert("L")) / 255.0, opaque
-    if image.mode == "I" or image.mode.startswith("I;16"):
+    # Mode "I" means 16 bits in these formats, and an unknown range in others.
+    if image.mode.startswith("I;16") or (image.mode == "I" and image.format in ("PNG", "PPM")):
         levels = np.asarray(image)
         if not image.has_transparency_data and levels.min() >= 0 and levels.max() <= 65535:
             return levels / 65535.0, opaque

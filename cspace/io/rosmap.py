@@ -252,6 +252,8 @@ MODES: Final[Mapping[str, Callable[[_Header, Floats, Bools], tuple[Bools, Bools]
 
 def _quarter_turns(yaw: float, shape: tuple[int, ...]) -> int | None:
     """Number of quarter turns, 0 to 3, where ``yaw`` is a multiple of them up to rounding; else None."""
+    if abs(yaw) > 4.0 * math.pi:  # so far out, multiples of pi / 2 are off by more than the yaw that is asked for
+        return None
     turns = round(yaw / (math.pi / 2))
     error = abs(yaw - turns * (math.pi / 2))
     return turns % 4 if error * math.hypot(*shape) <= SLACK / 64 else None

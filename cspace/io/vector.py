@@ -118,6 +118,8 @@ def _from_text(source: str | os.PathLike[str], name: str) -> Iterator[tuple[str,
 def _from_wkt(text: str, name: str) -> BaseGeometry:
     import shapely
 
+    if "\0" in text:  # where the parser would stop without a word
+        raise GeometryError(f"{name} is not WKT: it holds a NUL character; mend {text[:60]!r}")
     try:
         with np.errstate(invalid="ignore"):  # NaN is refused by name later
             return shapely.from_wkt(text)

@@ -45,6 +45,7 @@ def boundary_segments(occupied: ArrayLike, spacing: float, lower: ArrayLike) -> 
             f"occupied has shape {cells.shape} and dtype {cells.dtype}; an outline needs a boolean array of two axes; "
             "pass occupied.astype(bool) indexed [x, y]"
         )
+    cells = cells.view(np.uint8) != 0  # a boolean array may hold other bytes than 0 and 1
     side = positive(spacing, "spacing")
     corner = finite(lower, "lower")
     if corner.shape != (2,):
