@@ -98,6 +98,36 @@ def edge_is_free(
 
 
 @njit(cache=True, nogil=True)
+def square_is_free(state: States, frame: Floats, box: Ints, beyond: int, x: float, y: float, distance: float) -> bool:
+    """Whether every closed cell within SLACK of the square ``[x - distance, x + distance] x ...`` is FREE."""
+    nx, ny = state.shape
+    px, py, reach = (x - frame[0]) / frame[2], (y - frame[1]) / frame[2], distance / frame[2] + SLACK
+    if not abs(px) + abs(py) + reach <= 8.0 * MAX_COORDINATE:  # nor is NaN
+        return False
+    for i in range(math.ceil(px - reach) - 1, math.floor(px + reach) + 1):
+        for j in range(math.ceil(py - reach) - 1, math.floor(py + reach) + 1):
+            if 0 <= i < nx and 0 <= j < ny:
+                if state[i, j] != FREE:
+                    return False
+            elif beyond != FREE or (box[0] <= i <= box[2] and box[1] <= j <= box[3]):
+                return False
+    return True
+
+
+@njit(cache=True, nogil=True)
+def squares_are_free(
+    state: States, frame: Floats, box: Ints, beyond: int, distance: float, points: Floats, out: NDArray[np.bool_]
+) -> int:
+    """``square_is_free`` around points, shape (n, 2); the index of the first point that is not finite, or -1."""
+    for k in range(points.shape[0]):
+        x, y = points[k, 0], points[k, 1]
+        if not (math.isfinite(x) and math.isfinite(y)):
+            return k
+        out[k] = square_is_free(state, frame, box, beyond, x, y, distance)
+    return -1
+
+
+@njit(cache=True, nogil=True)
 def edges_are_free(
     state: States, frame: Floats, box: Ints, beyond: int, starts: Floats, ends: Floats, out: NDArray[np.bool_]
 ) -> int:

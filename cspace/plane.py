@@ -48,6 +48,12 @@ class PlaneLookups:
 
         return partial(_kernels.edges_are_free, *self._map)
 
+    def boxes(self, distance: float, angle: float) -> Kernel:
+        """Kernel of squares around configurations; the angle plays no part."""
+        from cspace import _kernels
+
+        return partial(_kernels.squares_are_free, *self._map, distance)
+
     def clearances(self) -> Kernel:
         """Kernel of clearances."""
         from cspace import _kernels

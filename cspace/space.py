@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.batches import answer, answer_edges, as_points
 from cspace.errors import InputError
-from cspace.grid import Grid
+from cspace.grid import Grid, finite
 from cspace.once import Once
 from cspace.outside import Outside
 from cspace.plane import PlaneLookups
@@ -228,6 +228,30 @@ class CSpace:
         bool or ndarray of bool, shape (...)
         """
         return answer_edges(q0, q1, self.dof, self._lookups.edges())
+
+    def is_free_around(self, q: ArrayLike, distance: float, angle: float = 0.0) -> Any:
+        """Whether all configurations around configurations are proven collision-free.
+
+        True where every closed cell is FREE that meets the box of all configurations within ``distance`` along x and
+        along y, and within ``angle`` in yaw. Curves are proven with it, piece by piece.
+
+        Parameters
+        ----------
+        q : array-like, shape (dof,) or (..., dof)
+            Metres, and radians.
+        distance : float
+            Metres, zero or above.
+        angle : float
+            Radians, zero or above; plays no part where the robot does not turn.
+
+        Returns
+        -------
+        bool or ndarray of bool, shape (...)
+        """
+        reach = [float(value) for value in finite([distance, angle], "distance and angle")]
+        if min(reach) < 0.0:
+            raise InputError(f"distance and angle are {reach}; both must be zero or above, in metres and radians")
+        return answer(q, self.dof, self._lookups.boxes(*reach), np.bool_, bool)
 
     def clearance(self, q: ArrayLike) -> Any:
         """Lower bound of the distance, in the plane of translations, to the nearest configuration that is not FREE.

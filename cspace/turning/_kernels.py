@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from cspace._kernels import clearance_at, edge_is_free, overlap_at, state_at
+from cspace._kernels import clearance_at, edge_is_free, overlap_at, square_is_free, state_at
 from cspace.rotations import MAX_YAW, TURN, YAW_SLACK
 
 Floats = NDArray[np.float64]
@@ -133,6 +133,43 @@ def _between(first: float, second: float, t: float) -> float:
     """The number at t in [0, 1] on the way from one to another, never outside."""
     value = first + t * (second - first)
     return min(max(value, min(first, second)), max(first, second))
+
+
+@njit(cache=True, nogil=True)
+def boxes_are_free(
+    state: Stack,
+    slice_of: Ints,
+    borders: Floats,
+    frame: Floats,
+    boxes: Ints,
+    beyonds: Ints,
+    distance: float,
+    angle: float,
+    points: Floats,
+    out: NDArray[np.bool_],
+) -> int:
+    """Whether every closed cell is FREE that meets the box of configurations within a distance, along x and along y, and
+    an angle of points, shape (n, 3); the index of the first point that is not usable, or -1."""
+    count = slice_of.shape[0]
+    for k in range(points.shape[0]):
+        x, y, yaw = points[k, 0], points[k, 1], points[k, 2]
+        if not is_usable(x, y, yaw):
+            return k
+        reach = min(angle + YAW_SLACK, math.pi)
+        cell = rotation_cell(borders, yaw - reach)
+        out[k] = True
+        for _ in range(count):
+            s = slice_of[cell]
+            if not square_is_free(state[s], frame, boxes[s], beyonds[s], x, y, distance):
+                out[k] = False
+                break
+            # How far the cell reaches beyond the lower end of the angles.
+            ahead = borders[cell + 1] - (yaw - reach)
+            ahead -= math.floor(ahead / TURN) * TURN
+            if ahead > 2.0 * reach:
+                break
+            cell = (cell + 1) % count
+    return -1
 
 
 @njit(cache=True, nogil=True)

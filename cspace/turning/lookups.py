@@ -61,6 +61,12 @@ class TurningLookups:
 
         return partial(_kernels.edges_are_free, *self._map)
 
+    def boxes(self, distance: float, angle: float) -> Kernel:
+        """Kernel of boxes of configurations around configurations."""
+        from cspace.turning import _kernels
+
+        return partial(_kernels.boxes_are_free, *self._map, distance, angle)
+
     def clearances(self) -> Kernel:
         """Kernel of clearances."""
         from cspace.turning import _kernels
