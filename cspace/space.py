@@ -76,6 +76,8 @@ class CSpace:
                     f"{name} has shape {array.shape} and type {array.dtype}; it must have the grid's shape "
                     f"{workspace.grid.shape} and type {np.dtype(kind)}; use cspace.build"
                 )
+        if outside not in ("blocked", "free"):
+            raise InputError(f"outside is {outside!r}; it must be 'blocked' or 'free'")
         if state.size and state.max() > BLOCKED:
             raise InputError(f"state holds {state.max()}; it must be FREE, MIXED or BLOCKED, 0 to 2; use cspace.build")
         self.workspace = workspace
@@ -319,7 +321,7 @@ class CSpace:
         """
         from cspace import _kernels
 
-        return _entry(_kernels.edge_is_free, self._map, 4)
+        return self._once("edges", lambda: _entry(_kernels.edge_is_free, self._map, 4))
 
     def clearance_checker(self) -> Callable[[float, float], float]:
         """A quick ``clearance`` of two floats, in one compiled call.
@@ -332,7 +334,8 @@ class CSpace:
         from cspace import _kernels
 
         field = self._clearance
-        return _entry(_kernels.clearance_at, (field.squares, *self._map, self._walls, field.some), 2)
+        fixed = (field.squares, *self._map, self._walls, field.some)
+        return self._once("clearances", lambda: _entry(_kernels.clearance_at, fixed, 2))
 
     # ---- files and pictures ------------------------------------------------------------------------------------------
 
