@@ -19,10 +19,12 @@ if TYPE_CHECKING:
     from cspace.errors import InputError as InputError
     from cspace.errors import MissingPackageError as MissingPackageError
     from cspace.grid import Grid as Grid
-    from cspace.io.files import open_map as open  # noqa: A004, F401 - the public name
+    from cspace.io.files import open_map
     from cspace.robot import Robot as Robot
     from cspace.space import CSpace as CSpace
     from cspace.workspace import Workspace as Workspace
+
+    open = open_map  # noqa: A001 - the public name
 
 __version__ = "0.1.0"
 

@@ -21,6 +21,8 @@ States = NDArray[np.uint8]
 
 FAR = 2.0**62
 
+BLOCK = 512
+
 
 @njit(cache=True, nogil=True)
 def _cell(value: float, lower: float, spacing: float, upper: float, n: int) -> int:
@@ -45,18 +47,29 @@ def state_at(state: States, frame: Floats, box: Ints, beyond: int, x: float, y: 
 
 @njit(cache=True, nogil=True)
 def classify(state: States, frame: Floats, box: Ints, beyond: int, points: Floats, out: States) -> int:
-    """States of points, shape (n, 2); the index of the first point that is not finite, or -1."""
+    """States of points, shape (n, 2); the index of the first point that is not finite, or -1.
+
+    Cells are found for a block of points and then read in a loop of their own, so that many reads of a map larger than
+    the cache are under way at once.
+    """
     lower_x, lower_y, spacing = frame[0], frame[1], frame[2]
     nx, ny = state.shape
-    for k in range(points.shape[0]):
-        x, y = points[k, 0], points[k, 1]
-        u, v = (x - lower_x) / spacing, (y - lower_y) / spacing
-        if 0.0 <= u < nx and 0.0 <= v < ny:  # nearly always; False for NaN
-            out[k] = state[np.uint64(u), np.uint64(v)]
-        elif math.isfinite(x) and math.isfinite(y):
-            out[k] = state_at(state, frame, box, beyond, x, y)
-        else:
-            return k
+    flat = state.ravel()
+    cells = np.empty(BLOCK, np.int64)
+    for first in range(0, points.shape[0], BLOCK):
+        size = min(BLOCK, points.shape[0] - first)
+        for k in range(size):
+            u, v = (points[first + k, 0] - lower_x) / spacing, (points[first + k, 1] - lower_y) / spacing
+            inside = 0.0 <= u < nx and 0.0 <= v < ny  # nearly always; False for NaN
+            cells[k] = np.int64(u) * ny + np.int64(v) if inside else -1
+        for k in range(size):
+            if cells[k] >= 0:
+                out[first + k] = flat[np.uint64(cells[k])]
+                continue
+            x, y = points[first + k, 0], points[first + k, 1]
+            if not (math.isfinite(x) and math.isfinite(y)):
+                return first + k
+            out[first + k] = state_at(state, frame, box, beyond, x, y)
     return -1
 
 

@@ -85,18 +85,18 @@ class PlaneLookups:
         """``check(x0, y0, x1, y1)``: whether a straight edge is FREE."""
         from cspace import _kernels
 
-        return entry(_kernels.edge_is_free, self._map, 4)
+        return self._once("edge", lambda: entry(_kernels.edge_is_free, self._map, 4))
 
     def clearance_checker(self) -> Callable[..., float]:
         """``check(x, y)``: the clearance of a configuration."""
         from cspace import _kernels
 
-        return entry(_kernels.clearance_at, self._clearance(), 2)
+        return self._once("clearance of", lambda: entry(_kernels.clearance_at, self._clearance(), 2))
 
     def _state_at(self) -> Callable[..., int]:
         from cspace import _kernels
 
-        return entry(_kernels.state_at, self._map, 2)
+        return self._once("state of", lambda: entry(_kernels.state_at, self._map, 2))
 
     def _clearance(self) -> tuple[Any, ...]:
         field = self._once("clearance", lambda: clearance_field(self._state))

@@ -6,7 +6,7 @@ import base64
 import json
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -73,7 +73,14 @@ class Robot:
         sizes = np.empty(0) if radii is None else radii
         reach = [float(np.abs(part).max()) for part in outlines] + (np.abs(points).max(axis=1) + sizes).tolist()
         frozen = tuple(map(_frozen, outlines))
-        return cls(name, json.dumps(spec), frozen, _frozen(points), _frozen(sizes), max(span, *reach, 0.0))
+        return cls(
+            name,
+            json.dumps({"name": name, **spec}, sort_keys=True),
+            frozen,
+            _frozen(points),
+            _frozen(sizes),
+            max(span, *reach, 0.0),
+        )
 
     @classmethod
     def polygon(cls, shape: Any, *, name: str | None = None) -> Robot:
@@ -208,7 +215,9 @@ class Robot:
             If ``spec`` describes no robot.
         """
         try:
-            return _FROM_SPEC[spec["kind"]](spec)
+            return replace(
+                _FROM_SPEC[spec["kind"]](spec), name=str(spec["name"]), definition=json.dumps(spec, sort_keys=True)
+            )
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(f"robot spec {str(spec)[:80]} is not one that Robot.spec makes: {error}") from error
 

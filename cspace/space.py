@@ -90,6 +90,8 @@ class CSpace:
                     f"{name} has shape {array.shape} and type {array.dtype}; it must have the map's shape "
                     f"{shape} and type {np.dtype(kind)}; use cspace.build"
                 )
+        if outside not in ("blocked", "free"):
+            raise InputError(f"outside is {outside!r}; it must be 'blocked' or 'free'")
         if state.size and state.max() > BLOCKED:
             raise InputError(f"state holds {state.max()}; it must be FREE, MIXED or BLOCKED, 0 to 2; use cspace.build")
         self.workspace = workspace
@@ -121,7 +123,8 @@ class CSpace:
         Read-only. A new array at each call where slices are shared; :attr:`stack` and :attr:`slice_of` cost nothing.
         """
         if self.rotations is None:
-            return self.stack[0]
+            plane: NDArray[np.uint8] = self.stack[0]
+            return plane
         shared = len(self.stack) < len(self.slice_of)
         every: NDArray[np.uint8] = _read_only(self.stack[self.slice_of]) if shared else self.stack
         return every

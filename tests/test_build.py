@@ -193,7 +193,9 @@ WORKSPACE = Workspace.from_array(np.eye(4, dtype=bool), 0.1)
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ({"rotations": 72}, "rotations is 72"),
+        ({"rotations": 0}, "rotations is 0"),
+        ({"rotations": -4}, "rotations is -4"),
+        ({"rotations": [0.0, 1.0, 3.0]}, "whole circle"),
         ({"method": "guess"}, "method is 'guess'"),
         ({"outside": "unknown"}, "outside is 'unknown'"),
         ({"margin": -0.1}, "margin is -0.1"),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import zipfile
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -33,7 +32,7 @@ def rebuilt(dataset: xarray.Dataset) -> cspace.CSpace:
     )
     return cspace.build(
         workspace,
-        replace(cspace.Robot.from_spec(json.loads(about["robot"])), name=about["robot_name"]),
+        cspace.Robot.from_spec(json.loads(about["robot"])),
         outside=about["outside"],
         margin=about["margin"],
         overlap="overlap" in dataset,

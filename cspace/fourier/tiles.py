@@ -75,13 +75,13 @@ def _tile_cost(tile: Sequence[int], precision: str) -> float:
     """Modelled time of one tile, in units of one point and one binary level of a transform in cache.
 
     Measured shapes: transforms cost ``size * log2(size)``; gathering, multiplying and comparing cost about as much as
-    six levels; beyond a megabyte (a core's second-level cache) each doubling adds a tenth; the calls cost as much as
-    200,000 points.
+    six levels; beyond a megabyte (a core's second-level cache) each doubling adds about a seventh; the calls cost as
+    much as 200,000 points.
     """
     size = math.prod(tile)
     width = 4 if precision == "float32" else 8
     doublings = max(0.0, math.log2(size * width / 2**20))
-    return width / 4 * size * (math.log2(size) + 6.0) * (1.0 + 0.1 * doublings) + 200_000.0
+    return width / 4 * size * (math.log2(size) + 6.0) * (1.0 + 0.15 * doublings) + 200_000.0
 
 
 def _lengths(cells: int, extent: int) -> list[int]:

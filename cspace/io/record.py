@@ -6,7 +6,6 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -47,7 +46,7 @@ _DTYPES: Final = {"state": "uint8", "outer": "bool", "inner": "bool", "overlap":
 _REQUIRED: Final = ("state", "outer")
 _KEYS: Final = (
     *("format", "format_version", "library_version", "lower", "spacing", "shape", "outside", "margin", "precision"),
-    *("robot", "robot_name", "workspace_source"),
+    *("robot", "workspace_source"),
 )
 
 
@@ -74,8 +73,7 @@ def metadata_of(space: CSpace) -> dict[str, Any]:
         "outside": space.outside,
         "margin": float(space.margin),
         "precision": space.precision,
-        "robot": json.dumps(space.robot.spec, sort_keys=True),
-        "robot_name": space.robot.name,
+        "robot": space.robot.definition,
         "workspace_source": space.workspace.source,
     }
 
@@ -196,10 +194,9 @@ def restore(metadata: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], pat
             inner=arrays.get("inner", arrays["outer"]),
             source=metadata["workspace_source"],
         )
-        robot = Robot.from_spec(json.loads(metadata["robot"]))
         return CSpace(
             workspace,
-            replace(robot, name=metadata["robot_name"]),
+            Robot.from_spec(json.loads(metadata["robot"])),
             arrays["state"],
             outside=metadata["outside"],
             margin=metadata["margin"],

@@ -148,8 +148,11 @@ def boxes_are_free(
     points: Floats,
     out: NDArray[np.bool_],
 ) -> int:
-    """Whether every closed cell is FREE that meets the box of configurations within a distance, along x and along y, and
-    an angle of points, shape (n, 3); the index of the first point that is not usable, or -1."""
+    """Whether all cells are FREE that meet a box of configurations around points, shape (n, 3).
+
+    The box reaches ``distance`` along x and along y, and ``angle`` in yaw. Gives the index of the first point that is
+    not usable, or -1.
+    """
     count = slice_of.shape[0]
     for k in range(points.shape[0]):
         x, y, yaw = points[k, 0], points[k, 1], points[k, 2]

@@ -105,18 +105,18 @@ class TurningLookups:
         """``check(x0, y0, yaw0, x1, y1, yaw1)``: whether an edge along the shorter arc is FREE."""
         from cspace.turning import _kernels
 
-        return entry(_kernels.turning_edge_is_free, self._map, 6)
+        return self._once("edge", lambda: entry(_kernels.turning_edge_is_free, self._map, 6))
 
     def clearance_checker(self) -> Callable[..., float]:
         """``check(x, y, yaw)``: the clearance of a configuration."""
         from cspace.turning import _kernels
 
-        return entry(_kernels.turning_clearance_at, self._clearance(), 3)
+        return self._once("clearance of", lambda: entry(_kernels.turning_clearance_at, self._clearance(), 3))
 
     def _state_at(self) -> Callable[..., int]:
         from cspace.turning import _kernels
 
-        return entry(_kernels.turning_state_at, self._map, 3)
+        return self._once("state of", lambda: entry(_kernels.turning_state_at, self._map, 3))
 
     def _clearance(self) -> tuple[Any, ...]:
         def make() -> tuple[Any, ...]:
