@@ -14,9 +14,10 @@ BENCHMARKS = {
     "classify": "10^7 look-ups against the same look-up as a numpy expression",
     "callbacks": "OMPL's isValid and checkMotion on our checkers, against an empty checker and the discrete validator",
     "planning": "time to a first solution on real maps, against OMPL with a prepared-shapely callback",
+    "turning": "robots that turn: fftconvolve for each yaw, bare transforms, memory, stamping, planning",
     "startup": "seconds that `cspace --help` and `import cspace` add to Python and numpy",
     "raster": "robot rasters up to 500 cells across: cost against boundary, results against shapely",
-    "soak": "every FREE, every BLOCKED and every free edge against exact geometry; thickness of the MIXED band",
+    "soak": "every FREE, BLOCKED and free edge against exact geometry, robots that turn too; the MIXED band",
 }
 
 

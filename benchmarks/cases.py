@@ -29,6 +29,8 @@ class Case:
     ----------
     name : str
         What was drawn.
+    made_by : str
+        The call that draws it again.
     kind : tuple of str
         Kind of workspace and kind of robot.
     space : CSpace
@@ -39,6 +41,7 @@ class Case:
     """
 
     name: str
+    made_by: str
     kind: tuple[str, str]
     space: CSpace
     shape: Shape
@@ -77,11 +80,11 @@ class Scale:
         return np.asarray(self.spacing * rounded)
 
 
-def draw_case(seed: int, number: int) -> Case:
-    """The same case for the same seed and number; all kinds of robots take turns."""
+def draw_case(seed: int, number: int, turning: bool = False) -> Case:
+    """The same case for the same seed and number, of a robot that turns or not; all kinds of robots take turns."""
     import shapely
 
-    rng = np.random.default_rng([seed, number])
+    rng = np.random.default_rng([seed, number, 3] if turning else [seed, number])
     spacing = float(rng.choice([1.0, 0.05, 0.1, 1 / 3, rng.uniform(0.02, 2.0)]))
     kind = list(ROBOTS)[number % len(ROBOTS)]
     size = float(rng.uniform(*SIZES[rng.integers(len(SIZES))]))
@@ -93,7 +96,8 @@ def draw_case(seed: int, number: int) -> Case:
     workspace, solid = WORKSPACES[workspace_kind](rng, scale)
     outside = str(rng.choice(["blocked", "free"]))
     margin = float(rng.choice([0.0, 0.5 * spacing, spacing, rng.uniform(0.0, 3.0) * spacing], p=[0.55, 0.1, 0.1, 0.25]))
-    space = cspace.build(workspace, robot, outside=outside, margin=margin)
+    rotations = _rotations(rng) if turning else None
+    space = cspace.build(workspace, robot, rotations=rotations, outside=outside, margin=margin)
     if outside == "blocked":
         span = max(np.subtract(workspace.grid.upper, workspace.grid.lower))
         solid.append(frame(workspace.grid, 8.0 * (span + shape.reach() + margin)))
@@ -104,8 +108,18 @@ def draw_case(seed: int, number: int) -> Case:
         f"{workspace_kind} {workspace.grid.shape} at {spacing:g} m from {workspace.grid.lower}, "
         f"{kind} of {size:.3g} cells"
         f"{f', {nudge:.1e} cells off the lattice' if snap else ''}, outside={outside}, margin={margin:.3g}"
+        f"{f', {len(space.slice_of)} rotations in {len(space.stack)} slices' if turning else ''}"
     )
-    return Case(name, (workspace_kind, kind), space, shape, solid)
+    made_by = f"draw_case({seed}, {number}{', turning=True' if turning else ''})"
+    return Case(name, made_by, (workspace_kind, kind), space, shape, solid)
+
+
+def _rotations(rng: Rng) -> int | Floats:
+    """A number of rotation cells, or borders of unequal ones."""
+    if rng.random() < 0.75:
+        return int(rng.choice([1, 2, 3, 7, 8, 16, 36, 72, 90]))
+    widths = rng.uniform(0.1, 1.0, int(rng.integers(2, 50)))
+    return np.asarray(rng.uniform(-np.pi, np.pi) + np.append(0.0, np.cumsum(widths) / widths.sum()) * 2.0 * np.pi)
 
 
 # ---- workspaces: a Workspace and its exact obstacles -----------------------------------------------------------------

@@ -42,6 +42,9 @@ def frame(grid: Grid, width: float) -> Any:
 class Shape:
     """An exact robot: polygons, or discs by middle and radius.
 
+    Configurations are ``(x, y)``, shape (n, 2), or ``(x, y, yaw)``, shape (n, 3); what turns is turned by its
+    coordinates, so that discs stay discs.
+
     Attributes
     ----------
     polygons : sequence of shapely Polygon
@@ -52,36 +55,36 @@ class Shape:
     centers: Floats
     radii: Floats
 
-    def meets(self, obstacles: Sequence[Any], q: Floats, distance: float) -> Bools:
-        """Whether the robot comes within a distance of obstacles, at configurations of shape (n, 2)."""
+    def meets(self, obstacles: Sequence[Any], q: Floats, distance: float | Floats) -> Bools:
+        """Whether the robot comes within a distance, or one for each configuration, of obstacles."""
         import shapely
 
         found = np.zeros(len(q), dtype=np.bool_)
         for center, radius in zip(self.centers, self.radii, strict=True):
-            points = shapely.points(q + center)
+            points = shapely.points(_moved(center[None], q)[:, 0])
             for obstacle in obstacles:
                 found |= shapely.dwithin(obstacle, points, radius + distance)
         for polygon in self.polygons:
-            placed = self._placed(polygon, q)
+            placed = _placed(polygon, q)
             for obstacle in obstacles:
-                if distance > 0.0:
+                if np.any(np.asarray(distance) > 0.0):
                     found |= shapely.dwithin(obstacle, placed, distance)
                 else:
                     found |= shapely.intersects(obstacle, placed)
         return found
 
     def lies_in(self, whole: Any, q: Floats, distance: float) -> Bools:
-        """Whether the robot, grown by a distance, lies in a region, at configurations of shape (n, 2)."""
+        """Whether the robot, grown by a distance, lies in a region."""
         import shapely
 
         border = whole.boundary
         inside = np.ones(len(q), dtype=np.bool_)
         for center, radius in zip(self.centers, self.radii, strict=True):
-            points = shapely.points(q + center)
+            points = shapely.points(_moved(center[None], q)[:, 0])
             inside &= shapely.intersects(whole, points)
             inside &= shapely.distance(border, points) >= radius + distance - ROUNDING
         for polygon in self.polygons:
-            placed = self._placed(polygon, q)
+            placed = _placed(polygon, q)
             inside &= shapely.covers(whole, placed) & (shapely.distance(border, placed) >= distance - ROUNDING)
         return inside
 
@@ -92,15 +95,24 @@ class Shape:
         far = [np.hypot(*shapely.get_coordinates(polygon).T).max() for polygon in self.polygons]
         return float(max([*far, *(np.hypot(*self.centers.T) + self.radii)]))
 
-    @staticmethod
-    def _placed(polygon: Any, q: Floats) -> Any:
-        """Copies of a polygon at configurations."""
-        import shapely
 
-        def rings(ring: Any) -> Any:
-            return shapely.linearrings(np.asarray(ring.coords)[None, :, :2] + q[:, None, :])
+def _placed(polygon: Any, q: Floats) -> Any:
+    """Copies of a polygon at configurations."""
+    import shapely
 
-        if not polygon.interiors:
-            return shapely.polygons(rings(polygon.exterior))
-        holes = np.stack([rings(ring) for ring in polygon.interiors], axis=1)
-        return shapely.polygons(rings(polygon.exterior), holes=holes)
+    def rings(ring: Any) -> Any:
+        return shapely.linearrings(_moved(np.asarray(ring.coords)[:, :2], q))
+
+    if not polygon.interiors:
+        return shapely.polygons(rings(polygon.exterior))
+    holes = np.stack([rings(ring) for ring in polygon.interiors], axis=1)
+    return shapely.polygons(rings(polygon.exterior), holes=holes)
+
+
+def _moved(points: Floats, q: Floats) -> Floats:
+    """Points of the robot, shape (m, 2), at configurations: shape (n, m, 2)."""
+    if q.shape[1] == 2:
+        return np.asarray(points[None] + q[:, None])
+    cosine, sine = np.cos(q[:, 2])[:, None], np.sin(q[:, 2])[:, None]
+    x, y = points[:, 0], points[:, 1]
+    return np.stack([cosine * x - sine * y + q[:, :1], sine * x + cosine * y + q[:, 1:2]], axis=-1)

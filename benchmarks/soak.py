@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import time
-from collections import Counter
-from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks import band
+from benchmarks import band, turning_soak
 from benchmarks.cases import Case, draw_case
-from benchmarks.exact import ROUNDING
 from benchmarks.report import Report
+from benchmarks.tally import Tally, not_free
 from cspace import BLOCKED, FREE, MIXED
 
-Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
 
 PER_STATE = 450
@@ -24,29 +21,6 @@ PER_STATE = 450
 EDGES = 10_000
 ALONG = 40
 """Points checked along each edge."""
-
-SHOWN = 20
-
-
-@dataclass
-class Tally:
-    """What was checked and what came of it."""
-
-    checks: Counter[str] = field(default_factory=Counter)
-    open: Counter[str] = field(default_factory=Counter)
-    wrong: Counter[str] = field(default_factory=Counter)
-    kinds: Counter[tuple[str, str]] = field(default_factory=Counter)
-    mixed: Counter[str] = field(default_factory=Counter)
-    told: list[str] = field(default_factory=list)
-
-    def add(self, what: str, case: Case, number: int, q: Floats, wrong: Bools, undecided: Bools) -> None:
-        """Count the checks of one kind on one map; the first wrong ones are told with what makes them again."""
-        self.checks[what] += len(q)
-        self.open[what] += int(undecided.sum())
-        self.kinds[case.kind] += len(q)
-        self.wrong[what] += int(wrong.sum())
-        if wrong.any() and len(self.told) < SHOWN:
-            self.told.append(f"{what} at {q[wrong][0].tolist()} of draw_case(seed, {number}): {case.name}")
 
 
 def run(report: Report, seed: int, checks: int | None = None) -> None:
@@ -58,28 +32,18 @@ def run(report: Report, seed: int, checks: int | None = None) -> None:
     while tally.checks["FREE"] + tally.checks["BLOCKED"] < wanted or tally.checks["edge"] < edges * ALONG:
         case = draw_case(seed, number)
         rng = np.random.default_rng([seed, number, 1])
-        _check_states(tally, case, number, rng)
-        _check_edges(tally, case, number, rng)
-        _check_clearance(tally, case, number, rng)
-        _check_containment(tally, case, number, rng)
+        _check_states(tally, case, rng)
+        _check_edges(tally, case, rng)
+        _check_clearance(tally, case, rng)
+        _check_containment(tally, case, rng)
         number += 1
     report.section(f"{number} random maps and robots, seed {seed}, {time.perf_counter() - began:.0f} s")
-    for what, count in tally.checks.items():
-        undecided = tally.open[what]
-        report.check(
-            not tally.wrong[what],
-            f"{what}: {count} checks, {tally.wrong[what]} false, {undecided} within {ROUNDING:g} m of the border",
-        )
-    for kind, count in sorted(tally.kinds.items()):
-        report.note(f"{kind[0]} with {kind[1]}: {count} checks")
-    colliding, all_mixed = tally.mixed["colliding"], tally.mixed["all"]
-    report.note(f"of {all_mixed} configurations called MIXED, {colliding} collide: {colliding / max(all_mixed, 1):.0%}")
-    for told in tally.told:
-        report.note(f"FALSE {told} (seed {seed})")
+    tally.tell(report)
+    turning_soak.check(report, seed, wanted, edges)
     band.measure(report, seed, 20 if report.quick else 200)
 
 
-def _check_states(tally: Tally, case: Case, number: int, rng: np.random.Generator) -> None:
+def _check_states(tally: Tally, case: Case, rng: np.random.Generator) -> None:
     """Configurations in cells of each state, on borders and corners and next to them, and anywhere, also outside."""
     space, grid = case.space, case.space.grid
     drawn, claimed = [], []
@@ -95,40 +59,20 @@ def _check_states(tally: Tally, case: Case, number: int, rng: np.random.Generato
     q, claims = np.concatenate(drawn), np.concatenate(claimed)
     answers = np.asarray(space.classify(q))
     # A border belongs to both cells: the cell that was drawn and the one that the look-up tells must both be right.
-    _judge(tally, case, number, q, claims)
+    tally.judge(case, q, claims)
     other = answers != claims
-    _judge(tally, case, number, q[other], answers[other])
+    tally.judge(case, q[other], answers[other])
     near = np.round((q - grid.lower) / grid.spacing)
     near += rng.choice([-1.0, 0.0, 1.0], near.shape) * 10.0 ** rng.uniform(-9.0, -3.0, near.shape)
     q = rng.permutation(grid.lower + grid.spacing * near)[: PER_STATE // 3]
-    _judge(tally, case, number, q, np.asarray(space.classify(q)))
+    tally.judge(case, q, np.asarray(space.classify(q)))
     reach = case.shape.reach() + space.margin + grid.spacing
     low, high = np.asarray(grid.lower) - 1.5 * reach, np.asarray(grid.upper) + 1.5 * reach
     q = rng.uniform(low, high, (PER_STATE // 3, 2))
-    _judge(tally, case, number, q, np.asarray(space.classify(q)))
+    tally.judge(case, q, np.asarray(space.classify(q)))
 
 
-def _judge(tally: Tally, case: Case, number: int, q: Floats, states: NDArray[np.integer]) -> None:
-    free, blocked, mixed = q[states == FREE], q[states == BLOCKED], q[states == MIXED]
-    tally.add("FREE", case, number, free, *_not_free(case, free))
-    apart = ~case.shape.meets(case.obstacles, blocked, 0.0)
-    wrong = apart.copy()
-    wrong[apart] = ~case.shape.meets(case.obstacles, blocked[apart], ROUNDING)
-    tally.add("BLOCKED", case, number, blocked, wrong, apart & ~wrong)
-    tally.mixed["all"] += len(mixed)
-    tally.mixed["colliding"] += int(case.shape.meets(case.obstacles, mixed, 0.0).sum())
-
-
-def _not_free(case: Case, q: Floats) -> tuple[Bools, Bools]:
-    """Where the robot, grown by the margin, collides; and where it is too close to tell."""
-    margin = case.space.margin
-    near = case.shape.meets(case.obstacles, q, margin + ROUNDING)
-    wrong = near.copy()
-    wrong[near] = case.shape.meets(case.obstacles, q[near], max(0.0, margin - ROUNDING))
-    return wrong, near & ~wrong
-
-
-def _check_edges(tally: Tally, case: Case, number: int, rng: np.random.Generator) -> None:
+def _check_edges(tally: Tally, case: Case, rng: np.random.Generator) -> None:
     """Points on edges that are called free, between random configurations and along the lattice: FREE, and free."""
     space, grid = case.space, case.space.grid
     if not (space.state == FREE).any():
@@ -150,11 +94,11 @@ def _check_edges(tally: Tally, case: Case, number: int, rng: np.random.Generator
     picked = np.concatenate([order[:10], rng.permutation(order[10:])[:10]])
     points = np.argsort(clearance[picked], axis=1)[:, :ALONG]
     q = q[picked[:, None], points].reshape(-1, 2)
-    wrong, undecided = _not_free(case, q)
-    tally.add("edge", case, number, q, wrong | ~space.is_free(q), undecided)
+    wrong, undecided = not_free(case, q)
+    tally.add("edge", case, q, wrong | ~space.is_free(q), undecided)
 
 
-def _check_clearance(tally: Tally, case: Case, number: int, rng: np.random.Generator) -> None:
+def _check_clearance(tally: Tally, case: Case, rng: np.random.Generator) -> None:
     """Points as far from a configuration as its clearance tells: each must be FREE, and free."""
     space, grid = case.space, case.space.grid
     if not (space.state == FREE).any():
@@ -165,11 +109,11 @@ def _check_clearance(tally: Tally, case: Case, number: int, rng: np.random.Gener
     q = centers + (far * rng.choice([1.0, 0.999, 0.5], len(centers)))[:, None] * np.column_stack(
         [np.cos(turns), np.sin(turns)]
     )
-    wrong, undecided = _not_free(case, q)
-    tally.add("clearance", case, number, q, wrong | ~space.is_free(q), undecided)
+    wrong, undecided = not_free(case, q)
+    tally.add("clearance", case, q, wrong | ~space.is_free(q), undecided)
 
 
-def _check_containment(tally: Tally, case: Case, number: int, rng: np.random.Generator) -> None:
+def _check_containment(tally: Tally, case: Case, rng: np.random.Generator) -> None:
     """Configurations at which the robot is called contained in the obstacles."""
     import shapely
 
@@ -181,4 +125,4 @@ def _check_containment(tally: Tally, case: Case, number: int, rng: np.random.Gen
     whole = shapely.union_all([part for part in case.obstacles if part.area])
     shapely.prepare(whole)
     inside = case.shape.lies_in(whole, q, space.margin)
-    tally.add("contained", case, number, q, ~inside, np.zeros(len(q), dtype=np.bool_))
+    tally.add("contained", case, q, ~inside, np.zeros(len(q), dtype=np.bool_))

@@ -74,6 +74,12 @@ class CellImage(AxesImage):
         self._shown: list[tuple[int, int, int]] = []
         self._show([(0, n, min(n, _FIRST)) for n in classes.shape], (grid.lower, grid.upper))
 
+    def set_classes(self, classes: NDArray[np.uint8]) -> None:
+        """Show other classes, of the same shape, from the next drawing on."""
+        self._classes = classes
+        self._shown = []
+        self.stale = True
+
     def draw(self, renderer: RendererBase) -> None:
         """Choose the blocks for this output, then draw them."""
         # A vector backend draws at 72 dots per inch and magnifies its images.

@@ -6,7 +6,6 @@ offsets proves a cell FREE, and an overlap of the inner ones proves it BLOCKED (
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -26,8 +25,8 @@ if TYPE_CHECKING:
 
 Progress = Callable[[int, int], None]
 
-BATCH = 8
-"""Slices that are worked on together: they share the transforms of the workspace, and memory grows with them."""
+STEP = 1000
+"""Steps of progress that a correlation counts for."""
 
 
 def build(
@@ -99,10 +98,10 @@ def build(
     margin = check_margin(margin)
     cells = check_rotations(rotations)
     rasters = slice_rasters(robot, workspace.grid.spacing, margin, cells)
-    engine = _Engine(workspace, rasters, inner, outside == "blocked", workers, progress)
     state = np.empty((len(rasters), *workspace.grid.shape), dtype=np.uint8)
     overlaps = np.empty(state.shape, dtype=np.int32) if overlap else None
-    precisions = {engine.run(slice(first, first + BATCH), state, overlaps) for first in range(0, len(rasters), BATCH)}
+    engine = _Engine(workspace, outside == "blocked", workers, progress)
+    precision = engine.run(rasters, state, overlaps, inner)
     flat = cells is None
     return CSpace(
         workspace,
@@ -110,7 +109,7 @@ def build(
         state[0] if flat else state,
         outside=outside,
         margin=margin,
-        precision=max(precisions),
+        precision=precision,
         overlaps=overlaps[0] if flat and overlaps is not None else overlaps,
         rotations=cells,
         rasters=rasters,
@@ -119,50 +118,58 @@ def build(
 
 @dataclass(frozen=True, slots=True)
 class _Engine:
-    """The correlations of one build, a batch of slices at a time."""
+    """The correlations of one build."""
 
     workspace: Workspace
-    rasters: Sequence[tuple[Raster, Raster]]
-    inner: bool
     outside: bool
     workers: int | None
     progress: Progress | None
 
-    def run(self, batch: slice, state: NDArray[np.uint8], overlaps: NDArray[np.int32] | None) -> str:
-        """Fill a batch of slices; the precision that it took."""
-        outer_robots = [outer for outer, _ in self.rasters[batch]]
-        inner_robots = [inner for _, inner in self.rasters[batch]]
-        free = list(state[batch].view(np.bool_))
-        part = batch.start // BATCH, math.ceil(len(self.rasters) / BATCH)
-        if self.inner and overlaps is None and self.workspace.inner is self.workspace.outer:
-            # One workspace bitmap: its spectra serve both rasters.
-            collides = [np.empty(state.shape[1:], dtype=np.bool_) for _ in inner_robots]
-            rasters, out = [*outer_robots, *inner_robots], [*free, *collides]
-            precision = self._correlate(self.workspace.outer, rasters, out, *part)
-        else:
-            steps = 2 if self.inner else 1
-            first, second = (part[0] * steps, part[1] * steps), (part[0] * steps + 1, part[1] * steps)
-            counts = free if overlaps is None else list(overlaps[batch])
-            precision = self._correlate(self.workspace.outer, outer_robots, counts, *first)
-            if overlaps is not None:
-                np.not_equal(overlaps[batch], 0, out=state[batch].view(np.bool_))
-            if not self.inner:
-                return precision
-            collides = [np.empty(state.shape[1:], dtype=np.bool_) for _ in inner_robots]
-            precision = max(precision, self._correlate(self.workspace.inner, inner_robots, collides, *second))
-        for one, hit in zip(state[batch], collides, strict=True):
-            one += hit.view(np.uint8)
+    def run(
+        self,
+        rasters: Sequence[tuple[Raster, Raster]],
+        state: NDArray[np.uint8],
+        overlaps: NDArray[np.int32] | None,
+        inner: bool,
+    ) -> str:
+        """Fill all slices; the precision that it took."""
+        outers, inners = [outer for outer, _ in rasters], [inner for _, inner in rasters]
+        free = state.view(np.bool_)
+        if inner and overlaps is None and len(rasters) == 1 and self.workspace.inner is self.workspace.outer:
+            # One slice and one workspace bitmap, whose spectra serve both rasters.
+            collides = np.empty(free[0].shape, dtype=np.bool_)
+            precision = self._correlate(self.workspace.outer, [*outers, *inners], [free[0], collides], 0, 1)
+            state[0] += collides
+            return precision
+        steps = 2 if inner else 1
+        counts = free if overlaps is None else overlaps
+        precision = self._correlate(self.workspace.outer, outers, list(counts), 0, steps)
+        if overlaps is not None:
+            np.not_equal(overlaps, 0, out=free)
+        if inner:
+            added = self._correlate(self.workspace.inner, inners, list(state), 1, steps, add=True)
+            precision = max(precision, added)
         return precision
 
     def _correlate(
-        self, occupied: NDArray[np.bool_], rasters: Sequence[Raster], out: Sequence[NDArray[Any]], step: int, steps: int
+        self,
+        occupied: NDArray[np.bool_],
+        rasters: Sequence[Raster],
+        out: Sequence[NDArray[Any]],
+        step: int,
+        steps: int,
+        add: bool = False,
     ) -> str:
         from cspace.fourier import correlate
 
         tell = self.progress
-        advance = None if tell is None else lambda done, total: tell(step * total + done, steps * total)
+        # Each correlation counts alike, however many tiles it has.
+        advance = None if tell is None else lambda done, total: tell(step * STEP + STEP * done // total, steps * STEP)
         options: dict[str, Any] = {"outside": self.outside, "workers": self.workers, "progress": advance}
-        return correlate(occupied, rasters, out=out, **options).precision
+        precision = correlate(occupied, rasters, out=out, add=add, **options).precision
+        if tell is not None:
+            tell((step + 1) * STEP, steps * STEP)  # also where there was nothing to do
+        return precision
 
 
 def _check(workspace: Workspace, robot: Robot, method: str, outside: str, workers: int | None) -> None:

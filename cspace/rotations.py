@@ -117,8 +117,8 @@ class Rotations:
             raise InputError(
                 f"yaw is {np.abs(angles).max():g} rad; at most {MAX_YAW:.0f} can be wrapped exactly; wrap it first"
             )
-        first = self.borders[0]
-        wrapped = first + (angles - first) % TURN
+        # As the compiled look-ups wrap, to the last bit; a yaw within the borders stays as it is.
+        wrapped = angles - np.floor((angles - self.borders[0]) / TURN) * TURN
         return np.clip(np.searchsorted(self.borders, wrapped, side="right") - 1, 0, self.count - 1).astype(np.int64)
 
 

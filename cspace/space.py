@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,17 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.batches import answer, answer_edges, as_points
 from cspace.errors import InputError
-from cspace.grid import Grid, finite
-from cspace.once import Once
-from cspace.outside import Outside
+from cspace.exact.lookups import ExactLookups
+from cspace.grid import finite
 from cspace.plane import PlaneLookups
-from cspace.raster.raster import Raster
-from cspace.robot import Robot
-from cspace.rotations import Rotations
-from cspace.slices import slice_of_rotation, slice_rasters
-from cspace.states import BLOCKED, FREE
+from cspace.stack import Stack, read_only
+from cspace.states import FREE
 from cspace.turning.lookups import TurningLookups
-from cspace.workspace import Workspace
 
 if TYPE_CHECKING:
     import xarray
@@ -31,7 +26,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 
-class CSpace:
+class CSpace(Stack):
     """Certified map of the configurations of a robot in the plane: ``(x, y)``, or ``(x, y, yaw)`` for one that turns.
 
     :func:`cspace.build` makes it and :func:`cspace.open` reads a saved one. Every look-up takes one configuration,
@@ -41,114 +36,7 @@ class CSpace:
 
     A configuration outside the grid is BLOCKED under ``outside="blocked"`` where the robot is proven to stick out of
     the workspace, FREE under ``outside="free"`` where it is proven to reach no obstacle, and otherwise MIXED.
-
-    Parameters
-    ----------
-    workspace : Workspace
-    robot : Robot
-    state : ndarray of uint8, shape (nx, ny) or (slices, nx, ny)
-        FREE, MIXED or BLOCKED, of each cell of positions of the robot's reference point; with rotations, of each slice.
-        It is taken over, not copied.
-    outside : {"blocked", "free"}
-    margin : float
-        Metres by which the robot was grown for FREE.
-    precision : {"float32", "float64"}
-        In which the transforms were run.
-    overlaps : ndarray of int32, the shape of state, optional
-        Overlap of each cell.
-    rotations : Rotations, optional
-        Rotation cells of a robot that turns.
-    rasters : sequence of (outer, inner) Raster, optional
-        The robot's, for each slice; made again if left out.
-
-    Attributes
-    ----------
-    stack : ndarray of uint8, shape (slices, nx, ny)
-        The slices, as they are stored: one where the robot only translates.
-    slice_of : ndarray of int64, shape (rotations,)
-        Which slice each rotation cell has; turns that map the robot to itself share theirs.
     """
-
-    def __init__(
-        self,
-        workspace: Workspace,
-        robot: Robot,
-        state: NDArray[np.uint8],
-        *,
-        outside: str,
-        margin: float,
-        precision: str,
-        overlaps: NDArray[np.int32] | None = None,
-        rotations: Rotations | None = None,
-        rasters: Sequence[tuple[Raster, Raster]] | None = None,
-    ) -> None:
-        self.slice_of = slice_of_rotation(robot, rotations)
-        shape = workspace.grid.shape if rotations is None else (int(self.slice_of.max()) + 1, *workspace.grid.shape)
-        for name, array, kind in (("state", state, np.uint8), ("overlaps", overlaps, np.int32)):
-            if array is not None and (array.shape != shape or array.dtype != kind):
-                raise InputError(
-                    f"{name} has shape {array.shape} and type {array.dtype}; it must have the map's shape "
-                    f"{shape} and type {np.dtype(kind)}; use cspace.build"
-                )
-        if outside not in ("blocked", "free"):
-            raise InputError(f"outside is {outside!r}; it must be 'blocked' or 'free'")
-        if state.size and state.max() > BLOCKED:
-            raise InputError(f"state holds {state.max()}; it must be FREE, MIXED or BLOCKED, 0 to 2; use cspace.build")
-        self.workspace = workspace
-        self.robot = robot
-        self.outside = outside
-        self.margin = margin
-        self.precision = precision
-        self.rotations = rotations
-        self.stack = _read_only(state).reshape(-1, *workspace.grid.shape)
-        self.overlaps = None if overlaps is None else _read_only(overlaps)
-        self._once = Once()
-        if rasters is not None:
-            self._once("rasters", lambda: list(rasters))
-
-    @property
-    def grid(self) -> Grid:
-        """Cells of positions of the robot's reference point; the workspace's grid."""
-        return self.workspace.grid
-
-    @property
-    def dof(self) -> int:
-        """Numbers in a configuration: 2, or 3 for a robot that turns."""
-        return 2 if self.rotations is None else 3
-
-    @property
-    def state(self) -> NDArray[np.uint8]:
-        """State of each cell, shape (nx, ny) or (rotations, nx, ny).
-
-        Read-only. A new array at each call where slices are shared; :attr:`stack` and :attr:`slice_of` cost nothing.
-        """
-        if self.rotations is None:
-            plane: NDArray[np.uint8] = self.stack[0]
-            return plane
-        shared = len(self.stack) < len(self.slice_of)
-        every: NDArray[np.uint8] = _read_only(self.stack[self.slice_of]) if shared else self.stack
-        return every
-
-    def slice_at(self, yaw: float = 0.0) -> NDArray[np.uint8]:
-        """State of each cell in the rotation cell of a yaw (radians), shape (nx, ny)."""
-        cell = 0 if self.rotations is None else int(self.rotations.cell_of(yaw))
-        part: NDArray[np.uint8] = self.stack[self.slice_of[cell]]
-        return part
-
-    def count(self) -> tuple[int, int, int]:
-        """Number of FREE, MIXED and BLOCKED cells, over all rotation cells."""
-        shares = np.bincount(self.slice_of, minlength=len(self.stack))
-        each = np.array([np.bincount(part.ravel(), minlength=3) for part in self.stack])
-        free, mixed, blocked = (shares @ each).tolist()
-        return free, mixed, blocked
-
-    def __repr__(self) -> str:
-        free, mixed, blocked = self.count()
-        cells = " x ".join(map(str, self.grid.shape))
-        turns = "" if self.rotations is None else f" x {self.rotations.count} rotations"
-        return (
-            f"CSpace({cells} cells of {self.grid.spacing:g} m{turns}, {self.robot.name}: {free=}, {mixed=}, {blocked=})"
-        )
 
     # ---- one cell ----------------------------------------------------------------------------------------------------
 
@@ -172,8 +60,13 @@ class CSpace:
         """
         return answer(q, self.dof, self._lookups.classify(), np.uint8, int)
 
-    def is_free(self, q: ArrayLike) -> Any:
-        """Whether configurations are proven collision-free; as :meth:`classify`, with bool for an answer."""
+    def is_free(self, q: ArrayLike, *, exact: bool = False) -> Any:
+        """Whether configurations are proven collision-free; as :meth:`classify`, with bool for an answer.
+
+        With ``exact``, the geometry itself decides in MIXED cells; see :mod:`cspace.exact.lookups`.
+        """
+        if exact:
+            return answer(q, self.dof, self._exact.points(), np.bool_, bool)
         return operator.eq(self.classify(q), FREE)
 
     def overlap(self, q: ArrayLike) -> Any:
@@ -215,7 +108,7 @@ class CSpace:
 
     # ---- stretches ---------------------------------------------------------------------------------------------------
 
-    def motion_is_free(self, q0: ArrayLike, q1: ArrayLike) -> Any:
+    def motion_is_free(self, q0: ArrayLike, q1: ArrayLike, *, exact: bool = False) -> Any:
         """Whether straight edges are proven collision-free all along.
 
         True where every closed cell that the edge touches, be it in a corner, is FREE. An edge that lies on the border
@@ -225,12 +118,19 @@ class CSpace:
         ----------
         q0, q1 : array-like, shape (dof,) or (..., dof)
             Ends of the edges, metres and radians; broadcast against each other.
+        exact : bool
+            Where cells are MIXED, let the geometry itself prove the edge; see :mod:`cspace.exact.lookups`.
 
         Returns
         -------
         bool or ndarray of bool, shape (...)
         """
-        return answer_edges(q0, q1, self.dof, self._lookups.edges())
+        return answer_edges(q0, q1, self.dof, (self._exact if exact else self._lookups).edges())
+
+    @property
+    def exact_counts(self) -> dict[str, int]:
+        """How many ``"point"`` and ``"edge"`` the geometry was asked for, and for how many ``"distance"`` in all."""
+        return self._exact.counts
 
     def is_free_around(self, q: ArrayLike, distance: float, angle: float = 0.0) -> Any:
         """Whether all configurations around configurations are proven collision-free.
@@ -358,8 +258,13 @@ class CSpace:
 
     # ---- for callbacks -----------------------------------------------------------------------------------------------
 
-    def point_checker(self) -> Callable[..., bool]:
+    def point_checker(self, *, exact: bool = False) -> Callable[..., bool]:
         """A quick ``is_free`` of floats, for callbacks that are called a million times.
+
+        Parameters
+        ----------
+        exact : bool
+            As for :meth:`is_free`.
 
         Returns
         -------
@@ -367,10 +272,16 @@ class CSpace:
             ``check(x, y) -> bool`` or ``check(x, y, yaw) -> bool``; the numbers must be finite floats, and are not
             checked.
         """
-        return self._lookups.point_checker()
+        quick = self._lookups.point_checker()
+        return self._exact.point_checker(quick) if exact else quick
 
-    def edge_checker(self) -> Callable[..., bool]:
+    def edge_checker(self, *, exact: bool = False) -> Callable[..., bool]:
         """A quick ``motion_is_free`` of the floats of two configurations, in one compiled call.
+
+        Parameters
+        ----------
+        exact : bool
+            As for :meth:`motion_is_free`.
 
         Returns
         -------
@@ -378,7 +289,7 @@ class CSpace:
             ``check(x0, y0, x1, y1) -> bool`` or ``check(x0, y0, yaw0, x1, y1, yaw1) -> bool``; the numbers must be
             finite floats, and are not checked.
         """
-        return self._lookups.edge_checker()
+        return (self._exact if exact else self._lookups).edge_checker()
 
     def clearance_checker(self) -> Callable[..., float]:
         """A quick ``clearance`` of floats, in one compiled call.
@@ -405,11 +316,14 @@ class CSpace:
 
         save(self, path, overwrite=overwrite)
 
-    def export(self, path: str | Path, *, overwrite: bool = False) -> None:
-        """Write for other programs, by suffix; see :func:`cspace.io.files.export`."""
+    def export(self, path: str | Path, *, overwrite: bool = False, yaw: float | None = None) -> None:
+        """Write for other programs, by suffix; see :func:`cspace.io.files.export`.
+
+        The ROS map of a robot that turns holds the slice at ``yaw``, in radians.
+        """
         from cspace.io.files import export
 
-        export(self, path, overwrite=overwrite)
+        export(self, path, overwrite=overwrite, yaw=yaw)
 
     def plot(self, **options: Any) -> Axes:
         """Draw the map; see :func:`cspace.plot.plot`. No window is opened."""
@@ -420,23 +334,18 @@ class CSpace:
     # ---- what is computed once ---------------------------------------------------------------------------------------
 
     @property
-    def _rasters(self) -> list[tuple[Raster, Raster]]:
-        return self._once("rasters", lambda: slice_rasters(self.robot, self.grid.spacing, self.margin, self.rotations))
-
-    @property
-    def _outsides(self) -> list[Outside]:
-        outer = self.workspace.outer
-        return self._once("outsides", lambda: [Outside.of(outer, *pair, self.outside) for pair in self._rasters])
-
-    @property
     def _lookups(self) -> PlaneLookups | TurningLookups:
         return self._once("look-ups", self._make_lookups)
 
     def _make_lookups(self) -> PlaneLookups | TurningLookups:
-        frame = _read_only(np.array([*self.grid.lower, self.grid.spacing, *self.grid.upper]))
+        frame = read_only(np.array([*self.grid.lower, self.grid.spacing, *self.grid.upper]))
         if self.rotations is None:
             return PlaneLookups(self.stack[0], frame, self._outsides[0])
         return TurningLookups(self.stack, self.slice_of, self.rotations, frame, self._outsides)
+
+    @property
+    def _exact(self) -> ExactLookups:
+        return self._once("exact", lambda: ExactLookups(self, self._outsides))
 
     @property
     def _free_cells(self) -> list[NDArray[np.int64]]:
@@ -477,9 +386,3 @@ class CSpace:
         rasters = [outer for outer, _ in self._rasters]
         kernel = self._lookups.overlaps(sums, rasters, int(self.outside == "blocked"))
         return answer(q, self.dof, kernel, np.int64, int)
-
-
-def _read_only(array: NDArray[Any]) -> NDArray[Any]:
-    array = np.ascontiguousarray(array)
-    array.setflags(write=False)
-    return array

@@ -6,13 +6,16 @@ import inspect
 import os
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.errors import FileError, InputError
 from cspace.grid import Grid, finite, positive, unmasked
+
+if TYPE_CHECKING:
+    from shapely.geometry.base import BaseGeometry
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,6 +34,9 @@ class Workspace:
         Cells that lie in obstacles; the same object as ``outer`` for a map that is itself a grid.
     source : str
         What it was read from.
+    shapes : tuple of shapely geometries or None
+        The obstacles themselves, metres, also where they reach beyond the grid; None for a map that is itself a grid,
+        whose outer cells are the obstacles. Exact look-ups ask them.
 
     Raises
     ------
@@ -43,6 +49,7 @@ class Workspace:
     outer: NDArray[np.bool_] = field(repr=False)
     inner: NDArray[np.bool_] = field(repr=False)
     source: str = "array"
+    shapes: tuple[BaseGeometry, ...] | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         outer = _cells(self.outer, "outer")
@@ -59,6 +66,7 @@ class Workspace:
                 f"cell {tuple(lost[0].tolist())} is in inner and not in outer; a cell that lies in an obstacle also "
                 "meets it; add it to outer"
             )
+        object.__setattr__(self, "shapes", None if self.shapes is None else tuple(self.shapes))
         object.__setattr__(self, "outer", outer)
         object.__setattr__(self, "inner", outer if np.array_equal(inner, outer) else inner)
 
@@ -232,7 +240,7 @@ class Workspace:
         outer, inner = rasterize_obstacles(shapes, grid)
         named = isinstance(polygons, str | os.PathLike) and Path(polygons).suffix.lower() in SUFFIXES
         source = str(polygons) if named else f"{len(shapes)} polygon{'s' * (len(shapes) > 1)}"
-        return cls(grid, outer, inner, source=source)
+        return cls(grid, outer, inner, source=source, shapes=tuple(shapes))
 
     @classmethod
     def open(cls, path: str | os.PathLike[str], **options: Any) -> Workspace:

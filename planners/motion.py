@@ -1,10 +1,13 @@
-"""Whether a straight motion is free: the whole edge in one compiled call."""
+"""Whether a motion is free: the whole edge in one compiled call."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from ompl import base as ob
+
+from planners.states import kind_for
+from planners.ways import way_of
 
 if TYPE_CHECKING:
     from cspace.space import CSpace
@@ -13,7 +16,9 @@ if TYPE_CHECKING:
 class MotionValidator(ob.MotionValidator):
     """OMPL's question "is this motion valid?", answered exactly: every cell that the edge touches is FREE.
 
-    Nothing is stepped over, at any length, so OMPL's checking resolution plays no part in it.
+    Nothing is stepped over, at any length, so OMPL's checking resolution plays no part in it. With a curve, the edge is
+    the real curve, not a chain of samples on it. For a map with rotations a :class:`TurningMotionValidator` is made;
+    what shall serve such maps derives from that.
 
     OMPL can also ask for the last valid state of a motion. Its Python bindings have no way to answer that, so
     ``ompl.base.ObstacleBasedValidStateSampler``, which relies on it, returns invalid states next to any motion
@@ -24,12 +29,45 @@ class MotionValidator(ob.MotionValidator):
     si : ompl.base.SpaceInformation
         Of a :func:`planners.state_space`. It is not kept: a validator that holds it would never be freed.
     space : CSpace
+    exact : bool
+        Whether the geometry itself is asked where the map cannot decide.
+    curve : {"dubins", "reeds-shepp"}, optional
+    turning_radius : float, optional
+        Metres; for curves, which need it.
+
+    Raises
+    ------
+    InputError
+        As :func:`planners.state_space`.
     """
 
-    def __init__(self, si: Any, space: CSpace) -> None:
+    def __new__(cls, si: Any, space: CSpace, **options: Any) -> MotionValidator:
+        made: MotionValidator = super().__new__(kind_for(cls, _KINDS, space))
+        return made
+
+    def __init__(
+        self,
+        si: Any,
+        space: CSpace,
+        *,
+        exact: bool = False,
+        curve: str | None = None,
+        turning_radius: float | None = None,
+    ) -> None:
         super().__init__(si)
-        self._is_free = space.edge_checker()
+        self._is_free = way_of(space, exact, curve, turning_radius).edge_checker()
 
     def checkMotion(self, first: Any, second: Any) -> bool:  # noqa: N802 - OMPL's name
-        """Whether the straight edge between two states is FREE all along."""
+        """Whether the edge between two states is free all along."""
         return self._is_free(first[0], first[1], second[0], second[1])
+
+
+class TurningMotionValidator(MotionValidator):
+    """The same for states ``(x, y, yaw)``."""
+
+    def checkMotion(self, first: Any, second: Any) -> bool:  # noqa: N802 - OMPL's name
+        """Whether the edge between two states is free all along."""
+        return self._is_free(first.getX(), first.getY(), first.getYaw(), second.getX(), second.getY(), second.getYaw())
+
+
+_KINDS: Final[dict[int, type]] = {2: MotionValidator, 3: TurningMotionValidator}

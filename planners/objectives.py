@@ -10,6 +10,9 @@ from ompl import base as ob
 
 from cspace.errors import InputError
 from cspace.grid import finite, positive
+from planners.states import READ, kind_for
+from planners.straight import DENSE_TURN
+from planners.ways import way_of
 
 if TYPE_CHECKING:
     from cspace.space import CSpace
@@ -27,6 +30,10 @@ class ClearanceObjective(ob.OptimizationObjective):
     A metre of path at clearance c costs ``1 + weight * max(0, 1 - c / comfort)**2``, integrated along each edge in
     steps of at most one cell. So the cost is never below the length, which OMPL may use as a bound.
 
+    For a map with rotations a :class:`TurningClearanceObjective` is made, whose metres are those of OMPL's SE(2): a
+    radian of turn counts as half a metre, but for curves, whose length is that of the curve. What shall serve such maps
+    derives from that.
+
     OMPL asks this objective through Python at every step, which rules out the planners that ask from a second thread:
     PRM and PRMstar would wait for each other without end. :func:`planners.plan` refuses those.
 
@@ -39,17 +46,35 @@ class ClearanceObjective(ob.OptimizationObjective):
         How many extra metres a metre at clearance zero is worth.
     comfort : float, optional
         Clearance in metres from which on a path costs its length. A tenth of the map's longer side, if left out.
+    curve : {"dubins", "reeds-shepp"}, optional
+    turning_radius : float, optional
+        Metres; for curves, which need it.
 
     Raises
     ------
     InputError
-        If ``weight`` is negative or not finite, or ``comfort`` is not above zero.
+        If ``weight`` is negative or not finite, or ``comfort`` is not above zero; and as :func:`planners.state_space`.
     """
 
     # A StateCostIntegralObjective would do the integral, but the bindings never call a Python subclass of it.
 
-    def __init__(self, si: Any, space: CSpace, *, weight: float = 10.0, comfort: float | None = None) -> None:
+    def __new__(cls, si: Any, space: CSpace, **options: Any) -> ClearanceObjective:
+        made: ClearanceObjective = super().__new__(kind_for(cls, _KINDS, space))
+        return made
+
+    def __init__(
+        self,
+        si: Any,
+        space: CSpace,
+        *,
+        weight: float = 10.0,
+        comfort: float | None = None,
+        curve: str | None = None,
+        turning_radius: float | None = None,
+    ) -> None:
         super().__init__(si)
+        self._way = way_of(space, False, curve, turning_radius)
+        self._turn_weight = 0.5 if curve is None else 0.0
         if finite(weight, "weight").ndim or weight < 0.0:
             raise InputError(f"weight is {weight!r}; it must be one number, zero or above; pass e.g. 10.0")
         grid = space.grid
@@ -94,3 +119,30 @@ class ClearanceObjective(ob.OptimizationObjective):
         k = np.arange(0.5, steps)
         short = np.maximum(0.0, 1.0 - self._scale * self._clearances(np.stack([x + k * dx, y + k * dy], axis=-1)))
         return float(short @ short)
+
+
+class TurningClearanceObjective(ClearanceObjective):
+    """The same for states ``(x, y, yaw)``, with the clearance of the translation."""
+
+    def stateCost(self, state: Any) -> Any:  # noqa: N802 - OMPL's name
+        """Cost of a metre of path at a state."""
+        short = max(0.0, 1.0 - self._scale * self._clearance(*READ[3](state)))
+        return ob.Cost(1.0 + self._weight * short * short)
+
+    def motionCost(self, first: Any, second: Any) -> Any:  # noqa: N802 - OMPL's name
+        """Cost of an edge: the cost at the middles of its pieces times their lengths."""
+        pieces = self._way.pieces(_ends(first, second), self._step, DENSE_TURN)
+        short = np.maximum(0.0, 1.0 - self._scale * self._clearances(pieces.middles))
+        lengths = pieces.lengths + self._turn_weight * pieces.turns
+        return ob.Cost(float(lengths.sum() + self._weight * (lengths @ (short * short))))
+
+    def motionCostHeuristic(self, first: Any, second: Any) -> Any:  # noqa: N802 - OMPL's name
+        """Length of the edge as the straight line, which its cost is never below."""
+        return ob.Cost(math.hypot(second.getX() - first.getX(), second.getY() - first.getY()))
+
+
+def _ends(first: Any, second: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
+    return np.array([READ[3](first), READ[3](second)])
+
+
+_KINDS: Final[dict[int, type]] = {2: ClearanceObjective, 3: TurningClearanceObjective}

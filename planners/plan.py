@@ -8,19 +8,21 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from cspace.errors import InputError
 from cspace.grid import positive
 from planners.ends import End, check_end
 from planners.objectives import ClearanceObjective
-from planners.registry import IGNORE_OBJECTIVES, SECOND_THREAD, find_planner
+from planners.registry import IGNORE_OBJECTIVES, SECOND_THREAD, check_curve, default_planner, find_planner
 from planners.result import Plan, Times, least_clearance
 from planners.search import Found, Search
+from planners.ways import Way, way_of
 
 if TYPE_CHECKING:
     from cspace.space import CSpace
 
+Floats = NDArray[np.float64]
 Objective = Callable[[Any], Any]
 
 MAX_SEED: Final = 2**32 - 2
@@ -35,17 +37,26 @@ def plan(
     start: ArrayLike,
     goal: ArrayLike,
     *,
-    planner: str = "RRTConnect",
+    planner: str | None = None,
     time_limit: float = 1.0,
     iterations: int | None = None,
     simplify: bool = True,
     seed: int | None = None,
     objective: str | Objective = "length",
+    exact: bool = False,
+    curve: str | None = None,
+    turning_radius: float | None = None,
 ) -> Plan:
     """Find a path on a map, with any geometric planner of OMPL, and check it.
 
-    No search is run where the map proves that no path exists, or where the shortest path is wanted and is the straight
-    edge. OMPL's messages are held back while it runs.
+    No search is run where the map proves that no path exists, or where the shortest path is wanted and is the single
+    edge from start to goal. OMPL's messages are held back while it runs.
+
+    *Robots that turn.* On a map with rotations, an edge is straight in x and y, and yaw turns evenly along the shorter
+    arc, as in OMPL's SE(2). With ``curve``, edges are the shortest curves of a car instead: Dubins' for one that drives
+    forwards alone, Reeds and Shepp's for one that reverses too. They are proven along the real curve. The start and the
+    goal of the car are those of the robot's reference point, which therefore belongs in the middle of the axle that
+    does not steer.
 
     Planners that go on improving their path (AORRTC, BITstar, InformedRRTstar, PRMstar, RRTstar, SORRTstar) use up the
     time limit.
@@ -60,10 +71,13 @@ def plan(
     Parameters
     ----------
     space : CSpace
-    start, goal : array-like, shape (2,)
-        Configurations, in metres.
-    planner : str
-        Name of a planner, in upper or lower case; :func:`planners.planner_names` lists them.
+    start, goal : array-like, shape (dof,)
+        Configurations, in metres; yaw in radians, wrapped.
+    planner : str, optional
+        Name of a planner, in upper or lower case; :func:`planners.planner_names` lists them. RRTConnect, if left out,
+        but RRT for Dubins curves: RRTConnect's tree at the goal grows by curves that leave the goal, where a car that
+        cannot reverse needs those that arrive, so it often fails among obstacles. Planners that take edges from their
+        ends are refused for Dubins curves.
     time_limit : float
         Seconds after which the search gives up. Simplification, usually a few milliseconds, comes on top.
     iterations : int, optional
@@ -81,6 +95,13 @@ def plan(
         BFMT, which ask for the cost between all pairs of near samples. AORRTC optimises the length whatever it is told;
         BKPIECE1, KPIECE1, LBKPIECE1, RRT and RRTConnect stop at the first path; PRM and PRMstar cannot call Python from
         their second thread.
+    exact : bool
+        Ask the geometry itself in cells that the map leaves MIXED, so that passages are solved which are a hair wider
+        than the robot. Slower there; edges are no less proven. Not for curves.
+    curve : {"dubins", "reeds-shepp"}, optional
+        Curves of a car, on a map with rotations.
+    turning_radius : float, optional
+        Of the car, in metres; for curves, which need it.
 
     Returns
     -------
@@ -89,37 +110,48 @@ def plan(
     Raises
     ------
     ConfigurationError
-        If start or goal lies outside the map, is not FREE, or lies on the border of a cell that is not FREE. The
+        If start or goal lies outside the map, is not FREE, or lies on the border of a cell that is not FREE; or, with
+        ``exact``, is not proven free by the geometry either. The
         message says which, and names the nearest FREE configuration, which is also its ``nearest``.
     InputError
         If a number is NaN, infinite or out of range, start or goal has the wrong dimension, a name is unknown, or the
-        planner does not go together with ``objective`` or ``iterations``.
+        planner does not go together with ``objective``, ``iterations`` or ``curve``. As well where a curve is unknown,
+        the map has no rotations for it, the turning radius is missing or not above zero, or ``exact`` is wanted too.
     """
     began = time.perf_counter()
-    kind = find_planner(planner)
+    kind = find_planner(default_planner(curve) if planner is None else planner)
     name = kind.__name__
-    make = _objective(space, objective, name)
+    way = way_of(space, exact, curve, turning_radius)
+    check_curve(name, curve)
+    make = _objective(space, objective, name, {"curve": curve, "turning_radius": turning_radius})
     limit = positive(time_limit, "time_limit", "seconds")
     most = None if iterations is None else _iterations(iterations, name)
     number = None if seed is None else _whole(seed, "seed", 0, MAX_SEED)
-    ends = check_end(space, start, "start"), check_end(space, goal, "goal")
+    asked = exact_counts(space) if exact else {}
+    ends = check_end(space, start, "start", exact), check_end(space, goal, "goal", exact)
     exists = space.path_exists(*ends)
     if exists is False:
         found = Found(np.empty((0, len(ends[0]))), INFEASIBLE)
     elif ends[0] == ends[1]:
         found = Found(np.array(ends[:1]), THERE)
     else:
-        found = Search(kind, make, limit, most, simplify, number).run(space, *ends)
+        joined = {"exact": exact, "curve": curve, "turning_radius": turning_radius}
+        found = Search(kind, make, limit, most, simplify, number, joined).run(way, *ends)
     searched = time.perf_counter()
-    path = found.path
-    path.flags.writeable = False
-    solved = len(path) > 0
-    certified = solved and _is_certified(space, found, *ends)
-    length = math.fsum(map(math.dist, path[:-1], path[1:])) if solved else math.nan
-    clearance = least_clearance(space, path) if solved else math.nan
+    waypoints = found.path
+    solved = len(waypoints) > 0
+    certified = solved and _is_certified(way, waypoints, *ends)
+    path, direction = way.dense(waypoints)
+    length = math.fsum(way.lengths(waypoints)) if solved else math.nan
+    clearance = least_clearance(space, waypoints, way) if solved else math.nan
+    for array in (path, waypoints, direction):
+        if array is not None:
+            array.flags.writeable = False
     setup = searched - began - found.planning - found.simplification
     return Plan(
         path=path,
+        waypoints=waypoints,
+        direction=direction,
         solved=solved,
         certified=certified,
         status=found.status,
@@ -128,24 +160,31 @@ def plan(
         path_exists=exists,
         planner=name,
         objective=objective if isinstance(objective, str) else "custom",
+        curve=curve,
+        turning_radius=None if curve is None else float(turning_radius or 0.0),
+        exact=bool(exact),
+        exact_counts={key: count - asked.get(key, 0) for key, count in exact_counts(space).items()} if exact else {},
         seed=number,
         times=Times(setup, found.planning, found.simplification, time.perf_counter() - searched),
     )
 
 
-def _is_certified(space: CSpace, found: Found, start: End, goal: End) -> bool:
+def exact_counts(space: CSpace) -> dict[str, int]:
+    """How often the geometry was asked on a map so far."""
+    return dict(space.exact_counts)
+
+
+def _is_certified(way: Way, path: Floats, start: End, goal: End) -> bool:
     """Whether the path joins start and goal and every edge is proven free, asked of the map itself."""
-    path = found.path
     joined = tuple(path[0].tolist()) == start and tuple(path[-1].tolist()) == goal
-    firsts, lasts = (path[:-1], path[1:]) if len(path) > 1 else (path, path)
-    return joined and bool(np.all(space.motion_is_free(firsts, lasts)))
+    return joined and way.are_free(path)
 
 
-def _objective(space: CSpace, objective: str | Objective, planner: str) -> Objective | None:
+def _objective(space: CSpace, objective: str | Objective, planner: str, curve: dict[str, Any]) -> Objective | None:
     """What makes the objective; None for OMPL's own, the length."""
     if objective == "length":
         return None
-    make = (lambda si: ClearanceObjective(si, space)) if objective == "clearance" else objective
+    make = (lambda si: ClearanceObjective(si, space, **curve)) if objective == "clearance" else objective
     if not callable(make):
         raise InputError(
             f"objective is {objective!r}; it must be 'length', 'clearance', or a function from the space information "

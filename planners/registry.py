@@ -17,6 +17,36 @@ SECOND_THREAD: Final = frozenset({"PRM", "PRMstar"})
 """Planners that look for a solution from a second thread. It would need Python to ask a Python objective or stopping
 rule, while the first thread holds Python and waits for the second: a deadlock, so such pairs are refused."""
 
+_BOTH_WAYS: Final = "takes edges from their ends too, which a car that cannot reverse does not drive"
+
+NO_CURVES: Final[dict[str, dict[str, str]]] = {
+    "dubins": {
+        "AORRTC": "crashes where the way back is another",
+        **dict.fromkeys(("BFMT", "BKPIECE1", "LBKPIECE1", "PRM", "PRMstar"), _BOTH_WAYS),
+    }
+}
+"""For each curve, the planners that cannot plan along it, and why: their paths were found not to be proven."""
+
+
+def default_planner(curve: str | None) -> str:
+    """The planner where none is named."""
+    return "RRT" if curve == "dubins" else "RRTConnect"
+
+
+def check_curve(planner: str, curve: str | None) -> None:
+    """Refuse planners that cannot plan along curves.
+
+    Raises
+    ------
+    InputError
+        If the planner cannot.
+    """
+    reason = NO_CURVES.get(curve or "", {}).get(planner)
+    if reason:
+        raise InputError(
+            f"curve is {curve!r} and planner is {planner!r}; {planner} {reason}; choose another planner, e.g. RRT"
+        )
+
 
 def planner_names() -> tuple[str, ...]:
     """Names of the geometric planners that the installed OMPL binds, in alphabetical order.

@@ -14,13 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.io.output import replacing
+from cspace.rotations import YAW_SLACK
+from planners.straight import Straight
+from planners.ways import Way
 
 if TYPE_CHECKING:
     from cspace.space import CSpace
 
 Floats = NDArray[np.float64]
 
-AXES: Final = ("x", "y", "z")
+AXES: Final = ("x", "y", "yaw")
 """Names of the coordinates, in the order of the columns of a path."""
 
 
@@ -53,29 +56,49 @@ class Plan:
     Attributes
     ----------
     path : ndarray of float64, shape (n, dof), read-only
-        Configurations from start to goal, joined by straight edges, in metres; shape (0, dof) where not solved.
+        Configurations from start to goal, in metres; shape (0, dof) where not solved. Of a robot that turns, they are
+        dense enough to drive and to draw: rows lie at most a cell and 5 degrees apart, on the edges between the
+        waypoints. Yaw is in radians, in [-pi, pi): it jumps by a turn where it passes pi.
+    waypoints : ndarray of float64, shape (m, dof), read-only
+        The configurations that edges join, which are rows of the path: all of them, where the robot does not turn.
+    direction : ndarray of int8, shape (n,), read-only, or None
+        For curves, how the car gets to each row from the one before: 1 ahead, -1 in reverse; the first row has that of
+        the second. None for straight edges.
     solved : bool
         Whether the path reaches the goal. What OMPL calls an approximate solution does not, and is not kept.
     certified : bool
-        Whether every edge of the path was proven free by the map, checked again after OMPL was done.
+        Whether every edge between the waypoints was proven free by the map, or with ``exact`` by the map and the
+        geometry, checked again after OMPL was done; curves are proven along the real curve.
     status : str
         What the planner reported, or why none was run.
     length : float
-        Length of the path, in metres; NaN where not solved.
+        Metres that the reference point moves, along curves too; turning on the spot counts nothing. NaN where not
+        solved.
     clearance : float
         Lower bound, proven, of the distance in metres from any configuration on the path to the nearest one that is not
-        FREE; NaN where not solved. See :func:`least_clearance`.
+        FREE; NaN where not solved. Of a robot that turns, the distance is that of its position, at the yaw it has
+        there. Zero along a path through MIXED cells. See :func:`least_clearance`.
     path_exists : bool or None
         What the map proves of these ends: a path exists, none does, or None for undecided at this resolution.
     planner : str
         Name of the planner.
     objective : str
         What was optimised.
+    curve : str or None
+        Name of the curves that the edges are; None for straight ones.
+    turning_radius : float or None
+        Of the curves, in metres.
+    exact : bool
+        Whether the geometry itself was asked where the map cannot decide.
+    exact_counts : dict of str to int
+        How often it was; empty where it was not to be asked. See :attr:`cspace.CSpace.exact_counts`.
     seed : int or None
     times : Times
     """
 
     path: Floats
+    waypoints: Floats
+    direction: NDArray[np.int8] | None
     solved: bool
     certified: bool
     status: str
@@ -84,11 +107,17 @@ class Plan:
     path_exists: bool | None
     planner: str
     objective: str
+    curve: str | None
+    turning_radius: float | None
+    exact: bool
+    exact_counts: dict[str, int]
     seed: int | None
     times: Times
 
     def to_csv(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
-        """Write the path as CSV: a row of names, then a row for each configuration, in metres and in full precision.
+        """Write the path as CSV: a row of names, then a row for each configuration, in full precision.
+
+        The columns are x and y in metres, yaw in radians where the robot turns, and for curves direction, 1 or -1.
 
         Parameters
         ----------
@@ -104,8 +133,14 @@ class Plan:
 
         def write(file: IO[str]) -> None:
             writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(AXES[: self.path.shape[1]])
-            writer.writerows(self.path.tolist())
+            names, rows = AXES[: self.path.shape[1]], self.path.tolist()
+            if self.direction is not None:
+                names, rows = (
+                    (*names, "direction"),
+                    [[*q, way] for q, way in zip(rows, self.direction.tolist(), strict=True)],
+                )
+            writer.writerow(names)
+            writer.writerows(rows)
 
         _write(path, overwrite, write)
 
@@ -128,40 +163,45 @@ class Plan:
     def _record(self) -> dict[str, Any]:
         """The attributes as JSON knows them."""
         record = {name: getattr(self, name) for name in self.__dataclass_fields__}
-        record |= {"path": self.path.tolist(), "times": asdict(self.times)}
+        arrays = {name: value.tolist() for name, value in record.items() if isinstance(value, np.ndarray)}
+        record |= arrays | {"times": asdict(self.times)}
         return {
             name: None if isinstance(value, float) and not math.isfinite(value) else value
             for name, value in record.items()
         }
 
 
-def least_clearance(space: CSpace, path: Floats) -> float:
-    """Lower bound of the clearance all along a path of straight edges.
+def least_clearance(space: CSpace, path: Floats, way: Way | None = None) -> float:
+    """Lower bound of the clearance all along a path.
 
     Each edge is cut into pieces of at most half a cell. No point of a piece is further than half a piece from
     its middle, and distance changes by no more than the way moved; so the clearance at the middle less half the piece
-    holds for the whole piece.
+    holds for the whole piece. Where yaw changes, a piece turns by less than the narrowest rotation cell is wide; so it
+    meets at most the two cells at the ends of its turn, and the smaller clearance counts.
 
     Parameters
     ----------
     space : CSpace
-    path : ndarray, shape (n, 2), n >= 1
+    path : ndarray, shape (n, dof), n >= 1
+        Waypoints.
+    way : Way, optional
+        How they are joined; by straight edges, if left out.
 
     Returns
     -------
     float
         Metres; never below zero, infinite where every configuration is FREE.
     """
-    starts, ways = path[:-1], np.diff(path, axis=0)
-    lengths = np.hypot(ways[:, 0], ways[:, 1])
-    pieces = np.maximum(np.ceil(lengths / (0.5 * space.grid.spacing)), 1.0).astype(np.int64)
-    if not len(pieces):
+    if len(path) < 2:
         return float(space.clearance(path[0]))
-    edge = np.repeat(np.arange(len(pieces)), pieces)
-    first = np.repeat(np.cumsum(pieces) - pieces, pieces)
-    middle = (np.arange(len(edge)) - first + 0.5) / pieces[edge]
-    points = starts[edge] + middle[:, None] * ways[edge]
-    return max(0.0, float(np.min(space.clearance(points) - 0.5 * (lengths / pieces)[edge])))
+    narrowest = math.inf if space.rotations is None else min(np.diff(space.rotations.borders))
+    pieces = (way or Straight(space)).pieces(path, 0.5 * space.grid.spacing, 0.5 * narrowest)
+    clearance = space.clearance(pieces.middles)
+    if space.dof == 3:
+        swing = np.zeros_like(pieces.middles)
+        swing[:, 2] = 0.5 * pieces.turns + 2.0 * YAW_SLACK
+        clearance = np.minimum(space.clearance(pieces.middles - swing), space.clearance(pieces.middles + swing))
+    return max(0.0, float(np.min(clearance - 0.5 * pieces.lengths)))
 
 
 def _write(path: str | os.PathLike[str], overwrite: bool, write: Callable[[IO[str]], object]) -> None:

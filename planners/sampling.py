@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, Final
 
@@ -10,6 +11,8 @@ from ompl import base as ob
 from ompl import util as ou
 
 from cspace.sampling import check_rng
+from planners.states import kind_for
+from planners.straight import wrap
 
 if TYPE_CHECKING:
     from cspace.space import CSpace
@@ -20,6 +23,8 @@ _BATCH: Final = 256
 
 class FreeStateSampler(ob.ValidStateSampler):
     """Draws states that are FREE, uniformly over the free area, without trial and error.
+
+    For a map with rotations a :class:`TurningFreeStateSampler` is made; what shall serve such maps derives from that.
 
     Parameters
     ----------
@@ -35,6 +40,10 @@ class FreeStateSampler(ob.ValidStateSampler):
     InputError
         If ``rng`` is not a Generator.
     """
+
+    def __new__(cls, si: Any, space: CSpace, rng: np.random.Generator | None = None) -> FreeStateSampler:
+        made: FreeStateSampler = super().__new__(kind_for(cls, _KINDS, space))
+        return made
 
     def __init__(self, si: Any, space: CSpace, rng: np.random.Generator | None = None) -> None:
         super().__init__(si)
@@ -63,12 +72,10 @@ class FreeStateSampler(ob.ValidStateSampler):
         bool
             False, and ``state`` as it was, if none was found in ``getNrAttempts`` draws.
         """
-        (low_x, low_y), (high_x, high_y) = self._lower, self._upper
-        x, y, numbers = near[0], near[1], self._numbers
-        left, right = max(low_x, x - distance), min(high_x, x + distance)
-        bottom, top = max(low_y, y - distance), min(high_y, y + distance)
+        left, right, bottom, top = self._box(near[0], near[1], distance)
         if left > right or bottom > top:
             return False
+        numbers = self._numbers
         for _ in range(max(1, self.getNrAttempts())):
             x = min(left + next(numbers) * (right - left), right)
             y = min(bottom + next(numbers) * (top - bottom), top)
@@ -76,6 +83,52 @@ class FreeStateSampler(ob.ValidStateSampler):
                 state[0], state[1] = x, y
                 return True
         return False
+
+    def _box(self, x: float, y: float, distance: float) -> tuple[float, float, float, float]:
+        """Left, right, bottom and top of what is within ``distance`` and within the map."""
+        (low_x, low_y), (high_x, high_y) = self._lower, self._upper
+        return (
+            max(low_x, x - distance),
+            min(high_x, x + distance),
+            max(low_y, y - distance),
+            min(high_y, y + distance),
+        )
+
+
+class TurningFreeStateSampler(FreeStateSampler):
+    """The same for states ``(x, y, yaw)``, uniformly over the free volume."""
+
+    def sample(self, state: Any) -> bool:
+        """Set ``state`` to a FREE configuration."""
+        x, y, yaw = next(self._points)
+        state.setXY(x, y)
+        state.setYaw(wrap(yaw))
+        return True
+
+    def sampleNear(self, state: Any, near: Any, distance: float) -> bool:  # noqa: N802 - OMPL's name
+        """Set ``state`` to a FREE configuration within ``distance`` along x and y, and as many radians in yaw.
+
+        Returns
+        -------
+        bool
+            False, and ``state`` as it was, if none was found in ``getNrAttempts`` draws.
+        """
+        left, right, bottom, top = self._box(near.getX(), near.getY(), distance)
+        if left > right or bottom > top:
+            return False
+        numbers, middle, swing = self._numbers, near.getYaw(), min(distance, math.pi)
+        for _ in range(max(1, self.getNrAttempts())):
+            x = min(left + next(numbers) * (right - left), right)
+            y = min(bottom + next(numbers) * (top - bottom), top)
+            yaw = wrap(middle + (2.0 * next(numbers) - 1.0) * swing)
+            if self._is_free(x, y, yaw):
+                state.setXY(x, y)
+                state.setYaw(yaw)
+                return True
+        return False
+
+
+_KINDS: Final[dict[int, type]] = {2: FreeStateSampler, 3: TurningFreeStateSampler}
 
 
 def _points(space: CSpace, rng: np.random.Generator) -> Iterator[list[float]]:

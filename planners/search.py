@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,18 +16,21 @@ from ompl import util as ou
 
 from planners.ends import End
 from planners.spaces import simple_setup
-
-if TYPE_CHECKING:
-    from cspace.space import CSpace
+from planners.states import READ, WRITE
+from planners.ways import Way
 
 Floats = NDArray[np.float64]
 
 STRAIGHT: Final = "Exact solution (the straight edge is free; no search needed)"
+CURVED: Final = "Exact solution (the shortest curve is free; no search needed)"
 
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """What came out of a search: an empty path where the goal was not reached. Times are in seconds."""
+    """What came out of a search: the configurations that edges join, none where the goal was not reached.
+
+    Times are in seconds.
+    """
 
     path: Floats
     status: str
@@ -51,6 +54,8 @@ class Search:
         How often OMPL may ask whether to go on.
     simplify : bool
     seed : int or None
+    joined : dict
+        What :func:`planners.simple_setup` is to know of the edges: exact, curve and turning radius.
     """
 
     planner: Any
@@ -59,16 +64,17 @@ class Search:
     iterations: int | None
     simplify: bool
     seed: int | None
+    joined: dict[str, Any]
 
-    def run(self, space: CSpace, start: End, goal: End) -> Found:
+    def run(self, way: Way, start: End, goal: End) -> Found:
         """Search a path between two configurations at which motions can be proven free."""
         with _silence():
             if self.seed is not None:
                 # OMPL calls this an error once numbers have been drawn, but what is made from here on obeys it.
                 ou.RNG.setSeed(self.seed + 1)
-            setup = simple_setup(space, objective=self.objective)
-            if self._is_straight(space, setup, start, goal):
-                return Found(np.array([start, goal]), STRAIGHT)
+            setup = simple_setup(way.space, objective=self.objective, **self.joined)
+            if self._is_shortest(way, setup, start, goal):
+                return Found(np.array([start, goal]), CURVED if self.joined["curve"] else STRAIGHT)
             setup.setStartAndGoalStates(_state(setup, start), _state(setup, goal))
             setup.setPlanner(self.planner(setup.getSpaceInformation()))
             began = time.perf_counter()
@@ -80,18 +86,18 @@ class Search:
             if not self.simplify:
                 return Found(path, status.asString(), planning)
             began = time.perf_counter()
-            path = _simplified(space, setup, path)
+            path = _simplified(way, setup, path)
             return Found(path, status.asString(), planning, time.perf_counter() - began)
 
-    def _is_straight(self, space: CSpace, setup: Any, start: End, goal: End) -> bool:
-        """Whether the shortest path is wanted and is the straight edge.
+    def _is_shortest(self, way: Way, setup: Any, start: End, goal: End) -> bool:
+        """Whether the shortest path is wanted and is the single edge from start to goal.
 
         This is more than a short cut: OMPL's SORRTstar never returns once it has found a path of the least conceivable
         length, and its AORRTC reports such a path as an invalid goal.
         """
         objective = setup.getOptimizationObjective()
         wanted = objective is None or isinstance(objective, ob.PathLengthOptimizationObjective)
-        return wanted and space.edge_checker()(*start, *goal)
+        return wanted and way.edge_checker()(*start, *goal)
 
     def _stop(self) -> Any:
         """OMPL's rule for when to give up."""
@@ -102,27 +108,33 @@ class Search:
         return ob.PlannerTerminationCondition(lambda: next(asked) > most or time.perf_counter() > end)
 
 
-def _simplified(space: CSpace, setup: Any, path: Floats) -> Floats:
+def _simplified(way: Way, setup: Any, path: Floats) -> Floats:
     """The path after OMPL's simplification, unless that made it worse or left the proven ground."""
     objective = setup.getOptimizationObjective()
-    before = None if objective is None else setup.getSolutionPath().cost(objective)
+    solution = setup.getSolutionPath()
+    length, cost = solution.length(), None if objective is None else solution.cost(objective)
     setup.simplifySolution()
-    after = None if objective is None else setup.getSolutionPath().cost(objective)
+    solution = setup.getSolutionPath()
     simple = _array(setup, path.shape[1])
-    worse = objective is not None and objective.isCostBetterThan(before, after)
-    return path if worse or not space.motion_is_free(simple[:-1], simple[1:]).all() else simple
+    if objective is None:
+        # OMPL's simplifier takes curves for straight where it cuts corners.
+        worse = solution.length() > length * (1.0 + 1e-12)
+    else:
+        worse = objective.isCostBetterThan(cost, solution.cost(objective))
+    ends = np.array_equal(simple[[0, -1]], path[[0, -1]])
+    return simple if ends and not worse and way.are_free(simple) else path
 
 
 def _state(setup: Any, point: End) -> Any:
     state = setup.getStateSpace().allocState()
-    for axis, value in enumerate(point):
-        state[axis] = value
+    WRITE[len(point)](state, point)
     return state
 
 
 def _array(setup: Any, dof: int) -> Floats:
     """The solution path, shape (n, dof)."""
-    return np.array([[state[axis] for axis in range(dof)] for state in setup.getSolutionPath().getStates()])
+    read = READ[dof]
+    return np.array([read(state) for state in setup.getSolutionPath().getStates()])
 
 
 @contextmanager

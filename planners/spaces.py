@@ -14,25 +14,40 @@ from cspace.sampling import check_rng
 from planners.motion import MotionValidator
 from planners.sampling import FreeStateSampler
 from planners.validity import StateValidityChecker
+from planners.ways import Way, way_of
 
 if TYPE_CHECKING:
     from cspace.space import CSpace
 
 
-def state_space(space: CSpace) -> Any:
-    """OMPL's state space of a map: the closed box of its grid.
+def state_space(space: CSpace, *, curve: str | None = None, turning_radius: float | None = None) -> Any:
+    """OMPL's state space of a map: the closed box of its grid, and every yaw where the map has rotations.
 
     Parameters
     ----------
     space : CSpace
+    curve : {"dubins", "reeds-shepp"}, optional
+        Curves of a car that drives forwards alone, or in both directions; straight edges, if left out.
+    turning_radius : float, optional
+        Metres; for curves, which need it.
 
     Returns
     -------
-    ompl.base.RealVectorStateSpace
-        Coordinates x and y, in metres.
+    ompl.base.RealVectorStateSpace, SE2StateSpace, DubinsStateSpace or ReedsSheppStateSpace
+        Coordinates x and y, in metres; ``getX``, ``getY`` and ``getYaw``, in radians, of a robot that turns.
+
+    Raises
+    ------
+    InputError
+        If a curve is unknown, or asked for on a map without rotations, or the turning radius is missing, unwanted, or
+        not above zero.
     """
-    grid = space.grid
-    states = ob.RealVectorStateSpace(grid.dim)
+    return _bounded(way_of(space, False, curve, turning_radius))
+
+
+def _bounded(way: Way) -> Any:
+    grid = way.space.grid
+    states = way.states()
     bounds = ob.RealVectorBounds(grid.dim)
     for axis, (low, high) in enumerate(zip(grid.lower, grid.upper, strict=True)):
         bounds.setLow(axis, low)
@@ -47,6 +62,9 @@ def simple_setup(
     objective: Callable[[Any], Any] | None = None,
     rng: np.random.Generator | None = None,
     valid_state_sampler: Callable[[Any], Any] | None = None,
+    exact: bool = False,
+    curve: str | None = None,
+    turning_radius: float | None = None,
 ) -> Any:
     """OMPL's set-up with everything that the map can answer: states, motions, samples and checking resolution.
 
@@ -65,6 +83,13 @@ def simple_setup(
     valid_state_sampler : callable, optional
         Given the space information, returns an ``ompl.base.ValidStateSampler``, to be used in place of
         :class:`FreeStateSampler`.
+    exact : bool
+        Whether the geometry itself is asked where the map cannot decide. Valid states are then drawn from the whole
+        map and tried, since they need not lie in FREE cells.
+    curve : {"dubins", "reeds-shepp"}, optional
+        Curves of a car that drives forwards alone, or in both directions; straight edges, if left out.
+    turning_radius : float, optional
+        Metres; for curves, which need it.
 
     Returns
     -------
@@ -76,15 +101,17 @@ def simple_setup(
     InputError
         If the sampler is OMPL's ObstacleBasedValidStateSampler, which needs the last valid state of a motion: a motion
         validator in Python cannot tell it, and invalid states would come out. Or if ``objective`` or the sampler is
-        of another type than OMPL's, or both ``rng`` and a sampler are given.
+        of another type than OMPL's, or both ``rng`` and a sampler are given, or ``rng`` and ``exact``. And as
+        :func:`state_space`.
     """
-    states = state_space(space)
+    states = _bounded(way_of(space, exact, curve, turning_radius))
     setup = og.SimpleSetup(states)
     si = setup.getSpaceInformation()
-    setup.setStateValidityChecker(StateValidityChecker(si, space))
-    si.setMotionValidator(MotionValidator(si, space))
+    setup.setStateValidityChecker(StateValidityChecker(si, space, exact=exact))
+    validator = MotionValidator(si, space, exact=exact, curve=curve, turning_radius=turning_radius)
+    si.setMotionValidator(validator)
     si.setStateValidityCheckingResolution(0.5 * space.grid.spacing / states.getMaximumExtent())
-    si.setValidStateSamplerAllocator(_allocator(si, space, rng, valid_state_sampler))
+    si.setValidStateSamplerAllocator(_allocator(si, space, rng, valid_state_sampler, exact))
     if objective is not None:
         made = objective(si)
         if not isinstance(made, ob.OptimizationObjective):
@@ -97,12 +124,18 @@ def simple_setup(
 
 
 def _allocator(
-    si: Any, space: CSpace, rng: np.random.Generator | None, sampler: Callable[[Any], Any] | None
+    si: Any, space: CSpace, rng: np.random.Generator | None, sampler: Callable[[Any], Any] | None, exact: bool
 ) -> Callable[[Any], Any]:
     """What makes the valid state samplers. It must not hold ``si``, which holds it."""
     if sampler is None:
         if rng is not None:
             check_rng(rng)
+        if exact and rng is not None:
+            raise InputError(
+                "rng is given and exact is True; rng is for FreeStateSampler, which keeps to FREE cells; drop one"
+            )
+        if exact:
+            return lambda info: ob.UniformValidStateSampler(info)
         return lambda info: FreeStateSampler(info, space, rng)
     if rng is not None:
         raise InputError("rng and valid_state_sampler are both given; rng is only for FreeStateSampler; drop one")

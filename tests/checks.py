@@ -4,6 +4,9 @@ import numpy as np
 import shapely
 from shapely import affinity
 
+from cspace import CSpace, Robot, Workspace
+from cspace.rotations import Rotations
+
 
 def draw_configurations(space, rng, n):
     """Configurations around and beyond the grid: anywhere, on borders and corners of cells, and close to them."""
@@ -43,3 +46,54 @@ def collides(space, q, margin, obstacles=None):
 
 def zip_balls(robot):
     return zip(robot.centers, robot.radii, strict=True)
+
+
+def draw_turned(space, rng, n):
+    """Configurations ``(x, y, yaw)``: as :func:`draw_configurations`, with yaws anywhere and on borders of cells."""
+    borders = np.asarray(space.rotations.borders)
+    yaw = rng.uniform(-9.0, 9.0, n)
+    on_border = rng.choice(borders, n) + 2.0 * np.pi * rng.integers(-1, 2, n)
+    near = on_border + rng.choice([0.0, 1e-12, -1e-12, 1e-6, -1e-6], n)
+    yaw = np.where(rng.random(n) < 0.4, near, yaw)
+    return np.column_stack([draw_configurations(space, rng, n), yaw])
+
+
+def turned(points, q):
+    """Points of the robot, shape (m, 2), at configurations ``(x, y, yaw)``, shape (n, 3): shape (n, m, 2)."""
+    z = (points[:, 0] + 1j * points[:, 1]) * np.exp(1j * q[:, 2])[:, None]
+    return np.stack([z.real, z.imag], axis=-1) + q[:, None, :2]
+
+
+def turned_collides(space, q, margin, obstacles=None):
+    """:func:`collides` for configurations ``(x, y, yaw)``; discs by exact distances, polygons by their corners."""
+    shape = obstacles_of(space) if obstacles is None else obstacles
+    shapely.prepare(shape)
+    if len(space.robot.radii):
+        centers = turned(space.robot.centers, q)
+        distance = np.min(
+            [
+                shapely.distance(shapely.points(centers[:, k]), shape) - radius
+                for k, radius in enumerate(space.robot.radii)
+            ],
+            axis=0,
+        )
+        return distance <= margin
+    robot = space.robot.geometry if margin >= 0 else space.robot.geometry.buffer(margin)
+    placed = [shapely.transform(robot, lambda points, one=one: turned(points, one[None])[0]) for one in q]
+    if margin <= 0:
+        return shapely.intersects(placed, shape)
+    return shapely.dwithin(placed, shape, margin)
+
+
+def stack_of(state, rotations, robot=None, outside="free", spacing=0.25):
+    """A map made by hand from slices, of a robot that is a point to speak of and shares no slices."""
+    state = np.asarray(state, dtype=np.uint8)
+    return CSpace(
+        Workspace.from_array(np.zeros(state.shape[1:], dtype=bool), spacing),
+        robot or Robot.disc(1e-6, (1e-7, 0.0)),
+        state,
+        outside=outside,
+        margin=0.0,
+        precision="float32",
+        rotations=Rotations.of(rotations),
+    )

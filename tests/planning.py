@@ -11,6 +11,7 @@ import pytest
 
 import planners
 from cspace import BLOCKED, FREE, CSpace, Robot, Workspace, build
+from cspace.rotations import Rotations
 
 START, GOAL = (1.0, 1.0), (9.0, 5.0)
 
@@ -61,3 +62,80 @@ def check(space: CSpace, found: planners.Plan, start: Any = START, goal: Any = G
     least = distances(space, dense.reshape(-1, 2)).min()
     assert max(0.0, least - 2 * space.grid.spacing) <= found.clearance <= least
     assert all(seconds >= 0.0 for seconds in dataclasses.astuple(found.times))
+
+
+def turning_room() -> CSpace:
+    """A room of 6 m by 4 m with two walls across it, for a robot of 0.6 m by 0.3 m that turns."""
+    occupied = np.zeros((60, 40), dtype=bool)
+    occupied[18:20, :26] = True
+    occupied[40:42, 14:] = True
+    return build(Workspace.from_array(occupied, 0.1), Robot.rectangle(0.6, 0.3), rotations=24)
+
+
+def turning_halves(between: int) -> CSpace:
+    """Two free halves of 9 m by 9 m with a wall of another state between them, at every yaw."""
+    state = np.full((12, 19, 9), FREE, dtype=np.uint8)
+    state[:, 9] = between
+    workspace = Workspace.from_array(state[0] == BLOCKED, 1.0)
+    robot = Robot.polygon(np.array([(0.1, 0.0), (-0.1, 0.1), (-0.1, -0.1)]))
+    options: dict[str, Any] = {"outside": "blocked", "margin": 0.0, "precision": "float64"}
+    return CSpace(workspace, robot, state, rotations=Rotations.of(12), **options)
+
+
+def turn_between(first: Any, second: Any) -> Any:
+    """Signed angle from one yaw to another along the shorter arc."""
+    return (np.asarray(second) - first + math.pi) % (2 * math.pi) - math.pi
+
+
+def check_turning(space: CSpace, found: planners.Plan, start: Any, goal: Any) -> None:
+    """What holds of every solved plan of a robot that turns, told by look-ups of single configurations."""
+    path, waypoints = found.path, found.waypoints
+    assert found.solved and found.certified
+    assert path.dtype == waypoints.dtype == np.float64 and not path.flags.writeable and not waypoints.flags.writeable
+    assert path.shape[1:] == waypoints.shape[1:] == (3,)
+    for end, row in ((start, path[0]), (goal, path[-1]), (start, waypoints[0]), (goal, waypoints[-1])):
+        assert tuple(row) == (*end[:2], row[2]) and abs(turn_between(row[2], end[2])) < 1e-12
+    assert (path[:, 2] >= -math.pi).all() and (path[:, 2] < math.pi).all()
+    rows = {tuple(row) for row in path.tolist()}
+    assert all(tuple(row) in rows for row in waypoints.tolist())
+    steps = np.hypot(*np.diff(path[:, :2], axis=0).T)
+    turns = turn_between(path[:-1, 2], path[1:, 2])
+    assert (steps <= space.grid.spacing * (1 + 1e-9)).all() and (np.abs(turns) <= math.radians(5) + 1e-9).all()
+    along = np.linspace(0.0, 1.0, 20)[:, None]
+    if found.curve is None:
+        assert found.direction is None
+        assert found.length == pytest.approx(steps.sum())
+        dense = [a + along * np.array([*(b - a)[:2], turn]) for a, b, turn in zip(path, path[1:], turns, strict=False)]
+    else:
+        assert found.turning_radius is not None and found.direction is not None
+        assert len(found.direction) == len(path) and set(found.direction.tolist()) <= {1, -1}
+        assert steps.sum() * (1 - 1e-9) <= found.length <= steps.sum() * 1.01 + 1e-9
+        dense = [
+            on_arc(a, step, turn, way, along[:, 0])
+            for a, step, turn, way in zip(path, steps, turns, found.direction[1:], strict=False)
+        ]
+        # No turn is tighter than the radius, and the robot moves the way it points.
+        assert (np.abs(turns) <= 1.02 * steps / found.turning_radius + 1e-6).all()
+        for b, points in zip(path[1:], dense, strict=True):
+            assert np.abs(points[-1, :2] - b[:2]).max() < 1e-5
+    if dense and not found.exact:
+        assert space.is_free(np.concatenate(dense)).all()
+    assert (
+        0.0
+        <= found.clearance
+        <= (space.clearance(np.concatenate(dense)).min() if dense else math.inf) + 1e-9 + (1.5 * space.grid.spacing)
+    )
+    assert all(seconds >= 0.0 for seconds in dataclasses.astuple(found.times))
+
+
+def on_arc(first: np.ndarray, chord: float, turn: float, way: int, along: np.ndarray) -> np.ndarray:
+    """Configurations of the arc on which a car drives a chord and turns by an angle."""
+    angles = turn * along
+    yaw = first[2] + angles
+    if abs(turn) < 1e-9:
+        ahead = way * chord * along
+        offsets = np.stack([ahead * math.cos(first[2]), ahead * math.sin(first[2])], axis=-1)
+    else:
+        radius = way * chord / (2.0 * math.sin(abs(turn) / 2.0)) * math.copysign(1.0, turn)
+        offsets = radius * np.stack([np.sin(yaw) - math.sin(first[2]), math.cos(first[2]) - np.cos(yaw)], axis=-1)
+    return np.column_stack([first[:2] + offsets, yaw])

@@ -58,3 +58,14 @@ def robots(draw, size=1.0):
     occupied = rng.random((int(rng.integers(1, 6)), int(rng.integers(1, 6)))) < 0.6
     occupied[0, 0] = True
     return Robot.cells(occupied, size / 4 * rng.uniform(0.5, 1.5), center)
+
+
+@st.composite
+def rotation_cells(draw, most=12):
+    """A number of rotation cells, or the borders of unequal ones."""
+    if draw(st.booleans()):
+        return draw(st.integers(1, most))
+    rng = np.random.default_rng(draw(seeds))
+    first = draw(st.sampled_from([0.0, -math.pi, -0.3, 2.0, -6.0]))
+    widths = rng.uniform(0.1, 1.0, draw(st.integers(1, most)))
+    return first + np.append(0.0, np.cumsum(widths) / widths.sum()) * 2 * math.pi

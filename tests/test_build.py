@@ -99,7 +99,7 @@ def test_agrees_with_the_exact_minkowski_sum(robot, obstacle):
     rounding = 4.0 / scale
     assert not shapely.intersects(cells[space.state == FREE], exact.buffer(-rounding)).any()
     assert shapely.covers(exact.buffer(rounding), cells[space.state == BLOCKED]).all()
-    assert (space.state == BLOCKED).sum() > 0
+    assert (space.state == BLOCKED).any() or not space.workspace.inner.any()  # a sliver holds no cell
 
 
 @settings(max_examples=20)

@@ -14,29 +14,14 @@ from hypothesis import given, settings
 import cspace
 from cspace.errors import FileError
 from cspace.io.files import export, open_map
-from maps import SUFFIXES, refused, same, spaces
+from maps import SUFFIXES, rebuilt, refused, same, spaces
 
 
 @pytest.fixture
 def space() -> cspace.CSpace:
+    """A map of a robot that only translates; ``test_turning_files`` has those that turn."""
     workspace = cspace.Workspace.from_array(np.eye(9, 7, dtype=bool), 0.1, lower=(-0.3, 0.7))
     return cspace.build(workspace, cspace.Robot.rectangle(0.25, 0.15), overlap=True, outside="free")
-
-
-def rebuilt(dataset: xarray.Dataset) -> cspace.CSpace:
-    """The map that a Dataset describes, built anew from the workspace and the robot alone."""
-    about = dataset.attrs
-    grid = cspace.Grid(about["lower"], about["spacing"], dataset.outer.shape)
-    workspace = cspace.Workspace(
-        grid=grid, outer=dataset.outer.values, inner=dataset.inner.values, source=about["workspace_source"]
-    )
-    return cspace.build(
-        workspace,
-        cspace.Robot.from_spec(json.loads(about["robot"])),
-        outside=about["outside"],
-        margin=about["margin"],
-        overlap="overlap" in dataset,
-    )
 
 
 def test_a_dataset_is_labelled(space: cspace.CSpace) -> None:

@@ -9,16 +9,15 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import oracles
-from cspace.fourier import correlate
+from cspace.fourier import correlate, correlation
 from cspace.fourier.precision import MARGIN, UNIT_ROUNDOFF, error_bound, growth
 from cspace.fourier.tiles import choose_tiling, fast_length
 from cspace.raster import Raster
 from strategies import bitmaps, seeds
 
 
-def by_shifts(occupied, raster, outside):
+def by_shifts(occupied, raster, outside, pad=300):
     """Overlaps by adding up shifted copies of the map."""
-    pad = 300
     wide = np.pad(occupied, pad, constant_values=outside)
     total = np.zeros(occupied.shape, dtype=np.int64)
     for m, n in oracles.raster_offsets(raster):
@@ -55,6 +54,33 @@ def test_many_tiles_and_many_rasters(seed):
         expected = by_shifts(occupied, raster, outside)
         assert (count == expected).all()
         assert (hit == (expected > 0)).all()
+
+
+@settings(max_examples=8)
+@given(seeds)
+def test_rasters_that_share_a_transform(seed):
+    """Several overlaps as digits of one sum, over many tiles, for counts, hits and hits that are added."""
+    rng = np.random.default_rng(seed)
+    occupied = rng.random(rng.integers(150, 300, 2)) < rng.choice([0.001, 0.05, 1.0])
+    shares = rng.choice([0.1, 1.0], rng.integers(9, 14))
+    rasters = [
+        Raster.trimmed(rng.random(rng.integers(1, 16, 2)) < share, tuple(rng.integers(-20, 5, 2).tolist()))
+        for share in shares
+    ]
+    rasters[3] = Raster.trimmed(np.arange(501)[None, :] % 500 == 0, (0, 0))  # one of its offsets is never on the map
+    rasters[5] = Raster.trimmed(np.zeros((2, 2), bool), (0, 0))
+    outside = bool(rng.integers(2))
+    extent, count = (40, 40), max(raster.count for raster in rasters)
+    assert choose_tiling(occupied.shape, extent, count, 2, len(rasters)).digits > 1
+    counts = correlate(occupied, rasters, outside=outside, counts=True, workers=2)
+    hits = correlate(occupied, rasters, outside=outside, workers=2)
+    marks = [np.full(occupied.shape, 7, dtype=np.uint8) for _ in rasters]
+    correlate(occupied, rasters, outside=outside, out=marks, add=True, workers=2)
+    for raster, number, hit, mark in zip(rasters, counts.results, hits.results, marks, strict=True):
+        expected = by_shifts(occupied, raster, outside, 501)
+        assert (number == expected).all()
+        assert (hit == (expected > 0)).all()
+        assert (mark == 7 + (expected > 0)).all()
 
 
 def test_float64_where_float32_is_not_proven():
@@ -118,6 +144,21 @@ def test_progress_runs_to_the_end():
     raster = Raster.trimmed(np.ones((5, 5), bool), (-2, -2))
     correlate(occupied, [raster], outside=True, workers=2, progress=lambda done, total: seen.append((done, total)))
     assert seen[-1][0] == seen[-1][1] == len(seen)
+
+
+@pytest.mark.parametrize("size", [1, 2**18])
+def test_robot_spectra_beyond_their_memory_are_taken_in_turns(monkeypatch, size):
+    monkeypatch.setattr(correlation, "SPECTRA_BYTES", size)
+    occupied = np.random.default_rng(1).random((200, 120)) < 0.02
+    rasters = [Raster.trimmed(np.ones((3, 4 + k), bool), (-1, -k)) for k in range(40)]
+    seen = []
+    for used in (rasters[:1], rasters):
+        results = correlate(
+            occupied, used, outside=True, workers=2, progress=lambda done, total: seen.append((done, total))
+        ).results
+        assert seen[-1][0] == seen[-1][1]
+        for raster, hit in zip(used, results, strict=True):
+            assert (hit == (by_shifts(occupied, raster, True) > 0)).all()
 
 
 def test_an_error_in_the_progress_callback_stops_the_run():

@@ -71,9 +71,9 @@ def test_a_plan_is_read_back_from_json(found: planners.Plan, tmp_path: Path) -> 
     record = json.loads((tmp_path / "plan.json").read_text())
     assert set(record) == {field.name for field in dataclasses.fields(planners.Plan)}
     times = planners.Times(**record.pop("times"))
-    path = np.array(record.pop("path"))
-    again = planners.Plan(path=path, times=times, **record)
-    assert np.array_equal(again.path, found.path)
+    arrays = {name: np.array(record.pop(name)) for name in ("path", "waypoints")}
+    again = planners.Plan(**arrays, times=times, **record)
+    assert np.array_equal(again.path, found.path) and np.array_equal(again.waypoints, found.path)
     assert times == found.times
     for name in record:
         assert getattr(again, name) == getattr(found, name)

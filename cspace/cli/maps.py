@@ -8,9 +8,20 @@ from typing import Annotated
 
 import typer
 
-from cspace.cli.options import Json, MapFile, Overwrite, check_outputs, configuration, given
+from cspace.cli.options import (
+    Json,
+    MapFile,
+    Overwrite,
+    angle,
+    check_configuration,
+    check_outputs,
+    check_turning,
+    configuration,
+    given,
+)
 from cspace.cli.paths import read_path
 from cspace.cli.report import Clock, describe_map, describe_robot, describe_workspace, progress_bar, show
+from cspace.errors import InputError
 
 
 class Unknown(StrEnum):
@@ -52,6 +63,9 @@ def make(
         Path, typer.Option("--output", "-o", metavar="OUT", readable=False, help="The map: .zarr or .npz.")
     ],
     spacing: Spacing = None,
+    rotations: Annotated[
+        int | None, typer.Option(metavar="COUNT", help="For a robot that turns: how many yaw cells, e.g. 72.")
+    ] = None,
     unknown: Annotated[Unknown | None, typer.Option(help="What unknown cells count as  [default: occupied].")] = None,
     outside: Annotated[Outside, typer.Option(help="What lies beyond the workspace.")] = Outside.BLOCKED,
     margin: Annotated[float, typer.Option(metavar="METRES", help="Grow the robot by this much.")] = 0.0,
@@ -66,8 +80,10 @@ def make(
     from cspace import build
     from cspace.io.files import SAVES
     from cspace.robot import Robot
+    from cspace.rotations import check_rotations
     from cspace.workspace import Workspace
 
+    check_rotations(rotations)
     check_outputs([output], SAVES, overwrite)
     clock = Clock()
     with clock.step("read"):
@@ -77,6 +93,7 @@ def make(
         space = build(
             obstacles,
             shape,
+            rotations=rotations,
             inner=inner,
             overlap=overlap,
             outside=outside.value,
@@ -120,48 +137,66 @@ def picture(
     path: Annotated[
         Path | None, typer.Option(metavar="FILE", readable=False, help="A path to draw: .csv or .json.")
     ] = None,
-    start: Annotated[str | None, typer.Option(metavar="X,Y", help="A configuration to mark, metres.")] = None,
-    goal: Annotated[str | None, typer.Option(metavar="X,Y", help="A configuration to mark, metres.")] = None,
+    start: Annotated[str | None, typer.Option(metavar="X,Y[,YAW]", help="A configuration to mark, metres.")] = None,
+    goal: Annotated[str | None, typer.Option(metavar="X,Y[,YAW]", help="A configuration to mark, metres.")] = None,
     robot_every: Annotated[
         float | None, typer.Option(metavar="METRES", help="Path between two drawn robots  [default: chosen].")
     ] = None,
+    yaw: Annotated[
+        str | None, typer.Option(metavar="ANGLE", help="Show the slice at this yaw, e.g. 90deg  [default: all yaws].")
+    ] = None,
+    strip: Annotated[bool, typer.Option("--strip", help="Show slices at several yaws, side by side.")] = False,
     dpi: Annotated[float, typer.Option(help="Pixels per inch; a picture is about 8 inches wide.")] = 150.0,
     overwrite: Overwrite = False,
     as_json: Json = False,
 ) -> None:
     """Draw a map, and a path on it, into a picture."""
     from cspace.io.files import open_map
-    from cspace.plot import SUFFIXES, save_plot
+    from cspace.plot import SUFFIXES, save_plot, save_strip
 
+    if strip and (yaw is not None or robot_every is not None):
+        raise InputError("--strip shows several yaws and no robots; it goes without --yaw and --robot-every; drop them")
     check_outputs([output], SUFFIXES, overwrite)
+    turn = None if yaw is None else angle(yaw, "--yaw")
+    marks = {name: configuration(text, f"--{name}") for name, text in given(start=start, goal=goal).items()}
     clock = Clock()
     with clock.step("read"):
-        marks = given(
-            start=None if start is None else configuration(start, "--start"),
-            goal=None if goal is None else configuration(goal, "--goal"),
-            path=None if path is None else read_path(path),
-        )
+        points = None if path is None else read_path(path)
         space = open_map(file)
+    for name, mark in marks.items():
+        check_configuration(space, mark, f"--{name}")
+    if turn is not None or strip:
+        check_turning(space, "--strip" if strip else "--yaw")
     with clock.step("draw"):
-        save_plot(space, output, overwrite, dpi=dpi, robot_every=robot_every, **marks)
+        options = given(path=points, **marks)
+        if strip:
+            save_strip(space, output, overwrite, dpi=dpi, **options)
+        else:
+            save_plot(space, output, overwrite, dpi=dpi, robot_every=robot_every, yaw=turn, **options)
     show({"picture": str(output), "seconds": clock.seconds}, as_json)
 
 
 def export(
     file: MapFile,
     output: Annotated[Path, typer.Argument(metavar="OUT", readable=False, help=".npz, .zarr, or .yaml for a ROS map.")],
+    yaw: Annotated[
+        str | None, typer.Option(metavar="ANGLE", help="Only the slice at this yaw, e.g. 90deg or 1.57.")
+    ] = None,
     overwrite: Overwrite = False,
     as_json: Json = False,
 ) -> None:
     """Write a saved map for other software."""
-    from cspace.io.files import EXPORTS, open_map
+    from cspace.io import files
 
-    check_outputs([output], EXPORTS, overwrite)
+    check_outputs([output], files.EXPORTS, overwrite)
+    turn = None if yaw is None else angle(yaw, "--yaw")
     clock = Clock()
     with clock.step("read"):
-        space = open_map(file)
+        space = files.open_map(file)
+    if turn is not None:
+        check_turning(space, "--yaw")
     with clock.step("write"):
-        space.export(output, overwrite=overwrite)
+        files.export(space, output, overwrite=overwrite, **given(yaw=turn))
     show({"output": str(output), **describe_map(space), "seconds": clock.seconds}, as_json)
 
 

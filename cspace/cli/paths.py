@@ -20,7 +20,7 @@ def read_path(file: Path) -> list[list[float]]:
     Returns
     -------
     list of list of float
-        x and y of each configuration, in metres.
+        x and y of each configuration, in metres, and its yaw, in radians, where there is one.
 
     Raises
     ------
@@ -30,13 +30,15 @@ def read_path(file: Path) -> list[list[float]]:
     try:
         text = file.read_text(encoding="utf-8")
         rows = json.loads(text)["path"] if file.suffix.lower() == ".json" else list(csv.reader(text.splitlines()))[1:]
-        points = [[float(x), float(y)] for x, y in rows]
+        points = [[float(value) for value in row] for row in rows]
+        if any(len(point) not in (2, 3) or len(point) != len(points[0]) for point in points):
+            raise ValueError
     except OSError as error:
         raise FileError(f"{file} cannot be read: {error.strerror}; a path is a CSV or JSON file") from error
     except (ValueError, TypeError, KeyError) as error:
         raise FileError(
-            f"{file} holds no path; a path is a CSV file with the columns x and y, or a JSON file with the "
-            "configurations under path; let cspace plan write one"
+            f"{file} holds no path; a path is a CSV file with the columns x and y, and perhaps yaw, or a JSON file "
+            "with the configurations under path; let cspace plan write one"
         ) from error
     if not points:
         raise FileError(f"{file} holds no configuration; a path has at least one; let cspace plan write one")

@@ -2,13 +2,25 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cspace.cli.options import Json, MapFile, Overwrite, check_folder, check_outputs, configuration, given
+from cspace.cli.options import (
+    Json,
+    MapFile,
+    Overwrite,
+    check_configuration,
+    check_folder,
+    check_outputs,
+    check_turning,
+    configuration,
+    given,
+)
 from cspace.cli.report import Clock, describe_map, progress_bar, show
+from cspace.errors import InputError
 
 if TYPE_CHECKING:
     from planners import Plan
@@ -16,37 +28,68 @@ if TYPE_CHECKING:
 _PATHS = (".csv", ".json")
 
 
+class Curve(StrEnum):
+    """Which curves a car may drive."""
+
+    DUBINS = "dubins"
+    REEDS_SHEPP = "reeds-shepp"
+
+
 def plan(
     file: MapFile,
-    start: Annotated[str, typer.Option(metavar="X,Y", help="Where the robot is, metres; e.g. --start=-1,2.")],
-    goal: Annotated[str, typer.Option(metavar="X,Y", help="Where it goes, metres.")],
+    start: Annotated[
+        str, typer.Option(metavar="X,Y[,YAW]", help="Where the robot is, metres; e.g. --start=-1,2 or -1,2,90deg.")
+    ],
+    goal: Annotated[
+        str, typer.Option(metavar="X,Y[,YAW]", help="Where it goes; a yaw is e.g. 90deg, or a number of radians.")
+    ],
     output: Annotated[
         list[Path] | None,
         typer.Option(
             "--output", "-o", metavar="PATH", readable=False, help="The path: .csv or .json; may be given again."
         ),
     ] = None,
-    planner: Annotated[str, typer.Option(help="An OMPL planner, by name; a wrong one lists them all.")] = "RRTConnect",
+    planner: Annotated[
+        str | None,
+        typer.Option(help="An OMPL planner, by name; a wrong one lists them all. RRT for dubins, else RRTConnect."),
+    ] = None,
     time_limit: Annotated[float, typer.Option(metavar="SECONDS", help="When to give up.")] = 1.0,
     seed: Annotated[int | None, typer.Option(help="Makes the run repeatable.")] = None,
     simplify: Annotated[bool, typer.Option("--simplify/--no-simplify", help="Shorten the path.")] = True,
     objective: Annotated[str | None, typer.Option(help="What to optimise: length or clearance.")] = None,
+    exact: Annotated[
+        bool, typer.Option("--exact", help="Ask the geometry itself where the grid cannot decide.")
+    ] = False,
+    curve: Annotated[Curve | None, typer.Option(help="Drive like a car, on curves of this kind.")] = None,
+    turning_radius: Annotated[
+        float | None, typer.Option(metavar="METRES", help="Of the tightest curve, at the reference point.")
+    ] = None,
     picture: Annotated[Path | None, typer.Option(metavar="PNG", readable=False, help="Draw map and path.")] = None,
+    animate: Annotated[
+        Path | None, typer.Option(metavar="GIF", readable=False, help="Draw the robot on its way, as a moving picture.")
+    ] = None,
     overwrite: Overwrite = False,
     as_json: Json = False,
 ) -> None:
     """Plan a path on a saved map. The exit code is 1 where none is found."""
     from cspace.io.files import open_map
     from cspace.plot import SUFFIXES, save_plot
+    from cspace.plot import animate as save_animation
 
     check_outputs(output or [], _PATHS, overwrite)
     check_outputs([picture] if picture else [], SUFFIXES, overwrite)
+    check_outputs([animate] if animate else [], (".gif",), overwrite)
     ends = configuration(start, "--start"), configuration(goal, "--goal")
+    _check_curve(curve, turning_radius)
     import planners
 
     clock = Clock()
     with clock.step("read"):
         space = open_map(file)
+    for end, option in zip(ends, ("--start", "--goal"), strict=True):
+        check_configuration(space, end, option)
+    if curve:
+        check_turning(space, "--curve")
     with clock.step("plan"):
         found = planners.plan(
             space,
@@ -55,7 +98,12 @@ def plan(
             time_limit=time_limit,
             simplify=simplify,
             seed=seed,
-            **given(objective=objective),
+            **given(
+                objective=objective,
+                exact=exact or None,
+                curve=curve and curve.value,
+                turning_radius=turning_radius,
+            ),
         )
     if found.solved:
         with clock.step("write"):
@@ -63,6 +111,9 @@ def plan(
     if picture:
         with clock.step("draw"):
             save_plot(space, picture, overwrite, path=found if found.solved else None, start=ends[0], goal=ends[1])
+    if animate and found.solved:
+        with clock.step("animate"), progress_bar("drawing") as progress:
+            save_animation(space, found.path, animate, overwrite, progress=progress)
     show({**_describe(found), "seconds": clock.seconds}, as_json)
     if not found.solved:
         typer.echo(f"cspace: no path from {start} to {goal}: {found.status}", err=True)
@@ -86,7 +137,6 @@ def demo(
         import planners
         from cspace import build
         from cspace import demo as flat
-        from cspace.errors import InputError
         from cspace.plot import save_plot
     with clock.step("draw_floor_plan"):
         workspace = flat.demo_workspace()
@@ -118,6 +168,24 @@ def demo(
         },
         as_json,
     )
+
+
+def _check_curve(curve: Curve | None, turning_radius: float | None) -> None:
+    """Check that a curve and its radius come together."""
+    from cspace.grid import positive
+
+    if turning_radius is not None:
+        positive(turning_radius, "--turning-radius")
+    if curve and turning_radius is None:
+        raise InputError(
+            f"--curve is {curve.value} and there is no --turning-radius; a curve has a tightest radius; give it in "
+            "metres, e.g. --turning-radius 0.5"
+        )
+    if turning_radius is not None and not curve:
+        raise InputError(
+            f"--turning-radius is {turning_radius:g} and there is no --curve; the radius is for curves; add "
+            f"--curve {' or --curve '.join(Curve)}, or leave it out"
+        )
 
 
 def _describe(found: Plan) -> dict[str, Any]:

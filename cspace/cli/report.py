@@ -8,7 +8,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import typer
 
@@ -16,6 +16,10 @@ if TYPE_CHECKING:
     from cspace.robot import Robot
     from cspace.space import CSpace
     from cspace.workspace import Workspace
+
+
+_UNITS: Final = {"_m2": " m²", "_m": " m", "_deg": "°", "_bytes": " bytes"}
+"""Units, by the end of a name."""
 
 
 class Clock:
@@ -56,8 +60,8 @@ def show(document: dict[str, Any], as_json: bool) -> None:
     Parameters
     ----------
     document : dict
-        Names to values, nested at will; a name that ends in ``_m`` or ``_m2`` is in metres or square metres. Lists
-        of lists are for machines only.
+        Names to values, nested at will; the end of a name tells the unit, as ``_m`` does metres. Lists of lists are for
+        machines only.
     as_json : bool
         One JSON document, where what is not finite is null, in place of a table.
     """
@@ -88,10 +92,24 @@ def describe_map(space: CSpace) -> dict[str, Any]:
     """What there is to say about a map."""
     import numpy as np
 
-    from cspace.states import NAMES
+    from cspace.states import FREE, NAMES
 
-    counts = np.bincount(space.state.ravel(), minlength=len(NAMES))
-    grid = space.grid
+    counts = space.count()
+    grid, rotations = space.grid, space.rotations
+    kept = space.stack.nbytes + (0 if space.overlaps is None else space.overlaps.nbytes)
+    turning: dict[str, Any] = {}
+    if rotations is None:
+        area = {"free_area_m2": counts[0] * grid.spacing**grid.dim}
+    else:
+        widths = np.diff(rotations.borders)
+        free = np.array([np.count_nonzero(part == FREE) for part in space.stack])[space.slice_of]
+        # Each rotation cell counts by its width.
+        area = {"mean_free_area_m2": float(free @ widths / widths.sum()) * grid.spacing**grid.dim}
+        turning = {
+            "rotations": rotations.count,
+            "rotation_cell_deg": round(float(np.degrees(widths.max())), 9),
+            "slices": len(space.stack),
+        }
     return {
         "robot": space.robot.name,
         "workspace": space.workspace.source,
@@ -99,12 +117,14 @@ def describe_map(space: CSpace) -> dict[str, Any]:
         "upper_m": list(grid.upper),
         "spacing_m": grid.spacing,
         "shape": list(grid.shape),
-        "cells": dict(zip(NAMES, counts.tolist(), strict=True)),
-        "free_area_m2": float(counts[0]) * grid.spacing**grid.dim,
+        **turning,
+        "cells": dict(zip(NAMES, counts, strict=True)),
+        **area,
         "outside": space.outside,
         "margin_m": space.margin,
         "precision": space.precision,
         "overlaps": space.overlaps is not None,
+        "memory_bytes": kept,
     }
 
 
@@ -143,12 +163,12 @@ def _finite(value: Any) -> Any:
 def _rows(document: dict[str, Any], indent: str = "") -> Iterator[tuple[str, str]]:
     """Names and values; a nested document becomes a heading, whose value is empty, and what it holds."""
     for name, value in document.items():
-        label = name.removesuffix("_m2").removesuffix("_m").replace("_", " ")
+        end, unit = next(((end, unit) for end, unit in _UNITS.items() if name.endswith(end)), ("", ""))
+        label = name.removesuffix(end).replace("_", " ")
         if isinstance(value, dict):
             yield indent + label, ""
             yield from _rows(value, indent + "  ")
         elif not (isinstance(value, list) and value and isinstance(value[0], list)):
-            unit = " m²" if name.endswith("_m2") else " m" if name.endswith("_m") else ""
             yield indent + label, _text(value, unit)
 
 

@@ -8,7 +8,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 
-from cspace.fourier.precision import MARGIN, error_bound
+from cspace.fourier.precision import MARGIN, SUM_BITS, UNIT_ROUNDOFF, error_bound
+
+TASKS = 8
+"""Tasks that each thread should have, for all to end at about the same time."""
+
+LEAST_INVERSES = 4
+"""Inverse transforms in one task, at least: each task makes the spectrum of its tile afresh."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,12 +31,21 @@ class Tiling:
         "float32" or "float64".
     error : float
         Proven bound of the error of an overlap.
+    digits : int
+        Rasters that share a transform.
+    bits : int
+        Bits that the overlaps with one raster take in their sum.
+    pieces : int
+        Parts that the rasters of a tile are settled in, so that all threads have work.
     """
 
     tile: tuple[int, ...]
     step: tuple[int, ...]
     precision: str
     error: float
+    digits: int
+    bits: int
+    pieces: int
 
     @property
     def spectrum_bytes(self) -> int:
@@ -39,7 +54,9 @@ class Tiling:
         return math.prod(self.tile[:-1]) * (self.tile[-1] // 2 + 1) * width
 
 
-def choose_tiling(shape: Sequence[int], extent: Sequence[int], count: int, threads: int = 1) -> Tiling:
+def choose_tiling(
+    shape: Sequence[int], extent: Sequence[int], count: int, threads: int = 1, rasters: int = 1
+) -> Tiling:
     """The cheapest tiling whose proven error stays below a quarter.
 
     Parameters
@@ -47,48 +64,62 @@ def choose_tiling(shape: Sequence[int], extent: Sequence[int], count: int, threa
     shape : sequence of int
         Cells of the map.
     extent : sequence of int
-        Cells of the robot's bounding box.
+        Cells of the robots' common bounding box.
     count : int
         Largest number of offsets in one raster.
     threads : int
         How many tiles are worked on at once.
+    rasters : int
+        Number of rasters.
 
     Returns
     -------
     Tiling
     """
     candidates = [_lengths(n, r) for n, r in zip(shape, extent, strict=True)]
+    bits = count.bit_length()
+    most = max(1, min(rasters, SUM_BITS // bits))
     best, best_cost = None, math.inf
-    for tile in itertools.product(*candidates):
-        step = tuple(length - r + 1 for length, r in zip(tile, extent, strict=True))
-        tiles = math.prod(math.ceil(n / s) for n, s in zip(shape, step, strict=True))
-        for precision in ("float32", "float64"):
-            cost = math.ceil(tiles / threads) * _tile_cost(tile, precision)
-            if cost < best_cost and (error := error_bound(tile, count, precision)) < MARGIN:
-                best, best_cost = Tiling(tile, step, precision, error), cost
+    for axes in itertools.product(*candidates):
+        tile, numbers = zip(*axes, strict=True)
+        tiles = math.prod(numbers)
+        for precision in UNIT_ROUNDOFF:
+            cost_of_one = _transform_cost(tile, precision)
+            for digits in range(most, 0, -1):
+                inverses = -(-rasters // digits)
+                pieces = max(1, min(inverses // LEAST_INVERSES, -(-TASKS * threads // tiles)))
+                cost = -(-tiles * pieces // threads) * (1 - (-inverses // pieces)) * cost_of_one
+                if cost >= best_cost:
+                    break
+                if (error := error_bound(tile, count, precision, digits)) < MARGIN:
+                    step = tuple(length - r + 1 for length, r in zip(tile, extent, strict=True))
+                    best, best_cost = Tiling(tile, step, precision, error, digits, bits, pieces), cost
+                    break
     if best is None:
         raise OverflowError(f"no transform of a map of {tuple(shape)} cells keeps overlaps exact in float64")
     return best
 
 
-def _tile_cost(tile: Sequence[int], precision: str) -> float:
-    """Modelled time of one tile, in units of one point and one binary level of a transform in cache.
+@cache
+def _transform_cost(tile: tuple[int, ...], precision: str) -> float:
+    """Modelled time of a transform of one tile, in units of one point and one binary level of a transform in cache.
 
-    Measured shapes: transforms cost ``size * log2(size)``; gathering, multiplying and comparing cost about as much as
-    six levels; beyond a megabyte (a core's second-level cache) each doubling adds about a seventh; the calls cost as
-    much as 200,000 points.
+    Measured shapes: transforms cost ``size * log2(size)``, in float64 1.6 times as much; gathering, multiplying and
+    comparing cost about as much as six levels; beyond a megabyte (a core's second-level cache) each doubling adds about
+    a seventh; the calls cost as much as 200,000 points.
     """
     size = math.prod(tile)
-    width = 4 if precision == "float32" else 8
+    width, slower = (4, 1.0) if precision == "float32" else (8, 1.6)
     doublings = max(0.0, math.log2(size * width / 2**20))
-    return width / 4 * size * (math.log2(size) + 6.0) * (1.0 + 0.15 * doublings) + 200_000.0
+    return slower * size * (math.log2(size) + 6.0) * (1.0 + 0.15 * doublings) + 200_000.0
 
 
-def _lengths(cells: int, extent: int) -> list[int]:
-    """Transform lengths worth a try: somewhat more than the robot, and at most one tile for the whole map."""
+def _lengths(cells: int, extent: int) -> list[tuple[int, int]]:
+    """Transform lengths worth a try, and the number of tiles that each makes: the shortest one for each number."""
     whole = fast_length(cells + extent - 1)
-    least = min(whole, max(extent + extent // 8, 32))
-    return [length for length in _fast_lengths(whole) if length >= least]
+    least = min(whole, max(extent + extent // 2, 64))
+    tiles = {-(-cells // (length - extent + 1)): length for length in reversed(_fast_lengths(whole)) if length >= least}
+    return [(length, number) for number, length in tiles.items()]
 
 
 def fast_length(least: int) -> int:

@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from cspace.errors import FileError, InputError
+from cspace.io.arrays import one_yaw
 from cspace.io.input import unreadable
 from cspace.io.npz import read_npz, write_npz
-from cspace.io.store import read_store, write_store
+from cspace.io.store import read_slice, read_store, write_store
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from cspace.space import CSpace
-
-
-def _write_ros_map(space: CSpace, path: str | os.PathLike[str], overwrite: bool = False) -> None:
-    from cspace.io.rosmap import write_ros_map
-
-    write_ros_map(space.state, space.grid, path, overwrite=overwrite)
 
 
 _Writer = Callable[["CSpace", str | os.PathLike[str], bool], None]
@@ -27,7 +25,10 @@ _Writer = Callable[["CSpace", str | os.PathLike[str], bool], None]
 SAVES: Final[Mapping[str, _Writer]] = {".zarr": write_store, "": write_store, ".npz": write_npz}
 """Formats that ``open_map`` reads again, by suffix."""
 
-EXPORTS: Final[Mapping[str, _Writer]] = {**SAVES, ".yaml": _write_ros_map, ".yml": _write_ros_map}
+_PLANES: Final = (".yaml", ".yml")
+"""Formats that hold one slice: ROS maps."""
+
+EXPORTS: Final = (*SAVES, *_PLANES)
 """All formats, by suffix."""
 
 
@@ -49,10 +50,10 @@ def save(space: CSpace, path: str | os.PathLike[str], overwrite: bool = False) -
     FileError
         If the output exists and may not be replaced, or cannot be written.
     """
-    _by_suffix(SAVES, path)(space, path, overwrite)
+    SAVES[_suffix(path, SAVES)](space, path, overwrite)
 
 
-def export(space: CSpace, path: str | os.PathLike[str], overwrite: bool = False) -> None:
+def export(space: CSpace, path: str | os.PathLike[str], overwrite: bool = False, *, yaw: float | None = None) -> None:
     """Write a map for other software.
 
     Parameters
@@ -62,15 +63,35 @@ def export(space: CSpace, path: str | os.PathLike[str], overwrite: bool = False)
         ``.npz``: one NumPy file. ``.yaml``: a ROS map, with its image beside it. ``.zarr`` or no suffix: a Zarr folder.
     overwrite : bool
         Whether an existing output may be replaced.
+    yaw : float, optional
+        For the ROS map of a robot that turns, and needed there: the orientation to write, in radians. What the map
+        calls free is proven for all yaw angles of the rotation cell that holds it, and for no other.
 
     Raises
     ------
     InputError
-        If the suffix is another one.
+        If the suffix is another one, or ``yaw`` is missing or has no place.
     FileError
         If the output exists and may not be replaced, or cannot be written.
     """
-    _by_suffix(EXPORTS, path)(space, path, overwrite)
+    suffix = _suffix(path, EXPORTS)
+    if suffix not in _PLANES:
+        if yaw is not None:
+            raise InputError(
+                f"yaw is {yaw!r} for {Path(path)}; a {suffix or 'Zarr'} map holds every slice; leave it out"
+            )
+        SAVES[suffix](space, path, overwrite)
+        return
+    from cspace.io.rosmap import write_ros_map
+
+    if space.rotations is None and yaw is not None:
+        raise InputError(f"yaw is {yaw!r} for a robot that only translates; its map has one slice; leave it out")
+    if space.rotations is not None and yaw is None:
+        raise InputError(
+            f"yaw is missing for {Path(path)}; a ROS map holds one orientation, and this map has "
+            f"{space.rotations.count} rotation cells; pass the yaw to write, e.g. yaw=0.0 (radians)"
+        )
+    write_ros_map(space.slice_at(0.0 if yaw is None else one_yaw(yaw)), space.grid, path, overwrite=overwrite)
 
 
 def open_map(path: str | os.PathLike[str]) -> CSpace:
@@ -91,6 +112,38 @@ def open_map(path: str | os.PathLike[str]) -> CSpace:
     FileError
         If there is nothing, or nothing that can be read, or not a map, or a map that is truncated or changed.
     """
+    return read_store(path) if _is_folder(path) else read_npz(path)
+
+
+def open_slice(path: str | os.PathLike[str], yaw: float = 0.0) -> NDArray[np.uint8]:
+    """Read the states of one yaw from a map that was saved.
+
+    Of a Zarr folder, nothing but that slice is read, and only that is proven unchanged; an ``.npz`` file is read whole.
+
+    Parameters
+    ----------
+    path : path-like
+        A Zarr folder or an ``.npz`` file.
+    yaw : float
+        Radians, wrapped. Plays no part in the map of a robot that only translates.
+
+    Returns
+    -------
+    ndarray of uint8, shape (nx, ny)
+        FREE, MIXED or BLOCKED of each cell, proven for all yaw angles of the rotation cell that holds ``yaw``.
+
+    Raises
+    ------
+    InputError
+        If ``yaw`` is not one finite number that can be wrapped.
+    FileError
+        As :func:`open_map`, of what is read.
+    """
+    return read_slice(path, yaw) if _is_folder(path) else read_npz(path).slice_at(one_yaw(yaw))
+
+
+def _is_folder(path: str | os.PathLike[str]) -> bool:
+    """Whether a saved map is a folder, or else an ``.npz`` file."""
     try:
         where = Path(path)
         there, folder = where.exists(), where.is_dir()
@@ -100,25 +153,23 @@ def open_map(path: str | os.PathLike[str]) -> CSpace:
         raise unreadable(path, "saved map", error) from error
     if not there:
         raise FileError(f"{where} does not exist; a saved map is a folder or an .npz file; check the name")
-    if folder:
-        return read_store(where)
-    if where.suffix.lower() != ".npz":
+    if not folder and where.suffix.lower() != ".npz":
         raise FileError(
             f"{where} is not a saved map; a saved map is a Zarr folder or an .npz file; build the map first, with "
             "cspace.build (cspace map on the command line)"
         )
-    return read_npz(where)
+    return folder
 
 
-def _by_suffix(writers: Mapping[str, _Writer], path: str | os.PathLike[str]) -> _Writer:
-    """The writer for a name."""
+def _suffix(path: str | os.PathLike[str], known: Iterable[str]) -> str:
+    """The suffix of a name, in small letters."""
     try:
         suffix = Path(path).suffix.lower()
     except TypeError as error:
         raise InputError(f"path is {path!r}; it must be a file name; pass a string or a pathlib.Path") from error
-    if suffix not in writers:
+    if suffix not in known:
         raise InputError(
             f"{Path(path)} ends in {suffix!r}; the suffix says which format to write; use one of "
-            f"{', '.join(name for name in writers if name)}"
+            f"{', '.join(name for name in known if name)}"
         )
-    return writers[suffix]
+    return suffix

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from cspace.io.record import ATTRIBUTES, AXES, arrays_of, metadata_of
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace.io.arrays import ATTRIBUTES, AXES, STACKED, TURNS, arrays_of, dimensions_of
+from cspace.io.record import metadata_of
 
 if TYPE_CHECKING:
     import xarray
@@ -24,20 +28,47 @@ def to_xarray(space: CSpace) -> xarray.Dataset:
     xarray.Dataset
         Dimensions ``x`` and ``y`` with the middles of the cells, in metres. Variables ``state`` (uint8, flags free,
         mixed and blocked), ``outer`` and ``inner`` (bool, the workspace) and, where the map was built with it,
-        ``overlap`` (int32). The arrays are those of the map, read-only; copy the Dataset to change it. Attributes are
-        text, numbers and lists of numbers: ``lower``, ``spacing``, ``outside``, ``margin``, ``precision``, ``robot``
-        (JSON text for ``Robot.from_spec``), ``workspace_source`` and the versions.
+        ``overlap`` (int32), and ``geometry`` (bytes of WKB) where the obstacles are known as geometries. The arrays are
+        read-only; copy the Dataset to change it. Attributes are text, numbers and lists of numbers: ``lower``,
+        ``spacing``, ``outside``, ``margin``, ``precision``, ``rotations`` (their number), ``robot`` (JSON text for
+        ``Robot.from_spec``), ``workspace_source`` and the versions.
+
+        For a robot that turns, ``state`` and ``overlap`` have the dimension ``rotation`` before ``x`` and ``y``, with
+        the coordinates ``yaw`` (the representative, radians), ``yaw_bounds`` (its borders), ``covering_angle`` and
+        ``slice_of``. A state holds for all yaw angles between the bounds.
+
+    Notes
+    -----
+    Arrays are those of the map, not copies, with one exception: where a symmetry of the robot makes some, but not all,
+    rotation cells share slices (a rectangle about its middle), ``state`` and ``overlap`` are copied out, a slice for
+    each rotation cell. ``space.stack`` and ``space.slice_of`` hold the same without a copy.
 
     Examples
     --------
     >>> free = (space.to_xarray().state == cspace.FREE).mean("y")  # doctest: +SKIP
+    >>> dataset = space.to_xarray()  # doctest: +SKIP
+    >>> dataset.state.isel(rotation=int(space.rotations.cell_of(0.3)))  # doctest: +SKIP
+    >>> borders = [*dataset.yaw_bounds.values[:, 0], dataset.yaw_bounds.values[-1, 1]]  # doctest: +SKIP
     """
     import xarray
 
     arrays = {"inner": space.workspace.inner} | arrays_of(space)
-    axes = AXES[: space.grid.dim]
-    return xarray.Dataset(
-        {name: (axes, array, ATTRIBUTES[name]) for name, array in arrays.items() if name not in axes},
-        coords={name: ((name,), arrays[name], ATTRIBUTES[name]) for name in axes},
-        attrs=metadata_of(space),
-    )
+    dimensions = dimensions_of(space.grid.dim, turns=space.rotations is not None)
+    if space.rotations is not None:
+        for name in arrays.keys() & STACKED:
+            arrays[name] = _by_rotation(arrays[name], space.slice_of)
+            dimensions[name] = ("rotation", *dimensions[name][1:])
+    variables = {name: (dimensions[name], array, ATTRIBUTES[name]) for name, array in arrays.items()}
+    labels = {name: variables.pop(name) for name in (*AXES, *TURNS) if name in variables}
+    return xarray.Dataset(variables, coords=labels, attrs=metadata_of(space))
+
+
+def _by_rotation(stack: NDArray[Any], slice_of: NDArray[np.int64]) -> NDArray[Any]:
+    """A slice for each rotation cell, copied only where some, but not all, share one."""
+    if len(stack) == len(slice_of):
+        return stack
+    if len(stack) == 1:
+        return np.broadcast_to(stack, (len(slice_of), *stack.shape[1:]))
+    every: NDArray[Any] = stack[slice_of]
+    every.setflags(write=False)
+    return every

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cspace.errors import FileError
+from cspace.io.arrays import arrays_of
 from cspace.io.input import unreadable
 from cspace.io.output import replacing
-from cspace.io.record import arrays_of, metadata_of, restore, seal, unseal, unusable
+from cspace.io.record import metadata_of, restore, seal, unseal, unusable
 
 if TYPE_CHECKING:
     from cspace.space import CSpace
@@ -24,7 +25,11 @@ def write_npz(space: CSpace, path: str | os.PathLike[str], overwrite: bool = Fal
 
     ``numpy.load`` finds ``state`` (uint8 [x, y]: 0 free, 1 mixed, 2 blocked), ``x`` and ``y`` (middles of the cells,
     metres), ``lower``, ``spacing``, ``outer``, ``inner`` and ``overlap`` where they are needed, and ``metadata``
-    (JSON text).
+    (JSON text). Obstacles that are known as geometries are in ``geometry``, a GeometryCollection in WKB.
+
+    The map of a robot that turns has ``state`` and ``overlap`` by [slice, x, y] and, by rotation cell, ``slice_of``
+    and in radians ``yaw`` (the representative), ``yaw_bounds`` (the borders) and ``covering_angle``: the states by
+    [rotation, x, y] are ``state[slice_of]``.
 
     Parameters
     ----------

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from cspace import __version__
 from cspace.errors import FileError, InputError
 from cspace.grid import Grid
-from cspace.states import BLOCKED, NAMES
+from cspace.io.arrays import DTYPES, STACKED, TURNS, expected_shape, rotation_arrays, rotations_from, shapes_from
+from cspace.states import BLOCKED
 
 if TYPE_CHECKING:
     from cspace.space import CSpace
@@ -24,29 +25,10 @@ FORMAT: Final = "cspace-map"
 VERSION: Final = 1
 """Version of the format; a reader refuses every other one."""
 
-AXES: Final = ("x", "y", "z")
-
-ATTRIBUTES: Final[dict[str, dict[str, Any]]] = {
-    "state": {
-        "long_name": "state of the configurations in a cell",
-        "flag_values": list(range(len(NAMES))),
-        "flag_meanings": " ".join(NAMES),
-    },
-    "outer": {"long_name": "workspace cells that meet an obstacle"},
-    "inner": {"long_name": "workspace cells that lie in obstacles"},
-    "overlap": {"long_name": "number of coinciding pairs of obstacle cell and robot offset", "units": "1"},
-    **{axis: {"long_name": f"{axis} of the middle of a cell", "units": "m", "axis": axis.upper()} for axis in AXES},
-}
-"""Attributes of each array, after the CF conventions."""
-
-FILLS: Final[dict[str, Any]] = {"state": 255, "outer": True, "inner": True, "overlap": -1}
-"""What stands in for cells that were lost: never a value that would call them free."""
-
-_DTYPES: Final = {"state": "uint8", "outer": "bool", "inner": "bool", "overlap": "int32"}
 _REQUIRED: Final = ("state", "outer")
 _KEYS: Final = (
     *("format", "format_version", "library_version", "lower", "spacing", "shape", "outside", "margin", "precision"),
-    *("robot", "workspace_source"),
+    *("rotations", "robot", "workspace_source"),
 )
 
 
@@ -60,7 +42,8 @@ def metadata_of(space: CSpace) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``lower`` and ``spacing`` in metres; ``robot`` as JSON text for ``Robot.from_spec``.
+        ``lower`` and ``spacing`` in metres; ``rotations`` the number of rotation cells, 0 for a robot that only
+        translates; ``robot`` as JSON text for ``Robot.from_spec``.
     """
     grid = space.grid
     return {
@@ -73,42 +56,20 @@ def metadata_of(space: CSpace) -> dict[str, Any]:
         "outside": space.outside,
         "margin": float(space.margin),
         "precision": space.precision,
+        "rotations": 0 if space.rotations is None else space.rotations.count,
         "robot": space.robot.definition,
         "workspace_source": space.workspace.source,
     }
 
 
-def arrays_of(space: CSpace) -> dict[str, NDArray[Any]]:
-    """The arrays of a map over its cells, then the coordinates of the cells.
-
-    ``inner`` is there only if it differs from ``outer``, ``overlap`` only if the map was built with it.
-
-    Parameters
-    ----------
-    space : CSpace
-
-    Returns
-    -------
-    dict of str to ndarray
-        Cells are indexed [x, y]; the coordinates ``x`` and ``y``, in metres, have one axis.
-    """
-    workspace, grid = space.workspace, space.grid
-    arrays: dict[str, NDArray[Any]] = {"state": space.state, "outer": workspace.outer}
-    if workspace.inner is not workspace.outer:
-        arrays["inner"] = workspace.inner
-    if space.overlaps is not None:
-        arrays["overlap"] = space.overlaps
-    return arrays | {axis: grid.centers(i) for i, axis in enumerate(AXES[: grid.dim])}
-
-
 def seal(metadata: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
-    """``metadata`` with the digest of every array, and a digest of itself."""
-    digests = {"digests": " ".join(f"{name}:{_digest(array)}" for name, array in arrays.items())}
-    sealed = {**metadata, **digests}
+    """``metadata`` with the digests of every array, one for each slice of a stack, and a digest of itself."""
+    digests = {name: ",".join(map(_digest, _parts(name, array, metadata))) for name, array in arrays.items()}
+    sealed = {**metadata, "digests": " ".join(f"{name}:{digest}" for name, digest in digests.items())}
     return {**sealed, "digest": _digest_of_metadata(sealed)}
 
 
-def unseal(metadata: Mapping[str, Any], path: str | os.PathLike[str]) -> dict[str, str]:
+def unseal(metadata: Mapping[str, Any], path: str | os.PathLike[str]) -> dict[str, list[str]]:
     """Check the metadata of a map that was read.
 
     Parameters
@@ -120,8 +81,8 @@ def unseal(metadata: Mapping[str, Any], path: str | os.PathLike[str]) -> dict[st
 
     Returns
     -------
-    dict of str to str
-        The digest of each array that the map must hold, by name.
+    dict of str to list of str
+        The digests of each array that the map must hold, by name: one, or those of the slices of a stack.
 
     Raises
     ------
@@ -141,8 +102,10 @@ def unseal(metadata: Mapping[str, Any], path: str | os.PathLike[str]) -> dict[st
         raise unusable(path, f"its metadata lack {', '.join(missing)}")
     if metadata["digest"] != _digest_of_metadata(metadata):
         raise unusable(path, "its metadata differ from their digest")
-    digests = dict(entry.split(":") for entry in metadata["digests"].split())
-    lacking = [name for name in _REQUIRED if name not in digests]
+    entries = (entry.partition(":") for entry in metadata["digests"].split())
+    digests = {name: joined.split(",") for name, _, joined in entries}
+    required = (*_REQUIRED, *(TURNS if metadata["rotations"] else ()))
+    lacking = [name for name in required if name not in digests]
     if lacking:
         raise unusable(path, f"it holds no {' and no '.join(lacking)}")
     return digests
@@ -156,7 +119,7 @@ def restore(metadata: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], pat
     metadata : mapping
         As :func:`seal` made it.
     arrays : mapping of str to ndarray
-        As :func:`arrays_of` made them.
+        As :func:`cspace.io.arrays.arrays_of` made them.
     path : path-like
         Where they were read, for the messages.
 
@@ -173,28 +136,22 @@ def restore(metadata: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], pat
     from cspace.space import CSpace
     from cspace.workspace import Workspace
 
-    shape = tuple(metadata["shape"])
-    for name, digest in unseal(metadata, path).items():
+    for name, digests in unseal(metadata, path).items():
         if name not in arrays:
             raise unusable(path, f"its array {name!r} is missing")
-        array = arrays[name]
-        if name in _DTYPES and (array.shape != shape or array.dtype != _DTYPES[name]):
-            raise unusable(
-                path, f"its array {name!r} is {array.dtype} {array.shape} where {_DTYPES[name]} {shape} is needed"
-            )
-        if _digest(array) != digest:
-            raise unusable(path, f"its array {name!r} differs from its digest")
-    highest = int(arrays["state"].max())
-    if highest > BLOCKED:
-        raise unusable(path, f"its array 'state' holds {highest}, which is none of the states 0 to {BLOCKED}")
+        check_kind(name, arrays[name], metadata, len(digests), path)
+        parts = _parts(name, arrays[name], metadata)
+        for number, (part, digest) in enumerate(zip(parts, digests, strict=True)):
+            check_part(name, part, digest, path, number if len(digests) > 1 else None)
     try:
         workspace = Workspace(
-            grid=Grid(metadata["lower"], metadata["spacing"], shape),
+            grid=Grid(metadata["lower"], metadata["spacing"], tuple(metadata["shape"])),
             outer=arrays["outer"],
             inner=arrays.get("inner", arrays["outer"]),
             source=metadata["workspace_source"],
+            shapes=shapes_from(arrays["geometry"]) if "geometry" in arrays else None,
         )
-        return CSpace(
+        space = CSpace(
             workspace,
             Robot.from_spec(json.loads(metadata["robot"])),
             arrays["state"],
@@ -202,9 +159,46 @@ def restore(metadata: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], pat
             margin=metadata["margin"],
             precision=metadata["precision"],
             overlaps=arrays.get("overlap"),
+            rotations=rotations_from(arrays["yaw_bounds"]) if metadata["rotations"] else None,
         )
     except (InputError, ValueError, TypeError) as error:
         raise unusable(path, f"its parts make no map: {error}") from error
+    if space.rotations is not None:
+        for name, needed in rotation_arrays(space.rotations, space.slice_of).items():
+            if not np.array_equal(arrays[name], needed):
+                raise unusable(path, f"its array {name!r} is not that of its rotation cells and its robot")
+    return space
+
+
+def check_kind(name: str, array: Any, metadata: Mapping[str, Any], slices: int, path: str | os.PathLike[str]) -> None:
+    """Raise FileError for an array of another shape or type than the map needs; its values are not looked at.
+
+    Parameters
+    ----------
+    name : str
+    array : object with ``shape`` and ``dtype``
+    metadata : mapping
+        As :func:`seal` made it.
+    slices : int
+        How many digests the array has.
+    path : path-like
+        Where it was read, for the message.
+    """
+    shape = expected_shape(name, tuple(metadata["shape"]), metadata["rotations"], slices, array.shape)
+    dtype = DTYPES.get(name, array.dtype)
+    if array.shape != shape or array.dtype != dtype:
+        raise unusable(path, f"its array {name!r} is {array.dtype} {array.shape} where {dtype} {shape} is needed")
+
+
+def check_part(
+    name: str, part: NDArray[Any], digest: str, path: str | os.PathLike[str], number: int | None = None
+) -> None:
+    """Raise FileError for an array, or slice ``number`` of a stack, that is not what was written, or no state."""
+    what = f"its array {name!r}" if number is None else f"slice {number} of its array {name!r}"
+    if _digest(part) != digest:
+        raise unusable(path, f"{what} differs from its digest")
+    if name == "state" and part.max() > BLOCKED:
+        raise unusable(path, f"{what} holds {part.max()}, which is none of the states 0 to {BLOCKED}")
 
 
 def unusable(path: str | os.PathLike[str], what: str) -> FileError:
@@ -213,6 +207,11 @@ def unusable(path: str | os.PathLike[str], what: str) -> FileError:
         f"{Path(path)} is not a usable map: {what}; a saved map is opened only if it is complete and unchanged; copy "
         "it again from where it is whole, or build it again"
     )
+
+
+def _parts(name: str, array: NDArray[Any], metadata: Mapping[str, Any]) -> Iterable[NDArray[Any]]:
+    """What has a digest of its own: the slices of a stack, or the array."""
+    return array if metadata["rotations"] and name in STACKED else [array]
 
 
 def _digest(array: NDArray[Any]) -> str:

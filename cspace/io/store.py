@@ -2,12 +2,15 @@
 
 Zarr reads a chunk that is missing as the fill value, without a word; were that 0, a lost chunk would be called FREE. So
 the fill value is no state, every chunk is written, and a map is opened only if every chunk is there and every array
-agrees with its digest.
+agrees with its digest. The map of a robot that turns is stored slice by slice, each in chunks and with a digest of its
+own, so that one is read and proven without the rest.
 """
 
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -15,9 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.errors import FileError
+from cspace.io.arrays import ATTRIBUTES, FILLS, TURNS, arrays_of, dimensions_of, one_yaw, rotations_from
 from cspace.io.input import unreadable
 from cspace.io.output import replacing
-from cspace.io.record import ATTRIBUTES, AXES, FILLS, arrays_of, metadata_of, restore, seal, unseal, unusable
+from cspace.io.record import check_kind, check_part, metadata_of, restore, seal, unseal, unusable
 
 if TYPE_CHECKING:
     import zarr
@@ -26,6 +30,9 @@ if TYPE_CHECKING:
 
 _CHUNK: Final = {1: 2**20, 2: 1024, 3: 128}
 """Cells of a chunk along each axis, by the number of axes: about a million cells."""
+
+_SLICE_CHUNK: Final = 4096
+"""Cells of a chunk of a stack along x and y, which is one slice thick: a whole slice, but for huge ones."""
 
 
 def write_store(space: CSpace, path: str | os.PathLike[str], overwrite: bool = False) -> None:
@@ -45,7 +52,7 @@ def write_store(space: CSpace, path: str | os.PathLike[str], overwrite: bool = F
     """
     arrays = arrays_of(space)
     with replacing(path, overwrite, folder=_is_ours) as temporary:
-        for name, content in _encoded(seal(metadata_of(space), arrays), arrays).items():
+        for name, content in _encoded(seal(metadata_of(space), arrays), arrays):
             file = temporary / name
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_bytes(content)
@@ -67,27 +74,53 @@ def read_store(path: str | os.PathLike[str]) -> CSpace:
     FileError
         If the folder cannot be read, is not such a map, or any part of it is missing, truncated or changed.
     """
-    import zarr
-
-    if not (Path(path) / "zarr.json").is_file():
-        raise unusable(path, "it holds no zarr.json")
-    try:
-        # Zarr 3 only: arrays of version 2 may name a codec that unpickles.
-        group = zarr.open_group(Path(path), mode="r", zarr_format=3)
-        metadata: dict[str, Any] = dict(group.attrs)
-        digests = unseal(metadata, path)
-        arrays = {name: _read_array(group, name, tuple(metadata["shape"]), path) for name in digests}
-    except FileError:
-        raise
-    except PermissionError as error:
-        raise unreadable(path, "saved map", error) from error
-    except Exception as error:  # A damaged file makes the decoders raise almost anything.
-        raise unusable(path, f"it cannot be decoded ({type(error).__name__}: {error})") from error
+    with _decoding(path):
+        group, metadata, digests = _opened(path)
+        arrays = {name: _read(group, name, metadata, len(digests[name]), path) for name in digests}
     return restore(metadata, arrays, path)
 
 
-def _encoded(metadata: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> dict[str, bytes]:
-    """The files of a Zarr folder by their names.
+def read_slice(path: str | os.PathLike[str], yaw: float = 0.0) -> NDArray[np.uint8]:
+    """Read the slice of one yaw from a map that :func:`write_store` wrote, and nothing else of the map.
+
+    What is read is checked as :func:`read_store` does; damage elsewhere goes unnoticed.
+
+    Parameters
+    ----------
+    path : path-like
+    yaw : float
+        Radians, wrapped. Plays no part in the map of a robot that only translates.
+
+    Returns
+    -------
+    ndarray of uint8, shape (nx, ny)
+        FREE, MIXED or BLOCKED of each cell, proven for all yaw angles of the rotation cell that holds ``yaw``;
+        :meth:`CSpace.slice_at` of the whole map.
+
+    Raises
+    ------
+    InputError
+        If ``yaw`` is not one finite number that can be wrapped.
+    FileError
+        If the folder cannot be read, is not such a map, or what is read of it is missing, truncated or changed.
+    """
+    angle = one_yaw(yaw)
+    with _decoding(path):
+        group, metadata, digests = _opened(path)
+        needed = ("yaw_bounds", "slice_of") if metadata["rotations"] else ()
+        table = {name: _read(group, name, metadata, len(digests[name]), path) for name in needed}
+        for name, array in table.items():
+            check_part(name, array, digests[name][0], path)
+        rotations = rotations_from(table["yaw_bounds"]) if table else None
+    number = None if rotations is None else int(table["slice_of"][rotations.cell_of(angle)])
+    with _decoding(path):
+        state = _read(group, "state", metadata, len(digests["state"]), path, number)
+        check_part("state", state, digests["state"][number or 0], path, number)
+    return state
+
+
+def _encoded(metadata: dict[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Iterator[tuple[str, bytes]]:
+    """The files of a Zarr folder with their names, a slice at a time.
 
     They are encoded in memory, compressed, because Zarr writes from threads that go on after an interruption.
     """
@@ -96,35 +129,81 @@ def _encoded(metadata: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> dict[
     from zarr.storage import MemoryStore
 
     files: dict[str, Any] = {}
-    group = zarr.create_group(MemoryStore(files), zarr_format=3, attributes=metadata)
+    dimensions = dimensions_of(len(metadata["shape"]), turns=bool(metadata["rotations"]))
+    # Global "coordinates" tell readers of the CF conventions which arrays label others.
+    labels = {"coordinates": " ".join(TURNS)} if metadata["rotations"] else {}
+    group = zarr.create_group(MemoryStore(files), zarr_format=3, attributes={**metadata, **labels})
     for name, array in arrays.items():
-        group.create_array(
+        stacked = dimensions[name][0] == "slice"
+        longest = (1, _SLICE_CHUNK, _SLICE_CHUNK) if stacked else (_CHUNK[array.ndim],) * array.ndim
+        stored = group.create_array(
             name,
             shape=array.shape,
             dtype=array.dtype,
-            chunks=tuple(min(n, _CHUNK[array.ndim]) for n in array.shape),
+            chunks=tuple(map(min, array.shape, longest)),
             compressors=[ZstdCodec(level=3), Crc32cCodec()],
             fill_value=FILLS.get(name, np.nan),
             attributes=ATTRIBUTES[name],
-            dimension_names=(name,) if name in AXES else AXES[: array.ndim],
+            dimension_names=dimensions[name],
             config={"write_empty_chunks": True},
-        )[...] = array
-    return {name: content.to_bytes() for name, content in files.items()}
+        )
+        for part in range(len(array)) if stacked else [...]:
+            stored[part] = array[part]
+            for chunk in [file for file in files if "/c/" in file]:
+                yield chunk, files.pop(chunk).to_bytes()
+    for file, content in files.items():
+        yield file, content.to_bytes()
 
 
-def _read_array(group: zarr.Group, name: str, shape: tuple[int, ...], path: str | os.PathLike[str]) -> NDArray[Any]:
-    """One array, after the checks that cost nothing."""
+@contextmanager
+def _decoding(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Turn whatever a damaged folder makes the decoders raise into a FileError."""
+    try:
+        yield
+    except FileError:
+        raise
+    except PermissionError as error:
+        raise unreadable(path, "saved map", error) from error
+    except Exception as error:
+        raise unusable(path, f"it cannot be decoded ({type(error).__name__}: {error})") from error
+
+
+def _opened(path: str | os.PathLike[str]) -> tuple[zarr.Group, dict[str, Any], dict[str, list[str]]]:
+    """A saved map with its metadata, checked, and its digests."""
+    import zarr
+
+    if not (Path(path) / "zarr.json").is_file():
+        raise unusable(path, "it holds no zarr.json")
+    # Zarr 3 only: arrays of version 2 may name a codec that unpickles.
+    group = zarr.open_group(Path(path), mode="r", zarr_format=3)
+    metadata: dict[str, Any] = dict(group.attrs)
+    return group, metadata, unseal(metadata, path)
+
+
+def _read(
+    group: zarr.Group,
+    name: str,
+    metadata: Mapping[str, Any],
+    slices: int,
+    path: str | os.PathLike[str],
+    number: int | None = None,
+) -> NDArray[Any]:
+    """One array, or slice ``number`` of it, after the checks that cost nothing."""
     import zarr
 
     array = group.get(name)
     if not isinstance(array, zarr.Array):
         raise unusable(path, f"its array {name!r} is missing")
-    expected = (shape[AXES.index(name)],) if name in AXES else shape
-    if array.shape != expected:  # Before reading: a changed shape could ask for more memory than there is.
-        raise unusable(path, f"its array {name!r} has shape {array.shape} where {expected} is needed")
-    if array.nchunks_initialized != array.nchunks:
-        raise unusable(path, f"its array {name!r} lacks {array.nchunks - array.nchunks_initialized} chunks")
-    return np.asarray(array[...])
+    # Before reading: a changed shape could ask for more memory than there is.
+    check_kind(name, array, metadata, slices, path)
+    if number is None:
+        lacking = array.nchunks - array.nchunks_initialized
+    else:
+        chunks = [(number, *rest) for rest in np.ndindex(array.cdata_shape[1:])]
+        lacking = sum(not Path(path, name, array.metadata.encode_chunk_key(chunk)).is_file() for chunk in chunks)
+    if lacking:
+        raise unusable(path, f"its array {name!r} lacks {lacking} chunks")
+    return np.asarray(array[... if number is None else number])
 
 
 def _is_ours(folder: Path) -> bool:

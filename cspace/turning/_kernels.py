@@ -30,8 +30,7 @@ def is_usable(x: float, y: float, yaw: float) -> bool:
 @njit(cache=True, nogil=True)
 def rotation_cell(borders: Floats, yaw: float) -> int:
     """Rotation cell of a yaw, wrapped; a border belongs to the cell above it."""
-    wrapped = yaw - borders[0]
-    wrapped = borders[0] + (wrapped - math.floor(wrapped / TURN) * TURN)
+    wrapped = yaw - math.floor((yaw - borders[0]) / TURN) * TURN
     low, high = 0, borders.shape[0] - 1
     while high - low > 1:
         middle = (low + high) // 2
@@ -81,6 +80,16 @@ def shorter_turn(first: float, second: float) -> float:
 
 
 @njit(cache=True, nogil=True)
+def first_cell(borders: Floats, least: float) -> int:
+    """First rotation cell, widened by YAW_SLACK, that holds an angle; counted beyond 0 and n, n cells to a turn."""
+    count = borders.shape[0] - 1
+    wraps = math.floor((least - borders[0]) / TURN)
+    k = rotation_cell(borders, least)
+    on_border = least - (borders[k] + wraps * TURN) <= YAW_SLACK
+    return int(k + wraps * count - (1 if on_border else 0))
+
+
+@njit(cache=True, nogil=True)
 def stretch_is_free(
     state: Stack,
     slice_of: Ints,
@@ -100,14 +109,9 @@ def stretch_is_free(
     The stretch is cut where it leaves a rotation cell, widened by YAW_SLACK, and each part is walked in its slice.
     """
     count = slice_of.shape[0]
-    start = yaw0 - borders[0]
-    start -= math.floor(start / TURN) * TURN
-    start += borders[0]
+    start = yaw0 - math.floor((yaw0 - borders[0]) / TURN) * TURN
     least, most = min(start, start + turn), max(start, start + turn)
-    wraps = math.floor((least - borders[0]) / TURN)
-    cell = rotation_cell(borders, least) + wraps * count
-    if least - (borders[cell - wraps * count] + wraps * TURN) <= YAW_SLACK:
-        cell -= 1
+    cell = first_cell(borders, least)
     while True:
         wraps = math.floor(cell / count)
         k = cell - wraps * count
@@ -158,20 +162,19 @@ def boxes_are_free(
         x, y, yaw = points[k, 0], points[k, 1], points[k, 2]
         if not is_usable(x, y, yaw):
             return k
-        reach = min(angle + YAW_SLACK, math.pi)
-        cell = rotation_cell(borders, yaw - reach)
+        start = yaw - math.floor((yaw - borders[0]) / TURN) * TURN
+        reach = min(angle, math.pi)
+        cell = first_cell(borders, start - reach)
         out[k] = True
         for _ in range(count):
-            s = slice_of[cell]
+            wraps = math.floor(cell / count)
+            if borders[cell - wraps * count] + wraps * TURN - YAW_SLACK > start + reach:
+                break
+            s = slice_of[cell - wraps * count]
             if not square_is_free(state[s], frame, boxes[s], beyonds[s], x, y, distance):
                 out[k] = False
                 break
-            # How far the cell reaches beyond the lower end of the angles.
-            ahead = borders[cell + 1] - (yaw - reach)
-            ahead -= math.floor(ahead / TURN) * TURN
-            if ahead > 2.0 * reach:
-                break
-            cell = (cell + 1) % count
+            cell += 1
     return -1
 
 

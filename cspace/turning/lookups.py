@@ -5,6 +5,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from functools import partial
+from math import floor
 from typing import Any
 
 import numpy as np
@@ -94,8 +95,8 @@ class TurningLookups:
 
         def check(x: float, y: float, yaw: float) -> bool:
             if lower_x <= x <= upper_x and lower_y <= y <= upper_y:
-                cell = bisect_right(borders, first + (yaw - first) % TURN) - 1
-                rows = slices[cell if cell < last else last]
+                cell = bisect_right(borders, yaw - floor((yaw - first) / TURN) * TURN) - 1
+                rows = slices[min(max(cell, 0), last)]
                 return not rows[int((x - lower_x) / spacing)][int((y - lower_y) / spacing)]
             return not state_at(x, y, yaw)
 

@@ -1,0 +1,75 @@
+"""Tally: what a soak checked against exact geometry, and what came of it."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.cases import Case
+from benchmarks.exact import ROUNDING
+from benchmarks.report import Report
+from cspace import BLOCKED, FREE, MIXED
+
+Bools = NDArray[np.bool_]
+Floats = NDArray[np.float64]
+
+SHOWN = 20
+
+
+@dataclass
+class Tally:
+    """Counts of each kind of check, and words on the first that failed."""
+
+    checks: Counter[str] = field(default_factory=Counter)
+    open: Counter[str] = field(default_factory=Counter)
+    wrong: Counter[str] = field(default_factory=Counter)
+    kinds: Counter[tuple[str, str]] = field(default_factory=Counter)
+    mixed: Counter[str] = field(default_factory=Counter)
+    told: list[str] = field(default_factory=list)
+
+    def add(self, what: str, case: Case, q: Floats, wrong: Bools, undecided: Bools) -> None:
+        """Count the checks of one kind on one map; the first wrong ones are told with what makes them again."""
+        self.checks[what] += len(q)
+        self.open[what] += int(undecided.sum())
+        self.kinds[case.kind] += len(q)
+        self.wrong[what] += int(wrong.sum())
+        if wrong.any() and len(self.told) < SHOWN:
+            self.told.append(f"{what} at {q[wrong][0].tolist()} of {case.made_by}: {case.name}")
+
+    def judge(self, case: Case, q: Floats, states: NDArray[np.integer]) -> None:
+        """Check the states that configurations are claimed to have."""
+        free, blocked, mixed = q[states == FREE], q[states == BLOCKED], q[states == MIXED]
+        self.add("FREE", case, free, *not_free(case, free))
+        apart = ~case.shape.meets(case.obstacles, blocked, 0.0)
+        wrong = apart.copy()
+        wrong[apart] = ~case.shape.meets(case.obstacles, blocked[apart], ROUNDING)
+        self.add("BLOCKED", case, blocked, wrong, apart & ~wrong)
+        self.mixed["all"] += len(mixed)
+        self.mixed["colliding"] += int(case.shape.meets(case.obstacles, mixed, 0.0).sum())
+
+    def tell(self, report: Report) -> None:
+        """Report all counts; a false answer makes the run fail."""
+        for what, count in self.checks.items():
+            undecided = self.open[what]
+            report.check(
+                not self.wrong[what],
+                f"{what}: {count} checks, {self.wrong[what]} false, {undecided} within {ROUNDING:g} m of the border",
+            )
+        for kind, count in sorted(self.kinds.items()):
+            report.note(f"{kind[0]} with {kind[1]}: {count} checks")
+        colliding, every = self.mixed["colliding"], self.mixed["all"]
+        report.note(f"of {every} configurations called MIXED, {colliding} collide: {colliding / max(every, 1):.0%}")
+        for told in self.told:
+            report.note(f"FALSE {told}")
+
+
+def not_free(case: Case, q: Floats) -> tuple[Bools, Bools]:
+    """Where the robot, grown by the margin, collides; and where it is too close to tell."""
+    margin = case.space.margin
+    near = case.shape.meets(case.obstacles, q, margin + ROUNDING)
+    wrong = near.copy()
+    wrong[near] = case.shape.meets(case.obstacles, q[near], max(0.0, margin - ROUNDING))
+    return wrong, near & ~wrong

@@ -1,0 +1,206 @@
+"""The arrays that a map is made of, whatever the format: their names, dimensions, types and meanings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace.errors import InputError
+from cspace.grid import finite
+from cspace.rotations import Rotations
+from cspace.states import NAMES
+
+if TYPE_CHECKING:
+    from cspace.space import CSpace
+
+AXES: Final = ("x", "y", "z")
+
+STACKED: Final = ("state", "overlap")
+"""Arrays that hold one slice after the other where the robot turns."""
+
+TURNS: Final = ("yaw", "yaw_bounds", "covering_angle", "slice_of")
+"""Arrays that tell of the rotation cells; there only where the robot turns."""
+
+ATTRIBUTES: Final[dict[str, dict[str, Any]]] = {
+    "state": {
+        "long_name": "state of the configurations in a cell",
+        "flag_values": list(range(len(NAMES))),
+        "flag_meanings": " ".join(NAMES),
+    },
+    "outer": {"long_name": "workspace cells that meet an obstacle"},
+    "inner": {"long_name": "workspace cells that lie in obstacles"},
+    "overlap": {"long_name": "number of coinciding pairs of obstacle cell and robot offset", "units": "1"},
+    "yaw": {"long_name": "representative of a rotation cell: its middle", "units": "rad", "bounds": "yaw_bounds"},
+    "yaw_bounds": {"long_name": "borders of a rotation cell", "units": "rad"},
+    "covering_angle": {
+        "long_name": "largest angle between a yaw of a rotation cell and its representative",
+        "units": "rad",
+    },
+    "slice_of": {
+        "long_name": "slice of the stack that serves a rotation cell",
+        "comment": "where state has the dimension slice, state.isel(slice=slice_of) has the dimension rotation",
+    },
+    "geometry": {"long_name": "obstacles as a GeometryCollection in well-known binary (WKB)"},
+    **{axis: {"long_name": f"{axis} of the middle of a cell", "units": "m", "axis": axis.upper()} for axis in AXES},
+}
+"""Attributes of each array, after the CF conventions."""
+
+FILLS: Final[dict[str, Any]] = {
+    "state": 255,
+    "outer": True,
+    "inner": True,
+    "overlap": -1,
+    "slice_of": np.iinfo(np.int64).max,
+    "geometry": -1,
+}
+"""What stands in for entries that were lost: never a value that would call a cell free."""
+
+DTYPES: Final = {
+    "state": "uint8",
+    "outer": "bool",
+    "inner": "bool",
+    "overlap": "int32",
+    "slice_of": "int64",
+    "geometry": "int8",
+    **dict.fromkeys(("yaw", "yaw_bounds", "covering_angle", *AXES), "float64"),
+}
+
+
+def arrays_of(space: CSpace) -> dict[str, NDArray[Any]]:
+    """The arrays of a map over its cells, then what labels them.
+
+    ``inner`` is there only if it differs from ``outer``, ``overlap`` only if the map was built with it, ``geometry``
+    only if the obstacles are known as geometries. Nothing large is copied.
+
+    Parameters
+    ----------
+    space : CSpace
+
+    Returns
+    -------
+    dict of str to ndarray
+        Cells are indexed [x, y]; ``state`` and ``overlap`` of a robot that turns [slice, x, y]. The coordinates ``x``
+        and ``y``, in metres, have one axis; :data:`TURNS` are as :func:`rotation_arrays` makes them.
+    """
+    workspace, grid = space.workspace, space.grid
+    arrays: dict[str, NDArray[Any]] = {
+        "state": space.state if space.rotations is None else space.stack,
+        "outer": workspace.outer,
+    }
+    if workspace.inner is not workspace.outer:
+        arrays["inner"] = workspace.inner
+    if space.overlaps is not None:
+        arrays["overlap"] = space.overlaps
+    arrays |= {axis: grid.centers(i) for i, axis in enumerate(AXES[: grid.dim])}
+    if space.rotations is not None:
+        arrays |= rotation_arrays(space.rotations, space.slice_of)
+    if workspace.shapes is not None:
+        arrays["geometry"] = geometry_bytes(workspace.shapes)
+    return arrays
+
+
+def dimensions_of(dim: int, turns: bool) -> dict[str, tuple[str, ...]]:
+    """The name of each axis of the arrays of :func:`arrays_of`, on a grid of ``dim`` axes."""
+    cells = AXES[:dim]
+    return {
+        **dict.fromkeys(STACKED, ("slice", *cells) if turns else cells),
+        **dict.fromkeys(("outer", "inner"), cells),
+        **dict.fromkeys(TURNS, ("rotation",)),
+        "yaw_bounds": ("rotation", "bound"),
+        "geometry": ("byte",),
+        **{axis: (axis,) for axis in cells},
+    }
+
+
+def expected_shape(
+    name: str, cells: tuple[int, ...], rotations: int, slices: int, found: tuple[int, ...]
+) -> tuple[int, ...]:
+    """The shape that an array must have.
+
+    Parameters
+    ----------
+    name : str
+    cells : tuple of int
+        Shape of the grid.
+    rotations, slices : int
+        Rotation cells, none for a robot that only translates, and slices.
+    found : tuple of int
+        Its shape, which is accepted where the map does not tell it.
+    """
+    if name in STACKED:
+        return (slices, *cells) if rotations else cells
+    if name in TURNS:
+        return (rotations, 2) if name == "yaw_bounds" else (rotations,)
+    if name in AXES:
+        return (cells[AXES.index(name)],)
+    return cells if name in ("outer", "inner") else found
+
+
+def rotation_arrays(rotations: Rotations, slice_of: NDArray[np.int64]) -> dict[str, NDArray[Any]]:
+    """Rotation cells as arrays.
+
+    Returns
+    -------
+    dict of str to ndarray
+        ``yaw``, ``covering_angle``, shape (rotations,), and ``yaw_bounds``, shape (rotations, 2), in radians;
+        ``slice_of``, shape (rotations,).
+    """
+    borders = np.asarray(rotations.borders)
+    return {
+        "yaw": rotations.representatives,
+        "yaw_bounds": np.stack([borders[:-1], borders[1:]], axis=1),
+        "covering_angle": rotations.covering_angles,
+        "slice_of": slice_of,
+    }
+
+
+def rotations_from(bounds: NDArray[np.float64]) -> Rotations:
+    """The rotation cells whose ``yaw_bounds`` are given, to the last bit."""
+    return Rotations.of([*bounds[:, 0].tolist(), float(bounds[-1, 1])])
+
+
+def one_yaw(yaw: float) -> float:
+    """``yaw`` where it is one finite number.
+
+    Raises
+    ------
+    InputError
+        If it is not.
+    """
+    angle = finite(yaw, "yaw")
+    if angle.ndim != 0:
+        raise InputError(f"yaw has shape {angle.shape}; there is one slice at a time; pass one number, in radians")
+    return float(angle)
+
+
+def geometry_bytes(shapes: Sequence[Any]) -> NDArray[np.int8]:
+    """Shapely geometries as the bytes of one GeometryCollection in WKB, which keeps every bit of the coordinates.
+
+    The bytes are signed because netCDF 3 knows no others.
+    """
+    import shapely
+
+    collection = shapely.GeometryCollection(list(shapes))
+    return np.frombuffer(shapely.to_wkb(collection, byte_order=1), dtype=np.int8)
+
+
+def shapes_from(content: NDArray[np.int8]) -> tuple[Any, ...]:
+    """The geometries that :func:`geometry_bytes` wrote.
+
+    Raises
+    ------
+    ValueError
+        If the bytes are no GeometryCollection.
+    """
+    import shapely
+
+    try:
+        collection = shapely.from_wkb(content.tobytes())
+    except shapely.errors.ShapelyError as error:
+        raise ValueError(f"'geometry' is not WKB: {error}") from error
+    if not isinstance(collection, shapely.GeometryCollection):
+        raise ValueError(f"'geometry' is a {collection.geom_type}, not a GeometryCollection")
+    return tuple(collection.geoms)

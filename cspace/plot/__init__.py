@@ -1,0 +1,8 @@
+"""Pictures of planar maps, and animations of a robot on its way; nothing here opens a window."""
+
+from cspace.plot.animation import animate as animate
+from cspace.plot.picture import SUFFIXES as SUFFIXES
+from cspace.plot.picture import plot as plot
+from cspace.plot.picture import save_plot as save_plot
+from cspace.plot.strip import plot_strip as plot_strip
+from cspace.plot.strip import save_strip as save_strip

@@ -1,0 +1,243 @@
+"""animate: a robot on its way, beside the C-obstacle that changes as it turns."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace.errors import InputError
+from cspace.grid import positive
+from cspace.io.output import replacing
+from cspace.plot import artists, view
+
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+    from numpy.typing import ArrayLike
+    from PIL.Image import Image
+
+    from cspace.space import CSpace
+
+_LONG = 7.5
+"""Length of the longer side of each of the two panels, in inches."""
+_DPI = 72.0
+_MOST_FRAMES: Final = 1000
+_COLORS: Final = 96
+"""Colours of the animation; few keep the file small, and the pictures are flat."""
+_REST: Final = 1200
+"""Milliseconds that the last frame stands."""
+
+
+def animate(
+    space: CSpace,
+    path: ArrayLike,
+    file: str | os.PathLike[str],
+    overwrite: bool = False,
+    *,
+    seconds: float = 6.0,
+    rate: float = 10.0,
+    title: str | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Path:
+    """Draw a robot that drives along a path into an animated GIF.
+
+    One panel shows the robot among the obstacles; the other, on the same axes, its reference point in the slice of the
+    map at its yaw. The robot's speed is even, where a turn counts as the way of its farthest point.
+
+    Parameters
+    ----------
+    space : CSpace
+        The map.
+    path : array-like, shape (n, dof), or Plan
+        Configurations, joined by straight edges, in metres and radians; or anything whose ``path`` attribute holds
+        them.
+    file : path-like
+        A name that ends in .gif.
+    overwrite : bool
+        Whether an existing file may be replaced.
+    seconds : float
+        How long the drive lasts.
+    rate : float
+        Frames in a second, at most 50.
+    title : str, optional
+        By default the robot and the side of a cell. Pass ``""`` for none.
+    progress : callable, optional
+        Called with (frames drawn, frames in all).
+
+    Returns
+    -------
+    pathlib.Path
+        The file.
+
+    Raises
+    ------
+    InputError
+        If the suffix is another one, the path is empty, has the wrong shape or is not finite, or a number is out of
+        range.
+    FileError
+        If the file exists and ``overwrite`` is not set, or cannot be written.
+    """
+    target = Path(file)
+    if target.suffix.lower() != ".gif":
+        raise InputError(f"{target} has the suffix {target.suffix!r}; an animation's is .gif; name it e.g. path.gif")
+    points = view.polyline(space, path)
+    if not len(points):
+        raise InputError("path is empty; an animation needs at least one configuration; pass a path that was found")
+    pause, count = _timing(seconds, rate)
+    with replacing(target, overwrite) as temporary:
+        footprint = view.Footprint(space.robot)
+        shares = np.linspace(0.0, 1.0, count if _moves(points) else 1)
+        stage = _Stage(space, footprint, points, title)
+        frames = []
+        for number, q in enumerate(view.along(points, shares, footprint.reach)):
+            frames.append(stage.frame(q))
+            if progress is not None:
+                progress(number + 1, len(shares))
+        _write(frames, temporary, pause)
+    return target
+
+
+def _moves(points: view.Floats) -> bool:
+    """Whether any two configurations of a path differ."""
+    return bool((points != points[0]).any())
+
+
+def _timing(seconds: float, rate: float) -> tuple[int, int]:
+    """Milliseconds of a frame, in the tens that a GIF can tell, and the number of frames."""
+    lasts, often = positive(seconds, "seconds", "seconds"), positive(rate, "rate", "frames in a second")
+    if often > 50.0:
+        raise InputError(f"rate is {rate!r}; it must be at most 50 frames in a second, as viewers play no more")
+    count = round(lasts * often) + 1
+    if count > _MOST_FRAMES:
+        raise InputError(
+            f"{lasts:g} seconds at a rate of {often:g} make {count} frames; at most {_MOST_FRAMES} keep the file "
+            "usable; pass fewer seconds or a lower rate"
+        )
+    return 10 * max(2, round(100.0 / often)), max(count, 2)
+
+
+class _Stage:
+    """The two panels, drawn once; a frame moves what moves."""
+
+    def __init__(self, space: CSpace, footprint: view.Footprint, points: view.Floats, title: str | None) -> None:
+        from matplotlib.patches import PathPatch
+
+        self._space, self._footprint, self._cell = space, footprint, -1
+        ends = view.along(points, np.linspace(0.0, 1.0, 64), footprint.reach)
+        box = view.box(space, [points, *(ring for q in ends for ring in footprint.at(q))])
+        self._figure, (world, plane) = _panels(box)
+        marks = view.marks(space, points, None, None)
+        solid = np.where(space.workspace.outer, np.uint8(artists.OBSTACLE), np.uint8(artists.OPEN))
+        artists.draw_cells(world, space, solid)
+        slices = [self._classes(q) for q in ends]
+        self._image = artists.draw_cells(plane, space, slices[0])
+        handles = artists.cell_legend([np.unique(part) for part in slices], over_yaws=False)
+        for ax in (world, plane):
+            line = artists.draw_path(ax, points, 1.3)
+            ends_drawn = artists.draw_marks(ax, marks, 0.7)
+            artists.frame(ax, space, box, labels=False)
+        self._trail = world.plot([], [], color=artists.ROBOT, linewidth=2.2, zorder=4.5)[0]
+        self._robot = PathPatch(
+            artists.outline(footprint, points[0]), facecolor="#3fb795", edgecolor="#00614a", zorder=6
+        )
+        world.add_patch(self._robot)
+        self._nose = PathPatch(artists.nose(footprint, points[0]), facecolor="#00614a", linewidth=0.0, zorder=6.1)
+        if space.rotations is not None:
+            world.add_patch(self._nose)
+        self._point = plane.plot([], [], marker="o", markersize=6.0, color=artists.ROBOT, mec="black", zorder=6)[0]
+        heads: dict[str, Any] = {"loc": "left", "fontsize": 9}
+        world.set_title("workspace", **heads)
+        self._head = plane.set_title("C-obstacle", **heads)
+        words = f"{space.robot.name}, cells of {space.grid.spacing:g} m" if title is None else title
+        self._figure.suptitle(words, fontsize=10)
+        artists.legend_below(self._figure, handles + line + ends_drawn, 8.0)
+        self._canvas = self._figure.canvas
+        self._canvas.draw()
+        # What moves must not move the panels; and what stands, letters above all, is drawn once.
+        self._figure.set_layout_engine("none")
+        over = [*plane.images, *plane.lines, *plane.spines.values(), self._head]
+        under = [*world.lines, *world.patches]
+        self._moving = [*sorted(under, key=_layer), *sorted(over, key=_layer)]
+        for artist in self._moving:
+            artist.set_animated(True)
+        self._canvas.draw()
+        self._still = self._canvas.copy_from_bbox(self._figure.bbox)
+        self._way: list[view.Floats] = []
+
+    def frame(self, q: view.Floats) -> NDArray[np.uint8]:
+        """Pixels with the robot at a configuration, shape (height, width, 3)."""
+        self._way.append(q)
+        self._trail.set_data(*np.transpose(self._way)[:2])
+        self._robot.set_path(artists.outline(self._footprint, q))
+        self._nose.set_path(artists.nose(self._footprint, q))
+        self._point.set_data(q[:1], q[1:2])
+        rotations = self._space.rotations
+        if rotations is not None:
+            self._head.set_text(f"C-obstacle at yaw {view.degrees(math.radians(round(math.degrees(q[2]))))}")
+            cell = int(rotations.cell_of(q[2]))
+            if cell != self._cell:
+                self._cell = cell
+                self._image.set_classes(self._classes(q))
+        self._canvas.restore_region(self._still)
+        for artist in self._moving:
+            artist.draw(self._canvas.get_renderer())
+        return np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
+
+    def _classes(self, q: view.Floats) -> NDArray[np.uint8]:
+        return artists.classes_of(self._space, None if self._space.rotations is None else float(q[2]))
+
+
+def _layer(artist: Artist) -> float:
+    return artist.get_zorder()
+
+
+def _panels(box: view.Floats) -> tuple[Any, tuple[Axes, Axes]]:
+    """Two panels with the same axes, side by side, or one above the other where they are wide."""
+    width, height = artists.drawn_size(box, _LONG)
+    wide = width > 1.4 * height
+    size = (width + 0.7, 2 * height + 1.5) if wide else (2 * width + 0.9, height + 1.3)
+    figure = artists.new_figure(max(size[0], 4.2), size[1], _DPI)
+    shape = (2, 1) if wide else (1, 2)
+    panels: Any = figure.subplots(*shape, sharex=True, sharey=True, squeeze=False)
+    artists.label_outer(panels)
+    first, second = panels.flat
+    return figure, (first, second)
+
+
+def _write(frames: list[NDArray[np.uint8]], file: Path, pause: int) -> None:
+    """Write frames as a GIF that repeats for ever."""
+    palette = _palette(frames)
+    images = list(_indexed(frames, palette))
+    images[0].save(
+        file,
+        format="GIF",
+        save_all=True,
+        append_images=images[1:],
+        duration=[pause] * (len(images) - 1) + [_REST],
+        loop=0,
+        optimize=False,
+    )
+
+
+def _palette(frames: list[NDArray[np.uint8]]) -> NDArray[np.uint8]:
+    """The commonest colours of some of the frames, shape (n, 3)."""
+    some = np.concatenate([frame.reshape(-1, 3) for frame in frames[:: max(1, len(frames) // 6)]]).astype(np.uint32)
+    colors, counts = np.unique(some @ np.array([65536, 256, 1], np.uint32), return_counts=True)
+    chosen = colors[np.argsort(-counts, kind="stable")[:_COLORS]]
+    return np.stack([chosen >> 16, chosen >> 8 & 255, chosen & 255], axis=-1).astype(np.uint8)
+
+
+def _indexed(frames: list[NDArray[np.uint8]], palette: NDArray[np.uint8]) -> Iterator[Image]:
+    """Frames in the colours of a palette, without dithering, which would flicker and swell the file."""
+    from PIL import Image
+
+    model = Image.new("P", (1, 1))
+    model.putpalette(palette.tobytes())
+    for frame in frames:
+        yield Image.fromarray(frame).quantize(palette=model, dither=Image.Dither.NONE)

@@ -1,0 +1,148 @@
+"""Stack: what a map holds, slice by slice."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace.errors import InputError
+from cspace.grid import Grid
+from cspace.once import Once
+from cspace.outside import Outside
+from cspace.raster.raster import Raster
+from cspace.robot import Robot
+from cspace.rotations import Rotations
+from cspace.slices import slice_of_rotation, slice_rasters
+from cspace.states import BLOCKED
+from cspace.workspace import Workspace
+
+
+class Stack:
+    """The state of every cell of configurations, and the robot and the workspace that it belongs to.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    robot : Robot
+    state : ndarray of uint8, shape (nx, ny) or (slices, nx, ny)
+        FREE, MIXED or BLOCKED, of each cell of positions of the robot's reference point; with rotations, of each slice.
+        It is taken over, not copied.
+    outside : {"blocked", "free"}
+    margin : float
+        Metres by which the robot was grown for FREE.
+    precision : {"float32", "float64"}
+        In which the transforms were run.
+    overlaps : ndarray of int32, the shape of state, optional
+        Overlap of each cell.
+    rotations : Rotations, optional
+        Rotation cells of a robot that turns.
+    rasters : sequence of (outer, inner) Raster, optional
+        The robot's, for each slice; made again if left out.
+
+    Attributes
+    ----------
+    stack : ndarray of uint8, shape (slices, nx, ny)
+        The slices, as they are stored: one where the robot only translates.
+    slice_of : ndarray of int64, shape (rotations,)
+        Which slice each rotation cell has; turns that map the robot to itself share theirs.
+    """
+
+    def __init__(
+        self,
+        workspace: Workspace,
+        robot: Robot,
+        state: NDArray[np.uint8],
+        *,
+        outside: str,
+        margin: float,
+        precision: str,
+        overlaps: NDArray[np.int32] | None = None,
+        rotations: Rotations | None = None,
+        rasters: Sequence[tuple[Raster, Raster]] | None = None,
+    ) -> None:
+        self.slice_of = slice_of_rotation(robot, rotations)
+        shape = workspace.grid.shape if rotations is None else (int(self.slice_of.max()) + 1, *workspace.grid.shape)
+        for name, array, kind in (("state", state, np.uint8), ("overlaps", overlaps, np.int32)):
+            if array is not None and (array.shape != shape or array.dtype != kind):
+                raise InputError(
+                    f"{name} has shape {array.shape} and type {array.dtype}; it must have the map's shape "
+                    f"{shape} and type {np.dtype(kind)}; use cspace.build"
+                )
+        if outside not in ("blocked", "free"):
+            raise InputError(f"outside is {outside!r}; it must be 'blocked' or 'free'")
+        if state.size and state.max() > BLOCKED:
+            raise InputError(f"state holds {state.max()}; it must be FREE, MIXED or BLOCKED, 0 to 2; use cspace.build")
+        self.workspace = workspace
+        self.robot = robot
+        self.outside = outside
+        self.margin = margin
+        self.precision = precision
+        self.rotations = rotations
+        self.stack = read_only(state).reshape(-1, *workspace.grid.shape)
+        self.overlaps = None if overlaps is None else read_only(overlaps)
+        self._once = Once()
+        if rasters is not None:
+            self._once("rasters", lambda: list(rasters))
+
+    @property
+    def grid(self) -> Grid:
+        """Cells of positions of the robot's reference point; the workspace's grid."""
+        return self.workspace.grid
+
+    @property
+    def dof(self) -> int:
+        """Numbers in a configuration: 2, or 3 for a robot that turns."""
+        return 2 if self.rotations is None else 3
+
+    @property
+    def state(self) -> NDArray[np.uint8]:
+        """State of each cell, shape (nx, ny) or (rotations, nx, ny).
+
+        Read-only. A new array at each call where slices are shared; :attr:`stack` and :attr:`slice_of` cost nothing.
+        """
+        if self.rotations is None:
+            plane: NDArray[np.uint8] = self.stack[0]
+            return plane
+        shared = len(self.stack) < len(self.slice_of)
+        every: NDArray[np.uint8] = read_only(self.stack[self.slice_of]) if shared else self.stack
+        return every
+
+    def slice_at(self, yaw: float = 0.0) -> NDArray[np.uint8]:
+        """State of each cell in the rotation cell of a yaw (radians), shape (nx, ny)."""
+        cell = 0 if self.rotations is None else int(self.rotations.cell_of(yaw))
+        part: NDArray[np.uint8] = self.stack[self.slice_of[cell]]
+        return part
+
+    def count(self) -> tuple[int, int, int]:
+        """Number of FREE, MIXED and BLOCKED cells, over all rotation cells."""
+        shares = np.bincount(self.slice_of, minlength=len(self.stack))
+        each = np.array([np.bincount(part.ravel(), minlength=3) for part in self.stack])
+        free, mixed, blocked = (shares @ each).tolist()
+        return free, mixed, blocked
+
+    def __repr__(self) -> str:
+        free, mixed, blocked = self.count()
+        cells = " x ".join(map(str, self.grid.shape))
+        turns = "" if self.rotations is None else f" x {self.rotations.count} rotations"
+        return (
+            f"CSpace({cells} cells of {self.grid.spacing:g} m{turns}, {self.robot.name}: {free=}, {mixed=}, {blocked=})"
+        )
+
+    @property
+    def _rasters(self) -> list[tuple[Raster, Raster]]:
+        return self._once("rasters", lambda: slice_rasters(self.robot, self.grid.spacing, self.margin, self.rotations))
+
+    @property
+    def _outsides(self) -> list[Outside]:
+        outer = self.workspace.outer
+        return self._once("outsides", lambda: [Outside.of(outer, *pair, self.outside) for pair in self._rasters])
+
+
+def read_only(array: NDArray[Any]) -> NDArray[Any]:
+    """The array in one piece, and not to be written."""
+    array = np.ascontiguousarray(array)
+    array.setflags(write=False)
+    return array

@@ -1,0 +1,386 @@
+"""Exact look-ups: against shapely at a thousand points along each edge, and cases that paper and pencil decide."""
+
+import math
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import cspace
+from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
+from strategies import robots, seeds, stars
+
+SIDE = 0.6
+BAND = 1e-6
+"""Metres around the margin in which shapely's answer is not held against ours."""
+
+
+def corridor(share):
+    """Two blocks with a corridor of ``share`` times the robot's width between them, along x at y = 2."""
+    half = SIDE * share / 2
+    blocks = [shapely.box(2, 0, 4, 2 - half), shapely.box(2, 2 + half, 4, 4)]
+    return Workspace.from_polygons(blocks, SIDE / 5, (0, 0, 6, 4))
+
+
+def obstacles_of(space):
+    """The closed obstacles as one geometry, and the outside where it is blocked."""
+    (left, low), (right, high), h = space.grid.lower, space.grid.upper, space.grid.spacing
+    frame = shapely.box(left, low, right, high)
+    if space.workspace.shapes is None:
+        corners = np.argwhere(space.workspace.outer) * h + (left, low)
+        parts = shapely.box(corners[:, 0], corners[:, 1], corners[:, 0] + h, corners[:, 1] + h)
+    else:
+        parts = [shape.intersection(frame) for shape in space.workspace.shapes]
+    shape = shapely.union_all(parts)
+    if space.outside == "blocked":
+        shape = shape.union(shapely.box(left - 100, low - 100, right + 100, high + 100).difference(frame))
+    shapely.prepare(shape)
+    return shape
+
+
+def distances(space, q, shape):
+    """Distance of the robot at configurations, shape (n, dof), from the obstacles; below zero inside, for discs."""
+    q = np.asarray(q, dtype=float).reshape(-1, space.dof)
+    if shape.is_empty:
+        return np.full(len(q), np.inf)
+    turn = np.exp(1j * (q[:, 2] if space.dof == 3 else np.zeros(len(q))))
+
+    def placed(points):
+        z = (points[:, 0] + 1j * points[:, 1]) * turn[:, None]
+        return np.stack([z.real, z.imag], axis=-1) + q[:, None, :2]
+
+    if len(space.robot.radii):
+        centers = shapely.points(placed(space.robot.centers))
+        return (shapely.distance(centers, shape) - space.robot.radii).min(axis=1)
+    robot = space.robot.geometry
+    where = placed(shapely.get_coordinates(robot)).reshape(-1, 2)
+    return shapely.distance(shapely.set_coordinates(np.array([robot] * len(q)), where), shape)
+
+
+def along(q0, q1, n=1000):
+    """Configurations on OMPL's way between two configurations."""
+    t = np.linspace(0.0, 1.0, n)[:, None]
+    step = np.asarray(q1, dtype=float) - q0
+    step[2:] = (step[2:] + np.pi) % (2 * np.pi) - np.pi
+    return q0 + t * step
+
+
+def draw(space, rng, n):
+    """Configurations in and around the grid, half of them near cells that are MIXED."""
+    q = rng.uniform(np.subtract(space.grid.lower, 0.5), np.add(space.grid.upper, 0.5), (n, 2))
+    cells = np.argwhere(space.stack == MIXED)
+    if len(cells):
+        chosen = cells[rng.integers(len(cells), size=n // 2)]
+        q[: n // 2] = space.grid.lower + space.grid.spacing * (chosen[:, 1:] + rng.random((n // 2, 2)))
+    return q if space.dof == 2 else np.column_stack([q, rng.uniform(-9.0, 9.0, n)])
+
+
+@st.composite
+def workspaces(draw):
+    """Grid maps, and polygons, lines and points, of which some reach beyond the bounds."""
+    rng = np.random.default_rng(draw(seeds))
+    low = rng.uniform(-3, 3, 2)
+    if draw(st.booleans()):
+        return Workspace.from_array(rng.random((24, 20)) < draw(st.sampled_from([0.0, 0.02, 0.1])), 0.2, low)
+    shapes = [shapely.Polygon(draw(stars(0.8)) + low + rng.uniform(0, 4, 2)) for _ in range(draw(st.integers(1, 4)))]
+    ring = shapely.Point(low + 2).buffer(1.6).difference(shapely.Point(low + 2).buffer(1.5))
+    walls = [shapely.LineString(low + rng.uniform(-1, 5, (3, 2))), shapely.Point(low + rng.uniform(0, 4, 2)), ring]
+    return Workspace.from_polygons([*shapes, walls[int(rng.integers(3))]], 0.2, (*low, *(low + 4)))
+
+
+@st.composite
+def spaces(draw):
+    return cspace.build(
+        draw(workspaces()),
+        draw(robots(draw(st.sampled_from([0.15, 0.4])))),
+        rotations=draw(st.sampled_from([None, 24])),
+        outside=draw(st.sampled_from(["blocked", "free"])),
+        margin=draw(st.sampled_from([0.0, 0.07])),
+        inner=draw(st.booleans()),
+    )
+
+
+# ---- against shapely -------------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=60)
+@given(spaces(), seeds)
+def test_points_agree_with_shapely(space, seed):
+    q = draw(space, np.random.default_rng(seed), 300)
+    shape = obstacles_of(space)
+    free, spare = space.is_free(q, exact=True), distances(space, q, shape) - space.margin
+    assert not (free & (spare <= 0.0)).any()
+    state = space.classify(q)
+    decided = (np.abs(spare) > BAND) & (state != BLOCKED)
+    np.testing.assert_array_equal(free[decided], spare[decided] > 0.0)
+    assert free[state == FREE].all() and not free[state == BLOCKED].any()
+
+
+@settings(max_examples=30)
+@given(spaces(), seeds)
+def test_no_free_edge_collides(space, seed):
+    rng = np.random.default_rng(seed)
+    q0 = draw(space, rng, 60)
+    q1 = q0 + rng.normal(0.0, 0.3, q0.shape) * rng.choice([0.1, 1.0, 3.0], (60, 1))
+    q1[::5, 2:] = q0[::5, 2:]
+    q1[1::9, :2] = q0[1::9, :2]
+    free, by_map = space.motion_is_free(q0, q1, exact=True), space.motion_is_free(q0, q1)
+    assert free[by_map].all()
+    shape = obstacles_of(space)
+    for first, last, proven in zip(q0, q1, free, strict=True):
+        least = distances(space, along(first, last, 1000 if proven else 60), shape).min() - space.margin
+        if proven:
+            assert least > 0.0
+        else:  # not only proofs, but all that a hundredth of the edge's length allows
+            assert least < 0.01 * (np.abs(last - first).sum() + 1.0) + BAND
+
+
+# ---- cases that paper and pencil decide ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("turns", [None, 36, 72])
+@pytest.mark.parametrize("yaw", [0.0, math.pi, -4.0 * math.pi])
+def test_a_corridor_a_hair_wider_than_the_robot_is_passable_only_exactly(turns, yaw):
+    robot = Robot.rectangle(0.9, SIDE)
+    wide = cspace.build(corridor(1.02), robot, rotations=turns)
+    narrow = cspace.build(corridor(0.98), robot, rotations=turns)
+    ends = ([1.0, 2.0], [5.0, 2.0]) if turns is None else ([1.0, 2.0, yaw], [5.0, 2.0, yaw])
+    assert wide.motion_is_free(*ends, exact=True) and not wide.motion_is_free(*ends)
+    assert wide.is_free(np.mean(ends, axis=0), exact=True) and not wide.is_free(np.mean(ends, axis=0))
+    assert not narrow.motion_is_free(*ends, exact=True)
+    assert not narrow.is_free(np.mean(ends, axis=0), exact=True)
+
+
+@pytest.mark.parametrize("share", [1.0, 1.0 + 1e-12, 1.0 + 1e-9])
+def test_a_corridor_as_wide_as_the_robot_is_not_passable(share):
+    """Nor is one that is wider by less than the allowance for rounding."""
+    space = cspace.build(corridor(share), Robot.rectangle(0.9, SIDE))
+    assert not space.motion_is_free([1.0, 2.0], [5.0, 2.0], exact=True)
+    assert not space.is_free([3.0, 2.0], exact=True)
+
+
+@pytest.mark.parametrize("angle", [0.01, 0.02])
+def test_how_far_a_rectangle_turns_in_a_corridor(angle):
+    """A rectangle turned by a reaches (length sin a + width cos a) / 2 to each side."""
+    length, height = 0.9, SIDE * 1.02
+    fits = length * math.sin(angle) + SIDE * math.cos(angle) < height
+    space = cspace.build(corridor(1.02), Robot.rectangle(length, SIDE), rotations=72)
+    assert space.is_free([3.0, 2.0, angle], exact=True) == fits
+    assert space.motion_is_free([3.0, 2.0, -0.01], [3.0, 2.0, angle], exact=True) == fits
+    assert space.motion_is_free([3.0, 2.0, math.pi - 0.01], [3.0, 2.0, angle - math.pi], exact=True) == fits
+
+
+@pytest.mark.parametrize("outside", ["blocked", "free"])
+@pytest.mark.parametrize("margin", [0.0, 0.05])
+@pytest.mark.parametrize("center", [(0.0, 0.0), (0.3, -0.1)])
+def test_discs_are_round(outside, margin, center):
+    """Around a point obstacle, and beside a wall of the map, exact to a millionth."""
+    workspace = Workspace.from_polygons(shapely.Point(1.0, 1.0), 0.1, (0, 0, 3, 3))
+    space = cspace.build(workspace, Robot.disc(0.25, center), outside=outside, margin=margin)
+    for angle in np.linspace(0, 7, 50):
+        way = np.array([math.cos(angle), math.sin(angle)])
+        near, far = (np.array([1.0, 1.0]) - center + way * (0.25 + margin + gap) for gap in (-1e-6, 1e-6))
+        assert space.is_free(far, exact=True) and not space.is_free(near, exact=True)
+        tangent = np.array([-way[1], way[0]]) * 0.1
+        assert space.motion_is_free(far - tangent, far + tangent, exact=True)
+        assert not space.motion_is_free(near - tangent, near + tangent, exact=True)
+    wall = 3.0 - 0.25 - margin - center[0]
+    assert not space.is_free([wall + 1e-6, 2.0], exact=True) or outside == "free"
+    assert space.is_free([wall - 1e-6, 2.0], exact=True)
+
+
+def test_a_disc_around_its_reference_point_turns_without_cost():
+    workspace = Workspace.from_polygons(shapely.Point(1.0, 1.0), 0.1, (0, 0, 3, 3))
+    space = cspace.build(workspace, Robot.disc(0.25), rotations=8)
+    assert space.motion_is_free([1.2501, 1.0, 0.0], [1.2501, 1.0, 3.0], exact=True)
+    assert space.exact_counts["distance"] == 1
+
+
+def test_touching_is_a_collision():
+    cells = np.zeros((10, 10), dtype=bool)
+    cells[5, 5] = True
+    space = cspace.build(Workspace.from_array(cells, 1.0), Robot.rectangle(1.0, 1.0))
+    assert not space.is_free([4.5, 5.5], exact=True)
+    assert space.is_free([4.5 - 1e-6, 5.5], exact=True)
+    assert not space.motion_is_free([4.5, 3.0], [4.5, 8.0], exact=True)
+    assert space.motion_is_free([4.5 - 1e-6, 3.0], [4.5 - 1e-6, 8.0], exact=True)
+    assert not space.is_free([0.5, 2.5], exact=True)
+    assert space.is_free([0.5 + 1e-6, 2.5], exact=True)
+
+
+def test_one_within_the_other_is_a_collision():
+    """Borders that are far apart prove nothing: a robot in a block, a pillar in a robot, and a pillar in its hole."""
+    block = cspace.build(
+        Workspace.from_polygons(shapely.box(1, 1, 5, 5), 0.5, (0, 0, 6, 6)), Robot.disc(0.3), inner=False
+    )
+    assert not block.is_free([3.0, 3.0], exact=True)
+    assert not block.motion_is_free([2.9, 3.0], [3.1, 3.0], exact=True)
+    pillar = Workspace.from_polygons([shapely.Point(3, 3)], 0.5, (0, 0, 6, 6))
+    frame = shapely.box(-2, -2, 2, 2)
+    solid = cspace.build(pillar, Robot.polygon(frame), inner=False)
+    assert not solid.is_free([3.1, 3.0], exact=True)
+    assert not solid.motion_is_free([2.9, 3.0], [3.1, 3.0], exact=True)
+    hollow = cspace.build(pillar, Robot.polygon(frame.difference(shapely.box(-1, -1, 1, 1))), rotations=8, inner=False)
+    assert hollow.is_free([3.1, 3.0, 0.3], exact=True)
+    assert hollow.motion_is_free([2.9, 3.0, 0.0], [3.1, 3.0, 3.0], exact=True)
+    yard = Workspace.from_polygons(shapely.box(0, 0, 6, 6).difference(shapely.box(2, 2, 4, 4)), 0.5)
+    inside = cspace.build(yard, Robot.rectangle(1.98, 1.98))
+    assert inside.is_free([3.0, 3.0], exact=True) and not inside.is_free([3.02, 3.0], exact=True)
+
+
+def test_parts_of_a_bitmap_that_lie_in_an_obstacle_are_found():
+    occupied = np.zeros((40, 3), dtype=bool)
+    occupied[[0, 39]] = True
+    robot = Robot.cells(occupied, 0.1, (-2.0, 0.0))
+    space = cspace.build(Workspace.from_polygons(shapely.box(3, 0, 6, 6), 0.5, (0, 0, 6, 6)), robot, inner=False)
+    assert not space.is_free([2.6, 3.0], exact=True)
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.01])
+def test_a_thin_robot_does_not_jump_over_a_thin_obstacle(turn):
+    workspace = Workspace.from_polygons(shapely.Point(1.0, 1.0), 0.25, (0, 0, 2, 2))
+    space = cspace.build(workspace, Robot.rectangle(0.4, 0.002), rotations=8, inner=False)
+    rng = np.random.default_rng(0)
+    below, above = rng.uniform(0.7, 0.99, 500), rng.uniform(1.01, 1.3, 500)
+    low = np.column_stack([rng.uniform(0.85, 1.15, 500), below, rng.uniform(-0.1, 0.1, 500)])
+    high = np.column_stack([low[:, 0], above, low[:, 2] + turn])
+    ends_clear = space.is_free(low, exact=True) & space.is_free(high, exact=True)
+    assert ends_clear.sum() > 300
+    assert not space.motion_is_free(low, high, exact=True).any()
+    assert not space.motion_is_free(high, low, exact=True).any()
+
+
+def test_the_end_of_a_long_wall_is_seen_from_afar():
+    """Pieces are sought by their middles, which lie half a bin behind their ends."""
+    rng = np.random.default_rng(0)
+    tip = rng.uniform(3.0, 5.0, 100)
+    walls = [shapely.LineString([(x, y), (x + 4.0, y)]) for x, y in zip(tip, 2.0 * np.arange(100) + 1.0, strict=True)]
+    space = cspace.build(Workspace.from_polygons(walls, 0.25, (0, 0, 10, 201)), Robot.rectangle(0.5, 0.5), rotations=8)
+    low = np.column_stack([tip - 0.25 - rng.uniform(0.8, 0.99, 100), 2.0 * np.arange(100) + 1.0, np.zeros(100)])
+    high = np.column_stack([tip - 0.25 + rng.uniform(0.001, 0.05, 100), low[:, 1], np.full(100, 1e-3)])
+    assert space.is_free(low, exact=True).all()
+    assert not space.motion_is_free(low, high, exact=True).any()
+
+
+def test_what_lies_beyond_the_bounds_is_clipped():
+    shape = shapely.Polygon([(2, 1), (9, 1), (9, 3), (2, 3)])
+    space = cspace.build(Workspace.from_polygons(shape, 0.25, (0, 0, 4, 4)), Robot.disc(0.3), outside="free")
+    assert space.workspace.shapes == (shape,)
+    assert space.is_free([4.301, 2.0], exact=True) and not space.is_free([4.301, 2.0])
+    assert not space.is_free([4.299, 2.0], exact=True)
+    assert space.motion_is_free([4.301, 0.0], [4.301, 4.0], exact=True)
+
+
+def test_a_half_turn_is_proven_both_ways():
+    """A bar beside a wall can turn on one side only."""
+    wall = Workspace.from_polygons(shapely.box(0, 0, 6, 1), 0.25, (0, 0, 6, 4))
+    space = cspace.build(wall, Robot.rectangle(0.8, 0.1, center=(0.4, 0.0)), rotations=36)
+    assert space.motion_is_free([3.0, 1.3, 0.0], [3.0, 1.3, 3.1], exact=True)
+    assert not space.motion_is_free([3.0, 1.3, 0.0], [3.0, 1.3, -3.1], exact=True)
+    for ends in [(0.0, math.pi), (math.pi, 0.0), (0.0, -math.pi), (0.0, math.pi + 1e-10)]:
+        assert not space.motion_is_free(*([3.0, 1.3, yaw] for yaw in ends), exact=True)
+
+
+def test_an_edge_that_grazes_is_given_up():
+    space = cspace.build(corridor(1.0 + 1e-7), Robot.rectangle(0.9, SIDE), rotations=72)
+    assert space.motion_is_free([1.0, 2.0, 0.0], [5.0, 2.0, 0.0], exact=True)
+    assert not space.motion_is_free([1.0, 2.0, 0.0], [5.0, 2.0, 1e-9], exact=True)
+    assert 1000 < space.exact_counts["distance"] <= 10_010
+
+
+# ---- answers, counts, checkers ---------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module", params=[2, 3])
+def space(request):
+    rng = np.random.default_rng(5)
+    workspace = Workspace.from_array(rng.random((40, 30)) < 0.03, 0.1)
+    return cspace.build(workspace, Robot.rectangle(0.33, 0.21), rotations=24 if request.param == 3 else None)
+
+
+def test_batches_and_checkers_answer_as_single_look_ups(space):
+    rng = np.random.default_rng(1)
+    q0 = draw(space, rng, 400)
+    q1 = q0 + rng.normal(0.0, 0.2, q0.shape)
+    free, edges = space.is_free(q0, exact=True), space.motion_is_free(q0, q1, exact=True)
+    assert 0 < free.sum() < 400 and 0 < edges.sum() < 400
+    assert free.dtype == edges.dtype == np.bool_
+    point, edge = space.point_checker(exact=True), space.edge_checker(exact=True)
+    for k in range(400):
+        assert space.is_free(q0[k], exact=True) is point(*q0[k].tolist()) is bool(free[k])
+        assert (
+            space.motion_is_free(q0[k], q1[k], exact=True) is edge(*q0[k].tolist(), *q1[k].tolist()) is bool(edges[k])
+        )
+    grid = space.motion_is_free(q0[:5, None], q1[None, :7], exact=True)
+    assert grid.shape == (5, 7) and grid[3, 4] == space.motion_is_free(q0[3], q1[4], exact=True)
+    assert space.is_free(np.empty((0, 3, space.dof)), exact=True).shape == (0, 3)
+
+
+def test_decided_cells_answer_without_geometry():
+    space = cspace.build(corridor(1.02), Robot.rectangle(0.9, SIDE), rotations=72)
+    zero = {"point": 0, "edge": 0, "distance": 0}
+    assert space.exact_counts == zero
+    assert space.is_free([1.0, 2.0, 0.0], exact=True) and not space.is_free([3.0, 1.0, 0.0], exact=True)
+    assert space.motion_is_free([1.0, 1.8, 0.0], [1.0, 2.2, 0.1], exact=True)
+    assert not space.motion_is_free([3.0, 1.0, 0.0], [3.1, 1.0, 0.0], exact=True)
+    point, edge = space.point_checker(exact=True), space.edge_checker(exact=True)
+    assert point(1.0, 2.0, 0.0) and not point(3.0, 1.0, 0.0) and edge(1.0, 1.8, 0.0, 1.0, 2.2, 0.1)
+    assert space.exact_counts == zero
+    assert space.is_free([[3.0, 2.0, 0.0], [3.0, 2.0, 0.02], [1.0, 2.0, 0.0]], exact=True).tolist() == [
+        True,
+        False,
+        True,
+    ]
+    assert space.exact_counts == {"point": 2, "edge": 0, "distance": 2}
+    assert point(3.0, 2.0, 0.0) and not point(3.0, 2.0, 0.02)
+    assert space.exact_counts == {"point": 4, "edge": 0, "distance": 4}
+    assert edge(1.0, 2.0, 0.0, 5.0, 2.0, 1e-4)
+    counts = space.exact_counts
+    assert counts["point"] == 4 and counts["edge"] == 1 and 50 < counts["distance"] < 1000
+    counts["point"] = 99
+    assert space.exact_counts["point"] == 4
+
+
+def test_threads_agree_and_lose_no_count(space):
+    fresh = cspace.build(space.workspace, space.robot, rotations=space.rotations)
+    other = cspace.build(space.workspace, space.robot, rotations=space.rotations)
+    rng = np.random.default_rng(2)
+    q0 = draw(space, rng, 6000)
+    q1 = q0 + rng.normal(0.0, 0.2, q0.shape)
+    expected = other.motion_is_free(q0, q1, exact=True)
+    edge = fresh.edge_checker(exact=True)
+    ends = np.hstack([q0, q1]).tolist()
+    with ThreadPoolExecutor(8) as pool:
+        answers = list(pool.map(lambda part: [edge(*pair) for pair in part], [ends[k::8] for k in range(8)]))
+    for k in range(8):
+        np.testing.assert_array_equal(answers[k], expected[k::8])
+    assert fresh.exact_counts == other.exact_counts
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+def test_bad_input_is_refused(space, bad):
+    q = [0.0] * (space.dof - 1)
+    for call in (
+        lambda: space.is_free([*q, bad], exact=True),
+        lambda: space.motion_is_free([*q, 0.0], [*q, bad], exact=True),
+        lambda: space.is_free([0.0], exact=True),
+    ):
+        with pytest.raises(InputError, match=r"finite|infinit|long"):
+            call()
+
+
+@pytest.mark.parametrize("outside", ["blocked", "free"])
+def test_far_away(outside):
+    space = cspace.build(corridor(1.02), Robot.rectangle(0.9, SIDE), rotations=8, outside=outside)
+    for far in (1e3, 1e9, 1e200, 1.7e308):
+        assert space.is_free([far, -far, 1.0], exact=True) == (outside == "free")
+        assert not space.motion_is_free([1.0, 2.0, 0.0], [far, -far, 1.0], exact=True) or outside == "free"
+
+
+def test_maps_keep_their_shapes():
+    shapes = [shapely.box(0, 0, 1, 1), shapely.Point(2, 2)]
+    assert Workspace.from_polygons(shapes, 0.1).shapes == tuple(shapes)
+    assert Workspace.from_array(np.eye(3, dtype=bool), 0.1).shapes is None

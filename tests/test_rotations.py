@@ -1,0 +1,235 @@
+"""Rotation cells, rasters of turned robots, and slices that symmetry shares."""
+
+import math
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import cspace
+import oracles
+from checks import turned
+from cspace import InputError, Robot, Workspace
+from cspace.rotations import MAX_YAW, TURN, YAW_SLACK, Rotations
+from cspace.slices import slice_of_rotation, slice_rasters
+from strategies import robots, rotation_cells, seeds
+
+# ---- rotation cells --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 7, 72, 360])
+def test_a_count_cuts_the_circle_evenly_around_zero(count):
+    cells = Rotations.of(count)
+    assert cells.count == count == len(cells.representatives)
+    assert cells.representatives == pytest.approx(TURN / count * np.arange(count), abs=1e-12)
+    assert cells.covering_angles == pytest.approx(np.full(count, math.pi / count), abs=2 * YAW_SLACK)
+    assert cells.is_uniform()
+
+
+@given(rotation_cells(20))
+def test_cells_cover_the_circle_without_overlap(value):
+    cells = Rotations.of(value)
+    borders = np.asarray(cells.borders)
+    assert (np.diff(borders) > 0).all() and borders[-1] == borders[0] + TURN
+    if np.ndim(value):
+        assert borders == pytest.approx(value, abs=1e-9)
+    assert (borders[:-1] < cells.representatives).all() and (cells.representatives < borders[1:]).all()
+    reach = np.stack([borders[1:] - cells.representatives, cells.representatives - borders[:-1]])
+    assert (cells.covering_angles >= reach).all()
+
+
+@given(rotation_cells(20), seeds, st.integers(-3, 3))
+def test_a_yaw_belongs_to_the_cell_between_its_borders(value, seed, wraps):
+    cells = Rotations.of(value)
+    borders = np.asarray(cells.borders)
+    yaw = np.random.default_rng(seed).uniform(borders[0], borders[-1], 50)
+    expected = [max(k for k in range(cells.count) if borders[k] <= one) for one in yaw]
+    away = np.abs(yaw[:, None] - borders).min(axis=1) > 1e-9
+    assert (cells.cell_of(yaw + wraps * TURN) == expected)[away].all()
+    # A border may be wrapped to the number next to it: it belongs to one of its two cells.
+    above = np.arange(cells.count)
+    found = cells.cell_of(borders[:-1] + wraps * TURN)
+    assert ((found == above) | (found == (above - 1) % cells.count)).all()
+
+
+def test_borders_may_be_given_as_degrees_turned_to_radians():
+    cells = Rotations.of(np.radians([0, 90, 180, 270, 360]))
+    assert cells.count == 4 and cells.is_uniform()
+    assert cells.cell_of(np.radians([10, 100, 190, 280, 370, -10])).tolist() == [0, 1, 2, 3, 0, 3]
+    assert Rotations.of(cells) is cells
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        (0, "rotations is 0; it must be a whole number above zero"),
+        (-72, "rotations is -72"),
+        (7.5, "rotations is 7.5"),
+        (True, "rotations is True"),
+        (math.nan, "rotations is nan"),
+        ("72", "rotations is '72'"),
+        ([], "at least two borders"),
+        ([0.0], "at least two borders"),
+        ([[0.0, 6.0]], "at least two borders"),
+        ([0.0, math.pi], "must cover the whole circle"),
+        ([0.0, 1.0, TURN - 1e-6], "must cover the whole circle"),
+        ([0.0, 1.0, 7.0], "must cover the whole circle"),
+        ([0.0, 1.0, 1.0, TURN], "do not ascend"),
+        ([0.0, 2.0, 1.0, TURN], "do not ascend"),
+        ([100.0, 101.0, 100.0 + TURN], "more than a turn from zero"),
+        ([0.0, math.nan, TURN], "nan"),
+        ([0.0, math.inf], "inf"),
+        ([0.0, 90.0, 180.0, 270.0, 360.0], "numpy.radians turns degrees"),
+    ],
+)
+def test_refuses_what_is_no_cover(value, words):
+    workspace = Workspace.from_array(np.zeros((3, 3), bool), 0.1)
+    with pytest.raises(InputError, match=words):
+        cspace.build(workspace, Robot.rectangle(0.1, 0.2), rotations=value)
+
+
+def test_refuses_yaws_that_can_not_be_wrapped():
+    cells = Rotations.of(8)
+    assert 0 <= cells.cell_of(MAX_YAW) < 8
+    for yaw in (MAX_YAW * 1.001, math.nan, -math.inf):
+        with pytest.raises(InputError, match="yaw"):
+            cells.cell_of(yaw)
+
+
+# ---- rasters of turned robots ----------------------------------------------------------------------------------------
+
+
+def places(raster):
+    return oracles.raster_offsets(raster)
+
+
+def boxes(offsets, spacing):
+    low = spacing * (np.array(sorted(offsets)).reshape(-1, 2) - 1)
+    return shapely.box(low[:, 0], low[:, 1], low[:, 0] + 2 * spacing, low[:, 1] + 2 * spacing)
+
+
+def distances_of(robot, yaw, shapes):
+    """Distance of shapely geometries to the robot turned to a yaw, discs exactly."""
+    q = np.array([[0.0, 0.0, yaw]])
+    if len(robot.radii):
+        centers = shapely.points(turned(robot.centers, q)[0])
+        each = shapely.distance(np.asarray(shapes)[:, None], centers) - robot.radii
+        return np.maximum(each.min(axis=1), 0.0)
+    return shapely.distance(shapes, shapely.transform(robot.geometry, lambda points: turned(points, q)[0]))
+
+
+@settings(max_examples=40)
+@given(robots(), st.floats(-7, 7), st.sampled_from([0.0, 0.2]))
+def test_a_turned_robot_has_the_rasters_of_its_definition(robot, yaw, margin):
+    h = 0.25
+    outer, inner = (places(raster) for raster in robot.rasters(h, margin, yaw=yaw))
+    around = {(i, j) for i in range(-16, 17) for j in range(-16, 17)}
+    distances = distances_of(robot, yaw, boxes(around, h))
+    for offset, distance in zip(sorted(around), distances, strict=True):
+        if abs(distance - margin) > 1e-7:
+            assert (offset in outer) == (distance < margin), offset
+        elif distance <= margin - 1e-12:
+            assert offset in outer
+    lattice = shapely.points(h * np.array(sorted(inner)).reshape(-1, 2))
+    assert (distances_of(robot, yaw, lattice) == 0.0).all()
+
+
+@settings(max_examples=60)
+@given(robots(), st.floats(-7, 7), st.floats(0, 3.2), st.sampled_from([0.0, 0.1]), seeds)
+def test_rasters_of_a_rotation_cell_hold_for_every_yaw_in_it(robot, yaw, sweep, margin, seed):
+    h = 0.2
+    outer, inner = (places(raster) for raster in robot.rasters(h, margin, yaw=yaw, sweep=sweep))
+    t = np.concatenate([[-1.0, 0.0, 1.0], np.random.default_rng(seed).uniform(-1, 1, 5)])
+    for one in yaw + sweep * t:
+        outer_there, inner_there = (places(raster) for raster in robot.rasters(h, margin, yaw=one))
+        assert outer_there <= outer
+        assert inner <= inner_there
+
+
+@settings(max_examples=40)
+@given(robots(), st.floats(-7, 7), st.floats(0, 1), st.floats(1, 3))
+def test_wider_rotation_cells_have_wider_rasters(robot, yaw, sweep, more):
+    outer, inner = (places(raster) for raster in robot.rasters(0.2, yaw=yaw, sweep=sweep))
+    wider_outer, wider_inner = (places(raster) for raster in robot.rasters(0.2, yaw=yaw, sweep=sweep * more))
+    assert outer <= wider_outer and wider_inner <= inner
+
+
+def test_growth_is_point_by_point():
+    """Next to the reference point the raster must not grow as at the far end."""
+    robot = Robot.rectangle(4.0, 0.05, (2.0, 0.0))
+    outer, _ = robot.rasters(0.1, sweep=0.1)
+    width = {x: sum(1 for i, _ in places(outer) if i == x) for x in (0, 38)}
+    assert width[0] <= 5 and width[38] >= 9
+
+
+# ---- quarter turns and symmetry --------------------------------------------------------------------------------------
+
+
+@settings(max_examples=40)
+@given(robots(), st.sampled_from([4, 8, 12, 20]), st.sampled_from([0.0, 0.07]))
+def test_quarter_turns_by_permutation_are_fresh_rasters(robot, count, margin):
+    cells = Rotations.of(count)
+    made = slice_rasters(robot, 0.17, margin, cells)
+    turns = zip(cells.representatives.tolist(), cells.covering_angles.tolist(), strict=True)
+    for pair, (yaw, sweep) in zip(made, turns, strict=False):
+        fresh = robot.rasters(0.17, margin, yaw=yaw, sweep=sweep)
+        assert [places(raster) for raster in pair] == [places(raster) for raster in fresh]
+
+
+@pytest.mark.parametrize("turns", [0, 1, 2, 3, 4, -1])
+def test_a_quarter_turn_moves_each_offset(turns):
+    outer, inner = Robot.polygon([(0.1, 0.0), (0.9, 0.1), (0.3, 0.7)]).rasters(0.1)
+    for raster in (outer, inner):
+        expected = places(raster)
+        for _ in range(turns % 4):
+            expected = {(-y, x) for x, y in expected}
+        assert places(raster.quarter_turned(turns)) == expected
+
+
+SYMMETRIC = {
+    "rectangle": (Robot.rectangle(0.7, 0.3), 2),
+    "square": (Robot.rectangle(0.5, 0.5), 4),
+    "cross": (Robot.polygon([shapely.box(-0.4, -0.1, 0.4, 0.1).union(shapely.box(-0.1, -0.4, 0.1, 0.4))]), 4),
+    "two discs": (Robot.balls([(0.3, 0.1), (-0.3, -0.1)], 0.15), 2),
+    "four discs": (Robot.balls([(0.3, 0.1), (-0.1, 0.3), (-0.3, -0.1), (0.1, -0.3)], 0.15), 4),
+    "disc": (Robot.disc(0.25), 0),
+    "disc off its middle": (Robot.disc(0.25, (0.1, 0.0)), 1),
+    "two unequal discs": (Robot.balls([(0.3, 0.1), (-0.3, -0.1)], [0.15, 0.2]), 1),
+    "rectangle off its middle": (Robot.rectangle(0.7, 0.3, (1e-9, 0.0)), 1),
+    "triangle": (Robot.polygon([(0.3, 0.0), (-0.2, 0.25), (-0.2, -0.25)]), 1),
+}
+
+
+@pytest.mark.parametrize("name", SYMMETRIC)
+def test_symmetry_is_found(name):
+    robot, order = SYMMETRIC[name]
+    assert robot.symmetry == order
+
+
+@pytest.mark.parametrize("name", [name for name, (_, order) in SYMMETRIC.items() if order != 1])
+@pytest.mark.parametrize("count", [1, 2, 4, 6, 7, 8, 12])
+def test_shared_slices_are_those_made_without_sharing(name, count, monkeypatch):
+    robot, order = SYMMETRIC[name]
+    workspace = Workspace.from_array(np.random.default_rng(0).random((25, 20)) < 0.05, 0.1)
+    shared = cspace.build(workspace, robot, rotations=count, overlap=True)
+    if order == 0:
+        assert len(shared.stack) == 1
+        assert (shared.state == cspace.build(workspace, robot).state).all()
+    elif count % order == 0:
+        assert len(shared.stack) == count // order
+    monkeypatch.setattr(Robot, "symmetry", property(lambda self: 1))
+    alone = cspace.build(workspace, robot, rotations=count, overlap=True)
+    assert len(alone.stack) == count
+    assert shared.state.shape == alone.state.shape == (count, 25, 20)
+    assert (shared.state == alone.state).all()
+    assert (shared.overlaps[shared.slice_of] == alone.overlaps).all()
+    assert shared.count() == alone.count() == tuple(np.bincount(alone.state.ravel(), minlength=3))
+
+
+def test_unequal_cells_share_nothing_but_a_discs():
+    borders = [0.0, 1.0, math.pi, math.pi + 1.0, TURN]
+    cells = Rotations.of(borders)
+    assert slice_of_rotation(Robot.rectangle(0.7, 0.3), cells).tolist() == [0, 1, 2, 3]
+    assert slice_of_rotation(Robot.disc(0.3), cells).tolist() == [0, 0, 0, 0]
