@@ -17,7 +17,7 @@ BENCHMARKS = {
     "turning": "robots that turn: fftconvolve for each yaw, bare transforms, memory, stamping, planning",
     "startup": "seconds that `cspace --help` and `import cspace` add to Python and numpy",
     "raster": "robot rasters up to 500 cells across: cost against boundary, results against shapely",
-    "soak": "every FREE, BLOCKED and free edge against exact geometry, robots that turn too; the MIXED band",
+    "soak": "every FREE, BLOCKED and free edge or curve against exact geometry, robots that turn too; the MIXED band",
 }
 
 

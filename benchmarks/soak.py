@@ -7,7 +7,7 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks import band, turning_soak
+from benchmarks import band, curved_soak, exact_soak, turning_soak
 from benchmarks.cases import Case, draw_case
 from benchmarks.report import Report
 from benchmarks.tally import Tally, not_free
@@ -40,6 +40,9 @@ def run(report: Report, seed: int, checks: int | None = None) -> None:
     report.section(f"{number} random maps and robots, seed {seed}, {time.perf_counter() - began:.0f} s")
     tally.tell(report)
     turning_soak.check(report, seed, wanted, edges)
+    curves = edges // 5 if report.quick else edges
+    curved_soak.check(report, seed, curves)
+    exact_soak.check(report, seed, curves)
     band.measure(report, seed, 20 if report.quick else 200)
 
 

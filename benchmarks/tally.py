@@ -61,7 +61,8 @@ class Tally:
         for kind, count in sorted(self.kinds.items()):
             report.note(f"{kind[0]} with {kind[1]}: {count} checks")
         colliding, every = self.mixed["colliding"], self.mixed["all"]
-        report.note(f"of {every} configurations called MIXED, {colliding} collide: {colliding / max(every, 1):.0%}")
+        if every:
+            report.note(f"of {every} configurations called MIXED, {colliding} collide: {colliding / every:.0%}")
         for told in self.told:
             report.note(f"FALSE {told}")
 

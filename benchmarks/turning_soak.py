@@ -83,7 +83,7 @@ def _check_states(tally: Tally, case: Case, rng: Rng) -> None:
     reach = case.shape.reach() + space.margin + grid.spacing
     low, high = np.asarray(grid.lower) - 1.5 * reach, np.asarray(grid.upper) + 1.5 * reach
     anywhere = np.column_stack([rng.uniform(low, high, (PER_STATE // 6, 2)), rng.uniform(-9.0, 9.0, PER_STATE // 6)])
-    q = np.concatenate([_nearly_snapped(case, rng.permutation(q)[: PER_STATE // 6], rng), anywhere])
+    q = np.concatenate([nearly_snapped(case, rng.permutation(q)[: PER_STATE // 6], rng), anywhere])
     tally.judge(case, q, np.asarray(space.classify(q)))
 
 
@@ -92,7 +92,7 @@ def _check_edges(tally: Tally, case: Case, rng: Rng) -> None:
     space, grid = case.space, case.space.grid
     starts = space.sample_free(CANDIDATES, rng)
     snapped = rng.random(CANDIDATES) < 0.3
-    starts[snapped] = _nearly_snapped(case, starts[snapped], rng, away=0.0)
+    starts[snapped] = nearly_snapped(case, starts[snapped], rng, away=0.0)
     steps = grid.spacing * rng.choice([0.0, 2.0, 10.0, 40.0], (CANDIDATES, 1)) * rng.normal(size=(CANDIDATES, 2))
     steps[snapped] = grid.spacing * rng.integers(-6, 7, (int(snapped.sum()), 2))
     turns = rng.choice([0.0, 0.05, 0.5, 2.0], CANDIDATES) * rng.normal(size=CANDIDATES)
@@ -101,17 +101,17 @@ def _check_edges(tally: Tally, case: Case, rng: Rng) -> None:
     free = np.flatnonzero(space.motion_is_free(starts, ends))
     # The map tells where to look: half of the edges are those that come closest.
     few = np.linspace(0.0, 1.0, 50)
-    closest = np.asarray(space.clearance(_along(starts[free], ends[free], few, rng))).min(axis=1)
+    closest = np.asarray(space.clearance(along(starts[free], ends[free], few, rng))).min(axis=1)
     order = free[np.argsort(closest)]
     picked = np.concatenate([order[: TAKEN // 2], rng.permutation(order[TAKEN // 2 :])[: TAKEN - TAKEN // 2]])
     if not len(picked):
         return
-    q = _along(starts[picked], ends[picked], np.linspace(0.0, 1.0, ALONG), rng)
-    wrong, undecided = _not_free_along(case, q)
+    q = along(starts[picked], ends[picked], np.linspace(0.0, 1.0, ALONG), rng)
+    wrong, undecided = not_free_along(case, q)
     tally.add(FOLLOWED, case, q.reshape(-1, 3), (wrong | ~np.asarray(space.is_free(q))).ravel(), undecided.ravel())
 
 
-def _not_free_along(case: Case, q: Floats) -> tuple[Bools, Bools]:
+def not_free_along(case: Case, q: Floats) -> tuple[Bools, Bools]:
     """:func:`benchmarks.tally.not_free` of the points of edges, shape (edges, points, 3).
 
     Points are settled in groups: the robot is as far from the obstacles at the middle one as no point of it moves
@@ -137,7 +137,7 @@ def _check_boxes(tally: Tally, case: Case, rng: Rng) -> None:
         distance = grid.spacing * float(rng.choice([0.0, 0.5, 1.0, 3.0])) * float(rng.uniform(0.5, 1.5))
         angle = float(rng.choice([0.0, 0.01, 0.1, 1.0, 4.0]) * rng.uniform(0.5, 1.5))
         centers = space.sample_free(200, rng)
-        centers[::4] = _nearly_snapped(case, centers[::4], rng, away=0.0)
+        centers[::4] = nearly_snapped(case, centers[::4], rng, away=0.0)
         centers = centers[np.asarray(space.is_free_around(centers, distance, angle))][:20]
         away = np.where(rng.random((len(centers), 20, 3)) < 0.4, 1.0, rng.random((len(centers), 20, 3)))
         away *= rng.choice([-1.0, 1.0], away.shape) * np.array([distance, distance, angle])
@@ -187,7 +187,7 @@ def _within(rng: Rng, shape: tuple[int, ...]) -> Floats:
     return np.where(np.isnan(place), rng.random(shape), place)
 
 
-def _nearly_snapped(case: Case, q: Floats, rng: Rng, away: float = 1.0) -> Floats:
+def nearly_snapped(case: Case, q: Floats, rng: Rng, away: float = 1.0) -> Floats:
     """Configurations on the nearest corner of the lattice, or next to it; many on the border of a rotation cell too."""
     grid, borders = case.space.grid, _borders(case)
     near = np.round((q[:, :2] - grid.lower) / grid.spacing)
@@ -198,7 +198,7 @@ def _nearly_snapped(case: Case, q: Floats, rng: Rng, away: float = 1.0) -> Float
     return np.column_stack([grid.lower + grid.spacing * near, yaw])
 
 
-def _along(starts: Floats, ends: Floats, t: Floats, rng: Rng) -> Floats:
+def along(starts: Floats, ends: Floats, t: Floats, rng: Rng) -> Floats:
     """Points of edges, shape (edges, points, 3): linear in x, y and yaw, the shorter way round, either way at half."""
     turn = (ends[:, 2] - starts[:, 2] + np.pi) % TURN - np.pi
     half = np.pi - np.abs(turn) < 1e-9

@@ -72,6 +72,42 @@ def path_exists(
     return answer if answer.ndim else answer[()]
 
 
+def chain(
+    stack: NDArray[np.uint8],
+    slice_of: NDArray[np.int64],
+    closed: NDArray[np.bool_],
+    start: NDArray[np.int64],
+    goal: NDArray[np.int64],
+) -> NDArray[np.int64]:
+    """A chain of cells that are not BLOCKED, each sharing a side with the next, with the fewest MIXED ones.
+
+    Parameters
+    ----------
+    stack : ndarray of uint8, shape (slices, nx, ny)
+    slice_of : ndarray of int64, shape (rotations,)
+    closed : ndarray of bool, shape (rotations, nx, ny)
+        Cells that are left out.
+    start, goal : ndarray of int64, shape (3,)
+        Cells ``(rotation, x, y)`` in the grid.
+
+    Returns
+    -------
+    ndarray of int64, shape (n, 3)
+        From start to goal; of length 0 where there is none.
+    """
+    from cspace.turning import _kernels
+
+    came = np.zeros(closed.shape, dtype=np.uint8)
+    if not _kernels.trace_chain(stack, slice_of, closed, start, goal, came):
+        return np.empty((0, 3), dtype=np.int64)
+    moves = np.array([(-1, 0, 0), (1, 0, 0), (0, -1, 0), (0, 1, 0), (0, 0, -1), (0, 0, 1)])
+    cells = [tuple(goal.tolist())]
+    while (step := int(came[cells[-1]])) != 7:
+        k, i, j = (np.array(cells[-1]) - moves[step - 1]).tolist()
+        cells.append((k % len(slice_of), i, j))
+    return np.array(cells[::-1], dtype=np.int64)
+
+
 def _labels_of(
     labels: Components, cells: NDArray[np.int64], states: NDArray[np.uint8]
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:

@@ -194,6 +194,36 @@ class CSpace(Stack):
         ends = (self._checked(q0, "q0"), self._checked(q1, "q1"))
         return path_exists(labels, *((self._cells_of(q), np.asarray(self.classify(q))) for q in ends))
 
+    def open_chain(self, q0: ArrayLike, q1: ArrayLike, closed: NDArray[np.bool_] | None = None) -> NDArray[np.int64]:
+        """A chain of FREE and MIXED cells between two configurations, with as few MIXED ones as can be.
+
+        Where :meth:`path_exists` is None, this is where a path has to be looked for with ``exact=True``.
+
+        Parameters
+        ----------
+        q0, q1 : array-like, shape (dof,)
+            Metres, and radians; in the grid.
+        closed : ndarray of bool, shape (rotations, nx, ny), optional
+            Cells that are left out; one rotation where the robot does not turn.
+
+        Returns
+        -------
+        ndarray of int64, shape (n, 3)
+            Cells ``(rotation, x, y)``, each sharing a side with the next; of length 0 where there is no chain.
+
+        Raises
+        ------
+        InputError
+            If a configuration is not one of the grid.
+        """
+        from cspace.connectivity import chain
+
+        ends = [self._cells_of(self._checked(q, name)) for q, name in ((q0, "q0"), (q1, "q1"))]
+        if any(end.shape != (3,) or (end[1:] < 0).any() or (end[1:] >= self.grid.shape).any() for end in ends):
+            raise InputError(f"q0 and q1 are {q0!r} and {q1!r}; each must be one configuration in the grid")
+        shut = np.zeros((len(self.slice_of), *self.grid.shape), dtype=np.bool_) if closed is None else closed
+        return chain(self.stack, self.slice_of, shut, *ends)
+
     # ---- the set of FREE configurations ------------------------------------------------------------------------------
 
     def sample_free(self, n: int | None = None, rng: np.random.Generator | None = None) -> Floats:

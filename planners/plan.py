@@ -14,6 +14,7 @@ from cspace.errors import InputError
 from cspace.grid import positive
 from planners.ends import End, check_end
 from planners.objectives import ClearanceObjective
+from planners.passages import Passages
 from planners.registry import IGNORE_OBJECTIVES, SECOND_THREAD, check_curve, default_planner, find_planner
 from planners.result import Plan, Times, least_clearance
 from planners.search import Found, Search
@@ -97,7 +98,9 @@ def plan(
         their second thread.
     exact : bool
         Ask the geometry itself in cells that the map leaves MIXED, so that passages are solved which are a hair wider
-        than the robot. Slower there; edges are no less proven. Not for curves.
+        than the robot. Slower there; edges are no less proven. Where the map cannot decide whether a path exists, the
+        planner joins the FREE stretches of a chain of undecided cells, and the others are crossed by samples of their
+        own; that can take seconds, so give it time. Not for curves.
     curve : {"dubins", "reeds-shepp"}, optional
         Curves of a car, on a map with rotations.
     turning_radius : float, optional
@@ -136,7 +139,8 @@ def plan(
         found = Found(np.array(ends[:1]), THERE)
     else:
         joined = {"exact": exact, "curve": curve, "turning_radius": turning_radius}
-        found = Search(kind, make, limit, most, simplify, number, joined).run(way, *ends)
+        search = Search(kind, make, limit, most, simplify, number, joined)
+        found = Passages(search, way).run(*ends) if exact and exists is None else search.run(way, *ends)
     searched = time.perf_counter()
     waypoints = found.path
     solved = len(waypoints) > 0

@@ -1,0 +1,176 @@
+"""The proofs of curved edges, against exact geometry at points that share no code with them; part of the soak."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.cases import Case, draw_case
+from benchmarks.report import Report
+from benchmarks.tally import Tally
+from benchmarks.turning_soak import ALONG, Rng, nearly_snapped, not_free_along
+from cspace import FREE
+from planners import _kernels
+from planners.curves import CURVES, Curve
+from planners.ways import way_of
+
+Floats = NDArray[np.float64]
+
+CANDIDATES = 300
+TAKEN = 40
+"""Edges drawn, and edges of those called free that are followed, for each map and kind of curve."""
+
+RADII = (2.0, 30.0)
+"""Cells."""
+
+SAME = 1e-9
+"""Turning radii by which OMPL's curve may be longer or shorter than ours for its points to be asked for."""
+
+OFF = 1e-6
+"""Turning radii, and radians, that two ways of driving one word may end apart."""
+
+
+def check(report: Report, seed: int, edges: int) -> None:
+    """Random maps until enough curves of each kind were called free and followed."""
+    tally, others = Tally(), Counter[str]()
+    began, number = time.perf_counter(), 0
+    while min(tally.checks[name] for name in CURVES) < edges * ALONG:
+        case = draw_case(seed, number, turning=True)
+        rng = np.random.default_rng([seed, number, 5])
+        if (case.space.stack == FREE).any():
+            for name in CURVES:
+                if tally.checks[name] < edges * ALONG:
+                    _check_curves(tally, others, case, name, rng)
+        number += 1
+    followed = {name: tally.checks[name] // ALONG for name in CURVES}
+    told = " and ".join(f"{count} {name} edges" for name, count in followed.items())
+    report.section(
+        f"curves: {number} random maps, {told} at {ALONG} points each, seed {seed}, {time.perf_counter() - began:.0f} s"
+    )
+    tally.tell(report)
+    for name in CURVES:
+        report.note(f"{others[name]} of {followed[name]} {name} edges are not OMPL's: the words were driven instead")
+
+
+def _check_curves(tally: Tally, others: Counter[str], case: Case, name: str, rng: Rng) -> None:
+    """All points of curves that are called free, by the proof that a plan uses."""
+    space = case.space
+    radius = space.grid.spacing * float(np.exp(rng.uniform(*np.log(RADII))))
+    if rng.random() < 0.3:
+        radius = space.grid.spacing * float(rng.integers(2, 31))
+    way = way_of(space, curve=name, turning_radius=radius)
+    if not isinstance(way, Curve):
+        raise TypeError(f"way_of made {way!r} for curve={name!r}; the soak is for curves")
+    starts, ends = _drawn(case, name, radius, rng)
+    is_free = way.edge_checker()
+    rows = np.concatenate([starts, ends], axis=1)
+    pairs = rows[[is_free(*row) for row in rows.tolist()]].reshape(-1, 2, 3)
+    if not len(pairs):
+        return
+    # The map tells where to look: half of the edges are those that come closest.
+    lengths = np.array([way.lengths(pair)[0] for pair in pairs])
+    few = np.stack([way.points(*pair, np.linspace(0.0, size, 30)) for pair, size in zip(pairs, lengths, strict=True)])
+    order = np.argsort(np.asarray(space.clearance(few)).min(axis=1))
+    picked = np.concatenate([order[: TAKEN // 2], rng.permutation(order[TAKEN // 2 :])[: TAKEN - TAKEN // 2]])
+    oracle = _Oracle(way)
+    q, missed = np.empty((len(picked), ALONG, 3)), np.zeros((len(picked), 1), dtype=np.bool_)
+    for k, edge in enumerate(picked):
+        q[k], missed[k], other = oracle.follow(*pairs[edge], lengths[edge])
+        others[name] += other
+    wrong, undecided = not_free_along(case, q)
+    wrong |= missed | ~np.asarray(space.is_free(q))
+    tally.add(name, case, q.reshape(-1, 3), wrong.ravel(), undecided.ravel())
+
+
+def _drawn(case: Case, name: str, radius: float, rng: Rng) -> tuple[Floats, Floats]:
+    """Both ends of curves: driven from one to the other, for the most part, so that many are short; or just near."""
+    space, spacing = case.space, case.space.grid.spacing
+    starts = space.sample_free(CANDIDATES, rng)
+    snapped = rng.random(CANDIDATES) < 0.3
+    starts[snapped] = nearly_snapped(case, starts[snapped], rng, away=0.0)
+    turns = rng.integers(-1, 2, (CANDIDATES, 3))
+    lengths = spacing * rng.choice([1.0, 4.0, 15.0], (CANDIDATES, 1)) * rng.exponential(size=(CANDIDATES, 3))
+    if name != "dubins":
+        lengths *= rng.choice([-1.0, 1.0], lengths.shape)
+    ends = drive(starts, turns, lengths, radius)
+    near = rng.random(CANDIDATES) < 0.2
+    ends[near, :2] = starts[near, :2] + spacing * rng.choice([1.0, 10.0]) * rng.normal(size=(int(near.sum()), 2))
+    ends[near, 2] = rng.uniform(-np.pi, np.pi, int(near.sum()))
+    snapped = rng.random(CANDIDATES) < 0.1
+    ends[snapped] = nearly_snapped(case, ends[snapped], rng, away=0.0)
+    return starts, ends
+
+
+def drive(q: Floats, turns: Any, lengths: Floats, radius: float) -> Floats:
+    """Where cars get that drive pieces of circles and lines; chord by chord.
+
+    Parameters
+    ----------
+    q : ndarray of float64, shape (n, 3)
+        Where they start.
+    turns, lengths : ndarray, shape (n, pieces)
+        1 (left), -1 (right) or 0 (straight on), and metres; below zero where the car reverses.
+    radius : float
+        Metres.
+
+    Returns
+    -------
+    ndarray of float64, shape (n, 3)
+    """
+    x, y, yaw = q.T.copy()
+    for turn, length in zip(np.transpose(turns), lengths.T, strict=True):
+        half = 0.5 * turn * length / radius
+        chord = length * np.sinc(half / np.pi)
+        x, y, yaw = x + chord * np.cos(yaw + half), y + chord * np.sin(yaw + half), yaw + 2.0 * half
+    return np.column_stack([x, y, yaw])
+
+
+class _Oracle:
+    """Points of curves from OMPL; and where its curve is another than ours, by driving the pieces of ours."""
+
+    def __init__(self, way: Curve) -> None:
+        self._way, self._states = way, way.states()
+        self._first, self._last, self._at = (self._states.allocState() for _ in range(3))
+
+    def follow(self, first: Floats, last: Floats, length: float) -> tuple[Floats, bool, bool]:
+        """Points of a curve, shape (ALONG, 3), evenly spaced; whether ours misses them; and if OMPL's is another."""
+        ours = self._way.points(first, last, np.linspace(0.0, length, ALONG))
+        for state, q in ((self._first, first), (self._last, last)):
+            state.setXY(float(q[0]), float(q[1]))
+            state.setYaw(float(q[2]))
+        radius = self._way.radius
+        if abs(self._states.distance(self._first, self._last) - length) <= SAME * radius:
+            theirs = self._theirs(ours)
+            if _apart(theirs, ours, radius) <= OFF:
+                return theirs, False, False
+        driven = self._driven(first, last, length)
+        missed = max(_apart(driven, ours, radius), _apart(driven[-1:], last[None], radius)) > OFF
+        return driven, missed, True
+
+    def _theirs(self, ours: Floats) -> Floats:
+        interpolate, first, last, at = self._states.interpolate, self._first, self._last, self._at
+        q = []
+        for t in np.linspace(0.0, 1.0, ALONG).tolist():
+            interpolate(first, last, t, at)
+            q.append((at.getX(), at.getY(), at.getYaw()))
+        theirs = np.array(q)
+        theirs[:, 2] = np.unwrap(theirs[:, 2])
+        return theirs
+
+    def _driven(self, first: Floats, last: Floats, length: float) -> Floats:
+        radius = self._way.radius
+        turns, lengths, _ = _kernels.shortest(self._way.kind, radius, *first.tolist(), *last.tolist())
+        whole = radius * np.array(lengths)
+        begin = np.cumsum(np.abs(whole)) - np.abs(whole)
+        parts = np.clip(np.linspace(0.0, length, ALONG)[:, None] - begin, 0.0, np.abs(whole)) * np.sign(whole)
+        return drive(np.repeat(first[None], ALONG, axis=0), np.broadcast_to(turns, parts.shape), parts, radius)
+
+
+def _apart(a: Floats, b: Floats, radius: float) -> float:
+    """How far points of curves are from each other at most, in turning radii or radians."""
+    turn = (a[:, 2] - b[:, 2] + np.pi) % (2.0 * np.pi) - np.pi
+    return float(max(np.hypot(*(a - b)[:, :2].T).max() / radius, np.abs(turn).max()))

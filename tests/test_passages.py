@@ -1,0 +1,125 @@
+"""Passages a hair wider than the robot: chains of undecided cells, and plans that cross them."""
+
+import heapq
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from shapely import affinity
+
+import cspace
+import planners
+from cspace import BLOCKED, FREE, MIXED, CSpace, InputError, Robot, Workspace
+from cspace.rotations import Rotations
+from strategies import seeds
+
+WIDTH = 0.5
+
+
+def corridor(gap, robot, rotations=72, spacing=WIDTH / 5):
+    """Two rooms, joined by a corridor 2 m long, and the map of a robot in them."""
+    walls = [shapely.box(1.5, 0, 3.5, 1.5 - gap / 2), shapely.box(1.5, 1.5 + gap / 2, 3.5, 3)]
+    workspace = Workspace.from_polygons(walls, spacing, bounds=(0, 0, 5, 3))
+    return cspace.build(workspace, robot, rotations=rotations), shapely.union_all(walls)
+
+
+def fewest_mixed(state, slice_of, closed, start, goal):
+    """MIXED cells on the best chain, start left out, by Dijkstra's algorithm; None where there is no chain."""
+    shape = (len(slice_of), *state.shape[1:])
+    best, todo = {start: 0}, [(0, start)]
+    while todo:
+        cost, cell = heapq.heappop(todo)
+        if cell == goal:
+            return cost
+        for axis in range(3):
+            for step in (-1, 1):
+                near = list(cell)
+                near[axis] += step
+                near[0] %= shape[0]
+                near = tuple(near)
+                if not all(0 <= n < size for n, size in zip(near, shape, strict=True)) or closed[near]:
+                    continue
+                value = state[slice_of[near[0]], near[1], near[2]]
+                if value != BLOCKED and cost + (value == MIXED) < best.get(near, 10**9):
+                    best[near] = cost + int(value == MIXED)
+                    heapq.heappush(todo, (best[near], near))
+    return None
+
+
+@settings(max_examples=80)
+@given(seeds, st.integers(1, 4), st.integers(1, 6), st.integers(1, 6))
+def test_a_chain_has_the_fewest_mixed_cells(seed, turns, nx, ny):
+    rng = np.random.default_rng(seed)
+    state = rng.choice(np.array([0, 1, 1, 2], dtype=np.uint8), (turns, nx, ny))
+    workspace = Workspace.from_array(np.zeros((nx, ny), bool), 1.0)
+    robot = Robot.rectangle(0.2, 0.1, (0.1, 0.0))  # without a symmetry, so that no slices are shared
+    space = CSpace(
+        workspace, robot, state, outside="blocked", margin=0.0, precision="float32", rotations=Rotations.of(turns)
+    )
+    closed = rng.random(state.shape) < 0.1
+    start, goal = (tuple(int(rng.integers(n)) for n in state.shape) for _ in range(2))
+    ends = [(i + 0.5, j + 0.5, space.rotations.representatives[k]) for k, i, j in (start, goal)]
+    chain = [tuple(cell) for cell in space.open_chain(*ends, closed).tolist()]
+    expected = fewest_mixed(state, space.slice_of, closed, start, goal)
+    if expected is None:
+        assert not chain
+        return
+    assert chain[0] == start and chain[-1] == goal and len(set(chain)) == len(chain)
+    assert sum(state[cell] == MIXED for cell in chain[1:]) == expected
+    for first, second in zip(chain, chain[1:], strict=False):
+        turn = (second[0] - first[0]) % turns
+        steps = min(turn, turns - turn), abs(second[1] - first[1]), abs(second[2] - first[2])
+        assert sorted(steps) == [0, 0, 1]
+        assert state[second] != BLOCKED and not closed[second]
+
+
+def test_a_chain_in_the_plane():
+    space, _ = corridor(WIDTH * 1.02, Robot.disc(WIDTH / 2), rotations=None)
+    chain = space.open_chain((0.7, 1.0), (4.3, 2.0))
+    assert (chain[:, 0] == 0).all() and (space.stack[0][chain[:, 1], chain[:, 2]] != BLOCKED).all()
+    for q in [(-1.0, 1.0), [(0.7, 1.0), (0.7, 1.0)]]:
+        with pytest.raises(InputError, match="in the grid"):
+            space.open_chain(q, (4.3, 2.0))
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("ends", [((0.7, 1.0, 0.0), (4.3, 2.0, 0.0)), ((0.7, 1.5, 0.3), (4.3, 1.5, -0.4))])
+def test_a_corridor_two_per_cent_wider_than_the_robot_is_crossed(seed, ends):
+    space, walls = corridor(WIDTH * 1.02, Robot.rectangle(0.8, WIDTH))
+    assert space.path_exists(*ends) is None
+    found = planners.plan(space, *ends, planner="RRTConnect", exact=True, seed=seed, time_limit=60)
+    assert found.solved and found.certified and "passages" in found.status
+    assert found.path[0] == pytest.approx(ends[0]) and found.path[-1] == pytest.approx(ends[1])
+    for first, second in zip(found.waypoints, found.waypoints[1:], strict=False):
+        turn = (second[2] - first[2] + np.pi) % (2 * np.pi) - np.pi
+        for t in np.linspace(0, 1, 200):
+            x, y = first[:2] + t * (second[:2] - first[:2])
+            turned = affinity.rotate(space.robot.geometry, first[2] + t * turn, origin=(0, 0), use_radians=True)
+            assert not affinity.translate(turned, x, y).intersects(walls)
+
+
+def test_without_exact_it_is_not_crossed():
+    space, _ = corridor(WIDTH * 1.02, Robot.rectangle(0.8, WIDTH))
+    assert not planners.plan(space, (0.7, 1.0, 0.0), (4.3, 2.0, 0.0), seed=0, time_limit=0.5).solved
+
+
+def test_a_disc_crosses_in_the_plane():
+    space, _ = corridor(WIDTH * 1.02, Robot.disc(WIDTH / 2), rotations=None)
+    found = planners.plan(space, (0.7, 1.0), (4.3, 2.0), exact=True, seed=1, time_limit=30)
+    assert found.solved and found.certified and "passages" in found.status
+
+
+@pytest.mark.parametrize("gap", [0.98, 1.0])
+def test_a_corridor_that_is_no_wider_is_never_crossed(gap):
+    space, _ = corridor(WIDTH * gap, Robot.rectangle(0.8, WIDTH))
+    found = planners.plan(space, (0.7, 1.0, 0.0), (4.3, 2.0, 0.0), exact=True, seed=0, time_limit=1.5)
+    assert not found.solved and not len(found.path)
+
+
+def test_what_the_map_decides_needs_no_passages():
+    space, _ = corridor(WIDTH * 2.5, Robot.rectangle(0.8, WIDTH))
+    found = planners.plan(space, (0.7, 1.0, 0.0), (4.3, 2.0, 0.0), exact=True, seed=0, time_limit=10)
+    assert found.solved and "passages" not in found.status
+    assert (space.classify(found.path) == FREE).any()
