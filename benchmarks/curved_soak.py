@@ -73,13 +73,13 @@ def _check_curves(tally: Tally, others: Counter[str], case: Case, name: str, rng
         return
     # The map tells where to look: half of the edges are those that come closest.
     lengths = np.array([way.lengths(pair)[0] for pair in pairs])
-    few = np.stack([way.points(*pair, np.linspace(0.0, size, 30)) for pair, size in zip(pairs, lengths, strict=True)])
+    few = np.stack([way.points(a, b, np.linspace(0.0, c, 30)) for (a, b), c in zip(pairs, lengths, strict=True)])
     order = np.argsort(np.asarray(space.clearance(few)).min(axis=1))
     picked = np.concatenate([order[: TAKEN // 2], rng.permutation(order[TAKEN // 2 :])[: TAKEN - TAKEN // 2]])
     oracle = _Oracle(way)
     q, missed = np.empty((len(picked), ALONG, 3)), np.zeros((len(picked), 1), dtype=np.bool_)
     for k, edge in enumerate(picked):
-        q[k], missed[k], other = oracle.follow(*pairs[edge], lengths[edge])
+        q[k], missed[k], other = oracle.follow(pairs[edge, 0], pairs[edge, 1], float(lengths[edge]))
         others[name] += other
     wrong, undecided = not_free_along(case, q)
     wrong |= missed | ~np.asarray(space.is_free(q))
