@@ -32,6 +32,9 @@ REEDS_SHEPP = 1
 GAP = 1e-6
 """Largest gap, in turning radii and in radians, of a word that counts. The proof covers it."""
 
+TIE = 1e-6
+"""By how much curves may differ in length, in turning radii, to count as equally short."""
+
 ROUNDING = 1e-9
 """Allowance for the rounding of a curve's points, in turning radii and in radians."""
 
@@ -253,6 +256,63 @@ def _box_is_free(
 
 
 @njit(cache=True, nogil=True)
+def _tied(
+    kind: int,
+    radius: float,
+    x0: float,
+    y0: float,
+    yaw0: float,
+    x1: float,
+    y1: float,
+    yaw1: float,
+    longest: float,
+    turns: Ints,
+    lengths: Floats,
+    count: int,
+    back: bool,
+) -> int:
+    """Add the words that are no longer than ``longest`` to the ``count`` rows of turns and lengths, each once.
+
+    With ``back`` they are added as driven from the second configuration to the first. Gives the new count.
+    """
+    dx, dy, c, s = (x1 - x0) / radius, (y1 - y0) / radius, math.cos(yaw0), math.sin(yaw0)
+    x, y, phi = dx * c + dy * s, dy * c - dx * s, _around(yaw1 - yaw0)
+    for number in range(8 * FORMS):
+        form, mirror, way, other = number % FORMS, 1 - 2 * (number // FORMS % 2), 1, number // (2 * FORMS)
+        if kind == DUBINS:
+            if form > 3 or other > 1:
+                continue
+            pieces = _flipped(_ahead(form, SNAP if other == 0 else 0.0, x, mirror * y, mirror * phi), mirror, 1)
+        else:
+            way = 1 - 2 * (other % 2)
+            u, v, angle = way * x, mirror * y, way * mirror * phi
+            if other < 2:
+                pieces = _flipped(_form(form, u, v, angle), mirror, way)
+            elif form in (3, 6, 7):
+                pieces = _flipped(_backwards(form, u, v, angle), mirror, way)
+            else:
+                continue
+        if _total(pieces[1]) > longest:
+            continue
+        word = _shorter(((0, 0, 0, 0, 0), (0.0, 0.0, 0.0, 0.0, 0.0), math.inf), pieces, x, y, phi)
+        if not word[2] <= GAP:
+            continue
+        if back:
+            word = _reversed(word)
+        for k in range(5):
+            turns[count, k], lengths[count, k] = word[0][k], word[1][k]
+        new = True
+        for row in range(count):
+            apart = 0.0
+            for k in range(5):
+                same = turns[row, k] == turns[count, k] or max(abs(lengths[row, k]), abs(lengths[count, k])) < 1e-12
+                apart = max(apart, abs(lengths[row, k] - lengths[count, k]) if same else math.inf)
+            new = new and apart > 1e-12
+        count += new
+    return count
+
+
+@njit(cache=True, nogil=True)
 def curve_is_free(
     state: Stack,
     slice_of: Ints,
@@ -268,25 +328,78 @@ def curve_is_free(
     y1: float,
     yaw1: float,
 ) -> bool:
-    """Whether every configuration of the shortest curve lies in FREE cells of the grid.
+    """``proven_length``, as a yes or no."""
+    return proven_length(state, slice_of, borders, frame, box, kind, radius, x0, y0, yaw0, x1, y1, yaw1) >= 0.0
+
+
+@njit(cache=True, nogil=True)
+def proven_length(
+    state: Stack,
+    slice_of: Ints,
+    borders: Floats,
+    frame: Floats,
+    box: Ints,
+    kind: int,
+    radius: float,
+    x0: float,
+    y0: float,
+    yaw0: float,
+    x1: float,
+    y1: float,
+    yaw1: float,
+) -> float:
+    """Metres of the shortest curve where every configuration of it lies in FREE cells of the grid, otherwise -1.
+
+    Where several curves are equally short but for ``TIE``, that holds for every one of them, whichever is driven.
+    """
+    if _swaps(kind, x0, y0, yaw0, x1, y1, yaw1):
+        x0, y0, yaw0, x1, y1, yaw1 = x1, y1, yaw1, x0, y0, yaw0
+    best = _search(kind, radius, x0, y0, yaw0, x1, y1, yaw1)
+    if not best[2] <= GAP:
+        return -1.0
+    turns, lengths = np.zeros((16 * FORMS + 1, 5), np.int64), np.zeros((16 * FORMS + 1, 5))
+    for k in range(5):
+        turns[0, k], lengths[0, k] = best[0][k], best[1][k]
+    longest = _total(best[1]) + TIE
+    count = _tied(kind, radius, x0, y0, yaw0, x1, y1, yaw1, longest, turns, lengths, 1, False)
+    if kind == REEDS_SHEPP:
+        count = _tied(kind, radius, x1, y1, yaw1, x0, y0, yaw0, longest, turns, lengths, count, True)
+    # However the gap is spread along the curve, and whichever end it is drawn from, it stays this close.
+    spare = (best[2] if count == 1 else GAP) * (1.0 + longest) + ROUNDING
+    for x, y, yaw in ((x0, y0, yaw0), (x1, y1, yaw1)):
+        if not _box_is_free(state, slice_of, borders, frame, box, x, y, yaw, spare * radius, spare):
+            return -1.0
+    for row in range(count):
+        if not _word_is_free(
+            state, slice_of, borders, frame, box, radius, x0, y0, yaw0, turns[row], lengths[row], spare
+        ):
+            return -1.0
+    return radius * _total(best[1])
+
+
+@njit(cache=True, nogil=True)
+def _word_is_free(
+    state: Stack,
+    slice_of: Ints,
+    borders: Floats,
+    frame: Floats,
+    box: Ints,
+    radius: float,
+    x0: float,
+    y0: float,
+    yaw0: float,
+    turns: Ints,
+    lengths: Floats,
+    spare: float,
+) -> bool:
+    """Whether every configuration within ``spare`` of a word, but for its ends, lies in FREE cells of the grid.
 
     A piece of the curve of length l lies within l / 2 of its middle, and turns by at most l / (2 radius) from there; so
     a box of that size around the middle holds all of it. Where a box is not free, the piece is halved, until the middle
     itself is not free or the piece is a sixteenth of a cell.
     """
-    if _swaps(kind, x0, y0, yaw0, x1, y1, yaw1):
-        x0, y0, yaw0, x1, y1, yaw1 = x1, y1, yaw1, x0, y0, yaw0
-    turns, lengths, gap = _search(kind, radius, x0, y0, yaw0, x1, y1, yaw1)
-    if not gap <= GAP:
-        return False
-    # Whichever end it is drawn from, and however the gap is spread along it, the curve stays this close.
-    spare = gap * (1.0 + _total(lengths)) + ROUNDING
     longest, least = LONGEST * frame[2] / radius, SHORTEST * frame[2] / radius
     u, v, yaw = 0.0, 0.0, yaw0
-    if not _box_is_free(state, slice_of, borders, frame, box, x0, y0, yaw0, spare * radius, spare):
-        return False
-    if not _box_is_free(state, slice_of, borders, frame, box, x1, y1, yaw1, spare * radius, spare):
-        return False
     for k in range(5):
         total, sign, turn = abs(lengths[k]), math.copysign(1.0, lengths[k]), turns[k]
         done, step = 0.0, longest

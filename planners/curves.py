@@ -38,8 +38,7 @@ class Curve:
 
     Every edge is proven along the real curve: it is cut into pieces, and all cells are FREE that meet the box of
     configurations which a piece cannot leave (:func:`planners._kernels.curve_is_free`). A curve that leaves the grid is
-    not proven. Where several curves are equally short, ours may be another than OMPL's; what is proven is what a plan
-    gives back.
+    not proven. Where several curves are equally short, ours may be another than OMPL's; all of them are proven.
 
     Parameters
     ----------
@@ -59,6 +58,13 @@ class Curve:
         return _SPACES[self.kind](self.radius)
 
     def edge_checker(self) -> Callable[..., bool]:
+        return self._checker(measured=False)
+
+    def length_prover(self) -> Callable[..., float]:
+        """As :meth:`edge_checker`; it gives the metres of the curve where that is proven free, and otherwise -1."""
+        return self._checker(measured=True)
+
+    def _checker(self, measured: bool) -> Callable[..., Any]:
         from planners import _kernels
 
         space, grid = self.space, self.space.grid
@@ -66,7 +72,7 @@ class Curve:
         nothing = np.array([0, 0, -1, -1], dtype=np.int64)
         borders = np.asarray(space.rotations.borders) if space.rotations else np.empty(0)
         fixed = (space.stack, space.slice_of, borders, frame, nothing, self.kind, self.radius)
-        return entry(_kernels.curve_is_free, fixed, 6)
+        return entry(_kernels.proven_length if measured else _kernels.curve_is_free, fixed, 6)
 
     def are_free(self, path: Floats) -> bool:
         check = self.edge_checker()
@@ -83,6 +89,8 @@ class Curve:
             turns, lengths = self._cut(a, b)
             counts = self._counts(turns, lengths, step, turn)
             number, position = _positions(counts, lengths, 0.5)
+            # Both ends, too: an edge may be a hair long and have no step at all.
+            parts.append((np.stack([a, b]), np.zeros(2), np.zeros(2)))
             each = (lengths / np.maximum(counts, 1))[number]
             parts.append((self.points(a, b, position), each, np.abs(turns[number]) * each / self.radius))
         if not parts:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from ompl import base as ob
 
+from planners.curves import Curve
 from planners.states import kind_for
 from planners.ways import way_of
 
@@ -55,7 +56,9 @@ class MotionValidator(ob.MotionValidator):
         turning_radius: float | None = None,
     ) -> None:
         super().__init__(si)
-        self._is_free = way_of(space, exact, curve, turning_radius).edge_checker()
+        way = way_of(space, exact, curve, turning_radius)
+        self._is_free = way.edge_checker()
+        self._curve = (way.length_prover(), way.states(), 1e-6 * way.radius) if isinstance(way, Curve) else None
 
     def checkMotion(self, first: Any, second: Any) -> bool:  # noqa: N802 - OMPL's name
         """Whether the edge between two states is free all along."""
@@ -66,8 +69,16 @@ class TurningMotionValidator(MotionValidator):
     """The same for states ``(x, y, yaw)``."""
 
     def checkMotion(self, first: Any, second: Any) -> bool:  # noqa: N802 - OMPL's name
-        """Whether the edge between two states is free all along."""
-        return self._is_free(first.getX(), first.getY(), first.getYaw(), second.getX(), second.getY(), second.getYaw())
+        """Whether the edge between two states is free all along.
+
+        OMPL now and then takes a curve for the shortest that is not. Such an edge is not proven, and is refused.
+        """
+        ends = first.getX(), first.getY(), first.getYaw(), second.getX(), second.getY(), second.getYaw()
+        if self._curve is None:
+            return self._is_free(*ends)
+        prove, states, tolerance = self._curve
+        length = prove(*ends)
+        return bool(length >= 0.0 and states.distance(first, second) <= length + tolerance)
 
 
 _KINDS: Final[dict[int, type]] = {2: MotionValidator, 3: TurningMotionValidator}

@@ -81,9 +81,10 @@ def way_of(space: CSpace, exact: bool = False, curve: str | None = None, turning
         raise InputError(f"curve is {curve!r} and turning_radius is None; a curve needs one; pass it in metres")
     radius = positive(turning_radius, "turning_radius")
     least = 1e-3 * space.grid.spacing
-    if not least <= radius <= 1e9 * least:
+    most = 1e3 * space.grid.spacing
+    if not least <= radius <= most:
         raise InputError(
-            f"turning_radius is {radius!r}; it must be {least:g} to {1e9 * least:g} m, so that rounding does not "
+            f"turning_radius is {radius!r}; it must be {least:g} to {most:g} m, so that rounding does not "
             "count; for a robot that turns on the spot, leave curve out"
         )
     if exact:

@@ -164,14 +164,56 @@ def test_a_curve_called_free_is_free_at_a_thousand_points(space: CSpace, name: s
 @pytest.mark.parametrize("name", CURVES)
 def test_a_curve_with_a_little_room_around_it_is_proven(space: CSpace, name: str) -> None:
     way, own = way_of(space, False, name, 0.5), curve(name, 0.5, space)
-    check, some = way.edge_checker(), 0
+    check, some, tied = way.edge_checker(), 0, 0
     room = 0.1 * space.grid.spacing
     for a, b in edges(space, 800, 1):
         points = own.points(a, b, np.linspace(0.0, own.lengths(np.array([a, b])).sum(), 3000))
         if space.is_free_around(points, room, room / 0.5).all():
-            assert check(*a, *b)
             some += 1
-    assert some > 20
+            tied += not check(*a, *b)
+    # Where several curves are equally short, the others must be free too; cars that reverse have that now and then.
+    assert some > 20 and tied <= (0.1 * some if name == "reeds-shepp" else 0)
+
+
+@pytest.mark.parametrize("name", CURVES)
+def test_the_curve_that_ompl_drives_is_free_too(space: CSpace, name: str) -> None:
+    """Also where several curves are equally short, or OMPL takes one that is not the shortest."""
+    setup = planners.simple_setup(space, curve=name, turning_radius=0.5)
+    info, states = setup.getSpaceInformation(), setup.getStateSpace()
+    out, own, others, free = states.allocState(), curve(name, 0.5, space), 0, 0
+    for a, b in edges(space, 1500, 2):
+        first, second = as_states(states, a, b)
+        if not info.checkMotion(first, second):
+            continue
+        free += 1
+        length = states.distance(first, second)
+        theirs = []
+        for t in np.linspace(0.0, 1.0, 60):
+            states.interpolate(first, second, float(t), out)
+            theirs.append((out.getX(), out.getY(), out.getYaw()))
+        assert space.is_free(theirs).all()
+        ours = own.points(a, b, np.linspace(0.0, 1.0, 60) * length)
+        others += np.abs(ours[:, :2] - np.array(theirs)[:, :2]).max() > 1e-3
+    assert free > 100 and (others > 0 or name == "dubins")
+
+
+def test_of_two_equally_short_curves_both_must_be_free() -> None:
+    """A goal straight behind: a car that cannot reverse turns left or right, which is as long."""
+    occupied = np.zeros((200, 200), dtype=bool)
+    clear = build(Workspace.from_array(occupied, 0.1), Robot.rectangle(0.9, 0.5), rotations=72)
+    occupied[80:120, 79:85] = True
+    blocked = build(Workspace.from_array(occupied, 0.1), Robot.rectangle(0.9, 0.5), rotations=72)
+    for a, b in (((10.0, 10.0, 0.0), (9.0, 10.0, 0.0)), ((10.0, 10.0, 0.0), (8.5, 10.0, 0.0))):
+        assert way_of(clear, False, "dubins", 1.0).edge_checker()(*a, *b)
+        assert not way_of(blocked, False, "dubins", 1.0).edge_checker()(*a, *b)
+
+
+@pytest.mark.parametrize("name", CURVES)
+@pytest.mark.parametrize("hair", [(0.0, 0.0, 1e-12), (0.0, 1e-7, 0.0), (5e-10, 0.0, 0.0)])
+def test_a_goal_a_hair_from_the_start(space: CSpace, name: str, hair: Any) -> None:
+    start = np.array([1.05, 1.05, 0.1])
+    found = planners.plan(space, start, start + hair, curve=name, turning_radius=0.5, time_limit=2.0, seed=1)
+    assert found.solved and found.certified and found.clearance >= 0.0
 
 
 def walled(cell: tuple[int, int, int], state: int = MIXED) -> CSpace:
