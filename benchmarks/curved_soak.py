@@ -14,9 +14,9 @@ from benchmarks.report import Report
 from benchmarks.tally import Tally
 from benchmarks.turning_soak import ALONG, Rng, nearly_snapped, not_free_along
 from cspace import FREE
-from planners import _kernels
 from planners.curves import CURVES, Curve
 from planners.ways import way_of
+from planners.words import _kernels
 
 Floats = NDArray[np.float64]
 

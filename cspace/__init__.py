@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from cspace.errors import MissingPackageError as MissingPackageError
     from cspace.grid import Grid as Grid
     from cspace.io.files import open_map
+    from cspace.io.files import open_slice as open_slice
     from cspace.robot import Robot as Robot
     from cspace.space import CSpace as CSpace
     from cspace.workspace import Workspace as Workspace
@@ -38,6 +39,7 @@ _HOME = {
     "MissingPackageError": ("cspace.errors", "MissingPackageError"),
     "Grid": ("cspace.grid", "Grid"),
     "open": ("cspace.io.files", "open_map"),
+    "open_slice": ("cspace.io.files", "open_slice"),
     "Robot": ("cspace.robot", "Robot"),
     "CSpace": ("cspace.space", "CSpace"),
     "Workspace": ("cspace.workspace", "Workspace"),

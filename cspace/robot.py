@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from cspace.errors import FileError, GeometryError, InputError
 from cspace.grid import MAX_COORDINATE, finite, positive, unmasked
 from cspace.raster.raster import Raster
+from cspace.shapes import check_point, check_polygons, polygon_name
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -100,9 +101,9 @@ class Robot:
         """
         from cspace.raster.outlines import polygon_outline
 
-        parts = _polygons(shape)
+        parts = check_polygons(shape)
         return cls._of(
-            name=name or _polygon_name(parts),
+            name=name or polygon_name(parts),
             spec={"kind": "polygon", "wkb": [base64.b64encode(part.wkb).decode() for part in parts]},
             outlines=[polygon_outline(part) for part in parts],
         )
@@ -113,14 +114,14 @@ class Robot:
         import shapely
 
         half_length, half_width = positive(length, "length") / 2, positive(width, "width") / 2
-        x, y = _point(center)
+        x, y = check_point(center)
         box = shapely.box(x - half_length, y - half_width, x + half_length, y + half_width)
         return cls.polygon(box, name=f"rectangle {length:g} m x {width:g} m")
 
     @classmethod
     def disc(cls, radius: float, center: ArrayLike = (0.0, 0.0)) -> Robot:
         """A disc of ``radius`` around ``center`` in the robot's frame (metres)."""
-        return cls.balls([_point(center)], [positive(radius, "radius")])
+        return cls.balls([check_point(center)], [positive(radius, "radius")])
 
     @classmethod
     def balls(cls, centers: ArrayLike, radii: ArrayLike) -> Robot:
@@ -191,7 +192,7 @@ class Robot:
         bitmap = bitmap != 0  # a boolean array may hold other bytes than 0 and 1
         if not bitmap.any():
             raise GeometryError("occupied holds no True cell; a robot must have an area; set the cells it fills")
-        side, corner = positive(spacing, "spacing"), _point(lower, "lower")
+        side, corner = positive(spacing, "spacing"), check_point(lower, "lower")
         return cls._of(
             name=f"bitmap {bitmap.shape[0]} x {bitmap.shape[1]} cells of {side:g} m",
             spec={
@@ -347,50 +348,6 @@ def check_margin(margin: float) -> float:
     if value.ndim or value < 0.0:
         raise InputError(f"margin is {margin!r}; it must be one number, zero or above; it grows the robot, in metres")
     return float(value)
-
-
-def _polygons(shape: Any) -> list[Any]:
-    """The polygons of ``shape``, checked."""
-    import shapely
-
-    if isinstance(shape, shapely.Geometry):
-        shapes = [shape]
-    elif isinstance(shape, Sequence) and shape and all(isinstance(part, shapely.Geometry) for part in shape):
-        shapes = list(shape)
-    else:
-        vertices = finite(shape, "polygon")
-        if vertices.ndim != 2 or vertices.shape[1] != 2 or len(vertices) < 3:
-            raise GeometryError(
-                f"polygon has shape {vertices.shape}; it must be (n, 2) with n at least 3; pass its vertices in order"
-            )
-        shapes = [shapely.Polygon(vertices)]
-    parts = [part for whole in shapes for part in shapely.get_parts(whole)]
-    if not parts or any(part.is_empty for part in parts):
-        raise GeometryError("the robot's polygon is empty; a robot must have an area; pass at least three vertices")
-    for number, part in enumerate(parts):
-        if part.geom_type != "Polygon":
-            raise GeometryError(f"part {number} of the robot is a {part.geom_type}; each must be a Polygon")
-        finite(shapely.get_coordinates(part), f"polygon {number}")
-        if not part.is_valid:
-            raise GeometryError(
-                f"part {number} of the robot is not a simple polygon: {shapely.is_valid_reason(part)}; "
-                "rings must not cross themselves or each other; mend it, e.g. with shapely.make_valid"
-            )
-        if not part.area > 0.0:
-            raise GeometryError(f"part {number} of the robot has area {part.area:g}; it must be above zero")
-    return parts
-
-
-def _polygon_name(parts: Sequence[Any]) -> str:
-    corners = sum(len(ring.coords) - 1 for part in parts for ring in (part.exterior, *part.interiors))
-    return f"polygon with {corners} corners" + (f" in {len(parts)} parts" if len(parts) > 1 else "")
-
-
-def _point(value: ArrayLike, name: str = "center") -> tuple[float, float]:
-    point = finite(value, name)
-    if point.shape != (2,):
-        raise InputError(f"{name} has shape {point.shape}; it must be two coordinates in metres; pass e.g. (0.0, 0.0)")
-    return float(point[0]), float(point[1])
 
 
 def _frozen(array: Floats) -> Floats:

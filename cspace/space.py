@@ -377,35 +377,11 @@ class CSpace(Stack):
     def _exact(self) -> ExactLookups:
         return self._once("exact", lambda: ExactLookups(self, self._outsides))
 
-    @property
-    def _free_cells(self) -> list[NDArray[np.int64]]:
-        """Flat indices of the FREE cells of each slice."""
-        return self._once("free cells", lambda: [np.flatnonzero(part == FREE) for part in self.stack])
-
-    def _rim_is_open(self) -> NDArray[np.bool_]:
-        """Whether some configuration outside the grid is not BLOCKED, for each slice."""
-        return np.array([not outside.is_all_blocked(self.grid.shape) for outside in self._outsides])
-
     def _checked(self, q: ArrayLike, name: str) -> Floats:
         """Configurations as float64, all finite and of the right length."""
         points = as_points(q, name, self.dof)
         self.classify(points)  # raises where one is not finite
         return points
-
-    def _slices_of(self, q: ArrayLike) -> NDArray[np.int64]:
-        """Slice of each of a batch of configurations."""
-        if self.rotations is None:
-            return np.zeros(np.shape(q)[:-1], dtype=np.int64)
-        part: NDArray[np.int64] = self.slice_of[self.rotations.cell_of(np.asarray(q, dtype=np.float64)[..., 2])]
-        return part
-
-    def _cells_of(self, points: Floats) -> NDArray[np.int64]:
-        """Cells ``(rotation, x, y)`` of configurations, in the grid or not."""
-        cells = self.grid.cell_of(points[..., :2])
-        turn = (
-            np.zeros(points.shape[:-1], np.int64) if self.rotations is None else self.rotations.cell_of(points[..., 2])
-        )
-        return np.concatenate([turn[..., None], cells], axis=-1)
 
     def _sum(self, side: str, q: ArrayLike) -> Any:
         from cspace.overlap import column_sums

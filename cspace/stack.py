@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from cspace.errors import InputError
 from cspace.grid import Grid
@@ -16,7 +16,7 @@ from cspace.raster.raster import Raster
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.slices import slice_of_rotation, slice_rasters
-from cspace.states import BLOCKED
+from cspace.states import BLOCKED, FREE
 from cspace.workspace import Workspace
 
 
@@ -139,6 +139,30 @@ class Stack:
     def _outsides(self) -> list[Outside]:
         outer = self.workspace.outer
         return self._once("outsides", lambda: [Outside.of(outer, *pair, self.outside) for pair in self._rasters])
+
+    @property
+    def _free_cells(self) -> list[NDArray[np.int64]]:
+        """Flat indices of the FREE cells of each slice."""
+        return self._once("free cells", lambda: [np.flatnonzero(part == FREE) for part in self.stack])
+
+    def _rim_is_open(self) -> NDArray[np.bool_]:
+        """Whether some configuration outside the grid is not BLOCKED, for each slice."""
+        return np.array([not outside.is_all_blocked(self.grid.shape) for outside in self._outsides])
+
+    def _slices_of(self, q: ArrayLike) -> NDArray[np.int64]:
+        """Slice of each of a batch of configurations."""
+        if self.rotations is None:
+            return np.zeros(np.shape(q)[:-1], dtype=np.int64)
+        part: NDArray[np.int64] = self.slice_of[self.rotations.cell_of(np.asarray(q, dtype=np.float64)[..., 2])]
+        return part
+
+    def _cells_of(self, points: NDArray[np.float64]) -> NDArray[np.int64]:
+        """Cells ``(rotation, x, y)`` of configurations, in the grid or not."""
+        cells = self.grid.cell_of(points[..., :2])
+        turn = (
+            np.zeros(points.shape[:-1], np.int64) if self.rotations is None else self.rotations.cell_of(points[..., 2])
+        )
+        return np.concatenate([turn[..., None], cells], axis=-1)
 
 
 def read_only(array: NDArray[Any]) -> NDArray[Any]:

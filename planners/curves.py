@@ -118,7 +118,7 @@ class Curve:
 
     def points(self, first: Floats, last: Floats, position: Floats) -> Floats:
         """Configurations at distances in metres, shape (n,), along the curve from one to another; shape (n, 3)."""
-        from planners import _kernels
+        from planners.words import _kernels
 
         turns, lengths, _ = self._word(first, last)
         out = np.empty((len(position), 3))
@@ -139,7 +139,7 @@ class Curve:
         return out
 
     def _word(self, first: Floats, last: Floats) -> Any:
-        from planners import _kernels
+        from planners.words import _kernels
 
         return _kernels.shortest(self.kind, self.radius, *map(float, first), *map(float, last))
 

@@ -13,9 +13,9 @@ from ompl import base as ob
 import planners
 from cspace import FREE, MIXED, CSpace, Robot, Workspace, build
 from cspace.rotations import Rotations
-from planners import _kernels
 from planners.curves import CURVES, Curve
 from planners.ways import way_of
+from planners.words import _kernels
 from planning import turn_between, turning_room
 
 SPACES = {"dubins": ob.DubinsStateSpace, "reeds-shepp": ob.ReedsSheppStateSpace}

@@ -1,6 +1,7 @@
 """Passages a hair wider than the robot: chains of undecided cells, and plans that cross them."""
 
 import heapq
+import itertools
 
 import numpy as np
 import pytest
@@ -68,7 +69,7 @@ def test_a_chain_has_the_fewest_mixed_cells(seed, turns, nx, ny):
         return
     assert chain[0] == start and chain[-1] == goal and len(set(chain)) == len(chain)
     assert sum(state[cell] == MIXED for cell in chain[1:]) == expected
-    for first, second in zip(chain, chain[1:], strict=False):
+    for first, second in itertools.pairwise(chain):
         turn = (second[0] - first[0]) % turns
         steps = min(turn, turns - turn), abs(second[1] - first[1]), abs(second[2] - first[2])
         assert sorted(steps) == [0, 0, 1]
@@ -92,7 +93,7 @@ def test_a_corridor_two_per_cent_wider_than_the_robot_is_crossed(seed, ends):
     found = planners.plan(space, *ends, planner="RRTConnect", exact=True, seed=seed, time_limit=60)
     assert found.solved and found.certified and "passages" in found.status
     assert found.path[0] == pytest.approx(ends[0]) and found.path[-1] == pytest.approx(ends[1])
-    for first, second in zip(found.waypoints, found.waypoints[1:], strict=False):
+    for first, second in itertools.pairwise(found.waypoints):
         turn = (second[2] - first[2] + np.pi) % (2 * np.pi) - np.pi
         for t in np.linspace(0, 1, 200):
             x, y = first[:2] + t * (second[:2] - first[:2])

@@ -29,8 +29,8 @@ def trace_chain(
     """Search a chain of cells ``(rotation, x, y)`` from start to goal, none BLOCKED, with the fewest MIXED ones.
 
     Breadth first, all FREE cells that can be reached before the next MIXED ones. ``closed`` cells are left out.
-    ``came``, all zero, is given the step by which each cell was reached: 1 and 2 for the rotation before and after, 3 to 6 for x
-    and y alike, 7 for the start.
+    ``came``, all zero, is given the step by which each cell was reached: 1 and 2 for the rotation before and after, 3
+    to 6 for x and y alike, 7 for the start.
     """
     count, nx, ny = came.shape
     now, later = [(start[0], start[1], start[2])], [(start[0], start[1], start[2])]
