@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from cspace._kernels import square_is_free
 from cspace.rotations import TURN, YAW_SLACK
 from cspace.states import MIXED
-from cspace.turning._kernels import rotation_cell
+from cspace.turning._kernels import first_cell
 from planners.words._kernels import FORMS, GAP, REEDS_SHEPP, onwards, search, swaps, tied_words, total_length
 
 Floats = NDArray[np.float64]
@@ -45,16 +45,17 @@ def _box_is_free(
     angle: float,
 ) -> bool:
     """Whether all cells are FREE that meet the box of configurations around one; none is that lies outside the grid."""
-    reach = min(angle + YAW_SLACK, math.pi)
-    cell = rotation_cell(borders, yaw - reach)
-    for _ in range(slice_of.shape[0]):
-        if not square_is_free(state[slice_of[cell]], frame, box, MIXED, x, y, distance):
-            return False
-        ahead = borders[cell + 1] - (yaw - reach)
-        ahead -= math.floor(ahead / TURN) * TURN
-        if ahead > 2.0 * reach:
+    count, reach = slice_of.shape[0], min(angle, math.pi)
+    start = yaw - math.floor((yaw - borders[0]) / TURN) * TURN
+    cell = first_cell(borders, start - reach)
+    for _ in range(count):
+        wraps = math.floor(cell / count)
+        k = cell - wraps * count
+        if borders[k] + wraps * TURN - YAW_SLACK > start + reach:
             return True
-        cell = (cell + 1) % slice_of.shape[0]
+        if not square_is_free(state[slice_of[k]], frame, box, MIXED, x, y, distance):
+            return False
+        cell += 1
     return True
 
 
