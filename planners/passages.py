@@ -83,8 +83,9 @@ class Passages:
         """A path along a chain; None where it breaks off, with the cells that stopped it closed."""
         space = self.way.space
         mixed = space.stack[space.slice_of[chain[:, 0]], chain[:, 1], chain[:, 2]] != 0
-        path = [np.array([start])]
-        for first, last in _runs(mixed, FREE_ENDS):
+        runs, path = _runs(mixed, FREE_ENDS), [np.array([start])]
+        limit /= len(runs) + 1  # planners that go on improving their path use up what each leg is given
+        for first, last in runs:
             # The run begins and ends in a FREE cell, or at the start or goal itself.
             begin = np.array(start) if first == 0 else self._center(chain[first])
             end = np.array(goal) if last == len(chain) - 1 else self._center(chain[last])
