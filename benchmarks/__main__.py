@@ -15,20 +15,23 @@ BENCHMARKS = {
     "callbacks": "OMPL's isValid and checkMotion on our checkers, against an empty checker and the discrete validator",
     "planning": "time to a first solution on real maps, against OMPL with a prepared-shapely callback",
     "turning": "robots that turn: fftconvolve for each yaw, bare transforms, memory, stamping, planning",
+    "solid_map": "outer map of 256^3 cells against fftconvolve, the bare transforms, dilation; memory of 512^3 cells",
+    "mesh": "100,000 triangles into 256^3 cells, beside trimesh's voxelizer: time, and cells that it misses",
+    "solid_planning": "time to a first solution in space, against OMPL with an FCL callback",
     "startup": "seconds that `cspace --help` and `import cspace` add to Python and numpy",
     "raster": "robot rasters up to 500 cells across: cost against boundary, results against shapely",
-    "soak": "every FREE, BLOCKED and free edge or curve against exact geometry, robots that turn too; the MIXED band",
+    "soak": "every FREE, BLOCKED and free edge or curve against exact geometry, in plane and space; the band",
 }
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run benchmarks; 0 where all results were right, whatever they took, and 1 otherwise."""
-    listed = "\n".join(f"  {name:<10} {text}" for name, text in BENCHMARKS.items())
+    listed = "\n".join(f"  {name:<15} {text}" for name, text in BENCHMARKS.items())
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks",
         description="Peers and ours in one process, taken in turns. Results must be equal or the run fails; times are\n"
         "printed beside their targets and fail nothing.",
-        epilog=f"benchmarks:\n{listed}\n  {'all':<10} every one of them",
+        epilog=f"benchmarks:\n{listed}\n  {'all':<15} every one of them",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("name", metavar="NAME", choices=[*BENCHMARKS, "all"], help="which benchmark, or all")

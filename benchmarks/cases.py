@@ -47,6 +47,10 @@ class Case:
     shape: Shape
     obstacles: list[Any]
 
+    def meets(self, q: Floats, distance: float, sure: bool = False) -> Bools:
+        """Whether the robot comes within a distance of the obstacles; nothing here is ambiguous."""
+        return self.shape.meets(self.obstacles, q, distance)
+
 
 @dataclass(frozen=True)
 class Scale:

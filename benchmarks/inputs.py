@@ -13,14 +13,14 @@ from cspace import Workspace
 Bools = NDArray[np.bool_]
 
 
-def boxes(size: int, density: float, rng: np.random.Generator) -> Bools:
-    """Boxes of 5 to 100 cells a side until a share of the cells is occupied."""
-    occupied = np.zeros((size, size), dtype=np.bool_)
+def boxes(size: int, density: float, rng: np.random.Generator, dim: int = 2) -> Bools:
+    """Boxes of 5 to 100 cells a side until a share of the cells is occupied; ``size`` cells along each axis."""
+    occupied = np.zeros((size,) * dim, dtype=np.bool_)
     longest = min(100, size // 4)
     while occupied.mean() < density:
         for _ in range(16):
-            (x, y), (a, b) = rng.integers(0, size - longest, 2), rng.integers(5, longest, 2)
-            occupied[x : x + a, y : y + b] = True
+            first, sides = rng.integers(0, size - longest, dim), rng.integers(5, longest, dim)
+            occupied[tuple(slice(int(i), int(i + n)) for i, n in zip(first, sides, strict=True))] = True
     return occupied
 
 

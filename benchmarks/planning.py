@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from cspace import CSpace, Robot
 
 Floats = NDArray[np.float64]
 Query = tuple[Floats, Floats]
+Solver = Callable[[Query, int], tuple[float, Floats | None]]
 
 LIMIT = 60.0
 """Seconds that a search may take."""
@@ -35,7 +37,7 @@ def run(report: Report, seed: int) -> None:
         report.note(inputs.NO_DATA)
         return
     rng = np.random.default_rng(seed)
-    _compare(report, "maps/depot.yaml", 0.3, lambda space: _far_apart(space, 3, rng))
+    _compare(report, "maps/depot.yaml", 0.3, lambda space: far_apart(space, 3, rng))
     _compare(report, "movingai/Berlin_1_1024.map", 2.0, lambda space: _from_scenarios(space, 3))
 
 
@@ -62,41 +64,66 @@ def _compare(report: Report, name: str, radius: float, choose: Callable[[CSpace]
         f"{name}: {workspace.grid.shape[0]} x {workspace.grid.shape[1]} cells of {workspace.grid.spacing:g} m, disc of "
         f"radius {radius:g} m, RRTConnect, {len(queries)} queries, {seeds} seeds each"
     )
-    ours, peer = Timing([]), Timing([])
-    for query in queries:
-        for seed in range(seeds):
-            # A first search that is not timed, so that neither pays for what is made at the first call.
-            for timing, make in ((ours, _ours(space)), (peer, _peer(space, obstacles, radius))):
-                if not timing.seconds:
-                    _solve(make, query, seed)
-                cpu = time.process_time()
-                taken, path = _solve(make, query, seed)
-                timing.cpu.append(time.process_time() - cpu)
-                timing.seconds.append(taken)
-                timing.value.append(path)
+    solvers = [partial(solve, make) for make in (our_setup(space), _peer(space, obstacles, radius))]
+    ours, peer = race(solvers, queries, seeds)
     report.timing("ours, set-up and search", ours)
     report.timing("OMPL with prepared shapely, set-up and search", peer)
-    report.ratio("OMPL with prepared shapely / ours", peer, ours, least=10.0)
-    report.note(f"made once for each map: ours {built * 1e3:.3g} ms (build), the peer {united * 1e3:.3g} ms (polygons)")
-    report.figure("with both charged to every search", (peer.median + united) / (ours.median + built))
-    report.figure("with only our build charged to every search", peer.median / (ours.median + built))
-    for number in range(len(queries)):
-        part = slice(number * seeds, (number + 1) * seeds)
-        start, goal = queries[number]
-        ratio = statistics.median(peer.seconds[part]) / statistics.median(ours.seconds[part])
-        report.figure(f"query {number}: {_text(start)} to {_text(goal)}", ratio)
-    solved = [path for path in ours.value if path is not None]
-    report.check(len(solved) == len(ours.value), f"ours: {len(solved)} of {len(ours.value)} searches reach the goal")
-    colliding = sum(_collides(obstacles, path, radius) for path in solved)
-    report.check(not colliding, f"ours: {colliding} of {len(solved)} paths collide, by the whole path's exact distance")
-    paths = [path for path in peer.value if path is not None]
-    report.note(
-        f"the peer: {len(paths)} of {len(peer.value)} searches reach the goal within {LIMIT:g} s, and "
-        f"{sum(_collides(obstacles, path, radius) for path in paths)} of these paths collide between the steps"
+    tell(report, "OMPL with prepared shapely", ours, peer, queries, 10.0)
+    tell_made(report, ours, peer, built, united, "polygons")
+    check_paths(
+        report, ours, peer, lambda path: _collides(obstacles, path, radius), "by the whole path's exact distance"
     )
 
 
-def _ours(space: CSpace) -> Callable[[], Any]:
+def race(solvers: Sequence[Solver], queries: Sequence[Query], seeds: int) -> list[Timing]:
+    """All solve all queries with the same seeds, in turns; the paths, or None, are the timings' values."""
+    timings = [Timing([]) for _ in solvers]
+    for query in queries:
+        for seed in range(seeds):
+            # A first search that is not timed, so that neither pays for what is made at the first call.
+            for timing, solver in zip(timings, solvers, strict=True):
+                if not timing.seconds:
+                    solver(query, seed)
+                cpu = time.process_time()
+                taken, path = solver(query, seed)
+                timing.cpu.append(time.process_time() - cpu)
+                timing.seconds.append(taken)
+                timing.value.append(path)
+    return timings
+
+
+def tell(report: Report, name: str, ours: Timing, peer: Timing, queries: Sequence[Query], least: float | None) -> None:
+    """Ratios of a race, in all and query by query."""
+    report.ratio(f"{name} / ours", peer, ours, least=least)
+    seeds = len(ours.seconds) // len(queries)
+    for number, (start, goal) in enumerate(queries):
+        part = slice(number * seeds, (number + 1) * seeds)
+        ratio = statistics.median(peer.seconds[part]) / statistics.median(ours.seconds[part])
+        report.figure(f"query {number}: {_text(start)} to {_text(goal)}", ratio)
+
+
+def tell_made(report: Report, ours: Timing, peer: Timing, built: float, made: float, what: str) -> None:
+    """What each makes once for a map, and the ratio with that charged to every search."""
+    report.note(f"made once for each map: ours {built * 1e3:.3g} ms (build), the peer {made * 1e3:.3g} ms ({what})")
+    report.figure("with both charged to every search", (peer.median + made) / (ours.median + built))
+    report.figure("with only our build charged to every search", peer.median / (ours.median + built))
+
+
+def check_paths(report: Report, ours: Timing, peer: Timing, collides: Callable[[Floats], bool], how: str) -> None:
+    """Our searches must reach the goal without a collision; the peer's paths are told."""
+    solved = [path for path in ours.value if path is not None]
+    report.check(len(solved) == len(ours.value), f"ours: {len(solved)} of {len(ours.value)} searches reach the goal")
+    colliding = sum(collides(path) for path in solved)
+    report.check(not colliding, f"ours: {colliding} of {len(solved)} paths collide, {how}")
+    paths = [path for path in peer.value if path is not None]
+    report.note(
+        f"the peer: {len(paths)} of {len(peer.value)} searches reach the goal within {LIMIT:g} s, and "
+        f"{sum(collides(path) for path in paths)} of these paths collide between the steps"
+    )
+
+
+def our_setup(space: CSpace) -> Callable[[], Any]:
+    """Makes OMPL's set-up with all that the map answers."""
     import planners
 
     return lambda: planners.simple_setup(space)
@@ -129,7 +156,7 @@ def _peer(space: CSpace, obstacles: Any, radius: float) -> Callable[[], Any]:
     return setup
 
 
-def _solve(make: Callable[[], Any], query: Query, seed: int) -> tuple[float, Floats | None]:
+def solve(make: Callable[[], Any], query: Query, seed: int) -> tuple[float, Floats | None]:
     """Seconds until a first solution, and the path; None where none was found."""
     from ompl import geometric as og
     from ompl import util as ou
@@ -141,7 +168,8 @@ def _solve(make: Callable[[], Any], query: Query, seed: int) -> tuple[float, Flo
     states = []
     for point in query:
         state = setup.getStateSpace().allocState()
-        state[0], state[1] = float(point[0]), float(point[1])
+        for axis, value in enumerate(point.tolist()):
+            state[axis] = value
         states.append(state)
     setup.setStartAndGoalStates(*states)
     setup.setPlanner(og.RRTConnect(setup.getSpaceInformation()))
@@ -149,7 +177,8 @@ def _solve(make: Callable[[], Any], query: Query, seed: int) -> tuple[float, Flo
     taken = time.perf_counter() - began
     if not setup.haveExactSolutionPath():
         return taken, None
-    return taken, np.array([[state[0], state[1]] for state in setup.getSolutionPath().getStates()])
+    axes = range(len(query[0]))
+    return taken, np.array([[state[axis] for axis in axes] for state in setup.getSolutionPath().getStates()])
 
 
 def _collides(obstacles: Any, path: Floats, radius: float) -> bool:
@@ -158,12 +187,12 @@ def _collides(obstacles: Any, path: Floats, radius: float) -> bool:
     return bool(shapely.dwithin(obstacles, shapely.LineString(path), radius))
 
 
-def _far_apart(space: CSpace, number: int, rng: np.random.Generator) -> list[Query]:
+def far_apart(space: CSpace, number: int, rng: np.random.Generator) -> list[Query]:
     """Random FREE pairs that a path joins, no straight edge does, and half the map's diagonal lies between."""
-    least = 0.5 * np.hypot(*np.subtract(space.grid.upper, space.grid.lower))
+    least = 0.5 * np.linalg.norm(np.subtract(space.grid.upper, space.grid.lower))
     starts, goals = space.sample_free(20_000, rng), space.sample_free(20_000, rng)
-    fit = (np.hypot(*(starts - goals).T) >= least) & (space.path_exists(starts, goals) == True)  # noqa: E712 - of objects
-    fit &= ~space.motion_is_free(starts, goals)
+    fit = np.linalg.norm(starts - goals, axis=1) >= least
+    fit &= (space.path_exists(starts, goals) == True) & ~space.motion_is_free(starts, goals)  # noqa: E712 - of objects
     if fit.sum() < number:
         raise RuntimeError(f"only {fit.sum()} of 20000 random pairs are far apart, joined and out of sight")
     return list(zip(starts[fit][:number], goals[fit][:number], strict=True))
@@ -185,4 +214,4 @@ def _from_scenarios(space: CSpace, number: int) -> list[Query]:
 
 
 def _text(point: Floats) -> str:
-    return f"({point[0]:.1f}, {point[1]:.1f})"
+    return f"({', '.join(f'{value:.1f}' for value in point)})"

@@ -7,7 +7,7 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks import band, curved_soak, exact_soak, turning_soak
+from benchmarks import band, curved_soak, exact_soak, solid_soak, turning_soak
 from benchmarks.cases import Case, draw_case
 from benchmarks.report import Report
 from benchmarks.tally import Tally, not_free
@@ -43,6 +43,7 @@ def run(report: Report, seed: int, checks: int | None = None) -> None:
     curves = edges // 5 if report.quick else edges
     curved_soak.check(report, seed, curves)
     exact_soak.check(report, seed, curves)
+    solid_soak.check(report, seed, wanted, edges)
     band.measure(report, seed, 20 if report.quick else 200)
 
 

@@ -4,19 +4,42 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.cases import Case
 from benchmarks.exact import ROUNDING
 from benchmarks.report import Report
-from cspace import BLOCKED, FREE, MIXED
+from cspace import BLOCKED, FREE, MIXED, CSpace
 
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
 
 SHOWN = 20
+
+
+class Case(Protocol):
+    """A map and what it stands for, in the plane or in space."""
+
+    @property
+    def name(self) -> str:
+        """What was drawn."""
+
+    @property
+    def made_by(self) -> str:
+        """The call that draws it again."""
+
+    @property
+    def kind(self) -> tuple[str, str]:
+        """Kind of workspace and kind of robot."""
+
+    @property
+    def space(self) -> CSpace:
+        """The map."""
+
+    def meets(self, q: Floats, distance: float, sure: bool = False) -> Bools:
+        """Whether the robot comes within a distance of the obstacles; ``sure`` leaves out what is ambiguous."""
 
 
 @dataclass
@@ -43,12 +66,12 @@ class Tally:
         """Check the states that configurations are claimed to have."""
         free, blocked, mixed = q[states == FREE], q[states == BLOCKED], q[states == MIXED]
         self.add("FREE", case, free, *not_free(case, free))
-        apart = ~case.shape.meets(case.obstacles, blocked, 0.0)
+        apart = ~case.meets(blocked, 0.0, sure=True)
         wrong = apart.copy()
-        wrong[apart] = ~case.shape.meets(case.obstacles, blocked[apart], ROUNDING)
+        wrong[apart] = ~case.meets(blocked[apart], ROUNDING, sure=True)
         self.add("BLOCKED", case, blocked, wrong, apart & ~wrong)
         self.mixed["all"] += len(mixed)
-        self.mixed["colliding"] += int(case.shape.meets(case.obstacles, mixed, 0.0).sum())
+        self.mixed["colliding"] += int(case.meets(mixed, 0.0).sum())
 
     def tell(self, report: Report) -> None:
         """Report all counts; a false answer makes the run fail."""
@@ -58,8 +81,11 @@ class Tally:
                 not self.wrong[what],
                 f"{what}: {count} checks, {self.wrong[what]} false, {undecided} within {ROUNDING:g} m of the border",
             )
-        for kind, count in sorted(self.kinds.items()):
-            report.note(f"{kind[0]} with {kind[1]}: {count} checks")
+        for axis, words in enumerate(("obstacles", "robots")):
+            counts: Counter[str] = Counter()
+            for kind, count in self.kinds.items():
+                counts[kind[axis]] += count
+            report.note(f"{words}: " + ", ".join(f"{kind} {count}" for kind, count in sorted(counts.items())))
         colliding, every = self.mixed["colliding"], self.mixed["all"]
         if every:
             report.note(f"of {every} configurations called MIXED, {colliding} collide: {colliding / every:.0%}")
@@ -70,7 +96,7 @@ class Tally:
 def not_free(case: Case, q: Floats) -> tuple[Bools, Bools]:
     """Where the robot, grown by the margin, collides; and where it is too close to tell."""
     margin = case.space.margin
-    near = case.shape.meets(case.obstacles, q, margin + ROUNDING)
+    near = case.meets(q, margin + ROUNDING)
     wrong = near.copy()
-    wrong[near] = case.shape.meets(case.obstacles, q[near], max(0.0, margin - ROUNDING))
+    wrong[near] = case.meets(q[near], max(0.0, margin - ROUNDING))
     return wrong, near & ~wrong

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from cspace.grid import Grid as Grid
     from cspace.io.files import open_map
     from cspace.io.files import open_slice as open_slice
+    from cspace.mesh import Mesh as Mesh
+    from cspace.mesh import MeshWarning as MeshWarning
     from cspace.robot import Robot as Robot
     from cspace.space import CSpace as CSpace
     from cspace.workspace import Workspace as Workspace
@@ -40,6 +42,8 @@ _HOME = {
     "Grid": ("cspace.grid", "Grid"),
     "open": ("cspace.io.files", "open_map"),
     "open_slice": ("cspace.io.files", "open_slice"),
+    "Mesh": ("cspace.mesh", "Mesh"),
+    "MeshWarning": ("cspace.mesh", "MeshWarning"),
     "Robot": ("cspace.robot", "Robot"),
     "CSpace": ("cspace.space", "CSpace"),
     "Workspace": ("cspace.workspace", "Workspace"),

@@ -25,7 +25,7 @@ BLOCK = 512
 
 
 @njit(cache=True, nogil=True)
-def _cell(value: float, lower: float, spacing: float, upper: float, n: int) -> int:
+def cell_at(value: float, lower: float, spacing: float, upper: float, n: int) -> int:
     """Cell of a coordinate, as ``Grid.cell_of`` defines it."""
     i = math.floor(min(max((value - lower) / spacing, -FAR), FAR))
     if i == n and value <= upper:
@@ -36,11 +36,13 @@ def _cell(value: float, lower: float, spacing: float, upper: float, n: int) -> i
 @njit(cache=True, nogil=True)
 def state_at(state: States, frame: Floats, box: Ints, beyond: int, x: float, y: float) -> int:
     """State of one configuration."""
-    i = _cell(x, frame[0], frame[2], frame[3], state.shape[0])
-    j = _cell(y, frame[1], frame[2], frame[4], state.shape[1])
+    i = cell_at(x, frame[0], frame[2], frame[3], state.shape[0])
+    j = cell_at(y, frame[1], frame[2], frame[4], state.shape[1])
     if 0 <= i < state.shape[0] and 0 <= j < state.shape[1]:
         return int(state[i, j])
     if box[0] <= i <= box[2] and box[1] <= j <= box[3]:
+        return MIXED
+    if not (math.isfinite(x) and math.isfinite(y)):
         return MIXED
     return beyond
 
@@ -117,18 +119,25 @@ def square_is_free(state: States, frame: Floats, box: Ints, beyond: int, x: floa
     px, py, reach = (x - frame[0]) / frame[2], (y - frame[1]) / frame[2], distance / frame[2] + SLACK
     if not abs(px) + abs(py) + reach <= 8.0 * MAX_COORDINATE:  # nor is NaN
         return False
-    for i in range(math.ceil(px - reach) - 1, math.floor(px + reach) + 1):
-        for j in range(math.ceil(py - reach) - 1, math.floor(py + reach) + 1):
+    first_x, last_x = math.ceil(px - reach) - 1, math.floor(px + reach)
+    first_y, last_y = math.ceil(py - reach) - 1, math.floor(py + reach)
+    if min(first_x, first_y) < 0 or last_x >= nx or last_y >= ny:
+        if beyond != FREE:
+            return False
+        first_x, last_x = max(first_x, min(box[0], 0)), min(last_x, max(box[2], nx - 1))
+        first_y, last_y = max(first_y, min(box[1], 0)), min(last_y, max(box[3], ny - 1))
+    for i in range(first_x, last_x + 1):
+        for j in range(first_y, last_y + 1):
             if 0 <= i < nx and 0 <= j < ny:
                 if state[i, j] != FREE:
                     return False
-            elif beyond != FREE or (box[0] <= i <= box[2] and box[1] <= j <= box[3]):
+            elif box[0] <= i <= box[2] and box[1] <= j <= box[3]:
                 return False
     return True
 
 
 @njit(cache=True, nogil=True)
-def squares_are_free(
+def boxes_are_free(
     state: States, frame: Floats, box: Ints, beyond: int, distance: float, points: Floats, out: NDArray[np.bool_]
 ) -> int:
     """``square_is_free`` around points, shape (n, 2); the index of the first point that is not finite, or -1."""
@@ -162,8 +171,8 @@ def overlap_at(sums: NDArray[np.int32], frame: Floats, runs: Ints, outside: int,
     ``(dx, first dy, last dy)`` of robot offsets.
     """
     nx, ny = sums.shape[0], sums.shape[1] - 1
-    i = _cell(x, frame[0], frame[2], frame[3], nx)
-    j = _cell(y, frame[1], frame[2], frame[4], ny)
+    i = cell_at(x, frame[0], frame[2], frame[3], nx)
+    j = cell_at(y, frame[1], frame[2], frame[4], ny)
     total = 0
     for r in range(runs.shape[0]):
         column = i + runs[r, 0]
@@ -191,69 +200,6 @@ def overlaps(sums: NDArray[np.int32], frame: Floats, runs: Ints, outside: int, p
 
 
 @njit(cache=True, nogil=True)
-def column_distances(blocked: NDArray[np.bool_], out: NDArray[np.int32], none: int) -> None:
-    """Number of cells to the nearest blocked cell of the same column; ``none`` where the column has none."""
-    nx, ny = blocked.shape
-    for i in range(nx):
-        gap = none
-        for j in range(ny):
-            gap = 0 if blocked[i, j] else min(gap + 1, none)
-            out[i, j] = gap
-        gap = none
-        for j in range(ny - 1, -1, -1):
-            gap = 0 if blocked[i, j] else min(gap + 1, none)
-            out[i, j] = min(out[i, j], gap)
-
-
-@njit(cache=True, nogil=True)
-def square_distances(gaps: NDArray[np.int32], first: int, stop: int, none: int, out: NDArray[np.int32]) -> None:
-    """Squared distance, in half cells, from the middle of each cell to the nearest closed blocked cell.
-
-    For rows ``first <= y < stop``. A cell that is g > 0 cells away along an axis begins 2 g - 1 half cells from the
-    middle. Along x this is the lower envelope of the parabolas ``height + (p - 2 i)^2``, taken at ``p = 2 x - 1`` for
-    cells to the left and at ``2 x + 1`` for those to the right (Felzenszwalb and Huttenlocher, 2012).
-    """
-    nx = gaps.shape[0]
-    limit = np.iinfo(np.int32).max
-    vertex = np.empty(nx, np.int64)
-    border = np.empty(nx + 1, np.float64)
-    height = np.empty(nx, np.int64)
-    envelope = np.empty(nx + 1, np.int64)
-    for y in range(first, stop):
-        top = -1
-        for i in range(nx):
-            gap = gaps[i, y]
-            height[i] = max(2 * gap - 1, 0) ** 2 if gap < none else -1
-            if height[i] < 0:
-                continue
-            while top >= 0:
-                v = vertex[top]
-                cut = (height[i] + 4 * i * i - height[v] - 4 * v * v) / (4.0 * (i - v))
-                if cut > border[top]:
-                    break
-                top -= 1
-            top += 1
-            vertex[top] = i
-            border[top] = cut if top > 0 else -math.inf
-        if top < 0:
-            for i in range(nx):
-                out[i, y] = limit
-            continue
-        part = 0
-        for k in range(nx + 1):
-            p = 2 * k - 1
-            while part < top and border[part + 1] < p:
-                part += 1
-            v = vertex[part]
-            envelope[k] = height[v] + (p - 2 * v) ** 2
-        for i in range(nx):
-            best = min(envelope[i], envelope[i + 1])
-            if height[i] >= 0:
-                best = min(best, height[i])
-            out[i, y] = min(best, limit)
-
-
-@njit(cache=True, nogil=True)
 def clearance_at(
     squares: NDArray[np.int32],
     state: States,
@@ -276,8 +222,8 @@ def clearance_at(
     nx, ny = state.shape
     px, py = (x - frame[0]) / frame[2], (y - frame[1]) / frame[2]
     best = math.inf
-    i = _cell(x, frame[0], frame[2], frame[3], nx)
-    j = _cell(y, frame[1], frame[2], frame[4], ny)
+    i = cell_at(x, frame[0], frame[2], frame[3], nx)
+    j = cell_at(y, frame[1], frame[2], frame[4], ny)
     if 0 <= i < nx and 0 <= j < ny:
         if some:
             best = 0.0
@@ -293,6 +239,8 @@ def clearance_at(
         dx = max(0.0, walls[w, 0] - px, px - walls[w, 2])
         dy = max(0.0, walls[w, 1] - py, py - walls[w, 3])
         best = min(best, math.hypot(dx, dy))
+    if best == math.inf and (some or len(walls) > 0):
+        return 0.0  # too far away for a distance to be told
     return max(0.0, best * (1.0 - 2.0**-48) - 4.0 * SLACK) * float(frame[2])
 
 

@@ -14,10 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.errors import InputError
+from cspace.grid import Grid
+from cspace.memory import TRANSFORM_BYTES, check_memory, map_bytes
 from cspace.raster.raster import Raster
 from cspace.robot import Robot, check_margin
 from cspace.rotations import Rotations, check_rotations
-from cspace.slices import slice_rasters
+from cspace.slices import slice_of_rotation, slice_rasters
 from cspace.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -42,19 +44,19 @@ def build(
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> CSpace:
-    """Map the configurations of a robot that translates, or translates and turns, among obstacles.
+    """Map the configurations of a robot that translates, in the plane or in space, or turns as well, in the plane.
 
     Parameters
     ----------
     workspace : Workspace
-        The obstacles, in the plane.
+        The obstacles.
     robot : Robot
-        The robot, in the plane.
+        The robot, of the same dimension.
     rotations : int or array-like, optional
-        For a robot that turns: a number of equal cells of yaw, the first with its middle at 0, or the borders of the
-        cells in radians, ascending over a whole turn. FREE and BLOCKED are then proven for every position and every yaw
-        of a cell. Slices that a symmetry of the robot repeats are computed and stored once. If left out, the robot only
-        translates.
+        For a robot in the plane that turns: a number of equal cells of yaw, the first with its middle at 0, or the
+        borders of the cells in radians, ascending over a whole turn. FREE and BLOCKED are then proven for every
+        position and every yaw of a cell. Slices that a symmetry of the robot repeats are computed and stored once. If
+        left out, the robot only translates.
     inner : bool
         Also prove cells BLOCKED. Without it, every cell that is not FREE is MIXED, at half the work.
     overlap : bool
@@ -77,7 +79,8 @@ def build(
     Raises
     ------
     InputError
-        If an argument breaks its rule, or the robot is absurdly large at the workspace's spacing.
+        If an argument breaks its rule, the robot is absurdly large at the workspace's spacing, or the map does not fit
+        into the memory that is free; the message tells what would.
 
     References
     ----------
@@ -97,8 +100,18 @@ def build(
     _check(workspace, robot, method, outside, workers)
     margin = check_margin(margin)
     cells = check_rotations(rotations)
-    rasters = slice_rasters(robot, workspace.grid.spacing, margin, cells)
-    state = np.empty((len(rasters), *workspace.grid.shape), dtype=np.uint8)
+    if cells is not None and robot.dim == 3:
+        raise InputError(
+            f"rotations is {rotations!r} for a robot in space, which only translates so far; leave rotations out, or "
+            "take robot and workspace in the plane"
+        )
+    grid = workspace.grid
+    slices = int(slice_of_rotation(robot, cells).max()) + 1
+    needed = map_bytes(grid.shape, slices, overlap)
+    check_memory(needed, "the map", grid.shape, grid.spacing, fixed=TRANSFORM_BYTES)
+    rasters = slice_rasters(robot, grid.spacing, margin, cells)
+    _check_transforms(grid, rasters, overlap, workers)
+    state = np.empty((len(rasters), *grid.shape), dtype=np.uint8)
     overlaps = np.empty(state.shape, dtype=np.int32) if overlap else None
     engine = _Engine(workspace, outside == "blocked", workers, progress)
     precision = engine.run(rasters, state, overlaps, inner)
@@ -172,6 +185,15 @@ class _Engine:
         return precision
 
 
+def _check_transforms(grid: Grid, rasters: Sequence[tuple[Raster, Raster]], overlap: bool, workers: int | None) -> None:
+    """Refuse a map for which there is no memory with the transforms that the robot's size asks for."""
+    from cspace.fourier import transform_bytes
+
+    transforms = max(transform_bytes(grid.shape, side, workers) for side in zip(*rasters, strict=True))
+    needed = map_bytes(grid.shape, len(rasters), overlap) - TRANSFORM_BYTES + transforms
+    check_memory(needed, "the map, with the transforms for this robot,", grid.shape, grid.spacing)
+
+
 def _check(workspace: Workspace, robot: Robot, method: str, outside: str, workers: int | None) -> None:
     if not isinstance(workspace, Workspace):
         raise InputError(f"workspace is a {type(workspace).__name__}; it must be a Workspace; use Workspace.from_array")
@@ -180,7 +202,7 @@ def _check(workspace: Workspace, robot: Robot, method: str, outside: str, worker
     if workspace.grid.dim != robot.dim:
         raise InputError(
             f"the workspace has {workspace.grid.dim} dimensions and the robot {robot.dim}; they must agree; "
-            "take both in the plane"
+            "take both in the plane or both in space"
         )
     if method != "fft":
         raise InputError(f"method is {method!r}; the engines are: 'fft'")

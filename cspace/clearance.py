@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +18,7 @@ class ClearanceField:
 
     Attributes
     ----------
-    squares : ndarray of int32, shape (nx, ny)
+    squares : ndarray of int32, shape (nx, ny) or (nx, ny, nz)
         Squared distance, in half cells, from the middle of each cell to the nearest closed cell of the grid that is not
         FREE; at most 2^31 - 1, which stands for every greater distance too.
     some : bool
@@ -31,34 +32,35 @@ class ClearanceField:
 def clearance_field(state: NDArray[np.uint8], out: NDArray[np.int32] | None = None) -> ClearanceField:
     """Exact distance transform of a map to its cells that are not FREE.
 
-    Two passes over separable distances (Felzenszwalb and Huttenlocher, 2012), in threads, in integers.
+    One pass over each axis, in place, of separable distances (Felzenszwalb and Huttenlocher, 2012), in threads, in
+    integers; beside the answer it takes no memory to speak of.
 
     Parameters
     ----------
-    state : ndarray of uint8, shape (nx, ny)
-    out : ndarray of int32, shape (nx, ny), optional
-        Where to write the squared distances.
+    state : ndarray of uint8, shape (nx, ny) or (nx, ny, nz)
+    out : ndarray of int32, the shape of state, optional
+        Where to write the squared distances; in one piece.
 
     Returns
     -------
     ClearanceField
     """
-    from cspace import _kernels
+    from cspace.cells import _kernels
 
-    nx, ny = state.shape
-    closed = state != FREE
-    gaps = np.empty(state.shape, dtype=np.int32)
     squares = np.empty(state.shape, dtype=np.int32) if out is None else out
-    none = ny + 1  # farther than any cell of the column
+    rows, into = state.reshape(-1, state.shape[-1]), squares.reshape(-1, state.shape[-1])
 
-    def along_columns(start: int, stop: int) -> int:
-        _kernels.column_distances(closed[start:stop], gaps[start:stop], none)
+    def along_rows(start: int, stop: int) -> int:
+        _kernels.row_distances(rows[start:stop], into[start:stop])
         return -1
 
-    def across_columns(start: int, stop: int) -> int:
-        _kernels.square_distances(gaps, start, stop, none, squares)
-        return -1
+    in_chunks(along_rows, len(rows), least=64)
+    for axis in range(state.ndim - 2, -1, -1):
+        lines = squares.reshape(math.prod(state.shape[:axis]), state.shape[axis], -1)
 
-    in_chunks(along_columns, nx, least=64)
-    in_chunks(across_columns, ny, least=64)
-    return ClearanceField(squares, bool(closed.any()))
+        def along_lines(start: int, stop: int, lines: NDArray[np.int32] = lines) -> int:
+            _kernels.spread_squares(lines, start, stop)
+            return -1
+
+        in_chunks(along_lines, _kernels.blocks_of(lines), least=4)
+    return ClearanceField(squares, any(bool((part != FREE).any()) for part in state))

@@ -17,9 +17,9 @@ class Components:
 
     Attributes
     ----------
-    free : ndarray of int32, shape (rotations, nx, ny)
+    free : ndarray of int32, shape (rotations, *cells)
         Components of the FREE cells: within one, a collision-free path exists.
-    open : ndarray of int32, shape (rotations, nx + 2, ny + 2)
+    open : ndarray of int32, shape (rotations, nx + 2, ny + 2) or (rotations, nx + 2, ny + 2, nz + 2)
         Components of the cells that are not BLOCKED, with a rim of one cell for what lies outside the grid: between
         two of them, no collision-free path exists.
     """
@@ -37,17 +37,20 @@ def components(stack: NDArray[np.uint8], slice_of: NDArray[np.int64], rim_is_ope
 
     Parameters
     ----------
-    stack : ndarray of uint8, shape (slices, nx, ny)
+    stack : ndarray of uint8, shape (slices, nx, ny) or (slices, nx, ny, nz)
     slice_of : ndarray of int64, shape (rotations,)
         One rotation stands for all where there is a single slice.
     rim_is_open : ndarray of bool, shape (slices,)
         Whether some configuration outside the grid is not BLOCKED.
     """
-    order = slice_of if len(stack) > 1 else slice_of[:1]
-    framed = np.empty((len(stack), stack.shape[1] + 2, stack.shape[2] + 2), dtype=np.bool_)
-    framed[...] = rim_is_open[:, None, None]
-    np.not_equal(stack, BLOCKED, out=framed[:, 1:-1, 1:-1])
-    return Components(_labels((stack == FREE)[order]), _labels(framed[order]))
+    order = slice_of if len(stack) > 1 else None
+    core = (slice(None), *[slice(1, -1)] * (stack.ndim - 1))
+    framed = np.empty((len(stack), *(n + 2 for n in stack.shape[1:])), dtype=np.bool_)
+    framed.T[...] = rim_is_open
+    np.not_equal(stack, BLOCKED, out=framed[core])
+    passable = _labels(framed, order)
+    del framed  # as large as the map
+    return Components(_labels(stack == FREE, order), passable)
 
 
 def path_exists(
@@ -60,8 +63,9 @@ def path_exists(
     Parameters
     ----------
     labels : Components
-    start, goal : tuple of ndarrays, shape (..., 3) and (...)
-        Cells ``(rotation, x, y)`` of the configurations, in the grid or not, and their states.
+    start, goal : tuple of ndarrays, shape (..., 1 + d) and (...)
+        Cells ``(rotation, x, y)`` or ``(rotation, x, y, z)`` of the configurations, in the grid or not, and their
+        states.
     """
     (free0, open0), (free1, open1) = _labels_of(labels, *start), _labels_of(labels, *goal)
     joined = (free0 == free1) & (free0 > 0)
@@ -72,10 +76,18 @@ def path_exists(
     return answer if answer.ndim else answer[()]
 
 
+def reach(labels: Components, label: int) -> NDArray[np.int64]:
+    """First and last cell, shape (2, d), of the box around a component of the FREE cells."""
+    ours = labels.free == label
+    axes = range(1, ours.ndim)
+    used = [np.flatnonzero(ours.any(axis=tuple({0, *axes} - {axis}))) for axis in axes]
+    return np.array([[part[0] for part in used], [part[-1] for part in used]])
+
+
 def chain(
     stack: NDArray[np.uint8],
     slice_of: NDArray[np.int64],
-    closed: NDArray[np.bool_],
+    closed: NDArray[np.bool_] | None,
     start: NDArray[np.int64],
     goal: NDArray[np.int64],
 ) -> NDArray[np.int64]:
@@ -83,29 +95,34 @@ def chain(
 
     Parameters
     ----------
-    stack : ndarray of uint8, shape (slices, nx, ny)
+    stack : ndarray of uint8, shape (slices, nx, ny) or (slices, nx, ny, nz)
     slice_of : ndarray of int64, shape (rotations,)
-    closed : ndarray of bool, shape (rotations, nx, ny)
+    closed : ndarray of bool, shape (rotations, *cells), or None
         Cells that are left out.
-    start, goal : ndarray of int64, shape (3,)
-        Cells ``(rotation, x, y)`` in the grid.
+    start, goal : ndarray of int64, shape (1 + d,)
+        Cells ``(rotation, x, y)`` or ``(rotation, x, y, z)`` in the grid.
 
     Returns
     -------
-    ndarray of int64, shape (n, 3)
+    ndarray of int64, shape (n, 1 + d)
         From start to goal; of length 0 where there is none.
     """
-    from cspace.turning import _kernels
+    from cspace.cells import _kernels
 
-    came = np.zeros(closed.shape, dtype=np.uint8)
-    if not _kernels.trace_chain(stack, slice_of, closed, start, goal, came):
-        return np.empty((0, 3), dtype=np.int64)
-    moves = np.array([(-1, 0, 0), (1, 0, 0), (0, -1, 0), (0, 1, 0), (0, 0, -1), (0, 0, 1)])
-    cells = [tuple(goal.tolist())]
-    while (step := int(came[cells[-1]])) != 7:
-        k, i, j = (np.array(cells[-1]) - moves[step - 1]).tolist()
-        cells.append((k % len(slice_of), i, j))
-    return np.array(cells[::-1], dtype=np.int64)
+    flat = (1,) * (4 - stack.ndim)  # the plane is space with one cell along z
+    came = np.zeros((len(slice_of), *stack.shape[1:], *flat), dtype=np.uint8)
+    if closed is not None:
+        came[closed.reshape(came.shape)] = _kernels.CLOSED
+    first, last = (np.array([*cell, *[0] * len(flat)], dtype=np.int64) for cell in (start, goal))
+    if not _kernels.trace_chain(stack.reshape(len(stack), *came.shape[1:]), slice_of, first, last, came):
+        return np.empty((0, stack.ndim), dtype=np.int64)
+    cell, cells = last.tolist(), [last.tolist()]
+    while (step := int(came[tuple(cell)])) != _kernels.START:
+        axis, way = divmod(step - 1, 2)
+        cell[axis] -= 2 * way - 1
+        cell[0] %= len(slice_of)
+        cells.append(cell.copy())
+    return np.array(cells[::-1], dtype=np.int64)[:, : stack.ndim]
 
 
 def _labels_of(
@@ -121,14 +138,19 @@ def _labels_of(
     return np.where(inside, free, 0), np.where(states == BLOCKED, 0, passable)
 
 
-def _labels(cells: NDArray[np.bool_]) -> NDArray[np.int32]:
-    """Components of cells of shape (rotations, nx, ny), joined through their sides, the first axis wrapping."""
+def _labels(cells: NDArray[np.bool_], order: NDArray[np.int64] | None) -> NDArray[np.int32]:
+    """Components of slices of cells, joined through their sides.
+
+    The slices are taken in an order, in which the first follows the last; a single one, without an order, is alone.
+    """
     from scipy import ndimage, sparse
 
-    labels = np.empty(cells.shape, dtype=np.int32)
-    count = ndimage.label(cells, output=labels)
-    if len(cells) < 2:
-        return labels
+    if order is None:
+        alone = np.empty(cells.shape, dtype=np.int32)
+        ndimage.label(cells[0], output=alone[0])
+        return alone
+    labels = np.empty((len(order), *cells.shape[1:]), dtype=np.int32)
+    count = ndimage.label(cells[order], output=labels)
     # Sides between the last rotation and the first join components that are apart within the array.
     first, last = labels[0].ravel(), labels[-1].ravel()
     both = (first > 0) & (last > 0)

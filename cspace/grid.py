@@ -26,13 +26,16 @@ def finite(values: ArrayLike, name: str) -> NDArray[np.float64]:
     Raises
     ------
     InputError
-        If a value is not a number, is NaN or is infinite.
+        If a value is not a real number, is NaN or is infinite.
     """
     unmasked(values, name)
     try:
-        array = np.asarray(values, dtype=np.float64)
+        given = np.asarray(values)
+        array = np.asarray(given, dtype=np.float64) if given.dtype.kind != "c" else None
     except (TypeError, ValueError) as error:
         raise InputError(f"{name} is {values!r}; it must be numeric; pass floats in metres") from error
+    if array is None:
+        raise InputError(f"{name} has complex values; it must be real; pass the real parts, e.g. array.real")
     bad = ~np.isfinite(array)
     if bad.any():
         index = tuple(int(i) for i in np.argwhere(bad)[0])

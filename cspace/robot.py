@@ -4,32 +4,35 @@ from __future__ import annotations
 
 import base64
 import json
-import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.errors import FileError, GeometryError, InputError
+from cspace.bodies import Balls, Body, Box, Regions, Solid, Voxels
+from cspace.bodies.body import Surface
+from cspace.errors import GeometryError, InputError
 from cspace.grid import MAX_COORDINATE, finite, positive, unmasked
 from cspace.raster.raster import Raster
-from cspace.shapes import check_point, check_polygons, polygon_name
+from cspace.shapes import check_balls, check_origin, check_point, check_polygons, polygon_name, warn_of_origin
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
+
+    from cspace.mesh import Solid as Solidity
 
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """A rigid robot in the plane: a union of regions given by their borders, or a union of discs.
+    """A rigid robot in the plane or in space.
 
-    Make one with :meth:`polygon`, :meth:`rectangle`, :meth:`disc`, :meth:`balls`, :meth:`cells` or :meth:`open`. The
-    reference point, whose position is the configuration, is the origin; it may lie anywhere, also outside the shape.
+    Make one with :meth:`polygon`, :meth:`rectangle` or :meth:`disc` in the plane, :meth:`mesh`, :meth:`box` or
+    :meth:`ball` in space, and :meth:`balls`, :meth:`cells` or :meth:`open` in either. The reference point, whose
+    position is the configuration, is the origin; it may lie anywhere, also outside the shape.
 
     Attributes
     ----------
@@ -37,22 +40,38 @@ class Robot:
         A short text for people, such as ``"disc 0.3 m"``.
     definition : str
         JSON of :attr:`spec`.
-    outlines : tuple of ndarray, shape (E, 4)
-        Border segments ``(x0, y0, x1, y1)`` of each region, metres; empty for discs.
-    centers, radii : ndarray, shape (n, 2) and (n,)
-        Discs, metres; empty for regions.
-    span : float
-        Largest modulus of the numbers that the shape was computed from, metres.
+    body : Body
+        The shape, in the robot's frame.
     """
 
     name: str
     definition: str
-    outlines: tuple[Floats, ...]
-    centers: Floats
-    radii: Floats
-    span: float
+    body: Body
 
-    dim = 2
+    @property
+    def dim(self) -> int:
+        """2 in the plane, 3 in space."""
+        return self.body.dim
+
+    @property
+    def span(self) -> float:
+        """Largest modulus of the numbers that the shape was computed from, metres."""
+        return self.body.span
+
+    @property
+    def outlines(self) -> tuple[Floats, ...]:
+        """Border segments ``(x0, y0, x1, y1)`` of each region of a polygon or bitmap in the plane; otherwise empty."""
+        return self.body.outlines if isinstance(self.body, Regions) else ()
+
+    @property
+    def centers(self) -> Floats:
+        """Middles of balls, shape (n, dim), metres; empty for other bodies."""
+        return self.body.centers if isinstance(self.body, Balls) else np.empty((0, self.dim))
+
+    @property
+    def radii(self) -> Floats:
+        """Radii of balls, shape (n,), metres; empty for other bodies."""
+        return self.body.radii if isinstance(self.body, Balls) else np.empty(0)
 
     @property
     def spec(self) -> dict[str, Any]:
@@ -61,27 +80,8 @@ class Robot:
         return spec
 
     @classmethod
-    def _of(
-        cls,
-        name: str,
-        spec: dict[str, Any],
-        outlines: Sequence[Floats] = (),
-        centers: Floats | None = None,
-        radii: Floats | None = None,
-        span: float = 0.0,
-    ) -> Robot:
-        points = np.empty((0, 2)) if centers is None else centers
-        sizes = np.empty(0) if radii is None else radii
-        reach = [float(np.abs(part).max()) for part in outlines] + (np.abs(points).max(axis=1) + sizes).tolist()
-        frozen = tuple(map(_frozen, outlines))
-        return cls(
-            name,
-            json.dumps({"name": name, **spec}, sort_keys=True),
-            frozen,
-            _frozen(points),
-            _frozen(sizes),
-            max(span, *reach, 0.0),
-        )
+    def _of(cls, name: str, spec: dict[str, Any], body: Body) -> Robot:
+        return cls(name, json.dumps({"name": name, **spec}, sort_keys=True), body)
 
     @classmethod
     def polygon(cls, shape: Any, *, name: str | None = None) -> Robot:
@@ -105,7 +105,7 @@ class Robot:
         return cls._of(
             name=name or polygon_name(parts),
             spec={"kind": "polygon", "wkb": [base64.b64encode(part.wkb).decode() for part in parts]},
-            outlines=[polygon_outline(part) for part in parts],
+            body=Regions([polygon_outline(part) for part in parts]),
         )
 
     @classmethod
@@ -124,12 +124,17 @@ class Robot:
         return cls.balls([check_point(center)], [positive(radius, "radius")])
 
     @classmethod
+    def ball(cls, radius: float, center: ArrayLike = (0.0, 0.0, 0.0)) -> Robot:
+        """A ball of ``radius`` around ``center`` in the robot's frame (metres)."""
+        return cls.balls([check_point(center, dim=3)], [positive(radius, "radius")])
+
+    @classmethod
     def balls(cls, centers: ArrayLike, radii: ArrayLike) -> Robot:
-        """A union of discs.
+        """A union of discs in the plane, or of balls in space.
 
         Parameters
         ----------
-        centers : array-like, shape (n, 2)
+        centers : array-like, shape (n, 2) or (n, 3)
             Metres, in the robot's frame.
         radii : array-like, shape (n,), or one number
             Metres, above zero.
@@ -137,64 +142,106 @@ class Robot:
         Raises
         ------
         InputError
-            If there is no disc, the shapes do not fit, a value is not finite, or a radius is not above zero.
+            If there is no ball, the shapes do not fit, a value is not finite, or a radius is not above zero.
         """
-        points = finite(centers, "centers")
-        if points.ndim != 2 or points.shape[1] != 2 or not len(points):
-            raise InputError(
-                f"centers has shape {points.shape}; it must be (n, 2) with n at least 1; pass one row for each disc"
-            )
-        sizes = finite(radii, "radii")
-        if sizes.shape not in {(), (len(points),)}:
-            raise InputError(
-                f"radii has shape {sizes.shape}; it must be one number or ({len(points)},), one for each center"
-            )
-        sizes = np.broadcast_to(sizes, len(points)).copy()
+        points, sizes = check_balls(centers, radii)
         if (sizes <= 0).any():
-            raise InputError(f"radii holds {sizes.min():g}; each must be above zero; drop discs that have no area")
-        single = len(points) == 1
+            raise InputError(f"radii holds {sizes.min():g}; each must be above zero; drop balls that have no volume")
+        kind = "disc" if points.shape[1] == 2 else "ball"
         return cls._of(
-            name=f"disc {sizes[0]:g} m" if single else f"{len(points)} discs",
+            name=f"{kind} {sizes[0]:g} m" if len(points) == 1 else f"{len(points)} {kind}s",
             spec={"kind": "balls", "centers": points.tolist(), "radii": sizes.tolist()},
-            centers=points.copy(),
-            radii=sizes,
+            body=Balls(points, sizes),
         )
 
     @classmethod
-    def cells(cls, occupied: ArrayLike, spacing: float, lower: ArrayLike = (0.0, 0.0)) -> Robot:
-        """A bitmap: the union of the closed cells ``lower + spacing * (i + [0, 1]^2)`` where ``occupied[i]`` is set.
+    def box(cls, extents: ArrayLike, center: ArrayLike = (0.0, 0.0, 0.0)) -> Robot:
+        """A box along the axes.
 
         Parameters
         ----------
-        occupied : array-like of bool, shape (nx, ny)
-            Indexed ``[x, y]``.
+        extents : array-like, shape (3,)
+            Lengths along x, y and z, metres, above zero.
+        center : array-like, shape (3,)
+            Middle of the box in the robot's frame, metres.
+        """
+        sides = np.array(check_point(extents, "extents", dim=3))
+        for number, side in enumerate(sides.tolist()):
+            positive(side, f"extents[{number}], the side along {'xyz'[number]},")
+        middle = np.array(check_point(center, dim=3))
+        return cls._of(
+            name=f"box {' m x '.join(f'{side:g}' for side in sides)} m",
+            spec={"kind": "box", "extents": sides.tolist(), "center": middle.tolist()},
+            body=Box(middle - sides / 2, middle + sides / 2),
+        )
+
+    @classmethod
+    def mesh(cls, shape: Any, *, solid: Solidity = "auto", name: str | None = None) -> Robot:
+        """A triangle mesh.
+
+        Parameters
+        ----------
+        shape : trimesh.Trimesh, trimesh.Scene, cspace.mesh.Mesh, path-like, or (vertices, faces)
+            Metres, in the robot's frame; files are ``.stl``, ``.obj``, ``.ply``, ``.off``, ``.glb``, ``.gltf`` and
+            ``.dae``. A warning tells of a mesh that lies off its origin by more than its own size.
+        solid : {"auto", "surface", "fill"}
+            What has an inside; see :class:`cspace.mesh.Mesh`, of which "auto" leaves what it says itself.
+
+        Raises
+        ------
+        GeometryError
+            If there is no triangle, or the mesh lies so far from its origin, by more than a hundred times its size,
+            that the reference point can hardly be meant.
+        InputError
+            If a coordinate is NaN or infinite, or ``solid`` is another word.
+        FileError
+            If the file cannot be read.
+        """
+        from cspace.mesh import Mesh
+
+        mesh = Mesh.of(shape, solid)
+        check_origin(*mesh.bounds)
+        warn_of_origin(*mesh.bounds)
+        return cls._of(
+            name=name or f"mesh of {len(mesh.faces)} triangles",
+            spec={"kind": "mesh", **mesh.spec()},
+            body=Solid(mesh),
+        )
+
+    @classmethod
+    def cells(cls, occupied: ArrayLike, spacing: float, lower: ArrayLike | None = None) -> Robot:
+        """A bitmap: the union of the closed cells ``lower + spacing * (i + [0, 1]^d)`` where ``occupied[i]`` is set.
+
+        Parameters
+        ----------
+        occupied : array-like of bool, shape (nx, ny) or (nx, ny, nz)
+            Indexed ``[x, y]`` or ``[x, y, z]``.
         spacing : float
             Side of a cell of the bitmap, metres; it need not be the map's.
-        lower : array-like, shape (2,)
-            Lower corner of cell (0, 0) in the robot's frame, metres.
+        lower : array-like, shape (d,), optional
+            Lower corner of the first cell in the robot's frame, metres; the origin if left out.
 
         Raises
         ------
         GeometryError
             If no cell is occupied.
         InputError
-            If ``occupied`` is not two-dimensional and boolean, or another value is not as stated.
+            If ``occupied`` is not boolean with two or three axes, or another value is not as stated.
         """
-        from cspace.raster.boundary import boundary_segments
-
         unmasked(occupied, "occupied")
         bitmap = np.asarray(occupied)
-        if bitmap.ndim != 2 or bitmap.dtype != np.bool_:
+        if bitmap.ndim not in (2, 3) or bitmap.dtype != np.bool_:
             raise InputError(
-                f"occupied has shape {bitmap.shape} and type {bitmap.dtype}; it must be a two-dimensional boolean "
-                "array; compare with a threshold first, e.g. array > 0"
+                f"occupied has shape {bitmap.shape} and type {bitmap.dtype}; it must be a boolean array of two or "
+                "three axes; compare with a threshold first, e.g. array > 0"
             )
         bitmap = bitmap != 0  # a boolean array may hold other bytes than 0 and 1
         if not bitmap.any():
             raise GeometryError("occupied holds no True cell; a robot must have an area; set the cells it fills")
-        side, corner = positive(spacing, "spacing"), check_point(lower, "lower")
+        side = positive(spacing, "spacing")
+        corner = check_point((0.0,) * bitmap.ndim if lower is None else lower, "lower", dim=bitmap.ndim)
         return cls._of(
-            name=f"bitmap {bitmap.shape[0]} x {bitmap.shape[1]} cells of {side:g} m",
+            name=f"bitmap {' x '.join(map(str, bitmap.shape))} cells of {side:g} m",
             spec={
                 "kind": "cells",
                 "bits": base64.b64encode(np.packbits(bitmap).tobytes()).decode(),
@@ -202,8 +249,7 @@ class Robot:
                 "spacing": side,
                 "lower": list(corner),
             },
-            outlines=[boundary_segments(bitmap, side, corner)],
-            span=max(map(abs, corner)) + side * max(bitmap.shape),
+            body=_bitmap(bitmap, side, np.array(corner)),
         )
 
     @classmethod
@@ -215,70 +261,60 @@ class Robot:
         InputError
             If ``spec`` describes no robot.
         """
-        try:
-            return replace(
-                _FROM_SPEC[spec["kind"]](spec), name=str(spec["name"]), definition=json.dumps(spec, sort_keys=True)
-            )
-        except (KeyError, TypeError, ValueError) as error:
-            raise InputError(f"robot spec {str(spec)[:80]} is not one that Robot.spec makes: {error}") from error
+        from cspace.specs import robot_from_spec
+
+        return robot_from_spec(spec)
 
     @classmethod
-    def open(cls, source: str | Path) -> Robot:
+    def open(cls, source: str | Path, *, solid: Solidity | None = None) -> Robot:
         """A robot from a short text or a file.
 
         Parameters
         ----------
         source : str or Path
-            ``disc:RADIUS``, ``rect:LENGTHxWIDTH`` (metres), or a file of polygons: GeoJSON (``.geojson``, ``.json``) or
-            ``.wkt``.
+            ``disc:RADIUS``, ``rect:LENGTHxWIDTH``, ``ball:RADIUS``, ``box:XxYxZ`` (metres); a file of polygons:
+            ``.geojson``, ``.json`` or ``.wkt``; or a mesh: ``.stl``, ``.obj``, ``.ply``, ``.off``, ``.glb``, ``.gltf``,
+            ``.dae``.
+        solid : {"auto", "surface", "fill"}, optional
+            For a mesh: what has an inside; "auto" if left out.
 
         Raises
         ------
         InputError
-            If the text is none of these.
+            If the text is none of these, or ``solid`` is given for what is no mesh.
         FileError
             If the file cannot be read.
         """
-        kind, colon, sizes = str(source).partition(":")
-        if colon and kind in _SHORT:
-            names, make = _SHORT[kind]
-            return make(*_numbers(str(source), sizes, names))
-        path = Path(source)
-        if path.suffix.lower() in {".geojson", ".json", ".wkt"}:
-            from cspace.io.vector import read_shapes
+        from cspace.specs import open_robot
 
-            return cls.polygon(read_shapes(path), name=f"polygon {path.name}")
-        forms = ", ".join(f"{key}:{'x'.join(name.upper() for name in names)}" for key, (names, _) in _SHORT.items())
-        if path.exists():
-            raise FileError(f"{path}: suffix {path.suffix!r} is not a robot's; pass {forms}, .geojson, .json or .wkt")
-        raise InputError(f"robot is {str(source)!r}; it must be one of {forms} (metres) or a .geojson or .wkt file")
+        return open_robot(source, solid)
 
     @property
     def geometry(self) -> BaseGeometry:
-        """The shape in the robot's frame, as a shapely geometry in metres, for drawing and display.
+        """The shape in the robot's frame, of a robot in the plane, as a shapely geometry in metres, for drawing.
 
         Discs are drawn as polygons of 128 corners; the rasters never use this.
         """
-        import shapely
+        return self.body.geometry
 
-        if len(self.radii):
-            return shapely.union_all(shapely.buffer(shapely.points(self.centers), self.radii, quad_segs=32))
-        regions = [
-            shapely.build_area(shapely.union_all(shapely.linestrings(outline.reshape(-1, 2, 2))))
-            for outline in self.outlines
-        ]
-        return shapely.union_all(regions)
+    @property
+    def surface(self) -> Surface:
+        """The shape in the robot's frame, of a robot in space, as vertices (V, 3) and triangles (F, 3), for drawing.
+
+        Balls are drawn with flat faces; the rasters never use this.
+        """
+        return self.body.surface
 
     @property
     def symmetry(self) -> int:
-        """How many turns in a circle map the robot to itself: 1, 2 or 4, or 0 for all turns.
+        """How many turns of the plane in a circle map the robot to itself: 1, 2 or 4, or 0 for all turns.
 
         Only turns that map it to itself to the last bit count.
         """
-        if len(self.radii) == 1 and not self.centers.any():
+        if self.body.is_round:
             return 0
         for order, turn in ((4, [[0.0, 1.0], [-1.0, 0.0]]), (2, [[-1.0, 0.0], [0.0, -1.0]])):
-            if self._features(np.eye(2)) == self._features(np.asarray(turn)):
+            if self.body.is_same_turned(np.asarray(turn)):
                 return order
         return 1
 
@@ -311,8 +347,6 @@ class Robot:
             If the spacing is not above zero, the margin is negative, or the robot is absurdly large or far from its
             reference point at that spacing.
         """
-        from cspace.raster.robots import ball_rasters, outline_rasters
-
         side = positive(spacing, "spacing")
         grown = check_margin(margin)
         far = (self.span + grown) / side
@@ -321,19 +355,7 @@ class Robot:
                 f"the robot reaches {far:.3g} cells from its reference point; at most {MAX_COORDINATE:.0f} keep the "
                 "answers proven against rounding; use a larger spacing, or check the robot's units (metres) and origin"
             )
-        if len(self.radii):
-            return ball_rasters(self.centers, self.radii, side, grown, yaw, sweep)
-        return outline_rasters(self.outlines, side, grown, yaw, sweep)
-
-    def _features(self, turn: Floats) -> set[tuple[float, ...]]:
-        """What the shape is made of, turned: discs, or border segments without direction."""
-        found: set[tuple[float, ...]] = set()
-        for (x, y), radius in zip((self.centers @ turn + 0.0).tolist(), self.radii.tolist(), strict=True):
-            found.add((x, y, radius))
-        for number, outline in enumerate(self.outlines):
-            ends = (outline.reshape(-1, 2) @ turn + 0.0).reshape(-1, 2, 2).tolist()
-            found.update((*min(first, last), *max(first, last), number) for first, last in ends)
-        return found
+        return self.body.rasters(side, grown, yaw, sweep)
 
 
 def check_margin(margin: float) -> float:
@@ -350,47 +372,11 @@ def check_margin(margin: float) -> float:
     return float(value)
 
 
-def _frozen(array: Floats) -> Floats:
-    array.setflags(write=False)
-    return array
+def _bitmap(bitmap: NDArray[np.bool_], side: float, corner: Floats) -> Body:
+    """The body of a bitmap: in the plane by its outline, in space by its voxels."""
+    if bitmap.ndim == 3:
+        return Voxels(bitmap, side, corner)
+    from cspace.raster.boundary import boundary_segments
 
-
-def _numbers(source: str, sizes: str, names: tuple[str, ...]) -> list[float]:
-    """The numbers of a short text such as ``rect:0.9x0.6``."""
-    words = sizes.split("x")
-    try:
-        values = [float(word) for word in words]
-    except ValueError:
-        values = []
-    if len(values) != len(names) or not all(math.isfinite(value) and value > 0.0 for value in values):
-        form = "x".join(name.upper() for name in names)
-        raise InputError(
-            f"robot is {source!r}; after the colon must stand {form}, each above zero, in metres; "
-            f"write e.g. {source.partition(':')[0]}:{'x'.join(['0.3'] * len(names))}"
-        )
-    return values
-
-
-def _cells_from_spec(spec: dict[str, Any]) -> Robot:
-    shape = tuple(int(n) for n in spec["shape"])
-    bits = np.frombuffer(base64.b64decode(spec["bits"], validate=True), dtype=np.uint8)
-    bitmap = np.unpackbits(bits, count=math.prod(shape)).astype(np.bool_).reshape(shape)
-    return Robot.cells(bitmap, spec["spacing"], spec["lower"])
-
-
-def _polygon_from_spec(spec: dict[str, Any]) -> Robot:
-    import shapely
-
-    return Robot.polygon([shapely.from_wkb(base64.b64decode(text, validate=True)) for text in spec["wkb"]])
-
-
-_FROM_SPEC: dict[str, Callable[[dict[str, Any]], Robot]] = {
-    "balls": lambda spec: Robot.balls(spec["centers"], spec["radii"]),
-    "cells": _cells_from_spec,
-    "polygon": _polygon_from_spec,
-}
-
-_SHORT: dict[str, tuple[tuple[str, ...], Callable[..., Robot]]] = {
-    "disc": (("radius",), Robot.disc),
-    "rect": (("length", "width"), Robot.rectangle),
-}
+    span = float(np.abs(corner).max()) + side * max(bitmap.shape)
+    return Regions([boundary_segments(bitmap, side, corner)], span)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,16 +12,19 @@ from cspace.errors import ConfigurationError, InputError
 from cspace.grid import Grid
 from cspace.rotations import TURN, Rotations
 
+Cells = NDArray[np.unsignedinteger[Any]]
+"""Flat indices of cells."""
+
 EDGE = 2.0**-20
 """Part of a cell, along its border, that samples keep off, so that rounding never puts one into the next cell."""
 
 
-def sample_cells(cells: NDArray[np.int64], grid: Grid, n: int, rng: np.random.Generator) -> NDArray[np.float64]:
+def sample_cells(cells: Cells, grid: Grid, n: int, rng: np.random.Generator) -> NDArray[np.float64]:
     """Points uniform over a set of cells.
 
     Parameters
     ----------
-    cells : ndarray of int64, shape (k,)
+    cells : ndarray of unsigned int, shape (k,)
         Flat indices, at least one.
     grid : Grid
     n : int
@@ -37,20 +41,25 @@ def sample_cells(cells: NDArray[np.int64], grid: Grid, n: int, rng: np.random.Ge
     return np.asarray(grid.lower + grid.spacing * (corner + within))
 
 
-def nearest_center(cells: NDArray[np.int64], grid: Grid, point: NDArray[np.float64]) -> NDArray[np.float64]:
+def nearest_center(cells: Cells, grid: Grid, point: NDArray[np.float64]) -> NDArray[np.float64]:
     """Middle of the cell nearest to a point, of a set of cells given by flat indices; shape (d,), metres."""
-    best, best_distance = point, np.inf
+    middle = (np.asarray(grid.lower) + grid.upper) / 2
+    away = point - middle
+    scale = max(1.0, float(np.abs(away).max()))
+    found, least = [], []
     for chunk in np.array_split(cells, len(cells) // 2**20 + 1):
         centers = grid.center_of(np.stack(np.unravel_index(chunk, grid.shape), axis=-1))
-        distances = np.square(centers - point).sum(axis=-1)
-        nearest = int(np.argmin(distances))
-        if distances[nearest] < best_distance:
-            best, best_distance = centers[nearest], distances[nearest]
-    return best
+        # Squared distances less what they share, scaled: those of points very far off would overflow.
+        from_middle = centers - middle
+        costs = np.square(from_middle).sum(axis=-1) / scale - 2.0 * (from_middle @ (away / scale))
+        nearest = int(np.argmin(costs))
+        found.append(centers[nearest])
+        least.append(costs[nearest])
+    return np.asarray(found[int(np.argmin(least))])
 
 
 def sample_stack(
-    cells: Sequence[NDArray[np.int64]],
+    cells: Sequence[Cells],
     slice_of: NDArray[np.int64],
     rotations: Rotations,
     grid: Grid,
@@ -73,7 +82,7 @@ def sample_stack(
 
 
 def nearest_turned(
-    cells: Sequence[NDArray[np.int64]],
+    cells: Sequence[Cells],
     slice_of: NDArray[np.int64],
     rotations: Rotations,
     grid: Grid,
@@ -104,7 +113,7 @@ def check_rng(rng: object) -> np.random.Generator:
     return rng
 
 
-def refuse_empty(cells: Sequence[NDArray[np.int64]]) -> None:
+def refuse_empty(cells: Sequence[Cells]) -> None:
     """Raise where no slice has a FREE cell."""
     if not any(len(part) for part in cells):
         raise ConfigurationError(

@@ -2,32 +2,27 @@
 
 from __future__ import annotations
 
-import operator
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.batches import answer, answer_edges, as_points
 from cspace.errors import InputError
-from cspace.exact.lookups import ExactLookups
-from cspace.grid import finite
-from cspace.plane import PlaneLookups
-from cspace.stack import Stack, read_only
-from cspace.states import FREE
-from cspace.turning.lookups import TurningLookups
+from cspace.questions import Questions
+from cspace.states import BLOCKED
 
 if TYPE_CHECKING:
     import xarray
     from matplotlib.axes import Axes
 
+    from cspace.connectivity import Components
+
 Floats = NDArray[np.float64]
 
 
-class CSpace(Stack):
-    """Certified map of the configurations of a robot in the plane: ``(x, y)``, or ``(x, y, yaw)`` for one that turns.
+class CSpace(Questions):
+    """Certified map of a robot's configurations: ``(x, y)`` or ``(x, y, yaw)`` in the plane, ``(x, y, z)`` in space.
 
     :func:`cspace.build` makes it and :func:`cspace.open` reads a saved one. Every look-up takes one configuration,
     shape (dof,), and answers with a Python number, or a batch, shape (..., dof), and answers with an array of shape
@@ -38,141 +33,7 @@ class CSpace(Stack):
     the workspace, FREE under ``outside="free"`` where it is proven to reach no obstacle, and otherwise MIXED.
     """
 
-    # ---- one cell ----------------------------------------------------------------------------------------------------
-
-    def classify(self, q: ArrayLike) -> Any:
-        """State of configurations.
-
-        Parameters
-        ----------
-        q : array-like, shape (dof,) or (..., dof)
-            Metres, and radians.
-
-        Returns
-        -------
-        int or ndarray of uint8, shape (...)
-            FREE (0), MIXED (1) or BLOCKED (2).
-
-        Raises
-        ------
-        InputError
-            If the last axis is not 2 long, or a value is NaN or infinite.
-        """
-        return answer(q, self.dof, self._lookups.classify(), np.uint8, int)
-
-    def is_free(self, q: ArrayLike, *, exact: bool = False) -> Any:
-        """Whether configurations are proven collision-free; as :meth:`classify`, with bool for an answer.
-
-        With ``exact``, the geometry itself decides in MIXED cells; see :mod:`cspace.exact.lookups`.
-        """
-        if exact:
-            return answer(q, self.dof, self._exact.points(), np.bool_, bool)
-        return operator.eq(self.classify(q), FREE)
-
-    def overlap(self, q: ArrayLike) -> Any:
-        """Number of (obstacle cell, robot offset) pairs that coincide at configurations.
-
-        The count is that of the outer rasters: in the grid it is zero exactly where a configuration is FREE, and grows
-        with the depth of the collision; times ``spacing**2`` an area. Cells beyond the workspace count under
-        ``outside="blocked"``. Nothing needs to be stored: the robot's rows are summed at each configuration.
-
-        Parameters
-        ----------
-        q : array-like, shape (dof,) or (..., dof)
-            Metres, and radians.
-
-        Returns
-        -------
-        int or ndarray of int64, shape (...)
-        """
-        return self._sum("outer", q)
-
-    def contains_robot(self, q: ArrayLike) -> Any:
-        """Whether the robot is proven to lie wholly inside the obstacles at configurations.
-
-        This is the packing question: with the obstacles a container's cavity or a sheet of material, True means that
-        the robot fits in there, margin included. False means that it is not proven at this resolution.
-
-        Parameters
-        ----------
-        q : array-like, shape (dof,) or (..., dof)
-            Metres, and radians.
-
-        Returns
-        -------
-        bool or ndarray of bool, shape (...)
-        """
-        counts = np.array([outer.count for outer, _ in self._rasters])
-        inside = operator.eq(self._sum("inner", q), counts[self._slices_of(q)])
-        return inside if np.ndim(inside) else bool(inside)
-
-    # ---- stretches ---------------------------------------------------------------------------------------------------
-
-    def motion_is_free(self, q0: ArrayLike, q1: ArrayLike, *, exact: bool = False) -> Any:
-        """Whether straight edges are proven collision-free all along.
-
-        True where every closed cell that the edge touches, be it in a corner, is FREE. An edge that lies on the border
-        of two cells touches both; so an edge that starts on the border of a cell that is not FREE is not proven.
-
-        Parameters
-        ----------
-        q0, q1 : array-like, shape (dof,) or (..., dof)
-            Ends of the edges, metres and radians; broadcast against each other.
-        exact : bool
-            Where cells are MIXED, let the geometry itself prove the edge; see :mod:`cspace.exact.lookups`.
-
-        Returns
-        -------
-        bool or ndarray of bool, shape (...)
-        """
-        return answer_edges(q0, q1, self.dof, (self._exact if exact else self._lookups).edges())
-
-    @property
-    def exact_counts(self) -> dict[str, int]:
-        """How many ``"point"`` and ``"edge"`` the geometry was asked for, and for how many ``"distance"`` in all."""
-        return self._exact.counts
-
-    def is_free_around(self, q: ArrayLike, distance: float, angle: float = 0.0) -> Any:
-        """Whether all configurations around configurations are proven collision-free.
-
-        True where every closed cell is FREE that meets the box of all configurations within ``distance`` along x and
-        along y, and within ``angle`` in yaw. Curves are proven with it, piece by piece.
-
-        Parameters
-        ----------
-        q : array-like, shape (dof,) or (..., dof)
-            Metres, and radians.
-        distance : float
-            Metres, zero or above.
-        angle : float
-            Radians, zero or above; plays no part where the robot does not turn.
-
-        Returns
-        -------
-        bool or ndarray of bool, shape (...)
-        """
-        reach = [float(value) for value in finite([distance, angle], "distance and angle")]
-        if min(reach) < 0.0:
-            raise InputError(f"distance and angle are {reach}; both must be zero or above, in metres and radians")
-        return answer(q, self.dof, self._lookups.boxes(*reach), np.bool_, bool)
-
-    def clearance(self, q: ArrayLike) -> Any:
-        """Lower bound of the distance, in the plane of translations, to the nearest configuration that is not FREE.
-
-        The bound is proven, and less than one and a half cells below the distance itself. Zero where a configuration is
-        not FREE; infinite where every configuration is.
-
-        Parameters
-        ----------
-        q : array-like, shape (dof,) or (..., dof)
-            Metres, and radians.
-
-        Returns
-        -------
-        float or ndarray of float64, shape (...)
-            Metres.
-        """
-        return answer(q, self.dof, self._lookups.clearances(), np.float64, float)
+    # ---- what FREE cells join ----------------------------------------------------------------------------------------
 
     def path_exists(self, q0: ArrayLike, q1: ArrayLike) -> Any:
         """Whether a collision-free path joins configurations.
@@ -188,11 +49,78 @@ class CSpace(Stack):
             True: a chain of FREE cells joins them. False: no chain of FREE and MIXED cells does, which proves that no
             collision-free path exists. None: undecided at this resolution.
         """
-        from cspace.connectivity import components, path_exists
+        from cspace.connectivity import path_exists
 
-        labels = self._once("components", lambda: components(self.stack, self.slice_of, self._rim_is_open()))
         ends = (self._checked(q0, "q0"), self._checked(q1, "q1"))
-        return path_exists(labels, *((self._cells_of(q), np.asarray(self.classify(q))) for q in ends))
+        return path_exists(self._components, *((self._cells_of(q), np.asarray(self.classify(q))) for q in ends))
+
+    def free_reach(self, q: ArrayLike) -> tuple[Floats, Floats]:
+        """The box, along the axes, around all FREE cells of the grid that chains of FREE cells join to a configuration.
+
+        No path through FREE cells of the grid leaves it, which narrows down where a planner has to look.
+
+        Parameters
+        ----------
+        q : array-like, shape (dof,)
+            Metres, and radians.
+
+        Returns
+        -------
+        lower, upper : ndarray of float64, shape (d,)
+            Corners in the plane or in space, metres.
+
+        Raises
+        ------
+        ConfigurationError
+            If the configuration is not FREE, or not in the grid.
+        """
+        from cspace.connectivity import reach
+
+        point = self._one_free(q, "q")
+        labels, (turn, *cell) = self._components, self._cells_of(point).tolist()
+        label = int(labels.free[(min(turn, len(labels.free) - 1), *cell)])  # one rotation may stand for all
+        first, last = self._once(f"reach of {label}", lambda: reach(labels, label))
+        lower = np.asarray(self.grid.lower)
+        return lower + self.grid.spacing * first, lower + self.grid.spacing * (last + 1)
+
+    def free_path(self, q0: ArrayLike, q1: ArrayLike, *, straight: bool = True) -> Floats:
+        """A collision-free path, proven all along, found by the map itself: from cube to cube of FREE cells.
+
+        There is one wherever :meth:`path_exists` is True for the two, and it is the same every time. It is not the
+        shortest. For robots that only translate.
+
+        Parameters
+        ----------
+        q0, q1 : array-like, shape (d,)
+            FREE configurations in the grid, metres.
+        straight : bool
+            Whether to leave out what the straight edges do not need.
+
+        Returns
+        -------
+        ndarray of float64, shape (n, d)
+            Waypoints, from q0 to q1, each edge between two proven free; of length 0 where chains of FREE cells do not
+            join them, or one of them lies on the border of a cell that is not FREE.
+
+        Raises
+        ------
+        ConfigurationError
+            If a configuration is not FREE, or not in the grid.
+        InputError
+            If the robot turns, or a configuration is not one of finite numbers.
+        """
+        from cspace.cubes.path import cube_path, pulled_straight
+
+        if self.rotations is not None:
+            raise InputError("the robot turns; free_path is for robots that only translate; use planners.plan")
+        ends = [self._one_free(q, name) for q, name in ((q0, "q0"), (q1, "q1"))]
+        cells = cube_path(self.stack[0], *(self.grid.cell_of(q) for q in ends))
+        if not len(cells):
+            return np.empty((0, self.dof))
+        path = np.vstack([ends[0], self.grid.center_of(cells), ends[1]])
+        if straight and self.motion_is_free(path[:-1], path[1:]).all():
+            path = pulled_straight(path, self.edge_checker(), 2.0 * self.grid.spacing)
+        return path if self.motion_is_free(path[:-1], path[1:]).all() else np.empty((0, self.dof))
 
     def open_chain(self, q0: ArrayLike, q1: ArrayLike, closed: NDArray[np.bool_] | None = None) -> NDArray[np.int64]:
         """A chain of FREE and MIXED cells between two configurations, with as few MIXED ones as can be.
@@ -203,26 +131,35 @@ class CSpace(Stack):
         ----------
         q0, q1 : array-like, shape (dof,)
             Metres, and radians; in the grid.
-        closed : ndarray of bool, shape (rotations, nx, ny), optional
+        closed : ndarray of bool, shape (rotations, nx, ny) or (1, nx, ny, nz), optional
             Cells that are left out; one rotation where the robot does not turn.
 
         Returns
         -------
-        ndarray of int64, shape (n, 3)
-            Cells ``(rotation, x, y)``, each sharing a side with the next; of length 0 where there is no chain.
+        ndarray of int64, shape (n, 3) or (n, 4)
+            Cells ``(rotation, x, y)`` or ``(0, x, y, z)``, each sharing a side with the next; of length 0 where there
+            is no chain, or one of the two is BLOCKED.
 
         Raises
         ------
         InputError
-            If a configuration is not one of the grid.
+            If a configuration is not one of the grid, or ``closed`` is not as stated.
         """
         from cspace.connectivity import chain
 
         ends = [self._cells_of(self._checked(q, name)) for q, name in ((q0, "q0"), (q1, "q1"))]
-        if any(end.shape != (3,) or (end[1:] < 0).any() or (end[1:] >= self.grid.shape).any() for end in ends):
+        shape = self.grid.shape
+        if any(end.shape != (1 + len(shape),) or (end[1:] < 0).any() or (end[1:] >= shape).any() for end in ends):
             raise InputError(f"q0 and q1 are {q0!r} and {q1!r}; each must be one configuration in the grid")
-        shut = np.zeros((len(self.slice_of), *self.grid.shape), dtype=np.bool_) if closed is None else closed
-        return chain(self.stack, self.slice_of, shut, *ends)
+        needed = (len(self.slice_of), *shape)
+        if closed is not None and (getattr(closed, "shape", None) != needed or closed.dtype != np.bool_):
+            raise InputError(
+                f"closed is a {type(closed).__name__} of shape {np.shape(closed)}; it must be a boolean array of shape "
+                f"{needed}, one entry for each cell; leave it out for none"
+            )
+        if BLOCKED in (self.classify(q0), self.classify(q1)):
+            return np.empty((0, 1 + len(shape)), dtype=np.int64)
+        return chain(self.stack, self.slice_of, closed, *ends)
 
     # ---- the set of FREE configurations ------------------------------------------------------------------------------
 
@@ -286,52 +223,6 @@ class CSpace(Stack):
             return nearest_center(self._free_cells[0], self.grid, point)
         return nearest_turned(self._free_cells, self.slice_of, self.rotations, self.grid, point)
 
-    # ---- for callbacks -----------------------------------------------------------------------------------------------
-
-    def point_checker(self, *, exact: bool = False) -> Callable[..., bool]:
-        """A quick ``is_free`` of floats, for callbacks that are called a million times.
-
-        Parameters
-        ----------
-        exact : bool
-            As for :meth:`is_free`.
-
-        Returns
-        -------
-        callable
-            ``check(x, y) -> bool`` or ``check(x, y, yaw) -> bool``; the numbers must be finite floats, and are not
-            checked.
-        """
-        quick = self._lookups.point_checker()
-        return self._exact.point_checker(quick) if exact else quick
-
-    def edge_checker(self, *, exact: bool = False) -> Callable[..., bool]:
-        """A quick ``motion_is_free`` of the floats of two configurations, in one compiled call.
-
-        Parameters
-        ----------
-        exact : bool
-            As for :meth:`motion_is_free`.
-
-        Returns
-        -------
-        callable
-            ``check(x0, y0, x1, y1) -> bool`` or ``check(x0, y0, yaw0, x1, y1, yaw1) -> bool``; the numbers must be
-            finite floats, and are not checked.
-        """
-        return (self._exact if exact else self._lookups).edge_checker()
-
-    def clearance_checker(self) -> Callable[..., float]:
-        """A quick ``clearance`` of floats, in one compiled call.
-
-        Returns
-        -------
-        callable
-            ``check(x, y) -> float`` or ``check(x, y, yaw) -> float``; the numbers must be finite floats, and are not
-            checked.
-        """
-        return self._lookups.clearance_checker()
-
     # ---- files and pictures ------------------------------------------------------------------------------------------
 
     def to_xarray(self) -> xarray.Dataset:
@@ -349,7 +240,8 @@ class CSpace(Stack):
     def export(self, path: str | Path, *, overwrite: bool = False, yaw: float | None = None) -> None:
         """Write for other programs, by suffix; see :func:`cspace.io.files.export`.
 
-        The ROS map of a robot that turns holds the slice at ``yaw``, in radians.
+        ``.npz``; in the plane ``.yaml``, a ROS map; ``.vti`` for ParaView; in space ``.ply``, ``.obj`` and ``.stl``,
+        the border of the FREE cells. What holds one slice needs, of a robot that turns, its ``yaw``, in radians.
         """
         from cspace.io.files import export
 
@@ -361,34 +253,8 @@ class CSpace(Stack):
 
         return plot(self, **options)
 
-    # ---- what is computed once ---------------------------------------------------------------------------------------
-
     @property
-    def _lookups(self) -> PlaneLookups | TurningLookups:
-        return self._once("look-ups", self._make_lookups)
+    def _components(self) -> Components:
+        from cspace.connectivity import components
 
-    def _make_lookups(self) -> PlaneLookups | TurningLookups:
-        frame = read_only(np.array([*self.grid.lower, self.grid.spacing, *self.grid.upper]))
-        if self.rotations is None:
-            return PlaneLookups(self.stack[0], frame, self._outsides[0])
-        return TurningLookups(self.stack, self.slice_of, self.rotations, frame, self._outsides)
-
-    @property
-    def _exact(self) -> ExactLookups:
-        return self._once("exact", lambda: ExactLookups(self, self._outsides))
-
-    def _checked(self, q: ArrayLike, name: str) -> Floats:
-        """Configurations as float64, all finite and of the right length."""
-        points = as_points(q, name, self.dof)
-        self.classify(points)  # raises where one is not finite
-        return points
-
-    def _sum(self, side: str, q: ArrayLike) -> Any:
-        from cspace.overlap import column_sums
-
-        cells = self.workspace.outer if side == "outer" else self.workspace.inner
-        key = "outer sums" if cells is self.workspace.outer else "inner sums"
-        sums = self._once(key, lambda: column_sums(cells))
-        rasters = [outer for outer, _ in self._rasters]
-        kernel = self._lookups.overlaps(sums, rasters, int(self.outside == "blocked"))
-        return answer(q, self.dof, kernel, np.int64, int)
+        return self._once("components", lambda: components(self.stack, self.slice_of, self._rim_is_open()))

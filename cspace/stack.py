@@ -27,7 +27,7 @@ class Stack:
     ----------
     workspace : Workspace
     robot : Robot
-    state : ndarray of uint8, shape (nx, ny) or (slices, nx, ny)
+    state : ndarray of uint8, shape (nx, ny), (nx, ny, nz) or (slices, nx, ny)
         FREE, MIXED or BLOCKED, of each cell of positions of the robot's reference point; with rotations, of each slice.
         It is taken over, not copied.
     outside : {"blocked", "free"}
@@ -44,7 +44,7 @@ class Stack:
 
     Attributes
     ----------
-    stack : ndarray of uint8, shape (slices, nx, ny)
+    stack : ndarray of uint8, shape (slices, nx, ny) or (1, nx, ny, nz)
         The slices, as they are stored: one where the robot only translates.
     slice_of : ndarray of int64, shape (rotations,)
         Which slice each rotation cell has; turns that map the robot to itself share theirs.
@@ -63,6 +63,8 @@ class Stack:
         rotations: Rotations | None = None,
         rasters: Sequence[tuple[Raster, Raster]] | None = None,
     ) -> None:
+        if rotations is not None and workspace.grid.dim != 2:
+            raise InputError("rotations are given for a robot in space; it only translates so far; leave them out")
         self.slice_of = slice_of_rotation(robot, rotations)
         shape = workspace.grid.shape if rotations is None else (int(self.slice_of.max()) + 1, *workspace.grid.shape)
         for name, array, kind in (("state", state, np.uint8), ("overlaps", overlaps, np.int32)):
@@ -94,24 +96,24 @@ class Stack:
 
     @property
     def dof(self) -> int:
-        """Numbers in a configuration: 2, or 3 for a robot that turns."""
-        return 2 if self.rotations is None else 3
+        """Numbers in a configuration: 2 in the plane, 3 in space, 3 for a robot that turns in the plane."""
+        return self.grid.dim if self.rotations is None else 3
 
     @property
     def state(self) -> NDArray[np.uint8]:
-        """State of each cell, shape (nx, ny) or (rotations, nx, ny).
+        """State of each cell, shape (nx, ny), (nx, ny, nz) or (rotations, nx, ny).
 
         Read-only. A new array at each call where slices are shared; :attr:`stack` and :attr:`slice_of` cost nothing.
         """
         if self.rotations is None:
-            plane: NDArray[np.uint8] = self.stack[0]
-            return plane
+            only: NDArray[np.uint8] = self.stack[0]
+            return only
         shared = len(self.stack) < len(self.slice_of)
         every: NDArray[np.uint8] = read_only(self.stack[self.slice_of]) if shared else self.stack
         return every
 
     def slice_at(self, yaw: float = 0.0) -> NDArray[np.uint8]:
-        """State of each cell in the rotation cell of a yaw (radians), shape (nx, ny)."""
+        """State of each cell in the rotation cell of a yaw (radians), shape (nx, ny); all of a robot in space."""
         cell = 0 if self.rotations is None else int(self.rotations.cell_of(yaw))
         part: NDArray[np.uint8] = self.stack[self.slice_of[cell]]
         return part
@@ -141,9 +143,10 @@ class Stack:
         return self._once("outsides", lambda: [Outside.of(outer, *pair, self.outside) for pair in self._rasters])
 
     @property
-    def _free_cells(self) -> list[NDArray[np.int64]]:
+    def _free_cells(self) -> list[NDArray[np.unsignedinteger[Any]]]:
         """Flat indices of the FREE cells of each slice."""
-        return self._once("free cells", lambda: [np.flatnonzero(part == FREE) for part in self.stack])
+        kind = np.uint32 if self.grid.size < 2**32 else np.uint64
+        return self._once("free cells", lambda: [np.flatnonzero(part == FREE).astype(kind) for part in self.stack])
 
     def _rim_is_open(self) -> NDArray[np.bool_]:
         """Whether some configuration outside the grid is not BLOCKED, for each slice."""
@@ -157,8 +160,8 @@ class Stack:
         return part
 
     def _cells_of(self, points: NDArray[np.float64]) -> NDArray[np.int64]:
-        """Cells ``(rotation, x, y)`` of configurations, in the grid or not."""
-        cells = self.grid.cell_of(points[..., :2])
+        """Cells ``(rotation, x, y)`` or ``(0, x, y, z)`` of configurations, in the grid or not."""
+        cells = self.grid.cell_of(points[..., : self.grid.dim])
         turn = (
             np.zeros(points.shape[:-1], np.int64) if self.rotations is None else self.rotations.cell_of(points[..., 2])
         )

@@ -2,28 +2,34 @@
 
 from __future__ import annotations
 
-import inspect
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.errors import FileError, InputError
-from cspace.grid import Grid, finite, positive, unmasked
+from cspace.covering import check_bounds, check_cells, covering_grid, warn_of_nothing, warn_of_units
+from cspace.errors import InputError
+from cspace.grid import Grid, finite, positive
+from cspace.memory import MESH_BYTES, WORKSPACE_BYTES
+from cspace.shapes import check_balls
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
+
+    from cspace.bodies import Balls
+    from cspace.mesh import Mesh, Solid
+
+    Shape: TypeAlias = BaseGeometry | Mesh | Balls
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Workspace:
     """The obstacles, as two sets of closed cells: those that meet an obstacle, and those that lie in obstacles.
 
-    A map that is itself a grid of obstacle cells has both the same. Make one with a ``from_...`` method or
-    :meth:`open`.
+    A map that is itself a grid has both the same. Make one with a ``from_...`` method or :meth:`open`.
 
     Attributes
     ----------
@@ -34,9 +40,10 @@ class Workspace:
         Cells that lie in obstacles; the same object as ``outer`` for a map that is itself a grid.
     source : str
         What it was read from.
-    shapes : tuple of shapely geometries or None
-        The obstacles themselves, metres, also where they reach beyond the grid; None for a map that is itself a grid,
-        whose outer cells are the obstacles. Exact look-ups ask them.
+    shapes : tuple or None
+        The obstacles themselves, metres, also where they reach beyond the grid: shapely geometries in the plane,
+        meshes (:class:`cspace.mesh.Mesh`) and balls (:class:`cspace.bodies.Balls`) in space. None for a map that is
+        itself a grid, whose outer cells are the obstacles. Exact look-ups ask them.
 
     Raises
     ------
@@ -49,11 +56,11 @@ class Workspace:
     outer: NDArray[np.bool_] = field(repr=False)
     inner: NDArray[np.bool_] = field(repr=False)
     source: str = "array"
-    shapes: tuple[BaseGeometry, ...] | None = field(default=None, repr=False)
+    shapes: tuple[Shape, ...] | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        outer = _cells(self.outer, "outer")
-        inner = outer if self.inner is self.outer else _cells(self.inner, "inner")
+        outer = check_cells(self.outer, "outer")
+        inner = outer if self.inner is self.outer else check_cells(self.inner, "inner")
         for name, cells in (("outer", outer), ("inner", inner)):
             if cells.shape != self.grid.shape:
                 raise InputError(
@@ -87,23 +94,19 @@ class Workspace:
         inner : array-like of bool, same shape, optional
             Cells that lie in obstacles; ``occupied`` if left out.
 
-        Returns
-        -------
-        Workspace
-
         Raises
         ------
         InputError
             If an array is empty, not boolean or of the wrong shape, or a number is not usable.
         """
-        cells = _cells(occupied, "occupied")
+        cells = check_cells(occupied, "occupied")
         corner = finite(np.zeros(cells.ndim) if lower is None else lower, "lower")
         if corner.shape != (cells.ndim,):
             raise InputError(
                 f"lower is {lower!r}; occupied has {cells.ndim} axes and lower must have as many coordinates; pass "
                 f"e.g. {(0.0,) * cells.ndim}"
             )
-        return cls(Grid(corner, spacing, cells.shape), cells, cells if inner is None else _cells(inner, "inner"))
+        return cls(Grid(corner, spacing, cells.shape), cells, cells if inner is None else check_cells(inner, "inner"))
 
     @classmethod
     def from_ros_map(cls, path: str | os.PathLike[str], unknown: str = "occupied") -> Workspace:
@@ -118,10 +121,6 @@ class Workspace:
             The YAML file.
         unknown : {"occupied", "free"}
             What unknown cells are.
-
-        Returns
-        -------
-        Workspace
 
         Raises
         ------
@@ -159,10 +158,6 @@ class Workspace:
         dark : {"occupied", "free"}
             What dark pixels are; bright ones are the other. A pixel that is not fully opaque is occupied either way.
 
-        Returns
-        -------
-        Workspace
-
         Raises
         ------
         InputError
@@ -178,18 +173,16 @@ class Workspace:
 
     @classmethod
     def from_movingai(cls, path: str | os.PathLike[str], spacing: float = 1.0) -> Workspace:
-        """A MovingAI ``.map``: ``.``, ``G`` and ``S`` are passable, ``@``, ``O``, ``T`` and ``W`` blocked.
+        """A MovingAI ``.map`` in the plane, or ``.3dmap`` of voxels in space.
+
+        In a ``.map``, ``.``, ``G`` and ``S`` are passable, ``@``, ``O``, ``T`` and ``W`` blocked.
 
         Parameters
         ----------
         path : path-like
-            Its first row is the top; the lower left corner of the map is the origin.
+            The first row of a ``.map`` is the top; the lower corner of the map is the origin.
         spacing : float
             Side of a cell, in metres.
-
-        Returns
-        -------
-        Workspace
 
         Raises
         ------
@@ -198,10 +191,11 @@ class Workspace:
         FileError
             If the file is missing, truncated or malformed; the message names the line.
         """
-        from cspace.io.movingai import read_map
+        from cspace.io.movingai import read_3dmap, read_map
 
-        cells = read_map(path)
-        return cls(Grid((0.0, 0.0), spacing, cells.shape), cells, cells, source=str(path))
+        solid = str(path).lower().endswith(".3dmap")
+        cells = read_3dmap(path) if solid else read_map(path)
+        return cls(Grid(np.zeros(cells.ndim), spacing, cells.shape), cells, cells, source=str(path))
 
     @classmethod
     def from_polygons(cls, polygons: Any, spacing: float, bounds: ArrayLike | None = None) -> Workspace:
@@ -218,10 +212,6 @@ class Workspace:
             begins at the lower corner and has as many cells as reach the upper one, less a strip of up to 1e-9 cells
             from rounding. **What lies beyond it is clipped.**
 
-        Returns
-        -------
-        Workspace
-
         Raises
         ------
         GeometryError
@@ -231,16 +221,156 @@ class Workspace:
         FileError
             If the file is missing or malformed.
         """
+        import shapely
+
         from cspace.io.vector import SUFFIXES, read_shapes
         from cspace.raster import rasterize_obstacles
 
         side = positive(spacing, "spacing")
+        box = None if bounds is None else check_bounds(bounds)
         shapes = read_shapes(polygons)
-        grid = _cover(_bounding_box(shapes) if bounds is None else _bounds(bounds), side)
+        corners = shapely.total_bounds(shapes).reshape(2, 2)
+        grid = covering_grid(corners if box is None else box, side, WORKSPACE_BYTES)
+        warn_of_units(corners, side, "set of polygons", box is not None)
         outer, inner = rasterize_obstacles(shapes, grid)
+        warn_of_nothing(outer, grid, corners)
         named = isinstance(polygons, str | os.PathLike) and Path(polygons).suffix.lower() in SUFFIXES
         source = str(polygons) if named else f"{len(shapes)} polygon{'s' * (len(shapes) > 1)}"
         return cls(grid, outer, inner, source=source, shapes=tuple(shapes))
+
+    @classmethod
+    def from_mesh(
+        cls, mesh: Any, spacing: float, bounds: ArrayLike | None = None, *, solid: Solid = "auto"
+    ) -> Workspace:
+        """A triangle mesh in space, rasterised so that ``outer`` and ``inner`` are proven.
+
+        Parameters
+        ----------
+        mesh : trimesh.Trimesh, trimesh.Scene, cspace.mesh.Mesh, path-like, or (vertices, faces)
+            Metres; files are ``.stl``, ``.obj``, ``.ply``, ``.off``, ``.glb``, ``.gltf`` and ``.dae``.
+        spacing : float
+            Side of a cell, in metres.
+        bounds : array-like, shape (6,), optional
+            ``xmin, ymin, zmin, xmax, ymax, zmax`` of the map, in metres; the bounding box of the mesh if left out, as
+            for :meth:`from_polygons`. **What lies beyond it is clipped.**
+        solid : {"auto", "surface", "fill"}
+            What has an inside: "auto", the closed parts of the mesh, with a warning if there are others; "surface",
+            nothing; "fill", whatever the surface encloses at this spacing.
+
+        Raises
+        ------
+        GeometryError
+            If the mesh has no triangle or a vertex is NaN or infinite.
+        InputError
+            If ``bounds`` is reversed, a number or word is not usable, or the map does not fit into memory.
+        FileError
+            If the file is missing or malformed.
+        """
+        from cspace.mesh import Mesh
+        from cspace.raster.solids import rasterize_mesh
+
+        side = positive(spacing, "spacing")
+        box = None if bounds is None else check_bounds(bounds, 3)
+        shape = Mesh.of(mesh, solid)
+        grid = covering_grid(shape.bounds if box is None else box, side, MESH_BYTES)
+        warn_of_units(shape.bounds, side, "mesh", box is not None)
+        outer, inner = rasterize_mesh(shape, grid)
+        warn_of_nothing(outer, grid, shape.bounds)
+        source = str(mesh) if isinstance(mesh, str | os.PathLike) else shape.source
+        return cls(grid, outer, inner, source=source, shapes=None if shape.solid == "fill" else (shape,))
+
+    @classmethod
+    def from_balls(
+        cls, centers: ArrayLike, radii: ArrayLike, spacing: float, bounds: ArrayLike | None = None
+    ) -> Workspace:
+        """Balls in space, or discs in the plane, rasterised so that ``outer`` and ``inner`` are proven.
+
+        Parameters
+        ----------
+        centers : array-like, shape (n, 2) or (n, 3)
+            Metres.
+        radii : array-like, shape (n,), or one number
+            Metres, zero or above.
+        spacing : float
+            Side of a cell, in metres.
+        bounds : array-like, shape (4,) or (6,), optional
+            Lower, then upper corner of the map; the bounding box of the balls if left out. **What lies beyond it is
+            clipped.**
+
+        Raises
+        ------
+        InputError
+            If the shapes do not fit, a value is not usable, or the map does not fit into memory.
+        """
+        from cspace.bodies import Balls
+        from cspace.raster.boxes import rasterize_balls
+
+        side = positive(spacing, "spacing")
+        points, sizes = check_balls(centers, radii)
+        balls = Balls(points, sizes)
+        corners = np.stack(balls.bounds)
+        grid = covering_grid(corners if bounds is None else check_bounds(bounds, balls.dim), side, WORKSPACE_BYTES)
+        outer, inner = rasterize_balls(points, sizes, grid)
+        warn_of_nothing(outer, grid, corners)
+        # In the plane, exact look-ups ask the outer cells: shapely knows no discs.
+        return cls(grid, outer, inner, source=f"{len(points)} balls", shapes=(balls,) if balls.dim == 3 else None)
+
+    @classmethod
+    def from_points(
+        cls, points: Any, spacing: float, bounds: ArrayLike | None = None, *, radius: float = 0.0
+    ) -> Workspace:
+        """A point cloud: every point an obstacle, alone or with a ball around it.
+
+        Parameters
+        ----------
+        points : array-like, shape (n, 2) or (n, 3), or path-like
+            Metres; files are ``.npy``, ``.xyz``, ``.txt``, ``.csv``, ``.ply`` and ``.pcd``, of points in space.
+        spacing : float
+            Side of a cell, in metres.
+        bounds : array-like, shape (4,) or (6,), optional
+            As for :meth:`from_balls`.
+        radius : float
+            Of the balls, metres, zero or above.
+
+        Raises
+        ------
+        InputError
+            As :meth:`from_balls`.
+        FileError
+            If the file is missing, truncated or malformed.
+        """
+        from cspace.io.points import read_points
+
+        side = positive(spacing, "spacing")
+        named = isinstance(points, str | os.PathLike)
+        if named and bounds is not None:
+            check_bounds(bounds, 3)
+        cloud, sizes = check_balls(read_points(points) if named else points, radius)
+        warn_of_units(np.array([cloud.min(axis=0), cloud.max(axis=0)]), side, "cloud", bounds is not None)
+        found = cls.from_balls(cloud, sizes, side, bounds)
+        return replace(found, source=str(points) if named else f"{len(points)} points")
+
+    @classmethod
+    def from_octomap(cls, path: str | os.PathLike[str], unknown: str = "occupied") -> Workspace:
+        """An OctoMap, ``.bt`` or ``.ot``, at its own resolution; coarse leaves are filled with its finest cells.
+
+        Parameters
+        ----------
+        path : path-like
+        unknown : {"occupied", "free"}
+            What cells are that the map does not know, within the box of those it knows.
+
+        Raises
+        ------
+        InputError
+            If ``unknown`` is neither word.
+        FileError
+            If the file is missing, truncated or malformed.
+        """
+        from cspace.io.octomap import read_octomap
+
+        grid, cells = read_octomap(path, unknown)
+        return cls(grid, cells, cells, source=str(path))
 
     @classmethod
     def open(cls, path: str | os.PathLike[str], **options: Any) -> Workspace:
@@ -249,15 +379,14 @@ class Workspace:
         Parameters
         ----------
         path : path-like
-            ``.yaml``, ``.yml`` (ROS map); ``.map`` (MovingAI); ``.geojson``, ``.json``, ``.wkt`` (polygons);
-            ``.png``, ``.pgm``, ``.ppm``, ``.jpg``, ``.bmp`` and the like (image); ``.npy`` (boolean array).
+            ``.yaml``, ``.yml`` (ROS map); ``.map``, ``.3dmap`` (MovingAI); ``.geojson``, ``.json``, ``.wkt``
+            (polygons); ``.png``, ``.pgm``, ``.ppm``, ``.jpg``, ``.bmp`` and the like (image); ``.stl``, ``.obj``,
+            ``.ply``, ``.off``, ``.glb``, ``.gltf``, ``.dae`` (mesh); ``.bt``, ``.ot`` (OctoMap); ``.xyz``, ``.txt``,
+            ``.csv``, ``.pcd``, and ``.ply`` without faces (point cloud); ``.npy`` (boolean array, or rows of three
+            floats: points).
         **options
-            What the method for that format takes: ``spacing`` for all but ROS maps (needed for all but MovingAI),
-            ``unknown``, ``threshold``, ``dark``, ``lower``, ``bounds``.
-
-        Returns
-        -------
-        Workspace
+            What the method for that format takes: ``spacing`` for all but ROS maps and OctoMaps (needed for all but
+            MovingAI), ``unknown``, ``threshold``, ``dark``, ``lower``, ``bounds``, ``solid``, ``radius``.
 
         Raises
         ------
@@ -266,131 +395,6 @@ class Workspace:
         FileError
             If the file is missing or malformed.
         """
-        try:
-            suffix = Path(path).suffix.lower()
-        except TypeError as error:
-            raise InputError(f"path is {path!r}; it must be a file name; pass a string or a pathlib.Path") from error
-        if suffix not in READERS:
-            raise InputError(
-                f"{os.fspath(path)} ends in {suffix!r}; the suffix says which format to read; use one of "
-                f"{', '.join(READERS)}"
-            )
-        reader = getattr(cls, READERS[suffix])
-        known = dict(list(inspect.signature(reader).parameters.items())[1:])
-        for name in options:
-            if name not in known:
-                raise InputError(
-                    f"{name} is given for {os.fspath(path)}; a {suffix} file takes {', '.join(known)}; leave it out"
-                )
-        for name, parameter in known.items():
-            if parameter.default is parameter.empty and name not in options:
-                raise InputError(
-                    f"{name} is missing for {os.fspath(path)}; a {suffix} file does not hold it; pass e.g. "
-                    f"{name}=0.05 (metres)"
-                )
-        workspace: Workspace = reader(path, **options)
-        return workspace
+        from cspace.io.workspaces import open_workspace
 
-    @classmethod
-    def _from_npy(cls, path: str | os.PathLike[str], spacing: float, lower: ArrayLike | None = None) -> Workspace:
-        """A boolean array saved by :func:`numpy.save`."""
-        from cspace.io.input import existing
-
-        file = existing(path, "NumPy array")
-        try:
-            with file.open("rb") as stream:
-                array = np.lib.format.read_array(stream, allow_pickle=False)
-        except (OSError, ValueError, EOFError) as error:
-            raise FileError(
-                f"{file} cannot be read: {error}; it must hold one boolean array; write it with numpy.save"
-            ) from error
-        found = cls.from_array(array, spacing, lower)
-        return cls(found.grid, found.outer, found.outer, source=str(path))
-
-
-READERS: Final = {
-    ".yaml": "from_ros_map",
-    ".yml": "from_ros_map",
-    ".map": "from_movingai",
-    ".geojson": "from_polygons",
-    ".json": "from_polygons",
-    ".wkt": "from_polygons",
-    ".npy": "_from_npy",
-    **dict.fromkeys((".png", ".pgm", ".ppm", ".pbm", ".pnm", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff"), "from_image"),
-}
-"""The method that reads a file, by its suffix."""
-
-_MAX_CELLS: Final = 2**32
-
-_STRIP: Final = 1e-9
-"""Part of a cell that the upper bound may be off by rounding; far below the slack of an outer raster, so that an
-obstacle in that strip still marks the last cell."""
-
-
-def _cells(values: ArrayLike, name: str) -> NDArray[np.bool_]:
-    """A read-only copy of a boolean array of two or three axes."""
-    dims = getattr(values, "dims", None)
-    if dims is not None and tuple(dims) != ("x", "y", "z")[: len(dims)]:
-        raise InputError(
-            f"{name} has the dimensions {tuple(dims)}; they must be named x, y (and z), in this order; "
-            'rename or transpose it, e.g. array.transpose("x", "y")'
-        )
-    unmasked(values, name)
-    try:
-        array = np.asarray(values)
-    except ValueError as error:
-        raise InputError(f"{name} is ragged: {error}; its rows must have one length; pad or cut them") from error
-    if array.ndim not in (2, 3) or array.size == 0:
-        raise InputError(
-            f"{name} has shape {array.shape}; it must have two or three axes and at least one cell; pass an array "
-            "indexed [x, y] or [x, y, z]"
-        )
-    if array.dtype.kind == "f":
-        finite(array, name)
-    if array.dtype.kind not in "biu":
-        raise InputError(
-            f"{name} has dtype {array.dtype}; cells are occupied or not, so that it must be boolean; compare it with a "
-            "threshold first, e.g. array > 0.5"
-        )
-    if array.dtype.kind != "b":
-        wrong = np.argwhere((array != 0) & (array != 1))
-        if len(wrong):
-            index = tuple(wrong[0].tolist())
-            raise InputError(
-                f"{name}[{', '.join(map(str, index))}] is {array[index]}; whole numbers must be 0 or 1; compare with a "
-                "threshold first, e.g. array >= 50"
-            )
-    copy = np.array(array != 0, order="C")  # a boolean array may hold other bytes than 0 and 1; a comparison does not
-    copy.setflags(write=False)
-    return copy
-
-
-def _bounding_box(shapes: list[Any]) -> NDArray[np.float64]:
-    import shapely
-
-    return np.asarray(shapely.total_bounds(shapes), dtype=np.float64)
-
-
-def _bounds(bounds: ArrayLike) -> NDArray[np.float64]:
-    """``xmin, ymin, xmax, ymax``, checked."""
-    box = finite(bounds, "bounds")
-    if box.shape != (4,):
-        raise InputError(f"bounds is {bounds!r}; it must hold four numbers; pass (xmin, ymin, xmax, ymax) in metres")
-    if (box[2:] <= box[:2]).any():
-        raise InputError(
-            f"bounds is {tuple(box.tolist())}; xmax must be above xmin and ymax above ymin; pass (xmin, ymin, xmax, "
-            "ymax) in metres"
-        )
-    return box
-
-
-def _cover(box: NDArray[np.float64], spacing: float) -> Grid:
-    """The grid that begins at the lower corner of a box and reaches its upper one."""
-    with np.errstate(over="ignore"):
-        counts = np.maximum(1.0, np.ceil((box[2:] - box[:2]) / spacing - _STRIP))
-    if counts.prod() > _MAX_CELLS:
-        raise InputError(
-            f"spacing is {spacing}; the map would have {' x '.join(f'{n:.0f}' for n in counts)} cells, and at most "
-            f"{_MAX_CELLS} are made; use a larger spacing or smaller bounds, or check the units (metres)"
-        )
-    return Grid(box[:2], spacing, [int(n) for n in counts])
+        return open_workspace(path, **options)

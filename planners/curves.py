@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from ompl import base as ob
 
-from cspace.plane import entry
+from cspace.translating import entry
 from planners.straight import DENSE_TURN, Pieces, wrapped
 
 if TYPE_CHECKING:

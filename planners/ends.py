@@ -10,6 +10,7 @@ from cspace.errors import ConfigurationError, InputError
 from cspace.grid import finite
 from cspace.rotations import MAX_YAW
 from cspace.states import BLOCKED, FREE, NAMES
+from planners.states import TURNING, kind_of
 from planners.straight import exactly, wrap
 
 if TYPE_CHECKING:
@@ -45,12 +46,12 @@ def check_end(space: CSpace, q: ArrayLike, name: str, exact: bool = False) -> En
     """
     point = finite(q, name)
     if point.shape != (space.dof,):
-        numbers = "x and y, in metres" if space.dof == 2 else "x and y in metres, and yaw in radians"
         raise InputError(
-            f"{name} has shape {point.shape}; it must be one configuration of {space.dof} numbers; pass {numbers}"
+            f"{name} has shape {point.shape}; it must be one configuration of {space.dof} numbers; pass "
+            f"{kind_of(space).units}"
         )
     end = tuple(point.tolist())
-    if space.dof == 3:
+    if kind_of(space) is TURNING:
         if abs(end[2]) > MAX_YAW:
             raise InputError(f"{name} has a yaw of {end[2]:g} rad; at most {MAX_YAW:.0f} can be wrapped; wrap it first")
         end = (*end[:2], wrap(end[2]))
@@ -76,15 +77,13 @@ def _unusable(space: CSpace, end: End, name: str, inside: bool, exact: bool) -> 
         reason = "is FREE but lies on the border of a cell that is not"
         rule = f"a motion from or to it would touch that cell too, so the {name} must lie inside"
     try:
-        nearest = _wrapped(tuple(space.nearest_free(end).tolist()))
+        nearest = tuple(space.nearest_free(end).tolist())
+        if kind_of(space) is TURNING:
+            nearest = (*nearest[:2], wrap(nearest[2]))
     except ConfigurationError:
         mend = "the map has no FREE configuration at all; use a smaller robot, margin or spacing"
         return ConfigurationError(f"{name} {_text(end)} {reason}; {rule}; {mend}")
     return ConfigurationError(f"{name} {_text(end)} {reason}; {rule}; the nearest is {_text(nearest)}", nearest)
-
-
-def _wrapped(point: End) -> End:
-    return (*point[:2], *map(wrap, point[2:]))
 
 
 def _text(point: End) -> str:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 from ompl import base as ob
 
 from planners.curves import Curve
-from planners.states import kind_for
+from planners.states import PLANE, SPACE, TURNING, Kind, class_for
 from planners.ways import way_of
 
 if TYPE_CHECKING:
@@ -18,8 +18,8 @@ class MotionValidator(ob.MotionValidator):
     """OMPL's question "is this motion valid?", answered exactly: every cell that the edge touches is FREE.
 
     Nothing is stepped over, at any length, so OMPL's checking resolution plays no part in it. With a curve, the edge is
-    the real curve, not a chain of samples on it. For a map with rotations a :class:`TurningMotionValidator` is made;
-    what shall serve such maps derives from that.
+    the real curve, not a chain of samples on it. For a map of a robot in space a :class:`SpatialMotionValidator` is
+    made, and for one with rotations a :class:`TurningMotionValidator`; what shall serve such maps derives from those.
 
     OMPL can also ask for the last valid state of a motion. Its Python bindings have no way to answer that, so
     ``ompl.base.ObstacleBasedValidStateSampler``, which relies on it, returns invalid states next to any motion
@@ -43,7 +43,7 @@ class MotionValidator(ob.MotionValidator):
     """
 
     def __new__(cls, si: Any, space: CSpace, **options: Any) -> MotionValidator:
-        made: MotionValidator = super().__new__(kind_for(cls, _KINDS, space))
+        made: MotionValidator = super().__new__(class_for(cls, _CLASSES, space))
         return made
 
     def __init__(
@@ -65,6 +65,14 @@ class MotionValidator(ob.MotionValidator):
         return self._is_free(first[0], first[1], second[0], second[1])
 
 
+class SpatialMotionValidator(MotionValidator):
+    """The same for states ``(x, y, z)``."""
+
+    def checkMotion(self, first: Any, second: Any) -> bool:  # noqa: N802 - OMPL's name
+        """Whether the edge between two states is free all along."""
+        return self._is_free(first[0], first[1], first[2], second[0], second[1], second[2])
+
+
 class TurningMotionValidator(MotionValidator):
     """The same for states ``(x, y, yaw)``."""
 
@@ -81,4 +89,8 @@ class TurningMotionValidator(MotionValidator):
         return bool(length >= 0.0 and states.distance(first, second) <= length + tolerance)
 
 
-_KINDS: Final[dict[int, type]] = {2: MotionValidator, 3: TurningMotionValidator}
+_CLASSES: Final[dict[Kind, type]] = {
+    PLANE: MotionValidator,
+    SPACE: SpatialMotionValidator,
+    TURNING: TurningMotionValidator,
+}

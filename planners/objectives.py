@@ -10,8 +10,8 @@ from ompl import base as ob
 
 from cspace.errors import InputError
 from cspace.grid import finite, positive
-from planners.states import READ, kind_for
-from planners.straight import DENSE_TURN
+from planners.states import PLANE, SPACE, TURNING, Kind, class_for
+from planners.straight import DENSE_TURN, Floats
 from planners.ways import way_of
 
 if TYPE_CHECKING:
@@ -30,9 +30,9 @@ class ClearanceObjective(ob.OptimizationObjective):
     A metre of path at clearance c costs ``1 + weight * max(0, 1 - c / comfort)**2``, integrated along each edge in
     steps of at most one cell. So the cost is never below the length, which OMPL may use as a bound.
 
-    For a map with rotations a :class:`TurningClearanceObjective` is made, whose metres are those of OMPL's SE(2): a
-    radian of turn counts as half a metre, but for curves, whose length is that of the curve. What shall serve such maps
-    derives from that.
+    For a map of a robot in space a :class:`SpatialClearanceObjective` is made, and for one with rotations a
+    :class:`TurningClearanceObjective`, whose metres are those of OMPL's SE(2): a radian of turn counts as half a metre,
+    but for curves, whose length is that of the curve. What shall serve such maps derives from those.
 
     OMPL asks this objective through Python at every step, which rules out the planners that ask from a second thread:
     PRM and PRMstar would wait for each other without end. :func:`planners.plan` refuses those.
@@ -59,7 +59,7 @@ class ClearanceObjective(ob.OptimizationObjective):
     # A StateCostIntegralObjective would do the integral, but the bindings never call a Python subclass of it.
 
     def __new__(cls, si: Any, space: CSpace, **options: Any) -> ClearanceObjective:
-        made: ClearanceObjective = super().__new__(kind_for(cls, _KINDS, space))
+        made: ClearanceObjective = super().__new__(class_for(cls, _CLASSES, space))
         return made
 
     def __init__(
@@ -117,8 +117,44 @@ class ClearanceObjective(ob.OptimizationObjective):
     def _lack_of_many(self, x: float, y: float, dx: float, dy: float, steps: int) -> float:
         """The same in one look-up."""
         k = np.arange(0.5, steps)
-        short = np.maximum(0.0, 1.0 - self._scale * self._clearances(np.stack([x + k * dx, y + k * dy], axis=-1)))
+        return self._lack_at(np.stack([x + k * dx, y + k * dy], axis=-1))
+
+    def _lack_at(self, points: Floats) -> float:
+        short = np.maximum(0.0, 1.0 - self._scale * self._clearances(points))
         return float(short @ short)
+
+
+class SpatialClearanceObjective(ClearanceObjective):
+    """The same for states ``(x, y, z)``."""
+
+    def stateCost(self, state: Any) -> Any:  # noqa: N802 - OMPL's name
+        """Cost of a metre of path at a state."""
+        short = max(0.0, 1.0 - self._scale * self._clearance(state[0], state[1], state[2]))
+        return ob.Cost(1.0 + self._weight * short * short)
+
+    def motionCost(self, first: Any, second: Any) -> Any:  # noqa: N802 - OMPL's name
+        """Cost of a straight edge: its length times the mean cost at the middles of equal steps."""
+        x, y, z = first[0], first[1], first[2]
+        dx, dy, dz = second[0] - x, second[1] - y, second[2] - z
+        length = math.hypot(dx, dy, dz)
+        steps = math.ceil(length / self._step)
+        if not steps:
+            return ob.Cost(0.0)
+        if steps > _FEW:
+            share = np.arange(0.5, steps) / steps
+            lack = self._lack_at(np.stack([x + share * dx, y + share * dy, z + share * dz], axis=-1))
+        else:
+            clearance, scale, lack = self._clearance, self._scale, 0.0
+            for k in range(steps):
+                part = (k + 0.5) / steps
+                short = 1.0 - scale * clearance(x + part * dx, y + part * dy, z + part * dz)
+                if short > 0.0:
+                    lack += short * short
+        return ob.Cost(length * (1.0 + self._weight * lack / steps))
+
+    def motionCostHeuristic(self, first: Any, second: Any) -> Any:  # noqa: N802 - OMPL's name
+        """Length of the edge, which its cost is never below."""
+        return ob.Cost(math.hypot(second[0] - first[0], second[1] - first[1], second[2] - first[2]))
 
 
 class TurningClearanceObjective(ClearanceObjective):
@@ -126,7 +162,7 @@ class TurningClearanceObjective(ClearanceObjective):
 
     def stateCost(self, state: Any) -> Any:  # noqa: N802 - OMPL's name
         """Cost of a metre of path at a state."""
-        short = max(0.0, 1.0 - self._scale * self._clearance(*READ[3](state)))
+        short = max(0.0, 1.0 - self._scale * self._clearance(*TURNING.read(state)))
         return ob.Cost(1.0 + self._weight * short * short)
 
     def motionCost(self, first: Any, second: Any) -> Any:  # noqa: N802 - OMPL's name
@@ -141,8 +177,12 @@ class TurningClearanceObjective(ClearanceObjective):
         return ob.Cost(math.hypot(second.getX() - first.getX(), second.getY() - first.getY()))
 
 
-def _ends(first: Any, second: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
-    return np.array([READ[3](first), READ[3](second)])
+def _ends(first: Any, second: Any) -> Floats:
+    return np.array([TURNING.read(first), TURNING.read(second)])
 
 
-_KINDS: Final[dict[int, type]] = {2: ClearanceObjective, 3: TurningClearanceObjective}
+_CLASSES: Final[dict[Kind, type]] = {
+    PLANE: ClearanceObjective,
+    SPACE: SpatialClearanceObjective,
+    TURNING: TurningClearanceObjective,
+}

@@ -14,6 +14,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.rotations import TURN
+from cspace.states import FREE
 from planners.ends import End
 from planners.search import Found, Search
 from planners.ways import Way
@@ -82,7 +84,7 @@ class Passages:
     ) -> Floats | None:
         """A path along a chain; None where it breaks off, with the cells that stopped it closed."""
         space = self.way.space
-        mixed = space.stack[space.slice_of[chain[:, 0]], chain[:, 1], chain[:, 2]] != 0
+        mixed = space.stack[(space.slice_of[chain[:, 0]], *chain[:, 1:].T)] != FREE
         runs, path = _runs(mixed, FREE_ENDS), [np.array([start])]
         limit /= len(runs) + 1  # planners that go on improving their path use up what each leg is given
         for first, last in runs:
@@ -123,8 +125,8 @@ class Passages:
             joined = np.asarray(space.motion_is_free(layers[-1][:, None], drawn[None], exact=True))
             reached = joined.any(axis=0)
             if not reached.any():
-                closed[tuple(cell)] = space.classify(self._center(cell)) != 0
-                closed[tuple(cells[number - 1])] = space.classify(self._center(cells[number - 1])) != 0
+                closed[tuple(cell)] = space.classify(self._center(cell)) != FREE
+                closed[tuple(cells[number - 1])] = space.classify(self._center(cells[number - 1])) != FREE
                 return None
             layers.append(drawn[reached])
             parents.append(joined[:, reached].argmax(axis=0))
@@ -136,19 +138,20 @@ class Passages:
 
     def _draw(self, cell: Cells, before: Cells, reached: Floats, rng: np.random.Generator) -> Floats:
         """Configurations in the block of cells around one, and near those reached in the cell before, moved along."""
-        size = self._size(cell)
+        space, size = self.way.space, self._size(cell)
         middle = self._center(cell)
         around = middle + size * rng.uniform(-1.5, 1.5, (DRAWN // 2, len(size)))
         step = middle - self._center(before)
-        if len(step) == 3:
-            step[2] = (step[2] + np.pi) % (2.0 * np.pi) - np.pi
+        if space.rotations is not None:
+            step[2] = (step[2] + np.pi) % TURN - np.pi
         along = reached[rng.integers(len(reached), size=DRAWN // 2)]
         share = rng.uniform(0.0, 1.5, (DRAWN // 2, 1))
         spread = size * 10.0 ** rng.uniform(-3.0, 0.0, (DRAWN // 2, 1))
         near = along + share * step + spread * rng.uniform(-1.0, 1.0, along.shape)
-        # A step into another rotation cell need not turn the robot, if the passage allows for no turn.
-        kept = rng.random(DRAWN // 2) < 0.5
-        near[kept, 2:] = along[kept, 2:]
+        if space.rotations is not None:
+            # A step into another rotation cell need not turn the robot, if the passage allows for no turn.
+            kept = rng.random(DRAWN // 2) < 0.5
+            near[kept, 2] = along[kept, 2]
         return np.concatenate([near, around])
 
     def _center(self, cell: Cells) -> Floats:
@@ -158,7 +161,7 @@ class Passages:
 
     def _size(self, cell: Cells) -> Floats:
         space = self.way.space
-        sides = np.full(2, space.grid.spacing)
+        sides = np.full(space.grid.dim, space.grid.spacing)
         if space.rotations is None:
             return sides
         return np.append(sides, np.diff(space.rotations.borders)[cell[0]])

@@ -12,12 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.errors import InputError
 from cspace.grid import positive
+from planners.cubes import NAME, check_cubes, is_cubes, run_cubes
 from planners.ends import End, check_end
 from planners.objectives import ClearanceObjective
 from planners.passages import Passages
 from planners.registry import IGNORE_OBJECTIVES, SECOND_THREAD, check_curve, default_planner, find_planner
 from planners.result import Plan, Times, least_clearance
 from planners.search import Found, Search
+from planners.states import kind_of
 from planners.ways import Way, way_of
 
 if TYPE_CHECKING:
@@ -73,20 +75,22 @@ def plan(
     ----------
     space : CSpace
     start, goal : array-like, shape (dof,)
-        Configurations, in metres; yaw in radians, wrapped.
+        Configurations ``(x, y)``, ``(x, y, z)`` or ``(x, y, yaw)``, in metres; yaw in radians, wrapped.
     planner : str, optional
         Name of a planner, in upper or lower case; :func:`planners.planner_names` lists them. RRTConnect, if left out,
         but RRT for Dubins curves: RRTConnect's tree at the goal grows by curves that leave the goal, where a car that
         cannot reverse needs those that arrive, so it often fails among obstacles. Planners that take edges from their
-        ends are refused for Dubins curves.
+        ends are refused for Dubins curves. Or "Cubes", which is the map's own search, :meth:`cspace.CSpace.free_path`:
+        for robots that only translate, it finds a path in milliseconds wherever FREE cells join start and goal, and the
+        same one every time.
     time_limit : float
         Seconds after which the search gives up. Simplification, usually a few milliseconds, comes on top.
     iterations : int, optional
         Give up also once OMPL has asked this often whether to go on, which is about once for each iteration of the
         planner. Not for PRM and PRMstar.
     simplify : bool
-        Whether OMPL shall shorten and smooth the path. The outcome is kept only where it is certified and no worse by
-        the objective.
+        Whether the path shall be shortened, by OMPL also smoothed. The outcome is kept only where it is certified and
+        no worse by the objective.
     seed : int, optional
         From 0 to 2^32 - 2.
     objective : {"length", "clearance"} or callable
@@ -122,10 +126,15 @@ def plan(
         the map has no rotations for it, the turning radius is missing or not above zero, or ``exact`` is wanted too.
     """
     began = time.perf_counter()
-    kind = find_planner(default_planner(curve) if planner is None else planner)
-    name = kind.__name__
+    cubes = is_cubes(planner)
+    kind = None if cubes else find_planner(default_planner(curve) if planner is None else planner)
+    name = NAME if kind is None else kind.__name__
     way = way_of(space, exact, curve, turning_radius)
     check_curve(name, curve)
+    if cubes:
+        given: dict[str, Any] = {"exact": exact or None, "curve": curve, "iterations": iterations}
+        given["objective"] = None if objective == "length" else objective
+        check_cubes(space, **{option: value for option, value in given.items() if value is not None})
     make = _objective(space, objective, name, {"curve": curve, "turning_radius": turning_radius})
     limit = positive(time_limit, "time_limit", "seconds")
     most = None if iterations is None else _iterations(iterations, name)
@@ -137,6 +146,8 @@ def plan(
         found = Found(np.empty((0, len(ends[0]))), INFEASIBLE)
     elif ends[0] == ends[1]:
         found = Found(np.array(ends[:1]), THERE)
+    elif cubes:
+        found = run_cubes(space, *ends, simplify)
     else:
         joined = {"exact": exact, "curve": curve, "turning_radius": turning_radius}
         search = Search(kind, make, limit, most, simplify, number, joined)
@@ -155,6 +166,7 @@ def plan(
     return Plan(
         path=path,
         waypoints=waypoints,
+        axes=kind_of(space).axes,
         direction=direction,
         solved=solved,
         certified=certified,

@@ -82,7 +82,7 @@ def find_planner(name: str) -> Any:
     close = difflib.get_close_matches(str(name).lower().replace("*", "star"), known, n=1)
     hint = f"did you mean {known[close[0]]}? " if close else ""
     raise InputError(
-        f"planner is {name!r}; it must be a geometric planner of the installed OMPL; {hint}choose one of "
+        f"planner is {name!r}; it must be a geometric planner of the installed OMPL, or Cubes; {hint}choose one of "
         f"{', '.join(planner_names())}"
     )
 

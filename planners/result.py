@@ -8,7 +8,7 @@ import math
 import os
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from typing import IO, TYPE_CHECKING, Any, Final
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,9 +22,6 @@ if TYPE_CHECKING:
     from cspace.space import CSpace
 
 Floats = NDArray[np.float64]
-
-AXES: Final = ("x", "y", "yaw")
-"""Names of the coordinates, in the order of the columns of a path."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +58,8 @@ class Plan:
         waypoints. Yaw is in radians, in [-pi, pi): it jumps by a turn where it passes pi.
     waypoints : ndarray of float64, shape (m, dof), read-only
         The configurations that edges join, which are rows of the path: all of them, where the robot does not turn.
+    axes : tuple of str
+        Names of the columns of the path: x and y, with z in space, or with yaw where the robot turns.
     direction : ndarray of int8, shape (n,), read-only, or None
         For curves, how the car gets to each row from the one before: 1 ahead, -1 in reverse; the first row has that of
         the second. None for straight edges.
@@ -98,6 +97,7 @@ class Plan:
 
     path: Floats
     waypoints: Floats
+    axes: tuple[str, ...]
     direction: NDArray[np.int8] | None
     solved: bool
     certified: bool
@@ -117,7 +117,8 @@ class Plan:
     def to_csv(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
         """Write the path as CSV: a row of names, then a row for each configuration, in full precision.
 
-        The columns are x and y in metres, yaw in radians where the robot turns, and for curves direction, 1 or -1.
+        The columns are x and y, and in space z, in metres; yaw in radians where the robot turns; and for curves
+        direction, 1 or -1.
 
         Parameters
         ----------
@@ -133,7 +134,7 @@ class Plan:
 
         def write(file: IO[str]) -> None:
             writer = csv.writer(file, lineterminator="\n")
-            names, rows = AXES[: self.path.shape[1]], self.path.tolist()
+            names, rows = self.axes, self.path.tolist()
             if self.direction is not None:
                 names, rows = (
                     (*names, "direction"),
@@ -197,7 +198,7 @@ def least_clearance(space: CSpace, path: Floats, way: Way | None = None) -> floa
     narrowest = math.inf if space.rotations is None else min(np.diff(space.rotations.borders))
     pieces = (way or Straight(space)).pieces(path, 0.5 * space.grid.spacing, 0.5 * narrowest)
     clearance = space.clearance(pieces.middles)
-    if space.dof == 3:
+    if space.rotations is not None:
         swing = np.zeros_like(pieces.middles)
         swing[:, 2] = 0.5 * pieces.turns + 2.0 * YAW_SLACK
         clearance = np.minimum(space.clearance(pieces.middles - swing), space.clearance(pieces.middles + swing))

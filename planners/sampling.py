@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -11,7 +11,7 @@ from ompl import base as ob
 from ompl import util as ou
 
 from cspace.sampling import check_rng
-from planners.states import kind_for
+from planners.states import PLANE, SPACE, TURNING, Kind, class_for
 from planners.straight import wrap
 
 if TYPE_CHECKING:
@@ -22,9 +22,10 @@ _BATCH: Final = 256
 
 
 class FreeStateSampler(ob.ValidStateSampler):
-    """Draws states that are FREE, uniformly over the free area, without trial and error.
+    """Draws states that are FREE, uniformly over the free area or volume, without trial and error.
 
-    For a map with rotations a :class:`TurningFreeStateSampler` is made; what shall serve such maps derives from that.
+    For a map of a robot in space a :class:`SpatialFreeStateSampler` is made, and for one with rotations a
+    :class:`TurningFreeStateSampler`; what shall serve such maps derives from those.
 
     Parameters
     ----------
@@ -42,7 +43,7 @@ class FreeStateSampler(ob.ValidStateSampler):
     """
 
     def __new__(cls, si: Any, space: CSpace, rng: np.random.Generator | None = None) -> FreeStateSampler:
-        made: FreeStateSampler = super().__new__(kind_for(cls, _KINDS, space))
+        made: FreeStateSampler = super().__new__(class_for(cls, _CLASSES, space))
         return made
 
     def __init__(self, si: Any, space: CSpace, rng: np.random.Generator | None = None) -> None:
@@ -72,27 +73,38 @@ class FreeStateSampler(ob.ValidStateSampler):
         bool
             False, and ``state`` as it was, if none was found in ``getNrAttempts`` draws.
         """
-        left, right, bottom, top = self._box(near[0], near[1], distance)
-        if left > right or bottom > top:
+        box = self._box([near[axis] for axis in range(len(self._lower))], distance)
+        if box is None:
             return False
-        numbers = self._numbers
         for _ in range(max(1, self.getNrAttempts())):
-            x = min(left + next(numbers) * (right - left), right)
-            y = min(bottom + next(numbers) * (top - bottom), top)
-            if self._is_free(x, y):
-                state[0], state[1] = x, y
+            place = self._place(box)
+            if self._is_free(*place):
+                for axis, value in enumerate(place):
+                    state[axis] = value
                 return True
         return False
 
-    def _box(self, x: float, y: float, distance: float) -> tuple[float, float, float, float]:
-        """Left, right, bottom and top of what is within ``distance`` and within the map."""
-        (low_x, low_y), (high_x, high_y) = self._lower, self._upper
-        return (
-            max(low_x, x - distance),
-            min(high_x, x + distance),
-            max(low_y, y - distance),
-            min(high_y, y + distance),
-        )
+    def _box(self, place: Sequence[float], distance: float) -> list[tuple[float, float]] | None:
+        """Least and greatest of each coordinate within ``distance`` of a place and in the map; None for nothing."""
+        sides = [
+            (max(low, value - distance), min(high, value + distance))
+            for low, value, high in zip(self._lower, place, self._upper, strict=True)
+        ]
+        return None if any(low > high for low, high in sides) else sides
+
+    def _place(self, box: list[tuple[float, float]]) -> list[float]:
+        """A place drawn from a box."""
+        numbers = self._numbers
+        return [min(low + next(numbers) * (high - low), high) for low, high in box]
+
+
+class SpatialFreeStateSampler(FreeStateSampler):
+    """The same for states ``(x, y, z)``."""
+
+    def sample(self, state: Any) -> bool:
+        """Set ``state`` to a FREE configuration."""
+        state[0], state[1], state[2] = next(self._points)
+        return True
 
 
 class TurningFreeStateSampler(FreeStateSampler):
@@ -113,13 +125,12 @@ class TurningFreeStateSampler(FreeStateSampler):
         bool
             False, and ``state`` as it was, if none was found in ``getNrAttempts`` draws.
         """
-        left, right, bottom, top = self._box(near.getX(), near.getY(), distance)
-        if left > right or bottom > top:
+        box = self._box([near.getX(), near.getY()], distance)
+        if box is None:
             return False
         numbers, middle, swing = self._numbers, near.getYaw(), min(distance, math.pi)
         for _ in range(max(1, self.getNrAttempts())):
-            x = min(left + next(numbers) * (right - left), right)
-            y = min(bottom + next(numbers) * (top - bottom), top)
+            x, y = self._place(box)
             yaw = wrap(middle + (2.0 * next(numbers) - 1.0) * swing)
             if self._is_free(x, y, yaw):
                 state.setXY(x, y)
@@ -128,7 +139,11 @@ class TurningFreeStateSampler(FreeStateSampler):
         return False
 
 
-_KINDS: Final[dict[int, type]] = {2: FreeStateSampler, 3: TurningFreeStateSampler}
+_CLASSES: Final[dict[Kind, type]] = {
+    PLANE: FreeStateSampler,
+    SPACE: SpatialFreeStateSampler,
+    TURNING: TurningFreeStateSampler,
+}
 
 
 def _points(space: CSpace, rng: np.random.Generator) -> Iterator[list[float]]:

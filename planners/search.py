@@ -15,8 +15,8 @@ from ompl import base as ob
 from ompl import util as ou
 
 from planners.ends import End
-from planners.spaces import simple_setup
-from planners.states import READ, WRITE
+from planners.spaces import narrow, simple_setup
+from planners.states import Kind, kind_of
 from planners.ways import Way
 
 Floats = NDArray[np.float64]
@@ -75,18 +75,21 @@ class Search:
             setup = simple_setup(way.space, objective=self.objective, **self.joined)
             if self._is_shortest(way, setup, start, goal):
                 return Found(np.array([start, goal]), CURVED if self.joined["curve"] else STRAIGHT)
-            setup.setStartAndGoalStates(_state(setup, start), _state(setup, goal))
+            if not self.joined["exact"] and way.space.path_exists(start, goal):
+                narrow(setup, way.space, start)
+            kind = kind_of(way.space)
+            setup.setStartAndGoalStates(*(_state(setup, kind, end) for end in (start, goal)))
             setup.setPlanner(self.planner(setup.getSpaceInformation()))
             began = time.perf_counter()
             status = setup.solve(self._stop())
             planning = time.perf_counter() - began
             if not setup.haveExactSolutionPath():
                 return Found(np.empty((0, len(start))), status.asString(), planning)
-            path = _array(setup, len(start))
+            path = _array(setup, kind)
             if not self.simplify:
                 return Found(path, status.asString(), planning)
             began = time.perf_counter()
-            path = _simplified(way, setup, path)
+            path = _simplified(way, setup, path, kind)
             return Found(path, status.asString(), planning, time.perf_counter() - began)
 
     def _is_shortest(self, way: Way, setup: Any, start: End, goal: End) -> bool:
@@ -108,14 +111,14 @@ class Search:
         return ob.PlannerTerminationCondition(lambda: next(asked) > most or time.perf_counter() > end)
 
 
-def _simplified(way: Way, setup: Any, path: Floats) -> Floats:
+def _simplified(way: Way, setup: Any, path: Floats, kind: Kind) -> Floats:
     """The path after OMPL's simplification, unless that made it worse or left the proven ground."""
     objective = setup.getOptimizationObjective()
     solution = setup.getSolutionPath()
     length, cost = solution.length(), None if objective is None else solution.cost(objective)
     setup.simplifySolution()
     solution = setup.getSolutionPath()
-    simple = _array(setup, path.shape[1])
+    simple = _array(setup, kind)
     if objective is None:
         # OMPL's simplifier takes curves for straight where it cuts corners.
         worse = solution.length() > length * (1.0 + 1e-12)
@@ -125,16 +128,15 @@ def _simplified(way: Way, setup: Any, path: Floats) -> Floats:
     return simple if ends and not worse and way.are_free(simple) else path
 
 
-def _state(setup: Any, point: End) -> Any:
+def _state(setup: Any, kind: Kind, point: End) -> Any:
     state = setup.getStateSpace().allocState()
-    WRITE[len(point)](state, point)
+    kind.write(state, point)
     return state
 
 
-def _array(setup: Any, dof: int) -> Floats:
+def _array(setup: Any, kind: Kind) -> Floats:
     """The solution path, shape (n, dof)."""
-    read = READ[dof]
-    return np.array([read(state) for state in setup.getSolutionPath().getStates()])
+    return np.array([kind.read(state) for state in setup.getSolutionPath().getStates()])
 
 
 @contextmanager

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -34,7 +34,8 @@ def state_space(space: CSpace, *, curve: str | None = None, turning_radius: floa
     Returns
     -------
     ompl.base.RealVectorStateSpace, SE2StateSpace, DubinsStateSpace or ReedsSheppStateSpace
-        Coordinates x and y, in metres; ``getX``, ``getY`` and ``getYaw``, in radians, of a robot that turns.
+        Coordinates x and y, and in space z, in metres; ``getX``, ``getY`` and ``getYaw``, in radians, of a robot that
+        turns.
 
     Raises
     ------
@@ -46,14 +47,31 @@ def state_space(space: CSpace, *, curve: str | None = None, turning_radius: floa
 
 
 def _bounded(way: Way) -> Any:
-    grid = way.space.grid
     states = way.states()
-    bounds = ob.RealVectorBounds(grid.dim)
-    for axis, (low, high) in enumerate(zip(grid.lower, grid.upper, strict=True)):
-        bounds.setLow(axis, low)
-        bounds.setHigh(axis, high)
-    states.setBounds(bounds)
+    states.setBounds(_bounds(way.space.grid.lower, way.space.grid.upper))
     return states
+
+
+def _bounds(lower: Iterable[float], upper: Iterable[float]) -> Any:
+    box = list(zip(lower, upper, strict=True))
+    bounds = ob.RealVectorBounds(len(box))
+    for axis, (low, high) in enumerate(box):
+        bounds.setLow(axis, float(low))
+        bounds.setHigh(axis, float(high))
+    return bounds
+
+
+def narrow(setup: Any, space: CSpace, start: tuple[float, ...]) -> None:
+    """Keep the states of a set-up to the box around all that FREE cells join to the start.
+
+    Nothing is lost: a path through FREE cells of the grid does not leave it.
+    """
+    states = setup.getStateSpace()
+    lower, upper = space.free_reach(start)
+    # The rounding of a cell's corner must not put the start outside.
+    states.setBounds(_bounds(np.minimum(lower, start[: len(lower)]), np.maximum(upper, start[: len(upper)])))
+    resolution = 0.5 * space.grid.spacing / states.getMaximumExtent()
+    setup.getSpaceInformation().setStateValidityCheckingResolution(resolution)
 
 
 def simple_setup(

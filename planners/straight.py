@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,9 +10,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from ompl import base as ob
 
 from cspace.rotations import TURN
+from planners.states import kind_of
 
 if TYPE_CHECKING:
     from cspace.space import CSpace
@@ -55,7 +56,7 @@ class Straight:
     exact: bool = False
 
     def states(self) -> Any:
-        return ob.RealVectorStateSpace(2) if self.space.dof == 2 else ob.SE2StateSpace()
+        return kind_of(self.space).states()
 
     def edge_checker(self) -> Callable[..., bool]:
         return self.space.edge_checker(**exactly(self.exact))
@@ -65,20 +66,22 @@ class Straight:
         return bool(np.all(self.space.motion_is_free(firsts, lasts, **exactly(self.exact))))
 
     def lengths(self, path: Floats) -> Floats:
-        return np.asarray([math.dist(a, b) for a, b in zip(path[:-1, :2], path[1:, :2], strict=True)])
+        places = path[:, : self.space.grid.dim]
+        return np.asarray([math.dist(a, b) for a, b in itertools.pairwise(places)])
 
     def pieces(self, path: Floats, step: float, turn: float) -> Pieces:
-        steps = _steps(path)
-        lengths, turns = np.hypot(steps[:, 0], steps[:, 1]), np.abs(steps[:, 2:]).sum(axis=1)
+        dim = self.space.grid.dim
+        steps = _steps(path, dim)
+        lengths, turns = np.linalg.norm(steps[:, :dim], axis=1), np.abs(steps[:, dim:]).sum(axis=1)
         counts = np.maximum(np.ceil(np.maximum(lengths / step, turns / turn)), 1.0).astype(np.int64)
         edge, number = _numbered(counts)
         middles = path[:-1][edge] + ((number + 0.5) / counts[edge])[:, None] * steps[edge]
         return Pieces(middles, (lengths / counts)[edge], (turns / counts)[edge])
 
     def dense(self, path: Floats) -> tuple[Floats, NDArray[np.int8] | None]:
-        if self.space.dof == 2 or len(path) < 2:
+        if self.space.rotations is None or len(path) < 2:
             return path, None
-        steps = _steps(path)
+        steps = _steps(path, 2)
         far = np.hypot(steps[:, 0], steps[:, 1]) / self.space.grid.spacing
         counts = np.maximum(np.ceil(np.maximum(far, np.abs(steps[:, 2]) / DENSE_TURN)), 1.0).astype(np.int64)
         edge, number = _numbered(counts)
@@ -107,10 +110,10 @@ def wrapped(yaw: Floats) -> Floats:
     return np.where((yaw >= -math.pi) & (yaw < math.pi), yaw, turned)
 
 
-def _steps(path: Floats) -> Floats:
-    """Differences of the rows of a path, yaw along the shorter arc."""
+def _steps(path: Floats, dim: int) -> Floats:
+    """Differences of the rows of a path: of positions in ``dim`` numbers, and of yaw along the shorter arc."""
     steps = np.diff(path, axis=0)
-    steps[:, 2:] -= TURN * np.round(steps[:, 2:] / TURN)
+    steps[:, dim:] -= TURN * np.round(steps[:, dim:] / TURN)
     return steps
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from ompl import base as ob
 
-from planners.states import kind_for
+from planners.states import PLANE, SPACE, TURNING, Kind, class_for
 from planners.straight import exactly
 
 if TYPE_CHECKING:
@@ -18,7 +18,8 @@ class StateValidityChecker(ob.StateValidityChecker):
     """OMPL's question "is this state valid?", answered by a certified map.
 
     Valid means FREE; a MIXED cell is not valid, unless ``exact`` is wanted and the geometry itself is free there. For a
-    map with rotations a :class:`TurningStateValidityChecker` is made; what shall serve such maps derives from that.
+    map of a robot in space a :class:`SpatialStateValidityChecker` is made, and for one with rotations a
+    :class:`TurningStateValidityChecker`; what shall serve such maps derives from those.
 
     Parameters
     ----------
@@ -30,7 +31,7 @@ class StateValidityChecker(ob.StateValidityChecker):
     """
 
     def __new__(cls, si: Any, space: CSpace, **options: Any) -> StateValidityChecker:
-        made: StateValidityChecker = super().__new__(kind_for(cls, _KINDS, space))
+        made: StateValidityChecker = super().__new__(class_for(cls, _CLASSES, space))
         return made
 
     def __init__(self, si: Any, space: CSpace, *, exact: bool = False) -> None:
@@ -54,6 +55,18 @@ class StateValidityChecker(ob.StateValidityChecker):
         return self._clearance
 
 
+class SpatialStateValidityChecker(StateValidityChecker):
+    """The same for states ``(x, y, z)``."""
+
+    def isValid(self, state: Any) -> bool:  # noqa: N802 - OMPL's name
+        """Whether the state is FREE."""
+        return self._is_free(state[0], state[1], state[2])
+
+    def clearance(self, state: Any) -> float:
+        """Lower bound of the distance to the nearest configuration that is not FREE, in metres."""
+        return self._clearances()(state[0], state[1], state[2])
+
+
 class TurningStateValidityChecker(StateValidityChecker):
     """The same for states ``(x, y, yaw)``; the clearance is that of the translation."""
 
@@ -66,4 +79,8 @@ class TurningStateValidityChecker(StateValidityChecker):
         return self._clearances()(state.getX(), state.getY(), state.getYaw())
 
 
-_KINDS: Final[dict[int, type]] = {2: StateValidityChecker, 3: TurningStateValidityChecker}
+_CLASSES: Final[dict[Kind, type]] = {
+    PLANE: StateValidityChecker,
+    SPACE: SpatialStateValidityChecker,
+    TURNING: TurningStateValidityChecker,
+}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +43,13 @@ class Way(Protocol):
         """A path with rows at most a cell and DENSE_TURN apart; and 1 or -1, ahead or back, where the way tells."""
 
 
+_MENDS: Final = {
+    2: "build the map with e.g. rotations=72",
+    3: "leave the curve out: a robot in space only translates",
+}
+"""For each dimension, what to do about a curve on a map without rotations."""
+
+
 def way_of(space: CSpace, exact: bool = False, curve: str | None = None, turning_radius: float | None = None) -> Way:
     """How configurations of a map are joined.
 
@@ -72,10 +79,9 @@ def way_of(space: CSpace, exact: bool = False, curve: str | None = None, turning
         return Straight(space, bool(exact))
     if curve not in CURVES:
         raise InputError(f"curve is {curve!r}; it must be {' or '.join(map(repr, CURVES))}, or None for straight edges")
-    if space.dof == 2:
+    if space.rotations is None:
         raise InputError(
-            f"curve is {curve!r} and the map has no rotations; a car turns as it drives; build the map with e.g. "
-            "rotations=72"
+            f"curve is {curve!r} and the map has no rotations; a car turns as it drives; {_MENDS[space.grid.dim]}"
         )
     if turning_radius is None:
         raise InputError(f"curve is {curve!r} and turning_radius is None; a curve needs one; pass it in metres")

@@ -85,6 +85,13 @@ def turned_collides(space, q, margin, obstacles=None):
     return shapely.dwithin(placed, shape, margin)
 
 
+def map_of(state, spacing=0.25, outside="blocked"):
+    """A map made by hand, of a robot that is a point to speak of."""
+    robot = Robot.disc(1e-6) if state.ndim == 2 else Robot.ball(1e-6)
+    workspace = Workspace.from_array(np.zeros(state.shape, bool), spacing)
+    return CSpace(workspace, robot, state.astype(np.uint8), outside=outside, margin=0.0, precision="float32")
+
+
 def stack_of(state, rotations, robot=None, outside="free", spacing=0.25):
     """A map made by hand from slices, of a robot that is a point to speak of and shares no slices."""
     state = np.asarray(state, dtype=np.uint8)

@@ -16,8 +16,9 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 import cspace
+from cspace.bodies import Balls
 from cspace.errors import FileError
-from cspace.io import arrays, npz, record, store
+from cspace.io import arrays, geometry, npz, record, store
 from cspace.io.files import open_map, save
 from cspace.rotations import TURN, Rotations
 from cspace.slices import slice_of_rotation
@@ -34,7 +35,7 @@ def same(a: cspace.CSpace, b: cspace.CSpace) -> None:
     assert a.workspace.source == b.workspace.source
     assert a.rotations == b.rotations
     np.testing.assert_array_equal(a.slice_of, b.slice_of)
-    assert wkb(a) == wkb(b)
+    assert bits(a) == bits(b)
     for old, new in [
         (a.stack, b.stack),
         (a.state, b.state),
@@ -51,10 +52,18 @@ def same(a: cspace.CSpace, b: cspace.CSpace) -> None:
     np.testing.assert_array_equal(a.classify(q), b.classify(q))
 
 
-def wkb(space: cspace.CSpace) -> list[bytes] | None:
-    """The geometries of the obstacles, to the last bit."""
+def bits(space: cspace.CSpace) -> list[Any] | None:
+    """The shapes of the obstacles, to the last bit."""
     shapes = space.workspace.shapes
-    return None if shapes is None else [shapely.to_wkb(shape) for shape in shapes]
+    return None if shapes is None else [_bits(shape) for shape in shapes]
+
+
+def _bits(shape: Any) -> Any:
+    if isinstance(shape, shapely.Geometry):
+        return shapely.to_wkb(shape)
+    if isinstance(shape, Balls):
+        return "balls", shape.centers.tobytes(), shape.radii.tobytes()
+    return shape.solid, shape.source, shape.vertices.tobytes(), shape.faces.tobytes()
 
 
 @st.composite
@@ -102,7 +111,7 @@ def rebuilt(dataset: xarray.Dataset) -> cspace.CSpace:
             outer=dataset.outer.values,
             inner=dataset.inner.values,
             source=about["workspace_source"],
-            shapes=arrays.shapes_from(dataset.geometry.values) if "geometry" in dataset else None,
+            shapes=geometry.shapes_from({str(name): dataset[name].values for name in dataset}),
         ),
         cspace.Robot.from_spec(json.loads(about["robot"])),
         rotations=borders,

@@ -11,6 +11,7 @@ import pytest
 
 import planners
 from cspace import BLOCKED, FREE, CSpace, Robot, Workspace, build
+from cspace.bodies import Box
 from cspace.rotations import Rotations
 
 START, GOAL = (1.0, 1.0), (9.0, 5.0)
@@ -139,3 +140,61 @@ def on_arc(first: np.ndarray, chord: float, turn: float, way: int, along: np.nda
         radius = way * chord / (2.0 * math.sin(abs(turn) / 2.0)) * math.copysign(1.0, turn)
         offsets = radius * np.stack([np.sin(yaw) - math.sin(first[2]), math.cos(first[2]) - np.cos(yaw)], axis=-1)
     return np.column_stack([first[:2] + offsets, yaw])
+
+
+def spatial_room() -> CSpace:
+    """A room of 4 m by 2 m by 2 m with two walls across it, for a box-shaped drone of 0.3 m by 0.3 m by 0.1 m."""
+    occupied = np.zeros((40, 20, 20), dtype=bool)
+    occupied[13:15, :, :13] = True
+    occupied[26:28, :11] = True
+    return build(Workspace.from_array(occupied, 0.1), Robot.box((0.3, 0.3, 0.1)))
+
+
+def spatial_with_state(state: np.ndarray) -> CSpace:
+    """A map in space whose cells, of 1 m, have the given states."""
+    workspace = Workspace.from_array(state == BLOCKED, 1.0)
+    return CSpace(workspace, Robot.ball(0.1), state, outside="blocked", margin=0.0, precision="float64")
+
+
+def spatial_halves(between: int) -> CSpace:
+    """Two free halves of 9 m by 9 m by 9 m with a floor of another state between them."""
+    state = np.full((9, 9, 19), FREE, dtype=np.uint8)
+    state[:, :, 9] = between
+    return spatial_with_state(state)
+
+
+def spatial_distances(space: CSpace, points: np.ndarray) -> np.ndarray:
+    """:func:`distances` in space."""
+    return np.concatenate([distances(space, part) for part in np.array_split(points, len(points) // 100 + 1)])
+
+
+def voxels_meet_box(space: CSpace, points: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Whether a box from ``low`` to ``high``, placed at points, meets an obstacle cell, or sticks out of the grid."""
+    lower, h = np.array(space.grid.lower), space.grid.spacing
+    corners = lower + h * np.argwhere(space.workspace.outer)
+    out = []
+    for part in np.array_split(points, len(points) // 500 + 1):
+        first, last = (part + low)[:, None], (part + high)[:, None]
+        meets = ((first <= corners + h) & (last >= corners)).all(axis=-1).any(axis=-1)
+        sticks = ((first < lower) | (last > np.array(space.grid.upper))).any(axis=-1)[:, 0]
+        out.append(meets | sticks)
+    return np.concatenate(out)
+
+
+def check_spatial(space: CSpace, found: planners.Plan, start: Any, goal: Any) -> None:
+    """What holds of every solved plan in space; a thousand points of every edge against every obstacle cell."""
+    path = found.path
+    assert found.solved and found.certified and found.axes == ("x", "y", "z") and found.direction is None
+    assert found.path_exists is True
+    assert path.dtype == np.float64 and path.shape[1:] == (3,) and not path.flags.writeable
+    assert found.waypoints is path or np.array_equal(found.waypoints, path)
+    assert tuple(path[0]) == tuple(start) and tuple(path[-1]) == tuple(goal)
+    assert found.length == pytest.approx(np.linalg.norm(np.diff(path, axis=0), axis=-1).sum())
+    along = np.linspace(0.0, 1.0, 1000)[:, None, None]
+    dense = path[:-1] + along * (path[1:] - path[:-1]) if len(path) > 1 else path[None]
+    assert space.is_free(dense).all()
+    if isinstance(space.robot.body, Box):
+        assert not voxels_meet_box(space, dense.reshape(-1, 3), *space.robot.body.bounds).any()
+    least = spatial_distances(space, dense[::10].reshape(-1, 3)).min()
+    assert max(0.0, least - 2.3 * space.grid.spacing) <= found.clearance <= least
+    assert all(seconds >= 0.0 for seconds in dataclasses.astuple(found.times))

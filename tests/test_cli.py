@@ -272,7 +272,7 @@ _PLAN = ["plan", "plan.zarr", "--start", START, "--goal", GOAL]
 
 BAD: dict[str, tuple[list[str], list[str]]] = {
     "missing workspace": (["map", "absent.yaml", "--robot", "disc:1", "-o", "new.zarr"], ["absent.yaml"]),
-    "unknown kind of workspace": (["map", "notes.txt", "--robot", "disc:1", "-o", "new.zarr"], [".txt", ".yaml"]),
+    "unknown kind of workspace": (["map", "notes.doc", "--robot", "disc:1", "-o", "new.zarr"], [".doc", ".yaml"]),
     "missing spacing": (["map", "grid.npy", "--robot", "disc:1", "-o", "new.zarr"], ["spacing", "missing"]),
     "negative spacing": ([*_MAP, "--spacing", "-0.1"], ["spacing", "-0.1", "above zero"]),
     "spacing that is not finite": ([*_MAP, "--spacing", "nan"], ["spacing", "nan"]),

@@ -192,3 +192,11 @@ def test_refuses_states_that_are_none(space):
 def test_refuses_a_state_that_does_not_fit(space):
     with pytest.raises(InputError, match="map's shape"):
         cspace.CSpace(space.workspace, space.robot, space.state[1:], outside="free", margin=0.0, precision="float32")
+
+
+def test_squares_of_any_size_are_quick():
+    free = cspace.build(Workspace.from_array(np.zeros((3, 3), bool), 0.1), Robot.disc(0.1), outside="free")
+    assert free.is_free_around((0.1, 0.1), 1e6)
+    assert not free.is_free_around((0.1, 0.1), 1e9)  # too far for the certificate
+    walled = cspace.build(Workspace.from_array(np.zeros((9, 9), bool), 0.1), Robot.disc(0.1))
+    assert not walled.is_free_around((0.45, 0.45), 1e5)

@@ -44,6 +44,7 @@ def test_windows_line_ends(tmp_path: Path) -> None:
         ("type octile", "line 2 is missing"),
         ("type octile\nheight two\nwidth 1\nmap\n.", "line 2 is 'height two'"),
         ("type octile\nheight 0\nwidth 1\nmap\n.", "line 2 is 'height 0'"),
+        ("type octile\nheight " + "9" * 5000 + "\nwidth 1\nmap\n.", "line 2 is 'height 999"),
         ("type octile\nheight -1\nwidth 1\nmap\n.", "line 2 is 'height -1'"),
         ("type octile\nheight 1\nheight 1\nmap\n.", "line 3 is 'height 1'"),
         ("type octile\nheight 1\nwidth 1\n.", "line 4 is '.'"),

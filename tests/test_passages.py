@@ -6,6 +6,7 @@ import itertools
 import numpy as np
 import pytest
 import shapely
+import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import affinity
@@ -29,12 +30,14 @@ def corridor(gap, robot, rotations=72, spacing=WIDTH / 5):
 def fewest_mixed(state, slice_of, closed, start, goal):
     """MIXED cells on the best chain, start left out, by Dijkstra's algorithm; None where there is no chain."""
     shape = (len(slice_of), *state.shape[1:])
+    if BLOCKED in (state[slice_of[start[0]]][start[1:]], state[slice_of[goal[0]]][goal[1:]]):
+        return None
     best, todo = {start: 0}, [(0, start)]
     while todo:
         cost, cell = heapq.heappop(todo)
         if cell == goal:
             return cost
-        for axis in range(3):
+        for axis in range(len(shape)):
             for step in (-1, 1):
                 near = list(cell)
                 near[axis] += step
@@ -42,7 +45,7 @@ def fewest_mixed(state, slice_of, closed, start, goal):
                 near = tuple(near)
                 if not all(0 <= n < size for n, size in zip(near, shape, strict=True)) or closed[near]:
                     continue
-                value = state[slice_of[near[0]], near[1], near[2]]
+                value = state[(slice_of[near[0]], *near[1:])]
                 if value != BLOCKED and cost + (value == MIXED) < best.get(near, 10**9):
                     best[near] = cost + int(value == MIXED)
                     heapq.heappush(todo, (best[near], near))
@@ -124,3 +127,75 @@ def test_what_the_map_decides_needs_no_passages():
     found = planners.plan(space, (0.7, 1.0, 0.0), (4.3, 2.0, 0.0), exact=True, seed=0, time_limit=10)
     assert found.solved and "passages" not in found.status
     assert (space.classify(found.path) == FREE).any()
+
+
+# ---- in space --------------------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=60)
+@given(seeds, st.tuples(*[st.integers(1, 5)] * 3))
+def test_a_chain_in_space_has_the_fewest_mixed_cells(seed, shape):
+    rng = np.random.default_rng(seed)
+    state = rng.choice(np.array([0, 1, 1, 2], dtype=np.uint8), shape)
+    workspace = Workspace.from_array(np.zeros(shape, bool), 1.0)
+    space = CSpace(workspace, Robot.ball(0.1), state, outside="blocked", margin=0.0, precision="float32")
+    closed = rng.random((1, *shape)) < 0.1
+    start, goal = ((0, *(int(rng.integers(n)) for n in shape)) for _ in range(2))
+    chain = [
+        tuple(cell) for cell in space.open_chain(*(np.add(end[1:], 0.5) for end in (start, goal)), closed).tolist()
+    ]
+    expected = fewest_mixed(state[None], space.slice_of, closed, start, goal)
+    if expected is None:
+        assert not chain
+        return
+    assert chain[0] == start and chain[-1] == goal and len(set(chain)) == len(chain)
+    assert sum(state[cell[1:]] == MIXED for cell in chain[1:]) == expected
+    for first, second in itertools.pairwise(chain):
+        assert np.abs(np.subtract(first, second)).sum() == 1
+        assert state[second[1:]] != BLOCKED and not closed[second]
+
+
+def shaft(gap, robot, spacing=WIDTH / 5):
+    """Two rooms, joined by a square shaft 1 m long: the map of a robot, and the corners of the walls."""
+    pytest.importorskip("fcl", reason="python-fcl is not installed; run: pip install python-fcl")
+    low, high = 1.0 - gap / 2, 1.0 + gap / 2
+    walls = np.array(
+        [
+            [(1.5, 0, 0), (2.5, low, 2)],
+            [(1.5, high, 0), (2.5, 2, 2)],
+            [(1.5, low, 0), (2.5, high, low)],
+            [(1.5, low, high), (2.5, high, 2)],
+        ]
+    )
+    meshes = [trimesh.creation.box(bounds=wall) for wall in walls]
+    mesh = trimesh.util.concatenate(meshes)
+    workspace = Workspace.from_mesh((mesh.vertices, mesh.faces), spacing, bounds=(0, 0, 0, 4, 2, 2))
+    return cspace.build(workspace, robot), walls
+
+
+ROBOTS = [Robot.box((0.6, WIDTH, WIDTH)), Robot.ball(WIDTH / 2)]
+ENDS = (0.6, 0.7, 0.8), (3.4, 1.3, 1.2)
+
+
+@pytest.mark.parametrize("robot", ROBOTS, ids=["box", "ball"])
+def test_a_shaft_four_per_cent_wider_than_the_robot_is_crossed(robot):
+    space, walls = shaft(WIDTH * 1.04, robot)
+    assert space.path_exists(*ENDS) is None
+    assert not planners.plan(space, *ENDS, seed=0, time_limit=0.2).solved
+    found = planners.plan(space, *ENDS, exact=True, seed=0, time_limit=120)
+    assert found.solved and found.certified and found.exact and "passages" in found.status
+    assert found.exact_counts["edge"] > 0 and (space.classify(found.path) != BLOCKED).all()
+    assert tuple(found.path[0]) == ENDS[0] and tuple(found.path[-1]) == ENDS[1]
+    along = np.linspace(0.0, 1.0, 1000)[:, None, None]
+    points = (found.path[:-1] + along * np.diff(found.path, axis=0)).reshape(-1, 1, 3)
+    reach = 0.5 * np.array([0.6, WIDTH, WIDTH]) if robot is ROBOTS[0] else np.zeros(3)
+    apart = np.maximum(np.maximum(walls[:, 0] - points, points - walls[:, 1]) - reach, 0.0)
+    assert np.linalg.norm(apart, axis=-1).min() > (0.0 if robot is ROBOTS[0] else WIDTH / 2)
+
+
+@pytest.mark.parametrize("robot", ROBOTS, ids=["box", "ball"])
+@pytest.mark.parametrize("gap", [0.98, 1.0])
+def test_a_shaft_that_is_no_wider_is_never_crossed(robot, gap):
+    space, _ = shaft(WIDTH * gap, robot)
+    found = planners.plan(space, *ENDS, exact=True, seed=0, time_limit=1.0)
+    assert not found.solved and not len(found.path)

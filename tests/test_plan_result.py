@@ -72,9 +72,10 @@ def test_a_plan_is_read_back_from_json(found: planners.Plan, tmp_path: Path) -> 
     assert set(record) == {field.name for field in dataclasses.fields(planners.Plan)}
     times = planners.Times(**record.pop("times"))
     arrays = {name: np.array(record.pop(name)) for name in ("path", "waypoints")}
-    again = planners.Plan(**arrays, times=times, **record)
+    axes = tuple(record.pop("axes"))
+    again = planners.Plan(**arrays, axes=axes, times=times, **record)
     assert np.array_equal(again.path, found.path) and np.array_equal(again.waypoints, found.path)
-    assert times == found.times
+    assert times == found.times and axes == found.axes == ("x", "y")
     for name in record:
         assert getattr(again, name) == getattr(found, name)
 

@@ -5,7 +5,7 @@ import pytest
 import shapely
 from hypothesis import given
 
-from cspace import FileError, GeometryError, InputError, Robot
+from cspace import FileError, GeometryError, InputError, Mesh, Robot
 from strategies import robots
 
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
@@ -110,3 +110,30 @@ def test_a_missing_file_is_a_file_error(tmp_path):
     (tmp_path / "robot.stl").touch()
     with pytest.raises(FileError, match=r"\.stl"):
         Robot.open(tmp_path / "robot.stl")
+
+
+def test_sides_of_a_box_are_named():
+    with pytest.raises(InputError, match=r"extents\[1\], the side along y, is 0\.0; it must be one number above zero"):
+        Robot.box((1.0, 0.0, 1.0))
+
+
+def test_something_that_is_no_name_of_a_robot():
+    with pytest.raises(InputError, match="robot is 5; it must be a short text"):
+        Robot.open(5)
+
+
+TETRAHEDRON = (np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1.0)]), [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)])
+
+
+def test_a_mesh_off_its_reference_point_is_a_warning_once():
+    vertices, faces = TETRAHEDRON
+    Robot.mesh((vertices + 1.0, faces))
+    with pytest.warns(UserWarning, match=r"lies 17.3205 m from its origin.* by \(-10.5, -10.5, -10.5\) m"):
+        robot = Robot.mesh((vertices + 10.0, faces))
+    again = Robot.from_spec(robot.spec)
+    assert again.spec == robot.spec
+    with pytest.raises(GeometryError, match="at most 100 times"):
+        Robot.mesh((vertices + 200.0, faces))
+    spec = {**robot.spec, **Mesh.of((vertices + 200.0, faces)).spec()}
+    with pytest.raises(InputError, match="at most 100 times"):
+        Robot.from_spec(spec)

@@ -16,7 +16,8 @@ from typer.testing import CliRunner
 import cspace
 import planners
 from cspace.cli import app
-from cspace.cli.options import angle, configuration
+from cspace.cli.forms import Form, configuration
+from cspace.cli.options import angle
 from cspace.errors import InputError
 
 START, GOAL = "0.5,0.5,0deg", "2.5,1.5,90deg"
@@ -75,7 +76,7 @@ def room(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 )
 def test_angles(text: str, radians: float) -> None:
     assert angle(text, "--yaw") == pytest.approx(radians, abs=1e-15)
-    assert configuration(f"1,-2,{text}", "--start") == pytest.approx((1.0, -2.0, radians))
+    assert configuration(f"1,-2,{text}", "--start", Form.TURNING) == pytest.approx((1.0, -2.0, radians))
 
 
 @given(st.floats(-1e6, 1e6))
@@ -144,8 +145,11 @@ def test_plan(room: Path) -> None:
 def test_plan_on_curves(room: Path, curve: str) -> None:
     told = document(
         *("plan", "turning.zarr", "--start", "0.5,0.5,0", "--goal", "1.4,0.6,0.1", "--seed", 1, "--time-limit", 5),
-        *("--curve", curve, "--turning-radius", 0.2),
+        *("--curve", curve, "--turning-radius", 0.2, "-o", "path.csv", "-o", "path.json"),
     )
+    # The table has a column more, which tells the way that the car drives.
+    for file in ("path.csv", "path.json"):
+        document("plot", "turning.zarr", "--path", file, "-o", f"{file}.png")
     assert told["solved"]
     path = np.array(told["path"])
     steps, turns = np.hypot(*np.diff(path[:, :2], axis=0).T), (np.diff(path[:, 2]) + math.pi) % (2 * math.pi) - math.pi

@@ -19,7 +19,7 @@ import planners
 from cspace import BLOCKED, FREE, MIXED, ConfigurationError, CSpace, InputError, Robot, Workspace, build
 from planners.curves import CURVES
 from planners.registry import IGNORE_OBJECTIVES, NO_CURVES, SECOND_THREAD
-from planners.states import READ, WRITE
+from planners.states import TURNING
 from planning import check_turning, room, turn_between, turning_halves, turning_room
 
 NAMES = planners.planner_names()
@@ -48,7 +48,7 @@ def plane() -> CSpace:
 
 def state_at(si: Any, q: Any) -> Any:
     state = si.allocState()
-    WRITE[3](state, [float(x) for x in q])
+    TURNING.write(state, [float(x) for x in q])
     return state
 
 
@@ -66,7 +66,7 @@ def test_states_are_those_of_the_map(space: CSpace) -> None:
     si, checker = setup.getSpaceInformation(), setup.getStateValidityChecker()
     q = configurations(space, 1500, 0)
     states = [state_at(si, each) for each in q]
-    assert [READ[3](state) for state in states] == [tuple(each) for each in q.tolist()]
+    assert [TURNING.read(state) for state in states] == [tuple(each) for each in q.tolist()]
     assert [si.isValid(state) for state in states] == space.is_free(q).tolist()
     assert 0.1 < space.is_free(q).mean() < 0.9
     assert [checker.clearance(state) for state in states] == space.clearance(q).tolist()
@@ -98,9 +98,9 @@ def test_classes_made_for_another_kind_of_map_are_refused(space: CSpace, plane: 
 
     flat, turning = (planners.simple_setup(each).getSpaceInformation() for each in (plane, space))
     assert type(Mine(flat, plane)) is Mine and type(Turning(turning, space, **options)) is Turning
-    with pytest.raises(InputError, match=r"Mine.*3 degrees of freedom.*TurningMotionValidator"):
+    with pytest.raises(InputError, match=r"Mine derives.*\(x, y\),.*\(x, y, yaw\);.*TurningMotionValidator"):
         Mine(turning, space)
-    with pytest.raises(InputError, match=r"Turning.*2 degrees of freedom.*MotionValidator"):
+    with pytest.raises(InputError, match=r"Turning derives.*\(x, y, yaw\),.*\(x, y\);.*motion\.MotionValidator"):
         Turning(flat, plane)
 
 
@@ -122,11 +122,11 @@ def test_samples_near_a_state_are_free_and_near(space: CSpace, near: Any, distan
     sampler, state, centre = si.allocValidStateSampler(), state_at(si, (9.0, 9.0, 0.0)), state_at(si, near)
     yaws = []
     for _ in range(200):
-        before = READ[3](state)
+        before = TURNING.read(state)
         if not sampler.sampleNear(state, centre, distance):
-            assert READ[3](state) == before
+            assert TURNING.read(state) == before
             continue
-        x, y, yaw = READ[3](state)
+        x, y, yaw = TURNING.read(state)
         assert si.isValid(state) and si.satisfiesBounds(state) and -math.pi <= yaw < math.pi
         assert max(abs(x - near[0]), abs(y - near[1])) <= distance
         assert abs(turn_between(near[2], yaw)) <= distance + 1e-12
@@ -151,13 +151,13 @@ def test_the_clearance_objective_is_an_integral_along_the_edge(space: CSpace, op
         points = []
         for share in (np.arange(400) + 0.5) / 400:
             states.interpolate(first, second, share, between)
-            points.append(READ[3](between))
+            points.append(TURNING.read(between))
         short = np.maximum(0.0, 1.0 - space.clearance(np.array(points)) / 0.4)
         cost = objective.motionCost(first, second).value()
         assert cost >= length * (1 - 1e-9) and cost >= objective.motionCostHeuristic(first, second).value() - 1e-9
         ratios.append(cost / (length * (1.0 + 6.0 * (short**2).mean())))
         extra |= cost > 1.5 * length
-        at = 1.0 + 6.0 * max(0.0, 1.0 - space.clearance(READ[3](first)) / 0.4) ** 2
+        at = 1.0 + 6.0 * max(0.0, 1.0 - space.clearance(TURNING.read(first)) / 0.4) ** 2
         assert objective.stateCost(first).value() == pytest.approx(at)
     assert extra and np.median(np.abs(np.array(ratios) - 1.0)) < 0.03
     assert objective.motionCost(first, first).value() == 0.0
@@ -394,7 +394,7 @@ def test_exact_plans_draw_from_the_whole_map() -> None:
     sampler, state, states = si.allocValidStateSampler(), si.allocState(), set()
     for _ in range(1500):
         if sampler.sample(state):
-            states.add(space.classify(READ[3](state)))
+            states.add(space.classify(TURNING.read(state)))
     assert states == {FREE, MIXED}
     with pytest.raises(InputError, match="rng"):
         planners.simple_setup(space, exact=True, rng=np.random.default_rng(0))

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from cspace import Grid, Workspace
+from cspace.covering import covering_grid, covering_shape
 from cspace.errors import FileError, InputError
-from cspace.workspace import READERS
+from cspace.io.workspaces import READERS, dimension_of
+from cspace.memory import check_memory
 
 L_SHAPE = [[1, 1, 0], [0, 1, 0]]
 """Two cells along x, three along y."""
@@ -142,7 +148,7 @@ def test_open_passes_options_on(files: Path) -> None:
         ("map.wkt", {"bounds": (0, 0, 1, 1)}, "spacing is missing"),
         ("map.yaml", {"spacing": 0.1}, "spacing is given .* takes unknown"),
         ("map.map", {"unknown": "free"}, "unknown is given .* takes spacing"),
-        ("map.stl", {"spacing": 0.1}, r"ends in '.stl'.*\.yaml, \.yml, \.map, \.geojson"),
+        ("map.step", {"spacing": 0.1}, r"ends in '.step'.*\.yaml, \.yml, \.map, \.3dmap, \.geojson"),
         ("map", {}, "ends in ''"),
         ("map.png", {"spacing": 0.0}, "spacing is 0.0"),
         ("map.map", {"spacing": -1.0}, "spacing is -1.0"),
@@ -160,7 +166,7 @@ def test_open_of_something_that_is_no_name() -> None:
 
 @pytest.mark.parametrize("suffix", READERS)
 def test_missing_files_and_folders_are_named(tmp_path: Path, suffix: str) -> None:
-    options = {} if suffix in (".yaml", ".yml", ".map") else {"spacing": 1.0}
+    options = {} if suffix in (".yaml", ".yml", ".map", ".3dmap", ".bt", ".ot") else {"spacing": 1.0}
     path = tmp_path / f"absent{suffix}"
     with pytest.raises(FileError, match=f"absent{suffix} does not exist"):
         Workspace.open(path, **options)
@@ -210,3 +216,119 @@ def test_labelled_cells_must_be_in_the_order_of_the_coordinates():
 def test_odd_bytes_become_plain_booleans():
     cells = np.array([[0, 255], [101, 0]], np.uint8).view(bool)
     assert Workspace.from_array(cells, 0.1).outer.view(np.uint8).tolist() == [[0, 1], [1, 0]]
+
+
+def test_npy_file_of_whole_numbers_that_may_be_points(tmp_path: Path) -> None:
+    np.save(tmp_path / "points.npy", np.arange(30).reshape(10, 3))
+    with pytest.raises(
+        InputError, match=r"10 rows of three whole numbers.*points are floating.*array\.astype\(float\)"
+    ):
+        Workspace.open(tmp_path / "points.npy", spacing=0.1)
+    np.save(tmp_path / "cells.npy", np.arange(30).reshape(10, 3) % 2)
+    assert Workspace.open(tmp_path / "cells.npy", spacing=0.1).grid.shape == (10, 3)
+
+
+TETRAHEDRON = (np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1.0)]), [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)])
+TRIANGLE = "POLYGON ((0 0, {0} 0, 0 {0}, 0 0))"
+
+
+def shapes(scale: float, bounds: Any = None) -> list[Callable[[], Workspace]]:
+    """A mesh, a cloud and a polygon of one size."""
+    vertices, faces = TETRAHEDRON
+    flat = None if bounds is None else (*bounds[:2], *bounds[3:5])
+    return [
+        lambda: Workspace.from_mesh((vertices * scale, faces), 0.1, bounds),
+        lambda: Workspace.from_points(vertices * scale, 0.1, bounds, radius=0.01),
+        lambda: Workspace.from_polygons(TRIANGLE.format(scale), 0.1, flat),
+    ]
+
+
+@pytest.mark.parametrize("bounds", [None, (-1, -1, -1, 1, 1, 1)])
+@pytest.mark.parametrize("kind", range(3))
+def test_obstacles_smaller_than_a_cell_are_a_warning(bounds: Any, kind: int) -> None:
+    with pytest.warns(UserWarning, match=r"is 0\.001 m x 0\.001 m.* fits into one cell of 0\.1 m; its units") as heard:
+        shapes(1e-3, bounds)[kind]()
+    assert len(heard) == 1
+    shapes(0.2, bounds)[kind]()
+
+
+def test_how_small_obstacles_may_be() -> None:
+    """A thin pillar within bounds may be meant; a map of one cell that it fills, too."""
+    bounds = (-1, -1, -1, 1, 1, 1)
+    for make in shapes(0.026, bounds):
+        make()
+    for make in shapes(0.024, bounds) + shapes(0.099):
+        with pytest.warns(UserWarning, match="units are probably wrong"):
+            make()
+    assert Workspace.from_polygons("POLYGON ((7 7, 7.1 7, 7.1 7.1, 7 7))", 0.1).outer.all()
+
+
+def test_a_single_point_is_no_warning() -> None:
+    assert Workspace.from_points([[1.0, 1.0, 1.0]], 0.1).outer.all()
+    assert Workspace.from_polygons("POINT (1 1)", 0.1, (0, 0, 2, 2)).outer.any()
+
+
+@pytest.mark.parametrize("kind", range(3))
+def test_bounds_without_an_obstacle_are_a_warning(kind: int) -> None:
+    with pytest.warns(UserWarning, match=r"none lies within the bounds, \(10, 10.* no obstacle at all") as heard:
+        shapes(1.0, (10, 10, 10, 12, 12, 12))[kind]()
+    assert len(heard) == 1
+
+
+@pytest.mark.parametrize("name", ["none.stl", "none.xyz", "none.wkt"])
+def test_bounds_are_checked_before_the_file_is_read(tmp_path: Path, name: str) -> None:
+    with pytest.raises(InputError, match="bounds is"):
+        Workspace.open(tmp_path / name, spacing=0.1, bounds=(0, 0, 0, 0, 1, 1))
+
+
+sizes = st.floats(1e-6, 1e6)
+
+
+@given(st.lists(sizes, min_size=2, max_size=3), sizes, st.floats(-1e7, 1e7), st.integers(1000, 10**12))
+def test_the_spacing_that_a_refusal_tells_fits(sides: list[float], spacing: float, low: float, free: int) -> None:
+    corners = np.array([np.full(len(sides), low), low + np.array(sides)])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("cspace.memory.free_bytes", lambda: free)
+        try:
+            covering_grid(corners, spacing, 8)
+        except InputError as error:
+            told = re.search(r"use a spacing of at least (\S+) m", str(error))
+            if told is None:
+                assert "reaches" in str(error)
+                return
+            advised = float(told[1])
+            assert covering_grid(corners, advised, 8).shape
+            # Nor is it much larger than it must be: by a tenth for its two digits, and for what is left free.
+            finer = covering_shape(corners, advised / 1.12)
+            far = np.abs(corners).max() / (advised / 1.12) > 0.99 * 2**22
+            assert far or advised / 1.12 < spacing or 8.0 * np.prod(finer, dtype=float) > 0.8 * free
+
+
+def test_the_spacing_that_a_refusal_tells_where_an_axis_is_one_cell(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cspace.memory.free_bytes", lambda: 8_000_000)
+    corners = np.array([(0.0, 0.0, 0.0), (1e6, 1e-3, 1e-3)])
+    with pytest.raises(InputError, match=r"use a spacing of at least 1\.3 m"):
+        covering_grid(corners, 0.01, 8)
+    with pytest.raises(InputError, match="no spacing helps"):
+        check_memory(1e8, "the map", (100, 100, 100), 0.1, fixed=5e7)
+
+
+@pytest.mark.parametrize(
+    ("name", "dim"),
+    [("a.yaml", 2), ("a.png", 2), ("a.wkt", 2), ("a.map", 2), ("a.3dmap", 3), ("a.stl", 3), ("a.bt", 3), ("a.csv", 3)],
+)
+def test_dimensions_are_told_by_the_suffix(name: str, dim: int) -> None:
+    assert dimension_of(name) == dim
+
+
+def test_dimensions_of_an_array_are_told_by_its_header(tmp_path: Path) -> None:
+    for array, dim in ((np.zeros((3, 3), bool), 2), (np.zeros((3, 3, 3), bool), 3), (np.zeros((4, 3)), 3)):
+        np.save(tmp_path / "a.npy", array)
+        assert dimension_of(tmp_path / "a.npy") == dim
+
+
+@pytest.mark.parametrize("suffix", READERS)
+def test_every_suffix_is_told(suffix: str) -> None:
+    assert Workspace.open.__doc__ is not None
+    images = {".pbm", ".pnm", ".jpeg", ".tif", ".tiff"}
+    assert suffix in images or f"``{suffix}``" in Workspace.open.__doc__

@@ -6,6 +6,7 @@ Nothing heavy is imported before a command runs, so that ``--help`` is instant.
 from __future__ import annotations
 
 import sys
+import warnings
 from collections.abc import Callable
 from typing import Annotated, Any
 
@@ -14,15 +15,19 @@ from typer.core import TyperGroup
 
 from cspace.cli.maps import export, info, make, picture
 from cspace.cli.planning import demo, plan
+from cspace.cli.words import in_options
 from cspace.errors import CspaceError
 
 
 class _Commands(TyperGroup):
-    """The commands, with what goes wrong told in one line."""
+    """The commands, with what goes wrong, or needs a warning, told in one line."""
 
     def invoke(self, ctx: Any) -> Any:
         try:
-            return super().invoke(ctx)
+            with warnings.catch_warnings():
+                warnings.simplefilter("default", UserWarning)
+                warnings.showwarning = _warn
+                return super().invoke(ctx)
         except BrokenPipeError:
             raise
         except (CspaceError, OSError) as error:
@@ -32,8 +37,12 @@ class _Commands(TyperGroup):
         except KeyboardInterrupt:
             typer.echo("cspace: interrupted", err=True)
             raise typer.Exit(130) from None
-        typer.echo(f"cspace: {' '.join(problem.split())}", err=True)
+        typer.echo(f"cspace: {' '.join(in_options(problem).split())}", err=True)
         raise typer.Exit(2)
+
+
+def _warn(message: Warning | str, *_: Any, **__: Any) -> None:
+    typer.echo(f"cspace: warning: {' '.join(in_options(str(message)).split())}", err=True)
 
 
 app = typer.Typer(

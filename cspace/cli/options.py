@@ -1,45 +1,146 @@
-"""What options mean, and the checks that come before any work."""
+"""What options mean that several commands have."""
 
 from __future__ import annotations
 
 import math
-import os
-from collections.abc import Collection
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cspace.errors import FileError, InputError
+from cspace.cli.words import about_robot
+from cspace.errors import InputError
 
 if TYPE_CHECKING:
-    from cspace.space import CSpace
+    from cspace.robot import Robot
+
+
+class Unknown(StrEnum):
+    """What unknown cells of a sensor map count as."""
+
+    OCCUPIED = "occupied"
+    FREE = "free"
+
+
+class Solid(StrEnum):
+    """What of a mesh has an inside."""
+
+    AUTO = "auto"
+    SURFACE = "surface"
+    FILL = "fill"
+
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document, for machines.")]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace existing outputs.")]
 # Typer looks at files before any command runs and tells of them in its own way; the library does it better.
 MapFile = Annotated[Path, typer.Argument(metavar="MAP", readable=False, help="A saved map: .zarr or .npz.")]
 
+Spacing = Annotated[
+    float | None,
+    typer.Option(metavar="METRES", help="Side of a cell, for files that do not say: images, polygons, meshes, points."),
+]
+UnknownCells = Annotated[
+    Unknown | None,
+    typer.Option("--unknown", help="What unknown cells of a ROS map or an OctoMap count as  [default: occupied]."),
+]
+Bounds = Annotated[
+    str | None,
+    typer.Option(
+        metavar="LOWER,UPPER",
+        help="Box to map, metres, for polygons, meshes, points: XMIN,YMIN,XMAX,YMAX, or in space "
+        "XMIN,YMIN,ZMIN,XMAX,YMAX,ZMAX  [default: that of the file].",
+    ),
+]
+SolidMesh = Annotated[
+    Solid | None,
+    typer.Option(
+        "--solid",
+        help="What has an inside in a mesh of obstacles: closed parts, nothing, or what it "
+        "encloses at this spacing  [default: auto].",
+    ),
+]
+SolidRobot = Annotated[
+    Solid | None, typer.Option("--robot-solid", help="The same for a robot that is a mesh  [default: auto].")
+]
+Radius = Annotated[
+    float | None, typer.Option("--radius", metavar="METRES", help="Of the ball around each point of a point cloud.")
+]
 
-def configuration(text: str, option: str) -> tuple[float, ...]:
-    """The configuration that an option such as ``--start`` gives: two numbers in metres, and perhaps a yaw.
+
+def workspace_options(
+    spacing: float | None, unknown: Unknown | None, bounds: str | None, solid: Solid | None, radius: float | None
+) -> dict[str, Any]:
+    """What the user gave for the reader of a workspace, checked as far as it can be without the file.
 
     Raises
     ------
     InputError
-        If the text is not two numbers, or two numbers and a yaw, with commas between them.
+        If ``bounds`` is not a box, or a number is out of range.
     """
-    words = text.split(",")
+    from cspace.grid import positive
+
+    if spacing is not None:
+        positive(spacing, "spacing")
+    return given(
+        spacing=spacing,
+        unknown=unknown and unknown.value,
+        bounds=None if bounds is None else box(bounds, "--bounds"),
+        solid=solid and solid.value,
+        radius=radius,
+    )
+
+
+def read_robot(text: str, solid: Solid | None) -> Robot:
+    """The robot that ``--robot`` and ``--robot-solid`` give.
+
+    Raises
+    ------
+    CspaceError
+        As :meth:`cspace.Robot.open`.
+    """
+    from cspace.robot import Robot
+
+    with about_robot():
+        return Robot.open(text, **given(solid=solid and solid.value))
+
+
+def check_dimensions(path: Path, dim: int, robot: Robot) -> None:
+    """Refuse a robot of the plane in a workspace of space, or the other way round.
+
+    Raises
+    ------
+    InputError
+        If they do not agree.
+    """
+    if robot.dim != dim:
+        raise InputError(
+            f"the workspace {path} has {dim} dimensions and the robot {robot.dim}, a {robot.name}; they must agree; "
+            "take both in the plane or both in space"
+        )
+
+
+def box(text: str, option: str) -> tuple[float, ...]:
+    """The box that an option such as ``--bounds`` gives: the lower corner, then the upper one, in metres.
+
+    Raises
+    ------
+    InputError
+        If the text is not four numbers, or six in space, with commas between them, or the box has no inside.
+    """
+    from cspace.covering import check_bounds
+
     try:
-        if len(words) not in (2, 3):
+        values = tuple(map(float, text.split(",")))
+        if len(values) not in (4, 6):
             raise ValueError
-        x, y = map(float, words[:2])
     except ValueError:
         raise InputError(
-            f"{option} is {text!r}; it must be two numbers in metres with a comma between them, and for a map with "
-            f"rotations a yaw behind another; write e.g. {option}=-1.5,2 or {option}=-1.5,2,90deg"
+            f"{option} is {text!r}; it must be four numbers in metres with commas between them, XMIN,YMIN,XMAX,YMAX, "
+            f"or six in space; write e.g. {option}=-1,-1,0,4,3,2.5"
         ) from None
-    return (x, y, *(angle(word, option) for word in words[2:]))
+    check_bounds(values, len(values) // 2)
+    return values
 
 
 def angle(text: str, option: str) -> float:
@@ -64,99 +165,6 @@ def angle(text: str, option: str) -> float:
             f"turn; write {number}deg for degrees, or {number}rad if you mean it"
         )
     return math.radians(value) if unit == "deg" else value
-
-
-def check_configuration(space: CSpace, q: tuple[float, ...], option: str) -> None:
-    """Check that a configuration has a yaw where the map has rotations, and none where it has none.
-
-    Raises
-    ------
-    InputError
-        If not.
-    """
-    text = ",".join(f"{value:g}" for value in q)
-    if len(q) < space.dof:
-        raise InputError(
-            f"{option} is {text!r}, without a yaw; the map has rotations, and a configuration is x, y and yaw; write "
-            f"e.g. {option}={text},90deg"
-        )
-    if len(q) > space.dof:
-        raise InputError(
-            f"{option} has a yaw, {q[2]:g} rad; the map has no rotations, and a configuration is x and y: two numbers; "
-            f"write {option}={q[0]:g},{q[1]:g}, or build the map with --rotations"
-        )
-
-
-def check_turning(space: CSpace, option: str) -> None:
-    """Check that a map has rotations, as an option needs them.
-
-    Raises
-    ------
-    InputError
-        If not.
-    """
-    if space.rotations is None:
-        raise InputError(
-            f"{option} is for robots that turn, and the map has no rotations; build it with cspace map --rotations 72, "
-            "or leave the option out"
-        )
-
-
-def check_outputs(paths: Collection[Path], suffixes: Collection[str], overwrite: bool) -> None:
-    """Check that files can be written, before work that would be lost.
-
-    Parameters
-    ----------
-    paths : collection of pathlib.Path
-        The outputs; those that are written beside them are checked with them.
-    suffixes : collection of str
-        The suffixes that are known, in lower case.
-    overwrite : bool
-        Whether existing outputs may be replaced.
-
-    Raises
-    ------
-    InputError
-        If a suffix is not known, or two outputs have the same name.
-    FileError
-        If a folder is missing or may not be written, or if an output exists and may not be replaced.
-    """
-    for path in paths:
-        if path.suffix.lower() not in suffixes:
-            known = ", ".join(suffix for suffix in suffixes if suffix)
-            raise InputError(f"{path} ends in {path.suffix!r}; the suffix says what to write; use one of {known}")
-        image = [path.with_suffix(".pgm")] if path.suffix.lower() in (".yaml", ".yml") else []
-        for target in (path, *image):
-            _check_target(target, overwrite)
-    if len({path.resolve() for path in paths}) < len(paths):
-        raise InputError(f"{', '.join(map(str, paths))} name one file twice; outputs differ; choose another name")
-
-
-def check_folder(folder: Path) -> None:
-    """Check that a folder is there or can be made, and can be written.
-
-    Raises
-    ------
-    FileError
-        If not.
-    """
-    there = folder
-    while not there.exists() and there != there.parent:
-        there = there.parent
-    if not there.is_dir() or not os.access(there, os.W_OK | os.X_OK):
-        raise FileError(
-            f"{folder} cannot be written: {there.resolve()} is not a folder that may be written; outputs need one; "
-            "choose another"
-        )
-
-
-def _check_target(target: Path, overwrite: bool) -> None:
-    if not target.parent.is_dir():
-        raise FileError(f"{target.parent} is not a folder; outputs go into an existing one; create it first")
-    if not os.access(target.parent, os.W_OK | os.X_OK):
-        raise FileError(f"{target.parent} may not be written; outputs need a writable folder; choose another")
-    if target.exists() and not overwrite:
-        raise FileError(f"{target} exists; existing outputs are kept; pass --overwrite or choose another name")
 
 
 def given(**options: Any) -> dict[str, Any]:

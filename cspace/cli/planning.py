@@ -8,18 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cspace.cli.options import (
-    Json,
-    MapFile,
-    Overwrite,
-    check_configuration,
-    check_folder,
-    check_outputs,
-    check_turning,
-    configuration,
-    given,
-)
-from cspace.cli.report import Clock, describe_map, progress_bar, show
+from cspace.cli.describe import describe_map
+from cspace.cli.forms import check_plane, check_turning, configuration, form_of
+from cspace.cli.options import Json, MapFile, Overwrite, given
+from cspace.cli.outputs import check_folder, check_outputs
+from cspace.cli.report import Clock, progress_bar, show
 from cspace.errors import InputError
 
 if TYPE_CHECKING:
@@ -38,10 +31,14 @@ class Curve(StrEnum):
 def plan(
     file: MapFile,
     start: Annotated[
-        str, typer.Option(metavar="X,Y[,YAW]", help="Where the robot is, metres; e.g. --start=-1,2 or -1,2,90deg.")
+        str,
+        typer.Option(
+            metavar="X,Y[,YAW|,Z]",
+            help="Where the robot is, metres; e.g. --start=-1,2, with rotations -1,2,90deg, in space -1,2,0.5.",
+        ),
     ],
     goal: Annotated[
-        str, typer.Option(metavar="X,Y[,YAW]", help="Where it goes; a yaw is e.g. 90deg, or a number of radians.")
+        str, typer.Option(metavar="X,Y[,YAW|,Z]", help="Where it goes; a yaw is e.g. 90deg, or a number of radians.")
     ],
     output: Annotated[
         list[Path] | None,
@@ -79,17 +76,18 @@ def plan(
     check_outputs(output or [], _PATHS, overwrite)
     check_outputs([picture] if picture else [], SUFFIXES, overwrite)
     check_outputs([animate] if animate else [], (".gif",), overwrite)
-    ends = configuration(start, "--start"), configuration(goal, "--goal")
     _check_curve(curve, turning_radius)
+    form = form_of(file)
+    ends = configuration(start, "--start", form), configuration(goal, "--goal", form)
+    if curve:
+        check_turning(form, "--curve")
+    if animate:
+        check_plane(form, "--animate")
     import planners
 
     clock = Clock()
     with clock.step("read"):
         space = open_map(file)
-    for end, option in zip(ends, ("--start", "--goal"), strict=True):
-        check_configuration(space, end, option)
-    if curve:
-        check_turning(space, "--curve")
     with clock.step("plan"):
         found = planners.plan(
             space,

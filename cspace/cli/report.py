@@ -8,18 +8,15 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import typer
 
-if TYPE_CHECKING:
-    from cspace.robot import Robot
-    from cspace.space import CSpace
-    from cspace.workspace import Workspace
-
-
-_UNITS: Final = {"_m2": " m²", "_m": " m", "_deg": "°", "_bytes": " bytes"}
+_UNITS: Final = {"_m3": " m³", "_m2": " m²", "_m": " m", "_deg": "°", "_bytes": " bytes"}
 """Units, by the end of a name."""
+
+_MANY_BYTES: Final = 10**6
+"""From here on people are told of MB and GB."""
 
 
 class Clock:
@@ -88,70 +85,6 @@ def show(document: dict[str, Any], as_json: bool) -> None:
     typer.echo("\n".join(line.rstrip() for line in captured.get().splitlines()))
 
 
-def describe_map(space: CSpace) -> dict[str, Any]:
-    """What there is to say about a map."""
-    import numpy as np
-
-    from cspace.states import FREE, NAMES
-
-    counts = space.count()
-    grid, rotations = space.grid, space.rotations
-    kept = space.stack.nbytes + (0 if space.overlaps is None else space.overlaps.nbytes)
-    turning: dict[str, Any] = {}
-    if rotations is None:
-        area = {"free_area_m2": counts[0] * grid.spacing**grid.dim}
-    else:
-        widths = np.diff(rotations.borders)
-        free = np.array([np.count_nonzero(part == FREE) for part in space.stack])[space.slice_of]
-        # Each rotation cell counts by its width.
-        area = {"mean_free_area_m2": float(free @ widths / widths.sum()) * grid.spacing**grid.dim}
-        turning = {
-            "rotations": rotations.count,
-            "rotation_cell_deg": round(float(np.degrees(widths.max())), 9),
-            "slices": len(space.stack),
-        }
-    return {
-        "robot": space.robot.name,
-        "workspace": space.workspace.source,
-        "lower_m": list(grid.lower),
-        "upper_m": list(grid.upper),
-        "spacing_m": grid.spacing,
-        "shape": list(grid.shape),
-        **turning,
-        "cells": dict(zip(NAMES, counts, strict=True)),
-        **area,
-        "outside": space.outside,
-        "margin_m": space.margin,
-        "precision": space.precision,
-        "overlaps": space.overlaps is not None,
-        "memory_bytes": kept,
-    }
-
-
-def describe_workspace(workspace: Workspace) -> dict[str, Any]:
-    """What there is to say about a workspace."""
-    grid = workspace.grid
-    return {
-        "workspace": workspace.source,
-        "lower_m": list(grid.lower),
-        "upper_m": list(grid.upper),
-        "spacing_m": grid.spacing,
-        "shape": list(grid.shape),
-        "cells": {"occupied": int(workspace.outer.sum()), "total": grid.size},
-    }
-
-
-def describe_robot(robot: Robot) -> dict[str, Any]:
-    """What there is to say about a robot."""
-    left, bottom, right, top = robot.geometry.bounds
-    return {
-        "robot": robot.name,
-        "lower_m": [left, bottom],
-        "upper_m": [right, top],
-        "area_m2": robot.geometry.area,
-    }
-
-
 def _finite(value: Any) -> Any:
     if isinstance(value, dict):
         return {name: _finite(item) for name, item in value.items()}
@@ -180,5 +113,9 @@ def _text(value: Any, unit: str) -> str:
     if isinstance(value, list):
         return f"({', '.join(_text(item, '') for item in value)}){unit}"
     if isinstance(value, int):
+        if unit == _UNITS["_bytes"] and value >= _MANY_BYTES:
+            from cspace.memory import in_words
+
+            return in_words(value)
         return f"{value:,}{unit}"
     return f"{value:.6g}{unit}" if isinstance(value, float) else f"{value}{unit}"

@@ -25,11 +25,11 @@ from cspace.exact import ROUNDING
 from cspace.exact.borders.pieces import body_of, scene_of
 from cspace.once import Once
 from cspace.outside import Outside
-from cspace.plane import Kernel, entry
 from cspace.rotations import YAW_SLACK
+from cspace.translating import Kernel, entry
 
 if TYPE_CHECKING:
-    from cspace.space import CSpace
+    from cspace.questions import Questions
 
 
 class ExactLookups:
@@ -42,7 +42,7 @@ class ExactLookups:
         What is known outside the grid, for each slice.
     """
 
-    def __init__(self, space: CSpace, outsides: Sequence[Outside]) -> None:
+    def __init__(self, space: Questions, outsides: Sequence[Outside]) -> None:
         self._workspace, self._robot, self._margin = space.workspace, space.robot, space.margin
         self._walled, self._flat = space.outside == "blocked", space.rotations is None
         grid = space.grid

@@ -2,3 +2,4 @@
 
 from cspace.fourier.correlation import Correlation as Correlation
 from cspace.fourier.correlation import correlate as correlate
+from cspace.fourier.correlation import transform_bytes as transform_bytes

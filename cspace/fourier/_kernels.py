@@ -25,17 +25,21 @@ def mark_digit(
     always: bool,
     add: bool,
     out: NDArray[np.uint8],
-    x: int,
-    y: int,
-    nx: int,
-    ny: int,
+    corner: NDArray[np.int64],
+    shape: NDArray[np.int64],
 ) -> None:
-    """Whether bits of the first (nx, ny) whole numbers are set, written or added to ``out`` from (x, y) on."""
+    """Whether bits of the first whole numbers, as many as ``shape``, are set, written or added to ``out`` at a corner.
+
+    Arrays have three axes; those of the plane are one layer.
+    """
+    x, y, z = corner
+    nx, ny, nz = shape
     for i in range(nx):
-        row, numbers = out[x + i, y : y + ny], whole[i]
-        if add:
-            for j in range(ny):
-                row[j] += always or (numbers[j] & mask) != 0
-        else:
-            for j in range(ny):
-                row[j] = always or (numbers[j] & mask) != 0
+        for j in range(ny):
+            row, numbers = out[x + i, y + j, z : z + nz], whole[i, j]
+            if add:
+                for k in range(nz):
+                    row[k] += always or (numbers[k] & mask) != 0
+            else:
+                for k in range(nz):
+                    row[k] = always or (numbers[k] & mask) != 0

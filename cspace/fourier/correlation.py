@@ -20,13 +20,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.fourier.tile_run import Part, TileRun, write
-from cspace.fourier.tiles import choose_tiling
+from cspace.fourier.tiles import Tiling, choose_tiling
 from cspace.raster.raster import Raster
 from cspace.threads import cores
 
 Bools = NDArray[np.bool_]
 Item = TypeVar("Item")
 Result = TypeVar("Result")
+
+TILE_SPECTRA = 3
+"""Arrays as large as a tile's spectrum that a thread holds at once, at most."""
 
 SPECTRA_BYTES = 2**25
 """Memory for robot spectra held at once; more rasters than fit are taken in turns."""
@@ -66,7 +69,7 @@ def correlate(
 
     Parameters
     ----------
-    occupied : ndarray of bool, shape (nx, ny)
+    occupied : ndarray of bool, shape (nx, ny) or (nx, ny, nz)
         Obstacle cells W.
     rasters : sequence of Raster
         Robot offsets A.
@@ -99,12 +102,8 @@ def correlate(
     if not live:
         return Correlation(results, "float32", 0.0)
 
-    # One window of offsets for all rasters, so that they share the tiles and their spectra.
-    lower = tuple(min(part.lower[a] for part, _ in live) for a in range(len(shape)))
-    upper = tuple(max(part.lower[a] + part.cells.shape[a] for part, _ in live) for a in range(len(shape)))
-    extent = tuple(high - low for low, high in zip(lower, upper, strict=True))
     threads = workers or cores()
-    tiling = choose_tiling(shape, extent, max(part.count for part, _ in live), threads, len(live))
+    lower, tiling = _tiling([part for part, _ in live], shape, threads)
     corners = list(itertools.product(*(range(0, n, s) for n, s in zip(shape, tiling.step, strict=True))))
     groups = [live[first : first + tiling.digits] for first in range(0, len(live), tiling.digits)]
     turns = min(len(groups), math.ceil(len(groups) * tiling.spectrum_bytes / SPECTRA_BYTES))
@@ -117,6 +116,35 @@ def correlate(
         advance = None if progress is None else partial(_advance, progress, turn * len(tasks), turns * len(tasks))
         _in_threads(run.settle, tasks, threads, advance)
     return Correlation(results, tiling.precision, tiling.error)
+
+
+def transform_bytes(shape: Sequence[int], rasters: Sequence[Raster], workers: int | None = None) -> int:
+    """Memory that :func:`correlate` takes at most beside its input and results, in bytes.
+
+    Parameters
+    ----------
+    shape : sequence of int
+        Cells of the map.
+    rasters : sequence of Raster
+    workers : int, optional
+        As for :func:`correlate`.
+    """
+    live = [part for part in (Part.within_reach(raster, shape, False) for raster in rasters) if part.cells.size]
+    if not live:
+        return 0
+    threads = workers or cores()
+    _, tiling = _tiling(live, shape, threads)
+    tiles = math.prod(-(-n // step) for n, step in zip(shape, tiling.step, strict=True)) * tiling.pieces
+    robots = min(-(-len(live) // tiling.digits) * tiling.spectrum_bytes, SPECTRA_BYTES + tiling.spectrum_bytes)
+    return robots + TILE_SPECTRA * min(threads, tiles) * tiling.spectrum_bytes
+
+
+def _tiling(parts: Sequence[Part], shape: Sequence[int], threads: int) -> tuple[tuple[int, ...], Tiling]:
+    """The first offset of one window for all rasters, so that they share the tiles and their spectra; and the tiles."""
+    axes = range(len(shape))
+    lower = tuple(min(part.lower[a] for part in parts) for a in axes)
+    extent = tuple(max(part.lower[a] + part.cells.shape[a] for part in parts) - lower[a] for a in axes)
+    return lower, choose_tiling(shape, extent, max(part.count for part in parts), threads, len(parts))
 
 
 def _share(items: Sequence[Item], number: int, of: int) -> Sequence[Item]:

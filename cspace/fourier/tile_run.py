@@ -130,7 +130,16 @@ class TileRun:
             view = self._view(result, corner)
             if view.dtype.itemsize == 1:
                 always, marks = part.constant > 0, result.view(np.uint8)
-                _kernels.mark_digit(whole, ones << shift, always, self.add, marks, *corner, *view.shape)
+                layers = 3 - marks.ndim
+                _kernels.mark_digit(
+                    np.expand_dims(whole, tuple(range(layers))),
+                    ones << shift,
+                    always,
+                    self.add,
+                    np.expand_dims(marks, tuple(range(layers))),
+                    np.array([0] * layers + list(corner)),
+                    np.array([1] * layers + list(view.shape)),
+                )
             else:
                 digits = whole[tuple(slice(n) for n in view.shape)] >> shift
                 view[...] = (digits & ones) + part.constant

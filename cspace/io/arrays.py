@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -10,6 +9,7 @@ from numpy.typing import NDArray
 
 from cspace.errors import InputError
 from cspace.grid import finite
+from cspace.io.geometry import DIMENSIONS, geometry_arrays
 from cspace.rotations import Rotations
 from cspace.states import NAMES
 
@@ -44,6 +44,11 @@ ATTRIBUTES: Final[dict[str, dict[str, Any]]] = {
         "comment": "where state has the dimension slice, state.isel(slice=slice_of) has the dimension rotation",
     },
     "geometry": {"long_name": "obstacles as a GeometryCollection in well-known binary (WKB)"},
+    "shapes": {"long_name": "obstacles as a JSON list: the kind of each, and its rows in the arrays that hold them"},
+    "vertices": {"long_name": "vertices of the meshes, one mesh after the other", "units": "m"},
+    "faces": {"long_name": "triangles of the meshes, counting the vertices of their own mesh"},
+    "centers": {"long_name": "middles of balls", "units": "m"},
+    "radii": {"long_name": "radii of balls", "units": "m"},
     **{axis: {"long_name": f"{axis} of the middle of a cell", "units": "m", "axis": axis.upper()} for axis in AXES},
 }
 """Attributes of each array, after the CF conventions."""
@@ -55,6 +60,8 @@ FILLS: Final[dict[str, Any]] = {
     "overlap": -1,
     "slice_of": np.iinfo(np.int64).max,
     "geometry": -1,
+    "shapes": -1,
+    "faces": -1,
 }
 """What stands in for entries that were lost: never a value that would call a cell free."""
 
@@ -65,15 +72,17 @@ DTYPES: Final = {
     "overlap": "int32",
     "slice_of": "int64",
     "geometry": "int8",
-    **dict.fromkeys(("yaw", "yaw_bounds", "covering_angle", *AXES), "float64"),
+    "shapes": "int8",
+    "faces": "int64",
+    **dict.fromkeys(("yaw", "yaw_bounds", "covering_angle", "vertices", "centers", "radii", *AXES), "float64"),
 }
 
 
 def arrays_of(space: CSpace) -> dict[str, NDArray[Any]]:
     """The arrays of a map over its cells, then what labels them.
 
-    ``inner`` is there only if it differs from ``outer``, ``overlap`` only if the map was built with it, ``geometry``
-    only if the obstacles are known as geometries. Nothing large is copied.
+    ``inner`` is there only if it differs from ``outer``, ``overlap`` only if the map was built with it, and the arrays
+    of :func:`cspace.io.geometry.geometry_arrays` only if the obstacles are known as shapes. No cells are copied.
 
     Parameters
     ----------
@@ -82,8 +91,9 @@ def arrays_of(space: CSpace) -> dict[str, NDArray[Any]]:
     Returns
     -------
     dict of str to ndarray
-        Cells are indexed [x, y]; ``state`` and ``overlap`` of a robot that turns [slice, x, y]. The coordinates ``x``
-        and ``y``, in metres, have one axis; :data:`TURNS` are as :func:`rotation_arrays` makes them.
+        Cells are indexed [x, y] or [x, y, z]; ``state`` and ``overlap`` of a robot that turns [slice, x, y]. The
+        coordinates ``x``, ``y`` and in space ``z``, in metres, have one axis; :data:`TURNS` are as
+        :func:`rotation_arrays` makes them.
     """
     workspace, grid = space.workspace, space.grid
     arrays: dict[str, NDArray[Any]] = {
@@ -98,7 +108,7 @@ def arrays_of(space: CSpace) -> dict[str, NDArray[Any]]:
     if space.rotations is not None:
         arrays |= rotation_arrays(space.rotations, space.slice_of)
     if workspace.shapes is not None:
-        arrays["geometry"] = geometry_bytes(workspace.shapes)
+        arrays |= geometry_arrays(workspace.shapes)
     return arrays
 
 
@@ -110,7 +120,7 @@ def dimensions_of(dim: int, turns: bool) -> dict[str, tuple[str, ...]]:
         **dict.fromkeys(("outer", "inner"), cells),
         **dict.fromkeys(TURNS, ("rotation",)),
         "yaw_bounds": ("rotation", "bound"),
-        "geometry": ("byte",),
+        **DIMENSIONS,
         **{axis: (axis,) for axis in cells},
     }
 
@@ -136,6 +146,9 @@ def expected_shape(
         return (rotations, 2) if name == "yaw_bounds" else (rotations,)
     if name in AXES:
         return (cells[AXES.index(name)],)
+    if name in DIMENSIONS:
+        rows = {"coordinate": len(cells), "corner": 3}
+        return (*found[:1], *(rows[axis] for axis in DIMENSIONS[name][1:]))
     return cells if name in ("outer", "inner") else found
 
 
@@ -174,33 +187,3 @@ def one_yaw(yaw: float) -> float:
     if angle.ndim != 0:
         raise InputError(f"yaw has shape {angle.shape}; there is one slice at a time; pass one number, in radians")
     return float(angle)
-
-
-def geometry_bytes(shapes: Sequence[Any]) -> NDArray[np.int8]:
-    """Shapely geometries as the bytes of one GeometryCollection in WKB, which keeps every bit of the coordinates.
-
-    The bytes are signed because netCDF 3 knows no others.
-    """
-    import shapely
-
-    collection = shapely.GeometryCollection(list(shapes))
-    return np.frombuffer(shapely.to_wkb(collection, byte_order=1), dtype=np.int8)
-
-
-def shapes_from(content: NDArray[np.int8]) -> tuple[Any, ...]:
-    """The geometries that :func:`geometry_bytes` wrote.
-
-    Raises
-    ------
-    ValueError
-        If the bytes are no GeometryCollection.
-    """
-    import shapely
-
-    try:
-        collection = shapely.from_wkb(content.tobytes())
-    except shapely.errors.ShapelyError as error:
-        raise ValueError(f"'geometry' is not WKB: {error}") from error
-    if not isinstance(collection, shapely.GeometryCollection):
-        raise ValueError(f"'geometry' is a {collection.geom_type}, not a GeometryCollection")
-    return tuple(collection.geoms)

@@ -32,16 +32,23 @@ def existing(path: str | os.PathLike[str], kind: str) -> Path:
     except OSError as error:
         raise unreadable(path, kind, error) from error
     if not there:
-        raise FileError(f"{file} does not exist; a {kind} is read from a file; check the name and the folder")
+        raise FileError(f"{file} does not exist; {_one(kind)} is read from a file; check the name and the folder")
     if folder:
-        raise FileError(f"{file} is a folder; a {kind} is read from a file; pass the file inside it")
+        raise FileError(f"{file} is a folder; {_one(kind)} is read from a file; pass the file inside it")
     return file
+
+
+def _one(kind: str) -> str:
+    """A kind of file with its article."""
+    return f"{'an' if kind[:1].lower() in 'aeio' else 'a'} {kind}"
 
 
 def unreadable(path: str | os.PathLike[str], kind: str, error: OSError) -> FileError:
     """The error for a file that the system refuses to read."""
     reason = error.strerror or error
-    return FileError(f"{os.fspath(path)} cannot be read: {reason}; a {kind} must be readable; check its permissions")
+    return FileError(
+        f"{os.fspath(path)} cannot be read: {reason}; {_one(kind)} must be readable; check its permissions"
+    )
 
 
 def read_text(path: str | os.PathLike[str], kind: str) -> str:
@@ -59,7 +66,7 @@ def read_text(path: str | os.PathLike[str], kind: str) -> str:
         return file.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
         raise FileError(
-            f"{file} is not text: byte {error.start} is not UTF-8; a {kind} is a text file; pass the right file"
+            f"{file} is not text: byte {error.start} is not UTF-8; {_one(kind)} is a text file; pass the right file"
         ) from error
     except OSError as error:
         raise unreadable(file, kind, error) from error

@@ -26,10 +26,11 @@ def to_xarray(space: CSpace) -> xarray.Dataset:
     Returns
     -------
     xarray.Dataset
-        Dimensions ``x`` and ``y`` with the middles of the cells, in metres. Variables ``state`` (uint8, flags free,
-        mixed and blocked), ``outer`` and ``inner`` (bool, the workspace) and, where the map was built with it,
-        ``overlap`` (int32), and ``geometry`` (bytes of WKB) where the obstacles are known as geometries. The arrays are
-        read-only; copy the Dataset to change it. Attributes are text, numbers and lists of numbers: ``lower``,
+        Dimensions ``x``, ``y`` and in space ``z`` with the middles of the cells, in metres. Variables ``state`` (uint8,
+        flags free, mixed and blocked), ``outer`` and ``inner`` (bool, the workspace) and, where the map was built with
+        it, ``overlap`` (int32), and where the obstacles are known as shapes the arrays of
+        :func:`cspace.io.geometry.geometry_arrays` (``geometry``, bytes of WKB, in the plane). The arrays are read-only;
+        copy the Dataset to change it. Attributes are text, numbers and lists of numbers: ``lower``,
         ``spacing``, ``outside``, ``margin``, ``precision``, ``rotations`` (their number), ``robot`` (JSON text for
         ``Robot.from_spec``), ``workspace_source`` and the versions.
 

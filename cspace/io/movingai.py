@@ -1,7 +1,12 @@
-"""Grid maps and scenarios of the MovingAI benchmarks (Sturtevant, "Benchmarks for Grid-Based Pathfinding", 2012)."""
+"""Grid maps, voxel maps and scenarios of the MovingAI benchmarks.
+
+Sturtevant, "Benchmarks for Grid-Based Pathfinding", 2012; Brewer and Sturtevant, "Benchmarks for Pathfinding in 3D
+Voxel Space", 2018.
+"""
 
 from __future__ import annotations
 
+import io
 import math
 import os
 from dataclasses import dataclass
@@ -12,9 +17,14 @@ from numpy.typing import NDArray
 
 from cspace.errors import FileError
 from cspace.io.input import read_text
+from cspace.memory import FIXED_CELLS, check_memory
 
 PASSABLE: Final = ".GS"
 BLOCKED: Final = "@OTW"
+_DIGITS: Final = 40
+"""At most so many of a whole number; a map of that size is none."""
+
+_VOXEL_LINES: Final = frozenset("0123456789 \t\n")
 _DROP_CELLS: Final = str.maketrans("", "", PASSABLE + BLOCKED)
 
 
@@ -66,7 +76,7 @@ def read_map(path: str | os.PathLike[str]) -> NDArray[np.bool_]:
     sizes: dict[str, int] = {}
     for number, line in enumerate(lines[1:3], start=2):
         key, _, value = line.partition(" ")
-        if key not in ("height", "width") or not value.strip().isdecimal() or int(value) == 0:
+        if key not in ("height", "width") or not _is_count(value.strip()) or int(value) == 0:
             raise _fault(path, number, lines, "'height' or 'width' and a whole number above zero")
         sizes[key] = int(value)
     if len(sizes) != 2:
@@ -94,6 +104,61 @@ def read_map(path: str | os.PathLike[str]) -> NDArray[np.bool_]:
     cells = np.frombuffer("".join(rows).encode("ascii"), dtype=np.uint8).reshape(height, width)
     blocked = np.isin(cells, np.frombuffer(BLOCKED.encode("ascii"), dtype=np.uint8))
     return np.ascontiguousarray(blocked[::-1].T)
+
+
+def read_3dmap(path: str | os.PathLike[str]) -> NDArray[np.bool_]:
+    """Blocked voxels of a ``.3dmap`` file.
+
+    The first line is ``voxel`` and the numbers of voxels along x, y and z; each other line is ``x y z`` of a blocked
+    voxel, counted from 0.
+
+    Returns
+    -------
+    ndarray of bool, shape (nx, ny, nz)
+
+    Raises
+    ------
+    FileError
+        If the file is missing, or a line is malformed or has a voxel outside the map; the message names the line.
+    InputError
+        If so many voxels do not fit into memory.
+    """
+    text = read_text(path, "MovingAI voxel map")
+    first, _, body = text.partition("\n")
+    words = first.split()
+    if words[:1] != ["voxel"] or len(words) != 4 or not all(_is_count(word) and int(word) > 0 for word in words[1:]):
+        raise _fault(path, 1, [first.rstrip()], "'voxel' and three whole numbers above zero")
+    shape = (int(words[1]), int(words[2]), int(words[3]))
+    check_memory(math.prod(shape), f"the voxel map {os.fspath(path)}", shape, 1.0, mend=FIXED_CELLS)
+    blocked = np.zeros(shape, dtype=np.bool_)
+    if not body.strip():
+        return blocked
+    if _VOXEL_LINES.issuperset(body):
+        try:
+            voxels = np.loadtxt(io.StringIO(body), dtype=np.int64, comments=None, ndmin=2)
+        except ValueError:
+            raise _voxel_fault(path, body, shape) from None
+        if voxels.shape[1] == 3 and (voxels < shape).all():
+            blocked[tuple(voxels.T)] = True
+            return blocked
+    raise _voxel_fault(path, body, shape)
+
+
+def _voxel_fault(path: str | os.PathLike[str], body: str, shape: tuple[int, int, int]) -> FileError:
+    """The error for the first line of a voxel map, below the header, that is not what it should be."""
+    lines = ["", *(line.strip() for line in body.split("\n"))]
+    for number, line in enumerate(lines[1:], start=2):
+        words = line.split()
+        if words and not (len(words) == 3 and all(map(_is_count, words))):
+            return _fault(path, number, lines, "'x y z' of a blocked voxel, whole numbers from 0 on")
+        if words and any(int(word) >= n for word, n in zip(words, shape, strict=True)):
+            return _fault(path, number, lines, f"a voxel inside {' x '.join(map(str, shape))}, counted from 0")
+    return FileError(f"{os.fspath(path)} cannot be read as lines of 'x y z'; the file is damaged, fetch it again")
+
+
+def _is_count(word: str) -> bool:
+    """Whether a word is a whole number without a sign, not absurdly long."""
+    return word.isascii() and word.isdecimal() and len(word) <= _DIGITS
 
 
 def read_scenarios(path: str | os.PathLike[str]) -> list[Scenario]:

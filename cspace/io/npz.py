@@ -23,9 +23,10 @@ if TYPE_CHECKING:
 def write_npz(space: CSpace, path: str | os.PathLike[str], overwrite: bool = False) -> None:
     """Write a map as an ``.npz`` file.
 
-    ``numpy.load`` finds ``state`` (uint8 [x, y]: 0 free, 1 mixed, 2 blocked), ``x`` and ``y`` (middles of the cells,
-    metres), ``lower``, ``spacing``, ``outer``, ``inner`` and ``overlap`` where they are needed, and ``metadata``
-    (JSON text). Obstacles that are known as geometries are in ``geometry``, a GeometryCollection in WKB.
+    ``numpy.load`` finds ``state`` (uint8 [x, y] or [x, y, z]: 0 free, 1 mixed, 2 blocked), ``x``, ``y`` and in space
+    ``z`` (middles of the cells, metres), ``lower``, ``spacing``, ``outer``, ``inner`` and ``overlap`` where they are
+    needed, and ``metadata`` (JSON text). Obstacles that are known as shapes are in ``geometry``, a GeometryCollection
+    in WKB, or in space in ``shapes`` and the arrays of :func:`cspace.io.geometry.geometry_arrays`.
 
     The map of a robot that turns has ``state`` and ``overlap`` by [slice, x, y] and, by rotation cell, ``slice_of``
     and in radians ``yaw`` (the representative), ``yaw_bounds`` (the borders) and ``covering_angle``: the states by

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from cspace import __version__
 from cspace.errors import FileError, InputError
 from cspace.grid import Grid
-from cspace.io.arrays import DTYPES, STACKED, TURNS, expected_shape, rotation_arrays, rotations_from, shapes_from
+from cspace.io.arrays import DTYPES, STACKED, TURNS, expected_shape, rotation_arrays, rotations_from
+from cspace.io.geometry import shapes_from
 from cspace.states import BLOCKED
 
 if TYPE_CHECKING:
@@ -149,7 +150,7 @@ def restore(metadata: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], pat
             outer=arrays["outer"],
             inner=arrays.get("inner", arrays["outer"]),
             source=metadata["workspace_source"],
-            shapes=shapes_from(arrays["geometry"]) if "geometry" in arrays else None,
+            shapes=shapes_from(arrays),
         )
         space = CSpace(
             workspace,

@@ -34,6 +34,9 @@ _CHUNK: Final = {1: 2**20, 2: 1024, 3: 128}
 _SLICE_CHUNK: Final = 4096
 """Cells of a chunk of a stack along x and y, which is one slice thick: a whole slice, but for huge ones."""
 
+_ROWS: Final = 2**18
+"""Rows of a chunk of the tables of shapes, whose rows are never cut."""
+
 
 def write_store(space: CSpace, path: str | os.PathLike[str], overwrite: bool = False) -> None:
     """Write a map as a Zarr folder, which ``xarray.open_zarr`` reads too.
@@ -93,7 +96,7 @@ def read_slice(path: str | os.PathLike[str], yaw: float = 0.0) -> NDArray[np.uin
 
     Returns
     -------
-    ndarray of uint8, shape (nx, ny)
+    ndarray of uint8, shape (nx, ny) or (nx, ny, nz)
         FREE, MIXED or BLOCKED of each cell, proven for all yaw angles of the rotation cell that holds ``yaw``;
         :meth:`CSpace.slice_at` of the whole map.
 
@@ -120,7 +123,7 @@ def read_slice(path: str | os.PathLike[str], yaw: float = 0.0) -> NDArray[np.uin
 
 
 def _encoded(metadata: dict[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Iterator[tuple[str, bytes]]:
-    """The files of a Zarr folder with their names, a slice at a time.
+    """The files of a Zarr folder with their names, a layer of chunks at a time.
 
     They are encoded in memory, compressed, because Zarr writes from threads that go on after an interruption.
     """
@@ -134,25 +137,34 @@ def _encoded(metadata: dict[str, Any], arrays: Mapping[str, NDArray[Any]]) -> It
     labels = {"coordinates": " ".join(TURNS)} if metadata["rotations"] else {}
     group = zarr.create_group(MemoryStore(files), zarr_format=3, attributes={**metadata, **labels})
     for name, array in arrays.items():
-        stacked = dimensions[name][0] == "slice"
-        longest = (1, _SLICE_CHUNK, _SLICE_CHUNK) if stacked else (_CHUNK[array.ndim],) * array.ndim
+        chunks = _chunks(array.shape, dimensions[name])
         stored = group.create_array(
             name,
             shape=array.shape,
             dtype=array.dtype,
-            chunks=tuple(map(min, array.shape, longest)),
+            chunks=chunks,
             compressors=[ZstdCodec(level=3), Crc32cCodec()],
             fill_value=FILLS.get(name, np.nan),
             attributes=ATTRIBUTES[name],
             dimension_names=dimensions[name],
             config={"write_empty_chunks": True},
         )
-        for part in range(len(array)) if stacked else [...]:
-            stored[part] = array[part]
+        for start in range(0, len(array), chunks[0]):
+            stored[start : start + chunks[0]] = array[start : start + chunks[0]]
             for chunk in [file for file in files if "/c/" in file]:
                 yield chunk, files.pop(chunk).to_bytes()
     for file, content in files.items():
         yield file, content.to_bytes()
+
+
+def _chunks(shape: tuple[int, ...], dimensions: tuple[str, ...]) -> tuple[int, ...]:
+    """Shape of the chunks of an array."""
+    longest = [_CHUNK[len(shape)]] * len(shape)
+    if dimensions[0] == "slice":
+        longest = [1, _SLICE_CHUNK, _SLICE_CHUNK]
+    elif dimensions[0] in ("vertex", "face", "ball"):
+        longest = [_ROWS, *shape[1:]]
+    return tuple(map(min, shape, longest))
 
 
 @contextmanager

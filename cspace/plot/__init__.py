@@ -1,4 +1,4 @@
-"""Pictures of planar maps, and animations of a robot on its way; nothing here opens a window."""
+"""Pictures of maps, and animations of a robot on its way in the plane; nothing here opens a window."""
 
 from cspace.plot.animation import animate as animate
 from cspace.plot.picture import SUFFIXES as SUFFIXES

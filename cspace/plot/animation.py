@@ -15,6 +15,7 @@ from cspace.errors import InputError
 from cspace.grid import positive
 from cspace.io.output import replacing
 from cspace.plot import artists, view
+from cspace.plot.plane import refuse_space
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -86,6 +87,7 @@ def animate(
     target = Path(file)
     if target.suffix.lower() != ".gif":
         raise InputError(f"{target} has the suffix {target.suffix!r}; an animation's is .gif; name it e.g. path.gif")
+    refuse_space(space, "an animation shows the robot in the plane")
     points = view.polyline(space, path)
     if not len(points):
         raise InputError("path is empty; an animation needs at least one configuration; pass a path that was found")
@@ -134,9 +136,9 @@ class _Stage:
         self._figure, (world, plane) = _panels(box)
         marks = view.marks(space, points, None, None)
         solid = np.where(space.workspace.outer, np.uint8(artists.OBSTACLE), np.uint8(artists.OPEN))
-        artists.draw_cells(world, space, solid)
+        artists.draw_cells(world, space.grid, solid)
         slices = [self._classes(q) for q in ends]
-        self._image = artists.draw_cells(plane, space, slices[0])
+        self._image = artists.draw_cells(plane, space.grid, slices[0])
         handles = artists.cell_legend([np.unique(part) for part in slices], over_yaws=False)
         for ax in (world, plane):
             line = artists.draw_path(ax, points, 1.3)
@@ -144,7 +146,7 @@ class _Stage:
             artists.frame(ax, space, box, labels=False)
         self._trail = world.plot([], [], color=artists.ROBOT, linewidth=2.2, zorder=4.5)[0]
         self._robot = PathPatch(
-            artists.outline(footprint, points[0]), facecolor="#3fb795", edgecolor="#00614a", zorder=6
+            artists.outline(footprint, points[0]), facecolor=artists.BODY, edgecolor="#00614a", zorder=6
         )
         world.add_patch(self._robot)
         self._nose = PathPatch(artists.nose(footprint, points[0]), facecolor="#00614a", linewidth=0.0, zorder=6.1)

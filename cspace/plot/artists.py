@@ -9,14 +9,16 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.plot.view import Floats, Footprint, placed, stretch
+from cspace.plot.view import Floats, Footprint, Outline, placed, stretch
 from cspace.states import BLOCKED, FREE, MIXED
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.patheffects import AbstractPathEffect
 
     from cspace._cell_image import CellImage
+    from cspace.grid import Grid
     from cspace.space import CSpace
 
 # What a cell shows, the most important last: a pixel that covers many cells shows the largest. The hues are from Okabe
@@ -37,33 +39,44 @@ OVER_YAWS: Final = {
 """What classes are called where all yaws are shown at once."""
 
 PATH: Final = "#0072b2"
+FAINT: Final = "#62a8d0"
+"""A path that is not where the picture is cut, or behind something."""
 ROBOT: Final = "#009e73"
+BODY: Final = "#3fb795"
+"""A robot that is drawn filled."""
 LONG: Final = 6.5
 """Length of the longer side of the axes, in inches."""
+ROW: Final = 0.21
+"""Height of a row of a legend, in inches."""
 
 
 def classes_of(space: CSpace, yaw: float | None) -> NDArray[np.uint8]:
     """Classes of cells, shape (nx, ny): at a yaw (radians), or over all yaws where none is given and the map turns."""
+    occupied = space.workspace.outer
+    if space.rotations is None or yaw is not None:
+        return classes_at(occupied, space.slice_at(0.0 if yaw is None else yaw))
+    best, worst = space.stack.min(axis=0), space.stack.max(axis=0)
+    classes = classes_at(occupied, best)
+    classes[(classes == OPEN) & (worst != FREE)] = SOME
+    return classes
+
+
+def classes_at(occupied: NDArray[np.bool_], state: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Classes of cells of one slice, of any shape, from whether they meet an obstacle, and from their states."""
     table = np.empty((2, 3), np.uint8)
     table[0, [FREE, MIXED, BLOCKED]] = OPEN, UNDECIDED, COLLIDES
     table[1, [FREE, MIXED, BLOCKED]] = HOLLOW, OBSTACLE, OBSTACLE
-    occupied = space.workspace.outer
-    if space.rotations is None or yaw is not None:
-        state = space.slice_at(0.0 if yaw is None else yaw)
-        return np.asarray(np.where(occupied, table[1][state], table[0][state]))
-    best, worst = space.stack.min(axis=0), space.stack.max(axis=0)
-    free = np.where((best == FREE) & (worst != FREE), np.uint8(SOME), table[0][best])
-    return np.asarray(np.where(occupied, table[1][best], free))
+    return np.asarray(np.where(occupied, table[1][state], table[0][state]))
 
 
-def draw_cells(ax: Axes, space: CSpace, classes: NDArray[np.uint8]) -> CellImage:
-    """Draw cells by their class."""
+def draw_cells(ax: Axes, grid: Grid, classes: NDArray[np.uint8]) -> CellImage:
+    """Draw the cells of a grid in the plane by their class."""
     from matplotlib.colors import to_rgb
 
     from cspace._cell_image import CellImage
 
     colors = np.array([to_rgb(color) for _, color in CLASSES])
-    image = CellImage(ax, classes, np.rint(255.0 * colors).astype(np.uint8), space.grid)
+    image = CellImage(ax, classes, np.rint(255.0 * colors).astype(np.uint8), grid)
     ax.add_image(image)
     return image
 
@@ -87,16 +100,22 @@ def cell_legend(classes: Sequence[NDArray[np.uint8]], over_yaws: bool) -> list[A
 
 def draw_path(ax: Axes, points: Floats, width: float = 1.8) -> list[Any]:
     """Draw a path; gives its legend entry."""
-    from matplotlib.patheffects import withStroke
-
     if not len(points):
         return []
-    line = ax.plot(points[:, 0], points[:, 1], color=PATH, linewidth=width, label="path", zorder=4)
-    line[0].set(solid_joinstyle="round", path_effects=[withStroke(linewidth=width + 1.6, foreground="white")])
+    dim = 3 if ax.name == "3d" else 2
+    line = ax.plot(*points[:, :dim].T, color=PATH, linewidth=width, label="path", zorder=4)
+    line[0].set(solid_joinstyle="round", path_effects=[halo(width + 1.6)])
     return list(line)
 
 
-def draw_robots(ax: Axes, footprint: Footprint, at: Floats) -> list[Any]:
+def halo(width: float, alpha: float = 1.0) -> AbstractPathEffect:
+    """White on both sides of a line, so that it shows on any ground."""
+    from matplotlib.patheffects import withStroke
+
+    return withStroke(linewidth=width, foreground="white", alpha=alpha)
+
+
+def draw_robots(ax: Axes, footprint: Outline, at: Floats) -> list[Any]:
     """Draw the robot at configurations, shape (n, dof), with its nose where it turns; gives its legend entry."""
     from matplotlib.collections import PathCollection
     from matplotlib.patches import Patch
@@ -107,7 +126,7 @@ def draw_robots(ax: Axes, footprint: Footprint, at: Floats) -> list[Any]:
     robots = PathCollection([outline(footprint, q) for q in at], linewidths=0.9, zorder=3, **style)
     robots.set_transform(ax.transData)
     ax.add_collection(robots, autolim=False)
-    if at.shape[1] == 3:
+    if isinstance(footprint, Footprint) and at.shape[1] == 3:
         noses = PathCollection(
             [nose(footprint, q) for q in at], linewidths=0.0, zorder=3.1, facecolor=(0.0, 0.62, 0.45, 0.6)
         )
@@ -116,7 +135,7 @@ def draw_robots(ax: Axes, footprint: Footprint, at: Floats) -> list[Any]:
     return [Patch(linewidth=0.9, label="robot", **style)]
 
 
-def outline(footprint: Footprint, q: Floats) -> Any:
+def outline(footprint: Outline, q: Floats) -> Any:
     """The robot at a configuration, as a matplotlib path in metres."""
     from matplotlib.path import Path
 
@@ -131,17 +150,21 @@ def nose(footprint: Footprint, q: Floats) -> Any:
 
 
 def draw_marks(ax: Axes, marks: dict[str, Floats], scale: float = 1.0) -> list[Any]:
-    """Draw start and goal, with an arrow where there is a yaw; gives their legend entries."""
+    """Draw start and goal, with an arrow where there is a yaw; gives their legend entries.
+
+    Axes in three dimensions take marks with a height.
+    """
     looks: dict[str, dict[str, Any]] = {
         "start": {"marker": "o", "markersize": 7.0 * scale, "markerfacecolor": "white"},
         "goal": {"marker": "*", "markersize": 12.0 * scale, "markerfacecolor": "#f0e442"},
     }
+    dim = 3 if ax.name == "3d" else 2
     handles = []
     for name, mark in marks.items():
-        if len(mark) == 3:
+        if len(mark) > dim:
             _draw_heading(ax, mark, looks[name]["markerfacecolor"], scale)
         point: dict[str, Any] = {"linestyle": "none", "markeredgecolor": "black", "clip_on": False, "zorder": 5}
-        handles += ax.plot(*mark[:2], label=name, **point, **looks[name])
+        handles += ax.plot(*([number] for number in mark[:dim]), label=name, **point, **looks[name])
     return handles
 
 
@@ -177,7 +200,7 @@ def frame(ax: Axes, space: CSpace, view: Floats, *, labels: bool = True) -> None
     ax.set_xlim(*view[:, 0])
     ax.set_ylim(*view[:, 1])
     ax.set_aspect(ratio)
-    ax.set_facecolor(CLASSES[OPEN if space.outside == "free" else COLLIDES][1])
+    ax.set_facecolor(beyond(space))
     if labels:
         ax.set_xlabel("x (m)")
         ax.set_ylabel("y (m)")
@@ -187,13 +210,19 @@ def frame(ax: Axes, space: CSpace, view: Floats, *, labels: bool = True) -> None
         ax.xaxis.set_major_locator(MaxNLocator(1))
 
 
-def new_figure(width: float, height: float, dpi: float = 150.0) -> Figure:
-    """A figure that belongs to no window, in inches, with room between what it holds."""
+def beyond(space: CSpace) -> str:
+    """Colour of what lies outside the grid."""
+    return CLASSES[OPEN if space.outside == "free" else COLLIDES][1]
+
+
+def new_figure(width: float, height: float, dpi: float = 150.0, *, arranged: bool = True) -> Figure:
+    """A figure that belongs to no window, in inches, with room between what it holds, or left to be arranged."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    figure = Figure(figsize=(width, height), dpi=dpi, layout=ConstrainedLayoutEngine(h_pad=0.1))
+    engine = ConstrainedLayoutEngine(h_pad=0.1) if arranged else None
+    figure = Figure(figsize=(width, height), dpi=dpi, layout=engine)
     FigureCanvasAgg(figure)
     return figure
 
@@ -208,16 +237,40 @@ def drawn_size(view: Floats, long: float = LONG) -> tuple[float, float]:
 
 def legend_below(figure: Figure, handles: Sequence[Any], size: float = 9.0) -> None:
     """A legend below all axes of a figure, in as many columns as fit."""
+    columns = legend_columns(handles, size, figure.get_figwidth())
+    figure.legend(handles=handles, loc="outside lower center", ncols=columns, fontsize=size, frameon=False)
+
+
+def legend_columns(handles: Sequence[Any], size: float, width: float) -> int:
+    """How many columns of a legend fit side by side in a width, in inches."""
     # Letters are about half the font's size wide, and a sign and its gaps about five sizes.
     widths = [size / 72.0 * (0.55 * len(handle.get_label()) + 5.0) for handle in handles]
 
     def fits(columns: int) -> bool:
-        return bool(sum(map(max, np.array_split(widths, columns))) < 0.95 * figure.get_figwidth())
+        return bool(sum(map(max, np.array_split(widths, columns))) < 0.95 * width)
 
     columns = next((count for count in range(len(handles), 1, -1) if fits(count)), 1)
     # No more columns than the rows need, so that the last row is not short.
-    columns = math.ceil(len(handles) / math.ceil(len(handles) / columns))
-    figure.legend(handles=handles, loc="outside lower center", ncols=columns, fontsize=size, frameon=False)
+    return math.ceil(len(handles) / math.ceil(len(handles) / columns))
+
+
+def legend_rows(handles: Sequence[Any], width: float) -> int:
+    """How many rows a legend has at the foot of a figure of a width, in inches."""
+    return math.ceil(len(handles) / legend_columns(handles, 9.0, width)) if handles else 0
+
+
+def legend_at_foot(figure: Figure, handles: Sequence[Any]) -> None:
+    """A legend at the foot of a figure whose parts were put in their places, with room left for its rows."""
+    if handles:
+        figure.legend(
+            handles=handles,
+            loc="lower center",
+            bbox_to_anchor=(0.5, 0.08 / figure.get_figheight()),
+            ncols=legend_columns(handles, 9.0, figure.get_figwidth()),
+            fontsize=9.0,
+            frameon=False,
+            borderaxespad=0.0,
+        )
 
 
 def label_outer(panels: Any, size: float = 9.0) -> None:

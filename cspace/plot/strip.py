@@ -12,7 +12,8 @@ import numpy as np
 from cspace.errors import InputError
 from cspace.grid import finite
 from cspace.plot import artists, view
-from cspace.plot.picture import check_yaw, save_figure
+from cspace.plot.picture import save_figure
+from cspace.plot.plane import check_yaw, refuse_space
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -68,6 +69,7 @@ def plot_strip(
     InputError
         If the map has no rotations, or a yaw, the path or a configuration has the wrong shape or is not finite.
     """
+    refuse_space(space, "a strip shows slices at several yaws")
     if space.rotations is None:
         raise InputError(
             "the map has no rotations, so there is one slice; a strip shows slices at several yaws; use plot, or build "
@@ -87,7 +89,7 @@ def plot_strip(
     shown = []
     for ax, angle in zip(panels.flat, angles.tolist(), strict=False):
         shown.append(artists.classes_of(space, check_yaw(space, angle)))
-        artists.draw_cells(ax, space, shown[-1])
+        artists.draw_cells(ax, space.grid, shown[-1])
         handles = artists.draw_path(ax, points, 1.2) + artists.draw_marks(ax, marks, 0.6)
         artists.frame(ax, space, box, labels=False)
         _head(ax, footprint, angle)

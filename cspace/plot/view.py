@@ -1,4 +1,4 @@
-"""What a picture shows, in metres and radians: configurations, footprints, the part of the plane in view."""
+"""What a picture shows, in metres and radians: configurations, outlines, the part of the plane or of space in view."""
 
 from __future__ import annotations
 
@@ -26,12 +26,23 @@ THIN: Final = 12.0
 """The largest ratio of the sides that is drawn to scale; beyond it the short side is stretched, as the title says."""
 
 
-class Footprint:
-    """The robot's outline, to be placed at configurations."""
+class Outline:
+    """The outline of a shape in the plane, to be placed at configurations."""
+
+    def __init__(self, geometry: Any) -> None:
+        self.rings = rings(geometry)
+
+    def at(self, q: Floats) -> list[Floats]:
+        """Outlines at a configuration, shape (2,) or (3,), each of shape (n, 2)."""
+        return [placed(ring, q) for ring in self.rings]
+
+
+class Footprint(Outline):
+    """The outline of a robot in the plane."""
 
     def __init__(self, robot: Robot) -> None:
         geometry = robot.geometry
-        self.rings = rings(geometry)
+        super().__init__(geometry)
         left, bottom, right, top = geometry.bounds
         self.size = math.hypot(right - left, top - bottom)
         self.reach = float(max(np.hypot(*ring.T).max() for ring in self.rings))
@@ -39,10 +50,6 @@ class Footprint:
         middle, half = (bottom + top) / 2, (top - bottom) / 5
         back = right - 0.25 * (right - left)
         self.nose: Floats = np.array([(right, middle), (back, middle + half), (back, middle - half), (right, middle)])
-
-    def at(self, q: Floats) -> list[Floats]:
-        """Outlines at a configuration, shape (2,) or (3,), each of shape (n, 2)."""
-        return [placed(ring, q) for ring in self.rings]
 
 
 def placed(points: Floats, q: Floats) -> Floats:
@@ -106,33 +113,41 @@ def marks(space: CSpace, points: Floats, start: Any, goal: Any) -> dict[str, Flo
     return found
 
 
-def stations(points: Floats, every: float | None, footprint: Footprint) -> Floats:
-    """Configurations along the path at which the robot is drawn, the ends left out, shape (n, dof)."""
+def stations(points: Floats, every: float | None, size: float, reach: float | None) -> Floats:
+    """Configurations along the path at which a robot of a size is drawn, the ends left out, shape (n, dof)."""
     if every is not None and every != math.inf:
         every = positive(every, "robot_every")
     if len(points) < 2 or every == math.inf:
         return points[:0]
-    length = float(travelled(points, footprint.reach)[-1])
+    length = float(travelled(points, reach)[-1])
     if every is None:
-        every = max(length / MANY, 0.75 * footprint.size)
+        every = max(length / MANY, 0.75 * size)
     count = math.ceil(length / every)
-    return along(points, np.arange(1, count) / max(count, 1), footprint.reach)
+    return along(points, np.arange(1, count) / max(count, 1), reach)
 
 
-def travelled(points: Floats, reach: float) -> Floats:
-    """Way from the first to each configuration of a path, metres, shape (n,); a radian counts for ``reach`` metres."""
+def travelled(points: Floats, reach: float | None) -> Floats:
+    """Way from the first to each configuration of a path, metres, shape (n,).
+
+    A third number is a yaw, and a radian counts for ``reach`` metres; where that is None, it is the height.
+    """
     ways = np.diff(points, axis=0)
+    if reach is None:
+        return np.concatenate([[0.0], np.cumsum(np.linalg.norm(ways, axis=1))])
     lengths = np.hypot(ways[:, 0], ways[:, 1])
     if points.shape[1] == 3:
         lengths += reach * np.abs(shorter(ways[:, 2]))
     return np.concatenate([[0.0], np.cumsum(lengths)])
 
 
-def along(points: Floats, shares: Floats, reach: float) -> Floats:
-    """Configurations at shares, from 0 to 1, of the way along a path, shape (n, dof); yaw runs the shorter way."""
+def along(points: Floats, shares: Floats, reach: float | None) -> Floats:
+    """Configurations at shares, from 0 to 1, of the way along a path, shape (n, dof); yaw runs the shorter way.
+
+    ``reach`` is that of :func:`travelled`.
+    """
     way = travelled(points, reach)
     columns = list(points.T)
-    if points.shape[1] == 3:
+    if points.shape[1] == 3 and reach is not None:
         columns[2] = points[0, 2] + np.concatenate([[0.0], np.cumsum(shorter(np.diff(points[:, 2])))])
     return np.stack([np.interp(shares * way[-1], way, column) for column in columns], axis=-1)
 
@@ -143,8 +158,9 @@ def shorter(angles: Floats) -> Floats:
 
 
 def box(space: CSpace, shown: Sequence[Floats]) -> Floats:
-    """Lower and upper corner of what is in view, shape (2, 2): the grid, and what is drawn beyond it."""
-    points = np.concatenate([[space.grid.lower, space.grid.upper], *(each[:, :2] for each in shown)])
+    """Lower and upper corner of what is in view, shape (2, dim): the grid, and what is drawn beyond it."""
+    dim = space.grid.dim
+    points = np.concatenate([[space.grid.lower, space.grid.upper], *(each[:, :dim] for each in shown)])
     return np.stack([points.min(axis=0), points.max(axis=0)])
 
 
@@ -157,7 +173,7 @@ def stretch(view: Floats) -> float:
 def title(space: CSpace, view: Floats, words: str | None, yaw: float | None) -> str:
     """The given title, or what is shown; where an axis is stretched, it says so."""
     if words is None:
-        words = f"{space.robot.name}, cells of {space.grid.spacing:g} m"
+        words = about(space)
         if space.rotations is not None:
             words += f"\n{_turns(space.rotations, yaw)}"
     ratio = stretch(view)
@@ -165,6 +181,11 @@ def title(space: CSpace, view: Floats, words: str | None, yaw: float | None) -> 
         axis, times = ("y", ratio) if ratio > 1.0 else ("x", 1.0 / ratio)
         words = f"{words} ({axis} stretched {times:.3g} times)".strip()
     return words
+
+
+def about(space: CSpace) -> str:
+    """The robot and the side of a cell."""
+    return f"{space.robot.name}, cells of {space.grid.spacing:g} m"
 
 
 def degrees(yaw: float) -> str:
@@ -183,4 +204,5 @@ def _turns(rotations: Rotations, yaw: float | None) -> str:
 
 
 def _names(space: CSpace) -> str:
-    return "(x, y)" if space.dof == 2 else "(x, y, yaw)"
+    third = "z" if space.grid.dim == 3 else "yaw"
+    return "(x, y)" if space.dof == 2 else f"(x, y, {third})"

@@ -8,8 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.errors import InputError
+from cspace.memory import free_bytes
 
 MAX_CELLS = 2**28
+
+SMALL = 2**22
+"""Cells up to which a robot is rasterised without a look at the memory."""
+
+BYTES = 6
+"""Memory for each cell of a robot while it is rasterised: several bitmaps."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,10 +77,13 @@ def blank(low: NDArray[np.float64], high: NDArray[np.float64]) -> tuple[NDArray[
     """
     first = np.floor(low) - 2
     shape = np.ceil(high) + 3 - first
-    if np.prod(shape) > MAX_CELLS:
+    cells, most = float(np.prod(shape)), MAX_CELLS
+    if cells > SMALL:
+        most = min(MAX_CELLS, (free_bytes() or BYTES * MAX_CELLS) // BYTES)
+    if cells > most:
         across = " x ".join(f"{n:.0f}" for n in shape)
         raise InputError(
-            f"the robot is {across} cells large at this spacing; at most {MAX_CELLS} cells are rasterised; "
-            "use a larger spacing, or check the robot's units (metres)"
+            f"the robot is {across} cells large at this spacing; at most {most} cells are rasterised, with the memory "
+            "that is free; use a larger spacing, or check the robot's units (metres)"
         )
     return np.zeros(tuple(shape.astype(int)), dtype=np.bool_), tuple(int(n) for n in first)

@@ -15,54 +15,10 @@ from numpy.typing import NDArray
 
 from cspace._kernels import clearance_at, edge_is_free, overlap_at, square_is_free, state_at
 from cspace.rotations import MAX_YAW, TURN, YAW_SLACK
-from cspace.states import FREE, MIXED
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Stack = NDArray[np.uint8]
-
-
-@njit(cache=True, nogil=True)
-def trace_chain(
-    state: Stack, slice_of: Ints, closed: NDArray[np.bool_], start: Ints, goal: Ints, came: NDArray[np.uint8]
-) -> bool:
-    """Search a chain of cells ``(rotation, x, y)`` from start to goal, none BLOCKED, with the fewest MIXED ones.
-
-    Breadth first, all FREE cells that can be reached before the next MIXED ones. ``closed`` cells are left out.
-    ``came``, all zero, is given the step by which each cell was reached: 1 and 2 for the rotation before and after, 3
-    to 6 for x and y alike, 7 for the start.
-    """
-    count, nx, ny = came.shape
-    now, later = [(start[0], start[1], start[2])], [(start[0], start[1], start[2])]
-    later.clear()
-    came[start[0], start[1], start[2]] = 7
-    while len(now) > 0:
-        head = 0
-        while head < len(now):
-            k, i, j = now[head]
-            head += 1
-            if k == goal[0] and i == goal[1] and j == goal[2]:
-                return True
-            for step in range(1, 7):
-                a, b, c = k, i, j
-                if step <= 2:
-                    a = (k + 2 * step - 3 + count) % count
-                elif step <= 4:
-                    b += 2 * step - 7
-                else:
-                    c += 2 * step - 11
-                if not (0 <= b < nx and 0 <= c < ny) or came[a, b, c] != 0 or closed[a, b, c]:
-                    continue
-                cell = state[slice_of[a], b, c]
-                if cell == FREE:
-                    came[a, b, c] = step
-                    now.append((a, b, c))
-                elif cell == MIXED:
-                    came[a, b, c] = step
-                    later.append((a, b, c))
-        now, later = later, now
-        later.clear()
-    return False
 
 
 @njit(cache=True, nogil=True)

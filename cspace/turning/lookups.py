@@ -15,9 +15,10 @@ from cspace.clearance import clearance_field
 from cspace.once import Once
 from cspace.outside import Outside
 from cspace.overlap import raster_runs
-from cspace.plane import Kernel, entry, table_of
+from cspace.plane import table_of
 from cspace.raster.raster import Raster
 from cspace.rotations import TURN, Rotations
+from cspace.translating import Kernel, entry
 
 
 class TurningLookups:

@@ -1,0 +1,227 @@
+"""Random workspaces and robots in space for the soak, each with its exact geometry."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+import cspace
+from benchmarks.cases import Scale
+from benchmarks.solid_exact import Blocks, merged_cells
+from benchmarks.solid_meshes import MESHES, Exact, plain
+from benchmarks.solid_pairs import Pair, Walls, pair
+from cspace import CSpace, Robot, Workspace
+
+Bools = NDArray[np.bool_]
+Floats = NDArray[np.float64]
+Rng = np.random.Generator
+
+SIZES = ((0.2, 2.0), (2.0, 6.0), (2.0, 6.0), (6.0, 16.0))
+"""Cells that robots are across."""
+
+
+@dataclass(frozen=True)
+class SolidCase:
+    """One map and what it stands for.
+
+    Attributes
+    ----------
+    name, made_by : str
+        What was drawn, and the call that draws it again.
+    kind : tuple of str
+        Kind of workspace and kind of robot.
+    space : CSpace
+    robot : Exact
+    obstacles : Exact or None
+        None where there are none.
+    """
+
+    name: str
+    made_by: str
+    kind: tuple[str, str]
+    space: CSpace
+    robot: Exact
+    obstacles: Exact | None
+
+    def meets(self, q: Floats, distance: float, sure: bool = False) -> Bools:
+        """Whether the robot comes within a distance of the obstacles; ``sure`` leaves out what is ambiguous."""
+        found = np.zeros(len(q), dtype=np.bool_)
+        for each in self._least if sure else self._most:
+            left = np.flatnonzero(~found)
+            found[left] = each.within(q[left] - self._corner, np.full(len(left), distance))
+        return found
+
+    def gaps(self, q: Floats) -> Floats:
+        """Distances of the robot from the obstacles, zero where they meet."""
+        found = [np.full(len(q), np.inf), *(each.gaps(q - self._corner) for each in self._most)]
+        return np.asarray(np.min(found, axis=0))
+
+    def holds(self, points: Floats) -> Bools:
+        """Whether points lie in the obstacles, or as good as."""
+        point = Blocks.balls(np.zeros((1, 3)), np.zeros(1))
+        found = np.zeros(len(points), dtype=np.bool_)
+        for each in self._pairs(Exact(point, point), least=True):
+            found |= each.gaps(points - self._corner) <= 1e-9
+        return found
+
+    @cached_property
+    def _corner(self) -> Floats:
+        """All is looked at from here, so that maps far from the origin lose nothing."""
+        return np.asarray(self.space.grid.lower)
+
+    @cached_property
+    def _most(self) -> list[Pair]:
+        return self._pairs(self.robot, least=False)
+
+    @cached_property
+    def _least(self) -> list[Pair]:
+        return self._pairs(self.robot, least=True)
+
+    def _pairs(self, robot: Exact, least: bool) -> list[Pair]:
+        grid, shape = self.space.grid, robot.least if least else robot.most
+        found: list[Pair] = []
+        if self.space.outside == "blocked":
+            found.append(Walls(shape.bounds, np.array([np.zeros(3), np.subtract(grid.upper, grid.lower)])))
+        if self.obstacles is not None:
+            found.append(pair(shape, (self.obstacles.least if least else self.obstacles.most).moved(-self._corner)))
+        return found
+
+
+def draw_solid_case(seed: int, number: int) -> SolidCase:
+    """The same case for the same seed and number; all kinds of robots take turns."""
+    rng = np.random.default_rng([seed, number, 7])
+    spacing = float(rng.choice([1.0, 0.05, 0.1, 1 / 3, rng.uniform(0.02, 2.0)]))
+    kind = list(ROBOTS)[number % len(ROBOTS)]
+    size = float(rng.uniform(*SIZES[rng.integers(len(SIZES))]))
+    snap = float(rng.choice([0.0, 0.5]))
+    nudge = float(rng.choice([0.0, 0.0, -1.0, 1.0]) * 10.0 ** rng.uniform(-8.0, -2.0))
+    scale = Scale(spacing, snap, nudge)
+    robot, body = ROBOTS[kind](rng, size, scale)
+    outside = str(rng.choice(["blocked", "free"]))
+    workspace_kind = str(rng.choice(list(WORKSPACES)))
+    workspace, obstacles = WORKSPACES[workspace_kind](rng, scale, outside == "blocked")
+    margin = float(rng.choice([0.0, 0.5 * spacing, spacing, rng.uniform(0.0, 2.0) * spacing], p=[0.55, 0.1, 0.1, 0.25]))
+    space = cspace.build(workspace, robot, outside=outside, margin=margin)
+    name = (
+        f"{workspace_kind} {workspace.grid.shape} at {spacing:g} m from {workspace.grid.lower}, {kind} of {size:.3g} "
+        f"cells{f', {nudge:.1e} cells off the lattice' if snap else ''}, outside={outside}, margin={margin:.3g}"
+    )
+    made_by = f"draw_solid_case({seed}, {number})"
+    return SolidCase(name, made_by, (workspace_kind, kind), space, body, obstacles)
+
+
+# ---- workspaces: a Workspace and its exact obstacles -----------------------------------------------------------------
+
+
+def _corner(rng: Rng, spacing: float) -> Floats:
+    """Lower corner of a grid: the origin, on the lattice, anywhere, or far away."""
+    far = spacing * rng.choice([10.0, 1e5])
+    return np.asarray(rng.choice([0.0, 1.0]) * rng.choice([spacing * 7.0, 1.0]) * rng.uniform(-far, far, 3))
+
+
+def _bounds(rng: Rng, shape: Exact, spacing: float, corner: Floats, extent: Floats, cut: bool) -> Floats | None:
+    """Bounds that may cut the obstacles; or those of the obstacles, or around them."""
+    if cut:
+        return np.concatenate([corner, corner + extent])
+    if rng.random() < 0.5:
+        return None
+    low, high = shape.most.bounds
+    return np.concatenate([low - rng.uniform(0.1, 4.0, 3) * spacing, high + rng.uniform(0.1, 4.0, 3) * spacing])
+
+
+def _mesh(name: str) -> Callable[[Rng, Scale, bool], tuple[Workspace, Exact | None]]:
+    def draw(rng: Rng, scale: Scale, cut: bool) -> tuple[Workspace, Exact | None]:
+        corner, extent = _corner(rng, scale.spacing), scale.spacing * rng.uniform(3.0, 28.0, 3)
+        middle = corner + scale.place(rng.uniform(0.0, 1.0, 3) * extent / scale.spacing)
+        reach = scale.spacing * float(rng.choice([0.6, 3.0, 8.0])) * float(rng.uniform(0.5, 1.3))
+        mesh, exact = MESHES[name](rng, middle, reach, scale)
+        bounds = _bounds(rng, exact, scale.spacing, corner, extent, cut)
+        return Workspace.from_mesh(mesh, scale.spacing, bounds), exact
+
+    return draw
+
+
+def _voxels(rng: Rng, scale: Scale, cut: bool) -> tuple[Workspace, Exact | None]:
+    occupied = np.zeros(rng.integers(1, 25, 3), dtype=np.bool_)
+    if rng.random() < 0.4:
+        occupied = rng.random(rng.integers(1, 13, 3)) < rng.choice([0.01, 0.1, 0.9])
+    elif rng.random() < 0.9:
+        for _ in range(rng.integers(1, 6)):
+            first = rng.integers(0, occupied.shape)
+            occupied[tuple(slice(i, i + n) for i, n in zip(first, rng.integers(1, 10, 3), strict=True))] = True
+    workspace = Workspace.from_array(occupied, scale.spacing, _corner(rng, scale.spacing))
+    corners = np.asarray(workspace.grid.lower) + scale.spacing * merged_cells(occupied)
+    return workspace, plain(Blocks.boxes(corners)) if len(corners) else None
+
+
+def _balls(rng: Rng, scale: Scale, cut: bool) -> tuple[Workspace, Exact | None]:
+    corner, extent = _corner(rng, scale.spacing), scale.spacing * rng.uniform(3.0, 28.0, 3)
+    number = int(rng.integers(1, 12))
+    centers = corner + scale.place(rng.uniform(0.0, 1.0, (number, 3)) * extent / scale.spacing)
+    radii = np.array([scale.length(rng.uniform(0.3, 5.0)) for _ in range(number)])
+    radii *= rng.random() < 0.8  # or points
+    exact = plain(Blocks.balls(centers, radii))
+    bounds = _bounds(rng, exact, scale.spacing, corner, extent, cut)
+    return Workspace.from_balls(centers, radii, scale.spacing, bounds), exact
+
+
+WORKSPACES: dict[str, Callable[[Rng, Scale, bool], tuple[Workspace, Exact | None]]] = {
+    **{name: _mesh(name) for name in MESHES},
+    "voxels": _voxels,
+    "balls": _balls,
+}
+
+
+# ---- robots: a Robot and its exact shape -----------------------------------------------------------------------------
+
+
+def _middle(rng: Rng, size: float, scale: Scale) -> Floats:
+    """Where the robot's middle lies in its frame: at the reference point, near it, or far off."""
+    return scale.place(rng.choice([0.0, 0.5, 2.0]) * size * rng.uniform(-1.0, 1.0, 3))
+
+
+def _box_robot(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Exact]:
+    sides = np.array([scale.length(length * size) for length in rng.uniform(0.3, 1.2, 3)])
+    middle = _middle(rng, size, scale)
+    return Robot.box(sides, middle), plain(Blocks.boxes([middle - sides / 2, middle + sides / 2]))
+
+
+def _ball_robot(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Exact]:
+    center, radius = _middle(rng, size, scale), scale.length(size / 2)
+    return Robot.ball(radius, center), plain(Blocks.balls(center[None], np.array([radius])))
+
+
+def _balls_robot(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Exact]:
+    number = int(rng.integers(2, 6))
+    centers = _middle(rng, size, scale) + scale.place(rng.uniform(-size, size, (number, 3)) / 2)
+    radii = np.array([scale.length(rng.uniform(0.1, 0.5) * size) for _ in range(number)])
+    return Robot.balls(centers, radii), plain(Blocks.balls(centers, radii))
+
+
+def _bitmap_robot(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Exact]:
+    bitmap = rng.random(rng.integers(1, 5, 3)) < rng.choice([0.3, 0.7, 1.0])
+    bitmap[tuple(rng.integers(0, bitmap.shape))] = True
+    side = scale.length(size / max(bitmap.shape))
+    lower = _middle(rng, size, scale)
+    return Robot.cells(bitmap, side, lower), plain(Blocks.boxes(lower + side * merged_cells(bitmap)))
+
+
+def _mesh_robot(name: str) -> Callable[[Rng, float, Scale], tuple[Robot, Exact]]:
+    def draw(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Exact]:
+        mesh, exact = MESHES[name](rng, _middle(rng, size, scale), scale.spacing * size / 2, scale)
+        return Robot.mesh(mesh), exact
+
+    return draw
+
+
+ROBOTS: dict[str, Callable[[Rng, float, Scale], tuple[Robot, Exact]]] = {
+    "box": _box_robot,
+    "ball": _ball_robot,
+    "balls": _balls_robot,
+    "bitmap": _bitmap_robot,
+    **{f"mesh of {name}": _mesh_robot(name) for name in MESHES},
+}

@@ -1,0 +1,200 @@
+"""Robots among obstacles in space, as an oracle: by pencil and paper, and by FCL where triangles meet triangles."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.solid_exact import Blocks, Shape, Skin, box_gaps, chunks
+
+Bools = NDArray[np.bool_]
+Floats = NDArray[np.float64]
+
+NO_FCL = "FCL is not installed; pip install python-fcl"
+
+
+class Pair(Protocol):
+    """A robot and obstacles."""
+
+    def gaps(self, q: Floats) -> Floats:
+        """Their distances, shape (n,), with the robot moved by ``q``, shape (n, 3); zero where they meet."""
+
+    def within(self, q: Floats, distance: Floats) -> Bools:
+        """Whether they are that close, one distance for each of ``q``."""
+
+
+def pair(robot: Shape, obstacles: Shape) -> Pair:
+    """The way to decide a pair of shapes."""
+    if isinstance(robot, Blocks) and isinstance(obstacles, Blocks):
+        return BlockPair(robot, obstacles)
+    if isinstance(robot, Blocks) and robot.radius.any():
+        return BallPair(robot, _as_skin(obstacles), 1.0)
+    if isinstance(obstacles, Blocks) and (obstacles.low == obstacles.high).all():
+        return BallPair(obstacles, _as_skin(robot), -1.0)
+    return SkinPair(_as_skin(robot), _as_skin(obstacles))
+
+
+def _as_skin(shape: Shape) -> Skin:
+    return shape.skin() if isinstance(shape, Blocks) else shape
+
+
+@dataclass(frozen=True, eq=False)
+class BlockPair:
+    """Boxes and balls among boxes and balls."""
+
+    robot: Blocks
+    obstacles: Blocks
+
+    def gaps(self, q: Floats) -> Floats:
+        found = np.empty(len(q))
+        for chunk in chunks(np.arange(len(q)), len(self.obstacles.low)):
+            found[chunk] = self._gaps(q[chunk])
+        return found
+
+    def within(self, q: Floats, distance: Floats) -> Bools:
+        return np.asarray(self.gaps(q) <= distance)
+
+    def _gaps(self, q: Floats) -> Floats:
+        robot, there = self.robot, self.obstacles
+        low, high = robot.bounds
+        least = box_gaps(q[:, None] + low, q[:, None] + high, there.low, there.high) - there.radius
+        place = np.arange(len(q))
+        found = self._between(q, 0, least.argmin(axis=1))
+        place, other = np.nonzero(least < found[:, None])
+        for part in range(len(robot.low)):
+            np.minimum.at(found, place, self._between(q[place], part, other))
+        return np.maximum(found, 0.0)
+
+    def _between(self, q: Floats, part: int, other: NDArray[np.int64]) -> Floats:
+        robot, there = self.robot, self.obstacles
+        apart = box_gaps(q + robot.low[part], q + robot.high[part], there.low[other], there.high[other])
+        return np.asarray(apart - robot.radius[part] - there.radius[other])
+
+
+@dataclass(frozen=True, eq=False)
+class BallPair:
+    """Balls and triangles, of which the balls are the robot (``sign`` 1) or the obstacles (-1)."""
+
+    balls: Blocks
+    skin: Skin
+    sign: float
+
+    def gaps(self, q: Floats) -> Floats:
+        points = self.balls.low[None] + self.sign * q[:, None]
+        apart = self.skin.distances(points.reshape(-1, 3)).reshape(points.shape[:2]) - self.balls.radius
+        return np.asarray(np.maximum(apart.min(axis=1), 0.0))
+
+    def within(self, q: Floats, distance: Floats) -> Bools:
+        low, high = self.skin.bounds
+        points = self.balls.low[None] + self.sign * q[:, None]
+        far = box_gaps(points, points, low, high) - self.balls.radius
+        near = np.flatnonzero(far.min(axis=1) <= distance)
+        found = np.zeros(len(q), dtype=np.bool_)
+        found[near] = self.gaps(q[near]) <= distance[near]
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class SkinPair:
+    """Triangles among triangles: FCL tells whether they meet and how far they are apart."""
+
+    robot: Skin
+    obstacles: Skin
+
+    @cached_property
+    def _models(self) -> tuple[Any, Any]:
+        return self.robot.model(), self.obstacles.model()
+
+    def gaps(self, q: Floats) -> Floats:
+        found = np.zeros(len(q))
+        apart = np.flatnonzero(~self._meet(q))
+        found[apart] = self._distances(q[apart])
+        return found
+
+    def within(self, q: Floats, distance: Floats) -> Bools:
+        low, high = self.robot.bounds
+        found = np.zeros(len(q), dtype=np.bool_)
+        near = np.flatnonzero(box_gaps(q + low, q + high, *self.obstacles.bounds) <= distance)
+        found[near] = self._meet(q[near])
+        open_ = near[~found[near] & (distance[near] > 0.0)]
+        found[open_] = self._distances(q[open_]) <= distance[open_]
+        return found
+
+    def _meet(self, q: Floats) -> Bools:
+        """Whether surfaces meet, or a piece of one lies in the other."""
+        import fcl
+
+        moved, fixed = self._models
+        asked = fcl.CollisionRequest()
+        found = np.zeros(len(q), dtype=np.bool_)
+        low, high = self.robot.bounds
+        near = np.flatnonzero(box_gaps(q + low, q + high, *self.obstacles.bounds) <= 0.0)
+        for i in near.tolist():
+            moved.setTranslation(q[i])
+            found[i] = fcl.collide(fixed, moved, asked, fcl.CollisionResult()) > 0
+        for spots, skin, sign in ((self.robot.spots, self.obstacles, 1.0), (self.obstacles.spots, self.robot, -1.0)):
+            left = near[~found[near]]
+            points = spots[None] + sign * q[left, None]
+            found[left] = skin.encloses(points.reshape(-1, 3)).reshape(points.shape[:2]).any(axis=1)
+        return found
+
+    def _distances(self, q: Floats) -> Floats:
+        import fcl
+
+        moved, fixed = self._models
+        found = np.empty(len(q))
+        for i, place in enumerate(q):
+            moved.setTranslation(place)
+            found[i] = fcl.distance(fixed, moved, fcl.DistanceRequest(), fcl.DistanceResult())
+        return np.maximum(found, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Walls:
+    """What lies around a box, in which the robot must stay.
+
+    Attributes
+    ----------
+    bounds : ndarray, shape (2, 3)
+        Of the robot.
+    box : ndarray, shape (2, 3)
+    """
+
+    bounds: Floats
+    box: Floats
+
+    def gaps(self, q: Floats) -> Floats:
+        low, high = self.bounds
+        apart = np.minimum(q + low - self.box[0], self.box[1] - q - high).min(axis=1)
+        return np.asarray(np.maximum(apart, 0.0))
+
+    def within(self, q: Floats, distance: Floats) -> Bools:
+        return np.asarray(self.gaps(q) <= distance)
+
+
+def leaves_free(gaps: Callable[[Floats], Floats], way: Floats, distance: float) -> Bools:
+    """Which points of straight ways, shape (ways, points, 3), at equal steps, come no closer than a distance.
+
+    From each point all those are skipped that its gap reaches: gaps change by no more than the robot moves.
+    """
+    free = np.ones(way.shape[:2], dtype=np.bool_)
+    count = way.shape[1]
+    step = np.linalg.norm(way[:, -1] - way[:, 0], axis=1) / max(count - 1, 1)
+    at = np.zeros(len(way), dtype=np.int64)
+    active = np.arange(len(way))
+    while len(active):
+        places = at[active]
+        spare = gaps(way[active, places]) - distance
+        free[active, places] = spare > 0.0
+        with np.errstate(divide="ignore", invalid="ignore"):
+            reached = np.nan_to_num(
+                0.999 * np.maximum(spare, 0.0) / step[active], nan=float(count), posinf=float(count)
+            )
+        at[active] += np.maximum(np.minimum(reached, count).astype(np.int64), 1)
+        active = active[at[active] < count]
+    return free

@@ -1,0 +1,1 @@
+"""Passes over all cells of a map."""

@@ -1,0 +1,1 @@
+"""Paths through cubes of FREE cells: the map's own search, without a sampling planner."""

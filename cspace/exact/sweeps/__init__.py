@@ -1,0 +1,1 @@
+"""Boxes and balls that move along a vector, against triangles: proofs by planes that separate them."""

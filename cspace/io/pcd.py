@@ -1,0 +1,213 @@
+"""Point clouds in the format of the Point Cloud Library, ``.pcd`` (Rusu and Cousins, 2011)."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace.errors import FileError
+from cspace.io.columns import read_columns
+from cspace.io.input import existing, unreadable
+
+Floats = NDArray[np.float64]
+
+KIND: Final = "PCD file"
+
+_TYPES: Final = {("F", 4), ("F", 8), *((kind, size) for kind in "IU" for size in (1, 2, 4, 8))}
+_LONGEST: Final = 2**20
+"""Bytes of one point, at most: far more than any scanner or descriptor writes."""
+
+_UNPACKED: Final = 88
+"""Bytes that one packed byte of LZF can stand for, at most: three of them may copy 264."""
+
+_KEYS: Final = (
+    "VERSION",
+    "FIELDS",
+    "COLUMNS",
+    "SIZE",
+    "TYPE",
+    "COUNT",
+    "WIDTH",
+    "HEIGHT",
+    "VIEWPOINT",
+    "POINTS",
+    "DATA",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class _Header:
+    """What the text before the points says."""
+
+    fields: tuple[str, ...]
+    types: tuple[np.dtype[np.generic], ...]
+    counts: tuple[int, ...]
+    points: int
+    data: str
+    lines: int
+
+    @property
+    def record(self) -> np.dtype[np.void]:
+        """One point, with its fields named by their number: padding fields share one name."""
+        return np.dtype([(str(n), *entry) for n, entry in enumerate(zip(self.types, self.counts, strict=True))])
+
+    @property
+    def xyz(self) -> list[int]:
+        """Numbers of the fields that hold the coordinates."""
+        return [self.fields.index(axis) for axis in "xyz"]
+
+
+def read_pcd(path: str | os.PathLike[str]) -> Floats:
+    """Coordinates of a ``.pcd`` file, encoded as ``ascii``, ``binary`` or ``binary_compressed``.
+
+    The fields ``x``, ``y`` and ``z`` are read, of any numeric type; others are left. ``VIEWPOINT`` is not applied, as
+    in the Point Cloud Library. An ``ascii`` file that is cut within its very last number has all its points, and is not
+    told from a whole one.
+
+    Returns
+    -------
+    ndarray of float64, shape (n, 3)
+        In the file's unit; NaN where the sensor saw nothing.
+
+    Raises
+    ------
+    FileError
+        If the file is missing, has a malformed header or no such fields, or is truncated or damaged.
+    """
+    file = existing(path, KIND)
+    try:
+        content = file.read_bytes()
+    except OSError as error:
+        raise unreadable(file, KIND, error) from error
+    header, body = _split(str(file), content)
+    points = _DECODERS[header.data](str(file), header, body)
+    return np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 3)
+
+
+def _split(file: str, content: bytes) -> tuple[_Header, bytes]:
+    """The header and the bytes after it."""
+    words: dict[str, list[str]] = {}
+    number = 0
+    while content and "DATA" not in words:
+        raw, _, content = content.partition(b"\n")
+        number += 1
+        key, *values = raw.decode("latin-1").partition("#")[0].split() or [""]
+        if key and key not in _KEYS:
+            raise FileError(
+                f"{file}, line {number} is {raw[:40]!r}; the header of a PCD file has lines of {', '.join(_KEYS)}; the "
+                "file is damaged or of another format"
+            )
+        if key:
+            words["FIELDS" if key == "COLUMNS" else key] = values
+    missing = [key for key in ("FIELDS", "SIZE", "TYPE", "DATA") if key not in words]
+    if missing or not ("POINTS" in words or {"WIDTH", "HEIGHT"} <= words.keys()):
+        raise FileError(
+            f"{file} has no {' and '.join(missing) or 'POINTS'} in its header; a PCD file begins with FIELDS, SIZE, "
+            "TYPE, POINTS and DATA; the file is truncated, fetch it again"
+        )
+    return _header(file, words, number), content
+
+
+def _header(file: str, words: dict[str, list[str]], lines: int) -> _Header:
+    """The header, checked."""
+    fields = tuple(words["FIELDS"])
+    try:
+        sizes = [int(word) for word in words["SIZE"]]
+        counts = tuple(int(word) for word in words.get("COUNT", ["1"] * len(fields)))
+        grid = [int(words[key][0]) for key in ("WIDTH", "HEIGHT") if key in words]
+        points = int(words["POINTS"][0]) if "POINTS" in words else math.prod(grid)
+    except (ValueError, IndexError) as error:
+        raise FileError(f"{file} has a malformed header: {error}; SIZE, COUNT and POINTS hold whole numbers") from error
+    types = list(zip(words["TYPE"], sizes, strict=False))
+    if not (len(fields) == len(sizes) == len(words["TYPE"]) == len(counts)) or not set(types) <= _TYPES:
+        raise FileError(
+            f"{file} has fields {fields} of types {types} and counts {counts}; each field needs a type F, I or U, a "
+            "size of 1, 2, 4 or 8 bytes and a count; the file is damaged"
+        )
+    coordinates = [field for field in fields if field in ("x", "y", "z")]
+    if sorted(coordinates) != ["x", "y", "z"] or any(counts[fields.index(axis)] != 1 for axis in "xyz"):
+        raise FileError(f"{file} has the fields {' '.join(fields)}; a cloud in space has x, y and z, once each")
+    if min(*counts, points, *grid) < 0 or (len(grid) == 2 and math.prod(grid) != points):
+        raise FileError(
+            f"{file} says {points} points in {' x '.join(map(str, grid))}, with counts {counts}; these must agree; the "
+            "file is damaged"
+        )
+    length = sum(size * count for size, count in zip(sizes, counts, strict=True))
+    if length > _LONGEST:
+        raise FileError(
+            f"{file} says {length} bytes for each point, by SIZE and COUNT; at most {_LONGEST} are read; the file is "
+            "damaged"
+        )
+    data = " ".join(words["DATA"])
+    if data not in _DECODERS:
+        raise FileError(f"{file} says DATA {data!r}; it is one of {', '.join(_DECODERS)}; write the file again")
+    dtypes = tuple(np.dtype(f"<{kind.lower()}{size}") for kind, size in types)
+    return _Header(fields, dtypes, counts, points, data, lines)
+
+
+def _ascii(file: str, header: _Header, body: bytes) -> Floats:
+    rows = read_columns(body.decode("latin-1"), file, header.lines + 1)
+    starts = np.cumsum([0, *header.counts])
+    if len(rows) != header.points:
+        raise _truncated(file, f"{len(rows)} points", f"{header.points}")
+    if len(rows) and rows.shape[1] != starts[-1]:
+        raise FileError(
+            f"{file} has {rows.shape[1]} columns; its header says {starts[-1]}; the file is damaged, fetch it again"
+        )
+    return rows[:, starts[header.xyz]] if len(rows) else np.zeros((0, 3))
+
+
+def _binary(file: str, header: _Header, body: bytes) -> Floats:
+    record = header.record
+    if len(body) < header.points * record.itemsize:
+        raise _truncated(file, f"{len(body) // record.itemsize} points", f"{header.points}")
+    cloud = np.frombuffer(body, dtype=record, count=header.points)
+    return np.stack([cloud[str(n)].astype(np.float64) for n in header.xyz], axis=1)
+
+
+def _compressed(file: str, header: _Header, body: bytes) -> Floats:
+    """One field after the other, packed by LZF; before them the sizes, packed and unpacked."""
+    from cspace.io import _kernels
+
+    wanted = header.points * header.record.itemsize
+    if header.points == 0:
+        return np.zeros((0, 3))
+    if len(body) < 8:
+        raise _truncated(file, f"{len(body)} bytes after its header", "at least 8")
+    packed, unpacked = (int(size) for size in np.frombuffer(body, dtype="<u4", count=2))
+    if len(body) - 8 < packed:
+        raise _truncated(file, f"{len(body) - 8} bytes of packed points", f"{packed}")
+    if unpacked != wanted:
+        raise FileError(
+            f"{file} says {unpacked} bytes of points; {header.points} points of {header.record.itemsize} bytes are "
+            f"{wanted}; the file is damaged, fetch it again"
+        )
+    if wanted > _UNPACKED * packed:
+        raise FileError(
+            f"{file} says {packed} packed bytes for {wanted}; one stands for {_UNPACKED} at most; the file is damaged, "
+            "fetch it again"
+        )
+    plain = np.empty(wanted, dtype=np.uint8)
+    if _kernels.unpack_lzf(np.frombuffer(body, dtype=np.uint8, count=packed, offset=8), plain) != wanted:
+        raise FileError(f"{file} does not unpack to the {wanted} bytes that it tells; it is damaged, fetch it again")
+    widths = [header.points * kind.itemsize * n for kind, n in zip(header.types, header.counts, strict=True)]
+    starts = np.cumsum([0, *widths])
+    columns = [plain[starts[n] : starts[n + 1]].view(header.types[n]) for n in header.xyz]
+    return np.stack([column.astype(np.float64) for column in columns], axis=1)
+
+
+def _truncated(file: str, found: str, wanted: str) -> FileError:
+    return FileError(f"{file} holds {found}; its header says {wanted}; the file is truncated, fetch it again")
+
+
+_DECODERS: Final[dict[str, Callable[[str, _Header, bytes], Floats]]] = {
+    "ascii": _ascii,
+    "binary": _binary,
+    "binary_compressed": _compressed,
+}

@@ -1,0 +1,122 @@
+"""Point clouds, by the suffix of the file."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace.errors import FileError, GeometryError, InputError
+from cspace.io.columns import read_columns
+from cspace.io.input import existing, read_text
+from cspace.io.npy import read_npy
+from cspace.io.pcd import read_pcd
+from cspace.io.ply import KIND as PLY
+from cspace.io.ply import read_ply_header
+
+Floats = NDArray[np.float64]
+Named = str | os.PathLike[str]
+
+
+def read_points(path: str | os.PathLike[str]) -> Floats:
+    """Points of a cloud.
+
+    Parameters
+    ----------
+    path : path-like
+        ``.npy``: an array of shape (n, 3). ``.xyz``, ``.txt``, ``.csv``: lines of x, y and z, separated by blanks or
+        commas, with ``#`` before comments. ``.ply``: its vertices. ``.pcd``: the format of the Point Cloud Library.
+        Colours, normals and other columns are left. A text that is cut within its very last number still reads as
+        one; nothing in these formats, when they are text, tells the difference.
+
+    Returns
+    -------
+    ndarray of float64, shape (n, 3)
+        In the file's unit, metres.
+
+    Raises
+    ------
+    InputError
+        If the suffix is another one.
+    FileError
+        If the file is missing, truncated or malformed.
+    GeometryError
+        If there is no point, or a point is not finite: many sensors write NaN where they saw nothing, which is neither
+        free nor occupied. Or if a ``.ply`` has surfaces that are no faces.
+    """
+    try:
+        suffix = Path(path).suffix.lower()
+    except TypeError as error:
+        raise InputError(f"path is {path!r}; it must be a file name; pass a string or a pathlib.Path") from error
+    if suffix not in READERS:
+        raise InputError(
+            f"{os.fspath(path)} ends in {suffix!r}; the suffix says how a cloud is written; use one of "
+            f"{', '.join(READERS)}"
+        )
+    points = READERS[suffix](path)
+    if not len(points):
+        raise GeometryError(f"{os.fspath(path)} holds no point; a cloud needs one at least; check how it was written")
+    broken = int((~np.isfinite(points).all(axis=1)).sum())
+    if broken:
+        raise GeometryError(
+            f"{os.fspath(path)} holds {broken} points of {len(points)} that are not finite; where the sensor saw "
+            "nothing is neither free nor occupied; drop them before the file is written: "
+            "points[np.isfinite(points).all(axis=1)]"
+        )
+    return points
+
+
+def _read_npy(path: Named) -> Floats:
+    array = read_npy(path)
+    if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "fiu":
+        raise FileError(
+            f"{os.fspath(path)} holds shape {array.shape} and type {array.dtype}; a cloud is one array of numbers of "
+            "shape (n, 3); save such a one"
+        )
+    return np.ascontiguousarray(array, dtype=np.float64)
+
+
+def _read_text(path: Named) -> Floats:
+    rows = read_columns(read_text(path, "point cloud"), os.fspath(path))
+    if len(rows) and rows.shape[1] < 3:
+        raise FileError(f"{os.fspath(path)} has {rows.shape[1]} columns; points have x, y and z; write three for each")
+    return np.ascontiguousarray(rows[:, :3]) if len(rows) else np.zeros((0, 3))
+
+
+def _read_ply(path: Named) -> Floats:
+    """Vertices of a PLY file; its header tells how many there are, and a reader may lose some without a word."""
+    import trimesh
+
+    file = existing(path, PLY)
+    wanted = read_ply_header(file).vertices
+    if wanted == 0:
+        return np.zeros((0, 3))
+    try:
+        with file.open("rb") as stream:
+            loaded: Any = trimesh.load(stream, file_type="ply", process=False)
+        points = np.array(loaded.vertices, dtype=np.float64).reshape(-1, 3)
+    except Exception as error:  # trimesh raises whatever the damage leads to
+        raise FileError(
+            f"{file} cannot be read: {error}; its header says {wanted} vertices with x, y and z; the file is truncated "
+            "or damaged, fetch it again"
+        ) from error
+    if len(points) != wanted:
+        raise FileError(
+            f"{file} holds {len(points)} vertices; its header says {wanted}; the file is truncated, fetch it again"
+        )
+    return points
+
+
+READERS: Final[dict[str, Callable[[Named], Floats]]] = {
+    ".npy": _read_npy,
+    ".xyz": _read_text,
+    ".txt": _read_text,
+    ".csv": _read_text,
+    ".ply": _read_ply,
+    ".pcd": read_pcd,
+}
+"""Which function reads a cloud, by suffix."""

@@ -1,0 +1,206 @@
+"""Memory: how much a map takes, and whether it is there, told before any work."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace.errors import InputError
+from cspace.grid import MAX_COORDINATE
+
+WORKSPACE_BYTES: Final = 2
+"""For each cell of a workspace: what meets an obstacle, and what lies in one."""
+
+MESH_BYTES: Final = 8
+"""For each cell, while a mesh is cut into cells: the above, and the labels by which inside is told from outside."""
+
+TRANSFORM_BYTES: Final = 2**27
+"""For the transforms of a build with a robot of a hundred cells across or less, whatever the size of the map."""
+
+KEEP: Final = 0.95
+"""Part of the free memory that may be taken."""
+
+FIXED_CELLS: Final = (
+    "its cells are those of the file, so take a machine with more memory, or cut the file or make its cells coarser "
+    "with the tools of its own format"
+)
+"""What helps where a file says how large its cells are."""
+
+_COUNTED: Final = 2**53
+"""Counts of cells up to here are told to the last one."""
+
+_ROOM: Final = 0.85 * KEEP
+"""Part of the free memory that a spacing is advised for: what is free changes."""
+
+
+def map_bytes(shape: Sequence[int], slices: int = 1, overlap: bool = False) -> int:
+    """Memory that :func:`cspace.build` takes at most beside its workspace, in bytes, unless the robot is very large.
+
+    Parameters
+    ----------
+    shape : sequence of int
+        Cells of the grid.
+    slices : int
+        Rotation cells whose slices are stored; 1 for a robot that only translates.
+    overlap : bool
+        Whether overlap counts are kept.
+    """
+    return cells_of(shape) * slices * (5 if overlap else 1) + TRANSFORM_BYTES
+
+
+def free_bytes() -> int | None:
+    """Memory that this process can still take, in bytes; None where the system does not tell."""
+    found = [value for value in (_free_of_machine(), _free_of_group()) if value is not None]
+    return min(found, default=None)
+
+
+def check_memory(
+    needed: float,
+    what: str,
+    shape: Sequence[int],
+    spacing: float,
+    *,
+    fixed: float = 0.0,
+    corners: NDArray[np.float64] | None = None,
+    mend: str | None = None,
+) -> None:
+    """Refuse work that does not fit into memory.
+
+    Parameters
+    ----------
+    needed : float
+        Bytes.
+    what : str
+        Who needs them, for the message: "the map".
+    shape : sequence of int
+        Cells of the grid, to which the need is proportional, less what is fixed.
+    spacing : float
+        Metres.
+    fixed : float
+        Bytes that do not depend on the number of cells.
+    corners : ndarray of float64, shape (2, d), optional
+        What the grid covers, metres; the box of the cells at the origin if left out.
+    mend : str, optional
+        What helps, for the message, where another spacing cannot be chosen.
+
+    Raises
+    ------
+    InputError
+        If there is less; the message tells the spacing that would fit, or else ``mend``.
+    """
+    free = free_bytes()
+    if free is None or needed <= KEEP * free:
+        return
+    if mend is None:
+        size = np.asarray(shape, dtype=float) * spacing
+        box = np.array([0.0 * size, size]) if corners is None else corners
+        bytes_a_cell = (needed - fixed) / float(np.prod(np.asarray(shape, dtype=float)))
+        coarser = fitting_spacing(box, spacing, bytes_a_cell, _ROOM * free - fixed)
+        mend = (
+            "no spacing helps; take a machine with more memory"
+            if coarser is None
+            else f"use a spacing of at least {coarser:g} m, or smaller bounds, or check the units (metres)"
+        )
+    raise InputError(
+        f"{what} has {' x '.join(f'{n:.4g}' if n > _COUNTED else str(n) for n in shape)} cells of {spacing:g} m and "
+        f"needs about {in_words(needed)} of memory, of which {in_words(free)} are free; it must fit; {mend}"
+    )
+
+
+def fitting_spacing(corners: NDArray[np.float64], spacing: float, bytes_a_cell: float, free: float) -> float | None:
+    """The least spacing, to two digits, from ``spacing`` on, at which a grid over a box fits into memory.
+
+    Parameters
+    ----------
+    corners : ndarray of float64, shape (2, d)
+        Metres.
+    spacing : float
+        Metres.
+    bytes_a_cell, free : float
+
+    Returns
+    -------
+    float or None
+        None where not even a grid of one cell fits. The grid also keeps to :data:`cspace.grid.MAX_COORDINATE`.
+    """
+    sides, reach = corners[1] - corners[0], float(np.abs(corners).max())
+
+    def fits(side: float) -> bool:
+        with np.errstate(over="ignore"):
+            cells = np.prod(np.maximum(1.0, np.ceil(sides / side)))
+        # The last cell may reach one cell beyond the box.
+        return bool(bytes_a_cell * cells <= free) and reach <= (MAX_COORDINATE - 1.0) * side
+
+    least, enough = spacing, max(spacing, float(sides.max()), reach)
+    if not fits(enough):
+        return None
+    while enough > 1.001 * least:
+        middle = math.sqrt(least) * math.sqrt(enough)
+        least, enough = (least, middle) if fits(middle) else (middle, enough)
+    # Rounded up: in decimal digits, as it is going to be told.
+    unit = 10.0 ** (math.floor(math.log10(enough)) - 1)
+    return float(f"{math.ceil(enough / unit) * unit:.2g}")
+
+
+def in_words(size: float) -> str:
+    """A number of bytes for people."""
+    for unit in ("bytes", "kB", "MB", "GB", "TB"):
+        if size < 999.5 or unit == "TB":
+            return f"{size:.3g} {unit}"
+        size /= 1000
+    return ""
+
+
+def cells_of(shape: Sequence[int]) -> int:
+    """Number of cells, as a whole number of any size."""
+    total = 1
+    for n in shape:
+        total *= int(n)
+    return total
+
+
+def _free_of_machine() -> int | None:
+    try:
+        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
+        return next(int(line.split()[1]) * 1024 for line in lines if line.startswith("MemAvailable:"))
+    except (OSError, StopIteration, ValueError, IndexError):
+        pass
+    try:
+        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (ValueError, OSError, AttributeError):
+        return None
+
+
+def _free_of_group() -> int | None:
+    """What the control group of the process leaves it, on Linux."""
+    try:
+        groups = [line.split(":", 2) for line in Path("/proc/self/cgroup").read_text(encoding="ascii").splitlines()]
+    except OSError:
+        return None
+    found = []
+    for _, controllers, name in groups:
+        # Version 2 of the interface names no controllers; version 1 has one for memory.
+        if controllers == "":
+            found.append(_left(Path("/sys/fs/cgroup") / name.lstrip("/"), "memory.max", "memory.current"))
+        elif "memory" in controllers.split(","):
+            folder = Path("/sys/fs/cgroup/memory") / name.lstrip("/")
+            found.append(_left(folder, "memory.limit_in_bytes", "memory.usage_in_bytes"))
+    return min((value for value in found if value is not None), default=None)
+
+
+def _left(folder: Path, limit: str, used: str) -> int | None:
+    """A group's limit less what it uses; files in the cache count as free."""
+    try:
+        most = int((folder / limit).read_text(encoding="ascii"))
+        now = int((folder / used).read_text(encoding="ascii"))
+        statistics = (folder / "memory.stat").read_text(encoding="ascii").splitlines()
+    except (OSError, ValueError):  # also where the limit is "max"
+        return None
+    cached = next((int(line.split()[1]) for line in statistics if line.startswith("inactive_file ")), 0)
+    return max(0, most - now + cached)

@@ -1,0 +1,326 @@
+"""Mesh: triangles in space, and what they enclose."""
+
+from __future__ import annotations
+
+import base64
+import os
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cspace.errors import GeometryError, InputError
+from cspace.grid import finite, unmasked
+from cspace.raster.solids.inside import AMBIGUOUS, INSIDE, Bodies, Body, InsideTester, find_bodies, merged
+
+if TYPE_CHECKING:
+    from cspace.raster.solids.near import Crossings
+
+Solid = Literal["auto", "surface", "fill"]
+
+SOLIDS: Final = ("auto", "surface", "fill")
+"""What of a mesh is solid: its closed bodies, nothing but the surface, or whatever its raster encloses."""
+
+_LARGEST: Final = 1e100
+
+
+class MeshWarning(UserWarning):
+    """A mesh has open bodies, and nothing was said about what to do with them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Triangles in space, in metres.
+
+    The triangles themselves are always part of the shape. What they enclose is, by ``solid``:
+
+    * ``"auto"``: the inside of each closed body. A body is a set of triangles that hang together through shared edges;
+      it is closed if an even number of them meet at each edge. Its inside is where its winding number is not zero; so
+      it does not matter whether normals face outward, and single triangles that are turned over are turned back. (Where
+      more than two triangles meet at an edge and are not turned alike, it is where the parity of a ray's crossings is
+      odd.) Bodies may overlap: the solid is their union. A body that faces inward within one that faces outward is a
+      cavity, in which there may be an island, and so on. Open bodies are surfaces without an inside, and so is a room
+      that is closed by several bodies together.
+    * ``"surface"``: nothing.
+    * ``"fill"``: whatever cannot be reached from outside through the cells that the surface does not touch. It depends
+      on the spacing: gaps narrower than about a cell are closed.
+
+    What is a cavity or outside by one reading, and solid by another, is *ambiguous*: never proven free, and never
+    proven blocked. That is what lies
+
+    * in several bodies of which some face inward, or do not tell which way they face, unless from the outermost one
+      inwards they face outward, inward, outward and so on, and do not cross. (A body does not tell if single triangles
+      were turned over, or each is drawn both ways.)
+    * in no body, but in a pocket of one that passes through itself, or at whose edges more than two triangles meet:
+      shut in, as far as can be told.
+
+    Parameters
+    ----------
+    vertices : ndarray of float64, shape (V, 3)
+        Metres.
+    faces : ndarray of int64, shape (F, 3)
+        Numbers of each triangle's vertices.
+    solid : {"auto", "surface", "fill"}
+    source : str
+        Where the mesh is from, for messages.
+
+    Raises
+    ------
+    InputError
+        If a coordinate is not finite, or ``solid`` is none of the three.
+    GeometryError
+        If there is no triangle, or one names a vertex that there is not.
+    """
+
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.int64]
+    solid: Solid = "auto"
+    source: str = "mesh"
+    _told: bool = field(default=False, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if self.solid not in SOLIDS:
+            raise InputError(
+                f"solid is {self.solid!r}; it says what of a mesh is solid; use one of {', '.join(map(repr, SOLIDS))}"
+            )
+        unmasked(self.faces, f"faces of {self.source}")
+        vertices, faces = _checked_vertices(self.vertices, self.source), np.asarray(self.faces)
+        if faces.size == 0:
+            raise GeometryError(
+                f"{self.source} has no triangles; a mesh needs at least one; for a cloud of points use "
+                "Workspace.from_points"
+            )
+        if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
+            raise GeometryError(
+                f"faces of {self.source} has shape {faces.shape} and dtype {faces.dtype}; it must be (F, 3), of whole "
+                "numbers; pass three vertex numbers for each triangle"
+            )
+        low, high = int(faces.min()), int(faces.max())
+        if low < 0 or high >= len(vertices):
+            raise GeometryError(
+                f"faces of {self.source} name vertex {low if low < 0 else high}; there are {len(vertices)}, numbered "
+                "from 0; pass the vertices that belong to the faces"
+            )
+        faces = np.array(faces, dtype=np.int64, order="C")
+        for array in (vertices, faces):
+            array.setflags(write=False)
+        object.__setattr__(self, "vertices", vertices)
+        object.__setattr__(self, "faces", faces)
+
+    @classmethod
+    def of(cls, shape: Any, solid: Solid = "auto") -> Mesh:
+        """A mesh from anything that describes one.
+
+        Parameters
+        ----------
+        shape : Mesh, trimesh.Trimesh, trimesh.Scene, path-like, or pair of array-like
+            A file is read (see :func:`cspace.io.meshes.read_mesh`); a pair is vertices (V, 3), in metres, and faces
+            (F, 3).
+        solid : {"auto", "surface", "fill"}
+            Under ``"auto"``, a Mesh is taken as it is.
+
+        Raises
+        ------
+        InputError
+            If ``shape`` is something else, a coordinate is not finite, or ``solid`` is none of the three.
+        GeometryError
+            If there is no triangle.
+        FileError
+            If a file is missing or cannot be read as a mesh.
+
+        Warns
+        -----
+        MeshWarning
+            If the mesh is read with ``solid="auto"`` and a body is open; once for each Mesh.
+        """
+        if isinstance(shape, Mesh):
+            mesh = shape if solid in ("auto", shape.solid) else cls(shape.vertices, shape.faces, solid, shape.source)
+        else:
+            vertices, faces, source = _arrays_of(shape)
+            mesh = cls(vertices, faces, solid, source)
+        if mesh.solid == "auto" and not mesh._told:
+            object.__setattr__(mesh, "_told", True)
+            if not mesh.is_watertight:
+                warnings.warn(mesh._open_bodies(), MeshWarning, stacklevel=2)
+        return mesh
+
+    @property
+    def triangles(self) -> NDArray[np.float64]:
+        """Corners of the triangles, in metres, shape (F, 3, 3)."""
+        return np.asarray(self.vertices[self.faces])
+
+    @cached_property
+    def bounds(self) -> NDArray[np.float64]:
+        """Lower and upper corner of the triangles' bounding box, in metres, shape (2, 3)."""
+        named = np.zeros(len(self.vertices), dtype=np.bool_)
+        named[self.faces] = True
+        used = self.vertices[named]
+        return np.array([used.min(axis=0), used.max(axis=0)])
+
+    @cached_property
+    def bodies(self) -> tuple[Body, ...]:
+        """The parts that hang together through shared edges."""
+        return find_bodies(self.vertices, self.faces)
+
+    @property
+    def is_watertight(self) -> bool:
+        """Whether there are bodies, and all are closed."""
+        return bool(self.bodies) and all(body.closed for body in self.bodies)
+
+    @property
+    def encloses(self) -> bool:
+        """Whether the mesh has an inside that does not depend on a spacing: closed bodies, which are solid."""
+        return self.solid == "auto" and bool(len(self._closed.faces))
+
+    @property
+    def volume(self) -> float:
+        """Sum of the volumes of the closed bodies whose triangles are turned alike, in cubic metres.
+
+        Bodies that face inward count negative; where bodies overlap, each counts.
+        """
+        kept = [body for body in self.bodies if body.oriented]
+        faces, turns = (
+            np.concatenate([np.empty(0, dtype=np.int64), *parts])
+            for parts in ([body.faces for body in kept], [body.turns for body in kept])
+        )
+        a, b, c = np.moveaxis(self.vertices[self.faces[faces]] - self.bounds.mean(axis=0), 1, 0)
+        return float(np.einsum("ij,ij,i->", a, np.cross(b, c), turns) / 6.0)
+
+    def contains(self, points: ArrayLike) -> Any:
+        """Whether points lie in the closed bodies, for points farther from the surface than rounding.
+
+        Points in a cavity do not; ambiguous ones do. For ``solid="surface"`` nothing does.
+
+        Parameters
+        ----------
+        points : array-like, shape (..., 3)
+            Metres.
+
+        Returns
+        -------
+        bool or ndarray of bool, shape (...)
+
+        Raises
+        ------
+        InputError
+            If the last axis is not three long, a value is not finite, or ``solid`` is ``"fill"``.
+        """
+        if self.solid == "fill":
+            raise InputError(
+                f"{self.source} has solid='fill', and what is filled depends on the spacing; a mesh alone cannot tell; "
+                "ask its cells, or pass solid='auto'"
+            )
+        array = finite(points, "points")
+        if array.ndim == 0 or array.shape[-1] != 3:
+            raise InputError(
+                f"points has shape {array.shape}; its last axis must be 3 long; pass one point or a batch of them"
+            )
+        if self.solid == "surface":
+            found = np.zeros(array.shape[:-1], dtype=np.bool_)
+        else:
+            codes = self._tester.codes((array - self.bounds[0]).reshape(-1, 3))
+            found = ((codes == INSIDE) | (codes == AMBIGUOUS)).reshape(array.shape[:-1])
+        return found if found.ndim else bool(found)
+
+    def inside_tester(self, triangles: NDArray[np.float64]) -> InsideTester:
+        """The inside test of the closed bodies, with ``triangles`` (F, 3, 3) in the frame of the points to be asked."""
+        closed = self._closed
+        return InsideTester(triangles[closed.faces], closed, self._crossings)
+
+    def spec(self) -> dict[str, Any]:
+        """The mesh as plain values that JSON can hold, to the last bit."""
+        return {
+            "vertices": _encoded(self.vertices, "<f8"),
+            "faces": _encoded(self.faces, "<i8"),
+            "solid": self.solid,
+            "source": self.source,
+        }
+
+    @classmethod
+    def from_spec(cls, spec: Mapping[str, Any]) -> Mesh:
+        """The mesh of :meth:`spec`.
+
+        Raises
+        ------
+        InputError
+            If ``spec`` is not such a record.
+        """
+        try:
+            vertices, faces = _decoded(spec["vertices"], "<f8"), _decoded(spec["faces"], "<i8")
+            solid, source = spec["solid"], str(spec["source"])
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(
+                f"the record of a mesh is damaged: {error!r}; it must hold vertices, faces, solid and source; write it "
+                "again with spec()"
+            ) from error
+        mesh = cls(vertices, faces, solid, source)
+        # Whoever wrote the record was told.
+        object.__setattr__(mesh, "_told", True)
+        return mesh
+
+    @cached_property
+    def _closed(self) -> Bodies:
+        return Bodies.closed(self.bodies)
+
+    @cached_property
+    def _tester(self) -> InsideTester:
+        return self.inside_tester(self.triangles - self.bounds[0])
+
+    @cached_property
+    def _crossings(self) -> Crossings:
+        from cspace.raster.solids.near import Crossings
+
+        faces = self._closed.faces
+        return Crossings(self.triangles[faces], merged(self.vertices)[self.faces[faces]], self._closed)
+
+    def _open_bodies(self) -> str:
+        """What ``auto`` says of open bodies."""
+        open_bodies = [body for body in self.bodies if not body.closed]
+        triangles = sum(len(body.faces) for body in open_bodies)
+        if not open_bodies:
+            return (
+                f"no triangle of {self.source} has an area; it was taken as a surface without an inside; pass "
+                "solid='surface' to say so"
+            )
+        return (
+            f"{len(open_bodies)} of {len(self.bodies)} bodies of {self.source} are open ({triangles} of "
+            f"{len(self.faces)} triangles); they were taken as surfaces without an inside; pass solid='surface' if no "
+            "body has one, or solid='fill' to fill what the cells enclose"
+        )
+
+
+def _arrays_of(shape: Any) -> tuple[Any, Any, str]:
+    """Vertices, faces and a name."""
+    from cspace.io.meshes import flattened, read_mesh
+
+    if isinstance(shape, (str, os.PathLike)):
+        return *read_mesh(shape), Path(shape).name
+    if isinstance(shape, (tuple, list)) and len(shape) == 2:
+        return *shape, "mesh"
+    return *flattened(shape, "mesh"), "mesh"
+
+
+def _checked_vertices(values: Any, source: str) -> NDArray[np.float64]:
+    vertices = finite(values, f"vertices of {source}")
+    if vertices.ndim != 2 or vertices.shape[1] != 3:
+        raise GeometryError(
+            f"vertices of {source} has shape {vertices.shape}; it must be (V, 3), in metres; pass x, y, z for each"
+        )
+    far = float(np.abs(vertices).max(initial=0.0))
+    if far > _LARGEST:
+        raise GeometryError(f"vertices of {source} reach {far:g}; at most {_LARGEST:g} is taken; check the units")
+    return np.array(vertices, dtype=np.float64, order="C")
+
+
+def _encoded(array: NDArray[Any], dtype: str) -> str:
+    return base64.b64encode(np.ascontiguousarray(array, dtype=dtype).tobytes()).decode("ascii")
+
+
+def _decoded(text: str, dtype: str) -> NDArray[Any]:
+    raw = np.frombuffer(base64.b64decode(text, validate=True), dtype=dtype)
+    return raw.reshape(-1, 3)

@@ -1,0 +1,1 @@
+"""Look-ups in maps of robots that translate in space: configurations ``(x, y, z)``."""

@@ -1,0 +1,44 @@
+"""Boxes to be written to files of meshes, and checks of what comes back."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from cspace import FileError, GeometryError
+from cspace.io.meshes import read_mesh
+
+CORNERS = np.array([(0, 0, 0), (4, 0, 0), (4, 4, 0), (0, 4, 0), (0, 0, 4), (4, 0, 4), (4, 4, 4), (0, 4, 4)], float)
+QUADS = np.array([(4, 3, 2, 1), (5, 6, 7, 8), (1, 2, 6, 5), (2, 3, 7, 6), (3, 4, 8, 7), (4, 1, 5, 8)]) - 1
+BOX = trimesh.Trimesh(CORNERS, np.concatenate([QUADS[:, :3], QUADS[:, [0, 2, 3]]]), process=False)
+FAR = np.array([10.0, 0.0, 0.0])
+
+
+def lines(keyword, rows, ending="\n"):
+    return "".join(f"{keyword} {' '.join(map(str, row))}{ending}" for row in rows)
+
+
+VERTICES = lines("v", CORNERS)
+FACES = lines("f", QUADS + 1)
+SECOND = lines("v", CORNERS + FAR) + lines("f", QUADS + 9)
+
+
+def read(tmp_path, name, content):
+    file = tmp_path / name
+    file.write_bytes(content if isinstance(content, bytes) else content.encode())
+    vertices, faces = read_mesh(file)
+    return trimesh.Trimesh(vertices, faces, process=False)
+
+
+def check_boxes(mesh, count=1):
+    """``mesh`` is boxes of side 4, that many in a row, with their normals outward."""
+    assert len(mesh.faces) == 12 * count
+    assert mesh.volume == pytest.approx(64.0 * count)
+    assert mesh.area == pytest.approx(96.0 * count)
+    assert np.allclose(mesh.bounds, [[0, 0, 0], CORNERS[6] + FAR * (count - 1)])
+
+
+def check_refused(tmp_path, name, content, words, error=(FileError, GeometryError)):
+    with pytest.raises(error, match=words) as caught:
+        read(tmp_path, name, content)
+    assert name in str(caught.value)
+    assert str(caught.value).count(";") >= 2

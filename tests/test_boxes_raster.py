@@ -1,0 +1,310 @@
+"""Rasters of balls, boxes and voxels against their definitions in exact rational arithmetic."""
+
+from fractions import Fraction
+from itertools import product
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from scipy.spatial import cKDTree
+
+from cspace import Grid, InputError
+from cspace.grid import SLACK
+from cspace.raster.boxes import _kernels, box_rasters, rasterize_balls, solid_ball_rasters, voxel_rasters
+from strategies import seeds
+
+UNIT = 2**120
+"""Metres are counted in whole numbers of 1 / UNIT, which holds every float used here exactly."""
+
+EDGE = 4 * SLACK
+"""How far, in cells, a raster may stray from its definition."""
+
+SPACINGS = [0.25, 0.1, 1.0, 0.37]
+MARGINS = [0.0, 0.125, 0.3]
+
+
+def exact(values):
+    """Floats as an object array of whole numbers of the unit."""
+    array = np.asarray(values, dtype=float)
+    scaled = [Fraction(float(value)) * UNIT for value in array.flat]
+    assert all(value.denominator == 1 for value in scaled)
+    return np.array([value.numerator for value in scaled], dtype=object).reshape(array.shape)
+
+
+def ends(count, first, lower, spacing, b):
+    """Along one axis, the end ``b`` of each cube, as whole numbers."""
+    return exact(lower) + exact(spacing) * (np.arange(count).astype(object) + first + b)
+
+
+def outer_sum(parts):
+    """Sums over the axes: parts of shape (boxes, n) to an array of shape (boxes, *shape)."""
+    total = 0
+    for axis, part in enumerate(parts):
+        total = total + part.reshape(len(part), *(-1 if a == axis else 1 for a in range(len(parts))))
+    return total
+
+
+class Definition:
+    """Boxes grown by radii against cubes, ``lower + spacing * (i + first + [b0, b1]^d)``, in whole numbers."""
+
+    def __init__(self, lows, highs, radii, shape, lower, spacing, b0, b1, first=0):
+        self.lows, self.highs, self.radii = exact(lows), exact(highs), radii
+        self.edge = exact(EDGE * spacing)
+        dims = range(len(shape))
+        self.sides = [[ends(shape[a], first, lower[a], spacing, b) for b in (b0, b1)] for a in dims]
+
+    def squares(self, low, high):
+        """Squares of the distances from the boxes to boxes given by their ends along each axis."""
+        gaps = [
+            np.maximum(np.maximum(self.lows[:, a, None] - high[a], low[a] - self.highs[:, a, None]), 0)
+            for a in range(len(low))
+        ]
+        return outer_sum([gap**2 for gap in gaps])
+
+    def within(self, squares, extra):
+        """Whether some box has the point, grown by its radius and ``extra`` times the allowed error."""
+        reach = (self.radii + extra * self.edge).reshape(-1, *(1 for _ in self.sides))
+        return ((reach >= 0) & (squares <= reach**2)).any(axis=0).astype(bool)
+
+    def touched(self, extra):
+        return self.within(self.squares([s[0] for s in self.sides], [s[1] for s in self.sides]), extra)
+
+    def inside(self, extra):
+        """All corners within one box."""
+        corners = [self.squares(corner, corner) for corner in product(*self.sides)]
+        return self.within(np.maximum.reduce(corners), -extra)
+
+    def covered(self):
+        """Whether boxes that do not overlap hold all that is within the allowed error of the (point) cubes."""
+        parts = [
+            np.minimum(self.highs[:, a, None], side + self.edge) - np.maximum(self.lows[:, a, None], side - self.edge)
+            for a, (side, _) in enumerate(self.sides)
+        ]
+        parts = [np.maximum(part, 0) for part in parts]
+        volume = parts[0][:, :, None, None] * parts[1][:, None, :, None] * parts[2][:, None, None, :]
+        return (volume.sum(axis=0) == (2 * self.edge) ** 3).astype(bool)
+
+
+def check(found, least, most):
+    """What must be in a raster is in it, and what must not is not."""
+    assert found[least].all(), f"missing {np.argwhere(least & ~found)[:3]}"
+    assert most[found].all(), f"too many {np.argwhere(found & ~most)[:3]}"
+
+
+def spread(raster, reach):
+    """A raster as an array over the offsets from ``-reach`` to ``reach``."""
+    out = np.zeros((2 * reach + 1,) * 3, dtype=bool)
+    if raster.cells.size:
+        assert min(raster.lower) >= -reach
+        assert max(raster.upper) <= reach
+        out[tuple(slice(a + reach, b + reach + 1) for a, b in zip(raster.lower, raster.upper, strict=True))] = (
+            raster.cells
+        )
+    return out
+
+
+@st.composite
+def coordinates(draw, spacing, shape, reach):
+    """Numbers, some of which lie on multiples of half a cell, as near as floats can."""
+    count = int(np.prod(shape))
+    whole = st.integers(-int(2 * reach), int(2 * reach)).map(lambda n: n * spacing / 2)
+    other = st.floats(-reach * spacing, reach * spacing).map(lambda x: round(x, 9))
+    return np.array(draw(st.lists(whole | other, min_size=count, max_size=count))).reshape(shape)
+
+
+@settings(max_examples=40)
+@given(st.data(), st.sampled_from([2, 3]), st.sampled_from(SPACINGS))
+def test_balls_on_a_grid(data, dim, spacing):
+    count = data.draw(st.integers(1, 3))
+    lower = data.draw(coordinates(spacing, (dim,), 2))
+    centers = data.draw(coordinates(spacing, (count, dim), 4))
+    radii = np.abs(data.draw(coordinates(spacing, (count,), 2)))
+    grid = Grid(lower, spacing, (5, 4, 3)[:dim])
+    outer, inner = rasterize_balls(centers, radii, grid)
+    truth = Definition(centers, centers, exact(radii), grid.shape, lower, spacing, 0, 1)
+    check(outer, truth.touched(0), truth.touched(1))
+    check(inner, truth.inside(1), truth.inside(0))
+
+
+@settings(max_examples=20)
+@given(st.data(), st.sampled_from(SPACINGS), st.sampled_from(MARGINS))
+def test_ball_robots(data, spacing, margin):
+    count = data.draw(st.integers(1, 2))
+    centers = data.draw(coordinates(spacing, (count, 3), 1))
+    radii = np.abs(data.draw(coordinates(spacing, (count,), 2))) + spacing / 8
+    outer, inner = solid_ball_rasters(centers, radii, spacing, margin)
+    check_robot(centers, centers, radii, spacing, margin, outer, inner, 4)
+
+
+@settings(max_examples=20)
+@given(st.data(), st.sampled_from(SPACINGS), st.sampled_from(MARGINS))
+def test_box_robots(data, spacing, margin):
+    corners = np.sort(data.draw(coordinates(spacing, (2, 3), 2)), axis=0)
+    outer, inner = box_rasters(corners[0], corners[1], spacing, margin)
+    check_robot(corners[:1], corners[1:], np.zeros(1), spacing, margin, outer, inner, 3)
+
+
+def check_robot(lows, highs, radii, spacing, margin, outer, inner, reach):
+    """Rasters of rounded boxes; a lattice point deep in one of them is inside."""
+    reach += 1 + int(margin / spacing)
+    frame = ((2 * reach + 1,) * 3, (0.0,) * 3, spacing)
+    truth = Definition(lows, highs, exact(radii) + exact(margin), *frame, -1, 1, -reach)
+    check(spread(outer, reach), truth.touched(0), truth.touched(1))
+    truth = Definition(lows, highs, exact(radii), *frame, 0, 0, -reach)
+    found = spread(inner, reach)
+    if radii.any():
+        check(found, truth.inside(1), truth.inside(0))
+    else:
+        check(found, truth.covered(), truth.inside(0))
+
+
+@settings(max_examples=25)
+@given(
+    st.data(),
+    seeds,
+    st.sampled_from(SPACINGS),
+    st.sampled_from(MARGINS),
+    st.sampled_from([1.0, 0.5, 0.4, 0.25, 2.0, 1.37]),
+    st.sampled_from([0.3, 0.7, 1.0]),
+    st.sampled_from([0.0, 2e-3, -2e-3, 1e-7, -1e-7]),
+)
+def test_voxel_robots(data, seed, spacing, margin, ratio, density, shift):
+    occupied = np.random.default_rng(seed).random((3, 2, 4)) < density
+    occupied[-1, -1, -1] = True
+    lower = data.draw(coordinates(spacing, (3,), 1.5)) + shift * spacing
+    voxel = spacing * ratio
+    outer, inner = voxel_rasters(occupied, voxel, lower, spacing, margin)
+    # Floats cannot hold the voxels' corners, whole numbers can.
+    reach = 4 + int(4 * ratio) + int(margin / spacing)
+    frame = ((2 * reach + 1,) * 3, (0.0,) * 3, spacing)
+    cells = np.argwhere(occupied).astype(object)
+    lows, highs = (exact(lower) + exact(voxel) * (cells + b) for b in (0, 1))
+    truth = Definition([], [], np.array([exact(margin)] * len(cells)), *frame, -1, 1, -reach)
+    truth.lows, truth.highs = lows, highs
+    check(spread(outer, reach), truth.touched(0), truth.touched(1))
+    truth = Definition([], [], np.array([0] * len(cells), dtype=object), *frame, 0, 0, -reach)
+    truth.lows, truth.highs = lows, highs
+    check(spread(inner, reach), truth.covered(), truth.inside(0))
+
+
+def test_points_on_inner_borders_of_voxels_are_inside():
+    _, inner = voxel_rasters(np.ones((3, 3, 3), dtype=bool), 0.1, (-0.1, -0.1, -0.1), 0.1)
+    assert inner.lower == (0, 0, 0)
+    assert inner.cells.all()
+    assert inner.count == 8
+
+
+def test_a_hole_in_a_voxel_robot_stays_open():
+    occupied = np.ones((5, 5, 5), dtype=bool)
+    occupied[2, 2, 2] = False
+    _, inner = voxel_rasters(occupied, 0.4, (-1.0, -1.0, -1.0), 0.1)
+    filled = spread(inner, 10)[10 - 9 : 10 + 10, 10 - 9 : 10 + 10, 10 - 9 : 10 + 10]
+    expected = np.ones((19, 19, 19), dtype=bool)
+    expected[7:12, 7:12, 7:12] = False
+    assert (filled == expected).all()
+
+
+@settings(max_examples=30)
+@given(seeds, st.sampled_from([0.1, 0.5, 0.9]))
+def test_merged_boxes_are_disjoint_and_cover_the_set(seed, density):
+    rng = np.random.default_rng(seed)
+    occupied = rng.random(tuple(rng.integers(1, 9, 3))) < density
+    counts = np.zeros(occupied.shape, dtype=int)
+    for a, b, c, d, e, f in _kernels.merge_boxes(occupied):
+        counts[a:d, b:e, c:f] += 1
+    assert (counts == occupied).all()
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_point_on_borders_is_in_every_cell_that_shares_them(dim):
+    grid = Grid((0.0,) * dim, 0.5, (4,) * dim)
+    outer, inner = rasterize_balls(np.full((1, dim), 1.0), np.zeros(1), grid)
+    assert sorted(map(tuple, np.argwhere(outer))) == list(product((1, 2), repeat=dim))
+    assert not inner.any()
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_slack_at_the_border_of_a_cell(dim):
+    grid = Grid((0.0,) * dim, 1.0, (6,) * dim)
+    center = np.full((1, dim), 2.5)
+    for offset, met in ((0.0, True), (SLACK / 2, True), (8 * SLACK, False)):
+        center[0, 0] = 3.0 + 0.5 + offset
+        outer, _ = rasterize_balls(center, np.array([0.5]), grid)
+        assert outer[(2, *(2,) * (dim - 1))] == met
+    for offset, inside in ((0.0, False), (8 * SLACK, True)):
+        _, inner = rasterize_balls(np.full((1, dim), 2.5), np.array([np.sqrt(dim) / 2 + offset]), grid)
+        assert inner.sum() == inside
+
+
+def test_random_points_are_in_their_cells_alone():
+    rng = np.random.default_rng(7)
+    grid = Grid((-1.0, 2.0, 0.5), 0.13, (40, 30, 50))
+    points = rng.uniform((-2.0, 1.0, 0.0), (5.0, 7.0, 8.0), (60_000, 3))
+    outer, inner = rasterize_balls(points, np.zeros(len(points)), grid)
+    cells = np.floor((points - grid.lower) / grid.spacing).astype(int)
+    cells = cells[((cells >= 0) & (cells < grid.shape)).all(axis=1)]
+    expected = np.zeros(grid.shape, dtype=bool)
+    expected[tuple(cells.T)] = True
+    assert (outer == expected).all()
+    assert not inner.any()
+
+
+@pytest.mark.parametrize("radius", [0.05, 0.3, 0.8])
+def test_balls_of_a_cloud_against_a_tree(radius):
+    rng = np.random.default_rng(8)
+    grid = Grid((0.0, 0.0, 0.0), 0.1, (40, 30, 50))
+    points = rng.uniform(0.0, 5.0, (3000, 3))
+    outer, inner = rasterize_balls(points, np.full(len(points), radius), grid)
+    middles = np.stack(np.meshgrid(*(grid.centers(axis) for axis in range(3)), indexing="ij"), axis=-1)
+    distance, _ = cKDTree(points).query(middles)
+    corner = grid.spacing * np.sqrt(3) / 2
+    assert outer[distance <= radius].all()
+    assert (distance[outer] <= radius + corner + 1e-9).all()
+    assert inner[distance <= radius - corner - 1e-6].all()
+    assert (distance[inner] <= radius - grid.spacing / 2).all()
+
+
+def test_a_union_is_the_union_of_its_parts_in_any_number_of_threads():
+    rng = np.random.default_rng(9)
+    grid = Grid((0.0, 0.0, 0.0), 0.1, (60, 20, 30))
+    centers, radii = rng.uniform(-1.0, 7.0, (800, 3)), rng.uniform(0.0, 1.2, 800)
+    outer, inner = rasterize_balls(centers, radii, grid)
+    parts = [rasterize_balls(centers[n : n + 1], radii[n : n + 1], grid) for n in range(len(radii))]
+    assert (outer == np.logical_or.reduce([part[0] for part in parts])).all()
+    assert (inner == np.logical_or.reduce([part[1] for part in parts])).all()
+    assert inner.any()
+
+
+@given(st.integers(0, 5), st.integers(0, 5), st.integers(0, 5))
+@example(0, 0, 0)
+@settings(max_examples=5)
+def test_a_disc_is_a_section_of_a_ball(x, y, radius):
+    plane, space = Grid((0.0, 0.0), 0.5, (7, 6)), Grid((0.0, 0.0, 0.0), 0.5, (7, 6, 1))
+    center, size = np.array([[x / 2, y / 2]]), np.array([radius / 4])
+    flat, _ = rasterize_balls(center, size, plane)
+    solid, _ = rasterize_balls(np.hstack([center, [[0.25]]]), size, space)
+    assert (flat == solid[:, :, 0]).all()
+
+
+@pytest.mark.parametrize(("center", "radius"), [(1e9, 0.1), (0.0, 1e9), (-3e6, 2e6)])
+def test_what_is_too_far_for_the_slack_is_refused(center, radius):
+    grid = Grid((0.0, 0.0, 0.0), 1.0, (4, 4, 4))
+    with pytest.raises(InputError, match="cells from the map's corner"):
+        rasterize_balls(np.array([[0.0, 0.0, center]]), np.array([radius]), grid)
+
+
+def test_large_coordinates_stay_exact():
+    grid = Grid((2.0**21, -(2.0**21), 0.0), 1.0, (6, 6, 6))
+    centers = np.array([[2.0**21 - 2.0**20 + 2.5, -(2.0**21) + 2.5, 2.5]])
+    radius = np.array([2.0**20])
+    outer, inner = rasterize_balls(centers, radius, grid)
+    truth = Definition(centers, centers, exact(radius), grid.shape, grid.lower, 1.0, 0, 1)
+    check(outer, truth.touched(0), truth.touched(1))
+    check(inner, truth.inside(1), truth.inside(0))
+    assert 0 < inner.sum() < outer.sum() < outer.size
+
+
+def test_a_robot_of_too_many_cells_is_refused():
+    with pytest.raises(InputError, match="larger spacing"):
+        box_rasters((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0), 1e-3)

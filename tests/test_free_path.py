@@ -1,0 +1,194 @@
+"""Paths that the map finds itself: there wherever FREE cells join two configurations, and free all along."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+import cspace
+import planners
+from checks import map_of, stack_of
+from cspace import BLOCKED, FREE, MIXED, ConfigurationError, InputError, Robot, Workspace
+from cspace.cubes import _kernels
+from cspace.cubes.path import cube_path, pulled_straight
+
+
+def states(dims=(2, 3), side=9):
+    shapes = st.sampled_from(dims).flatmap(lambda dim: st.tuples(*[st.integers(1, side)] * dim))
+    return hnp.arrays(np.uint8, shapes, elements=st.sampled_from([FREE, FREE, FREE, MIXED, BLOCKED]))
+
+
+@settings(max_examples=60)
+@given(states(), st.randoms(use_true_random=False))
+def test_a_path_is_found_wherever_free_cells_join_two(state, random):
+    space = map_of(state)
+    free = np.argwhere(state == FREE)
+    if not len(free):
+        return
+    first, last = (free[random.randrange(len(free))] for _ in range(2))
+    q0, q1 = (space.grid.lower + space.grid.spacing * (cell + random.uniform(0.1, 0.9)) for cell in (first, last))
+    joined = space.path_exists(q0, q1) is True
+    for straight in (False, True):
+        path = space.free_path(q0, q1, straight=straight)
+        assert (len(path) > 0) == joined
+        if joined:
+            assert (path[0] == q0).all() and (path[-1] == q1).all()
+            assert space.motion_is_free(path[:-1], path[1:]).all()
+            along = np.concatenate([a + np.linspace(0, 1, 200)[:, None] * (b - a) for a, b in itertools.pairwise(path)])
+            assert (space.classify(along) == FREE).all()
+    rough, smooth = space.free_path(q0, q1, straight=False), space.free_path(q0, q1)
+    assert length(smooth) <= length(rough) * (1 + 1e-12)
+    assert (space.free_path(q0, q1) == smooth).all()
+
+
+def length(path):
+    return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
+
+
+@settings(max_examples=60)
+@given(states(), st.randoms(use_true_random=False))
+def test_consecutive_cells_share_a_cube_or_a_side(state, random):
+    free = np.argwhere(state == FREE)
+    if not len(free):
+        return
+    first, last = (free[random.randrange(len(free))] for _ in range(2))
+    cells = cube_path(state, first, last)
+    for a, b in itertools.pairwise(cells):
+        reach = int(np.abs(a - b).max())
+        low = a - reach
+        cube = tuple(slice(max(c, 0), c + 2 * reach + 1) for c in low)
+        inside = (low >= 0).all() and (a + reach < state.shape).all() and (state[cube] == FREE).all()
+        assert inside or int(np.abs(a - b).sum()) == 1
+        assert state[tuple(b)] == FREE
+
+
+@settings(max_examples=60)
+@given(states(side=7), st.randoms(use_true_random=False))
+def test_radius_of_the_largest_free_cube(state, random):
+    free = np.argwhere(state == FREE)
+    if not len(free):
+        return
+    cell = free[random.randrange(len(free))]
+    layered = state.reshape(*state.shape, *[1] * (3 - state.ndim))
+    i, j, k = np.pad(cell, (0, 3 - state.ndim)).tolist()
+    padded = np.pad(state, 8, constant_values=BLOCKED)
+    wanted = next(
+        r - 1 for r in itertools.count(1) if (padded[tuple(slice(c + 8 - r, c + 9 + r) for c in cell)] != FREE).any()
+    )
+    assert _kernels.free_radius(layered, i, j, k, 8, state.ndim == 2) == wanted
+    assert _kernels.free_radius(layered, i, j, k, 1, state.ndim == 2) == min(wanted, 1)
+
+
+def test_a_maze_is_solved_and_pulled_straight():
+    state = np.zeros((60, 40, 9), np.uint8)
+    for n, x in enumerate(range(6, 60, 8)):
+        state[x, 3:] = BLOCKED
+        if n % 2:
+            state[x, :-3], state[x, -3:] = BLOCKED, FREE
+    space = map_of(state, 0.1)
+    path = space.free_path((0.05, 2.0, 0.45), (5.95, 2.0, 0.45))
+    assert space.motion_is_free(path[:-1], path[1:]).all()
+    assert 7 * 3.5 < length(path) < 7 * 4.4
+    assert len(path) < 30
+
+
+def test_pulling_keeps_the_ends_and_never_lengthens():
+    turns = np.array([(0.0, 0.0), (0.0, 3.0), (4.0, 3.0), (4.0, 0.0)])
+    whole = pulled_straight(turns, lambda *q: True, 0.5)
+    assert whole.tolist() == [[0.0, 0.0], [4.0, 0.0]]
+    steps = {tuple(p) for p in turns.tolist()}
+    kept = pulled_straight(
+        turns, lambda a, b, c, d: math.dist((a, b), (c, d)) <= 4.0 and {(a, b), (c, d)} <= steps, 9.0
+    )
+    assert kept.tolist() in ([[0.0, 0.0], [4.0, 0.0]], turns.tolist())
+
+
+def test_ends_on_the_border_of_what_is_not_free_are_not_joined():
+    state = np.zeros((4, 4), np.uint8)
+    state[2, :2] = MIXED
+    space = map_of(state, 1.0)
+    assert space.free_path((2.5, 2.0), (3.5, 2.5)).shape == (0, 2)  # on the border of a MIXED cell
+    assert len(space.free_path((2.5, 2.001), (3.5, 2.5)))
+
+
+def test_what_is_refused():
+    space = map_of(np.array([[FREE, MIXED], [FREE, FREE]]), 1.0)
+    with pytest.raises(ConfigurationError, match=r"q1 is .* FREE configuration"):
+        space.free_path((0.5, 0.5), (0.5, 1.5))
+    with pytest.raises(ConfigurationError, match="q0"):
+        space.free_path((-3.0, 0.5), (0.5, 0.5))
+    with pytest.raises(InputError, match="translate"):
+        stack_of(np.zeros((4, 3, 3)), 4).free_path((0.1, 0.1, 0.0), (0.5, 0.5, 0.0))
+
+
+@settings(max_examples=40)
+@given(states(), st.randoms(use_true_random=False))
+def test_the_reach_of_a_configuration(state, random):
+    """All cells that free cells join to one lie in the box, and every side of it has one of them."""
+    space = map_of(state)
+    free = np.argwhere(state == FREE)
+    if not len(free):
+        return
+    cell = free[random.randrange(len(free))]
+    lower, upper = space.free_reach(space.grid.center_of(cell))
+    same = np.array([space.path_exists(space.grid.center_of(cell), space.grid.center_of(c)) is True for c in free])
+    joined = free[same]
+    assert np.allclose(lower, space.grid.lower + 0.25 * joined.min(axis=0))
+    assert np.allclose(upper, space.grid.lower + 0.25 * (joined.max(axis=0) + 1))
+
+
+def test_the_reach_of_a_robot_that_turns():
+    stack = np.full((4, 5, 5), BLOCKED)
+    stack[0, 1, 1:4] = stack[1, 1:3, 3] = stack[3, 4, 4] = FREE
+    space = stack_of(stack, 4, spacing=1.0)
+    yaw = space.rotations.representatives
+    assert [corner.tolist() for corner in space.free_reach((1.5, 1.5, yaw[0]))] == [[1.0, 1.0], [3.0, 4.0]]
+    assert [corner.tolist() for corner in space.free_reach((4.5, 4.5, yaw[3]))] == [[4.0, 4.0], [5.0, 5.0]]
+    with pytest.raises(ConfigurationError, match="FREE"):
+        space.free_reach((0.5, 0.5, 0.0))
+
+
+# ---- as a planner ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("simplify", [True, False])
+@pytest.mark.parametrize("dim", [2, 3])
+def test_cubes_among_the_planners(dim, simplify):
+    occupied = np.zeros((60, 40, 12)[:dim], dtype=bool)
+    occupied[30, :30] = True
+    robot = Robot.disc(0.15) if dim == 2 else Robot.box((0.3, 0.3, 0.1))
+    space = cspace.build(Workspace.from_array(occupied, 0.1), robot)
+    ends = (0.5, 0.5, 0.5)[:dim], (5.5, 0.5, 0.5)[:dim]
+    plan = planners.plan(space, *ends, planner="cubes", simplify=simplify)
+    assert plan.solved and plan.certified and plan.planner == "Cubes"
+    assert plan.path.tolist() == planners.plan(space, *ends, planner="Cubes", simplify=simplify, seed=3).path.tolist()
+    assert 2 * math.hypot(2.5, 2.5) < plan.length < (9.0 if simplify else 20.0)
+
+
+def test_cubes_where_nothing_is_proven():
+    state = np.zeros((5, 3), np.uint8)
+    state[2] = MIXED
+    plan = planners.plan(map_of(state, 1.0), (0.5, 0.5), (4.5, 0.5), planner="Cubes")
+    assert not plan.solved and plan.path_exists is None and plan.status.startswith("undecided")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"exact": True}, "exact is True"),
+        ({"iterations": 5}, "iterations is 5"),
+        ({"objective": "clearance"}, "objective is 'clearance'"),
+    ],
+)
+def test_what_cubes_cannot_do(options, message):
+    with pytest.raises(InputError, match=message):
+        planners.plan(map_of(np.zeros((3, 3)), 1.0), (0.5, 0.5), (2.5, 2.5), planner="Cubes", **options)
+
+
+def test_cubes_on_a_map_with_rotations():
+    with pytest.raises(InputError, match="with rotations"):
+        planners.plan(stack_of(np.zeros((4, 3, 3)), 4), (0.1, 0.1, 0), (0.5, 0.5, 0), planner="Cubes")

@@ -1,0 +1,369 @@
+"""Meshes: what is read, what is refused, bodies, and which points they contain."""
+
+import json
+import warnings
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cspace import (
+    CspaceError,
+    FileError,
+    GeometryError,
+    InputError,
+    Robot,
+    Workspace,
+)
+from cspace.io.meshes import SUFFIXES, read_mesh
+from cspace.mesh import Mesh, MeshWarning
+from strategies import seeds
+
+SPHERE = trimesh.creation.icosphere(subdivisions=2)
+TETRAHEDRON = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=float)
+SIDES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
+
+WRITTEN = {
+    "binary.stl": {"file_type": "stl"},
+    "text.stl": {"file_type": "stl_ascii"},
+    "mesh.obj": {"file_type": "obj"},
+    "binary.ply": {"file_type": "ply"},
+    "text.ply": {"file_type": "ply", "encoding": "ascii"},
+    "mesh.off": {"file_type": "off"},
+    "mesh.glb": {"file_type": "glb"},
+}
+
+
+def write(folder, name, mesh=SPHERE):
+    data = mesh.export(**WRITTEN[name])
+    file = folder / name
+    file.write_bytes(data if isinstance(data, bytes) else data.encode())
+    return file
+
+
+@pytest.mark.parametrize("name", WRITTEN)
+def test_every_format_gives_the_mesh_back(tmp_path, name):
+    mesh = Mesh.of(write(tmp_path, name))
+    assert mesh.source == name
+    assert len(mesh.faces) == len(SPHERE.faces)
+    assert np.allclose(np.sort(mesh.triangles, axis=None), np.sort(SPHERE.triangles, axis=None), atol=1e-6)
+    assert mesh.is_watertight
+    assert mesh.volume == pytest.approx(SPHERE.volume, rel=1e-5)
+
+
+def test_a_gltf_file_is_read_with_its_buffer(tmp_path):
+    for name, data in SPHERE.export(file_type="gltf").items():
+        (tmp_path / name).write_bytes(data)
+    assert Mesh.of(tmp_path / "model.gltf").is_watertight
+    next(tmp_path.glob("*.bin")).unlink()
+    with pytest.raises(FileError, match="malformed"):
+        read_mesh(tmp_path / "model.gltf")
+
+
+@pytest.mark.parametrize("name", [name for name in WRITTEN if name != "mesh.obj"])
+@pytest.mark.parametrize("part", [0.0, 0.05, 0.3, 0.6, 0.8, 0.97])
+def test_truncated_files_are_refused(tmp_path, name, part):
+    file = write(tmp_path, name)
+    data = file.read_bytes()
+    file.write_bytes(data[: int(part * len(data))])
+    with pytest.raises(CspaceError, match=r"truncated|without triangles") as caught:
+        read_mesh(file)
+    assert str(file) in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "error", "words"),
+    [
+        ("nan.obj", "v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", InputError, "nan"),
+        ("points.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\n", GeometryError, "cloud of points"),
+        ("index.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", FileError, "malformed"),
+        ("empty.obj", "", GeometryError, "empty"),
+        ("noise.ply", "\0\1\2" * 100, FileError, "malformed"),
+        ("mesh.xyz", "0 0 0\n", InputError, "suffix"),
+        ("mesh.dae", "<COLLADA/>", GeometryError, "scene"),
+    ],
+)
+def test_files_that_hold_no_mesh_are_refused(tmp_path, name, text, error, words):
+    file = tmp_path / name
+    file.write_text(text)
+    with pytest.raises(error, match=words):
+        Mesh.of(file)
+
+
+def test_a_cloud_of_points_and_a_missing_file_are_refused(tmp_path):
+    cloud = tmp_path / "cloud.ply"
+    cloud.write_bytes(trimesh.PointCloud(np.eye(3)).export(file_type="ply"))
+    with pytest.raises(GeometryError, match="from_points"):
+        Mesh.of(cloud)
+    with pytest.raises(FileError, match="does not exist"):
+        Mesh.of(tmp_path / "none.stl")
+    with pytest.raises(FileError, match="folder"):
+        Mesh.of(tmp_path)
+    assert ".stl" in SUFFIXES
+
+
+def test_polygons_with_more_corners_are_cut_into_triangles(tmp_path):
+    file = tmp_path / "cube.obj"
+    corners = [(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]
+    quads = ["1 2 4 3", "5 7 8 6", "1 5 6 2", "3 4 8 7", "1 3 7 5", "2 6 8 4"]
+    file.write_text("".join(f"v {x} {y} {z}\n" for x, y, z in corners) + "".join(f"f {quad}\n" for quad in quads))
+    mesh = Mesh.of(file)
+    assert mesh.is_watertight
+    assert mesh.volume == pytest.approx(1.0)
+
+
+def test_a_scene_is_put_together_as_it_stands():
+    scene = trimesh.Scene()
+    mirror = np.diag([-1.0, 1.0, 1.0, 1.0])
+    mirror[0, 3] = 10.0
+    scene.add_geometry(SPHERE, node_name="a")
+    scene.add_geometry(SPHERE, node_name="b", transform=trimesh.transformations.translation_matrix((5, 0, 0)))
+    scene.add_geometry(SPHERE, node_name="c", transform=mirror)
+    mesh = Mesh.of(scene)
+    assert len(mesh.bodies) == 3
+    assert mesh.volume == pytest.approx(3 * SPHERE.volume)
+    assert mesh.contains([(0, 0, 0), (5, 0, 0), (10, 0, 0), (2.5, 0, 0)]).tolist() == [True, True, True, False]
+    scene.add_geometry(trimesh.PointCloud(np.eye(3)))
+    with pytest.raises(GeometryError, match="cloud of points"):
+        Mesh.of(scene)
+
+
+@pytest.mark.parametrize(
+    ("shape", "error", "words"),
+    [
+        ((TETRAHEDRON, np.empty((0, 3), dtype=int)), GeometryError, "no triangles"),
+        ((TETRAHEDRON, [[0, 1, 4]]), GeometryError, "vertex 4"),
+        ((TETRAHEDRON, [[0, 1, -1]]), GeometryError, "vertex -1"),
+        ((TETRAHEDRON, [[0.0, 1.0, 2.0]]), GeometryError, "whole numbers"),
+        ((TETRAHEDRON, [[0, 1, 2, 3]]), GeometryError, r"\(F, 3\)"),
+        ((TETRAHEDRON[:, :2], SIDES), GeometryError, r"\(V, 3\)"),
+        ((TETRAHEDRON * np.nan, SIDES), InputError, "nan"),
+        ((TETRAHEDRON * (1 + 1j), SIDES), InputError, "complex"),
+        ((TETRAHEDRON, np.ma.masked_equal(SIDES, 3)), InputError, "faces of mesh has 3 masked"),
+        ((TETRAHEDRON * 1e200, SIDES), GeometryError, "units"),
+        (42, InputError, "int"),
+        (trimesh.PointCloud(np.eye(3)), GeometryError, "cloud of points"),
+    ],
+)
+def test_bad_meshes_are_refused(shape, error, words):
+    with pytest.raises(error, match=words):
+        Mesh.of(shape)
+
+
+def test_an_unknown_policy_is_refused():
+    with pytest.raises(InputError, match="'surface'"):
+        Mesh.of((TETRAHEDRON, SIDES), "hollow")
+
+
+def test_open_bodies_are_told_once_and_only_under_auto():
+    shape = (np.concatenate([SPHERE.vertices, TETRAHEDRON + 5]), np.concatenate([SPHERE.faces, SIDES[1:] + 162]))
+    with pytest.warns(MeshWarning, match=r"1 of 2 bodies .* \(3 of 323 triangles\).*surface.*fill") as caught:
+        mesh = Mesh.of(shape)
+    assert len(caught) == 1
+    assert caught[0].filename == __file__
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert mesh.contains([(0, 0, 0), (5.1, 5.1, 5.1)]).tolist() == [True, False]
+        assert not Mesh.of(shape, "surface").contains((0, 0, 0))
+        assert not Mesh.from_spec(mesh.spec()).is_watertight
+        with pytest.raises(InputError, match="fill"):
+            Mesh.of(shape, "fill").contains((0, 0, 0))
+    with pytest.warns(MeshWarning, match="no triangle"):
+        Mesh.of((TETRAHEDRON, [[0, 1, 1]]))
+
+
+def test_a_mesh_that_was_made_as_one_is_warned_of_once_and_where_it_is_used():
+    mesh, again = (Mesh(TETRAHEDRON, SIDES[1:]) for _ in range(2))
+    with pytest.warns(MeshWarning, match="1 of 1 bodies") as caught:
+        workspace = Workspace.from_mesh(mesh, 0.5)
+        robot = Robot.mesh(mesh)
+        Mesh.of(mesh)
+    assert len(caught) == 1
+    with pytest.warns(MeshWarning, match="1 of 1 bodies"):
+        Robot.mesh(again)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        Robot.from_spec(robot.spec)
+        Workspace.from_mesh(workspace.shapes[0], 0.25)
+        Mesh.of(Mesh(TETRAHEDRON, SIDES))
+        Mesh.of(Mesh(TETRAHEDRON, SIDES[1:], "surface"))
+        Mesh.of(Mesh(TETRAHEDRON, SIDES[1:]), "surface")
+
+
+def test_coincident_vertices_and_empty_triangles_do_not_open_a_body():
+    separate = (TETRAHEDRON[SIDES].reshape(-1, 3), np.arange(12).reshape(4, 3))
+    assert Mesh.of(separate).is_watertight
+    zeros = np.where(separate[0] == 0.0, np.where(np.arange(12)[:, None] % 2, -0.0, 0.0), separate[0])
+    assert Mesh.of((zeros, separate[1])).is_watertight
+    for extra in ([[0, 0, 1]], [[2, 2, 2]]):
+        mesh = Mesh.of((TETRAHEDRON, np.concatenate([SIDES, extra])))
+        assert mesh.is_watertight
+        assert len(mesh.bodies) == 1
+    # One without area that hangs on an edge is left out, and one that closes a gap is needed.
+    middle = np.vstack([TETRAHEDRON, [0.5, 0, 0]])
+    assert Mesh.of((middle, np.concatenate([SIDES, [[0, 4, 1]]]))).is_watertight
+    halves = [[0, 4, 3], [4, 1, 3]]
+    assert not Mesh.of((middle, np.concatenate([SIDES[[0, 2, 3]], halves])), "surface").is_watertight
+    mended = Mesh.of((middle, np.concatenate([SIDES[[0, 2, 3]], halves, [[0, 1, 4]]])))
+    assert mended.is_watertight
+    assert mended.volume == pytest.approx(1 / 6)
+    assert mended.contains((0.2, 0.2, 0.2))
+    assert not mended.contains((0.6, 0.6, 0.6))
+
+
+def test_bodies_that_touch_along_an_edge_are_told_apart():
+    cube = trimesh.creation.box((2, 2, 2))
+    vertices, faces = np.array(cube.vertices), np.array(cube.faces)
+    beside = Mesh.of((np.concatenate([vertices, np.add(vertices, (2, 2, 0))]), np.concatenate([faces, faces + 8])))
+    assert len(beside.bodies) == 2
+    assert beside.contains([(0, 0, 0), (2, 2, 0), (0, 2, 0)]).tolist() == [True, True, False]
+    # Something open that hangs on a closed body leaves it closed.
+    with pytest.warns(MeshWarning, match=r"1 of 2 bodies .*\(1 of 13 triangles\)"):
+        fin = Mesh.of((np.vstack([vertices, [3, 3, 3]]), np.vstack([faces, [faces[0, 0], faces[0, 1], 8]])))
+    assert fin.contains((0, 0, 0))
+    # One within the other, with a common edge, facing the other way: nobody can tell.
+    inner = vertices * (0.5, 0.5, 1) - (0.5, 0.5, 0)
+    assert Mesh.of((np.concatenate([vertices, inner]), np.concatenate([faces, faces[:, ::-1] + 8]))).contains(
+        [(-0.5, -0.5, 0), (0.5, 0.5, 0), (1.5, 0, 0)]
+    ).tolist() == [True, True, False]
+
+
+def test_a_mesh_is_taken_as_it_is():
+    filled = Mesh.of((TETRAHEDRON, SIDES[1:]), "fill")
+    assert Mesh.of(filled) is filled
+    assert Mesh.of(filled, "fill") is filled
+    assert Mesh.of(filled, "surface").solid == "surface"
+
+
+def test_orientation_is_told():
+    mixed = SIDES.copy()
+    mixed[0] = mixed[0, ::-1]
+    for faces, oriented in ((SIDES, True), (SIDES[:, ::-1], True), (mixed, False)):
+        mesh = Mesh.of((TETRAHEDRON, faces))
+        assert mesh.bodies[0].closed
+        assert mesh.bodies[0].oriented is oriented
+        assert mesh.contains([(0.1, 0.1, 0.1), (0.9, 0.9, 0.9)]).tolist() == [True, False]
+
+
+def test_a_body_that_overlaps_itself_is_solid_throughout():
+    """Two boxes joined by a doubled edge, one reaching into the other: winding number 2 where they overlap."""
+    first, second = trimesh.creation.box((2, 2, 2)), trimesh.creation.box((2, 2, 2))
+    second.vertices[:] = second.vertices * (1.0, 1.0, 0.5)
+    faces = np.concatenate([first.faces, second.faces + 8])
+    vertices = np.concatenate([first.vertices, second.vertices])
+    # A tube of two triangles each way joins them without a volume of its own.
+    pair = [[0, 1, 8], [8, 1, 0]]
+    mesh = Mesh.of((vertices, np.concatenate([faces, pair])))
+    assert mesh.contains([(0, 0, 0), (0, 0, 0.7), (0, 0, 1.2)]).tolist() == [True, True, False]
+
+
+@given(seeds, st.booleans())
+def test_points_in_convex_bodies_agree_with_half_spaces(seed, lattice):
+    """Rays through vertices and edges included: the points are those of the lattice that the corners are from."""
+    rng = np.random.default_rng(seed)
+    corners = rng.integers(0, 7, (12, 3)).astype(float) if lattice else rng.uniform(0, 6, (12, 3))
+    try:
+        hull = trimesh.convex.convex_hull(corners)
+    except Exception:
+        return
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", MeshWarning)
+        mesh = Mesh.of((hull.vertices, hull.faces))
+    if not mesh.is_watertight or hull.volume < 1e-3:
+        return
+    points = np.stack(np.meshgrid(*(np.arange(-1, 8),) * 3, indexing="ij"), axis=-1).astype(float)
+    triangles = mesh.triangles
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    proper = np.linalg.norm(normals, axis=1) > 1e-9
+    normals, starts = normals[proper] / np.linalg.norm(normals[proper], axis=1)[:, None], triangles[proper, 0]
+    outward = np.sign(((starts - triangles.mean(axis=(0, 1))) * normals).sum(axis=1))
+    height = ((points[..., None, :] - starts) * normals).sum(axis=-1) * outward
+    inside, outside = (height < -1e-9).all(axis=-1), (height > 1e-9).any(axis=-1)
+    found = mesh.contains(points)
+    assert found.shape == inside.shape
+    assert found[inside].all()
+    assert not found[outside].any()
+
+
+def winding_number(triangles, points):
+    """Sum of the solid angles of all triangles, over that of a sphere (van Oosterom and Strackee, 1983)."""
+    a, b, c = np.moveaxis(triangles[None] - points[:, None, None], 2, 0)
+    la, lb, lc = (np.linalg.norm(v, axis=-1) for v in (a, b, c))
+    volume = (a * np.cross(b, c)).sum(axis=-1)
+    rest = la * lb * lc + (a * b).sum(axis=-1) * lc + (b * c).sum(axis=-1) * la + (c * a).sum(axis=-1) * lb
+    return np.arctan2(volume, rest).sum(axis=1) / (2 * np.pi)
+
+
+@given(seeds)
+def test_points_in_crumpled_bodies_agree_with_solid_angles(seed):
+    """Bodies that cross themselves: inside is where the winding number is not zero, and where no way out is seen."""
+    rng = np.random.default_rng(seed)
+    ball = trimesh.creation.icosphere(subdivisions=1)
+    vertices = np.array(ball.vertices) + rng.normal(size=ball.vertices.shape) * 0.5
+    points = rng.uniform(-1.5, 1.5, (300, 3))
+    solid = np.round(winding_number(vertices[ball.faces], points)).astype(int) != 0
+    shut = enclosed(vertices[ball.faces], points)
+    assert Mesh.of((vertices, ball.faces)).contains(points).tolist() == (solid | shut).tolist()
+    # Those that are turned over are turned back.
+    mixed = np.array(ball.faces)
+    mixed[::3] = mixed[::3, ::-1]
+    assert Mesh.of((vertices, mixed)).contains(points).tolist() == (solid | shut).tolist()
+
+
+def enclosed(triangles, points):
+    """Whether all six rays along the axes meet a triangle."""
+    found = np.ones(len(points), dtype=bool)
+    for axis in range(3):
+        corners = np.roll(triangles, axis, axis=-1)
+        x, y, z = np.moveaxis(np.roll(points, axis, axis=-1)[:, None], -1, 0)
+        (ax, ay, az), (bx, by, bz), (cx, cy, cz) = np.moveaxis(corners, 0, -1)
+        u = (bx - x) * (cy - y) - (by - y) * (cx - x)
+        v = (cx - x) * (ay - y) - (cy - y) * (ax - x)
+        w = (ax - x) * (by - y) - (ay - y) * (bx - x)
+        hit = (np.sign(u) == np.sign(v)) & (np.sign(v) == np.sign(w))
+        height = (u * az + v * bz + w * cz) / (u + v + w)
+        found &= (hit & (height > z)).any(axis=1) & (hit & (height < z)).any(axis=1)
+    return found
+
+
+def test_points_are_checked():
+    mesh = Mesh.of((TETRAHEDRON, SIDES))
+    assert mesh.contains((0.1, 0.1, 0.1)) is True
+    assert mesh.contains(np.empty((0, 3))).shape == (0,)
+    with pytest.raises(InputError, match="3 long"):
+        mesh.contains((0.1, 0.1))
+    with pytest.raises(InputError, match="nan"):
+        mesh.contains((0.1, 0.1, np.nan))
+
+
+def test_a_mesh_keeps_to_the_last_bit_through_its_record():
+    rng = np.random.default_rng(0)
+    mesh = Mesh.of((rng.normal(size=(9, 3)) * 1e-7, rng.permutation(9).reshape(3, 3)), "surface")
+    back = Mesh.from_spec(json.loads(json.dumps(mesh.spec())))
+    assert back.vertices.tobytes() == mesh.vertices.tobytes()
+    assert back.faces.tobytes() == mesh.faces.tobytes()
+    assert (back.solid, back.source) == ("surface", "mesh")
+    for damage in ({"vertices": "?"}, {"faces": 3}, {"vertices": "AAAA"}):
+        with pytest.raises(InputError, match="damaged"):
+            Mesh.from_spec({**mesh.spec(), **damage})
+    with pytest.raises(InputError, match="damaged"):
+        Mesh.from_spec({})
+
+
+def test_arrays_of_a_mesh_belong_to_it():
+    vertices = TETRAHEDRON.copy()
+    mesh = Mesh.of((vertices, SIDES))
+    vertices[:] = 7.0
+    assert mesh.bounds.tolist() == [[0, 0, 0], [1, 1, 1]]
+    with pytest.raises(ValueError, match="read-only"):
+        mesh.vertices[0, 0] = 1.0
+
+
+@pytest.mark.parametrize("folder", ["ZTunnel", "LTunnel"])
+def test_real_solids_are_closed(data, folder):
+    for file in sorted((data / "solids" / folder).glob("*.obj")):
+        mesh = Mesh.of(file)
+        assert mesh.is_watertight
+        assert all(body.oriented for body in mesh.bodies)

@@ -1,0 +1,90 @@
+"""PLY files of meshes: faces in every order of bytes, and what is refused."""
+
+import numpy as np
+import pytest
+
+from cspace import FileError, GeometryError
+from mesh_files import BOX, CORNERS, QUADS, check_boxes, check_refused, read
+
+# PLY
+
+
+def ply(order, faces=QUADS, types=("float", "uchar", "int"), before="", after="", name="vertex_indices", tail=b""):
+    """A PLY file of a box; ``before`` and ``after`` are properties of one byte around the list of corners."""
+    codes = {"float": "f4", "double": "f8", "uchar": "u1", "int": "i4", "ushort": "u2", "uint8": "u1", "uint32": "u4"}
+    head = f"ply\nformat {order} 1.0\ncomment made by hand\nelement vertex {len(CORNERS)}\n"
+    head += "".join(f"property {types[0]} {axis}\n" for axis in "xyz")
+    head += f"element face {len(faces)}\n"
+    head += f"{before}property list {types[1]} {types[2]} {name}\n{after}"
+    rows = [(types[0], list(point)) for point in CORNERS]
+    for face in faces:
+        rows += [("uchar", [7])] if before else []
+        rows += [(types[1], [len(face)]), (types[2], list(face))]
+        rows += [("uchar", [7])] if after else []
+    if order == "ascii":
+        body = b" ".join(str(value).encode() for _, row in rows for value in row)
+    else:
+        mark = "<" if "little" in order else ">"
+        body = b"".join(np.array(row, dtype=mark + codes[kind]).tobytes() for kind, row in rows)
+    return f"{head}end_header\n".encode() + body + tail
+
+
+MIXED = [QUADS[0, :3], QUADS[0, [0, 2, 3]], *QUADS[1:]]
+ORDERS = ["ascii", "binary_little_endian", "binary_big_endian"]
+RED = "property uchar red\n"
+
+
+@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("faces", [QUADS, MIXED, MIXED[::-1], BOX.faces], ids=["quads", "mixed", "turned", "triangles"])
+@pytest.mark.parametrize("types", [("float", "uchar", "int"), ("double", "ushort", "uint32")], ids=str)
+@pytest.mark.parametrize(("before", "after"), [("", ""), (RED, ""), ("", RED)], ids=["plain", "before", "after"])
+def test_faces_of_ply_are_read_in_every_order_of_bytes(tmp_path, order, faces, types, before, after):
+    check_boxes(read(tmp_path, "box.ply", ply(order, faces, types, before, after)))
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_faces_of_ply_may_have_other_lists_besides(tmp_path, order):
+    texture = "property list uchar uchar texcoord\n"
+    data = ply(order, MIXED, before="property uchar red\n", after="property uchar blue\n", name="vertex_index")
+    check_boxes(read(tmp_path, "box.ply", data))
+    empty = ply(order, MIXED, after="property uchar blue\n").replace(b"property uchar blue\n", texture.encode())
+    with pytest.raises(FileError, match=r"fewer|more"):
+        read(tmp_path, "box.ply", empty)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (ply("ascii", tail=b"\n0 1 2"), "3 numbers more"),
+        (ply("binary_little_endian", tail=b"abc"), "3 bytes more"),
+        (ply("ascii", name="corners"), "vertex_indices"),
+        (ply("ascii", types=("float", "uchar", "float"), faces=[(0, 1, 2.5)]), "not whole"),
+        (ply("ascii", faces=[(0, 1, 8)]), "vertex 8"),
+        (ply("ascii", faces=[(0, 1, -1)]), "vertex -1"),
+        (ply("ascii", faces=[(0, 1)]), "2 corners"),
+        (ply("ascii").replace(b"format ascii", b"format middle"), "format middle"),
+        (ply("ascii").replace(b"float z", b"float w"), "x, y and z"),
+        (ply("ascii").replace(b"float z", b"float16 z"), "float16"),
+        (ply("ascii").replace(b"face 6", b"face 99999999999999"), "fewer"),
+        (ply("binary_big_endian").replace(b"face 6", b"face 99999999999999"), "fewer"),
+        (ply("binary_big_endian").replace(b"vertex 8", b"vertex 99999999999999"), "fewer"),
+    ],
+)
+def test_ply_files_that_hold_other_than_they_say_are_refused(tmp_path, content, words):
+    check_refused(tmp_path, "odd.ply", content, words)
+
+
+@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("part", [0.97, 0.999])
+@pytest.mark.parametrize("faces", [QUADS, MIXED], ids=["quads", "mixed"])
+def test_truncated_ply_files_are_refused(tmp_path, order, part, faces):
+    data = ply(order, faces)
+    check_refused(tmp_path, "cut.ply", data[: int(part * len(data)) - 1], "truncated")
+
+
+def test_strips_of_ply_are_refused_and_edges_are_left(tmp_path):
+    data = ply("ascii").decode()
+    strips = data.replace("end_header", "element tristrips 1\nproperty list int int vertex_indices\nend_header")
+    check_refused(tmp_path, "strips.ply", strips + "\n4 0 1 2 3", "tristrips", GeometryError)
+    edges = data.replace("end_header", "element edge 1\nproperty int vertex1\nproperty int vertex2\nend_header")
+    check_boxes(read(tmp_path, "edges.ply", edges + "\n0 1\n"))

@@ -1,0 +1,404 @@
+"""Exact look-ups in space: against boxes and balls that paper and pencil decide, manifold3d, and rational numbers."""
+
+from itertools import product
+
+import manifold3d
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import cspace
+from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
+from cspace.mesh import Mesh
+from strategies import seeds
+
+BAND = 1e-6
+"""Metres around the margin in which an oracle's answer is not held against ours."""
+
+
+# ---- oracles ---------------------------------------------------------------------------------------------------------
+
+
+def boxes_mesh(boxes):
+    """Boxes, lower and upper corners, as one mesh."""
+    return trimesh.util.concatenate([trimesh.creation.box(bounds=box) for box in np.reshape(boxes, (-1, 2, 3))])
+
+
+def box_gaps(q, robot, boxes):
+    """Distances of a box that translates, at places (n, 3), from the nearest of boxes (m, 2, 3)."""
+    low, high = (np.reshape(q, (-1, 1, 3)) + corner for corner in robot)
+    boxes = np.reshape(boxes, (-1, 2, 3))
+    apart = np.maximum(np.maximum(boxes[:, 0] - high, low - boxes[:, 1]), 0.0)
+    return np.sqrt((apart**2).sum(axis=-1)).min(axis=1)
+
+
+def wall_gaps(space, q):
+    """Distance of the robot's bounding box from the outside of the grid, where that is blocked."""
+    if space.outside == "free":
+        return np.full(len(q), np.inf)
+    low, high = space.robot.body.bounds
+    return np.minimum(q + low - space.grid.lower, space.grid.upper - q - high).min(axis=1)
+
+
+def agrees(space, q, spare):
+    """Fail unless points are free exactly where there is distance to spare."""
+    free, state = space.is_free(q, exact=True), space.classify(q)
+    assert not (free & (spare <= 0.0)).any()
+    assert free[state == FREE].all() and not free[state == BLOCKED].any()
+    decided = np.abs(spare) > BAND
+    np.testing.assert_array_equal(free[decided], spare[decided] > 0.0)
+    return free
+
+
+def edges_agree(space, q0, q1, gaps):
+    """Fail unless every edge that is proven keeps its distance at a thousand points, and most that do are proven."""
+    free, by_map = space.motion_is_free(q0, q1, exact=True), space.motion_is_free(q0, q1)
+    assert free[by_map].all()
+    for first, last, proven in zip(q0, q1, free, strict=True):
+        way = first + np.linspace(0.0, 1.0, 1000 if proven else 100)[:, None] * (last - first)
+        least = gaps(way).min()
+        assert least > 0.0 if proven else least < 0.02 * np.linalg.norm(last - first) + BAND
+    return free
+
+
+def near_mixed(space, rng, n):
+    """Places in MIXED cells, and some anywhere in and around the grid."""
+    q = rng.uniform(np.subtract(space.grid.lower, 0.5), np.add(space.grid.upper, 0.5), (n, 3))
+    cells = np.argwhere(space.state == MIXED)
+    if len(cells):
+        some = cells[rng.integers(len(cells), size=3 * n // 4)]
+        q[: len(some)] = space.grid.lower + space.grid.spacing * (some + rng.random(some.shape))
+    return q
+
+
+@st.composite
+def box_worlds(draw):
+    """Boxes in a grid, as a mesh, and the same clipped to the grid."""
+    rng = np.random.default_rng(draw(seeds))
+    corner = rng.uniform(-2, 2, 3)
+    low = corner + rng.uniform(-0.2, 2.2, (int(rng.integers(1, 6)), 3))
+    high = low + rng.uniform(0.05, 0.8, low.shape)
+    return np.stack([low, high], axis=1), corner, rng
+
+
+# ---- against boxes and balls -----------------------------------------------------------------------------------------
+
+
+@settings(max_examples=15)
+@given(box_worlds(), st.sampled_from(["blocked", "free"]), st.sampled_from([0.0, 0.07]), st.booleans())
+def test_boxes_among_boxes(world, outside, margin, inner):
+    boxes, corner, rng = world
+    if outside == "free":  # what the bounds cut is tested on its own
+        boxes = np.clip(boxes, corner + 0.01, corner + 2.29)
+        boxes = boxes[(boxes[:, 1] - boxes[:, 0] > 0.01).all(axis=1)]
+        boxes = boxes if len(boxes) else np.array([[corner + 1.0, corner + 1.2]])
+    workspace = Workspace.from_mesh(boxes_mesh(boxes), 0.1, (*corner, *(corner + 2.3)))
+    size, center = rng.uniform(0.05, 0.6, 3), rng.uniform(-0.3, 0.3, 3)
+    space = cspace.build(workspace, Robot.box(size, center), outside=outside, margin=margin, inner=inner)
+    robot = (center - size / 2, center + size / 2)
+
+    def gaps(q):
+        return np.minimum(box_gaps(q, robot, boxes), wall_gaps(space, q)) - margin
+
+    q0 = near_mixed(space, rng, 150)
+    agrees(space, q0, gaps(q0))
+    q1 = q0 + rng.normal(0.0, 0.3, q0.shape) * rng.choice([0.1, 1.0, 3.0], (150, 1))
+    q1[::7, :2] = q0[::7, :2]
+    edges_agree(space, q0[:40], q1[:40], gaps)
+
+
+@settings(max_examples=15)
+@given(seeds, st.sampled_from(["box", "ball", "balls"]), st.sampled_from([0.0, 0.05]), st.booleans())
+def test_balls_are_round(seed, kind, margin, points):
+    """Robots of each kind among balls or points, and the walls of the grid."""
+    rng = np.random.default_rng(seed)
+    centers, radii = rng.uniform(0.2, 1.8, (9, 3)), 0.0 if points else rng.uniform(0.02, 0.3, 9)
+    workspace = Workspace.from_balls(centers, radii, 0.1, (0, 0, 0, 2, 2, 2))
+    size = rng.uniform(0.1, 0.5, 3)
+    spots, reach = rng.uniform(-0.2, 0.2, (3, 3)), rng.uniform(0.05, 0.2, 3)
+    robot = {"box": Robot.box(size), "ball": Robot.ball(0.2, spots[0]), "balls": Robot.balls(spots, reach)}[kind]
+    if kind == "ball":
+        spots, reach = spots[:1], np.array([0.2])
+    space = cspace.build(workspace, robot, margin=margin)
+
+    def gaps(q):
+        if kind == "box":
+            apart = np.maximum(np.abs(centers - q[:, None]) - size / 2, 0.0)
+            found = (np.sqrt((apart**2).sum(axis=-1)) - radii).min(axis=1)
+        else:
+            apart = np.linalg.norm(q[:, None, None] + spots[:, None] - centers, axis=-1)
+            found = (apart - reach[:, None] - radii).min(axis=(1, 2))
+        return np.minimum(found, wall_gaps(space, q)) - margin
+
+    q0 = near_mixed(space, rng, 150)
+    agrees(space, q0, gaps(q0))
+    q1 = q0 + rng.normal(0.0, 0.2, q0.shape)
+    edges_agree(space, q0[:25], q1[:25], gaps)
+
+
+@settings(max_examples=10)
+@given(seeds, st.sampled_from([0.0, 0.05]))
+def test_a_ball_among_boxes(seed, margin):
+    rng = np.random.default_rng(seed)
+    low = rng.uniform(0.1, 1.5, (4, 3))
+    boxes = np.stack([low, low + rng.uniform(0.1, 0.4, low.shape)], axis=1)
+    center = rng.uniform(-0.1, 0.1, 3)
+    workspace = Workspace.from_mesh(boxes_mesh(boxes), 0.1, (0, 0, 0, 2, 2, 2))
+    space = cspace.build(workspace, Robot.ball(0.2, center), margin=margin)
+
+    def gaps(q):
+        return np.minimum(box_gaps(q, (center, center), boxes) - 0.2, wall_gaps(space, q)) - margin
+
+    q0 = near_mixed(space, rng, 200)
+    agrees(space, q0, gaps(q0))
+    edges_agree(space, q0[:40], q0[:40] + rng.normal(0.0, 0.3, (40, 3)), gaps)
+
+
+@settings(max_examples=10)
+@given(seeds, st.sampled_from(["blocked", "free"]))
+def test_voxels_among_voxels(seed, outside):
+    rng = np.random.default_rng(seed)
+    world, body = rng.random((14, 12, 10)) < 0.06, rng.random((3, 2, 4)) < 0.5
+    body[1, 1, 1] = True
+    low, side, lower = rng.uniform(-3, 3, 3), rng.choice([0.1, 0.137]), rng.uniform(-0.3, 0.1, 3)
+    workspace = Workspace.from_array(world, 0.1, low)
+    space = cspace.build(workspace, Robot.cells(body, side, lower), outside=outside)
+    boxes = low + 0.1 * (np.argwhere(world)[:, None] + np.array([[0], [1]]))
+    parts = lower + side * (np.argwhere(body)[:, None] + np.array([[0], [1]]))
+
+    def gaps(q):
+        return np.minimum(np.min([box_gaps(q, part, boxes) for part in parts], axis=0), wall_gaps(space, q))
+
+    q0 = near_mixed(space, rng, 150)
+    agrees(space, q0, gaps(q0))
+    edges_agree(space, q0[:20], q0[:20] + rng.normal(0.0, 0.15, (20, 3)), gaps)
+
+
+# ---- meshes, against manifold3d --------------------------------------------------------------------------------------
+
+
+def manifold_of(mesh):
+    return manifold3d.Manifold(
+        manifold3d.Mesh(np.asarray(mesh.vertices, dtype=np.float32), np.asarray(mesh.faces, dtype=np.uint32))
+    )
+
+
+def rounded(mesh):
+    """A mesh with coordinates that single precision holds."""
+    return trimesh.Trimesh(np.round(mesh.vertices * 1024) / 1024, mesh.faces, process=False)
+
+
+def blob(rng, size):
+    """A closed mesh that is not convex: a ball with dents, or a torus."""
+    if rng.random() < 0.5:
+        mesh = trimesh.creation.icosphere(2, size)
+        mesh.vertices *= rng.uniform(0.6, 1.0, len(mesh.vertices))[:, None]
+    else:
+        mesh = trimesh.creation.torus(0.7 * size, 0.25 * size, major_sections=12, minor_sections=8)
+    mesh.apply_transform(trimesh.transformations.random_rotation_matrix(rng.random(3)))
+    return rounded(mesh)
+
+
+@settings(max_examples=6)
+@given(seeds, st.sampled_from([0.0, 0.0625]))
+def test_meshes_agree_with_manifold3d(seed, margin):
+    rng = np.random.default_rng(seed)
+    obstacle, body = blob(rng, 0.7), blob(rng, 0.3)
+    space = cspace.build(
+        Workspace.from_mesh(obstacle, 0.1, (-1.2, -1.2, -1.2, 1.2, 1.2, 1.2)),
+        Robot.mesh(body),
+        outside="free",
+        margin=margin,
+        inner=bool(rng.integers(2)),
+    )
+    fixed, moved = manifold_of(obstacle), manifold_of(body)
+
+    def gaps(q):
+        found = []
+        for at in q:
+            placed = moved.translate(at.tolist())
+            meets = (placed ^ fixed).volume() > 0.0
+            found.append(-margin if meets else placed.min_gap(fixed, 3.0) - margin)
+        return np.array(found)
+
+    q0 = np.round(near_mixed(space, rng, 40) * 1024) / 1024
+    free = agrees(space, q0, gaps(q0))
+    assert free.any() and not free.all()
+    q1 = q0[:4] + rng.normal(0.0, 0.2, (4, 3))
+    for first, last, proven in zip(q0, q1, space.motion_is_free(q0[:4], q1, exact=True), strict=False):
+        way = first + np.linspace(0.0, 1.0, 40)[:, None] * (last - first)
+        least = gaps(way).min()
+        assert least > -BAND if proven else least < 0.05 * np.linalg.norm(last - first) + BAND
+
+
+def test_mesh_robots_walk_a_thousand_points():
+    """A box as a mesh answers as the box, and by another way: FCL's distances."""
+    rng = np.random.default_rng(3)
+    low = rng.uniform(0.1, 1.6, (6, 3))
+    boxes = np.stack([low, low + 0.25], axis=1)
+    workspace = Workspace.from_mesh(boxes_mesh(boxes), 0.1, (0, 0, 0, 2, 2, 2))
+    robot = (np.array([-0.1, -0.2, -0.05]), np.array([0.2, 0.1, 0.15]))
+    space = cspace.build(workspace, Robot.mesh(trimesh.creation.box(bounds=robot)))
+
+    def gaps(q):
+        return np.minimum(box_gaps(q, robot, boxes), wall_gaps(space, q))
+
+    q0 = near_mixed(space, rng, 200)
+    agrees(space, q0, gaps(q0))
+    free = edges_agree(space, q0[:60], q0[:60] + rng.normal(0.0, 0.2, (60, 3)), gaps)
+    assert free.any() and not free.all()
+    plain = cspace.build(workspace, Robot.box(robot[1] - robot[0], (robot[0] + robot[1]) / 2))
+    np.testing.assert_array_equal(space.is_free(q0, exact=True), plain.is_free(q0, exact=True))
+
+
+# ---- cases that paper and pencil decide ------------------------------------------------------------------------------
+
+
+def corridor(share, side=0.6):
+    """Two blocks with a corridor of ``share`` times the robot's side between them, along x at y = 2."""
+    half = side * share / 2
+    blocks = [[[2, 0, 0], [4, 2 - half, 4]], [[2, 2 + half, 0], [4, 4, 4]]]
+    return Workspace.from_mesh(boxes_mesh(np.array(blocks, dtype=float)), side / 3, (0, 0, 0, 6, 4, 4))
+
+
+BODIES = {
+    "box": Robot.box((0.9, 0.6, 0.5)),
+    "mesh": Robot.mesh(trimesh.creation.box((0.9, 0.6, 0.5))),
+    "ball": Robot.ball(0.3),
+    "cells": Robot.cells(np.ones((3, 2, 1), dtype=bool), 0.3, (-0.45, -0.3, -0.15)),
+}
+
+
+@pytest.mark.parametrize("body", BODIES)
+def test_a_corridor_a_hair_wider_than_the_robot_is_passable_only_exactly(body):
+    wide, narrow = (cspace.build(corridor(share), BODIES[body]) for share in (1.02, 0.98))
+    ends = [1.0, 2.0, 2.0], [5.0, 2.0, 2.0]
+    assert wide.motion_is_free(*ends, exact=True) and not wide.motion_is_free(*ends)
+    assert wide.is_free([3.0, 2.0, 2.0], exact=True) and not wide.is_free([3.0, 2.0, 2.0])
+    assert not narrow.motion_is_free(*ends, exact=True) and not narrow.is_free([3.0, 2.0, 2.0], exact=True)
+    assert wide.motion_is_free([1.0, 1.999, 2.0], [5.0, 2.001, 2.1], exact=True)
+    assert not wide.motion_is_free([1.0, 1.985, 2.0], [5.0, 2.015, 2.1], exact=True)
+
+
+@pytest.mark.parametrize("share", [1.0, 1.0 + 1e-13])
+@pytest.mark.parametrize("body", BODIES)
+def test_a_corridor_as_wide_as_the_robot_is_not_passable(body, share):
+    space = cspace.build(corridor(share), BODIES[body])
+    assert not space.motion_is_free([1.0, 2.0, 2.0], [5.0, 2.0, 2.0], exact=True)
+    assert not space.is_free([3.0, 2.0, 2.0], exact=True)
+
+
+@pytest.mark.parametrize("robot", [Robot.box((1, 1, 1)), Robot.mesh(trimesh.creation.box((1, 1, 1)))])
+def test_touching_is_a_collision(robot):
+    cells = np.zeros((10, 10, 10), dtype=bool)
+    cells[5, 5, 5] = True
+    space = cspace.build(Workspace.from_array(cells, 1.0), robot)
+    for shift in product((-1.0, 0.0, 1.0), repeat=3):  # sides, edges and corners
+        way = np.array(shift)
+        assert not space.is_free(5.5 + way, exact=True)
+        assert space.is_free(5.5 + way * (1.0 + 1e-5), exact=True) or not way.any()
+    assert not space.motion_is_free([4.5, 3.0, 5.5], [4.5, 8.0, 5.5], exact=True)
+    assert space.motion_is_free([4.5 - 1e-5, 3.0, 5.5], [4.5 - 1e-5, 8.0, 5.5], exact=True)
+    assert not space.is_free([0.5, 2.5, 2.5], exact=True) and space.is_free([0.5 + 1e-6, 2.5, 2.5], exact=True)
+
+
+@pytest.mark.parametrize("mesh", [False, True])
+def test_one_within_the_other_is_a_collision(mesh):
+    """Surfaces that are far apart prove nothing."""
+
+    def robot(size):
+        return Robot.mesh(trimesh.creation.box(size)) if mesh else Robot.box(size)
+
+    block = Workspace.from_mesh(trimesh.creation.box(bounds=[[1, 1, 1], [5, 5, 5]]), 0.5, (0, 0, 0, 6, 6, 6))
+    within = cspace.build(block, robot((0.5, 0.5, 0.5)), inner=False)
+    assert not within.is_free([3.0, 3.1, 3.0], exact=True)
+    assert not within.motion_is_free([2.9, 3.0, 3.0], [3.1, 3.0, 3.0], exact=True)
+    cells = Workspace.from_array(np.pad(np.ones((8, 8, 8), dtype=bool), 2), 0.5)
+    assert not cspace.build(cells, robot((0.5, 0.5, 0.5)), inner=False).is_free([3.0, 3.1, 3.0], exact=True)
+    for pillar in (
+        Workspace.from_points([[3.0, 3.0, 3.0]], 0.5, (0, 0, 0, 6, 6, 6)),
+        Workspace.from_mesh(trimesh.creation.icosphere(1, 0.1).apply_translation((3, 3, 3)), 0.5, (0, 0, 0, 6, 6, 6)),
+        Workspace.from_array(np.pad(np.ones((1, 1, 1), dtype=bool), 6), 6 / 13),
+    ):
+        around = cspace.build(pillar, robot((4.0, 4.0, 4.0)), inner=False)
+        assert not around.is_free([3.1, 3.0, 3.0], exact=True)
+        assert not around.motion_is_free([2.9, 3.0, 3.0], [3.1, 3.0, 3.0], exact=True)
+
+
+def test_hollows_are_free():
+    """A pillar in a hollow robot, and a robot in a hollow obstacle; a surface has no inside."""
+    shell, hole = trimesh.creation.box((4, 4, 4)), trimesh.creation.box((2, 2, 2))
+    hole.invert()
+    hollow = trimesh.util.concatenate([shell, hole])
+    pillar = Workspace.from_mesh(
+        trimesh.creation.icosphere(1, 0.1).apply_translation((3, 3, 3)), 0.5, (0, 0, 0, 6, 6, 6)
+    )
+    carrier = cspace.build(pillar, Robot.mesh(hollow), inner=False)
+    assert carrier.is_free([3.1, 3.0, 3.0], exact=True)
+    assert carrier.motion_is_free([2.9, 3.0, 3.0], [3.1, 3.0, 3.1], exact=True)
+    assert not carrier.is_free([4.5, 3.0, 3.0], exact=True)
+    house = Workspace.from_mesh(hollow.copy().apply_translation((3, 3, 3)), 0.5, (0, 0, 0, 6, 6, 6))
+    guest = cspace.build(house, Robot.box((1.9, 1.9, 1.9)), inner=False)
+    assert guest.is_free([3.0, 3.0, 3.04], exact=True) and not guest.is_free([3.0, 3.0, 3.06], exact=True)
+    assert not cspace.build(house, Robot.ball(0.3), inner=False).is_free([1.5, 3.0, 3.0], exact=True)
+    skin = Workspace.from_mesh(shell.copy().apply_translation((3, 3, 3)), 0.5, (0, 0, 0, 6, 6, 6), solid="surface")
+    assert cspace.build(skin, Robot.ball(0.3), inner=False).is_free([1.5, 3.0, 3.0], exact=True)
+
+
+def test_parts_of_a_robot_that_lie_in_an_obstacle_are_found():
+    occupied = np.zeros((40, 3, 3), dtype=bool)
+    occupied[[0, 39]] = True
+    block = Workspace.from_mesh(trimesh.creation.box(bounds=[[3, 0, 0], [6, 6, 6]]), 0.5, (0, 0, 0, 6, 6, 6))
+    space = cspace.build(block, Robot.cells(occupied, 0.1, (-2.0, 0.0, 0.0)), inner=False)
+    assert not space.is_free([2.6, 3.0, 3.0], exact=True)
+
+
+@pytest.mark.parametrize("mesh", [False, True])
+def test_a_thin_robot_does_not_jump_over_a_thin_obstacle(mesh):
+    points = Workspace.from_points([[1.0, 1.0, 1.0]], 0.25, (0, 0, 0, 2, 2, 2))
+    plate = trimesh.creation.box((0.4, 0.4, 0.002))
+    space = cspace.build(points, Robot.mesh(plate) if mesh else Robot.box((0.4, 0.4, 0.002)), inner=False)
+    rng = np.random.default_rng(0)
+    n = 40 if mesh else 400
+    low = np.column_stack([rng.uniform(0.85, 1.15, (n, 2)), rng.uniform(0.7, 0.99, n)])
+    high = np.column_stack([rng.uniform(0.85, 1.15, (n, 2)), rng.uniform(1.01, 1.3, n)])
+    assert space.is_free(low, exact=True).all() and space.is_free(high, exact=True).all()
+    assert not space.motion_is_free(low, high, exact=True).any()
+    assert not space.motion_is_free(high, low, exact=True).any()
+
+
+@pytest.mark.parametrize("outside", ["blocked", "free"])
+def test_what_lies_beyond_the_bounds_is_clipped(outside):
+    bar = trimesh.creation.box(bounds=[[2, 1, 1], [9, 3, 3]])
+    workspace = Workspace.from_mesh(bar, 0.25, (0, 0, 0, 4, 4, 4))
+    for robot in (Robot.ball(0.3), Robot.mesh(trimesh.creation.icosphere(3, 0.3))):
+        space = cspace.build(workspace, robot, outside=outside)
+        assert space.is_free([4.301, 2.0, 2.0], exact=True) == (outside == "free")
+        assert not space.is_free([4.29, 2.0, 2.0], exact=True)
+        assert not space.is_free([3.6, 2.0, 2.0], exact=True)
+        assert space.motion_is_free([4.301, 0.5, 2.0], [4.301, 3.5, 2.0], exact=True) == (outside == "free")
+
+
+@pytest.mark.parametrize("outside", ["blocked", "free"])
+@pytest.mark.parametrize("body", BODIES)
+def test_far_away(body, outside):
+    space = cspace.build(corridor(1.02), BODIES[body], outside=outside)
+    for far in (1e3, 1e9, 1e200, 1.7e308):
+        assert space.is_free([far, -far, 1.0], exact=True) == (outside == "free")
+        assert not space.motion_is_free([1.0, 2.0, 2.0], [far, -far, 1.0], exact=True) or outside == "free"
+
+
+@pytest.mark.parametrize("size", [1e-90, 1e-6, 1e6, 1e90])
+def test_the_unit_of_length_does_not_matter(size):
+    half = 0.306 * size
+    blocks = np.array([[[2, 0, 0], [4, 2, 4]], [[2, 2, 0], [4, 4, 4]]]) * size
+    blocks[0, 1, 1] -= half
+    blocks[1, 0, 1] += half
+    mesh = Mesh(boxes_mesh(blocks / size).vertices * size, boxes_mesh(blocks / size).faces)
+    workspace = Workspace.from_mesh(mesh, 0.2 * size, np.array([0, 0, 0, 6, 4, 4]) * size)
+    for robot in (Robot.box(np.array([0.9, 0.6, 0.5]) * size), Robot.ball(0.3 * size)):
+        space = cspace.build(workspace, robot)
+        assert space.motion_is_free(np.array([1, 2, 2]) * size, np.array([5, 2, 2]) * size, exact=True)
+        assert not space.motion_is_free(np.array([1, 1.993, 2]) * size, np.array([5, 1.993, 2]) * size, exact=True)

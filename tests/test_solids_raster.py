@@ -1,0 +1,534 @@
+"""Rasters of meshes against FCL, against exact rational arithmetic, and against solids with a formula."""
+
+import math
+from fractions import Fraction
+from itertools import product
+
+import numpy as np
+import pytest
+import scipy.ndimage
+import trimesh
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from scipy.optimize import nnls
+
+from cspace import Grid, InputError
+from cspace.mesh import Mesh
+from cspace.raster.solids import mesh_rasters, rasterize_mesh
+from cspace.raster.solids.components import Components
+from cspace.raster.solids.near import mark_within
+from strategies import seeds
+
+NEAR = 1e-6
+BOX = trimesh.creation.box((1.0, 1.0, 1.0))
+
+
+def box(low, high, inward=False):
+    """Vertices and faces of an axis-aligned box."""
+    low, high = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
+    vertices = np.where(BOX.vertices > 0, high, low)
+    return vertices, np.array(BOX.faces)[:, ::-1] if inward else np.array(BOX.faces)
+
+
+def joined(*parts):
+    counts = np.cumsum([0, *(len(vertices) for vertices, _ in parts)])
+    return (
+        np.concatenate([vertices for vertices, _ in parts]),
+        np.concatenate([faces + count for (_, faces), count in zip(parts, counts, strict=False)]),
+    )
+
+
+def soup(triangles):
+    triangles = np.asarray(triangles, dtype=float).reshape(-1, 3, 3)
+    return triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3)
+
+
+def meets(triangle, low, high):
+    """Whether a triangle meets a box, by separating axes, exactly; ``triangle`` and the box hold fractions."""
+    edges = [tuple(b - a for a, b in zip(triangle[i], triangle[(i + 1) % 3], strict=True)) for i in range(3)]
+    units = [(1, 0, 0), (0, 1, 0), (0, 0, 1)]
+    axes = [*units, cross(edges[0], edges[1]), *(cross(edge, unit) for edge in edges for unit in units)]
+    for axis in axes:
+        along = [dot(axis, corner) for corner in triangle]
+        first = sum(min(a * start, a * stop) for a, start, stop in zip(axis, low, high, strict=True))
+        last = sum(max(a * start, a * stop) for a, start, stop in zip(axis, low, high, strict=True))
+        if max(along) < first or min(along) > last:
+            return False
+    return True
+
+
+def cross(a, b):
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+def dot(a, b):
+    return sum(x * y for x, y in zip(a, b, strict=True))
+
+
+def check_touched(marked, triangles, grid, slack=Fraction(1, 2**24)):
+    """All cells that a triangle meets are marked, and none that it misses by more than a slack of cells."""
+    h, lower = Fraction(grid.spacing), [Fraction(value) for value in grid.lower]
+    exact = [[[Fraction(float(value)) for value in corner] for corner in triangle] for triangle in triangles]
+    for cell in product(*map(range, grid.shape)):
+        low = [a + h * i for a, i in zip(lower, cell, strict=True)]
+        high = [a + h for a in low]
+        if not marked[cell]:
+            assert not any(meets(t, low, high) for t in exact), f"missed {cell}"
+        else:
+            wide = [a - h * slack for a in low], [b + h * slack for b in high]
+            assert any(meets(t, *wide) for t in exact), f"too much: {cell}"
+
+
+def small_mesh(rng, kind):
+    """A few triangles in cells of a grid of 5 cells to each side."""
+    n = int(rng.integers(1, 6))
+    if kind == "random":
+        return rng.uniform(-1, 6, (n, 3, 3))
+    if kind == "sliver":
+        start, along = rng.uniform(-1, 6, (n, 1, 3)), rng.normal(size=(n, 1, 3)) * 3
+        bend = rng.normal(size=(n, 1, 3)) * 10.0 ** rng.uniform(-12, -3, (n, 1, 1))
+        return np.concatenate([start, start + along, start + along * rng.uniform(0, 1, (n, 1, 1)) + bend], axis=1)
+    if kind == "touching":
+        triangles = rng.uniform(0, 5, (n, 3, 3))
+        triangles[:, :, int(rng.integers(3))] = rng.integers(0, 6, (n, 1))
+        return triangles
+    if kind == "lattice":
+        return rng.integers(-1, 7, (n, 3, 3)).astype(float)
+    if kind == "degenerate":
+        triangles = rng.choice([rng.uniform(0, 5, (n, 3, 3)), rng.integers(0, 6, (n, 3, 3)).astype(float)])
+        triangles[:, 2] = triangles[:, int(rng.integers(2))]
+        if rng.random() < 0.3:
+            triangles[:, 1] = triangles[:, 0]
+        return triangles
+    assert kind == "huge"
+    far = rng.uniform(-1, 1, (n, 3, 3)) * 2.0 ** rng.uniform(3, 21)
+    # Through the middle of the grid, so that some of each huge triangle is seen.
+    return far - far.mean(axis=1, keepdims=True) + rng.uniform(0, 5, (n, 1, 3))
+
+
+KINDS = ["random", "sliver", "touching", "lattice", "degenerate", "huge"]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("lower", [0.0, 2.0**20 + 0.3, -(2.0**21)])
+def test_touched_cells_agree_with_exact_separating_axes(kind, lower):
+    rng = np.random.default_rng([KINDS.index(kind), abs(int(lower))])
+    for spacing in (1.0, 0.1):
+        for _ in range(2):
+            grid = Grid((lower * spacing,) * 3, spacing, (5, 4, 5))
+            mesh = Mesh.of(soup(grid.lower + spacing * small_mesh(rng, kind)), "surface")
+            outer, inner = rasterize_mesh(mesh, grid)
+            check_touched(outer, mesh.triangles, grid)
+            assert not inner.any()
+
+
+def test_touched_cells_of_over_200_meshes_agree_with_fcl():
+    fcl = pytest.importorskip("fcl")
+    rng = np.random.default_rng(5)
+    for number in range(204):
+        kind = ("random", "touching", "lattice", "boxes")[number % 4]
+        h, corner = [(1.0, 0.0), (0.05, 3.0), (1.0, 2.0**21 - 10)][number % 3]
+        grid = Grid((corner,) * 3, h, (5, 5, 5))
+        if kind == "boxes":
+            lows = rng.choice([rng.integers(-1, 4, (2, 3)).astype(float), rng.uniform(-1, 4, (2, 3))])
+            vertices, faces = joined(*(box(low, low + rng.integers(1, 4, 3)) for low in lows))
+        else:
+            vertices, faces = soup(small_mesh(rng, kind))
+        mesh = Mesh.of((corner + h * vertices, faces), "surface")
+        outer, _ = rasterize_mesh(mesh, grid)
+        # In cells of the grid: FCL's own tolerance is absolute.
+        local = (mesh.vertices - corner) / h
+        model = fcl.BVHModel()
+        model.beginModel(len(local), len(faces))
+        model.addSubModel(local, faces)
+        model.endModel()
+        surface = fcl.CollisionObject(model)
+        for cell in np.ndindex(*grid.shape):
+            side = 1.0 + NEAR if outer[cell] else 1.0 - NEAR
+            cube = fcl.CollisionObject(fcl.Box(side, side, side), fcl.Transform(np.add(cell, 0.5)))
+            assert (fcl.collide(surface, cube) > 0) == outer[cell], (number, kind, cell)
+
+
+@given(seeds, st.sampled_from(["random", "sliver", "touching", "lattice"]))
+def test_laws_of_touching(seed, kind):
+    """Moving by whole cells, turning by quarter turns and adding triangles do to the raster what they should."""
+    rng = np.random.default_rng(seed)
+    triangles = small_mesh(rng, kind)
+    grid = Grid((0, 0, 0), 1.0, (6, 6, 6))
+
+    def touched(some, on=grid):
+        return rasterize_mesh(Mesh.of(soup(some), "surface"), on)[0]
+
+    whole = touched(triangles)
+    if kind in ("lattice", "touching"):
+        shift = rng.integers(-1000, 1000, 3)
+        exact = np.round(triangles * 64) / 64
+        assert (touched(exact) == touched(exact + shift, Grid(shift.astype(float), 1.0, (6, 6, 6)))).all()
+        turned = np.stack([6.0 - exact[..., 1], exact[..., 0], exact[..., 2]], axis=-1)
+        assert (touched(turned) == touched(exact).transpose(1, 0, 2)[::-1]).all()
+        swapped = exact[..., [2, 0, 1]]
+        assert (touched(swapped) == touched(exact).transpose(2, 0, 1)).all()
+    assert not (touched(triangles[:1]) & ~whole).any()
+    assert (np.logical_or.reduce([touched(one) for one in triangles]) == whole).all()
+
+
+def test_a_grid_within_the_mesh_and_one_apart_from_it():
+    mesh = Mesh.of(box((0, 0, 0), (10, 10, 10)))
+    for outer, inner, expected in (
+        (*rasterize_mesh(mesh, Grid((4, 4, 4), 0.5, (3, 4, 5))), True),
+        (*rasterize_mesh(mesh, Grid((40, 4, 4), 0.5, (3, 4, 5))), False),
+    ):
+        assert outer.shape == inner.shape == (3, 4, 5)
+        assert (outer == expected).all()
+        assert (inner == expected).all()
+
+
+def test_a_map_that_cuts_through_a_solid_is_part_of_the_larger_map():
+    mesh = Mesh.of(joined(box((0.3, 0.3, 0.3), (8.6, 7.7, 5.4)), box((1.5, 1.5, 1.5), (4.5, 4.5, 4.4), inward=True)))
+    whole = rasterize_mesh(mesh, Grid((0, 0, 0), 0.5, (20, 20, 20)))
+    for start, stop in (((2, 2, 2), (9, 20, 20)), ((4, 4, 4), (8, 8, 8)), ((11, 0, 3), (12, 20, 4))):
+        part = Grid(np.multiply(start, 0.5), 0.5, tuple(np.subtract(stop, start).tolist()))
+        window = tuple(slice(a, b) for a, b in zip(start, stop, strict=True))
+        for cells, all_cells in zip(rasterize_mesh(mesh, part), whole, strict=True):
+            assert (cells == all_cells[window]).all()
+
+
+def covered(boxes, side, fine=4):
+    """Cells that meet, and cells that lie in, a union of boxes with corners at odd multiples of 1 / (2 fine)."""
+    middles = (np.arange(side * fine) + 0.5) / fine
+    filled = np.zeros((side * fine,) * 3, dtype=bool)
+    for low, high in boxes:
+        x, y, z = ((middles > a) & (middles < b) for a, b in zip(low, high, strict=True))
+        filled |= x[:, None, None] & y[None, :, None] & z[None, None, :]
+    blocks = filled.reshape(side, fine, side, fine, side, fine)
+    return blocks.any(axis=(1, 3, 5)), blocks.all(axis=(1, 3, 5))
+
+
+def touched_by_faces(boxes, side):
+    """Cells that the surface of one of some boxes meets."""
+    cells = np.arange(side)
+    found = np.zeros((side,) * 3, dtype=bool)
+    for low, high in boxes:
+        meet = [(cells <= b) & (cells + 1 >= a) for a, b in zip(low, high, strict=True)]
+        within = [(cells > a) & (cells + 1 < b) for a, b in zip(low, high, strict=True)]
+        outer, inner = (x[:, None, None] & y[None, :, None] & z[None, None, :] for x, y, z in (meet, within))
+        found |= outer & ~inner
+    return found
+
+
+@settings(max_examples=40)
+@given(seeds, st.integers(1, 4))
+def test_overlapping_boxes_are_their_union_whatever_way_they_face(seed, count):
+    rng = np.random.default_rng(seed)
+    side = 12
+    lows = rng.integers(1, 6, (count, 3)) + rng.choice([0.25, 0.5, 0.75], (count, 3))
+    highs = lows + rng.integers(1, 7, (count, 3)) - 0.25
+    boxes = list(zip(lows, np.minimum(highs, side - 0.25), strict=True))
+    meeting, lying = covered(boxes, side)
+    surface = touched_by_faces(boxes, side)
+    grid = Grid((0, 0, 0), 1.0, (side,) * 3)
+    for inward in (np.zeros(count, dtype=bool), np.ones(count, dtype=bool)):
+        outer, inner = rasterize_mesh(
+            Mesh.of(joined(*(box(*b, inward=way) for b, way in zip(boxes, inward, strict=True)))), grid
+        )
+        assert (outer == meeting | surface).all()
+        assert (inner == lying & ~surface).all()
+    inward = rng.random(count) < 0.5
+    outer, inner = rasterize_mesh(
+        Mesh.of(joined(*(box(*b, inward=way) for b, way in zip(boxes, inward, strict=True)))), grid
+    )
+    # Those that face inward may be cavities: of boxes that lie in them or they in.
+    nested = np.zeros_like(outer)
+    for a, b in product(range(count), repeat=2):
+        if inward[a] != inward[b] and (lows[a] < lows[b]).all() and (boxes[b][1] < boxes[a][1]).all():
+            nested |= covered([boxes[b]], side)[0]
+    assert not (inner & ~lying).any()
+    assert outer[meeting & ~nested].all()
+    assert outer[surface].all()
+
+
+def cells_of(*parts, side=16):
+    return rasterize_mesh(Mesh.of(joined(*parts)), Grid((0, 0, 0), 1.0, (side,) * 3))
+
+
+OUTER = ((1.5, 1.5, 1.5), (14.5, 14.5, 14.5))
+CAVITY = ((4.5, 4.5, 4.5), (11.5, 11.5, 11.5))
+ISLAND = ((6.5, 6.5, 6.5), (9.5, 9.5, 9.5))
+
+
+def test_a_cavity_is_hollow_and_an_island_in_it_is_solid():
+    outer, inner = cells_of(box(*OUTER), box(*CAVITY, inward=True))
+    assert inner[3, 8, 8]
+    assert not outer[5:11, 5:11, 5:11].any()
+    outer, inner = cells_of(box(*OUTER), box(*CAVITY, inward=True), box(*ISLAND))
+    assert inner[3, 8, 8]
+    assert inner[8, 8, 8]
+    assert not outer[5, 5:11, 5:11].any()
+
+
+@pytest.mark.parametrize("flipped", [False, True])
+def test_a_body_within_another_that_faces_the_same_way_adds_nothing(flipped):
+    _, inner = cells_of(box(*OUTER, flipped), box(*CAVITY, flipped))
+    assert inner[8, 8, 8]
+
+
+def test_what_lies_in_a_body_that_faces_inward_is_ambiguous():
+    """A room that faces inward, and furniture in it; or a mesh that is turned inside out as a whole."""
+    outer, inner = cells_of(box(*OUTER, inward=True), box(*CAVITY))
+    assert inner[3, 8, 8]
+    assert outer[5:11, 5:11, 5:11].all()
+    assert not inner[5:11, 5:11, 5:11].any()
+
+
+def test_bodies_that_face_opposite_ways_and_cross_are_ambiguous():
+    first, second = ((1.5, 1.5, 1.5), (9.5, 9.5, 9.5)), ((5.5, 5.5, 5.5), (14.5, 14.5, 14.5))
+    outer, inner = cells_of(box(*first), box(*second, inward=True))
+    assert inner[3, 3, 3]
+    assert inner[12, 12, 12]
+    assert outer[6:9, 6:9, 6:9].all()
+    assert not inner[6:9, 6:9, 6:9].any()
+    mesh = Mesh.of(joined(box(*first), box(*second, inward=True)))
+    assert mesh.contains([(3, 3, 3), (7, 7, 7), (12, 12, 12), (12, 3, 3)]).tolist() == [True, True, True, False]
+    # Bars of one height, whose edges meet in points and pierce no face, turned so that no number is exact.
+    for seed in range(20):
+        turn = trimesh.transformations.random_rotation_matrix(np.random.default_rng(seed).random(3))[:3, :3]
+        vertices, faces = joined(box((-3, -1, -1), (3, 1, 1)), box((-1, -3, -1), (1, 3, 1), inward=True))
+        plus = Mesh.of((vertices @ turn.T, faces))
+        found = plus.contains(np.array([(0, 0, 0), (2, 0, 0), (0, 2, 0), (2, 2, 0)]) @ turn.T)
+        assert found.tolist() == [True, True, True, False]
+    # An edge that pierces a face without a corner of either inside the other: a plus of two bars.
+    bars = ((1.5, 6.5, 6.5), (14.5, 9.5, 9.5)), ((6.3, 1.5, 6.3), (9.7, 14.5, 9.7))
+    outer, inner = cells_of(box(*bars[0]), box(*bars[1], inward=True))
+    assert outer[7, 7, 7]
+    assert not inner[7, 7, 7]
+
+
+def test_a_room_of_six_slabs_stays_free():
+    (a, b), (c, d) = (1.5, 14.5), (3.5, 12.5)
+    slabs = [box((a, a, a), (c, b, b)), box((d, a, a), (b, b, b)), box((a, a, a), (b, c, b)), box((a, d, a), (b, b, b))]
+    slabs += [box((a, a, a), (b, b, c)), box((a, a, d), (b, b, b))]
+    outer, inner = cells_of(*slabs)
+    assert not outer[4:12, 4:12, 4:12].any()
+    assert inner[2, 8, 8]
+    mesh = Mesh.of(joined(*slabs), "fill")
+    outer, inner = rasterize_mesh(mesh, Grid((0, 0, 0), 1.0, (16,) * 3))
+    assert inner[4:12, 4:12, 4:12].all()
+
+
+def test_doubled_faces_of_both_kinds():
+    vertices, faces = box((1.5, 1.5, 1.5), (6.5, 6.5, 6.5))
+    once = rasterize_mesh(Mesh.of((vertices, faces)), Grid((0, 0, 0), 1.0, (16,) * 3))
+    for again in (faces, faces[:, ::-1], faces[:1], faces[5:6, ::-1]):
+        mesh = Mesh.of((vertices, np.concatenate([faces, again])))
+        assert mesh.is_watertight
+        twice = rasterize_mesh(mesh, Grid((0, 0, 0), 1.0, (16,) * 3))
+        assert all((a == b).all() for a, b in zip(once, twice, strict=True))
+    for inward in (False, True):
+        both, numbers = joined((vertices, faces), box((6.5, 1.5, 1.5), (11.5, 6.5, 6.5), inward))
+        mesh = Mesh.of(soup(both[numbers]))
+        assert len(mesh.bodies) == 1
+        assert mesh.is_watertight
+        outer, inner = rasterize_mesh(mesh, Grid((0, 0, 0), 1.0, (16,) * 3))
+        assert inner[2:6, 2:6, 2:6].all()
+        assert inner[7:11, 2:6, 2:6].all()
+        assert not outer[12:].any()
+
+
+def test_an_open_mesh_under_each_policy():
+    vertices, faces = box((1.5, 1.5, 1.5), (8.5, 8.5, 8.5))
+    grid = Grid((0, 0, 0), 1.0, (10,) * 3)
+    open_box = (vertices, faces[1:])
+    surface = rasterize_mesh(Mesh.of(open_box, "surface"), grid)
+    assert not surface[0][4, 4, 4]
+    # A triangle of half a face is missing: the inside is open.
+    assert not rasterize_mesh(Mesh.of(open_box, "fill"), grid)[0][4, 4, 4]
+    slit = joined(*(soup(triangle) for triangle in vertices[faces] * 0.998 + 0.01))
+    outer, inner = rasterize_mesh(Mesh.of(slit, "fill"), grid)
+    assert inner[2:8, 2:8, 2:8].all()
+    assert outer[1:9, 1:9, 1:9].all()
+    # Filling looks at the whole mesh, also where the map cuts through it.
+    part = Grid((3, 3, 3), 1.0, (10, 2, 3))
+    for cells, every in zip(rasterize_mesh(Mesh.of(slit, "fill"), part), (outer, inner), strict=True):
+        assert (cells[:7] == every[3:, 3:5, 3:6]).all()
+        assert not cells[7:].any()
+
+
+def torus_distance(points, major=2.0, minor=0.8):
+    return np.hypot(np.hypot(points[..., 0], points[..., 1]) - major, points[..., 2]) - minor
+
+
+def test_round_solids_agree_with_their_formulas():
+    """A fine torus and sphere: cells well inside are inner, well outside neither, and none is on the wrong side."""
+    sphere = trimesh.creation.icosphere(subdivisions=4, radius=2.5)
+    torus = trimesh.creation.torus(major_radius=2.0, minor_radius=0.8, major_sections=160, minor_sections=80)
+    for solid, distance, sag in (
+        (sphere, lambda p: np.linalg.norm(p, axis=-1) - 2.5, 0.01),
+        (torus, torus_distance, 0.01),
+    ):
+        mesh = Mesh.of(solid)
+        grid = Grid((-3.1, -3.2, -3.05), 0.15, (42, 43, 41))
+        outer, inner = rasterize_mesh(mesh, grid)
+        middles = grid.center_of(np.moveaxis(np.indices(grid.shape), 0, -1))
+        depth, half = distance(middles), 0.15 * math.sqrt(3) / 2
+        assert inner[depth < -half - sag].all()
+        assert not inner[depth > -0.075].any()
+        assert outer[depth < 0.075 - sag].all()
+        assert not outer[depth > half + NEAR].any()
+        assert mesh.contains(middles)[depth < -sag].all()
+        assert not mesh.contains(middles)[depth > 0].any()
+        a_out, a_in = mesh_rasters(mesh, 0.15)
+        for raster, must, may in ((a_out, 0.15 - sag, 0.15 * math.sqrt(3) + NEAR), (a_in, -sag, 0.0)):
+            points = np.moveaxis(np.indices(np.array(raster.cells.shape) + 4), 0, -1) - 2 + raster.lower
+            found = np.pad(raster.cells, 2)
+            depth = distance(points * 0.15)
+            assert found[depth < must].all()
+            assert not found[depth >= may].any()
+
+
+@settings(max_examples=25)
+@given(seeds, st.sampled_from([0.0, 0.0, 0.3, 0.75]))
+@example(0, 0.5)
+def test_robot_boxes_agree_with_arithmetic(seed, margin):
+    rng = np.random.default_rng(seed)
+    low = rng.choice([rng.uniform(-2, 0, 3), rng.integers(-8, 0, 3) / 4.0])
+    high = low + rng.choice([rng.uniform(0.1, 3, 3), rng.integers(1, 12, 3) / 4.0])
+    spacing = 0.25
+    outer, inner = mesh_rasters(Mesh.of(box(low, high)), spacing, margin)
+    points = np.moveaxis(np.indices((48,) * 3), 0, -1) - 20
+    gap = np.maximum(0, np.maximum(low - (points + 1) * spacing, (points - 1) * spacing - high))
+    gap = np.linalg.norm(gap, axis=-1)
+    depth = np.minimum(points * spacing - low, high - points * spacing).min(axis=-1)
+    for raster, must, may in (
+        (outer, gap <= margin, gap <= margin + 1e-5),
+        # Lattice points on the border itself are left out: rounding could put them on either side.
+        (inner, depth > NEAR, depth > 1e-9),
+    ):
+        found = np.zeros((48,) * 3, dtype=bool)
+        start = np.add(raster.lower, 20)
+        assert (start >= 0).all() or not raster.count
+        window = tuple(slice(a, a + n) for a, n in zip(start, raster.cells.shape, strict=True))
+        found[window] = raster.cells
+        assert found[must].all()
+        assert not found[~may].any()
+
+
+def distance_to_cube(triangle, center, half):
+    """Distance of a triangle from a cube: the point of least norm among all differences, by least squares."""
+    corners = np.array(list(product((-half, half), repeat=3))) + center
+    differences = (triangle[:, None] - corners).reshape(-1, 3)
+    system = np.vstack([differences.T, np.ones(len(differences))])
+    weights = nnls(system, np.array([0.0, 0.0, 0.0, 1.0]))[0]
+    return float(np.linalg.norm(differences.T @ weights / weights.sum()))
+
+
+def test_margins_agree_with_least_distances():
+    rng = np.random.default_rng(11)
+    for number in range(60):
+        triangles = small_mesh(rng, ("random", "touching", "lattice", "degenerate", "sliver")[number % 5])[:2]
+        radius = float(rng.choice([0.3, 1.0, 1.7]))
+        outer, inner = mesh_rasters(Mesh.of(soup(triangles), "surface"), 0.5, radius * 0.5)
+        assert not inner.count
+        found = np.pad(outer.cells, 1)
+        cells = np.argwhere(np.ones_like(found))
+        excess = 2.0**-12 * 30 if number % 5 >= 3 else 1e-5
+        for cell in cells[rng.permutation(len(cells))[:250]]:
+            gap = min(distance_to_cube(triangle * 2.0, cell - 1.0 + outer.lower, 1.0) for triangle in triangles)
+            if gap <= radius - 1e-9:
+                assert found[tuple(cell)], (number, cell, gap, radius)
+            if gap > radius + excess:
+                assert not found[tuple(cell)], (number, cell, gap, radius)
+
+
+@pytest.mark.parametrize("size", [0.3, 1.0, 4.0])
+def test_the_distance_of_a_cube_is_exact(size):
+    """Whatever features are nearest: a radius just above the distance marks the cube, one just below does not."""
+    rng = np.random.default_rng(3)
+    for _ in range(700):
+        triangle = rng.normal(size=(3, 3)) * size + rng.normal(size=3) * 3.0
+        gap = distance_to_cube(triangle, np.zeros(3), 1.0)
+        if gap < 1e-3:
+            continue
+        for radius, expected in ((gap * (1 + 1e-9), True), (gap - 1e-5, False)):
+            out = np.zeros((1, 1, 1), dtype=bool)
+            mark_within(out, triangle[None], 1.0, radius)
+            assert out[0, 0, 0] == expected, (triangle, gap, radius)
+
+
+@pytest.mark.parametrize("margin", [0.0, 0.3, 1.0])
+def test_a_filled_robot_is_as_large_as_what_it_encloses(margin):
+    vertices, faces = box((-1.3, -1.3, -1.3), (1.3, 1.3, 1.3))
+    spacing = 0.25
+    filled = mesh_rasters(Mesh.of((vertices, faces), "fill"), spacing, margin)
+    solid = mesh_rasters(Mesh.of((vertices, faces)), spacing, margin)
+    low = np.subtract(solid[0].lower, filled[0].lower)
+    window = tuple(slice(a, a + n) for a, n in zip(low, solid[0].cells.shape, strict=True))
+    assert filled[0].cells[window][solid[0].cells].all()
+    assert filled[0].count <= 1.4 * solid[0].count
+    assert (np.array(filled[1].lower) == -4).all()
+    assert filled[1].cells.all()
+    assert filled[1].cells.shape == (9, 9, 9)
+
+
+@pytest.mark.parametrize("margin", [0.0, 0.8])
+def test_a_filled_robot_covers_its_filled_cubes(margin):
+    """Cubes that leaky walls enclose are part of the robot: each lattice point near enough to one is in the outer."""
+    rng = np.random.default_rng(8)
+    filled = 0
+    for _ in range(30):
+        middles = rng.uniform(0, 7, (70, 1, 3))
+        mesh = Mesh.of(soup(middles + rng.normal(size=(70, 3, 3)) * 0.7), "fill")
+        outer, inner = mesh_rasters(mesh, 1.0, margin)
+        filled += inner.count
+        points = np.moveaxis(np.indices(np.array(outer.cells.shape) + 2), 0, -1) - 1 + outer.lower
+        found = np.pad(outer.cells, 1)
+        for member in np.argwhere(inner.cells) + inner.lower:
+            gap = np.linalg.norm(np.maximum(np.abs(points - member) - 1.5, 0), axis=-1)
+            near = (np.abs(points - member) < 1.5).all(axis=-1) if margin == 0.0 else gap <= margin
+            assert found[near].all()
+    assert filled
+
+
+def test_a_thin_robot_only_ever_errs_to_the_large_side():
+    """A sliver robot with a margin holds whatever the segment that it almost is would hold."""
+    for bend in (0.0, 1e-13, 1e-9, 1e-4):
+        mesh = Mesh.of(soup([[(0, 0, 0), (3, 1, 0.5), (1.5, 0.5 + bend, 0.25)]]), "surface")
+        outer, _ = mesh_rasters(mesh, 0.25, 0.4)
+        points = np.moveaxis(np.indices(outer.cells.shape), 0, -1) + outer.lower
+        along = np.linspace(0, 1, 4001)[:, None] * np.array([3, 1, 0.5]) / 0.25
+        gaps = np.array([np.linalg.norm(np.maximum(np.abs(points - p) - 1, 0), axis=-1) for p in along[::40]]).min(
+            axis=0
+        )
+        assert outer.cells[gaps <= 1.6].all()
+        assert not outer.cells[gaps > 1.6 + 0.1].any()
+
+
+@given(hnp.arrays(np.bool_, st.tuples(*(st.integers(1, 7),) * 3)))
+def test_components_agree_with_scipy(blocked):
+    components = Components.of(blocked)
+    labels, count = scipy.ndimage.label(~blocked)
+    assert components.count == count
+    assert len({int(labels[tuple(member)]) for member in components.members()} - {0}) == count
+    ring = np.ones_like(blocked)
+    ring[1:-1, 1:-1, 1:-1] = False
+    for number, (member, at_border) in enumerate(zip(components.members(), components.at_border(), strict=True)):
+        one = labels == labels[tuple(member)]
+        assert at_border == (one & ring).any()
+        out = np.zeros_like(blocked)
+        components.fill(out, np.arange(count) == number)
+        assert (out == one).all()
+
+
+@pytest.mark.parametrize("call", ["grid", "robot"])
+def test_meshes_too_far_for_the_certificate_are_refused(call):
+    mesh = Mesh.of(box((0, 0, 0), (1, 1, 1e6)))
+    with pytest.raises(InputError, match="rounding"):
+        if call == "grid":
+            rasterize_mesh(mesh, Grid((0, 0, 0), 0.1, (4, 4, 4)))
+        else:
+            mesh_rasters(mesh, 0.1)
+
+
+def test_filling_a_mesh_far_larger_than_the_map_is_refused():
+    with pytest.raises(InputError, match="fill"):
+        rasterize_mesh(Mesh.of(box((0, 0, 0), (1, 1, 1)), "fill"), Grid((0, 0, 0), 1e-5, (4, 4, 4)))
