@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -172,7 +173,9 @@ def _polygons(rng: Rng, scale: Scale) -> tuple[Workspace, list[Any]]:
             shapes.append(shapely.LineString(middle + reach * rng.uniform(-1, 1, (3, 2))))
         else:
             shapes.append(shapely.Point(middle))
-    workspace = Workspace.from_polygons(shapes, spacing, bounds=(*corner, *(corner + extent)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # tiny obstacles, and none within the bounds, are meant here
+        workspace = Workspace.from_polygons(shapes, spacing, bounds=(*corner, *(corner + extent)))
     clip = shapely.box(*workspace.grid.lower, *workspace.grid.upper)
     areas = shapely.union_all([shape for shape in shapes if shape.geom_type == "Polygon"])
     thin = [shape for shape in shapes if shape.geom_type != "Polygon"]
