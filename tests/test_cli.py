@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -154,6 +155,14 @@ def test_map(room: Path) -> None:
     assert sum(told["cells"].values()) == 240
     space = cspace.open(room / "rect.npz")
     assert np.bincount(space.state.ravel(), minlength=3).tolist() == list(told["cells"].values())
+
+
+def test_a_map_without_a_name_has_that_of_the_workspace(room: Path) -> None:
+    (room / "below").mkdir()
+    shutil.copy("plan.map", room / "below" / "other.map")
+    command = ("map", "below/other.map", "--robot", "disc:0.05", "--spacing", 0.1)
+    assert document(*command)["map"] == "other.zarr" and (room / "other.zarr").is_dir()
+    assert run(*command).exit_code == 2
 
 
 def test_map_options(room: Path) -> None:

@@ -82,8 +82,15 @@ def make(
         ),
     ],
     output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="OUT", readable=False, help="The map: .zarr or .npz.")
-    ],
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="OUT",
+            readable=False,
+            help="The map: .zarr or .npz  [default: the workspace's name with .zarr, in this folder].",
+        ),
+    ] = None,
     spacing: Spacing = None,
     rotations: Annotated[
         int | None,
@@ -111,6 +118,7 @@ def make(
     from cspace.workspace import Workspace
 
     check_rotations(rotations)
+    output = Path(workspace.with_suffix(".zarr").name) if output is None else output
     check_outputs([output], SAVES, overwrite)
     options = workspace_options(spacing, unknown, bounds, solid, radius)
     clock = Clock()
