@@ -442,6 +442,7 @@ def test_ctrl_c_while_planning(room: Path) -> None:
     code = (
         "import os, signal, sys, threading, time, planners\n"
         "from cspace.cli import main\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)  # a parent in the background may ignore it\n"
         "search = planners.plan\n"
         "def plan(*arguments, **options):\n"
         "    threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT)).start()\n"
