@@ -118,9 +118,9 @@ class CSpace(Questions):
         if not len(cells):
             return np.empty((0, self.dof))
         path = np.vstack([ends[0], self.grid.center_of(cells), ends[1]])
-        if straight and self.motion_is_free(path[:-1], path[1:]).all():
-            path = pulled_straight(path, self.edge_checker(), 2.0 * self.grid.spacing)
-        return path if self.motion_is_free(path[:-1], path[1:]).all() else np.empty((0, self.dof))
+        if not self.motion_is_free(path[:-1], path[1:]).all():
+            return np.empty((0, self.dof))
+        return pulled_straight(path, self.edge_checker(), 2.0 * self.grid.spacing) if straight else path
 
     def open_chain(self, q0: ArrayLike, q1: ArrayLike, closed: NDArray[np.bool_] | None = None) -> NDArray[np.int64]:
         """A chain of FREE and MIXED cells between two configurations, with as few MIXED ones as can be.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from functools import partial
 from types import ModuleType
@@ -19,7 +20,7 @@ from cspace.raster.raster import Raster
 Kernel = Callable[..., int]
 
 
-class TranslatingLookups:
+class TranslatingLookups(ABC):
     """The compiled look-ups of one slice; each kernel takes arrays of shape (n, d) and fills one of shape (n,).
 
     Parameters
@@ -38,8 +39,9 @@ class TranslatingLookups:
         self._once = Once()
 
     @property
+    @abstractmethod
     def _kernels(self) -> ModuleType:
-        raise NotImplementedError
+        """The compiled kernels of the dimension."""
 
     def classify(self) -> Kernel:
         """Kernel of states."""
@@ -62,9 +64,9 @@ class TranslatingLookups:
         runs = self._once("runs", lambda: raster_runs(rasters[0]))
         return partial(self._kernels.overlaps, sums, self._frame, runs, beyond)
 
+    @abstractmethod
     def point_checker(self) -> Callable[..., bool]:
         """``check(*q)``: whether a configuration is FREE."""
-        raise NotImplementedError
 
     def edge_checker(self) -> Callable[..., bool]:
         """``check(*q0, *q1)``: whether a straight edge is FREE."""

@@ -137,3 +137,10 @@ def test_a_mesh_off_its_reference_point_is_a_warning_once():
     spec = {**robot.spec, **Mesh.of((vertices + 200.0, faces)).spec()}
     with pytest.raises(InputError, match="at most 100 times"):
         Robot.from_spec(spec)
+
+
+def test_drawings_of_the_other_dimension_are_refused() -> None:
+    with pytest.raises(GeometryError, match="surface instead"):
+        _ = Robot.ball(0.1).geometry
+    with pytest.raises(GeometryError, match="geometry instead"):
+        _ = Robot.disc(0.1).surface

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.errors import GeometryError
 from cspace.raster.raster import Raster
 
 if TYPE_CHECKING:
@@ -61,12 +62,12 @@ class Body(ABC):
     @property
     def geometry(self) -> BaseGeometry:
         """A shapely geometry of a body in the plane, for drawing."""
-        raise TypeError("a body in space has no plane geometry; ask for its surface")
+        raise GeometryError("the body is in space and has no geometry in the plane; ask for its surface instead")
 
     @property
     def surface(self) -> Surface:
         """Triangles of a body in space, for drawing."""
-        raise TypeError("a body in the plane has no surface; ask for its geometry")
+        raise GeometryError("the body is in the plane and has no surface in space; ask for its geometry instead")
 
 
 def frozen(array: NDArray[Any]) -> NDArray[Any]:

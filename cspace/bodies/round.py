@@ -64,12 +64,16 @@ class Balls(Body):
 
     @property
     def geometry(self) -> BaseGeometry:
+        if self.dim == 3:
+            return super().geometry
         import shapely
 
         return shapely.union_all(shapely.buffer(shapely.points(self.centers), self.radii, quad_segs=32))
 
     @property
     def surface(self) -> Surface:
+        if self.dim == 2:
+            return super().surface
         import trimesh
 
         ball = trimesh.creation.icosphere(subdivisions=3 if len(self.radii) < 64 else 1)

@@ -64,9 +64,15 @@ def pulled_straight(points: Floats, check: Check, step: float) -> Floats:
     -------
     ndarray, shape (m, d)
     """
-    path = _pulled(_pulled(points, check)[::-1], check)[::-1]
-    for _ in range(ROUNDS - 1):
-        path = _pulled(_pulled(_dense(path, step, check), check)[::-1], check)[::-1]
+    dof = points.shape[1]
+
+    def backwards(*q: float) -> bool:
+        return check(*q[dof:], *q[:dof])  # every edge is asked for in the direction in which it is driven
+
+    path = points
+    for number in range(ROUNDS):
+        path = _dense(path, step, check) if number else path
+        path = _pulled(_pulled(path, check)[::-1], backwards)[::-1]
     return np.ascontiguousarray(path)
 
 
