@@ -20,8 +20,8 @@ def by_shifts(occupied, raster, outside, pad=300):
     """Overlaps by adding up shifted copies of the map."""
     wide = np.pad(occupied, pad, constant_values=outside)
     total = np.zeros(occupied.shape, dtype=np.int64)
-    for m, n in oracles.raster_offsets(raster):
-        total += wide[pad + m : pad + m + occupied.shape[0], pad + n : pad + n + occupied.shape[1]]
+    for offset in np.argwhere(raster.cells) + raster.lower:
+        total += wide[tuple(slice(pad + m, pad + m + n) for m, n in zip(offset, occupied.shape, strict=True))]
     return total
 
 
@@ -54,6 +54,34 @@ def test_many_tiles_and_many_rasters(seed):
         expected = by_shifts(occupied, raster, outside)
         assert (count == expected).all()
         assert (hit == (expected > 0)).all()
+
+
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("outside", [False, True])
+def test_tiles_of_constant_lines(axis, outside):
+    """Inner tiles in space, all of whose lines along two axes are wholly obstacle or wholly free."""
+    occupied = np.zeros((220, 220, 220), dtype=bool)
+    np.moveaxis(occupied, axis, 0)[[3, 70, 71, 72, 90, 149, 217]] = True
+    raster = Raster.trimmed(np.indices((3, 4, 5)).prod(axis=0) == 4, (-1, -2, 1))
+    assert max(choose_tiling(occupied.shape, raster.cells.shape, raster.count).step) < 80
+    counts = correlate(occupied, [raster], outside=outside, counts=True).results[0]
+    assert (counts == by_shifts(occupied, raster, outside, 8)).all()
+
+
+@settings(max_examples=20)
+@given(seeds)
+def test_slabs_bars_and_boxes(seed):
+    """Some of the lines and layers are wholly obstacle or wholly free."""
+    rng = np.random.default_rng(seed)
+    occupied = np.zeros(rng.integers(30, 110, 3), dtype=bool)
+    for _ in range(rng.integers(1, 4)):
+        cuts = [np.sort(rng.integers(0, n + 1, 2)) if rng.random() < 0.5 else (0, n) for n in occupied.shape]
+        occupied[tuple(slice(*cut) for cut in cuts)] ^= True
+    cells, lower = rng.random(rng.integers(1, 5, 3)) < 0.7, rng.integers(-6, 3, 3)
+    raster = Raster.trimmed(cells, tuple(lower.tolist()))
+    outside = bool(rng.integers(2))
+    counts = correlate(occupied, [raster], outside=outside, counts=True).results[0]
+    assert (counts == by_shifts(occupied, raster, outside, 12)).all()
 
 
 @settings(max_examples=8)

@@ -1,6 +1,8 @@
-"""Compiled loops over the sums that a transform yields."""
+"""Compiled loops over the cells that a transform is fed with, and over the sums that it yields."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -8,6 +10,75 @@ from numpy.typing import NDArray
 
 NEAREST = 1.5 * 2.0**52
 """A number below 2^50 that is added to this is rounded to the nearest whole one, which the low bits then hold."""
+
+
+@njit(cache=True, nogil=True)
+def count_lines(
+    occupied: NDArray[np.uint8], first: NDArray[np.int64], length: int, outside: bool, counts: NDArray[np.int64]
+) -> int:
+    """Obstacle cells of each line along the last axis of a tile whose first cell is given, and of the whole tile.
+
+    Arrays of cells have three axes; those of the plane are one layer. ``counts`` has a number for each line.
+    """
+    nx, ny, nz = occupied.shape
+    begin, end = min(max(first[2], 0), nz), min(max(first[2] + length, 0), nz)
+    beyond = (length - (end - begin)) * outside
+    total = 0
+    for i in range(counts.shape[0]):
+        x = first[0] + i
+        for j in range(counts.shape[1]):
+            y = first[1] + j
+            if 0 <= x < nx and 0 <= y < ny:
+                row, number = occupied[x, y, begin:end], beyond
+                for k in range(row.size):
+                    number += row[k]
+            else:
+                number = length * outside
+            counts[i, j] = number
+            total += number
+    return total
+
+
+@njit(cache=True, nogil=True)
+def centred_lines(
+    occupied: NDArray[np.uint8],
+    first: NDArray[np.int64],
+    outside: bool,
+    counts: NDArray[np.int64],
+    lines: NDArray[np.floating],
+) -> None:
+    """The lines of W - 1/2 that are not constant, in the order of the tile; arrays as for :func:`count_lines`."""
+    half = lines.dtype.type(0.5)
+    beyond = outside - half
+    nz, length = occupied.shape[2], lines.shape[1]
+    begin, end = min(max(first[2], 0), nz), min(max(first[2] + length, 0), nz)
+    number = 0
+    for i in range(counts.shape[0]):
+        for j in range(counts.shape[1]):
+            if counts[i, j] in (0, length):
+                continue
+            # Only lines on the map are not constant.
+            row, line = occupied[first[0] + i, first[1] + j, begin:end], lines[number]
+            line[: begin - first[2]] = beyond
+            line[end - first[2] :] = beyond
+            line = line[begin - first[2] :]
+            for k in range(row.size):
+                line[k] = row[k] - half
+            number += 1
+
+
+@njit(cache=True, nogil=True)
+def place_lines(counts: NDArray[np.int64], length: int, lines: NDArray[Any], spectrum: NDArray[Any]) -> None:
+    """Spectra of all lines of W - 1/2 from those of the lines that are not constant, in order, and the counts."""
+    number = 0
+    for i in range(counts.shape[0]):
+        for j in range(counts.shape[1]):
+            if counts[i, j] in (0, length):
+                spectrum[i, j] = 0.0
+                spectrum[i, j, 0] = counts[i, j] - 0.5 * length
+            else:
+                spectrum[i, j] = lines[number]
+                number += 1
 
 
 @njit(cache=True, nogil=True)

@@ -11,7 +11,8 @@ of its lengths, every pass a set of small butterflies followed by twiddle factor
   below 12 u and 19 u in the 2-norm; 14 and 23 are used.
 * *Forward.* Passes are multiples of unitary maps, so their errors add: the spectrum of the tile has relative 2-norm
   error at most ``g u``, with ``g`` the sum of the pass constants (Higham, 2002, theorem 24.2, has the same shape with a
-  larger constant). The robot's spectrum is computed in float64 and rounded once.
+  larger constant). Lines and layers of the tile that are constant are not transformed: what they would yield is a
+  multiple of 1/2, and exact. The robot's spectrum is computed in float64 and rounded once.
 * *Product.* By Cauchy-Schwarz the errors of both spectra change the exact inverse transform, at any point, by at most
   ``(g + 1) u |W - 1/2| |A|``; the product's own rounding adds ``sqrt(5) u |W - 1/2| |A|``.
 * *Inverse.* Each result is a sum over paths through the passes, so its error is at most ``g u`` times the mean modulus

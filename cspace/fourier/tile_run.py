@@ -65,7 +65,8 @@ class TileRun:
         lower: tuple[int, ...],
         add: bool,
     ) -> None:
-        self.occupied, self.outside, self.tiling, self.lower, self.add = occupied, outside, tiling, lower, add
+        self.outside, self.tiling, self.lower, self.add = outside, tiling, lower, add
+        self.cells = np.expand_dims(np.ascontiguousarray(occupied).view(np.uint8), tuple(range(3 - occupied.ndim)))
         self.real = np.dtype(tiling.precision)
 
     def robot_spectrum(self, members: Group) -> Spectrum:
@@ -86,15 +87,18 @@ class TileRun:
 
     def settle(self, task: tuple[tuple[int, ...], Sequence[tuple[Group, Spectrum]]]) -> None:
         """Write the results from a corner on, as far as one tile yields them, for groups with their spectra."""
+        from cspace.fourier import _kernels
+
         corner, groups = task
-        window, place = self._window(corner)
         tile = self.tiling.tile
-        occupied = int(np.count_nonzero(window)) + self.outside * (math.prod(tile) - window.size)
+        first = np.array([0] * (3 - len(tile)) + [c + low for c, low in zip(corner, self.lower, strict=True)])
+        counts = np.empty((1, *tile[:-1])[-2:], np.int64)
+        occupied = _kernels.count_lines(self.cells, first, tile[-1], self.outside, counts)
         if occupied in (0, math.prod(tile)):
             for part, result in itertools.chain.from_iterable(members for members, _ in groups):
                 write(self._view(result, corner), part.constant + (part.count if occupied else 0), self.add)
             return
-        spectrum = self._tile_spectrum(window, place)
+        spectrum = self._tile_spectrum(first, counts)
         product = spectrum if len(groups) == 1 else np.empty_like(spectrum)
         for members, robots in groups:
             sums = self._invert(np.multiply(spectrum, robots, out=product))
@@ -144,36 +148,32 @@ class TileRun:
                 digits = whole[tuple(slice(n) for n in view.shape)] >> shift
                 view[...] = (digits & ones) + part.constant
 
-    def _window(self, corner: tuple[int, ...]) -> tuple[Bools, tuple[slice, ...]]:
-        """The part of the map that the tile at ``corner`` covers, and its place in the tile."""
-        source, place = [], []
-        for start, low, length, n in zip(corner, self.lower, self.tiling.tile, self.occupied.shape, strict=True):
-            first = start + low
-            begin, end = min(max(first, 0), n), min(max(first + length, 0), n)
-            source.append(slice(begin, end))
-            place.append(slice(begin - first, end - first) if begin < end else slice(0, 0))
-        return self.occupied[tuple(source)], tuple(place)
-
     def _view(self, result: NDArray[Any], corner: tuple[int, ...]) -> NDArray[Any]:
         return result[tuple(slice(start, start + step) for start, step in zip(corner, self.tiling.step, strict=True))]
 
-    def _tile_spectrum(self, window: Bools, place: tuple[slice, ...]) -> NDArray[Any]:
-        """Spectrum of W - 1/2 over the tile; rows wholly beyond the map are constant and are not transformed."""
+    def _tile_spectrum(self, first: NDArray[np.int64], counts: NDArray[np.int64]) -> Spectrum:
+        """Spectrum of W - 1/2 over the tile; lines and layers that are constant are not transformed, but known."""
         from scipy import fft
 
-        tile, rows = self.tiling.tile, place[:-1]
-        beyond = self.real.type(self.outside - 0.5)
-        data = np.full((*window.shape[:-1], tile[-1]), beyond, self.real)
-        np.subtract(window, self.real.type(0.5), out=data[..., place[-1]])
-        spectrum = fft.rfft(data, axis=-1, overwrite_x=True)
-        if spectrum.shape[:-1] != tile[:-1]:
-            whole = np.zeros((*tile[:-1], tile[-1] // 2 + 1), spectrum.dtype)
-            whole[..., 0] = beyond * tile[-1]
-            whole[rows] = spectrum
-            spectrum = whole
-        for axis in range(len(tile) - 1):
-            spectrum = fft.fft(spectrum, axis=axis, overwrite_x=True)
-        return np.asarray(spectrum)
+        from cspace.fourier import _kernels
+
+        tile, length = self.tiling.tile, self.tiling.tile[-1]
+        mixed = (counts > 0) & (counts < length)
+        cells = np.empty((int(np.count_nonzero(mixed)), length), self.real)
+        _kernels.centred_lines(self.cells, first, self.outside, counts, cells)
+        lines = fft.rfft(cells, axis=-1, overwrite_x=True)
+        layers = np.empty((*counts.shape, length // 2 + 1), lines.dtype)
+        _kernels.place_lines(counts, length, lines, layers)
+        if len(tile) == 3:
+            changing = np.flatnonzero(mixed.any(axis=1) | (counts != counts[:, :1]).any(axis=1))
+            begin, end = (int(changing[0]), int(changing[-1]) + 1) if changing.size else (0, 0)
+            turned = fft.fft(layers[begin:end], axis=1)
+            for constant in (layers[:begin], layers[end:]):
+                level = constant[:, 0, 0] * tile[1]
+                constant[...] = 0.0
+                constant[:, 0, 0] = level
+            layers[begin:end] = turned
+        return np.asarray(fft.fft(layers.reshape(*tile[:-1], -1), axis=0, overwrite_x=True))
 
     def _invert(self, product: NDArray[Any]) -> NDArray[Any]:
         """Inverse transform, axis by axis, keeping only the rows that carry results."""
