@@ -3,24 +3,34 @@
 from __future__ import annotations
 
 import argparse
+import json
+import shlex
 import sys
+from collections.abc import Mapping
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
-from benchmarks.report import Report
+from benchmarks.report import Report, write_whole
+
+DOCS = Path(__file__).resolve().parents[1] / "docs"
 
 BENCHMARKS = {
+    "peers": "all engines against all peers: what is promised, and cost over sizes of maps and robots; table and plot",
     "map": "outer map of 4096 x 4096 cells against fftconvolve, oaconvolve, the bare transforms, dilation; memory",
+    "update": "a map after a box of its workspace changed, against a build of the whole",
     "classify": "10^7 look-ups against the same look-up as a numpy expression",
+    "edges": "10^6 edges of 50 cells in one call, against OMPL's discrete validator; turns and solids too",
     "callbacks": "OMPL's isValid and checkMotion on our checkers, against an empty checker and the discrete validator",
     "planning": "time to a first solution on real maps, against OMPL with a prepared-shapely callback",
     "turning": "robots that turn: fftconvolve for each yaw, bare transforms, memory, stamping, planning",
     "solid_map": "outer map of 256^3 cells against fftconvolve, the bare transforms, dilation; memory of 512^3 cells",
     "mesh": "100,000 triangles into 256^3 cells, beside trimesh's voxelizer: time, and cells that it misses",
     "solid_planning": "time to a first solution in space, against OMPL with an FCL callback",
+    "frequency": "spectra of 10,000 balls, Minkowski sums, 10^5 overlaps, each against the direct way; early misses",
     "startup": "seconds that `cspace --help` and `import cspace` add to Python and numpy",
     "raster": "robot rasters up to 500 cells across: cost against boundary, results against shapely",
-    "soak": "every FREE, BLOCKED and free edge or curve against exact geometry, in plane and space; the band",
+    "soak": "every FREE, BLOCKED and free edge or curve, MISS and HIT against exact geometry; the band",
 }
 
 
@@ -34,15 +44,34 @@ def main(arguments: list[str] | None = None) -> int:
         epilog=f"benchmarks:\n{listed}\n  {'all':<15} every one of them",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("name", metavar="NAME", choices=[*BENCHMARKS, "all"], help="which benchmark, or all")
+    parser.add_argument("names", metavar="NAME", nargs="+", choices=[*BENCHMARKS, "all"], help="which ones, or all")
     parser.add_argument("--quick", action="store_true", help="smaller sizes and fewer runs, to see that all works")
     parser.add_argument("--json", metavar="FILE", type=Path, help="also write the figures to FILE")
     parser.add_argument("--seed", type=int, default=0, help="seed of everything random (default 0)")
     parser.add_argument("--checks", type=int, default=None, help="soak: checks of FREE and BLOCKED (default 10^6)")
+    parser.add_argument(
+        "--output",
+        metavar="FOLDER",
+        type=Path,
+        help="peers: folder for benchmarks.md and benchmarks.png, written if all results were right (default docs, or "
+        "none with --quick)",
+    )
+    parser.add_argument(
+        "--from", dest="file", metavar="FILE", type=Path, help="peers: run nothing, take the figures that --json wrote"
+    )
     options = parser.parse_args(arguments)
+    folder = options.output or (None if options.quick else DOCS)
+    if options.file is not None:
+        whole = json.loads(options.file.read_text(encoding="utf-8"))
+        if whole["failures"] or not any("sweep" in row for row in whole["rows"]):
+            parser.error(f"{options.file} is not of a run of peers whose results were right; make one with --json")
+        write_page(whole, folder or DOCS)
+        return 0
 
-    report = Report(options.quick)
-    for name in BENCHMARKS if options.name == "all" else [options.name]:
+    told = [*options.names, *(["--quick"] if options.quick else [])]
+    report = Report(options.quick, f"python -m benchmarks {shlex.join(told)}")
+    names = list(BENCHMARKS) if "all" in options.names else options.names
+    for name in names:
         report.start(name)
         run = import_module(f"benchmarks.{name}").run
         if name == "soak":
@@ -51,12 +80,24 @@ def main(arguments: list[str] | None = None) -> int:
             run(report, options.seed)
     if options.json is not None:
         report.write(options.json)
+    if "peers" in names and folder is not None and not report.failures:
+        write_page(report.whole(), folder)
     print()
     for failure in report.failures:
         print(f"FAILED {failure}")
     missed = sum(row.get("met") is False for row in report.rows)
     print(f"{len(report.failures)} failed checks, {missed} missed targets")
     return 1 if report.failures else 0
+
+
+def write_page(whole: Mapping[str, Any], folder: Path) -> None:
+    """The table and the plot of a run that took in ``peers``."""
+    from benchmarks import peers_chart, peers_table
+
+    folder.mkdir(parents=True, exist_ok=True)
+    write_whole(folder / "benchmarks.png", peers_chart.drawn(whole["rows"]))
+    write_whole(folder / "benchmarks.md", peers_table.written(whole, "benchmarks.png").encode())
+    print(f"\nwritten: {folder / 'benchmarks.md'}, {folder / 'benchmarks.png'}")
 
 
 if __name__ == "__main__":

@@ -13,12 +13,15 @@ from cspace import Workspace
 Bools = NDArray[np.bool_]
 
 
-def boxes(size: int, density: float, rng: np.random.Generator, dim: int = 2) -> Bools:
-    """Boxes of 5 to 100 cells a side until a share of the cells is occupied; ``size`` cells along each axis."""
+def boxes(size: int, density: float, rng: np.random.Generator, dim: int = 2, each: int = 16) -> Bools:
+    """Boxes of 5 to 100 cells a side until a share of the cells is occupied; ``size`` cells along each axis.
+
+    The share is looked at after every ``each`` boxes, so that small maps may hold more.
+    """
     occupied = np.zeros((size,) * dim, dtype=np.bool_)
     longest = min(100, size // 4)
     while occupied.mean() < density:
-        for _ in range(16):
+        for _ in range(each):
             first, sides = rng.integers(0, size - longest, dim), rng.integers(5, longest, dim)
             occupied[tuple(slice(int(i), int(i + n)) for i, n in zip(first, sides, strict=True))] = True
     return occupied

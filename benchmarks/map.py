@@ -14,9 +14,8 @@ import cspace
 from benchmarks import inputs
 from benchmarks.report import Report
 from benchmarks.timing import Timing, interleave, memory_rise
+from benchmarks.ways import NO_OPENCV, across, binary_dilation, convolved, dilation, opencv_is_here, our_map
 from cspace import Robot, Workspace
-from cspace.fourier import correlate
-from cspace.raster import Raster
 from cspace.threads import cores
 
 Bools = NDArray[np.bool_]
@@ -88,10 +87,9 @@ def transforms(
     map32, kernel32 = occupied.astype(np.float32), kernel.astype(np.float32)
     whole = np.zeros(padded, np.float32)
     whole[tuple(slice(n) for n in occupied.shape)] = occupied
-    window = _window(raster, occupied.shape)
     peers: dict[str, Callable[[], Any]] = {
-        "fftconvolve float64": lambda: signal.fftconvolve(map64, kernel64, mode="full")[window] > 0.5,
-        "oaconvolve float32": lambda: signal.oaconvolve(map32, kernel32, mode="full")[window] > 0.5,
+        "fftconvolve float64": partial(convolved, signal.fftconvolve, map64, kernel64, raster),
+        "oaconvolve float32": partial(convolved, signal.oaconvolve, map32, kernel32, raster),
     }
 
     calls: dict[str, Callable[[], Any]] = {}
@@ -139,14 +137,10 @@ def _dilation(report: Report, occupied: Bools, runs: int) -> None:
     raster = Robot.disc(ACROSS / 2).rasters(1.0)[0]
     report.section(f"dilation: {across(occupied)} cells in boxes, disc {ACROSS} cells across, {cores()} workers")
     calls: dict[str, Callable[[], Any]] = {"ours, correlate": partial(our_map, occupied, raster, None)}
-    try:
-        import cv2
-    except ImportError:
-        report.note("cv2.dilate skipped: OpenCV is not installed; pip install opencv-python-headless")
+    if opencv_is_here():
+        calls["cv2.dilate"] = dilation(occupied, raster)
     else:
-        image, kernel = occupied.astype(np.uint8), raster.cells.astype(np.uint8)
-        anchor = (-raster.lower[1], -raster.lower[0])
-        calls["cv2.dilate"] = lambda: cv2.dilate(image, kernel, anchor=anchor).astype(np.bool_)
+        report.note(NO_OPENCV)
     timings = interleave(calls, runs)
     small = occupied[:256, :256]
     timings |= interleave(
@@ -167,31 +161,11 @@ def _dilation(report: Report, occupied: Bools, runs: int) -> None:
             report.check(bool((timings[peer].value == timings[ours].value).all()), f"{peer}: equal to ours")
 
 
-def our_map(occupied: Bools, raster: Raster, workers: int | None) -> Bools:
-    """Our correlation."""
-    overlaps: Bools = correlate(occupied, [raster], outside=False, workers=workers).results[0]
-    return overlaps
-
-
 def _two_transforms(whole: NDArray[np.float32], workers: int) -> NDArray[np.float32]:
     from scipy import fft
 
     back: NDArray[np.float32] = fft.irfftn(fft.rfftn(whole, workers=workers), s=whole.shape, workers=workers)
     return back
-
-
-def binary_dilation(occupied: Bools, raster: Raster) -> Bools:
-    """SciPy's morphology."""
-    from scipy import ndimage
-
-    # Centred by SciPy on shape // 2, which is where a disc around the reference point has its own centre.
-    dilated: Bools = ndimage.binary_dilation(occupied, np.flip(raster.cells))
-    return dilated
-
-
-def _window(raster: Raster, shape: tuple[int, ...]) -> tuple[slice, ...]:
-    """Where the map lies in a full convolution with the flipped raster."""
-    return tuple(slice(high, high + n) for high, n in zip(raster.upper, shape, strict=True))
 
 
 def _with_workers(workers: int, call: Callable[[], Any]) -> Callable[[], Any]:
@@ -203,8 +177,3 @@ def _with_workers(workers: int, call: Callable[[], Any]) -> Callable[[], Any]:
             return call()
 
     return run_call
-
-
-def across(cells: NDArray[Any]) -> str:
-    """Cells along each axis."""
-    return " x ".join(map(str, cells.shape))

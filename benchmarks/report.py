@@ -20,10 +20,13 @@ class Report:
     ----------
     quick : bool
         Whether the run takes smaller sizes and fewer repetitions than its figures are meant for.
+    command : str
+        The command that makes this run.
     """
 
-    def __init__(self, quick: bool) -> None:
+    def __init__(self, quick: bool, command: str = "") -> None:
         self.quick = quick
+        self.command = command
         self.benchmark = ""
         self.case = ""
         self.rows: list[dict[str, Any]] = []
@@ -53,10 +56,10 @@ class Report:
         cpu = timing.median_cpu if timing.cpu else None
         figures = {"median_s": timing.median, "min_s": low, "max_s": high, "cpu_s": cpu, "runs": len(timing.seconds)}
         self._row(name, {**figures, **more})
-        spread = f"({_time(low)} to {_time(high)}, {len(timing.seconds)} runs"
-        spread += ")" if cpu is None else f"; cpu {_time(cpu)})"
+        spread = f"({told_time(low)} to {told_time(high)}, {len(timing.seconds)} runs"
+        spread += ")" if cpu is None else f"; cpu {told_time(cpu)})"
         extra = "".join(f", {key.replace('_', ' ')} {value}" for key, value in more.items())
-        print(f"  {name:<58}{_time(timing.median):>10}  {spread}{extra}", flush=True)
+        print(f"  {name:<58}{told_time(timing.median):>10}  {spread}{extra}", flush=True)
 
     def figure(
         self, name: str, value: float, unit: str = "x", least: float | None = None, most: float | None = None
@@ -70,7 +73,7 @@ class Report:
             side = "least" if least is not None else "most"
             told = f"  target: at {side} {bound:g}, {'met' if verdict else 'MISSED'}"
         self._row(name, {"value": value, "unit": unit, "least": least, "most": most, "met": verdict})
-        print(f"  {name:<58}{f'{value:.3g} {unit}':>10}{told}", flush=True)
+        print(f"  {name:<58}{f'{told_number(value)} {unit}':>10}{told}", flush=True)
 
     def ratio(
         self, name: str, over: Timing, under: Timing, least: float | None = None, most: float | None = None
@@ -78,8 +81,9 @@ class Report:
         """How many times longer one call takes than another, by the clock; and by CPU time, which other work on the
         machine disturbs less and which threads do not lower."""
         self.figure(name, over.median / under.median, least=least, most=most)
+        self.mark(over_s=over.median, under_s=under.median, runs=len(over.seconds))
         if over.cpu and under.cpu and under.median_cpu > 0.0:
-            self.rows[-1]["cpu_value"] = cpu = over.median_cpu / under.median_cpu
+            self.mark(cpu_value=(cpu := over.median_cpu / under.median_cpu))
             print(f"  {'    in CPU time':<58}{f'{cpu:.3g} x':>10}", flush=True)
 
     def check(self, holds: bool, claim: str) -> None:
@@ -89,15 +93,28 @@ class Report:
         if not holds:
             self.failures.append(f"{self.benchmark}: {self.case}: {claim}")
 
+    def mark(self, **values: Any) -> None:
+        """Keep more about the last row than is printed."""
+        self.rows[-1] |= values
+
     def write(self, path: Path) -> None:
-        """Save everything as JSON; the file appears whole or not at all."""
-        whole = {"machine": self.machine, "quick": self.quick, "failures": self.failures, "notes": self.notes}
-        part = path.with_name(path.name + ".part")
-        part.write_text(json.dumps({**whole, "rows": self.rows}, indent=1) + "\n", encoding="utf-8")
-        part.replace(path)
+        """Save everything as JSON."""
+        write_whole(path, json.dumps(self.whole(), indent=1).encode() + b"\n")
+
+    def whole(self) -> dict[str, Any]:
+        """Everything."""
+        about = {"command": self.command, "machine": self.machine, "quick": self.quick}
+        return {**about, "failures": self.failures, "notes": self.notes, "rows": self.rows}
 
     def _row(self, name: str, values: dict[str, Any]) -> None:
         self.rows.append({"benchmark": self.benchmark, "case": self.case, "name": name, **values})
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file that appears whole or not at all."""
+    part = path.with_name(path.name + ".part")
+    part.write_bytes(content)
+    part.replace(path)
 
 
 def machine() -> dict[str, str]:
@@ -114,8 +131,14 @@ def machine() -> dict[str, str]:
     return found
 
 
-def _time(seconds: float) -> str:
+def told_time(seconds: float) -> str:
+    """A time with a unit that suits it."""
     for scale, unit in ((1.0, "s"), (1e-3, "ms"), (1e-6, "us")):
         if seconds >= scale:
-            return f"{seconds / scale:.3g} {unit}"
+            return f"{told_number(seconds / scale)} {unit}"
     return f"{seconds * 1e9:.3g} ns"
+
+
+def told_number(value: float) -> str:
+    """Three digits, or all those before the point."""
+    return f"{value:.0f}" if abs(value) >= 1000.0 else f"{value:.3g}"

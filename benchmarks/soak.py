@@ -7,7 +7,7 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks import band, curved_soak, exact_soak, solid_soak, turning_soak
+from benchmarks import band, curved_soak, exact_soak, frequency_soak, solid_soak, turning_soak
 from benchmarks.cases import Case, draw_case
 from benchmarks.report import Report
 from benchmarks.tally import Tally, not_free
@@ -21,6 +21,9 @@ PER_STATE = 450
 EDGES = 10_000
 ALONG = 40
 """Points checked along each edge."""
+
+PLACEMENTS = 100_000
+"""Placements of pairs for which frequencies tell whether they collide, in the plane and in space each."""
 
 
 def run(report: Report, seed: int, checks: int | None = None) -> None:
@@ -44,6 +47,7 @@ def run(report: Report, seed: int, checks: int | None = None) -> None:
     curved_soak.check(report, seed, curves)
     exact_soak.check(report, seed, curves)
     solid_soak.check(report, seed, wanted, edges)
+    frequency_soak.check(report, seed, PLACEMENTS // 50 if report.quick else PLACEMENTS)
     band.measure(report, seed, 20 if report.quick else 200)
 
 

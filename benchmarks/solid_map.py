@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 import cspace
 from benchmarks import inputs
-from benchmarks.map import across, binary_dilation, our_map, transforms
+from benchmarks.map import transforms
 from benchmarks.report import Report
 from benchmarks.timing import Timing, interleave, memory_rise
+from benchmarks.ways import across, binary_dilation, our_map
 from cspace import Robot, Workspace
 
 Bools = NDArray[np.bool_]
@@ -50,10 +51,8 @@ def _dilation(report: Report, occupied: Bools, robot: Robot, default: Timing) ->
     """Ours against the morphology that people use for this; once, since it takes minutes."""
     raster = robot.rasters(1.0)[0]
     report.section(f"dilation: {across(occupied)} cells in boxes, ball {ACROSS} cells across")
-    began, cpu = time.perf_counter(), time.process_time()
-    peer = Timing(binary_dilation(occupied, raster))
-    peer.seconds.append(time.perf_counter() - began)
-    peer.cpu.append(time.process_time() - cpu)
+    peer = Timing(None)
+    peer.value = peer.take(partial(binary_dilation, occupied, raster))
     report.timing("scipy.ndimage.binary_dilation", peer)
     report.timing("ours, correlate", default)
     least = None if report.quick else LEAST_DILATION

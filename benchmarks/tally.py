@@ -19,8 +19,8 @@ Floats = NDArray[np.float64]
 SHOWN = 20
 
 
-class Case(Protocol):
-    """A map and what it stands for, in the plane or in space."""
+class Drawn(Protocol):
+    """Something random that can be drawn again."""
 
     @property
     def name(self) -> str:
@@ -34,6 +34,10 @@ class Case(Protocol):
     def kind(self) -> tuple[str, str]:
         """Kind of workspace and kind of robot."""
 
+
+class Case(Drawn, Protocol):
+    """A map and what it stands for, in the plane or in space."""
+
     @property
     def space(self) -> CSpace:
         """The map."""
@@ -44,16 +48,17 @@ class Case(Protocol):
 
 @dataclass
 class Tally:
-    """Counts of each kind of check, and words on the first that failed."""
+    """Counts of each kind of check, and words on the first that failed; of verdicts, what was true and was said."""
 
     checks: Counter[str] = field(default_factory=Counter)
     open: Counter[str] = field(default_factory=Counter)
     wrong: Counter[str] = field(default_factory=Counter)
     kinds: Counter[tuple[str, str]] = field(default_factory=Counter)
     mixed: Counter[str] = field(default_factory=Counter)
+    verdicts: Counter[tuple[str, str]] = field(default_factory=Counter)
     told: list[str] = field(default_factory=list)
 
-    def add(self, what: str, case: Case, q: Floats, wrong: Bools, undecided: Bools) -> None:
+    def add(self, what: str, case: Drawn, q: Floats, wrong: Bools, undecided: Bools) -> None:
         """Count the checks of one kind on one map; the first wrong ones are told with what makes them again."""
         self.checks[what] += len(q)
         self.open[what] += int(undecided.sum())
@@ -89,6 +94,11 @@ class Tally:
         colliding, every = self.mixed["colliding"], self.mixed["all"]
         if every:
             report.note(f"of {every} configurations called MIXED, {colliding} collide: {colliding / every:.0%}")
+        for truth in sorted({truth for truth, _ in self.verdicts}):
+            said = {verdict: count for (kind, verdict), count in self.verdicts.items() if kind == truth}
+            every = sum(said.values())
+            shares = ", ".join(f"{verdict} {count} ({count / max(every, 1):.1%})" for verdict, count in said.items())
+            report.note(f"{truth}, {every} placements: {shares}")
         for told in self.told:
             report.note(f"FALSE {told}")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import statistics
 import threading
@@ -23,6 +24,19 @@ class Timing:
     seconds: list[float] = field(default_factory=list)
     cpu: list[float] = field(default_factory=list)
 
+    def take(self, call: Callable[[], Any]) -> Any:
+        """Run a call and keep what it took; what it gives is given back."""
+        start, cpu = time.perf_counter(), time.process_time()
+        value = call()
+        self.seconds.append(time.perf_counter() - start)
+        self.cpu.append(time.process_time() - cpu)
+        return value
+
+    def forget(self) -> None:
+        """Drop what the runs so far took."""
+        self.seconds.clear()
+        self.cpu.clear()
+
     @property
     def median(self) -> float:
         return statistics.median(self.seconds)
@@ -31,12 +45,12 @@ class Timing:
     def median_cpu(self) -> float:
         return statistics.median(self.cpu)
 
-    def per(self, number: int) -> Timing:
+    def per(self, number: float) -> Timing:
         """The same for one of ``number`` things that the call does."""
         return Timing(self.value, [taken / number for taken in self.seconds], [taken / number for taken in self.cpu])
 
 
-def interleave(calls: Mapping[str, Callable[[], Any]], runs: int) -> dict[str, Timing]:
+def interleave(calls: Mapping[str, Callable[[], Any]], runs: int, once: float = math.inf) -> dict[str, Timing]:
     """Time calls in turns, so that what else the machine does falls on all of them alike.
 
     Parameters
@@ -44,21 +58,25 @@ def interleave(calls: Mapping[str, Callable[[], Any]], runs: int) -> dict[str, T
     calls : mapping of str to callable
     runs : int
         Timed runs of each, after one that is not timed. Each round begins with another call.
+    once : float
+        Seconds. Of a call whose first run takes longer, that run counts, and there is no other.
 
     Returns
     -------
     dict of str to Timing
-        In the order of ``calls``; ``value`` is from the run that was not timed.
+        In the order of ``calls``; ``value`` is from the first run.
     """
-    timings = {name: Timing(call()) for name, call in calls.items()}
-    names = list(calls)
-    for turn in range(runs):
+    timings: dict[str, Timing] = {}
+    for name, call in calls.items():
+        timings[name] = Timing(None)
+        timings[name].value = timings[name].take(call)
+    names = [name for name in calls if timings[name].seconds[0] <= once]
+    for name in names:
+        timings[name].forget()
+    for turn in range(runs if names else 0):
         first = turn % len(names)
         for name in names[first:] + names[:first]:
-            start, cpu = time.perf_counter(), time.process_time()
-            calls[name]()
-            timings[name].seconds.append(time.perf_counter() - start)
-            timings[name].cpu.append(time.process_time() - cpu)
+            timings[name].take(calls[name])
     return timings
 
 

@@ -18,6 +18,7 @@ from benchmarks import inputs, turning_planning
 from benchmarks.report import Report
 from benchmarks.stamping import border_cells, stamp
 from benchmarks.timing import Timing, interleave
+from benchmarks.ways import convolved
 from cspace import Robot, Workspace
 from cspace.raster import Raster
 from cspace.rotations import Rotations
@@ -85,7 +86,7 @@ def _against_transforms(report: Report, name: str, occupied: Bools, robot: Robot
     def convolutions(workers: int) -> list[Bools]:
         with fft.set_workers(workers):
             return [
-                signal.fftconvolve(map64, kernel)[_window(raster, occupied.shape)] > 0.5
+                convolved(signal.fftconvolve, map64, kernel, raster)
                 for kernel, raster in zip(kernels, rasters, strict=True)
             ]
 
@@ -196,8 +197,3 @@ def rasters_of(robot: Robot, spacing: float, rotations: int) -> list[Raster]:
     cells = Rotations.of(rotations)
     turned = zip(cells.representatives.tolist(), cells.covering_angles.tolist(), strict=True)
     return [robot.rasters(spacing, yaw=yaw, sweep=sweep)[0] for yaw, sweep in turned]
-
-
-def _window(raster: Raster, shape: tuple[int, ...]) -> tuple[slice, ...]:
-    """Where the map lies in a full convolution with the flipped raster."""
-    return tuple(slice(high, high + n) for high, n in zip(raster.upper, shape, strict=True))

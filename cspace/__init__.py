@@ -12,6 +12,7 @@ from cspace.states import MIXED as MIXED
 
 if TYPE_CHECKING:
     from cspace.builder import build as build
+    from cspace.choice import choose_method as choose_method
     from cspace.errors import ConfigurationError as ConfigurationError
     from cspace.errors import CspaceError as CspaceError
     from cspace.errors import FileError as FileError
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from cspace.mesh import MeshWarning as MeshWarning
     from cspace.robot import Robot as Robot
     from cspace.space import CSpace as CSpace
+    from cspace.spheres.result import Spheres as Spheres
     from cspace.workspace import Workspace as Workspace
 
     open = open_map  # noqa: A001 - the public name
@@ -33,6 +35,7 @@ __version__ = "0.1.0"
 
 _HOME = {
     "build": ("cspace.builder", "build"),
+    "choose_method": ("cspace.choice", "choose_method"),
     "ConfigurationError": ("cspace.errors", "ConfigurationError"),
     "CspaceError": ("cspace.errors", "CspaceError"),
     "FileError": ("cspace.errors", "FileError"),
@@ -46,6 +49,7 @@ _HOME = {
     "MeshWarning": ("cspace.mesh", "MeshWarning"),
     "Robot": ("cspace.robot", "Robot"),
     "CSpace": ("cspace.space", "CSpace"),
+    "Spheres": ("cspace.spheres.result", "Spheres"),
     "Workspace": ("cspace.workspace", "Workspace"),
 }
 

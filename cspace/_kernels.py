@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from cspace.coarse.sides import SHIFT, SIDE
 from cspace.grid import MAX_COORDINATE, SLACK
 from cspace.states import FREE, MIXED
 
@@ -21,7 +22,11 @@ States = NDArray[np.uint8]
 
 FAR = 2.0**62
 
-BLOCK = 512
+BLOCK = 1024
+"""Points that are looked up at a time; what is kept of them stays in a core's nearest cache."""
+
+INSIDE, ASK = 255, 254
+"""Codes of points in the grid, and of those that need a closer look; all others are states."""
 
 
 @njit(cache=True, nogil=True)
@@ -47,31 +52,71 @@ def state_at(state: States, frame: Floats, box: Ints, beyond: int, x: float, y: 
     return beyond
 
 
+@njit(cache=True, nogil=True, error_model="numpy")
+def scaled(numbers: Floats, lows: Floats, scales: Floats, out: Floats) -> None:
+    """``(numbers - lows) / scales``; one loop over plain numbers, which the compiler turns into wide instructions."""
+    for m in range(numbers.shape[0]):
+        out[m] = (numbers[m] - lows[m]) / scales[m]
+
+
+@njit(cache=True, nogil=True)
+def cells_of(uv: Floats, shape: tuple[int, int], box: Ints, beyond: int, cells: Ints, codes: States) -> int:
+    """Cells of points that are given in cells, and what is to be made of each point.
+
+    A point in the grid gets its cell's number in ``cells`` and the code INSIDE; one that is plainly outside gets its
+    state for a code, and what is left ASK: not finite, or so near the grid's upper border that rounding may decide.
+    There are no branches, so that the loop becomes wide instructions. Gives how many are to be asked about.
+    """
+    nx, ny = float(shape[0]), float(shape[1])
+    left, bottom, right, top = float(box[0]), float(box[1]), float(box[2]) + 1.0, float(box[3]) + 1.0
+    asked = 0
+    for k in range(cells.shape[0]):
+        u, v = uv[2 * k], uv[2 * k + 1]
+        inside = (u >= 0.0) & (u < nx) & (v >= 0.0) & (v < ny)
+        cells[k] = np.int64(u) * shape[1] + np.int64(v) if inside else 0
+        border = ((nx <= u) & (u < nx + 1.0)) | ((ny <= v) & (v < ny + 1.0))
+        ask = border | (not (abs(u) + abs(v) < FAR))
+        boxed = (left <= u) & (u < right) & (bottom <= v) & (v < top)
+        code = INSIDE if inside else (ASK if ask else (MIXED if boxed else beyond))
+        codes[k] = code
+        asked += code == ASK
+    return asked
+
+
+@njit(cache=True, nogil=True)
+def read_states(flat: States, cells: Ints, codes: States, out: States) -> None:
+    """States of points with given cells and codes.
+
+    The map is read in a loop of its own and without a branch, so that many reads of a map larger than the cache are
+    under way at once.
+    """
+    for k in range(cells.shape[0]):
+        out[k] = flat[np.uint64(cells[k])]
+    for k in range(cells.shape[0]):
+        out[k] = out[k] if codes[k] == INSIDE else codes[k]
+
+
 @njit(cache=True, nogil=True)
 def classify(state: States, frame: Floats, box: Ints, beyond: int, points: Floats, out: States) -> int:
-    """States of points, shape (n, 2); the index of the first point that is not finite, or -1.
-
-    Cells are found for a block of points and then read in a loop of their own, so that many reads of a map larger than
-    the cache are under way at once.
-    """
-    lower_x, lower_y, spacing = frame[0], frame[1], frame[2]
-    nx, ny = state.shape
-    flat = state.ravel()
-    cells = np.empty(BLOCK, np.int64)
+    """States of points, shape (n, 2); the index of the first point that is not finite, or -1."""
+    flat, numbers = state.ravel(), points.reshape(-1)
+    size = min(BLOCK, len(points))
+    lows, scales, uv = np.empty(2 * size), np.full(2 * size, frame[2]), np.empty(2 * size)
+    lows[0::2], lows[1::2] = frame[0], frame[1]
+    cells, codes = np.empty(size, np.int64), np.empty(size, np.uint8)
     for first in range(0, points.shape[0], BLOCK):
-        size = min(BLOCK, points.shape[0] - first)
-        for k in range(size):
-            u, v = (points[first + k, 0] - lower_x) / spacing, (points[first + k, 1] - lower_y) / spacing
-            inside = 0.0 <= u < nx and 0.0 <= v < ny  # nearly always; False for NaN
-            cells[k] = np.int64(u) * ny + np.int64(v) if inside else -1
-        for k in range(size):
-            if cells[k] >= 0:
-                out[first + k] = flat[np.uint64(cells[k])]
-                continue
-            x, y = points[first + k, 0], points[first + k, 1]
-            if not (math.isfinite(x) and math.isfinite(y)):
-                return first + k
-            out[first + k] = state_at(state, frame, box, beyond, x, y)
+        last = min(first + BLOCK, points.shape[0])
+        scaled(numbers[2 * first : 2 * last], lows, scales, uv)
+        asked = cells_of(uv, state.shape, box, beyond, cells[: last - first], codes)
+        read_states(flat, cells[: last - first], codes, out[first:last])
+        if asked == 0:
+            continue
+        for k in range(first, last):
+            if codes[k - first] == ASK:
+                x, y = points[k, 0], points[k, 1]
+                if not (math.isfinite(x) and math.isfinite(y)):
+                    return k
+                out[k] = state_at(state, frame, box, beyond, x, y)
     return -1
 
 
@@ -80,30 +125,86 @@ def edge_is_free(
     state: States, frame: Floats, box: Ints, beyond: int, x0: float, y0: float, x1: float, y1: float
 ) -> bool:
     """Whether every closed cell within SLACK of a straight edge is FREE."""
-    lower_x, lower_y, spacing, upper_x, upper_y = frame[0], frame[1], frame[2], frame[3], frame[4]
+    inside, px, py, qx, qy = ends_in_cells(frame, x0, y0, x1, y1)
+    if not inside:
+        return beyond_is_free(state, box, beyond, px, py, qx, qy)
+    first, last = max(math.ceil(px - SLACK) - 1, 0), min(math.floor(qx + SLACK), state.shape[0] - 1)
+    return columns_are_free(state, px, py, qx, qy, first, last)
+
+
+@njit(cache=True, nogil=True)
+def coarse_edge_is_free(
+    state: States, coarse: States, frame: Floats, box: Ints, beyond: int, x0: float, y0: float, x1: float, y1: float
+) -> bool:
+    """``edge_is_free`` with the help of a coarse map, which may be empty."""
+    inside, px, py, qx, qy = ends_in_cells(frame, x0, y0, x1, y1)
+    if not inside:
+        return beyond_is_free(state, box, beyond, px, py, qx, qy)
     nx, ny = state.shape
+    first, last = max(math.ceil(px - SLACK) - 1, 0), min(math.floor(qx + SLACK), nx - 1)
+    if coarse.shape[0] == 0:
+        return columns_are_free(state, px, py, qx, qy, first, last)
+    for block in range(first >> SHIFT, (last >> SHIFT) + 1):
+        begin, end = max(first, block << SHIFT), min(last, (block << SHIFT) + SIDE - 1)
+        bottom, top = rows_between(px, py, qx, qy, begin, end)
+        marks = coarse[np.uint64(block)]
+        mark = 0
+        for k in range(max(bottom, 0) >> SHIFT, (min(top, ny - 1) >> SHIFT) + 1):
+            mark |= marks[np.uint64(k)]
+        if mark != FREE and not columns_are_free(state, px, py, qx, qy, begin, end):
+            return False
+    return True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def ends_in_cells(frame: Floats, x0: float, y0: float, x1: float, y1: float) -> tuple[bool, float, float, float, float]:
+    """Whether an edge lies in the grid; and its ends in cells, the one with the lesser x first."""
+    lower_x, lower_y, spacing, upper_x, upper_y = frame[0], frame[1], frame[2], frame[3], frame[4]
     px, py = (x0 - lower_x) / spacing, (y0 - lower_y) / spacing
     qx, qy = (x1 - lower_x) / spacing, (y1 - lower_y) / spacing
-    if not abs(px) + abs(py) + abs(qx) + abs(qy) <= 8.0 * MAX_COORDINATE:  # nor is NaN
+    inside = min(x0, x1) >= lower_x and max(x0, x1) <= upper_x and min(y0, y1) >= lower_y and max(y0, y1) <= upper_y
+    inside = inside and abs(px) + abs(py) + abs(qx) + abs(qy) <= 8.0 * MAX_COORDINATE  # nor is NaN
+    return (inside, qx, qy, px, py) if px > qx else (inside, px, py, qx, qy)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def rows_between(px: float, py: float, qx: float, qy: float, first: int, last: int) -> tuple[int, int]:
+    """First and last row that an edge with ``px <= qx`` touches in columns of cells, with SLACK all around.
+
+    Every operation rounds monotonically, so that the rows of several columns hold those of each.
+    """
+    low, high = min(py, qy), max(py, qy)
+    if qx > px:
+        # A ratio of differences, between 0 and 1: a slope would overflow on edges that are all but upright.
+        a = py + (min(max(first - SLACK, px), qx) - px) / (qx - px) * (qy - py)
+        b = py + (min(max(last + 1 + SLACK, px), qx) - px) / (qx - px) * (qy - py)
+        low, high = max(min(a, b), low), min(max(a, b), high)
+    return math.ceil(low - SLACK) - 1, math.floor(high + SLACK)
+
+
+@njit(cache=True, nogil=True)
+def columns_are_free(state: States, px: float, py: float, qx: float, qy: float, first: int, last: int) -> bool:
+    """Whether the cells of an edge in the grid are FREE in some columns of it."""
+    ny = state.shape[1]
+    for i in range(first, last + 1):
+        bottom, top = rows_between(px, py, qx, qy, i, i)
+        column = state[np.uint64(i)]
+        for j in range(max(bottom, 0), min(top, ny - 1) + 1):
+            if column[np.uint64(j)] != FREE:
+                return False
+    return True
+
+
+@njit(cache=True, nogil=True)
+def beyond_is_free(state: States, box: Ints, beyond: int, px: float, py: float, qx: float, qy: float) -> bool:
+    """The same of an edge that leaves the grid: proven only where all is FREE beyond the grid and the box."""
+    if beyond != FREE or not abs(px) + abs(py) + abs(qx) + abs(qy) <= 8.0 * MAX_COORDINATE:  # nor is NaN
         return False
-    first_x, first_y, last_x, last_y = 0, 0, nx - 1, ny - 1
-    if not (min(x0, x1) >= lower_x and max(x0, x1) <= upper_x and min(y0, y1) >= lower_y and max(y0, y1) <= upper_y):
-        # An edge that leaves the grid is proven only where all is FREE beyond the grid and the box.
-        if beyond != FREE:
-            return False
-        first_x, last_x = min(box[0], 0), max(box[2], nx - 1)
-        first_y, last_y = min(box[1], 0), max(box[3], ny - 1)
-    if px > qx:
-        px, py, qx, qy = qx, qy, px, py
-    low_y, high_y = min(py, qy), max(py, qy)
-    for i in range(max(first_x, math.ceil(px - SLACK) - 1), min(last_x, math.floor(qx + SLACK)) + 1):
-        low, high = low_y, high_y
-        if qx > px:
-            # A ratio of differences, between 0 and 1: a slope would overflow on edges that are all but upright.
-            a = py + (min(max(i - SLACK, px), qx) - px) / (qx - px) * (qy - py)
-            b = py + (min(max(i + 1 + SLACK, px), qx) - px) / (qx - px) * (qy - py)
-            low, high = max(min(a, b), low_y), min(max(a, b), high_y)
-        for j in range(max(first_y, math.ceil(low - SLACK) - 1), min(last_y, math.floor(high + SLACK)) + 1):
+    nx, ny = state.shape
+    first, last = math.ceil(px - SLACK) - 1, math.floor(qx + SLACK)
+    for i in range(max(first, min(box[0], 0)), min(last, max(box[2], nx - 1)) + 1):
+        bottom, top = rows_between(px, py, qx, qy, i, i)
+        for j in range(max(bottom, min(box[1], 0)), min(top, max(box[3], ny - 1)) + 1):
             if 0 <= i < nx and 0 <= j < ny:
                 if state[i, j] != FREE:
                     return False
@@ -151,7 +252,14 @@ def boxes_are_free(
 
 @njit(cache=True, nogil=True)
 def edges_are_free(
-    state: States, frame: Floats, box: Ints, beyond: int, starts: Floats, ends: Floats, out: NDArray[np.bool_]
+    state: States,
+    coarse: States,
+    frame: Floats,
+    box: Ints,
+    beyond: int,
+    starts: Floats,
+    ends: Floats,
+    out: NDArray[np.bool_],
 ) -> int:
     """``edge_is_free`` of edges, shapes (n, 2); the index of the first edge that is not finite, or -1."""
     for k in range(starts.shape[0]):
@@ -159,7 +267,7 @@ def edges_are_free(
         x1, y1 = ends[k, 0], ends[k, 1]
         if not (math.isfinite(x0) and math.isfinite(y0) and math.isfinite(x1) and math.isfinite(y1)):
             return k
-        out[k] = edge_is_free(state, frame, box, beyond, x0, y0, x1, y1)
+        out[k] = coarse_edge_is_free(state, coarse, frame, box, beyond, x0, y0, x1, y1)
     return -1
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,15 +11,21 @@ from numpy.typing import ArrayLike, NDArray
 from cspace.errors import InputError
 from cspace.grid import unmasked
 from cspace.rotations import MAX_YAW
-from cspace.threads import in_chunks
+from cspace.threads import LEAST, in_chunks
 
 Floats = NDArray[np.float64]
+Kernel = Callable[..., int]
 
-EDGES_A_THREAD = 2_000
+EDGES_A_THREAD: Final = 2_000
 """Edges below which a second thread costs more than it saves."""
 
+ROWS: Final = 8_192
+"""Configurations that are brought into one piece of float64 at a time, where they are not: these fit a core's cache."""
 
-def answer(q: ArrayLike, dof: int, kernel: Callable[..., int], dtype: type[Any], scalar: Callable[[Any], Any]) -> Any:
+
+def answer(
+    q: ArrayLike, dof: int, kernel: Kernel, dtype: type[Any], scalar: Callable[[Any], Any], name: str = "q"
+) -> Any:
     """What a kernel gives for configurations.
 
     Parameters
@@ -34,59 +40,100 @@ def answer(q: ArrayLike, dof: int, kernel: Callable[..., int], dtype: type[Any],
         Of the answer to a batch.
     scalar : callable
         Makes the answer to a single configuration.
+    name : str
+        What messages call the configurations.
 
     Raises
     ------
     InputError
         If the last axis is not d long, or a value is not a finite number.
     """
-    points = as_points(q, "q", dof)
-    flat = np.ascontiguousarray(points.reshape(-1, points.shape[-1]))
+    points = _as_rows(q, name, dof)
+    flat = points.reshape(-1, dof)
     out = np.empty(len(flat), dtype=dtype)
-    bad = in_chunks(lambda start, stop: int(kernel(flat[start:stop], out[start:stop])), len(flat))
+    bad = _fill(out, kernel, [flat], LEAST)
     if bad >= 0:
-        raise _not_finite(flat[bad], "q", bad)
+        raise _not_finite(flat[bad], name, bad)
     return out.reshape(points.shape[:-1]) if points.ndim > 1 else scalar(out[0])
 
 
-def answer_edges(q0: ArrayLike, q1: ArrayLike, dof: int, kernel: Callable[..., int]) -> Any:
-    """What a kernel tells, True or False, of straight edges; as :func:`answer`, with two batches that broadcast."""
-    starts, ends = as_points(q0, "q0", dof), as_points(q1, "q1", dof)
+def answer_edges(q0: ArrayLike, q1: ArrayLike, dof: int, kernel_for: Callable[[int], Kernel]) -> Any:
+    """What a kernel tells, True or False, of straight edges; as :func:`answer`, with two batches that broadcast.
+
+    ``kernel_for(n)`` is the kernel for n edges.
+    """
+    starts, ends = _as_rows(q0, "q0", dof), _as_rows(q1, "q1", dof)
     try:
         starts, ends = np.broadcast_arrays(starts, ends)
     except ValueError as error:
         raise InputError(
             f"q0 has shape {starts.shape} and q1 {ends.shape}; they must broadcast; pass batches of equal shape"
         ) from error
-    first, second = (np.ascontiguousarray(part.reshape(-1, part.shape[-1])) for part in (starts, ends))
+    first, second = (part.reshape(-1, dof) for part in (starts, ends))
     out = np.empty(len(first), dtype=np.bool_)
-    bad = in_chunks(
-        lambda start, stop: int(kernel(first[start:stop], second[start:stop], out[start:stop])),
-        len(out),
-        least=EDGES_A_THREAD,
-    )
+    bad = _fill(out, kernel_for(len(out)), [first, second], EDGES_A_THREAD)
     if bad >= 0:
         raise _not_finite(np.concatenate([first[bad], second[bad]]), "edge", bad)
     return out.reshape(starts.shape[:-1]) if starts.ndim > 1 else bool(out[0])
 
 
+def answer_pairs(vertices: Floats, pairs: NDArray[np.int64], kernel: Kernel) -> NDArray[np.bool_]:
+    """What a kernel tells of edges, shape (m, 2), between vertices, shape (n, d); all must be finite and in range."""
+    out = np.empty(len(pairs), dtype=np.bool_)
+
+    def work(start: int, stop: int) -> int:
+        for a in range(start, stop, ROWS):
+            b = min(a + ROWS, stop)
+            kernel(np.take(vertices, pairs[a:b, 0], axis=0), np.take(vertices, pairs[a:b, 1], axis=0), out[a:b])
+        return -1
+
+    in_chunks(work, len(out), least=EDGES_A_THREAD)
+    return out
+
+
 def as_points(q: ArrayLike, name: str, dof: int) -> Floats:
     """``q`` as float64 with its last axis checked; whether it is finite is left to the kernels."""
+    return np.asarray(_as_rows(q, name, dof), dtype=np.float64)
+
+
+def _as_rows(q: ArrayLike, name: str, dof: int) -> NDArray[Any]:
+    """``q`` with its last axis checked, in numbers that turn into float64 without fail, later and a part at a time."""
     unmasked(q, name)
     try:
-        points = np.asarray(q, dtype=np.float64)
+        rows = np.asarray(q)
+        if rows.dtype.kind not in "fiub":
+            rows = np.asarray(rows, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise InputError(f"{name} is {q!r}; it must be numeric; pass coordinates in metres, yaw in radians") from error
-    if points.ndim == 0 or points.shape[-1] != dof:
+    if rows.ndim == 0 or rows.shape[-1] != dof:
         raise InputError(
-            f"{name} has shape {points.shape}; its last axis must be {dof} long, one entry for each coordinate; "
+            f"{name} has shape {rows.shape}; its last axis must be {dof} long, one entry for each coordinate; "
             "pass one configuration or a batch of them"
         )
-    return points
+    return rows
 
 
-def _not_finite(values: Floats, name: str, index: int) -> InputError:
+def _fill(out: NDArray[Any], kernel: Kernel, parts: Sequence[NDArray[Any]], least: int) -> int:
+    """Fill ``out`` by a kernel of parts, shape (n, d), in threads; the index of the first bad row, or -1."""
+    if len(out) == 1:
+        return int(kernel(*(np.ascontiguousarray(part, dtype=np.float64) for part in parts), out))
+    ready = all(part.dtype == np.float64 and part.flags.c_contiguous for part in parts)
+    step = max(1, len(out)) if ready else ROWS
+
+    def work(start: int, stop: int) -> int:
+        for a in range(start, stop, step):
+            b = min(a + step, stop)
+            bad = int(kernel(*(np.ascontiguousarray(part[a:b], dtype=np.float64) for part in parts), out[a:b]))
+            if bad >= 0:
+                return a + bad - start
+        return -1
+
+    return in_chunks(work, len(out), least)
+
+
+def _not_finite(values: NDArray[Any], name: str, index: int) -> InputError:
+    numbers = tuple(values.astype(np.float64).tolist())
     return InputError(
-        f"{name} number {index} is {tuple(values.tolist())}; NaN, infinities and a yaw beyond {MAX_YAW:.0f} rad are "
-        "refused; drop or replace them first"
+        f"{name} number {index} is {numbers}; NaN, infinities and a yaw beyond {MAX_YAW:.0f} rad are refused; "
+        "drop or replace them first"
     )

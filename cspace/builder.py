@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cspace.choice import METHODS, check_pair, quicker
 from cspace.errors import InputError
 from cspace.grid import Grid
 from cspace.memory import TRANSFORM_BYTES, check_memory, map_bytes
@@ -38,7 +39,7 @@ def build(
     rotations: int | ArrayLike | Rotations | None = None,
     inner: bool = True,
     overlap: bool = False,
-    method: str = "fft",
+    method: str = "auto",
     outside: str = "blocked",
     margin: float = 0.0,
     workers: int | None = None,
@@ -61,8 +62,10 @@ def build(
         Also prove cells BLOCKED. Without it, every cell that is not FREE is MIXED, at half the work.
     overlap : bool
         Keep the overlap counts of the outer rasters as :attr:`CSpace.overlaps`.
-    method : {"fft"}
-        The engine.
+    method : {"auto", "fft", "direct"}
+        The engine; the map is the same, cell for cell. "fft" correlates by transforms, "direct" dilates 64 cells at a
+        time, and "auto" takes the one that is expected to be quicker (see :func:`cspace.choose_method`), or "fft" where
+        overlap counts are asked for, which only the transforms give.
     outside : {"blocked", "free"}
         Whether what lies beyond the workspace's bounds is obstacle or free.
     margin : float
@@ -97,7 +100,7 @@ def build(
     """
     from cspace.space import CSpace
 
-    _check(workspace, robot, method, outside, workers)
+    _check(workspace, robot, method, overlap, outside, workers)
     margin = check_margin(margin)
     cells = check_rotations(rotations)
     if cells is not None and robot.dim == 3:
@@ -110,11 +113,12 @@ def build(
     needed = map_bytes(grid.shape, slices, overlap)
     check_memory(needed, "the map", grid.shape, grid.spacing, fixed=TRANSFORM_BYTES)
     rasters = slice_rasters(robot, grid.spacing, margin, cells)
-    _check_transforms(grid, rasters, overlap, workers)
+    method, robots = _chosen(method, rasters, grid, inner, overlap, workers)
+    _check_room(method, grid, robots, len(rasters), overlap, workers)
     state = np.empty((len(rasters), *grid.shape), dtype=np.uint8)
     overlaps = np.empty(state.shape, dtype=np.int32) if overlap else None
-    engine = _Engine(workspace, outside == "blocked", workers, progress)
-    precision = engine.run(rasters, state, overlaps, inner)
+    engine = _Engine(workspace, method, outside == "blocked", workers, progress)
+    precision = engine.run(robots, state, overlaps)
     flat = cells is None
     return CSpace(
         workspace,
@@ -126,6 +130,7 @@ def build(
         overlaps=overlaps[0] if flat and overlaps is not None else overlaps,
         rotations=cells,
         rasters=rasters,
+        trusted=True,
     )
 
 
@@ -134,79 +139,101 @@ class _Engine:
     """The correlations of one build."""
 
     workspace: Workspace
+    method: str
     outside: bool
     workers: int | None
     progress: Progress | None
 
-    def run(
-        self,
-        rasters: Sequence[tuple[Raster, Raster]],
-        state: NDArray[np.uint8],
-        overlaps: NDArray[np.int32] | None,
-        inner: bool,
-    ) -> str:
-        """Fill all slices; the precision that it took."""
-        outers, inners = [outer for outer, _ in rasters], [inner for _, inner in rasters]
+    def run(self, robots: Sequence[Sequence[Any]], state: NDArray[np.uint8], overlaps: NDArray[np.int32] | None) -> str:
+        """Fill all slices, from the outer and, where there are any, the inner offsets; the arithmetic that it took."""
         free = state.view(np.bool_)
-        if inner and overlaps is None and len(rasters) == 1 and self.workspace.inner is self.workspace.outer:
-            # One slice and one workspace bitmap, whose spectra serve both rasters.
+        outers, inners = robots[0], [side for sides in robots[1:] for side in sides]
+        if inners and overlaps is None and len(outers) == 1 and self.workspace.inner is self.workspace.outer:
+            # One slice and one workspace bitmap, which is read once for both rasters.
             collides = np.empty(free[0].shape, dtype=np.bool_)
-            precision = self._correlate(self.workspace.outer, [*outers, *inners], [free[0], collides], 0, 1)
+            precision = self._settle(self.workspace.outer, [*outers, *inners], [free[0], collides], 0, 1)
             state[0] += collides
             return precision
-        steps = 2 if inner else 1
+        steps = len(robots)
         counts = free if overlaps is None else overlaps
-        precision = self._correlate(self.workspace.outer, outers, list(counts), 0, steps)
+        precision = self._settle(self.workspace.outer, outers, list(counts), 0, steps)
         if overlaps is not None:
             np.not_equal(overlaps, 0, out=free)
-        if inner:
-            added = self._correlate(self.workspace.inner, inners, list(state), 1, steps, add=True)
+        if inners:
+            added = self._settle(self.workspace.inner, inners, list(state), 1, steps, add=True)
             precision = max(precision, added)
         return precision
 
-    def _correlate(
+    def _settle(
         self,
         occupied: NDArray[np.bool_],
-        rasters: Sequence[Raster],
+        robots: Sequence[Any],
         out: Sequence[NDArray[Any]],
         step: int,
         steps: int,
         add: bool = False,
     ) -> str:
+        """Write whether robots overlap obstacles, or how much, for all cells; the arithmetic that it took."""
+        from cspace.bits import dilate
         from cspace.fourier import correlate
 
         tell = self.progress
-        # Each correlation counts alike, however many tiles it has.
+        # Each step counts alike, however many parts it has.
         advance = None if tell is None else lambda done, total: tell(step * STEP + STEP * done // total, steps * STEP)
         options: dict[str, Any] = {"outside": self.outside, "workers": self.workers, "progress": advance}
-        precision = correlate(occupied, rasters, out=out, add=add, **options).precision
+        precision = "integer"
+        if self.method == "direct":
+            dilate(occupied, robots, out=out, add=add, **options)
+        else:
+            precision = correlate(occupied, robots, out=out, add=add, **options).precision
         if tell is not None:
             tell((step + 1) * STEP, steps * STEP)  # also where there was nothing to do
         return precision
 
 
-def _check_transforms(grid: Grid, rasters: Sequence[tuple[Raster, Raster]], overlap: bool, workers: int | None) -> None:
-    """Refuse a map for which there is no memory with the transforms that the robot's size asks for."""
+def _chosen(
+    method: str,
+    rasters: Sequence[tuple[Raster, Raster]],
+    grid: Grid,
+    inner: bool,
+    overlap: bool,
+    workers: int | None,
+) -> tuple[str, Sequence[Sequence[Any]]]:
+    """The engine, and the outer and, where they are needed, inner offsets as it takes them."""
+    from cspace.bits import Runs
+
+    sides = [list(side) for side in zip(*rasters, strict=True)][: 2 if inner else 1]
+    if method == "fft" or (method == "auto" and overlap):
+        return "fft", sides
+    runs = [[Runs.of(raster, grid.shape) for raster in side] for side in sides]
+    if method == "auto":
+        method = quicker(grid.shape, sides, runs, workers)
+    return method, runs if method == "direct" else sides
+
+
+def _check_room(
+    method: str, grid: Grid, robots: Sequence[Sequence[Any]], slices: int, overlap: bool, workers: int | None
+) -> None:
+    """Refuse a map for which there is no memory with what the engine needs for a robot of this size."""
+    from cspace.bits import dilation_bytes
     from cspace.fourier import transform_bytes
 
-    transforms = max(transform_bytes(grid.shape, side, workers) for side in zip(*rasters, strict=True))
-    needed = map_bytes(grid.shape, len(rasters), overlap) - TRANSFORM_BYTES + transforms
-    check_memory(needed, "the map, with the transforms for this robot,", grid.shape, grid.spacing)
+    if method == "direct":
+        needed, what = max(dilation_bytes(grid.shape, side) for side in robots), "the bits that are dilated"
+    else:
+        needed, what = max(transform_bytes(grid.shape, side, workers) for side in robots), "the transforms"
+    needed += map_bytes(grid.shape, slices, overlap) - TRANSFORM_BYTES
+    check_memory(needed, f"the map, with {what} for this robot,", grid.shape, grid.spacing)
 
 
-def _check(workspace: Workspace, robot: Robot, method: str, outside: str, workers: int | None) -> None:
-    if not isinstance(workspace, Workspace):
-        raise InputError(f"workspace is a {type(workspace).__name__}; it must be a Workspace; use Workspace.from_array")
-    if not isinstance(robot, Robot):
-        raise InputError(f"robot is a {type(robot).__name__}; it must be a Robot; use e.g. Robot.disc(0.3)")
-    if workspace.grid.dim != robot.dim:
+def _check(workspace: Workspace, robot: Robot, method: str, overlap: bool, outside: str, workers: int | None) -> None:
+    check_pair(workspace, robot, workers)
+    if method not in METHODS:
+        raise InputError(f"method is {method!r}; the engines are: {', '.join(map(repr, METHODS))}")
+    if method == "direct" and overlap:
         raise InputError(
-            f"the workspace has {workspace.grid.dim} dimensions and the robot {robot.dim}; they must agree; "
-            "take both in the plane or both in space"
+            "overlap is True and method 'direct', which tells only whether there is any overlap; overlap counts need "
+            "the transforms; use method='fft' or 'auto'"
         )
-    if method != "fft":
-        raise InputError(f"method is {method!r}; the engines are: 'fft'")
     if outside not in ("blocked", "free"):
         raise InputError(f"outside is {outside!r}; it must be 'blocked' or 'free'")
-    if workers is not None and (not isinstance(workers, int) or workers < 1):
-        raise InputError(f"workers is {workers!r}; it must be a whole number above zero, or None for all cores")

@@ -2,30 +2,149 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+import threading
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.states import BLOCKED, FREE
+from cspace.states import BLOCKED
+
+Ints = NDArray[np.int64]
+_Joined = tuple[Ints, Ints, NDArray[np.int32]]
+
+_FACES: Final = 5
 
 
-@dataclass(frozen=True, slots=True)
+SIDES: Final = {2: (1, 64, 64), 3: (16, 16, 16)}
+"""Cells of a block along each axis, by dimension; a plane has one layer. A block has at most 2^16 components."""
+
+
 class Components:
-    """Component labels of a map; 0 where a cell belongs to none.
+    """The components of a map, in two levels, so that a change asks for few cells.
 
-    Attributes
+    The cells of each block have labels of their own; which labels meet at the faces of blocks is listed; and the
+    labels of all blocks and rotations are joined by union-find (Tarjan, 1975) along these lists when they are next
+    asked for. A change labels the blocks again that it touches. What lies outside the grid is one more component.
+
+    Parameters
     ----------
-    free : ndarray of int32, shape (rotations, *cells)
-        Components of the FREE cells: within one, a collision-free path exists.
-    open : ndarray of int32, shape (rotations, nx + 2, ny + 2) or (rotations, nx + 2, ny + 2, nz + 2)
-        Components of the cells that are not BLOCKED, with a rim of one cell for what lies outside the grid: between
-        two of them, no collision-free path exists.
+    stack : ndarray of uint8, shape (slices, nx, ny) or (slices, nx, ny, nz)
+        Kept, not copied; :meth:`renew` tells of changes.
+    slice_of : ndarray of int64, shape (rotations,)
+        One rotation stands for all where there is a single slice.
+    rim_is_open : ndarray of bool, shape (slices,)
+        Whether some configuration outside the grid is not BLOCKED.
     """
 
-    free: NDArray[np.int32]
-    open: NDArray[np.int32]
+    def __init__(self, stack: NDArray[np.uint8], slice_of: NDArray[np.int64], rim_is_open: NDArray[np.bool_]) -> None:
+        dim = stack.ndim - 1
+        self._stack = stack.reshape(len(stack), *(1,) * (3 - dim), *stack.shape[1:])
+        self._dim, self._sides = dim, np.array(SIDES[dim], dtype=np.int64)
+        self._slice_of = np.ascontiguousarray(slice_of if len(stack) > 1 else slice_of[:1])
+        self._rim_is_open = np.asarray(rim_is_open, dtype=np.bool_)
+        self._shape = -(-np.array(self._stack.shape[1:]) // self._sides)
+        blocks = (2, len(stack), *self._shape.tolist())
+        self._labels = np.empty((2, *self._stack.shape), dtype=np.uint16)
+        self._counts = np.zeros(blocks, dtype=np.int32)
+        self._places = np.zeros((*blocks, _FACES, 3), dtype=np.int64)
+        self._pool = np.empty((self._room(0), 2), dtype=np.uint16)
+        self._filled = np.zeros(1, dtype=np.int64)
+        self._joined: list[_Joined] | None = None
+        self._boxes: dict[int, Ints] = {}
+        self._lock = threading.Lock()
+        whole = np.array([0, 0, 0, *(n - 1 for n in self._stack.shape[1:])], dtype=np.int64)
+        self.renew(np.tile(whole, (len(stack), 1)))
+
+    def renew(self, boxes: Ints) -> None:
+        """Follow changes of the states.
+
+        Parameters
+        ----------
+        boxes : ndarray of int64, shape (slices, 6)
+            First and last cell ``(x, y, z)`` of the box around what has changed in each slice; x is 0 in the plane.
+            Empty where a first one is beyond the last.
+        """
+        from cspace.blocks import _kernels
+
+        empty = boxes[:, :1] > boxes[:, 3:4]
+        touched = np.where(empty, np.repeat([self._shape.max(), -1], 3), boxes // np.tile(self._sides, 2))
+        with self._lock:
+            self._joined = None
+            self._boxes.clear()
+            _kernels.label_blocks(self._stack, self._labels, self._counts, self._sides, touched)
+            start = 0
+            while start >= 0:
+                where = (self._sides, touched, self._places, self._pool, self._filled)
+                start = _kernels.join_blocks(self._labels, self._counts, *where, start)
+                if start >= 0:
+                    pool = np.empty((self._room(int(self._places[..., 1].sum())), 2), dtype=np.uint16)
+                    self._filled[0] = _kernels.compact(self._places, self._pool, pool)
+                    self._pool = pool
+
+    def of(self, cells: Ints) -> tuple[Ints, Ints]:
+        """Numbers of the components of FREE cells, and of cells that are not BLOCKED, that cells belong to.
+
+        Within one of the FREE cells, a collision-free path exists; between two of the others, none does. A cell
+        outside the grid counts as not BLOCKED where any of them is.
+
+        Parameters
+        ----------
+        cells : ndarray of int64, shape (..., 1 + d)
+            ``(rotation, x, y)`` or ``(rotation, x, y, z)``, in the grid or not.
+
+        Returns
+        -------
+        free, passable : ndarray of int64, shape (...)
+            -1 where a cell belongs to none. The numbers hold until the next change.
+        """
+        from cspace.blocks import _kernels
+
+        flat = cells.reshape(-1, cells.shape[-1])
+        places = np.zeros((len(flat), 4), dtype=np.int64)
+        places[:, 0], places[:, 4 - self._dim :] = flat[:, 0], flat[:, 1:]
+        outside = ((flat[:, 1:] < 0) | (flat[:, 1:] >= self._stack.shape[4 - self._dim :])).any(axis=1)
+        found = np.empty((2, len(flat)), dtype=np.int64)
+        with self._lock:
+            for kind, joined in enumerate(self._join()):
+                known = (self._labels[kind], self._sides, self._shape, self._slice_of, *joined)
+                _kernels.roots_of(*known, places, found[kind])
+        turns = np.minimum(flat[:, 0], len(self._slice_of) - 1)
+        found[0, outside] = -1
+        found[1, outside & ~self._rim_is_open[self._slice_of[turns]]] = -1
+        free, passable = found.reshape(2, *cells.shape[:-1])
+        return free, passable
+
+    def box(self, number: int) -> Ints:
+        """First and last cell, shape (2, d), of the box around a component of the FREE cells, by its number."""
+        from cspace.blocks import _kernels
+
+        with self._lock:
+            if number not in self._boxes:
+                counts = self._counts[0].reshape(len(self._stack), -1)
+                known = (self._labels[0], counts, self._sides, self._shape, self._slice_of, *self._join()[0])
+                self._boxes[number] = _kernels.box_of(*known, number).reshape(2, 3)[:, 3 - self._dim :]
+            return self._boxes[number]
+
+    def _join(self) -> list[_Joined]:
+        """Of both kinds, where the labels of each block and rotation are numbered from, and the root of each."""
+        from cspace.blocks import _kernels
+
+        if self._joined is None:
+            made = []
+            for kind, rim in enumerate((np.zeros_like(self._rim_is_open), self._rim_is_open)):
+                counts = self._counts[kind].reshape(len(self._stack), -1)
+                places = self._places[kind].reshape(*counts.shape, _FACES, 3)
+                base, start = np.empty(counts.shape, np.int64), np.empty(len(self._slice_of) + 1, np.int64)
+                roots = np.empty(_kernels.number_nodes(counts, self._slice_of, base, start), np.int32)
+                _kernels.join_all(places, self._pool, self._shape, self._slice_of, rim, base, start, roots)
+                made.append((base, start, roots))
+            self._joined = made
+        return self._joined
+
+    def _room(self, pairs: int) -> int:
+        """Size of a pool for some pairs: twice as many, and those of another block."""
+        return 2 * (pairs + int(self._sides.prod()))
 
 
 def components(stack: NDArray[np.uint8], slice_of: NDArray[np.int64], rim_is_open: NDArray[np.bool_]) -> Components:
@@ -37,20 +156,10 @@ def components(stack: NDArray[np.uint8], slice_of: NDArray[np.int64], rim_is_ope
 
     Parameters
     ----------
-    stack : ndarray of uint8, shape (slices, nx, ny) or (slices, nx, ny, nz)
-    slice_of : ndarray of int64, shape (rotations,)
-        One rotation stands for all where there is a single slice.
-    rim_is_open : ndarray of bool, shape (slices,)
-        Whether some configuration outside the grid is not BLOCKED.
+    stack, slice_of, rim_is_open
+        As for :class:`Components`.
     """
-    order = slice_of if len(stack) > 1 else None
-    core = (slice(None), *[slice(1, -1)] * (stack.ndim - 1))
-    framed = np.empty((len(stack), *(n + 2 for n in stack.shape[1:])), dtype=np.bool_)
-    framed.T[...] = rim_is_open
-    np.not_equal(stack, BLOCKED, out=framed[core])
-    passable = _labels(framed, order)
-    del framed  # as large as the map
-    return Components(_labels(stack == FREE, order), passable)
+    return Components(stack, slice_of, rim_is_open)
 
 
 def path_exists(
@@ -67,21 +176,18 @@ def path_exists(
         Cells ``(rotation, x, y)`` or ``(rotation, x, y, z)`` of the configurations, in the grid or not, and their
         states.
     """
-    (free0, open0), (free1, open1) = _labels_of(labels, *start), _labels_of(labels, *goal)
-    joined = (free0 == free1) & (free0 > 0)
-    apart = (open0 != open1) | (open0 == 0) | (open1 == 0)
+    (free0, open0), (free1, open1) = (_known(labels, *end) for end in (start, goal))
+    joined = (free0 == free1) & (free0 >= 0)
+    apart = (open0 != open1) | (open0 < 0) | (open1 < 0)
     answer = np.full(joined.shape, None, dtype=object)
     answer[joined] = True
     answer[apart] = False
     return answer if answer.ndim else answer[()]
 
 
-def reach(labels: Components, label: int) -> NDArray[np.int64]:
-    """First and last cell, shape (2, d), of the box around a component of the FREE cells."""
-    ours = labels.free == label
-    axes = range(1, ours.ndim)
-    used = [np.flatnonzero(ours.any(axis=tuple({0, *axes} - {axis}))) for axis in axes]
-    return np.array([[part[0] for part in used], [part[-1] for part in used]])
+def reach(labels: Components, cell: NDArray[np.int64]) -> Ints:
+    """First and last cell, shape (2, d), of the box around the component of a FREE cell, shape (1 + d,)."""
+    return labels.box(int(labels.of(cell)[0]))
 
 
 def chain(
@@ -125,38 +231,7 @@ def chain(
     return np.array(cells[::-1], dtype=np.int64)[:, : stack.ndim]
 
 
-def _labels_of(
-    labels: Components, cells: NDArray[np.int64], states: NDArray[np.uint8]
-) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Labels of cells among the free and the open ones; the rim stands for all cells outside the grid."""
-    shape = np.asarray(labels.free.shape)
-    turn = np.minimum(cells[..., 0], shape[0] - 1)  # one rotation may stand for all
-    place = cells[..., 1:]
-    inside = np.asarray(((place >= 0) & (place < shape[1:])).all(axis=-1))
-    free = labels.free[(turn, *np.moveaxis(np.where(inside[..., None], place, 0), -1, 0))]
-    passable = labels.open[(turn, *np.moveaxis(np.clip(place, -1, shape[1:]) + 1, -1, 0))]
-    return np.where(inside, free, 0), np.where(states == BLOCKED, 0, passable)
-
-
-def _labels(cells: NDArray[np.bool_], order: NDArray[np.int64] | None) -> NDArray[np.int32]:
-    """Components of slices of cells, joined through their sides.
-
-    The slices are taken in an order, in which the first follows the last; a single one, without an order, is alone.
-    """
-    from scipy import ndimage, sparse
-
-    if order is None:
-        alone = np.empty(cells.shape, dtype=np.int32)
-        ndimage.label(cells[0], output=alone[0])
-        return alone
-    labels = np.empty((len(order), *cells.shape[1:]), dtype=np.int32)
-    count = ndimage.label(cells[order], output=labels)
-    # Sides between the last rotation and the first join components that are apart within the array.
-    first, last = labels[0].ravel(), labels[-1].ravel()
-    both = (first > 0) & (last > 0)
-    links = sparse.coo_array((np.ones(both.sum(), np.int8), (first[both], last[both])), shape=(count + 1, count + 1))
-    _, merged = sparse.csgraph.connected_components(links, directed=False)
-    names = np.where(np.arange(count + 1) > 0, merged + 1, 0).astype(np.int32)
-    for part in labels:
-        part[...] = names[part]
-    return labels
+def _known(labels: Components, cells: NDArray[np.int64], states: NDArray[np.uint8]) -> tuple[Ints, Ints]:
+    """Numbers of the components of configurations; one outside the grid may be BLOCKED where others are not."""
+    free, passable = labels.of(cells)
+    return free, np.where(states == BLOCKED, -1, passable)

@@ -34,6 +34,8 @@ def finite(values: ArrayLike, name: str) -> NDArray[np.float64]:
         array = np.asarray(given, dtype=np.float64) if given.dtype.kind != "c" else None
     except (TypeError, ValueError) as error:
         raise InputError(f"{name} is {values!r}; it must be numeric; pass floats in metres") from error
+    except OverflowError as error:
+        raise InputError(f"{name} holds a whole number beyond what a float can; pass floats in metres") from error
     if array is None:
         raise InputError(f"{name} has complex values; it must be real; pass the real parts, e.g. array.real")
     bad = ~np.isfinite(array)

@@ -18,7 +18,8 @@ class Outside:
     Attributes
     ----------
     box : ndarray of int64, shape (2 d,)
-        First cells along each axis, then the last ones; empty where a first one is beyond the last.
+        First cells along each axis, then the last ones; empty where a first one is beyond the last. An update of the
+        workspace changes it in place.
     state : int
         State of every cell that lies neither in the grid nor in the box.
     """
@@ -44,11 +45,7 @@ class Outside:
             first, last = -np.asarray(inner.lower), np.asarray(occupied.shape) - 1 - inner.upper
             return cls(np.array([*first, *last]), BLOCKED if inner.count else MIXED)
         obstacles = Raster.trimmed(occupied, (0,) * occupied.ndim)
-        if not obstacles.cells.size:
-            return cls(np.repeat([0, -1], occupied.ndim), FREE)
-        # FREE is proven where no outer offset can fall on the bounding box of the obstacles.
-        low, high = np.asarray(obstacles.lower), np.asarray(obstacles.upper)
-        return cls(np.array([*(low - outer.upper), *(high - outer.lower)]), FREE)
+        return cls(reached(np.array([*obstacles.lower, *obstacles.upper]), outer), FREE)
 
     def is_all_blocked(self, shape: tuple[int, ...]) -> bool:
         """Whether every cell outside a grid of this shape is BLOCKED."""
@@ -71,3 +68,16 @@ class Outside:
             below[dim + axis] = min(below[dim + axis], 0.0)
             above[axis] = max(above[axis], float(count))
         return walls[(walls[:, :dim] < walls[:, dim:]).all(axis=1)]
+
+
+def reached(obstacles: NDArray[np.int64], outer: Raster) -> NDArray[np.int64]:
+    """The box from whose cells some offset can fall on a box of obstacle cells; beyond it FREE is proven.
+
+    Both boxes are first cells along each axis, then last ones, shape (2 d,); empty where a first one is beyond the
+    last.
+    """
+    dim = len(obstacles) // 2
+    low, high = obstacles[:dim], obstacles[dim:]
+    if (low > high).any():
+        return np.repeat([0, -1], dim)
+    return np.array([*(low - outer.upper), *(high - outer.lower)])

@@ -20,6 +20,10 @@ class PlaneLookups(TranslatingLookups):
 
         return _kernels
 
+    @property
+    def _walks(self) -> ModuleType:
+        return self._kernels
+
     def point_checker(self) -> Callable[..., bool]:
         """``check(x, y)``: whether a configuration is FREE."""
         # The last row and column stand twice, for points on the grid's upper border.

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.batches import answer, answer_edges, as_points
+from cspace.batches import Kernel, answer, answer_edges, answer_pairs, as_points
 from cspace.errors import ConfigurationError, InputError
 from cspace.exact.lookups import ExactLookups
 from cspace.exact.solids import SolidLookups
-from cspace.grid import finite
+from cspace.grid import finite, unmasked
 from cspace.plane import PlaneLookups
 from cspace.spatial.lookups import SpatialLookups
 from cspace.stack import Stack, read_only
@@ -116,7 +116,57 @@ class Questions(Stack):
         -------
         bool or ndarray of bool, shape (...)
         """
-        return answer_edges(q0, q1, self.dof, (self._exact if exact else self._lookups).edges())
+        return answer_edges(q0, q1, self.dof, lambda number: self._edges(number, exact))
+
+    def certify_path(self, path: ArrayLike, edges: ArrayLike | None = None, *, exact: bool = False) -> Any:
+        """Whether each edge of a path, of paths, or of a roadmap is proven collision-free all along.
+
+        The edges are those of :meth:`motion_is_free`, answered alike: straight, with yaw along the shorter arc, as
+        OMPL interpolates. Where there are many, they are proven in threads and with a coarse map that passes over free
+        space in larger steps; the answers are the same.
+
+        Parameters
+        ----------
+        path : array-like, shape (n, dof) or (..., n, dof)
+            Configurations, metres and radians: a path's in turn, those of paths of one length, or a roadmap's vertices.
+        edges : array-like of int, shape (m, 2), optional
+            Indices, from 0, of the two vertices of each edge; ``path`` must then have shape (n, dof). Left out, each
+            configuration is joined to the next.
+        exact : bool
+            As for :meth:`motion_is_free`.
+
+        Returns
+        -------
+        ndarray of bool, shape (n - 1,), (..., n - 1) or (m,)
+            A path of one configuration has no edges, and nothing is proven of it.
+
+        Raises
+        ------
+        InputError
+            If a configuration is not as for :meth:`motion_is_free`, be it on an edge or not; a path has none; or an
+            edge is not a pair of indices of vertices.
+
+        Examples
+        --------
+        >>> import numpy as np, cspace
+        >>> workspace = cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1)
+        >>> space = cspace.build(workspace, cspace.Robot.disc(0.2))
+        >>> corners = [(0.5, 1.5), (0.5, 2.5), (1.5, 2.5), (1.5, 0.5)]
+        >>> space.certify_path(corners)
+        array([ True,  True, False])
+        >>> space.certify_path(corners, [(0, 2), (2, 3)])
+        array([ True, False])
+        """
+        points = self._checked(path, "path")
+        if edges is not None:
+            pairs = _pairs(edges, points)
+            return answer_pairs(np.ascontiguousarray(points), pairs, self._edges(len(pairs), exact))
+        if points.ndim < 2 or points.shape[-2] == 0:
+            raise InputError(
+                f"path has shape {points.shape}; it must hold at least one configuration in a row; "
+                f"pass an array of shape (n, {self.dof})"
+            )
+        return self.motion_is_free(points[..., :-1, :], points[..., 1:, :], exact=exact)
 
     @property
     def exact_counts(self) -> dict[str, int]:
@@ -230,10 +280,13 @@ class Questions(Stack):
         kind = SolidLookups if self.grid.dim == 3 else ExactLookups
         return self._once("exact", lambda: kind(self, self._outsides))
 
+    def _edges(self, number: int, exact: bool) -> Kernel:
+        return self._exact.edges() if exact else self._lookups.edges(number)
+
     def _checked(self, q: ArrayLike, name: str) -> Floats:
         """Configurations as float64, all finite and of the right length."""
         points = as_points(q, name, self.dof)
-        self.classify(points)  # raises where one is not finite
+        answer(points, self.dof, self._lookups.classify(), np.uint8, int, name)  # raises where one is not finite
         return points
 
     def _one_free(self, q: ArrayLike, name: str) -> Floats:
@@ -254,3 +307,26 @@ class Questions(Stack):
         rasters = [outer for outer, _ in self._rasters]
         kernel = self._lookups.overlaps(sums, rasters, int(self.outside == "blocked"))
         return answer(q, self.dof, kernel, np.int64, int)
+
+
+def _pairs(edges: ArrayLike, vertices: Floats) -> NDArray[np.int64]:
+    """Edges as pairs of indices of vertices, checked."""
+    unmasked(edges, "edges")
+    try:
+        pairs = np.asarray(edges)
+    except ValueError as error:
+        raise InputError(f"edges is {edges!r}; it must be pairs of vertices; pass indices of shape (m, 2)") from error
+    pairs = pairs.astype(np.int64).reshape(0, 2) if pairs.size == 0 else pairs
+    if pairs.dtype.kind not in "iu" or pairs.ndim != 2 or pairs.shape[1] != 2 or vertices.ndim != 2:
+        raise InputError(
+            f"edges has shape {pairs.shape} and type {pairs.dtype}, for vertices of shape {vertices.shape}; each edge "
+            "must be two whole numbers, and vertices a list of configurations; pass shapes (m, 2) and (n, dof)"
+        )
+    wrong = (pairs < 0) | (pairs >= len(vertices))
+    if wrong.any():
+        number = int(np.argwhere(wrong)[0, 0])
+        raise InputError(
+            f"edge number {number} is {tuple(pairs[number].tolist())}; there are {len(vertices)} vertices, counted "
+            f"from 0; pass indices from 0 to {len(vertices) - 1}"
+        )
+    return pairs.astype(np.int64, copy=False)

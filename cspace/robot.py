@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
     from cspace.mesh import Solid as Solidity
+    from cspace.spheres.result import Spheres
 
 Floats = NDArray[np.float64]
 
@@ -129,13 +130,13 @@ class Robot:
         return cls.balls([check_point(center, dim=3)], [positive(radius, "radius")])
 
     @classmethod
-    def balls(cls, centers: ArrayLike, radii: ArrayLike) -> Robot:
+    def balls(cls, centers: ArrayLike | Spheres, radii: ArrayLike | None = None) -> Robot:
         """A union of discs in the plane, or of balls in space.
 
         Parameters
         ----------
-        centers : array-like, shape (n, 2) or (n, 3)
-            Metres, in the robot's frame.
+        centers : array-like, shape (n, 2) or (n, 3), or Spheres
+            Metres, in the robot's frame. A decomposition brings its radii.
         radii : array-like, shape (n,), or one number
             Metres, above zero.
 

@@ -63,15 +63,27 @@ def check_point(value: ArrayLike, name: str = "center", dim: int = 2) -> tuple[f
     return tuple(point.tolist())
 
 
-def check_balls(centers: ArrayLike, radii: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Copies of the centers, shape (n, 2) or (n, 3), and radii, shape (n,), of balls; radii below zero are refused."""
+def check_balls(centers: Any, radii: ArrayLike | None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Copies of the centers, shape (n, 2) or (n, 3), and radii, shape (n,), of balls; radii below zero are refused.
+
+    A decomposition into balls, in place of the centers, brings its radii.
+    """
+    decomposed = hasattr(centers, "centers") and hasattr(centers, "radii")
+    if decomposed == (radii is not None):
+        raise InputError(
+            "radii is given beside a decomposition, which has its own; leave it out"
+            if decomposed
+            else "radii is missing; pass one number, or one for each center"
+        )
+    if decomposed:
+        centers, radii = centers.centers, centers.radii
     points = finite(centers, "centers")
     if points.ndim != 2 or points.shape[1] not in (2, 3) or not len(points):
         raise InputError(
             f"centers has shape {points.shape}; it must be (n, 2) or (n, 3) with n at least 1; pass one row for each "
             "ball"
         )
-    sizes = finite(radii, "radii")
+    sizes = finite(0.0 if radii is None else radii, "radii")
     if sizes.shape not in {(), (len(points),)}:
         raise InputError(
             f"radii has shape {sizes.shape}; it must be one number or ({len(points)},), one for each center"

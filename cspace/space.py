@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from cspace.connectivity import Components
+    from cspace.separation import FourierOverlap, OverlapField
+    from cspace.updates import Update
 
 Floats = NDArray[np.float64]
 
@@ -77,9 +80,7 @@ class CSpace(Questions):
         from cspace.connectivity import reach
 
         point = self._one_free(q, "q")
-        labels, (turn, *cell) = self._components, self._cells_of(point).tolist()
-        label = int(labels.free[(min(turn, len(labels.free) - 1), *cell)])  # one rotation may stand for all
-        first, last = self._once(f"reach of {label}", lambda: reach(labels, label))
+        first, last = reach(self._components, self._cells_of(point))
         lower = np.asarray(self.grid.lower)
         return lower + self.grid.spacing * first, lower + self.grid.spacing * (last + 1)
 
@@ -190,12 +191,13 @@ class CSpace(Questions):
         generator = check_rng(rng)
         if n is not None and (not isinstance(n, int | np.integer) or n < 0):
             raise InputError(f"n is {n!r}; it must be a whole number, zero or above, or None for one sample")
-        refuse_empty(self._free_cells)
+        cells = self._free_cells
+        refuse_empty(cells)
         count = 1 if n is None else int(n)
         if self.rotations is None:
-            samples = sample_cells(self._free_cells[0], self.grid, count, generator)
+            samples = sample_cells(cells[0], self.grid, count, generator)
         else:
-            samples = sample_stack(self._free_cells, self.slice_of, self.rotations, self.grid, count, generator)
+            samples = sample_stack(cells, self.slice_of, self.rotations, self.grid, count, generator)
         return samples[0] if n is None else samples
 
     def nearest_free(self, q: ArrayLike) -> Floats:
@@ -217,11 +219,135 @@ class CSpace(Questions):
         """
         from cspace.sampling import nearest_center, nearest_turned, refuse_empty
 
-        refuse_empty(self._free_cells)
+        cells = self._free_cells
+        refuse_empty(cells)
         point = self._checked(q, "q")
         if self.rotations is None:
-            return nearest_center(self._free_cells[0], self.grid, point)
-        return nearest_turned(self._free_cells, self.slice_of, self.rotations, self.grid, point)
+            return nearest_center(cells[0], self.grid, point)
+        return nearest_turned(cells, self.slice_of, self.rotations, self.grid, point)
+
+    # ---- a workspace that changes ------------------------------------------------------------------------------------
+
+    def update(self, cells: ArrayLike, lower: Sequence[int], *, inner: ArrayLike | None = None) -> Update:
+        """Change a box of workspace cells, and with it this map, in place, to what a build would give.
+
+        The cost grows with the box around the cells that really differ and with the robot, not with the map. Checkers
+        that were handed out before (:meth:`point_checker`, :meth:`edge_checker`, :meth:`clearance_checker`, and those
+        of the ``planners`` package) answer for the new workspace from then on.
+
+        The :class:`Workspace` that was passed to the build, and other maps of it, stay as they are: the first update
+        copies its cells, once. Then :attr:`workspace` shows the current ones, which are the obstacles from then on;
+        its ``shapes`` are None, and look-ups with ``exact=True`` ask the outer cells instead.
+
+        Kept up to date, if they were asked for before: the state, stored overlaps, running counts for
+        :meth:`overlap` and :meth:`contains_robot`, what is known outside the grid, distances for :meth:`clearance`,
+        and the blocks of :meth:`path_exists` and :meth:`free_reach`, which are joined anew at the next call. Dropped,
+        and made again at the next call: the lists of FREE cells for :meth:`sample_free` and :meth:`nearest_free`, and
+        the geometry for ``exact=True``. An overlap field is about the obstacles as they were, and is let go. A map that
+        was built without ``inner`` and shows it, as it has no BLOCKED cell where there could be one, gets none.
+
+        Updates wait for each other. A look-up that another thread makes meanwhile sees each cell as it was or as it is
+        going to be.
+
+        Parameters
+        ----------
+        cells : array-like of bool, shape (mx, my) or (mx, my, mz)
+            What the cells of the box are from now on: whether they meet an obstacle. 0 and 1 are accepted.
+        lower : sequence of int, shape (d,)
+            Index of the first cell of the box, which must lie in the grid.
+        inner : array-like of bool, the shape of cells, optional
+            Whether they lie in obstacles; ``cells`` if left out.
+
+        Returns
+        -------
+        Update
+            What was looked at again, and how many cells changed their state.
+
+        Raises
+        ------
+        InputError
+            If an argument is not as stated, or a cell is in ``inner`` and not in ``cells``; nothing is changed then.
+
+        Examples
+        --------
+        >>> import numpy as np, cspace
+        >>> workspace = cspace.Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
+        >>> space = cspace.build(workspace, cspace.Robot.disc(0.3))
+        >>> space.update(np.ones((4, 4), dtype=bool), (18, 13)).changed
+        124
+        >>> space.is_free([2.0, 1.5])
+        False
+        """
+        from cspace.updates.follower import Follower
+        from cspace.updates.patch import Patch
+
+        patch = Patch.of(self.grid, cells, lower, inner)
+        with self._once.lock:
+            return self._once("follower", lambda: Follower(self)).update(patch)
+
+    def clearance_checker(self) -> Callable[..., float]:
+        """A quick ``clearance`` of floats.
+
+        Returns
+        -------
+        callable
+            ``check(*q) -> float``, of the dof numbers of a configuration; they must be finite floats, and are not
+            checked.
+        """
+        aims = self._once("clearance checker", lambda: [Questions.clearance_checker(self)])
+
+        def check(*q: float) -> float:
+            return aims[0](*q)
+
+        return check
+
+    def _aim_clearance(self) -> None:
+        """Have the clearance checkers that were handed out ask the look-ups as they are now."""
+        aims = self._once.made("clearance checker")
+        if aims is not None:
+            aims[0] = Questions.clearance_checker(self)
+
+    # ---- a smooth measure of penetration -----------------------------------------------------------------------------
+
+    def with_overlap_field(self, overlap: FourierOverlap) -> CSpace:
+        """The same map, carrying the overlap of descriptors and its gradient at the middle of each cell.
+
+        It is saved and exported with the map, and serves :class:`planners.OverlapObjective`. This map stays as it is;
+        the new one is a copy, without the field that this one may carry.
+
+        Parameters
+        ----------
+        overlap : cspace.separation.FourierOverlap
+            Of the robot's balls, in the robot's frame, with those of the obstacles, in the map's.
+
+        Raises
+        ------
+        InputError
+            If the overlap is in the plane and the map is in space, or the other way around, or memory is too small.
+        MissingPackageError
+            If finufft is not installed.
+        """
+        from cspace.separation import OverlapField
+
+        return CSpace(
+            self.workspace,
+            self.robot,
+            (self.stack[0] if self.rotations is None else self.stack).copy(),
+            outside=self.outside,
+            margin=self.margin,
+            precision=self.precision,
+            rotations=self.rotations,
+            overlaps=None if self.overlaps is None else self.overlaps.copy(),
+            rasters=self._rasters,
+            fields=OverlapField.of(self, overlap).arrays,
+        )
+
+    @property
+    def overlap_field(self) -> OverlapField | None:
+        """The overlap of descriptors that the map carries; None where there is none."""
+        from cspace.separation import OverlapField
+
+        return OverlapField(self, self.fields) if self.fields else None
 
     # ---- files and pictures ------------------------------------------------------------------------------------------
 

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.errors import InputError
-from cspace.grid import Grid
+from cspace.grid import Grid, finite
+from cspace.io.arrays import FIELDS
 from cspace.once import Once
 from cspace.outside import Outside
 from cspace.raster.raster import Raster
@@ -29,18 +31,22 @@ class Stack:
     robot : Robot
     state : ndarray of uint8, shape (nx, ny), (nx, ny, nz) or (slices, nx, ny)
         FREE, MIXED or BLOCKED, of each cell of positions of the robot's reference point; with rotations, of each slice.
-        It is taken over, not copied.
+        It is taken over, not copied, unless it is read-only: updates write into it.
     outside : {"blocked", "free"}
     margin : float
         Metres by which the robot was grown for FREE.
-    precision : {"float32", "float64"}
-        In which the transforms were run.
+    precision : {"integer", "float32", "float64"}
+        Arithmetic of the engine: whole numbers, or transforms in floating point, rounded to them.
     overlaps : ndarray of int32, the shape of state, optional
         Overlap of each cell.
     rotations : Rotations, optional
         Rotation cells of a robot that turns.
     rasters : sequence of (outer, inner) Raster, optional
         The robot's, for each slice; made again if left out.
+    fields : mapping of str to ndarray of float64, the shape of state, optional
+        What :class:`cspace.separation.OverlapField` holds; all of it, or nothing.
+    trusted : bool
+        Whether the states are known to be those three, as those of a build are, and not looked at.
 
     Attributes
     ----------
@@ -48,6 +54,8 @@ class Stack:
         The slices, as they are stored: one where the robot only translates.
     slice_of : ndarray of int64, shape (rotations,)
         Which slice each rotation cell has; turns that map the robot to itself share theirs.
+    fields : dict of str to ndarray of float64
+        The overlap field that the map carries, if any: :attr:`cspace.CSpace.overlap_field`.
     """
 
     def __init__(
@@ -62,6 +70,8 @@ class Stack:
         overlaps: NDArray[np.int32] | None = None,
         rotations: Rotations | None = None,
         rasters: Sequence[tuple[Raster, Raster]] | None = None,
+        fields: Mapping[str, NDArray[np.float64]] | None = None,
+        trusted: bool = False,
     ) -> None:
         if rotations is not None and workspace.grid.dim != 2:
             raise InputError("rotations are given for a robot in space; it only translates so far; leave them out")
@@ -75,16 +85,25 @@ class Stack:
                 )
         if outside not in ("blocked", "free"):
             raise InputError(f"outside is {outside!r}; it must be 'blocked' or 'free'")
-        if state.size and state.max() > BLOCKED:
+        if not trusted and state.size and state.max() > BLOCKED:
             raise InputError(f"state holds {state.max()}; it must be FREE, MIXED or BLOCKED, 0 to 2; use cspace.build")
-        self.workspace = workspace
+        self.workspace = replace(workspace, live=False) if workspace.live else workspace
         self.robot = robot
         self.outside = outside
         self.margin = margin
         self.precision = precision
         self.rotations = rotations
-        self.stack = read_only(state).reshape(-1, *workspace.grid.shape)
-        self.overlaps = None if overlaps is None else read_only(overlaps)
+        # Updates write through views of their own; all others see read-only ones.
+        states = writable(state)
+        self._states = states.view().reshape(-1, *workspace.grid.shape)
+        self.stack = read_only(states).reshape(-1, *workspace.grid.shape)
+        self._counts: NDArray[np.int32] | None = None
+        self.overlaps: NDArray[np.int32] | None = None
+        if overlaps is not None:
+            counts = writable(overlaps)
+            self._counts = counts.view().reshape(self.stack.shape)
+            self.overlaps = read_only(counts)
+        self.fields = checked_fields(fields, workspace.grid.dim, shape) if fields else {}
         self._once = Once()
         if rasters is not None:
             self._once("rasters", lambda: list(rasters))
@@ -166,6 +185,39 @@ class Stack:
             np.zeros(points.shape[:-1], np.int64) if self.rotations is None else self.rotations.cell_of(points[..., 2])
         )
         return np.concatenate([turn[..., None], cells], axis=-1)
+
+
+def writable(array: NDArray[Any]) -> NDArray[Any]:
+    """The array in one piece, and to be written; a copy only where it is not."""
+    array = np.ascontiguousarray(array)
+    return array if array.flags.writeable else array.copy()
+
+
+def checked_fields(
+    fields: Mapping[str, NDArray[np.float64]], dim: int, shape: tuple[int, ...]
+) -> dict[str, NDArray[np.float64]]:
+    """The arrays of an overlap field, in the order of :data:`cspace.io.arrays.FIELDS`, not to be written.
+
+    Raises
+    ------
+    InputError
+        If one is missing or there are others, or one has another shape or type, or holds what is not finite.
+    """
+    names = FIELDS[: 1 + dim]
+    if set(fields) != set(names):
+        raise InputError(
+            f"the fields are {', '.join(fields) or 'none'}; of a map of {dim} axes they must be {', '.join(names)}; "
+            "use OverlapField.of, or CSpace.with_overlap_field"
+        )
+    for name in names:
+        array = fields[name]
+        if array.shape != shape or array.dtype != np.float64:
+            raise InputError(
+                f"{name} has shape {array.shape} and type {array.dtype}; it must have the map's shape {shape} and type "
+                "float64; use OverlapField.of, or CSpace.with_overlap_field"
+            )
+        finite(array, name)
+    return {name: read_only(fields[name]) for name in names}
 
 
 def read_only(array: NDArray[Any]) -> NDArray[Any]:

@@ -1,10 +1,14 @@
-"""Compiled loops in threads: the kernels release the GIL, and share nothing that they write."""
+"""Work in threads: compiled loops release the GIL, and share nothing that they write."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 
 LEAST = 50_000
 """Elements below which a second thread costs more than it saves."""
@@ -38,3 +42,30 @@ def in_chunks(work: Callable[[int, int], int], size: int, least: int = LEAST) ->
     with ThreadPoolExecutor(threads) as pool:
         found = list(pool.map(work, ends[:-1], ends[1:]))
     return next((start + index for start, index in zip(ends, found, strict=False) if index >= 0), -1)
+
+
+def in_threads(
+    work: Callable[[Item], Result],
+    items: Sequence[Item],
+    threads: int,
+    progress: Callable[[int], None] | None = None,
+) -> list[Result]:
+    """Results for all items; a failure or Ctrl-C stops those that have not begun."""
+    threads = min(threads, len(items))
+    if threads == 1:
+        return _gather(map(work, items), progress)
+    with ThreadPoolExecutor(threads) as pool:
+        try:
+            return _gather(pool.map(work, items), progress)
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+
+
+def _gather(done: Iterable[Result], progress: Callable[[int], None] | None) -> list[Result]:
+    results = []
+    for number, result in enumerate(done, start=1):
+        results.append(result)
+        if progress is not None:
+            progress(number)
+    return results

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.clearance import clearance_field
+from cspace.coarse import coarse_for
 from cspace.once import Once
 from cspace.outside import Outside
 from cspace.overlap import raster_runs
@@ -43,13 +44,24 @@ class TranslatingLookups(ABC):
     def _kernels(self) -> ModuleType:
         """The compiled kernels of the dimension."""
 
+    @property
+    @abstractmethod
+    def _walks(self) -> ModuleType:
+        """Those of edges."""
+
     def classify(self) -> Kernel:
         """Kernel of states."""
         return partial(self._kernels.classify, *self._map)
 
-    def edges(self) -> Kernel:
-        """Kernel of straight edges."""
-        return partial(self._kernels.edges_are_free, *self._map)
+    def edges(self, number: int = 0) -> Kernel:
+        """Kernel of straight edges, of which there are some ``number`` to come; many are worth a coarse map."""
+        state, *rest = self._map
+        return partial(self._walks.edges_are_free, state, self.coarse(number), *rest)
+
+    def coarse(self, number: int) -> NDArray[np.uint8]:
+        """The coarse map, if it was made before or pays for a number of edges; else an empty one."""
+        coarse: NDArray[np.uint8] = coarse_for(number, self._state[None], self._once)[0]
+        return coarse
 
     def boxes(self, distance: float, angle: float) -> Kernel:
         """Kernel of squares or cubes around configurations; the angle plays no part."""
@@ -70,7 +82,7 @@ class TranslatingLookups(ABC):
 
     def edge_checker(self) -> Callable[..., bool]:
         """``check(*q0, *q1)``: whether a straight edge is FREE."""
-        return self._once("edge", lambda: entry(self._kernels.edge_is_free, self._map, 2 * self.dof))
+        return self._once("edge", lambda: entry(self._walks.edge_is_free, self._map, 2 * self.dof))
 
     def clearance_checker(self) -> Callable[..., float]:
         """``check(*q)``: the clearance of a configuration."""

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from cspace.bodies import Balls
     from cspace.mesh import Mesh, Solid
+    from cspace.spheres.result import Spheres
 
     Shape: TypeAlias = BaseGeometry | Mesh | Balls
 
@@ -44,6 +45,8 @@ class Workspace:
         The obstacles themselves, metres, also where they reach beyond the grid: shapely geometries in the plane,
         meshes (:class:`cspace.mesh.Mesh`) and balls (:class:`cspace.bodies.Balls`) in space. None for a map that is
         itself a grid, whose outer cells are the obstacles. Exact look-ups ask them.
+    live : bool
+        Whether it belongs to a map that is updated, which writes into its cells; other maps of it take a copy.
 
     Raises
     ------
@@ -57,6 +60,7 @@ class Workspace:
     inner: NDArray[np.bool_] = field(repr=False)
     source: str = "array"
     shapes: tuple[Shape, ...] | None = field(default=None, repr=False)
+    live: bool = field(default=False, repr=False)
 
     def __post_init__(self) -> None:
         outer = check_cells(self.outer, "outer")
@@ -281,18 +285,22 @@ class Workspace:
 
     @classmethod
     def from_balls(
-        cls, centers: ArrayLike, radii: ArrayLike, spacing: float, bounds: ArrayLike | None = None
+        cls,
+        centers: ArrayLike | Spheres,
+        radii: ArrayLike | None = None,
+        spacing: float = 0.0,
+        bounds: ArrayLike | None = None,
     ) -> Workspace:
         """Balls in space, or discs in the plane, rasterised so that ``outer`` and ``inner`` are proven.
 
         Parameters
         ----------
-        centers : array-like, shape (n, 2) or (n, 3)
-            Metres.
+        centers : array-like, shape (n, 2) or (n, 3), or Spheres
+            Metres. A decomposition brings its radii.
         radii : array-like, shape (n,), or one number
             Metres, zero or above.
         spacing : float
-            Side of a cell, in metres.
+            Side of a cell, in metres; needed.
         bounds : array-like, shape (4,) or (6,), optional
             Lower, then upper corner of the map; the bounding box of the balls if left out. **What lies beyond it is
             clipped.**

@@ -17,6 +17,7 @@ except ImportError as error:
 
 from planners.motion import MotionValidator as MotionValidator
 from planners.objectives import ClearanceObjective as ClearanceObjective
+from planners.objectives import OverlapObjective as OverlapObjective
 from planners.plan import plan as plan
 from planners.registry import planner_names as planner_names
 from planners.result import Plan as Plan
@@ -30,6 +31,7 @@ __all__ = [
     "ClearanceObjective",
     "FreeStateSampler",
     "MotionValidator",
+    "OverlapObjective",
     "Plan",
     "StateValidityChecker",
     "Times",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -10,11 +11,13 @@ from ompl import base as ob
 
 from cspace.errors import InputError
 from cspace.grid import finite, positive
+from cspace.states import FREE
 from planners.states import PLANE, SPACE, TURNING, Kind, class_for
 from planners.straight import DENSE_TURN, Floats
 from planners.ways import way_of
 
 if TYPE_CHECKING:
+    from cspace.separation import OverlapField
     from cspace.space import CSpace
 
 COMFORT: Final = 0.1
@@ -58,9 +61,14 @@ class ClearanceObjective(ob.OptimizationObjective):
 
     # A StateCostIntegralObjective would do the integral, but the bindings never call a Python subclass of it.
 
-    def __new__(cls, si: Any, space: CSpace, **options: Any) -> ClearanceObjective:
-        made: ClearanceObjective = super().__new__(class_for(cls, _CLASSES, space))
+    def __new__(cls, si: Any, space: CSpace, *more: Any, **options: Any) -> ClearanceObjective:
+        made: ClearanceObjective = super().__new__(class_for(cls, cls._classes(), space))
         return made
+
+    @staticmethod
+    def _classes() -> dict[Kind, type]:
+        """The class for each kind of states."""
+        return _CLASSES
 
     def __init__(
         self,
@@ -73,17 +81,20 @@ class ClearanceObjective(ob.OptimizationObjective):
         turning_radius: float | None = None,
     ) -> None:
         super().__init__(si)
+        self._set_way(space, weight, curve, turning_radius)
+        grid = space.grid
+        reach = COMFORT * grid.spacing * max(grid.shape) if comfort is None else positive(comfort, "comfort")
+        self._scale = 1.0 / reach
+        self._clearance = space.clearance_checker()
+        self._clearances: Callable[[Floats], Any] = space.clearance
+
+    def _set_way(self, space: CSpace, weight: float, curve: str | None, turning_radius: float | None) -> None:
         self._way = way_of(space, False, curve, turning_radius)
         self._turn_weight = 0.5 if curve is None else 0.0
         if finite(weight, "weight").ndim or weight < 0.0:
             raise InputError(f"weight is {weight!r}; it must be one number, zero or above; pass e.g. 10.0")
-        grid = space.grid
-        reach = COMFORT * grid.spacing * max(grid.shape) if comfort is None else positive(comfort, "comfort")
         self._weight = float(weight)
-        self._scale = 1.0 / reach
-        self._step = grid.spacing
-        self._clearance = space.clearance_checker()
-        self._clearances = space.clearance
+        self._step = space.grid.spacing
 
     def stateCost(self, state: Any) -> Any:  # noqa: N802 - OMPL's name
         """Cost of a metre of path at a state."""
@@ -185,4 +196,110 @@ _CLASSES: Final[dict[Kind, type]] = {
     PLANE: ClearanceObjective,
     SPACE: SpatialClearanceObjective,
     TURNING: TurningClearanceObjective,
+}
+
+
+class OverlapObjective(ClearanceObjective):
+    """Length, weighted by how much the descriptors of robot and obstacles overlap: a smooth push away from obstacles.
+
+    A metre of path at overlap c costs ``1 + weight * (c / full)**2``, integrated as by :class:`ClearanceObjective`.
+    Where the balls of the field are grown, the overlap begins before the shapes touch, by the growth of both.
+
+    For a map of a robot in space a :class:`SpatialOverlapObjective` is made, and for one with rotations a
+    :class:`TurningOverlapObjective`.
+
+    Parameters
+    ----------
+    si : ompl.base.SpaceInformation
+        Of a :func:`planners.state_space`.
+    space : CSpace
+    field : cspace.separation.OverlapField, optional
+        Of the same map; the one that the map carries (:meth:`cspace.CSpace.with_overlap_field`), if left out.
+    weight : float
+        How many extra metres a metre at overlap ``full`` is worth.
+    full : float, optional
+        Overlap, square or cubic metres; the largest in a FREE cell, if left out.
+    curve : {"dubins", "reeds-shepp"}, optional
+    turning_radius : float, optional
+        Metres; for curves, which need it.
+
+    Raises
+    ------
+    InputError
+        If the field is that of another map, or left out and the map carries none, ``weight`` is negative or not finite,
+        or ``full`` is not above zero; and as :func:`planners.state_space`.
+    """
+
+    @staticmethod
+    def _classes() -> dict[Kind, type]:
+        return _OVERLAP_CLASSES
+
+    def __init__(
+        self,
+        si: Any,
+        space: CSpace,
+        field: OverlapField | None = None,
+        *,
+        weight: float = 10.0,
+        full: float | None = None,
+        curve: str | None = None,
+        turning_radius: float | None = None,
+    ) -> None:
+        ob.OptimizationObjective.__init__(self, si)
+        self._set_way(space, weight, curve, turning_radius)
+        known = field_of(space, field)
+        whole = _largest_free(space, known) if full is None else positive(full, "full", "metres to the power of d")
+        overlap, overlaps = known.checker(), known.at
+        # What clearance lacks of the comfortable one is, here, the overlap as a share of the full one.
+        self._scale = 1.0
+        self._clearance = lambda *q: 1.0 - overlap(*q) / whole
+        self._clearances = lambda points: 1.0 - overlaps(points) / whole
+
+
+class SpatialOverlapObjective(OverlapObjective):
+    """The same for states ``(x, y, z)``."""
+
+    # The bindings allow a class one base only.
+    stateCost = SpatialClearanceObjective.stateCost  # noqa: N815 - OMPL's name
+    motionCost = SpatialClearanceObjective.motionCost  # noqa: N815 - OMPL's name
+    motionCostHeuristic = SpatialClearanceObjective.motionCostHeuristic  # noqa: N815 - OMPL's name
+
+
+class TurningOverlapObjective(OverlapObjective):
+    """The same for states ``(x, y, yaw)``."""
+
+    stateCost = TurningClearanceObjective.stateCost  # noqa: N815 - OMPL's name
+    motionCost = TurningClearanceObjective.motionCost  # noqa: N815 - OMPL's name
+    motionCostHeuristic = TurningClearanceObjective.motionCostHeuristic  # noqa: N815 - OMPL's name
+
+
+def field_of(space: CSpace, field: OverlapField | None = None) -> OverlapField:
+    """The field that was passed, or else the one that the map carries.
+
+    Raises
+    ------
+    InputError
+        If there is neither, or the field is that of another map.
+    """
+    found = space.overlap_field if field is None else field
+    if found is None:
+        raise InputError(
+            "the map carries no overlap field and none was passed; the objective needs one; pass field, or plan on "
+            "space.with_overlap_field(overlap)"
+        )
+    if found.space is not space:
+        raise InputError("field is that of another map; both must be of the same; use OverlapField.of(space, ...)")
+    return found
+
+
+def _largest_free(space: CSpace, field: OverlapField) -> float:
+    """Largest overlap in a FREE cell, or one where there is none above zero."""
+    largest = float(field.values.reshape(space.stack.shape)[space.stack == FREE].max(initial=0.0))
+    return largest if largest > 0.0 else 1.0
+
+
+_OVERLAP_CLASSES: Final[dict[Kind, type]] = {
+    PLANE: OverlapObjective,
+    SPACE: SpatialOverlapObjective,
+    TURNING: TurningOverlapObjective,
 }

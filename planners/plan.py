@@ -14,7 +14,7 @@ from cspace.errors import InputError
 from cspace.grid import positive
 from planners.cubes import NAME, check_cubes, is_cubes, run_cubes
 from planners.ends import End, check_end
-from planners.objectives import ClearanceObjective
+from planners.objectives import ClearanceObjective, OverlapObjective, field_of
 from planners.passages import Passages
 from planners.registry import IGNORE_OBJECTIVES, SECOND_THREAD, check_curve, default_planner, find_planner
 from planners.result import Plan, Times, least_clearance
@@ -30,6 +30,9 @@ Objective = Callable[[Any], Any]
 
 MAX_SEED: Final = 2**32 - 2
 """Largest seed: OMPL's generator takes 32 bits, and refuses zero."""
+
+_BY_NAME: Final[dict[str, type[ClearanceObjective]]] = {"clearance": ClearanceObjective, "overlap": OverlapObjective}
+"""What can be optimised beside the length."""
 
 INFEASIBLE: Final = "infeasible (proven: no path exists)"
 THERE: Final = "Exact solution (the start is the goal)"
@@ -93,10 +96,11 @@ def plan(
         no worse by the objective.
     seed : int, optional
         From 0 to 2^32 - 2.
-    objective : {"length", "clearance"} or callable
-        What to optimise. "clearance" is :class:`planners.ClearanceObjective` with its defaults. A callable is given the
-        space information and returns an ``ompl.base.OptimizationObjective``. Anything but the length is for planners
-        that heed it: BITstar, InformedRRTstar, RRTstar, SORRTstar, and, with a time limit of many seconds, FMT and
+    objective : {"length", "clearance", "overlap"} or callable
+        What to optimise. "clearance" is :class:`planners.ClearanceObjective` with its defaults, and "overlap"
+        :class:`planners.OverlapObjective` with the field that the map carries. A callable is given the space
+        information and returns an ``ompl.base.OptimizationObjective``. Anything but the length is for planners that
+        heed it: BITstar, InformedRRTstar, RRTstar, SORRTstar, and, with a time limit of many seconds, FMT and
         BFMT, which ask for the cost between all pairs of near samples. AORRTC optimises the length whatever it is told;
         BKPIECE1, KPIECE1, LBKPIECE1, RRT and RRTConnect stop at the first path; PRM and PRMstar cannot call Python from
         their second thread.
@@ -122,7 +126,8 @@ def plan(
         message says which, and names the nearest FREE configuration, which is also its ``nearest``.
     InputError
         If a number is NaN, infinite or out of range, start or goal has the wrong dimension, a name is unknown, or the
-        planner does not go together with ``objective``, ``iterations`` or ``curve``. As well where a curve is unknown,
+        planner does not go together with ``objective``, ``iterations`` or ``curve``, or the objective is "overlap" and
+        the map carries no overlap field. As well where a curve is unknown,
         the map has no rotations for it, the turning radius is missing or not above zero, or ``exact`` is wanted too.
     """
     began = time.perf_counter()
@@ -200,12 +205,15 @@ def _objective(space: CSpace, objective: str | Objective, planner: str, curve: d
     """What makes the objective; None for OMPL's own, the length."""
     if objective == "length":
         return None
-    make = (lambda si: ClearanceObjective(si, space, **curve)) if objective == "clearance" else objective
+    kind = _BY_NAME.get(objective) if isinstance(objective, str) else None
+    make = objective if kind is None else (lambda si: kind(si, space, **curve))
     if not callable(make):
         raise InputError(
-            f"objective is {objective!r}; it must be 'length', 'clearance', or a function from the space information "
-            "to an ompl.base.OptimizationObjective; choose one of them"
+            f"objective is {objective!r}; it must be 'length', {', '.join(map(repr, _BY_NAME))}, or a function from "
+            "the space information to an ompl.base.OptimizationObjective; choose one of them"
         )
+    if kind is OverlapObjective:
+        field_of(space)
     if planner in IGNORE_OBJECTIVES | SECOND_THREAD:
         why = "heeds no objective" if planner in IGNORE_OBJECTIVES else "cannot call Python from its second thread"
         raise InputError(

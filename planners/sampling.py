@@ -62,7 +62,7 @@ class FreeStateSampler(ob.ValidStateSampler):
         ConfigurationError
             If the map has no FREE cell.
         """
-        state[0], state[1] = next(self._points)
+        state[0], state[1] = self._draw()
         return True
 
     def sampleNear(self, state: Any, near: Any, distance: float) -> bool:  # noqa: N802 - OMPL's name
@@ -84,6 +84,10 @@ class FreeStateSampler(ob.ValidStateSampler):
                 return True
         return False
 
+    def _draw(self) -> list[float]:
+        """The next draw that still is FREE: the map may have been updated since it was made."""
+        return next(point for point in self._points if self._is_free(*point))
+
     def _box(self, place: Sequence[float], distance: float) -> list[tuple[float, float]] | None:
         """Least and greatest of each coordinate within ``distance`` of a place and in the map; None for nothing."""
         sides = [
@@ -103,7 +107,7 @@ class SpatialFreeStateSampler(FreeStateSampler):
 
     def sample(self, state: Any) -> bool:
         """Set ``state`` to a FREE configuration."""
-        state[0], state[1], state[2] = next(self._points)
+        state[0], state[1], state[2] = self._draw()
         return True
 
 
@@ -112,7 +116,7 @@ class TurningFreeStateSampler(FreeStateSampler):
 
     def sample(self, state: Any) -> bool:
         """Set ``state`` to a FREE configuration."""
-        x, y, yaw = next(self._points)
+        x, y, yaw = self._draw()
         state.setXY(x, y)
         state.setYaw(wrap(yaw))
         return True

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import os
+import tempfile
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
+
+# What is kept about this machine in the user's cache folder shall not change what the tests do, nor they it.
+os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(prefix="cspace-tests-")
 
 # A test that meets a compiled kernel for the first time waits for the compiler.
 settings.register_profile("cspace", deadline=None, derandomize="CI" in os.environ)

@@ -36,7 +36,9 @@ def same(a: cspace.CSpace, b: cspace.CSpace) -> None:
     assert a.rotations == b.rotations
     np.testing.assert_array_equal(a.slice_of, b.slice_of)
     assert bits(a) == bits(b)
+    assert list(a.fields) == list(b.fields)
     for old, new in [
+        *((a.fields[name], b.fields[name]) for name in a.fields),
         (a.stack, b.stack),
         (a.state, b.state),
         (a.overlaps, b.overlaps),

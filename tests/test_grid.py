@@ -65,7 +65,9 @@ def test_refuses(lower, spacing, shape, words):
         Grid(lower, spacing, shape)
 
 
-@pytest.mark.parametrize("points", [(np.nan, 0.0), [(0.0, 0.0), (np.inf, 1.0)], (1.0, 2.0, 3.0), 4.0, "here"])
+@pytest.mark.parametrize(
+    "points", [(np.nan, 0.0), [(0.0, 0.0), (np.inf, 1.0)], (1.0, 2.0, 3.0), 4.0, "here", (10**400, 0)]
+)
 def test_refuses_points(points):
     with pytest.raises(InputError):
         Grid((0, 0), 1.0, (2, 2)).cell_of(points)

@@ -24,7 +24,7 @@ def classify(look, q):
 
 
 def edges(look, q0, q1):
-    return answer_edges(q0, q1, 3, look.edges())
+    return answer_edges(q0, q1, 3, look.edges)
 
 
 def boxes(look, q, distance):

@@ -148,7 +148,7 @@ def test_slices_made_together_are_each_their_own(count, size):
     """However many share a transform: counts against sums of the rasters' rows, states against a map of each alone."""
     occupied = np.random.default_rng(4).random((60, 50)) < 0.02
     workspace, robot = Workspace.from_array(occupied, 0.1), Robot.polygon(size * np.array(L_SHAPE))
-    space = cspace.build(workspace, robot, rotations=count)
+    space = cspace.build(workspace, robot, rotations=count, method="fft")
     counted = cspace.build(workspace, robot, rotations=count, overlap=True)
     assert {space.precision, counted.precision} <= {"float32", "float64"}
     assert len(space.stack) == count and (counted.state == space.state).all()

@@ -47,6 +47,7 @@ def test_vtk_finds_what_was_written(data: st.DataObject) -> None:
         "state": data.draw(hnp.arrays(np.uint8, shape)),
         "outer": data.draw(hnp.arrays(bool, shape)),
         "overlap": data.draw(hnp.arrays(np.int32, shape)),
+        "penetration": data.draw(hnp.arrays(np.float64, shape)),
     }
     with TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
         patch.setattr(vti, "_SLAB", data.draw(st.sampled_from([1, 50, 2**24])))
@@ -112,7 +113,7 @@ def test_a_robot_that_turns_shows_the_slice_at_a_yaw(tmp_path: Path, robot: cspa
         export(plane, tmp_path / "other.vti", yaw=0.5)
 
 
-@pytest.mark.parametrize("array", [np.zeros((3, 3), np.uint8), np.zeros((3, 2), np.float64), np.zeros((3, 2, 1), bool)])
+@pytest.mark.parametrize("array", [np.zeros((3, 3), np.uint8), np.zeros((3, 2), np.float32), np.zeros((3, 2, 1), bool)])
 def test_other_arrays_are_refused(tmp_path: Path, array: np.ndarray) -> None:
     with pytest.raises(InputError, match=r"state has shape .* it must have the grid's shape \(3, 2\) and be uint8"):
         write_vti({"state": array}, cspace.Grid((0.0, 0.0), 1.0, (3, 2)), tmp_path / "map.vti")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -116,6 +118,110 @@ def spread_line(line: Squares, vertex: Ints, begin: Ints, envelope: Ints) -> Non
 def blocks_of(squares: Squares) -> int:
     """Number of blocks of lines along the middle axis."""
     return int(squares.shape[0] * ((squares.shape[2] + LINES - 1) // LINES))
+
+
+@njit(cache=True, nogil=True)
+def renew_squares(state: Bytes, squares: Squares, box: Ints) -> None:
+    """Squared distances of one slice, shape (nx, ny, nz), after a change in a box; see ``renew_clearance``."""
+    window = changed_window(squares, box)
+    frame = window.copy()
+    for axis in range(3):
+        for side in range(2):
+            width = frame_width(squares, window, axis, side)
+            if side == 0:
+                frame[axis] = max(0, window[axis] - width)
+            else:
+                frame[3 + axis] = min(squares.shape[axis] - 1, window[3 + axis] + width)
+    low, high = window[2] - frame[2], window[5] - frame[2] + 1
+    layers, rows = frame[3] - frame[0] + 1, frame[4] - frame[1] + 1
+    made = np.empty((layers, rows, high - low), np.int32)
+    line = np.empty((1, frame[5] - frame[2] + 1), np.int32)
+    for x in range(layers):
+        for y in range(rows):
+            cells = state[frame[0] + x, frame[1] + y]
+            row_distances(cells[frame[2] : frame[5] + 1].reshape(1, -1), line)
+            made[x, y] = line[0, low:high]
+    if rows > 1:
+        spread_squares(made, 0, blocks_of(made))
+    # Of the rows, only those of the window count from here on.
+    low, high = window[1] - frame[1], window[4] - frame[1] + 1
+    kept = made[:, low:high].copy()
+    if layers > 1:
+        lines = kept.reshape(1, layers, -1)
+        spread_squares(lines, 0, blocks_of(lines))
+    for x in range(window[0], window[3] + 1):
+        for y in range(window[1], window[4] + 1):
+            squares[x, y, window[2] : window[5] + 1] = kept[x - frame[0], y - window[1]]
+
+
+@njit(cache=True, nogil=True)
+def changed_window(squares: Squares, box: Ints) -> Ints:
+    """A box of cells, first and last, outside which a change within a box leaves squared distances as they are."""
+    window = box.copy()
+    dims = 3 if squares.shape[0] > 1 else 2
+    slack = 2.0 * math.sqrt(float(dims)) + 2.0**-10
+    grown = True
+    while grown:
+        grown = False
+        for axis in range(3):
+            for side in range(2):
+                end = 3 * side + axis
+                border = 0 if side == 0 else squares.shape[axis] - 1
+                if window[end] == border:
+                    continue
+                lack = side_lack(squares, window, axis, side, box, slack)
+                if lack < 0.0:
+                    continue
+                # With each cell that a side moves out, the lack shrinks by four half cells at most.
+                step = min(1 + int(lack / 4.0), squares.shape[axis])
+                window[end] = max(border, window[end] - step) if side == 0 else min(border, window[end] + step)
+                grown = True
+    return window
+
+
+@njit(cache=True, nogil=True)
+def side_of(window: Ints, axis: int, side: int) -> Ints:
+    """The outermost layer of cells on one side of a box."""
+    layer = window.copy()
+    layer[axis] = layer[3 + axis] = window[3 * side + axis]
+    return layer
+
+
+@njit(cache=True, nogil=True)
+def side_lack(squares: Squares, window: Ints, axis: int, side: int, box: Ints, slack: float) -> float:
+    """By how much distances on a side of a box, and ``slack``, exceed those to another box, at most; in half cells."""
+    layer = side_of(window, axis, side)
+    worst = -1.0
+    for x in range(layer[0], layer[3] + 1):
+        dx = max(0, 2 * max(box[0] - x, x - box[3]) - 1)
+        for y in range(layer[1], layer[4] + 1):
+            dy = max(0, 2 * max(box[1] - y, y - box[4]) - 1)
+            row = squares[x, y]
+            for z in range(layer[2], layer[5] + 1):
+                dz = max(0, 2 * max(box[2] - z, z - box[5]) - 1)
+                square = row[z]
+                if square == LIMIT:
+                    return float(8 * FAR)
+                worst = max(worst, math.sqrt(float(square)) + slack - math.sqrt(float(dx * dx + dy * dy + dz * dz)))
+    return worst
+
+
+@njit(cache=True, nogil=True)
+def frame_width(squares: Squares, window: Ints, axis: int, side: int) -> int:
+    """Least m for which all distances on one side of a box are less than ``2 m + 1`` half cells."""
+    if window[3 * side + axis] == (0 if side == 0 else squares.shape[axis] - 1):
+        return 0
+    layer = side_of(window, axis, side)
+    most = np.int64(0)
+    for x in range(layer[0], layer[3] + 1):
+        for y in range(layer[1], layer[4] + 1):
+            row = squares[x, y]
+            for z in range(layer[2], layer[5] + 1):
+                most = max(most, np.int64(row[z]))
+    width = np.int64(0)
+    while (2 * width + 1) * (2 * width + 1) <= most:
+        width += 1
+    return int(width)
 
 
 @njit(cache=True, nogil=True)

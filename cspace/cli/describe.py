@@ -21,7 +21,7 @@ def describe_map(space: CSpace) -> dict[str, Any]:
 
     counts = space.count()
     grid, rotations = space.grid, space.rotations
-    kept = space.stack.nbytes + (0 if space.overlaps is None else space.overlaps.nbytes)
+    kept = [space.stack, *space.fields.values()] + ([] if space.overlaps is None else [space.overlaps])
     turning: dict[str, Any] = {}
     if rotations is None:
         measure = {f"free_{_MEASURES[grid.dim]}": counts[0] * grid.spacing**grid.dim}
@@ -49,7 +49,8 @@ def describe_map(space: CSpace) -> dict[str, Any]:
         "margin_m": space.margin,
         "precision": space.precision,
         "overlaps": space.overlaps is not None,
-        "memory_bytes": kept,
+        **({"overlap_field": True} if space.fields else {}),
+        "memory_bytes": sum(array.nbytes for array in kept),
     }
 
 

@@ -40,6 +40,14 @@ class Outside(StrEnum):
     FREE = "free"
 
 
+class Method(StrEnum):
+    """Engines."""
+
+    AUTO = "auto"
+    FFT = "fft"
+    DIRECT = "direct"
+
+
 class Kind(StrEnum):
     """What a file holds."""
 
@@ -107,6 +115,7 @@ def make(
         bool, typer.Option("--inner/--no-inner", help="Tell BLOCKED from MIXED; without, both are MIXED.")
     ] = True,
     overlap: Annotated[bool, typer.Option("--overlap", help="Keep the overlap counts in the map.")] = False,
+    method: Annotated[Method, typer.Option(help="The engine; the map is the same.")] = Method.AUTO,
     overwrite: Overwrite = False,
     as_json: Json = False,
 ) -> None:
@@ -134,6 +143,7 @@ def make(
             rotations=rotations,
             inner=inner,
             overlap=overlap,
+            method=method.value,
             outside=outside.value,
             margin=margin,
             progress=progress,

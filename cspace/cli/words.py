@@ -15,6 +15,7 @@ _NAMES: Final = (
     "curve",
     "exact",
     "margin",
+    "method",
     "objective",
     "outside",
     "overwrite",

@@ -30,6 +30,7 @@ from cspace.translating import Kernel, entry
 
 if TYPE_CHECKING:
     from cspace.questions import Questions
+    from cspace.workspace import Workspace
 
 
 class ExactLookups:
@@ -55,6 +56,8 @@ class ExactLookups:
             np.array([outside.state for outside in outsides], dtype=np.int64),
         )
         self._once = Once()
+        self._asks: dict[str, Callable[..., int]] = {}
+        self._kernels: dict[str, tuple[Any, int]] = {}
         self._lock = threading.Lock()
         self._counts = {"point": 0, "edge": 0, "distance": 0}
 
@@ -80,13 +83,13 @@ class ExactLookups:
         """``check(x, y)`` or ``check(x, y, yaw)``; ``quick`` tells whether a point is FREE."""
         from cspace.exact import _kernels
 
-        ask, count = self._once("point", lambda: entry(_kernels.ask_point, self._scene(), 3)), self._count
+        asks, count = self._aimed("point", _kernels.ask_point, 3), self._count
         rest = (0.0,) if self._flat else ()
 
         def check(*q: float) -> bool:
             if quick(*q):
                 return True
-            asked: int = ask(*q, *rest)
+            asked = asks["point"](*q, *rest)
             if asked > 0 or asked < -1:
                 count("point", 1, 1)
             return asked >= 0
@@ -97,10 +100,10 @@ class ExactLookups:
         """``check(x0, y0, x1, y1)`` or ``check(x0, y0, yaw0, x1, y1, yaw1)``: whether an edge is free."""
         from cspace.exact import _kernels
 
-        ask, count = self._once("edge", lambda: entry(_kernels.ask_edge, self._scene(), 6)), self._count
+        asks, count = self._aimed("edge", _kernels.ask_edge, 6), self._count
 
         def check(x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float) -> bool:
-            asked: int = ask(x0, y0, yaw0, x1, y1, yaw1)
+            asked = asks["edge"](x0, y0, yaw0, x1, y1, yaw1)
             if asked > 0 or asked < -1:
                 count("edge", 1, asked if asked > 0 else -1 - asked)
             return asked >= 0
@@ -109,6 +112,29 @@ class ExactLookups:
             return check(x0, y0, 0.0, x1, y1, 0.0)
 
         return check_plane if self._flat else check
+
+    def follow(self, workspace: Workspace, outsides: Sequence[Outside]) -> None:
+        """Go on with other obstacles; checkers that were handed out ask them too, from their next call on."""
+        with self._once.lock:
+            self._workspace = workspace
+            self._map[4][...] = [outside.box for outside in outsides]
+            self._once.drop("scene")
+            for kind, (kernel, floats) in self._kernels.items():
+                self._asks[kind] = partial(self._aim, kind, kernel, floats)
+
+    def _aimed(self, kind: str, kernel: Any, floats: int) -> dict[str, Callable[..., int]]:
+        """The compiled questions by kind, this one among them; what it asks is made at once."""
+        with self._once.lock:
+            if kind not in self._kernels:
+                self._kernels[kind] = kernel, floats
+                self._asks[kind] = entry(kernel, self._scene(), floats)
+        return self._asks
+
+    def _aim(self, kind: str, kernel: Any, floats: int, *q: float) -> int:
+        """The first question of a kind after the obstacles have changed."""
+        with self._once.lock:
+            self._asks[kind] = entry(kernel, self._scene(), floats)
+        return self._asks[kind](*q)
 
     def _count(self, kind: str, asked: int, distances: int) -> None:
         with self._lock:

@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from cspace.exact.surfaces import Surface
     from cspace.exact.sweeps.convex import Convex
     from cspace.questions import Questions
+    from cspace.workspace import Workspace
 
 Point = tuple[float, float, float]
 
@@ -143,6 +144,15 @@ class SolidLookups:
             return walk(x0, y0, z0, x1, y1, z1) or self._ask_edge((x0, y0, z0), (x1, y1, z1))
 
         return check
+
+    def follow(self, workspace: Workspace, outsides: Sequence[Outside]) -> None:
+        """Go on with other obstacles; checkers that were handed out ask them too, from their next call on.
+
+        What is known outside the grid is read from the box of ``outsides`` itself, which is the one passed before.
+        """
+        with self._once.lock:
+            self._workspace = workspace
+            self._once.drop("scene", "distances")
 
     def _count(self, kind: str, distances: int) -> None:
         with self._lock:

@@ -40,45 +40,59 @@ def count_lines(
 
 
 @njit(cache=True, nogil=True)
-def centred_lines(
+def add_lines(
     occupied: NDArray[np.uint8],
     first: NDArray[np.int64],
     outside: bool,
-    counts: NDArray[np.int64],
+    scale: float,
+    mixed: NDArray[np.bool_],
     lines: NDArray[np.floating],
 ) -> None:
-    """The lines of W - 1/2 that are not constant, in the order of the tile; arrays as for :func:`count_lines`."""
-    half = lines.dtype.type(0.5)
-    beyond = outside - half
-    nz, length = occupied.shape[2], lines.shape[1]
-    begin, end = min(max(first[2], 0), nz), min(max(first[2] + length, 0), nz)
+    """Add W - 1/2, times a scale, to those lines of a tile that are not constant, as ``mixed`` tells; in their order.
+
+    Arrays of cells as for :func:`count_lines`.
+    """
+    unit = lines.dtype.type(scale)
+    half = lines.dtype.type(0.5 * scale)
+    nx, ny, nz = occupied.shape
+    length = lines.shape[1]
+    beyond = outside * unit - half
     number = 0
-    for i in range(counts.shape[0]):
-        for j in range(counts.shape[1]):
-            if counts[i, j] in (0, length):
+    for i in range(mixed.shape[0]):
+        x = first[0] + i
+        for j in range(mixed.shape[1]):
+            if not mixed[i, j]:
                 continue
-            # Only lines on the map are not constant.
-            row, line = occupied[first[0] + i, first[1] + j, begin:end], lines[number]
-            line[: begin - first[2]] = beyond
-            line[end - first[2] :] = beyond
-            line = line[begin - first[2] :]
-            for k in range(row.size):
-                line[k] = row[k] - half
+            y = first[1] + j
+            begin = end = 0
+            if 0 <= x < nx and 0 <= y < ny:
+                begin, end = min(max(first[2], 0), nz), min(max(first[2] + length, 0), nz)
+            line = lines[number]
+            if begin < end:
+                line[: begin - first[2]] += beyond
+                line[end - first[2] :] += beyond
+                row, line = occupied[x, y, begin:end], line[begin - first[2] :]
+                for k in range(row.size):
+                    line[k] += row[k] * unit - half
+            else:
+                line += beyond
             number += 1
 
 
 @njit(cache=True, nogil=True)
-def place_lines(counts: NDArray[np.int64], length: int, lines: NDArray[Any], spectrum: NDArray[Any]) -> None:
-    """Spectra of all lines of W - 1/2 from those of the lines that are not constant, in order, and the counts."""
+def place_lines(mixed: NDArray[np.bool_], levels: NDArray[np.float64], lines: NDArray[Any]) -> NDArray[Any]:
+    """Spectra of all lines: those of the lines that are not constant, in order, and from the sums of the others."""
+    spectrum = np.empty((*mixed.shape, lines.shape[1]), lines.dtype)
     number = 0
-    for i in range(counts.shape[0]):
-        for j in range(counts.shape[1]):
-            if counts[i, j] in (0, length):
-                spectrum[i, j] = 0.0
-                spectrum[i, j, 0] = counts[i, j] - 0.5 * length
-            else:
+    for i in range(mixed.shape[0]):
+        for j in range(mixed.shape[1]):
+            if mixed[i, j]:
                 spectrum[i, j] = lines[number]
                 number += 1
+            else:
+                spectrum[i, j] = 0.0
+                spectrum[i, j, 0] = levels[i, j]
+    return spectrum
 
 
 @njit(cache=True, nogil=True)

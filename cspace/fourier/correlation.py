@@ -3,15 +3,15 @@
 ``overlap[k] = sum over m of W[k + m] * A[m]`` for every cell k of the map, where W beyond the map is all obstacle or
 all free. The map is read in tiles small enough for a core's cache. A tile without obstacles, or all obstacle, is
 settled without a transform; the spectrum of any other is multiplied with that of every raster. Where it is proven that
-the rounding allows it, one inverse transform yields the overlaps with several rasters, as digits of one number.
+the rounding allows it, one transform yields the overlaps with several rasters, or in several tiles, as digits of one
+number.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeVar
@@ -19,14 +19,15 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.costs import figures
+from cspace.fourier.precision import most_digits
 from cspace.fourier.tile_run import Part, TileRun, write
 from cspace.fourier.tiles import Tiling, choose_tiling
 from cspace.raster.raster import Raster
-from cspace.threads import cores
+from cspace.threads import cores, in_threads
 
 Bools = NDArray[np.bool_]
 Item = TypeVar("Item")
-Result = TypeVar("Result")
 
 TILE_SPECTRA = 3
 """Arrays as large as a tile's spectrum that a thread holds at once, at most."""
@@ -105,16 +106,19 @@ def correlate(
     threads = workers or cores()
     lower, tiling = _tiling([part for part, _ in live], shape, threads)
     corners = list(itertools.product(*(range(0, n, s) for n, s in zip(shape, tiling.step, strict=True))))
+    stacks = [corners[first : first + tiling.stack] for first in range(0, len(corners), tiling.stack)]
     groups = [live[first : first + tiling.digits] for first in range(0, len(live), tiling.digits)]
     turns = min(len(groups), math.ceil(len(groups) * tiling.spectrum_bytes / SPECTRA_BYTES))
     pieces = math.ceil(tiling.pieces / turns)
     for turn in range(turns):
         run = TileRun(occupied, outside, tiling, lower, add)
         members = _share(groups, turn, turns)
-        ready = list(zip(members, _in_threads(run.robot_spectrum, members, threads), strict=True))
-        tasks = [(corner, _share(ready, piece, pieces)) for piece in range(pieces) for corner in corners]
+        # Of a single robot the lines of its transform are shared out, of several the robots.
+        alone = partial(run.robot_spectrum, threads=threads if len(members) == 1 else 1)
+        ready = list(zip(members, in_threads(alone, members, threads), strict=True))
+        tasks = [(stack, _share(ready, piece, pieces)) for piece in range(pieces) for stack in stacks]
         advance = None if progress is None else partial(_advance, progress, turn * len(tasks), turns * len(tasks))
-        _in_threads(run.settle, tasks, threads, advance)
+        in_threads(run.settle, tasks, threads, advance)
     return Correlation(results, tiling.precision, tiling.error)
 
 
@@ -139,6 +143,29 @@ def transform_bytes(shape: Sequence[int], rasters: Sequence[Raster], workers: in
     return robots + TILE_SPECTRA * min(threads, tiles) * tiling.spectrum_bytes
 
 
+def transform_seconds(shape: Sequence[int], rasters: Sequence[Raster], workers: int | None = None) -> float:
+    """How long :func:`correlate` is expected to take on this machine, parameters as for :func:`transform_bytes`."""
+    live = [part for part in (Part.within_reach(raster, shape, False) for raster in rasters) if part.cells.size]
+    return _tiling(live, shape, workers or cores())[1].seconds if live else 0.0
+
+
+def least_seconds(shape: Sequence[int], rasters: Sequence[Raster], workers: int | None = None) -> float:
+    """A bound below what :func:`transform_seconds` tells, for next to nothing.
+
+    Every result lies in an inverse transform, which yields no more digits than its error allows for.
+    """
+    live = [raster for raster in rasters if raster.cells.size]
+    if not live:
+        return 0.0
+    extent = np.max([raster.cells.shape for raster in live], axis=0).tolist()
+    count, costs = max(raster.count for raster in live), figures().now
+    each = min(
+        min(known) / most_digits(extent, count, precision)
+        for precision, known in (("float32", costs.float32), ("float64", costs.float64))
+    )
+    return len(live) * math.prod(shape) * each / (workers or cores())
+
+
 def _tiling(parts: Sequence[Part], shape: Sequence[int], threads: int) -> tuple[tuple[int, ...], Tiling]:
     """The first offset of one window for all rasters, so that they share the tiles and their spectra; and the tiles."""
     axes = range(len(shape))
@@ -154,30 +181,3 @@ def _share(items: Sequence[Item], number: int, of: int) -> Sequence[Item]:
 
 def _advance(progress: Callable[[int, int], None], before: int, total: int, done: int) -> None:
     progress(before + done, total)
-
-
-def _in_threads(
-    work: Callable[[Item], Result],
-    items: Sequence[Item],
-    threads: int,
-    progress: Callable[[int], None] | None = None,
-) -> list[Result]:
-    """Results for all items; a failure or Ctrl-C stops those that have not begun."""
-    threads = min(threads, len(items))
-    if threads == 1:
-        return _gather(map(work, items), progress)
-    with ThreadPoolExecutor(threads) as pool:
-        try:
-            return _gather(pool.map(work, items), progress)
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
-
-
-def _gather(done: Iterable[Result], progress: Callable[[int], None] | None) -> list[Result]:
-    results = []
-    for number, result in enumerate(done, start=1):
-        results.append(result)
-        if progress is not None:
-            progress(number)
-    return results

@@ -21,11 +21,12 @@ of its lengths, every pass a set of small butterflies followed by twiddle factor
 Together ``(2 g + 8) u |W - 1/2| |A|``, where 8 covers the terms of order one (product, scaling, conversions) and those
 of second order. In float64 the robot's spectrum is not better than the tile's, which adds another ``g``.
 
-*Several rasters in one transform.* With overlaps below ``B = 2^b``, the digits to base ``B`` of the overlap with
-``A_0 + B A_1 + B^2 A_2 + ...`` are the overlaps with ``A_0``, ``A_1``, ... So where the error of the sum, whose 2-norm
-is at most ``(1 + B + B^2 + ...) |A|``, is below 1/4, one transform yields them all. Float64 costs half as much again as
-float32 and often carries three or four rasters. Sums stay below 2^50, so that adding what the transform left out, in
-float64, costs at most another 1/8.
+*Several rasters, or tiles, in one transform.* With overlaps below ``B = 2^b``, the digits to base ``B`` of the overlap
+with ``A_0 + B A_1 + B^2 A_2 + ...`` are the overlaps with ``A_0``, ``A_1``, ... So where the error of the sum, whose
+2-norm is at most ``(1 + B + B^2 + ...) |A|``, is below 1/4, one transform yields them all. In the same way a tile can
+hold several of the map, ``(W_0 - 1/2) + B (W_1 - 1/2) + ...``; with n rasters, and B^n for B, there is a digit for each
+tile and raster. Float64 costs half as much again as float32 and often carries three or four digits. Sums stay below
+2^50, so that adding what the transform left out, in float64, costs at most another 1/8.
 """
 
 from __future__ import annotations
@@ -69,7 +70,7 @@ def error_bound(tile: Sequence[int], count: int, precision: str, digits: int = 1
         Number of offsets in the robot's raster; the largest, for several.
     precision : {"float32", "float64"}
     digits : int
-        Number of rasters that share a transform.
+        Number of digits: of rasters that share a transform, times that of the tiles.
 
     Returns
     -------
@@ -80,3 +81,11 @@ def error_bound(tile: Sequence[int], count: int, precision: str, digits: int = 1
     norms = math.sqrt(math.prod(tile)) / 2.0 * math.sqrt(count)
     norms *= sum(2.0 ** (count.bit_length() * k) for k in range(digits))
     return (transforms * passes + 8.0) * UNIT_ROUNDOFF[precision] * norms
+
+
+def most_digits(extent: Sequence[int], count: int, precision: str) -> int:
+    """More digits than this no tile of robots of an extent can carry, by the parts of the bound that any has."""
+    bits = count.bit_length()
+    one = 8.0 * UNIT_ROUNDOFF[precision] * math.sqrt(math.prod(extent) * count) / 2.0
+    further = math.floor(math.log2(MARGIN / one) / bits) if one < MARGIN else 0
+    return max(1, min(1 + further, SUM_BITS // bits))

@@ -1,4 +1,4 @@
-"""One tile of a correlation: its spectrum, the products with those of the robots, and what they yield."""
+"""Tiles of a correlation: their spectrum, the products with those of the robots, and what they yield."""
 
 from __future__ import annotations
 
@@ -14,7 +14,11 @@ from numpy.typing import NDArray
 from cspace.fourier.tiles import Tiling
 from cspace.raster.raster import Raster
 
+FEW = 0.8
+"""Part of a tile's lines above which those that are constant are transformed too, which saves a copy of all."""
+
 Bools = NDArray[np.bool_]
+Corner = tuple[int, ...]
 
 
 def write(out: NDArray[Any], value: Any, add: bool) -> None:
@@ -49,6 +53,15 @@ class Part:
         return cls(cells, tuple(lower), count, beyond if outside else 0)
 
 
+@dataclass(frozen=True, slots=True)
+class Tile:
+    """Where a tile's results begin, its first cell with three coordinates, and how many obstacles its lines have."""
+
+    corner: Corner
+    first: NDArray[np.int64]
+    counts: NDArray[np.int64]
+
+
 Member = tuple[Part, NDArray[Any]]
 Group = Sequence[Member]
 Spectrum = NDArray[Any]
@@ -69,7 +82,7 @@ class TileRun:
         self.cells = np.expand_dims(np.ascontiguousarray(occupied).view(np.uint8), tuple(range(3 - occupied.ndim)))
         self.real = np.dtype(tiling.precision)
 
-    def robot_spectrum(self, members: Group) -> Spectrum:
+    def robot_spectrum(self, members: Group, threads: int = 1) -> Spectrum:
         """Conjugate spectrum of rasters, as digits of one, transformed in float64 from the rows that they fill."""
         from scipy import fft
 
@@ -79,35 +92,42 @@ class TileRun:
         for number, (first, (part, _)) in enumerate(zip(firsts, members, strict=True)):
             place = tuple(slice(low, low + n) for low, n in zip(first, part.cells.shape, strict=True))
             spectrum[place] += part.cells * 2.0 ** (self.tiling.bits * number)
-        spectrum = fft.rfft(spectrum, n=self.tiling.tile[-1], axis=-1)
+        spectrum = fft.rfft(spectrum, n=self.tiling.tile[-1], axis=-1, workers=threads)
         for axis, length in enumerate(self.tiling.tile[:-1]):
-            spectrum = fft.fft(spectrum, n=length, axis=axis)
+            spectrum = fft.fft(spectrum, n=length, axis=axis, workers=threads)
         np.conj(spectrum, out=spectrum)
         return np.asarray(spectrum, np.complex64 if self.real == np.float32 else np.complex128)
 
-    def settle(self, task: tuple[tuple[int, ...], Sequence[tuple[Group, Spectrum]]]) -> None:
-        """Write the results from a corner on, as far as one tile yields them, for groups with their spectra."""
-        from cspace.fourier import _kernels
-
-        corner, groups = task
-        tile = self.tiling.tile
-        first = np.array([0] * (3 - len(tile)) + [c + low for c, low in zip(corner, self.lower, strict=True)])
-        counts = np.empty((1, *tile[:-1])[-2:], np.int64)
-        occupied = _kernels.count_lines(self.cells, first, tile[-1], self.outside, counts)
-        if occupied in (0, math.prod(tile)):
-            for part, result in itertools.chain.from_iterable(members for members, _ in groups):
-                write(self._view(result, corner), part.constant + (part.count if occupied else 0), self.add)
+    def settle(self, task: tuple[Sequence[Corner], Sequence[tuple[Group, Spectrum]]]) -> None:
+        """Write the results from corners on, as far as one transform yields them, for groups with their spectra."""
+        corners, groups = task
+        tiles = [tile for corner in corners if (tile := self._read(corner, groups)) is not None]
+        if not tiles:
             return
-        spectrum = self._tile_spectrum(first, counts)
+        spectrum = self._spectrum(tiles)
         product = spectrum if len(groups) == 1 else np.empty_like(spectrum)
         for members, robots in groups:
             sums = self._invert(np.multiply(spectrum, robots, out=product))
-            if len(members) == 1:
-                self._take(members[0], sums, corner)
+            if len(members) == len(tiles) == 1:
+                self._take(members[0], sums, tiles[0].corner)
             else:
-                self._take_digits(members, sums, corner)
+                self._take_digits(members, sums, tiles)
 
-    def _take(self, member: Member, sums: NDArray[Any], corner: tuple[int, ...]) -> None:
+    def _read(self, corner: Corner, groups: Sequence[tuple[Group, Spectrum]]) -> Tile | None:
+        """What a tile holds; None, with the results written, where it is all obstacle or all free."""
+        from cspace.fourier import _kernels
+
+        lengths = self.tiling.tile
+        first = np.array([0] * (3 - len(lengths)) + [c + low for c, low in zip(corner, self.lower, strict=True)])
+        counts = np.empty((1, *lengths[:-1])[-2:], np.int64)
+        occupied = _kernels.count_lines(self.cells, first, lengths[-1], self.outside, counts)
+        if occupied not in (0, math.prod(lengths)):
+            return Tile(corner, first, counts)
+        for part, result in itertools.chain.from_iterable(members for members, _ in groups):
+            write(self._view(result, corner), part.constant + (part.count if occupied else 0), self.add)
+        return None
+
+    def _take(self, member: Member, sums: NDArray[Any], corner: Corner) -> None:
         """Results of one raster from what a transform yields."""
         part, result = member
         view = self._view(result, corner)
@@ -121,16 +141,21 @@ class TileRun:
         else:
             view[...] = np.rint(centred + np.float64(missing))
 
-    def _take_digits(self, members: Group, sums: NDArray[Any], corner: tuple[int, ...]) -> None:
-        """Results of several rasters, whose overlaps are the digits of one sum."""
+    def _take_digits(self, members: Group, sums: NDArray[Any], tiles: Sequence[Tile]) -> None:
+        """Results of several rasters or tiles, whose overlaps are the digits of one sum."""
         from cspace.fourier import _kernels
 
         bits = self.tiling.bits
+        digits = [
+            (bits * (self.tiling.digits * above + number), member, tile.corner)
+            for above, tile in enumerate(tiles)
+            for number, member in enumerate(members)
+        ]
         sums = np.ascontiguousarray(sums, np.float64)
-        _kernels.round_sums(sums, sum(part.count << bits * k for k, (part, _) in enumerate(members)) / 2)
+        _kernels.round_sums(sums, sum(part.count << shift for shift, (part, _), _ in digits) / 2)
         whole = sums.view(np.int64)
-        for number, (part, result) in enumerate(members):
-            shift, ones = bits * number, (1 << bits) - 1
+        ones = (1 << bits) - 1
+        for shift, (part, result), corner in digits:
             view = self._view(result, corner)
             if view.dtype.itemsize == 1:
                 always, marks = part.constant > 0, result.view(np.uint8)
@@ -145,27 +170,33 @@ class TileRun:
                     np.array([1] * layers + list(view.shape)),
                 )
             else:
-                digits = whole[tuple(slice(n) for n in view.shape)] >> shift
-                view[...] = (digits & ones) + part.constant
+                part_of_sum = whole[tuple(slice(n) for n in view.shape)] >> shift
+                view[...] = (part_of_sum & ones) + part.constant
 
-    def _view(self, result: NDArray[Any], corner: tuple[int, ...]) -> NDArray[Any]:
+    def _view(self, result: NDArray[Any], corner: Corner) -> NDArray[Any]:
         return result[tuple(slice(start, start + step) for start, step in zip(corner, self.tiling.step, strict=True))]
 
-    def _tile_spectrum(self, first: NDArray[np.int64], counts: NDArray[np.int64]) -> Spectrum:
-        """Spectrum of W - 1/2 over the tile; lines and layers that are constant are not transformed, but known."""
+    def _spectrum(self, tiles: Sequence[Tile]) -> Spectrum:
+        """Spectrum of W - 1/2 over tiles, as digits of one; lines and layers that are constant are not transformed."""
         from scipy import fft
 
         from cspace.fourier import _kernels
 
         tile, length = self.tiling.tile, self.tiling.tile[-1]
-        mixed = (counts > 0) & (counts < length)
-        cells = np.empty((int(np.count_nonzero(mixed)), length), self.real)
-        _kernels.centred_lines(self.cells, first, self.outside, counts, cells)
+        scales = [2.0 ** (self.tiling.bits * self.tiling.digits * above) for above in range(len(tiles))]
+        mixed = np.any([(each.counts > 0) & (each.counts < length) for each in tiles], axis=0)
+        if np.count_nonzero(mixed) > FEW * mixed.size:
+            mixed[...] = True
+        cells = np.zeros((int(np.count_nonzero(mixed)), length), self.real)
+        for scale, each in zip(scales, tiles, strict=True):
+            _kernels.add_lines(self.cells, each.first, self.outside, scale, mixed, cells)
         lines = fft.rfft(cells, axis=-1, overwrite_x=True)
-        layers = np.empty((*counts.shape, length // 2 + 1), lines.dtype)
-        _kernels.place_lines(counts, length, lines, layers)
+        levels = np.zeros(mixed.shape)
+        for scale, each in zip(scales, tiles, strict=True):
+            levels += scale * (each.counts - length / 2)
+        layers = lines.reshape(*mixed.shape, -1) if mixed.all() else _kernels.place_lines(mixed, levels, lines)
         if len(tile) == 3:
-            changing = np.flatnonzero(mixed.any(axis=1) | (counts != counts[:, :1]).any(axis=1))
+            changing = np.flatnonzero(mixed.any(axis=1) | (levels != levels[:, :1]).any(axis=1))
             begin, end = (int(changing[0]), int(changing[-1]) + 1) if changing.size else (0, 0)
             turned = fft.fft(layers[begin:end], axis=1)
             for constant in (layers[:begin], layers[end:]):

@@ -1,4 +1,4 @@
-"""Tiles: which transform lengths to use, chosen by a model of their cost."""
+"""Tiles: which transform lengths to use, chosen by what transforms cost on the machine."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 
+from cspace.costs import Costs, figures
 from cspace.fourier.precision import MARGIN, SUM_BITS, UNIT_ROUNDOFF, error_bound
 
 TASKS = 8
@@ -33,10 +34,14 @@ class Tiling:
         Proven bound of the error of an overlap.
     digits : int
         Rasters that share a transform.
+    stack : int
+        Tiles that share a transform.
     bits : int
         Bits that the overlaps with one raster take in their sum.
     pieces : int
         Parts that the rasters of a tile are settled in, so that all threads have work.
+    seconds : float
+        What the whole correlation is expected to take.
     """
 
     tile: tuple[int, ...]
@@ -44,8 +49,10 @@ class Tiling:
     precision: str
     error: float
     digits: int
+    stack: int
     bits: int
     pieces: int
+    seconds: float = 0.0
 
     @property
     def spectrum_bytes(self) -> int:
@@ -76,24 +83,29 @@ def choose_tiling(
     -------
     Tiling
     """
+    costs = figures().now
     candidates = [_lengths(n, r) for n, r in zip(shape, extent, strict=True)]
     bits = count.bit_length()
-    most = max(1, min(rasters, SUM_BITS // bits))
+    most = max(1, SUM_BITS // bits)
     best, best_cost = None, math.inf
     for axes in itertools.product(*candidates):
         tile, numbers = zip(*axes, strict=True)
         tiles = math.prod(numbers)
         for precision in UNIT_ROUNDOFF:
-            cost_of_one = _transform_cost(tile, precision)
-            for digits in range(most, 0, -1):
+            cost_of_one = _transform_seconds(costs, math.prod(tile), precision)
+            for shares in range(min(most, rasters * tiles), 0, -1):
+                digits = min(shares, rasters)
+                stack = shares // digits
                 inverses = -(-rasters // digits)
-                pieces = max(1, min(inverses // LEAST_INVERSES, -(-TASKS * threads // tiles)))
-                cost = -(-tiles * pieces // threads) * (1 - (-inverses // pieces)) * cost_of_one
+                pieces = max(1, min(inverses // LEAST_INVERSES, -(-TASKS * threads * stack // tiles)))
+                rounds = math.ceil(math.ceil(tiles / stack) * pieces / threads)
+                cost = rounds * (1 - (-inverses // pieces)) * cost_of_one
                 if cost >= best_cost:
                     break
-                if (error := error_bound(tile, count, precision, digits)) < MARGIN:
+                if (error := error_bound(tile, count, precision, digits * stack)) < MARGIN:
                     step = tuple(length - r + 1 for length, r in zip(tile, extent, strict=True))
-                    best, best_cost = Tiling(tile, step, precision, error, digits, bits, pieces), cost
+                    best = Tiling(tile, step, precision, error, digits, stack, bits, pieces, cost)
+                    best_cost = cost
                     break
     if best is None:
         raise OverflowError(f"no transform of a map of {tuple(shape)} cells keeps overlaps exact in float64")
@@ -101,17 +113,8 @@ def choose_tiling(
 
 
 @cache
-def _transform_cost(tile: tuple[int, ...], precision: str) -> float:
-    """Modelled time of a transform of one tile, in units of one point and one binary level of a transform in cache.
-
-    Measured shapes: transforms cost ``size * log2(size)``, in float64 1.6 times as much; gathering, multiplying and
-    comparing cost about as much as six levels; beyond a megabyte (a core's second-level cache) each doubling adds about
-    a seventh; the calls cost as much as 200,000 points.
-    """
-    size = math.prod(tile)
-    width, slower = (4, 1.0) if precision == "float32" else (8, 1.6)
-    doublings = max(0.0, math.log2(size * width / 2**20))
-    return slower * size * (math.log2(size) + 6.0) * (1.0 + 0.15 * doublings) + 200_000.0
+def _transform_seconds(costs: Costs, size: int, precision: str) -> float:
+    return costs.transform(size, precision)
 
 
 def _lengths(cells: int, extent: int) -> list[tuple[int, int]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -18,7 +19,10 @@ if TYPE_CHECKING:
 
 AXES: Final = ("x", "y", "z")
 
-STACKED: Final = ("state", "overlap")
+FIELDS: Final = ("penetration", "penetration_x", "penetration_y", "penetration_z")
+"""Overlap of descriptors, and its derivatives along the axes, where the map carries them."""
+
+STACKED: Final = ("state", "overlap", *FIELDS)
 """Arrays that hold one slice after the other where the robot turns."""
 
 TURNS: Final = ("yaw", "yaw_bounds", "covering_angle", "slice_of")
@@ -33,6 +37,8 @@ ATTRIBUTES: Final[dict[str, dict[str, Any]]] = {
     "outer": {"long_name": "workspace cells that meet an obstacle"},
     "inner": {"long_name": "workspace cells that lie in obstacles"},
     "overlap": {"long_name": "number of coinciding pairs of obstacle cell and robot offset", "units": "1"},
+    "penetration": {"long_name": "overlap of the descriptors of robot and obstacles"},
+    **{f"penetration_{axis}": {"long_name": f"derivative of penetration along {axis}"} for axis in AXES},
     "yaw": {"long_name": "representative of a rotation cell: its middle", "units": "rad", "bounds": "yaw_bounds"},
     "yaw_bounds": {"long_name": "borders of a rotation cell", "units": "rad"},
     "covering_angle": {
@@ -51,13 +57,14 @@ ATTRIBUTES: Final[dict[str, dict[str, Any]]] = {
     "radii": {"long_name": "radii of balls", "units": "m"},
     **{axis: {"long_name": f"{axis} of the middle of a cell", "units": "m", "axis": axis.upper()} for axis in AXES},
 }
-"""Attributes of each array, after the CF conventions."""
+"""Attributes of each array, after the CF conventions; see :func:`attributes_of`."""
 
 FILLS: Final[dict[str, Any]] = {
     "state": 255,
     "outer": True,
     "inner": True,
     "overlap": -1,
+    **dict.fromkeys(FIELDS, math.inf),
     "slice_of": np.iinfo(np.int64).max,
     "geometry": -1,
     "shapes": -1,
@@ -75,14 +82,24 @@ DTYPES: Final = {
     "shapes": "int8",
     "faces": "int64",
     **dict.fromkeys(("yaw", "yaw_bounds", "covering_angle", "vertices", "centers", "radii", *AXES), "float64"),
+    **dict.fromkeys(FIELDS, "float64"),
 }
+
+
+def attributes_of(name: str, dim: int) -> dict[str, Any]:
+    """The attributes of an array on a grid of ``dim`` axes, with its unit where that depends on them."""
+    if name not in FIELDS:
+        return ATTRIBUTES[name]
+    power = dim - (name != FIELDS[0])
+    return {**ATTRIBUTES[name], "units": "m" if power == 1 else f"m{power}"}
 
 
 def arrays_of(space: CSpace) -> dict[str, NDArray[Any]]:
     """The arrays of a map over its cells, then what labels them.
 
-    ``inner`` is there only if it differs from ``outer``, ``overlap`` only if the map was built with it, and the arrays
-    of :func:`cspace.io.geometry.geometry_arrays` only if the obstacles are known as shapes. No cells are copied.
+    ``inner`` is there only if it differs from ``outer``, ``overlap`` only if the map was built with it, :data:`FIELDS`
+    only if it carries an overlap field, and the arrays of :func:`cspace.io.geometry.geometry_arrays` only if the
+    obstacles are known as shapes. No cells are copied.
 
     Parameters
     ----------
@@ -91,7 +108,7 @@ def arrays_of(space: CSpace) -> dict[str, NDArray[Any]]:
     Returns
     -------
     dict of str to ndarray
-        Cells are indexed [x, y] or [x, y, z]; ``state`` and ``overlap`` of a robot that turns [slice, x, y]. The
+        Cells are indexed [x, y] or [x, y, z]; :data:`STACKED` ones of a robot that turns [slice, x, y]. The
         coordinates ``x``, ``y`` and in space ``z``, in metres, have one axis; :data:`TURNS` are as
         :func:`rotation_arrays` makes them.
     """
@@ -104,6 +121,7 @@ def arrays_of(space: CSpace) -> dict[str, NDArray[Any]]:
         arrays["inner"] = workspace.inner
     if space.overlaps is not None:
         arrays["overlap"] = space.overlaps
+    arrays |= space.fields
     arrays |= {axis: grid.centers(i) for i, axis in enumerate(AXES[: grid.dim])}
     if space.rotations is not None:
         arrays |= rotation_arrays(space.rotations, space.slice_of)

@@ -46,6 +46,7 @@ def _export_vti(space: CSpace, path: str | os.PathLike[str], overwrite: bool, ya
         arrays["inner"] = space.workspace.inner
     if space.overlaps is not None:
         arrays["overlap"] = space.overlaps if space.rotations is None else space.overlaps[number]
+    arrays |= {name: field if space.rotations is None else field[number] for name, field in space.fields.items()}
     write_vti(arrays, space.grid, path, overwrite)
 
 
@@ -95,9 +96,10 @@ def export(space: CSpace, path: str | os.PathLike[str], overwrite: bool = False,
     space : CSpace
     path : path-like
         ``.npz``: one NumPy file. ``.zarr`` or no suffix: a Zarr folder. ``.vti``: cells for ParaView, with the arrays
-        ``state``, ``outer``, and where the map has them ``inner`` and ``overlap``. ``.yaml``: a map of the plane as a
-        ROS map, with its image beside it. ``.ply``, ``.obj``, ``.stl``: the border of the free space, of a map in
-        space (:func:`cspace.io.border.free_border`); STL in single precision.
+        ``state``, ``outer``, and where the map has them ``inner``, ``overlap`` and those of its overlap field
+        (:data:`cspace.io.arrays.FIELDS`). ``.yaml``: a map of the plane as a ROS map, with its image beside it.
+        ``.ply``, ``.obj``, ``.stl``: the border of the free space, of a map in space
+        (:func:`cspace.io.border.free_border`); STL in single precision.
     overwrite : bool
         Whether an existing output may be replaced.
     yaw : float, optional

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.io.arrays import ATTRIBUTES, AXES, STACKED, TURNS, arrays_of, dimensions_of
+from cspace.io.arrays import AXES, STACKED, TURNS, arrays_of, attributes_of, dimensions_of
 from cspace.io.record import metadata_of
 
 if TYPE_CHECKING:
@@ -28,21 +28,22 @@ def to_xarray(space: CSpace) -> xarray.Dataset:
     xarray.Dataset
         Dimensions ``x``, ``y`` and in space ``z`` with the middles of the cells, in metres. Variables ``state`` (uint8,
         flags free, mixed and blocked), ``outer`` and ``inner`` (bool, the workspace) and, where the map was built with
-        it, ``overlap`` (int32), and where the obstacles are known as shapes the arrays of
+        it, ``overlap`` (int32), where it carries an overlap field ``penetration`` and its derivatives ``penetration_x``
+        and so on (float64), and where the obstacles are known as shapes the arrays of
         :func:`cspace.io.geometry.geometry_arrays` (``geometry``, bytes of WKB, in the plane). The arrays are read-only;
         copy the Dataset to change it. Attributes are text, numbers and lists of numbers: ``lower``,
         ``spacing``, ``outside``, ``margin``, ``precision``, ``rotations`` (their number), ``robot`` (JSON text for
         ``Robot.from_spec``), ``workspace_source`` and the versions.
 
-        For a robot that turns, ``state`` and ``overlap`` have the dimension ``rotation`` before ``x`` and ``y``, with
-        the coordinates ``yaw`` (the representative, radians), ``yaw_bounds`` (its borders), ``covering_angle`` and
-        ``slice_of``. A state holds for all yaw angles between the bounds.
+        For a robot that turns, ``state``, ``overlap`` and the field have the dimension ``rotation`` before ``x`` and
+        ``y``, with the coordinates ``yaw`` (the representative, radians), ``yaw_bounds`` (its borders),
+        ``covering_angle`` and ``slice_of``. A state holds for all yaw angles between the bounds.
 
     Notes
     -----
     Arrays are those of the map, not copies, with one exception: where a symmetry of the robot makes some, but not all,
-    rotation cells share slices (a rectangle about its middle), ``state`` and ``overlap`` are copied out, a slice for
-    each rotation cell. ``space.stack`` and ``space.slice_of`` hold the same without a copy.
+    rotation cells share slices (a rectangle about its middle), these are copied out, a slice for each rotation cell.
+    ``space.stack``, ``space.fields`` and ``space.slice_of`` hold the same without a copy.
 
     Examples
     --------
@@ -59,7 +60,7 @@ def to_xarray(space: CSpace) -> xarray.Dataset:
         for name in arrays.keys() & STACKED:
             arrays[name] = _by_rotation(arrays[name], space.slice_of)
             dimensions[name] = ("rotation", *dimensions[name][1:])
-    variables = {name: (dimensions[name], array, ATTRIBUTES[name]) for name, array in arrays.items()}
+    variables = {name: (dimensions[name], array, attributes_of(name, space.grid.dim)) for name, array in arrays.items()}
     labels = {name: variables.pop(name) for name in (*AXES, *TURNS) if name in variables}
     return xarray.Dataset(variables, coords=labels, attrs=metadata_of(space))
 

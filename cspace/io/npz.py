@@ -24,13 +24,14 @@ def write_npz(space: CSpace, path: str | os.PathLike[str], overwrite: bool = Fal
     """Write a map as an ``.npz`` file.
 
     ``numpy.load`` finds ``state`` (uint8 [x, y] or [x, y, z]: 0 free, 1 mixed, 2 blocked), ``x``, ``y`` and in space
-    ``z`` (middles of the cells, metres), ``lower``, ``spacing``, ``outer``, ``inner`` and ``overlap`` where they are
-    needed, and ``metadata`` (JSON text). Obstacles that are known as shapes are in ``geometry``, a GeometryCollection
-    in WKB, or in space in ``shapes`` and the arrays of :func:`cspace.io.geometry.geometry_arrays`.
+    ``z`` (middles of the cells, metres), ``lower``, ``spacing``, ``outer``, ``inner``, ``overlap`` and those of the
+    overlap field (:data:`cspace.io.arrays.FIELDS`) where they are needed, and ``metadata`` (JSON text).
+    Obstacles that are known as shapes are in ``geometry``, a GeometryCollection in WKB, or in space in ``shapes`` and
+    the arrays of :func:`cspace.io.geometry.geometry_arrays`.
 
-    The map of a robot that turns has ``state`` and ``overlap`` by [slice, x, y] and, by rotation cell, ``slice_of``
-    and in radians ``yaw`` (the representative), ``yaw_bounds`` (the borders) and ``covering_angle``: the states by
-    [rotation, x, y] are ``state[slice_of]``.
+    The map of a robot that turns has ``state``, ``overlap`` and the field by [slice, x, y] and, by rotation cell,
+    ``slice_of`` and in radians ``yaw`` (the representative), ``yaw_bounds`` (the borders) and ``covering_angle``: the
+    states by [rotation, x, y] are ``state[slice_of]``.
 
     Parameters
     ----------

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from cspace import __version__
 from cspace.errors import FileError, InputError
 from cspace.grid import Grid
-from cspace.io.arrays import DTYPES, STACKED, TURNS, expected_shape, rotation_arrays, rotations_from
+from cspace.io.arrays import DTYPES, FIELDS, STACKED, TURNS, expected_shape, rotation_arrays, rotations_from
 from cspace.io.geometry import shapes_from
 from cspace.states import BLOCKED
 
@@ -161,6 +161,7 @@ def restore(metadata: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], pat
             precision=metadata["precision"],
             overlaps=arrays.get("overlap"),
             rotations=rotations_from(arrays["yaw_bounds"]) if metadata["rotations"] else None,
+            fields={name: arrays[name] for name in FIELDS if name in arrays},
         )
     except (InputError, ValueError, TypeError) as error:
         raise unusable(path, f"its parts make no map: {error}") from error

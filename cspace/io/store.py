@@ -18,7 +18,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.errors import FileError
-from cspace.io.arrays import ATTRIBUTES, FILLS, TURNS, arrays_of, dimensions_of, one_yaw, rotations_from
+from cspace.io.arrays import (
+    ATTRIBUTES,
+    FILLS,
+    TURNS,
+    arrays_of,
+    attributes_of,
+    dimensions_of,
+    one_yaw,
+    rotations_from,
+)
 from cspace.io.input import unreadable
 from cspace.io.output import replacing
 from cspace.io.record import check_kind, check_part, metadata_of, restore, seal, unseal, unusable
@@ -145,7 +154,7 @@ def _encoded(metadata: dict[str, Any], arrays: Mapping[str, NDArray[Any]]) -> It
             chunks=chunks,
             compressors=[ZstdCodec(level=3), Crc32cCodec()],
             fill_value=FILLS.get(name, np.nan),
-            attributes=ATTRIBUTES[name],
+            attributes=attributes_of(name, len(metadata["shape"])),
             dimension_names=dimensions[name],
             config={"write_empty_chunks": True},
         )

@@ -18,7 +18,12 @@ from cspace.errors import InputError
 from cspace.grid import Grid
 from cspace.io.output import replacing
 
-_TYPES: Final = {"uint8": ("UInt8", "|u1"), "bool": ("UInt8", "|u1"), "int32": ("Int32", "<i4")}
+_TYPES: Final = {
+    "uint8": ("UInt8", "|u1"),
+    "bool": ("UInt8", "|u1"),
+    "int32": ("Int32", "<i4"),
+    "float64": ("Float64", "<f8"),
+}
 """How VTK names a type, and how it is stored."""
 
 _SLAB: Final = 2**24
@@ -34,7 +39,7 @@ def write_vti(
 
     Parameters
     ----------
-    arrays : mapping of str to ndarray of uint8, bool or int32, shape grid.shape
+    arrays : mapping of str to ndarray of uint8, bool, int32 or float64, shape grid.shape
         By name; the first is the one that is shown. bool is stored as uint8, 0 and 1.
     grid : Grid
     path : path-like

@@ -14,21 +14,13 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from cspace._kernels import cell_at
+from cspace._kernels import ASK, BLOCK, FAR, INSIDE, cell_at, read_states, scaled
 from cspace.grid import MAX_COORDINATE, SLACK
 from cspace.states import FREE, MIXED
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 States = NDArray[np.uint8]
-
-BLOCK = 512
-
-FINEST = 1.0 / 16.0
-"""Least distance of points that are looked at before an edge is walked, as a part of the edge."""
-
-NEAREST = 2.0
-"""The same, in cells."""
 
 
 @njit(cache=True, nogil=True)
@@ -54,32 +46,46 @@ def point_is_free(state: States, frame: Floats, box: Ints, beyond: int, x: float
 
 
 @njit(cache=True, nogil=True)
-def classify(state: States, frame: Floats, box: Ints, beyond: int, points: Floats, out: States) -> int:
-    """States of points, shape (n, 3); the index of the first point that is not finite, or -1.
+def cells_of(uvw: Floats, shape: tuple[int, int, int], box: Ints, beyond: int, cells: Ints, codes: States) -> int:
+    """Cells and codes of points that are given in cells, as :func:`cspace._kernels.cells_of` has them in the plane."""
+    nx, ny, nz = float(shape[0]), float(shape[1]), float(shape[2])
+    x0, y0, z0 = float(box[0]), float(box[1]), float(box[2])
+    x1, y1, z1 = float(box[3]) + 1.0, float(box[4]) + 1.0, float(box[5]) + 1.0
+    asked = 0
+    for n in range(cells.shape[0]):
+        u, v, w = uvw[3 * n], uvw[3 * n + 1], uvw[3 * n + 2]
+        inside = (u >= 0.0) & (u < nx) & (v >= 0.0) & (v < ny) & (w >= 0.0) & (w < nz)
+        cells[n] = (np.int64(u) * shape[1] + np.int64(v)) * shape[2] + np.int64(w) if inside else 0
+        border = ((nx <= u) & (u < nx + 1.0)) | ((ny <= v) & (v < ny + 1.0)) | ((nz <= w) & (w < nz + 1.0))
+        ask = border | (not (abs(u) + abs(v) + abs(w) < FAR))
+        boxed = (x0 <= u) & (u < x1) & (y0 <= v) & (v < y1) & (z0 <= w) & (w < z1)
+        code = INSIDE if inside else (ASK if ask else (MIXED if boxed else beyond))
+        codes[n] = code
+        asked += code == ASK
+    return asked
 
-    Cells are found for a block of points and then read in a loop of their own, so that many reads of a map larger than
-    the cache are under way at once.
-    """
-    lower_x, lower_y, lower_z, spacing = frame[0], frame[1], frame[2], frame[3]
-    nx, ny, nz = state.shape
-    flat = state.ravel()
-    cells = np.empty(BLOCK, np.int64)
+
+@njit(cache=True, nogil=True)
+def classify(state: States, frame: Floats, box: Ints, beyond: int, points: Floats, out: States) -> int:
+    """States of points, shape (n, 3); the index of the first point that is not finite, or -1."""
+    flat, numbers = state.ravel(), points.reshape(-1)
+    size = min(BLOCK, len(points))
+    lows, scales, uvw = np.empty(3 * size), np.full(3 * size, frame[3]), np.empty(3 * size)
+    lows[0::3], lows[1::3], lows[2::3] = frame[0], frame[1], frame[2]
+    cells, codes = np.empty(size, np.int64), np.empty(size, np.uint8)
     for first in range(0, points.shape[0], BLOCK):
-        size = min(BLOCK, points.shape[0] - first)
-        for n in range(size):
-            u = (points[first + n, 0] - lower_x) / spacing
-            v = (points[first + n, 1] - lower_y) / spacing
-            w = (points[first + n, 2] - lower_z) / spacing
-            inside = (0.0 <= u < nx) & (0.0 <= v < ny) & (0.0 <= w < nz)  # nearly always; False for NaN
-            cells[n] = (np.int64(u) * ny + np.int64(v)) * nz + np.int64(w) if inside else -1
-        for n in range(size):
-            if cells[n] >= 0:
-                out[first + n] = flat[np.uint64(cells[n])]
-                continue
-            x, y, z = points[first + n, 0], points[first + n, 1], points[first + n, 2]
-            if not is_usable(x, y, z):
-                return first + n
-            out[first + n] = state_at(state, frame, box, beyond, x, y, z)
+        last = min(first + BLOCK, points.shape[0])
+        scaled(numbers[3 * first : 3 * last], lows, scales, uvw)
+        asked = cells_of(uvw, state.shape, box, beyond, cells[: last - first], codes)
+        read_states(flat, cells[: last - first], codes, out[first:last])
+        if asked == 0:
+            continue
+        for n in range(first, last):
+            if codes[n - first] == ASK:
+                x, y, z = points[n, 0], points[n, 1], points[n, 2]
+                if not is_usable(x, y, z):
+                    return n
+                out[n] = state_at(state, frame, box, beyond, x, y, z)
     return -1
 
 
@@ -101,126 +107,6 @@ def run_is_free(state: States, box: Ints, i: int, j: int, first: int, last: int)
     if low > high or not (box[0] <= i <= box[3] and box[1] <= j <= box[4]):
         return True
     return bool(0 <= i < nx and 0 <= j < ny and low >= 0 and high < nz)
-
-
-@njit(cache=True, nogil=True)
-def slab_times(p: float, q: float, cell: int) -> tuple[float, float]:
-    """The first and last t in [0, 1] at which ``p + t (q - p)`` lies in a cell of a line, widened by SLACK.
-
-    The first is beyond the last where it never does. Ratios of differences, between 0 and 1: a slope would overflow on
-    edges that are all but upright.
-    """
-    low, high = cell - SLACK, cell + 1 + SLACK
-    if max(p, q) < low or min(p, q) > high:
-        return 1.0, 0.0
-    if p == q:
-        return 0.0, 1.0
-    least, most = min(p, q), max(p, q)
-    a = (min(max(low, least), most) - p) / (q - p)
-    b = (min(max(high, least), most) - p) / (q - p)
-    return min(a, b), max(a, b)
-
-
-@njit(cache=True, nogil=True)
-def span_between(p: float, q: float, first: float, last: float) -> tuple[float, float]:
-    """The least and the greatest of ``p + t (q - p)`` for t in [first, last], never beyond p and q."""
-    a, b = p + first * (q - p), p + last * (q - p)
-    return max(min(a, b), min(p, q)), min(max(a, b), max(p, q))
-
-
-@njit(cache=True, nogil=True)
-def probes_are_free(state: States, px: float, py: float, pz: float, qx: float, qy: float, qz: float) -> bool:
-    """Whether some points of an edge in the grid, in cells, lie in FREE cells: its end, its middle, its quarters, ...
-
-    Most edges that a planner asks for meet an obstacle, and this tells sooner than a walk from one end to the other.
-    Where it says no, so would the walk: the points lie on the edge but for rounding, which is far below SLACK.
-    """
-    nx, ny, nz = state.shape
-    dx, dy, dz = qx - px, qy - py, qz - pz
-    cells = max(abs(dx), abs(dy), abs(dz))
-    step = 1.0
-    while step >= FINEST and step * cells >= NEAREST:
-        t = step
-        while t <= 1.0:
-            i, j, k = min(int(px + t * dx), nx - 1), min(int(py + t * dy), ny - 1), min(int(pz + t * dz), nz - 1)
-            if state[i, j, k] != FREE:
-                return False
-            t += 2.0 * step
-        step *= 0.5
-    return True
-
-
-@njit(cache=True, nogil=True)
-def edge_is_free(
-    state: States,
-    frame: Floats,
-    box: Ints,
-    beyond: int,
-    x0: float,
-    y0: float,
-    z0: float,
-    x1: float,
-    y1: float,
-    z1: float,
-) -> bool:
-    """Whether every closed cell within SLACK of a straight edge is FREE.
-
-    The edge is cut into the slabs of cells along x that it meets, each part into slabs along y, and what is left of it
-    there meets a run of cells along z.
-    """
-    lower_x, lower_y, lower_z, spacing = frame[0], frame[1], frame[2], frame[3]
-    upper_x, upper_y, upper_z = frame[4], frame[5], frame[6]
-    nx, ny, nz = state.shape
-    px, py, pz = (x0 - lower_x) / spacing, (y0 - lower_y) / spacing, (z0 - lower_z) / spacing
-    qx, qy, qz = (x1 - lower_x) / spacing, (y1 - lower_y) / spacing, (z1 - lower_z) / spacing
-    if not abs(px) + abs(py) + abs(pz) + abs(qx) + abs(qy) + abs(qz) <= 8.0 * MAX_COORDINATE:  # nor is NaN
-        return False
-    first_x, first_y, first_z, last_x, last_y, last_z = 0, 0, 0, nx - 1, ny - 1, nz - 1
-    if not (
-        min(x0, x1) >= lower_x
-        and max(x0, x1) <= upper_x
-        and min(y0, y1) >= lower_y
-        and max(y0, y1) <= upper_y
-        and min(z0, z1) >= lower_z
-        and max(z0, z1) <= upper_z
-    ):
-        # An edge that leaves the grid is proven only where all is FREE beyond the grid and the box.
-        if beyond != FREE:
-            return False
-        first_x, first_y, first_z = min(box[0], 0), min(box[1], 0), min(box[2], 0)
-        last_x, last_y, last_z = max(box[3], nx - 1), max(box[4], ny - 1), max(box[5], nz - 1)
-    elif not probes_are_free(state, px, py, pz, qx, qy, qz):
-        return False
-    low_x, high_x = min(px, qx), max(px, qx)
-    for i in range(max(first_x, math.ceil(low_x - SLACK) - 1), min(last_x, math.floor(high_x + SLACK)) + 1):
-        start, stop = slab_times(px, qx, i)
-        if start > stop:
-            continue
-        low_y, high_y = span_between(py, qy, start, stop)
-        for j in range(max(first_y, math.ceil(low_y - SLACK) - 1), min(last_y, math.floor(high_y + SLACK)) + 1):
-            enter, leave = slab_times(py, qy, j)
-            enter, leave = max(enter, start), min(leave, stop)
-            if enter > leave:
-                continue
-            low_z, high_z = span_between(pz, qz, enter, leave)
-            bottom, top = max(first_z, math.ceil(low_z - SLACK) - 1), min(last_z, math.floor(high_z + SLACK))
-            if not run_is_free(state, box, i, j, bottom, top):
-                return False
-    return True
-
-
-@njit(cache=True, nogil=True)
-def edges_are_free(
-    state: States, frame: Floats, box: Ints, beyond: int, starts: Floats, ends: Floats, out: NDArray[np.bool_]
-) -> int:
-    """``edge_is_free`` of edges, shapes (n, 3); the index of the first edge that is not finite, or -1."""
-    for n in range(starts.shape[0]):
-        x0, y0, z0 = starts[n, 0], starts[n, 1], starts[n, 2]
-        x1, y1, z1 = ends[n, 0], ends[n, 1], ends[n, 2]
-        if not (is_usable(x0, y0, z0) and is_usable(x1, y1, z1)):
-            return n
-        out[n] = edge_is_free(state, frame, box, beyond, x0, y0, z0, x1, y1, z1)
-    return -1
 
 
 @njit(cache=True, nogil=True)

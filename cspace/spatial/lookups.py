@@ -17,6 +17,12 @@ class SpatialLookups(TranslatingLookups):
 
         return _kernels
 
+    @property
+    def _walks(self) -> ModuleType:
+        from cspace.spatial.walks import _kernels
+
+        return _kernels
+
     def point_checker(self) -> Callable[..., bool]:
         """``check(x, y, z)``: whether a configuration is FREE."""
         # One compiled call; a table of rows, as the plane has it, is slower here and as large as the map.

@@ -13,12 +13,27 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from cspace._kernels import clearance_at, edge_is_free, overlap_at, square_is_free, state_at
+from cspace._kernels import (
+    ASK,
+    BLOCK,
+    INSIDE,
+    clearance_at,
+    coarse_edge_is_free,
+    edge_is_free,
+    overlap_at,
+    read_states,
+    scaled,
+    square_is_free,
+    state_at,
+)
 from cspace.rotations import MAX_YAW, TURN, YAW_SLACK
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Stack = NDArray[np.uint8]
+
+MOST_TURNS = MAX_YAW / TURN - 4.0
+"""Turns from the first border within which a yaw is usable for sure."""
 
 
 @njit(cache=True, nogil=True)
@@ -30,8 +45,18 @@ def is_usable(x: float, y: float, yaw: float) -> bool:
 @njit(cache=True, nogil=True)
 def rotation_cell(borders: Floats, yaw: float) -> int:
     """Rotation cell of a yaw, wrapped; a border belongs to the cell above it."""
-    wrapped = yaw - math.floor((yaw - borders[0]) / TURN) * TURN
-    low, high = 0, borders.shape[0] - 1
+    return cell_of_wrapped(borders, yaw - math.floor((yaw - borders[0]) / TURN) * TURN)
+
+
+@njit(cache=True, nogil=True)
+def cell_of_wrapped(borders: Floats, wrapped: float) -> int:
+    """Rotation cell of a yaw from the first border to the last: guessed as if cells were equal, and searched if not."""
+    count = borders.shape[0] - 1
+    guess = (wrapped - borders[0]) * (count / TURN)
+    low = np.int64(guess) if 0.0 <= guess < count else 0
+    if borders[np.uint64(low)] <= wrapped < borders[np.uint64(low + 1)]:
+        return int(low)
+    low, high = 0, count
     while high - low > 1:
         middle = (low + high) // 2
         if wrapped >= borders[middle]:
@@ -59,15 +84,54 @@ def turning_state_at(
 
 
 @njit(cache=True, nogil=True)
+def cells_of(uvw: Floats, slices: Ints, shape: tuple[int, int, int], cells: Ints, codes: Stack) -> int:
+    """Cells and codes of points, as :func:`cspace._kernels.cells_of` has them; of ``uvw`` the third is in whole turns.
+
+    Whatever is outside the grid has the code ASK.
+    """
+    nx, ny = float(shape[1]), float(shape[2])
+    asked = 0
+    for k in range(cells.shape[0]):
+        u, v, turns = uvw[3 * k], uvw[3 * k + 1], uvw[3 * k + 2]
+        inside = (u >= 0.0) & (u < nx) & (v >= 0.0) & (v < ny) & (abs(turns) < MOST_TURNS)
+        cells[k] = (slices[k] * shape[1] + np.int64(u)) * shape[2] + np.int64(v) if inside else 0
+        codes[k] = INSIDE if inside else ASK
+        asked += 0 if inside else 1
+    return asked
+
+
+@njit(cache=True, nogil=True)
+def slices_at(points: Floats, uvw: Floats, slice_of: Ints, borders: Floats, out: Ints) -> None:
+    """Slices of points whose yaws are, in ``uvw``, whole turns above the first border; of unusable ones any."""
+    for k in range(points.shape[0]):
+        wrapped = points[k, 2] - math.floor(uvw[3 * k + 2]) * TURN
+        out[k] = slice_of[np.uint64(cell_of_wrapped(borders, wrapped))]
+
+
+@njit(cache=True, nogil=True)
 def classify(
     state: Stack, slice_of: Ints, borders: Floats, frame: Floats, boxes: Ints, beyonds: Ints, points: Floats, out: Stack
 ) -> int:
     """States of points, shape (n, 3); the index of the first point that is not usable, or -1."""
-    for k in range(points.shape[0]):
-        x, y, yaw = points[k, 0], points[k, 1], points[k, 2]
-        if not is_usable(x, y, yaw):
-            return k
-        out[k] = turning_state_at(state, slice_of, borders, frame, boxes, beyonds, x, y, yaw)
+    flat, numbers = state.ravel(), points.reshape(-1)
+    size = min(BLOCK, len(points))
+    lows, scales, uvw = np.empty(3 * size), np.full(3 * size, frame[2]), np.empty(3 * size)
+    lows[0::3], lows[1::3], lows[2::3], scales[2::3] = frame[0], frame[1], borders[0], TURN
+    cells, codes, slices = np.empty(size, np.int64), np.empty(size, np.uint8), np.empty(size, np.int64)
+    for first in range(0, points.shape[0], BLOCK):
+        last = min(first + BLOCK, points.shape[0])
+        scaled(numbers[3 * first : 3 * last], lows, scales, uvw)
+        slices_at(points[first:last], uvw, slice_of, borders, slices)
+        asked = cells_of(uvw, slices, state.shape, cells[: last - first], codes)
+        read_states(flat, cells[: last - first], codes, out[first:last])
+        if asked == 0:
+            continue
+        for k in range(first, last):
+            if codes[k - first] == ASK:
+                x, y, yaw = points[k, 0], points[k, 1], points[k, 2]
+                if not is_usable(x, y, yaw):
+                    return k
+                out[k] = turning_state_at(state, slice_of, borders, frame, boxes, beyonds, x, y, yaw)
     return -1
 
 
@@ -104,7 +168,29 @@ def stretch_is_free(
     y1: float,
     turn: float,
 ) -> bool:
-    """Whether every closed cell that meets a stretch, on which x, y and yaw change linearly, is FREE.
+    """Whether every closed cell that meets a stretch, on which x, y and yaw change linearly, is FREE."""
+    return coarse_stretch_is_free(
+        state, state[:0], slice_of, borders, frame, boxes, beyonds, x0, y0, yaw0, x1, y1, turn
+    )
+
+
+@njit(cache=True, nogil=True, inline="always")  # a call takes as long as a short edge
+def coarse_stretch_is_free(
+    state: Stack,
+    coarse: Stack,
+    slice_of: Ints,
+    borders: Floats,
+    frame: Floats,
+    boxes: Ints,
+    beyonds: Ints,
+    x0: float,
+    y0: float,
+    yaw0: float,
+    x1: float,
+    y1: float,
+    turn: float,
+) -> bool:
+    """``stretch_is_free`` with the help of a coarse map, which may be empty.
 
     The stretch is cut where it leaves a rotation cell, widened by YAW_SLACK, and each part is walked in its slice.
     """
@@ -127,7 +213,11 @@ def stretch_is_free(
         ax, ay = _between(x0, x1, a), _between(y0, y1, a)
         bx, by = _between(x0, x1, b), _between(y0, y1, b)
         s = slice_of[k]
-        if not edge_is_free(state[s], frame, boxes[s], beyonds[s], ax, ay, bx, by):
+        if coarse.shape[0] == 0:
+            free = edge_is_free(state[s], frame, boxes[s], beyonds[s], ax, ay, bx, by)
+        else:
+            free = coarse_edge_is_free(state[s], coarse[s], frame, boxes[s], beyonds[s], ax, ay, bx, by)
+        if not free:
             return False
         cell += 1
 
@@ -175,53 +265,6 @@ def boxes_are_free(
                 out[k] = False
                 break
             cell += 1
-    return -1
-
-
-@njit(cache=True, nogil=True)
-def turning_edge_is_free(
-    state: Stack,
-    slice_of: Ints,
-    borders: Floats,
-    frame: Floats,
-    boxes: Ints,
-    beyonds: Ints,
-    x0: float,
-    y0: float,
-    yaw0: float,
-    x1: float,
-    y1: float,
-    yaw1: float,
-) -> bool:
-    """``stretch_is_free`` along the shorter arc; along both where they are equally long but for rounding."""
-    turn = shorter_turn(yaw0, yaw1)
-    if not stretch_is_free(state, slice_of, borders, frame, boxes, beyonds, x0, y0, yaw0, x1, y1, turn):
-        return False
-    if math.pi - abs(turn) > YAW_SLACK:
-        return True
-    other = turn - TURN if turn > 0.0 else turn + TURN
-    return stretch_is_free(state, slice_of, borders, frame, boxes, beyonds, x0, y0, yaw0, x1, y1, other)
-
-
-@njit(cache=True, nogil=True)
-def edges_are_free(
-    state: Stack,
-    slice_of: Ints,
-    borders: Floats,
-    frame: Floats,
-    boxes: Ints,
-    beyonds: Ints,
-    starts: Floats,
-    ends: Floats,
-    out: NDArray[np.bool_],
-) -> int:
-    """``turning_edge_is_free`` of edges, shapes (n, 3); the index of the first one that is not usable, or -1."""
-    for k in range(starts.shape[0]):
-        x0, y0, yaw0 = starts[k, 0], starts[k, 1], starts[k, 2]
-        x1, y1, yaw1 = ends[k, 0], ends[k, 1], ends[k, 2]
-        if not (is_usable(x0, y0, yaw0) and is_usable(x1, y1, yaw1)):
-            return k
-        out[k] = turning_edge_is_free(state, slice_of, borders, frame, boxes, beyonds, x0, y0, yaw0, x1, y1, yaw1)
     return -1
 
 

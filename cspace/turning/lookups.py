@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.clearance import clearance_field
+from cspace.coarse import coarse_for
 from cspace.once import Once
 from cspace.outside import Outside
 from cspace.overlap import raster_runs
@@ -57,11 +58,12 @@ class TurningLookups:
 
         return partial(_kernels.classify, *self._map)
 
-    def edges(self) -> Kernel:
-        """Kernel of edges along the shorter arc."""
-        from cspace.turning import _kernels
+    def edges(self, number: int = 0) -> Kernel:
+        """Kernel of edges along the shorter arc, of which there are some ``number`` to come."""
+        from cspace.turning.walks import _kernels
 
-        return partial(_kernels.edges_are_free, *self._map)
+        stack, *rest = self._map
+        return partial(_kernels.edges_are_free, stack, coarse_for(number, stack, self._once), *rest)
 
     def boxes(self, distance: float, angle: float) -> Kernel:
         """Kernel of boxes of configurations around configurations."""
@@ -105,7 +107,7 @@ class TurningLookups:
 
     def edge_checker(self) -> Callable[..., bool]:
         """``check(x0, y0, yaw0, x1, y1, yaw1)``: whether an edge along the shorter arc is FREE."""
-        from cspace.turning import _kernels
+        from cspace.turning.walks import _kernels
 
         return self._once("edge", lambda: entry(_kernels.turning_edge_is_free, self._map, 6))
 

@@ -1,0 +1,109 @@
+"""The proofs from frequencies that shapes are apart or collide, against exact geometry; part of the soak."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.frequency_cases import Oracle, PairCase, Rng, draw_pair
+from benchmarks.report import Report
+from benchmarks.solid_pairs import NO_FCL
+from benchmarks.tally import Tally
+from cspace.separation import FourierOverlap, Verdict
+
+Floats = NDArray[np.float64]
+
+POSES = 4
+"""Rotations of each pair."""
+
+PLACEMENTS = 500
+"""Placements of each rotation; a third of them around contact."""
+
+STEPS = 45
+"""Halvings until a contact is found."""
+
+NEAR = (-11.0, -0.7)
+"""Powers of ten, in sizes of the domain, by which placements lie off a contact."""
+
+WITHOUT = 20
+"""Every so many placements, frequencies alone are asked, without swollen balls."""
+
+NO_FINUFFT = "finufft is not installed; pip install finufft"
+
+
+def check(report: Report, seed: int, wanted: int) -> None:
+    """Random pairs, in the plane and in space, until enough placements were checked."""
+    try:
+        import finufft  # noqa: F401 - whether it is there at all
+    except ImportError:
+        report.note(f"verdicts from frequencies skipped: {NO_FINUFFT}")
+        return
+    for dim, where in ((2, "in the plane"), (3, "in space")):
+        if dim == 3:
+            try:
+                import fcl  # noqa: F401
+            except ImportError:
+                report.note(f"verdicts from frequencies in space skipped: {NO_FCL}")
+                continue
+        tally, began, number = Tally(), time.perf_counter(), 0
+        while sum(tally.verdicts.values()) < wanted:
+            case = draw_pair(seed, number, dim)
+            rng = np.random.default_rng([seed, number, 40 + dim])
+            for _ in range(POSES):
+                _check_pose(tally, case, rng)
+            number += 1
+        report.section(
+            f"verdicts from frequencies {where}: {number} random pairs, {POSES} rotations each, "
+            f"{sum(tally.verdicts.values())} placements, seed {seed}, {time.perf_counter() - began:.0f} s"
+        )
+        tally.tell(report)
+
+
+def _check_pose(tally: Tally, case: PairCase, rng: Rng) -> None:
+    """No MISS where the shapes meet, and no HIT where they do not."""
+    rotation, overlap, collide = case.turned(rng)
+    low, high = overlap.domain
+    ts = rng.uniform(low, high, (PLACEMENTS, case.overlap.dim))
+    ts[:: PLACEMENTS // 10] += rng.choice([-1.0, 1.0]) * (high - low)
+    contacts = _contacts(overlap, collide, ts, rng)
+    ts[len(ts) - len(contacts) :] = contacts
+    meets = collide(ts)
+    _judge(tally, case, rotation, ts, meets, overlap.verdicts(ts)[0])
+    some = slice(None, None, WITHOUT)
+    _judge(tally, case, rotation, ts[some], meets[some], overlap.verdicts(ts[some], swelling=False)[0])
+
+
+def _judge(
+    tally: Tally, case: PairCase, rotation: Floats, ts: Floats, meets: NDArray[np.bool_], verdicts: NDArray[np.uint8]
+) -> None:
+    q = np.column_stack([ts, np.broadcast_to(rotation, (len(ts), len(rotation)))])
+    for verdict, wrong in ((Verdict.MISS, meets), (Verdict.HIT, ~meets)):
+        said = verdicts == verdict
+        tally.add(verdict.name, case, q[said], wrong[said], np.zeros(int(said.sum()), dtype=np.bool_))
+    for verdict in Verdict:
+        said = verdicts == verdict
+        tally.verdicts["colliding", verdict.name] += int((said & meets).sum())
+        tally.verdicts["clear", verdict.name] += int((said & ~meets).sum())
+
+
+def _contacts(overlap: FourierOverlap, collide: Oracle, ts: Floats, rng: Rng) -> Floats:
+    """Placements around where shapes begin to touch, on straight ways from collisions outwards; a third of ``ts``."""
+    found = ts[collide(ts)]
+    if not len(found):
+        return ts[:0]
+    low, high = overlap.domain
+    size = float(np.linalg.norm(high - low))
+    number = len(ts) // 3
+    starts = found[rng.integers(len(found), size=number // 5)]
+    ways = rng.normal(size=starts.shape)
+    ways /= np.linalg.norm(ways, axis=1)[:, None]
+    near, far = np.zeros(len(starts)), np.full(len(starts), 2.0 * size)
+    for _ in range(STEPS):
+        middle = 0.5 * (near + far)
+        meets = collide(starts + middle[:, None] * ways)
+        near, far = np.where(meets, middle, near), np.where(meets, far, middle)
+    picked = rng.integers(len(starts), size=number)
+    off = size * rng.choice([-1.0, 1.0], number) * 10.0 ** rng.uniform(*NEAR, number)
+    return np.asarray(starts[picked] + (far[picked] + off)[:, None] * ways[picked])

@@ -1,0 +1,34 @@
+"""Everything against its peers: the lines that are promised, and cost over sizes of maps and robots."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from benchmarks import inputs, peers_promises, peers_sweeps
+from benchmarks.report import Report
+from benchmarks.ways import ENGINES, NO_OPENCV, opencv_is_here, ours, peers
+from cspace import Robot, Workspace
+from cspace.costs import figures
+
+
+def run(report: Report, seed: int) -> None:
+    """Warm up, then compare; results must be equal."""
+    rng = np.random.default_rng(seed)
+    if not opencv_is_here():
+        report.note(NO_OPENCV)
+    figures().measure()
+    report.note('the costs from which "auto" chooses are those of this machine, measured before')
+    _warm_up(rng)
+    peers_promises.run(report, rng)
+    peers_sweeps.run(report, rng)
+
+
+def _warm_up(rng: np.random.Generator) -> None:
+    """Call every way once, so that none is compiled or loaded while it is timed."""
+    for dim, robot in ((2, Robot.disc(3.0)), (3, Robot.ball(3.0))):
+        workspace = Workspace.from_array(inputs.boxes(32, 0.06, rng, dim), 1.0)
+        raster = robot.rasters(1.0)[0]
+        for method in ENGINES:
+            ours(workspace, robot, method)
+        for way in peers(dim):
+            way.ready(workspace.outer, raster)()

@@ -1,0 +1,145 @@
+"""Changes of a workspace that a map follows, against a build of the whole map anew."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from itertools import count
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import cspace
+from benchmarks import inputs
+from benchmarks.report import Report
+from benchmarks.timing import Timing, interleave
+from cspace import CSpace, Robot, Workspace
+from cspace.clearance import clearance_field
+
+SIZE, ACROSS, BOX = 4096, 65, 32
+"""Cells of the map, of the disc, and of the side of the box that changes, for which the target is meant."""
+
+LEAST = 200.0
+"""How many times longer a build should take than an update."""
+
+UPDATES = 200
+"""Updates of one timed run."""
+
+ENGINES = ("fft", "direct")
+
+
+def run(report: Report, seed: int) -> None:
+    """Maps in the plane, with and without what is kept beside the states, turning ones, and maps in space."""
+    rng = np.random.default_rng(seed)
+    size = 1024 if report.quick else SIZE
+    plane = Workspace.from_array(inputs.boxes(size, 0.06, rng), 1.0)
+    report.section(f"{size} x {size} cells, 6 % in boxes, disc {ACROSS} cells across; boxes of {BOX} x {BOX} cells")
+    _compare(report, plane, Robot.disc(ACROSS / 2), rng, {}, judged=size == SIZE)
+    size = 256 if report.quick else 1024
+    turning = Workspace.from_array(inputs.boxes(size, 0.06, rng), 1.0)
+    report.section(f"{size} x {size} cells x 72 yaws, rectangle 33 x 21 cells; boxes of {BOX} x {BOX} cells")
+    _compare(report, turning, Robot.rectangle(33.0, 21.0), rng, {"rotations": 72}, judged=False)
+    size = 96 if report.quick else 256
+    space = Workspace.from_array(inputs.boxes(size, 0.06, rng, 3), 1.0)
+    report.section(f"{size}^3 cells, ball 21 cells across; boxes of 16^3 cells")
+    _compare(report, space, Robot.ball(10.5), rng, {}, judged=False)
+
+
+def _compare(
+    report: Report, workspace: Workspace, robot: Robot, rng: np.random.Generator, options: dict[str, Any], judged: bool
+) -> None:
+    runs = 3 if report.quick else 7
+    updates = UPDATES if workspace.grid.dim == 2 and not options else UPDATES // 10
+    space = cspace.build(workspace, robot, **options)
+    change = _changes(space, rng, updates)
+    calls: dict[str, Callable[[], Any]] = {f"{updates} updates": change, "build": partial(_build, space, options)}
+    for engine in ENGINES:
+        calls[f"build, {engine}"] = partial(_build, space, options | {"method": engine})
+    timings = interleave(calls, runs)
+    each = timings.pop(f"{updates} updates").per(updates)
+    report.timing("an update", each)
+    for name, timing in timings.items():
+        report.timing(name, timing)
+        report.ratio(f"{name} / an update", timing, each, least=LEAST if judged and name == "build" else None)
+    report.check(_equal(space, cspace.build(space.workspace, robot, **options)), "states equal those of a build")
+    _kept(report, space, change, updates, runs, options)
+
+
+def _kept(
+    report: Report, space: CSpace, change: Callable[[], None], updates: int, runs: int, options: dict[str, Any]
+) -> None:
+    """The same with distances, and then also components, that were asked for before."""
+    corners = np.array(
+        [space.grid.center_of((0,) * space.grid.dim), space.grid.center_of(np.array(space.grid.shape) - 1)]
+    )
+    q = corners if space.rotations is None else np.column_stack([corners, [0.0, 1.0]])
+    space.clearance(q)
+    calls = {"updates": change, "distances": partial(_distances, space)}
+    timings = interleave(calls, runs)
+    each = timings["updates"].per(updates)
+    report.timing("an update that keeps the distances for clearance", each)
+    report.ratio("distances anew / that update", timings["distances"], each)
+    space.path_exists(*q)
+
+    def ask() -> None:
+        change()
+        space.path_exists(*q)
+
+    timings = interleave({"updates": change, "with a question": ask, "components": partial(_components, space)}, runs)
+    each = timings["updates"].per(updates)
+    report.timing("an update that keeps these and the components", each)
+    report.ratio("components anew / that update", timings["components"], each)
+    asked = Timing(None)
+    asked.take(partial(_update_and_ask, space, q))
+    for _ in range(runs):
+        asked.take(partial(_update_and_ask, space, q))
+    report.timing("an update and path_exists after it", asked)
+    fresh = cspace.build(space.workspace, space.robot, **options)
+    points = np.random.default_rng(0).uniform(corners[0], corners[1], (500, space.grid.dim))
+    if space.rotations is not None:
+        points = np.column_stack([points, np.linspace(-3.0, 3.0, len(points))])
+    report.check(np.array_equal(space.clearance(points), fresh.clearance(points)), "clearances equal those of a build")
+    pairs = points[:250], points[250:]
+    report.check(np.array_equal(space.path_exists(*pairs), fresh.path_exists(*pairs)), "components too")
+
+
+def _changes(space: CSpace, rng: np.random.Generator, updates: int) -> Callable[[], None]:
+    """A call that fills or empties boxes at random places, each time the other way round, so that cells do change."""
+    side = BOX if space.grid.dim == 2 else BOX // 2
+    places = rng.integers(0, np.array(space.grid.shape) - side, (updates, space.grid.dim)).tolist()
+    fills = [np.full((side,) * space.grid.dim, fill) for fill in (False, True)]
+    turn = count()
+
+    def change() -> None:
+        way = next(turn)
+        for number, place in enumerate(places):
+            space.update(fills[(number + way) % 2], place)
+
+    return change
+
+
+def _update_and_ask(space: CSpace, q: NDArray[np.float64]) -> None:
+    place = tuple(n // 2 for n in space.grid.shape)
+    now = space.workspace.outer[place]
+    space.update(np.full((1,) * space.grid.dim, not now), place)
+    space.path_exists(*q)
+
+
+def _build(space: CSpace, options: dict[str, Any]) -> CSpace:
+    return cspace.build(space.workspace, space.robot, **options)
+
+
+def _distances(space: CSpace) -> None:
+    for part in space.stack:
+        clearance_field(part)
+
+
+def _components(space: CSpace) -> None:
+    from cspace.connectivity import components
+
+    components(space.stack, space.slice_of, np.zeros(len(space.stack), dtype=np.bool_))
+
+
+def _equal(space: CSpace, fresh: CSpace) -> bool:
+    return np.array_equal(space.stack, fresh.stack)

@@ -1,0 +1,231 @@
+"""Compiled loops over words of 64 cells: the lowest bit of a word is the first cell, and its lowest byte the first."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Words = NDArray[np.uint64]
+Ints = NDArray[np.int64]
+
+_GATHER = np.uint64(0x0102040810204080)
+_REPEAT = np.uint64(0x0101010101010101)
+_SELECT = np.uint64(0x8040201008040201)
+_CARRY = np.uint64(0x7F7F7F7F7F7F7F7F)
+_ONE = np.uint64(1)
+
+
+@njit(cache=True, nogil=True)
+def find_runs(cells: NDArray[np.uint8], lower: Ints, shape: Ints) -> tuple[Ints, Ints, int, int]:
+    """Runs of offsets that can fall on a map, as rows (x, y, z, length), by ascending length.
+
+    ``cells`` has three axes; an offset m is left out where ``|m|`` reaches the map's ``shape`` along an axis. Also
+    found are the least offsets along the axes, then the greatest; how many lengths there are; and how many offsets.
+    """
+    begin = np.empty(3, np.int64)
+    end = np.empty(3, np.int64)
+    for axis in range(3):
+        begin[axis] = min(max(1 - shape[axis] - lower[axis], 0), cells.shape[axis])
+        end[axis] = max(min(shape[axis] - lower[axis], cells.shape[axis]), begin[axis])
+    number = 0
+    for i in range(begin[0], end[0]):
+        for j in range(begin[1], end[1]):
+            before = np.uint8(0)
+            for k in range(begin[2], end[2]):
+                number += cells[i, j, k] > before
+                before = cells[i, j, k]
+    runs = np.empty((number, 4), np.int64)
+    number = offsets = 0
+    for i in range(begin[0], end[0]):
+        for j in range(begin[1], end[1]):
+            before = np.uint8(0)
+            for k in range(begin[2], end[2]):
+                cell = cells[i, j, k]
+                if cell > before:
+                    runs[number, 0], runs[number, 1] = i + lower[0], j + lower[1]
+                    runs[number, 2], runs[number, 3] = k + lower[2], 0
+                    number += 1
+                if cell:
+                    runs[number - 1, 3] += 1
+                    offsets += 1
+                before = cell
+    runs = runs[np.argsort(runs[:, 3])]
+    ends = np.zeros(6, np.int64)
+    lengths = 0
+    for k in range(number):
+        lengths += k == 0 or runs[k, 3] != runs[k - 1, 3]
+        for axis in range(3):
+            low = runs[k, axis]
+            high = low + (runs[k, 3] - 1 if axis == 2 else 0)
+            if k == 0 or low < ends[axis]:
+                ends[axis] = low
+            if k == 0 or high > ends[3 + axis]:
+                ends[3 + axis] = high
+    return runs, ends, lengths, offsets
+
+
+@njit(cache=True, nogil=True)
+def place_runs(runs: Ints, pads: Ints, rows: int, width: int) -> Ints:
+    """Length, word and shift of each run in a board, in fours of one length: the last is told again to fill them up."""
+    number = 0
+    for k in range(len(runs)):
+        number += 1
+        if k + 1 == len(runs) or runs[k + 1, 3] != runs[k, 3]:
+            number += -number % 4
+    table = np.empty((number, 3), np.int64)
+    number = 0
+    for k in range(len(runs)):
+        x, y, z = runs[k, 0] + pads[0], runs[k, 1] + pads[1], runs[k, 2] + pads[2]
+        again = 1
+        if k + 1 == len(runs) or runs[k + 1, 3] != runs[k, 3]:
+            again += -(number + 1) % 4
+        for _ in range(again):
+            table[number, 0] = runs[k, 3]
+            table[number, 1] = (x * rows + y) * width + z // 64
+            table[number, 2] = z % 64
+            number += 1
+    return table
+
+
+@njit(cache=True, nogil=True)
+def pack(cells: NDArray[np.uint8], shift: int, flip: int, rows: Words, start: int, width: int) -> None:
+    """Add rows of cells, each 0 or 1, to rows of words that are 0 there.
+
+    ``cells`` has the shape (rows, cells). The first cell goes to bit ``shift`` of word ``start`` in ``rows``, and each
+    further row ``width`` words on. With ``flip`` 1, what is added is the complement.
+    """
+    count, n = cells.shape
+    whole, rest = n // 64, n % 64
+    up, down = np.uint64(shift), np.uint64(63 - shift)
+    all_ones = np.uint64(0) - np.uint64(flip)
+    for number in range(count):
+        row = cells[number]
+        eights = row[: 64 * whole].view(np.uint64)
+        place = start + number * width
+        for w in range(whole + (rest > 0)):
+            word = np.uint64(0)
+            if w < whole:
+                for k in range(8):
+                    word |= ((eights[8 * w + k] * _GATHER) >> np.uint64(56)) << np.uint64(8 * k)
+                word ^= all_ones
+            else:
+                for k in range(rest):
+                    word |= np.uint64(row[64 * whole + k] ^ flip) << np.uint64(k)
+            rows[place + w] |= word << up
+            above = (word >> _ONE) >> down
+            if above:
+                rows[place + w + 1] |= above
+
+
+@njit(cache=True, nogil=True)
+def dilate_block(bits: Words, start: int, runs: Ints, spare: Words, more: Words, result: Words) -> bool:
+    """Whether some cell of a set lies at each place from word ``start`` on, moved by any offset of a robot's runs.
+
+    ``runs`` has a row (length, word, shift) for each run of offsets, by ascending length; their number at each length
+    is a multiple of four. ``spare`` and ``more`` are as long as ``result`` and the reach of all runs. False, and
+    nothing is written, where there is nothing in reach.
+    """
+    size, reach = result.size, spare.size
+    found = np.uint64(0)
+    source = bits[start : start + reach]
+    for k in range(reach):
+        found |= source[k]
+        spare[k] = source[k]
+    if found == 0:
+        return False
+    for k in range(size):
+        result[k] = 0
+    length, now, then = 1, spare, more
+    for number in range(0, len(runs), 4):
+        while length < runs[number, 0]:
+            # A bit tells of as many cells from its own on as ``length``.
+            step = min(length, runs[number, 0] - length)
+            _widen(now, step, then)
+            now, then = then, now
+            length += step
+        _unite(now, runs[number : number + 4], result)
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _widen(now: Words, step: int, then: Words) -> None:
+    """``then[k] = now[k] | now[k + step]``, bit by bit, with nothing beyond the end."""
+    jump, shift = step // 64, np.uint64(step % 64)
+    back = np.uint64(63) - shift
+    inner = max(0, now.size - jump - 1)
+    near, low, high, out = now[:inner], now[jump : jump + inner], now[jump + 1 : jump + 1 + inner], then[:inner]
+    for k in range(inner):
+        out[k] = near[k] | (low[k] >> shift) | ((high[k] << _ONE) << back)
+    for k in range(inner, now.size):
+        then[k] = now[k]
+        if k + jump < now.size:
+            then[k] |= now[k + jump] >> shift
+
+
+@njit(cache=True, nogil=True)
+def _unite(now: Words, runs: Ints, result: Words) -> None:
+    """Add four runs to a result."""
+    n = result.size
+    a, b, c, d = runs[0, 1], runs[1, 1], runs[2, 1], runs[3, 1]
+    s, t, u, v = np.uint64(runs[0, 2]), np.uint64(runs[1, 2]), np.uint64(runs[2, 2]), np.uint64(runs[3, 2])
+    s_, t_, u_, v_ = np.uint64(63) - s, np.uint64(63) - t, np.uint64(63) - u, np.uint64(63) - v
+    a0, b0, c0, d0 = now[a : a + n], now[b : b + n], now[c : c + n], now[d : d + n]
+    a1, b1, c1, d1 = now[a + 1 : a + 1 + n], now[b + 1 : b + 1 + n], now[c + 1 : c + 1 + n], now[d + 1 : d + 1 + n]
+    for k in range(n):
+        one = (a0[k] >> s) | ((a1[k] << _ONE) << s_) | (b0[k] >> t) | ((b1[k] << _ONE) << t_)
+        two = (c0[k] >> u) | ((c1[k] << _ONE) << u_) | (d0[k] >> v) | ((d1[k] << _ONE) << v_)
+        result[k] |= one | two
+
+
+@njit(cache=True, nogil=True)
+def unpack(
+    words: NDArray[np.uint64], width: int, first: int, rows: int, found: bool, add: bool, out: NDArray[np.uint8]
+) -> None:
+    """Write rows of words into ``out``, shape (layers, rows, cells), or add them.
+
+    ``words`` holds the rows from number ``first`` on, each ``width`` words long, where a layer has ``rows`` of them;
+    those beyond the rows of ``out`` are left out. Unless something was ``found``, all are zero.
+    """
+    cells = out.shape[2]
+    eights = cells // 8
+    for row in range(words.size // width):
+        x, y = (first + row) // rows, (first + row) % rows
+        if x >= out.shape[0] or y >= out.shape[1]:
+            continue
+        line = out[x, y]
+        if not found:
+            if not add:
+                line[:] = 0
+            continue
+        part = words[row * width : (row + 1) * width]
+        octets, together = part.view(np.uint8), line[: 8 * eights].view(np.uint64)
+        if add:
+            for k in range(eights):
+                byte = np.uint64(octets[k])
+                together[k] += ((((byte * _REPEAT) & _SELECT) + _CARRY) >> np.uint64(7)) & _REPEAT
+        else:
+            for k in range(eights):
+                byte = np.uint64(octets[k])
+                together[k] = ((((byte * _REPEAT) & _SELECT) + _CARRY) >> np.uint64(7)) & _REPEAT
+        for k in range(8 * eights, cells):
+            bit = (part[k // 64] >> np.uint64(k % 64)) & _ONE
+            line[k] = line[k] + bit if add else bit
+
+
+@njit(cache=True, nogil=True)
+def settle_block(
+    bits: Words,
+    runs: Ints,
+    spare: Words,
+    more: Words,
+    words: Words,
+    width: int,
+    first: int,
+    rows: int,
+    add: bool,
+    out: NDArray[np.uint8],
+) -> None:
+    """Dilate the rows from number ``first`` on, as many as ``words`` holds, and write them into ``out`` or add them."""
+    found = dilate_block(bits, first * width, runs, spare, more, words)
+    unpack(words, width, first, rows, found, add, out)

@@ -1,0 +1,1 @@
+"""Walks along straight edges in space."""

@@ -1,0 +1,1 @@
+"""The choice of balls: by a number or a tolerance, of different radii or of one."""

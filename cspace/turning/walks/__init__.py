@@ -1,0 +1,1 @@
+"""Walks along edges on which a robot moves and turns."""

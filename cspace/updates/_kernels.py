@@ -1,0 +1,375 @@
+"""Compiled passes over the part of a map that a change of the workspace reaches. The plane has one layer of cells."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from cspace.bits._kernels import dilate_block
+from cspace.states import FREE
+
+Bytes = NDArray[np.uint8]
+Ints = NDArray[np.int64]
+Words = NDArray[np.uint64]
+
+LOOKED, CHANGED, FREED, COUNTS = 0, 6, 12, 18
+"""Where a row of what :func:`renew_states` tells of a slice has its boxes, first cells and then last ones, and from
+where on the number of cells that changed their state, and by how many more are FREE."""
+
+ROW = 20
+"""Length of such a row."""
+
+_GATHER = np.uint64(0x0102040810204080)
+_REPEAT = np.uint64(0x0101010101010101)
+_SELECT = np.uint64(0x8040201008040201)
+_CARRY = np.uint64(0x7F7F7F7F7F7F7F7F)
+_BYTE = np.uint64(255)
+
+
+@njit(cache=True, nogil=True)
+def renew(
+    stack: Bytes,
+    overlaps: NDArray[np.int32],
+    outer: Bytes,
+    inner: Bytes,
+    one: bool,
+    new_outer: Bytes,
+    new_inner: Bytes,
+    lower: Ints,
+    tallies: Ints,
+    runs: Ints,
+    ends: Ints,
+    far: Ints,
+    far_ends: Ints,
+    near: Ints,
+    near_ends: Ints,
+    fixed: Bytes,
+    weights: Ints,
+    blocked: bool,
+    beyond: bool,
+) -> tuple[Ints, Ints]:
+    """Write new cells, and what follows from them, in one call, so that an interrupt finds all of it done or nothing.
+
+    Gives what :func:`renew_cells` and :func:`renew_states` tell, which have the same arguments. ``overlaps``, which are
+    those of ``runs`` and ``ends``, are empty where they are not stored.
+    """
+    change = np.empty(new_outer.shape if overlaps.size > 0 else (0, 0, 0), np.int8)
+    found = renew_cells(outer, inner, new_outer, new_inner, lower, tallies, change)
+    box = found[:6]
+    if found[6] == 0:
+        return found, np.zeros((len(stack) + 1, ROW), np.int64)
+    if overlaps.size > 0:
+        renew_overlaps(overlaps, change, lower, box, runs, ends)
+    told = renew_states(stack, outer, inner, box, far, far_ends, near, near_ends, fixed, weights, one, blocked, beyond)
+    return found, told
+
+
+@njit(cache=True, nogil=True)
+def renew_cells(
+    outer: Bytes, inner: Bytes, new_outer: Bytes, new_inner: Bytes, lower: Ints, tallies: Ints, change: NDArray[np.int8]
+) -> Ints:
+    """Write the new cells of a box into a workspace; the box around those that differ, and their number.
+
+    ``inner`` may be the same array as ``outer``. ``tallies``, empty where they are not kept, are the numbers of outer
+    cells in each layer along each axis, one axis after the other. ``change``, empty or of the shape of the new cells,
+    is given what is added to each outer cell.
+    """
+    nx, ny, nz = new_outer.shape
+    x, y, z = lower
+    found = np.array([nx + x, ny + y, nz + z, -1, -1, -1, 0])
+    for i in range(nx):
+        for j in range(ny):
+            old_row, new_row = outer[x + i, y + j], new_outer[i, j]
+            old_within, new_within = inner[x + i, y + j], new_inner[i, j]
+            for k in range(nz):
+                step = int(new_row[k]) - int(old_row[z + k])
+                if change.size > 0:
+                    change[i, j, k] = step
+                if step == 0 and new_within[k] == old_within[z + k]:
+                    continue
+                old_row[z + k] = new_row[k]
+                old_within[z + k] = new_within[k]
+                if tallies.size > 0:
+                    tallies[x + i] += step
+                    tallies[outer.shape[0] + y + j] += step
+                    tallies[outer.shape[0] + outer.shape[1] + z + k] += step
+                found[0], found[3] = min(found[0], x + i), max(found[3], x + i)
+                found[1], found[4] = min(found[1], y + j), max(found[4], y + j)
+                found[2], found[5] = min(found[2], z + k), max(found[5], z + k)
+                found[6] += 1
+    return found
+
+
+@njit(cache=True, nogil=True)
+def renew_sums(sums: NDArray[np.int32], cells: Bytes, box: Ints) -> None:
+    """Running counts of the columns, shape (nx, ny, nz + 1), through a box whose cells have changed."""
+    count = cells.shape[2]
+    for x in range(box[0], box[3] + 1):
+        for y in range(box[1], box[4] + 1):
+            row, into = cells[x, y], sums[x, y]
+            before = into[box[5] + 1]
+            for z in range(box[2], box[5] + 1):
+                into[z + 1] = into[z] + row[z]
+            step = into[box[5] + 1] - before
+            if step != 0:
+                for z in range(box[5] + 2, count + 1):
+                    into[z] += step
+
+
+@njit(cache=True, nogil=True)
+def extents(tallies: Ints, shape: Ints) -> Ints:
+    """First and last layer along each axis that is not empty, from numbers of cells in each; (0, -1) without any."""
+    found = np.empty(6, np.int64)
+    start = 0
+    for axis in range(3):
+        first, last = 0, shape[axis] - 1
+        while first <= last and tallies[start + first] == 0:
+            first += 1
+        while last >= first and tallies[start + last] == 0:
+            last -= 1
+        found[axis], found[3 + axis] = first, last
+        start += shape[axis]
+    return found
+
+
+@njit(cache=True, nogil=True)
+def renew_states(
+    stack: Bytes,
+    outer: Bytes,
+    inner: Bytes,
+    box: Ints,
+    outer_runs: Ints,
+    outer_ends: Ints,
+    inner_runs: Ints,
+    inner_ends: Ints,
+    fixed: Bytes,
+    weights: Ints,
+    one: bool,
+    blocked: bool,
+    beyond: bool,
+) -> Ints:
+    """States of all configurations that a changed box of cells can touch; what has changed, shape (slices + 1, ROW).
+
+    The last row is of all slices together, each counted as often as its weight tells.
+
+    Parameters
+    ----------
+    stack : ndarray of uint8, shape (slices, nx, ny, nz)
+    outer, inner : ndarray of uint8, shape (nx, ny, nz)
+        The new cells.
+    box : ndarray of int64, shape (6,)
+        First and last cell of the change.
+    outer_runs, inner_runs : ndarray of int64, shape (n, 4)
+        Of all slices, rows (first offset, length), in fours of one length and by ascending length in each.
+    outer_ends, inner_ends : ndarray of int64, shape (slices,)
+        Where the rows of each slice end.
+    fixed : ndarray of uint8, shape (slices, 2)
+        Whether the outer robot, and the inner one, meets the outside from everywhere.
+    weights : ndarray of int64, shape (slices,)
+        Number of rotation cells that share each slice.
+    one, blocked, beyond : bool
+        Whether ``inner`` is the same array as ``outer``; whether BLOCKED is proven at all; and whether all beyond the
+        map is obstacle.
+    """
+    told = np.zeros((stack.shape[0] + 1, ROW), np.int64)
+    for s in range(stack.shape[0]):
+        first_outer = outer_ends[s - 1] if s > 0 else 0
+        first_inner = inner_ends[s - 1] if s > 0 else 0
+        far = outer_runs[first_outer : outer_ends[s]]
+        near = inner_runs[first_inner : inner_ends[s]]
+        if fixed[s, 0] > 0:
+            far = far[:0]
+        if fixed[s, 1] > 0 or not blocked:
+            near = near[:0]
+        part, row = stack[s], told[s]
+        for axis in range(3):
+            row[LOOKED + axis], row[LOOKED + 3 + axis] = part.shape[axis], -1
+            row[CHANGED + axis], row[CHANGED + 3 + axis] = part.shape[axis], -1
+            row[FREED + axis], row[FREED + 3 + axis] = part.shape[axis], -1
+        if len(far) + len(near) == 0:
+            continue
+        low, high = np.full(3, 2**62, np.int64), np.full(3, -(2**62), np.int64)
+        _reach(far, low, high)
+        _reach(near, low, high)
+        first, last = np.empty(3, np.int64), np.empty(3, np.int64)
+        for axis in range(3):
+            first[axis] = max(0, box[axis] - high[axis])
+            last[axis] = min(part.shape[axis] - 1, box[3 + axis] - low[axis])
+        if first[0] > last[0] or first[1] > last[1] or first[2] > last[2]:
+            continue
+        row[LOOKED : LOOKED + 3] = first
+        row[LOOKED + 3 : LOOKED + 6] = last
+        tall = last[1] - first[1] + 1 + high[1] - low[1]
+        wide = (last[2] - first[2] + high[2] - low[2] + 64) // 64
+        words = _pack(outer, first + low, last + high, beyond, tall, wide)
+        hits = _hits(words, far, low, last - first + 1, tall, wide)
+        if not one and len(near) > 0:
+            words = _pack(inner, first + low, last + high, beyond, tall, wide)
+        deep = _hits(words, near, low, last - first + 1, tall, wide)
+        always = _BYTE if fixed[s, 0] > 0 else np.uint64(0)
+        deep_always = _BYTE if fixed[s, 1] > 0 and blocked else np.uint64(0)
+        for x in range(first[0], last[0] + 1):
+            for y in range(first[1], last[1] + 1):
+                at = ((x - first[0]) * tall + y - first[1]) * wide
+                line = part[x, y][first[2] : last[2] + 1]
+                eights = line[: len(line) // 8 * 8].view(np.uint64)
+                for k in range(len(eights)):
+                    place, bit = k // 8, np.uint64(8 * (k % 8))
+                    far_byte = ((hits[at + place] >> bit) & _BYTE) | always
+                    near_byte = ((deep[at + place] >> bit) & _BYTE) | deep_always
+                    states = _spread(far_byte) + _spread(near_byte)
+                    if states != eights[k]:
+                        for n in range(8):
+                            state = int((states >> np.uint64(8 * n)) & _BYTE)
+                            _settle(line, 8 * k + n, state, x, y, first[2], row)
+                for k in range(8 * len(eights), len(line)):
+                    bit = np.uint64(k % 64)
+                    far_byte = (hits[at + k // 64] >> bit) | always
+                    near_byte = (deep[at + k // 64] >> bit) | deep_always
+                    state = int((far_byte & np.uint64(1)) + (near_byte & np.uint64(1)))
+                    _settle(line, k, state, x, y, first[2], row)
+    whole = told[-1]
+    whole[:] = told[0]
+    whole[COUNTS:] = 0
+    for s in range(stack.shape[0]):
+        row = told[s]
+        for start in (LOOKED, CHANGED, FREED):
+            for axis in range(start, start + 3):
+                whole[axis] = min(whole[axis], row[axis])
+                whole[3 + axis] = max(whole[3 + axis], row[3 + axis])
+        whole[COUNTS] += weights[s] * row[COUNTS]
+        whole[COUNTS + 1] += weights[s] * row[COUNTS + 1]
+    return told
+
+
+@njit(cache=True, nogil=True)
+def _spread(byte: np.uint64) -> np.uint64:
+    """The bits of a byte, as 0 or 1 in each byte of a word."""
+    return (((byte * _REPEAT) & _SELECT) + _CARRY) >> np.uint64(7) & _REPEAT
+
+
+@njit(cache=True, nogil=True)
+def _settle(line: Bytes, at: int, state: int, x: int, y: int, z: int, row: Ints) -> None:
+    """Write the state of a cell, whose line begins at ``z``, and tell of it if it is another."""
+    old = line[at]
+    if state == old:
+        return
+    line[at] = state
+    row[COUNTS] += 1
+    _include(row[CHANGED : CHANGED + 6], x, y, z + at)
+    if (state == FREE) != (old == FREE):
+        row[COUNTS + 1] += 1 if state == FREE else -1
+        _include(row[FREED : FREED + 6], x, y, z + at)
+
+
+@njit(cache=True, nogil=True)
+def _include(box: Ints, x: int, y: int, z: int) -> None:
+    box[0], box[3] = min(box[0], x), max(box[3], x)
+    box[1], box[4] = min(box[1], y), max(box[4], y)
+    box[2], box[5] = min(box[2], z), max(box[5], z)
+
+
+@njit(cache=True, nogil=True)
+def _reach(runs: Ints, low: Ints, high: Ints) -> None:
+    """Widen the bounds of offsets by those of runs."""
+    for n in range(len(runs)):
+        for axis in range(3):
+            low[axis] = min(low[axis], runs[n, axis])
+            high[axis] = max(high[axis], runs[n, axis] + (runs[n, 3] - 1 if axis == 2 else 0))
+
+
+@njit(cache=True, nogil=True)
+def _pack(cells: Bytes, first: Ints, last: Ints, beyond: bool, tall: int, wide: int) -> Words:
+    """A box of cells, which may stick out of the map, in rows of ``wide`` words, of which a layer has ``tall``.
+
+    Behind them are as many words as the dilation reads beyond, at most.
+    """
+    words = np.zeros((last[0] - first[0] + 1) * tall * wide + 2 * wide + 2, np.uint64)
+    begin, end = max(0, first[2]), min(cells.shape[2], last[2] + 1)
+    for x in range(max(0, first[0]), min(cells.shape[0], last[0] + 1)):
+        for y in range(max(0, first[1]), min(cells.shape[1], last[1] + 1)):
+            at = ((x - first[0]) * tall + y - first[1]) * wide
+            _pack_row(cells[x, y, begin:end], beyond, begin - first[2], words[at : at + wide])
+    if beyond:  # the free cells were packed
+        for k in range(words.size):
+            words[k] = ~words[k]
+    return words
+
+
+@njit(cache=True, nogil=True)
+def _hits(words: Words, runs: Ints, low: Ints, sizes: Ints, tall: int, wide: int) -> Words:
+    """Whether a robot meets any cell of a packed box from each place of another, whose rows are as long.
+
+    The packed box begins ``low`` before the places.
+    """
+    size = ((sizes[0] - 1) * tall + sizes[1]) * wide
+    result = np.zeros(size, np.uint64)
+    if len(runs) == 0:
+        return result
+    table = np.empty((len(runs), 3), np.int64)
+    most = np.int64(0)
+    for n in range(len(runs)):
+        bit = ((runs[n, 0] - low[0]) * tall + runs[n, 1] - low[1]) * wide * 64 + runs[n, 2] - low[2]
+        table[n, 0], table[n, 1], table[n, 2] = runs[n, 3], bit // 64, bit % 64
+        most = max(most, table[n, 1])
+    reach = size + most + runs[-1, 3] // 64 + 2
+    dilate_block(words, 0, table, np.empty(reach, np.uint64), np.empty(reach, np.uint64), result)
+    return result
+
+
+@njit(cache=True, nogil=True)
+def _pack_row(cells: Bytes, flip: bool, first: int, words: Words) -> None:
+    """Put cells, each 0 or 1, or what they are not, into words that are 0 from bit ``first`` on."""
+    whole, turn = cells.size // 8, _BYTE if flip else np.uint64(0)
+    eights = cells[: 8 * whole].view(np.uint64)
+    place, filled, word = first // 64, np.uint64(first % 64), np.uint64(0)
+    for k in range(whole):
+        byte = ((eights[k] * _GATHER) >> np.uint64(56)) ^ turn
+        word |= byte << filled
+        filled += np.uint64(8)
+        if filled >= np.uint64(64):
+            words[place] |= word
+            place += 1
+            filled -= np.uint64(64)
+            word = byte >> (np.uint64(8) - filled)
+    if word:
+        words[place] |= word
+    for k in range(8 * whole, cells.size):
+        place = first + k
+        words[place // 64] |= ((np.uint64(cells[k]) ^ turn) & np.uint64(1)) << np.uint64(place % 64)
+
+
+@njit(cache=True, nogil=True)
+def renew_overlaps(
+    overlaps: NDArray[np.int32], change: NDArray[np.int8], lower: Ints, box: Ints, runs: Ints, ends: Ints
+) -> None:
+    """Add the overlaps with changed cells to stored ones, shape (slices, nx, ny, nz).
+
+    ``change``, the first of whose entries is cell ``lower``, tells what was added to each cell, all within ``box``;
+    ``runs`` has rows (first offset, length), each offset once.
+    """
+    first, last = box[:3], box[3:]
+    sums = np.zeros((last[0] - first[0] + 1, last[1] - first[1] + 1, last[2] - first[2] + 2), np.int64)
+    for x in range(sums.shape[0]):
+        for y in range(sums.shape[1]):
+            line = change[first[0] - lower[0] + x, first[1] - lower[1] + y]
+            for z in range(sums.shape[2] - 1):
+                sums[x, y, z + 1] = sums[x, y, z] + line[first[2] - lower[2] + z]
+    count = sums.shape[2] - 1
+    for s in range(overlaps.shape[0]):
+        part = overlaps[s]
+        for n in range(ends[s - 1] if s > 0 else 0, ends[s]):
+            length = runs[n, 3]
+            for i in range(sums.shape[0]):
+                x = first[0] + i - runs[n, 0]
+                for j in range(sums.shape[1]):
+                    y = first[1] + j - runs[n, 1]
+                    if not (0 <= x < part.shape[0] and 0 <= y < part.shape[1]):
+                        continue
+                    column, line = sums[i, j], part[x, y]
+                    # The run covers the cells from z + offset on.
+                    shift = runs[n, 2] - first[2]
+                    for z in range(max(0, 1 - length - shift), min(part.shape[2], count - shift)):
+                        low, high = max(0, z + shift), min(count, z + shift + length)
+                        line[z] += column[high] - column[low]

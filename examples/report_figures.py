@@ -1,0 +1,289 @@
+"""Figures of collision in the frequency domain, from our own runs: ``python examples/report_figures.py [FOLDER]``.
+
+They follow those of Lysenko (2013) and of Behandish and Ilies (2016); ``docs/frequency.md`` tells what they show. Times
+are medians of a few runs on this machine. Needs ``pip install "cspace[nufft]"``.
+"""
+
+import math
+import sys
+import time
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
+from numpy.typing import NDArray
+from scipy.integrate import cumulative_simpson
+from shapely import affinity
+
+import cspace
+from cspace.descriptors import BallDescriptor, Bump, ball_spectrum, indicator, minkowski_sum, sampled_spectrum
+from cspace.separation import FourierOverlap, Verdict
+from cspace.spheres import decompose
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+
+COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#262626")  # Okabe and Ito (2008), and a black
+SHAPE = shapely.Polygon([(0.3, 0.3), (1.7, 0.3), (1.7, 0.8), (1.2, 0.7), (0.9, 1.7), (0.3, 1.5)])  # metres
+PERIOD = 4.0  # metres; no shape here is longer
+FREQUENCIES = 128  # along an axis, so up to 16 cycles per metre
+
+
+def in_turns(works: Sequence[Callable[[], Any]], most: float = 0.4) -> tuple[list[float], list[Any]]:
+    """Median times in seconds of up to 31 rounds that together take about ``most`` seconds, and what the works give.
+
+    What disturbs the machine disturbs all alike. What a first run compiles must be compiled before.
+    """
+    rounds: list[list[float]] = []
+    while len(rounds) < 31 and sum(map(sum, rounds)) < most:
+        results, clocks = [], [time.perf_counter()]
+        for work in works:
+            results.append(work())
+            clocks.append(time.perf_counter())
+        rounds.append(np.diff(clocks).tolist())
+    return np.median(rounds, axis=0).tolist(), results
+
+
+def crossover(sizes: list[int], slow: Floats, fast: Floats) -> float | None:
+    """Size from which on one list of times stays above another, on log axes; None where it always or never is."""
+    ratio = np.log(slow / fast)
+    if (ratio > 0.0).all() or ratio[-1] <= 0.0:
+        return None
+    i = int(np.flatnonzero(ratio <= 0.0)[-1])
+    return float(np.exp(np.interp(0.0, ratio[i : i + 2], np.log(sizes[i : i + 2]))))
+
+
+def plain(ax: Axes, title: str, x: str, y: str) -> None:
+    """What all axes have."""
+    ax.set_title(title, fontsize=10)
+    ax.set(xlabel=x, ylabel=y)
+
+
+def draw_modulus(ax: Axes, spectrum: Complexes, title: str) -> Any:
+    """Modulus of a spectrum over its largest value, as an image with a logarithmic scale."""
+    levels = np.log10(np.maximum(np.abs(np.fft.fftshift(spectrum)) / np.abs(spectrum).max(), 1e-30))
+    reach = (FREQUENCIES // 2 + 0.5) / PERIOD
+    extent = (-reach, reach - 1.0 / PERIOD, -reach, reach - 1.0 / PERIOD)
+    plain(ax, title, "frequency along x [cycles/m]", "frequency along y [cycles/m]")
+    return ax.imshow(levels.T, origin="lower", extent=extent, cmap="cividis", vmin=-5.0, vmax=0.0)
+
+
+def add_scale(figure: Figure, image: Any, axes: Any) -> None:
+    scale = figure.colorbar(image, ax=axes, shrink=0.8, extend="min", ticks=range(-5, 1))
+    scale.ax.set_yticklabels([f"$10^{{{level}}}$" for level in range(-5, 1)])
+    scale.set_label("modulus over its largest value")
+
+
+def obstacle_and_spectrum() -> Figure:
+    """Figure 1: an obstacle, and the modulus of the spectrum of its indicator."""
+    figure = Figure(figsize=(9.5, 4.2), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    grid = cspace.Grid((0.0, 0.0), 2.0 / 512, (512, 512))
+    obstacle = indicator(SHAPE, grid)
+    left.imshow(obstacle.values.T, origin="lower", extent=(0.0, 2.0, 0.0, 2.0), cmap="Greys", vmax=1.3)
+    left.set(xticks=np.arange(0.0, 2.1, 0.5), yticks=np.arange(0.0, 2.1, 0.5))
+    plain(left, "an obstacle", "x [m]", "y [m]")
+    image = draw_modulus(right, sampled_spectrum(obstacle, PERIOD, FREQUENCIES), "spectrum of its indicator")
+    add_scale(figure, image, right)
+    return figure
+
+
+def bumps() -> Figure:
+    """Figure 2: the bump for several alpha, and the share of its energy beyond a frequency, in the plane."""
+    figure = Figure(figsize=(9.5, 4.0), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    s, k = np.linspace(-1.2, 1.2, 961), np.linspace(0.0, 32.0, 6401)
+    for alpha, color in zip((0.5, 1.0, 2.0, 4.0, 16.0, math.inf), COLORS, strict=True):
+        bump = Bump(alpha)
+        label = rf"$\alpha$ = {alpha:g}" if math.isfinite(alpha) else r"$\alpha = \infty$: the indicator"
+        left.plot(s, bump.profile(np.abs(s)), color=color, label=label)
+        density = 2.0 * math.pi * k * bump.radial_spectrum(k, 2) ** 2
+        below = cumulative_simpson(density, x=k, initial=0.0)
+        right.loglog(k, 1.0 - below / bump.pair_integral(1.0, 1.0, 0.0, 2), color=color)
+    left.set(ylim=(-0.03, 1.08))
+    right.set(xlim=(0.1, 30.0), ylim=(1e-6, 1.5))
+    plain(left, "the bump", "distance from the centre [radii]", r"$\psi$")
+    plain(right, "how much lies in high frequencies", "frequency [cycles/radius]", "share of the energy beyond it")
+    figure.legend(loc="outside right center", frameon=False)
+    return figure
+
+
+def decomposition() -> Figure:
+    """Figure 3: balls inside a shape, and their descriptor."""
+    figure = Figure(figsize=(9.5, 4.4), layout="constrained")
+    left, right = figure.subplots(1, 2, sharex=True, sharey=True)
+    spheres = decompose(SHAPE, kind="inner", number=48)
+    spheres.plot(left, title=f"48 inner discs, {100.0 * spheres.volume_ratio:.1f} % of the area")
+    grid = cspace.Grid((0.2, 0.2), 0.004, (400, 400))
+    values = BallDescriptor(spheres.centers, spheres.radii, Bump(2.0)).sample(grid).values
+    extent = (grid.lower[0], grid.upper[0], grid.lower[1], grid.upper[1])
+    image = right.imshow(np.where(values > 0.0, values, np.nan).T, origin="lower", extent=extent, cmap="cividis")
+    right.plot(*SHAPE.exterior.xy, color="#262626", linewidth=1.2)
+    plain(right, r"the sum of their bumps, $\alpha$ = 2", "x [m]", "y [m]")
+    figure.colorbar(image, ax=right, shrink=0.8, label="descriptor")
+    return figure
+
+
+def ball_and_shape() -> Figure:
+    """Figure 4: the spectra of one ball B0 and of a shape of such balls, as images and along an axis."""
+    figure = Figure(figsize=(13.0, 4.0), layout="constrained")
+    axes = figure.subplots(1, 3, width_ratios=(1.0, 1.0, 1.1))
+    spheres = decompose(SHAPE, kind="inner", number=96, radius="equal")
+    radius, bump = float(spheres.radii[0]), Bump(2.0)
+    ball = ball_spectrum([[0.0, 0.0]], radius, bump, PERIOD, FREQUENCIES)
+    shape = ball_spectrum(spheres.centers, radius, bump, PERIOD, FREQUENCIES)
+    draw_modulus(axes[0], ball, f"one disc B0 of {100.0 * radius:.1f} cm")
+    image = draw_modulus(axes[1], shape, f"{len(spheres)} such discs in a shape")
+    axes[1].set_ylabel("")
+    add_scale(figure, image, axes[:2])
+    k = np.arange(FREQUENCIES // 2)
+    for spectrum, color, label in ((ball, COLORS[1], "one disc"), (shape, COLORS[0], "shape")):
+        axes[2].semilogy(k / PERIOD, np.abs(spectrum[k, 0]) / abs(spectrum[0, 0]), color=color, label=label)
+    plain(axes[2], "both along x", "frequency along x [cycles/m]", "modulus over its value at 0")
+    axes[2].legend(frameon=False)
+    return figure
+
+
+def sums_by_fft() -> Figure:
+    """Figure 5: Minkowski sums of bitmaps, direct and by FFT, and the sizes from which on the FFT is faster."""
+    figure = Figure(figsize=(9.5, 4.2), layout="constrained")
+    rng = np.random.default_rng(5)
+    small, large = [2, 3, 4, 6, 8, 12, 16, 24, 32, 48], [2, 3, 4, 6, 8, 12, 16]
+    panels = (("n x n cells and n x n cells", small, small), ("256 x 256 cells and n x n cells", [256] * 7, large))
+    for ax, (title, firsts, sizes) in zip(figure.subplots(1, 2), panels, strict=True):
+        rounds = []
+        for sides in zip(firsts, sizes, strict=True):
+            f, g = (indicator(rng.random((n, n)) < 0.5, cspace.Grid((0.0, 0.0), 0.1, (n, n))) for n in sides)
+            rounds.append(in_turns([partial(minkowski_sum, f, g, method) for method in ("direct", "fft")])[0])
+        direct, fft = np.transpose(rounds)
+        n = crossover(sizes, direct, fft)
+        label = (
+            f"direct: slower from n = {n:.0f} on"
+            if n
+            else f"direct: {'slower' if direct[-1] > fft[-1] else 'faster'} here"
+        )
+        print(f"  {title}: {label}")
+        ax.axvline(n or math.nan, color=COLORS[0], linestyle=":")
+        ax.loglog(sizes, direct, "o-", color=COLORS[0], markersize=4.0, label=label)
+        ax.loglog(sizes, fft, "o-", color=COLORS[1], markersize=4.0, label="FFT")
+        plain(ax, title, "n", "time [s]")
+        ax.set_xticks([n for n in (2, 4, 8, 16, 32) if n <= sizes[-1]])
+        ax.xaxis.set_major_formatter("{x:g}")
+        ax.xaxis.set_minor_formatter(NullFormatter())
+        ax.legend(fontsize=9, loc="upper left", framealpha=1.0)
+        ax.set_ylim(top=10.0 * ax.get_ylim()[1])
+    return figure
+
+
+def ways_to_spectra() -> Figure:
+    """Figure 6: time to make a spectrum of discs over how many there are: sampled, summed, and by NUFFT."""
+    count, bump, rng = 64, Bump(2.0), np.random.default_rng(6)
+    period, radius = 1.0, 4.0 / count
+    k = np.fft.fftfreq(count, 1.0 / count) / period
+    waves = np.stack(np.meshgrid(k, k, indexing="ij"), axis=-1).reshape(-1, 2)
+    radial = radius**2 * bump.radial_spectrum(radius * np.linalg.norm(waves, axis=1), 2).reshape(count, count)
+
+    def summed(points: Floats) -> Complexes:
+        parts = np.array_split(waves, math.ceil(len(waves) * len(points) / 2**20))
+        sums = np.concatenate([np.exp(-2j * math.pi * (part @ points.T)).sum(axis=1) for part in parts])
+        return np.asarray(radial * sums.reshape(count, count))
+
+    def factored(points: Floats) -> Complexes:
+        x, y = (np.exp(-2j * math.pi * k[:, None] * column) for column in points.T)
+        return np.asarray(radial * (x @ y.T))
+
+    def sampled(cells: int, points: Floats) -> Complexes:
+        grid = cspace.Grid((0.0, 0.0), period / cells, (cells, cells))
+        return sampled_spectrum(BallDescriptor(points, radius, bump).sample(grid), period, count)
+
+    ways: dict[str, Callable[[Floats], Complexes]] = {
+        "direct sum": summed,
+        "direct sum, a factor for each axis": factored,
+        f"sampled on {count} x {count} cells, FFT": partial(sampled, count),
+        f"sampled on {8 * count} x {8 * count} cells, FFT": partial(sampled, 8 * count),
+        "ball_spectrum: NUFFT, or sums of few": lambda points: ball_spectrum(points, radius, bump, period, count, 1e-9),
+    }
+    numbers = [1, 10, 100, 1000, 10_000]
+    sets = [rng.uniform(radius, period - radius, (number, 2)) for number in numbers]
+    for way in ways.values():
+        way(sets[0])
+    rounds = [in_turns([partial(way, points) for way in ways.values()]) for points in sets]
+    times = np.transpose([each for each, _ in rounds])
+    errors = [
+        max(np.abs(results[i] - results[1]).max() / np.abs(results[1]).max() for _, results in rounds)
+        for i in range(len(ways))
+    ]
+    figure = Figure(figsize=(9.5, 4.4), layout="constrained")
+    ax = figure.subplots()
+    for name, each, error, color in zip(ways, times, errors, COLORS, strict=False):
+        tells = f"\n  (error up to {error:.0e})" if error > 0.0 else ""
+        print(f"  {name}: {1e3 * each[-1]:.3g} ms for {numbers[-1]} discs")
+        ax.loglog(numbers, each, "o-", color=color, markersize=4.0, label=name + tells)
+    plain(ax, f"the spectrum of discs at {count} x {count} frequencies", "number of discs", "time [s]")
+    figure.legend(loc="outside right center", frameon=False)
+    return figure
+
+
+def draw_misses(ax: Axes, overlaps: dict[str, FourierOverlap], places: Floats, distances: Floats) -> None:
+    """Frequencies that each placement takes, over its distance, and the legend."""
+    for (name, overlap), color in zip(overlaps.items(), COLORS, strict=False):
+        verdicts, taken = overlap.verdicts(places, swelling=False)
+        asked = (distances > 0.0) & (taken > 0)  # beyond half a period, the answer takes none
+        miss = asked & (verdicts == Verdict.MISS)
+        median = f"median {np.median(taken[miss]):.0f} of {overlap.frequencies}"
+        ax.semilogy(distances[miss], taken[miss], ".", color=color, markersize=4.0, label=f"{name}: {median}")
+        ax.semilogy(distances[asked & ~miss], taken[asked & ~miss], "x", color=color, markersize=4.0, alpha=0.3)
+        nearest, last = distances[miss].min(initial=math.inf), distances[asked & ~miss].max(initial=0.0)
+        print(f"  {name}: {median} frequencies; none nearer than {nearest:.2f} m, all from {last:.2f} m on")
+    ax.plot([], [], "x", color="0.4", label="undecided")
+    plain(ax, "proofs that two shapes are apart", "distance of the shapes [m]", "frequencies summed")
+    ax.set_ylim(10.0, 5e7)
+    ax.legend(fontsize=9, loc="upper right", markerscale=1.5, framealpha=1.0)
+
+
+def early_misses() -> Figure:
+    """Figure 7: how many frequencies a proof takes that two shapes are apart, over their distance; swelling is off."""
+    part = shapely.Polygon([(-0.3, -0.2), (0.3, -0.2), (0.3, 0.0), (0.0, 0.0), (0.0, 0.3), (-0.3, 0.3)])
+    a, b = (decompose(shape, kind="outer", number=32) for shape in (part, SHAPE))
+    places = np.random.default_rng(7).uniform(-0.4, 2.4, (1500, 2))
+    distances = np.array([SHAPE.distance(affinity.translate(part, x, y)) for x, y in places])
+    grown = {swell: FourierOverlap.of_shapes(a, b, swell=swell, bump=Bump(2.0)) for swell in (0.05, 0.1, 0.2)}
+    flat = {alpha: FourierOverlap.of_shapes(a, b, swell=0.1, bump=Bump(alpha)) for alpha in (8.0, math.inf)}
+    figure = Figure(figsize=(11.0, 4.6), layout="constrained")
+    left, right = figure.subplots(1, 2, sharex=True, sharey=True)
+    draw_misses(left, {f"grown by {swell:g} m": each for swell, each in grown.items()}, places, distances)
+    kinds = {2.0: grown[0.1], **flat}
+    draw_misses(right, {f"alpha = {alpha:g}": each for alpha, each in kinds.items()}, places, distances)
+    left.set_title("discs grown by several lengths, alpha = 2", fontsize=10)
+    right.set_title("bumps of several alpha, discs grown by 0.1 m", fontsize=10)
+    return figure
+
+
+FIGURES: dict[str, Callable[[], Figure]] = {
+    "1-obstacle-and-spectrum": obstacle_and_spectrum,
+    "2-bumps": bumps,
+    "3-decomposition": decomposition,
+    "4-ball-and-shape": ball_and_shape,
+    "5-sums-by-fft": sums_by_fft,
+    "6-ways-to-spectra": ways_to_spectra,
+    "7-early-misses": early_misses,
+}
+
+
+def main(arguments: list[str]) -> None:
+    folder = Path(arguments[0]) if arguments else Path(__file__).parent / "output" / "report-figures"
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, draw in FIGURES.items():
+        file = folder / f"{name}.png"
+        draw().savefig(file, dpi=120)
+        print(f"picture: {file}")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,298 @@
+"""Many look-ups in one call: blocks, threads, coarse maps, numbers of any kind; and whole paths and roadmaps."""
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+import cspace
+from checks import stack_of
+from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
+from cspace.batches import EDGES_A_THREAD, ROWS
+from cspace.coarse import CELLS_AN_EDGE, coarse_of, renew_coarse
+from cspace.coarse.sides import SIDE
+from cspace.outside import Outside
+from cspace.plane import PlaneLookups
+from cspace.rotations import Rotations
+from cspace.threads import LEAST
+from spatial import lookups_of
+from strategies import rotation_cells, seeds
+
+
+def plane(rng, shape=(57, 43), outside="free"):
+    return cspace.build(Workspace.from_array(rng.random(shape) < 0.02, 0.1), Robot.disc(0.15), outside=outside)
+
+
+def turning(rng, rotations=7, shape=(29, 40), outside="free"):
+    workspace = Workspace.from_array(rng.random(shape) < 0.02, 0.1)
+    return cspace.build(workspace, Robot.rectangle(0.5, 0.2), rotations=rotations, outside=outside)
+
+
+def solid(rng, shape=(17, 23, 30), outside="free"):
+    return cspace.build(Workspace.from_array(rng.random(shape) < 0.003, 0.1), Robot.ball(0.15), outside=outside)
+
+
+KINDS = [plane, turning, solid]
+
+
+def configurations(space, rng, number):
+    """In the grid, around it, on borders of cells and of the grid, and far away."""
+    dim, spacing = space.grid.dim, space.grid.spacing
+    lower, upper = np.asarray(space.grid.lower), np.asarray(space.grid.upper)
+    cells = rng.integers(-2, np.add(space.grid.shape, 3), (number, dim))
+    drawn = np.choose(
+        rng.integers(0, 4, (number, dim)),
+        [
+            rng.uniform(lower, upper, (number, dim)),
+            rng.uniform(lower - 1.0, upper + 1.0, (number, dim)),
+            lower + spacing * cells,
+            np.where(rng.random((number, dim)) < 0.5, lower, upper),
+        ],
+    )
+    far = rng.random(number) < 0.01
+    drawn[far] = rng.choice([-1e300, -1e9, 1e9, 1e300], (int(far.sum()), dim))
+    return np.hstack([drawn, rng.uniform(-9.0, 9.0, (number, space.dof - dim))])
+
+
+def near(space, q, rng):
+    """Ends of edges from configurations: most of them a few cells away."""
+    reach = 12.0 * space.grid.spacing
+    ends = np.where(rng.random((len(q), 1)) < 0.8, q + rng.uniform(-reach, reach, q.shape), q[rng.permutation(len(q))])
+    return np.where(rng.random(q.shape) < 0.1, q, ends)
+
+
+# ---- one cell --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("make", KINDS)
+@settings(max_examples=8)
+@given(seeds, st.sampled_from(["free", "blocked"]), st.sampled_from([1, 1023, 1024, 1025, 2 * LEAST + 1]))
+def test_classify_of_many_is_that_of_each(make, seed, outside, number):
+    rng = np.random.default_rng(seed)
+    space = make(rng, outside=outside)
+    q = configurations(space, rng, number)
+    some = rng.integers(0, number, 500)
+    assert space.classify(q)[some].tolist() == [space.classify(one) for one in q[some]]
+    inside = space.grid.contains(q[:, : space.grid.dim])
+    cells = space.grid.cell_of(q[inside, : space.grid.dim])
+    slices = 0 if space.rotations is None else space.slice_of[space.rotations.cell_of(q[inside, -1])]
+    assert (space.classify(q)[inside] == space.stack[(slices, *cells.T)]).all()
+
+
+@settings(max_examples=100)
+@given(seeds, st.sampled_from([FREE, MIXED, BLOCKED]))
+def test_what_lies_outside_a_grid_of_any_size(seed, beyond):
+    rng = np.random.default_rng(seed)
+    state = rng.integers(0, 3, rng.integers(1, 4, 2)).astype(np.uint8)
+    nx, ny = state.shape
+    first = rng.integers(-3, 3, 2)
+    box = np.array([*first, *(first + rng.integers(-1, 6, 2))])
+    look = PlaneLookups(state, np.array([0.0, 0.0, 0.25, nx / 4, ny / 4]), Outside(box, beyond))
+    cells = np.array(list(itertools.product(range(-5, nx + 9), range(-5, ny + 9))))
+    out = np.empty(len(cells), np.uint8)
+    assert look.classify()((cells + rng.uniform(0.1, 0.9, 2)) / 4, out) == -1
+    for (i, j), told in zip(cells.tolist(), out.tolist(), strict=True):
+        boxed = box[0] <= i <= box[2] and box[1] <= j <= box[3]
+        assert told == (state[i, j] if 0 <= i < nx and 0 <= j < ny else MIXED if boxed else beyond)
+
+
+@pytest.mark.parametrize("make", KINDS)
+@pytest.mark.parametrize("dtype", ["float64", "float32", "float16", "int64", "int8", "uint16", "bool", "longdouble"])
+def test_numbers_of_any_kind(make, dtype):
+    rng = np.random.default_rng(3)
+    space = make(rng)
+    q = rng.uniform(0, 3, (2 * ROWS + 7, space.dof)).astype(dtype)
+    wide = q.astype(np.float64)
+    for name in ("classify", "clearance", "overlap"):
+        assert (getattr(space, name)(q) == getattr(space, name)(wide)).all()
+    assert (space.motion_is_free(q[1:], q[:-1]) == space.motion_is_free(wide[1:], wide[:-1])).all()
+    assert space.classify(q[5]) == space.classify(wide[5])
+
+
+@pytest.mark.parametrize("make", KINDS)
+def test_arrays_of_any_layout(make):
+    rng = np.random.default_rng(4)
+    space = make(rng)
+    q = configurations(space, rng, 3 * ROWS).reshape(3, ROWS, space.dof)
+    states, free = space.classify(q), space.motion_is_free(q, q[::-1])
+    layouts = [
+        np.asfortranarray(q),
+        np.repeat(q, 2, axis=1)[:, ::2],
+        np.dstack([q, q])[..., : space.dof],
+        q[::-1][::-1],
+        q.astype(">f8"),
+    ]
+    for other in layouts:
+        assert (space.classify(other) == states).all()
+        assert (space.classify(other[1]) == states[1]).all()
+        assert (space.motion_is_free(other, q[::-1]) == free).all()
+    assert (space.motion_is_free(q[0, 0], q) == [[space.motion_is_free(q[0, 0], p) for p in row] for row in q]).all()
+
+
+@pytest.mark.parametrize("make", KINDS)
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_the_first_bad_number_is_named(make, dtype, value):
+    rng = np.random.default_rng(5)
+    space = make(rng)
+    number = 2 * LEAST + 5
+    for first, second in ((0, 1), (1023, 1024), (ROWS + 1, ROWS), (number - 1, LEAST + 3), (number - 1, 7)):
+        q = np.full((number, space.dof), 0.5, dtype)
+        q[first, rng.integers(space.dof)] = q[second, rng.integers(space.dof)] = value
+        with pytest.raises(InputError, match=f"q number {min(first, second)} is .*(nan|inf)"):
+            space.classify(q)
+        with pytest.raises(InputError, match=f"edge number {min(first, second)} is .*(nan|inf)"):
+            space.motion_is_free(np.full(space.dof, 0.5), q)
+    outside = np.full((3, space.dof), -7.0)
+    outside[1, rng.integers(space.dof)] = value
+    with pytest.raises(InputError, match="q number 1 is"):
+        space.classify(outside)
+
+
+@settings(max_examples=60)
+@given(rotation_cells(40), seeds)
+@example([0.0, 1e-9, 6.0, 2 * np.pi], 0)
+def test_rotation_cells_of_many_yaws(rotations, seed):
+    rng = np.random.default_rng(seed)
+    cells = Rotations.of(rotations)
+    states = (np.arange(cells.count) % 3).astype(np.uint8)
+    space = stack_of(np.tile(states[:, None, None], (1, 2, 2)), rotations)
+    borders = np.asarray(cells.borders)
+    yaws = np.concatenate([rng.uniform(-9, 9, 500), borders, borders - 2 * np.pi, np.nextafter(borders, -9)])
+    q = np.column_stack([np.full((len(yaws), 2), 0.5 * space.grid.spacing), yaws])
+    assert (space.classify(q) == states[cells.cell_of(yaws)]).all()
+
+
+@pytest.mark.parametrize("yaw", [2.0**20 + 1.0, -(2.0**40), 1e300])
+def test_a_yaw_that_cannot_be_wrapped_is_refused_in_a_batch(yaw):
+    space = turning(np.random.default_rng(8))
+    q = np.full((3000, 3), 0.5)
+    q[[2000, 2500], 2] = yaw
+    for ask in (space.classify, space.clearance, space.overlap, lambda q: space.motion_is_free(q[0], q)):
+        with pytest.raises(InputError, match="number 2000 is"):
+            ask(q)
+    q[:, 2] = np.sign(yaw) * 2.0**20
+    assert (space.classify(q) == space.classify(q[0])).all()
+
+
+# ---- coarse maps -----------------------------------------------------------------------------------------------------
+
+
+def slow_coarse(stack):
+    shape = [-(-n // SIDE) for n in stack.shape[1:]]
+    coarse = np.zeros((len(stack), *shape), dtype=bool)
+    for cell in np.argwhere(stack != FREE):
+        coarse[(cell[0], *(cell[1:] // SIDE))] = True
+    return coarse
+
+
+@settings(max_examples=60)
+@given(st.integers(2, 3), seeds)
+def test_a_coarse_map_tells_which_blocks_are_free(dim, seed):
+    rng = np.random.default_rng(seed)
+    shape = (int(rng.integers(1, 4)), *rng.integers(1, 40 if dim == 2 else 20, dim).tolist())
+    stack = np.where(rng.random(shape) < rng.choice([0.0, 0.01, 0.2]), rng.integers(1, 3, shape), 0).astype(np.uint8)
+    coarse = coarse_of(stack)
+    assert ((coarse != FREE) == slow_coarse(stack)).all()
+
+    boxes = np.empty((len(stack), 6), dtype=np.int64)
+    for part, box in zip(stack, boxes, strict=True):
+        ends = np.sort(rng.integers(0, part.shape, (2, dim)), axis=0)
+        if rng.random() < 0.2:
+            ends[1, rng.integers(dim)] = -1  # nothing changed
+        else:
+            where = tuple(slice(a, b + 1) for a, b in ends.T)
+            part[where] = rng.choice([0, 0, 0, 2], part[where].shape)
+        box[:] = [*[0] * (3 - dim), *ends[0], *[0] * (3 - dim), *ends[1]]
+    renew_coarse(stack if rng.random() < 0.5 or dim == 3 else stack[:, None], coarse, boxes)
+    assert ((coarse != FREE) == slow_coarse(stack)).all()
+
+
+@pytest.mark.parametrize("make", KINDS)
+@settings(max_examples=20)
+@given(seeds, st.sampled_from(["free", "blocked"]))
+def test_edges_of_many_are_those_of_each(make, seed, outside):
+    """A checker of single edges walks cell by cell; a large batch looks at a coarse map first."""
+    rng = np.random.default_rng(seed)
+    space = make(rng, outside=outside)
+    q0 = configurations(space, rng, 2 * EDGES_A_THREAD + 3)
+    q1 = near(space, q0, rng)
+    assert space.stack.size <= len(q0) * CELLS_AN_EDGE
+    many = space.motion_is_free(q0, q1)
+    check = space.edge_checker()
+    assert many.tolist() == [check(*ends) for ends in np.hstack([q0, q1]).tolist()]
+    assert many.any() or outside == "blocked"
+
+
+def test_a_coarse_map_is_made_only_where_it_pays():
+    state = np.zeros((30, 30, 30))
+    look = lookups_of(state)
+    assert look.coarse(state.size // CELLS_AN_EDGE - 1).size == 0
+    assert look.coarse(state.size).shape == (4, 4, 4)
+    assert look.coarse(0).shape == (4, 4, 4)
+
+
+# ---- paths and roadmaps ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("make", KINDS)
+@pytest.mark.parametrize("exact", [False, True])
+def test_a_path_is_certified_edge_by_edge(make, exact):
+    rng = np.random.default_rng(6)
+    space = make(rng)
+    path = (
+        np.cumsum(rng.uniform(-0.3, 0.3, (60, space.dof)), axis=0) + [*np.divide(space.grid.upper, 2), 0.0][: space.dof]
+    )
+    one = [space.motion_is_free(a, b, exact=exact) for a, b in itertools.pairwise(path)]
+    told = space.certify_path(path, exact=exact)
+    assert told.dtype == bool and told.tolist() == one and 0 < sum(one) < len(one)
+    paths = path.reshape(2, 3, 10, space.dof)
+    assert space.certify_path(paths, exact=exact).shape == (2, 3, 9)
+    assert space.certify_path(paths, exact=exact)[1, 2].tolist() == one[50:]
+    assert space.certify_path(path[:1]).shape == (0,)
+
+    edges = rng.integers(0, len(path), (200, 2))
+    one = [space.motion_is_free(path[a], path[b], exact=exact) for a, b in edges]
+    assert space.certify_path(path, edges, exact=exact).tolist() == one
+    assert space.certify_path(path.tolist(), edges.astype(np.uint8).tolist(), exact=exact).tolist() == one
+    assert space.certify_path(path, [], exact=exact).shape == (0,)
+    assert space.certify_path(np.empty((0, space.dof)), np.empty((0, 2), int)).shape == (0,)
+
+
+@pytest.mark.parametrize("make", KINDS)
+def test_a_large_roadmap_in_threads(make):
+    rng = np.random.default_rng(7)
+    space = make(rng)
+    vertices = space.sample_free(5000, rng)
+    edges = rng.integers(0, len(vertices), (3 * ROWS + 1, 2))
+    told = space.certify_path(vertices, edges)
+    assert (told == space.motion_is_free(vertices[edges[:, 0]], vertices[edges[:, 1]])).all()
+    assert (told == space.certify_path(vertices[:, ::-1][:, ::-1], edges.astype(np.uint16))).all()
+
+
+@pytest.mark.parametrize(
+    ("path", "edges", "words"),
+    [
+        ([(0.1, 0.1), (np.nan, 0.2)], None, "path number 1 is"),
+        ([(0.1, 0.1), (np.nan, 0.2)], [(0, 0)], "path number 1 is"),
+        ([(np.inf, 0.1)], None, "path number 0 is"),
+        ([(0.1, 0.1, 0.1)], None, "last axis must be 2"),
+        ((0.1, 0.1), None, "at least one configuration"),
+        (np.empty((0, 2)), None, "at least one configuration"),
+        ([(0.1, 0.1)], [(0, 1)], r"edge number 0 is \(0, 1\)"),
+        ([(0.1, 0.1)] * 3, [(0, 1), (-1, 0)], r"edge number 1 is \(-1, 0\)"),
+        ([(0.1, 0.1)], [(0.0, 0.0)], "whole numbers"),
+        ([(0.1, 0.1)] * 3, [(True, False)], "whole numbers"),
+        ([(0.1, 0.1)] * 3, [0, 1], "whole numbers"),
+        ([(0.1, 0.1)] * 3, [(0, 1, 2)], "whole numbers"),
+        ([[(0.1, 0.1)] * 3], [(0, 0)], "list of configurations"),
+        ([(0.1, 0.1)] * 3, [(0, 1), (2,)], "pairs"),
+        (np.empty((0, 2)), [(0, 0)], "there are 0 vertices"),
+    ],
+)
+def test_refuses_what_is_no_path_and_no_roadmap(path, edges, words):
+    space = plane(np.random.default_rng(0))
+    with pytest.raises(InputError, match=words):
+        space.certify_path(path, edges)

@@ -1,0 +1,364 @@
+"""A map that follows its workspace answers as one that is built anew."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import cspace
+import planners
+from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
+from cspace.updates import upkeep
+from maps import same
+from updates import World, agree, check, checkers, worlds
+
+BLOCK = np.ones((4, 4), dtype=bool)
+
+
+def room(outside: str = "blocked", robot: Robot | None = None, rotations: int | None = None) -> cspace.CSpace:
+    """An empty room of 40 x 30 cells."""
+    workspace = Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
+    return cspace.build(workspace, robot or Robot.disc(0.3), outside=outside, rotations=rotations)
+
+
+# ---- equal to a rebuild ----------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=60)
+@given(worlds(), st.booleans())
+def test_a_stream_of_updates_equals_a_rebuild(world: World, asked: bool) -> None:
+    space = world.build()
+    if asked:  # so that everything that is kept has to be kept up to date
+        check(space, world.build(), world)
+    for fresh in world.stream(space, 4):
+        check(space, fresh, world)
+
+
+@settings(max_examples=40)
+@given(worlds())
+def test_checkers_that_were_handed_out_follow(world: World) -> None:
+    space = world.build()
+    ours = checkers(space)
+    for fresh in world.stream(space, 3):
+        agree(ours, checkers(fresh), world)
+
+
+@settings(max_examples=12)
+@given(worlds(("plane", "turning")))
+def test_exact_look_ups_and_their_checkers_follow_in_the_plane(world: World) -> None:
+    _exact(world)
+
+
+@settings(max_examples=8)
+@given(worlds(("space",)))
+def test_exact_look_ups_and_their_checkers_follow_in_space(world: World) -> None:
+    pytest.importorskip("fcl")
+    _exact(world)
+
+
+def _exact(world: World) -> None:
+    space = world.build()
+    ours = checkers(space, exact=True)
+    space.is_free(world.points(3), exact=True)
+    for fresh in world.stream(space, 2):
+        q, p = world.points(20), world.points(20)
+        np.testing.assert_array_equal(space.is_free(q, exact=True), fresh.is_free(q, exact=True))
+        near = q + 0.1 * (p - q)
+        np.testing.assert_array_equal(
+            space.motion_is_free(q, near, exact=True), fresh.motion_is_free(q, near, exact=True)
+        )
+        agree(ours, checkers(fresh, exact=True), world)
+
+
+@settings(max_examples=15)
+@given(worlds())
+def test_a_map_goes_through_files_between_updates(tmp_path_factory: pytest.TempPathFactory, world: World) -> None:
+    space, folder = world.build(), tmp_path_factory.mktemp("maps")
+    for number in range(3):
+        (fresh,) = world.stream(space, 1)
+        check(space, fresh, world)
+        space.save(folder / f"{number}.zarr")
+        space = cspace.open(folder / f"{number}.zarr")
+
+
+def test_the_saved_map_is_the_current_one(tmp_path: Path) -> None:
+    space = room()
+    space.update(BLOCK, (18, 13), inner=np.zeros_like(BLOCK))
+    for name in ("map.zarr", "map.npz"):
+        space.save(tmp_path / name) if name.endswith("zarr") else space.export(tmp_path / name)
+        same(cspace.open(tmp_path / name), space)
+
+
+def test_without_inner_nothing_becomes_blocked() -> None:
+    occupied = np.zeros((30, 30), dtype=bool)
+    occupied[3:5, 3:20] = True
+    space = cspace.build(Workspace.from_array(occupied, 0.1), Robot.disc(0.3), inner=False)
+    space.update(BLOCK, (20, 20))
+    occupied[20:24, 20:24] = True
+    fresh = cspace.build(Workspace.from_array(occupied, 0.1), Robot.disc(0.3), inner=False)
+    np.testing.assert_array_equal(space.state, fresh.state)
+    assert set(np.unique(space.state)) == {FREE, MIXED}
+
+
+def test_there_and_back_again() -> None:
+    space = room()
+    before = space.state.copy()
+    assert space.update(BLOCK, (18, 13)).changed == space.update(~BLOCK, (18, 13)).changed > 0
+    np.testing.assert_array_equal(space.state, before)
+
+
+def test_a_state_made_by_hand_may_be_read_only() -> None:
+    made = room()
+    given_state = made.state
+    assert not given_state.flags.writeable
+    space = cspace.CSpace(made.workspace, made.robot, given_state, outside="blocked", margin=0.0, precision="float32")
+    space.update(BLOCK, (18, 13))
+    assert not np.array_equal(space.state, given_state)  # which belongs to the other map
+
+
+# ---- what is told ----------------------------------------------------------------------------------------------------
+
+
+def test_an_update_tells_what_it_looked_at() -> None:
+    space = room()
+    before = space.state.copy()
+    found = space.update(BLOCK, (18, 13))
+    reach = 4  # cells: three of the disc's own, and one more as any point of a cell may meet it
+    assert found.occupied == 16
+    assert (found.lower, found.upper) == ((18 - reach, 13 - reach), (22 + reach, 17 + reach))
+    changed = np.argwhere(space.state != before)
+    assert found.changed == len(changed)
+    assert (changed >= found.lower).all() and (changed < found.upper).all()
+
+
+def test_only_what_differs_is_looked_at() -> None:
+    space = room()
+    cells = np.zeros((40, 30), dtype=bool)
+    cells[18:22, 13:17] = True
+    assert space.update(cells, (0, 0)) == room().update(BLOCK, (18, 13))
+    nothing = space.update(cells, (0, 0))
+    assert (nothing.occupied, nothing.changed, nothing.lower, nothing.upper) == (0, 0, (0, 0), (0, 0))
+
+
+def test_cells_count_in_every_rotation() -> None:
+    space = room(robot=Robot.rectangle(0.8, 0.4), rotations=8)  # of which four slices are stored
+    before = space.state.copy()
+    found = space.update(BLOCK, (18, 13))
+    assert found.changed == np.count_nonzero(space.state != before)
+
+
+def test_a_robot_larger_than_the_map_changes_nothing() -> None:
+    space = room(robot=Robot.disc(9.0))
+    found = space.update(BLOCK, (18, 13))
+    assert found.occupied == 16 and found.changed == 0 and found.lower == found.upper
+    assert (space.state == BLOCKED).all()
+
+
+# ---- whose cells change ----------------------------------------------------------------------------------------------
+
+
+def test_the_workspace_and_other_maps_of_it_stay() -> None:
+    workspace = Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
+    space, other = (cspace.build(workspace, Robot.disc(0.3)) for _ in range(2))
+    state = other.state.copy()
+    space.update(BLOCK, (18, 13))
+    assert not workspace.outer.any() and other.workspace is workspace
+    np.testing.assert_array_equal(other.state, state)
+    assert space.workspace.outer.sum() == 16 and not space.workspace.outer.flags.writeable
+    assert space.workspace.source == workspace.source and not space.state.flags.writeable
+
+
+def test_a_map_of_the_current_workspace_stays_when_the_first_goes_on() -> None:
+    space = cspace.build(Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1), Robot.disc(0.3))
+    space.update(BLOCK, (18, 13))
+    other = cspace.build(space.workspace, Robot.disc(0.2))
+    state, cells = other.state.copy(), other.workspace.outer.copy()
+    space.update(~BLOCK, (18, 13))
+    assert not space.workspace.outer.any() and (other.workspace.outer == cells).all() and cells.any()
+    assert (other.state == state).all() and not other.is_free((2.0, 1.5), exact=True)
+
+
+def test_shapes_are_replaced_by_cells() -> None:
+    workspace = Workspace.from_polygons(shapely.Point(1.0, 1.0).buffer(0.32), 0.1, (0.0, 0.0, 4.0, 3.0))
+    space = cspace.build(workspace, Robot.disc(0.3))
+    shown = space.point_checker(exact=True)
+    assert shown(1.0, 1.63)  # the disc of 0.32 m itself
+    space.update(BLOCK, (30, 20))
+    assert workspace.shapes is not None and space.workspace.shapes is None
+    cells = cspace.build(Workspace.from_array(space.workspace.outer, 0.1, inner=space.workspace.inner), Robot.disc(0.3))
+    q = np.random.default_rng(0).uniform((0.3, 0.3), (3.7, 2.7), (400, 2))
+    np.testing.assert_array_equal([shown(*one) for one in q.tolist()], cells.is_free(q, exact=True))
+
+
+# ---- planning --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rotations", [None, 8])
+def test_ompl_asks_about_the_new_world(rotations: int | None) -> None:
+    space = room(robot=Robot.rectangle(0.6, 0.4), rotations=rotations)
+    setup = planners.simple_setup(space)
+    si, inside = setup.getSpaceInformation(), setup.getStateSpace().allocState()
+    if rotations is None:
+        inside[0], inside[1] = 2.0, 1.5
+    else:
+        inside.setXY(2.0, 1.5)
+        inside.setYaw(0.1)
+    assert si.isValid(inside)
+    space.update(BLOCK, (18, 13))
+    assert not si.isValid(inside)
+    space.update(~BLOCK, (18, 13))
+    assert si.isValid(inside)
+
+
+@pytest.mark.parametrize("rotations", [None, 8])
+def test_samples_drawn_in_advance_are_asked_again(rotations: int | None) -> None:
+    space = room(robot=Robot.rectangle(0.6, 0.4), rotations=rotations)
+    si = planners.simple_setup(space).getSpaceInformation()
+    sampler, state = planners.FreeStateSampler(si, space, np.random.default_rng(3)), si.allocState()
+    assert sampler.sample(state)
+    space.update(np.ones((30, 30), dtype=bool), (0, 0))
+    for _ in range(300):
+        assert sampler.sample(state) and si.isValid(state)
+
+
+def test_a_door_closes_and_opens() -> None:
+    occupied = np.zeros((40, 30), dtype=bool)
+    occupied[20] = True
+    occupied[20, 10:20] = False
+    space = cspace.build(Workspace.from_array(occupied, 0.1), Robot.disc(0.2))
+    ends, door = ((0.5, 1.5), (3.5, 1.5)), np.ones((1, 10), dtype=bool)
+    for shut in (False, True, False):
+        space.update(door & shut, (20, 10))
+        found = planners.plan(space, *ends, seed=1)
+        assert found.path_exists is (not shut) and found.solved is (not shut)
+        assert found.certified is (not shut)
+
+
+# ---- refusals --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("cells", "lower", "inner", "words"),
+    [
+        (BLOCK, (38, 0), None, "must lie in the grid"),
+        (BLOCK, (-1, 0), None, "must lie in the grid"),
+        (np.ones((41, 2), dtype=bool), (0, 0), None, "must lie in the grid"),
+        (BLOCK, (1.0, 2.0), None, "2 whole numbers"),
+        (BLOCK, (1, 2, 3), None, "2 whole numbers"),
+        (BLOCK, 3, None, "2 whole numbers"),
+        (BLOCK, None, None, "2 whole numbers"),
+        (np.ones((2, 2, 2), dtype=bool), (0, 0), None, "3 axes"),
+        (np.ones(3, dtype=bool), (0, 0), None, "two or three axes"),
+        (np.ones((0, 3), dtype=bool), (0, 0), None, "at least one cell"),
+        (np.full((2, 2), 0.5), (0, 0), None, "must be boolean"),
+        (np.full((2, 2), 2), (0, 0), None, "must be 0 or 1"),
+        (np.ma.masked_array(BLOCK, mask=BLOCK), (0, 0), None, "mask"),
+        (BLOCK, (0, 0), np.ones((4, 3), dtype=bool), "both must be the same"),
+        (~BLOCK, (0, 0), BLOCK, "in inner and not in cells"),
+    ],
+)
+def test_what_is_refused_changes_nothing(cells, lower, inner, words) -> None:
+    space = room()
+    workspace, state = space.workspace, space.state.copy()
+    with pytest.raises(InputError, match=words):
+        space.update(cells, lower, inner=inner)
+    assert space.workspace is workspace and not workspace.outer.any()
+    np.testing.assert_array_equal(space.state, state)
+    space.update(BLOCK, (18, 13))
+    held = space.workspace.outer.copy(), space.state.copy()
+    with pytest.raises(InputError, match=words):
+        space.update(cells, lower, inner=inner)
+    np.testing.assert_array_equal(space.workspace.outer, held[0])
+    np.testing.assert_array_equal(space.state, held[1])
+
+
+def test_cells_of_any_kind_are_taken() -> None:
+    expected = room()
+    expected.update(BLOCK, (18, 13))
+    odd = np.full((4, 4), 2, dtype=np.uint8).view(np.bool_)  # true, but not 1
+    turned = np.asfortranarray(np.ones((8, 8), dtype=bool))[::2, ::2]
+    frozen = BLOCK.copy()
+    frozen.setflags(write=False)
+    for cells in (BLOCK.astype(int), BLOCK.tolist(), odd, turned, frozen):
+        for lower in ((18, 13), [18, 13], np.array([18, 13]), (np.int32(18), 13)):
+            space = room()
+            space.update(cells, lower)
+            np.testing.assert_array_equal(space.state, expected.state)
+            assert set(np.unique(space.workspace.outer.view(np.uint8))) == {0, 1}
+
+
+@pytest.mark.parametrize("keeper", ["keep_sums", "keep_lookups", "keep_sets", "keep_exact"])
+@pytest.mark.parametrize("rotations", [None, 4])
+def test_an_interrupted_update_leaves_a_map_that_is_right(
+    keeper: str, rotations: int | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    outer, rng = np.zeros((20, 18), dtype=bool), np.random.default_rng(0)
+    options = {"outside": "free", "margin": 0.0, "overlap": True, "rotations": rotations}
+    world = World(outer, outer.copy(), Robot.rectangle(2.0, 1.0), options, rng)
+    space = world.build()
+    check(space, world.build(), world)
+    ours, calls, real = checkers(space), [], getattr(upkeep, keeper)
+
+    def interrupt(*args) -> None:
+        calls.append(args)
+        if len(calls) == 1:
+            raise KeyboardInterrupt
+        real(*args)
+
+    monkeypatch.setattr(upkeep, keeper, interrupt)
+    cells = np.ones((3, 3), dtype=bool)
+    world.outer[4:7, 5:8] = world.inner[4:7, 5:8] = True
+    with pytest.raises(KeyboardInterrupt):
+        space.update(cells, (4, 5))
+    check(space, world.build(), world)
+    agree(ours, checkers(world.build()), world)
+
+
+# ---- threads ---------------------------------------------------------------------------------------------------------
+
+
+def test_updates_from_threads_wait_for_each_other() -> None:
+    space, rng = room("free"), np.random.default_rng(0)
+    space.clearance((1.0, 1.0))
+    space.path_exists((1.0, 1.0), (2.0, 2.0))
+    places = [(int(x), int(y)) for x, y in rng.integers(0, (36, 26), (40, 2))]
+    stop, failures = threading.Event(), []
+
+    def ask() -> None:
+        try:
+            while not stop.is_set():
+                q = np.random.default_rng(1).uniform(-1.0, 5.0, (50, 2))
+                space.clearance(q)
+                space.path_exists(q[:25], q[25:])
+                space.overlap(q)
+                space.sample_free(3, np.random.default_rng(2))
+        except Exception as error:
+            failures.append(error)
+
+    readers = [threading.Thread(target=ask) for _ in range(2)]
+    writers = [
+        threading.Thread(target=lambda part=part: [space.update(BLOCK, place) for place in part])
+        for part in (places[::2], places[1::2])
+    ]
+    for thread in (*readers, *writers):
+        thread.start()
+    for thread in writers:
+        thread.join()
+    stop.set()
+    for thread in readers:
+        thread.join()
+    assert not failures
+    occupied = np.zeros((40, 30), dtype=bool)
+    for x, y in places:
+        occupied[x : x + 4, y : y + 4] = True
+    fresh = cspace.build(Workspace.from_array(occupied, 0.1), Robot.disc(0.3), outside="free")
+    np.testing.assert_array_equal(space.state, fresh.state)
+    q = rng.uniform(-1.0, 5.0, (300, 2))
+    np.testing.assert_array_equal(space.clearance(q), fresh.clearance(q))
+    np.testing.assert_array_equal(space.path_exists(q[:150], q[150:]), fresh.path_exists(q[:150], q[150:]))

@@ -1,0 +1,136 @@
+"""Streams of changes of a workspace, and what must hold of a map that follows them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+import cspace
+from cspace import FREE, CSpace, Robot, Workspace
+from strategies import seeds
+
+SPACING = 0.5
+
+
+@dataclass
+class World:
+    """A workspace that changes, beside the map that follows it."""
+
+    outer: NDArray[np.bool_]
+    inner: NDArray[np.bool_]
+    robot: Robot
+    options: dict[str, Any]
+    rng: np.random.Generator
+    lower: tuple[float, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.lower = tuple(self.rng.uniform(-5.0, 5.0, self.outer.ndim).tolist())
+
+    def workspace(self) -> Workspace:
+        return Workspace.from_array(self.outer, SPACING, self.lower, inner=self.inner)
+
+    def build(self) -> CSpace:
+        return cspace.build(self.workspace(), self.robot, **self.options)
+
+    def patch(self) -> tuple[NDArray[np.bool_], list[int], NDArray[np.bool_] | None]:
+        """A random box of new cells, often in a corner, sometimes the whole map, and written down here too."""
+        rng, shape = self.rng, self.outer.shape
+        most = [n if rng.random() < 0.1 else min(n, 8) for n in shape]
+        size = [int(rng.integers(1, n + 1)) for n in most]
+        lower = [int(rng.choice([0, n - s, rng.integers(0, n - s + 1)])) for n, s in zip(shape, size, strict=True)]
+        cells = rng.random(size) < rng.choice([0.0, 0.2, 1.0])
+        inner = cells & (rng.random(size) < 0.6) if rng.random() < 0.3 else None
+        window = tuple(slice(low, low + s) for low, s in zip(lower, size, strict=True))
+        self.outer[window], self.inner[window] = cells, cells if inner is None else inner
+        return cells, lower, inner
+
+    def stream(self, space: CSpace, steps: int) -> Iterator[cspace.CSpace]:
+        """Update a map step by step, and give the one that is built anew at each."""
+        for _ in range(steps):
+            cells, lower, inner = self.patch()
+            space.update(cells, lower, inner=inner)
+            yield self.build()
+
+    def points(self, n: int) -> NDArray[np.float64]:
+        """Configurations in the grid, around it, and on its upper border."""
+        grid = cspace.Grid(self.lower, SPACING, self.outer.shape)
+        sides = np.array(self.outer.shape) * SPACING
+        q = np.array(self.lower) + self.rng.uniform(-0.4, 1.4, (n, len(sides))) * sides
+        q = np.where(self.rng.random(q.shape) < 0.1, grid.upper, q)
+        return q if self.options["rotations"] is None else np.column_stack([q, self.rng.uniform(-9.0, 9.0, n)])
+
+
+@st.composite
+def worlds(draw: st.DrawFn, kinds: tuple[str, ...] = ("plane", "turning", "space")) -> World:
+    """Maps of every kind; robots from one cell to larger than the map."""
+    kind, rng = draw(st.sampled_from(kinds)), np.random.default_rng(draw(seeds))
+    dim = 3 if kind == "space" else 2
+    longest = draw(st.sampled_from([1, 6, 14 if dim == 3 else 40 if kind == "plane" else 24]))
+    shape = tuple(int(rng.integers(1, longest + 1)) for _ in range(dim))
+    outer = rng.random(shape) < rng.choice([0.0, 0.02, 0.1, 0.5])
+    inner = outer & (rng.random(shape) < 0.6) if rng.random() < 0.3 else outer.copy()
+    options = {
+        "outside": draw(st.sampled_from(["blocked", "free"])),
+        "margin": draw(st.sampled_from([0.0, 0.4])),
+        "overlap": draw(st.booleans()),
+        "rotations": draw(st.sampled_from([1, 2, 5, 8])) if kind == "turning" else None,
+    }
+    size = SPACING * draw(st.sampled_from([0.1, 1.3, 3.0, 60.0]))
+    away = rng.uniform(-2.0, 2.0, dim) * rng.choice([0.0, size])
+    if dim == 3:
+        robots = [Robot.ball(size, away), Robot.box((size, 0.7 * size, 1.5 * size))]
+    else:
+        wedge = Robot.polygon([(0.0, 0.0), (2.0 * size, 0.0), (2.0 * size, 0.4 * size), (0.0, size)])
+        robots = [Robot.disc(size, away), Robot.rectangle(2.0 * size, size), Robot.rectangle(size, size), wedge]
+    return World(outer, inner, draw(st.sampled_from(robots)), options, rng)
+
+
+def check(space: CSpace, fresh: CSpace, world: World) -> None:
+    """Fail unless all that a map answers is what one answers that was built anew."""
+    np.testing.assert_array_equal(space.stack, fresh.stack)
+    assert space.count() == fresh.count()
+    for mine, other in (
+        (space.workspace.outer, fresh.workspace.outer),
+        (space.workspace.inner, fresh.workspace.inner),
+        (space.overlaps, fresh.overlaps),
+    ):
+        assert (mine is None) == (other is None)
+        np.testing.assert_array_equal(mine, other)
+    q, p = world.points(40), world.points(40)
+    questions = {
+        "classify": (q,),
+        "overlap": (q,),
+        "contains_robot": (q,),
+        "clearance": (q,),
+        "path_exists": (q[:, None], q[None]),
+        "motion_is_free": (q, q + 0.2 * (p - q)),
+        "certify_path": (q,),
+    }
+    for name, given in questions.items():
+        np.testing.assert_array_equal(getattr(space, name)(*given), getattr(fresh, name)(*given), name)
+    np.testing.assert_array_equal(space.is_free_around(q, SPACING, 0.3), fresh.is_free_around(q, SPACING, 0.3))
+    if (fresh.stack == FREE).any():
+        draws = [one.sample_free(9, np.random.default_rng(1)) for one in (space, fresh)]
+        np.testing.assert_array_equal(*draws)
+        np.testing.assert_array_equal(space.nearest_free(q[0]), fresh.nearest_free(q[0]))
+        np.testing.assert_array_equal(space.free_reach(draws[0][0]), fresh.free_reach(draws[0][0]))
+
+
+def checkers(space: CSpace, exact: bool = False) -> list[Any]:
+    """Checkers of points, edges and, where the map itself answers, clearances."""
+    options = {"exact": True} if exact else {}
+    made: list[Any] = [space.point_checker(**options), space.edge_checker(**options)]
+    return made if exact else [*made, space.clearance_checker()]
+
+
+def agree(ours: list[Any], theirs: list[Any], world: World) -> None:
+    """Fail unless checkers answer alike."""
+    for a, b in zip(world.points(30).tolist(), world.points(30).tolist(), strict=True):
+        near = [x + 0.1 * (y - x) for x, y in zip(a, b, strict=True)]
+        for given, mine, other in zip(((), tuple(near), ()), ours, theirs, strict=False):
+            assert mine(*a, *given) == other(*a, *given)
