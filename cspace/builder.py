@@ -131,6 +131,7 @@ def build(
         rotations=cells,
         rasters=rasters,
         trusted=True,
+        tells_blocked=inner,
     )
 
 

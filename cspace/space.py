@@ -243,8 +243,8 @@ class CSpace(Questions):
         :meth:`overlap` and :meth:`contains_robot`, what is known outside the grid, distances for :meth:`clearance`,
         and the blocks of :meth:`path_exists` and :meth:`free_reach`, which are joined anew at the next call. Dropped,
         and made again at the next call: the lists of FREE cells for :meth:`sample_free` and :meth:`nearest_free`, and
-        the geometry for ``exact=True``. An overlap field is about the obstacles as they were, and is let go. A map that
-        was built without ``inner`` and shows it, as it has no BLOCKED cell where there could be one, gets none.
+        the geometry for ``exact=True``. An overlap field is about the obstacles as they were, and is let go. A map
+        built without ``inner`` gets no BLOCKED cells; one from a file, if it has none where there could be one.
 
         Updates wait for each other. A look-up that another thread makes meanwhile sees each cell as it was or as it is
         going to be.
@@ -340,6 +340,7 @@ class CSpace(Questions):
             overlaps=None if self.overlaps is None else self.overlaps.copy(),
             rasters=self._rasters,
             fields=OverlapField.of(self, overlap).arrays,
+            tells_blocked=self.tells_blocked,
         )
 
     @property

@@ -47,6 +47,8 @@ class Stack:
         What :class:`cspace.separation.OverlapField` holds; all of it, or nothing.
     trusted : bool
         Whether the states are known to be those three, as those of a build are, and not looked at.
+    tells_blocked : bool, optional
+        Whether BLOCKED is told from MIXED; None where that is not known, as of a map from a file.
 
     Attributes
     ----------
@@ -72,6 +74,7 @@ class Stack:
         rasters: Sequence[tuple[Raster, Raster]] | None = None,
         fields: Mapping[str, NDArray[np.float64]] | None = None,
         trusted: bool = False,
+        tells_blocked: bool | None = None,
     ) -> None:
         if rotations is not None and workspace.grid.dim != 2:
             raise InputError("rotations are given for a robot in space; it only translates so far; leave them out")
@@ -92,6 +95,7 @@ class Stack:
         self.outside = outside
         self.margin = margin
         self.precision = precision
+        self.tells_blocked = tells_blocked
         self.rotations = rotations
         # Updates write through views of their own; all others see read-only ones.
         states = writable(state)

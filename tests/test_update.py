@@ -95,13 +95,15 @@ def test_the_saved_map_is_the_current_one(tmp_path: Path) -> None:
         same(cspace.open(tmp_path / name), space)
 
 
-def test_without_inner_nothing_becomes_blocked() -> None:
+@pytest.mark.parametrize(("bare", "outside"), [(False, "blocked"), (True, "free")])
+def test_without_inner_nothing_becomes_blocked(bare: bool, outside: str) -> None:
     occupied = np.zeros((30, 30), dtype=bool)
-    occupied[3:5, 3:20] = True
-    space = cspace.build(Workspace.from_array(occupied, 0.1), Robot.disc(0.3), inner=False)
+    occupied[3:5, 3:20] = not bare
+    workspace, options = Workspace.from_array(occupied, 0.1), {"inner": False, "outside": outside}
+    space = cspace.build(workspace, Robot.disc(0.3), **options)
     space.update(BLOCK, (20, 20))
     occupied[20:24, 20:24] = True
-    fresh = cspace.build(Workspace.from_array(occupied, 0.1), Robot.disc(0.3), inner=False)
+    fresh = cspace.build(Workspace.from_array(occupied, 0.1), Robot.disc(0.3), **options)
     np.testing.assert_array_equal(space.state, fresh.state)
     assert set(np.unique(space.state)) == {FREE, MIXED}
 

@@ -45,7 +45,7 @@ class Follower:
         self._near = Robots.of([inner for _, inner in rasters], self._shape)
         self._walled = space.outside == "blocked"
         self._fixed = (np.stack([self._far.beyond, self._near.beyond], axis=1) & self._walled).astype(np.uint8)
-        self._blocked = _proves_blocked(space)
+        self._blocked = _proves_blocked(space) if space.tells_blocked is None else space.tells_blocked
         self._states = space._states.reshape(-1, *self._shape)
         self._overlaps = _NO_OVERLAPS if space._counts is None else space._counts.reshape(self._states.shape)
         self._weights = np.bincount(space.slice_of, minlength=len(self._states))
