@@ -234,7 +234,7 @@ def _check(workspace: Workspace, robot: Robot, method: str, overlap: bool, outsi
     if method == "direct" and overlap:
         raise InputError(
             "overlap is True and method 'direct', which tells only whether there is any overlap; overlap counts need "
-            "the transforms; use method='fft' or 'auto'"
+            "the transforms; use method='fft' or method='auto'"
         )
     if outside not in ("blocked", "free"):
         raise InputError(f"outside is {outside!r}; it must be 'blocked' or 'free'")

@@ -56,8 +56,9 @@ class Costs:
         known = self.float32 if precision == "float32" else self.float64
         place = max(math.log2(size / SIZES[0]) / 2.0, 0.0)
         left = min(int(place), len(SIZES) - 2)
-        part = place - left
-        return size * (known[left] * (1.0 - part) + known[left + 1] * part) + 0.5 * self.tile
+        # Beyond the largest size the cost of a point goes on as it did, but never down: that would be noise.
+        slope = known[left + 1] - known[left] if place <= left + 1 else max(0.0, known[left + 1] - known[left])
+        return size * (known[left + 1] + slope * (place - left - 1)) + 0.5 * self.tile
 
 
 TYPICAL: Final = Costs(

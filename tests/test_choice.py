@@ -99,7 +99,7 @@ def test_a_robot_of_very_many_rows_is_left_to_the_transforms():
     "options, words",
     [
         ({"method": "fast"}, "'fft', 'direct', 'auto'"),
-        ({"method": "direct", "overlap": True}, "use method='fft' or 'auto'"),
+        ({"method": "direct", "overlap": True}, "use method='fft' or method='auto'"),
         ({"method": None}, "method is None"),
     ],
 )
@@ -192,4 +192,6 @@ def test_transforms_cost_more_the_larger_they_are():
     for precision in ("float32", "float64"):
         seconds = [TYPICAL.transform(size, precision) for size in sizes]
         assert (np.diff(seconds) > 0).all()
+    falling = Costs((1e-9,) * 5 + (5e-10,), TYPICAL.float64, TYPICAL.tile, TYPICAL.run, TYPICAL.cell)
+    assert falling.transform(2**34, "float32") == pytest.approx(2**34 * 5e-10, rel=1e-4)
     assert TYPICAL.transform(SIZES[2], "float64") == pytest.approx(SIZES[2] * TYPICAL.float64[2] + TYPICAL.tile / 2)
