@@ -1,11 +1,51 @@
 """The errors that this library raises on purpose, under one base class.
 
-Every message names the offending value, the rule that it breaks and the mend.
+Every one carries its parts as fields: the argument, what was found there, the rule that it breaks and the mend. The
+message is made of them, and so is what the command line says in its own words.
 """
+
+from __future__ import annotations
+
+from typing import ClassVar
 
 
 class CspaceError(Exception):
-    """Base class of all errors raised by ``cspace`` and ``planners``."""
+    """Base class of all errors raised by ``cspace`` and ``planners``.
+
+    Parameters
+    ----------
+    argument : str
+        What is at fault: the name of an argument, or a file's path; or, where it stands alone, the whole message.
+    found : str, optional
+        What it is, as it follows the name: ``"is -1"``, ``"has shape (3,)"``.
+    rule : str
+        ``"it must be above zero"``.
+    mend : str
+        ``"pass it in metres, e.g. 0.05"``.
+    value : object
+        The offending value itself, for programs.
+
+    Examples
+    --------
+    >>> raise InputError("spacing", "is -1", "it must be above zero", "pass it in metres", value=-1)
+    Traceback (most recent call last):
+    cspace.errors.InputError: spacing is -1; it must be above zero; pass it in metres
+    """
+
+    gap: ClassVar[str] = " "
+
+    def __init__(
+        self, argument: str, found: str | None = None, rule: str = "", mend: str = "", *, value: object = None
+    ) -> None:
+        text = argument
+        if found is not None:
+            text = "; ".join(part for part in (f"{argument}{self.gap}{found}", rule, mend) if part)
+        super().__init__(text)
+        self.argument = argument
+        self.found = found
+        self.rule = rule
+        self.mend = mend
+        self.value = value
 
 
 class InputError(CspaceError, ValueError):
@@ -17,7 +57,9 @@ class GeometryError(InputError):
 
 
 class FileError(CspaceError, OSError):
-    """A file is missing, unreadable, malformed, truncated, or may not be written."""
+    """A file is missing, unreadable, malformed, truncated, or may not be written; ``argument`` is its path."""
+
+    gap: ClassVar[str] = ": "
 
 
 class MissingPackageError(CspaceError, ImportError):
@@ -33,6 +75,15 @@ class ConfigurationError(InputError):
         The nearest FREE configuration, where the map has one.
     """
 
-    def __init__(self, message: str, nearest: tuple[float, ...] | None = None) -> None:
-        super().__init__(message)
+    def __init__(
+        self,
+        argument: str,
+        found: str | None = None,
+        rule: str = "",
+        mend: str = "",
+        *,
+        value: object = None,
+        nearest: tuple[float, ...] | None = None,
+    ) -> None:
+        super().__init__(argument, found, rule, mend, value=value)
         self.nearest = nearest

@@ -22,6 +22,38 @@ MAX_YAW: Final = 2.0**20
 """Largest yaw, in radians, whose wrapping stays within :data:`YAW_SLACK`."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Turn:
+    """A rotation cell as a shape meets it: one rotation, and how far the others of the cell are from it.
+
+    Attributes
+    ----------
+    matrix : ndarray of float64, shape (d, d), or None
+        The representative rotation; None for none at all, which leaves every number as it is.
+    covering_angle : float
+        Largest angle between a rotation of the cell and the representative, radians.
+    about_z : bool
+        Whether all rotations of the cell are about the z axis; then points on it stay where they are.
+    """
+
+    matrix: NDArray[np.float64] | None = None
+    covering_angle: float = 0.0
+    about_z: bool = False
+
+    def apply(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Points, shape (..., d), turned about the origin by the representative rotation."""
+        return points if self.matrix is None else np.ascontiguousarray(points @ self.matrix.T)
+
+    def displacement(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """How far each of some points, shape (..., d), can come from its place within the cell, shape (...)."""
+        lever = np.linalg.norm(points[..., :2] if self.about_z else points, axis=-1)
+        return np.asarray(2.0 * math.sin(min(self.covering_angle, math.pi) / 2.0) * lever)
+
+
+STILL: Final = Turn()
+"""No rotation at all."""
+
+
 @dataclass(frozen=True, slots=True)
 class Rotations:
     """Cells of the circle of yaw angles; cell ``k`` is ``[borders[k], borders[k + 1]]``.

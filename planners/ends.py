@@ -83,7 +83,7 @@ def _unusable(space: CSpace, end: End, name: str, inside: bool, exact: bool) -> 
     except ConfigurationError:
         mend = "the map has no FREE configuration at all; use a smaller robot, margin or spacing"
         return ConfigurationError(f"{name} {_text(end)} {reason}; {rule}; {mend}")
-    return ConfigurationError(f"{name} {_text(end)} {reason}; {rule}; the nearest is {_text(nearest)}", nearest)
+    return ConfigurationError(f"{name} {_text(end)} {reason}; {rule}; the nearest is {_text(nearest)}", nearest=nearest)
 
 
 def _text(point: End) -> str:
