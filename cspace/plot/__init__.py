@@ -6,3 +6,4 @@ from cspace.plot.picture import plot as plot
 from cspace.plot.picture import save_plot as save_plot
 from cspace.plot.strip import plot_strip as plot_strip
 from cspace.plot.strip import save_strip as save_strip
+from cspace.plot.thumbnails import thumbnail as thumbnail

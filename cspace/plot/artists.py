@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.patheffects import AbstractPathEffect
 
-    from cspace._cell_image import CellImage
     from cspace.grid import Grid
+    from cspace.plot.cell_image import CellImage
     from cspace.space import CSpace
 
 # What a cell shows, the most important last: a pixel that covers many cells shows the largest. The hues are from Okabe
@@ -73,7 +73,7 @@ def draw_cells(ax: Axes, grid: Grid, classes: NDArray[np.uint8]) -> CellImage:
     """Draw the cells of a grid in the plane by their class."""
     from matplotlib.colors import to_rgb
 
-    from cspace._cell_image import CellImage
+    from cspace.plot.cell_image import CellImage
 
     colors = np.array([to_rgb(color) for _, color in CLASSES])
     image = CellImage(ax, classes, np.rint(255.0 * colors).astype(np.uint8), grid)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 import cspace
 from cspace import CSpace, Grid, Robot, Workspace, build
-from cspace._cell_image import CellImage, coarsen
+from cspace.plot.cell_image import CellImage, coarsen
 from cspace.errors import FileError, InputError
 from cspace.plot import plot, save_plot
 from cspace.plot.artists import CLASSES

@@ -1,0 +1,107 @@
+"""thumbnail: a small picture of a map, a workspace, a robot or a plan, for notebooks."""
+
+from __future__ import annotations
+
+import io
+from typing import Any, Final
+
+import numpy as np
+
+from cspace.plot import artists, view
+
+_INCHES: Final = 2.0
+"""Longer side of the picture."""
+_DPI: Final = 100.0
+
+
+def thumbnail(subject: Any) -> bytes:
+    """A small PNG of a map, a workspace, a robot or a plan, about 200 pixels wide or high, without axes or words.
+
+    In space, maps and workspaces show the layer of cells at half their height, robots their outline from above.
+
+    Parameters
+    ----------
+    subject : CSpace, Workspace, Robot or Plan
+
+    Returns
+    -------
+    bytes
+        The PNG file.
+
+    Examples
+    --------
+    >>> import cspace
+    >>> thumbnail(cspace.Robot.disc(0.3))[:4]
+    b'\\x89PNG'
+    """
+    if hasattr(subject, "waypoints"):
+        box, draw = _plan(subject)
+    elif hasattr(subject, "grid"):
+        box, draw = _cells(subject)
+    else:
+        box, draw = _robot(subject)
+    figure = artists.new_figure(*artists.drawn_size(box, _INCHES), _DPI, arranged=False)
+    ax = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    ax.set_axis_off()
+    ax.set_xlim(*box[:, 0])
+    ax.set_ylim(*box[:, 1])
+    draw(ax)
+    file = io.BytesIO()
+    figure.canvas.print_figure(file, dpi=_DPI, format="png")
+    return file.getvalue()
+
+
+def _cells(subject: Any) -> tuple[view.Floats, Any]:
+    """Box and painter of the cells of a map or a workspace."""
+    from cspace.grid import Grid
+
+    workspace = getattr(subject, "workspace", subject)
+    grid = subject.grid
+    layer = (...,) if grid.dim == 2 else (..., grid.shape[2] // 2)
+    occupied = workspace.outer[layer]
+    if workspace is subject:
+        classes = np.where(occupied, np.uint8(artists.OBSTACLE), np.uint8(artists.OPEN))
+    elif subject.rotations is None:
+        classes = artists.classes_at(occupied, subject.state[layer])
+    else:
+        classes = artists.classes_of(subject, None)
+    plane = Grid(grid.lower[:2], grid.spacing, grid.shape[:2])
+    return np.array([plane.lower, plane.upper]), lambda ax: artists.draw_cells(ax, plane, classes)
+
+
+def _robot(robot: Any) -> tuple[view.Floats, Any]:
+    """Box and painter of a robot's outline, with its reference point."""
+    if robot.dim == 2:
+        outline = view.Outline(robot.geometry)
+    else:
+        from cspace.plot.spatial import silhouette
+
+        outline = silhouette(robot, (0, 1))
+
+    def draw(ax: Any) -> None:
+        artists.draw_robots(ax, outline, np.zeros((1, 2)))
+        ax.plot(0.0, 0.0, marker="+", markersize=10.0, markeredgewidth=1.5, color="black")
+
+    return _around(np.concatenate([*outline.rings, np.zeros((1, 2))])), draw
+
+
+def _plan(plan: Any) -> tuple[view.Floats, Any]:
+    """Box and painter of a path, from above."""
+    points = np.asarray(plan.path)[:, :2]
+    if not len(points):
+        return np.array([[0.0, 0.0], [1.0, 1.0]]), lambda ax: None
+    marks = {"start": points[0], "goal": points[-1]}
+
+    def draw(ax: Any) -> None:
+        artists.draw_path(ax, points)
+        artists.draw_marks(ax, marks, 0.8)
+
+    return _around(points), draw
+
+
+def _around(points: view.Floats) -> view.Floats:
+    """A box around points with some room, shape (2, 2)."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    room = 0.12 * max(float((high - low).max()), 1e-9)
+    middle, half = (low + high) / 2, np.maximum((high - low) / 2, room) + room
+    return np.stack([middle - half, middle + half])
