@@ -17,7 +17,7 @@ from benchmarks.frequency_soak import NO_FINUFFT
 from benchmarks.report import Report
 from benchmarks.timing import Timing, interleave
 from cspace import Grid
-from cspace.descriptors import BallDescriptor, Bump, Descriptor, ball_spectrum, indicator, minkowski_sum, superlevel
+from cspace.spectral import BallDescriptor, Bump, Descriptor, ball_spectrum, indicator, minkowski_sum, superlevel
 
 Floats = NDArray[np.float64]
 

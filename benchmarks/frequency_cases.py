@@ -13,11 +13,9 @@ from numpy.typing import NDArray
 from benchmarks.exact import Shape
 from benchmarks.solid_exact import Blocks, Skin, directions
 from benchmarks.solid_pairs import SkinPair
-from cspace.descriptors import Bump
 from cspace.errors import InputError
 from cspace.mesh import Mesh
-from cspace.separation import FourierOverlap
-from cspace.spheres import decompose
+from cspace.spectral import Bump, FourierOverlap, decompose
 
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]

@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
-from cspace.descriptors import Bump
+from cspace.spectral import Bump
 
 Complexes = NDArray[np.complex128]
 Floats = NDArray[np.float64]

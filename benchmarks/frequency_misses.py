@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from benchmarks.frequency_cases import POOL, Body, Oracle, flat_oracle, overlap_of, pool_body, random_turn, solid_oracle
 from benchmarks.report import Report
 from benchmarks.solid_pairs import NO_FCL
-from cspace.descriptors import Bump
-from cspace.separation import Verdict
+from cspace.spectral import Bump, Verdict
 
 Floats = NDArray[np.float64]
 Scene = tuple[Body, list[Body], Floats, NDArray[np.bool_]]

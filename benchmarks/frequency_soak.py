@@ -11,7 +11,7 @@ from benchmarks.frequency_cases import Oracle, PairCase, Rng, draw_pair
 from benchmarks.report import Report
 from benchmarks.solid_pairs import NO_FCL
 from benchmarks.tally import Tally
-from cspace.separation import FourierOverlap, Verdict
+from cspace.spectral import FourierOverlap, Verdict
 
 Floats = NDArray[np.float64]
 

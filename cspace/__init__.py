@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from cspace.mesh import MeshWarning as MeshWarning
     from cspace.robot import Robot as Robot
     from cspace.space import CSpace as CSpace
-    from cspace.spheres.result import Spheres as Spheres
+    from cspace.spectral import Spheres as Spheres
     from cspace.workspace import Workspace as Workspace
 
     open = open_map  # noqa: A001 - the public name
@@ -49,7 +49,7 @@ _HOME = {
     "MeshWarning": ("cspace.mesh", "MeshWarning"),
     "Robot": ("cspace.robot", "Robot"),
     "CSpace": ("cspace.space", "CSpace"),
-    "Spheres": ("cspace.spheres.result", "Spheres"),
+    "Spheres": ("cspace.spectral", "Spheres"),
     "Workspace": ("cspace.workspace", "Workspace"),
 }
 

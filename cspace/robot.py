@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
     from cspace.mesh import Solid as Solidity
-    from cspace.spheres.result import Spheres
+    from cspace.spectral import Spheres
 
 Floats = NDArray[np.float64]
 

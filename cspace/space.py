@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from cspace.connectivity import Components
-    from cspace.separation import FourierOverlap, OverlapField
+    from cspace.spectral import FourierOverlap, OverlapField
     from cspace.updates import Update
 
 Floats = NDArray[np.float64]
@@ -317,7 +317,7 @@ class CSpace(Questions):
 
         Parameters
         ----------
-        overlap : cspace.separation.FourierOverlap
+        overlap : cspace.spectral.FourierOverlap
             Of the robot's balls, in the robot's frame, with those of the obstacles, in the map's.
 
         Raises
@@ -327,7 +327,7 @@ class CSpace(Questions):
         MissingPackageError
             If finufft is not installed.
         """
-        from cspace.separation import OverlapField
+        from cspace.spectral import OverlapField
 
         return CSpace(
             self.workspace,
@@ -346,7 +346,7 @@ class CSpace(Questions):
     @property
     def overlap_field(self) -> OverlapField | None:
         """The overlap of descriptors that the map carries; None where there is none."""
-        from cspace.separation import OverlapField
+        from cspace.spectral import OverlapField
 
         return OverlapField(self, self.fields) if self.fields else None
 

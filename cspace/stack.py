@@ -44,7 +44,7 @@ class Stack:
     rasters : sequence of (outer, inner) Raster, optional
         The robot's, for each slice; made again if left out.
     fields : mapping of str to ndarray of float64, the shape of state, optional
-        What :class:`cspace.separation.OverlapField` holds; all of it, or nothing.
+        What :class:`cspace.spectral.OverlapField` holds; all of it, or nothing.
     trusted : bool
         Whether the states are known to be those three, as those of a build are, and not looked at.
     tells_blocked : bool, optional

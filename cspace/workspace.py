@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from cspace.bodies import Balls
     from cspace.mesh import Mesh, Solid
-    from cspace.spheres.result import Spheres
+    from cspace.spectral import Spheres
 
     Shape: TypeAlias = BaseGeometry | Mesh | Balls
 

@@ -22,9 +22,17 @@ from scipy.integrate import cumulative_simpson
 from shapely import affinity
 
 import cspace
-from cspace.descriptors import BallDescriptor, Bump, ball_spectrum, indicator, minkowski_sum, sampled_spectrum
-from cspace.separation import FourierOverlap, Verdict
-from cspace.spheres import decompose
+from cspace.spectral import (
+    BallDescriptor,
+    Bump,
+    FourierOverlap,
+    Verdict,
+    ball_spectrum,
+    decompose,
+    indicator,
+    minkowski_sum,
+    sampled_spectrum,
+)
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]

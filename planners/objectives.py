@@ -17,8 +17,8 @@ from planners.straight import DENSE_TURN, Floats
 from planners.ways import way_of
 
 if TYPE_CHECKING:
-    from cspace.separation import OverlapField
     from cspace.space import CSpace
+    from cspace.spectral import OverlapField
 
 COMFORT: Final = 0.1
 """Clearance beyond which more is not worth a detour, as a share of the map's longer side, where none is given."""
@@ -213,7 +213,7 @@ class OverlapObjective(ClearanceObjective):
     si : ompl.base.SpaceInformation
         Of a :func:`planners.state_space`.
     space : CSpace
-    field : cspace.separation.OverlapField, optional
+    field : cspace.spectral.OverlapField, optional
         Of the same map; the one that the map carries (:meth:`cspace.CSpace.with_overlap_field`), if left out.
     weight : float
         How many extra metres a metre at overlap ``full`` is worth.

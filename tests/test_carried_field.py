@@ -24,7 +24,7 @@ from cspace.errors import FileError
 from cspace.io import record, store
 from cspace.io.arrays import FIELDS, arrays_of
 from cspace.io.files import export, open_map, open_slice, save
-from cspace.separation import FourierOverlap, OverlapField
+from cspace.spectral import FourierOverlap, OverlapField
 from maps import SUFFIXES, files, forged, interrupted, refused, same, spaces
 from test_spatial_files import spaces as solid_spaces
 from test_vti import read

@@ -1,0 +1,243 @@
+"""The bump: a radial function that is 1 at the centre of a ball and fades to 0 at its border."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cspace.errors import InputError
+from cspace.grid import positive, unmasked
+from cspace.spectral.descriptors.checks import check_dim, check_not_below_zero, check_tolerance
+from cspace.spectral.descriptors.hankel import RadialTransform
+from cspace.spectral.descriptors.lenses import lens_measure, product_integral
+from cspace.spectral.descriptors.radial_table import RadialTable
+
+Floats = NDArray[np.float64]
+
+LEAST_ALPHA: Final = 0.01
+MOST_ALPHA: Final = 1e4
+
+MOST_FREQUENCY: Final = 1e5
+"""Up to here the phases that rounding leaves are right to 1e-10 radians, where the spectrum is small."""
+
+SERIES: Final = 0.5
+"""Argument below which the indicator's spectrum in space is taken from its series."""
+
+
+@dataclass(frozen=True, slots=True)
+class Bump:
+    """``psi(x) = exp(1 / (1 - |x|^-alpha))`` for ``0 < |x| < 1``, 1 at 0 and 0 from ``|x| = 1`` on.
+
+    It is above zero in the open unit ball and nowhere else (in float64 it underflows in a skin next to the border,
+    of ``1 / (745 alpha)`` of the radius or less), and smooth but for the centre, where it is as smooth as
+    ``|x|^alpha``. A ball of radius r around p has the descriptor ``psi((x - p) / r)`` (Lysenko, 2013; Behandish and
+    Ilies, 2016).
+
+    Parameters
+    ----------
+    alpha : float
+        From 0.01 (a needle) to 1e4 (nearly flat), or ``inf``: the indicator of the open ball.
+
+    Raises
+    ------
+    InputError
+        If ``alpha`` is none of these.
+    """
+
+    alpha: float = 2.0
+
+    def __post_init__(self) -> None:
+        unmasked(self.alpha, "alpha")
+        try:
+            alpha = float(self.alpha)
+        except (TypeError, ValueError) as error:
+            raise InputError(f"alpha is {self.alpha!r}; it must be one number; pass e.g. 2.0") from error
+        if not (LEAST_ALPHA <= alpha <= MOST_ALPHA or alpha == math.inf):
+            raise InputError(
+                f"alpha is {self.alpha!r}; it must lie between {LEAST_ALPHA:g} and {MOST_ALPHA:g}, or be infinite; "
+                "pass e.g. 2.0, or math.inf for the indicator"
+            )
+        object.__setattr__(self, "alpha", alpha)
+
+    @property
+    def is_indicator(self) -> bool:
+        """Whether it is 1 all over the open ball."""
+        return self.alpha == math.inf
+
+    def profile(self, distance: ArrayLike) -> Floats:
+        """Values at distances from the centre, in radii.
+
+        Parameters
+        ----------
+        distance : array-like, shape (...)
+            Zero or above.
+
+        Returns
+        -------
+        ndarray of float64, shape (...)
+
+        Raises
+        ------
+        InputError
+            If a distance is not finite or below zero.
+        """
+        return self._values(check_not_below_zero(distance, "distance"))
+
+    def _values(self, s: Floats) -> Floats:
+        inside = s < 1.0
+        if self.is_indicator:
+            return inside.astype(np.float64)
+        with np.errstate(divide="ignore", over="ignore"):
+            # 1 / (1 - s^-alpha), without the difference of two numbers near one; 0 at s = 0.
+            powers = np.expm1(-self.alpha * np.log(np.minimum(s, 1.0)))
+            return np.where(inside, np.exp(-1.0 / powers), 0.0)
+
+    def radial_spectrum(self, frequency: ArrayLike, dim: int, tolerance: float = 1e-12) -> Floats:
+        """Fourier transform ``integral psi(x) exp(-2 pi i w.x) dx`` of the bump of radius 1, a function of ``k = |w|``.
+
+        That of radius r is ``r^dim`` times this at ``k = r |w|``.
+
+        Parameters
+        ----------
+        frequency : array-like, shape (...)
+            ``k``, in cycles per radius, from 0 to 1e5 (any, for the indicator).
+        dim : int
+            2 or 3.
+        tolerance : float
+            Largest error, relative to the value at 0; from 1e-13 to 0.1.
+
+        Returns
+        -------
+        ndarray of float64, shape (...)
+
+        Raises
+        ------
+        InputError
+            If a value is not usable.
+        """
+        k = check_not_below_zero(frequency, "frequency")
+        axes, within = check_dim(dim), check_tolerance(tolerance)
+        if self.is_indicator:
+            return np.asarray(_INDICATOR_SPECTRA[axes](k))
+        self._check_frequency(k)
+        return _transform(self, axes, within)(k)
+
+    def table(self, dim: int, most: float, tolerance: float = 1e-12) -> Callable[[Floats], Floats]:
+        """The same spectrum for many frequencies: computed once at some, and interpolated. The last few are kept.
+
+        Parameters
+        ----------
+        dim : int
+        most : float
+            Largest frequency that will be asked for.
+        tolerance : float
+            Largest error of what the table tells, relative to the value at 0.
+
+        Returns
+        -------
+        callable
+            From an array of ``k`` between 0 and ``most`` to an array of values of its shape.
+
+        Raises
+        ------
+        InputError
+            If a value is not usable.
+        """
+        axes, within = check_dim(dim), check_tolerance(tolerance)
+        top = check_not_below_zero(most, "most")
+        if top.ndim:
+            raise InputError(f"most is {most!r}; it must be one number; pass the largest frequency")
+        if self.is_indicator:
+            return _INDICATOR_SPECTRA[axes]
+        self._check_frequency(top)
+        return _table(self, axes, math.ceil(top), within)
+
+    def pair_integral(self, first: float, second: float, distance: float, dim: int, tolerance: float = 1e-10) -> float:
+        """Integral of ``psi(x / first) psi((x - distance e) / second)`` over the plane or space.
+
+        It falls with the distance: both functions are spherically symmetric and fall with the distance from their
+        centres.
+
+        Parameters
+        ----------
+        first, second : float
+            Radii, metres.
+        distance : float
+            Of the centres, metres.
+        dim : int
+        tolerance : float
+            Largest error, relative to the integral itself or to 1e-60 of the smaller ball; from 1e-12 to 0.1.
+
+        Returns
+        -------
+        float
+            Metres to the power ``dim``; 0 from the sum of the radii on. Where the bumps have hardly anything in common
+            it underflows to 0.
+
+        Raises
+        ------
+        InputError
+            If a value is not usable.
+        CspaceError
+            If quadrature does not reach the tolerance.
+        """
+        a, b = positive(first, "first"), positive(second, "second")
+        gap = check_not_below_zero(distance, "distance")
+        if gap.ndim:
+            raise InputError(f"distance is {distance!r}; it must be one number; ask for one pair at a time")
+        axes, within = check_dim(dim), check_tolerance(tolerance, LEAST_PAIR_TOLERANCE)
+        if self.is_indicator:
+            return lens_measure(a, b, float(gap), axes)
+        return product_integral(self._values, self._values, a, b, float(gap), axes, within)
+
+    def _check_frequency(self, k: Floats) -> None:
+        if k.size and k.max() > MOST_FREQUENCY:
+            raise InputError(
+                f"frequency holds {k.max():g} cycles per radius; up to {MOST_FREQUENCY:g} are computed for finite "
+                "alpha; check its units"
+            )
+
+
+LEAST_PAIR_TOLERANCE: Final = 1e-12
+"""Least tolerance of a pair's integral."""
+
+
+@lru_cache(maxsize=16)
+def _transform(bump: Bump, dim: int, tolerance: float) -> RadialTransform:
+    return RadialTransform(bump._values, dim, tolerance)
+
+
+@lru_cache(maxsize=16)
+def _table(bump: Bump, dim: int, most: int, tolerance: float) -> RadialTable:
+    return RadialTable.of(_transform(bump, dim, 0.25 * tolerance), most, 0.5 * tolerance)
+
+
+def _disc_spectrum(k: Floats) -> Floats:
+    """Of the indicator of the unit disc: ``J1(2 pi k) / k``."""
+    from scipy.special import j1
+
+    k = np.asarray(k, dtype=np.float64)
+    small = k < 1e-150
+    return np.where(small, math.pi, j1(2.0 * math.pi * k) / np.where(small, 1.0, k))
+
+
+def _ball_spectrum(k: Floats) -> Floats:
+    """Of the indicator of the unit ball: ``4 pi (sin x - x cos x) / x^3`` with ``x = 2 pi k``."""
+    x = 2.0 * math.pi * np.asarray(k, dtype=np.float64)
+    small = x < SERIES
+    large = np.where(small, 1.0, x)
+    # Terms (-1)^n x^(2n) / ((2n)! (2n + 3) (2n + 1)) fall below 1e-17 by the seventh.
+    square = np.where(small, x * x, 0.0)
+    series = np.polynomial.polynomial.polyval(
+        square, [(-1.0) ** n / (math.factorial(2 * n + 1) * (2 * n + 3)) for n in range(8)]
+    )
+    return 4.0 * math.pi * np.where(small, series, (np.sin(large) - large * np.cos(large)) / large**3)
+
+
+_INDICATOR_SPECTRA: Final = {2: _disc_spectrum, 3: _ball_spectrum}

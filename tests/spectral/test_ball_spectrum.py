@@ -1,0 +1,264 @@
+"""Spectra of balls and of sampled descriptors, against the direct sum and against each other."""
+
+import itertools
+import math
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from cspace import Grid, InputError
+from cspace.spectral import (
+    BallDescriptor,
+    Bump,
+    Descriptor,
+    ball_spectrum,
+    ball_spectrum_at,
+    sampled_spectrum,
+    sampled_spectrum_at,
+)
+from cspace.spectral.descriptors.radius_basis import RadiusBasis
+from strategies import seeds
+
+pytest.importorskip("finufft")
+
+BUMPS = [Bump(0.4), Bump(2.0), Bump(math.inf)]
+
+
+def direct(centers, radii, bump, frequencies):
+    """The sum over balls, term by term."""
+    dim = centers.shape[1]
+    moduli = np.linalg.norm(frequencies, axis=1)
+    sizes, which = np.unique(radii, return_inverse=True)
+    radial = (sizes**dim * bump.radial_spectrum(moduli[:, None] * sizes, dim, 1e-13))[:, which]
+    return (radial * np.exp(-2j * math.pi * (frequencies @ centers.T))).sum(axis=1)
+
+
+def scene(dim, number, classes, seed=0, size=1.0):
+    rng = np.random.default_rng(seed)
+    radii = rng.uniform(0.02, 0.3, classes)[rng.integers(0, classes, number)] * size
+    return rng.uniform(-size, size, (number, dim)) + rng.uniform(-9, 9, dim), radii
+
+
+def lattice(lengths, counts, number=50, seed=1):
+    """Some places of a spectrum, the corners among them, and their frequencies."""
+    rng = np.random.default_rng(seed)
+    places = np.concatenate(
+        [
+            rng.integers(0, counts, (number, len(counts))),
+            list(itertools.product(*((0, m // 2, (m - 1) // 2, m - 1) for m in counts))),
+        ]
+    )
+    k = np.stack([np.fft.fftfreq(m, 1.0 / m)[places[:, a]] for a, m in enumerate(counts)], axis=1)
+    return tuple(places.T), k / lengths
+
+
+@pytest.mark.parametrize("bump", BUMPS, ids=str)
+@pytest.mark.parametrize("tolerance", [1e-6, 1e-12])
+@pytest.mark.parametrize(("number", "classes"), [(1, 1), (30, 2), (700, 1), (700, 3), (110, 110)])
+@pytest.mark.parametrize(
+    ("counts", "lengths"), [((64, 45), (2.7, 4.1)), ((24, 17, 20), (2.9, 3.0, 2.7)), ((200, 200), (3.0, 3.0))]
+)
+def test_the_direct_sum_is_met_on_a_lattice(bump, tolerance, number, classes, counts, lengths):
+    centers, radii = scene(len(counts), number, classes)
+    found = ball_spectrum(centers, radii, bump, lengths, counts, tolerance)
+    assert found.shape == counts
+    place, frequencies = lattice(lengths, counts)
+    expected = direct(centers, radii, bump, frequencies)
+    whole = float(bump.radial_spectrum(0.0, len(counts)) * (radii ** len(counts)).sum())
+    assert np.abs(found[place] - expected).max() <= tolerance * whole
+    assert found[(0,) * len(counts)] == pytest.approx(whole, rel=tolerance)
+
+
+@pytest.mark.parametrize("bump", BUMPS, ids=str)
+@pytest.mark.parametrize("tolerance", [1e-6, 1e-12])
+@pytest.mark.parametrize(("counts", "lengths"), [((40, 33), (2.7, 4.1)), ((14, 17, 10), (2.9, 3.0, 2.7))])
+def test_a_thousand_radii_by_a_few_functions(bump, tolerance, counts, lengths):
+    centers, radii = scene(len(counts), 1500, 100_000)
+    place, frequencies = lattice(lengths, counts, number=5)
+    most = float(np.linalg.norm(np.divide(counts, lengths) / 2.0))
+    basis = RadiusBasis.of(bump, radii, most, len(counts), tolerance, alone={2: 30.0, 3: 15.0}[len(counts)])
+    assert basis is not None and len(basis.tables) < 30
+    found = ball_spectrum(centers, radii, bump, lengths, counts, tolerance)
+    expected = direct(centers, radii, bump, frequencies)
+    whole = found[(0,) * len(counts)].real
+    assert np.abs(found[place] - expected).max() <= tolerance * whole
+    assert RadiusBasis.of(bump, radii, most, len(counts), tolerance, alone=2.0) is None
+
+
+@pytest.mark.parametrize("bump", BUMPS, ids=str)
+@pytest.mark.parametrize("tolerance", [1e-6, 1e-12])
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize(("number", "classes", "waves"), [(5, 5, 300), (900, 2, 2000)])
+def test_the_direct_sum_is_met_anywhere(bump, tolerance, dim, number, classes, waves):
+    centers, radii = scene(dim, number, classes)
+    frequencies = np.random.default_rng(4).normal(size=(waves, dim)) * 8.0
+    frequencies[0] = 0.0
+    found = ball_spectrum_at(centers, radii, bump, frequencies, tolerance)
+    expected = direct(centers, radii, bump, frequencies)
+    assert np.abs(found - expected).max() <= tolerance * expected[0].real
+    shaped = ball_spectrum_at(centers, radii, bump, frequencies.reshape(2, -1, dim), tolerance)
+    assert np.abs(shaped.ravel() - found).max() <= tolerance * expected[0].real
+
+
+@settings(max_examples=25)
+@given(st.sampled_from([2, 3]), seeds)
+def test_laws_of_the_spectrum(dim, seed):
+    rng = np.random.default_rng(seed)
+    centers, radii = scene(dim, int(rng.integers(1, 120)), int(rng.integers(1, 4)), seed)
+    counts, lengths, bump = tuple(rng.integers(3, 20, dim).tolist()), rng.uniform(2.7, 5.0, dim), Bump(2.0)
+    found = ball_spectrum(centers, radii, bump, lengths, counts)
+    size = 1e-8 * found.flat[0].real
+    # What is real has a spectrum with conjugate halves; the frequency half a count down has no partner.
+    place = np.ix_(*(np.setdiff1d(np.arange(m), [m // 2] if m % 2 == 0 else []) for m in counts))
+    partner = np.ix_(*(-np.setdiff1d(np.arange(m), [m // 2] if m % 2 == 0 else []) % m for m in counts))
+    np.testing.assert_allclose(found[place], found[partner].conj(), atol=size)
+    # A move is a phase; one by a period is none.
+    shift = rng.uniform(-3, 3, dim)
+    axes = [np.fft.fftfreq(m, 1.0 / m) / length for m, length in zip(counts, lengths, strict=True)]
+    phase = np.exp(-2j * math.pi * sum(np.meshgrid(*(a * s for a, s in zip(axes, shift, strict=True)), indexing="ij")))
+    np.testing.assert_allclose(ball_spectrum(centers + shift, radii, bump, lengths, counts), found * phase, atol=size)
+    np.testing.assert_allclose(ball_spectrum(centers + 5 * lengths, radii, bump, lengths, counts), found, atol=size)
+    # Both ways to ask agree, and balls add up.
+    waves = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    np.testing.assert_allclose(ball_spectrum_at(centers, radii, bump, waves), found, atol=size)
+    half = len(centers) // 2
+    if half:
+        parts = [ball_spectrum(centers[s], radii[s], bump, lengths, counts) for s in (slice(half), slice(half, None))]
+        np.testing.assert_allclose(sum(parts), found, atol=size)
+
+
+def test_a_turn_of_balls_turns_the_spectrum():
+    centers, radii = scene(3, 40, 2)
+    turn = Rotation.from_rotvec([0.3, -1.1, 0.7])
+    waves = np.random.default_rng(0).normal(size=(200, 3)) * 3.0
+    turned = ball_spectrum_at(turn.apply(centers), radii, Bump(), turn.apply(waves))
+    np.testing.assert_allclose(turned, ball_spectrum_at(centers, radii, Bump(), waves), atol=1e-8)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_it_is_the_fourier_series_of_the_descriptor(dim):
+    centers, radii = scene(dim, 12, 12, seed=5)
+    balls = BallDescriptor(centers, radii + 0.45)
+    counts, length = (96,) * dim, 3.6
+    spectrum = ball_spectrum(centers, balls.radii, balls.bump, length, counts, 1e-10)
+    lower = (centers.min(axis=0) + centers.max(axis=0)) / 2 - length / 2
+    grid = Grid(lower, length / 96, counts)
+    # Its inverse, moved to the grid's middles, is the samples, but for frequencies beyond the last.
+    shift = np.array(grid.center_of([0] * dim))
+    axes = [np.fft.fftfreq(96, 1.0 / 96) / length] * dim
+    phase = np.exp(2j * math.pi * sum(np.meshgrid(*(a * s for a, s in zip(axes, shift, strict=True)), indexing="ij")))
+    back = np.fft.ifftn(spectrum * phase).real * 96**dim / length**dim
+    assert np.abs(back - balls.sample(grid).values).max() < 5e-3
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("length", [2.0, 2.5, 2.0371])
+def test_spectra_of_samples_are_the_sum_over_cells(dim, length):
+    rng = np.random.default_rng(0)
+    shape, counts = (8, 7, 5)[:dim], (6, 31, 9)[:dim]
+    made = Descriptor(Grid((3.1, -0.7, 0.2)[:dim], 0.25, shape), rng.normal(size=shape))
+    middles = np.stack(np.meshgrid(*(made.grid.centers(a) for a in range(dim)), indexing="ij"), axis=-1).reshape(
+        -1, dim
+    )
+    axes = [np.fft.fftfreq(m, 1.0 / m) / length for m in counts]
+    waves = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    terms = np.exp(-2j * math.pi * (waves.reshape(-1, dim) @ middles.T)) * made.values.ravel()
+    expected = terms.sum(axis=1).reshape(counts) * 0.25**dim
+    mass = np.abs(made.values).sum() * 0.25**dim
+    found = sampled_spectrum(made, length, counts)
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-14 * mass)
+    for tolerance in (1e-6, 1e-12):
+        assert np.abs(sampled_spectrum_at(made, waves, tolerance) - expected).max() <= tolerance * mass
+
+
+def test_samples_and_balls_have_one_spectrum():
+    centers, radii = scene(2, 30, 30)
+    balls = BallDescriptor(centers, radii + 0.3)
+    lower, upper = balls.bounds
+    made = balls.sample(Grid(lower, 0.01, np.ceil((upper - lower) / 0.01).astype(int)))
+    found, expected = sampled_spectrum(made, 4.0, 24), ball_spectrum(centers, balls.radii, balls.bump, 4.0, 24)
+    assert np.abs(found - expected).max() < 1e-6 * abs(expected[0, 0])
+
+
+POINTS = np.zeros((2, 2))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "match"),
+    [
+        ((POINTS, 0.0, Bump(), 1.0, 4), "above zero"),
+        ((POINTS, math.nan, Bump(), 1.0, 4), "NaN"),
+        ((POINTS, [0.1, 0.1, 0.1], Bump(), 1.0, 4), "radii has shape"),
+        ((np.zeros((2, 4)), 0.1, Bump(), 1.0, 4), "centers has shape"),
+        ((POINTS, 0.1, 2.0, 1.0, 4), "must be a Bump"),
+        ((POINTS, 0.1, Bump(), 0.0, 4), "lengths"),
+        ((POINTS, 0.1, Bump(), (1.0, 1.0, 1.0), 4), "lengths"),
+        ((POINTS, 0.1, Bump(), math.inf, 4), "lengths"),
+        ((POINTS, 0.1, Bump(), 1.0, 0), "counts"),
+        ((POINTS, 0.1, Bump(), 1.0, 4.0), "counts"),
+        ((POINTS, 0.1, Bump(), 1.0, (4, 4, 4)), "counts"),
+        ((POINTS, 0.1, Bump(), 1.0, 10**9), "memory"),
+        ((POINTS, 0.1, Bump(), 1.0, 4, 1e-14), "tolerance"),
+        ((POINTS, 0.1, Bump(), 1.0, 4, 0.2), "tolerance"),
+        ((POINTS, 0.6, Bump(), 1.0, 4), "fit into one period"),
+        (([[0.0, 0.0], [0.0, 0.9]], 0.1, Bump(), 1.0, 4), "along y"),
+    ],
+)
+def test_unusable_input_is_refused(arguments, match):
+    with pytest.raises(InputError, match=match):
+        ball_spectrum(*arguments)
+
+
+def test_balls_that_fill_a_period_fit():
+    assert ball_spectrum([[7.0, 0.1], [7.8, 0.1]], 0.1, Bump(), (1.0, 0.2), 4).shape == (4, 4)
+
+
+@pytest.mark.parametrize(
+    ("ask", "match"),
+    [
+        (lambda: ball_spectrum_at(POINTS, 0.1, Bump(), [[1.0, 2.0, 3.0]]), "frequencies has shape"),
+        (lambda: ball_spectrum_at(POINTS, 0.1, Bump(), [[1.0, math.nan]]), "NaN"),
+        (lambda: sampled_spectrum(BallDescriptor(POINTS, 0.1), 1.0, 4), "not a Descriptor"),
+        (lambda: sampled_spectrum(BallDescriptor(POINTS, 0.1).sample(Grid((0, 0), 1.0, (3, 3))), 2.9, 4), "one period"),
+        (lambda: sampled_spectrum_at(BallDescriptor(POINTS, 0.1), [[0.0, 0.0]]), "not a Descriptor"),
+    ],
+)
+def test_other_unusable_input_is_refused(ask, match):
+    with pytest.raises(InputError, match=match):
+        ask()
+
+
+def test_no_frequencies_have_no_values():
+    assert ball_spectrum_at(POINTS, 0.1, Bump(), np.empty((0, 2))).shape == (0,)
+    made = BallDescriptor(POINTS, 0.1).sample(Grid((0, 0), 1.0, (3, 3)))
+    assert sampled_spectrum_at(made, np.empty((3, 0, 2))).shape == (3, 0)
+
+
+def test_without_the_extra_a_transform_is_refused_by_name_and_the_rest_works():
+    script = """
+import sys
+
+class NoFinufft:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] == "finufft":
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+
+sys.meta_path.insert(0, NoFinufft())
+import numpy as np
+import cspace
+from cspace.spectral import Bump, ball_spectrum
+
+assert ball_spectrum([[0.0, 0.0]], 0.2, Bump(), 1.0, 8).shape == (8, 8)
+try:
+    ball_spectrum(np.random.default_rng(0).random((500, 2)), 0.2, Bump(), 2.0, 8)
+except cspace.MissingPackageError as error:
+    print(error)
+"""
+    run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    assert 'pip install "cspace[nufft]"' in run.stdout

@@ -1,0 +1,326 @@
+"""The bump: its values, its radial spectrum and the integral over pairs, against scipy's adaptive quadrature."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import integrate
+from scipy.special import j0
+
+from cspace import Grid, InputError
+from cspace.spectral import BallDescriptor, Bump, intersection
+from cspace.spectral.descriptors.lenses import lens_measure, product_integral
+
+ALPHAS = [0.01, 0.1, 0.5, 1.0, 2.0, 3.7, 10.0, 100.0, 1e4, math.inf]
+SMOOTH = [0.5, 1.0, 2.0, 8.0]
+DIMS = [2, 3]
+
+
+def plain(s, alpha):
+    """The definition, in plain Python."""
+    if s >= 1.0:
+        return 0.0
+    if s == 0.0 or alpha == math.inf:
+        return 1.0
+    try:
+        return math.exp(1.0 / (1.0 - float(s) ** -alpha))
+    except OverflowError:
+        return 1.0
+    except ZeroDivisionError:
+        return 0.0
+
+
+def reference(alpha, dim, k):
+    """The transform by adaptive quadrature, in the logarithm of s where the bump has a cusp."""
+    kernel = j0 if dim == 2 else lambda x: np.sinc(x / math.pi)
+    surface = 2.0 * math.pi if dim == 2 else 4.0 * math.pi
+
+    def in_log(u):
+        s = math.exp(-u)
+        return s**dim * plain(s, alpha) * kernel(2.0 * math.pi * k * s)
+
+    def direct(s):
+        return s ** (dim - 1) * plain(s, alpha) * kernel(2.0 * math.pi * k * s)
+
+    steps = np.linspace(0.1, 1.0, 2 + math.ceil(2.0 * k))
+    if 1.0 < alpha < math.inf:
+        steps = np.unique(np.concatenate([steps, 1.0 - 0.5 ** np.arange(1, 20)]))
+    options = {"epsabs": 1e-16, "epsrel": 1e-13, "limit": 200}
+    outer = sum(integrate.quad(direct, a, b, **options)[0] for a, b in itertools.pairwise(steps))
+    ends = np.linspace(-math.log(0.1), 60.0, 40)
+    inner = sum(integrate.quad(in_log, a, b, **options)[0] for a, b in itertools.pairwise(ends))
+    return surface * (inner + outer)
+
+
+@pytest.mark.filterwarnings("ignore::scipy.integrate.IntegrationWarning")
+@pytest.mark.parametrize("dim", DIMS)
+@pytest.mark.parametrize("alpha", ALPHAS)
+def test_the_spectrum_is_what_adaptive_quadrature_finds(alpha, dim):
+    bump = Bump(alpha)
+    k = np.array([0.0, 1e-9, 1e-3, 0.0795, 0.0797, 0.37, 1.0, 4.6, 33.3])
+    expected = np.array([reference(alpha, dim, each) for each in k])
+    for tolerance in (1e-6, 1e-12):
+        error = np.abs(bump.radial_spectrum(k, dim, tolerance) - expected).max() / expected[0]
+        assert error <= tolerance
+
+
+@pytest.mark.parametrize("dim", DIMS)
+@pytest.mark.parametrize("alpha", [0.3, 2.0, 30.0])
+def test_high_frequencies_agree_with_a_rule_for_oscillating_integrals(alpha, dim):
+    k = np.array([150.3, 500.0, 2000.7])
+    if dim == 3:
+        options = {"epsabs": 1e-15, "limit": 2000, "weight": "sin"}
+        expected = []
+        for each in k:
+            pieces = np.concatenate(
+                [[0.0], 0.5 ** np.arange(24.0, 0.0, -1.0), 1.0 - 0.5 ** np.arange(2.0, 12.0), [1.0]]
+            )
+            parts = [
+                integrate.quad(lambda s: s * plain(s, alpha), a, b, wvar=2.0 * math.pi * each, **options)[0]
+                for a, b in itertools.pairwise(pieces)
+            ]
+            expected.append(2.0 / each * sum(parts))
+    else:
+        # One mean value over the circle turns the plane's kernel into waves, on many more nodes than the rule has.
+        nodes, weights = np.polynomial.legendre.leggauss(20)
+        ends = np.unique(
+            np.concatenate([0.5 ** np.arange(60.0), 1.0 - 0.5 ** np.arange(1.0, 30.0), np.linspace(0, 1, 1500)])
+        )
+        s = (ends[:-1, None] + np.diff(ends)[:, None] * (0.5 + 0.5 * nodes)).ravel()
+        w = (np.diff(ends)[:, None] * 0.5 * weights).ravel()
+        values = np.array([plain(each, alpha) for each in s]) * s * w
+        expected = [2.0 * math.pi * float(values @ j0(2.0 * math.pi * each * s)) for each in k]
+    found = Bump(alpha).radial_spectrum(k, dim)
+    assert np.abs(found - expected).max() <= 1e-12 * Bump(alpha).radial_spectrum(0.0, dim)
+
+
+@pytest.mark.parametrize("dim", DIMS)
+@pytest.mark.parametrize("tolerance", [1e-6, 1e-12])
+@pytest.mark.parametrize("alpha", [0.2, 2.0, 40.0, math.inf])
+def test_the_table_tells_the_spectrum(alpha, dim, tolerance):
+    bump = Bump(alpha)
+    k = np.concatenate([np.random.default_rng(0).uniform(0.0, 200.0, 500), np.arange(0.0, 200.5, 0.5), [200.0]])
+    table = bump.table(dim, 200.0, tolerance)
+    exact = bump.radial_spectrum(k, dim, 1e-13)
+    assert np.abs(table(k) - exact).max() <= tolerance * bump.radial_spectrum(0.0, dim)
+    assert table(k.reshape(2, -1)).shape == (2, len(k) // 2)
+    if alpha < math.inf:
+        with pytest.raises(InputError, match="make it for the largest"):
+            table(np.array([202.0]))
+
+
+@pytest.mark.parametrize("alpha", ALPHAS)
+def test_values_are_those_of_the_definition(alpha):
+    s = np.array([0.0, 1e-300, 1e-9, 0.1, 0.3, 0.5, 0.77, 0.9, 1.0 - 1e-3, 1.0, 1.0 + 1e-9, 3.0, 1e300])
+    expected = np.array([plain(each, alpha) for each in s])
+    found = Bump(alpha).profile(s)
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-300)
+    assert found.shape == s.shape and Bump(alpha).profile(0.5).shape == ()
+    assert found[0] == 1.0 and not found[-4:].any()
+
+
+@given(st.floats(0.01, 1e4), st.floats(0.0, 1.2), st.floats(0.0, 1.2))
+def test_it_falls_with_the_distance_and_rises_with_alpha(alpha, first, second):
+    near, far = sorted([first, second])
+    bump = Bump(alpha)
+    assert bump.profile(near) >= bump.profile(far)
+    assert Bump(min(1e4, 2.0 * alpha)).profile(near) >= bump.profile(near)
+    assert Bump(math.inf).profile(near) >= bump.profile(near)
+
+
+@pytest.mark.parametrize("dim", DIMS)
+def test_a_large_alpha_tends_to_the_indicator(dim):
+    k = np.linspace(0.0, 5.0, 50)
+    exact = Bump(math.inf).radial_spectrum(k, dim)
+    errors = [np.abs(Bump(alpha).radial_spectrum(k, dim) - exact).max() for alpha in (10.0, 100.0, 1000.0)]
+    assert errors[0] > 5.0 * errors[1] > 25.0 * errors[2]
+
+
+def lens_by_quadrature(a, b, distance, dim):
+    """Slices of the lens across the line of centres, in the depth of each cap, so that nothing cancels."""
+    middle = (distance**2 + a**2 - b**2) / (2.0 * distance)
+    total = 0.0
+    for radius, height in ((a, a - middle), (b, b - (distance - middle))):
+        slices = {
+            2: lambda t, r=radius: 2.0 * math.sqrt(t * (2.0 * r - t)),
+            3: lambda t, r=radius: math.pi * t * (2.0 * r - t),
+        }
+        total += integrate.quad(slices[dim], 0.0, height, epsabs=0.0, epsrel=1e-11)[0]
+    return total
+
+
+@pytest.mark.parametrize("dim", DIMS)
+@pytest.mark.parametrize(("a", "b"), [(1.0, 1.0), (0.3, 1.1), (2.0, 0.7)])
+def test_lenses_of_indicators(a, b, dim):
+    bump = Bump(math.inf)
+    for share in (1e-3, 0.01, 0.3, 0.8, 0.99):
+        distance = abs(a - b) + (1.0 - share) * (a + b - abs(a - b))
+        found = bump.pair_integral(a, b, distance, dim)
+        assert found == pytest.approx(lens_by_quadrature(a, b, distance, dim), rel=1e-9)
+        assert product_integral(bump.profile, bump.profile, a, b, distance, dim, 1e-2) == pytest.approx(found, rel=0.1)
+    whole = bump.radial_spectrum(0.0, dim) * min(a, b) ** dim
+    assert bump.pair_integral(a, b, abs(a - b), dim) == pytest.approx(float(whole), rel=1e-14)
+    assert bump.pair_integral(a, b, a + b, dim) == 0.0
+
+
+@pytest.mark.parametrize("depth", [1e-3, 1e-6, 1e-9])
+def test_thin_lenses_keep_their_relative_accuracy(depth):
+    # To leading order in the depth, of balls of radius 1: caps of parabolas.
+    bump = Bump(math.inf)
+    assert bump.pair_integral(1.0, 1.0, 2.0 - depth, 2) == pytest.approx(4.0 / 3.0 * depth**1.5, rel=depth + 1e-6)
+    assert bump.pair_integral(1.0, 1.0, 2.0 - depth, 3) == pytest.approx(math.pi / 2.0 * depth**2, rel=depth + 1e-6)
+
+
+@pytest.mark.parametrize("dim", DIMS)
+@pytest.mark.parametrize("alpha", SMOOTH)
+@pytest.mark.parametrize(("a", "b"), [(1.0, 1.0), (0.4, 1.1)])
+def test_pairs_agree_with_the_inverse_transform(alpha, a, b, dim):
+    bump = Bump(alpha)
+    nodes, weights = np.polynomial.legendre.leggauss(16)
+    ends = np.linspace(0.0, 100.0 / a, math.ceil(300 / a))
+    k = (ends[:-1, None] + np.diff(ends)[:, None] * (0.5 + 0.5 * nodes)).ravel()
+    w = (0.5 * np.diff(ends)[:, None] * weights).ravel()
+    spectrum = (a * b) ** dim * bump.radial_spectrum(a * k, dim, 1e-13) * bump.radial_spectrum(b * k, dim, 1e-13)
+    size = bump.pair_integral(a, b, 0.0, dim)
+    for distance in (0.0, 0.05, 0.4, b - a, 0.9, 0.97 * (a + b)):
+        wave = j0(2.0 * math.pi * k * distance) * 2.0 * math.pi * k
+        if dim == 3:
+            wave = np.sinc(2.0 * k * distance) * 4.0 * math.pi * k * k
+        # With a cusp the spectrum has a tail beyond the last frequency.
+        assert bump.pair_integral(a, b, distance, dim) == pytest.approx(
+            float((spectrum * wave) @ w), abs=1e-10 * size if alpha != 0.5 else 1e-7 * size
+        )
+
+
+@pytest.mark.parametrize("depth", [0.5, 0.1, 0.03])
+def test_hardly_overlapping_pairs_keep_their_relative_accuracy(depth):
+    a, b, distance = 0.6, 1.0, 1.6 - depth
+
+    def product(y, x):
+        s, t = math.hypot(x, y) / a, math.hypot(x - distance, y) / b
+        return plain(s, 2.0) * plain(t, 2.0) * scale
+
+    scale = 1.0 / Bump().pair_integral(a, b, distance, 2)
+    x, height = np.linspace(distance - b, a, 9), math.sqrt(2.0 * depth)
+    y = np.linspace(-height, height, 9)
+    total = sum(
+        integrate.dblquad(product, x0, x1, y0, y1, epsabs=1e-9, epsrel=1e-7)[0]
+        for x0, x1 in itertools.pairwise(x)
+        for y0, y1 in itertools.pairwise(y)
+    )
+    assert total == pytest.approx(1.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("alpha", [0.1, 0.7, 2.0, 20.0, math.inf])
+@pytest.mark.parametrize("dim", DIMS)
+def test_pairs_fall_with_the_distance_and_do_not_mind_the_order(alpha, dim):
+    bump = Bump(alpha)
+    distances = np.linspace(0.0, 1.75, 36)
+    found = np.array([bump.pair_integral(0.5, 1.2, each, dim, 1e-9) for each in distances])
+    assert (np.diff(found) <= 1e-9 * found[:-1]).all() and found[-1] == 0.0
+    assert bump.pair_integral(1.2, 0.5, 1.1, dim) == pytest.approx(bump.pair_integral(0.5, 1.2, 1.1, dim), rel=1e-9)
+    assert bump.pair_integral(5.0, 12.0, 11.0, dim) == pytest.approx(
+        10.0**dim * bump.pair_integral(0.5, 1.2, 1.1, dim), rel=1e-9
+    )
+
+
+@pytest.mark.parametrize("dim", DIMS)
+def test_a_pair_is_the_integral_of_the_product_of_descriptors(dim):
+    grid = Grid((-1.3,) * dim, 0.02, (150,) * dim)
+    centers = np.array([[0.1, 0.05, 0.0], [0.75, 0.3, -0.2]])[:, :dim]
+    first, second = BallDescriptor(centers[:1], 1.0), BallDescriptor(centers[1:], 0.6)
+    product = intersection(first.sample(grid), second.sample(grid))
+    distance = float(np.linalg.norm(centers[1] - centers[0]))
+    assert product.integral == pytest.approx(Bump().pair_integral(1.0, 0.6, distance, dim), rel=1e-5)
+
+
+@pytest.mark.parametrize("alpha", [0.0, -1.0, math.nan, -math.inf, 1e-3, 1e5, "two", None, np.ma.masked, [1.0, 2.0]])
+def test_an_unusable_alpha_is_refused(alpha):
+    with pytest.raises(InputError, match=r"alpha"):
+        Bump(alpha)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "match"),
+    [
+        ((-1.0, 2), "below zero"),
+        ((math.nan, 2), "frequency"),
+        ((math.inf, 3), "frequency"),
+        ((2e5, 2), "units"),
+        ((1.0, 1), "dim is 1"),
+        ((1.0, 4), "dim is 4"),
+        ((1.0, True), "dim is True"),
+        ((1.0, 2, 0.0), "tolerance"),
+        ((1.0, 2, 1e-15), "tolerance"),
+        ((1.0, 2, 0.5), "tolerance"),
+        ((1.0, 2, math.nan), "tolerance"),
+        ((1.0, 2, [1e-6]), "tolerance"),
+    ],
+)
+def test_unusable_questions_are_refused(arguments, match):
+    for ask in (Bump().radial_spectrum, lambda k, dim, *rest: Bump().table(dim, k, *rest)):
+        with pytest.raises(InputError, match=match if "frequency" not in match else "frequency|most"):
+            ask(*arguments)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "match"),
+    [
+        ((0.0, 1.0, 1.0, 2), "first"),
+        ((1.0, -1.0, 1.0, 2), "second"),
+        ((1.0, 1.0, -1.0, 2), "distance"),
+        ((1.0, 1.0, [1.0], 2), "distance"),
+        ((1.0, 1.0, math.nan, 2), "distance"),
+        ((1.0, 1.0, 1.0, 5), "dim"),
+        ((1.0, 1.0, 1.0, 2, 1e-14), "tolerance"),
+    ],
+)
+def test_unusable_pairs_are_refused(arguments, match):
+    with pytest.raises(InputError, match=match):
+        Bump().pair_integral(*arguments)
+
+
+def lens_by_decimals(a: float, b: float, distance: float) -> float:
+    """Area of a lens to fifty digits, by the circle's area above a chord."""
+    from decimal import Decimal, localcontext
+
+    with localcontext() as context:
+        context.prec = 60
+        one, two, way = Decimal(a), Decimal(b), Decimal(distance)
+        pi = Decimal("3.14159265358979323846264338327950288419716939937510582097494")
+
+        def arc_cosine(x: Decimal) -> Decimal:
+            share, halvings = (((1 - x) / (1 + x)).sqrt(), 1) if x > -1 else (Decimal(0), 0)
+            while share > Decimal("0.01"):
+                share, halvings = share / (1 + (1 + share * share).sqrt()), halvings + 1
+            total = sum((-1) ** n * share ** (2 * n + 1) / (2 * n + 1) for n in range(16))
+            return total * 2**halvings if x > -1 else pi
+
+        def segment(r: Decimal, other: Decimal) -> Decimal:
+            x = (way * way + r * r - other * other) / (2 * way * r)
+            return r * r * (arc_cosine(x) - x * (1 - x * x).sqrt())
+
+        return float(segment(one, two) + segment(two, one))
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "distance"),
+    [
+        (1.0, 1.0, 1e-17),
+        (1.0, 1.0, 1e-9),
+        (0.3, 0.3, 1e-200),
+        (1.0, 1.0 + 2**-30, 2**-29),
+        (1.0, 1.000001, 1.1e-6),
+        (1.0, 1.0, 1.999999),
+        (0.5, 2.0, 2.4999),
+        (0.5, 2.0, 1.5001),
+        (1.0, 0.01, 0.991),
+    ],
+)
+def test_lenses_keep_their_digits(a: float, b: float, distance: float) -> None:
+    expected = lens_by_decimals(a, b, distance) if distance > 1e-30 else math.pi * a * a
+    assert lens_measure(a, b, distance, 2) == pytest.approx(expected, rel=1e-11)
+    assert lens_measure(b, a, distance, 2) == pytest.approx(expected, rel=1e-11)

@@ -1,0 +1,277 @@
+"""The algebra of descriptors: laws of superlevel sets, and brute force."""
+
+import math
+
+import numpy as np
+import pytest
+import shapely
+import trimesh
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from scipy import ndimage
+
+from cspace import Grid, InputError, Mesh
+from cspace.bodies import Balls
+from cspace.spectral import (
+    BallDescriptor,
+    Bump,
+    Descriptor,
+    indicator,
+    intersection,
+    minkowski_sum,
+    superlevel,
+    union,
+)
+from strategies import seeds
+
+METHODS = ["fft", "direct"]
+
+
+def bitmaps(dim, side=7):
+    return hnp.arrays(np.bool_, hnp.array_shapes(min_dims=dim, max_dims=dim, max_side=side))
+
+
+two_bitmaps = st.sampled_from([2, 3]).flatmap(lambda dim: st.tuples(bitmaps(dim), bitmaps(dim)))
+
+
+def on_grid(values, lower=0.0, spacing=0.5):
+    values = np.asarray(values)
+    return Descriptor(Grid((lower,) * values.ndim, spacing, values.shape), values)
+
+
+def brute_sum(f, g):
+    total = np.zeros([n + m - 1 for n, m in zip(f.shape, g.shape, strict=True)])
+    for index in np.ndindex(*f.shape):
+        total[tuple(slice(i, i + m) for i, m in zip(index, g.shape, strict=True))] += f[index] * g
+    return total
+
+
+def dilated(f, g):
+    """The Minkowski sum of cells, one by one."""
+    total = np.zeros([n + m - 1 for n, m in zip(f.shape, g.shape, strict=True)], dtype=bool)
+    for index in np.argwhere(f):
+        total[tuple(slice(i, i + m) for i, m in zip(index, g.shape, strict=True))] |= g
+    return total
+
+
+@given(hnp.array_shapes(min_dims=2, max_dims=3, max_side=6), seeds)
+def test_union_is_or_and_intersection_is_and(shape, seed):
+    rng = np.random.default_rng(seed)
+    f, g, h = (np.where(rng.random(shape) < 0.5, rng.random(shape), 0.0) for _ in range(3))
+    a, b, c = on_grid(f), on_grid(g), on_grid(h)
+    np.testing.assert_array_equal(superlevel(union(a, b, c)), superlevel(a) | superlevel(b) | superlevel(c))
+    np.testing.assert_array_equal(superlevel(intersection(a, b, c)), superlevel(a) & superlevel(b) & superlevel(c))
+    np.testing.assert_array_equal(union(a, b).values, f + g)
+    np.testing.assert_array_equal(intersection(a, b).values, f * g)
+    np.testing.assert_array_equal(union(a).values, f)
+
+
+def test_superlevel_is_strict():
+    values = np.array([[0.0, 0.5], [0.5 + 1e-15, -1.0]])
+    np.testing.assert_array_equal(superlevel(on_grid(values), 0.5), [[False, False], [True, False]])
+    np.testing.assert_array_equal(superlevel(on_grid(values)), [[False, True], [True, False]])
+    np.testing.assert_array_equal(superlevel(on_grid(values), -1.0), [[True, True], [True, False]])
+
+
+@pytest.mark.parametrize("method", METHODS)
+@given(two_bitmaps)
+def test_the_minkowski_sum_of_indicators_is_dilation(method, pair):
+    f, g = pair
+    found = minkowski_sum(on_grid(f), on_grid(g), method)
+    np.testing.assert_array_equal(superlevel(found), dilated(f, g))
+    # Sums of cells are whole: exactly so, times the measure of a cell.
+    np.testing.assert_array_equal(found.values, brute_sum(f, g) * 0.5**f.ndim)
+
+
+def test_a_large_sum_is_the_dilation_that_scipy_finds():
+    rng = np.random.default_rng(3)
+    shape, tool = rng.random((300, 200)) < 0.01, rng.random((21, 15)) < 0.2
+    found = superlevel(minkowski_sum(on_grid(shape), on_grid(tool)))
+    padded = np.pad(shape, ((10, 10), (7, 7)))
+    np.testing.assert_array_equal(found, ndimage.binary_dilation(padded, tool))
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@given(seed=seeds)
+def test_methods_agree_and_neither_adds_cells_nor_loses_any(dim, seed):
+    rng = np.random.default_rng(seed)
+    # Many orders of magnitude: what is small drowns in the rounding of a transform.
+    f, g = (np.where(rng.random(s) < 0.3, 10.0 ** rng.uniform(-250, 3, s), 0.0) for s in ((6,) * dim, (4,) * dim))
+    both = [minkowski_sum(on_grid(f), on_grid(g), method) for method in METHODS]
+    for found in both:
+        np.testing.assert_array_equal(superlevel(found), dilated(f > 0.0, g > 0.0))
+        scale = f.max() * g.max() * f.size + 1e-300
+        np.testing.assert_allclose(found.values, brute_sum(f, g) * 0.5**dim, rtol=0.0, atol=1e-14 * scale)
+
+
+@given(two_bitmaps, seeds)
+def test_the_sum_commutes_and_moves_with_its_parts(pair, seed):
+    rng = np.random.default_rng(seed)
+    f, g = (rng.normal(size=each.shape) for each in pair)
+    a, b = on_grid(f, -0.3), on_grid(g, 1.1)
+    one, other = minkowski_sum(a, b), minkowski_sum(b, a)
+    assert one.grid.shape == other.grid.shape and one.grid.lower == pytest.approx(other.grid.lower)
+    np.testing.assert_allclose(one.values, other.values, atol=1e-12)
+    moved = minkowski_sum(on_grid(f, 2.2), b)
+    np.testing.assert_allclose(moved.values, one.values, atol=1e-12)
+    np.testing.assert_allclose(np.subtract(moved.grid.lower, one.grid.lower), 2.5)
+    # Distributive over union.
+    doubled = minkowski_sum(union(a, a), b)
+    np.testing.assert_allclose(doubled.values, 2.0 * one.values, atol=1e-12)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_middles_of_the_sum_are_sums_of_middles(dim):
+    f, g = np.zeros((4, 5, 6)[:dim]), np.zeros((3, 2, 4)[:dim])
+    f[(1, 3, 2)[:dim]] = g[(2, 0, 1)[:dim]] = 1.0
+    a, b = on_grid(f, -0.7, 0.3), on_grid(g, 0.4, 0.3)
+    found = minkowski_sum(a, b)
+    (cell,) = np.argwhere(superlevel(found))
+    expected = a.grid.center_of((1, 3, 2)[:dim]) + b.grid.center_of((2, 0, 1)[:dim])
+    np.testing.assert_allclose(found.grid.center_of(cell), expected, atol=1e-12)
+    assert found.integral == pytest.approx(a.integral * b.integral)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_the_sum_of_two_bumps_is_the_integral_of_their_pair(dim):
+    grid = Grid((-1.2,) * dim, 0.05, (48,) * dim)
+    one, other = (BallDescriptor(np.zeros((1, dim)), radius).sample(grid) for radius in (1.0, 0.7))
+    found = minkowski_sum(one, other)
+    for shift in (0, 7, 20):
+        cell = np.array([47] * dim)
+        cell[0] += shift
+        distance = abs(found.grid.center_of(cell)[0])
+        assert found.values[tuple(cell)] == pytest.approx(Bump().pair_integral(1.0, 0.7, distance, dim), rel=1e-4)
+
+
+@pytest.mark.parametrize("alpha", [0.3, 2.0, 25.0, math.inf])
+@pytest.mark.parametrize("dim", [2, 3])
+def test_samples_of_balls_are_sums_of_bumps(dim, alpha):
+    rng = np.random.default_rng(0)
+    grid = Grid((-1.0,) * dim, 0.11, (19, 17, 15)[:dim])
+    # Also balls between the middles, beyond the border and far away.
+    centers = np.concatenate([rng.uniform(-1.3, 1.3, (20, dim)), np.full((1, dim), 1e9)])
+    radii = np.concatenate([rng.uniform(0.01, 0.7, 20), [1.0]])
+    balls = BallDescriptor(centers, radii, Bump(alpha))
+    middles = np.stack(np.meshgrid(*(grid.centers(a) for a in range(dim)), indexing="ij"), axis=-1)
+    expected = sum(
+        Bump(alpha).profile(np.linalg.norm(middles - center, axis=-1) / radius)
+        for center, radius in zip(centers, radii, strict=True)
+    )
+    np.testing.assert_allclose(balls.sample(grid).values, expected, atol=1e-12)
+    np.testing.assert_allclose(balls(middles), expected, atol=1e-12)
+    assert balls(middles[0, 0] if dim == 2 else middles[0, 0, 0]).shape == ()
+    np.testing.assert_allclose(balls.moved([0.5] * dim)(middles + 0.5), expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_the_integral_of_balls_is_that_of_fine_samples(dim):
+    balls = BallDescriptor(np.random.default_rng(1).uniform(-0.5, 0.5, (8, dim)), np.linspace(0.2, 0.5, 8))
+    lower, upper = balls.bounds
+    grid = Grid(lower, 0.02, np.ceil((upper - lower) / 0.02).astype(int))
+    assert balls.sample(grid).integral == pytest.approx(balls.integral, rel=1e-4)
+
+
+def test_unions_of_balls_are_balls():
+    one, other = BallDescriptor([[0.0, 0.0]], 1.0), BallDescriptor([[0.5, 0.0], [2.0, 1.0]], [0.3, 0.4])
+    both = union(one, other)
+    points = np.random.default_rng(0).uniform(-1, 3, (50, 2))
+    np.testing.assert_allclose(both(points), one(points) + other(points))
+    grid = Grid((-1, -1), 0.1, (40, 30))
+    np.testing.assert_allclose(both.sample(grid).values, union(one.sample(grid), other.sample(grid)).values)
+    with pytest.raises(InputError, match="both must be the same"):
+        union(one, BallDescriptor([[0.0, 0.0]], 1.0, Bump(3.0)))
+    with pytest.raises(InputError, match="both must be the same"):
+        union(one, BallDescriptor([[0.0, 0.0, 0.0]], 1.0))
+    with pytest.raises(InputError, match="sampled on a grid"):
+        union(one.sample(grid), other)
+    with pytest.raises(InputError, match="sampled on a grid"):
+        intersection(one, other)
+
+
+def test_indicators_are_the_shapes_at_the_middles():
+    grid = Grid((-1.0, -1.0), 0.1, (20, 25))
+    shape = shapely.Point(0.1, 0.2).buffer(0.6).difference(shapely.box(-0.2, -0.2, 0.2, 0.2))
+    x, y = np.meshgrid(grid.centers(0), grid.centers(1), indexing="ij")
+    np.testing.assert_array_equal(superlevel(indicator(shape, grid)), shapely.contains_xy(shape, x, y))
+    np.testing.assert_array_equal(
+        indicator(shapely.contains_xy(shape, x, y), grid).values, indicator(shape, grid).values
+    )
+    balls = Balls(np.array([[0.0, 0.0], [0.5, 0.7]]), np.array([0.5, 0.33]))
+    expected = (np.hypot(x, y) <= 0.5) | (np.hypot(x - 0.5, y - 0.7) <= 0.33)
+    np.testing.assert_array_equal(superlevel(indicator(balls, grid)), expected)
+
+
+@pytest.mark.parametrize("spacing", [0.1, 0.125])
+def test_indicators_of_boxes_hold_their_borders(spacing):
+    # Sides go through middles of cells along every axis: to the bit where the spacing is a power of two.
+    grid = Grid((-1.0, -1.0, -1.0), spacing, (20, 22, 24))
+    middles = np.stack(np.meshgrid(*(grid.centers(a) for a in range(3)), indexing="ij"), axis=-1)
+    half = -grid.center_of((5, 6, 7))
+    found = superlevel(indicator(Mesh.of(trimesh.creation.box(extents=2.0 * half)), grid))
+    np.testing.assert_array_equal(found, (np.abs(middles) <= half + 1e-12).all(axis=-1))
+    assert found[5, 6, 7] and found.sum() == np.prod(np.round(2.0 * half / spacing) + 1.0)
+
+
+def test_indicators_of_solids():
+    grid = Grid((-1.0, -1.0, -1.0), 0.1, (20, 22, 24))
+    middles = np.stack(np.meshgrid(*(grid.centers(a) for a in range(3)), indexing="ij"), axis=-1)
+    outer, cavity = trimesh.creation.box(extents=(1.0, 0.8, 0.6)), trimesh.creation.box(extents=(0.7, 0.5, 0.3))
+    cavity.invert()
+    found = superlevel(indicator(Mesh.of(trimesh.util.concatenate([outer, cavity])), grid))
+    # Of the cavity, whose sides are at middles, the border belongs to the solid.
+    within = (np.abs(middles) < np.array([0.5, 0.4, 0.3]) + 1e-12).all(axis=-1)
+    hollow = (np.abs(middles) < np.array([0.35, 0.25, 0.15]) - 1e-12).all(axis=-1)
+    np.testing.assert_array_equal(found, within & ~hollow)
+    ball = Balls(np.array([[0.1, 0.0, 0.0]]), np.array([0.52]))
+    np.testing.assert_array_equal(
+        superlevel(indicator(ball, grid)), np.linalg.norm(middles - (0.1, 0.0, 0.0), axis=-1) <= 0.52
+    )
+
+
+def test_what_was_passed_is_not_shared():
+    values = np.ones((2, 3))
+    made = on_grid(values)
+    values[0, 0] = 5.0
+    assert made.values[0, 0] == 1.0
+    with pytest.raises(ValueError, match="read-only"):
+        made.values[0, 0] = 2.0
+    with pytest.raises(ValueError, match="read-only"):
+        BallDescriptor([[0.0, 0.0]], 1.0).centers[0, 0] = 2.0
+
+
+PLANE = on_grid(np.ones((3, 3)))
+
+
+@pytest.mark.parametrize(
+    ("ask", "match"),
+    [
+        (lambda: on_grid(np.full((2, 2), math.nan)), "NaN"),
+        (lambda: Descriptor(Grid((0, 0), 1.0, (2, 3)), np.ones((3, 2))), "values has shape"),
+        (lambda: union(PLANE, on_grid(np.ones((3, 4)))), "one grid"),
+        (lambda: union(PLANE, on_grid(np.ones((3, 3)), lower=0.1)), "one grid"),
+        (lambda: intersection(PLANE, on_grid(np.ones((3, 3)), spacing=0.6)), "one grid"),
+        (lambda: minkowski_sum(PLANE, on_grid(np.ones((3, 3)), spacing=0.6)), "both must be the same"),
+        (lambda: minkowski_sum(PLANE, on_grid(np.ones((3, 3, 3)))), "both must be the same"),
+        (lambda: minkowski_sum(PLANE, PLANE, "fast"), "method is 'fast'"),
+        (lambda: minkowski_sum(PLANE, np.ones((3, 3))), "ndarray is not a Descriptor"),
+        (lambda: superlevel(PLANE, math.nan), "threshold"),
+        (lambda: superlevel(PLANE, [0.0, 1.0]), "threshold"),
+        (lambda: superlevel(BallDescriptor([[0.0, 0.0]], 1.0)), "not a Descriptor"),
+        (lambda: indicator(shapely.box(0, 0, 1, 1), Grid((0, 0, 0), 1.0, (2, 2, 2))), "2 coordinates and"),
+        (lambda: indicator(np.ones((2, 2), dtype=bool), PLANE.grid), "values has shape"),
+        (lambda: indicator(np.full((3, 3), 0.5), PLANE.grid), "boolean"),
+        (lambda: BallDescriptor([[0.0, 0.0]], 0.0), "above zero"),
+        (lambda: BallDescriptor([[0.0, 0.0]], -1.0), "below zero"),
+        (lambda: BallDescriptor([[0.0, math.nan]], 1.0), "NaN"),
+        (lambda: BallDescriptor([[0.0, 0.0]], 1.0, 2.0), "must be a Bump"),
+        (lambda: BallDescriptor(np.empty((0, 2)), 1.0), "at least 1"),
+        (lambda: BallDescriptor([[0.0, 0.0]], 1.0)([0.0, 0.0, 0.0]), "last axis"),
+        (lambda: BallDescriptor([[0.0, 0.0]], 1.0).moved([1.0]), "translation"),
+        (lambda: BallDescriptor([[0.0, 0.0]], 1.0).sample(Grid((0, 0, 0), 1.0, (2, 2, 2))), "3 axes"),
+    ],
+)
+def test_unusable_input_is_refused(ask, match):
+    with pytest.raises(InputError, match=match):
+        ask()

@@ -1,0 +1,332 @@
+"""Overlaps from spectra are those of the descriptors, and their verdicts are proofs."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from cspace.spectral import BallDescriptor, Bump, FourierOverlap, Separation, Verdict
+from cspace.spectral.separation.pairs import pair_integrals
+from strategies import seeds
+
+pytest.importorskip("finufft")
+
+DIMS = [2, 3]
+SIDE = {2: 2.0, 3: 0.9}
+
+
+def ball_sets(dim: int, seed: int, most: int = 8) -> tuple[Any, Any, np.random.Generator]:
+    """A robot of balls and obstacles, of a few radii, with their frames anywhere."""
+    rng = np.random.default_rng(seed)
+
+    def balls(number: int, side: float, largest: float) -> tuple[np.ndarray, np.ndarray]:
+        radii = rng.choice(rng.uniform(0.08, largest, 3), number)
+        return rng.uniform(0.0, side, (number, dim)) + rng.choice([0.0, 1.0, -20.0]), radii
+
+    return balls(rng.integers(1, most), 0.5, 0.2), balls(rng.integers(1, 3 * most), SIDE[dim], 0.3), rng
+
+
+def ideal(a: Any, b: Any, bump: Bump, t: np.ndarray) -> float:
+    """The overlap as the sum of what pairs of balls have in common, each by adaptive quadrature."""
+    gaps = np.linalg.norm(b[0][None] - a[0][:, None] - t, axis=2)
+    pairs = itertools.product(range(len(a[1])), range(len(b[1])))
+    close = [(a[1][i], b[1][j], gaps[i, j]) for i, j in pairs if gaps[i, j] < 0.999 * (a[1][i] + b[1][j])]
+    return sum(bump.pair_integral(*pair, a[0].shape[1], 1e-8) for pair in close)
+
+
+def ideals(a: Any, b: Any, bump: Bump, ts: np.ndarray) -> tuple[np.ndarray, float]:
+    """The same by a quicker rule, whose error is measured, for many placements."""
+    out, error = np.zeros(len(ts)), 0.0
+    sizes = np.meshgrid(a[1], b[1], indexing="ij")
+    for k, t in enumerate(ts):
+        gaps = np.linalg.norm(b[0][None] - a[0][:, None] - t, axis=2)
+        close = gaps < sizes[0] + sizes[1]
+        if close.any():
+            values, off = pair_integrals(bump, sizes[0][close], sizes[1][close], gaps[close], a[0].shape[1])
+            out[k], error = values.sum(), max(error, off * len(values))
+    return out, error
+
+
+def depth(a: Any, b: Any, ts: np.ndarray) -> np.ndarray:
+    """How deep any two balls are in each other, at placements; below zero where all are apart."""
+    gaps = np.linalg.norm(b[0][None, None] - a[0][:, None] - ts[:, None, None], axis=3)
+    return (a[1][:, None] + b[1] - gaps).max(axis=(1, 2))
+
+
+def placements(overlap: FourierOverlap, rng: np.random.Generator, number: int) -> np.ndarray:
+    return rng.uniform(*overlap.domain, (number, overlap.dim))
+
+
+# ---- values ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("dim", DIMS)
+@pytest.mark.parametrize("alpha", [2.0, 4.0, math.inf])
+def test_values_are_those_of_the_balls_but_for_the_stated_bound(dim: int, alpha: float) -> None:
+    a, b, rng = ball_sets(dim, 3)
+    overlap = FourierOverlap(a, b, bump=Bump(alpha), band=60.0 if dim == 2 else 30.0)
+    ts = b[0][rng.integers(len(b[0]), size=12)] - a[0][0] + rng.normal(0.0, 0.1, (12, dim))
+    expected = np.array([ideal(a, b, Bump(alpha), t) for t in ts])
+    off = np.abs(overlap.values(ts) - expected).max()
+    assert off <= overlap.bound + 1e-8 * expected.max()
+    assert expected.max() > 1e-3
+    if alpha == 2.0:
+        assert overlap.bound < 1e-2 * expected.max()
+
+
+@pytest.mark.parametrize("dim", DIMS)
+def test_values_are_the_integral_of_the_product_of_the_sampled_descriptors(dim: int) -> None:
+    a, b, _ = ball_sets(dim, 5)
+    overlap = FourierOverlap(BallDescriptor(*a), BallDescriptor(*b))
+    t = b[0][0] - a[0][0] + 0.05
+    lower, upper = BallDescriptor(*b).bounds
+    side = float((upper - lower).max()) / (600 if dim == 2 else 120)
+    axes = [np.arange(low, high, side) for low, high in zip(lower, upper, strict=True)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    product = BallDescriptor(*b)(points) * BallDescriptor(*a)(points - t)
+    assert overlap.value(t) == pytest.approx(product.sum() * side**dim, rel=2e-3, abs=overlap.bound)
+    assert product.sum() > 0.0
+
+
+@pytest.mark.parametrize("dim", DIMS)
+def test_on_a_lattice_they_are_the_correlation_by_fft(dim: int) -> None:
+    a, b, _ = ball_sets(dim, 7)
+    bump = Bump()
+    overlap = FourierOverlap(a, b, bump=bump, band=12.0 if dim == 2 else 5.0)
+    lengths, counts = np.array(overlap.lengths), overlap.counts
+    waves = np.stack(np.meshgrid(*(np.fft.fftfreq(m, 1 / m) for m in counts), indexing="ij"), axis=-1) / lengths
+
+    def spectrum(balls: Any) -> np.ndarray:
+        moduli = np.linalg.norm(waves, axis=-1)
+        factors = {r: r**dim * bump.radial_spectrum(r * moduli, dim) for r in set(balls[1].tolist())}
+        return sum(
+            factors[r] * np.exp(-2j * np.pi * (waves @ p)) for p, r in zip(balls[0], balls[1].tolist(), strict=True)
+        )
+
+    volume = float(np.prod(lengths))
+    lattice = np.fft.ifftn(spectrum(b) * spectrum(a).conj()).real * math.prod(counts) / volume
+    steps = np.stack(np.meshgrid(*(np.arange(m) for m in counts), indexing="ij"), axis=-1) * (lengths / counts)
+    lower, _ = overlap.domain
+    ts = lower + np.mod(steps - lower, lengths)
+    inside = (ts <= overlap.domain[1]).all(axis=-1)
+    assert inside.mean() > 0.9
+    assert overlap.values(ts)[inside] == pytest.approx(lattice[inside], abs=1e-9 * lattice.max())
+    some = np.argwhere(inside)[:: max(1, inside.sum() // 20)]
+    one_by_one = [overlap.value(ts[tuple(i)]) for i in some]
+    assert one_by_one == pytest.approx([lattice[tuple(i)] for i in some], abs=1e-9 * lattice.max())
+
+
+@pytest.mark.parametrize("dim", DIMS)
+def test_gradients_are_finite_differences(dim: int) -> None:
+    a, b, rng = ball_sets(dim, 11)
+    overlap = FourierOverlap(a, b, band=20.0)
+    ts = placements(overlap, rng, 10) * 0.98
+    h = 1e-5
+    steps = h * np.eye(dim)
+    slopes = [[(overlap.value(t + s) - overlap.value(t - s)) / (2 * h) for s in steps] for t in ts]
+    found = np.array([overlap.gradient(t) for t in ts])
+    assert found == pytest.approx(np.array(slopes), abs=1e-6 * np.abs(found).max())
+    assert overlap.gradients(ts) == pytest.approx(found, abs=1e-7 * np.abs(found).max())
+    assert np.abs(found).max() > 1e-3
+
+
+@pytest.mark.parametrize("dim", DIMS)
+def test_many_are_one_by_one_in_any_shape_and_zero_outside_the_domain(dim: int) -> None:
+    a, b, rng = ball_sets(dim, 13)
+    overlap = FourierOverlap(a, b, band=15.0)
+    ts = placements(overlap, rng, 24).reshape(2, 3, 4, dim)
+    ts[1, 2, 3] = overlap.domain[1] + 0.5 * np.array(overlap.lengths)
+    ts[1, 2, 2] = overlap.domain[0] - 1e6
+    found = overlap.values(ts)
+    assert found.shape == (2, 3, 4)
+    assert found.ravel() == pytest.approx([overlap.value(t) for t in ts.reshape(-1, dim)], abs=1e-8 * found.max())
+    assert found[1, 2, 2] == found[1, 2, 3] == overlap.value(ts[1, 2, 3]) == 0.0
+    assert (overlap.gradients(ts)[1, 2, 2:] == 0.0).all()
+    assert (overlap.gradient(ts[1, 2, 3]) == 0.0).all()
+
+
+@pytest.mark.parametrize("dim", DIMS)
+def test_turned_is_made_of_turned_centers(dim: int) -> None:
+    a, b, rng = ball_sets(dim, 17)
+    turn: Any = 0.7 if dim == 2 else Rotation.from_rotvec([0.3, -0.5, 0.9])
+    matrix = (
+        np.array([[math.cos(0.7), -math.sin(0.7)], [math.sin(0.7), math.cos(0.7)]]) if dim == 2 else turn.as_matrix()
+    )
+    overlap = FourierOverlap(a, b, band=15.0)
+    turned, anew = overlap.rotated(turn), FourierOverlap((a[0] @ matrix.T, a[1]), b, band=15.0)
+    ts = placements(turned, rng, 40)
+    expected, _ = ideals((a[0] @ matrix.T, a[1]), b, Bump(), ts)
+    assert np.abs(turned.values(ts) - expected).max() <= turned.bound + 1e-12
+    assert np.abs(turned.values(ts) - anew.values(ts)).max() <= turned.bound + anew.bound
+    assert (turned.lengths, turned.counts, turned.threshold) == (overlap.lengths, overlap.counts, overlap.threshold)
+    back = turned.rotated(matrix.T)
+    assert back.values(ts) == pytest.approx(overlap.values(ts), abs=1e-9 * expected.max() + 1e-12)
+
+
+# ---- what verdicts prove ---------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=12)
+@given(seeds, st.sampled_from(DIMS), st.sampled_from([1.0, 2.0, 4.0, math.inf]), st.sampled_from([0.5, 0.05]))
+def test_a_verdict_is_right_about_the_ideal_overlap(seed: int, dim: int, alpha: float, share: float) -> None:
+    a, b, rng = ball_sets(dim, seed)
+    bump = Bump(alpha)
+    near = b[0][rng.integers(len(b[0]), size=12)] - a[0][rng.integers(len(a[0]), size=12)]
+    ts = near + rng.normal(0.0, 0.15, near.shape)
+    expected, error = ideals(a, b, bump, ts)
+    threshold = float(np.median(expected))
+    overlap = FourierOverlap(a, b, bump=bump, threshold=threshold, tolerance=share)
+    verdicts, counts = overlap.verdicts(ts)
+    assert (expected[verdicts == Verdict.MISS] < threshold + error).all()
+    assert (expected[verdicts == Verdict.HIT] > threshold - error).all()
+    for t, verdict, count, truth in zip(ts, verdicts, counts, expected, strict=True):
+        told = overlap.separated(t)
+        assert (told.verdict, told.frequencies) == (verdict, count)
+        assert abs(told.overlap - truth) <= told.bound + error
+        assert 0 <= told.frequencies <= told.total == overlap.frequencies
+
+
+@settings(max_examples=12)
+@given(seeds, st.sampled_from(DIMS), st.floats(0.02, 0.2), st.integers(1, 4), st.booleans())
+def test_of_shapes_of_balls_is_right_next_to_the_contact(
+    seed: int, dim: int, swell: float, classes: int, swelling: bool
+) -> None:
+    a, b, rng = ball_sets(dim, seed)
+    made = FourierOverlap.of_shapes(a, b, a, b, swell=swell, classes=classes, tolerance=0.3)
+    turn = Rotation.random(random_state=seed).as_matrix() if dim == 3 else rng.uniform(-3.0, 3.0)
+    overlap = made.rotated(turn)
+    matrix = turn if dim == 3 else np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
+    turned = (a[0] @ matrix.T, a[1])
+    # On the line through the middles of two balls, just before and just after they touch, and further away.
+    i, j = rng.integers(len(a[1]), size=30), rng.integers(len(b[1]), size=30)
+    ways = rng.normal(size=(30, dim))
+    ways /= np.linalg.norm(ways, axis=1)[:, None]
+    gaps = rng.choice([-1.0, 1.0], 30) * 10.0 ** rng.uniform(-9.0, 0.0, 30)
+    ts = b[0][j] - turned[0][i] + (a[1][i] + b[1][j] + gaps)[:, None] * ways
+    deep = depth(turned, b, ts)
+    verdicts, _ = overlap.verdicts(ts, swelling=swelling)
+    assert (deep[verdicts == Verdict.MISS] < 1e-12).all()
+    assert (deep[verdicts == Verdict.HIT] > -1e-12).all()
+
+
+def covered(shape: Any, side: float) -> tuple[Any, Any]:
+    """Discs around the cells that meet a polygon; and discs in it."""
+    lower, upper = np.array(shape.bounds[:2]) - side, np.array(shape.bounds[2:]) + side
+    axes = (np.arange(low, high, side) for low, high in zip(lower, upper, strict=True))
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+    places = shapely.points(points)
+    outer = points[shapely.distance(places, shape) <= 0.708 * side]
+    inside = shapely.contains(shape, places)
+    far = shapely.distance(places[inside], shape.boundary)
+    return (outer, np.full(len(outer), 0.708 * side)), (points[inside][far > side], far[far > side] * (1.0 - 1e-9))
+
+
+def test_of_shapes_is_right_about_polygons() -> None:
+    robot = shapely.Polygon([(-0.4, -0.3), (0.5, -0.2), (0.1, 0.0), (0.4, 0.4)])
+    hollow = shapely.Polygon([(0, 0), (2, 0), (2, 1.6), (0, 1.6)], [[(0.2, 0.2), (1.7, 0.3), (1.8, 1.4), (0.2, 1.3)]])
+    (outer_a, inner_a), (outer_b, inner_b) = covered(robot, 0.06), covered(hollow, 0.06)
+    made = FourierOverlap.of_shapes(outer_a, outer_b, inner_a, inner_b, swell=0.05, tolerance=0.02)
+    rng = np.random.default_rng(0)
+    seen = np.zeros(3, dtype=int)
+    for angle in (0.0, 1.0, -2.5):
+        overlap = made.rotated(angle)
+        ts = placements(overlap, rng, 200)
+        turned = shapely.affinity.rotate(robot, angle, origin=(0, 0), use_radians=True)
+        collides = np.array([shapely.intersects(hollow, shapely.affinity.translate(turned, *t)) for t in ts])
+        verdicts, _ = overlap.verdicts(ts)
+        assert not collides[verdicts == Verdict.MISS].any()
+        assert collides[verdicts == Verdict.HIT].all()
+        seen += np.bincount(verdicts, minlength=3)
+    assert (seen > 50).all()
+
+
+def test_of_shapes_is_right_about_meshes() -> None:
+    fcl = pytest.importorskip("fcl")
+    sides = np.array([[0.5, 0.3, 0.2], [0.4, 0.4, 0.6]])
+    rng = np.random.default_rng(1)
+
+    def balls_of(box: np.ndarray) -> tuple[Any, Any]:
+        side = 0.1
+        axes = (np.arange(-s / 2 + side / 2, s / 2, side) for s in box)
+        points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+        inner = (box / 2 - np.abs(points)).min(axis=1)
+        return (points, np.full(len(points), 0.0867)), (points, inner)
+
+    (outer_a, inner_a), (outer_b, inner_b) = (balls_of(box) for box in sides)
+    made = FourierOverlap.of_shapes(outer_a, outer_b, inner_a, inner_b, swell=0.06, classes=3, tolerance=0.2)
+    fixed = fcl.CollisionObject(fcl.Box(*sides[1]))
+    seen = np.zeros(3, dtype=int)
+    for seed in range(2):
+        matrix = Rotation.random(random_state=seed).as_matrix()
+        overlap = made.rotated(matrix)
+        ts = placements(overlap, rng, 200) * 0.7
+        verdicts, _ = overlap.verdicts(ts)
+        for t, verdict in zip(ts, verdicts, strict=True):
+            moved = fcl.CollisionObject(fcl.Box(*sides[0]), fcl.Transform(matrix, t))
+            collides = fcl.collide(moved, fixed, fcl.CollisionRequest(), fcl.CollisionResult()) > 0
+            assert verdict == Verdict.UNDECIDED or collides == (verdict == Verdict.HIT)
+        seen += np.bincount(verdicts, minlength=3)
+    assert (seen > 20).all()
+
+
+def test_without_inner_balls_there_is_no_hit() -> None:
+    a, b, rng = ball_sets(2, 23)
+    overlap = FourierOverlap.of_shapes(a, b, swell=0.1, tolerance=0.1)
+    verdicts, _ = overlap.verdicts(placements(overlap, rng, 200))
+    assert set(verdicts.tolist()) == {Verdict.MISS, Verdict.UNDECIDED}
+
+
+# ---- how few it takes ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("dim", DIMS)
+def test_most_misses_are_early(dim: int) -> None:
+    """Where nine placements in ten are clear, the median miss takes less than a twentieth of the frequencies."""
+    rng = np.random.default_rng(2)
+    shares: dict[bool, list[float]] = {True: [], False: []}
+    for _ in range(4):
+        a = rng.uniform(-0.2, 0.2, (6, dim)), np.full(6, 0.1)
+        b = rng.uniform(0.0, 4.0 if dim == 2 else 1.6, (8, dim)), np.full(8, 0.1)
+        overlap = FourierOverlap.of_shapes(a, b, swell=0.1, tolerance=1e-2)
+        ts = placements(overlap, rng, 400)
+        for swelling, found in shares.items():
+            verdicts, counts = overlap.verdicts(ts, swelling=swelling)
+            found += (counts[verdicts == Verdict.MISS] / overlap.frequencies).tolist()
+    assert np.median(shares[True]) < 0.05
+    assert np.median(shares[False]) < 0.05 * 3
+    assert min(shares[False]) > 0.0
+
+
+def test_swollen_balls_and_placements_far_away_take_no_frequency() -> None:
+    a, b = ([[0.0, 0.0], [0.2, 0.0]], 0.1), ([[0.0, 0.0], [3.0, 3.0]], [0.2, 0.3])
+    overlap = FourierOverlap(a, b, band=8.0)
+    for t in ([1.5, 1.5], [100.0, 0.0], [0.0, -0.45]):
+        told = overlap.separated(t)
+        assert (told.verdict, told.frequencies, told.share) == (Verdict.MISS, 0, 0.0)
+    assert overlap.separated([1.5, 1.5], swelling=False).verdict is Verdict.UNDECIDED
+    assert overlap.separated([100.0, 0.0], swelling=False).frequencies == 0
+    assert overlap.separated([0.0, 0.0]).verdict is Verdict.HIT
+    assert isinstance(overlap.separated([0.0, 0.1]), Separation)
+
+
+@pytest.mark.parametrize("dim", DIMS)
+def test_bounds_fall_from_ring_to_ring_and_rings_hold_every_frequency_once(dim: int) -> None:
+    a, b, _ = ball_sets(dim, 29)
+    overlap = FourierOverlap(a, b, band=9.0)
+    rings, terms = overlap._rings, overlap._terms
+    assert (np.diff(terms.tails) <= 0.0).all()
+    assert (np.diff(terms.slacks, axis=0) >= 0.0).all()
+    both = {tuple(k) for k in np.concatenate([rings.indices, -rings.indices]).tolist()}
+    assert len(both) == math.prod(overlap.counts) == 2 * rings.size - 1
+    ring = np.repeat(np.arange(len(rings.starts) - 1), np.diff(rings.starts))
+    last = np.maximum.accumulate([rings.moduli[ring == r].max() for r in range(ring.max() + 1)])
+    first = np.array([rings.moduli[ring == r].min() for r in range(ring.max() + 1)])
+    assert (first[1:] >= last[:-1] - 1e-9).all()

@@ -1,0 +1,261 @@
+"""The smooth field on a map is the descriptors' overlap, and keeps plans away from obstacles."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import planners
+from cspace import FREE, CSpace, InputError, Robot, Workspace, build
+from cspace.spectral import FourierOverlap, OverlapField
+from planners.objectives import SpatialOverlapObjective, TurningOverlapObjective
+from test_carried_field import KINDS, OBSTACLE, RADIUS, carrying, scene
+
+pytest.importorskip("finufft")
+
+OBSTACLES = np.array([[1.5, 1.0], [1.5, 1.4], [3.0, 2.6], [3.3, 2.4]]), np.full(4, 0.3)
+ROBOT = np.array([[-0.2, 0.0], [0.2, 0.0], [0.3, 0.1]]), np.array([0.15, 0.15, 0.1])
+
+
+def overlap_of(robot: Any, obstacles: Any, **options: Any) -> FourierOverlap:
+    return FourierOverlap.of_shapes(robot, obstacles, swell=0.15, tolerance=1e-3, **options)
+
+
+@pytest.fixture(scope="module", params=["plane", "turning", "space"])
+def case(request: pytest.FixtureRequest) -> tuple[CSpace, FourierOverlap]:
+    if request.param == "space":
+        centers = np.array([[0.5, 0.5, 0.6], [1.2, 1.0, 0.5]])
+        workspace = Workspace.from_balls(centers, 0.25, 0.1, bounds=(0, 0, 0, 1.6, 1.5, 1.2))
+        robot = Robot.balls([[0.0, 0.0, 0.0], [0.15, 0.0, 0.0]], 0.12)
+        return build(workspace, robot), overlap_of(robot, (centers, 0.25))
+    workspace = Workspace.from_balls(*OBSTACLES, 0.1, bounds=(0, 0, 4.6, 3.7))
+    turns = 5 if request.param == "turning" else None
+    return build(workspace, Robot.balls(*ROBOT), rotations=turns), overlap_of(ROBOT, OBSTACLES)
+
+
+@pytest.mark.parametrize("at_once", [2**20, 300])
+def test_the_field_is_the_overlap_and_its_gradient_at_the_cells(
+    case: tuple[CSpace, FourierOverlap], at_once: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("cspace.spectral.separation.field._AT_ONCE", at_once)
+    space, overlap = case
+    field = OverlapField.of(space, overlap)
+    dim = space.grid.dim
+    rng = np.random.default_rng(0)
+    largest = field.values.max()
+    assert largest > 1e-3
+    for _ in range(20):
+        number, *cell = (int(rng.integers(n)) for n in space.stack.shape)
+        placed = overlap
+        if space.rotations is not None:
+            placed = overlap.rotated(float(space.rotations.representatives[number]))
+        where = (number, *cell) if space.rotations is not None else tuple(cell)
+        t = space.grid.center_of(cell)
+        assert field.values[where] == pytest.approx(placed.value(t), abs=1e-8 * largest)
+        slopes = [field.arrays[f"penetration_{axis}"][where] for axis in "xyz"[:dim]]
+        assert slopes == pytest.approx(placed.gradient(t), abs=1e-6 * largest / space.grid.spacing)
+
+
+def test_between_the_cells_it_is_linear(case: tuple[CSpace, FourierOverlap]) -> None:
+    space, overlap = case
+    field = OverlapField.of(space, overlap)
+    dim, rng = space.grid.dim, np.random.default_rng(1)
+    low, high = np.array(space.grid.lower), np.array(space.grid.upper)
+    q = rng.uniform(low, high, (200, dim))
+    middles = space.grid.center_of(space.grid.cell_of(q))
+    if space.rotations is not None:
+        yaw = rng.uniform(-7.0, 7.0, 200)
+        q, middles = np.column_stack([q, yaw]), np.column_stack([middles, yaw])
+    from scipy.interpolate import RegularGridInterpolator
+
+    stack = field.values.reshape(space.stack.shape)
+    axes = [space.grid.centers(axis) for axis in range(dim)]
+    numbers = space._slices_of(q)
+    places = np.clip(q[:, :dim], [axis[0] for axis in axes], [axis[-1] for axis in axes])
+    expected = [RegularGridInterpolator(axes, stack[n])(p)[0] for n, p in zip(numbers, places, strict=True)]
+    assert field.at(q) == pytest.approx(np.maximum(expected, 0.0), abs=1e-12)
+    check = field.checker()
+    assert [check(*row) for row in q] == field.at(q).tolist()
+    cells = tuple(space.grid.cell_of(q[:, :dim]).T)
+    assert field.at(middles) == pytest.approx(np.maximum(stack[(numbers, *cells)], 0.0), abs=1e-12)
+    assert field.at(q[0]) == field.at(q)[0]
+    with pytest.raises(InputError, match="nan"):
+        field.at(np.where(np.arange(space.dof) == 1, np.nan, 0.0))
+
+
+def state_at(si: Any, q: np.ndarray, turning: bool) -> Any:
+    state = si.allocState()
+    if turning:
+        state.setXY(float(q[0]), float(q[1]))
+        state.setYaw(float(q[2]))
+    else:
+        for axis, value in enumerate(q):
+            state[axis] = float(value)
+    return state
+
+
+def test_the_objective_weighs_length_by_the_overlap(case: tuple[CSpace, FourierOverlap]) -> None:
+    space, overlap = case
+    field = OverlapField.of(space, overlap)
+    si = planners.simple_setup(space).getSpaceInformation()
+    objective = planners.OverlapObjective(si, space, field, weight=4.0, full=0.01)
+    turning = space.rotations is not None
+    if turning:
+        assert isinstance(objective, TurningOverlapObjective)
+    elif space.grid.dim == 3:
+        assert isinstance(objective, SpatialOverlapObjective)
+    rng = np.random.default_rng(2)
+    low, high = np.array(space.grid.lower), np.array(space.grid.upper)
+    q = rng.uniform(low, high, (12, space.grid.dim))
+    if turning:
+        q = np.column_stack([q, rng.uniform(-3.0, 3.0, 12)])
+    states = [state_at(si, row, turning) for row in q]
+    at_states = [objective.stateCost(state).value() for state in states]
+    assert at_states == pytest.approx(1.0 + 4.0 * (field.at(q) / 0.01) ** 2)
+    assert max(at_states) > 1.0
+    for k in range(11):
+        cost = objective.motionCost(states[k], states[k + 1]).value()
+        length = float(np.linalg.norm(q[k + 1, : space.grid.dim] - q[k, : space.grid.dim]))
+        assert objective.motionCostHeuristic(states[k], states[k + 1]).value() == pytest.approx(length)
+        assert cost >= length * (1.0 - 1e-12)
+        if not turning:
+            share = (np.arange(4000) + 0.5)[:, None] / 4000
+            along = field.at(q[k] + share * (q[k + 1] - q[k]))
+            assert cost == pytest.approx(
+                length * (1.0 + 4.0 * np.mean((along / 0.01) ** 2)), rel=0.05, abs=0.05 * length
+            )
+
+
+def test_a_plan_keeps_away_from_obstacles() -> None:
+    """Two blocks stand off the straight way: the shortest path grazes one, the cheap one does not."""
+    centers, radii = np.array([[2.0, 1.35], [2.0, 2.9]]), np.array([0.4, 0.4])
+    space = build(Workspace.from_balls(centers, radii, 0.05, bounds=(0, 0, 4, 4)), Robot.disc(0.2))
+    overlap = FourierOverlap.of_shapes(([[0.0, 0.0]], 0.2), (centers, radii), swell=0.3)
+    field = OverlapField.of(space, overlap)
+    start, goal = (0.5, 2.0), (3.5, 2.0)
+    found = []
+    for make in ("length", lambda si: planners.OverlapObjective(si, space, field, weight=20.0)):
+        plan = planners.plan(
+            space, start, goal, planner="RRTstar", time_limit=1.5, seed=1, simplify=False, objective=make
+        )
+        path = np.concatenate(
+            [np.linspace(a, b, 50) for a, b in zip(plan.waypoints[:-1], plan.waypoints[1:], strict=True)]
+        )
+        found.append(float((field.at(path) ** 2).mean()))
+    assert found[1] < 0.7 * found[0]
+
+
+def test_other_fields_and_values_are_refused(case: tuple[CSpace, FourierOverlap]) -> None:
+    space, overlap = case
+    field = OverlapField.of(space, overlap)
+    si = planners.simple_setup(space).getSpaceInformation()
+    other = build(space.workspace, space.robot, rotations=None)
+    with pytest.raises(InputError, match="another map"):
+        planners.OverlapObjective(si, space, OverlapField.of(other, overlap))
+    for options in ({"weight": -1.0}, {"full": 0.0}, {"turning_radius": 1.0}):
+        with pytest.raises(InputError):
+            planners.OverlapObjective(si, space, field, **options)
+    with pytest.raises(InputError, match="the fields are penetration;"):
+        OverlapField(space, {"penetration": field.values})
+    with pytest.raises(InputError, match="shape"):
+        OverlapField(space, {**field.arrays, "penetration_x": np.zeros(3)})
+    flat = ([[0.0] * (5 - space.grid.dim)], 0.2)
+    with pytest.raises(InputError, match="as many"):
+        OverlapField.of(space, FourierOverlap(flat, flat, band=5.0))
+
+
+def test_without_overlap_the_objective_is_the_length() -> None:
+    space = build(Workspace.from_array(np.zeros((10, 10), dtype=bool), 0.1), Robot.disc(0.05))
+    far = FourierOverlap(([[0.0, 0.0]], 0.05), ([[9.0, 9.0]], 0.1), band=20.0)
+    field = OverlapField.of(space, far)
+    assert (field.values == 0.0).all() and (space.state == FREE).any()
+    si = planners.simple_setup(space).getSpaceInformation()
+    objective = planners.OverlapObjective(si, space, field)
+    states = [state_at(si, np.array(q), False) for q in ((0.2, 0.2), (0.5, 0.6))]
+    assert objective.motionCost(*states).value() == pytest.approx(0.5)
+
+
+# ---- the field that a map carries ------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module", params=KINDS)
+def carried(request: pytest.FixtureRequest) -> CSpace:
+    space, overlap = scene(request.param)
+    return space.with_overlap_field(overlap)
+
+
+def ends_of(space: CSpace) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    more = (0.0,) if space.rotations is not None else (0.51,) * (space.dof - 2)
+    return (0.43, 0.88, *more), (1.57, 0.88, *more)
+
+
+def least_distance(space: CSpace, plan: planners.Plan) -> float:
+    """From the robot's balls to the obstacle, along a path, by trying many places."""
+    share, dim, found = np.linspace(0.0, 1.0, 60)[:, None], space.grid.dim, []
+    for first, second in zip(plan.waypoints[:-1], plan.waypoints[1:], strict=True):
+        step = second - first
+        if space.rotations is not None:
+            step[2] = (step[2] + np.pi) % (2.0 * np.pi) - np.pi
+        q = first + share * step
+        placed = np.repeat(space.robot.centers[None], len(q), axis=0)
+        if space.rotations is not None:
+            turn = np.array([[np.cos(q[:, 2]), -np.sin(q[:, 2])], [np.sin(q[:, 2]), np.cos(q[:, 2])]])
+            placed = np.einsum("ijn,bj->nbi", turn, space.robot.centers)
+        away = np.linalg.norm(placed + q[:, None, :dim] - OBSTACLE[:dim], axis=-1)
+        found.append((away - space.robot.radii).min() - RADIUS)
+    return float(min(found))
+
+
+@pytest.mark.parametrize("kind", ["plane", "turning", "space"])
+def test_paths_keep_farther_from_obstacles_than_the_shortest(kind: str) -> None:
+    """The straight way is free, and passes the obstacle at 0.14 m; without a weight, the same search finds that."""
+    space, overlap = scene(kind)
+    carried = space.with_overlap_field(overlap)
+    options: dict[str, Any] = {"planner": "RRTstar", "time_limit": 120.0, "iterations": 400, "seed": 1}
+    plans = [
+        planners.plan(carried, *ends_of(space), objective=objective, **options)
+        for objective in (
+            "length",
+            lambda si: planners.OverlapObjective(si, carried, weight=0.0),
+            lambda si: planners.OverlapObjective(si, carried, weight=100.0),
+        )
+    ]
+    assert all(plan.solved and plan.certified for plan in plans)
+    short, straight, far = (least_distance(space, plan) for plan in plans)
+    assert short == pytest.approx(0.14, abs=0.001) and straight == pytest.approx(0.14, abs=0.01)
+    assert far > 0.19
+    assert plans[2].length > plans[1].length
+
+
+def test_the_objective_by_name_is_that_of_the_carried_field(carried: CSpace) -> None:
+    options: dict[str, Any] = {"planner": "RRTstar", "time_limit": 120.0, "iterations": 60, "seed": 3}
+    plans = [
+        planners.plan(carried, *ends_of(carried), objective=objective, **options)
+        for objective in (
+            "overlap",
+            lambda si: planners.OverlapObjective(si, carried),
+            lambda si: planners.OverlapObjective(si, carried, carried.overlap_field),
+        )
+    ]
+    assert plans[0].objective == "overlap"
+    for plan in plans[1:]:
+        np.testing.assert_array_equal(plan.waypoints, plans[0].waypoints)
+
+
+def test_a_map_without_a_field_has_no_such_objective(carried: CSpace) -> None:
+    plain = carrying(carried, None)
+    start, goal = ends_of(plain)
+    si = planners.simple_setup(plain).getSpaceInformation()
+    with pytest.raises(InputError, match=r"carries no overlap field .* plan on space\.with_overlap_field"):
+        planners.OverlapObjective(si, plain)
+    for end in (goal, start):  # also where nothing is to be searched
+        with pytest.raises(InputError, match="carries no overlap field"):
+            planners.plan(plain, start, end, planner="RRTstar", objective="overlap")
+    with pytest.raises(InputError, match="another map"):
+        planners.OverlapObjective(si, plain, carried.overlap_field)
+    with pytest.raises(InputError, match=r"objective is 'overlap' and planner is 'RRT'; RRT heeds no objective"):
+        planners.plan(carried, start, goal, planner="RRT", objective="overlap")
+    with pytest.raises(InputError, match="must be 'length', 'clearance', 'overlap', or a function"):
+        planners.plan(carried, start, goal, planner="RRTstar", objective="beauty")

@@ -1,0 +1,214 @@
+"""Balls that are written, read, drawn and refused."""
+
+import json
+
+import numpy as np
+import pytest
+import shapely
+import trimesh
+import yaml
+
+from cspace.errors import FileError, GeometryError, InputError
+from cspace.mesh import Mesh
+from cspace.spectral import Bounds, Spheres, decompose
+
+RECTANGLE = shapely.box(0.0, 0.0, 3.0, 1.0)
+TRIANGLE = Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]), "surface")
+
+
+def some(dim=2, seed=0, n=20):
+    rng = np.random.default_rng(seed)
+    centers, radii = rng.normal(size=(n, dim)) * 1e3, rng.random(n) * 10.0 ** rng.integers(-9, 3, n)
+    return Spheres(centers, radii, "outer", "greedy", Bounds(0.1, 0.3), Bounds(0.0, 1 / 3), Bounds(1e-17, 2e22))
+
+
+@pytest.mark.parametrize("suffix", [".json", ".yaml", ".yml", ".JSON"])
+@pytest.mark.parametrize("dim", [2, 3])
+def test_files_keep_every_bit(tmp_path, suffix, dim):
+    spheres = some(dim)
+    file = spheres.save(tmp_path / f"balls{suffix}")
+    back = Spheres.open(file)
+    assert back.centers.tobytes() == spheres.centers.tobytes()
+    assert back.radii.tobytes() == spheres.radii.tobytes()
+    for name in ("kind", "method", "measure", "shape_measure", "hausdorff"):
+        assert getattr(back, name) == getattr(spheres, name)
+
+
+def test_files_are_not_replaced_unasked(tmp_path):
+    file = some().save(tmp_path / "balls.json")
+    before = file.read_bytes()
+    with pytest.raises(FileError, match="exists"):
+        some(seed=1).save(file)
+    assert file.read_bytes() == before
+    some(seed=1).save(file, overwrite=True)
+    assert file.read_bytes() != before
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("{", "cannot be parsed"),
+        ("[1]", "holds no balls"),
+        ('{"format": "other"}', "holds no balls"),
+        ('{"format": "cspace-spheres", "version": 7}', "version 7"),
+        ('{"format": "cspace-spheres", "version": 1}', "lacks"),
+        (
+            '{"format": "cspace-spheres", "version": 1, "kind": "inner", "method": "greedy", "measure": [0, 1], '
+            '"shape_measure": [0, 1], "hausdorff": [1, 0], "centers": [[0, 0]], "radii": [1]}',
+            "malformed",
+        ),
+        (
+            '{"format": "cspace-spheres", "version": 1, "kind": "inner", "method": "greedy", "measure": [0, 1], '
+            '"shape_measure": [0, 1], "hausdorff": [0, 1], "centers": [[0, 0]], "radii": [1, 2]}',
+            "malformed",
+        ),
+    ],
+)
+@pytest.mark.parametrize("suffix", [".json", ".yaml"])
+def test_damaged_files(tmp_path, text, words, suffix):
+    file = tmp_path / f"balls{suffix}"
+    file.write_text(text)
+    with pytest.raises(FileError, match=words):
+        Spheres.open(file)
+
+
+@pytest.mark.parametrize("suffix", [".json", ".yaml"])
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("radii", [10**400]),
+        ("centers", [[0, 10**400]]),
+        ("measure", [0, 10**400]),
+        ("measure", [0, 1, 2]),
+        ("measure", [1]),
+        ("measure", 3),
+        ("measure", "12"),
+        ("measure", {"1": 0, "2": 0}),
+        ("hausdorff", [0, None]),
+        ("kind", ["inner"]),
+        ("centers", {"x": 0}),
+        ("centers", [[0, 0], [1]]),
+        ("radii", [None]),
+    ],
+)
+def test_nonsense_in_files(tmp_path, key, value, suffix):
+    record = {"format": "cspace-spheres", "version": 1, "kind": "inner", "method": "greedy", "measure": [0, 1]}
+    record |= {"shape_measure": [0, 1], "hausdorff": [0, 1], "centers": [[0, 0]], "radii": [1]}
+    file = tmp_path / f"balls{suffix}"
+    dump = json.dumps if suffix == ".json" else yaml.safe_dump
+    file.write_text(dump(record))
+    assert len(Spheres.open(file)) == 1
+    file.write_text(dump(record | {key: value}))
+    with pytest.raises(FileError, match="malformed"):
+        Spheres.open(file)
+
+
+def test_file_names(tmp_path):
+    with pytest.raises(InputError, match=r"\.txt"):
+        some().save(tmp_path / "balls.txt")
+    with pytest.raises(FileError, match="does not exist"):
+        Spheres.open(tmp_path / "none.yaml")
+    with pytest.raises(InputError, match="file name"):
+        Spheres.open(3)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"radii": [0.0]}, "above zero"),
+        ({"kind": "around"}, "kind"),
+        ({"centers": [[0, np.nan]]}, "NaN"),
+        ({"measure": Bounds(-1, 1)}, "measure"),
+        ({"measure": (0.0, 1.0, 2.0)}, "two numbers"),
+        ({"hausdorff": 3.0}, "two numbers"),
+    ],
+)
+def test_bad_spheres(changes, words):
+    values = {"centers": [[0.0, 0.0]], "radii": [1.0], "kind": "inner", "method": "greedy"}
+    values |= {name: Bounds(0, 1) for name in ("measure", "shape_measure", "hausdorff")}
+    with pytest.raises(InputError, match=words):
+        Spheres(**(values | changes))
+
+
+@pytest.mark.parametrize(
+    ("shape", "options", "error", "words"),
+    [
+        (RECTANGLE, {}, InputError, "neither"),
+        (RECTANGLE, {"number": 3, "tolerance": 0.1}, InputError, "both"),
+        (RECTANGLE, {"number": 0}, InputError, "at least one"),
+        (RECTANGLE, {"number": 2.5}, InputError, "whole"),
+        (RECTANGLE, {"number": True}, InputError, "at least one"),
+        (RECTANGLE, {"tolerance": 0.0}, InputError, "tolerance"),
+        (RECTANGLE, {"tolerance": np.nan}, InputError, "tolerance"),
+        (RECTANGLE, {"tolerance": 1e-7}, InputError, "pass at least about"),
+        (RECTANGLE, {"number": 3, "kind": "both"}, InputError, "kind"),
+        (RECTANGLE, {"number": 3, "method": "random"}, InputError, "method"),
+        (RECTANGLE, {"number": 3, "radius": "same"}, InputError, "radius"),
+        (RECTANGLE, {"number": 3, "radius": -1.0}, InputError, "radius"),
+        (RECTANGLE, {"number": 3, "radius": 0.6}, InputError, "of radius 0.6 m"),
+        (RECTANGLE, {"number": 3, "radius": 0.2, "kind": "outer"}, InputError, "not found"),
+        (RECTANGLE, {"tolerance": 0.05, "radius": 0.4}, InputError, "proven to be within"),
+        (RECTANGLE, {"tolerance": 0.02, "radius": 0.3, "kind": "outer"}, InputError, "stick out by up to"),
+        (RECTANGLE, {"number": 3, "lower": (0, 0)}, InputError, "lower"),
+        (shapely.Polygon(), {"number": 3}, GeometryError, "empty"),
+        ([], {"number": 3}, GeometryError, "empty"),
+        (shapely.Polygon([(0, 0), (1, 1), (1, 0), (0, 1)]), {"number": 3}, GeometryError, "not valid"),
+        (shapely.LineString([(0, 0), (1, 1)]), {"number": 3}, GeometryError, "no inside"),
+        ([(0, 0), (1, 1)], {"number": 3}, GeometryError, "three"),
+        (TRIANGLE, {"number": 3}, GeometryError, "no inside"),
+        (Mesh(TRIANGLE.vertices, TRIANGLE.faces, "fill"), {"number": 3}, InputError, "fill"),
+        (np.zeros((3, 3), bool), {"number": 3, "spacing": 1.0}, GeometryError, "no cell"),
+        (np.ones((3, 3), bool), {"number": 3}, InputError, "spacing"),
+        (np.ones((3, 3), bool), {"number": 3, "spacing": 0.0}, InputError, "spacing"),
+        (np.ones((3, 3), bool), {"number": 3, "spacing": 1.0, "lower": (0, 0, 0)}, InputError, "lower"),
+        (np.ones(3, bool), {"number": 3, "spacing": 1.0}, InputError, "axes"),
+        (np.array(5.0), {"number": 3}, InputError, "axes"),
+        (shapely.Point(3, 4), {"number": 3, "kind": "outer"}, InputError, "pass a tolerance"),
+    ],
+    ids=str,
+)
+def test_refusals(shape, options, error, words):
+    with pytest.raises(error, match=words):
+        decompose(shape, **options)
+
+
+def test_memory_is_looked_at(monkeypatch):
+    monkeypatch.setattr("cspace.memory.free_bytes", lambda: 10_000)
+    with pytest.raises(InputError, match="memory"):
+        decompose(RECTANGLE, number=5)
+
+
+def test_pictures():
+    spheres = decompose(RECTANGLE, number=6)
+    ax = spheres.plot()
+    assert "6 inner discs" in ax.get_title()
+    assert sum(len(c.get_offsets()) for c in ax.collections if hasattr(c, "_widths")) == 6
+    low, high = ax.get_xlim()
+    assert low < 0.0 < 3.0 < high
+    again = spheres.plot(ax, shape=None, title="mine")
+    assert again is ax and ax.get_title() == "mine"
+    with pytest.raises(InputError, match="shapely"):
+        spheres.plot(shape=trimesh.creation.box())
+
+
+def test_pictures_in_space():
+    from matplotlib.figure import Figure
+
+    spheres = decompose(trimesh.creation.box(), number=5, kind="outer")
+    ax = spheres.plot()
+    ax.figure.canvas.draw()
+    assert "outer balls" in ax.get_title()
+    with pytest.raises(InputError, match="3d"):
+        spheres.plot(Figure().add_subplot())
+
+
+def test_drawn_triangles_lie_on_the_union():
+    from cspace.spectral.spheres.picture import _seen
+
+    spheres = decompose(trimesh.creation.box(), number=8)
+    faces, light = _seen(spheres, np.array([0.0, 0.0, 1.0]))
+    gaps = np.linalg.norm(faces.reshape(-1, 1, 3) - spheres.centers, axis=2) - spheres.radii
+    # No triangle lies deep in a ball with all of its corners.
+    assert (gaps.min(axis=1).reshape(-1, 3).max(axis=1) > -0.05).all()
+    assert ((light >= 0.0) & (light <= 1.0)).all()
