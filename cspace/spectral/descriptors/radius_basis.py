@@ -3,7 +3,7 @@
 As a function of the radius, ``psi^(r |w|)`` is a mixture of exponentials that turn by at most ``2 pi |w| r``. So it is
 interpolated between Chebyshev nodes ``rho_q`` in the radius with the same proven error as in the frequency
 (:mod:`cspace.spectral.descriptors.radial_table`), ``psi^(r |w|) = sum over q of l_q(r) psi^(rho_q |w|)``. A singular
-value decomposition of the nodes' spectra leaves as many combinations as the tolerance needs, and each of these takes one
+value decomposition of the nodes' spectra leaves as many combinations as the tolerance needs, and each of these is one
 non-uniform FFT of all centres, with strengths that depend on the radii.
 """
 
