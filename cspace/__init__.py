@@ -12,7 +12,6 @@ from cspace.states import MIXED as MIXED
 
 if TYPE_CHECKING:
     from cspace.builder import build as build
-    from cspace.choice import choose_method as choose_method
     from cspace.errors import ConfigurationError as ConfigurationError
     from cspace.errors import CspaceError as CspaceError
     from cspace.errors import FileError as FileError
@@ -35,7 +34,6 @@ __version__ = "0.1.0"
 
 _HOME = {
     "build": ("cspace.builder", "build"),
-    "choose_method": ("cspace.choice", "choose_method"),
     "ConfigurationError": ("cspace.errors", "ConfigurationError"),
     "CspaceError": ("cspace.errors", "CspaceError"),
     "FileError": ("cspace.errors", "FileError"),

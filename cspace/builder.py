@@ -8,27 +8,24 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.choice import METHODS, check_pair, quicker
+from cspace.engines import ENGINES, METHODS, Engine, choose
 from cspace.errors import InputError
-from cspace.grid import Grid
 from cspace.memory import TRANSFORM_BYTES, check_memory, map_bytes
 from cspace.raster.raster import Raster
 from cspace.robot import Robot, check_margin
 from cspace.rotations import Rotations, check_rotations
 from cspace.slices import slice_of_rotation, slice_rasters
+from cspace.space import CSpace
 from cspace.workspace import Workspace
-
-if TYPE_CHECKING:
-    from cspace.space import CSpace
 
 Progress = Callable[[int, int], None]
 
-STEP = 1000
+STEP: Final = 1000
 """Steps of progress that a correlation counts for."""
 
 
@@ -64,8 +61,8 @@ def build(
         Keep the overlap counts of the outer rasters as :attr:`CSpace.overlaps`.
     method : {"auto", "fft", "direct"}
         The engine; the map is the same, cell for cell. "fft" correlates by transforms, "direct" dilates 64 cells at a
-        time, and "auto" takes the one that is expected to be quicker (see :func:`cspace.choose_method`), or "fft" where
-        overlap counts are asked for, which only the transforms give.
+        time, and "auto" takes that unless the robot has thousands of rows, or overlap counts are asked for, which only
+        the transforms give.
     outside : {"blocked", "free"}
         Whether what lies beyond the workspace's bounds is obstacle or free.
     margin : float
@@ -101,24 +98,27 @@ def build(
     from cspace.space import CSpace
 
     _check(workspace, robot, method, overlap, outside, workers)
-    margin = check_margin(margin)
-    cells = check_rotations(rotations)
+    margin, cells, grid = check_margin(margin), check_rotations(rotations), workspace.grid
     if cells is not None and robot.dim == 3:
         raise InputError(
-            f"rotations is {rotations!r} for a robot in space, which only translates so far; leave rotations out, or "
-            "take robot and workspace in the plane"
+            "rotations",
+            f"is {rotations!r} for a robot in space",
+            "which only translates so far",
+            "leave rotations out, or take robot and workspace in the plane",
+            value=rotations,
         )
-    grid = workspace.grid
     slices = int(slice_of_rotation(robot, cells).max()) + 1
     needed = map_bytes(grid.shape, slices, overlap)
     check_memory(needed, "the map", grid.shape, grid.spacing, fixed=TRANSFORM_BYTES)
     rasters = slice_rasters(robot, grid.spacing, margin, cells)
-    method, robots = _chosen(method, rasters, grid, inner, overlap, workers)
-    _check_room(method, grid, robots, len(rasters), overlap, workers)
-    state = np.empty((len(rasters), *grid.shape), dtype=np.uint8)
+    sides = [list(side) for side in zip(*rasters, strict=True)][: 2 if inner else 1]
+    engine = ENGINES[choose(sides[0], counts=overlap) if method == "auto" else method]
+    needed += max(engine.bytes_needed(grid.shape, side, workers) for side in sides) - TRANSFORM_BYTES
+    check_memory(needed, "the map, with what its engine needs for this robot,", grid.shape, grid.spacing)
+    state = np.empty((slices, *grid.shape), dtype=np.uint8)
     overlaps = np.empty(state.shape, dtype=np.int32) if overlap else None
-    engine = _Engine(workspace, method, outside == "blocked", workers, progress)
-    precision = engine.run(robots, state, overlaps)
+    correlation = _Correlation(engine, outside == "blocked", workers, progress)
+    precision = correlation.fill(workspace, sides, state, overlaps)
     flat = cells is None
     return CSpace(
         workspace,
@@ -136,105 +136,89 @@ def build(
 
 
 @dataclass(frozen=True, slots=True)
-class _Engine:
-    """The correlations of one build."""
+class _Correlation:
+    """An engine at work for one build."""
 
-    workspace: Workspace
-    method: str
+    engine: Engine
     outside: bool
     workers: int | None
     progress: Progress | None
 
-    def run(self, robots: Sequence[Sequence[Any]], state: NDArray[np.uint8], overlaps: NDArray[np.int32] | None) -> str:
-        """Fill all slices, from the outer and, where there are any, the inner offsets; the arithmetic that it took."""
-        free = state.view(np.bool_)
-        outers, inners = robots[0], [side for sides in robots[1:] for side in sides]
-        if inners and overlaps is None and len(outers) == 1 and self.workspace.inner is self.workspace.outer:
+    def fill(
+        self,
+        workspace: Workspace,
+        sides: Sequence[Sequence[Raster]],
+        state: NDArray[np.uint8],
+        overlaps: NDArray[np.int32] | None,
+    ) -> str:
+        """Fill all slices from the outer and, where there are any, the inner rasters; the arithmetic that it took."""
+        outers, inners = sides[0], [raster for side in sides[1:] for raster in side]
+        collides = state.view(np.bool_)
+        if inners and overlaps is None and len(outers) == 1 and workspace.inner is workspace.outer:
             # One slice and one workspace bitmap, which is read once for both rasters.
-            collides = np.empty(free[0].shape, dtype=np.bool_)
-            precision = self._settle(self.workspace.outer, [*outers, *inners], [free[0], collides], 0, 1)
-            state[0] += collides
+            lies_in = np.empty(workspace.grid.shape, dtype=np.bool_)
+            precision = self._collide(workspace.outer, [*outers, *inners], [collides[0], lies_in], (0, 1))
+            state[0] += lies_in
             return precision
-        steps = len(robots)
-        counts = free if overlaps is None else overlaps
-        precision = self._settle(self.workspace.outer, outers, list(counts), 0, steps)
+        counts = collides if overlaps is None else overlaps
+        precision = self._collide(workspace.outer, outers, list(counts), (0, len(sides)))
         if overlaps is not None:
-            np.not_equal(overlaps, 0, out=free)
+            np.not_equal(overlaps, 0, out=collides)
         if inners:
-            added = self._settle(self.workspace.inner, inners, list(state), 1, steps, add=True)
+            added = self._collide(workspace.inner, inners, list(state), (1, 2), add=True)
             precision = max(precision, added)
         return precision
 
-    def _settle(
+    def _collide(
         self,
         occupied: NDArray[np.bool_],
-        robots: Sequence[Any],
+        rasters: Sequence[Raster],
         out: Sequence[NDArray[Any]],
-        step: int,
-        steps: int,
+        step: tuple[int, int],
         add: bool = False,
     ) -> str:
-        """Write whether robots overlap obstacles, or how much, for all cells; the arithmetic that it took."""
-        from cspace.bits import dilate
-        from cspace.fourier import correlate
+        """One step of so many; each counts alike for progress, however many parts it has."""
+        (number, steps), tell = step, self.progress
 
-        tell = self.progress
-        # Each step counts alike, however many parts it has.
-        advance = None if tell is None else lambda done, total: tell(step * STEP + STEP * done // total, steps * STEP)
-        options: dict[str, Any] = {"outside": self.outside, "workers": self.workers, "progress": advance}
-        precision = "integer"
-        if self.method == "direct":
-            dilate(occupied, robots, out=out, add=add, **options)
-        else:
-            precision = correlate(occupied, robots, out=out, add=add, **options).precision
-        if tell is not None:
-            tell((step + 1) * STEP, steps * STEP)  # also where there was nothing to do
+        def advance(done: int, total: int) -> None:
+            if tell is not None:
+                tell(number * STEP + STEP * done // total, steps * STEP)
+
+        precision = self.engine.collide(
+            occupied, rasters, out, outside=self.outside, add=add, workers=self.workers, progress=advance
+        )
+        advance(1, 1)  # also where there was nothing to do
         return precision
 
 
-def _chosen(
-    method: str,
-    rasters: Sequence[tuple[Raster, Raster]],
-    grid: Grid,
-    inner: bool,
-    overlap: bool,
-    workers: int | None,
-) -> tuple[str, Sequence[Sequence[Any]]]:
-    """The engine, and the outer and, where they are needed, inner offsets as it takes them."""
-    from cspace.bits import Runs
-
-    sides = [list(side) for side in zip(*rasters, strict=True)][: 2 if inner else 1]
-    if method == "fft" or (method == "auto" and overlap):
-        return "fft", sides
-    runs = [[Runs.of(raster, grid.shape) for raster in side] for side in sides]
-    if method == "auto":
-        method = quicker(grid.shape, sides, runs, workers)
-    return method, runs if method == "direct" else sides
-
-
-def _check_room(
-    method: str, grid: Grid, robots: Sequence[Sequence[Any]], slices: int, overlap: bool, workers: int | None
-) -> None:
-    """Refuse a map for which there is no memory with what the engine needs for a robot of this size."""
-    from cspace.bits import dilation_bytes
-    from cspace.fourier import transform_bytes
-
-    if method == "direct":
-        needed, what = max(dilation_bytes(grid.shape, side) for side in robots), "the bits that are dilated"
-    else:
-        needed, what = max(transform_bytes(grid.shape, side, workers) for side in robots), "the transforms"
-    needed += map_bytes(grid.shape, slices, overlap) - TRANSFORM_BYTES
-    check_memory(needed, f"the map, with {what} for this robot,", grid.shape, grid.spacing)
-
-
 def _check(workspace: Workspace, robot: Robot, method: str, overlap: bool, outside: str, workers: int | None) -> None:
-    check_pair(workspace, robot, workers)
-    if method not in METHODS:
-        raise InputError(f"method is {method!r}; the engines are: {', '.join(map(repr, METHODS))}")
-    if method == "direct" and overlap:
+    """Refuse arguments that break their rules, before any work."""
+    for name, given, kind, mend in (
+        ("workspace", workspace, Workspace, "use Workspace.from_array"),
+        ("robot", robot, Robot, "use e.g. Robot.disc(0.3)"),
+    ):
+        if not isinstance(given, kind):
+            raise InputError(name, f"is a {type(given).__name__}", f"it must be a {kind.__name__}", mend, value=given)
+    if workspace.grid.dim != robot.dim:
         raise InputError(
-            "overlap is True and method 'direct', which tells only whether there is any overlap; overlap counts need "
-            "the transforms; use method='fft' or method='auto'"
+            "robot",
+            f"has {robot.dim} dimensions and the workspace {workspace.grid.dim}",
+            "they must agree",
+            "take both in the plane or both in space",
+        )
+    if workers is not None and (not isinstance(workers, int) or workers < 1):
+        rule = "it must be a whole number above zero, or None for all cores"
+        raise InputError("workers", f"is {workers!r}", rule, value=workers)
+    if method not in METHODS:
+        names = ", ".join(map(repr, METHODS))
+        raise InputError("method", f"is {method!r}", f"the engines are: {names}", value=method)
+    if overlap and method != "auto" and not ENGINES[method].COUNTS:
+        raise InputError(
+            "method",
+            f"is {method!r} and overlap is True",
+            "this engine tells only whether there is any overlap; counts need the transforms",
+            "use method='fft' or method='auto'",
+            value=method,
         )
     if outside not in ("blocked", "free"):
-        raise InputError(f"outside is {outside!r}; it must be 'blocked' or 'free'")
+        raise InputError("outside", f"is {outside!r}", "it must be 'blocked' or 'free'", value=outside)

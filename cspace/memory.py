@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
@@ -54,10 +53,11 @@ def map_bytes(shape: Sequence[int], slices: int = 1, overlap: bool = False) -> i
     return cells_of(shape) * slices * (5 if overlap else 1) + TRANSFORM_BYTES
 
 
-def free_bytes() -> int | None:
-    """Memory that this process can still take, in bytes; None where the system does not tell."""
-    found = [value for value in (_free_of_machine(), _free_of_group()) if value is not None]
-    return min(found, default=None)
+def free_bytes() -> int:
+    """Memory that this process can still take, in bytes: what the machine has, or what its container leaves it."""
+    import psutil
+
+    return int(min(psutil.virtual_memory().available, _left_by_container()))
 
 
 def check_memory(
@@ -95,7 +95,7 @@ def check_memory(
         If there is less; the message tells the spacing that would fit, or else ``mend``.
     """
     free = free_bytes()
-    if free is None or needed <= KEEP * free:
+    if needed <= KEEP * free:
         return
     if mend is None:
         size = np.asarray(shape, dtype=float) * spacing
@@ -107,9 +107,13 @@ def check_memory(
             if coarser is None
             else f"use a spacing of at least {coarser:g} m, or smaller bounds, or check the units (metres)"
         )
+    cells = " x ".join(f"{n:.4g}" if n > _COUNTED else str(n) for n in shape)
     raise InputError(
-        f"{what} has {' x '.join(f'{n:.4g}' if n > _COUNTED else str(n) for n in shape)} cells of {spacing:g} m and "
-        f"needs about {in_words(needed)} of memory, of which {in_words(free)} are free; it must fit; {mend}"
+        what,
+        f"has {cells} cells of {spacing:g} m and needs about {in_words(needed)} of memory",
+        f"at most {in_words(KEEP * free)} may be taken, which is {KEEP:.0%} of what is free",
+        mend,
+        value=needed,
     )
 
 
@@ -165,42 +169,15 @@ def cells_of(shape: Sequence[int]) -> int:
     return total
 
 
-def _free_of_machine() -> int | None:
+def _left_by_container() -> float:
+    """What a container's limit leaves the process, which psutil does not look at; files in the cache count as free."""
+    folder = Path("/sys/fs/cgroup")
     try:
-        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
-        return next(int(line.split()[1]) * 1024 for line in lines if line.startswith("MemAvailable:"))
-    except (OSError, StopIteration, ValueError, IndexError):
-        pass
-    try:
-        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    except (ValueError, OSError, AttributeError):
-        return None
-
-
-def _free_of_group() -> int | None:
-    """What the control group of the process leaves it, on Linux."""
-    try:
-        groups = [line.split(":", 2) for line in Path("/proc/self/cgroup").read_text(encoding="ascii").splitlines()]
-    except OSError:
-        return None
-    found = []
-    for _, controllers, name in groups:
-        # Version 2 of the interface names no controllers; version 1 has one for memory.
-        if controllers == "":
-            found.append(_left(Path("/sys/fs/cgroup") / name.lstrip("/"), "memory.max", "memory.current"))
-        elif "memory" in controllers.split(","):
-            folder = Path("/sys/fs/cgroup/memory") / name.lstrip("/")
-            found.append(_left(folder, "memory.limit_in_bytes", "memory.usage_in_bytes"))
-    return min((value for value in found if value is not None), default=None)
-
-
-def _left(folder: Path, limit: str, used: str) -> int | None:
-    """A group's limit less what it uses; files in the cache count as free."""
-    try:
-        most = int((folder / limit).read_text(encoding="ascii"))
-        now = int((folder / used).read_text(encoding="ascii"))
-        statistics = (folder / "memory.stat").read_text(encoding="ascii").splitlines()
-    except (OSError, ValueError):  # also where the limit is "max"
-        return None
-    cached = next((int(line.split()[1]) for line in statistics if line.startswith("inactive_file ")), 0)
-    return max(0, most - now + cached)
+        group = Path("/proc/self/cgroup").read_text(encoding="ascii").strip().rpartition(":")[2]
+        folder = next(f for f in (folder / group.lstrip("/"), folder) if (f / "memory.max").exists())
+        limit, used = (int((folder / name).read_text(encoding="ascii")) for name in ("memory.max", "memory.current"))
+        lines = (folder / "memory.stat").read_text(encoding="ascii").splitlines()
+    except (OSError, StopIteration, ValueError):  # no such limit, which is then told as "max"
+        return math.inf
+    cached = next((int(line.split()[1]) for line in lines if line.startswith("inactive_file ")), 0)
+    return max(0, limit - used + cached)

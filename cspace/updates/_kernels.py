@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from cspace.bits._kernels import dilate_block
+from cspace.engines.words import dilate_block
 from cspace.states import FREE
 
 Bytes = NDArray[np.uint8]

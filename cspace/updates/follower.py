@@ -167,9 +167,14 @@ def _writable(cells: NDArray[np.bool_], shape: tuple[int, ...]) -> Bytes:
 
 def _proves_blocked(space: CSpace) -> bool:
     """Whether a map tells BLOCKED from MIXED: unless it shows that it was built without ``inner``."""
-    from cspace.bits import dilate
+    from cspace.engines.dilation import collide
 
     if any(bool((part == BLOCKED).any()) for part in space.stack):
         return True
     walled, inner = space.outside == "blocked", space.workspace.inner
-    return not any(bool(dilate(inner, [near], outside=walled)[0].any()) for _, near in space._rasters)
+    lies_in = np.empty(inner.shape, dtype=np.bool_)
+    for _, near in space._rasters:
+        collide(inner, [near], [lies_in], outside=walled)
+        if lies_in.any():
+            return False
+    return True

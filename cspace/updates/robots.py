@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.bits.runs import Runs
+from cspace.engines.dilation import Runs
 from cspace.raster.raster import Raster
 
 Ints = NDArray[np.int64]

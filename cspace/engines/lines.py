@@ -1,18 +1,18 @@
-"""Compiled loops over the cells that a transform is fed with, and over the sums that it yields."""
+"""Compiled loops over the lines of cells that a transform is fed with, and over the sums that it yields."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import numpy as np
-from numba import njit
+from cspace.compiling import jit
 from numpy.typing import NDArray
 
 NEAREST = 1.5 * 2.0**52
 """A number below 2^50 that is added to this is rounded to the nearest whole one, which the low bits then hold."""
 
 
-@njit(cache=True, nogil=True)
+@jit
 def count_lines(
     occupied: NDArray[np.uint8], first: NDArray[np.int64], length: int, outside: bool, counts: NDArray[np.int64]
 ) -> int:
@@ -39,7 +39,7 @@ def count_lines(
     return total
 
 
-@njit(cache=True, nogil=True)
+@jit
 def add_lines(
     occupied: NDArray[np.uint8],
     first: NDArray[np.int64],
@@ -79,7 +79,7 @@ def add_lines(
             number += 1
 
 
-@njit(cache=True, nogil=True)
+@jit
 def place_lines(mixed: NDArray[np.bool_], levels: NDArray[np.float64], lines: NDArray[Any]) -> NDArray[Any]:
     """Spectra of all lines: those of the lines that are not constant, in order, and from the sums of the others."""
     spectrum = np.empty((*mixed.shape, lines.shape[1]), lines.dtype)
@@ -95,7 +95,7 @@ def place_lines(mixed: NDArray[np.bool_], levels: NDArray[np.float64], lines: ND
     return spectrum
 
 
-@njit(cache=True, nogil=True)
+@jit
 def round_sums(sums: NDArray[np.float64], missing: float) -> None:
     """Add to sums what they miss, and put the nearest whole numbers into the low bits of the results."""
     flat = sums.ravel()
@@ -103,7 +103,7 @@ def round_sums(sums: NDArray[np.float64], missing: float) -> None:
         flat[k] = (flat[k] + missing) + NEAREST
 
 
-@njit(cache=True, nogil=True)
+@jit
 def mark_digit(
     whole: NDArray[np.int64],
     mask: int,

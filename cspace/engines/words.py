@@ -2,12 +2,31 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
-from numba import njit
+from cspace.compiling import jit
 from numpy.typing import NDArray
 
 Words = NDArray[np.uint64]
 Ints = NDArray[np.int64]
+
+
+class Packed(NamedTuple):
+    """A map in rows of words, each ``width`` words long, of which a layer has ``rows``."""
+
+    words: Words
+    width: int
+    rows: int
+
+
+class Scratch(NamedTuple):
+    """What a block is made from, and what becomes of it."""
+
+    now: Words
+    then: Words
+    result: Words
+
 
 _GATHER = np.uint64(0x0102040810204080)
 _REPEAT = np.uint64(0x0101010101010101)
@@ -16,7 +35,7 @@ _CARRY = np.uint64(0x7F7F7F7F7F7F7F7F)
 _ONE = np.uint64(1)
 
 
-@njit(cache=True, nogil=True)
+@jit
 def find_runs(cells: NDArray[np.uint8], lower: Ints, shape: Ints) -> tuple[Ints, Ints, int, int]:
     """Runs of offsets that can fall on a map, as rows (x, y, z, length), by ascending length.
 
@@ -65,7 +84,7 @@ def find_runs(cells: NDArray[np.uint8], lower: Ints, shape: Ints) -> tuple[Ints,
     return runs, ends, lengths, offsets
 
 
-@njit(cache=True, nogil=True)
+@jit
 def place_runs(runs: Ints, pads: Ints, rows: int, width: int) -> Ints:
     """Length, word and shift of each run in a board, in fours of one length: the last is told again to fill them up."""
     number = 0
@@ -88,7 +107,7 @@ def place_runs(runs: Ints, pads: Ints, rows: int, width: int) -> Ints:
     return table
 
 
-@njit(cache=True, nogil=True)
+@jit
 def pack(cells: NDArray[np.uint8], shift: int, flip: int, rows: Words, start: int, width: int) -> None:
     """Add rows of cells, each 0 or 1, to rows of words that are 0 there.
 
@@ -118,7 +137,7 @@ def pack(cells: NDArray[np.uint8], shift: int, flip: int, rows: Words, start: in
                 rows[place + w + 1] |= above
 
 
-@njit(cache=True, nogil=True)
+@jit
 def dilate_block(bits: Words, start: int, runs: Ints, spare: Words, more: Words, result: Words) -> bool:
     """Whether some cell of a set lies at each place from word ``start`` on, moved by any offset of a robot's runs.
 
@@ -148,7 +167,7 @@ def dilate_block(bits: Words, start: int, runs: Ints, spare: Words, more: Words,
     return True
 
 
-@njit(cache=True, nogil=True)
+@jit
 def _widen(now: Words, step: int, then: Words) -> None:
     """``then[k] = now[k] | now[k + step]``, bit by bit, with nothing beyond the end."""
     jump, shift = step // 64, np.uint64(step % 64)
@@ -163,7 +182,7 @@ def _widen(now: Words, step: int, then: Words) -> None:
             then[k] |= now[k + jump] >> shift
 
 
-@njit(cache=True, nogil=True)
+@jit
 def _unite(now: Words, runs: Ints, result: Words) -> None:
     """Add four runs to a result."""
     n = result.size
@@ -178,7 +197,7 @@ def _unite(now: Words, runs: Ints, result: Words) -> None:
         result[k] |= one | two
 
 
-@njit(cache=True, nogil=True)
+@jit
 def unpack(
     words: NDArray[np.uint64], width: int, first: int, rows: int, found: bool, add: bool, out: NDArray[np.uint8]
 ) -> None:
@@ -213,19 +232,8 @@ def unpack(
             line[k] = line[k] + bit if add else bit
 
 
-@njit(cache=True, nogil=True)
-def settle_block(
-    bits: Words,
-    runs: Ints,
-    spare: Words,
-    more: Words,
-    words: Words,
-    width: int,
-    first: int,
-    rows: int,
-    add: bool,
-    out: NDArray[np.uint8],
-) -> None:
-    """Dilate the rows from number ``first`` on, as many as ``words`` holds, and write them into ``out`` or add them."""
-    found = dilate_block(bits, first * width, runs, spare, more, words)
-    unpack(words, width, first, rows, found, add, out)
+@jit
+def settle_block(packed: Packed, runs: Ints, scratch: Scratch, first: int, add: bool, out: NDArray[np.uint8]) -> None:
+    """Dilate the rows from number ``first`` on, as many as the scratch holds, and write them into ``out`` or add them."""
+    found = dilate_block(packed.words, first * packed.width, runs, scratch.now, scratch.then, scratch.result)
+    unpack(scratch.result, packed.width, first, packed.rows, found, add, out)

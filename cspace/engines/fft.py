@@ -1,27 +1,119 @@
-"""Tiles of a correlation: their spectrum, the products with those of the robots, and what they yield."""
+"""The engine by transforms: correlation of a workspace bitmap with robot rasters (Kavraki, 1995) in tiles.
+
+``overlap[k] = sum over m of W[k + m] * A[m]`` for every cell k of the map, where W beyond the map is all obstacle or
+all free. The map is read in tiles small enough for a core's cache (overlap-save). A tile without obstacles, or all
+obstacle, is settled without a transform; the spectrum of any other is multiplied with that of every raster. Where it is
+proven that the rounding allows it (:mod:`cspace.engines.precision`), one transform yields the overlaps with several
+rasters, or in several tiles, as digits of one number.
+"""
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import partial
+from typing import Any, Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import fft
 
-from cspace.fourier.tiles import Tiling
+from cspace.engines.lines import add_lines, count_lines, mark_digit, place_lines, round_sums
+from cspace.engines.tiles import Tiling, choose_tiling
 from cspace.raster.raster import Raster
-
-FEW = 0.8
-"""Part of a tile's lines above which those that are constant are transformed too, which saves a copy of all."""
+from cspace.threads import cores, in_threads
 
 Bools = NDArray[np.bool_]
 Corner = tuple[int, ...]
+Item = TypeVar("Item")
+
+COUNTS: Final = True
+"""This engine can tell overlap counts."""
+
+TILE_SPECTRA: Final = 3
+"""Arrays as large as a tile's spectrum that a thread holds at once, at most."""
+
+SPECTRA_BYTES: Final = 2**25
+"""Memory for robot spectra held at once; more rasters than fit are taken in turns."""
+
+FEW: Final = 0.8
+"""Part of a tile's lines above which those that are constant are transformed too, which saves a copy of all."""
 
 
-def write(out: NDArray[Any], value: Any, add: bool) -> None:
+def collide(
+    occupied: Bools,
+    rasters: Sequence[Raster],
+    out: Sequence[NDArray[Any]],
+    *,
+    outside: bool,
+    add: bool = False,
+    workers: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> str:
+    """Correlate one bitmap with several rasters; see :class:`cspace.engines.Engine`.
+
+    With one worker everything runs in the calling thread, where ``scipy.fft.set_backend`` holds.
+    """
+    shape = occupied.shape
+    parts = [Part.within_reach(raster, shape, outside) for raster in rasters]
+    live = [(part, result) for part, result in zip(parts, out, strict=True) if part.cells.size]
+    for part, result in zip(parts, out, strict=True):
+        if not part.cells.size:
+            _write(result, part.constant, add)
+    if not live:
+        return "float32"
+
+    threads = workers or cores()
+    lower, tiling = _tiling([part for part, _ in live], shape, threads)
+    corners = list(itertools.product(*(range(0, n, s) for n, s in zip(shape, tiling.step, strict=True))))
+    stacks = [corners[first : first + tiling.stack] for first in range(0, len(corners), tiling.stack)]
+    groups = [live[first : first + tiling.digits] for first in range(0, len(live), tiling.digits)]
+    turns = min(len(groups), math.ceil(len(groups) * tiling.spectrum_bytes / SPECTRA_BYTES))
+    pieces = math.ceil(tiling.pieces / turns)
+    for turn in range(turns):
+        run = _TileRun(occupied, outside, tiling, lower, add)
+        members = _share(groups, turn, turns)
+        # Of a single robot the lines of its transform are shared out, of several the robots.
+        alone = partial(run.robot_spectrum, threads=threads if len(members) == 1 else 1)
+        ready = list(zip(members, in_threads(alone, members, threads), strict=True))
+        tasks = [(stack, _share(ready, piece, pieces)) for piece in range(pieces) for stack in stacks]
+        advance = None if progress is None else partial(_advance, progress, turn * len(tasks), turns * len(tasks))
+        in_threads(run.settle, tasks, threads, advance)
+    return tiling.precision
+
+
+def bytes_needed(shape: Sequence[int], rasters: Sequence[Raster], workers: int | None = None) -> int:
+    """Memory that :func:`collide` takes at most beside its input and results, in bytes."""
+    live = [part for part in (Part.within_reach(raster, shape, False) for raster in rasters) if part.cells.size]
+    if not live:
+        return 0
+    threads = workers or cores()
+    _, tiling = _tiling(live, shape, threads)
+    tiles = math.prod(-(-n // step) for n, step in zip(shape, tiling.step, strict=True)) * tiling.pieces
+    robots = min(-(-len(live) // tiling.digits) * tiling.spectrum_bytes, SPECTRA_BYTES + tiling.spectrum_bytes)
+    return robots + TILE_SPECTRA * min(threads, tiles) * tiling.spectrum_bytes
+
+
+def _tiling(parts: Sequence[Part], shape: Sequence[int], threads: int) -> tuple[tuple[int, ...], Tiling]:
+    """The first offset of one window for all rasters, so that they share the tiles and their spectra; and the tiles."""
+    axes = range(len(shape))
+    lower = tuple(min(part.lower[a] for part in parts) for a in axes)
+    extent = tuple(max(part.lower[a] + part.cells.shape[a] for part in parts) - lower[a] for a in axes)
+    return lower, choose_tiling(shape, extent, max(part.count for part in parts), threads, len(parts))
+
+
+def _share(items: Sequence[Item], number: int, of: int) -> Sequence[Item]:
+    """One of several parts of a sequence that are about equally long."""
+    return items[len(items) * number // of : len(items) * (number + 1) // of]
+
+
+def _advance(progress: Callable[[int, int], None], before: int, total: int, done: int) -> None:
+    progress(before + done, total)
+
+
+def _write(out: NDArray[Any], value: Any, add: bool) -> None:
     """Set results, or add to them whether there is any overlap."""
     if add:
         out += np.not_equal(value, 0)
@@ -67,7 +159,7 @@ Group = Sequence[Member]
 Spectrum = NDArray[Any]
 
 
-class TileRun:
+class _TileRun:
     """The tiles of one correlation: what they share, and how one of them is settled."""
 
     def __init__(
@@ -84,8 +176,6 @@ class TileRun:
 
     def robot_spectrum(self, members: Group, threads: int = 1) -> Spectrum:
         """Conjugate spectrum of rasters, as digits of one, transformed in float64 from the rows that they fill."""
-        from scipy import fft
-
         firsts = [tuple(p - q for p, q in zip(part.lower, self.lower, strict=True)) for part, _ in members]
         lasts = [np.add(first, part.cells.shape) for first, (part, _) in zip(firsts, members, strict=True)]
         spectrum = np.zeros(np.max(lasts, axis=0))
@@ -115,16 +205,14 @@ class TileRun:
 
     def _read(self, corner: Corner, groups: Sequence[tuple[Group, Spectrum]]) -> Tile | None:
         """What a tile holds; None, with the results written, where it is all obstacle or all free."""
-        from cspace.fourier import _kernels
-
         lengths = self.tiling.tile
         first = np.array([0] * (3 - len(lengths)) + [c + low for c, low in zip(corner, self.lower, strict=True)])
         counts = np.empty((1, *lengths[:-1])[-2:], np.int64)
-        occupied = _kernels.count_lines(self.cells, first, lengths[-1], self.outside, counts)
+        occupied = count_lines(self.cells, first, lengths[-1], self.outside, counts)
         if occupied not in (0, math.prod(lengths)):
             return Tile(corner, first, counts)
         for part, result in itertools.chain.from_iterable(members for members, _ in groups):
-            write(self._view(result, corner), part.constant + (part.count if occupied else 0), self.add)
+            _write(self._view(result, corner), part.constant + (part.count if occupied else 0), self.add)
         return None
 
     def _take(self, member: Member, sums: NDArray[Any], corner: Corner) -> None:
@@ -143,8 +231,6 @@ class TileRun:
 
     def _take_digits(self, members: Group, sums: NDArray[Any], tiles: Sequence[Tile]) -> None:
         """Results of several rasters or tiles, whose overlaps are the digits of one sum."""
-        from cspace.fourier import _kernels
-
         bits = self.tiling.bits
         digits = [
             (bits * (self.tiling.digits * above + number), member, tile.corner)
@@ -152,7 +238,7 @@ class TileRun:
             for number, member in enumerate(members)
         ]
         sums = np.ascontiguousarray(sums, np.float64)
-        _kernels.round_sums(sums, sum(part.count << shift for shift, (part, _), _ in digits) / 2)
+        round_sums(sums, sum(part.count << shift for shift, (part, _), _ in digits) / 2)
         whole = sums.view(np.int64)
         ones = (1 << bits) - 1
         for shift, (part, result), corner in digits:
@@ -160,7 +246,7 @@ class TileRun:
             if view.dtype.itemsize == 1:
                 always, marks = part.constant > 0, result.view(np.uint8)
                 layers = 3 - marks.ndim
-                _kernels.mark_digit(
+                mark_digit(
                     np.expand_dims(whole, tuple(range(layers))),
                     ones << shift,
                     always,
@@ -178,10 +264,6 @@ class TileRun:
 
     def _spectrum(self, tiles: Sequence[Tile]) -> Spectrum:
         """Spectrum of W - 1/2 over tiles, as digits of one; lines and layers that are constant are not transformed."""
-        from scipy import fft
-
-        from cspace.fourier import _kernels
-
         tile, length = self.tiling.tile, self.tiling.tile[-1]
         scales = [2.0 ** (self.tiling.bits * self.tiling.digits * above) for above in range(len(tiles))]
         mixed = np.any([(each.counts > 0) & (each.counts < length) for each in tiles], axis=0)
@@ -189,12 +271,12 @@ class TileRun:
             mixed[...] = True
         cells = np.zeros((int(np.count_nonzero(mixed)), length), self.real)
         for scale, each in zip(scales, tiles, strict=True):
-            _kernels.add_lines(self.cells, each.first, self.outside, scale, mixed, cells)
+            add_lines(self.cells, each.first, self.outside, scale, mixed, cells)
         lines = fft.rfft(cells, axis=-1, overwrite_x=True)
         levels = np.zeros(mixed.shape)
         for scale, each in zip(scales, tiles, strict=True):
             levels += scale * (each.counts - length / 2)
-        layers = lines.reshape(*mixed.shape, -1) if mixed.all() else _kernels.place_lines(mixed, levels, lines)
+        layers = lines.reshape(*mixed.shape, -1) if mixed.all() else place_lines(mixed, levels, lines)
         if len(tile) == 3:
             changing = np.flatnonzero(mixed.any(axis=1) | (levels != levels[:, :1]).any(axis=1))
             begin, end = (int(changing[0]), int(changing[-1]) + 1) if changing.size else (0, 0)
@@ -208,8 +290,6 @@ class TileRun:
 
     def _invert(self, product: NDArray[Any]) -> NDArray[Any]:
         """Inverse transform, axis by axis, keeping only the rows that carry results."""
-        from scipy import fft
-
         for axis, keep in enumerate(self.tiling.step[:-1]):
             product = fft.ifft(product, axis=axis, overwrite_x=True)[(slice(None),) * axis + (slice(keep),)]
         return np.asarray(fft.irfft(product, n=self.tiling.tile[-1], axis=-1, overwrite_x=True))

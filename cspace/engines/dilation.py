@@ -1,4 +1,4 @@
-"""Dilation of a workspace bitmap by robot rasters, 64 cells a word.
+"""The engine by dilation: a workspace bitmap dilated by robot rasters, 64 cells a word, in integers.
 
 For every cell k of the map: whether ``W[k + m]`` is set for any offset m of the robot. The offsets are taken as runs
 along the last axis. A bitmap in which bit k tells whether any of the ``L`` cells from k on is set serves all runs of
@@ -9,17 +9,16 @@ to the robot's place. So the work is cells / 64 times (runs + lengths), whatever
 from __future__ import annotations
 
 import itertools
-import math
 import threading
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
-from typing import Any, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.bits.runs import Runs, in_space
-from cspace.costs import figures
+from cspace.engines.words import Packed, Scratch, find_runs, pack, place_runs, settle_block
 from cspace.raster.raster import Raster
 from cspace.threads import cores, in_threads
 
@@ -28,57 +27,37 @@ Ints = NDArray[np.int64]
 Cells = NDArray[np.uint8]
 Task: TypeAlias = tuple[Ints, Cells, tuple[int, int]]
 
-WORD = 64
+COUNTS: Final = False
+"""This engine tells only whether there is any overlap."""
+
+WORD: Final = 64
 """Cells in a word."""
 
-BLOCK = 2**14
+BLOCK: Final = 2**14
 """Words of results that are made together, at least: with what they are made from they fit a core's cache."""
 
-TASKS = 16
+TASKS: Final = 16
 """Parts of the work that each thread should have, for all to end at about the same time."""
 
-LEAST = 2_000_000
+LEAST: Final = 2_000_000
 """Words times runs below which a second thread costs more than it saves."""
 
 
-def dilate(
+def collide(
     occupied: Bools,
-    robots: Sequence[Raster | Runs],
+    rasters: Sequence[Raster],
+    out: Sequence[NDArray[Any]],
     *,
     outside: bool,
-    out: Sequence[NDArray[Any]] | None = None,
     add: bool = False,
     workers: int | None = None,
     progress: Callable[[int, int], None] | None = None,
-) -> list[NDArray[Any]]:
-    """Dilate one bitmap by several rasters: the booleans of :func:`cspace.fourier.correlate`.
-
-    Parameters
-    ----------
-    occupied : ndarray of bool, shape (nx, ny) or (nx, ny, nz)
-        Obstacle cells W.
-    robots : sequence of Raster, or of their Runs on a map of this shape
-        Robot offsets A.
-    outside : bool
-        Whether the cells beyond the map are obstacle.
-    out : sequence of ndarray of bool or uint8, optional
-        Where to write the results, one C-ordered array for each raster; new arrays if left out.
-    add : bool
-        Add 1 to ``out``, arrays of uint8, wherever there is any overlap.
-    workers : int, optional
-        Threads; by default one for each core that the process may use. Small work takes one.
-    progress : callable, optional
-        Called with (parts done, parts in all), from the calling thread.
-
-    Returns
-    -------
-    list of ndarray
-    """
-    results: list[NDArray[Any]] = [np.empty(occupied.shape, np.bool_) for _ in robots] if out is None else list(out)
+) -> str:
+    """Dilate one bitmap by several rasters; see :class:`cspace.engines.Engine`. Small work takes one thread."""
     shape = in_space(occupied.shape)
     live: list[tuple[Runs, Cells]] = []
-    for robot, result in zip(robots, results, strict=True):
-        runs = robot if isinstance(robot, Runs) else Runs.of(robot, shape)
+    for raster, result in zip(rasters, out, strict=True):
+        runs = Runs.of(raster, shape)
         if len(runs) and not (outside and runs.beyond):
             live.append((runs, result.reshape(shape).view(np.uint8)))
         elif add:
@@ -86,7 +65,7 @@ def dilate(
         else:
             result[...] = outside and runs.beyond
     if not live:
-        return results
+        return "integer"
     board = Board(np.ascontiguousarray(occupied).reshape(shape).view(np.uint8), [runs for runs, _ in live], outside)
     tasks: list[Task] = []
     for runs, view in live:
@@ -98,37 +77,76 @@ def dilate(
     groups = [tasks[len(tasks) * k // parts : len(tasks) * (k + 1) // parts] for k in range(parts)]
     advance = None if progress is None else partial(_advance, progress, parts)
     in_threads(partial(board.settle, add), groups, threads, advance)
-    return results
+    return "integer"
 
 
-def dilation_bytes(shape: Sequence[int], robots: Sequence[Runs]) -> int:
-    """Memory that :func:`dilate` takes at most beside its input and results, in bytes; a few megabytes are left out."""
-    live = [runs for runs in robots if len(runs)]
-    return _words(shape, live) * WORD // 8 if live else 0
-
-
-def dilation_seconds(shape: Sequence[int], robots: Sequence[Runs], workers: int | None = None) -> float:
-    """How long :func:`dilate` is expected to take on this machine; ``workers`` as there."""
-    live = [runs for runs in robots if len(runs)]
+def bytes_needed(shape: Sequence[int], rasters: Sequence[Raster], workers: int | None = None) -> int:
+    """Memory that :func:`collide` takes at most beside its input and results, in bytes, but for a few megabytes."""
+    live = [raster for raster in rasters if raster.cells.size]
     if not live:
-        return 0.0
-    costs, words = figures().now, _words(shape, live)
-    # A word for each length of a run, and the filling up of fours, cost as much as a run.
-    steps = sum(len(runs) + 3 * runs.lengths for runs in live)
-    threads = (workers or cores()) if words * steps >= LEAST else 1
-    return (words * steps * costs.run + len(live) * math.prod(shape) * costs.cell) / threads
+        return 0
+    far = np.array(in_space(shape)) - 1  # offsets beyond this cannot fall on the map
+    lower = np.clip([in_space(raster.lower, 0) for raster in live], -far, far)
+    upper = np.clip([in_space(raster.upper, 0) for raster in live], -far, far)
+    _, (layers, rows, cells) = padded(in_space(shape), lower, upper)
+    return int(layers * rows * -(-cells // WORD)) * WORD // 8
 
 
-def frame(shape: tuple[int, int, int], robots: Sequence[Runs]) -> tuple[Ints, list[int]]:
-    """How much before a map's first cells robots reach, shape (3,), and the size with all that they reach."""
-    below: Ints = np.maximum(0, -np.min([runs.lower for runs in robots], axis=0))
-    above = np.maximum(0, np.max([runs.upper for runs in robots], axis=0))
+@dataclass(frozen=True, slots=True)
+class Runs:
+    """The offsets of a raster that can fall on a map, as rows of consecutive ones along the last axis.
+
+    Attributes
+    ----------
+    table : ndarray of int64, shape (n, 4)
+        The first offset of each, with 0 along the first axis in the plane, and how many offsets it has; ascending in
+        this number.
+    lower, upper : ndarray of int64, shape (3,)
+        The least and the greatest offset along each axis.
+    lengths : int
+        How many different lengths there are.
+    beyond : bool
+        Whether there are other offsets, which always fall beyond the map.
+    """
+
+    table: Ints
+    lower: Ints
+    upper: Ints
+    lengths: int
+    beyond: bool
+
+    @classmethod
+    def of(cls, raster: Raster, shape: Sequence[int]) -> Runs:
+        """The runs of a raster on a map of a shape of two or three axes."""
+        extra = 3 - raster.cells.ndim
+        cells = np.ascontiguousarray(raster.cells).reshape((1,) * extra + raster.cells.shape).view(np.uint8)
+        lower = np.array((0,) * extra + raster.lower, dtype=np.int64)
+        table, ends, lengths, offsets = find_runs(cells, lower, np.array(in_space(shape), dtype=np.int64))
+        return cls(table, ends[:3], ends[3:], int(lengths), bool(offsets < raster.count))
+
+    def __len__(self) -> int:
+        return len(self.table)
+
+    @property
+    def longest(self) -> int:
+        """The greatest number of offsets in a row."""
+        return int(self.table[-1, 3])
+
+
+def in_space(numbers: Sequence[int], front: int = 1) -> tuple[int, int, int]:
+    """Numbers along three axes, such as a map's shape; one in the plane has one layer, as the first axis."""
+    layers, rows, cells = (*(front,) * (3 - len(numbers)), *numbers)
+    return layers, rows, cells
+
+
+def padded(shape: Sequence[int], lower: Ints, upper: Ints) -> tuple[Ints, list[int]]:
+    """How much before a map's first cells robots reach, shape (3,), and the size of the map with all that they reach.
+
+    ``lower`` and ``upper``, shape (robots, 3), are their least and greatest offsets.
+    """
+    below: Ints = np.maximum(0, -lower.min(axis=0))
+    above = np.maximum(0, upper.max(axis=0))
     return below, (below + shape + above).tolist()
-
-
-def _words(shape: Sequence[int], robots: Sequence[Runs]) -> int:
-    _, (layers, rows, cells) = frame(in_space(shape), robots)
-    return int(layers * rows * -(-cells // WORD))
 
 
 def _advance(progress: Callable[[int, int], None], total: int, done: int) -> None:
@@ -149,10 +167,9 @@ class Board:
     """
 
     def __init__(self, occupied: Cells, runs: Sequence[Runs], outside: bool) -> None:
-        from cspace.bits import _kernels
-
         self.shape = in_space(occupied.shape)
-        self.pads, (layers, self.rows, cells) = frame(self.shape, runs)
+        lower, upper = np.array([each.lower for each in runs]), np.array([each.upper for each in runs])
+        self.pads, (layers, self.rows, cells) = padded(self.shape, lower, upper)
         self.width = -(-cells // WORD)
         # A block is read a row beyond the last run's place, and as far as the longest run reaches, and one word more.
         self.beyond = max(each.longest for each in runs) // WORD + 2
@@ -160,7 +177,7 @@ class Board:
         before, above, left = self.pads.tolist()
         for layer, slab in enumerate(occupied, start=before):
             first = (layer * self.rows + above) * self.width + left // WORD
-            _kernels.pack(slab, left % WORD, int(outside), self.words, first, self.width)
+            pack(slab, left % WORD, int(outside), self.words, first, self.width)
         if outside:
             np.invert(self.words, out=self.words)
 
@@ -168,9 +185,7 @@ class Board:
 
     def placed(self, runs: Runs) -> Ints:
         """Length, word and shift of each run."""
-        from cspace.bits import _kernels
-
-        table: Ints = _kernels.place_runs(runs.table, self.pads, self.rows, self.width)
+        table: Ints = place_runs(runs.table, self.pads, self.rows, self.width)
         return table
 
     def blocks(self, table: Ints) -> list[tuple[int, int]]:
@@ -182,13 +197,11 @@ class Board:
 
     def settle(self, add: bool, tasks: Sequence[Task]) -> None:
         """Make the results of blocks of rows for robots, and write them."""
-        from cspace.bits import _kernels
-
-        buffers = self._buffers
+        packed, buffers = Packed(self.words, self.width, self.rows), self._buffers
         for table, out, (first, last) in tasks:
             size = (last - first) * self.width
             reach = size + int(table[:, 1].max()) + self.beyond
             if getattr(buffers, "size", 0) < reach:
                 buffers.arrays, buffers.size = [np.empty(reach, np.uint64) for _ in range(3)], reach
-            words, now, then = (array[:reach] for array in buffers.arrays)
-            _kernels.settle_block(self.words, table, now, then, words[:size], self.width, first, self.rows, add, out)
+            now, then, words = buffers.arrays
+            settle_block(packed, table, Scratch(now[:reach], then[:reach], words[:size]), first, add, out)

@@ -1,0 +1,84 @@
+"""Engines: what decides, for every position of a robot at once, whether it overlaps the obstacles.
+
+There are two, which share no code and make the same map: transforms, whose cost hardly depends on the robot, and
+dilation, 64 cells at a time, which costs a step for each row of the robot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, Final, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace.engines import dilation, fft
+from cspace.raster.raster import Raster
+
+ROWS: Final = 2_000
+"""Rows of consecutive offsets, in the mean over a robot's rasters, from which on transforms are the quicker engine."""
+
+
+class Engine(Protocol):
+    """What :func:`cspace.build` asks of an engine."""
+
+    COUNTS: bool
+    """Whether it can tell overlap counts."""
+
+    def collide(
+        self,
+        occupied: NDArray[np.bool_],
+        rasters: Sequence[Raster],
+        out: Sequence[NDArray[Any]],
+        *,
+        outside: bool,
+        add: bool = False,
+        workers: int | None = None,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> str:
+        """Write, for every cell k of the map, what becomes of the overlaps of ``W[k + m]`` with the offsets m.
+
+        Parameters
+        ----------
+        occupied : ndarray of bool, shape (nx, ny) or (nx, ny, nz)
+            Obstacle cells W.
+        rasters : sequence of Raster
+            Robot offsets.
+        out : sequence of ndarray, one for each raster, of the shape of ``occupied``
+            C-ordered. Booleans become whether there is any overlap; int32, with engines that count, how many there
+            are.
+        outside : bool
+            Whether the cells beyond the map are obstacle.
+        add : bool
+            Add 1 to ``out``, arrays of uint8, wherever there is any overlap.
+        workers : int, optional
+            Threads; by default one for each core that the process may use.
+        progress : callable, optional
+            Called with (parts done, parts in all), from the calling thread.
+
+        Returns
+        -------
+        {"integer", "float32", "float64"}
+            The arithmetic that it took.
+        """
+
+    def bytes_needed(self, shape: Sequence[int], rasters: Sequence[Raster], workers: int | None = None) -> int:
+        """Memory that :meth:`collide` takes at most beside its input and results, in bytes."""
+
+
+ENGINES: Final[dict[str, Engine]] = {"fft": fft, "direct": dilation}
+
+METHODS: Final = (*ENGINES, "auto")
+
+
+def choose(rasters: Sequence[Raster], *, counts: bool = False) -> str:
+    """The engine to take for a robot's rasters: dilation, unless overlaps are counted or it has thousands of rows."""
+    if counts:
+        return "fft"
+    rows = sum(_rows(raster.cells) for raster in rasters)
+    return "direct" if rows <= ROWS * len(rasters) else "fft"
+
+
+def _rows(cells: NDArray[np.bool_]) -> int:
+    """Number of runs of set entries along the last axis."""
+    return int(np.count_nonzero(cells[..., :1]) + np.count_nonzero(cells[..., 1:] > cells[..., :-1]))
