@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from cspace.compiling import jit
 from numpy.typing import NDArray
+
+from cspace.compiling import jit
 
 NEAREST = 1.5 * 2.0**52
 """A number below 2^50 that is added to this is rounded to the nearest whole one, which the low bits then hold."""

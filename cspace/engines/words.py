@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from cspace.compiling import jit
 from numpy.typing import NDArray
+
+from cspace.compiling import jit
 
 Words = NDArray[np.uint64]
 Ints = NDArray[np.int64]
@@ -234,6 +235,6 @@ def unpack(
 
 @jit
 def settle_block(packed: Packed, runs: Ints, scratch: Scratch, first: int, add: bool, out: NDArray[np.uint8]) -> None:
-    """Dilate the rows from number ``first`` on, as many as the scratch holds, and write them into ``out`` or add them."""
+    """Dilate the rows from number ``first`` on, as many as the scratch holds, and write or add them to ``out``."""
     found = dilate_block(packed.words, first * packed.width, runs, scratch.now, scratch.then, scratch.result)
     unpack(scratch.result, packed.width, first, packed.rows, found, add, out)
