@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from cspace.errors import InputError as InputError
     from cspace.errors import MissingPackageError as MissingPackageError
     from cspace.grid import Grid as Grid
-    from cspace.io.files import open_map
-    from cspace.io.files import open_slice as open_slice
+    from cspace.io.reading import open_map
+    from cspace.io.reading import open_slice as open_slice
     from cspace.mesh import Mesh as Mesh
     from cspace.mesh import MeshWarning as MeshWarning
     from cspace.robot import Robot as Robot
@@ -41,8 +41,8 @@ _HOME = {
     "InputError": ("cspace.errors", "InputError"),
     "MissingPackageError": ("cspace.errors", "MissingPackageError"),
     "Grid": ("cspace.grid", "Grid"),
-    "open": ("cspace.io.files", "open_map"),
-    "open_slice": ("cspace.io.files", "open_slice"),
+    "open": ("cspace.io.reading", "open_map"),
+    "open_slice": ("cspace.io.reading", "open_slice"),
     "Mesh": ("cspace.mesh", "Mesh"),
     "MeshWarning": ("cspace.mesh", "MeshWarning"),
     "Robot": ("cspace.robot", "Robot"),

@@ -359,18 +359,18 @@ class CSpace(Questions):
         return to_xarray(self)
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> None:
-        """Save as a Zarr folder, which :func:`cspace.open` reads; see :func:`cspace.io.files.save`."""
-        from cspace.io.files import save
+        """Save as a Zarr folder, which :func:`cspace.open` reads; see :func:`cspace.io.writing.save`."""
+        from cspace.io.writing import save
 
         save(self, path, overwrite=overwrite)
 
     def export(self, path: str | Path, *, overwrite: bool = False, yaw: float | None = None) -> None:
-        """Write for other programs, by suffix; see :func:`cspace.io.files.export`.
+        """Write for other programs, by suffix; see :func:`cspace.io.writing.export`.
 
         ``.npz``; in the plane ``.yaml``, a ROS map; ``.vti`` for ParaView; in space ``.ply``, ``.obj`` and ``.stl``,
         the border of the FREE cells. What holds one slice needs, of a robot that turns, its ``yaw``, in radians.
         """
-        from cspace.io.files import export
+        from cspace.io.writing import export
 
         export(self, path, overwrite=overwrite, yaw=yaw)
 

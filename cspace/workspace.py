@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import inspect
 import os
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -83,14 +85,20 @@ class Workspace:
 
     @classmethod
     def from_array(
-        cls, occupied: ArrayLike, spacing: float, lower: ArrayLike | None = None, *, inner: ArrayLike | None = None
+        cls,
+        occupied: ArrayLike | str | os.PathLike[str],
+        spacing: float,
+        lower: ArrayLike | None = None,
+        *,
+        inner: ArrayLike | None = None,
     ) -> Workspace:
         """A map that is already a grid.
 
         Parameters
         ----------
-        occupied : array-like of bool, shape (nx, ny) or (nx, ny, nz)
-            Cells that meet an obstacle, indexed in the order of the coordinates; 0 and 1 are accepted.
+        occupied : array-like of bool, shape (nx, ny) or (nx, ny, nz), or path-like
+            Cells that meet an obstacle, indexed in the order of the coordinates; 0 and 1 are accepted. A path is that
+            of a ``.npy`` file.
         spacing : float
             Side of a cell, in metres.
         lower : array-like, shape (d,), optional
@@ -103,6 +111,10 @@ class Workspace:
         InputError
             If an array is empty, not boolean or of the wrong shape, or a number is not usable.
         """
+        if isinstance(occupied, str | os.PathLike):
+            from cspace.io.npy import read_cells
+
+            return replace(cls.from_array(read_cells(occupied), spacing, lower, inner=inner), source=str(occupied))
         cells = check_cells(occupied, "occupied")
         corner = finite(np.zeros(cells.ndim) if lower is None else lower, "lower")
         if corner.shape != (cells.ndim,):
@@ -403,6 +415,42 @@ class Workspace:
         FileError
             If the file is missing or malformed.
         """
-        from cspace.io.workspaces import open_workspace
+        reader = reader_of(path, options)
+        for name, parameter in _options_of(reader).items():
+            if parameter.default is parameter.empty and name not in options:
+                raise InputError(
+                    name, f"is missing for {os.fspath(path)}", "such a file does not hold it", f"pass e.g. {name}=0.05"
+                )
+        return reader(path, **options)
 
-        return open_workspace(path, **options)
+
+def reader_of(path: str | os.PathLike[str], options: Iterable[str] = ()) -> Callable[..., Workspace]:
+    """The classmethod that reads a workspace's file.
+
+    Parameters
+    ----------
+    path : path-like
+    options : iterable of str
+        Names of options that it must take.
+
+    Raises
+    ------
+    InputError
+        If the suffix is unknown, or an option does not apply.
+    FileError
+        If the file had to be looked into and is missing.
+    """
+    from cspace.io.formats import method_of
+
+    reader: Callable[..., Workspace] = getattr(Workspace, method_of(path))
+    known = _options_of(reader)
+    for name in options:
+        if name not in known:
+            raise InputError(
+                name, f"is given for {os.fspath(path)}", f"such a file takes {', '.join(known)}", "leave it out"
+            )
+    return reader
+
+
+def _options_of(reader: Callable[..., Workspace]) -> dict[str, inspect.Parameter]:
+    return dict(list(inspect.signature(reader).parameters.items())[1:])

@@ -19,7 +19,8 @@ import cspace
 from cspace.bodies import Balls
 from cspace.errors import FileError
 from cspace.io import arrays, geometry, npz, record, store
-from cspace.io.files import open_map, save
+from cspace.io.reading import open_map
+from cspace.io.writing import save
 from cspace.rotations import TURN, Rotations
 from cspace.slices import slice_of_rotation
 from strategies import robots

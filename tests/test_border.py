@@ -20,7 +20,7 @@ import cspace
 from cspace.errors import FileError, InputError
 from cspace.io.border import WRITERS, free_border, triangles
 from cspace.io.border.triangles import writer_of
-from cspace.io.files import export
+from cspace.io.writing import export
 
 
 def bare(state: np.ndarray, lower: tuple[float, ...] = (0.0, 0.0, 0.0), spacing: float = 1.0) -> Any:

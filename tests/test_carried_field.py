@@ -23,7 +23,8 @@ from cspace.cli import app
 from cspace.errors import FileError
 from cspace.io import record, store
 from cspace.io.arrays import FIELDS, arrays_of
-from cspace.io.files import export, open_map, open_slice, save
+from cspace.io.reading import open_map, open_slice
+from cspace.io.writing import export, save
 from cspace.spectral import FourierOverlap, OverlapField
 from maps import SUFFIXES, files, forged, interrupted, refused, same, spaces
 from test_spatial_files import spaces as solid_spaces

@@ -13,7 +13,8 @@ from hypothesis import given, settings
 
 import cspace
 from cspace.errors import FileError
-from cspace.io.files import export, open_map
+from cspace.io.reading import open_map
+from cspace.io.writing import export
 from maps import SUFFIXES, rebuilt, refused, same, spaces
 
 

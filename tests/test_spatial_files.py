@@ -21,7 +21,8 @@ import cspace
 from cspace.bodies import Balls
 from cspace.errors import InputError
 from cspace.io import store
-from cspace.io.files import export, open_map, open_slice, save
+from cspace.io.reading import open_map, open_slice
+from cspace.io.writing import export, save
 from cspace.mesh import Mesh
 from maps import SUFFIXES, files, forged, interrupted, rebuilt, refused, same
 

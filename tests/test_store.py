@@ -19,7 +19,8 @@ from hypothesis import strategies as st
 import cspace
 from cspace.errors import FileError, InputError
 from cspace.io import store
-from cspace.io.files import export, open_map, save
+from cspace.io.reading import open_map
+from cspace.io.writing import export, save
 from maps import SUFFIXES, files, forged, interrupted, refused, same, spaces
 
 

@@ -17,7 +17,8 @@ from hypothesis import strategies as st
 
 import cspace
 from cspace.errors import FileError
-from cspace.io.files import open_map, open_slice, save
+from cspace.io.reading import open_map, open_slice
+from cspace.io.writing import save
 from cspace.rotations import TURN, Rotations
 from maps import SUFFIXES, files, forged, interrupted, refused, same
 

@@ -19,7 +19,8 @@ from hypothesis import strategies as st
 import cspace
 from cspace.errors import FileError, InputError
 from cspace.io import store
-from cspace.io.files import export, open_map, open_slice, save
+from cspace.io.reading import open_map, open_slice
+from cspace.io.writing import export, save
 from cspace.rotations import TURN, Rotations
 from maps import SUFFIXES, rebuilt, refused, same, spaces
 

@@ -17,8 +17,8 @@ from vtkmodules.vtkIOXML import vtkXMLImageDataReader
 import cspace
 from cspace.errors import FileError, InputError
 from cspace.io import vti
-from cspace.io.files import export
 from cspace.io.vti import write_vti
+from cspace.io.writing import export
 
 
 def read(path: Path) -> tuple[Any, dict[str, np.ndarray]]:

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from cspace import Grid, Workspace
 from cspace.covering import covering_grid, covering_shape
 from cspace.errors import FileError, InputError
-from cspace.io.workspaces import READERS, dimension_of
+from cspace.io.formats import METHODS, dimension_of
 from cspace.memory import check_memory
 
 L_SHAPE = [[1, 1, 0], [0, 1, 0]]
@@ -164,7 +164,7 @@ def test_open_of_something_that_is_no_name() -> None:
         Workspace.open(7)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("suffix", READERS)
+@pytest.mark.parametrize("suffix", METHODS)
 def test_missing_files_and_folders_are_named(tmp_path: Path, suffix: str) -> None:
     options = {} if suffix in (".yaml", ".yml", ".map", ".3dmap", ".bt", ".ot") else {"spacing": 1.0}
     path = tmp_path / f"absent{suffix}"
@@ -327,7 +327,7 @@ def test_dimensions_of_an_array_are_told_by_its_header(tmp_path: Path) -> None:
         assert dimension_of(tmp_path / "a.npy") == dim
 
 
-@pytest.mark.parametrize("suffix", READERS)
+@pytest.mark.parametrize("suffix", METHODS)
 def test_every_suffix_is_told(suffix: str) -> None:
     assert Workspace.open.__doc__ is not None
     images = {".pbm", ".pnm", ".jpeg", ".tif", ".tiff"}

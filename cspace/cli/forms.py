@@ -34,13 +34,13 @@ def form_of(file: Path) -> Form:
     FileError
         If the file is not a map that can be opened.
     """
-    from cspace.io import files
+    from cspace.io.reading import open_map
 
     try:
         metadata = _metadata(file)
         return Form.of(len(metadata["shape"]), bool(metadata["rotations"]))
     except Exception:  # Whatever is wrong with the map, those who open it tell of it better.
-        space = files.open_map(file)
+        space = open_map(file)
         return Form.of(space.grid.dim, space.rotations is not None)
 
 

@@ -121,10 +121,10 @@ def make(
 ) -> None:
     """Build the map of a robot in a workspace, and save it."""
     from cspace import build
-    from cspace.io.files import SAVES
-    from cspace.io.workspaces import dimension_of, reader_of
+    from cspace.io.formats import dimension_of
+    from cspace.io.writing import SAVES
     from cspace.rotations import check_rotations
-    from cspace.workspace import Workspace
+    from cspace.workspace import Workspace, reader_of
 
     check_rotations(rotations)
     output = Path(workspace.with_suffix(".zarr").name) if output is None else output
@@ -170,7 +170,7 @@ def info(
     as_json: Json = False,
 ) -> None:
     """Tell what a saved map, a workspace or a robot holds, and what a map would take, before any work."""
-    from cspace.io.files import open_map
+    from cspace.io.reading import open_map
     from cspace.robot import Robot
 
     kind = kind or _kind(file)
@@ -230,7 +230,7 @@ def picture(
     as_json: Json = False,
 ) -> None:
     """Draw a map, and a path on it, into a picture."""
-    from cspace.io.files import open_map
+    from cspace.io.reading import open_map
     from cspace.plot import SUFFIXES, save_plot, save_strip
 
     if strip and (yaw is not None or robot_every is not None):
@@ -280,17 +280,18 @@ def export(
     as_json: Json = False,
 ) -> None:
     """Write a saved map for other software."""
-    from cspace.io import files
+    from cspace.io.reading import open_map
+    from cspace.io.writing import EXPORTS, export
 
-    check_outputs([output], files.EXPORTS, overwrite)
+    check_outputs([output], EXPORTS, overwrite)
     turn = None if yaw is None else angle(yaw, "--yaw")
     if turn is not None:
         check_turning(form_of(file), "--yaw")
     clock = Clock()
     with clock.step("read"):
-        space = files.open_map(file)
+        space = open_map(file)
     with clock.step("write"):
-        files.export(space, output, overwrite=overwrite, **given(yaw=turn))
+        export(space, output, overwrite=overwrite, **given(yaw=turn))
     show({"output": str(output), **describe_map(space), "seconds": clock.seconds}, as_json)
 
 

@@ -69,7 +69,7 @@ def plan(
     as_json: Json = False,
 ) -> None:
     """Plan a path on a saved map. The exit code is 1 where none is found."""
-    from cspace.io.files import open_map
+    from cspace.io.reading import open_map
     from cspace.plot import SUFFIXES, save_plot
     from cspace.plot import animate as save_animation
 

@@ -39,8 +39,8 @@ def survey(path: Path, options: dict[str, Any], robot: Robot | None = None) -> d
     FileError
         If the file is missing or malformed.
     """
-    from cspace.io.workspaces import dimension_of, open_workspace, reader_of
-    from cspace.workspace import Workspace
+    from cspace.io.formats import dimension_of
+    from cspace.workspace import Workspace, reader_of
 
     surveys: dict[Callable[..., Workspace], Callable[..., dict[str, Any]]] = {
         Workspace.from_mesh: _mesh,
@@ -53,7 +53,7 @@ def survey(path: Path, options: dict[str, Any], robot: Robot | None = None) -> d
     if reader in surveys:
         document = surveys[reader](path, **options)
     else:
-        document = _grid(path, lambda **more: open_workspace(path, **{**options, **more}), reader)
+        document = _grid(path, lambda **more: Workspace.open(path, **{**options, **more}), reader)
     if robot is not None:
         described = describe_robot(robot, document.get("spacing_m"))
         document["robot"] = {"name": described.pop("robot"), **described}

@@ -1,25 +1,17 @@
-"""Arrays saved by :func:`numpy.save`, whose header is held against the file before anything is read."""
+"""Arrays saved by :func:`numpy.save`, mapped into memory, so that nothing is read before it is known to be there."""
 
 from __future__ import annotations
 
-import math
 import os
-from pathlib import Path
-from typing import Any, BinaryIO, Final
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.errors import FileError
+from cspace.errors import FileError, InputError
 from cspace.io.input import existing, unreadable
 
-KIND: Final = "NumPy array"
-
-_HEADERS: Final = {
-    (1, 0): np.lib.format.read_array_header_1_0,
-    (2, 0): np.lib.format.read_array_header_2_0,
-}
-"""What reads a header, by the version of the format; later ones are for records with names beyond Latin letters."""
+KIND = "NumPy array"
 
 
 def npy_header(path: str | os.PathLike[str]) -> tuple[tuple[int, ...], np.dtype[Any]]:
@@ -30,18 +22,12 @@ def npy_header(path: str | os.PathLike[str]) -> tuple[tuple[int, ...], np.dtype[
     FileError
         As :func:`read_npy`.
     """
-    file = existing(path, KIND)
-    try:
-        with file.open("rb") as stream:
-            return _header(file, stream)
-    except FileError:
-        raise
-    except OSError as error:
-        raise unreadable(file, KIND, error) from error
+    array = read_npy(path)
+    return array.shape, array.dtype
 
 
 def read_npy(path: str | os.PathLike[str]) -> NDArray[Any]:
-    """The array of a ``.npy`` file.
+    """The array of a ``.npy`` file, read-only, its values left in the file until they are used.
 
     Raises
     ------
@@ -50,43 +36,38 @@ def read_npy(path: str | os.PathLike[str]) -> NDArray[Any]:
     """
     file = existing(path, KIND)
     try:
-        with file.open("rb") as stream:
-            _header(file, stream)
-            stream.seek(0)
-            array: NDArray[Any] = np.lib.format.read_array(stream, allow_pickle=False)
-    except FileError:
-        raise
+        array = np.load(file, mmap_mode="r", allow_pickle=False)
+        if isinstance(array, np.ndarray):
+            return array
+        reason = "it is an archive of several arrays"
     except OSError as error:
         raise unreadable(file, KIND, error) from error
-    except (ValueError, OverflowError, EOFError) as error:  # sizes of no bytes that NumPy cannot hold
-        raise _unusable(file, str(error)) from error
-    return array
-
-
-def _header(file: Path, stream: BinaryIO) -> tuple[tuple[int, ...], np.dtype[Any]]:
-    """The header at the beginning of a stream, checked."""
-    try:
-        version = np.lib.format.read_magic(stream)
-        shape, _, dtype = _HEADERS[version](stream)
-    except (MemoryError, OSError):
-        raise
     except Exception as error:  # The header is text in Python's syntax: damaged, it raises whatever that leads to.
-        raise _unusable(file, f"{type(error).__name__}: {error}") from error
-    if dtype.hasobject:
-        raise _unusable(file, f"it holds Python objects ({dtype})")
-    if min(shape, default=0) < 0:
-        raise _unusable(file, f"its header says shape {shape}")
-    start = stream.tell()
-    held, told = stream.seek(0, os.SEEK_END) - start, math.prod(shape) * dtype.itemsize
-    if held < told:
-        raise _unusable(
-            file, f"its header says shape {shape} of {dtype}, which is {told} bytes, and {held} follow: it is truncated"
-        )
-    return shape, dtype
-
-
-def _unusable(file: Path, reason: str) -> FileError:
-    return FileError(
-        f"{file} cannot be read: {reason}; it must hold one array, boolean for cells or floating-point for points; "
-        "write it with numpy.save"
+        reason = str(error) or type(error).__name__
+    raise FileError(
+        str(file),
+        f"cannot be read: {' '.join(reason.split())[:200]}",
+        "it must hold one array, boolean for cells or floating-point for points",
+        "write it with numpy.save",
     )
+
+
+def read_cells(path: str | os.PathLike[str]) -> NDArray[Any]:
+    """The array of a ``.npy`` file, to be taken as cells.
+
+    Raises
+    ------
+    InputError
+        If it rather holds points, as whole numbers.
+    FileError
+        As :func:`read_npy`.
+    """
+    array = read_npy(path)
+    if array.dtype.kind in "iu" and array.shape[1:] == (3,) and ((array != 0) & (array != 1)).any():
+        raise InputError(
+            os.fspath(path),
+            f"holds {len(array)} rows of three whole numbers, other ones than 0 and 1",
+            "cells are booleans and points are floating-point numbers",
+            "save it as array.astype(float) if it holds points in metres, or as booleans if it holds cells",
+        )
+    return array

@@ -372,7 +372,7 @@ def test_outputs_are_checked_before_any_work(room: Path, monkeypatch: pytest.Mon
     def work(*_: object, **__: object) -> None:
         raise AssertionError("work began")
 
-    monkeypatch.setattr("cspace.io.files.open_map", work)
+    monkeypatch.setattr("cspace.io.reading.open_map", work)
     monkeypatch.setattr("cspace.build", work, raising=False)
     monkeypatch.setattr("cspace.workspace.Workspace.open", work)
     Path("old.pgm").write_text("an image that the export would replace")
@@ -422,7 +422,7 @@ def test_what_comes_from_outside(
     def fail(_: object) -> None:
         raise error
 
-    monkeypatch.setattr("cspace.io.files.open_map", fail)
+    monkeypatch.setattr("cspace.io.reading.open_map", fail)
     result = run("info", "plan.zarr")
     assert (result.exit_code, result.stdout, result.stderr.count("\n")) == (code, "", 1)
     assert words in result.stderr
@@ -432,7 +432,7 @@ def test_our_own_defects_are_not_hidden(room: Path, monkeypatch: pytest.MonkeyPa
     def fail(_: object) -> None:
         raise ZeroDivisionError
 
-    monkeypatch.setattr("cspace.io.files.open_map", fail)
+    monkeypatch.setattr("cspace.io.reading.open_map", fail)
     assert isinstance(run("info", "plan.zarr").exception, ZeroDivisionError)
 
 

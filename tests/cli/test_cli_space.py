@@ -114,7 +114,7 @@ def room(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_form_of_a_map_is_told_without_reading_it(
     room: Path, monkeypatch: pytest.MonkeyPatch, file: str, form: Form
 ) -> None:
-    monkeypatch.setattr("cspace.io.files.open_map", None)
+    monkeypatch.setattr("cspace.io.reading.open_map", None)
     assert form_of(Path(file)) is form
 
 
@@ -412,7 +412,7 @@ def test_options_are_checked_before_any_work(room: Path, monkeypatch: pytest.Mon
     def work(*_: object, **__: object) -> None:
         raise AssertionError("work began")
 
-    monkeypatch.setattr("cspace.io.files.open_map", work)
+    monkeypatch.setattr("cspace.io.reading.open_map", work)
     monkeypatch.setattr("cspace.workspace.Workspace.open", work)
     monkeypatch.setattr("cspace.mesh.Mesh.of", work)
     for arguments in (

@@ -279,7 +279,7 @@ def test_options_are_checked_before_any_work(room: Path, monkeypatch: pytest.Mon
     def work(*_: object, **__: object) -> None:
         raise AssertionError("work began")
 
-    monkeypatch.setattr("cspace.io.files.open_map", work)
+    monkeypatch.setattr("cspace.io.reading.open_map", work)
     monkeypatch.setattr("cspace.workspace.Workspace.open", work)
     for arguments in (
         [*_MAP, "--rotations", "0"],

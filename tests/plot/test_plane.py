@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 import cspace
 from cspace import CSpace, Grid, Robot, Workspace, build
-from cspace.plot.cell_image import CellImage, coarsen
 from cspace.errors import FileError, InputError
 from cspace.plot import plot, save_plot
 from cspace.plot.artists import CLASSES
+from cspace.plot.cell_image import CellImage, coarsen
 from cspace.plot.view import rings
 
 matplotlib = pytest.importorskip("matplotlib")

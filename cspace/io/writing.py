@@ -1,4 +1,4 @@
-"""Which function reads or writes a map, by the suffix of its name."""
+"""Maps, written: which function does it, by the suffix of the name."""
 
 from __future__ import annotations
 
@@ -7,16 +7,14 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from cspace.errors import FileError, InputError
+from cspace.errors import InputError
 from cspace.io.arrays import one_yaw
 from cspace.io.border import WRITERS, write_border
-from cspace.io.input import unreadable
-from cspace.io.npz import read_npz, write_npz
-from cspace.io.store import read_slice, read_store, write_store
+from cspace.io.npz import write_npz
+from cspace.io.store import write_store
 from cspace.io.vti import write_vti
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
     from cspace.space import CSpace
@@ -25,7 +23,7 @@ if TYPE_CHECKING:
 _Writer = Callable[["CSpace", str | os.PathLike[str], bool], None]
 
 SAVES: Final[Mapping[str, _Writer]] = {".zarr": write_store, "": write_store, ".npz": write_npz}
-"""Formats that ``open_map`` reads again, by suffix."""
+"""Formats that :func:`cspace.open` reads again, by suffix."""
 
 
 def _export_ros_map(space: CSpace, path: str | os.PathLike[str], overwrite: bool, yaw: float | None) -> None:
@@ -68,7 +66,7 @@ EXPORTS: Final = (*SAVES, *_SLICES)
 
 
 def save(space: CSpace, path: str | os.PathLike[str], overwrite: bool = False) -> None:
-    """Save a map, complete, so that :func:`open_map` gives it back.
+    """Save a map, complete, so that :func:`cspace.open` gives it back.
 
     Parameters
     ----------
@@ -122,54 +120,6 @@ def export(space: CSpace, path: str | os.PathLike[str], overwrite: bool = False,
     SAVES[suffix](space, path, overwrite)
 
 
-def open_map(path: str | os.PathLike[str]) -> CSpace:
-    """Open a map that was saved.
-
-    Parameters
-    ----------
-    path : path-like
-        A Zarr folder or an ``.npz`` file.
-
-    Returns
-    -------
-    CSpace
-        Equal to the one that was saved.
-
-    Raises
-    ------
-    FileError
-        If there is nothing, or nothing that can be read, or not a map, or a map that is truncated or changed.
-    """
-    return read_store(path) if _is_folder(path) else read_npz(path)
-
-
-def open_slice(path: str | os.PathLike[str], yaw: float = 0.0) -> NDArray[np.uint8]:
-    """Read the states of one yaw from a map that was saved.
-
-    Of a Zarr folder, nothing but that slice is read, and only that is proven unchanged; an ``.npz`` file is read whole.
-
-    Parameters
-    ----------
-    path : path-like
-        A Zarr folder or an ``.npz`` file.
-    yaw : float
-        Radians, wrapped. Plays no part in the map of a robot that only translates, whose states are one slice.
-
-    Returns
-    -------
-    ndarray of uint8, shape (nx, ny) or (nx, ny, nz)
-        FREE, MIXED or BLOCKED of each cell, proven for all yaw angles of the rotation cell that holds ``yaw``.
-
-    Raises
-    ------
-    InputError
-        If ``yaw`` is not one finite number that can be wrapped.
-    FileError
-        As :func:`open_map`, of what is read.
-    """
-    return read_slice(path, yaw) if _is_folder(path) else read_npz(path).slice_at(one_yaw(yaw))
-
-
 def _slice_number(space: CSpace, path: str | os.PathLike[str], yaw: float | None) -> int:
     """Number of the one slice of a map that is asked for."""
     if space.rotations is None:
@@ -182,25 +132,6 @@ def _slice_number(space: CSpace, path: str | os.PathLike[str], yaw: float | None
             f"{space.rotations.count} rotation cells; pass the yaw to write, e.g. yaw=0.0 (radians)"
         )
     return int(space.slice_of[space.rotations.cell_of(one_yaw(yaw))])
-
-
-def _is_folder(path: str | os.PathLike[str]) -> bool:
-    """Whether a saved map is a folder, or else an ``.npz`` file."""
-    try:
-        where = Path(path)
-        there, folder = where.exists(), where.is_dir()
-    except (TypeError, ValueError) as error:
-        raise InputError(f"path is {path!r}; it must be a file name; pass a string or a pathlib.Path") from error
-    except OSError as error:
-        raise unreadable(path, "saved map", error) from error
-    if not there:
-        raise FileError(f"{where} does not exist; a saved map is a folder or an .npz file; check the name")
-    if not folder and where.suffix.lower() != ".npz":
-        raise FileError(
-            f"{where} is not a saved map; a saved map is a Zarr folder or an .npz file; build the map first, with "
-            "cspace.build (cspace map on the command line)"
-        )
-    return folder
 
 
 def _suffix(path: str | os.PathLike[str], known: Iterable[str]) -> str:
