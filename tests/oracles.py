@@ -3,6 +3,8 @@
 from fractions import Fraction
 from itertools import product
 
+import numpy as np
+
 Point = tuple[Fraction, Fraction]
 Segment = tuple[Point, Point]
 
@@ -117,6 +119,18 @@ def overlap(occupied, offsets, outside):
         return bool(occupied[i, j]) if 0 <= i < nx and 0 <= j < ny else outside
 
     return {(i, j): sum(filled(i + m, j + n) for m, n in offsets) for i, j in product(range(nx), range(ny))}
+
+
+def overlaps_by_shifts(occupied, raster, outside):
+    """Overlap of each cell with a library Raster, by adding up shifted copies of the map."""
+    pad = [n + 1 for n in occupied.shape]
+    wide = np.pad(occupied, [(n, n) for n in pad], constant_values=outside)
+    total = np.zeros(occupied.shape, dtype=np.int64)
+    for offset in np.argwhere(raster.cells) + raster.lower:
+        # Beyond the pads all is like the pads.
+        first = [p + int(np.clip(m, -p, p)) for m, p in zip(offset, pad, strict=True)]
+        total += wide[tuple(slice(f, f + n) for f, n in zip(first, occupied.shape, strict=True))]
+    return total
 
 
 def touched_cells(start, end, spacing, lower, shape):

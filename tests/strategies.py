@@ -10,6 +10,9 @@ from hypothesis.extra import numpy as hnp
 from cspace import Robot
 
 seeds = st.integers(0, 2**32 - 1)
+SIDE = 0.15
+"""Of cells that some solid robots are aligned with, metres."""
+
 spacings = st.sampled_from([0.05, 0.1, 0.25, 1.0, 0.37])
 
 
@@ -69,3 +72,26 @@ def rotation_cells(draw, most=12):
     first = draw(st.sampled_from([0.0, -math.pi, -0.3, 2.0, -6.0]))
     widths = rng.uniform(0.1, 1.0, draw(st.integers(1, most)))
     return first + np.append(0.0, np.cumsum(widths) / widths.sum()) * 2 * math.pi
+
+
+@st.composite
+def solid_robots(draw, size=0.4):
+    """Robots of every kind but meshes, with their exact shape as boxes and balls: (lower, upper, radius) each."""
+    kind = draw(st.sampled_from(["ball", "box", "balls", "cells"]))
+    rng = np.random.default_rng(draw(seeds))
+    center = rng.uniform(-1, 1, 3) * size
+    if draw(st.booleans()):
+        center = np.round(center / SIDE) * SIDE
+    if kind == "box":
+        extents = size * rng.uniform(0.1, 2.0, 3)
+        return Robot.box(extents, center), [(center - extents / 2, center + extents / 2, 0.0)]
+    if kind == "cells":
+        occupied = rng.random(rng.integers(1, 5, 3)) < 0.5
+        occupied[0, 0, 0] = True
+        side = draw(st.sampled_from([SIDE, 0.11]))
+        lows = center + side * np.argwhere(occupied)
+        return Robot.cells(occupied, side, center), [(low, low + side, 0.0) for low in lows]
+    n = 1 if kind == "ball" else int(rng.integers(2, 5))
+    centers, radii = center + rng.uniform(-size, size, (n, 3)) * (n > 1), size * rng.uniform(0.1, 0.9, n)
+    robot = Robot.ball(radii[0], centers[0]) if n == 1 else Robot.balls(centers, radii)
+    return robot, [(c, c, r) for c, r in zip(centers, radii, strict=True)]

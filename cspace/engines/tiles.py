@@ -100,7 +100,7 @@ def choose_tiling(
         tile, numbers = zip(*axes, strict=True)
         tiles = math.prod(numbers)
         for precision in UNIT_ROUNDOFF:
-            cost_of_one = _transform_seconds(math.prod(tile), precision)
+            cost_of_one = transform_seconds(math.prod(tile), precision)
             for shares in range(min(most, rasters * tiles), 0, -1):
                 digits = min(shares, rasters)
                 stack = shares // digits
@@ -121,7 +121,7 @@ def choose_tiling(
 
 
 @cache
-def _transform_seconds(size: int, precision: str) -> float:
+def transform_seconds(size: int, precision: str) -> float:
     """Half of what a tile of so many points takes: one transform and its share of the rest."""
     known = SECONDS_A_POINT[precision]
     place = max(math.log2(size / SIZES[0]) / 2.0, 0.0)

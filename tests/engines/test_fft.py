@@ -1,59 +1,34 @@
-"""The engine against sums taken one by one."""
-
-import threading
+"""The engine by transforms: how it cuts the map, and why its sums come out whole."""
 
 import numpy as np
 import pytest
 import scipy.fft
-from hypothesis import example, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import oracles
-from cspace.fourier import correlate, correlation
-from cspace.fourier.precision import MARGIN, UNIT_ROUNDOFF, error_bound, growth
-from cspace.fourier.tiles import choose_tiling, fast_length
-from cspace.raster import Raster
-from strategies import bitmaps, seeds
+from cspace.engines import fft
+from cspace.engines.precision import MARGIN, UNIT_ROUNDOFF, error_bound, growth
+from cspace.engines.tiles import SECONDS_A_POINT, SIZES, choose_tiling, fast_length, transform_seconds
+from cspace.raster.raster import Raster
+from oracles import overlaps_by_shifts
+from strategies import seeds
 
 
-def by_shifts(occupied, raster, outside, pad=300):
-    """Overlaps by adding up shifted copies of the map."""
-    wide = np.pad(occupied, pad, constant_values=outside)
-    total = np.zeros(occupied.shape, dtype=np.int64)
-    for offset in np.argwhere(raster.cells) + raster.lower:
-        total += wide[tuple(slice(pad + m, pad + m + n) for m, n in zip(offset, occupied.shape, strict=True))]
-    return total
+def collide(occupied, rasters, outside, dtype=np.bool_, **options):
+    out = [np.full(occupied.shape, 7 if options.get("add") else 0, dtype) for _ in rasters]
+    return out, fft.collide(occupied, rasters, out, outside=outside, **options)
 
 
-@given(bitmaps(9), bitmaps(7), st.tuples(st.integers(-12, 6), st.integers(-12, 6)), st.booleans())
-@example(np.ones((1, 9), bool), np.ones((5, 1), bool), (-2, 0), True)
-@example(np.zeros((4, 4), bool), np.ones((20, 20), bool), (-9, -9), False)
-@example(np.ones((4, 4), bool), np.ones((20, 20), bool), (-9, -9), True)
-@example(np.zeros((3, 3), bool), np.zeros((2, 2), bool), (0, 0), True)
-def test_overlaps_equal_the_sum(occupied, cells, lower, outside):
-    raster = Raster.trimmed(cells, lower)
-    counts = correlate(occupied, [raster], outside=outside, counts=True).results[0]
-    expected = oracles.overlap(occupied, oracles.raster_offsets(raster), outside)
-    assert {k: counts[k] for k in np.ndindex(counts.shape)} == expected
-
-
-@settings(max_examples=25)
-@given(seeds)
-def test_many_tiles_and_many_rasters(seed):
-    rng = np.random.default_rng(seed)
-    occupied = rng.random(rng.integers(100, 400, 2)) < rng.choice([0.001, 0.05, 0.5])
-    occupied[: rng.integers(0, 90)] = rng.random() < 0.5
-    rasters = [
-        Raster.trimmed(rng.random(rng.integers(1, 60, 2)) < 0.7, tuple(rng.integers(-40, 10, 2).tolist()))
-        for _ in range(rng.integers(1, 4))
-    ]
-    outside = bool(rng.integers(2))
-    counts = correlate(occupied, rasters, outside=outside, counts=True, workers=2)
-    hits = correlate(occupied, rasters, outside=outside, workers=1)
-    for raster, count, hit in zip(rasters, counts.results, hits.results, strict=True):
-        expected = by_shifts(occupied, raster, outside)
+def check(occupied, rasters, outside):
+    """Counts, hits and hits that are added, against the sum."""
+    counts, _ = collide(occupied, rasters, outside, np.int32, workers=1)
+    hits, _ = collide(occupied, rasters, outside, workers=2)
+    marks, _ = collide(occupied, rasters, outside, np.uint8, add=True, workers=2)
+    for raster, count, hit, mark in zip(rasters, counts, hits, marks, strict=True):
+        expected = overlaps_by_shifts(occupied, raster, outside)
         assert (count == expected).all()
         assert (hit == (expected > 0)).all()
+        assert (mark == 7 + (expected > 0)).all()
 
 
 @pytest.mark.parametrize("axis", range(3))
@@ -64,8 +39,7 @@ def test_tiles_of_constant_lines(axis, outside):
     np.moveaxis(occupied, axis, 0)[[3, 70, 71, 72, 90, 149, 217]] = True
     raster = Raster.trimmed(np.indices((3, 4, 5)).prod(axis=0) == 4, (-1, -2, 1))
     assert max(choose_tiling(occupied.shape, raster.cells.shape, raster.count).step) < 80
-    counts = correlate(occupied, [raster], outside=outside, counts=True).results[0]
-    assert (counts == by_shifts(occupied, raster, outside, 8)).all()
+    check(occupied, [raster], outside)
 
 
 @settings(max_examples=20)
@@ -79,9 +53,7 @@ def test_slabs_bars_and_boxes(seed):
         occupied[tuple(slice(*cut) for cut in cuts)] ^= True
     cells, lower = rng.random(rng.integers(1, 5, 3)) < 0.7, rng.integers(-6, 3, 3)
     raster = Raster.trimmed(cells, tuple(lower.tolist()))
-    outside = bool(rng.integers(2))
-    counts = correlate(occupied, [raster], outside=outside, counts=True).results[0]
-    assert (counts == by_shifts(occupied, raster, outside, 12)).all()
+    check(occupied, [raster], bool(rng.integers(2)))
 
 
 @settings(max_examples=12)
@@ -102,15 +74,7 @@ def test_tiles_that_share_a_transform(seed):
     outside = bool(rng.integers(2))
     count = max(raster.count for raster in rasters)
     assert choose_tiling(occupied.shape, (60, 55), count, 2, len(rasters)).stack > 1
-    counts = correlate(occupied, rasters, outside=outside, counts=True, workers=1)
-    hits = correlate(occupied, rasters, outside=outside, workers=2)
-    marks = [np.full(occupied.shape, 7, dtype=np.uint8) for _ in rasters]
-    correlate(occupied, rasters, outside=outside, out=marks, add=True, workers=2)
-    for raster, number, hit, mark in zip(rasters, counts.results, hits.results, marks, strict=True):
-        expected = by_shifts(occupied, raster, outside)
-        assert (number == expected).all()
-        assert (hit == (expected > 0)).all()
-        assert (mark == 7 + (expected > 0)).all()
+    check(occupied, rasters, outside)
 
 
 @settings(max_examples=8)
@@ -129,15 +93,7 @@ def test_rasters_that_share_a_transform(seed):
     outside = bool(rng.integers(2))
     extent, count = (40, 40), max(raster.count for raster in rasters)
     assert choose_tiling(occupied.shape, extent, count, 2, len(rasters)).digits > 1
-    counts = correlate(occupied, rasters, outside=outside, counts=True, workers=2)
-    hits = correlate(occupied, rasters, outside=outside, workers=2)
-    marks = [np.full(occupied.shape, 7, dtype=np.uint8) for _ in rasters]
-    correlate(occupied, rasters, outside=outside, out=marks, add=True, workers=2)
-    for raster, number, hit, mark in zip(rasters, counts.results, hits.results, marks, strict=True):
-        expected = by_shifts(occupied, raster, outside, 501)
-        assert (number == expected).all()
-        assert (hit == (expected > 0)).all()
-        assert (mark == 7 + (expected > 0)).all()
+    check(occupied, rasters, outside)
 
 
 def test_float64_where_float32_is_not_proven():
@@ -145,15 +101,15 @@ def test_float64_where_float32_is_not_proven():
     raster = Raster.trimmed(disc, (-250, -250))
     occupied = np.zeros((700, 600), dtype=bool)
     occupied[350, 300] = occupied[10, 10] = True
-    result = correlate(occupied, [raster], outside=False, counts=True)
-    assert result.precision == "float64"
+    (counts,), precision = collide(occupied, [raster], False, np.int32)
+    assert precision == "float64"
     assert error_bound(choose_tiling(occupied.shape, disc.shape, raster.count).tile, raster.count, "float32") > MARGIN
     expected = np.zeros((1200, 1100), dtype=int)
     for i, j in np.argwhere(occupied):
         expected[i : i + 501, j : j + 501] += disc[::-1, ::-1]
-    assert (result.results[0] == expected[250:950, 250:850]).all()
+    assert (counts == expected[250:950, 250:850]).all()
     small = Raster.trimmed(disc[240:261, 240:261], (-10, -10))
-    assert correlate(occupied[:50, :50], [small], outside=False).precision == "float32"
+    assert collide(occupied[:50, :50], [small], False)[1] == "float32"
 
 
 @settings(max_examples=20)
@@ -195,36 +151,23 @@ def test_tiles_fit_the_cache_and_the_robot():
     assert choose_tiling((100, 100), (100, 100), 7000).step >= (100, 100)
 
 
-def test_progress_runs_to_the_end():
-    seen = []
-    occupied = np.random.default_rng(0).random((2000, 300)) < 0.1
-    raster = Raster.trimmed(np.ones((5, 5), bool), (-2, -2))
-    correlate(occupied, [raster], outside=True, workers=2, progress=lambda done, total: seen.append((done, total)))
-    assert seen[-1][0] == seen[-1][1] == len(seen)
-
-
 @pytest.mark.parametrize("size", [1, 2**18])
 def test_robot_spectra_beyond_their_memory_are_taken_in_turns(monkeypatch, size):
-    monkeypatch.setattr(correlation, "SPECTRA_BYTES", size)
+    monkeypatch.setattr(fft, "SPECTRA_BYTES", size)
     occupied = np.random.default_rng(1).random((200, 120)) < 0.02
     rasters = [Raster.trimmed(np.ones((3, 4 + k), bool), (-1, -k)) for k in range(40)]
-    seen = []
     for used in (rasters[:1], rasters):
-        results = correlate(
-            occupied, used, outside=True, workers=2, progress=lambda done, total: seen.append((done, total))
-        ).results
+        seen = []
+        hits, _ = collide(
+            occupied, used, True, workers=2, progress=lambda done, total, seen=seen: seen.append((done, total))
+        )
         assert seen[-1][0] == seen[-1][1]
-        for raster, hit in zip(used, results, strict=True):
-            assert (hit == (by_shifts(occupied, raster, True) > 0)).all()
+        for raster, hit in zip(used, hits, strict=True):
+            assert (hit == (overlaps_by_shifts(occupied, raster, True) > 0)).all()
 
 
-def test_an_error_in_the_progress_callback_stops_the_run():
-    def stop(done, total):
-        raise KeyboardInterrupt
-
-    before = threading.active_count()
-    raster = Raster.trimmed(np.ones((5, 5), bool), (-2, -2))
-    occupied = np.random.default_rng(0).random((4000, 300)) < 0.1
-    with pytest.raises(KeyboardInterrupt):
-        correlate(occupied, [raster], outside=True, workers=2, progress=stop)
-    assert threading.active_count() == before
+def test_transforms_cost_more_the_larger_they_are():
+    for precision, known in SECONDS_A_POINT.items():
+        seconds = [transform_seconds(2**k, precision) for k in range(8, 35)]
+        assert (np.diff(seconds) > 0).all()
+        assert transform_seconds(SIZES[2], precision) == pytest.approx(SIZES[2] * known[2], rel=0.3)

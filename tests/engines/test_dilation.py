@@ -1,0 +1,51 @@
+"""The engine by dilation: runs of offsets, and words of cells."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import oracles
+from cspace.engines import dilation, fft
+from cspace.engines.dilation import Runs
+from cspace.raster.raster import Raster
+from strategies import bitmaps
+
+
+@pytest.mark.parametrize("outside", [False, True])
+def test_many_blocks_in_threads(outside):
+    rng = np.random.default_rng(5)
+    occupied = rng.random((1500, 1100)) < 0.0002
+    raster = Raster.trimmed(rng.random((41, 130)) < 0.5, (-20, -71))
+    hits = [np.empty(occupied.shape, np.bool_) for _ in range(2)]
+    dilation.collide(occupied, [raster], hits[:1], outside=outside, workers=2)
+    fft.collide(occupied, [raster], hits[1:], outside=outside)
+    assert (hits[0] == hits[1]).all()
+
+
+def test_a_run_does_not_see_the_next_row():
+    """It reaches far beyond the end of a row on one side, and not at all on the other."""
+    occupied = np.zeros((5, 64), dtype=bool)
+    occupied[1:, :9] = True
+    hit = np.empty_like(occupied)
+    dilation.collide(occupied, [Raster.trimmed(np.ones((1, 60), bool), (0, 0))], [hit], outside=False)
+    assert (hit == occupied).all()
+
+
+@given(bitmaps(12), st.tuples(st.integers(-9, 9), st.integers(-9, 9)), st.integers(1, 9), st.integers(1, 9))
+def test_runs_are_the_offsets_that_can_fall_on_the_map(cells, lower, nx, ny):
+    raster = Raster.trimmed(cells, lower)
+    runs = Runs.of(raster, (1, nx, ny))
+    told = {(x, y + k) for _, x, y, n in runs.table.tolist() for k in range(n)}
+    offsets = set(oracles.raster_offsets(raster))
+    assert told == {(x, y) for x, y in offsets if abs(x) < nx and abs(y) < ny}
+    assert runs.beyond is (len(told) < len(offsets))
+    assert len(told) == runs.table[:, 3].sum()
+    assert (np.diff(runs.table[:, 3]) >= 0).all()
+    assert runs.lengths == len(set(runs.table[:, 3].tolist())) or not len(runs)
+
+
+def test_memory_is_that_of_the_map_with_what_is_around_it():
+    raster = Raster.trimmed(np.ones((21, 65), bool), (-10, -32))
+    assert dilation.bytes_needed((1000, 640), [raster]) == 1020 * 11 * 8  # 640 + 64 cells are 11 words
+    assert dilation.bytes_needed((1000, 640), [Raster.trimmed(np.zeros((1, 1), bool), (0, 0))]) == 0

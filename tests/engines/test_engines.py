@@ -1,0 +1,123 @@
+"""Both engines against sums taken one by one, and against each other, with which they share no code."""
+
+import threading
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from cspace.engines import ENGINES, ROWS, choose
+from cspace.raster.raster import Raster
+from oracles import overlaps_by_shifts
+from strategies import seeds
+
+both = pytest.mark.parametrize("engine", list(ENGINES.values()), ids=list(ENGINES))
+
+
+def collide(engine, occupied, rasters, outside, dtype=np.bool_, **options):
+    """What an engine tells of every cell, in new arrays, and the arithmetic that it took."""
+    out = [np.full(occupied.shape, 7 if options.get("add") else 0, dtype) for _ in rasters]
+    return out, engine.collide(occupied, rasters, out, outside=outside, **options)
+
+
+@st.composite
+def problems(draw, dim=None, side=9, across=7):
+    """A bitmap, a raster and what lies outside, in the plane or in space, offsets beyond the map among them."""
+    dim = dim or draw(st.integers(2, 3))
+    occupied = draw(hnp.arrays(np.bool_, st.tuples(*[st.integers(1, side)] * dim)))
+    cells = draw(hnp.arrays(np.bool_, st.tuples(*[st.integers(1, across)] * dim)))
+    return occupied, Raster.trimmed(cells, draw(st.tuples(*[st.integers(-12, 6)] * dim))), draw(st.booleans())
+
+
+@both
+@settings(max_examples=60)
+@given(problem=problems())
+@example(problem=(np.ones((1, 1), bool), Raster.trimmed(np.ones((1, 1), bool), (0, 0)), False))
+@example(problem=(np.ones((1, 9), bool), Raster.trimmed(np.ones((5, 1), bool), (-2, 0)), True))
+@example(problem=(np.zeros((4, 4), bool), Raster.trimmed(np.ones((20, 20), bool), (-9, -9)), True))
+@example(problem=(np.ones((4, 4), bool), Raster.trimmed(np.ones((20, 20), bool), (-9, -9)), False))
+@example(problem=(np.ones((4, 4), bool), Raster.trimmed(np.zeros((2, 2), bool), (0, 0)), True))
+@example(problem=(np.zeros((4, 4, 4), bool), Raster.trimmed(np.ones((9, 9, 9), bool), (-4, -4, -4)), True))
+def test_equal_to_the_sum(engine, problem):
+    occupied, raster, outside = problem
+    expected = overlaps_by_shifts(occupied, raster, outside)
+    (hits,), _ = collide(engine, occupied, [raster], outside)
+    assert (hits == (expected > 0)).all()
+    if engine.COUNTS:
+        (counts,), _ = collide(engine, occupied, [raster], outside, np.int32)
+        assert (counts == expected).all()
+
+
+@settings(max_examples=40)
+@given(seeds, st.integers(2, 3))
+def test_equal_to_each_other(seed, dim):
+    """Words and tiles, their borders, runs longer than words, many rasters of one call, and threads."""
+    rng = np.random.default_rng(seed)
+    largest, across = {2: (300, 60), 3: (60, 14)}[dim]
+    occupied = rng.random(rng.integers(1, largest, dim)) < rng.choice([0.0005, 0.05, 0.5, 1.0])
+    occupied[: rng.integers(0, 90)] ^= rng.random() < 0.3
+    rasters = []
+    for _ in range(rng.integers(1, 5)):
+        size = rng.integers(1, across, dim)
+        size[-1] = rng.integers(1, 200 if dim == 2 else 80)
+        cells = rng.random(size) < rng.choice([0.01, 0.7, 1.0])
+        rasters.append(Raster.trimmed(cells, tuple((rng.integers(-size, 10)).tolist())))
+    outside, found = bool(rng.integers(2)), []
+    for engine in ENGINES.values():
+        hits, _ = collide(engine, occupied, rasters, outside, workers=2)
+        marks, _ = collide(engine, occupied, rasters, outside, np.uint8, add=True, workers=1)
+        assert all((mark == 7 + hit.astype(int)).all() for hit, mark in zip(hits, marks, strict=True))
+        found.append(hits)
+    assert all((first == second).all() for first, second in zip(*found, strict=True))
+
+
+@both
+def test_a_map_that_is_not_in_one_piece(engine):
+    wide = np.random.default_rng(0).random((80, 200)) < 0.1
+    raster = Raster.trimmed(np.ones((3, 5), bool), (-1, -2))
+    for part in (wide.T, wide[:, ::3]):
+        assert (collide(engine, part, [raster], True)[0][0] == (overlaps_by_shifts(part, raster, True) > 0)).all()
+
+
+@both
+def test_one_worker_stays_in_the_calling_thread(engine, monkeypatch):
+    def refuse(self):
+        raise AssertionError("a thread was started")
+
+    monkeypatch.setattr(threading.Thread, "start", refuse)
+    occupied = np.zeros((900, 900), dtype=bool)
+    occupied[450, 450] = True
+    raster = Raster.trimmed(np.ones((301, 301), bool), (-150, -150))
+    assert collide(engine, occupied, [raster], False, workers=1)[0][0].sum() == 301**2
+
+
+@both
+def test_progress_runs_to_the_end(engine):
+    seen = []
+    occupied = np.random.default_rng(0).random((2500, 1100)) < 0.001
+    raster = Raster.trimmed(np.ones((41, 30), bool), (-2, -2))
+    collide(engine, occupied, [raster], True, workers=2, progress=lambda done, total: seen.append((done, total)))
+    assert [done for done, _ in seen] == list(range(1, seen[-1][1] + 1)) and len(seen) > 1
+
+
+@both
+def test_an_error_in_the_progress_callback_stops_the_run(engine):
+    def stop(done, total):
+        raise KeyboardInterrupt
+
+    before = threading.active_count()
+    occupied = np.random.default_rng(0).random((4000, 300)) < 0.1
+    with pytest.raises(KeyboardInterrupt):
+        collide(engine, occupied, [Raster.trimmed(np.ones((25, 5), bool), (-2, -2))], True, workers=2, progress=stop)
+    assert threading.active_count() == before
+
+
+def test_dilation_is_taken_but_for_counts_and_robots_of_very_many_rows():
+    block = Raster.trimmed(np.ones((300, 300), bool), (0, 0))
+    sieve = Raster.trimmed(np.indices((301, 301))[1] % 6 == 0, (0, 0))
+    assert sieve.count > ROWS
+    assert choose([block]) == "direct" and choose([sieve]) == "fft"
+    assert choose([block], counts=True) == "fft" and ENGINES["fft"].COUNTS and not ENGINES["direct"].COUNTS
+    assert choose([block] * 30 + [sieve]) == "direct"

@@ -1,0 +1,354 @@
+"""The map against its definition on tiny grids, against shapely, pyclipper and manifold3d, and under its laws."""
+
+import itertools
+import math
+
+import manifold3d
+import numpy as np
+import pyclipper
+import pytest
+import shapely
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from scipy import ndimage
+from scipy.spatial import ConvexHull
+
+import cspace
+from checks import collides, draw_configurations
+from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
+from oracles import overlaps_by_shifts
+from strategies import robots, seeds, solid_robots, stars
+
+H = 0.15
+POLICIES = st.sampled_from(["blocked", "free"])
+
+
+@st.composite
+def problems(draw, size=0.25, side=(9, 7)):
+    """Outer and inner cells, and a robot, in the plane or in space."""
+    dim = draw(st.integers(2, 3))
+    shape = draw(st.tuples(*[st.integers(1, side[dim - 2])] * dim))
+    outer, kept = (draw(hnp.arrays(np.bool_, shape)) for _ in range(2))
+    robot = draw(robots(size)) if dim == 2 else draw(solid_robots(size))[0]
+    return outer, outer & kept, robot
+
+
+@settings(max_examples=50)
+@given(problems(), POLICIES)
+def test_states_by_definition(problem, outside):
+    """Overlaps summed shift by shift; what is asked for besides, and the engines, leave the states as they are."""
+    outer, inner, robot = problem
+    workspace = Workspace.from_array(outer, H, inner=inner)
+    far, near = robot.rasters(H)
+    touches = overlaps_by_shifts(outer, far, outside == "blocked")
+    lies_in = overlaps_by_shifts(inner, near, outside == "blocked")
+    wanted = np.where(lies_in > 0, BLOCKED, np.where(touches > 0, MIXED, FREE))
+    counted = cspace.build(workspace, robot, outside=outside, overlap=True)
+    assert (counted.state == wanted).all()
+    assert (counted.overlaps == touches).all()
+    for method in ("fft", "direct"):
+        assert (cspace.build(workspace, robot, outside=outside, method=method).state == wanted).all()
+    assert (cspace.build(workspace, robot, outside=outside, inner=False).state == np.minimum(wanted, MIXED)).all()
+
+
+@settings(max_examples=30)
+@given(seeds, robots(), st.sampled_from([1, 3, 8, 12]), POLICIES, st.booleans(), st.sampled_from([0.0, 0.13]))
+def test_engines_agree_where_robots_turn(seed, robot, rotations, outside, inner, margin):
+    rng = np.random.default_rng(seed)
+    outer = rng.random(rng.integers(1, 90, 2)) < rng.choice([0.0, 0.01, 0.3, 1.0])
+    within = outer & (rng.random(outer.shape) < 0.8) if rng.random() < 0.5 else None
+    workspace = Workspace.from_array(outer, rng.choice([0.05, 0.1, 0.5]), inner=within)
+    options = {"rotations": rotations, "outside": outside, "inner": inner, "margin": margin}
+    fft, direct = (cspace.build(workspace, robot, method=method, **options) for method in ("fft", "direct"))
+    assert (fft.state == direct.state).all()
+    assert fft.precision in ("float32", "float64") and direct.precision == "integer"
+
+
+@settings(max_examples=15)
+@given(stars(1.0), stars(1.5), POLICIES)
+def test_polygon_obstacles_by_definition(vertices, obstacle, outside):
+    workspace = Workspace.from_polygons(shapely.Polygon(obstacle), 0.5, bounds=(-2, -2, 2.5, 2))
+    space = cspace.build(workspace, Robot.polygon(vertices), outside=outside)
+    assert workspace.inner is not workspace.outer
+    outer, inner = space.robot.rasters(0.5)
+    touches, lies_in = (
+        overlaps_by_shifts(cells, raster, outside == "blocked")
+        for cells, raster in ((workspace.outer, outer), (workspace.inner, inner))
+    )
+    assert (space.state == np.where(lies_in > 0, BLOCKED, np.where(touches > 0, MIXED, FREE))).all()
+
+
+@settings(max_examples=40)
+@given(robots(0.5), seeds, POLICIES, st.sampled_from([0.0, 0.1]))
+def test_no_false_answer_over_grid_maps(robot, seed, outside, margin):
+    """Configurations inside cells and on their borders, against the geometry itself."""
+    rng = np.random.default_rng(seed)
+    occupied = rng.random((30, 24)) < rng.choice([0.01, 0.05])
+    space = cspace.build(Workspace.from_array(occupied, 0.1, (-1.0, 2.0)), robot, outside=outside, margin=margin)
+    q = draw_configurations(space, rng, 600)
+    states = space.classify(q)
+    assert not (collides(space, q, margin - 1e-9) & (states == FREE)).any()
+    assert not (~collides(space, q, 1e-9) & (states == BLOCKED)).any()
+
+
+@settings(max_examples=30)
+@given(robots(0.5), stars(1.0), stars(0.7), seeds)
+def test_no_false_answer_over_polygons(robot, first, second, seed):
+    rng = np.random.default_rng(seed)
+    obstacles = [shapely.Polygon(first), shapely.Polygon(second + 0.8), shapely.LineString([(-1, 2), (2, 1.5)])]
+    workspace = Workspace.from_polygons(obstacles, 0.13, bounds=(-3, -3, 3, 3))
+    space = cspace.build(workspace, robot, outside="free")
+    q = draw_configurations(space, rng, 600)
+    states = space.classify(q)
+    hit = collides(space, q, 0.0, obstacles)
+    near = collides(space, q, 1e-9, obstacles)
+    assert not (hit & (states == FREE) & ~(near & ~hit)).any()
+    assert not (~near & (states == BLOCKED)).any()
+
+
+@settings(max_examples=25)
+@given(stars(0.5), stars(1.0))
+def test_agrees_with_the_exact_minkowski_sum(robot, obstacle):
+    """pyclipper adds the obstacle and the reflected robot in integers; FREE lies outside the sum, BLOCKED inside."""
+    scale = 2**20
+    space = cspace.build(
+        Workspace.from_polygons(shapely.Polygon(obstacle), 0.11, bounds=(-4, -4, 4, 4)),
+        Robot.polygon(robot),
+        outside="free",
+    )
+    paths = [np.rint(part * scale).astype(int).tolist() for part in (-np.asarray(robot), np.asarray(obstacle))]
+    pieces = [shapely.Polygon(np.divide(path, scale)) for path in pyclipper.MinkowskiSum(paths[0], paths[1], True)]
+    # MinkowskiSum sweeps the border; the interiors join where one vertex of the robot covers the whole obstacle.
+    whole = [shapely.Polygon(np.asarray(obstacle) - vertex) for vertex in np.asarray(robot)]
+    exact = shapely.union_all([piece.buffer(0) for piece in pieces] + whole)
+    exact = shapely.union_all([shapely.Polygon(part.exterior) for part in shapely.get_parts(exact)])
+    lower = np.stack(np.meshgrid(*map(np.arange, space.grid.shape), indexing="ij"), -1) * 0.11 + space.grid.lower
+    cells = shapely.box(lower[..., 0], lower[..., 1], lower[..., 0] + 0.11, lower[..., 1] + 0.11)
+    rounding = 4.0 / scale
+    assert not shapely.intersects(cells[space.state == FREE], exact.buffer(-rounding)).any()
+    assert shapely.covers(exact.buffer(rounding), cells[space.state == BLOCKED]).all()
+    assert (space.state == BLOCKED).any() or not space.workspace.inner.any()  # a sliver holds no cell
+
+
+def gaps(parts, q, lows, side):
+    """Distances between the robot at configurations (n, 3) and the nearest of some cubes; (n,)."""
+    found = np.full(len(q), np.inf)
+    for (lower, upper, radius), low in itertools.product(parts, lows):
+        apart = np.maximum(np.maximum(low - (q + upper), (q + lower) - (low + side)), 0.0)
+        found = np.minimum(found, np.linalg.norm(apart, axis=1) - radius)
+    return found
+
+
+@settings(max_examples=40)
+@given(solid_robots(), seeds, POLICIES, st.sampled_from([0.0, 0.1]))
+def test_no_false_answer_over_voxels(body, seed, outside, margin):
+    """Configurations anywhere, on borders of cells and close to them, against exact distances between boxes."""
+    robot, parts = body
+    rng = np.random.default_rng(seed)
+    lower = np.array([-1.0, 2.0, 0.3])
+    occupied = rng.random((12, 10, 8)) < rng.choice([0.005, 0.03])
+    space = cspace.build(Workspace.from_array(occupied, H, lower), robot, outside=outside, margin=margin)
+    upper = np.asarray(space.grid.upper)
+    q = rng.uniform(lower - 0.4, upper + 0.4, (800, 3))
+    q = np.where(rng.random(q.shape) < 0.3, lower + H * np.rint((q - lower) / H), q)
+    q += np.where(rng.random(q.shape) < 0.1, rng.uniform(-1e-8, 1e-8, q.shape), 0.0)
+    gap = gaps(parts, q, lower + H * np.argwhere(occupied), H)
+    if outside == "blocked":
+        for low, high, radius in parts:
+            gap = np.minimum(gap, np.min([q + low - lower, upper - (q + high)], axis=(0, 2)) - radius)
+    states = space.classify(q)
+    assert not ((states == FREE) & (gap < margin - 1e-9)).any()
+    assert not ((states == BLOCKED) & (gap > 1e-9)).any()
+    assert (space.is_free(q) == (states == FREE)).all()
+
+
+@settings(max_examples=25)
+@given(seeds, seeds)
+def test_convex_pairs_agree_with_the_exact_minkowski_sum(first, second):
+    """FREE cells lie outside manifold3d's sum of the obstacle and the reflected robot, BLOCKED cells inside."""
+    rng = np.random.default_rng([first, second])
+    h = 0.2
+    robot, obstacle = (rng.uniform(-1, 1, (int(rng.integers(4, 12)), 3)) * rng.uniform(0.4, 1.3, 3) for _ in range(2))
+    hulls = [manifold3d.Manifold.hull_points(points) for points in (-robot, obstacle)]
+    made = [cspace_mesh(hull) for hull in (manifold3d.Manifold.hull_points(robot), hulls[1])]
+    workspace = Workspace.from_mesh(made[1], h, (-4, -4, -4, 4, 4, 4))
+    space = cspace.build(workspace, Robot.mesh(made[0]), outside="free")
+    total = minkowski_sum(*hulls)
+    # A cell whose lower corner is p meets the sum where p lies in the sum and the reflected cell together.
+    reach = minkowski_sum(total, manifold3d.Manifold.cube((h, h, h)).translate((-h, -h, -h)))
+    lower = np.stack(np.meshgrid(*map(np.arange, space.grid.shape), indexing="ij"), -1) * h + space.grid.lower
+    assert depth(reach, lower[space.state == FREE]).max(initial=-np.inf) <= 1e-5
+    corners = lower[space.state == BLOCKED][:, None] + h * np.array(list(itertools.product((0, 1), repeat=3)))
+    assert depth(total, corners.reshape(-1, 3)).min(initial=np.inf) >= -1e-5
+    # What is undecided is a band along the border of the sum.
+    middles = lower[space.state == MIXED] + h / 2
+    assert np.abs(depth(total, middles)).max(initial=0.0) <= 2.5 * np.sqrt(3) * h + thin(robot) + thin(obstacle)
+
+
+def cspace_mesh(solid):
+    mesh = solid.to_mesh()
+    return np.asarray(mesh.vert_properties[:, :3], np.float64), np.asarray(mesh.tri_verts, np.int64)
+
+
+def minkowski_sum(first, second):
+    """The sum of two convex solids; manifold3d 3.5 has some of them wrong in one order, which qhull's volume tells."""
+    points = [cspace_mesh(solid)[0] for solid in (first, second)]
+    volume = ConvexHull((points[0][:, None] + points[1]).reshape(-1, 3)).volume
+    sums = [first.minkowski_sum(second), second.minkowski_sum(first)]
+    right = [solid for solid in sums if abs(solid.volume() - volume) < 1e-5 * volume]
+    assume(right)
+    return right[0]
+
+
+def depth(solid, points):
+    """How far points lie within a convex solid, along the normal of the nearest face; below zero outside."""
+    planes = ConvexHull(cspace_mesh(solid)[0]).equations
+    return -(points @ planes[:, :3].T + planes[:, 3]).max(axis=1)
+
+
+def thin(points):
+    """How far the deepest point of a convex hull can be from having a whole cell around it: its inner radius."""
+    hull = ConvexHull(points)
+    return 3.0 * hull.volume / hull.area
+
+
+@settings(max_examples=30)
+@given(problems(0.3), st.integers(-3, 3), st.data())
+def test_laws(problem, shift, data):
+    """More obstacles or margin: never more FREE, never less BLOCKED. Union of obstacles: the worse of the maps."""
+    first, second, robot = problem
+    second = np.roll(second, 1, axis=0)
+
+    def states(occupied, **options):
+        return cspace.build(Workspace.from_array(occupied, 0.125), robot, outside="free", **options).state
+
+    assert (states(first | second) == np.maximum(states(first), states(second))).all()
+    grown = states(first, margin=0.13)
+    assert (grown >= states(first)).all()
+    assert ((grown == BLOCKED) == (states(first) == BLOCKED)).all()
+    # The map of a moved workspace is the moved map.
+    axis = data.draw(st.integers(0, first.ndim - 1))
+    moved = states(np.roll(np.pad(first, 3), shift, axis=axis))
+    middle = [slice(3, 3 + n) for n in first.shape]
+    middle[axis] = slice(3 + shift, 3 + shift + first.shape[axis])
+    assert (moved[tuple(middle)] == states(first)).all()
+
+
+@settings(max_examples=20)
+@given(hnp.arrays(np.bool_, st.tuples(*[st.integers(1, 12)] * 2)), st.floats(0.05, 0.4), st.integers(0, 3))
+def test_quarter_turns_permute_the_map(occupied, radius, turns):
+    offset = np.array([0.21, 0.08])
+    turned = np.round([[0, -1], [1, 0]]) if turns % 2 else np.eye(2)
+    turned = turned if turns < 2 else -turned
+    before = cspace.build(Workspace.from_array(occupied, 0.1), Robot.disc(radius, offset)).state
+    # A turn maps cell k = [k, k + 1] to the cell on the other side of the axis, so the outer sets must correspond.
+    after = cspace.build(
+        Workspace.from_array(np.rot90(occupied, turns), 0.1), Robot.disc(radius, turned @ offset)
+    ).state
+    assert (np.rot90(before, turns) == after).all()
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 40), (40, 1)])
+@pytest.mark.parametrize("fill", [0, 1])
+@pytest.mark.parametrize("radius", [0.03, 0.3, 30.0])
+@pytest.mark.parametrize("outside", ["blocked", "free"])
+def test_thin_empty_and_full_maps_and_giant_robots(shape, fill, radius, outside):
+    workspace = Workspace.from_array(np.full(shape, bool(fill)), 0.1)
+    space = cspace.build(workspace, Robot.disc(radius), outside=outside)
+    if fill:
+        assert (space.state == BLOCKED).all()
+    elif outside == "free":
+        assert (space.state == FREE).all()
+    else:
+        assert (space.state != FREE).all()  # nowhere does the robot fit within a map one cell wide
+        assert (space.state == BLOCKED).any() == (radius > 0.1)
+
+
+def test_the_example_of_a_wall():
+    """A disc of radius 0.3 on cells of 0.1: FREE from four cells off the wall, BLOCKED up to two."""
+    occupied = np.zeros((21, 3), dtype=bool)
+    occupied[10] = True
+    row = cspace.build(Workspace.from_array(occupied, 0.1), Robot.disc(0.29), outside="free").state[:, 1]
+    assert row.tolist() == [FREE] * 7 + [MIXED] + [BLOCKED] * 5 + [MIXED] + [FREE] * 7
+
+
+@pytest.mark.parametrize(
+    "robot", [Robot.disc(0.5), Robot.rectangle(0.9, 0.6), Robot.polygon([(-0.5, -0.4), (0.6, -0.3), (0.0, 0.7)])]
+)
+def test_the_mixed_band_is_thin(robot):
+    """Grid maps, convex robots: no MIXED cell is more than three king's moves from a BLOCKED one."""
+    rng = np.random.default_rng(3)
+    occupied = np.zeros((200, 160), dtype=bool)
+    for x, y in rng.integers(0, 150, (30, 2)):
+        occupied[x : x + 9, y : y + 5] = True
+    state = cspace.build(Workspace.from_array(occupied, 0.05), robot, outside="free").state
+    steps = ndimage.distance_transform_cdt(state != BLOCKED, metric="chessboard")
+    assert 1 <= steps[state == MIXED].max() <= 3
+
+
+def test_progress_reaches_the_end():
+    seen = []
+    cspace.build(
+        Workspace.from_polygons(shapely.box(0, 0, 1, 1), 0.1, bounds=(-1, -1, 2, 2)),
+        Robot.disc(0.2),
+        progress=lambda done, total: seen.append((done, total)),
+    )
+    assert seen and seen[-1][0] == seen[-1][1]
+    assert [done for done, _ in seen] == sorted(done for done, _ in seen)
+
+
+def test_equals_a_dilation():
+    rng = np.random.default_rng(5)
+    occupied = rng.random((40, 30, 20)) < 0.02
+    space = cspace.build(Workspace.from_array(occupied, 0.1), Robot.ball(0.35), outside="free")
+    outer = space.robot.rasters(0.1)[0]
+    dilated = ndimage.binary_dilation(occupied, outer.cells[::-1, ::-1, ::-1])
+    assert (dilated == (space.state != FREE)).all()
+
+
+def test_a_robot_larger_than_the_map():
+    occupied = np.zeros((4, 5, 6), bool)
+    occupied[1, 2, 3] = True
+    space = cspace.build(Workspace.from_array(occupied, 0.1), Robot.ball(3.0))
+    assert (space.state == BLOCKED).all()
+    assert space.classify((50.0, 0.0, 0.0)) == BLOCKED
+    assert cspace.build(Workspace.from_array(occupied, 0.1), Robot.ball(3.0), outside="free").is_free((50.0, 0, 0))
+
+
+WORKSPACE = Workspace.from_array(np.eye(4, dtype=bool), 0.1)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"rotations": 0}, "rotations is 0"),
+        ({"rotations": -4}, "rotations is -4"),
+        ({"rotations": [0.0, 1.0, 3.0]}, "whole circle"),
+        ({"method": "guess"}, "'fft', 'direct', 'auto'"),
+        ({"method": "direct", "overlap": True}, "use method='fft' or method='auto'"),
+        ({"method": None}, "method is None"),
+        ({"outside": "unknown"}, "outside is 'unknown'"),
+        ({"margin": -0.1}, "margin is -0.1"),
+        ({"margin": math.nan}, "margin is nan"),
+        ({"workers": 0}, "workers is 0"),
+        ({"robot": shapely.box(0, 0, 1, 1)}, "robot is a Polygon"),
+        ({"workspace": np.eye(3)}, "workspace is a ndarray"),
+        ({"workspace": Workspace.from_array(np.zeros((2, 2, 2), bool), 0.1)}, "2 dimensions and the workspace 3"),
+    ],
+)
+def test_refuses(arguments, words):
+    options = {"workspace": WORKSPACE, "robot": Robot.disc(0.1), **arguments}
+    with pytest.raises(InputError, match=words):
+        cspace.build(options.pop("workspace"), options.pop("robot"), **options)
+
+
+def test_a_map_that_does_not_fit_is_refused_before_any_work(monkeypatch):
+    workspace = Workspace.from_array(np.zeros((30, 20, 10), bool), 0.1)
+    monkeypatch.setattr("cspace.memory.free_bytes", lambda: 10**8)
+    with pytest.raises(
+        InputError, match=r"30 x 20 x 10 cells .* about 134 MB .* at most 95 MB may be taken.*no spacing helps"
+    ):
+        cspace.build(workspace, Robot.ball(0.1))
+    with pytest.raises(InputError, match=r"1001 x 1001 x 1001 .* 8.02 GB .* spacing of at least 0.4"):
+        Workspace.from_mesh(([(0, 0, 0), (100.1, 100.1, 0), (0, 0, 100.1)], [(0, 1, 2)]), 0.1, solid="surface")
