@@ -2,29 +2,33 @@
 
 from __future__ import annotations
 
-import base64
 import json
+import math
+import os
+import warnings
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from cspace.bodies import Balls, Body, Box, Regions, Solid, Voxels
-from cspace.bodies.body import Surface
-from cspace.errors import GeometryError, InputError
-from cspace.grid import MAX_COORDINATE, finite, positive, unmasked
+from cspace.errors import FileError, GeometryError, InputError
+from cspace.grid import MAX_COORDINATE, finite, positive
 from cspace.raster.raster import Raster
-from cspace.shapes import check_balls, check_origin, check_point, check_polygons, polygon_name, warn_of_origin
+from cspace.rotations import STILL, Turn
+from cspace.shapes import Balls, Box, Mesh, Polygons, Shape, Voxels, shape_from_spec
+from cspace.shapes.shape import Floats, Surface, check_point
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
-    from cspace.mesh import Solid as Solidity
-    from cspace.spectral import Spheres
+    from cspace.shapes.balls import BallSet
+    from cspace.shapes.mesh import MeshLike, Solid
 
-Floats = NDArray[np.float64]
+MOST_OFF: Final = 100.0
+"""How many times its own size a robot's mesh may lie off its reference point."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,53 +43,40 @@ class Robot:
     ----------
     name : str
         A short text for people, such as ``"disc 0.3 m"``.
-    definition : str
-        JSON of :attr:`spec`.
-    body : Body
-        The shape, in the robot's frame.
+    shape : Shape
+        In the robot's frame.
     """
 
     name: str
-    definition: str
-    body: Body
+    shape: Shape
+
+    def __repr__(self) -> str:
+        return f"Robot({self.name}, {'in the plane' if self.dim == 2 else 'in space'})"
 
     @property
     def dim(self) -> int:
         """2 in the plane, 3 in space."""
-        return self.body.dim
+        return self.shape.dim
 
     @property
     def span(self) -> float:
         """Largest modulus of the numbers that the shape was computed from, metres."""
-        return self.body.span
-
-    @property
-    def outlines(self) -> tuple[Floats, ...]:
-        """Border segments ``(x0, y0, x1, y1)`` of each region of a polygon or bitmap in the plane; otherwise empty."""
-        return self.body.outlines if isinstance(self.body, Regions) else ()
-
-    @property
-    def centers(self) -> Floats:
-        """Middles of balls, shape (n, dim), metres; empty for other bodies."""
-        return self.body.centers if isinstance(self.body, Balls) else np.empty((0, self.dim))
-
-    @property
-    def radii(self) -> Floats:
-        """Radii of balls, shape (n,), metres; empty for other bodies."""
-        return self.body.radii if isinstance(self.body, Balls) else np.empty(0)
+        return self.shape.span
 
     @property
     def spec(self) -> dict[str, Any]:
         """Plain numbers, strings and lists from which :meth:`from_spec` makes the same robot again."""
-        spec: dict[str, Any] = json.loads(self.definition)
-        return spec
+        return {"name": self.name, **self.shape.spec}
+
+    @property
+    def definition(self) -> str:
+        """JSON of :attr:`spec`."""
+        return json.dumps(self.spec, sort_keys=True)
 
     @classmethod
-    def _of(cls, name: str, spec: dict[str, Any], body: Body) -> Robot:
-        return cls(name, json.dumps({"name": name, **spec}, sort_keys=True), body)
-
-    @classmethod
-    def polygon(cls, shape: Any, *, name: str | None = None) -> Robot:
+    def polygon(
+        cls, shape: ArrayLike | BaseGeometry | Sequence[BaseGeometry], *, name: str | None = None
+    ) -> Robot:
         """A polygon, convex or not, with or without holes, or several of them.
 
         Parameters
@@ -100,13 +91,10 @@ class Robot:
         InputError
             If a coordinate is NaN or infinite.
         """
-        from cspace.raster.outlines import polygon_outline
-
-        parts = check_polygons(shape)
-        return cls._of(
-            name=name or polygon_name(parts),
-            spec={"kind": "polygon", "wkb": [base64.b64encode(part.wkb).decode() for part in parts]},
-            body=Regions([polygon_outline(part) for part in parts]),
+        polygons = Polygons.of(shape)
+        count = len(polygons.geometries)
+        return cls(
+            name or f"polygon with {polygons.corners} corners" + (f" in {count} parts" if count > 1 else ""), polygons
         )
 
     @classmethod
@@ -115,7 +103,7 @@ class Robot:
         import shapely
 
         half_length, half_width = positive(length, "length") / 2, positive(width, "width") / 2
-        x, y = check_point(center)
+        x, y = check_point(center).tolist()
         box = shapely.box(x - half_length, y - half_width, x + half_length, y + half_width)
         return cls.polygon(box, name=f"rectangle {length:g} m x {width:g} m")
 
@@ -130,7 +118,7 @@ class Robot:
         return cls.balls([check_point(center, dim=3)], [positive(radius, "radius")])
 
     @classmethod
-    def balls(cls, centers: ArrayLike | Spheres, radii: ArrayLike | None = None) -> Robot:
+    def balls(cls, centers: ArrayLike | BallSet, radii: ArrayLike | None = None) -> Robot:
         """A union of discs in the plane, or of balls in space.
 
         Parameters
@@ -145,15 +133,15 @@ class Robot:
         InputError
             If there is no ball, the shapes do not fit, a value is not finite, or a radius is not above zero.
         """
-        points, sizes = check_balls(centers, radii)
-        if (sizes <= 0).any():
-            raise InputError(f"radii holds {sizes.min():g}; each must be above zero; drop balls that have no volume")
-        kind = "disc" if points.shape[1] == 2 else "ball"
-        return cls._of(
-            name=f"{kind} {sizes[0]:g} m" if len(points) == 1 else f"{len(points)} {kind}s",
-            spec={"kind": "balls", "centers": points.tolist(), "radii": sizes.tolist()},
-            body=Balls(points, sizes),
-        )
+        balls = Balls.of(centers, radii)
+        least = float(balls.radii.min())
+        if least <= 0.0:
+            raise InputError(
+                "radii", f"holds {least:g}", "each must be above zero", "drop balls that have no volume", value=least
+            )
+        kind = "disc" if balls.dim == 2 else "ball"
+        count = len(balls.radii)
+        return cls(f"{kind} {balls.radii[0]:g} m" if count == 1 else f"{count} {kind}s", balls)
 
     @classmethod
     def box(cls, extents: ArrayLike, center: ArrayLike = (0.0, 0.0, 0.0)) -> Robot:
@@ -166,27 +154,20 @@ class Robot:
         center : array-like, shape (3,)
             Middle of the box in the robot's frame, metres.
         """
-        sides = np.array(check_point(extents, "extents", dim=3))
-        for number, side in enumerate(sides.tolist()):
-            positive(side, f"extents[{number}], the side along {'xyz'[number]},")
-        middle = np.array(check_point(center, dim=3))
-        return cls._of(
-            name=f"box {' m x '.join(f'{side:g}' for side in sides)} m",
-            spec={"kind": "box", "extents": sides.tolist(), "center": middle.tolist()},
-            body=Box(middle - sides / 2, middle + sides / 2),
-        )
+        box = Box.of(extents, center)
+        return cls(f"box {' m x '.join(f'{side:g}' for side in box.extents)} m", box)
 
     @classmethod
-    def mesh(cls, shape: Any, *, solid: Solidity = "auto", name: str | None = None) -> Robot:
+    def mesh(cls, shape: MeshLike, *, solid: Solid = "auto", name: str | None = None) -> Robot:
         """A triangle mesh.
 
         Parameters
         ----------
-        shape : trimesh.Trimesh, trimesh.Scene, cspace.mesh.Mesh, path-like, or (vertices, faces)
+        shape : trimesh.Trimesh, trimesh.Scene, cspace.Mesh, path-like, or (vertices, faces)
             Metres, in the robot's frame; files are ``.stl``, ``.obj``, ``.ply``, ``.off``, ``.glb``, ``.gltf`` and
             ``.dae``. A warning tells of a mesh that lies off its origin by more than its own size.
         solid : {"auto", "surface", "fill"}
-            What has an inside; see :class:`cspace.mesh.Mesh`, of which "auto" leaves what it says itself.
+            What has an inside; see :class:`cspace.Mesh`, of which "auto" leaves what it says itself.
 
         Raises
         ------
@@ -198,16 +179,9 @@ class Robot:
         FileError
             If the file cannot be read.
         """
-        from cspace.mesh import Mesh
-
         mesh = Mesh.of(shape, solid)
-        check_origin(*mesh.bounds)
-        warn_of_origin(*mesh.bounds)
-        return cls._of(
-            name=name or f"mesh of {len(mesh.faces)} triangles",
-            spec={"kind": "mesh", **mesh.spec()},
-            body=Solid(mesh),
-        )
+        _check_origin(mesh, warn=True)
+        return cls(name or f"mesh of {len(mesh.faces)} triangles", mesh)
 
     @classmethod
     def cells(cls, occupied: ArrayLike, spacing: float, lower: ArrayLike | None = None) -> Robot:
@@ -229,32 +203,11 @@ class Robot:
         InputError
             If ``occupied`` is not boolean with two or three axes, or another value is not as stated.
         """
-        unmasked(occupied, "occupied")
-        bitmap = np.asarray(occupied)
-        if bitmap.ndim not in (2, 3) or bitmap.dtype != np.bool_:
-            raise InputError(
-                f"occupied has shape {bitmap.shape} and type {bitmap.dtype}; it must be a boolean array of two or "
-                "three axes; compare with a threshold first, e.g. array > 0"
-            )
-        bitmap = bitmap != 0  # a boolean array may hold other bytes than 0 and 1
-        if not bitmap.any():
-            raise GeometryError("occupied holds no True cell; a robot must have an area; set the cells it fills")
-        side = positive(spacing, "spacing")
-        corner = check_point((0.0,) * bitmap.ndim if lower is None else lower, "lower", dim=bitmap.ndim)
-        return cls._of(
-            name=f"bitmap {' x '.join(map(str, bitmap.shape))} cells of {side:g} m",
-            spec={
-                "kind": "cells",
-                "bits": base64.b64encode(np.packbits(bitmap).tobytes()).decode(),
-                "shape": list(bitmap.shape),
-                "spacing": side,
-                "lower": list(corner),
-            },
-            body=_bitmap(bitmap, side, np.array(corner)),
-        )
+        voxels = Voxels.of(occupied, spacing, lower)
+        return cls(f"bitmap {' x '.join(map(str, voxels.occupied.shape))} cells of {voxels.side:g} m", voxels)
 
     @classmethod
-    def from_spec(cls, spec: dict[str, Any]) -> Robot:
+    def from_spec(cls, spec: Mapping[str, Any]) -> Robot:
         """The robot that :attr:`spec` describes.
 
         Raises
@@ -262,12 +215,17 @@ class Robot:
         InputError
             If ``spec`` describes no robot.
         """
-        from cspace.specs import robot_from_spec
-
-        return robot_from_spec(spec)
+        try:
+            robot = cls(str(spec["name"]), shape_from_spec(spec))
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(
+                "spec", f"is {str(spec)[:80]}", f"it must be one that Robot.spec makes: {error}", "write it again"
+            ) from error
+        _check_origin(robot.shape, warn=False)
+        return robot
 
     @classmethod
-    def open(cls, source: str | Path, *, solid: Solidity | None = None) -> Robot:
+    def open(cls, source: str | os.PathLike[str], *, solid: Solid | None = None) -> Robot:
         """A robot from a short text or a file.
 
         Parameters
@@ -286,43 +244,70 @@ class Robot:
         FileError
             If the file cannot be read.
         """
-        from cspace.specs import open_robot
+        from cspace.io.meshes import SUFFIXES as MESHES
+        from cspace.io.vector import SUFFIXES as POLYGONS
+        from cspace.io.vector import read_shapes
 
-        return open_robot(source, solid)
+        try:
+            path = Path(source)
+        except TypeError as error:
+            raise InputError(
+                "robot",
+                f"is {source!r}",
+                "it must be a short text such as 'ball:0.3' (metres), or a file name",
+                "pass a string or a pathlib.Path",
+            ) from error
+        suffix = path.suffix.lower()
+        if suffix in MESHES:
+            return cls.mesh(path, solid=solid or "auto", name=f"mesh {path.name}")
+        if solid is not None:
+            raise InputError("solid", f"is {solid!r} for {source}", f"it is for {', '.join(MESHES)}", "leave it out")
+        kind, colon, _ = str(source).partition(":")
+        if colon and kind in _SHORT:
+            return _from_text(str(source))
+        if suffix in POLYGONS:
+            return cls.polygon(read_shapes(path), name=f"polygon {path.name}")
+        forms = ", ".join(f"{kind}:{'x'.join(form).upper()}" for kind, (form, _) in _SHORT.items())
+        files = ", ".join((*POLYGONS, *MESHES))
+        if path.exists():
+            raise FileError(str(path), f"has the suffix {path.suffix!r}", f"a robot's are {files}", f"or pass {forms}")
+        raise InputError(
+            "robot", f"is {str(source)!r}", "it must be a short text or a file", f"pass {forms} (metres), or {files}"
+        )
 
     @property
     def geometry(self) -> BaseGeometry:
-        """The shape in the robot's frame, of a robot in the plane, as a shapely geometry in metres, for drawing.
+        """The shape of a robot in the plane, in its frame, as a shapely geometry in metres, for drawing.
 
         Discs are drawn as polygons of 128 corners; the rasters never use this.
         """
-        return self.body.geometry
+        return self.shape.outline
 
     @property
     def surface(self) -> Surface:
-        """The shape in the robot's frame, of a robot in space, as vertices (V, 3) and triangles (F, 3), for drawing.
+        """The shape of a robot in space, in its frame, as vertices (V, 3) and triangles (F, 3), for drawing.
 
         Balls are drawn with flat faces; the rasters never use this.
         """
-        return self.body.surface
+        return self.shape.surface
 
     @property
     def symmetry(self) -> int:
-        """How many turns of the plane in a circle map the robot to itself: 1, 2 or 4, or 0 for all turns.
+        """How many turns about the z axis in a circle map the robot to itself: 1, 2 or 4, or 0 for all turns.
 
         Only turns that map it to itself to the last bit count.
         """
-        if self.body.is_round:
+        if self.shape.is_round:
             return 0
-        for order, turn in ((4, [[0.0, 1.0], [-1.0, 0.0]]), (2, [[-1.0, 0.0], [0.0, -1.0]])):
-            if self.body.is_same_turned(np.asarray(turn)):
+        for order, (cosine, sine) in ((4, (0.0, 1.0)), (2, (-1.0, 0.0))):
+            matrix = np.eye(self.dim)
+            matrix[:2, :2] = [[cosine, -sine], [sine, cosine]]
+            if self.shape.is_same(matrix):
                 return order
         return 1
 
-    def rasters(
-        self, spacing: float, margin: float = 0.0, *, yaw: float = 0.0, sweep: float = 0.0
-    ) -> tuple[Raster, Raster]:
-        """The discrete robot at a spacing.
+    def rasters(self, spacing: float, margin: float = 0.0, turn: Turn = STILL) -> tuple[Raster, Raster]:
+        """The discrete robot at a spacing, as :meth:`cspace.shapes.Shape.rasters` tells.
 
         Parameters
         ----------
@@ -330,15 +315,13 @@ class Robot:
             Side of the map's cells, metres.
         margin : float
             Metres by which the robot is grown, on the outer side only.
-        yaw : float
-            Turn of the robot about its reference point, radians.
-        sweep : float
-            The rasters hold for all turns within this angle of ``yaw``, radians.
+        turn : Turn
+            The rotations about the reference point for which the rasters are to hold.
 
         Returns
         -------
         outer : Raster
-            Every offset ``m`` for which the grown robot meets ``spacing * (m + [-1, 1]^2)``.
+            Every offset ``m`` for which the grown robot meets ``spacing * (m + [-1, 1]^d)``.
         inner : Raster
             Only offsets ``m`` for which ``spacing * m`` lies in the robot.
 
@@ -353,10 +336,32 @@ class Robot:
         far = (self.span + grown) / side
         if not far <= MAX_COORDINATE:
             raise InputError(
-                f"the robot reaches {far:.3g} cells from its reference point; at most {MAX_COORDINATE:.0f} keep the "
-                "answers proven against rounding; use a larger spacing, or check the robot's units (metres) and origin"
+                "robot",
+                f"reaches {far:.3g} cells from its reference point",
+                f"at most {MAX_COORDINATE:.0f} keep the answers proven against rounding",
+                "use a larger spacing, or check the robot's units (metres) and origin",
             )
-        return self.body.rasters(side, grown, yaw, sweep)
+        return self.shape.rasters(side, grown, turn)
+
+    # What follows goes once its users have moved to `shape`.
+
+    @property
+    def body(self) -> Shape:
+        return self.shape
+
+    @property
+    def outlines(self) -> tuple[Floats, ...]:
+        if isinstance(self.shape, Polygons):
+            return tuple(segments for segments, _ in self.shape.parts)
+        return (self.shape._segments,) if isinstance(self.shape, Voxels) and self.dim == 2 else ()
+
+    @property
+    def centers(self) -> Floats:
+        return self.shape.centers if isinstance(self.shape, Balls) else np.empty((0, self.dim))
+
+    @property
+    def radii(self) -> Floats:
+        return self.shape.radii if isinstance(self.shape, Balls) else np.empty(0)
 
 
 def check_margin(margin: float) -> float:
@@ -369,15 +374,63 @@ def check_margin(margin: float) -> float:
     """
     value = finite(margin, "margin")
     if value.ndim or value < 0.0:
-        raise InputError(f"margin is {margin!r}; it must be one number, zero or above; it grows the robot, in metres")
+        raise InputError(
+            "margin",
+            f"is {margin!r}",
+            "it must be one number, zero or above",
+            "it grows the robot, in metres",
+            value=margin,
+        )
     return float(value)
 
 
-def _bitmap(bitmap: NDArray[np.bool_], side: float, corner: Floats) -> Body:
-    """The body of a bitmap: in the plane by its outline, in space by its voxels."""
-    if bitmap.ndim == 3:
-        return Voxels(bitmap, side, corner)
-    from cspace.raster.boundary import boundary_segments
+_SHORT: Final[dict[str, tuple[tuple[str, ...], Callable[..., Robot]]]] = {
+    "disc": (("radius",), Robot.disc),
+    "rect": (("length", "width"), Robot.rectangle),
+    "ball": (("radius",), Robot.ball),
+    "box": (("x", "y", "z"), lambda x, y, z: Robot.box((x, y, z))),
+}
+"""Short texts: the lengths that follow the colon, and what makes the robot."""
 
-    span = float(np.abs(corner).max()) + side * max(bitmap.shape)
-    return Regions([boundary_segments(bitmap, side, corner)], span)
+
+def _from_text(source: str) -> Robot:
+    """The robot of a short text such as ``rect:0.9x0.6``."""
+    kind, _, sizes = source.partition(":")
+    names, make = _SHORT[kind]
+    try:
+        values = [float(word) for word in sizes.split("x")]
+    except ValueError:
+        values = []
+    if len(values) != len(names) or not all(math.isfinite(value) and value > 0.0 for value in values):
+        raise InputError(
+            "robot",
+            f"is {source!r}",
+            f"after the colon must stand {'x'.join(names).upper()}, each above zero, in metres",
+            f"write e.g. {kind}:{'x'.join(['0.3'] * len(names))}",
+        )
+    return make(*values)
+
+
+def _check_origin(shape: Shape, *, warn: bool) -> None:
+    """Refuse a mesh that lies so far from its reference point that this can hardly be meant, and warn of one that may
+    not."""
+    if not isinstance(shape, Mesh):
+        return
+    lower, upper = shape.bounds
+    size = float(np.linalg.norm(upper - lower))
+    far = float(np.linalg.norm(np.maximum(np.maximum(lower, -upper), 0.0)))
+    move = f"({', '.join(f'{-x:g}' for x in (lower + upper) / 2)}) m"
+    if far > MOST_OFF * size:
+        raise GeometryError(
+            "mesh",
+            f"is {size:g} m across and lies {far:g} m from its origin, which is the robot's reference point",
+            f"at most {MOST_OFF:g} times its size is accepted",
+            f"move it there first, by {move} for its middle",
+        )
+    if warn and far > size:
+        warnings.warn(
+            f"the robot's mesh is {size:g} m across and lies {far:g} m from its origin, which is its reference point: "
+            "a configuration is where that point is; unless this is meant, move the mesh there first, by "
+            f"{move} for its middle",
+            stacklevel=3,
+        )

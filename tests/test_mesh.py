@@ -167,7 +167,7 @@ def test_open_bodies_are_told_once_and_only_under_auto():
         warnings.simplefilter("error")
         assert mesh.contains([(0, 0, 0), (5.1, 5.1, 5.1)]).tolist() == [True, False]
         assert not Mesh.of(shape, "surface").contains((0, 0, 0))
-        assert not Mesh.from_spec(mesh.spec()).is_watertight
+        assert not Mesh.from_spec(mesh.spec).is_watertight
         with pytest.raises(InputError, match="fill"):
             Mesh.of(shape, "fill").contains((0, 0, 0))
     with pytest.warns(MeshWarning, match="no triangle"):
@@ -341,13 +341,13 @@ def test_points_are_checked():
 def test_a_mesh_keeps_to_the_last_bit_through_its_record():
     rng = np.random.default_rng(0)
     mesh = Mesh.of((rng.normal(size=(9, 3)) * 1e-7, rng.permutation(9).reshape(3, 3)), "surface")
-    back = Mesh.from_spec(json.loads(json.dumps(mesh.spec())))
+    back = Mesh.from_spec(json.loads(json.dumps(mesh.spec)))
     assert back.vertices.tobytes() == mesh.vertices.tobytes()
     assert back.faces.tobytes() == mesh.faces.tobytes()
     assert (back.solid, back.source) == ("surface", "mesh")
     for damage in ({"vertices": "?"}, {"faces": 3}, {"vertices": "AAAA"}):
         with pytest.raises(InputError, match="damaged"):
-            Mesh.from_spec({**mesh.spec(), **damage})
+            Mesh.from_spec({**mesh.spec, **damage})
     with pytest.raises(InputError, match="damaged"):
         Mesh.from_spec({})
 

@@ -15,8 +15,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.errors import GeometryError, InputError
-from cspace.grid import finite, unmasked
+from cspace.grid import Grid, finite, unmasked
+from cspace.raster.raster import Raster
 from cspace.raster.solids.inside import AMBIGUOUS, INSIDE, Bodies, Body, InsideTester, find_bodies, merged
+from cspace.rotations import STILL, Turn
+from cspace.shapes.shape import Bools, Floats, Pieces, Shape, Surface
 
 if TYPE_CHECKING:
     from cspace.raster.solids.near import Crossings
@@ -34,7 +37,7 @@ class MeshWarning(UserWarning):
 
 
 @dataclass(frozen=True, eq=False)
-class Mesh:
+class Mesh(Shape):
     """Triangles in space, in metres.
 
     The triangles themselves are always part of the shape. What they enclose is, by ``solid``:
@@ -82,6 +85,7 @@ class Mesh:
     solid: Solid = "auto"
     source: str = "mesh"
     _told: bool = field(default=False, init=False, repr=False)
+    dim = 3
 
     def __post_init__(self) -> None:
         if self.solid not in SOLIDS:
@@ -155,12 +159,12 @@ class Mesh:
         return np.asarray(self.vertices[self.faces])
 
     @cached_property
-    def bounds(self) -> NDArray[np.float64]:
-        """Lower and upper corner of the triangles' bounding box, in metres, shape (2, 3)."""
+    def bounds(self) -> tuple[Floats, Floats]:
+        """Lower and upper corner of the triangles' bounding box, metres, shape (3,) each."""
         named = np.zeros(len(self.vertices), dtype=np.bool_)
         named[self.faces] = True
         used = self.vertices[named]
-        return np.array([used.min(axis=0), used.max(axis=0)])
+        return used.min(axis=0), used.max(axis=0)
 
     @cached_property
     def bodies(self) -> tuple[Body, ...]:
@@ -173,7 +177,15 @@ class Mesh:
         return bool(self.bodies) and all(body.closed for body in self.bodies)
 
     @property
-    def encloses(self) -> bool:
+    def span(self) -> float:
+        return float(np.abs(self.bounds).max())
+
+    @property
+    def measure(self) -> float:
+        return float(self.volume) if self.is_watertight else float("nan")
+
+    @property
+    def encloses(self) -> bool:  # type: ignore[override]
         """Whether the mesh has an inside that does not depend on a spacing: closed bodies, which are solid."""
         return self.solid == "auto" and bool(len(self._closed.faces))
 
@@ -188,8 +200,39 @@ class Mesh:
             np.concatenate([np.empty(0, dtype=np.int64), *parts])
             for parts in ([body.faces for body in kept], [body.turns for body in kept])
         )
-        a, b, c = np.moveaxis(self.vertices[self.faces[faces]] - self.bounds.mean(axis=0), 1, 0)
+        a, b, c = np.moveaxis(self.vertices[self.faces[faces]] - np.mean(self.bounds, axis=0), 1, 0)
         return float(np.einsum("ij,ij,i->", a, np.cross(b, c), turns) / 6.0)
+
+    def rasters(self, spacing: float, margin: float = 0.0, turn: Turn = STILL) -> tuple[Raster, Raster]:
+        from cspace.raster.solids import mesh_rasters
+
+        return mesh_rasters(self, spacing, margin)
+
+    def cells(self, grid: Grid) -> tuple[Bools, Bools]:
+        from cspace.raster.solids import rasterize_mesh
+
+        return rasterize_mesh(self, grid)
+
+    def boundary(self) -> Pieces:
+        if self.solid == "fill":
+            raise InputError(
+                self.source,
+                "has solid='fill'",
+                "what is filled depends on the spacing, and exact answers need a shape of its own",
+                "close the mesh and pass solid='auto', or ask without exact=True",
+            )
+        return Pieces(self.triangles, np.zeros(len(self.faces)))
+
+    @property
+    def surface(self) -> Surface:
+        return self.vertices, self.faces
+
+    def _features(self, matrix: Floats) -> Floats:
+        corners = (self.vertices @ matrix.T + 0.0)[self.faces]
+        # Each triangle begins with its smallest corner and keeps its direction.
+        first = [min(range(3), key=lambda k: triangle[k]) for triangle in corners.tolist()]
+        order = (np.array(first)[:, None] + np.arange(3)) % 3
+        return np.take_along_axis(corners, order[..., None], axis=1).reshape(-1, 9)
 
     def contains(self, points: ArrayLike) -> Any:
         """Whether points lie in the closed bodies, for points farther from the surface than rounding.
@@ -232,9 +275,11 @@ class Mesh:
         closed = self._closed
         return InsideTester(triangles[closed.faces], closed, self._crossings)
 
+    @property
     def spec(self) -> dict[str, Any]:
         """The mesh as plain values that JSON can hold, to the last bit."""
         return {
+            "kind": "mesh",
             "vertices": _encoded(self.vertices, "<f8"),
             "faces": _encoded(self.faces, "<i8"),
             "solid": self.solid,

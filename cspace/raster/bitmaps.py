@@ -1,0 +1,202 @@
+"""Outlines and faces of sets of cells, and boxes with the same union; segments of points and polygons."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cspace.errors import InputError
+from cspace.grid import SLACK, finite, positive
+
+if TYPE_CHECKING:
+    from shapely.geometry import Polygon
+
+Bools = NDArray[np.bool_]
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+def polygon_outline(polygon: Polygon) -> Floats:
+    """Segments ``(x0, y0, x1, y1)`` of all rings of a polygon, shape (E, 4)."""
+    rings = [polygon.exterior, *polygon.interiors]
+    return np.concatenate([point_segments(np.asarray(ring.coords)[:, :2]) for ring in rings])
+
+
+def point_segments(points: Floats) -> Floats:
+    """Segments between consecutive points, shape (n - 1, 4); one point gives one segment of length zero."""
+    if len(points) == 1:
+        points = np.repeat(points, 2, axis=0)
+    return np.hstack([points[:-1], points[1:]])
+
+
+def boundary_segments(occupied: ArrayLike, spacing: float, lower: ArrayLike) -> Floats:
+    """Segments between the occupied cells of a plane grid and everything else.
+
+    Unit edges that follow one another are merged, so that the count grows with the corners of the outline and not with
+    its length. Every piece of the outline is in exactly one segment, which is what even-odd parity needs; where two
+    cells touch only in a corner, both pass through it. All coordinates come from ``lower + spacing * index``, so
+    segments that meet share the corner to the last bit.
+
+    Parameters
+    ----------
+    occupied : array-like of bool, shape (nx, ny)
+        The cells; whatever lies beyond the array is not occupied.
+    spacing : float
+        Side of a cell, in metres.
+    lower : array-like, shape (2,)
+        Lower corner of cell (0, 0), in metres.
+
+    Returns
+    -------
+    ndarray of float64, shape (E, 4)
+        ``x0, y0, x1, y1`` in metres, each with the occupied cells on its left hand; first the upright segments, then
+        the level ones. ``(0, 4)`` where nothing is occupied.
+
+    Raises
+    ------
+    InputError
+        If ``occupied`` is not a boolean array of two axes, or ``spacing`` or ``lower`` is not usable.
+    """
+    cells = np.asarray(occupied)
+    if cells.ndim != 2 or cells.dtype != np.bool_:
+        raise InputError(
+            f"occupied has shape {cells.shape} and dtype {cells.dtype}; an outline needs a boolean array of two axes; "
+            "pass occupied.astype(bool) indexed [x, y]"
+        )
+    cells = cells.view(np.uint8) != 0  # a boolean array may hold other bytes than 0 and 1
+    side = positive(spacing, "spacing")
+    corner = finite(lower, "lower")
+    if corner.shape != (2,):
+        raise InputError(f"lower has shape {corner.shape}; it must hold two coordinates; pass e.g. (0.0, 0.0)")
+    x, start, stop, step = _runs(cells.view(np.int8))
+    # The cells lie on the left of an upright segment that runs down where occupied cells begin, and up where they end.
+    upright = np.column_stack((x, np.where(step > 0, stop, start), x, np.where(step > 0, start, stop)))
+    y, start, stop, step = _runs(cells.T.view(np.int8))
+    level = np.column_stack((np.where(step > 0, start, stop), y, np.where(step > 0, stop, start), y))
+    return np.asarray(np.tile(corner, 2) + side * np.concatenate((upright, level)))
+
+
+def _runs(cells: NDArray[np.int8]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]:
+    """Runs of equal steps across the lattice lines of the first axis: line, start, stop (both along it) and step."""
+    lines, length = len(cells) + 1, cells.shape[1]
+    steps = np.zeros((lines, length + 2), dtype=np.int8)
+    steps[:-1, 1:-1] = cells
+    steps[1:, 1:-1] -= cells
+    change = steps[:, 1:] != steps[:, :-1]
+    line, start = np.nonzero(change & (steps[:, 1:] != 0))
+    # Starts and stops pair up: both lists are in reading order, and every run ends before the padding of its line.
+    stop = np.nonzero(change & (steps[:, :-1] != 0))[1]
+    return line, start, stop, steps[line, start + 1]
+
+
+def cell_faces(cells: Bools, spacing: float, lower: Any) -> Floats:
+    """Triangles of the border of the union of closed cells, shape (n, 3, 3).
+
+    Sides that lie in one plane are merged to rectangles. Whatever lies beyond the array is not in the union.
+
+    Parameters
+    ----------
+    cells : ndarray of bool, shape (nx, ny, nz)
+    spacing : float
+        Side of a cell, metres.
+    lower : array-like, shape (3,)
+        Lower corner of the first cell, metres.
+    """
+    found = [np.empty((0, 3, 3))]
+    for axis in range(3):
+        columns = np.moveaxis(cells, axis, 0)
+        sides = np.zeros((columns.shape[0] + 1, *columns.shape[1:]), dtype=np.bool_)
+        sides[:-1] = columns
+        sides[1:] ^= columns
+        found.append(rectangle_triangles(sides, axis, spacing, lower))
+    return np.concatenate(found)
+
+
+def rectangle_triangles(sides: Bools, axis: int, spacing: float, lower: Any) -> Floats:
+    """Triangles of the squares ``sides[k, i, j]`` that lie in the lattice plane k across an axis, shape (n, 3, 3)."""
+    low, high = _rectangles(sides)
+    first, second = low.copy(), low.copy()
+    first[:, 1], second[:, 2] = high[:, 1], high[:, 2]
+    corners = np.stack([low, first, high, second], axis=1)
+    order = np.argsort([axis, *(other for other in range(3) if other != axis)])
+    points = np.asarray(lower, dtype=np.float64) + spacing * corners[..., order]
+    return np.asarray(points[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3, 3))
+
+
+def cell_boxes(cells: Bools, spacing: float, lower: Any) -> tuple[Floats, Floats]:
+    """Boxes whose union is that of closed cells, as few as runs along two axes leave.
+
+    Parameters
+    ----------
+    cells : ndarray of bool, shape (nx, ny) or (nx, ny, nz)
+    spacing : float
+        Side of a cell, metres.
+    lower : array-like, shape (d,)
+        Lower corner of the first cell, metres.
+
+    Returns
+    -------
+    lows, highs : ndarray of float64, shape (n, d)
+        Their corners, metres.
+    """
+    corner = np.asarray(lower, dtype=np.float64)
+    low, high = _rectangles(cells.reshape((-1, *cells.shape[-2:])))
+    high[:, 0] += 1
+    first = 3 - cells.ndim
+    return corner + spacing * low[:, first:], corner + spacing * high[:, first:]
+
+
+def _rectangles(sides: Bools) -> tuple[Integers, Integers]:
+    """Rectangles that cover the set entries of each layer: lattice corners ``(layer, row, column)``, lower and upper.
+
+    Runs along a row, and rows with the same run that follow one another taken together.
+    """
+    steps = np.diff(np.pad(sides, ((0, 0), (0, 0), (1, 1))).view(np.int8), axis=2)
+    layer, row, start = np.nonzero(steps == 1)
+    stop = np.nonzero(steps == -1)[2]
+    order = np.lexsort((row, stop, start, layer))
+    layer, row, start, stop = layer[order], row[order], start[order], stop[order]
+    fresh = np.ones(len(row), dtype=np.bool_)
+    fresh[1:] = (np.diff(layer) != 0) | (np.diff(start) != 0) | (np.diff(stop) != 0) | (np.diff(row) != 1)
+    first = np.flatnonzero(fresh)
+    last = np.append(first[1:], len(row))[: len(first)] - 1
+    return (
+        np.stack([layer[first], row[first], start[first]], axis=1),
+        np.stack([layer[first], row[last] + 1, stop[first]], axis=1),
+    )
+
+
+def held_by_cells(cells: Bools, starts: Sequence[Floats], length: float, side: float) -> Bools:
+    """Which boxes of a lattice lie wholly in the union of closed cells.
+
+    A box may lie in any cell whose interval, grown by ``SLACK``, holds part of it along every axis; it is in the union
+    where all these are set. So the common borders of set cells count as within, and the border of the union does not.
+
+    Parameters
+    ----------
+    cells : ndarray of bool, shape (nx, ny) or (nx, ny, nz)
+        Whatever lies beyond the array is not in the union.
+    starts : sequence of ndarray, shape (m,), one for each axis
+        Lower ends of the boxes, in steps of the lattice, from the lower border of cell 0.
+    length, side : float
+        Sides of the boxes, zero for points, and of the cells, in steps of the lattice.
+
+    Returns
+    -------
+    ndarray of bool, shape (m of each axis)
+    """
+    for axis, start in enumerate(starts):
+        count = cells.shape[axis]
+        # Rounding up less one, and down, takes both neighbours of a border; SLACK, both neighbours of one that is near.
+        first = np.clip(np.ceil((start - SLACK) / side) - 1.0, -1, count).astype(np.int64)
+        last = np.clip(np.floor((start + length + SLACK) / side), -1, count).astype(np.int64)
+        within = (first >= 0) & (last < count)
+        first, last = np.where(within, first, 0), np.where(within, last, 0)
+        held = np.take(cells, first, axis=axis)
+        for step in range(1, int((last - first).max(initial=0)) + 1):
+            held &= np.take(cells, np.minimum(first + step, last), axis=axis)
+        cells = np.asarray(held & within.reshape(tuple(-1 if a == axis else 1 for a in range(cells.ndim))))
+    return cells

@@ -1,0 +1,173 @@
+"""Balls: discs in the plane, balls in space, and points where the radius is zero."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cspace.errors import InputError
+from cspace.grid import Grid, finite
+from cspace.raster.raster import Raster
+from cspace.rotations import STILL, Turn
+from cspace.shapes.shape import Bools, Floats, Pieces, Shape, Surface, frozen
+
+if TYPE_CHECKING:
+    from shapely.geometry.base import BaseGeometry
+
+
+class BallSet(Protocol):
+    """A decomposition into balls."""
+
+    @property
+    def centers(self) -> Floats: ...
+
+    @property
+    def radii(self) -> Floats: ...
+
+
+class Balls(Shape):
+    """A union of balls.
+
+    Parameters
+    ----------
+    centers : ndarray, shape (n, dim)
+    radii : ndarray, shape (n,)
+        Metres, zero or above.
+    """
+
+    def __init__(self, centers: Floats, radii: Floats) -> None:
+        self.centers, self.radii = frozen(centers), frozen(radii)
+        self.dim = centers.shape[1]
+
+    @classmethod
+    def of(cls, centers: ArrayLike | BallSet, radii: ArrayLike | None = None) -> Balls:
+        """Balls from arrays, or from a decomposition, which brings its radii.
+
+        Parameters
+        ----------
+        centers : array-like, shape (n, 2) or (n, 3), or decomposition
+            Metres.
+        radii : array-like, shape (n,), or one number
+            Metres, zero or above.
+
+        Raises
+        ------
+        InputError
+            If there is no ball, the shapes do not fit, a value is not finite, or a radius is below zero.
+        """
+        return cls(*check_balls(centers, radii))
+
+    @property
+    def encloses(self) -> bool:  # type: ignore[override]
+        return bool((self.radii > 0.0).any())
+
+    @property
+    def span(self) -> float:
+        return float((np.abs(self.centers).max(axis=1) + self.radii).max())
+
+    @property
+    def bounds(self) -> tuple[Floats, Floats]:
+        reach = self.radii[:, None]
+        return (self.centers - reach).min(axis=0), (self.centers + reach).max(axis=0)
+
+    @property
+    def measure(self) -> float:
+        if self.dim == 2:
+            return float(self.outline.area)
+        return float(4.0 / 3.0 * np.pi * self.radii[0] ** 3) if len(self.radii) == 1 else float("nan")
+
+    def rasters(self, spacing: float, margin: float = 0.0, turn: Turn = STILL) -> tuple[Raster, Raster]:
+        from cspace.raster.boxes import Rounded, rounded_rasters
+
+        growth = turn.displacement(self.centers)
+        centers = turn.apply(self.centers)
+        return rounded_rasters(Rounded(centers, centers, self.radii), spacing, margin + growth, growth)
+
+    def cells(self, grid: Grid) -> tuple[Bools, Bools]:
+        from cspace.raster.boxes import Rounded, rounded_cells
+
+        return rounded_cells(Rounded(self.centers, self.centers, self.radii), grid)
+
+    def contains(self, points: ArrayLike) -> Bools:
+        from scipy.spatial import cKDTree
+
+        array = self._checked(points)
+        found = np.zeros(array.shape[:-1], dtype=np.bool_)
+        different, which = np.unique(self.radii, return_inverse=True)
+        if len(different) <= 8:
+            for number, radius in enumerate(different.tolist()):
+                found |= cKDTree(self.centers[which == number]).query(array)[0] <= radius
+            return found
+        for center, radius in zip(self.centers, self.radii.tolist(), strict=True):
+            found |= ((array - center) ** 2).sum(axis=-1) <= radius * radius
+        return found
+
+    def boundary(self) -> Pieces:
+        return Pieces(self.centers[:, None], self.radii)
+
+    @property
+    def outline(self) -> BaseGeometry:
+        if self.dim == 3:
+            return super().outline
+        import shapely
+
+        return shapely.union_all(shapely.buffer(shapely.points(self.centers), self.radii, quad_segs=32))
+
+    @property
+    def surface(self) -> Surface:
+        if self.dim == 2:
+            return super().surface
+        import trimesh
+
+        ball = trimesh.creation.icosphere(subdivisions=3 if len(self.radii) < 64 else 1)
+        corners, faces = np.asarray(ball.vertices), np.asarray(ball.faces, dtype=np.int64)
+        vertices = self.centers[:, None] + self.radii[:, None, None] * corners
+        shifts = len(corners) * np.arange(len(self.radii))
+        return vertices.reshape(-1, 3), (faces + shifts[:, None, None]).reshape(-1, 3)
+
+    @property
+    def is_round(self) -> bool:
+        return len(self.radii) == 1 and not self.centers.any()
+
+    def _features(self, matrix: Floats) -> Floats:
+        return np.column_stack([self.centers @ matrix.T, self.radii])
+
+    @property
+    def spec(self) -> dict[str, Any]:
+        return {"kind": "balls", "centers": self.centers.tolist(), "radii": self.radii.tolist()}
+
+    @classmethod
+    def from_spec(cls, spec: Mapping[str, Any]) -> Balls:
+        """The shape of a :attr:`spec`."""
+        return cls.of(spec["centers"], spec["radii"])
+
+
+def check_balls(centers: ArrayLike | BallSet, radii: ArrayLike | None) -> tuple[Floats, Floats]:
+    """Copies of the centers, shape (n, 2) or (n, 3), and radii, shape (n,), of balls; as :meth:`Balls.of` tells."""
+    decomposed = hasattr(centers, "centers") and hasattr(centers, "radii")
+    if decomposed and radii is not None:
+        raise InputError("radii", "is given beside a decomposition", "a decomposition has its own", "leave it out")
+    if not decomposed and radii is None:
+        raise InputError("radii", "is missing", "balls need one number, or one for each center", "pass it in metres")
+    points = finite(centers.centers if decomposed else centers, "centers")  # type: ignore[union-attr,arg-type]
+    sizes = finite(centers.radii if decomposed else radii, "radii")  # type: ignore[union-attr,arg-type]
+    if points.ndim != 2 or points.shape[1] not in (2, 3) or not len(points):
+        raise InputError(
+            "centers",
+            f"has shape {points.shape}",
+            "it must be (n, 2) or (n, 3) with n at least 1",
+            "pass one row for each ball",
+        )
+    if sizes.shape not in {(), (len(points),)}:
+        raise InputError(
+            "radii",
+            f"has shape {sizes.shape}",
+            f"it must be one number or ({len(points)},)",
+            "pass one number, or one for each center",
+        )
+    if (sizes < 0).any():
+        raise InputError("radii", f"holds {sizes.min():g}", "none may be below zero", "pass lengths in metres")
+    return points.copy(), np.broadcast_to(sizes, len(points)).copy()

@@ -1,0 +1,185 @@
+"""Polygons: regions of the plane, with holes; also lines and points, which have no inside."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cspace.errors import GeometryError
+from cspace.grid import Grid, finite
+from cspace.raster.raster import Raster
+from cspace.rotations import STILL, Turn
+from cspace.shapes.shape import Bools, Floats, Pieces, Shape
+
+if TYPE_CHECKING:
+    from shapely.geometry.base import BaseGeometry
+
+
+class Polygons(Shape):
+    """A union of polygons, lines and points of the plane.
+
+    Parameters
+    ----------
+    geometries : sequence of shapely geometries
+        Valid, not empty, without z, metres.
+
+    Attributes
+    ----------
+    geometries : tuple of shapely geometries
+        As they were given.
+    """
+
+    dim = 2
+
+    def __init__(self, geometries: Sequence[BaseGeometry]) -> None:
+        self.geometries = tuple(geometries)
+
+    @classmethod
+    def of(cls, shape: ArrayLike | BaseGeometry | Sequence[BaseGeometry]) -> Polygons:
+        """Polygons that have an area, from what describes them.
+
+        Parameters
+        ----------
+        shape : shapely Polygon or MultiPolygon, a sequence of them, or array-like of shape (n, 2)
+            Metres; an array holds the vertices in order, closed or not. Parts may overlap.
+
+        Raises
+        ------
+        GeometryError
+            If a part is empty, has no area, crosses itself, or is not a polygon.
+        InputError
+            If a coordinate is NaN or infinite.
+        """
+        import shapely
+
+        if isinstance(shape, shapely.Geometry):
+            given = [shape]
+        elif isinstance(shape, Sequence) and shape and all(isinstance(part, shapely.Geometry) for part in shape):
+            given = list(shape)
+        else:
+            vertices = finite(shape, "polygon")
+            if vertices.ndim != 2 or vertices.shape[1] != 2 or len(vertices) < 3:
+                raise GeometryError(
+                    "polygon",
+                    f"has shape {vertices.shape}",
+                    "it must be (n, 2) with n at least 3",
+                    "pass its vertices in order",
+                )
+            given = [shapely.Polygon(vertices)]
+        parts = [part for whole in given for part in shapely.get_parts(whole)]
+        if not parts or any(part.is_empty for part in parts):
+            raise GeometryError("polygon", "is empty", "it must have an area", "pass at least three vertices")
+        for number, part in enumerate(parts):
+            name = "polygon" if len(parts) == 1 else f"polygon[{number}]"
+            if part.geom_type != "Polygon":
+                raise GeometryError(name, f"is a {part.geom_type}", "each part must be a Polygon", "leave others out")
+            finite(shapely.get_coordinates(part), name)
+            if not part.is_valid:
+                raise GeometryError(
+                    name,
+                    f"is not simple: {shapely.is_valid_reason(part)}",
+                    "rings must not cross themselves or each other",
+                    "mend it, e.g. with shapely.make_valid",
+                )
+            if not part.area > 0.0:
+                raise GeometryError(name, f"has area {part.area:g}", "it must be above zero", "pass its whole border")
+        return cls(parts)
+
+    @cached_property
+    def parts(self) -> list[tuple[Floats, bool]]:
+        """For each polygon, line and point its border segments, shape (E, 4), and whether it has an inside.
+
+        Segments ``(x0, y0, x1, y1)`` of a polygon form closed curves; it is what they enclose by even-odd parity.
+        """
+        return list(_parts(self.geometries))
+
+    @property
+    def encloses(self) -> bool:  # type: ignore[override]
+        return any(filled for _, filled in self.parts)
+
+    @cached_property
+    def span(self) -> float:
+        return max(float(np.abs(segments).max()) for segments, _ in self.parts)
+
+    @cached_property
+    def bounds(self) -> tuple[Floats, Floats]:
+        import shapely
+
+        lower, upper = shapely.total_bounds(list(self.geometries)).reshape(2, 2)
+        return lower, upper
+
+    @property
+    def measure(self) -> float:
+        return float(self.outline.area)
+
+    @property
+    def corners(self) -> int:
+        """Number of corners of all borders."""
+        return sum(len(segments) for segments, _ in self.parts)
+
+    def rasters(self, spacing: float, margin: float = 0.0, turn: Turn = STILL) -> tuple[Raster, Raster]:
+        from cspace.raster.segments import outline_rasters
+
+        return outline_rasters([segments for segments, _ in self.parts], spacing, margin, turn)
+
+    def cells(self, grid: Grid) -> tuple[Bools, Bools]:
+        from cspace.raster.segments import outline_cells
+
+        return outline_cells(self.parts, grid)
+
+    def contains(self, points: ArrayLike) -> Bools:
+        import shapely
+
+        array = self._checked(points)
+        shapely.prepare(self.outline)
+        return np.asarray(shapely.intersects_xy(self.outline, array[..., 0], array[..., 1]))
+
+    def boundary(self) -> Pieces:
+        segments = np.concatenate([segments for segments, _ in self.parts]).reshape(-1, 2, 2)
+        return Pieces(segments, np.zeros(len(segments)))
+
+    @cached_property
+    def outline(self) -> BaseGeometry:
+        import shapely
+
+        return self.geometries[0] if len(self.geometries) == 1 else shapely.union_all(list(self.geometries))
+
+    def _features(self, matrix: Floats) -> Floats:
+        """Border segments without direction, with the number of their part."""
+        segments = np.concatenate([segments for segments, _ in self.parts])
+        number = np.repeat(np.arange(len(self.parts)), [len(segments) for segments, _ in self.parts])
+        ends = (segments.reshape(-1, 2) @ matrix.T).reshape(-1, 2, 2)
+        (x0, y0), (x1, y1) = ends[:, 0].T, ends[:, 1].T
+        ends = np.where(((x0 > x1) | ((x0 == x1) & (y0 > y1)))[:, None, None], ends[:, ::-1], ends)
+        return np.column_stack([ends.reshape(-1, 4), number])
+
+    @property
+    def spec(self) -> dict[str, Any]:
+        return {"kind": "polygon", "wkb": [base64.b64encode(part.wkb).decode() for part in self.geometries]}
+
+    @classmethod
+    def from_spec(cls, spec: Mapping[str, Any]) -> Polygons:
+        """The shape of a :attr:`spec`."""
+        import shapely
+
+        parts = [shapely.from_wkb(base64.b64decode(text, validate=True)) for text in spec["wkb"]]
+        return cls(parts) if any(part.geom_type != "Polygon" for part in parts) else cls.of(parts)
+
+
+def _parts(geometries: Sequence[BaseGeometry]) -> Iterator[tuple[Floats, bool]]:
+    import shapely
+
+    from cspace.raster.bitmaps import point_segments, polygon_outline
+
+    for shape in shapely.get_parts(list(geometries)):
+        if shape.geom_type == "Polygon":
+            yield polygon_outline(shape), True
+        elif hasattr(shape, "geoms"):
+            yield from _parts(list(shape.geoms))
+        else:
+            yield point_segments(np.asarray(shape.coords)[:, :2]), False

@@ -1,0 +1,203 @@
+"""Shape: what every kind of robot and obstacle can do."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cspace.errors import GeometryError, InputError
+from cspace.grid import Grid, finite
+from cspace.raster.raster import Raster
+from cspace.rotations import STILL, Turn
+
+if TYPE_CHECKING:
+    from shapely.geometry.base import BaseGeometry
+
+Bools = NDArray[np.bool_]
+Floats = NDArray[np.float64]
+Surface = tuple[Floats, NDArray[np.int64]]
+"""Vertices, shape (V, 3), metres, and triangles, shape (F, 3), as indices into them."""
+
+
+class Pieces(NamedTuple):
+    """A border as a union of points, segments or triangles, each grown by a radius.
+
+    Attributes
+    ----------
+    simplices : ndarray of float64, shape (n, k, d)
+        Points (k = 1), segments (2) or triangles (3), metres.
+    radii : ndarray of float64, shape (n,)
+        Metres.
+    """
+
+    simplices: Floats
+    radii: Floats
+
+
+class Shape(ABC):
+    """A rigid, closed, bounded set of points in the plane or in space, metres.
+
+    Robots are given in a frame whose origin is their reference point, obstacles in that of the map.
+
+    Attributes
+    ----------
+    dim : int
+        2 in the plane, 3 in space.
+    encloses : bool
+        Whether it has an inside, that is, more than its boundary.
+    """
+
+    dim: int
+    encloses: bool = True
+
+    @property
+    @abstractmethod
+    def span(self) -> float:
+        """Largest modulus of the numbers that the shape was computed from, metres."""
+
+    @property
+    @abstractmethod
+    def bounds(self) -> tuple[Floats, Floats]:
+        """Lower and upper corner of the bounding box, shape (dim,) each."""
+
+    @property
+    @abstractmethod
+    def measure(self) -> float:
+        """Area in the plane, volume in space, for people; NaN where it is not known."""
+
+    @abstractmethod
+    def rasters(self, spacing: float, margin: float = 0.0, turn: Turn = STILL) -> tuple[Raster, Raster]:
+        """The shape as a robot: the offsets that it meets, and those that lie in it.
+
+        Parameters
+        ----------
+        spacing : float
+            Side of the map's cells, ``h``, metres.
+        margin : float
+            Metres by which the shape is grown, on the outer side only.
+        turn : Turn
+            The rotations for which the rasters are to hold.
+
+        Returns
+        -------
+        outer : Raster
+            Every offset ``m`` for which the grown shape meets ``h * (m + [-1, 1]^d)`` at some rotation of the turn.
+        inner : Raster
+            Only offsets ``m`` for which ``h * m`` lies in the shape at all of them.
+
+        Raises
+        ------
+        InputError
+            If the shape is too many cells large, or so far from its reference point that rounding could reach the
+            certificate's slack.
+        """
+
+    @abstractmethod
+    def cells(self, grid: Grid) -> tuple[Bools, Bools]:
+        """The shape as an obstacle: the cells that it meets, and those that lie in it.
+
+        Parameters
+        ----------
+        grid : Grid
+            Of the shape's dimension. What lies beyond it is clipped.
+
+        Returns
+        -------
+        outer, inner : ndarray of bool, shape grid.shape
+
+        Raises
+        ------
+        InputError
+            If the shape is so far from the grid that rounding could reach the certificate's slack.
+        """
+
+    @abstractmethod
+    def contains(self, points: ArrayLike) -> Bools:
+        """Whether points lie in the shape, for points farther from its border than rounding.
+
+        Parameters
+        ----------
+        points : array-like, shape (..., dim)
+            Metres.
+
+        Returns
+        -------
+        ndarray of bool, shape (...)
+
+        Raises
+        ------
+        InputError
+            If the last axis is not ``dim`` long, or a value is not finite.
+        """
+
+    @abstractmethod
+    def boundary(self) -> Pieces:
+        """The border, for exact tests; parts of it that lie within the shape may be among its pieces."""
+
+    @property
+    def outline(self) -> BaseGeometry:
+        """A shape in the plane as a shapely geometry, for drawing."""
+        raise GeometryError("shape", "is in space", "an outline needs one in the plane", "ask for its surface")
+
+    @property
+    def surface(self) -> Surface:
+        """A shape in space as vertices and triangles, for drawing."""
+        raise GeometryError("shape", "is in the plane", "a surface needs one in space", "ask for its outline")
+
+    @property
+    def is_round(self) -> bool:
+        """Whether every rotation about the origin maps the shape to itself."""
+        return False
+
+    def is_same(self, matrix: Floats) -> bool:
+        """Whether a rotation about the origin, shape (dim, dim), maps the shape to itself, to the last bit."""
+        if not np.isin(matrix, (-1.0, 0.0, 1.0)).all():
+            return False
+        own, turned = (np.unique(self._features(turn) + 0.0, axis=0) for turn in (np.eye(self.dim), matrix))
+        return np.array_equal(own, turned)
+
+    @abstractmethod
+    def _features(self, matrix: Floats) -> Floats:
+        """Rows of numbers that tell the shape apart once it was turned by a matrix of entries -1, 0 and 1."""
+
+    @property
+    @abstractmethod
+    def spec(self) -> dict[str, Any]:
+        """Plain numbers, strings and lists from which :func:`cspace.shapes.shape_from_spec` makes it again."""
+
+    def _checked(self, points: ArrayLike) -> Floats:
+        """Points that were asked for, as an array."""
+        array = finite(points, "points")
+        if array.ndim == 0 or array.shape[-1] != self.dim:
+            raise InputError(
+                "points",
+                f"has shape {array.shape}",
+                f"its last axis must be {self.dim} long",
+                "pass one point or a batch of them",
+            )
+        return array
+
+
+def frozen(array: NDArray[Any]) -> NDArray[Any]:
+    """The array, not to be written."""
+    array.setflags(write=False)
+    return array
+
+
+def check_point(value: ArrayLike, name: str = "center", dim: int = 2) -> Floats:
+    """The coordinates of one point, shape (dim,).
+
+    Raises
+    ------
+    InputError
+        If there are not as many numbers, or one is not finite.
+    """
+    point = finite(value, name)
+    if point.shape != (dim,):
+        raise InputError(
+            name, f"has shape {point.shape}", f"it must be {dim} numbers in metres", f"pass e.g. {(0.5,) * dim}"
+        )
+    return point.copy()

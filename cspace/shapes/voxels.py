@@ -1,0 +1,278 @@
+"""Boxes along the axes, and unions of the cells of a bitmap."""
+
+from __future__ import annotations
+
+import base64
+import math
+from collections.abc import Mapping
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cspace.errors import GeometryError, InputError
+from cspace.grid import Grid, positive, unmasked
+from cspace.raster.raster import Raster
+from cspace.rotations import STILL, Turn
+from cspace.shapes.shape import Bools, Floats, Pieces, Shape, Surface, check_point, frozen
+
+if TYPE_CHECKING:
+    from shapely.geometry.base import BaseGeometry
+
+    from cspace.raster.boxes import Rounded
+
+_CORNERS = np.array([[i >> 2 & 1, i >> 1 & 1, i & 1] for i in range(8)], dtype=np.float64)
+_QUADS = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+_FACES = np.array([t for a, b, c, d in _QUADS for t in ((a, b, c), (a, c, d))], dtype=np.int64)
+"""Triangles of a box on the corners above, facing outward."""
+
+
+class Box(Shape):
+    """A box along the axes in space.
+
+    Parameters
+    ----------
+    extents : ndarray, shape (3,)
+        Lengths of its sides, metres, above zero.
+    center : ndarray, shape (3,)
+    """
+
+    dim = 3
+
+    def __init__(self, extents: Floats, center: Floats) -> None:
+        self.extents, self.center = frozen(extents), frozen(center)
+        self.lower, self.upper = frozen(center - extents / 2), frozen(center + extents / 2)
+
+    @classmethod
+    def of(cls, extents: ArrayLike, center: ArrayLike = (0.0, 0.0, 0.0)) -> Box:
+        """A box from its sides and its middle, metres.
+
+        Raises
+        ------
+        InputError
+            If a number is missing or not finite, or a side is not above zero.
+        """
+        sides = check_point(extents, "extents", dim=3)
+        for number, side in enumerate(sides.tolist()):
+            positive(side, f"extents[{number}]")
+        return cls(sides, check_point(center, dim=3))
+
+    @property
+    def span(self) -> float:
+        return float(np.abs([self.lower, self.upper]).max())
+
+    @property
+    def bounds(self) -> tuple[Floats, Floats]:
+        return self.lower, self.upper
+
+    @property
+    def measure(self) -> float:
+        return float(np.prod(self.upper - self.lower))
+
+    def rasters(self, spacing: float, margin: float = 0.0, turn: Turn = STILL) -> tuple[Raster, Raster]:
+        from cspace.raster.boxes import Rounded, rounded_rasters
+
+        box = Rounded(self.lower[None], self.upper[None], np.zeros(1))
+        return rounded_rasters(box, spacing, np.full(1, margin), np.zeros(1))
+
+    def cells(self, grid: Grid) -> tuple[Bools, Bools]:
+        from cspace.raster.boxes import Rounded, rounded_cells
+
+        return rounded_cells(Rounded(self.lower[None], self.upper[None], np.zeros(1)), grid)
+
+    def contains(self, points: ArrayLike) -> Bools:
+        array = self._checked(points)
+        return np.asarray(((self.lower <= array) & (array <= self.upper)).all(axis=-1))
+
+    def boundary(self) -> Pieces:
+        vertices, faces = self.surface
+        return Pieces(vertices[faces], np.zeros(len(faces)))
+
+    @property
+    def surface(self) -> Surface:
+        return self.lower + _CORNERS * (self.upper - self.lower), _FACES.copy()
+
+    def _features(self, matrix: Floats) -> Floats:
+        ends = np.array([self.lower, self.upper]) @ matrix.T
+        return np.hstack([ends.min(axis=0), ends.max(axis=0)])[None]
+
+    @property
+    def spec(self) -> dict[str, Any]:
+        return {"kind": "box", "extents": self.extents.tolist(), "center": self.center.tolist()}
+
+    @classmethod
+    def from_spec(cls, spec: Mapping[str, Any]) -> Box:
+        """The shape of a :attr:`spec`."""
+        return cls.of(spec["extents"], spec["center"])
+
+
+class Voxels(Shape):
+    """The union of the closed cells ``lower + side * (i + [0, 1]^dim)`` where ``occupied[i]`` is set.
+
+    Parameters
+    ----------
+    occupied : ndarray of bool, shape (nx, ny) or (nx, ny, nz)
+        At least one is set.
+    side : float
+        Metres.
+    lower : ndarray, shape (dim,)
+        Metres.
+    """
+
+    def __init__(self, occupied: NDArray[np.bool_], side: float, lower: Floats) -> None:
+        self.occupied, self.side, self.lower = frozen(occupied), side, frozen(lower)
+        self.dim = occupied.ndim
+
+    @classmethod
+    def of(cls, occupied: ArrayLike, spacing: float, lower: ArrayLike | None = None) -> Voxels:
+        """The cells of a bitmap.
+
+        Parameters
+        ----------
+        occupied : array-like of bool, shape (nx, ny) or (nx, ny, nz)
+        spacing : float
+            Side of a cell, metres.
+        lower : array-like, shape (dim,), optional
+            Lower corner of the first cell, metres; the origin if left out.
+
+        Raises
+        ------
+        GeometryError
+            If no cell is occupied.
+        InputError
+            If ``occupied`` is not boolean with two or three axes, or another value is not as stated.
+        """
+        unmasked(occupied, "occupied")
+        bitmap = np.asarray(occupied)
+        if bitmap.ndim not in (2, 3) or bitmap.dtype != np.bool_:
+            raise InputError(
+                "occupied",
+                f"has shape {bitmap.shape} and type {bitmap.dtype}",
+                "it must be a boolean array of two or three axes",
+                "compare with a threshold first, e.g. array > 0",
+            )
+        bitmap = bitmap != 0  # a boolean array may hold other bytes than 0 and 1
+        if not bitmap.any():
+            raise GeometryError("occupied", "holds no True cell", "there must be one at least", "set those it fills")
+        side = positive(spacing, "spacing")
+        corner = check_point((0.0,) * bitmap.ndim if lower is None else lower, "lower", dim=bitmap.ndim)
+        return cls(bitmap, side, corner)
+
+    @property
+    def span(self) -> float:
+        return float(np.abs(self.lower).max() + self.side * max(self.occupied.shape))
+
+    @cached_property
+    def bounds(self) -> tuple[Floats, Floats]:
+        used = np.argwhere(self.occupied)
+        return self.lower + self.side * used.min(axis=0), self.lower + self.side * (used.max(axis=0) + 1)
+
+    @property
+    def measure(self) -> float:
+        return float(np.count_nonzero(self.occupied)) * self.side**self.dim
+
+    def rasters(self, spacing: float, margin: float = 0.0, turn: Turn = STILL) -> tuple[Raster, Raster]:
+        if self.dim == 2:
+            from cspace.raster.segments import outline_rasters
+
+            return outline_rasters([self._segments], spacing, margin, turn)
+        from cspace.raster.bitmaps import held_by_cells
+        from cspace.raster.boxes import rounded_rasters
+
+        boxes = self._boxes
+        outer, nothing = rounded_rasters(boxes, spacing, np.full(len(boxes.radii), margin), boxes.radii)
+        starts = [
+            low + np.arange(count, dtype=np.float64) - corner
+            for low, count, corner in zip(outer.lower, outer.cells.shape, self.lower / spacing, strict=True)
+        ]
+        inside = held_by_cells(self.occupied, starts, 0.0, self.side / spacing)
+        return outer, Raster.trimmed(inside, outer.lower)
+
+    def cells(self, grid: Grid) -> tuple[Bools, Bools]:
+        from cspace.raster.bitmaps import held_by_cells
+        from cspace.raster.boxes import rounded_cells
+
+        outer, _ = rounded_cells(self._boxes, grid)
+        starts = [
+            (low - corner) / grid.spacing + np.arange(count, dtype=np.float64)
+            for low, corner, count in zip(grid.lower, self.lower, grid.shape, strict=True)
+        ]
+        return outer, held_by_cells(self.occupied, starts, 1.0, self.side / grid.spacing)
+
+    def contains(self, points: ArrayLike) -> Bools:
+        array = self._checked(points)
+        place = (array - self.lower) / self.side
+        padded = np.pad(self.occupied, 1)
+        most = np.asarray(self.occupied.shape) + 1
+        found = np.zeros(array.shape[:-1], dtype=np.bool_)
+        # On a border either of its two cells will do.
+        for choice in range(2**self.dim):
+            down = np.array([choice >> axis & 1 for axis in range(self.dim)], dtype=np.bool_)
+            cell = np.clip(np.where(down, np.ceil(place) - 1.0, np.floor(place)) + 1.0, 0, most).astype(np.int64)
+            found |= padded[tuple(np.moveaxis(cell, -1, 0))]
+        return found
+
+    def boundary(self) -> Pieces:
+        if self.dim == 2:
+            return Pieces(self._segments.reshape(-1, 2, 2), np.zeros(len(self._segments)))
+        from cspace.raster.bitmaps import cell_faces
+
+        triangles = cell_faces(self.occupied, self.side, self.lower)
+        return Pieces(triangles, np.zeros(len(triangles)))
+
+    @cached_property
+    def _segments(self) -> Floats:
+        from cspace.raster.bitmaps import boundary_segments
+
+        return boundary_segments(self.occupied, self.side, self.lower)
+
+    @cached_property
+    def _boxes(self) -> Rounded:
+        from cspace.raster.bitmaps import cell_boxes
+        from cspace.raster.boxes import Rounded
+
+        lows, highs = cell_boxes(self.occupied, self.side, self.lower)
+        return Rounded(lows, highs, np.zeros(len(lows)))
+
+    @cached_property
+    def outline(self) -> BaseGeometry:
+        if self.dim == 3:
+            return super().outline
+        import shapely
+
+        return shapely.build_area(shapely.union_all(shapely.linestrings(self._segments.reshape(-1, 2, 2))))
+
+    @property
+    def surface(self) -> Surface:
+        if self.dim == 2:
+            return super().surface
+        triangles = self.boundary().simplices
+        return triangles.reshape(-1, 3), np.arange(3 * len(triangles), dtype=np.int64).reshape(-1, 3)
+
+    def _features(self, matrix: Floats) -> Floats:
+        if self.dim == 2:
+            ends = np.sort(((self._segments.reshape(-1, 2) @ matrix.T) + 0.0).reshape(-1, 2, 2), axis=1)
+            return ends.reshape(-1, 4)
+        low = self.lower + self.side * np.argwhere(self.occupied)
+        high = self.lower + self.side * (np.argwhere(self.occupied) + 1)
+        ends = np.stack([low, high]) @ matrix.T
+        return np.hstack([ends.min(axis=0), ends.max(axis=0)])
+
+    @property
+    def spec(self) -> dict[str, Any]:
+        return {
+            "kind": "cells",
+            "bits": base64.b64encode(np.packbits(self.occupied).tobytes()).decode(),
+            "shape": list(self.occupied.shape),
+            "spacing": self.side,
+            "lower": self.lower.tolist(),
+        }
+
+    @classmethod
+    def from_spec(cls, spec: Mapping[str, Any]) -> Voxels:
+        """The shape of a :attr:`spec`."""
+        shape = tuple(int(n) for n in spec["shape"])
+        bits = np.frombuffer(base64.b64decode(spec["bits"], validate=True), dtype=np.uint8)
+        bitmap = np.unpackbits(bits, count=math.prod(shape)).astype(np.bool_).reshape(shape)
+        return cls.of(bitmap, spec["spacing"], spec["lower"])
