@@ -14,7 +14,7 @@ from benchmarks.exact import Shape
 from benchmarks.solid_exact import Blocks, Skin, directions
 from benchmarks.solid_pairs import SkinPair
 from cspace.errors import InputError
-from cspace.mesh import Mesh
+from cspace.shapes.mesh import Mesh
 from cspace.spectral import Bump, FourierOverlap, decompose
 
 Bools = NDArray[np.bool_]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from benchmarks.report import Report
 from benchmarks.timing import Timing, interleave, memory_rise
 from cspace import Workspace
-from cspace.mesh import Mesh
+from cspace.shapes.mesh import Mesh
 
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]

@@ -17,7 +17,7 @@ from benchmarks.report import Report
 from benchmarks.timing import Timing, interleave
 from benchmarks.ways import ENGINES, Way, across, named, ours, peers
 from cspace import Robot, Workspace
-from cspace.raster import Raster
+from cspace.raster.raster import Raster
 
 Bools = NDArray[np.bool_]
 

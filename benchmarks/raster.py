@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from benchmarks.report import Report
 from benchmarks.timing import interleave
 from cspace import Robot
-from cspace.raster import Raster
+from cspace.raster.raster import Raster
 
 Bools = NDArray[np.bool_]
 

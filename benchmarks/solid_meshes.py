@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from benchmarks.cases import Scale
 from benchmarks.solid_exact import SIDES, Blocks, Shape, Skin, directions
-from cspace.mesh import Mesh, Solid
+from cspace.shapes.mesh import Mesh, Solid
 
 Floats = NDArray[np.float64]
 Rng = np.random.Generator

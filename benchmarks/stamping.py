@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from cspace.raster import Raster
+from cspace.raster.raster import Raster
 from cspace.threads import cores
 
 Bools = NDArray[np.bool_]

@@ -20,7 +20,7 @@ from benchmarks.stamping import border_cells, stamp
 from benchmarks.timing import Timing, interleave
 from benchmarks.ways import convolved
 from cspace import Robot, Workspace
-from cspace.raster import Raster
+from cspace.raster.raster import Raster
 from cspace.rotations import Rotations
 from cspace.threads import cores
 

@@ -15,7 +15,7 @@ import cspace
 from benchmarks.stamping import stamp
 from cspace import Robot, Workspace
 from cspace.fourier import correlate
-from cspace.raster import Raster
+from cspace.raster.raster import Raster
 
 Bools = NDArray[np.bool_]
 Call = Callable[[], Bools]

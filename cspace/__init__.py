@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from cspace.grid import Grid as Grid
     from cspace.io.reading import open_map
     from cspace.io.reading import open_slice as open_slice
-    from cspace.mesh import Mesh as Mesh
-    from cspace.mesh import MeshWarning as MeshWarning
     from cspace.robot import Robot as Robot
+    from cspace.shapes.mesh import Mesh as Mesh
+    from cspace.shapes.mesh import MeshWarning as MeshWarning
     from cspace.space import CSpace as CSpace
     from cspace.spectral import Spheres as Spheres
     from cspace.workspace import Workspace as Workspace
@@ -43,8 +43,8 @@ _HOME = {
     "Grid": ("cspace.grid", "Grid"),
     "open": ("cspace.io.reading", "open_map"),
     "open_slice": ("cspace.io.reading", "open_slice"),
-    "Mesh": ("cspace.mesh", "Mesh"),
-    "MeshWarning": ("cspace.mesh", "MeshWarning"),
+    "Mesh": ("cspace.shapes", "Mesh"),
+    "MeshWarning": ("cspace.shapes", "MeshWarning"),
     "Robot": ("cspace.robot", "Robot"),
     "CSpace": ("cspace.space", "CSpace"),
     "Spheres": ("cspace.spectral", "Spheres"),

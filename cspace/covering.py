@@ -92,7 +92,7 @@ def warn_of_units(corners: Floats, spacing: float, what: str, bounded: bool) -> 
         warnings.warn(
             f"the {what} is {size} m large and fits into one cell of {spacing:g} m; its units are probably wrong "
             "(metres are needed): scale it, or use a smaller spacing",
-            stacklevel=3,
+            stacklevel=4,
         )
 
 
@@ -112,7 +112,7 @@ def warn_of_nothing(outer: NDArray[np.bool_], grid: Grid, corners: Floats) -> No
             f"the obstacles reach from {in_metres(corners[0])} to {in_metres(corners[1])} and none lies within the "
             f"bounds, {in_metres(grid.lower)} to {in_metres(grid.upper)}; the map has no obstacle at all: check the "
             "bounds, and the units (metres)",
-            stacklevel=3,
+            stacklevel=4,
         )
 
 

@@ -74,9 +74,7 @@ class Robot:
         return json.dumps(self.spec, sort_keys=True)
 
     @classmethod
-    def polygon(
-        cls, shape: ArrayLike | BaseGeometry | Sequence[BaseGeometry], *, name: str | None = None
-    ) -> Robot:
+    def polygon(cls, shape: ArrayLike | BaseGeometry | Sequence[BaseGeometry], *, name: str | None = None) -> Robot:
         """A polygon, convex or not, with or without holes, or several of them.
 
         Parameters

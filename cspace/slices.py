@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cspace.raster.raster import Raster
-from cspace.rotations import Rotations
+from cspace.rotations import Rotations, Turn
 
 if TYPE_CHECKING:
     from cspace.robot import Robot
@@ -43,10 +44,15 @@ def slice_rasters(
     quarter = rotations.count // 4 if rotations.count % 4 == 0 and rotations.is_uniform() else count
     turned = zip(rotations.representatives.tolist(), rotations.covering_angles.tolist(), strict=True)
     made = [
-        robot.rasters(spacing, margin, yaw=yaw, sweep=sweep)
+        robot.rasters(spacing, margin, _turn(yaw, sweep))
         for _, (yaw, sweep) in zip(range(min(count, quarter)), turned, strict=False)
     ]
     while len(made) < count:
         outer, inner = made[len(made) - quarter]
         made.append((outer.quarter_turned(1), inner.quarter_turned(1)))
     return made
+
+
+def _turn(yaw: float, sweep: float) -> Turn:
+    cosine, sine = math.cos(yaw), math.sin(yaw)
+    return Turn(np.array([[cosine, -sine], [sine, cosine]]), sweep, about_z=True)

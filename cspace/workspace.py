@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -16,16 +16,17 @@ from cspace.covering import check_bounds, check_cells, covering_grid, warn_of_no
 from cspace.errors import InputError
 from cspace.grid import Grid, finite, positive
 from cspace.memory import MESH_BYTES, WORKSPACE_BYTES
-from cspace.shapes import check_balls
+from cspace.shapes import Balls, Mesh, Polygons, Shape, Voxels
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
-    from cspace.bodies import Balls
-    from cspace.mesh import Mesh, Solid
-    from cspace.spectral import Spheres
+    from cspace.shapes.balls import BallSet
+    from cspace.shapes.mesh import MeshLike, Solid
 
-    Shape: TypeAlias = BaseGeometry | Mesh | Balls
+Floats = NDArray[np.float64]
+Named: TypeAlias = "str | os.PathLike[str]"
+Geometries: TypeAlias = "BaseGeometry | Mapping[str, object] | Named | Iterable[Geometries]"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,9 +45,8 @@ class Workspace:
     source : str
         What it was read from.
     shapes : tuple or None
-        The obstacles themselves, metres, also where they reach beyond the grid: shapely geometries in the plane,
-        meshes (:class:`cspace.mesh.Mesh`) and balls (:class:`cspace.bodies.Balls`) in space. None for a map that is
-        itself a grid, whose outer cells are the obstacles. Exact look-ups ask them.
+        The obstacles themselves, metres, also where they reach beyond the grid. None for a map that is itself a grid,
+        whose outer cells are the obstacles. Exact look-ups ask them.
     live : bool
         Whether it belongs to a map that is updated, which writes into its cells; other maps of it take a copy.
 
@@ -86,7 +86,7 @@ class Workspace:
     @classmethod
     def from_array(
         cls,
-        occupied: ArrayLike | str | os.PathLike[str],
+        occupied: ArrayLike | Named,
         spacing: float,
         lower: ArrayLike | None = None,
         *,
@@ -125,7 +125,7 @@ class Workspace:
         return cls(Grid(corner, spacing, cells.shape), cells, cells if inner is None else check_cells(inner, "inner"))
 
     @classmethod
-    def from_ros_map(cls, path: str | os.PathLike[str], unknown: str = "occupied") -> Workspace:
+    def from_ros_map(cls, path: Named, unknown: str = "occupied") -> Workspace:
         """A ROS map: a YAML file and the PGM or PNG image beside it.
 
         Modes, thresholds, ``negate`` and the origin with its yaw are honoured as
@@ -152,7 +152,7 @@ class Workspace:
     @classmethod
     def from_image(
         cls,
-        path: str | os.PathLike[str],
+        path: Named,
         spacing: float,
         *,
         lower: ArrayLike | None = None,
@@ -188,7 +188,7 @@ class Workspace:
         return cls(Grid(corner, spacing, cells.shape), cells, cells, source=str(path))
 
     @classmethod
-    def from_movingai(cls, path: str | os.PathLike[str], spacing: float = 1.0) -> Workspace:
+    def from_movingai(cls, path: Named, spacing: float = 1.0) -> Workspace:
         """A MovingAI ``.map`` in the plane, or ``.3dmap`` of voxels in space.
 
         In a ``.map``, ``.``, ``G`` and ``S`` are passable, ``@``, ``O``, ``T`` and ``W`` blocked.
@@ -214,7 +214,34 @@ class Workspace:
         return cls(Grid(np.zeros(cells.ndim), spacing, cells.shape), cells, cells, source=str(path))
 
     @classmethod
-    def from_polygons(cls, polygons: Any, spacing: float, bounds: ArrayLike | None = None) -> Workspace:
+    def _of(cls, shape: Shape, spacing: float, box: Floats | None, kind: str | None, source: str) -> Workspace:
+        """The cells of a shape, on the grid of a box, shape (2, dim), or else of its own bounds.
+
+        ``kind`` names the shape in the warning of units; None for no such warning.
+        """
+        corners = np.stack(shape.bounds)
+        grid = covering_grid(
+            corners if box is None else box, spacing, MESH_BYTES if isinstance(shape, Mesh) else WORKSPACE_BYTES
+        )
+        if kind is not None:
+            warn_of_units(corners, spacing, kind, box is not None)
+        outer, inner = shape.cells(grid)
+        warn_of_nothing(outer, grid, corners)
+        # In the plane, exact look-ups ask the outer cells of discs: shapely knows none.
+        kept = None if isinstance(shape, Balls) and shape.dim == 2 else (shape,)
+        return cls(grid, outer, inner, source=source, shapes=kept)
+
+    @property
+    def obstacles(self) -> tuple[Shape, ...]:
+        """The obstacles as shapes: :attr:`shapes`, or else the outer cells; none where no cell is occupied."""
+        if self.shapes is not None:
+            return self.shapes
+        if not self.outer.any():
+            return ()
+        return (Voxels(self.outer, self.grid.spacing, np.asarray(self.grid.lower)),)
+
+    @classmethod
+    def from_polygons(cls, polygons: Geometries, spacing: float, bounds: ArrayLike | None = None) -> Workspace:
         """Polygons, lines and points in the plane, rasterised so that ``outer`` and ``inner`` are proven.
 
         Parameters
@@ -237,32 +264,25 @@ class Workspace:
         FileError
             If the file is missing or malformed.
         """
-        import shapely
-
         from cspace.io.vector import SUFFIXES, read_shapes
-        from cspace.raster import rasterize_obstacles
 
-        side = positive(spacing, "spacing")
+        positive(spacing, "spacing")
         box = None if bounds is None else check_bounds(bounds)
-        shapes = read_shapes(polygons)
-        corners = shapely.total_bounds(shapes).reshape(2, 2)
-        grid = covering_grid(corners if box is None else box, side, WORKSPACE_BYTES)
-        warn_of_units(corners, side, "set of polygons", box is not None)
-        outer, inner = rasterize_obstacles(shapes, grid)
-        warn_of_nothing(outer, grid, corners)
+        shape = Polygons(read_shapes(polygons))
+        count = len(shape.geometries)
         named = isinstance(polygons, str | os.PathLike) and Path(polygons).suffix.lower() in SUFFIXES
-        source = str(polygons) if named else f"{len(shapes)} polygon{'s' * (len(shapes) > 1)}"
-        return cls(grid, outer, inner, source=source, shapes=tuple(shapes))
+        source = str(polygons) if named else f"{count} polygon{'s' * (count > 1)}"
+        return cls._of(shape, spacing, box, "set of polygons", source)
 
     @classmethod
     def from_mesh(
-        cls, mesh: Any, spacing: float, bounds: ArrayLike | None = None, *, solid: Solid = "auto"
+        cls, mesh: MeshLike, spacing: float, bounds: ArrayLike | None = None, *, solid: Solid = "auto"
     ) -> Workspace:
         """A triangle mesh in space, rasterised so that ``outer`` and ``inner`` are proven.
 
         Parameters
         ----------
-        mesh : trimesh.Trimesh, trimesh.Scene, cspace.mesh.Mesh, path-like, or (vertices, faces)
+        mesh : trimesh.Trimesh, trimesh.Scene, cspace.Mesh, path-like, or (vertices, faces)
             Metres; files are ``.stl``, ``.obj``, ``.ply``, ``.off``, ``.glb``, ``.gltf`` and ``.dae``.
         spacing : float
             Side of a cell, in metres.
@@ -282,23 +302,16 @@ class Workspace:
         FileError
             If the file is missing or malformed.
         """
-        from cspace.mesh import Mesh
-        from cspace.raster.solids import rasterize_mesh
-
-        side = positive(spacing, "spacing")
+        positive(spacing, "spacing")
         box = None if bounds is None else check_bounds(bounds, 3)
         shape = Mesh.of(mesh, solid)
-        grid = covering_grid(shape.bounds if box is None else box, side, MESH_BYTES)
-        warn_of_units(shape.bounds, side, "mesh", box is not None)
-        outer, inner = rasterize_mesh(shape, grid)
-        warn_of_nothing(outer, grid, shape.bounds)
-        source = str(mesh) if isinstance(mesh, str | os.PathLike) else shape.source
-        return cls(grid, outer, inner, source=source, shapes=None if shape.solid == "fill" else (shape,))
+        made = cls._of(shape, spacing, box, "mesh", str(mesh) if isinstance(mesh, str | os.PathLike) else shape.source)
+        return replace(made, shapes=None) if shape.solid == "fill" else made
 
     @classmethod
     def from_balls(
         cls,
-        centers: ArrayLike | Spheres,
+        centers: ArrayLike | BallSet,
         radii: ArrayLike | None = None,
         spacing: float = 0.0,
         bounds: ArrayLike | None = None,
@@ -322,22 +335,14 @@ class Workspace:
         InputError
             If the shapes do not fit, a value is not usable, or the map does not fit into memory.
         """
-        from cspace.bodies import Balls
-        from cspace.raster.boxes import rasterize_balls
-
-        side = positive(spacing, "spacing")
-        points, sizes = check_balls(centers, radii)
-        balls = Balls(points, sizes)
-        corners = np.stack(balls.bounds)
-        grid = covering_grid(corners if bounds is None else check_bounds(bounds, balls.dim), side, WORKSPACE_BYTES)
-        outer, inner = rasterize_balls(points, sizes, grid)
-        warn_of_nothing(outer, grid, corners)
-        # In the plane, exact look-ups ask the outer cells: shapely knows no discs.
-        return cls(grid, outer, inner, source=f"{len(points)} balls", shapes=(balls,) if balls.dim == 3 else None)
+        balls = Balls.of(centers, radii)
+        positive(spacing, "spacing")
+        box = None if bounds is None else check_bounds(bounds, balls.dim)
+        return cls._of(balls, spacing, box, None, f"{len(balls.radii)} balls")
 
     @classmethod
     def from_points(
-        cls, points: Any, spacing: float, bounds: ArrayLike | None = None, *, radius: float = 0.0
+        cls, points: ArrayLike | Named, spacing: float, bounds: ArrayLike | None = None, *, radius: float = 0.0
     ) -> Workspace:
         """A point cloud: every point an obstacle, alone or with a ball around it.
 
@@ -361,17 +366,16 @@ class Workspace:
         """
         from cspace.io.points import read_points
 
-        side = positive(spacing, "spacing")
+        positive(spacing, "spacing")
         named = isinstance(points, str | os.PathLike)
         if named and bounds is not None:
             check_bounds(bounds, 3)
-        cloud, sizes = check_balls(read_points(points) if named else points, radius)
-        warn_of_units(np.array([cloud.min(axis=0), cloud.max(axis=0)]), side, "cloud", bounds is not None)
-        found = cls.from_balls(cloud, sizes, side, bounds)
-        return replace(found, source=str(points) if named else f"{len(points)} points")
+        cloud = Balls.of(read_points(points) if named else points, radius)
+        box = None if bounds is None else check_bounds(bounds, cloud.dim)
+        return cls._of(cloud, spacing, box, "cloud", str(points) if named else f"{len(cloud.radii)} points")
 
     @classmethod
-    def from_octomap(cls, path: str | os.PathLike[str], unknown: str = "occupied") -> Workspace:
+    def from_octomap(cls, path: Named, unknown: str = "occupied") -> Workspace:
         """An OctoMap, ``.bt`` or ``.ot``, at its own resolution; coarse leaves are filled with its finest cells.
 
         Parameters
@@ -393,7 +397,7 @@ class Workspace:
         return cls(grid, cells, cells, source=str(path))
 
     @classmethod
-    def open(cls, path: str | os.PathLike[str], **options: Any) -> Workspace:
+    def open(cls, path: Named, **options: Any) -> Workspace:
         """Read a map from a file, by its suffix.
 
         Parameters
@@ -424,7 +428,7 @@ class Workspace:
         return reader(path, **options)
 
 
-def reader_of(path: str | os.PathLike[str], options: Iterable[str] = ()) -> Callable[..., Workspace]:
+def reader_of(path: Named, options: Iterable[str] = ()) -> Callable[..., Workspace]:
     """The classmethod that reads a workspace's file.
 
     Parameters

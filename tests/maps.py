@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 import cspace
-from cspace.bodies import Balls
+from cspace.shapes import Balls
 from cspace.errors import FileError
 from cspace.io import arrays, geometry, npz, record, store
 from cspace.io.reading import open_map

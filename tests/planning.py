@@ -11,7 +11,7 @@ import pytest
 
 import planners
 from cspace import BLOCKED, FREE, CSpace, Robot, Workspace, build
-from cspace.bodies import Box
+from cspace.shapes import Box
 from cspace.rotations import Rotations
 
 START, GOAL = (1.0, 1.0), (9.0, 5.0)

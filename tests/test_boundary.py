@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from cspace.errors import InputError
-from cspace.raster.boundary import boundary_segments
+from cspace.raster.bitmaps import boundary_segments
 
 CELLS = hnp.arrays(np.bool_, st.tuples(st.integers(1, 7), st.integers(1, 7)))
 

@@ -18,7 +18,7 @@ from cspace import (
     Workspace,
 )
 from cspace.io.meshes import SUFFIXES, read_mesh
-from cspace.mesh import Mesh, MeshWarning
+from cspace.shapes.mesh import Mesh, MeshWarning
 from strategies import seeds
 
 SPHERE = trimesh.creation.icosphere(subdivisions=2)

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cspace import Grid
-from cspace.mesh import Mesh
+from cspace.shapes.mesh import Mesh
 from cspace.raster.solids import mesh_rasters, rasterize_mesh
 from cspace.raster.solids.inside import AMBIGUOUS, HOLLOW, INSIDE, OUTSIDE
 from cspace.raster.solids.near import Crossings

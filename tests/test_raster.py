@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 import oracles
 from cspace import Grid, InputError, Robot
-from cspace.raster import rasterize_obstacles
+from cspace.raster.segments import outline_cells
 from strategies import robots, seeds, spacings, stars
 
 NEAR = 1e-6

@@ -14,9 +14,9 @@ from scipy import ndimage
 
 import cspace
 from cspace import InputError, MissingPackageError, Robot, Workspace
-from cspace.bodies import Balls
+from cspace.shapes import Balls
 from cspace.exact.distances import Distances
-from cspace.exact.faces import cell_boxes, cell_faces
+from cspace.raster.bitmaps import cell_boxes, cell_faces
 from cspace.exact.surfaces import GROUP, Surface, anchors_of, clipped, groups_of
 from cspace.exact.sweeps import _kernels
 from cspace.exact.sweeps.convex import Convex, _scene

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import cspace
 from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
-from cspace.mesh import Mesh
+from cspace.shapes.mesh import Mesh
 from strategies import seeds
 
 BAND = 1e-6

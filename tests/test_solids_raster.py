@@ -14,7 +14,7 @@ from hypothesis.extra import numpy as hnp
 from scipy.optimize import nnls
 
 from cspace import Grid, InputError
-from cspace.mesh import Mesh
+from cspace.shapes.mesh import Mesh
 from cspace.raster.solids import mesh_rasters, rasterize_mesh
 from cspace.raster.solids.components import Components
 from cspace.raster.solids.near import mark_within

@@ -18,12 +18,12 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 import cspace
-from cspace.bodies import Balls
+from cspace.shapes import Balls
 from cspace.errors import InputError
 from cspace.io import store
 from cspace.io.reading import open_map, open_slice
 from cspace.io.writing import export, save
-from cspace.mesh import Mesh
+from cspace.shapes.mesh import Mesh
 from maps import SUFFIXES, files, forged, interrupted, rebuilt, refused, same
 
 TABLES = ["vertices", "faces", "centers", "radii"]

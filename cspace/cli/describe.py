@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from cspace.mesh import Mesh
     from cspace.robot import Robot
+    from cspace.shapes.mesh import Mesh
     from cspace.space import CSpace
 
 _MEASURES = {2: "area_m2", 3: "volume_m3"}
@@ -58,15 +58,15 @@ def describe_robot(robot: Robot, spacing: float | None = None) -> dict[str, Any]
     """What there is to say about a robot, and how many cells it is across where a spacing is known (metres)."""
     import numpy as np
 
-    from cspace.bodies import Solid
     from cspace.covering import covering_shape
+    from cspace.shapes import Mesh
 
-    body = robot.body
+    body = robot.shape
     corners = np.array(body.bounds)
     return {
         "robot": robot.name,
         **describe_box(corners),
-        **(describe_mesh(body.mesh) if isinstance(body, Solid) else {_MEASURES[robot.dim]: body.measure}),
+        **(describe_mesh(body) if isinstance(body, Mesh) else {_MEASURES[robot.dim]: body.measure}),
         **({} if spacing is None else {"cells_across": covering_shape(corners, spacing)}),
     }
 

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from cspace.mesh import Solid
     from cspace.robot import Robot
+    from cspace.shapes.mesh import Solid
 
 
 def survey(path: Path, options: dict[str, Any], robot: Robot | None = None) -> dict[str, Any]:
@@ -61,27 +61,29 @@ def survey(path: Path, options: dict[str, Any], robot: Robot | None = None) -> d
 
 
 def _mesh(path: Path, spacing: float | None = None, bounds: Any = None, solid: Solid = "auto") -> dict[str, Any]:
+    import numpy as np
+
     from cspace.covering import check_bounds
     from cspace.memory import MESH_BYTES
-    from cspace.mesh import Mesh
+    from cspace.shapes.mesh import Mesh
 
     if bounds is not None:
         check_bounds(bounds, 3)
     mesh = Mesh.of(path, solid)
+    corners = np.stack(mesh.bounds)
     return {
-        **describe_box(mesh.bounds),
+        **describe_box(corners),
         **describe_mesh(mesh),
-        **_cells(mesh.bounds, spacing, bounds, MESH_BYTES, "mesh"),
+        **_cells(corners, spacing, bounds, MESH_BYTES, "mesh"),
     }
 
 
 def _points(path: Path, spacing: float | None = None, bounds: Any = None, radius: float = 0.0) -> dict[str, Any]:
     import numpy as np
 
-    from cspace.bodies import Balls
     from cspace.io.points import read_points
     from cspace.memory import WORKSPACE_BYTES
-    from cspace.shapes import check_balls
+    from cspace.shapes import Balls, check_balls
 
     balls = Balls(*check_balls(read_points(path), radius))
     corners = np.stack(balls.bounds)

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.bodies import Balls, Body, Solid
 from cspace.exact.surfaces import anchors_of
 from cspace.exact.sweeps.convex import boxes_of
+from cspace.shapes import Balls, Mesh, Shape
 from cspace.translating import entry
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ class Nesting:
     """
 
     def __init__(
-        self, workspace: Workspace, obstacles: Sequence[Surface], body: Body, robot: Sequence[Surface], deep: bool
+        self, workspace: Workspace, obstacles: Sequence[Surface], body: Shape, robot: Sequence[Surface], deep: bool
     ) -> None:
         from scipy.spatial import cKDTree
 
@@ -75,10 +75,10 @@ class Nesting:
         return bool(near) and _lies_in(self._points[near] - place, self._body)
 
 
-def _lies_in(points: Floats, body: Body) -> bool:
+def _lies_in(points: Floats, body: Shape) -> bool:
     """Whether one of some points lies in a body, given that none is on its surface."""
-    if isinstance(body, Solid):
-        return bool(np.any(body.mesh.contains(points)))
+    if isinstance(body, Mesh):
+        return bool(np.any(body.contains(points)))
     boxes = boxes_of(body)[:, None]
     return bool(((boxes[..., :3] <= points) & (points <= boxes[..., 3:])).all(axis=-1).any())
 

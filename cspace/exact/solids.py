@@ -26,12 +26,12 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.bodies import Solid
 from cspace.exact import ROUNDING
 from cspace.exact.distances import fcl_module
 from cspace.grid import MAX_COORDINATE
 from cspace.once import Once
 from cspace.outside import Outside
+from cspace.shapes import Mesh
 from cspace.spatial.lookups import SpatialLookups
 from cspace.states import BLOCKED, FREE
 from cspace.translating import Kernel, entry
@@ -251,7 +251,7 @@ class SolidLookups:
         convex = Convex(self._body, robot, obstacles, self._scale, self._margin)
         if not convex.refutes:
             fcl_module()  # tells at once if it is not there
-        deep = not convex.refutes or isinstance(self._body, Solid)
+        deep = not convex.refutes or isinstance(self._body, Mesh)
         return _Scene(robot, obstacles, Nesting(self._workspace, obstacles, self._body, robot, deep), convex)
 
     def _make_distances(self) -> Distances:

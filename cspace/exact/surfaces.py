@@ -12,13 +12,12 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.bodies import Balls, Body, Box, Solid, Voxels
 from cspace.errors import InputError
-from cspace.exact.faces import cell_faces, rectangle_triangles
+from cspace.raster.bitmaps import cell_faces, rectangle_triangles
+from cspace.shapes import Balls, Box, Mesh, Shape, Voxels
 
 if TYPE_CHECKING:
     from cspace.grid import Grid
-    from cspace.mesh import Mesh
     from cspace.workspace import Workspace
 
 Floats = NDArray[np.float64]
@@ -35,7 +34,7 @@ class Surface:
     radius: float = 0.0
 
 
-def robot_surfaces(body: Body) -> list[Surface]:
+def robot_surfaces(body: Shape) -> list[Surface]:
     """The surface of a robot, in its own frame.
 
     Raises
@@ -45,8 +44,8 @@ def robot_surfaces(body: Body) -> list[Surface]:
     """
     if isinstance(body, Balls):
         return list(_balls(body.centers, body.radii))
-    if isinstance(body, Solid):
-        return [Surface(_asked(body.mesh, "robot").triangles)]
+    if isinstance(body, Mesh):
+        return [Surface(_asked(body, "robot").triangles)]
     if isinstance(body, Voxels):
         return [Surface(cell_faces(body.occupied, body.side, body.lower))]
     if not isinstance(body, Box):
@@ -80,7 +79,7 @@ def obstacle_surfaces(workspace: Workspace, *, walled: bool) -> list[Surface]:
         mesh = _asked(shape, "obstacle")
         found.append(Surface(clipped(mesh.triangles, grid)))
         if not walled and mesh.encloses:
-            found += _lids(workspace, mesh.bounds)
+            found += _lids(workspace, np.stack(mesh.bounds))
     return found
 
 

@@ -41,12 +41,15 @@ def geometry_arrays(shapes: Sequence[Any]) -> dict[str, NDArray[Any]]:
     """
     import shapely
 
-    if all(isinstance(shape, shapely.Geometry) for shape in shapes):
-        return {"geometry": _as_bytes(shapely.to_wkb(shapely.GeometryCollection(list(shapes)), byte_order=1))}
-    from cspace.bodies.body import frozen
-    from cspace.mesh import Mesh
+    from cspace.shapes import Polygons
 
-    parts: dict[str, list[NDArray[Any]]] = {}
+    if all(isinstance(shape, Polygons) for shape in shapes):
+        parts = [part for shape in shapes for part in shape.geometries]
+        return {"geometry": _as_bytes(shapely.to_wkb(shapely.GeometryCollection(parts), byte_order=1))}
+    from cspace.shapes.mesh import Mesh
+    from cspace.shapes.shape import frozen
+
+    tables_of: dict[str, list[NDArray[Any]]] = {}
     entries: list[dict[str, Any]] = []
     for shape in shapes:
         is_mesh = isinstance(shape, Mesh)
@@ -54,9 +57,9 @@ def geometry_arrays(shapes: Sequence[Any]) -> dict[str, NDArray[Any]]:
         tables = {name: getattr(shape, name) for name in _TABLES[kind]}
         entries.append({"kind": kind, **about, **{name: len(table) for name, table in tables.items()}})
         for name, table in tables.items():
-            parts.setdefault(name, []).append(table)
+            tables_of.setdefault(name, []).append(table)
     return {"shapes": _as_bytes(json.dumps(entries).encode())} | {
-        name: frozen(np.concatenate(tables)) for name, tables in parts.items()
+        name: frozen(np.concatenate(tables)) for name, tables in tables_of.items()
     }
 
 
@@ -102,23 +105,25 @@ def _as_bytes(content: bytes) -> NDArray[np.int8]:
 def _from_wkb(content: NDArray[np.int8]) -> tuple[Any, ...]:
     import shapely
 
+    from cspace.shapes import Polygons
+
     try:
         collection = shapely.from_wkb(content.tobytes())
     except shapely.errors.ShapelyError as error:
         raise ValueError(f"'geometry' is not WKB: {error}") from error
     if not isinstance(collection, shapely.GeometryCollection):
         raise ValueError(f"'geometry' is a {collection.geom_type}, not a GeometryCollection")
-    return tuple(collection.geoms)
+    return (Polygons(tuple(collection.geoms)),)
 
 
 def _mesh(entry: Mapping[str, Any], vertices: NDArray[Any], faces: NDArray[Any]) -> Any:
-    from cspace.mesh import Mesh
+    from cspace.shapes.mesh import Mesh
 
     return Mesh(vertices, faces, solid=entry["solid"], source=str(entry["source"]))
 
 
 def _balls(entry: Mapping[str, Any], centers: NDArray[Any], radii: NDArray[Any]) -> Any:
-    from cspace.bodies import Balls
+    from cspace.shapes import Balls
 
     if not len(radii) or not np.isfinite(centers).all() or not (np.isfinite(radii) & (radii >= 0.0)).all():
         raise ValueError("'centers' and 'radii' make no balls")

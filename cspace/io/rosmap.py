@@ -270,8 +270,8 @@ def _extent(header: _Header, shape: tuple[int, ...], cos: float, sin: float) -> 
 
 def _turned(header: _Header, solid: Bools, beyond: bool) -> tuple[Grid, Bools, Bools]:
     """The map turned by its yaw, on an upright grid; ``beyond`` tells whether the ground around it is solid."""
-    from cspace.raster import cells_touched_and_inside
-    from cspace.raster.boundary import boundary_segments
+    from cspace.raster.bitmaps import boundary_segments
+    from cspace.raster.segments import cells_touched_and_inside
 
     cos, sin = math.cos(header.yaw), math.sin(header.yaw)
     lower, upper = _extent(header, solid.shape, cos, sin)

@@ -2,9 +2,9 @@
 
 A *rounded box* is a closed axis-aligned box ``[low, high]`` grown by a radius ``r >= 0``: the points within ``r`` of
 it. A ball is one with ``low = high``, a point one with ``r = 0`` as well. Cube ``i`` is ``i + [b0, b1]^3``: ``(0, 1)``
-for the cells of a workspace, ``(-1, 1)`` for the outer raster of a robot, ``(0, 0)`` for lattice points. All lengths are
-in cells, and no coordinate or radius is above 2^22. In the plane, everything is pulled out along a third axis of one
-cell, so far that the cell lies deep inside.
+for the cells of a workspace, ``(-1, 1)`` for the outer raster of a robot, ``(0, 0)`` for lattice points. All lengths
+are in cells, and no coordinate or radius is above 2^22. In the plane, everything is pulled out along a third axis of
+one cell, so far that the cell lies deep inside.
 
 *What is computed.* The distance of two axis-aligned boxes is the length of the vector of the gaps between their
 intervals. So cube ``i`` meets the rounded box exactly where ``dx^2 + dy^2 + dz^2 <= r^2`` for the gaps ``d``. The
@@ -154,7 +154,9 @@ def mark_inside(out: Bools, boxes: Rounded, b0: float, b1: float) -> None:
 def _in_slabs(kernel: Callable[..., None], out: Bools, boxes: Rounded, b0: float, b1: float) -> None:
     """Run a kernel in threads, each of which writes a slab of ``out`` of its own."""
     if out.ndim == 2:
-        boxes = boxes._replace(lows=np.insert(boxes.lows, 1, -2.0, axis=1), highs=np.insert(boxes.highs, 1, 3.0, axis=1))
+        boxes = boxes._replace(
+            lows=np.insert(boxes.lows, 1, -2.0, axis=1), highs=np.insert(boxes.highs, 1, 3.0, axis=1)
+        )
         out = out[:, None]
     parts = Rounded(*(np.ascontiguousarray(part) for part in boxes))
 

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from cspace.raster.solids.near import Crossings
 
 Solid = Literal["auto", "surface", "fill"]
+MeshLike = Any
 
 SOLIDS: Final = ("auto", "surface", "fill")
 """What of a mesh is solid: its closed bodies, nothing but the surface, or whatever its raster encloses."""

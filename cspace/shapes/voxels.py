@@ -181,7 +181,8 @@ class Voxels(Shape):
         from cspace.raster.boxes import rounded_rasters
 
         boxes = self._boxes
-        outer, nothing = rounded_rasters(boxes, spacing, np.full(len(boxes.radii), margin), boxes.radii)
+        nowhere = np.full(len(boxes.radii), np.inf)
+        outer, _ = rounded_rasters(boxes, spacing, np.full(len(boxes.radii), margin), nowhere)
         starts = [
             low + np.arange(count, dtype=np.float64) - corner
             for low, count, corner in zip(outer.lower, outer.cells.shape, self.lower / spacing, strict=True)

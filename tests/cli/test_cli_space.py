@@ -414,7 +414,7 @@ def test_options_are_checked_before_any_work(room: Path, monkeypatch: pytest.Mon
 
     monkeypatch.setattr("cspace.io.reading.open_map", work)
     monkeypatch.setattr("cspace.workspace.Workspace.open", work)
-    monkeypatch.setattr("cspace.mesh.Mesh.of", work)
+    monkeypatch.setattr("cspace.Mesh.of", work)
     for arguments in (
         [*_MESH, "--bounds", "0,0,0,1,-1,1"],
         [*_MESH, "--spacing", "-1"],
@@ -438,7 +438,7 @@ def test_dimensions_are_checked_before_a_workspace_is_read(room: Path, monkeypat
         raise AssertionError("work began")
 
     monkeypatch.setattr("cspace.workspace.Workspace.open", work)
-    monkeypatch.setattr("cspace.mesh.Mesh.of", work)
+    monkeypatch.setattr("cspace.Mesh.of", work)
     for file in ("cube.obj", "rooms.3dmap", "rooms.npy", "cloud.xyz"):
         for command in (["map", file, "-o", "new.zarr"], ["info", file]):
             more = [] if file.endswith("3dmap") else ["--spacing", "0.1"]

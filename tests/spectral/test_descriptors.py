@@ -12,7 +12,7 @@ from hypothesis.extra import numpy as hnp
 from scipy import ndimage
 
 from cspace import Grid, InputError, Mesh
-from cspace.bodies import Balls
+from cspace.shapes import Balls
 from cspace.spectral import (
     BallDescriptor,
     Bump,

@@ -10,7 +10,7 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cspace.mesh import Mesh
+from cspace.shapes.mesh import Mesh
 from cspace.spectral import decompose
 from cspace.spectral.spheres.measures import measure_of_balls
 from solid_oracles import distance_to_triangles, sample_surface, winds_around

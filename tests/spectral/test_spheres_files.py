@@ -9,7 +9,7 @@ import trimesh
 import yaml
 
 from cspace.errors import FileError, GeometryError, InputError
-from cspace.mesh import Mesh
+from cspace.shapes.mesh import Mesh
 from cspace.spectral import Bounds, Spheres, decompose
 
 RECTANGLE = shapely.box(0.0, 0.0, 3.0, 1.0)

@@ -7,7 +7,7 @@ import pytest
 import shapely
 
 from cspace.demo import floor_plan
-from cspace.mesh import Mesh
+from cspace.shapes.mesh import Mesh
 from cspace.spectral import decompose
 from solid_oracles import distance_to_triangles, sample_surface, winds_around
 

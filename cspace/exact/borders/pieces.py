@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.raster.boundary import boundary_segments
-from cspace.raster.outlines import point_segments, polygon_outline
+from cspace.raster.bitmaps import boundary_segments, point_segments, polygon_outline
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -60,7 +59,7 @@ def scene_of(workspace: Workspace, *, walled: bool, least: float) -> Scene:
     if workspace.shapes is None:
         borders, inner = [boundary_segments(workspace.outer, grid.spacing, grid.lower)], workspace.outer
     else:
-        solids, lines = _segments(_clipped(workspace.shapes, grid))
+        solids, lines = _segments(_clipped([part for shape in workspace.shapes for part in shape.geometries], grid))
         borders, inner = [*solids, *lines], workspace.inner
     side = BIN * grid.spacing
     pieces = _cut(np.concatenate([*borders, np.empty((0, 4))]), side)

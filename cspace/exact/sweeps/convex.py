@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.bodies import Balls, Body, Box, Voxels
-from cspace.exact.faces import cell_boxes
 from cspace.exact.surfaces import groups_of
+from cspace.raster.bitmaps import cell_boxes
+from cspace.shapes import Balls, Box, Shape, Voxels
 from cspace.translating import entry
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ class Convex:
     """
 
     def __init__(
-        self, body: Body, robot: Sequence[Surface], obstacles: Sequence[Surface], scale: float, margin: float
+        self, body: Shape, robot: Sequence[Surface], obstacles: Sequence[Surface], scale: float, margin: float
     ) -> None:
         from cspace.exact.sweeps import _kernels
 
@@ -83,9 +83,9 @@ def _scene(surfaces: Sequence[Surface], scale: float) -> Scene:
     return Scene(np.concatenate([np.empty((0, 3, 3)), *(group for group, _ in groups)]), starts, radii, grown)
 
 
-def boxes_of(body: Body) -> Floats:
+def boxes_of(body: Shape) -> Floats:
     """Lower and upper corners of the boxes that a robot is made of, shape (n, 6)."""
     if isinstance(body, Voxels):
-        return cell_boxes(body.occupied, body.side, body.lower)
+        return np.hstack(cell_boxes(body.occupied, body.side, body.lower))
     lower, upper = body.bounds
     return np.concatenate([lower, upper])[None]

@@ -24,7 +24,7 @@ from cspace.raster.solids.near import mark_within
 from cspace.raster.solids.surface import mark_touched
 
 if TYPE_CHECKING:
-    from cspace.mesh import Mesh
+    from cspace.shapes.mesh import Mesh
 
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
@@ -60,7 +60,7 @@ def rasterize_mesh(mesh: Mesh, grid: Grid) -> tuple[Bools, Bools]:
     """
     local = (mesh.triangles - np.asarray(grid.lower)) / grid.spacing
     # Rounding keeps the order, so that these are the bounds of the triangles to the bit.
-    bounds = (mesh.bounds - np.asarray(grid.lower)) / grid.spacing
+    bounds = (np.stack(mesh.bounds) - np.asarray(grid.lower)) / grid.spacing
     far = float(np.abs(bounds).max())
     if far > MAX_COORDINATE:
         raise InputError(
@@ -112,7 +112,7 @@ def mesh_rasters(mesh: Mesh, spacing: float, margin: float = 0.0) -> tuple[Raste
         If the mesh has too many cells at this spacing, or lies so far from its origin that rounding could reach the
         certificate's slack.
     """
-    bounds, radius = mesh.bounds / spacing, margin / spacing
+    bounds, radius = np.stack(mesh.bounds) / spacing, margin / spacing
     far = float(np.abs(bounds).max())
     if far + radius > MAX_COORDINATE:
         raise InputError(

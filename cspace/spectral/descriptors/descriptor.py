@@ -15,8 +15,8 @@ from cspace.spectral.descriptors.checks import check_axes
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
-    from cspace.bodies import Balls
-    from cspace.mesh import Mesh
+    from cspace.shapes import Balls
+    from cspace.shapes.mesh import Mesh
 
     Shape: TypeAlias = BaseGeometry | Mesh | Balls
 
@@ -70,7 +70,7 @@ def indicator(shape: Shape | ArrayLike, grid: Grid) -> Descriptor:
 
     Parameters
     ----------
-    shape : shapely geometry, cspace.Mesh, cspace.bodies.Balls, or array-like of bool, shape grid.shape
+    shape : shapely geometry, cspace.Mesh, cspace.shapes.Balls, or array-like of bool, shape grid.shape
         Metres; closed sets, for which a middle on the border counts as inside, or, of a mesh, within rounding of it
         (2^-25 cells). An array tells the cells themselves.
     grid : Grid
@@ -91,10 +91,10 @@ def indicator(shape: Shape | ArrayLike, grid: Grid) -> Descriptor:
 def _inside(shape: Any, grid: Grid) -> NDArray[np.bool_]:
     import shapely
 
-    from cspace.bodies import Balls
     from cspace.covering import check_cells
-    from cspace.mesh import Mesh
     from cspace.raster.solids.surface import mark_touched
+    from cspace.shapes import Balls
+    from cspace.shapes.mesh import Mesh
 
     if isinstance(shape, shapely.Geometry):
         check_axes(grid, 2, "shape")

@@ -12,7 +12,7 @@ from cspace.errors import InputError
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from cspace.mesh import Mesh
+    from cspace.shapes.mesh import Mesh
     from cspace.spectral.spheres.result import Spheres
 
 Floats = NDArray[np.float64]
@@ -98,7 +98,7 @@ def _draw_solid(spheres: Spheres, ax: Axes | None, shape: Any) -> Axes:
     from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
     from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection  # type: ignore[import-untyped]
 
-    from cspace.mesh import Mesh
+    from cspace.shapes.mesh import Mesh
 
     if shape is not None and not isinstance(shape, Mesh):
         shape = Mesh.of(shape)

@@ -15,13 +15,13 @@ from numpy.typing import ArrayLike, NDArray
 from cspace.covering import check_cells
 from cspace.errors import GeometryError, InputError
 from cspace.grid import Grid, finite, positive
-from cspace.raster.outlines import point_segments, polygon_outline
+from cspace.raster.bitmaps import point_segments, polygon_outline
 from cspace.spectral.spheres.fields.border import Border
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
-    from cspace.mesh import Mesh
+    from cspace.shapes.mesh import Mesh
 
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
@@ -123,9 +123,9 @@ class FlatRegion(Region):
         return np.asarray(shapely.contains_xy(self.shape, points[:, 0], points[:, 1]))
 
     def cells(self, grid: Grid) -> Bools:
-        from cspace.raster import rasterize_obstacles
+        from cspace.shapes import Polygons
 
-        return rasterize_obstacles(self._parts, grid)[0]
+        return Polygons(self._parts).cells(grid)[0]
 
     def measure(self) -> tuple[float, float]:
         return float(self.shape.area), float(self.shape.area)
@@ -141,7 +141,7 @@ class SolidRegion(Region):
                 "shape of its own; close the mesh and pass solid='auto', or fill it with Workspace.from_mesh and pass "
                 "its outer cells"
             )
-        self.shape, self.bounds = mesh, mesh.bounds
+        self.shape, self.bounds = mesh, np.stack(mesh.bounds)
         self.border = Border(mesh.triangles)
 
     def holds(self, points: Floats) -> Bools:
@@ -191,8 +191,7 @@ class CellRegion(Region):
     def __init__(self, occupied: Bools, spacing: float, lower: Floats) -> None:
         import shapely
 
-        from cspace.exact.faces import cell_faces
-        from cspace.raster.boundary import boundary_segments
+        from cspace.raster.bitmaps import boundary_segments, cell_faces
 
         self.shape = None
         self._grid, self._occupied = Grid(lower, spacing, occupied.shape), occupied
@@ -236,7 +235,7 @@ class CellRegion(Region):
 
 def region_of(shape: Any, spacing: float | None, lower: ArrayLike | None) -> Region:
     """The region of anything that describes a shape; as :func:`cspace.spectral.spheres.decompose` tells."""
-    from cspace.mesh import Mesh
+    from cspace.shapes.mesh import Mesh
 
     if isinstance(shape, np.ndarray) and not shape.ndim:
         raise InputError(
