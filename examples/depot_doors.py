@@ -13,7 +13,7 @@ from shapely import box
 
 import cspace
 import planners
-from cspace.plot import animate, save_plot, save_strip
+from cspace.plot import animate, save_plot
 
 ROBOT = cspace.Robot.rectangle(0.9, 0.6)
 
@@ -54,7 +54,7 @@ def main() -> None:
     name = options.output / "depot_doors.png"
     pictures = [
         save_plot(space, name, True, path=plan),
-        save_strip(space, name.with_name("depot_doors_slices.png"), True, path=plan),
+        save_plot(space, name.with_name("depot_doors_slices.png"), True, path=plan, view="yaw_panels"),
         animate(space, plan.path, name.with_suffix(".gif"), True),
     ]
     for file in pictures:

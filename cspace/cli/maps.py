@@ -231,7 +231,7 @@ def picture(
 ) -> None:
     """Draw a map, and a path on it, into a picture."""
     from cspace.io.reading import open_map
-    from cspace.plot import SUFFIXES, save_plot, save_strip
+    from cspace.plot import SUFFIXES, save_plot
 
     if strip and (yaw is not None or robot_every is not None):
         raise InputError("--strip shows several yaws and no robots; it goes without --yaw and --robot-every; drop them")
@@ -254,11 +254,9 @@ def picture(
         space = open_map(file)
     with clock.step("draw"):
         options = given(path=points, **marks)
-        if strip:
-            save_strip(space, output, overwrite, dpi=dpi, **options)
-        else:
-            options |= given(yaw=turn, view=view and view.value, at=point, surface=surface and surface.value)
-            save_plot(space, output, overwrite, dpi=dpi, robot_every=robot_every, **options)
+        shown = "yaw_panels" if strip else view and view.value
+        options |= given(yaw=turn, view=shown, at=point, surface=surface and surface.value)
+        save_plot(space, output, overwrite, dpi=dpi, robot_every=robot_every, **options)
     show({"picture": str(output), "seconds": clock.seconds}, as_json)
 
 

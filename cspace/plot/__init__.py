@@ -4,6 +4,4 @@ from cspace.plot.animation import animate as animate
 from cspace.plot.picture import SUFFIXES as SUFFIXES
 from cspace.plot.picture import plot as plot
 from cspace.plot.picture import save_plot as save_plot
-from cspace.plot.strip import plot_strip as plot_strip
-from cspace.plot.strip import save_strip as save_strip
 from cspace.plot.thumbnails import thumbnail as thumbnail

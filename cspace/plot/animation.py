@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from cspace.errors import InputError
 from cspace.grid import positive
 from cspace.io.output import replacing
-from cspace.plot import artists, view
-from cspace.plot.plane import refuse_space
+from cspace.plot import artists
+from cspace.plot.protocols import Floats, MapLike
+from cspace.plot.route import Route
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -23,20 +24,20 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
     from PIL.Image import Image
 
-    from cspace.space import CSpace
-
 _LONG = 7.5
 """Length of the longer side of each of the two panels, in inches."""
 _DPI = 72.0
 _MOST_FRAMES: Final = 1000
 _COLORS: Final = 96
 """Colours of the animation; few keep the file small, and the pictures are flat."""
+_DARK: Final = "#00614a"
+"""The robot's edge and nose."""
 _REST: Final = 1200
 """Milliseconds that the last frame stands."""
 
 
 def animate(
-    space: CSpace,
+    space: MapLike,
     path: ArrayLike,
     file: str | os.PathLike[str],
     overwrite: bool = False,
@@ -86,18 +87,22 @@ def animate(
     """
     target = Path(file)
     if target.suffix.lower() != ".gif":
-        raise InputError(f"{target} has the suffix {target.suffix!r}; an animation's is .gif; name it e.g. path.gif")
-    refuse_space(space, "an animation shows the robot in the plane")
-    points = view.polyline(space, path)
-    if not len(points):
-        raise InputError("path is empty; an animation needs at least one configuration; pass a path that was found")
+        mend = f"name it e.g. {target.with_suffix('.gif').name}"
+        raise InputError(str(target), f"ends in {target.suffix!r}", "an animation's suffix is .gif", mend)
+    if space.grid.dim == 3:
+        mend = "use plot, which draws the robot along a path in space too"
+        raise InputError("space", "is a map in space", "an animation shows the robot in the plane", mend)
+    route = Route.of(space, path, None, None)
+    if not len(route.points):
+        mend = "pass a path that was found"
+        raise InputError("path", "is empty", "an animation needs at least one configuration", mend, value=path)
     pause, count = _timing(seconds, rate)
     with replacing(target, overwrite) as temporary:
-        footprint = view.Footprint(space.robot)
-        shares = np.linspace(0.0, 1.0, count if _moves(points) else 1)
-        stage = _Stage(space, footprint, points, title)
+        moves = bool((route.points != route.points[0]).any())
+        shares = np.linspace(0.0, 1.0, count if moves else 1)
+        stage = _Stage(space, route, title)
         frames = []
-        for number, q in enumerate(view.along(points, shares, footprint.reach)):
+        for number, q in enumerate(route.along(shares)):
             frames.append(stage.frame(q))
             if progress is not None:
                 progress(number + 1, len(shares))
@@ -105,60 +110,53 @@ def animate(
     return target
 
 
-def _moves(points: view.Floats) -> bool:
-    """Whether any two configurations of a path differ."""
-    return bool((points != points[0]).any())
-
-
 def _timing(seconds: float, rate: float) -> tuple[int, int]:
     """Milliseconds of a frame, in the tens that a GIF can tell, and the number of frames."""
     lasts, often = positive(seconds, "seconds", "seconds"), positive(rate, "rate", "frames in a second")
     if often > 50.0:
-        raise InputError(f"rate is {rate!r}; it must be at most 50 frames in a second, as viewers play no more")
+        rule = "it must be at most 50 frames in a second, as viewers play no more"
+        raise InputError("rate", f"is {rate!r}", rule, "pass a lower rate", value=rate)
     count = round(lasts * often) + 1
     if count > _MOST_FRAMES:
-        raise InputError(
-            f"{lasts:g} seconds at a rate of {often:g} make {count} frames; at most {_MOST_FRAMES} keep the file "
-            "usable; pass fewer seconds or a lower rate"
-        )
+        found = f"is {seconds!r}, which at a rate of {often:g} makes {count} frames"
+        rule = f"at most {_MOST_FRAMES} keep the file usable"
+        raise InputError("seconds", found, rule, "pass fewer seconds or a lower rate", value=seconds)
     return 10 * max(2, round(100.0 / often)), max(count, 2)
 
 
 class _Stage:
     """The two panels, drawn once; a frame moves what moves."""
 
-    def __init__(self, space: CSpace, footprint: view.Footprint, points: view.Floats, title: str | None) -> None:
+    def __init__(self, space: MapLike, route: Route, title: str | None) -> None:
         from matplotlib.patches import PathPatch
 
-        self._space, self._footprint, self._cell = space, footprint, -1
-        ends = view.along(points, np.linspace(0.0, 1.0, 64), footprint.reach)
-        box = view.box(space, [points, *(ring for q in ends for ring in footprint.at(q))])
+        self._space, self._figurine, self._cell = space, route.figurine, -1
+        stops = route.along(np.linspace(0.0, 1.0, 64))
+        box = Route(route.points, route.marks, stops, route.figurine).box(space)
+        stretch = artists.stretches(box)
         self._figure, (world, plane) = _panels(box)
-        marks = view.marks(space, points, None, None)
         solid = np.where(space.workspace.outer, np.uint8(artists.OBSTACLE), np.uint8(artists.OPEN))
         artists.draw_cells(world, space.grid, solid)
-        slices = [self._classes(q) for q in ends]
+        slices = [self._classes(q) for q in stops]
         self._image = artists.draw_cells(plane, space.grid, slices[0])
-        handles = artists.cell_legend([np.unique(part) for part in slices], over_yaws=False)
+        handles = artists.cell_legend([np.unique(part) for part in slices], False, artists.reaches_out(space, box))
         for ax in (world, plane):
-            line = artists.draw_path(ax, points, 1.3)
-            ends_drawn = artists.draw_marks(ax, marks, 0.7)
-            artists.frame(ax, space, box, labels=False)
+            drawn = artists.draw_route(ax, space, route, 0.7, robots=False)
+            artists.frame(ax, box, stretch, labels=False)
         self._trail = world.plot([], [], color=artists.ROBOT, linewidth=2.2, zorder=4.5)[0]
-        self._robot = PathPatch(
-            artists.outline(footprint, points[0]), facecolor=artists.BODY, edgecolor="#00614a", zorder=6
-        )
+        first = route.points[0]
+        body: dict[str, Any] = {"facecolor": artists.BODY, "edgecolor": _DARK, "zorder": 6}
+        self._robot = PathPatch(artists.outline(self._figurine, first), **body)
         world.add_patch(self._robot)
-        self._nose = PathPatch(artists.nose(footprint, points[0]), facecolor="#00614a", linewidth=0.0, zorder=6.1)
-        if space.rotations is not None:
+        self._nose = PathPatch(artists.nose(self._figurine, first), facecolor=_DARK, linewidth=0.0, zorder=6.1)
+        if artists.heading_of(space) is not None:
             world.add_patch(self._nose)
         self._point = plane.plot([], [], marker="o", markersize=6.0, color=artists.ROBOT, mec="black", zorder=6)[0]
         heads: dict[str, Any] = {"loc": "left", "fontsize": 9}
         world.set_title("workspace", **heads)
         self._head = plane.set_title("C-obstacle", **heads)
-        words = f"{space.robot.name}, cells of {space.grid.spacing:g} m" if title is None else title
-        self._figure.suptitle(words, fontsize=10)
-        artists.legend_below(self._figure, handles + line + ends_drawn, 8.0)
+        self._figure.suptitle(artists.title(space, stretch, title), fontsize=10)
+        artists.legend_below(self._figure, handles + drawn, 8.0)
         self._canvas = self._figure.canvas
         self._canvas.draw()
         # What moves must not move the panels; and what stands, letters above all, is drawn once.
@@ -170,18 +168,18 @@ class _Stage:
             artist.set_animated(True)
         self._canvas.draw()
         self._still = self._canvas.copy_from_bbox(self._figure.bbox)
-        self._way: list[view.Floats] = []
+        self._way: list[Floats] = []
 
-    def frame(self, q: view.Floats) -> NDArray[np.uint8]:
+    def frame(self, q: Floats) -> NDArray[np.uint8]:
         """Pixels with the robot at a configuration, shape (height, width, 3)."""
         self._way.append(q)
         self._trail.set_data(*np.transpose(self._way)[:2])
-        self._robot.set_path(artists.outline(self._footprint, q))
-        self._nose.set_path(artists.nose(self._footprint, q))
+        self._robot.set_path(artists.outline(self._figurine, q))
+        self._nose.set_path(artists.nose(self._figurine, q))
         self._point.set_data(q[:1], q[1:2])
         rotations = self._space.rotations
-        if rotations is not None:
-            self._head.set_text(f"C-obstacle at yaw {view.degrees(math.radians(round(math.degrees(q[2]))))}")
+        if len(q) > 2 and rotations is not None:
+            self._head.set_text(f"C-obstacle at yaw {artists.degrees(math.radians(round(math.degrees(q[2]))))}")
             cell = int(rotations.cell_of(q[2]))
             if cell != self._cell:
                 self._cell = cell
@@ -191,15 +189,15 @@ class _Stage:
             artist.draw(self._canvas.get_renderer())
         return np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
 
-    def _classes(self, q: view.Floats) -> NDArray[np.uint8]:
-        return artists.classes_of(self._space, None if self._space.rotations is None else float(q[2]))
+    def _classes(self, q: Floats) -> NDArray[np.uint8]:
+        return artists.classes_of(self._space, float(q[2]) if len(q) > 2 else None)
 
 
 def _layer(artist: Artist) -> float:
     return artist.get_zorder()
 
 
-def _panels(box: view.Floats) -> tuple[Any, tuple[Axes, Axes]]:
+def _panels(box: Floats) -> tuple[Any, tuple[Axes, Axes]]:
     """Two panels with the same axes, side by side, or one above the other where they are wide."""
     width, height = artists.drawn_size(box, _LONG)
     wide = width > 1.4 * height
@@ -207,8 +205,10 @@ def _panels(box: view.Floats) -> tuple[Any, tuple[Axes, Axes]]:
     figure = artists.new_figure(max(size[0], 4.2), size[1], _DPI)
     shape = (2, 1) if wide else (1, 2)
     panels: Any = figure.subplots(*shape, sharex=True, sharey=True, squeeze=False)
-    artists.label_outer(panels)
     first, second = panels.flat
+    first.set_ylabel("y (m)")
+    second.set_xlabel("x (m)")
+    (second.set_ylabel if wide else first.set_xlabel)("y (m)" if wide else "x (m)")
     return figure, (first, second)
 
 

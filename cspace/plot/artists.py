@@ -1,4 +1,4 @@
-"""What is drawn into axes: cells, paths, robots, marks, frame and legend."""
+"""What is drawn into axes: cells, paths, robots, marks, frame and legend. One colour has one meaning everywhere."""
 
 from __future__ import annotations
 
@@ -9,7 +9,10 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.plot.view import Floats, Footprint, Outline, placed, stretch
+from cspace.errors import InputError
+from cspace.grid import Grid, finite
+from cspace.plot.protocols import Floats, MapLike
+from cspace.plot.route import Figurine, Route, placed
 from cspace.states import BLOCKED, FREE, MIXED
 
 if TYPE_CHECKING:
@@ -17,9 +20,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.patheffects import AbstractPathEffect
 
-    from cspace.grid import Grid
     from cspace.plot.cell_image import CellImage
-    from cspace.space import CSpace
+
+Classes = NDArray[np.uint8]
 
 # What a cell shows, the most important last: a pixel that covers many cells shows the largest. The hues are from Okabe
 # and Ito (2008), which the colour-blind tell apart, and their lightness differs, so that they part in grey print too.
@@ -32,36 +35,42 @@ CLASSES: Final = (
     ("obstacle", "#262626"),
 )
 OPEN, SOME, HOLLOW, UNDECIDED, COLLIDES, OBSTACLE = range(len(CLASSES))
-OVER_YAWS: Final = {
-    OPEN: "free at every yaw",
-    COLLIDES: "C-obstacle at every yaw",
-}
+OVER_YAWS: Final = {OPEN: "free at every yaw", COLLIDES: "C-obstacle at every yaw"}
 """What classes are called where all yaws are shown at once."""
 
 PATH: Final = "#0072b2"
-FAINT: Final = "#62a8d0"
-"""A path that is not where the picture is cut, or behind something."""
 ROBOT: Final = "#009e73"
 BODY: Final = "#3fb795"
 """A robot that is drawn filled."""
+GOAL: Final = "#cc79a7"
+OUTSIDE: Final = ("outside the grid", "#f2f2f2", "#c4c4c4")
+"""Name, ground and hatching of what the map does not show."""
 LONG: Final = 6.5
 """Length of the longer side of the axes, in inches."""
-ROW: Final = 0.21
-"""Height of a row of a legend, in inches."""
+THIN: Final = 12.0
+"""The largest ratio of the sides that is drawn to scale; beyond it the short side is stretched, as the title says."""
 
 
-def classes_of(space: CSpace, yaw: float | None) -> NDArray[np.uint8]:
-    """Classes of cells, shape (nx, ny): at a yaw (radians), or over all yaws where none is given and the map turns."""
-    occupied = space.workspace.outer
-    if space.rotations is None or yaw is not None:
-        return classes_at(occupied, space.slice_at(0.0 if yaw is None else yaw))
-    best, worst = space.stack.min(axis=0), space.stack.max(axis=0)
-    classes = classes_at(occupied, best)
-    classes[(classes == OPEN) & (worst != FREE)] = SOME
+def classes_of(space: MapLike, yaw: float | None, layer: tuple[Any, ...] = ()) -> Classes:
+    """Classes of the cells of the grid, or of a layer of them, which an index of the grid's arrays picks out.
+
+    At a yaw (radians), or over all yaws where none is given and the map turns.
+    """
+    occupied = space.workspace.outer[layer]
+    if space.dof == space.grid.dim or yaw is not None:
+        return classes_at(occupied, space.slice_at(0.0 if yaw is None else yaw)[layer])
+    states = _slices(space)[(slice(None), *layer)]
+    classes = classes_at(occupied, states.min(axis=0))
+    classes[(classes == OPEN) & (states.max(axis=0) != FREE)] = SOME
     return classes
 
 
-def classes_at(occupied: NDArray[np.bool_], state: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _slices(space: Any) -> NDArray[np.uint8]:
+    """The slices that differ, shape (slices, ...)."""
+    return np.asarray(space._map.states if hasattr(space, "_map") else space.stack)
+
+
+def classes_at(occupied: NDArray[np.bool_], state: NDArray[np.uint8]) -> Classes:
     """Classes of cells of one slice, of any shape, from whether they meet an obstacle, and from their states."""
     table = np.empty((2, 3), np.uint8)
     table[0, [FREE, MIXED, BLOCKED]] = OPEN, UNDECIDED, COLLIDES
@@ -69,7 +78,35 @@ def classes_at(occupied: NDArray[np.bool_], state: NDArray[np.uint8]) -> NDArray
     return np.asarray(np.where(occupied, table[1][state], table[0][state]))
 
 
-def draw_cells(ax: Axes, grid: Grid, classes: NDArray[np.uint8]) -> CellImage:
+def check_yaw(space: MapLike, yaw: Any) -> float | None:
+    """A yaw to show, as a float.
+
+    Raises
+    ------
+    InputError
+        If it is not one finite number, or the map has no rotations.
+    """
+    if yaw is None:
+        return None
+    angle = finite(yaw, "yaw")
+    if angle.ndim:
+        rule, mend = "it must be one number, in radians", "use the view yaw_panels for several"
+        raise InputError("yaw", f"has shape {angle.shape}", rule, mend, value=yaw)
+    if space.dof == space.grid.dim:
+        rule = "the map has no rotations, so the robot does not turn"
+        raise InputError("yaw", f"is {yaw!r}", rule, "leave it out, or build the map with rotations", value=yaw)
+    if space.rotations is not None:
+        space.rotations.cell_of(angle)  # raises where it is too large to be wrapped
+    return float(angle)
+
+
+def degrees(yaw: float) -> str:
+    """A yaw in degrees, wrapped to (-180, 180], with its unit."""
+    angle = round(180.0 - (180.0 - math.degrees(yaw)) % 360.0, 1)
+    return f"{angle + 0.0:g}°"  # no minus sign before zero
+
+
+def draw_cells(ax: Axes, grid: Grid, classes: Classes) -> CellImage:
     """Draw the cells of a grid in the plane by their class."""
     from matplotlib.colors import to_rgb
 
@@ -81,29 +118,33 @@ def draw_cells(ax: Axes, grid: Grid, classes: NDArray[np.uint8]) -> CellImage:
     return image
 
 
-def cell_legend(classes: Sequence[NDArray[np.uint8]], over_yaws: bool) -> list[Any]:
-    """Legend entries of the classes that occur, obstacles first."""
+def draw_outside(ax: Axes) -> None:
+    """Hatch what lies outside the grid: the map shows nothing there."""
+    _, ground, lines = OUTSIDE
+    ax.patch.set(facecolor=ground, edgecolor=lines, hatch="////", linewidth=0.0)
+
+
+def cell_legend(classes: Sequence[Classes], over_yaws: bool, outside: bool) -> list[Any]:
+    """Legend entries of the classes that occur, obstacles first, and of what lies outside the grid."""
     from matplotlib.patches import Patch
 
     present = sum(np.bincount(part.ravel(), minlength=len(CLASSES)) for part in classes)
-    return [
-        Patch(
-            facecolor=color,
-            edgecolor="#555555",
-            linewidth=0.6,
-            label=OVER_YAWS.get(number, label) if over_yaws else label,
-        )
+    look: dict[str, Any] = {"edgecolor": "#555555", "linewidth": 0.6}
+    entries = [
+        Patch(facecolor=color, label=OVER_YAWS.get(number, label) if over_yaws else label, **look)
         for number, (label, color) in reversed(list(enumerate(CLASSES)))
         if np.asarray(present)[number]
     ]
+    label, ground, lines = OUTSIDE
+    beyond = Patch(facecolor=ground, edgecolor=lines, hatch="////", linewidth=0.6, label=label)
+    return entries + [beyond] * outside
 
 
 def draw_path(ax: Axes, points: Floats, width: float = 1.8) -> list[Any]:
-    """Draw a path; gives its legend entry."""
+    """Draw a path by its first two numbers; gives its legend entry."""
     if not len(points):
         return []
-    dim = 3 if ax.name == "3d" else 2
-    line = ax.plot(*points[:, :dim].T, color=PATH, linewidth=width, label="path", zorder=4)
+    line = ax.plot(*points[:, :2].T, color=PATH, linewidth=width, label="path", zorder=4)
     line[0].set(solid_joinstyle="round", path_effects=[halo(width + 1.6)])
     return list(line)
 
@@ -115,171 +156,175 @@ def halo(width: float, alpha: float = 1.0) -> AbstractPathEffect:
     return withStroke(linewidth=width, foreground="white", alpha=alpha)
 
 
-def draw_robots(ax: Axes, footprint: Outline, at: Floats) -> list[Any]:
-    """Draw the robot at configurations, shape (n, dof), with its nose where it turns; gives its legend entry."""
+def draw_robots(ax: Axes, figurine: Figurine, at: Floats, pair: Sequence[int] = (0, 1)) -> list[Any]:
+    """Draw the robot at configurations, shape (n, dof), as seen in two axes; gives its legend entry.
+
+    In the plane its nose shows where it looks.
+    """
     from matplotlib.collections import PathCollection
     from matplotlib.patches import Patch
 
     if not len(at):
         return []
     style: dict[str, Any] = {"facecolor": (0.0, 0.62, 0.45, 0.12), "edgecolor": ROBOT, "linestyle": (0, (4, 1.2))}
-    robots = PathCollection([outline(footprint, q) for q in at], linewidths=0.9, zorder=3, **style)
+    robots = PathCollection([outline(figurine, q, pair) for q in at], linewidths=0.9, zorder=3, **style)
     robots.set_transform(ax.transData)
     ax.add_collection(robots, autolim=False)
-    if isinstance(footprint, Footprint) and at.shape[1] == 3:
+    if figurine.dim == 2 and at.shape[1] > 2:
         noses = PathCollection(
-            [nose(footprint, q) for q in at], linewidths=0.0, zorder=3.1, facecolor=(0.0, 0.62, 0.45, 0.6)
+            [nose(figurine, q) for q in at], linewidths=0.0, zorder=3.1, facecolor=(0, 0.62, 0.45, 0.6)
         )
         noses.set_transform(ax.transData)
         ax.add_collection(noses, autolim=False)
     return [Patch(linewidth=0.9, label="robot", **style)]
 
 
-def outline(footprint: Outline, q: Floats) -> Any:
-    """The robot at a configuration, as a matplotlib path in metres."""
+def outline(figurine: Figurine, q: Floats, pair: Sequence[int] = (0, 1)) -> Any:
+    """The robot at a configuration as seen in two axes, as a matplotlib path in metres."""
     from matplotlib.path import Path
 
-    return Path.make_compound_path(*(Path(ring, closed=True) for ring in footprint.at(q)))
+    return Path.make_compound_path(*(Path(ring, closed=True) for ring in figurine.outlines(q, pair)))
 
 
-def nose(footprint: Footprint, q: Floats) -> Any:
-    """The triangle at the robot's front, as a matplotlib path in metres."""
+def nose(figurine: Figurine, q: Floats) -> Any:
+    """The triangle at the front of a robot in the plane, as a matplotlib path in metres."""
     from matplotlib.path import Path
 
-    return Path(placed(footprint.nose, q), closed=True)
+    return Path(placed(figurine.nose, q), closed=True)
 
 
-def draw_marks(ax: Axes, marks: dict[str, Floats], scale: float = 1.0) -> list[Any]:
-    """Draw start and goal, with an arrow where there is a yaw; gives their legend entries.
+def draw_marks(
+    ax: Axes, marks: dict[str, Floats], scale: float = 1.0, *, pair: Sequence[int] = (0, 1), heading: int | None = None
+) -> list[Any]:
+    """Draw start and goal as seen in two axes; gives their legend entries.
 
-    Axes in three dimensions take marks with a height.
+    An arrow shows the number of a configuration that is a yaw, where ``heading`` says which one.
     """
     looks: dict[str, dict[str, Any]] = {
         "start": {"marker": "o", "markersize": 7.0 * scale, "markerfacecolor": "white"},
-        "goal": {"marker": "*", "markersize": 12.0 * scale, "markerfacecolor": "#f0e442"},
+        "goal": {"marker": "*", "markersize": 12.0 * scale, "markerfacecolor": GOAL},
     }
-    dim = 3 if ax.name == "3d" else 2
+    point: dict[str, Any] = {"linestyle": "none", "markeredgecolor": "black", "clip_on": False, "zorder": 5}
     handles = []
-    for name, mark in marks.items():
-        if len(mark) > dim:
-            _draw_heading(ax, mark, looks[name]["markerfacecolor"], scale)
-        point: dict[str, Any] = {"linestyle": "none", "markeredgecolor": "black", "clip_on": False, "zorder": 5}
-        handles += ax.plot(*([number] for number in mark[:dim]), label=name, **point, **looks[name])
+    for name, q in marks.items():
+        x, y = q[list(pair)]
+        if heading is not None:
+            _draw_heading(ax, x, y, float(q[heading]), looks[name]["markerfacecolor"], scale)
+        handles += ax.plot(x, y, label=name, **point, **looks[name])
     return handles
 
 
-def _draw_heading(ax: Axes, q: Floats, color: str, scale: float) -> None:
-    """An arrow of fixed size on the paper from a configuration along its yaw."""
+def _draw_heading(ax: Axes, x: float, y: float, yaw: float, color: str, scale: float) -> None:
+    """An arrow of fixed size on the paper from a position along a yaw."""
     from matplotlib.markers import MarkerStyle
     from matplotlib.path import Path
     from matplotlib.transforms import Affine2D
 
-    arrow = Path(
-        [(0.0, 0.09), (0.62, 0.09), (0.62, 0.28), (1.0, 0.0), (0.62, -0.28), (0.62, -0.09), (0.0, -0.09), (0.0, 0.09)],
-        closed=True,
-    )
+    corners = [
+        (0.0, 0.09),
+        (0.62, 0.09),
+        (0.62, 0.28),
+        (1.0, 0.0),
+        (0.62, -0.28),
+        (0.62, -0.09),
+        (0.0, -0.09),
+        (0.0, 0.09),
+    ]
     # A path marker is scaled so that its farthest point lies half a marker's size from its origin.
-    ax.plot(
-        *q[:2],
-        marker=MarkerStyle(arrow, transform=Affine2D().rotate(q[2])),
-        markersize=46.0 * scale,
-        markerfacecolor=color,
-        markeredgecolor="black",
-        markeredgewidth=0.8,
-        linestyle="none",
-        clip_on=False,
-        zorder=4.9,
-    )
+    arrow = MarkerStyle(Path(corners, closed=True), transform=Affine2D().rotate(yaw))
+    look: dict[str, Any] = {"markerfacecolor": color, "markeredgecolor": "black", "markeredgewidth": 0.8}
+    ax.plot(x, y, marker=arrow, markersize=46.0 * scale, linestyle="none", clip_on=False, zorder=4.9, **look)
 
 
-def frame(ax: Axes, space: CSpace, view: Floats, *, labels: bool = True) -> None:
-    """Limits, scale and labels."""
+def heading_of(space: MapLike) -> int | None:
+    """Which number of a configuration is a yaw; None where there is none."""
+    return space.grid.dim if space.dof > space.grid.dim else None
+
+
+def reaches_out(space: MapLike, box: Floats) -> bool:
+    """Whether a box in view reaches beyond the grid."""
+    return bool((box[0] < space.grid.lower).any() or (box[1] > space.grid.upper).any())
+
+
+def stretches(box: Floats, thin: float = THIN) -> Floats:
+    """How much longer a metre along each axis is drawn, shape (d,): 1, but along the short sides of long, thin maps."""
+    lengths = box[1] - box[0]
+    return np.maximum(1.0, lengths.max() / thin / lengths)
+
+
+def title(space: MapLike, stretch: Floats, words: str | None, about: str = "") -> str:
+    """The given title, or the robot, the side of a cell and what is shown; where an axis is stretched, it says so."""
+    notes = [f"{axis} stretched {by:.3g} times" for axis, by in zip("xyz", stretch, strict=False) if by != 1.0]
+    if words is None:
+        words = f"{space.robot.name}, cells of {space.grid.spacing:g} m" + (f"\n{about}" if about else "")
+    return f"{words} ({', '.join(notes)})".strip() if notes else words
+
+
+def about_yaw(space: MapLike, yaw: float | None) -> str:
+    """What is shown of a map with rotations: one rotation cell, or all of them."""
+    rotations = space.rotations
+    if space.dof == space.grid.dim or rotations is None:
+        return ""
+    widths = np.degrees(np.diff(rotations.borders))
+    if yaw is not None:
+        return f"yaw {degrees(yaw)}, in a rotation cell {widths[rotations.cell_of(yaw)]:.3g}° wide"
+    width = f"{widths.min():.3g}°" + ("" if rotations.is_uniform() else f" to {widths.max():.3g}°")
+    return f"over all yaws, {rotations.count} rotation cells of {width}"
+
+
+def frame(ax: Axes, box: Floats, stretch: Floats, pair: Sequence[int] = (0, 1), *, labels: bool = True) -> None:
+    """Limits, scale and labels of axes that show two axes of a box, and hatching where the map ends."""
     from matplotlib.ticker import MaxNLocator
 
-    ratio = stretch(view)
-    ax.set_xlim(*view[:, 0])
-    ax.set_ylim(*view[:, 1])
-    ax.set_aspect(ratio)
-    ax.set_facecolor(beyond(space))
-    if labels:
-        ax.set_xlabel("x (m)")
-        ax.set_ylabel("y (m)")
-    if ratio > 1.0:
-        ax.yaxis.set_major_locator(MaxNLocator(2))
-    if ratio < 1.0:
-        ax.xaxis.set_major_locator(MaxNLocator(1))
+    ax.set_xlim(*box[:, pair[0]])
+    ax.set_ylim(*box[:, pair[1]])
+    ax.set_aspect(float(stretch[pair[1]] / stretch[pair[0]]))
+    draw_outside(ax)
+    drawn = (box[1] - box[0]) * stretch
+    for axis, number in zip((ax.xaxis, ax.yaxis), pair, strict=True):
+        share = drawn[number] / drawn.max()
+        axis.set_major_locator(MaxNLocator(max(1, min(8, math.ceil(12 * share))), steps=[1, 2, 2.5, 5, 10]))
+        if labels:
+            axis.set_label_text(f"{'xyz'[number]} (m)")
 
 
-def beyond(space: CSpace) -> str:
-    """Colour of what lies outside the grid."""
-    return CLASSES[OPEN if space.outside == "free" else COLLIDES][1]
-
-
-def new_figure(width: float, height: float, dpi: float = 150.0, *, arranged: bool = True) -> Figure:
-    """A figure that belongs to no window, in inches, with room between what it holds, or left to be arranged."""
+def new_figure(width: float, height: float, dpi: float = 150.0, *, layout: str | None = "constrained") -> Figure:
+    """A figure that belongs to no window, in inches, arranged by matplotlib where a layout is named."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
-    from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    engine = ConstrainedLayoutEngine(h_pad=0.1) if arranged else None
-    figure = Figure(figsize=(width, height), dpi=dpi, layout=engine)
+    figure = Figure(figsize=(width, height), dpi=dpi, layout=layout)
+    if layout is not None:
+        figure.get_layout_engine().set(h_pad=0.1)  # type: ignore[union-attr]
     FigureCanvasAgg(figure)
     return figure
 
 
-def drawn_size(view: Floats, long: float = LONG) -> tuple[float, float]:
-    """Width and height, in inches, of axes whose longer side is ``long``."""
-    width, height = view[1] - view[0]
-    drawn = np.array([width, height * stretch(view)])
-    drawn *= long / drawn.max()
+def drawn_size(box: Floats, long: float = LONG) -> tuple[float, float]:
+    """Width and height, in inches, of axes whose longer side is ``long``, of a box's first two axes."""
+    drawn = ((box[1] - box[0]) * stretches(box))[:2]
+    drawn = drawn * long / drawn.max()
     return float(drawn[0]), float(drawn[1])
 
 
 def legend_below(figure: Figure, handles: Sequence[Any], size: float = 9.0) -> None:
     """A legend below all axes of a figure, in as many columns as fit."""
-    columns = legend_columns(handles, size, figure.get_figwidth())
-    figure.legend(handles=handles, loc="outside lower center", ncols=columns, fontsize=size, frameon=False)
-
-
-def legend_columns(handles: Sequence[Any], size: float, width: float) -> int:
-    """How many columns of a legend fit side by side in a width, in inches."""
     # Letters are about half the font's size wide, and a sign and its gaps about five sizes.
     widths = [size / 72.0 * (0.55 * len(handle.get_label()) + 5.0) for handle in handles]
 
     def fits(columns: int) -> bool:
-        return bool(sum(map(max, np.array_split(widths, columns))) < 0.95 * width)
+        return bool(sum(map(max, np.array_split(widths, columns))) < 0.95 * figure.get_figwidth())
 
     columns = next((count for count in range(len(handles), 1, -1) if fits(count)), 1)
     # No more columns than the rows need, so that the last row is not short.
-    return math.ceil(len(handles) / math.ceil(len(handles) / columns))
+    columns = math.ceil(len(handles) / math.ceil(len(handles) / columns)) if handles else 1
+    place = "lower center" if figure.get_layout_engine() is None else "outside lower center"
+    figure.legend(handles=handles, loc=place, ncols=columns, fontsize=size, frameon=False)
 
 
-def legend_rows(handles: Sequence[Any], width: float) -> int:
-    """How many rows a legend has at the foot of a figure of a width, in inches."""
-    return math.ceil(len(handles) / legend_columns(handles, 9.0, width)) if handles else 0
-
-
-def legend_at_foot(figure: Figure, handles: Sequence[Any]) -> None:
-    """A legend at the foot of a figure whose parts were put in their places, with room left for its rows."""
-    if handles:
-        figure.legend(
-            handles=handles,
-            loc="lower center",
-            bbox_to_anchor=(0.5, 0.08 / figure.get_figheight()),
-            ncols=legend_columns(handles, 9.0, figure.get_figwidth()),
-            fontsize=9.0,
-            frameon=False,
-            borderaxespad=0.0,
-        )
-
-
-def label_outer(panels: Any, size: float = 9.0) -> None:
-    """Name the axes of panels that share them, below the lowest and beside the leftmost."""
-    for column in panels.T:
-        last = [ax for ax in column if ax.figure is not None][-1]
-        last.set_xlabel("x (m)", fontsize=size)
-        last.tick_params(labelbottom=True)
-    for ax in panels[:, 0]:
-        ax.set_ylabel("y (m)", fontsize=size)
-    for ax in panels.flat:
-        ax.tick_params(labelsize=size - 1.0)
+def draw_route(ax: Axes, space: MapLike, route: Route, scale: float = 1.0, *, robots: bool = True) -> list[Any]:
+    """Draw path, robots and marks from above; gives their legend entries."""
+    handles = draw_path(ax, route.points, 1.8 if robots else 1.2)
+    if robots:
+        handles += draw_robots(ax, route.figurine, route.stations)
+    return handles + draw_marks(ax, route.marks, scale, heading=heading_of(space))

@@ -3,42 +3,43 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
 
 from cspace.errors import InputError
 from cspace.grid import positive
 from cspace.io.output import replacing
-from cspace.plot.plane import draw_plane
-from cspace.plot.scene import draw_scene
+from cspace.plot import artists
+from cspace.plot.protocols import Floats, MapLike
+from cspace.plot.route import Route
 from cspace.plot.sections import draw_sections
+from cspace.plot.surface import draw_surface
+from cspace.plot.yaw_panels import draw_yaw_panels
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from numpy.typing import ArrayLike
 
-    from cspace.space import CSpace
-
 SUFFIXES: Final = (".png", ".pdf", ".svg", ".jpg")
 """Kinds of picture that can be written."""
 
-VIEWS: Final = ("sections", "3d")
-"""Pictures that there are of a map in space."""
-_DRAW: Final[dict[str, Callable[..., Axes]]] = {"plane": draw_plane, "sections": draw_sections, "3d": draw_scene}
-_ONLY: Final = {
+VIEWS: Final = {
     "plane": ("yaw", "ax"),
-    "sections": ("at",),
-    "3d": ("surface", "cut", "camera", "ax"),
+    "sections": ("yaw", "at"),
+    "3d": ("yaw", "surface", "cut", "camera", "ax"),
+    "yaw_panels": ("yaw", "at"),
 }
-"""Options that go with some kinds of picture only."""
+"""Pictures that there are, and the options that go with some of them only."""
 
 
 def plot(
-    space: CSpace,
+    space: MapLike,
     *,
-    yaw: float | None = None,
+    yaw: ArrayLike | None = None,
     path: ArrayLike | None = None,
     start: ArrayLike | None = None,
     goal: ArrayLike | None = None,
@@ -49,28 +50,28 @@ def plot(
     view: str | None = None,
     at: ArrayLike | None = None,
     surface: str | None = None,
-    cut: Mapping[str, float] | None = None,
+    cut: float | None = None,
     camera: ArrayLike | None = None,
 ) -> Axes:
     """Draw a map: obstacles, C-obstacle, undecided band, free space, and a path with the robot along it.
 
     Where cells are smaller than pixels, a pixel shows the most important of its cells, so that nothing that blocks the
-    robot vanishes from a picture of a large map.
+    robot vanishes from a picture of a large map. What lies outside the grid is hatched: the picture says nothing of it.
 
     A map in space is drawn as three sections through a point, which share their axes: seen from above, from the front
     and from the right. There, the path is solid, and the robot drawn, where the robot reaches the section; elsewhere
-    the path is faint. Or it is drawn in three dimensions, in parallel projection: the faces of cells that look at the
-    camera, so that what stands between it and a room is left out. Cells are joined in blocks where there are too many;
-    a block shows the most important of its cells here too. The path is dotted, and the robot faint, where they are
-    behind something.
+    the path is faint. Or it is drawn in three dimensions: faces of cells, joined in blocks where there are too many,
+    cut open above the path. The path is dotted where something is in front of it.
+
+    A map with rotations may also be drawn as panels side by side, one for each of a few yaws.
 
     Parameters
     ----------
     space : CSpace
         The map.
-    yaw : float, optional
-        For a map with rotations: show the slice at this yaw (radians). By default all yaws are shown at once: where the
-        robot is free at every yaw, at some, and at none.
+    yaw : float, or array-like, shape (n,), optional
+        For a map with rotations: show the slice at this yaw (radians), or a panel for each of several. By default all
+        yaws are shown at once: where the robot is free at every yaw, at some, and at none; panels show six of them.
     path : array-like, shape (n, dof), or Plan, optional
         Configurations to join by straight edges, in metres and radians; or anything whose ``path`` attribute holds
         them.
@@ -78,7 +79,7 @@ def plot(
         Configurations to mark; where left out and a path is given, its ends. An arrow shows a yaw.
     ax : matplotlib.axes.Axes, optional
         Where to draw; by default a new figure, which belongs to no window. ``view="3d"`` takes axes in three
-        dimensions; sections always have a figure of their own.
+        dimensions; sections and panels always have a figure of their own.
     robot_every : float, optional
         Metres of path between two drawn robots, where a turn counts as the way of the robot's farthest point; ``inf``
         draws it at the ends only. By default about a dozen.
@@ -86,28 +87,29 @@ def plot(
         Whether to add a legend, beside or below the axes, where it hides nothing.
     title : str, optional
         By default the robot, the side of a cell and the yaw. Pass ``""`` for none.
-    view : {"sections", "3d"}, optional
-        For a map in space: which picture; sections by default.
+    view : {"plane", "sections", "3d", "yaw_panels"}, optional
+        Which picture; by default the only one that shows all yaws of a plane, and of space sections. Panels need a map
+        with rotations.
     at : array-like, shape (3,), optional
-        For sections: the point, in the grid, that they go through. By default each section is where the robot reaches
-        it on most of the path's way; without a path, at the start, the goal, or a FREE cell near the middle.
+        In space: the point, in the grid, that sections go through, and panels at its height. By default each section is
+        where the robot reaches it on most of the path's way; without a path, at the start, the goal, or a FREE cell near
+        the middle.
     surface : {"obstacles", "free"}, optional
         For ``view="3d"``: draw the obstacles, with the robot along the path; or the border of the free space, in which
         the robot's reference point moves. Obstacles by default.
-    cut : mapping from "x", "y" or "z" to float, optional
-        For ``view="3d"``: cut away, on the camera's side, what lies beyond these planes (metres); cells that a plane
-        runs through stay. What is cut has the colours of sections. By default one plane beside the path, or, without
-        a path, at half the height, where that shows more of the path or of the free space; ``{}`` cuts nothing.
+    cut : float, optional
+        For ``view="3d"``: the height, in metres, above which cells are left out. By default the highest that the robot
+        reaches on the path; without a path, nothing is left out.
     camera : array-like, shape (2,), optional
-        For ``view="3d"``: elevation and azimuth of the camera in degrees, as matplotlib counts them. By default the
-        camera looks down, from the corner that shows most of the path or of the free space. What does not look at the
-        camera is not drawn: choose it here, rather than turning the axes afterwards.
+        For ``view="3d"``: elevation and azimuth of the camera in degrees, as matplotlib counts them; by default it
+        looks down from the front. What does not look at the camera is not drawn: choose it here, rather than turning
+        the axes afterwards.
 
     Returns
     -------
     matplotlib.axes.Axes
         The axes; ``ax.figure`` is the figure. Show it in a notebook by naming ``ax.figure``. Of sections, the one seen
-        from above; ``ax.figure.axes`` are those across z, y and x.
+        from above, and ``ax.figure.axes`` are those across z, y and x; of panels, the first.
 
     Raises
     ------
@@ -115,19 +117,20 @@ def plot(
         If the path or a configuration has the wrong shape or is not finite, ``robot_every`` is not above zero, a yaw
         is given for a map without rotations, or an option for another kind of picture.
     """
-    kind = _kind_of(space, view)
+    kind = _kind_of(space, view, yaw)
     special = {"yaw": yaw, "ax": ax, "at": at, "surface": surface, "cut": cut, "camera": camera}
-    given = {name: value for name, value in special.items() if value is not None}
-    for name in given:
-        if name not in _ONLY[kind]:
-            raise InputError(f"{name} is given; {_why_not(name, kind)}; leave it out")
-    options: dict[str, Any] = {name: special[name] for name in _ONLY[kind]}
-    options |= {"path": path, "start": start, "goal": goal, "robot_every": robot_every}
-    return _DRAW[kind](space, **options, legend=legend, title=title)
+    for name, value in special.items():
+        if value is not None and name not in VIEWS[kind]:
+            others = " or ".join(repr(other) for other, names in VIEWS.items() if name in names)
+            raise InputError(name, "is given", f"the picture is {kind!r}, and it goes with {others}", "leave it out")
+    options = {name: special[name] for name in VIEWS[kind]}
+    if kind != "yaw_panels":
+        options["yaw"] = artists.check_yaw(space, yaw)
+    return _DRAW[kind](space, Route.of(space, path, start, goal, robot_every), **options, legend=legend, words=title)
 
 
 def save_plot(
-    space: CSpace, file: str | os.PathLike[str], overwrite: bool = False, *, dpi: float = 150.0, **options: Any
+    space: MapLike, file: str | os.PathLike[str], overwrite: bool = False, *, dpi: float = 150.0, **options: Any
 ) -> Path:
     """Draw a map into a file.
 
@@ -157,7 +160,8 @@ def save_plot(
         If the file exists and ``overwrite`` is not set, or cannot be written.
     """
     if "ax" in options:
-        raise InputError("ax is given; save_plot draws a figure of its own; use plot and ax.figure.savefig instead")
+        rule = "save_plot draws a figure of its own"
+        raise InputError("ax", "is given", rule, "use plot and ax.figure.savefig instead")
     return save_figure(lambda: plot(space, **options).figure, file, overwrite, dpi)
 
 
@@ -174,8 +178,10 @@ def save_figure(draw: Callable[[], Any], file: str | os.PathLike[str], overwrite
     target = Path(file)
     if target.suffix.lower() not in SUFFIXES:
         raise InputError(
-            f"{target} has the suffix {target.suffix!r}; a picture's must be one of {', '.join(SUFFIXES)}; "
-            f"name it e.g. {target.with_suffix('.png').name}"
+            str(target),
+            f"ends in {target.suffix!r}",
+            f"a picture's suffix is one of {', '.join(SUFFIXES)}",
+            f"name it e.g. {target.with_suffix('.png').name}",
         )
     dots = positive(dpi, "dpi", "pixels per inch")
     with replacing(target, overwrite) as temporary:
@@ -184,24 +190,68 @@ def save_figure(draw: Callable[[], Any], file: str | os.PathLike[str], overwrite
     return target
 
 
-def _kind_of(space: CSpace, view: str | None) -> str:
+def _draw_plane(
+    space: MapLike, route: Route, *, yaw: float | None, ax: Axes | None, legend: bool, words: str | None
+) -> Axes:
+    """Draw a map in the plane."""
+    box = route.box(space)
+    stretch = artists.stretches(box)
+    own = ax is None
+    if ax is None:
+        ax = _new_axes(box)
+    classes = artists.classes_of(space, yaw)
+    artists.draw_cells(ax, space.grid, classes)
+    over_yaws = artists.heading_of(space) is not None and yaw is None
+    handles = artists.cell_legend([classes], over_yaws, artists.reaches_out(space, box))
+    handles += artists.draw_route(ax, space, route)
+    artists.frame(ax, box, stretch)
+    heading = artists.title(space, stretch, words, artists.about_yaw(space, yaw))
+    # A title above narrow axes would leave the figure; above the whole figure it has room.
+    if own:
+        ax.figure.suptitle(heading, fontsize=10)  # type: ignore[union-attr]
+    else:
+        ax.set_title(heading, fontsize=10)
+    if legend:
+        _add_legend(ax, handles, own, box)
+    return ax
+
+
+_DRAW: Final[dict[str, Callable[..., Axes]]] = {
+    "plane": _draw_plane,
+    "sections": draw_sections,
+    "3d": draw_surface,
+    "yaw_panels": draw_yaw_panels,
+}
+
+
+def _new_axes(box: Floats) -> Axes:
+    """Axes in a figure of their own, with room around them for labels and a legend."""
+    width, height = artists.drawn_size(box)
+    room = (0.9, 1.5) if width >= height else (2.9, 0.9)
+    return artists.new_figure(max(width + room[0], 4.2), height + room[1]).add_subplot()
+
+
+def _add_legend(ax: Any, handles: list[Any], own: bool, box: Floats) -> None:
+    """A legend below a wide map and beside a tall one; beside the axes where the figure is the caller's."""
+    width, height = artists.drawn_size(box)
+    style: dict[str, Any] = {"handles": handles, "fontsize": 9, "frameon": False}
+    if not own:
+        ax.legend(loc="upper left", bbox_to_anchor=(1.02, 1.0), borderaxespad=0.0, **style)
+    elif width >= height:
+        artists.legend_below(ax.figure, handles)
+    else:
+        ax.figure.legend(loc="outside right center", **style)
+
+
+def _kind_of(space: MapLike, view: str | None, yaw: Any) -> str:
     """Which kind of picture is asked for."""
-    if view is not None and view not in VIEWS:
-        raise InputError(f"view is {view!r}; it must be one of {', '.join(map(repr, VIEWS))}; or leave it out")
-    if space.grid.dim == 3:
-        return view or VIEWS[0]
-    if view is not None:
-        raise InputError(f"view is {view!r}; the map is one of the plane, of which there is one picture; leave it out")
-    return "plane"
-
-
-def _why_not(name: str, kind: str) -> str:
-    """Why an option does not go with a kind of picture."""
-    if kind == "plane":
-        return "the map is one of the plane, and the option is for maps in space"
-    if name == "yaw":
-        return "the map is one of space, where the robot does not turn"
-    if name == "ax":
-        return "three sections need a figure of their own, which the axes that come back belong to"
-    others = " or ".join(f'view="{other}"' for other in VIEWS if name in _ONLY[other])
-    return f'it goes with {others}, and the picture is view="{kind}"'
+    turns = artists.heading_of(space) is not None
+    if view is None and turns and np.ndim(yaw):
+        return "yaw_panels"
+    views = ["plane"] if space.grid.dim == 2 else ["sections", "3d"]
+    if turns:
+        views.append("yaw_panels")
+    if view is not None and view not in views:
+        rule = f"of this map it must be {' or '.join(map(repr, views))}"
+        raise InputError("view", f"is {view!r}", rule, "or leave it out", value=view)
+    return view or views[0]

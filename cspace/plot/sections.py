@@ -6,195 +6,185 @@ import math
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cspace.covering import in_metres
 from cspace.errors import InputError
 from cspace.grid import Grid, finite
 from cspace.plot import artists
-from cspace.plot.spatial import (
-    AXES,
-    Journey,
-    busiest,
-    extent,
-    near_middle,
-    silhouette,
-    spatial_title,
-    stretches,
-    within,
-)
-from cspace.plot.view import Floats
+from cspace.plot.protocols import Floats, MapLike
+from cspace.plot.route import Route
+from cspace.states import FREE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from cspace.space import CSpace
-
+AXES: Final = "xyz"
 _PAGE: Final = (8.0, 7.5)
 """Width and height that the panels share, in inches."""
-_MARGINS: Final = (0.75, 0.35, 0.65, 0.6)
-"""Left, right, above and below the panels, where labels and titles stand, in inches."""
-_GAP: Final = 0.32
-"""Least distance of two panels, in inches."""
-_HEAD: Final = 0.95
-"""Width of a panel's title, in inches."""
-_ENTRY: Final = 2.9
-"""Width of a legend's entry, in inches."""
-_UNDER: Final = 0.55
-"""Height of the numbers and the name under a panel, in inches."""
-_LEAST: Final = 4.2
-"""Least width of the figure, in inches."""
-_CUT: Final = "#8c2d2d"
+_THIN: Final = 24.0
+"""The largest ratio of the sides that is drawn to scale."""
+_SAMPLES: Final = 257
+"""Configurations along a path among which the best sections are sought."""
 
 
-def draw_sections(
-    space: CSpace,
-    *,
-    at: Any,
-    path: Any,
-    start: Any,
-    goal: Any,
-    robot_every: float | None,
-    legend: bool,
-    title: str | None,
-) -> Axes:
+def draw_sections(space: MapLike, route: Route, *, yaw: float | None, at: Any, legend: bool, words: str | None) -> Axes:
     """Draw three sections; as :func:`cspace.plot.plot` tells. Gives the axes of the one seen from above."""
-    way = Journey.of(space, path, start, goal, robot_every)
-    point = _point(space, at, way)
-    page = _Page(way.box(space))
-    shown = []
-    entries: dict[str, Any] = {}
-    for across in (2, 1, 0):
-        shown.append(_draw_section(page, across, space, point))
-        for entry in _draw_journey(page, across, space, way, point):
+    point = section_point(space, at, route)
+    box = route.box(space)
+    stretch = artists.stretches(box, _THIN)
+    panels = _panels(box, stretch)
+    shown, entries = [], {}
+    for across, (ax, pair) in panels.items():
+        shown.append(_draw_layer(ax, pair, across, space, yaw, point))
+        for entry in _draw_route(ax, pair, across, space, route, float(point[across])):
             entries.setdefault(entry.get_label(), entry)
-    page.figure.suptitle(spatial_title(space, page.stretch, title), fontsize=10, y=1.0 - 0.1 / page.height, va="top")
+    figure: Any = panels[2][0].figure
+    figure.suptitle(artists.title(space, stretch, words, artists.about_yaw(space, yaw)), fontsize=10)
     if legend:
-        page.add_legend(artists.cell_legend(shown, over_yaws=False) + list(entries.values()))
-    return page.panels[2]
+        over_yaws = artists.heading_of(space) is not None and yaw is None
+        handles = artists.cell_legend(shown, over_yaws, artists.reaches_out(space, box))
+        artists.legend_below(figure, handles + list(entries.values()))
+    return panels[2][0]
 
 
-def _point(space: CSpace, at: Any, way: Journey) -> Floats:
-    """The point that the sections go through, shape (3,), in the grid."""
+def section_point(space: MapLike, at: Any, route: Route) -> Floats:
+    """The point, in the grid, that sections go through, shape (3,).
+
+    Where the caller does not say: for each axis, where a section meets the robot on most of the path; without a path,
+    the start or the goal, or the middle of a FREE cell near that of the grid.
+
+    Raises
+    ------
+    InputError
+        If it is not one point of the grid.
+    """
     grid = space.grid
     if at is None:
-        samples = way.samples()
-        if not len(samples):
-            return near_middle(space)
-        found = busiest(samples, space.robot) if len(way.points) else samples[0]
+        if len(route.points):
+            found = _busiest(route.along(np.linspace(0.0, 1.0, _SAMPLES))[:, :3], _spread(space, route))
+        elif route.marks:
+            found = next(iter(route.marks.values()))[:3]
+        else:
+            return _near_middle(space)
         return np.clip(found, grid.lower, grid.upper)
     point = finite(at, "at")
     if point.shape != (3,):
-        raise InputError(f"at has shape {point.shape}; it must be (3,); pass one point (x, y, z) in metres")
+        rule = "it must be (3,)"
+        raise InputError("at", f"has shape {point.shape}", rule, "pass one point (x, y, z) in metres", value=at)
     if not grid.contains(point):
-        raise InputError(
-            f"at is {in_metres(point)}; it must lie in the grid, from {in_metres(grid.lower)} to "
-            f"{in_metres(grid.upper)}; pass a point in there"
-        )
+        found, low, high = (f"({', '.join(f'{v:g}' for v in corner)})" for corner in (point, grid.lower, grid.upper))
+        rule = f"it must lie in the grid, from {low} to {high}"
+        raise InputError("at", f"is {found}", rule, "pass a point in there", value=at)
     return point
 
 
-def _draw_section(page: _Page, across: int, space: CSpace, point: Floats) -> NDArray[np.uint8]:
-    """Draw the layer of cells that a section runs through, and the traces of the other two; gives the classes."""
-    ax, pair, grid = page.panels[across], page.pairs[across], space.grid
-    layer = int(grid.cell_of(point)[across])
-    occupied, state = (np.asarray(cells.take(layer, across)) for cells in (space.workspace.outer, space.stack[0]))
-    classes = artists.classes_at(occupied, state)
-    # What is left of the axes stands in the order of the coordinates; a panel may show it the other way round.
-    cells = classes if pair[0] < pair[1] else classes.T
-    artists.draw_cells(ax, Grid([grid.lower[axis] for axis in pair], grid.spacing, cells.shape), cells)
-    trace: dict[str, Any] = {"color": _CUT, "linewidth": 0.8, "linestyle": (0, (9, 2, 1.5, 2)), "zorder": 2}
-    for axis, draw in zip(pair, (ax.axvline, ax.axhline), strict=True):
-        draw(point[axis], path_effects=[artists.halo(1.8, 0.5)], **trace)
-    ax.set_facecolor(artists.beyond(space))
-    digits = max(0, 1 + math.ceil(-math.log10(grid.spacing)))
-    height = round(point[across], digits) + 0.0  # no minus sign before zero
-    ax.set_title(f"{AXES[across]} = {height:.10g} m", loc="left", fontsize=9)
-    return classes
+def within(points: Floats, axis: int, low: float, high: float) -> Floats:
+    """The parts of a path whose coordinate along an axis lies between two numbers, shape (n, dof).
+
+    Each part is two rows, and a row of NaN follows it, so that a line through all rows has gaps.
+    """
+    first, way = points[:-1], np.diff(points, axis=0)
+    begin, rate = first[:, axis], way[:, axis]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = np.sort([(low - begin) / rate, (high - begin) / rate], axis=0)
+    level = rate == 0.0
+    inside = (low <= begin) & (begin <= high)
+    start = np.where(level, np.where(inside, 0.0, 2.0), np.maximum(ends[0], 0.0))
+    stop = np.where(level, 1.0, np.minimum(ends[1], 1.0))
+    kept = start <= stop
+    rows = [first[kept] + share[kept, np.newaxis] * way[kept] for share in (start, stop)]
+    gaps = np.full((int(kept.sum()), points.shape[1]), np.nan)
+    return np.stack([*rows, gaps], axis=1).reshape(-1, points.shape[1])
 
 
-def _draw_journey(page: _Page, across: int, space: CSpace, way: Journey, point: Floats) -> list[Any]:
-    """Draw path, robots and marks as seen in a section; gives their legend entries."""
-    ax, pair = page.panels[across], page.pairs[across]
-    low, high = point[across] - extent(space.robot)[::-1, across]
-    reaching = way.stations[(low <= way.stations[:, across]) & (way.stations[:, across] <= high)]
-    handles = []
-    if len(way.points) > 1:
-        look: dict[str, Any] = {"color": artists.FAINT, "linewidth": 1.0, "zorder": 3.5}
-        far = ax.plot(*way.points[:, pair].T, label="path, away from the section", **look)
-        far[0].set_path_effects([artists.halo(2.0, 0.5)])
-        near = within(way.points, across, low, high)
-        handles += artists.draw_path(ax, near[:, pair]) + far
-    handles += artists.draw_robots(ax, silhouette(space.robot, pair), reaching[:, pair])
-    return handles + artists.draw_marks(ax, {name: mark[pair] for name, mark in way.marks.items()})
-
-
-class _Page:
-    """A figure with three panels, by the axis that they look along.
+def _panels(box: Floats, stretch: Floats) -> dict[int, tuple[Axes, tuple[int, int]]]:
+    """Panels and the axes that they show, by the axis that they look along.
 
     The plan lies at the lower left, seen along z, and the elevation along y stands above it. The one along x stands
     beside that elevation, or, where that draws a flat map larger, lies beside the plan.
     """
-
-    def __init__(self, box: Floats) -> None:
-        self.stretch = stretches(box)
-        x, y, z = lengths = (box[1] - box[0]) * self.stretch
-        scales = [min(_PAGE[0] / width, _PAGE[1] / (y + z)) for width in (x + y, x + z)]
-        lies = bool(scales[1] > 1.1 * scales[0])
-        x, y, z = (scales[lies] * lengths).tolist()
-        self.pairs = {2: [0, 1], 1: [0, 2], 0: [2, 1] if lies else [1, 2]}
-        left, right, top, bottom = _MARGINS
-        second, above = left + x + max(_GAP, _HEAD - x), bottom + y + _GAP
-        self._rectangles = {
-            2: (left, bottom, x, y),
-            1: (left, above, x, z),
-            0: (second, bottom, z, y) if lies else (second, above, y, z),
-        }
-        self.width = max(second + max(z if lies else y, _HEAD) + right, _LEAST)
-        self.height = above + z + top
-        # Below the panel that stands, and the numbers under it, there is room.
-        self._corner = (second, self.width - second, 0.0 if lies else above - _UNDER)
-        self.figure = artists.new_figure(self.width, self.height, arranged=False)
-        self.panels: dict[int, Axes] = {}
-        shared: dict[int, dict[str, int]] = {2: {}, 1: {"sharex": 2}, 0: {"sharey": 2 if lies else 1}}
-        for across, others in shared.items():
-            options: dict[str, Any] = {name: self.panels[other] for name, other in others.items()}
-            self.panels[across] = self.figure.add_axes((0.0, 0.0, 1.0, 1.0), **options)
-            self._label(across, box[:, self.pairs[across]])
-        self.panels[1].tick_params(labelbottom=False)
-        self.panels[0].tick_params(labelleft=False)
-        self.panels[1].set_xlabel("")
-        self.panels[0].set_ylabel("")
-        self._place(0.0)
-
-    def add_legend(self, handles: list[Any]) -> None:
-        """Add a legend in the free corner, or below all panels where it does not fit."""
-        style: dict[str, Any] = {"handles": handles, "fontsize": 9, "frameon": False, "borderaxespad": 0.0}
-        left, wide, high = self._corner
-        if wide >= _ENTRY and high >= artists.ROW * len(handles):
-            place = (left / self.width, high / self.height)
-            self.figure.legend(loc="upper left", bbox_to_anchor=place, **style)
-            return
-        self._place(artists.ROW * artists.legend_rows(handles, self.width))
-        artists.legend_at_foot(self.figure, handles)
-
-    def _label(self, across: int, view: Floats) -> None:
-        """Limits, numbers and names of a panel's axes."""
-        from matplotlib.ticker import MaxNLocator
-
-        ax, pair, size = self.panels[across], self.pairs[across], self._rectangles[across][2:]
-        ax.set_xlim(*view[:, 0])
-        ax.set_ylim(*view[:, 1])
-        for axis, length, number in zip((ax.xaxis, ax.yaxis), size, pair, strict=True):
-            axis.set_major_locator(MaxNLocator(min(max(1, int(2.0 * length)), 8), steps=[1, 2, 2.5, 5, 10]))
-            axis.set_label_text(f"{AXES[number]} (m)", fontsize=9)
+    x, y, z = (box[1] - box[0]) * stretch
+    scales = [min(_PAGE[0] / width, _PAGE[1] / (y + z)) for width in (x + y, x + z)]
+    lies = bool(scales[1] > 1.1 * scales[0])
+    scale, beside = scales[lies], z if lies else y
+    size = max(scale * (x + beside) + 1.5, 5.0), scale * (y + z) + 2.0
+    figure = artists.new_figure(*size, layout="compressed")
+    cells = figure.add_gridspec(2, 2, width_ratios=(x, beside), height_ratios=(z, y))
+    plan = figure.add_subplot(cells[1, 0])
+    front = figure.add_subplot(cells[0, 0], sharex=plan)
+    side = figure.add_subplot(cells[1, 1], sharey=plan) if lies else figure.add_subplot(cells[0, 1], sharey=front)
+    panels = {2: (plan, (0, 1)), 1: (front, (0, 2)), 0: (side, (2, 1) if lies else (1, 2))}
+    for ax, pair in panels.values():
+        artists.frame(ax, box, stretch, pair)
         ax.tick_params(labelsize=8)
+    front.tick_params(labelbottom=False)
+    side.tick_params(labelleft=False)
+    front.set_xlabel("")
+    side.set_ylabel("")
+    return panels
 
-    def _place(self, below: float) -> None:
-        """Put the panels where they belong, with room below them, in inches."""
-        self.height = self._rectangles[1][1] + self._rectangles[1][3] + _MARGINS[2] + below
-        self.figure.set_size_inches(self.width, self.height)
-        for across, (left, bottom, width, height) in self._rectangles.items():
-            self.panels[across].set_position(
-                (left / self.width, (bottom + below) / self.height, width / self.width, height / self.height)
-            )
+
+def _draw_layer(
+    ax: Axes, pair: tuple[int, int], across: int, space: MapLike, yaw: float | None, point: Floats
+) -> artists.Classes:
+    """Draw the layer of cells that a section runs through, and the traces of the other two; gives the classes."""
+    grid = space.grid
+    layer = int(grid.cell_of(point)[across])
+    classes = artists.classes_of(space, yaw, (*(slice(None),) * across, layer))
+    # What is left of the axes stands in the order of the coordinates; a panel may show it the other way round.
+    cells = classes if pair[0] < pair[1] else classes.T
+    artists.draw_cells(ax, Grid([grid.lower[axis] for axis in pair], grid.spacing, cells.shape), cells)
+    trace: dict[str, Any] = {"color": "black", "linewidth": 0.7, "linestyle": (0, (9, 2, 1.5, 2)), "zorder": 2}
+    for axis, draw in zip(pair, (ax.axvline, ax.axhline), strict=True):
+        draw(point[axis], path_effects=[artists.halo(1.8, 0.5)], **trace)
+    digits = max(0, 1 + math.ceil(-math.log10(grid.spacing)))
+    height = round(float(point[across]), digits) + 0.0  # no minus sign before zero
+    ax.set_title(f"{AXES[across]} = {height:.10g} m", loc="left", fontsize=9)
+    return classes
+
+
+def _draw_route(ax: Axes, pair: tuple[int, int], across: int, space: MapLike, route: Route, place: float) -> list[Any]:
+    """Draw path, robots and marks as seen in a section; gives their legend entries."""
+    handles = []
+    if len(route.points) > 1:
+        look: dict[str, Any] = {"color": artists.PATH, "alpha": 0.45, "linewidth": 1.0, "zorder": 3.5}
+        far = ax.plot(*route.points[:, pair].T, label="path, away from the section", **look)
+        low, high = place - _spread(space, route)[::-1, across]
+        handles += artists.draw_path(ax, within(route.points, across, low, high)[:, pair]) + far
+    extents = [route.figurine.extent(q)[:, across] for q in route.stations]
+    reaching = [q for q, (low, high) in zip(route.stations, extents, strict=True) if low <= place <= high]
+    handles += artists.draw_robots(ax, route.figurine, np.array(reaching), pair)
+    heading = artists.heading_of(space) if across == 2 else None
+    return handles + artists.draw_marks(ax, route.marks, pair=pair, heading=heading)
+
+
+def _spread(space: MapLike, route: Route) -> Floats:
+    """How far the robot reaches from its reference point along each axis, at any yaw, shape (2, 3)."""
+    spread = route.figurine.extent(np.zeros(3))
+    if space.dof > 3:
+        spread[:, :2] = [[-route.figurine.reach], [route.figurine.reach]]
+    return spread
+
+
+def _busiest(samples: Floats, spread: Floats) -> Floats:
+    """For each axis, where a section meets the robot at most of the samples of a path, shape (3,)."""
+    found = []
+    for values, (low, high) in zip(samples.T, spread.T, strict=True):
+        away = values[:, np.newaxis] - values
+        counts = ((away >= low) & (away <= high)).sum(axis=1)
+        best = np.flatnonzero(counts == counts.max())
+        found.append(values[best[np.abs(best - len(values) // 2).argmin()]])
+    return np.array(found)
+
+
+def _near_middle(space: MapLike) -> Floats:
+    """Middle of a FREE cell near the middle of the grid; of the grid's middle cell where there is none."""
+    shape = np.array(space.grid.shape)
+    state, half = space.slice_at(0.0), 1
+    while True:
+        first, stop = np.maximum(shape // 2 - half, 0), np.minimum(shape // 2 + half, shape)
+        cells = first + np.argwhere(state[tuple(map(slice, first, stop))] == FREE)
+        if len(cells):
+            return space.grid.center_of(cells[np.abs(cells - shape // 2).sum(axis=1).argmin()])
+        if (stop - first == shape).all():
+            return space.grid.center_of(shape // 2)
+        half *= 2

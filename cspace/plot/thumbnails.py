@@ -7,7 +7,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from cspace.plot import artists, view
+from cspace.plot import artists
+from cspace.plot.protocols import Floats
+from cspace.plot.route import Figurine
 
 _INCHES: Final = 2.0
 """Longer side of the picture."""
@@ -40,7 +42,7 @@ def thumbnail(subject: Any) -> bytes:
         box, draw = _cells(subject)
     else:
         box, draw = _robot(subject)
-    figure = artists.new_figure(*artists.drawn_size(box, _INCHES), _DPI, arranged=False)
+    figure = artists.new_figure(*artists.drawn_size(box, _INCHES), _DPI, layout=None)
     ax = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     ax.set_axis_off()
     ax.set_xlim(*box[:, 0])
@@ -51,55 +53,44 @@ def thumbnail(subject: Any) -> bytes:
     return file.getvalue()
 
 
-def _cells(subject: Any) -> tuple[view.Floats, Any]:
+def _cells(subject: Any) -> tuple[Floats, Any]:
     """Box and painter of the cells of a map or a workspace."""
     from cspace.grid import Grid
 
-    workspace = getattr(subject, "workspace", subject)
     grid = subject.grid
-    layer = (...,) if grid.dim == 2 else (..., grid.shape[2] // 2)
-    occupied = workspace.outer[layer]
-    if workspace is subject:
-        classes = np.where(occupied, np.uint8(artists.OBSTACLE), np.uint8(artists.OPEN))
-    elif subject.rotations is None:
-        classes = artists.classes_at(occupied, subject.state[layer])
+    layer = () if grid.dim == 2 else (..., grid.shape[2] // 2)
+    if hasattr(subject, "outer"):
+        classes = np.where(subject.outer[layer], np.uint8(artists.OBSTACLE), np.uint8(artists.OPEN))
     else:
-        classes = artists.classes_of(subject, None)
+        classes = artists.classes_of(subject, None, layer)
     plane = Grid(grid.lower[:2], grid.spacing, grid.shape[:2])
     return np.array([plane.lower, plane.upper]), lambda ax: artists.draw_cells(ax, plane, classes)
 
 
-def _robot(robot: Any) -> tuple[view.Floats, Any]:
+def _robot(robot: Any) -> tuple[Floats, Any]:
     """Box and painter of a robot's outline, with its reference point."""
-    if robot.dim == 2:
-        outline = view.Outline(robot.geometry)
-    else:
-        from cspace.plot.spatial import silhouette
-
-        outline = silhouette(robot, (0, 1))
+    figurine, origin = Figurine(robot), np.zeros((1, robot.dim))
 
     def draw(ax: Any) -> None:
-        artists.draw_robots(ax, outline, np.zeros((1, 2)))
+        artists.draw_robots(ax, figurine, origin)
         ax.plot(0.0, 0.0, marker="+", markersize=10.0, markeredgewidth=1.5, color="black")
 
-    return _around(np.concatenate([*outline.rings, np.zeros((1, 2))])), draw
+    return _around(figurine.extent(origin[0])[:, :2]), draw
 
 
-def _plan(plan: Any) -> tuple[view.Floats, Any]:
+def _plan(plan: Any) -> tuple[Floats, Any]:
     """Box and painter of a path, from above."""
     points = np.asarray(plan.path)[:, :2]
-    if not len(points):
-        return np.array([[0.0, 0.0], [1.0, 1.0]]), lambda ax: None
-    marks = {"start": points[0], "goal": points[-1]}
+    marks = {} if not len(points) else {"start": points[0], "goal": points[-1]}
 
     def draw(ax: Any) -> None:
         artists.draw_path(ax, points)
         artists.draw_marks(ax, marks, 0.8)
 
-    return _around(points), draw
+    return _around(points if len(points) else np.zeros((1, 2))), draw
 
 
-def _around(points: view.Floats) -> view.Floats:
+def _around(points: Floats) -> Floats:
     """A box around points with some room, shape (2, 2)."""
     low, high = points.min(axis=0), points.max(axis=0)
     room = 0.12 * max(float((high - low).max()), 1e-9)

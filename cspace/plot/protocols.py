@@ -1,0 +1,58 @@
+"""What pictures ask of a map, a workspace and a robot: a few public attributes."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace.grid import Grid
+from cspace.rotations import Rotations
+
+Floats = NDArray[np.float64]
+
+
+class ShapeLike(Protocol):
+    """A shape that can be drawn: in the plane by its outline, in space by its surface."""
+
+    @property
+    def outline(self) -> Any: ...
+    @property
+    def surface(self) -> tuple[Floats, NDArray[np.int64]]: ...
+
+
+class RobotLike(Protocol):
+    """A robot that can be drawn."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def dim(self) -> int: ...
+
+
+class WorkspaceLike(Protocol):
+    """A workspace whose cells can be drawn."""
+
+    @property
+    def grid(self) -> Grid: ...
+    @property
+    def outer(self) -> NDArray[np.bool_]: ...
+
+
+class MapLike(Protocol):
+    """A map that can be drawn."""
+
+    @property
+    def grid(self) -> Grid: ...
+    @property
+    def dof(self) -> int: ...
+    @property
+    def rotations(self) -> Rotations | None: ...
+    @property
+    def robot(self) -> RobotLike: ...
+    @property
+    def workspace(self) -> WorkspaceLike: ...
+    @property
+    def state(self) -> NDArray[np.uint8]: ...
+    def slice_at(self, yaw: float, /) -> NDArray[np.uint8]: ...

@@ -1,0 +1,236 @@
+"""The path that a picture shows, the configurations that it marks, and the robot along it, in metres and radians."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace.errors import InputError
+from cspace.grid import finite, positive
+from cspace.plot.protocols import Floats, MapLike, RobotLike
+from cspace.rotations import TURN
+
+MANY: Final = 12
+"""About how many robots are drawn along a path when the caller does not say."""
+_FACES: Final = 2000
+"""Triangles of a robot that are drawn at most."""
+
+
+class Figurine:
+    """A robot as pictures show it: its outline in the plane, its triangles in space.
+
+    Attributes
+    ----------
+    points : ndarray of float64, shape (n, d)
+        Corners, in the robot's frame.
+    reach : float
+        Distance of the farthest one from the reference point, metres.
+    size : float
+        Diagonal of the box around the robot and its reference point, metres.
+    """
+
+    def __init__(self, robot: RobotLike) -> None:
+        self.dim = robot.dim
+        shape: Any = getattr(robot, "shape", robot)
+        if self.dim == 2:
+            self.rings = rings(shape.outline if hasattr(shape, "outline") else shape.geometry)
+            self.points = np.concatenate(self.rings)
+        else:
+            vertices, faces = _simplified(*shape.surface)
+            self.triangles: Floats = vertices[faces]
+            self.points = vertices
+        self.reach = float(np.linalg.norm(self.points, axis=1).max())
+        whole = np.vstack([self.points, np.zeros(self.dim)])
+        self.size = float(np.linalg.norm(np.ptp(whole, axis=0)))
+
+    @cached_property
+    def nose(self) -> Floats:
+        """A triangle at the front that tells which way a robot in the plane looks, shape (4, 2)."""
+        (left, bottom), (right, top) = self.points.min(axis=0), self.points.max(axis=0)
+        middle, half, back = (bottom + top) / 2, (top - bottom) / 5, right - 0.25 * (right - left)
+        return np.array([(right, middle), (back, middle + half), (back, middle - half), (right, middle)])
+
+    def extent(self, q: Floats) -> Floats:
+        """Lower and upper corner of the robot and its reference point at a configuration, shape (2, d)."""
+        points = np.vstack([placed(self.points, q), q[: self.dim]])
+        return np.stack([points.min(axis=0), points.max(axis=0)])
+
+    def outlines(self, q: Floats, pair: Sequence[int] = (0, 1)) -> list[Floats]:
+        """Closed outlines at a configuration as seen in two axes, each of shape (n, 2)."""
+        if self.dim == 2:
+            return [placed(ring, q) for ring in self.rings]
+        import shapely
+
+        triangles = shapely.polygons(placed(self.triangles, q)[..., list(pair)])
+        return rings(shapely.union_all(triangles[shapely.area(triangles) > 0.0], grid_size=1e-9 * self.size))
+
+
+@dataclass(frozen=True)
+class Route:
+    """What a picture shows besides the map.
+
+    Attributes
+    ----------
+    points : ndarray of float64, shape (n, dof)
+        The path; n is 0 where there is none.
+    marks : dict of str to ndarray of float64, shape (dof,)
+        Start and goal, those that there are.
+    stations : ndarray of float64, shape (m, dof)
+        Where the robot is drawn: along the path, then at the marks, which lie over the others.
+    figurine : Figurine
+    """
+
+    points: Floats
+    marks: dict[str, Floats]
+    stations: Floats
+    figurine: Figurine
+
+    @classmethod
+    def of(cls, space: MapLike, path: Any, start: Any, goal: Any, every: float | None = None) -> Route:
+        """Check what the caller gave; ``every`` as ``robot_every`` of :func:`cspace.plot.plot`.
+
+        Raises
+        ------
+        InputError
+            If something has the wrong shape or is not finite, or ``every`` is not above zero.
+        """
+        points = _polyline(space, path)
+        marks = _marks(space, points, start, goal)
+        figurine = Figurine(space.robot)
+        return cls(
+            points,
+            marks,
+            np.concatenate([_stations(points, every, figurine), *(q[np.newaxis] for q in marks.values())]),
+            figurine,
+        )
+
+    def box(self, space: MapLike, robots: bool = True) -> Floats:
+        """Lower and upper corner of what is in view, shape (2, d): the grid, and what is drawn beyond it."""
+        dim = space.grid.dim
+        shown = [self.figurine.extent(q) for q in self.stations] if robots else [self.stations[:, :dim]]
+        points = np.concatenate([[space.grid.lower, space.grid.upper], self.points[:, :dim], *shown])
+        return np.stack([points.min(axis=0), points.max(axis=0)])
+
+    def along(self, shares: Floats) -> Floats:
+        """Configurations at shares, from 0 to 1, of the way along the path, shape (n, dof)."""
+        return along(self.points, shares, self.figurine)
+
+
+def placed(points: Floats, q: Floats) -> Floats:
+    """Points of the robot's frame, shape (..., d), where a configuration, position or position and yaw, brings them."""
+    dim = points.shape[-1]
+    if len(q) > dim:
+        turn = np.eye(dim)
+        cos, sin = math.cos(q[dim]), math.sin(q[dim])
+        turn[:2, :2] = [[cos, sin], [-sin, cos]]
+        points = points @ turn
+    return np.asarray(points + q[:dim])
+
+
+def rings(geometry: Any) -> list[Floats]:
+    """Closed outlines of a geometry, holes included, each of shape (n, 2)."""
+    from shapely.geometry.polygon import orient
+
+    # Holes run the other way round than outlines, or they would be filled.
+    parts = [orient(part) for part in getattr(geometry, "geoms", [geometry])]
+    return [np.asarray(ring.coords)[:, :2] for part in parts for ring in (part.exterior, *part.interiors)]
+
+
+def travelled(points: Floats, figurine: Figurine) -> Floats:
+    """Way from the first to each configuration of a path, metres, shape (n,).
+
+    A turn counts as the way of the robot's farthest point.
+    """
+    steps = np.diff(points, axis=0)
+    lengths = np.linalg.norm(steps[:, : figurine.dim], axis=1)
+    if points.shape[1] > figurine.dim:
+        lengths += figurine.reach * np.abs(shorter(steps[:, figurine.dim]))
+    return np.concatenate([[0.0], np.cumsum(lengths)])
+
+
+def along(points: Floats, shares: Floats, figurine: Figurine) -> Floats:
+    """Configurations at shares, from 0 to 1, of the way along a path, shape (n, dof); yaw runs the shorter way."""
+    way, columns, dim = travelled(points, figurine), list(points.T), figurine.dim
+    if points.shape[1] > dim:
+        columns[dim] = points[0, dim] + np.concatenate([[0.0], np.cumsum(shorter(np.diff(points[:, dim])))])
+    return np.stack([np.interp(shares * way[-1], way, column) for column in columns], axis=-1)
+
+
+def shorter(angles: Floats) -> Floats:
+    """Turns as those of the shorter way round, from -pi to pi."""
+    return np.asarray((angles + math.pi) % TURN - math.pi)
+
+
+def axes_of(space: MapLike) -> tuple[str, ...]:
+    """Names of the numbers of a configuration."""
+    return ("x", "y", "z")[: space.grid.dim] + (("yaw",) if space.dof > space.grid.dim else ())
+
+
+def _polyline(space: MapLike, path: Any) -> Floats:
+    """A path, or that of a plan, as an array, shape (n, dof)."""
+    values = getattr(path, "path", path)
+    points = np.empty(0) if values is None else finite(values, "path")
+    if points.shape == (0,):
+        return np.empty((0, space.dof))
+    if points.ndim != 2 or points.shape[1] != space.dof:
+        raise InputError(
+            "path",
+            f"has shape {points.shape}",
+            f"it must be (n, {space.dof})",
+            f"pass one configuration ({', '.join(axes_of(space))}) in a row",
+            value=path,
+        )
+    return points
+
+
+def _marks(space: MapLike, points: Floats, start: Any, goal: Any) -> dict[str, Floats]:
+    """Start and goal by name, those that there are; the ends of the path where not given."""
+    found = {}
+    for name, given, end in (("start", start, 0), ("goal", goal, -1)):
+        if given is not None:
+            found[name] = finite(given, name)
+            if found[name].shape != (space.dof,):
+                raise InputError(
+                    name,
+                    f"has shape {found[name].shape}",
+                    f"it must be ({space.dof},)",
+                    f"pass one configuration ({', '.join(axes_of(space))})",
+                    value=given,
+                )
+        elif len(points):
+            found[name] = points[end]
+    return found
+
+
+def _stations(points: Floats, every: float | None, figurine: Figurine) -> Floats:
+    """Configurations along the path at which the robot is drawn, the ends left out, shape (n, dof)."""
+    if every is not None and every != math.inf:
+        every = positive(every, "robot_every")
+    if len(points) < 2 or every == math.inf:
+        return points[:0]
+    length = float(travelled(points, figurine)[-1])
+    if every is None:
+        every = max(length / MANY, 0.75 * figurine.size)
+    count = math.ceil(length / every)
+    return along(points, np.arange(1, count) / max(count, 1), figurine)
+
+
+def _simplified(vertices: Floats, faces: NDArray[np.int64]) -> tuple[Floats, NDArray[np.int64]]:
+    """A surface of at most some thousands of triangles: corners that lie close are joined (Rossignac, Borrel 1993)."""
+    steps = 64
+    while len(faces) > _FACES and steps > 1:
+        cells = np.floor((vertices - vertices.min(axis=0)) / np.ptp(vertices, axis=0).max() * steps).astype(np.int64)
+        _, number = np.unique(cells, axis=0, return_inverse=True)
+        number = number.reshape(-1)
+        counts = np.bincount(number)
+        vertices = np.stack([np.bincount(number, column) / counts for column in vertices.T], axis=-1)
+        faces = np.unique(np.sort(number[faces], axis=1), axis=0)
+        faces = faces[(np.diff(faces, axis=1) > 0).all(axis=1)]
+        steps //= 2
+    return vertices, faces

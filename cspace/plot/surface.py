@@ -1,0 +1,298 @@
+"""A map in space drawn in three dimensions: the faces of its cells that look at the camera, as one surface."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace.errors import InputError
+from cspace.grid import Grid, finite
+from cspace.plot import artists
+from cspace.plot.protocols import Floats, MapLike
+from cspace.plot.route import Route, placed, travelled
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+SURFACES: Final = {"obstacles": ("obstacle", "#8c8c8c"), "free": ("border of the free space", "#ffffff")}
+"""What may be drawn, its name in the legend and its colour in full light: dark as obstacles, white as free space."""
+CAMERA: Final = (40.0, -62.0)
+"""Elevation and azimuth in degrees where the caller does not say."""
+MOST: Final = 20_000
+"""Faces that are drawn at most; cells are joined in blocks until there are no more."""
+_THIN: Final = 24.0
+_SHARES: Final = (0.68, 0.82, 1.0)
+"""Brightness of faces normal to x, y and z."""
+_DARKER: Final = 0.2
+"""How much darker the lowest faces are than the highest: floors and table tops part."""
+_ROOM: Final = (6.5, 5.5)
+"""Width and height of the map in the picture at most, in inches."""
+
+
+class Faces(NamedTuple):
+    """Faces of blocks of cells: corners, shape (n, 4, 3), metres, and the axis that each is normal to, shape (n,)."""
+
+    corners: Floats
+    axes: NDArray[np.int64]
+
+
+def draw_surface(
+    space: MapLike,
+    route: Route,
+    *,
+    yaw: float | None,
+    surface: str | None,
+    cut: float | None,
+    camera: Any,
+    ax: Any,
+    legend: bool,
+    words: str | None,
+) -> Axes:
+    """Draw in three dimensions; as :func:`cspace.plot.plot` tells."""
+    from matplotlib.patches import Patch
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
+
+    surface = surface or next(iter(SURFACES))
+    if surface not in SURFACES:
+        rule = f"it must be one of {', '.join(map(repr, SURFACES))}"
+        raise InputError("surface", f"is {surface!r}", rule, "or leave it out", value=surface)
+    if ax is not None and getattr(ax, "name", None) != "3d":
+        mend = 'use figure.add_subplot(projection="3d")'
+        raise InputError("ax", "has two dimensions", "a picture in space needs three", mend)
+    angles = _angles(camera)
+    box = route.box(space)
+    stretch = artists.stretches(box, _THIN)
+    towards = _direction(angles) / stretch
+    top = _top(space, route, cut)
+    faces = border_faces(space.grid, _solid(space, surface, yaw), towards, top)
+    polygons, colors = [faces.corners], [_shaded(faces, SURFACES[surface][1], box)]
+    handles = [_patch(Patch, *SURFACES[surface])] if len(faces.corners) else []
+    if surface == "obstacles" and len(route.stations):
+        polygons.append(_triangles(route))
+        colors.append(_lit(polygons[-1], towards))
+        handles.append(_patch(Patch, "robot", artists.BODY))
+    if len(route.points) > 1:
+        polygons.append(_ribbon(route, towards, 0.004 * float(np.ptp(box, axis=0).max())))
+        colors.append(np.tile(_rgb(artists.PATH), (len(polygons[-1]), 1)))
+    own = ax is None
+    if ax is None:
+        ax = artists.new_figure(1.0, 1.0, layout=None).add_subplot(projection="3d", computed_zorder=False)
+    # One collection, so that matplotlib sorts robots, path and faces together by how far they are.
+    look: dict[str, Any] = {"linewidths": 0.5, "rasterized": True, "zorder": 1}
+    every = np.concatenate(polygons), np.concatenate(colors)
+    ax.add_collection3d(Poly3DCollection(every[0], facecolors=every[1], edgecolors=every[1], **look), autolim=False)
+    if len(route.points) > 1:
+        dotted: dict[str, Any] = {"color": artists.PATH, "linewidth": 1.0, "linestyle": (0, (1, 1.5)), "zorder": 4}
+        handles += ax.plot(*route.points[:, :3].T, label="path, dotted behind something", **dotted)
+    for name, look in {
+        "start": {"marker": "o", "color": "white"},
+        "goal": {"marker": "*", "color": artists.GOAL},
+    }.items():
+        if name in route.marks:
+            at = ([number] for number in route.marks[name][:3])
+            look |= {"markersize": 7.0 if name == "start" else 12.0, "markeredgecolor": "black", "linestyle": "none"}
+            handles += ax.plot(*at, label=name, zorder=5, **look)
+    _frame(ax, box, stretch, angles)
+    about = [] if cut is None and top >= space.grid.upper[2] else [f"cut at z = {top:.4g} m"]
+    about += [artists.about_yaw(space, yaw)] if space.dof > 3 else []
+    heading = artists.title(space, stretch, words, ", ".join(about))
+    if own:
+        _fit(ax, box, stretch, angles)
+        ax.figure.suptitle(heading, fontsize=10)
+        if legend:
+            artists.legend_below(ax.figure, handles)
+    else:
+        ax.set_title(heading, fontsize=10)
+        if legend:
+            ax.legend(handles=handles, loc="upper left", bbox_to_anchor=(1.02, 1.0), fontsize=9, frameon=False)
+    axes: Axes = ax
+    return axes
+
+
+def border_faces(grid: Grid, solid: NDArray[np.bool_], towards: Floats, top: float = math.inf) -> Faces:
+    """The faces of solid cells that look at a camera far away, of blocks that are no larger than they must be.
+
+    A block is solid where one of its cells is. Cells wholly above ``top`` are left out. A face at an end of the grid is
+    drawn too, unless that end is mostly solid: a wall before the rest.
+
+    Parameters
+    ----------
+    grid : Grid
+    solid : ndarray of bool, shape grid.shape
+    towards : ndarray of float64, shape (3,)
+        Direction to the camera, in metres.
+    top : float
+        Metres.
+    """
+    high = (
+        int(np.clip(math.ceil((top - grid.lower[2]) / grid.spacing - 1e-9), 1, solid.shape[2]))
+        if top < math.inf
+        else None
+    )
+    cells = solid[:, :, :high]
+    walls = [np.mean(cells.take(-1 if towards[axis] > 0.0 else 0, axis)) >= 0.5 for axis in range(3)]
+    if cells.shape[2] < solid.shape[2]:
+        walls[2] = False  # what the cut lays open is drawn
+    side = math.ceil(max(cells.shape) / 200)  # more blocks would be smaller than a picture shows
+    while True:
+        blocks = cells
+        for axis in range(3) if side > 1 else ():
+            blocks = np.logical_or.reduceat(blocks, np.arange(0, blocks.shape[axis], side), axis=axis)
+        seen = [_seen(blocks, axis, towards[axis], not walls[axis]) for axis in range(3)]
+        count = sum(int(np.count_nonzero(part)) for part in seen)
+        if count <= MOST:
+            break
+        side = max(side + 1, math.floor(side * math.sqrt(count / MOST)))
+    edges = [
+        low + grid.spacing * np.minimum(np.arange(blocks.shape[axis] + 1) * side, cells.shape[axis])
+        for axis, low in enumerate(grid.lower)
+    ]
+    corners, axes = [], []
+    for axis, part in enumerate(seen):
+        rim = np.zeros((4, 3), dtype=np.int64)
+        rim[:, axis] = towards[axis] > 0.0
+        rim[[1, 2], (axis + 1) % 3] = 1
+        rim[[2, 3], (axis + 2) % 3] = 1
+        lattice = np.argwhere(part)[:, np.newaxis] + rim
+        corners.append(np.stack([edges[k][lattice[..., k]] for k in range(3)], axis=-1))
+        axes.append(np.full(len(lattice), axis))
+    return Faces(np.concatenate(corners), np.concatenate(axes))
+
+
+def _seen(solid: NDArray[np.bool_], axis: int, towards: float, end: bool) -> NDArray[np.bool_]:
+    """Blocks whose face along an axis looks at the camera: before an empty block, and at the end of the grid."""
+    seen = np.zeros_like(solid)
+    if towards == 0.0:
+        return seen
+    rows = [np.moveaxis(array, axis, 0)[:: 1 if towards > 0.0 else -1] for array in (solid, seen)]
+    rows[1][:-1] = rows[0][:-1] & ~rows[0][1:]
+    rows[1][-1] = rows[0][-1] & end
+    return seen
+
+
+def _solid(space: MapLike, surface: str, yaw: float | None) -> NDArray[np.bool_]:
+    """The cells whose border is drawn."""
+    if surface == "obstacles":
+        return space.workspace.outer
+    return np.asarray(artists.classes_of(space, yaw) >= artists.UNDECIDED)
+
+
+def _top(space: MapLike, route: Route, cut: float | None) -> float:
+    """Height above which nothing is drawn."""
+    low, high = space.grid.lower[2], space.grid.upper[2]
+    if cut is not None:
+        height = finite(cut, "cut")
+        if height.ndim or not low < height <= high:
+            rule = f"it must be one height in the grid, above {low:g} and up to {high:g}"
+            raise InputError("cut", f"is {cut!r}", rule, "pass metres", value=cut)
+        return float(height)
+    if not len(route.points):
+        return float(high)
+    return float(min(high, max(route.figurine.extent(q)[1, 2] for q in (*route.stations, *route.points))))
+
+
+def _angles(camera: Any) -> Floats:
+    """Elevation and azimuth of the camera, degrees, shape (2,)."""
+    if camera is None:
+        return np.array(CAMERA)
+    angles = finite(camera, "camera")
+    if angles.shape != (2,) or abs(angles[0]) > 90.0:
+        rule = "it must be (elevation, azimuth) in degrees, the elevation from -90 to 90"
+        raise InputError("camera", f"is {camera!r}", rule, f"pass e.g. {CAMERA}", value=camera)
+    return angles
+
+
+def _direction(angles: Floats) -> Floats:
+    """Direction to the camera, shape (3,), where every axis is drawn to the same scale."""
+    rise, turn = np.radians(angles)
+    direction = np.array([math.cos(rise) * math.cos(turn), math.cos(rise) * math.sin(turn), math.sin(rise)])
+    return np.asarray(np.round(direction, 12))  # what is zero but for rounding is zero
+
+
+def _shaded(faces: Faces, color: str, box: Floats) -> Floats:
+    """Colours of faces, shape (n, 3)."""
+    height = (faces.corners[..., 2].mean(axis=1) - box[0, 2]) / (box[1, 2] - box[0, 2])
+    bright = np.array(_SHARES)[faces.axes] * (1.0 - _DARKER + _DARKER * height)
+    return np.asarray(bright[:, np.newaxis] * _rgb(color))
+
+
+def _triangles(route: Route) -> Floats:
+    """The robot's triangles at the stations, each with its last corner twice, shape (n, 4, 3)."""
+    triangles = route.figurine.triangles
+    while len(triangles) < 200:  # large ones are sorted wrongly among small faces
+        a, b, c = np.moveaxis(triangles, 1, 0)
+        ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+        parts = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
+        triangles = np.concatenate([np.stack(part, axis=1) for part in parts])
+    corners = np.concatenate([placed(triangles, q) for q in route.stations])
+    return np.concatenate([corners, corners[:, 2:]], axis=1)
+
+
+def _lit(polygons: Floats, towards: Floats) -> Floats:
+    """Colours of the robot's faces, lit as if each looked at the camera, shape (n, 3)."""
+    normals = np.cross(polygons[:, 1] - polygons[:, 0], polygons[:, 2] - polygons[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)
+    normals *= np.where(normals @ towards < 0.0, -1.0, 1.0)[:, np.newaxis]
+    bright = 0.55 + 0.45 * np.clip(normals @ [0.3, -0.5, 0.81], 0.0, 1.0)
+    return np.asarray(bright[:, np.newaxis] * _rgb(artists.BODY))
+
+
+def _ribbon(route: Route, towards: Floats, half: float) -> Floats:
+    """The path as short strips that face the camera, shape (n, 4, 3)."""
+    way = travelled(route.points, route.figurine)
+    points = route.along(np.union1d(np.linspace(0.0, 1.0, 400), way / max(way[-1], np.finfo(float).tiny)))[:, :3]
+    steps = np.diff(points, axis=0)
+    aside = np.cross(steps, towards)
+    aside *= half / np.maximum(np.linalg.norm(aside, axis=1, keepdims=True), np.finfo(float).tiny)
+    return np.stack([points[:-1] - aside, points[:-1] + aside, points[1:] + aside, points[1:] - aside], axis=1)
+
+
+def _rgb(color: str) -> Floats:
+    from matplotlib.colors import to_rgb
+
+    return np.array(to_rgb(color))
+
+
+def _patch(patch: Any, label: str, color: str) -> Any:
+    return patch(facecolor=color, edgecolor="#555555", linewidth=0.6, label=label)
+
+
+def _frame(ax: Any, box: Floats, stretch: Floats, angles: Floats) -> None:
+    """Limits, scale, labels and the camera."""
+    from matplotlib.ticker import MaxNLocator
+
+    lengths = (box[1] - box[0]) * stretch
+    for axis, name in enumerate("xyz"):
+        share = lengths[axis] / lengths.max()
+        getattr(ax, f"set_{name}lim")(*box[:, axis])
+        getattr(ax, f"set_{name}label")(f"{name} (m)", fontsize=9)
+        one = getattr(ax, f"{name}axis")
+        one.set_major_locator(MaxNLocator(max(1, min(8, int(10 * share))), steps=[1, 2, 2.5, 5, 10]))
+        one.set_pane_color("#f7f7f7")
+    ax.tick_params(labelsize=8, pad=2)
+    ax.grid(False)
+    ax.set_box_aspect(lengths)
+    ax.set_proj_type("ortho")
+    ax.view_init(*angles)
+
+
+def _fit(ax: Any, box: Floats, stretch: Floats, angles: Floats) -> None:
+    """Give the figure the size of what is drawn, with room for words above and below."""
+    from mpl_toolkits.mplot3d.proj3d import proj_transform  # type: ignore[import-untyped]
+
+    lengths, (rise, turn) = (box[1] - box[0]) * stretch, np.radians(angles)
+    up = [-math.sin(rise) * math.cos(turn), -math.sin(rise) * math.sin(turn), math.cos(rise)]
+    spans = np.abs([[-math.sin(turn), math.cos(turn), 0.0], up]) @ lengths
+    width, height = spans * min(_ROOM[0] / spans[0], _ROOM[1] / spans[1])
+    size = max(width + 1.6, 4.2), height + 2.1
+    ax.figure.set_size_inches(*size)
+    # Axes in three dimensions are square, and what is drawn lies around their middle.
+    square, middle = max(size), 1.15 + height / 2
+    ax.set_position((0.5 - square / size[0] / 2, (middle - square / 2) / size[1], square / size[0], square / size[1]))
+    ax.apply_aspect()
+    corners = np.stack(np.meshgrid(*box.T), axis=-1).reshape(-1, 3)
+    across = ax.transData.transform(np.transpose(proj_transform(*corners.T, ax.get_proj())[:2]))[:, 0]
+    ax.set_box_aspect(lengths, zoom=float(width * ax.figure.dpi / np.ptp(across)))
