@@ -249,7 +249,7 @@ def reaches_out(space: MapLike, box: Floats) -> bool:
 def stretches(box: Floats, thin: float = THIN) -> Floats:
     """How much longer a metre along each axis is drawn, shape (d,): 1, but along the short sides of long, thin maps."""
     lengths = box[1] - box[0]
-    return np.maximum(1.0, lengths.max() / thin / lengths)
+    return np.asarray(np.maximum(1.0, lengths.max() / thin / lengths))
 
 
 def title(space: MapLike, stretch: Floats, words: str | None, about: str = "") -> str:
@@ -292,10 +292,10 @@ def new_figure(width: float, height: float, dpi: float = 150.0, *, layout: str |
     """A figure that belongs to no window, in inches, arranged by matplotlib where a layout is named."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    figure = Figure(figsize=(width, height), dpi=dpi, layout=layout)
-    if layout is not None:
-        figure.get_layout_engine().set(h_pad=0.1)  # type: ignore[union-attr]
+    engine = ConstrainedLayoutEngine(h_pad=0.1, compress=layout == "compressed") if layout else None
+    figure = Figure(figsize=(width, height), dpi=dpi, layout=engine)
     FigureCanvasAgg(figure)
     return figure
 
@@ -318,7 +318,7 @@ def legend_below(figure: Figure, handles: Sequence[Any], size: float = 9.0) -> N
     columns = next((count for count in range(len(handles), 1, -1) if fits(count)), 1)
     # No more columns than the rows need, so that the last row is not short.
     columns = math.ceil(len(handles) / math.ceil(len(handles) / columns)) if handles else 1
-    place = "lower center" if figure.get_layout_engine() is None else "outside lower center"
+    place: Any = "lower center" if figure.get_layout_engine() is None else "outside lower center"
     figure.legend(handles=handles, loc=place, ncols=columns, fontsize=size, frameon=False)
 
 

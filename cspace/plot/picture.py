@@ -91,9 +91,9 @@ def plot(
         Which picture; by default the only one that shows all yaws of a plane, and of space sections. Panels need a map
         with rotations.
     at : array-like, shape (3,), optional
-        In space: the point, in the grid, that sections go through, and panels at its height. By default each section is
-        where the robot reaches it on most of the path's way; without a path, at the start, the goal, or a FREE cell near
-        the middle.
+        In space: the point, in the grid, that sections go through, and panels at its height. By default where
+        the robot reaches a section on most of the path's way; without a path, at the start, the goal, or a FREE cell
+        near the middle.
     surface : {"obstacles", "free"}, optional
         For ``view="3d"``: draw the obstacles, with the robot along the path; or the border of the free space, in which
         the robot's reference point moves. Obstacles by default.
@@ -208,7 +208,7 @@ def _draw_plane(
     heading = artists.title(space, stretch, words, artists.about_yaw(space, yaw))
     # A title above narrow axes would leave the figure; above the whole figure it has room.
     if own:
-        ax.figure.suptitle(heading, fontsize=10)  # type: ignore[union-attr]
+        ax.figure.suptitle(heading, fontsize=10)
     else:
         ax.set_title(heading, fontsize=10)
     if legend:

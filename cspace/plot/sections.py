@@ -32,7 +32,8 @@ def draw_sections(space: MapLike, route: Route, *, yaw: float | None, at: Any, l
     box = route.box(space)
     stretch = artists.stretches(box, _THIN)
     panels = _panels(box, stretch)
-    shown, entries = [], {}
+    shown: list[artists.Classes] = []
+    entries: dict[str, Any] = {}
     for across, (ax, pair) in panels.items():
         shown.append(_draw_layer(ax, pair, across, space, yaw, point))
         for entry in _draw_route(ax, pair, across, space, route, float(point[across])):
@@ -71,9 +72,9 @@ def section_point(space: MapLike, at: Any, route: Route) -> Floats:
         rule = "it must be (3,)"
         raise InputError("at", f"has shape {point.shape}", rule, "pass one point (x, y, z) in metres", value=at)
     if not grid.contains(point):
-        found, low, high = (f"({', '.join(f'{v:g}' for v in corner)})" for corner in (point, grid.lower, grid.upper))
+        given, low, high = (f"({', '.join(f'{v:g}' for v in corner)})" for corner in (point, grid.lower, grid.upper))
         rule = f"it must lie in the grid, from {low} to {high}"
-        raise InputError("at", f"is {found}", rule, "pass a point in there", value=at)
+        raise InputError("at", f"is {given}", rule, "pass a point in there", value=at)
     return point
 
 

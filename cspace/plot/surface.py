@@ -28,6 +28,7 @@ _SHARES: Final = (0.68, 0.82, 1.0)
 """Brightness of faces normal to x, y and z."""
 _DARKER: Final = 0.2
 """How much darker the lowest faces are than the highest: floors and table tops part."""
+_MARKS: Final = {"start": ("o", "white", 7.0), "goal": ("*", artists.GOAL, 12.0)}
 _ROOM: Final = (6.5, 5.5)
 """Width and height of the map in the picture at most, in inches."""
 
@@ -87,14 +88,10 @@ def draw_surface(
     if len(route.points) > 1:
         dotted: dict[str, Any] = {"color": artists.PATH, "linewidth": 1.0, "linestyle": (0, (1, 1.5)), "zorder": 4}
         handles += ax.plot(*route.points[:, :3].T, label="path, dotted behind something", **dotted)
-    for name, look in {
-        "start": {"marker": "o", "color": "white"},
-        "goal": {"marker": "*", "color": artists.GOAL},
-    }.items():
-        if name in route.marks:
-            at = ([number] for number in route.marks[name][:3])
-            look |= {"markersize": 7.0 if name == "start" else 12.0, "markeredgecolor": "black", "linestyle": "none"}
-            handles += ax.plot(*at, label=name, zorder=5, **look)
+    for name, q in route.marks.items():
+        look = dict(zip(("marker", "color", "markersize"), _MARKS[name], strict=True))
+        look |= {"markeredgecolor": "black", "linestyle": "none"}
+        handles += ax.plot(*([number] for number in q[:3]), label=name, zorder=5, **look)
     _frame(ax, box, stretch, angles)
     about = [] if cut is None and top >= space.grid.upper[2] else [f"cut at z = {top:.4g} m"]
     about += [artists.about_yaw(space, yaw)] if space.dof > 3 else []
@@ -133,7 +130,7 @@ def border_faces(grid: Grid, solid: NDArray[np.bool_], towards: Floats, top: flo
         else None
     )
     cells = solid[:, :, :high]
-    walls = [np.mean(cells.take(-1 if towards[axis] > 0.0 else 0, axis)) >= 0.5 for axis in range(3)]
+    walls = [bool(np.mean(cells.take(-1 if towards[axis] > 0.0 else 0, axis)) >= 0.5) for axis in range(3)]
     if cells.shape[2] < solid.shape[2]:
         walls[2] = False  # what the cut lays open is drawn
     side = math.ceil(max(cells.shape) / 200)  # more blocks would be smaller than a picture shows

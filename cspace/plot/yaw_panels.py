@@ -34,13 +34,15 @@ def draw_yaw_panels(space: MapLike, route: Route, *, yaw: Any, at: Any, legend: 
     box = route.box(space, robots=False)
     stretch = artists.stretches(box)
     about = artists.about_yaw(space, None).replace("over all yaws, ", "")
-    grid, layer = space.grid, ()
+    grid = space.grid
+    layer: tuple[Any, ...] = ()
     if grid.dim == 3:
         point = section_point(space, at, route)
         grid, layer = Grid(grid.lower[:2], grid.spacing, grid.shape[:2]), (..., int(grid.cell_of(point)[2]))
         about += f", z = {point[2]:.4g} m"
     panels = _panels(len(angles), box)
-    shown, handles = [], []
+    shown: list[artists.Classes] = []
+    handles: list[Any] = []
     for ax, angle in zip(panels.flat, angles.tolist(), strict=False):
         shown.append(artists.classes_of(space, artists.check_yaw(space, angle), layer))
         artists.draw_cells(ax, grid, shown[-1])
