@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from cspace import FileError, GeometryError, InputError
 from cspace.io.meshes import read_mesh
-from cspace.io.surfaces.polygons import triangulated
+from cspace.io.polygons import triangulated
 from mesh_files import BOX, CORNERS, FACES, FAR, QUADS, SECOND, VERTICES, check_boxes, check_refused, lines, read
 
 # OBJ

@@ -61,11 +61,9 @@ def _fault(text: str, file: str, first: int, separator: str | None, columns: int
         if numeric and len(parts) in (0, columns):
             continue
         rule = f"{columns} columns, like the first row" if numeric else "numbers alone; a heading needs a '#' before it"
-        return FileError(
-            f"{file}, line {number} is {line.strip()[:_SHOWN]!r}; it must hold {rule}; mend the line, or fetch a "
-            "truncated file again"
-        )
-    return FileError(f"{file} cannot be read as columns of numbers: {error}; mend that line")
+        found = f"line {number} is {line.strip()[:_SHOWN]!r}"
+        return FileError(file, found, f"it must hold {rule}", "mend the line, or fetch a truncated file again")
+    return FileError(file, f"cannot be read: {error}", "it must hold columns of numbers", "mend that line")
 
 
 def _is_number(word: str) -> bool:

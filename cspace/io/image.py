@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import os
-import struct
-from typing import TYPE_CHECKING, Final
+import threading
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,12 +15,44 @@ from numpy.typing import NDArray
 from cspace.errors import FileError, InputError
 from cspace.grid import finite
 from cspace.io.input import existing
+from cspace.io.limits import check_cells
 
 if TYPE_CHECKING:
     from PIL.Image import Image
 
+FORMATS: Final = ("PNG", "PPM", "BMP", "JPEG", "TIFF")
+"""What an image may be, by its content and whatever its name: Pillow's other plug-ins may start programs."""
+
 COLOUR_MODES: Final = ("P", "RGB", "RGBX", "RGBA", "RGBa", "LA", "La", "PA", "CMYK", "YCbCr", "HSV")
 SIDES: Final = ("occupied", "free")
+
+_BYTES_A_PIXEL: Final = 12
+"""Memory while an image in colour is read."""
+
+_PILLOWS_LIMIT: Final = threading.Lock()
+"""Held while Pillow's own limit, which belongs to the whole process, is set aside for ours."""
+
+
+@dataclass(frozen=True, slots=True)
+class Shades:
+    """An image in the order of the coordinates: ``[x, y]``, with y up.
+
+    Attributes
+    ----------
+    levels : ndarray of unsigned integers, shape (nx, ny)
+    most : int
+        The level of white; black is 0.
+    opaque : ndarray of bool, shape (nx, ny), or True
+        Whether the pixel has full alpha.
+    """
+
+    levels: NDArray[np.unsignedinteger[Any]]
+    most: int
+    opaque: NDArray[np.bool_] | bool
+
+    def where(self, test: Callable[[NDArray[np.float64]], NDArray[np.bool_]]) -> NDArray[np.bool_]:
+        """Pixels whose shade, from 0 (black) to 1 (white), passes a test of shades."""
+        return np.asarray(test(np.arange(self.most + 1) / float(self.most))[self.levels])
 
 
 def read_image(path: str | os.PathLike[str], threshold: float = 0.5, dark: str = "occupied") -> NDArray[np.bool_]:
@@ -26,7 +61,7 @@ def read_image(path: str | os.PathLike[str], threshold: float = 0.5, dark: str =
     Parameters
     ----------
     path : path-like
-        Any image that Pillow reads. Its first row is the top of the map.
+        PNG, PGM, PPM, PBM, BMP, JPEG or TIFF, told by its content. Its first row is the top of the map.
     threshold : float
         Pixels whose shade, the mean of their colour channels from 0 (black) to 1 (white), is below this are dark.
     dark : {"occupied", "free"}
@@ -41,20 +76,22 @@ def read_image(path: str | os.PathLike[str], threshold: float = 0.5, dark: str =
     InputError
         If ``threshold`` is not above 0 and at most 1, or ``dark`` is neither word.
     FileError
-        If the file is missing, cannot be decoded, or has pixels of an unknown kind.
+        If the file is missing, too large, cannot be decoded, or has pixels of an unknown kind.
     """
     level = finite(threshold, "threshold")
-    if level.ndim or not 0.0 < level <= 1.0:
-        raise InputError(f"threshold is {threshold!r}; it must be one number above 0 and at most 1; pass e.g. 0.5")
+    if level.shape != () or not 0.0 < level <= 1.0:
+        raise InputError(
+            "threshold", f"is {threshold!r}", "it must be one number above 0 and at most 1", "pass e.g. 0.5"
+        )
     if dark not in SIDES:
-        raise InputError(f"dark is {dark!r}; it says what dark pixels are; pass one of {', '.join(map(repr, SIDES))}")
-    shade, opaque = read_shades(path, "image")
-    is_dark = shade < level
-    return np.asarray((is_dark if dark == "occupied" else ~is_dark) | ~opaque)
+        raise InputError("dark", f"is {dark!r}", "it says what dark pixels are", f"pass one of {SIDES}")
+    image = read_shades(path, "image")
+    occupied = image.where(lambda shade: (shade < level) == (dark == "occupied"))
+    return occupied if image.opaque is True else occupied | ~np.asarray(image.opaque)
 
 
-def read_shades(path: str | os.PathLike[str], kind: str) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Shades of an image, turned into the order of the coordinates: ``[x, y]``, with y up.
+def read_shades(path: str | os.PathLike[str], kind: str) -> Shades:
+    """Shades of an image: the mean of the colour channels. Grey images of 16 bits keep all their levels.
 
     Parameters
     ----------
@@ -62,58 +99,62 @@ def read_shades(path: str | os.PathLike[str], kind: str) -> tuple[NDArray[np.flo
     kind : str
         What the image is, for messages.
 
-    Returns
-    -------
-    shade : ndarray of float64, shape (nx, ny)
-        Mean of the colour channels, from 0 (black) to 1 (white). Grey images of 16 bits keep all their levels.
-    opaque : ndarray of bool, shape (nx, ny)
-        Whether the pixel has full alpha; all True for an image without alpha.
-
     Raises
     ------
     FileError
-        If the file is missing, cannot be decoded, or has pixels of an unknown kind.
+        If the file is missing, too large, cannot be decoded, or has pixels of an unknown kind.
     """
     from PIL import Image
 
     file = existing(path, kind)
     try:
-        with Image.open(file) as image:
+        with _PILLOWS_LIMIT:
+            limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
+            try:
+                image = Image.open(file, formats=FORMATS)
+            finally:
+                Image.MAX_IMAGE_PIXELS = limit
+        with image, warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of metadata that cannot be read, which is not asked for
+            check_cells(file, image.size, memory=_BYTES_A_PIXEL)
             image.load()
-    # What Pillow's decoders raise on damaged files, beside OSError.
-    except (
-        OSError,
-        SyntaxError,
-        ValueError,
-        EOFError,
-        IndexError,
-        struct.error,
-        Image.DecompressionBombError,
-    ) as error:
+            found = _shades(image, str(file))
+    except (FileError, MemoryError):
+        raise
+    except Exception as error:  # Pillow's decoders raise almost anything on damaged files.
+        reason = " ".join(str(error).split()) or type(error).__name__
         raise FileError(
-            f"{file} cannot be decoded as an image: {error}; a {kind} is a whole PNG, PGM, PPM, JPEG or BMP file; "
-            "save it again"
+            str(file),
+            f"cannot be decoded as an image: {reason}",
+            f"{kind} is a whole file of {', '.join(FORMATS)}",
+            "save it again",
         ) from error
-    shade, opaque = _shades(image, file)
-    return np.ascontiguousarray(shade[::-1].T), np.ascontiguousarray(opaque[::-1].T)
+    return found
 
 
-def _shades(image: Image, file: os.PathLike[str]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Shades and opaqueness of a decoded image, ``[row, column]``."""
-    opaque = np.ones((image.height, image.width), dtype=np.bool_)
+def _shades(image: Image, file: str) -> Shades:
+    opaque: NDArray[np.bool_] | bool = True
+    levels: NDArray[Any] | None = None
+    most = 255
     if image.mode in ("1", "L") and not image.has_transparency_data:
-        return np.asarray(image.convert("L")) / 255.0, opaque
+        levels = np.asarray(image.convert("L"))
     # Mode "I" means 16 bits in these formats, and an unknown range in others.
-    if image.mode.startswith("I;16") or (image.mode == "I" and image.format in ("PNG", "PPM")):
-        levels = np.asarray(image)
-        if not image.has_transparency_data and levels.min() >= 0 and levels.max() <= 65535:
-            return levels / 65535.0, opaque
+    elif image.mode.startswith("I;16") or (image.mode == "I" and image.format in ("PNG", "PPM")):
+        wide = np.asarray(image)
+        if not image.has_transparency_data and wide.min() >= 0 and wide.max() <= 65535:
+            levels, most = wide.astype(np.uint16), 65535
     elif image.mode in ("1", "L", *COLOUR_MODES):
         channels = np.asarray(image.convert("RGBA" if image.has_transparency_data else "RGB"))
         if image.has_transparency_data:
-            opaque = channels[:, :, 3] == 255
-        return channels[:, :, :3].sum(axis=2, dtype=np.uint16) / (3 * 255.0), opaque
-    raise FileError(
-        f"{os.fspath(file)} has image mode {image.mode!r}; pixels must be grey of up to 16 bits without transparency, "
-        "or colour of 8 bits; convert it, e.g. to an 8-bit grey PNG"
-    )
+            opaque = np.ascontiguousarray((channels[:, :, 3] == 255)[::-1].T)
+        levels, most = channels[:, :, 0].astype(np.uint16), 3 * 255
+        levels += channels[:, :, 1]
+        levels += channels[:, :, 2]
+    if levels is None:
+        raise FileError(
+            file,
+            f"has image mode {image.mode!r}",
+            "pixels must be grey of up to 16 bits without transparency, or colour of 8 bits",
+            "convert it, e.g. to an 8-bit grey PNG",
+        )
+    return Shades(np.ascontiguousarray(levels[::-1].T), most, opaque)

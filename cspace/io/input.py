@@ -1,72 +1,122 @@
-"""Inputs: a file that is there and can be read, or an error that names it."""
+"""Inputs: a file that is there, is of a size that can be read, and is read; or an error that names it."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Final
 
 from cspace.errors import FileError, InputError
+from cspace.io.limits import check_bytes
+
+_LONGEST_HEADER: Final = 2**16
+"""Bytes in which a text header before binary data must end."""
 
 
-def existing(path: str | os.PathLike[str], kind: str) -> Path:
-    """``path`` as a :class:`~pathlib.Path` to a file that exists.
+def existing(path: str | os.PathLike[str], kind: str, memory: float = 1.0) -> Path:
+    """``path`` as a :class:`~pathlib.Path` to a file that is there and not too large.
 
     Parameters
     ----------
     path : path-like
     kind : str
         What the file should be, for the message: "ROS map".
+    memory : float
+        Bytes of memory that each of its bytes takes while it is read.
 
     Raises
     ------
     InputError
         If ``path`` is not a file name.
     FileError
-        If nothing is there, or a folder.
+        If nothing is there, or no plain file, or one that is too large (:mod:`cspace.io.limits`).
     """
     try:
         file = Path(path)
-        there, folder = file.exists(), file.is_dir()
+        there, plain = file.exists(), file.is_file()
+        folder = there and file.is_dir()
     except (TypeError, ValueError) as error:
-        raise InputError(f"path is {path!r}; it must be a file name; pass a string or a pathlib.Path") from error
+        raise not_a_name(path) from error
     except OSError as error:
         raise unreadable(path, kind, error) from error
     if not there:
-        raise FileError(f"{file} does not exist; {_one(kind)} is read from a file; check the name and the folder")
-    if folder:
-        raise FileError(f"{file} is a folder; {_one(kind)} is read from a file; pass the file inside it")
+        raise FileError(
+            str(file), "does not exist", f"{_one(kind)} is read from a file", "check the name and the folder"
+        )
+    if not plain:
+        what = "is a folder" if folder else "is a device, a pipe or a socket"
+        raise FileError(str(file), what, f"{_one(kind)} is read from a plain file", "pass the file itself")
+    check_bytes(file, file.stat().st_size, memory=memory)
     return file
+
+
+def not_a_name(path: object) -> InputError:
+    """The error for something that cannot be a file's name."""
+    return InputError("path", f"is {path!r}", "it must be a file name", "pass a string or a pathlib.Path", value=path)
+
+
+def unreadable(path: str | os.PathLike[str], kind: str, error: OSError) -> FileError:
+    """The error for a file that the system refuses to read."""
+    return FileError(
+        os.fspath(path),
+        f"cannot be read: {error.strerror or error}",
+        f"{_one(kind)} must be readable",
+        "check its permissions",
+    )
+
+
+def damaged(path: str | os.PathLike[str], found: str) -> FileError:
+    """The error for a file that breaks the rules of its format, or is cut short."""
+    return FileError(os.fspath(path), found, "it is malformed or truncated", "copy it or write it again")
+
+
+def read_bytes(path: str | os.PathLike[str], kind: str, memory: float = 1.0) -> bytes:
+    """Content of a file; ``memory`` as for :func:`existing`.
+
+    Raises
+    ------
+    InputError, FileError
+        As :func:`existing`, and if the system refuses to read it.
+    """
+    file = existing(path, kind, memory)
+    try:
+        return file.read_bytes()
+    except OSError as error:
+        raise unreadable(file, kind, error) from error
+
+
+def read_text(path: str | os.PathLike[str], kind: str, memory: float = 4.0) -> str:
+    """Text of a file in UTF-8, line ends turned into ``\\n``; ``memory`` as for :func:`existing`.
+
+    Raises
+    ------
+    InputError, FileError
+        As :func:`read_bytes`, and if the file is not text.
+    """
+    content = read_bytes(path, kind, memory)
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise FileError(
+            os.fspath(path),
+            f"is not text: byte {error.start} is not UTF-8",
+            f"{_one(kind)} is a text file",
+            "pass the right file",
+        ) from error
+    return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
+
+
+def header_lines(content: bytes) -> Iterator[tuple[str, int]]:
+    """Lines at the beginning of a file, each with the place after it, as far as a header may reach."""
+    at = 0
+    while 0 <= at < min(len(content), _LONGEST_HEADER):
+        end = content.find(b"\n", at, at + _LONGEST_HEADER)
+        after = len(content) if end < 0 else end + 1
+        yield content[at : after if end < 0 else end].decode("latin-1"), after
+        at = after
 
 
 def _one(kind: str) -> str:
     """A kind of file with its article."""
     return f"{'an' if kind[:1].lower() in 'aeio' else 'a'} {kind}"
-
-
-def unreadable(path: str | os.PathLike[str], kind: str, error: OSError) -> FileError:
-    """The error for a file that the system refuses to read."""
-    reason = error.strerror or error
-    return FileError(
-        f"{os.fspath(path)} cannot be read: {reason}; {_one(kind)} must be readable; check its permissions"
-    )
-
-
-def read_text(path: str | os.PathLike[str], kind: str) -> str:
-    """Text of a file in UTF-8, line ends turned into ``\\n``.
-
-    Raises
-    ------
-    InputError
-        If ``path`` is not a file name.
-    FileError
-        If the file is missing, cannot be read, or is not text.
-    """
-    file = existing(path, kind)
-    try:
-        return file.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise FileError(
-            f"{file} is not text: byte {error.start} is not UTF-8; {_one(kind)} is a text file; pass the right file"
-        ) from error
-    except OSError as error:
-        raise unreadable(file, kind, error) from error

@@ -1,8 +1,18 @@
-"""Meshes from files, and from the objects of trimesh."""
+"""Meshes from files, and from the objects of trimesh: all triangles that a file holds, or an error that names it.
+
+STL, PLY, GLB and glTF are read by trimesh, with ``process=False``, and counted: a census of the file, made apart from
+the reading, must agree with what was read. OBJ, OFF and COLLADA are read here. trimesh moves triangles of OBJ where
+corners count backwards or are written in more than one way, loses those of lines that begin with a blank, and lays
+polygons that bend as fans that stick out of them; COLLADA it reads through a package that drops what it does not know,
+and without its unit.
+"""
 
 from __future__ import annotations
 
+import io
 import os
+import re
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
@@ -10,32 +20,25 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.errors import CspaceError, GeometryError, InputError
+from cspace.errors import CspaceError, FileError, GeometryError, InputError
 from cspace.grid import finite
-from cspace.io.input import existing, unreadable
-from cspace.io.surfaces.collada import read_collada
-from cspace.io.surfaces.gltf import read_gltf
-from cspace.io.surfaces.obj import read_obj
-from cspace.io.surfaces.off import read_off
-from cspace.io.surfaces.parts import Floats, Integers, Surface, check_corners, damaged, joined, placed
-from cspace.io.surfaces.ply import read_ply
-from cspace.io.surfaces.stl import read_stl
-
-_READERS: Final[dict[str, Callable[[Path], Surface]]] = {
-    ".stl": read_stl,
-    ".obj": read_obj,
-    ".ply": read_ply,
-    ".off": read_off,
-    ".glb": read_gltf,
-    ".gltf": read_gltf,
-    ".dae": read_collada,
-}
-"""Which function reads a file, by suffix."""
-
-SUFFIXES: Final = tuple(_READERS)
-"""Formats that are read."""
+from cspace.io.collada import read_collada
+from cspace.io.gltf import read_gltf
+from cspace.io.input import damaged, existing, read_bytes
+from cspace.io.obj import read_obj
+from cspace.io.off import read_off
+from cspace.io.ply import read_ply
+from cspace.io.polygons import Floats, Integers, Surface, joined, placed, triangulated
 
 _KIND: Final = "mesh"
+
+_RECORD: Final = 50
+"""Bytes of a triangle in a binary STL file, after a head of 84."""
+
+_FACET: Final = re.compile(
+    rb"\bfacet\s+normal\s+\S+\s+\S+\s+\S+\s+outer\s+loop(?:\s+vertex\s+\S+\s+\S+\s+\S+){3}\s+endloop\s+endfacet\b"
+)
+_SOLIDS: Final = re.compile(rb"^[ \t]*(end)?solid\b[^\n]*", re.MULTILINE)
 
 
 def read_mesh(path: str | os.PathLike[str]) -> tuple[Floats, Integers]:
@@ -48,7 +51,8 @@ def read_mesh(path: str | os.PathLike[str]) -> tuple[Floats, Integers]:
     Nothing is mended or merged, and nothing of a surface is left out: a file with a part that is not read is refused.
     So is a polygon with more than three corners if its triangles are not certain, because the corners are out of one
     plane by more than rounding, or because no fan around one of them covers it. Lines and points are left out in
-    ``.obj``, ``.ply`` and ``.dae``, which often hold them besides; they are refused in ``.glb`` and ``.gltf``.
+    ``.obj``, ``.ply`` and ``.dae``, which often hold them besides; they are refused in ``.glb`` and ``.gltf``. An
+    ``.obj`` that is cut between two lines cannot be told from a whole one: nothing in it counts.
 
     Parameters
     ----------
@@ -66,29 +70,109 @@ def read_mesh(path: str | os.PathLike[str]) -> tuple[Floats, Integers]:
     InputError
         If ``path`` is not a file name or ends otherwise, or a coordinate is not finite.
     FileError
-        If the file is missing, cannot be read, is malformed or is truncated.
+        If the file is missing, too large, cannot be read, is malformed or is truncated, or other triangles were read
+        than it holds.
     GeometryError
         If the file has no triangles, has surfaces that are not read, or has polygons that can be cut in several ways.
     """
     file = existing(path, _KIND)
     suffix = file.suffix.lower()
-    if suffix not in SUFFIXES:
+    if suffix not in _READERS:
         raise InputError(
-            f"{file} ends in {suffix!r}; the suffix says how a mesh is read; use one of {', '.join(SUFFIXES)}"
+            "mesh",
+            f"is {file}, which ends in {suffix!r}",
+            "the suffix says how a mesh is read",
+            f"use one of {', '.join(SUFFIXES)}",
+            value=path,
         )
     try:
         vertices, faces = _READERS[suffix](file)
     except (MemoryError, CspaceError):
         raise
-    except OSError as error:
-        raise unreadable(file, _KIND, error) from error
     except Exception as error:  # What damage leads to may be anything.
-        raise damaged(file, f"cannot be read as a {_KIND} ({type(error).__name__}: {error})") from error
+        reason = " ".join(str(error).split())
+        raise damaged(file, f"cannot be read as a {_KIND} ({type(error).__name__}: {reason:.200})") from error
     if not len(faces):
         raise _without_triangles(str(file), "cloud of points" if len(vertices) else "")
     finite(vertices, f"vertices of {file}")
-    check_corners(faces, len(vertices), file)
+    wrong = faces[(faces < 0) | (faces >= len(vertices))]
+    if len(wrong):
+        raise damaged(file, f"has a face that names vertex {wrong[0]}, counted from 0, of {len(vertices)}")
     return vertices, np.ascontiguousarray(faces)
+
+
+def _stl(file: Path) -> Surface:
+    """Triangles of an STL file, three vertices of their own each."""
+    import trimesh
+
+    data = read_bytes(file, _KIND, memory=12.0)
+    declared = int.from_bytes(data[80:84], "little")
+    if len(data) != 84 + _RECORD * declared or len(data) < 84:
+        if data.lstrip()[:5].lower() != b"solid":
+            held = max(0.0, (len(data) - 84) / _RECORD)
+            raise damaged(file, f"declares {declared} triangles and has bytes for {held:g}, as a binary STL file")
+        data, declared = _stl_text(data, file)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", DeprecationWarning)  # what numpy says of text that is no number
+        loaded = trimesh.load(io.BytesIO(data), file_type="stl", process=False)
+    if declared == 0:
+        return np.empty((0, 3)), np.empty((0, 3), dtype=np.int64)
+    vertices, faces = flattened(loaded, str(file))
+    check_census(file, declared, len(faces))
+    return vertices, faces
+
+
+def _stl_text(data: bytes, file: Path) -> tuple[bytes, int]:
+    """An STL file in text, in the one layout that trimesh reads right, and how many triangles it holds."""
+    text = data.lower().replace(b"\r", b"\n")
+    lines = list(_SOLIDS.finditer(text))
+    kinds = [bool(line[1]) for line in lines]
+    if not kinds or kinds != [False, True] * (len(kinds) // 2) or text[lines[-1].end() :].strip(b" \t\n\0"):
+        raise damaged(file, "does not go from solid to endsolid, as an STL file in text does")
+    # The names of solids go: trimesh looks for its keywords in them too.
+    text = _SOLIDS.sub(lambda line: b"endsolid" if line[1] else b"solid", text)
+    facets = _FACET.findall(text)
+    if text.count(b"facet") != 2 * len(facets) or text.count(b"vertex") != 3 * len(facets):
+        raise damaged(file, f"has words of facets beside its {len(facets)} whole ones")
+    # A facet in a line of its own for each vertex.
+    return re.sub(rb"\s+(?=vertex|endloop|endsolid|facet)", b"\n", text), len(facets)
+
+
+def check_census(file: Path, declared: int, found: int) -> None:
+    """Refuse what was read where the file declares more or fewer triangles.
+
+    Raises
+    ------
+    FileError
+    """
+    if declared != found:
+        raise FileError(
+            str(file),
+            f"holds {declared} triangles, and {found} were read",
+            "none may be lost or made up",
+            "write it again as binary STL",
+            value=(declared, found),
+        )
+
+
+def _ply(file: Path) -> Surface:
+    vertices, corners, sizes = read_ply(file)
+    return vertices, triangulated(vertices, corners, sizes, file)
+
+
+_READERS: Final[dict[str, Callable[[Path], Surface]]] = {
+    ".stl": _stl,
+    ".obj": read_obj,
+    ".ply": _ply,
+    ".off": read_off,
+    ".glb": read_gltf,
+    ".gltf": read_gltf,
+    ".dae": read_collada,
+}
+"""Which function reads a file, by suffix."""
+
+SUFFIXES: Final = tuple(_READERS)
+"""Formats that are read."""
 
 
 def flattened(shape: Any, name: str) -> tuple[Floats, Integers]:
@@ -120,8 +204,10 @@ def flattened(shape: Any, name: str) -> tuple[Floats, Integers]:
         parts = [(shape, np.eye(4))]
     else:
         raise InputError(
-            f"{name} is a {type(shape).__name__}; a mesh is needed; pass a file name, a trimesh.Trimesh, a "
-            "trimesh.Scene, or vertices and faces"
+            name,
+            f"is a {type(shape).__name__}",
+            "a mesh is needed",
+            "pass a file name, a trimesh.Trimesh, a trimesh.Scene, or vertices and faces",
         )
     surfaces = []
     for part, transform in parts:
@@ -129,8 +215,10 @@ def flattened(shape: Any, name: str) -> tuple[Floats, Integers]:
             what = "cloud of points" if isinstance(part, trimesh.PointCloud) else "part without triangles"
             if len(parts) > 1:
                 raise GeometryError(
-                    f"{name} has a {what} ({type(part).__name__}) among its meshes; it would be lost; remove it, or "
-                    "pass the meshes alone"
+                    name,
+                    f"has a {what} ({type(part).__name__}) among its meshes",
+                    "it would be lost",
+                    "remove it, or pass the meshes alone",
                 )
             raise _without_triangles(name, f"{what} ({type(part).__name__})")
         points = finite(part.vertices, f"vertices of {name}")
@@ -140,14 +228,17 @@ def flattened(shape: Any, name: str) -> tuple[Floats, Integers]:
     return joined(surfaces)
 
 
-def _without_triangles(name: str, what: str) -> GeometryError:
-    if not what:
-        return GeometryError(f"{name} is empty; a mesh needs triangles; check what was exported")
-    return GeometryError(
-        f"{name} is a {what}; a mesh needs triangles; for points use Workspace.from_points, or make a mesh of it first"
-    )
-
-
 def _placed(scene: Any) -> list[tuple[NDArray[np.float64], str]]:
     """Transform and name of each part of a scene, once for each place where it stands."""
     return [scene.graph[node] for node in scene.graph.nodes_geometry]
+
+
+def _without_triangles(name: str, what: str) -> GeometryError:
+    if not what:
+        return GeometryError(name, "is empty", "a mesh needs triangles", "check what was exported")
+    return GeometryError(
+        name,
+        f"is a {what}",
+        "a mesh needs triangles",
+        "for points use Workspace.from_points, or make a mesh of it first",
+    )

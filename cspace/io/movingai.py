@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.errors import FileError
-from cspace.io.input import read_text
-from cspace.memory import FIXED_CELLS, check_memory
+from cspace.io.input import damaged, read_text
+from cspace.io.limits import check_cells
 
 PASSABLE: Final = ".GS"
 BLOCKED: Final = "@OTW"
@@ -86,21 +86,17 @@ def read_map(path: str | os.PathLike[str]) -> NDArray[np.bool_]:
     rows, width, height = lines[4:], sizes["width"], sizes["height"]
     for number, row in enumerate(rows, start=5):
         if len(row) != width:
-            raise FileError(
-                f"{os.fspath(path)}, line {number} has {len(row)} characters; the header says width {width}; the file "
-                "is damaged, fetch it again"
-            )
+            raise damaged(path, f"line {number} has {len(row)} characters, and the header says width {width}")
         wrong = row.translate(_DROP_CELLS)
         if wrong:
             raise FileError(
-                f"{os.fspath(path)}, line {number}, column {row.index(wrong[0]) + 1} is {wrong[0]!r}; cells are one of "
-                f"'{PASSABLE}' (passable) or '{BLOCKED}' (blocked); replace it"
+                os.fspath(path),
+                f"line {number}, column {row.index(wrong[0]) + 1} is {wrong[0]!r}",
+                f"cells are one of '{PASSABLE}' (passable) or '{BLOCKED}' (blocked)",
+                "replace it",
             )
     if len(rows) != height:
-        raise FileError(
-            f"{os.fspath(path)} ends at line {len(lines)} with {len(rows)} rows; the header says height {height}; the "
-            "file is truncated or damaged, fetch it again"
-        )
+        raise damaged(path, f"ends at line {len(lines)} with {len(rows)} rows, and the header says height {height}")
     cells = np.frombuffer("".join(rows).encode("ascii"), dtype=np.uint8).reshape(height, width)
     blocked = np.isin(cells, np.frombuffer(BLOCKED.encode("ascii"), dtype=np.uint8))
     return np.ascontiguousarray(blocked[::-1].T)
@@ -119,9 +115,8 @@ def read_3dmap(path: str | os.PathLike[str]) -> NDArray[np.bool_]:
     Raises
     ------
     FileError
-        If the file is missing, or a line is malformed or has a voxel outside the map; the message names the line.
-    InputError
-        If so many voxels do not fit into memory.
+        If the file is missing, declares too many voxels, or a line is malformed or has a voxel outside the map; the
+        message names the line. A file that is cut between two lines cannot be told from a whole one.
     """
     text = read_text(path, "MovingAI voxel map")
     first, _, body = text.partition("\n")
@@ -129,7 +124,7 @@ def read_3dmap(path: str | os.PathLike[str]) -> NDArray[np.bool_]:
     if words[:1] != ["voxel"] or len(words) != 4 or not all(_is_count(word) and int(word) > 0 for word in words[1:]):
         raise _fault(path, 1, [first.rstrip()], "'voxel' and three whole numbers above zero")
     shape = (int(words[1]), int(words[2]), int(words[3]))
-    check_memory(math.prod(shape), f"the voxel map {os.fspath(path)}", shape, 1.0, mend=FIXED_CELLS)
+    check_cells(path, shape)
     blocked = np.zeros(shape, dtype=np.bool_)
     if not body.strip():
         return blocked
@@ -153,7 +148,7 @@ def _voxel_fault(path: str | os.PathLike[str], body: str, shape: tuple[int, int,
             return _fault(path, number, lines, "'x y z' of a blocked voxel, whole numbers from 0 on")
         if words and any(int(word) >= n for word, n in zip(words, shape, strict=True)):
             return _fault(path, number, lines, f"a voxel inside {' x '.join(map(str, shape))}, counted from 0")
-    return FileError(f"{os.fspath(path)} cannot be read as lines of 'x y z'; the file is damaged, fetch it again")
+    return damaged(path, "cannot be read as lines of 'x y z'")
 
 
 def _is_count(word: str) -> bool:
@@ -204,6 +199,4 @@ def _lines(path: str | os.PathLike[str], kind: str) -> list[str]:
 def _fault(path: str | os.PathLike[str], number: int, lines: list[str], rule: str) -> FileError:
     """The error for a line that is not what it should be."""
     found = repr(lines[number - 1][:60]) if number <= len(lines) else "missing"
-    return FileError(
-        f"{os.fspath(path)}, line {number} is {found}; it must hold {rule}; the file is damaged or of another format"
-    )
+    return FileError(os.fspath(path), f"line {number} is {found}", f"it must hold {rule}", "mend it or fetch it again")

@@ -36,7 +36,8 @@ def read_npy(path: str | os.PathLike[str]) -> NDArray[Any]:
     """
     file = existing(path, KIND)
     try:
-        array = np.load(file, mmap_mode="r", allow_pickle=False)
+        with np.errstate(over="raise"):
+            array = np.load(file, mmap_mode="r", allow_pickle=False)
         if isinstance(array, np.ndarray):
             return array
         reason = "it is an archive of several arrays"

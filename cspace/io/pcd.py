@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from cspace.errors import FileError
 from cspace.io.columns import read_columns
-from cspace.io.input import existing, unreadable
+from cspace.io.input import damaged, header_lines, read_bytes
+from cspace.io.limits import check_bytes
 
 Floats = NDArray[np.float64]
 
@@ -80,38 +81,39 @@ def read_pcd(path: str | os.PathLike[str]) -> Floats:
     FileError
         If the file is missing, has a malformed header or no such fields, or is truncated or damaged.
     """
-    file = existing(path, KIND)
-    try:
-        content = file.read_bytes()
-    except OSError as error:
-        raise unreadable(file, KIND, error) from error
-    header, body = _split(str(file), content)
-    points = _DECODERS[header.data](str(file), header, body)
+    content, file = read_bytes(path, KIND, memory=12.0), os.fspath(path)
+    header, end = _split(file, content)
+    points = _DECODERS[header.data](file, header, content[end:])
     return np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 3)
 
 
-def _split(file: str, content: bytes) -> tuple[_Header, bytes]:
-    """The header and the bytes after it."""
+def _split(file: str, content: bytes) -> tuple[_Header, int]:
+    """The header, and the byte after it."""
     words: dict[str, list[str]] = {}
-    number = 0
-    while content and "DATA" not in words:
-        raw, _, content = content.partition(b"\n")
-        number += 1
-        key, *values = raw.decode("latin-1").partition("#")[0].split() or [""]
+    end = 0
+    for number, (line, after) in enumerate(header_lines(content), start=1):
+        key, *values = line.partition("#")[0].split() or [""]
         if key and key not in _KEYS:
             raise FileError(
-                f"{file}, line {number} is {raw[:40]!r}; the header of a PCD file has lines of {', '.join(_KEYS)}; the "
-                "file is damaged or of another format"
+                file,
+                f"line {number} is {line[:40]!r}",
+                f"the header of a PCD file has lines of {', '.join(_KEYS)}",
+                "the file is damaged or of another format",
             )
         if key:
             words["FIELDS" if key == "COLUMNS" else key] = values
+        end = after
+        if key == "DATA":
+            break
     missing = [key for key in ("FIELDS", "SIZE", "TYPE", "DATA") if key not in words]
     if missing or not ("POINTS" in words or {"WIDTH", "HEIGHT"} <= words.keys()):
         raise FileError(
-            f"{file} has no {' and '.join(missing) or 'POINTS'} in its header; a PCD file begins with FIELDS, SIZE, "
-            "TYPE, POINTS and DATA; the file is truncated, fetch it again"
+            file,
+            f"has no {' and '.join(missing) or 'POINTS'} in its header",
+            "a PCD file begins with FIELDS, SIZE, TYPE, POINTS and DATA",
+            "the file is truncated, fetch it again",
         )
-    return _header(file, words, number), content
+    return _header(file, words, number), end
 
 
 def _header(file: str, words: dict[str, list[str]], lines: int) -> _Header:
@@ -123,30 +125,29 @@ def _header(file: str, words: dict[str, list[str]], lines: int) -> _Header:
         grid = [int(words[key][0]) for key in ("WIDTH", "HEIGHT") if key in words]
         points = int(words["POINTS"][0]) if "POINTS" in words else math.prod(grid)
     except (ValueError, IndexError) as error:
-        raise FileError(f"{file} has a malformed header: {error}; SIZE, COUNT and POINTS hold whole numbers") from error
+        raise damaged(file, f"has a malformed header: {error}; SIZE, COUNT and POINTS hold whole numbers") from error
     types = list(zip(words["TYPE"], sizes, strict=False))
     if not (len(fields) == len(sizes) == len(words["TYPE"]) == len(counts)) or not set(types) <= _TYPES:
         raise FileError(
-            f"{file} has fields {fields} of types {types} and counts {counts}; each field needs a type F, I or U, a "
-            "size of 1, 2, 4 or 8 bytes and a count; the file is damaged"
+            file,
+            f"has fields {fields} of types {types} and counts {counts}",
+            "each field needs a type F, I or U, a size of 1, 2, 4 or 8 bytes and a count",
+            "the file is damaged",
         )
     coordinates = [field for field in fields if field in ("x", "y", "z")]
     if sorted(coordinates) != ["x", "y", "z"] or any(counts[fields.index(axis)] != 1 for axis in "xyz"):
-        raise FileError(f"{file} has the fields {' '.join(fields)}; a cloud in space has x, y and z, once each")
-    if min(*counts, points, *grid) < 0 or (len(grid) == 2 and math.prod(grid) != points):
         raise FileError(
-            f"{file} says {points} points in {' x '.join(map(str, grid))}, with counts {counts}; these must agree; the "
-            "file is damaged"
+            file, f"has the fields {' '.join(fields)}", "a cloud in space has x, y and z, once each", "write them"
         )
+    if min(*counts, points, *grid) < 0 or (len(grid) == 2 and math.prod(grid) != points):
+        where = " x ".join(map(str, grid))
+        raise damaged(file, f"says {points} points in {where}, with counts {counts}, which do not agree")
     length = sum(size * count for size, count in zip(sizes, counts, strict=True))
     if length > _LONGEST:
-        raise FileError(
-            f"{file} says {length} bytes for each point, by SIZE and COUNT; at most {_LONGEST} are read; the file is "
-            "damaged"
-        )
+        raise damaged(file, f"says {length} bytes for each point, by SIZE and COUNT; at most {_LONGEST} are read")
     data = " ".join(words["DATA"])
     if data not in _DECODERS:
-        raise FileError(f"{file} says DATA {data!r}; it is one of {', '.join(_DECODERS)}; write the file again")
+        raise FileError(file, f"says DATA {data!r:.60}", f"it is one of {', '.join(_DECODERS)}", "write the file again")
     dtypes = tuple(np.dtype(f"<{kind.lower()}{size}") for kind, size in types)
     return _Header(fields, dtypes, counts, points, data, lines)
 
@@ -157,9 +158,7 @@ def _ascii(file: str, header: _Header, body: bytes) -> Floats:
     if len(rows) != header.points:
         raise _truncated(file, f"{len(rows)} points", f"{header.points}")
     if len(rows) and rows.shape[1] != starts[-1]:
-        raise FileError(
-            f"{file} has {rows.shape[1]} columns; its header says {starts[-1]}; the file is damaged, fetch it again"
-        )
+        raise damaged(file, f"has {rows.shape[1]} columns, and its header says {starts[-1]}")
     return rows[:, starts[header.xyz]] if len(rows) else np.zeros((0, 3))
 
 
@@ -173,7 +172,7 @@ def _binary(file: str, header: _Header, body: bytes) -> Floats:
 
 def _compressed(file: str, header: _Header, body: bytes) -> Floats:
     """One field after the other, packed by LZF; before them the sizes, packed and unpacked."""
-    from cspace.io import _kernels
+    from cspace.io.lzf import unpack_lzf
 
     wanted = header.points * header.record.itemsize
     if header.points == 0:
@@ -184,18 +183,14 @@ def _compressed(file: str, header: _Header, body: bytes) -> Floats:
     if len(body) - 8 < packed:
         raise _truncated(file, f"{len(body) - 8} bytes of packed points", f"{packed}")
     if unpacked != wanted:
-        raise FileError(
-            f"{file} says {unpacked} bytes of points; {header.points} points of {header.record.itemsize} bytes are "
-            f"{wanted}; the file is damaged, fetch it again"
-        )
+        size = f"{header.points} points of {header.record.itemsize} bytes are {wanted}"
+        raise damaged(file, f"says {unpacked} bytes of points; {size}")
     if wanted > _UNPACKED * packed:
-        raise FileError(
-            f"{file} says {packed} packed bytes for {wanted}; one stands for {_UNPACKED} at most; the file is damaged, "
-            "fetch it again"
-        )
+        raise damaged(file, f"says {packed} packed bytes for {wanted}; one stands for {_UNPACKED} at most")
+    check_bytes(file, wanted, "unpacks to", memory=4.0)
     plain = np.empty(wanted, dtype=np.uint8)
-    if _kernels.unpack_lzf(np.frombuffer(body, dtype=np.uint8, count=packed, offset=8), plain) != wanted:
-        raise FileError(f"{file} does not unpack to the {wanted} bytes that it tells; it is damaged, fetch it again")
+    if unpack_lzf(np.frombuffer(body, dtype=np.uint8, count=packed, offset=8), plain) != wanted:
+        raise damaged(file, f"does not unpack to the {wanted} bytes that it tells")
     widths = [header.points * kind.itemsize * n for kind, n in zip(header.types, header.counts, strict=True)]
     starts = np.cumsum([0, *widths])
     columns = [plain[starts[n] : starts[n + 1]].view(header.types[n]) for n in header.xyz]
@@ -203,7 +198,7 @@ def _compressed(file: str, header: _Header, body: bytes) -> Floats:
 
 
 def _truncated(file: str, found: str, wanted: str) -> FileError:
-    return FileError(f"{file} holds {found}; its header says {wanted}; the file is truncated, fetch it again")
+    return damaged(file, f"holds {found}, and its header says {wanted}")
 
 
 _DECODERS: Final[dict[str, Callable[[str, _Header, bytes], Floats]]] = {

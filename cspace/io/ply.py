@@ -1,21 +1,33 @@
-"""Headers of PLY files: which elements there are, and how many."""
+"""PLY (Turk, 1994): the header, read once for meshes and for clouds of points, and the elements, read by trimesh."""
 
 from __future__ import annotations
 
+import io
 import os
+import warnings
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
 
 from cspace.errors import FileError, GeometryError
-from cspace.io.input import existing, unreadable
+from cspace.io.input import damaged, existing, header_lines, read_bytes, unreadable
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
 
 KIND: Final = "PLY file"
 
-_NO_SURFACES: Final = ("vertex", "face", "range_grid")
-"""Elements that may have lists: what is read, and the raster of a range scan, which numbers its vertices."""
-
+_FORMATS: Final = ("ascii", "binary_little_endian", "binary_big_endian")
+_CORNERS: Final = ("vertex_indices", "vertex_index")
 _DIGITS: Final = 18
 """At most so many of a count; more is no count of anything."""
+
+_NO_FACES: Final = (np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64))
+
+_MEMORY: Final = 8.0
+"""Bytes that each byte of a file takes while it is read."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,12 +36,29 @@ class PlyHeader:
 
     Attributes
     ----------
-    vertices, faces : int
-        How many.
+    is_text : bool
+    counts : dict of str to int
+        How many there are of each element, in the order of the file.
+    properties : dict of str to list of (str, bool)
+        Name of each property of an element, and whether it is a list.
+    end : int
+        Byte at which the elements begin.
     """
 
-    vertices: int
-    faces: int
+    is_text: bool
+    counts: dict[str, int]
+    properties: dict[str, list[tuple[str, bool]]]
+    end: int
+
+    @property
+    def vertices(self) -> int:
+        """Number of vertices."""
+        return self.counts["vertex"]
+
+    @property
+    def faces(self) -> int:
+        """Number of faces."""
+        return self.counts.get("face", 0)
 
 
 def read_ply_header(path: str | os.PathLike[str]) -> PlyHeader:
@@ -43,36 +72,142 @@ def read_ply_header(path: str | os.PathLike[str]) -> PlyHeader:
         If it has surfaces of another kind than faces, such as strips of triangles, which would be lost.
     """
     file = existing(path, KIND)
-    counts: dict[str, int] = {}
-    lists: set[str] = set()
-    name, complete = "", False
     try:
         with file.open("rb") as stream:
-            if stream.readline().strip() == b"ply":
-                for line in stream:
-                    words = line.decode("latin-1").split()
-                    if words[:1] == ["element"] and len(words) == 3 and _is_count(words[2]):
-                        name = words[1]
-                        counts[name] = int(words[2])
-                    elif words[:2] == ["property", "list"]:
-                        lists.add(name)
-                    complete = words == ["end_header"]
-                    if complete:
-                        break
+            return _header(stream.read(2**16), str(file))
     except OSError as error:
+        if isinstance(error, FileError):
+            raise
         raise unreadable(file, KIND, error) from error
-    if not complete or "vertex" not in counts:
-        raise FileError(
-            f"{file} has no whole PLY header; it goes from 'ply' to 'end_header' and tells 'element vertex'; the file "
-            "is truncated or of another format"
-        )
-    strange = [name for name in lists.difference(_NO_SURFACES) if counts.get(name)]
-    if strange:
-        raise GeometryError(
-            f"{file} has elements {', '.join(sorted(strange))}, which may be surfaces; they would be lost, since only "
-            "'face' is read; write it with faces, e.g. by MeshLab"
-        )
-    return PlyHeader(counts["vertex"], counts.get("face", 0))
+
+
+def read_ply(path: str | os.PathLike[str]) -> tuple[Floats, Integers, Integers]:
+    """Vertices and faces of a PLY file.
+
+    Returns
+    -------
+    vertices : ndarray of float64, shape (V, 3)
+    corners : ndarray of int64
+        Vertices of the polygons, one polygon after the other.
+    sizes : ndarray of int64, shape (F,)
+        Corners of each polygon.
+
+    Raises
+    ------
+    FileError
+        If the file is missing, malformed or truncated, holds more or fewer elements than it declares, or is binary and
+        has faces of different numbers of corners.
+    GeometryError
+        If it has surfaces of another kind.
+    """
+    from trimesh.exchange.ply import load_ply
+
+    content, file = read_bytes(path, KIND, memory=_MEMORY), os.fspath(path)
+    header = _header(content, file)
+    faces: tuple[Integers, Integers] | None = None
+    if header.is_text:
+        content, faces = _counted(content, header, file)
+    if not {"x", "y", "z"} <= {name for name, _ in header.properties["vertex"]}:
+        raise damaged(file, "has vertices without x, y and z")
+    if not header.vertices:
+        return np.empty((0, 3)), np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", DeprecationWarning)  # what numpy says of text that is no number
+            loaded: Any = load_ply(io.BytesIO(content), skip_materials=True)
+        elements = loaded["metadata"]["_ply_raw"]
+        vertices = np.column_stack([np.asarray(elements["vertex"]["data"][axis]).reshape(-1) for axis in "xyz"])
+        if faces is None:
+            faces = _corners(elements["face"]["data"], header, file) if header.faces else _NO_FACES
+    except (FileError, MemoryError):
+        raise
+    except Exception as error:  # trimesh raises whatever the damage leads to.
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise damaged(file, f"cannot be read as a {KIND} with faces of equally many corners ({reason:.200})") from error
+    if len(vertices) != header.vertices or len(faces[1]) != header.faces:
+        found = f"{len(vertices)} and {len(faces[1])} were read"
+        raise damaged(file, f"declares {header.vertices} vertices and {header.faces} faces, and {found}")
+    return vertices.astype(np.float64), *faces
+
+
+def _counted(content: bytes, header: PlyHeader, file: str) -> tuple[bytes, tuple[Integers, Integers]]:
+    """A text without its blank lines, each of the others held to the properties of its element; and the faces.
+
+    trimesh takes blank lines for elements, passes over lines and words too many, and tells the length of all lists by
+    the first one.
+    """
+    rows = [words for line in content[header.end :].splitlines() if (words := line.split())]
+    if len(rows) != sum(header.counts.values()):
+        raise damaged(file, f"declares {sum(header.counts.values())} elements and has {len(rows)} lines of them")
+    corners: list[bytes] = []
+    sizes: list[int] = []
+    first = 0
+    try:
+        for element, count in header.counts.items():
+            properties = header.properties[element]
+            lists = any(is_list for _, is_list in properties)
+            for words in rows[first : first + count]:
+                at = 0 if lists else len(properties)
+                for name, is_list in properties if lists else ():
+                    if is_list and name in _CORNERS and element == "face":
+                        sizes.append(int(words[at]))
+                        corners += words[at + 1 : at + 1 + sizes[-1]]
+                    at += 1 + int(words[at]) if is_list else 1
+                if at != len(words):
+                    raise damaged(file, f"has a {element} of {len(words)} words, and declares {at}")
+            first += count
+        faces = np.array(corners, dtype=np.bytes_).astype(np.int64), np.array(sizes, dtype=np.int64)
+    except (IndexError, ValueError, OverflowError) as error:
+        raise damaged(file, f"has elements that are not as declared ({error})") from error
+    return content[: header.end] + b"\n".join(map(b" ".join, rows)), faces
+
+
+def _header(content: bytes, file: str) -> PlyHeader:
+    counts: dict[str, int] = {}
+    properties: dict[str, list[tuple[str, bool]]] = {}
+    form, name = "", ""
+    for number, (line, after) in enumerate(header_lines(content)):
+        words = line.split()
+        if number == 0 and words != ["ply"]:
+            break
+        if words[:1] == ["format"] and len(words) == 3:
+            form = words[1]
+        elif words[:1] == ["element"] and len(words) == 3 and _is_count(words[2]) and words[1] not in counts:
+            name = words[1]
+            counts[name], properties[name] = int(words[2]), []
+        elif words[:1] == ["property"] and name and len(words) in (3, 5) and (len(words) == 5) == (words[1] == "list"):
+            properties[name].append((words[-1], len(words) == 5))
+        elif words == ["end_header"] and "vertex" in counts and form in _FORMATS:
+            known = ("face", "range_grid")
+            strange = [e for e in counts if e not in known and counts[e] and any(listed for _, listed in properties[e])]
+            if strange:
+                raise GeometryError(
+                    file,
+                    f"has elements {', '.join(strange)} with lists, which may be surfaces",
+                    "they would be lost, since only 'face' is read",
+                    "write it with faces, e.g. by MeshLab",
+                )
+            return PlyHeader(form == "ascii", counts, properties, after)
+        elif number and words[:1] not in (["comment"], ["obj_info"], []):
+            break
+    raise FileError(
+        file,
+        "has no whole PLY header",
+        "it goes from 'ply' and 'format' to 'end_header' and tells 'element vertex' once",
+        "the file is truncated or of another format, fetch it again",
+    )
+
+
+def _corners(data: Any, header: PlyHeader, file: str) -> tuple[Integers, Integers]:
+    """The faces of a binary file, all of equally many corners: trimesh tells the length by the first one."""
+    names = [name for name, is_list in header.properties["face"] if is_list and name in _CORNERS]
+    if len(names) != 1:
+        raise damaged(file, f"has faces without one list named {' or '.join(_CORNERS)}")
+    counts, corners = data[names[0]]["f0"], data[names[0]]["f1"]
+    size = corners.shape[1] if corners.ndim == 2 else 1
+    if any((data[name]["f0"] != data[name]["f0"][0]).any() for name, is_list in header.properties["face"] if is_list):
+        raise damaged(file, "has faces of different numbers of corners; write it as text, or with triangles alone")
+    return np.asarray(corners, dtype=np.int64).reshape(-1), np.full(len(counts), size)
 
 
 def _is_count(word: str) -> bool:

@@ -5,24 +5,23 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cspace.errors import FileError, GeometryError, InputError
 from cspace.io.columns import read_columns
-from cspace.io.input import existing, read_text
+from cspace.io.input import not_a_name, read_text
 from cspace.io.npy import read_npy
 from cspace.io.pcd import read_pcd
-from cspace.io.ply import KIND as PLY
-from cspace.io.ply import read_ply_header
+from cspace.io.ply import read_ply
 
 Floats = NDArray[np.float64]
 Named = str | os.PathLike[str]
 
 
-def read_points(path: str | os.PathLike[str]) -> Floats:
+def read_points(path: Named) -> Floats:
     """Points of a cloud.
 
     Parameters
@@ -30,8 +29,8 @@ def read_points(path: str | os.PathLike[str]) -> Floats:
     path : path-like
         ``.npy``: an array of shape (n, 3). ``.xyz``, ``.txt``, ``.csv``: lines of x, y and z, separated by blanks or
         commas, with ``#`` before comments. ``.ply``: its vertices. ``.pcd``: the format of the Point Cloud Library.
-        Colours, normals and other columns are left. A text that is cut within its very last number still reads as
-        one; nothing in these formats, when they are text, tells the difference.
+        Colours, normals and other columns are left. Nothing counts the lines of a text: one that is cut between two
+        lines, or within its very last number, reads as a smaller cloud.
 
     Returns
     -------
@@ -43,7 +42,7 @@ def read_points(path: str | os.PathLike[str]) -> Floats:
     InputError
         If the suffix is another one.
     FileError
-        If the file is missing, truncated or malformed.
+        If the file is missing, too large, truncated or malformed.
     GeometryError
         If there is no point, or a point is not finite: many sensors write NaN where they saw nothing, which is neither
         free nor occupied. Or if a ``.ply`` has surfaces that are no faces.
@@ -51,21 +50,26 @@ def read_points(path: str | os.PathLike[str]) -> Floats:
     try:
         suffix = Path(path).suffix.lower()
     except TypeError as error:
-        raise InputError(f"path is {path!r}; it must be a file name; pass a string or a pathlib.Path") from error
+        raise not_a_name(path) from error
+    file = os.fspath(path)
     if suffix not in READERS:
         raise InputError(
-            f"{os.fspath(path)} ends in {suffix!r}; the suffix says how a cloud is written; use one of "
-            f"{', '.join(READERS)}"
+            "points",
+            f"is {file}, which ends in {suffix!r}",
+            "the suffix says how a cloud is written",
+            f"use one of {', '.join(READERS)}",
+            value=path,
         )
     points = READERS[suffix](path)
     if not len(points):
-        raise GeometryError(f"{os.fspath(path)} holds no point; a cloud needs one at least; check how it was written")
+        raise GeometryError(file, "holds no point", "a cloud needs one at least", "check how it was written")
     broken = int((~np.isfinite(points).all(axis=1)).sum())
     if broken:
         raise GeometryError(
-            f"{os.fspath(path)} holds {broken} points of {len(points)} that are not finite; where the sensor saw "
-            "nothing is neither free nor occupied; drop them before the file is written: "
-            "points[np.isfinite(points).all(axis=1)]"
+            file,
+            f"holds {broken} points of {len(points)} that are not finite",
+            "where the sensor saw nothing is neither free nor occupied",
+            "drop them before the file is written: points[np.isfinite(points).all(axis=1)]",
         )
     return points
 
@@ -74,41 +78,25 @@ def _read_npy(path: Named) -> Floats:
     array = read_npy(path)
     if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "fiu":
         raise FileError(
-            f"{os.fspath(path)} holds shape {array.shape} and type {array.dtype}; a cloud is one array of numbers of "
-            "shape (n, 3); save such a one"
+            os.fspath(path),
+            f"holds shape {array.shape} and type {array.dtype}",
+            "a cloud is one array of numbers of shape (n, 3)",
+            "save such a one",
         )
-    return np.ascontiguousarray(array, dtype=np.float64)
+    return np.array(array, dtype=np.float64)
 
 
 def _read_text(path: Named) -> Floats:
-    rows = read_columns(read_text(path, "point cloud"), os.fspath(path))
+    rows = read_columns(read_text(path, "point cloud", memory=12.0), os.fspath(path))
     if len(rows) and rows.shape[1] < 3:
-        raise FileError(f"{os.fspath(path)} has {rows.shape[1]} columns; points have x, y and z; write three for each")
+        raise FileError(
+            os.fspath(path), f"has {rows.shape[1]} columns", "points have x, y and z", "write three for each"
+        )
     return np.ascontiguousarray(rows[:, :3]) if len(rows) else np.zeros((0, 3))
 
 
 def _read_ply(path: Named) -> Floats:
-    """Vertices of a PLY file; its header tells how many there are, and a reader may lose some without a word."""
-    import trimesh
-
-    file = existing(path, PLY)
-    wanted = read_ply_header(file).vertices
-    if wanted == 0:
-        return np.zeros((0, 3))
-    try:
-        with file.open("rb") as stream:
-            loaded: Any = trimesh.load(stream, file_type="ply", process=False)
-        points = np.array(loaded.vertices, dtype=np.float64).reshape(-1, 3)
-    except Exception as error:  # trimesh raises whatever the damage leads to
-        raise FileError(
-            f"{file} cannot be read: {error}; its header says {wanted} vertices with x, y and z; the file is truncated "
-            "or damaged, fetch it again"
-        ) from error
-    if len(points) != wanted:
-        raise FileError(
-            f"{file} holds {len(points)} vertices; its header says {wanted}; the file is truncated, fetch it again"
-        )
-    return points
+    return read_ply(path)[0]
 
 
 READERS: Final[dict[str, Callable[[Named], Floats]]] = {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,9 +15,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.errors import FileError, InputError
 from cspace.grid import SLACK, Grid
-from cspace.io.image import read_shades
-from cspace.io.input import read_text
+from cspace.io.image import Shades, read_shades
+from cspace.io.input import not_a_name
+from cspace.io.limits import check_cells
 from cspace.io.output import replacing
+from cspace.io.plain import read_yaml
 from cspace.states import BLOCKED, FREE, MIXED
 
 Bools = NDArray[np.bool_]
@@ -26,6 +29,9 @@ UNKNOWN: Final = ("occupied", "free")
 SUFFIXES: Final = (".yaml", ".yml")
 QUARTERS: Final = ((1, 0), (0, 1), (-1, 0), (0, -1))
 """Cosine and sine of 0 to 3 quarter turns."""
+
+_KEYS: Final = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
+"""What the YAML file must say."""
 
 LEVELS: Final = {FREE: 254, MIXED: 205, BLOCKED: 0}
 """Grey of each state in a written map, as the ROS tools write free, unknown and occupied."""
@@ -72,12 +78,9 @@ def read_ros_map(path: str | os.PathLike[str], unknown: str = "occupied") -> tup
         If the YAML or its image is missing or malformed; the message names the key and its value.
     """
     if unknown not in UNKNOWN:
-        raise InputError(
-            f"unknown is {unknown!r}; it says what unknown cells are; pass one of {', '.join(map(repr, UNKNOWN))}"
-        )
+        raise InputError("unknown", f"is {unknown!r}", "it says what unknown cells are", f"pass one of {UNKNOWN}")
     header = _read_header(path)
-    shade, opaque = read_shades(header.image, "ROS map's image")
-    free, occupied = MODES[header.mode](header, shade, opaque)
+    free, occupied = MODES[header.mode](header, read_shades(header.image, "ROS map's image"))
     solid = ~free if unknown == "occupied" else occupied
     turns = _quarter_turns(header.yaw, solid.shape)
     if turns is None:
@@ -115,18 +118,21 @@ def write_ros_map(state: ArrayLike, grid: Grid, path: str | os.PathLike[str], ov
     try:
         target = Path(path)
     except TypeError as error:
-        raise InputError(f"path is {path!r}; it must be a file name; pass a string or a pathlib.Path") from error
+        raise not_a_name(path) from error
     if target.suffix.lower() not in SUFFIXES:
-        raise InputError(f"{target} ends in {target.suffix!r}; a ROS map ends in .yaml; rename it")
+        raise InputError("path", f"is {target}", "a ROS map ends in .yaml", "rename it", value=path)
     cells = np.asarray(state)
     if grid.dim != 2 or cells.shape != grid.shape:
         raise InputError(
-            f"state has shape {cells.shape} on a grid of {grid.shape}; a ROS map is a plane grid of the same shape; "
-            "export a map of the plane, or one slice of it"
+            "state",
+            f"has shape {cells.shape} on a grid of {grid.shape}",
+            "a ROS map is a plane grid of the same shape",
+            "export a map of the plane, or one slice of it",
         )
-    if not np.isin(cells, list(LEVELS)).all():
-        wrong = cells[~np.isin(cells, list(LEVELS))][0]
-        raise InputError(f"state holds {wrong}; it must hold {', '.join(map(str, LEVELS))} only; pass CSpace.state")
+    if cells.dtype.kind not in "iu" or cells.min() < FREE or cells.max() > BLOCKED:
+        raise InputError(
+            "state", "holds other values than FREE, MIXED and BLOCKED", "it is a state", "pass CSpace.state"
+        )
     image = target.with_suffix(".pgm")
     header = {
         "image": image.name,
@@ -138,7 +144,7 @@ def write_ros_map(state: ArrayLike, grid: Grid, path: str | os.PathLike[str], ov
         "free_thresh": 0.1,
     }
     levels = np.array([LEVELS[value] for value in sorted(LEVELS)], dtype=np.uint8)
-    pixels = levels[cells.astype(np.intp)].T[::-1]
+    pixels = levels[cells].T[::-1]
     # The YAML refers to the image, so that it gets its name last.
     with replacing(target, overwrite) as yaml_file, replacing(image, overwrite) as image_file:
         image_file.write_bytes(b"P5\n%d %d\n255\n" % (grid.shape[0], grid.shape[1]) + pixels.tobytes())
@@ -161,37 +167,32 @@ class _Header:
 
 
 def _read_header(path: str | os.PathLike[str]) -> _Header:
-    import yaml
-
-    text = read_text(path, "ROS map")
-    try:
-        document = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        reason = " ".join(str(error).split())
-        raise FileError(f"{os.fspath(path)} is not YAML: {reason}; a ROS map is a YAML file; mend that line") from error
+    document = read_yaml(path, "ROS map")
     if not isinstance(document, dict):
         raise _fault(path, f"holds {type(document).__name__}", "keys and values", "write e.g. 'resolution: 0.05'")
-    image = _value(document, "image", path)
-    if not isinstance(image, str) or not image:
-        raise _fault(path, f"image is {image!r}", "the name of the image", "write e.g. 'image: map.pgm'")
-    mode = document.get("mode", "trinary")
+    missing = [key for key in _KEYS if key not in document]
+    if missing:
+        beside = ", ".join(document) or "nothing"
+        raise _fault(path, f"{missing[0]} is missing", f"there, beside {beside:.200}", f"add '{missing[0]}:'")
+    image, mode, negate = document["image"], document.get("mode", "trinary"), document["negate"]
+    if not isinstance(image, str) or not image or "\0" in image:
+        raise _fault(path, f"image is {image!r:.60}", "the name of the image", "write e.g. 'image: map.pgm'")
     if not isinstance(mode, str) or mode not in MODES:
-        raise _fault(path, f"mode is {mode!r}", f"one of {', '.join(MODES)}", "correct it")
-    resolution = _number(_value(document, "resolution", path), "resolution", path)
+        raise _fault(path, f"mode is {mode!r:.60}", f"one of {', '.join(MODES)}", "correct it")
+    resolution = _number(document["resolution"], "resolution", path)
     if resolution <= 0.0:
         raise _fault(
             path, f"resolution is {resolution}", "metres per cell, above zero", "write e.g. 'resolution: 0.05'"
         )
-    origin = _value(document, "origin", path)
+    origin = document["origin"]
     if not isinstance(origin, list) or len(origin) != 3:
-        raise _fault(path, f"origin is {origin!r}", "x, y and yaw", "write e.g. 'origin: [0.0, 0.0, 0.0]'")
+        raise _fault(path, f"origin is {origin!r:.60}", "x, y and yaw", "write e.g. 'origin: [0.0, 0.0, 0.0]'")
     x, y, yaw = (_number(value, f"origin[{i}]", path) for i, value in enumerate(origin))
-    negate = _value(document, "negate", path)
-    if negate not in (0, 1):
-        raise _fault(path, f"negate is {negate!r}", "0 or 1", "write 'negate: 0' where dark pixels are obstacles")
+    if isinstance(negate, list | dict) or negate not in (0, 1):
+        raise _fault(path, f"negate is {negate!r:.60}", "0 or 1", "write 'negate: 0' where dark pixels are obstacles")
     if negate and mode == "raw":
         raise _fault(path, "negate is 1 in raw mode", "0 there: ROS 1 and ROS 2 disagree on what it does", "remove it")
-    occupied, free = (_number(_value(document, key, path), key, path) for key in ("occupied_thresh", "free_thresh"))
+    occupied, free = (_number(document[key], key, path) for key in ("occupied_thresh", "free_thresh"))
     for key, value in (("occupied_thresh", occupied), ("free_thresh", free)):
         if not 0.0 <= value <= 1.0:
             raise _fault(path, f"{key} is {value}", "between 0 and 1", "correct it")
@@ -199,50 +200,65 @@ def _read_header(path: str | os.PathLike[str]) -> _Header:
         raise _fault(
             path, f"free_thresh is {free} and occupied_thresh is {occupied}", "free below occupied", "exchange them"
         )
-    return _Header(
-        os.fspath(path), Path(path).parent / image, mode, resolution, (x, y), yaw, bool(negate), occupied, free
-    )
+    return _Header(os.fspath(path), _beside(path, image), mode, resolution, (x, y), yaw, bool(negate), occupied, free)
 
 
-def _value(document: Mapping[str, Any], key: str, path: str | os.PathLike[str]) -> Any:
-    if key not in document:
-        raise _fault(path, f"{key} is missing", f"there, beside {', '.join(document) or 'nothing'}", f"add '{key}:'")
-    return document[key]
+def _beside(path: str | os.PathLike[str], image: str) -> Path:
+    """The image's file; said where it is a link out of the folder of the map, or named so."""
+    folder = Path(path).parent
+    file = folder / image
+    try:
+        outside = not file.resolve().is_relative_to(folder.resolve())
+    except (OSError, RuntimeError, ValueError) as error:
+        raise _fault(
+            path, f"image is {image!r:.60}, which cannot be looked up", "the name of a file", "correct it"
+        ) from (error)
+    if outside:
+        warnings.warn(f"{os.fspath(path)}: image is {image!r}, which lies outside of its folder", stacklevel=2)
+    return file
 
 
 def _number(value: Any, key: str, path: str | os.PathLike[str]) -> float:
-    """A finite number; YAML 1.1 takes 1e-3, having no dot, for a string."""
+    """A finite number."""
     try:
         number = math.nan if isinstance(value, bool) else float(value)
     except (TypeError, ValueError):
         number = math.nan
     if not math.isfinite(number):
-        raise _fault(path, f"{key} is {value!r}", "a finite number", "correct it")
+        raise _fault(path, f"{key} is {value!r:.60}", "a finite number", "correct it")
     return number
 
 
 def _fault(path: str | os.PathLike[str], found: str, rule: str, mend: str) -> FileError:
-    return FileError(f"{os.fspath(path)}: {found}; in a ROS map it must be {rule}; {mend}")
+    return FileError(os.fspath(path), found, f"in a ROS map it must be {rule}", mend)
 
 
-def _trinary(header: _Header, shade: Floats, opaque: Bools) -> tuple[Bools, Bools]:
-    p = shade if header.negate else 1.0 - shade
-    return (p < header.free_thresh) & opaque, (p >= header.occupied_thresh) & opaque
+def _trinary(header: _Header, image: Shades) -> tuple[Bools, Bools]:
+    free, occupied = (
+        image.where(lambda shade: _probability(header, shade) < header.free_thresh),
+        image.where(lambda shade: _probability(header, shade) >= header.occupied_thresh),
+    )
+    return free & image.opaque, occupied & image.opaque
 
 
-def _scale(header: _Header, shade: Floats, opaque: Bools) -> tuple[Bools, Bools]:
-    p = shade if header.negate else 1.0 - shade
-    free = p < header.free_thresh
-    return free & opaque, ~free & opaque
+def _scale(header: _Header, image: Shades) -> tuple[Bools, Bools]:
+    free = image.where(lambda shade: _probability(header, shade) < header.free_thresh)
+    return free & image.opaque, ~free & image.opaque
 
 
-def _raw(header: _Header, shade: Floats, opaque: Bools) -> tuple[Bools, Bools]:
-    percent = np.floor(255.0 * shade + 0.5)
-    free = percent < 100.0 * header.free_thresh
-    return free, ~free & (percent <= 100.0)
+def _raw(header: _Header, image: Shades) -> tuple[Bools, Bools]:
+    def percent(shade: Floats) -> Floats:
+        return np.floor(255.0 * shade + 0.5)
+
+    free = image.where(lambda shade: percent(shade) < 100.0 * header.free_thresh)
+    return free, ~free & image.where(lambda shade: percent(shade) <= 100.0)
 
 
-MODES: Final[Mapping[str, Callable[[_Header, Floats, Bools], tuple[Bools, Bools]]]] = {
+def _probability(header: _Header, shade: Floats) -> Floats:
+    return shade if header.negate else 1.0 - shade
+
+
+MODES: Final[Mapping[str, Callable[[_Header, Shades], tuple[Bools, Bools]]]] = {
     "trinary": _trinary,
     "scale": _scale,
     "raw": _raw,
@@ -279,6 +295,7 @@ def _turned(header: _Header, solid: Bools, beyond: bool) -> tuple[Grid, Bools, B
     counts = np.ceil((upper - lower) / header.resolution + 2.0 * SLACK)
     middle = 0.5 * (lower + upper)
     shape = tuple(int(n) for n in counts)
+    check_cells(header.path, shape, memory=8.0)
     grid = _grid(header, middle - 0.5 * header.resolution * counts, shape)
     # The border of whichever set lies within the turned map: the ground around it then needs no border of its own.
     bounded = ~solid if beyond else solid
@@ -296,4 +313,4 @@ def _grid(header: _Header, lower: ArrayLike, shape: tuple[int, ...]) -> Grid:
     try:
         return Grid(lower, header.resolution, shape)
     except InputError as error:
-        raise FileError(f"{header.path}: {error}") from error
+        raise FileError(header.path, str(error)) from error

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
 from collections.abc import Iterable, Iterator, Mapping
@@ -13,11 +12,14 @@ import numpy as np
 
 from cspace.errors import FileError, GeometryError, InputError
 from cspace.io.input import read_text
+from cspace.io.plain import check_nesting, read_json
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
 SUFFIXES: Final = (".geojson", ".json", ".wkt")
+
+_KIND: Final = "file of polygons"
 
 _WKT: Final = re.compile(
     r"\s*(POINT|LINESTRING|LINEARRING|POLYGON|MULTI\w+|GEOMETRYCOLLECTION)\s*(Z|M|ZM)?\s*(\(|EMPTY)", re.IGNORECASE
@@ -55,8 +57,10 @@ def read_shapes(source: Any) -> list[BaseGeometry]:
     names, shapes = [name for name, _ in named], [shape for _, shape in named]
     if not shapes:
         raise GeometryError(
-            "polygons holds no geometry; obstacles must cover some ground; pass at least one polygon, line or point, "
-            "or use Workspace.from_array for a map without obstacles"
+            "polygons",
+            "holds no geometry",
+            "obstacles must cover some ground",
+            "pass at least one polygon, line or point, or use Workspace.from_array for a map without obstacles",
         )
     _check(names, shapes)
     return shapes
@@ -77,8 +81,10 @@ def _geometries(source: Any, name: str) -> Iterator[tuple[str, BaseGeometry]]:
             yield from _geometries(item, f"{name}[{index}]")
     else:
         raise InputError(
-            f"{name} is {source!r}; it must be a shapely geometry, GeoJSON, WKT or a file of them; pass e.g. "
-            "shapely.box(0, 0, 1, 1)"
+            name,
+            f"is {source!r:.60}",
+            "it must be a shapely geometry, GeoJSON, WKT or a file of them",
+            "pass e.g. shapely.box(0, 0, 1, 1)",
         )
 
 
@@ -90,11 +96,14 @@ def _from_text(source: str | os.PathLike[str], name: str) -> Iterator[tuple[str,
             yield name, _from_wkt(source, name)
             return
         raise InputError(
-            f"{name} is {os.fspath(source)[:60]!r}; a string must be WKT or a file that ends in {', '.join(SUFFIXES)}; "
-            "pass e.g. 'POINT (1 2)'"
+            name,
+            f"is {os.fspath(source)[:60]!r}",
+            f"a string must be WKT or a file that ends in {', '.join(SUFFIXES)}",
+            "pass e.g. 'POINT (1 2)'",
         )
-    text, file = read_text(source, "file of polygons"), os.fspath(source)
+    file = os.fspath(source)
     if suffix == ".wkt":
+        text = read_text(source, _KIND, memory=10.0)
         lines = [line for line in text.split("\n") if line.strip()]
         if lines and all(_WKT.match(line) for line in lines):
             for number, line in enumerate(lines, start=1):
@@ -102,15 +111,12 @@ def _from_text(source: str | os.PathLike[str], name: str) -> Iterator[tuple[str,
         elif _WKT.match(text):
             yield file, _from_wkt(text, file)
         else:
-            raise FileError(f"{file} begins with {text[:40]!r}; it must hold WKT; write e.g. 'POINT (1 2)'")
+            raise FileError(file, f"begins with {text[:40]!r}", "it must hold WKT", "write e.g. 'POINT (1 2)'")
         return
-    try:
-        document = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise FileError(f"{file} is not JSON: {error}; it must hold GeoJSON; mend that place") from error
+    document = read_json(source, _KIND)
     if not isinstance(document, dict):
         raise FileError(
-            f"{file} holds a JSON {type(document).__name__}; GeoJSON is an object; write e.g. {{'type': ...}}"
+            file, f"holds a JSON {type(document).__name__}", "GeoJSON is an object", "write e.g. {'type': ...}"
         )
     yield from _from_geojson(document, file)
 
@@ -119,40 +125,47 @@ def _from_wkt(text: str, name: str) -> BaseGeometry:
     import shapely
 
     if "\0" in text:  # where the parser would stop without a word
-        raise GeometryError(f"{name} is not WKT: it holds a NUL character; mend {text[:60]!r}")
+        raise GeometryError(name, "is not WKT: it holds a NUL character", "it must be text", f"mend {text[:60]!r}")
+    check_nesting(text, name, "(", ")")
     try:
         with np.errstate(invalid="ignore"):  # NaN is refused by name later
             return shapely.from_wkt(text)
     except (shapely.errors.ShapelyError, NotImplementedError, ValueError) as error:
-        raise GeometryError(f"{name} is not WKT: {str(error).strip()}; mend {text[:60]!r}") from error
+        reason = " ".join(str(error).split())
+        raise GeometryError(name, f"is not WKT: {reason}", "it must be whole", f"mend {text[:60]!r}") from error
 
 
 def _from_geojson(document: Mapping[str, Any], name: str) -> Iterator[tuple[str, BaseGeometry]]:
     """A geometry, Feature or FeatureCollection."""
-    import shapely
     from shapely.geometry import shape
 
     kind = document.get("type")
     if kind == "FeatureCollection":
         features = document.get("features")
         if not isinstance(features, list) or not all(isinstance(feature, Mapping) for feature in features):
-            raise GeometryError(f"{name} has features {features!r:.60}; they must be a list of objects; mend the file")
+            raise GeometryError(
+                name, f"has features {features!r:.60}", "they must be a list of objects", "mend the file"
+            )
         for index, feature in enumerate(features):
             yield from _from_geojson(feature, f"{name}, feature {index}")
         return
     if kind == "Feature":
         inner = document.get("geometry")
         if not isinstance(inner, Mapping):
-            raise GeometryError(f"{name} has geometry {inner!r}; an obstacle needs one; remove the feature or mend it")
+            raise GeometryError(
+                name, f"has geometry {inner!r:.60}", "an obstacle needs one", "remove the feature or mend it"
+            )
         yield from _from_geojson(inner, name)
         return
     try:
         with np.errstate(invalid="ignore"):
             geometry = shape(document)
-    except (shapely.errors.ShapelyError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+    except Exception as error:  # What lists of anything but numbers lead shapely to may be anything.
         raise GeometryError(
-            f"{name} of type {kind!r} is not GeoJSON: {str(error).strip()}; it must hold 'type' and 'coordinates' as "
-            "RFC 7946 says; mend it"
+            name,
+            f"of type {kind!r:.40} is not GeoJSON: {' '.join(str(error).split()):.200}",
+            "it must hold 'type' and 'coordinates' as RFC 7946 says",
+            "mend it",
         ) from error
     yield name, geometry
 
@@ -175,18 +188,21 @@ def _check(names: list[str], shapes: list[BaseGeometry]) -> None:
     broken = np.flatnonzero(~np.isfinite(points).all(axis=1))
     if len(broken):
         x, y = points[broken[0]]
-        raise GeometryError(
-            f"{names[owners[broken[0]]]} has a vertex at ({x}, {y}); NaN and infinities are refused; drop or replace it"
-        )
+        name = names[owners[broken[0]]]
+        raise GeometryError(name, f"has a vertex at ({x}, {y})", "NaN and infinities are refused", "drop or replace it")
     for which in np.flatnonzero(shapely.is_empty(array)):
-        raise GeometryError(f"{names[which]} is empty; an obstacle must cover some ground; leave it out or fill it")
+        raise GeometryError(names[which], "is empty", "an obstacle must cover some ground", "leave it out or fill it")
     for which in np.flatnonzero(shapely.has_z(array)):
         raise GeometryError(
-            f"{names[which]} has z coordinates; obstacles in the plane have two; drop them with shapely.force_2d, if "
-            "their height does not matter"
+            names[which],
+            "has z coordinates",
+            "obstacles in the plane have two",
+            "drop them with shapely.force_2d, if their height does not matter",
         )
     for which in np.flatnonzero(~shapely.is_valid(array)):
         raise GeometryError(
-            f"{names[which]} is not valid: {shapely.is_valid_reason(array[which])}; a border may not cross itself; "
-            "redraw it, or try shapely.make_valid"
+            names[which],
+            f"is not valid: {shapely.is_valid_reason(array[which])}",
+            "a border may not cross itself",
+            "redraw it, or try shapely.make_valid",
         )

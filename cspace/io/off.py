@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from cspace.io.surfaces.parts import Surface, damaged, unread
-from cspace.io.surfaces.polygons import triangulated
+from cspace.io.input import damaged, read_bytes
+from cspace.io.polygons import Surface, triangulated, unread
 
 
 def read_off(file: Path) -> Surface:
@@ -21,7 +21,7 @@ def read_off(file: Path) -> Surface:
     GeometryError
         If it is binary, its vertices have other than three coordinates, or a polygon can be cut in several ways.
     """
-    text = re.sub(rb"#[^\r\n]*", b"", file.read_bytes())
+    text = re.sub(rb"#[^\r\n]*", b"", read_bytes(file, "mesh", memory=20.0))
     found = re.match(rb"\s*((?:ST)?C?N?)(4?n?)OFF\b([ \t]+BINARY)?", text)
     if not found:
         raise damaged(file, "does not begin with OFF")

@@ -9,8 +9,8 @@ from typing import Final
 import numpy as np
 
 from cspace.errors import FileError
-from cspace.io.surfaces.parts import Floats, Integers, Surface, damaged, unread
-from cspace.io.surfaces.polygons import triangulated
+from cspace.io.input import damaged, read_bytes
+from cspace.io.polygons import Floats, Integers, Surface, triangulated, unread
 
 _LEFT: Final = frozenset(
     b"vt vn vp g o s mg l p usemtl mtllib usemap maplib bevel c_interp d_interp lod shadow_obj trace_obj deg bmat step "
@@ -70,7 +70,7 @@ def read_obj(file: Path) -> Surface:
 
 def _statements(file: Path) -> list[bytes]:
     """Lines without comments, those that are continued joined."""
-    data = file.read_bytes().removeprefix(b"\xef\xbb\xbf")
+    data = read_bytes(file, "mesh", memory=20.0).removeprefix(b"\xef\xbb\xbf")
     if b"\0" in data:
         raise damaged(file, "is not text")
     if b"\\" in data:
@@ -79,8 +79,10 @@ def _statements(file: Path) -> list[bytes]:
         if lost:
             line = lost[0].split(maxsplit=1)[-1][:60].decode("latin-1")
             raise FileError(
-                f"{file} has a backslash at the end of the line before {line!r}, which would make that statement part "
-                "of another; a backslash continues a line; remove it"
+                str(file),
+                f"has a backslash at the end of the line before {line!r}, which would make that part of another",
+                "a backslash continues a line",
+                "remove it",
             )
         data = re.sub(rb"\\[ \t]*(?:\r\n|\r|\n)", b" ", data)
     return [line.partition(b"#")[0] for line in data.splitlines()] if b"#" in data else data.splitlines()

@@ -1,10 +1,11 @@
-"""Compiled kernels of the readers."""
+"""Compiled walks through the octrees of OctoMap, one pass over their bytes."""
 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from cspace.compiling import jit
 
 Bools = NDArray[np.bool_]
 Bytes = NDArray[np.uint8]
@@ -14,7 +15,7 @@ DEPTH = 16
 """Levels below the root of an octree: 2^16 cells along each axis."""
 
 
-@njit(cache=True, nogil=True)
+@jit
 def leaves_of_binary(records: Bytes, leaves: Ints) -> tuple[int, int, int]:
     """Leaves of an octree whose inner nodes, in depth-first order, are two bits for each of the eight children.
 
@@ -78,7 +79,7 @@ def leaves_of_binary(records: Bytes, leaves: Ints) -> tuple[int, int, int]:
     return nodes, count, 0
 
 
-@njit(cache=True, nogil=True)
+@jit
 def leaves_of_full(children: Bytes, occupied: Bools, leaves: Ints) -> tuple[int, int, int]:
     """Leaves of an octree whose nodes, in depth-first order, each name their children by one bit.
 
@@ -128,7 +129,7 @@ def leaves_of_full(children: Bytes, occupied: Bools, leaves: Ints) -> tuple[int,
     return nodes, count, 0
 
 
-@njit(cache=True, nogil=True)
+@jit
 def _lowest(bits: int) -> int:
     """Number of the lowest bit that is set."""
     number = 0
@@ -137,7 +138,7 @@ def _lowest(bits: int) -> int:
     return number
 
 
-@njit(cache=True, nogil=True)
+@jit
 def paint_cubes(out: Bools, cubes: Ints, value: bool) -> None:
     """Set ``out`` to ``value`` in cubes of cells, each given by its first cell and its side, shape (n, 4)."""
     for n in range(len(cubes)):
@@ -146,46 +147,3 @@ def paint_cubes(out: Bools, cubes: Ints, value: bool) -> None:
             for j in range(y, y + side):
                 for k in range(z, z + side):
                     out[i, j, k] = value
-
-
-@njit(cache=True, nogil=True)
-def unpack_lzf(packed: Bytes, out: Bytes) -> int:
-    """Unpack LZF (Lehmann): runs of literal bytes, and copies of bytes that were written before.
-
-    Returns
-    -------
-    int
-        Number of bytes written, or -1 where the packed bytes end too early, reach back before the first byte, or hold
-        more than ``out``.
-    """
-    read, written = 0, 0
-    while read < len(packed):
-        control = np.int64(packed[read])
-        read += 1
-        if control < 32:
-            length = control + 1
-            if read + length > len(packed) or written + length > len(out):
-                return -1
-            for _ in range(length):
-                out[written] = packed[read]
-                written += 1
-                read += 1
-            continue
-        length = control >> 5
-        if length == 7:
-            if read == len(packed):
-                return -1
-            length += np.int64(packed[read])
-            read += 1
-        length += 2
-        if read == len(packed):
-            return -1
-        source = written - ((control & 31) << 8) - np.int64(packed[read]) - 1
-        read += 1
-        if source < 0 or written + length > len(out):
-            return -1
-        for _ in range(length):
-            out[written] = out[source]
-            written += 1
-            source += 1
-    return written

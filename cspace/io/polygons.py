@@ -1,7 +1,8 @@
-"""Polygons, cut into triangles where that can be done in one way only."""
+"""Surfaces of triangles: placed, joined, and cut from polygons where that can be done in one way only."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
@@ -9,13 +10,45 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.errors import GeometryError
-from cspace.io.surfaces.parts import Floats, Integers, check_corners, damaged
+from cspace.io.input import damaged
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Surface = tuple[Floats, Integers]
+"""Vertices, shape (V, 3), and the three vertex numbers of each triangle, shape (F, 3)."""
 
 FLAT: Final = 1e-4
 """How far the corners of a flat polygon may be out of its plane, as a part of its size."""
 
 ROUNDED: Final = 1e-6
 """What the corners may be out besides, as a part of the largest coordinate: files keep seven digits."""
+
+
+def placed(surface: Surface, transform: Floats) -> Surface:
+    """A surface moved by an affine transform; a mirror image is turned, so that it faces as before.
+
+    Parameters
+    ----------
+    surface : tuple of ndarray
+    transform : ndarray of float64, shape (4, 4)
+
+    Returns
+    -------
+    tuple of ndarray
+    """
+    points, faces = surface
+    if (transform == np.eye(4)).all():
+        return surface
+    mirror = np.linalg.det(transform[:3, :3]) < 0.0
+    return points @ transform[:3, :3].T + transform[:3, 3], faces[:, ::-1] if mirror else faces
+
+
+def joined(parts: Sequence[Surface]) -> Surface:
+    """Surfaces as one."""
+    firsts = np.cumsum([0, *(len(points) for points, _ in parts)])
+    vertices = np.concatenate([np.empty((0, 3)), *(points for points, _ in parts)])
+    faces = [faces + first for (_, faces), first in zip(parts, firsts[:-1], strict=True)]
+    return vertices, np.concatenate([np.empty((0, 3), dtype=np.int64), *faces])
 
 
 def triangulated(vertices: Floats, corners: Integers, sizes: Integers, file: Path) -> Integers:
@@ -49,7 +82,9 @@ def triangulated(vertices: Floats, corners: Integers, sizes: Integers, file: Pat
         raise damaged(file, f"has a face with {int(sizes.min())} corners; a face has three or more")
     if int(sizes.sum()) != len(corners):
         raise damaged(file, f"has faces with {int(sizes.sum())} corners, and names {len(corners)}")
-    check_corners(corners, len(vertices), file)
+    wrong = corners[(corners < 0) | (corners >= len(vertices))]
+    if len(wrong):
+        raise damaged(file, f"has a face that names vertex {wrong[0]}, counted from 0, of {len(vertices)}")
     firsts = np.cumsum(sizes) - sizes
     faces = [np.empty((0, 3), dtype=np.int64)]
     for size in np.unique(sizes):
@@ -109,7 +144,13 @@ def _planes(points: Floats, size: Floats, slack: Floats) -> tuple[Floats, NDArra
 def _refused(file: Path, polygon: Integers, what: str) -> GeometryError:
     shown = ", ".join(map(str, polygon[:8].tolist())) + (", ..." if len(polygon) > 8 else "")
     return GeometryError(
-        f"{file} has a face of {len(polygon)} corners (vertices {shown}, counted from 0) that {what}; more than "
-        "three corners must lie flat, and one of them must see the whole face; triangulate the faces where the file is "
-        "written"
+        str(file),
+        f"has a face of {len(polygon)} corners (vertices {shown}, counted from 0) that {what}",
+        "more than three corners must lie flat, and one of them must see the whole face",
+        "triangulate the faces where the file is written",
     )
+
+
+def unread(file: Path, what: str, mend: str = "export it as plain triangles, e.g. as STL") -> GeometryError:
+    """The error for a file with a part that is not read, and so would be lost."""
+    return GeometryError(str(file), f"has {what}, which is not read", "it would be lost", mend)

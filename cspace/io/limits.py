@@ -1,0 +1,135 @@
+"""What a file may take, held against what it declares before it is read: one place for all formats.
+
+A file of a few bytes can declare a map of terabytes. So each reader states here, from the size of the file or from its
+header, what it is about to take, and is refused with the figures where that is beyond a limit or does not fit into
+memory.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, replace
+from typing import Final
+
+from cspace.errors import FileError
+from cspace.memory import free_bytes, in_words
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """The most that one file may hold.
+
+    Attributes
+    ----------
+    max_bytes : int
+        Of a file, or of what one unpacks to.
+    max_cells : int
+        Cells, voxels or pixels of a grid.
+    """
+
+    max_bytes: int = 2**32
+    max_cells: int = 2**29
+
+
+_USUAL: Final = Limits()
+_CURRENT: Final[ContextVar[Limits]] = ContextVar("limits")
+
+_MOST_OF_MEMORY: Final = 0.9
+"""Part of the free memory that a file may be read into."""
+
+
+@contextmanager
+def raised_limits(*, max_bytes: int | None = None, max_cells: int | None = None) -> Iterator[None]:
+    """Other limits for the files that are read within a ``with`` block.
+
+    Parameters
+    ----------
+    max_bytes, max_cells : int, optional
+        As for :class:`Limits`; unchanged if left out.
+
+    Examples
+    --------
+    >>> with raised_limits(max_cells=2**33):
+    ...     workspace = cspace.Workspace.open("city.png", spacing=0.05)  # doctest: +SKIP
+    """
+    given = {"max_bytes": max_bytes, "max_cells": max_cells}
+    limits = replace(_CURRENT.get(_USUAL), **{name: value for name, value in given.items() if value is not None})
+    token = _CURRENT.set(limits)
+    try:
+        yield
+    finally:
+        _CURRENT.reset(token)
+
+
+def check_bytes(path: str | os.PathLike[str], size: int, what: str = "holds", memory: float = 1.0) -> None:
+    """Refuse a file that is too large.
+
+    Parameters
+    ----------
+    path : path-like
+    size : int
+        Bytes of the file, or those that it unpacks to.
+    what : str
+        Verb of the message: "holds", "unpacks to".
+    memory : float
+        Bytes of memory that each of them takes while it is read.
+
+    Raises
+    ------
+    FileError
+        If it is over ``max_bytes``, or does not fit into memory.
+    """
+    limit = _CURRENT.get(_USUAL).max_bytes
+    if size > limit:
+        raise FileError(
+            os.fspath(path),
+            f"{what} {in_words(size)}",
+            f"at most {in_words(limit)} are read",
+            f"raise it with cspace.io.limits.raised_limits(max_bytes={size}), if the file is meant to be so large",
+            value=size,
+        )
+    _check_memory(path, f"{what} {in_words(size)}", memory * size)
+
+
+def check_cells(path: str | os.PathLike[str], shape: Sequence[int], memory: float = 1.0) -> None:
+    """Refuse a grid that is too large, as a file declares it.
+
+    Parameters
+    ----------
+    path : path-like
+    shape : sequence of int
+        Cells along each axis.
+    memory : float
+        Bytes of memory for each cell.
+
+    Raises
+    ------
+    FileError
+        If there are more than ``max_cells``, or they do not fit into memory.
+    """
+    count, limit = math.prod(int(n) for n in shape), _CURRENT.get(_USUAL).max_cells
+    declared = f"declares {' x '.join(f'{n}' if n < 2**53 else f'{n:.4g}' for n in shape)} cells"
+    if count > limit:
+        raise FileError(
+            os.fspath(path),
+            f"{declared}, {count:.4g} in all",
+            f"at most {limit:.4g} are read",
+            f"raise it with cspace.io.limits.raised_limits(max_cells={count}), if the map is meant to be so large",
+            value=tuple(shape),
+        )
+    _check_memory(path, declared, memory * count)
+
+
+def _check_memory(path: str | os.PathLike[str], declared: str, needed: float) -> None:
+    free = free_bytes()
+    if free is not None and needed > _MOST_OF_MEMORY * free:
+        raise FileError(
+            os.fspath(path),
+            f"{declared}, and reading it takes about {in_words(needed)}",
+            f"{in_words(free)} of memory are free",
+            "take a machine with more memory, or a smaller or coarser file",
+        )
