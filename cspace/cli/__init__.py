@@ -13,9 +13,10 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from cspace.cli.maps import export, info, make, picture
+from cspace.cli.info import info
+from cspace.cli.maps import export, make, picture
 from cspace.cli.planning import demo, plan
-from cspace.cli.words import in_options
+from cspace.cli.words import Options, in_options, worded
 from cspace.errors import CspaceError
 
 
@@ -23,26 +24,37 @@ class _Commands(TyperGroup):
     """The commands, with what goes wrong, or needs a warning, told in one line."""
 
     def invoke(self, ctx: Any) -> Any:
+        def warn(message: Warning | str, *_: Any, **__: Any) -> None:
+            typer.echo(f"cspace: warning: {in_options(' '.join(str(message).split()), self._options(ctx))}", err=True)
+
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("default", UserWarning)
-                warnings.showwarning = _warn
+                warnings.showwarning = warn
                 return super().invoke(ctx)
         except BrokenPipeError:
             raise
-        except (CspaceError, OSError) as error:
-            problem = str(error)
+        except CspaceError as error:
+            problem = worded(error, self._options(ctx))
+        except OSError as error:
+            problem = " ".join(str(error).split())
         except MemoryError as error:
             problem = f"out of memory: {error or 'the map is too large'}; a map must fit in memory; use larger cells"
         except KeyboardInterrupt:
             typer.echo("cspace: interrupted", err=True)
             raise typer.Exit(130) from None
-        typer.echo(f"cspace: {' '.join(in_options(problem).split())}", err=True)
+        typer.echo(f"cspace: {problem}", err=True)
         raise typer.Exit(2)
 
-
-def _warn(message: Warning | str, *_: Any, **__: Any) -> None:
-    typer.echo(f"cspace: warning: {' '.join(in_options(str(message)).split())}", err=True)
+    def _options(self, ctx: Any) -> Options:
+        """Options of the command that was called, by the names of the library's arguments, which are theirs too."""
+        command = self.commands.get(ctx.invoked_subcommand or "")
+        long = (
+            [(each.name, [name for name in each.opts if name.startswith("--")]) for each in command.params]
+            if command
+            else []
+        )
+        return {str(name): names[0] for name, names in long if names}
 
 
 app = typer.Typer(

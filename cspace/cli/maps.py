@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
-from cspace.cli.describe import describe_map, describe_robot
-from cspace.cli.forms import check_space, check_turning, configuration, form_of
+from cspace.cli.files import axes_of_map, check_outputs, read_path
+from cspace.cli.info import describe_map
 from cspace.cli.options import (
     Bounds,
     Json,
@@ -19,18 +19,17 @@ from cspace.cli.options import (
     SolidMesh,
     SolidRobot,
     Spacing,
+    TurningCells,
     UnknownCells,
     angle,
+    check_axis,
     check_dimensions,
+    configuration,
     given,
     read_robot,
     workspace_options,
 )
-from cspace.cli.outputs import check_outputs
-from cspace.cli.paths import read_path
-from cspace.cli.report import Clock, progress_bar, show
-from cspace.cli.survey import survey
-from cspace.errors import InputError
+from cspace.cli.report import Clock, show
 
 
 class Outside(StrEnum):
@@ -48,23 +47,17 @@ class Method(StrEnum):
     DIRECT = "direct"
 
 
-class Kind(StrEnum):
-    """What a file holds."""
-
-    MAP = "map"
-    WORKSPACE = "workspace"
-    ROBOT = "robot"
-
-
 class View(StrEnum):
-    """Which picture of a map in space."""
+    """Which picture of a map."""
 
+    PLANE = "plane"
     SECTIONS = "sections"
-    SCENE = "3d"
+    SPACE = "3d"
+    YAW_PANELS = "yaw_panels"
 
 
 class Surface(StrEnum):
-    """What a scene shows."""
+    """What a picture in three dimensions shows."""
 
     OBSTACLES = "obstacles"
     FREE = "free"
@@ -100,10 +93,7 @@ def make(
         ),
     ] = None,
     spacing: Spacing = None,
-    rotations: Annotated[
-        int | None,
-        typer.Option(metavar="COUNT", help="For a robot that turns, in the plane: how many yaw cells, e.g. 72."),
-    ] = None,
+    rotations: TurningCells = None,
     bounds: Bounds = None,
     unknown: UnknownCells = None,
     solid: SolidMesh = None,
@@ -136,7 +126,7 @@ def make(
         reader_of(workspace, options)
         check_dimensions(workspace, dimension_of(workspace), shape)
         obstacles = Workspace.open(workspace, **options)
-    with clock.step("build"), progress_bar("building") as progress:
+    with clock.step("build") as progress:
         space = build(
             obstacles,
             shape,
@@ -153,50 +143,6 @@ def make(
     show({"map": str(output), **describe_map(space), "seconds": clock.seconds}, as_json)
 
 
-def info(
-    file: Annotated[str, typer.Argument(metavar="FILE", help="A saved map, a workspace, or a robot (file or spec).")],
-    kind: Annotated[
-        Kind | None, typer.Option("--as", help="What FILE holds, where its name does not tell  [default: by its name].")
-    ] = None,
-    spacing: Spacing = None,
-    robot: Annotated[
-        str | None, typer.Option(metavar="SPEC", help="A robot to tell of beside a workspace, as for cspace map.")
-    ] = None,
-    bounds: Bounds = None,
-    unknown: UnknownCells = None,
-    solid: SolidMesh = None,
-    robot_solid: SolidRobot = None,
-    radius: Radius = None,
-    as_json: Json = False,
-) -> None:
-    """Tell what a saved map, a workspace or a robot holds, and what a map would take, before any work."""
-    from cspace.io.reading import open_map
-    from cspace.robot import Robot
-
-    kind = kind or _kind(file)
-    options = workspace_options(spacing, unknown, bounds, solid, radius)
-    if robot_solid is not None and robot is None:
-        raise InputError(f"--robot-solid is {robot_solid.value} and there is no --robot; add one, or leave it out")
-    others = given(robot=robot)
-    if kind is Kind.MAP:
-        _refuse({**options, **others}, (), f"{file} is a saved map")
-        document = describe_map(open_map(file))
-    elif kind is Kind.ROBOT:
-        _refuse({**options, **others}, ("spacing", "solid"), f"{file} is a robot")
-        document = describe_robot(Robot.open(file, **given(solid=solid and solid.value)), spacing)
-    else:
-        beside = None if robot is None else read_robot(robot, robot_solid)
-        document = survey(Path(file), options, beside)
-    show({"kind": kind.value, **document}, as_json)
-
-
-def _refuse(options: dict[str, object], taken: tuple[str, ...], what: str) -> None:
-    """Refuse options that have no place."""
-    for name in options:
-        if name not in taken:
-            raise InputError(f"--{name} is given and {what}; it is for workspaces; leave it out")
-
-
 def picture(
     file: MapFile,
     output: Annotated[
@@ -205,17 +151,23 @@ def picture(
     path: Annotated[
         Path | None, typer.Option(metavar="FILE", readable=False, help="A path to draw: .csv or .json.")
     ] = None,
-    start: Annotated[str | None, typer.Option(metavar="X,Y[,YAW|,Z]", help="A configuration to mark, metres.")] = None,
-    goal: Annotated[str | None, typer.Option(metavar="X,Y[,YAW|,Z]", help="A configuration to mark, metres.")] = None,
+    start: Annotated[str | None, typer.Option(metavar="X,Y[,Z][,YAW]", help="A configuration to mark, metres.")] = None,
+    goal: Annotated[str | None, typer.Option(metavar="X,Y[,Z][,YAW]", help="A configuration to mark, metres.")] = None,
     robot_every: Annotated[
         float | None, typer.Option(metavar="METRES", help="Path between two drawn robots  [default: chosen].")
     ] = None,
     yaw: Annotated[
-        str | None, typer.Option(metavar="ANGLE", help="Show the slice at this yaw, e.g. 90deg  [default: all yaws].")
+        str | None,
+        typer.Option(
+            metavar="ANGLE[,...]",
+            help="Show the slice at this yaw, e.g. 90deg, or a panel for each  [default: all yaws].",
+        ),
     ] = None,
-    strip: Annotated[bool, typer.Option("--strip", help="Show slices at several yaws, side by side.")] = False,
     view: Annotated[
-        View | None, typer.Option(help="Of a map in space: three sections, or a scene  [default: sections].")
+        View | None,
+        typer.Option(
+            help="Of a map in space, sections or 3d; of one with rotations, yaw_panels too  [default: chosen]."
+        ),
     ] = None,
     at: Annotated[
         str | None,
@@ -223,7 +175,11 @@ def picture(
     ] = None,
     surface: Annotated[
         Surface | None,
-        typer.Option(help="What the scene shows: obstacles, or the border of the free space  [default: obstacles]."),
+        typer.Option(help="What 3d shows: obstacles, or the border of the free space  [default: obstacles]."),
+    ] = None,
+    cut: Annotated[
+        float | None,
+        typer.Option(metavar="METRES", help="Height above which 3d leaves cells out  [default: above the path]."),
     ] = None,
     dpi: Annotated[float, typer.Option(help="Pixels per inch; a picture is about 8 inches wide.")] = 150.0,
     overwrite: Overwrite = False,
@@ -232,30 +188,25 @@ def picture(
     """Draw a map, and a path on it, into a picture."""
     from cspace.io.reading import open_map
     from cspace.plot import SUFFIXES, save_plot
+    from cspace.plot.picture import view_of
 
-    if strip and (yaw is not None or robot_every is not None):
-        raise InputError("--strip shows several yaws and no robots; it goes without --yaw and --robot-every; drop them")
-    if at is not None and view is View.SCENE:
-        raise InputError("--at is for sections, and --view is 3d; drop one of them")
-    if surface is not None and view is not View.SCENE:
-        raise InputError(f"--surface is {surface.value} and there is no --view 3d; sections show both; add --view 3d")
     check_outputs([output], SUFFIXES, overwrite)
-    turn = None if yaw is None else angle(yaw, "--yaw")
-    form = form_of(file)
-    marks = {name: configuration(text, f"--{name}", form) for name, text in given(start=start, goal=goal).items()}
-    if turn is not None or strip:
-        check_turning(form, "--strip" if strip else "--yaw")
-    if at is not None or view is not None:
-        check_space(form, "--at" if view is None else "--view")
-    point = None if at is None else configuration(at, "--at", form)
+    yaws = None if yaw is None else [angle(word, "--yaw") for word in yaw.split(",")]
+    axes = axes_of_map(file)
+    marks = {name: configuration(text, f"--{name}", axes) for name, text in given(start=start, goal=goal).items()}
+    options = given(
+        yaw=yaws[0] if yaws and len(yaws) == 1 else yaws,
+        at=None if at is None else configuration(at, "--at", ("x", "y", "z")),
+        surface=surface and surface.value,
+        cut=cut,
+    )
+    view_of(axes, view and view.value, options)
     clock = Clock()
     with clock.step("read"):
-        points = None if path is None else read_path(path, form)
+        points = None if path is None else read_path(path, axes)
         space = open_map(file)
     with clock.step("draw"):
-        options = given(path=points, **marks)
-        shown = "yaw_panels" if strip else view and view.value
-        options |= given(yaw=turn, view=shown, at=point, surface=surface and surface.value)
+        options |= given(view=view and view.value, path=points, **marks)
         save_plot(space, output, overwrite, dpi=dpi, robot_every=robot_every, **options)
     show({"picture": str(output), "seconds": clock.seconds}, as_json)
 
@@ -284,18 +235,10 @@ def export(
     check_outputs([output], EXPORTS, overwrite)
     turn = None if yaw is None else angle(yaw, "--yaw")
     if turn is not None:
-        check_turning(form_of(file), "--yaw")
+        check_axis(axes_of_map(file), "yaw", "--yaw")
     clock = Clock()
     with clock.step("read"):
         space = open_map(file)
     with clock.step("write"):
         export(space, output, overwrite=overwrite, **given(yaw=turn))
     show({"output": str(output), **describe_map(space), "seconds": clock.seconds}, as_json)
-
-
-def _kind(file: str) -> Kind:
-    """What a file holds, by its name."""
-    path = Path(file)
-    if path.suffix.lower() in (".zarr", ".npz") or path.is_dir():
-        return Kind.MAP
-    return Kind.ROBOT if ":" in file and not path.exists() else Kind.WORKSPACE

@@ -1,8 +1,9 @@
-"""What options mean that several commands have."""
+"""Options that several commands have, and what their texts mean."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -39,6 +40,10 @@ MapFile = Annotated[Path, typer.Argument(metavar="MAP", readable=False, help="A 
 Spacing = Annotated[
     float | None,
     typer.Option(metavar="METRES", help="Side of a cell, for files that do not say: images, polygons, meshes, points."),
+]
+TurningCells = Annotated[
+    int | None,
+    typer.Option("--rotations", metavar="COUNT", help="For a robot that turns: how many yaw cells, e.g. 72."),
 ]
 UnknownCells = Annotated[
     Unknown | None,
@@ -114,10 +119,31 @@ def check_dimensions(path: Path, dim: int, robot: Robot) -> None:
         If they do not agree.
     """
     if robot.dim != dim:
-        raise InputError(
-            f"the workspace {path} has {dim} dimensions and the robot {robot.dim}, a {robot.name}; they must agree; "
-            "take both in the plane or both in space"
+        found = f"is a {robot.name}, which has {robot.dim} dimensions, and the workspace {path} has {dim}"
+        raise InputError("--robot", found, "they must agree", "take both in the plane or both in space")
+
+
+def configuration(text: str, option: str, axes: Sequence[str]) -> tuple[float, ...]:
+    """The configuration that an option such as ``--start`` gives, in metres and radians.
+
+    Raises
+    ------
+    InputError
+        If the text is not as many numbers as the axes, with commas between them; the message says what is expected.
+    """
+    words = text.split(",")
+    example = ",".join({"x": "-1.5", "y": "2", "z": "0.5", "yaw": "90deg"}[axis] for axis in axes)
+    rule = f"the map's configurations are {','.join(axes)}, in metres" + ", yaw an angle" * ("yaw" in axes)
+    try:
+        if len(words) != len(axes):
+            raise ValueError
+        return tuple(
+            angle(word, option) if axis == "yaw" else float(word) for axis, word in zip(axes, words, strict=True)
         )
+    except ValueError as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(option, f"is {text!r}", rule, f"write e.g. {option}={example}", value=text) from None
 
 
 def box(text: str, option: str) -> tuple[float, ...]:
@@ -135,10 +161,8 @@ def box(text: str, option: str) -> tuple[float, ...]:
         if len(values) not in (4, 6):
             raise ValueError
     except ValueError:
-        raise InputError(
-            f"{option} is {text!r}; it must be four numbers in metres with commas between them, XMIN,YMIN,XMAX,YMAX, "
-            f"or six in space; write e.g. {option}=-1,-1,0,4,3,2.5"
-        ) from None
+        rule = "it must be XMIN,YMIN,XMAX,YMAX in metres, or six numbers in space"
+        raise InputError(option, f"is {text!r}", rule, f"write e.g. {option}=-1,-1,0,4,3,2.5", value=text) from None
     check_bounds(values, len(values) // 2)
     return values
 
@@ -153,18 +177,31 @@ def angle(text: str, option: str) -> float:
     """
     word = text.strip()
     number, unit = next(((word.removesuffix(unit), unit) for unit in ("deg", "rad") if word.endswith(unit)), (word, ""))
+    found = f"has the yaw {text!r}"
     try:
         value = float(number)
     except ValueError:
-        raise InputError(
-            f"{option} has the yaw {text!r}; it must be a number of degrees or of radians; write e.g. 90deg or 1.57"
-        ) from None
+        rule = "it must be a number of degrees or of radians"
+        raise InputError(option, found, rule, "write e.g. 90deg or 1.57", value=text) from None
     if not unit and math.isfinite(value) and abs(value) > 2.0 * math.pi:
-        raise InputError(
-            f"{option} has the yaw {text!r}; a yaw without a unit is in radians, and {value:g} rad is more than a "
-            f"turn; write {number}deg for degrees, or {number}rad if you mean it"
-        )
+        rule = f"a yaw without a unit is in radians, and {value:g} rad is more than a turn"
+        raise InputError(option, found, rule, f"write {number}deg for degrees, or {number}rad if you mean it")
     return math.radians(value) if unit == "deg" else value
+
+
+def check_axis(axes: Sequence[str], axis: str, option: str) -> None:
+    """Refuse an option that needs a configuration to have a number that those of the map lack.
+
+    Raises
+    ------
+    InputError
+        If they do.
+    """
+    if axis not in axes:
+        mend = "leave it out, or build the map with --rotations 72" if axis == "yaw" else "leave it out"
+        raise InputError(
+            option, "is given", f"it needs {axis}, and the map's configurations are {','.join(axes)}", mend
+        )
 
 
 def given(**options: Any) -> dict[str, Any]:

@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cspace.cli.describe import describe_map
-from cspace.cli.forms import check_plane, check_turning, configuration, form_of
-from cspace.cli.options import Json, MapFile, Overwrite, given
-from cspace.cli.outputs import check_folder, check_outputs
-from cspace.cli.report import Clock, progress_bar, show
+from cspace.cli.files import axes_of_map, check_folder, check_outputs
+from cspace.cli.info import describe_map
+from cspace.cli.options import Json, MapFile, Overwrite, check_axis, configuration, given
+from cspace.cli.report import Clock, show
 from cspace.errors import InputError
 
 if TYPE_CHECKING:
@@ -33,12 +32,12 @@ def plan(
     start: Annotated[
         str,
         typer.Option(
-            metavar="X,Y[,YAW|,Z]",
+            metavar="X,Y[,Z][,YAW]",
             help="Where the robot is, metres; e.g. --start=-1,2, with rotations -1,2,90deg, in space -1,2,0.5.",
         ),
     ],
     goal: Annotated[
-        str, typer.Option(metavar="X,Y[,YAW|,Z]", help="Where it goes; a yaw is e.g. 90deg, or a number of radians.")
+        str, typer.Option(metavar="X,Y[,Z][,YAW]", help="Where it goes; a yaw is e.g. 90deg, or a number of radians.")
     ],
     output: Annotated[
         list[Path] | None,
@@ -77,12 +76,12 @@ def plan(
     check_outputs([picture] if picture else [], SUFFIXES, overwrite)
     check_outputs([animate] if animate else [], (".gif",), overwrite)
     _check_curve(curve, turning_radius)
-    form = form_of(file)
-    ends = configuration(start, "--start", form), configuration(goal, "--goal", form)
+    axes = axes_of_map(file)
+    ends = configuration(start, "--start", axes), configuration(goal, "--goal", axes)
     if curve:
-        check_turning(form, "--curve")
-    if animate:
-        check_plane(form, "--animate")
+        check_axis(axes, "yaw", "--curve")
+    if animate and "z" in axes:
+        raise InputError("--animate", "is given", "it shows the plane, and the map is one in space", "leave it out")
     import planners
 
     clock = Clock()
@@ -110,11 +109,12 @@ def plan(
         with clock.step("draw"):
             save_plot(space, picture, overwrite, path=found if found.solved else None, start=ends[0], goal=ends[1])
     if animate and found.solved:
-        with clock.step("animate"), progress_bar("drawing") as progress:
+        with clock.step("animate") as progress:
             save_animation(space, found.path, animate, overwrite, progress=progress)
-    show({**_describe(found), "seconds": clock.seconds}, as_json)
-    if not found.solved:
-        typer.echo(f"cspace: no path from {start} to {goal}: {found.status}", err=True)
+    problem = "" if found.solved else _why_not(found, time_limit)
+    show({**_describe(found), **({"status": problem} if problem else {}), "seconds": clock.seconds}, as_json)
+    if problem:
+        typer.echo(f"cspace: no path from {start} to {goal}: {problem}", err=True)
         raise typer.Exit(1)
 
 
@@ -138,7 +138,7 @@ def demo(
         from cspace.plot import save_plot
     with clock.step("draw_floor_plan"):
         workspace = flat.demo_workspace()
-    with clock.step("build_map"), progress_bar("building") as progress:
+    with clock.step("build_map") as progress:
         space = build(workspace, flat.demo_robot(), progress=progress)
     with clock.step("prove"):
         proofs = {
@@ -175,15 +175,23 @@ def _check_curve(curve: Curve | None, turning_radius: float | None) -> None:
     if turning_radius is not None:
         positive(turning_radius, "--turning-radius")
     if curve and turning_radius is None:
-        raise InputError(
-            f"--curve is {curve.value} and there is no --turning-radius; a curve has a tightest radius; give it in "
-            "metres, e.g. --turning-radius 0.5"
-        )
+        rule, mend = "a curve has a tightest radius", "give it in metres, e.g. --turning-radius 0.5"
+        raise InputError("--curve", f"is {curve.value}, and there is no --turning-radius", rule, mend)
     if turning_radius is not None and not curve:
-        raise InputError(
-            f"--turning-radius is {turning_radius:g} and there is no --curve; the radius is for curves; add "
-            f"--curve {' or --curve '.join(Curve)}, or leave it out"
-        )
+        found = f"is {turning_radius:g}, and there is no --curve"
+        mend = f"add --curve {' or --curve '.join(Curve)}, or leave it out"
+        raise InputError("--turning-radius", found, "the radius is for curves", mend)
+
+
+def _why_not(found: Plan, time_limit: float) -> str:
+    """Why there is no path, and what to try."""
+    if found.path_exists is False:
+        return "none exists, which is proven"
+    fact = "a path exists" if found.path_exists else "whether one exists is undecided at this spacing"
+    tries = ["more time with --time-limit", "another --planner"]
+    if not found.exact and found.curve is None:
+        tries.append("--exact")
+    return f"none found within {time_limit:g} s; {fact}; try {', '.join(tries)}, or a map with a finer --spacing"
 
 
 def _describe(found: Plan) -> dict[str, Any]:

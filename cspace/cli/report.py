@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import math
 import sys
 import time
@@ -26,29 +27,46 @@ class Clock:
         self.seconds: dict[str, float] = {}
 
     @contextmanager
-    def step(self, name: str) -> Iterator[None]:
-        """Time the block."""
+    def step(self, name: str) -> Iterator[Callable[[int, int], None] | None]:
+        """Time the block, and show on a terminal that it is under way; gives what :func:`progress_line` does."""
         began = time.perf_counter()
-        yield
+        with progress_line(name.replace("_", " ")) as progress:
+            yield progress
         self.seconds[name] = round(time.perf_counter() - began, 4)
 
 
 @contextmanager
-def progress_bar(words: str) -> Iterator[Callable[[int, int], None] | None]:
-    """A bar on the error stream, where that is a terminal: the callback to pass to the library, else None."""
+def progress_line(words: str) -> Iterator[Callable[[int, int], None] | None]:
+    """A bar on the error stream, where that is a terminal: the callback to pass to the library, else None.
+
+    It says so where functions are being compiled.
+    """
     if not sys.stderr.isatty():
         yield None
         return
     from rich.console import Console
     from rich.progress import Progress
 
+    from cspace.compiling import LOGGER
+
     with Progress(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(words, total=None)
 
-        def advance(done: int, total: int) -> None:
-            bar.update(task, completed=done, total=total)
+        class Listener(logging.Handler):
+            def emit(self, record: logging.LogRecord) -> None:
+                bar.update(task, description=f"{words} (compiling, once per machine)")
 
-        yield advance
+        def advance(done: int, total: int) -> None:
+            bar.update(task, description=words, completed=done, total=total)
+
+        level, listener = LOGGER.level, Listener()
+        LOGGER.addHandler(listener)
+        LOGGER.setLevel(logging.INFO)
+        try:
+            yield advance
+        finally:
+            LOGGER.setLevel(level)
+            LOGGER.removeHandler(listener)
 
 
 def show(document: dict[str, Any], as_json: bool) -> None:

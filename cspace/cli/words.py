@@ -1,76 +1,56 @@
-"""What the library says, in the words of the command line."""
+"""What the library says, in the words of the command line: made of an error's fields, never of its text."""
 
 from __future__ import annotations
 
-import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from typing import Final
 
 from cspace.errors import CspaceError
 
-_NAMES: Final = (
-    "bounds",
-    "curve",
-    "exact",
-    "margin",
-    "method",
-    "objective",
-    "outside",
-    "overwrite",
-    "planner",
-    "radius",
-    "robot_solid",
-    "rotations",
-    "seed",
-    "solid",
-    "spacing",
-    "time_limit",
-    "turning_radius",
-    "unknown",
-    "yaw",
-)
-"""Parameters of the library that are options here."""
-
-_VALUE: Final = r"'[^']*'|\([^()]*\)|True|-?\d+(?:\.\d+)?(?:e-?\d+)?"
-_ARGUMENT: Final = re.compile(rf"(?<![\w/\\.-])({'|'.join(_NAMES)})=({_VALUE})(?![\w/\\]|[.+-]\w)")
-"""An argument, and no part of a file's name."""
-
-_CALLS: Final = {
-    "Workspace.from_points": "a file of points (.xyz, .pcd, .npy)",
-    "Workspace.from_array": "a file of cells (.npy)",
-    "cspace.build": "cspace map",
-}
-"""Names of the library, and what they are here."""
+Options = Mapping[str, str]
+"""Options of a command, by the name of the argument of the library that they set: ``{"spacing": "--spacing"}``."""
 
 
-def in_options(text: str) -> str:
-    """A message of the library with its arguments as options: ``spacing=0.05`` as ``--spacing 0.05``."""
-    for name, words in _CALLS.items():
-        text = text.replace(name, words)
-    return _ARGUMENT.sub(_option, text)
+def worded(error: CspaceError, options: Options) -> str:
+    """An error in one line, with its argument, and one that its mend names, as options of the command."""
+    if error.found is None:
+        return _line(str(error))
+    found = f"{options.get(error.argument, error.argument)}{error.gap}{error.found}"
+    return _line("; ".join(part for part in (found, error.rule, in_options(error.mend, options)) if part))
 
 
-def _option(found: re.Match[str]) -> str:
-    name, value = f"--{found[1].replace('_', '-')}", found[2].strip("'")
-    if value == "True":
-        return name
-    return f"{name}={value[1:-1].replace(' ', '')}" if value.startswith("(") else f"{name} {value}"
+def in_options(text: str, options: Options) -> str:
+    """A text with arguments as options: ``spacing=0.05`` as ``--spacing 0.05``, ``exact=True`` as ``--exact``."""
+    return " ".join(_option(word, options) for word in text.split(" "))
 
 
 @contextmanager
 def about_robot() -> Iterator[None]:
-    """Within the block, what is said of ``solid`` is meant for ``--robot-solid``."""
-
-    def turned(message: object) -> str:
-        return re.sub(r"\bsolid=", "robot_solid=", str(message))
-
+    """Within the block, what is said of ``solid`` is meant for the robot: ``robot_solid``."""
     with warnings.catch_warnings(record=True) as heard:
         warnings.simplefilter("always", UserWarning)
         try:
             yield
         except CspaceError as error:
-            raise type(error)(turned(error)) from error
+            if error.found is None:
+                raise
+            name = "robot_solid" if error.argument == "solid" else error.argument
+            mend = error.mend.replace("solid=", "robot_solid=")
+            raise type(error)(name, error.found, error.rule, mend, value=error.value) from error
     for warning in heard:
-        warnings.warn(turned(warning.message), warning.category, stacklevel=3)
+        warnings.warn(str(warning.message).replace("solid=", "robot_solid="), warning.category, stacklevel=3)
+
+
+def _option(word: str, options: Options) -> str:
+    """A word that sets an argument, as an option; any other word as it is."""
+    name, equals, value = word.partition("=")
+    if not equals or name not in options:
+        return word
+    value = value.replace('"', "").replace("'", "")
+    plain = value.rstrip(",;.")
+    return f"{options[name]}{value[len(plain) :]}" if plain == "True" else f"{options[name]} {value}"
+
+
+def _line(text: str) -> str:
+    return " ".join(text.split())

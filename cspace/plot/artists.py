@@ -84,7 +84,7 @@ def check_yaw(space: MapLike, yaw: Any) -> float | None:
     Raises
     ------
     InputError
-        If it is not one finite number, or the map has no rotations.
+        If it is not one finite number.
     """
     if yaw is None:
         return None
@@ -92,9 +92,6 @@ def check_yaw(space: MapLike, yaw: Any) -> float | None:
     if angle.ndim:
         rule, mend = "it must be one number, in radians", "use the view yaw_panels for several"
         raise InputError("yaw", f"has shape {angle.shape}", rule, mend, value=yaw)
-    if space.dof == space.grid.dim:
-        rule = "the map has no rotations, so the robot does not turn"
-        raise InputError("yaw", f"is {yaw!r}", rule, "leave it out, or build the map with rotations", value=yaw)
     if space.rotations is not None:
         space.rotations.cell_of(angle)  # raises where it is too large to be wrapped
     return float(angle)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -14,7 +14,7 @@ from cspace.grid import positive
 from cspace.io.output import replacing
 from cspace.plot import artists
 from cspace.plot.protocols import Floats, MapLike
-from cspace.plot.route import Route
+from cspace.plot.route import Route, axes_of
 from cspace.plot.sections import draw_sections
 from cspace.plot.surface import draw_surface
 from cspace.plot.yaw_panels import draw_yaw_panels
@@ -117,16 +117,40 @@ def plot(
         If the path or a configuration has the wrong shape or is not finite, ``robot_every`` is not above zero, a yaw
         is given for a map without rotations, or an option for another kind of picture.
     """
-    kind = _kind_of(space, view, yaw)
     special = {"yaw": yaw, "ax": ax, "at": at, "surface": surface, "cut": cut, "camera": camera}
-    for name, value in special.items():
-        if value is not None and name not in VIEWS[kind]:
-            others = " or ".join(repr(other) for other, names in VIEWS.items() if name in names)
-            raise InputError(name, "is given", f"the picture is {kind!r}, and it goes with {others}", "leave it out")
+    kind = view_of(axes_of(space), view, special)
     options = {name: special[name] for name in VIEWS[kind]}
     if kind != "yaw_panels":
         options["yaw"] = artists.check_yaw(space, yaw)
     return _DRAW[kind](space, Route.of(space, path, start, goal, robot_every), **options, legend=legend, words=title)
+
+
+def view_of(axes: Sequence[str], view: str | None, options: Mapping[str, Any]) -> str:
+    """Which picture is asked for, of a map whose configurations have the given axes; told without the map.
+
+    Raises
+    ------
+    InputError
+        If there is none such of the map, or an option, where it is not None, goes with other ones.
+    """
+    views = ["sections", "3d"] if "z" in axes else ["plane"]
+    views += ["yaw_panels"] if "yaw" in axes else []
+    if view is not None and view not in views:
+        rule = f"the map's configurations are ({', '.join(axes)}), so it must be {' or '.join(views)}"
+        raise InputError("view", f"is {view!r}", rule, "or leave it out", value=view)
+    several = "yaw" in axes and np.ndim(options.get("yaw", 0.0)) > 0
+    kind = view or ("yaw_panels" if several else views[0])
+    for name, value in options.items():
+        if value is None:
+            continue
+        if name == "yaw" and "yaw" not in axes:
+            rule = "the map has no rotations, so the robot does not turn"
+            raise InputError(name, f"is {value!r}", rule, "leave it out, or build the map with rotations", value=value)
+        if name not in VIEWS[kind]:
+            others = " or ".join(other for other, names in VIEWS.items() if name in names)
+            rule = f"it goes with the view {others}, and this one is {kind}"
+            raise InputError(name, "is given", rule, "leave it out", value=value)
+    return kind
 
 
 def save_plot(
@@ -241,17 +265,3 @@ def _add_legend(ax: Any, handles: list[Any], own: bool, box: Floats) -> None:
         artists.legend_below(ax.figure, handles)
     else:
         ax.figure.legend(loc="outside right center", **style)
-
-
-def _kind_of(space: MapLike, view: str | None, yaw: Any) -> str:
-    """Which kind of picture is asked for."""
-    turns = artists.heading_of(space) is not None
-    if view is None and turns and np.ndim(yaw):
-        return "yaw_panels"
-    views = ["plane"] if space.grid.dim == 2 else ["sections", "3d"]
-    if turns:
-        views.append("yaw_panels")
-    if view is not None and view not in views:
-        rule = f"of this map it must be {' or '.join(map(repr, views))}"
-        raise InputError("view", f"is {view!r}", rule, "or leave it out", value=view)
-    return view or views[0]

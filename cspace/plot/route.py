@@ -37,12 +37,11 @@ class Figurine:
 
     def __init__(self, robot: RobotLike) -> None:
         self.dim = robot.dim
-        shape: Any = getattr(robot, "shape", robot)
         if self.dim == 2:
-            self.rings = rings(shape.outline if hasattr(shape, "outline") else shape.geometry)
+            self.rings = rings(robot.shape.outline)
             self.points = np.concatenate(self.rings)
         else:
-            vertices, faces = _simplified(*shape.surface)
+            vertices, faces = _simplified(*robot.shape.surface)
             self.triangles: Floats = vertices[faces]
             self.points = vertices
         self.reach = float(np.linalg.norm(self.points, axis=1).max())

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 import cspace
 from cspace.cli import app
-from cspace.cli.report import progress_bar
+from cspace.cli.report import progress_line
 
 # The goal's room is closed, the rest is one piece; cells of 0.1 m, the first row at the top.
 PLAN = """type octile
@@ -460,13 +460,13 @@ def test_ctrl_c_while_planning(room: Path) -> None:
     assert not Path("path.csv").exists()
 
 
-def test_progress_bar_only_on_a_terminal(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    with progress_bar("working") as callback:
+def test_progress_line_only_on_a_terminal(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    with progress_line("working") as callback:
         assert callback is None
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setenv("FORCE_COLOR", "1")
-    with progress_bar("working") as callback:
+    with progress_line("working") as callback:
         assert callback is not None
         callback(1, 2)
         callback(2, 2)

@@ -1,0 +1,156 @@
+"""Files of the command line: outputs, checked before any work, saved paths, and what a saved map is of."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+from collections.abc import Collection, Sequence
+from pathlib import Path
+from typing import Any
+
+from cspace.errors import FileError, InputError
+
+
+def check_outputs(paths: Collection[Path], suffixes: Collection[str], overwrite: bool) -> None:
+    """Check that files can be written, before work that would be lost.
+
+    Parameters
+    ----------
+    paths : collection of pathlib.Path
+        The outputs; those that are written beside them are checked with them.
+    suffixes : collection of str
+        The suffixes that are known, in lower case.
+    overwrite : bool
+        Whether existing outputs may be replaced.
+
+    Raises
+    ------
+    InputError
+        If a suffix is not known, or two outputs have the same name.
+    FileError
+        If a folder is missing or may not be written, or if an output exists and may not be replaced.
+    """
+    for path in paths:
+        if path.suffix.lower() not in suffixes:
+            mend = f"use one of {', '.join(suffix for suffix in suffixes if suffix)}"
+            raise InputError(str(path), f"ends in {path.suffix!r}", "the suffix says what to write", mend)
+        image = [path.with_suffix(".pgm")] if path.suffix.lower() in (".yaml", ".yml") else []
+        for target in (path, *image):
+            _check_target(target, overwrite)
+    if len({path.resolve() for path in paths}) < len(paths):
+        raise InputError(", ".join(map(str, paths)), "name one file twice", "outputs differ", "choose another name")
+
+
+def check_folder(folder: Path) -> None:
+    """Check that a folder is there or can be made, and can be written.
+
+    Raises
+    ------
+    FileError
+        If not.
+    """
+    there = folder
+    while not there.exists() and there != there.parent:
+        there = there.parent
+    if not there.is_dir() or not os.access(there, os.W_OK | os.X_OK):
+        found = f"cannot be written: {there.resolve()} is not a folder that may be written"
+        raise FileError(str(folder), found, "outputs need one", "choose another")
+
+
+def axes_of_map(file: Path) -> tuple[str, ...]:
+    """Names of the numbers of a saved map's configurations.
+
+    Told by its metadata alone: a map in space is large, and a wrong option is told at once.
+
+    Raises
+    ------
+    FileError
+        If the file is not a map that can be opened.
+    """
+    from cspace.io.reading import open_map
+
+    try:
+        metadata = _metadata(file)
+        dim, turns = len(metadata["shape"]), bool(metadata["rotations"])
+    except Exception:  # Whatever is wrong with the map, those who open it tell of it better.
+        space = open_map(file)
+        dim, turns = space.grid.dim, space.dof > space.grid.dim
+    return ("x", "y", "z")[:dim] + (("yaw",) if turns else ())
+
+
+def read_path(file: Path, axes: Sequence[str]) -> list[list[float]]:
+    """The configurations of a path, as ``cspace plan`` writes it.
+
+    Parameters
+    ----------
+    file : pathlib.Path
+        CSV, one configuration in a row below one row of names; or JSON with the configurations under ``path``.
+    axes : sequence of str
+        Of the map that the path is for.
+
+    Returns
+    -------
+    list of list of float
+        Metres, and radians.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be read or holds no path, or one of other configurations.
+    """
+    mend = "let cspace plan write a path on this map"
+    try:
+        names, rows = _table(file)
+        points = [[float(value) for value in row] for row in rows]
+        if any(len(point) not in (2, 3, 4) or len(point) != len(points[0]) for point in points):
+            raise ValueError
+    except OSError as error:
+        rule = "a path is a CSV or JSON file"
+        raise FileError(str(file), f"cannot be read: {error.strerror}", rule) from error
+    except (ValueError, TypeError, KeyError) as error:
+        rule = f"it is a CSV file with the columns {', '.join(axes)}, or a JSON file with rows of them under path"
+        raise FileError(str(file), "holds no path", rule, mend) from error
+    if names != tuple(axes) and (names or (points and len(points[0]) != len(axes))):
+        rule = f"the configurations of the map are {', '.join(axes)}"
+        raise FileError(str(file), f"holds {', '.join(names) or 'others'}", rule, mend)
+    if not points:
+        raise FileError(str(file), "holds no configuration", "a path has at least one", mend)
+    return points
+
+
+def _table(file: Path) -> tuple[tuple[str, ...], Any]:
+    """What the numbers of a path are called, where the file says so, and its configurations."""
+    text = file.read_text(encoding="utf-8")
+    if file.suffix.lower() == ".json":
+        record = json.loads(text)
+        if not isinstance(record, dict):
+            raise ValueError
+        return tuple(record.get("axes", ())), record["path"]
+    rows = list(csv.reader(text.splitlines()))
+    # A car's path also tells which way it drives.
+    kept = [number for number, name in enumerate(rows[0] if rows else ()) if name != "direction"]
+    names = tuple(rows[0][number] for number in kept)
+    return names, [[row[number] for number in kept] if len(row) == len(rows[0]) else row for row in rows[1:]]
+
+
+def _check_target(target: Path, overwrite: bool) -> None:
+    if not target.parent.is_dir():
+        found = "is not a folder"
+        raise FileError(str(target.parent), found, "outputs go into an existing one", "create it first")
+    if not os.access(target.parent, os.W_OK | os.X_OK):
+        found = "may not be written"
+        raise FileError(str(target.parent), found, "outputs need a writable folder", "choose another")
+    if target.exists() and not overwrite:
+        raise FileError(str(target), "exists", "existing outputs are kept", "pass --overwrite or choose another name")
+
+
+def _metadata(file: Path) -> Any:
+    """The metadata of a saved map, unchecked."""
+    if file.is_dir():
+        return json.loads((file / "zarr.json").read_text(encoding="utf-8"))["attributes"]
+    import numpy as np
+
+    # Opened here: np.load would leave a damaged file open.
+    with file.open("rb") as stream, np.load(stream, allow_pickle=False) as members:
+        return json.loads(str(members["metadata"][()]))

@@ -1,0 +1,362 @@
+"""info: what a saved map, a workspace or a robot holds, and what a map would take, told before any work."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from cspace.cli.options import (
+    Bounds,
+    Json,
+    Radius,
+    SolidMesh,
+    SolidRobot,
+    Spacing,
+    TurningCells,
+    UnknownCells,
+    check_dimensions,
+    given,
+    read_robot,
+    workspace_options,
+)
+from cspace.cli.report import show
+from cspace.errors import InputError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from cspace.robot import Robot
+    from cspace.shapes.mesh import Mesh, Solid
+    from cspace.space import CSpace
+
+_MEASURES = {2: "area_m2", 3: "volume_m3"}
+"""What the cells of a map, or a body, fill, by the number of dimensions."""
+
+
+class Kind(StrEnum):
+    """What a file holds."""
+
+    MAP = "map"
+    WORKSPACE = "workspace"
+    ROBOT = "robot"
+
+
+def info(
+    file: Annotated[str, typer.Argument(metavar="FILE", help="A saved map, a workspace, or a robot (file or spec).")],
+    kind: Annotated[
+        Kind | None, typer.Option("--as", help="What FILE holds, where its name does not tell  [default: by its name].")
+    ] = None,
+    spacing: Spacing = None,
+    robot: Annotated[
+        str | None, typer.Option(metavar="SPEC", help="A robot to tell of beside a workspace, as for cspace map.")
+    ] = None,
+    bounds: Bounds = None,
+    unknown: UnknownCells = None,
+    solid: SolidMesh = None,
+    robot_solid: SolidRobot = None,
+    radius: Radius = None,
+    rotations: TurningCells = None,
+    as_json: Json = False,
+) -> None:
+    """Tell what a saved map, a workspace or a robot holds, and what a map would take, before any work."""
+    from cspace.io.reading import open_map
+    from cspace.robot import Robot
+
+    kind = kind or _kind(file)
+    options = workspace_options(spacing, unknown, bounds, solid, radius)
+    if robot_solid is not None and robot is None:
+        found = f"is {robot_solid.value}, and there is no --robot"
+        raise InputError("--robot-solid", found, "it is for a robot", "add one, or leave it out")
+    others = given(robot=robot, rotations=rotations)
+    if kind is Kind.MAP:
+        _refuse({**options, **others}, (), f"{file} is a saved map")
+        document = describe_map(open_map(file))
+    elif kind is Kind.ROBOT:
+        _refuse({**options, **others}, ("spacing", "solid"), f"{file} is a robot")
+        document = describe_robot(Robot.open(file, **given(solid=solid and solid.value)), spacing)
+    else:
+        beside = None if robot is None else read_robot(robot, robot_solid)
+        document = survey(Path(file), options, beside, rotations)
+    show({"kind": kind.value, **document}, as_json)
+
+
+def _refuse(options: dict[str, object], taken: tuple[str, ...], what: str) -> None:
+    """Refuse options that have no place."""
+    for name in options:
+        if name not in taken:
+            raise InputError(f"--{name}", f"is given and {what}", "it is for workspaces", "leave it out")
+
+
+def _kind(file: str) -> Kind:
+    """What a file holds, by its name."""
+    path = Path(file)
+    if path.suffix.lower() in (".zarr", ".npz") or path.is_dir():
+        return Kind.MAP
+    return Kind.ROBOT if ":" in file and not path.exists() else Kind.WORKSPACE
+
+
+def describe_map(space: CSpace) -> dict[str, Any]:
+    """What there is to say about a map."""
+    import numpy as np
+
+    from cspace.states import FREE, NAMES
+
+    counts = space.count()
+    grid, rotations = space.grid, space.rotations
+    record: Any = getattr(space, "_map", space)
+    states = record.states if hasattr(record, "states") else record.stack
+    kept = [states, *space.fields.values()] + ([] if space.overlaps is None else [space.overlaps])
+    turning: dict[str, Any] = {}
+    if rotations is None:
+        measure = {f"free_{_MEASURES[grid.dim]}": counts[0] * grid.spacing**grid.dim}
+    else:
+        widths = np.diff(rotations.borders)
+        free = np.array([np.count_nonzero(part == FREE) for part in states])[record.slice_of]
+        # Each rotation cell counts by its width.
+        mean = float(free @ widths / widths.sum()) * grid.spacing**grid.dim
+        measure = {f"mean_free_{_MEASURES[grid.dim]}": mean}
+        turning = {
+            "rotations": rotations.count,
+            "rotation_cell_deg": round(float(np.degrees(widths.max())), 9),
+            "slices": len(states),
+        }
+    return {
+        "robot": space.robot.name,
+        "workspace": space.workspace.source,
+        "lower_m": list(grid.lower),
+        "upper_m": list(grid.upper),
+        "spacing_m": grid.spacing,
+        "shape": list(grid.shape),
+        **turning,
+        "cells": dict(zip(NAMES, counts, strict=True)),
+        **measure,
+        "outside": space.outside,
+        "margin_m": space.margin,
+        "precision": space.precision,
+        "overlaps": space.overlaps is not None,
+        **({"overlap_field": True} if space.fields else {}),
+        "memory_bytes": sum(array.nbytes for array in kept),
+    }
+
+
+def describe_robot(robot: Robot, spacing: float | None = None) -> dict[str, Any]:
+    """What there is to say about a robot, and how many cells it is across where a spacing is known (metres)."""
+    import numpy as np
+
+    from cspace.covering import covering_shape
+    from cspace.shapes import Mesh
+
+    body = robot.shape
+    corners = np.array(body.bounds)
+    return {
+        "robot": robot.name,
+        **describe_box(corners),
+        **(describe_mesh(body) if isinstance(body, Mesh) else {_MEASURES[robot.dim]: body.measure}),
+        **({} if spacing is None else {"cells_across": covering_shape(corners, spacing)}),
+    }
+
+
+def describe_mesh(mesh: Mesh) -> dict[str, Any]:
+    """What there is to say about a mesh; its volume, where it has one."""
+    closed = sum(body.closed for body in mesh.bodies)
+    return {
+        "triangles": len(mesh.faces),
+        "bodies": {"closed": closed, "open": len(mesh.bodies) - closed},
+        "watertight": mesh.is_watertight,
+        **({"volume_m3": float(mesh.volume)} if mesh.is_watertight else {}),
+    }
+
+
+def describe_box(corners: Any) -> dict[str, Any]:
+    """A box, by its lower and upper corner, shape (2, d), metres."""
+    lower, upper = corners
+    return {"lower_m": lower.tolist(), "upper_m": upper.tolist(), "extents_m": (upper - lower).tolist()}
+
+
+def survey(
+    path: Path, options: dict[str, Any], robot: Robot | None = None, rotations: int | None = None
+) -> dict[str, Any]:
+    """What there is to say about the file of a workspace; shapes are not turned into cells.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+    options : dict
+        What the user gave for its reader: see :meth:`cspace.Workspace.open`. Without a spacing, nothing is said of the
+        cells of shapes.
+    robot : Robot, optional
+        Told of as well, in cells.
+    rotations : int, optional
+        For a robot that turns: how many yaw cells the map is to have.
+
+    Raises
+    ------
+    InputError
+        If the suffix is not known, an option does not apply to it, or the robot is of another dimension.
+    FileError
+        If the file is missing or malformed.
+    """
+    from cspace.io.formats import dimension_of
+    from cspace.workspace import Workspace, reader_of
+
+    surveys: dict[Callable[..., Workspace], Callable[..., dict[str, Any]]] = {
+        Workspace.from_mesh: _mesh,
+        Workspace.from_points: _points,
+        Workspace.from_polygons: _polygons,
+    }
+    reader = reader_of(path, options)
+    if robot is not None:
+        check_dimensions(path, dimension_of(path), robot)
+    cells = _Cells(robot, rotations)
+    if reader in surveys:
+        document = surveys[reader](cells, path, **options)
+    else:
+        document = _grid(cells, lambda **more: Workspace.open(path, **{**options, **more}), reader)
+    if robot is not None:
+        described = describe_robot(robot, document.get("spacing_m"))
+        document["robot"] = {"name": described.pop("robot"), **described}
+    return {"workspace": str(path), **document}
+
+
+def _mesh(
+    cells: _Cells, path: Path, spacing: float | None = None, bounds: Any = None, solid: Solid = "auto"
+) -> dict[str, Any]:
+    import numpy as np
+
+    from cspace.covering import check_bounds
+    from cspace.memory import MESH_BYTES
+    from cspace.shapes.mesh import Mesh
+
+    if bounds is not None:
+        check_bounds(bounds, 3)
+    mesh = Mesh.of(path, solid)
+    corners = np.stack(mesh.bounds)
+    return {
+        **describe_box(corners),
+        **describe_mesh(mesh),
+        **cells.on(corners, spacing, bounds, MESH_BYTES, "mesh"),
+    }
+
+
+def _points(
+    cells: _Cells, path: Path, spacing: float | None = None, bounds: Any = None, radius: float = 0.0
+) -> dict[str, Any]:
+    import numpy as np
+
+    from cspace.io.points import read_points
+    from cspace.memory import WORKSPACE_BYTES
+    from cspace.shapes import Balls, check_balls
+
+    balls = Balls(*check_balls(read_points(path), radius))
+    corners = np.stack(balls.bounds)
+    return {
+        **describe_box(corners),
+        "points": len(balls.radii),
+        "radius_m": float(radius),
+        **cells.on(corners, spacing, bounds, WORKSPACE_BYTES, "cloud"),
+    }
+
+
+def _polygons(cells: _Cells, path: Path, spacing: float | None = None, bounds: Any = None) -> dict[str, Any]:
+    import shapely
+
+    from cspace.io.vector import read_shapes
+    from cspace.memory import WORKSPACE_BYTES
+
+    shapes = read_shapes(path)
+    corners = shapely.total_bounds(shapes).reshape(2, 2)
+    return {
+        **describe_box(corners),
+        "shapes": len(shapes),
+        **cells.on(corners, spacing, bounds, WORKSPACE_BYTES, "set of polygons"),
+    }
+
+
+def _grid(cells: _Cells, read: Callable[..., Any], reader: Callable[..., Any]) -> dict[str, Any]:
+    """A file that is itself a grid; of a sensor map, what is unknown is what the two ways to take it differ in."""
+    import numpy as np
+
+    from cspace.memory import FIXED_CELLS, WORKSPACE_BYTES
+
+    found: dict[str, int] = {}
+    if "unknown" in inspect.signature(reader).parameters:
+        taken = int(np.count_nonzero(read(unknown="occupied").outer))
+        workspace = read(unknown="free")
+        occupied = int(np.count_nonzero(workspace.outer))
+        found["unknown"] = taken - occupied
+    else:
+        workspace = read()
+        taken = occupied = int(np.count_nonzero(workspace.outer))
+    grid = workspace.grid
+    return {
+        **describe_box(np.array([grid.lower, grid.upper])),
+        "spacing_m": grid.spacing,
+        "shape": list(grid.shape),
+        "cells": {"occupied": occupied, **found, "free": grid.size - taken, "total": grid.size},
+        **cells.memory(grid.shape, grid.spacing, WORKSPACE_BYTES, mend=FIXED_CELLS),
+    }
+
+
+class _Cells:
+    """The cells of a map to be: of its grid, and of its rotations where the robot turns."""
+
+    def __init__(self, robot: Robot | None, rotations: int | None) -> None:
+        from cspace.rotations import check_rotations
+        from cspace.slices import slice_of_rotation
+
+        yaws = check_rotations(rotations)
+        self.slices = 1
+        self._told: dict[str, Any] = {}
+        if yaws is not None:
+            # A robot with a symmetry needs fewer slices than there are rotation cells.
+            self.slices = yaws.count if robot is None else int(slice_of_rotation(robot, yaws).max()) + 1
+            self._told = {"rotations": yaws.count, "slices": self.slices}
+
+    def on(
+        self, corners: NDArray[np.float64], spacing: float | None, bounds: Any, bytes_a_cell: int, what: str
+    ) -> dict[str, Any]:
+        """The grid that shapes would be put on, and its memory."""
+        from cspace.covering import check_bounds, covering_shape, warn_of_units
+        from cspace.grid import Grid
+        from cspace.memory import cells_of
+
+        box = corners if bounds is None else check_bounds(bounds, corners.shape[1])
+        if spacing is None:
+            return {}
+        warn_of_units(corners, spacing, what, bounds is not None)
+        shape = covering_shape(box, spacing)
+        memory = self.memory(shape, spacing, bytes_a_cell, corners=box)
+        if memory["memory"]["fits"]:
+            Grid(box[0], spacing, shape)  # raises where the map lies too far from its origin
+        return {
+            **({} if bounds is None else {"map_lower_m": box[0].tolist(), "map_upper_m": box[1].tolist()}),
+            "spacing_m": spacing,
+            "shape": shape,
+            "cells": {"total": cells_of(shape)},
+            **memory,
+        }
+
+    def memory(self, shape: Any, spacing: float, bytes_a_cell: int, **advice: Any) -> dict[str, Any]:
+        """What a map of so many cells needs at most, and whether it is there; ``advice`` as for ``check_memory``."""
+        from cspace.memory import TRANSFORM_BYTES, WORKSPACE_BYTES, cells_of, check_memory, free_bytes, map_bytes
+
+        cells = cells_of(shape)
+        built = WORKSPACE_BYTES * cells + map_bytes(shape, self.slices)
+        told: dict[str, Any] = {
+            "map_bytes": cells * self.slices,
+            "needed_bytes": max(bytes_a_cell * cells, built),
+            "free_bytes": free_bytes(),
+            "fits": True,
+        }
+        try:
+            check_memory(bytes_a_cell * cells, "the map", shape, spacing, **advice)
+            check_memory(built, "the map", shape, spacing, fixed=TRANSFORM_BYTES, **advice)
+        except InputError as error:
+            told |= {"fits": False, "problem": str(error)}
+        return {**self._told, "memory": told}
