@@ -331,7 +331,8 @@ class Robot:
         """
         side = positive(spacing, "spacing")
         grown = check_margin(margin)
-        far = (self.span + grown) / side
+        # A corner of the box round the origin is farther away than its sides, and may be turned onto an axis.
+        far = (self.span * (1.0 if turn.matrix is None else math.sqrt(self.dim)) + grown) / side
         if not far <= MAX_COORDINATE:
             raise InputError(
                 "robot",

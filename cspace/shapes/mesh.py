@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import TYPE_CHECKING, Any, Final, Literal, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,15 +17,34 @@ from numpy.typing import ArrayLike, NDArray
 from cspace.errors import GeometryError, InputError
 from cspace.grid import Grid, finite, unmasked
 from cspace.raster.raster import Raster
-from cspace.raster.solids.inside import AMBIGUOUS, INSIDE, Bodies, Body, InsideTester, find_bodies, merged
 from cspace.rotations import STILL, Turn
+from cspace.shapes.bodies import Body, find_bodies, volumes
 from cspace.shapes.shape import Bools, Floats, Pieces, Shape, Surface
 
 if TYPE_CHECKING:
-    from cspace.raster.solids.near import Crossings
+    from cspace.raster.surfaces import Skin
+    from cspace.raster.winding import Winding
+
+
+class TriangleMesh(Protocol):
+    """A trimesh.Trimesh, or what looks like one."""
+
+    @property
+    def vertices(self) -> ArrayLike: ...
+
+    @property
+    def faces(self) -> ArrayLike: ...
+
+
+class MeshScene(Protocol):
+    """A trimesh.Scene, or what looks like one."""
+
+    @property
+    def geometry(self) -> Mapping[str, object]: ...
+
 
 Solid = Literal["auto", "surface", "fill"]
-MeshLike = Any
+MeshLike: TypeAlias = "Mesh | TriangleMesh | MeshScene | str | os.PathLike[str] | tuple[ArrayLike, ArrayLike]"
 
 SOLIDS: Final = ("auto", "surface", "fill")
 """What of a mesh is solid: its closed bodies, nothing but the surface, or whatever its raster encloses."""
@@ -43,25 +62,22 @@ class Mesh(Shape):
 
     The triangles themselves are always part of the shape. What they enclose is, by ``solid``:
 
-    * ``"auto"``: the inside of each closed body. A body is a set of triangles that hang together through shared edges;
-      it is closed if an even number of them meet at each edge. Its inside is where its winding number is not zero; so
-      it does not matter whether normals face outward, and single triangles that are turned over are turned back. (Where
-      more than two triangles meet at an edge and are not turned alike, it is where the parity of a ray's crossings is
-      odd.) Bodies may overlap: the solid is their union. A body that faces inward within one that faces outward is a
-      cavity, in which there may be an island, and so on. Open bodies are surfaces without an inside, and so is a room
-      that is closed by several bodies together.
+    * ``"auto"``: wherever the winding number of all closed bodies together is not zero.
+
+      A body is a set of triangles that hang together through shared edges. It is closed if its triangles run along each
+      edge as often one way as the other. Exact copies of triangles are dropped first, or cancel where they are a wall
+      between two parts, and single triangles that are turned over are turned back. What does not close that way (holes,
+      Moebius strips, more than two triangles at an edge and no consistent winding) is a surface without an inside, and
+      a :class:`MeshWarning` tells of it.
+
+      Winding numbers add up. Bodies that overlap and all face outward are solid together. A body that faces inward,
+      nested in one that faces outward, is a cavity, in which there may be an island, and so on. A body that faces
+      inward alone is solid like any other: one that lies in the box of no outward one can be no cavity, and is turned
+      over. Nested bodies that all face outward are solid throughout; pockets of a body that passes through itself where
+      its windings cancel are hollow.
     * ``"surface"``: nothing.
     * ``"fill"``: whatever cannot be reached from outside through the cells that the surface does not touch. It depends
       on the spacing: gaps narrower than about a cell are closed.
-
-    What is a cavity or outside by one reading, and solid by another, is *ambiguous*: never proven free, and never
-    proven blocked. That is what lies
-
-    * in several bodies of which some face inward, or do not tell which way they face, unless from the outermost one
-      inwards they face outward, inward, outward and so on, and do not cross. (A body does not tell if single triangles
-      were turned over, or each is drawn both ways.)
-    * in no body, but in a pocket of one that passes through itself, or at whose edges more than two triangles meet:
-      shut in, as far as can be told.
 
     Parameters
     ----------
@@ -91,25 +107,35 @@ class Mesh(Shape):
     def __post_init__(self) -> None:
         if self.solid not in SOLIDS:
             raise InputError(
-                f"solid is {self.solid!r}; it says what of a mesh is solid; use one of {', '.join(map(repr, SOLIDS))}"
+                "solid",
+                f"is {self.solid!r}",
+                "it says what of a mesh is solid",
+                f"use one of {', '.join(map(repr, SOLIDS))}",
+                value=self.solid,
             )
         unmasked(self.faces, f"faces of {self.source}")
         vertices, faces = _checked_vertices(self.vertices, self.source), np.asarray(self.faces)
         if faces.size == 0:
             raise GeometryError(
-                f"{self.source} has no triangles; a mesh needs at least one; for a cloud of points use "
-                "Workspace.from_points"
+                self.source,
+                "has no triangles",
+                "a mesh needs at least one",
+                "for a cloud of points use Workspace.from_points",
             )
         if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
             raise GeometryError(
-                f"faces of {self.source} has shape {faces.shape} and dtype {faces.dtype}; it must be (F, 3), of whole "
-                "numbers; pass three vertex numbers for each triangle"
+                f"faces of {self.source}",
+                f"has shape {faces.shape} and dtype {faces.dtype}",
+                "it must be (F, 3), of whole numbers",
+                "pass three vertex numbers for each triangle",
             )
         low, high = int(faces.min()), int(faces.max())
         if low < 0 or high >= len(vertices):
             raise GeometryError(
-                f"faces of {self.source} name vertex {low if low < 0 else high}; there are {len(vertices)}, numbered "
-                "from 0; pass the vertices that belong to the faces"
+                f"faces of {self.source}",
+                f"name vertex {low if low < 0 else high}",
+                f"there are {len(vertices)}, numbered from 0",
+                "pass the vertices that belong to the faces",
             )
         faces = np.array(faces, dtype=np.int64, order="C")
         for array in (vertices, faces):
@@ -188,31 +214,27 @@ class Mesh(Shape):
     @property
     def encloses(self) -> bool:  # type: ignore[override]
         """Whether the mesh has an inside that does not depend on a spacing: closed bodies, which are solid."""
-        return self.solid == "auto" and bool(len(self._closed.faces))
+        return self.solid == "auto" and bool(len(self._closed[0]))
 
-    @property
+    @cached_property
     def volume(self) -> float:
-        """Sum of the volumes of the closed bodies whose triangles are turned alike, in cubic metres.
+        """Sum of the volumes of the closed bodies, cubic metres.
 
-        Bodies that face inward count negative; where bodies overlap, each counts.
+        Cavities count negative; where bodies overlap, each counts.
         """
-        kept = [body for body in self.bodies if body.oriented]
-        faces, turns = (
-            np.concatenate([np.empty(0, dtype=np.int64), *parts])
-            for parts in ([body.faces for body in kept], [body.turns for body in kept])
-        )
-        a, b, c = np.moveaxis(self.vertices[self.faces[faces]] - np.mean(self.bounds, axis=0), 1, 0)
-        return float(np.einsum("ij,ij,i->", a, np.cross(b, c), turns) / 6.0)
+        faces, turns = self._closed
+        body = np.zeros(len(faces), dtype=np.int64)
+        return float(volumes(self.vertices[self.faces[faces]], turns, body, 1)[0][0]) if len(faces) else 0.0
 
     def rasters(self, spacing: float, margin: float = 0.0, turn: Turn = STILL) -> tuple[Raster, Raster]:
-        from cspace.raster.solids import mesh_rasters
+        from cspace.raster.surfaces import surface_rasters
 
-        return mesh_rasters(self, spacing, margin)
+        return surface_rasters(self._skin, spacing, margin, turn)
 
     def cells(self, grid: Grid) -> tuple[Bools, Bools]:
-        from cspace.raster.solids import rasterize_mesh
+        from cspace.raster.surfaces import surface_cells
 
-        return rasterize_mesh(self, grid)
+        return surface_cells(self._skin, grid)
 
     def boundary(self) -> Pieces:
         if self.solid == "fill":
@@ -235,10 +257,10 @@ class Mesh(Shape):
         order = (np.array(first)[:, None] + np.arange(3)) % 3
         return np.take_along_axis(corners, order[..., None], axis=1).reshape(-1, 9)
 
-    def contains(self, points: ArrayLike) -> Any:
+    def contains(self, points: ArrayLike) -> Bools:
         """Whether points lie in the closed bodies, for points farther from the surface than rounding.
 
-        Points in a cavity do not; ambiguous ones do. For ``solid="surface"`` nothing does.
+        For ``solid="surface"`` nothing does.
 
         Parameters
         ----------
@@ -247,7 +269,7 @@ class Mesh(Shape):
 
         Returns
         -------
-        bool or ndarray of bool, shape (...)
+        ndarray of bool, shape (...)
 
         Raises
         ------
@@ -256,25 +278,16 @@ class Mesh(Shape):
         """
         if self.solid == "fill":
             raise InputError(
-                f"{self.source} has solid='fill', and what is filled depends on the spacing; a mesh alone cannot tell; "
-                "ask its cells, or pass solid='auto'"
+                self.source,
+                "has solid='fill'",
+                "what is filled depends on the spacing, so that a mesh alone cannot tell",
+                "ask its cells, or pass solid='auto'",
             )
-        array = finite(points, "points")
-        if array.ndim == 0 or array.shape[-1] != 3:
-            raise InputError(
-                f"points has shape {array.shape}; its last axis must be 3 long; pass one point or a batch of them"
-            )
+        array = self._checked(points)
         if self.solid == "surface":
-            found = np.zeros(array.shape[:-1], dtype=np.bool_)
-        else:
-            codes = self._tester.codes((array - self.bounds[0]).reshape(-1, 3))
-            found = ((codes == INSIDE) | (codes == AMBIGUOUS)).reshape(array.shape[:-1])
-        return found if found.ndim else bool(found)
-
-    def inside_tester(self, triangles: NDArray[np.float64]) -> InsideTester:
-        """The inside test of the closed bodies, with ``triangles`` (F, 3, 3) in the frame of the points to be asked."""
-        closed = self._closed
-        return InsideTester(triangles[closed.faces], closed, self._crossings)
+            return np.zeros(array.shape[:-1], dtype=np.bool_)
+        numbers = self._winding.numbers((array - self.bounds[0]).reshape(-1, 3))
+        return np.asarray(numbers.reshape(array.shape[:-1]) != 0)
 
     @property
     def spec(self) -> dict[str, Any]:
@@ -301,8 +314,10 @@ class Mesh(Shape):
             solid, source = spec["solid"], str(spec["source"])
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(
-                f"the record of a mesh is damaged: {error!r}; it must hold vertices, faces, solid and source; write it "
-                "again with spec()"
+                "spec",
+                f"is damaged: {error!r}",
+                "a mesh needs vertices, faces, solid and source",
+                "write it again with Mesh.spec",
             ) from error
         mesh = cls(vertices, faces, solid, source)
         # Whoever wrote the record was told.
@@ -310,19 +325,28 @@ class Mesh(Shape):
         return mesh
 
     @cached_property
-    def _closed(self) -> Bodies:
-        return Bodies.closed(self.bodies)
+    def _closed(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Triangles that enclose something, and how often each counts."""
+        none = np.empty(0, dtype=np.int64)
+        closed = [body for body in self.bodies if body.closed]
+        faces = np.concatenate([none, *(body.faces for body in closed)])
+        turns = np.concatenate([none, *(body.turns for body in closed)])
+        return faces[turns != 0], turns[turns != 0]
 
     @cached_property
-    def _tester(self) -> InsideTester:
-        return self.inside_tester(self.triangles - self.bounds[0])
+    def _winding(self) -> Winding:
+        from cspace.raster.winding import Winding
 
-    @cached_property
-    def _crossings(self) -> Crossings:
-        from cspace.raster.solids.near import Crossings
+        faces, turns = self._closed
+        return Winding(self.vertices[self.faces[faces]] - self.bounds[0], turns)
 
-        faces = self._closed.faces
-        return Crossings(self.triangles[faces], merged(self.vertices)[self.faces[faces]], self._closed)
+    @property
+    def _skin(self) -> Skin:
+        from cspace.raster.surfaces import Skin
+
+        return Skin(
+            self.vertices, self.faces, self.contains if self.encloses else None, self.solid == "fill", self.source
+        )
 
     def _open_bodies(self) -> str:
         """What ``auto`` says of open bodies."""
@@ -355,11 +379,16 @@ def _checked_vertices(values: Any, source: str) -> NDArray[np.float64]:
     vertices = finite(values, f"vertices of {source}")
     if vertices.ndim != 2 or vertices.shape[1] != 3:
         raise GeometryError(
-            f"vertices of {source} has shape {vertices.shape}; it must be (V, 3), in metres; pass x, y, z for each"
+            f"vertices of {source}",
+            f"has shape {vertices.shape}",
+            "it must be (V, 3), in metres",
+            "pass x, y, z for each",
         )
     far = float(np.abs(vertices).max(initial=0.0))
     if far > _LARGEST:
-        raise GeometryError(f"vertices of {source} reach {far:g}; at most {_LARGEST:g} is taken; check the units")
+        raise GeometryError(
+            f"vertices of {source}", f"reach {far:g}", f"at most {_LARGEST:g} is taken", "check the units"
+        )
     return np.array(vertices, dtype=np.float64, order="C")
 
 

@@ -71,6 +71,10 @@ class Box(Shape):
         return float(np.prod(self.upper - self.lower))
 
     def rasters(self, spacing: float, margin: float = 0.0, turn: Turn = STILL) -> tuple[Raster, Raster]:
+        if turn.matrix is not None:
+            from cspace.raster.surfaces import Skin, surface_rasters
+
+            return surface_rasters(Skin(*self.surface, self.contains, source="box"), spacing, margin, turn)
         from cspace.raster.boxes import Rounded, rounded_rasters
 
         box = Rounded(self.lower[None], self.upper[None], np.zeros(1))
@@ -177,6 +181,10 @@ class Voxels(Shape):
             from cspace.raster.segments import outline_rasters
 
             return outline_rasters([self._segments], spacing, margin, turn)
+        if turn.matrix is not None:
+            from cspace.raster.surfaces import Skin, surface_rasters
+
+            return surface_rasters(Skin(*self.surface, self.contains, source="bitmap"), spacing, margin, turn)
         from cspace.raster.bitmaps import held_by_cells
         from cspace.raster.boxes import rounded_rasters
 

@@ -92,7 +92,7 @@ def _inside(shape: Any, grid: Grid) -> NDArray[np.bool_]:
     import shapely
 
     from cspace.covering import check_cells
-    from cspace.raster.solids.surface import mark_touched
+    from cspace.raster.triangles import mark_touched
     from cspace.shapes import Balls
     from cspace.shapes.mesh import Mesh
 

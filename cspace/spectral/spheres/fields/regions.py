@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -145,44 +144,27 @@ class SolidRegion(Region):
         self.border = Border(mesh.triangles)
 
     def holds(self, points: Floats) -> Bools:
-        from cspace.raster.solids.inside import INSIDE
-
-        return np.asarray(self._codes(points) == INSIDE)
+        return np.asarray(self.shape.contains(points))
 
     def may_hold(self, points: Floats) -> Bools:
-        from cspace.raster.solids.inside import AMBIGUOUS, INSIDE
-
-        return np.isin(self._codes(points), (INSIDE, AMBIGUOUS))
+        return self.holds(points)
 
     def cells(self, grid: Grid) -> Bools:
-        from cspace.raster.solids import rasterize_mesh
-
-        return rasterize_mesh(self.shape, grid)[0]
+        return np.asarray(self.shape.cells(grid)[0])
 
     def measure(self) -> tuple[float, float]:
         if not self.shape.encloses:
             return 0.0, 0.0
         volume = abs(self.shape.volume)
         closed = [body for body in self.shape.bodies if body.closed]
-        alone = len(closed) == 1 and closed[0].oriented and closed[0].manifold
+        alone = len(closed) == 1 and bool((np.abs(closed[0].turns) == 1).all())
         return (volume, volume) if alone else self._between()
 
     def _between(self) -> tuple[float, float]:
         """Bounds of the volume by cells, where bodies may overlap."""
-        from cspace.raster.solids import rasterize_mesh
-
         spacing = float(np.cbrt(np.prod(self.bounds[1] - self.bounds[0]) / _MEASURED))
-        outer, inner = rasterize_mesh(self.shape, Region.grid_at(self, spacing))
+        outer, inner = self.shape.cells(Region.grid_at(self, spacing))
         return float(np.count_nonzero(inner)) * spacing**3, float(np.count_nonzero(outer)) * spacing**3
-
-    @cached_property
-    def _tester(self) -> Any:
-        return self.shape.inside_tester(self.shape.triangles - self.bounds[0])
-
-    def _codes(self, points: Floats) -> NDArray[np.uint8]:
-        if not self.shape.encloses:
-            return np.zeros(len(points), dtype=np.uint8)
-        return np.asarray(self._tester.codes(points - self.bounds[0]))
 
 
 class CellRegion(Region):

@@ -1,0 +1,185 @@
+"""Components: the connected sets of untouched boxes, held as runs along z.
+
+There are about as many runs as columns and touched boxes, so that labelling costs one look at each box, and memory
+for the runs alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace.compiling import jit
+from cspace.threads import in_chunks
+
+Bools = NDArray[np.bool_]
+Integers = NDArray[np.int64]
+Labels = NDArray[np.int32]
+
+_SLABS_A_THREAD = 32
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Components:
+    """Sets of boxes, joined through sides.
+
+    Attributes
+    ----------
+    shape : tuple of int
+        Of the array of boxes.
+    offsets : ndarray of int64
+        The runs of column ``i * ny + j`` are those from ``offsets[column]`` up to ``offsets[column + 1]``.
+    lows, highs, labels : ndarray of int32
+        For each run its first and last z, and the number of its component.
+    count : int
+        Number of components.
+    """
+
+    shape: tuple[int, int, int]
+    offsets: Integers
+    lows: Labels
+    highs: Labels
+    labels: Labels
+    count: int
+
+    @classmethod
+    def of(cls, blocked: Bools) -> Components:
+        """The components of the False entries, shape (nx, ny, nz)."""
+        nx, ny, nz = blocked.shape
+        counts = np.empty(nx * ny, dtype=np.int64)
+
+        def count(start: int, stop: int) -> int:
+            _count_runs(blocked, counts, start, stop)
+            return -1
+
+        in_chunks(count, nx, _SLABS_A_THREAD)
+        offsets = np.concatenate([[0], np.cumsum(counts)])
+        lows, highs, parents, labels = (np.empty(int(offsets[-1]), dtype=np.int32) for _ in range(4))
+
+        def fill(start: int, stop: int) -> int:
+            _list_runs(blocked, offsets, lows, highs, start, stop)
+            return -1
+
+        in_chunks(fill, nx, _SLABS_A_THREAD)
+        number = int(_label_runs(ny, offsets, lows, highs, parents, labels))
+        return cls((nx, ny, nz), offsets, lows, highs, labels, number)
+
+    def members(self) -> Integers:
+        """Index of one box of each component, shape (count, 3)."""
+        runs = np.unique(self.labels, return_index=True)[1]
+        column = np.searchsorted(self.offsets, runs, side="right") - 1
+        return np.stack([column // self.shape[1], column % self.shape[1], self.lows[runs]], axis=1).astype(np.int64)
+
+    def at_border(self) -> Bools:
+        """Whether each component reaches the border of the array, shape (count,)."""
+        nx, ny, nz = self.shape
+        column = np.repeat(np.arange(nx * ny), np.diff(self.offsets))
+        i, j = column // ny, column % ny
+        ends = (i == 0) | (i == nx - 1) | (j == 0) | (j == ny - 1) | (self.lows == 0) | (self.highs == nz - 1)
+        border = np.zeros(self.count, dtype=np.bool_)
+        border[self.labels[ends]] = True
+        return border
+
+    def fill(self, out: Bools, chosen: Bools) -> None:
+        """Set ``out`` on the chosen components, and leave the rest as it is."""
+
+        def work(start: int, stop: int) -> int:
+            _fill_runs(out, self.offsets, self.lows, self.highs, self.labels, chosen, start, stop)
+            return -1
+
+        if chosen.any():
+            in_chunks(work, self.shape[0], _SLABS_A_THREAD)
+
+
+@jit
+def _count_runs(blocked: Bools, counts: Integers, start: int, stop: int) -> None:
+    """Set ``counts[i * ny + j]``, for first indices in ``[start, stop)``, to the number of runs in that column."""
+    _, ny, nz = blocked.shape
+    for i in range(start, stop):
+        for j in range(ny):
+            number, before = 0, True
+            for k in range(nz):
+                here = blocked[i, j, k]
+                number += before and not here
+                before = here
+            counts[i * ny + j] = number
+
+
+@jit
+def _list_runs(blocked: Bools, offsets: Integers, lows: Labels, highs: Labels, start: int, stop: int) -> None:
+    """Write first and last index of each run, for first indices in ``[start, stop)``, from the column's offset on."""
+    _, ny, nz = blocked.shape
+    for i in range(start, stop):
+        for j in range(ny):
+            run, before = offsets[i * ny + j], True
+            for k in range(nz):
+                here = blocked[i, j, k]
+                if before and not here:
+                    lows[run] = k
+                elif here and not before:
+                    highs[run] = k - 1
+                    run += 1
+                before = here
+            if not before:
+                highs[run] = nz - 1
+
+
+@jit
+def _root(parents: Labels, run: int) -> int:
+    while parents[run] != run:
+        parents[run] = parents[parents[run]]
+        run = parents[run]
+    return run
+
+
+@jit
+def _join_columns(offsets: Integers, lows: Labels, highs: Labels, parents: Labels, column: int, other: int) -> None:
+    """Join the runs of two neighbouring columns that overlap."""
+    a, b = offsets[column], offsets[other]
+    while a < offsets[column + 1] and b < offsets[other + 1]:
+        if lows[a] <= highs[b] and lows[b] <= highs[a]:
+            first, second = _root(parents, a), _root(parents, b)
+            parents[max(first, second)] = min(first, second)
+        if highs[a] < highs[b]:
+            a += 1
+        else:
+            b += 1
+
+
+@jit
+def _label_runs(ny: int, offsets: Integers, lows: Labels, highs: Labels, parents: Labels, labels: Labels) -> int:
+    """Number the components of runs that share a side of a cell, by their first runs; how many there are.
+
+    ``parents`` is room for work, of the size of ``labels``.
+    """
+    for run in range(len(parents)):
+        parents[run] = run
+    for column in range(len(offsets) - 1):
+        if column % ny > 0:
+            _join_columns(offsets, lows, highs, parents, column, column - 1)
+        if column >= ny:
+            _join_columns(offsets, lows, highs, parents, column, column - ny)
+    number = 0
+    for run in range(len(parents)):
+        # A root is the smallest run of its component, and a parent is smaller than its child: it has its number.
+        if parents[run] == run:
+            labels[run] = number
+            number += 1
+        else:
+            labels[run] = labels[parents[run]]
+    return number
+
+
+@jit
+def _fill_runs(
+    out: Bools, offsets: Integers, lows: Labels, highs: Labels, labels: Labels, chosen: Bools, start: int, stop: int
+) -> None:
+    """Set ``out`` on the runs of the chosen components, for first indices in ``[start, stop)``."""
+    ny = out.shape[1]
+    for i in range(start, stop):
+        for j in range(ny):
+            for run in range(offsets[i * ny + j], offsets[i * ny + j + 1]):
+                if chosen[labels[run]]:
+                    out[i, j, lows[run] : highs[run] + 1] = True

@@ -1,0 +1,227 @@
+"""Surfaces in space, and what they enclose: robots and obstacles, outer and inner.
+
+The surface is marked exactly (see :mod:`cspace.raster.triangles`). A connected set of boxes that no triangle touches
+lies on one side of it, so that one inside test at the middle of one of its boxes, half a cell or more from the surface,
+tells for all.
+
+*Turning.* A rotation cell holds the rotations within an angle a of its representative R. A point p of the robot A is
+less than ``2 |p| sin(a / 2)`` from ``R p`` at all of them (about the z axis, ``|p|`` is the distance from it). Cut the
+surface into pieces, and let ``g`` be the largest such displacement on a piece; pieces are cut small enough for it to
+vary by less than a quarter of a cell along a side.
+
+* *Outer.* Let q lie in R' A for a rotation R' of the cell, and not in R A. On the way from R to R', which stays within
+  the cell, q passes from the outside of the robot to its inside; so at some rotation R'' on the way it lies on the
+  border: ``q = R'' b``, within g of ``R b`` for the piece of b. So R A together with all that is within g of each piece
+  of R's border holds the robot at every rotation of the cell.
+* *Inner.* A point that lies in R A and farther from each piece than g is on no border on the way, and so lies in the
+  robot at every rotation of the cell.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace.errors import InputError
+from cspace.grid import MAX_COORDINATE, SLACK, Grid
+from cspace.raster.components import Components
+from cspace.raster.raster import Raster, blank
+from cspace.raster.triangles import cut_to, mark_touched, mark_within
+from cspace.rotations import STILL, Turn
+
+Bools = NDArray[np.bool_]
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+_MOST_FILLED: Final = 2**30
+"""Cells of the bounding box of a surface up to which it is filled."""
+
+
+class Skin(NamedTuple):
+    """A surface, and what it encloses.
+
+    Attributes
+    ----------
+    vertices : ndarray of float64, shape (V, 3)
+        Metres.
+    faces : ndarray of int64, shape (F, 3)
+    contains : callable or None
+        Whether points, shape (n, 3), metres, lie inside, for points farther from the surface than rounding. None for a
+        surface without an inside.
+    fill : bool
+        Whether its inside is instead whatever its raster encloses.
+    source : str
+        For messages.
+    """
+
+    vertices: Floats
+    faces: Integers
+    contains: Callable[[Floats], Bools] | None = None
+    fill: bool = False
+    source: str = "robot"
+
+
+def surface_cells(skin: Skin, grid: Grid) -> tuple[Bools, Bools]:
+    """Cells that a solid meets, and cells that lie in it.
+
+    Parameters
+    ----------
+    skin : Skin
+        What lies beyond the grid is clipped; what is filled is found on the cells of the whole surface.
+    grid : Grid
+
+    Returns
+    -------
+    outer, inner : ndarray of bool, shape grid.shape
+
+    Raises
+    ------
+    InputError
+        If a vertex is so far from the grid that rounding could reach the certificate's slack, or a surface to be filled
+        reaches far beyond the grid.
+    """
+    local = (skin.vertices - np.asarray(grid.lower)) / grid.spacing
+    used = local[skin.faces].reshape(-1, 3)
+    lower, upper = used.min(axis=0), used.max(axis=0)
+    far = float(max(np.abs(lower).max(), np.abs(upper).max()))
+    if far > MAX_COORDINATE:
+        raise InputError(
+            skin.source,
+            f"reaches {far:.3g} cells from the map's corner",
+            f"at most {MAX_COORDINATE:.0f} keep the answers proven against rounding",
+            "check its units (metres), cut it to the map, or use a larger spacing",
+            value=far,
+        )
+    first, stop = np.floor(lower).astype(np.int64) - 1, np.floor(upper).astype(np.int64) + 2
+    shape = np.asarray(grid.shape)
+    if not skin.fill:
+        first, stop = np.maximum(first, 0), np.minimum(stop, shape)
+    elif float(np.prod((stop - first).astype(float))) > _MOST_FILLED:
+        raise InputError(
+            skin.source,
+            f"is {' x '.join(str(n) for n in stop - first)} cells large",
+            f"filling looks at all of them, and at most {_MOST_FILLED} are looked at",
+            "use a larger spacing, cut the mesh to the map, or pass solid='surface'",
+        )
+    outer, inner = np.zeros(grid.shape, dtype=np.bool_), np.zeros(grid.shape, dtype=np.bool_)
+    if (first >= stop).any() or (first >= shape).any() or (stop <= 0).any():
+        return outer, inner
+    touched = np.zeros(tuple((stop - first).tolist()), dtype=np.bool_)
+    mark_touched(touched, (local - first)[skin.faces], 0.0, 1.0)
+    enclosed = np.zeros_like(touched)
+    _fill_inside(skin, touched, enclosed, lambda boxes: grid.center_of(boxes + first))
+    touched |= enclosed
+    # The window may reach beyond the grid where the surface is filled.
+    low, high = np.maximum(first, 0), np.minimum(stop, shape)
+    there = tuple(slice(int(a), int(b)) for a, b in zip(low, high, strict=True))
+    here = tuple(slice(int(a), int(b)) for a, b in zip(low - first, high - first, strict=True))
+    outer[there], inner[there] = touched[here], enclosed[here]
+    return outer, inner
+
+
+def surface_rasters(skin: Skin, spacing: float, margin: float = 0.0, turn: Turn = STILL) -> tuple[Raster, Raster]:
+    """Outer and inner raster of a robot that is a solid, as :meth:`cspace.shapes.Shape.rasters` tells.
+
+    A surface to be filled counts as itself and the cubes ``h * (m + [-1/2, 1/2]^3)`` that it encloses, turned by the
+    representative rotation, without touching them.
+
+    Raises
+    ------
+    InputError
+        If the robot has too many cells at this spacing, or lies so far from its origin that rounding could reach the
+        certificate's slack.
+    """
+    vertices = turn.apply(skin.vertices) / spacing
+    triangles = vertices[skin.faces]
+    corners = triangles.reshape(-1, 3)
+    radius = margin / spacing
+    far = float(np.abs(corners).max() if turn.matrix is None else np.linalg.norm(corners, axis=1).max())
+    if far + radius > MAX_COORDINATE:
+        raise InputError(
+            skin.source,
+            f"reaches {far:.3g} cells from its origin",
+            f"at most {MAX_COORDINATE:.0f} keep the answers proven against rounding",
+            "check its units (metres), move it to its origin, or use a larger spacing",
+            value=far,
+        )
+    pieces, growth = _grown_pieces(triangles, turn)
+    widest = float(growth.max())
+    outer, lower = blank(corners.min(axis=0) - radius - widest - 1.0, corners.max(axis=0) + radius + widest + 1.0)
+    inner = np.zeros_like(outer)
+    shift = np.asarray(lower, dtype=np.float64)
+    local, pieces = triangles - shift, pieces - shift
+    mark_touched(outer, local, -1.0, 1.0)
+    if radius + widest > 0.0:
+        mark_within(outer, pieces, 1.0, growth + radius)
+    if skin.fill or skin.contains is not None:
+        near = np.zeros_like(outer)
+        mark_touched(near, local, -0.5, 0.5)
+
+        def places(boxes: Integers) -> Floats:
+            points = (boxes + shift) * spacing
+            return points if turn.matrix is None else points @ turn.matrix
+
+        _fill_inside(skin, near, inner, places)
+        if skin.contains is not None:
+            outer |= inner
+            _add_inside_near(skin.contains, local, near, inner, places)
+            if widest > 0.0:
+                border = np.zeros_like(outer)
+                mark_within(border, pieces, 0.0, growth)
+                inner &= ~border
+        else:
+            outer |= _grown(inner, radius + widest)
+            inner &= widest == 0.0
+    return Raster.trimmed(outer, lower), Raster.trimmed(inner, lower)
+
+
+def _grown_pieces(triangles: Floats, turn: Turn) -> tuple[Floats, Floats]:
+    """Pieces of triangles in cells, shape (n, 3, 3), and how far a point of each may be displaced within a turn."""
+    swing = float(turn.displacement(np.array([1.0, 0.0, 0.0])))
+    pieces = cut_to(triangles, 0.25 / swing) if swing > 0.0 else triangles
+    # The displacement is convex, so that it is largest at a corner.
+    return pieces, turn.displacement(pieces).max(axis=1)
+
+
+def _fill_inside(skin: Skin, touched: Bools, inside: Bools, places: Callable[[Integers], Floats]) -> None:
+    """Set ``inside`` on the components of untouched boxes that lie inside.
+
+    ``places`` gives the middles of boxes in the frame of the solid, metres.
+    """
+    if skin.fill:
+        components = Components.of(touched)
+        components.fill(inside, ~components.at_border())
+    elif skin.contains is not None:
+        components = Components.of(touched)
+        components.fill(inside, skin.contains(places(components.members())))
+
+
+def _add_inside_near(
+    contains: Callable[[Floats], Bools], local: Floats, near: Bools, inner: Bools, places: Callable[[Integers], Floats]
+) -> None:
+    """Add the lattice points inside that are within half a cell of the surface; they are asked one by one.
+
+    Those that are so near to it that rounding could matter are left out.
+    """
+    border = np.zeros_like(near)
+    mark_touched(border, local, 0.0, 0.0, 2.0 * SLACK)
+    points = np.argwhere(near & ~border)
+    inner[tuple(points[contains(places(points))].T)] = True
+
+
+def _grown(cells: Bools, radius: float) -> Bools:
+    """Lattice points m whose ``m + [-1, 1]^3`` comes within a radius of ``n + [-1/2, 1/2]^3`` for one of the cells n.
+
+    The gap along an axis is less by one half than the distance from the cells grown by one, which adds up to less than
+    one; so the result is complete and holds no point farther than one cell too far.
+    """
+    from scipy.ndimage import binary_dilation, distance_transform_edt
+
+    grown = np.asarray(binary_dilation(cells, np.ones((3, 3, 3))))
+    if radius > 0.0 and grown.any():
+        grown = np.asarray(distance_transform_edt(~grown)) <= radius + math.sqrt(3.0) / 2.0 + 2.0**-20
+    return grown

@@ -1,0 +1,234 @@
+"""Bodies: the parts of a mesh that hang together, and how their triangles wind round what they enclose."""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+_NOUGHT: Final = 2.0**-30
+"""Volume, over the sum of the volumes that it is made of, up to which its sign says nothing."""
+
+
+class Body(NamedTuple):
+    """Triangles that hang together through shared edges.
+
+    Attributes
+    ----------
+    faces : ndarray of int64, shape (n,)
+        Numbers of its triangles.
+    turns : ndarray of int64, shape (n,)
+        How often each counts: 1, or -1 against its own direction, or 0 where it repeats another one. All 0 where the
+        body is open.
+    closed : bool
+        Whether what counts runs along each edge as often one way as the other.
+    """
+
+    faces: Integers
+    turns: Integers
+    closed: bool
+
+
+def find_bodies(vertices: Floats, faces: Integers) -> tuple[Body, ...]:
+    """The bodies of a mesh, in the order of their first triangles.
+
+    Coincident vertices (equal to the bit) count as one. A triangle with two equal corners bounds nothing and belongs
+    to no body. One without area otherwise belongs to one only where it closes a gap: between an edge of one triangle
+    and the two halves of it that belong to others.
+
+    Triangles are joined first through edges at which no more than two of them meet: what closes that way is a body,
+    also where it touches other bodies along edges, or something open hangs on it. What that does not close is joined
+    through all edges.
+
+    Parameters
+    ----------
+    vertices : ndarray, shape (V, 3)
+    faces : ndarray of int64, shape (F, 3)
+    """
+    corners = merged(vertices)[faces]
+    proper = (corners != np.roll(corners, 1, axis=1)).all(axis=1)
+    sides = vertices[faces][:, 1:] - vertices[faces][:, :1]
+    flat = proper & (np.cross(sides[:, 0], sides[:, 1]) == 0.0).all(axis=1)
+    closed: list[Body] = []
+    open_bodies: list[Body] = []
+    rest = np.flatnonzero(proper & ~flat)
+    for added, most in ((rest[:0], 2), (rest[:0], len(faces)), (np.flatnonzero(flat), len(faces))):
+        if not len(rest):
+            break
+        chosen = np.sort(np.concatenate([rest, added]))
+        found = _bodies_among(vertices[faces[chosen]], corners[chosen], most)
+        found = [body._replace(faces=chosen[body.faces]) for body in found]
+        closed += [body for body in found if body.closed]
+        # Without a triangle that has an area there is nothing to speak of.
+        open_bodies = [body for body in found if not body.closed and not flat[body.faces].all()]
+        rest = np.concatenate([rest[:0], *(body.faces for body in open_bodies)])
+    bodies = _outermost_outward(vertices, faces, closed) + open_bodies
+    return tuple(sorted(bodies, key=lambda body: int(body.faces[0])))
+
+
+def merged(vertices: Floats) -> Integers:
+    """A number for each vertex, the same for coincident ones."""
+    order = np.lexsort(vertices.T)
+    ordered = vertices[order]
+    new = np.concatenate([[False], (ordered[1:] != ordered[:-1]).any(axis=1)])
+    numbers = np.empty(len(vertices), dtype=np.int64)
+    numbers[order] = np.cumsum(new)
+    return numbers
+
+
+def volumes(triangles: Floats, weights: Floats | Integers, body: Integers, number: int) -> tuple[Floats, Floats]:
+    """Volume that the triangles of each body enclose, and the sum of the moduli that it is made of, shape (number,)."""
+    total = np.stack([np.bincount(body, weights=triangles[:, 0, k], minlength=number) for k in range(3)], axis=-1)
+    middle = total / np.maximum(np.bincount(body, minlength=number), 1)[:, None]
+    a, b, c = np.moveaxis(triangles - middle[body][:, None], 1, 0)
+    # On numbers up to 1, so that products neither overflow nor vanish.
+    size = np.zeros(number)
+    np.maximum.at(size, body, np.abs(np.stack([a, b, c])).max(axis=(0, 2)))
+    size = np.where(size > 0.0, size, 1.0)
+    a, b, c = (part / size[body][:, None] for part in (a, b, c))
+    parts = np.einsum("ij,ij->i", a, np.cross(b, c)) * weights / 6.0
+    volume, moduli = (np.bincount(body, weights=some, minlength=number) for some in (parts, np.abs(parts)))
+    return volume * size**3, moduli * size**3
+
+
+def _bodies_among(triangles: Floats, corners: Integers, most: int) -> list[Body]:
+    """Bodies that triangles make, joined through edges at which at most so many different ones meet.
+
+    Each is read in the first of these ways that closes it:
+
+    1. of several equal triangles one counts, in its own direction;
+    2. all count as they were given, so that a wall given once for each of the two parts beside it cancels;
+    3. of several equal triangles one counts, exactly two meet at each edge, and some are turned over, from neighbour to
+       neighbour, until all directions agree; a surface on which that fails, like Klein's bottle, is open.
+
+    Where neither the directions that were given nor their copies tell which way the body faces, it faces outward.
+    """
+    edge, direction = _edges(corners)
+    first, copies, net = _repeated(corners)
+    meeting = np.bincount(edge[first].ravel(), minlength=int(edge.max()) + 1)
+    body, number = _joined(edge, meeting <= most)
+    alike, manifold = _balance(edge, direction, body, number, first)
+    turns, closed, told = first.astype(np.int64), alike.copy(), alike.copy()
+    told[body[np.abs(net) < copies]] = False
+    if not first.all():
+        every = np.ones(len(first), dtype=np.bool_)
+        second = ~closed & _balance(edge, direction, body, number, every)[0]
+        # Where all cancels, nothing is left to enclose anything.
+        second &= np.bincount(body, weights=net != 0, minlength=number) > 0
+        turns[second[body]] = 1
+        closed |= second
+        told |= second
+    astray = manifold & ~closed
+    if astray.any():
+        some = np.flatnonzero(astray[body] & first)
+        turns[some], possible = _turned_alike(edge[some], direction[some], body[some], number)
+        closed |= astray & possible
+    turns[~closed[body]] = 0
+    volume, doubt = volumes(triangles, turns, body, number)
+    inward = closed & ~told & (volume < -_NOUGHT * doubt)
+    turns = np.where(inward[body], -turns, turns)
+    order = np.argsort(body, kind="stable")
+    parts = np.split(order, np.cumsum(np.bincount(body, minlength=number))[:-1])
+    return [Body(part, turns[part], bool(closed[b])) for b, part in enumerate(parts)]
+
+
+def _outermost_outward(vertices: Floats, faces: Integers, bodies: list[Body]) -> list[Body]:
+    """Closed bodies, those that face inward turned over where they lie in the box of none that faces outward.
+
+    Such a body can be no cavity, and would cancel what it overlaps.
+    """
+    if not bodies:
+        return []
+    chosen = np.concatenate([body.faces for body in bodies])
+    owner = np.repeat(np.arange(len(bodies)), [len(body.faces) for body in bodies])
+    triangles = vertices[faces[chosen]]
+    volume, doubt = volumes(triangles, np.concatenate([body.turns for body in bodies]), owner, len(bodies))
+    starts = np.flatnonzero(np.diff(owner, prepend=-1))
+    lows = np.minimum.reduceat(triangles.min(axis=1), starts)
+    highs = np.maximum.reduceat(triangles.max(axis=1), starts)
+    outward = volume > _NOUGHT * doubt
+    low, high = lows[outward], highs[outward]
+    turned = list(bodies)
+    for b in np.flatnonzero(volume < -_NOUGHT * doubt).tolist():
+        around = (low < lows[b]).all(axis=1) & (highs[b] < high).all(axis=1)
+        if not around.any():
+            turned[b] = bodies[b]._replace(turns=-bodies[b].turns)
+    return turned
+
+
+def _edges(corners: Integers) -> tuple[Integers, Integers]:
+    """Edge number and direction (1 or -1) of each side of each triangle, both of shape (n, 3)."""
+    ends = np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1)
+    key = ends.min(axis=-1) * (int(corners.max()) + 1) + ends.max(axis=-1)
+    edge = np.unique(key.ravel(), return_inverse=True)[1].reshape(key.shape)
+    return edge, np.where(ends[..., 0] < ends[..., 1], 1, -1)
+
+
+def _repeated(corners: Integers) -> tuple[Bools, Integers, Integers]:
+    """For each triangle, whether it is the first on its three corners, how many such there are, and their sum."""
+    a, b, c = corners.T
+    inversions = (a > b).astype(np.int64) + (b > c) + (a > c)
+    sign = 1 - 2 * (inversions % 2)
+    ordered = np.sort(corners, axis=1)
+    order = np.lexsort(ordered.T)
+    new = np.concatenate([[False], (np.diff(ordered[order], axis=0) != 0).any(axis=1)])
+    group = np.empty(len(corners), dtype=np.int64)
+    group[order] = np.cumsum(new)
+    first = np.zeros(len(corners), dtype=np.bool_)
+    first[np.unique(group, return_index=True)[1]] = True
+    return first, np.bincount(group)[group], np.bincount(group, weights=sign)[group].astype(np.int64)
+
+
+def _joined(edge: Integers, joining: Bools) -> tuple[Integers, int]:
+    """Number of the body of each triangle, and how many there are, given the edges that join."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    n = len(edge)
+    triangle, side = np.nonzero(joining[edge])
+    size = n + len(joining)
+    links = coo_array((np.ones(len(triangle), dtype=np.int8), (triangle, n + edge[triangle, side])), shape=(size, size))
+    label = connected_components(links, directed=False)[1][:n]
+    # Edges that join nothing have been numbered too.
+    kept, body = np.unique(label, return_inverse=True)
+    return body.astype(np.int64), len(kept)
+
+
+def _balance(edge: Integers, direction: Integers, body: Integers, number: int, chosen: Bools) -> tuple[Bools, Bools]:
+    """For each body, whether the chosen triangles run along each edge as often one way as the other; and in twos."""
+    # Bodies may touch along an edge: each counts its own triangles there.
+    key = np.repeat(body[chosen], 3) * (int(edge.max()) + 1) + edge[chosen].ravel()
+    sides, side = np.unique(key, return_inverse=True)
+    owner = sides // (int(edge.max()) + 1)
+    balanced = np.bincount(body[chosen], minlength=number) > 0
+    manifold = balanced.copy()
+    balanced[owner[np.bincount(side, weights=direction[chosen].ravel(), minlength=len(sides)) != 0.0]] = False
+    manifold[owner[np.bincount(side, minlength=len(sides)) != 2]] = False
+    return balanced, manifold
+
+
+def _turned_alike(edge: Integers, direction: Integers, body: Integers, number: int) -> tuple[Integers, Bools]:
+    """How triangles that meet in twos must be turned, 1 or -1, to be turned alike; for each body, whether they can."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    n = len(edge)
+    order = np.argsort(np.repeat(body, 3) * (int(edge.max()) + 1) + edge.ravel(), kind="stable").reshape(-1, 2)
+    one, other = (order // 3).T
+    unlike = np.equal(*direction.ravel()[order].T)
+    # A node for each triangle as it is, and one for it turned over; those that go together are linked.
+    start = np.concatenate([one, n + one])
+    stop = np.concatenate([other + n * unlike, other + n * ~unlike])
+    links = coo_array((np.ones(len(start), dtype=np.int8), (start, stop)), shape=(2 * n, 2 * n))
+    label = connected_components(links, directed=False)[1].reshape(2, n)
+    possible = np.ones(number, dtype=np.bool_)
+    possible[body[label[0] == label[1]]] = False
+    bodies, first = np.unique(body, return_index=True)
+    leading = np.zeros(number, dtype=label.dtype)
+    leading[bodies] = label[0, first]
+    return np.where((label[0] == leading[body]) | ~possible[body], 1, -1), possible
