@@ -5,6 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from shapely.geometry.base import BaseGeometry
 
     from cspace.robot import Robot
@@ -84,3 +86,42 @@ def floor_plan() -> list[BaseGeometry]:
         box(14.2, 4.6, 15.8, 5.4),
     ]
     return [outside, *(box(x, y, x + width, y + height) for x, y, width, height in walls), *furniture]
+
+
+def write_inputs(folder: Path) -> dict[str, Path]:
+    """Write the floor plan, and a house in space whose two rooms are joined by a window, as files to try things on.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        It must exist. Files of these names are replaced.
+
+    Returns
+    -------
+    dict of str to pathlib.Path
+        ``floor_plan``: GeoJSON, 16 m by 10 m. ``house``: STL, 6 m by 4 m by 2.5 m.
+    """
+    import shapely
+    import trimesh
+
+    files = {"floor_plan": folder / "flat.geojson", "house": folder / "house.stl"}
+    files["floor_plan"].write_text(shapely.to_geojson(shapely.GeometryCollection(floor_plan())), encoding="utf-8")
+    boxes = [trimesh.creation.box(bounds=corners) for corners in _HOUSE]
+    trimesh.util.concatenate(boxes).export(files["house"])
+    return files
+
+
+_HOUSE: Final = (
+    ((0.0, 0.0, 0.0), (6.0, 4.0, 0.1)),  # the floor; without a roof, pictures show what is inside
+    ((0.0, 0.0, 0.1), (0.1, 4.0, 2.5)),
+    ((5.9, 0.0, 0.1), (6.0, 4.0, 2.5)),
+    ((0.1, 0.0, 0.1), (5.9, 0.1, 2.5)),
+    ((0.1, 3.9, 0.1), (5.9, 4.0, 2.5)),
+    # the wall between the rooms, around its window
+    ((2.9, 0.1, 0.1), (3.1, 3.9, 1.0)),
+    ((2.9, 0.1, 2.2), (3.1, 3.9, 2.5)),
+    ((2.9, 0.1, 1.0), (3.1, 1.2, 2.2)),
+    ((2.9, 2.8, 1.0), (3.1, 3.9, 2.2)),
+    ((4.2, 0.1, 0.1), (5.9, 1.1, 0.9)),  # a table
+)
+"""Lower and upper corner of boxes, metres."""

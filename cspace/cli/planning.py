@@ -125,11 +125,21 @@ def demo(
     overwrite: Overwrite = False,
     as_json: Json = False,
 ) -> None:
-    """Map a bundled floor plan, prove what can be reached, plan, and write map, path and picture."""
+    """Map a floor plan, prove what can be reached, plan, and write map, path and picture, and files to go on with."""
     check_folder(output)
-    saved, table, document, drawing = (output / name for name in ("map.zarr", "path.csv", "path.json", "picture.png"))
+    files = {
+        name: output / file
+        for name, file in {
+            "map": "map.zarr",
+            "path_csv": "path.csv",
+            "path_json": "path.json",
+            "picture": "picture.png",
+            "floor_plan": "flat.geojson",
+            "house": "house.stl",
+        }.items()
+    }
     if output.exists():
-        check_outputs([saved, table, document, drawing], (".zarr", ".csv", ".json", ".png"), overwrite)
+        check_outputs(files.values(), {file.suffix for file in files.values()}, overwrite)
     clock = Clock()
     with clock.step("import"):
         import planners
@@ -148,20 +158,22 @@ def demo(
     with clock.step("plan"):
         found = planners.plan(space, flat.START, flat.GOAL, seed=1)
     if proofs != {"start_to_goal": True, "start_to_store_room": False} or not (found.solved and found.certified):
-        raise InputError(f"the demonstration went wrong: {proofs}, {found.status}; please report it")
+        raise InputError("the demonstration", f"went wrong: {proofs}, {found.status}", mend="please report it")
     output.mkdir(parents=True, exist_ok=True)
+    with clock.step("save_inputs"):
+        files |= flat.write_inputs(output)
     with clock.step("save_map"):
-        space.save(saved, overwrite=overwrite)
+        space.save(files["map"], overwrite=overwrite)
     with clock.step("save_path"):
-        _write(found, [table, document], overwrite)
+        _write(found, [files["path_csv"], files["path_json"]], overwrite)
     with clock.step("draw_picture"):
-        save_plot(space, drawing, overwrite, path=found)
+        save_plot(space, files["picture"], overwrite, path=found)
     show(
         {
             "map": describe_map(space),
             "path_exists": proofs,
             "plan": _describe(found),
-            "files": {"map": str(saved), "path_csv": str(table), "path_json": str(document), "picture": str(drawing)},
+            "files": {name: str(file) for name, file in files.items()},
             "seconds": clock.seconds,
         },
         as_json,
