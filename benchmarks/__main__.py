@@ -73,7 +73,7 @@ def main(arguments: list[str] | None = None) -> int:
     names = list(BENCHMARKS) if "all" in options.names else options.names
     for name in names:
         report.start(name)
-        run = import_module(f"benchmarks.{name}").run
+        run = import_module(f"benchmarks.{name}" if name == "soak" else f"benchmarks.suites.{name}").run
         if name == "soak":
             run(report, options.seed, options.checks)
         else:
@@ -92,11 +92,11 @@ def main(arguments: list[str] | None = None) -> int:
 
 def write_page(whole: Mapping[str, Any], folder: Path) -> None:
     """The table and the plot of a run that took in ``peers``."""
-    from benchmarks import peers_chart, peers_table
+    from benchmarks.suites import chart, page
 
     folder.mkdir(parents=True, exist_ok=True)
-    write_whole(folder / "benchmarks.png", peers_chart.drawn(whole["rows"]))
-    write_whole(folder / "benchmarks.md", peers_table.written(whole, "benchmarks.png").encode())
+    write_whole(folder / "benchmarks.png", chart.drawn(whole["rows"]))
+    write_whole(folder / "benchmarks.md", page.written(whole, "benchmarks.png").encode())
     print(f"\nwritten: {folder / 'benchmarks.md'}, {folder / 'benchmarks.png'}")
 
 

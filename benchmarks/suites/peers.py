@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-
-from benchmarks import inputs, peers_promises, peers_sweeps
-from benchmarks.report import Report
-from benchmarks.ways import ENGINES, NO_OPENCV, opencv_is_here, ours, peers
-from cspace import Robot, Workspace
 from cspace.costs import figures
+
+from benchmarks import inputs
+from benchmarks.report import Report
+from benchmarks.suites import promises as peers_promises
+from benchmarks.suites import sweeps as peers_sweeps
+from benchmarks.suites.ways import ENGINES, NO_OPENCV, opencv_is_here, ours, peers
+from cspace import Robot, Workspace
 
 
 def run(report: Report, seed: int) -> None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 import cspace
 from benchmarks.report import Report
-from benchmarks.solid_exact import merged_cells
+from benchmarks.soak.space_geometry import merged_cells
 from benchmarks.timing import Timing, interleave
 from cspace import Robot, Workspace
 

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks import frequency_misses
-from benchmarks.frequency_cases import overlap_of, pool_body
-from benchmarks.frequency_direct import DirectSum, convolution
-from benchmarks.frequency_soak import NO_FINUFFT
 from benchmarks.report import Report
+from benchmarks.soak.frequency import NO_FINUFFT
+from benchmarks.suites import frequency_misses
+from benchmarks.suites.frequency_cases import overlap_of, pool_body
+from benchmarks.suites.frequency_direct import DirectSum, convolution
 from benchmarks.timing import Timing, interleave
 from cspace import Grid
 from cspace.spectral import BallDescriptor, Bump, Descriptor, ball_spectrum, indicator, minkowski_sum, superlevel

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 import cspace
 from benchmarks import inputs
-from benchmarks.planning import LIMIT, Query, check_paths, far_apart, our_setup, race, solve, tell, tell_made
 from benchmarks.report import Report
-from benchmarks.solid_exact import Blocks, merged_cells
-from benchmarks.solid_pairs import NO_FCL, Pair, leaves_free, pair
+from benchmarks.soak.space_geometry import Blocks, merged_cells
+from benchmarks.soak.space_pairs import NO_FCL, Pair, leaves_free, pair
+from benchmarks.suites.planning import LIMIT, Query, check_paths, far_apart, our_setup, race, solve, tell, tell_made
 from benchmarks.timing import Timing
 from cspace import CSpace, Grid, Robot, Workspace
 

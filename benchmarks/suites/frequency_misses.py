@@ -7,9 +7,18 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.frequency_cases import POOL, Body, Oracle, flat_oracle, overlap_of, pool_body, random_turn, solid_oracle
 from benchmarks.report import Report
-from benchmarks.solid_pairs import NO_FCL
+from benchmarks.soak.space_pairs import NO_FCL
+from benchmarks.suites.frequency_cases import (
+    POOL,
+    Body,
+    Oracle,
+    flat_oracle,
+    overlap_of,
+    pool_body,
+    random_turn,
+    solid_oracle,
+)
 from cspace.spectral import Bump, Verdict
 
 Floats = NDArray[np.float64]

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.solid_exact import Blocks, Shape, Skin, box_gaps, chunks
+from benchmarks.soak.space_geometry import Blocks, Shape, Skin, box_gaps, chunks
 
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]

@@ -11,7 +11,7 @@ from pathlib import Path
 from benchmarks.report import Report
 from benchmarks.timing import interleave
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def run(report: Report, seed: int) -> None:

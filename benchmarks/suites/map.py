@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 import cspace
 from benchmarks import inputs
 from benchmarks.report import Report
+from benchmarks.suites.ways import NO_OPENCV, across, binary_dilation, convolved, dilation, opencv_is_here, our_map
 from benchmarks.timing import Timing, interleave, memory_rise
-from benchmarks.ways import NO_OPENCV, across, binary_dilation, convolved, dilation, opencv_is_here, our_map
 from cspace import Robot, Workspace
 from cspace.threads import cores
 

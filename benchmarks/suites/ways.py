@@ -9,12 +9,12 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from cspace.fourier import correlate
 from numpy.typing import NDArray
 
 import cspace
-from benchmarks.stamping import stamp
+from benchmarks.suites.stamping import stamp
 from cspace import Robot, Workspace
-from cspace.fourier import correlate
 from cspace.raster.raster import Raster
 
 Bools = NDArray[np.bool_]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import cspace
-from benchmarks.exact import Shape, frame, union_of_cells
+from benchmarks.soak.plane_geometry import Shape, frame, union_of_cells
 from cspace import CSpace, Grid, Robot, Workspace
 
 Bools = NDArray[np.bool_]

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.cases import Case, draw_case
 from benchmarks.report import Report
-from benchmarks.tally import Tally
-from benchmarks.turning_soak import ALONG, Rng, nearly_snapped, not_free_along
+from benchmarks.soak.plane_cases import Case, draw_case
+from benchmarks.soak.tally import Tally
+from benchmarks.soak.turning import ALONG, Rng, nearly_snapped, not_free_along
 from cspace import FREE
 from planners.curves import CURVES, Curve
 from planners.ways import way_of

@@ -7,11 +7,11 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.exact import ROUNDING
 from benchmarks.report import Report
-from benchmarks.solid_cases import SolidCase, draw_solid_case
-from benchmarks.solid_pairs import NO_FCL, leaves_free
-from benchmarks.tally import Tally, not_free
+from benchmarks.soak.plane_geometry import ROUNDING
+from benchmarks.soak.space_cases import SolidCase, draw_solid_case
+from benchmarks.soak.space_pairs import NO_FCL, leaves_free
+from benchmarks.soak.tally import Tally, not_free
 from cspace import BLOCKED, FREE, MIXED
 
 Bools = NDArray[np.bool_]

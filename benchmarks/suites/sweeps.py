@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 import cspace
-from benchmarks import inputs, peers_samples
+from benchmarks import inputs
 from benchmarks.report import Report
+from benchmarks.suites import samples as peers_samples
+from benchmarks.suites.ways import ENGINES, Way, across, named, ours, peers
 from benchmarks.timing import Timing, interleave
-from benchmarks.ways import ENGINES, Way, across, named, ours, peers
 from cspace import Robot, Workspace
 from cspace.raster.raster import Raster
 

@@ -7,10 +7,15 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks import band, curved_soak, exact_soak, frequency_soak, solid_soak, turning_soak
-from benchmarks.cases import Case, draw_case
 from benchmarks.report import Report
-from benchmarks.tally import Tally, not_free
+from benchmarks.soak import band
+from benchmarks.soak import curves as curved_soak
+from benchmarks.soak import exact as exact_soak
+from benchmarks.soak import frequency as frequency_soak
+from benchmarks.soak import space as solid_soak
+from benchmarks.soak import turning as turning_soak
+from benchmarks.soak.plane_cases import Case, draw_case
+from benchmarks.soak.tally import Tally, not_free
 from cspace import BLOCKED, FREE, MIXED
 
 Floats = NDArray[np.float64]

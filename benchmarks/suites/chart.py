@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.ways import named
+from benchmarks.suites.ways import named
 
 Row = Mapping[str, Any]
 

@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 import cspace
-from benchmarks import inputs, turning_planning
+from benchmarks import inputs
 from benchmarks.report import Report
-from benchmarks.stamping import border_cells, stamp
+from benchmarks.suites import turning_planning
+from benchmarks.suites.stamping import border_cells, stamp
+from benchmarks.suites.ways import convolved
 from benchmarks.timing import Timing, interleave
-from benchmarks.ways import convolved
 from cspace import Robot, Workspace
 from cspace.raster.raster import Raster
 from cspace.rotations import Rotations
@@ -26,7 +27,7 @@ from cspace.threads import cores
 
 Bools = NDArray[np.bool_]
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 
 SIZE = 1024
 ROTATIONS = 72
@@ -124,7 +125,7 @@ def _memory(report: Report, size: int, rotations: int) -> None:
     """Peak memory of one build, each in a process of its own."""
     report.section(f"memory: {size} x {size} cells x {rotations} yaw cells, {cores()} workers")
     for name in ("rectangle", "asymmetric"):
-        code = f"from benchmarks.turning import rise; print(*rise({name!r}, {size}, {rotations}))"
+        code = f"from benchmarks.suites.turning import rise; print(*rise({name!r}, {size}, {rotations}))"
         path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
         done = subprocess.run(
             [sys.executable, "-c", code],

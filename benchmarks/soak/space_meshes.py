@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.cases import Scale
-from benchmarks.solid_exact import SIDES, Blocks, Shape, Skin, directions
+from benchmarks.soak.plane_cases import Scale
+from benchmarks.soak.space_geometry import SIDES, Blocks, Shape, Skin, directions
 from cspace.shapes.mesh import Mesh, Solid
 
 Floats = NDArray[np.float64]

@@ -9,8 +9,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.exact import ROUNDING
 from benchmarks.report import Report
+from benchmarks.soak.plane_geometry import ROUNDING
 from cspace import BLOCKED, FREE, MIXED, CSpace
 
 Bools = NDArray[np.bool_]

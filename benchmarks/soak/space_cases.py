@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import cspace
-from benchmarks.cases import Scale
-from benchmarks.solid_exact import Blocks, merged_cells
-from benchmarks.solid_meshes import MESHES, Exact, plain
-from benchmarks.solid_pairs import Pair, Walls, pair
+from benchmarks.soak.plane_cases import Scale
+from benchmarks.soak.space_geometry import Blocks, merged_cells
+from benchmarks.soak.space_meshes import MESHES, Exact, plain
+from benchmarks.soak.space_pairs import Pair, Walls, pair
 from cspace import CSpace, Robot, Workspace
 
 Bools = NDArray[np.bool_]

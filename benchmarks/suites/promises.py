@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 import cspace
 from benchmarks import inputs
 from benchmarks.report import Report
-from benchmarks.stamping import border_cells, stamp
+from benchmarks.suites.stamping import border_cells, stamp
+from benchmarks.suites.turning import LENGTH, REAL, ROTATIONS, WIDTH, asymmetric, rasters_of
+from benchmarks.suites.ways import NO_OPENCV, across, convolved, named, ours, peers
 from benchmarks.timing import interleave
-from benchmarks.turning import LENGTH, REAL, ROTATIONS, WIDTH, asymmetric, rasters_of
-from benchmarks.ways import NO_OPENCV, across, convolved, named, ours, peers
 from cspace import Robot, Workspace
 from cspace.threads import cores
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 import cspace
 from benchmarks import inputs
-from benchmarks.exact import union_of_cells
 from benchmarks.report import Report
+from benchmarks.soak.plane_geometry import union_of_cells
 from benchmarks.timing import Timing
 from cspace import CSpace, Robot
 

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 import cspace
 from benchmarks import inputs
-from benchmarks.map import transforms
 from benchmarks.report import Report
+from benchmarks.suites.map import transforms
+from benchmarks.suites.ways import across, binary_dilation, our_map
 from benchmarks.timing import Timing, interleave, memory_rise
-from benchmarks.ways import across, binary_dilation, our_map
 from cspace import Robot, Workspace
 
 Bools = NDArray[np.bool_]

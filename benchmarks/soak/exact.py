@@ -7,10 +7,10 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.cases import Case, draw_case
 from benchmarks.report import Report
-from benchmarks.tally import Tally
-from benchmarks.turning_soak import ALONG, Rng, along, not_free_along
+from benchmarks.soak.plane_cases import Case, draw_case
+from benchmarks.soak.tally import Tally
+from benchmarks.soak.turning import ALONG, Rng, along, not_free_along
 
 Floats = NDArray[np.float64]
 

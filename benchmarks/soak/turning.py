@@ -7,9 +7,9 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.cases import Case, draw_case
 from benchmarks.report import Report
-from benchmarks.tally import Tally, not_free
+from benchmarks.soak.plane_cases import Case, draw_case
+from benchmarks.soak.tally import Tally, not_free
 from cspace import BLOCKED, FREE, MIXED
 from cspace.rotations import Rotations
 

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.exact import Shape
-from benchmarks.solid_exact import Blocks, Skin, directions
-from benchmarks.solid_pairs import SkinPair
+from benchmarks.soak.plane_geometry import Shape
+from benchmarks.soak.space_geometry import Blocks, Skin, directions
+from benchmarks.soak.space_pairs import SkinPair
 from cspace.errors import InputError
 from cspace.shapes.mesh import Mesh
 from cspace.spectral import Bump, FourierOverlap, decompose
