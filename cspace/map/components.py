@@ -1,0 +1,635 @@
+"""Components: which cells chains of FREE cells join, and which not even chains of undecided cells do."""
+
+from __future__ import annotations
+
+import threading
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace.compiling import jit
+from cspace.map.kept import Change
+from cspace.states import BLOCKED, FREE
+from cspace.threads import cores, in_threads
+
+Bytes = NDArray[np.uint8]
+Ints = NDArray[np.int64]
+Nodes = NDArray[np.int32]
+Pairs = NDArray[np.uint32]
+
+SIDES: Final = {2: (1, 64, 64), 3: (8, 8, 64)}
+"""Cells of a block along each axis, by dimension: 64 rows of 64 cells. A plane has one layer."""
+
+AXES, RIM, LINKS = 3, 3, 4
+"""Faces of a block: one for each axis, towards the next block; its part of the rim of the grid; and from LINKS on, one
+for each later neighbour of its rotation cell."""
+
+KINDS: Final = 2
+"""Kind 0 are the FREE cells, and kind 1 those that are not BLOCKED."""
+
+TASK: Final = 256
+"""Blocks that a thread takes at a time."""
+
+_BITS = 11  # a component's number in its block: 64 rows of at most 32 runs make 2^11 of them
+_ONES = np.uint64(0x0101010101010101)
+
+
+class Blocks(NamedTuple):
+    """The states of a map, cut into blocks.
+
+    states : ndarray of uint8, shape (slices, nx, ny, nz)
+    sides, shape : ndarray of int64, shape (3,)
+        Cells of a block, and number of blocks, along each axis.
+    links, link_ends : ndarray of int64, shapes (n,) and (slices,)
+        The slices that each slice has for later neighbours, and where those of each end.
+    solid : bool
+        Whether the first axis has a rim; it has none in the plane.
+    """
+
+    states: Bytes
+    sides: Ints
+    shape: Ints
+    links: Ints
+    link_ends: Ints
+    solid: bool
+
+
+class Runs(NamedTuple):
+    """The cells of one kind in a block, as runs along its rows; the runs of a row end at ``ends[row]``.
+
+    ``table`` has a row (first cell, last cell, component) for each run, and ``parent`` is for its own use.
+    """
+
+    table: Ints
+    ends: Ints
+    parent: Nodes
+
+
+class Joined(NamedTuple):
+    """The components of one kind over the whole map.
+
+    Component c of a block is the node ``start[rotation] + base[slice, block] + c``, the rim of a rotation cell the last
+    of its nodes, and ``roots`` has the component of each node.
+    """
+
+    counts: Nodes
+    base: Ints
+    start: Ints
+    roots: Nodes
+
+
+# ---- compiled passes -------------------------------------------------------------------------------------------------
+
+
+@jit
+def find(parent: Nodes, node: int) -> int:
+    """The root of a node; the way there is halved (Tarjan, 1975)."""
+    while parent[node] != node:
+        parent[node] = parent[parent[node]]
+        node = parent[node]
+    return int(node)
+
+
+@jit
+def unite(parent: Nodes, a: int, b: int) -> bool:
+    """Join two nodes, the lower root on top; whether they were apart."""
+    a, b = find(parent, a), find(parent, b)
+    if a == b:
+        return False
+    if a < b:
+        parent[b] = a
+    else:
+        parent[a] = b
+    return True
+
+
+@jit
+def new_runs(blocks: Blocks) -> Runs:
+    """Room for the runs of any block."""
+    rows, length = blocks.sides[0] * blocks.sides[1], blocks.sides[2]
+    most = rows * ((length + 1) // 2)
+    return Runs(np.empty((most, 3), np.int64), np.empty(rows, np.int64), np.empty(most, np.int32))
+
+
+@jit
+def corner_of(blocks: Blocks, block: int) -> tuple[int, int, int]:
+    """First cell of a block, by its number."""
+    plane, row = blocks.shape[1] * blocks.shape[2], blocks.shape[2]
+    i, j, k = block // plane, block // row % blocks.shape[1], block % row
+    return i * blocks.sides[0], j * blocks.sides[1], k * blocks.sides[2]
+
+
+@jit
+def row_runs(row: Bytes, kind: int, table: Ints, count: int) -> int:
+    """Append the runs of a row of cells; how many there are then. Eight cells alike are taken at a time."""
+    eights = row[: len(row) // 8 * 8].view(np.uint64)
+    begun = -1
+    for eight in range((len(row) + 7) // 8):
+        if eight < len(eights):
+            word = eights[eight]
+            out = (word | (word >> np.uint64(1)) if kind == 0 else word >> np.uint64(1)) & _ONES
+            if out == 0:
+                begun = 8 * eight if begun < 0 else begun
+                continue
+            if out == _ONES and begun < 0:
+                continue
+        for k in range(8 * eight, min(8 * eight + 8, len(row))):
+            member = row[k] == FREE if kind == 0 else row[k] < 2
+            if member and begun < 0:
+                begun = k
+            elif not member and begun >= 0:
+                table[count, 0], table[count, 1] = begun, k - 1
+                count += 1
+                begun = -1
+    if begun >= 0:
+        table[count, 0], table[count, 1] = begun, len(row) - 1
+        count += 1
+    return count
+
+
+@jit
+def unite_rows(runs: Runs, first: int, stop: int, other: int, other_stop: int) -> None:
+    """Join the runs of one row with those of another that they touch."""
+    table = runs.table
+    while first < stop and other < other_stop:
+        if table[first, 0] <= table[other, 1] and table[other, 0] <= table[first, 1]:
+            unite(runs.parent, other, first)
+        if table[first, 1] < table[other, 1]:
+            first += 1
+        else:
+            other += 1
+
+
+@jit
+def label(blocks: Blocks, s: int, block: int, kind: int, runs: Runs) -> int:
+    """Label the cells of one kind in a block of a slice; the number of components, which are counted from 0."""
+    x, y, z = corner_of(blocks, block)
+    _, nx, ny, nz = blocks.states.shape
+    deep, wide, stop = min(blocks.sides[0], nx - x), min(blocks.sides[1], ny - y), min(z + blocks.sides[2], nz)
+    ends, count = runs.ends, 0
+    for i in range(blocks.sides[0]):
+        for j in range(blocks.sides[1]):
+            row = i * blocks.sides[1] + j
+            first = count
+            if i < deep and j < wide:
+                count = row_runs(blocks.states[s, x + i, y + j, z:stop], kind, runs.table, first)
+            ends[row] = count
+            for n in range(first, count):
+                runs.parent[n] = n
+            if j > 0 and first < count:
+                unite_rows(runs, first, count, ends[row - 2] if row > 1 else 0, first)
+            if i > 0 and first < count:
+                above = row - blocks.sides[1]
+                unite_rows(runs, first, count, ends[above - 1] if above > 0 else 0, ends[above])
+    components = 0
+    for n in range(count):
+        # The lower root is on top, so that it has its number by now.
+        root = find(runs.parent, n)
+        if root == n:
+            runs.table[n, 2] = components
+            components += 1
+        else:
+            runs.table[n, 2] = runs.table[root, 2]
+    return components
+
+
+@jit
+def meet(ours: Runs, row: int, theirs: Runs, other: int, code: int, length: int, found: Pairs, parent: Nodes) -> int:
+    """Pairs of components that meet where a row of a block meets one of a neighbour's; see :func:`pairs_of`.
+
+    ``parent`` has our components first and then theirs, which begin at ``length``; gives how many pairs were appended.
+    """
+    n, stop = ours.ends[row - 1] if row > 0 else 0, ours.ends[row]
+    m, other_stop = theirs.ends[other - 1] if other > 0 else 0, theirs.ends[other]
+    count = 0
+    while n < stop and m < other_stop:
+        a, b = ours.table[n, 2], theirs.table[m, 2]
+        overlap = ours.table[n, 0] <= theirs.table[m, 1] and theirs.table[m, 0] <= ours.table[n, 1]
+        if overlap and unite(parent, a, length + b):
+            found[count] = np.uint32((code << (2 * _BITS)) | (a << _BITS) | b)
+            count += 1
+        if ours.table[n, 1] < theirs.table[m, 1]:
+            n += 1
+        else:
+            m += 1
+    return count
+
+
+@jit
+def meet_ends(
+    ours: Runs, row: int, theirs: Runs, last: int, code: int, length: int, found: Pairs, parent: Nodes
+) -> int:
+    """As :func:`meet`, where the last cell of a row touches the first cell of the neighbour's."""
+    n, m = ours.ends[row] - 1, theirs.ends[row - 1] if row > 0 else 0
+    if n < (ours.ends[row - 1] if row > 0 else 0) or m == theirs.ends[row]:
+        return 0
+    a, b = ours.table[n, 2], theirs.table[m, 2]
+    if ours.table[n, 1] != last or theirs.table[m, 0] != 0 or not unite(parent, a, length + b):
+        return 0
+    found[0] = np.uint32((code << (2 * _BITS)) | (a << _BITS) | b)
+    return 1
+
+
+@jit
+def rim_pairs(blocks: Blocks, block: int, runs: Runs, components: int, code: int, found: Pairs, seen: Nodes) -> int:
+    """Components of a block with a cell at the border of the grid, each once; how many there are."""
+    x, y, z = corner_of(blocks, block)
+    _, nx, ny, nz = blocks.states.shape
+    begins, ends = z == 0, z + blocks.sides[2] >= nz
+    seen[:components] = 0
+    count = n = 0
+    for i in range(blocks.sides[0]):
+        for j in range(blocks.sides[1]):
+            border = y + j == 0 or y + j == ny - 1 or (blocks.solid and (x + i == 0 or x + i == nx - 1))
+            while n < runs.ends[i * blocks.sides[1] + j]:
+                touches = border or (begins and runs.table[n, 0] == 0) or (ends and z + runs.table[n, 1] == nz - 1)
+                a = runs.table[n, 2]
+                if touches and seen[a] == 0:
+                    seen[a] = 1
+                    found[count] = np.uint32((code << (2 * _BITS)) | (a << _BITS))
+                    count += 1
+                n += 1
+    return count
+
+
+@jit
+def pairs_of(blocks: Blocks, s: int, block: int, runs: tuple[Runs, Runs], counts: Nodes, found: Pairs) -> int:
+    """What joins the components of a block of a slice with others; how many pairs there are.
+
+    A pair is one number: its face and kind, a component of the block, and one of the neighbour's. Pairs that follow
+    from others are left out. ``counts``, shape (2,), is given the number of components of each kind.
+    """
+    ours, theirs = runs
+    number = 0
+    parent = np.empty(2 << _BITS, np.int32)
+    plane, row = blocks.shape[1] * blocks.shape[2], blocks.shape[2]
+    at = (block // plane, block // row % blocks.shape[1], block % row)
+    steps, (deep, wide) = (plane, row, 1), (blocks.sides[0], blocks.sides[1])
+    first_link = blocks.link_ends[s - 1] if s > 0 else 0
+    for kind in range(KINDS):
+        components = label(blocks, s, block, kind, ours)
+        counts[kind] = components
+        if components == 0:
+            continue
+        number += rim_pairs(blocks, block, ours, components, KINDS * RIM + kind, found[number:], parent)
+        for axis in range(AXES):
+            if at[axis] + 1 == blocks.shape[axis]:
+                continue
+            total = components + label(blocks, s, block + steps[axis], kind, theirs)
+            for node in range(total):
+                parent[node] = node
+            code = KINDS * axis + kind
+            for i in range(deep):
+                for j in range(wide):
+                    here = i * wide + j
+                    into = found[number:]
+                    if axis == 0 and i == deep - 1:
+                        number += meet(ours, here, theirs, j, code, components, into, parent)
+                    elif axis == 1 and j == wide - 1:
+                        number += meet(ours, here, theirs, i * wide, code, components, into, parent)
+                    elif axis == 2:
+                        number += meet_ends(ours, here, theirs, blocks.sides[2] - 1, code, components, into, parent)
+        for link in range(first_link, blocks.link_ends[s]):
+            total = components + label(blocks, blocks.links[link], block, kind, theirs)
+            for node in range(total):
+                parent[node] = node
+            code = KINDS * (LINKS + link - first_link) + kind
+            for here in range(deep * wide):
+                number += meet(ours, here, theirs, here, code, components, found[number:], parent)
+    return number
+
+
+@jit
+def join_blocks(blocks: Blocks, segments: Ints, counts: Nodes, sizes: Ints) -> Pairs:
+    """The pairs of blocks, one after the other.
+
+    Parameters
+    ----------
+    segments : ndarray of int64, shape (n,)
+        Blocks of slices, by ``slice * blocks + block``.
+    counts : ndarray of int32, shape (n, 2)
+        Is given the number of components of each kind.
+    sizes : ndarray of int64, shape (n,)
+        Is given the number of pairs.
+    """
+    runs = new_runs(blocks), new_runs(blocks)
+    blocks_each = blocks.shape[0] * blocks.shape[1] * blocks.shape[2]
+    most_links = 0
+    for s in range(len(blocks.link_ends)):
+        most_links = max(most_links, blocks.link_ends[s] - (blocks.link_ends[s - 1] if s > 0 else 0))
+    most = KINDS * (LINKS + most_links) * (2 << _BITS)
+    pool = np.empty(most + 8 * len(segments), np.uint32)
+    filled = 0
+    for n in range(len(segments)):
+        if filled + most > len(pool):
+            pool = np.concatenate((pool, np.empty(len(pool), np.uint32)))
+        s, block = segments[n] // blocks_each, segments[n] % blocks_each
+        sizes[n] = pairs_of(blocks, s, block, runs, counts[n], pool[filled:])
+        filled += sizes[n]
+    return pool[:filled].copy()
+
+
+@jit
+def merge(pool: Pairs, ends: Ints, stale: Ints, fresh: Pairs, sizes: Ints) -> Pairs:
+    """The pairs of all blocks, some of them new; ``ends``, where those of each block end, is changed in place."""
+    total = len(pool) + len(fresh)
+    for n in range(len(stale)):
+        total -= ends[stale[n]] - (ends[stale[n] - 1] if stale[n] > 0 else 0)
+    merged = np.empty(total, np.uint32)
+    first, filled, taken, n = 0, 0, 0, 0
+    for segment in range(len(ends)):
+        stop = ends[segment]
+        if n < len(stale) and stale[n] == segment:
+            merged[filled : filled + sizes[n]] = fresh[taken : taken + sizes[n]]
+            filled, taken, n = filled + sizes[n], taken + sizes[n], n + 1
+        else:
+            for k in range(first, stop):
+                merged[filled + k - first] = pool[k]
+            filled += stop - first
+        ends[segment], first = filled, stop
+    return merged
+
+
+@jit
+def join_all(
+    blocks: Blocks,
+    kind: int,
+    pool: Pairs,
+    ends: Ints,
+    joined: Joined,
+    turns: tuple[Ints, Ints, Ints],
+    rim: NDArray[np.bool_],
+) -> None:
+    """Join the nodes of one kind, and write the root of each into ``joined``.
+
+    Parameters
+    ----------
+    pool : ndarray of uint32
+        Pairs of all blocks of all slices; those of a block end at its entry of ``ends``.
+    turns : tuple of ndarray of int64
+        The slice of each rotation cell; rows (other rotation cell, link, or -1 where both share a slice) for the later
+        neighbours of rotation cells; and where those of each end.
+    rim : ndarray of bool, shape (slices,)
+        Whether the rim of the grid joins what it touches.
+    """
+    (slice_of, neighbors, neighbor_ends), (_, base, start, parent) = turns, joined
+    steps = (blocks.shape[1] * blocks.shape[2], blocks.shape[2], 1)
+    mask, blocks_each = (1 << _BITS) - 1, base.shape[1]
+    for node in range(len(parent)):
+        parent[node] = node
+    for r in range(len(slice_of)):
+        s, rim_node = slice_of[r], start[r + 1] - 1
+        nearby = neighbors[neighbor_ends[r - 1] if r > 0 else 0 : neighbor_ends[r]]
+        for n in range(len(nearby)):
+            other = nearby[n, 0]
+            if rim[s] and rim[slice_of[other]]:
+                unite(parent, rim_node, start[other + 1] - 1)
+            if nearby[n, 1] < 0:
+                for node in range(start[r + 1] - 1 - start[r]):
+                    unite(parent, start[r] + node, start[other] + node)
+        for b in range(blocks_each):
+            ours, segment = start[r] + base[s, b], s * blocks_each + b
+            for k in range(ends[segment - 1] if segment > 0 else 0, ends[segment]):
+                pair = np.int64(pool[k])
+                code, node, there = pair >> (2 * _BITS), ours + ((pair >> _BITS) & mask), pair & mask
+                if code % KINDS != kind:
+                    continue
+                face = code // KINDS
+                if face < AXES:
+                    unite(parent, node, start[r] + base[s, b + steps[face]] + there)
+                elif face == RIM:
+                    if rim[s]:
+                        unite(parent, node, rim_node)
+                else:
+                    for n in range(len(nearby)):
+                        if nearby[n, 1] == face - LINKS:
+                            other = nearby[n, 0]
+                            unite(parent, node, start[other] + base[slice_of[other], b] + there)
+    for node in range(len(parent)):
+        parent[node] = parent[parent[node]]  # the lower root is on top, so that it is known by now
+
+
+@jit
+def roots_of(blocks: Blocks, kind: int, joined: Joined, slice_of: Ints, cells: Ints, order: Ints, out: Ints) -> None:
+    """Component of each cell ``(rotation, x, y, z)`` of the grid, shape (n, 4), -1 for none.
+
+    A block's labels are made again where they are asked for; ``order`` takes the cells of a block one after the other.
+    """
+    runs, known, components = new_runs(blocks), -1, 0
+    blocks_each = joined.base.shape[1]
+    for n in order:
+        r, x, y, z = cells[n, 0], cells[n, 1], cells[n, 2], cells[n, 3]
+        s, block = slice_of[r], block_of(blocks, x, y, z)
+        if s * blocks_each + block != known:
+            known, components = s * blocks_each + block, label(blocks, s, block, kind, runs)
+        row = x % blocks.sides[0] * blocks.sides[1] + y % blocks.sides[1]
+        out[n] = -1
+        # While another thread changes the map, a block may have other components than were joined.
+        for k in range(runs.ends[row - 1] if row > 0 else 0, runs.ends[row]):
+            if runs.table[k, 0] <= z % blocks.sides[2] <= runs.table[k, 1] and components == joined.counts[s, block]:
+                out[n] = joined.roots[joined.start[r] + joined.base[s, block] + runs.table[k, 2]]
+
+
+@jit
+def block_of(blocks: Blocks, x: int, y: int, z: int) -> int:
+    """Number of the block of a cell."""
+    plane = (x // blocks.sides[0]) * blocks.shape[1] + y // blocks.sides[1]
+    return int(plane * blocks.shape[2] + z // blocks.sides[2])
+
+
+@jit
+def box_of(blocks: Blocks, joined: Joined, slice_of: Ints, root: int) -> Ints:
+    """First and last cell of the box around a component of FREE cells; only blocks that may widen it are read."""
+    _, nx, ny, nz = blocks.states.shape
+    box = np.array([nx, ny, nz, -1, -1, -1])
+    runs, sides = new_runs(blocks), blocks.sides
+    for r in range(len(slice_of)):
+        s = slice_of[r]
+        for b in range(joined.base.shape[1]):
+            first, found = joined.start[r] + joined.base[s, b], False
+            for c in range(joined.counts[s, b]):
+                found |= joined.roots[first + c] == root
+            x, y, z = corner_of(blocks, b)
+            wider = x < box[0] or y < box[1] or z < box[2] or min(x + sides[0], nx) - 1 > box[3]
+            wider |= min(y + sides[1], ny) - 1 > box[4] or min(z + sides[2], nz) - 1 > box[5]
+            if not (found and wider) or label(blocks, s, b, 0, runs) != joined.counts[s, b]:
+                continue
+            n = 0
+            for row in range(sides[0] * sides[1]):
+                i, j = x + row // sides[1], y + row % sides[1]
+                while n < runs.ends[row]:
+                    if joined.roots[first + runs.table[n, 2]] == root:
+                        box[0], box[3] = min(box[0], i), max(box[3], i)
+                        box[1], box[4] = min(box[1], j), max(box[4], j)
+                        box[2], box[5] = min(box[2], z + runs.table[n, 0]), max(box[5], z + runs.table[n, 1])
+                    n += 1
+    return box
+
+
+# ---- the part of a map -----------------------------------------------------------------------------------------------
+
+
+class Components:
+    """The components of a map, in two levels, so that a change asks for few cells, and no cell has a label in memory.
+
+    The cells of each block are joined by themselves, along the runs of its rows, and so are the components of blocks
+    that share a side, or the same place in neighbouring rotation cells. Union-find joins them over the whole map. Only
+    what joins blocks is kept; labels of cells are made again, block by block, where they are asked for. What lies
+    outside the grid is one more component of each rotation cell.
+
+    Cells that share a side are joined. For FREE cells that is a path. For the others it loses none: a path goes from
+    one closed cell to the next through a side, or through an edge or corner, all of whose cells are then not BLOCKED
+    and are joined by their sides.
+
+    Parameters
+    ----------
+    states : ndarray of uint8, shape (slices, nx, ny) or (slices, nx, ny, nz)
+        Kept, not copied; :meth:`renew` tells of changes.
+    slice_of : ndarray of int64, shape (rotations,)
+    neighbors : ndarray of int64, shape (rotations, n)
+        The rotation cells that each one shares a border with; -1 fills up.
+    rim_is_open : ndarray of bool, shape (slices,)
+        Whether some configuration outside the grid is not BLOCKED.
+    """
+
+    def __init__(self, states: Bytes, slice_of: Ints, neighbors: Ints, rim_is_open: NDArray[np.bool_]) -> None:
+        self._dim = states.ndim - 1
+        cells = states.reshape(len(states), *(1,) * (3 - self._dim), *states.shape[1:])
+        sides = np.array(SIDES[self._dim], dtype=np.int64)
+        shape = -(-np.array(cells.shape[1:]) // sides)
+        # One rotation cell stands for all where there is a single slice.
+        self._slice_of = np.ascontiguousarray(slice_of if len(states) > 1 else slice_of[:1], dtype=np.int64)
+        links, later = _links(self._slice_of, neighbors, len(states))
+        flat = np.array([other for row in links for other in row], dtype=np.int64)
+        self._blocks = Blocks(cells, sides, shape, flat, np.cumsum([len(row) for row in links]), self._dim == 3)
+        self._turns = (
+            self._slice_of,
+            np.array([row for rows in later for row in rows], dtype=np.int64).reshape(-1, 2),
+            np.cumsum([len(rows) for rows in later]),
+        )
+        self._linked_from = [[s for s, row in enumerate(links) if other in row] for other in range(len(states))]
+        self._rim_is_open = np.asarray(rim_is_open, dtype=np.bool_)
+        self._stale = np.ones((len(states), *shape), dtype=np.bool_)
+        self._counts = np.zeros((self._stale.size, KINDS), dtype=np.int32)
+        self._pool, self._ends = np.empty(0, dtype=np.uint32), np.zeros(self._stale.size, dtype=np.int64)
+        self._joined: tuple[Joined, Joined] | None = None
+        self._boxes: dict[int, Ints] = {}
+        self._lock = threading.Lock()
+
+    def renew(self, change: Change) -> None:
+        """Note which blocks have to be joined anew at the next call."""
+        with self._lock:
+            for s, box in enumerate(change.states):
+                if (box[:3] <= box[3:]).all():
+                    first, last = box[:3] // self._blocks.sides, box[3:] // self._blocks.sides
+                    own = tuple(slice(low, high + 1) for low, high in zip(first, last, strict=True))
+                    for other in self._linked_from[s]:
+                        self._stale[(other, *own)] = True
+                    for axis in range(AXES):  # the block before has the face that it shares with this one
+                        before = [*own]
+                        before[axis] = slice(max(first[axis] - 1, 0), last[axis] + 1)
+                        self._stale[(s, *before)] = True
+                    self._joined = None
+                    self._boxes.clear()
+
+    def of(self, cells: Ints) -> tuple[Ints, Ints]:
+        """Numbers of the components of FREE cells, and of cells that are not BLOCKED, that cells belong to.
+
+        Within one of the FREE cells, a collision-free path exists; between two of the others, none does. A cell
+        outside the grid counts as not BLOCKED where any of them is.
+
+        Parameters
+        ----------
+        cells : ndarray of int64, shape (..., 1 + d)
+            ``(rotation, x, y)`` or ``(rotation, x, y, z)``, in the grid or not.
+
+        Returns
+        -------
+        free, passable : ndarray of int64, shape (...)
+            -1 where a cell belongs to none. The numbers hold until the next change.
+        """
+        shape = self._blocks.states.shape[1:]
+        flat = cells.reshape(-1, cells.shape[-1])
+        places = np.zeros((len(flat), 4), dtype=np.int64)
+        places[:, 0], places[:, 4 - self._dim :] = np.minimum(flat[:, 0], len(self._slice_of) - 1), flat[:, 1:]
+        outside = ((places[:, 1:] < 0) | (places[:, 1:] >= shape)).any(axis=1)
+        number = np.ravel_multi_index(tuple(places[:, 1:].T // self._blocks.sides[:, None]), self._blocks.shape, "clip")
+        order = np.argsort(places[:, 0] * len(self._counts) + number, kind="stable")
+        order = order[~outside[order]]
+        found = np.full((KINDS, len(flat)), -1, dtype=np.int64)
+        rim = outside & self._rim_is_open[self._slice_of[places[:, 0]]]
+        with self._lock:
+            for kind, joined in enumerate(self._join()):
+                roots_of(self._blocks, kind, joined, self._slice_of, places, order, found[kind])
+                if kind == 1:
+                    found[kind, rim] = joined.roots[joined.start[places[rim, 0] + 1] - 1]
+        free, passable = found.reshape(KINDS, *cells.shape[:-1])
+        return free, passable
+
+    def box(self, cell: Ints) -> Ints:
+        """First and last cell, shape (2, d), of the box around the component of a FREE cell, shape (1 + d,)."""
+        number = int(self.of(cell)[0])
+        with self._lock:
+            if number not in self._boxes:
+                box = box_of(self._blocks, self._join()[0], self._slice_of, number)
+                self._boxes[number] = box.reshape(2, 3)[:, 3 - self._dim :]
+            return self._boxes[number]
+
+    def joins(self, start: tuple[Ints, Bytes], goal: tuple[Ints, Bytes]) -> NDArray[np.object_]:
+        """Whether a path joins configurations: True, False (proven) or None (undecided), shape (...).
+
+        ``start`` and ``goal`` are their cells, shape (..., 1 + d), in the grid or not, and their states, shape (...).
+        """
+        (free0, open0), (free1, open1) = self.of(start[0]), self.of(goal[0])
+        open0, open1 = (np.where(q[1] == BLOCKED, -1, number) for q, number in ((start, open0), (goal, open1)))
+        joined = (free0 == free1) & (free0 >= 0)
+        apart = (open0 != open1) | (open0 < 0) | (open1 < 0)
+        answers = np.full(joined.shape, None, dtype=object)
+        answers[joined] = True
+        answers[apart] = False
+        return answers
+
+    def _join(self) -> tuple[Joined, Joined]:
+        """Of both kinds, what all blocks come to; those that changed are read again."""
+        if self._joined is None:
+            stale = np.flatnonzero(self._stale)
+            parts = [stale[k : k + TASK] for k in range(0, len(stale), TASK)]
+            sizes, counts = np.zeros(len(stale), dtype=np.int64), np.zeros((len(stale), KINDS), dtype=np.int32)
+
+            def join(number: int) -> Pairs:
+                own = slice(number * TASK, (number + 1) * TASK)
+                pairs: Pairs = join_blocks(self._blocks, parts[number], counts[own], sizes[own])
+                return pairs
+
+            fresh = in_threads(join, range(len(parts)), cores()) if parts else []
+            self._pool = merge(self._pool, self._ends, stale, np.concatenate([self._pool[:0], *fresh]), sizes)
+            self._counts[stale] = counts
+            self._stale[...] = False
+            first, second = (self._nodes(kind) for kind in range(KINDS))
+            self._joined = first, second
+        return self._joined
+
+    def _nodes(self, kind: int) -> Joined:
+        slices = len(self._blocks.states)
+        counts = np.ascontiguousarray(self._counts[:, kind].reshape(slices, -1))
+        base = np.cumsum(counts, axis=1, dtype=np.int64) - counts
+        sizes = counts.sum(axis=1, dtype=np.int64)[self._slice_of] + 1
+        start = np.concatenate([[0], np.cumsum(sizes)])
+        joined = Joined(counts, base, start, np.empty(start[-1], dtype=np.int32))
+        rim = self._rim_is_open & (kind == 1)
+        join_all(self._blocks, kind, self._pool, self._ends, joined, self._turns, rim)
+        return joined
+
+
+def _links(slice_of: Ints, neighbors: Ints, slices: int) -> tuple[list[list[int]], list[list[tuple[int, int]]]]:
+    """The slices that come after each slice, and, of each rotation cell, (later neighbour, which of these it is)."""
+    links: list[list[int]] = [[] for _ in range(slices)]
+    later: list[list[tuple[int, int]]] = [[] for _ in slice_of]
+    for r, s in enumerate(slice_of.tolist()):
+        for other in sorted({n for n in neighbors[r].tolist() if n > r}) if len(slice_of) > 1 else []:
+            there = int(slice_of[other])
+            if there != s and there not in links[s]:
+                links[s].append(there)
+            later[r].append((other, links[s].index(there) if there != s else -1))
+    return links, later
