@@ -139,8 +139,7 @@ def pack(blocks: Blocks, s: int, first: int, words: Words) -> None:
     x, y, z = corner_of(blocks, first)
     _, nx, ny, nz = blocks.states.shape
     deep, wide = min(blocks.sides[0], nx - x), min(blocks.sides[1], ny - y)
-    cells = np.full(64, BLOCKED, np.uint8)
-    eights = cells.view(np.uint64)
+    spare = np.full(64, BLOCKED, np.uint8)
     if deep * wide < words.shape[2]:
         words[:] = 0
     for i in range(deep):
@@ -149,10 +148,12 @@ def pack(blocks: Blocks, s: int, first: int, words: Words) -> None:
             for block in range(len(words)):
                 begin = z + block * blocks.sides[2]
                 count = min(blocks.sides[2], nz - begin)
-                for k in range(count):
-                    cells[k] = line[begin + k]
-                for k in range(count, 64):
-                    cells[k] = BLOCKED
+                if count == 64:
+                    eights = line[begin : begin + 64].view(np.uint64)
+                else:
+                    spare[:count] = line[begin : begin + count]
+                    spare[count:] = BLOCKED
+                    eights = spare.view(np.uint64)
                 taken, blocked = np.uint64(0), np.uint64(0)
                 for eight in range(8):
                     word, place = eights[eight], np.uint64(8 * eight)
@@ -226,40 +227,41 @@ def label_block(blocks: Blocks, s: int, block: int, kind: int, runs: Runs) -> in
 
 
 @jit
-def meet(ours: Runs, row: int, theirs: Runs, other: int, code: int, length: int, found: Pairs, parent: Nodes) -> int:
-    """Pairs of components that meet where a row of a block meets one of a neighbour's; see :func:`pairs_of`.
+def meet(blocks: Blocks, face: int, ours: Runs, theirs: Runs, parent: Nodes, found: Pairs) -> int:
+    """Pairs of components of two blocks that meet at a face, without those that follow from others; how many.
 
-    ``parent`` has our components first and then theirs, which begin at ``length``; gives how many pairs were appended.
+    ``parent`` has a node for each of our components and, from as many on as we may have, for theirs.
     """
-    n, stop = ours.ends[row - 1] if row > 0 else 0, ours.ends[row]
-    m, other_stop = theirs.ends[other - 1] if other > 0 else 0, theirs.ends[other]
+    deep, wide, last = blocks.sides[0], blocks.sides[1], blocks.sides[2] - 1
     count = 0
-    while n < stop and m < other_stop:
-        a, b = ours.table[n, 2], theirs.table[m, 2]
-        overlap = ours.table[n, 0] <= theirs.table[m, 1] and theirs.table[m, 0] <= ours.table[n, 1]
-        if overlap and unite(parent, a, length + b):
-            found[count] = np.uint32((code << (2 * _BITS)) | (a << _BITS) | b)
-            count += 1
-        if ours.table[n, 1] < theirs.table[m, 1]:
-            n += 1
-        else:
-            m += 1
+    for row in range(deep * wide):
+        # The rows where the two touch: the last ones and the first, or, beside each other or in two slices, all.
+        other = row
+        if face == 0:
+            other = row - (deep - 1) * wide
+        elif face == 1:
+            other = row - (wide - 1) if row % wide == wide - 1 else -1
+        if other < 0:
+            continue
+        n, stop = ours.ends[row - 1] if row > 0 else 0, ours.ends[row]
+        m, other_stop = theirs.ends[other - 1] if other > 0 else 0, theirs.ends[other]
+        if face == 2:
+            # Only the last cell of our row touches the first one of theirs.
+            n = max(n, stop - 1)
+        while n < stop and m < other_stop:
+            if face == 2:
+                touch = ours.table[n, 1] == last and theirs.table[m, 0] == 0
+            else:
+                touch = ours.table[n, 0] <= theirs.table[m, 1] and theirs.table[m, 0] <= ours.table[n, 1]
+            a, b = ours.table[n, 2], theirs.table[m, 2]
+            if touch and unite(parent, a, ours.parent.size + b):
+                found[count] = np.uint32((a << _BITS) | b)
+                count += 1
+            if face == 2 or ours.table[n, 1] < theirs.table[m, 1]:
+                n += 1
+            else:
+                m += 1
     return count
-
-
-@jit
-def meet_ends(
-    ours: Runs, row: int, theirs: Runs, last: int, code: int, length: int, found: Pairs, parent: Nodes
-) -> int:
-    """As :func:`meet`, where the last cell of a row touches the first cell of the neighbour's."""
-    n, m = ours.ends[row] - 1, theirs.ends[row - 1] if row > 0 else 0
-    if n < (ours.ends[row - 1] if row > 0 else 0) or m == theirs.ends[row]:
-        return 0
-    a, b = ours.table[n, 2], theirs.table[m, 2]
-    if ours.table[n, 1] != last or theirs.table[m, 0] != 0 or not unite(parent, a, length + b):
-        return 0
-    found[0] = np.uint32((code << (2 * _BITS)) | (a << _BITS) | b)
-    return 1
 
 
 @jit
@@ -299,7 +301,6 @@ def pairs_of(
     parent = np.empty(2 << _BITS, np.int32)
     plane, row = blocks.shape[1] * blocks.shape[2], blocks.shape[2]
     at = (block // plane, block // row % blocks.shape[1], block % row)
-    deep, wide = blocks.sides[0], blocks.sides[1]
     first_link = blocks.link_ends[s - 1] if s > 0 else 0
     for kind in range(KINDS):
         ours = free if kind == 0 else passable
@@ -312,26 +313,18 @@ def pairs_of(
         if face == RIM or (face < AXES and at[face] + 1 == blocks.shape[face]):
             continue
         for kind in range(KINDS):
-            ours, code = free if kind == 0 else passable, KINDS * face + kind
-            total = counts[kind] + label(blocks, packed[face, kind], theirs)
-            if total == counts[kind] or counts[kind] == 0:
+            ours = free if kind == 0 else passable
+            if counts[kind] == 0:
                 continue
-            for node in range(total):
+            others = label(blocks, packed[face, kind], theirs)
+            for node in range(counts[kind]):
                 parent[node] = node
-            for here in range(deep * wide):
-                # The rows where the two blocks touch: the last ones and the first, or, of another slice, all.
-                there = here
-                if face == 0:
-                    there = here - (deep - 1) * wide
-                elif face == 1:
-                    there = here - (wide - 1) if here % wide == wide - 1 else -1
-                if there < 0:
-                    continue
-                into = found[number:]
-                if face == 2:
-                    number += meet_ends(ours, here, theirs, blocks.sides[2] - 1, code, counts[kind], into, parent)
-                else:
-                    number += meet(ours, here, theirs, there, code, counts[kind], into, parent)
+            for node in range(ours.parent.size, ours.parent.size + others):
+                parent[node] = node
+            first = number
+            number += meet(blocks, face, ours, theirs, parent, found[first:])
+            for n in range(first, number):
+                found[n] |= np.uint32((KINDS * face + kind) << (2 * _BITS))
     return number
 
 
