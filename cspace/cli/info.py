@@ -6,7 +6,7 @@ import inspect
 from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
@@ -28,9 +28,6 @@ from cspace.cli.report import show
 from cspace.errors import InputError
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from cspace.robot import Robot
     from cspace.shapes.mesh import Mesh, Solid
     from cspace.space import CSpace
@@ -205,17 +202,12 @@ def survey(
     from cspace.io.formats import dimension_of
     from cspace.workspace import Workspace, reader_of
 
-    surveys: dict[Callable[..., Workspace], Callable[..., dict[str, Any]]] = {
-        Workspace.from_mesh: _mesh,
-        Workspace.from_points: _points,
-        Workspace.from_polygons: _polygons,
-    }
     reader = reader_of(path, options)
     if robot is not None:
         check_dimensions(path, dimension_of(path), robot)
     cells = _Cells(robot, rotations)
-    if reader in surveys:
-        document = surveys[reader](cells, path, **options)
+    if reader.__name__ in _SHAPES:
+        document = _shapes(cells, path, reader.__name__, **options)
     else:
         document = _grid(cells, lambda **more: Workspace.open(path, **{**options, **more}), reader)
     if robot is not None:
@@ -224,58 +216,51 @@ def survey(
     return {"workspace": str(path), **document}
 
 
-def _mesh(
-    cells: _Cells, path: Path, spacing: float | None = None, bounds: Any = None, solid: Solid = "auto"
+def _shapes(
+    cells: _Cells, path: Path, kind: str, *, spacing: float | None = None, bounds: Any = None, **options: Any
 ) -> dict[str, Any]:
-    import numpy as np
-
+    """A file of shapes, which are put on a grid: their box, what there is to say about them, and the grid."""
     from cspace.covering import check_bounds
-    from cspace.memory import MESH_BYTES
-    from cspace.shapes.mesh import Mesh
+    from cspace.memory import MESH_BYTES, WORKSPACE_BYTES
 
     if bounds is not None:
-        check_bounds(bounds, 3)
+        check_bounds(bounds, 2 if kind == "from_polygons" else 3)
+    what, read = _SHAPES[kind]
+    corners, about = read(path, **options)
+    bytes_a_cell = MESH_BYTES if what == "mesh" else WORKSPACE_BYTES
+    return {**describe_box(corners), **about, **cells.on(corners, spacing, bounds, bytes_a_cell, what)}
+
+
+def _mesh(path: Path, solid: Solid = "auto") -> tuple[Any, dict[str, Any]]:
+    from cspace.shapes import Mesh
+
     mesh = Mesh.of(path, solid)
-    corners = np.stack(mesh.bounds)
-    return {
-        **describe_box(corners),
-        **describe_mesh(mesh),
-        **cells.on(corners, spacing, bounds, MESH_BYTES, "mesh"),
-    }
+    return mesh.bounds, describe_mesh(mesh)
 
 
-def _points(
-    cells: _Cells, path: Path, spacing: float | None = None, bounds: Any = None, radius: float = 0.0
-) -> dict[str, Any]:
-    import numpy as np
-
+def _points(path: Path, radius: float = 0.0) -> tuple[Any, dict[str, Any]]:
     from cspace.io.points import read_points
-    from cspace.memory import WORKSPACE_BYTES
-    from cspace.shapes import Balls, check_balls
+    from cspace.shapes import Balls
 
-    balls = Balls(*check_balls(read_points(path), radius))
-    corners = np.stack(balls.bounds)
-    return {
-        **describe_box(corners),
-        "points": len(balls.radii),
-        "radius_m": float(radius),
-        **cells.on(corners, spacing, bounds, WORKSPACE_BYTES, "cloud"),
-    }
+    balls = Balls.of(read_points(path), radius)
+    return balls.bounds, {"points": len(balls.radii), "radius_m": float(radius)}
 
 
-def _polygons(cells: _Cells, path: Path, spacing: float | None = None, bounds: Any = None) -> dict[str, Any]:
+def _polygons(path: Path) -> tuple[Any, dict[str, Any]]:
     import shapely
 
     from cspace.io.vector import read_shapes
-    from cspace.memory import WORKSPACE_BYTES
 
     shapes = read_shapes(path)
-    corners = shapely.total_bounds(shapes).reshape(2, 2)
-    return {
-        **describe_box(corners),
-        "shapes": len(shapes),
-        **cells.on(corners, spacing, bounds, WORKSPACE_BYTES, "set of polygons"),
-    }
+    return shapely.total_bounds(shapes).reshape(2, 2), {"shapes": len(shapes)}
+
+
+_SHAPES: Final[dict[str, tuple[str, Callable[..., tuple[Any, dict[str, Any]]]]]] = {
+    "from_mesh": ("mesh", _mesh),
+    "from_points": ("cloud", _points),
+    "from_polygons": ("set of polygons", _polygons),
+}
+"""What files of shapes hold, by the constructor of a workspace that reads them, and how it is read."""
 
 
 def _grid(cells: _Cells, read: Callable[..., Any], reader: Callable[..., Any]) -> dict[str, Any]:
@@ -318,14 +303,15 @@ class _Cells:
             self.slices = yaws.count if robot is None else int(slice_of_rotation(robot, yaws).max()) + 1
             self._told = {"rotations": yaws.count, "slices": self.slices}
 
-    def on(
-        self, corners: NDArray[np.float64], spacing: float | None, bounds: Any, bytes_a_cell: int, what: str
-    ) -> dict[str, Any]:
+    def on(self, corners: Any, spacing: float | None, bounds: Any, bytes_a_cell: int, what: str) -> dict[str, Any]:
         """The grid that shapes would be put on, and its memory."""
+        import numpy as np
+
         from cspace.covering import check_bounds, covering_shape, warn_of_units
         from cspace.grid import Grid
         from cspace.memory import cells_of
 
+        corners = np.stack(corners)
         box = corners if bounds is None else check_bounds(bounds, corners.shape[1])
         if spacing is None:
             return {}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from numpy.typing import ArrayLike
-    from PIL.Image import Image
 
 _LONG = 7.5
 """Length of the longer side of each of the two panels, in inches."""
@@ -214,8 +213,15 @@ def _panels(box: Floats) -> tuple[Any, tuple[Axes, Axes]]:
 
 def _write(frames: list[NDArray[np.uint8]], file: Path, pause: int) -> None:
     """Write frames as a GIF that repeats for ever."""
-    palette = _palette(frames)
-    images = list(_indexed(frames, palette))
+    from PIL import Image
+
+    # The commonest colours of some of the frames, without dithering, which would flicker and swell the file.
+    some = np.concatenate([frame.reshape(-1, 3) for frame in frames[:: max(1, len(frames) // 6)]])
+    colors, counts = np.unique(some @ np.array([65536, 256, 1], np.uint32), return_counts=True)
+    chosen = colors[np.argsort(-counts, kind="stable")[:_COLORS]]
+    model = Image.new("P", (1, 1))
+    model.putpalette(np.stack([chosen >> 16, chosen >> 8 & 255, chosen & 255], axis=-1).astype(np.uint8).tobytes())
+    images = [Image.fromarray(frame).quantize(palette=model, dither=Image.Dither.NONE) for frame in frames]
     images[0].save(
         file,
         format="GIF",
@@ -225,21 +231,3 @@ def _write(frames: list[NDArray[np.uint8]], file: Path, pause: int) -> None:
         loop=0,
         optimize=False,
     )
-
-
-def _palette(frames: list[NDArray[np.uint8]]) -> NDArray[np.uint8]:
-    """The commonest colours of some of the frames, shape (n, 3)."""
-    some = np.concatenate([frame.reshape(-1, 3) for frame in frames[:: max(1, len(frames) // 6)]]).astype(np.uint32)
-    colors, counts = np.unique(some @ np.array([65536, 256, 1], np.uint32), return_counts=True)
-    chosen = colors[np.argsort(-counts, kind="stable")[:_COLORS]]
-    return np.stack([chosen >> 16, chosen >> 8 & 255, chosen & 255], axis=-1).astype(np.uint8)
-
-
-def _indexed(frames: list[NDArray[np.uint8]], palette: NDArray[np.uint8]) -> Iterator[Image]:
-    """Frames in the colours of a palette, without dithering, which would flicker and swell the file."""
-    from PIL import Image
-
-    model = Image.new("P", (1, 1))
-    model.putpalette(palette.tobytes())
-    for frame in frames:
-        yield Image.fromarray(frame).quantize(palette=model, dither=Image.Dither.NONE)

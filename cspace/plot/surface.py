@@ -24,6 +24,8 @@ CAMERA: Final = (40.0, -62.0)
 MOST: Final = 20_000
 """Faces that are drawn at most; cells are joined in blocks until there are no more."""
 _THIN: Final = 24.0
+_WALL: Final = 0.8
+"""The part of a layer of cells from which on it is a wall before the rest."""
 _SHARES: Final = (0.68, 0.82, 1.0)
 """Brightness of faces normal to x, y and z."""
 _DARKER: Final = 0.2
@@ -112,8 +114,8 @@ def draw_surface(
 def border_faces(grid: Grid, solid: NDArray[np.bool_], towards: Floats, top: float = math.inf) -> Faces:
     """The faces of solid cells that look at a camera far away, of blocks that are no larger than they must be.
 
-    A block is solid where one of its cells is. Cells wholly above ``top`` are left out. A face at an end of the grid is
-    drawn too, unless that end is mostly solid: a wall before the rest.
+    A block is solid where one of its cells is. Layers at an end of the grid that are mostly solid, walls before the
+    rest, are taken away, and so are cells wholly above ``top``.
 
     Parameters
     ----------
@@ -124,50 +126,52 @@ def border_faces(grid: Grid, solid: NDArray[np.bool_], towards: Floats, top: flo
     top : float
         Metres.
     """
-    high = (
-        int(np.clip(math.ceil((top - grid.lower[2]) / grid.spacing - 1e-9), 1, solid.shape[2]))
-        if top < math.inf
-        else None
-    )
-    cells = solid[:, :, :high]
-    walls = [bool(np.mean(cells.take(-1 if towards[axis] > 0.0 else 0, axis)) >= 0.5) for axis in range(3)]
-    if cells.shape[2] < solid.shape[2]:
-        walls[2] = False  # what the cut lays open is drawn
+    first, stop = np.zeros(3, dtype=np.int64), np.array(grid.shape)
+    if top < grid.upper[2]:
+        stop[2] = np.clip(math.ceil((top - grid.lower[2]) / grid.spacing - 1e-9), 1, stop[2])
+    for axis in range(3):
+        if axis < 2 or stop[2] == grid.shape[2]:  # what the cut lays open is drawn
+            peeled = _peeled(np.moveaxis(solid[tuple(map(slice, first, stop))], axis, 0), towards[axis])
+            first[axis] += peeled * (towards[axis] < 0.0)
+            stop[axis] -= peeled * (towards[axis] > 0.0)
+    cells = solid[tuple(map(slice, first, stop))]
     side = math.ceil(max(cells.shape) / 200)  # more blocks would be smaller than a picture shows
     while True:
         blocks = cells
         for axis in range(3) if side > 1 else ():
             blocks = np.logical_or.reduceat(blocks, np.arange(0, blocks.shape[axis], side), axis=axis)
-        seen = [_seen(blocks, axis, towards[axis], not walls[axis]) for axis in range(3)]
+        seen = [_seen(blocks, axis, towards[axis]) for axis in range(3)]
         count = sum(int(np.count_nonzero(part)) for part in seen)
         if count <= MOST:
             break
         side = max(side + 1, math.floor(side * math.sqrt(count / MOST)))
-    edges = [
-        low + grid.spacing * np.minimum(np.arange(blocks.shape[axis] + 1) * side, cells.shape[axis])
-        for axis, low in enumerate(grid.lower)
-    ]
     corners, axes = [], []
     for axis, part in enumerate(seen):
         rim = np.zeros((4, 3), dtype=np.int64)
         rim[:, axis] = towards[axis] > 0.0
         rim[[1, 2], (axis + 1) % 3] = 1
         rim[[2, 3], (axis + 2) % 3] = 1
-        lattice = np.argwhere(part)[:, np.newaxis] + rim
-        corners.append(np.stack([edges[k][lattice[..., k]] for k in range(3)], axis=-1))
+        lattice = np.minimum((np.argwhere(part)[:, np.newaxis] + rim) * side, cells.shape)
+        corners.append(grid.lower + grid.spacing * (first + lattice))
         axes.append(np.full(len(lattice), axis))
     return Faces(np.concatenate(corners), np.concatenate(axes))
 
 
-def _seen(solid: NDArray[np.bool_], axis: int, towards: float, end: bool) -> NDArray[np.bool_]:
-    """Blocks whose face along an axis looks at the camera: before an empty block, and at the end of the grid."""
-    seen = np.zeros_like(solid)
+def _peeled(layers: NDArray[np.bool_], towards: float) -> int:
+    """How many layers at the camera's end are mostly solid; none where that is half of all or more."""
+    shares = layers[:: -1 if towards > 0.0 else 1].mean(axis=(1, 2))
+    count = int(np.argmin(shares >= _WALL)) if (shares < _WALL).any() else len(shares)
+    return count if towards != 0.0 and 2 * count < len(shares) else 0
+
+
+def _seen(solid: NDArray[np.bool_], axis: int, towards: float) -> NDArray[np.bool_]:
+    """Blocks whose face along an axis looks at the camera, with no solid block before it."""
     if towards == 0.0:
-        return seen
-    rows = [np.moveaxis(array, axis, 0)[:: 1 if towards > 0.0 else -1] for array in (solid, seen)]
-    rows[1][:-1] = rows[0][:-1] & ~rows[0][1:]
-    rows[1][-1] = rows[0][-1] & end
-    return seen
+        return np.zeros_like(solid)
+    ahead = np.zeros_like(solid)
+    behind, before = (slice(None, -1), slice(1, None)) if towards > 0.0 else (slice(1, None), slice(None, -1))
+    np.moveaxis(ahead, axis, 0)[behind] = np.moveaxis(solid, axis, 0)[before]
+    return solid & ~ahead
 
 
 def _solid(space: MapLike, surface: str, yaw: float | None) -> NDArray[np.bool_]:
