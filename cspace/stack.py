@@ -11,14 +11,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.errors import InputError
 from cspace.grid import Grid, finite
-from cspace.io.arrays import FIELDS
 from cspace.once import Once
 from cspace.outside import Outside
 from cspace.raster.raster import Raster
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.slices import slice_of_rotation, slice_rasters
-from cspace.states import BLOCKED, FREE
+from cspace.states import BLOCKED, FIELDS, FREE
 from cspace.workspace import Workspace
 
 
@@ -200,7 +199,7 @@ def writable(array: NDArray[Any]) -> NDArray[Any]:
 def checked_fields(
     fields: Mapping[str, NDArray[np.float64]], dim: int, shape: tuple[int, ...]
 ) -> dict[str, NDArray[np.float64]]:
-    """The arrays of an overlap field, in the order of :data:`cspace.io.arrays.FIELDS`, not to be written.
+    """The arrays of an overlap field, in the order of :data:`cspace.states.FIELDS`, not to be written.
 
     Raises
     ------

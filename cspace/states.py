@@ -13,3 +13,6 @@ BLOCKED: Final = 2
 
 NAMES: Final = ("free", "mixed", "blocked")
 """Name of each state, by its value."""
+
+FIELDS: Final = ("penetration", "penetration_x", "penetration_y", "penetration_z")
+"""What a map may carry besides: the overlap of descriptors, and its derivatives along the axes."""

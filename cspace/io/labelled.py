@@ -7,16 +7,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.io.arrays import AXES, STACKED, TURNS, arrays_of, attributes_of, dimensions_of
-from cspace.io.record import metadata_of
+from cspace.io.record import AXES, TURNS, arrays_of, attributes_of, axes_of, metadata_of
 
 if TYPE_CHECKING:
     import xarray
 
-    from cspace.space import CSpace
+    from cspace.io.protocol import SavedMap
 
 
-def to_xarray(space: CSpace) -> xarray.Dataset:
+def to_xarray(space: SavedMap) -> xarray.Dataset:
     """A map as an xarray Dataset, with everything that is needed to rebuild it.
 
     Parameters
@@ -27,23 +26,21 @@ def to_xarray(space: CSpace) -> xarray.Dataset:
     -------
     xarray.Dataset
         Dimensions ``x``, ``y`` and in space ``z`` with the middles of the cells, in metres. Variables ``state`` (uint8,
-        flags free, mixed and blocked), ``outer`` and ``inner`` (bool, the workspace) and, where the map was built with
-        it, ``overlap`` (int32), where it carries an overlap field ``penetration`` and its derivatives ``penetration_x``
-        and so on (float64), and where the obstacles are known as shapes the arrays of
-        :func:`cspace.io.geometry.geometry_arrays` (``geometry``, bytes of WKB, in the plane). The arrays are read-only;
-        copy the Dataset to change it. Attributes are text, numbers and lists of numbers: ``lower``,
-        ``spacing``, ``outside``, ``margin``, ``precision``, ``rotations`` (their number), ``robot`` (JSON text for
-        ``Robot.from_spec``), ``workspace_source`` and the versions.
+        flags free, mixed and blocked), ``outer`` and ``inner`` (bool, the workspace) and, where the map has them,
+        ``overlap`` (int32), ``penetration`` and its derivatives ``penetration_x`` and so on (float64), and ``shapes``
+        (bytes of JSON text, which makes the obstacles again). The arrays are read-only; copy the Dataset to change it.
+        Attributes are text, numbers and lists of numbers: ``lower``, ``spacing``, ``outside``, ``margin``,
+        ``precision``, ``rotations`` (their number), ``robot`` (JSON text for ``Robot.from_spec``),
+        ``workspace_source`` and the versions.
 
-        For a robot that turns, ``state``, ``overlap`` and the field have the dimension ``rotation`` before ``x`` and
-        ``y``, with the coordinates ``yaw`` (the representative, radians), ``yaw_bounds`` (its borders),
+        For a robot that turns, ``state``, ``overlap`` and the field have the dimension ``rotation`` before those of the
+        cells, with the coordinates ``yaw`` (the representative, radians), ``yaw_bounds`` (its borders),
         ``covering_angle`` and ``slice_of``. A state holds for all yaw angles between the bounds.
 
     Notes
     -----
     Arrays are those of the map, not copies, with one exception: where a symmetry of the robot makes some, but not all,
     rotation cells share slices (a rectangle about its middle), these are copied out, a slice for each rotation cell.
-    ``space.stack``, ``space.fields`` and ``space.slice_of`` hold the same without a copy.
 
     Examples
     --------
@@ -54,14 +51,17 @@ def to_xarray(space: CSpace) -> xarray.Dataset:
     """
     import xarray
 
-    arrays = {"inner": space.workspace.inner} | arrays_of(space)
-    dimensions = dimensions_of(space.grid.dim, turns=space.rotations is not None)
-    if space.rotations is not None:
-        for name in arrays.keys() & STACKED:
-            arrays[name] = _by_rotation(arrays[name], space.slice_of)
-            dimensions[name] = ("rotation", *dimensions[name][1:])
-    variables = {name: (dimensions[name], array, attributes_of(name, space.grid.dim)) for name, array in arrays.items()}
-    labels = {name: variables.pop(name) for name in (*AXES, *TURNS) if name in variables}
+    dim, turns = space.grid.dim, space.rotations is not None
+    variables, labels = {}, {}
+    for name, array in ({"inner": space.workspace.inner} | arrays_of(space)).items():
+        axes = axes_of(name, dim)
+        if axes[0] == "slice":
+            array = _by_rotation(array, space.slice_of) if turns else array[0]
+            axes = ("rotation", *axes[1:]) if turns else axes[1:]
+        if name == "slice_of" and not turns:
+            continue
+        place = labels if name in (*AXES, *TURNS, "slice_of") else variables
+        place[name] = (axes, array, attributes_of(name, dim))
     return xarray.Dataset(variables, coords=labels, attrs=metadata_of(space))
 
 

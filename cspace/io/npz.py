@@ -4,34 +4,44 @@ from __future__ import annotations
 
 import json
 import os
-from io import BytesIO
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+import zipfile
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cspace.errors import FileError
-from cspace.io.arrays import arrays_of
-from cspace.io.input import unreadable
+from cspace.io.input import existing, unreadable
+from cspace.io.limits import check_bytes
 from cspace.io.output import replacing
-from cspace.io.record import metadata_of, restore, seal, unseal, unusable
+from cspace.io.record import (
+    arrays_of,
+    check_kind,
+    check_names,
+    check_states,
+    digest_of_array,
+    metadata_of,
+    seal,
+    unseal,
+    unusable,
+)
 
 if TYPE_CHECKING:
-    from cspace.space import CSpace
+    from cspace.io.protocol import SavedMap
+
+_KIND: Final = "saved map"
+_LONGEST: Final = 2**28
+"""Bytes of the metadata, at most."""
 
 
-def write_npz(space: CSpace, path: str | os.PathLike[str], overwrite: bool = False) -> None:
+def write_npz(space: SavedMap, path: str | os.PathLike[str], overwrite: bool = False) -> None:
     """Write a map as an ``.npz`` file.
 
-    ``numpy.load`` finds ``state`` (uint8 [x, y] or [x, y, z]: 0 free, 1 mixed, 2 blocked), ``x``, ``y`` and in space
-    ``z`` (middles of the cells, metres), ``lower``, ``spacing``, ``outer``, ``inner``, ``overlap`` and those of the
-    overlap field (:data:`cspace.io.arrays.FIELDS`) where they are needed, and ``metadata`` (JSON text).
-    Obstacles that are known as shapes are in ``geometry``, a GeometryCollection in WKB, or in space in ``shapes`` and
-    the arrays of :func:`cspace.io.geometry.geometry_arrays`.
-
-    The map of a robot that turns has ``state``, ``overlap`` and the field by [slice, x, y] and, by rotation cell,
-    ``slice_of`` and in radians ``yaw`` (the representative), ``yaw_bounds`` (the borders) and ``covering_angle``: the
-    states by [rotation, x, y] are ``state[slice_of]``.
+    ``numpy.load`` finds the arrays of :data:`cspace.io.record.ARRAYS`: ``state`` (uint8 [slice, x, y] or
+    [slice, x, y, z]: 0 free, 1 mixed, 2 blocked), ``slice_of`` (the slice of each rotation cell: the states by rotation
+    are ``state[slice_of]``), ``x``, ``y`` and in space ``z`` (middles of the cells, metres), ``outer``, where they are
+    needed ``inner``, ``overlap``, those of the overlap field, those of the rotation cells and ``shapes``; besides,
+    ``lower``, ``spacing`` and ``metadata`` (JSON text).
 
     Parameters
     ----------
@@ -45,42 +55,73 @@ def write_npz(space: CSpace, path: str | os.PathLike[str], overwrite: bool = Fal
     FileError
         If the file exists and may not be replaced, or cannot be written.
     """
-    metadata, arrays = metadata_of(space), arrays_of(space)
-    arrays |= {"lower": np.array(space.grid.lower), "spacing": np.array(space.grid.spacing)}
-    members: dict[str, Any] = {**arrays, "metadata": json.dumps(seal(metadata, arrays), sort_keys=True)}
+    arrays = arrays_of(space)
+    sealed = seal(metadata_of(space), {name: digest_of_array(array) for name, array in arrays.items()})
+    members: dict[str, Any] = {
+        **arrays,
+        "lower": np.array(space.grid.lower),
+        "spacing": np.array(space.grid.spacing),
+        "metadata": json.dumps(sealed, sort_keys=True),
+    }
     # An open file, because np.savez would add a suffix to any name that does not end in lower-case ".npz".
     with replacing(path, overwrite) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, **members)
 
 
-def read_npz(path: str | os.PathLike[str]) -> CSpace:
-    """Read a map that :func:`write_npz` wrote.
-
-    Parameters
-    ----------
-    path : path-like
-
-    Returns
-    -------
-    CSpace
+def read_npz(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    """Metadata and arrays of a map that :func:`write_npz` wrote.
 
     Raises
     ------
     FileError
         If the file cannot be read, is not such a map, or is truncated or changed.
     """
+    file = existing(path, _KIND)
     try:
-        content = BytesIO(Path(path).read_bytes())  # np.load would leave a damaged file open.
-    except OSError as error:
-        raise unreadable(path, "saved map", error) from error
-    try:
-        members = np.load(content, allow_pickle=False)
-        if "metadata" not in members:
-            raise unusable(path, "it holds no metadata")
-        metadata = json.loads(str(members["metadata"][()]))
-        arrays = {name: members[name] for name in unseal(metadata, path) if name in members}
-    except FileError:
+        with file.open("rb") as stream, zipfile.ZipFile(stream) as archive:
+            names = archive.namelist()
+            if len(set(names)) < len(names) or any("/" in name or "\\" in name or ".." in name for name in names):
+                raise unusable(path, "it has members whose names climb out of it, or twice the same")
+            if "metadata.npy" not in names:
+                raise unusable(path, "it holds no metadata")
+            if archive.getinfo("metadata.npy").file_size > _LONGEST:
+                raise unusable(path, f"its metadata are over {_LONGEST} bytes long")
+            metadata = json.loads(str(_member(archive, "metadata")[()]))
+            digests = unseal(metadata, path)
+            check_names(list(digests), metadata, path)
+            arrays = {}
+            for name, digest in digests.items():
+                if f"{name}.npy" not in names:
+                    raise unusable(path, f"its array {name!r} is missing")
+                check_kind(name, _Header(archive, name), metadata, path)
+                check_bytes(path, archive.getinfo(f"{name}.npy").file_size, f"has an array {name!r} that unpacks to")
+                arrays[name] = _member(archive, name)
+                if digest_of_array(arrays[name]) != digest:
+                    raise unusable(path, f"its array {name!r} differs from its digest")
+    except (FileError, MemoryError):
         raise
+    except PermissionError as error:
+        raise unreadable(path, _KIND, error) from error
     except Exception as error:  # A damaged file makes the decoders raise almost anything.
-        raise unusable(path, f"it cannot be decoded ({type(error).__name__}: {error})") from error
-    return restore(metadata, arrays, path)
+        reason = " ".join(str(error).split())
+        raise unusable(path, f"it cannot be decoded ({type(error).__name__}: {reason:.200})") from error
+    check_states(arrays["state"], path)
+    return metadata, arrays
+
+
+class _Header:
+    """Shape and type of a member, whose size agrees with them, before it is unpacked."""
+
+    def __init__(self, archive: zipfile.ZipFile, name: str) -> None:
+        with archive.open(f"{name}.npy") as stream:
+            if np.lib.format.read_magic(stream) != (1, 0):
+                raise ValueError(f"{name} is of another version of the format of NumPy")
+            self.shape, _, self.dtype = np.lib.format.read_array_header_1_0(stream)
+            size = stream.tell() + self.dtype.itemsize * int(np.prod(self.shape, dtype=object))
+        if size != archive.getinfo(f"{name}.npy").file_size:
+            raise ValueError(f"{name} is longer or shorter than its header says")
+
+
+def _member(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
+    with archive.open(f"{name}.npy") as stream:
+        return np.asarray(np.lib.format.read_array(stream, allow_pickle=False))

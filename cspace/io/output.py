@@ -9,7 +9,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from cspace.errors import FileError, InputError
+from cspace.errors import FileError
+from cspace.io.input import not_a_name
 
 
 @contextmanager
@@ -63,8 +64,10 @@ def replacing(
         raise
     except OSError as error:
         raise FileError(
-            f"{target} cannot be written: {error.strerror or error}; an output needs a writable folder with free "
-            "space; free some or choose another folder"
+            str(target),
+            f"cannot be written: {error.strerror or error}",
+            "an output needs a writable folder with free space",
+            "free some or choose another folder",
         ) from error
 
 
@@ -73,7 +76,7 @@ def _named(path: str | os.PathLike[str]) -> Path:
     try:
         return Path(os.path.realpath(path))
     except (TypeError, ValueError) as error:
-        raise InputError(f"path is {path!r}; it must be a file name; pass a string or a pathlib.Path") from error
+        raise not_a_name(path) from error
 
 
 def _check(target: Path, overwrite: bool, folder: Callable[[Path], bool] | None) -> None:
@@ -81,29 +84,34 @@ def _check(target: Path, overwrite: bool, folder: Callable[[Path], bool] | None)
     parent = target.parent
     if not parent.is_dir():
         raise FileError(
-            f"{target} cannot be written: {parent} is not a folder; outputs go to an existing folder; create it first "
-            "or choose another"
+            str(target),
+            f"cannot be written: {parent} is not a folder",
+            "outputs go to an existing folder",
+            "create it first or choose another",
         )
     if not os.access(parent, os.W_OK | os.X_OK):
         raise FileError(
-            f"{target} cannot be written: no permission to write in {parent}; an output needs a writable folder; "
-            "change its permissions or choose another"
+            str(target),
+            f"cannot be written: no permission to write in {parent}",
+            "an output needs a writable folder",
+            "change its permissions or choose another",
         )
     if not target.exists():
         return
     if not overwrite:
         raise FileError(
-            f"{target} exists; an existing output is kept unless told otherwise; pass overwrite=True (--overwrite on "
-            "the command line) or choose another name"
+            str(target), "exists", "an existing output is kept unless told otherwise", "pass overwrite=True"
         )
     if folder is None and not target.is_file():
-        raise FileError(f"{target} is not a plain file; a file replaces only a file; choose another name")
+        raise FileError(str(target), "is not a plain file", "a file replaces only a file", "choose another name")
     if folder is not None and not target.is_dir():
-        raise FileError(f"{target} is not a folder; a folder replaces only a folder; choose another name")
+        raise FileError(str(target), "is not a folder", "a folder replaces only a folder", "choose another name")
     if folder is not None and any(target.iterdir()) and not folder(target):
         raise FileError(
-            f"{target} holds more than an earlier output; only an earlier output is replaced; choose another name, or "
-            "remove the folder yourself"
+            str(target),
+            "holds more than an earlier output",
+            "only an earlier output is replaced",
+            "choose another name, or remove the folder yourself",
         )
 
 

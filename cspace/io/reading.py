@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+import json
 import os
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
-from cspace.errors import FileError, InputError
-from cspace.io.arrays import one_yaw
-from cspace.io.input import unreadable
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace.errors import CspaceError, FileError
+from cspace.grid import Grid
+from cspace.io.input import not_a_name, unreadable
 from cspace.io.npz import read_npz
-from cspace.io.store import read_slice, read_store
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from cspace.space import CSpace
+from cspace.io.record import STACKED, one_yaw, rotation_arrays, shapes_from, unusable
+from cspace.io.store import read_parts, read_store
+from cspace.robot import Robot
+from cspace.rotations import Rotations
+from cspace.space import CSpace
+from cspace.workspace import Workspace
 
 
 def open_map(path: str | os.PathLike[str]) -> CSpace:
@@ -37,7 +41,11 @@ def open_map(path: str | os.PathLike[str]) -> CSpace:
     FileError
         If there is nothing, or nothing that can be read, or not a map, or a map that is truncated or changed.
     """
-    return read_store(path) if _is_folder(path) else read_npz(path)
+    metadata, arrays = read_store(path) if _is_folder(path) else read_npz(path)
+    try:
+        return _restored(metadata, arrays)
+    except (CspaceError, KeyError, ValueError, TypeError, OverflowError) as error:
+        raise unusable(path, f"its parts make no map: {error}") from error
 
 
 def open_slice(path: str | os.PathLike[str], yaw: float = 0.0) -> NDArray[np.uint8]:
@@ -64,7 +72,49 @@ def open_slice(path: str | os.PathLike[str], yaw: float = 0.0) -> NDArray[np.uin
     FileError
         As :func:`open_map`, of what is read.
     """
-    return read_slice(path, yaw) if _is_folder(path) else read_npz(path).slice_at(one_yaw(yaw))
+    angle = one_yaw(yaw)
+    if not _is_folder(path):
+        return open_map(path).slice_at(angle)
+    metadata, table = read_parts(path)
+    cell = int(_rotations(table).cell_of(angle)) if metadata["rotations"] else 0
+    _, parts = read_parts(path, int(table["slice_of"][cell]))
+    return parts["state"]
+
+
+def _restored(metadata: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> CSpace:
+    """The map of what was read and proven unchanged."""
+    workspace = Workspace(
+        grid=Grid(metadata["lower"], metadata["spacing"], tuple(metadata["shape"])),
+        outer=arrays["outer"],
+        inner=arrays.get("inner", arrays["outer"]),
+        source=metadata["workspace_source"],
+        shapes=shapes_from(arrays),
+    )
+    rotations = _rotations(arrays) if metadata["rotations"] else None
+    # A robot that only translates has one slice, which the constructor takes without that axis.
+    stacked = {name: arrays[name] if rotations else arrays[name][0] for name in STACKED if name in arrays}
+    space = CSpace(
+        workspace,
+        Robot.from_spec(json.loads(metadata["robot"])),
+        stacked.pop("state"),
+        outside=metadata["outside"],
+        margin=metadata["margin"],
+        precision=metadata["precision"],
+        overlaps=stacked.pop("overlap", None),
+        rotations=rotations,
+        fields=stacked,
+    )
+    expected = {"slice_of": space.slice_of} | (rotation_arrays(rotations) if rotations else {})
+    for name, needed in expected.items():
+        if not np.array_equal(arrays[name], needed):
+            raise ValueError(f"its array {name!r} is not that of its rotation cells and its robot")
+    return space
+
+
+def _rotations(arrays: Mapping[str, NDArray[Any]]) -> Rotations:
+    """The rotation cells, to the last bit."""
+    bounds = arrays["yaw_bounds"]
+    return Rotations.of([*bounds[:, 0].tolist(), float(bounds[-1, 1])])
 
 
 def _is_folder(path: str | os.PathLike[str]) -> bool:
@@ -73,14 +123,17 @@ def _is_folder(path: str | os.PathLike[str]) -> bool:
         where = Path(path)
         there, folder = where.exists(), where.is_dir()
     except (TypeError, ValueError) as error:
-        raise InputError(f"path is {path!r}; it must be a file name; pass a string or a pathlib.Path") from error
+        raise not_a_name(path) from error
     except OSError as error:
         raise unreadable(path, "saved map", error) from error
+    rule = "a saved map is a Zarr folder or an .npz file"
     if not there:
-        raise FileError(f"{where} does not exist; a saved map is a folder or an .npz file; check the name")
+        raise FileError(str(where), "does not exist", rule, "check the name")
     if not folder and where.suffix.lower() != ".npz":
         raise FileError(
-            f"{where} is not a saved map; a saved map is a Zarr folder or an .npz file; build the map first, with "
-            "cspace.build (cspace map on the command line)"
+            str(where),
+            "is not a saved map",
+            rule,
+            "build the map first, with cspace.build",
         )
     return folder

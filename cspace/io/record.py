@@ -1,44 +1,139 @@
-"""What a saved map holds, whatever the format: named arrays, plain metadata, and digests that tell of any change."""
+"""What a saved map holds, whatever the format: one table of its arrays, plain metadata, and digests of all of it."""
 
 from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cspace import __version__
 from cspace.errors import FileError, InputError
-from cspace.grid import Grid
-from cspace.io.arrays import DTYPES, FIELDS, STACKED, TURNS, expected_shape, rotation_arrays, rotations_from
-from cspace.io.geometry import shapes_from
-from cspace.states import BLOCKED
+from cspace.grid import finite
+from cspace.shapes import Shape, shape_from_spec
+from cspace.states import BLOCKED, FIELDS, NAMES
 
 if TYPE_CHECKING:
-    from cspace.space import CSpace
+    from cspace.io.protocol import SavedMap
 
 FORMAT: Final = "cspace-map"
-VERSION: Final = 1
+VERSION: Final = 2
 """Version of the format; a reader refuses every other one."""
 
-_REQUIRED: Final = ("state", "outer")
+AXES: Final = ("x", "y", "z")
+
+STACKED: Final = ("state", "overlap", *FIELDS)
+"""Arrays that hold one slice after the other."""
+
+TURNS: Final = ("yaw", "yaw_bounds", "covering_angle")
+"""Arrays that tell of the rotation cells; there only where the robot turns."""
+
+_REQUIRED: Final = ("state", "outer", "slice_of")
 _KEYS: Final = (
     *("format", "format_version", "library_version", "lower", "spacing", "shape", "outside", "margin", "precision"),
-    *("rotations", "robot", "workspace_source"),
+    *("rotations", "slices", "robot", "workspace_source"),
 )
 
 
-def metadata_of(space: CSpace) -> dict[str, Any]:
-    """All of a map but its arrays, as plain values: text, numbers and lists of numbers.
+class Stored(NamedTuple):
+    """How an array is stored.
 
-    Parameters
+    Attributes
     ----------
-    space : CSpace
+    axes : tuple of str
+        Names of its axes; "cells" stands for those of the grid.
+    dtype : str
+    lost : number
+        What stands in for entries that were lost: never a value that would call a cell free.
+    about : mapping
+        Attributes, after the CF conventions.
+    """
+
+    axes: tuple[str, ...]
+    dtype: str
+    lost: Any
+    about: Mapping[str, Any]
+
+
+def _yaws(axes: tuple[str, ...], name: str, **about: str) -> Stored:
+    return Stored(axes, "float64", math.nan, {"long_name": name, "units": "rad", **about})
+
+
+ARRAYS: Final[dict[str, Stored]] = {
+    "state": Stored(
+        ("slice", "cells"),
+        "uint8",
+        255,
+        {
+            "long_name": "state of the configurations in a cell",
+            "flag_values": list(range(len(NAMES))),
+            "flag_meanings": " ".join(NAMES),
+        },
+    ),
+    "outer": Stored(("cells",), "bool", True, {"long_name": "workspace cells that meet an obstacle"}),
+    "inner": Stored(("cells",), "bool", True, {"long_name": "workspace cells that lie in obstacles"}),
+    "overlap": Stored(
+        ("slice", "cells"),
+        "int32",
+        -1,
+        {"long_name": "number of coinciding pairs of obstacle cell and robot offset", "units": "1"},
+    ),
+    **{
+        name: Stored(("slice", "cells"), "float64", math.inf, {"long_name": what})
+        for name, what in zip(
+            FIELDS,
+            ("overlap of the descriptors of robot and obstacles", *(f"its derivative along {axis}" for axis in AXES)),
+            strict=True,
+        )
+    },
+    "slice_of": Stored(
+        ("rotation",),
+        "int64",
+        np.iinfo(np.int64).max,
+        {
+            "long_name": "slice that serves a rotation cell",
+            "comment": "where state has the dimension slice, state.isel(slice=slice_of) has the dimension rotation",
+        },
+    ),
+    "yaw": _yaws(("rotation",), "representative of a rotation cell: its middle", bounds="yaw_bounds"),
+    "yaw_bounds": _yaws(("rotation", "bound"), "borders of a rotation cell"),
+    "covering_angle": _yaws(("rotation",), "largest angle between a yaw of a rotation cell and its representative"),
+    "shapes": Stored(("byte",), "int8", -1, {"long_name": "obstacles as a JSON list of what makes each shape again"}),
+    **{
+        axis: Stored(
+            (axis,),
+            "float64",
+            math.nan,
+            {"long_name": f"{axis} of the middle of a cell", "units": "m", "axis": axis.upper()},
+        )
+        for axis in AXES
+    },
+}
+"""Every array that a map may hold."""
+
+
+def axes_of(name: str, dim: int) -> tuple[str, ...]:
+    """The name of each axis of an array, on a grid of ``dim`` axes."""
+    return tuple(part for axis in ARRAYS[name].axes for part in (AXES[:dim] if axis == "cells" else (axis,)))
+
+
+def attributes_of(name: str, dim: int) -> dict[str, Any]:
+    """The attributes of an array on a grid of ``dim`` axes, with its unit where that depends on them."""
+    about = dict(ARRAYS[name].about)
+    if name in FIELDS:
+        power = dim - (name != FIELDS[0])
+        about["units"] = "m" if power == 1 else f"m{power}"
+    return about
+
+
+def metadata_of(space: SavedMap) -> dict[str, Any]:
+    """All of a map but its arrays, as plain values: text, numbers and lists of numbers.
 
     Returns
     -------
@@ -58,19 +153,67 @@ def metadata_of(space: CSpace) -> dict[str, Any]:
         "margin": float(space.margin),
         "precision": space.precision,
         "rotations": 0 if space.rotations is None else space.rotations.count,
+        "slices": len(space.stack),
         "robot": space.robot.definition,
         "workspace_source": space.workspace.source,
     }
 
 
-def seal(metadata: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
-    """``metadata`` with the digests of every array, one for each slice of a stack, and a digest of itself."""
-    digests = {name: ",".join(map(_digest, _parts(name, array, metadata))) for name, array in arrays.items()}
+def arrays_of(space: SavedMap) -> dict[str, NDArray[Any]]:
+    """The arrays of a map, by the names of :data:`ARRAYS`. No cells are copied.
+
+    ``inner`` is there only if it differs from ``outer``, ``overlap`` only if the map was built with it, :data:`FIELDS`
+    only if it carries an overlap field, :data:`TURNS` only if the robot turns, and ``shapes`` only if the obstacles
+    are known as such.
+    """
+    workspace, grid = space.workspace, space.grid
+    arrays: dict[str, NDArray[Any]] = {"state": space.stack, "outer": workspace.outer, "slice_of": space.slice_of}
+    if workspace.inner is not workspace.outer:
+        arrays["inner"] = workspace.inner
+    stacked = dict(space.fields) if space.overlaps is None else {"overlap": space.overlaps, **space.fields}
+    arrays |= {name: array.reshape(space.stack.shape) for name, array in stacked.items()}
+    arrays |= {axis: grid.centers(i) for i, axis in enumerate(AXES[: grid.dim])}
+    if space.rotations is not None:
+        arrays |= rotation_arrays(space.rotations)
+    if workspace.shapes is not None:
+        specs = json.dumps([shape.spec for shape in workspace.shapes])
+        arrays["shapes"] = np.frombuffer(specs.encode(), dtype=np.int8)  # netCDF 3 knows no unsigned bytes
+    return arrays
+
+
+def rotation_arrays(rotations: Any) -> dict[str, NDArray[Any]]:
+    """Rotation cells as the arrays :data:`TURNS`, radians."""
+    borders = np.asarray(rotations.borders)
+    return {
+        "yaw": rotations.representatives,
+        "yaw_bounds": np.stack([borders[:-1], borders[1:]], axis=1),
+        "covering_angle": rotations.covering_angles,
+    }
+
+
+def shapes_from(arrays: Mapping[str, NDArray[Any]]) -> tuple[Shape, ...] | None:
+    """The obstacles of a map that knows them, from its array ``shapes``.
+
+    Raises
+    ------
+    ValueError
+        If the array holds no obstacles.
+    """
+    if "shapes" not in arrays:
+        return None
+    try:
+        return tuple(shape_from_spec(spec) for spec in json.loads(arrays["shapes"].tobytes()))
+    except (KeyError, TypeError, ValueError, RecursionError) as error:
+        raise ValueError(f"'shapes' tells of no obstacles ({type(error).__name__}: {error})") from error
+
+
+def seal(metadata: Mapping[str, Any], digests: Mapping[str, str]) -> dict[str, Any]:
+    """``metadata`` with the digest of each part of a map, and a digest of all of this."""
     sealed = {**metadata, "digests": " ".join(f"{name}:{digest}" for name, digest in digests.items())}
-    return {**sealed, "digest": _digest_of_metadata(sealed)}
+    return {**sealed, "digest": digest_of(_text(sealed))}
 
 
-def unseal(metadata: Mapping[str, Any], path: str | os.PathLike[str]) -> dict[str, list[str]]:
+def unseal(metadata: Any, path: str | os.PathLike[str]) -> dict[str, str]:
     """Check the metadata of a map that was read.
 
     Parameters
@@ -82,97 +225,44 @@ def unseal(metadata: Mapping[str, Any], path: str | os.PathLike[str]) -> dict[st
 
     Returns
     -------
-    dict of str to list of str
-        The digests of each array that the map must hold, by name: one, or those of the slices of a stack.
+    dict of str to str
+        The digest of each part of the map.
 
     Raises
     ------
     FileError
-        If it is no map, is of an unknown format version, or was changed.
+        If it is no map, is of another format version, or was changed.
     """
-    if metadata.get("format") != FORMAT:
-        raise unusable(path, f"its metadata say format {metadata.get('format')!r}, not {FORMAT!r}")
+    if not isinstance(metadata, Mapping) or metadata.get("format") != FORMAT:
+        raise unusable(path, f"its metadata do not say format {FORMAT!r}")
     if metadata.get("format_version") != VERSION:
         raise FileError(
-            f"{os.fspath(path)} has format version {metadata.get('format_version')!r}; cspace {__version__} reads "
-            f"version {VERSION} only; open it with the version of cspace that wrote it "
-            f"({metadata.get('library_version', 'unknown')}), or build it again"
+            os.fspath(path),
+            f"has format version {metadata.get('format_version')!r}",
+            f"cspace {__version__} reads version {VERSION} only",
+            f"open it with the version of cspace that wrote it ({metadata.get('library_version', 'unknown')}), or "
+            "build it again",
         )
     missing = [key for key in (*_KEYS, "digests", "digest") if key not in metadata]
     if missing:
         raise unusable(path, f"its metadata lack {', '.join(missing)}")
-    if metadata["digest"] != _digest_of_metadata(metadata):
+    if metadata["digest"] != digest_of(_text(metadata)):
         raise unusable(path, "its metadata differ from their digest")
-    entries = (entry.partition(":") for entry in metadata["digests"].split())
-    digests = {name: joined.split(",") for name, _, joined in entries}
-    required = (*_REQUIRED, *(TURNS if metadata["rotations"] else ()))
-    lacking = [name for name in required if name not in digests]
+    return dict(entry.rsplit(":", 1) for entry in metadata["digests"].split())
+
+
+def check_names(names: Sequence[str], metadata: Mapping[str, Any], path: str | os.PathLike[str]) -> None:
+    """Raise FileError unless the arrays of a map are those that it needs, and known ones."""
+    required = (*_REQUIRED, *AXES[: len(metadata["shape"])], *(TURNS if metadata["rotations"] else ()))
+    lacking = [name for name in required if name not in names]
     if lacking:
         raise unusable(path, f"it holds no {' and no '.join(lacking)}")
-    return digests
+    strange = [name for name in names if name not in ARRAYS]
+    if strange:
+        raise unusable(path, f"it holds {', '.join(strange)}, which no map does")
 
 
-def restore(metadata: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], path: str | os.PathLike[str]) -> CSpace:
-    """The map that was read, once every array is proven to be what was written.
-
-    Parameters
-    ----------
-    metadata : mapping
-        As :func:`seal` made it.
-    arrays : mapping of str to ndarray
-        As :func:`cspace.io.arrays.arrays_of` made them.
-    path : path-like
-        Where they were read, for the messages.
-
-    Returns
-    -------
-    CSpace
-
-    Raises
-    ------
-    FileError
-        If an array is missing, has the wrong shape or type, differs from its digest or holds an unknown state.
-    """
-    from cspace.robot import Robot
-    from cspace.space import CSpace
-    from cspace.workspace import Workspace
-
-    for name, digests in unseal(metadata, path).items():
-        if name not in arrays:
-            raise unusable(path, f"its array {name!r} is missing")
-        check_kind(name, arrays[name], metadata, len(digests), path)
-        parts = _parts(name, arrays[name], metadata)
-        for number, (part, digest) in enumerate(zip(parts, digests, strict=True)):
-            check_part(name, part, digest, path, number if len(digests) > 1 else None)
-    try:
-        workspace = Workspace(
-            grid=Grid(metadata["lower"], metadata["spacing"], tuple(metadata["shape"])),
-            outer=arrays["outer"],
-            inner=arrays.get("inner", arrays["outer"]),
-            source=metadata["workspace_source"],
-            shapes=shapes_from(arrays),
-        )
-        space = CSpace(
-            workspace,
-            Robot.from_spec(json.loads(metadata["robot"])),
-            arrays["state"],
-            outside=metadata["outside"],
-            margin=metadata["margin"],
-            precision=metadata["precision"],
-            overlaps=arrays.get("overlap"),
-            rotations=rotations_from(arrays["yaw_bounds"]) if metadata["rotations"] else None,
-            fields={name: arrays[name] for name in FIELDS if name in arrays},
-        )
-    except (InputError, ValueError, TypeError) as error:
-        raise unusable(path, f"its parts make no map: {error}") from error
-    if space.rotations is not None:
-        for name, needed in rotation_arrays(space.rotations, space.slice_of).items():
-            if not np.array_equal(arrays[name], needed):
-                raise unusable(path, f"its array {name!r} is not that of its rotation cells and its robot")
-    return space
-
-
-def check_kind(name: str, array: Any, metadata: Mapping[str, Any], slices: int, path: str | os.PathLike[str]) -> None:
+def check_kind(name: str, array: Any, metadata: Mapping[str, Any], path: str | os.PathLike[str]) -> None:
     """Raise FileError for an array of another shape or type than the map needs; its values are not looked at.
 
     Parameters
@@ -181,49 +271,63 @@ def check_kind(name: str, array: Any, metadata: Mapping[str, Any], slices: int, 
     array : object with ``shape`` and ``dtype``
     metadata : mapping
         As :func:`seal` made it.
-    slices : int
-        How many digests the array has.
     path : path-like
         Where it was read, for the message.
     """
-    shape = expected_shape(name, tuple(metadata["shape"]), metadata["rotations"], slices, array.shape)
-    dtype = DTYPES.get(name, array.dtype)
-    if array.shape != shape or array.dtype != dtype:
-        raise unusable(path, f"its array {name!r} is {array.dtype} {array.shape} where {dtype} {shape} is needed")
+    dim = len(metadata["shape"])
+    sizes = dict(zip(AXES, metadata["shape"], strict=False)) | {"bound": 2, "slice": metadata["slices"]}
+    sizes |= {"rotation": metadata["rotations"] or 1, "byte": array.shape[0] if array.shape else 0}
+    shape = tuple(sizes[axis] for axis in axes_of(name, dim))
+    if tuple(array.shape) != shape or array.dtype != ARRAYS[name].dtype:
+        found = f"{array.dtype} {tuple(array.shape)}"
+        raise unusable(path, f"its array {name!r} is {found} where {ARRAYS[name].dtype} {shape} is needed")
 
 
-def check_part(
-    name: str, part: NDArray[Any], digest: str, path: str | os.PathLike[str], number: int | None = None
-) -> None:
-    """Raise FileError for an array, or slice ``number`` of a stack, that is not what was written, or no state."""
-    what = f"its array {name!r}" if number is None else f"slice {number} of its array {name!r}"
-    if _digest(part) != digest:
-        raise unusable(path, f"{what} differs from its digest")
-    if name == "state" and part.max() > BLOCKED:
-        raise unusable(path, f"{what} holds {part.max()}, which is none of the states 0 to {BLOCKED}")
+def check_states(state: NDArray[np.uint8], path: str | os.PathLike[str]) -> None:
+    """Raise FileError for states that are none."""
+    if state.size and state.max() > BLOCKED:
+        raise unusable(path, f"its array 'state' holds {state.max()}, which is none of the states 0 to {BLOCKED}")
 
 
 def unusable(path: str | os.PathLike[str], what: str) -> FileError:
     """The error for a saved map that cannot be trusted, and so is not opened at all."""
     return FileError(
-        f"{Path(path)} is not a usable map: {what}; a saved map is opened only if it is complete and unchanged; copy "
-        "it again from where it is whole, or build it again"
+        str(Path(path)),
+        f"is not a usable map: {what}",
+        "a saved map is opened only if it is complete and unchanged",
+        "copy it again from where it is whole, or build it again",
     )
 
 
-def _parts(name: str, array: NDArray[Any], metadata: Mapping[str, Any]) -> Iterable[NDArray[Any]]:
-    """What has a digest of its own: the slices of a stack, or the array."""
-    return array if metadata["rotations"] and name in STACKED else [array]
+def digest_of(content: bytes | memoryview) -> str:
+    """Digest of bytes (SHA-256)."""
+    return hashlib.sha256(content).hexdigest()
 
 
-def _digest(array: NDArray[Any]) -> str:
+def digest_of_array(array: NDArray[Any]) -> str:
     """Digest of an array's type, shape and values, the same on every machine."""
     portable = np.ascontiguousarray(array, dtype=array.dtype.newbyteorder("<"))
-    digest = hashlib.blake2b(f"{portable.dtype.str}{array.shape}".encode(), digest_size=16)
+    digest = hashlib.sha256(f"{portable.dtype.str}{array.shape}".encode())
     digest.update(portable.data)
     return digest.hexdigest()
 
 
-def _digest_of_metadata(metadata: Mapping[str, Any]) -> str:
-    text = json.dumps({key: metadata[key] for key in (*_KEYS, "digests")}, sort_keys=True)
-    return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
+def one_yaw(yaw: float) -> float:
+    """``yaw`` where it is one finite number.
+
+    Raises
+    ------
+    InputError
+        If it is not.
+    """
+    angle = finite(yaw, "yaw")
+    if angle.ndim != 0:
+        raise InputError(
+            "yaw", f"has shape {angle.shape}", "there is one slice at a time", "pass one number, in radians"
+        )
+    return float(angle)
+
+
+def _text(metadata: Mapping[str, Any]) -> bytes:
+    """What the digest of the metadata is of."""
+    return json.dumps({key: metadata[key] for key in (*_KEYS, "digests")}, sort_keys=True).encode()

@@ -56,8 +56,10 @@ def write_vti(
     for name, array in arrays.items():
         if array.shape != grid.shape or str(array.dtype) not in _TYPES:
             raise InputError(
-                f"{name} has shape {array.shape} and type {array.dtype}; it must have the grid's shape {grid.shape} "
-                f"and be {', '.join(_TYPES)}; convert it"
+                name,
+                f"has shape {array.shape} and type {array.dtype}",
+                f"it must have the grid's shape {grid.shape} and be {', '.join(_TYPES)}",
+                "convert it",
             )
     with replacing(path, overwrite) as temporary, temporary.open("wb") as file:
         file.write(_header(arrays, grid).encode())

@@ -5,59 +5,58 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from cspace.errors import InputError
-from cspace.io.arrays import one_yaw
 from cspace.io.border import WRITERS, write_border
+from cspace.io.input import not_a_name
 from cspace.io.npz import write_npz
+from cspace.io.record import STACKED, arrays_of, one_yaw
+from cspace.io.rosmap import write_ros_map
 from cspace.io.store import write_store
 from cspace.io.vti import write_vti
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from cspace.io.protocol import SavedMap
 
-    from cspace.space import CSpace
+Named = str | os.PathLike[str]
 
-
-_Writer = Callable[["CSpace", str | os.PathLike[str], bool], None]
-
-SAVES: Final[Mapping[str, _Writer]] = {".zarr": write_store, "": write_store, ".npz": write_npz}
+SAVES: Final[Mapping[str, Callable[[SavedMap, Named, bool], None]]] = {
+    ".zarr": write_store,
+    "": write_store,
+    ".npz": write_npz,
+}
 """Formats that :func:`cspace.open` reads again, by suffix."""
 
 
-def _export_ros_map(space: CSpace, path: str | os.PathLike[str], overwrite: bool, yaw: float | None) -> None:
-    from cspace.io.rosmap import write_ros_map
-
+def _ros_map(space: SavedMap, number: int, path: Named, overwrite: bool) -> None:
     if space.grid.dim != 2:
         raise InputError(
-            f"{Path(path)} names a ROS map; the map has {' x '.join(map(str, space.grid.shape))} cells in space, and a "
-            f"ROS map is plane; write {', '.join(suffix for suffix in (*SAVES, '.vti', *WRITERS) if suffix)}"
+            "path",
+            f"is {Path(path)}, which names a ROS map",
+            f"a ROS map is plane, and the map has {' x '.join(map(str, space.grid.shape))} cells in space",
+            f"write {', '.join(suffix for suffix in (*SAVES, '.vti', *WRITERS) if suffix)}",
         )
-    write_ros_map(space.stack[_slice_number(space, path, yaw)], space.grid, path, overwrite=overwrite)
+    write_ros_map(space.stack[number], space.grid, path, overwrite)
 
 
-def _export_vti(space: CSpace, path: str | os.PathLike[str], overwrite: bool, yaw: float | None) -> None:
-    number = _slice_number(space, path, yaw)
-    arrays: dict[str, NDArray[Any]] = {"state": space.stack[number], "outer": space.workspace.outer}
-    if space.workspace.inner is not space.workspace.outer:
-        arrays["inner"] = space.workspace.inner
-    if space.overlaps is not None:
-        arrays["overlap"] = space.overlaps if space.rotations is None else space.overlaps[number]
-    arrays |= {name: field if space.rotations is None else field[number] for name, field in space.fields.items()}
-    write_vti(arrays, space.grid, path, overwrite)
+def _vti(space: SavedMap, number: int, path: Named, overwrite: bool) -> None:
+    cells = {
+        name: array[number] if name in STACKED else array
+        for name, array in arrays_of(space).items()
+        if name in (*STACKED, "outer", "inner")
+    }
+    write_vti(cells, space.grid, path, overwrite)
 
 
-def _export_border(space: CSpace, path: str | os.PathLike[str], overwrite: bool, yaw: float | None) -> None:
-    if space.grid.dim == 3:
-        _slice_number(space, path, yaw)
-    write_border(space, path, overwrite)
+def _border(space: SavedMap, number: int, path: Named, overwrite: bool) -> None:
+    write_border(space.stack[number], space.grid, path, overwrite)
 
 
-_SLICES: Final[Mapping[str, Callable[[CSpace, str | os.PathLike[str], bool, float | None], None]]] = {
-    ".vti": _export_vti,
-    **dict.fromkeys((".yaml", ".yml"), _export_ros_map),
-    **dict.fromkeys(WRITERS, _export_border),
+_SLICES: Final[Mapping[str, Callable[[SavedMap, int, Named, bool], None]]] = {
+    ".vti": _vti,
+    **dict.fromkeys((".yaml", ".yml"), _ros_map),
+    **dict.fromkeys(WRITERS, _border),
 }
 """Formats that hold one slice of a map, by suffix."""
 
@@ -65,7 +64,7 @@ EXPORTS: Final = (*SAVES, *_SLICES)
 """All formats, by suffix."""
 
 
-def save(space: CSpace, path: str | os.PathLike[str], overwrite: bool = False) -> None:
+def save(space: SavedMap, path: str | os.PathLike[str], overwrite: bool = False) -> None:
     """Save a map, complete, so that :func:`cspace.open` gives it back.
 
     Parameters
@@ -86,7 +85,7 @@ def save(space: CSpace, path: str | os.PathLike[str], overwrite: bool = False) -
     SAVES[_suffix(path, SAVES)](space, path, overwrite)
 
 
-def export(space: CSpace, path: str | os.PathLike[str], overwrite: bool = False, *, yaw: float | None = None) -> None:
+def export(space: SavedMap, path: str | os.PathLike[str], overwrite: bool = False, *, yaw: float | None = None) -> None:
     """Write a map for other software.
 
     Parameters
@@ -95,7 +94,7 @@ def export(space: CSpace, path: str | os.PathLike[str], overwrite: bool = False,
     path : path-like
         ``.npz``: one NumPy file. ``.zarr`` or no suffix: a Zarr folder. ``.vti``: cells for ParaView, with the arrays
         ``state``, ``outer``, and where the map has them ``inner``, ``overlap`` and those of its overlap field
-        (:data:`cspace.io.arrays.FIELDS`). ``.yaml``: a map of the plane as a ROS map, with its image beside it.
+        (:data:`cspace.states.FIELDS`). ``.yaml``: a map of the plane as a ROS map, with its image beside it.
         ``.ply``, ``.obj``, ``.stl``: the border of the free space, of a map in space
         (:func:`cspace.io.border.free_border`); STL in single precision.
     overwrite : bool
@@ -113,23 +112,26 @@ def export(space: CSpace, path: str | os.PathLike[str], overwrite: bool = False,
     """
     suffix = _suffix(path, EXPORTS)
     if suffix in _SLICES:
-        _SLICES[suffix](space, path, overwrite, yaw)
+        _SLICES[suffix](space, _slice_number(space, path, yaw), path, overwrite)
         return
     if yaw is not None:
-        raise InputError(f"yaw is {yaw!r} for {Path(path)}; a {suffix or 'Zarr'} map holds every slice; leave it out")
+        raise InputError("yaw", f"is {yaw!r}", f"a {suffix or 'Zarr'} map holds every slice", "leave it out", value=yaw)
     SAVES[suffix](space, path, overwrite)
 
 
-def _slice_number(space: CSpace, path: str | os.PathLike[str], yaw: float | None) -> int:
+def _slice_number(space: SavedMap, path: str | os.PathLike[str], yaw: float | None) -> int:
     """Number of the one slice of a map that is asked for."""
     if space.rotations is None:
         if yaw is not None:
-            raise InputError(f"yaw is {yaw!r} for a robot that only translates; its map has one slice; leave it out")
+            rule = "the map of a robot that only translates has one slice"
+            raise InputError("yaw", f"is {yaw!r}", rule, "leave it out", value=yaw)
         return 0
     if yaw is None:
         raise InputError(
-            f"yaw is missing for {Path(path)}; such a file holds one orientation, and this map has "
-            f"{space.rotations.count} rotation cells; pass the yaw to write, e.g. yaw=0.0 (radians)"
+            "yaw",
+            f"is missing for {Path(path)}",
+            f"such a file holds one orientation, and this map has {space.rotations.count} rotation cells",
+            "pass the yaw to write in radians, e.g. yaw=0.0",
         )
     return int(space.slice_of[space.rotations.cell_of(one_yaw(yaw))])
 
@@ -139,10 +141,13 @@ def _suffix(path: str | os.PathLike[str], known: Iterable[str]) -> str:
     try:
         suffix = Path(path).suffix.lower()
     except TypeError as error:
-        raise InputError(f"path is {path!r}; it must be a file name; pass a string or a pathlib.Path") from error
+        raise not_a_name(path) from error
     if suffix not in known:
         raise InputError(
-            f"{Path(path)} ends in {suffix!r}; the suffix says which format to write; use one of "
-            f"{', '.join(name for name in known if name)}"
+            "path",
+            f"is {Path(path)}, which ends in {suffix!r}",
+            "the suffix says which format to write",
+            f"use one of {', '.join(name for name in known if name)}",
+            value=path,
         )
     return suffix

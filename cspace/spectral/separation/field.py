@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.batches import answer
 from cspace.errors import InputError
-from cspace.io.arrays import FIELDS
 from cspace.memory import check_memory
 from cspace.stack import checked_fields
+from cspace.states import FIELDS
 
 if TYPE_CHECKING:
     from cspace.space import CSpace
@@ -38,7 +38,7 @@ class OverlapField:
     space : CSpace
         The map.
     arrays : mapping of str to ndarray of float64, shape (nx, ny), (nx, ny, nz) or (slices, nx, ny)
-        By the names in :data:`cspace.io.arrays.FIELDS`: the overlap, metres to the power of the dimension, and its
+        By the names in :data:`cspace.states.FIELDS`: the overlap, metres to the power of the dimension, and its
         derivatives along the axes, one power less.
 
     Raises

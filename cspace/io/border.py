@@ -1,0 +1,193 @@
+"""The border of the free space as triangles, for a robot in space; and mesh files, written.
+
+PLY and OBJ keep every bit of the coordinates and the shared vertices. STL holds single precision, about seven digits,
+and three corners of its own for each triangle.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import IO, Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace.errors import InputError
+from cspace.grid import Grid
+from cspace.io.output import replacing
+from cspace.memory import check_memory
+from cspace.states import FREE
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+_BYTES: Final = 160
+"""For each square of the border: its corners, its triangles, and its share of the vertices."""
+
+_MOST: Final = 2**31 - 1
+"""Triangles that every format can count."""
+
+_BLOCK: Final = 2**16
+"""Rows that are encoded at once."""
+
+
+def free_border(state: NDArray[np.uint8], grid: Grid) -> tuple[Floats, Ints]:
+    """The border of the union of the closed FREE cells.
+
+    Every cell face between a FREE cell and one that is not, or the outside of the grid, becomes two triangles, whose
+    normals point out of the free space. Triangles share their vertices: every edge belongs to an even number of them,
+    two, or four where FREE cells touch in an edge only.
+
+    Parameters
+    ----------
+    state : ndarray of uint8, shape (nx, ny, nz)
+        One slice of a map in space.
+    grid : Grid
+
+    Returns
+    -------
+    vertices : ndarray of float64, shape (V, 3)
+        Metres, each ``lower + spacing * index``; none twice.
+    faces : ndarray of int64, shape (F, 3)
+        Rows of ``vertices``, counterclockwise where seen from outside the free space.
+
+    Raises
+    ------
+    InputError
+        If the map is one of the plane, has no FREE cell, or its border does not fit into memory.
+    """
+    if grid.dim != 3:
+        raise InputError(
+            "path",
+            "names a mesh",
+            f"the border of the free space is a surface only in space, and the map has {grid.shape} cells in the plane",
+            "export a .vti or .yaml file of it instead",
+        )
+    # One more cell on each side, and lattice point (i, j, k) is the lower corner of cell (i, j, k) without them.
+    free = np.pad((state == FREE).view(np.int8), 1)
+    lattice = tuple(n + 1 for n in state.shape)
+    steps = [np.diff(free, axis=axis)[_without_rim(axis)] for axis in range(3)]
+    count = sum(int(np.count_nonzero(step)) for step in steps)
+    if not count:
+        raise InputError(
+            "the map",
+            "has no FREE cell",
+            "a border needs at least one",
+            "build it with a smaller spacing, robot or margin",
+        )
+    check_memory(_BYTES * count, "the border of the free space", grid.shape, grid.spacing)
+    squares = np.concatenate([_squares(step, axis, lattice) for axis, step in enumerate(steps)])
+    used = np.zeros(lattice, dtype=np.bool_).reshape(-1)
+    used[squares] = True
+    points = np.flatnonzero(used)
+    squares = np.searchsorted(points, squares)
+    faces = squares[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3)
+    vertices = np.asarray(grid.lower) + grid.spacing * np.stack(np.unravel_index(points, lattice), axis=1)
+    return vertices, np.ascontiguousarray(faces)
+
+
+def _without_rim(axis: int) -> tuple[slice, ...]:
+    """The cells of the grid in steps along an axis of a padded array."""
+    return tuple(slice(None) if other == axis else slice(1, -1) for other in range(3))
+
+
+def _squares(step: NDArray[np.int8], axis: int, lattice: tuple[int, ...]) -> Ints:
+    """Lattice points of the squares across an axis, counterclockwise where seen from the cell that is not FREE."""
+    found = np.nonzero(step)
+    corner = np.ravel_multi_index(found, lattice)
+    strides = [lattice[1] * lattice[2], lattice[2], 1]
+    one, two = strides[(axis + 1) % 3], strides[(axis + 2) % 3]
+    turned = step[found] > 0  # FREE lies above, so that the normal points down
+    second, fourth = np.where(turned, two, one), np.where(turned, one, two)
+    return np.stack([corner, corner + second, corner + one + two, corner + fourth], axis=1)
+
+
+def write_border(state: NDArray[np.uint8], grid: Grid, path: str | os.PathLike[str], overwrite: bool = False) -> None:
+    """Write :func:`free_border` as a mesh file.
+
+    Parameters
+    ----------
+    state, grid
+        As for :func:`free_border`.
+    path : path-like
+        Ends in ``.ply``, ``.obj`` or ``.stl``.
+    overwrite : bool
+        Whether an existing file may be replaced.
+
+    Raises
+    ------
+    InputError
+        As :func:`free_border`, or where the format cannot hold the mesh.
+    FileError
+        If the file exists and may not be replaced, or cannot be written.
+    """
+    with replacing(path, overwrite) as temporary:
+        vertices, faces = free_border(state, grid)
+        suffix = Path(path).suffix.lower()
+        if len(faces) > _MOST:
+            raise InputError(
+                "path",
+                f"is {path} for a mesh of {len(faces)} triangles",
+                f"a {suffix} file holds at most {_MOST}",
+                "build the map with a larger spacing or smaller bounds",
+            )
+        with temporary.open("wb") as file:
+            WRITERS[suffix](file, vertices, faces)
+
+
+def _write_ply(file: IO[bytes], vertices: Floats, faces: Ints) -> None:
+    header = (
+        "ply\nformat binary_little_endian 1.0\n"
+        f"element vertex {len(vertices)}\nproperty double x\nproperty double y\nproperty double z\n"
+        f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    file.write(header.encode())
+    for block in _blocks(vertices):
+        file.write(block.astype("<f8").tobytes())
+    for block in _blocks(faces):
+        rows = np.empty(len(block), dtype=[("count", "u1"), ("corners", "<i4", 3)])
+        rows["count"], rows["corners"] = 3, block
+        file.write(rows.tobytes())
+
+
+def _write_obj(file: IO[bytes], vertices: Floats, faces: Ints) -> None:
+    # The shortest text of a float that reads back as the same one is its repr.
+    for start, table, form in ((0, vertices, "v %r %r %r\n"), (1, faces, "f %r %r %r\n")):
+        for block in _blocks(table):
+            file.write((form * len(block) % tuple((block + start).ravel().tolist())).encode())
+
+
+def _write_stl(file: IO[bytes], vertices: Floats, faces: Ints) -> None:
+    with np.errstate(over="ignore", under="ignore"):
+        single = vertices.astype("<f4")
+    file.write(b"binary STL, metres".ljust(80) + np.uint32(len(faces)).astype("<u4").tobytes())
+    scale = np.ptp(vertices, axis=0).max()
+    for block in _blocks(faces):
+        corners = single[block]
+        edges = np.diff(vertices[block], axis=1)
+        if not np.isfinite(corners).all() or ((edges != 0.0) & (np.diff(corners, axis=1) == 0.0)).any():
+            raise InputError(
+                "path",
+                f"names an STL file for coordinates from {vertices.min()} to {vertices.max()}",
+                "they do not keep apart in single precision, and such a file holds no other",
+                "write .ply or .obj instead",
+            )
+        normals = np.cross(edges[:, 0] / scale, edges[:, 1] / scale)
+        rows = np.zeros(len(block), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+        rows["normal"] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+        rows["corners"] = corners
+        file.write(rows.tobytes())
+
+
+def _blocks(table: NDArray[Any]) -> Iterator[NDArray[Any]]:
+    return (table[start : start + _BLOCK] for start in range(0, len(table), _BLOCK))
+
+
+WRITERS: Final[Mapping[str, Callable[[IO[bytes], Floats, Ints], None]]] = {
+    ".ply": _write_ply,
+    ".obj": _write_obj,
+    ".stl": _write_stl,
+}
+"""Mesh formats, by suffix."""
