@@ -12,7 +12,7 @@ from cspace.io.record import AXES, TURNS, arrays_of, attributes_of, axes_of, met
 if TYPE_CHECKING:
     import xarray
 
-    from cspace.io.protocol import SavedMap
+    from cspace.io.record import SavedMap
 
 
 def to_xarray(space: SavedMap) -> xarray.Dataset:

@@ -27,7 +27,7 @@ from cspace.io.record import (
 )
 
 if TYPE_CHECKING:
-    from cspace.io.protocol import SavedMap
+    from cspace.io.record import SavedMap
 
 _KIND: Final = "saved map"
 _LONGEST: Final = 2**28

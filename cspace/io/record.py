@@ -8,7 +8,7 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,9 @@ from cspace.shapes import Shape, shape_from_spec
 from cspace.states import BLOCKED, FIELDS, NAMES
 
 if TYPE_CHECKING:
-    from cspace.io.protocol import SavedMap
+    from cspace.grid import Grid
+    from cspace.robot import Robot
+    from cspace.workspace import Workspace
 
 FORMAT: Final = "cspace-map"
 VERSION: Final = 2
@@ -39,6 +41,24 @@ _KEYS: Final = (
     *("format", "format_version", "library_version", "lower", "spacing", "shape", "outside", "margin", "precision"),
     *("rotations", "slices", "robot", "workspace_source"),
 )
+
+
+class SavedMap(Protocol):
+    """The part of :class:`cspace.CSpace` that files read, so that they stand below it."""
+
+    outside: str
+    margin: float
+    precision: str
+    workspace: Workspace
+    robot: Robot
+    rotations: Any
+    stack: NDArray[np.uint8]
+    slice_of: NDArray[np.int64]
+    overlaps: NDArray[np.int32] | None
+    fields: Mapping[str, NDArray[np.float64]]
+
+    @property
+    def grid(self) -> Grid: ...
 
 
 class Stored(NamedTuple):

@@ -39,7 +39,7 @@ from cspace.io.record import (
 )
 
 if TYPE_CHECKING:
-    from cspace.io.protocol import SavedMap
+    from cspace.io.record import SavedMap
 
 _ROOT: Final = "zarr.json"
 
@@ -87,8 +87,8 @@ def read_store(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, 
         metadata, digests = _opened(path)
         names = [name.removesuffix(f"/{_ROOT}") for name in digests if name.endswith(f"/{_ROOT}")]
         check_names(names, metadata, path)
-        arrays = {name: _read(path, name, metadata, digests) for name in names}
-    return metadata, arrays
+        files = {name: _proven(path, name, digests) for name in digests}
+        return metadata, {name: _array(path, name, metadata, files) for name in names}
 
 
 def read_parts(
@@ -105,10 +105,11 @@ def read_parts(
     """
     with _decoding(path):
         metadata, digests = _opened(path)
-        if number is not None:
-            return metadata, {"state": _read(path, "state", metadata, digests, number)}
-        names = ("slice_of", *(TURNS if metadata["rotations"] else ()))
-        return metadata, {name: _read(path, name, metadata, digests) for name in names}
+        names = ("state",) if number is not None else ("slice_of", *(TURNS if metadata["rotations"] else ()))
+        wanted = [f"state/c/{number}/"] if number is not None else [f"{name}/c/" for name in names]
+        wanted += [f"{name}/{_ROOT}" for name in names]
+        files = {name: _proven(path, name, digests) for name in digests if name.startswith(tuple(wanted))}
+        return metadata, {name: _array(path, name, metadata, files, number) for name in names}
 
 
 def _encoded(metadata: dict[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Iterator[tuple[str, bytes]]:
@@ -200,39 +201,42 @@ def _opened(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, str
     return metadata, digests
 
 
-def _read(
+def _proven(path: str | os.PathLike[str], name: str, digests: Mapping[str, str]) -> bytes:
+    """The content of a file of the folder, which agrees with its digest."""
+    file = Path(path) / name
+    if ".." in name or not file.is_file():
+        raise unusable(path, f"its file {name!r} is missing")
+    check_bytes(file, file.stat().st_size)
+    content = file.read_bytes()
+    if digest_of(content) != digests[name]:
+        raise unusable(path, f"its file {name!r} differs from its digest")
+    return content
+
+
+def _array(
     path: str | os.PathLike[str],
     name: str,
     metadata: Mapping[str, Any],
-    digests: Mapping[str, str],
+    files: Mapping[str, bytes],
     number: int | None = None,
 ) -> NDArray[Any]:
-    """One array, or slice ``number`` of it, of files that agree with their digests."""
+    """One array, or slice ``number`` of it."""
     import zarr
     from zarr.core.buffer import default_buffer_prototype
     from zarr.storage import MemoryStore
 
-    prefix = f"{name}/c/" if number is None else f"{name}/c/{number}/"
-    files = {}
-    for file in [f"{name}/{_ROOT}", *(file for file in digests if file.startswith(prefix))]:
-        where = Path(path) / file
-        if ".." in file or not where.is_file():
-            raise unusable(path, f"its file {file!r} is missing")
-        check_bytes(where, where.stat().st_size)
-        content = where.read_bytes()
-        if file not in digests or digest_of(content) != digests[file]:
-            raise unusable(path, f"its file {file!r} differs from its digest")
-        files[file.removeprefix(f"{name}/")] = default_buffer_prototype().buffer.from_bytes(content)
-    array = zarr.open_array(MemoryStore(files), mode="r", zarr_format=3)
+    buffer = default_buffer_prototype().buffer.from_bytes
+    ours = {file[len(name) + 1 :]: buffer(files[file]) for file in files if file.startswith(f"{name}/")}
+    array = zarr.open_array(MemoryStore(ours), mode="r", zarr_format=3)
     # Before reading: a forged shape could ask for more memory than there is.
     check_kind(name, array, metadata, path)
-    check_bytes(Path(path) / name, array.nbytes if number is None else array.nbytes // len(array), "unpacks to")
+    check_bytes(Path(path) / name, array.nbytes if number is None else array.nbytes // array.shape[0], "unpacks to")
     codecs = {codec.to_dict()["name"] for codec in array.metadata.codecs}
     if not codecs <= _CODECS:
-        raise unusable(path, f"its array {name!r} is encoded with {', '.join(sorted(codecs - _CODECS))}")
-    chunks = np.ndindex(array.cdata_shape if number is None else array.cdata_shape[1:])
+        raise unusable(path, f"its array {name!r} is encoded with {', '.join(map(str, codecs))}")
     front = () if number is None else (number,)
-    lacking = sum(array.metadata.encode_chunk_key((*front, *chunk)) not in files for chunk in chunks)
+    chunks = np.ndindex(array.cdata_shape[len(front) :])
+    lacking = sum(array.metadata.encode_chunk_key((*front, *chunk)) not in ours for chunk in chunks)
     if lacking:
         raise unusable(path, f"its array {name!r} lacks {lacking} chunks")
     values = np.asarray(array[... if number is None else number])

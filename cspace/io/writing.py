@@ -17,7 +17,7 @@ from cspace.io.store import write_store
 from cspace.io.vti import write_vti
 
 if TYPE_CHECKING:
-    from cspace.io.protocol import SavedMap
+    from cspace.io.record import SavedMap
 
 Named = str | os.PathLike[str]
 
