@@ -16,20 +16,16 @@ from benchmarks.report import Report, write_whole
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 
 BENCHMARKS = {
-    "peers": "all engines against all peers: what is promised, and cost over sizes of maps and robots; table and plot",
-    "map": "outer map of 4096 x 4096 cells against fftconvolve, oaconvolve, the bare transforms, dilation; memory",
+    "peers": "engines against all peers: promises, bare transforms, memory; cost over sizes; table and plot",
     "update": "a map after a box of its workspace changed, against a build of the whole",
     "classify": "10^7 look-ups against the same look-up as a numpy expression",
     "edges": "10^6 edges of 50 cells in one call, against OMPL's discrete validator; turns and solids too",
     "callbacks": "OMPL's isValid and checkMotion on our checkers, against an empty checker and the discrete validator",
     "planning": "time to a first solution on real maps, against OMPL with a prepared-shapely callback",
-    "turning": "robots that turn: fftconvolve for each yaw, bare transforms, memory, stamping, planning",
-    "solid_map": "outer map of 256^3 cells against fftconvolve, the bare transforms, dilation; memory of 512^3 cells",
     "mesh": "100,000 triangles into 256^3 cells, beside trimesh's voxelizer: time, and cells that it misses",
     "solid_planning": "time to a first solution in space, against OMPL with an FCL callback",
     "frequency": "spectra of 10,000 balls, Minkowski sums, 10^5 overlaps, each against the direct way; early misses",
     "startup": "seconds that `cspace --help` and `import cspace` add to Python and numpy",
-    "raster": "robot rasters up to 500 cells across: cost against boundary, results against shapely",
     "soak": "every FREE, BLOCKED and free edge or curve, MISS and HIT against exact geometry; the band",
 }
 

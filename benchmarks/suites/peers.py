@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from cspace.costs import figures
 
 from benchmarks import inputs
 from benchmarks.report import Report
-from benchmarks.suites import promises as peers_promises
-from benchmarks.suites import sweeps as peers_sweeps
-from benchmarks.suites.ways import ENGINES, NO_OPENCV, opencv_is_here, ours, peers
+from benchmarks.suites import promises, sweeps
+from benchmarks.suites.ways import METHODS, NO_OPENCV, opencv_is_here, ours, peers
 from cspace import Robot, Workspace
 
 
@@ -18,11 +16,9 @@ def run(report: Report, seed: int) -> None:
     rng = np.random.default_rng(seed)
     if not opencv_is_here():
         report.note(NO_OPENCV)
-    figures().measure()
-    report.note('the costs from which "auto" chooses are those of this machine, measured before')
     _warm_up(rng)
-    peers_promises.run(report, rng)
-    peers_sweeps.run(report, rng)
+    promises.run(report, rng)
+    sweeps.run(report, rng)
 
 
 def _warm_up(rng: np.random.Generator) -> None:
@@ -30,7 +26,7 @@ def _warm_up(rng: np.random.Generator) -> None:
     for dim, robot in ((2, Robot.disc(3.0)), (3, Robot.ball(3.0))):
         workspace = Workspace.from_array(inputs.boxes(32, 0.06, rng, dim), 1.0)
         raster = robot.rasters(1.0)[0]
-        for method in ENGINES:
+        for method in METHODS:
             ours(workspace, robot, method)
         for way in peers(dim):
             way.ready(workspace.outer, raster)()

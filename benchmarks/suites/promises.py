@@ -14,10 +14,12 @@ import cspace
 from benchmarks import inputs
 from benchmarks.report import Report
 from benchmarks.suites.stamping import border_cells, stamp
-from benchmarks.suites.turning import LENGTH, REAL, ROTATIONS, WIDTH, asymmetric, rasters_of
 from benchmarks.suites.ways import NO_OPENCV, across, convolved, named, ours, peers
-from benchmarks.timing import interleave
+from benchmarks.timing import interleave, memory_rise
 from cspace import Robot, Workspace
+from cspace.engines import ENGINES
+from cspace.raster.raster import Raster
+from cspace.rotations import Rotations
 from cspace.threads import cores
 
 Bools = NDArray[np.bool_]
@@ -30,6 +32,15 @@ QUICK = {"plane": 512, "turning": 192, "space": 64}
 DISC, LARGE, BALL = 65, 401, 21
 """Cells that robots are across."""
 
+ROTATIONS, LENGTH, WIDTH = 72, 33, 21
+"""Yaw cells, and cells that the robot which turns is long and wide."""
+
+REAL = {"maps/depot.yaml": (18, 12), "maps/100by100_10.yaml": (18, 12), "movingai/Berlin_1_1024.map": (LENGTH, WIDTH)}
+"""Real maps, and how long and wide the robot is there, in cells; on the first two 0.9 m x 0.6 m."""
+
+LARGE_MAP, LARGE_BALL = 512, 33
+"""Cells along each side of the map whose memory is measured, and cells that its robot is across."""
+
 RUNS, QUICK_RUNS = 5, 2
 ONCE = 6.0
 """Seconds; a peer that takes longer is timed once."""
@@ -37,19 +48,32 @@ ONCE = 6.0
 IN_PLANE: Goals = {"fft": {"fftconvolve float64": 6.0}, "auto": {"fftconvolve float64": 20.0}}
 NOT_CONVEX: Goals = {"fft": {"cv2.dilate": 20.0, "fftconvolve float64": 6.0}, "auto": {}}
 TURNING = {"fft": 15.0, "auto": 60.0}
-IN_SPACE: Goals = {"fft": {"fftconvolve float64": 4.0}, "auto": {"fftconvolve float64": 12.0}}
+IN_SPACE: Goals = {
+    "fft": {"fftconvolve float64": 4.0, "ndimage.binary_dilation": 300.0},
+    "auto": {"fftconvolve float64": 12.0},
+}
 STAMPING, STAMPING_MEDIAN = 1.0, 2.0
 """How many times slower than ours, by engine, each peer should be with its defaults."""
+
+FLOOR = 1.3
+"""How many times longer our transforms may take than the two that one convolution of the whole cannot do without."""
+
+MOST_MEMORY = 8.0
+"""GiB, for the large map with both sides of the certificate."""
 
 
 def run(report: Report, rng: np.random.Generator) -> None:
     """Make every comparison; targets are held against full sizes only."""
     sizes = QUICK if report.quick else SIZES
+    # First, while the process is small: what others have given back could hide what is taken here.
+    _memory(report, 128 if report.quick else LARGE_MAP, rng)
     boxes = Workspace.from_array(inputs.boxes(sizes["plane"], 0.06, rng), 1.0)
     _translating(report, boxes, Robot.disc(DISC / 2), f"disc {DISC} cells across", IN_PLANE)
     _translating(report, boxes, horseshoe(LARGE), f"horseshoe {LARGE} cells across, not convex", NOT_CONVEX)
     solid = Workspace.from_array(inputs.boxes(sizes["space"], 0.06, rng, dim=3), 1.0)
     _translating(report, solid, Robot.ball(BALL / 2), f"ball {BALL} cells across", IN_SPACE)
+    for workspace, robot in ((boxes, Robot.disc(DISC / 2)), (solid, Robot.ball(BALL / 2))):
+        _floor(report, workspace, robot)
     _turning(report, inputs.boxes(sizes["turning"], 0.06, rng))
     _stamping(report)
 
@@ -60,6 +84,58 @@ def horseshoe(across: int) -> Robot:
     circle = np.column_stack([np.cos(turns), np.sin(turns)])
     radius = across / 2 - 1.0  # what a robot touches reaches up to a cell further
     return Robot.polygon(np.concatenate([radius * circle, 0.65 * radius * circle[::-1]]))
+
+
+def asymmetric(length: float = LENGTH, width: float = WIDTH) -> Robot:
+    """A rectangle with a small piece cut off one corner: no turn maps it to itself."""
+    a, b, cut = length / 2, width / 2, min(length, width) / 20
+    return Robot.polygon([(-a, -b), (a, -b), (a, b - cut), (a - cut, b), (-a, b)])
+
+
+def rasters_of(robot: Robot, spacing: float, rotations: int) -> list[Raster]:
+    """Outer raster of each yaw cell."""
+    return [robot.rasters(spacing, turn=turn)[0] for turn in Rotations.of(rotations).turns(2)]
+
+
+def _memory(report: Report, size: int, rng: np.random.Generator) -> None:
+    """Peak memory of a large map in space, both sides of the certificate, workspace included."""
+    occupied, robot = inputs.boxes(size, 0.06, rng, dim=3), Robot.ball(LARGE_BALL / 2)
+    report.section(f"{across(occupied)} cells, ball {LARGE_BALL} cells across, outer and inner map")
+    for method in ENGINES:
+        rise = memory_rise(
+            lambda method=method: cspace.build(Workspace.from_array(occupied, 1.0), robot, method=method)
+        )
+        most = None if report.quick else MOST_MEMORY
+        report.figure(f"{named(method)}: peak memory, above what there was", rise / 2**30, "GiB", most=most)
+
+
+def _floor(report: Report, workspace: Workspace, robot: Robot) -> None:
+    """Our transforms against the two that a convolution of the whole map cannot do without, by as many workers."""
+    from scipy import fft
+
+    occupied, raster = workspace.outer, robot.rasters(1.0)[0]
+    pairs = zip(occupied.shape, raster.cells.shape, strict=True)
+    whole = np.zeros([fft.next_fast_len(n + r - 1, real=True) for n, r in pairs], np.float32)
+    whole[tuple(slice(n) for n in occupied.shape)] = occupied
+    report.section(f"{across(occupied)} cells against bare float32 transforms of {across(whole)}")
+
+    def bare(workers: int) -> NDArray[np.float32]:
+        back: NDArray[np.float32] = fft.irfftn(fft.rfftn(whole, workers=workers), s=whole.shape, workers=workers)
+        return back
+
+    def correlated(workers: int) -> Bools:
+        hits = np.empty(occupied.shape, np.bool_)
+        ENGINES["fft"].collide(occupied, [raster], [hits], outside=False, workers=workers)
+        return hits
+
+    calls: dict[str, Callable[[], Any]] = {}
+    for workers in sorted({1, min(2, cores())}):
+        calls |= {f"ours, {workers}": partial(correlated, workers), f"bare, {workers}": partial(bare, workers)}
+    timings = interleave(calls, _runs(report))
+    for workers in sorted({1, min(2, cores())}):
+        most = None if report.quick else FLOOR
+        name = f"our transforms / two bare ones, workers each: {workers}"
+        report.ratio(name, timings[f"ours, {workers}"], timings[f"bare, {workers}"], most=most)
 
 
 def _translating(report: Report, workspace: Workspace, robot: Robot, name: str, goals: Goals) -> None:

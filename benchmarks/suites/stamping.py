@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from cspace.compiling import jit
 from cspace.raster.raster import Raster
 from cspace.threads import cores
 
@@ -16,7 +16,7 @@ Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
 
 
-@njit(cache=True, nogil=True)
+@jit
 def _stamp(out: Bools, border: Ints, runs: Ints) -> None:
     """Set the rows ``(x, first y, stop y)`` of a bitmap around every border cell, clipped to the map."""
     nx, ny = out.shape

@@ -8,14 +8,13 @@ from itertools import count
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 import cspace
 from benchmarks import inputs
 from benchmarks.report import Report
-from benchmarks.timing import Timing, interleave
+from benchmarks.timing import interleave
 from cspace import CSpace, Robot, Workspace
-from cspace.clearance import clearance_field
+from cspace.engines import ENGINES
 
 SIZE, ACROSS, BOX = 4096, 65, 32
 """Cells of the map, of the disc, and of the side of the box that changes, for which the target is meant."""
@@ -25,8 +24,6 @@ LEAST = 200.0
 
 UPDATES = 200
 """Updates of one timed run."""
-
-ENGINES = ("fft", "direct")
 
 
 def run(report: Report, seed: int) -> None:
@@ -62,46 +59,42 @@ def _compare(
     for name, timing in timings.items():
         report.timing(name, timing)
         report.ratio(f"{name} / an update", timing, each, least=LEAST if judged and name == "build" else None)
-    report.check(_equal(space, cspace.build(space.workspace, robot, **options)), "states equal those of a build")
+    report.check(
+        bool((space.state == cspace.build(space.workspace, robot, **options).state).all()),
+        "states equal those of a build",
+    )
     _kept(report, space, change, updates, runs, options)
 
 
 def _kept(
     report: Report, space: CSpace, change: Callable[[], None], updates: int, runs: int, options: dict[str, Any]
 ) -> None:
-    """The same with distances, and then also components, that were asked for before."""
-    corners = np.array(
-        [space.grid.center_of((0,) * space.grid.dim), space.grid.center_of(np.array(space.grid.shape) - 1)]
-    )
-    q = corners if space.rotations is None else np.column_stack([corners, [0.0, 1.0]])
-    space.clearance(q)
-    calls = {"updates": change, "distances": partial(_distances, space)}
-    timings = interleave(calls, runs)
-    each = timings["updates"].per(updates)
-    report.timing("an update that keeps the distances for clearance", each)
-    report.ratio("distances anew / that update", timings["distances"], each)
-    space.path_exists(*q)
-
-    def ask() -> None:
-        change()
-        space.path_exists(*q)
-
-    timings = interleave({"updates": change, "with a question": ask, "components": partial(_components, space)}, runs)
-    each = timings["updates"].per(updates)
-    report.timing("an update that keeps these and the components", each)
-    report.ratio("components anew / that update", timings["components"], each)
-    asked = Timing(None)
-    asked.take(partial(_update_and_ask, space, q))
-    for _ in range(runs):
-        asked.take(partial(_update_and_ask, space, q))
-    report.timing("an update and path_exists after it", asked)
-    fresh = cspace.build(space.workspace, space.robot, **options)
+    """The same with distances, and then also components, that were asked for before, against a build that is asked."""
+    corners = space.grid.center_of([(0,) * space.grid.dim, np.array(space.grid.shape) - 1])
     points = np.random.default_rng(0).uniform(corners[0], corners[1], (500, space.grid.dim))
-    if space.rotations is not None:
-        points = np.column_stack([points, np.linspace(-3.0, 3.0, len(points))])
-    report.check(np.array_equal(space.clearance(points), fresh.clearance(points)), "clearances equal those of a build")
-    pairs = points[:250], points[250:]
-    report.check(np.array_equal(space.path_exists(*pairs), fresh.path_exists(*pairs)), "components too")
+    turns = np.linspace(-3.0, 3.0, len(points))[:, None]
+    q = np.concatenate([points, turns], axis=1)[:, : space.dof]
+    asks: dict[str, Callable[[CSpace], Any]] = {
+        "clearances": lambda asked: asked.clearance(q),
+        "path_exists": lambda asked: asked.path_exists(q[:250], q[250:]),
+    }
+    for what, ask in asks.items():
+        ask(space)
+
+        def update_and_ask(ask: Callable[[CSpace], Any] = ask) -> None:
+            _toggle(space)
+            ask(space)
+
+        def build_and_ask(ask: Callable[[CSpace], Any] = ask) -> None:
+            ask(_build(space, options))
+
+        timings = interleave({"updates": change, "asked": update_and_ask, "anew": build_and_ask}, runs)
+        each = timings["updates"].per(updates)
+        report.timing(f"an update of a map that was asked for {what}", each)
+        report.timing(f"an update and {what} after it", timings["asked"])
+        report.ratio(f"a build and {what} / an update and {what}", timings["anew"], timings["asked"])
+        fresh = cspace.build(space.workspace, space.robot, **options)
+        report.check(np.array_equal(ask(space), ask(fresh)), f"{what} equal those of a build")
 
 
 def _changes(space: CSpace, rng: np.random.Generator, updates: int) -> Callable[[], None]:
@@ -119,27 +112,11 @@ def _changes(space: CSpace, rng: np.random.Generator, updates: int) -> Callable[
     return change
 
 
-def _update_and_ask(space: CSpace, q: NDArray[np.float64]) -> None:
+def _toggle(space: CSpace) -> None:
+    """Turn the cell in the middle of the map into an obstacle, or free it."""
     place = tuple(n // 2 for n in space.grid.shape)
-    now = space.workspace.outer[place]
-    space.update(np.full((1,) * space.grid.dim, not now), place)
-    space.path_exists(*q)
+    space.update(np.full((1,) * space.grid.dim, not space.workspace.outer[place]), place)
 
 
 def _build(space: CSpace, options: dict[str, Any]) -> CSpace:
     return cspace.build(space.workspace, space.robot, **options)
-
-
-def _distances(space: CSpace) -> None:
-    for part in space.stack:
-        clearance_field(part)
-
-
-def _components(space: CSpace) -> None:
-    from cspace.connectivity import components
-
-    components(space.stack, space.slice_of, np.zeros(len(space.stack), dtype=np.bool_))
-
-
-def _equal(space: CSpace, fresh: CSpace) -> bool:
-    return np.array_equal(space.stack, fresh.stack)

@@ -9,19 +9,16 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from cspace.fourier import correlate
 from numpy.typing import NDArray
 
 import cspace
 from benchmarks.suites.stamping import stamp
 from cspace import Robot, Workspace
+from cspace.engines import METHODS as METHODS
 from cspace.raster.raster import Raster
 
 Bools = NDArray[np.bool_]
 Call = Callable[[], Bools]
-
-ENGINES = ("fft", "direct", "auto")
-"""Ours, as ``cspace.build`` calls them."""
 
 NO_OPENCV = "OpenCV's functions are left out: it is not installed; pip install opencv-python-headless"
 
@@ -35,12 +32,6 @@ def ours(workspace: Workspace, robot: Robot, method: str) -> Bools:
 def named(method: str) -> str:
     """What one of our engines is called in reports."""
     return f'ours, "{method}"'
-
-
-def our_map(occupied: Bools, raster: Raster, workers: int | None) -> Bools:
-    """Our correlation, from the robot's cells on."""
-    overlaps: Bools = correlate(occupied, [raster], outside=False, workers=workers).results[0]
-    return overlaps
 
 
 def convolved(
