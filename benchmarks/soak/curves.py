@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from benchmarks.report import Report
 from benchmarks.soak.plane_cases import Case, draw_case
 from benchmarks.soak.tally import Tally
-from benchmarks.soak.turning import ALONG, Rng, nearly_snapped, not_free_along
+from benchmarks.soak.maps import ALONG, Rng, nearly_snapped, not_free_along
 from cspace import FREE
 from planners.curves import CURVES, Curve
 from planners.ways import way_of
@@ -91,7 +91,7 @@ def _drawn(case: Case, name: str, radius: float, rng: Rng) -> tuple[Floats, Floa
     space, spacing = case.space, case.space.grid.spacing
     starts = space.sample_free(CANDIDATES, rng)
     snapped = rng.random(CANDIDATES) < 0.3
-    starts[snapped] = nearly_snapped(case, starts[snapped], rng, away=0.0)
+    starts[snapped] = nearly_snapped(case.space, starts[snapped], rng, away=0.0)
     turns = rng.integers(-1, 2, (CANDIDATES, 3))
     lengths = spacing * rng.choice([1.0, 4.0, 15.0], (CANDIDATES, 1)) * rng.exponential(size=(CANDIDATES, 3))
     if name != "dubins":
@@ -101,7 +101,7 @@ def _drawn(case: Case, name: str, radius: float, rng: Rng) -> tuple[Floats, Floa
     ends[near, :2] = starts[near, :2] + spacing * rng.choice([1.0, 10.0]) * rng.normal(size=(int(near.sum()), 2))
     ends[near, 2] = rng.uniform(-np.pi, np.pi, int(near.sum()))
     snapped = rng.random(CANDIDATES) < 0.1
-    ends[snapped] = nearly_snapped(case, ends[snapped], rng, away=0.0)
+    ends[snapped] = nearly_snapped(case.space, ends[snapped], rng, away=0.0)
     return starts, ends
 
 

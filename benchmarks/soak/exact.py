@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from benchmarks.report import Report
 from benchmarks.soak.plane_cases import Case, draw_case
 from benchmarks.soak.tally import Tally
-from benchmarks.soak.turning import ALONG, Rng, along, not_free_along
+from benchmarks.soak.maps import ALONG, Rng, along, not_free_along
 
 Floats = NDArray[np.float64]
 
@@ -57,11 +57,11 @@ def _check_edges(tally: Tally, case: Case, rng: Rng) -> None:
     if not len(found):
         return
     # Half of the edges are those that come close to the obstacles, as far as there are.
-    few = along(starts[found], ends[found], np.linspace(0.0, 1.0, 11), rng)
+    few = along(case.space, starts[found], ends[found], np.linspace(0.0, 1.0, 11), rng)
     close = case.shape.meets(case.obstacles, few.reshape(-1, 3), space.margin + CLOSE * grid.spacing)
     order = found[np.argsort(~close.reshape(-1, 11).any(axis=1), kind="stable")]
     picked = np.concatenate([order[: TAKEN // 2], rng.permutation(order[TAKEN // 2 :])[: TAKEN - TAKEN // 2]])
-    q = along(starts[picked], ends[picked], np.linspace(0.0, 1.0, ALONG), rng)
+    q = along(case.space, starts[picked], ends[picked], np.linspace(0.0, 1.0, ALONG), rng)
     wrong, undecided = not_free_along(case, q)
     wrong[:, ::ASKED] |= ~np.asarray(space.is_free(q[:, ::ASKED, : space.dof], exact=True))
     tally.add(EDGE, case, q.reshape(-1, 3), wrong.ravel(), undecided.ravel())

@@ -48,9 +48,22 @@ class Case:
     shape: Shape
     obstacles: list[Any]
 
-    def meets(self, q: Floats, distance: float, sure: bool = False) -> Bools:
+    @property
+    def reach(self) -> float:
+        """Largest distance of a point of the robot from its reference point."""
+        return self.shape.reach()
+
+    def meets(self, q: Floats, distance: float | Floats, sure: bool = False) -> Bools:
         """Whether the robot comes within a distance of the obstacles; nothing here is ambiguous."""
         return self.shape.meets(self.obstacles, q, distance)
+
+    def lies_in(self, q: Floats, rng: Rng) -> Bools:
+        """Whether the robot, grown by the margin, lies in the obstacles."""
+        import shapely
+
+        whole = shapely.union_all([part for part in self.obstacles if part.area])
+        shapely.prepare(whole)
+        return self.shape.lies_in(whole, q, self.space.margin)
 
 
 @dataclass(frozen=True)
@@ -113,7 +126,7 @@ def draw_case(seed: int, number: int, turning: bool = False) -> Case:
         f"{workspace_kind} {workspace.grid.shape} at {spacing:g} m from {workspace.grid.lower}, "
         f"{kind} of {size:.3g} cells"
         f"{f', {nudge:.1e} cells off the lattice' if snap else ''}, outside={outside}, margin={margin:.3g}"
-        f"{f', {len(space.slice_of)} rotations in {len(space.stack)} slices' if turning else ''}"
+        f"{f', {space.rotations.count} rotations' if space.rotations is not None else ''}"
     )
     made_by = f"draw_case({seed}, {number}{', turning=True' if turning else ''})"
     return Case(name, made_by, (workspace_kind, kind), space, shape, solid)

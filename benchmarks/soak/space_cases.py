@@ -13,7 +13,9 @@ import cspace
 from benchmarks.soak.plane_cases import Scale
 from benchmarks.soak.space_geometry import Blocks, merged_cells
 from benchmarks.soak.space_meshes import MESHES, Exact, plain
+from benchmarks.soak.space_pairs import NO_FCL as NO_FCL
 from benchmarks.soak.space_pairs import Pair, Walls, pair
+from benchmarks.soak.space_pairs import fcl_is_here as fcl_is_here
 from cspace import CSpace, Robot, Workspace
 
 Bools = NDArray[np.bool_]
@@ -47,20 +49,28 @@ class SolidCase:
     robot: Exact
     obstacles: Exact | None
 
-    def meets(self, q: Floats, distance: float, sure: bool = False) -> Bools:
+    @property
+    def reach(self) -> float:
+        """Largest distance of a point of the robot from its reference point, at most."""
+        return float(np.linalg.norm(np.abs(self.robot.most.bounds).max(axis=0)))
+
+    def meets(self, q: Floats, distance: float | Floats, sure: bool = False) -> Bools:
         """Whether the robot comes within a distance of the obstacles; ``sure`` leaves out what is ambiguous."""
-        found = np.zeros(len(q), dtype=np.bool_)
+        found, distances = np.zeros(len(q), dtype=np.bool_), np.broadcast_to(distance, len(q))
         for each in self._least if sure else self._most:
             left = np.flatnonzero(~found)
-            found[left] = each.within(q[left] - self._corner, np.full(len(left), distance))
+            found[left] = each.within(q[left] - self._corner, distances[left])
         return found
 
-    def gaps(self, q: Floats) -> Floats:
-        """Distances of the robot from the obstacles, zero where they meet."""
-        found = [np.full(len(q), np.inf), *(each.gaps(q - self._corner) for each in self._most)]
-        return np.asarray(np.min(found, axis=0))
+    def lies_in(self, q: Floats, rng: Rng) -> Bools:
+        """Whether random points of the robot, grown by the margin, lie in the obstacles."""
+        points = self.robot.most.samples(40, rng)
+        away = rng.normal(size=points.shape)
+        points += self.space.margin * away / np.linalg.norm(away, axis=1, keepdims=True)
+        held = self._holds((q[:, None] + points).reshape(-1, 3)).reshape(len(q), -1)
+        return np.asarray(held.all(axis=1))
 
-    def holds(self, points: Floats) -> Bools:
+    def _holds(self, points: Floats) -> Bools:
         """Whether points lie in the obstacles, or as good as."""
         point = Blocks.balls(np.zeros((1, 3)), np.zeros(1))
         found = np.zeros(len(points), dtype=np.bool_)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol
@@ -16,6 +15,15 @@ Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
 
 NO_FCL = "FCL is not installed; pip install python-fcl"
+
+
+def fcl_is_here() -> bool:
+    """Whether FCL can be imported."""
+    try:
+        import fcl  # noqa: F401 - whether it is there at all
+    except ImportError:
+        return False
+    return True
 
 
 class Pair(Protocol):
@@ -175,26 +183,3 @@ class Walls:
 
     def within(self, q: Floats, distance: Floats) -> Bools:
         return np.asarray(self.gaps(q) <= distance)
-
-
-def leaves_free(gaps: Callable[[Floats], Floats], way: Floats, distance: float) -> Bools:
-    """Which points of straight ways, shape (ways, points, 3), at equal steps, come no closer than a distance.
-
-    From each point all those are skipped that its gap reaches: gaps change by no more than the robot moves.
-    """
-    free = np.ones(way.shape[:2], dtype=np.bool_)
-    count = way.shape[1]
-    step = np.linalg.norm(way[:, -1] - way[:, 0], axis=1) / max(count - 1, 1)
-    at = np.zeros(len(way), dtype=np.int64)
-    active = np.arange(len(way))
-    while len(active):
-        places = at[active]
-        spare = gaps(way[active, places]) - distance
-        free[active, places] = spare > 0.0
-        with np.errstate(divide="ignore", invalid="ignore"):
-            reached = np.nan_to_num(
-                0.999 * np.maximum(spare, 0.0) / step[active], nan=float(count), posinf=float(count)
-            )
-        at[active] += np.maximum(np.minimum(reached, count).astype(np.int64), 1)
-        active = active[at[active] < count]
-    return free

@@ -42,8 +42,15 @@ class Case(Drawn, Protocol):
     def space(self) -> CSpace:
         """The map."""
 
-    def meets(self, q: Floats, distance: float, sure: bool = False) -> Bools:
+    @property
+    def reach(self) -> float:
+        """No point of the robot is farther than this from its reference point."""
+
+    def meets(self, q: Floats, distance: float | Floats, sure: bool = False) -> Bools:
         """Whether the robot comes within a distance of the obstacles; ``sure`` leaves out what is ambiguous."""
+
+    def lies_in(self, q: Floats, rng: np.random.Generator) -> Bools:
+        """Whether the robot, grown by the margin, lies in the obstacles."""
 
 
 @dataclass
