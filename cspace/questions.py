@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.batches import Kernel, answer, answer_edges, answer_pairs, as_points
 from cspace.errors import ConfigurationError, InputError
-from cspace.exact.lookups import ExactLookups
-from cspace.exact.solids import SolidLookups
+from cspace.exact.queries import Exact
 from cspace.grid import finite, unmasked
 from cspace.plane import PlaneLookups
 from cspace.spatial.lookups import SpatialLookups
@@ -54,7 +53,7 @@ class Questions(Stack):
     def is_free(self, q: ArrayLike, *, exact: bool = False) -> Any:
         """Whether configurations are proven collision-free; as :meth:`classify`, with bool for an answer.
 
-        With ``exact``, the geometry itself decides in MIXED cells; see :mod:`cspace.exact.lookups`.
+        With ``exact``, the geometry itself decides in MIXED cells; see :mod:`cspace.exact`.
         """
         if exact:
             return answer(q, self.dof, self._exact.points(), np.bool_, bool)
@@ -110,7 +109,7 @@ class Questions(Stack):
         q0, q1 : array-like, shape (dof,) or (..., dof)
             Ends of the edges, metres and radians; broadcast against each other.
         exact : bool
-            Where cells are MIXED, let the geometry itself prove the edge; see :mod:`cspace.exact.lookups`.
+            Where cells are MIXED, let the geometry itself prove the edge; see :mod:`cspace.exact`.
 
         Returns
         -------
@@ -276,9 +275,8 @@ class Questions(Stack):
         return TurningLookups(self.stack, self.slice_of, self.rotations, frame, self._outsides)
 
     @property
-    def _exact(self) -> ExactLookups | SolidLookups:
-        kind = SolidLookups if self.grid.dim == 3 else ExactLookups
-        return self._once("exact", lambda: kind(self, self._outsides))
+    def _exact(self) -> Exact:
+        return self._once("exact", lambda: Exact(self, self._outsides))
 
     def _edges(self, number: int, exact: bool) -> Kernel:
         return self._exact.edges() if exact else self._lookups.edges(number)

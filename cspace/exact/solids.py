@@ -1,275 +1,250 @@
-"""Exact look-ups in space: the geometry itself is asked where the map cannot decide.
-
-FREE and BLOCKED cells answer at once. In MIXED ones, and outside the grid, the distance between the surfaces of the
-robot and of the obstacles decides; where they are apart, one point of each part tells whether it lies within the other
-side.
-
-* A robot is boxes, balls or triangles. Planes that separate what each of them sweeps along a piece of an edge from each
-  triangle of the obstacles prove that piece at once (:mod:`cspace.exact.sweeps.convex`).
-* Where a margin, or obstacles that are balls, leave that open for a robot that is no ball: FCL's distances
-  (:mod:`cspace.exact.distances`). A distance d proves all configurations within d, as no point of a robot that does
-  not turn moves by more (B. Mirtich, "Impulse-based dynamic simulation of rigid body systems", 1996).
-
-*Rounding.* All sets are closed: touching is a collision. A distance counts only where it exceeds the margin by 1e-12
-times the largest coordinates of the map, the robot and the configuration, and FCL's by
-:attr:`cspace.exact.distances.Distances.error` more.
-"""
+"""Proofs in space, of configurations and of motions, where the map cannot decide."""
 
 from __future__ import annotations
 
 import math
-import threading
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from collections import deque
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.exact import ROUNDING
-from cspace.exact.distances import fcl_module
+from cspace.exact import ADVANCE, MOST_DISTANCES, ROUNDING, SHORTEST
+from cspace.exact.boundaries import Obstacles, anchors_of, joined, obstacle_border
+from cspace.exact.triangles import Distances
 from cspace.grid import MAX_COORDINATE
-from cspace.once import Once
-from cspace.outside import Outside
-from cspace.shapes import Mesh
-from cspace.spatial.lookups import SpatialLookups
+from cspace.rotations import TURN, YAW_SLACK
+from cspace.shapes import Pieces
 from cspace.states import BLOCKED, FREE
-from cspace.translating import Kernel, entry
 
 if TYPE_CHECKING:
-    from cspace.exact.distances import Distances
-    from cspace.exact.nesting import Nesting
-    from cspace.exact.surfaces import Surface
-    from cspace.exact.sweeps.convex import Convex
+    from cspace.outside import Outside
     from cspace.questions import Questions
-    from cspace.workspace import Workspace
 
-Point = tuple[float, float, float]
+Floats = NDArray[np.float64]
+Place = tuple[float, ...]
+"""A configuration: x, y, z, and yaw for a robot that turns."""
 
-ADVANCE: Final = 0.999
-"""Part of a proven distance that is used, so that its end is proven too."""
+IDENTITY: Final = np.eye(3)
 
-MOST_DISTANCES: Final = 10_000
-"""Distances after which an edge is given up as not proven: it grazes an obstacle."""
-
-SHORTEST: Final = 2.0**-44
-"""Least part of an edge to advance by; below it the edge grazes an obstacle."""
+SLIDE: Final = 8.0
+"""Longest part of an edge that one distance is to prove, in cells: longer ones take a search far and wide."""
 
 
-SLIDE: Final = 16.0
-"""Longest sweep, in cells: longer ones meet many triangles, of which few come near."""
+class SolidProofs:
+    """Proofs for one robot among the obstacles of one workspace."""
 
-REACH: Final = 40
-"""The largest coordinate in proofs is about two to this power, so that products of small ones stay above zero."""
+    def __init__(self, space: Questions, outside: Outside) -> None:
+        workspace, robot, grid = space.workspace, space.robot, space.grid
+        self._spacing, self._walled = grid.spacing, space.outside == "blocked"
+        self._lookups = _lookups(space, outside)
+        self._state_at, self._walk = _state_at(space, outside), self._lookups.edge_checker()
+        border = joined([robot.shape.boundary()], 3, 3)
+        obstacles = obstacle_border(workspace, walled=self._walled)
+        far = float(np.abs([*grid.lower, *grid.upper]).max()) + robot.span
+        turns = space.rotations is not None
+        self._least = space.margin + ROUNDING * (far + space.margin) + obstacles.error + turns * YAW_SLACK * robot.span
+        self._distances = Distances(border, joined(obstacles.pieces, 3, 3), far)
+        self._nesting = _Nesting(space, border, obstacles)
+        self._border, self._rho = border, float(np.hypot(*border.simplices[..., :2].T).max())
+        self._walls = np.asarray(grid.lower), np.asarray(grid.upper)
+        self._limits = self._limits_at(np.eye(3))
 
+    def point(self, *q: float) -> int:
+        """Whether a configuration is free: how many distances that took, zero or above; or -1 less that number."""
+        state = self._state_at(*q)
+        if state in (FREE, BLOCKED):
+            return 0 if state == FREE else -1
+        if not sum(map(abs, q[:3])) <= 2.0 * MAX_COORDINATE * self._spacing or self._room(q) <= 0.0:
+            return -2
+        return -2 if self._spare(q, 0.0) <= 0.0 or self._nesting.at(q, _turned(q)) else 1
 
-class SolidLookups:
-    """Exact look-ups of a map of a robot that translates in space.
+    def edge(self, *ends: float) -> int:
+        """As :meth:`point`, for an edge along the shorter arc; along both where they are equal but for rounding."""
+        start, end = ends[: len(ends) // 2], ends[len(ends) // 2 :]
+        if self._walk(*ends):
+            return 0
+        if not sum(map(abs, (*start[:3], *end[:3]))) <= 2.0 * MAX_COORDINATE * self._spacing:
+            return -1
+        asked = 0
+        for step in _steps(start, end):
+            free, more = self._advance(start, step)
+            asked += more
+            if not free:
+                return -1 - asked
+        return asked
 
-    Each kernel takes arrays of shape (n, 3) and fills one of shape (n,).
+    def points(self, points: Floats, out: NDArray[np.bool_], counts: NDArray[np.int64]) -> int:
+        """:meth:`point` of points, shape (n, dof); the index of the first one that is not usable, or -1.
 
-    Parameters
-    ----------
-    space : CSpace
-    outsides : sequence of Outside
-        What is known outside the grid; one.
-    """
-
-    def __init__(self, space: Questions, outsides: Sequence[Outside]) -> None:
-        grid = space.grid
-        self._workspace, self._body, self._margin = space.workspace, space.robot.body, space.margin
-        self._walled, self._spacing = space.outside == "blocked", grid.spacing
-        frame = np.array([*grid.lower, grid.spacing, *grid.upper])
-        self._map = (space.stack[0], frame, outsides[0].box, outsides[0].state)
-        self._lookups = SpatialLookups(space.stack[0], frame, outsides[0])
-        self._far = float(np.abs([*grid.lower, *grid.upper]).max()) + space.robot.span
-        self._scale = float(2.0 ** (REACH - math.frexp(self._far)[1]))
-        lower, upper = self._body.bounds
-        # Configurations with the robot in the grid's box.
-        self._room: list[list[float]] = np.array([grid.lower - lower, grid.upper - upper]).T.tolist()
-        self._once = Once()
-        self._lock = threading.Lock()
-        self._counts = {"point": 0, "edge": 0, "distance": 0}
-
-    @property
-    def counts(self) -> dict[str, int]:
-        """How many points and edges the map could not decide, and how many distances were computed for them."""
-        with self._lock:
-            return dict(self._counts)
-
-    def points(self) -> Kernel:
-        """Kernel of points: whether they are free."""
-        classify = self._lookups.classify()
-
-        def run(points: NDArray[np.float64], out: NDArray[np.bool_]) -> int:
-            states = np.empty(len(points), dtype=np.uint8)
-            bad = classify(points, states)
-            if bad < 0:
-                out[...] = states == FREE
-                for number in np.flatnonzero((states != FREE) & (states != BLOCKED)).tolist():
-                    out[number] = self._ask_point(tuple(points[number].tolist()))
-            return bad
-
-        return run
-
-    def edges(self) -> Kernel:
-        """Kernel of straight edges: whether they are free."""
-        by_map = self._lookups.edges()
-
-        def run(starts: NDArray[np.float64], ends: NDArray[np.float64], out: NDArray[np.bool_]) -> int:
-            bad = by_map(starts, ends, out)
-            if bad < 0:
-                for number in np.flatnonzero(~out).tolist():
-                    out[number] = self._ask_edge(tuple(starts[number].tolist()), tuple(ends[number].tolist()))
-            return bad
-
-        return run
-
-    def point_checker(self, quick: Callable[..., bool]) -> Callable[..., bool]:
-        """``check(x, y, z)``; ``quick`` tells whether a point is FREE."""
-        state_at = self._state_at()
-        self._scene()
-
-        def check(x: float, y: float, z: float) -> bool:
-            return quick(x, y, z) or (state_at(x, y, z) != BLOCKED and self._ask_point((x, y, z)))
-
-        return check
-
-    def edge_checker(self) -> Callable[..., bool]:
-        """``check(x0, y0, z0, x1, y1, z1)``: whether an edge is free."""
-        walk = self._lookups.edge_checker()
-        self._scene()
-
-        def check(x0: float, y0: float, z0: float, x1: float, y1: float, z1: float) -> bool:
-            return walk(x0, y0, z0, x1, y1, z1) or self._ask_edge((x0, y0, z0), (x1, y1, z1))
-
-        return check
-
-    def follow(self, workspace: Workspace, outsides: Sequence[Outside]) -> None:
-        """Go on with other obstacles; checkers that were handed out ask them too, from their next call on.
-
-        What is known outside the grid is read from the box of ``outsides`` itself, which is the one passed before.
+        ``counts`` grows by how many points took a distance, and by how many distances were taken.
         """
-        with self._once.lock:
-            self._workspace = workspace
-            self._once.drop("scene", "distances")
+        states = np.empty(len(points), dtype=np.uint8)
+        bad: int = self._lookups.classify()(points, states)
+        if bad < 0:
+            out[...] = states == FREE
+            for k in np.flatnonzero((states != FREE) & (states != BLOCKED)).tolist():
+                out[k] = _counted(self.point(*points[k].tolist()), counts)
+        return bad
 
-    def _count(self, kind: str, distances: int) -> None:
-        with self._lock:
-            self._counts[kind] += distances > 0
-            self._counts["distance"] += distances
+    def edges(self, starts: Floats, ends: Floats, out: NDArray[np.bool_], counts: NDArray[np.int64]) -> int:
+        """:meth:`edge` of edges, shapes (n, dof); as :meth:`points`."""
+        bad: int = self._lookups.edges()(starts, ends, out)
+        if bad < 0:
+            for k in np.flatnonzero(~out).tolist():
+                out[k] = _counted(self.edge(*starts[k].tolist(), *ends[k].tolist()), counts)
+        return bad
 
-    def _ask_point(self, q: Point) -> bool:
-        """Whether a configuration is free, by the geometry alone."""
-        self._count("point", 1)
-        if self._room_at(q) <= 0.0:
-            return False
-        scene = self._scene()
-        found = scene.convex.clear(q, q, self._least(q))
-        if found is None:
-            found = self._spare(q, 0.0) > 0.0
-        return found and not scene.nesting.at(q)
+    def _advance(self, start: Place, step: Place) -> tuple[bool, int]:
+        """Whether a motion is free, and how many distances that took.
 
-    def _ask_edge(self, start: Point, end: Point) -> bool:
-        """Whether an edge is free that the map alone does not prove."""
-        if not sum(map(abs, (*start, *end))) <= 2.0 * MAX_COORDINATE * self._spacing:
-            return False
-        if min(self._room_at(start), self._room_at(end)) <= 0.0:
-            return False
-        free, asked = self._advance(start, end)
-        self._count("edge", asked)
-        return free
-
-    def _advance(self, start: Point, end: Point) -> tuple[bool, int]:
-        """Whether an edge is free, and how many distances that took.
-
-        Pieces are proven by the map; by planes that separate all that the robot sweeps from the obstacles; or by the
-        distance in their middle, which may leave a part on either side.
+        Parts are proven by the map, or by the distance in their middle, which may leave something on either side. They
+        are looked at from the longest to the shortest, so that a collision far along the way shows early.
         """
-        walk, state_at, scene = self._lookups.edge_checker(), self._state_at(), self._scene()
-        length, asked, pieces, nested = math.dist(start, end), 0, [(0.0, 1.0)], False
-        while pieces:
-            first, last = pieces.pop()
-            middle = 0.5 * (first + last)
-            q, ends = _between(start, end, middle), (_between(start, end, first), _between(start, end, last))
-            if walk(*ends[0], *ends[1]):
+        speed, turns = math.hypot(*step[:3]) + self._rho * math.hypot(*step[3:]), any(step[3:])
+        # The room of a robot that does not turn is least at an end.
+        if not turns and min(self._room(start), self._room(_along(start, step, 1.0))) <= 0.0:
+            return False, 0
+        parts, asked = deque([(0.0, 1.0)]), 0
+        while parts:
+            first, last = parts.popleft()
+            if self._walk(*_along(start, step, first), *_along(start, step, last)):
                 continue
-            state = state_at(*q)
+            middle = 0.5 * (first + last)
+            q, reach = _along(start, step, middle), (last - first) * speed
+            state = self._state_at(*q)
             if state == BLOCKED or asked == MOST_DISTANCES:
                 return False, asked
-            reach = (last - first) * length
-            if reach > SLIDE * self._spacing or (not scene.convex.refutes and state == FREE and reach > self._spacing):
-                pieces += [(middle, last), (first, middle)]
+            if reach > (self._spacing if state == FREE else SLIDE * self._spacing):
+                parts += [(first, middle), (middle, last)]
                 continue
             asked += 1
-            found = scene.convex.clear(*ends, self._least(start, end))
-            part = math.inf
-            if found is None:
-                spare = self._spare(q, 0.5 * reach / ADVANCE)
-                found, part = spare > 0.0, ADVANCE * spare / length if length > 0.0 else math.inf
-            # As long as no surfaces meet, whether one lies within the other stays as it is.
-            if not found or part < SHORTEST or (not nested and scene.nesting.at(q)):
+            spare = self._spare(q, 0.5 * reach / ADVANCE)
+            if turns:
+                spare = min(spare, self._room(q))
+            # As long as no borders meet, whether one lies within the other stays as it is.
+            if spare <= 0.0 or (asked == 1 and self._nesting.at(q, _turned(q))):
                 return False, asked
-            nested = True
+            part = ADVANCE * spare / speed if speed > 0.0 else math.inf
+            if part < SHORTEST:
+                return False, asked
             if part < 0.5 * (last - first):
-                pieces += [(middle + part, last), (first, middle - part)]
+                parts += [(first, middle - part), (middle + part, last)]
         return True, asked
 
-    def _least(self, *places: Point) -> float:
-        """What a distance has to exceed, but for the error of FCL."""
-        return self._margin + ROUNDING * (self._far + self._margin + sum(abs(x) for q in places for x in q))
+    def _counts_from(self, q: Place) -> float:
+        """What a distance has to exceed, but for the error of coal."""
+        return self._least + 2.0 * ROUNDING * (abs(q[0]) + abs(q[1]) + abs(q[2]))
 
-    def _room_at(self, q: Point) -> float:
+    def _spare(self, q: Place, enough: float) -> float:
+        """By how much the distance at a configuration is more than counts, or a lower bound above ``enough``."""
+        least = self._counts_from(q) + self._distances.error
+        # The next float above, so that zero is never enough.
+        return self._distances(q[:3], _turned(q), math.nextafter(least + enough, math.inf)) - least
+
+    def _room(self, q: Place) -> float:
         """By how much the robot is farther from the walls than it has to be; infinite where there are none."""
         if not self._walled:
             return math.inf
-        return min(min(x - low, high - x) for x, (low, high) in zip(q, self._room, strict=True)) - self._least(q)
+        limits = self._limits if len(q) == 3 else self._limits_at(_turned(q))
+        return min(min(x - low, high - x) for x, (low, high) in zip(q[:3], limits, strict=True)) - self._counts_from(q)
 
-    def _spare(self, q: Point, enough: float) -> float:
-        """By how much FCL's distance at a configuration is more than counts, or a lower bound above ``enough``."""
-        distances = self._once("distances", self._make_distances)
-        least = self._least(q) + distances.error
-        # The next float above, so that zero is never enough.
-        return distances.least(*q, math.nextafter(least + enough, math.inf)) - least
-
-    def _state_at(self) -> Callable[..., int]:
-        from cspace.spatial import _kernels
-
-        return self._once("state of", lambda: entry(_kernels.state_at, self._map, 3))
-
-    def _scene(self) -> _Scene:
-        """The surfaces of the robot and of the obstacles, and what they enclose."""
-        return self._once("scene", self._make_scene)
-
-    def _make_scene(self) -> _Scene:
-        from cspace.exact.nesting import Nesting
-        from cspace.exact.surfaces import obstacle_surfaces, robot_surfaces
-        from cspace.exact.sweeps.convex import Convex
-
-        robot = robot_surfaces(self._body)
-        obstacles = obstacle_surfaces(self._workspace, walled=self._walled)
-        convex = Convex(self._body, robot, obstacles, self._scale, self._margin)
-        if not convex.refutes:
-            fcl_module()  # tells at once if it is not there
-        deep = not convex.refutes or isinstance(self._body, Mesh)
-        return _Scene(robot, obstacles, Nesting(self._workspace, obstacles, self._body, robot, deep), convex)
-
-    def _make_distances(self) -> Distances:
-        from cspace.exact.distances import Distances
-
-        return Distances(self._scene().robot, self._scene().obstacles, self._scale)
+    def _limits_at(self, turn: Floats) -> list[list[float]]:
+        """Least and largest coordinates with the turned robot in the grid's box, for each axis."""
+        points, radii = self._border.simplices.reshape(-1, 3) @ turn.T, np.repeat(self._border.radii, 3)[:, None]
+        lower, upper = self._walls
+        limits: list[list[float]] = np.array(
+            [lower - (points - radii).min(axis=0), upper - (points + radii).max(axis=0)]
+        ).T.tolist()
+        return limits
 
 
-@dataclass(frozen=True, slots=True)
-class _Scene:
-    """Surfaces of the robot and of the obstacles, what they enclose, and proofs for a robot of convex parts."""
+class _Nesting:
+    """A robot and obstacles as solids.
 
-    robot: list[Surface]
-    obstacles: list[Surface]
-    nesting: Nesting
-    convex: Convex
+    What hangs together and meets no border of the other side lies in its solid as a whole, or not at all, so that one
+    point of it tells.
+    """
+
+    def __init__(self, space: Questions, border: Pieces, obstacles: Obstacles) -> None:
+        from scipy.spatial import cKDTree
+
+        workspace = space.workspace
+        self._frame = [*zip(workspace.grid.lower, workspace.grid.shape, strict=True)]
+        self._spacing, self._outer = workspace.grid.spacing, workspace.outer
+        self._inner = workspace.inner if workspace.shapes else workspace.outer
+        self._shapes = [shape for shape in workspace.shapes or () if shape.encloses]
+        self._robot, self._anchors = space.robot.shape, anchors_of(border)[0]
+        self._anchor_list: list[list[float]] = self._anchors.tolist()
+        # An obstacle in a ball is near its middle, which the distance tells; elsewhere only what is small fits in.
+        self._tree, self._reach = None, float(np.sqrt((border.simplices**2).sum(axis=-1)).max())
+        if self._robot.encloses and (border.simplices != border.simplices[:, :1]).any():
+            parts = [points[sizes <= 2.0 * self._reach] for points, sizes in map(anchors_of, obstacles.pieces)]
+            self._points = np.concatenate([np.empty((0, 3)), *parts])
+            self._tree = cKDTree(self._points) if len(self._points) else None
+
+    def at(self, q: Place, turn: Floats) -> bool:
+        """Whether a part of one lies in the other, where no borders meet."""
+        anchors = self._anchor_list if len(q) == 3 else (self._anchors @ turn.T).tolist()
+        for anchor in anchors:
+            point = [a + b for a, b in zip(q, anchor, strict=False)]
+            cell = tuple(math.floor((x - low) / self._spacing) for x, (low, _) in zip(point, self._frame, strict=True))
+            inside = all(0 <= k < count for k, (_, count) in zip(cell, self._frame, strict=True))
+            if inside and self._inner[cell]:
+                return True
+            if inside and self._outer[cell] and any(shape.contains(point) for shape in self._shapes):
+                return True
+        if self._tree is None:
+            return False
+        # A little more than the ball around the robot, for rounding.
+        near = self._points[self._tree.query_ball_point(q[:3], 1.001 * self._reach)] - q[:3]
+        return bool(len(near)) and bool(np.any(self._robot.contains(near @ turn)))
 
 
-def _between(start: Point, end: Point, part: float) -> Point:
-    (x, y, z), (u, v, w) = start, end
-    return x + part * (u - x), y + part * (v - y), z + part * (w - z)
+def _turned(q: Place) -> Floats:
+    """The rotation of a configuration, as a matrix."""
+    if len(q) == 3:
+        return IDENTITY
+    cosine, sine = math.cos(q[3]), math.sin(q[3])
+    return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _steps(start: Place, end: Place) -> Iterator[Place]:
+    """The motions of an edge: one along the shorter arc, or two along both where they are as good as equal."""
+    step = tuple(b - a for a, b in zip(start, end, strict=True))
+    if len(step) == 3:
+        yield step
+        return
+    turn = math.remainder(step[3], TURN)
+    yield *step[:3], turn
+    if math.pi - abs(turn) <= YAW_SLACK:
+        yield *step[:3], turn - math.copysign(TURN, turn)
+
+
+def _along(start: Place, step: Place, part: float) -> Place:
+    return tuple(a + part * b for a, b in zip(start, step, strict=True))
+
+
+def _counted(asked: int, counts: NDArray[np.int64]) -> bool:
+    """Whether an answer says free; what it took is added to the counts."""
+    number = asked if asked >= 0 else -1 - asked
+    counts[0] += number > 0
+    counts[1] += number
+    return asked >= 0
+
+
+def _lookups(space: Questions, outside: Outside) -> Any:
+    from cspace.spatial.lookups import SpatialLookups
+
+    grid = space.grid
+    return SpatialLookups(space.stack[0], np.array([*grid.lower, grid.spacing, *grid.upper]), outside)
+
+
+def _state_at(space: Questions, outside: Outside) -> Callable[..., int]:
+    from cspace.spatial import _kernels
+    from cspace.translating import entry
+
+    grid = space.grid
+    frame = np.array([*grid.lower, grid.spacing, *grid.upper])
+    return entry(_kernels.state_at, (space.stack[0], frame, outside.box, outside.state), 3)

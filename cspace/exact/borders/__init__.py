@@ -1,1 +1,0 @@
-"""The robot and the obstacles as border pieces, and the distances between them."""

@@ -1,0 +1,156 @@
+"""Borders of the robot and of the obstacles, as the pieces between which exact answers measure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace.grid import Grid
+from cspace.raster.bitmaps import rectangle_triangles
+from cspace.shapes import Pieces, Polygons, Shape
+from cspace.workspace import Workspace
+
+Floats = NDArray[np.float64]
+
+CUT_ERROR: Final = 2.0**-48
+"""Rounding of a border that is cut, relative to its coordinates."""
+
+
+class Obstacles(NamedTuple):
+    """The border of obstacles, shape by shape, and by how much cutting it to the grid may have moved it, metres."""
+
+    pieces: list[Pieces]
+    error: float
+
+
+def obstacle_border(workspace: Workspace, *, walled: bool) -> Obstacles:
+    """The border of the obstacles of a workspace, cut to the grid.
+
+    Where ``walled``, all beyond the grid is obstacle, and the border of the grid needs no pieces of its own.
+
+    Raises
+    ------
+    InputError
+        If an obstacle is a mesh whose inside depends on the spacing.
+    """
+    found, error = [], 0.0
+    for shape in workspace.obstacles:
+        whole = shape.boundary()
+        pieces = clipped(whole, workspace.grid)
+        if pieces is not whole:
+            if len(pieces.radii):
+                error = max(error, CUT_ERROR * float(np.abs(whole.simplices).max()))
+            if not walled and shape.encloses and whole.simplices.shape[1] > 1:
+                pieces = joined([pieces, *(_bare(lid) for lid in _lids(shape, workspace))], *whole.simplices.shape[1:])
+        found.append(pieces)
+    return Obstacles(found, error)
+
+
+def joined(parts: Sequence[Pieces], corners: int, dim: int) -> Pieces:
+    """Pieces together, as simplices of as many corners; those of fewer have their last one several times."""
+    simplices = [np.empty((0, corners, dim))]
+    for part in parts:
+        missing = corners - part.simplices.shape[1]
+        simplices.append(np.concatenate([part.simplices, *[part.simplices[:, -1:]] * missing], axis=1))
+    return Pieces(np.concatenate(simplices), np.concatenate([np.empty(0), *(part.radii for part in parts)]))
+
+
+def clipped(border: Pieces, grid: Grid) -> Pieces:
+    """What of a border lies in the grid's closed box; what is round and reaches it stays whole."""
+    simplices, lower, upper = border.simplices, np.asarray(grid.lower), np.asarray(grid.upper)
+    low, high = simplices.min(axis=1), simplices.max(axis=1)
+    if ((low >= lower) & (high <= upper)).all():
+        return border
+    if simplices.shape[1] == 1 or border.radii.any():
+        apart = np.sqrt((np.maximum(np.maximum(lower - high, low - upper), 0.0) ** 2).sum(axis=1))
+        near = apart <= border.radii * (1.0 + 1e-9) + 1e-9 * grid.spacing
+        return Pieces(simplices[near], border.radii[near])
+    for axis in range(grid.dim):
+        for wall, sign in ((lower[axis], 1.0), (upper[axis], -1.0)):
+            simplices = _cut(simplices, axis, wall, sign)
+    return _bare(simplices)
+
+
+def regions(shape: Shape) -> list[Floats]:
+    """Border segments, shape (E, 4), of each part of a shape of the plane; by even-odd parity a point lies in one."""
+    if isinstance(shape, Polygons):
+        return [segments for segments, filled in shape.parts if filled]
+    simplices = shape.boundary().simplices
+    return [simplices.reshape(-1, 4)] if simplices.shape[1] == 2 else []
+
+
+def anchors_of(border: Pieces) -> tuple[Floats, Floats]:
+    """One point of each part of a border that hangs together, shape (n, d), and how large the part is, shape (n,)."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    corners, dim = border.simplices.shape[1:]
+    points, which = np.unique(border.simplices.reshape(-1, dim), axis=0, return_inverse=True)
+    rows = which.reshape(-1, corners)
+    start, end = rows[:, :-1].ravel(), rows[:, 1:].ravel()
+    links = coo_array((np.ones(len(start)), (start, end)), shape=(len(points), len(points)))
+    count, labels = connected_components(links, directed=False)
+    low, high = np.full((count, dim), np.inf), np.full((count, dim), -np.inf)
+    np.minimum.at(low, labels, points)
+    np.maximum.at(high, labels, points)
+    return points[np.unique(labels, return_index=True)[1]], (high - low).max(axis=1, initial=0.0)
+
+
+def _cut(simplices: Floats, axis: int, wall: float, sign: float) -> Floats:
+    """What of segments or triangles lies where ``sign * (coordinate - wall)`` is zero or above."""
+    corners = simplices.shape[1]
+    height = sign * (simplices[:, :, axis] - wall)
+    kept = height >= 0.0
+    count = kept.sum(axis=1)
+    parts = [simplices[count == corners]]
+    for number in range(1, corners):
+        chosen = np.flatnonzero(count == number)
+        # The corner that is alone on its side comes first.
+        alone = np.argmax(kept[chosen] == (number == 1), axis=1)
+        turned = (alone[:, None] + np.arange(corners)) % corners
+        first, *others = np.moveaxis(simplices[chosen[:, None], turned], 1, 0)
+        h, *heights = np.moveaxis(height[chosen[:, None], turned], 1, 0)
+        crossings = [first + (h / (h - g))[:, None] * (p - first) for p, g in zip(others, heights, strict=True)]
+        for crossing in crossings:
+            crossing[:, axis] = wall
+        if number == 1:
+            parts.append(np.stack([first, *crossings], axis=1))
+        else:
+            (ab, ac), (b, c) = crossings, others
+            parts += [np.stack([ab, b, c], axis=1), np.stack([ab, c, ac], axis=1)]
+    return np.concatenate(parts)
+
+
+def _lids(shape: Shape, workspace: Workspace) -> Iterator[Floats]:
+    """Where a shape is cut open on the border of the grid: in the plane what lies in it, in space its outer cells."""
+    grid, (low, high) = workspace.grid, shape.bounds
+    for axis in range(grid.dim):
+        for upper, crosses in ((0, low[axis] < grid.lower[axis]), (1, high[axis] > grid.upper[axis])):
+            if crosses and grid.dim == 2:
+                yield from (_lid(region, grid, axis, upper) for region in regions(shape))
+            elif crosses:
+                columns = np.moveaxis(workspace.outer, axis, 0)
+                sides = np.zeros((columns.shape[0] + 1, *columns.shape[1:]), dtype=np.bool_)
+                sides[-upper] = columns[-upper]
+                yield rectangle_triangles(sides, axis, grid.spacing, grid.lower)
+
+
+def _lid(region: Floats, grid: Grid, axis: int, upper: int) -> Floats:
+    """Segments of a side of the grid, across an axis, that lie in a region; shape (n, 2, 2)."""
+    wall, along = (grid.lower, grid.upper)[upper][axis], 1 - axis
+    first, last = np.moveaxis(region.reshape(-1, 2, 2), 1, 0)
+    # Closed curves cross a line an even number of times, if a corner on it counts as below: between, one is inside.
+    crosses = (first[:, axis] <= wall) != (last[:, axis] <= wall)
+    first, last = first[crosses], last[crosses]
+    share = (wall - first[:, axis]) / (last[:, axis] - first[:, axis])
+    at = np.sort(first[:, along] + share * (last[:, along] - first[:, along]))
+    ends = np.full((len(at) // 2, 2, 2), wall)
+    ends[:, :, along] = np.clip(at.reshape(-1, 2), grid.lower[along], grid.upper[along])
+    return ends[ends[:, 0, along] < ends[:, 1, along]]
+
+
+def _bare(simplices: Floats) -> Pieces:
+    return Pieces(simplices, np.zeros(len(simplices)))

@@ -1,0 +1,114 @@
+"""Proofs in the plane: the robot and the obstacles as the compiled ones take them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace.exact import ROUNDING, plane
+from cspace.exact.boundaries import anchors_of, joined, obstacle_border, regions
+from cspace.exact.segments import Body, Scene
+from cspace.rotations import YAW_SLACK
+from cspace.shapes import Pieces
+from cspace.translating import Kernel, entry
+
+if TYPE_CHECKING:
+    from cspace.outside import Outside
+    from cspace.questions import Questions
+    from cspace.robot import Robot
+
+Floats = NDArray[np.float64]
+
+BIN: Final = 4
+"""Side of a bin of border segments, in cells."""
+
+
+class PlaneProofs:
+    """Proofs for one robot among the obstacles of one workspace; what is asked is compiled when it is first asked."""
+
+    def __init__(self, space: Questions, outsides: Sequence[Outside]) -> None:
+        grid = space.grid
+        borders = (-np.pi, np.pi) if space.rotations is None else space.rotations.borders
+        frame = np.array([*grid.lower, grid.spacing, *grid.upper])
+        boxes = np.array([outside.box for outside in outsides], dtype=np.int64)
+        states = np.array([outside.state for outside in outsides], dtype=np.int64)
+        map_ = plane.Map(space.stack, space.slice_of, np.asarray(borders), frame, boxes, states)
+        self._world = plane.World(map_, _scene(space, frame), _body(space.robot))
+        self._turns = space.rotations is not None
+
+    @cached_property
+    def point(self) -> Callable[..., int]:
+        ask = entry(plane.ask_point, (self._world,), 3)
+        return ask if self._turns else lambda x, y: ask(x, y, 0.0)
+
+    @cached_property
+    def edge(self) -> Callable[..., int]:
+        ask = entry(plane.ask_edge, (self._world,), 6)
+        return ask if self._turns else lambda x0, y0, x1, y1: ask(x0, y0, 0.0, x1, y1, 0.0)
+
+    @cached_property
+    def points(self) -> Kernel:
+        return partial(plane.ask_points, self._world)
+
+    @cached_property
+    def edges(self) -> Kernel:
+        return partial(plane.ask_edges, self._world)
+
+
+def _body(robot: Robot) -> Body:
+    """The robot's border: the segments of its regions, or the middles of its discs, each grown by a radius."""
+    whole, parts = robot.shape.boundary(), regions(robot.shape)
+    border, ends = joined([whole], 2, 2), np.cumsum([len(part) for part in parts], dtype=np.int64)
+    rho = float(np.hypot(*border.simplices.reshape(-1, 2).T).max())
+    return Body(border.simplices.reshape(-1, 4), border.radii, anchors_of(whole)[0], ends, rho)
+
+
+def _scene(space: Questions, frame: Floats) -> Scene:
+    """The obstacles of a workspace: their border, and the polygons that they fill."""
+    workspace, grid = space.workspace, space.grid
+    walled = space.outside == "blocked"
+    obstacles = obstacle_border(workspace, walled=walled)
+    far = float(np.abs([*grid.lower, *grid.upper]).max()) + space.robot.span
+    least = space.margin + YAW_SLACK * space.robot.span + ROUNDING * (far + space.margin) + obstacles.error
+    side = BIN * grid.spacing
+    segments, radii = _cut(joined(obstacles.pieces, 2, 2), side)
+    columns, rows = (-(-n // BIN) for n in grid.shape)
+    middles = (segments[:, :2] + segments[:, 2:]) / 2.0
+    bins = np.clip(np.floor((middles - grid.lower) / side).astype(np.int64), 0, (columns - 1, rows - 1))
+    numbers = bins[:, 0] * rows + bins[:, 1]
+    order = np.argsort(numbers, kind="stable")
+    solids = [outline for shape in workspace.obstacles for outline in regions(shape)]
+    corners = [solid.reshape(-1, 2) for solid in solids]
+    return Scene(
+        frame=frame,
+        segments=segments[order],
+        radii=radii[order],
+        widest=float(radii.max(initial=0.0)),
+        starts=np.concatenate([[0], np.cumsum(np.bincount(numbers, minlength=columns * rows))]).astype(np.int64),
+        columns=columns,
+        rows=rows,
+        side=side,
+        outer=workspace.outer,
+        inner=workspace.inner if workspace.shapes else workspace.outer,
+        solids=np.concatenate([*solids, np.empty((0, 4))]),
+        ends=np.cumsum([len(solid) for solid in solids], dtype=np.int64),
+        hulls=np.array([[*points.min(axis=0), *points.max(axis=0)] for points in corners]).reshape(-1, 4),
+        walled=walled,
+        least=least,
+        reach=side,
+    )
+
+
+def _cut(border: Pieces, longest: float) -> tuple[Floats, Floats]:
+    """Segments cut into equal ones, none longer than ``longest``, shape (n, 4), and their radii."""
+    starts, steps = border.simplices[:, 0], border.simplices[:, 1] - border.simplices[:, 0]
+    pieces = np.maximum(np.ceil(np.hypot(steps[:, 0], steps[:, 1]) / longest).astype(np.int64), 1)
+    whole = np.repeat(np.arange(len(starts)), pieces)
+    number = np.arange(len(whole)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+    share = np.stack([number, number + 1], axis=1) / pieces[whole, None]
+    ends = starts[whole, None] + steps[whole, None] * share[..., None]
+    return ends.reshape(-1, 4), border.radii[whole]

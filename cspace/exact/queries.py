@@ -1,0 +1,127 @@
+"""Look-ups that ask the geometry itself where the map cannot decide."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from cspace.outside import Outside
+    from cspace.questions import Questions
+    from cspace.workspace import Workspace
+
+Kernel = Callable[..., int]
+
+
+class Proofs(Protocol):
+    """Proofs for one robot among the obstacles of one workspace.
+
+    ``point(*q)`` and ``edge(*q0, *q1)`` tell whether all is free: how many distances that took, zero or above; or -1
+    less that number. ``points(q, out, counts)`` and ``edges(q0, q1, out, counts)`` do so for arrays of shape (n, dof).
+    """
+
+    point: Callable[..., int]
+    edge: Callable[..., int]
+    points: Kernel
+    edges: Kernel
+
+
+class Exact:
+    """Exact look-ups of a map; each kernel takes arrays of shape (n, dof) and fills one of shape (n,).
+
+    Parameters
+    ----------
+    space : CSpace
+    outsides : sequence of Outside
+        What is known outside the grid, for each slice.
+    """
+
+    def __init__(self, space: Questions, outsides: Sequence[Outside]) -> None:
+        self._space, self._outsides = space, list(outsides)
+        self._proofs: Proofs | None = None
+        self._lock = threading.RLock()
+        self._counts = {"point": 0, "edge": 0, "distance": 0}
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """How many points and edges the map could not decide, and how many distances were computed for them."""
+        with self._lock:
+            return dict(self._counts)
+
+    def points(self) -> Kernel:
+        """Kernel of points: whether they are free."""
+        return self._counting("point", self._made().points)
+
+    def edges(self) -> Kernel:
+        """Kernel of edges, along the shorter arc: whether they are free."""
+        return self._counting("edge", self._made().edges)
+
+    def point_checker(self, quick: Callable[..., bool]) -> Callable[..., bool]:
+        """``check(*q)``; ``quick`` tells whether a point is FREE."""
+        self._made()
+
+        def check(*q: float) -> bool:
+            if quick(*q):
+                return True
+            asked = self._made().point(*q)
+            if asked > 0 or asked < -1:
+                self._count("point", 1, 1)
+            return asked >= 0
+
+        return check
+
+    def edge_checker(self) -> Callable[..., bool]:
+        """``check(*q0, *q1)``: whether an edge is free."""
+        self._made()
+
+        def check(*ends: float) -> bool:
+            asked = self._made().edge(*ends)
+            if asked > 0 or asked < -1:
+                self._count("edge", 1, asked if asked > 0 else -1 - asked)
+            return asked >= 0
+
+        return check
+
+    def follow(self, workspace: Workspace, outsides: Sequence[Outside]) -> None:
+        """Go on with other obstacles; checkers that were handed out ask them too, from their next call on."""
+        with self._lock:
+            self._outsides, self._proofs = list(outsides), None
+
+    def _made(self) -> Proofs:
+        """The proofs among the obstacles as they are now."""
+        proofs = self._proofs
+        if proofs is None:
+            with self._lock:
+                if self._proofs is None:
+                    self._proofs = self._make()
+                proofs = self._proofs
+        return proofs
+
+    def _make(self) -> Proofs:
+        if self._space.grid.dim == 3:
+            from cspace.exact.solids import SolidProofs
+
+            return SolidProofs(self._space, self._outsides[0])
+        from cspace.exact.outlines import PlaneProofs
+
+        return PlaneProofs(self._space, self._outsides)
+
+    def _count(self, kind: str, asked: int, distances: int) -> None:
+        with self._lock:
+            self._counts[kind] += asked
+            self._counts["distance"] += distances
+
+    def _counting(self, kind: str, kernel: Kernel) -> Kernel:
+        """A kernel that adds to the counts what it took."""
+
+        def run(*arrays: NDArray[Any]) -> int:
+            counts = np.zeros(2, dtype=np.int64)
+            bad = kernel(*arrays, counts)
+            self._count(kind, *counts.tolist())
+            return bad
+
+        return run

@@ -1,1 +1,0 @@
-"""Boxes and balls that move along a vector, against triangles: proofs by planes that separate them."""
