@@ -24,10 +24,14 @@ class Proofs(Protocol):
     less that number. ``points(q, out, counts)`` and ``edges(q0, q1, out, counts)`` do so for arrays of shape (n, dof).
     """
 
-    point: Callable[..., int]
-    edge: Callable[..., int]
-    points: Kernel
-    edges: Kernel
+    @property
+    def point(self) -> Callable[..., int]: ...
+    @property
+    def edge(self) -> Callable[..., int]: ...
+    @property
+    def points(self) -> Kernel: ...
+    @property
+    def edges(self) -> Kernel: ...
 
 
 class Exact:

@@ -101,7 +101,7 @@ class Distances:
                 grown = part.radius + tree.radius
                 # coal looks for what is nearer than the least distance found so far, which we set: then it is quick.
                 result.min_distance = cut = scale * (best + grown)
-                found = coal.distance(part.model, at, tree.model, self._home, self._request, result)
+                found: float = coal.distance(part.model, at, tree.model, self._home, self._request, result)
                 if found < cut:
                     best = min(best, found / scale - grown)
                     if best <= 0.0:
@@ -120,12 +120,9 @@ class Distances:
 
     def _trees(self, triangles: Floats, radii: Floats) -> list[_Tree]:
         """A tree for each radius."""
-        order = np.argsort(radii, kind="stable")
-        different, first = np.unique(radii[order], return_index=True)
-        return [
-            _Tree(self._coal, triangles[which], radius, self._scale)
-            for radius, which in zip(different.tolist(), np.split(order, first[1:]), strict=True)
-        ]
+        different, first = np.unique(np.sort(radii), return_index=True)
+        parts = np.split(triangles[np.argsort(radii, kind="stable")], first[1:])
+        return [_Tree(self._coal, part, r, self._scale) for part, r in zip(parts, different.tolist(), strict=False)]
 
     def _sized(self, pieces: Pieces) -> tuple[Floats, float, float]:
         """Scaled triangles that have some height, with the error that they allow and their longest edge."""

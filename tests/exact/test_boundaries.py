@@ -1,0 +1,105 @@
+"""Borders: what of shapes lies in the grid, where they are cut open, and how many parts hang together."""
+
+import numpy as np
+import pytest
+import shapely
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import ndimage
+
+import cspace
+from cspace import Workspace
+from cspace.exact.boundaries import anchors_of, clipped, obstacle_border
+from cspace.raster.bitmaps import cell_boxes, cell_faces
+from cspace.shapes import Pieces
+from strategies import seeds, stars
+
+
+def bare(simplices):
+    return Pieces(simplices, np.zeros(len(simplices)))
+
+
+def areas(triangles):
+    return 0.5 * np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1)
+
+
+@settings(max_examples=40)
+@given(seeds)
+def test_faces_of_cells_are_their_border(seed):
+    rng = np.random.default_rng(seed)
+    cells = rng.random(rng.integers(1, 7, 3)) < 0.5
+    triangles = cell_faces(cells, 1.0, (0.0, 0.0, 0.0))
+    padded = np.pad(cells, 1)
+    area = sum(int((np.diff(padded.astype(int), axis=axis) != 0).sum()) for axis in range(3))
+    assert areas(triangles).sum() == pytest.approx(area)
+    for triangle in triangles:  # each lies between cells that are set and ones that are not
+        axis = int(np.argmin(np.ptp(triangle, axis=0)))
+        point = triangle.T @ (0.52, 0.27, 0.21)
+        sides = [padded[tuple(np.floor(point + sign * np.eye(3)[axis] / 2).astype(int) + 1)] for sign in (-1, 1)]
+        assert sides[0] != sides[1]
+    rebuilt = np.zeros(cells.shape, dtype=int)
+    for (x0, y0, z0), (x1, y1, z1) in zip(
+        *np.asarray(cell_boxes(cells, 1.0, (0.0, 0.0, 0.0))).astype(int), strict=True
+    ):
+        rebuilt[x0:x1, y0:y1, z0:z1] += 1
+    np.testing.assert_array_equal(rebuilt, cells)
+    if cells.any():
+        assert len(anchors_of(bare(triangles))[0]) >= ndimage.label(cells, np.ones((3, 3, 3)))[1]
+
+
+@settings(max_examples=30)
+@given(seeds)
+def test_clipping_leaves_what_is_in_the_box(seed):
+    rng = np.random.default_rng(seed)
+    grid = cspace.Grid((0.0, 0.0, 0.0), 0.5, (2, 2, 2))
+    triangles = rng.uniform(-1, 2, (5, 3, 3))
+    triangles[0, :, 0] = 1.0  # on a border of the box
+    parts = clipped(bare(triangles), grid).simplices
+    assert (parts >= 0.0).all() and (parts <= 1.0).all()
+    weights = rng.dirichlet(np.ones(3), 20_000)
+    for triangle in triangles:
+        inside = (np.abs(weights @ triangle - 0.5) <= 0.5 + 1e-9).all(axis=1).mean()
+        whole = areas(triangle[None])[0]
+        part = clipped(bare(triangle[None]), grid).simplices
+        assert areas(part).sum() == pytest.approx(inside * whole, abs=0.03 * whole)
+
+
+@settings(max_examples=80)
+@given(st.lists(stars(2.0), min_size=1, max_size=3), seeds, st.booleans())
+def test_a_cut_polygon_has_the_border_that_shapely_gives_it(corners, seed, rounded):
+    """Of what is cut open too; corners may lie on the border of the grid."""
+    rng = np.random.default_rng(seed)
+    shift = rng.uniform(-1, 2, (len(corners), 2))
+    polygons = [shapely.Polygon(part + by) for part, by in zip(corners, shift, strict=True)]
+    if rounded:
+        polygons = [shapely.set_precision(shapely.set_precision(part, 0.25), 0.0) for part in polygons]
+    polygons = [part for part in polygons if part.geom_type == "Polygon" and part.intersects(shapely.box(0, 0, 1, 1))]
+    if not polygons:
+        return
+    workspace = Workspace.from_polygons(polygons, 0.25, (0, 0, 1, 1))
+    for walled in (False, True):
+        pieces = obstacle_border(workspace, walled=walled).pieces
+        segments = np.concatenate([part.simplices for part in pieces])
+        assert (segments >= 0.0).all() and (segments <= 1.0).all()
+        ours = shapely.union_all(shapely.linestrings(segments))
+        true = shapely.get_parts([part.intersection(shapely.box(0, 0, 1, 1)) for part in polygons])
+        border = shapely.union_all([part.boundary if part.area else part for part in true])
+        assert shapely.hausdorff_distance(ours, border, densify=0.05) < 1e-9 or walled
+        if walled:  # what lies on the border of the grid is beyond doubt
+            inner = border.intersection(shapely.box(0.01, 0.01, 0.99, 0.99))
+            assert inner.difference(ours.buffer(1e-9)).is_empty
+
+
+def test_balls_that_reach_the_grid_stay_whole():
+    grid = cspace.Grid((0.0, 0.0), 0.5, (2, 2))
+    balls = Pieces(np.array([[[1.5, 0.5]], [[1.5, 1.5]], [[0.5, 0.5]], [[5.0, 0.5]]]), np.array([0.5, 0.6, 0.0, 1.0]))
+    np.testing.assert_array_equal(clipped(balls, grid).radii, [0.5, 0.0])
+
+
+def test_anchors_are_one_a_part():
+    rng = np.random.default_rng(0)
+    spheres = [trimesh.creation.icosphere(1, r).triangles + 3.0 * k for k, r in enumerate((0.5, 0.2, 0.9))]
+    points, sizes = anchors_of(bare(rng.permutation(np.concatenate(spheres))))
+    assert sorted(np.round(points.mean(axis=1) / 3.0).tolist()) == [0.0, 1.0, 2.0]
+    np.testing.assert_allclose(np.sort(sizes), [0.4, 1.0, 1.8], rtol=0.2)

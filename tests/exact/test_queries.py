@@ -1,0 +1,170 @@
+"""Exact look-ups of every space: batches, checkers, threads and counts; what is refused; real data."""
+
+import math
+import sys
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+import trimesh
+
+import cspace
+from cspace import MIXED, InputError, MissingPackageError, Robot, Workspace
+
+ZERO = {"point": 0, "edge": 0, "distance": 0}
+
+
+def plane(rotations=None):
+    workspace = Workspace.from_array(np.random.default_rng(5).random((40, 30)) < 0.03, 0.1)
+    return cspace.build(workspace, Robot.rectangle(0.33, 0.21), rotations=rotations)
+
+
+def solid(robot, **options):
+    rng = np.random.default_rng(5)
+    workspace = Workspace.from_balls(rng.uniform(0, 2, (12, 3)), 0.05, 0.1, (0, 0, 0, 2, 2, 2))
+    return cspace.build(workspace, robot, **options)
+
+
+SPACES = {
+    "plane": plane,
+    "turning": lambda: plane(24),
+    "box": lambda: solid(Robot.box((0.3, 0.2, 0.3))),
+    "mesh": lambda: solid(Robot.mesh(trimesh.creation.icosphere(1, 0.2))),
+    "balls": lambda: solid(Robot.balls([[0, 0, 0], [0.1, 0, 0]], [0.1, 0.15]), margin=0.02),
+}
+
+
+@pytest.fixture(scope="module", params=SPACES)
+def make(request):
+    return SPACES[request.param]
+
+
+def draw(space, rng, n):
+    """Configurations in and around the grid, half of them in cells that are MIXED."""
+    d = space.grid.dim
+    q = rng.uniform(np.subtract(space.grid.lower, 0.1), np.add(space.grid.upper, 0.1), (n, d))
+    cells = np.argwhere(space.classify(centers(space)) == MIXED)
+    some = cells[rng.integers(len(cells), size=n // 2)][:, -d:]
+    q[: n // 2] = space.grid.lower + space.grid.spacing * (some + rng.random(some.shape))
+    return q if space.dof == d or d == 3 else np.column_stack([q, rng.uniform(-9.0, 9.0, n)])
+
+
+def centers(space):
+    """Middles of all cells, at yaw 0 where the robot turns."""
+    middles = space.grid.center_of(np.argwhere(np.ones(space.grid.shape, dtype=bool)))
+    middles = np.pad(middles, ((0, 0), (0, space.dof - space.grid.dim)))
+    return middles.reshape(*space.grid.shape, space.dof)
+
+
+def test_batches_checkers_and_threads_answer_as_single_look_ups(make):
+    space, other = make(), make()
+    rng = np.random.default_rng(1)
+    q0 = draw(space, rng, 300)
+    q1 = q0 + rng.normal(0.0, 0.2, q0.shape)
+    free, edges = space.is_free(q0, exact=True), space.motion_is_free(q0, q1, exact=True)
+    assert 0 < free.sum() < 300 and 0 < edges.sum() < 300
+    assert free.dtype == edges.dtype == np.bool_
+    assert free[np.asarray(space.is_free(q0))].all() and edges[np.asarray(space.motion_is_free(q0, q1))].all()
+    point, edge = other.point_checker(exact=True), other.edge_checker(exact=True)
+    pairs = list(zip(q0.tolist(), q1.tolist(), strict=True))
+    with ThreadPoolExecutor(8) as pool:
+        parts = [pairs[k::8] for k in range(8)]
+        answers = list(pool.map(lambda part: [(point(*a), edge(*a, *b)) for a, b in part], parts))
+    for k in range(8):
+        assert answers[k] == list(zip(free[k::8].tolist(), edges[k::8].tolist(), strict=True))
+    for k in range(0, 300, 10):
+        assert space.is_free(q0[k], exact=True) is bool(free[k])
+        assert space.motion_is_free(q0[k], q1[k], exact=True) is bool(edges[k])
+    grid = space.motion_is_free(q0[:5, None], q1[None, :7], exact=True)
+    assert grid.shape == (5, 7) and grid[3, 4] == space.motion_is_free(q0[3], q1[4], exact=True)
+    assert space.is_free(np.empty((0, 3, space.dof)), exact=True).shape == (0, 3)
+
+
+def test_threads_lose_no_count(make):
+    space, other = make(), make()
+    rng = np.random.default_rng(2)
+    q0 = draw(space, rng, 400)
+    q1 = q0 + rng.normal(0.0, 0.2, q0.shape)
+    other.is_free(q0, exact=True), other.motion_is_free(q0, q1, exact=True)
+    point, edge = space.point_checker(exact=True), space.edge_checker(exact=True)
+    pairs = list(zip(q0.tolist(), q1.tolist(), strict=True))
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(lambda part: [(point(*a), edge(*a, *b)) for a, b in part], [pairs[k::8] for k in range(8)]))
+    assert space._exact.counts == other._exact.counts and space._exact.counts["point"] > 0
+
+
+def test_decided_cells_answer_without_geometry(make):
+    space = make()
+    q = centers(space)
+    q = q[space.classify(q) != MIXED]
+    np.testing.assert_array_equal(space.is_free(q, exact=True), space.classify(q) == cspace.FREE)
+    assert space._exact.counts == ZERO
+    counts = space._exact.counts
+    counts["point"] = 99
+    assert space._exact.counts == ZERO
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+def test_bad_input_is_refused(make, bad):
+    space = make()
+    q = [0.0] * (space.dof - 1)
+    for call in (
+        lambda: space.is_free([*q, bad], exact=True),
+        lambda: space.motion_is_free([*q, 0.0], [*q, bad], exact=True),
+        lambda: space.is_free([0.0], exact=True),
+    ):
+        with pytest.raises(InputError, match=r"finite|infinit|long"):
+            call()
+
+
+def test_a_missing_package_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "coal", None)
+    space = solid(Robot.box((0.3, 0.3, 0.3)))
+    q = centers(space)
+    q = q[space.classify(q) == MIXED]
+    calls = (
+        lambda: space.is_free(q, exact=True),
+        lambda: space.motion_is_free(q, q + 0.01, exact=True),
+        lambda: space.point_checker(exact=True),
+        lambda: space.edge_checker(exact=True),
+    )
+    for call in calls:
+        with pytest.raises(MissingPackageError, match=r'pip install "cspace\[exact\]"'):
+            call()
+    assert plane().is_free([0.2, 0.2], exact=True) in (True, False)
+
+
+def test_what_depends_on_the_spacing_is_refused():
+    space = solid(Robot.mesh(trimesh.creation.box((0.3, 0.3, 0.3)), solid="fill"))
+    with pytest.raises(InputError, match=r"solid='fill'.*pass solid='auto'"):
+        space.is_free(centers(space), exact=True)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_no_obstacles_at_all(dim):
+    robot = Robot.box((0.3, 0.3, 0.3)) if dim == 3 else Robot.rectangle(0.3, 0.3)
+    space = cspace.build(Workspace.from_array(np.zeros((5,) * dim, dtype=bool), 0.2), robot)
+    assert space.is_free([0.15 + 1e-9, *[0.5] * (dim - 1)], exact=True)
+    assert not space.is_free([0.15, *[0.5] * (dim - 1)], exact=True)
+    assert space.motion_is_free([0.16] * dim, [0.84] * dim, exact=True)
+    assert space.motion_is_free([0.15 + 1e-9] * dim, [0.15 + 1e-9, *[0.8] * (dim - 1)], exact=True)
+
+
+@pytest.mark.parametrize("mesh", [False, True])
+def test_ztunnel_agrees_with_boxes(data, mesh):
+    """Nine boxes along the axes and a cube, which paper and pencil decide."""
+    folder = data / "solids" / "ZTunnel"
+    obstacles = trimesh.load(folder / "obstacles.obj", force="mesh", process=True)
+    boxes = np.array([part.bounds for part in obstacles.split(only_watertight=False)])
+    cube = trimesh.load(folder / "robot.obj", force="mesh").bounds
+    workspace = Workspace.from_mesh(folder / "obstacles.obj", 0.1)
+    size = cube[1] - cube[0]
+    robot = Robot.mesh(folder / "robot.obj") if mesh else Robot.box(size, cube.mean(axis=0))
+    space = cspace.build(workspace, robot)
+    rng = np.random.default_rng(0)
+    cells = np.argwhere(space.state == cspace.MIXED)
+    q = space.grid.lower + 0.1 * (cells[rng.integers(len(cells), size=2000)] + rng.random((2000, 3)))
+    low, high = q[:, None] + cube[0], q[:, None] + cube[1]
+    meets = ((low <= boxes[:, 1]) & (high >= boxes[:, 0])).all(axis=-1).any(axis=1)
+    walls = ((q + cube[0] <= space.grid.lower) | (q + cube[1] >= space.grid.upper)).any(axis=1)
+    np.testing.assert_array_equal(space.is_free(q, exact=True), ~(meets | walls))
