@@ -11,21 +11,24 @@ try:
     import_module("ompl.geometric")
 except ImportError as error:
     raise MissingPackageError(
-        f"planners needs OMPL, which cannot be imported ({error}); everything in cspace works without it; "
-        "run: pip install ompl"
+        "planners",
+        f"needs OMPL, which cannot be imported ({error})",
+        "everything in cspace works without it",
+        "run: pip install ompl",
     ) from error
 
-from planners.motion import MotionValidator as MotionValidator
+from planners.catalogue import planner_names as planner_names
+from planners.checkers import MotionValidator as MotionValidator
+from planners.checkers import StateValidityChecker as StateValidityChecker
 from planners.objectives import ClearanceObjective as ClearanceObjective
 from planners.objectives import OverlapObjective as OverlapObjective
+from planners.objectives import WeightedLength as WeightedLength
 from planners.plan import plan as plan
-from planners.registry import planner_names as planner_names
 from planners.result import Plan as Plan
 from planners.result import Times as Times
 from planners.sampling import FreeStateSampler as FreeStateSampler
-from planners.spaces import simple_setup as simple_setup
-from planners.spaces import state_space as state_space
-from planners.validity import StateValidityChecker as StateValidityChecker
+from planners.setup import simple_setup as simple_setup
+from planners.setup import state_space as state_space
 
 __all__ = [
     "ClearanceObjective",
@@ -35,6 +38,7 @@ __all__ = [
     "Plan",
     "StateValidityChecker",
     "Times",
+    "WeightedLength",
     "plan",
     "planner_names",
     "simple_setup",

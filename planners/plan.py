@@ -4,38 +4,32 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Final
+from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from cspace.errors import InputError
 from cspace.grid import positive
-from planners.cubes import NAME, check_cubes, is_cubes, run_cubes
-from planners.ends import End, check_end
-from planners.objectives import ClearanceObjective, OverlapObjective, field_of
+from cspace.space import CSpace
+from planners.catalogue import CUBES, IGNORE_OBJECTIVES, SECOND_THREAD, planner_named
+from planners.endpoints import check_endpoint
+from planners.local_planner import LocalPlanner, local_planner
+from planners.objectives import ClearanceObjective, OverlapObjective, overlap_field
 from planners.passages import Passages
-from planners.registry import IGNORE_OBJECTIVES, SECOND_THREAD, check_curve, default_planner, find_planner
 from planners.result import Plan, Times, least_clearance
 from planners.search import Found, Search
-from planners.states import kind_of
-from planners.ways import Way, way_of
-
-if TYPE_CHECKING:
-    from cspace.space import CSpace
-
-Floats = NDArray[np.float64]
-Objective = Callable[[Any], Any]
+from planners.setup import MakeObjective
+from planners.states import Configuration, Floats, kind_of
 
 MAX_SEED: Final = 2**32 - 2
 """Largest seed: OMPL's generator takes 32 bits, and refuses zero."""
 
-_BY_NAME: Final[dict[str, type[ClearanceObjective]]] = {"clearance": ClearanceObjective, "overlap": OverlapObjective}
+_BY_NAME: Final[dict[str, type[ClearanceObjective | OverlapObjective]]] = {
+    "clearance": ClearanceObjective,
+    "overlap": OverlapObjective,
+}
 """What can be optimised beside the length."""
-
-INFEASIBLE: Final = "infeasible (proven: no path exists)"
-THERE: Final = "Exact solution (the start is the goal)"
 
 
 def plan(
@@ -48,7 +42,7 @@ def plan(
     iterations: int | None = None,
     simplify: bool = True,
     seed: int | None = None,
-    objective: str | Objective = "length",
+    objective: str | MakeObjective = "length",
     exact: bool = False,
     curve: str | None = None,
     turning_radius: float | None = None,
@@ -57,6 +51,11 @@ def plan(
 
     No search is run where the map proves that no path exists, or where the shortest path is wanted and is the single
     edge from start to goal. OMPL's messages are held back while it runs.
+
+    *Time.* The search and the simplification of its path end within the time limit and a quarter of a second: once it
+    has passed, edges are refused without a look at the map, so that OMPL is soon through. What the map makes once, at
+    the first plan, comes on top (which FREE cells are joined, distances, compiled functions) and is told apart, in
+    :attr:`Plan.times`.
 
     *Robots that turn.* On a map with rotations, an edge is straight in x and y, and yaw turns evenly along the shorter
     arc, as in OMPL's SE(2). With ``curve``, edges are the shortest curves of a car instead: Dubins' for one that drives
@@ -78,7 +77,8 @@ def plan(
     ----------
     space : CSpace
     start, goal : array-like, shape (dof,)
-        Configurations ``(x, y)``, ``(x, y, z)`` or ``(x, y, yaw)``, in metres; yaw in radians, wrapped.
+        Configurations ``(x, y)``, ``(x, y, yaw)``, ``(x, y, z)`` or ``(x, y, z, yaw)``, in metres; yaw in radians,
+        wrapped.
     planner : str, optional
         Name of a planner, in upper or lower case; :func:`planners.planner_names` lists them. RRTConnect, if left out,
         but RRT for Dubins curves: RRTConnect's tree at the goal grows by curves that leave the goal, where a car that
@@ -87,7 +87,7 @@ def plan(
         for robots that only translate, it finds a path in milliseconds wherever FREE cells join start and goal, and the
         same one every time.
     time_limit : float
-        Seconds after which the search gives up. Simplification, usually a few milliseconds, comes on top.
+        Seconds after which the search gives up. Where it uses them up, a tenth of a second more goes to simplification.
     iterations : int, optional
         Give up also once OMPL has asked this often whether to go on, which is about once for each iteration of the
         planner. Not for PRM and PRMstar.
@@ -131,42 +131,34 @@ def plan(
         the map has no rotations for it, the turning radius is missing or not above zero, or ``exact`` is wanted too.
     """
     began = time.perf_counter()
-    cubes = is_cubes(planner)
-    kind = None if cubes else find_planner(default_planner(curve) if planner is None else planner)
-    name = NAME if kind is None else kind.__name__
-    way = way_of(space, exact, curve, turning_radius)
-    check_curve(name, curve)
-    if cubes:
-        given: dict[str, Any] = {"exact": exact or None, "curve": curve, "iterations": iterations}
-        given["objective"] = None if objective == "length" else objective
-        check_cubes(space, **{option: value for option, value in given.items() if value is not None})
-    make = _objective(space, objective, name, {"curve": curve, "turning_radius": turning_radius})
+    name = planner_named(planner, curve)
+    edges = local_planner(space, exact, curve, turning_radius)
+    if name == CUBES:
+        _check_cubes(space, objective=objective, exact=exact, curve=curve, iterations=iterations)
+    search = Search(
+        planner=name,
+        objective=_objective(space, objective, name, curve, turning_radius),
+        iterations=_iterations(iterations, name),
+        simplify=simplify,
+        seed=None if seed is None else _whole(seed, "seed", 0, MAX_SEED),
+        exact=bool(exact),
+        curve=curve,
+        turning_radius=turning_radius,
+    )
     limit = positive(time_limit, "time_limit", "seconds")
-    most = None if iterations is None else _iterations(iterations, name)
-    number = None if seed is None else _whole(seed, "seed", 0, MAX_SEED)
-    asked = exact_counts(space) if exact else {}
-    ends = check_end(space, start, "start", exact), check_end(space, goal, "goal", exact)
-    exists = space.path_exists(*ends)
-    if exists is False:
-        found = Found(np.empty((0, len(ends[0]))), INFEASIBLE)
-    elif ends[0] == ends[1]:
-        found = Found(np.array(ends[:1]), THERE)
-    elif cubes:
-        found = run_cubes(space, *ends, simplify)
-    else:
-        joined = {"exact": exact, "curve": curve, "turning_radius": turning_radius}
-        search = Search(kind, make, limit, most, simplify, number, joined)
-        found = Passages(search, way).run(*ends) if exact and exists is None else search.run(way, *ends)
+    ends = check_endpoint(space, start, "start", exact), check_endpoint(space, goal, "goal", exact)
+    exists: bool | None = space.path_exists(*ends)
+    found = _found(search, edges, ends, exists, limit)
     searched = time.perf_counter()
     waypoints = found.path
     solved = len(waypoints) > 0
-    certified = solved and _is_certified(way, waypoints, *ends)
-    path, direction = way.dense(waypoints)
-    length = math.fsum(way.lengths(waypoints)) if solved else math.nan
-    clearance = least_clearance(space, waypoints, way) if solved else math.nan
+    path, direction = edges.dense(waypoints)
     for array in (path, waypoints, direction):
         if array is not None:
             array.flags.writeable = False
+    status, advice = _outcome(found, search, exists, limit, space)
+    certified = solved and _is_certified(edges, waypoints, ends)
+    clearance = least_clearance(edges, waypoints) if solved else math.nan
     setup = searched - began - found.planning - found.simplification
     return Plan(
         path=path,
@@ -175,65 +167,123 @@ def plan(
         direction=direction,
         solved=solved,
         certified=certified,
-        status=found.status,
-        length=length,
+        status=status,
+        advice=advice,
+        length=math.fsum(edges.pieces(waypoints, math.inf, math.inf).lengths) if solved else math.nan,
         clearance=clearance,
         path_exists=exists,
         planner=name,
         objective=objective if isinstance(objective, str) else "custom",
         curve=curve,
-        turning_radius=None if curve is None else float(turning_radius or 0.0),
-        exact=bool(exact),
-        exact_counts={key: count - asked.get(key, 0) for key, count in exact_counts(space).items()} if exact else {},
-        seed=number,
+        turning_radius=None if turning_radius is None else float(turning_radius),
+        exact=search.exact,
+        seed=search.seed,
+        time_limit=limit,
         times=Times(setup, found.planning, found.simplification, time.perf_counter() - searched),
     )
 
 
-def exact_counts(space: CSpace) -> dict[str, int]:
-    """How often the geometry was asked on a map so far."""
-    return dict(space.exact_counts)
+def _found(
+    search: Search,
+    edges: LocalPlanner,
+    ends: tuple[Configuration, Configuration],
+    exists: bool | None,
+    limit: float,
+) -> Found:
+    """What the search finds, or what is known without one."""
+    if exists is False:
+        return Found(np.empty((0, edges.space.dof)))
+    if ends[0] == ends[1]:
+        return Found(np.array(ends[:1]), "the start is the goal")
+    if search.planner == CUBES:
+        began = time.perf_counter()
+        path = edges.space.free_path(*ends, straight=search.simplify)
+        return Found(path, "", time.perf_counter() - began)
+    if search.exact and exists is None:
+        return Passages(search, edges, limit).run(*ends)
+    return search.run(edges, *ends, limit)
 
 
-def _is_certified(way: Way, path: Floats, start: End, goal: End) -> bool:
+def _outcome(found: Found, search: Search, exists: bool | None, limit: float, space: CSpace) -> tuple[str, str]:
+    """What came out in a line, and what to try where no path was found though there may be one."""
+    if len(found.path):
+        return "path found" + (f": {found.note}" if found.note else ""), ""
+    if exists is False:
+        return "no path exists: proven", ""
+    if search.planner == CUBES:
+        within = "no chain of FREE cells joins start and goal"
+    elif found.planning >= 0.95 * limit:
+        within = f"no path found within {limit:g} s"
+    else:
+        within = f"no path found: {found.note or 'the planner gave up'} after {found.planning:.2g} s"
+    more = [f"more time (time_limit={10 * limit:g})"]
+    if exists is None:
+        known = "undecided whether one exists"
+        finer = "a finer spacing" if space.dof == space.grid.dim else "a finer spacing or more rotations"
+        more = [*([] if search.exact or search.curve else ["exact=True"]), finer, *more]
+    elif search.curve:
+        known = "one exists for a robot that turns on the spot"
+        more += ["a smaller turning_radius", "another planner"]
+    else:
+        known = "a path exists"
+        more += ["planner='Cubes'" if space.dof == space.grid.dim else "another planner"]
+    return f"{within}; {known}", f"{', '.join(more[:-1])}, or {more[-1]}"
+
+
+def _is_certified(edges: LocalPlanner, path: Floats, ends: tuple[Configuration, Configuration]) -> bool:
     """Whether the path joins start and goal and every edge is proven free, asked of the map itself."""
-    joined = tuple(path[0].tolist()) == start and tuple(path[-1].tolist()) == goal
-    return joined and way.are_free(path)
+    return (tuple(path[0].tolist()), tuple(path[-1].tolist())) == ends and edges.are_free(path)
 
 
-def _objective(space: CSpace, objective: str | Objective, planner: str, curve: dict[str, Any]) -> Objective | None:
+def _objective(
+    space: CSpace, objective: str | MakeObjective, planner: str, curve: str | None, turning_radius: float | None
+) -> MakeObjective | None:
     """What makes the objective; None for OMPL's own, the length."""
     if objective == "length":
         return None
     kind = _BY_NAME.get(objective) if isinstance(objective, str) else None
-    make = objective if kind is None else (lambda si: kind(si, space, **curve))
-    if not callable(make):
-        raise InputError(
-            f"objective is {objective!r}; it must be 'length', {', '.join(map(repr, _BY_NAME))}, or a function from "
-            "the space information to an ompl.base.OptimizationObjective; choose one of them"
+    if kind is None and not callable(objective):
+        rule = (
+            f"it must be 'length', {', '.join(map(repr, _BY_NAME))}, or a function from the space information to an "
+            "ompl.base.OptimizationObjective"
         )
+        raise InputError("objective", f"is {objective!r}", rule, "choose one of them", value=objective)
     if kind is OverlapObjective:
-        field_of(space)
+        overlap_field(space)
     if planner in IGNORE_OBJECTIVES | SECOND_THREAD:
         why = "heeds no objective" if planner in IGNORE_OBJECTIVES else "cannot call Python from its second thread"
-        raise InputError(
-            f"objective is {objective!r} and planner is {planner!r}; {planner} {why}; choose a planner that optimises, "
-            "e.g. RRTstar, or leave the objective out"
-        )
-    return make
+        found, mend = f"is {objective!r} and planner is {planner!r}", "choose one that optimises: planner='RRTstar'"
+        raise InputError("objective", found, f"{planner} {why}", mend, value=objective)
+    if kind is None:
+        return objective  # type: ignore[return-value]  # a string was refused above
+    return lambda si: kind(si, space, curve=curve, turning_radius=turning_radius)
 
 
-def _iterations(value: Any, planner: str) -> int:
+def _check_cubes(space: CSpace, **options: object) -> None:
+    """Refuse what the map's own search cannot do."""
+    if space.dof != space.grid.dim:
+        found, rule = f"is {CUBES!r} on a map with rotations", "it is for robots that only translate"
+        raise InputError("planner", found, rule, "use planner='RRTConnect'", value=CUBES)
+    for name, value in options.items():
+        if value not in (None, False, "length"):
+            found = f"is {value!r} and planner is {CUBES!r}"
+            rule = f"{CUBES} joins FREE cells along straight edges, by length, in one go"
+            raise InputError(name, found, rule, f"leave {name} out, or use planner='RRTConnect'", value=value)
+
+
+def _iterations(value: int | None, planner: str) -> int | None:
+    if value is None:
+        return None
     count = _whole(value, "iterations", 1, 2**62)
     if planner in SECOND_THREAD:
-        raise InputError(
-            f"iterations is {count} and planner is {planner!r}; {planner} asks whether to go on from a second thread, "
-            "which cannot call Python; leave iterations out or choose another planner"
-        )
+        found = f"is {count} and planner is {planner!r}"
+        rule = f"{planner} asks whether to go on from a second thread, which cannot call Python"
+        raise InputError("iterations", found, rule, "leave iterations out or choose another planner", value=count)
     return count
 
 
-def _whole(value: Any, name: str, least: int, most: int) -> int:
+def _whole(value: object, name: str, least: int, most: int) -> int:
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or not least <= value <= most:
-        raise InputError(f"{name} is {value!r}; it must be a whole number from {least} to {most}; pass e.g. 1000")
+        rule = f"it must be a whole number from {least} to {most}"
+        raise InputError(name, f"is {value!r}", rule, f"pass {min(1000, most)}", value=value)
     return int(value)

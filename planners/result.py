@@ -2,42 +2,42 @@
 
 from __future__ import annotations
 
+import base64
 import csv
+import html
 import json
 import math
 import os
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
-from typing import IO, TYPE_CHECKING, Any
+from dataclasses import asdict, dataclass, fields
+from typing import IO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cspace.io.output import replacing
 from cspace.rotations import YAW_SLACK
-from planners.straight import Straight
-from planners.ways import Way
-
-if TYPE_CHECKING:
-    from cspace.space import CSpace
-
-Floats = NDArray[np.float64]
+from planners.local_planner import LocalPlanner
+from planners.states import Floats
 
 
 @dataclass(frozen=True, slots=True)
 class Times:
     """How long the steps of :func:`planners.plan` took, in seconds.
 
+    The time limit is for planning and simplification. The other two are mostly a millisecond, but at the first plan on
+    a map they make what the map keeps for all later ones: which FREE cells are joined, and distances.
+
     Attributes
     ----------
     setup : float
         Checks of the input, the question whether a path exists, and OMPL's set-up.
     planning : float
-        OMPL's search.
+        The search.
     simplification : float
         OMPL's simplification of the path.
     checking : float
-        The final check of every edge and of the clearance.
+        The final check of every edge, and the clearance.
     """
 
     setup: float = 0.0
@@ -46,7 +46,7 @@ class Times:
     checking: float = 0.0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Plan:
     """What a search found.
 
@@ -59,7 +59,7 @@ class Plan:
     waypoints : ndarray of float64, shape (m, dof), read-only
         The configurations that edges join, which are rows of the path: all of them, where the robot does not turn.
     axes : tuple of str
-        Names of the columns of the path: x and y, with z in space, or with yaw where the robot turns.
+        Names of the columns of the path: x and y, with z in space, and with yaw where the robot turns.
     direction : ndarray of int8, shape (n,), read-only, or None
         For curves, how the car gets to each row from the one before: 1 ahead, -1 in reverse; the first row has that of
         the second. None for straight edges.
@@ -69,7 +69,9 @@ class Plan:
         Whether every edge between the waypoints was proven free by the map, or with ``exact`` by the map and the
         geometry, checked again after OMPL was done; curves are proven along the real curve.
     status : str
-        What the planner reported, or why none was run.
+        What came out, in a line: that a path was found, or what is known where none was.
+    advice : str
+        What to try where the search found no path though there may be one; otherwise empty.
     length : float
         Metres that the reference point moves, along curves too; turning on the spot counts nothing. NaN where not
         solved.
@@ -78,20 +80,21 @@ class Plan:
         FREE; NaN where not solved. Of a robot that turns, the distance is that of its position, at the yaw it has
         there. Zero along a path through MIXED cells. See :func:`least_clearance`.
     path_exists : bool or None
-        What the map proves of these ends: a path exists, none does, or None for undecided at this resolution.
+        What the map proves of these ends: a path exists, none does, or None for undecided at this resolution. Of a car
+        on curves, True is only said of a robot that may turn on the spot.
     planner : str
         Name of the planner.
     objective : str
-        What was optimised.
+        What was optimised: ``"length"``, ``"clearance"``, ``"overlap"`` or ``"custom"``.
     curve : str or None
         Name of the curves that the edges are; None for straight ones.
     turning_radius : float or None
         Of the curves, in metres.
     exact : bool
         Whether the geometry itself was asked where the map cannot decide.
-    exact_counts : dict of str to int
-        How often it was; empty where it was not to be asked. See :attr:`cspace.CSpace.exact_counts`.
     seed : int or None
+    time_limit : float
+        Seconds that the search was given.
     times : Times
     """
 
@@ -102,6 +105,7 @@ class Plan:
     solved: bool
     certified: bool
     status: str
+    advice: str
     length: float
     clearance: float
     path_exists: bool | None
@@ -110,9 +114,35 @@ class Plan:
     curve: str | None
     turning_radius: float | None
     exact: bool
-    exact_counts: dict[str, int]
     seed: int | None
+    time_limit: float
     times: Times
+
+    def __repr__(self) -> str:
+        return "Plan(" + "\n     ".join(self._lines()) + ")"
+
+    def _repr_html_(self) -> str:
+        from cspace.plot import thumbnail
+
+        words = "<br>".join(map(html.escape, self._lines()))
+        if not self.solved:
+            return f"<p>{words}</p>"
+        picture = base64.b64encode(thumbnail(self)).decode("ascii")
+        return f'<img src="data:image/png;base64,{picture}" alt="the path from above"><p>{words}</p>'
+
+    def _lines(self) -> list[str]:
+        """The plan in three lines."""
+        if not self.solved:
+            return [f"{self.planner}: {self.status}", *([f"try {self.advice}"] if self.advice else [])]
+        proof = "certified" if self.certified else "not certified"
+        edges = f"{self.curve} curves of {self.turning_radius:g} m" if self.curve else "straight edges"
+        ends = " to ".join(f"({', '.join(f'{x:.4g}' for x in q)})" for q in self.waypoints[[0, -1]])
+        return [
+            f"{self.planner}: {self.status}, {proof}; {self.length:.3f} m, clearance {self.clearance:.3f} m",
+            f"{len(self.waypoints)} waypoints ({', '.join(self.axes)}) from {ends}, {edges}",
+            f"planned in {_text(self.times.planning + self.times.simplification)}, "
+            f"set up in {_text(self.times.setup)}, checked in {_text(self.times.checking)}",
+        ]
 
     def to_csv(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
         """Write the path as CSV: a row of names, then a row for each configuration, in full precision.
@@ -131,15 +161,13 @@ class Plan:
         FileError
             If the file exists and may not be replaced, or cannot be written.
         """
+        names, rows = self.axes, self.path.tolist()
+        if self.direction is not None:
+            names = (*names, "direction")
+            rows = [[*q, sign] for q, sign in zip(rows, self.direction.tolist(), strict=True)]
 
         def write(file: IO[str]) -> None:
             writer = csv.writer(file, lineterminator="\n")
-            names, rows = self.axes, self.path.tolist()
-            if self.direction is not None:
-                names, rows = (
-                    (*names, "direction"),
-                    [[*q, way] for q, way in zip(rows, self.direction.tolist(), strict=True)],
-                )
             writer.writerow(names)
             writer.writerows(rows)
 
@@ -159,20 +187,11 @@ class Plan:
         FileError
             If the file exists and may not be replaced, or cannot be written.
         """
-        _write(path, overwrite, lambda file: file.write(json.dumps(self._record(), indent=2, allow_nan=False) + "\n"))
-
-    def _record(self) -> dict[str, Any]:
-        """The attributes as JSON knows them."""
-        record = {name: getattr(self, name) for name in self.__dataclass_fields__}
-        arrays = {name: value.tolist() for name, value in record.items() if isinstance(value, np.ndarray)}
-        record |= arrays | {"times": asdict(self.times)}
-        return {
-            name: None if isinstance(value, float) and not math.isfinite(value) else value
-            for name, value in record.items()
-        }
+        record = {each.name: _plain(getattr(self, each.name)) for each in fields(self)}
+        _write(path, overwrite, lambda file: file.write(json.dumps(record, indent=2, allow_nan=False) + "\n"))
 
 
-def least_clearance(space: CSpace, path: Floats, way: Way | None = None) -> float:
+def least_clearance(edges: LocalPlanner, path: Floats) -> float:
     """Lower bound of the clearance all along a path.
 
     Each edge is cut into pieces of at most half a cell. No point of a piece is further than half a piece from
@@ -182,27 +201,42 @@ def least_clearance(space: CSpace, path: Floats, way: Way | None = None) -> floa
 
     Parameters
     ----------
-    space : CSpace
+    edges : LocalPlanner
+        How the rows are joined.
     path : ndarray, shape (n, dof), n >= 1
         Waypoints.
-    way : Way, optional
-        How they are joined; by straight edges, if left out.
 
     Returns
     -------
     float
         Metres; never below zero, infinite where every configuration is FREE.
     """
+    space, dim = edges.space, edges.space.grid.dim
     if len(path) < 2:
         return float(space.clearance(path[0]))
-    narrowest = math.inf if space.rotations is None else min(np.diff(space.rotations.borders))
-    pieces = (way or Straight(space)).pieces(path, 0.5 * space.grid.spacing, 0.5 * narrowest)
-    clearance = space.clearance(pieces.middles)
-    if space.rotations is not None:
+    turns = space.dof > dim
+    narrowest = min(np.diff(space.rotations.borders)) if turns else math.inf
+    pieces = edges.pieces(path, 0.5 * space.grid.spacing, 0.5 * narrowest)
+    if turns:
         swing = np.zeros_like(pieces.middles)
-        swing[:, 2] = 0.5 * pieces.turns + 2.0 * YAW_SLACK
+        swing[:, dim] = 0.5 * pieces.turns + 2.0 * YAW_SLACK
         clearance = np.minimum(space.clearance(pieces.middles - swing), space.clearance(pieces.middles + swing))
+    else:
+        clearance = space.clearance(pieces.middles)
     return max(0.0, float(np.min(clearance - 0.5 * pieces.lengths)))
+
+
+def _plain(value: object) -> object:
+    """A value as JSON knows it."""
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, Times):
+        return asdict(value)
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _text(seconds: float) -> str:
+    return f"{1e3 * seconds:.3g} ms" if seconds < 1.0 else f"{seconds:.3g} s"
 
 
 def _write(path: str | os.PathLike[str], overwrite: bool, write: Callable[[IO[str]], object]) -> None:

@@ -4,36 +4,42 @@ from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from ompl import base as ob
+from ompl import geometric as og
 from ompl import util as ou
 
-from planners.ends import End
-from planners.spaces import narrow, simple_setup
-from planners.states import Kind, kind_of
-from planners.ways import Way
+from planners.catalogue import SECOND_THREAD, make_planner
+from planners.deadline import GRACE, Callbacks, Deadline, OutOfTime
+from planners.local_planner import LocalPlanner
+from planners.setup import MakeObjective, narrow, simple_setup
+from planners.states import Configuration, Floats, StateKind, kind_of
 
-Floats = NDArray[np.float64]
-
-STRAIGHT: Final = "Exact solution (the straight edge is free; no search needed)"
-CURVED: Final = "Exact solution (the shortest curve is free; no search needed)"
+_ORDINARY: Final = ("Timeout", "Exact solution", "Approximate solution", "Unknown status")
+"""What OMPL's planners report where nothing is wrong."""
 
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """What came out of a search: the configurations that edges join, none where the goal was not reached.
+    """What came out of a search.
 
-    Times are in seconds.
+    Attributes
+    ----------
+    path : ndarray of float64, shape (n, dof)
+        The configurations that edges join; none where the goal was not reached.
+    note : str
+        How it was found, or why not, where there is more to say than that.
+    planning, simplification : float
+        Seconds.
     """
 
     path: Floats
-    status: str
+    note: str = ""
     planning: float = 0.0
     simplification: float = 0.0
 
@@ -44,55 +50,49 @@ class Search:
 
     Attributes
     ----------
-    planner : type
-        Subclass of ``ompl.base.Planner``.
+    planner : str
+        Name of one of OMPL's.
     objective : callable or None
         Given the space information, returns an objective; None for the length.
-    time_limit : float
-        Seconds.
     iterations : int or None
         How often OMPL may ask whether to go on.
     simplify : bool
     seed : int or None
-    joined : dict
-        What :func:`planners.simple_setup` is to know of the edges: exact, curve and turning radius.
+    exact : bool
+    curve : str or None
+    turning_radius : float or None
     """
 
-    planner: Any
-    objective: Callable[[Any], Any] | None
-    time_limit: float
-    iterations: int | None
-    simplify: bool
-    seed: int | None
-    joined: dict[str, Any]
+    planner: str
+    objective: MakeObjective | None = None
+    iterations: int | None = None
+    simplify: bool = True
+    seed: int | None = None
+    exact: bool = False
+    curve: str | None = None
+    turning_radius: float | None = None
 
-    def run(self, way: Way, start: End, goal: End) -> Found:
-        """Search a path between two configurations at which motions can be proven free."""
+    def run(self, edges: LocalPlanner, start: Configuration, goal: Configuration, time_limit: float) -> Found:
+        """Search a path between two configurations at which motions can be proven free.
+
+        The limit, in seconds, is for the search and the simplification, but not for what the map makes first.
+        """
         with _silence():
             if self.seed is not None:
                 # OMPL calls this an error once numbers have been drawn, but what is made from here on obeys it.
                 ou.RNG.setSeed(self.seed + 1)
-            setup = simple_setup(way.space, objective=self.objective, **self.joined)
-            if self._is_shortest(way, setup, start, goal):
-                return Found(np.array([start, goal]), CURVED if self.joined["curve"] else STRAIGHT)
-            if not self.joined["exact"] and way.space.path_exists(start, goal):
-                narrow(setup, way.space, start)
-            kind = kind_of(way.space)
-            setup.setStartAndGoalStates(*(_state(setup, kind, end) for end in (start, goal)))
-            setup.setPlanner(self.planner(setup.getSpaceInformation()))
-            began = time.perf_counter()
-            status = setup.solve(self._stop())
-            planning = time.perf_counter() - began
-            if not setup.haveExactSolutionPath():
-                return Found(np.empty((0, len(start))), status.asString(), planning)
-            path = _array(setup, kind)
-            if not self.simplify:
-                return Found(path, status.asString(), planning)
-            began = time.perf_counter()
-            path = _simplified(way, setup, path, kind)
-            return Found(path, status.asString(), planning, time.perf_counter() - began)
+            joined = {"exact": self.exact, "curve": self.curve, "turning_radius": self.turning_radius}
+            setup = simple_setup(edges.space, objective=self.objective, **joined)
+            if self._is_shortest(edges, setup, start, goal):
+                what = "shortest curve" if self.curve else "straight edge"
+                return Found(np.array([start, goal]), f"the {what} is free; no search needed")
+            if not self.exact and edges.space.path_exists(start, goal):
+                narrow(setup, edges.space, start)
+            return _Run(self, edges, setup).solve(start, goal, time_limit)
 
-    def _is_shortest(self, way: Way, setup: Any, start: End, goal: End) -> bool:
+    def _is_shortest(
+        self, edges: LocalPlanner, setup: og.SimpleSetup, start: Configuration, goal: Configuration
+    ) -> bool:
         """Whether the shortest path is wanted and is the single edge from start to goal.
 
         This is more than a short cut: OMPL's SORRTstar never returns once it has found a path of the least conceivable
@@ -100,48 +100,83 @@ class Search:
         """
         objective = setup.getOptimizationObjective()
         wanted = objective is None or isinstance(objective, ob.PathLengthOptimizationObjective)
-        return wanted and way.edge_checker()(*start, *goal)
+        return wanted and edges.edge_checker()(*start, *goal)
 
-    def _stop(self) -> Any:
+
+class _Run:
+    """OMPL's objects of one search, and what ends their work in time."""
+
+    def __init__(self, search: Search, edges: LocalPlanner, setup: og.SimpleSetup) -> None:
+        self._search, self._edges, self._setup = search, edges, setup
+        self._kind: StateKind = kind_of(edges.space)
+        si = setup.getSpaceInformation()
+        self._refusing: list[Callbacks] = [setup.getStateValidityChecker(), si.getMotionValidator()]
+        objective = setup.getOptimizationObjective()
+        raising = [*self._refusing, *([objective] if hasattr(objective, "answer_with") else [])]
+        self._raising: list[Callbacks] = [] if search.planner in SECOND_THREAD else raising
+
+    def solve(self, start: Configuration, goal: Configuration, time_limit: float) -> Found:
+        setup, states = self._setup, []
+        for end in (start, goal):
+            states.append(setup.getStateSpace().allocState())
+            self._kind.write(states[-1], *end)
+        setup.setStartAndGoalStates(*states)
+        setup.setPlanner(make_planner(self._search.planner, setup.getSpaceInformation()))
+        began, note = time.perf_counter(), ""
+        with Deadline(time_limit, self._refusing, self._raising) as deadline:
+            try:
+                status = setup.solve(self._stop(deadline.left)).asString()
+                note = "" if status in _ORDINARY else f"OMPL reports {status!r}"
+            except OutOfTime:
+                pass
+            left = deadline.left
+        planning = time.perf_counter() - began
+        if not setup.haveExactSolutionPath():
+            return Found(np.empty((0, len(start))), note, planning)
+        path = self._path()
+        if not self._search.simplify:
+            return Found(path, "", planning)
+        began = time.perf_counter()
+        path = self._simplified(path, max(left, GRACE))
+        return Found(path, "", planning, time.perf_counter() - began)
+
+    def _stop(self, seconds: float) -> ob.PlannerTerminationCondition:
         """OMPL's rule for when to give up."""
-        if self.iterations is None:
-            return ob.timedPlannerTerminationCondition(self.time_limit)
-        asked, most = itertools.count(1), self.iterations
-        end = time.perf_counter() + self.time_limit
+        if self._search.iterations is None:
+            return ob.timedPlannerTerminationCondition(seconds)
+        asked, most = itertools.count(1), self._search.iterations
+        end = time.perf_counter() + seconds
         return ob.PlannerTerminationCondition(lambda: next(asked) > most or time.perf_counter() > end)
 
+    def _simplified(self, path: Floats, seconds: float) -> Floats:
+        """The path after OMPL's simplification, unless that made it worse or left the proven ground."""
+        setup = self._setup
+        objective = setup.getOptimizationObjective()
+        solution = setup.getSolutionPath()
+        length, cost = solution.length(), None if objective is None else solution.cost(objective)
+        try:
+            with Deadline(seconds, self._refusing, self._raising):
+                setup.simplifySolution(ob.timedPlannerTerminationCondition(seconds))
+        except OutOfTime:
+            return path
+        solution = setup.getSolutionPath()
+        simple = self._path()
+        if objective is None:
+            # OMPL's simplifier takes curves for straight where it cuts corners.
+            worse = solution.length() > length * (1.0 + 1e-12)
+        else:
+            worse = objective.isCostBetterThan(cost, solution.cost(objective))
+        ends = np.array_equal(simple[[0, -1]], path[[0, -1]])
+        return simple if ends and not worse and self._edges.are_free(simple) else path
 
-def _simplified(way: Way, setup: Any, path: Floats, kind: Kind) -> Floats:
-    """The path after OMPL's simplification, unless that made it worse or left the proven ground."""
-    objective = setup.getOptimizationObjective()
-    solution = setup.getSolutionPath()
-    length, cost = solution.length(), None if objective is None else solution.cost(objective)
-    setup.simplifySolution()
-    solution = setup.getSolutionPath()
-    simple = _array(setup, kind)
-    if objective is None:
-        # OMPL's simplifier takes curves for straight where it cuts corners.
-        worse = solution.length() > length * (1.0 + 1e-12)
-    else:
-        worse = objective.isCostBetterThan(cost, solution.cost(objective))
-    ends = np.array_equal(simple[[0, -1]], path[[0, -1]])
-    return simple if ends and not worse and way.are_free(simple) else path
-
-
-def _state(setup: Any, kind: Kind, point: End) -> Any:
-    state = setup.getStateSpace().allocState()
-    kind.write(state, point)
-    return state
-
-
-def _array(setup: Any, kind: Kind) -> Floats:
-    """The solution path, shape (n, dof)."""
-    return np.array([kind.read(state) for state in setup.getSolutionPath().getStates()])
+    def _path(self) -> Floats:
+        """The solution path, shape (n, dof)."""
+        return np.array([self._kind.read(state) for state in self._setup.getSolutionPath().getStates()])
 
 
 @contextmanager
 def _silence() -> Iterator[None]:
-    """Hold back OMPL's messages; what matters of them is in the status."""
+    """Hold back OMPL's messages; what matters of them is in the outcome."""
     level = ou.getLogLevel()
     ou.setLogLevel(ou.LOG_NONE)
     try:

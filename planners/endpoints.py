@@ -2,24 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 from numpy.typing import ArrayLike
 
 from cspace.errors import ConfigurationError, InputError
 from cspace.grid import finite
-from cspace.rotations import MAX_YAW
+from cspace.space import CSpace
 from cspace.states import BLOCKED, FREE, NAMES
-from planners.states import TURNING, kind_of
-from planners.straight import exactly, wrap
-
-if TYPE_CHECKING:
-    from cspace.space import CSpace
-
-End = tuple[float, ...]
+from planners.states import Configuration, kind_of
 
 
-def check_end(space: CSpace, q: ArrayLike, name: str, exact: bool = False) -> End:
+def check_endpoint(space: CSpace, q: ArrayLike, name: str, exact: bool = False) -> Configuration:
     """A start or goal as floats, if a motion can be proven free there.
 
     Parameters
@@ -44,24 +38,18 @@ def check_end(space: CSpace, q: ArrayLike, name: str, exact: bool = False) -> En
         If it lies outside the map, is not FREE, or lies on the border of a cell that is not FREE; with ``exact``, if it
         lies outside the map or is not proven free.
     """
-    point = finite(q, name)
+    point, kind = finite(q, name), kind_of(space)
     if point.shape != (space.dof,):
-        raise InputError(
-            f"{name} has shape {point.shape}; it must be one configuration of {space.dof} numbers; pass "
-            f"{kind_of(space).units}"
-        )
-    end = tuple(point.tolist())
-    if kind_of(space) is TURNING:
-        if abs(end[2]) > MAX_YAW:
-            raise InputError(f"{name} has a yaw of {end[2]:g} rad; at most {MAX_YAW:.0f} can be wrapped; wrap it first")
-        end = (*end[:2], wrap(end[2]))
+        rule = f"it must be one configuration of {space.dof} numbers"
+        raise InputError(name, f"has shape {point.shape}", rule, f"pass {kind.units}", value=q)
+    end = kind.canonical(point.tolist(), name)
     inside = all(low <= x <= high for low, x, high in zip(space.grid.lower, end, space.grid.upper, strict=False))
-    if inside and space.edge_checker(**exactly(exact))(*end, *end):
+    if inside and space.motion_is_free(end, end, exact=exact):
         return end
     raise _unusable(space, end, name, inside, exact)
 
 
-def _unusable(space: CSpace, end: End, name: str, inside: bool, exact: bool) -> ConfigurationError:
+def _unusable(space: CSpace, end: Configuration, name: str, inside: bool, exact: bool) -> ConfigurationError:
     """The error that says what is wrong with a configuration, and which one is near and right."""
     state = space.classify(end)
     if not inside:
@@ -76,15 +64,14 @@ def _unusable(space: CSpace, end: End, name: str, inside: bool, exact: bool) -> 
     else:
         reason = "is FREE but lies on the border of a cell that is not"
         rule = f"a motion from or to it would touch that cell too, so the {name} must lie inside"
+    nearest = None
     try:
-        nearest = tuple(space.nearest_free(end).tolist())
-        if kind_of(space) is TURNING:
-            nearest = (*nearest[:2], wrap(nearest[2]))
+        nearest = kind_of(space).canonical(space.nearest_free(end).tolist(), name)
+        mend = f"the nearest is {_text(nearest)}"
     except ConfigurationError:
         mend = "the map has no FREE configuration at all; use a smaller robot, margin or spacing"
-        return ConfigurationError(f"{name} {_text(end)} {reason}; {rule}; {mend}")
-    return ConfigurationError(f"{name} {_text(end)} {reason}; {rule}; the nearest is {_text(nearest)}", nearest=nearest)
+    return ConfigurationError(name, f"{_text(end)} {reason}", rule, mend, value=end, nearest=nearest)
 
 
-def _text(point: End) -> str:
+def _text(point: Sequence[float]) -> str:
     return "(" + ", ".join(f"{x:.6g}" for x in point) + ")"

@@ -1,0 +1,101 @@
+"""OMPL's geometric planners by name, and what each of them can do here."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable
+from typing import Any, Final
+
+from ompl import base as ob
+from ompl import geometric as og
+
+from cspace.errors import InputError
+
+CUBES: Final = "Cubes"
+"""What :func:`planners.plan` calls the map's own search, :meth:`cspace.CSpace.free_path`."""
+
+IGNORE_OBJECTIVES: Final = frozenset({"AORRTC", "BKPIECE1", "KPIECE1", "LBKPIECE1", "RRT", "RRTConnect"})
+"""Planners that heed no objective: they stop at the first path, or optimise the length whatever they are told."""
+
+SECOND_THREAD: Final = frozenset({"PRM", "PRMstar"})
+"""Planners that look for a solution from a second thread. It would need Python to ask a Python objective or stopping
+rule, while the first thread holds Python and waits for the second: a deadlock, so such pairs are refused. Nor may a
+callback raise in them, which would end the process."""
+
+_BOTH_WAYS: Final = "takes edges from their ends too, which a car that cannot reverse does not drive"
+
+NO_CURVES: Final[dict[str, dict[str, str]]] = {
+    "dubins": {
+        "AORRTC": "crashes where the way back is another",
+        **dict.fromkeys(("BFMT", "BKPIECE1", "LBKPIECE1", "PRM", "PRMstar"), _BOTH_WAYS),
+    }
+}
+"""For each curve, the planners that cannot plan along it, and why: their paths were found not to be proven."""
+
+
+def planner_names() -> tuple[str, ...]:
+    """Names of the geometric planners that the installed OMPL binds, in alphabetical order.
+
+    Returns
+    -------
+    tuple of str
+    """
+    return tuple(sorted(_planners(), key=str.lower))
+
+
+def planner_named(name: str | None, curve: str | None = None) -> str:
+    """A planner's name as it is written, from one in upper or lower case.
+
+    Parameters
+    ----------
+    name : str, optional
+        If left out, the planner that mostly finds a path soonest.
+    curve : str, optional
+        The curve that it is to plan along.
+
+    Raises
+    ------
+    InputError
+        If there is none of that name; the message lists them all. Or if it cannot plan along the curve.
+    """
+    if name is None:
+        # RRTConnect's tree at the goal grows by curves that leave the goal, where Dubins' car needs those that arrive.
+        return "RRT" if curve == "dubins" else "RRTConnect"
+    known = {each.lower(): each for each in (*_planners(), CUBES)}
+    if not isinstance(name, str) or name.lower() not in known:
+        close = difflib.get_close_matches(str(name).lower().replace("*", "star"), known, n=1)
+        mend = f"choose one of {', '.join(planner_names())}"
+        mend = f"did you mean {known[close[0]]}? {mend}" if close else mend
+        rule = f"it must be a geometric planner of the installed OMPL, or {CUBES}"
+        raise InputError("planner", f"is {name!r}", rule, mend, value=name)
+    found = known[name.lower()]
+    reason = NO_CURVES.get(curve or "", {}).get(found)
+    if reason:
+        mend = "choose another planner, e.g. planner='RRT'"
+        raise InputError("planner", f"is {found!r} and curve is {curve!r}", f"{found} {reason}", mend, value=name)
+    return found
+
+
+def make_planner(name: str, si: ob.SpaceInformation) -> ob.Planner:
+    """A planner of OMPL, set so that it soon asks again whether to go on."""
+    planner = getattr(og, name)(si)
+    _SETTINGS.get(name, lambda made: None)(planner)
+    return planner
+
+
+def _no_pruning(planner: Any) -> None:
+    # To prune, BIT* takes samples out of its search tree one by one, and at every 500th makes the tree anew: minutes
+    # in one step where distances are those of curves.
+    planner.setPruning(False)
+
+
+_SETTINGS: Final[dict[str, Callable[[ob.Planner], None]]] = {"BITstar": _no_pruning}
+
+
+def _planners() -> list[str]:
+    # A class of which no object can be made has no constructor of its own in the bindings.
+    return [
+        name
+        for name, kind in vars(og).items()
+        if isinstance(kind, type) and issubclass(kind, ob.Planner) and "__init__" in vars(kind)
+    ]

@@ -1,0 +1,168 @@
+"""OMPL's state space and set-up for a map."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from ompl import base as ob
+from ompl import geometric as og
+
+from cspace.errors import InputError
+from cspace.sampling import check_rng
+from cspace.space import CSpace
+from planners.checkers import MotionValidator, StateValidityChecker
+from planners.local_planner import LocalPlanner, local_planner
+from planners.sampling import FreeStateSampler
+from planners.states import Configuration, kind_of
+
+MakeObjective = Callable[[ob.SpaceInformation], ob.OptimizationObjective]
+MakeSampler = Callable[[ob.SpaceInformation], ob.ValidStateSampler]
+
+
+def state_space(space: CSpace, *, curve: str | None = None, turning_radius: float | None = None) -> ob.StateSpace:
+    """OMPL's state space of a map: the closed box of its grid, and every yaw where the map has rotations.
+
+    Parameters
+    ----------
+    space : CSpace
+    curve : {"dubins", "reeds-shepp"}, optional
+        Curves of a car that drives forwards alone, or in both directions; straight edges, if left out.
+    turning_radius : float, optional
+        Metres; for curves, which need it.
+
+    Returns
+    -------
+    ompl.base.StateSpace
+        ``RealVectorStateSpace`` of x and y, and in space z, in metres. For a robot that turns in the plane,
+        ``SE2StateSpace``, ``DubinsStateSpace`` or ``ReedsSheppStateSpace``; in space a ``CompoundStateSpace`` of a
+        ``RealVectorStateSpace``, of weight 1, and an ``SO2StateSpace``, of weight 0.5: a radian counts as half a metre,
+        as in SE(2).
+
+    Raises
+    ------
+    InputError
+        If a curve is unknown, or asked for on a map without rotations, or the turning radius is missing, unwanted, or
+        not above zero.
+    """
+    return _bounded(local_planner(space, False, curve, turning_radius))
+
+
+def _bounded(edges: LocalPlanner) -> ob.StateSpace:
+    states, grid = edges.states(), edges.space.grid
+    kind_of(edges.space).set_bounds(states, grid.lower, grid.upper)
+    return states
+
+
+def _set_resolution(si: ob.SpaceInformation, space: CSpace) -> None:
+    """Have OMPL look at states half a cell apart, where it steps along a motion by itself."""
+    si.setStateValidityCheckingResolution(0.5 * space.grid.spacing / si.getStateSpace().getMaximumExtent())
+
+
+def narrow(setup: og.SimpleSetup, space: CSpace, start: Configuration) -> None:
+    """Keep the states of a set-up to the box around all that FREE cells join to the start.
+
+    Nothing is lost: a path through FREE cells of the grid does not leave it.
+    """
+    lower, upper = space.free_reach(start)
+    place = start[: len(lower)]
+    # The rounding of a cell's corner must not put the start outside.
+    box = np.minimum(lower, place).tolist(), np.maximum(upper, place).tolist()
+    kind_of(space).set_bounds(setup.getStateSpace(), *box)
+    _set_resolution(setup.getSpaceInformation(), space)
+
+
+def simple_setup(
+    space: CSpace,
+    *,
+    objective: MakeObjective | None = None,
+    rng: np.random.Generator | None = None,
+    valid_state_sampler: MakeSampler | None = None,
+    exact: bool = False,
+    curve: str | None = None,
+    turning_radius: float | None = None,
+) -> og.SimpleSetup:
+    """OMPL's set-up with everything that the map can answer: states, motions, samples and checking resolution.
+
+    Choose a planner, set start and goal, and solve::
+
+        setup = planners.simple_setup(space)
+        setup.setPlanner(ompl.geometric.RRTConnect(setup.getSpaceInformation()))
+
+    Parameters
+    ----------
+    space : CSpace
+    objective : callable, optional
+        Given the space information, returns an ``ompl.base.OptimizationObjective``. OMPL's default is the length.
+    rng : numpy.random.Generator, optional
+        Source of randomness of the valid state sampler; see :class:`FreeStateSampler`.
+    valid_state_sampler : callable, optional
+        Given the space information, returns an ``ompl.base.ValidStateSampler``, to be used in place of
+        :class:`FreeStateSampler`.
+    exact : bool
+        Whether the geometry itself is asked where the map cannot decide. Valid states are then drawn from the whole
+        map and tried, since they need not lie in FREE cells.
+    curve : {"dubins", "reeds-shepp"}, optional
+        Curves of a car that drives forwards alone, or in both directions; straight edges, if left out.
+    turning_radius : float, optional
+        Metres; for curves, which need it.
+
+    Returns
+    -------
+    ompl.geometric.SimpleSetup
+        States are checked at half a cell where OMPL steps along a motion by itself.
+
+    Raises
+    ------
+    InputError
+        If the sampler is OMPL's ObstacleBasedValidStateSampler, which needs the last valid state of a motion: a motion
+        validator in Python cannot tell it, and invalid states would come out. Or if ``objective`` or the sampler is
+        of another type than OMPL's, or both ``rng`` and a sampler are given, or ``rng`` and ``exact``. And as
+        :func:`state_space`.
+    """
+    setup = og.SimpleSetup(_bounded(local_planner(space, exact, curve, turning_radius)))
+    si = setup.getSpaceInformation()
+    setup.setStateValidityChecker(StateValidityChecker(si, space, exact=exact))
+    si.setMotionValidator(MotionValidator(si, space, exact=exact, curve=curve, turning_radius=turning_radius))
+    _set_resolution(si, space)
+    si.setValidStateSamplerAllocator(_sampler_maker(si, space, rng, valid_state_sampler, exact))
+    if objective is not None:
+        setup.setOptimizationObjective(_made(objective, si, ob.OptimizationObjective, "objective"))
+    return setup
+
+
+def _sampler_maker(
+    si: ob.SpaceInformation, space: CSpace, rng: np.random.Generator | None, sampler: MakeSampler | None, exact: bool
+) -> MakeSampler:
+    """What makes the valid state samplers. It must not hold ``si``, which holds it."""
+    if rng is not None:
+        check_rng(rng)
+        if sampler is not None or exact:
+            other = "exact is True" if exact else "valid_state_sampler is given"
+            rule = "it is for FreeStateSampler, which keeps to FREE cells"
+            raise InputError("rng", f"is given and {other}", rule, "leave one of the two out")
+    if sampler is None:
+        return (
+            (lambda info: ob.UniformValidStateSampler(info))
+            if exact
+            else lambda info: FreeStateSampler(info, space, rng)
+        )
+    made = _made(sampler, si, ob.ValidStateSampler, "valid_state_sampler")
+    if isinstance(made, ob.ObstacleBasedValidStateSampler):
+        rule = (
+            "it needs the last valid state of a motion, which OMPL's Python bindings cannot pass on, and would return "
+            "invalid states"
+        )
+        mend = "leave it out to sample the free cells, or use e.g. ompl.base.UniformValidStateSampler"
+        raise InputError("valid_state_sampler", "makes an ObstacleBasedValidStateSampler", rule, mend, value=made)
+    return sampler
+
+
+def _made(make: Callable[[ob.SpaceInformation], object], si: ob.SpaceInformation, kind: type, name: str) -> object:
+    """What a function of the user's makes for a space information, checked."""
+    made = make(si)
+    if not isinstance(made, kind):
+        rule = f"it must return an ompl.base.{kind.__name__}"
+        mend = "pass a class or function that takes the space information and returns one"
+        raise InputError(name, f"returned {made!r}", rule, mend, value=made)
+    return made

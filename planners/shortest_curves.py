@@ -1,0 +1,244 @@
+"""Compiled shortest curves of cars, as words.
+
+A *word* is a curve of at most five pieces: ``turns``, each 1 (left), -1 (right) or 0 (straight on), and ``lengths``, in
+turning radii, below zero where the car reverses. Its *gap* says by how much the end of the word misses the
+configuration that it is meant for, in turning radii and in radians: some 1e-15, or 1e-8 where a root was taken near
+zero. Words are rows of two arrays, shapes (n, 5).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace.compiling import jit
+from cspace.rotations import TURN
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Pose = tuple[float, float, float]
+Turns = tuple[int, int, int, int, int]
+Lengths = tuple[float, float, float, float, float]
+
+DUBINS = 0
+REEDS_SHEPP = 1
+
+GAP = 1e-6
+"""Largest gap, in turning radii and in radians, of a word that counts. The proof covers it."""
+
+SNAP = 1e-6
+"""Arcs that are a whole turn but for that many radians are tried as none: that is how rounding makes loops."""
+
+TOUCH = 1e-7
+"""By how much circles may miss each other, in turning radii, where they should touch: they do between two arcs."""
+
+FORMS = 9
+
+MOST = 48
+"""Words to one configuration: forms, mirrored, reversed, and three of them backwards."""
+
+
+@jit
+def shortest(kind: int, radius: float, q0: Pose, q1: Pose) -> tuple[Ints, Floats, float]:
+    """Turns, lengths and gap of the shortest word between two configurations.
+
+    The gap is infinite where there is none, which cannot happen.
+    """
+    turns, lengths = np.zeros((MOST, 5), np.int64), np.zeros((MOST, 5))
+    swapped = swaps(kind, q0, q1)
+    _, gap = tied_words(kind, radius, (q1, q0) if swapped else (q0, q1), -math.inf, turns, lengths)
+    if swapped:
+        reverse(turns[0], lengths[0])
+    return turns[0], lengths[0], gap
+
+
+@jit
+def reverse(turns: Ints, lengths: Floats) -> None:
+    """Drive a word from its end to its start."""
+    for k in range(3):
+        turns[k], turns[4 - k] = turns[4 - k], turns[k]
+        lengths[k], lengths[4 - k] = -lengths[4 - k], -lengths[k]
+
+
+@jit
+def swaps(kind: int, q0: Pose, q1: Pose) -> bool:
+    """Whether a curve is that from the second configuration to the first, reversed.
+
+    Curves of a car that reverses are then the same both ways, also where several are equally short.
+    """
+    if kind == DUBINS or q0[0] < q1[0]:
+        return False
+    return q1[0] < q0[0] or q1[1] < q0[1] or (q1[1] == q0[1] and q1[2] < q0[2])
+
+
+@jit
+def tied_words(
+    kind: int, radius: float, ends: tuple[Pose, Pose], tie: float, turns: Ints, lengths: Floats
+) -> tuple[int, float]:
+    """Write the shortest word from one configuration to another, and after it all that are longer by ``tie`` at most.
+
+    Each form gives words by symmetry: mirrored (left for right), reversed (ahead for back) and backwards (from the end
+    to the start). A word counts only if it gets there, which is tried, so that no case needs an argument of its own.
+
+    Gives the number of words, each there once, and the gap of the shortest.
+    """
+    (x0, y0, yaw0), (x1, y1, yaw1) = ends
+    dx, dy, c, s = (x1 - x0) / radius, (y1 - y0) / radius, math.cos(yaw0), math.sin(yaw0)
+    x, y, phi = dx * c + dy * s, dy * c - dx * s, _around(yaw1 - yaw0)
+    all_turns, all_lengths = np.zeros((MOST, 5), np.int64), np.zeros((MOST, 5))
+    number = _candidates(kind, (x, y, phi), all_turns, all_lengths)
+    best, least, gap = 0, math.inf, math.inf
+    for row in range(number):
+        # To see where a word ends takes longer than to make it, so only what is shorter is looked at.
+        total = total_length(all_lengths[row])
+        if total < least:
+            missed = _gap(all_turns[row], all_lengths[row], (x, y, phi))
+            if missed <= GAP:
+                best, least, gap = row, total, missed
+    turns[0], lengths[0] = all_turns[best], all_lengths[best]
+    count = 1
+    for row in range(number):
+        if total_length(all_lengths[row]) > least + tie or row == best:
+            continue
+        if _gap(all_turns[row], all_lengths[row], (x, y, phi)) > GAP:
+            continue
+        turns[count], lengths[count] = all_turns[row], all_lengths[row]
+        count += is_new(turns, lengths, count)
+    return count, gap
+
+
+@jit
+def total_length(lengths: Floats) -> float:
+    return abs(lengths[0]) + abs(lengths[1]) + abs(lengths[2]) + abs(lengths[3]) + abs(lengths[4])
+
+
+@jit
+def onwards(pose: Pose, turn: int, length: float) -> Pose:
+    """The end of a piece; everything in turning radii."""
+    x, y, yaw = pose
+    if turn == 0:
+        return x + length * math.cos(yaw), y + length * math.sin(yaw), yaw
+    after = yaw + turn * length
+    return x + turn * (math.sin(after) - math.sin(yaw)), y + turn * (math.cos(yaw) - math.cos(after)), after
+
+
+@jit
+def _around(angle: float) -> float:
+    """An angle in [-pi, pi)."""
+    return angle - TURN * math.floor((angle + math.pi) / TURN)
+
+
+@jit
+def _ahead(angle: float, snap: float) -> float:
+    """An arc driven forwards, in [0, 2 pi), and 0 where it is a whole turn but for ``snap``."""
+    angle -= TURN * math.floor(angle / TURN)
+    return 0.0 if angle > TURN - snap else angle
+
+
+@jit
+def _gap(turns: Ints, lengths: Floats, goal: Pose) -> float:
+    """By how much the end of a word misses a configuration."""
+    pose = (0.0, 0.0, 0.0)
+    for k in range(5):
+        if lengths[k] != 0.0:
+            pose = onwards(pose, turns[k], lengths[k])
+    return max(math.hypot(pose[0] - goal[0], pose[1] - goal[1]), abs(_around(pose[2] - goal[2])))
+
+
+@jit
+def is_new(turns: Ints, lengths: Floats, count: int) -> int:
+    """1 where the word in row ``count`` is none of those before it, otherwise 0."""
+    for row in range(count):
+        apart = 0.0
+        for k in range(5):
+            same = turns[row, k] == turns[count, k] or max(abs(lengths[row, k]), abs(lengths[count, k])) < 1e-12
+            apart = max(apart, abs(lengths[row, k] - lengths[count, k]) if same else math.inf)
+        if apart <= 1e-12:
+            return 0
+    return 1
+
+
+@jit
+def _candidates(kind: int, goal: Pose, turns: Ints, lengths: Floats) -> int:
+    """Write all words that might lead from the origin to a configuration, and give their number."""
+    x, y, phi = goal
+    count = 0
+    for symmetry in range(4):
+        mirror, sign = 1 - 2 * (symmetry // 2), 1 - 2 * (symmetry % 2)
+        if kind == DUBINS and sign < 0:
+            continue
+        u, v, angle = sign * x, mirror * y, sign * mirror * phi
+        c, s = math.cos(angle), math.sin(angle)
+        for number in range(2 * FORMS):
+            form, second = number // 2, number % 2 == 1
+            if (kind == DUBINS and form > 3) or (kind != DUBINS and second and form not in (3, 6, 7)):
+                continue
+            # The second time around, a form is driven from its end to its start; Dubins' is not snapped.
+            back = second and kind != DUBINS
+            pieces = _form(form, u * c + v * s if back else u, u * s - v * c if back else v, angle)
+            last = 2 if form == 3 else 3
+            for k in range(5):
+                other = last - k if back and k <= last else k
+                length = pieces[1][other]
+                if kind == DUBINS and (k != 1 or form == 3):
+                    length = _ahead(length, 0.0 if second else SNAP)
+                turns[count, k], lengths[count, k] = mirror * pieces[0][other], sign * length
+            count += 1
+    return count
+
+
+@jit
+def _tau_omega(u: float, v: float, xi: float, eta: float, phi: float) -> tuple[float, float]:
+    """First and last arc of the words of four arcs."""
+    delta = _around(u - v)
+    a, b = math.sin(u) - math.sin(delta), math.cos(u) - math.cos(delta) - 1.0
+    t = math.atan2(eta * a - xi * b, xi * a + eta * b)
+    if 2.0 * (math.cos(delta) - math.cos(v) - math.cos(u)) + 3.0 < 0.0:
+        t += math.pi
+    t = _around(t)
+    return t, _around(t - u + v - phi)
+
+
+@jit
+def _form(form: int, x: float, y: float, phi: float) -> tuple[Turns, Lengths]:
+    """Turns and lengths of a word to (x, y, phi) of one form; all zeros where the form does not get there."""
+    half, none = 0.5 * math.pi, ((0, 0, 0, 0, 0), (0.0, 0.0, 0.0, 0.0, 0.0))
+    if form == 0:
+        return (1, 0, 0, 0, 0), (phi, 0.0, 0.0, 0.0, 0.0)
+    # The middle of the last circle, where that turns left or right, seen from that of the first.
+    left = form in (1, 3, 6)
+    xi = x - math.sin(phi) if left else x + math.sin(phi)
+    eta = y - 1.0 + math.cos(phi) if left else y - 1.0 - math.cos(phi)
+    apart, bearing = math.hypot(xi, eta), math.atan2(eta, xi)
+    if form == 1:
+        return (1, 0, 1, 0, 0), (bearing, apart, _around(phi - bearing), 0.0, 0.0)
+    if form == 2 and apart >= 2.0 - TOUCH:
+        u = math.sqrt(max(apart * apart - 4.0, 0.0))
+        t = _around(bearing + math.atan2(2.0, u))
+        return (1, 0, -1, 0, 0), (t, u, _around(t - phi), 0.0, 0.0)
+    if form == 3 and apart <= 4.0 + TOUCH:
+        u = -2.0 * math.asin(min(0.25 * apart, 1.0))
+        t = _around(bearing + 0.5 * u + math.pi)
+        return (1, -1, 1, 0, 0), (t, u, _around(phi - t + u), 0.0, 0.0)
+    if form == 4 and apart <= 2.0 + TOUCH:
+        u = math.acos(min(0.25 * (2.0 + apart), 1.0))
+        t, v = _tau_omega(u, -u, xi, eta, phi)
+        return (1, -1, 1, -1, 0), (t, u, -u, v, 0.0)
+    if form == 5 and 2.0 - TOUCH <= apart <= math.sqrt(20.0):
+        u = -math.acos(min((20.0 - apart * apart) / 16.0, 1.0))
+        t, v = _tau_omega(u, u, xi, eta, phi)
+        return (1, -1, 1, -1, 0), (t, u, u, v, 0.0)
+    if form == 6 and apart >= 2.0 - TOUCH:
+        u = math.sqrt(max(apart * apart - 4.0, 0.0))
+        t = _around(bearing + math.atan2(u, -2.0))
+        return (1, -1, 0, 1, 0), (t, -half, 2.0 - u, _around(phi - half - t), 0.0)
+    if form == 7 and apart >= 2.0 - TOUCH:
+        t = math.atan2(xi, -eta)
+        return (1, -1, 0, -1, 0), (t, -half, 2.0 - apart, _around(t + half - phi), 0.0)
+    if form == 8 and apart >= 2.0 - TOUCH:
+        u = 4.0 - math.sqrt(max(apart * apart - 4.0, 0.0))
+        t = _around(math.atan2((4.0 - u) * xi - 2.0 * eta, -2.0 * xi + (u - 4.0) * eta))
+        return (1, -1, 0, 1, -1), (t, -half, u, -half, _around(t - phi))
+    return none

@@ -1,1 +1,0 @@
-"""Shortest curves of cars."""
