@@ -83,7 +83,8 @@ def proven_length(
         # OMPL may have found its curve from the other end, where rounding prefers another of those that tie.
         others, _ = tied_words(kind, radius, (q1, q0), TIE, turns[count:], lengths[count:])
         for row in range(count, count + others):
-            turns[count], lengths[count] = turns[row], lengths[row]
+            for k in range(5):
+                turns[count, k], lengths[count, k] = turns[row, k], lengths[row, k]
             reverse(turns[count], lengths[count])
             count += is_new(turns, lengths, count)
     # However the gap is spread along the curve, and whichever end it is drawn from, it stays this close.

@@ -97,14 +97,15 @@ def tied_words(
             missed = _gap(all_turns[row], all_lengths[row], (x, y, phi))
             if missed <= GAP:
                 best, least, gap = row, total, missed
-    turns[0], lengths[0] = all_turns[best], all_lengths[best]
-    count = 1
-    for row in range(number):
-        if total_length(all_lengths[row]) > least + tie or row == best:
+    count = 0
+    for place in range(number + 1):
+        row = best if place == 0 else place - 1
+        if place > 0 and (row == best or total_length(all_lengths[row]) > least + tie):
             continue
-        if _gap(all_turns[row], all_lengths[row], (x, y, phi)) > GAP:
+        if place > 0 and _gap(all_turns[row], all_lengths[row], (x, y, phi)) > GAP:
             continue
-        turns[count], lengths[count] = all_turns[row], all_lengths[row]
+        for k in range(5):
+            turns[count, k], lengths[count, k] = all_turns[row, k], all_lengths[row, k]
         count += is_new(turns, lengths, count)
     return count, gap
 

@@ -14,9 +14,9 @@ from benchmarks.soak.plane_cases import Case, draw_case
 from benchmarks.soak.tally import Tally
 from benchmarks.soak.maps import ALONG, Rng, nearly_snapped, not_free_along
 from cspace import FREE
-from planners.curves import CURVES, Curve
-from planners.ways import way_of
-from planners.words import _kernels
+from planners.car_curves import CURVES, CarCurves
+from planners.local_planner import local_planner
+from planners.shortest_curves import shortest
 
 Floats = NDArray[np.float64]
 
@@ -62,9 +62,9 @@ def _check_curves(tally: Tally, others: Counter[str], case: Case, name: str, rng
     radius = space.grid.spacing * float(np.exp(rng.uniform(*np.log(RADII))))
     if rng.random() < 0.3:
         radius = space.grid.spacing * float(rng.integers(2, 31))
-    way = way_of(space, curve=name, turning_radius=radius)
-    if not isinstance(way, Curve):
-        raise TypeError(f"way_of made {way!r} for curve={name!r}; the soak is for curves")
+    way = local_planner(space, curve=name, turning_radius=radius)
+    if not isinstance(way, CarCurves):
+        raise TypeError(f"local_planner made {way!r} for curve={name!r}; the soak is for curves")
     starts, ends = _drawn(case, name, radius, rng)
     is_free = way.edge_checker()
     rows = np.concatenate([starts, ends], axis=1)
@@ -72,7 +72,7 @@ def _check_curves(tally: Tally, others: Counter[str], case: Case, name: str, rng
     if not len(pairs):
         return
     # The map tells where to look: half of the edges are those that come closest.
-    lengths = np.array([way.lengths(pair)[0] for pair in pairs])
+    lengths = np.array([way.length(*pair) for pair in pairs])
     few = np.stack([way.points(a, b, np.linspace(0.0, c, 30)) for (a, b), c in zip(pairs, lengths, strict=True)])
     order = np.argsort(np.asarray(space.clearance(few)).min(axis=1))
     picked = np.concatenate([order[: TAKEN // 2], rng.permutation(order[TAKEN // 2 :])[: TAKEN - TAKEN // 2]])
@@ -132,7 +132,7 @@ def drive(q: Floats, turns: Any, lengths: Floats, radius: float) -> Floats:
 class _Oracle:
     """Points of curves from OMPL; and where its curve is another than ours, by driving the pieces of ours."""
 
-    def __init__(self, way: Curve) -> None:
+    def __init__(self, way: CarCurves) -> None:
         self._way, self._states = way, way.states()
         self._first, self._last, self._at = (self._states.allocState() for _ in range(3))
 
@@ -163,8 +163,8 @@ class _Oracle:
 
     def _driven(self, first: Floats, last: Floats, length: float) -> Floats:
         radius = self._way.radius
-        turns, lengths, _ = _kernels.shortest(self._way.kind, radius, *first.tolist(), *last.tolist())
-        whole = radius * np.array(lengths)
+        turns, lengths, _ = shortest(self._way.kind, radius, tuple(first.tolist()), tuple(last.tolist()))
+        whole = radius * lengths
         begin = np.cumsum(np.abs(whole)) - np.abs(whole)
         parts = np.clip(np.linspace(0.0, length, ALONG)[:, None] - begin, 0.0, np.abs(whole)) * np.sign(whole)
         return drive(np.repeat(first[None], ALONG, axis=0), np.broadcast_to(turns, parts.shape), parts, radius)
