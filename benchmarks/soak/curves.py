@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.report import Report
+from benchmarks.soak.maps import ALONG, Rng, nearly_snapped, not_free_along
 from benchmarks.soak.plane_cases import Case, draw_case
 from benchmarks.soak.tally import Tally
-from benchmarks.soak.maps import ALONG, Rng, nearly_snapped, not_free_along
 from cspace import FREE
 from planners.car_curves import CURVES, CarCurves
 from planners.local_planner import local_planner

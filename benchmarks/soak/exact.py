@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.report import Report
+from benchmarks.soak.maps import ALONG, Rng, along, not_free_along
 from benchmarks.soak.plane_cases import Case, draw_case
 from benchmarks.soak.tally import Tally
-from benchmarks.soak.maps import ALONG, Rng, along, not_free_along
 
 Floats = NDArray[np.float64]
 

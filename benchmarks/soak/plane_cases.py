@@ -53,8 +53,8 @@ class Case:
         """Largest distance of a point of the robot from its reference point."""
         return self.shape.reach()
 
-    def meets(self, q: Floats, distance: float | Floats, sure: bool = False) -> Bools:
-        """Whether the robot comes within a distance of the obstacles; nothing here is ambiguous."""
+    def meets(self, q: Floats, distance: float | Floats) -> Bools:
+        """Whether the robot comes within a distance of the obstacles."""
         return self.shape.meets(self.obstacles, q, distance)
 
     def lies_in(self, q: Floats, rng: Rng) -> Bools:

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 import cspace
 from benchmarks.soak.plane_cases import Scale
-from benchmarks.soak.space_geometry import Blocks, merged_cells
-from benchmarks.soak.space_meshes import MESHES, Exact, plain
+from benchmarks.soak.space_geometry import Blocks, Shape, merged_cells
+from benchmarks.soak.space_meshes import MESHES
 from benchmarks.soak.space_pairs import NO_FCL as NO_FCL
 from benchmarks.soak.space_pairs import Pair, Walls, pair
 from benchmarks.soak.space_pairs import fcl_is_here as fcl_is_here
@@ -37,8 +37,8 @@ class SolidCase:
     kind : tuple of str
         Kind of workspace and kind of robot.
     space : CSpace
-    robot : Exact
-    obstacles : Exact or None
+    robot : Shape
+    obstacles : Shape or None
         None where there are none.
     """
 
@@ -46,25 +46,25 @@ class SolidCase:
     made_by: str
     kind: tuple[str, str]
     space: CSpace
-    robot: Exact
-    obstacles: Exact | None
+    robot: Shape
+    obstacles: Shape | None
 
     @property
     def reach(self) -> float:
         """Largest distance of a point of the robot from its reference point, at most."""
-        return float(np.linalg.norm(np.abs(self.robot.most.bounds).max(axis=0)))
+        return float(np.linalg.norm(np.abs(self.robot.bounds).max(axis=0)))
 
-    def meets(self, q: Floats, distance: float | Floats, sure: bool = False) -> Bools:
-        """Whether the robot comes within a distance of the obstacles; ``sure`` leaves out what is ambiguous."""
+    def meets(self, q: Floats, distance: float | Floats) -> Bools:
+        """Whether the robot comes within a distance of the obstacles."""
         found, distances = np.zeros(len(q), dtype=np.bool_), np.broadcast_to(distance, len(q))
-        for each in self._least if sure else self._most:
+        for each in self._pairs_of_robot:
             left = np.flatnonzero(~found)
             found[left] = each.within(q[left] - self._corner, distances[left])
         return found
 
     def lies_in(self, q: Floats, rng: Rng) -> Bools:
         """Whether random points of the robot, grown by the margin, lie in the obstacles."""
-        points = self.robot.most.samples(40, rng)
+        points = self.robot.samples(40, rng)
         away = rng.normal(size=points.shape)
         points += self.space.margin * away / np.linalg.norm(away, axis=1, keepdims=True)
         held = self._holds((q[:, None] + points).reshape(-1, 3)).reshape(len(q), -1)
@@ -72,9 +72,8 @@ class SolidCase:
 
     def _holds(self, points: Floats) -> Bools:
         """Whether points lie in the obstacles, or as good as."""
-        point = Blocks.balls(np.zeros((1, 3)), np.zeros(1))
         found = np.zeros(len(points), dtype=np.bool_)
-        for each in self._pairs(Exact(point, point), least=True):
+        for each in self._pairs(Blocks.balls(np.zeros((1, 3)), np.zeros(1))):
             found |= each.gaps(points - self._corner) <= 1e-9
         return found
 
@@ -84,20 +83,16 @@ class SolidCase:
         return np.asarray(self.space.grid.lower)
 
     @cached_property
-    def _most(self) -> list[Pair]:
-        return self._pairs(self.robot, least=False)
+    def _pairs_of_robot(self) -> list[Pair]:
+        return self._pairs(self.robot)
 
-    @cached_property
-    def _least(self) -> list[Pair]:
-        return self._pairs(self.robot, least=True)
-
-    def _pairs(self, robot: Exact, least: bool) -> list[Pair]:
-        grid, shape = self.space.grid, robot.least if least else robot.most
+    def _pairs(self, robot: Shape) -> list[Pair]:
+        grid = self.space.grid
         found: list[Pair] = []
         if self.space.outside == "blocked":
-            found.append(Walls(shape.bounds, np.array([np.zeros(3), np.subtract(grid.upper, grid.lower)])))
+            found.append(Walls(robot.bounds, np.array([np.zeros(3), np.subtract(grid.upper, grid.lower)])))
         if self.obstacles is not None:
-            found.append(pair(shape, (self.obstacles.least if least else self.obstacles.most).moved(-self._corner)))
+            found.append(pair(robot, self.obstacles.moved(-self._corner)))
         return found
 
 
@@ -133,18 +128,18 @@ def _corner(rng: Rng, spacing: float) -> Floats:
     return np.asarray(rng.choice([0.0, 1.0]) * rng.choice([spacing * 7.0, 1.0]) * rng.uniform(-far, far, 3))
 
 
-def _bounds(rng: Rng, shape: Exact, spacing: float, corner: Floats, extent: Floats, cut: bool) -> Floats | None:
+def _bounds(rng: Rng, shape: Shape, spacing: float, corner: Floats, extent: Floats, cut: bool) -> Floats | None:
     """Bounds that may cut the obstacles; or those of the obstacles, or around them."""
     if cut:
         return np.concatenate([corner, corner + extent])
     if rng.random() < 0.5:
         return None
-    low, high = shape.most.bounds
+    low, high = shape.bounds
     return np.concatenate([low - rng.uniform(0.1, 4.0, 3) * spacing, high + rng.uniform(0.1, 4.0, 3) * spacing])
 
 
-def _mesh(name: str) -> Callable[[Rng, Scale, bool], tuple[Workspace, Exact | None]]:
-    def draw(rng: Rng, scale: Scale, cut: bool) -> tuple[Workspace, Exact | None]:
+def _mesh(name: str) -> Callable[[Rng, Scale, bool], tuple[Workspace, Shape | None]]:
+    def draw(rng: Rng, scale: Scale, cut: bool) -> tuple[Workspace, Shape | None]:
         corner, extent = _corner(rng, scale.spacing), scale.spacing * rng.uniform(3.0, 28.0, 3)
         middle = corner + scale.place(rng.uniform(0.0, 1.0, 3) * extent / scale.spacing)
         reach = scale.spacing * float(rng.choice([0.6, 3.0, 8.0])) * float(rng.uniform(0.5, 1.3))
@@ -155,7 +150,7 @@ def _mesh(name: str) -> Callable[[Rng, Scale, bool], tuple[Workspace, Exact | No
     return draw
 
 
-def _voxels(rng: Rng, scale: Scale, cut: bool) -> tuple[Workspace, Exact | None]:
+def _voxels(rng: Rng, scale: Scale, cut: bool) -> tuple[Workspace, Shape | None]:
     occupied = np.zeros(rng.integers(1, 25, 3), dtype=np.bool_)
     if rng.random() < 0.4:
         occupied = rng.random(rng.integers(1, 13, 3)) < rng.choice([0.01, 0.1, 0.9])
@@ -165,21 +160,21 @@ def _voxels(rng: Rng, scale: Scale, cut: bool) -> tuple[Workspace, Exact | None]
             occupied[tuple(slice(i, i + n) for i, n in zip(first, rng.integers(1, 10, 3), strict=True))] = True
     workspace = Workspace.from_array(occupied, scale.spacing, _corner(rng, scale.spacing))
     corners = np.asarray(workspace.grid.lower) + scale.spacing * merged_cells(occupied)
-    return workspace, plain(Blocks.boxes(corners)) if len(corners) else None
+    return workspace, Blocks.boxes(corners) if len(corners) else None
 
 
-def _balls(rng: Rng, scale: Scale, cut: bool) -> tuple[Workspace, Exact | None]:
+def _balls(rng: Rng, scale: Scale, cut: bool) -> tuple[Workspace, Shape | None]:
     corner, extent = _corner(rng, scale.spacing), scale.spacing * rng.uniform(3.0, 28.0, 3)
     number = int(rng.integers(1, 12))
     centers = corner + scale.place(rng.uniform(0.0, 1.0, (number, 3)) * extent / scale.spacing)
     radii = np.array([scale.length(rng.uniform(0.3, 5.0)) for _ in range(number)])
     radii *= rng.random() < 0.8  # or points
-    exact = plain(Blocks.balls(centers, radii))
+    exact = Blocks.balls(centers, radii)
     bounds = _bounds(rng, exact, scale.spacing, corner, extent, cut)
     return Workspace.from_balls(centers, radii, scale.spacing, bounds), exact
 
 
-WORKSPACES: dict[str, Callable[[Rng, Scale, bool], tuple[Workspace, Exact | None]]] = {
+WORKSPACES: dict[str, Callable[[Rng, Scale, bool], tuple[Workspace, Shape | None]]] = {
     **{name: _mesh(name) for name in MESHES},
     "voxels": _voxels,
     "balls": _balls,
@@ -194,41 +189,41 @@ def _middle(rng: Rng, size: float, scale: Scale) -> Floats:
     return scale.place(rng.choice([0.0, 0.5, 2.0]) * size * rng.uniform(-1.0, 1.0, 3))
 
 
-def _box_robot(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Exact]:
+def _box_robot(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Shape]:
     sides = np.array([scale.length(length * size) for length in rng.uniform(0.3, 1.2, 3)])
     middle = _middle(rng, size, scale)
-    return Robot.box(sides, middle), plain(Blocks.boxes([middle - sides / 2, middle + sides / 2]))
+    return Robot.box(sides, middle), Blocks.boxes([middle - sides / 2, middle + sides / 2])
 
 
-def _ball_robot(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Exact]:
+def _ball_robot(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Shape]:
     center, radius = _middle(rng, size, scale), scale.length(size / 2)
-    return Robot.ball(radius, center), plain(Blocks.balls(center[None], np.array([radius])))
+    return Robot.ball(radius, center), Blocks.balls(center[None], np.array([radius]))
 
 
-def _balls_robot(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Exact]:
+def _balls_robot(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Shape]:
     number = int(rng.integers(2, 6))
     centers = _middle(rng, size, scale) + scale.place(rng.uniform(-size, size, (number, 3)) / 2)
     radii = np.array([scale.length(rng.uniform(0.1, 0.5) * size) for _ in range(number)])
-    return Robot.balls(centers, radii), plain(Blocks.balls(centers, radii))
+    return Robot.balls(centers, radii), Blocks.balls(centers, radii)
 
 
-def _bitmap_robot(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Exact]:
+def _bitmap_robot(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Shape]:
     bitmap = rng.random(rng.integers(1, 5, 3)) < rng.choice([0.3, 0.7, 1.0])
     bitmap[tuple(rng.integers(0, bitmap.shape))] = True
     side = scale.length(size / max(bitmap.shape))
     lower = _middle(rng, size, scale)
-    return Robot.cells(bitmap, side, lower), plain(Blocks.boxes(lower + side * merged_cells(bitmap)))
+    return Robot.cells(bitmap, side, lower), Blocks.boxes(lower + side * merged_cells(bitmap))
 
 
-def _mesh_robot(name: str) -> Callable[[Rng, float, Scale], tuple[Robot, Exact]]:
-    def draw(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Exact]:
+def _mesh_robot(name: str) -> Callable[[Rng, float, Scale], tuple[Robot, Shape]]:
+    def draw(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Shape]:
         mesh, exact = MESHES[name](rng, _middle(rng, size, scale), scale.spacing * size / 2, scale)
         return Robot.mesh(mesh), exact
 
     return draw
 
 
-ROBOTS: dict[str, Callable[[Rng, float, Scale], tuple[Robot, Exact]]] = {
+ROBOTS: dict[str, Callable[[Rng, float, Scale], tuple[Robot, Shape]]] = {
     "box": _box_robot,
     "ball": _ball_robot,
     "balls": _balls_robot,

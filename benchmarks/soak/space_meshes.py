@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,25 +15,7 @@ Floats = NDArray[np.float64]
 Rng = np.random.Generator
 
 
-@dataclass(frozen=True)
-class Exact:
-    """A shape by two readings: with all that is ambiguous, and without.
-
-    Attributes
-    ----------
-    most, least : Shape
-        The same object where nothing is ambiguous.
-    """
-
-    most: Shape
-    least: Shape
-
-
-Drawn = tuple[Mesh, Exact]
-
-
-def plain(shape: Shape) -> Exact:
-    return Exact(shape, shape)
+Drawn = tuple[Mesh, Shape]
 
 
 def _disturbed(rng: Rng, triangles: Floats, flips: str, solid: Solid = "auto") -> Mesh:
@@ -71,26 +52,22 @@ def _boxes_mesh(rng: Rng, middle: Floats, reach: float, scale: Scale) -> Drawn:
         low = middle + rng.uniform(-1.0, 1.0, (number, 3)) * reach
         corners = np.stack([low, low + rng.uniform(0.1, 1.5, (number, 3)) * reach], axis=1)
     blocks = Blocks.boxes(corners)
-    return _disturbed(rng, blocks.skin().triangles, str(rng.choice(["none", "all"])) if alike else "some"), plain(
-        blocks
-    )
+    return _disturbed(rng, blocks.skin().triangles, str(rng.choice(["none", "all"])) if alike else "some"), blocks
 
 
 def _opposed_mesh(rng: Rng, middle: Floats, reach: float, scale: Scale) -> Drawn:
-    """Two boxes that face opposite ways: a hollow one, or two that cross, whose common part is ambiguous."""
+    """Two boxes that face opposite ways: a hollow one, or two that are solid, as one in the box of no other is."""
     low = middle + rng.uniform(-1.0, 0.0, (2, 3)) * reach
     corners = np.stack([low, low + rng.uniform(0.2, 2.0, (2, 3)) * reach], axis=1)
     if rng.random() < 0.5:
         t = np.sort(rng.uniform(0.02, 0.98, (2, 3)), axis=0)
         corners[1] = corners[0, 0] + t * (corners[0, 1] - corners[0, 0])
-    first, second = corners
     skin = Blocks.boxes(corners).skin().triangles
-    skin = np.concatenate([skin[:12], skin[12:, ::-1]])
-    mesh = _disturbed(rng, skin, str(rng.choice(["none", "all"])))
-    apart = [*_without(first, second), *_without(second, first)]
-    least = Blocks.boxes(np.array(apart))
-    nested = any((a[0] < b[0]).all() and (b[1] < a[1]).all() for a, b in ((first, second), (second, first)))
-    return mesh, Exact(least if nested else Blocks.boxes(corners), least)
+    flips = str(rng.choice(["none", "all"]))
+    mesh = _disturbed(rng, np.concatenate([skin[:12], skin[12:, ::-1]]), flips)
+    outward, inward = corners if flips == "none" else corners[::-1]
+    hollow = bool((outward[0] < inward[0]).all() and (inward[1] < outward[1]).all())
+    return mesh, Blocks.boxes(np.array(_without(outward, inward)) if hollow else corners)
 
 
 def _without(box: Floats, hole: Floats) -> list[Floats]:
@@ -119,7 +96,7 @@ def _hulls_mesh(rng: Rng, middle: Floats, reach: float, scale: Scale) -> Drawn:
     ]
     skin = _skin(bodies)
     solid: Solid = "fill" if single and flat == 1.0 and rng.random() < 0.3 else "auto"
-    return _disturbed(rng, skin.triangles, str(rng.choice(["none", "all", "some"])), solid), plain(skin)
+    return _disturbed(rng, skin.triangles, str(rng.choice(["none", "all", "some"])), solid), skin
 
 
 def _hull(rng: Rng, middle: Floats, reach: float, scale: Scale, flat: float) -> Floats:
@@ -149,7 +126,7 @@ def _stars_mesh(rng: Rng, middle: Floats, reach: float, scale: Scale) -> Drawn:
         triangles = (middle + rng.uniform(-0.5, 0.5, 3) * reach + vertices)[np.asarray(ball.faces)]
         bodies.append(triangles)
     skin = _skin(bodies)
-    return _disturbed(rng, skin.triangles, str(rng.choice(["none", "all", "some"]))), plain(skin)
+    return _disturbed(rng, skin.triangles, str(rng.choice(["none", "all", "some"]))), skin
 
 
 def _open_mesh(rng: Rng, middle: Floats, reach: float, scale: Scale) -> Drawn:
@@ -176,7 +153,7 @@ def _open_mesh(rng: Rng, middle: Floats, reach: float, scale: Scale) -> Drawn:
         box = Blocks.boxes([low, low + sides]).skin().triangles
         triangles = box[rng.permutation(len(SIDES))[: int(rng.integers(2, 8))]]
     skin = Skin(triangles, np.full(len(triangles), -1))
-    return _disturbed(rng, triangles, "some", "surface"), plain(skin)
+    return _disturbed(rng, triangles, "some", "surface"), skin
 
 
 def _skin(bodies: list[Floats]) -> Skin:

@@ -46,8 +46,8 @@ class Case(Drawn, Protocol):
     def reach(self) -> float:
         """No point of the robot is farther than this from its reference point."""
 
-    def meets(self, q: Floats, distance: float | Floats, sure: bool = False) -> Bools:
-        """Whether the robot comes within a distance of the obstacles; ``sure`` leaves out what is ambiguous."""
+    def meets(self, q: Floats, distance: float | Floats) -> Bools:
+        """Whether the robot comes within a distance of the obstacles."""
 
     def lies_in(self, q: Floats, rng: np.random.Generator) -> Bools:
         """Whether the robot, grown by the margin, lies in the obstacles."""
@@ -78,9 +78,9 @@ class Tally:
         """Check the states that configurations are claimed to have."""
         free, blocked, mixed = q[states == FREE], q[states == BLOCKED], q[states == MIXED]
         self.add("FREE", case, free, *not_free(case, free))
-        apart = ~case.meets(blocked, 0.0, sure=True)
+        apart = ~case.meets(blocked, 0.0)
         wrong = apart.copy()
-        wrong[apart] = ~case.meets(blocked[apart], ROUNDING, sure=True)
+        wrong[apart] = ~case.meets(blocked[apart], ROUNDING)
         self.add("BLOCKED", case, blocked, wrong, apart & ~wrong)
         self.mixed["all"] += len(mixed)
         self.mixed["colliding"] += int(case.meets(mixed, 0.0).sum())
