@@ -13,16 +13,21 @@ def distance_to_triangles(points, triangles):
     return out
 
 
-def winds_around(points, triangles):
-    """Whether the winding number of triangles, by solid angles (Van Oosterom and Strackee, 1983), is not zero."""
+def winding_numbers(points, triangles):
+    """Winding numbers of closed triangles, by solid angles (van Oosterom and Strackee, 1983)."""
     found = []
     for point in points:
         a, b, c = np.moveaxis(triangles - point, 1, 0)
         la, lb, lc = (np.linalg.norm(side, axis=1) for side in (a, b, c))
         above = np.einsum("ij,ij->i", a, np.cross(b, c))
         below = la * lb * lc + (a * b).sum(1) * lc + (b * c).sum(1) * la + (c * a).sum(1) * lb
-        found.append(abs(np.arctan2(above, below).sum()) > np.pi)
+        found.append(round(np.arctan2(above, below).sum() / (2.0 * np.pi)))
     return np.array(found)
+
+
+def winds_around(points, triangles):
+    """Whether the winding number of triangles is not zero."""
+    return winding_numbers(points, triangles) != 0
 
 
 def sample_surface(triangles, number, rng):

@@ -27,11 +27,14 @@ class Body(NamedTuple):
         body is open.
     closed : bool
         Whether what counts runs along each edge as often one way as the other.
+    volume : float
+        That it winds round, cubic metres: below zero where it faces inward, zero where it is open or cancels out.
     """
 
     faces: Integers
     turns: Integers
     closed: bool
+    volume: float
 
 
 def find_bodies(vertices: Floats, faces: Integers) -> tuple[Body, ...]:
@@ -81,21 +84,6 @@ def merged(vertices: Floats) -> Integers:
     return numbers
 
 
-def volumes(triangles: Floats, weights: Floats | Integers, body: Integers, number: int) -> tuple[Floats, Floats]:
-    """Volume that the triangles of each body enclose, and the sum of the moduli that it is made of, shape (number,)."""
-    total = np.stack([np.bincount(body, weights=triangles[:, 0, k], minlength=number) for k in range(3)], axis=-1)
-    middle = total / np.maximum(np.bincount(body, minlength=number), 1)[:, None]
-    a, b, c = np.moveaxis(triangles - middle[body][:, None], 1, 0)
-    # On numbers up to 1, so that products neither overflow nor vanish.
-    size = np.zeros(number)
-    np.maximum.at(size, body, np.abs(np.stack([a, b, c])).max(axis=(0, 2)))
-    size = np.where(size > 0.0, size, 1.0)
-    a, b, c = (part / size[body][:, None] for part in (a, b, c))
-    parts = np.einsum("ij,ij->i", a, np.cross(b, c)) * weights / 6.0
-    volume, moduli = (np.bincount(body, weights=some, minlength=number) for some in (parts, np.abs(parts)))
-    return volume * size**3, moduli * size**3
-
-
 def _bodies_among(triangles: Floats, corners: Integers, most: int) -> list[Body]:
     """Bodies that triangles make, joined through edges at which at most so many different ones meet.
 
@@ -129,36 +117,59 @@ def _bodies_among(triangles: Floats, corners: Integers, most: int) -> list[Body]
         turns[some], possible = _turned_alike(edge[some], direction[some], body[some], number)
         closed |= astray & possible
     turns[~closed[body]] = 0
-    volume, doubt = volumes(triangles, turns, body, number)
-    inward = closed & ~told & (volume < -_NOUGHT * doubt)
-    turns = np.where(inward[body], -turns, turns)
+    volume = _volumes(triangles, turns, body, number)
+    inward = closed & ~told & (volume < 0.0)
+    turns, volume = np.where(inward[body], -turns, turns), np.where(inward, -volume, volume)
     order = np.argsort(body, kind="stable")
     parts = np.split(order, np.cumsum(np.bincount(body, minlength=number))[:-1])
-    return [Body(part, turns[part], bool(closed[b])) for b, part in enumerate(parts)]
+    return [Body(part, turns[part], bool(closed[b]), float(volume[b])) for b, part in enumerate(parts)]
 
 
 def _outermost_outward(vertices: Floats, faces: Integers, bodies: list[Body]) -> list[Body]:
-    """Closed bodies, those that face inward turned over where they lie in the box of none that faces outward.
+    """Closed bodies, those that face inward turned over unless all of their corners lie in bodies that face outward.
 
-    Such a body can be no cavity, and would cancel what it overlaps.
+    What is turned over could be no cavity, and would cancel whatever it overlaps.
     """
-    if not bodies:
-        return []
+    volume = np.array([body.volume for body in bodies])
+    outward, inward = volume > 0.0, volume < 0.0
+    if not inward.any():
+        return bodies
     chosen = np.concatenate([body.faces for body in bodies])
+    turns = np.concatenate([body.turns for body in bodies])
     owner = np.repeat(np.arange(len(bodies)), [len(body.faces) for body in bodies])
     triangles = vertices[faces[chosen]]
-    volume, doubt = volumes(triangles, np.concatenate([body.turns for body in bodies]), owner, len(bodies))
     starts = np.flatnonzero(np.diff(owner, prepend=-1))
     lows = np.minimum.reduceat(triangles.min(axis=1), starts)
     highs = np.maximum.reduceat(triangles.max(axis=1), starts)
-    outward = volume > _NOUGHT * doubt
     low, high = lows[outward], highs[outward]
-    turned = list(bodies)
-    for b in np.flatnonzero(volume < -_NOUGHT * doubt).tolist():
-        around = (low < lows[b]).all(axis=1) & (highs[b] < high).all(axis=1)
-        if not around.any():
-            turned[b] = bodies[b]._replace(turns=-bodies[b].turns)
-    return turned
+    cavity = np.zeros(len(bodies), dtype=np.bool_)
+    for b in np.flatnonzero(inward).tolist():
+        cavity[b] = ((low < lows[b]).all(axis=1) & (highs[b] < high).all(axis=1)).any()
+    if cavity.any():
+        from cspace.raster.winding import Winding
+
+        around, within = outward[owner] & (turns != 0), np.flatnonzero(cavity[owner])
+        middle = triangles.reshape(-1, 3).mean(axis=0)
+        corners = (triangles[within] - middle).reshape(-1, 3)
+        out = Winding(triangles[around] - middle, turns[around]).numbers(corners) <= 0
+        cavity[np.repeat(owner[within], 3)[out]] = False
+    over = inward & ~cavity
+    return [body._replace(turns=-body.turns, volume=-body.volume) if over[b] else body for b, body in enumerate(bodies)]
+
+
+def _volumes(triangles: Floats, turns: Integers, body: Integers, number: int) -> Floats:
+    """Volume that the triangles of each body wind round, shape (number,); zero within rounding."""
+    total = np.stack([np.bincount(body, weights=triangles[:, 0, k], minlength=number) for k in range(3)], axis=-1)
+    middle = total / np.maximum(np.bincount(body, minlength=number), 1)[:, None]
+    a, b, c = np.moveaxis(triangles - middle[body][:, None], 1, 0)
+    # On numbers up to 1, so that products neither overflow nor vanish.
+    size = np.zeros(number)
+    np.maximum.at(size, body, np.abs(np.stack([a, b, c])).max(axis=(0, 2)))
+    size = np.where(size > 0.0, size, 1.0)
+    a, b, c = (part / size[body][:, None] for part in (a, b, c))
+    parts = np.einsum("ij,ij->i", a, np.cross(b, c)) * turns / 6.0
+    volume, moduli = (np.bincount(body, weights=some, minlength=number) for some in (parts, np.abs(parts)))
+    return np.where(np.abs(volume) > _NOUGHT * moduli, volume * size**3, 0.0)
 
 
 def _edges(corners: Integers) -> tuple[Integers, Integers]:

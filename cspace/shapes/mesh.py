@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import os
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -18,7 +18,7 @@ from cspace.errors import GeometryError, InputError
 from cspace.grid import Grid, finite, unmasked
 from cspace.raster.raster import Raster
 from cspace.rotations import STILL, Turn
-from cspace.shapes.bodies import Body, find_bodies, volumes
+from cspace.shapes.bodies import Body, find_bodies
 from cspace.shapes.shape import Bools, Floats, Pieces, Shape, Surface
 
 if TYPE_CHECKING:
@@ -70,11 +70,11 @@ class Mesh(Shape):
       Moebius strips, more than two triangles at an edge and no consistent winding) is a surface without an inside, and
       a :class:`MeshWarning` tells of it.
 
-      Winding numbers add up. Bodies that overlap and all face outward are solid together. A body that faces inward,
-      nested in one that faces outward, is a cavity, in which there may be an island, and so on. A body that faces
-      inward alone is solid like any other: one that lies in the box of no outward one can be no cavity, and is turned
-      over. Nested bodies that all face outward are solid throughout; pockets of a body that passes through itself where
-      its windings cancel are hollow.
+      Winding numbers add up. Bodies that overlap and all face outward are solid together, also where one is nested in
+      another. A body that faces inward, nested in one that faces outward, is a cavity, in which there may be an island,
+      and so on. A body that faces inward alone is solid like any other: unless all corners of it lie in bodies that
+      face outward, it can be no cavity, and is turned over. Where windings cancel, as in some pockets of a body that
+      passes through itself, it is hollow.
     * ``"surface"``: nothing.
     * ``"fill"``: whatever cannot be reached from outside through the cells that the surface does not touch. It depends
       on the spacing: gaps narrower than about a cell are closed.
@@ -176,8 +176,8 @@ class Mesh(Shape):
             mesh = cls(vertices, faces, solid, source)
         if mesh.solid == "auto" and not mesh._told:
             object.__setattr__(mesh, "_told", True)
-            if not mesh.is_watertight:
-                warnings.warn(mesh._open_bodies(), MeshWarning, stacklevel=2)
+            for message in mesh._doubts():
+                warnings.warn(message, MeshWarning, stacklevel=2)
         return mesh
 
     @property
@@ -222,9 +222,7 @@ class Mesh(Shape):
 
         Cavities count negative; where bodies overlap, each counts.
         """
-        faces, turns = self._closed
-        body = np.zeros(len(faces), dtype=np.int64)
-        return float(volumes(self.vertices[self.faces[faces]], turns, body, 1)[0][0]) if len(faces) else 0.0
+        return sum(body.volume for body in self.bodies)
 
     def rasters(self, spacing: float, margin: float = 0.0, turn: Turn = STILL) -> tuple[Raster, Raster]:
         from cspace.raster.surfaces import surface_rasters
@@ -348,20 +346,28 @@ class Mesh(Shape):
             self.vertices, self.faces, self.contains if self.encloses else None, self.solid == "fill", self.source
         )
 
-    def _open_bodies(self) -> str:
-        """What ``auto`` says of open bodies."""
+    def _doubts(self) -> Iterator[str]:
+        """What there is to warn of where closed bodies are taken as solid."""
         open_bodies = [body for body in self.bodies if not body.closed]
-        triangles = sum(len(body.faces) for body in open_bodies)
-        if not open_bodies:
-            return (
+        hollow = sum(body.closed and body.volume == 0.0 for body in self.bodies)
+        if not self.bodies:
+            yield (
                 f"no triangle of {self.source} has an area; it was taken as a surface without an inside; pass "
                 "solid='surface' to say so"
             )
-        return (
-            f"{len(open_bodies)} of {len(self.bodies)} bodies of {self.source} are open ({triangles} of "
-            f"{len(self.faces)} triangles); they were taken as surfaces without an inside; pass solid='surface' if no "
-            "body has one, or solid='fill' to fill what the cells enclose"
-        )
+        if open_bodies:
+            yield (
+                f"{len(open_bodies)} of {len(self.bodies)} bodies of {self.source} are open "
+                f"({sum(len(body.faces) for body in open_bodies)} of {len(self.faces)} triangles); they were taken as "
+                "surfaces without an inside; pass solid='surface' if no body has one, or solid='fill' to fill what the "
+                "cells enclose"
+            )
+        if hollow:
+            yield (
+                f"the volumes that {hollow} of {len(self.bodies)} bodies of {self.source} wind round cancel; where "
+                "windings do, as where a surface is drawn once for each side, a body is hollow; pass solid='fill' to "
+                "fill what the cells enclose"
+            )
 
 
 def _arrays_of(shape: Any) -> tuple[Any, Any, str]:

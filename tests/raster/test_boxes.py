@@ -11,7 +11,9 @@ from scipy.spatial import cKDTree
 
 from cspace import Grid, InputError
 from cspace.grid import SLACK
-from cspace.raster.boxes import _kernels, box_rasters, rasterize_balls, solid_ball_rasters, voxel_rasters
+from cspace.raster.bitmaps import cell_boxes
+from cspace.raster.boxes import Rounded, rounded_rasters
+from cspace.shapes import Balls, Box, Voxels
 from strategies import seeds
 
 UNIT = 2**120
@@ -121,7 +123,7 @@ def test_balls_on_a_grid(data, dim, spacing):
     centers = data.draw(coordinates(spacing, (count, dim), 4))
     radii = np.abs(data.draw(coordinates(spacing, (count,), 2)))
     grid = Grid(lower, spacing, (5, 4, 3)[:dim])
-    outer, inner = rasterize_balls(centers, radii, grid)
+    outer, inner = Balls(centers, radii).cells(grid)
     truth = Definition(centers, centers, exact(radii), grid.shape, lower, spacing, 0, 1)
     check(outer, truth.touched(0), truth.touched(1))
     check(inner, truth.inside(1), truth.inside(0))
@@ -133,7 +135,7 @@ def test_ball_robots(data, spacing, margin):
     count = data.draw(st.integers(1, 2))
     centers = data.draw(coordinates(spacing, (count, 3), 1))
     radii = np.abs(data.draw(coordinates(spacing, (count,), 2))) + spacing / 8
-    outer, inner = solid_ball_rasters(centers, radii, spacing, margin)
+    outer, inner = Balls(centers, radii).rasters(spacing, margin)
     check_robot(centers, centers, radii, spacing, margin, outer, inner, 4)
 
 
@@ -141,7 +143,8 @@ def test_ball_robots(data, spacing, margin):
 @given(st.data(), st.sampled_from(SPACINGS), st.sampled_from(MARGINS))
 def test_box_robots(data, spacing, margin):
     corners = np.sort(data.draw(coordinates(spacing, (2, 3), 2)), axis=0)
-    outer, inner = box_rasters(corners[0], corners[1], spacing, margin)
+    box = Rounded(corners[:1], corners[1:], np.zeros(1))
+    outer, inner = rounded_rasters(box, spacing, np.full(1, margin), np.zeros(1))
     check_robot(corners[:1], corners[1:], np.zeros(1), spacing, margin, outer, inner, 3)
 
 
@@ -174,7 +177,7 @@ def test_voxel_robots(data, seed, spacing, margin, ratio, density, shift):
     occupied[-1, -1, -1] = True
     lower = data.draw(coordinates(spacing, (3,), 1.5)) + shift * spacing
     voxel = spacing * ratio
-    outer, inner = voxel_rasters(occupied, voxel, lower, spacing, margin)
+    outer, inner = Voxels(occupied, voxel, lower).rasters(spacing, margin)
     # Floats cannot hold the voxels' corners, whole numbers can.
     reach = 4 + int(4 * ratio) + int(margin / spacing)
     frame = ((2 * reach + 1,) * 3, (0.0,) * 3, spacing)
@@ -189,7 +192,7 @@ def test_voxel_robots(data, seed, spacing, margin, ratio, density, shift):
 
 
 def test_points_on_inner_borders_of_voxels_are_inside():
-    _, inner = voxel_rasters(np.ones((3, 3, 3), dtype=bool), 0.1, (-0.1, -0.1, -0.1), 0.1)
+    _, inner = Voxels.of(np.ones((3, 3, 3), dtype=bool), 0.1, (-0.1, -0.1, -0.1)).rasters(0.1)
     assert inner.lower == (0, 0, 0)
     assert inner.cells.all()
     assert inner.count == 8
@@ -198,7 +201,7 @@ def test_points_on_inner_borders_of_voxels_are_inside():
 def test_a_hole_in_a_voxel_robot_stays_open():
     occupied = np.ones((5, 5, 5), dtype=bool)
     occupied[2, 2, 2] = False
-    _, inner = voxel_rasters(occupied, 0.4, (-1.0, -1.0, -1.0), 0.1)
+    _, inner = Voxels.of(occupied, 0.4, (-1.0, -1.0, -1.0)).rasters(0.1)
     filled = spread(inner, 10)[10 - 9 : 10 + 10, 10 - 9 : 10 + 10, 10 - 9 : 10 + 10]
     expected = np.ones((19, 19, 19), dtype=bool)
     expected[7:12, 7:12, 7:12] = False
@@ -206,20 +209,42 @@ def test_a_hole_in_a_voxel_robot_stays_open():
 
 
 @settings(max_examples=30)
-@given(seeds, st.sampled_from([0.1, 0.5, 0.9]))
-def test_merged_boxes_are_disjoint_and_cover_the_set(seed, density):
+@given(seeds, st.sampled_from([0.1, 0.5, 0.9]), st.sampled_from([2, 3]))
+def test_boxes_of_cells_are_disjoint_and_cover_the_set(seed, density, dim):
     rng = np.random.default_rng(seed)
-    occupied = rng.random(tuple(rng.integers(1, 9, 3))) < density
+    occupied = rng.random(tuple(rng.integers(1, 9, dim))) < density
     counts = np.zeros(occupied.shape, dtype=int)
-    for a, b, c, d, e, f in _kernels.merge_boxes(occupied):
-        counts[a:d, b:e, c:f] += 1
+    for low, high in zip(*cell_boxes(occupied, 1.0, (0.0,) * dim), strict=True):
+        counts[tuple(slice(int(a), int(b)) for a, b in zip(low, high, strict=True))] += 1
     assert (counts == occupied).all()
+
+
+@settings(max_examples=30)
+@given(seeds, st.sampled_from([0.5, 1.0, 1.3, 2.0]), st.sampled_from([2, 3]))
+def test_cells_of_a_bitmap_as_an_obstacle(seed, ratio, dim):
+    """On a lattice of quarters: cells that the bitmap touches, and cells that lie in it, but for its very border."""
+    rng = np.random.default_rng(seed)
+    occupied = rng.random((4, 3, 4)[:dim]) < 0.6
+    occupied[(0,) * dim] = True
+    lower = rng.integers(-8, 9, dim) / 8.0
+    outer, inner = Voxels(occupied, ratio, lower).cells(Grid((-2.0,) * dim, 1.0, (7, 6, 8)[:dim]))
+    for cell in np.ndindex(outer.shape):
+        low = np.array(cell) - 2.0 - lower
+        ends = [(np.ceil(a / ratio - 1 - 1e-9), np.floor((a + 1) / ratio + 1e-9) + 1) for a in low]
+        touched = [slice(max(0, int(first)), max(0, int(stop))) for first, stop in ends]
+        assert outer[cell] == occupied[tuple(touched)].any()
+        over = [range(int(np.floor(a / ratio - 1e-9)), int(np.floor((a + 1) / ratio + 1e-9)) + 1) for a in low]
+        held = all(
+            all(0 <= i < n for i, n in zip(index, occupied.shape, strict=True)) and occupied[index]
+            for index in product(*over)
+        )
+        assert inner[cell] == held
 
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_a_point_on_borders_is_in_every_cell_that_shares_them(dim):
     grid = Grid((0.0,) * dim, 0.5, (4,) * dim)
-    outer, inner = rasterize_balls(np.full((1, dim), 1.0), np.zeros(1), grid)
+    outer, inner = Balls(np.full((1, dim), 1.0), np.zeros(1)).cells(grid)
     assert sorted(map(tuple, np.argwhere(outer))) == list(product((1, 2), repeat=dim))
     assert not inner.any()
 
@@ -227,13 +252,13 @@ def test_a_point_on_borders_is_in_every_cell_that_shares_them(dim):
 @pytest.mark.parametrize("dim", [2, 3])
 def test_slack_at_the_border_of_a_cell(dim):
     grid = Grid((0.0,) * dim, 1.0, (6,) * dim)
-    center = np.full((1, dim), 2.5)
     for offset, met in ((0.0, True), (SLACK / 2, True), (8 * SLACK, False)):
+        center = np.full((1, dim), 2.5)
         center[0, 0] = 3.0 + 0.5 + offset
-        outer, _ = rasterize_balls(center, np.array([0.5]), grid)
+        outer, _ = Balls(center, np.array([0.5])).cells(grid)
         assert outer[(2, *(2,) * (dim - 1))] == met
     for offset, inside in ((0.0, False), (8 * SLACK, True)):
-        _, inner = rasterize_balls(np.full((1, dim), 2.5), np.array([np.sqrt(dim) / 2 + offset]), grid)
+        _, inner = Balls(np.full((1, dim), 2.5), np.array([np.sqrt(dim) / 2 + offset])).cells(grid)
         assert inner.sum() == inside
 
 
@@ -241,7 +266,7 @@ def test_random_points_are_in_their_cells_alone():
     rng = np.random.default_rng(7)
     grid = Grid((-1.0, 2.0, 0.5), 0.13, (40, 30, 50))
     points = rng.uniform((-2.0, 1.0, 0.0), (5.0, 7.0, 8.0), (60_000, 3))
-    outer, inner = rasterize_balls(points, np.zeros(len(points)), grid)
+    outer, inner = Balls(points, np.zeros(len(points))).cells(grid)
     cells = np.floor((points - grid.lower) / grid.spacing).astype(int)
     cells = cells[((cells >= 0) & (cells < grid.shape)).all(axis=1)]
     expected = np.zeros(grid.shape, dtype=bool)
@@ -255,7 +280,7 @@ def test_balls_of_a_cloud_against_a_tree(radius):
     rng = np.random.default_rng(8)
     grid = Grid((0.0, 0.0, 0.0), 0.1, (40, 30, 50))
     points = rng.uniform(0.0, 5.0, (3000, 3))
-    outer, inner = rasterize_balls(points, np.full(len(points), radius), grid)
+    outer, inner = Balls(points, np.full(len(points), radius)).cells(grid)
     middles = np.stack(np.meshgrid(*(grid.centers(axis) for axis in range(3)), indexing="ij"), axis=-1)
     distance, _ = cKDTree(points).query(middles)
     corner = grid.spacing * np.sqrt(3) / 2
@@ -269,8 +294,8 @@ def test_a_union_is_the_union_of_its_parts_in_any_number_of_threads():
     rng = np.random.default_rng(9)
     grid = Grid((0.0, 0.0, 0.0), 0.1, (60, 20, 30))
     centers, radii = rng.uniform(-1.0, 7.0, (800, 3)), rng.uniform(0.0, 1.2, 800)
-    outer, inner = rasterize_balls(centers, radii, grid)
-    parts = [rasterize_balls(centers[n : n + 1], radii[n : n + 1], grid) for n in range(len(radii))]
+    outer, inner = Balls(centers, radii).cells(grid)
+    parts = [Balls(centers[n : n + 1], radii[n : n + 1]).cells(grid) for n in range(len(radii))]
     assert (outer == np.logical_or.reduce([part[0] for part in parts])).all()
     assert (inner == np.logical_or.reduce([part[1] for part in parts])).all()
     assert inner.any()
@@ -282,8 +307,8 @@ def test_a_union_is_the_union_of_its_parts_in_any_number_of_threads():
 def test_a_disc_is_a_section_of_a_ball(x, y, radius):
     plane, space = Grid((0.0, 0.0), 0.5, (7, 6)), Grid((0.0, 0.0, 0.0), 0.5, (7, 6, 1))
     center, size = np.array([[x / 2, y / 2]]), np.array([radius / 4])
-    flat, _ = rasterize_balls(center, size, plane)
-    solid, _ = rasterize_balls(np.hstack([center, [[0.25]]]), size, space)
+    flat, _ = Balls(center, size).cells(plane)
+    solid, _ = Balls(np.hstack([center, [[0.25]]]), size).cells(space)
     assert (flat == solid[:, :, 0]).all()
 
 
@@ -291,14 +316,14 @@ def test_a_disc_is_a_section_of_a_ball(x, y, radius):
 def test_what_is_too_far_for_the_slack_is_refused(center, radius):
     grid = Grid((0.0, 0.0, 0.0), 1.0, (4, 4, 4))
     with pytest.raises(InputError, match="cells from the map's corner"):
-        rasterize_balls(np.array([[0.0, 0.0, center]]), np.array([radius]), grid)
+        Balls(np.array([[0.0, 0.0, center]]), np.array([radius])).cells(grid)
 
 
 def test_large_coordinates_stay_exact():
     grid = Grid((2.0**21, -(2.0**21), 0.0), 1.0, (6, 6, 6))
     centers = np.array([[2.0**21 - 2.0**20 + 2.5, -(2.0**21) + 2.5, 2.5]])
     radius = np.array([2.0**20])
-    outer, inner = rasterize_balls(centers, radius, grid)
+    outer, inner = Balls(centers, radius).cells(grid)
     truth = Definition(centers, centers, exact(radius), grid.shape, grid.lower, 1.0, 0, 1)
     check(outer, truth.touched(0), truth.touched(1))
     check(inner, truth.inside(1), truth.inside(0))
@@ -307,4 +332,4 @@ def test_large_coordinates_stay_exact():
 
 def test_a_robot_of_too_many_cells_is_refused():
     with pytest.raises(InputError, match="larger spacing"):
-        box_rasters((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0), 1e-3)
+        Box.of((2.0, 2.0, 2.0)).rasters(1e-3)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 import oracles
 from cspace import Grid, InputError, Robot
-from cspace.raster.segments import outline_cells
+from cspace.shapes import Balls, Polygons
 from strategies import robots, seeds, spacings, stars
 
 NEAR = 1e-6
@@ -62,10 +62,10 @@ def test_every_kind_of_robot_agrees_with_shapely(robot, spacing, margin):
     low, high = (offsets - 1) * spacing, (offsets + 1) * spacing
     boxes = shapely.box(low[..., 0], low[..., 1], high[..., 0], high[..., 1])
     points = shapely.points(offsets * spacing)
-    if len(robot.radii):
-        centers = shapely.points(robot.centers)[:, None, None]
-        gap = (shapely.distance(boxes, centers) - robot.radii[:, None, None]).min(axis=0)
-        depth = (shapely.distance(points, centers) - robot.radii[:, None, None]).min(axis=0)
+    if isinstance(robot.shape, Balls):
+        centers = shapely.points(robot.shape.centers)[:, None, None]
+        gap = (shapely.distance(boxes, centers) - robot.shape.radii[:, None, None]).min(axis=0)
+        depth = (shapely.distance(points, centers) - robot.shape.radii[:, None, None]).min(axis=0)
     else:
         gap = shapely.distance(boxes, robot.geometry)
         border = shapely.distance(points, robot.geometry.boundary)
@@ -99,7 +99,7 @@ def test_obstacle_cells_agree_with_shapely(seed, spacing):
     ]
     chosen = [shapes[i] for i in rng.permutation(len(shapes))[: rng.integers(1, 6)]]
     grid = Grid((-2.0, -1.5), spacing, (int(4 / spacing), int(3 / spacing)))
-    outer, inner = rasterize_obstacles(chosen, grid)
+    outer, inner = Polygons(chosen).cells(grid)
     corners = np.stack(np.meshgrid(*map(np.arange, grid.shape), indexing="ij"), axis=-1) * spacing + grid.lower
     cells = shapely.box(corners[..., 0], corners[..., 1], corners[..., 0] + spacing, corners[..., 1] + spacing)
     gap = np.min([shapely.distance(cells, shape) for shape in chosen], axis=0)
@@ -114,7 +114,7 @@ def test_obstacle_cells_agree_with_shapely(seed, spacing):
 
 def test_obstacles_too_far_for_the_certificate_are_refused():
     with pytest.raises(InputError, match="rounding"):
-        rasterize_obstacles([shapely.box(0, 0, 1e9, 1)], Grid((0, 0), 0.01, (10, 10)))
+        Polygons([shapely.box(0, 0, 1e9, 1)]).cells(Grid((0, 0), 0.01, (10, 10)))
 
 
 def test_a_robot_500_cells_across_costs_its_boundary():
