@@ -254,7 +254,7 @@ def title(space: MapLike, stretch: Floats, words: str | None, about: str = "") -
     notes = [f"{axis} stretched {by:.3g} times" for axis, by in zip("xyz", stretch, strict=False) if by != 1.0]
     if words is None:
         words = f"{space.robot.name}, cells of {space.grid.spacing:g} m" + (f"\n{about}" if about else "")
-    return f"{words} ({', '.join(notes)})".strip() if notes else words
+    return f"{words}\n({', '.join(notes)})".strip() if notes else words
 
 
 def about_yaw(space: MapLike, yaw: float | None) -> str:

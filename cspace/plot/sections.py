@@ -107,7 +107,7 @@ def _panels(box: Floats, stretch: Floats) -> dict[int, tuple[Axes, tuple[int, in
     scales = [min(_PAGE[0] / width, _PAGE[1] / (y + z)) for width in (x + y, x + z)]
     lies = bool(scales[1] > 1.1 * scales[0])
     scale, beside = scales[lies], z if lies else y
-    size = max(scale * (x + beside) + 1.5, 5.0), scale * (y + z) + 2.0
+    size = max(scale * (x + beside) + 1.5, 5.0), scale * (y + z) + 2.5
     figure = artists.new_figure(*size, layout="compressed")
     cells = figure.add_gridspec(2, 2, width_ratios=(x, beside), height_ratios=(z, y))
     plan = figure.add_subplot(cells[1, 0])
@@ -139,7 +139,9 @@ def _draw_layer(
         draw(point[axis], path_effects=[artists.halo(1.8, 0.5)], **trace)
     digits = max(0, 1 + math.ceil(-math.log10(grid.spacing)))
     height = round(float(point[across]), digits) + 0.0  # no minus sign before zero
-    ax.set_title(f"{AXES[across]} = {height:.10g} m", loc="left", fontsize=9)
+    # Unlike a title, a text takes room in the layout, which narrow panels need.
+    words: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points", "fontsize": 9}
+    ax.annotate(f"{AXES[across]} = {height:.10g} m", (0.0, 1.0), (0.0, 5.0), **words)
     return classes
 
 

@@ -87,7 +87,7 @@ def _panels(count: int, box: Floats) -> Any:
     columns = min(range(1, min(count, 16) + 1), key=off)
     rows = math.ceil(count / columns)
     scale = min(_WIDE / (columns * width), _WIDE / (rows * height), 3.5)
-    size = columns * (max(scale * width, 0.5) + 0.3) + 0.9, rows * (scale * height + 0.4) + 1.3
+    size = columns * (max(scale * width, 0.8) + 0.3) + 0.9, rows * (scale * height + 0.4) + 1.3
     return artists.new_figure(max(size[0], 4.2), size[1]).subplots(
         rows, columns, sharex=True, sharey=True, squeeze=False
     )

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from cspace.cli.forms import Form, configuration, form_of
 from typer.testing import CliRunner
 
 import cspace
 import planners
 from cspace.cli import app
-from cspace.cli.forms import Form, configuration, form_of
 from cspace.cli.options import box
 from cspace.cli.words import in_options
 from cspace.errors import InputError

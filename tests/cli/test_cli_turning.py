@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from cspace.cli.forms import Form, configuration
 from hypothesis import given
 from hypothesis import strategies as st
 from typer.testing import CliRunner
@@ -16,7 +17,6 @@ from typer.testing import CliRunner
 import cspace
 import planners
 from cspace.cli import app
-from cspace.cli.forms import Form, configuration
 from cspace.cli.options import angle
 from cspace.errors import InputError
 

@@ -1,0 +1,45 @@
+"""What is drawn in a figure: its pixels, its words, the colours of its classes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.colors import to_rgb
+from numpy.typing import NDArray
+
+from cspace import BLOCKED, FREE, MIXED, CSpace
+from cspace.plot.artists import CLASSES
+
+NAMES = {FREE: "free", MIXED: "undecided (MIXED)", BLOCKED: "C-obstacle (BLOCKED)"}
+COLORS = {label: tuple(round(255 * part) for part in to_rgb(color)) for label, color in CLASSES}
+
+
+def rendered(ax: Any) -> NDArray[np.uint8]:
+    """Pixels of a figure, the first row at the bottom as in display coordinates, shape (height, width, 3)."""
+    ax.figure.canvas.draw()
+    return np.asarray(ax.figure.canvas.buffer_rgba())[::-1, :, :3]
+
+
+def pixel(ax: Any, image: NDArray[np.uint8], x: float, y: float) -> tuple[int, ...]:
+    """The pixel that shows a point given in metres."""
+    column, row = ax.transData.transform((x, y))
+    return tuple(image[int(row), int(column)].tolist())
+
+
+def labels(ax: Any) -> list[str]:
+    """Entries of all legends."""
+    legends = [*ax.figure.legends, *([ax.get_legend()] if ax.get_legend() else [])]
+    return [text.get_text() for legend in legends for text in legend.get_texts()]
+
+
+def heading(ax: Any) -> str:
+    return str(ax.figure._suptitle.get_text())
+
+
+def class_of(space: CSpace, states: set[int], occupied: bool) -> str:
+    """What a cell should show, in words, whose states at the yaws that are shown are these."""
+    best = min(states)
+    if occupied:
+        return "obstacle, free for the reference point" if best == FREE else "obstacle"
+    return "free at some yaws" if best == FREE and len(states) > 1 else NAMES[best]

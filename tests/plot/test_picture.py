@@ -1,0 +1,309 @@
+"""Pictures of maps in the plane: each pixel shows what the map says there, in one colour for one meaning."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+
+import cspace
+from cspace import FREE, CSpace, Robot, Workspace, build
+from cspace.errors import FileError, InputError
+from cspace.plot import artists, plot, save_plot
+from cspace.plot.artists import CLASSES
+from cspace.plot.route import rings
+from pictures import COLORS, class_of, heading, labels, pixel, rendered
+
+
+def room() -> Workspace:
+    """8 m by 5 m, walls all round, and a block that touches no symmetry: x 5 to 6.5, y 1 to 2."""
+    occupied = np.zeros((80, 50), bool)
+    occupied[[0, -1], :] = True
+    occupied[:, [0, -1]] = True
+    occupied[50:65, 10:20] = True
+    return Workspace.from_array(occupied, 0.1)
+
+
+@pytest.fixture(scope="module")
+def space() -> CSpace:
+    return build(room(), Robot.disc(0.32))
+
+
+@pytest.fixture(scope="module")
+def turning() -> CSpace:
+    """The robot is long, and its reference point off its middle."""
+    return build(room(), Robot.rectangle(1.2, 0.4, center=(0.3, 0.0)), rotations=24)
+
+
+# ----------------------------------------------------------------------------------------------- cells
+
+
+@pytest.mark.parametrize("yaw", ["none", None, 0.0, 1.2, -2.0, 7.0])
+def test_every_pixel_shows_its_cell(space: CSpace, turning: CSpace, yaw: Any) -> None:
+    """One slice, or, without a yaw, all of them: asked of the map configuration by configuration."""
+    shown = space if yaw == "none" else turning
+    ax = plot(shown, yaw=None if yaw == "none" else yaw)
+    image, seen = rendered(ax), set()
+    yaws = [()] if yaw == "none" else [(yaw,)] if yaw is not None else [(q,) for q in turning.rotations.representatives]
+    for cell in np.random.default_rng(2).integers(0, shown.grid.shape, (400, 2)):
+        x, y = shown.grid.center_of(cell)
+        states = {int(shown.classify((x, y, *more))) for more in yaws}
+        seen.add(class_of(shown, states, bool(shown.workspace.outer[tuple(cell)])))
+        assert pixel(ax, image, x, y) == COLORS[class_of(shown, states, bool(shown.workspace.outer[tuple(cell)]))]
+    assert len(seen) == (5 if yaw is None else 4)
+
+
+def test_metres_and_names(space: CSpace) -> None:
+    ax = plot(space)
+    assert (ax.get_xlim(), ax.get_ylim(), ax.get_aspect()) == ((0.0, 8.0), (0.0, 5.0), 1.0)
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("x (m)", "y (m)")
+    assert heading(ax) == "disc 0.32 m, cells of 0.1 m"
+
+
+def test_the_title_tells_yaw_and_width(turning: CSpace) -> None:
+    assert "yaw 90°, in a rotation cell 15° wide" in heading(plot(turning, yaw=math.pi / 2))
+    assert "yaw -90°" in heading(plot(turning, yaw=1.5 * math.pi))
+    assert "over all yaws, 24 rotation cells of 15°" in heading(plot(turning))
+    assert heading(plot(turning, yaw=0.0, title="mine")) == "mine"
+    borders = np.radians([0.0, 90.0, 100.0, 360.0])
+    uneven = build(Workspace.from_array(np.eye(9, dtype=bool), 0.1), Robot.rectangle(0.2, 0.1), rotations=borders)
+    assert "3 rotation cells of 10° to 260°" in heading(plot(uneven))
+
+
+def test_the_legend_names_what_is_there(space: CSpace, turning: CSpace) -> None:
+    assert labels(plot(space)) == ["obstacle", "C-obstacle (BLOCKED)", "undecided (MIXED)", "free"]
+    assert labels(plot(space, path=[(1, 1), (1, 4), (7, 4)]))[4:] == ["path", "robot", "start", "goal"]
+    assert labels(plot(space, legend=False)) == []
+    assert labels(plot(turning)) == [
+        *("obstacle", "C-obstacle at every yaw", "undecided (MIXED)", "free at some yaws", "free at every yaw")
+    ]
+
+
+@pytest.mark.parametrize("outside", ["free", "blocked"])
+def test_outside_the_grid_the_picture_says_nothing(outside: str) -> None:
+    """Hatched, whatever lies there: in no colour of a class, with an entry in the legend."""
+    space = build(Workspace.from_array(np.eye(20, dtype=bool), 0.1), Robot.disc(0.1), outside=outside)
+    ax = plot(space, path=[(1.5, 0.2), (-1.0, 0.2)])
+    assert ax.get_xlim()[0] == pytest.approx(-1.1)
+    image = rendered(ax)
+    shown = {pixel(ax, image, x, y) for x in np.linspace(-1.0, -0.1, 40) for y in np.linspace(0.6, 1.9, 40)}
+    assert len(shown) > 1
+    assert not shown & set(COLORS.values())
+    assert "outside the grid" in labels(ax)
+    assert "outside the grid" not in labels(plot(space))
+
+
+def test_obstacles_that_the_reference_point_may_enter() -> None:
+    occupied = np.zeros((60, 20), bool)
+    occupied[20:24] = True
+    space = build(Workspace.from_array(occupied, 0.1), Robot.disc(0.3, center=(2.0, 0.0)), outside="free")
+    assert (space.state[20:24] == FREE).all()
+    ax = plot(space)
+    assert pixel(ax, rendered(ax), 2.2, 1.0) == COLORS["obstacle, free for the reference point"]
+
+
+def test_colors_part_in_grey_print_and_mean_one_thing() -> None:
+    # Perceived lightness L* of CIELAB, 0 to 100.
+    lightness = {}
+    for label, name in CLASSES:
+        linear = [part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in to_rgb(name)]
+        lightness[label] = 116 * float(np.dot([0.2126, 0.7152, 0.0722], linear)) ** (1 / 3) - 16
+    assert np.diff(sorted(lightness.values())).min() > 7
+    main = sorted(value for label, value in lightness.items() if "reference" not in label and "some" not in label)
+    assert np.diff(main).min() > 15
+    colors = [color for _, color in CLASSES] + [artists.PATH, artists.ROBOT, artists.GOAL, artists.OUTSIDE[1]]
+    apart = [np.abs(np.subtract(to_rgb(one), to_rgb(two))).max() for i, one in enumerate(colors) for two in colors[:i]]
+    assert min(apart) > 0.04
+
+
+# ----------------------------------------------------------------------------------------------- path, robots, marks
+
+
+def drawn(ax: Any) -> dict[str, list[list[float]]]:
+    return {line.get_label(): line.get_xydata().tolist() for line in ax.lines if line.get_label()[0] != "_"}
+
+
+def boxes(ax: Any, number: int = 0) -> list[Any]:
+    return [outline.get_extents() for outline in ax.collections[number].get_paths()]
+
+
+def test_path_and_marks_are_where_they_belong(space: CSpace) -> None:
+    class Found:
+        path = np.array([(1.0, 1.0), (1.0, 4.0), (7.0, 4.0)])
+
+    for path in (Found(), Found.path.tolist()):
+        assert drawn(plot(space, path=path)) == {
+            "path": Found.path.tolist(),
+            "start": [[1.0, 1.0]],
+            "goal": [[7.0, 4.0]],
+        }
+    assert drawn(plot(space, start=(1, 2))) == {"start": [[1.0, 2.0]]}
+
+
+def test_robots_along_the_path(space: CSpace) -> None:
+    ax = plot(space, path=[(1, 1), (1, 4), (7, 4)], robot_every=1.0)
+    middles = np.array([[(box.x0 + box.x1) / 2, (box.y0 + box.y1) / 2] for box in boxes(ax)])
+    between = [(1, 2), (1, 3), (1, 4), (2, 4), (3, 4), (4, 4), (5, 4), (6, 4)]
+    np.testing.assert_allclose(middles, [*between, (1, 1), (7, 4)], atol=1e-9)
+    np.testing.assert_allclose([box.width for box in boxes(ax)], 0.64, atol=1e-9)
+    assert len(boxes(plot(space, path=[(1, 1), (7, 4)], robot_every=float("inf")))) == 2
+    assert 5 < len(boxes(plot(space, path=[(1, 1), (7, 4)]))) < 20
+    assert len(boxes(plot(space, path=[(1.0, 1.0)]))) == 2
+
+
+def test_robots_are_turned(turning: CSpace) -> None:
+    ax = plot(turning, path=[(2, 1, math.pi / 2), (2, 4, math.pi / 2)], robot_every=1.0)
+    found = boxes(ax)
+    np.testing.assert_allclose([(box.x0, box.x1) for box in found], [(1.8, 2.2)] * 4, atol=1e-9)
+    # The reference point is 0.3 m behind the middle, and the ends come last.
+    np.testing.assert_allclose([box.y0 for box in found], np.array([2.0, 3.0, 1.0, 4.0]) - 0.3, atol=1e-9)
+    np.testing.assert_allclose([box.height for box in found], 1.2, atol=1e-9)
+    assert 4 <= len(boxes(plot(turning, path=[(3, 3, 0), (3, 3, 3.0)]))) < 20  # a turn on the spot
+    middle = boxes(plot(turning, path=[(2, 2, 3.0), (5, 2, -3.0)], robot_every=2.0))[0]  # the shorter way round
+    np.testing.assert_allclose((middle.x0, middle.x1, middle.height), (3.5 - 0.9, 3.5 + 0.3, 0.4), atol=1e-9)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 2.0, -2.5])
+def test_noses_and_arrows_show_the_yaw(turning: CSpace, yaw: float) -> None:
+    ahead = np.array([math.cos(yaw), math.sin(yaw)])
+    ax = plot(turning, goal=(3.0, 3.0, yaw), yaw=0.0)
+    points = ax.collections[1].get_paths()[0].vertices - (3.0, 3.0)
+    np.testing.assert_allclose(points[(points @ ahead).argmax()], 0.9 * ahead)
+    assert (points @ ahead).min() > 0.4
+    image, way = rendered(ax), 0.24 * ahead
+    goal = tuple(round(255 * part) for part in to_rgb(artists.GOAL))
+    assert pixel(ax, image, *(np.array([3.0, 3.0]) + way)) == goal
+    assert pixel(ax, image, *(np.array([3.0, 3.0]) - way)) != goal
+
+
+def test_holes_of_the_robot_stay_open() -> None:
+    ring = shapely.box(-1.0, -1.0, 1.0, 1.0) - shapely.box(-0.8, -0.8, 0.8, 0.8)
+    space = build(Workspace.from_array(np.zeros((60, 60), bool), 0.1, lower=(-3.0, -3.0)), Robot.polygon(ring))
+    ax = plot(space, start=(0.3, 0.2))
+    image = rendered(ax)
+    assert pixel(ax, image, 0.3, 0.9) == COLORS["free"]
+    assert pixel(ax, image, 0.3, 1.1) != COLORS["free"]
+    square, hole = shapely.box(0, 0, 3, 3).exterior, [(1.0, 1.0), (2.0, 1.0), (2.0, 2.0), (1.0, 2.0)]
+    for inside in (hole, hole[::-1]):
+        turns = [shapely.LinearRing(each).is_ccw for each in rings(shapely.Polygon(square, [inside]))]
+        assert turns == [True, False]
+
+
+# ----------------------------------------------------------------------------------------------- figures
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 300), (300, 1), (2, 3), (300, 10), (60, 50), (50, 60)])
+def test_all_is_in_the_figure(shape: tuple[int, int]) -> None:
+    """Words and legend lie in the figure and hide nothing, whatever the shape of the map."""
+    space = build(Workspace.from_array(np.zeros(shape, bool), 0.1), Robot.disc(0.01), outside="free")
+    ax = plot(space, path=[space.grid.center_of((0, 0)), space.grid.upper])
+    image = rendered(ax)
+    panel, legend = ax.get_window_extent(), ax.figure.legends[0].get_window_extent()
+    for box in (panel, legend, ax.figure._suptitle.get_window_extent()):
+        assert 0 <= box.x0 < box.x1 <= ax.figure.bbox.width
+        assert 0 <= box.y0 < box.y1 <= ax.figure.bbox.height
+    assert not legend.overlaps(panel)
+    assert not legend.overlaps(ax.xaxis.label.get_window_extent())
+    assert min(panel.width, panel.height) > 60
+    assert ("stretched" in heading(ax)) == (max(shape) / min(shape) > 12)
+    assert image.shape[0] * image.shape[1] < 2_000_000
+
+
+def test_axes_of_the_caller(space: CSpace) -> None:
+    figure = Figure(figsize=(9, 4))
+    left, right = figure.subplots(1, 2)
+    assert plot(space, ax=right) is right
+    assert (len(left.images), len(right.images)) == (0, 1)
+    assert "disc" in right.get_title()
+    assert not figure.legends
+    assert right.get_legend() is not None
+    assert plot(space, ax=left, title="mine").get_title() == "mine"
+
+
+def test_no_window_and_no_display(tmp_path: Path) -> None:
+    code = (
+        "import sys, numpy as np\n"
+        "from cspace import Robot, Workspace, build\n"
+        "from cspace.plot import save_plot\n"
+        "save_plot(build(Workspace.from_array(np.eye(9, dtype=bool), 0.1), Robot.disc(0.1)), 'map.png')\n"
+        "assert 'matplotlib.pyplot' not in sys.modules\n"
+    )
+    root = str(Path(cspace.__file__).parents[1])
+    environment = {"PATH": "", "PYTHONPATH": root, "MPLBACKEND": "tkagg", "HOME": str(tmp_path)}
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+# ----------------------------------------------------------------------------------------------- files and bad input
+
+
+@pytest.mark.parametrize("suffix", [".png", ".pdf", ".svg", ".jpg"])
+def test_files(space: CSpace, tmp_path: Path, suffix: str) -> None:
+    file = tmp_path / f"map{suffix}"
+    file.write_text("precious")
+    with pytest.raises(FileError, match="exists"):
+        save_plot(space, file)
+    assert file.read_text() == "precious"
+    save_plot(space, file, overwrite=True, path=[(1, 1), (1, 4)])
+    begin = {".png": b"\x89PNG", ".pdf": b"%PDF", ".svg": b"<?xml", ".jpg": b"\xff\xd8"}[suffix]
+    assert file.read_bytes().startswith(begin)
+    assert [entry.name for entry in tmp_path.iterdir()] == [file.name]
+    with pytest.raises(FileError, match="folder"):
+        save_plot(space, tmp_path / "absent" / "map.png")
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"path": [1.0, 2.0]}, "path has shape (2,)"),
+        ({"path": [(1.0, 2.0, 3.0)]}, "path has shape (1, 3)"),
+        ({"path": [(1.0, float("nan"))]}, "path[0, 1] is nan"),
+        ({"start": [(1.0, 2.0)]}, "start has shape (1, 2)"),
+        ({"goal": (1.0, float("inf"))}, "goal[1] is inf"),
+        ({"path": [(1, 1), (2, 2)], "robot_every": 0.0}, "robot_every is 0.0"),
+        ({"robot_every": float("nan")}, "robot_every is nan"),
+        ({"dpi": 0}, "dpi is 0"),
+        ({"ax": None}, "ax is given"),
+        ({"yaw": 0.5}, "yaw is 0.5; the map has no rotations"),
+        ({"view": "3d"}, "view is '3d'"),
+        ({"view": "yaw_panels"}, "it must be plane"),
+        ({"at": (1, 1, 1)}, "at is given; it goes with the view sections or yaw_panels"),
+        ({"cut": 1.0}, "cut is given; it goes with the view 3d"),
+        ({"file": "map.xyz"}, "suffix is one of .png, .pdf, .svg, .jpg; name it e.g. map.png"),
+    ],
+)
+def test_bad_input(space: CSpace, tmp_path: Path, options: dict[str, Any], words: str) -> None:
+    with pytest.raises(InputError) as caught:
+        save_plot(space, tmp_path / options.pop("file", "map.png"), **options)
+    assert words in str(caught.value)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"path": [(1.0, 2.0)]}, "path has shape (1, 2); it must be (n, 3)"),
+        ({"start": (1.0, 2.0)}, "start has shape (2,); it must be (3,); pass one configuration (x, y, yaw)"),
+        ({"goal": (1.0, 2.0, float("inf"))}, "goal[2] is inf"),
+        ({"yaw": float("nan")}, "yaw is nan"),
+        ({"yaw": [0.0, 1.0], "view": "plane"}, "yaw has shape (2,)"),
+        ({"yaw": 1e9}, "yaw is 1e+09"),
+        ({"yaw": "north"}, "yaw is 'north'"),
+        ({"yaw": []}, "yaw has shape (0,)"),
+        ({"yaw": [[0.0]]}, "yaw has shape (1, 1)"),
+        ({"yaw": np.zeros(65)}, "n from 1 to 64"),
+        ({"yaw": [0.0, float("nan")]}, "yaw[1] is nan"),
+    ],
+)
+def test_bad_input_of_a_robot_that_turns(turning: CSpace, options: dict[str, Any], words: str) -> None:
+    with pytest.raises(InputError) as caught:
+        plot(turning, **options)
+    assert words in str(caught.value)

@@ -1,0 +1,226 @@
+"""Sections of maps in space: every drawn cell is the map's, to scale, and the robot where the section meets it."""
+
+from __future__ import annotations
+
+from itertools import pairwise, product
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from numpy.typing import NDArray
+
+from cspace import CSpace, Robot, Workspace, build
+from cspace.errors import InputError
+from cspace.plot import plot
+from cspace.plot.sections import within
+from pictures import COLORS, class_of, heading, labels, rendered
+
+PATH = [(0.6, 3.2, 1.8), (2.2, 1.2, 1.0), (3.8, 1.2, 1.0), (5.5, 1.5, 0.6)]
+
+
+@pytest.fixture(scope="module")
+def space() -> CSpace:
+    """6 m x 4 m x 2.4 m; a wall with a window at x 2.8 to 3.2, a block and a pillar: nothing is symmetric."""
+    occupied = np.zeros((60, 40, 24), bool)
+    occupied[28:32] = True
+    occupied[28:32, 6:18, 4:16] = False
+    occupied[45:52, 20:30, :14] = True
+    occupied[10:16, 22:28] = True
+    return build(Workspace.from_array(occupied, 0.1), Robot.box((0.5, 0.4, 0.3)))
+
+
+def shown(space: CSpace, cell: NDArray[np.int64]) -> str:
+    """What a cell should show, in words."""
+    return class_of(space, {int(space.state[tuple(cell)])}, bool(space.workspace.outer[tuple(cell)]))
+
+
+def pairs(figure: Any) -> list[tuple[int, int]]:
+    """Which coordinate each panel shows to the right and up, told by the names of the axes and what they share."""
+    plan, front, side = figure.axes
+    names = [
+        (plan.get_xlabel(), plan.get_ylabel()),
+        (plan.get_xlabel(), front.get_ylabel()),
+        (side.get_xlabel(), (front if "y" in side.get_xlabel() else plan).get_ylabel()),
+    ]
+    found = [("xyz".index(right[0]), "xyz".index(up[0])) for right, up in names]
+    assert [len(set(pair)) for pair in found] == [2, 2, 2]
+    return found
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2), (2, 1, 0), (1, 2, 0)])
+def test_sections_show_the_map(order: tuple[int, ...]) -> None:
+    """Every panel, in both arrangements, shows the cells of the layer that its section runs through."""
+    rng = np.random.default_rng(3)
+    shape = np.array([40, 30, 8])[list(order)]
+    occupied = np.zeros(tuple(shape), bool)
+    occupied[tuple(rng.integers(0, shape, (25, 3)).T)] = True
+    lower = np.array([-3.0, 7.0, 1.0])
+    space = build(Workspace.from_array(occupied, 0.5, lower), Robot.ball(0.4))
+    at = lower + 0.5 * shape * (0.31, 0.62, 0.43)
+    ax = plot(space, at=at)
+    image, figure = rendered(ax), ax.figure
+    layer = ((at - lower) / 0.5).astype(int)
+    for panel, pair, across in zip(figure.axes, pairs(figure), (2, 1, 0), strict=True):
+        assert {*pair, across} == {0, 1, 2}
+        assert panel.texts[0].get_text() == f"{'xyz'[across]} = {round(at[across], 2):g} m"
+        for cell in product(*map(range, shape[list(pair)])):
+            whole = layer.copy()
+            whole[list(pair)] = cell
+            middle = lower + 0.5 * (whole + 0.5)
+            if np.abs(middle - at)[list(pair)].min() < 0.27:
+                continue  # there the other sections are drawn
+            column, row = panel.transData.transform(middle[list(pair)]).astype(int)
+            assert tuple(image[row, column]) == COLORS[shown(space, whole)], (pair, whole)
+
+
+def test_sections_are_to_scale_and_share_their_axes(space: CSpace) -> None:
+    plan = plot(space, at=(1.0, 2.0, 0.5))
+    plan.figure.canvas.draw()
+    side_by_side = plan.figure.axes
+    assert plan is side_by_side[0]
+    for panel, pair in zip(side_by_side, pairs(plan.figure), strict=True):
+        upper = np.array([6.0, 4.0, 2.4])[list(pair)]
+        np.testing.assert_allclose([panel.get_xlim(), panel.get_ylim()], [(0, upper[0]), (0, upper[1])])
+        box = panel.get_window_extent()
+        assert (box.width / upper[0]) == pytest.approx(plan.get_window_extent().width / 6.0)
+        assert (box.height / upper[1]) == pytest.approx(plan.get_window_extent().width / 6.0)
+    front, side = side_by_side[1:]
+    assert front.get_window_extent().x0 == pytest.approx(plan.get_window_extent().x0)
+    assert front.get_window_extent().y0 > plan.get_window_extent().y1
+    assert side.get_window_extent().x0 > plan.get_window_extent().x1
+    plan.set_xlim(1.0, 2.0)
+    assert front.get_xlim() == (1.0, 2.0)
+
+
+def test_the_other_sections_are_drawn(space: CSpace) -> None:
+    at = (1.03, 2.07, 0.55)
+    figure = plot(space, at=at).figure
+    for panel, (right, up) in zip(figure.axes, pairs(figure), strict=True):
+        across, along = panel.lines[:2]
+        assert set(across.get_xdata()) == {at[right]}
+        assert set(along.get_ydata()) == {at[up]}
+
+
+@pytest.mark.parametrize("shape", [(60, 24, 5), (8, 8, 60), (20, 20, 20), (300, 2, 1), (1, 1, 300), (1, 1, 1)])
+def test_nothing_overlaps(shape: tuple[int, ...]) -> None:
+    occupied = np.zeros(shape, bool)
+    occupied[0, 0, 0] = True
+    space = build(Workspace.from_array(occupied, 0.1), Robot.ball(0.01), outside="free")
+    ax = plot(space, path=[space.grid.lower, space.grid.upper])
+    figure = ax.figure
+    figure.canvas.draw()
+    parts = [panel.get_window_extent() for panel in figure.axes]
+    assert min(min(box.width, box.height) for box in parts) > 25
+    parts += [figure.legends[0].get_window_extent(), figure._suptitle.get_window_extent()]
+    parts += [panel.texts[0].get_window_extent() for panel in figure.axes]
+    for i, one in enumerate(parts):
+        assert -1 <= one.x0 < one.x1 <= figure.bbox.width + 1
+        assert -1 <= one.y0 < one.y1 <= figure.bbox.height + 1
+        for other in parts[:i]:
+            assert not one.overlaps(other), (i, one, other)
+    assert ("stretched" in figure._suptitle.get_text()) == (max(shape) / min(shape) > 24)
+    assert figure.bbox.width * figure.bbox.height < 2_500_000
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.data())
+def test_parts_of_a_path(data: st.DataObject) -> None:
+    """A point of the path is on a drawn part where its coordinate lies between the two, and only there."""
+    points = data.draw(arrays(np.float64, st.tuples(st.integers(2, 6), st.just(3)), elements=st.integers(-4, 4)))
+    axis = data.draw(st.integers(0, 2))
+    low, high = sorted(data.draw(st.tuples(st.integers(-5, 5), st.integers(-5, 5))))
+    parts = within(points, axis, low, high).reshape(-1, 3, 3)
+    assert np.isnan(parts[:, 2]).all()
+    assert not np.isnan(parts[:, :2]).any()
+    assert (parts[:, :2, axis] >= low - 1e-9).all()
+    assert (parts[:, :2, axis] <= high + 1e-9).all()
+    lengths = np.linalg.norm(parts[:, 1] - parts[:, 0], axis=1)
+    whole = 0.0
+    for a, b in pairwise(points):
+        steps = a[axis] + (np.arange(4000) + 0.5) / 4000 * (b[axis] - a[axis])
+        whole += np.linalg.norm(b - a) * ((low <= steps) & (steps <= high)).mean()
+    assert lengths.sum() == pytest.approx(whole, abs=0.02 * len(points))
+
+
+def test_path_and_robots_in_sections(space: CSpace) -> None:
+    """Solid, with the robot, where the robot reaches the section; faint elsewhere."""
+    ax = plot(space, path=PATH, at=(3.0, 1.2, 1.0), robot_every=0.5)
+    for panel, pair, across in zip(ax.figure.axes, pairs(ax.figure), (2, 1, 0), strict=True):
+        drawn = {line.get_label(): line.get_xydata() for line in panel.lines}
+        np.testing.assert_array_equal(drawn["path, away from the section"], np.array(PATH)[:, pair])
+        np.testing.assert_array_equal(drawn["start"], [np.array(PATH[0])[list(pair)]])
+        np.testing.assert_array_equal(drawn["goal"], [np.array(PATH[-1])[list(pair)]])
+        half = np.array([0.25, 0.2, 0.15])
+        at = np.array([3.0, 1.2, 1.0])
+        expected = within(np.array(PATH), across, at[across] - half[across], at[across] + half[across])
+        np.testing.assert_allclose(drawn["path"], expected[:, pair])
+        boxes = [outline.get_extents() for outline in panel.collections[0].get_paths()]
+        np.testing.assert_allclose([(box.width, box.height) for box in boxes], [2 * half[list(pair)]] * len(boxes))
+    side = ax.figure.axes[2].collections[0].get_paths()
+    assert 1 <= len(side) < len(ax.figure.axes[1].collections[0].get_paths())
+    assert labels(ax)[-5:] == ["path", "path, away from the section", "robot", "start", "goal"]
+
+
+def sections_of(ax: Any) -> list[float]:
+    return [float(panel.texts[0].get_text()[4:-2]) for panel in reversed(ax.figure.axes)]
+
+
+def test_where_sections_run(space: CSpace) -> None:
+    """Through what the caller names; else where most of the path is, the start, the goal, or a FREE cell."""
+    assert sections_of(plot(space, at=(1.0, 2.0, 0.5))) == [1.0, 2.0, 0.5]
+    found = sections_of(plot(space, path=[(1.0, 1.0, 0.5), (1.0, 3.0, 0.5), (1.0, 3.0, 1.0), (2.0, 3.0, 1.0)]))
+    assert found[0] == pytest.approx(1.0, abs=0.26)
+    assert found[1] == pytest.approx(3.0, abs=0.21)
+    assert found[2] == pytest.approx(0.5, abs=0.16)
+    assert sections_of(plot(space, start=(1.0, 3.0, 2.0), goal=(5.0, 1.0, 1.0))) == [1.0, 3.0, 2.0]
+    assert sections_of(plot(space, goal=(5.0, 1.0, 1.0))) == [5.0, 1.0, 1.0]
+    assert space.is_free(sections_of(plot(space)))
+    full = build(Workspace.from_array(np.ones((4, 4, 4), bool), 1.0), Robot.ball(0.1))
+    assert sections_of(plot(full)) == [2.5, 2.5, 2.5]
+    assert sections_of(plot(space, path=[(-9.0, 1.0, 1.0), (-8.0, 1.0, 1.0)]))[0] == 0.0
+
+
+def test_sections_without_words(space: CSpace) -> None:
+    ax = plot(space, legend=False, title="")
+    assert labels(ax) == []
+    assert heading(ax) == ""
+    assert heading(plot(space, title="mine")) == "mine"
+    assert heading(plot(space)) == "box 0.5 m x 0.4 m x 0.3 m, cells of 0.1 m"
+
+
+def test_outside_the_grid_sections_say_nothing(space: CSpace) -> None:
+    """Beyond the grid nothing is drawn in the colour of free cells, whatever lies there."""
+    free = build(space.workspace, space.robot, outside="free")
+    ax = plot(free, start=(-1.0, 2.0, 1.0))
+    image = rendered(ax)
+    for panel, pair in list(zip(ax.figure.axes, pairs(ax.figure), strict=True))[:2]:
+        assert pair[0] == 0
+        low, high = panel.get_ylim()
+        places = [
+            panel.transData.transform((x, y)) for x in np.linspace(-0.7, -0.1, 9) for y in (low + 0.1, high - 0.1)
+        ]
+        seen = {tuple(image[int(row), int(column)]) for column, row in places}
+        assert not seen & set(COLORS.values())
+    assert "outside the grid" in labels(ax)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"path": [(1.0, 2.0)]}, "path has shape (1, 2); it must be (n, 3)"),
+        ({"start": (1.0, 2.0)}, "pass one configuration (x, y, z)"),
+        ({"at": (1.0, 2.0)}, "at has shape (2,)"),
+        ({"at": (1.0, 2.0, 9.0)}, "at is (1, 2, 9); it must lie in the grid, from (0, 0, 0) to (6, 4, 2.4)"),
+        ({"at": (1.0, float("nan"), 0.0)}, "at[1] is nan"),
+        ({"view": "plane"}, "so it must be sections or 3d"),
+        ({"yaw": 0.0}, "the map has no rotations"),
+        ({"camera": (1, 2)}, "it goes with the view 3d"),
+    ],
+)
+def test_bad_input(space: CSpace, options: dict[str, Any], words: str) -> None:
+    with pytest.raises(InputError) as caught:
+        plot(space, **options)
+    assert words in str(caught.value)

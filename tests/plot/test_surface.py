@@ -1,0 +1,204 @@
+"""Maps in three dimensions: the faces that the camera sees, none else, with path and robots among them."""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from cspace import FREE, CSpace, Grid, Robot, Workspace, build
+from cspace.errors import InputError
+from cspace.plot import artists, plot, surface
+from cspace.plot.surface import border_faces
+from pictures import heading, labels, rendered
+
+GRID = Grid((-1.0, 2.0, 0.5), 0.5, (5, 4, 3))
+TOWARDS = np.array([0.6, -0.5, 0.7])
+PATH = [(0.6, 3.2, 1.2), (2.2, 1.2, 1.0), (3.8, 1.2, 1.0), (5.5, 1.5, 0.6)]
+
+
+@pytest.fixture(scope="module")
+def space() -> CSpace:
+    """6 m x 4 m x 2.4 m; a floor, a wall with a window, a block."""
+    occupied = np.zeros((60, 40, 24), bool)
+    occupied[..., 0] = True
+    occupied[28:32] = True
+    occupied[28:32, 6:18, 4:16] = False
+    occupied[45:52, 20:30, :14] = True
+    return build(Workspace.from_array(occupied, 0.1), Robot.box((0.5, 0.4, 0.3)))
+
+
+def places(faces: surface.Faces) -> set[tuple[int, ...]]:
+    """Middles of faces, in halves of a cell, and the axes that they are normal to."""
+    middles = np.rint((faces.corners.mean(axis=1) - GRID.lower) / 0.5 * 2).astype(int)
+    return {(*middle.tolist(), int(axis)) for middle, axis in zip(middles, faces.axes, strict=True)}
+
+
+cells = arrays(np.bool_, st.tuples(*[st.integers(1, 5)] * 3))
+directions = st.tuples(*[st.sampled_from([-1.0, -0.4, 0.0, 0.3, 1.0])] * 3).filter(any)
+
+
+@settings(max_examples=100, deadline=None)
+@given(cells, directions)
+def test_faces_are_those_that_look_at_the_camera(solid: NDArray[np.bool_], towards: tuple[float, ...]) -> None:
+    """Between a solid cell and one that is not, towards the camera; walls before the rest are peeled off first."""
+    grid = Grid(GRID.lower, 0.5, solid.shape)
+    faces = border_faces(grid, solid, np.array(towards))
+    left = solid.copy()
+    inside = [list(range(n)) for n in solid.shape]
+    for axis, side in enumerate(towards):
+        kept = list(inside[axis])
+        while side and kept:
+            layer = left[np.ix_(*(kept if k == axis else inside[k] for k in range(3)))]
+            end = layer.take(-1 if side > 0.0 else 0, axis)
+            if end.mean() < 0.8:
+                break
+            kept = kept[:-1] if side > 0.0 else kept[1:]
+        if 2 * (len(inside[axis]) - len(kept)) < len(inside[axis]):
+            inside[axis] = kept
+    expected = set()
+    for cell in product(*inside):
+        for axis, side in enumerate(towards):
+            step = int(np.sign(side))
+            ahead = tuple(c + step * (k == axis) for k, c in enumerate(cell))
+            if left[cell] and step and not (ahead[axis] in inside[axis] and left[ahead]):
+                expected.add((*(2 * np.array(cell) + 1 + step * (np.arange(3) == axis)).tolist(), axis))
+    assert places(faces) == expected
+    assert len(faces.corners) == len(expected)
+    # The corners go round: neighbours differ along one axis.
+    assert ((np.diff(faces.corners, axis=1) != 0.0).sum(axis=2) == 1).all()
+
+
+@pytest.mark.parametrize("most", [20, 60, 200])
+def test_blocks_lose_nothing(monkeypatch: pytest.MonkeyPatch, most: int) -> None:
+    """Few enough faces, and over every solid cell there is one."""
+    monkeypatch.setattr(surface, "MOST", most)
+    solid = np.zeros((23, 17, 11), bool)
+    solid[tuple(np.random.default_rng(most).integers(0, solid.shape, (250, 3)).T)] = True
+    grid = Grid(GRID.lower, 0.5, solid.shape)
+    corners = border_faces(grid, solid, np.array([0.0, 0.0, 1.0])).corners
+    assert 0 < len(corners) <= most
+    assert (corners >= grid.lower).all()
+    assert (corners <= grid.upper).all()
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    for middle in grid.center_of(np.argwhere(solid)):
+        assert (((low <= middle) & (middle <= high))[:, :2].all(axis=1) & (low[:, 2] >= middle[2])).any()
+
+
+def test_what_lies_above_the_cut_is_left_out() -> None:
+    solid = np.zeros((5, 4, 3), bool)
+    solid[1:3] = True
+    faces = border_faces(GRID, solid, TOWARDS, 1.4)
+    # Cells from 0.5 to 1 and from 1 to 1.5: the plane runs through the second, which stays.
+    assert faces.corners[..., 2].max() == 1.5
+    assert border_faces(GRID, solid, TOWARDS, 0.4).corners[..., 2].max() == 1.0  # one layer is left at least
+
+
+def polygons(ax: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Corners of all polygons, and their colours."""
+    (collection,) = ax.collections
+    return np.asarray(collection._faces), np.asarray(collection._facecolor3d)[:, :3]
+
+
+@pytest.mark.parametrize("shown", ["obstacles", "free"])
+def test_faces_border_what_is_shown(space: CSpace, shown: str) -> None:
+    """Behind each face lies an obstacle, or a cell that is not FREE; before it neither."""
+    ax = plot(space, view="3d", surface=shown)
+    corners, colors = polygons(ax)
+    assert len(corners) > 500
+    solid = space.workspace.outer if shown == "obstacles" else space.state != FREE
+    normal = np.argmin(np.ptp(corners, axis=1), axis=1)
+    towards = surface._direction(np.array(surface.CAMERA))
+    step = 0.05 * np.sign(towards[normal])[:, np.newaxis] * (np.arange(3) == normal[:, np.newaxis])
+    middles = corners.mean(axis=1)
+    assert solid[tuple(space.grid.cell_of(middles - step).T)].all()
+    ahead = middles + step
+    inside = space.grid.contains(ahead)
+    faced = solid[tuple(space.grid.cell_of(ahead[inside]).T)]
+    assert not faced.any() or shown == "free"  # a peeled layer of a band may remain before the rest
+    full = to_rgb(surface.SURFACES[shown][1])
+    assert (colors <= np.array(full) + 1e-9).all()
+    assert len(np.unique(colors.round(3), axis=0)) > 3
+
+
+def test_path_and_robots_are_sorted_with_the_faces(space: CSpace) -> None:
+    ax = plot(space, view="3d", path=PATH, robot_every=1.0)
+    corners, colors = polygons(ax)
+    blue = np.abs(colors - to_rgb(artists.PATH)).max(axis=1) < 1e-6
+    ribbon = corners[blue].mean(axis=1)
+    assert len(ribbon) > 100
+    # Each piece lies on the path, and each waypoint has one near.
+    a, b = np.array(PATH[:-1]), np.array(PATH[1:])
+    share = np.clip(((ribbon[:, None] - a) * (b - a)).sum(axis=2) / ((b - a) ** 2).sum(axis=1), 0.0, 1.0)
+    assert np.linalg.norm(ribbon[:, None] - a - share[..., None] * (b - a), axis=2).min(axis=1).max() < 1e-9
+    assert np.linalg.norm(ribbon[:, None] - np.array(PATH), axis=2).min(axis=0).max() < 0.05
+    green = colors[:, 1] > colors[:, 0] + 0.1
+    near = np.abs(corners[green & ~blue] - PATH[0]).max(axis=(1, 2)) < 0.26
+    np.testing.assert_allclose(np.ptp(corners[green & ~blue][near].reshape(-1, 3), axis=0), (0.5, 0.4, 0.3))
+    lines = {line.get_label(): np.transpose(line.get_data_3d()) for line in ax.lines}
+    np.testing.assert_allclose(lines["start"], PATH[:1])
+    np.testing.assert_allclose(lines["goal"], PATH[-1:])
+    assert labels(ax) == ["obstacle", "robot", "path, dotted behind something", "start", "goal"]
+
+
+def test_the_cut_is_above_the_path(space: CSpace) -> None:
+    assert "cut at z = 1.35 m" in heading(plot(space, view="3d", path=PATH))
+    corners, _ = polygons(plot(space, view="3d", path=PATH))
+    assert corners[..., 2].max() == pytest.approx(1.4)
+    assert polygons(plot(space, view="3d", path=PATH, cut=2.4))[0][..., 2].max() == pytest.approx(2.4)
+    assert polygons(plot(space, view="3d"))[0][..., 2].max() == pytest.approx(2.4)
+
+
+@pytest.mark.parametrize("camera", [None, (90.0, 0.0), (10.0, 80.0)])
+def test_the_picture_fits(space: CSpace, camera: Any) -> None:
+    ax = plot(space, view="3d", path=PATH, camera=camera)
+    rendered(ax)
+    figure = ax.figure
+    words = [figure.legends[0].get_window_extent(), figure._suptitle.get_window_extent()]
+    for box in words:
+        assert 0 <= box.x0 < box.x1 <= figure.bbox.width
+        assert 0 <= box.y0 < box.y1 <= figure.bbox.height
+    from mpl_toolkits.mplot3d.proj3d import proj_transform
+
+    corners = np.stack(np.meshgrid((0.0, 6.0), (0.0, 4.0), (0.0, 2.4)), axis=-1).reshape(-1, 3)
+    shown = ax.transData.transform(np.transpose(proj_transform(*corners.T, ax.get_proj())[:2]))
+    assert (shown > 0).all()
+    assert (shown < (figure.bbox.width, figure.bbox.height)).all()
+    assert shown[:, 1].min() > words[0].y1
+    assert shown[:, 1].max() < words[1].y0
+    assert np.ptp(shown, axis=0).max() > 0.5 * min(figure.bbox.width, figure.bbox.height)
+
+
+def test_axes_of_the_caller_and_nothing_to_draw(space: CSpace) -> None:
+    ax = Figure().add_subplot(projection="3d")
+    assert plot(space, view="3d", ax=ax) is ax
+    assert ax.get_title() == "box 0.5 m x 0.4 m x 0.3 m, cells of 0.1 m"
+    empty = build(Workspace.from_array(np.zeros((4, 4, 4), bool), 0.1), Robot.ball(0.01), outside="free")
+    rendered(plot(empty, view="3d"))
+    assert labels(plot(empty, view="3d", start=(0.2, 0.2, 0.2))) == ["robot", "start"]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"surface": "walls"}, "surface is 'walls'; it must be one of 'obstacles', 'free'"),
+        ({"camera": (91.0, 0.0)}, "camera is (91.0, 0.0)"),
+        ({"camera": 30.0}, "the elevation from -90 to 90"),
+        ({"cut": 0.0}, "cut is 0.0; it must be one height in the grid, above 0 and up to 2.4"),
+        ({"cut": 9.0}, "cut is 9.0"),
+        ({"at": (1, 1, 1)}, "at is given; it goes with the view sections or yaw_panels"),
+        ({"ax": Figure().add_subplot()}, "ax has two dimensions"),
+    ],
+)
+def test_bad_input(space: CSpace, options: dict[str, Any], words: str) -> None:
+    with pytest.raises(InputError) as caught:
+        plot(space, view="3d", **options)
+    assert words in str(caught.value)

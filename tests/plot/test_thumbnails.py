@@ -1,0 +1,70 @@
+"""Thumbnails: small, and true to what they are of."""
+
+from __future__ import annotations
+
+import io
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_rgb
+from PIL import Image
+
+import planners
+from cspace import CSpace, Robot, Workspace, build
+from cspace.plot import artists, thumbnail
+from pictures import COLORS, class_of
+
+OCCUPIED = np.zeros((40, 30), bool)
+OCCUPIED[18:22, :16] = True
+
+
+def picture(subject: Any) -> Any:
+    """Pixels, the first row at the bottom."""
+    image = Image.open(io.BytesIO(thumbnail(subject)))
+    assert image.format == "PNG"
+    assert 100 <= max(image.size) <= 250
+    return np.asarray(image.convert("RGB"))[::-1]
+
+
+def space_of(kind: str) -> CSpace:
+    if kind == "space":
+        return build(Workspace.from_array(np.repeat(OCCUPIED[..., None], 5, axis=2), 0.1), Robot.ball(0.12))
+    workspace = Workspace.from_array(OCCUPIED, 0.1)
+    if kind == "plane":
+        return build(workspace, Robot.disc(0.12))
+    return build(workspace, Robot.rectangle(0.4, 0.1), rotations=8)
+
+
+@pytest.mark.parametrize("kind", ["plane", "turning", "space"])
+def test_maps_and_workspaces_show_their_cells(kind: str) -> None:
+    space = space_of(kind)
+    layer = (slice(None),) * (space.grid.dim - (kind == "space")) + ((2,) if kind == "space" else ())
+    states = space.state.reshape(-1, *space.grid.shape)[(slice(None), *layer)]
+    for subject in (space, space.workspace):
+        pixels = picture(subject)
+        for i, j in np.ndindex(40, 30):
+            row, column = (
+                int((k + 0.5) / n * size) for k, n, size in zip((j, i), (30, 40), pixels.shape, strict=False)
+            )
+            name = class_of(space, set(states[:, i, j].tolist()), bool(OCCUPIED[i, j]))
+            if subject is space.workspace:
+                name = "obstacle" if OCCUPIED[i, j] else "free"
+            assert tuple(pixels[row, column]) == COLORS[name]
+
+
+def test_robots_show_their_outline() -> None:
+    for robot, wide in ((Robot.rectangle(1.0, 0.4), 2.5), (Robot.box((1.0, 0.4, 0.1)), 2.5), (Robot.disc(0.3), 1.0)):
+        pixels = picture(robot).astype(int)
+        rows, columns = np.nonzero(pixels[..., 0] < pixels[..., 1] - 8)
+        assert np.ptp(columns) / np.ptp(rows) == pytest.approx(wide, rel=0.1)
+
+
+def test_plans_show_their_path() -> None:
+    space = space_of("plane")
+    found = planners.plan(space, (0.5, 0.5), (3.5, 0.5), seed=1)
+    blue = np.abs(picture(found).astype(int) - np.round(255 * np.array(to_rgb(artists.PATH)))).max(axis=2) < 30
+    assert blue.sum() > 100
+    none = planners.plan(build(space.workspace, Robot.disc(0.75)), (0.9, 1.0), (3.1, 1.0), time_limit=0.1)
+    assert not none.solved
+    assert (picture(none) == 255).all()
