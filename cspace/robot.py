@@ -265,7 +265,7 @@ class Robot:
             return _from_text(str(source))
         if suffix in POLYGONS:
             return cls.polygon(read_shapes(path), name=f"polygon {path.name}")
-        forms = ", ".join(f"{kind}:{'x'.join(form).upper()}" for kind, (form, _) in _SHORT.items())
+        forms = ", ".join(f"{kind}:{_form(names)}" for kind, (names, _) in _SHORT.items())
         files = ", ".join((*POLYGONS, *MESHES))
         if path.exists():
             raise FileError(str(path), f"has the suffix {path.suffix!r}", f"a robot's are {files}", f"or pass {forms}")
@@ -404,10 +404,15 @@ def _from_text(source: str) -> Robot:
         raise InputError(
             "robot",
             f"is {source!r}",
-            f"after the colon must stand {'x'.join(names).upper()}, each above zero, in metres",
+            f"after the colon must stand {_form(names)}, each above zero, in metres",
             f"write e.g. {kind}:{'x'.join(['0.3'] * len(names))}",
         )
     return make(*values)
+
+
+def _form(names: Sequence[str]) -> str:
+    """How the lengths of a short text are written, as ``LENGTHxWIDTH``."""
+    return "x".join(name.upper() for name in names)
 
 
 def _check_origin(shape: Shape, *, warn: bool) -> None:

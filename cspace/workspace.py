@@ -214,17 +214,22 @@ class Workspace:
         return cls(Grid(np.zeros(cells.ndim), spacing, cells.shape), cells, cells, source=str(path))
 
     @classmethod
-    def _of(cls, shape: Shape, spacing: float, box: Floats | None, kind: str | None, source: str) -> Workspace:
+    def _of(cls, shape: Shape, spacing: float, box: Floats | None, source: str, kind: str = "") -> Workspace:
         """The cells of a shape, on the grid of a box, shape (2, dim), or else of its own bounds.
 
-        ``kind`` names the shape in the warning of units; None for no such warning.
+        Where ``kind`` names the shape, a warning tells if its units can hardly be metres.
         """
         corners = np.stack(shape.bounds)
-        grid = covering_grid(
-            corners if box is None else box, spacing, MESH_BYTES if isinstance(shape, Mesh) else WORKSPACE_BYTES
-        )
-        if kind is not None:
-            warn_of_units(corners, spacing, kind, box is not None)
+        cost = MESH_BYTES if isinstance(shape, Mesh) else WORKSPACE_BYTES
+        grid = covering_grid(corners if box is None else box, spacing, cost)
+        if kind:
+            # The points of a cloud tell of its units, the balls around them do not.
+            points = (
+                np.stack([shape.centers.min(axis=0), shape.centers.max(axis=0)])
+                if isinstance(shape, Balls)
+                else corners
+            )
+            warn_of_units(points, spacing, kind, box is not None)
         outer, inner = shape.cells(grid)
         warn_of_nothing(outer, grid, corners)
         # In the plane, exact look-ups ask the outer cells of discs: shapely knows none.
@@ -272,7 +277,7 @@ class Workspace:
         count = len(shape.geometries)
         named = isinstance(polygons, str | os.PathLike) and Path(polygons).suffix.lower() in SUFFIXES
         source = str(polygons) if named else f"{count} polygon{'s' * (count > 1)}"
-        return cls._of(shape, spacing, box, "set of polygons", source)
+        return cls._of(shape, spacing, box, source, "set of polygons")
 
     @classmethod
     def from_mesh(
@@ -305,7 +310,8 @@ class Workspace:
         positive(spacing, "spacing")
         box = None if bounds is None else check_bounds(bounds, 3)
         shape = Mesh.of(mesh, solid)
-        made = cls._of(shape, spacing, box, "mesh", str(mesh) if isinstance(mesh, str | os.PathLike) else shape.source)
+        source = str(mesh) if isinstance(mesh, str | os.PathLike) else shape.source
+        made = cls._of(shape, spacing, box, source, "mesh")
         return replace(made, shapes=None) if shape.solid == "fill" else made
 
     @classmethod
@@ -338,7 +344,7 @@ class Workspace:
         balls = Balls.of(centers, radii)
         positive(spacing, "spacing")
         box = None if bounds is None else check_bounds(bounds, balls.dim)
-        return cls._of(balls, spacing, box, None, f"{len(balls.radii)} balls")
+        return cls._of(balls, spacing, box, f"{len(balls.radii)} balls")
 
     @classmethod
     def from_points(
@@ -372,7 +378,7 @@ class Workspace:
             check_bounds(bounds, 3)
         cloud = Balls.of(read_points(points) if named else points, radius)
         box = None if bounds is None else check_bounds(bounds, cloud.dim)
-        return cls._of(cloud, spacing, box, "cloud", str(points) if named else f"{len(cloud.radii)} points")
+        return cls._of(cloud, spacing, box, str(points) if named else f"{len(cloud.radii)} points", "cloud")
 
     @classmethod
     def from_octomap(cls, path: Named, unknown: str = "occupied") -> Workspace:

@@ -36,10 +36,11 @@ def read_npy(path: str | os.PathLike[str]) -> NDArray[Any]:
     """
     file = existing(path, KIND)
     try:
-        with np.errstate(over="raise"):
-            array = np.load(file, mmap_mode="r", allow_pickle=False)
-        if isinstance(array, np.ndarray):
-            return array
+        with file.open("rb") as content:
+            archive = content.read(2) == b"PK"
+        if not archive:
+            with np.errstate(over="raise"):
+                return np.asanyarray(np.load(file, mmap_mode="r", allow_pickle=False))
         reason = "it is an archive of several arrays"
     except OSError as error:
         raise unreadable(file, KIND, error) from error
