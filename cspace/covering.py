@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.errors import InputError
-from cspace.grid import Grid, finite, unmasked
+from cspace.grid import SLACK, Grid, finite, unmasked
 from cspace.memory import check_memory
 
 Floats = NDArray[np.float64]
@@ -18,6 +18,9 @@ Floats = NDArray[np.float64]
 _STRIP: Final = 1e-9
 """Part of a cell that the upper bound may be off by rounding; far below the slack of an outer raster, so that an
 obstacle in that strip still marks the last cell."""
+
+_NOUGHT: Final = SLACK / 2**14
+"""Part of a cell below which a bound counts as zero."""
 
 _SMALL: Final = 1.0 - 2.0**-20
 """Part of a cell below which all obstacles together are smaller than one, whatever the rounding."""
@@ -38,13 +41,17 @@ def check_bounds(bounds: ArrayLike, dim: int = 2) -> Floats:
     names = [f"{axis}{end}" for end in ("min", "max") for axis in "xyz"[:dim]]
     if box.shape != (2 * dim,):
         raise InputError(
-            f"bounds is {bounds!r}; it must hold {('four', 'six')[dim - 2]} numbers; pass ({', '.join(names)}) in "
-            "metres"
+            "bounds",
+            f"is {bounds!r}",
+            f"it must hold {('four', 'six')[dim - 2]} numbers",
+            f"pass ({', '.join(names)}) in metres",
         )
     if (box[dim:] <= box[:dim]).any():
         raise InputError(
-            f"bounds is {tuple(box.tolist())}; {', '.join(f'{axis}max' for axis in 'xyz'[:dim])} must be above "
-            f"{', '.join(f'{axis}min' for axis in 'xyz'[:dim])}; pass ({', '.join(names)}) in metres"
+            "bounds",
+            f"is {tuple(box.tolist())}",
+            f"{', '.join(names[dim:])} must be above {', '.join(names[:dim])}",
+            f"pass ({', '.join(names)}) in metres",
         )
     return box.reshape(2, dim)
 
@@ -64,6 +71,8 @@ def covering_grid(corners: Floats, spacing: float, bytes_a_cell: int) -> Grid:
     InputError
         If a workspace of so many cells does not fit into memory.
     """
+    # What is as near to zero as no raster can tell is zero: shapely goes wrong on numbers below 1e-308.
+    corners = np.where(np.abs(corners) < _NOUGHT * spacing, 0.0, corners)
     shape = covering_shape(corners, spacing)
     check_memory(bytes_a_cell * float(np.prod(shape, dtype=float)), "the map", shape, spacing, corners=corners)
     return Grid(corners[0], spacing, shape)
@@ -126,33 +135,41 @@ def check_cells(values: ArrayLike, name: str) -> NDArray[np.bool_]:
     dims = getattr(values, "dims", None)
     if dims is not None and tuple(dims) != ("x", "y", "z")[: len(dims)]:
         raise InputError(
-            f"{name} has the dimensions {tuple(dims)}; they must be named x, y (and z), in this order; "
-            'rename or transpose it, e.g. array.transpose("x", "y")'
+            name,
+            f"has the dimensions {tuple(dims)}",
+            "they must be named x, y (and z), in this order",
+            'rename or transpose it, e.g. array.transpose("x", "y")',
         )
     unmasked(values, name)
     try:
         array = np.asarray(values)
     except ValueError as error:
-        raise InputError(f"{name} is ragged: {error}; its rows must have one length; pad or cut them") from error
+        raise InputError(name, f"is ragged: {error}", "its rows must have one length", "pad or cut them") from error
     if array.ndim not in (2, 3) or array.size == 0:
         raise InputError(
-            f"{name} has shape {array.shape}; it must have two or three axes and at least one cell; pass an array "
-            "indexed [x, y] or [x, y, z]"
+            name,
+            f"has shape {array.shape}",
+            "it must have two or three axes and at least one cell",
+            "pass an array indexed [x, y] or [x, y, z]",
         )
     if array.dtype.kind == "f":
         finite(array, name)
     if array.dtype.kind not in "biu":
         raise InputError(
-            f"{name} has dtype {array.dtype}; cells are occupied or not, so that it must be boolean; compare it with a "
-            "threshold first, e.g. array > 0.5"
+            name,
+            f"has dtype {array.dtype}",
+            "cells are occupied or not, so that it must be boolean",
+            "compare it with a threshold first, e.g. array > 0.5",
         )
     if array.dtype.kind != "b":
         wrong = np.argwhere((array != 0) & (array != 1))
         if len(wrong):
             index = tuple(wrong[0].tolist())
             raise InputError(
-                f"{name}[{', '.join(map(str, index))}] is {array[index]}; whole numbers must be 0 or 1; compare with a "
-                "threshold first, e.g. array >= 50"
+                f"{name}[{', '.join(map(str, index))}]",
+                f"is {array[index]}",
+                "whole numbers must be 0 or 1",
+                "compare with a threshold first, e.g. array >= 50",
             )
     copy = np.array(array != 0, order="C")  # a boolean array may hold other bytes than 0 and 1; a comparison does not
     copy.setflags(write=False)

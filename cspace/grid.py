@@ -33,17 +33,17 @@ def finite(values: ArrayLike, name: str) -> NDArray[np.float64]:
         given = np.asarray(values)
         array = np.asarray(given, dtype=np.float64) if given.dtype.kind != "c" else None
     except (TypeError, ValueError) as error:
-        raise InputError(f"{name} is {values!r}; it must be numeric; pass floats in metres") from error
+        raise InputError(name, f"is {values!r}", "it must be numeric", "pass floats in metres") from error
     except OverflowError as error:
-        raise InputError(f"{name} holds a whole number beyond what a float can; pass floats in metres") from error
+        raise InputError(name, "holds a whole number beyond what a float can", "pass floats in metres") from error
     if array is None:
-        raise InputError(f"{name} has complex values; it must be real; pass the real parts, e.g. array.real")
+        raise InputError(name, "has complex values", "it must be real", "pass the real parts, e.g. array.real")
     bad = ~np.isfinite(array)
     if bad.any():
         index = tuple(int(i) for i in np.argwhere(bad)[0])
         where = f"{name}[{', '.join(map(str, index))}]" if index else name
         raise InputError(
-            f"{where} is {array[index]}; NaN and infinities are refused; drop or replace such values first"
+            where, f"is {array[index]}", "NaN and infinities are refused", "drop or replace such values first"
         )
     return array
 
@@ -58,8 +58,10 @@ def unmasked(values: Any, name: str) -> None:
     """
     if isinstance(values, np.ma.MaskedArray) and np.ma.getmaskarray(values).any():
         raise InputError(
-            f"{name} has {int(np.ma.getmaskarray(values).sum())} masked entries; each must have a value; "
-            "fill them first, e.g. array.filled(True) for occupied cells"
+            name,
+            f"has {int(np.ma.getmaskarray(values).sum())} masked entries",
+            "each must have a value",
+            "fill them first, e.g. array.filled(True) for occupied cells",
         )
 
 
@@ -73,9 +75,9 @@ def positive(value: Any, name: str, unit: str = "metres") -> float:
     """
     array = finite(value, name)
     if array.ndim or array <= 0.0:
-        raise InputError(f"{name} is {value!r}; it must be one number above zero; pass it in {unit}, e.g. 0.05")
+        raise InputError(name, f"is {value!r}", "it must be one number above zero", f"pass it in {unit}, e.g. 0.05")
     if not 1e-100 < array < 1e100:
-        raise InputError(f"{name} is {value!r}; it must lie between 1e-100 and 1e100; check its units ({unit})")
+        raise InputError(name, f"is {value!r}", "it must lie between 1e-100 and 1e100", f"check its units ({unit})")
     return float(array)
 
 
@@ -108,19 +110,23 @@ class Grid:
     def __init__(self, lower: ArrayLike, spacing: float, shape: Sequence[int]) -> None:
         corner = finite(lower, "lower")
         if corner.ndim != 1 or len(corner) not in (2, 3):
-            raise InputError(f"lower is {lower!r}; it must hold 2 or 3 coordinates; pass e.g. (0.0, 0.0)")
+            raise InputError("lower", f"is {lower!r}", "it must hold 2 or 3 coordinates", "pass e.g. (0.0, 0.0)")
         side = positive(spacing, "spacing")
         counts = np.asarray(shape)
         if counts.shape != corner.shape or counts.dtype.kind not in "iu" or (counts <= 0).any():
             raise InputError(
-                f"shape is {tuple(np.atleast_1d(counts).tolist())}; it must hold {len(corner)} whole numbers above "
-                "zero, one for each coordinate of lower; pass the number of cells along each axis"
+                "shape",
+                f"is {tuple(np.atleast_1d(counts).tolist())}",
+                f"it must hold {len(corner)} whole numbers above zero, one for each coordinate of lower",
+                "pass the number of cells along each axis",
             )
         reach = float(np.max(np.maximum(np.abs(corner), np.abs(corner + side * counts))) / side)
         if reach > MAX_COORDINATE:
             raise InputError(
-                f"the grid reaches {reach:.3g} cells from the origin; at most {MAX_COORDINATE:.0f} keep the answers "
-                "proven against rounding; use a larger spacing, or move the frame's origin nearer to the map"
+                "grid",
+                f"reaches {reach:.3g} cells from the origin",
+                f"at most {MAX_COORDINATE:.0f} keep the answers proven against rounding",
+                "use a larger spacing, or move the frame's origin nearer to the map",
             )
         object.__setattr__(self, "lower", tuple(corner.tolist()))
         object.__setattr__(self, "spacing", side)
@@ -161,8 +167,10 @@ class Grid:
         array = finite(points, name)
         if array.ndim == 0 or array.shape[-1] != self.dim:
             raise InputError(
-                f"{name} has shape {array.shape}; its last axis must be {self.dim} long, one entry for each "
-                "coordinate; pass one configuration or a batch of them"
+                name,
+                f"has shape {array.shape}",
+                f"its last axis must be {self.dim} long, one entry for each coordinate",
+                "pass one configuration or a batch of them",
             )
         return array
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import math
 import os
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -52,6 +54,13 @@ class Robot:
 
     def __repr__(self) -> str:
         return f"Robot({self.name}, {'in the plane' if self.dim == 2 else 'in space'})"
+
+    def _repr_html_(self) -> str:
+        """The repr and a small picture, for notebooks."""
+        from cspace.plot import thumbnail
+
+        picture = base64.b64encode(thumbnail(self)).decode("ascii")
+        return f'<div><code>{escape(repr(self))}</code><br><img src="data:image/png;base64,{picture}"></div>'
 
     @property
     def dim(self) -> int:

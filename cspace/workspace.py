@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import base64
 import inspect
 import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -70,18 +72,34 @@ class Workspace:
         for name, cells in (("outer", outer), ("inner", inner)):
             if cells.shape != self.grid.shape:
                 raise InputError(
-                    f"{name} has shape {cells.shape} on a grid of {self.grid.shape}; both must be the same; pass one "
-                    "entry for each cell, indexed in the order of the coordinates"
+                    name,
+                    f"has shape {cells.shape} on a grid of {self.grid.shape}",
+                    "both must be the same",
+                    "pass one entry for each cell, indexed in the order of the coordinates",
                 )
         lost = np.argwhere(inner & ~outer)
         if len(lost):
             raise InputError(
-                f"cell {tuple(lost[0].tolist())} is in inner and not in outer; a cell that lies in an obstacle also "
-                "meets it; add it to outer"
+                "inner",
+                f"holds cell {tuple(lost[0].tolist())}, which is not in outer",
+                "a cell that lies in an obstacle also meets it",
+                "add it to outer",
             )
         object.__setattr__(self, "shapes", None if self.shapes is None else tuple(self.shapes))
         object.__setattr__(self, "outer", outer)
         object.__setattr__(self, "inner", outer if np.array_equal(inner, outer) else inner)
+
+    def __repr__(self) -> str:
+        shape = " x ".join(map(str, self.grid.shape))
+        share = np.count_nonzero(self.outer) / self.outer.size
+        return f"Workspace({self.source}: {shape} cells of {self.grid.spacing:g} m, {share:.3g} of them occupied)"
+
+    def _repr_html_(self) -> str:
+        """The repr and a small picture, for notebooks."""
+        from cspace.plot import thumbnail
+
+        picture = base64.b64encode(thumbnail(self)).decode("ascii")
+        return f'<div><code>{escape(repr(self))}</code><br><img src="data:image/png;base64,{picture}"></div>'
 
     @classmethod
     def from_array(
@@ -119,8 +137,10 @@ class Workspace:
         corner = finite(np.zeros(cells.ndim) if lower is None else lower, "lower")
         if corner.shape != (cells.ndim,):
             raise InputError(
-                f"lower is {lower!r}; occupied has {cells.ndim} axes and lower must have as many coordinates; pass "
-                f"e.g. {(0.0,) * cells.ndim}"
+                "lower",
+                f"is {lower!r}",
+                f"occupied has {cells.ndim} axes and lower must have as many coordinates",
+                f"pass e.g. {(0.0,) * cells.ndim}",
             )
         return cls(Grid(corner, spacing, cells.shape), cells, cells if inner is None else check_cells(inner, "inner"))
 
@@ -376,7 +396,7 @@ class Workspace:
         named = isinstance(points, str | os.PathLike)
         if named and bounds is not None:
             check_bounds(bounds, 3)
-        cloud = Balls.of(read_points(points) if named else points, radius)
+        cloud = Balls.of(read_points(points) if isinstance(points, str | os.PathLike) else points, radius)
         box = None if bounds is None else check_bounds(bounds, cloud.dim)
         return cls._of(cloud, spacing, box, str(points) if named else f"{len(cloud.radii)} points", "cloud")
 

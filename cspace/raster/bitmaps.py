@@ -63,14 +63,16 @@ def boundary_segments(occupied: ArrayLike, spacing: float, lower: ArrayLike) -> 
     cells = np.asarray(occupied)
     if cells.ndim != 2 or cells.dtype != np.bool_:
         raise InputError(
-            f"occupied has shape {cells.shape} and dtype {cells.dtype}; an outline needs a boolean array of two axes; "
-            "pass occupied.astype(bool) indexed [x, y]"
+            "occupied",
+            f"has shape {cells.shape} and dtype {cells.dtype}",
+            "an outline needs a boolean array of two axes",
+            "pass occupied.astype(bool) indexed [x, y]",
         )
     cells = cells.view(np.uint8) != 0  # a boolean array may hold other bytes than 0 and 1
     side = positive(spacing, "spacing")
     corner = finite(lower, "lower")
     if corner.shape != (2,):
-        raise InputError(f"lower has shape {corner.shape}; it must hold two coordinates; pass e.g. (0.0, 0.0)")
+        raise InputError("lower", f"has shape {corner.shape}", "it must hold two coordinates", "pass e.g. (0.0, 0.0)")
     x, start, stop, step = _runs(cells.view(np.int8))
     # The cells lie on the left of an upright segment that runs down where occupied cells begin, and up where they end.
     upright = np.column_stack((x, np.where(step > 0, stop, start), x, np.where(step > 0, start, stop)))

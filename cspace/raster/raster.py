@@ -83,7 +83,9 @@ def blank(low: NDArray[np.float64], high: NDArray[np.float64]) -> tuple[NDArray[
     if cells > most:
         across = " x ".join(f"{n:.0f}" for n in shape)
         raise InputError(
-            f"the robot is {across} cells large at this spacing; at most {most} cells are rasterised, with the memory "
-            "that is free; use a larger spacing, or check the robot's units (metres)"
+            "robot",
+            f"is {across} cells large at this spacing",
+            f"at most {most} cells are rasterised, with the memory that is free",
+            "use a larger spacing, or check the robot's units (metres)",
         )
     return np.zeros(tuple(shape.astype(int)), dtype=np.bool_), tuple(int(n) for n in first)

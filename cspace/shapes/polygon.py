@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,6 +18,9 @@ from cspace.shapes.shape import Bools, Floats, Pieces, Shape
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
+
+_NOUGHT: Final = 1e-200
+"""Coordinates below this are zero, metres: shapely goes wrong on numbers whose products vanish."""
 
 
 class Polygons(Shape):
@@ -37,6 +40,13 @@ class Polygons(Shape):
     dim = 2
 
     def __init__(self, geometries: Sequence[BaseGeometry]) -> None:
+        import shapely
+
+        coordinates = shapely.get_coordinates(list(geometries))
+        if ((np.abs(coordinates) < _NOUGHT) & (coordinates != 0.0)).any():
+            geometries = shapely.transform(
+                list(geometries), lambda xy: np.where(np.abs(xy) < _NOUGHT, 0.0, xy)
+            ).tolist()
         self.geometries = tuple(geometries)
 
     @classmethod
