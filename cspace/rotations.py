@@ -1,17 +1,25 @@
-"""Rotation cells: how the circle of orientations is cut."""
+"""Rotation cells: the sets of rotations that a map tells apart.
+
+A kind of rotation cells is a class here, the record that compiled look-ups get of it, and the compiled functions of
+:mod:`cspace.map.turning` for that record. No look-up knows which kind it has.
+"""
 
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, ClassVar, Final, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.errors import InputError
 from cspace.grid import finite
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 TURN: Final = 2.0 * math.pi
 
@@ -54,8 +62,97 @@ STILL: Final = Turn()
 """No rotation at all."""
 
 
+class OneCell(NamedTuple):
+    """What compiled look-ups get of a robot that only translates."""
+
+    slice_of: tuple[int]
+
+
+class YawCells(NamedTuple):
+    """What compiled look-ups get of yaw cells."""
+
+    borders: Floats
+    slice_of: Ints
+
+
+CompiledRotations = OneCell | YawCells
+
+
+class Symmetric(Protocol):
+    """What rotation cells ask of a robot."""
+
+    @property
+    def symmetry(self) -> int:
+        """The number of turns about the reference point that map it to itself in each whole turn; 0 for all."""
+
+
+class RotationCells(ABC):
+    """The rotation cells of a map; each has one slice, and cells may share theirs.
+
+    Attributes
+    ----------
+    dof : int
+        How many numbers of a configuration tell its rotation: those behind the position.
+    """
+
+    dof: ClassVar[int]
+
+    @property
+    @abstractmethod
+    def count(self) -> int:
+        """Number of cells."""
+
+    @abstractmethod
+    def cells_of(self, q: Floats) -> Ints:
+        """Cells of configurations, shape (..., d + dof), of which only the last dof numbers count; shape (...)."""
+
+    @abstractmethod
+    def slice_of(self, robot: Symmetric) -> Ints:
+        """Number of the slice that each cell has for a robot, shape (count,).
+
+        Cells whose rotations differ by one that maps the robot to itself share a slice. Slices are numbered from 0, in
+        the order of the first cells that have them.
+        """
+
+    @abstractmethod
+    def turns(self, dim: int) -> list[Turn]:
+        """The cells as shapes in the plane or in space meet them."""
+
+    @abstractmethod
+    def compiled(self, slice_of: Ints) -> CompiledRotations:
+        """What compiled look-ups get."""
+
+
 @dataclass(frozen=True, slots=True)
-class Rotations:
+class OneRotation(RotationCells):
+    """The one cell of a robot that only translates."""
+
+    dof: ClassVar[int] = 0
+
+    @property
+    def count(self) -> int:
+        """One."""
+        return 1
+
+    def cells_of(self, q: Floats) -> Ints:
+        """Cell 0 for each."""
+        return np.zeros(q.shape[:-1], dtype=np.int64)
+
+    def slice_of(self, robot: Symmetric) -> Ints:
+        """Slice 0."""
+        return np.zeros(1, dtype=np.int64)
+
+    def turns(self, dim: int) -> list[Turn]:
+        """No rotation at all."""
+        return [STILL]
+
+    def compiled(self, slice_of: Ints) -> OneCell:
+        """What compiled look-ups get."""
+        return OneCell((0,))
+
+
+@dataclass(frozen=True, slots=True)
+class Rotations(RotationCells):
     """Cells of the circle of yaw angles; cell ``k`` is ``[borders[k], borders[k + 1]]``.
 
     Attributes
@@ -65,6 +162,7 @@ class Rotations:
     """
 
     borders: tuple[float, ...]
+    dof: ClassVar[int] = 1
 
     @classmethod
     def of(cls, value: int | Sequence[float] | Rotations | ArrayLike) -> Rotations:
@@ -86,8 +184,11 @@ class Rotations:
         if isinstance(value, bool) or np.ndim(value) == 0:
             if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
                 raise InputError(
-                    f"rotations is {value!r}; it must be a whole number above zero, or the cells' borders in radians; "
-                    "pass e.g. 72"
+                    "rotations",
+                    f"is {value!r}",
+                    "it must be a whole number above zero, or the cells' borders in radians",
+                    "pass e.g. 72",
+                    value=value,
                 )
             count = int(value)
             width = TURN / count
@@ -96,18 +197,26 @@ class Rotations:
             angles = finite(value, "rotations")
             if angles.ndim != 1 or len(angles) < 2:
                 raise InputError(
-                    f"rotations has shape {angles.shape}; it must hold at least two borders; pass e.g. 72, or "
-                    "numpy.linspace(0, 2 * numpy.pi, 73)"
+                    "rotations",
+                    f"has shape {angles.shape}",
+                    "it must hold at least two borders",
+                    "pass e.g. 72, or numpy.linspace(0, 2 * numpy.pi, 73)",
+                    value=value,
                 )
             if (np.diff(angles) <= 0).any() or abs(angles[0]) > TURN:
                 raise InputError(
-                    "rotations are borders that do not ascend, or begin more than a turn from zero; sort them, in "
-                    "radians, from one between -2 pi and 2 pi"
+                    "rotations",
+                    "are borders that do not ascend, or begin more than a turn from zero",
+                    mend="sort them, in radians, from one between -2 pi and 2 pi",
+                    value=value,
                 )
             if abs(angles[-1] - angles[0] - TURN) > YAW_SLACK:
                 raise InputError(
-                    f"rotations reach from {angles[0]:g} to {angles[-1]:g} rad; they must cover the whole circle, "
-                    f"2 pi = {TURN:.9f}; end with the first border plus 2 pi (numpy.radians turns degrees)"
+                    "rotations",
+                    f"reach from {angles[0]:g} to {angles[-1]:g} rad",
+                    f"they must cover the whole circle, 2 pi = {TURN:.9f}",
+                    "end with the first border plus 2 pi (numpy.radians turns degrees)",
+                    value=value,
                 )
             borders = angles[:-1].tolist()
         return cls((*borders, borders[0] + TURN))
@@ -146,14 +255,47 @@ class Rotations:
         """
         angles = finite(yaw, "yaw")
         if (np.abs(angles) > MAX_YAW).any():
+            largest = float(np.abs(angles).max())
             raise InputError(
-                f"yaw is {np.abs(angles).max():g} rad; at most {MAX_YAW:.0f} can be wrapped exactly; wrap it first"
+                "yaw", f"is {largest:g} rad", f"at most {MAX_YAW:.0f} can be wrapped exactly", "wrap it first", value=largest
             )
         # As the compiled look-ups wrap, to the last bit; a yaw within the borders stays as it is.
         wrapped = angles - np.floor((angles - self.borders[0]) / TURN) * TURN
         return np.clip(np.searchsorted(self.borders, wrapped, side="right") - 1, 0, self.count - 1).astype(np.int64)
 
+    def cells_of(self, q: Floats) -> Ints:
+        """Cells of configurations whose last number is the yaw."""
+        return self.cell_of(q[..., -1])
+
+    def slice_of(self, robot: Symmetric) -> Ints:
+        """Cells a symmetry apart share a slice, where all cells are equally wide."""
+        cells = np.arange(self.count, dtype=np.int64)
+        if robot.symmetry == 0:
+            return np.zeros_like(cells)
+        if self.count % robot.symmetry == 0 and self.is_uniform():
+            return cells % (self.count // robot.symmetry)
+        return cells
+
+    def turns(self, dim: int) -> list[Turn]:
+        """Rotations about the z axis, or about the origin of the plane."""
+        made = []
+        for yaw, angle in zip(self.representatives.tolist(), self.covering_angles.tolist(), strict=True):
+            matrix = np.eye(dim)
+            matrix[:2, :2] = [[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]]
+            made.append(Turn(matrix, angle, about_z=True))
+        return made
+
+    def compiled(self, slice_of: Ints) -> YawCells:
+        """What compiled look-ups get."""
+        return YawCells(np.array(self.borders), np.ascontiguousarray(slice_of))
+
+
 
 def check_rotations(value: Any) -> Rotations | None:
     """``value`` as rotation cells; None stays None."""
     return None if value is None else Rotations.of(value)
+
+
+def cells_for(rotations: Rotations | None) -> RotationCells:
+    """The rotation cells that a caller gave, or the one of a robot that only translates."""
+    return OneRotation() if rotations is None else rotations

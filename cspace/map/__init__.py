@@ -1,1 +1,1 @@
-"""The parts of a map: what is kept of it, and what can be asked of it."""
+"""What can be asked of a map: points, edges, overlaps, and sets of configurations, over one record."""

@@ -1,0 +1,202 @@
+"""Compiled walks along edges: whether every closed cell that an edge touches is FREE.
+
+An edge is cut where it leaves a rotation cell, and each piece is walked in that cell's slice, from slab to slab of
+cells. Places are counted in cells, along three axes; the plane is space with one layer of cells along the first.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba.cpython.unsafe.tuple import tuple_setitem
+from numpy.typing import NDArray
+
+from cspace.compiling import jit
+from cspace.grid import SLACK
+from cspace.map import turning
+from cspace.coarse.sides import SHIFT, SIDE
+from cspace.map.points import MAX_PLACE, Cell, Numbers, Slice, configuration, is_usable, run_is_free, slice_number, with_exterior
+from cspace.map.record import Map
+from cspace.states import FREE
+
+Floats = NDArray[np.float64]
+States = NDArray[np.uint8]
+
+FINEST = 1.0 / 16.0
+"""Least distance of points that are looked at before an edge is walked, as a part of the edge."""
+
+NEAREST = 2.0
+"""The same, in cells."""
+
+
+@jit
+def edges_are_free(map: Map, mip: States, starts: Floats, ends: Floats, out: NDArray[np.bool_]) -> int:
+    """``edge_is_free`` of edges, shapes (n, dof); the index of the first edge that is not usable, or -1."""
+    flat = map.states.ravel()
+    for k in range(starts.shape[0]):
+        q0, q1 = configuration(map, starts, k), configuration(map, ends, k)
+        if not (is_usable(map, q0) and is_usable(map, q1)):
+            return k
+        out[k] = edge_is_free(map, flat, mip, q0, q1)
+    return -1
+
+
+@jit(forceinline=True)
+def edge_is_free(map: Map, flat: States, mip: States, q0: Numbers, q1: Numbers) -> bool:
+    """Whether every closed cell within SLACK of an edge is FREE.
+
+    Along an edge the position goes straight, and the rotation the shortest way. ``mip`` is the flat coarse map of
+    :mod:`cspace.map.mip`, or empty.
+    """
+    cursor = turning.first_piece(map.rotations, q0, q1)
+    while True:
+        more, number, start, stop, cursor = turning.next_piece(map.rotations, cursor)
+        if not more:
+            return True
+        first, last = map.lower, map.lower
+        for axis in range(len(map.lower)):
+            first = tuple_setitem(first, axis, between(q0[axis], q1[axis], start))
+            last = tuple_setitem(last, axis, between(q0[axis], q1[axis], stop))
+        if not segment_is_free(map, flat, mip, number, first, last):
+            return False
+
+
+@jit(forceinline=True)
+def between(first: float, second: float, t: float) -> float:
+    """The number at t in [0, 1] on the way from one to another, never outside."""
+    if t == 1.0:
+        return second
+    value = first + t * (second - first)
+    return min(max(value, min(first, second)), max(first, second))
+
+
+@jit(error_model="numpy", forceinline=True)
+def segment_is_free(map: Map, flat: States, mip: States, number: int, first: Numbers, last: Numbers) -> bool:
+    """The same of a segment in one slice, by its ends' positions."""
+    dim, inside, total = len(map.lower), True, 0.0
+    p, q = (0.5, 0.5, 0.5), (0.5, 0.5, 0.5)
+    for axis in range(dim):
+        lower, upper, a, b = map.lower[axis], map.upper[axis], first[axis], last[axis]
+        u, v = (a - lower) / map.spacing, (b - lower) / map.spacing
+        inside &= (min(a, b) >= lower) & (max(a, b) <= upper)
+        total += abs(u) + abs(v)
+        p, q = tuple_setitem(p, 3 - dim + axis, u), tuple_setitem(q, 3 - dim + axis, v)
+    if not total <= MAX_PLACE:  # nor is NaN
+        return False
+    part = slice_number(map, number)
+    nx, ny, nz = part.shape
+    low, high = (0, 0, 0), (nx - 1, ny - 1, nz - 1)
+    if not inside:
+        # A segment that leaves the grid is proven only where all is FREE beyond the grid and the box.
+        if map.exterior[number, 2 * dim] != FREE:
+            return False
+        part = with_exterior(map, part, number)
+        for axis in range(3):
+            low = tuple_setitem(low, axis, min(part.low[axis], 0))
+            high = tuple_setitem(high, axis, max(part.high[axis], high[axis]))
+        return slabs_are_free(flat, part, p, q, low, high)
+    if part.shape[0] > 1 and not probes_are_free(flat, part, p, q):
+        return False
+    if mip.shape[0] == 0:
+        return slabs_are_free(flat, part, p, q, low, high)
+    return blocks_are_free(flat, part, mip, number, p, q)
+
+
+@jit
+def probes_are_free(flat: States, part: Slice, p: Numbers, q: Numbers) -> bool:
+    """Whether some points of a segment in the grid lie in FREE cells: its end, its middle, its quarters, ...
+
+    Most edges that a planner asks for meet an obstacle, and this tells sooner than a walk from one end to the other.
+    Where it says no, so would the walk: the points lie on the segment but for rounding, which is far below SLACK.
+    """
+    nx, ny, nz = part.shape
+    dx, dy, dz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
+    cells = max(abs(dx), abs(dy), abs(dz))
+    step = 1.0
+    while step >= FINEST and step * cells >= NEAREST:
+        t = step
+        while t <= 1.0:
+            i, j, k = min(int(p[0] + t * dx), nx - 1), min(int(p[1] + t * dy), ny - 1), min(int(p[2] + t * dz), nz - 1)
+            if flat[np.uint64(part.start + (i * ny + j) * nz + k)] != FREE:
+                return False
+            t += 2.0 * step
+        step *= 0.5
+    return True
+
+
+@jit(error_model="numpy", forceinline=True)
+def slab_times(p: float, q: float, first: int, last: int) -> tuple[float, float]:
+    """The first and last t in [0, 1] at which ``p + t (q - p)`` lies in some cells of a line, widened by SLACK.
+
+    The first is beyond the last where it never does. Ratios of differences, between 0 and 1: a slope would overflow on
+    edges that are all but upright. Every operation rounds monotonically, so that the times of several cells hold those
+    of each.
+    """
+    if p == q:
+        return 0.0, 1.0
+    least, most = min(p, q), max(p, q)
+    a = (min(max(first - SLACK, least), most) - p) / (q - p)
+    b = (min(max(last + 1 + SLACK, least), most) - p) / (q - p)
+    return min(a, b), max(a, b)
+
+
+@jit(forceinline=True)
+def cells_between(p: float, q: float, start: float, stop: float) -> tuple[int, int]:
+    """First and last cell that ``p + t (q - p)``, never beyond p and q, is in for t in [start, stop], with SLACK."""
+    a, b = p + start * (q - p), p + stop * (q - p)
+    least, most = max(min(a, b), min(p, q)), min(max(a, b), max(p, q))
+    return math.ceil(least - SLACK) - 1, math.floor(most + SLACK)
+
+
+@jit
+def slabs_are_free(flat: States, part: Slice, p: Numbers, q: Numbers, low: Cell, high: Cell) -> bool:
+    """Whether the cells of a segment from ``low`` to ``high`` are FREE.
+
+    It is cut into slabs of cells along x, each part into slabs along y, and what is left of it there meets a run of
+    cells along z.
+    """
+    first, last = cells_between(p[0], q[0], 0.0, 1.0)
+    for i in range(max(low[0], first), min(high[0], last) + 1):
+        start, stop = slab_times(p[0], q[0], i, i)
+        if start > stop:
+            continue
+        left, right = cells_between(p[1], q[1], start, stop)
+        for j in range(max(low[1], left), min(high[1], right) + 1):
+            enter, leave = slab_times(p[1], q[1], j, j)
+            enter, leave = max(enter, start), min(leave, stop)
+            if enter > leave:
+                continue
+            bottom, top = cells_between(p[2], q[2], enter, leave)
+            if not run_is_free(flat, part, i, j, max(low[2], bottom), min(high[2], top)):
+                return False
+    return True
+
+
+@jit(forceinline=True)
+def blocks_are_free(flat: States, part: Slice, mip: States, number: int, p: Numbers, q: Numbers) -> bool:
+    """The same of a segment in the grid: it is cut into slabs of blocks, and walked only in those that are not FREE."""
+    nx, ny, nz = part.shape
+    columns, rows, depth = (nx + SIDE - 1) >> SHIFT, (ny + SIDE - 1) >> SHIFT, (nz + SIDE - 1) >> SHIFT
+    first, last = cells_between(p[0], q[0], 0.0, 1.0)
+    first, last = max(first, 0), min(last, nx - 1)
+    for a in range(first >> SHIFT, (last >> SHIFT) + 1):
+        begin, end = max(first, a << SHIFT), min(last, (a << SHIFT) + SIDE - 1)
+        start, stop = slab_times(p[0], q[0], begin, end)
+        if start > stop:
+            continue
+        near, far = cells_between(p[1], q[1], start, stop)
+        near, far = max(near, 0), min(far, ny - 1)
+        for b in range(near >> SHIFT, (far >> SHIFT) + 1):
+            left, right = max(near, b << SHIFT), min(far, (b << SHIFT) + SIDE - 1)
+            enter, leave = slab_times(p[1], q[1], left, right)
+            enter, leave = max(enter, start), min(leave, stop)
+            if enter > leave:
+                continue
+            bottom, top = cells_between(p[2], q[2], enter, leave)
+            line, mark = ((number * columns + a) * rows + b) * depth, 0
+            for c in range(max(bottom, 0) >> SHIFT, (min(top, nz - 1) >> SHIFT) + 1):
+                mark |= mip[np.uint64(line + c)]
+            if mark != FREE and not slabs_are_free(flat, part, p, q, (begin, left, 0), (end, right, nz - 1)):
+                return False
+    return True

@@ -1,0 +1,93 @@
+"""What is known of configurations outside the grid."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace.raster.raster import Raster
+from cspace.states import BLOCKED, FREE, MIXED
+
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class Exterior:
+    """For each slice one state for all cells outside the grid, but for a box in which they are MIXED.
+
+    Attributes
+    ----------
+    table : ndarray of int64, shape (slices, 2 d + 1)
+        The box's first cell, its last cell, and the state of every cell that lies neither in the grid nor in the box.
+        A box is empty where a first number is beyond the last. An update of the workspace changes it in place.
+    """
+
+    table: Ints
+
+    @classmethod
+    def of(cls, occupied: NDArray[np.bool_], rasters: Sequence[tuple[Raster, Raster]], policy: str) -> Exterior:
+        """What is proven outside the grid of a workspace.
+
+        Parameters
+        ----------
+        occupied : ndarray of bool, shape (nx, ny) or (nx, ny, nz)
+            Outer obstacle cells.
+        rasters : sequence of (outer, inner) Raster
+            The robot's, of each slice.
+        policy : {"blocked", "free"}
+            Whether all beyond the workspace is obstacle or free.
+        """
+        if policy == "free":
+            cells = Raster.trimmed(occupied, (0,) * occupied.ndim)
+            obstacles = np.array([*cells.lower, *cells.upper])
+            return cls(np.array([[*reached(obstacles, outer), FREE] for outer, _ in rasters], dtype=np.int64))
+        # BLOCKED is proven where an inner offset falls beyond the workspace.
+        last = np.asarray(occupied.shape) - 1
+        rows = [
+            [*-np.asarray(inner.lower), *(last - inner.upper), BLOCKED if inner.count else MIXED] for _, inner in rasters
+        ]
+        return cls(np.array(rows, dtype=np.int64))
+
+    @property
+    def boxes(self) -> Ints:
+        """First and last cell of each box, shape (slices, 2 d); a view."""
+        return self.table[:, :-1]
+
+    def is_all_blocked(self, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+        """Whether every cell outside a grid of this shape is BLOCKED, for each slice."""
+        first, last = self.boxes[:, : len(shape)], self.boxes[:, len(shape) :]
+        hidden = (first > last).any(axis=1) | ((first >= 0) & (last < shape)).all(axis=1)
+        return np.asarray((self.table[:, -1] == BLOCKED) & hidden)
+
+    def walls(self, number: int, shape: tuple[int, ...]) -> NDArray[np.float64]:
+        """What is not FREE outside a grid of this shape, in one slice: boxes in cells, shape (n, 2 d).
+
+        Each is given by its lower corner and its upper one. They may overlap, and those of a state that is not FREE
+        reach to infinity.
+        """
+        dim = len(shape)
+        whole = np.repeat([-np.inf, np.inf], dim)
+        if self.table[number, -1] == FREE:
+            whole = self.boxes[number] + np.repeat([0.0, 1.0], dim)
+        walls = np.tile(whole, (2 * dim, 1))
+        for axis, count in enumerate(shape):
+            below, above = walls[2 * axis], walls[2 * axis + 1]
+            below[dim + axis] = min(below[dim + axis], 0.0)
+            above[axis] = max(above[axis], float(count))
+        return walls[(walls[:, :dim] < walls[:, dim:]).all(axis=1)]
+
+
+def reached(obstacles: Ints, outer: Raster) -> Ints:
+    """The box from whose cells some offset can fall on a box of obstacle cells; beyond it FREE is proven.
+
+    Both boxes are first cells along each axis, then last ones, shape (2 d,); empty where a first one is beyond the
+    last.
+    """
+    dim = len(obstacles) // 2
+    low, high = obstacles[:dim], obstacles[dim:]
+    if (low > high).any():
+        return np.repeat([0, -1], dim)
+    return np.array([*(low - outer.upper), *(high - outer.lower)])

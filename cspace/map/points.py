@@ -1,0 +1,295 @@
+"""Compiled look-ups of configurations: their cells, their states, and whether all around them is FREE.
+
+Every function takes the record of a map, and a configuration as a tuple or configurations as an array, shape (n, dof).
+Loops over axes are unrolled by the compiler, and what is written for one axis here becomes code for two or for three.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba.cpython.unsafe.tuple import tuple_setitem
+from numpy.typing import NDArray
+
+from cspace.compiling import jit
+from cspace.grid import MAX_COORDINATE, SLACK
+from cspace.map import turning
+from cspace.map.record import Map
+from cspace.states import FREE, MIXED
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+States = NDArray[np.uint8]
+Numbers = tuple[float, ...]
+Cell = tuple[int, ...]
+
+FAR = 2.0**62
+
+MAX_PLACE = 8.0 * MAX_COORDINATE
+"""Farthest place, in cells, of which edges and boxes are told; all axes and both ends together."""
+
+BLOCK = 1024
+"""Points that are looked up at a time; what is kept of them stays in a core's nearest cache."""
+
+INSIDE, ASK = 255, 254
+"""Codes of points in the grid, and of those that need a closer look; all others are states."""
+
+
+# ---- one configuration -----------------------------------------------------------------------------------------------
+
+
+@jit(forceinline=True)
+def configuration(map: Map, points: Floats, k: int) -> Numbers:
+    """Row k of an array of configurations as a tuple."""
+    q = map.lower + turning.blank(map.rotations)
+    for axis in range(len(q)):
+        q = tuple_setitem(q, axis, points[k, axis])
+    return q
+
+
+@jit(forceinline=True)
+def is_usable(map: Map, q: Numbers) -> bool:
+    """Whether all is finite, and the rotation exact enough."""
+    usable = turning.is_usable(map.rotations, q)
+    for axis in range(len(map.lower)):
+        usable &= math.isfinite(q[axis])
+    return usable
+
+
+@jit(error_model="numpy")
+def cell_at(value: float, lower: float, spacing: float, upper: float, n: int) -> int:
+    """Cell of a coordinate, as ``Grid.cell_of`` defines it."""
+    i = math.floor(min(max((value - lower) / spacing, -FAR), FAR))
+    if i == n and value <= upper:
+        i = n - 1
+    return i
+
+
+@jit
+def cell_of(map: Map, q: Numbers) -> tuple[bool, Cell]:
+    """Whether a configuration lies in the grid, and its cell ``(slice, x, y)`` or ``(slice, x, y, z)``."""
+    inside = True
+    cell = tuple_setitem(map.states.shape, 0, turning.slice_at(map.rotations, q))
+    for axis in range(len(map.lower)):
+        n = map.states.shape[axis + 1]
+        i = cell_at(q[axis], map.lower[axis], map.spacing, map.upper[axis], n)
+        inside &= (i >= 0) & (i < n)
+        cell = tuple_setitem(cell, axis + 1, i)
+    return inside, cell
+
+
+@jit(inline="always")  # a call takes as long as what it does
+def state_at(map: Map, q: Numbers) -> int:
+    """State of one configuration."""
+    inside, cell = cell_of(map, q)
+    if inside:
+        return int(map.states[cell])
+    boxed, finite, dim = True, True, len(map.lower)
+    for axis in range(dim):
+        boxed &= (map.exterior[cell[0], axis] <= cell[axis + 1]) & (cell[axis + 1] <= map.exterior[cell[0], axis + dim])
+        finite &= math.isfinite(q[axis])
+    return MIXED if boxed or not finite else map.exterior[cell[0], 2 * dim]
+
+
+# ---- batches ---------------------------------------------------------------------------------------------------------
+
+
+@jit(error_model="numpy")
+def scaled(numbers: Floats, lows: Floats, scales: Floats, out: Floats) -> None:
+    """``(numbers - lows) / scales``; one loop over plain numbers, which the compiler turns into wide instructions."""
+    for m in range(numbers.shape[0]):
+        out[m] = (numbers[m] - lows[m]) / scales[m]
+
+
+@jit
+def codes_of(map: Map, places: Floats, slices: Ints, cells: Ints, codes: States) -> int:
+    """Cells of points that are given in cells, and what is to be made of each point.
+
+    A point in the grid gets its cell's number in ``cells`` and the code INSIDE; one that is plainly outside gets its
+    state for a code, where there is a single slice; and what is left ASK: not usable, or so near the grid's upper
+    border that rounding may decide. There are no branches, so that the loop becomes wide instructions. Gives how many
+    are to be asked about.
+    """
+    dim, shape = len(map.lower), map.states.shape
+    dof = dim + len(turning.blank(map.rotations))
+    # As tuples: what lies in arrays would be read again after every write.
+    sizes, first, last = map.lower, map.lower, map.lower
+    for axis in range(dim):
+        sizes = tuple_setitem(sizes, axis, float(shape[axis + 1]))
+        first = tuple_setitem(first, axis, float(map.exterior[0, axis]))
+        last = tuple_setitem(last, axis, float(map.exterior[0, axis + dim]) + 1.0)
+    beyond, several = np.uint8(map.exterior[0, 2 * dim]), shape[0] > 1
+    asked = 0
+    for k in range(cells.shape[0]):
+        cell = turning.slice_among(map.rotations, slices, k)
+        inside, border, boxed, total = cell >= 0, several | (cell < 0), True, 0.0
+        for axis in range(dim):
+            u, n = places[dof * k + axis], sizes[axis]
+            inside &= (u >= 0.0) & (u < n)
+            border |= (n <= u) & (u < n + 1.0)
+            boxed &= (first[axis] <= u) & (u < last[axis])
+            total += abs(u)
+            cell = cell * shape[axis + 1] + np.int64(u)
+        cells[k] = cell if inside else 0
+        ask = border | (not (total < FAR))
+        code = INSIDE if inside else (ASK if ask else (MIXED if boxed else beyond))
+        codes[k] = code
+        asked += code == ASK
+    return asked
+
+
+@jit
+def read_states(flat: States, cells: Ints, codes: States, out: States) -> None:
+    """States of points with given cells and codes.
+
+    The map is read in a loop of its own and without a branch, so that many reads of a map larger than the cache are
+    under way at once.
+    """
+    for k in range(cells.shape[0]):
+        out[k] = flat[np.uint64(cells[k])]
+    for k in range(cells.shape[0]):
+        out[k] = out[k] if codes[k] == INSIDE else codes[k]
+
+
+@jit
+def classify(map: Map, points: Floats, out: States) -> int:
+    """States of configurations; the index of the first one that is not usable, or -1."""
+    flat, numbers, dof = map.states.ravel(), points.reshape(-1), points.shape[1]
+    size = min(BLOCK, len(points))
+    lows, scales, places = np.zeros(dof * size), np.ones(dof * size), np.empty(dof * size)
+    for axis in range(len(map.lower)):
+        lows[axis::dof], scales[axis::dof] = map.lower[axis], map.spacing
+    cells, codes, slices = np.empty(size, np.int64), np.empty(size, np.uint8), np.empty(size, np.int64)
+    for first in range(0, points.shape[0], BLOCK):
+        last = min(first + BLOCK, points.shape[0])
+        scaled(numbers[dof * first : dof * last], lows, scales, places)
+        turning.slices_at(map.rotations, points[first:last], slices)
+        asked = codes_of(map, places, slices, cells[: last - first], codes)
+        read_states(flat, cells[: last - first], codes, out[first:last])
+        if asked == 0:
+            continue
+        for k in range(first, last):
+            if codes[k - first] == ASK:
+                q = configuration(map, points, k)
+                if not is_usable(map, q):
+                    return k
+                out[k] = state_at(map, q)
+    return -1
+
+
+# ---- boxes of cells --------------------------------------------------------------------------------------------------
+#
+# What walks over cells is written for three axes; the plane is space with one layer of cells along the first.
+
+
+class Slice(NamedTuple):
+    """One slice of a map along three axes.
+
+    Attributes
+    ----------
+    start : int
+        Where its states begin among those of all slices in a row.
+    shape : tuple of int, length 3
+    low, high : tuple of int, length 3
+        First and last cell of a box; what of it lies outside the grid is not FREE, and all else there is.
+    """
+
+    start: int
+    shape: Cell
+    low: Cell
+    high: Cell
+
+
+@jit(forceinline=True)
+def slice_number(map: Map, number: int) -> Slice:
+    """A slice by its number, as if all were FREE outside the grid."""
+    dim, shape, size = len(map.lower), (1, 1, 1), 1
+    for axis in range(dim):
+        size *= map.states.shape[axis + 1]
+        shape = tuple_setitem(shape, 3 - dim + axis, map.states.shape[axis + 1])
+    return Slice(number * size, shape, (0, 0, 0), (-1, -1, -1))
+
+
+@jit
+def with_exterior(map: Map, part: Slice, number: int) -> Slice:
+    """The same with the box of cells outside the grid that are MIXED; all else there must be FREE."""
+    dim, low, high = len(map.lower), (0, 0, 0), (0, 0, 0)
+    for axis in range(dim):
+        low = tuple_setitem(low, 3 - dim + axis, map.exterior[number, axis])
+        high = tuple_setitem(high, 3 - dim + axis, map.exterior[number, axis + dim])
+    return Slice(part.start, part.shape, low, high)
+
+
+@jit
+def run_is_free(flat: States, part: Slice, i: int, j: int, first: int, last: int) -> bool:
+    """Whether the cells ``first <= k <= last`` of the column (i, j) are FREE, all beyond grid and box being so."""
+    nx, ny, nz = part.shape
+    in_grid = 0 <= i < nx and 0 <= j < ny
+    if in_grid:
+        column = part.start + (i * ny + j) * nz
+        for k in range(max(first, 0), min(last, nz - 1) + 1):
+            if flat[np.uint64(column + k)] != FREE:
+                return False
+    low, high = max(first, part.low[2]), min(last, part.high[2])
+    if low > high or not (part.low[0] <= i <= part.high[0] and part.low[1] <= j <= part.high[1]):
+        return True
+    return in_grid and low >= 0 and high < nz
+
+
+@jit(error_model="numpy")
+def box_is_free(map: Map, flat: States, number: int, q: Numbers, distance: float) -> bool:
+    """Whether every closed cell within SLACK of all positions within ``distance`` along each axis is FREE."""
+    dim, reach, total, inside = len(map.lower), distance / map.spacing + SLACK, 0.0, True
+    part = slice_number(map, number)
+    first, last = (0, 0, 0), (0, 0, 0)
+    for axis in range(dim):
+        place = (q[axis] - map.lower[axis]) / map.spacing
+        total += abs(place)
+        if total <= MAX_PLACE:  # nor is NaN
+            first = tuple_setitem(first, 3 - dim + axis, math.ceil(place - reach) - 1)
+            last = tuple_setitem(last, 3 - dim + axis, math.floor(place + reach))
+    if not total + reach <= MAX_PLACE:
+        return False
+    for axis in range(3):
+        inside &= (first[axis] >= 0) & (last[axis] < part.shape[axis])
+    if not inside:
+        if map.exterior[number, 2 * dim] != FREE:
+            return False
+        part = with_exterior(map, part, number)
+        for axis in range(3):
+            first = tuple_setitem(first, axis, max(first[axis], min(part.low[axis], 0)))
+            last = tuple_setitem(last, axis, min(last[axis], max(part.high[axis], part.shape[axis] - 1)))
+    for i in range(first[0], last[0] + 1):
+        for j in range(first[1], last[1] + 1):
+            if not run_is_free(flat, part, i, j, first[2], last[2]):
+                return False
+    return True
+
+
+@jit
+def boxes_are_free(map: Map, distance: float, angle: float, points: Floats, out: NDArray[np.bool_]) -> int:
+    """Whether all is FREE within a distance along each axis and within an angle of configurations.
+
+    Gives the index of the first configuration that is not usable, or -1.
+    """
+    flat = map.states.ravel()
+    for k in range(points.shape[0]):
+        q = configuration(map, points, k)
+        if not is_usable(map, q):
+            return k
+        out[k] = around_is_free(map, flat, q, distance, angle)
+    return -1
+
+
+@jit
+def around_is_free(map: Map, flat: States, q: Numbers, distance: float, angle: float) -> bool:
+    """The same of one configuration that is usable."""
+    cursor = turning.first_around(map.rotations, q, angle)
+    while True:
+        more, number, cursor = turning.next_around(map.rotations, cursor)
+        if not more:
+            return True
+        if not box_is_free(map, flat, number, q, distance):
+            return False

@@ -1,0 +1,42 @@
+"""The record of a map: all that compiled look-ups need, in one tuple that numba takes as it is."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace.rotations import CompiledRotations
+
+
+class Map(NamedTuple):
+    """States over rotation cells times cells of a grid, in the plane or in space, whether the robot turns or not.
+
+    The arrays are views of the map's own: an update of the workspace is seen through the record. A call from Python
+    costs some 30 ns for each array, which is why there are few.
+
+    Attributes
+    ----------
+    states : ndarray of uint8, shape (slices, nx, ny) or (slices, nx, ny, nz)
+        FREE, MIXED or BLOCKED; read-only, in C order.
+    rotations : NamedTuple
+        The rotation cells, and the slice that each has; compiled code reads it by :mod:`cspace.map.turning` alone.
+    lower, upper : tuple of float, length d
+        Corners of the grid, metres.
+    spacing : float
+    exterior : ndarray of int64, shape (slices, 2 d + 1)
+        What lies outside the grid: :attr:`cspace.map.exterior.Exterior.table`.
+    """
+
+    states: NDArray[np.uint8]
+    rotations: CompiledRotations
+    lower: tuple[float, ...]
+    spacing: float
+    upper: tuple[float, ...]
+    exterior: NDArray[np.int64]
+
+    @property
+    def slice_of(self) -> NDArray[np.int64]:
+        """The slice of each rotation cell, shape (rotations,)."""
+        return np.asarray(self.rotations.slice_of)
