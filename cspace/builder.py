@@ -15,11 +15,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.engines import ENGINES, METHODS, Engine, choose
 from cspace.errors import InputError
+from cspace.map.slices import slice_rasters
 from cspace.memory import TRANSFORM_BYTES, check_memory, map_bytes
 from cspace.raster.raster import Raster
 from cspace.robot import Robot, check_margin
-from cspace.rotations import Rotations, check_rotations
-from cspace.slices import slice_of_rotation, slice_rasters
+from cspace.rotations import Rotations, cells_for, check_rotations
 from cspace.space import CSpace
 from cspace.workspace import Workspace
 
@@ -107,10 +107,11 @@ def build(
             "leave rotations out, or take robot and workspace in the plane",
             value=rotations,
         )
-    slices = int(slice_of_rotation(robot, cells).max()) + 1
+    turning = cells_for(cells)
+    slices = int(turning.slice_of(robot).max()) + 1
     needed = map_bytes(grid.shape, slices, overlap)
     check_memory(needed, "the map", grid.shape, grid.spacing, fixed=TRANSFORM_BYTES)
-    rasters = slice_rasters(robot, grid.spacing, margin, cells)
+    rasters = slice_rasters(robot, grid.spacing, margin, turning)
     sides = [list(side) for side in zip(*rasters, strict=True)][: 2 if inner else 1]
     engine = ENGINES[choose(sides[0], counts=overlap) if method == "auto" else method]
     needed += max(engine.bytes_needed(grid.shape, side, workers) for side in sides) - TRANSFORM_BYTES
@@ -119,15 +120,14 @@ def build(
     overlaps = np.empty(state.shape, dtype=np.int32) if overlap else None
     correlation = _Correlation(engine, outside == "blocked", workers, progress)
     precision = correlation.fill(workspace, sides, state, overlaps)
-    flat = cells is None
     return CSpace(
         workspace,
         robot,
-        state[0] if flat else state,
+        state.reshape(*turning.leading(slices), *grid.shape),
         outside=outside,
         margin=margin,
         precision=precision,
-        overlaps=overlaps[0] if flat and overlaps is not None else overlaps,
+        overlaps=None if overlaps is None else overlaps.reshape(*turning.leading(slices), *grid.shape),
         rotations=cells,
         rasters=rasters,
         trusted=True,

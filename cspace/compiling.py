@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from typing import Any, Final, TypeVar, overload
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -55,6 +55,15 @@ def jit_with(function: F, options: dict[str, Any]) -> F:
     except RuntimeError:  # numba found no folder that it may write to
         made = njit(**{**options, "cache": False})(function)
     return made
+
+
+def entry(kernel: Any, fixed: tuple[Any, ...], floats: int) -> Callable[..., Any]:
+    """A kernel with its first arguments given and some floats to come, without numba's dispatch on every call."""
+    import numba
+
+    types = (*map(numba.typeof, fixed), *[numba.float64] * floats)
+    kernel.compile(types)
+    return partial(kernel.get_overload(types), *fixed)
 
 
 @cache

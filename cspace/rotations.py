@@ -107,6 +107,10 @@ class RotationCells(ABC):
         """Cells of configurations, shape (..., d + dof), of which only the last dof numbers count; shape (...)."""
 
     @abstractmethod
+    def leading(self, n: int) -> tuple[int, ...]:
+        """First axes of an array that holds n grids: none where there is only ever one, otherwise (n,)."""
+
+    @abstractmethod
     def slice_of(self, robot: Symmetric) -> Ints:
         """Number of the slice that each cell has for a robot, shape (count,).
 
@@ -117,6 +121,29 @@ class RotationCells(ABC):
     @abstractmethod
     def turns(self, dim: int) -> list[Turn]:
         """The cells as shapes in the plane or in space meet them."""
+
+    @property
+    @abstractmethod
+    def centers(self) -> Floats:
+        """The representative rotation of each cell, as a configuration tells it, shape (count, dof)."""
+
+    @property
+    @abstractmethod
+    def volumes(self) -> Floats:
+        """How much of all rotations each cell is, in any unit, shape (count,)."""
+
+    @abstractmethod
+    def sample(self, cells: Ints, margin: float, rng: np.random.Generator) -> Floats:
+        """A rotation drawn uniformly from each of some cells, shape (n, dof); that part of a cell's border is left."""
+
+    @abstractmethod
+    def distances(self, q: Floats) -> Floats:
+        """Angle between the rotation of a configuration and each cell's representative, radians, shape (count,)."""
+
+    @property
+    def quarter(self) -> int:
+        """How many cells farther lie those that are a quarter turn about the z axis away; 0 where none do."""
+        return 0
 
     @abstractmethod
     def compiled(self, slice_of: Ints) -> CompiledRotations:
@@ -138,6 +165,10 @@ class OneRotation(RotationCells):
         """Cell 0 for each."""
         return np.zeros(q.shape[:-1], dtype=np.int64)
 
+    def leading(self, n: int) -> tuple[int, ...]:
+        """None."""
+        return ()
+
     def slice_of(self, robot: Symmetric) -> Ints:
         """Slice 0."""
         return np.zeros(1, dtype=np.int64)
@@ -145,6 +176,24 @@ class OneRotation(RotationCells):
     def turns(self, dim: int) -> list[Turn]:
         """No rotation at all."""
         return [STILL]
+
+    @property
+    def centers(self) -> Floats:
+        """No numbers."""
+        return np.zeros((1, 0))
+
+    @property
+    def volumes(self) -> Floats:
+        """All."""
+        return np.ones(1)
+
+    def sample(self, cells: Ints, margin: float, rng: np.random.Generator) -> Floats:
+        """No numbers."""
+        return np.zeros((len(cells), 0))
+
+    def distances(self, q: Floats) -> Floats:
+        """Zero."""
+        return np.zeros(1)
 
     def compiled(self, slice_of: Ints) -> OneCell:
         """What compiled look-ups get."""
@@ -257,7 +306,11 @@ class Rotations(RotationCells):
         if (np.abs(angles) > MAX_YAW).any():
             largest = float(np.abs(angles).max())
             raise InputError(
-                "yaw", f"is {largest:g} rad", f"at most {MAX_YAW:.0f} can be wrapped exactly", "wrap it first", value=largest
+                "yaw",
+                f"is {largest:g} rad",
+                f"at most {MAX_YAW:.0f} can be wrapped exactly",
+                "wrap it first",
+                value=largest,
             )
         # As the compiled look-ups wrap, to the last bit; a yaw within the borders stays as it is.
         wrapped = angles - np.floor((angles - self.borders[0]) / TURN) * TURN
@@ -266,6 +319,10 @@ class Rotations(RotationCells):
     def cells_of(self, q: Floats) -> Ints:
         """Cells of configurations whose last number is the yaw."""
         return self.cell_of(q[..., -1])
+
+    def leading(self, n: int) -> tuple[int, ...]:
+        """One axis of n."""
+        return (n,)
 
     def slice_of(self, robot: Symmetric) -> Ints:
         """Cells a symmetry apart share a slice, where all cells are equally wide."""
@@ -285,10 +342,33 @@ class Rotations(RotationCells):
             made.append(Turn(matrix, angle, about_z=True))
         return made
 
+    @property
+    def centers(self) -> Floats:
+        """The middle yaw of each cell."""
+        return self.representatives[:, None]
+
+    @property
+    def volumes(self) -> Floats:
+        """The width of each cell, radians."""
+        return np.diff(self.borders)
+
+    def sample(self, cells: Ints, margin: float, rng: np.random.Generator) -> Floats:
+        """Yaws uniform over cells."""
+        within = rng.uniform(margin, 1.0 - margin, len(cells))
+        return np.asarray(np.asarray(self.borders)[cells] + self.volumes[cells] * within)[:, None]
+
+    def distances(self, q: Floats) -> Floats:
+        """Along the shorter arc."""
+        return np.asarray(np.abs((self.representatives - q[-1] + np.pi) % TURN - np.pi))
+
+    @property
+    def quarter(self) -> int:
+        """A fourth of the cells, where all are equally wide and it is a whole number."""
+        return self.count // 4 if self.count % 4 == 0 and self.is_uniform() else 0
+
     def compiled(self, slice_of: Ints) -> YawCells:
         """What compiled look-ups get."""
         return YawCells(np.array(self.borders), np.ascontiguousarray(slice_of))
-
 
 
 def check_rotations(value: Any) -> Rotations | None:

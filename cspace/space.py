@@ -2,43 +2,516 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import base64
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.errors import InputError
-from cspace.questions import Questions
-from cspace.states import BLOCKED
+from cspace.errors import ConfigurationError, InputError
+from cspace.grid import Grid, finite
+from cspace.map.batches import Kernel, Many, One, answer, answer_edges, answer_pairs, as_pairs, as_points
+from cspace.map.exterior import Exterior
+from cspace.map.fields import checked_fields, read_only, writable
+from cspace.map.kept import Change, Kept, Lock
+from cspace.map.record import Map
+from cspace.map.slices import slice_rasters
+from cspace.raster.raster import Raster
+from cspace.robot import Robot
+from cspace.rotations import RotationCells, Rotations, cells_for
+from cspace.states import BLOCKED, FREE
+from cspace.workspace import Workspace
 
 if TYPE_CHECKING:
     import xarray
     from matplotlib.axes import Axes
 
     from cspace.connectivity import Components
+    from cspace.exact.lookups import ExactLookups
+    from cspace.exact.solids import SolidLookups
+    from cspace.map.callbacks import Rows
+    from cspace.map.mip import Mip
+    from cspace.map.overlaps import Runs, Sums
     from cspace.spectral import FourierOverlap, OverlapField
     from cspace.updates import Update
+    from cspace.updates.follower import Follower
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+States = NDArray[np.uint8]
+Bools = NDArray[np.bool_]
 
 
-class CSpace(Questions):
+class CSpace:
     """Certified map of a robot's configurations: ``(x, y)`` or ``(x, y, yaw)`` in the plane, ``(x, y, z)`` in space.
 
     :func:`cspace.build` makes it and :func:`cspace.open` reads a saved one. Every look-up takes one configuration,
     shape (dof,), and answers with a Python number, or a batch, shape (..., dof), and answers with an array of shape
     (...). Look-ups are compiled and may be called from several threads at once. What they need beyond the map itself
-    (distances, labels, sums) is computed at the first call and kept. Yaw is in radians, and wrapped.
+    (distances, labels, sums) is computed at the first call and kept; a copy or a pickle of the map leaves it behind.
+    Yaw is in radians, and wrapped.
 
     A configuration outside the grid is BLOCKED under ``outside="blocked"`` where the robot is proven to stick out of
     the workspace, FREE under ``outside="free"`` where it is proven to reach no obstacle, and otherwise MIXED.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    robot : Robot
+    state : ndarray of uint8, shape (nx, ny) or (nx, ny, nz); with rotations (slices, nx, ny) or (slices, nx, ny, nz)
+        FREE, MIXED or BLOCKED, of each cell of positions of the robot's reference point; with rotations, of each slice.
+        It is taken over, not copied, unless it is read-only: updates write into it.
+    outside : {"blocked", "free"}
+    margin : float
+        Metres by which the robot was grown for FREE.
+    precision : {"integer", "float32", "float64"}
+        Arithmetic of the engine: whole numbers, or transforms in floating point, rounded to them.
+    overlaps : ndarray of int32, the shape of state, optional
+        Overlap of each cell.
+    rotations : Rotations, optional
+        Rotation cells of a robot that turns.
+    rasters : sequence of (outer, inner) Raster, optional
+        The robot's, for each slice; made again if left out.
+    fields : mapping of str to ndarray of float64, the shape of state, optional
+        What :class:`cspace.spectral.OverlapField` holds; all of it, or nothing.
+    trusted : bool
+        Whether the states are known to be those three, as those of a build are, and not looked at.
+    tells_blocked : bool, optional
+        Whether BLOCKED is told from MIXED; None where that is not known, as of a map from a file.
+
+    Attributes
+    ----------
+    overlaps : ndarray of int32, the shape of state, or None
+        Overlap of each cell; read-only.
     """
+
+    def __init__(
+        self,
+        workspace: Workspace,
+        robot: Robot,
+        state: NDArray[np.uint8],
+        *,
+        outside: str,
+        margin: float,
+        precision: str,
+        overlaps: NDArray[np.int32] | None = None,
+        rotations: Rotations | None = None,
+        rasters: Sequence[tuple[Raster, Raster]] | None = None,
+        fields: Mapping[str, NDArray[np.float64]] | None = None,
+        trusted: bool = False,
+        tells_blocked: bool | None = None,
+    ) -> None:
+        self._rotations: RotationCells = cells_for(rotations)
+        self._slice_of = self._rotations.slice_of(robot)
+        grid = workspace.grid
+        shape = (*self._rotations.leading(int(self._slice_of.max()) + 1), *grid.shape)
+        for name, array, kind in (("state", state, np.uint8), ("overlaps", overlaps, np.int32)):
+            if array is not None and (array.shape != shape or array.dtype != kind):
+                rule = f"it must have the map's shape {shape} and type {np.dtype(kind)}"
+                raise InputError(name, f"has shape {array.shape} and type {array.dtype}", rule, "use cspace.build")
+        if outside not in ("blocked", "free"):
+            raise InputError("outside", f"is {outside!r}", "it must be 'blocked' or 'free'", value=outside)
+        if not trusted and state.size and state.max() > BLOCKED:
+            rule = "it must be FREE, MIXED or BLOCKED, 0 to 2"
+            raise InputError("state", f"holds {state.max()}", rule, "use cspace.build", value=int(state.max()))
+        self.workspace = replace(workspace, live=False) if workspace.live else workspace
+        self.robot = robot
+        self.outside = outside
+        self.margin = margin
+        self.precision = precision
+        self.rotations = rotations
+        self._tells_blocked = tells_blocked
+        # Updates write through views of their own; all others see read-only ones.
+        states = writable(state)
+        self._states = states.view().reshape(-1, *grid.shape)
+        self._seen: States = read_only(states).reshape(-1, *grid.shape)
+        self._counts: NDArray[np.int32] | None = None
+        self.overlaps: NDArray[np.int32] | None = None
+        if overlaps is not None:
+            counts = writable(overlaps)
+            self._counts = counts.view().reshape(self._seen.shape)
+            self.overlaps = read_only(counts)
+        self._fields = checked_fields(fields, grid.dim, shape) if fields else {}
+        self._make_room()
+        if rasters is not None:
+            self._rasters_kept.get(lambda: list(rasters))
+
+    def _make_room(self) -> None:
+        """Room for what is made at need."""
+        self._lock = Lock()
+        self._rasters_kept: Kept[list[tuple[Raster, Raster]]] = Kept(self._lock)
+        self._exterior_kept: Kept[Exterior] = Kept(self._lock)
+        self._map_kept: Kept[Map] = Kept(self._lock)
+        self._mip: Kept[Mip] = Kept(self._lock)
+        self._rows: Kept[Rows] = Kept(self._lock)
+        self._runs: Kept[Runs] = Kept(self._lock)
+        self._outer_sums: Kept[Sums] = Kept(self._lock)
+        self._inner_sums: Kept[Sums] = Kept(self._lock)
+        self._components_kept: Kept[Components] = Kept(self._lock)
+        self._free_cells_kept: Kept[list[NDArray[np.unsignedinteger[Any]]]] = Kept(self._lock)
+        self._exact_kept: Kept[ExactLookups | SolidLookups] = Kept(self._lock)
+        self._updater: Kept[Follower] = Kept(self._lock)
+        self._distances: Kept[Any] = Kept(self._lock)
+        self._clearance_call: Kept[list[Callable[..., float]]] = Kept(self._lock)
+
+    # ---- what the map is ---------------------------------------------------------------------------------------------
+
+    @property
+    def grid(self) -> Grid:
+        """Cells of positions of the robot's reference point; the workspace's grid."""
+        return self.workspace.grid
+
+    @property
+    def dof(self) -> int:
+        """Numbers in a configuration: the position's, and one more for the yaw of a robot that turns."""
+        return self.grid.dim + self._rotations.dof
+
+    @property
+    def state(self) -> NDArray[np.uint8]:
+        """State of each cell, shape (nx, ny) or (nx, ny, nz), or (rotations, nx, ny) of a robot that turns.
+
+        Read-only. A new array at each call where rotation cells share a slice.
+        """
+        shared = len(self._seen) < len(self._slice_of)
+        every = read_only(self._seen[self._slice_of]) if shared else self._seen
+        return every.reshape(*self._rotations.leading(len(every)), *self.grid.shape)
+
+    def slice_at(self, yaw: float = 0.0) -> NDArray[np.uint8]:
+        """State of each cell in the rotation cell of a yaw (radians), shape (nx, ny) or (nx, ny, nz)."""
+        part: States = self._seen[self._slice_of[self._rotations.cells_of(finite([yaw], "yaw"))]]
+        return part
+
+    def count(self) -> tuple[int, int, int]:
+        """Number of FREE, MIXED and BLOCKED cells, over all rotation cells."""
+        shares = np.bincount(self._slice_of, minlength=len(self._seen))
+        each = np.array([np.bincount(part.ravel(), minlength=3) for part in self._seen])
+        free, mixed, blocked = (shares @ each).tolist()
+        return free, mixed, blocked
+
+    def __repr__(self) -> str:
+        free, mixed, blocked = self.count()
+        cells = " x ".join(map(str, self.grid.shape))
+        turns = f" x {self.rotations.count} rotations" if self.rotations else ""
+        return (
+            f"CSpace({cells} cells of {self.grid.spacing:g} m{turns}, {self.robot.name}: {free=}, {mixed=}, {blocked=})"
+        )
+
+    def _repr_html_(self) -> str:
+        from html import escape
+
+        from cspace.plot import thumbnail
+
+        picture = base64.b64encode(thumbnail(self)).decode()
+        return (
+            f'<figure><img src="data:image/png;base64,{picture}"><figcaption>{escape(repr(self))}</figcaption></figure>'
+        )
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All that the map is; what was made at need is left behind, and so are the locks."""
+        names = ("robot", "outside", "margin", "precision", "rotations", "_rotations", "_slice_of", "_tells_blocked")
+        state = {name: getattr(self, name) for name in names}
+        with self._lock:  # an update waits
+            state["workspace"] = replace(self.workspace, live=False)
+            state |= {"_states": self._states.copy(), "_fields": dict(self._fields)}
+            state["_counts"] = None if self._counts is None else self._counts.copy()
+        return state
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._seen = read_only(self._states.view())
+        self.overlaps = None
+        if self._counts is not None:
+            counts = self._counts.view()
+            self.overlaps = read_only(counts).reshape(*self._rotations.leading(len(counts)), *self.grid.shape)
+        self._make_room()
+
+    # ---- one configuration -------------------------------------------------------------------------------------------
+
+    @overload
+    def classify(self, q: One) -> int: ...
+    @overload
+    def classify(self, q: Many) -> NDArray[np.uint8]: ...
+    def classify(self, q: ArrayLike) -> int | NDArray[np.uint8]:
+        """State of configurations.
+
+        Parameters
+        ----------
+        q : array-like, shape (dof,) or (..., dof)
+            Metres, and radians.
+
+        Returns
+        -------
+        int or ndarray of uint8, shape (...)
+            FREE (0), MIXED (1) or BLOCKED (2).
+
+        Raises
+        ------
+        InputError
+            If the last axis is not dof long, or a value is NaN or infinite.
+        """
+        return answer(q, self.dof, self._classify(), np.uint8, int)
+
+    @overload
+    def is_free(self, q: One, *, exact: bool = False) -> bool: ...
+    @overload
+    def is_free(self, q: Many, *, exact: bool = False) -> Bools: ...
+    def is_free(self, q: ArrayLike, *, exact: bool = False) -> bool | Bools:
+        """Whether configurations are proven collision-free; as :meth:`classify`, with bool for an answer.
+
+        With ``exact``, the geometry itself decides in MIXED cells; see :mod:`cspace.exact.lookups`.
+        """
+        if exact:
+            return answer(q, self.dof, self._exact.points(), np.bool_, bool)
+        state = answer(q, self.dof, self._classify(), np.uint8, int)
+        return state == FREE
+
+    @overload
+    def overlap(self, q: One) -> int: ...
+    @overload
+    def overlap(self, q: Many) -> Ints: ...
+    def overlap(self, q: ArrayLike) -> int | Ints:
+        """Number of (obstacle cell, robot offset) pairs that coincide at configurations.
+
+        The count is that of the outer rasters: in the grid it is zero exactly where a configuration is FREE, and grows
+        with the depth of the collision; times ``spacing**d`` an area or a volume. Cells beyond the workspace count
+        under ``outside="blocked"``. Nothing needs to be stored: the robot's rows are summed at each configuration.
+
+        Parameters
+        ----------
+        q : array-like, shape (dof,) or (..., dof)
+            Metres, and radians.
+
+        Returns
+        -------
+        int or ndarray of int64, shape (...)
+        """
+        return self._sum("outer", q)
+
+    @overload
+    def contains_robot(self, q: One) -> bool: ...
+    @overload
+    def contains_robot(self, q: Many) -> Bools: ...
+    def contains_robot(self, q: ArrayLike) -> bool | Bools:
+        """Whether the robot is proven to lie wholly inside the obstacles at configurations.
+
+        This is the packing question: with the obstacles a container's cavity or a sheet of material, True means that
+        the robot fits in there, margin included. False means that it is not proven at this resolution.
+
+        Parameters
+        ----------
+        q : array-like, shape (dof,) or (..., dof)
+            Metres, and radians.
+
+        Returns
+        -------
+        bool or ndarray of bool, shape (...)
+        """
+        sums = np.asarray(self._sum("inner", q))
+        counts = np.array([outer.count for outer, _ in self._rasters])
+        inside: Bools = sums == counts[self._slice_of[self._rotations.cells_of(np.asarray(q, dtype=np.float64))]]
+        return inside if inside.ndim else bool(inside)
+
+    @overload
+    def is_free_around(self, q: One, distance: float, angle: float = 0.0) -> bool: ...
+    @overload
+    def is_free_around(self, q: Many, distance: float, angle: float = 0.0) -> Bools: ...
+    def is_free_around(self, q: ArrayLike, distance: float, angle: float = 0.0) -> bool | Bools:
+        """Whether all configurations around configurations are proven collision-free.
+
+        True where every closed cell is FREE that meets the box of all configurations within ``distance`` along each
+        axis, and within ``angle`` in yaw. Curves are proven with it, piece by piece.
+
+        Parameters
+        ----------
+        q : array-like, shape (dof,) or (..., dof)
+            Metres, and radians.
+        distance : float
+            Metres, zero or above.
+        angle : float
+            Radians, zero or above; plays no part where the robot does not turn.
+
+        Returns
+        -------
+        bool or ndarray of bool, shape (...)
+        """
+        from cspace.map.points import boxes_are_free
+
+        reach = [float(value) for value in finite([distance, angle], "distance and angle")]
+        for name, value, unit in (("distance", reach[0], "metres"), ("angle", reach[1], "radians")):
+            if value < 0.0:
+                raise InputError(name, f"is {value:g}", "it must be zero or above", f"pass it in {unit}", value=value)
+        return answer(q, self.dof, partial(boxes_are_free, self._map, *reach), np.bool_, bool)
+
+    @overload
+    def clearance(self, q: One) -> float: ...
+    @overload
+    def clearance(self, q: Many) -> Floats: ...
+    def clearance(self, q: ArrayLike) -> float | Floats:
+        """Lower bound of the distance, in the translation, to the nearest configuration that is not FREE.
+
+        The bound is proven, and less than one and a half cells below the distance itself (1.8 in space). Zero where a
+        configuration is not FREE; infinite where every configuration is.
+
+        Parameters
+        ----------
+        q : array-like, shape (dof,) or (..., dof)
+            Metres, and radians.
+
+        Returns
+        -------
+        float or ndarray of float64, shape (...)
+            Metres.
+        """
+        return answer(q, self.dof, self._lookups.clearances(), np.float64, float)
+
+    # ---- edges -------------------------------------------------------------------------------------------------------
+
+    @overload
+    def motion_is_free(self, q0: One, q1: One, *, exact: bool = False) -> bool: ...
+    @overload
+    def motion_is_free(self, q0: Many, q1: ArrayLike, *, exact: bool = False) -> Bools: ...
+    @overload
+    def motion_is_free(self, q0: ArrayLike, q1: Many, *, exact: bool = False) -> Bools: ...
+    def motion_is_free(self, q0: ArrayLike, q1: ArrayLike, *, exact: bool = False) -> bool | Bools:
+        """Whether straight edges are proven collision-free all along.
+
+        True where every closed cell that the edge touches, be it in a corner, is FREE. An edge that lies on the border
+        of two cells touches both; so an edge that starts on the border of a cell that is not FREE is not proven.
+
+        Parameters
+        ----------
+        q0, q1 : array-like, shape (dof,) or (..., dof)
+            Ends of the edges, metres and radians; broadcast against each other.
+        exact : bool
+            Where cells are MIXED, let the geometry itself prove the edge; see :mod:`cspace.exact.lookups`.
+
+        Returns
+        -------
+        bool or ndarray of bool, shape (...)
+        """
+        return answer_edges(q0, q1, self.dof, lambda number: self._edges(number, exact))
+
+    def certify_path(self, path: ArrayLike, edges: ArrayLike | None = None, *, exact: bool = False) -> Bools:
+        """Whether each edge of a path, of paths, or of a roadmap is proven collision-free all along.
+
+        The edges are those of :meth:`motion_is_free`, answered alike: straight, with yaw along the shorter arc, as
+        OMPL interpolates. Where there are many, they are proven in threads and with a coarse map that passes over free
+        space in larger steps; the answers are the same.
+
+        Parameters
+        ----------
+        path : array-like, shape (n, dof) or (..., n, dof)
+            Configurations, metres and radians: a path's in turn, those of paths of one length, or a roadmap's vertices.
+        edges : array-like of int, shape (m, 2), optional
+            Indices, from 0, of the two vertices of each edge; ``path`` must then have shape (n, dof). Left out, each
+            configuration is joined to the next.
+        exact : bool
+            As for :meth:`motion_is_free`.
+
+        Returns
+        -------
+        ndarray of bool, shape (n - 1,), (..., n - 1) or (m,)
+            A path of one configuration has no edges, and nothing is proven of it.
+
+        Raises
+        ------
+        InputError
+            If a configuration is not as for :meth:`motion_is_free`, be it on an edge or not; a path has none; or an
+            edge is not a pair of indices of vertices.
+
+        Examples
+        --------
+        >>> import numpy as np, cspace
+        >>> workspace = cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1)
+        >>> space = cspace.build(workspace, cspace.Robot.disc(0.2))
+        >>> corners = [(0.5, 1.5), (0.5, 2.5), (1.5, 2.5), (1.5, 0.5)]
+        >>> space.certify_path(corners)
+        array([ True,  True, False])
+        >>> space.certify_path(corners, [(0, 2), (2, 3)])
+        array([ True, False])
+        """
+        points = self._checked(path, "path")
+        if edges is not None:
+            pairs = as_pairs(edges, points)
+            return answer_pairs(np.ascontiguousarray(points), pairs, self._edges(len(pairs), exact))
+        if points.ndim < 2 or points.shape[-2] == 0:
+            rule = "it must hold at least one configuration in a row"
+            raise InputError("path", f"has shape {points.shape}", rule, f"pass an array of shape (n, {self.dof})")
+        free: Bools = self.motion_is_free(points[..., :-1, :], points[..., 1:, :], exact=exact)
+        return free
+
+    # ---- for callbacks -----------------------------------------------------------------------------------------------
+
+    def point_checker(self, *, exact: bool = False) -> Callable[..., bool]:
+        """A quick ``is_free`` of floats, for callbacks that are called a million times.
+
+        Parameters
+        ----------
+        exact : bool
+            As for :meth:`is_free`.
+
+        Returns
+        -------
+        callable
+            ``check(*q) -> bool``, of the dof numbers of a configuration; the numbers must be finite floats, and are not
+            checked.
+        """
+        from cspace.map import callbacks
+
+        # Looked up here and now, where that is quicker than a compiled call: in one slice of the plane.
+        if self._seen.shape[0] == 1 and self.dof == 2:
+            quick = self._rows.get(lambda: callbacks.Rows(self._seen)).checker(self._map)
+        else:
+            quick = callbacks.point_checker(self._map, self.dof)
+        return self._exact.point_checker(quick) if exact else quick
+
+    def edge_checker(self, *, exact: bool = False) -> Callable[..., bool]:
+        """A quick ``motion_is_free`` of the floats of two configurations, in one compiled call.
+
+        Parameters
+        ----------
+        exact : bool
+            As for :meth:`motion_is_free`.
+
+        Returns
+        -------
+        callable
+            ``check(*q0, *q1) -> bool``, of the numbers of two configurations; they must be finite floats, and are not
+            checked.
+        """
+        from cspace.map import callbacks
+
+        return self._exact.edge_checker() if exact else callbacks.edge_checker(self._map, self.dof)
+
+    def clearance_checker(self) -> Callable[..., float]:
+        """A quick ``clearance`` of floats.
+
+        Returns
+        -------
+        callable
+            ``check(*q) -> float``, of the dof numbers of a configuration; they must be finite floats, and are not
+            checked.
+        """
+        aims = self._clearance_call.get(lambda: [self._lookups.clearance_checker()])
+
+        def check(*q: float) -> float:
+            return aims[0](*q)
+
+        return check
 
     # ---- what FREE cells join ----------------------------------------------------------------------------------------
 
-    def path_exists(self, q0: ArrayLike, q1: ArrayLike) -> Any:
+    @overload
+    def path_exists(self, q0: One, q1: One) -> bool | None: ...
+    @overload
+    def path_exists(self, q0: Many, q1: ArrayLike) -> NDArray[np.object_]: ...
+    @overload
+    def path_exists(self, q0: ArrayLike, q1: Many) -> NDArray[np.object_]: ...
+    def path_exists(self, q0: ArrayLike, q1: ArrayLike) -> bool | NDArray[np.object_] | None:
         """Whether a collision-free path joins configurations.
 
         Parameters
@@ -55,7 +528,10 @@ class CSpace(Questions):
         from cspace.connectivity import path_exists
 
         ends = (self._checked(q0, "q0"), self._checked(q1, "q1"))
-        return path_exists(self._components, *((self._cells_of(q), np.asarray(self.classify(q))) for q in ends))
+        found: bool | NDArray[np.object_] | None = path_exists(
+            self._components, *((self._cells_of(q), np.asarray(self.classify(q))) for q in ends)
+        )
+        return found
 
     def free_reach(self, q: ArrayLike) -> tuple[Floats, Floats]:
         """The box, along the axes, around all FREE cells of the grid that chains of FREE cells join to a configuration.
@@ -112,10 +588,10 @@ class CSpace(Questions):
         """
         from cspace.cubes.path import cube_path, pulled_straight
 
-        if self.rotations is not None:
+        if self._rotations.dof:
             raise InputError("the robot turns; free_path is for robots that only translate; use planners.plan")
         ends = [self._one_free(q, name) for q, name in ((q0, "q0"), (q1, "q1"))]
-        cells = cube_path(self.stack[0], *(self.grid.cell_of(q) for q in ends))
+        cells = cube_path(self._seen[0], *(self.grid.cell_of(q) for q in ends))
         if not len(cells):
             return np.empty((0, self.dof))
         path = np.vstack([ends[0], self.grid.center_of(cells), ends[1]])
@@ -123,47 +599,12 @@ class CSpace(Questions):
             return np.empty((0, self.dof))
         return pulled_straight(path, self.edge_checker(), 2.0 * self.grid.spacing) if straight else path
 
-    def open_chain(self, q0: ArrayLike, q1: ArrayLike, closed: NDArray[np.bool_] | None = None) -> NDArray[np.int64]:
-        """A chain of FREE and MIXED cells between two configurations, with as few MIXED ones as can be.
-
-        Where :meth:`path_exists` is None, this is where a path has to be looked for with ``exact=True``.
-
-        Parameters
-        ----------
-        q0, q1 : array-like, shape (dof,)
-            Metres, and radians; in the grid.
-        closed : ndarray of bool, shape (rotations, nx, ny) or (1, nx, ny, nz), optional
-            Cells that are left out; one rotation where the robot does not turn.
-
-        Returns
-        -------
-        ndarray of int64, shape (n, 3) or (n, 4)
-            Cells ``(rotation, x, y)`` or ``(0, x, y, z)``, each sharing a side with the next; of length 0 where there
-            is no chain, or one of the two is BLOCKED.
-
-        Raises
-        ------
-        InputError
-            If a configuration is not one of the grid, or ``closed`` is not as stated.
-        """
-        from cspace.connectivity import chain
-
-        ends = [self._cells_of(self._checked(q, name)) for q, name in ((q0, "q0"), (q1, "q1"))]
-        shape = self.grid.shape
-        if any(end.shape != (1 + len(shape),) or (end[1:] < 0).any() or (end[1:] >= shape).any() for end in ends):
-            raise InputError(f"q0 and q1 are {q0!r} and {q1!r}; each must be one configuration in the grid")
-        needed = (len(self.slice_of), *shape)
-        if closed is not None and (getattr(closed, "shape", None) != needed or closed.dtype != np.bool_):
-            raise InputError(
-                f"closed is a {type(closed).__name__} of shape {np.shape(closed)}; it must be a boolean array of shape "
-                f"{needed}, one entry for each cell; leave it out for none"
-            )
-        if BLOCKED in (self.classify(q0), self.classify(q1)):
-            return np.empty((0, 1 + len(shape)), dtype=np.int64)
-        return chain(self.stack, self.slice_of, closed, *ends)
-
     # ---- the set of FREE configurations ------------------------------------------------------------------------------
 
+    @overload
+    def sample_free(self, n: None = None, rng: np.random.Generator | None = None) -> Floats: ...
+    @overload
+    def sample_free(self, n: int, rng: np.random.Generator | None = None) -> Floats: ...
     def sample_free(self, n: int | None = None, rng: np.random.Generator | None = None) -> Floats:
         """Configurations drawn uniformly from the FREE cells.
 
@@ -197,7 +638,7 @@ class CSpace(Questions):
         if self.rotations is None:
             samples = sample_cells(cells[0], self.grid, count, generator)
         else:
-            samples = sample_stack(cells, self.slice_of, self.rotations, self.grid, count, generator)
+            samples = sample_stack(cells, self._slice_of, self.rotations, self.grid, count, generator)
         return samples[0] if n is None else samples
 
     def nearest_free(self, q: ArrayLike) -> Floats:
@@ -224,7 +665,7 @@ class CSpace(Questions):
         point = self._checked(q, "q")
         if self.rotations is None:
             return nearest_center(cells[0], self.grid, point)
-        return nearest_turned(cells, self.slice_of, self.rotations, self.grid, point)
+        return nearest_turned(cells, self._slice_of, self.rotations, self.grid, point)
 
     # ---- a workspace that changes ------------------------------------------------------------------------------------
 
@@ -282,30 +723,26 @@ class CSpace(Questions):
         from cspace.updates.patch import Patch
 
         patch = Patch.of(self.grid, cells, lower, inner)
-        with self._once.lock:
-            return self._once("follower", lambda: Follower(self)).update(patch)
+        with self._lock:
+            return self._updater.get(lambda: Follower(self)).update(patch)
 
-    def clearance_checker(self) -> Callable[..., float]:
-        """A quick ``clearance`` of floats.
+    def _renew(self, change: Change) -> None:
+        """Bring up to date what was made of the map, after its states and its exterior were changed in place."""
+        from cspace.updates import upkeep
 
-        Returns
-        -------
-        callable
-            ``check(*q) -> float``, of the dof numbers of a configuration; they must be finite floats, and are not
-            checked.
-        """
-        aims = self._once("clearance checker", lambda: [Questions.clearance_checker(self)])
-
-        def check(*q: float) -> float:
-            return aims[0](*q)
-
-        return check
-
-    def _aim_clearance(self) -> None:
-        """Have the clearance checkers that were handed out ask the look-ups as they are now."""
-        aims = self._once.made("clearance checker")
-        if aims is not None:
-            aims[0] = Questions.clearance_checker(self)
+        self.workspace, self._fields = change.workspace, {}
+        self._outer_sums.renew(change)
+        self._inner_sums.renew(change)
+        if change.changed:
+            self._rows.renew(change)
+            self._mip.renew(change)
+            self._free_cells_kept.drop()
+            if self._components_kept.made is not None:
+                self._components_kept.made.renew(change.states)
+        if change.changed or change.exterior:
+            upkeep.keep_distances(self, change)
+        if self._exact_kept.made is not None:
+            self._exact_kept.made.follow(self.workspace, self._outsides)
 
     # ---- a smooth measure of penetration -----------------------------------------------------------------------------
 
@@ -329,26 +766,19 @@ class CSpace(Questions):
         """
         from cspace.spectral import OverlapField
 
-        return CSpace(
-            self.workspace,
-            self.robot,
-            (self.stack[0] if self.rotations is None else self.stack).copy(),
-            outside=self.outside,
-            margin=self.margin,
-            precision=self.precision,
-            rotations=self.rotations,
-            overlaps=None if self.overlaps is None else self.overlaps.copy(),
-            rasters=self._rasters,
-            fields=OverlapField.of(self, overlap).arrays,
-            tells_blocked=self.tells_blocked,
-        )
+        fields = OverlapField.of(self, overlap).arrays
+        made = CSpace.__new__(CSpace)
+        made.__setstate__(self.__getstate__())
+        made._fields = checked_fields(fields, self.grid.dim, next(iter(fields.values())).shape)
+        made._rasters_kept.get(lambda: self._rasters)
+        return made
 
     @property
     def overlap_field(self) -> OverlapField | None:
         """The overlap of descriptors that the map carries; None where there is none."""
         from cspace.spectral import OverlapField
 
-        return OverlapField(self, self.fields) if self.fields else None
+        return OverlapField(self, self._fields) if self._fields else None
 
     # ---- files and pictures ------------------------------------------------------------------------------------------
 
@@ -380,8 +810,180 @@ class CSpace(Questions):
 
         return plot(self, **options)
 
+    # ---- what is made at the first call ------------------------------------------------------------------------------
+
+    @property
+    def _rasters(self) -> list[tuple[Raster, Raster]]:
+        return self._rasters_kept.get(
+            lambda: slice_rasters(self.robot, self.grid.spacing, self.margin, self._rotations)
+        )
+
+    @property
+    def _exterior(self) -> Exterior:
+        return self._exterior_kept.get(lambda: Exterior.of(self.workspace.outer, self._rasters, self.outside))
+
+    @property
+    def _map(self) -> Map:
+        """The record that compiled look-ups take."""
+        return self._map_kept.get(self._make_map)
+
+    def _make_map(self) -> Map:
+        grid, rotations = self.grid, self._rotations.compiled(self._slice_of)
+        return Map(self._seen, rotations, grid.lower, grid.spacing, grid.upper, self._exterior.table)
+
+    @property
+    def _exact(self) -> ExactLookups | SolidLookups:
+        from cspace.exact.lookups import ExactLookups
+        from cspace.exact.solids import SolidLookups
+
+        kind = SolidLookups if self.grid.dim == 3 else ExactLookups
+        return self._exact_kept.get(lambda: kind(self, self._outsides))
+
     @property
     def _components(self) -> Components:
         from cspace.connectivity import components
 
-        return self._once("components", lambda: components(self.stack, self.slice_of, self._rim_is_open()))
+        rim = ~self._exterior.is_all_blocked(self.grid.shape)
+        return self._components_kept.get(lambda: components(self._seen, self._slice_of, rim))
+
+    @property
+    def _free_cells(self) -> list[NDArray[np.unsignedinteger[Any]]]:
+        """Flat indices of the FREE cells of each slice."""
+        kind = np.uint32 if self.grid.size < 2**32 else np.uint64
+        return self._free_cells_kept.get(lambda: [np.flatnonzero(part == FREE).astype(kind) for part in self._seen])
+
+    # ---- kernels and checks ------------------------------------------------------------------------------------------
+
+    def _classify(self) -> Kernel:
+        from cspace.map.points import classify
+
+        return partial(classify, self._map)
+
+    def _edges(self, number: int, exact: bool) -> Kernel:
+        """The kernel for edges, of which there are some ``number`` to come; many are worth a coarse map."""
+        from cspace.map.edges import edges_are_free
+        from cspace.map.mip import CELLS_AN_EDGE, Mip
+
+        if exact:
+            return self._exact.edges()
+        mip = self._seen.reshape(-1)[:0]
+        if self._mip.made is not None or number * CELLS_AN_EDGE >= self._seen.size:
+            mip = self._mip.get(lambda: Mip(self._seen)).flat
+        return partial(edges_are_free, self._map, mip)
+
+    def _sum(self, side: Literal["outer", "inner"], q: ArrayLike) -> int | Ints:
+        from cspace.map.overlaps import Runs, Sums, overlaps
+
+        if self.workspace.inner is self.workspace.outer:
+            side = "outer"
+        kept = self._outer_sums if side == "outer" else self._inner_sums
+        sums = kept.get(lambda: Sums(self.workspace, side))
+        runs = self._runs.get(lambda: Runs.of([outer for outer, _ in self._rasters]))
+        kernel = partial(overlaps, self._map, sums.counts, runs, int(self.outside == "blocked"))
+        return answer(q, self.dof, kernel, np.int64, int)
+
+    def _checked(self, q: ArrayLike, name: str) -> Floats:
+        """Configurations as float64, all finite and of the right length."""
+        points = as_points(q, name, self.dof)
+        answer(points, self.dof, self._classify(), np.uint8, int, name)  # raises where one is not finite
+        return points
+
+    def _one_free(self, q: ArrayLike, name: str) -> Floats:
+        """One FREE configuration in the grid."""
+        point = self._checked(q, name)
+        if point.ndim != 1 or not self.grid.contains(point[: self.grid.dim]) or not self.is_free(point):
+            rule = "it must be one FREE configuration in the grid"
+            raise ConfigurationError(name, f"is {q!r}", rule, "ask nearest_free for one", value=q)
+        return point
+
+    def _cells_of(self, points: Floats) -> Ints:
+        """Cells ``(rotation, x, y)`` or ``(rotation, x, y, z)`` of configurations, in the grid or not."""
+        cells = self.grid.cell_of(points[..., : self.grid.dim])
+        return np.concatenate([self._rotations.cells_of(points)[..., None], cells], axis=-1)
+
+    # ---- until all rooms have moved ----------------------------------------------------------------------------------
+
+    @property
+    def stack(self) -> NDArray[np.uint8]:
+        return self._seen
+
+    @property
+    def slice_of(self) -> Ints:
+        return self._slice_of
+
+    @property
+    def fields(self) -> dict[str, Floats]:
+        return self._fields
+
+    @property
+    def tells_blocked(self) -> bool | None:
+        return self._tells_blocked
+
+    @property
+    def exact_counts(self) -> dict[str, int]:
+        return self._exact.counts
+
+    def _slices_of(self, q: ArrayLike) -> Ints:
+        return self._slice_of[self._rotations.cells_of(np.asarray(q, dtype=np.float64))]
+
+    @property
+    def _outsides(self) -> Any:
+        from cspace.outside import Outside
+
+        return [Outside(row[:-1], int(row[-1])) for row in self._exterior.table]
+
+    @property
+    def _lookups(self) -> Any:
+        from cspace.plane import PlaneLookups
+        from cspace.spatial.lookups import SpatialLookups
+        from cspace.turning.lookups import TurningLookups
+
+        frame = read_only(np.array([*self.grid.lower, self.grid.spacing, *self.grid.upper]))
+
+        def make() -> Any:
+            if self.grid.dim == 3:
+                return SpatialLookups(self._seen[0], frame, self._outsides[0])
+            if self.rotations is None:
+                return PlaneLookups(self._seen[0], frame, self._outsides[0])
+            return TurningLookups(self._seen, self._slice_of, self.rotations, frame, self._outsides)
+
+        return self._distances.get(make)
+
+    def open_chain(self, q0: ArrayLike, q1: ArrayLike, closed: Bools | None = None) -> Ints:
+        """A chain of FREE and MIXED cells between two configurations, with as few MIXED ones as can be.
+
+        Where :meth:`path_exists` is None, this is where a path has to be looked for with ``exact=True``.
+
+        Parameters
+        ----------
+        q0, q1 : array-like, shape (dof,)
+            Metres, and radians; in the grid.
+        closed : ndarray of bool, shape (rotations, nx, ny) or (1, nx, ny, nz), optional
+            Cells that are left out; one rotation where the robot does not turn.
+
+        Returns
+        -------
+        ndarray of int64, shape (n, 3) or (n, 4)
+            Cells ``(rotation, x, y)`` or ``(0, x, y, z)``, each sharing a side with the next; of length 0 where there
+            is no chain, or one of the two is BLOCKED.
+
+        Raises
+        ------
+        InputError
+            If a configuration is not one of the grid, or ``closed`` is not as stated.
+        """
+        from cspace.connectivity import chain
+
+        ends = [self._cells_of(self._checked(q, name)) for q, name in ((q0, "q0"), (q1, "q1"))]
+        shape = self.grid.shape
+        if any(end.shape != (1 + len(shape),) or (end[1:] < 0).any() or (end[1:] >= shape).any() for end in ends):
+            raise InputError(f"q0 and q1 are {q0!r} and {q1!r}; each must be one configuration in the grid")
+        needed = (len(self.slice_of), *shape)
+        if closed is not None and (getattr(closed, "shape", None) != needed or closed.dtype != np.bool_):
+            raise InputError(
+                f"closed is a {type(closed).__name__} of shape {np.shape(closed)}; it must be a boolean array of shape "
+                f"{needed}, one entry for each cell; leave it out for none"
+            )
+        if BLOCKED in (self.classify(q0), self.classify(q1)):
+            return np.empty((0, 1 + len(shape)), dtype=np.int64)
+        return chain(self.stack, self.slice_of, closed, *ends)

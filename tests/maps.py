@@ -22,7 +22,6 @@ from cspace.io import arrays, geometry, npz, record, store
 from cspace.io.reading import open_map
 from cspace.io.writing import save
 from cspace.rotations import TURN, Rotations
-from cspace.slices import slice_of_rotation
 from strategies import robots
 
 SUFFIXES = [".zarr", "", ".npz"]
@@ -89,7 +88,7 @@ def spaces(draw: st.DrawFn) -> cspace.CSpace:
     outer = draw(hnp.arrays(bool, shape))
     inner = draw(st.one_of(st.just(outer), hnp.arrays(bool, shape).map(lambda cells: cells & outer)))
     robot, rotations = draw(robots(1.5)), draw(st.none() | rotation_cells())
-    stack = shape if rotations is None else (int(slice_of_rotation(robot, rotations).max()) + 1, *shape)
+    stack = shape if rotations is None else (int(rotations.slice_of(robot).max()) + 1, *shape)
     shapes = draw(st.none() | st.lists(st.tuples(number, number).map(shapely.Point), max_size=3).map(tuple))
     return cspace.CSpace(
         cspace.Workspace(grid=grid, outer=outer, inner=inner, source=draw(st.text(max_size=9)), shapes=shapes),

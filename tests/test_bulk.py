@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 import cspace
 from checks import stack_of
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
-from cspace.batches import EDGES_A_THREAD, ROWS
+from cspace.map.batches import EDGES_A_THREAD, ROWS
 from cspace.coarse import CELLS_AN_EDGE, coarse_of, renew_coarse
 from cspace.coarse.sides import SIDE
 from cspace.outside import Outside

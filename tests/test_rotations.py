@@ -13,7 +13,7 @@ import oracles
 from checks import turned
 from cspace import InputError, Robot, Workspace
 from cspace.rotations import MAX_YAW, TURN, YAW_SLACK, Rotations
-from cspace.slices import slice_of_rotation, slice_rasters
+from cspace.map.slices import slice_rasters
 from strategies import robots, rotation_cells, seeds
 
 # ---- rotation cells --------------------------------------------------------------------------------------------------
@@ -231,5 +231,5 @@ def test_shared_slices_are_those_made_without_sharing(name, count, monkeypatch):
 def test_unequal_cells_share_nothing_but_a_discs():
     borders = [0.0, 1.0, math.pi, math.pi + 1.0, TURN]
     cells = Rotations.of(borders)
-    assert slice_of_rotation(Robot.rectangle(0.7, 0.3), cells).tolist() == [0, 1, 2, 3]
-    assert slice_of_rotation(Robot.disc(0.3), cells).tolist() == [0, 0, 0, 0]
+    assert cells.slice_of(Robot.rectangle(0.7, 0.3)).tolist() == [0, 1, 2, 3]
+    assert cells.slice_of(Robot.disc(0.3)).tolist() == [0, 0, 0, 0]

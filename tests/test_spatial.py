@@ -9,7 +9,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from cspace import BLOCKED, FREE, MIXED, InputError
-from cspace.batches import answer, answer_edges
+from cspace.map.batches import answer, answer_edges
 from cspace.outside import Outside
 from cspace.overlap import column_sums, raster_runs
 from cspace.raster.raster import Raster

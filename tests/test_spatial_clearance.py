@@ -7,7 +7,7 @@ import pytest
 from hypothesis import example, given, settings
 
 from cspace import BLOCKED, FREE, MIXED
-from cspace.batches import answer
+from cspace.map.batches import answer
 from cspace.clearance import clearance_field
 from cspace.outside import Outside
 from spatial import EMPTY, lookups_of, outsides, state_of, states

@@ -293,14 +293,13 @@ class _Cells:
 
     def __init__(self, robot: Robot | None, rotations: int | None) -> None:
         from cspace.rotations import check_rotations
-        from cspace.slices import slice_of_rotation
 
         yaws = check_rotations(rotations)
         self.slices = 1
         self._told: dict[str, Any] = {}
         if yaws is not None:
             # A robot with a symmetry needs fewer slices than there are rotation cells.
-            self.slices = yaws.count if robot is None else int(slice_of_rotation(robot, yaws).max()) + 1
+            self.slices = yaws.count if robot is None else int(yaws.slice_of(robot).max()) + 1
             self._told = {"rotations": yaws.count, "slices": self.slices}
 
     def on(self, corners: Any, spacing: float | None, bounds: Any, bytes_a_cell: int, what: str) -> dict[str, Any]:

@@ -15,8 +15,18 @@ from numpy.typing import NDArray
 from cspace.compiling import jit
 from cspace.grid import SLACK
 from cspace.map import turning
-from cspace.coarse.sides import SHIFT, SIDE
-from cspace.map.points import MAX_PLACE, Cell, Numbers, Slice, configuration, is_usable, run_is_free, slice_number, with_exterior
+from cspace.map.mip import SHIFT, SIDE
+from cspace.map.points import (
+    MAX_PLACE,
+    Cell,
+    Numbers,
+    Slice,
+    configuration,
+    is_usable,
+    run_is_free,
+    slice_number,
+    with_exterior,
+)
 from cspace.map.record import Map
 from cspace.states import FREE
 
@@ -31,34 +41,34 @@ NEAREST = 2.0
 
 
 @jit
-def edges_are_free(map: Map, mip: States, starts: Floats, ends: Floats, out: NDArray[np.bool_]) -> int:
+def edges_are_free(map_: Map, mip: States, starts: Floats, ends: Floats, out: NDArray[np.bool_]) -> int:
     """``edge_is_free`` of edges, shapes (n, dof); the index of the first edge that is not usable, or -1."""
-    flat = map.states.ravel()
+    flat = map_.states.ravel()
     for k in range(starts.shape[0]):
-        q0, q1 = configuration(map, starts, k), configuration(map, ends, k)
-        if not (is_usable(map, q0) and is_usable(map, q1)):
+        q0, q1 = configuration(map_, starts, k), configuration(map_, ends, k)
+        if not (is_usable(map_, q0) and is_usable(map_, q1)):
             return k
-        out[k] = edge_is_free(map, flat, mip, q0, q1)
+        out[k] = edge_is_free(map_, flat, mip, q0, q1)
     return -1
 
 
 @jit(forceinline=True)
-def edge_is_free(map: Map, flat: States, mip: States, q0: Numbers, q1: Numbers) -> bool:
+def edge_is_free(map_: Map, flat: States, mip: States, q0: Numbers, q1: Numbers) -> bool:
     """Whether every closed cell within SLACK of an edge is FREE.
 
     Along an edge the position goes straight, and the rotation the shortest way. ``mip`` is the flat coarse map of
     :mod:`cspace.map.mip`, or empty.
     """
-    cursor = turning.first_piece(map.rotations, q0, q1)
+    cursor = turning.first_piece(map_.rotations, q0, q1)
     while True:
-        more, number, start, stop, cursor = turning.next_piece(map.rotations, cursor)
+        more, number, start, stop, cursor = turning.next_piece(map_.rotations, cursor)
         if not more:
             return True
-        first, last = map.lower, map.lower
-        for axis in range(len(map.lower)):
+        first, last = map_.lower, map_.lower
+        for axis in range(len(map_.lower)):
             first = tuple_setitem(first, axis, between(q0[axis], q1[axis], start))
             last = tuple_setitem(last, axis, between(q0[axis], q1[axis], stop))
-        if not segment_is_free(map, flat, mip, number, first, last):
+        if not segment_is_free(map_, flat, mip, number, first, last):
             return False
 
 
@@ -72,26 +82,26 @@ def between(first: float, second: float, t: float) -> float:
 
 
 @jit(error_model="numpy", forceinline=True)
-def segment_is_free(map: Map, flat: States, mip: States, number: int, first: Numbers, last: Numbers) -> bool:
+def segment_is_free(map_: Map, flat: States, mip: States, number: int, first: Numbers, last: Numbers) -> bool:
     """The same of a segment in one slice, by its ends' positions."""
-    dim, inside, total = len(map.lower), True, 0.0
+    dim, inside, total = len(map_.lower), True, 0.0
     p, q = (0.5, 0.5, 0.5), (0.5, 0.5, 0.5)
     for axis in range(dim):
-        lower, upper, a, b = map.lower[axis], map.upper[axis], first[axis], last[axis]
-        u, v = (a - lower) / map.spacing, (b - lower) / map.spacing
+        lower, upper, a, b = map_.lower[axis], map_.upper[axis], first[axis], last[axis]
+        u, v = (a - lower) / map_.spacing, (b - lower) / map_.spacing
         inside &= (min(a, b) >= lower) & (max(a, b) <= upper)
         total += abs(u) + abs(v)
         p, q = tuple_setitem(p, 3 - dim + axis, u), tuple_setitem(q, 3 - dim + axis, v)
     if not total <= MAX_PLACE:  # nor is NaN
         return False
-    part = slice_number(map, number)
+    part = slice_number(map_, number)
     nx, ny, nz = part.shape
     low, high = (0, 0, 0), (nx - 1, ny - 1, nz - 1)
     if not inside:
         # A segment that leaves the grid is proven only where all is FREE beyond the grid and the box.
-        if map.exterior[number, 2 * dim] != FREE:
+        if map_.exterior[number, 2 * dim] != FREE:
             return False
-        part = with_exterior(map, part, number)
+        part = with_exterior(map_, part, number)
         for axis in range(3):
             low = tuple_setitem(low, axis, min(part.low[axis], 0))
             high = tuple_setitem(high, axis, max(part.high[axis], high[axis]))

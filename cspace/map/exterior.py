@@ -47,7 +47,8 @@ class Exterior:
         # BLOCKED is proven where an inner offset falls beyond the workspace.
         last = np.asarray(occupied.shape) - 1
         rows = [
-            [*-np.asarray(inner.lower), *(last - inner.upper), BLOCKED if inner.count else MIXED] for _, inner in rasters
+            [*-np.asarray(inner.lower), *(last - inner.upper), BLOCKED if inner.count else MIXED]
+            for _, inner in rasters
         ]
         return cls(np.array(rows, dtype=np.int64))
 

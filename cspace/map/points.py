@@ -41,19 +41,19 @@ INSIDE, ASK = 255, 254
 
 
 @jit(forceinline=True)
-def configuration(map: Map, points: Floats, k: int) -> Numbers:
+def configuration(map_: Map, points: Floats, k: int) -> Numbers:
     """Row k of an array of configurations as a tuple."""
-    q = map.lower + turning.blank(map.rotations)
+    q = map_.lower + turning.blank(map_.rotations)
     for axis in range(len(q)):
         q = tuple_setitem(q, axis, points[k, axis])
     return q
 
 
 @jit(forceinline=True)
-def is_usable(map: Map, q: Numbers) -> bool:
+def is_usable(map_: Map, q: Numbers) -> bool:
     """Whether all is finite, and the rotation exact enough."""
-    usable = turning.is_usable(map.rotations, q)
-    for axis in range(len(map.lower)):
+    usable = turning.is_usable(map_.rotations, q)
+    for axis in range(len(map_.lower)):
         usable &= math.isfinite(q[axis])
     return usable
 
@@ -68,29 +68,31 @@ def cell_at(value: float, lower: float, spacing: float, upper: float, n: int) ->
 
 
 @jit
-def cell_of(map: Map, q: Numbers) -> tuple[bool, Cell]:
+def cell_of(map_: Map, q: Numbers) -> tuple[bool, Cell]:
     """Whether a configuration lies in the grid, and its cell ``(slice, x, y)`` or ``(slice, x, y, z)``."""
     inside = True
-    cell = tuple_setitem(map.states.shape, 0, turning.slice_at(map.rotations, q))
-    for axis in range(len(map.lower)):
-        n = map.states.shape[axis + 1]
-        i = cell_at(q[axis], map.lower[axis], map.spacing, map.upper[axis], n)
+    cell = tuple_setitem(map_.states.shape, 0, turning.slice_at(map_.rotations, q))
+    for axis in range(len(map_.lower)):
+        n = map_.states.shape[axis + 1]
+        i = cell_at(q[axis], map_.lower[axis], map_.spacing, map_.upper[axis], n)
         inside &= (i >= 0) & (i < n)
         cell = tuple_setitem(cell, axis + 1, i)
     return inside, cell
 
 
 @jit(inline="always")  # a call takes as long as what it does
-def state_at(map: Map, q: Numbers) -> int:
+def state_at(map_: Map, q: Numbers) -> int:
     """State of one configuration."""
-    inside, cell = cell_of(map, q)
+    inside, cell = cell_of(map_, q)
     if inside:
-        return int(map.states[cell])
-    boxed, finite, dim = True, True, len(map.lower)
+        return int(map_.states[cell])
+    boxed, finite, dim = True, True, len(map_.lower)
     for axis in range(dim):
-        boxed &= (map.exterior[cell[0], axis] <= cell[axis + 1]) & (cell[axis + 1] <= map.exterior[cell[0], axis + dim])
+        boxed &= (map_.exterior[cell[0], axis] <= cell[axis + 1]) & (
+            cell[axis + 1] <= map_.exterior[cell[0], axis + dim]
+        )
         finite &= math.isfinite(q[axis])
-    return MIXED if boxed or not finite else map.exterior[cell[0], 2 * dim]
+    return MIXED if boxed or not finite else map_.exterior[cell[0], 2 * dim]
 
 
 # ---- batches ---------------------------------------------------------------------------------------------------------
@@ -104,7 +106,7 @@ def scaled(numbers: Floats, lows: Floats, scales: Floats, out: Floats) -> None:
 
 
 @jit
-def codes_of(map: Map, places: Floats, slices: Ints, cells: Ints, codes: States) -> int:
+def codes_of(map_: Map, places: Floats, slices: Ints, cells: Ints, codes: States) -> int:
     """Cells of points that are given in cells, and what is to be made of each point.
 
     A point in the grid gets its cell's number in ``cells`` and the code INSIDE; one that is plainly outside gets its
@@ -112,18 +114,18 @@ def codes_of(map: Map, places: Floats, slices: Ints, cells: Ints, codes: States)
     border that rounding may decide. There are no branches, so that the loop becomes wide instructions. Gives how many
     are to be asked about.
     """
-    dim, shape = len(map.lower), map.states.shape
-    dof = dim + len(turning.blank(map.rotations))
+    dim, shape = len(map_.lower), map_.states.shape
+    dof = dim + len(turning.blank(map_.rotations))
     # As tuples: what lies in arrays would be read again after every write.
-    sizes, first, last = map.lower, map.lower, map.lower
+    sizes, first, last = map_.lower, map_.lower, map_.lower
     for axis in range(dim):
         sizes = tuple_setitem(sizes, axis, float(shape[axis + 1]))
-        first = tuple_setitem(first, axis, float(map.exterior[0, axis]))
-        last = tuple_setitem(last, axis, float(map.exterior[0, axis + dim]) + 1.0)
-    beyond, several = np.uint8(map.exterior[0, 2 * dim]), shape[0] > 1
+        first = tuple_setitem(first, axis, float(map_.exterior[0, axis]))
+        last = tuple_setitem(last, axis, float(map_.exterior[0, axis + dim]) + 1.0)
+    beyond, several = np.uint8(map_.exterior[0, 2 * dim]), shape[0] > 1
     asked = 0
     for k in range(cells.shape[0]):
-        cell = turning.slice_among(map.rotations, slices, k)
+        cell = turning.slice_among(map_.rotations, slices, k)
         inside, border, boxed, total = cell >= 0, several | (cell < 0), True, 0.0
         for axis in range(dim):
             u, n = places[dof * k + axis], sizes[axis]
@@ -154,34 +156,43 @@ def read_states(flat: States, cells: Ints, codes: States, out: States) -> None:
 
 
 @jit
-def classify(map: Map, points: Floats, out: States) -> int:
+def classify(map_: Map, points: Floats, out: States) -> int:
     """States of configurations; the index of the first one that is not usable, or -1."""
-    flat, numbers, dof = map.states.ravel(), points.reshape(-1), points.shape[1]
+    flat, numbers, dof = map_.states.ravel(), points.reshape(-1), points.shape[1]
     size = min(BLOCK, len(points))
     lows, scales, places = np.zeros(dof * size), np.ones(dof * size), np.empty(dof * size)
-    for axis in range(len(map.lower)):
-        lows[axis::dof], scales[axis::dof] = map.lower[axis], map.spacing
+    for axis in range(len(map_.lower)):
+        lows[axis::dof], scales[axis::dof] = map_.lower[axis], map_.spacing
     cells, codes, slices = np.empty(size, np.int64), np.empty(size, np.uint8), np.empty(size, np.int64)
     for first in range(0, points.shape[0], BLOCK):
         last = min(first + BLOCK, points.shape[0])
         scaled(numbers[dof * first : dof * last], lows, scales, places)
-        turning.slices_at(map.rotations, points[first:last], slices)
-        asked = codes_of(map, places, slices, cells[: last - first], codes)
+        turning.slices_at(map_.rotations, points[first:last], slices)
+        asked = codes_of(map_, places, slices, cells[: last - first], codes)
         read_states(flat, cells[: last - first], codes, out[first:last])
         if asked == 0:
             continue
         for k in range(first, last):
             if codes[k - first] == ASK:
-                q = configuration(map, points, k)
-                if not is_usable(map, q):
+                q = configuration(map_, points, k)
+                if not is_usable(map_, q):
                     return k
-                out[k] = state_at(map, q)
+                out[k] = state_at(map_, q)
     return -1
 
 
 # ---- boxes of cells --------------------------------------------------------------------------------------------------
 #
 # What walks over cells is written for three axes; the plane is space with one layer of cells along the first.
+
+
+@jit
+def layered(cell: Cell, layer: int) -> Cell:
+    """A cell ``(slice, x, y)`` or ``(slice, x, y, z)`` along three axes, without the slice."""
+    three = (layer, layer, layer)
+    for axis in range(len(cell) - 1):
+        three = tuple_setitem(three, 4 - len(cell) + axis, cell[axis + 1])
+    return three
 
 
 class Slice(NamedTuple):
@@ -203,22 +214,22 @@ class Slice(NamedTuple):
 
 
 @jit(forceinline=True)
-def slice_number(map: Map, number: int) -> Slice:
+def slice_number(map_: Map, number: int) -> Slice:
     """A slice by its number, as if all were FREE outside the grid."""
-    dim, shape, size = len(map.lower), (1, 1, 1), 1
+    dim, shape, size = len(map_.lower), (1, 1, 1), 1
     for axis in range(dim):
-        size *= map.states.shape[axis + 1]
-        shape = tuple_setitem(shape, 3 - dim + axis, map.states.shape[axis + 1])
+        size *= map_.states.shape[axis + 1]
+        shape = tuple_setitem(shape, 3 - dim + axis, map_.states.shape[axis + 1])
     return Slice(number * size, shape, (0, 0, 0), (-1, -1, -1))
 
 
 @jit
-def with_exterior(map: Map, part: Slice, number: int) -> Slice:
+def with_exterior(map_: Map, part: Slice, number: int) -> Slice:
     """The same with the box of cells outside the grid that are MIXED; all else there must be FREE."""
-    dim, low, high = len(map.lower), (0, 0, 0), (0, 0, 0)
+    dim, low, high = len(map_.lower), (0, 0, 0), (0, 0, 0)
     for axis in range(dim):
-        low = tuple_setitem(low, 3 - dim + axis, map.exterior[number, axis])
-        high = tuple_setitem(high, 3 - dim + axis, map.exterior[number, axis + dim])
+        low = tuple_setitem(low, 3 - dim + axis, map_.exterior[number, axis])
+        high = tuple_setitem(high, 3 - dim + axis, map_.exterior[number, axis + dim])
     return Slice(part.start, part.shape, low, high)
 
 
@@ -239,13 +250,13 @@ def run_is_free(flat: States, part: Slice, i: int, j: int, first: int, last: int
 
 
 @jit(error_model="numpy")
-def box_is_free(map: Map, flat: States, number: int, q: Numbers, distance: float) -> bool:
+def box_is_free(map_: Map, flat: States, number: int, q: Numbers, distance: float) -> bool:
     """Whether every closed cell within SLACK of all positions within ``distance`` along each axis is FREE."""
-    dim, reach, total, inside = len(map.lower), distance / map.spacing + SLACK, 0.0, True
-    part = slice_number(map, number)
+    dim, reach, total, inside = len(map_.lower), distance / map_.spacing + SLACK, 0.0, True
+    part = slice_number(map_, number)
     first, last = (0, 0, 0), (0, 0, 0)
     for axis in range(dim):
-        place = (q[axis] - map.lower[axis]) / map.spacing
+        place = (q[axis] - map_.lower[axis]) / map_.spacing
         total += abs(place)
         if total <= MAX_PLACE:  # nor is NaN
             first = tuple_setitem(first, 3 - dim + axis, math.ceil(place - reach) - 1)
@@ -255,9 +266,9 @@ def box_is_free(map: Map, flat: States, number: int, q: Numbers, distance: float
     for axis in range(3):
         inside &= (first[axis] >= 0) & (last[axis] < part.shape[axis])
     if not inside:
-        if map.exterior[number, 2 * dim] != FREE:
+        if map_.exterior[number, 2 * dim] != FREE:
             return False
-        part = with_exterior(map, part, number)
+        part = with_exterior(map_, part, number)
         for axis in range(3):
             first = tuple_setitem(first, axis, max(first[axis], min(part.low[axis], 0)))
             last = tuple_setitem(last, axis, min(last[axis], max(part.high[axis], part.shape[axis] - 1)))
@@ -269,27 +280,27 @@ def box_is_free(map: Map, flat: States, number: int, q: Numbers, distance: float
 
 
 @jit
-def boxes_are_free(map: Map, distance: float, angle: float, points: Floats, out: NDArray[np.bool_]) -> int:
+def boxes_are_free(map_: Map, distance: float, angle: float, points: Floats, out: NDArray[np.bool_]) -> int:
     """Whether all is FREE within a distance along each axis and within an angle of configurations.
 
     Gives the index of the first configuration that is not usable, or -1.
     """
-    flat = map.states.ravel()
+    flat = map_.states.ravel()
     for k in range(points.shape[0]):
-        q = configuration(map, points, k)
-        if not is_usable(map, q):
+        q = configuration(map_, points, k)
+        if not is_usable(map_, q):
             return k
-        out[k] = around_is_free(map, flat, q, distance, angle)
+        out[k] = around_is_free(map_, flat, q, distance, angle)
     return -1
 
 
 @jit
-def around_is_free(map: Map, flat: States, q: Numbers, distance: float, angle: float) -> bool:
+def around_is_free(map_: Map, flat: States, q: Numbers, distance: float, angle: float) -> bool:
     """The same of one configuration that is usable."""
-    cursor = turning.first_around(map.rotations, q, angle)
+    cursor = turning.first_around(map_.rotations, q, angle)
     while True:
-        more, number, cursor = turning.next_around(map.rotations, cursor)
+        more, number, cursor = turning.next_around(map_.rotations, cursor)
         if not more:
             return True
-        if not box_is_free(map, flat, number, q, distance):
+        if not box_is_free(map_, flat, number, q, distance):
             return False

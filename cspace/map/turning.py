@@ -224,7 +224,8 @@ def _yaw_next_piece(
         cell = first_cell(rotations.borders, min(start, start + turn))
         k, low, high = widened(rotations.borders, cell)
     a, b = share(low, high, start, turn)
-    return low <= max(start, start + turn), rotations.slice_of[k], a, b, (start, turn, other, cell + 1)
+    more = not low > max(start, start + turn)  # NaN goes on, and fails where its position is looked at
+    return more, rotations.slice_of[k], a, b, (start, turn, other, cell + 1)
 
 
 def _yaw_first_around(rotations: YawCells, q: Numbers, angle: float) -> tuple[float, int, int]:
@@ -232,12 +233,10 @@ def _yaw_first_around(rotations: YawCells, q: Numbers, angle: float) -> tuple[fl
     return start + reach, first_cell(rotations.borders, start - reach), len(rotations.borders) - 1
 
 
-def _yaw_next_around(
-    rotations: YawCells, cursor: tuple[float, int, int]
-) -> tuple[bool, int, tuple[float, int, int]]:
+def _yaw_next_around(rotations: YawCells, cursor: tuple[float, int, int]) -> tuple[bool, int, tuple[float, int, int]]:
     most, cell, left = cursor
     k, low, _ = widened(rotations.borders, cell)
-    return left > 0 and low <= most, rotations.slice_of[k], (most, cell + 1, left - 1)
+    return left > 0 and not low > most, rotations.slice_of[k], (most, cell + 1, left - 1)
 
 
 # ---- which is taken --------------------------------------------------------------------------------------------------

@@ -48,12 +48,12 @@ class Raster:
         return cls(tight, tuple(low + part.start for low, part in zip(lower, window, strict=True)))
 
     def quarter_turned(self, turns: int) -> Raster:
-        """The set turned by quarter turns about the origin, ``(x, y)`` to ``(-y, x)`` each: an exact permutation."""
+        """The set turned by quarter turns about the z axis, ``(x, y)`` to ``(-y, x)`` each: an exact permutation."""
         cells, lower, upper = self.cells, self.lower, self.upper
         for _ in range(turns % 4):
             # Entry [x, y] of the turned bitmap is entry [y, -x] of the bitmap.
-            cells = cells.T[::-1]
-            lower, upper = (-upper[1], lower[0]), (-lower[1], upper[0])
+            cells = cells.swapaxes(0, 1)[::-1]
+            lower, upper = (-upper[1], lower[0], *lower[2:]), (-lower[1], upper[0], *upper[2:])
         return Raster(np.ascontiguousarray(cells), lower if self.cells.size else self.lower)
 
     @property

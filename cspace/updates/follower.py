@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from contextlib import nullcontext
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.outside import reached
+from cspace.map.exterior import reached
+from cspace.map.kept import Change
 from cspace.states import BLOCKED, FREE
-from cspace.updates import _kernels, upkeep
+from cspace.updates import _kernels
 from cspace.updates.outcome import Update
 from cspace.updates.patch import Patch
 from cspace.updates.robots import Robots
@@ -60,13 +60,9 @@ class Follower:
 
     def update(self, patch: Patch) -> Update:
         """Write a patch into the workspace, and bring all that the map holds up to date."""
-        lookups = self._space._once.made("look-ups")
-        # Nothing may be made from states that are being changed.
-        with nullcontext() if lookups is None else lookups._once.lock:
-            return self._update(patch)
+        return self._update(patch)
 
     def _update(self, patch: Patch) -> Update:
-        space = self._space
         if self._inner is self._outer and patch.inner is not patch.outer:
             self._part(patch)
         low = np.array([*(0,) * len(self._flat), *patch.lower], dtype=np.int64)
@@ -96,8 +92,6 @@ class Follower:
         )
         if not found[6]:
             return Update(0, patch.lower, patch.lower, 0)
-        space.workspace = self.workspace
-        space.fields = {}
         each, whole = told[:-1], told[-1].tolist()
         self._free += each[:, _kernels.COUNTS + 1]
         changed = bool(whole[_kernels.COUNTS])
@@ -114,14 +108,12 @@ class Follower:
 
     def _keep(self, box: Ints, told: Ints, changed: bool, again: bool = False) -> None:
         """Bring up to date what hangs on the cells and, where some have ``changed``, on the states."""
-        space = self._space
-        upkeep.keep_sums(space, box, self._outer, self._inner)
         moved = not self._walled and (self._move_border() or again)
-        if changed or moved:
-            upkeep.keep_lookups(space, self._states, told, self._free, moved)
-        if changed:
-            upkeep.keep_sets(space, told)
-        upkeep.keep_exact(space)
+        looked, states, freed = (
+            told[:, first : first + 6] for first in (_kernels.LOOKED, _kernels.CHANGED, _kernels.FREED)
+        )
+        number = int(changed)
+        self._space._renew(Change(self.workspace, box, looked, states, freed, self._free.copy(), number, moved))
 
     def _adopt(self, workspace: Workspace) -> None:
         """Keep a workspace, whose cells belong to this map alone, and write through views of them."""
@@ -148,12 +140,10 @@ class Follower:
         found = _kernels.extents(self._tallies, np.array(self._shape, dtype=np.int64)).reshape(2, 3)[:, -dim:].ravel()
         if (found.reshape(2, dim)[0] > found.reshape(2, dim)[1]).any():
             found = np.repeat([0, -1], dim)
-        outsides = space._outsides
         boxes = np.array([reached(found, outer) for outer, _ in space._rasters])
-        if all(np.array_equal(box, outside.box) for box, outside in zip(boxes, outsides, strict=True)):
+        if np.array_equal(boxes, space._exterior.boxes):
             return False
-        for box, outside in zip(boxes, outsides, strict=True):
-            outside.box[...] = box
+        space._exterior.boxes[...] = boxes
         return True
 
 

@@ -16,6 +16,13 @@ from cspace.threads import LEAST, in_chunks
 Floats = NDArray[np.float64]
 Kernel = Callable[..., int]
 
+Number = np.floating[Any] | np.integer[Any] | np.bool_
+One = Sequence[float] | np.ndarray[tuple[int], np.dtype[Number]]
+"""One configuration, shape (dof,), as type checkers know it."""
+
+Many = NDArray[Number] | Sequence[Sequence[float]] | Sequence[NDArray[Number]] | Sequence[Sequence[Sequence[float]]]
+"""A batch of them, shape (..., dof)."""
+
 EDGES_A_THREAD: Final = 2_000
 """Edges below which a second thread costs more than it saves."""
 
@@ -137,3 +144,26 @@ def _not_finite(values: NDArray[Any], name: str, index: int) -> InputError:
         f"{name} number {index} is {numbers}; NaN, infinities and a yaw beyond {MAX_YAW:.0f} rad are refused; "
         "drop or replace them first"
     )
+
+
+def as_pairs(edges: ArrayLike, vertices: Floats) -> NDArray[np.int64]:
+    """Edges as pairs of indices of vertices, checked."""
+    unmasked(edges, "edges")
+    try:
+        pairs = np.asarray(edges)
+    except ValueError as error:
+        raise InputError(f"edges is {edges!r}; it must be pairs of vertices; pass indices of shape (m, 2)") from error
+    pairs = pairs.astype(np.int64).reshape(0, 2) if pairs.size == 0 else pairs
+    if pairs.dtype.kind not in "iu" or pairs.ndim != 2 or pairs.shape[1] != 2 or vertices.ndim != 2:
+        raise InputError(
+            f"edges has shape {pairs.shape} and type {pairs.dtype}, for vertices of shape {vertices.shape}; each edge "
+            "must be two whole numbers, and vertices a list of configurations; pass shapes (m, 2) and (n, dof)"
+        )
+    wrong = (pairs < 0) | (pairs >= len(vertices))
+    if wrong.any():
+        number = int(np.argwhere(wrong)[0, 0])
+        raise InputError(
+            f"edge number {number} is {tuple(pairs[number].tolist())}; there are {len(vertices)} vertices, counted "
+            f"from 0; pass indices from 0 to {len(vertices) - 1}"
+        )
+    return pairs.astype(np.int64, copy=False)

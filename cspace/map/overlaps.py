@@ -1,0 +1,134 @@
+"""Overlaps at single configurations, without a stored grid of them: the robot's rows are summed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace.compiling import jit
+from cspace.map import turning
+from cspace.map.kept import Change
+from cspace.map.points import Numbers, cell_of, configuration, is_usable, layered
+from cspace.map.record import Map
+from cspace.raster.raster import Raster
+from cspace.workspace import Workspace
+
+Ints = NDArray[np.int64]
+Floats = NDArray[np.float64]
+Counts = NDArray[np.int16] | NDArray[np.int32]
+
+
+class Sums:
+    """Running counts of a workspace's obstacle cells along the last axis.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    side : {"outer", "inner"}
+        Which cells count.
+
+    Attributes
+    ----------
+    counts : ndarray of int16 or int32, shape (nx, ny, nz + 1)
+        Entry ``[i, j, k]`` counts the first k cells of its column; the plane has one layer. Of 16 bits where they
+        suffice.
+    """
+
+    def __init__(self, workspace: Workspace, side: Literal["outer", "inner"]) -> None:
+        self._side = side
+        cells = self._cells(workspace)
+        kind = np.int16 if cells.shape[2] <= np.iinfo(np.int16).max else np.int32
+        self.counts: Counts = np.zeros((*cells.shape[:2], cells.shape[2] + 1), dtype=kind)
+        for part, into in zip(cells, self.counts, strict=True):  # one by one: numpy would first copy all to that type
+            np.cumsum(part, axis=-1, dtype=kind, out=into[..., 1:])
+
+    def renew(self, change: Change) -> None:
+        """Count again where cells of the workspace have changed."""
+        renew_counts(self.counts, self._cells(change.workspace), change.cells)
+
+    def _cells(self, workspace: Workspace) -> NDArray[np.bool_]:
+        cells: NDArray[np.bool_] = workspace.outer if self._side == "outer" else workspace.inner
+        return cells.reshape(*(1,) * (3 - cells.ndim), *cells.shape)
+
+
+class Runs(NamedTuple):
+    """The offsets of a robot's slices in rows along the last axis.
+
+    Attributes
+    ----------
+    rows : ndarray of int64, shape (n, 4)
+        ``(dx, dy, first dz, last dz)``; in the plane dx is 0, and the others stand for the two axes.
+    ends : ndarray of int64, shape (slices,)
+        Where the rows of each slice end.
+    """
+
+    rows: Ints
+    ends: Ints
+
+    @classmethod
+    def of(cls, rasters: Sequence[Raster]) -> Runs:
+        """Those of rasters, one for each slice."""
+        rows = [_rows_of(raster) for raster in rasters]
+        return cls(np.concatenate(rows), np.cumsum([len(part) for part in rows]))
+
+
+def _rows_of(raster: Raster) -> Ints:
+    steps = np.diff(raster.cells.astype(np.int8), axis=-1, prepend=0, append=0)
+    *columns, first = np.nonzero(steps == 1)
+    last = np.nonzero(steps == -1)[-1] - 1
+    rows: Ints = np.stack([*columns, first, last], axis=-1)
+    rows += [*raster.lower, raster.lower[-1]]
+    return np.pad(rows, ((0, 0), (4 - rows.shape[1], 0)))
+
+
+@jit
+def overlaps(map_: Map, counts: Counts, runs: Runs, outside: int, points: Floats, out: Ints) -> int:
+    """Overlaps of the robot with obstacle cells at configurations; the first one that is not usable, or -1.
+
+    ``outside`` is 1 where cells outside the grid are obstacles, otherwise 0.
+    """
+    for k in range(points.shape[0]):
+        q = configuration(map_, points, k)
+        if not is_usable(map_, q):
+            return k
+        out[k] = overlap_at(map_, counts, runs, outside, q)
+    return -1
+
+
+@jit
+def overlap_at(map_: Map, counts: Counts, runs: Runs, outside: int, q: Numbers) -> int:
+    """The same at one configuration, summed run by run."""
+    nx, ny, nz = counts.shape[0], counts.shape[1], counts.shape[2] - 1
+    _, cell = cell_of(map_, q)
+    i, j, k = layered(cell, 0)
+    number = turning.slice_at(map_.rotations, q)
+    total = 0
+    for r in range(runs.ends[number - 1] if number > 0 else 0, runs.ends[number]):
+        a, b = i + runs.rows[r, 0], j + runs.rows[r, 1]
+        first, last = k + runs.rows[r, 2], k + runs.rows[r, 3]
+        hidden = last - first + 1
+        if 0 <= a < nx and 0 <= b < ny:
+            begin = min(max(first, 0), nz)
+            end = min(max(last + 1, 0), nz)
+            total += counts[a, b, end] - counts[a, b, begin]
+            hidden -= end - begin
+        total += hidden * outside
+    return total
+
+
+@jit
+def renew_counts(counts: Counts, cells: NDArray[np.bool_], box: Ints) -> None:
+    """Running counts of columns through a box whose cells have changed, given by its first cell and its last one."""
+    for x in range(box[0], box[3] + 1):
+        for y in range(box[1], box[4] + 1):
+            row, into = cells[x, y], counts[x, y]
+            before = into[box[5] + 1]
+            for z in range(box[2], box[5] + 1):
+                into[z + 1] = into[z] + row[z]
+            step = into[box[5] + 1] - before
+            if step != 0:
+                for z in range(box[5] + 2, into.shape[0]):
+                    into[z] += step

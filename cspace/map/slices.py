@@ -1,0 +1,23 @@
+"""The rasters of a robot that a map is made of, one pair for each slice."""
+
+from __future__ import annotations
+
+from cspace.raster.raster import Raster
+from cspace.robot import Robot
+from cspace.rotations import RotationCells
+
+
+def slice_rasters(robot: Robot, spacing: float, margin: float, rotations: RotationCells) -> list[tuple[Raster, Raster]]:
+    """Outer and inner raster of the robot for each slice.
+
+    Each is rasterised afresh from the turned geometry, but for those a quarter turn from another, which are permuted.
+    """
+    count = int(rotations.slice_of(robot).max()) + 1
+    if robot.symmetry == 0:  # the same at every rotation
+        return [robot.rasters(spacing, margin)]
+    turns = rotations.turns(robot.dim)
+    made = [robot.rasters(spacing, margin, turn) for turn in turns[: min(count, rotations.quarter or count)]]
+    while len(made) < count:
+        outer, inner = made[len(made) - rotations.quarter]
+        made.append((outer.quarter_turned(1), inner.quarter_turned(1)))
+    return made
