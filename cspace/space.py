@@ -31,8 +31,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from cspace.connectivity import Components
-    from cspace.exact.lookups import ExactLookups
-    from cspace.exact.solids import SolidLookups
+    from cspace.exact.queries import Exact
     from cspace.map.callbacks import Rows
     from cspace.map.mip import Mip
     from cspace.map.overlaps import Runs, Sums
@@ -153,7 +152,7 @@ class CSpace:
         self._inner_sums: Kept[Sums] = Kept(self._lock)
         self._components_kept: Kept[Components] = Kept(self._lock)
         self._free_cells_kept: Kept[list[NDArray[np.unsignedinteger[Any]]]] = Kept(self._lock)
-        self._exact_kept: Kept[ExactLookups | SolidLookups] = Kept(self._lock)
+        self._exact_kept: Kept[Exact] = Kept(self._lock)
         self._updater: Kept[Follower] = Kept(self._lock)
         self._distances: Kept[Any] = Kept(self._lock)
         self._clearance_call: Kept[list[Callable[..., float]]] = Kept(self._lock)
@@ -262,7 +261,7 @@ class CSpace:
     def is_free(self, q: ArrayLike, *, exact: bool = False) -> bool | Bools:
         """Whether configurations are proven collision-free; as :meth:`classify`, with bool for an answer.
 
-        With ``exact``, the geometry itself decides in MIXED cells; see :mod:`cspace.exact.lookups`.
+        With ``exact``, the geometry itself decides in MIXED cells; see :mod:`cspace.exact`.
         """
         if exact:
             return answer(q, self.dof, self._exact.points(), np.bool_, bool)
@@ -387,7 +386,7 @@ class CSpace:
         q0, q1 : array-like, shape (dof,) or (..., dof)
             Ends of the edges, metres and radians; broadcast against each other.
         exact : bool
-            Where cells are MIXED, let the geometry itself prove the edge; see :mod:`cspace.exact.lookups`.
+            Where cells are MIXED, let the geometry itself prove the edge; see :mod:`cspace.exact`.
 
         Returns
         -------
@@ -832,12 +831,10 @@ class CSpace:
         return Map(self._seen, rotations, grid.lower, grid.spacing, grid.upper, self._exterior.table)
 
     @property
-    def _exact(self) -> ExactLookups | SolidLookups:
-        from cspace.exact.lookups import ExactLookups
-        from cspace.exact.solids import SolidLookups
+    def _exact(self) -> Exact:
+        from cspace.exact.queries import Exact
 
-        kind = SolidLookups if self.grid.dim == 3 else ExactLookups
-        return self._exact_kept.get(lambda: kind(self, self._outsides))
+        return self._exact_kept.get(lambda: Exact(self, self._outsides))
 
     @property
     def _components(self) -> Components:

@@ -14,7 +14,7 @@ from cspace.compiling import jit
 from cspace.rotations import TURN, YAW_SLACK
 from cspace.space import CSpace
 from cspace.states import MIXED
-from cspace.translating import entry
+from cspace.compiling import entry
 from cspace.turning._kernels import first_cell
 from planners.shortest_curves import (
     GAP,

@@ -18,7 +18,7 @@ from cspace.translating import Kernel, entry
 
 if TYPE_CHECKING:
     from cspace.outside import Outside
-    from cspace.questions import Questions
+    from cspace.space import CSpace
     from cspace.robot import Robot
 
 Floats = NDArray[np.float64]
@@ -30,7 +30,7 @@ BIN: Final = 4
 class PlaneProofs:
     """Proofs for one robot among the obstacles of one workspace; what is asked is compiled when it is first asked."""
 
-    def __init__(self, space: Questions, outsides: Sequence[Outside]) -> None:
+    def __init__(self, space: CSpace, outsides: Sequence[Outside]) -> None:
         grid = space.grid
         borders = (-np.pi, np.pi) if space.rotations is None else space.rotations.borders
         frame = np.array([*grid.lower, grid.spacing, *grid.upper])
@@ -67,7 +67,7 @@ def _body(robot: Robot) -> Body:
     return Body(border.simplices.reshape(-1, 4), border.radii, anchors_of(whole)[0], ends, rho)
 
 
-def _scene(space: Questions, frame: Floats) -> Scene:
+def _scene(space: CSpace, frame: Floats) -> Scene:
     """The obstacles of a workspace: their border, and the polygons that they fill."""
     workspace, grid = space.workspace, space.grid
     walled = space.outside == "blocked"

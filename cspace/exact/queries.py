@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from cspace.outside import Outside
-    from cspace.questions import Questions
+    from cspace.space import CSpace
     from cspace.workspace import Workspace
 
 Kernel = Callable[..., int]
@@ -44,7 +44,7 @@ class Exact:
         What is known outside the grid, for each slice.
     """
 
-    def __init__(self, space: Questions, outsides: Sequence[Outside]) -> None:
+    def __init__(self, space: CSpace, outsides: Sequence[Outside]) -> None:
         self._space, self._outsides = space, list(outsides)
         self._proofs: Proofs | None = None
         self._lock = threading.RLock()

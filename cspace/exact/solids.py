@@ -20,7 +20,7 @@ from cspace.states import BLOCKED, FREE
 
 if TYPE_CHECKING:
     from cspace.outside import Outside
-    from cspace.questions import Questions
+    from cspace.space import CSpace
 
 Floats = NDArray[np.float64]
 Place = tuple[float, ...]
@@ -35,7 +35,7 @@ SLIDE: Final = 8.0
 class SolidProofs:
     """Proofs for one robot among the obstacles of one workspace."""
 
-    def __init__(self, space: Questions, outside: Outside) -> None:
+    def __init__(self, space: CSpace, outside: Outside) -> None:
         workspace, robot, grid = space.workspace, space.robot, space.grid
         self._spacing, self._walled = grid.spacing, space.outside == "blocked"
         self._lookups = _lookups(space, outside)
@@ -167,7 +167,7 @@ class _Nesting:
     point of it tells.
     """
 
-    def __init__(self, space: Questions, border: Pieces, obstacles: Obstacles) -> None:
+    def __init__(self, space: CSpace, border: Pieces, obstacles: Obstacles) -> None:
         from scipy.spatial import cKDTree
 
         workspace = space.workspace
@@ -234,16 +234,16 @@ def _counted(asked: int, counts: NDArray[np.int64]) -> bool:
     return asked >= 0
 
 
-def _lookups(space: Questions, outside: Outside) -> Any:
+def _lookups(space: CSpace, outside: Outside) -> Any:
     from cspace.spatial.lookups import SpatialLookups
 
     grid = space.grid
     return SpatialLookups(space.stack[0], np.array([*grid.lower, grid.spacing, *grid.upper]), outside)
 
 
-def _state_at(space: Questions, outside: Outside) -> Callable[..., int]:
+def _state_at(space: CSpace, outside: Outside) -> Callable[..., int]:
     from cspace.spatial import _kernels
-    from cspace.translating import entry
+    from cspace.compiling import entry
 
     grid = space.grid
     frame = np.array([*grid.lower, grid.spacing, *grid.upper])
