@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace._kernels import square_is_free
-from cspace.compiling import jit
+from cspace.compiling import entry, jit
 from cspace.rotations import TURN, YAW_SLACK
 from cspace.space import CSpace
 from cspace.states import MIXED
-from cspace.compiling import entry
 from cspace.turning._kernels import first_cell
 from planners.shortest_curves import (
     GAP,

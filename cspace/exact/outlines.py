@@ -18,8 +18,8 @@ from cspace.translating import Kernel, entry
 
 if TYPE_CHECKING:
     from cspace.outside import Outside
-    from cspace.space import CSpace
     from cspace.robot import Robot
+    from cspace.space import CSpace
 
 Floats = NDArray[np.float64]
 

@@ -242,8 +242,8 @@ def _lookups(space: CSpace, outside: Outside) -> Any:
 
 
 def _state_at(space: CSpace, outside: Outside) -> Callable[..., int]:
-    from cspace.spatial import _kernels
     from cspace.compiling import entry
+    from cspace.spatial import _kernels
 
     grid = space.grid
     frame = np.array([*grid.lower, grid.spacing, *grid.upper])

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cspace.errors import InputError
 from cspace.grid import finite
-
-FIELDS: Final = ("penetration", "penetration_x", "penetration_y", "penetration_z")
-"""Overlap of descriptors, and its derivatives along the axes."""
+from cspace.states import FIELDS
 
 
 def checked_fields(
     fields: Mapping[str, NDArray[np.float64]], dim: int, shape: tuple[int, ...]
 ) -> dict[str, NDArray[np.float64]]:
-    """The arrays of an overlap field, in the order of :data:`FIELDS`, not to be written.
+    """The arrays of an overlap field, in the order of :data:`cspace.states.FIELDS`, not to be written.
 
     Raises
     ------

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.map.batches import answer
 from cspace.errors import InputError
-from cspace.memory import check_memory
+from cspace.map.batches import answer
 from cspace.map.fields import checked_fields
+from cspace.memory import check_memory
 from cspace.states import FIELDS
 
 if TYPE_CHECKING:
@@ -135,8 +135,8 @@ class OverlapField:
 
     def checker(self) -> Callable[..., float]:
         """A quick :meth:`at` of floats: ``check(*q) -> float``; they must be finite, and are not checked."""
-        from cspace.spectral.separation import _kernels
         from cspace.compiling import entry
+        from cspace.spectral.separation import _kernels
 
         dof = self.space.dof
         kernel = _kernels.field_of_two if dof == 2 else _kernels.field_of_three
