@@ -82,7 +82,7 @@ def test_a_cut_polygon_has_the_border_that_shapely_gives_it(corners, seed, round
         pieces = obstacle_border(workspace, walled=walled).pieces
         segments = np.concatenate([part.simplices for part in pieces])
         assert (segments >= 0.0).all() and (segments <= 1.0).all()
-        ours = shapely.union_all(shapely.linestrings(segments))
+        ours = shapely.union_all([*shapely.linestrings(segments), *shapely.points(segments[:, 0])])
         true = shapely.get_parts([part.intersection(shapely.box(0, 0, 1, 1)) for part in polygons])
         border = shapely.union_all([part.boundary if part.area else part for part in true])
         assert shapely.hausdorff_distance(ours, border, densify=0.05) < 1e-9 or walled
