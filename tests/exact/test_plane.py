@@ -274,6 +274,29 @@ def test_what_lies_beyond_the_bounds_is_clipped():
     assert space.motion_is_free([4.301, 0.0], [4.301, 4.0], exact=True)
 
 
+@pytest.mark.parametrize("low", [-1e-310, -5e-324, -1e-20, 0.0, 1e-310])
+@pytest.mark.parametrize(
+    "corners",
+    [
+        [(1.2, 1.1), (-0.2, -0.5), (0.8, 0.1)],
+        [(0.32, -0.03), (-0.45, 0.37), (1.95, 3.55)],
+        [(0.674, -0.135), (-0.775, 2.245), (1.357, 0.151)],
+        [(1.8, 0.1), (0.8, 3.1), (2.0, -0.3)],
+    ],
+)
+def test_bounds_next_to_zero_cut_as_zero_does(corners, low):
+    """GEOS cuts wrongly where a bound is denormal."""
+    triangle = shapely.Polygon(corners)
+    workspace = Workspace.from_polygons(triangle, 0.1, (0, low, 3, 3))
+    space = cspace.build(workspace, Robot.disc(0.004), outside="free", inner=False)
+    rng = np.random.default_rng(0)
+    q = rng.uniform(0, 3, (4000, 2)) * rng.choice([1.0, 0.03, 1e-9], (4000, 2))
+    gap = shapely.distance(triangle.intersection(shapely.box(0, 0, 3, 3)), shapely.points(q)) - 0.004
+    free = space.is_free(q, exact=True)
+    assert not free[gap <= 0.0].any()
+    assert free[gap > BAND].all()
+
+
 def test_a_half_turn_is_proven_both_ways():
     """A bar beside a wall can turn on one side only."""
     wall = Workspace.from_polygons(shapely.box(0, 0, 6, 1), 0.25, (0, 0, 6, 4))
