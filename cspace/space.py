@@ -740,8 +740,7 @@ class CSpace:
                 self._components_kept.made.renew(change.states)
         if change.changed or change.exterior:
             upkeep.keep_distances(self, change)
-        if self._exact_kept.made is not None:
-            self._exact_kept.made.follow(self.workspace, self._outsides)
+        self._exact_kept.renew(change)
 
     # ---- a smooth measure of penetration -----------------------------------------------------------------------------
 
@@ -834,7 +833,7 @@ class CSpace:
     def _exact(self) -> Exact:
         from cspace.exact.queries import Exact
 
-        return self._exact_kept.get(lambda: Exact(self, self._outsides))
+        return self._exact_kept.get(lambda: Exact(self))
 
     @property
     def _components(self) -> Components:

@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.compiling import entry
 from cspace.exact import ROUNDING, plane
 from cspace.exact.boundaries import anchors_of, joined, obstacle_border, regions
 from cspace.exact.segments import Body, Scene
+from cspace.map.batches import Kernel
 from cspace.rotations import YAW_SLACK
 from cspace.shapes import Pieces
-from cspace.translating import Kernel, entry
 
 if TYPE_CHECKING:
-    from cspace.outside import Outside
     from cspace.robot import Robot
     from cspace.space import CSpace
 
@@ -30,14 +30,8 @@ BIN: Final = 4
 class PlaneProofs:
     """Proofs for one robot among the obstacles of one workspace; what is asked is compiled when it is first asked."""
 
-    def __init__(self, space: CSpace, outsides: Sequence[Outside]) -> None:
-        grid = space.grid
-        borders = (-np.pi, np.pi) if space.rotations is None else space.rotations.borders
-        frame = np.array([*grid.lower, grid.spacing, *grid.upper])
-        boxes = np.array([outside.box for outside in outsides], dtype=np.int64)
-        states = np.array([outside.state for outside in outsides], dtype=np.int64)
-        map_ = plane.Map(space.stack, space.slice_of, np.asarray(borders), frame, boxes, states)
-        self._world = plane.World(map_, _scene(space, frame), _body(space.robot))
+    def __init__(self, space: CSpace) -> None:
+        self._world = plane.World(space._map, _scene(space), _body(space.robot))
         self._turns = space.rotations is not None
 
     @cached_property
@@ -67,7 +61,7 @@ def _body(robot: Robot) -> Body:
     return Body(border.simplices.reshape(-1, 4), border.radii, anchors_of(whole)[0], ends, rho)
 
 
-def _scene(space: CSpace, frame: Floats) -> Scene:
+def _scene(space: CSpace) -> Scene:
     """The obstacles of a workspace: their border, and the polygons that they fill."""
     workspace, grid = space.workspace, space.grid
     walled = space.outside == "blocked"
@@ -84,7 +78,9 @@ def _scene(space: CSpace, frame: Floats) -> Scene:
     solids = [outline for shape in workspace.obstacles for outline in regions(shape)]
     corners = [solid.reshape(-1, 2) for solid in solids]
     return Scene(
-        frame=frame,
+        lower=grid.lower,
+        spacing=grid.spacing,
+        upper=grid.upper,
         segments=segments[order],
         radii=radii[order],
         widest=float(radii.max(initial=0.0)),

@@ -6,15 +6,20 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numba.cpython.unsafe.tuple import tuple_setitem
 from numpy.typing import NDArray
 
 from cspace.compiling import jit
 from cspace.exact import ADVANCE, MOST_DISTANCES, ROUNDING, SHORTEST
 from cspace.exact.segments import Body, Scene, gap, is_nested, place
 from cspace.grid import MAX_COORDINATE
+from cspace.map import turning
+from cspace.map.edges import edge_is_free
+from cspace.map.points import Numbers, is_usable, state_at
+from cspace.map.record import Map
+from cspace.map.turning import shorter_turn
 from cspace.rotations import TURN, YAW_SLACK
 from cspace.states import BLOCKED, FREE
-from cspace.turning._kernels import is_usable, shorter_turn, stretch_is_free, turning_state_at
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -22,17 +27,6 @@ Bools = NDArray[np.bool_]
 
 SLIDE = 4.0
 """Length of a sweep, in shortest walks: longer ones meet many segments, of which few come near."""
-
-
-class Map(NamedTuple):
-    """A stack of slices, as :mod:`cspace.turning._kernels` has it; one slice for a robot that only translates."""
-
-    state: NDArray[np.uint8]
-    slice_of: Ints
-    borders: Floats
-    frame: Floats
-    boxes: Ints
-    beyonds: Ints
 
 
 class World(NamedTuple):
@@ -54,22 +48,30 @@ class Stretch(NamedTuple):
     turn: float
 
 
+@jit(forceinline=True)
+def _configuration(map_: Map, x: float, y: float, yaw: float) -> Numbers:
+    """What the map is asked about: without the yaw, if the robot does not turn."""
+    q = map_.lower + turning.blank(map_.rotations)
+    for axis in range(2, len(q)):
+        q = tuple_setitem(q, axis, yaw)
+    return tuple_setitem(tuple_setitem(q, 0, x), 1, y)
+
+
 @jit
-def _state(space: Map, x: float, y: float, yaw: float) -> int:
+def _state(map_: Map, x: float, y: float, yaw: float) -> int:
     """State of one configuration."""
-    boxes, beyonds = space.boxes, space.beyonds
-    return int(turning_state_at(space.state, space.slice_of, space.borders, space.frame, boxes, beyonds, x, y, yaw))
+    return state_at(map_, _configuration(map_, x, y, yaw))
 
 
 @jit
-def _walk(space: Map, way: Stretch, start: float, stop: float) -> bool:
+def _walk(map_: Map, way: Stretch, start: float, stop: float) -> bool:
     """Whether every closed cell that meets a part of a stretch is FREE."""
-    dx, dy, turn = way.end_x - way.x, way.end_y - way.y, (stop - start) * way.turn
-    x0, y0, yaw0 = way.x + start * dx, way.y + start * dy, way.yaw + start * way.turn
+    dx, dy = way.end_x - way.x, way.end_y - way.y
+    q0 = _configuration(map_, way.x + start * dx, way.y + start * dy, way.yaw + start * way.turn)
     x1, y1 = (way.end_x, way.end_y) if stop == 1.0 else (way.x + stop * dx, way.y + stop * dy)
-    state, slice_of, borders, frame = space.state, space.slice_of, space.borders, space.frame
-    boxes, beyonds = space.boxes, space.beyonds
-    return bool(stretch_is_free(state, slice_of, borders, frame, boxes, beyonds, x0, y0, yaw0, x1, y1, turn))
+    q1 = _configuration(map_, x1, y1, way.yaw + stop * way.turn)
+    flat = map_.states.ravel()
+    return bool(edge_is_free(map_, flat, flat[:0], q0, q1))
 
 
 @jit
@@ -101,11 +103,11 @@ def _ask_stretch(world: World, way: Stretch) -> int:
         return 0
     dx, dy = way.end_x - way.x, way.end_y - way.y
     size = abs(way.x) + abs(way.y) + abs(way.end_x) + abs(way.end_y)
-    if not size <= 2.0 * MAX_COORDINATE * space.frame[2]:
+    if not size <= 2.0 * MAX_COORDINATE * space.spacing:
         return -1
     least = scene.least + ROUNDING * size
     speed = math.hypot(dx, dy) + body.rho * abs(way.turn)
-    walk = shortest_walk = 4.0 * space.frame[2] / speed if speed > 0.0 else 1.0
+    walk = shortest_walk = 4.0 * space.spacing / speed if speed > 0.0 else 1.0
     slides = body.rho * way.turn == 0.0
     proven, leap, asked = 0.0, 0.0, 0
     while True:
@@ -171,7 +173,7 @@ def ask_points(world: World, points: Floats, out: Bools, counts: Ints) -> int:
     """
     for k in range(points.shape[0]):
         x, y, yaw = points[k, 0], points[k, 1], points[k, 2] if points.shape[1] == 3 else 0.0
-        if not is_usable(x, y, yaw):
+        if not is_usable(world.map, _configuration(world.map, x, y, yaw)):
             return k
         asked = ask_point(world, x, y, yaw)
         out[k] = asked >= 0
@@ -187,7 +189,9 @@ def ask_edges(world: World, starts: Floats, ends: Floats, out: Bools, counts: In
     for k in range(starts.shape[0]):
         x0, y0, yaw0 = starts[k, 0], starts[k, 1], starts[k, 2] if starts.shape[1] == 3 else 0.0
         x1, y1, yaw1 = ends[k, 0], ends[k, 1], ends[k, 2] if ends.shape[1] == 3 else 0.0
-        if not (is_usable(x0, y0, yaw0) and is_usable(x1, y1, yaw1)):
+        if not is_usable(world.map, _configuration(world.map, x0, y0, yaw0)):
+            return k
+        if not is_usable(world.map, _configuration(world.map, x1, y1, yaw1)):
             return k
         asked = ask_edge(world, x0, y0, yaw0, x1, y1, yaw1)
         out[k] = asked >= 0

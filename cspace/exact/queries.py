@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from cspace.outside import Outside
+    from cspace.map.kept import Change
     from cspace.space import CSpace
-    from cspace.workspace import Workspace
 
 Kernel = Callable[..., int]
 
@@ -35,17 +34,10 @@ class Proofs(Protocol):
 
 
 class Exact:
-    """Exact look-ups of a map; each kernel takes arrays of shape (n, dof) and fills one of shape (n,).
+    """Exact look-ups of a map; each kernel takes arrays of shape (n, dof) and fills one of shape (n,)."""
 
-    Parameters
-    ----------
-    space : CSpace
-    outsides : sequence of Outside
-        What is known outside the grid, for each slice.
-    """
-
-    def __init__(self, space: CSpace, outsides: Sequence[Outside]) -> None:
-        self._space, self._outsides = space, list(outsides)
+    def __init__(self, space: CSpace) -> None:
+        self._space = space
         self._proofs: Proofs | None = None
         self._lock = threading.RLock()
         self._counts = {"point": 0, "edge": 0, "distance": 0}
@@ -90,10 +82,10 @@ class Exact:
 
         return check
 
-    def follow(self, workspace: Workspace, outsides: Sequence[Outside]) -> None:
-        """Go on with other obstacles; checkers that were handed out ask them too, from their next call on."""
+    def renew(self, change: Change) -> None:
+        """Ask the obstacles as they are now; checkers that were handed out do so from their next call on."""
         with self._lock:
-            self._outsides, self._proofs = list(outsides), None
+            self._proofs = None
 
     def _made(self) -> Proofs:
         """The proofs among the obstacles as they are now."""
@@ -109,10 +101,10 @@ class Exact:
         if self._space.grid.dim == 3:
             from cspace.exact.solids import SolidProofs
 
-            return SolidProofs(self._space, self._outsides[0])
+            return SolidProofs(self._space)
         from cspace.exact.outlines import PlaneProofs
 
-        return PlaneProofs(self._space, self._outsides)
+        return PlaneProofs(self._space)
 
     def _count(self, kind: str, asked: int, distances: int) -> None:
         with self._lock:

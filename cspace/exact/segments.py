@@ -42,11 +42,12 @@ class Scene(NamedTuple):
     b begin at ``starts[b]``, for ``columns`` times ``rows`` bins from the grid's lower corner; each is grown by its
     radius, the largest of which is ``widest``. Cells that meet and cells that lie in obstacles. Border segments of
     polygon k end before ``ends[k]``, and ``hulls[k]`` is its bounding box. ``walled`` tells whether all beyond the grid
-    is obstacle. A distance counts above ``least``, and is searched for up to ``reach`` more. ``frame`` is the grid's
-    lower corner, spacing and upper corner.
+    is obstacle. A distance counts above ``least``, and is searched for up to ``reach`` more.
     """
 
-    frame: Floats
+    lower: Point
+    spacing: float
+    upper: Point
     segments: Floats
     radii: Floats
     widest: float
@@ -105,9 +106,10 @@ def gap(scene: Scene, body: Body, placed: Placed, least: float) -> float:
 
     At most ``least + reach``; a distance of ``least`` or below may be given too large, but never above ``least``.
     """
-    best, frame, box, rows = float(least + scene.reach), scene.frame, placed.box, placed.rows
+    best, box, rows = float(least + scene.reach), placed.box, placed.rows
+    (left, low), (right, high) = scene.lower, scene.upper
     if scene.walled:
-        best = min(best, min(min(box[0] - frame[0], box[1] - frame[1]), min(frame[3] - box[2], frame[4] - box[3])))
+        best = min(best, min(min(box[0] - left, box[1] - low), min(right - box[2], high - box[3])))
         if best <= least:
             return float(best)
     first_x, first_y, last_x, last_y = _bins(scene, box, best + scene.widest)
@@ -213,18 +215,18 @@ def _is_left(a: Point, b: Point, p: Point) -> bool:
 @jit
 def _bins(scene: Scene, box: Floats, grow: float) -> tuple[int, int, int, int]:
     """Bins ``(x first, y first, x last, y last)`` of all segments that come within ``grow`` of a box."""
-    wide, frame = grow + 0.51 * scene.side, scene.frame
-    first_x = math.floor(min(max((box[0] - wide - frame[0]) / scene.side, 0.0), float(scene.columns)))
-    first_y = math.floor(min(max((box[1] - wide - frame[1]) / scene.side, 0.0), float(scene.rows)))
-    last_x = math.floor(min(max((box[2] + wide - frame[0]) / scene.side, -1.0), scene.columns - 1.0))
-    last_y = math.floor(min(max((box[3] + wide - frame[1]) / scene.side, -1.0), scene.rows - 1.0))
+    wide, (left, low) = grow + 0.51 * scene.side, scene.lower
+    first_x = math.floor(min(max((box[0] - wide - left) / scene.side, 0.0), float(scene.columns)))
+    first_y = math.floor(min(max((box[1] - wide - low) / scene.side, 0.0), float(scene.rows)))
+    last_x = math.floor(min(max((box[2] + wide - left) / scene.side, -1.0), scene.columns - 1.0))
+    last_y = math.floor(min(max((box[3] + wide - low) / scene.side, -1.0), scene.rows - 1.0))
     return first_x, first_y, last_x, last_y
 
 
 @jit
 def _in_obstacle(scene: Scene, x: float, y: float) -> bool:
     """Whether a point that is not on an obstacle's border lies in an obstacle."""
-    u, v = (x - scene.frame[0]) / scene.frame[2], (y - scene.frame[1]) / scene.frame[2]
+    u, v = (x - scene.lower[0]) / scene.spacing, (y - scene.lower[1]) / scene.spacing
     nx, ny = scene.outer.shape
     if not (0.0 <= u <= nx and 0.0 <= v <= ny):
         return False

@@ -5,21 +5,25 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.compiling import entry, jit
 from cspace.exact import ADVANCE, MOST_DISTANCES, ROUNDING, SHORTEST
 from cspace.exact.boundaries import Obstacles, anchors_of, joined, obstacle_border
 from cspace.exact.triangles import Distances
 from cspace.grid import MAX_COORDINATE
+from cspace.map import callbacks
+from cspace.map.edges import edges_are_free
+from cspace.map.points import classify, state_at
+from cspace.map.record import Map
 from cspace.rotations import TURN, YAW_SLACK
 from cspace.shapes import Pieces
 from cspace.states import BLOCKED, FREE
 
 if TYPE_CHECKING:
-    from cspace.outside import Outside
     from cspace.space import CSpace
 
 Floats = NDArray[np.float64]
@@ -35,11 +39,10 @@ SLIDE: Final = 8.0
 class SolidProofs:
     """Proofs for one robot among the obstacles of one workspace."""
 
-    def __init__(self, space: CSpace, outside: Outside) -> None:
+    def __init__(self, space: CSpace) -> None:
         workspace, robot, grid = space.workspace, space.robot, space.grid
-        self._spacing, self._walled = grid.spacing, space.outside == "blocked"
-        self._lookups = _lookups(space, outside)
-        self._state_at, self._walk = _state_at(space, outside), self._lookups.edge_checker()
+        self._map, self._spacing, self._walled = space._map, grid.spacing, space.outside == "blocked"
+        self._walk, self._state_at = callbacks.edge_checker(self._map, space.dof), _state_checker(self._map, space.dof)
         border = joined([robot.shape.boundary()], 3, 3)
         obstacles = obstacle_border(workspace, walled=self._walled)
         far = float(np.abs([*grid.lower, *grid.upper]).max()) + robot.span
@@ -81,7 +84,7 @@ class SolidProofs:
         ``counts`` grows by how many points took a distance, and by how many distances were taken.
         """
         states = np.empty(len(points), dtype=np.uint8)
-        bad: int = self._lookups.classify()(points, states)
+        bad: int = classify(self._map, points, states)
         if bad < 0:
             out[...] = states == FREE
             for k in np.flatnonzero((states != FREE) & (states != BLOCKED)).tolist():
@@ -90,7 +93,7 @@ class SolidProofs:
 
     def edges(self, starts: Floats, ends: Floats, out: NDArray[np.bool_], counts: NDArray[np.int64]) -> int:
         """:meth:`edge` of edges, shapes (n, dof); as :meth:`points`."""
-        bad: int = self._lookups.edges()(starts, ends, out)
+        bad: int = edges_are_free(self._map, self._map.states.reshape(-1)[:0], starts, ends, out)
         if bad < 0:
             for k in np.flatnonzero(~out).tolist():
                 out[k] = _counted(self.edge(*starts[k].tolist(), *ends[k].tolist()), counts)
@@ -234,17 +237,16 @@ def _counted(asked: int, counts: NDArray[np.int64]) -> bool:
     return asked >= 0
 
 
-def _lookups(space: CSpace, outside: Outside) -> Any:
-    from cspace.spatial.lookups import SpatialLookups
-
-    grid = space.grid
-    return SpatialLookups(space.stack[0], np.array([*grid.lower, grid.spacing, *grid.upper]), outside)
+@jit(nogil=False)
+def _state_3(map_: Map, x: float, y: float, z: float) -> int:
+    return state_at(map_, (x, y, z))
 
 
-def _state_at(space: CSpace, outside: Outside) -> Callable[..., int]:
-    from cspace.compiling import entry
-    from cspace.spatial import _kernels
+@jit(nogil=False)
+def _state_4(map_: Map, x: float, y: float, z: float, yaw: float) -> int:
+    return state_at(map_, (x, y, z, yaw))
 
-    grid = space.grid
-    frame = np.array([*grid.lower, grid.spacing, *grid.upper])
-    return entry(_kernels.state_at, (space.stack[0], frame, outside.box, outside.state), 3)
+
+def _state_checker(map_: Map, dof: int) -> Callable[..., int]:
+    """``state(*q)`` of a configuration."""
+    return entry({3: _state_3, 4: _state_4}[dof], (map_,), dof)
