@@ -30,6 +30,9 @@ if TYPE_CHECKING:
     from cspace.io.record import SavedMap
 
 _KIND: Final = "saved map"
+_NUMBERS: Final = ("lower", "spacing")
+"""Members that repeat what the metadata tell, for those who read the file without this library."""
+
 _LONGEST: Final = 2**28
 """Bytes of the metadata, at most."""
 
@@ -55,14 +58,13 @@ def write_npz(space: SavedMap, path: str | os.PathLike[str], overwrite: bool = F
     FileError
         If the file exists and may not be replaced, or cannot be written.
     """
-    arrays = arrays_of(space)
-    sealed = seal(metadata_of(space), {name: digest_of_array(array) for name, array in arrays.items()})
     members: dict[str, Any] = {
-        **arrays,
+        **arrays_of(space),
         "lower": np.array(space.grid.lower),
         "spacing": np.array(space.grid.spacing),
-        "metadata": json.dumps(sealed, sort_keys=True),
     }
+    sealed = seal(metadata_of(space), {name: digest_of_array(array) for name, array in members.items()})
+    members["metadata"] = json.dumps(sealed, sort_keys=True)
     # An open file, because np.savez would add a suffix to any name that does not end in lower-case ".npz".
     with replacing(path, overwrite) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, **members)
@@ -88,12 +90,14 @@ def read_npz(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, ND
                 raise unusable(path, f"its metadata are over {_LONGEST} bytes long")
             metadata = json.loads(str(_member(archive, "metadata")[()]))
             digests = unseal(metadata, path)
-            check_names(list(digests), metadata, path)
+            check_names([name for name in digests if name not in _NUMBERS], metadata, path)
             arrays = {}
             for name, digest in digests.items():
                 if f"{name}.npy" not in names:
                     raise unusable(path, f"its array {name!r} is missing")
-                check_kind(name, _Header(archive, name), metadata, path)
+                header = _Header(archive, name)
+                if name not in _NUMBERS:
+                    check_kind(name, header, metadata, path)
                 check_bytes(path, archive.getinfo(f"{name}.npy").file_size, f"has an array {name!r} that unpacks to")
                 arrays[name] = _member(archive, name)
                 if digest_of_array(arrays[name]) != digest:

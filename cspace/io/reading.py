@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.errors import CspaceError, FileError
+from cspace.errors import FileError
 from cspace.grid import Grid
 from cspace.io.input import not_a_name, unreadable
 from cspace.io.npz import read_npz
@@ -44,7 +44,9 @@ def open_map(path: str | os.PathLike[str]) -> CSpace:
     metadata, arrays = read_store(path) if _is_folder(path) else read_npz(path)
     try:
         return _restored(metadata, arrays)
-    except (CspaceError, KeyError, ValueError, TypeError, OverflowError) as error:
+    except MemoryError:
+        raise
+    except Exception as error:  # What agrees with its digests may still be anything, and meets several libraries.
         raise unusable(path, f"its parts make no map: {error}") from error
 
 

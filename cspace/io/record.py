@@ -223,7 +223,7 @@ def shapes_from(arrays: Mapping[str, NDArray[Any]]) -> tuple[Shape, ...] | None:
         return None
     try:
         return tuple(shape_from_spec(spec) for spec in json.loads(arrays["shapes"].tobytes()))
-    except (KeyError, TypeError, ValueError, RecursionError) as error:
+    except Exception as error:  # shapely and the shapes raise what they like on what is none
         raise ValueError(f"'shapes' tells of no obstacles ({type(error).__name__}: {error})") from error
 
 
@@ -239,7 +239,7 @@ def unseal(metadata: Any, path: str | os.PathLike[str]) -> dict[str, str]:
     Parameters
     ----------
     metadata : mapping
-        As :func:`seal` made it; further entries are ignored.
+        As :func:`seal` made it.
     path : path-like
         Where it was read, for the messages.
 
@@ -350,4 +350,4 @@ def one_yaw(yaw: float) -> float:
 
 def _text(metadata: Mapping[str, Any]) -> bytes:
     """What the digest of the metadata is of."""
-    return json.dumps({key: metadata[key] for key in (*_KEYS, "digests")}, sort_keys=True).encode()
+    return json.dumps({key: value for key, value in metadata.items() if key != "digest"}, sort_keys=True).encode()

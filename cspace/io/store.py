@@ -153,7 +153,7 @@ def _encoded(metadata: dict[str, Any], arrays: Mapping[str, NDArray[Any]]) -> It
     document = json.loads(files[_ROOT].to_bytes())
     # Global "coordinates" tell readers of the CF conventions which arrays label others.
     labels = {"coordinates": " ".join((*TURNS, "slice_of"))} if metadata["rotations"] else {}
-    document["attributes"] = {**seal(metadata, digests), **labels}
+    document["attributes"] = seal(metadata | labels, digests)
     yield _ROOT, _written(document)
 
 
