@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from cspace.errors import CspaceError, FileError, GeometryError, InputError
 from cspace.grid import finite
 from cspace.io.collada import read_collada
-from cspace.io.gltf import read_gltf
+from cspace.io.gltf import load_gltf
 from cspace.io.input import damaged, existing, read_bytes
 from cspace.io.obj import read_obj
 from cspace.io.off import read_off
@@ -117,9 +117,13 @@ def _stl(file: Path) -> Surface:
         loaded = trimesh.load(io.BytesIO(data), file_type="stl", process=False)
     if declared == 0:
         return np.empty((0, 3)), np.empty((0, 3), dtype=np.int64)
-    vertices, faces = flattened(loaded, str(file))
-    check_census(file, declared, len(faces))
-    return vertices, faces
+    return _counted(loaded, declared, file)
+
+
+def _gltf(file: Path) -> Surface:
+    """Triangles of a glTF scene, each mesh where its nodes put it."""
+    scene, declared = load_gltf(file)
+    return _counted(scene, declared, file) if declared else (np.empty((0, 3)), np.empty((0, 3), dtype=np.int64))
 
 
 def _stl_text(data: bytes, file: Path) -> tuple[bytes, int]:
@@ -129,6 +133,8 @@ def _stl_text(data: bytes, file: Path) -> tuple[bytes, int]:
     kinds = [bool(line[1]) for line in lines]
     if not kinds or kinds != [False, True] * (len(kinds) // 2) or text[lines[-1].end() :].strip(b" \t\n\0"):
         raise damaged(file, "does not go from solid to endsolid, as an STL file in text does")
+    if any(b"endfacet" in line[0] for line in lines):
+        raise damaged(file, "has facets on a line of solid or endsolid; they need lines of their own")
     # The names of solids go: trimesh looks for its keywords in them too.
     text = _SOLIDS.sub(lambda line: b"endsolid" if line[1] else b"solid", text)
     facets = _FACET.findall(text)
@@ -138,21 +144,18 @@ def _stl_text(data: bytes, file: Path) -> tuple[bytes, int]:
     return re.sub(rb"\s+(?=vertex|endloop|endsolid|facet)", b"\n", text), len(facets)
 
 
-def check_census(file: Path, declared: int, found: int) -> None:
-    """Refuse what was read where the file declares more or fewer triangles.
-
-    Raises
-    ------
-    FileError
-    """
-    if declared != found:
+def _counted(loaded: Any, declared: int, file: Path) -> Surface:
+    """What trimesh read, refused where the file declares more or fewer triangles."""
+    vertices, faces = flattened(loaded, str(file))
+    if len(faces) != declared:
         raise FileError(
             str(file),
-            f"holds {declared} triangles, and {found} were read",
+            f"holds {declared} triangles, and {len(faces)} were read",
             "none may be lost or made up",
             "write it again as binary STL",
-            value=(declared, found),
+            value=(declared, len(faces)),
         )
+    return vertices, faces
 
 
 def _ply(file: Path) -> Surface:
@@ -165,8 +168,8 @@ _READERS: Final[dict[str, Callable[[Path], Surface]]] = {
     ".obj": read_obj,
     ".ply": _ply,
     ".off": read_off,
-    ".glb": read_gltf,
-    ".gltf": read_gltf,
+    ".glb": _gltf,
+    ".gltf": _gltf,
     ".dae": read_collada,
 }
 """Which function reads a file, by suffix."""

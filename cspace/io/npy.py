@@ -36,12 +36,8 @@ def read_npy(path: str | os.PathLike[str]) -> NDArray[Any]:
     """
     file = existing(path, KIND)
     try:
-        with file.open("rb") as content:
-            archive = content.read(2) == b"PK"
-        if not archive:
-            with np.errstate(over="raise"):
-                return np.asanyarray(np.load(file, mmap_mode="r", allow_pickle=False))
-        reason = "it is an archive of several arrays"
+        with np.errstate(over="raise"):
+            return np.lib.format.open_memmap(file, mode="r")
     except OSError as error:
         raise unreadable(file, KIND, error) from error
     except Exception as error:  # The header is text in Python's syntax: damaged, it raises whatever that leads to.

@@ -109,6 +109,9 @@ def read_ply(path: str | os.PathLike[str]) -> tuple[Floats, Integers, Integers]:
         content, faces = _counted(content, header, file)
     if not {"x", "y", "z"} <= {name for name, _ in header.properties["vertex"]}:
         raise damaged(file, "has vertices without x, y and z")
+    names = [name for name, is_list in header.properties.get("face", []) if is_list and name in _CORNERS]
+    if header.faces and len(names) != 1:
+        raise damaged(file, f"has faces without one list named {' or '.join(_CORNERS)}")
     if not header.vertices:
         return np.empty((0, 3)), np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
     try:
@@ -118,7 +121,7 @@ def read_ply(path: str | os.PathLike[str]) -> tuple[Floats, Integers, Integers]:
         elements = loaded["metadata"]["_ply_raw"]
         vertices = np.column_stack([np.asarray(elements["vertex"]["data"][axis]).reshape(-1) for axis in "xyz"])
         if faces is None:
-            faces = _corners(elements["face"]["data"], header, file) if header.faces else _NO_FACES
+            faces = _corners(elements["face"]["data"], names[0], header, file) if header.faces else _NO_FACES
     except (FileError, MemoryError):
         raise
     except Exception as error:  # trimesh raises whatever the damage leads to.
@@ -198,14 +201,12 @@ def _header(content: bytes, file: str) -> PlyHeader:
     )
 
 
-def _corners(data: Any, header: PlyHeader, file: str) -> tuple[Integers, Integers]:
+def _corners(data: Any, name: str, header: PlyHeader, file: str) -> tuple[Integers, Integers]:
     """The faces of a binary file, all of equally many corners: trimesh tells the length by the first one."""
-    names = [name for name, is_list in header.properties["face"] if is_list and name in _CORNERS]
-    if len(names) != 1:
-        raise damaged(file, f"has faces without one list named {' or '.join(_CORNERS)}")
-    counts, corners = data[names[0]]["f0"], data[names[0]]["f1"]
+    counts, corners = data[name]["f0"], data[name]["f1"]
     size = corners.shape[1] if corners.ndim == 2 else 1
-    if any((data[name]["f0"] != data[name]["f0"][0]).any() for name, is_list in header.properties["face"] if is_list):
+    lists = [data[other]["f0"] for other, is_list in header.properties["face"] if is_list]
+    if any((lengths != lengths[0]).any() for lengths in lists):
         raise damaged(file, "has faces of different numbers of corners; write it as text, or with triangles alone")
     return np.asarray(corners, dtype=np.int64).reshape(-1), np.full(len(counts), size)
 

@@ -11,7 +11,15 @@ from PIL import Image
 
 from cspace import Grid, Workspace
 from cspace.errors import FileError, InputError
-from cspace.io.image import read_shades
+from cspace.io.image import read_shades as read_image_shades
+
+
+def read_shades(path, kind):
+    """Shades of an image, and where it is opaque."""
+    image = read_image_shades(path, kind)
+    shade = image.levels / float(image.most)
+    return shade, np.broadcast_to(image.opaque, shade.shape)
+
 
 PIXELS = np.array([[0, 255, 255], [0, 100, 200]], dtype=np.uint8)
 """Two rows, the first at the top, of three columns."""
@@ -125,7 +133,7 @@ def test_bad_options(image: Path, options: dict[str, Any], message: str) -> None
 )
 def test_damaged_images(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "bad.pgm").write_bytes(content)
-    with pytest.raises(FileError, match=r"bad\.pgm cannot be decoded"):
+    with pytest.raises(FileError, match=r"bad\.pgm: cannot be decoded"):
         Workspace.from_image(tmp_path / "bad.pgm", 1.0)
 
 

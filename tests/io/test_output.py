@@ -77,7 +77,7 @@ def test_an_interruption_leaves_a_folder_as_it_was(tmp_path: Path, stop: type[Ba
 def test_what_exists_is_kept_unless_told_otherwise(tmp_path: Path, writer: Callable[..., None]) -> None:
     path = tmp_path / "out"
     writer(path, "old")
-    with pytest.raises(FileError, match=r"out exists; an existing output is kept .*--overwrite"):
+    with pytest.raises(FileError, match=r"out: exists; an existing output is kept .*overwrite=True"):
         writer(path, "new")
     written = path / "text" if path.is_dir() else path
     assert written.read_text() == "old"
@@ -212,7 +212,7 @@ def test_permissions_are_respected(tmp_path: Path) -> None:
 
 def test_a_full_disk_is_named(tmp_path: Path) -> None:
     with (
-        pytest.raises(FileError, match=r"out cannot be written: No space left .*; an output needs"),
+        pytest.raises(FileError, match=r"out: cannot be written: No space left .*; an output needs"),
         replacing(tmp_path / "out") as temporary,
     ):
         temporary.write_text("half")
