@@ -56,7 +56,7 @@ def to_xarray(space: SavedMap) -> xarray.Dataset:
     for name, array in ({"inner": space.workspace.inner} | arrays_of(space)).items():
         axes = axes_of(name, dim)
         if axes[0] == "slice":
-            array = _by_rotation(array, space.slice_of) if turns else array[0]
+            array = _by_rotation(array, space._slice_of) if turns else array[0]
             axes = ("rotation", *axes[1:]) if turns else axes[1:]
         if name == "slice_of" and not turns:
             continue

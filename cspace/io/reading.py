@@ -106,7 +106,7 @@ def _restored(metadata: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -
         rotations=rotations,
         fields=stacked,
     )
-    expected = {"slice_of": space.slice_of} | (rotation_arrays(rotations) if rotations else {})
+    expected = {"slice_of": space._slice_of} | (rotation_arrays(rotations) if rotations else {})
     for name, needed in expected.items():
         if not np.array_equal(arrays[name], needed):
             raise ValueError(f"its array {name!r} is not that of its rotation cells and its robot")

@@ -52,10 +52,10 @@ class SavedMap(Protocol):
     workspace: Workspace
     robot: Robot
     rotations: Any
-    stack: NDArray[np.uint8]
-    slice_of: NDArray[np.int64]
+    _seen: NDArray[np.uint8]
+    _slice_of: NDArray[np.int64]
     overlaps: NDArray[np.int32] | None
-    fields: Mapping[str, NDArray[np.float64]]
+    _fields: Mapping[str, NDArray[np.float64]]
 
     @property
     def grid(self) -> Grid: ...
@@ -173,7 +173,7 @@ def metadata_of(space: SavedMap) -> dict[str, Any]:
         "margin": float(space.margin),
         "precision": space.precision,
         "rotations": 0 if space.rotations is None else space.rotations.count,
-        "slices": len(space.stack),
+        "slices": len(space._seen),
         "robot": space.robot.definition,
         "workspace_source": space.workspace.source,
     }
@@ -187,11 +187,11 @@ def arrays_of(space: SavedMap) -> dict[str, NDArray[Any]]:
     are known as such.
     """
     workspace, grid = space.workspace, space.grid
-    arrays: dict[str, NDArray[Any]] = {"state": space.stack, "outer": workspace.outer, "slice_of": space.slice_of}
+    arrays: dict[str, NDArray[Any]] = {"state": space._seen, "outer": workspace.outer, "slice_of": space._slice_of}
     if workspace.inner is not workspace.outer:
         arrays["inner"] = workspace.inner
-    stacked = dict(space.fields) if space.overlaps is None else {"overlap": space.overlaps, **space.fields}
-    arrays |= {name: array.reshape(space.stack.shape) for name, array in stacked.items()}
+    stacked = dict(space._fields) if space.overlaps is None else {"overlap": space.overlaps, **space._fields}
+    arrays |= {name: array.reshape(space._seen.shape) for name, array in stacked.items()}
     arrays |= {axis: grid.centers(i) for i, axis in enumerate(AXES[: grid.dim])}
     if space.rotations is not None:
         arrays |= rotation_arrays(space.rotations)

@@ -37,7 +37,7 @@ def _ros_map(space: SavedMap, number: int, path: Named, overwrite: bool) -> None
             f"a ROS map is plane, and the map has {' x '.join(map(str, space.grid.shape))} cells in space",
             f"write {', '.join(suffix for suffix in (*SAVES, '.vti', *WRITERS) if suffix)}",
         )
-    write_ros_map(space.stack[number], space.grid, path, overwrite)
+    write_ros_map(space._seen[number], space.grid, path, overwrite)
 
 
 def _vti(space: SavedMap, number: int, path: Named, overwrite: bool) -> None:
@@ -50,7 +50,7 @@ def _vti(space: SavedMap, number: int, path: Named, overwrite: bool) -> None:
 
 
 def _border(space: SavedMap, number: int, path: Named, overwrite: bool) -> None:
-    write_border(space.stack[number], space.grid, path, overwrite)
+    write_border(space._seen[number], space.grid, path, overwrite)
 
 
 _SLICES: Final[Mapping[str, Callable[[SavedMap, int, Named, bool], None]]] = {
@@ -133,7 +133,7 @@ def _slice_number(space: SavedMap, path: str | os.PathLike[str], yaw: float | No
             f"such a file holds one orientation, and this map has {space.rotations.count} rotation cells",
             "pass the yaw to write in radians, e.g. yaw=0.0",
         )
-    return int(space.slice_of[space.rotations.cell_of(one_yaw(yaw))])
+    return int(space._slice_of[space.rotations.cell_of(one_yaw(yaw))])
 
 
 def _suffix(path: str | os.PathLike[str], known: Iterable[str]) -> str:

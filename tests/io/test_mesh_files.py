@@ -191,7 +191,7 @@ def test_all_solids_of_a_text_stl_are_read(tmp_path, write):
             ),
             "own",
         ),
-        (text_stl() + text_stl(FAR).replace("vertex", "whole ones", 1), "vertix"),
+        (text_stl() + text_stl(FAR).replace("vertex", "vertix", 1), "whole ones"),
         (text_stl() + text_stl(FAR).replace("endfacet\n", "", 1), "words"),
         (text_stl().replace(".0 ", ".0, "), "malformed"),
         (text_stl() + text_stl(FAR).partition("facet")[2].partition("endsolid")[0], "endsolid"),

@@ -72,7 +72,7 @@ def test_a_map_that_is_not_text(tmp_path: Path) -> None:
 def test_a_truncated_real_map(data: Path, tmp_path: Path) -> None:
     whole = (data / "movingai" / "arena.map").read_bytes()
     (tmp_path / "cut.map").write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(FileError, match=r"cut\.map, line \d+ has|cut\.map ends at"):
+    with pytest.raises(FileError, match=r"cut\.map: (line \d+ has|ends at)"):
         read_map(tmp_path / "cut.map")
 
 
