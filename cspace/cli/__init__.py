@@ -16,7 +16,7 @@ from typer.core import TyperGroup
 from cspace.cli.info import info
 from cspace.cli.maps import export, make, picture
 from cspace.cli.planning import demo, plan
-from cspace.cli.words import Options, in_options, worded
+from cspace.cli.words import Options, in_options, options_of, worded
 from cspace.errors import CspaceError
 
 
@@ -47,14 +47,7 @@ class _Commands(TyperGroup):
         raise typer.Exit(2)
 
     def _options(self, ctx: Any) -> Options:
-        """Options of the command that was called, by the names of the library's arguments, which are theirs too."""
-        command = self.commands.get(ctx.invoked_subcommand or "")
-        long = (
-            [(each.name, [name for name in each.opts if name.startswith("--")]) for each in command.params]
-            if command
-            else []
-        )
-        return {str(name): names[0] for name, names in long if names}
+        return options_of(self.commands.get(ctx.invoked_subcommand or ""))
 
 
 app = typer.Typer(

@@ -25,6 +25,7 @@ from cspace.cli.options import (
     workspace_options,
 )
 from cspace.cli.report import show
+from cspace.cli.words import Options, options_of, worded
 from cspace.errors import InputError
 
 if TYPE_CHECKING:
@@ -45,6 +46,7 @@ class Kind(StrEnum):
 
 
 def info(
+    context: typer.Context,
     file: Annotated[str, typer.Argument(metavar="FILE", help="A saved map, a workspace, or a robot (file or spec).")],
     kind: Annotated[
         Kind | None, typer.Option("--as", help="What FILE holds, where its name does not tell  [default: by its name].")
@@ -79,7 +81,7 @@ def info(
         document = describe_robot(Robot.open(file, **given(solid=solid and solid.value)), spacing)
     else:
         beside = None if robot is None else read_robot(robot, robot_solid)
-        document = survey(Path(file), options, beside, rotations)
+        document = survey(Path(file), options, options_of(context.command), beside, rotations)
     show({"kind": kind.value, **document}, as_json)
 
 
@@ -177,7 +179,7 @@ def describe_box(corners: Any) -> dict[str, Any]:
 
 
 def survey(
-    path: Path, options: dict[str, Any], robot: Robot | None = None, rotations: int | None = None
+    path: Path, options: dict[str, Any], names: Options, robot: Robot | None = None, rotations: int | None = None
 ) -> dict[str, Any]:
     """What there is to say about the file of a workspace; shapes are not turned into cells.
 
@@ -187,6 +189,8 @@ def survey(
     options : dict
         What the user gave for its reader: see :meth:`cspace.Workspace.open`. Without a spacing, nothing is said of the
         cells of shapes.
+    names : mapping
+        Of options, for what is said.
     robot : Robot, optional
         Told of as well, in cells.
     rotations : int, optional
@@ -205,7 +209,7 @@ def survey(
     reader = reader_of(path, options)
     if robot is not None:
         check_dimensions(path, dimension_of(path), robot)
-    cells = _Cells(robot, rotations)
+    cells = _Cells(names, robot, rotations)
     if reader.__name__ in _SHAPES:
         document = _shapes(cells, path, reader.__name__, **options)
     else:
@@ -291,11 +295,11 @@ def _grid(cells: _Cells, read: Callable[..., Any], reader: Callable[..., Any]) -
 class _Cells:
     """The cells of a map to be: of its grid, and of its rotations where the robot turns."""
 
-    def __init__(self, robot: Robot | None, rotations: int | None) -> None:
+    def __init__(self, names: Options, robot: Robot | None, rotations: int | None) -> None:
         from cspace.rotations import check_rotations
 
         yaws = check_rotations(rotations)
-        self.slices = 1
+        self._names, self.slices = names, 1
         self._told: dict[str, Any] = {}
         if yaws is not None:
             # A robot with a symmetry needs fewer slices than there are rotation cells.
@@ -343,5 +347,5 @@ class _Cells:
             check_memory(bytes_a_cell * cells, "the map", shape, spacing, **advice)
             check_memory(built, "the map", shape, spacing, fixed=TRANSFORM_BYTES, **advice)
         except InputError as error:
-            told |= {"fits": False, "problem": str(error)}
+            told |= {"fits": False, "problem": worded(error, self._names)}
         return {**self._told, "memory": told}

@@ -12,6 +12,7 @@ from cspace.cli.files import axes_of_map, check_folder, check_outputs
 from cspace.cli.info import describe_map
 from cspace.cli.options import Json, MapFile, Overwrite, check_axis, configuration, given
 from cspace.cli.report import Clock, show
+from cspace.cli.words import in_options, options_of
 from cspace.errors import InputError
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ class Curve(StrEnum):
 
 
 def plan(
+    context: typer.Context,
     file: MapFile,
     start: Annotated[
         str,
@@ -111,10 +113,10 @@ def plan(
     if animate and found.solved:
         with clock.step("animate") as progress:
             save_animation(space, found.path, animate, overwrite, progress=progress)
-    problem = "" if found.solved else _why_not(found, time_limit)
-    show({**_describe(found), **({"status": problem} if problem else {}), "seconds": clock.seconds}, as_json)
-    if problem:
-        typer.echo(f"cspace: no path from {start} to {goal}: {problem}", err=True)
+    show({**_describe(found), "seconds": clock.seconds}, as_json)
+    if not found.solved:
+        advice = f"; try {in_options(found.advice, options_of(context.command))}" if found.advice else ""
+        typer.echo(f"cspace: from {start} to {goal}: {found.status}{advice}", err=True)
         raise typer.Exit(1)
 
 
@@ -193,17 +195,6 @@ def _check_curve(curve: Curve | None, turning_radius: float | None) -> None:
         found = f"is {turning_radius:g}, and there is no --curve"
         mend = f"add --curve {' or --curve '.join(Curve)}, or leave it out"
         raise InputError("--turning-radius", found, "the radius is for curves", mend)
-
-
-def _why_not(found: Plan, time_limit: float) -> str:
-    """Why there is no path, and what to try."""
-    if found.path_exists is False:
-        return "none exists, which is proven"
-    fact = "a path exists" if found.path_exists else "whether one exists is undecided at this spacing"
-    tries = ["more time with --time-limit", "another --planner"]
-    if not found.exact and found.curve is None:
-        tries.append("--exact")
-    return f"none found within {time_limit:g} s; {fact}; try {', '.join(tries)}, or a map with a finer --spacing"
 
 
 def _describe(found: Plan) -> dict[str, Any]:

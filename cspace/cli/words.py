@@ -5,11 +5,19 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from typing import Any
 
 from cspace.errors import CspaceError
 
 Options = Mapping[str, str]
 """Options of a command, by the name of the argument of the library that they set: ``{"spacing": "--spacing"}``."""
+
+
+def options_of(command: Any) -> Options:
+    """Options of a command; their parameters have the names of the library's arguments."""
+    parameters = command.params if command else []
+    names = {str(each.name): [name for name in each.opts if name.startswith("--")] for each in parameters}
+    return {name: options[0] for name, options in names.items() if options}
 
 
 def worded(error: CspaceError, options: Options) -> str:
@@ -45,11 +53,13 @@ def about_robot() -> Iterator[None]:
 def _option(word: str, options: Options) -> str:
     """A word that sets an argument, as an option; any other word as it is."""
     name, equals, value = word.partition("=")
+    bracket = name[: len(name) - len(name.lstrip("("))]
+    name = name.removeprefix(bracket)
     if not equals or name not in options:
         return word
     value = value.replace('"', "").replace("'", "")
-    plain = value.rstrip(",;.")
-    return f"{options[name]}{value[len(plain) :]}" if plain == "True" else f"{options[name]} {value}"
+    plain = value.rstrip(",;.)")
+    return bracket + (options[name] + value[len(plain) :] if plain == "True" else f"{options[name]} {value}")
 
 
 def _line(text: str) -> str:

@@ -1,0 +1,381 @@
+"""Every command, on maps of each space: what it prints, what it writes, what it passes on."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import cspace
+import planners
+from commands import document, run
+from cspace.cli import app
+from cspace.cli.report import progress_line
+from cspace.compiling import LOGGER
+from cspace.errors import InputError
+from cspace.memory import MESH_BYTES, map_bytes
+
+ENDS = {
+    "plane.zarr": ("0.35,0.65", "2.15,0.95"),
+    "turning.npz": ("0.35,0.65,0", "2.15,0.95,90deg"),
+    "space.zarr": ("0.35,0.65,0.45", "2.15,0.65,0.45"),
+}
+SHUT = {"plane.zarr": "2.35,0.15", "turning.npz": "2.35,0.15,0", "space.zarr": "2.35,0.15,0.15"}
+
+
+def spawn(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
+    """What the command line answers, in a process of its own."""
+    environment = {**os.environ, "PYTHONPATH": str(Path(cspace.__file__).parents[1])}
+    command = [sys.executable, *map(str, arguments)]
+    return subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True, timeout=60)
+
+
+# ----------------------------------------------------------------------------------------------- help
+
+
+def test_help_is_light(tmp_path: Path) -> None:
+    code = (
+        "import sys\n"
+        "from cspace.cli import app\n"
+        "try:\n    app(['map', '--help'], prog_name='cspace')\n"
+        "except SystemExit:\n    pass\n"
+        "heavy = {'numpy', 'numba', 'scipy', 'shapely', 'trimesh', 'matplotlib', 'zarr', 'ompl'} & set(sys.modules)\n"
+        "assert not heavy, heavy\n"
+    )
+    done = spawn("-c", code, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "--rotations" in done.stdout
+
+
+def test_help_of_each_command_and_version() -> None:
+    for command in ("demo", "map", "plan", "info", "plot", "export"):
+        assert f"cspace {command}" in run(command, "-h").stdout.replace("root", "cspace")
+    assert run("--version").stdout == f"cspace {cspace.__version__}\n"
+    assert app.info.epilog is not None
+
+
+# ----------------------------------------------------------------------------------------------- map
+
+
+def test_map(room: Path) -> None:
+    told = document("map", "rooms.npy", "--robot", "box:0.2x0.2x0.2", "--spacing", 0.1)
+    space = cspace.open("rooms.zarr")  # named after the workspace
+    assert (told["map"], told["shape"], told["robot"]) == ("rooms.zarr", [25, 12, 8], "box 0.2 m x 0.2 m x 0.2 m")
+    assert tuple(told["cells"].values()) == space.count()
+    assert told["free_volume_m3"] == pytest.approx(space.count()[0] * 1e-3)
+    lines = run("info", "rooms.zarr").stdout.splitlines()
+    assert f"free volume  {told['free_volume_m3']:.6g} m³" in lines
+    assert "robot        box 0.2 m x 0.2 m x 0.2 m" in lines
+    assert f"  free       {space.count()[0]}" in lines
+
+
+def test_map_options(room: Path) -> None:
+    common = ["map", "floor.npy", "--robot", "disc:0.15", "--spacing", 0.1]
+    plain = document(*common, "-o", "plain.zarr")
+    assert document(*common, "-o", "o.zarr", "--overlap", "--rotations", 8)["memory_bytes"] == 5 * 300
+    assert document(*common, "-o", "n.zarr", "--no-inner")["cells"]["blocked"] == 0
+    assert document(*common, "-o", "f.zarr", "--outside", "free")["outside"] == "free"
+    grown = document(*common, "-o", "m.npz", "--margin", 0.2, "--method", "fft")
+    assert grown["margin_m"] == 0.2
+    assert grown["cells"]["free"] < plain["cells"]["free"]
+    np.savetxt("sensor.pgm", np.full((4, 6), 205), fmt="%d", header="P2\n6 4\n255", comments="")
+    Path("sensor.yaml").write_text(
+        "image: sensor.pgm\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+    common = ["map", "sensor.yaml", "--robot", "disc:0.01", "--outside", "free"]
+    assert document(*common, "-o", "a.zarr")["cells"]["free"] == 0
+    assert document(*common, "-o", "b.zarr", "--unknown", "free")["cells"]["free"] == 24
+
+
+@pytest.mark.parametrize("robot", ["ball:0.1", "box:0.2x0.1x0.3", "cube.obj"])
+def test_every_kind_of_robot_in_space(room: Path, robot: str) -> None:
+    told = document("map", "rooms.3dmap", "--robot", robot, "-o", "new.npz", "--outside", "free")
+    assert told["shape"] == [25, 12, 8]
+    assert 0 < told["cells"]["free"] < 2400
+    assert cspace.open("new.npz").robot.dim == 3
+
+
+def test_shapes_go_on_the_grid_that_the_options_say(room: Path) -> None:
+    common = ["map", "cube.obj", "--robot", "ball:0.1", "--spacing", 0.25, "--bounds=-1,-1,-1,2,2,2"]
+    told = document(*common, "-o", "a.zarr")
+    assert (told["lower_m"], told["shape"]) == ([-1.0] * 3, [12] * 3)
+    assert cspace.open("a.zarr").classify([0.5, 0.5, 0.5]) == cspace.BLOCKED
+    document(*common, "--solid", "surface", "-o", "b.zarr")
+    assert cspace.open("b.zarr").classify([0.5, 0.5, 0.5]) != cspace.BLOCKED
+    points = ["map", "cloud.xyz", "--robot", "ball:0.05", "--spacing", 0.1, "--bounds", "-1,-1,-1,2,3,1"]
+    thin, thick = (document(*points, *more)["cells"] for more in (["-o", "c.zarr"], ["--radius", 0.4, "-o", "d.zarr"]))
+    assert thick["free"] < thin["free"]
+    flat = ["map", "wall.wkt", "--robot", "disc:0.1", "--spacing", 0.5, "--bounds=-1,-1,2,3", "-o", "e.zarr"]
+    told = document(*flat)
+    assert (told["lower_m"], told["shape"]) == ([-1.0, -1.0], [6, 8])
+
+
+def test_warnings_are_one_line_in_options(room: Path) -> None:
+    common = ["map", "open.obj", "--robot", "ball:0.1", "--spacing", 0.25]
+    document(*common, "-o", "a.zarr", warning="--solid surface")
+    document(*common, "--solid", "fill", "-o", "b.zarr")
+    occupied = [np.count_nonzero(cspace.open(name).workspace.inner) for name in ("a.zarr", "b.zarr")]
+    assert occupied[0] < occupied[1]
+    document("map", "rooms.3dmap", "--robot", "open.obj", "-o", "c.zarr", warning="--robot-solid surface")
+    document("map", "rooms.3dmap", "--robot", "open.obj", "--robot-solid", "surface", "-o", "d.zarr")
+    assert cspace.open("d.zarr").robot.spec["solid"] == "surface"
+    coarse = ["cube.obj", "--robot", "ball:0.1", "--spacing", 2.0]
+    document("info", *coarse, warning="fits into one cell of 2 m")
+    document("map", *coarse[:-1], 0.25, "--bounds", "5,5,5,6,6,6", "-o", "e.zarr", warning="no obstacle at all")
+
+
+# ----------------------------------------------------------------------------------------------- info
+
+
+def test_info_of_maps(room: Path) -> None:
+    space, told = cspace.open("turning.npz"), document("info", "turning.npz")
+    # A rectangle around its middle has half of its slices twice.
+    assert (told["rotations"], told["slices"], told["rotation_cell_deg"]) == (8, 4, 45.0)
+    assert told["memory_bytes"] == 4 * 300
+    assert tuple(told["cells"].values()) == tuple(np.bincount(space.state.ravel(), minlength=3).tolist())
+    assert told["mean_free_area_m2"] == pytest.approx((space.state == cspace.FREE).mean() * 3.0)
+    assert not {"rotations", "slices", "mean_free_area_m2"} & set(document("info", "plane.zarr"))
+    lines = run("info", "turning.npz").stdout.splitlines()
+    assert "rotation cell   45°" in lines
+    assert "memory          1,200 bytes" in lines
+
+
+def test_info_of_a_mesh_before_any_work(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cspace.shapes.mesh.Mesh.cells", None)
+    told = document("info", "cube.obj")
+    assert (told["kind"], told["extents_m"], told["triangles"]) == ("workspace", [1.0] * 3, 12)
+    assert (told["watertight"], told["bodies"], round(told["volume_m3"], 9)) == (True, {"closed": 1, "open": 0}, 1.0)
+    assert not {"cells", "memory", "spacing_m"} & set(told)
+    told = document("info", "cube.obj", "--spacing", 0.01, "--bounds=0,0,0,2,1,1", "--robot", "box:0.1x0.2x0.3")
+    assert (told["shape"], told["cells"]) == ([200, 100, 100], {"total": 2_000_000})
+    assert told["memory"]["needed_bytes"] == max(MESH_BYTES * 2_000_000, 4_000_000 + map_bytes((200, 100, 100)))
+    assert told["memory"]["fits"] is True
+    assert (told["robot"]["name"], told["robot"]["cells_across"]) == ("box 0.1 m x 0.2 m x 0.3 m", [10, 20, 30])
+    told = document("info", "open.obj", warning="open")
+    assert (told["watertight"], told["bodies"]) == (False, {"closed": 0, "open": 1})
+    assert "volume_m3" not in told
+
+
+@pytest.mark.parametrize(("robot", "slices"), [(None, 72), ("rect:0.2x0.1", 36), ("disc:0.1", 1)])
+def test_info_tells_the_slices_of_a_robot_that_turns(room: Path, robot: str | None, slices: int) -> None:
+    more = [] if robot is None else ["--robot", robot]
+    told = document("info", "wall.wkt", "--spacing", 0.01, "--rotations", 72, *more)
+    assert (told["rotations"], told["slices"]) == (72, slices)
+    assert told["memory"]["map_bytes"] == slices * 100 * 100
+    assert told["memory"]["needed_bytes"] == 2 * 10_000 + map_bytes((100, 100), slices)
+
+
+def test_info_tells_what_does_not_fit(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    told = document("info", "cube.obj", "--spacing", 1e-7)
+    assert told["cells"]["total"] == 10**21
+    assert told["memory"]["fits"] is False
+    assert "use a spacing of at least" in told["memory"]["problem"]
+    # The building agrees.
+    result = run("map", "cube.obj", "--spacing", 1e-7, "--robot", "ball:0.1", "-o", "new.zarr")
+    assert (result.exit_code, result.stderr.count("\n")) == (2, 1)
+    assert "use a spacing of at least" in result.stderr
+    monkeypatch.setattr("cspace.memory.free_bytes", lambda: 1_000_000)
+    told = document("info", "rooms.3dmap")["memory"]
+    assert told["fits"] is False
+    assert "a machine with more memory, or cut the file" in told["problem"]
+
+
+def test_info_of_cells_points_and_robots(room: Path) -> None:
+    taken = int(np.load("rooms.npy").sum())
+    for arguments, side in ((["rooms.3dmap"], 1.0), (["rooms.npy", "--spacing", 0.5], 0.5)):
+        told = document("info", *arguments)
+        assert told["cells"] == {"occupied": taken, "free": 2400 - taken, "total": 2400}
+        assert told["extents_m"] == [25 * side, 12 * side, 8 * side]
+    told = document("info", "cloud.xyz", "--radius", 0.25)
+    assert (told["points"], told["lower_m"], told["upper_m"]) == (3, [-0.25] * 3, [1.25, 2.25, 0.75])
+    assert document("info", "cloud.xyz", "--spacing", 0.5)["shape"] == [2, 4, 1]
+    told = document("info", "cube.obj", "--as", "robot", "--spacing", 0.3)
+    assert (told["robot"], told["cells_across"]) == ("mesh cube.obj", [4] * 3)
+    assert told["volume_m3"] == pytest.approx(1.0)
+    assert document("info", "rect:0.9x0.6")["area_m2"] == pytest.approx(0.54)
+    assert document("info", "wall.wkt", "--as", "robot")["upper_m"] == [1.0, 1.0]
+
+
+def test_real_files(data: Path) -> None:
+    told = document("info", data / "voxels/geb079.bt", "--robot", "box:0.6x0.6x0.2")
+    assert (told["spacing_m"], told["shape"]) == (0.08, [487, 187, 39])
+    cells = told["cells"]
+    assert cells["total"] == 487 * 187 * 39 == cells["occupied"] + cells["unknown"] + cells["free"]
+    assert cells["unknown"] / cells["total"] == pytest.approx(0.68, abs=0.005)
+    assert document("info", data / "solids/ZTunnel/obstacles.obj")["watertight"] is True
+
+
+# ----------------------------------------------------------------------------------------------- plan
+
+
+@pytest.mark.parametrize("file", ENDS)
+def test_plan_and_plot(room: Path, file: str) -> None:
+    start, goal = ENDS[file]
+    told = document(
+        *("plan", file, "--start", start, "--goal", goal, "--seed", 1, "--time-limit", 5),
+        *("-o", "path.csv", "-o", "path.json", "--picture", "path.png"),
+    )
+    assert told["solved"] and told["certified"]
+    path = np.array(told["path"])
+    ends = [
+        [math.radians(float(x[:-3])) if x.endswith("deg") else float(x) for x in q.split(",")] for q in (start, goal)
+    ]
+    np.testing.assert_allclose(path[[0, -1]], ends, atol=1e-12)
+    np.testing.assert_allclose(np.loadtxt("path.csv", delimiter=",", skiprows=1), path)
+    axes = {"plane.zarr": "x,y", "turning.npz": "x,y,yaw", "space.zarr": "x,y,z"}[file]
+    assert Path("path.csv").read_text().splitlines()[0] == axes
+    assert json.loads(Path("path.json").read_text())["path"] == told["path"]
+    assert list(told["seconds"]) == ["read", "plan", "write", "draw"]
+    for path in ("path.csv", "path.json"):
+        assert document("plot", file, "--path", path, "-o", f"{path}.png")["picture"] == f"{path}.png"
+    assert Path("path.csv.png").read_bytes() == Path("path.json.png").read_bytes()
+
+
+@pytest.mark.parametrize("file", ENDS)
+def test_no_path(room: Path, file: str) -> None:
+    result = run(
+        "plan", file, "--start", ENDS[file][0], "--goal", SHUT[file], "-o", "p.csv", "--picture", "p.png", "--json"
+    )
+    assert (result.exit_code, result.stderr.count("\n")) == (1, 1), result.exception
+    told = json.loads(result.stdout)
+    assert (told["solved"], told["path_exists"]) == (False, False)
+    assert "no path exists: proven" in result.stderr
+    assert "try" not in result.stderr
+    assert not Path("p.csv").exists()
+    assert Path("p.png").exists()
+
+
+def test_out_of_time(room: Path) -> None:
+    """What is known, and what to try, in options."""
+    common = ["plan", "turning.npz", "--start", ENDS["turning.npz"][0], "--goal", ENDS["turning.npz"][1]]
+    result = run(*common, "--time-limit", 1e-9, "--animate", "p.gif", "--planner", "RRTstar")
+    assert (result.exit_code, result.stderr.count("\n")) == (1, 1), result.exception
+    assert "a path exists; try " in result.stderr
+    assert "--time-limit 1e-08" in result.stderr
+    assert "time_limit" not in result.stderr
+    assert "pproximate" not in result.output
+    assert not Path("p.gif").exists()
+
+
+def test_options_go_to_the_planner(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    heard: dict[str, Any] = {}
+
+    def plan(space: Any, start: Any, goal: Any, **options: Any) -> Any:
+        heard.update(options, start=start, goal=goal)
+        raise InputError("enough")
+
+    monkeypatch.setattr(planners, "plan", plan)
+    ends = ["plan", "turning.npz", "--start", "1,1,90deg", "--goal=-1,1,-1.5"]
+    assert run(*ends, "--exact", "--curve", "reeds-shepp", "--turning-radius", "0.5").stderr == "cspace: enough\n"
+    assert (heard["exact"], heard["curve"], heard["turning_radius"]) == (True, "reeds-shepp", 0.5)
+    assert (heard["start"], heard["goal"]) == ((1.0, 1.0, math.pi / 2), (-1.0, 1.0, -1.5))
+    heard.clear()
+    run(*ends, "--objective", "clearance", "--planner", "PRM", "--no-simplify", "--seed", 3)
+    assert not {"exact", "curve", "turning_radius"} & set(heard)
+    assert [heard[name] for name in ("objective", "planner", "simplify", "seed")] == ["clearance", "PRM", False, 3]
+    for start in (["--start=-0.5,-0.25"], ["--start", "-0.5,-0.25"]):
+        run("plan", "plane.zarr", *start, "--goal", "0.5,-.5")
+        assert (heard["start"], heard["goal"]) == ((-0.5, -0.25), (0.5, -0.5))
+
+
+def test_car_paths_are_drawn(room: Path) -> None:
+    told = document(
+        *("plan", "turning.npz", "--start", "0.35,0.55,0", "--goal", "0.95,0.6,0.1", "--seed", 1, "--time-limit", 5),
+        *("--curve", "reeds-shepp", "--turning-radius", 0.2, "-o", "path.csv", "--animate", "path.gif"),
+    )
+    assert told["solved"]
+    # The table has a column more, which tells the way that the car drives.
+    assert Path("path.csv").read_text().startswith("x,y,yaw,direction\n")
+    document("plot", "turning.npz", "--path", "path.csv", "-o", "path.png")
+
+
+# ----------------------------------------------------------------------------------------------- plot and export
+
+
+def test_options_go_to_the_picture(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    heard: dict[str, Any] = {}
+    monkeypatch.setattr("cspace.plot.save_plot", lambda *_, **options: heard.update(options))
+
+    def told(file: str, *options: str) -> dict[str, Any]:
+        heard.clear()
+        document("plot", file, "-o", "map.png", *options)
+        return {
+            name: value for name, value in heard.items() if name not in ("dpi", "robot_every") and value is not None
+        }
+
+    assert told("plane.zarr") == {}
+    assert told("turning.npz", "--yaw", "90deg") == {"yaw": math.pi / 2}
+    assert told("turning.npz", "--yaw", "0,90deg") == {"yaw": [0.0, math.pi / 2]}
+    assert told("turning.npz", "--view", "yaw_panels") == {"view": "yaw_panels"}
+    assert told("turning.npz", "--start", "1,1,90deg", "--goal=1,1,0") == {
+        "start": (1.0, 1.0, math.pi / 2),
+        "goal": (1.0, 1.0, 0.0),
+    }
+    assert told("space.zarr", "--at", "0.3,0.6,0.4") == {"at": (0.3, 0.6, 0.4)}
+    scene = ["--view", "3d", "--surface", "free", "--cut", "0.5"]
+    assert told("space.zarr", *scene) == {"view": "3d", "surface": "free", "cut": 0.5}
+    document("plot", "plane.zarr", "-o", "map.png", "--robot-every", 0.5, "--dpi", 60)
+    assert (heard["robot_every"], heard["dpi"]) == (0.5, 60)
+
+
+def test_export(room: Path) -> None:
+    for file in ("out.vti", "free.stl", "free.ply", "free.obj", "copy.npz"):
+        assert document("export", "space.zarr", file)["output"] == file
+    np.testing.assert_array_equal(cspace.open("copy.npz").state, cspace.open("space.zarr").state)
+    document("export", "turning.npz", "slice.yaml", "--yaw", "90deg")
+    image = cspace.Workspace.from_ros_map("slice.yaml", unknown="occupied")
+    np.testing.assert_array_equal(~image.outer, cspace.open("turning.npz").slice_at(math.pi / 2) == cspace.FREE)
+
+
+# ----------------------------------------------------------------------------------------------- progress, Ctrl-C
+
+
+def test_progress_line_only_on_a_terminal(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    with progress_line("working") as callback:
+        assert callback is None
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    level = LOGGER.level
+    with progress_line("working") as callback:
+        assert callback is not None
+        LOGGER.info("compiling %s, once per machine", "cspace.somewhere")
+    assert (LOGGER.level, LOGGER.handlers) == (level, [])
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert "working" in captured.err
+    assert "compiling, once per machine" in captured.err
+    with progress_line("working") as callback:
+        assert callback is not None
+        callback(1, 2)
+        callback(2, 2)
+    assert "compiling" not in capsys.readouterr().err
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
+def test_ctrl_c_while_planning(room: Path) -> None:
+    """Interrupted in the middle of a search that would go on for a minute."""
+    code = (
+        "import os, signal, sys, threading, time, planners\n"
+        "from cspace.cli import main\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)  # a parent in the background may ignore it\n"
+        "search = planners.plan\n"
+        "def plan(*arguments, **options):\n"
+        "    threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT)).start()\n"
+        "    return search(*arguments, **options)\n"
+        "planners.plan = plan\n"
+        "sys.argv[0] = 'cspace'\n"
+        "main()\n"
+    )
+    ends = ["--start", ENDS["plane.zarr"][0], "--goal", ENDS["plane.zarr"][1]]
+    arguments = ["plan", "plane.zarr", *ends, "--planner", "RRTstar", "--time-limit", "60", "-o", "path.csv"]
+    done = spawn("-c", code, *arguments, cwd=room)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "cspace: interrupted\n")
+    assert not Path("path.csv").exists()

@@ -1,0 +1,225 @@
+"""Whatever is wrong: exit code 2, one clear line in the words of the command line, before any work, nothing written."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from commands import run
+
+_FLAT = ["map", "floor.npy", "--robot", "disc:0.05", "--spacing", "0.1", "-o", "new.zarr"]
+_CELLS = ["map", "rooms.npy", "--robot", "ball:0.1", "--spacing", "0.1", "-o", "new.zarr"]
+_MESH = ["map", "cube.obj", "--robot", "ball:0.1", "--spacing", "0.1", "-o", "new.zarr"]
+_PLAN = ["plan", "plane.zarr", "--start", "0.35,0.65", "--goal", "2.15,0.95"]
+_TURN = ["plan", "turning.npz", "--start", "0.35,0.65,0", "--goal", "2.15,0.95,90deg"]
+_FLY = ["plan", "space.zarr", "--start", "0.35,0.65,0.45", "--goal", "2.15,0.65,0.45"]
+_PLOT = ["plot", "plane.zarr", "-o", "new.png"]
+
+BAD: dict[str, tuple[list[str], list[str]]] = {
+    # map
+    "missing workspace": (["map", "absent.yaml", "--robot", "disc:1", "-o", "new.zarr"], ["absent.yaml"]),
+    "unknown kind of workspace": (["map", "notes.doc", "--robot", "disc:1", "-o", "new.zarr"], [".doc", ".yaml"]),
+    "missing spacing": ([*_FLAT[:4], *_FLAT[6:]], ["--spacing", "missing", "floor.npy"]),
+    "missing spacing of a mesh": ([*_MESH[:4], *_MESH[6:]], ["--spacing", "missing", "cube.obj", "--spacing 0.05"]),
+    "negative spacing": ([*_FLAT, "--spacing", "-0.1"], ["--spacing is -0.1", "above zero"]),
+    "spacing that is not finite": ([*_FLAT, "--spacing", "nan"], ["--spacing is nan"]),
+    "negative margin": ([*_FLAT, "--margin", "-1"], ["--margin is -1"]),
+    "bad robot": ([*_FLAT, "--robot", "disk:0.3"], ["disk:0.3", "disc:RADIUS"]),
+    "bad radius": ([*_FLAT, "--robot", "disc:-1"], ["-1"]),
+    "box of two": ([*_CELLS, "--robot", "box:0.1x0.2"], ["box:0.1x0.2", "XxYxZ"]),
+    "missing robot file": ([*_FLAT, "--robot", "absent.wkt"], ["absent.wkt"]),
+    "robot without area": ([*_FLAT, "--robot", "line.wkt"], ["LineString", "Polygon"]),
+    "robot of the plane": ([*_CELLS, "--robot", "disc:0.1"], ["--robot", "2 dimensions", "rooms.npy has 3"]),
+    "robot of the plane, mesh": ([*_MESH, "--robot", "disc:0.1"], ["2 dimensions", "cube.obj has 3"]),
+    "robot of space": ([*_FLAT, "--robot", "ball:0.1"], ["3 dimensions", "floor.npy has 2"]),
+    "no rotations": ([*_FLAT, "--rotations", "0"], ["rotations", "is 0", "above zero", "72"]),
+    "robot's solid, no mesh": ([*_CELLS, "--robot-solid", "fill"], ["solid", "ball:0.1", ".stl"]),
+    "solid, no mesh": ([*_CELLS, "--solid", "fill"], ["solid", "rooms.npy", "leave it out"]),
+    "radius, no points": ([*_MESH, "--radius", "1"], ["radius", "cube.obj", "leave it out"]),
+    "radius below zero": (["map", "cloud.xyz", *_MESH[2:], "--radius", "-1"], ["-1"]),
+    "unknown, no sensor": ([*_MESH, "--unknown", "free"], ["unknown", "cube.obj", "leave it out"]),
+    "bounds of words": ([*_MESH, "--bounds", "here"], ["--bounds is 'here'", "or six"]),
+    "bounds reversed": ([*_MESH, "--bounds", "0,0,0,1,-1,1"], ["bounds", "must be above"]),
+    "bounds of the plane": ([*_MESH, "--bounds", "0,0,1,1"], ["bounds", "six numbers"]),
+    "bounds of voxels": ([*_CELLS, "--bounds", "0,0,0,1,1,1"], ["bounds", "rooms.npy", "leave it out"]),
+    "no mesh": (["map", "empty.stl", *_MESH[2:]], ["empty.stl"]),
+    "no octomap": (["map", "empty.bt", "--robot", "ball:0.1", "-o", "new.zarr"], ["empty.bt"]),
+    "absurd units": ([*_MESH, "--spacing", "1e-6"], ["memory", "spacing of at least"]),
+    "map suffix": ([*_FLAT, "-o", "new.xyz"], ["new.xyz", ".zarr", ".npz"]),
+    "map exists": ([*_FLAT, "-o", "plane.zarr"], ["plane.zarr: exists", "--overwrite"]),
+    "map in no folder": ([*_FLAT, "-o", "absent/new.zarr"], ["absent", "folder"]),
+    "map over something else": ([*_FLAT, "-o", "precious", "--overwrite"], ["precious", "another name"]),
+    # plan
+    "missing map": (["plan", "absent.zarr", *_PLAN[2:]], ["absent.zarr", "does not exist"]),
+    "corrupt map": (["plan", "broken.zarr", *_PLAN[2:]], ["broken.zarr"]),
+    "not a map": (["plan", "wall.wkt", *_PLAN[2:]], ["wall.wkt", "not a saved map"]),
+    "unknown planner": ([*_PLAN, "--planner", "Dijkstra"], ["Dijkstra", "RRTConnect"]),
+    "start in collision": ([*_PLAN, "--start", "1.25,0.05"], ["start", "1.25", "BLOCKED"]),
+    "goal in collision": ([*_FLY, "--goal", "1.25,0.1,0.4"], ["goal", "BLOCKED"]),
+    "start outside": ([*_PLAN, "--start", "-5,0"], ["start", "-5", "outside"]),
+    "start of one number": ([*_PLAN, "--start", "5"], ["--start is '5'", "x,y, in metres", "e.g. --start=-1.5,2"]),
+    "start of three numbers": ([*_PLAN, "--start", "5,6,1"], ["--start is '5,6,1'", "configurations are x,y"]),
+    "start without a yaw": ([*_TURN, "--start", "1,1"], ["--start is '1,1'", "x,y,yaw", "--start=-1.5,2,90deg"]),
+    "start without z": ([*_FLY, "--start", "1,1"], ["--start is '1,1'", "x,y,z", "--start=-1.5,2,0.5"]),
+    "goal with a yaw": ([*_FLY, "--goal", "1,1,90deg"], ["--goal is '1,1,90deg'", "x,y,z"]),
+    "goal that is not finite": ([*_PLAN, "--goal", "nan,1"], ["goal", "nan"]),
+    "degrees without a unit": ([*_TURN, "--start", "1,1,90"], ["--start has the yaw '90'", "90deg"]),
+    "yaw of words": ([*_TURN, "--goal", "1,1,north"], ["--goal has the yaw 'north'", "90deg"]),
+    "yaw that is infinite": ([*_TURN, "--start", "1,1,infdeg"], ["start", "inf"]),
+    "time limit": ([*_PLAN, "--time-limit", "-1"], ["--time-limit is -1"]),
+    "objective": ([*_PLAN, "--objective", "beauty"], ["--objective", "beauty", "length"]),
+    "negative turning radius": ([*_TURN, "--curve", "dubins", "--turning-radius", "-1"], ["turning-radius is -1"]),
+    "curve without a radius": ([*_TURN, "--curve", "dubins"], ["--curve is dubins", "--turning-radius 0.5"]),
+    "radius without a curve": ([*_TURN, "--turning-radius", "1"], ["--turning-radius is 1", "--curve dubins"]),
+    "curve without rotations": ([*_PLAN, "--curve", "dubins", "--turning-radius", "1"], ["--curve", "needs yaw"]),
+    "animation suffix": ([*_TURN, "--animate", "path.mp4"], ["path.mp4", ".gif"]),
+    "animation in space": ([*_FLY, "--animate", "new.gif"], ["--animate", "in space"]),
+    "path suffix": ([*_PLAN, "-o", "path.txt"], ["path.txt", ".csv", ".json"]),
+    "path exists": ([*_PLAN, "-o", "notes.csv"], ["notes.csv: exists", "--overwrite"]),
+    "path twice": ([*_PLAN, "-o", "a.csv", "-o", "./a.csv"], ["twice"]),
+    "picture suffix": ([*_PLAN, "--picture", "path.gif"], ["path.gif", ".png"]),
+    # plot and export
+    "picture exists": (["plot", "plane.zarr", "-o", "old.png"], ["old.png: exists", "--overwrite"]),
+    "missing path": ([*_PLOT, "--path", "absent.csv"], ["absent.csv"]),
+    "not a path": ([*_PLOT, "--path", "notes.csv"], ["notes.csv: holds no path", "x, y"]),
+    "empty path": ([*_PLOT, "--path", "empty.csv"], ["empty.csv", "at least one"]),
+    "not a JSON path": ([*_PLOT, "--path", "list.json"], ["list.json", "path"]),
+    "binary path": ([*_PLOT, "--path", "old.png"], ["old.png"]),
+    "ragged path": ([*_PLOT, "--path", "ragged.csv"], ["ragged.csv"]),
+    "path with yaws": ([*_PLOT, "--path", "yaws.csv"], ["yaws.csv: holds x, y, yaw", "are x, y;"]),
+    "path of five": ([*_PLOT, "--path", "wide.json"], ["wide.json", "x, y"]),
+    "path of four": ([*_PLOT, "--path", "four.json"], ["four.json", "x, y"]),
+    "resolution": ([*_PLOT, "--dpi", "0"], ["--dpi is 0"]),
+    "robots": ([*_PLOT, "--robot-every", "-1"], ["--robot-every is -1"]),
+    "yaw in degrees": (["plot", "turning.npz", "-o", "new.png", "--yaw", "0,90"], ["--yaw", "90deg"]),
+    "yaw without rotations": ([*_PLOT, "--yaw", "1"], ["--yaw is 1.0", "no rotations"]),
+    "panels without rotations": ([*_PLOT, "--view", "yaw_panels"], ["--view is 'yaw_panels'", "must be plane"]),
+    "view of the plane": ([*_PLOT, "--view", "3d"], ["--view is '3d'", "(x, y)"]),
+    "point of the plane": (["plot", "turning.npz", "-o", "new.png", "--at", "1,1,1"], ["--at", "sections"]),
+    "point beyond": (
+        ["plot", "space.zarr", "-o", "new.png", "--at", "9,9.2,9"],
+        ["--at is (9, 9.2, 9)", "in the grid"],
+    ),
+    "point of two": (["plot", "space.zarr", "-o", "new.png", "--at", "1,1"], ["--at is '1,1'", "x,y,z"]),
+    "point of 3d": (["plot", "space.zarr", "-o", "n.png", "--at", "1,1,1", "--view", "3d"], ["--at", "view sections"]),
+    "surface of sections": (["plot", "space.zarr", "-o", "n.png", "--surface", "free"], ["--surface", "view 3d"]),
+    "export suffix": (["export", "plane.zarr", "new.bmp"], ["new.bmp", ".npz", ".yaml"]),
+    "export exists": (["export", "plane.zarr", "old.npz"], ["old.npz: exists", "--overwrite"]),
+    "export's image exists": (["export", "plane.zarr", "old.yaml"], ["old.pgm: exists", "--overwrite"]),
+    "export to the plane": (["export", "space.zarr", "new.yaml"], ["new.yaml", "plane"]),
+    "export of the plane": (["export", "plane.zarr", "new.stl"], ["plane", ".vti"]),
+    "export at a yaw": (["export", "plane.zarr", "new.npz", "--yaw", "1"], ["--yaw", "needs yaw"]),
+    # demo and info
+    "demo into a file": (["demo", "--output", "notes.txt"], ["notes.txt", "folder"]),
+    "demo below a file": (["demo", "--output", "notes.txt/demo"], ["notes.txt", "folder"]),
+    "info of nothing": (["info", "absent.zarr"], ["absent.zarr"]),
+    "corrupt archive": (["info", "broken.npz"], ["broken.npz"]),
+    "info of a bad robot": (["info", "disc:wide"], ["disc:wide"]),
+    "info of a robot of the plane": (["info", "cube.obj", "--robot", "disc:0.1"], ["cube.obj", "disc", "agree"]),
+    "info of a map with a spacing": (["info", "space.zarr", "--spacing", "1"], ["--spacing", "saved map"]),
+    "info of a map with rotations": (["info", "space.zarr", "--rotations", "8"], ["--rotations", "saved map"]),
+    "info of a robot with bounds": (["info", "ball:1", "--bounds", "0,0,1,1"], ["--bounds", "robot", "workspaces"]),
+    "info of a mesh with a radius": (["info", "cube.obj", "--radius", "1"], ["radius", "cube.obj", "leave it out"]),
+    "info of a solid without a robot": (["info", "cube.obj", "--robot-solid", "fill"], ["--robot-solid", "--robot"]),
+    "info of voxels without a spacing": (["info", "rooms.npy"], ["--spacing", "missing"]),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_input(name: str, room: Path) -> None:
+    for file, text in {
+        "notes.txt": "nothing of use", "notes.csv": "x,y\nhere,there\n", "empty.csv": "x,y\n",
+        "list.json": "[1, 2]", "line.wkt": "LINESTRING (0 0, 1 1)", "yaws.csv": "x,y,yaw\n1,1,0\n2,1,1\n",
+        "ragged.csv": "x,y\n1,1\n2\n", "wide.json": '{"path": [[1, 1, 0, 0, 0]]}',
+        "four.json": '{"path": [[1, 1, 0, 0]]}', "empty.stl": "", "empty.bt": "",
+    }.items():
+        Path(file).write_text(text)
+    for file in ("old.png", "old.npz", "old.pgm", "broken.npz"):
+        Path(file).write_bytes(b"\x89\xff\x00 nothing of use")
+    for folder in ("precious", "broken.zarr"):
+        Path(folder).mkdir()
+        (Path(folder) / "zarr.json").write_text("{ nothing of use")
+        (Path(folder) / "thesis.txt").write_text("years of work")
+    before = {file.name for file in room.iterdir()}
+    arguments, words = BAD[name]
+    result = run(*arguments, *(["--json"] if len(name) % 2 else []))
+    assert result.exit_code == 2, result.exception or result.output
+    assert result.stdout == ""
+    assert result.stderr.count("\n") == 1, result.stderr
+    assert result.stderr.startswith("cspace: ")
+    for word in words:
+        assert word in result.stderr
+    assert {file.name for file in room.iterdir()} == before
+    assert (room / "precious" / "thesis.txt").exists()
+
+
+def test_options_are_checked_before_any_work(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def work(*_: object, **__: object) -> None:
+        raise AssertionError("work began")
+
+    for name in ("io.reading.open_map", "workspace.Workspace.open", "shapes.mesh.Mesh.of"):
+        monkeypatch.setattr(f"cspace.{name}", work)
+    for name in (
+        *("negative spacing", "no rotations", "bounds of words", "bounds reversed", "robot of the plane, mesh"),
+        *("robot of the plane", "robot of space", "map exists", "start of three numbers", "start without a yaw"),
+        *("degrees without a unit", "curve without a radius", "negative turning radius", "curve without rotations"),
+        *("animation suffix", "animation in space", "path twice", "yaw in degrees", "yaw without rotations"),
+        *("panels without rotations", "view of the plane", "point of two", "point of 3d", "surface of sections"),
+        *("export at a yaw", "info of a map with a spacing", "info of a robot of the plane"),
+    ):
+        result = run(*BAD[name][0])
+        assert result.exit_code == 2, (name, result.exception)
+
+
+def test_folder_that_may_not_be_written(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # Asked of the system rather than set up, since the superuser may write everywhere.
+    monkeypatch.setattr("os.access", lambda _, mode: not mode & os.W_OK)
+    for arguments in (_FLAT, [*_PLAN, "-o", "path.csv"], ["demo"], ["demo", "-o", "new/demo"]):
+        result = run(*arguments)
+        assert (result.exit_code, result.stderr.count("\n")) == (2, 1)
+        assert "written" in result.stderr
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        *(["fly"], ["map"], ["map", "a.yaml", "--robt", "disc:1"], [*_FLAT, "--outside", "wet"], [*_FLAT, "-x"]),
+        *([*_FLAT, "--rotations", "7.5"], [*_TURN, "--curve", "spline"]),
+    ],
+)
+def test_usage_errors(arguments: list[str]) -> None:
+    result = run(*arguments)
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert "Error" in result.stderr
+    assert "Traceback" not in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "words"),
+    [
+        (KeyboardInterrupt(), 130, "interrupted"),
+        (MemoryError("cannot allocate"), 2, "out of memory: cannot allocate"),
+        (OSError(28, "No space left on device"), 2, "No space left on device"),
+        (ZeroDivisionError(), 1, ""),  # our own defects are not hidden
+    ],
+)
+def test_what_comes_from_outside(
+    room: Path, monkeypatch: pytest.MonkeyPatch, error: BaseException, code: int, words: str
+) -> None:
+    def fail(_: object) -> None:
+        raise error
+
+    monkeypatch.setattr("cspace.io.reading.open_map", fail)
+    result = run("info", "plane.zarr")
+    assert (result.exit_code, result.stdout, result.stderr.count("\n")) == (code, "", bool(words))
+    assert words in result.stderr
+    assert isinstance(result.exception, SystemExit if words else ZeroDivisionError)
+
+
+def test_names_of_files_pass_as_they_are(room: Path) -> None:
+    """A name with brackets and equals signs passes as it is."""
+    np.save("spacing=0.05.npy", np.zeros((3, 3), bool))
+    assert "spacing=0.05.npy" in run("info", "spacing=0.05.npy").stderr

@@ -1,0 +1,122 @@
+"""Texts of options: configurations, angles, boxes; what the library says, in options."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cspace.cli.files import axes_of_map
+from cspace.cli.options import angle, box, configuration
+from cspace.cli.words import in_options, worded
+from cspace.errors import CspaceError, FileError, InputError
+
+AXES = {"plane": ("x", "y"), "turning": ("x", "y", "yaw"), "space": ("x", "y", "z"), "both": ("x", "y", "z", "yaw")}
+OPTIONS = {name: f"--{name.replace('_', '-')}" for name in ("solid", "spacing", "robot_solid", "exact", "rotations")}
+
+
+@pytest.mark.parametrize(
+    ("file", "kind"), [("plane.zarr", "plane"), ("turning.npz", "turning"), ("space.zarr", "space")]
+)
+def test_axes_of_a_map_are_told_without_reading_it(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, file: str, kind: str
+) -> None:
+    monkeypatch.setattr("cspace.io.reading.open_map", None)
+    assert axes_of_map(folder / file) == AXES[kind]
+
+
+@pytest.mark.parametrize(
+    ("text", "kind", "found"),
+    [
+        ("1,-2", "plane", (1.0, -2.0)),
+        ("1,-2, 90", "space", (1.0, -2.0, 90.0)),
+        ("1,-2,90deg", "turning", (1.0, -2.0, math.pi / 2)),
+        ("1,-2,0.5,-90deg", "both", (1.0, -2.0, 0.5, -math.pi / 2)),
+    ],
+)
+def test_configurations(text: str, kind: str, found: tuple[float, ...]) -> None:
+    assert configuration(text, "--start", AXES[kind]) == found
+
+
+@pytest.mark.parametrize("kind", AXES)
+@pytest.mark.parametrize("text", ["1", "1,2,3,4,", "a,b", "a,b,1", "", "1,2,3,4,5"])
+def test_no_configurations(text: str, kind: str) -> None:
+    with pytest.raises(InputError) as caught:
+        configuration(text, "--start", AXES[kind])
+    assert str(caught.value).startswith(f"--start is {text!r}; the map's configurations are {','.join(AXES[kind])}, in")
+    example = str(caught.value).rpartition("--start=")[2]
+    assert len(configuration(example, "--start", AXES[kind])) == len(AXES[kind])
+
+
+@pytest.mark.parametrize(
+    ("text", "radians"),
+    [
+        *(("0", 0.0), ("90deg", math.pi / 2), ("-90deg", -math.pi / 2), (" 450deg ", 2.5 * math.pi), ("1.57", 1.57)),
+        *(("-6.28", -6.28), (str(2 * math.pi), 2 * math.pi), ("1e-3", 1e-3), ("1.5rad", 1.5), ("90rad", 90.0)),
+    ],
+)
+def test_angles(text: str, radians: float) -> None:
+    assert angle(text, "--yaw") == pytest.approx(radians, abs=1e-15)
+
+
+@given(st.floats(-1e6, 1e6))
+def test_degrees_are_degrees(value: float) -> None:
+    assert angle(f"{value!r}deg", "--yaw") == math.radians(value)
+
+
+@pytest.mark.parametrize("text", ["90", "-180", "6.3", "360"])
+def test_degrees_without_their_unit(text: str) -> None:
+    with pytest.raises(InputError, match=rf"'{text}'.*write {text}deg for degrees"):
+        angle(text, "--yaw")
+
+
+@pytest.mark.parametrize("text", ["", "deg", "north", "90°", "1.57 deg deg", "90 degrees", "pi"])
+def test_no_angles(text: str) -> None:
+    with pytest.raises(InputError, match=r"--yaw has the yaw .* write e\.g\. 90deg or 1\.57"):
+        angle(text, "--yaw")
+
+
+def test_boxes() -> None:
+    assert box("-1,0, 2,3", "--bounds") == (-1.0, 0.0, 2.0, 3.0)
+    assert box("-1,0,0,2,3,1e1", "--bounds") == (-1.0, 0.0, 0.0, 2.0, 3.0, 10.0)
+    for text in ("here", "0,0,1", "0,0,0,1,1", "0,0,0,1,1,nan", "0,0,0,1,-1,1"):
+        with pytest.raises(InputError, match="bounds"):
+            box(text, "--bounds")
+
+
+@pytest.mark.parametrize(
+    ("said", "told"),
+    [
+        ("pass solid='surface' if", "pass --solid surface if"),
+        ('pass robot_solid="fill".', "pass --robot-solid fill."),
+        ("e.g. spacing=0.05 (metres)", "e.g. --spacing 0.05 (metres)"),
+        ("ask without exact=True; or", "ask without --exact; or"),
+        ("more cells (rotations=72), or", "more cells (--rotations 72), or"),
+        ("leave margin=0.1 out", "leave margin=0.1 out"),  # no option of this command
+        ("runs/spacing=0.05/a.npy is", "runs/spacing=0.05/a.npy is"),
+    ],
+)
+def test_what_the_library_says_in_options(said: str, told: str) -> None:
+    assert in_options(said, OPTIONS) == told
+
+
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [
+        (
+            InputError("spacing", "is -1", "it must be above zero", "pass it in metres"),
+            "--spacing is -1; it must be above",
+        ),
+        (InputError("solid", "is 'x'", mend="pass solid='fill'"), "--solid is 'x'; pass --solid fill"),
+        (
+            FileError("spacing=1.npy", "does not exist", "check the name"),
+            "spacing=1.npy: does not exist; check the name",
+        ),
+        (CspaceError("a message with spacing=1 as a whole"), "a message with spacing=1 as a whole"),
+    ],
+)
+def test_errors_are_worded_from_their_fields(error: CspaceError, told: str) -> None:
+    assert worded(error, OPTIONS).startswith(told)

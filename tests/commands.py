@@ -1,0 +1,26 @@
+"""The command line, run in this process."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from typer.testing import CliRunner
+
+from cspace.cli import app
+
+
+def run(*arguments: object) -> Any:
+    """What the command line answers."""
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+def document(*arguments: object, warning: str = "") -> dict[str, Any]:
+    """The JSON document of a command that succeeds, with one warning or none; it is all that it prints."""
+    result = run(*arguments, "--json")
+    assert result.exit_code == 0, result.stderr or result.exception
+    assert result.stderr.count("\n") == bool(warning), result.stderr
+    assert result.stderr.startswith("cspace: warning: " if warning else "")
+    assert warning in result.stderr
+    found: dict[str, Any] = json.loads(result.stdout)
+    return found
