@@ -585,7 +585,7 @@ class CSpace:
         InputError
             If the robot turns, or a configuration is not one of finite numbers.
         """
-        from cspace.cubes.path import cube_path, pulled_straight
+        from cspace.map.free_path import cube_path, pulled_straight
 
         if self._rotations.dof:
             raise InputError("the robot turns; free_path is for robots that only translate; use planners.plan")

@@ -1,0 +1,116 @@
+"""Chains of cells that are not BLOCKED, with the fewest MIXED ones: where a path has to be looked for exactly."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace.compiling import jit
+from cspace.states import FREE, MIXED
+
+Bytes = NDArray[np.uint8]
+Ints = NDArray[np.int64]
+
+START, CLOSED = 254, 255
+"""How a cell was reached: not at all, if 0; by the steps from 1 to 6, down and up along x, y and z; from 7 on, out of
+the rotation cell that its own has for a neighbour in that place; or these."""
+
+TURNS = 7
+
+
+@jit
+def trace_chain(states: Bytes, slice_of: Ints, neighbors: Ints, start: Ints, goal: Ints, came: Bytes) -> bool:
+    """Search a chain of cells ``(rotation, x, y, z)`` from start to goal, none BLOCKED, with the fewest MIXED ones.
+
+    Breadth first, all FREE cells that can be reached before the next MIXED ones; only the front is held. ``came`` is 0,
+    or CLOSED where a cell is left out, and is given the step by which each cell was reached. In the plane x has a
+    single cell.
+    """
+    _, nx, ny, nz = came.shape
+    size, most = nx * ny * nz, neighbors.shape[1]
+    flat, reached = states.reshape(-1), came.reshape(-1)
+    origin = ((start[0] * nx + start[1]) * ny + start[2]) * nz + start[3]
+    target = ((goal[0] * nx + goal[1]) * ny + goal[2]) * nz + goal[3]
+    front, ahead, later = [origin], [origin], [origin]
+    ahead.clear()
+    later.clear()
+    reached[origin] = START
+    strides = (ny * nz, nz, 1)
+    while len(front) > 0:
+        for cell in front:
+            if cell == target:
+                return True
+            r, place = cell // size, cell % size
+            at = (place // (ny * nz), place // nz % ny, place % nz)
+            for step in range(1, TURNS + most):
+                a, near = r, place
+                if step < TURNS:
+                    axis, up = (step - 1) // 2, (step - 1) % 2
+                    if at[axis] == (came.shape[1 + axis] - 1 if up else 0):
+                        continue
+                    near += strides[axis] if up else -strides[axis]
+                else:
+                    a = neighbors[r, step - TURNS]
+                    if a < 0:
+                        continue
+                there = a * size + near
+                if reached[there] != 0:
+                    continue
+                state = flat[slice_of[a] * size + near]
+                if state != FREE and state != MIXED:
+                    continue
+                reached[there] = step
+                if step >= TURNS:
+                    # As the place in which the other rotation cell has this one, for the way back.
+                    for back in range(most):
+                        if neighbors[a, back] == r:
+                            reached[there] = TURNS + back
+                if state == FREE:
+                    ahead.append(there)
+                else:
+                    later.append(there)
+        front, ahead = ahead, front
+        ahead.clear()
+        if len(front) == 0:
+            front, later = later, front
+    return False
+
+
+def chain(
+    states: Bytes, slice_of: Ints, neighbors: Ints, closed: NDArray[np.bool_] | None, start: Ints, goal: Ints
+) -> Ints:
+    """A chain of cells that are not BLOCKED, each sharing a side with the next, with the fewest MIXED ones.
+
+    Parameters
+    ----------
+    states : ndarray of uint8, shape (slices, nx, ny) or (slices, nx, ny, nz)
+    slice_of : ndarray of int64, shape (rotations,)
+    neighbors : ndarray of int64, shape (rotations, n)
+        The rotation cells that each one shares a border with; -1 fills up.
+    closed : ndarray of bool, shape (rotations, *cells), or None
+        Cells that are left out.
+    start, goal : ndarray of int64, shape (1 + d,)
+        Cells ``(rotation, x, y)`` or ``(rotation, x, y, z)`` in the grid.
+
+    Returns
+    -------
+    ndarray of int64, shape (n, 1 + d)
+        From start to goal; of length 0 where there is none.
+    """
+    flat = (1,) * (4 - states.ndim)  # the plane is space with one layer
+    came = np.zeros((len(slice_of), *flat, *states.shape[1:]), dtype=np.uint8)
+    if closed is not None:
+        came[closed.reshape(came.shape)] = CLOSED
+    first, last = (np.array([cell[0], *[0] * len(flat), *cell[1:]], dtype=np.int64) for cell in (start, goal))
+    layered = states.reshape(len(states), *came.shape[1:])
+    if not trace_chain(layered, slice_of, neighbors, first, last, came):
+        return np.empty((0, states.ndim), dtype=np.int64)
+    cell, cells = last.tolist(), [last.tolist()]
+    while (step := int(came[tuple(cell)])) != START:
+        if step < TURNS:
+            cell[1 + (step - 1) // 2] -= 2 * ((step - 1) % 2) - 1
+        else:
+            cell[0] = int(neighbors[cell[0], step - TURNS])
+        cells.append(cell.copy())
+    found = np.array(cells[::-1], dtype=np.int64)
+    return np.delete(found, 1, axis=1) if flat else found

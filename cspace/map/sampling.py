@@ -1,0 +1,177 @@
+"""The set of FREE cells: drawing from it, and the member nearest to a place."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace.compiling import jit
+from cspace.states import FREE
+from cspace.threads import in_chunks
+
+Bytes = NDArray[np.uint8]
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+EDGE: Final = 2.0**-20
+"""Part of a cell, along its border, that samples keep off, so that rounding never puts one into the next cell."""
+
+CHUNK: Final = 256
+"""Cells whose FREE ones are counted together."""
+
+
+# ---- drawing ---------------------------------------------------------------------------------------------------------
+
+
+@jit
+def count_free(cells: Bytes, first: int, stop: int, counts: Ints) -> None:
+    """Number of FREE cells in some of the chunks of a flat row of cells."""
+    for chunk in range(first, stop):
+        part = cells[chunk * CHUNK : min((chunk + 1) * CHUNK, len(cells))]
+        count = 0
+        for k in range(len(part)):
+            count += part[k] == FREE
+        counts[chunk] = count
+
+
+@jit
+def select_free(cells: Bytes, ends: Ints, ranks: Ints, out: Ints) -> None:
+    """The FREE cells of some ranks, counted from 0, in a flat row of cells; ``ends`` counts those up to each chunk."""
+    for n in range(len(ranks)):
+        low, high = 0, len(ends) - 1
+        while low < high:  # the first chunk that ends beyond the rank
+            middle = (low + high) // 2
+            if ends[middle] > ranks[n]:
+                high = middle
+            else:
+                low = middle + 1
+        left = ranks[n] - (ends[low - 1] if low > 0 else 0)
+        cell = low * CHUNK
+        # A map that another thread changes meanwhile may have fewer.
+        while cell < len(cells) - 1 and (left > 0 or cells[cell] != FREE):
+            left -= cells[cell] == FREE
+            cell += 1
+        out[n] = cell
+
+
+class FreeCells:
+    """The FREE cells of each slice, counted chunk by chunk, so that any of them can be found by its rank.
+
+    Parameters
+    ----------
+    states : ndarray of uint8, shape (slices, ...)
+
+    Attributes
+    ----------
+    counts : ndarray of int64, shape (slices,)
+        Number of FREE cells of each slice.
+    """
+
+    def __init__(self, states: Bytes) -> None:
+        self._states = states.reshape(len(states), -1)
+        chunks = -(-self._states.shape[1] // CHUNK)
+        self._ends = np.empty((len(states), chunks), dtype=np.int64)
+        for cells, ends in zip(self._states, self._ends, strict=True):
+
+            def work(start: int, stop: int, cells: Bytes = cells, ends: Ints = ends) -> int:
+                count_free(cells, start, stop, ends)
+                return -1
+
+            in_chunks(work, chunks)
+            np.cumsum(ends, out=ends)
+        self.counts = self._ends[:, -1].copy()
+
+    def draw(self, s: int, n: int, rng: np.random.Generator) -> Ints:
+        """Flat indices of cells drawn uniformly from the FREE ones of a slice, of which there must be one."""
+        chosen = np.empty(n, dtype=np.int64)
+        select_free(self._states[s], self._ends[s], rng.integers(self.counts[s], size=n), chosen)
+        return chosen
+
+
+# ---- the nearest one -------------------------------------------------------------------------------------------------
+
+
+@jit
+def nearest_cell(cells: Bytes, place: Floats, low: Ints, high: Ints) -> Ints:
+    """The FREE cell of a slice, shape (nx, ny, nz), whose middle is nearest to a place, in cells; of length 0 if none.
+
+    Rows along the last axis are looked at by their distance along the first two, those within reach of the best cell so
+    far, and each row from the nearest cell outwards. What is far from the place is not read. ``low`` and ``high`` are
+    for its own use, shape (2,).
+
+    Costs are squared distances less what they share, scaled: those of places very far off would overflow.
+    """
+    sizes = cells.shape
+    scale = 1.0
+    for axis in range(3):
+        scale = max(scale, abs(place[axis] - sizes[axis] / 2.0))
+    found = np.empty(0, np.int64)
+    best = math.inf
+    i, j, k = middle_of(place[0], sizes[0]), middle_of(place[1], sizes[1]), middle_of(place[2], sizes[2])
+    least_y, least_z = cost(j, place[1], sizes[1], scale), cost(k, place[2], sizes[2], scale)
+    low[0], high[0] = i, i + 1
+    while True:
+        x, x_cost = next_layer(low, high, 0, place[0], sizes[0], scale)
+        if x < 0 or not x_cost + least_y + least_z < best:
+            return found
+        low[1], high[1] = j, j + 1
+        while True:
+            y, y_cost = next_layer(low, high, 1, place[1], sizes[1], scale)
+            if y < 0 or not x_cost + y_cost + least_z < best:
+                break
+            row = cells[x, y]
+            for way in range(2):
+                z = k if way == 0 else k - 1
+                while 0 <= z < sizes[2]:
+                    if row[z] == FREE:
+                        total = x_cost + y_cost + cost(z, place[2], sizes[2], scale)
+                        if total < best:
+                            best, found = total, np.array([x, y, z])
+                        break
+                    # Far from the best cell it is enough to look where the row still comes near.
+                    if best < math.inf and not x_cost + y_cost + cost(z, place[2], sizes[2], scale) < best:
+                        break
+                    z += 1 if way == 0 else -1
+
+
+@jit
+def middle_of(value: float, count: int) -> int:
+    """The cell along an axis whose middle is nearest to a value."""
+    return int(min(max(math.floor(min(max(value, 0.0), float(count))), 0), count - 1))
+
+
+@jit
+def cost(cell: int, value: float, count: int, scale: float) -> float:
+    """What a cell along an axis adds to the squared distance, but for what all cells share; over a scale."""
+    middle = count / 2.0
+    offset = cell + 0.5 - middle
+    return offset * offset / scale - 2.0 * offset * ((value - middle) / scale)
+
+
+@jit
+def next_layer(low: Ints, high: Ints, axis: int, value: float, count: int, scale: float) -> tuple[int, float]:
+    """The next cell along an axis by its cost, and the cost; -1 after the last.
+
+    What lies from ``low + 1`` to before ``high`` has been taken.
+    """
+    below = cost(low[axis], value, count, scale) if low[axis] >= 0 else math.inf
+    above = cost(high[axis], value, count, scale) if high[axis] < count else math.inf
+    if below == math.inf and above == math.inf:
+        return -1, math.inf
+    if below <= above:
+        low[axis] -= 1
+        return low[axis] + 1, below
+    high[axis] += 1
+    return high[axis] - 1, above
+
+
+def nearest_free(state: Bytes, place: Floats) -> Ints | None:
+    """The FREE cell of a slice whose middle is nearest to a place, shape (d,), in cells; None if there is none."""
+    dim = state.ndim
+    layered = state.reshape(*(1,) * (3 - dim), *state.shape)
+    padded = np.array([*(0.5,) * (3 - dim), *place])
+    cell: Ints = nearest_cell(layered, padded, np.empty(2, np.int64), np.empty(2, np.int64))
+    return cell[3 - dim :] if len(cell) else None
