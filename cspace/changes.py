@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from cspace.compiling import jit
 from cspace.engines.words import dilate_block
 from cspace.states import FREE
 
@@ -27,54 +29,80 @@ _CARRY = np.uint64(0x7F7F7F7F7F7F7F7F)
 _BYTE = np.uint64(255)
 
 
-@njit(cache=True, nogil=True)
-def renew(
-    stack: Bytes,
-    overlaps: NDArray[np.int32],
-    outer: Bytes,
-    inner: Bytes,
-    one: bool,
-    new_outer: Bytes,
-    new_inner: Bytes,
-    lower: Ints,
-    tallies: Ints,
-    runs: Ints,
-    ends: Ints,
-    far: Ints,
-    far_ends: Ints,
-    near: Ints,
-    near_ends: Ints,
-    fixed: Bytes,
-    weights: Ints,
-    blocked: bool,
-    beyond: bool,
-) -> tuple[Ints, Ints]:
+class Robots(NamedTuple):
+    """The offsets of a robot's slices, of one side, as rows (first offset, length).
+
+    runs, ends : ndarray of int64, shapes (n, 4) and (slices,)
+        Each offset once, and where the rows of each slice end.
+    fours, fours_ends : ndarray of int64, shapes (m, 4) and (slices,)
+        The same by ascending length, in fours of one length, the last of them told again to fill them up.
+    fixed : ndarray of bool, shape (slices,)
+        Whether the robot meets the outside from everywhere.
+    """
+
+    runs: Ints
+    ends: Ints
+    fours: Ints
+    fours_ends: Ints
+    fixed: NDArray[np.bool_]
+
+
+class Followed(NamedTuple):
+    """A map that follows its workspace; a plane has one layer of cells.
+
+    states : ndarray of uint8, shape (slices, nx, ny, nz)
+    overlaps : ndarray of int32, shape (slices, nx, ny, nz)
+        Stored overlaps; empty where there are none.
+    outer, inner : ndarray of uint8, shape (nx, ny, nz)
+        The cells of the workspace, 0 or 1; ``inner`` may be the same array as ``outer``.
+    tallies : ndarray of int64, shape (nx + ny + nz,)
+        Numbers of outer cells in each layer along each axis, one axis after the other; empty where they are not kept.
+    far, near : Robots
+        Outer and inner offsets.
+    weights : ndarray of int64, shape (slices,)
+        Number of rotation cells that share each slice.
+    one, blocked, walled : bool
+        Whether ``inner`` is the same array as ``outer``; whether BLOCKED is proven at all; and whether all beyond the
+        map is obstacle.
+    """
+
+    states: Bytes
+    overlaps: NDArray[np.int32]
+    outer: Bytes
+    inner: Bytes
+    tallies: Ints
+    far: Robots
+    near: Robots
+    weights: Ints
+    one: bool
+    blocked: bool
+    walled: bool
+
+
+@jit
+def renew(map_: Followed, outer: Bytes, inner: Bytes, lower: Ints) -> tuple[Ints, Ints]:
     """Write new cells, and what follows from them, in one call, so that an interrupt finds all of it done or nothing.
 
-    Gives what :func:`renew_cells` and :func:`renew_states` tell, which have the same arguments. ``overlaps``, which are
-    those of ``runs`` and ``ends``, are empty where they are not stored.
+    ``outer`` and ``inner`` are the new cells from ``lower`` on. Gives what :func:`renew_cells` and :func:`renew_states`
+    tell.
     """
-    change = np.empty(new_outer.shape if overlaps.size > 0 else (0, 0, 0), np.int8)
-    found = renew_cells(outer, inner, new_outer, new_inner, lower, tallies, change)
+    change = np.empty(outer.shape if map_.overlaps.size > 0 else (0, 0, 0), np.int8)
+    found = renew_cells(map_, outer, inner, lower, change)
     box = found[:6]
     if found[6] == 0:
-        return found, np.zeros((len(stack) + 1, ROW), np.int64)
-    if overlaps.size > 0:
-        renew_overlaps(overlaps, change, lower, box, runs, ends)
-    told = renew_states(stack, outer, inner, box, far, far_ends, near, near_ends, fixed, weights, one, blocked, beyond)
-    return found, told
+        return found, np.zeros((len(map_.states) + 1, ROW), np.int64)
+    if map_.overlaps.size > 0:
+        renew_overlaps(map_.overlaps, change, lower, box, map_.far)
+    return found, renew_states(map_, box)
 
 
-@njit(cache=True, nogil=True)
-def renew_cells(
-    outer: Bytes, inner: Bytes, new_outer: Bytes, new_inner: Bytes, lower: Ints, tallies: Ints, change: NDArray[np.int8]
-) -> Ints:
+@jit
+def renew_cells(map_: Followed, new_outer: Bytes, new_inner: Bytes, lower: Ints, change: NDArray[np.int8]) -> Ints:
     """Write the new cells of a box into a workspace; the box around those that differ, and their number.
 
-    ``inner`` may be the same array as ``outer``. ``tallies``, empty where they are not kept, are the numbers of outer
-    cells in each layer along each axis, one axis after the other. ``change``, empty or of the shape of the new cells,
-    is given what is added to each outer cell.
+    ``change``, empty or of the shape of the new cells, is given what is added to each outer cell.
     """
+    outer, inner, tallies = map_.outer, map_.inner, map_.tallies
     nx, ny, nz = new_outer.shape
     x, y, z = lower
     found = np.array([nx + x, ny + y, nz + z, -1, -1, -1, 0])
@@ -101,23 +129,7 @@ def renew_cells(
     return found
 
 
-@njit(cache=True, nogil=True)
-def renew_sums(sums: NDArray[np.int32], cells: Bytes, box: Ints) -> None:
-    """Running counts of the columns, shape (nx, ny, nz + 1), through a box whose cells have changed."""
-    count = cells.shape[2]
-    for x in range(box[0], box[3] + 1):
-        for y in range(box[1], box[4] + 1):
-            row, into = cells[x, y], sums[x, y]
-            before = into[box[5] + 1]
-            for z in range(box[2], box[5] + 1):
-                into[z + 1] = into[z] + row[z]
-            step = into[box[5] + 1] - before
-            if step != 0:
-                for z in range(box[5] + 2, count + 1):
-                    into[z] += step
-
-
-@njit(cache=True, nogil=True)
+@jit
 def extents(tallies: Ints, shape: Ints) -> Ints:
     """First and last layer along each axis that is not empty, from numbers of cells in each; (0, -1) without any."""
     found = np.empty(6, np.int64)
@@ -133,54 +145,17 @@ def extents(tallies: Ints, shape: Ints) -> Ints:
     return found
 
 
-@njit(cache=True, nogil=True)
-def renew_states(
-    stack: Bytes,
-    outer: Bytes,
-    inner: Bytes,
-    box: Ints,
-    outer_runs: Ints,
-    outer_ends: Ints,
-    inner_runs: Ints,
-    inner_ends: Ints,
-    fixed: Bytes,
-    weights: Ints,
-    one: bool,
-    blocked: bool,
-    beyond: bool,
-) -> Ints:
+@jit
+def renew_states(map_: Followed, box: Ints) -> Ints:
     """States of all configurations that a changed box of cells can touch; what has changed, shape (slices + 1, ROW).
 
     The last row is of all slices together, each counted as often as its weight tells.
-
-    Parameters
-    ----------
-    stack : ndarray of uint8, shape (slices, nx, ny, nz)
-    outer, inner : ndarray of uint8, shape (nx, ny, nz)
-        The new cells.
-    box : ndarray of int64, shape (6,)
-        First and last cell of the change.
-    outer_runs, inner_runs : ndarray of int64, shape (n, 4)
-        Of all slices, rows (first offset, length), in fours of one length and by ascending length in each.
-    outer_ends, inner_ends : ndarray of int64, shape (slices,)
-        Where the rows of each slice end.
-    fixed : ndarray of uint8, shape (slices, 2)
-        Whether the outer robot, and the inner one, meets the outside from everywhere.
-    weights : ndarray of int64, shape (slices,)
-        Number of rotation cells that share each slice.
-    one, blocked, beyond : bool
-        Whether ``inner`` is the same array as ``outer``; whether BLOCKED is proven at all; and whether all beyond the
-        map is obstacle.
     """
+    stack = map_.states
     told = np.zeros((stack.shape[0] + 1, ROW), np.int64)
     for s in range(stack.shape[0]):
-        first_outer = outer_ends[s - 1] if s > 0 else 0
-        first_inner = inner_ends[s - 1] if s > 0 else 0
-        far = outer_runs[first_outer : outer_ends[s]]
-        near = inner_runs[first_inner : inner_ends[s]]
-        if fixed[s, 0] > 0:
-            far = far[:0]
-        if fixed[s, 1] > 0 or not blocked:
+        far, near = _fours_of(map_.far, s), _fours_of(map_.near, s)
+        if not map_.blocked:
             near = near[:0]
         part, row = stack[s], told[s]
         for axis in range(3):
@@ -202,13 +177,13 @@ def renew_states(
         row[LOOKED + 3 : LOOKED + 6] = last
         tall = last[1] - first[1] + 1 + high[1] - low[1]
         wide = (last[2] - first[2] + high[2] - low[2] + 64) // 64
-        words = _pack(outer, first + low, last + high, beyond, tall, wide)
+        words = _pack(map_.outer, first + low, last + high, map_.walled, tall, wide)
         hits = _hits(words, far, low, last - first + 1, tall, wide)
-        if not one and len(near) > 0:
-            words = _pack(inner, first + low, last + high, beyond, tall, wide)
+        if not map_.one and len(near) > 0:
+            words = _pack(map_.inner, first + low, last + high, map_.walled, tall, wide)
         deep = _hits(words, near, low, last - first + 1, tall, wide)
-        always = _BYTE if fixed[s, 0] > 0 else np.uint64(0)
-        deep_always = _BYTE if fixed[s, 1] > 0 and blocked else np.uint64(0)
+        always = _BYTE if map_.far.fixed[s] else np.uint64(0)
+        deep_always = _BYTE if map_.near.fixed[s] and map_.blocked else np.uint64(0)
         for x in range(first[0], last[0] + 1):
             for y in range(first[1], last[1] + 1):
                 at = ((x - first[0]) * tall + y - first[1]) * wide
@@ -238,18 +213,25 @@ def renew_states(
             for axis in range(start, start + 3):
                 whole[axis] = min(whole[axis], row[axis])
                 whole[3 + axis] = max(whole[3 + axis], row[3 + axis])
-        whole[COUNTS] += weights[s] * row[COUNTS]
-        whole[COUNTS + 1] += weights[s] * row[COUNTS + 1]
+        whole[COUNTS] += map_.weights[s] * row[COUNTS]
+        whole[COUNTS + 1] += map_.weights[s] * row[COUNTS + 1]
     return told
 
 
-@njit(cache=True, nogil=True)
+@jit
+def _fours_of(robots: Robots, s: int) -> Ints:
+    """Rows of a slice, in fours; none where the robot meets the outside from everywhere, and no cell matters."""
+    first, end = robots.fours_ends[s - 1] if s > 0 else 0, robots.fours_ends[s]
+    return robots.fours[first : first if robots.fixed[s] else end]
+
+
+@jit
 def _spread(byte: np.uint64) -> np.uint64:
     """The bits of a byte, as 0 or 1 in each byte of a word."""
     return (((byte * _REPEAT) & _SELECT) + _CARRY) >> np.uint64(7) & _REPEAT
 
 
-@njit(cache=True, nogil=True)
+@jit
 def _settle(line: Bytes, at: int, state: int, x: int, y: int, z: int, row: Ints) -> None:
     """Write the state of a cell, whose line begins at ``z``, and tell of it if it is another."""
     old = line[at]
@@ -263,14 +245,14 @@ def _settle(line: Bytes, at: int, state: int, x: int, y: int, z: int, row: Ints)
         _include(row[FREED : FREED + 6], x, y, z + at)
 
 
-@njit(cache=True, nogil=True)
+@jit
 def _include(box: Ints, x: int, y: int, z: int) -> None:
     box[0], box[3] = min(box[0], x), max(box[3], x)
     box[1], box[4] = min(box[1], y), max(box[4], y)
     box[2], box[5] = min(box[2], z), max(box[5], z)
 
 
-@njit(cache=True, nogil=True)
+@jit
 def _reach(runs: Ints, low: Ints, high: Ints) -> None:
     """Widen the bounds of offsets by those of runs."""
     for n in range(len(runs)):
@@ -279,7 +261,7 @@ def _reach(runs: Ints, low: Ints, high: Ints) -> None:
             high[axis] = max(high[axis], runs[n, axis] + (runs[n, 3] - 1 if axis == 2 else 0))
 
 
-@njit(cache=True, nogil=True)
+@jit
 def _pack(cells: Bytes, first: Ints, last: Ints, beyond: bool, tall: int, wide: int) -> Words:
     """A box of cells, which may stick out of the map, in rows of ``wide`` words, of which a layer has ``tall``.
 
@@ -297,7 +279,7 @@ def _pack(cells: Bytes, first: Ints, last: Ints, beyond: bool, tall: int, wide: 
     return words
 
 
-@njit(cache=True, nogil=True)
+@jit
 def _hits(words: Words, runs: Ints, low: Ints, sizes: Ints, tall: int, wide: int) -> Words:
     """Whether a robot meets any cell of a packed box from each place of another, whose rows are as long.
 
@@ -318,7 +300,7 @@ def _hits(words: Words, runs: Ints, low: Ints, sizes: Ints, tall: int, wide: int
     return result
 
 
-@njit(cache=True, nogil=True)
+@jit
 def _pack_row(cells: Bytes, flip: bool, first: int, words: Words) -> None:
     """Put cells, each 0 or 1, or what they are not, into words that are 0 from bit ``first`` on."""
     whole, turn = cells.size // 8, _BYTE if flip else np.uint64(0)
@@ -340,15 +322,15 @@ def _pack_row(cells: Bytes, flip: bool, first: int, words: Words) -> None:
         words[place // 64] |= ((np.uint64(cells[k]) ^ turn) & np.uint64(1)) << np.uint64(place % 64)
 
 
-@njit(cache=True, nogil=True)
+@jit
 def renew_overlaps(
-    overlaps: NDArray[np.int32], change: NDArray[np.int8], lower: Ints, box: Ints, runs: Ints, ends: Ints
+    overlaps: NDArray[np.int32], change: NDArray[np.int8], lower: Ints, box: Ints, robots: Robots
 ) -> None:
     """Add the overlaps with changed cells to stored ones, shape (slices, nx, ny, nz).
 
-    ``change``, the first of whose entries is cell ``lower``, tells what was added to each cell, all within ``box``;
-    ``runs`` has rows (first offset, length), each offset once.
+    ``change``, the first of whose entries is cell ``lower``, tells what was added to each cell, all within ``box``.
     """
+    runs, ends = robots.runs, robots.ends
     first, last = box[:3], box[3:]
     sums = np.zeros((last[0] - first[0] + 1, last[1] - first[1] + 1, last[2] - first[2] + 2), np.int64)
     for x in range(sums.shape[0]):

@@ -1,0 +1,296 @@
+"""Updates: a map that follows changes of its workspace without a rebuild."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cspace.changes import CHANGED, COUNTS, FREED, LOOKED, Followed, Robots, extents, renew
+from cspace.covering import check_cells
+from cspace.engines.dilation import Runs, collide
+from cspace.errors import InputError
+from cspace.grid import Grid
+from cspace.map.exterior import Exterior, reached
+from cspace.map.kept import Change
+from cspace.raster.raster import Raster
+from cspace.states import BLOCKED, FREE
+from cspace.workspace import Workspace
+
+Bytes = NDArray[np.uint8]
+Ints = NDArray[np.int64]
+
+_NO_OVERLAPS: Final = np.empty((0, 0, 0, 0), dtype=np.int32)
+
+
+@dataclass(frozen=True, slots=True)
+class Update:
+    """What :meth:`cspace.CSpace.update` did.
+
+    Attributes
+    ----------
+    occupied : int
+        Number of workspace cells that differ from what they were.
+    lower, upper : tuple of int
+        The box of cells of configurations, in any rotation cell, that were looked at again: its first cell, and the
+        first one beyond it along each axis. Equal where nothing had to be.
+    changed : int
+        Number of cells of configurations, over all rotation cells, whose state is another now.
+    """
+
+    occupied: int
+    lower: tuple[int, ...]
+    upper: tuple[int, ...]
+    changed: int
+
+
+@dataclass(frozen=True, slots=True)
+class Patch:
+    """What a box of workspace cells holds from now on.
+
+    Attributes
+    ----------
+    lower : tuple of int
+        Its first cell.
+    outer, inner : ndarray of bool
+        Its cells that meet an obstacle, and those that lie in obstacles; the same object where both are the same.
+    """
+
+    lower: tuple[int, ...]
+    outer: NDArray[np.bool_]
+    inner: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, grid: Grid, cells: ArrayLike, lower: Sequence[int], inner: ArrayLike | None) -> Patch:
+        """Check what was passed to an update of a map on a grid; the arrays are copied.
+
+        Raises
+        ------
+        InputError
+            If the cells or their place are not as :meth:`cspace.CSpace.update` states.
+        """
+        outer = _cells(cells, "cells")
+        first = _first(lower, grid.dim)
+        if outer.ndim != grid.dim:
+            found = f"has {outer.ndim} axes on a grid of {grid.dim}"
+            mend = "pass one entry for each cell of a box, indexed in the order of the coordinates"
+            raise InputError("cells", found, "both must have as many", mend, value=outer.shape)
+        for low, count, size in zip(first, outer.shape, grid.shape, strict=True):
+            if low < 0 or low + count > size:
+                found = f"has shape {outer.shape} and lower is {first} on a grid of {grid.shape} cells"
+                raise InputError(
+                    "cells", found, "the box must lie in the grid", "cut off what lies beyond it", value=first
+                )
+        if inner is None:
+            return cls(first, outer, outer)
+        within = _cells(inner, "inner")
+        if within.shape != outer.shape:
+            found = f"has shape {within.shape} and cells {outer.shape}"
+            mend = "pass one entry for each cell of the box"
+            raise InputError("inner", found, "both must be the same", mend, value=within.shape)
+        if (within > outer).any():
+            lost = tuple(np.argwhere(within & ~outer)[0].tolist())
+            rule = "a cell that lies in an obstacle also meets it"
+            raise InputError("inner", f"has entry {lost}, which is not in cells", rule, "add it to cells", value=lost)
+        return cls(first, outer, within)
+
+
+def _cells(values: ArrayLike, name: str) -> NDArray[np.bool_]:
+    """A copy in one piece, of zeros and ones, that may be written."""
+    if type(values) is np.ndarray and values.dtype == np.bool_ and values.size and values.ndim in (2, 3):
+        return np.not_equal(values, 0, order="C")  # a boolean array may hold other bytes than 0 and 1
+    return np.array(check_cells(values, name))
+
+
+def _first(lower: Sequence[int], dim: int) -> tuple[int, ...]:
+    values = lower.tolist() if isinstance(lower, np.ndarray) else lower
+    try:
+        first = tuple(operator.index(value) for value in values) if isinstance(values, Iterable) else ()
+    except TypeError:
+        first = ()
+    if len(first) != dim:
+        rule = f"it must hold {dim} whole numbers, the index of the box's first cell"
+        raise InputError("lower", f"is {lower!r}", rule, "from metres, ask space.grid.cell_of", value=lower)
+    return first
+
+
+@dataclass(frozen=True, slots=True)
+class Subject:
+    """The map that a follower changes.
+
+    Attributes
+    ----------
+    states : ndarray of uint8, shape (slices, nx, ny) or (slices, nx, ny, nz)
+        May be written.
+    overlaps : ndarray of int32, the shape of states, or None
+        Stored overlaps, which may be written.
+    slice_of : ndarray of int64, shape (rotations,)
+    rasters : sequence of (outer, inner) Raster
+        The robot's, for each slice.
+    exterior : Exterior
+    walled : bool
+        Whether all beyond the workspace is obstacle.
+    tells_blocked : bool or None
+        Whether BLOCKED is told from MIXED; None where that is not known.
+    renew : callable
+        Called with each change, to bring up to date what hangs on the map; again if it was interrupted.
+    """
+
+    states: Bytes
+    overlaps: NDArray[np.int32] | None
+    slice_of: Ints
+    rasters: Sequence[tuple[Raster, Raster]]
+    exterior: Exterior
+    walled: bool
+    tells_blocked: bool | None
+    renew: Callable[[Change], None] = field(repr=False)
+
+
+class Follower:
+    """What the updates of one map need, made at the first of them; the map's workspace is copied.
+
+    Every cell of configurations from which some offset of the robot can fall on a changed cell is decided afresh, by
+    the direct engine's dilation of the part of the workspace around. No other cell can change.
+
+    Parameters
+    ----------
+    workspace : Workspace
+        As it was before the first update.
+    subject : Subject
+    """
+
+    def __init__(self, workspace: Workspace, subject: Subject) -> None:
+        shape = workspace.grid.shape
+        self._subject, self._flat = subject, (1,) * (3 - len(shape))
+        self._shape = (*self._flat, *shape)
+        states = subject.states.reshape(-1, *self._shape)
+        own = Workspace(workspace.grid, workspace.outer, workspace.inner, source=workspace.source, live=True)
+        outer, inner = _writable(own, self._shape)
+        blocked = subject.tells_blocked
+        self._map = Followed(
+            states,
+            _NO_OVERLAPS if subject.overlaps is None else subject.overlaps.reshape(states.shape),
+            outer,
+            inner,
+            np.empty(0, dtype=np.int64) if subject.walled else _tallies(outer),
+            _robots([outer for outer, _ in subject.rasters], self._shape, subject.walled),
+            _robots([inner for _, inner in subject.rasters], self._shape, subject.walled),
+            np.bincount(subject.slice_of, minlength=len(states)),
+            inner is outer,
+            _proves_blocked(workspace, subject) if blocked is None else blocked,
+            subject.walled,
+        )
+        self._workspace = own
+        self._free = np.array([np.count_nonzero(part == FREE) for part in states])
+
+    def update(self, patch: Patch) -> Update:
+        """Write a patch into the workspace, and bring all that the map holds up to date."""
+        if self._map.one and patch.inner is not patch.outer:
+            self._part(patch)
+        low = np.array([*(0,) * len(self._flat), *patch.lower], dtype=np.int64)
+        outer = patch.outer.view(np.uint8).reshape(*self._flat, *patch.outer.shape)
+        inner = patch.inner.view(np.uint8).reshape(outer.shape)
+        found, told = renew(self._map, outer, inner, low)
+        if not found[6]:
+            return Update(0, patch.lower, patch.lower, 0)
+        each, whole = told[:-1], told[-1].tolist()
+        self._free += each[:, COUNTS + 1]
+        try:
+            self._renew(found[:6], each, whole[COUNTS])
+        except BaseException:  # Ctrl-C, too: what was begun has to be done, and may be done again
+            self._renew(found[:6], each, whole[COUNTS], again=True)
+            raise
+        dim = len(patch.lower)
+        first, last = whole[LOOKED + 3 - dim : LOOKED + 3], whole[LOOKED + 6 - dim : LOOKED + 6]
+        if first[0] > last[0]:
+            return Update(int(found[6]), patch.lower, patch.lower, 0)
+        return Update(int(found[6]), tuple(first), tuple(n + 1 for n in last), whole[COUNTS])
+
+    def _renew(self, box: Ints, told: Ints, changed: int, again: bool = False) -> None:
+        """Have all that hangs on the map follow the change."""
+        moved = not self._map.walled and (self._move_border() or again)
+        looked, states, freed = (told[:, first : first + 6] for first in (LOOKED, CHANGED, FREED))
+        change = Change(self._workspace, box, looked, states, freed, self._free.copy(), changed, moved)
+        self._subject.renew(change)
+
+    def _part(self, patch: Patch) -> None:
+        """Give the inner cells an array of their own, where a patch makes them differ from the outer ones."""
+        window = tuple(slice(low, low + size) for low, size in zip(patch.lower, patch.outer.shape, strict=True))
+        old = self._workspace
+        outer, inner = old.outer.copy(), old.outer.copy()
+        outer[window], inner[window] = patch.outer, patch.inner
+        if np.array_equal(outer[window], inner[window]):
+            return
+        self._workspace = Workspace(old.grid, outer, inner, source=old.source, live=True)
+        views = _writable(self._workspace, self._shape)
+        for cells in views:  # the patch itself is still to come
+            cells.reshape(old.grid.shape)[window] = old.outer[window]
+        self._map = self._map._replace(outer=views[0], inner=views[1], one=False)
+
+    def _move_border(self) -> bool:
+        """What is known outside the grid, where all beyond the workspace is free; whether it is another now."""
+        dim, exterior = 3 - len(self._flat), self._subject.exterior
+        found = extents(self._map.tallies, np.array(self._shape, dtype=np.int64)).reshape(2, 3)[:, -dim:]
+        obstacles = np.repeat([0, -1], dim) if (found[0] > found[1]).any() else found.ravel()
+        boxes = np.array([reached(obstacles, outer) for outer, _ in self._subject.rasters])
+        if np.array_equal(boxes, exterior.boxes):
+            return False
+        exterior.boxes[...] = boxes
+        return True
+
+
+def _writable(workspace: Workspace, shape: tuple[int, ...]) -> tuple[Bytes, Bytes]:
+    """Views of a workspace's outer and inner cells that may be written; they themselves stay read-only."""
+
+    def view(cells: NDArray[np.bool_]) -> Bytes:
+        cells.setflags(write=True)
+        written = cells.view(np.uint8).reshape(shape)
+        cells.setflags(write=False)
+        return written
+
+    outer = view(workspace.outer)
+    return outer, outer if workspace.inner is workspace.outer else view(workspace.inner)
+
+
+def _tallies(outer: Bytes) -> Ints:
+    """Numbers of cells in each layer along each axis, one axis after the other."""
+    axes = {0, 1, 2}
+    return np.concatenate([outer.sum(axis=tuple(axes - {axis}), dtype=np.int64) for axis in axes])
+
+
+def _robots(rasters: Sequence[Raster], shape: tuple[int, ...], walled: bool) -> Robots:
+    """The offsets of rasters, one for each slice, on a map of a shape of three axes."""
+    runs = [Runs.of(raster, shape) for raster in rasters]
+    rows = [each.table for each in runs]
+    fours = [_in_fours(part) for part in rows]
+    return Robots(
+        np.concatenate(rows),
+        np.cumsum([len(part) for part in rows]),
+        np.concatenate(fours),
+        np.cumsum([len(part) for part in fours]),
+        np.array([each.beyond and walled for each in runs]),
+    )
+
+
+def _in_fours(rows: Ints) -> Ints:
+    parts = [rows[:0]]
+    for length in np.unique(rows[:, 3]):
+        part = rows[rows[:, 3] == length]
+        parts.append(np.pad(part, ((0, -len(part) % 4), (0, 0)), mode="edge"))
+    return np.concatenate(parts)
+
+
+def _proves_blocked(workspace: Workspace, subject: Subject) -> bool:
+    """Whether a map tells BLOCKED from MIXED: unless it shows that it was built without ``inner``."""
+    if any(bool((part == BLOCKED).any()) for part in subject.states):
+        return True
+    lies_in = np.empty(workspace.inner.shape, dtype=np.bool_)
+    for _, inner in subject.rasters:
+        collide(workspace.inner, [inner], [lies_in], outside=subject.walled)
+        if lies_in.any():
+            return False
+    return True
