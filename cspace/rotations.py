@@ -141,6 +141,11 @@ class RotationCells(ABC):
         """Angle between the rotation of a configuration and each cell's representative, radians, shape (count,)."""
 
     @property
+    @abstractmethod
+    def neighbors(self) -> Ints:
+        """The cells that each one shares a border with, shape (count, n); -1 fills up."""
+
+    @property
     def quarter(self) -> int:
         """How many cells farther lie those that are a quarter turn about the z axis away; 0 where none do."""
         return 0
@@ -194,6 +199,11 @@ class OneRotation(RotationCells):
     def distances(self, q: Floats) -> Floats:
         """Zero."""
         return np.zeros(1)
+
+    @property
+    def neighbors(self) -> Ints:
+        """None."""
+        return np.zeros((1, 0), dtype=np.int64)
 
     def compiled(self, slice_of: Ints) -> OneCell:
         """What compiled look-ups get."""
@@ -360,6 +370,12 @@ class Rotations(RotationCells):
     def distances(self, q: Floats) -> Floats:
         """Along the shorter arc."""
         return np.asarray(np.abs((self.representatives - q[-1] + np.pi) % TURN - np.pi))
+
+    @property
+    def neighbors(self) -> Ints:
+        """The cell before each and the one after it; the last and the first are neighbours too."""
+        ways = [[], [1], [-1, 1]][min(self.count - 1, 2)]
+        return (np.arange(self.count)[:, None] + np.array(ways, dtype=np.int64)) % self.count
 
     @property
     def quarter(self) -> int:

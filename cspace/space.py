@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.errors import ConfigurationError, InputError
 from cspace.grid import Grid, finite
-from cspace.map.batches import Kernel, Many, One, answer, answer_edges, answer_pairs, as_pairs, as_points
+from cspace.map.batches import Kernel, Many, One, answer, answer_edges, answer_pairs, as_pairs, as_points, check_rng
 from cspace.map.exterior import Exterior
 from cspace.map.fields import checked_fields, read_only, writable
 from cspace.map.kept import Change, Kept, Lock
@@ -30,14 +30,15 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.axes import Axes
 
-    from cspace.connectivity import Components
     from cspace.exact.queries import Exact
     from cspace.map.callbacks import Rows
+    from cspace.map.clearance import Distances
+    from cspace.map.components import Components
     from cspace.map.mip import Mip
     from cspace.map.overlaps import Runs, Sums
+    from cspace.map.sampling import FreeCells
     from cspace.spectral import FourierOverlap, OverlapField
-    from cspace.updates import Update
-    from cspace.updates.follower import Follower
+    from cspace.update import Follower, Subject, Update
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -151,11 +152,10 @@ class CSpace:
         self._outer_sums: Kept[Sums] = Kept(self._lock)
         self._inner_sums: Kept[Sums] = Kept(self._lock)
         self._components_kept: Kept[Components] = Kept(self._lock)
-        self._free_cells_kept: Kept[list[NDArray[np.unsignedinteger[Any]]]] = Kept(self._lock)
+        self._free_cells: Kept[FreeCells] = Kept(self._lock)
         self._exact_kept: Kept[Exact] = Kept(self._lock)
         self._updater: Kept[Follower] = Kept(self._lock)
-        self._distances: Kept[Any] = Kept(self._lock)
-        self._clearance_call: Kept[list[Callable[..., float]]] = Kept(self._lock)
+        self._distances_kept: Kept[Distances] = Kept(self._lock)
 
     # ---- what the map is ---------------------------------------------------------------------------------------------
 
@@ -365,7 +365,7 @@ class CSpace:
         float or ndarray of float64, shape (...)
             Metres.
         """
-        return answer(q, self.dof, self._lookups.clearances(), np.float64, float)
+        return answer(q, self.dof, self._distances.kernel, np.float64, float)
 
     # ---- edges -------------------------------------------------------------------------------------------------------
 
@@ -495,12 +495,7 @@ class CSpace:
             ``check(*q) -> float``, of the dof numbers of a configuration; they must be finite floats, and are not
             checked.
         """
-        aims = self._clearance_call.get(lambda: [self._lookups.clearance_checker()])
-
-        def check(*q: float) -> float:
-            return aims[0](*q)
-
-        return check
+        return self._distances.checker(self.dof)
 
     # ---- what FREE cells join ----------------------------------------------------------------------------------------
 
@@ -524,12 +519,12 @@ class CSpace:
             True: a chain of FREE cells joins them. False: no chain of FREE and MIXED cells does, which proves that no
             collision-free path exists. None: undecided at this resolution.
         """
-        from cspace.connectivity import path_exists
-
-        ends = (self._checked(q0, "q0"), self._checked(q1, "q1"))
-        found: bool | NDArray[np.object_] | None = path_exists(
-            self._components, *((self._cells_of(q), np.asarray(self.classify(q))) for q in ends)
+        start, goal = (self._checked(q0, "q0"), self._checked(q1, "q1"))
+        answers = self._components.joins(
+            (self._cells_of(start), np.asarray(self.classify(start))),
+            (self._cells_of(goal), np.asarray(self.classify(goal))),
         )
+        found: bool | NDArray[np.object_] | None = answers if answers.ndim else answers[()]
         return found
 
     def free_reach(self, q: ArrayLike) -> tuple[Floats, Floats]:
@@ -552,10 +547,7 @@ class CSpace:
         ConfigurationError
             If the configuration is not FREE, or not in the grid.
         """
-        from cspace.connectivity import reach
-
-        point = self._one_free(q, "q")
-        first, last = reach(self._components, self._cells_of(point))
+        first, last = self._components.box(self._cells_of(self._one_free(q, "q")))
         lower = np.asarray(self.grid.lower)
         return lower + self.grid.spacing * first, lower + self.grid.spacing * (last + 1)
 
@@ -588,7 +580,8 @@ class CSpace:
         from cspace.map.free_path import cube_path, pulled_straight
 
         if self._rotations.dof:
-            raise InputError("the robot turns; free_path is for robots that only translate; use planners.plan")
+            rule = "free_path is for robots that only translate"
+            raise InputError("the robot", "turns", rule, "use planners.plan")
         ends = [self._one_free(q, name) for q, name in ((q0, "q0"), (q1, "q1"))]
         cells = cube_path(self._seen[0], *(self.grid.cell_of(q) for q in ends))
         if not len(cells):
@@ -626,18 +619,17 @@ class CSpace:
         InputError
             If ``n`` is negative or ``rng`` is not a Generator.
         """
-        from cspace.sampling import check_rng, refuse_empty, sample_cells, sample_stack
+        from cspace.map.sampling import FreeCells, sample
 
         generator = check_rng(rng)
         if n is not None and (not isinstance(n, int | np.integer) or n < 0):
-            raise InputError(f"n is {n!r}; it must be a whole number, zero or above, or None for one sample")
-        cells = self._free_cells
-        refuse_empty(cells)
+            rule = "it must be a whole number, zero or above, or None for one sample"
+            raise InputError("n", f"is {n!r}", rule, value=n)
+        free = self._free_cells.get(lambda: FreeCells(self._seen))
+        if not free.counts.any():
+            raise self._nothing_free()
         count = 1 if n is None else int(n)
-        if self.rotations is None:
-            samples = sample_cells(cells[0], self.grid, count, generator)
-        else:
-            samples = sample_stack(cells, self._slice_of, self.rotations, self.grid, count, generator)
+        samples = sample(free, self._slice_of, self._rotations, self.grid, count, generator)
         return samples[0] if n is None else samples
 
     def nearest_free(self, q: ArrayLike) -> Floats:
@@ -657,14 +649,20 @@ class CSpace:
         ConfigurationError
             If the map has no FREE cell.
         """
-        from cspace.sampling import nearest_center, nearest_turned, refuse_empty
+        from cspace.map.sampling import nearest
 
-        cells = self._free_cells
-        refuse_empty(cells)
         point = self._checked(q, "q")
-        if self.rotations is None:
-            return nearest_center(cells[0], self.grid, point)
-        return nearest_turned(cells, self._slice_of, self.rotations, self.grid, point)
+        if point.ndim != 1:
+            rule = f"it must be one configuration of {self.dof} numbers"
+            raise InputError("q", f"has shape {point.shape}", rule, "ask for one at a time", value=point.shape)
+        found = nearest(self._seen, self._slice_of, self._rotations, self.grid, point)
+        if found is None:
+            raise self._nothing_free()
+        return found
+
+    def _nothing_free(self) -> ConfigurationError:
+        mend = "use a smaller robot, a finer spacing, or unknown='free' where the workspace is a sensor map"
+        return ConfigurationError("the map", "has no FREE cell", "nothing can be drawn from it", mend)
 
     # ---- a workspace that changes ------------------------------------------------------------------------------------
 
@@ -682,8 +680,8 @@ class CSpace:
         Kept up to date, if they were asked for before: the state, stored overlaps, running counts for
         :meth:`overlap` and :meth:`contains_robot`, what is known outside the grid, distances for :meth:`clearance`,
         and the blocks of :meth:`path_exists` and :meth:`free_reach`, which are joined anew at the next call. Dropped,
-        and made again at the next call: the lists of FREE cells for :meth:`sample_free` and :meth:`nearest_free`, and
-        the geometry for ``exact=True``. An overlap field is about the obstacles as they were, and is let go. A map
+        and made again at the next call: the counts of FREE cells for :meth:`sample_free`, and the geometry for
+        ``exact=True``. An overlap field is about the obstacles as they were, and is let go. A map
         built without ``inner`` gets no BLOCKED cells; one from a file, if it has none where there could be one.
 
         Updates wait for each other. A look-up that another thread makes meanwhile sees each cell as it was or as it is
@@ -718,28 +716,39 @@ class CSpace:
         >>> space.is_free([2.0, 1.5])
         False
         """
-        from cspace.updates.follower import Follower
-        from cspace.updates.patch import Patch
+        from cspace.update import Follower, Patch
 
         patch = Patch.of(self.grid, cells, lower, inner)
         with self._lock:
-            return self._updater.get(lambda: Follower(self)).update(patch)
+            return self._updater.get(lambda: Follower(self.workspace, self._subject())).update(patch)
+
+    def _subject(self) -> Subject:
+        from cspace.update import Subject
+
+        walled = self.outside == "blocked"
+        return Subject(
+            self._states,
+            self._counts,
+            self._slice_of,
+            self._rasters,
+            self._exterior,
+            walled,
+            self._tells_blocked,
+            self._renew,
+        )
 
     def _renew(self, change: Change) -> None:
         """Bring up to date what was made of the map, after its states and its exterior were changed in place."""
-        from cspace.updates import upkeep
-
         self.workspace, self._fields = change.workspace, {}
         self._outer_sums.renew(change)
         self._inner_sums.renew(change)
         if change.changed:
             self._rows.renew(change)
             self._mip.renew(change)
-            self._free_cells_kept.drop()
-            if self._components_kept.made is not None:
-                self._components_kept.made.renew(change.states)
+            self._free_cells.drop()
+            self._components_kept.renew(change)
         if change.changed or change.exterior:
-            upkeep.keep_distances(self, change)
+            self._distances_kept.renew(change)
         self._exact_kept.renew(change)
 
     # ---- a smooth measure of penetration -----------------------------------------------------------------------------
@@ -837,16 +846,22 @@ class CSpace:
 
     @property
     def _components(self) -> Components:
-        from cspace.connectivity import components
+        from cspace.map.components import Components
 
-        rim = ~self._exterior.is_all_blocked(self.grid.shape)
-        return self._components_kept.get(lambda: components(self._seen, self._slice_of, rim))
+        return self._components_kept.get(
+            lambda: Components(
+                self._seen,
+                self._slice_of,
+                self._rotations.neighbors,
+                ~self._exterior.is_all_blocked(self.grid.shape),
+            )
+        )
 
     @property
-    def _free_cells(self) -> list[NDArray[np.unsignedinteger[Any]]]:
-        """Flat indices of the FREE cells of each slice."""
-        kind = np.uint32 if self.grid.size < 2**32 else np.uint64
-        return self._free_cells_kept.get(lambda: [np.flatnonzero(part == FREE).astype(kind) for part in self._seen])
+    def _distances(self) -> Distances:
+        from cspace.map.clearance import Distances
+
+        return self._distances_kept.get(lambda: Distances(self._map, self._exterior, self._lock))
 
     # ---- kernels and checks ------------------------------------------------------------------------------------------
 
@@ -927,59 +942,3 @@ class CSpace:
         from cspace.outside import Outside
 
         return [Outside(row[:-1], int(row[-1])) for row in self._exterior.table]
-
-    @property
-    def _lookups(self) -> Any:
-        from cspace.plane import PlaneLookups
-        from cspace.spatial.lookups import SpatialLookups
-        from cspace.turning.lookups import TurningLookups
-
-        frame = read_only(np.array([*self.grid.lower, self.grid.spacing, *self.grid.upper]))
-
-        def make() -> Any:
-            if self.grid.dim == 3:
-                return SpatialLookups(self._seen[0], frame, self._outsides[0])
-            if self.rotations is None:
-                return PlaneLookups(self._seen[0], frame, self._outsides[0])
-            return TurningLookups(self._seen, self._slice_of, self.rotations, frame, self._outsides)
-
-        return self._distances.get(make)
-
-    def open_chain(self, q0: ArrayLike, q1: ArrayLike, closed: Bools | None = None) -> Ints:
-        """A chain of FREE and MIXED cells between two configurations, with as few MIXED ones as can be.
-
-        Where :meth:`path_exists` is None, this is where a path has to be looked for with ``exact=True``.
-
-        Parameters
-        ----------
-        q0, q1 : array-like, shape (dof,)
-            Metres, and radians; in the grid.
-        closed : ndarray of bool, shape (rotations, nx, ny) or (1, nx, ny, nz), optional
-            Cells that are left out; one rotation where the robot does not turn.
-
-        Returns
-        -------
-        ndarray of int64, shape (n, 3) or (n, 4)
-            Cells ``(rotation, x, y)`` or ``(0, x, y, z)``, each sharing a side with the next; of length 0 where there
-            is no chain, or one of the two is BLOCKED.
-
-        Raises
-        ------
-        InputError
-            If a configuration is not one of the grid, or ``closed`` is not as stated.
-        """
-        from cspace.connectivity import chain
-
-        ends = [self._cells_of(self._checked(q, name)) for q, name in ((q0, "q0"), (q1, "q1"))]
-        shape = self.grid.shape
-        if any(end.shape != (1 + len(shape),) or (end[1:] < 0).any() or (end[1:] >= shape).any() for end in ends):
-            raise InputError(f"q0 and q1 are {q0!r} and {q1!r}; each must be one configuration in the grid")
-        needed = (len(self.slice_of), *shape)
-        if closed is not None and (getattr(closed, "shape", None) != needed or closed.dtype != np.bool_):
-            raise InputError(
-                f"closed is a {type(closed).__name__} of shape {np.shape(closed)}; it must be a boolean array of shape "
-                f"{needed}, one entry for each cell; leave it out for none"
-            )
-        if BLOCKED in (self.classify(q0), self.classify(q1)):
-            return np.empty((0, 1 + len(shape)), dtype=np.int64)
-        return chain(self.stack, self.slice_of, closed, *ends)

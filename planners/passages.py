@@ -15,6 +15,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.map.chain import open_chain
 from cspace.states import FREE
 from planners.local_planner import LocalPlanner
 from planners.search import Found, Search
@@ -68,7 +69,7 @@ class Passages:
         rotations = 1 if space.dof == space.grid.dim else space.rotations.count
         closed = np.zeros((rotations, *space.grid.shape), dtype=np.bool_)
         while self._left(SHARE) > 0.0:
-            chain = space.open_chain(start, goal, closed)
+            chain = open_chain(space, start, goal, closed)
             if not len(chain):
                 if not closed.any():
                     break

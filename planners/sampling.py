@@ -10,7 +10,7 @@ import numpy as np
 from ompl import base as ob
 from ompl import util as ou
 
-from cspace.sampling import check_rng
+from cspace.map.batches import check_rng
 from cspace.space import CSpace
 from planners.states import kind_of, wrap
 

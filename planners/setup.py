@@ -9,7 +9,7 @@ from ompl import base as ob
 from ompl import geometric as og
 
 from cspace.errors import InputError
-from cspace.sampling import check_rng
+from cspace.map.batches import check_rng
 from cspace.space import CSpace
 from planners.checkers import MotionValidator, StateValidityChecker
 from planners.local_planner import LocalPlanner, local_planner

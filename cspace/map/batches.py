@@ -167,3 +167,11 @@ def as_pairs(edges: ArrayLike, vertices: Floats) -> NDArray[np.int64]:
             f"from 0; pass indices from 0 to {len(vertices) - 1}"
         )
     return pairs.astype(np.int64, copy=False)
+
+
+def check_rng(rng: object) -> np.random.Generator:
+    """``rng`` itself, if it is a Generator."""
+    if not isinstance(rng, np.random.Generator):
+        rule = "it must be a numpy.random.Generator, so that a run can be repeated"
+        raise InputError("rng", f"is {rng!r}", rule, "pass numpy.random.default_rng(0)", value=rng)
+    return rng

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from typing import Any, Protocol
+
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from cspace.compiling import jit
-from cspace.states import FREE, MIXED
+from cspace.errors import InputError
+from cspace.grid import Grid
+from cspace.map.record import Map
+from cspace.rotations import RotationCells
+from cspace.states import BLOCKED, FREE, MIXED
 
 Bytes = NDArray[np.uint8]
 Ints = NDArray[np.int64]
@@ -114,3 +120,59 @@ def chain(
         cells.append(cell.copy())
     found = np.array(cells[::-1], dtype=np.int64)
     return np.delete(found, 1, axis=1) if flat else found
+
+
+class Space(Protocol):
+    """What is asked of a map; :class:`cspace.CSpace` has it all."""
+
+    _rotations: RotationCells
+
+    @property
+    def grid(self) -> Grid: ...
+    @property
+    def _map(self) -> Map: ...
+    def classify(self, q: Any) -> Any: ...
+    def _checked(self, q: ArrayLike, name: str) -> NDArray[np.float64]: ...
+    def _cells_of(self, points: NDArray[np.float64]) -> Ints: ...
+
+
+def open_chain(space: Space, q0: ArrayLike, q1: ArrayLike, closed: NDArray[np.bool_] | None = None) -> Ints:
+    """A chain of FREE and MIXED cells between two configurations, with as few MIXED ones as can be.
+
+    Where :meth:`cspace.CSpace.path_exists` is None, this is where a path has to be looked for with ``exact=True``.
+
+    Parameters
+    ----------
+    space : CSpace
+    q0, q1 : array-like, shape (dof,)
+        Metres, and radians; in the grid.
+    closed : ndarray of bool, shape (rotations, nx, ny) or (rotations, nx, ny, nz), optional
+        Cells that are left out; one rotation where the robot does not turn.
+
+    Returns
+    -------
+    ndarray of int64, shape (n, 1 + d)
+        Cells ``(rotation, x, y)`` or ``(rotation, x, y, z)``, each sharing a side with the next; of length 0 where
+        there is no chain, or one of the two is BLOCKED.
+
+    Raises
+    ------
+    InputError
+        If a configuration is not one of the grid, or ``closed`` is not as stated.
+    """
+    shape = space.grid.shape
+    ends = []
+    for name, q in (("q0", q0), ("q1", q1)):
+        end = space._cells_of(space._checked(q, name))
+        if end.shape != (1 + len(shape),) or (end[1:] < 0).any() or (end[1:] >= shape).any():
+            raise InputError(name, f"is {q!r}", "it must be one configuration in the grid", value=q)
+        ends.append(end)
+    slice_of = space._map.slice_of
+    needed = (len(slice_of), *shape)
+    if closed is not None and (getattr(closed, "shape", None) != needed or closed.dtype != np.bool_):
+        found = f"is a {type(closed).__name__} of shape {np.shape(closed)}"
+        rule = f"it must be a boolean array of shape {needed}, one entry for each cell"
+        raise InputError("closed", found, rule, "leave it out for none")
+    if BLOCKED in (space.classify(q0), space.classify(q1)):
+        return np.empty((0, 1 + len(shape)), dtype=np.int64)
+    return chain(space._map.states, slice_of, space._rotations.neighbors, closed, *ends)

@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.compiling import jit
+from cspace.grid import Grid
+from cspace.rotations import RotationCells
 from cspace.states import FREE
 from cspace.threads import in_chunks
 
@@ -91,6 +93,30 @@ class FreeCells:
         return chosen
 
 
+def sample(
+    free: FreeCells, slice_of: Ints, rotations: RotationCells, grid: Grid, n: int, rng: np.random.Generator
+) -> Floats:
+    """Configurations uniform over the volume of the FREE cells of all rotations, of which there must be one.
+
+    Returns
+    -------
+    ndarray of float64, shape (n, dof)
+    """
+    turns = np.zeros(n, dtype=np.int64)
+    if rotations.dof:
+        sizes = free.counts[slice_of] * rotations.volumes
+        turns = rng.choice(rotations.count, size=n, p=sizes / sizes.sum())
+    samples = np.empty((n, grid.dim + rotations.dof))
+    for s in np.unique(slice_of[turns]):
+        chosen = slice_of[turns] == s
+        count = int(chosen.sum())
+        corner = np.stack(np.unravel_index(free.draw(s, count, rng), grid.shape), axis=-1)
+        within = rng.uniform(EDGE, 1.0 - EDGE, size=(count, grid.dim))
+        samples[chosen, : grid.dim] = grid.lower + grid.spacing * (corner + within)
+    samples[:, grid.dim :] = rotations.sample(turns, EDGE, rng)
+    return samples
+
+
 # ---- the nearest one -------------------------------------------------------------------------------------------------
 
 
@@ -168,10 +194,30 @@ def next_layer(low: Ints, high: Ints, axis: int, value: float, count: int, scale
     return high[axis] - 1, above
 
 
-def nearest_free(state: Bytes, place: Floats) -> Ints | None:
-    """The FREE cell of a slice whose middle is nearest to a place, shape (d,), in cells; None if there is none."""
-    dim = state.ndim
-    layered = state.reshape(*(1,) * (3 - dim), *state.shape)
-    padded = np.array([*(0.5,) * (3 - dim), *place])
-    cell: Ints = nearest_cell(layered, padded, np.empty(2, np.int64), np.empty(2, np.int64))
-    return cell[3 - dim :] if len(cell) else None
+def nearest(states: Bytes, slice_of: Ints, rotations: RotationCells, grid: Grid, q: Floats) -> Floats | None:
+    """Middle of the FREE cell nearest to a configuration, shape (dof,), half a metre counting as much as a radian.
+
+    None where there is no FREE cell. What is far from the configuration is not looked at.
+    """
+    dim = grid.dim
+    place = np.full(3, 0.5)
+    place[3 - dim :] = (q[:dim] - grid.lower) / grid.spacing
+    apart = rotations.distances(q) / 2.0
+    best, least = None, math.inf
+    seen: set[int] = set()
+    for r in np.argsort(apart, kind="stable").tolist():
+        s = int(slice_of[r])
+        if apart[r] >= least:
+            break
+        if s in seen:  # of rotation cells that share a slice, the nearest one
+            continue
+        seen.add(s)
+        cell = nearest_cell(
+            states[s].reshape(*(1,) * (3 - dim), *grid.shape), place, np.empty(2, np.int64), np.empty(2, np.int64)
+        )
+        if len(cell):
+            center = grid.center_of(cell[3 - dim :])
+            distance = math.hypot(*(center - q[:dim])) + apart[r]
+            if distance < least:
+                best, least = np.array([*center, *rotations.centers[r]]), distance
+    return best

@@ -1,1 +1,0 @@
-"""Components of the cells of a map, block by block, so that a change asks for few of them."""
