@@ -10,10 +10,9 @@ from hypothesis import strategies as st
 
 import cspace
 import oracles
-from checks import turned
 from cspace import InputError, Robot, Workspace
-from cspace.rotations import MAX_YAW, TURN, YAW_SLACK, Rotations
 from cspace.map.slices import slice_rasters
+from cspace.rotations import MAX_YAW, TURN, YAW_SLACK, Rotations, Turn
 from strategies import robots, rotation_cells, seeds
 
 # ---- rotation cells --------------------------------------------------------------------------------------------------
@@ -98,70 +97,8 @@ def test_refuses_yaws_that_can_not_be_wrapped():
             cells.cell_of(yaw)
 
 
-# ---- rasters of turned robots ----------------------------------------------------------------------------------------
-
-
-def places(raster):
-    return oracles.raster_offsets(raster)
-
-
-def boxes(offsets, spacing):
-    low = spacing * (np.array(sorted(offsets)).reshape(-1, 2) - 1)
-    return shapely.box(low[:, 0], low[:, 1], low[:, 0] + 2 * spacing, low[:, 1] + 2 * spacing)
-
-
-def distances_of(robot, yaw, shapes):
-    """Distance of shapely geometries to the robot turned to a yaw, discs exactly."""
-    q = np.array([[0.0, 0.0, yaw]])
-    if len(robot.radii):
-        centers = shapely.points(turned(robot.centers, q)[0])
-        each = shapely.distance(np.asarray(shapes)[:, None], centers) - robot.radii
-        return np.maximum(each.min(axis=1), 0.0)
-    return shapely.distance(shapes, shapely.transform(robot.geometry, lambda points: turned(points, q)[0]))
-
-
-@settings(max_examples=40)
-@given(robots(), st.floats(-7, 7), st.sampled_from([0.0, 0.2]))
-def test_a_turned_robot_has_the_rasters_of_its_definition(robot, yaw, margin):
-    h = 0.25
-    outer, inner = (places(raster) for raster in robot.rasters(h, margin, yaw=yaw))
-    around = {(i, j) for i in range(-16, 17) for j in range(-16, 17)}
-    distances = distances_of(robot, yaw, boxes(around, h))
-    for offset, distance in zip(sorted(around), distances, strict=True):
-        if abs(distance - margin) > 1e-7:
-            assert (offset in outer) == (distance < margin), offset
-        elif distance <= margin - 1e-12:
-            assert offset in outer
-    lattice = shapely.points(h * np.array(sorted(inner)).reshape(-1, 2))
-    assert (distances_of(robot, yaw, lattice) == 0.0).all()
-
-
-@settings(max_examples=60)
-@given(robots(), st.floats(-7, 7), st.floats(0, 3.2), st.sampled_from([0.0, 0.1]), seeds)
-def test_rasters_of_a_rotation_cell_hold_for_every_yaw_in_it(robot, yaw, sweep, margin, seed):
-    h = 0.2
-    outer, inner = (places(raster) for raster in robot.rasters(h, margin, yaw=yaw, sweep=sweep))
-    t = np.concatenate([[-1.0, 0.0, 1.0], np.random.default_rng(seed).uniform(-1, 1, 5)])
-    for one in yaw + sweep * t:
-        outer_there, inner_there = (places(raster) for raster in robot.rasters(h, margin, yaw=one))
-        assert outer_there <= outer
-        assert inner <= inner_there
-
-
-@settings(max_examples=40)
-@given(robots(), st.floats(-7, 7), st.floats(0, 1), st.floats(1, 3))
-def test_wider_rotation_cells_have_wider_rasters(robot, yaw, sweep, more):
-    outer, inner = (places(raster) for raster in robot.rasters(0.2, yaw=yaw, sweep=sweep))
-    wider_outer, wider_inner = (places(raster) for raster in robot.rasters(0.2, yaw=yaw, sweep=sweep * more))
-    assert outer <= wider_outer and wider_inner <= inner
-
-
-def test_growth_is_point_by_point():
-    """Next to the reference point the raster must not grow as at the far end."""
-    robot = Robot.rectangle(4.0, 0.05, (2.0, 0.0))
-    outer, _ = robot.rasters(0.1, sweep=0.1)
-    width = {x: sum(1 for i, _ in places(outer) if i == x) for x in (0, 38)}
-    assert width[0] <= 5 and width[38] >= 9
+def rotation(yaw):
+    return np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
 
 
 # ---- quarter turns and symmetry --------------------------------------------------------------------------------------
@@ -174,18 +111,8 @@ def test_quarter_turns_by_permutation_are_fresh_rasters(robot, count, margin):
     made = slice_rasters(robot, 0.17, margin, cells)
     turns = zip(cells.representatives.tolist(), cells.covering_angles.tolist(), strict=True)
     for pair, (yaw, sweep) in zip(made, turns, strict=False):
-        fresh = robot.rasters(0.17, margin, yaw=yaw, sweep=sweep)
-        assert [places(raster) for raster in pair] == [places(raster) for raster in fresh]
-
-
-@pytest.mark.parametrize("turns", [0, 1, 2, 3, 4, -1])
-def test_a_quarter_turn_moves_each_offset(turns):
-    outer, inner = Robot.polygon([(0.1, 0.0), (0.9, 0.1), (0.3, 0.7)]).rasters(0.1)
-    for raster in (outer, inner):
-        expected = places(raster)
-        for _ in range(turns % 4):
-            expected = {(-y, x) for x, y in expected}
-        assert places(raster.quarter_turned(turns)) == expected
+        fresh = robot.rasters(0.17, margin, Turn(rotation(yaw), sweep, about_z=True))
+        assert [oracles.raster_offsets(one) for one in pair] == [oracles.raster_offsets(one) for one in fresh]
 
 
 SYMMETRIC = {

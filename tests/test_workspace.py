@@ -88,7 +88,7 @@ def test_repr_is_short() -> None:
         ({"lower": (0.0, 0.0, 0.0)}, "lower is .* occupied has 2 axes"),
         ({"lower": (0.0, float("inf"))}, r"lower\[1\] is inf"),
         ({"inner": np.zeros((3, 2), dtype=bool)}, r"inner has shape \(3, 2\)"),
-        ({"inner": np.ones((2, 3), dtype=bool)}, r"cell \(0, 2\) is in inner"),
+        ({"inner": np.ones((2, 3), dtype=bool)}, r"holds cell \(0, 2\)"),
     ],
 )
 def test_bad_arrays(arguments: dict[str, Any], message: str) -> None:

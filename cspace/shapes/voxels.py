@@ -250,7 +250,7 @@ class Voxels(Shape):
             return super().outline
         import shapely
 
-        return shapely.build_area(shapely.union_all(shapely.linestrings(self._segments.reshape(-1, 2, 2))))
+        return shapely.union_all(shapely.box(*self._boxes.lows.T, *self._boxes.highs.T))
 
     @property
     def surface(self) -> Surface:

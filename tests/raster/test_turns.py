@@ -1,0 +1,218 @@
+"""Rasters of shapes that turn, in the plane and in space."""
+
+import math
+from itertools import product
+
+import numpy as np
+import pytest
+import shapely
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from cspace import Mesh, Robot
+from cspace.rotations import STILL, Turn
+from cspace.shapes import Balls, Box, Voxels
+from strategies import robots, seeds
+
+
+def yaw_turn(yaw, covering_angle=0.0, dim=2):
+    return Turn(Rotation.from_rotvec([0, 0, yaw]).as_matrix()[:dim, :dim], covering_angle, about_z=True)
+
+
+def places(raster):
+    return set(map(tuple, (np.argwhere(raster.cells) + raster.lower).tolist()))
+
+
+def rasters(robot, spacing, margin=0.0, turn=STILL):
+    return [places(raster) for raster in robot.rasters(spacing, margin, turn)]
+
+
+# ---- the plane -------------------------------------------------------------------------------------------------------
+
+
+def boxes(offsets, spacing):
+    low = spacing * (np.array(sorted(offsets)).reshape(-1, 2) - 1)
+    return shapely.box(low[:, 0], low[:, 1], low[:, 0] + 2 * spacing, low[:, 1] + 2 * spacing)
+
+
+def distances_of(robot, turn, geometries):
+    """Distance of shapely geometries to the turned robot, discs exactly."""
+    shape = robot.shape
+    if isinstance(shape, Balls):
+        centers = shapely.points(shape.centers @ turn.matrix.T)
+        each = shapely.distance(np.asarray(geometries)[:, None], centers) - shape.radii
+        return np.maximum(each.min(axis=1), 0.0)
+    return shapely.distance(geometries, shapely.transform(shape.outline, lambda points: points @ turn.matrix.T))
+
+
+@settings(max_examples=30)
+@given(robots(), st.floats(-7, 7), st.sampled_from([0.0, 0.2]))
+def test_a_turned_robot_has_the_rasters_of_its_definition(robot, yaw, margin):
+    h, turn = 0.25, yaw_turn(yaw)
+    outer, inner = rasters(robot, h, margin, turn)
+    around = sorted((i, j) for i in range(-16, 17) for j in range(-16, 17))
+    for offset, distance in zip(around, distances_of(robot, turn, boxes(around, h)), strict=True):
+        if abs(distance - margin) > 1e-7:
+            assert (offset in outer) == (distance < margin), offset
+        elif distance <= margin - 1e-12:
+            assert offset in outer
+    lattice = shapely.points(h * np.array(sorted(inner)).reshape(-1, 2))
+    assert (distances_of(robot, turn, lattice) == 0.0).all()
+
+
+@settings(max_examples=40)
+@given(robots(), st.floats(-7, 7), st.floats(0, 3.2), st.sampled_from([0.0, 0.1]), seeds)
+def test_rasters_of_a_rotation_cell_hold_for_every_yaw_in_it(robot, yaw, angle, margin, seed):
+    outer, inner = rasters(robot, 0.2, margin, yaw_turn(yaw, angle))
+    t = np.concatenate([[-1.0, 0.0, 1.0], np.random.default_rng(seed).uniform(-1, 1, 5)])
+    for one in yaw + angle * t:
+        outer_there, inner_there = rasters(robot, 0.2, margin, yaw_turn(one))
+        assert outer_there <= outer
+        assert inner <= inner_there
+
+
+@pytest.mark.parametrize("robot", [Robot.rectangle(4.0, 0.05, (2.0, 0.0)), Robot.box((4.0, 0.05, 0.2), (2.0, 0.0, 0.0))])
+def test_growth_is_point_by_point(robot):
+    """Next to the reference point the raster must not grow as at the far end."""
+    outer, _ = robot.rasters(0.1, 0.0, yaw_turn(0.0, 0.1, robot.dim))
+    width = {x: len({offset[1] for offset in places(outer) if offset[0] == x}) for x in (0, 38)}
+    assert width[0] <= 5
+    assert width[38] >= 9
+
+
+# ---- space -----------------------------------------------------------------------------------------------------------
+
+TORUS = trimesh.creation.torus(0.4, 0.15, major_sections=16, minor_sections=8)
+CAVITY = trimesh.util.concatenate([trimesh.creation.box((1.0, 0.8, 0.6)), trimesh.creation.box((0.6, 0.5, 0.3))])
+CAVITY.faces[12:] = CAVITY.faces[12:, ::-1]
+BITMAP = np.array([[[1, 1], [1, 0]], [[1, 0], [0, 0]], [[1, 0], [0, 1]]], dtype=bool)
+
+SOLID = {
+    "box": lambda: Robot.box((0.7, 0.4, 0.2), (0.2, 0.1, 0.0)),
+    "balls": lambda: Robot.balls([(0.2, 0.0, 0.1), (-0.3, 0.1, 0.0)], [0.2, 0.15]),
+    "cells": lambda: Robot.cells(BITMAP, 0.17, (-0.2, -0.1, -0.1)),
+    "torus": lambda: Robot.mesh((TORUS.vertices, TORUS.faces)),
+    "cavity": lambda: Robot.mesh((CAVITY.vertices, CAVITY.faces)),
+    "surface": lambda: Robot.mesh((TORUS.vertices, TORUS.faces), solid="surface"),
+}
+
+
+def some_turn(rng, about_z, angle=0.0):
+    rotation = Rotation.from_rotvec([0, 0, rng.uniform(-4, 4)]) if about_z else Rotation.random(rng=rng)
+    return Turn(rotation.as_matrix(), angle, about_z)
+
+
+def within(rng, turn):
+    """A rotation of a cell, often one of its border."""
+    way = np.array([0.0, 0.0, rng.choice([-1.0, 1.0])]) if turn.about_z else rng.normal(size=3)
+    angle = turn.covering_angle * min(1.0, rng.uniform(0.0, 1.3))
+    matrix = Rotation.from_rotvec(way / np.linalg.norm(way) * angle).as_matrix() @ turn.matrix
+    return Turn(matrix, 0.0, turn.about_z)
+
+
+@pytest.mark.parametrize("name", SOLID)
+@pytest.mark.parametrize("about_z", [False, True])
+def test_rasters_in_space_hold_for_every_rotation_of_the_cell(name, about_z):
+    robot, rng = SOLID[name](), np.random.default_rng(len(name))
+    for angle, margin in ((0.03, 0.0), (0.2, 0.07), (2.0, 0.0)):
+        turn = some_turn(rng, about_z, angle)
+        outer, inner = rasters(robot, 0.12, margin, turn)
+        for _ in range(4):
+            outer_there, inner_there = rasters(robot, 0.12, margin, within(rng, turn))
+            assert outer_there <= outer
+            assert inner <= inner_there
+        if angle == 0.03 and name != "surface":
+            assert inner
+
+
+def separate(low, high, box, matrix):
+    """Whether axis-aligned boxes (n, 3) and a turned box are apart, by separating axes; and by how much at least."""
+    corners = np.array(list(product(*zip(*box, strict=True)))) @ matrix.T
+    axes = [*np.eye(3), *matrix.T, *(np.cross(a, b) for a in np.eye(3) for b in matrix.T)]
+    gap = np.full(len(low), -np.inf)
+    for axis in axes:
+        length = np.linalg.norm(axis)
+        if length < 1e-9:
+            continue
+        along, first = corners @ axis / length, np.where(axis > 0, low, high) @ axis / length
+        last = np.where(axis > 0, high, low) @ axis / length
+        gap = np.maximum(gap, np.maximum(along.min() - last, first - along.max()))
+    return gap
+
+
+@settings(max_examples=25)
+@given(seeds, st.booleans(), st.sampled_from([0.1, 0.25]))
+def test_turned_boxes_agree_with_separating_axes(seed, about_z, spacing):
+    rng = np.random.default_rng(seed)
+    box = Box(rng.uniform(0.05, 1.2, 3), rng.uniform(-0.5, 0.5, 3))
+    turn = some_turn(rng, about_z)
+    outer, inner = box.rasters(spacing, 0.0, turn)
+    points = np.moveaxis(np.indices(np.array(outer.cells.shape) + 4), 0, -1).reshape(-1, 3) - 2 + outer.lower
+    gap = separate((points - 1) * spacing, (points + 1) * spacing, box.bounds, turn.matrix)
+    met, held = places(outer), places(inner)
+    found = np.array([tuple(point) in met for point in points.tolist()])
+    assert found[gap < -1e-7].all()
+    assert not found[gap > 1e-7].any()
+    back = points * spacing @ turn.matrix
+    depth = np.minimum(back - box.lower, box.upper - back).min(axis=1)
+    found = np.array([tuple(point) in held for point in points.tolist()])
+    assert found[depth > 1e-6].all()
+    assert not found[depth < 0.0].any()
+
+
+@settings(max_examples=15)
+@given(seeds, st.booleans(), st.sampled_from([0.0, 0.1]))
+def test_turned_voxels_are_the_union_of_their_boxes(seed, about_z, margin):
+    rng = np.random.default_rng(seed)
+    occupied = rng.random(rng.integers(1, 4, 3)) < 0.6
+    occupied[0, 0, 0] = True
+    side, lower, turn = 0.2, rng.uniform(-0.5, 0.2, 3), some_turn(rng, about_z)
+    outer, inner = rasters(Voxels(occupied, side, lower), 0.07, margin, turn)
+    parts = [
+        rasters(Box(np.full(3, side), lower + side * (np.array(cell) + 0.5)), 0.07, margin, turn)
+        for cell in np.argwhere(occupied)
+    ]
+    assert outer == set().union(*(part[0] for part in parts))
+    assert set().union(*(part[1] for part in parts)) <= inner <= outer
+
+
+@settings(max_examples=15)
+@given(seeds, st.booleans(), st.sampled_from(["auto", "surface", "fill"]), st.sampled_from([0.0, 0.1]))
+def test_a_turned_mesh_is_the_mesh_of_turned_vertices(seed, about_z, solid, margin):
+    rng = np.random.default_rng(seed)
+    vertices, turn = np.asarray(CAVITY.vertices) + rng.uniform(-0.3, 0.3, 3), some_turn(rng, about_z)
+    turned = Mesh.of((vertices @ turn.matrix.T, CAVITY.faces), solid).rasters(0.08, margin)
+    for mine, there in zip(Mesh.of((vertices, CAVITY.faces), solid).rasters(0.08, margin, turn), turned, strict=True):
+        assert places(mine) == places(there)
+
+
+def test_a_filled_robot_holds_its_inside_at_every_rotation():
+    robot = Robot.mesh((TORUS.vertices, TORUS.faces), solid="fill")
+    turn = Turn(Rotation.from_rotvec([0.3, 0.2, 0.1]).as_matrix(), 0.1)
+    outer, inner = rasters(robot, 0.08, 0.0, turn)
+    assert not inner
+    solid = Robot.mesh((TORUS.vertices, TORUS.faces))
+    assert rasters(solid, 0.08, 0.0, turn)[0] <= outer
+
+
+@pytest.mark.parametrize("turns", [0, 1, 2, 3, 4, -1])
+@pytest.mark.parametrize(
+    "robot", [Robot.polygon([(0.1, 0.0), (0.9, 0.1), (0.3, 0.7)]), Robot.ball(0.33, (0.41, 0.12, 0.27))]
+)
+def test_a_quarter_turn_moves_each_offset(robot, turns):
+    for raster in robot.rasters(0.1):
+        expected = places(raster)
+        for _ in range(turns % 4):
+            expected = {(-y, x, *rest) for x, y, *rest in expected}
+        assert places(raster.quarter_turned(turns)) == expected
+
+
+@pytest.mark.parametrize("name", SOLID)
+def test_quarter_turns_by_permutation_are_fresh_rasters(name):
+    robot, angle = SOLID[name](), 0.1
+    first = robot.rasters(0.083, 0.02, yaw_turn(0.0, angle, 3))
+    for turns in range(1, 4):
+        fresh = robot.rasters(0.083, 0.02, yaw_turn(turns * math.pi / 2, angle, 3))
+        assert [places(raster.quarter_turned(turns)) for raster in first] == [places(raster) for raster in fresh]
