@@ -107,7 +107,7 @@ def write_inputs(folder: Path) -> dict[str, Path]:
     files = {"floor_plan": folder / "flat.geojson", "house": folder / "house.stl"}
     files["floor_plan"].write_text(shapely.to_geojson(shapely.GeometryCollection(floor_plan())), encoding="utf-8")
     boxes = [trimesh.creation.box(bounds=corners) for corners in _HOUSE]
-    trimesh.util.concatenate(boxes).export(files["house"])
+    trimesh.util.concatenate(boxes).export(files["house"])  # type: ignore[no-untyped-call]
     return files
 
 

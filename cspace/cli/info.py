@@ -108,15 +108,14 @@ def describe_map(space: CSpace) -> dict[str, Any]:
 
     counts = space.count()
     grid, rotations = space.grid, space.rotations
-    record: Any = getattr(space, "_map", space)
-    states = record.states if hasattr(record, "states") else record.stack
-    kept = [states, *space.fields.values()] + ([] if space.overlaps is None else [space.overlaps])
+    states, fields = space._map.states, space._fields
+    kept: list[Any] = [states, *fields.values()] + ([] if space.overlaps is None else [space.overlaps])
     turning: dict[str, Any] = {}
     if rotations is None:
         measure = {f"free_{_MEASURES[grid.dim]}": counts[0] * grid.spacing**grid.dim}
     else:
         widths = np.diff(rotations.borders)
-        free = np.array([np.count_nonzero(part == FREE) for part in states])[record.slice_of]
+        free = np.array([np.count_nonzero(part == FREE) for part in states])[space._map.slice_of]
         # Each rotation cell counts by its width.
         mean = float(free @ widths / widths.sum()) * grid.spacing**grid.dim
         measure = {f"mean_free_{_MEASURES[grid.dim]}": mean}
@@ -139,7 +138,7 @@ def describe_map(space: CSpace) -> dict[str, Any]:
         "margin_m": space.margin,
         "precision": space.precision,
         "overlaps": space.overlaps is not None,
-        **({"overlap_field": True} if space.fields else {}),
+        **({"overlap_field": True} if fields else {}),
         "memory_bytes": sum(array.nbytes for array in kept),
     }
 

@@ -230,7 +230,7 @@ def export(
 ) -> None:
     """Write a saved map for other software."""
     from cspace.io.reading import open_map
-    from cspace.io.writing import EXPORTS, export
+    from cspace.io.writing import EXPORTS
 
     check_outputs([output], EXPORTS, overwrite)
     turn = None if yaw is None else angle(yaw, "--yaw")
@@ -240,5 +240,5 @@ def export(
     with clock.step("read"):
         space = open_map(file)
     with clock.step("write"):
-        export(space, output, overwrite=overwrite, **given(yaw=turn))
+        space.export(output, overwrite=overwrite, **given(yaw=turn))
     show({"output": str(output), **describe_map(space), "seconds": clock.seconds}, as_json)

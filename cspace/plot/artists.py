@@ -59,15 +59,10 @@ def classes_of(space: MapLike, yaw: float | None, layer: tuple[Any, ...] = ()) -
     occupied = space.workspace.outer[layer]
     if space.dof == space.grid.dim or yaw is not None:
         return classes_at(occupied, space.slice_at(0.0 if yaw is None else yaw)[layer])
-    states = _slices(space)[(slice(None), *layer)]
+    states = space._map.states[(slice(None), *layer)]
     classes = classes_at(occupied, states.min(axis=0))
     classes[(classes == OPEN) & (states.max(axis=0) != FREE)] = SOME
     return classes
-
-
-def _slices(space: Any) -> NDArray[np.uint8]:
-    """The slices that differ, shape (slices, ...)."""
-    return np.asarray(space._map.states if hasattr(space, "_map") else space.stack)
 
 
 def classes_at(occupied: NDArray[np.bool_], state: NDArray[np.uint8]) -> Classes:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.grid import Grid
+from cspace.map.record import Map
 from cspace.rotations import Rotations
 
 Floats = NDArray[np.float64]
@@ -56,5 +57,5 @@ class MapLike(Protocol):
     @property
     def workspace(self) -> WorkspaceLike: ...
     @property
-    def state(self) -> NDArray[np.uint8]: ...
+    def _map(self) -> Map: ...
     def slice_at(self, yaw: float, /) -> NDArray[np.uint8]: ...

@@ -68,8 +68,7 @@ def draw_yaw_panels(space: MapLike, route: Route, *, yaw: Any, at: Any, legend: 
 
 def _distinct(space: Any) -> Floats:
     """Middle yaws of at most so many rotation cells whose slices differ, spread evenly, shape (n,)."""
-    slices = space._map.slice_of if hasattr(space, "_map") else space.slice_of
-    first = np.sort(np.unique(slices, return_index=True)[1])
+    first = np.sort(np.unique(space._map.slice_of, return_index=True)[1])
     count = min(PANELS, len(first))
     chosen: Floats = space.rotations.representatives[first[np.arange(count) * len(first) // count]]
     return chosen
