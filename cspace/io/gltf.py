@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 from urllib.parse import unquote
@@ -191,7 +191,7 @@ def _header(data: bytes, file: Path) -> dict[str, Any]:
     return header
 
 
-class _Beside:
+class _Beside(Mapping[str, bytes]):
     """Files that a glTF file names: beside it or below, and nowhere else."""
 
     def __init__(self, file: Path) -> None:
@@ -203,3 +203,9 @@ class _Beside:
         if not other.resolve().is_relative_to(folder.resolve()):
             raise damaged(self.file, f"has its data in {uri!r:.80}, outside of its folder")
         return read_bytes(other, "buffer of glTF")
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(())
+
+    def __len__(self) -> int:
+        return 0

@@ -52,7 +52,8 @@ def to_xarray(space: SavedMap) -> xarray.Dataset:
     import xarray
 
     dim, turns = space.grid.dim, space.rotations is not None
-    variables, labels = {}, {}
+    variables: dict[str, Any] = {}
+    labels: dict[str, Any] = {}
     for name, array in ({"inner": space.workspace.inner} | arrays_of(space)).items():
         axes = axes_of(name, dim)
         if axes[0] == "slice":

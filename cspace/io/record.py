@@ -190,7 +190,9 @@ def arrays_of(space: SavedMap) -> dict[str, NDArray[Any]]:
     arrays: dict[str, NDArray[Any]] = {"state": space._seen, "outer": workspace.outer, "slice_of": space._slice_of}
     if workspace.inner is not workspace.outer:
         arrays["inner"] = workspace.inner
-    stacked = dict(space._fields) if space.overlaps is None else {"overlap": space.overlaps, **space._fields}
+    stacked: dict[str, NDArray[Any]] = dict(space._fields)
+    if space.overlaps is not None:
+        stacked["overlap"] = space.overlaps
     arrays |= {name: array.reshape(space._seen.shape) for name, array in stacked.items()}
     arrays |= {axis: grid.centers(i) for i, axis in enumerate(AXES[: grid.dim])}
     if space.rotations is not None:

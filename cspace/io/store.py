@@ -231,7 +231,7 @@ def _array(
     # Before reading: a forged shape could ask for more memory than there is.
     check_kind(name, array, metadata, path)
     check_bytes(Path(path) / name, array.nbytes if number is None else array.nbytes // array.shape[0], "unpacks to")
-    codecs = {codec.to_dict()["name"] for codec in array.metadata.codecs}
+    codecs = {codec["name"] for codec in json.loads(files[f"{name}/{_ROOT}"])["codecs"]}
     if not codecs <= _CODECS:
         raise unusable(path, f"its array {name!r} is encoded with {', '.join(map(str, codecs))}")
     front = () if number is None else (number,)
