@@ -26,7 +26,9 @@ _FEW: Final = 20
 
 
 class WeightedLength(ob.OptimizationObjective):
-    """Length, in which a metre of path costs ``1 + weight * penalty(q)**2``, integrated along each edge.
+    """Length, in which a metre of path costs ``1 + weight * max(0, penalty)**2``, integrated along each edge.
+
+    The penalty of a configuration is ``offset + slope * value``, of a value that is looked up.
 
     The integral takes the middles of steps of at most one cell and 5 degrees. The cost is never below the length, which
     OMPL may use as a bound. Metres are those of OMPL's SE(2), where a radian of turn counts as half a metre; but for
@@ -39,10 +41,11 @@ class WeightedLength(ob.OptimizationObjective):
     ----------
     si : ompl.base.SpaceInformation
     space : CSpace
-    penalty : callable
-        ``penalty(*q) -> float`` of one configuration; below zero counts as zero.
-    penalties : callable
+    value : callable
+        ``value(*q) -> float`` of one configuration.
+    values : callable
         The same of configurations, shape (n, dof).
+    offset, slope : float
     weight : float
     curve : {"dubins", "reeds-shepp"}, optional
     turning_radius : float, optional
@@ -59,9 +62,11 @@ class WeightedLength(ob.OptimizationObjective):
         self,
         si: ob.SpaceInformation,
         space: CSpace,
-        penalty: Callable[..., float],
-        penalties: Callable[[Floats], Floats],
+        value: Callable[..., float],
+        values: Callable[[Floats], Floats],
         *,
+        offset: float = 0.0,
+        slope: float = 1.0,
         weight: float = 10.0,
         curve: str | None = None,
         turning_radius: float | None = None,
@@ -71,7 +76,8 @@ class WeightedLength(ob.OptimizationObjective):
             raise InputError(
                 "weight", f"is {weight!r}", "it must be one number, zero or above", "pass 10.0", value=weight
             )
-        self._penalty, self._penalties, self._weight = penalty, penalties, float(weight)
+        self._value, self._values = value, values
+        self._offset, self._slope, self._weight = offset, slope, float(weight)
         self._edges = local_planner(space, False, curve, turning_radius)
         self._kind, self._step = kind_of(space), space.grid.spacing
         self._turn_weight = TURN_WEIGHT if curve is None else 0.0
@@ -81,7 +87,8 @@ class WeightedLength(ob.OptimizationObjective):
 
     def stateCost(self, state: ob.State) -> ob.Cost:  # noqa: N802 - OMPL's name
         """Cost of a metre of path at a state."""
-        return ob.Cost(1.0 + self._weight * max(0.0, self._penalty(*self._kind.read(state))) ** 2)
+        penalty = self._offset + self._slope * self._value(*self._kind.read(state))
+        return ob.Cost(1.0 + self._weight * max(0.0, penalty) ** 2)
 
     def motionCost(self, first: ob.State, second: ob.State) -> ob.Cost:  # noqa: N802 - OMPL's name
         """Cost of an edge: the costs of a metre at the middles of its steps times their lengths."""
@@ -100,22 +107,28 @@ class WeightedLength(ob.OptimizationObjective):
     def _cost_of_pieces(self, first: Configuration, second: Configuration) -> float:
         pieces = self._edges.pieces(np.array([first, second]), self._step, DENSE_TURN)
         lengths = pieces.lengths + self._turn_weight * pieces.turns
-        penalties = np.maximum(0.0, self._penalties(pieces.middles))
+        penalties = np.maximum(0.0, self._offset + self._slope * self._values(pieces.middles))
         return float(lengths.sum() + self._weight * (lengths @ (penalties * penalties)))
 
     def _straight_cost(self, first: Configuration, second: Configuration) -> float:
         """The same where nothing turns: few steps are looked up one by one."""
         length = math.dist(first, second)
         steps = math.ceil(length / self._step)
+        if not steps:
+            return 0.0
         if steps > _FEW:
-            return self._cost_of_pieces(first, second)
-        penalty, total = self._penalty, 0.0
-        for k in range(steps):
-            share = (k + 0.5) / steps
-            here = penalty(*[a + share * (b - a) for a, b in zip(first, second, strict=True)])
-            if here > 0.0:
-                total += here * here
-        return length * (1.0 + self._weight * total / steps) if steps else 0.0
+            share = (np.arange(0.5, steps) / steps)[:, None]
+            points = np.array(first) + share * np.subtract(second, first)
+            penalties = np.maximum(0.0, self._offset + self._slope * self._values(points))
+            total = float(penalties @ penalties)
+        else:
+            value, offset, slope, total = self._value, self._offset, self._slope, 0.0
+            moves = [(a, (b - a) / steps) for a, b in zip(first, second, strict=True)]
+            for k in range(steps):
+                penalty = offset + slope * value(*[a + (k + 0.5) * move for a, move in moves])
+                if penalty > 0.0:
+                    total += penalty * penalty
+        return length * (1.0 + self._weight * total / steps)
 
 
 class ClearanceObjective(WeightedLength):
@@ -155,12 +168,13 @@ class ClearanceObjective(WeightedLength):
     ) -> None:
         grid = space.grid
         scale = 1.0 / (COMFORT * grid.spacing * max(grid.shape) if comfort is None else positive(comfort, "comfort"))
-        clearance = space.clearance_checker()
         super().__init__(
             si,
             space,
-            lambda *q: 1.0 - scale * clearance(*q),
-            lambda points: 1.0 - scale * space.clearance(points),
+            space.clearance_checker(),
+            space.clearance,
+            offset=1.0,
+            slope=-scale,
             weight=weight,
             curve=curve,
             turning_radius=turning_radius,
@@ -208,12 +222,12 @@ class OverlapObjective(WeightedLength):
     ) -> None:
         known = overlap_field(space, field)
         whole = _largest_free(space, known) if full is None else positive(full, "full", "metres to the power of d")
-        overlap = known.checker()
         super().__init__(
             si,
             space,
-            lambda *q: overlap(*q) / whole,
-            lambda points: known.at(points) / whole,
+            known.checker(),
+            known.at,
+            slope=1.0 / whole,
             weight=weight,
             curve=curve,
             turning_radius=turning_radius,

@@ -1,86 +1,105 @@
-"""Maps to plan on, and what holds of every plan."""
+"""Maps to plan on in every space, and what holds of every plan."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
+from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
+from ompl import base as ob
 
 import planners
 from cspace import BLOCKED, FREE, CSpace, Robot, Workspace, build
-from cspace.shapes import Box
 from cspace.rotations import Rotations
+from planners.states import kind_of
 
-START, GOAL = (1.0, 1.0), (9.0, 5.0)
+SPACES = ("plane", "turning", "space")
+ENDS: dict[str, tuple[Any, Any]] = {
+    "plane": ((1.0, 1.0), (9.0, 5.0)),
+    "turning": ((0.8, 0.8, 0.0), (5.0, 3.2, 2.0)),
+    "space": ((0.5, 0.5, 0.4), (3.5, 1.4, 1.6)),
+}
+"""Start and goal in each room."""
 
-
-def room() -> CSpace:
-    """A room of 10 m by 6 m with two walls across it, for a disc of 0.2 m."""
-    occupied = np.zeros((100, 60), dtype=bool)
-    occupied[30:33, :45] = True
-    occupied[65:68, 20:] = True
-    return build(Workspace.from_array(occupied, 0.1), Robot.disc(0.2))
-
-
-def with_state(state: np.ndarray) -> CSpace:
-    """A map whose cells, of 1 m, have the given states."""
-    workspace = Workspace.from_array(state == BLOCKED, 1.0)
-    return CSpace(workspace, Robot.disc(0.1), state, outside="blocked", margin=0.0, precision="float64")
+CAR = {"turning_radius": 0.4}
+ANYTIME = {"AORRTC", "BITstar", "InformedRRTstar", "PRMstar", "RRTstar", "SORRTstar"}
+"""Planners that go on improving their path until their time is over."""
 
 
-def halves(between: int) -> CSpace:
-    """Two free halves of 9 m by 9 m with a wall of another state between them."""
-    state = np.full((19, 9), FREE, dtype=np.uint8)
-    state[9] = between
-    return with_state(state)
+@cache
+def room(name: str) -> CSpace:
+    """A room with two walls across it, for a disc, a rectangle that turns, or a box in space."""
+    if name == "plane":
+        occupied = np.zeros((100, 60), dtype=bool)
+        occupied[30:33, :45] = True
+        occupied[65:68, 20:] = True
+        return build(Workspace.from_array(occupied, 0.1), Robot.disc(0.2))
+    if name == "turning":
+        occupied = np.zeros((60, 40), dtype=bool)
+        occupied[18:20, :26] = True
+        occupied[40:42, 14:] = True
+        return build(Workspace.from_array(occupied, 0.1), Robot.rectangle(0.6, 0.3), rotations=24)
+    occupied = np.zeros((40, 20, 20), dtype=bool)
+    occupied[13:15, :, :13] = True
+    occupied[26:28, :11] = True
+    return build(Workspace.from_array(occupied, 0.1), Robot.box((0.3, 0.3, 0.1)))
 
 
-def distances(space: CSpace, points: np.ndarray) -> np.ndarray:
-    """Distances of points in the grid to the nearest configuration that is not FREE, by trying every cell."""
-    lower, upper = np.array(space.grid.lower), np.array(space.grid.upper)
-    corners = lower + space.grid.spacing * np.argwhere(space.state != FREE)
-    rim = np.minimum(points - lower, upper - points).min(axis=-1)
-    if not len(corners):
-        return rim
-    apart = np.maximum(np.maximum(corners - points[:, None], points[:, None] - corners - space.grid.spacing), 0.0)
-    return np.minimum(rim, np.linalg.norm(apart, axis=-1).min(axis=-1))
+@cache
+def open_map(name: str) -> CSpace:
+    """A map without an obstacle, open to all sides."""
+    workspace = Workspace.from_array(np.zeros((9, 8, 7)[: 3 if name == "space" else 2], dtype=bool), 1.0)
+    robot = Robot.ball(0.1) if name == "space" else Robot.disc(0.1)
+    return build(workspace, robot, outside="free", rotations=4 if name == "turning" else None)
 
 
-def check(space: CSpace, found: planners.Plan, start: Any = START, goal: Any = GOAL) -> None:
-    """What holds of every solved plan, told by look-ups of single configurations."""
-    path = found.path
-    assert found.solved and found.certified and found.path_exists is True
-    assert path.dtype == np.float64 and path.ndim == 2 and not path.flags.writeable
-    assert tuple(path[0]) == tuple(start) and tuple(path[-1]) == tuple(goal)
-    assert found.length == pytest.approx(np.linalg.norm(np.diff(path, axis=0), axis=-1).sum())
-    assert found.length >= math.dist(start, goal) * (1 - 1e-12)
-    along = np.linspace(0.0, 1.0, 100)[:, None, None]
-    dense = path[:-1] + along * (path[1:] - path[:-1]) if len(path) > 1 else path
-    assert space.is_free(dense).all()
-    least = distances(space, dense.reshape(-1, 2)).min()
-    assert max(0.0, least - 2 * space.grid.spacing) <= found.clearance <= least
-    assert all(seconds >= 0.0 for seconds in dataclasses.astuple(found.times))
-
-
-def turning_room() -> CSpace:
-    """A room of 6 m by 4 m with two walls across it, for a robot of 0.6 m by 0.3 m that turns."""
-    occupied = np.zeros((60, 40), dtype=bool)
-    occupied[18:20, :26] = True
-    occupied[40:42, 14:] = True
-    return build(Workspace.from_array(occupied, 0.1), Robot.rectangle(0.6, 0.3), rotations=24)
-
-
-def turning_halves(between: int) -> CSpace:
-    """Two free halves of 9 m by 9 m with a wall of another state between them, at every yaw."""
-    state = np.full((12, 19, 9), FREE, dtype=np.uint8)
-    state[:, 9] = between
-    workspace = Workspace.from_array(state[0] == BLOCKED, 1.0)
-    robot = Robot.polygon(np.array([(0.1, 0.0), (-0.1, 0.1), (-0.1, -0.1)]))
+def with_state(state: np.ndarray, turning: bool = False, spacing: float = 1.0) -> CSpace:
+    """A map whose cells have the given states; with an axis of rotations first, where the robot turns."""
+    cells = state[0] if turning else state
+    if turning:
+        robot = Robot.polygon(np.array([(0.02, 0.0), (-0.01, 0.01), (-0.01, -0.01)]))
+    else:
+        robot = Robot.disc(0.1) if cells.ndim == 2 else Robot.ball(0.1)
     options: dict[str, Any] = {"outside": "blocked", "margin": 0.0, "precision": "float64"}
-    return CSpace(workspace, robot, state, rotations=Rotations.of(12), **options)
+    options |= {"rotations": Rotations.of(len(state))} if turning else {}
+    return CSpace(Workspace.from_array(cells == BLOCKED, spacing), robot, state, **options)
+
+
+def halves(name: str, between: int) -> tuple[CSpace, Any, Any]:
+    """Two free halves with a wall of another state between them, and a configuration in each."""
+    state = np.full({"plane": (19, 9), "turning": (12, 19, 9), "space": (19, 9, 9)}[name], FREE, dtype=np.uint8)
+    state[(slice(None), 9) if name == "turning" else 9] = between
+    rest: tuple[float, ...] = {"plane": (4.5,), "turning": (4.5, 1.0), "space": (4.5, 4.5)}[name]
+    return with_state(state, name == "turning"), (2.5, *rest), (16.5, *rest)
+
+
+def state_at(space: CSpace, si: Any, q: Any) -> Any:
+    """One of OMPL's states."""
+    state = si.allocState()
+    kind_of(space).write(state, *map(float, q))
+    return state
+
+
+def configurations(space: CSpace, n: int, seed: int) -> np.ndarray:
+    """Random configurations in and around a map, and corners of its cells."""
+    rng = np.random.default_rng(seed)
+    lower, upper = np.array(space.grid.lower), np.array(space.grid.upper)
+    corners = lower + space.grid.spacing * rng.integers(0, np.array(space.grid.shape) + 1, (n // 4, space.grid.dim))
+    q = np.concatenate([rng.uniform(lower - 0.2, upper + 0.2, (n, space.grid.dim)), corners])
+    return np.column_stack([q, rng.uniform(-math.pi, math.pi, (len(q), space.dof - space.grid.dim))])
+
+
+def edges_from(space: CSpace, n: int, seed: int, reach: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    """FREE configurations, and others near them, with yaw in [-pi, pi)."""
+    rng = np.random.default_rng(seed)
+    starts = space.sample_free(n, rng)
+    ends = starts + rng.uniform(-reach, reach, starts.shape)
+    for q in (starts, ends):
+        q[:, space.grid.dim :] = turn_between(0.0, q[:, space.grid.dim :])
+    return starts, ends
 
 
 def turn_between(first: Any, second: Any) -> Any:
@@ -88,45 +107,16 @@ def turn_between(first: Any, second: Any) -> Any:
     return (np.asarray(second) - first + math.pi) % (2 * math.pi) - math.pi
 
 
-def check_turning(space: CSpace, found: planners.Plan, start: Any, goal: Any) -> None:
-    """What holds of every solved plan of a robot that turns, told by look-ups of single configurations."""
-    path, waypoints = found.path, found.waypoints
-    assert found.solved and found.certified
-    assert path.dtype == waypoints.dtype == np.float64 and not path.flags.writeable and not waypoints.flags.writeable
-    assert path.shape[1:] == waypoints.shape[1:] == (3,)
-    for end, row in ((start, path[0]), (goal, path[-1]), (start, waypoints[0]), (goal, waypoints[-1])):
-        assert tuple(row) == (*end[:2], row[2]) and abs(turn_between(row[2], end[2])) < 1e-12
-    assert (path[:, 2] >= -math.pi).all() and (path[:, 2] < math.pi).all()
-    rows = {tuple(row) for row in path.tolist()}
-    assert all(tuple(row) in rows for row in waypoints.tolist())
-    steps = np.hypot(*np.diff(path[:, :2], axis=0).T)
-    turns = turn_between(path[:-1, 2], path[1:, 2])
-    assert (steps <= space.grid.spacing * (1 + 1e-9)).all() and (np.abs(turns) <= math.radians(5) + 1e-9).all()
-    along = np.linspace(0.0, 1.0, 20)[:, None]
-    if found.curve is None:
-        assert found.direction is None
-        assert found.length == pytest.approx(steps.sum())
-        dense = [a + along * np.array([*(b - a)[:2], turn]) for a, b, turn in zip(path, path[1:], turns, strict=False)]
-    else:
-        assert found.turning_radius is not None and found.direction is not None
-        assert len(found.direction) == len(path) and set(found.direction.tolist()) <= {1, -1}
-        assert steps.sum() * (1 - 1e-9) <= found.length <= steps.sum() * 1.01 + 1e-9
-        dense = [
-            on_arc(a, step, turn, way, along[:, 0])
-            for a, step, turn, way in zip(path, steps, turns, found.direction[1:], strict=False)
-        ]
-        # No turn is tighter than the radius, and the robot moves the way it points.
-        assert (np.abs(turns) <= 1.02 * steps / found.turning_radius + 1e-6).all()
-        for b, points in zip(path[1:], dense, strict=True):
-            assert np.abs(points[-1, :2] - b[:2]).max() < 1e-5
-    if dense and not found.exact:
-        assert space.is_free(np.concatenate(dense)).all()
-    assert (
-        0.0
-        <= found.clearance
-        <= (space.clearance(np.concatenate(dense)).min() if dense else math.inf) + 1e-9 + (1.5 * space.grid.spacing)
-    )
-    assert all(seconds >= 0.0 for seconds in dataclasses.astuple(found.times))
+def distances(space: CSpace, points: np.ndarray) -> np.ndarray:
+    """Distances of points in the grid to the nearest configuration that is not FREE, by trying every cell."""
+    lower, upper = np.array(space.grid.lower), np.array(space.grid.upper)
+    corners = lower + space.grid.spacing * np.argwhere(space.state != FREE)
+    out = np.minimum(points - lower, upper - points).min(axis=-1)
+    for k in range(0, len(points) if len(corners) else 0, 100):
+        part = points[k : k + 100, None]
+        apart = np.maximum(np.maximum(corners - part, part - corners - space.grid.spacing), 0.0)
+        out[k : k + 100] = np.minimum(out[k : k + 100], np.linalg.norm(apart, axis=-1).min(axis=-1))
+    return out
 
 
 def on_arc(first: np.ndarray, chord: float, turn: float, way: int, along: np.ndarray) -> np.ndarray:
@@ -142,59 +132,58 @@ def on_arc(first: np.ndarray, chord: float, turn: float, way: int, along: np.nda
     return np.column_stack([first[:2] + offsets, yaw])
 
 
-def spatial_room() -> CSpace:
-    """A room of 4 m by 2 m by 2 m with two walls across it, for a box-shaped drone of 0.3 m by 0.3 m by 0.1 m."""
-    occupied = np.zeros((40, 20, 20), dtype=bool)
-    occupied[13:15, :, :13] = True
-    occupied[26:28, :11] = True
-    return build(Workspace.from_array(occupied, 0.1), Robot.box((0.3, 0.3, 0.1)))
-
-
-def spatial_with_state(state: np.ndarray) -> CSpace:
-    """A map in space whose cells, of 1 m, have the given states."""
-    workspace = Workspace.from_array(state == BLOCKED, 1.0)
-    return CSpace(workspace, Robot.ball(0.1), state, outside="blocked", margin=0.0, precision="float64")
-
-
-def spatial_halves(between: int) -> CSpace:
-    """Two free halves of 9 m by 9 m by 9 m with a floor of another state between them."""
-    state = np.full((9, 9, 19), FREE, dtype=np.uint8)
-    state[:, :, 9] = between
-    return spatial_with_state(state)
-
-
-def spatial_distances(space: CSpace, points: np.ndarray) -> np.ndarray:
-    """:func:`distances` in space."""
-    return np.concatenate([distances(space, part) for part in np.array_split(points, len(points) // 100 + 1)])
-
-
-def voxels_meet_box(space: CSpace, points: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Whether a box from ``low`` to ``high``, placed at points, meets an obstacle cell, or sticks out of the grid."""
-    lower, h = np.array(space.grid.lower), space.grid.spacing
-    corners = lower + h * np.argwhere(space.workspace.outer)
-    out = []
-    for part in np.array_split(points, len(points) // 500 + 1):
-        first, last = (part + low)[:, None], (part + high)[:, None]
-        meets = ((first <= corners + h) & (last >= corners)).all(axis=-1).any(axis=-1)
-        sticks = ((first < lower) | (last > np.array(space.grid.upper))).any(axis=-1)[:, 0]
-        out.append(meets | sticks)
-    return np.concatenate(out)
-
-
-def check_spatial(space: CSpace, found: planners.Plan, start: Any, goal: Any) -> None:
-    """What holds of every solved plan in space; a thousand points of every edge against every obstacle cell."""
-    path = found.path
-    assert found.solved and found.certified and found.axes == ("x", "y", "z") and found.direction is None
-    assert found.path_exists is True
-    assert path.dtype == np.float64 and path.shape[1:] == (3,) and not path.flags.writeable
-    assert found.waypoints is path or np.array_equal(found.waypoints, path)
-    assert tuple(path[0]) == tuple(start) and tuple(path[-1]) == tuple(goal)
-    assert found.length == pytest.approx(np.linalg.norm(np.diff(path, axis=0), axis=-1).sum())
-    along = np.linspace(0.0, 1.0, 1000)[:, None, None]
-    dense = path[:-1] + along * (path[1:] - path[:-1]) if len(path) > 1 else path[None]
-    assert space.is_free(dense).all()
-    if isinstance(space.robot.body, Box):
-        assert not voxels_meet_box(space, dense.reshape(-1, 3), *space.robot.body.bounds).any()
-    least = spatial_distances(space, dense[::10].reshape(-1, 3)).min()
-    assert max(0.0, least - 2.3 * space.grid.spacing) <= found.clearance <= least
+def check(space: CSpace, found: planners.Plan, start: Any, goal: Any) -> None:
+    """What holds of every solved plan, told by look-ups of single configurations."""
+    dim, path, waypoints = space.grid.dim, found.path, found.waypoints
+    assert found.solved and found.certified and found.status.startswith("path found") and not found.advice
+    for rows in (path, waypoints):
+        assert rows.dtype == np.float64 and rows.shape[1:] == (space.dof,) and not rows.flags.writeable
+        for end, row in ((start, rows[0]), (goal, rows[-1])):
+            assert tuple(row[:dim]) == tuple(end[:dim])
+            assert np.abs(turn_between(row[dim:], end[dim:])).max(initial=0.0) < 1e-12
+    assert found.axes == kind_of(space).axes
+    assert (path[:, dim:] >= -math.pi).all() and (path[:, dim:] < math.pi).all()
+    known = {tuple(row) for row in path.tolist()}
+    assert all(tuple(row) in known for row in waypoints.tolist())
+    moves, turns = np.diff(path[:, :dim], axis=0), turn_between(path[:-1, dim:], path[1:, dim:])
+    steps = np.linalg.norm(moves, axis=1)
+    along = np.linspace(0.0, 1.0, 20 if space.dof > dim else 200)[:, None]
+    if found.curve is None:
+        assert found.direction is None and found.length == pytest.approx(steps.sum())
+        dense = [a + along * np.concatenate([move, turn]) for a, move, turn in zip(path, moves, turns, strict=False)]
+    else:
+        assert found.turning_radius is not None and found.direction is not None
+        assert len(found.direction) == len(path) and set(found.direction.tolist()) <= {1, -1}
+        assert steps.sum() * (1 - 1e-9) <= found.length <= steps.sum() * 1.01 + 1e-9
+        ahead = zip(path, steps, turns[:, 0], found.direction[1:], strict=False)
+        dense = [on_arc(a, step, turn, way, along[:, 0]) for a, step, turn, way in ahead]
+        # No turn is tighter than the radius, and the robot moves the way it points.
+        assert (np.abs(turns[:, 0]) <= 1.02 * steps / found.turning_radius + 1e-6).all()
+        assert all(np.abs(points[-1, :2] - b[:2]).max() < 1e-5 for b, points in zip(path[1:], dense, strict=True))
+    points = np.concatenate([path, *dense])
+    if space.dof > dim:
+        assert (steps <= space.grid.spacing * (1 + 1e-9)).all() and (np.abs(turns) <= math.radians(5) + 1e-9).all()
+        assert 0.0 <= found.clearance <= space.clearance(points).min() + 1.5 * space.grid.spacing + 1e-9
+    if not found.exact:
+        assert space.is_free(points).all()
+        if space.dof == dim:
+            least = distances(space, points).min()
+            assert max(0.0, least - 2.3 * space.grid.spacing) <= found.clearance <= least
     assert all(seconds >= 0.0 for seconds in dataclasses.astuple(found.times))
+
+
+def check_none(space: CSpace, found: planners.Plan) -> None:
+    """What holds of every plan that found nothing."""
+    assert not found.solved and not found.certified and found.path.shape == found.waypoints.shape == (0, space.dof)
+    assert math.isnan(found.length) and math.isnan(found.clearance)
+
+
+def values(states: Any) -> list[float]:
+    """The bounds of a state space, all lower ones first."""
+    part = (
+        states.getSubspace(0)
+        if isinstance(states, ob.CompoundStateSpace) and not hasattr(states, "getBounds")
+        else states
+    )
+    bounds, dim = part.getBounds(), part.getBounds().low
+    return [*(bounds.low[k] for k in range(len(dim))), *(bounds.high[k] for k in range(len(dim)))]

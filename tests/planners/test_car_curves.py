@@ -12,11 +12,10 @@ from ompl import base as ob
 
 import planners
 from cspace import FREE, MIXED, CSpace, Robot, Workspace, build
-from cspace.rotations import Rotations
-from planners.curves import CURVES, Curve
-from planners.ways import way_of
-from planners.words import _kernels
-from planning import turn_between, turning_room
+from planners.car_curves import CURVES, CarCurves
+from planners.local_planner import local_planner
+from planners.shortest_curves import shortest
+from planning import room, turn_between, with_state
 
 SPACES = {"dubins": ob.DubinsStateSpace, "reeds-shepp": ob.ReedsSheppStateSpace}
 RADII = [0.3, 1.0, 4.0]
@@ -24,11 +23,11 @@ RADII = [0.3, 1.0, 4.0]
 
 @pytest.fixture(scope="module")
 def space() -> CSpace:
-    return turning_room()
+    return room("turning")
 
 
-def curve(name: str, radius: float, space: Any = None) -> Curve:
-    return Curve(space, CURVES.index(name), radius)
+def curve(name: str, radius: float, space: Any = None) -> CarCurves:
+    return CarCurves(space, CURVES.index(name), radius)
 
 
 def pairs(n: int, radius: float, seed: int = 0) -> np.ndarray:
@@ -71,7 +70,7 @@ def drive(first: Any, word: Any, radius: float, steps: int = 4000) -> np.ndarray
 def test_curves_are_as_short_as_ompls(name: str, radius: float) -> None:
     states, own, longer = SPACES[name](radius), curve(name, radius), 0
     for a, b in pairs(3000, radius):
-        length = own.lengths(np.array([a, b])).sum()
+        length = own.length(a, b)
         theirs = states.distance(*as_states(states, a, b))
         assert length <= theirs + 2e-6 * radius
         longer += length < theirs - 2e-6 * radius
@@ -81,7 +80,7 @@ def test_curves_are_as_short_as_ompls(name: str, radius: float) -> None:
 @pytest.mark.parametrize("name", CURVES)
 def test_a_word_driven_in_small_steps_gets_there(name: str) -> None:
     for a, b in pairs(300, 0.7, seed=1):
-        word = _kernels.shortest(CURVES.index(name), 0.7, *a, *b)
+        word = shortest(CURVES.index(name), 0.7, tuple(a.tolist()), tuple(b.tolist()))
         end = drive(a, word, 0.7)
         assert np.abs(end[:2] - b[:2]).max() < 1e-5 and abs(turn_between(end[2], b[2])) < 2e-6
         assert word[2] < 2e-8
@@ -95,7 +94,7 @@ def test_points_on_a_curve_are_those_of_ompl(name: str) -> None:
     same = 0
     for a, b in some:
         first, second = as_states(states, a, b)
-        length, between = own.lengths(np.array([a, b])).sum(), states.allocState()
+        length, between = own.length(a, b), states.allocState()
         shares = np.linspace(0.0, 1.0, 9)
         theirs = []
         for share in shares:
@@ -114,16 +113,16 @@ def test_part_of_a_curve_is_no_detour(name: str) -> None:
     own = curve(name, 0.5)
     rng = np.random.default_rng(3)
     for a, b in pairs(500, 0.5, seed=3):
-        length = own.lengths(np.array([a, b])).sum()
+        length = own.length(a, b)
         s, t = sorted(rng.uniform(0.0, length, 2))
         part = own.points(a, b, np.array([s, t]))
-        assert own.lengths(part).sum() <= (t - s) + 1e-6
+        assert own.length(*part) <= (t - s) + 1e-6
 
 
 def test_curves_in_both_directions_are_the_same_both_ways() -> None:
     own = curve("reeds-shepp", 0.5)
     for a, b in pairs(500, 0.5, seed=4):
-        length = own.lengths(np.array([a, b])).sum()
+        length = own.length(a, b)
         there = own.points(a, b, np.linspace(0.0, length, 7))
         back = own.points(b, a, np.linspace(0.0, length, 7))[::-1]
         assert np.abs(there[:, :2] - back[:, :2]).max() < 1e-6
@@ -133,7 +132,7 @@ def test_curves_in_both_directions_are_the_same_both_ways() -> None:
 @pytest.mark.parametrize("name", CURVES)
 def test_no_way_is_no_length(name: str) -> None:
     q = np.array([1.0, 2.0, 3.0])
-    assert curve(name, 0.5).lengths(np.array([q, q])).tolist() == [0.0]
+    assert curve(name, 0.5).length(q, q) == 0.0
 
 
 # ---- proofs ----------------------------------------------------------------------------------------------------------
@@ -150,11 +149,11 @@ def edges(space: CSpace, n: int, seed: int) -> np.ndarray:
 @pytest.mark.parametrize("radius", [0.3, 1.0])
 @pytest.mark.parametrize("name", CURVES)
 def test_a_curve_called_free_is_free_at_a_thousand_points(space: CSpace, name: str, radius: float) -> None:
-    way = way_of(space, False, name, radius)
+    way = local_planner(space, False, name, radius)
     check, kinds, own = way.edge_checker(), set(), curve(name, radius, space)
     for a, b in edges(space, 400, 0):
         proven = check(*a, *b)
-        points = own.points(a, b, np.linspace(0.0, own.lengths(np.array([a, b])).sum(), 1000))
+        points = own.points(a, b, np.linspace(0.0, own.length(a, b), 1000))
         inside = ((points[:, :2] >= space.grid.lower) & (points[:, :2] <= space.grid.upper)).all()
         assert not proven or (inside and space.is_free(points).all())
         kinds.add(proven)
@@ -163,11 +162,11 @@ def test_a_curve_called_free_is_free_at_a_thousand_points(space: CSpace, name: s
 
 @pytest.mark.parametrize("name", CURVES)
 def test_a_curve_with_a_little_room_around_it_is_proven(space: CSpace, name: str) -> None:
-    way, own = way_of(space, False, name, 0.5), curve(name, 0.5, space)
+    way, own = local_planner(space, False, name, 0.5), curve(name, 0.5, space)
     check, some, tied = way.edge_checker(), 0, 0
     room = 0.1 * space.grid.spacing
     for a, b in edges(space, 800, 1):
-        points = own.points(a, b, np.linspace(0.0, own.lengths(np.array([a, b])).sum(), 3000))
+        points = own.points(a, b, np.linspace(0.0, own.length(a, b), 3000))
         if space.is_free_around(points, room, room / 0.5).all():
             some += 1
             tied += not check(*a, *b)
@@ -204,8 +203,8 @@ def test_of_two_equally_short_curves_both_must_be_free() -> None:
     occupied[80:120, 79:85] = True
     blocked = build(Workspace.from_array(occupied, 0.1), Robot.rectangle(0.9, 0.5), rotations=72)
     for a, b in (((10.0, 10.0, 0.0), (9.0, 10.0, 0.0)), ((10.0, 10.0, 0.0), (8.5, 10.0, 0.0))):
-        assert way_of(clear, False, "dubins", 1.0).edge_checker()(*a, *b)
-        assert not way_of(blocked, False, "dubins", 1.0).edge_checker()(*a, *b)
+        assert local_planner(clear, False, "dubins", 1.0).edge_checker()(*a, *b)
+        assert not local_planner(blocked, False, "dubins", 1.0).edge_checker()(*a, *b)
 
 
 @pytest.mark.parametrize("name", CURVES)
@@ -220,10 +219,7 @@ def walled(cell: tuple[int, int, int], state: int = MIXED) -> CSpace:
     """All FREE but for one cell (rotation, x, y) out of 36 x 40 x 40."""
     stack = np.full((36, 40, 40), FREE, dtype=np.uint8)
     stack[cell] = state
-    workspace = Workspace.from_array(np.zeros((40, 40), dtype=bool), 0.1)
-    robot = Robot.polygon(np.array([(0.02, 0.0), (-0.01, 0.01), (-0.01, -0.01)]))
-    options: dict[str, Any] = {"outside": "blocked", "margin": 0.0, "precision": "float64"}
-    return CSpace(workspace, robot, stack, rotations=Rotations.of(36), **options)
+    return with_state(stack, turning=True, spacing=0.1)
 
 
 @pytest.mark.parametrize("name", CURVES)
@@ -233,20 +229,20 @@ def test_a_single_cell_on_a_curve_is_not_stepped_over(name: str) -> None:
     free = walled((0, 0, 0), FREE)
     hits = 0
     for a, b in edges(free, 120, 2):
-        length = own.lengths(np.array([a, b])).sum()
+        length = own.length(a, b)
         points = own.points(a, b, np.linspace(0.0, length, 500))
-        if not way_of(free, False, name, 0.6).edge_checker()(*a, *b):
+        if not local_planner(free, False, name, 0.6).edge_checker()(*a, *b):
             assert not ((points[:, :2] > 0.01) & (points[:, :2] < 3.99)).all()
             continue
         x, y, yaw = points[rng.integers(500)]
         assert free.rotations is not None
         cell = (int(free.rotations.cell_of(yaw)), int(x / 0.1), int(y / 0.1))
-        assert not way_of(walled(cell), False, name, 0.6).edge_checker()(*a, *b)
+        assert not local_planner(walled(cell), False, name, 0.6).edge_checker()(*a, *b)
         # The same place at another yaw does not matter.
         others = free.rotations.cell_of(points[:, 2])
         far = next((k for k in range(36) if np.min(np.abs((others - k + 18) % 36 - 18)) > 1), None)
         if far is not None:
-            assert way_of(walled((far, *cell[1:])), False, name, 0.6).edge_checker()(*a, *b)
+            assert local_planner(walled((far, *cell[1:])), False, name, 0.6).edge_checker()(*a, *b)
         hits += 1
     assert hits > 40
 
@@ -257,14 +253,14 @@ def test_a_curve_that_leaves_the_map_is_not_proven() -> None:
         Workspace.from_array(np.zeros((40, 40), dtype=bool), 0.1), Robot.disc(0.01), rotations=4, outside="free"
     )
     for each in (space, open_space):
-        check = way_of(each, False, "dubins", 1.0).edge_checker()
+        check = local_planner(each, False, "dubins", 1.0).edge_checker()
         assert check(1.0, 2.0, 0.0, 3.0, 2.0, 0.0)
         assert not check(3.5, 2.0, 0.0, 3.5, 2.0, math.pi)  # turns around, beyond the border
 
 
 def test_not_a_number_is_not_proven(space: CSpace) -> None:
     for name in CURVES:
-        check = way_of(space, False, name, 0.5).edge_checker()
+        check = local_planner(space, False, name, 0.5).edge_checker()
         for k in range(6):
             for bad in (math.nan, math.inf):
                 q = [1.0, 1.0, 0.0, 1.2, 1.0, 0.0]
@@ -287,7 +283,7 @@ def test_a_dense_path_lies_on_the_curve_and_holds_the_waypoints(space: CSpace, n
     steps, turns = np.hypot(*np.diff(path[:, :2], axis=0).T), turn_between(path[:-1, 2], path[1:, 2])
     assert steps.max() <= space.grid.spacing + 1e-9 and np.abs(turns).max() <= math.radians(5) + 1e-9
     for (a, b), (i, j) in zip(itertools.pairwise(waypoints), itertools.pairwise(places), strict=True):
-        length = own.lengths(np.array([a, b])).sum()
+        length = own.length(a, b)
         fine = own.points(a, b, np.linspace(0.0, length, 5000))
         for row in path[i : j + 1]:
             assert np.hypot(*(fine[:, :2] - row[:2]).T).min() < length / 5000 + 1e-6
@@ -308,7 +304,7 @@ def test_a_robot_that_is_there_has_a_path_of_itself(space: CSpace) -> None:
 
 
 def test_the_names_of_the_curves_are_public_words() -> None:
-    space = turning_room()
+    space = room("turning")
     for name in CURVES:
         states = planners.state_space(space, curve=name, turning_radius=0.5)
         assert isinstance(states, SPACES[name])

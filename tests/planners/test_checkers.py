@@ -1,0 +1,117 @@
+"""OMPL's questions are answered as the map answers them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from ompl import base as ob
+
+import planners
+from cspace import CSpace, InputError, Robot, Workspace, build
+from planning import CAR, SPACES, configurations, edges_from, room, state_at, values
+
+
+@pytest.fixture(params=SPACES)
+def space(request: pytest.FixtureRequest) -> CSpace:
+    return room(request.param)
+
+
+def test_states_are_those_of_the_map(space: CSpace) -> None:
+    setup = planners.simple_setup(space)
+    si, checker = setup.getSpaceInformation(), setup.getStateValidityChecker()
+    q = configurations(space, 1500, 0)
+    states = [state_at(space, si, each) for each in q]
+    assert [si.isValid(state) for state in states] == space.is_free(q).tolist()
+    assert 0.1 < space.is_free(q).mean() < 0.9
+    assert [checker.clearance(state) for state in states] == space.clearance(q).tolist()
+    assert values(setup.getStateSpace()) == [*space.grid.lower, *space.grid.upper]
+    si.setup()
+    if space.dof == space.grid.dim:
+        assert setup.getStateSpace().getLongestValidSegmentLength() == pytest.approx(space.grid.spacing / 2)
+
+
+def test_motions_are_those_of_the_map(space: CSpace) -> None:
+    si = planners.simple_setup(space).getSpaceInformation()
+    starts, ends = edges_from(space, 800, 1)
+    pairs = zip(starts, ends, strict=True)
+    asked = [si.checkMotion(state_at(space, si, a), state_at(space, si, b)) for a, b in pairs]
+    assert asked == space.motion_is_free(starts, ends).tolist()
+    assert any(asked) and not all(asked)
+
+
+def test_a_motion_called_valid_is_free_all_along(space: CSpace) -> None:
+    si, states = (setup := planners.simple_setup(space)).getSpaceInformation(), setup.getStateSpace()
+    between, read, kinds = si.allocState(), planners.states.kind_of(space).read, set()
+    for a, b in zip(*edges_from(space, 150, 5), strict=True):
+        first, second = state_at(space, si, a), state_at(space, si, b)
+        valid = si.checkMotion(first, second)
+        along = []
+        for share in np.linspace(0.0, 1.0, 101).tolist():
+            states.interpolate(first, second, share, between)
+            along.append(read(between))
+        assert not valid or space.is_free(along).all()
+        kinds.add(valid)
+    assert kinds == {True, False}
+
+
+def test_a_class_may_be_derived_from(space: CSpace) -> None:
+    asked = []
+
+    class Mine(planners.StateValidityChecker):
+        def isValid(self, state: Any) -> bool:  # noqa: N802 - OMPL's name
+            asked.append(state)
+            return super().isValid(state)
+
+    setup = planners.simple_setup(space)
+    si = setup.getSpaceInformation()
+    setup.setStateValidityChecker(Mine(si, space))
+    q = configurations(space, 100, 2)
+    assert [si.isValid(state_at(space, si, each)) for each in q] == space.is_free(q).tolist()
+    assert len(asked) == len(q)
+
+
+def test_a_thin_wall_is_not_stepped_over_where_ompl_by_itself_does() -> None:
+    occupied = np.zeros((400, 8), dtype=bool)
+    occupied[200] = True
+    thin = build(Workspace.from_array(occupied, 0.1), Robot.disc(0.01))
+    si = planners.simple_setup(thin).getSpaceInformation()
+    bare = ob.SpaceInformation(planners.state_space(thin))
+    bare.setStateValidityChecker(planners.StateValidityChecker(bare, thin))
+    bare.setup()
+    crossings = [((20.05 - a, 0.4), (20.05 + b, 0.4)) for a in np.arange(0.3, 2, 0.13) for b in np.arange(0.3, 2, 0.13)]
+
+    def crosses(info: Any) -> bool:
+        return any(info.checkMotion(state_at(thin, info, a), state_at(thin, info, b)) for a, b in crossings)
+
+    assert crosses(bare) and not crosses(si)
+
+
+def test_answers_can_be_taken_over_and_given_back(space: CSpace) -> None:
+    """This is how a plan that is out of time ends a search."""
+    setup = planners.simple_setup(space)
+    si, checker = setup.getSpaceInformation(), setup.getStateValidityChecker()
+    validator = si.getMotionValidator()
+    free = state_at(space, si, space.sample_free(rng=np.random.default_rng(0)))
+    for asked, answerer in ((lambda: si.isValid(free), checker), (lambda: si.checkMotion(free, free), validator)):
+        before = asked()
+        answerer.answer_with(lambda *_: False)
+        assert asked() is False
+        answerer.answer_with(None)
+        assert asked() == before is True
+
+
+def test_curves_need_a_robot_that_turns_in_the_plane() -> None:
+    for name, words in (("plane", "no rotations.*rotations=72"), ("space", "no rotations.*leave curve out")):
+        space = room(name)
+        si = planners.simple_setup(space).getSpaceInformation()
+        options: dict[str, Any] = {"curve": "dubins", **CAR}
+        for make in (
+            lambda space=space, options=options: planners.state_space(space, **options),
+            lambda space=space, options=options: planners.simple_setup(space, **options),
+            lambda space=space, options=options, si=si: planners.MotionValidator(si, space, **options),
+            lambda space=space, options=options, si=si: planners.ClearanceObjective(si, space, **options),
+        ):
+            with pytest.raises(InputError, match=words):
+                make()

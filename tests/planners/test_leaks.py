@@ -1,0 +1,53 @@
+"""Hundreds of plans in one process leave nothing behind."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+SCRIPT = """
+import gc
+import sys
+import numpy as np
+import psutil
+import cspace, planners
+
+def main():
+    name = sys.argv[1]
+    occupied = np.zeros((60, 40, 12)[: 3 if name == "space" else 2], dtype=bool)
+    occupied[30, :26] = True
+    heeding = dict(objective="clearance", planner="RRTstar", iterations=20)
+    ways = [dict(), dict(planner="RRT"), dict(planner="KPIECE1"), dict(planner="BITstar", iterations=50), heeding]
+    robot, rotations = cspace.Robot.disc(0.15), None
+    if name == "space":
+        robot = cspace.Robot.box((0.3, 0.3, 0.1))
+    if name == "turning":
+        robot, rotations, car = cspace.Robot.rectangle(0.4, 0.2), 12, dict(turning_radius=0.3)
+        ways += [dict(exact=True), dict(curve="dubins", planner="RRT", **car), dict(curve="reeds-shepp", **car),
+                 dict(curve="reeds-shepp", **car, **heeding)]
+    space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), robot, rotations=rotations)
+    rest = {"plane": (), "turning": (0.0,), "space": (0.5,)}[name]
+
+    def resident(plans):
+        for k in range(plans):
+            # The same runs again, so that the largest of them has been before what is counted.
+            planners.plan(space, (0.5, 0.5, *rest), (5.5, 0.5, *rest), seed=k % 90, **ways[k % len(ways)])
+        gc.collect()
+        return psutil.Process().memory_info().rss
+
+    before = resident(90)
+    after = resident(360)
+    print((after - before) / 2**20)
+
+main()
+"""
+
+
+@pytest.mark.parametrize("name", ["plane", "turning", "space"])
+def test_plans_leave_nothing_behind(name: str) -> None:
+    run = subprocess.run([sys.executable, "-c", SCRIPT, name], capture_output=True, text=True, check=False, timeout=120)
+    assert run.returncode == 0 and run.stderr == "", run.stderr
+    # One kept set-up is some 30 kB, so a leak of each would show as 10 MiB.
+    assert float(run.stdout) < 3.0

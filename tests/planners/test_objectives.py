@@ -1,0 +1,67 @@
+"""The cost of an edge is the integral along it, in every space and along curves."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+import planners
+from cspace import InputError
+from planners.car_curves import CURVES
+from planners.states import kind_of
+from planning import CAR, SPACES, edges_from, room, state_at
+
+EDGES = [*((name, None) for name in SPACES), *(("turning", curve) for curve in CURVES)]
+
+
+@pytest.mark.parametrize(("name", "curve"), EDGES)
+@pytest.mark.parametrize("reach", [0.4, 2.5])
+def test_the_cost_of_an_edge_is_the_integral_along_it(name: str, curve: str | None, reach: float) -> None:
+    space, read = room(name), kind_of(room(name)).read
+    options: dict[str, Any] = {} if curve is None else {"curve": curve, **CAR}
+    setup = planners.simple_setup(space, **options)
+    si, states = setup.getSpaceInformation(), setup.getStateSpace()
+    objective = planners.ClearanceObjective(si, space, weight=6.0, comfort=0.4, **options)
+    between, ratios, extra = si.allocState(), [], False
+    for a, b in zip(*edges_from(space, 25, 2, reach), strict=True):
+        first, second = state_at(space, si, a), state_at(space, si, b)
+        length, points = states.distance(first, second), []
+        for share in ((np.arange(400) + 0.5) / 400).tolist():
+            states.interpolate(first, second, share, between)
+            points.append(read(between))
+        short = np.maximum(0.0, 1.0 - space.clearance(np.array(points)) / 0.4)
+        cost = objective.motionCost(first, second).value()
+        assert cost >= length * (1 - 1e-9) and cost >= objective.motionCostHeuristic(first, second).value() - 1e-9
+        ratios.append(cost / (length * (1.0 + 6.0 * (short**2).mean())))
+        extra |= cost > 1.5 * length
+        if curve is None:
+            assert objective.motionCost(second, first).value() == pytest.approx(cost)
+        at = 1.0 + 6.0 * max(0.0, 1.0 - space.clearance(read(first)) / 0.4) ** 2
+        assert objective.stateCost(first).value() == pytest.approx(at)
+        line = math.dist(read(first)[: space.grid.dim], read(second)[: space.grid.dim])
+        assert objective.motionCostHeuristic(first, second).value() == pytest.approx(line)
+    assert extra and np.median(np.abs(np.array(ratios) - 1.0)) < 0.03
+    assert objective.motionCost(first, first).value() == 0.0
+
+
+@pytest.mark.parametrize("name", SPACES)
+def test_no_weight_leaves_the_length(name: str) -> None:
+    space = room(name)
+    setup = planners.simple_setup(space)
+    si, states = setup.getSpaceInformation(), setup.getStateSpace()
+    objective = planners.ClearanceObjective(si, space, weight=0)
+    for a, b in zip(*edges_from(space, 30, 3), strict=True):
+        ends = state_at(space, si, a), state_at(space, si, b)
+        assert objective.motionCost(*ends).value() == pytest.approx(states.distance(*ends))
+
+
+@pytest.mark.parametrize(
+    "options", [{"weight": -1.0}, {"weight": math.nan}, {"weight": [1.0]}, {"comfort": 0.0}, {"comfort": math.inf}]
+)
+def test_wrong_weights_are_refused(options: dict[str, Any]) -> None:
+    space = room("plane")
+    with pytest.raises(InputError, match=next(iter(options))):
+        planners.ClearanceObjective(planners.simple_setup(space).getSpaceInformation(), space, **options)

@@ -1,0 +1,485 @@
+"""A plan is right, says what it is, and can be repeated: every planner, in every space and along curves."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from ompl import base as ob
+from ompl import geometric as og
+from ompl import util as ou
+
+import planners
+from cspace import BLOCKED, FREE, MIXED, ConfigurationError, CSpace, InputError, Robot, Workspace, build
+from planners.car_curves import CURVES
+from planners.catalogue import IGNORE_OBJECTIVES, NO_CURVES, SECOND_THREAD
+from planning import (
+    ANYTIME,
+    CAR,
+    ENDS,
+    SPACES,
+    check,
+    check_none,
+    halves,
+    open_map,
+    room,
+    state_at,
+    turn_between,
+    with_state,
+)
+from strategies import seeds
+
+NAMES = planners.planner_names()
+JOINED = [*((name, None) for name in SPACES), *(("turning", curve) for curve in CURVES)]
+"""Spaces, and how configurations are joined in them."""
+
+HEEDING = sorted(set(NAMES) - IGNORE_OBJECTIVES - SECOND_THREAD - {"FMT", "BFMT"})
+
+
+def options_for(curve: str | None) -> dict[str, Any]:
+    return {} if curve is None else {"curve": curve, **CAR}
+
+
+def ends_in(name: str, curve: str | None) -> tuple[Any, Any]:
+    """Start and goal that all planners join, also along curves."""
+    return (ENDS[name][0], (5.0, 3.2, 0.5)) if curve else ENDS[name]
+
+
+def patient(space: CSpace, ends: Any, limits: tuple[float, ...] = (0.15, 10.0), **options: Any) -> planners.Plan:
+    """A plan; the second time limit is for a busy machine."""
+    for limit in limits:
+        found = planners.plan(space, *ends, time_limit=limit, **options)
+        if found.solved:
+            break
+    return found
+
+
+# ---- every planner ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("name", "curve"), JOINED)
+@pytest.mark.parametrize("planner", NAMES)
+def test_every_planner_finds_a_certified_path(planner: str, name: str, curve: str | None) -> None:
+    if planner in NO_CURVES.get(curve or "", {}):
+        with pytest.raises(InputError, match="choose another planner"):
+            planners.plan(room(name), *ENDS[name], planner=planner, **options_for(curve))
+        return
+    space, ends = room(name), ends_in(name, curve)
+    found = patient(space, ends, planner=planner, seed=1, simplify=planner not in ANYTIME, **options_for(curve))
+    check(space, found, *ends)
+    assert (found.planner, found.objective, found.curve, found.exact) == (planner, "length", curve, False)
+    assert found.path_exists is True and found.turning_radius == (CAR["turning_radius"] if curve else None)
+    assert curve != "dubins" or set(found.direction.tolist()) == {1}  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize("planner", NAMES)
+def test_every_planner_takes_the_single_edge_where_it_is_free(planner: str) -> None:
+    # OMPL's SORRTstar would never return from here, and its AORRTC call the goal invalid.
+    for objective in ("length", ob.PathLengthOptimizationObjective):
+        if objective != "length" and planner in IGNORE_OBJECTIVES | SECOND_THREAD:
+            continue
+        for name, goal in (("plane", (2.0, 4.0)), ("turning", (1.2, 0.95, 0.4)), ("space", (0.5, 1.5, 1.6))):
+            found = planners.plan(room(name), ENDS[name][0], goal, planner=planner, objective=objective)
+            check(room(name), found, ENDS[name][0], goal)
+            assert len(found.waypoints) == 2 and "no search needed" in found.status and found.times.planning == 0.0
+
+
+@pytest.mark.parametrize("curve", CURVES)
+def test_the_single_curve_is_taken_where_it_is_free(curve: str) -> None:
+    ends = (0.6, 0.8, 0.0), (1.2, 0.95, 0.45)
+    found = planners.plan(room("turning"), *ends, **options_for(curve))
+    check(room("turning"), found, *ends)
+    assert len(found.waypoints) == 2 and "no search needed" in found.status and len(found.path) > 4
+
+
+@pytest.mark.parametrize(("name", "curve"), JOINED)
+def test_a_robot_that_is_there_stays(name: str, curve: str | None) -> None:
+    space, start = room(name), ENDS[name][0]
+    found = planners.plan(space, start, start, **options_for(curve))
+    check(space, found, start, start)
+    assert found.path.tolist() == [list(start)] and found.length == 0.0
+    assert found.clearance == space.clearance(start) and "start is the goal" in found.status
+
+
+@pytest.mark.parametrize(("name", "curve"), JOINED)
+def test_many_seeds_give_certified_paths_and_simplifying_makes_none_longer(name: str, curve: str | None) -> None:
+    space, ends, gains, directions = room(name), ends_in(name, curve), [], set()
+    for seed in range(3):
+        options = {"seed": seed, "time_limit": 20.0, **options_for(curve)}
+        rough, short = (planners.plan(space, *ends, simplify=simplify, **options) for simplify in (False, True))
+        for found in (rough, short):
+            check(space, found, *ends)
+            directions |= set() if found.direction is None else set(found.direction.tolist())
+        assert rough.times.simplification == 0.0 < short.times.simplification
+        gains.append(rough.length / short.length)
+    # Of a robot that turns, OMPL shortens metres and radians together.
+    assert (min(gains) >= 1 - 1e-9 or (name == "turning" and curve is None)) and max(gains) > 1.02
+    assert directions == {None: set(), "dubins": {1}, "reeds-shepp": {1, -1}}[curve]
+
+
+def test_yaw_goes_along_the_shorter_arc_and_is_wrapped() -> None:
+    space = room("turning")
+    found = planners.plan(space, (0.8, 0.8, 3.0 + 4 * math.pi), (0.9, 0.8, -3.0))
+    check(space, found, (0.8, 0.8, 3.0), (0.9, 0.8, -3.0))
+    turns = turn_between(found.path[:-1, 2], found.path[1:, 2])
+    assert turns.sum() == pytest.approx(2 * math.pi - 6.0) and (turns > 0).all()
+    assert planners.plan(space, (0.8, 0.8, math.pi), (0.8, 0.8, -math.pi)).path.tolist() == [[0.8, 0.8, -math.pi]]
+
+
+def test_a_z_beyond_pi_is_not_wrapped_as_a_yaw_would_be() -> None:
+    space = build(Workspace.from_array(np.zeros((6, 6, 12), dtype=bool), 1.0, lower=(0, 0, -6)), Robot.ball(0.1))
+    found = planners.plan(space, (1.5, 1.5, -4.5), (4.5, 4.5, 4.5))
+    assert found.path.tolist() == [[1.5, 1.5, -4.5], [4.5, 4.5, 4.5]]
+    assert found.length == pytest.approx(math.sqrt(9 + 9 + 81))
+
+
+@pytest.mark.parametrize(("name", "curve"), JOINED)
+def test_a_path_that_ompl_spoiled_is_not_called_certified(
+    name: str, curve: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(planners.MotionValidator, "checkMotion", lambda *_: True)
+    found = planners.plan(room(name), *ends_in(name, curve), simplify=False, **options_for(curve))
+    assert found.solved and not found.certified and "not certified" in repr(found)
+    assert found.clearance == 0.0 or curve is not None
+
+
+@settings(max_examples=12)
+@given(seeds, st.sampled_from(["box", "ball", "voxels"]))
+def test_no_point_of_a_path_collides_in_any_world(seed: int, kind: str) -> None:
+    """Points of every edge against every obstacle cell, by arithmetic that shares nothing with the map."""
+    rng = np.random.default_rng(seed)
+    occupied = rng.random(rng.integers(6, 12, 3)) < rng.uniform(0.0, 0.12)
+    lower, side, center = rng.uniform(-50.0, 50.0, 3), rng.uniform(0.02, 0.9), rng.uniform(-0.2, 0.2, 3)
+    robot = {
+        "box": lambda: Robot.box((side, 0.3, 0.1), center),
+        "ball": lambda: Robot.ball(side / 2, center),
+        "voxels": lambda: Robot.cells(np.ones((2, 1, 3), dtype=bool), side / 3, center - side / 2),
+    }[kind]()
+    half = side / 2 / math.sqrt(3)  # of a cube within the ball
+    low, high = {
+        "box": (center - np.array([side, 0.3, 0.1]) / 2, center + np.array([side, 0.3, 0.1]) / 2),
+        "ball": (center - half, center + half),
+        "voxels": (center - side / 2, center - side / 2 + np.array([2, 1, 3]) * side / 3),
+    }[kind]
+    space = build(Workspace.from_array(occupied, 0.3, lower=lower), robot)
+    if not (space.state == FREE).any():
+        return
+    ends = space.sample_free(2, rng)
+    exists = space.path_exists(*ends)
+    found = planners.plan(space, *ends, seed=seed % 1000, time_limit=2.0 if exists else 0.05)
+    assert found.solved or not exists
+    if found.solved:
+        check(space, found, *ends)
+        along = np.linspace(0.0, 1.0, 300)[:, None, None]
+        points = (found.path[:-1] + along * np.diff(found.path, axis=0)).reshape(-1, 3)
+        corners = lower + 0.3 * np.argwhere(occupied)
+        for part in np.array_split(points, len(points) // 500 + 1):
+            first, last = (part + low)[:, None], (part + high)[:, None]
+            assert not ((first < corners + 0.3 - 1e-9) & (last > corners + 1e-9)).all(axis=-1).any()
+
+
+def test_on_a_real_map_a_path_is_found_where_one_is_proven_to_exist(data: Path) -> None:
+    space = build(Workspace.open(data / "maps" / "depot.yaml"), Robot.disc(0.3))
+    ends = space.sample_free(16, np.random.default_rng(0))
+    proofs = set()
+    for seed, (start, goal) in enumerate(zip(ends[::2], ends[1::2], strict=True)):
+        found = planners.plan(space, start, goal, seed=seed, time_limit=20.0)
+        proofs.add(found.path_exists)
+        if found.path_exists is not None:
+            assert found.solved is found.certified is found.path_exists
+            assert found.solved or "proven" in found.status
+    assert True in proofs
+
+
+def test_cubes_join_all_that_free_cells_join() -> None:
+    for name in ("plane", "space"):
+        found = planners.plan(room(name), *ENDS[name], planner="cubes")
+        check(room(name), found, *ENDS[name])
+        assert found.planner == "Cubes"
+        assert found.path.tolist() == planners.plan(room(name), *ENDS[name], planner="Cubes", seed=3).path.tolist()
+        space, start, goal = halves(name, MIXED)
+        missed = planners.plan(space, start, goal, planner="Cubes")
+        check_none(space, missed)
+        assert missed.status == "no chain of FREE cells joins start and goal; undecided whether one exists"
+
+
+# ---- no path ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("name", "curve"), JOINED)
+@pytest.mark.parametrize("planner", [None, "PRM", "BITstar", "FMT"])
+def test_a_proof_that_no_path_exists_spares_the_search(
+    name: str, curve: str | None, planner: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if planner in NO_CURVES.get(curve or "", {}):
+        return
+    space, start, goal = halves(name, BLOCKED)
+    monkeypatch.setattr(og.SimpleSetup, "solve", lambda *_: pytest.fail("OMPL was run"))
+    found = planners.plan(space, start, goal, planner=planner, time_limit=60.0, **options_for(curve))
+    check_none(space, found)
+    assert found.path_exists is False and found.times.planning == 0.0
+    assert (found.status, found.advice) == ("no path exists: proven", "")
+
+
+@pytest.mark.parametrize(("name", "curve"), JOINED)
+@pytest.mark.parametrize("planner", [None, "RRT", "KPIECE1", "BITstar", "RRTstar", "FMT"])
+def test_where_nothing_is_proven_a_planner_searches_and_does_not_pretend(
+    name: str, curve: str | None, planner: str | None
+) -> None:
+    space, start, goal = halves(name, MIXED)
+    # RRT and others come close, which OMPL calls an approximate solution.
+    found = planners.plan(space, start, goal, planner=planner, time_limit=0.05, **options_for(curve))
+    check_none(space, found)
+    assert found.path_exists is None and found.times.planning > 0.0
+    assert found.status.startswith("no path found") and found.status.endswith("undecided whether one exists")
+    assert ("exact=True" in found.advice) == (curve is None) and "a finer spacing" in found.advice
+    assert "time_limit=0.5" in found.advice
+
+
+def test_where_a_path_exists_the_status_says_so() -> None:
+    for name, curve in JOINED:
+        options = {"time_limit": 1e-6, "planner": "RRT", **options_for(curve)}
+        found = planners.plan(room(name), *ends_in(name, curve), **options)
+        check_none(room(name), found)
+        known = "one exists for a robot that turns on the spot" if curve else "a path exists"
+        assert found.status == f"no path found within 1e-06 s; {known}" and found.path_exists is True
+        assert "time_limit=1e-05" in found.advice and ("Cubes" in found.advice) == (name != "turning")
+
+
+# ---- start and goal --------------------------------------------------------------------------------------------------
+
+STRIP = np.array([FREE, FREE, MIXED, BLOCKED, FREE], dtype=np.uint8)
+"""States of cells of 1 m in a row."""
+
+
+@pytest.mark.parametrize(
+    ("x", "other", "words", "nearest"),
+    [
+        (2.4, 0.5, "lies in a MIXED cell", 1.5),
+        (3.6, 0.5, "lies in a BLOCKED cell", 4.5),
+        (-3.0, 0.5, "lies outside the map, which reaches from", 0.5),
+        (4.5, 1.5, "outside the map", 4.5),
+        (2.0, 0.3, "MIXED", 1.5),
+        (4.0, 0.3, "is FREE but lies on the border", 4.5),
+    ],
+)
+@pytest.mark.parametrize("shape", [(5, 1), (5, 1, 1), (4, 5, 1)])
+def test_an_end_that_cannot_be_used_is_named_with_its_state_and_the_nearest_free_one(
+    shape: tuple[int, ...], x: float, other: float, words: str, nearest: float
+) -> None:
+    turning = shape[0] == 4
+    state = np.tile(STRIP[:, None], (4, 1, 1)) if turning else STRIP.reshape(shape)
+    space = with_state(state, turning)
+    rest = (0.1,) if turning else (0.5,) * (len(shape) - 2)
+    bad, good = (x, other, *rest), (0.5, 0.5, *rest)
+    for name, ends in (("start", (bad, good)), ("goal", (good, bad))):
+        with pytest.raises(ConfigurationError, match=words) as caught:
+            planners.plan(space, *ends)
+        error = caught.value
+        assert str(error).startswith(name) and error.argument == name and error.value == bad
+        assert error.nearest is not None and error.nearest[:2] == (nearest, 0.5) and len(error.nearest) == len(bad)
+        assert f"({nearest:g}, 0.5" in error.mend
+        assert planners.plan(space, error.nearest, error.nearest).solved
+
+
+def test_an_end_outside_the_map_cannot_be_used_even_where_it_is_free() -> None:
+    space = open_map("plane")
+    assert space.is_free((12.0, 4.5)) and space.motion_is_free((12.0, 4.5), (4.5, 4.5))
+    with pytest.raises(ConfigurationError, match=r"goal .* outside the map") as caught:
+        planners.plan(space, (4.5, 4.5), (12.0, 4.5))
+    assert caught.value.nearest == (8.5, 4.5)
+
+
+def test_a_map_without_free_cells_has_no_nearest_one() -> None:
+    with pytest.raises(ConfigurationError, match="no FREE configuration at all") as caught:
+        planners.plan(with_state(np.full((3, 3), MIXED, dtype=np.uint8)), (1.5, 1.5), (2.5, 2.5))
+    assert caught.value.nearest is None
+
+
+# ---- wrong input -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "wrong", "words"),
+    [
+        ("plane", {"start": (math.nan, 1.0)}, r"start\[0\] is nan"),
+        ("plane", {"goal": (1.0, math.inf)}, r"goal\[1\] is inf"),
+        ("plane", {"start": (1.0, 2.0, 3.0)}, r"start has shape \(3,\).*pass x and y, in metres"),
+        ("plane", {"goal": [(1.0, 1.0)]}, r"goal has shape \(1, 2\)"),
+        ("plane", {"goal": 3.0}, r"goal has shape \(\)"),
+        ("plane", {"start": "here"}, "start is 'here'"),
+        ("turning", {"start": (1.0, 1.0)}, r"start has shape \(2,\).*3 numbers.*radians"),
+        ("turning", {"start": (1.0, 1.0, 1e9)}, "yaw of 1e.09 rad.*wrap"),
+        ("space", {"start": (1.0, 2.0)}, r"start has shape \(2,\).*3 numbers; pass x, y and z, in metres"),
+        ("plane", {"time_limit": 0.0}, "time_limit is 0.0"),
+        ("plane", {"time_limit": -1.0}, "time_limit is -1.0"),
+        ("plane", {"time_limit": math.nan}, "time_limit is nan"),
+        ("plane", {"time_limit": math.inf}, "time_limit is inf"),
+        ("plane", {"objective": "speed"}, "objective is 'speed'.*'clearance'"),
+        ("plane", {"objective": None}, "objective is None"),
+        ("plane", {"objective": lambda si: 3, "planner": "RRTstar"}, "objective returned 3"),
+        ("plane", {"objective": "clearance"}, "RRTConnect heeds no objective.*RRTstar"),
+        ("plane", {"objective": "clearance", "planner": "PRM"}, "second thread"),
+        ("plane", {"objective": "overlap", "planner": "RRTstar"}, "carries none.*with_overlap_field"),
+        ("plane", {"iterations": 10, "planner": "prmstar"}, "second thread"),
+        ("plane", {"iterations": 0}, "iterations is 0"),
+        ("plane", {"iterations": 1.5}, "iterations is 1.5"),
+        ("plane", {"seed": -1}, "seed is -1"),
+        ("plane", {"seed": 2**32 - 1}, "seed is 4294967295"),
+        ("plane", {"seed": True}, "seed is True"),
+        ("plane", {"seed": "one"}, "seed is 'one'"),
+        ("plane", {"planner": "RRTConect"}, r"did you mean RRTConnect.*KPIECE1"),
+        ("plane", {"planner": "Cubes", "exact": True}, "exact is True and planner is 'Cubes'.*leave exact out"),
+        ("plane", {"planner": "Cubes", "iterations": 3}, "iterations is 3 and planner is 'Cubes'"),
+        ("turning", {"planner": "Cubes"}, "planner is 'Cubes' on a map with rotations.*RRTConnect"),
+        ("turning", {"curve": "dubins"}, "turning_radius is None.*metres"),
+        ("turning", {"curve": "dubins", "turning_radius": 0.0}, "turning_radius is 0.0"),
+        ("turning", {"curve": "dubins", "turning_radius": math.nan}, "turning_radius is nan"),
+        ("turning", {"curve": "reeds-shepp", "turning_radius": 1e-9}, "turning_radius is 1e-09.*on the spot"),
+        ("turning", {"curve": "reeds-shepp", "turning_radius": "1m"}, "turning_radius is '1m'"),
+        ("turning", {"curve": "clothoid", "turning_radius": 1.0}, "curve is 'clothoid'.*'dubins' or 'reeds-shepp'"),
+        ("turning", {"curve": ["dubins"], "turning_radius": 1.0}, r"curve is \['dubins'\]"),
+        ("turning", {"turning_radius": 1.0}, "turning_radius is 1.0 and curve is None"),
+        ("turning", {"curve": "dubins", "turning_radius": 1.0, "exact": True}, "exact is True and curve is 'dubins'"),
+        ("turning", {"exact": 3}, "exact is 3"),
+        ("space", {"curve": "reeds-shepp", "turning_radius": 1.0}, "curve is 'reeds-shepp'.*no rotations"),
+    ],
+)
+def test_wrong_input_is_named(name: str, wrong: dict[str, Any], words: str) -> None:
+    start, goal = ENDS[name]
+    with pytest.raises(InputError, match=words) as caught:
+        planners.plan(**{"space": room(name), "start": start, "goal": goal} | wrong)
+    assert caught.value.argument.split("[")[0].split()[0] in {*wrong, "turning_radius", "field"}
+
+
+# ---- repeatable runs -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("planner", sorted(set(NAMES) - SECOND_THREAD))
+def test_a_seed_repeats_a_run_with_others_in_between(planner: str) -> None:
+    limits: dict[str, Any] = {"time_limit": 60.0} | ({"iterations": 600} if planner in ANYTIME else {})
+    for name, curve in JOINED:
+        if planner not in ANYTIME | {"RRT"} and (curve or name == "space"):
+            continue
+
+        def run(seed: int, name: str = name, curve: str | None = curve) -> list[list[float]]:
+            options = {"planner": planner, "seed": seed, **limits, **options_for(curve)}
+            found = planners.plan(room(name), *ends_in(name, curve), **options)
+            assert found.seed == seed and found.times.planning < 30.0
+            path: list[list[float]] = found.path.tolist()
+            return path
+
+        if planner in NO_CURVES.get(curve or "", {}):
+            continue
+        first = run(7)
+        planners.plan(room("plane"), ENDS["plane"][0], (5.0, 3.0), planner="RRT")
+        other = run(8)
+        assert first == run(7) and (other != first or not first)
+
+
+def test_a_seed_repeats_a_run_in_another_process() -> None:
+    script = """
+import sys
+import numpy as np
+import cspace, planners
+
+def main():
+    occupied = np.zeros((40, 40), dtype=bool)
+    occupied[20, :30] = True
+    space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), cspace.Robot.disc(0.15))
+    for seed in sys.argv[1:]:
+        found = planners.plan(space, (0.5, 0.5), (3.5, 0.5), seed=int(seed), time_limit=20.0)
+    print(found.path.tolist())
+
+main()
+"""
+    runs = [
+        subprocess.run([sys.executable, "-c", script, *seeds], capture_output=True, text=True, check=True)
+        for seeds in (["5"], ["1", "2", "5"], ["0"])
+    ]
+    assert runs[0].stdout == runs[1].stdout != runs[2].stdout
+    # Neither OMPL nor its bindings have anything to complain about.
+    assert all(run.stderr == "" and run.stdout.count("\n") == 1 for run in runs)
+
+
+def test_ompl_is_quiet_and_its_log_level_is_left_as_it_was(capfd: pytest.CaptureFixture[str]) -> None:
+    ou.setLogLevel(ou.LOG_INFO)
+    try:
+        planners.plan(room("plane"), *ENDS["plane"], seed=3)
+        with pytest.raises(ZeroDivisionError):
+            planners.plan(room("plane"), *ENDS["plane"], planner="RRTstar", objective=lambda si: 1 // 0)
+        assert ou.getLogLevel() == ou.LOG_INFO
+    finally:
+        ou.setLogLevel(ou.LOG_WARN)
+    assert capfd.readouterr() == ("", "")
+
+
+# ---- objectives ------------------------------------------------------------------------------------------------------
+
+
+def test_an_objective_of_ones_own_is_called_and_keeps_away_from_walls() -> None:
+    calls, space = [], room("plane")
+
+    class Counted(planners.ClearanceObjective):
+        def motionCost(self, first: Any, second: Any) -> Any:  # noqa: N802 - OMPL's name
+            calls.append(1)
+            return super().motionCost(first, second)
+
+    options: dict[str, Any] = {"planner": "RRTstar", "time_limit": 60.0, "iterations": 500, "seed": 1}
+    short = planners.plan(space, *ENDS["plane"], **options)
+    wide = planners.plan(space, *ENDS["plane"], objective=lambda si: Counted(si, space), **options)
+    same = planners.plan(space, *ENDS["plane"], objective="clearance", **options)
+    for found in (short, wide):
+        check(space, found, *ENDS["plane"])
+    assert len(calls) > 500
+    assert wide.clearance > short.clearance + 0.15 and wide.length > short.length
+    assert wide.path.tolist() == same.path.tolist()
+    assert (short.objective, wide.objective, same.objective) == ("length", "custom", "clearance")
+
+
+@pytest.mark.parametrize("name", ["plane", "space"])
+@pytest.mark.parametrize("planner", HEEDING)
+def test_the_planners_that_heed_an_objective_find_a_cheaper_path(planner: str, name: str) -> None:
+    space = room(name)
+    si = planners.simple_setup(space).getSpaceInformation()
+    objective = planners.ClearanceObjective(si, space)
+
+    def cost(found: planners.Plan) -> float:
+        states = [state_at(space, si, q) for q in found.path]
+        return sum(objective.motionCost(a, b).value() for a, b in itertools.pairwise(states))
+
+    iterations = 3000 if planner == "BITstar" else 250  # an iteration of BITstar is one edge
+    options: dict[str, Any] = {"planner": planner, "time_limit": 60.0, "iterations": iterations, "seed": 1}
+    short = planners.plan(space, *ENDS[name], **options)
+    wide = planners.plan(space, *ENDS[name], objective="clearance", **options)
+    rough = planners.plan(space, *ENDS[name], objective="clearance", simplify=False, **options)
+    check(space, wide, *ENDS[name])
+    assert cost(wide) < (0.8 if name == "plane" else 0.95) * cost(short)
+    assert cost(wide) <= cost(rough) * (1 + 1e-12)
+
+
+@pytest.mark.parametrize("planner", HEEDING)
+@pytest.mark.parametrize("curve", [None, *CURVES])
+def test_an_objective_goes_with_turns_and_curves(curve: str | None, planner: str) -> None:
+    options: dict[str, Any] = {"planner": planner, "time_limit": 10.0, "iterations": 60, "seed": 1}
+    ends = (0.6, 1.0, 0.0), (1.2, 3.3, 1.0)
+    found = planners.plan(room("turning"), *ends, objective="clearance", **options, **options_for(curve))
+    check(room("turning"), found, *ends)
+
+
+def test_an_error_in_a_callback_comes_out() -> None:
+    class Broken(planners.ClearanceObjective):
+        def motionCost(self, first: Any, second: Any) -> Any:  # noqa: N802 - OMPL's name
+            raise KeyError("broken")
+
+    space = room("plane")
+    with pytest.raises(KeyError, match="broken"):
+        planners.plan(space, *ENDS["plane"], planner="RRTstar", objective=lambda si: Broken(si, space))

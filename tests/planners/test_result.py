@@ -1,0 +1,157 @@
+"""What a plan says of its path, and what it writes."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import planners
+from cspace import BLOCKED, FileError
+from planners.car_curves import CURVES
+from planners.local_planner import local_planner
+from planners.result import least_clearance
+from planning import CAR, ENDS, SPACES, distances, halves, open_map, room, turn_between
+
+CASES = [*((name, None) for name in SPACES), *(("turning", curve) for curve in CURVES)]
+
+
+@pytest.fixture(scope="module", params=CASES, ids=lambda case: case[1] or case[0])
+def found(request: pytest.FixtureRequest) -> planners.Plan:
+    name, curve = request.param
+    options = {"curve": curve, **CAR} if curve else {}
+    return planners.plan(room(name), *ENDS[name], seed=4, time_limit=20.0, **options)
+
+
+# ---- clearance along a path ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("name", "curve"), CASES)
+def test_the_clearance_of_a_path_is_a_bound_for_each_of_its_points(name: str, curve: str | None) -> None:
+    space, dim = room(name), room(name).grid.dim
+    edges = local_planner(space, False, curve, 0.4 if curve else None)
+    rng, some = np.random.default_rng(0), 0
+    for a in space.sample_free(40, rng):
+        path = np.array([a, a + rng.uniform(-0.3, 0.3, len(a)), a + rng.uniform(-0.3, 0.3, len(a))])
+        bound = least_clearance(edges, path)
+        points = edges.pieces(path, 0.01, 0.01).middles
+        if not space.grid.contains(points[:, :dim]).all():
+            assert bound == 0.0
+            continue
+        if space.dof == dim:
+            least = distances(space, points).min()
+            assert max(0.0, least - 2.3 * space.grid.spacing) <= bound <= least
+        else:
+            assert bound <= space.clearance(points).min() + 1.5 * space.grid.spacing + 1e-9
+        some += bound > 0.0
+    assert some > 4 or curve == "dubins"  # whose short curves are loops
+
+
+def test_the_clearance_of_a_path_is_the_least_one_of_its_pieces() -> None:
+    space, start, _ = halves("space", BLOCKED)
+    path = np.array([start, (8.0, 4.7, 4.5)])
+    length = float(np.linalg.norm(path[1] - path[0]))
+    count = math.ceil(length / 0.5)
+    middles = path[0] + (np.arange(count) + 0.5)[:, None] / count * (path[1] - path[0])
+    expected = space.clearance(middles).min() - 0.5 * length / count
+    assert least_clearance(local_planner(space), path) == pytest.approx(expected, abs=1e-12) and expected > 0.0
+
+
+def test_clearance_is_infinite_where_every_configuration_is_free(tmp_path: Path) -> None:
+    for name in SPACES:
+        space = open_map(name)
+        found = planners.plan(space, [1.5] * space.dof, [6.5] * space.grid.dim + [1.0] * (space.dof - space.grid.dim))
+        assert found.solved and found.clearance == math.inf
+        found.to_json(tmp_path / "plan.json", overwrite=True)
+        assert json.loads((tmp_path / "plan.json").read_text())["clearance"] is None
+
+
+# ---- what it says ----------------------------------------------------------------------------------------------------
+
+
+def test_a_plan_says_in_three_lines_what_it_is(found: planners.Plan) -> None:
+    lines = repr(found).splitlines()
+    assert len(lines) == 3 and all(len(line) < 160 for line in lines)
+    assert f"{found.planner}: path found, certified; {found.length:.3f} m" in lines[0]
+    assert f"{len(found.waypoints)} waypoints ({', '.join(found.axes)})" in lines[1]
+    assert (found.curve or "straight edges") in lines[1]
+    page = found._repr_html_()
+    assert page.startswith('<img src="data:image/png;base64,') and "path found" in page
+
+
+def test_a_plan_that_failed_says_what_to_try() -> None:
+    space, start, goal = halves("plane", BLOCKED)
+    assert repr(planners.plan(space, start, goal)) == "Plan(RRTConnect: no path exists: proven)"
+    found = planners.plan(room("plane"), *ENDS["plane"], planner="RRT", time_limit=1e-6)
+    assert repr(found).splitlines() == [f"Plan(RRT: {found.status}", f"     try {found.advice})"]
+    assert found._repr_html_() == f"<p>RRT: {found.status}<br>try {found.advice}</p>".replace("'", "&#x27;")
+
+
+# ---- what it writes --------------------------------------------------------------------------------------------------
+
+
+def test_a_path_is_read_back_from_csv_to_the_last_bit(found: planners.Plan, tmp_path: Path) -> None:
+    found.to_csv(tmp_path / "path.csv")
+    with (tmp_path / "path.csv").open(newline="") as file:
+        names, *rows = csv.reader(file)
+    assert names == [*found.axes, *(["direction"] if found.curve else [])]
+    table = np.array(rows, dtype=float)
+    assert np.array_equal(table[:, : len(found.axes)], found.path)
+    assert found.direction is None or np.array_equal(table[:, -1], found.direction)
+
+
+def test_a_plan_is_read_back_from_json(found: planners.Plan, tmp_path: Path) -> None:
+    found.to_json(tmp_path / "plan.json")
+    record = json.loads((tmp_path / "plan.json").read_text())
+    assert set(record) == {field.name for field in dataclasses.fields(planners.Plan)}
+    times = planners.Times(**record.pop("times"))
+    arrays = {name: np.array(record.pop(name)) for name in ("path", "waypoints")}
+    direction, axes = record.pop("direction"), tuple(record.pop("axes"))
+    again = planners.Plan(**arrays, axes=axes, direction=direction, times=times, **record)
+    assert np.array_equal(again.path, found.path) and np.array_equal(again.waypoints, found.waypoints)
+    assert times == found.times and axes == found.axes
+    assert direction == (None if found.direction is None else found.direction.tolist())
+    for name in record:
+        assert getattr(again, name) == getattr(found, name)
+
+
+def test_an_unsolved_plan_is_written_without_nan(tmp_path: Path) -> None:
+    space, start, goal = halves("space", BLOCKED)
+    found = planners.plan(space, start, goal)
+    found.to_json(tmp_path / "plan.json")
+    record = json.loads((tmp_path / "plan.json").read_text())
+    assert record["path"] == [] and record["length"] is None and record["path_exists"] is False
+    found.to_csv(tmp_path / "path.csv")
+    assert (tmp_path / "path.csv").read_text() == "x,y,z\n"
+
+
+@pytest.mark.parametrize("write", ["to_csv", "to_json"])
+def test_an_existing_file_is_kept_unless_told_otherwise(found: planners.Plan, tmp_path: Path, write: str) -> None:
+    file = tmp_path / "plan"
+    file.write_text("mine")
+    with pytest.raises(FileError, match="overwrite=True"):
+        getattr(found, write)(file)
+    assert file.read_text() == "mine"
+    getattr(found, write)(file, overwrite=True)
+    assert file.read_text() != "mine"
+    with pytest.raises(FileError, match="not a folder"):
+        getattr(found, write)(tmp_path / "missing" / "plan")
+    assert [each.name for each in tmp_path.iterdir()] == ["plan"]
+
+
+def test_a_plan_cannot_be_changed(found: planners.Plan) -> None:
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        found.solved = False  # type: ignore[misc]
+    with pytest.raises(ValueError, match="read-only"):
+        found.path[0, 0] = 3.0
+
+
+def test_dense_rows_turn_a_little_at_a_time() -> None:
+    found = planners.plan(room("turning"), *ENDS["turning"], seed=4, time_limit=20.0)
+    assert len(found.path) > len(found.waypoints)
+    assert np.abs(turn_between(found.path[:-1, 2], found.path[1:, 2])).max() <= math.radians(5) + 1e-9

@@ -1,0 +1,132 @@
+"""Samples are free, spread evenly, near where they shall be, and repeatable."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from ompl import util as ou
+
+import planners
+from cspace import FREE, MIXED, ConfigurationError, CSpace, InputError
+from planners.states import kind_of
+from planning import ENDS, SPACES, open_map, room, state_at, turn_between, with_state
+
+NEAR = {
+    "plane": [ENDS["plane"][0], (0.0, 3.0), (3.1, 2.0), (9.9, 5.9)],
+    "turning": [ENDS["turning"][0], (3.0, 2.0, 3.1), (0.4, 0.4, -3.1)],
+    "space": [ENDS["space"][0], (1.4, 0.5, 0.5), (0.0, 0.0, 0.0), (3.9, 1.9, 1.9)],
+}
+
+
+@pytest.fixture(params=SPACES)
+def space(request: pytest.FixtureRequest) -> CSpace:
+    return room(request.param)
+
+
+def test_samples_are_free_and_spread_over_the_free_cells(space: CSpace) -> None:
+    si = planners.simple_setup(space, rng=np.random.default_rng(0)).getSpaceInformation()
+    sampler, state, read, drawn = si.allocValidStateSampler(), si.allocState(), kind_of(space).read, []
+    for _ in range(3000):
+        assert sampler.sample(state) and si.isValid(state) and si.satisfiesBounds(state)
+        drawn.append(read(state))
+    draws, dim = np.array(drawn), space.grid.dim
+    centers = np.stack(np.meshgrid(*(space.grid.centers(axis) for axis in range(dim)), indexing="ij"), axis=-1)
+    yaws = [()] if space.dof == dim else [(yaw,) for yaw in space.rotations.representatives]
+    free = np.concatenate([centers[space.is_free(_with(centers, yaw))] for yaw in yaws])
+    for axis in range(dim):
+        half = space.grid.lower[axis] + space.grid.spacing * (space.grid.shape[axis] // 2)
+        share = (free[:, axis] < half).mean()
+        error = 4 * math.sqrt(share * (1 - share) / len(draws))
+        assert (draws[:, axis] < half).mean() == pytest.approx(share, abs=error)
+    if space.dof > dim:
+        assert np.histogram(draws[:, dim], bins=12, range=(-math.pi, math.pi))[0].min() > 100
+
+
+def _with(points: np.ndarray, yaw: tuple[float, ...]) -> np.ndarray:
+    return np.concatenate([points, np.broadcast_to(yaw, (*points.shape[:-1], len(yaw)))], axis=-1)
+
+
+@pytest.mark.parametrize(("name", "near"), [(name, near) for name in SPACES for near in NEAR[name]])
+@pytest.mark.parametrize("distance", [0.05, 0.4, 20.0])
+def test_samples_near_a_state_are_free_and_near(name: str, near: Any, distance: float) -> None:
+    space, dim = room(name), room(name).grid.dim
+    si, read = planners.simple_setup(space, rng=np.random.default_rng(1)).getSpaceInformation(), kind_of(space).read
+    state, centre = state_at(space, si, [9.0] * dim + [0.0] * (space.dof - dim)), state_at(space, si, near)
+    sampler, found = si.allocValidStateSampler(), []
+    for _ in range(200):
+        before = read(state)
+        if not sampler.sampleNear(state, centre, distance):
+            assert read(state) == before
+            continue
+        found.append(read(state))
+        assert si.isValid(state) and si.satisfiesBounds(state)
+        assert np.abs(np.subtract(found[-1], near)[:dim]).max() <= distance
+        assert np.abs(turn_between(near[dim:], found[-1][dim:])).max(initial=0.0) <= distance + 1e-12
+    side = np.linspace(-distance, distance, 31)
+    around = np.stack(np.meshgrid(*[side] * dim), axis=-1)
+    assert len(found) > 0 or not space.is_free(np.array(near) + _with(around, (0.0,) * (space.dof - dim))).any()
+    if near == ENDS[name][0]:
+        assert len(found) > 100 and (np.ptp(found, axis=0) > min(distance, 0.9)).all()
+    far = state_at(space, si, [0.5] * (dim - 1) + [60.0] + [0.0] * (space.dof - dim))
+    assert not sampler.sampleNear(state, far, 1.0)
+
+
+def test_samples_near_a_state_stay_in_the_map_where_all_beyond_is_free() -> None:
+    for name in SPACES:
+        space = open_map(name)
+        si = planners.simple_setup(space).getSpaceInformation()
+        sampler, state = si.allocValidStateSampler(), si.allocState()
+        corner = state_at(space, si, [0.5] * space.dof)
+        for _ in range(100):
+            assert sampler.sampleNear(state, corner, 2.0) and si.satisfiesBounds(state)
+
+
+def test_a_generator_and_ompls_seed_make_samples_repeatable(space: CSpace) -> None:
+    def draws(**options: Any) -> list[tuple[float, ...]]:
+        si = planners.simple_setup(space, **options).getSpaceInformation()
+        sampler, state, read, out = si.allocValidStateSampler(), si.allocState(), kind_of(space).read, []
+        centre = state_at(space, si, space.sample_free(rng=np.random.default_rng(0)))
+        for _ in range(300):
+            sampler.sample(state)
+            out.append(read(state))
+            sampler.sampleNear(state, centre, 0.5)
+            out.append(read(state))
+        return out
+
+    first, again, other = (draws(rng=np.random.default_rng(seed)) for seed in (7, 7, 8))
+    assert first == again != other
+    ou.setLogLevel(ou.LOG_NONE)
+    outcomes = []
+    for seed in (7, 7, 8):
+        ou.RNG.setSeed(seed)
+        outcomes.append(draws())
+    ou.setLogLevel(ou.LOG_WARN)
+    assert outcomes[0] == outcomes[1] != outcomes[2]
+
+
+def test_a_sample_drawn_before_an_update_is_not_given_after_it() -> None:
+    space = with_state(np.full((6, 6), FREE, dtype=np.uint8))
+    si = planners.simple_setup(space).getSpaceInformation()
+    sampler, state = si.allocValidStateSampler(), si.allocState()
+    assert sampler.sample(state)
+    space.update(np.ones((6, 3), dtype=bool), (0, 0))
+    for _ in range(300):
+        assert sampler.sample(state) and si.isValid(state)
+
+
+def test_a_map_without_free_cells_has_no_samples() -> None:
+    si = planners.simple_setup(with_state(np.full((3, 3), MIXED, dtype=np.uint8))).getSpaceInformation()
+    with pytest.raises(ConfigurationError, match="no FREE cell"):
+        si.allocValidStateSampler().sample(si.allocState())
+
+
+@pytest.mark.parametrize("wrong", [3, "seed", np.random.RandomState(0)])
+def test_an_rng_of_another_type_is_refused(wrong: Any) -> None:
+    space = room("plane")
+    with pytest.raises(InputError, match="numpy"):
+        planners.simple_setup(space, rng=wrong)
+    with pytest.raises(InputError, match="numpy"):
+        planners.FreeStateSampler(planners.simple_setup(space).getSpaceInformation(), space, wrong)

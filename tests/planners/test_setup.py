@@ -1,0 +1,139 @@
+"""Names of planners, what a set-up refuses, and what it leaves behind."""
+
+from __future__ import annotations
+
+import gc
+import subprocess
+import sys
+from typing import Any
+
+import numpy as np
+import pytest
+from ompl import base as ob
+from ompl import geometric as og
+
+import planners
+from cspace import InputError
+from planners.catalogue import NO_CURVES, make_planner, planner_named
+from planning import SPACES, room
+
+
+def test_the_sampler_that_needs_the_last_valid_state_is_refused() -> None:
+    for make in (ob.ObstacleBasedValidStateSampler, lambda si: ob.ObstacleBasedValidStateSampler(si)):
+        with pytest.raises(InputError, match=r"ObstacleBasedValidStateSampler.*last valid state.*leave it out"):
+            planners.simple_setup(room("plane"), valid_state_sampler=make)
+
+
+def test_another_sampler_may_be_given() -> None:
+    si = planners.simple_setup(room("plane"), valid_state_sampler=ob.UniformValidStateSampler).getSpaceInformation()
+    sampler, state = si.allocValidStateSampler(), si.allocState()
+    assert isinstance(sampler, ob.UniformValidStateSampler)
+    assert all(sampler.sample(state) and si.isValid(state) for _ in range(50))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"valid_state_sampler": lambda si: 3}, "must return an ompl.base.ValidStateSampler"),
+        ({"objective": lambda si: 3}, "must return an ompl.base.OptimizationObjective"),
+        (
+            {"rng": np.random.default_rng(0), "valid_state_sampler": ob.UniformValidStateSampler},
+            "rng is given and valid_state_sampler is given",
+        ),
+        ({"rng": np.random.default_rng(0), "exact": True}, "rng is given and exact is True"),
+    ],
+)
+def test_what_does_not_go_together_is_refused(wrong: dict[str, Any], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        planners.simple_setup(room("plane"), **wrong)
+
+
+@pytest.mark.parametrize("name", SPACES)
+def test_nothing_of_ours_outlives_its_setup(name: str) -> None:
+    space = room(name)
+
+    def count() -> int:
+        gc.collect()
+        ours = (planners.MotionValidator, planners.StateValidityChecker, planners.FreeStateSampler)
+        return sum(isinstance(thing, (*ours, planners.WeightedLength)) for thing in gc.get_objects())
+
+    before = count()
+    for _ in range(5):
+        setup = planners.simple_setup(space, objective=lambda si: planners.ClearanceObjective(si, space))
+        sampler = setup.getSpaceInformation().allocValidStateSampler()
+        assert count() > before
+        del setup, sampler
+    assert count() == before
+
+
+def test_every_geometric_planner_that_can_be_made_is_listed() -> None:
+    setup, made = planners.simple_setup(room("plane")), set()
+    for name in dir(og):
+        try:
+            thing = getattr(og, name)(setup.getSpaceInformation())
+        except TypeError:
+            continue
+        if isinstance(thing, ob.Planner):
+            made.add(name)
+            thing.setProblemDefinition(setup.getProblemDefinition())
+            thing.setup()  # an AORRTC that was never set up crashes the process when it is freed
+    assert set(planners.planner_names()) == made
+    assert len(made) >= 14 and {"RRTConnect", "PRMstar", "BITstar", "KPIECE1", "AORRTC"} <= made
+
+
+@pytest.mark.parametrize("name", [*planners.planner_names(), "Cubes"])
+def test_names_may_be_written_in_any_case(name: str) -> None:
+    assert planner_named(name) == planner_named(name.lower()) == planner_named(name.upper()) == name
+    if name != "Cubes":
+        setup = planners.simple_setup(room("plane"))
+        planner = make_planner(name, setup.getSpaceInformation())
+        assert type(planner) is getattr(og, name)
+        planner.setProblemDefinition(setup.getProblemDefinition())
+        planner.setup()
+
+
+@pytest.mark.parametrize(
+    ("wrong", "meant"), [("RRTConect", "RRTConnect"), ("bit*", "BITstar"), ("prm-star", "PRMstar"), ("cube", "Cubes")]
+)
+def test_a_wrong_name_lists_the_right_ones_and_the_likely_one(wrong: str, meant: str) -> None:
+    with pytest.raises(InputError) as caught:
+        planner_named(wrong)
+    assert f"did you mean {meant}?" in str(caught.value) and repr(wrong) in str(caught.value)
+    assert all(name in str(caught.value) for name in planners.planner_names())
+    assert (caught.value.argument, caught.value.value) == ("planner", wrong)
+
+
+@pytest.mark.parametrize("wrong", ["", "Planner", "SimpleSetup", 3])
+def test_what_is_no_planner_is_refused(wrong: Any) -> None:
+    with pytest.raises(InputError, match="RRTConnect"):
+        planner_named(wrong)
+
+
+@pytest.mark.parametrize(("curve", "name"), [(c, n) for c, names in NO_CURVES.items() for n in names])
+def test_planners_that_take_edges_from_their_ends_are_refused(curve: str, name: str) -> None:
+    with pytest.raises(InputError, match=rf"planner is '{name}' and curve is '{curve}'.*RRT"):
+        planner_named(name.lower(), curve)
+
+
+def test_without_ompl_only_planners_is_missing() -> None:
+    script = """
+import sys
+
+class NoOmpl:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] == "ompl":
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+
+sys.meta_path.insert(0, NoOmpl())
+import numpy as np
+import cspace
+space = cspace.build(cspace.Workspace.from_array(np.zeros((9, 9), dtype=bool), 0.1), cspace.Robot.disc(0.05))
+assert space.is_free((0.45, 0.45))
+try:
+    import planners
+except cspace.MissingPackageError as error:
+    print(error)
+"""
+    run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    assert "pip install ompl" in run.stdout

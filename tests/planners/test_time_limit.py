@@ -1,0 +1,97 @@
+"""A plan ends within its time limit and a quarter of a second, whatever the planner, the space and the objective."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import pytest
+
+import planners
+from cspace import MIXED
+from planners.car_curves import CURVES
+from planners.catalogue import IGNORE_OBJECTIVES, NO_CURVES, SECOND_THREAD
+from planners.deadline import Deadline, OutOfTime
+from planning import ANYTIME, CAR, ENDS, SPACES, halves, room
+
+LIMIT = 0.05
+ALLOWED = LIMIT + 0.25
+
+
+def in_time(space: Any, ends: Any, **options: Any) -> planners.Plan:
+    """A plan that ended in time; twice at most, for a busy machine may stop a process for longer than that."""
+    for _ in range(2):
+        began = time.perf_counter()
+        found = planners.plan(space, *ends, time_limit=LIMIT, **options)
+        taken = time.perf_counter() - began
+        if taken < ALLOWED:
+            break
+    assert taken < ALLOWED and found.times.planning + found.times.simplification < ALLOWED, found
+    return found
+
+
+@pytest.mark.parametrize(("name", "curve"), [*((n, None) for n in SPACES), *(("turning", c) for c in CURVES)])
+@pytest.mark.parametrize("planner", planners.planner_names())
+def test_every_planner_ends_in_time(planner: str, name: str, curve: str | None) -> None:
+    if planner in NO_CURVES.get(curve or "", {}):
+        return
+    options: dict[str, Any] = {"planner": planner} | ({"curve": curve, **CAR} if curve else {})
+    space, start, goal = halves(name, MIXED)
+    for each in (room(name), space):  # what is made at the first plan on a map is not counted
+        planners.plan(each, start if each is space else ENDS[name][0], ENDS[name][0], time_limit=0.01)
+        each.clearance(ENDS[name][0])
+    assert not in_time(space, (start, goal), **options).solved
+    found = in_time(room(name), ENDS[name], **options)
+    # One that goes on improving uses its time, and has the path that it found meanwhile.
+    assert planner not in ANYTIME or not found.solved or found.times.planning >= 0.9 * LIMIT
+    if planner not in IGNORE_OBJECTIVES | SECOND_THREAD:
+        in_time(room(name), ENDS[name], objective="clearance", **options)
+
+
+def test_a_step_that_asks_for_ever_is_cut_off() -> None:
+    """FMT asks for the cost between all pairs of near samples before it looks at the clock."""
+    slow: list[int] = []
+
+    class Slow(planners.ClearanceObjective):
+        def motionCost(self, first: Any, second: Any) -> Any:  # noqa: N802 - OMPL's name
+            slow.append(1)
+            time.sleep(0.002)
+            return super().motionCost(first, second)
+
+    space = room("plane")
+    found = in_time(space, ENDS["plane"], planner="FMT", objective=lambda si: Slow(si, space))
+    assert slow and not found.solved and found.status == f"no path found within {LIMIT:g} s; a path exists"
+
+
+def test_a_simplification_that_takes_for_ever_is_cut_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    ask = planners.MotionValidator.checkMotion
+
+    def slow(self: Any, first: Any, second: Any) -> bool:
+        time.sleep(0.003)
+        return ask(self, first, second)
+
+    monkeypatch.setattr(planners.MotionValidator, "checkMotion", slow)
+    found = in_time(room("space"), ENDS["space"], seed=1)
+    assert found.certified or not found.solved
+
+
+def test_callbacks_refuse_then_raise_and_are_as_before_afterwards() -> None:
+    class Asked:
+        answer: Any = None
+
+        def answer_with(self, answer: Any) -> None:
+            self.answer = answer
+
+    one, other = Asked(), Asked()
+    with Deadline(0.02, [one], [one, other]) as deadline:
+        assert 0.0 < deadline.left <= 0.02 and one.answer is None
+        time.sleep(0.07)
+        assert one.answer() is False and other.answer is None and deadline.left == 0.0
+        time.sleep(0.15)
+        for each in (one, other):
+            with pytest.raises(OutOfTime):
+                each.answer()
+    assert one.answer is None and other.answer is None
+    with Deadline(60.0, [one]):
+        pass
+    assert one.answer is None
