@@ -259,5 +259,6 @@ def overlap_field(space: CSpace, field: OverlapField | None = None) -> OverlapFi
 
 def _largest_free(space: CSpace, field: OverlapField) -> float:
     """Largest overlap in a FREE cell, or one where there is none above zero."""
-    largest = float(field.values.reshape(space.stack.shape)[space.stack == FREE].max(initial=0.0))
+    states = space._map.states
+    largest = float(field.values.reshape(states.shape)[states == FREE].max(initial=0.0))
     return largest if largest > 0.0 else 1.0
