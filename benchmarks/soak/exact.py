@@ -58,6 +58,8 @@ def check(report: Report, seed: int, edges: int, points: int = 0) -> None:
 def _check(tally: Tally, case: Case, rng: Rng) -> None:
     """Points in MIXED cells, and all points of edges, that are called free with ``exact`` and are not without."""
     space, dim = case.space, case.space.grid.dim
+    if getattr(space.robot.shape, "solid", "") == "fill":  # which has no shape of its own
+        return
     q = _drawn(case, rng)
     known, free = np.asarray(space.is_free(q)), np.asarray(space.is_free(q, exact=True))
     proven, refused = q[free & ~known], q[~free][:CANDIDATES]
