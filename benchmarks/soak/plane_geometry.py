@@ -67,7 +67,7 @@ class Shape:
         for polygon in self.polygons:
             placed = _placed(polygon, q)
             for obstacle in obstacles:
-                # Of a prepared polygon alone, dwithin misses some that cross it (GEOS 3.13).
+                # Of a prepared polygon alone, dwithin misses some that cross it (GEOS 3.14).
                 found |= shapely.intersects(obstacle, placed)
                 if np.any(np.asarray(distance) > 0.0):
                     found |= shapely.dwithin(obstacle, placed, distance)
