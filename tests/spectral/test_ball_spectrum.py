@@ -21,7 +21,7 @@ from cspace.spectral import (
     sampled_spectrum,
     sampled_spectrum_at,
 )
-from cspace.spectral.descriptors.radius_basis import RadiusBasis
+from cspace.spectral.spectra import radius_basis
 from strategies import seeds
 
 pytest.importorskip("finufft")
@@ -81,13 +81,14 @@ def test_a_thousand_radii_by_a_few_functions(bump, tolerance, counts, lengths):
     centers, radii = scene(len(counts), 1500, 100_000)
     place, frequencies = lattice(lengths, counts, number=5)
     most = float(np.linalg.norm(np.divide(counts, lengths) / 2.0))
-    basis = RadiusBasis.of(bump, radii, most, len(counts), tolerance, alone={2: 30.0, 3: 15.0}[len(counts)])
-    assert basis is not None and len(basis.tables) < 30
+    moduli = np.linspace(0.0, most, 9)
+    basis = radius_basis(bump, radii, moduli, len(counts), tolerance, alone={2: 30.0, 3: 15.0}[len(counts)])
+    assert basis is not None and len(list(basis)) < 30
     found = ball_spectrum(centers, radii, bump, lengths, counts, tolerance)
     expected = direct(centers, radii, bump, frequencies)
     whole = found[(0,) * len(counts)].real
     assert np.abs(found[place] - expected).max() <= tolerance * whole
-    assert RadiusBasis.of(bump, radii, most, len(counts), tolerance, alone=2.0) is None
+    assert radius_basis(bump, radii, moduli, len(counts), tolerance, alone=2.0) is None
 
 
 @pytest.mark.parametrize("bump", BUMPS, ids=str)

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from cspace.spectral import BallDescriptor, Bump, FourierOverlap, Separation, Verdict
-from cspace.spectral.separation.pairs import pair_integrals
+from cspace.spectral.pairs import pair_integrals
 from strategies import seeds
 
 pytest.importorskip("finufft")

@@ -12,11 +12,11 @@ from scipy.spatial.transform import Rotation
 
 from cspace import InputError, MissingPackageError, Robot
 from cspace.spectral import BallDescriptor, Bounds, Bump, FourierOverlap, Spheres, Verdict
-from cspace.spectral.separation.balls import BallSet
-from cspace.spectral.separation.band import Spectrum
-from cspace.spectral.separation.pairs import norm_square
-from cspace.spectral.separation.rings import Rings
-from cspace.spectral.separation.terms import Terms
+from cspace.spectral.pairs import BallSet
+from cspace.spectral.bands import Spectrum
+from cspace.spectral.pairs import norm_square
+from cspace.spectral.bands import Rings
+from cspace.spectral.bands import Terms
 
 pytest.importorskip("finufft")
 
@@ -103,15 +103,15 @@ def test_no_placements_have_no_values() -> None:
 )
 def test_sums_decide_beyond_all_that_is_not_known(threshold: float, verdict: Verdict, count: int) -> None:
     """One frequency with the term 1, one with 0.5; of what is left, a tail, rounding, and that of the placement."""
-    from cspace.spectral.separation._kernels import separate
+    from cspace.spectral.overlap import separate
 
     tails, slacks = np.array([9.0, 9.0, 0.25]), np.array([[0.0, 0.0], [0.0, 0.0], [0.125, 2.0]])
     rings = np.array([[0, 0], [1, 0]], dtype=np.int16), np.array([0, 1, 2]), np.array([[0, 0], [1, 0]]), np.ones(2)
-    known = np.array([1.0, 0.5], dtype=np.complex128), *rings, tails, slacks
+    known = Terms(np.array([1.0, 0.5], dtype=np.complex128), tails, slacks, *rings)
     phases = np.empty((2, 3), dtype=np.complex128)
     if verdict is Verdict.UNDECIDED and threshold > 2.0:
         tails[2] = 8.0
-    found = separate(np.zeros(2), 0.0625, *known, threshold, phases)
+    found = separate(np.zeros(2), 0.0625, known, threshold, phases)
     assert found == (verdict, count, 1.0 if count == 1 else 1.5, 9.0 if count == 1 else 0.25 + tails[2])
 
 

@@ -38,7 +38,7 @@ def case(request: pytest.FixtureRequest) -> tuple[CSpace, FourierOverlap]:
 def test_the_field_is_the_overlap_and_its_gradient_at_the_cells(
     case: tuple[CSpace, FourierOverlap], at_once: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("cspace.spectral.separation.field._AT_ONCE", at_once)
+    monkeypatch.setattr("cspace.spectral.field._AT_ONCE", at_once)
     space, overlap = case
     field = OverlapField.of(space, overlap)
     dim = space.grid.dim

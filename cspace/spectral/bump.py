@@ -6,17 +6,15 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.errors import InputError
 from cspace.grid import positive, unmasked
-from cspace.spectral.descriptors.checks import check_dim, check_not_below_zero, check_tolerance
-from cspace.spectral.descriptors.hankel import RadialTransform
-from cspace.spectral.descriptors.lenses import lens_measure, product_integral
-from cspace.spectral.descriptors.radial_table import RadialTable
+from cspace.spectral.inputs import check_dim, check_not_negative, check_number, check_tolerance
+from cspace.spectral.radial import RadialTable, RadialTransform, lens_measure, product_integral, table_points
 
 Floats = NDArray[np.float64]
 
@@ -26,8 +24,8 @@ MOST_ALPHA: Final = 1e4
 MOST_FREQUENCY: Final = 1e5
 """Up to here the phases that rounding leaves are right to 1e-10 radians, where the spectrum is small."""
 
-SERIES: Final = 0.5
-"""Argument below which the indicator's spectrum in space is taken from its series."""
+LEAST_PAIR_TOLERANCE: Final = 1e-12
+"""Least tolerance of a pair's integral."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,12 +54,15 @@ class Bump:
         unmasked(self.alpha, "alpha")
         try:
             alpha = float(self.alpha)
-        except (TypeError, ValueError) as error:
-            raise InputError(f"alpha is {self.alpha!r}; it must be one number; pass e.g. 2.0") from error
+        except (TypeError, ValueError):
+            alpha = math.nan
         if not (LEAST_ALPHA <= alpha <= MOST_ALPHA or alpha == math.inf):
             raise InputError(
-                f"alpha is {self.alpha!r}; it must lie between {LEAST_ALPHA:g} and {MOST_ALPHA:g}, or be infinite; "
-                "pass e.g. 2.0, or math.inf for the indicator"
+                "alpha",
+                f"is {self.alpha!r}",
+                f"it must be one number between {LEAST_ALPHA:g} and {MOST_ALPHA:g}, or infinite",
+                "pass e.g. 2.0, or math.inf for the indicator",
+                value=self.alpha,
             )
         object.__setattr__(self, "alpha", alpha)
 
@@ -87,15 +88,16 @@ class Bump:
         InputError
             If a distance is not finite or below zero.
         """
-        return self._values(check_not_below_zero(distance, "distance"))
+        return self.values(check_not_negative(distance, "distance"))
 
-    def _values(self, s: Floats) -> Floats:
-        inside = s < 1.0
+    def values(self, distance: Floats) -> Floats:
+        """:meth:`profile` of an array, unchecked."""
+        inside = distance < 1.0
         if self.is_indicator:
             return inside.astype(np.float64)
         with np.errstate(divide="ignore", over="ignore"):
             # 1 / (1 - s^-alpha), without the difference of two numbers near one; 0 at s = 0.
-            powers = np.expm1(-self.alpha * np.log(np.minimum(s, 1.0)))
+            powers = np.expm1(-self.alpha * np.log(np.minimum(distance, 1.0)))
             return np.where(inside, np.exp(-1.0 / powers), 0.0)
 
     def radial_spectrum(self, frequency: ArrayLike, dim: int, tolerance: float = 1e-12) -> Floats:
@@ -121,11 +123,11 @@ class Bump:
         InputError
             If a value is not usable.
         """
-        k = check_not_below_zero(frequency, "frequency")
+        k = check_not_negative(frequency, "frequency")
         axes, within = check_dim(dim), check_tolerance(tolerance)
         if self.is_indicator:
-            return np.asarray(_INDICATOR_SPECTRA[axes](k))
-        self._check_frequency(k)
+            return _INDICATOR_SPECTRA[axes](k)
+        self._check_frequency(float(k.max(initial=0.0)))
         return _transform(self, axes, within)(k)
 
     def table(self, dim: int, most: float, tolerance: float = 1e-12) -> Callable[[Floats], Floats]:
@@ -150,9 +152,7 @@ class Bump:
             If a value is not usable.
         """
         axes, within = check_dim(dim), check_tolerance(tolerance)
-        top = check_not_below_zero(most, "most")
-        if top.ndim:
-            raise InputError(f"most is {most!r}; it must be one number; pass the largest frequency")
+        top = check_number(most, "most", "pass the largest frequency")
         if self.is_indicator:
             return _INDICATOR_SPECTRA[axes]
         self._check_frequency(top)
@@ -188,56 +188,61 @@ class Bump:
             If quadrature does not reach the tolerance.
         """
         a, b = positive(first, "first"), positive(second, "second")
-        gap = check_not_below_zero(distance, "distance")
-        if gap.ndim:
-            raise InputError(f"distance is {distance!r}; it must be one number; ask for one pair at a time")
+        gap = check_number(distance, "distance", "ask for one pair at a time")
         axes, within = check_dim(dim), check_tolerance(tolerance, LEAST_PAIR_TOLERANCE)
         if self.is_indicator:
-            return lens_measure(a, b, float(gap), axes)
-        return product_integral(self._values, self._values, a, b, float(gap), axes, within)
+            return float(lens_measure(np.array(a), np.array(b), np.array(gap), axes))
+        return product_integral(self.values, a, b, gap, axes, within)
 
-    def _check_frequency(self, k: Floats) -> None:
-        if k.size and k.max() > MOST_FREQUENCY:
+    def _check_frequency(self, most: float) -> None:
+        if most > MOST_FREQUENCY:
             raise InputError(
-                f"frequency holds {k.max():g} cycles per radius; up to {MOST_FREQUENCY:g} are computed for finite "
-                "alpha; check its units"
+                "frequency",
+                f"holds {most:g} cycles per radius",
+                f"up to {MOST_FREQUENCY:g} are computed for finite alpha",
+                "check its units",
+                value=most,
             )
 
 
-LEAST_PAIR_TOLERANCE: Final = 1e-12
-"""Least tolerance of a pair's integral."""
+def check_bump(bump: Any) -> Bump:
+    """The bump itself, or the usual one for None.
+
+    Raises
+    ------
+    InputError
+        If it is neither.
+    """
+    if bump is not None and not isinstance(bump, Bump):
+        raise InputError("bump", f"is {bump!r}", "it must be a Bump", "pass e.g. Bump(2.0)", value=bump)
+    return Bump() if bump is None else bump
 
 
 @lru_cache(maxsize=16)
 def _transform(bump: Bump, dim: int, tolerance: float) -> RadialTransform:
-    return RadialTransform(bump._values, dim, tolerance)
+    return RadialTransform(bump.values, dim, tolerance)
 
 
 @lru_cache(maxsize=16)
 def _table(bump: Bump, dim: int, most: int, tolerance: float) -> RadialTable:
-    return RadialTable.of(_transform(bump, dim, 0.25 * tolerance), most, 0.5 * tolerance)
+    return RadialTable(_transform(bump, dim, 0.25 * tolerance)(table_points(most, 0.5 * tolerance)), most)
 
 
 def _disc_spectrum(k: Floats) -> Floats:
     """Of the indicator of the unit disc: ``J1(2 pi k) / k``."""
     from scipy.special import j1
 
-    k = np.asarray(k, dtype=np.float64)
     small = k < 1e-150
     return np.where(small, math.pi, j1(2.0 * math.pi * k) / np.where(small, 1.0, k))
 
 
 def _ball_spectrum(k: Floats) -> Floats:
-    """Of the indicator of the unit ball: ``4 pi (sin x - x cos x) / x^3`` with ``x = 2 pi k``."""
-    x = 2.0 * math.pi * np.asarray(k, dtype=np.float64)
-    small = x < SERIES
-    large = np.where(small, 1.0, x)
-    # Terms (-1)^n x^(2n) / ((2n)! (2n + 3) (2n + 1)) fall below 1e-17 by the seventh.
-    square = np.where(small, x * x, 0.0)
-    series = np.polynomial.polynomial.polyval(
-        square, [(-1.0) ** n / (math.factorial(2 * n + 1) * (2 * n + 3)) for n in range(8)]
-    )
-    return 4.0 * math.pi * np.where(small, series, (np.sin(large) - large * np.cos(large)) / large**3)
+    """Of the indicator of the unit ball: ``4 pi j1(x) / x`` with the spherical Bessel function and ``x = 2 pi k``."""
+    from scipy.special import spherical_jn
+
+    small = k < 1e-150
+    x = 2.0 * math.pi * np.where(small, 1.0, k)
+    return np.where(small, 4.0 / 3.0 * math.pi, 4.0 * math.pi * spherical_jn(1, x) / x)
 
 
 _INDICATOR_SPECTRA: Final = {2: _disc_spectrum, 3: _ball_spectrum}

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import os
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
@@ -10,17 +12,23 @@ from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.errors import InputError
+from cspace.errors import FileError, InputError
 from cspace.grid import finite
-from cspace.shapes import check_balls
+from cspace.spectral.inputs import check_kind, check_solid_balls
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+    from cspace.shapes import Shape
 
 Floats = NDArray[np.float64]
 Kind = Literal["inner", "outer"]
 
 KINDS: Final = ("inner", "outer")
+FORMAT: Final = "cspace-spheres"
+VERSION: Final = 1
+
+_BOUNDS: Final = ("measure", "shape_measure", "hausdorff")
 
 
 class Bounds(NamedTuple):
@@ -34,7 +42,7 @@ class Bounds(NamedTuple):
 class Spheres:
     """Balls in space, or discs in the plane, that lie in a shape or cover it.
 
-    Made by :func:`cspace.spectral.spheres.decompose`, or read with :meth:`open`.
+    Made by :func:`cspace.spectral.decompose`, or read with :meth:`open`.
 
     Attributes
     ----------
@@ -53,7 +61,7 @@ class Spheres:
     hausdorff : Bounds
         Of the one-sided Hausdorff distance that is not zero, metres: for "inner", the farthest that a point of the
         shape is from the balls; for "outer", the farthest that a point of the balls is from the shape.
-    shape : shapely geometry, Mesh, or None
+    shape : Shape, or None
         The shape, for pictures; it is not written to files.
 
     Raises
@@ -70,30 +78,20 @@ class Spheres:
     measure: Bounds
     shape_measure: Bounds
     hausdorff: Bounds
-    shape: Any = field(default=None, repr=False)
+    shape: Shape | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        centers, radii = check_balls(self.centers, self.radii)
-        if (radii <= 0.0).any():
-            raise InputError(f"radii holds {radii.min():g}; each must be above zero; drop balls that have no volume")
-        if self.kind not in KINDS:
-            raise InputError(
-                f"kind is {self.kind!r}; balls lie in a shape or cover it; use one of {', '.join(map(repr, KINDS))}"
-            )
-        for name in ("measure", "shape_measure", "hausdorff"):
+        centers, radii = check_solid_balls(self.centers, self.radii)
+        check_kind(self.kind, "kind", KINDS)
+        for name in _BOUNDS:
             pair = finite(getattr(self, name), name)
-            if pair.shape != (2,):
-                raise InputError(
-                    f"{name} is {getattr(self, name)!r}; it must be two numbers; pass Bounds(lower, upper)"
-                )
-            low, high = pair.tolist()
-            if not 0.0 <= low <= high:
-                raise InputError(f"{name} is ({low}, {high}); bounds are zero or above, the lower one first; mend them")
-            object.__setattr__(self, name, Bounds(low, high))
-        for array in (centers, radii):
+            if pair.shape != (2,) or not 0.0 <= pair[0] <= pair[1]:
+                rule = "it must be two numbers, zero or above, the lower one first"
+                raise InputError(name, f"is {getattr(self, name)!r}", rule, "pass Bounds(lower, upper)")
+            object.__setattr__(self, name, Bounds(*pair.tolist()))
+        for name, array in (("centers", centers), ("radii", radii)):
             array.setflags(write=False)
-        object.__setattr__(self, "centers", centers)
-        object.__setattr__(self, "radii", radii)
+            object.__setattr__(self, name, array)
 
     def __len__(self) -> int:
         """Number of balls."""
@@ -115,7 +113,7 @@ class Spheres:
 
     @property
     def volume_ratio(self) -> float:
-        """The middle of :attr:`volume_bounds`; in the plane, both are equal but for rounding."""
+        """The middle of :attr:`volume_bounds`; in the plane, these are some 1e-5 apart."""
         return sum(self.volume_bounds) / 2.0
 
     @property
@@ -135,7 +133,7 @@ class Spheres:
         ----------
         ax : matplotlib.axes.Axes, optional
             Where to draw, in three dimensions for balls in space; by default a new figure, which belongs to no window.
-        shape : shapely geometry or Mesh, optional
+        shape : Shape, or what :func:`cspace.spectral.decompose` takes, optional
             By default the one that the balls were made from, where it is known.
         title : str, optional
             By default number, kind and how well they describe the shape. Pass ``""`` for none.
@@ -148,9 +146,9 @@ class Spheres:
         Raises
         ------
         InputError
-            If axes are of the plane and balls are in space, or the shape is none of these.
+            If axes are of the plane and balls are in space, or the shape has another dimension.
         """
-        from cspace.spectral.spheres.picture import draw
+        from cspace.spectral.picture import draw
 
         return draw(self, ax, shape, title)
 
@@ -176,9 +174,15 @@ class Spheres:
         FileError
             If the file exists and ``overwrite`` is not set, or cannot be written.
         """
-        from cspace.spectral.spheres.files import write_spheres
+        from cspace.io.output import replacing
 
-        return write_spheres(self, path, overwrite)
+        dump, _ = _format_of(path)
+        record: dict[str, Any] = {"format": FORMAT, "version": VERSION, "kind": self.kind, "method": self.method}
+        record |= {name: list(getattr(self, name)) for name in _BOUNDS}
+        record |= {"centers": self.centers.tolist(), "radii": self.radii.tolist()}
+        with replacing(path, overwrite) as temporary:
+            temporary.write_text(dump(record), encoding="utf-8")
+        return Path(path)
 
     @classmethod
     def open(cls, path: str | os.PathLike[str]) -> Spheres:
@@ -191,6 +195,56 @@ class Spheres:
         FileError
             If the file is missing, malformed, or of another version.
         """
-        from cspace.spectral.spheres.files import read_spheres
+        from cspace.io.input import read_text
 
-        return read_spheres(path)
+        _, load = _format_of(path)
+        text, name = read_text(path, "file of balls"), os.fspath(path)
+        rule, mend = "it must be as Spheres.save writes it", "mend or write it again"
+        try:
+            record = load(text)
+        except (ValueError, RecursionError) as error:
+            raise FileError(name, f"cannot be parsed: {' '.join(str(error).split())}", rule, mend) from error
+        if not isinstance(record, Mapping) or record.get("format") != FORMAT:
+            raise FileError(name, "holds no balls", f"its format must be {FORMAT!r}", "pass a file of Spheres.save")
+        if record.get("version") != VERSION:
+            version = f"has version {record.get('version')!r}"
+            raise FileError(name, version, f"this library reads {VERSION}", "use the library that wrote it")
+        try:
+            values = [record[key] for key in ("centers", "radii", "kind")]
+            return cls(*values, str(record["method"]), *(record[key] for key in _BOUNDS))
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
+            what = f"lacks {error}" if isinstance(error, KeyError) else f"is malformed: {error}"
+            raise FileError(name, what, rule, mend) from error
+
+
+def _format_of(path: str | os.PathLike[str]) -> tuple[Callable[[Any], str], Callable[[str], Any]]:
+    """How records are written to a file and read from it."""
+    formats = {".yaml": (_to_yaml, _from_yaml), ".yml": (_to_yaml, _from_yaml), ".json": (_to_json, json.loads)}
+    try:
+        suffix = Path(path).suffix.lower()
+    except TypeError as error:
+        raise InputError("path", f"is {path!r}", "it must be a file name", "pass a string or a Path") from error
+    if suffix not in formats:
+        kinds = f"balls go into {', '.join(formats)}"
+        raise InputError("path", f"is {os.fspath(path)}, of suffix {suffix!r}", kinds, "name it e.g. balls.json")
+    return formats[suffix]
+
+
+def _to_json(record: Mapping[str, Any]) -> str:
+    return json.dumps(record, indent=1) + "\n"
+
+
+def _to_yaml(record: Mapping[str, Any]) -> str:
+    import yaml
+
+    dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
+    return str(yaml.dump(record, Dumper=dumper, sort_keys=False, default_flow_style=None, width=120))
+
+
+def _from_yaml(text: str) -> Any:
+    import yaml
+
+    try:
+        return yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+    except yaml.YAMLError as error:
+        raise ValueError(str(error)) from error

@@ -1,0 +1,246 @@
+"""Spectra within a band of frequencies, ring by ring from the lowest, and bounds of all that lies beyond."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace.spectral.bump import Bump
+from cspace.spectral.pairs import ROUNDING, BallSet
+from cspace.spectral.spectra import ball_spectrum
+
+Complexes = NDArray[np.complex128]
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+UNIT: Final = 2.0**-52
+"""Relative rounding error of one operation, doubled."""
+
+TOP: Final = 32.0
+"""Highest frequency that is thought of, in cycles per radius of the smallest ball."""
+
+_ROOM: Final = 1.0 + 2.0**-30
+"""For the rounding of the bounds themselves."""
+
+_SAMPLES: Final = 4096
+
+
+def highest_frequency(bump: Bump, a: BallSet, b: BallSet, bound: float) -> float:
+    """An estimate of the frequency beyond which the overlap of two ball sets has less than ``bound``.
+
+    Above the frequencies of the gaps between them, balls add their energies. So the energy of a set beyond a frequency
+    is the sum of those of its bumps.
+
+    Parameters
+    ----------
+    bump : Bump
+    a, b : BallSet
+    bound : float
+        Metres to the power of the dimension.
+
+    Returns
+    -------
+    float
+        Cycles per metre; at most :data:`TOP` per radius of the smallest ball.
+    """
+    k = np.linspace(0.0, TOP, _SAMPLES)
+    around = 2.0 * math.pi * k if a.dim == 2 else 4.0 * math.pi * k * k
+    energy = bump.table(a.dim, TOP, 1e-9)(k) ** 2 * around
+    beyond = np.cumsum(energy[::-1])[::-1] * k[1]
+    every = np.concatenate([a.radii, b.radii])
+    frequencies = np.geomspace(0.1 / every.max(), TOP / every.min(), 400)
+    tails = []
+    for balls in (a, b):
+        radii, counts = np.unique(balls.radii, return_counts=True)
+        tails.append(
+            sum(n * r**a.dim * np.interp(r * frequencies, k, beyond) for r, n in zip(radii, counts, strict=True))
+        )
+    enough = np.sqrt(tails[0]) * np.sqrt(tails[1]) <= bound
+    return float(frequencies[np.argmax(enough)] if enough.any() else frequencies[-1])
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Rings:
+    """Half of the frequencies ``k / lengths`` with ``|k| <= halves``, ordered by rings of their modulus.
+
+    Descriptors are real, so that opposite frequencies have conjugate terms, and one of the two is enough: the one whose
+    first entry that is not zero is above zero; and zero itself.
+
+    Attributes
+    ----------
+    lengths : ndarray of float64, shape (d,)
+        The period along each axis, metres.
+    halves : tuple of int
+        The highest frequency along each axis, in cycles per period.
+    order : ndarray of int64, shape (n,)
+        Which entry of the second half of a box of all frequencies, flattened, comes when.
+    indices : ndarray of int16, shape (n, d)
+        k, in the order of the rings.
+    starts : ndarray of int64, shape (rings + 1,)
+        Where each ring begins; the first is frequency zero alone.
+    reaches : ndarray of int64, shape (rings, d)
+        Largest modulus of k along each axis up to a ring.
+    """
+
+    lengths: Floats
+    halves: tuple[int, ...]
+    order: Ints
+    indices: NDArray[np.int16]
+    starts: Ints
+    reaches: Ints
+
+    @classmethod
+    def of(cls, lengths: Floats, halves: tuple[int, ...]) -> Rings:
+        """The rings of a period, each as wide as one cycle in its longest side."""
+        axes = [np.arange(-half, half + 1, dtype=np.int16) for half in halves]
+        box = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(halves))
+        half = box[len(box) // 2 :]
+        ring = np.ceil(np.linalg.norm(half / lengths, axis=1) * lengths.max() - 1e-9).astype(np.int64)
+        order = np.argsort(ring, kind="stable")
+        counts = np.bincount(ring)
+        starts = np.concatenate([[0], np.cumsum(counts[counts > 0])])
+        indices = np.ascontiguousarray(half[order])
+        reaches = np.maximum.accumulate(np.maximum.reduceat(np.abs(indices), starts[:-1], axis=0), axis=0)
+        return cls(lengths, halves, order, indices, starts, reaches.astype(np.int64))
+
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """Frequencies along each axis, both halves: odd numbers."""
+        return tuple(2 * half + 1 for half in self.halves)
+
+    @property
+    def size(self) -> int:
+        """How many frequencies there are; opposite ones count as one."""
+        return len(self.order)
+
+    @property
+    def volume(self) -> float:
+        """Of a period, metres to the power ``dim``."""
+        return float(np.prod(self.lengths))
+
+    @property
+    def moduli(self) -> Floats:
+        """|w| of each frequency, in the order of the rings, cycles per metre; shape (n,)."""
+        return np.asarray(np.linalg.norm(self.indices / self.lengths, axis=1))
+
+    @property
+    def twice(self) -> Floats:
+        """How often each frequency counts: once for zero, twice for those that stand for their opposites too."""
+        weights = np.full(self.size, 2.0)
+        weights[0] = 1.0
+        return weights
+
+    def sums(self, values: Floats) -> Floats:
+        """Sum over each ring of values in the order of the rings, shape (rings,)."""
+        return np.asarray(np.add.reduceat(values, self.starts[:-1]))
+
+    def half_of(self, box: Complexes) -> Complexes:
+        """A spectrum over all frequencies, in numpy.fft's order, brought into the order of the rings."""
+        flat = np.fft.fftshift(box).reshape(-1)
+        return flat[len(flat) // 2 :][self.order]
+
+    def box_of(self, half: Complexes) -> Complexes:
+        """The spectrum over all frequencies, zero in the middle, of a real function, from the half of it."""
+        flat = np.empty(2 * self.size - 1, dtype=np.complex128)
+        upper = flat[self.size - 1 :]
+        upper[self.order] = half
+        flat[: self.size - 1] = upper[:0:-1].conj()
+        return flat.reshape(self.counts)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Spectrum:
+    """A descriptor's spectrum within a band, and what is known of it beyond.
+
+    Attributes
+    ----------
+    values : ndarray of complex128, shape (n,)
+        ``F(w)``, with the origin in the balls' middle, in the order of the rings; metres to the power ``dim``.
+    error : float
+        By how much each may be off.
+    beyond : float
+        Upper bound of the energy of all frequencies outside the band: the integral of the descriptor's square, known
+        exactly from the pairs of its balls, less what the band holds (Parseval).
+    """
+
+    values: Complexes
+    error: float
+    beyond: float
+
+    @classmethod
+    def of(
+        cls, balls: BallSet, middle: Floats, bump: Bump, rings: Rings, accuracy: float, norm: tuple[float, float]
+    ) -> Spectrum:
+        """The spectrum of a ball set.
+
+        Parameters
+        ----------
+        balls : BallSet
+        middle : ndarray of float64, shape (d,)
+            The point that becomes the origin.
+        bump : Bump
+        rings : Rings
+        accuracy : float
+            Of the transform, relative to the value at frequency zero.
+        norm : tuple of float
+            As from :func:`cspace.spectral.pairs.norm_square`.
+        """
+        box = ball_spectrum(balls.centers - middle, balls.radii, bump, rings.lengths, rings.counts, accuracy)
+        values = rings.half_of(box)
+        mass = float(bump.radial_spectrum(0.0, balls.dim)) * float((balls.radii**balls.dim).sum())
+        moved = ROUNDING * (balls.span + float(np.abs(middle).max()))
+        error = mass * (2.0 * accuracy + 2.0 * math.pi * float(rings.moduli.max()) * moved)
+        moduli = np.abs(values)
+        inside = float((rings.twice * moduli * (moduli - 2.0 * error)).sum()) / rings.volume
+        total, off = norm
+        return cls(values, error, max(0.0, total - inside) + off + 2.0**-44 * total)
+
+
+class Terms(NamedTuple):
+    """What each frequency adds to the overlap, and bounds for what is left out; compiled functions take it as it is.
+
+    Attributes
+    ----------
+    products : ndarray of complex128, shape (n,)
+        ``F_B conj(F_A) / V``, in the order of the rings; doubled, but for frequency zero, for the opposite frequency.
+    tails : ndarray of float64, shape (rings + 1,)
+        Entry r bounds what all frequencies from ring r on can add, whatever the placement: within the band the sum of
+        the moduli of their terms, and beyond it, by Cauchy and Schwarz, the product of the two norms there.
+    slacks : ndarray of float64, shape (rings + 1, 2)
+        How far the sum of the rings before r can be off, by rounding and by errors of the spectra: at any placement;
+        and for each metre by which the placement itself may be off.
+    indices, starts, reaches, lengths : ndarray
+        As in :class:`Rings`.
+    """
+
+    products: Complexes
+    tails: Floats
+    slacks: Floats
+    indices: NDArray[np.int16]
+    starts: Ints
+    reaches: Ints
+    lengths: Floats
+
+    @classmethod
+    def of(cls, first: Spectrum, second: Spectrum, rings: Rings) -> Terms:
+        """The terms of the overlap of ``first`` (A), which is moved, with ``second`` (B)."""
+        weights = rings.twice / rings.volume
+        products = weights * second.values * first.values.conj()
+        a, b = np.abs(first.values), np.abs(second.values)
+        moduli = np.abs(products)
+        errors = weights * (a * second.error + b * first.error + first.error * second.error)
+        per_ring, errors_per_ring = rings.sums(moduli), rings.sums(errors)
+        beyond = math.sqrt(first.beyond) * math.sqrt(second.beyond)
+        after = np.cumsum((per_ring + errors_per_ring)[::-1])[::-1]
+        tails = _ROOM * (np.append(after, 0.0) + beyond)
+        # A phase k t / L of an axis is off by some units times k; sums, by one for each term of a ring and each ring.
+        counts = np.diff(rings.starts)
+        units = 64.0 + counts + len(counts) + 8.0 * rings.reaches.sum(axis=1)
+        off = errors_per_ring + UNIT * units * per_ring
+        slopes = rings.sums(2.0 * math.pi * rings.moduli * (moduli + errors))
+        slacks = np.vstack([np.zeros((1, 2)), _ROOM * np.cumsum(np.stack([off, slopes], axis=1), axis=0)])
+        return cls(products, tails, slacks, rings.indices, rings.starts, rings.reaches, rings.lengths)

@@ -1,0 +1,407 @@
+"""Descriptors: functions that are above zero in a shape and nowhere else, and their algebra (Lysenko, 2013).
+
+With ``U_t(f) = {x : f(x) > t}`` and descriptors that are nowhere below zero, ``U_0(f + g) = U_0(f) | U_0(g)``,
+``U_0(f g) = U_0(f) & U_0(g)``, and ``U_0(f * g)`` is the Minkowski sum of ``U_0(f)`` and ``U_0(g)``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import reduce
+from typing import Any, Final, Literal, Protocol, overload
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cspace.errors import InputError
+from cspace.grid import Grid, finite
+from cspace.spectral.bump import Bump, check_bump
+from cspace.spectral.inputs import check_axes, check_kind, check_solid_balls, check_vectors
+
+Bools = NDArray[np.bool_]
+Floats = NDArray[np.float64]
+
+SAME: Final = 1e-9
+"""Part of a cell or of the spacing by which grids may differ, from rounding, and still be the same."""
+
+MOST_WHOLE: Final = 2.0**40
+"""Product of 2-norms up to which transforms in float64 leave whole sums whole: their error is below 1000 rounding units
+of it, so below an eighth."""
+
+CHUNK: Final = 2**20
+"""Points whose values are computed together."""
+
+_TINY: Final = float(np.finfo(np.float64).tiny)
+
+
+@dataclass(frozen=True, eq=False)
+class Descriptor:
+    """A function given by its values at the middles of a grid's cells; the shape that it stands for is where it is
+    above zero.
+
+    Parameters
+    ----------
+    grid : Grid
+    values : array-like, shape grid.shape
+        A copy is kept, as float64, read-only.
+
+    Raises
+    ------
+    InputError
+        If the values do not have the grid's shape, or one is not finite.
+    """
+
+    grid: Grid
+    values: Floats = field(repr=False)
+
+    def __post_init__(self) -> None:
+        values = finite(self.values, "values")
+        if values.shape != self.grid.shape:
+            raise InputError(
+                "values",
+                f"has shape {values.shape} on a grid of {self.grid.shape}",
+                "both must be the same",
+                "pass one value for each cell, indexed in the order of the coordinates",
+                value=self.values,
+            )
+        values = values.copy()
+        values.flags.writeable = False
+        object.__setattr__(self, "values", values)
+
+    @property
+    def dim(self) -> int:
+        """2 in the plane, 3 in space."""
+        return self.grid.dim
+
+    @property
+    def integral(self) -> float:
+        """Sum of the values times the measure of a cell."""
+        return float(self.values.sum() * self.grid.spacing**self.dim)
+
+
+@dataclass(frozen=True, eq=False)
+class BallDescriptor:
+    """``f(x) = sum over balls of psi((x - center) / radius)``, above zero in the open balls and nowhere else.
+
+    Where balls overlap their bumps add up.
+
+    Parameters
+    ----------
+    centers : array-like, shape (n, 2) or (n, 3)
+        Metres; a copy is kept, read-only.
+    radii : array-like, shape (n,), or one number
+        Metres, above zero.
+    bump : Bump, optional
+        ``Bump(2.0)`` if left out.
+
+    Raises
+    ------
+    InputError
+        If there is no ball, the shapes do not fit, a value is not finite, or a radius is not above zero.
+    """
+
+    centers: Floats = field(repr=False)
+    radii: Floats = field(repr=False)
+    bump: Bump
+
+    def __init__(self, centers: ArrayLike, radii: ArrayLike, bump: Bump | None = None) -> None:
+        points, sizes = check_solid_balls(centers, radii)
+        points.flags.writeable = sizes.flags.writeable = False
+        object.__setattr__(self, "centers", points)
+        object.__setattr__(self, "radii", sizes)
+        object.__setattr__(self, "bump", check_bump(bump))
+
+    @property
+    def dim(self) -> int:
+        """2 in the plane, 3 in space."""
+        return int(self.centers.shape[1])
+
+    @property
+    def bounds(self) -> tuple[Floats, Floats]:
+        """Lower and upper corner of the balls, metres."""
+        reach = self.radii[:, None]
+        return (self.centers - reach).min(axis=0), (self.centers + reach).max(axis=0)
+
+    @property
+    def integral(self) -> float:
+        """Integral over the plane or space, metres to the power ``dim``."""
+        return float(self.bump.radial_spectrum(0.0, self.dim) * np.sum(self.radii**self.dim))
+
+    def __call__(self, points: ArrayLike) -> Floats:
+        """Values at points.
+
+        Parameters
+        ----------
+        points : array-like, shape (..., dim)
+            Metres.
+
+        Returns
+        -------
+        ndarray of float64, shape (...)
+
+        Raises
+        ------
+        InputError
+            If the last axis is not ``dim`` long, or a value is not finite.
+        """
+        from scipy.spatial import cKDTree
+
+        array = check_vectors(points, "points", self.dim)
+        flat = array.reshape(-1, self.dim)
+        values = np.zeros(len(flat))
+        for start in range(0, len(flat), CHUNK):
+            part = flat[start : start + CHUNK]
+            tree = cKDTree(part)
+            for center, radius in zip(self.centers, self.radii.tolist(), strict=True):
+                near = np.asarray(tree.query_ball_point(center, radius * (1.0 + SAME)), dtype=np.intp)
+                square = (((part[near] - center) / radius) ** 2).sum(axis=1)
+                values[start + near] += self.bump.values(np.sqrt(square))
+        return values.reshape(array.shape[:-1])
+
+    def sample(self, grid: Grid) -> Descriptor:
+        """Values at the middles of a grid's cells.
+
+        Raises
+        ------
+        InputError
+            If the grid does not have as many axes as the balls.
+        """
+        check_axes(grid, self.dim, "set of balls")
+        values = np.zeros(grid.shape)
+        for window, squares in _near_balls(self.centers, self.radii, grid):
+            values[window] += self.bump.values(np.sqrt(squares))
+        return Descriptor(grid, values)
+
+    def moved(self, translation: ArrayLike) -> BallDescriptor:
+        """The same, moved by a vector, shape (dim,), metres."""
+        shift = check_vectors(translation, "translation", self.dim)
+        return BallDescriptor(self.centers + shift, self.radii, self.bump)
+
+
+class Solid(Protocol):
+    """What is asked of a shape here: which points lie in it."""
+
+    @property
+    def dim(self) -> int: ...
+    def contains(self, points: Floats) -> Bools: ...
+
+
+def indicator(shape: Solid | ArrayLike, grid: Grid) -> Descriptor:
+    """1 at the middles of cells that lie in a shape, 0 elsewhere.
+
+    Parameters
+    ----------
+    shape : shapely geometry, cspace.Mesh or other shape, set of balls, or array-like of bool, shape grid.shape
+        Metres; closed sets, for which a middle on the border counts as inside, or, of a mesh, within rounding of it. An
+        array tells the cells themselves.
+    grid : Grid
+
+    Returns
+    -------
+    Descriptor
+
+    Raises
+    ------
+    InputError
+        If the shape and the grid do not have the same dimension, or an array has the wrong shape or holds more than 0
+        and 1.
+    """
+    return Descriptor(grid, np.asarray(_inside(shape, grid), dtype=np.float64))
+
+
+def _inside(shape: Any, grid: Grid) -> Bools:
+    import shapely
+
+    from cspace.covering import check_cells
+
+    if isinstance(shape, shapely.Geometry):
+        check_axes(grid, 2, "shape")
+        x, y = (grid.centers(axis) for axis in range(2))
+        shapely.prepare(shape)
+        return np.asarray(shapely.intersects_xy(shape, x[:, None], y[None, :]))
+    if hasattr(shape, "centers") and hasattr(shape, "radii"):
+        check_axes(grid, shape.centers.shape[1], "shape")
+        inside = np.zeros(grid.shape, dtype=bool)
+        for window, squares in _near_balls(shape.centers, np.maximum(shape.radii, _TINY), grid):
+            inside[window] |= squares <= 1.0
+        return inside
+    if hasattr(shape, "contains"):
+        check_axes(grid, shape.dim, "shape")
+        middles = np.meshgrid(*(grid.centers(axis) for axis in range(grid.dim)), indexing="ij")
+        return np.asarray(shape.contains(np.stack(middles, axis=-1)))
+    return check_cells(shape, "shape")
+
+
+def _near_balls(centers: Floats, radii: Floats, grid: Grid) -> Any:
+    """For each ball that reaches into a grid, a window of cells and their middles' squared distances, in radii."""
+    lower = np.array(grid.lower)
+    for center, radius in zip(centers, radii.tolist(), strict=True):
+        # One cell more on either side, for rounding; far outside is far outside.
+        first = np.floor((center - radius - lower) / grid.spacing) - 1.0
+        last = np.ceil((center + radius - lower) / grid.spacing) + 1.0
+        first, last = np.clip([first, last], 0, grid.shape).astype(np.int64)
+        if (first < last).all():
+            window = tuple(map(slice, first, last))
+            ways = (((grid.centers(axis)[part] - center[axis]) / radius) ** 2 for axis, part in enumerate(window))
+            yield window, sum(np.meshgrid(*ways, indexing="ij", sparse=True))
+
+
+def check_sampled(descriptor: Any) -> Descriptor:
+    """The descriptor, refused where it is not sampled."""
+    if not isinstance(descriptor, Descriptor):
+        raise InputError(
+            "descriptor",
+            f"is a {type(descriptor).__name__}, and no Descriptor",
+            "this takes descriptors sampled on a grid",
+            "make one with sample(grid) or indicator(shape, grid)",
+            value=descriptor,
+        )
+    return descriptor
+
+
+# ---- algebra ---------------------------------------------------------------------------------------------------------
+
+
+@overload
+def union(first: BallDescriptor, *others: BallDescriptor) -> BallDescriptor: ...
+@overload
+def union(first: Descriptor, *others: Descriptor) -> Descriptor: ...
+def union(first: Descriptor | BallDescriptor, *others: Descriptor | BallDescriptor) -> Descriptor | BallDescriptor:
+    """The sum of descriptors.
+
+    Parameters
+    ----------
+    first, *others : Descriptor, all on one grid; or BallDescriptor, all of one bump
+
+    Returns
+    -------
+    Descriptor or BallDescriptor
+        Of the kind of the arguments: the sum of balls' bumps is that of all balls.
+
+    Raises
+    ------
+    InputError
+        If the kinds, grids, bumps or dimensions differ.
+    """
+    given = (first, *others)
+    balls = [each for each in given if isinstance(each, BallDescriptor)]
+    if len(balls) != len(given):
+        sampled = _on_one_grid(given)
+        return Descriptor(sampled[0].grid, reduce(np.add, [each.values for each in sampled]))
+    for each in balls[1:]:
+        if each.bump != balls[0].bump or each.dim != balls[0].dim:
+            raise InputError(
+                "others",
+                f"holds balls of {each.bump} in {each.dim} dimensions, and the first are of {balls[0].bump} in "
+                f"{balls[0].dim}",
+                "both must be the same",
+                "sample them on one grid first",
+            )
+    centers, radii = (np.concatenate([getattr(each, name) for each in balls]) for name in ("centers", "radii"))
+    return BallDescriptor(centers, radii, balls[0].bump)
+
+
+def intersection(first: Descriptor, *others: Descriptor) -> Descriptor:
+    """The product of descriptors on one grid.
+
+    Raises
+    ------
+    InputError
+        If one is not sampled (the product of two bumps is no bump), or the grids differ.
+    """
+    sampled = _on_one_grid((first, *others))
+    return Descriptor(sampled[0].grid, reduce(np.multiply, [each.values for each in sampled]))
+
+
+def superlevel(descriptor: Descriptor, threshold: float = 0.0) -> Bools:
+    """``U_t``: the cells at whose middle a descriptor is above a threshold, which itself does not count.
+
+    Parameters
+    ----------
+    descriptor : Descriptor
+    threshold : float
+
+    Returns
+    -------
+    ndarray of bool, shape descriptor.grid.shape
+
+    Raises
+    ------
+    InputError
+        If the descriptor is not sampled, or the threshold is not one finite number.
+    """
+    level = finite(threshold, "threshold")
+    if level.ndim:
+        raise InputError("threshold", f"is {threshold!r}", "it must be one number", "pass e.g. 0.0", value=threshold)
+    return np.asarray(check_sampled(descriptor).values > level)
+
+
+def minkowski_sum(first: Descriptor, second: Descriptor, method: Literal["fft", "direct"] = "fft") -> Descriptor:
+    """The convolution ``h(x) = integral f(y) g(x - y) dy`` of descriptors on grids of one spacing.
+
+    The integral is the sum over cells, times their measure. The grid of the result is larger: it holds every sum of a
+    cell of one and a cell of the other, and the middles of its cells are sums of theirs.
+
+    Where all values are whole numbers (indicators), the sums are whole numbers too and are rounded to them: exact, also
+    by FFT, for ``|f|_2 |g|_2`` below 2^40. Where no value is below zero, the cells in which the sum is above zero are
+    exactly the Minkowski sum of those of ``first`` and ``second``: FFT's rounding, about 1e-16 of ``|f|_2 |g|_2``,
+    neither adds cells nor loses any.
+
+    Parameters
+    ----------
+    first, second : Descriptor
+    method : {"fft", "direct"}
+        "direct" sums one product after the other, which pays where both are small, or one is a few cells large.
+
+    Returns
+    -------
+    Descriptor
+
+    Raises
+    ------
+    InputError
+        If a descriptor is not sampled, the dimensions or spacings differ, or ``method`` is neither word.
+    """
+    f, g = (check_sampled(each).grid for each in (first, second))
+    if f.dim != g.dim or abs(f.spacing - g.spacing) * max(f.shape + g.shape) > SAME * f.spacing:
+        raise InputError(
+            "second",
+            f"is on a grid of {g.dim} axes and a spacing of {g.spacing:g} m, the first on one of {f.dim} and "
+            f"{f.spacing:g} m",
+            "both must be the same",
+            "sample the descriptors alike",
+        )
+    check_kind(method, "method", ("fft", "direct"))
+    lower = np.add(f.lower, g.lower) + 0.5 * f.spacing
+    grid = Grid(lower, f.spacing, [n + m - 1 for n, m in zip(f.shape, g.shape, strict=True)])
+    return Descriptor(grid, _convolution(first.values, second.values, method) * f.spacing**f.dim)
+
+
+def _convolution(f: Floats, g: Floats, method: str) -> Floats:
+    """Sums over cells, rounded and cut as :func:`minkowski_sum` tells."""
+    from scipy.signal import convolve, convolve2d, fftconvolve
+
+    if method == "fft":
+        sums = np.asarray(fftconvolve(f, g))
+    else:  # in the plane there is a quicker loop than the one for all dimensions
+        sums = np.asarray(convolve2d(f, g) if f.ndim == 2 else convolve(f, g, method="direct"))
+    whole = all(np.array_equal(values, np.rint(values)) for values in (f, g))
+    if whole and np.linalg.norm(f) * np.linalg.norm(g) < MOST_WHOLE:
+        return np.rint(sums)
+    if (f < 0.0).any() or (g < 0.0).any():
+        return sums
+    pairs = fftconvolve((f > 0.0).astype(np.float64), (g > 0.0).astype(np.float64))
+    return np.where(pairs > 0.5, np.maximum(sums, _TINY), 0.0)
+
+
+def _on_one_grid(given: tuple[Any, ...]) -> list[Descriptor]:
+    """The descriptors, all sampled on the grid of the first."""
+    sampled = [check_sampled(each) for each in given]
+    grid = sampled[0].grid
+    for other in (each.grid for each in sampled):
+        if grid.shape != other.shape or not (
+            np.allclose(grid.lower, other.lower, rtol=0.0, atol=SAME * grid.spacing)
+            and abs(grid.spacing - other.spacing) * max(grid.shape) <= SAME * grid.spacing
+        ):
+            raise InputError("others", f"holds one on {other}", f"all must be on {grid}", "sample them alike")
+    return sampled

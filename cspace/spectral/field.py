@@ -1,0 +1,196 @@
+"""A smooth field on a map: how much descriptors overlap at each configuration, and which way that grows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Final, Protocol, overload
+
+import numpy as np
+from numba.cpython.unsafe.tuple import tuple_setitem
+from numpy.typing import ArrayLike, NDArray
+
+from cspace.compiling import entry, jit
+from cspace.errors import InputError
+from cspace.grid import Grid
+from cspace.map import turning
+from cspace.map.batches import Many, One, answer
+from cspace.map.fields import checked_fields
+from cspace.map.points import configuration, is_usable
+from cspace.map.record import Map
+from cspace.memory import check_memory
+from cspace.rotations import Rotations, cells_for
+from cspace.spectral.overlap import FourierOverlap
+from cspace.states import FIELDS
+
+Floats = NDArray[np.float64]
+
+_AT_ONCE: Final = 2**20
+"""Cells whose values are computed together."""
+
+
+class Space(Protocol):
+    """What is asked of a map here."""
+
+    @property
+    def grid(self) -> Grid: ...
+    @property
+    def rotations(self) -> Rotations | None: ...
+    @property
+    def dof(self) -> int: ...
+    @property
+    def _map(self) -> Map: ...
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class OverlapField:
+    """The overlap of a robot's descriptor with that of the obstacles at the middles of a map's cells, and its gradient.
+
+    A measure of penetration that is as smooth as the descriptors: above zero where balls meet, and growing with the
+    depth. It is no certificate; the states of the map are.
+
+    Parameters
+    ----------
+    space : CSpace
+        The map.
+    arrays : mapping of str to ndarray of float64, shape (nx, ny(, nz)), or (slices, ...) of a robot that turns
+        By the names in :data:`cspace.states.FIELDS`: the overlap, metres to the power of the dimension, and its
+        derivatives along the axes, one power less.
+
+    Raises
+    ------
+    InputError
+        If an array is missing or there are others, or one has not the shape and type of the map's, or holds what is not
+        finite.
+    """
+
+    space: Space
+    arrays: Mapping[str, Floats]
+
+    def __post_init__(self) -> None:
+        grid = self.space.grid
+        object.__setattr__(self, "arrays", checked_fields(self.arrays, grid.dim, _shape(self.space)))
+
+    @classmethod
+    def of(cls, space: Space, overlap: FourierOverlap) -> OverlapField:
+        """The field of a map.
+
+        The cells' middles are a lattice of placements, so that all values of a slice are one transform, and each
+        derivative one more. Of a robot that turns, the values of a slice are those at the representative of the first
+        rotation cell that it serves.
+
+        Parameters
+        ----------
+        space : CSpace
+        overlap : FourierOverlap
+            Of the robot's balls, in the robot's frame, with the obstacles', in the map's. Grown balls, such as those of
+            :meth:`FourierOverlap.of_shapes`, overlap before the shapes do.
+
+        Raises
+        ------
+        InputError
+            If the overlap is in the plane and the map is in space, or the other way around, or memory is too small.
+        MissingPackageError
+            If finufft is not installed.
+        """
+        grid, map_ = space.grid, space._map
+        if overlap.dim != grid.dim:
+            raise InputError("overlap", f"has {overlap.dim} coordinates, the map {grid.dim}", "both must have as many")
+        shape, count = map_.states.shape, 1 + grid.dim
+        check_memory(8.0 * count * map_.states.size, "the overlap field", grid.shape, grid.spacing)
+        arrays = {name: np.empty(shape) for name in FIELDS[:count]}
+        turns = cells_for(space.rotations).turns(grid.dim)
+        for number in range(len(map_.states)):
+            matrix = turns[int(np.argmax(map_.slice_of == number))].matrix
+            placed = overlap if matrix is None else overlap.rotated(matrix)
+            for rows in np.array_split(np.arange(shape[1]), -(-grid.size // _AT_ONCE)):
+                cells = np.stack(np.meshgrid(rows, *map(np.arange, shape[2:]), indexing="ij"), axis=-1)
+                places = grid.center_of(cells)
+                values = np.concatenate([placed.values(places)[..., None], placed.gradients(places)], axis=-1)
+                for k, array in enumerate(arrays.values()):
+                    array[number, rows] = values[..., k]
+        return cls(space, {name: array.reshape(_shape(space)) for name, array in arrays.items()})
+
+    @property
+    def values(self) -> Floats:
+        """The overlap at the middle of each cell, shape (nx, ny(, nz)), or (slices, ...) of a robot that turns."""
+        return self.arrays[FIELDS[0]]
+
+    @overload
+    def at(self, q: One) -> float: ...
+    @overload
+    def at(self, q: Many) -> Floats: ...
+    @overload
+    def at(self, q: ArrayLike) -> float | Floats: ...
+    def at(self, q: ArrayLike) -> float | Floats:
+        """The overlap at configurations, linear between the middles of cells.
+
+        Parameters
+        ----------
+        q : array-like, shape (dof,) or (..., dof)
+            Metres, and radians. Outside the grid the nearest value in it is taken; of a rotation, that of its cell.
+
+        Returns
+        -------
+        float or ndarray of float64, shape (...)
+            Not below zero.
+
+        Raises
+        ------
+        InputError
+            If the last axis is not dof long, or a value is NaN or infinite.
+        """
+        overlaps: float | Floats = answer(q, self.space.dof, partial(fields_at, *self._fixed()), np.float64, float)
+        return overlaps
+
+    def checker(self) -> Callable[..., float]:
+        """A quick :meth:`at` of floats: ``check(*q) -> float``; they must be finite, and are not checked."""
+        return entry(field_of, self._fixed(), self.space.dof)
+
+    def _fixed(self) -> tuple[Any, ...]:
+        map_ = self.space._map
+        return map_, np.ascontiguousarray(self.values).reshape(map_.states.shape)
+
+
+def _shape(space: Space) -> tuple[int, ...]:
+    return (*cells_for(space.rotations).leading(len(space._map.states)), *space.grid.shape)
+
+
+@jit
+def field_at(map_: Map, values: Floats, q: tuple[float, ...]) -> float:
+    """A field, linear between the middles of cells, at a configuration."""
+    dim = len(map_.lower)
+    cell, shares = tuple_setitem(map_.states.shape, 0, turning.slice_at(map_.rotations, q)), map_.lower
+    for axis in range(dim):
+        n = map_.states.shape[axis + 1]
+        place = min(max((q[axis] - map_.lower[axis]) / map_.spacing - 0.5, 0.0), n - 1.0)
+        first = min(int(place), max(n - 2, 0))
+        cell, shares = tuple_setitem(cell, axis + 1, first), tuple_setitem(shares, axis, place - first)
+    total = 0.0
+    for corner in range(1 << dim):
+        share, other = 1.0, cell
+        for axis in range(dim):
+            upper = (corner >> axis) & 1
+            share *= shares[axis] if upper else 1.0 - shares[axis]
+            other = tuple_setitem(other, axis + 1, cell[axis + 1] + upper)
+        if share > 0.0:
+            total += share * values[other]
+    return max(total, 0.0)
+
+
+@jit
+def field_of(map_: Map, values: Floats, *q: float) -> float:
+    """:func:`field_at` of floats."""
+    return float(field_at(map_, values, q))
+
+
+@jit
+def fields_at(map_: Map, values: Floats, points: Floats, out: Floats) -> int:
+    """:func:`field_at` for many configurations; the index of the first that is not usable, or -1."""
+    for k in range(len(points)):
+        q = configuration(map_, points, k)
+        if not is_usable(map_, q):
+            return k
+        out[k] = field_at(map_, values, q)
+    return -1

@@ -1,0 +1,708 @@
+"""FourierOverlap: how much two ball sets have in common, for any placement of one of them, from their spectra."""
+
+from __future__ import annotations
+
+import copy
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+from functools import cached_property
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cspace.compiling import jit
+from cspace.errors import InputError
+from cspace.grid import finite, positive
+from cspace.spectral.bands import Rings, Spectrum, Terms, highest_frequency
+from cspace.spectral.bump import Bump
+from cspace.spectral.inputs import check_number, check_tolerance, check_vectors
+from cspace.spectral.pairs import ROUNDING, BallSet, bump_of, norm_square, pair_integrals, touching_overlap
+from cspace.spectral.spectra import nufft
+
+Bytes = NDArray[np.uint8]
+Complexes = NDArray[np.complex128]
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+MOST: Final = 2**21
+"""Frequencies, opposite ones counted once, up to which the band is chosen where none is given."""
+
+LARGEST: Final = 2**26
+"""Frequencies up to which a band may be given."""
+
+HIGHEST: Final = 2**15 - 1
+"""Cycles per period, along an axis, that a short integer holds."""
+
+PERIOD_ROOM: Final = 1e-6
+"""By how much, relative, the period is longer than it must be, so that rounding cannot make anything wrap around."""
+
+LONGEST: Final = 1e40
+"""Metres, beyond which squares of volumes overflow."""
+
+FARTHEST: Final = 1e6
+"""How many periods the balls may lie from the origin of their frame."""
+
+NEAR: Final = 1e-6
+"""How far a matrix may be from a rotation; the nearest one is taken."""
+
+
+class Verdict(IntEnum):
+    """Answer to whether two ball sets are apart; what it proves is stated where it is asked for."""
+
+    MISS = 0
+    HIT = 1
+    UNDECIDED = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Separation:
+    """A verdict, and what it took.
+
+    Attributes
+    ----------
+    verdict : Verdict
+        MISS, HIT or UNDECIDED.
+    frequencies : int
+        How many were summed; 0 where the swollen obstacles alone proved the miss. A frequency and its opposite, whose
+        terms are conjugate, count as one.
+    total : int
+        How many there are within the band limit, for the ball sets that were asked: inner balls only where the outer
+        ones proved no miss.
+    overlap : float
+        The partial sum that was reached, square or cubic metres; of the outer balls, where there are inner ones too.
+    bound : float
+        By how much the ideal overlap, with all frequencies, can differ from ``overlap``, rounding included.
+    """
+
+    verdict: Verdict
+    frequencies: int
+    total: int
+    overlap: float
+    bound: float
+
+    @property
+    def share(self) -> float:
+        """Part of the frequencies that was summed, 0 to 1."""
+        return self.frequencies / self.total
+
+
+class FourierOverlap:
+    """The overlap of a ball set A, placed anywhere, with a ball set B; made once, and asked many times.
+
+    A ball set has the descriptor ``f(x) = sum over balls of psi((x - center) / radius)``, with the bump psi. With A
+    moved by t the two overlap by
+
+        c(t) = integral f_B(x) f_A(x - t) dx = 1/V sum_w F_B(w) conj(F_A(w)) exp(2 pi i w.t),
+
+    in square or cubic metres, with V the volume of a period so long that nothing that meets B wraps around, whatever t
+    and however A is turned. c is above zero exactly where an open ball of the moved A meets one of B, and grows with
+    the depth of the collision. A translation is a phase, so that t need not lie on a lattice; the gradient is the same
+    sum times ``2 pi i w`` (Lysenko, 2013); and many t at once are one non-uniform transform (finufft).
+
+    :meth:`value`, :meth:`gradient` and the like sum all frequencies up to the band limit, and so differ from the ideal
+    c by at most :attr:`bound`. :meth:`separated` sums no more of them than it must to tell whether the ideal c, with
+    all frequencies, lies below or above :attr:`threshold`.
+
+    *Every* t is answered. Where t lies outside :attr:`domain`, nothing of A comes near B, and c is exactly zero.
+
+    Parameters
+    ----------
+    a, b : object with ``centers`` and ``radii``, or (centers, radii)
+        Balls of A, in its own frame, and of B; both in the plane or in space; metres. Such as what
+        :func:`cspace.spectral.decompose` returns, or a :class:`cspace.Robot` of balls.
+    bump : Bump, optional
+        Of both; if left out, that of a or b, where they are descriptors, or else ``Bump(2.0)``. Smooth ones need few
+        frequencies; flat ones (alpha above 8 or so, and infinite) up to a hundred times as many.
+    threshold : float
+        Overlap that :meth:`separated` decides about, zero or above; square or cubic metres.
+    band : float, optional
+        Highest frequency along each axis, cycles per metre. If left out, chosen so that :attr:`bound` is about
+        ``tolerance`` times the threshold, or, where that is zero, times what a ball of A and one of B have in common,
+        both of median radius, when the center of one lies on the border of the other; but at most so high that there
+        are about two million frequencies.
+    tolerance : float
+    accuracy : float
+        Of the spectra, relative to their largest values.
+
+    Attributes
+    ----------
+    threshold : float
+    bound : float
+        By how much the sums over the band can differ from the ideal overlap, rounding included.
+
+    Raises
+    ------
+    InputError
+        If a value is not as stated.
+    MissingPackageError
+        If finufft is not installed.
+
+    Notes
+    -----
+    *Why low frequencies first.* After all ``|w| <= R`` have been summed, to s, the rest is at most T: the moduli of the
+    terms that are left within the band, and for those beyond it, by Cauchy and Schwarz, the product of the norms of the
+    two spectra there. T falls by what has been summed, so the terms with the most energy should come first, and these
+    are the low frequencies: those of a smooth descriptor fall faster than any power of ``|w|``. From the other end
+    nearly all terms would have to be summed before T falls at all. There is a second reason: the norms beyond the band
+    are known (the integral of the square, from the pairs of balls, less what the band holds), so that low first gives
+    a bound for *all* frequencies, of which high first never sees the last.
+    """
+
+    def __init__(
+        self,
+        a: Any,
+        b: Any,
+        *,
+        bump: Bump | None = None,
+        threshold: float = 0.0,
+        band: float | None = None,
+        tolerance: float = 1e-3,
+        accuracy: float = 1e-12,
+    ) -> None:
+        first, second = BallSet.of(a, "a"), BallSet.of(b, "b")
+        if first.dim != second.dim:
+            raise InputError(
+                "b",
+                f"has {second.dim} coordinates and a has {first.dim}",
+                "both must lie in the plane or both in space",
+            )
+        self.threshold = check_number(threshold, "threshold", "pass e.g. 0.0")
+        self._bump = bump_of(bump, a, b)
+        self._accuracy = accuracy
+        self._swell = 0.0  # by how much the balls are grown beyond those whose shapes the verdicts are about
+        self._inner: FourierOverlap | None = None  # the overlap of the inner balls, where there are any
+        self._b, self._unturned, self._turn = second, first, np.eye(first.dim)
+        self._pivot, self._middle_b = first.middle, second.middle
+        self._reach = first.reach(self._pivot) * (1.0 + 2.0**-40)
+        self._limits = (second.sides(self._middle_b) + self._reach) * (1.0 + 0.1 * PERIOD_ROOM)
+        lengths = 2.0 * (1.0 + PERIOD_ROOM) * self._limits
+        far = max(first.span, second.span)
+        if far > LONGEST:
+            raise InputError(
+                "b", f"or a reaches {far:g} m from the origin", f"at most {LONGEST:g} m can be computed with"
+            )
+        if far > FARTHEST * lengths.min():
+            raise InputError(
+                "b",
+                f"or a lies {far:g} m from the origin of its frame, and both take up {lengths.min():g} m",
+                "rounding would count",
+                "move the origin nearer to them",
+            )
+        self._rings = self._make_rings(first, lengths, band, tolerance)
+        self._norms = norm_square(self._bump, first), norm_square(self._bump, second)
+        self._spectrum_b = self._spectrum(second, self._middle_b, self._norms[1])
+        self._place(first)
+
+    @classmethod
+    def of_shapes(
+        cls,
+        outer_a: Any,
+        outer_b: Any,
+        inner_a: Any = None,
+        inner_b: Any = None,
+        *,
+        swell: float,
+        classes: int = 8,
+        bump: Bump | None = None,
+        tolerance: float = 1e-3,
+        accuracy: float = 1e-12,
+    ) -> FourierOverlap:
+        """An overlap whose verdicts are proofs about the shapes that the balls stand for.
+
+        The outer balls cover the shapes, and the inner ones lie in them. Every outer ball is grown by ``swell``. Where
+        the shapes touch, so do an outer ball of A and one of B, before they grow; after it, the two overlap by at least
+        as much as any two balls of these radii that only just touched. That is the threshold. So:
+
+        *MISS* proves that the closed shapes have no point in common. *HIT* proves that they do: an inner ball of A and
+        one of B overlap. Between the two lie placements that are closer than twice ``swell``, or than the balls tell.
+
+        The values and gradients are those of the grown outer balls.
+
+        Parameters
+        ----------
+        outer_a, outer_b : object with ``centers`` and ``radii``, or (centers, radii)
+            Balls whose union covers A, and B; metres.
+        inner_a, inner_b : the same, optional
+            Balls that lie in A, and B; without them there is no HIT.
+        swell : float
+            Metres, above zero. Half a radius of the typical ball and more makes early verdicts; less makes fewer
+            placements undecided.
+        classes : int
+            How many different radii there may be in each set: outer balls grow and inner balls shrink to the next of
+            them. Each takes a transform.
+        bump, tolerance, accuracy
+            As for the class.
+
+        Raises
+        ------
+        InputError
+            If a value is not as stated, only one of the inner sets is given, or the bump is so flat, or ``swell`` so
+            small, that grown balls that touched have too little in common to be computed.
+        MissingPackageError
+            If finufft is not installed.
+        """
+        given = {"outer_a": outer_a, "outer_b": outer_b, "inner_a": inner_a, "inner_b": inner_b}
+        for name, source in given.items():
+            kind = getattr(source, "kind", None)
+            if kind in ("inner", "outer") and kind != name[:5]:
+                raise InputError(
+                    name, f"is of kind {kind!r}", f"it must be {name[:5]!r}", "decompose the shape with that kind"
+                )
+        chosen = bump_of(bump, *given.values())
+        more = positive(swell, "swell")
+        if isinstance(classes, bool) or not isinstance(classes, int | np.integer) or classes < 1:
+            raise InputError("classes", f"is {classes!r}", "it must be a whole number above zero", "pass e.g. 8")
+        if (inner_a is None) is not (inner_b is None):
+            raise InputError(
+                "inner_a",
+                f"is {inner_a!r:.40} and inner_b {inner_b!r:.40}",
+                "a hit needs both",
+                "pass both, or neither",
+            )
+        a, b = (BallSet.of(given[name], name).rounded(classes, up=True) for name in ("outer_a", "outer_b"))
+        level = touching_overlap(chosen, a, b, more, ROUNDING * (a.span + b.span)) if a.dim == b.dim else 0.0
+        if a.dim == b.dim and level <= 0.0:
+            raise InputError(
+                "swell",
+                f"is {more:g}",
+                f"balls of {min(a.radii.min(), b.radii.min()):g} m that touched must share, once grown, more than "
+                f"can be computed with alpha = {chosen.alpha:g}",
+                "pass a larger swell",
+            )
+        options: dict[str, Any] = {"bump": chosen, "tolerance": tolerance, "accuracy": accuracy}
+        made = cls(a.grown(more), b.grown(more), threshold=level, **options)
+        made._swell = more
+        if inner_a is not None:
+            sets = (BallSet.of(given[name], name).rounded(classes, up=False) for name in ("inner_a", "inner_b"))
+            made._inner = cls(*sets, **options)
+            if made._inner.dim != made.dim:
+                raise InputError(
+                    "inner_a",
+                    f"has {made._inner.dim} coordinates and the outer balls {made.dim}",
+                    "both must have as many",
+                    "pass balls of the same shapes",
+                )
+        return made
+
+    # ---- what it is --------------------------------------------------------------------------------------------------
+
+    @property
+    def dim(self) -> int:
+        """2 in the plane, 3 in space."""
+        return self._b.dim
+
+    @property
+    def lengths(self) -> tuple[float, ...]:
+        """The period along each axis, metres."""
+        return tuple(self._rings.lengths.tolist())
+
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """Frequencies along each axis, odd numbers: ``k / length``, k from ``-(count // 2)`` to ``count // 2``."""
+        return self._rings.counts
+
+    @property
+    def frequencies(self) -> int:
+        """How many frequencies there are up to the band limit, opposite ones counted once; of inner balls too."""
+        return self._rings.size + (self._inner.frequencies if self._inner else 0)
+
+    @property
+    def domain(self) -> tuple[Floats, Floats]:
+        """Lower and upper corner, metres, of the placements t where there can be any overlap; beyond, it is zero."""
+        middle = self._middle_b - self._pivot
+        return middle - self._limits, middle + self._limits
+
+    @property
+    def bound(self) -> float:
+        """By how much :meth:`value` can differ from the ideal overlap: by the band limit and by rounding."""
+        slack, slope = self._terms.slacks[-1]
+        farthest = max(float(np.abs(corner).max()) for corner in self.domain)
+        return float(self._terms.tails[-1] + slack + slope * ROUNDING * (farthest + self._a.span + self._b.span))
+
+    # ---- how much --------------------------------------------------------------------------------------------------
+
+    def value(self, t: ArrayLike) -> float:
+        """The overlap, up to the band limit, with A moved by t.
+
+        Parameters
+        ----------
+        t : array-like, shape (d,)
+            Metres.
+
+        Returns
+        -------
+        float
+            Square or cubic metres; zero outside :attr:`domain`.
+        """
+        shares = self._shares(t)
+        return 0.0 if shares is None else float(sum_of_terms(shares, self._terms))
+
+    def gradient(self, t: ArrayLike) -> Floats:
+        """The derivatives of :meth:`value`, shape (d,): metres, or square metres in space."""
+        shares = self._shares(t)
+        if shares is None:
+            return np.zeros(self.dim)
+        return np.array([sum_of_terms(shares, terms) for terms in self._slopes])
+
+    def values(self, ts: ArrayLike, tolerance: float = 1e-9) -> Floats:
+        """:meth:`value` at many placements, by one non-uniform transform.
+
+        Parameters
+        ----------
+        ts : array-like, shape (..., d)
+            Metres.
+        tolerance : float
+            Of the transform, relative to the root of the sum of the squares of the terms; from 1e-13 to 0.1.
+
+        Returns
+        -------
+        ndarray of float64, shape (...)
+        """
+        return np.asarray(self._transformed(ts, tolerance, [self._box])[0])
+
+    def gradients(self, ts: ArrayLike, tolerance: float = 1e-9) -> Floats:
+        """:meth:`gradient` at many placements, shape (..., d), as :meth:`values`."""
+        boxes = [self._box * self._derivative(axis) for axis in range(self.dim)]
+        return np.moveaxis(self._transformed(ts, tolerance, boxes), 0, -1)
+
+    def rotated(self, rotation: Any) -> FourierOverlap:
+        """The same with A turned about the origin of its frame.
+
+        Only the spectrum of A is made anew, from turned centers; nothing is sampled, and the period, the band and the
+        threshold stay.
+
+        Parameters
+        ----------
+        rotation : float, array-like of shape (d, d), or scipy.spatial.transform.Rotation
+            An angle in radians, in the plane; or a matrix.
+
+        Raises
+        ------
+        InputError
+            If it is none of these.
+        """
+        matrix = _rotation_matrix(rotation, self.dim)
+        other = copy.copy(self)
+        # From the first position, so that rounding does not change the shape, however often it is turned.
+        other._turn = _rotation_matrix(matrix @ self._turn, self.dim)
+        other._pivot = other._turn @ self._unturned.middle
+        other._place(self._unturned.turned(other._turn))
+        other._inner = self._inner.rotated(matrix) if self._inner else None
+        return other
+
+    # ---- whether at all ----------------------------------------------------------------------------------------------
+
+    def separated(self, t: ArrayLike, *, swelling: bool = True) -> Separation:
+        """Whether A, moved by t, and B are apart, from as few frequencies as possible.
+
+        First, B's balls are swollen by a ball that holds A: where the middle of that lies in none of them, it is a MISS
+        without any frequency. Then the frequencies are summed ring by ring from low to high, to s, until s and T, which
+        bounds all that has not been summed, the rounding and the errors of the spectra, decide:
+
+        *MISS* (``s + T < threshold``) proves that the ideal overlap ``c(t)``, of the exact sums of bumps, with all
+        frequencies, lies below :attr:`threshold`; or, from swollen balls, that it is zero. *HIT*
+        (``s - T > threshold``) proves that it lies above. With a threshold of zero a HIT proves that two balls overlap,
+        and a MISS that none do. *UNDECIDED*: all frequencies up to the band limit do not tell.
+
+        Of one made by :meth:`of_shapes`, MISS and HIT are proofs about the shapes, as stated there.
+
+        Parameters
+        ----------
+        t : array-like, shape (d,)
+            Metres.
+        swelling : bool
+            Whether to ask the swollen balls first.
+
+        Returns
+        -------
+        Separation
+        """
+        place = self._checked(t, "t")
+        if place.ndim != 1:
+            raise InputError(
+                "t", f"has shape {place.shape}", "separated is about one placement", "use verdicts for many"
+            )
+        verdicts, counts, sums = self._decide(place[None], swelling)
+        verdict = Verdict(int(verdicts[0]))
+        total = self._rings.size if verdict is Verdict.MISS else self.frequencies
+        return Separation(verdict, int(counts[0]), total, *sums[0].tolist())
+
+    def verdicts(self, ts: ArrayLike, *, swelling: bool = True) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
+        """:meth:`separated` at many placements.
+
+        Parameters
+        ----------
+        ts : array-like, shape (..., d)
+            Metres.
+        swelling : bool
+
+        Returns
+        -------
+        verdicts : ndarray of uint8, shape (...)
+            Values of :class:`Verdict`.
+        frequencies : ndarray of int64, shape (...)
+            How many each took.
+        """
+        places = self._checked(ts, "ts")
+        verdicts, counts, _ = self._decide(np.ascontiguousarray(places.reshape(-1, self.dim)), swelling)
+        return verdicts.reshape(places.shape[:-1]), counts.reshape(places.shape[:-1])
+
+    def _decide(self, ts: Floats, swelling: bool) -> tuple[Bytes, Ints, Floats]:
+        """Verdicts, numbers of frequencies, and sums with their bounds."""
+        fars = ROUNDING * (np.abs(ts).max(axis=1, initial=0.0) + self._a.span + self._b.span)
+        # Balls that were grown for the threshold are taken as they were: where those are apart, so are the shapes.
+        reach = self._reach - self._swell + 4.0 * float(fars.max(initial=0.0)) if swelling else math.inf
+        swollen = Swollen(self._limits, self._b.centers - self._middle_b, self._b.radii - self._swell, reach)
+        verdicts = np.empty(len(ts), dtype=np.uint8)
+        counts, sums = np.empty(len(ts), dtype=np.int64), np.empty((len(ts), 2))
+        separate_all(self._relative(ts), fars, swollen, self._terms, self.threshold, (verdicts, counts, sums))
+        if self._swell:
+            self._ask_inner(ts, verdicts, counts)
+        return verdicts, counts, sums
+
+    def _ask_inner(self, ts: Floats, verdicts: Bytes, counts: Ints) -> None:
+        """Replace what the outer balls do not prove a miss by what the inner ones prove, in place."""
+        rest = np.flatnonzero(verdicts != Verdict.MISS)
+        verdicts[rest] = Verdict.UNDECIDED
+        if self._inner is not None and len(rest):
+            inner, more, _ = self._inner._decide(ts[rest], swelling=True)
+            verdicts[rest] = np.where(inner == Verdict.HIT, Verdict.HIT, Verdict.UNDECIDED)
+            counts[rest] += more
+
+    # ---- how it is done ----------------------------------------------------------------------------------------------
+
+    def _make_rings(self, a: BallSet, lengths: Floats, band: float | None, tolerance: float) -> Rings:
+        if band is not None:
+            highest = positive(band, "band", "cycles per metre")
+        else:
+            typical = np.median(a.radii, keepdims=True), np.median(self._b.radii, keepdims=True)
+            scale = self.threshold or float(pair_integrals(self._bump, *typical, np.maximum(*typical), self.dim)[0][0])
+            highest = highest_frequency(self._bump, a, self._b, positive(tolerance, "tolerance", "parts") * scale)
+            fitting = 0.5 * (2.0 * MOST / float(np.prod(lengths))) ** (1.0 / self.dim)
+            highest = min(highest, fitting, HIGHEST / float(lengths.max()))
+        halves = tuple(max(1, math.floor(highest * length)) for length in lengths.tolist())
+        if math.prod(2 * half + 1 for half in halves) > LARGEST or max(halves) > HIGHEST:
+            raise InputError(
+                "band",
+                f"is {band!r}, which takes {' x '.join(str(2 * half + 1) for half in halves)} frequencies",
+                f"at most {LARGEST} are computed",
+                "pass a lower one",
+            )
+        return Rings.of(lengths, halves)
+
+    def _spectrum(self, balls: BallSet, middle: Floats, norm: tuple[float, float]) -> Spectrum:
+        return Spectrum.of(balls, middle, self._bump, self._rings, self._accuracy, norm)
+
+    def _place(self, a: BallSet) -> None:
+        """Take over the balls of A, whose middle and reach are known."""
+        self._a = a
+        self._terms = Terms.of(self._spectrum(a, self._pivot, self._norms[0]), self._spectrum_b, self._rings)
+        for kept in ("_box", "_slopes"):
+            self.__dict__.pop(kept, None)
+
+    @cached_property
+    def _box(self) -> Complexes:
+        """The terms of all frequencies, zero in the middle."""
+        return self._rings.box_of(self._terms.products / self._rings.twice)
+
+    @cached_property
+    def _slopes(self) -> list[Terms]:
+        """The terms of the derivative along each axis."""
+        waves = 2j * math.pi * self._rings.indices / self._rings.lengths
+        return [self._terms._replace(products=self._terms.products * wave) for wave in waves.T]
+
+    def _derivative(self, axis: int) -> Complexes:
+        """What the terms of all frequencies are multiplied with for the derivative along an axis."""
+        half = self._rings.halves[axis]
+        waves = 2j * math.pi / self._rings.lengths[axis] * np.arange(-half, half + 1)
+        return np.expand_dims(waves, [other for other in range(self.dim) if other != axis])
+
+    def _checked(self, t: ArrayLike, name: str) -> Floats:
+        return check_vectors(t, name, self.dim)
+
+    def _relative(self, places: Floats) -> Floats:
+        """Placements of the middle of A relative to that of B."""
+        return np.asarray((places + self._pivot) - self._middle_b)
+
+    def _shares(self, t: ArrayLike) -> Floats | None:
+        """One placement of the middle of A relative to that of B, in periods; None where there is no overlap."""
+        place = self._checked(t, "t")
+        if place.ndim != 1:
+            raise InputError(
+                "t", f"has shape {place.shape}", "this is about one placement", "use values or gradients for many"
+            )
+        place = self._relative(place)
+        return place / self._rings.lengths if (np.abs(place) <= self._limits).all() else None
+
+    def _transformed(self, ts: ArrayLike, tolerance: float, boxes: list[Complexes]) -> Floats:
+        """Sums of the terms in boxes of all frequencies, shape (boxes, ...)."""
+        within = check_tolerance(tolerance)
+        places = self._checked(ts, "ts")
+        flat = self._relative(places.reshape(-1, self.dim))
+        inside = (np.abs(flat) <= self._limits).all(axis=1)
+        out = np.zeros((len(boxes), len(flat)))
+        if inside.any():
+            turns = list(np.ascontiguousarray(2.0 * math.pi * (flat[inside] / self._rings.lengths).T))
+            out[:, inside] = nufft(2, self.dim, turns, np.stack(boxes), within, 1).real
+        return np.asarray(out.reshape(len(boxes), *places.shape[:-1]))
+
+
+def _rotation_matrix(rotation: Any, dim: int) -> Floats:
+    """The rotation matrix next to an angle in the plane, a matrix or a scipy Rotation, shape (dim, dim)."""
+    values = finite(rotation.as_matrix() if hasattr(rotation, "as_matrix") else rotation, "rotation")
+    if dim == 2 and values.ndim == 0:
+        sine, cosine = math.sin(float(values)), math.cos(float(values))
+        return np.array([[cosine, -sine], [sine, cosine]])
+    if values.shape == (dim, dim):
+        left, stretch, right = np.linalg.svd(values)
+        if np.abs(stretch - 1.0).max() <= NEAR and np.linalg.det(values) > 0.0:
+            return np.asarray(left @ right)
+    kinds = (
+        "an angle in radians, or a matrix of shape (2, 2)," if dim == 2 else "a Rotation, or a matrix of shape (3, 3),"
+    )
+    raise InputError(
+        "rotation",
+        f"is {rotation!r}",
+        f"it must be {kinds} that turns and neither stretches nor mirrors",
+        value=rotation,
+    )
+
+
+# ---- compiled sums, ring by ring -------------------------------------------------------------------------------------
+
+
+class Swollen(NamedTuple):
+    """What tells placements that are apart without any frequency.
+
+    Attributes
+    ----------
+    limits : ndarray, shape (d,)
+        Beyond these moduli of the placement there is no overlap.
+    centers, radii : ndarray, shape (n, d) and (n,)
+        Balls of B, relative to its middle.
+    reach : float
+        Radius of a ball around the middle of A that holds A, rounding included.
+    """
+
+    limits: Floats
+    centers: Floats
+    radii: Floats
+    reach: float
+
+
+@jit
+def add_phases(shares: Floats, first: Ints, last: Ints, phases: Complexes) -> None:
+    """Set ``phases[axis, middle + k]`` to exp(2 pi i k shares[axis]) for ``first[axis] <= |k| <= last[axis]``.
+
+    ``shares`` is the placement in periods. Each factor is computed by itself, so that errors do not add up.
+    """
+    middle = phases.shape[1] // 2
+    for axis in range(len(shares)):
+        for k in range(first[axis], last[axis] + 1):
+            turns = k * shares[axis]
+            angle = 2.0 * math.pi * (turns - round(turns))
+            value = complex(math.cos(angle), math.sin(angle))
+            phases[axis, middle + k] = value
+            phases[axis, middle - k] = value.conjugate()
+
+
+@jit
+def add_terms(terms: Terms, phases: Complexes, start: int, stop: int) -> float:
+    """Sum of the real parts of ``products * exp(2 pi i k.t)`` over a stretch of frequencies."""
+    products, indices = terms.products, terms.indices
+    middle = phases.shape[1] // 2
+    total = 0.0
+    for n in range(start, stop):
+        turn = phases[0, middle + indices[n, 0]] * phases[1, middle + indices[n, 1]]
+        if len(phases) == 3:
+            turn *= phases[2, middle + indices[n, 2]]
+        total += products[n].real * turn.real - products[n].imag * turn.imag
+    return total
+
+
+@jit
+def sum_of_terms(shares: Floats, terms: Terms) -> float:
+    """The sum over all frequencies, for a placement in periods."""
+    reaches = terms.reaches[-1]
+    phases = np.empty((len(shares), 2 * reaches.max() + 1), np.complex128)
+    add_phases(shares, np.zeros_like(reaches), reaches, phases)
+    return float(add_terms(terms, phases, 0, len(terms.products)))
+
+
+@jit
+def is_apart(place: Floats, swollen: Swollen) -> bool:
+    """Whether the ball that holds A meets no ball of B: whether its middle lies in none that is swollen by it."""
+    for n in range(len(swollen.radii)):
+        square = 0.0
+        for axis in range(len(place)):
+            gap = swollen.centers[n, axis] - place[axis]
+            square += gap * gap
+        far = swollen.reach + swollen.radii[n]
+        if square <= far * far:
+            return False
+    return True
+
+
+@jit
+def separate(
+    place: Floats, far: float, terms: Terms, threshold: float, phases: Complexes
+) -> tuple[int, int, float, float]:
+    """Sum ring after ring until the sum decides.
+
+    Parameters
+    ----------
+    place : ndarray, shape (d,)
+        Placement relative to the middles, metres.
+    far : float
+        By how much rounding may have moved it.
+    terms : Terms
+    threshold : float
+    phases : ndarray of complex128, shape (d, 2 m + 1)
+        Room for the phases, with m the highest frequency of an axis.
+
+    Returns
+    -------
+    verdict, number of frequencies, sum, bound
+    """
+    starts = terms.starts
+    shares = place / terms.lengths
+    first = np.zeros(len(place), np.int64)
+    total = 0.0
+    bound = terms.tails[0]
+    for ring in range(len(starts) - 1):
+        add_phases(shares, first, terms.reaches[ring], phases)
+        first = terms.reaches[ring] + 1
+        total += add_terms(terms, phases, starts[ring], starts[ring + 1])
+        bound = terms.tails[ring + 1] + terms.slacks[ring + 1, 0] + terms.slacks[ring + 1, 1] * far
+        if total + bound < threshold:
+            return 0, starts[ring + 1], total, bound
+        if total - bound > threshold:
+            return 1, starts[ring + 1], total, bound
+    return 2, starts[-1], total, bound
+
+
+@jit
+def separate_all(
+    places: Floats, fars: Floats, swollen: Swollen, terms: Terms, threshold: float, out: tuple[Bytes, Ints, Floats]
+) -> None:
+    """A verdict for each placement: where the swollen balls prove no miss, by :func:`separate`.
+
+    Parameters
+    ----------
+    places : ndarray, shape (n, d)
+    fars : ndarray, shape (n,)
+    swollen : Swollen
+    terms : Terms
+    threshold : float
+    out : tuple of ndarray, shape (n,), (n,) and (n, 2)
+        Verdicts; numbers of frequencies; sums and bounds.
+    """
+    verdicts, counts, sums = out
+    phases = np.empty((places.shape[1], 2 * terms.reaches[-1].max() + 1), np.complex128)
+    for n in range(len(places)):
+        place = places[n]
+        verdicts[n], counts[n], sums[n, 0], sums[n, 1] = 0, 0, 0.0, terms.tails[0]
+        if np.all(np.abs(place) <= swollen.limits) and not is_apart(place, swollen):
+            verdicts[n], counts[n], sums[n, 0], sums[n, 1] = separate(place, fars[n], terms, threshold, phases)

@@ -1,0 +1,304 @@
+"""Ball sets, and what pairs of their balls have in common: the norms and thresholds that proofs stand on."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace.errors import InputError
+from cspace.grid import finite
+from cspace.spectral.bump import Bump, check_bump
+from cspace.spectral.inputs import check_solid_balls
+from cspace.spectral.radial import FLOOR, RadialTransform, legendre_rule, lens_measure, polar_integral
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Table = Callable[[Floats], tuple[Floats, float]]
+
+ROUNDING: Final = 2.0**-50
+"""Bound, with room to spare, of the relative error of the few operations that turn and shift a coordinate."""
+
+RULES: Final = (40, 49, 57, 64)
+"""Nodes along each axis of Gauss-Legendre rules; what the finest differs from any other by bounds its error. With one
+other rule it would be by chance, now and then, that both are off by the same."""
+
+NODES: Final = 64
+"""Distances in a table of pairs of two radii."""
+
+SAFETY: Final = 4.0
+"""By how much measured errors are multiplied before they are relied upon."""
+
+FEW: Final = 8
+"""Pairs up to which each is integrated by the rule that adapts itself."""
+
+ADAPTED: Final = 1e-9
+"""Relative error of that rule."""
+
+ALONE: Final = 1e-13
+"""Relative error of the integral of a bump's own square."""
+
+AT_ONCE: Final = 2**21
+"""Pairs that are held at once."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class BallSet:
+    """Balls in one frame.
+
+    Attributes
+    ----------
+    centers : ndarray of float64, shape (n, d)
+        Metres.
+    radii : ndarray of float64, shape (n,)
+        Metres, above zero.
+    """
+
+    centers: Floats
+    radii: Floats
+
+    @classmethod
+    def of(cls, source: Any, name: str) -> BallSet:
+        """The balls of an object.
+
+        Parameters
+        ----------
+        source : object with ``centers`` and ``radii``, or a pair of them
+            Such as the result of a decomposition, a robot of balls, or arrays of shape (n, d) and (n,).
+        name : str
+            For the message.
+
+        Raises
+        ------
+        InputError
+            If there is no ball, the shapes do not fit, a value is not finite, or a radius is not above zero.
+        """
+        if isinstance(source, BallSet):
+            return source
+        pair = source
+        if hasattr(source, "centers") and hasattr(source, "radii"):
+            pair = (source.centers, source.radii)
+        if not isinstance(pair, tuple | list) or len(pair) != 2:
+            raise InputError(
+                name,
+                f"is a {type(source).__name__}",
+                "it must have centers and radii, or be a pair of them",
+                "decompose other shapes into balls first",
+                value=source,
+            )
+        if not finite(pair[0], "centers").size:
+            raise InputError(name, "holds no ball", "there must be at least one", "decompose other shapes first")
+        return cls(*check_solid_balls(*pair))
+
+    @property
+    def dim(self) -> int:
+        """2 or 3."""
+        return int(self.centers.shape[1])
+
+    @property
+    def span(self) -> float:
+        """Largest modulus of a coordinate, plus the largest radius: to what the rounding is relative, metres."""
+        return float(np.abs(self.centers).max() + self.radii.max())
+
+    @property
+    def middle(self) -> Floats:
+        """Middle of the box around the centers, shape (d,)."""
+        return np.asarray((self.centers.min(axis=0) + self.centers.max(axis=0)) / 2)
+
+    def reach(self, middle: Floats) -> float:
+        """Radius of the ball around a point that holds all balls."""
+        return float((np.linalg.norm(self.centers - middle, axis=1) + self.radii).max())
+
+    def sides(self, middle: Floats) -> Floats:
+        """Half the sides of the box around a point that holds all balls, shape (d,)."""
+        return np.asarray((np.abs(self.centers - middle) + self.radii[:, None]).max(axis=0))
+
+    def grown(self, distance: float) -> BallSet:
+        """The same with ``distance`` added to every radius, metres."""
+        return BallSet(self.centers, self.radii + distance)
+
+    def turned(self, matrix: Floats) -> BallSet:
+        """The same with every center turned about the origin."""
+        return BallSet(self.centers @ matrix.T, self.radii)
+
+    def rounded(self, number: int, up: bool) -> BallSet:
+        """The same with at most ``number`` different radii, each ball grown (``up``) or shrunk to the next of them.
+
+        Each serves about as many balls.
+        """
+        if len(np.unique(self.radii)) <= number:
+            return self
+        shares = np.arange(number) / number
+        if up:
+            steps = np.unique(np.quantile(self.radii, 1.0 - shares, method="higher"))
+            return BallSet(self.centers, steps[np.searchsorted(steps, self.radii, side="left")])
+        steps = np.unique(np.quantile(self.radii, shares, method="lower"))
+        return BallSet(self.centers, steps[np.searchsorted(steps, self.radii, side="right") - 1])
+
+
+def bump_of(bump: Bump | None, *sources: Any) -> Bump:
+    """The bump that was asked for, or else that of the sources that have one, or else the usual one.
+
+    Raises
+    ------
+    InputError
+        If it is no bump, or none was asked for and those of the sources differ.
+    """
+    bumps = {source.bump for source in sources if isinstance(getattr(source, "bump", None), Bump)}
+    if bump is None and len(bumps) > 1:
+        raise InputError("bump", f"is left out, and the descriptors have {bumps}", "both must have one", "pass bump=")
+    return check_bump(bumps.pop() if bump is None and bumps else bump)
+
+
+# ---- integrals -------------------------------------------------------------------------------------------------------
+
+
+def pair_integrals(bump: Bump, first: Floats, second: Floats, distances: Floats, dim: int) -> tuple[Floats, Floats]:
+    """Integrals of ``psi(x / first) psi((x - distance e) / second)`` over the plane or space.
+
+    Parameters
+    ----------
+    bump : Bump
+    first, second, distances : ndarray of float64, shape (n,)
+        Radii, and the distances of the centers, metres.
+    dim : int
+
+    Returns
+    -------
+    values : ndarray of float64, shape (n,)
+        Metres to the power ``dim``.
+    errors : ndarray of float64, shape (n,)
+        By how much a value may be off. Of more than a few pairs, it is what rules differ by, at most, for any of the
+        pairs, relative to the smaller ball: on a single pair rules may agree by chance.
+    """
+    if bump.is_indicator:
+        values = lens_measure(first, second, distances, dim)
+        return values, SAFETY * ROUNDING * values
+    sizes = np.minimum(first, second) ** dim
+    if len(sizes) <= FEW:
+        triples = zip(first.tolist(), second.tolist(), distances.tolist(), strict=True)
+        values = np.array([bump.pair_integral(*triple, dim, ADAPTED) for triple in triples])
+        return values, SAFETY * ADAPTED * values + FLOOR * sizes
+    # A few at a time, so that the nodes of a step fit into the cache.
+    parts = np.array_split(np.stack([first, second, distances]), max(1, len(sizes) // 8), axis=1)
+    *others, values = (np.concatenate([_by_rule(bump, part, dim, nodes) for part in parts]) for nodes in RULES)
+    worst = SAFETY * float((np.abs(np.array(others) - values) / sizes).max())
+    return values, worst * sizes + 2.0**-46 * values
+
+
+def _by_rule(bump: Bump, triples: Floats, dim: int, nodes: int) -> Floats:
+    a, b, gap = triples[:2].min(axis=0), triples[:2].max(axis=0), triples[2]
+    x, weights = legendre_rule(nodes)
+    nearest = np.clip((gap - b) / a, 0.0, 1.0)[:, None]
+    radial = (nearest + (1.0 - nearest) * x, (1.0 - nearest) * weights)
+    return polar_integral(bump.values, b / a, gap / a, dim, radial, (x, weights)) * a**dim
+
+
+def norm_square(bump: Bump, balls: BallSet) -> tuple[float, float]:
+    """Integral of the square of a descriptor: the sum of what all pairs of its balls have in common.
+
+    Returns
+    -------
+    value, error : float
+        Metres to the power of the dimension; by how much it may be off.
+    """
+    radii, which = np.unique(balls.radii, return_inverse=True)
+    tables: dict[int, Table] = {}
+    # Each with itself, and twice all others.
+    value = _own_square(bump, balls.dim) * float((balls.radii**balls.dim).sum())
+    error = SAFETY * ALONE * value
+    for i, j in _meeting(balls):
+        gaps = np.sqrt(((balls.centers[i] - balls.centers[j]) ** 2).sum(axis=1))
+        keys, group, counts = np.unique(which[i] * len(radii) + which[j], return_inverse=True, return_counts=True)
+        many = (counts > NODES) & (not bump.is_indicator)
+        for number in np.flatnonzero(many):
+            key = int(keys[number])
+            if key not in tables:
+                tables[key] = _tabled(bump, *radii[list(divmod(key, len(radii)))].tolist(), balls.dim)
+            values, off = tables[key](gaps[group == number])
+            value += 2.0 * float(values.sum())
+            error += 2.0 * len(values) * off
+        few = ~many[group]
+        if few.any():
+            values, offs = pair_integrals(bump, balls.radii[i[few]], balls.radii[j[few]], gaps[few], balls.dim)
+            value += 2.0 * float(values.sum())
+            error += 2.0 * float(offs.sum())
+    return value, error + 2.0**-52 * (len(balls.radii) + 2) * value
+
+
+def _own_square(bump: Bump, dim: int) -> float:
+    """Integral of the square of the bump of radius 1."""
+    if bump.is_indicator:
+        return bump.pair_integral(1.0, 1.0, 0.0, dim)
+    return float(RadialTransform(lambda s: bump.values(s) ** 2, dim, ALONE)(np.zeros(1))[0])
+
+
+def _meeting(balls: BallSet) -> Iterator[tuple[Ints, Ints]]:
+    """Each pair of balls that meet, once, the larger of the two first; some at a time."""
+    from scipy.spatial import cKDTree
+
+    centers, radii = balls.centers, balls.radii
+    tree = cKDTree(centers)
+    place = np.empty(len(radii), dtype=np.int64)
+    place[np.argsort(radii, kind="stable")] = np.arange(len(radii))
+    # No ball that is smaller, and meets one, is farther away than this one is wide.
+    reaches = 2.0 * radii * (1.0 + 2.0**-40)
+    totals = np.cumsum(tree.query_ball_point(centers, reaches, return_length=True))
+    start = 0
+    while start < len(radii):
+        before = totals[start - 1] if start else 0
+        stop = max(start + 1, int(np.searchsorted(totals, before + AT_ONCE, side="right")))
+        near = tree.query_ball_point(centers[start:stop], reaches[start:stop])
+        i = np.repeat(np.arange(start, stop), [len(some) for some in near])
+        j = np.concatenate([np.asarray(some, dtype=np.int64) for some in near])
+        square = ((centers[i] - centers[j]) ** 2).sum(axis=1)
+        kept = (place[j] < place[i]) & (square <= (radii[i] + radii[j]) ** 2)
+        yield i[kept], j[kept]
+        start = stop
+
+
+def _tabled(bump: Bump, first: float, second: float, dim: int) -> Table:
+    """A function from distances to the integrals for two radii, and by how much each may be off."""
+    reach = first + second
+    nodes = np.cos(math.pi * (np.arange(NODES) + 0.5) / NODES)
+    between = np.cos(math.pi * np.arange(NODES + 1) / NODES)
+    gaps = 0.5 * reach * (1.0 + np.concatenate([nodes, between]))
+    values, errors = pair_integrals(bump, np.full_like(gaps, first), np.full_like(gaps, second), gaps, dim)
+    fit = np.polynomial.Chebyshev.fit(nodes, values[:NODES], NODES - 1, domain=[-1.0, 1.0])
+    off = float(errors.max()) + SAFETY * float(np.abs(fit(between) - values[NODES:]).max())
+    return lambda distances: (np.asarray(fit(np.minimum(2.0 * distances / reach, 2.0) - 1.0)), off)
+
+
+def touching_overlap(bump: Bump, first: BallSet, second: BallSet, swell: float, slack: float) -> float:
+    """A lower bound of what two balls have in common, after each has grown by ``swell``, if before they touched.
+
+    A bump is a mixture of indicators of balls about its center, and what two balls have in common falls with the
+    distance of their centers; so does, then, the integral of the product of two bumps. So it is least, for two radii,
+    where the balls only just touch; and all pairs of radii are looked at.
+
+    Parameters
+    ----------
+    bump : Bump
+    first, second : BallSet
+        Before they have grown.
+    swell : float
+        Metres.
+    slack : float
+        By how much balls that touch may be apart, from rounding, metres.
+    """
+    a, b = (part.ravel() for part in np.meshgrid(np.unique(first.radii), np.unique(second.radii)))
+    gaps = a + b + slack
+    values, errors = pair_integrals(bump, a + swell, b + swell, gaps, first.dim)
+    least = math.inf
+    # By the rule that adapts itself, but only those pairs that may be the least.
+    for n in np.argsort(values - errors):
+        if values[n] - errors[n] > least:
+            break
+        exact = bump.pair_integral(a[n] + swell, b[n] + swell, gaps[n], first.dim, ADAPTED)
+        floor = FLOOR * (min(a[n], b[n]) + swell) ** first.dim
+        least = min(least, exact * (1.0 - SAFETY * ADAPTED) - floor)
+    return max(0.0, least)

@@ -1,0 +1,530 @@
+"""Spectra of descriptors: of sets of balls, with centres anywhere, and of what is sampled on a grid.
+
+A ball of radius r around p has the spectrum ``r^dim psi^(r |w|) exp(-2 pi i w.p)``. So the balls of one radius have
+that radial factor times the spectrum of their centres: one non-uniform FFT (Dutt and Rokhlin, 1993; Barnett, Magland
+and af Klinteberg, 2019), of type 1 for frequencies on a lattice and of type 3 for any others. Where a radius has so few
+balls that a transform would not pay, their terms are summed, on a lattice as products of factors for each axis; and
+where there are many radii, a few transforms stand for all (:func:`radius_basis`).
+
+*Error.* All bumps are above zero, so the spectrum is largest at frequency 0, where it is the integral of the
+descriptor, and tolerances are relative to that. Half of one is left to the table of ``psi^``, half to the transforms.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from functools import cached_property
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cspace.errors import InputError, MissingPackageError
+from cspace.grid import finite
+from cspace.memory import KEEP, cells_of, free_bytes, in_words
+from cspace.spectral.bump import Bump, check_bump
+from cspace.spectral.descriptors import Descriptor, check_sampled
+from cspace.spectral.inputs import LEAST_TOLERANCE, check_solid_balls, check_tolerance, check_vectors
+from cspace.spectral.radial import HALF, RadialTable, chebyshev_matrix, chebyshev_nodes, nodes_needed, table_points
+from cspace.threads import cores
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+
+LEAST_SPECTRUM_TOLERANCE: Final = 1e-12
+"""Of non-uniform transforms, whose rounding is larger."""
+
+STRICTER: Final = 0.03
+"""Part of a tolerance that is asked of a non-uniform transform, whose own tolerance is that of a 2-norm: single values
+were seen to err by up to seven times that."""
+
+LEAST_ASKED: Final = 2e-14
+"""Less is not asked of a non-uniform transform: rounding would be left."""
+
+SAMPLING: Final = ((1e-8, 1.25), (1e-11, 1.5), (0.0, 2.0))
+"""How much more finely than its result a transform samples, from which tolerance on that is asked of it: with less, its
+errors were seen to stay above the tolerance."""
+
+THREADED: Final = 2**19
+"""Samples of a transform from which on several threads pay: they wait for each other, for long on a busy machine."""
+
+FEW: Final = {2: 48, 3: 96}
+"""Balls of one radius up to which sums of products are quicker than a transform of type 1."""
+
+FEW_PAIRS: Final = 2**18
+"""Pairs of a ball and a frequency up to which their sum is quicker than any transform of type 3."""
+
+CHUNK: Final = 2**20
+"""Pairs of a ball and a frequency that are held at once."""
+
+BYTES: Final = {"balls": {2: 120.0, 3: 184.0}, "samples": {2: 48.0, 3: 48.0}}
+"""Memory for each value of a spectrum on a lattice, at most: complex arrays, of a transform that samples finely."""
+
+MANY: Final = 8.0
+"""Transforms from which on it is tried whether fewer can stand for all radii."""
+
+SHARE: Final = 0.02
+"""Part of the tolerance of a basis for each of: the spectra, the nodes, the decomposition, and the tables of its
+functions. Errors of the first three grow by the nodes' Lebesgue constant, below 6 for a thousand of them."""
+
+MOST_NODES: Final = 6.0
+"""Nodes, for each transform that radii by themselves would take, beyond which no basis is sought."""
+
+SAMPLES: Final = 4
+"""Frequencies at which spectra are decomposed, for each node."""
+
+FIT_SLACK: Final = 1e-9
+"""Part of a period by which what is transformed may be longer, from rounding."""
+
+WHOLE: Final = 1e-12
+"""Part of itself by which a period may miss a whole number of cells, from rounding, and still be one."""
+
+
+def ball_spectrum(
+    centers: ArrayLike, radii: ArrayLike, bump: Bump, lengths: ArrayLike, counts: ArrayLike, tolerance: float = 1e-9
+) -> Complexes:
+    """Spectrum of the sum of balls' bumps on a lattice of frequencies.
+
+    ``F(w) = integral f(x) exp(-2 pi i w.x) dx`` at ``w = k / lengths``, in the order of :func:`numpy.fft.fftfreq`: the
+    coefficients, times the product of ``lengths``, of the Fourier series of ``f`` repeated with these periods.
+
+    Parameters
+    ----------
+    centers : array-like, shape (n, dim)
+        Metres, anywhere: only what the balls span must fit into one period.
+    radii : array-like, shape (n,), or one number
+        Metres. Balls of equal radii share a transform.
+    bump : Bump
+    lengths : array-like, shape (dim,), or one number
+        Periods, metres.
+    counts : sequence of int, length dim, or one int
+        Frequencies along each axis: ``k`` from ``-(m // 2)`` to ``(m - 1) // 2``.
+    tolerance : float
+        Largest error, relative to the largest value, which is ``F(0)``; from 1e-12 to 0.1.
+
+    Returns
+    -------
+    ndarray of complex128, shape counts
+        Metres to the power ``dim``.
+
+    Raises
+    ------
+    InputError
+        If a value is not usable, the balls do not fit into one period, or the result does not fit into memory.
+    MissingPackageError
+        If finufft is needed, for many balls of one radius, and is not installed.
+    """
+    points, sizes, kind, within = _checked_balls(centers, radii, bump, tolerance)
+    dim = points.shape[1]
+    periods, numbers = _check_lengths(lengths, dim), _check_counts(counts, dim)
+    reach = sizes[:, None]
+    _check_fits((points - reach).min(axis=0), (points + reach).max(axis=0), periods)
+    _check_memory(numbers, BYTES["balls"][dim])
+    lattice = _LatticeSum(points / periods, numbers, periods, 0.5 * within)
+    # In transforms, what each radius by itself would take.
+    alone = float(np.minimum(1.0, np.unique(sizes, return_counts=True)[1] / FEW[dim]).sum())
+    terms = radius_basis(kind, sizes, lattice.moduli, dim, within, alone) if alone > MANY else None
+    lattice.add(_terms_by_radius(kind, sizes, lattice.moduli, dim, within) if terms is None else terms)
+    return lattice.spectrum()
+
+
+def ball_spectrum_at(
+    centers: ArrayLike, radii: ArrayLike, bump: Bump, frequencies: ArrayLike, tolerance: float = 1e-9
+) -> Complexes:
+    """Spectrum of the sum of balls' bumps at any frequencies, such as those of rings.
+
+    Parameters
+    ----------
+    centers, radii, bump, tolerance
+        As for :func:`ball_spectrum`.
+    frequencies : array-like, shape (..., dim)
+        Cycles per metre.
+
+    Returns
+    -------
+    ndarray of complex128, shape (...)
+        Metres to the power ``dim``.
+
+    Raises
+    ------
+    InputError
+        If a value is not usable.
+    MissingPackageError
+        If finufft is needed, for many balls and frequencies, and is not installed.
+    """
+    points, sizes, kind, within = _checked_balls(centers, radii, bump, tolerance)
+    dim = points.shape[1]
+    waves = check_vectors(frequencies, "frequencies", dim)
+    flat = waves.reshape(-1, dim)
+    total = np.zeros(len(flat), dtype=np.complex128)
+    if flat.size:
+        for term in _terms_by_radius(kind, sizes, np.linalg.norm(flat, axis=1), dim, within):
+            total += term.strengths[0] * term.factor * _wave_sums(points[term.members], flat, 0.5 * within)
+    return total.reshape(waves.shape[:-1])
+
+
+def sampled_spectrum(descriptor: Descriptor, lengths: ArrayLike, counts: ArrayLike) -> Complexes:
+    """Spectrum of a sampled descriptor on a lattice of frequencies, up to rounding.
+
+    What is transformed is ``h^dim sum over cells of f(x) delta(. - x)``, with the cells' middles x and side h. Its
+    spectrum repeats with the period ``1 / h`` and is that of the function itself as far as that has no frequencies
+    beyond ``1 / (2 h)``, and otherwise with those folded in. Axis by axis, it is an FFT where the period is a whole
+    number of cells, else by a product with the matrix of waves.
+
+    Parameters
+    ----------
+    descriptor : Descriptor
+    lengths : array-like, shape (dim,), or one number
+        Periods, metres, into which the grid must fit.
+    counts : sequence of int, length dim, or one int
+        Frequencies along each axis, as for :func:`ball_spectrum`; more than there are cells in a period repeat.
+
+    Returns
+    -------
+    ndarray of complex128, shape counts
+        ``F(k / lengths)`` in the order of :func:`numpy.fft.fftfreq`, metres to the power ``dim``.
+
+    Raises
+    ------
+    InputError
+        If a value is not usable, the grid does not fit into one period, or the result does not fit into memory.
+    """
+    grid = check_sampled(descriptor).grid
+    periods, numbers = _check_lengths(lengths, grid.dim), _check_counts(counts, grid.dim)
+    _check_fits(np.array(grid.lower), np.array(grid.upper), periods)
+    _check_memory(tuple(max(n, m) for n, m in zip(numbers, grid.shape, strict=True)), BYTES["samples"][grid.dim])
+    spectrum: NDArray[Any] = descriptor.values * grid.spacing**grid.dim
+    # The last axis is the one whose rows lie together.
+    for axis in reversed(range(grid.dim)):
+        spectrum = _along(spectrum, axis, grid.centers(axis), grid.spacing, float(periods[axis]), numbers[axis])
+    return spectrum
+
+
+def sampled_spectrum_at(descriptor: Descriptor, frequencies: ArrayLike, tolerance: float = 1e-9) -> Complexes:
+    """Spectrum of a sampled descriptor at any frequencies, by a non-uniform FFT of type 2.
+
+    Parameters
+    ----------
+    descriptor : Descriptor
+    frequencies : array-like, shape (..., dim)
+        Cycles per metre.
+    tolerance : float
+        Largest error, relative to the integral of the descriptor's modulus; from 1e-12 to 0.1.
+
+    Returns
+    -------
+    ndarray of complex128, shape (...)
+        Metres to the power ``dim``.
+
+    Raises
+    ------
+    InputError
+        If a value is not usable.
+    MissingPackageError
+        If finufft is not installed.
+    """
+    grid = check_sampled(descriptor).grid
+    asked = _tolerance_to_ask(check_tolerance(tolerance, LEAST_SPECTRUM_TOLERANCE))
+    waves = check_vectors(frequencies, "frequencies", grid.dim)
+    flat = waves.reshape(-1, grid.dim)
+    if not flat.size:
+        return np.zeros(waves.shape[:-1], dtype=np.complex128)
+    turns = flat * grid.spacing
+    # Cell n // 2 of each axis stands at the transform's zero.
+    middle = grid.center_of(np.array(grid.shape) // 2)
+    samples = descriptor.values.astype(np.complex128)
+    sums = nufft(2, grid.dim, _columns(turns - np.round(turns)), samples, asked, isign=-1)
+    phase = np.exp(-2j * math.pi * (flat @ middle))
+    return np.asarray(grid.spacing**grid.dim * phase * sums).reshape(waves.shape[:-1])
+
+
+# ---- non-uniform transforms ------------------------------------------------------------------------------------------
+
+
+def finufft_module() -> Any:
+    """The package finufft (Barnett, Magland and af Klinteberg, 2019), of non-uniform fast Fourier transforms.
+
+    Raises
+    ------
+    MissingPackageError
+        If it is not installed.
+    """
+    try:
+        import finufft
+    except ImportError as error:
+        raise MissingPackageError(
+            "finufft",
+            "is not installed",
+            "spectra at centers that lie on no lattice need it",
+            'install it with: pip install "cspace[spectral]"',
+        ) from error
+    return finufft
+
+
+def nufft(
+    kind: int, dim: int, points: list[Floats], values: Complexes, tolerance: float, isign: int, *more: Any
+) -> Any:
+    """A non-uniform transform of type 2 or 3 of ``values``, at ``points`` by coordinates, radians."""
+    transform = getattr(finufft_module(), f"nufft{dim}d{kind}")
+    samples = values.size + (len(more[0]) if more else len(points[0]))
+    return transform(*points, values, *more, eps=tolerance, isign=isign, nthreads=_threads(samples))
+
+
+def _threads(samples: float) -> int:
+    return cores() if samples >= THREADED else 1
+
+
+def _tolerance_to_ask(tolerance: float) -> float:
+    """What to ask of a transform, whose errors shall stay below a part of the sum of all moduli."""
+    return max(LEAST_ASKED, STRICTER * tolerance)
+
+
+def _columns(turns: Floats) -> list[Floats]:
+    """Coordinates of points, from whole turns to radians."""
+    return [np.ascontiguousarray(2.0 * math.pi * column) for column in turns.T]
+
+
+# ---- terms -----------------------------------------------------------------------------------------------------------
+
+
+class Term(NamedTuple):
+    """Waves around some points, with a strength each, times a function of the modulus of the frequency."""
+
+    members: NDArray[np.intp]
+    strengths: Floats
+    factor: Floats
+
+
+def _terms_by_radius(bump: Bump, radii: Floats, moduli: Floats, dim: int, tolerance: float) -> Iterator[Term]:
+    """One term for each radius, at given moduli of the frequency."""
+    table = bump.table(dim, float(radii.max() * moduli.max()), 0.5 * tolerance)
+    order = np.argsort(radii, kind="stable")
+    different, starts = np.unique(radii[order], return_index=True)
+    for radius, members in zip(different.tolist(), np.split(order, starts[1:]), strict=True):
+        yield Term(members, np.full(len(members), radius**dim), table(radius * moduli))
+
+
+def radius_basis(
+    bump: Bump, radii: Floats, moduli: Floats, dim: int, tolerance: float, alone: float
+) -> Iterator[Term] | None:
+    """Terms of all balls, fewer than ``alone``, that add up to those of all radii; None where it takes as many.
+
+    As a function of the radius, ``psi^(r |w|)`` is a mixture of exponentials that turn by at most ``2 pi |w| r``. So it
+    is interpolated between Chebyshev nodes ``rho_q`` in the radius with the same proven error as in the frequency
+    (:class:`RadialTable`), ``psi^(r |w|) = sum over q of l_q(r) psi^(rho_q |w|)``. A singular value decomposition of
+    the nodes' spectra leaves as many combinations as the tolerance needs, each with strengths that depend on the radii.
+    """
+    most, largest = float(moduli.max()), float(radii.max())
+    middle, half = 0.5 * (float(radii.min()) + largest), 0.5 * (largest - float(radii.min()))
+    within = SHARE * tolerance
+    count = nodes_needed(within, 2.0 * math.pi * most * half)
+    if count > MOST_NODES * alone:
+        return None
+    spectrum = bump.table(dim, largest * most + 2.0 * HALF, max(LEAST_TOLERANCE, within))
+    nodes = middle + half * chebyshev_nodes(count)
+    left, sizes, _ = np.linalg.svd(
+        spectrum(nodes[:, None] * (most * np.linspace(0.0, 1.0, SAMPLES * count))), full_matrices=False
+    )
+    rank = int(np.count_nonzero(sizes > within * spectrum(np.zeros(1))[0]))
+    if rank >= alone:
+        return None
+    combinations = left[:, :rank]
+    # Of unit band limit, as a table asks, in cycles per largest radius.
+    values = spectrum((nodes / largest)[:, None, None] * table_points(largest * most, within / math.sqrt(count)))
+    position = np.clip((radii - middle) / half, -1.0, 1.0)
+    strengths = np.polynomial.chebyshev.chebval(position, chebyshev_matrix(count) @ combinations) * radii**dim
+    everywhere = np.arange(len(radii))
+    return (
+        Term(everywhere, row, RadialTable(np.tensordot(column, values, axes=1), largest * most)(largest * moduli))
+        for row, column in zip(strengths, combinations.T, strict=True)
+    )
+
+
+class _LatticeSum:
+    """The sum X of which a spectrum is ``X(w) + conj(X(-w))``, on a lattice that holds ``-w`` with each ``w``.
+
+    A descriptor is real, so that ``F(-w)`` is the conjugate of ``F(w)``. With strengths ``a + i b`` one transform G
+    holds those of two real terms, and what they add up to with radial factors g and h, ``g A + h B``, is
+    ``X(w) + conj(X(-w))`` with ``X = G (g - i h) / 2``. So the X of all pairs are summed, and mirrored once.
+
+    Parameters
+    ----------
+    shares : ndarray of float64, shape (n, dim)
+        Points, in periods.
+    counts : tuple of int
+        Frequencies along each axis of the spectrum.
+    periods : ndarray of float64, shape (dim,)
+    tolerance : float
+        Of the transforms.
+
+    Attributes
+    ----------
+    moduli : ndarray of float64, shape (m,)
+        Those that occur, from the smallest on, cycles per metre.
+    """
+
+    def __init__(self, shares: Floats, counts: tuple[int, ...], periods: Floats, tolerance: float) -> None:
+        self._shares = shares - np.round(shares)
+        self._counts, self._tolerance = counts, tolerance
+        shape = tuple(2 * (m // 2) + 1 for m in counts)
+        # Moduli are the same in each orthant.
+        axes = [np.arange(m // 2 + 1) / period for m, period in zip(shape, periods.tolist(), strict=True)]
+        orthant = np.sqrt(sum(part * part for part in np.meshgrid(*axes, indexing="ij", sparse=True)))
+        self.moduli, which = np.unique(orthant, return_inverse=True)
+        self._which = which.reshape(orthant.shape).astype(np.int32)[np.ix_(*(np.abs(_waves(m)) for m in shape))]
+        self._half = np.zeros(shape, dtype=np.complex128)
+        self._placed: NDArray[np.intp] | None = None
+
+    def add(self, terms: Iterator[Term]) -> None:
+        """Add terms: those of a few points summed, others two by one non-uniform FFT."""
+        waiting = None
+        for term in terms:
+            if len(term.members) <= FEW[len(self._counts)]:
+                self._add(self._summed(term), 0.5 * term.factor)
+            elif waiting is None:
+                waiting = term
+            else:
+                self._transform(waiting, term)
+                waiting = None
+        if waiting is not None:
+            self._transform(waiting, Term(waiting.members[:0], waiting.strengths[:0], np.zeros_like(self.moduli)))
+
+    def spectrum(self) -> Complexes:
+        """``X(w) + conj(X(-w))``."""
+        waves = [_waves(m) for m in self._counts]
+        total = self._half[np.ix_(*waves)]
+        total += self._half[np.ix_(*(-k for k in waves))].conj()
+        return total
+
+    @cached_property
+    def _plan(self) -> Any:
+        asked = _tolerance_to_ask(self._tolerance)
+        finer = next(finer for least, finer in SAMPLING if asked >= least)
+        threads = _threads(self._half.size * finer**self._half.ndim)
+        options = {"eps": asked, "isign": -1, "modeord": 1, "nthreads": threads, "upsampfac": finer}
+        return finufft_module().Plan(1, self._half.shape, dtype="complex128", **options)
+
+    def _transform(self, first: Term, second: Term) -> None:
+        # Terms of the same points share them; others lie side by side.
+        if first.members is second.members:
+            points, strengths = first.members, first.strengths + 1j * second.strengths
+        else:
+            points = np.concatenate([first.members, second.members])
+            strengths = np.concatenate([first.strengths, 1j * second.strengths])
+        if points is not self._placed:
+            self._angles = _columns(self._shares[points])  # the plan does not keep them alive
+            self._plan.setpts(*self._angles)
+            self._placed = points
+        self._add(self._plan.execute(strengths), 0.5 * (first.factor - 1j * second.factor))
+
+    def _summed(self, term: Term) -> Complexes:
+        """Sums over points of ``exp(-2 pi i k.share)``, products of one factor for each axis."""
+        first, *rest = (
+            np.exp(-2j * math.pi * _waves(m)[:, None] * column)
+            for m, column in zip(self._half.shape, self._shares[term.members].T, strict=True)
+        )
+        others = rest[0]
+        if len(rest) == 2:
+            others = (rest[0][:, None] * rest[1][None]).reshape(-1, len(term.members))
+        return np.asarray(((first * term.strengths) @ others.T).reshape(self._half.shape))
+
+    def _add(self, waves: Complexes, factor: Floats | Complexes) -> None:
+        waves *= factor[self._which]
+        self._half += waves
+
+
+def _waves(count: int) -> NDArray[np.intp]:
+    """Whole frequencies in numpy.fft's order."""
+    return np.fft.fftfreq(count, 1.0 / count).astype(np.intp)
+
+
+def _wave_sums(points: Floats, frequencies: Floats, tolerance: float) -> Complexes:
+    """Sum over points of ``exp(-2 pi i w.p)`` at any frequencies."""
+    pairs = float(len(points)) * len(frequencies)
+    # The inner grid of a transform grows with both extents.
+    inner = np.prod(2.0 * np.ptp(points, axis=0) * np.ptp(frequencies, axis=0) + 32.0)
+    if pairs > max(FEW_PAIRS, inner):
+        ones = np.ones(len(points), dtype=np.complex128)
+        targets = [np.ascontiguousarray(column) for column in frequencies.T]
+        asked = _tolerance_to_ask(tolerance)
+        return np.asarray(nufft(3, points.shape[1], _columns(points), ones, asked, -1, *targets))
+    parts = np.array_split(frequencies, math.ceil(pairs / CHUNK))
+    return np.concatenate([np.exp(-2j * math.pi * (part @ points.T)).sum(axis=1) for part in parts])
+
+
+def _along(values: NDArray[Any], axis: int, centers: Floats, spacing: float, period: float, count: int) -> Complexes:
+    """Sums along one axis of ``value exp(-2 pi i k x / period)``."""
+    from scipy import fft
+
+    k = np.fft.fftfreq(count, 1.0 / count)
+    cells = round(period / spacing)
+    if cells >= len(centers) and abs(cells * spacing - period) <= WHOLE * period:
+        sums = np.take(fft.fft(values, n=cells, axis=axis), k.astype(np.int64) % cells, axis=axis)
+        phase = np.exp(-2j * math.pi * k * centers[0] / period)
+        return np.asarray(sums * np.expand_dims(phase, [n for n in range(values.ndim) if n != axis]))
+    waves = np.exp(-2j * math.pi * k[:, None] * (centers / period))
+    return np.ascontiguousarray(np.moveaxis(np.tensordot(waves, values, axes=(1, axis)), 0, axis))
+
+
+# ---- arguments -------------------------------------------------------------------------------------------------------
+
+
+def _checked_balls(
+    centers: ArrayLike, radii: ArrayLike, bump: Bump, tolerance: float
+) -> tuple[Floats, Floats, Bump, float]:
+    points, sizes = check_solid_balls(centers, radii)
+    return points, sizes, check_bump(bump), check_tolerance(tolerance, LEAST_SPECTRUM_TOLERANCE)
+
+
+def _check_lengths(lengths: ArrayLike, dim: int) -> Floats:
+    """Periods along the axes, above zero, shape (dim,); one number stands for all."""
+    periods = finite(lengths, "lengths")
+    if periods.shape not in {(), (dim,)} or (periods <= 0.0).any():
+        raise InputError(
+            "lengths",
+            f"is {lengths!r}",
+            f"it must be one number above zero or {dim} of them, in metres",
+            "pass the period along each axis",
+            value=lengths,
+        )
+    return np.broadcast_to(periods, dim).copy()
+
+
+def _check_counts(counts: ArrayLike, dim: int) -> tuple[int, ...]:
+    """Numbers of frequencies along the axes; one stands for all."""
+    numbers = np.asarray(counts)
+    if numbers.shape not in {(), (dim,)} or numbers.dtype.kind not in "iu" or (numbers <= 0).any():
+        raise InputError(
+            "counts",
+            f"is {counts!r}",
+            f"it must be one whole number above zero or {dim} of them",
+            "pass how many frequencies each axis has, e.g. 256",
+            value=counts,
+        )
+    return tuple(int(n) for n in np.broadcast_to(numbers, dim))
+
+
+def _check_fits(lower: Floats, upper: Floats, lengths: Floats) -> None:
+    """Refuse what does not fit into one period: its Fourier series would be that of something that overlaps itself."""
+    sizes = upper - lower
+    if (sizes > lengths * (1.0 + FIT_SLACK)).any():
+        axis = int(np.argmax(sizes / lengths))
+        raise InputError(
+            "lengths",
+            f"holds {lengths[axis]:g} m along {'xyz'[axis]}, and what is transformed is {sizes[axis]:g} m long",
+            "it must fit into one period, wherever it lies, or it would wrap around onto itself",
+            "pass a longer period",
+        )
+
+
+def _check_memory(counts: tuple[int, ...], bytes_each: float) -> None:
+    free, needed = free_bytes(), bytes_each * float(cells_of(counts))
+    if free is not None and needed > KEEP * free:
+        raise InputError(
+            "counts",
+            f"is {' x '.join(map(str, counts))}, which needs about {in_words(needed)} of memory, of which "
+            f"{in_words(free)} are free",
+            "it must fit",
+            "pass smaller counts",
+        )
