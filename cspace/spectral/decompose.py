@@ -245,9 +245,7 @@ def _inner(lattice: Lattice, choice: _Choice) -> Balls:
     centers, radii = lattice.metres(centers), radii * side
     depths = lattice.region.depths(centers)
     # A depth found anew is a proof; of balls of one radius, the least counts for all.
-    radii = (
-        np.minimum(radii.max(initial=0.0), depths.min(initial=np.inf)) * np.ones(len(radii)) if choice.same else depths
-    )
+    radii = np.full(len(radii), min([*depths, *radii])) if choice.same and len(radii) else depths
     centers, radii = centers[radii > 0.0], radii[radii > 0.0]
     if not len(radii):
         deepest = max(0.0, float(lattice.depths.max())) * side
@@ -556,8 +554,8 @@ def border_samples(pieces: Floats, number: int) -> Floats:
         return np.unique(shapely.get_coordinates(lines), axis=0)
     a, b, c = np.moveaxis(pieces, 1, 0)
     area = 0.5 * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
-    # A lattice on a triangle of area A has about 2 A / step^2 triangles, twice as many as points.
-    parts = cut_to(pieces, max(2.0 * float(np.sqrt(area / number)), 1e-300))
+    # Parts have sides from half of the longest one on, and an area A about 2.5 A / longest^2 corners.
+    parts = cut_to(pieces, max(float(np.sqrt(2.5 * area / number)), 1e-300))
     return np.unique(parts.reshape(-1, 3), axis=0)
 
 

@@ -213,6 +213,8 @@ def _inside(shape: Any, grid: Grid) -> Bools:
     import shapely
 
     from cspace.covering import check_cells
+    from cspace.raster.triangles import mark_touched
+    from cspace.shapes import Mesh
 
     if isinstance(shape, shapely.Geometry):
         check_axes(grid, 2, "shape")
@@ -228,7 +230,10 @@ def _inside(shape: Any, grid: Grid) -> Bools:
     if hasattr(shape, "contains"):
         check_axes(grid, shape.dim, "shape")
         middles = np.meshgrid(*(grid.centers(axis) for axis in range(grid.dim)), indexing="ij")
-        return np.asarray(shape.contains(np.stack(middles, axis=-1)))
+        inside = np.asarray(shape.contains(np.stack(middles, axis=-1)))
+        if isinstance(shape, Mesh):  # which calls the points of some sides in, and those of others out
+            mark_touched(inside, (shape.triangles - np.asarray(grid.lower)) / grid.spacing, 0.5, 0.5)
+        return inside
     return check_cells(shape, "shape")
 
 

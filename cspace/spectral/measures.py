@@ -172,19 +172,17 @@ def split_volume(side: float, levels: int, centers: Floats, radii: Floats, slack
     waiting = 1
     while waiting > 0:
         waiting -= 1
-        corner, level = corners[waiting].copy(), depth[waiting]
+        (x, y, z), level = corners[waiting], depth[waiting]
         s = side / (1 << level)
         held, meeting = False, 0
         for index in range(counts[level]):
             m = lists[level, index]
-            near, far = 0.0, 0.0
-            for axis in range(3):
-                low, high = corner[axis] - centers[m, axis], corner[axis] + s - centers[m, axis]
-                near += max(0.0, low, -high) ** 2
-                far += max(-low, high) ** 2
-            if near > (radii[m] + slack) ** 2:
+            a, b, c = centers[m]
+            dx, dy, dz = max(0.0, x - a, a - x - s), max(0.0, y - b, b - y - s), max(0.0, z - c, c - z - s)
+            if dx * dx + dy * dy + dz * dz > (radii[m] + slack) ** 2:
                 continue
-            if radii[m] > slack and far <= (radii[m] - slack) ** 2:
+            dx, dy, dz = max(a - x, x + s - a), max(b - y, y + s - b), max(c - z, z + s - c)
+            if radii[m] > slack and dx * dx + dy * dy + dz * dz <= (radii[m] - slack) ** 2:
                 held = True
                 break
             lists[level + 1, meeting] = m
@@ -196,8 +194,9 @@ def split_volume(side: float, levels: int, centers: Floats, radii: Floats, slack
         elif meeting > 0:
             counts[level + 1] = meeting
             for part in range(8):
-                for axis in range(3):
-                    corners[waiting, axis] = corner[axis] + 0.5 * s * ((part >> axis) & 1)
+                corners[waiting, 0] = x + 0.5 * s * (part & 1)
+                corners[waiting, 1] = y + 0.5 * s * ((part >> 1) & 1)
+                corners[waiting, 2] = z + 0.5 * s * (part >> 2)
                 depth[waiting] = level + 1
                 waiting += 1
     return inner, outer

@@ -77,7 +77,8 @@ class Region:
     """
 
     def __init__(self, shape: Shape) -> None:
-        pieces, radii = shape.boundary()
+        # Of polygons that overlap, the border is that of their union.
+        pieces, radii = (Polygons([shape.outline]) if isinstance(shape, Polygons) else shape).boundary()
         if radii.any():
             raise InputError("shape", "is made of balls already", "a decomposition finds such", "use them as they are")
         self.shape, self.dim = shape, shape.dim

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from cspace.shapes.mesh import Mesh
 from cspace.spectral import decompose
-from cspace.spectral.spheres.measures import measure_of_balls
+from cspace.spectral.measures import measure_of_balls
 from solid_oracles import distance_to_triangles, sample_surface, winds_around
 from strategies import seeds, stars
 
