@@ -7,12 +7,12 @@ from collections.abc import Callable
 from typing import Final
 
 import numpy as np
+from cspace.spectral import OverlapField
 from ompl import base as ob
 
 from cspace.errors import InputError
 from cspace.grid import finite, positive
 from cspace.space import CSpace
-from cspace.spectral.separation import OverlapField
 from cspace.states import FREE
 from planners.local_planner import local_planner
 from planners.states import TURN_WEIGHT, Configuration, Floats, kind_of
@@ -192,7 +192,7 @@ class OverlapObjective(WeightedLength):
     si : ompl.base.SpaceInformation
         Of a :func:`planners.state_space`.
     space : CSpace
-    field : cspace.spectral.separation.OverlapField, optional
+    field : cspace.spectral.OverlapField, optional
         Of the same map; the one that the map carries (:meth:`cspace.CSpace.with_overlap_field`), if left out.
     weight : float
         How many extra metres a metre at overlap ``full`` is worth.

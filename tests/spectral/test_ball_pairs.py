@@ -11,8 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cspace.spectral import Bump
-from cspace.spectral.pairs import BallSet
-from cspace.spectral.pairs import norm_square, pair_integrals, touching_overlap
+from cspace.spectral.pairs import BallSet, norm_square, pair_integrals, touching_overlap
 from strategies import seeds
 
 DIMS = [2, 3]

@@ -224,9 +224,9 @@ def test_balls_that_fill_a_period_fit():
     [
         (lambda: ball_spectrum_at(POINTS, 0.1, Bump(), [[1.0, 2.0, 3.0]]), "frequencies has shape"),
         (lambda: ball_spectrum_at(POINTS, 0.1, Bump(), [[1.0, math.nan]]), "NaN"),
-        (lambda: sampled_spectrum(BallDescriptor(POINTS, 0.1), 1.0, 4), "not a Descriptor"),
+        (lambda: sampled_spectrum(BallDescriptor(POINTS, 0.1), 1.0, 4), "no Descriptor"),
         (lambda: sampled_spectrum(BallDescriptor(POINTS, 0.1).sample(Grid((0, 0), 1.0, (3, 3))), 2.9, 4), "one period"),
-        (lambda: sampled_spectrum_at(BallDescriptor(POINTS, 0.1), [[0.0, 0.0]]), "not a Descriptor"),
+        (lambda: sampled_spectrum_at(BallDescriptor(POINTS, 0.1), [[0.0, 0.0]]), "no Descriptor"),
     ],
 )
 def test_other_unusable_input_is_refused(ask, match):

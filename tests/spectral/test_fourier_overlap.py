@@ -51,7 +51,7 @@ def ideals(a: Any, b: Any, bump: Bump, ts: np.ndarray) -> tuple[np.ndarray, floa
         close = gaps < sizes[0] + sizes[1]
         if close.any():
             values, off = pair_integrals(bump, sizes[0][close], sizes[1][close], gaps[close], a[0].shape[1])
-            out[k], error = values.sum(), max(error, off * len(values))
+            out[k], error = values.sum(), max(error, float(off.sum()))
     return out, error
 
 

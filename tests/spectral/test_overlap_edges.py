@@ -12,11 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from cspace import InputError, MissingPackageError, Robot
 from cspace.spectral import BallDescriptor, Bounds, Bump, FourierOverlap, Spheres, Verdict
-from cspace.spectral.pairs import BallSet
-from cspace.spectral.bands import Spectrum
-from cspace.spectral.pairs import norm_square
-from cspace.spectral.bands import Rings
-from cspace.spectral.bands import Terms
+from cspace.spectral.bands import Rings, Spectrum, Terms
+from cspace.spectral.pairs import BallSet, norm_square
 
 pytest.importorskip("finufft")
 
@@ -186,7 +183,7 @@ INNER, OUTER = (
         (lambda: FourierOverlap(ONE, ONE, accuracy=1e-30), "tolerance"),
         (lambda: FourierOverlap(ONE, ONE, bump=2.0), "Bump"),  # type: ignore[arg-type]
         (lambda: FourierOverlap(ONE, ([[1e9, 0.0]], 0.1)), "nearer"),
-        (lambda: FourierOverlap(BallDescriptor(*ONE, Bump(2.0)), BallDescriptor(*ONE, Bump(3.0))), "bumps"),
+        (lambda: FourierOverlap(BallDescriptor(*ONE, Bump(2.0)), BallDescriptor(*ONE, Bump(3.0))), "pass bump="),
         (lambda: FourierOverlap.of_shapes(ONE, ONE, swell=0.0), "swell"),
         (lambda: FourierOverlap.of_shapes(ONE, ONE, swell=1e-7), "larger swell"),
         (lambda: FourierOverlap.of_shapes(ONE, ONE, swell=0.1, classes=0), "classes"),
@@ -217,5 +214,5 @@ def test_without_finufft_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> 
     overlap = FourierOverlap(ONE, ONE, band=9.0)
     monkeypatch.setitem(sys.modules, "finufft", None)
     assert overlap.value([0.1, 0.0]) > 0.0
-    with pytest.raises(MissingPackageError, match=r"cspace\[nufft\]"):
+    with pytest.raises(MissingPackageError, match=r"cspace\[spectral\]"):
         overlap.values([[0.1, 0.0]])

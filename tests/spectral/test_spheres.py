@@ -108,7 +108,7 @@ def check_flat(spheres, shape, rng):
     if len(spheres) < 200:
         assert inner.area <= spheres.measure.upper * (1 + 1e-9)
         assert outer.area >= spheres.measure.lower * (1 - 1e-9)
-    assert spheres.volume_bounds.upper - spheres.volume_bounds.lower <= 1e-6 * spheres.volume_ratio
+    assert spheres.volume_bounds.upper - spheres.volume_bounds.lower <= 1e-4 * spheres.volume_ratio
     if spheres.kind == "inner":
         centers = shapely.points(spheres.centers)
         assert shapely.covers(shape, centers).all()
