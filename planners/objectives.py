@@ -7,12 +7,12 @@ from collections.abc import Callable
 from typing import Final
 
 import numpy as np
-from cspace.spectral import OverlapField
 from ompl import base as ob
 
 from cspace.errors import InputError
 from cspace.grid import finite, positive
 from cspace.space import CSpace
+from cspace.spectral import OverlapField
 from cspace.states import FREE
 from planners.local_planner import local_planner
 from planners.states import TURN_WEIGHT, Configuration, Floats, kind_of

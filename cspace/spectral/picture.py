@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from cspace.shapes import Shape
-    from cspace.spectral.spheres import Spheres
 
 Floats = NDArray[np.float64]
 
@@ -30,7 +29,27 @@ TRIANGLES: Final = 20_000
 """Triangles that balls are drawn with, about."""
 
 
-def draw(spheres: Spheres, ax: Axes | None, shape: Any, title: str | None) -> Axes:
+class Balls(Protocol):
+    """What is asked of a :class:`cspace.Spheres`."""
+
+    @property
+    def centers(self) -> Floats: ...
+    @property
+    def radii(self) -> Floats: ...
+    @property
+    def dim(self) -> int: ...
+    @property
+    def kind(self) -> str: ...
+    @property
+    def shape(self) -> Shape | None: ...
+    @property
+    def volume_ratio(self) -> float: ...
+    @property
+    def hausdorff(self) -> tuple[float, float]: ...
+    def __len__(self) -> int: ...
+
+
+def draw(spheres: Balls, ax: Axes | None, shape: Any, title: str | None) -> Axes:
     """Draw balls; as :meth:`Spheres.plot` tells."""
     from matplotlib.figure import Figure
 
@@ -59,16 +78,16 @@ def draw(spheres: Spheres, ax: Axes | None, shape: Any, title: str | None) -> Ax
     return axes  # type: ignore[no-any-return]
 
 
-def _title(spheres: Spheres) -> str:
+def _title(spheres: Balls) -> str:
     what = ("disc", "ball")[spheres.dim - 2]
     name = f"{len(spheres)} {spheres.kind} {what}{'s' * (len(spheres) > 1)}"
     ratio = spheres.volume_ratio
     share = f", {100.0 * ratio:.1f} % of its {('area', 'volume')[spheres.dim - 2]}" if np.isfinite(ratio) else ""
     far = "every point within" if spheres.kind == "inner" else "sticking out by at most"
-    return f"{name}{share}, {far} {spheres.hausdorff.upper:.3g} m"
+    return f"{name}{share}, {far} {spheres.hausdorff[1]:.3g} m"
 
 
-def _draw_discs(spheres: Spheres, axes: Any) -> None:
+def _draw_discs(spheres: Balls, axes: Any) -> None:
     from matplotlib.collections import EllipseCollection
     from matplotlib.colors import to_rgba
 
@@ -86,7 +105,7 @@ def _draw_outline(shape: Shape, axes: Any) -> None:
     axes.add_collection(LineCollection(list(shape.boundary().simplices), colors=SHAPE, linewidths=1.2, zorder=3))
 
 
-def _draw_balls(spheres: Spheres, axes: Any) -> None:
+def _draw_balls(spheres: Balls, axes: Any) -> None:
     import trimesh
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
 
