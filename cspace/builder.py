@@ -42,7 +42,7 @@ def build(
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> CSpace:
-    """Map the configurations of a robot that translates, in the plane or in space, or turns as well, in the plane.
+    """Map the configurations of a robot that translates, in the plane or in space, and turns as well if it is to.
 
     Parameters
     ----------
@@ -51,10 +51,10 @@ def build(
     robot : Robot
         The robot, of the same dimension.
     rotations : int or array-like, optional
-        For a robot in the plane that turns: a number of equal cells of yaw, the first with its middle at 0, or the
-        borders of the cells in radians, ascending over a whole turn. FREE and BLOCKED are then proven for every
-        position and every yaw of a cell. Slices that a symmetry of the robot repeats are computed and stored once. If
-        left out, the robot only translates.
+        For a robot that turns, in space about the z axis: a number of equal cells of yaw, the first with its middle at
+        0, or the borders of the cells in radians, ascending over a whole turn. FREE and BLOCKED are then proven for
+        every position and every yaw of a cell. Slices that a symmetry of the robot repeats are computed and stored
+        once. If left out, the robot only translates.
     inner : bool
         Also prove cells BLOCKED. Without it, every cell that is not FREE is MIXED, at half the work.
     overlap : bool
@@ -99,14 +99,6 @@ def build(
 
     _check(workspace, robot, method, overlap, outside, workers)
     margin, cells, grid = check_margin(margin), check_rotations(rotations), workspace.grid
-    if cells is not None and robot.dim == 3:
-        raise InputError(
-            "rotations",
-            f"is {rotations!r} for a robot in space",
-            "which only translates so far",
-            "leave rotations out, or take robot and workspace in the plane",
-            value=rotations,
-        )
     turning = cells_for(cells)
     slices = int(turning.slice_of(robot).max()) + 1
     needed = map_bytes(grid.shape, slices, overlap)

@@ -8,11 +8,13 @@ import numpy as np
 import pyclipper
 import pytest
 import shapely
+import trimesh
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy import ndimage
 from scipy.spatial import ConvexHull
+from shapely import affinity
 
 import cspace
 from checks import collides, draw_configurations
@@ -161,6 +163,43 @@ def test_no_false_answer_over_voxels(body, seed, outside, margin):
     assert not ((states == FREE) & (gap < margin - 1e-9)).any()
     assert not ((states == BLOCKED) & (gap > 1e-9)).any()
     assert (space.is_free(q) == (states == FREE)).all()
+
+
+@settings(max_examples=20)
+@given(seeds, POLICIES, st.sampled_from([0.0, 0.1]), st.booleans())
+def test_no_false_answer_of_boxes_that_turn_in_space(seed, outside, margin, as_mesh):
+    """Footprints by shapely, heights by subtraction; yaws anywhere and on borders of rotation cells."""
+    rng = np.random.default_rng(seed)
+    occupied = rng.random((10, 9, 6)) < rng.choice([0.01, 0.04])
+    extents, middle = rng.uniform(0.1, 0.9, 3), rng.uniform(-0.3, 0.3, 3) * rng.integers(0, 2)
+    box = trimesh.creation.box(extents, trimesh.transformations.translation_matrix(middle))
+    robot = Robot.mesh(box) if as_mesh else Robot.box(extents, middle)
+    space = cspace.build(
+        Workspace.from_array(occupied, H), robot, rotations=int(rng.integers(1, 20)), outside=outside, margin=margin
+    )
+    q = rng.uniform([-0.3] * 3 + [-7.0], [*(np.array(space.grid.upper) + 0.3), 7.0], (400, 4))
+    q[:, :3] = np.where(rng.random((400, 3)) < 0.3, H * np.rint(q[:, :3] / H), q[:, :3])
+    q[:, 3] = np.where(rng.random(400) < 0.3, rng.choice(space.rotations.borders, 400), q[:, 3])
+    low, high = middle - extents / 2, middle + extents / 2
+    footprint = shapely.box(*low[:2], *high[:2])
+    placed = [affinity.translate(affinity.rotate(footprint, yaw, (0, 0), True), x, y) for x, y, _, yaw in q]
+    gap = np.full(len(q), np.inf)
+    for cell in H * np.argwhere(occupied):
+        flat = shapely.distance(placed, shapely.box(*cell[:2], *(cell[:2] + H)))
+        up = np.maximum(np.maximum(cell[2] - (q[:, 2] + high[2]), q[:, 2] + low[2] - cell[2] - H), 0.0)
+        gap = np.minimum(gap, np.hypot(flat, up))
+    if outside == "blocked":
+        walls = shapely.bounds(placed)
+        sides = [
+            walls[:, :2],
+            space.grid.upper[:2] - walls[:, 2:],
+            q[:, 2:3] + low[2],
+            space.grid.upper[2] - q[:, 2:3] - high[2],
+        ]
+        gap = np.minimum(gap, np.concatenate(sides, axis=1).min(axis=1))
+    states = space.classify(q)
+    assert not ((states == FREE) & (gap < margin - 1e-9)).any()
+    assert not ((states == BLOCKED) & (gap > 1e-9)).any()
 
 
 @settings(max_examples=25)
