@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 import typer
 
@@ -37,12 +36,8 @@ _MEASURES = {2: "area_m2", 3: "volume_m3"}
 """What the cells of a map, or a body, fill, by the number of dimensions."""
 
 
-class Kind(StrEnum):
-    """What a file holds."""
-
-    MAP = "map"
-    WORKSPACE = "workspace"
-    ROBOT = "robot"
+Kind = Literal["map", "workspace", "robot"]
+"""What a file holds."""
 
 
 def info(
@@ -70,19 +65,19 @@ def info(
     kind = kind or _kind(file)
     options = workspace_options(spacing, unknown, bounds, solid, radius)
     if robot_solid is not None and robot is None:
-        found = f"is {robot_solid.value}, and there is no --robot"
+        found = f"is {robot_solid}, and there is no --robot"
         raise InputError("--robot-solid", found, "it is for a robot", "add one, or leave it out")
     others = given(robot=robot, rotations=rotations)
-    if kind is Kind.MAP:
+    if kind == "map":
         _refuse({**options, **others}, (), f"{file} is a saved map")
         document = describe_map(open_map(file))
-    elif kind is Kind.ROBOT:
+    elif kind == "robot":
         _refuse({**options, **others}, ("spacing", "solid"), f"{file} is a robot")
-        document = describe_robot(Robot.open(file, **given(solid=solid and solid.value)), spacing)
+        document = describe_robot(Robot.open(file, **given(solid=solid)), spacing)
     else:
         beside = None if robot is None else read_robot(robot, robot_solid)
         document = survey(Path(file), options, options_of(context.command), beside, rotations)
-    show({"kind": kind.value, **document}, as_json)
+    show({"kind": kind, **document}, as_json)
 
 
 def _refuse(options: dict[str, object], taken: tuple[str, ...], what: str) -> None:
@@ -96,8 +91,8 @@ def _kind(file: str) -> Kind:
     """What a file holds, by its name."""
     path = Path(file)
     if path.suffix.lower() in (".zarr", ".npz") or path.is_dir():
-        return Kind.MAP
-    return Kind.ROBOT if ":" in file and not path.exists() else Kind.WORKSPACE
+        return "map"
+    return "robot" if ":" in file and not path.exists() else "workspace"
 
 
 def describe_map(space: CSpace) -> dict[str, Any]:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -30,37 +29,6 @@ from cspace.cli.options import (
     workspace_options,
 )
 from cspace.cli.report import Clock, show
-
-
-class Outside(StrEnum):
-    """What lies beyond the map."""
-
-    BLOCKED = "blocked"
-    FREE = "free"
-
-
-class Method(StrEnum):
-    """Engines."""
-
-    AUTO = "auto"
-    FFT = "fft"
-    DIRECT = "direct"
-
-
-class View(StrEnum):
-    """Which picture of a map."""
-
-    PLANE = "plane"
-    SECTIONS = "sections"
-    SPACE = "3d"
-    YAW_PANELS = "yaw_panels"
-
-
-class Surface(StrEnum):
-    """What a picture in three dimensions shows."""
-
-    OBSTACLES = "obstacles"
-    FREE = "free"
 
 
 def make(
@@ -99,13 +67,13 @@ def make(
     solid: SolidMesh = None,
     robot_solid: SolidRobot = None,
     radius: Radius = None,
-    outside: Annotated[Outside, typer.Option(help="What lies beyond the workspace.")] = Outside.BLOCKED,
+    outside: Annotated[Literal["blocked", "free"], typer.Option(help="What lies beyond the workspace.")] = "blocked",
     margin: Annotated[float, typer.Option(metavar="METRES", help="Grow the robot by this much.")] = 0.0,
     inner: Annotated[
         bool, typer.Option("--inner/--no-inner", help="Tell BLOCKED from MIXED; without, both are MIXED.")
     ] = True,
     overlap: Annotated[bool, typer.Option("--overlap", help="Keep the overlap counts in the map.")] = False,
-    method: Annotated[Method, typer.Option(help="The engine; the map is the same.")] = Method.AUTO,
+    method: Annotated[Literal["auto", "fft", "direct"], typer.Option(help="The engine; the map is the same.")] = "auto",
     overwrite: Overwrite = False,
     as_json: Json = False,
 ) -> None:
@@ -133,8 +101,8 @@ def make(
             rotations=rotations,
             inner=inner,
             overlap=overlap,
-            method=method.value,
-            outside=outside.value,
+            method=method,
+            outside=outside,
             margin=margin,
             progress=progress,
         )
@@ -164,7 +132,7 @@ def picture(
         ),
     ] = None,
     view: Annotated[
-        View | None,
+        Literal["plane", "sections", "3d", "yaw_panels"] | None,
         typer.Option(
             help="Of a map in space, sections or 3d; of one with rotations, yaw_panels too  [default: chosen]."
         ),
@@ -174,7 +142,7 @@ def picture(
         typer.Option(metavar="X,Y,Z", help="The point that the sections go through, metres  [default: chosen]."),
     ] = None,
     surface: Annotated[
-        Surface | None,
+        Literal["obstacles", "free"] | None,
         typer.Option(help="What 3d shows: obstacles, or the border of the free space  [default: obstacles]."),
     ] = None,
     cut: Annotated[
@@ -197,16 +165,16 @@ def picture(
     options = given(
         yaw=yaws[0] if yaws and len(yaws) == 1 else yaws,
         at=None if at is None else configuration(at, "--at", ("x", "y", "z")),
-        surface=surface and surface.value,
+        surface=surface,
         cut=cut,
     )
-    view_of(axes, view and view.value, options)
+    view_of(axes, view, options)
     clock = Clock()
     with clock.step("read"):
         points = None if path is None else read_path(path, axes)
         space = open_map(file)
     with clock.step("draw"):
-        options |= given(view=view and view.value, path=points, **marks)
+        options |= given(view=view, path=points, **marks)
         save_plot(space, output, overwrite, dpi=dpi, robot_every=robot_every, **options)
     show({"picture": str(output), "seconds": clock.seconds}, as_json)
 

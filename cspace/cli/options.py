@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -17,20 +16,10 @@ if TYPE_CHECKING:
     from cspace.robot import Robot
 
 
-class Unknown(StrEnum):
-    """What unknown cells of a sensor map count as."""
-
-    OCCUPIED = "occupied"
-    FREE = "free"
-
-
-class Solid(StrEnum):
-    """What of a mesh has an inside."""
-
-    AUTO = "auto"
-    SURFACE = "surface"
-    FILL = "fill"
-
+Unknown = Literal["occupied", "free"]
+"""What unknown cells of a sensor map count as."""
+Solid = Literal["auto", "surface", "fill"]
+"""What of a mesh has an inside."""
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document, for machines.")]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace existing outputs.")]
@@ -89,9 +78,9 @@ def workspace_options(
         positive(spacing, "spacing")
     return given(
         spacing=spacing,
-        unknown=unknown and unknown.value,
+        unknown=unknown,
         bounds=None if bounds is None else box(bounds, "--bounds"),
-        solid=solid and solid.value,
+        solid=solid,
         radius=radius,
     )
 
@@ -107,7 +96,7 @@ def read_robot(text: str, solid: Solid | None) -> Robot:
     from cspace.robot import Robot
 
     with about_robot():
-        return Robot.open(text, **given(solid=solid and solid.value))
+        return Robot.open(text, **given(solid=solid))
 
 
 def check_dimensions(path: Path, dim: int, robot: Robot) -> None:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 import typer
 
@@ -21,11 +20,8 @@ if TYPE_CHECKING:
 _PATHS = (".csv", ".json")
 
 
-class Curve(StrEnum):
-    """Which curves a car may drive."""
-
-    DUBINS = "dubins"
-    REEDS_SHEPP = "reeds-shepp"
+Curve = Literal["dubins", "reeds-shepp"]
+"""Which curves a car may drive."""
 
 
 def plan(
@@ -100,7 +96,7 @@ def plan(
             **given(
                 objective=objective,
                 exact=exact or None,
-                curve=curve and curve.value,
+                curve=curve,
                 turning_radius=turning_radius,
             ),
         )
@@ -190,10 +186,10 @@ def _check_curve(curve: Curve | None, turning_radius: float | None) -> None:
         positive(turning_radius, "--turning-radius")
     if curve and turning_radius is None:
         rule, mend = "a curve has a tightest radius", "give it in metres, e.g. --turning-radius 0.5"
-        raise InputError("--curve", f"is {curve.value}, and there is no --turning-radius", rule, mend)
+        raise InputError("--curve", f"is {curve}, and there is no --turning-radius", rule, mend)
     if turning_radius is not None and not curve:
         found = f"is {turning_radius:g}, and there is no --curve"
-        mend = f"add --curve {' or --curve '.join(Curve)}, or leave it out"
+        mend = f"add --curve {' or --curve '.join(get_args(Curve))}, or leave it out"
         raise InputError("--turning-radius", found, "the radius is for curves", mend)
 
 

@@ -188,7 +188,7 @@ def nose(figurine: Figurine, q: Floats) -> Any:
 def draw_marks(
     ax: Axes, marks: dict[str, Floats], scale: float = 1.0, *, pair: Sequence[int] = (0, 1), heading: int | None = None
 ) -> list[Any]:
-    """Draw start and goal as seen in two axes; gives their legend entries.
+    """Draw start and goal as seen in two axes, or three; gives their legend entries.
 
     An arrow shows the number of a configuration that is a yaw, where ``heading`` says which one.
     """
@@ -199,14 +199,14 @@ def draw_marks(
     point: dict[str, Any] = {"linestyle": "none", "markeredgecolor": "black", "clip_on": False, "zorder": 5}
     handles = []
     for name, q in marks.items():
-        x, y = q[list(pair)]
+        place = [[number] for number in q[list(pair)]]
         if heading is not None:
-            _draw_heading(ax, x, y, float(q[heading]), looks[name]["markerfacecolor"], scale)
-        handles += ax.plot(x, y, label=name, **point, **looks[name])
+            _draw_heading(ax, place, float(q[heading]), looks[name]["markerfacecolor"], scale)
+        handles += ax.plot(*place, label=name, **point, **looks[name])
     return handles
 
 
-def _draw_heading(ax: Axes, x: float, y: float, yaw: float, color: str, scale: float) -> None:
+def _draw_heading(ax: Axes, place: list[list[float]], yaw: float, color: str, scale: float) -> None:
     """An arrow of fixed size on the paper from a position along a yaw."""
     from matplotlib.markers import MarkerStyle
     from matplotlib.path import Path
@@ -225,7 +225,7 @@ def _draw_heading(ax: Axes, x: float, y: float, yaw: float, color: str, scale: f
     # A path marker is scaled so that its farthest point lies half a marker's size from its origin.
     arrow = MarkerStyle(Path(corners, closed=True), transform=Affine2D().rotate(yaw))
     look: dict[str, Any] = {"markerfacecolor": color, "markeredgecolor": "black", "markeredgewidth": 0.8}
-    ax.plot(x, y, marker=arrow, markersize=46.0 * scale, linestyle="none", clip_on=False, zorder=4.9, **look)
+    ax.plot(*place, marker=arrow, markersize=46.0 * scale, linestyle="none", clip_on=False, zorder=4.9, **look)
 
 
 def heading_of(space: MapLike) -> int | None:

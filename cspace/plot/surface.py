@@ -30,7 +30,6 @@ _SHARES: Final = (0.68, 0.82, 1.0)
 """Brightness of faces normal to x, y and z."""
 _DARKER: Final = 0.2
 """How much darker the lowest faces are than the highest: floors and table tops part."""
-_MARKS: Final = {"start": ("o", "white", 7.0), "goal": ("*", artists.GOAL, 12.0)}
 _ROOM: Final = (6.5, 5.5)
 """Width and height of the map in the picture at most, in inches."""
 
@@ -90,10 +89,7 @@ def draw_surface(
     if len(route.points) > 1:
         dotted: dict[str, Any] = {"color": artists.PATH, "linewidth": 1.0, "linestyle": (0, (1, 1.5)), "zorder": 4}
         handles += ax.plot(*route.points[:, :3].T, label="path, dotted behind something", **dotted)
-    for name, q in route.marks.items():
-        look = dict(zip(("marker", "color", "markersize"), _MARKS[name], strict=True))
-        look |= {"markeredgecolor": "black", "linestyle": "none"}
-        handles += ax.plot(*([number] for number in q[:3]), label=name, zorder=5, **look)
+    handles += artists.draw_marks(ax, route.marks, pair=(0, 1, 2))
     _frame(ax, box, stretch, angles)
     about = [] if cut is None and top >= space.grid.upper[2] else [f"cut at z = {top:.4g} m"]
     about += [artists.about_yaw(space, yaw)] if space.dof > 3 else []

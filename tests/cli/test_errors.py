@@ -131,10 +131,17 @@ BAD: dict[str, tuple[list[str], list[str]]] = {
 @pytest.mark.parametrize("name", BAD)
 def test_bad_input(name: str, room: Path) -> None:
     for file, text in {
-        "notes.txt": "nothing of use", "notes.csv": "x,y\nhere,there\n", "empty.csv": "x,y\n",
-        "list.json": "[1, 2]", "line.wkt": "LINESTRING (0 0, 1 1)", "yaws.csv": "x,y,yaw\n1,1,0\n2,1,1\n",
-        "ragged.csv": "x,y\n1,1\n2\n", "wide.json": '{"path": [[1, 1, 0, 0, 0]]}',
-        "four.json": '{"path": [[1, 1, 0, 0]]}', "empty.stl": "", "empty.bt": "",
+        "notes.txt": "nothing of use",
+        "notes.csv": "x,y\nhere,there\n",
+        "empty.csv": "x,y\n",
+        "list.json": "[1, 2]",
+        "line.wkt": "LINESTRING (0 0, 1 1)",
+        "yaws.csv": "x,y,yaw\n1,1,0\n2,1,1\n",
+        "ragged.csv": "x,y\n1,1\n2\n",
+        "wide.json": '{"path": [[1, 1, 0, 0, 0]]}',
+        "four.json": '{"path": [[1, 1, 0, 0]]}',
+        "empty.stl": "",
+        "empty.bt": "",
     }.items():
         Path(file).write_text(text)
     for file in ("old.png", "old.npz", "old.pgm", "broken.npz"):

@@ -16,6 +16,7 @@ from cspace import CSpace, Robot, Workspace, build
 from cspace.errors import InputError
 from cspace.plot import plot
 from cspace.plot.sections import within
+from cspace.rotations import Rotations
 from pictures import COLORS, class_of, heading, labels, rendered
 
 PATH = [(0.6, 3.2, 1.8), (2.2, 1.2, 1.0), (3.8, 1.2, 1.0), (5.5, 1.5, 0.6)]
@@ -224,3 +225,26 @@ def test_bad_input(space: CSpace, options: dict[str, Any], words: str) -> None:
     with pytest.raises(InputError) as caught:
         plot(space, **options)
     assert words in str(caught.value)
+
+
+def test_a_robot_that_turns_in_space() -> None:
+    """Sections show all yaws, or one; the robot is drawn turned, from above and from the side."""
+    workspace = Workspace.from_array(np.zeros((12, 10, 8), bool), 0.5)
+    states = np.random.default_rng(0).integers(0, 3, (4, 12, 10, 8)).astype(np.uint8)
+    robot = Robot.box((1.6, 0.4, 0.8), center=(0.2, 0.0, 0.0))
+    known: dict[str, Any] = {"outside": "free", "margin": 0.0, "precision": "integer"}
+    space = CSpace(workspace, robot, states, rotations=Rotations.of(4), **known)
+    at = (3.1, 2.6, 1.8)
+    for yaw, slices in ((None, slice(None)), (np.pi / 2, slice(1, 2))):
+        ax = plot(space, at=at, yaw=yaw)
+        image = rendered(ax)
+        for i, j in np.ndindex(12, 10):
+            if i == 6 or j == 5:
+                continue  # there the other sections are drawn
+            column, row = ax.transData.transform((0.5 * i + 0.25, 0.5 * j + 0.25)).astype(int)
+            name = class_of(space, set(states[slices, i, j, 3].tolist()), False)
+            assert tuple(image[row, column]) == COLORS[name]
+    ax = plot(space, start=(3.0, 2.0, 1.8, np.pi / 2), at=at)
+    spans = [panel.collections[0].get_paths()[0].get_extents() for panel in ax.figure.axes]
+    np.testing.assert_allclose([(box.width, box.height) for box in spans[:2]], [(0.4, 1.6), (0.4, 0.8)], atol=1e-6)
+    assert "over all yaws" in heading(ax)
