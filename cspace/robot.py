@@ -21,7 +21,7 @@ from cspace.grid import MAX_COORDINATE, finite, positive
 from cspace.raster.raster import Raster
 from cspace.rotations import STILL, Turn
 from cspace.shapes import Balls, Box, Mesh, Polygons, Shape, Voxels, shape_from_spec
-from cspace.shapes.shape import Floats, Surface, check_point
+from cspace.shapes.shape import Surface, check_point
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -350,26 +350,6 @@ class Robot:
                 "use a larger spacing, or check the robot's units (metres) and origin",
             )
         return self.shape.rasters(side, grown, turn)
-
-    # What follows goes once its users have moved to `shape`.
-
-    @property
-    def body(self) -> Shape:
-        return self.shape
-
-    @property
-    def outlines(self) -> tuple[Floats, ...]:
-        if isinstance(self.shape, Polygons):
-            return tuple(segments for segments, _ in self.shape.parts)
-        return (self.shape._segments,) if isinstance(self.shape, Voxels) and self.dim == 2 else ()
-
-    @property
-    def centers(self) -> Floats:
-        return self.shape.centers if isinstance(self.shape, Balls) else np.empty((0, self.dim))
-
-    @property
-    def radii(self) -> Floats:
-        return self.shape.radii if isinstance(self.shape, Balls) else np.empty(0)
 
 
 def check_margin(margin: float) -> float:

@@ -6,6 +6,7 @@ from shapely import affinity
 
 from cspace import CSpace, Robot, Workspace
 from cspace.rotations import Rotations
+from cspace.shapes import Balls
 
 
 def draw_configurations(space, rng, n):
@@ -33,7 +34,7 @@ def obstacles_of(space):
 def collides(space, q, margin, obstacles=None):
     """Whether the robot at q comes within ``margin`` of an obstacle; a negative margin asks for as much depth."""
     shape = obstacles_of(space) if obstacles is None else shapely.union_all(obstacles)
-    if len(space.robot.radii):
+    if isinstance(space.robot.shape, Balls):
         distance = np.min(
             [shapely.distance(shapely.points(q + center), shape) - radius for center, radius in zip_balls(space.robot)],
             axis=0,
@@ -45,7 +46,7 @@ def collides(space, q, margin, obstacles=None):
 
 
 def zip_balls(robot):
-    return zip(robot.centers, robot.radii, strict=True)
+    return zip(robot.shape.centers, robot.shape.radii, strict=True)
 
 
 def draw_turned(space, rng, n):
@@ -68,12 +69,12 @@ def turned_collides(space, q, margin, obstacles=None):
     """:func:`collides` for configurations ``(x, y, yaw)``; discs by exact distances, polygons by their corners."""
     shape = obstacles_of(space) if obstacles is None else obstacles
     shapely.prepare(shape)
-    if len(space.robot.radii):
-        centers = turned(space.robot.centers, q)
+    if isinstance(space.robot.shape, Balls):
+        centers = turned(space.robot.shape.centers, q)
         distance = np.min(
             [
                 shapely.distance(shapely.points(centers[:, k]), shape) - radius
-                for k, radius in enumerate(space.robot.radii)
+                for k, radius in enumerate(space.robot.shape.radii)
             ],
             axis=0,
         )

@@ -194,12 +194,12 @@ def least_distance(space: CSpace, plan: planners.Plan) -> float:
         if space.rotations is not None:
             step[2] = (step[2] + np.pi) % (2.0 * np.pi) - np.pi
         q = first + share * step
-        placed = np.repeat(space.robot.centers[None], len(q), axis=0)
+        placed = np.repeat(space.robot.shape.centers[None], len(q), axis=0)
         if space.rotations is not None:
             turn = np.array([[np.cos(q[:, 2]), -np.sin(q[:, 2])], [np.sin(q[:, 2]), np.cos(q[:, 2])]])
-            placed = np.einsum("ijn,bj->nbi", turn, space.robot.centers)
+            placed = np.einsum("ijn,bj->nbi", turn, space.robot.shape.centers)
         away = np.linalg.norm(placed + q[:, None, :dim] - OBSTACLE[:dim], axis=-1)
-        found.append((away - space.robot.radii).min() - RADIUS)
+        found.append((away - space.robot.shape.radii).min() - RADIUS)
     return float(min(found))
 
 
