@@ -33,7 +33,6 @@ the border are outer and not inner.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -120,10 +119,10 @@ def rounded_cells(boxes: Rounded, grid: Grid) -> tuple[Bools, Bools]:
     lower = np.asarray(grid.lower)
     lows, highs = (boxes.lows - lower) / grid.spacing, (boxes.highs - lower) / grid.spacing
     local = Rounded(lows, highs, boxes.radii / grid.spacing)
-    check_reach(float((np.abs([lows, highs]).max(axis=(0, 2)) + local.radii).max(initial=0.0)))
+    first, last = lows - local.radii[:, None], highs + local.radii[:, None]
+    check_reach(float(max(-first.min(initial=0.0), last.max(initial=0.0))))
     # What stays a cell clear of the grid meets none of its cells.
-    reach = local.radii[:, None]
-    near = ((highs + reach > -1.0) & (lows - reach < np.add(grid.shape, 1.0))).all(axis=1)
+    near = ((last > -1.0) & (first < np.add(grid.shape, 1.0))).all(axis=1)
     local = Rounded(*(part[near] for part in local))
     mark_touched(outer, local, 0.0, 1.0)
     # One that holds a cell is at least as long as the cell's diagonal.
@@ -143,48 +142,50 @@ def mark_touched(out: Bools, boxes: Rounded, b0: float, b1: float) -> None:
         In cells, in the index frame of ``out``.
     b0, b1 : float
     """
-    _in_slabs(_mark_touched, out, boxes, b0, b1)
+    radii = np.where(boxes.radii > 0.0, boxes.radii + SLACK, 0.0)
+    _in_slabs(out, Rounded(boxes.lows - SLACK, boxes.highs + SLACK, radii), b0, b1)
 
 
 def mark_inside(out: Bools, boxes: Rounded, b0: float, b1: float) -> None:
-    """Set ``out[i]`` where a cube lies wholly in one rounded box; parameters as for :func:`mark_touched`."""
-    _in_slabs(_mark_inside, out, boxes, b0, b1)
+    """Set ``out[i]`` where a cube lies wholly in one rounded box; parameters as for :func:`mark_touched`.
+
+    The farthest corner of a cube is in the box where the nearest one of the cube turned inside out is.
+    """
+    radii = np.maximum(boxes.radii - 2.0 * SLACK, 0.0)
+    _in_slabs(out, Rounded(boxes.lows + SLACK, boxes.highs - SLACK, radii), b1, b0)
 
 
-def _in_slabs(kernel: Callable[..., None], out: Bools, boxes: Rounded, b0: float, b1: float) -> None:
-    """Run a kernel in threads, each of which writes a slab of ``out`` of its own."""
+def _in_slabs(out: Bools, boxes: Rounded, b0: float, b1: float) -> None:
+    """Run the kernel in threads, each of which writes a slab of ``out`` of its own."""
+    lows, highs, radii = boxes
     if out.ndim == 2:
-        boxes = boxes._replace(
-            lows=np.insert(boxes.lows, 1, -2.0, axis=1), highs=np.insert(boxes.highs, 1, 3.0, axis=1)
-        )
-        out = out[:, None]
-    parts = Rounded(*(np.ascontiguousarray(part) for part in boxes))
+        lows, highs, out = np.insert(lows, 1, -2.0, axis=1), np.insert(highs, 1, 3.0, axis=1), out[:, None]
+    lows, highs, radii = (np.ascontiguousarray(part) for part in (lows, highs, radii))
 
     def work(start: int, stop: int) -> int:
-        kernel(out, parts, b0, b1, SLACK, start, stop)
+        _mark(out, Rounded(lows, highs, radii), b0, b1, start, stop)
         return -1
 
-    sides = np.minimum(
-        parts.highs[:, :2] - parts.lows[:, :2] + 2.0 * parts.radii[:, None] + (b1 - b0) + 1.0, out.shape[:2]
-    )
+    sides = np.minimum(highs[:, :2] - lows[:, :2] + 2.0 * radii[:, None] + abs(b1 - b0) + 1.0, out.shape[:2])
     columns = float(np.prod(sides, axis=1).sum())
     in_chunks(work, out.shape[0], 1 if columns > _COLUMNS_A_THREAD else out.shape[0])
 
 
 @jit
-def _mark_touched(out: Bools, boxes: Rounded, b0: float, b1: float, slack: float, start: int, stop: int) -> None:
-    """Set ``out[i]`` where cube ``i`` comes within ``slack`` of a rounded box.
+def _mark(out: Bools, boxes: Rounded, b0: float, b1: float, start: int, stop: int) -> None:
+    """Set ``out[i]``, for first indices in ``[start, stop)``, where the gaps to a box are no longer than its radius.
 
     Along each axis the cube and the box are apart by a gap, zero where their intervals meet; the rounded box is met
-    where the squares of the three gaps add up to at most that of the radius.
+    where the squares of the three gaps add up to at most that of the radius. With ``b0`` above ``b1`` a gap is that to
+    the farther end of the cube, by which it sticks out.
     """
-    _, ny, nz = out.shape
     lows, highs, radii = boxes
+    _, ny, nz = out.shape
     for n in range(lows.shape[0]):
-        radius = radii[n] + slack if radii[n] > 0.0 else 0.0
+        radius = radii[n]
         square = radius * radius
-        xlow, ylow, zlow = lows[n, 0] - slack, lows[n, 1] - slack, lows[n, 2] - slack
-        xhigh, yhigh, zhigh = highs[n, 0] + slack, highs[n, 1] + slack, highs[n, 2] + slack
+        xlow, ylow, zlow = lows[n, 0], lows[n, 1], lows[n, 2]
+        xhigh, yhigh, zhigh = highs[n, 0], highs[n, 1], highs[n, 2]
         i_first = max(start, math.ceil(xlow - radius - b1))
         i_last = min(stop - 1, math.floor(xhigh + radius - b0))
         if i_first > i_last or zlow - radius - b1 > nz or zhigh + radius - b0 < -1.0:
@@ -198,42 +199,9 @@ def _mark_touched(out: Bools, boxes: Rounded, b0: float, b1: float, slack: float
                 rest = square - dx * dx - dy * dy
                 if rest < 0.0:
                     continue
+                # The rest of the radius is left for the gap along z: what it reaches is a run of cubes.
                 half = math.sqrt(rest)
                 k_first = max(0, math.ceil(zlow - half - b1))
                 k_last = min(nz - 1, math.floor(zhigh + half - b0))
-                for k in range(k_first, k_last + 1):
-                    out[i, j, k] = True
-
-
-@jit
-def _mark_inside(out: Bools, boxes: Rounded, b0: float, b1: float, slack: float, start: int, stop: int) -> None:
-    """Set ``out[i]`` where cube ``i`` lies deeper than ``slack`` inside one rounded box.
-
-    Along each axis the cube sticks out of the box by an excess, zero where it does not; its farthest corner is in the
-    rounded box where the squares of the three excesses add up to at most that of the radius.
-    """
-    _, ny, nz = out.shape
-    lows, highs, radii = boxes
-    for n in range(lows.shape[0]):
-        radius = max(0.0, radii[n] - 2.0 * slack)
-        square = radius * radius
-        xlow, ylow, zlow = lows[n, 0] + slack, lows[n, 1] + slack, lows[n, 2] + slack
-        xhigh, yhigh, zhigh = highs[n, 0] - slack, highs[n, 1] - slack, highs[n, 2] - slack
-        i_first = max(start, math.ceil(xlow - radius - b0))
-        i_last = min(stop - 1, math.floor(xhigh + radius - b1))
-        if i_first > i_last or zlow - radius - b0 > nz or zhigh + radius - b1 < -1.0:
-            continue
-        j_first = max(0, math.ceil(ylow - radius - b0))
-        j_last = min(ny - 1, math.floor(yhigh + radius - b1))
-        for i in range(i_first, i_last + 1):
-            dx = max(0.0, xlow - (i + b0), (i + b1) - xhigh)
-            for j in range(j_first, j_last + 1):
-                dy = max(0.0, ylow - (j + b0), (j + b1) - yhigh)
-                rest = square - dx * dx - dy * dy
-                if rest < 0.0:
-                    continue
-                half = math.sqrt(rest)
-                k_first = max(0, math.ceil(zlow - half - b0))
-                k_last = min(nz - 1, math.floor(zhigh + half - b1))
                 for k in range(k_first, k_last + 1):
                     out[i, j, k] = True

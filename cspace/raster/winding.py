@@ -78,75 +78,32 @@ class Winding:
 
 
 def _sorted(triangles: Floats) -> _Buckets:
-    flat = triangles[..., :2].reshape(-1, 2)
-    low, extent = flat.min(axis=0), np.ptp(flat, axis=0)
+    """Triangles in buckets; each bucket holds them in order."""
+    lows, highs = triangles[..., :2].min(axis=1), triangles[..., :2].max(axis=1)
+    low = lows.min(axis=0)
+    extent = highs.max(axis=0) - low
     count = min(_MOST_BUCKETS, max(1, int(np.sqrt(len(triangles)))))
     while True:
-        shape = np.full(2, count, dtype=np.int64)
-        scale = np.divide(shape, extent, out=np.zeros(2), where=extent > 0.0)
-        number = int(_count_entries(triangles, low, scale, shape))
+        scale = np.divide(count, extent, out=np.zeros(2), where=extent > 0.0)
+        # As the compiled rays find their bucket; it never falls as the coordinate grows, whatever the rounding.
+        first, last = (np.clip(np.floor((ends - low) * scale), 0, count - 1).astype(np.int64) for ends in (lows, highs))
+        rows, columns = (last - first + 1).T
+        numbers = rows * columns
         # Large triangles meet many buckets: rather few buckets than long lists of them.
-        if count == 1 or number <= _ENTRIES_A_TRIANGLE * len(triangles):
+        if count == 1 or numbers.sum() <= _ENTRIES_A_TRIANGLE * len(triangles):
             break
         count //= 2
-    starts = np.empty(count * count + 1, dtype=np.int64)
-    entries = np.empty(number, dtype=np.int64)
-    buckets = _Buckets(low, scale, shape, starts, entries)
-    _sort_into_buckets(triangles, buckets)
-    return buckets
+    which = np.repeat(np.arange(len(triangles)), numbers)
+    rank = np.arange(len(which)) - np.repeat(np.cumsum(numbers) - numbers, numbers)
+    bucket = (first[which, 0] + rank // columns[which]) * count + first[which, 1] + rank % columns[which]
+    starts = np.concatenate([[0], np.cumsum(np.bincount(bucket, minlength=count * count))])
+    return _Buckets(low, scale, np.full(2, count, dtype=np.int64), starts, which[np.argsort(bucket, kind="stable")])
 
 
 @jit
 def _bucket_of(value: float, low: float, scale: float, count: int) -> int:
-    """Bucket of a coordinate; it never falls as the coordinate grows, whatever the rounding."""
+    """Bucket of a coordinate."""
     return int(min(max(math.floor((value - low) * scale), 0), count - 1))
-
-
-@jit
-def _buckets_of(triangle: Floats, low: Floats, scale: Floats, shape: Integers) -> tuple[int, int, int, int]:
-    """First and last bucket, along x and along y, of a triangle's bounding box."""
-    x0 = min(triangle[0, 0], triangle[1, 0], triangle[2, 0])
-    x1 = max(triangle[0, 0], triangle[1, 0], triangle[2, 0])
-    y0 = min(triangle[0, 1], triangle[1, 1], triangle[2, 1])
-    y1 = max(triangle[0, 1], triangle[1, 1], triangle[2, 1])
-    return (
-        _bucket_of(x0, low[0], scale[0], shape[0]),
-        _bucket_of(x1, low[0], scale[0], shape[0]),
-        _bucket_of(y0, low[1], scale[1], shape[1]),
-        _bucket_of(y1, low[1], scale[1], shape[1]),
-    )
-
-
-@jit
-def _count_entries(triangles: Floats, low: Floats, scale: Floats, shape: Integers) -> int:
-    """Number of (bucket, triangle) pairs."""
-    number = 0
-    for t in range(len(triangles)):
-        i0, i1, j0, j1 = _buckets_of(triangles[t], low, scale, shape)
-        number += (i1 - i0 + 1) * (j1 - j0 + 1)
-    return number
-
-
-@jit
-def _sort_into_buckets(triangles: Floats, buckets: _Buckets) -> None:
-    """Fill ``starts`` and ``entries``; each bucket holds its triangles in order."""
-    low, scale, shape, starts, entries = buckets
-    starts[:] = 0
-    for t in range(len(triangles)):
-        i0, i1, j0, j1 = _buckets_of(triangles[t], low, scale, shape)
-        for i in range(i0, i1 + 1):
-            for j in range(j0, j1 + 1):
-                starts[i * shape[1] + j + 1] += 1
-    for b in range(len(starts) - 1):
-        starts[b + 1] += starts[b]
-    free = starts[:-1].copy()
-    for t in range(len(triangles)):
-        i0, i1, j0, j1 = _buckets_of(triangles[t], low, scale, shape)
-        for i in range(i0, i1 + 1):
-            for j in range(j0, j1 + 1):
-                b = i * shape[1] + j
-                entries[free[b]] = t
-                free[b] += 1
 
 
 @jit
