@@ -84,7 +84,8 @@ def local_planner(
     if turning_radius is None:
         rule, mend = f"curve={curve!r} needs the radius of its tightest turn", "pass it in metres, e.g. 0.5"
         raise InputError("turning_radius", "is None", rule, mend)
-    radius, least, most = positive(turning_radius, "turning_radius"), *np.multiply((1e-3, 1e3), space.grid.spacing)
+    radius = positive(turning_radius, "turning_radius")
+    least, most = 1e-3 * space.grid.spacing, 1e3 * space.grid.spacing
     if not least <= radius <= most:
         rule = f"it must be {least:g} to {most:g} m, so that rounding does not count"
         mend = "for a robot that turns on the spot, leave curve out"

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.map.chain import open_chain
+from cspace.rotations import cells_for
 from cspace.states import FREE
 from planners.local_planner import LocalPlanner
 from planners.search import Found, Search
@@ -66,8 +67,7 @@ class Passages:
             return self.search.run(self.edges, start, goal, self.time_limit)
         rng = np.random.default_rng(self.search.seed)
         space = self.edges.space
-        rotations = 1 if space.dof == space.grid.dim else space.rotations.count
-        closed = np.zeros((rotations, *space.grid.shape), dtype=np.bool_)
+        closed = np.zeros((cells_for(space.rotations).count, *space.grid.shape), dtype=np.bool_)
         while self._left(SHARE) > 0.0:
             chain = open_chain(space, start, goal, closed)
             if not len(chain):
@@ -177,17 +177,14 @@ class Passages:
     def _centers(self, cells: Cells) -> Floats:
         """Middles of cells ``(rotation, x, y)`` or ``(rotation, x, y, z)``, shape (..., dof)."""
         space = self.edges.space
-        places = space.grid.center_of(cells[..., 1:])
-        if space.dof == space.grid.dim:
-            return places
-        return np.concatenate([places, space.rotations.representatives[cells[..., :1]]], axis=-1)
+        turns = cells_for(space.rotations).centers[cells[..., 0]]
+        return np.concatenate([space.grid.center_of(cells[..., 1:]), turns], axis=-1)
 
     def _size(self, cell: Cells) -> Floats:
         """Sides of a cell, metres and radians."""
         space = self.edges.space
-        sides = np.full(space.grid.dim, space.grid.spacing)
-        turns = space.dof > space.grid.dim
-        return np.append(sides, np.diff(space.rotations.borders)[cell[0]]) if turns else sides
+        turns = np.full(space.dof - space.grid.dim, cells_for(space.rotations).volumes[cell[0]])
+        return np.concatenate([np.full(space.grid.dim, space.grid.spacing), turns])
 
     def _shortened(self, path: Floats) -> Floats:
         """The path without the configurations that exact edges can leave out."""

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.io.output import replacing
-from cspace.rotations import YAW_SLACK
+from cspace.rotations import YAW_SLACK, cells_for
 from planners.local_planner import LocalPlanner
 from planners.states import Floats
 
@@ -215,7 +215,7 @@ def least_clearance(edges: LocalPlanner, path: Floats) -> float:
     if len(path) < 2:
         return float(space.clearance(path[0]))
     turns = space.dof > dim
-    narrowest = min(np.diff(space.rotations.borders)) if turns else math.inf
+    narrowest = float(cells_for(space.rotations).volumes.min()) if turns else math.inf
     pieces = edges.pieces(path, 0.5 * space.grid.spacing, 0.5 * narrowest)
     if turns:
         swing = np.zeros_like(pieces.middles)

@@ -81,8 +81,13 @@ class Search:
             if self.seed is not None:
                 # OMPL calls this an error once numbers have been drawn, but what is made from here on obeys it.
                 ou.RNG.setSeed(self.seed + 1)
-            joined = {"exact": self.exact, "curve": self.curve, "turning_radius": self.turning_radius}
-            setup = simple_setup(edges.space, objective=self.objective, **joined)
+            setup = simple_setup(
+                edges.space,
+                objective=self.objective,
+                exact=self.exact,
+                curve=self.curve,
+                turning_radius=self.turning_radius,
+            )
             if self._is_shortest(edges, setup, start, goal):
                 what = "shortest curve" if self.curve else "straight edge"
                 return Found(np.array([start, goal]), f"the {what} is free; no search needed")

@@ -145,7 +145,8 @@ def _gap(turns: Ints, lengths: Floats, goal: Pose) -> float:
     for k in range(5):
         if lengths[k] != 0.0:
             pose = onwards(pose, turns[k], lengths[k])
-    return max(math.hypot(pose[0] - goal[0], pose[1] - goal[1]), abs(_around(pose[2] - goal[2])))
+    missed: float = max(math.hypot(pose[0] - goal[0], pose[1] - goal[1]), abs(_around(pose[2] - goal[2])))
+    return missed
 
 
 @jit
