@@ -49,21 +49,21 @@ Floats = NDArray[np.float64]
 
 
 def outline_rasters(
-    outlines: Sequence[Floats], spacing: float, margin: float = 0.0, turn: Turn = STILL
+    parts: Sequence[tuple[Floats, bool]], spacing: float, margin: float = 0.0, turn: Turn = STILL
 ) -> tuple[Raster, Raster]:
-    """Outer and inner raster of a robot that is a union of regions, each given by the segments of its border.
+    """Outer and inner raster of a robot that is a union of regions and lines.
 
     Parameters
     ----------
-    outlines : sequence of ndarray, shape (E, 4)
-        Segments ``(x0, y0, x1, y1)`` in metres; those of one region form closed curves, in any order, and the region
-        is what they enclose by even-odd parity.
+    parts : sequence of (segments, filled)
+        Border segments ``(x0, y0, x1, y1)`` of each part, shape (E, 4), metres, and whether they form closed curves, in
+        any order, and the part is what these enclose by even-odd parity.
     spacing, margin : float
         Metres.
     turn : Turn
         The rotations for which the rasters hold.
     """
-    scaled = [_turned(_cut(outline / spacing, turn), turn) for outline in outlines]
+    scaled = [_turned(_cut(segments / spacing, turn), turn) for segments, _ in parts]
     growths = [turn.displacement(outline.reshape(-1, 2, 2)).max(axis=1) for outline in scaled]
     radius = margin / spacing
     every = np.concatenate(scaled).reshape(-1, 2)
@@ -71,9 +71,11 @@ def outline_rasters(
     outer, lower = blank(every.min(axis=0) - reach, every.max(axis=0) + reach)
     inner = np.zeros_like(outer)
     shift = np.tile(np.asarray(lower, dtype=np.float64), 2)
-    for outline, growth in zip(scaled, growths, strict=True):
+    for outline, growth, (_, filled) in zip(scaled, growths, parts, strict=True):
         local = np.ascontiguousarray(outline - shift)
         mark_touched(outer, local, growth + radius, -1.0, 1.0, SLACK)
+        if not filled:
+            continue
         inside = np.zeros_like(outer)
         mark_inside(inside, local, 0.0)
         outer |= inside

@@ -135,7 +135,7 @@ class Polygons(Shape):
     def rasters(self, spacing: float, margin: float = 0.0, turn: Turn = STILL) -> tuple[Raster, Raster]:
         from cspace.raster.segments import outline_rasters
 
-        return outline_rasters([segments for segments, _ in self.parts], spacing, margin, turn)
+        return outline_rasters(self.parts, spacing, margin, turn)
 
     def cells(self, grid: Grid) -> tuple[Bools, Bools]:
         from cspace.raster.segments import outline_cells

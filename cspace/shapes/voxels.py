@@ -180,7 +180,7 @@ class Voxels(Shape):
         if self.dim == 2:
             from cspace.raster.segments import outline_rasters
 
-            return outline_rasters([self._segments], spacing, margin, turn)
+            return outline_rasters([(self._segments, True)], spacing, margin, turn)
         if turn.matrix is not None:
             from cspace.raster.surfaces import Skin, surface_rasters
 

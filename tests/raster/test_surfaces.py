@@ -228,13 +228,11 @@ def test_overlapping_boxes_are_their_union_whatever_way_they_face(seed, count):
     surface = touched_by_faces(boxes, side)
     grid = Grid((0, 0, 0), 1.0, (side,) * 3)
     for inward in (np.zeros(count, dtype=bool), np.ones(count, dtype=bool)):
-        outer, inner = Mesh.of(joined(*(box(*b, inward=way) for b, way in zip(boxes, inward, strict=True)))).cells(grid
-        )
+        outer, inner = Mesh.of(joined(*(box(*b, inward=way) for b, way in zip(boxes, inward, strict=True)))).cells(grid)
         assert (outer == meeting | surface).all()
         assert (inner == lying & ~surface).all()
     inward = rng.random(count) < 0.5
-    outer, inner = Mesh.of(joined(*(box(*b, inward=way) for b, way in zip(boxes, inward, strict=True)))).cells(grid
-    )
+    outer, inner = Mesh.of(joined(*(box(*b, inward=way) for b, way in zip(boxes, inward, strict=True)))).cells(grid)
     # Those that face inward may be cavities: of boxes that lie in them or they in.
     nested = np.zeros_like(outer)
     for a, b in product(range(count), repeat=2):

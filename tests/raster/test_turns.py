@@ -73,7 +73,9 @@ def test_rasters_of_a_rotation_cell_hold_for_every_yaw_in_it(robot, yaw, angle, 
         assert inner <= inner_there
 
 
-@pytest.mark.parametrize("robot", [Robot.rectangle(4.0, 0.05, (2.0, 0.0)), Robot.box((4.0, 0.05, 0.2), (2.0, 0.0, 0.0))])
+@pytest.mark.parametrize(
+    "robot", [Robot.rectangle(4.0, 0.05, (2.0, 0.0)), Robot.box((4.0, 0.05, 0.2), (2.0, 0.0, 0.0))]
+)
 def test_growth_is_point_by_point(robot):
     """Next to the reference point the raster must not grow as at the far end."""
     outer, _ = robot.rasters(0.1, 0.0, yaw_turn(0.0, 0.1, robot.dim))

@@ -1,0 +1,177 @@
+"""Laws that every kind of shape keeps."""
+
+import json
+
+import numpy as np
+import pytest
+import shapely
+import trimesh
+
+from cspace import GeometryError, Grid, InputError, Mesh, Workspace
+from cspace.rotations import Turn
+from cspace.shapes import Balls, Box, Polygons, Voxels, shape_from_spec
+
+TORUS = trimesh.creation.torus(0.5, 0.2, major_sections=12, minor_sections=8)
+BITS = np.random.default_rng(0).random((5, 4, 3)) < 0.6
+
+SHAPES = {
+    "polygons": lambda: Polygons(
+        [
+            shapely.box(-1, -0.8, 0.6, 0.7).difference(shapely.box(-0.5, -0.4, 0.1, 0.2)),
+            shapely.MultiPolygon([shapely.box(0.8, 0.8, 1.0, 1.1)]),
+            shapely.LineString([(-1.2, 0.9), (0.3, 1.3), (0.9, 0.1)]),
+            shapely.Point(1.1, -0.9),
+        ]
+    ),
+    "robot of two parts": lambda: Polygons.of([shapely.box(-1, -0.2, 0, 0.3), shapely.box(-0.3, 0.1, 0.7, 0.5)]),
+    "discs": lambda: Balls.of([(0.3, 0.1), (-0.4, 0.2)], [0.3, 0.5]),
+    "cells of the plane": lambda: Voxels.of(BITS[..., 0], 0.31, (-0.7, -0.6)),
+    "balls": lambda: Balls.of([(0.3, 0.1, 0.0), (-0.4, 0.2, 0.1)], [0.3, 0.5]),
+    "points": lambda: Balls.of(np.random.default_rng(1).uniform(-1, 1, (20, 3)), 0.0),
+    "many radii": lambda: Balls.of(np.random.default_rng(1).uniform(-1, 1, (12, 3)), np.linspace(0.1, 0.4, 12)),
+    "box": lambda: Box.of((1.1, 0.7, 0.5), (0.2, -0.1, 0.15)),
+    "voxels": lambda: Voxels.of(BITS, 0.29, (-0.7, -0.6, -0.4)),
+    "mesh": lambda: Mesh.of((TORUS.vertices, TORUS.faces)),
+    "surface": lambda: Mesh.of((TORUS.vertices, TORUS.faces), "surface"),
+}
+
+
+@pytest.fixture(params=SHAPES)
+def shape(request):
+    return SHAPES[request.param]()
+
+
+def grid_around(shape, spacing=0.09):
+    lower, upper = shape.bounds
+    lower = lower - 2.3 * spacing
+    return Grid(lower, spacing, tuple((np.ceil((upper - lower) / spacing) + 3).astype(int).tolist()))
+
+
+def points_of(shape, rng, count=2000):
+    """Random points of the boundary."""
+    simplices, radii = shape.boundary()
+    which = rng.integers(len(simplices), size=count)
+    weights = rng.dirichlet(np.ones(simplices.shape[1]), count)
+    way = rng.normal(size=(count, shape.dim))
+    way *= (radii[which] / np.linalg.norm(way, axis=1))[:, None]
+    return np.einsum("nk,nkd->nd", weights, simplices[which]) + way
+
+
+def test_a_spec_makes_the_same_shape_again(shape):
+    again = shape_from_spec(json.loads(json.dumps(shape.spec)))
+    assert type(again) is type(shape)
+    assert again.spec == shape.spec
+    for mine, theirs in zip(shape.rasters(0.13, 0.05), again.rasters(0.13, 0.05), strict=True):
+        assert mine.lower == theirs.lower
+        assert (mine.cells == theirs.cells).all()
+
+
+def test_cells_agree_with_points(shape):
+    """Middles of inner cells lie in the shape, middles of cells that are not outer do not; borders are in outer cells."""
+    grid, rng = grid_around(shape), np.random.default_rng(0)
+    outer, inner = shape.cells(grid)
+    within = shape.contains(grid.center_of(np.moveaxis(np.indices(grid.shape), 0, -1)))
+    assert not (inner & ~outer).any()
+    assert within[inner].all()
+    assert not within[~outer].any()
+    points = points_of(shape, rng)
+    if shape.encloses:
+        # What another part holds is no border of the whole.
+        assert inner.any()
+    assert outer[tuple(grid.cell_of(points).T)].all()
+
+
+def test_rasters_agree_with_points(shape):
+    spacing, rng = 0.09, np.random.default_rng(1)
+    outer, inner = shape.rasters(spacing)
+    lattice = np.moveaxis(np.indices(outer.cells.shape), 0, -1) + outer.lower
+    assert not shape.contains(spacing * lattice)[~outer.cells].any()
+    if inner.count:
+        assert shape.contains(spacing * (np.argwhere(inner.cells) + inner.lower)).all()
+    points = points_of(shape, rng) / spacing
+    for corner in np.ndindex((2,) * shape.dim):
+        offsets = np.floor(points).astype(int) + corner - outer.lower
+        assert outer.cells[tuple(offsets.T)].all()
+
+
+def test_the_outer_cells_are_those_of_the_raster_of_a_point_robot(shape):
+    """A shape as an obstacle and as a robot that is asked at the origin's cell: one definition, two rasters."""
+    spacing = 0.11
+    reach = int(np.ceil(max(np.abs(shape.bounds).max() / spacing, 1))) + 2
+    outer, _ = shape.cells(Grid((-reach * spacing,) * shape.dim, spacing, (2 * reach,) * shape.dim))
+    robot, _ = shape.rasters(spacing)
+    # An offset m is in the raster where one of the 2^d cells around h m meets the shape.
+    expected = np.zeros((2 * reach + 1,) * shape.dim, dtype=bool)
+    for corner in np.ndindex((2,) * shape.dim):
+        expected[tuple(slice(c, c + 2 * reach) for c in corner)] |= outer
+    found = np.zeros_like(expected)
+    start = np.add(robot.lower, reach)
+    found[tuple(slice(a, a + n) for a, n in zip(start, robot.cells.shape, strict=True))] = robot.cells
+    assert (found == expected).all()
+
+
+def test_the_boundary_and_the_drawing_fill_the_bounds(shape):
+    lower, upper = shape.bounds
+    points = points_of(shape, np.random.default_rng(2))
+    assert (points >= lower - 1e-9).all()
+    assert (points <= upper + 1e-9).all()
+    if shape.dim == 2:
+        drawn = np.reshape(shape.outline.bounds, (2, 2))
+        with pytest.raises(GeometryError, match="outline"):
+            _ = shape.surface
+    else:
+        vertices, faces = shape.surface
+        drawn = np.array([vertices[faces].min(axis=(0, 1)), vertices[faces].max(axis=(0, 1))])
+        with pytest.raises(GeometryError, match="surface"):
+            _ = shape.outline
+    assert np.allclose(drawn, [lower, upper], atol=0.02)
+
+
+def test_a_shape_is_the_same_under_no_rotation_and_seldom_under_others(shape):
+    assert shape.is_same(np.eye(shape.dim))
+    quarter = np.eye(shape.dim)
+    quarter[:2, :2] = [[0, -1], [1, 0]]
+    assert not shape.is_same(quarter)
+    assert not shape.is_round
+    same = shape.rasters(0.13, 0.0, Turn(np.eye(shape.dim), 0.0, about_z=True))
+    for mine, theirs in zip(shape.rasters(0.13), same, strict=True):
+        assert mine.lower == theirs.lower
+        assert (mine.cells == theirs.cells).all()
+
+
+@pytest.mark.parametrize(
+    ("shape", "axis", "same"),
+    [
+        (Box.of((1, 1, 0.5)), 2, True),
+        (Box.of((1, 1, 0.5)), 0, False),
+        (Box.of((1, 1, 0.5), (0.1, 0, 0)), 2, False),
+        (Voxels.of(np.ones((2, 2, 1), bool), 0.5, (-0.5, -0.5, 0.25)), 2, True),
+        (Balls.of([(0, 0, 0.5), (0, 0, -0.5)], 0.2), 2, True),
+        (Balls.of([(0, 0, 0.5), (0, 0, -0.5)], 0.2), 1, False),
+        (Mesh.of(trimesh.creation.box((1, 1, 1))), 1, False),
+        (Mesh.of((trimesh.creation.icosahedron().vertices, trimesh.creation.icosahedron().faces)), 1, False),
+    ],
+)
+def test_quarter_turns_that_map_a_solid_to_itself(shape, axis, same):
+    """The diagonals of a box's triangles do not turn with it."""
+    quarter = np.roll([[0, -1, 0], [1, 0, 0], [0, 0, 1]], axis - 2, axis=(0, 1)).astype(float)
+    assert shape.is_same(quarter) is same
+
+
+def test_points_are_checked(shape):
+    with pytest.raises(InputError, match=f"{shape.dim} long"):
+        shape.contains(np.zeros((2, 5)))
+    with pytest.raises(InputError, match="nan"):
+        shape.contains([np.nan] * shape.dim)
+    assert shape.contains(np.empty((0, shape.dim))).shape == (0,)
+    assert shape.contains(np.full((2, 3, shape.dim), 1e6)).tolist() == [[False] * 3] * 2
+
+
+def test_a_workspace_knows_its_obstacles():
+    polygons = Workspace.from_polygons([shapely.box(0, 0, 1, 1), shapely.box(2, 0, 3, 1)], 0.25)
+    assert polygons.obstacles == polygons.shapes
+    assert len(polygons.obstacles[0].geometries) == 2
+    cells = Workspace.from_array(BITS, 0.2, (1.0, 2.0, 3.0))
+    (voxels,) = cells.obstacles
+    assert (voxels.contains(cells.grid.center_of(np.moveaxis(np.indices(BITS.shape), 0, -1))) == BITS).all()
+    assert Workspace.from_array(np.zeros((3, 3), bool), 0.1).obstacles == ()
