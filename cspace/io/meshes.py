@@ -140,7 +140,8 @@ def _stl_text(data: bytes, file: Path) -> tuple[bytes, int]:
     facets = _FACET.findall(text)
     if text.count(b"facet") != 2 * len(facets) or text.count(b"vertex") != 3 * len(facets):
         raise damaged(file, f"has words of facets beside its {len(facets)} whole ones")
-    # A facet in a line of its own for each vertex.
+    # A line for each vertex; normals are not asked for.
+    text = re.sub(rb"\bnormal\s+\S+\s+\S+\s+\S+", b"normal 0 0 0", text)
     return re.sub(rb"\s+(?=vertex|endloop|endsolid|facet)", b"\n", text), len(facets)
 
 

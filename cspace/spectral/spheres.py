@@ -195,15 +195,9 @@ class Spheres:
         FileError
             If the file is missing, malformed, or of another version.
         """
-        from cspace.io.input import read_text
-
         _, load = _format_of(path)
-        text, name = read_text(path, "file of balls"), os.fspath(path)
+        record, name = load(path, "file of balls"), os.fspath(path)
         rule, mend = "it must be as Spheres.save writes it", "mend or write it again"
-        try:
-            record = load(text)
-        except (ValueError, RecursionError) as error:
-            raise FileError(name, f"cannot be parsed: {' '.join(str(error).split())}", rule, mend) from error
         if not isinstance(record, Mapping) or record.get("format") != FORMAT:
             raise FileError(name, "holds no balls", f"its format must be {FORMAT!r}", "pass a file of Spheres.save")
         if record.get("version") != VERSION:
@@ -217,9 +211,11 @@ class Spheres:
             raise FileError(name, what, rule, mend) from error
 
 
-def _format_of(path: str | os.PathLike[str]) -> tuple[Callable[[Any], str], Callable[[str], Any]]:
-    """How records are written to a file and read from it."""
-    formats = {".yaml": (_to_yaml, _from_yaml), ".yml": (_to_yaml, _from_yaml), ".json": (_to_json, json.loads)}
+def _format_of(path: str | os.PathLike[str]) -> tuple[Callable[[Any], str], Callable[[Any, str], Any]]:
+    """How records are written, and how they are read from a file."""
+    from cspace.io.plain import read_json, read_yaml
+
+    formats = {".yaml": (_to_yaml, read_yaml), ".yml": (_to_yaml, read_yaml), ".json": (_to_json, read_json)}
     try:
         suffix = Path(path).suffix.lower()
     except TypeError as error:
@@ -239,12 +235,3 @@ def _to_yaml(record: Mapping[str, Any]) -> str:
 
     dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
     return str(yaml.dump(record, Dumper=dumper, sort_keys=False, default_flow_style=None, width=120))
-
-
-def _from_yaml(text: str) -> Any:
-    import yaml
-
-    try:
-        return yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
-    except yaml.YAMLError as error:
-        raise ValueError(str(error)) from error

@@ -1,0 +1,274 @@
+"""Files that are damaged or made to do harm: each opens as it was, or as another that nothing forbids, or is refused.
+
+Mutants of one small file of each family (bits, bytes, swaps, truncation, numbers to extremes, spliced pieces) are
+opened in processes of their own, each held to 20 seconds and 2 GB. What is allowed is an object, or one line of
+CspaceError.
+"""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import re
+import resource
+import signal
+import sys
+import tempfile
+import time
+import traceback
+import warnings
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import shapely
+
+import cspace
+from cspace import CspaceError, Robot, Workspace
+
+if TYPE_CHECKING:
+    from benchmarks.report import Report
+
+SECONDS = 20
+BYTES = 2**31
+MUTANTS = 20_000
+ROUND = 500
+"""Mutants that one process opens."""
+
+EXTREMES = (
+    b"0",
+    b"-1",
+    b"1e308",
+    b"nan",
+    b"inf",
+    b"-0.0",
+    b"9" * 19,
+    b"9" * 400,
+    b"4294967295",
+    b"2147483648",
+    b"1e-310",
+)
+
+Rng = np.random.Generator
+
+
+def families(folder: Path) -> dict[str, Path]:
+    """One small file of each family, written into a folder; a store is a folder."""
+    import trimesh
+    from PIL import Image
+
+    from cspace.spectral import Bounds, Spheres
+
+    def put(name: str, content: bytes | str) -> None:
+        (folder / name).write_bytes(content.encode() if isinstance(content, str) else content)
+
+    cells = np.eye(6, 5, dtype=bool)
+    plane = cspace.build(Workspace.from_array(cells, 0.1), Robot.rectangle(0.2, 0.1), rotations=4)
+    for name in ("map.yaml", "states.vti"):
+        plane.export(folder / name, yaw=0.0)
+    plane.save(folder / "saved.npz")
+    plane.save(folder / "saved.zarr")
+    for suffix in ("png", "bmp", "tif", "jpg"):
+        Image.fromarray(np.where(cells, 0, 255).astype(np.uint8)).save(folder / f"image.{suffix}")
+    put("grid.map", "type octile\nheight 3\nwidth 4\nmap\n.@@.\n....\nT.GW\n")
+    put("voxels.3dmap", "voxel 4 3 2\n0 0 0\n1 2 1\n3 0 1\n")
+    shapes = [shapely.box(0, 0, 1, 1), shapely.LineString([(2, 0), (3, 1)]), shapely.Point(2, 2).buffer(0.3)]
+    put(
+        "shapes.geojson",
+        json.dumps({"type": "GeometryCollection", "geometries": [s.__geo_interface__ for s in shapes]}),
+    )
+    put("shapes.wkt", "\n".join(shape.wkt for shape in shapes))
+    box = trimesh.creation.box((1.0, 2.0, 3.0))
+    for suffix in ("stl", "obj", "ply", "off", "glb"):
+        box.export(folder / f"box.{suffix}")
+    put("text.stl", trimesh.exchange.stl.export_stl_ascii(box))
+    put("text.ply", trimesh.exchange.ply.export_ply(box, encoding="ascii"))
+    corners, faces = (" ".join(map(str, table.reshape(-1).tolist())) for table in (box.vertices, box.faces))
+    put(
+        "box.dae",
+        f'<COLLADA><asset><unit meter="1"/></asset><library_geometries><geometry id="g"><mesh><source id="s">'
+        f'<float_array id="a" count="24">{corners}</float_array><technique_common><accessor source="#a" count="8" '
+        'stride="3"><param name="X"/><param name="Y"/><param name="Z"/></accessor></technique_common></source>'
+        '<vertices id="v"><input semantic="POSITION" source="#s"/></vertices><triangles count="12"><input '
+        f'semantic="VERTEX" source="#v" offset="0"/><p>{faces}</p></triangles></mesh></geometry></library_geometries>'
+        '<library_visual_scenes><visual_scene id="w"><node><instance_geometry url="#g"/></node></visual_scene>'
+        '</library_visual_scenes><scene><instance_visual_scene url="#w"/></scene></COLLADA>',
+    )
+    put("tree.bt", b"# Octomap OcTree binary file\nid OcTree\nsize 24\nres 0.1\ndata\n" + b"\3\0" * 15 + b"\x55\xaa")
+    inner, taken, free = (np.float32(value).tobytes() for value in (0.8, 0.8, -0.4))
+    nodes = (inner + b"\1") * 15 + inner + b"\x11" + taken + b"\0" + free + b"\0"
+    put("tree.ot", b"# Octomap OcTree file\nid OcTree\nsize 18\nres 0.1\ndata\n" + nodes)
+    points = np.random.default_rng(0).random((9, 3))
+    put("points.xyz", "\n".join(" ".join(map(repr, row)) for row in points.tolist()))
+    put("points.csv", "\n".join(",".join(map(repr, row)) for row in points.tolist()))
+    head = "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 9\nHEIGHT 1\nPOINTS 9\nDATA "
+    put("points.pcd", f"{head}binary\n".encode() + points.astype("<f4").tobytes())
+    packed = points.astype("<f4").T.tobytes()
+    lzf = b"".join(bytes([len(part) - 1]) + part for part in (packed[i : i + 32] for i in range(0, len(packed), 32)))
+    sizes = np.array([len(lzf), len(packed)], dtype="<u4").tobytes()
+    put("packed.pcd", f"{head}binary_compressed\n".encode() + sizes + lzf)
+    np.save(folder / "points.npy", points)
+    np.save(folder / "cells.npy", cells)
+    balls = Spheres([(0.0, 0.0), (1.0, 0.5)], [0.5, 0.25], "outer", "greedy", *([Bounds(0.1, 0.3)] * 3))
+    for suffix in ("yaml", "json"):
+        balls.save(folder / f"balls.{suffix}")
+    return {path.name: path for path in sorted(folder.iterdir()) if path.suffix not in (".pgm", ".vti")}
+
+
+def open_file(path: Path) -> object:
+    """Whatever a file holds, by the door that a user takes."""
+    from cspace.spectral import Spheres
+
+    if path.name.startswith("balls"):
+        return Spheres.open(path)
+    if path.name.startswith("saved"):
+        return cspace.open(path)
+    spaced = path.suffix not in (".yaml", ".bt", ".ot")
+    return Workspace.open(path, **({"spacing": 0.5} if spaced else {}))
+
+
+def mutant(content: bytes, other: bytes, rng: Rng) -> bytes:
+    """A file with one to four changes; ``other`` is a file to take pieces of."""
+    data = bytearray(content)
+    for _ in range(int(rng.integers(1, 5))):
+        data = _CHANGES[int(rng.integers(len(_CHANGES)))](data, other, rng)
+    return bytes(data)
+
+
+def _flip(data: bytearray, other: bytes, rng: Rng) -> bytearray:
+    if data:
+        data[int(rng.integers(len(data)))] ^= 1 << int(rng.integers(8))
+    return data
+
+
+def _byte(data: bytearray, other: bytes, rng: Rng) -> bytearray:
+    if data:
+        data[int(rng.integers(len(data)))] = int(rng.choice([0, 1, 127, 128, 255, int(rng.integers(256))]))
+    return data
+
+
+def _swap(data: bytearray, other: bytes, rng: Rng) -> bytearray:
+    if len(data) > 1:
+        i, j = rng.integers(len(data), size=2)
+        data[i], data[j] = data[j], data[i]
+    return data
+
+
+def _cut(data: bytearray, other: bytes, rng: Rng) -> bytearray:
+    return data[: int(rng.integers(len(data) + 1))]
+
+
+def _extreme(data: bytearray, other: bytes, rng: Rng) -> bytearray:
+    """A number of the text, or four bytes, to an extreme."""
+    numbers = list(re.finditer(rb"-?\d+(\.\d+)?", data))
+    if numbers and rng.random() < 0.7:
+        at = numbers[int(rng.integers(len(numbers)))]
+        return data[: at.start()] + EXTREMES[int(rng.integers(len(EXTREMES)))] + data[at.end() :]
+    if len(data) >= 4:
+        at = int(rng.integers(len(data) - 3))
+        data[at : at + 4] = [b"\0\0\0\0", b"\xff\xff\xff\xff", b"\xff\xff\xff\x7f", b"\0\0\0\x80"][int(rng.integers(4))]
+    return data
+
+
+def _splice(data: bytearray, other: bytes, rng: Rng) -> bytearray:
+    """A piece of another file, or of this one once more."""
+    source = other if rng.random() < 0.5 else bytes(data)
+    start, length = int(rng.integers(len(source) + 1)), int(rng.integers(1, 65))
+    at = int(rng.integers(len(data) + 1))
+    drop = int(rng.integers(0, 65)) if rng.random() < 0.5 else 0
+    return data[:at] + source[start : start + length] + data[at + drop :]
+
+
+def _repeat(data: bytearray, other: bytes, rng: Rng) -> bytearray:
+    """A byte many times, as deep nesting and long lines are made."""
+    at = int(rng.integers(len(data) + 1))
+    return data[:at] + data[at : at + 1] * int(rng.integers(2, 20_000)) + data[at:]
+
+
+_CHANGES: tuple[Callable[[bytearray, bytes, Rng], bytearray], ...] = (
+    *(_flip, _flip, _byte, _byte, _swap, _cut, _extreme, _extreme, _splice, _repeat),
+)
+
+
+def attempt(path: Path) -> str:
+    """What opening a file comes to: "opened", "refused", or what else happened, in a line."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            open_file(path)
+    except CspaceError as error:
+        return "refused" if "\n" not in str(error) else f"several lines: {str(error)[:200]!r}"
+    except BaseException as error:  # whatever it is, it is what this looks for
+        where = traceback.extract_tb(error.__traceback__)[-1]
+        return f"{type(error).__name__}: {str(error)[:100]!r} at {Path(where.filename).name}:{where.lineno}"
+    return "opened"
+
+
+def attempts(seed: int, name: str, first: int, count: int, keep: Path | None = None) -> Counter[str]:
+    """Outcomes of mutants of one family; those that are neither opened nor refused are kept in a folder."""
+    outcomes: Counter[str] = Counter()
+    with tempfile.TemporaryDirectory() as made:
+        every = families(Path(made))
+        path = every[name]
+        file = path if path.is_file() else path / "zarr.json"
+        parts = [file] if path.is_file() else sorted(part for part in path.rglob("*") if part.is_file())
+        contents = {part: part.read_bytes() for part in parts}
+        others = [other.read_bytes() for other in every.values() if other.is_file()]
+        for number in range(first, first + count):
+            rng = np.random.default_rng([seed, sum(name.encode()), number])
+            part = parts[int(rng.integers(len(parts)))]
+            changed = mutant(contents[part], others[int(rng.integers(len(others)))], rng)
+            part.write_bytes(changed)
+            signal.alarm(SECONDS)
+            outcome = attempt(path)
+            signal.alarm(0)
+            part.write_bytes(contents[part])
+            if outcome not in ("opened", "refused"):
+                outcome = f"{name} {number}: {outcome}"
+                if keep is not None:
+                    (keep / f"{number}-{name if path.is_file() else part.name}").write_bytes(changed)
+            elif path.suffix == ".zarr" and outcome == "opened" and changed != contents[part]:
+                outcome = f"{name} {number}: a changed store was opened"
+            outcomes[outcome] += 1
+    return outcomes
+
+
+def _child(queue: Any, *arguments: Any) -> None:
+    def late(*about: object) -> None:
+        raise TimeoutError(f"over {SECONDS} s")
+
+    signal.signal(signal.SIGALRM, late)
+    used = (
+        int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize() if sys.platform == "linux" else 0
+    )
+    resource.setrlimit(resource.RLIMIT_AS, (used + BYTES, used + BYTES))
+    queue.put(attempts(*arguments))
+
+
+def check(report: Report, seed: int, wanted: int = MUTANTS) -> None:
+    """Mutants of every family, in processes that are held to time and memory."""
+    report.section(f"files: {wanted} mutants of each family, seed {seed}, {SECONDS} s and {BYTES / 2**30:g} GB each")
+    with tempfile.TemporaryDirectory() as folder:
+        names = list(families(Path(folder)))
+    for name in names:
+        outcomes: Counter[str] = Counter()
+        began = time.perf_counter()
+        for first in range(0, wanted, ROUND):
+            queue: Any = multiprocessing.get_context("fork").Queue()
+            arguments = (queue, seed, name, first, min(ROUND, wanted - first))
+            child = multiprocessing.get_context("fork").Process(target=_child, args=arguments)
+            child.start()
+            try:
+                outcomes += queue.get(timeout=ROUND * SECONDS)
+            except Exception:  # nothing came back
+                outcomes[f"{name}: a process died among mutants {first} to {first + ROUND}"] += 1
+                child.kill()
+            child.join()
+        bad = [outcome for outcome in outcomes if outcome not in ("opened", "refused")]
+        opened, refused = outcomes["opened"], outcomes["refused"]
+        report.note(f"{name}: {opened} opened, {refused} refused, {time.perf_counter() - began:.0f} s")
+        for outcome in bad[:9]:
+            report.note(f"  {outcome}")
+        report.check(not bad, f"{name}: every mutant opens or is refused in one line")

@@ -1,0 +1,252 @@
+"""Files that are damaged, or made to do harm, are refused in one line, soon, and before memory is taken."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import struct
+import time
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import cspace
+from cspace import FileError, InputError, Workspace
+from cspace.errors import CspaceError
+from cspace.io.limits import raised_limits
+
+SPEC = importlib.util.spec_from_file_location("files", Path(__file__).parents[2] / "benchmarks" / "soak" / "files.py")
+assert SPEC is not None and SPEC.loader is not None
+soak = importlib.util.module_from_spec(SPEC)
+SPEC.loader.exec_module(soak)
+
+
+@pytest.fixture(scope="module")
+def families(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    found: dict[str, Path] = soak.families(tmp_path_factory.mktemp("families"))
+    return found
+
+
+def test_every_family_opens_and_its_mutants_open_or_are_refused(families: dict[str, Path]) -> None:
+    outcomes: Counter[str] = Counter()
+    for name, path in families.items():
+        assert soak.attempt(path) == "opened", name
+        outcomes += soak.attempts(7, name, 0, 30)
+    assert set(outcomes) == {"opened", "refused"}
+
+
+def refused(path: Path, words: str, **options: Any) -> None:
+    """Fail unless opening a file is one line of an error that holds ``words``, within seconds."""
+    began = time.perf_counter()
+    with pytest.raises(CspaceError, match=words) as caught:
+        cspace.open(path) if path.suffix == ".npz" else Workspace.open(path, **options)
+    assert "\n" not in str(caught.value)
+    assert time.perf_counter() - began < 5.0
+
+
+def ros_map(tmp_path: Path, **changes: str) -> Path:
+    Image.fromarray(np.zeros((2, 3), np.uint8)).save(tmp_path / "map.png")
+    keys = {"image": "map.png", "resolution": "0.05", "origin": "[0, 0, 0]", "negate": "0"}
+    keys |= {"occupied_thresh": "0.65", "free_thresh": "0.2"} | changes
+    (tmp_path / "map.yaml").write_text("".join(f"{key}: {value}\n" for key, value in keys.items()))
+    return tmp_path / "map.yaml"
+
+
+# ---- YAML and nesting --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        *[
+            ({"negate": f"!!{tag} foo"}, "tag in line 4")
+            for tag in ("bool", "int", "float", "timestamp", "python/name:os")
+        ],
+        ({"resolution": "9" * 400}, "resolution is inf"),
+        ({"resolution": "[" * 9_000}, "more than 64 levels"),
+        ({"resolution": "{a: " * 9_000}, "more than 64 levels"),
+        ({"resolution": "&x 0.05\nbeside: *x"}, "anchor"),
+        ({"1": "2"}, "key '1'"),
+        ({"? [a]": "2"}, "key"),
+        ({"negate": "0\nnegate: 1"}, "there twice"),
+        ({"image": '"a\\0b"'}, "image is"),
+        ({"origin": "[.nan, 0, 0]"}, "origin"),
+        ({"resolution": "yes"}, "resolution is True"),
+    ],
+)
+def test_yaml_holds_plain_values(tmp_path: Path, changes: dict[str, str], words: str) -> None:
+    refused(ros_map(tmp_path, **changes), words)
+
+
+def test_yaml_that_is_plain_is_read(tmp_path: Path) -> None:
+    path = ros_map(tmp_path, resolution="5e-2", origin='[1, -2., "0"]', negate="no", mode="'trinary'  # quoted")
+    assert Workspace.open(path).grid == cspace.Grid((1.0, -2.0), 0.05, (3, 2))
+
+
+@pytest.mark.parametrize("levels", [65, 5_000, 200_000])
+@pytest.mark.parametrize(
+    ("name", "opening", "middle", "closing"),
+    [
+        ("a.wkt", "GEOMETRYCOLLECTION (", "POINT (1 2)", ")"),
+        ("a.wkt", "POLYGON (" + "(", "", ")"),
+        (
+            "a.geojson",
+            '{"type": "GeometryCollection", "geometries": [',
+            '{"type": "Point", "coordinates": [1, 2]}',
+            "]}",
+        ),
+        ("a.geojson", "[", "", "]"),
+        ("a.json", '{"a": ', "1", "}"),
+    ],
+)
+def test_nesting_is_refused_before_anything_recurses(
+    tmp_path: Path, name: str, opening: str, middle: str, closing: str, levels: int
+) -> None:
+    (tmp_path / name).write_text(opening * levels + middle + closing * levels)
+    refused(tmp_path / name, "brackets within each other", spacing=0.1)
+
+
+# ---- sizes -------------------------------------------------------------------------------------------------------
+
+
+def chain(depths: int) -> bytes:
+    return struct.pack("<fB", 0.0, 1) * depths
+
+
+@pytest.mark.parametrize(
+    ("name", "write", "words"),
+    [
+        ("a.obj", lambda path: os.truncate(path, 2**36), "68.7 GB; at most 4.29 GB"),
+        ("a.stl", lambda path: os.truncate(path, 2**36), "at most"),
+        ("a.xyz", lambda path: os.truncate(path, 2**36), "at most"),
+        ("a.bt", lambda path: os.truncate(path, 2**36), "at most"),
+        ("a.png", lambda path: os.truncate(path, 2**36), "at most"),
+        ("a.3dmap", lambda path: path.write_text("voxel 9999 9999 9999\n"), "9.997e.11 in all; at most 5.369e.08"),
+        ("a.map", lambda path: path.write_text("type octile\nheight 99999\nwidth 99999\nmap\n.\n"), "99999"),
+        (
+            "a.bt",  # two leaves at opposite corners
+            lambda path: path.write_bytes(
+                b"# Octomap OcTree binary file\nid OcTree\nsize 33\nres 0.1\ndata\n"
+                + (b"\x03\xc0" + b"\x03\0" * 14 + b"\2\0" + b"\0\xc0" * 14 + b"\0\x80")
+            ),
+            "65536 x 65536 x 65536 cells",
+        ),
+        (
+            "a.ply",
+            lambda path: path.write_bytes(
+                b"ply\nformat binary_little_endian 1.0\nelement vertex 999999999999\n" * 1
+                + b"property float x\nproperty float y\nproperty float z\nend_header\n"
+            ),
+            "malformed or truncated",
+        ),
+        (
+            "a.npy",
+            lambda path: path.write_bytes(
+                b"\x93NUMPY\1\0v\0"
+                + b"{'descr': '<f8', 'fortran_order': False, 'shape': (9999999999, 3)}".ljust(117)
+                + b"\n"
+            ),
+            "cannot be read",
+        ),
+        (
+            "a.pcd",
+            lambda path: path.write_text(
+                "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 999999999\nHEIGHT 1\nDATA binary_compressed\n" + "a" * 64
+            ),
+            "malformed or truncated",
+        ),
+    ],
+)
+def test_what_declares_too_much_is_refused_with_the_figures(
+    tmp_path: Path, name: str, write: Callable[[Path], Any], words: str
+) -> None:
+    path = tmp_path / name
+    path.touch()
+    write(path)
+    refused(path, words, **({} if name.endswith("bt") else {"spacing": 0.1}))
+
+
+def test_a_picture_of_too_many_pixels_is_refused_before_it_is_read(tmp_path: Path) -> None:
+    Image.fromarray(np.zeros((1, 1), np.uint8)).save(tmp_path / "a.png")
+    content = bytearray((tmp_path / "a.png").read_bytes())
+    content[16:24] = struct.pack(">II", 40_000, 40_000)
+    import zlib
+
+    content[29:33] = struct.pack(">I", zlib.crc32(content[12:29]))
+    (tmp_path / "a.png").write_bytes(content)
+    refused(tmp_path / "a.png", r"40000 x 40000 cells, 1.6e\+09 in all", spacing=0.1)
+
+
+def test_limits_may_be_lowered_and_raised(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "a.3dmap").write_text("voxel 9 9 9\n")
+    with raised_limits(max_cells=100):
+        refused(tmp_path / "a.3dmap", r"raised_limits\(max_cells=729\)")
+        with raised_limits(max_cells=729):
+            assert Workspace.open(tmp_path / "a.3dmap").grid.size == 729
+    monkeypatch.setattr("cspace.io.limits.free_bytes", lambda: 500)
+    refused(tmp_path / "a.3dmap", "500 bytes of memory are free")
+
+
+def test_a_tree_without_its_line_of_data_is_refused_at_once(tmp_path: Path) -> None:
+    (tmp_path / "a.ot").write_bytes(b"# Octomap OcTree file\nid OcTree\nsize 9\nres 0.1\nadta\n" + b"\n" * 5_000_000)
+    refused(tmp_path / "a.ot", "no line 'data'")
+    (tmp_path / "a.pcd").write_bytes(b"VERSION .7\n" + b"\n" * 5_000_000)
+    refused(tmp_path / "a.pcd", "header", spacing=0.1)
+
+
+# ---- what starts, follows or loads something ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "content", [b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n", b"GIF89a", b"\0\0\0\x0cjP  "]
+)
+def test_pictures_are_told_by_their_content(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: bytes) -> None:
+    monkeypatch.setattr("subprocess.Popen", None)
+    (tmp_path / "a.png").write_bytes(content + bytes(99))
+    refused(tmp_path / "a.png", "cannot be decoded", spacing=0.1)
+
+
+def test_a_link_out_of_the_folder_is_told(tmp_path: Path) -> None:
+    (tmp_path / "inner").mkdir()
+    path = ros_map(tmp_path / "inner")
+    (tmp_path / "inner" / "map.png").rename(tmp_path / "map.png")
+    (tmp_path / "inner" / "map.png").symlink_to(tmp_path / "map.png")
+    with pytest.warns(UserWarning, match="lies outside of its folder"):
+        Workspace.open(path)
+
+
+@pytest.mark.parametrize("uri", ["../secret.bin", "/etc/passwd", "%2e%2e/secret.bin"])
+def test_gltf_reads_no_file_outside_of_its_folder(tmp_path: Path, uri: str) -> None:
+    (tmp_path / "inner").mkdir()
+    (tmp_path / "secret.bin").write_bytes(bytes(36))
+    header = {
+        "asset": {"version": "2.0"},
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}],
+        "bufferViews": [{"buffer": 0, "byteLength": 36}],
+        "buffers": [{"byteLength": 36, "uri": uri}],
+    }
+    (tmp_path / "inner" / "a.gltf").write_text(json.dumps(header))
+    refused(tmp_path / "inner" / "a.gltf", "outside of its folder", spacing=0.1)
+
+
+@pytest.mark.parametrize("kind", ["folder", "pipe"])
+def test_what_is_no_plain_file_is_refused(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / "a.obj"
+    path.mkdir() if kind == "folder" else os.mkfifo(path)
+    with pytest.raises(FileError, match="plain file"):
+        Workspace.open(path, spacing=0.1)
+
+
+def test_names_that_are_none_are_refused() -> None:
+    for name in (None, 7, b"\xff"):
+        with pytest.raises((InputError, FileError)):
+            Workspace.open(name, spacing=0.1)  # type: ignore[arg-type]
