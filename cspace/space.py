@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from cspace.exact.queries import Exact
-    from cspace.map.callbacks import Rows
     from cspace.map.clearance import Distances
     from cspace.map.components import Components
     from cspace.map.mip import Mip
@@ -147,7 +146,6 @@ class CSpace:
         self._exterior_kept: Kept[Exterior] = Kept(self._lock)
         self._map_kept: Kept[Map] = Kept(self._lock)
         self._mip: Kept[Mip] = Kept(self._lock)
-        self._rows: Kept[Rows] = Kept(self._lock)
         self._runs: Kept[Runs] = Kept(self._lock)
         self._outer_sums: Kept[Sums] = Kept(self._lock)
         self._inner_sums: Kept[Sums] = Kept(self._lock)
@@ -461,11 +459,7 @@ class CSpace:
         """
         from cspace.map import callbacks
 
-        # Looked up here and now, where that is quicker than a compiled call: in one slice of the plane.
-        if self._seen.shape[0] == 1 and self.dof == 2:
-            quick = self._rows.get(lambda: callbacks.Rows(self._seen)).checker(self._map)
-        else:
-            quick = callbacks.point_checker(self._map, self.dof)
+        quick = callbacks.point_checker(self._map, self.dof)
         return self._exact.point_checker(quick) if exact else quick
 
     def edge_checker(self, *, exact: bool = False) -> Callable[..., bool]:
@@ -743,7 +737,6 @@ class CSpace:
         self._outer_sums.renew(change)
         self._inner_sums.renew(change)
         if change.changed:
-            self._rows.renew(change)
             self._mip.renew(change)
             self._free_cells.drop()
             self._components_kept.renew(change)
@@ -836,7 +829,9 @@ class CSpace:
 
     def _make_map(self) -> Map:
         grid, rotations = self.grid, self._rotations.compiled(self._slice_of)
-        return Map(self._seen, rotations, grid.lower, grid.spacing, grid.upper, self._exterior.table)
+        return Map(
+            self._seen, self._seen.reshape(-1), rotations, grid.lower, grid.spacing, grid.upper, self._exterior.table
+        )
 
     @property
     def _exact(self) -> Exact:

@@ -12,7 +12,7 @@ import numpy as np
 from numba.cpython.unsafe.tuple import tuple_setitem
 from numpy.typing import NDArray
 
-from cspace.compiling import jit
+from cspace.compiling import reader
 from cspace.grid import SLACK
 from cspace.map import turning
 from cspace.map.mip import SHIFT, SIDE
@@ -40,20 +40,19 @@ NEAREST = 2.0
 """The same, in cells."""
 
 
-@jit
+@reader
 def edges_are_free(map_: Map, mip: States, starts: Floats, ends: Floats, out: NDArray[np.bool_]) -> int:
     """``edge_is_free`` of edges, shapes (n, dof); the index of the first edge that is not usable, or -1."""
-    flat = map_.states.ravel()
     for k in range(starts.shape[0]):
         q0, q1 = configuration(map_, starts, k), configuration(map_, ends, k)
         if not (is_usable(map_, q0) and is_usable(map_, q1)):
             return k
-        out[k] = edge_is_free(map_, flat, mip, q0, q1)
+        out[k] = edge_is_free(map_, mip, q0, q1)
     return -1
 
 
-@jit(forceinline=True)
-def edge_is_free(map_: Map, flat: States, mip: States, q0: Numbers, q1: Numbers) -> bool:
+@reader(forceinline=True)
+def edge_is_free(map_: Map, mip: States, q0: Numbers, q1: Numbers) -> bool:
     """Whether every closed cell within SLACK of an edge is FREE.
 
     Along an edge the position goes straight, and the rotation the shortest way. ``mip`` is the flat coarse map of
@@ -68,21 +67,23 @@ def edge_is_free(map_: Map, flat: States, mip: States, q0: Numbers, q1: Numbers)
         for axis in range(len(map_.lower)):
             first = tuple_setitem(first, axis, between(q0[axis], q1[axis], start))
             last = tuple_setitem(last, axis, between(q0[axis], q1[axis], stop))
-        if not segment_is_free(map_, flat, mip, number, first, last):
+        if not segment_is_free(map_, mip, number, first, last):
             return False
 
 
-@jit(forceinline=True)
+@reader(forceinline=True)
 def between(first: float, second: float, t: float) -> float:
     """The number at t in [0, 1] on the way from one to another, never outside."""
+    if t == 0.0:
+        return first
     if t == 1.0:
         return second
     value = first + t * (second - first)
     return min(max(value, min(first, second)), max(first, second))
 
 
-@jit(error_model="numpy", forceinline=True)
-def segment_is_free(map_: Map, flat: States, mip: States, number: int, first: Numbers, last: Numbers) -> bool:
+@reader(error_model="numpy", forceinline=True)
+def segment_is_free(map_: Map, mip: States, number: int, first: Numbers, last: Numbers) -> bool:
     """The same of a segment in one slice, by its ends' positions."""
     dim, inside, total = len(map_.lower), True, 0.0
     p, q = (0.5, 0.5, 0.5), (0.5, 0.5, 0.5)
@@ -95,8 +96,9 @@ def segment_is_free(map_: Map, flat: States, mip: States, number: int, first: Nu
     if not total <= MAX_PLACE:  # nor is NaN
         return False
     part = slice_number(map_, number)
-    nx, ny, nz = part.shape
-    low, high = (0, 0, 0), (nx - 1, ny - 1, nz - 1)
+    low, high = part.low, part.shape
+    for axis in range(3):
+        high = tuple_setitem(high, axis, part.shape[axis] - 1)
     if not inside:
         # A segment that leaves the grid is proven only where all is FREE beyond the grid and the box.
         if map_.exterior[number, 2 * dim] != FREE:
@@ -105,16 +107,16 @@ def segment_is_free(map_: Map, flat: States, mip: States, number: int, first: Nu
         for axis in range(3):
             low = tuple_setitem(low, axis, min(part.low[axis], 0))
             high = tuple_setitem(high, axis, max(part.high[axis], high[axis]))
-        return slabs_are_free(flat, part, p, q, low, high)
-    if part.shape[0] > 1 and not probes_are_free(flat, part, p, q):
+        return slabs_are_free(part, p, q, low, high)
+    if part.shape[0] > 1 and not probes_are_free(part, p, q):
         return False
     if mip.shape[0] == 0:
-        return slabs_are_free(flat, part, p, q, low, high)
-    return blocks_are_free(flat, part, mip, number, p, q)
+        return slabs_are_free(part, p, q, low, high)
+    return blocks_are_free(part, mip, number, p, q)
 
 
-@jit
-def probes_are_free(flat: States, part: Slice, p: Numbers, q: Numbers) -> bool:
+@reader
+def probes_are_free(part: Slice, p: Numbers, q: Numbers) -> bool:
     """Whether some points of a segment in the grid lie in FREE cells: its end, its middle, its quarters, ...
 
     Most edges that a planner asks for meet an obstacle, and this tells sooner than a walk from one end to the other.
@@ -128,14 +130,14 @@ def probes_are_free(flat: States, part: Slice, p: Numbers, q: Numbers) -> bool:
         t = step
         while t <= 1.0:
             i, j, k = min(int(p[0] + t * dx), nx - 1), min(int(p[1] + t * dy), ny - 1), min(int(p[2] + t * dz), nz - 1)
-            if flat[np.uint64(part.start + (i * ny + j) * nz + k)] != FREE:
+            if part.cells[np.uint64(part.start + (i * ny + j) * nz + k)] != FREE:
                 return False
             t += 2.0 * step
         step *= 0.5
     return True
 
 
-@jit(error_model="numpy", forceinline=True)
+@reader(error_model="numpy", forceinline=True)
 def slab_times(p: float, q: float, first: int, last: int) -> tuple[float, float]:
     """The first and last t in [0, 1] at which ``p + t (q - p)`` lies in some cells of a line, widened by SLACK.
 
@@ -151,7 +153,7 @@ def slab_times(p: float, q: float, first: int, last: int) -> tuple[float, float]
     return min(a, b), max(a, b)
 
 
-@jit(forceinline=True)
+@reader(forceinline=True)
 def cells_between(p: float, q: float, start: float, stop: float) -> tuple[int, int]:
     """First and last cell that ``p + t (q - p)``, never beyond p and q, is in for t in [start, stop], with SLACK."""
     a, b = p + start * (q - p), p + stop * (q - p)
@@ -159,8 +161,8 @@ def cells_between(p: float, q: float, start: float, stop: float) -> tuple[int, i
     return math.ceil(least - SLACK) - 1, math.floor(most + SLACK)
 
 
-@jit
-def slabs_are_free(flat: States, part: Slice, p: Numbers, q: Numbers, low: Cell, high: Cell) -> bool:
+@reader
+def slabs_are_free(part: Slice, p: Numbers, q: Numbers, low: Cell, high: Cell) -> bool:
     """Whether the cells of a segment from ``low`` to ``high`` are FREE.
 
     It is cut into slabs of cells along x, each part into slabs along y, and what is left of it there meets a run of
@@ -178,13 +180,13 @@ def slabs_are_free(flat: States, part: Slice, p: Numbers, q: Numbers, low: Cell,
             if enter > leave:
                 continue
             bottom, top = cells_between(p[2], q[2], enter, leave)
-            if not run_is_free(flat, part, i, j, max(low[2], bottom), min(high[2], top)):
+            if not run_is_free(part, i, j, max(low[2], bottom), min(high[2], top)):
                 return False
     return True
 
 
-@jit(forceinline=True)
-def blocks_are_free(flat: States, part: Slice, mip: States, number: int, p: Numbers, q: Numbers) -> bool:
+@reader(forceinline=True)
+def blocks_are_free(part: Slice, mip: States, number: int, p: Numbers, q: Numbers) -> bool:
     """The same of a segment in the grid: it is cut into slabs of blocks, and walked only in those that are not FREE."""
     nx, ny, nz = part.shape
     columns, rows, depth = (nx + SIDE - 1) >> SHIFT, (ny + SIDE - 1) >> SHIFT, (nz + SIDE - 1) >> SHIFT
@@ -207,6 +209,6 @@ def blocks_are_free(flat: States, part: Slice, mip: States, number: int, p: Numb
             line, mark = ((number * columns + a) * rows + b) * depth, 0
             for c in range(max(bottom, 0) >> SHIFT, (min(top, nz - 1) >> SHIFT) + 1):
                 mark |= mip[np.uint64(line + c)]
-            if mark != FREE and not slabs_are_free(flat, part, p, q, (begin, left, 0), (end, right, nz - 1)):
+            if mark != FREE and not slabs_are_free(part, p, q, (begin, left, 0), (end, right, nz - 1)):
                 return False
     return True

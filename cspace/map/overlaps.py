@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.compiling import jit
+from cspace.compiling import reader
 from cspace.map import turning
 from cspace.map.kept import Change
 from cspace.map.points import Numbers, cell_of, configuration, is_usable, layered
@@ -84,7 +84,7 @@ def _rows_of(raster: Raster) -> Ints:
     return np.pad(rows, ((0, 0), (4 - rows.shape[1], 0)))
 
 
-@jit
+@reader
 def overlaps(map_: Map, counts: Counts, runs: Runs, outside: int, points: Floats, out: Ints) -> int:
     """Overlaps of the robot with obstacle cells at configurations; the first one that is not usable, or -1.
 
@@ -98,7 +98,7 @@ def overlaps(map_: Map, counts: Counts, runs: Runs, outside: int, points: Floats
     return -1
 
 
-@jit
+@reader
 def overlap_at(map_: Map, counts: Counts, runs: Runs, outside: int, q: Numbers) -> int:
     """The same at one configuration, summed run by run."""
     nx, ny, nz = counts.shape[0], counts.shape[1], counts.shape[2] - 1
@@ -119,7 +119,7 @@ def overlap_at(map_: Map, counts: Counts, runs: Runs, outside: int, q: Numbers) 
     return total
 
 
-@jit
+@reader
 def renew_counts(counts: Counts, cells: NDArray[np.bool_], box: Ints) -> None:
     """Running counts of columns through a box whose cells have changed, given by its first cell and its last one."""
     for x in range(box[0], box[3] + 1):

@@ -13,7 +13,7 @@ import numpy as np
 from numba.cpython.unsafe.tuple import tuple_setitem
 from numpy.typing import NDArray
 
-from cspace.compiling import jit
+from cspace.compiling import jit, reader
 from cspace.grid import MAX_COORDINATE, SLACK
 from cspace.map import turning
 from cspace.map.record import Map
@@ -40,7 +40,7 @@ INSIDE, ASK = 255, 254
 # ---- one configuration -----------------------------------------------------------------------------------------------
 
 
-@jit(forceinline=True)
+@reader(forceinline=True)
 def configuration(map_: Map, points: Floats, k: int) -> Numbers:
     """Row k of an array of configurations as a tuple."""
     q = map_.lower + turning.blank(map_.rotations)
@@ -49,7 +49,7 @@ def configuration(map_: Map, points: Floats, k: int) -> Numbers:
     return q
 
 
-@jit(forceinline=True)
+@reader(forceinline=True)
 def is_usable(map_: Map, q: Numbers) -> bool:
     """Whether all is finite, and the rotation exact enough."""
     usable = turning.is_usable(map_.rotations, q)
@@ -58,7 +58,7 @@ def is_usable(map_: Map, q: Numbers) -> bool:
     return usable
 
 
-@jit(error_model="numpy")
+@reader(error_model="numpy")
 def cell_at(value: float, lower: float, spacing: float, upper: float, n: int) -> int:
     """Cell of a coordinate, as ``Grid.cell_of`` defines it."""
     i = math.floor(min(max((value - lower) / spacing, -FAR), FAR))
@@ -67,7 +67,7 @@ def cell_at(value: float, lower: float, spacing: float, upper: float, n: int) ->
     return i
 
 
-@jit
+@reader
 def cell_of(map_: Map, q: Numbers) -> tuple[bool, Cell]:
     """Whether a configuration lies in the grid, and its cell ``(slice, x, y)`` or ``(slice, x, y, z)``."""
     inside = True
@@ -80,7 +80,7 @@ def cell_of(map_: Map, q: Numbers) -> tuple[bool, Cell]:
     return inside, cell
 
 
-@jit(inline="always")  # a call takes as long as what it does
+@reader(forceinline=True)  # a call takes as long as what it does
 def state_at(map_: Map, q: Numbers) -> int:
     """State of one configuration."""
     inside, cell = cell_of(map_, q)
@@ -98,14 +98,14 @@ def state_at(map_: Map, q: Numbers) -> int:
 # ---- batches ---------------------------------------------------------------------------------------------------------
 
 
-@jit(error_model="numpy")
+@reader(error_model="numpy")
 def scaled(numbers: Floats, lows: Floats, scales: Floats, out: Floats) -> None:
     """``(numbers - lows) / scales``; one loop over plain numbers, which the compiler turns into wide instructions."""
     for m in range(numbers.shape[0]):
         out[m] = (numbers[m] - lows[m]) / scales[m]
 
 
-@jit
+@reader
 def codes_of(map_: Map, places: Floats, slices: Ints, cells: Ints, codes: States) -> int:
     """Cells of points that are given in cells, and what is to be made of each point.
 
@@ -142,7 +142,7 @@ def codes_of(map_: Map, places: Floats, slices: Ints, cells: Ints, codes: States
     return asked
 
 
-@jit
+@reader
 def read_states(flat: States, cells: Ints, codes: States, out: States) -> None:
     """States of points with given cells and codes.
 
@@ -158,7 +158,7 @@ def read_states(flat: States, cells: Ints, codes: States, out: States) -> None:
 @jit
 def classify(map_: Map, points: Floats, out: States) -> int:
     """States of configurations; the index of the first one that is not usable, or -1."""
-    flat, numbers, dof = map_.states.ravel(), points.reshape(-1), points.shape[1]
+    numbers, dof = points.reshape(-1), points.shape[1]
     size = min(BLOCK, len(points))
     lows, scales, places = np.zeros(dof * size), np.ones(dof * size), np.empty(dof * size)
     for axis in range(len(map_.lower)):
@@ -169,7 +169,7 @@ def classify(map_: Map, points: Floats, out: States) -> int:
         scaled(numbers[dof * first : dof * last], lows, scales, places)
         turning.slices_at(map_.rotations, points[first:last], slices)
         asked = codes_of(map_, places, slices, cells[: last - first], codes)
-        read_states(flat, cells[: last - first], codes, out[first:last])
+        read_states(map_.cells, cells[: last - first], codes, out[first:last])
         if asked == 0:
             continue
         for k in range(first, last):
@@ -186,7 +186,7 @@ def classify(map_: Map, points: Floats, out: States) -> int:
 # What walks over cells is written for three axes; the plane is space with one layer of cells along the first.
 
 
-@jit
+@reader
 def layered(cell: Cell, layer: int) -> Cell:
     """A cell ``(slice, x, y)`` or ``(slice, x, y, z)`` along three axes, without the slice."""
     three = (layer, layer, layer)
@@ -200,48 +200,51 @@ class Slice(NamedTuple):
 
     Attributes
     ----------
+    cells : ndarray of uint8, shape (n,)
+        The states of all slices in a row.
     start : int
-        Where its states begin among those of all slices in a row.
+        Where those of this one begin.
     shape : tuple of int, length 3
     low, high : tuple of int, length 3
         First and last cell of a box; what of it lies outside the grid is not FREE, and all else there is.
     """
 
+    cells: States
     start: int
     shape: Cell
     low: Cell
     high: Cell
 
 
-@jit(forceinline=True)
+@reader(forceinline=True)
 def slice_number(map_: Map, number: int) -> Slice:
     """A slice by its number, as if all were FREE outside the grid."""
     dim, shape, size = len(map_.lower), (1, 1, 1), 1
     for axis in range(dim):
         size *= map_.states.shape[axis + 1]
         shape = tuple_setitem(shape, 3 - dim + axis, map_.states.shape[axis + 1])
-    return Slice(number * size, shape, (0, 0, 0), (-1, -1, -1))
+    return Slice(map_.cells, number * size, shape, (0, 0, 0), (-1, -1, -1))
 
 
-@jit
+@reader
 def with_exterior(map_: Map, part: Slice, number: int) -> Slice:
     """The same with the box of cells outside the grid that are MIXED; all else there must be FREE."""
     dim, low, high = len(map_.lower), (0, 0, 0), (0, 0, 0)
     for axis in range(dim):
         low = tuple_setitem(low, 3 - dim + axis, map_.exterior[number, axis])
         high = tuple_setitem(high, 3 - dim + axis, map_.exterior[number, axis + dim])
-    return Slice(part.start, part.shape, low, high)
+    return Slice(part.cells, part.start, part.shape, low, high)
 
 
-@jit
-def run_is_free(flat: States, part: Slice, i: int, j: int, first: int, last: int) -> bool:
+@reader(forceinline=True)
+def run_is_free(part: Slice, i: int, j: int, first: int, last: int) -> bool:
     """Whether the cells ``first <= k <= last`` of the column (i, j) are FREE, all beyond grid and box being so."""
     nx, ny, nz = part.shape
     in_grid = 0 <= i < nx and 0 <= j < ny
     if in_grid:
         column = part.start + (i * ny + j) * nz
         for k in range(max(first, 0), min(last, nz - 1) + 1):
-            if flat[np.uint64(column + k)] != FREE:
+            if part.cells[np.uint64(column + k)] != FREE:
                 return False
     low, high = max(first, part.low[2]), min(last, part.high[2])
     if low > high or not (part.low[0] <= i <= part.high[0] and part.low[1] <= j <= part.high[1]):
@@ -249,8 +252,8 @@ def run_is_free(flat: States, part: Slice, i: int, j: int, first: int, last: int
     return in_grid and low >= 0 and high < nz
 
 
-@jit(error_model="numpy")
-def box_is_free(map_: Map, flat: States, number: int, q: Numbers, distance: float) -> bool:
+@reader(error_model="numpy")
+def box_is_free(map_: Map, number: int, q: Numbers, distance: float) -> bool:
     """Whether every closed cell within SLACK of all positions within ``distance`` along each axis is FREE."""
     dim, reach, total, inside = len(map_.lower), distance / map_.spacing + SLACK, 0.0, True
     part = slice_number(map_, number)
@@ -274,33 +277,32 @@ def box_is_free(map_: Map, flat: States, number: int, q: Numbers, distance: floa
             last = tuple_setitem(last, axis, min(last[axis], max(part.high[axis], part.shape[axis] - 1)))
     for i in range(first[0], last[0] + 1):
         for j in range(first[1], last[1] + 1):
-            if not run_is_free(flat, part, i, j, first[2], last[2]):
+            if not run_is_free(part, i, j, first[2], last[2]):
                 return False
     return True
 
 
-@jit
+@reader
 def boxes_are_free(map_: Map, distance: float, angle: float, points: Floats, out: NDArray[np.bool_]) -> int:
     """Whether all is FREE within a distance along each axis and within an angle of configurations.
 
     Gives the index of the first configuration that is not usable, or -1.
     """
-    flat = map_.states.ravel()
     for k in range(points.shape[0]):
         q = configuration(map_, points, k)
         if not is_usable(map_, q):
             return k
-        out[k] = around_is_free(map_, flat, q, distance, angle)
+        out[k] = around_is_free(map_, q, distance, angle)
     return -1
 
 
-@jit
-def around_is_free(map_: Map, flat: States, q: Numbers, distance: float, angle: float) -> bool:
+@reader
+def around_is_free(map_: Map, q: Numbers, distance: float, angle: float) -> bool:
     """The same of one configuration that is usable."""
     cursor = turning.first_around(map_.rotations, q, angle)
     while True:
         more, number, cursor = turning.next_around(map_.rotations, cursor)
         if not more:
             return True
-        if not box_is_free(map_, flat, number, q, distance):
+        if not box_is_free(map_, number, q, distance):
             return False

@@ -13,13 +13,14 @@ from cspace.rotations import CompiledRotations
 class Map(NamedTuple):
     """States over rotation cells times cells of a grid, in the plane or in space, whether the robot turns or not.
 
-    The arrays are views of the map's own: an update of the workspace is seen through the record. A call from Python
-    costs some 30 ns for each array, which is why there are few.
+    The arrays are views of the map's own: an update of the workspace is seen through the record.
 
     Attributes
     ----------
     states : ndarray of uint8, shape (slices, nx, ny) or (slices, nx, ny, nz)
         FREE, MIXED or BLOCKED; read-only, in C order.
+    cells : ndarray of uint8, shape (slices * nx * ny,) or (slices * nx * ny * nz,)
+        The same in a row.
     rotations : NamedTuple
         The rotation cells, and the slice that each has; compiled code reads it by :mod:`cspace.map.turning` alone.
     lower, upper : tuple of float, length d
@@ -30,6 +31,7 @@ class Map(NamedTuple):
     """
 
     states: NDArray[np.uint8]
+    cells: NDArray[np.uint8]
     rotations: CompiledRotations
     lower: tuple[float, ...]
     spacing: float
