@@ -173,8 +173,8 @@ def renew_states(map_: Followed, box: Ints) -> Ints:
             last[axis] = min(part.shape[axis] - 1, box[3 + axis] - low[axis])
         if first[0] > last[0] or first[1] > last[1] or first[2] > last[2]:
             continue
-        row[LOOKED : LOOKED + 3] = first
-        row[LOOKED + 3 : LOOKED + 6] = last
+        for axis in range(3):
+            row[LOOKED + axis], row[LOOKED + 3 + axis] = first[axis], last[axis]
         tall = last[1] - first[1] + 1 + high[1] - low[1]
         wide = (last[2] - first[2] + high[2] - low[2] + 64) // 64
         words = _pack(map_.outer, first + low, last + high, map_.walled, tall, wide)
@@ -205,8 +205,8 @@ def renew_states(map_: Followed, box: Ints) -> Ints:
                     state = int((far_byte & np.uint64(1)) + (near_byte & np.uint64(1)))
                     _settle(line, k, state, x, y, first[2], row)
     whole = told[-1]
-    whole[:] = told[0]
-    whole[COUNTS:] = 0
+    for k in range(COUNTS):
+        whole[k] = told[0, k]
     for s in range(stack.shape[0]):
         row = told[s]
         for start in (LOOKED, CHANGED, FREED):

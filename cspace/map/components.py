@@ -140,20 +140,21 @@ def pack(blocks: Blocks, s: int, first: int, words: Words) -> None:
     _, nx, ny, nz = blocks.states.shape
     deep, wide = min(blocks.sides[0], nx - x), min(blocks.sides[1], ny - y)
     spare = np.full(64, BLOCKED, np.uint8)
-    if deep * wide < words.shape[2]:
-        words[:] = 0
+    for block in range(len(words) if deep * wide < words.shape[2] else 0):
+        for row in range(words.shape[2]):
+            words[block, 0, row] = words[block, 1, row] = 0
     for i in range(deep):
         for j in range(wide):
             line, row = blocks.states[s, x + i, y + j], i * blocks.sides[1] + j
             for block in range(len(words)):
                 begin = z + block * blocks.sides[2]
                 count = min(blocks.sides[2], nz - begin)
-                if count == 64:
-                    eights = line[begin : begin + 64].view(np.uint64)
-                else:
-                    spare[:count] = line[begin : begin + count]
-                    spare[count:] = BLOCKED
-                    eights = spare.view(np.uint64)
+                cells = line[begin : begin + count]
+                if count < 64:
+                    for k in range(64):
+                        spare[k] = cells[k] if k < count else BLOCKED
+                    cells = spare
+                eights = cells.view(np.uint64)
                 taken, blocked = np.uint64(0), np.uint64(0)
                 for eight in range(8):
                     word, place = eights[eight], np.uint64(8 * eight)
@@ -270,7 +271,8 @@ def rim_pairs(blocks: Blocks, block: int, runs: Runs, components: int, code: int
     x, y, z = corner_of(blocks, block)
     _, nx, ny, nz = blocks.states.shape
     begins, ends = z == 0, z + blocks.sides[2] >= nz
-    seen[:components] = 0
+    for a in range(components):
+        seen[a] = 0
     count = n = 0
     for i in range(blocks.sides[0]):
         for j in range(blocks.sides[1]):
@@ -363,12 +365,17 @@ def join_blocks(blocks: Blocks, segments: Ints, counts: Nodes, sizes: Ints) -> P
             pack(blocks, s, first + blocks.shape[1] * length, packed[0, :count])
         if first // length % blocks.shape[1] + 1 < blocks.shape[1]:
             pack(blocks, s, first + length, packed[1, :count])
-        packed[2, :count] = packed[RIM, 1 : count + 1]
+        for k in range(count):
+            for row in range(rows):
+                packed[2, k, 0, row], packed[2, k, 1, row] = packed[RIM, k + 1, 0, row], packed[RIM, k + 1, 1, row]
         for link in range(first_link, blocks.link_ends[s]):
             pack(blocks, blocks.links[link], first, packed[LINKS + link - first_link, :count])
         for k in range(count):
             if filled + most > len(pool):
-                pool = np.concatenate((pool, np.empty(len(pool), np.uint32)))
+                longer = np.empty(2 * len(pool), np.uint32)
+                for pair in range(filled):
+                    longer[pair] = pool[pair]
+                pool = longer
             sizes[n + k] = pairs_of(blocks, s, first + k, packed[:, k], runs, counts[n + k], pool[filled:])
             filled += sizes[n + k]
         n = stop
@@ -386,7 +393,8 @@ def merge(pool: Pairs, ends: Ints, stale: Ints, fresh: Pairs, sizes: Ints) -> Pa
     for segment in range(len(ends)):
         stop = ends[segment]
         if n < len(stale) and stale[n] == segment:
-            merged[filled : filled + sizes[n]] = fresh[taken : taken + sizes[n]]
+            for k in range(sizes[n]):
+                merged[filled + k] = fresh[taken + k]
             filled, taken, n = filled + sizes[n], taken + sizes[n], n + 1
         else:
             for k in range(first, stop):
@@ -536,18 +544,27 @@ class Components:
         The rotation cells that each one shares a border with; -1 fills up.
     rim_is_open : ndarray of bool, shape (slices,)
         Whether some configuration outside the grid is not BLOCKED.
+    sides : tuple of int, length 3, optional
+        Cells of a block along each axis; at most 64 rows of at most 64 cells.
     """
 
-    def __init__(self, states: Bytes, slice_of: Ints, neighbors: Ints, rim_is_open: NDArray[np.bool_]) -> None:
+    def __init__(
+        self,
+        states: Bytes,
+        slice_of: Ints,
+        neighbors: Ints,
+        rim_is_open: NDArray[np.bool_],
+        sides: tuple[int, int, int] | None = None,
+    ) -> None:
         self._dim = states.ndim - 1
         cells = states.reshape(len(states), *(1,) * (3 - self._dim), *states.shape[1:])
-        sides = np.array(SIDES[self._dim], dtype=np.int64)
-        shape = -(-np.array(cells.shape[1:]) // sides)
+        of_block = np.array(SIDES[self._dim] if sides is None else sides, dtype=np.int64)
+        shape = -(-np.array(cells.shape[1:]) // of_block)
         # One rotation cell stands for all where there is a single slice.
         self._slice_of = np.ascontiguousarray(slice_of if len(states) > 1 else slice_of[:1], dtype=np.int64)
         links, later = _links(self._slice_of, neighbors, len(states))
         flat = np.array([other for row in links for other in row], dtype=np.int64)
-        self._blocks = Blocks(cells, sides, shape, flat, np.cumsum([len(row) for row in links]), self._dim == 3)
+        self._blocks = Blocks(cells, of_block, shape, flat, np.cumsum([len(row) for row in links]), self._dim == 3)
         self._turns = (
             self._slice_of,
             np.array([row for rows in later for row in rows], dtype=np.int64).reshape(-1, 2),

@@ -228,10 +228,11 @@ def make_tiles(states: Bytes, tiles: Tiles, s: int, start: int, end: int) -> Non
     squares = transform(
         states[s], np.array([0, 0, first, nx - 1, ny - 1, stop - 1]), np.array([0, 0, 0, nx - 1, ny - 1, nz - 1])
     )
-    tiles.peaks[s, start:end] = 0
     for x in range(nx):
         for y in range(ny):
             for tile in range(start, end):
+                if x % SIDE == 0 and y % SIDE == 0:
+                    tiles.peaks[s, tile, x // SIDE, y // SIDE] = 0
                 low = (tile - start) * WIDE
                 line = squares[x, y, low : min(low + WIDE, stop - first)]
                 into, peak = tiles.distances[s, tile, x, y], 0
@@ -241,7 +242,8 @@ def make_tiles(states: Bytes, tiles: Tiles, s: int, start: int, end: int) -> Non
                     peak = max(peak, value)
                 if peak > tiles.peaks[s, tile, x // SIDE, y // SIDE]:
                     tiles.peaks[s, tile, x // SIDE, y // SIDE] = peak
-    tiles.ready[s, start:end] = 1
+    for tile in range(start, end):
+        tiles.ready[s, tile] = 1
 
 
 @jit
@@ -314,7 +316,8 @@ def renew_tiles(states: Bytes, tiles: Tiles, boxes: Ints) -> None:
         if window[0] > window[3]:
             continue
         if (window[3] - window[0] + 1) * (window[4] - window[1] + 1) * (window[5] - window[2] + 1) > LARGEST:
-            tiles.ready[s, window[2] // WIDE : window[5] // WIDE + 1] = 0
+            for tile in range(window[2] // WIDE, window[5] // WIDE + 1):
+                tiles.ready[s, tile] = 0
             continue
         wide = max(8, window[4] - window[1] + 1, window[5] - window[2] + 1)
         while True:

@@ -1,21 +1,25 @@
 """Components against scipy's labels, after any stream of changes; paths against flood fills."""
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage, sparse
 
-from cspace import BLOCKED, FREE, MIXED
-from cspace.map import components as module
-from cspace.map.components import Components
+import cspace
+import sets
+from cspace import BLOCKED, FREE, MIXED, ConfigurationError, InputError, Robot, Workspace
+from cspace.map.components import SIDES, Components
 from cspace.map.kept import Change
+from cspace.rotations import Rotations
 from strategies import seeds
 
 BLOCKS = {
     "small": {2: (1, 3, 4), 3: (2, 3, 2)},
     "rows of eight": {2: (1, 2, 8), 3: (2, 1, 8)},
-    "as they are": module.SIDES,
+    "as they are": SIDES,
 }
 
 KINDS = [(2, 1, 1), (3, 1, 1), (2, 1, 4), (2, 2, 2), (2, 3, 3), (2, 2, 4), (2, 3, 6), (3, 2, 4)]
@@ -24,19 +28,13 @@ KINDS = [(2, 1, 1), (3, 1, 1), (2, 1, 4), (2, 2, 2), (2, 3, 3), (2, 2, 4), (2, 3
 ALONE = np.zeros(1, dtype=np.int64)
 
 
-@pytest.fixture(autouse=True, params=BLOCKS)
-def blocks(request, monkeypatch):
-    """Also with blocks of few cells, so that small maps have many."""
-    monkeypatch.setattr(module, "SIDES", BLOCKS[request.param])
-
-
 def ring(turns):
     return (np.arange(turns)[:, None] + [-1, 1]) % turns
 
 
-def components(stack, slice_of=ALONE, rim=False):
-    rims = np.broadcast_to(rim, len(stack))
-    return Components(stack, slice_of, ring(len(slice_of)), rims)
+def components(stack, slice_of=ALONE, rim=False, blocks="as they are"):
+    rims, sides = np.broadcast_to(rim, len(stack)), BLOCKS[blocks][stack.ndim - 1]
+    return Components(stack, slice_of, ring(len(slice_of)), rims, sides)
 
 
 def changed(boxes):
@@ -80,14 +78,14 @@ def by_scipy(stack, slice_of, rim_is_open, cells):
     return found
 
 
-@settings(max_examples=40)
-@given(seeds, st.sampled_from(KINDS))
-def test_a_stream_of_changes(seed, kind):
+@settings(max_examples=100)
+@given(seeds, st.sampled_from(KINDS), st.sampled_from(list(BLOCKS)))
+def test_a_stream_of_changes(seed, kind, blocks):
     dim, slices, turns = kind
     rng = np.random.default_rng(seed)
     stack = random_stack(rng, dim, slices)
     rim, slice_of = rng.random(slices) < 0.5, np.arange(turns) % slices
-    labels, cells = components(stack, slice_of, rim), all_cells(stack, turns)
+    labels, cells = components(stack, slice_of, rim, blocks), all_cells(stack, turns)
     for _ in range(4):
         for mine, other in zip(labels.of(cells), by_scipy(stack, slice_of, rim, cells), strict=True):
             same_partition(mine, other)
@@ -102,13 +100,13 @@ def test_a_stream_of_changes(seed, kind):
         labels.renew(changed(boxes))
 
 
-@settings(max_examples=30)
-@given(seeds, st.sampled_from(KINDS))
-def test_the_box_around_a_component(seed, kind):
+@settings(max_examples=60)
+@given(seeds, st.sampled_from(KINDS), st.sampled_from(list(BLOCKS)))
+def test_the_box_around_a_component(seed, kind, blocks):
     dim, slices, turns = kind
     rng = np.random.default_rng(seed)
     stack = random_stack(rng, dim, slices)
-    labels = components(stack, np.arange(turns) % slices)
+    labels = components(stack, np.arange(turns) % slices, blocks=blocks)
     cells = all_cells(stack, turns, 0)
     free = labels.of(cells)[0]
     # One rotation cell stands for all where they share one slice.
@@ -117,9 +115,10 @@ def test_the_box_around_a_component(seed, kind):
         np.testing.assert_array_equal(labels.box(cell), [ours.min(axis=0), ours.max(axis=0)])
 
 
-def test_many_components_in_every_block():
+@pytest.mark.parametrize("blocks", BLOCKS)
+def test_many_components_in_every_block(blocks):
     state = (np.indices((150, 140)).sum(axis=0) % 2 * BLOCKED).astype(np.uint8)  # a chessboard
-    labels = components(state[None], rim=True)
+    labels = components(state[None], rim=True, blocks=blocks)
     cells = all_cells(state[None], 1, 0)
     free, passable = labels.of(cells)
     assert len(np.unique(free)) - 1 == np.count_nonzero(state == FREE)
@@ -141,13 +140,12 @@ def test_neighbours_may_be_any_graph():
     cells = all_cells(stack, 5, 0)
     for kind, member in enumerate((stack == FREE, stack != BLOCKED)):
         number = np.arange(stack.size).reshape(stack.shape)
-        rows = [number[:, 1:][j].ravel() for j in ()]
         joined = [(member[:, 1:] & member[:, :-1], number[:, 1:], number[:, :-1])]
         joined += [(member[:, :, 1:] & member[:, :, :-1], number[:, :, 1:], number[:, :, :-1])]
         joined += [
             (member[r] & member[o], number[r], number[o]) for r, row in enumerate(neighbors) for o in row if o >= 0
         ]
-        a, b = (np.concatenate([one[k][one[0]] for one in joined] + rows) for k in (1, 2))
+        a, b = (np.concatenate([one[k][one[0]] for one in joined]) for k in (1, 2))
         graph = sparse.coo_array((np.ones(len(a)), (a, b)), shape=(stack.size, stack.size))
         expected = sparse.csgraph.connected_components(graph, directed=False)[1].reshape(stack.shape)
         same_partition(labels.of(cells)[kind], np.where(member, expected, -1)[tuple(cells.T)])
@@ -162,3 +160,130 @@ def test_a_door_in_a_wall_across_many_blocks():
         state[150, 77] = fill
         labels.renew(changed([[0, 150, 77, 0, 150, 77]]))
         assert labels.joins(*ends)[()] is expected
+
+
+# ---- as a map answers ------------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=12)
+@given(seeds, st.sampled_from(sets.KINDS), st.sampled_from(["free", "blocked"]))
+def test_paths_against_a_flood_fill(seed, kind, outside):
+    """All pairs of cells of a small map; beyond the grid all is FREE, or BLOCKED."""
+    states = sets.random_states(np.random.default_rng(seed), kind, 4)
+    space, cells = sets.made(states, kind, outside), sets.all_cells(states)
+    q = sets.middles(space, cells)
+    answers = space.path_exists(q[:, None], q[None])
+    away = np.array(q[0])
+    away[: space.grid.dim] = -99.0
+    rim = space.classify(away) != BLOCKED
+    framed = np.pad(states != BLOCKED, [(0, 0)] + [(1, 1)] * space.grid.dim, constant_values=rim)
+    for a, start in enumerate(map(tuple, cells.tolist())):
+        free = sets.component_of(states == FREE, start)
+        passable = sets.component_of(framed, (start[0], *(n + 1 for n in start[1:])))
+        for b, (turn, *place) in enumerate(cells.tolist()):
+            expected = (
+                True if (turn, *place) in free else None if (turn, *(n + 1 for n in place)) in passable else False
+            )
+            assert answers[a, b] is expected
+
+
+@settings(max_examples=10)
+@given(seeds, st.sampled_from(sets.KINDS))
+def test_the_reach_of_a_configuration(seed, kind):
+    """All cells that free cells join to one lie in the box, and every side of it has one of them."""
+    states = sets.random_states(np.random.default_rng(seed), kind)
+    space = sets.made(states, kind, spacing=1.0)
+    for cell in np.argwhere(states == FREE)[:8]:
+        joined = np.array(sorted(sets.component_of(states == FREE, tuple(cell.tolist()))))[:, 1:]
+        lower, upper = space.free_reach(sets.middles(space, cell[None])[0])
+        assert lower.tolist() == joined.min(axis=0).tolist()
+        assert upper.tolist() == (joined.max(axis=0) + 1).tolist()
+    for cell in np.argwhere(states != FREE)[:1]:
+        with pytest.raises(ConfigurationError, match="FREE"):
+            space.free_reach(sets.middles(space, cell[None])[0])
+
+
+@pytest.mark.parametrize(("robot", "turns"), [("bar", 2), ("bar", 6), ("square", 8), ("spot", 4)])
+def test_rotation_cells_that_share_slices(robot, turns):
+    size = {"bar": (1e-6, 1e-7), "square": (1e-6, 1e-6)}
+    robot = Robot.rectangle(*size[robot]) if robot in size else Robot.disc(1e-6)
+    slices = 1 if robot.symmetry == 0 else turns // robot.symmetry
+    workspace = Workspace.from_array(np.zeros((4, 3), dtype=bool), 0.25)
+    for seed in range(8):
+        stack = np.random.default_rng(seed).choice(np.array([0, 1, 2, 2], dtype=np.uint8), (slices, 4, 3))
+        space = cspace.CSpace(
+            workspace,
+            robot,
+            stack,
+            outside="free",
+            margin=0.0,
+            precision="integer",
+            rotations=Rotations.of(turns),
+        )
+        states = stack[np.arange(turns) % slices]
+        assert (space.state == states).all()
+        cells = sets.all_cells(states)
+        q = sets.middles(space, cells)
+        answers = space.path_exists(q[:, None], q[None])
+        for a, start in enumerate(map(tuple, cells.tolist())):
+            free = sets.component_of(states == FREE, start)
+            assert all((answers[a, b] is True) == (goal in free) for b, goal in enumerate(map(tuple, cells.tolist())))
+
+
+def walled(gap, outside="blocked"):
+    """A room of 40 x 20 cells with a wall that has a gap of so many cells."""
+    occupied = np.zeros((40, 20), dtype=bool)
+    occupied[20, gap:] = True
+    return cspace.build(Workspace.from_array(occupied, 0.1), Robot.disc(0.25), outside=outside)
+
+
+def test_a_door_decides():
+    assert walled(12).path_exists((1.0, 1.0), (3.0, 1.0)) is True
+    assert walled(3).path_exists((1.0, 1.0), (3.0, 1.0)) is False
+    assert walled(5).path_exists((1.0, 1.0), (3.0, 1.0)) is None  # 0.5 m for a disc 0.5 m across
+
+
+def test_a_way_around_the_map_is_no_proof_of_absence():
+    assert walled(0, "free").path_exists((1.0, 1.0), (3.0, 1.0)) is None
+    assert walled(0).path_exists((1.0, 1.0), (3.0, 1.0)) is False
+
+
+def test_what_collides_has_no_path():
+    space = walled(12)
+    assert space.path_exists((2.05, 1.8), (2.05, 1.8)) is False
+    assert space.path_exists((1.0, 1.0), (-5.0, 1.0)) is False
+    assert space.path_exists((1.0, 1.0), (1.0, 1.0)) is True
+
+
+def test_a_passage_decides():
+    """A bar fits through lengthwise, and turns around behind the passage, but not in it."""
+    occupied = np.zeros((160, 80), dtype=bool)
+    occupied[50:110, :34] = occupied[50:110, 46:] = True  # a passage 0.6 m wide and 3 m long
+    robot = Robot.rectangle(1.2, 0.2, (0.1, 0.0))
+    space = cspace.build(Workspace.from_array(occupied, 0.05), robot, rotations=36)
+    left, middle, right = (1.2, 2.0), (4.0, 2.0), (6.8, 2.0)
+    assert space.path_exists((*left, 0.0), (*right, 0.0)) is True
+    assert space.path_exists((*left, 0.0), (*right, math.pi)) is True
+    assert space.path_exists((*middle, 0.0), (*middle, math.pi)) is True
+    assert space.path_exists((*left, 0.0), (*middle, math.pi / 2)) is False
+    occupied[[50, 109]] = True
+    closed = cspace.build(Workspace.from_array(occupied, 0.05), robot, rotations=36)
+    assert closed.is_free([(*middle, 0.0), (*middle, math.pi)]).all()
+    assert closed.path_exists((*middle, 0.0), (*middle, math.pi)) is False
+
+
+def test_turning_on_the_spot_wraps():
+    states = np.full((6, 1, 1), BLOCKED)
+    states[[0, 1, 5]] = FREE
+    space = sets.made(states, "turning")
+    assert space.path_exists((0.1, 0.1, 1.0), (0.1, 0.1, -1.0)) is True
+    assert space.path_exists((0.1, 0.1, 1.0), (0.1, 0.1, 2 * math.pi - 1.0)) is True
+    assert space.path_exists((0.1, 0.1, 0.0), (0.1, 0.1, math.pi)) is False
+
+
+def test_kinds_of_answers():
+    space = walled(12)
+    assert space.path_exists(np.full((2, 1, 2), 1.0), np.full((3, 2), 1.1)).tolist() == [[True] * 3] * 2
+    assert space.path_exists(np.empty((0, 2)), (0.1, 0.1)).shape == (0,)
+    with pytest.raises(InputError, match="nan"):
+        space.path_exists((np.nan, 1.0), (1.0, 1.0))
