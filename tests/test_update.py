@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import threading
 from pathlib import Path
 
@@ -14,7 +15,6 @@ from hypothesis import strategies as st
 import cspace
 import planners
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
-from cspace.updates import upkeep
 from maps import same
 from updates import World, agree, check, checkers, worlds
 
@@ -262,7 +262,7 @@ def test_a_door_closes_and_opens() -> None:
         (np.full((2, 2), 2), (0, 0), None, "must be 0 or 1"),
         (np.ma.masked_array(BLOCK, mask=BLOCK), (0, 0), None, "mask"),
         (BLOCK, (0, 0), np.ones((4, 3), dtype=bool), "both must be the same"),
-        (~BLOCK, (0, 0), BLOCK, "in inner and not in cells"),
+        (~BLOCK, (0, 0), BLOCK, "which is not in cells"),
     ],
 )
 def test_what_is_refused_changes_nothing(cells, lower, inner, words) -> None:
@@ -295,8 +295,18 @@ def test_cells_of_any_kind_are_taken() -> None:
             assert set(np.unique(space.workspace.outer.view(np.uint8))) == {0, 1}
 
 
-@pytest.mark.parametrize("keeper", ["keep_sums", "keep_lookups", "keep_sets", "keep_exact"])
-@pytest.mark.parametrize("rotations", [None, 4])
+@pytest.mark.parametrize(
+    ("keeper", "rotations"),
+    [
+        ("overlaps.Sums", None),
+        ("callbacks.Rows", None),
+        ("mip.Mip", None),
+        ("components.Components", None),
+        ("clearance.Distances", None),
+        ("components.Components", 4),
+        ("clearance.Distances", 4),
+    ],
+)
 def test_an_interrupted_update_leaves_a_map_that_is_right(
     keeper: str, rotations: int | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -305,7 +315,9 @@ def test_an_interrupted_update_leaves_a_map_that_is_right(
     world = World(outer, outer.copy(), Robot.rectangle(2.0, 1.0), options, rng)
     space = world.build()
     check(space, world.build(), world)
-    ours, calls, real = checkers(space), [], getattr(upkeep, keeper)
+    module, name = keeper.split(".")
+    part = getattr(importlib.import_module(f"cspace.map.{module}"), name)
+    ours, calls, real = checkers(space), [], part.renew
 
     def interrupt(*args) -> None:
         calls.append(args)
@@ -313,7 +325,7 @@ def test_an_interrupted_update_leaves_a_map_that_is_right(
             raise KeyboardInterrupt
         real(*args)
 
-    monkeypatch.setattr(upkeep, keeper, interrupt)
+    monkeypatch.setattr(part, "renew", interrupt)
     cells = np.ones((3, 3), dtype=bool)
     world.outer[4:7, 5:8] = world.inner[4:7, 5:8] = True
     with pytest.raises(KeyboardInterrupt):

@@ -1,11 +1,16 @@
-"""Distances against brute force over all cells, also after any stream of changes."""
+"""Distances and clearance against brute force over all cells, also after any stream of changes."""
+
+import math
+from fractions import Fraction
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cspace import BLOCKED, FREE, MIXED
+import cspace
+import sets
+from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
 from cspace.map import distances
 from cspace.map.distances import LIMIT, MOST, UNIT, WIDE, Tiles, make_tiles, renew_tiles, transform
 from strategies import seeds
@@ -143,13 +148,128 @@ def test_the_first_and_the_last_closed_cell():
         np.testing.assert_array_equal(joined(tiles, 0, 60), joined(made(state), 0, 60))
 
 
-def test_a_window_too_large_is_made_anew(monkeypatch):
-    state = np.zeros((1, 1, 40, 100), dtype=np.uint8)
-    tiles = made(state)
+def test_a_window_too_large_is_made_anew():
+    state = np.zeros((1, 1, 4096, 4096), dtype=np.uint8)
+    tiles = tiles_of(state)
+    for tile in (0, 3, 127):
+        make_tiles(state, tiles, 0, tile, tile + 1)
     state[0, 0, 4, 5] = BLOCKED
-    renew_tiles.py_func.__globals__["LARGEST"], saved = 10, distances.LARGEST
-    try:
-        renew_tiles.py_func(state, tiles, np.array([[0, 4, 5, 0, 4, 5]]))
-    finally:
-        renew_tiles.py_func.__globals__["LARGEST"] = saved
+    renew_tiles(state, tiles, np.array([[0, 4, 5, 0, 4, 5]]))
     assert not tiles.ready.any()
+
+
+# ---- as a map answers ------------------------------------------------------------------------------------------------
+
+CASES = {
+    "plane": (Robot.polygon([(-0.2, -0.1), (0.3, 0.0), (0.0, 0.25)]), None, 1.5),
+    "point": (Robot.disc(0.01), None, 1.5),
+    "space": (Robot.box((0.2, 0.3, 0.1)), None, 1.8),
+    "turning": (
+        Robot.polygon([(-0.2, -0.1), (0.3, 0.0), (0.0, 0.25)]),
+        [-1.0, -0.8, 0.5, 0.6, 3.0, 2 * math.pi - 1],
+        1.5,
+    ),
+    "turning bar": (Robot.rectangle(0.4, 0.1), 6, 1.5),
+}
+
+
+@settings(max_examples=25)
+@given(seeds, st.sampled_from(list(CASES)), st.sampled_from(["blocked", "free"]))
+def test_clearance_is_a_close_lower_bound(seed, case, outside):
+    robot, rotations, quality = CASES[case]
+    rng, h, dim = np.random.default_rng(seed), 0.1, 3 if case == "space" else 2
+    shape = (9, 8, 10) if dim == 3 else (20, 40)
+    workspace = Workspace.from_array(rng.random(shape) < rng.choice([0.0, 0.01]), h, rng.uniform(-1, 1, dim))
+    space = cspace.build(workspace, robot, rotations=rotations, outside=outside)
+    size, lower = np.array(shape), np.array(space.grid.lower)
+    around = np.stack(np.meshgrid(*(np.arange(-9, n + 9) for n in shape), indexing="ij"), axis=-1).reshape(-1, dim)
+    q = lower + rng.uniform(-0.3, 1.3, (16, dim)) * size * h
+    q[::3] = lower + np.rint((q[::3] - lower) / h) * h  # on borders of cells
+    q = q if rotations is None else np.column_stack([q, rng.uniform(-9.0, 9.0, len(q))])
+    check = space.clearance_checker()
+    for point, bound, state in zip(q, space.clearance(q), space.classify(q), strict=True):
+        slice_q = np.column_stack([space.grid.center_of(around), np.tile(point[dim:], (len(around), 1))])
+        shut = around[space.classify(slice_q) != FREE] * h + lower
+        assert check(*point.tolist()) == bound == space.clearance(point)
+        if state != FREE:
+            assert bound == 0.0
+        elif len(shut):
+            gap = np.maximum(np.maximum(shut - point[:dim], point[:dim] - shut - h), 0)
+            distance = np.linalg.norm(gap, axis=1).min()
+            assert bound <= distance + 1e-9
+            if space.grid.contains(point[:dim]):
+                assert bound > distance - quality * h
+        elif outside == "free":
+            assert bound == math.inf
+
+
+@pytest.mark.parametrize("kind", sets.KINDS)
+def test_steps_within_the_clearance_stay_free(kind):
+    rng = np.random.default_rng(4)
+    states = (
+        rng.random((3 if "turning" in kind else 1, *((20, 15, 40) if "space" in kind else (60, 80)))) < 0.003
+    ) * MIXED
+    space = sets.made(states, kind)
+    dim = space.grid.dim
+    q = rng.uniform(-1.0, 12.0, (10_000, space.dof))
+    course = rng.normal(size=(len(q), dim))
+    steps = 0.999999 * np.minimum(space.clearance(q), 50.0)
+    moved = q.copy()
+    moved[:, :dim] += steps[:, None] * course / np.linalg.norm(course, axis=1)[:, None]
+    assert (steps > 0.3).any()
+    assert space.is_free(moved[steps > 0]).all()
+
+
+@pytest.mark.parametrize("kind", sets.KINDS)
+def test_an_empty_map_has_no_bound(kind):
+    space = sets.made(np.zeros((2 if "turning" in kind else 1, *(3,) * (3 if "space" in kind else 2))), kind)
+    q = np.full((2, space.dof), 0.1)
+    q[1, 0] = 50.0
+    assert space.clearance(q).tolist() == [math.inf, math.inf]
+
+
+def test_far_outside_the_bound_still_holds():
+    occupied = np.ones((1, 1), bool)
+    space = cspace.build(Workspace.from_array(occupied, 0.1, (0.3, 0.7)), Robot.disc(0.1), outside="free")
+    q = (-18660724.11262548, 27488679.34025253)
+    outer, _ = space.robot.rasters(0.1)
+    h, x, y = Fraction(0.1), Fraction(q[0]), Fraction(q[1])
+    box_x = Fraction(0.3) - h * outer.upper[0]
+    box_y = Fraction(0.7) + h * (1 - outer.lower[1])
+    assert Fraction(space.clearance(q)) ** 2 <= (box_x - x) ** 2 + (y - box_y) ** 2
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_answers_far_away_and_for_no_numbers(dim):
+    occupied = np.zeros((6, 5, 4)[:dim], bool)
+    occupied[(2,) * dim] = True
+    robot = Robot.disc(0.1) if dim == 2 else Robot.ball(0.1)
+    space = cspace.build(Workspace.from_array(occupied, 1.0), robot, outside="free")
+    rest = (1.5,) * (dim - 1)
+    for far in (1e15, 1e18, 1e300, 1.7e308):
+        assert 0.0 <= space.clearance((far, *rest)) < np.inf
+        nearest = space.nearest_free((far, *rest))
+        assert nearest[0] == 5.5 and space.is_free(nearest)
+    for wrong in (np.nan, np.inf):
+        assert space.clearance_checker()(wrong, *rest) == 0.0
+
+
+def test_only_what_is_asked_for_is_made():
+    """One configuration asks for one tile of one slice, and for two where it is beside the next."""
+    states = np.zeros((4, 50, 200))
+    states[:, 0, 0] = BLOCKED
+    space = sets.made(states, "turning", spacing=1.0)
+    space.clearance((20.0, 50.5, 0.0))
+    assert space._distances.tiles.ready.sum(axis=1).tolist() == [1, 0, 0, 0]
+    space.clearance((20.0, 64.5, math.pi / 2))
+    assert space._distances.tiles.ready.sum(axis=1).tolist() == [1, 2, 0, 0]
+
+
+def test_distances_that_do_not_fit_are_refused_before_any_work(monkeypatch):
+    states = np.zeros((1, 300, 200))
+    states[0, 0, 0] = BLOCKED
+    space = sets.made(states, "plane")
+    monkeypatch.setattr("cspace.memory.free_bytes", lambda: 30_000)
+    with pytest.raises(InputError, match=r"clearance .*300 x 200 cells .*memory"):
+        space.clearance((5.0, 5.0))
+    assert not space._distances.tiles.ready.any()

@@ -9,12 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-import cspace
-import planners
 from checks import map_of, stack_of
-from cspace import BLOCKED, FREE, MIXED, ConfigurationError, InputError, Robot, Workspace
-from cspace.cubes import _kernels
-from cspace.cubes.path import cube_path, pulled_straight
+from cspace import BLOCKED, FREE, MIXED, ConfigurationError, InputError
+from cspace.map.free_path import cube_path, free_radius, pulled_straight
 
 
 def states(dims=(2, 3), side=9):
@@ -79,8 +76,8 @@ def test_radius_of_the_largest_free_cube(state, random):
     wanted = next(
         r - 1 for r in itertools.count(1) if (padded[tuple(slice(c + 8 - r, c + 9 + r) for c in cell)] != FREE).any()
     )
-    assert _kernels.free_radius(layered, i, j, k, 8, state.ndim == 2) == wanted
-    assert _kernels.free_radius(layered, i, j, k, 1, state.ndim == 2) == min(wanted, 1)
+    assert free_radius(layered, i, j, k, 8, state.ndim == 2) == wanted
+    assert free_radius(layered, i, j, k, 1, state.ndim == 2) == min(wanted, 1)
 
 
 def test_a_maze_is_solved_and_pulled_straight():
@@ -123,72 +120,3 @@ def test_what_is_refused():
         space.free_path((-3.0, 0.5), (0.5, 0.5))
     with pytest.raises(InputError, match="translate"):
         stack_of(np.zeros((4, 3, 3)), 4).free_path((0.1, 0.1, 0.0), (0.5, 0.5, 0.0))
-
-
-@settings(max_examples=40)
-@given(states(), st.randoms(use_true_random=False))
-def test_the_reach_of_a_configuration(state, random):
-    """All cells that free cells join to one lie in the box, and every side of it has one of them."""
-    space = map_of(state)
-    free = np.argwhere(state == FREE)
-    if not len(free):
-        return
-    cell = free[random.randrange(len(free))]
-    lower, upper = space.free_reach(space.grid.center_of(cell))
-    same = np.array([space.path_exists(space.grid.center_of(cell), space.grid.center_of(c)) is True for c in free])
-    joined = free[same]
-    assert np.allclose(lower, space.grid.lower + 0.25 * joined.min(axis=0))
-    assert np.allclose(upper, space.grid.lower + 0.25 * (joined.max(axis=0) + 1))
-
-
-def test_the_reach_of_a_robot_that_turns():
-    stack = np.full((4, 5, 5), BLOCKED)
-    stack[0, 1, 1:4] = stack[1, 1:3, 3] = stack[3, 4, 4] = FREE
-    space = stack_of(stack, 4, spacing=1.0)
-    yaw = space.rotations.representatives
-    assert [corner.tolist() for corner in space.free_reach((1.5, 1.5, yaw[0]))] == [[1.0, 1.0], [3.0, 4.0]]
-    assert [corner.tolist() for corner in space.free_reach((4.5, 4.5, yaw[3]))] == [[4.0, 4.0], [5.0, 5.0]]
-    with pytest.raises(ConfigurationError, match="FREE"):
-        space.free_reach((0.5, 0.5, 0.0))
-
-
-# ---- as a planner ----------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("simplify", [True, False])
-@pytest.mark.parametrize("dim", [2, 3])
-def test_cubes_among_the_planners(dim, simplify):
-    occupied = np.zeros((60, 40, 12)[:dim], dtype=bool)
-    occupied[30, :30] = True
-    robot = Robot.disc(0.15) if dim == 2 else Robot.box((0.3, 0.3, 0.1))
-    space = cspace.build(Workspace.from_array(occupied, 0.1), robot)
-    ends = (0.5, 0.5, 0.5)[:dim], (5.5, 0.5, 0.5)[:dim]
-    plan = planners.plan(space, *ends, planner="cubes", simplify=simplify)
-    assert plan.solved and plan.certified and plan.planner == "Cubes"
-    assert plan.path.tolist() == planners.plan(space, *ends, planner="Cubes", simplify=simplify, seed=3).path.tolist()
-    assert 2 * math.hypot(2.5, 2.5) < plan.length < (9.0 if simplify else 20.0)
-
-
-def test_cubes_where_nothing_is_proven():
-    state = np.zeros((5, 3), np.uint8)
-    state[2] = MIXED
-    plan = planners.plan(map_of(state, 1.0), (0.5, 0.5), (4.5, 0.5), planner="Cubes")
-    assert not plan.solved and plan.path_exists is None and plan.status.startswith("undecided")
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"exact": True}, "exact is True"),
-        ({"iterations": 5}, "iterations is 5"),
-        ({"objective": "clearance"}, "objective is 'clearance'"),
-    ],
-)
-def test_what_cubes_cannot_do(options, message):
-    with pytest.raises(InputError, match=message):
-        planners.plan(map_of(np.zeros((3, 3)), 1.0), (0.5, 0.5), (2.5, 2.5), planner="Cubes", **options)
-
-
-def test_cubes_on_a_map_with_rotations():
-    with pytest.raises(InputError, match="with rotations"):
-        planners.plan(stack_of(np.zeros((4, 3, 3)), 4), (0.1, 0.1, 0), (0.5, 0.5, 0), planner="Cubes")

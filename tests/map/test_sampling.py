@@ -1,64 +1,135 @@
+"""The set of FREE cells: draws that are uniform over it, and its member nearest to a configuration."""
+
+import math
+import time
+
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import cspace
-from cspace import FREE, ConfigurationError, InputError, Robot, Workspace
+import sets
+from cspace import BLOCKED, FREE, MIXED, ConfigurationError, InputError, Robot, Workspace
+from cspace.rotations import TURN, Rotations
+from strategies import rotation_cells, seeds
+
+BORDERS = [-1.0, -0.8, 0.5, 0.6, 3.0, TURN - 1]
 
 
-@pytest.fixture(scope="module")
-def space():
-    occupied = np.zeros((12, 10), dtype=bool)
-    occupied[6, 2:] = True
-    return cspace.build(Workspace.from_array(occupied, 0.3, (-4.0, 7.0)), Robot.disc(0.2))
+@pytest.fixture(scope="module", params=[*sets.KINDS, "shared"])
+def space(request):
+    """Maps of several hundred cells, some of them with rotation cells that are not equally wide, or share slices."""
+    rng = np.random.default_rng(3)
+    if request.param == "shared":
+        return cspace.CSpace(
+            Workspace.from_array(np.zeros((5, 4), bool), 0.3, (-4.0, 7.0)),
+            Robot.rectangle(1e-6, 1e-7),
+            rng.integers(0, 3, (3, 5, 4)).astype(np.uint8),
+            outside="free",
+            margin=0.0,
+            precision="integer",
+            rotations=Rotations.of(6),
+        )
+    shape = (5, 4, 6) if "space" in request.param else (12, 30)
+    states = rng.integers(0, 3, (5 if "turning" in request.param else 1, *shape))
+    return sets.made(states, request.param, spacing=0.3, rotations=BORDERS)
 
 
-def test_samples_are_free_and_repeat_with_the_seed(space):
-    samples = space.sample_free(5000, np.random.default_rng(0))
-    assert samples.shape == (5000, 2) and space.is_free(samples).all()
-    assert (samples == space.sample_free(5000, np.random.default_rng(0))).all()
-    assert space.sample_free(rng=np.random.default_rng(0)).shape == (2,)
-    assert space.sample_free(0, np.random.default_rng(0)).shape == (0, 2)
-
-
-def test_samples_are_uniform_over_the_free_area(space):
-    """Chi-squared over the FREE cells and over quarters of a cell; six standard deviations."""
-    n = 200_000
+def test_samples_are_uniform_over_the_free_volume(space):
+    """Chi-squared over the FREE cells by volume, and over parts of a cell; six standard deviations."""
+    n, dim = 200_000, space.grid.dim
     samples = space.sample_free(n, np.random.default_rng(1))
-    cells = space.grid.cell_of(samples)
-    within = (samples - space.grid.lower) / space.grid.spacing - cells
-    quarter = (within >= 0.5) @ [2, 1]
-    bins = np.bincount(np.ravel_multi_index(cells.T, space.grid.shape) * 4 + quarter, minlength=space.state.size * 4)
-    free = np.repeat(space.state.ravel() == FREE, 4)
+    assert space.is_free(samples).all()
+    place = space.grid.cell_of(samples[:, :dim])
+    within = (samples[:, :dim] - space.grid.lower) / space.grid.spacing - place
+    turn, widths = np.zeros(n, dtype=int), np.ones(1)
+    if space.rotations is not None:
+        borders, turn = np.asarray(space.rotations.borders), space.rotations.cell_of(samples[:, dim])
+        widths, above = np.diff(borders), samples[:, dim] - borders[turn]
+        within = np.column_stack([within, (above - TURN * np.floor(above / TURN)) / widths[turn]])
+    states = space.state.reshape(len(widths), *space.grid.shape)
+    parts = 2 ** within.shape[1]
+    part = (within >= 0.5) @ (2 ** np.arange(within.shape[1]))
+    cell = np.ravel_multi_index((turn, *place.T), states.shape)
+    bins = np.bincount(cell * parts + part, minlength=states.size * parts)
+    volume = np.where(states == FREE, widths.reshape(-1, *[1] * dim), 0.0).ravel()
+    free = np.repeat(volume > 0, parts)
     assert not bins[~free].any()
-    expected, freedom = n / free.sum(), free.sum() - 1
-    statistic = np.square(bins[free] - expected).sum() / expected
+    expected, freedom = n * np.repeat(volume / volume.sum() / parts, parts)[free], free.sum() - 1
+    statistic = (np.square(bins[free] - expected) / expected).sum()
     assert abs(statistic - freedom) < 6 * np.sqrt(2 * freedom)
 
 
-def test_nearest_free_is_the_nearest(space):
-    rng = np.random.default_rng(2)
-    free = space.grid.center_of(np.argwhere(space.state == FREE))
-    for q in rng.uniform(-6, 12, (50, 2)):
+def test_samples_repeat_with_the_seed(space):
+    samples = space.sample_free(500, np.random.default_rng(0))
+    assert samples.shape == (500, space.dof)
+    assert (samples == space.sample_free(500, np.random.default_rng(0))).all()
+    assert (samples != space.sample_free(500, np.random.default_rng(1))).any()
+    assert space.sample_free(rng=np.random.default_rng(0)).shape == (space.dof,)
+    assert space.sample_free(0, np.random.default_rng(0)).shape == (0, space.dof)
+
+
+@pytest.mark.parametrize("free", [[0], [255], [256], [70, 511, 512], [999]])
+def test_cells_are_found_by_their_rank(free):
+    """Where the FREE cells are few and lie at the ends of what is counted together."""
+    states = np.full((1, 25, 40), BLOCKED)
+    states.flat[free] = FREE
+    space = sets.made(states, "plane", spacing=1.0)
+    drawn = space.grid.cell_of(space.sample_free(64, np.random.default_rng(0)))
+    assert set(np.ravel_multi_index(drawn.T, (25, 40)).tolist()) == set(free)
+
+
+@settings(max_examples=60)
+@given(seeds, st.sampled_from(sets.KINDS), rotation_cells(8), st.sampled_from([0.1, 0.5, 2.0]), st.booleans())
+def test_nearest_free_is_the_nearest(seed, kind, rotations, spacing, dense):
+    """Against all FREE cells, from within the grid and from beyond it."""
+    rng = np.random.default_rng(seed)
+    states = sets.random_states(rng, kind, 9, (FREE, BLOCKED) if dense else (MIXED,) * 30 + (FREE,))
+    if "turning" in kind:
+        states = np.resize(states, (Rotations.of(rotations).count, *states.shape[1:]))
+    states[tuple(rng.integers(0, states.shape))] = FREE
+    space = sets.made(states, kind, spacing=spacing, rotations=rotations)
+    free, dim = sets.middles(space, np.argwhere(states == FREE)), space.grid.dim
+    for one in rng.uniform(-0.5, 1.5, (8, dim)) * states.shape[1:] * spacing:
+        q = np.array([*one, *rng.uniform(-9, 9, space.dof - dim)])
         nearest = space.nearest_free(q)
-        assert space.is_free(nearest)
-        assert np.hypot(*(nearest - q)) == pytest.approx(np.hypot(*(free - q).T).min())
+        assert (np.abs(free - nearest) < 1e-12).all(axis=1).any()
+
+        def distance(to, q=q):
+            turn = np.abs((to[..., dim:] - q[dim:] + math.pi) % TURN - math.pi).sum(axis=-1)
+            return np.linalg.norm(to[..., :dim] - q[:dim], axis=-1) + turn / 2
+
+        assert distance(nearest) == pytest.approx(distance(free).min())
 
 
-def test_nothing_free_is_an_error_that_says_so():
-    full = cspace.build(Workspace.from_array(np.ones((3, 3), bool), 0.1), Robot.disc(0.1))
+def test_nearest_free_does_not_look_at_all_of_a_large_map():
+    """A map of a million and a half cells for each millisecond that a test may wonder about."""
+    states = np.zeros((1, 6000, 6000), dtype=np.uint8)
+    states[0, 2000:2300, 2000:2600] = BLOCKED
+    space = sets.made(states, "plane", spacing=1.0)
+    space.nearest_free((1.0, 1.0))
+    began = time.perf_counter()
+    assert space.nearest_free((2100.2, 2300.2)).tolist() == [1999.5, 2300.5]
+    assert time.perf_counter() - began < 0.05
+
+
+@pytest.mark.parametrize("kind", sets.KINDS)
+def test_nothing_free_is_an_error_that_says_so(kind):
+    states = np.full((4 if "turning" in kind else 1, *(3,) * (3 if "space" in kind else 2)), BLOCKED)
+    space = sets.made(states, kind)
     with pytest.raises(ConfigurationError, match="no FREE cell"):
-        full.sample_free(1, np.random.default_rng(0))
+        space.sample_free(1, np.random.default_rng(0))
     with pytest.raises(ConfigurationError, match="no FREE cell"):
-        full.nearest_free((0.0, 0.0))
+        space.nearest_free(np.zeros(space.dof))
 
 
-@pytest.mark.parametrize(("n", "rng", "words"), [(3, None, "rng is None"), (3, 42, "rng is 42"), (-1, None, "rng")])
-def test_refuses_other_sources(space, n, rng, words):
-    with pytest.raises(InputError, match=words):
-        space.sample_free(n, rng)
-
-
-@pytest.mark.parametrize("n", [-1, 2.5, "many"])
-def test_refuses_other_counts(space, n):
-    with pytest.raises(InputError, match="n is"):
-        space.sample_free(n, np.random.default_rng(0))
+def test_what_is_refused(space):
+    for rng in (None, 3, np.random):
+        with pytest.raises(InputError, match="rng"):
+            space.sample_free(3, rng)
+    for n in (-1, 2.5, "3"):
+        with pytest.raises(InputError, match="n is"):
+            space.sample_free(n, np.random.default_rng(0))
+    with pytest.raises(InputError, match="one configuration"):
+        space.nearest_free(np.zeros((2, space.dof)))
