@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from cspace.errors import InputError
 from cspace.grid import Grid, finite
 from cspace.plot.protocols import Floats, MapLike
-from cspace.plot.route import Figurine, Route, placed
+from cspace.plot.route import Figurine, Look, Route, placed
 from cspace.states import BLOCKED, FREE, MIXED
 
 if TYPE_CHECKING:
@@ -116,14 +116,14 @@ def draw_outside(ax: Axes) -> None:
     ax.patch.set(facecolor=ground, edgecolor=lines, hatch="////", linewidth=0.0)
 
 
-def cell_legend(classes: Sequence[Classes], over_yaws: bool, outside: bool) -> list[Any]:
-    """Legend entries of the classes that occur, obstacles first, and of what lies outside the grid."""
+def cell_legend(classes: Sequence[Classes], yaws: bool, outside: bool) -> list[Any]:
+    """Legend entries of the classes that occur, at all ``yaws`` or one, obstacles first, and of what lies outside."""
     from matplotlib.patches import Patch
 
     present = sum(np.bincount(part.ravel(), minlength=len(CLASSES)) for part in classes)
     look: dict[str, Any] = {"edgecolor": "#555555", "linewidth": 0.6}
     entries = [
-        Patch(facecolor=color, label=OVER_YAWS.get(number, label) if over_yaws else label, **look)
+        Patch(facecolor=color, label=OVER_YAWS.get(number, label) if yaws else label, **look)
         for number, (label, color) in reversed(list(enumerate(CLASSES)))
         if np.asarray(present)[number]
     ]
@@ -233,6 +233,11 @@ def heading_of(space: MapLike) -> int | None:
     return space.grid.dim if space.dof > space.grid.dim else None
 
 
+def over_yaws(space: MapLike, look: Look) -> bool:
+    """Whether a picture shows all yaws at once."""
+    return heading_of(space) is not None and look.yaw is None
+
+
 def reaches_out(space: MapLike, box: Floats) -> bool:
     """Whether a box in view reaches beyond the grid."""
     return bool((box[0] < space.grid.lower).any() or (box[1] > space.grid.upper).any())
@@ -299,6 +304,33 @@ def drawn_size(box: Floats, long: float = LONG) -> tuple[float, float]:
     return float(drawn[0]), float(drawn[1])
 
 
+def draw_route(ax: Axes, space: MapLike, route: Route, scale: float = 1.0, *, robots: bool = True) -> list[Any]:
+    """Draw path, robots and marks from above; gives their legend entries."""
+    handles = draw_path(ax, route.points, 1.8 if robots else 1.2)
+    if robots:
+        handles += draw_robots(ax, route.figurine, route.stations)
+    return handles + draw_marks(ax, route.marks, scale, heading=heading_of(space))
+
+
+def add_words(ax: Axes, look: Look, heading: str, handles: Sequence[Any], *, tall: bool = False) -> None:
+    """A title above and a legend below, or beside a tall map; beside the axes where they are the caller's."""
+    figure: Any = ax.figure
+    style: dict[str, Any] = {"handles": handles, "fontsize": 9, "frameon": False}
+    # A title above narrow axes would leave the figure; above the whole figure it has room.
+    if look.ax is None:
+        figure.suptitle(heading, fontsize=10)
+    else:
+        ax.set_title(heading, fontsize=10)
+    if not look.legend:
+        return
+    if look.ax is not None:
+        ax.legend(loc="upper left", bbox_to_anchor=(1.02, 1.0), borderaxespad=0.0, **style)
+    elif tall:
+        figure.legend(loc="outside right center", **style)
+    else:
+        legend_below(figure, handles)
+
+
 def legend_below(figure: Figure, handles: Sequence[Any], size: float = 9.0) -> None:
     """A legend below all axes of a figure, in as many columns as fit."""
     # Letters are about half the font's size wide, and a sign and its gaps about five sizes.
@@ -312,11 +344,3 @@ def legend_below(figure: Figure, handles: Sequence[Any], size: float = 9.0) -> N
     columns = math.ceil(len(handles) / math.ceil(len(handles) / columns)) if handles else 1
     place: Any = "lower center" if figure.get_layout_engine() is None else "outside lower center"
     figure.legend(handles=handles, loc=place, ncols=columns, fontsize=size, frameon=False)
-
-
-def draw_route(ax: Axes, space: MapLike, route: Route, scale: float = 1.0, *, robots: bool = True) -> list[Any]:
-    """Draw path, robots and marks from above; gives their legend entries."""
-    handles = draw_path(ax, route.points, 1.8 if robots else 1.2)
-    if robots:
-        handles += draw_robots(ax, route.figurine, route.stations)
-    return handles + draw_marks(ax, route.marks, scale, heading=heading_of(space))

@@ -13,8 +13,8 @@ from cspace.errors import InputError
 from cspace.grid import positive
 from cspace.io.output import replacing
 from cspace.plot import artists
-from cspace.plot.protocols import Floats, MapLike
-from cspace.plot.route import Route, axes_of
+from cspace.plot.protocols import MapLike
+from cspace.plot.route import Look, Route, axes_of
 from cspace.plot.sections import draw_sections
 from cspace.plot.surface import draw_surface
 from cspace.plot.yaw_panels import draw_yaw_panels
@@ -91,9 +91,8 @@ def plot(
         Which picture; by default the only one that shows all yaws of a plane, and of space sections. Panels need a map
         with rotations.
     at : array-like, shape (3,), optional
-        In space: the point, in the grid, that sections go through, and panels at its height. By default where
-        the robot reaches a section on most of the path's way; without a path, at the start, the goal, or a FREE cell
-        near the middle.
+        In space: the point, in the grid, that sections go through, and panels at its height. By default half the way
+        along the path; without a path the start, the goal, or the middle of the grid.
     surface : {"obstacles", "free"}, optional
         For ``view="3d"``: draw the obstacles, with the robot along the path; or the border of the free space, in which
         the robot's reference point moves. Obstacles by default.
@@ -117,12 +116,11 @@ def plot(
         If the path or a configuration has the wrong shape or is not finite, ``robot_every`` is not above zero, a yaw
         is given for a map without rotations, or an option for another kind of picture.
     """
-    special = {"yaw": yaw, "ax": ax, "at": at, "surface": surface, "cut": cut, "camera": camera}
-    kind = view_of(axes_of(space), view, special)
-    options = {name: special[name] for name in VIEWS[kind]}
+    look = Look(yaw, ax, at, surface, cut, camera, legend, title)
+    kind = view_of(axes_of(space), view, {name: getattr(look, name) for name in look._fields[:6]})
     if kind != "yaw_panels":
-        options["yaw"] = artists.check_yaw(space, yaw)
-    return _DRAW[kind](space, Route.of(space, path, start, goal, robot_every), **options, legend=legend, words=title)
+        look = look._replace(yaw=artists.check_yaw(space, yaw))
+    return _DRAW[kind](space, Route.of(space, path, start, goal, robot_every), look)
 
 
 def view_of(axes: Sequence[str], view: str | None, options: Mapping[str, Any]) -> str:
@@ -214,54 +212,26 @@ def save_figure(draw: Callable[[], Any], file: str | os.PathLike[str], overwrite
     return target
 
 
-def _draw_plane(
-    space: MapLike, route: Route, *, yaw: float | None, ax: Axes | None, legend: bool, words: str | None
-) -> Axes:
+def _draw_plane(space: MapLike, route: Route, look: Look) -> Axes:
     """Draw a map in the plane."""
     box = route.box(space)
-    stretch = artists.stretches(box)
-    own = ax is None
-    if ax is None:
-        ax = _new_axes(box)
-    classes = artists.classes_of(space, yaw)
+    stretch, size = artists.stretches(box), artists.drawn_size(box)
+    tall = size[0] < size[1]
+    room = (2.9, 0.9) if tall else (0.9, 1.5)
+    ax: Axes = look.ax or artists.new_figure(max(size[0] + room[0], 4.2), size[1] + room[1]).add_subplot()
+    classes = artists.classes_of(space, look.yaw)
     artists.draw_cells(ax, space.grid, classes)
-    over_yaws = artists.heading_of(space) is not None and yaw is None
-    handles = artists.cell_legend([classes], over_yaws, artists.reaches_out(space, box))
+    handles = artists.cell_legend([classes], artists.over_yaws(space, look), artists.reaches_out(space, box))
     handles += artists.draw_route(ax, space, route)
     artists.frame(ax, box, stretch)
-    heading = artists.title(space, stretch, words, artists.about_yaw(space, yaw))
-    # A title above narrow axes would leave the figure; above the whole figure it has room.
-    if own:
-        ax.figure.suptitle(heading, fontsize=10)
-    else:
-        ax.set_title(heading, fontsize=10)
-    if legend:
-        _add_legend(ax, handles, own, box)
+    heading = artists.title(space, stretch, look.title, artists.about_yaw(space, look.yaw))
+    artists.add_words(ax, look, heading, handles, tall=tall)
     return ax
 
 
-_DRAW: Final[dict[str, Callable[..., Axes]]] = {
+_DRAW: Final[dict[str, Callable[[MapLike, Route, Look], Axes]]] = {
     "plane": _draw_plane,
     "sections": draw_sections,
     "3d": draw_surface,
     "yaw_panels": draw_yaw_panels,
 }
-
-
-def _new_axes(box: Floats) -> Axes:
-    """Axes in a figure of their own, with room around them for labels and a legend."""
-    width, height = artists.drawn_size(box)
-    room = (0.9, 1.5) if width >= height else (2.9, 0.9)
-    return artists.new_figure(max(width + room[0], 4.2), height + room[1]).add_subplot()
-
-
-def _add_legend(ax: Any, handles: list[Any], own: bool, box: Floats) -> None:
-    """A legend below a wide map and beside a tall one; beside the axes where the figure is the caller's."""
-    width, height = artists.drawn_size(box)
-    style: dict[str, Any] = {"handles": handles, "fontsize": 9, "frameon": False}
-    if not own:
-        ax.legend(loc="upper left", bbox_to_anchor=(1.02, 1.0), borderaxespad=0.0, **style)
-    elif width >= height:
-        artists.legend_below(ax.figure, handles)
-    else:
-        ax.figure.legend(loc="outside right center", **style)

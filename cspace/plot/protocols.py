@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,17 +10,9 @@ from numpy.typing import NDArray
 from cspace.grid import Grid
 from cspace.map.record import Map
 from cspace.rotations import Rotations
+from cspace.shapes.shape import Shape
 
 Floats = NDArray[np.float64]
-
-
-class ShapeLike(Protocol):
-    """A shape that can be drawn: in the plane by its outline, in space by its surface."""
-
-    @property
-    def outline(self) -> Any: ...
-    @property
-    def surface(self) -> tuple[Floats, NDArray[np.int64]]: ...
 
 
 class RobotLike(Protocol):
@@ -31,7 +23,7 @@ class RobotLike(Protocol):
     @property
     def dim(self) -> int: ...
     @property
-    def shape(self) -> ShapeLike: ...
+    def shape(self) -> Shape: ...
 
 
 class WorkspaceLike(Protocol):

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,6 +68,19 @@ class Figurine:
 
         triangles = shapely.polygons(placed(self.triangles, q)[..., list(pair)])
         return rings(shapely.union_all(triangles[shapely.area(triangles) > 0.0], grid_size=1e-9 * self.size))
+
+
+class Look(NamedTuple):
+    """How a picture is drawn: options of :func:`cspace.plot.plot`."""
+
+    yaw: Any = None
+    ax: Any = None
+    at: Any = None
+    surface: str | None = None
+    cut: float | None = None
+    camera: Any = None
+    legend: bool = True
+    title: str | None = None
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,7 @@ from cspace.errors import InputError
 from cspace.grid import Grid, finite
 from cspace.plot import artists
 from cspace.plot.protocols import Floats, MapLike
-from cspace.plot.route import Route
-from cspace.states import FREE
+from cspace.plot.route import Look, Route
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,36 +21,30 @@ _PAGE: Final = (8.0, 7.5)
 """Width and height that the panels share, in inches."""
 _THIN: Final = 24.0
 """The largest ratio of the sides that is drawn to scale."""
-_SAMPLES: Final = 257
-"""Configurations along a path among which the best sections are sought."""
 
 
-def draw_sections(space: MapLike, route: Route, *, yaw: float | None, at: Any, legend: bool, words: str | None) -> Axes:
+def draw_sections(space: MapLike, route: Route, look: Look) -> Axes:
     """Draw three sections; as :func:`cspace.plot.plot` tells. Gives the axes of the one seen from above."""
-    point = section_point(space, at, route)
+    point = section_point(space, look.at, route)
     box = route.box(space)
     stretch = artists.stretches(box, _THIN)
     panels = _panels(box, stretch)
     shown: list[artists.Classes] = []
     entries: dict[str, Any] = {}
     for across, (ax, pair) in panels.items():
-        shown.append(_draw_layer(ax, pair, across, space, yaw, point))
+        shown.append(_draw_layer(ax, pair, across, space, look.yaw, point))
         for entry in _draw_route(ax, pair, across, space, route, float(point[across])):
             entries.setdefault(entry.get_label(), entry)
-    figure: Any = panels[2][0].figure
-    figure.suptitle(artists.title(space, stretch, words, artists.about_yaw(space, yaw)), fontsize=10)
-    if legend:
-        over_yaws = artists.heading_of(space) is not None and yaw is None
-        handles = artists.cell_legend(shown, over_yaws, artists.reaches_out(space, box))
-        artists.legend_below(figure, handles + list(entries.values()))
+    handles = artists.cell_legend(shown, artists.over_yaws(space, look), artists.reaches_out(space, box))
+    heading = artists.title(space, stretch, look.title, artists.about_yaw(space, look.yaw))
+    artists.add_words(panels[2][0], look, heading, handles + list(entries.values()))
     return panels[2][0]
 
 
 def section_point(space: MapLike, at: Any, route: Route) -> Floats:
     """The point, in the grid, that sections go through, shape (3,).
 
-    Where the caller does not say: for each axis, where a section meets the robot on most of the path; without a path,
-    the start or the goal, or the middle of a FREE cell near that of the grid.
+    Where the caller does not say: half the way along the path; without one, the start, the goal, or the middle.
 
     Raises
     ------
@@ -60,13 +53,9 @@ def section_point(space: MapLike, at: Any, route: Route) -> Floats:
     """
     grid = space.grid
     if at is None:
-        if len(route.points):
-            found = _busiest(route.along(np.linspace(0.0, 1.0, _SAMPLES))[:, :3], _spread(space, route))
-        elif route.marks:
-            found = next(iter(route.marks.values()))[:3]
-        else:
-            return _near_middle(space)
-        return np.clip(found, grid.lower, grid.upper)
+        middle = [route.along(np.array([0.5]))[0]] if len(route.points) else list(route.marks.values())
+        place = middle[0][:3] if middle else (np.add(grid.lower, grid.upper)) / 2
+        return np.clip(place, grid.lower, grid.upper)
     point = finite(at, "at")
     if point.shape != (3,):
         rule = "it must be (3,)"
@@ -166,28 +155,3 @@ def _spread(space: MapLike, route: Route) -> Floats:
     if space.dof > 3:
         spread[:, :2] = [[-route.figurine.reach], [route.figurine.reach]]
     return spread
-
-
-def _busiest(samples: Floats, spread: Floats) -> Floats:
-    """For each axis, where a section meets the robot at most of the samples of a path, shape (3,)."""
-    found = []
-    for values, (low, high) in zip(samples.T, spread.T, strict=True):
-        away = values[:, np.newaxis] - values
-        counts = ((away >= low) & (away <= high)).sum(axis=1)
-        best = np.flatnonzero(counts == counts.max())
-        found.append(values[best[np.abs(best - len(values) // 2).argmin()]])
-    return np.array(found)
-
-
-def _near_middle(space: MapLike) -> Floats:
-    """Middle of a FREE cell near the middle of the grid; of the grid's middle cell where there is none."""
-    shape = np.array(space.grid.shape)
-    state, half = space.slice_at(0.0), 1
-    while True:
-        first, stop = np.maximum(shape // 2 - half, 0), np.minimum(shape // 2 + half, shape)
-        cells = first + np.argwhere(state[tuple(map(slice, first, stop))] == FREE)
-        if len(cells):
-            return space.grid.center_of(cells[np.abs(cells - shape // 2).sum(axis=1).argmin()])
-        if (stop - first == shape).all():
-            return space.grid.center_of(shape // 2)
-        half *= 2

@@ -12,7 +12,7 @@ from cspace.errors import InputError
 from cspace.grid import Grid, finite
 from cspace.plot import artists
 from cspace.plot.protocols import Floats, MapLike
-from cspace.plot.route import Route, placed, travelled
+from cspace.plot.route import Look, Route, placed, travelled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -41,68 +41,45 @@ class Faces(NamedTuple):
     axes: NDArray[np.int64]
 
 
-def draw_surface(
-    space: MapLike,
-    route: Route,
-    *,
-    yaw: float | None,
-    surface: str | None,
-    cut: float | None,
-    camera: Any,
-    ax: Any,
-    legend: bool,
-    words: str | None,
-) -> Axes:
+def draw_surface(space: MapLike, route: Route, look: Look) -> Axes:
     """Draw in three dimensions; as :func:`cspace.plot.plot` tells."""
-    from matplotlib.patches import Patch
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
 
-    surface = surface or next(iter(SURFACES))
+    surface = look.surface or next(iter(SURFACES))
     if surface not in SURFACES:
         rule = f"it must be one of {', '.join(map(repr, SURFACES))}"
         raise InputError("surface", f"is {surface!r}", rule, "or leave it out", value=surface)
-    if ax is not None and getattr(ax, "name", None) != "3d":
+    if look.ax is not None and getattr(look.ax, "name", None) != "3d":
         mend = 'use figure.add_subplot(projection="3d")'
         raise InputError("ax", "has two dimensions", "a picture in space needs three", mend)
-    angles = _angles(camera)
+    angles = _angles(look.camera)
     box = route.box(space)
     stretch = artists.stretches(box, _THIN)
     towards = _direction(angles) / stretch
-    top = _top(space, route, cut)
-    faces = border_faces(space.grid, _solid(space, surface, yaw), towards, top)
+    top = _top(space, route, look.cut)
+    faces = border_faces(space.grid, _solid(space, surface, look.yaw), towards, top)
     polygons, colors = [faces.corners], [_shaded(faces, SURFACES[surface][1], box)]
-    handles = [_patch(Patch, *SURFACES[surface])] if len(faces.corners) else []
+    handles = [_patch(*SURFACES[surface])] if len(faces.corners) else []
     if surface == "obstacles" and len(route.stations):
         polygons.append(_triangles(route))
         colors.append(_lit(polygons[-1], towards))
-        handles.append(_patch(Patch, "robot", artists.BODY))
+        handles.append(_patch("robot", artists.BODY))
+    ax = look.ax or artists.new_figure(1.0, 1.0, layout=None).add_subplot(projection="3d", computed_zorder=False)
     if len(route.points) > 1:
         polygons.append(_ribbon(route, towards, 0.004 * float(np.ptp(box, axis=0).max())))
         colors.append(np.tile(_rgb(artists.PATH), (len(polygons[-1]), 1)))
-    own = ax is None
-    if ax is None:
-        ax = artists.new_figure(1.0, 1.0, layout=None).add_subplot(projection="3d", computed_zorder=False)
-    # One collection, so that matplotlib sorts robots, path and faces together by how far they are.
-    look: dict[str, Any] = {"linewidths": 0.5, "rasterized": True, "zorder": 1}
-    every = np.concatenate(polygons), np.concatenate(colors)
-    ax.add_collection3d(Poly3DCollection(every[0], facecolors=every[1], edgecolors=every[1], **look), autolim=False)
-    if len(route.points) > 1:
         dotted: dict[str, Any] = {"color": artists.PATH, "linewidth": 1.0, "linestyle": (0, (1, 1.5)), "zorder": 4}
         handles += ax.plot(*route.points[:, :3].T, label="path, dotted behind something", **dotted)
+    # One collection, so that matplotlib sorts robots, path and faces together by how far they are.
+    paint = np.concatenate(colors)
+    style: dict[str, Any] = {"facecolors": paint, "edgecolors": paint, "linewidths": 0.5, "rasterized": True}
+    ax.add_collection3d(Poly3DCollection(np.concatenate(polygons), zorder=1, **style), autolim=False)
     handles += artists.draw_marks(ax, route.marks, pair=(0, 1, 2))
     _frame(ax, box, stretch, angles)
-    about = [] if cut is None and top >= space.grid.upper[2] else [f"cut at z = {top:.4g} m"]
-    about += [artists.about_yaw(space, yaw)] if space.dof > 3 else []
-    heading = artists.title(space, stretch, words, ", ".join(about))
-    if own:
+    if look.ax is None:
         _fit(ax, box, stretch, angles)
-        ax.figure.suptitle(heading, fontsize=10)
-        if legend:
-            artists.legend_below(ax.figure, handles)
-    else:
-        ax.set_title(heading, fontsize=10)
-        if legend:
-            ax.legend(handles=handles, loc="upper left", bbox_to_anchor=(1.02, 1.0), fontsize=9, frameon=False)
+    about = [f"cut at z = {top:.4g} m"] * (top < space.grid.upper[2]) + [artists.about_yaw(space, look.yaw)]
+    artists.add_words(ax, look, artists.title(space, stretch, look.title, ", ".join(filter(None, about))), handles)
     axes: Axes = ax
     return axes
 
@@ -253,8 +230,10 @@ def _rgb(color: str) -> Floats:
     return np.array(to_rgb(color))
 
 
-def _patch(patch: Any, label: str, color: str) -> Any:
-    return patch(facecolor=color, edgecolor="#555555", linewidth=0.6, label=label)
+def _patch(label: str, color: str) -> Any:
+    from matplotlib.patches import Patch
+
+    return Patch(facecolor=color, edgecolor="#555555", linewidth=0.6, label=label)
 
 
 def _frame(ax: Any, box: Floats, stretch: Floats, angles: Floats) -> None:

@@ -11,7 +11,7 @@ from cspace.errors import InputError
 from cspace.grid import Grid, finite
 from cspace.plot import artists
 from cspace.plot.protocols import Floats, MapLike
-from cspace.plot.route import Route
+from cspace.plot.route import Look, Route
 from cspace.plot.sections import section_point
 
 if TYPE_CHECKING:
@@ -25,19 +25,19 @@ _MOST: Final = 64
 """Panels that a picture can hold."""
 
 
-def draw_yaw_panels(space: MapLike, route: Route, *, yaw: Any, at: Any, legend: bool, words: str | None) -> Axes:
+def draw_yaw_panels(space: MapLike, route: Route, look: Look) -> Axes:
     """Draw panels; as :func:`cspace.plot.plot` tells. Gives the axes of the first."""
-    angles = _distinct(space) if yaw is None else np.atleast_1d(finite(yaw, "yaw"))
+    angles = _distinct(space) if look.yaw is None else np.atleast_1d(finite(look.yaw, "yaw"))
     if angles.ndim != 1 or not 1 <= len(angles) <= _MOST:
         rule = f"it must be one number or (n,) with n from 1 to {_MOST}, in radians"
-        raise InputError("yaw", f"has shape {angles.shape}", rule, "pass a few yaws", value=yaw)
+        raise InputError("yaw", f"has shape {angles.shape}", rule, "pass a few yaws", value=look.yaw)
     box = route.box(space, robots=False)
     stretch = artists.stretches(box)
     about = artists.about_yaw(space, None).replace("over all yaws, ", "")
     grid = space.grid
     layer: tuple[Any, ...] = ()
     if grid.dim == 3:
-        point = section_point(space, at, route)
+        point = section_point(space, look.at, route)
         grid, layer = Grid(grid.lower[:2], grid.spacing, grid.shape[:2]), (..., int(grid.cell_of(point)[2]))
         about += f", z = {point[2]:.4g} m"
     panels = _panels(len(angles), box)
@@ -59,10 +59,8 @@ def draw_yaw_panels(space: MapLike, route: Route, *, yaw: Any, at: Any, legend: 
     for ax in panels[:, 0]:
         ax.set_ylabel("y (m)", fontsize=9)
     first: Axes = panels.flat[0]
-    figure: Any = first.figure
-    figure.suptitle(artists.title(space, stretch, words, about), fontsize=10)
-    if legend:
-        artists.legend_below(figure, artists.cell_legend(shown, False, artists.reaches_out(space, box)) + handles)
+    handles = artists.cell_legend(shown, False, artists.reaches_out(space, box)) + handles
+    artists.add_words(first, look, artists.title(space, stretch, look.title, about), handles)
     return first
 
 
