@@ -252,9 +252,7 @@ class Workspace:
             warn_of_units(points, spacing, kind, box is not None)
         outer, inner = shape.cells(grid)
         warn_of_nothing(outer, grid, corners)
-        # In the plane, exact look-ups ask the outer cells of discs: shapely knows none.
-        kept = None if isinstance(shape, Balls) and shape.dim == 2 else (shape,)
-        return cls(grid, outer, inner, source=source, shapes=kept)
+        return cls(grid, outer, inner, source=source, shapes=(shape,))
 
     @property
     def obstacles(self) -> tuple[Shape, ...]:
