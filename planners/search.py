@@ -103,8 +103,9 @@ class Search:
         This is more than a short cut: OMPL's SORRTstar never returns once it has found a path of the least conceivable
         length, and its AORRTC reports such a path as an invalid goal.
         """
-        objective = setup.getOptimizationObjective()
-        wanted = objective is None or isinstance(objective, ob.PathLengthOptimizationObjective)
+        wanted = self.objective is None or isinstance(
+            setup.getOptimizationObjective(), ob.PathLengthOptimizationObjective
+        )
         return wanted and edges.edge_checker()(*start, *goal)
 
 

@@ -128,6 +128,11 @@ def simple_setup(
     si.setValidStateSamplerAllocator(_sampler_maker(si, space, rng, valid_state_sampler, exact))
     if objective is not None:
         setup.setOptimizationObjective(_made(objective, si, ob.OptimizationObjective, "objective"))
+    elif isinstance(setup.getStateSpace(), ob.CompoundStateSpace) and kind_of(space).dim == 3:
+        # OMPL's length draws informed samples, and refuses to in a space that it does not know; a sum of one does not.
+        length = ob.MultiOptimizationObjective(si)
+        length.addObjective(ob.PathLengthOptimizationObjective(si), 1.0)
+        setup.setOptimizationObjective(length)
     return setup
 
 

@@ -136,6 +136,8 @@ def _make_r3_so2() -> ob.StateSpace:
     states = ob.CompoundStateSpace()
     states.addSubspace(ob.RealVectorStateSpace(3), 1.0)
     states.addSubspace(ob.SO2StateSpace(), TURN_WEIGHT)
+    # OMPL knows no projection of such a space by itself, and KPIECE asks for one.
+    states.registerDefaultProjection(ob.SubspaceProjectionEvaluator(states, 0))
     return states
 
 

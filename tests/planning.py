@@ -16,11 +16,12 @@ from cspace import BLOCKED, FREE, CSpace, Robot, Workspace, build
 from cspace.rotations import Rotations
 from planners.states import kind_of
 
-SPACES = ("plane", "turning", "space")
+SPACES = ("plane", "turning", "space", "yawing")
 ENDS: dict[str, tuple[Any, Any]] = {
     "plane": ((1.0, 1.0), (9.0, 5.0)),
     "turning": ((0.8, 0.8, 0.0), (5.0, 3.2, 2.0)),
     "space": ((0.5, 0.5, 0.4), (3.5, 1.4, 1.6)),
+    "yawing": ((0.5, 0.5, 0.5, 0.0), (2.4, 0.5, 0.6, 1.0)),
 }
 """Start and goal in each room."""
 
@@ -42,6 +43,10 @@ def room(name: str) -> CSpace:
         occupied[18:20, :26] = True
         occupied[40:42, 14:] = True
         return build(Workspace.from_array(occupied, 0.1), Robot.rectangle(0.6, 0.3), rotations=24)
+    if name == "yawing":
+        occupied = np.zeros((30, 20, 12), dtype=bool)
+        occupied[13:15, :14] = True
+        return build(Workspace.from_array(occupied, 0.1), Robot.box((0.4, 0.2, 0.1)), rotations=12)
     occupied = np.zeros((40, 20, 20), dtype=bool)
     occupied[13:15, :, :13] = True
     occupied[26:28, :11] = True
@@ -51,16 +56,18 @@ def room(name: str) -> CSpace:
 @cache
 def open_map(name: str) -> CSpace:
     """A map without an obstacle, open to all sides."""
-    workspace = Workspace.from_array(np.zeros((9, 8, 7)[: 3 if name == "space" else 2], dtype=bool), 1.0)
-    robot = Robot.ball(0.1) if name == "space" else Robot.disc(0.1)
-    return build(workspace, robot, outside="free", rotations=4 if name == "turning" else None)
+    dim = 3 if name in ("space", "yawing") else 2
+    workspace = Workspace.from_array(np.zeros((9, 8, 7)[:dim], dtype=bool), 1.0)
+    robot = Robot.ball(0.1) if dim == 3 else Robot.disc(0.1)
+    return build(workspace, robot, outside="free", rotations=4 if name in ("turning", "yawing") else None)
 
 
 def with_state(state: np.ndarray, turning: bool = False, spacing: float = 1.0) -> CSpace:
     """A map whose cells have the given states; with an axis of rotations first, where the robot turns."""
     cells = state[0] if turning else state
     if turning:
-        robot = Robot.polygon(np.array([(0.02, 0.0), (-0.01, 0.01), (-0.01, -0.01)]))
+        corners = np.array([(0.02, 0.0), (-0.01, 0.01), (-0.01, -0.01)])
+        robot = Robot.polygon(corners) if cells.ndim == 2 else Robot.box((0.03, 0.02, 0.02), (0.005, 0.0, 0.0))
     else:
         robot = Robot.disc(0.1) if cells.ndim == 2 else Robot.ball(0.1)
     options: dict[str, Any] = {"outside": "blocked", "margin": 0.0, "precision": "float64"}
@@ -70,10 +77,12 @@ def with_state(state: np.ndarray, turning: bool = False, spacing: float = 1.0) -
 
 def halves(name: str, between: int) -> tuple[CSpace, Any, Any]:
     """Two free halves with a wall of another state between them, and a configuration in each."""
-    state = np.full({"plane": (19, 9), "turning": (12, 19, 9), "space": (19, 9, 9)}[name], FREE, dtype=np.uint8)
-    state[(slice(None), 9) if name == "turning" else 9] = between
-    rest: tuple[float, ...] = {"plane": (4.5,), "turning": (4.5, 1.0), "space": (4.5, 4.5)}[name]
-    return with_state(state, name == "turning"), (2.5, *rest), (16.5, *rest)
+    turning = name in ("turning", "yawing")
+    shape = {"plane": (19, 9), "turning": (12, 19, 9), "space": (19, 9, 9), "yawing": (4, 19, 9, 9)}[name]
+    state = np.full(shape, FREE, dtype=np.uint8)
+    state[(slice(None), 9) if turning else 9] = between
+    rest = (4.5,) * (len(shape) - 1 - turning) + (1.0,) * turning
+    return with_state(state, turning), (2.5, *rest), (16.5, *rest)
 
 
 def state_at(space: CSpace, si: Any, q: Any) -> Any:

@@ -86,7 +86,12 @@ def test_every_planner_takes_the_single_edge_where_it_is_free(planner: str) -> N
     for objective in ("length", ob.PathLengthOptimizationObjective):
         if objective != "length" and planner in IGNORE_OBJECTIVES | SECOND_THREAD:
             continue
-        for name, goal in (("plane", (2.0, 4.0)), ("turning", (1.2, 0.95, 0.4)), ("space", (0.5, 1.5, 1.6))):
+        for name, goal in (
+            ("plane", (2.0, 4.0)),
+            ("turning", (1.2, 0.95, 0.4)),
+            ("space", (0.5, 1.5, 1.6)),
+            ("yawing", (0.6, 1.0, 0.6, 0.2)),
+        ):
             found = planners.plan(room(name), ENDS[name][0], goal, planner=planner, objective=objective)
             check(room(name), found, ENDS[name][0], goal)
             assert len(found.waypoints) == 2 and "no search needed" in found.status and found.times.planning == 0.0
@@ -121,7 +126,8 @@ def test_many_seeds_give_certified_paths_and_simplifying_makes_none_longer(name:
         assert rough.times.simplification == 0.0 < short.times.simplification
         gains.append(rough.length / short.length)
     # Of a robot that turns, OMPL shortens metres and radians together.
-    assert (min(gains) >= 1 - 1e-9 or (name == "turning" and curve is None)) and max(gains) > 1.02
+    turns = room(name).dof > room(name).grid.dim and curve is None
+    assert (min(gains) >= 1 - 1e-9 or turns) and max(gains) > 1.02
     assert directions == {None: set(), "dubins": {1}, "reeds-shepp": {1, -1}}[curve]
 
 
@@ -251,7 +257,7 @@ def test_where_a_path_exists_the_status_says_so() -> None:
         check_none(room(name), found)
         known = "one exists for a robot that turns on the spot" if curve else "a path exists"
         assert found.status == f"no path found within 1e-06 s; {known}" and found.path_exists is True
-        assert "time_limit=1e-05" in found.advice and ("Cubes" in found.advice) == (name != "turning")
+        assert "time_limit=1e-05" in found.advice and ("Cubes" in found.advice) == (name in ("plane", "space"))
 
 
 # ---- start and goal --------------------------------------------------------------------------------------------------
@@ -339,6 +345,13 @@ def test_a_map_without_free_cells_has_no_nearest_one() -> None:
         ("plane", {"planner": "RRTConect"}, r"did you mean RRTConnect.*KPIECE1"),
         ("plane", {"planner": "Cubes", "exact": True}, "exact is True and planner is 'Cubes'.*leave exact out"),
         ("plane", {"planner": "Cubes", "iterations": 3}, "iterations is 3 and planner is 'Cubes'"),
+        (
+            "yawing",
+            {"curve": "dubins", "turning_radius": 1.0},
+            "curve is 'dubins' and the map is in space.*leave curve",
+        ),
+        ("yawing", {"start": (1.0, 2.0, 3.0)}, "4 numbers; pass x, y and z in metres, and yaw in radians"),
+        ("yawing", {"planner": "Cubes"}, "planner is 'Cubes' on a map with rotations"),
         ("turning", {"planner": "Cubes"}, "planner is 'Cubes' on a map with rotations.*RRTConnect"),
         ("turning", {"curve": "dubins"}, "turning_radius is None.*metres"),
         ("turning", {"curve": "dubins", "turning_radius": 0.0}, "turning_radius is 0.0"),
@@ -367,7 +380,7 @@ def test_wrong_input_is_named(name: str, wrong: dict[str, Any], words: str) -> N
 def test_a_seed_repeats_a_run_with_others_in_between(planner: str) -> None:
     limits: dict[str, Any] = {"time_limit": 60.0} | ({"iterations": 600} if planner in ANYTIME else {})
     for name, curve in JOINED:
-        if planner not in ANYTIME | {"RRT"} and (curve or name == "space"):
+        if planner not in ANYTIME | {"RRT"} and (curve or name in ("space", "yawing")):
             continue
 
         def run(seed: int, name: str = name, curve: str | None = curve) -> list[list[float]]:

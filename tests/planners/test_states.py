@@ -46,7 +46,12 @@ def test_a_radian_counts_as_half_a_metre(kind: object) -> None:
 
 
 def test_each_map_has_states_of_its_own_kind() -> None:
-    types = {"plane": ob.RealVectorStateSpace, "turning": ob.SE2StateSpace, "space": ob.RealVectorStateSpace}
+    types = {
+        "plane": ob.RealVectorStateSpace,
+        "turning": ob.SE2StateSpace,
+        "space": ob.RealVectorStateSpace,
+        "yawing": ob.CompoundStateSpace,
+    }
     for name in SPACES:
         assert len(kind_of(room(name)).axes) == room(name).dof
         assert isinstance(planners.state_space(room(name)), types[name])
