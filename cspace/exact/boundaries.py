@@ -96,7 +96,7 @@ def anchors_of(border: Pieces) -> tuple[Floats, Floats]:
     low, high = np.full((count, dim), np.inf), np.full((count, dim), -np.inf)
     np.minimum.at(low, labels, points)
     np.maximum.at(high, labels, points)
-    return points[np.unique(labels, return_index=True)[1]], (high - low).max(axis=1, initial=0.0)
+    return np.ascontiguousarray(points[np.unique(labels, return_index=True)[1]]), (high - low).max(axis=1, initial=0.0)
 
 
 def _cut(simplices: Floats, axis: int, wall: float, sign: float) -> Floats:

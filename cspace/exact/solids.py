@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Final
+from functools import partial
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
+from numba.cpython.unsafe.tuple import tuple_setitem
 from numpy.typing import NDArray
 
 from cspace.compiling import entry, jit
@@ -15,13 +17,12 @@ from cspace.exact import ADVANCE, MOST_DISTANCES, ROUNDING, SHORTEST
 from cspace.exact.boundaries import Obstacles, anchors_of, joined, obstacle_border
 from cspace.exact.triangles import Distances
 from cspace.grid import MAX_COORDINATE
-from cspace.map import callbacks
-from cspace.map.edges import edges_are_free
-from cspace.map.points import classify, state_at
+from cspace.map.edges import between, edge_is_free, edges_are_free
+from cspace.map.points import classify, configuration, state_at
 from cspace.map.record import Map
 from cspace.rotations import TURN, YAW_SLACK
 from cspace.shapes import Pieces
-from cspace.states import BLOCKED, FREE
+from cspace.states import BLOCKED, FREE, MIXED
 
 if TYPE_CHECKING:
     from cspace.space import CSpace
@@ -31,6 +32,9 @@ Place = tuple[float, ...]
 """A configuration: x, y, z, and yaw for a robot that turns."""
 
 IDENTITY: Final = np.eye(3)
+
+ALL_FREE: Final = -1
+"""Not a state: of a part of a motion, of which every configuration is FREE."""
 
 SLIDE: Final = 8.0
 """Longest part of an edge that one distance is to prove, in cells: longer ones take a search far and wide."""
@@ -42,7 +46,7 @@ class SolidProofs:
     def __init__(self, space: CSpace) -> None:
         workspace, robot, grid = space.workspace, space.robot, space.grid
         self._map, self._spacing, self._walled = space._map, grid.spacing, space.outside == "blocked"
-        self._walk, self._state_at = callbacks.edge_checker(self._map, space.dof), _state_checker(self._map, space.dof)
+        self._look = _looker(self._map, space.dof)
         border = joined([robot.shape.boundary()], 3, 3)
         obstacles = obstacle_border(workspace, walled=self._walled)
         far = float(np.abs([*grid.lower, *grid.upper]).max()) + robot.span
@@ -56,9 +60,9 @@ class SolidProofs:
 
     def point(self, *q: float) -> int:
         """Whether a configuration is free: how many distances that took, zero or above; or -1 less that number."""
-        state = self._state_at(*q)
-        if state in (FREE, BLOCKED):
-            return 0 if state == FREE else -1
+        state = self._look(np.array([q, q]), 0.0, 0.0)
+        if state != MIXED:
+            return -1 if state == BLOCKED else 0
         if not sum(map(abs, q[:3])) <= 2.0 * MAX_COORDINATE * self._spacing or self._room(q) <= 0.0:
             return -2
         return -2 if self._spare(q, 0.0) <= 0.0 or self._nesting.at(q, _turned(q)) else 1
@@ -66,13 +70,13 @@ class SolidProofs:
     def edge(self, *ends: float) -> int:
         """As :meth:`point`, for an edge along the shorter arc; along both where they are equal but for rounding."""
         start, end = ends[: len(ends) // 2], ends[len(ends) // 2 :]
-        if self._walk(*ends):
+        if self._look(np.array([start, end]), 0.0, 1.0) == ALL_FREE:
             return 0
         if not sum(map(abs, (*start[:3], *end[:3]))) <= 2.0 * MAX_COORDINATE * self._spacing:
             return -1
         asked = 0
-        for step in _steps(start, end):
-            free, more = self._advance(start, step)
+        for stop in _stops(start, end):
+            free, more = self._advance(start, stop)
             asked += more
             if not free:
                 return -1 - asked
@@ -99,32 +103,33 @@ class SolidProofs:
                 out[k] = _counted(self.edge(*starts[k].tolist(), *ends[k].tolist()), counts)
         return bad
 
-    def _advance(self, start: Place, step: Place) -> tuple[bool, int]:
+    def _advance(self, start: Place, stop: Place) -> tuple[bool, int]:
         """Whether a motion is free, and how many distances that took.
 
         Parts are proven by the map, or by the distance in their middle, which may leave something on either side. They
         are looked at from the longest to the shortest, so that a collision far along the way shows early.
         """
-        speed, turns = math.hypot(*step[:3]) + self._rho * math.hypot(*step[3:]), any(step[3:])
+        turn = math.dist(start[3:], stop[3:])
+        speed = math.dist(start[:3], stop[:3]) + self._rho * turn
         # The room of a robot that does not turn is least at an end.
-        if not turns and min(self._room(start), self._room(_along(start, step, 1.0))) <= 0.0:
+        if not turn and min(self._room(start), self._room(stop)) <= 0.0:
             return False, 0
-        parts, asked = deque([(0.0, 1.0)]), 0
+        motion, parts, asked = np.array([start, stop]), deque([(0.0, 1.0)]), 0
         while parts:
             first, last = parts.popleft()
-            if self._walk(*_along(start, step, first), *_along(start, step, last)):
+            state = self._look(motion, first, last)
+            if state == ALL_FREE:
                 continue
-            middle = 0.5 * (first + last)
-            q, reach = _along(start, step, middle), (last - first) * speed
-            state = self._state_at(*q)
             if state == BLOCKED or asked == MOST_DISTANCES:
                 return False, asked
+            middle, reach = 0.5 * (first + last), (last - first) * speed
             if reach > (self._spacing if state == FREE else SLIDE * self._spacing):
                 parts += [(first, middle), (middle, last)]
                 continue
+            q = tuple(a + middle * (b - a) for a, b in zip(start, stop, strict=True))
             asked += 1
             spare = self._spare(q, 0.5 * reach / ADVANCE)
-            if turns:
+            if turn:
                 spare = min(spare, self._room(q))
             # As long as no borders meet, whether one lies within the other stays as it is.
             if spare <= 0.0 or (asked == 1 and self._nesting.at(q, _turned(q))):
@@ -174,12 +179,11 @@ class _Nesting:
         from scipy.spatial import cKDTree
 
         workspace = space.workspace
-        self._frame = [*zip(workspace.grid.lower, workspace.grid.shape, strict=True)]
-        self._spacing, self._outer = workspace.grid.spacing, workspace.outer
-        self._inner = workspace.inner if workspace.shapes else workspace.outer
         self._shapes = [shape for shape in workspace.shapes or () if shape.encloses]
         self._robot, self._anchors = space.robot.shape, anchors_of(border)[0]
-        self._anchor_list: list[list[float]] = self._anchors.tolist()
+        inner = workspace.inner if workspace.shapes else workspace.outer
+        fixed = Cells(workspace.outer, inner, workspace.grid.lower, workspace.grid.spacing), self._anchors
+        self._cells, self._in_cells = fixed[0], entry(_in_cells, fixed, 3).func
         # An obstacle in a ball is near its middle, which the distance tells; elsewhere only what is small fits in.
         self._tree, self._reach = None, float(np.sqrt((border.simplices**2).sum(axis=-1)).max())
         if self._robot.encloses and (border.simplices != border.simplices[:, :1]).any():
@@ -189,20 +193,19 @@ class _Nesting:
 
     def at(self, q: Place, turn: Floats) -> bool:
         """Whether a part of one lies in the other, where no borders meet."""
-        anchors = self._anchor_list if len(q) == 3 else (self._anchors @ turn.T).tolist()
-        for anchor in anchors:
-            point = [a + b for a, b in zip(q, anchor, strict=False)]
-            cell = tuple(math.floor((x - low) / self._spacing) for x, (low, _) in zip(point, self._frame, strict=True))
-            inside = all(0 <= k < count for k, (_, count) in zip(cell, self._frame, strict=True))
-            if inside and self._inner[cell]:
-                return True
-            if inside and self._outer[cell] and any(shape.contains(point) for shape in self._shapes):
-                return True
+        anchors = self._anchors if len(q) == 3 else self._anchors @ turn.T
+        found = self._in_cells(self._cells, anchors, *q[:3])
+        if found == BLOCKED or (
+            found == MIXED and any(np.any(part.contains(anchors + q[:3])) for part in self._shapes)
+        ):
+            return True
         if self._tree is None:
             return False
         # A little more than the ball around the robot, for rounding.
-        near = self._points[self._tree.query_ball_point(q[:3], 1.001 * self._reach)] - q[:3]
-        return bool(len(near)) and bool(np.any(self._robot.contains(near @ turn)))
+        near = (self._points[self._tree.query_ball_point(q[:3], 1.001 * self._reach)] - q[:3]) @ turn
+        low, high = self._robot.bounds
+        near = near[((near >= low) & (near <= high)).all(axis=1)]
+        return bool(len(near)) and bool(np.any(self._robot.contains(near)))
 
 
 def _turned(q: Place) -> Floats:
@@ -213,20 +216,15 @@ def _turned(q: Place) -> Floats:
     return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
 
 
-def _steps(start: Place, end: Place) -> Iterator[Place]:
-    """The motions of an edge: one along the shorter arc, or two along both where they are as good as equal."""
-    step = tuple(b - a for a, b in zip(start, end, strict=True))
-    if len(step) == 3:
-        yield step
+def _stops(start: Place, end: Place) -> Iterator[Place]:
+    """Where the motions of an edge end: that along the shorter arc, or two along both if they are as good as equal."""
+    if len(end) == 3:
+        yield end
         return
-    turn = math.remainder(step[3], TURN)
-    yield *step[:3], turn
+    turn = math.remainder(end[3] - start[3], TURN)
+    yield *end[:3], start[3] + turn
     if math.pi - abs(turn) <= YAW_SLACK:
-        yield *step[:3], turn - math.copysign(TURN, turn)
-
-
-def _along(start: Place, step: Place, part: float) -> Place:
-    return tuple(a + part * b for a, b in zip(start, step, strict=True))
+        yield *end[:3], start[3] + turn - math.copysign(TURN, turn)
 
 
 def _counted(asked: int, counts: NDArray[np.int64]) -> bool:
@@ -237,16 +235,50 @@ def _counted(asked: int, counts: NDArray[np.int64]) -> bool:
     return asked >= 0
 
 
-@jit(nogil=False)
-def _state_3(map_: Map, x: float, y: float, z: float) -> int:
-    return state_at(map_, (x, y, z))
+class Cells(NamedTuple):
+    """Cells that meet obstacles, and those that lie in them."""
+
+    outer: NDArray[np.bool_]
+    inner: NDArray[np.bool_]
+    lower: tuple[float, float, float]
+    spacing: float
 
 
-@jit(nogil=False)
-def _state_4(map_: Map, x: float, y: float, z: float, yaw: float) -> int:
-    return state_at(map_, (x, y, z, yaw))
+@jit
+def _in_cells(cells: Cells, anchors: Floats, x: float, y: float, z: float) -> int:
+    """Whether some of some points, shape (n, 3), at a place, lie in an obstacle: BLOCKED, FREE, or MIXED for unknown.
+
+    What lies outside the grid lies in none.
+    """
+    found, (nx, ny, nz) = FREE, cells.outer.shape
+    for k in range(anchors.shape[0]):
+        i = math.floor((x + anchors[k, 0] - cells.lower[0]) / cells.spacing)
+        j = math.floor((y + anchors[k, 1] - cells.lower[1]) / cells.spacing)
+        m = math.floor((z + anchors[k, 2] - cells.lower[2]) / cells.spacing)
+        if 0 <= i < nx and 0 <= j < ny and 0 <= m < nz and cells.outer[i, j, m]:
+            if cells.inner[i, j, m]:
+                return BLOCKED
+            found = MIXED
+    return found
 
 
-def _state_checker(map_: Map, dof: int) -> Callable[..., int]:
-    """``state(*q)`` of a configuration."""
-    return entry({3: _state_3, 4: _state_4}[dof], (map_,), dof)
+@jit
+def _look(map_: Map, motion: Floats, first: float, last: float) -> int:
+    """ALL_FREE if every cell is FREE that a part of a motion touches, otherwise the state of its middle.
+
+    A motion is where it starts and where it stops, shape (2, dof).
+    """
+    start = configuration(map_, motion, 0)
+    stop, middle = start, start
+    for axis in range(len(start)):
+        a, b = motion[0, axis], motion[1, axis]
+        start = tuple_setitem(start, axis, between(a, b, first))
+        stop = tuple_setitem(stop, axis, between(a, b, last))
+        middle = tuple_setitem(middle, axis, between(a, b, 0.5 * (first + last)))
+    flat = map_.states.ravel()
+    return ALL_FREE if edge_is_free(map_, flat, flat[:0], start, stop) else state_at(map_, middle)
+
+
+def _looker(map_: Map, dof: int) -> Callable[[Floats, float, float], int]:
+    """``look(motion, first, last)``, compiled, without numba's dispatch on every call."""
+    return partial(entry(_look, (map_, np.empty((2, dof))), 2).func, map_)

@@ -1,16 +1,23 @@
 """Exact look-ups in space: against boxes and balls that paper and pencil decide, manifold3d, and rational numbers."""
 
+import math
 from itertools import product
+from types import SimpleNamespace
 
+import fcl
 import manifold3d
 import numpy as np
 import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 import cspace
 from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
+from cspace.exact.solids import SolidProofs
+from cspace.map.record import Map
+from cspace.rotations import Rotations
 from cspace.shapes.mesh import Mesh
 from strategies import seeds
 
@@ -415,3 +422,67 @@ def test_the_unit_of_length_does_not_matter(size):
         space = cspace.build(workspace, robot)
         assert space.motion_is_free(np.array([1, 2, 2]) * size, np.array([5, 2, 2]) * size, exact=True)
         assert not space.motion_is_free(np.array([1, 1.993, 2]) * size, np.array([5, 1.993, 2]) * size, exact=True)
+
+
+# ---- robots that turn about the z axis -------------------------------------------------------------------------------
+
+
+def turning_proofs(body, boxes, outside):
+    """Proofs of a robot that turns, with a map that knows nothing."""
+    workspace = Workspace.from_mesh(boxes_mesh(boxes), 0.2, (0, 0, 0, 2, 2, 2))
+    rotations = Rotations.of(4)
+    beyond = np.array([[0, 0, 0, -1, -1, -1, MIXED]])
+    grid = workspace.grid
+    states = np.full((1, *grid.shape), MIXED, dtype=np.uint8)
+    map_ = Map(states, rotations.compiled(np.zeros(4, dtype=np.int64)), grid.lower, grid.spacing, grid.upper, beyond)
+    return SolidProofs(
+        SimpleNamespace(
+            workspace=workspace,
+            robot=body,
+            grid=grid,
+            margin=0.0,
+            outside=outside,
+            rotations=rotations,
+            dof=4,
+            _map=map_,
+        )
+    )
+
+
+@pytest.mark.parametrize("outside", ["blocked", "free"])
+def test_robots_that_turn_in_space(outside):
+    """Against FCL at single configurations and at 500 along each edge that is proven."""
+    rng = np.random.default_rng(0)
+    low = rng.uniform(0.2, 1.6, (5, 3))
+    boxes = np.stack([low, low + 0.2], axis=1)
+    mesh = trimesh.creation.box(bounds=[[-0.1, -0.05, -0.1], [0.5, 0.1, 0.1]])
+    proofs = turning_proofs(Robot.mesh(mesh), boxes, outside)
+    models = [fcl.BVHModel() for _ in range(2)]
+    for model, part in zip(models, (mesh, boxes_mesh(boxes)), strict=True):
+        model.beginModel(len(part.vertices), len(part.faces))
+        model.addSubModel(part.vertices, part.faces)
+        model.endModel()
+    moved, still = map(fcl.CollisionObject, models)
+
+    def gap(q):
+        turn = Rotation.from_rotvec([0.0, 0.0, q[3]]).as_matrix()
+        moved.setTransform(fcl.Transform(turn, q[:3]))
+        found = fcl.distance(moved, still, fcl.DistanceRequest(), fcl.DistanceResult())
+        at = mesh.vertices @ turn.T + q[:3]
+        return found if outside == "free" else min(found, at.min(), (2.0 - at).min())
+
+    q0 = np.column_stack([rng.uniform(0.0, 2.0, (150, 3)), rng.uniform(-9.0, 9.0, 150)])
+    free = np.array([proofs.point(*q.tolist()) >= 0 for q in q0])
+    true = np.array([gap(q) for q in q0])
+    decided = np.abs(true) > BAND
+    np.testing.assert_array_equal(free[decided], true[decided] > 0.0)
+    assert 20 < free.sum() < 145
+    proven = 0
+    for first, step in zip(q0[free], rng.normal(0.0, 0.2, q0.shape) * [1.0, 1.0, 1.0, 3.0], strict=False):
+        answer = proofs.edge(*first.tolist(), *(first + step).tolist()) >= 0
+        turn = math.remainder(step[3], 2 * math.pi)
+        way = first + np.linspace(0.0, 1.0, 500 if answer else 60)[:, None] * [*step[:3], turn]
+        least = min(gap(q) for q in way)
+        assert least > 0.0 if answer else least < 0.03 * (np.abs(step).sum() + 1.0)
+        proven += answer
+    assert proven > 5
