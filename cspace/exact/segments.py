@@ -45,9 +45,9 @@ class Scene(NamedTuple):
     is obstacle. A distance counts above ``least``, and is searched for up to ``reach`` more.
     """
 
-    lower: Point
+    lower: tuple[float, ...]
     spacing: float
-    upper: Point
+    upper: tuple[float, ...]
     segments: Floats
     radii: Floats
     widest: float

@@ -6,7 +6,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Iterator
 from functools import partial
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, cast
 
 import numpy as np
 from numba.cpython.unsafe.tuple import tuple_setitem
@@ -183,7 +183,7 @@ class _Nesting:
         self._robot, self._anchors = space.robot.shape, anchors_of(border)[0]
         inner = workspace.inner if workspace.shapes else workspace.outer
         fixed = Cells(workspace.outer, inner, workspace.grid.lower, workspace.grid.spacing), self._anchors
-        self._cells, self._in_cells = fixed[0], entry(_in_cells, fixed, 3).func
+        self._cells, self._in_cells = fixed[0], _compiled(_in_cells, fixed, 3)
         # An obstacle in a ball is near its middle, which the distance tells; elsewhere only what is small fits in.
         self._tree, self._reach = None, float(np.sqrt((border.simplices**2).sum(axis=-1)).max())
         if self._robot.encloses and (border.simplices != border.simplices[:, :1]).any():
@@ -240,7 +240,7 @@ class Cells(NamedTuple):
 
     outer: NDArray[np.bool_]
     inner: NDArray[np.bool_]
-    lower: tuple[float, float, float]
+    lower: tuple[float, ...]
     spacing: float
 
 
@@ -279,6 +279,11 @@ def _look(map_: Map, motion: Floats, first: float, last: float) -> int:
     return ALL_FREE if edge_is_free(map_, flat, flat[:0], start, stop) else state_at(map_, middle)
 
 
+def _compiled(function: Any, samples: tuple[Any, ...], floats: int) -> Callable[..., int]:
+    """A compiled function, for arguments like samples and some floats, without numba's dispatch on every call."""
+    return cast("partial[int]", entry(function, samples, floats)).func
+
+
 def _looker(map_: Map, dof: int) -> Callable[[Floats, float, float], int]:
-    """``look(motion, first, last)``, compiled, without numba's dispatch on every call."""
-    return partial(entry(_look, (map_, np.empty((2, dof))), 2).func, map_)
+    """``look(motion, first, last)``."""
+    return partial(_compiled(_look, (map_, np.empty((2, dof))), 2), map_)
