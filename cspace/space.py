@@ -906,34 +906,3 @@ class CSpace:
         """Cells ``(rotation, x, y)`` or ``(rotation, x, y, z)`` of configurations, in the grid or not."""
         cells = self.grid.cell_of(points[..., : self.grid.dim])
         return np.concatenate([self._rotations.cells_of(points)[..., None], cells], axis=-1)
-
-    # ---- until all rooms have moved ----------------------------------------------------------------------------------
-
-    @property
-    def stack(self) -> NDArray[np.uint8]:
-        return self._seen
-
-    @property
-    def slice_of(self) -> Ints:
-        return self._slice_of
-
-    @property
-    def fields(self) -> dict[str, Floats]:
-        return self._fields
-
-    @property
-    def tells_blocked(self) -> bool | None:
-        return self._tells_blocked
-
-    @property
-    def exact_counts(self) -> dict[str, int]:
-        return self._exact.counts
-
-    def _slices_of(self, q: ArrayLike) -> Ints:
-        return self._slice_of[self._rotations.cells_of(np.asarray(q, dtype=np.float64))]
-
-    @property
-    def _outsides(self) -> Any:
-        from cspace.outside import Outside
-
-        return [Outside(row[:-1], int(row[-1])) for row in self._exterior.table]

@@ -77,8 +77,8 @@ def test_classify_of_many_is_that_of_each(make, seed, outside, number):
     assert space.classify(q)[some].tolist() == [space.classify(one) for one in q[some]]
     inside = space.grid.contains(q[:, : space.grid.dim])
     cells = space.grid.cell_of(q[inside, : space.grid.dim])
-    slices = 0 if space.rotations is None else space.slice_of[space.rotations.cell_of(q[inside, -1])]
-    assert (space.classify(q)[inside] == space.stack[(slices, *cells.T)]).all()
+    slices = 0 if space.rotations is None else space._map.slice_of[space.rotations.cell_of(q[inside, -1])]
+    assert (space.classify(q)[inside] == space._map.states[(slices, *cells.T)]).all()
 
 
 @settings(max_examples=100)
@@ -219,7 +219,7 @@ def test_edges_of_many_are_those_of_each(make, seed, outside):
     space = make(rng, outside=outside)
     q0 = configurations(space, rng, 2 * EDGES_A_THREAD + 3)
     q1 = near(space, q0, rng)
-    assert space.stack.size <= len(q0) * CELLS_AN_EDGE
+    assert space._map.states.size <= len(q0) * CELLS_AN_EDGE
     many = space.motion_is_free(q0, q1)
     check = space.edge_checker()
     assert many.tolist() == [check(*ends) for ends in np.hstack([q0, q1]).tolist()]

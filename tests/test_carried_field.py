@@ -26,7 +26,7 @@ def names_of(space: CSpace) -> tuple[str, ...]:
 
 
 def shape_of(space: CSpace) -> tuple[int, ...]:
-    return space.grid.shape if space.rotations is None else space.stack.shape
+    return space.grid.shape if space.rotations is None else space._map.states.shape
 
 
 def carrying(space: CSpace, fields: Any) -> CSpace:
@@ -34,7 +34,7 @@ def carrying(space: CSpace, fields: Any) -> CSpace:
     return CSpace(
         space.workspace,
         space.robot,
-        space.stack[0] if space.rotations is None else space.stack,
+        space._map.states[0] if space.rotations is None else space._map.states,
         outside=space.outside,
         margin=space.margin,
         precision=space.precision,
@@ -47,11 +47,11 @@ def carrying(space: CSpace, fields: Any) -> CSpace:
 def same_field(a: CSpace, b: CSpace) -> None:
     """Fail unless two maps and the fields that they carry are equal, to the last bit."""
     same(a, b)
-    for name, array in a.fields.items():
-        assert b.fields[name].dtype == np.float64
-        assert not b.fields[name].flags.writeable
-        assert b.fields[name].tobytes() == array.tobytes()
-        assert b.fields[name].shape == array.shape
+    for name, array in a._fields.items():
+        assert b._fields[name].dtype == np.float64
+        assert not b._fields[name].flags.writeable
+        assert b._fields[name].tobytes() == array.tobytes()
+        assert b._fields[name].shape == array.shape
 
 
 def scene(kind: str, **options: Any) -> tuple[CSpace, FourierOverlap]:
@@ -85,18 +85,18 @@ def test_the_map_is_the_same_and_the_field_that_of_the_overlap(kind: str) -> Non
     clearance = space.clearance(space.nearest_free([0.0] * space.dof))
     made = space.with_overlap_field(overlap)
     same(space, carrying(made, None))
-    assert space.overlap_field is None and not space.fields
+    assert space.overlap_field is None and not space._fields
     field, expected = made.overlap_field, OverlapField.of(space, overlap)
     assert field is not None and field.space is made
-    assert list(made.fields) == list(names_of(space))
+    assert list(made._fields) == list(names_of(space))
     assert field.values.max() > 0.0
-    for name, array in made.fields.items():
+    for name, array in made._fields.items():
         np.testing.assert_array_equal(array, expected.arrays[name])
         with pytest.raises(ValueError, match="read-only"):
             array[...] = 0.0
     assert made._rasters[0][0] is space._rasters[0][0]  # it is not made again
     assert made.clearance(made.nearest_free([0.0] * space.dof)) == clearance
-    assert (kind == "shared") == (space.rotations is not None and len(space.stack) < space.rotations.count)
+    assert (kind == "shared") == (space.rotations is not None and len(space._map.states) < space.rotations.count)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -107,7 +107,7 @@ def test_an_update_lets_the_field_go_and_leaves_other_maps(kind: str) -> None:
     box, corner = np.ones((3,) * space.grid.dim, bool), (4,) * space.grid.dim
     before = space.state.copy()
     made.update(box, corner)
-    assert made.overlap_field is None and not made.fields
+    assert made.overlap_field is None and not made._fields
     assert (space.state == before).all()
     again = made.with_overlap_field(overlap)  # of a map that has a workspace of its own by now
     after, cells = again.state.copy(), again.workspace.outer.copy()
@@ -188,7 +188,7 @@ def test_the_command_line_tells_of_it(tmp_path: Path, carried: CSpace) -> None:
     carrying(carried, None).save(tmp_path / "plain.zarr")
     found, plain = (document("info", tmp_path / name) for name in ("map.zarr", "plain.zarr"))
     assert found.pop("overlap_field") is True and "overlap_field" not in plain
-    more = sum(array.nbytes for array in carried.fields.values())
+    more = sum(array.nbytes for array in carried._fields.values())
     assert found.pop("memory_bytes") - plain.pop("memory_bytes") == more
     assert found == plain
     told = CliRunner().invoke(app, ["info", str(tmp_path / "map.zarr")]).stdout

@@ -142,16 +142,16 @@ def test_shared_slices_are_those_made_without_sharing(name, count, monkeypatch):
     workspace = Workspace.from_array(np.random.default_rng(0).random((25, 20)) < 0.05, 0.1)
     shared = cspace.build(workspace, robot, rotations=count, overlap=True)
     if order == 0:
-        assert len(shared.stack) == 1
+        assert len(shared._map.states) == 1
         assert (shared.state == cspace.build(workspace, robot).state).all()
     elif count % order == 0:
-        assert len(shared.stack) == count // order
+        assert len(shared._map.states) == count // order
     monkeypatch.setattr(Robot, "symmetry", property(lambda self: 1))
     alone = cspace.build(workspace, robot, rotations=count, overlap=True)
-    assert len(alone.stack) == count
+    assert len(alone._map.states) == count
     assert shared.state.shape == alone.state.shape == (count, 25, 20)
     assert (shared.state == alone.state).all()
-    assert (shared.overlaps[shared.slice_of] == alone.overlaps).all()
+    assert (shared.overlaps[shared._map.slice_of] == alone.overlaps).all()
     assert shared.count() == alone.count() == tuple(np.bincount(alone.state.ravel(), minlength=3))
 
 

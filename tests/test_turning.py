@@ -99,7 +99,7 @@ def test_states_and_overlaps_are_those_of_the_definition(robot, count, seed, out
         for cell in map(tuple, cells.tolist()):
             expected = FREE if not meets[cell] else BLOCKED if inner and lies[cell] else MIXED
             assert space.state[(k, *cell)] == expected
-            assert space.overlaps[(space.slice_of[k], *cell)] == meets[cell]
+            assert space.overlaps[(space._map.slice_of[k], *cell)] == meets[cell]
         q = np.column_stack([space.grid.center_of(cells), np.full(len(cells), space.rotations.representatives[k])])
         assert space.overlap(q).tolist() == [meets[tuple(cell)] for cell in cells.tolist()]
 
@@ -151,7 +151,7 @@ def test_slices_made_together_are_each_their_own(count, size):
     space = cspace.build(workspace, robot, rotations=count, method="fft")
     counted = cspace.build(workspace, robot, rotations=count, overlap=True)
     assert {space.precision, counted.precision} <= {"float32", "float64"}
-    assert len(space.stack) == count and (counted.state == space.state).all()
+    assert len(space._map.states) == count and (counted.state == space.state).all()
     cells = np.argwhere(np.ones(occupied.shape, dtype=bool))
     borders = np.asarray(space.rotations.borders)
     for k in {0, 1, count // 2, count - 1}:

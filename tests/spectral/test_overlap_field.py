@@ -46,7 +46,7 @@ def test_the_field_is_the_overlap_and_its_gradient_at_the_cells(
     largest = field.values.max()
     assert largest > 1e-3
     for _ in range(20):
-        number, *cell = (int(rng.integers(n)) for n in space.stack.shape)
+        number, *cell = (int(rng.integers(n)) for n in space._map.states.shape)
         placed = overlap
         if space.rotations is not None:
             placed = overlap.rotated(float(space.rotations.representatives[number]))
@@ -69,9 +69,9 @@ def test_between_the_cells_it_is_linear(case: tuple[CSpace, FourierOverlap]) -> 
         q, middles = np.column_stack([q, yaw]), np.column_stack([middles, yaw])
     from scipy.interpolate import RegularGridInterpolator
 
-    stack = field.values.reshape(space.stack.shape)
+    stack = field.values.reshape(space._map.states.shape)
     axes = [space.grid.centers(axis) for axis in range(dim)]
-    numbers = space._slices_of(q)
+    numbers = space._map.slice_of[space._rotations.cells_of(q)]
     places = np.clip(q[:, :dim], [axis[0] for axis in axes], [axis[-1] for axis in axes])
     expected = [RegularGridInterpolator(axes, stack[n])(p)[0] for n, p in zip(numbers, places, strict=True)]
     assert field.at(q) == pytest.approx(np.maximum(expected, 0.0), abs=1e-12)

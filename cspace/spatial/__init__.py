@@ -1,1 +1,0 @@
-"""Look-ups in maps of robots that translate in space: configurations ``(x, y, z)``."""

@@ -1,1 +1,0 @@
-"""Walks along straight edges in space."""

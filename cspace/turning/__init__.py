@@ -1,1 +1,0 @@
-"""Look-ups in maps of robots that turn."""

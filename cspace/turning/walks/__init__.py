@@ -1,1 +1,0 @@
-"""Walks along edges on which a robot moves and turns."""
