@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import threading
 import warnings
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from cspace.errors import FileError, InputError
 from cspace.grid import finite
-from cspace.io.input import existing
+from cspace.io.input import damaged, existing
 from cspace.io.limits import check_cells
 
 if TYPE_CHECKING:
@@ -28,6 +29,10 @@ SIDES: Final = ("occupied", "free")
 
 _BYTES_A_PIXEL: Final = 12
 """Memory while an image in colour is read."""
+
+_PACKED: Final = ("PNG", "PPM", "BMP")
+_MOST_A_BYTE: Final = 8 * 1040
+"""Pixels that a byte of these formats can stand for: eight of one bit, deflated."""
 
 _PILLOWS_LIMIT: Final = threading.Lock()
 """Held while Pillow's own limit, which belongs to the whole process, is set aside for ours."""
@@ -117,9 +122,11 @@ def read_shades(path: str | os.PathLike[str], kind: str) -> Shades:
         with image, warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of metadata that cannot be read, which is not asked for
             check_cells(file, image.size, memory=_BYTES_A_PIXEL)
+            if image.format in _PACKED and math.prod(image.size) > _MOST_A_BYTE * file.stat().st_size:
+                raise damaged(file, f"declares {image.width} x {image.height} pixels, more than its bytes can hold")
             image.load()
             found = _shades(image, str(file))
-    except (FileError, MemoryError):
+    except FileError:
         raise
     except Exception as error:  # Pillow's decoders raise almost anything on damaged files.
         reason = " ".join(str(error).split()) or type(error).__name__

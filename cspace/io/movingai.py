@@ -1,4 +1,4 @@
-"""Grid maps, voxel maps and scenarios of the MovingAI benchmarks.
+"""Grid maps and voxel maps of the MovingAI benchmarks.
 
 Sturtevant, "Benchmarks for Grid-Based Pathfinding", 2012; Brewer and Sturtevant, "Benchmarks for Pathfinding in 3D
 Voxel Space", 2018.
@@ -7,9 +7,7 @@ Voxel Space", 2018.
 from __future__ import annotations
 
 import io
-import math
 import os
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -26,33 +24,6 @@ _DIGITS: Final = 40
 
 _VOXEL_LINES: Final = frozenset("0123456789 \t\n")
 _DROP_CELLS: Final = str.maketrans("", "", PASSABLE + BLOCKED)
-
-
-@dataclass(frozen=True, slots=True)
-class Scenario:
-    """One problem of a ``.scen`` file, in the index order of this library: ``[x, y]``, with y counted from the bottom.
-
-    Attributes
-    ----------
-    bucket : int
-        Group of problems of about the same length.
-    map_name : str
-        The map as the file names it.
-    width, height : int
-        Cells of the map along x and y.
-    start, goal : tuple of int
-        Cells ``(x, y)``.
-    optimal_length : float
-        Length of the shortest path, in cells: straight steps 1, diagonal steps sqrt 2, no cutting of corners.
-    """
-
-    bucket: int
-    map_name: str
-    width: int
-    height: int
-    start: tuple[int, int]
-    goal: tuple[int, int]
-    optimal_length: float
 
 
 def read_map(path: str | os.PathLike[str]) -> NDArray[np.bool_]:
@@ -154,41 +125,6 @@ def _voxel_fault(path: str | os.PathLike[str], body: str, shape: tuple[int, int,
 def _is_count(word: str) -> bool:
     """Whether a word is a whole number without a sign, not absurdly long."""
     return word.isascii() and word.isdecimal() and len(word) <= _DIGITS
-
-
-def read_scenarios(path: str | os.PathLike[str]) -> list[Scenario]:
-    """Problems of a ``.scen`` file, in the order of the file.
-
-    Returns
-    -------
-    list of Scenario
-
-    Raises
-    ------
-    FileError
-        If the file is missing, does not begin with ``version 1``, or a line is malformed or has a cell outside its
-        map; the message names the line.
-    """
-    lines = _lines(path, "MovingAI scenario file")
-    if not lines or lines[0].split() not in (["version", "1"], ["version", "1.0"]):
-        raise _fault(path, 1, lines, "'version 1'")
-    return [_scenario(path, number, lines) for number, line in enumerate(lines[1:], start=2) if line]
-
-
-def _scenario(path: str | os.PathLike[str], number: int, lines: list[str]) -> Scenario:
-    """One line of a ``.scen`` file."""
-    parts = lines[number - 1].split()
-    try:
-        bucket, name = int(parts[0]), " ".join(parts[1:-7])
-        width, height, x0, y0, x1, y1 = map(int, parts[-7:-1])
-        length = float(parts[-1])
-    except (ValueError, IndexError):
-        name, length = "", math.nan
-    if not name or not math.isfinite(length):
-        raise _fault(path, number, lines, "bucket, map, width, height, start x y, goal x y and optimal length")
-    if not (0 <= x0 < width and 0 <= x1 < width and 0 <= y0 < height and 0 <= y1 < height):
-        raise _fault(path, number, lines, f"a start and a goal inside {width} x {height} cells")
-    return Scenario(bucket, name, width, height, (x0, height - 1 - y0), (x1, height - 1 - y1), length)
 
 
 def _lines(path: str | os.PathLike[str], kind: str) -> list[str]:

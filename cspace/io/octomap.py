@@ -131,21 +131,21 @@ def _header(file: str, words: dict[str, str], binary: bool) -> _Header:
 
 def _leaves(file: str, header: _Header, nodes: bytes) -> NDArray[np.int64]:
     """First cell, side in cells, and whether occupied, of each leaf, shape (n, 5)."""
-    from cspace.io.octree import DEPTH, leaves_of_binary, leaves_of_full
+    from cspace.io.octree import DEPTH, leaves_of
 
+    values = np.empty(0, dtype=np.float32)
     if header.binary:
         records = np.frombuffer(nodes, dtype=np.uint8, count=len(nodes) // 2 * 2).reshape(-1, 2)
-        leaves = np.empty((min(header.size, 8 * len(records)), 5), dtype=np.int64)
-        found, count, fault = leaves_of_binary(records, leaves)
     else:
         record = np.dtype([("value", "<f4"), ("colour", "V", _COLOURS[header.tree]), ("children", "u1")])
         full = np.frombuffer(nodes, dtype=record, count=len(nodes) // record.itemsize)
-        leaves = np.empty((min(header.size, len(full)), 5), dtype=np.int64)
         values = full["value"]
-        found, count, fault = leaves_of_full(np.ascontiguousarray(full["children"]), values >= 0.0, leaves)
-        broken = int(np.isnan(values[:found]).sum())
-        if broken:
-            raise damaged(file, f"has {broken} nodes without a value (NaN)")
+        records = np.stack([full["children"], values >= 0.0], axis=1).astype(np.uint8)
+    leaves = np.empty((min(header.size, 8 * len(records)), 5), dtype=np.int64)
+    found, count, fault = leaves_of(records, header.binary, leaves)
+    broken = int(np.isnan(values[:found]).sum())
+    if broken:
+        raise damaged(file, f"has {broken} nodes without a value (NaN)")
     if fault == 1:
         raise damaged(file, f"ends after {found} nodes, and its header says {header.size}")
     if fault or found != header.size:

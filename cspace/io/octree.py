@@ -16,117 +16,80 @@ DEPTH = 16
 
 
 @jit
-def leaves_of_binary(records: Bytes, leaves: Ints) -> tuple[int, int, int]:
-    """Leaves of an octree whose inner nodes, in depth-first order, are two bits for each of the eight children.
-
-    01 is a free leaf, 10 an occupied one, 11 an inner node, which has a record of its own; 00 is unknown.
+def leaves_of(records: Bytes, binary: bool, leaves: Ints) -> tuple[int, int, int]:
+    """Leaves of an octree whose nodes are written in depth-first order.
 
     Parameters
     ----------
     records : ndarray of uint8, shape (n, 2)
+        Of a binary tree, one for each inner node: two bits for each of its eight children, where 01 is a free leaf, 10
+        an occupied one, 11 an inner node and 00 unknown. Of a full tree, one for each node: a bit for each child, and
+        whether the node is occupied; a node without children is a leaf.
+    binary : bool
     leaves : ndarray of int64, shape (m, 5)
         Written: first cell, side in cells, and 1 where occupied.
 
     Returns
     -------
     nodes, count, fault : int
-        Nodes met, leaves written, and 0 for a whole tree; 1 where records are missing, 2 where an inner node lies too
-        deep, 3 where one has no child, 4 where ``leaves`` is full.
+        Nodes met, leaves written, and 0 for a whole tree; 1 where records are missing, 2 where a node lies too deep, 3
+        where an inner node has no child, 4 where ``leaves`` is full.
     """
     corner = np.zeros((DEPTH + 1, 3), dtype=np.int64)
+    # For each level on the way down, the inner children that are still to be entered, one bit each.
     pending = np.zeros(DEPTH + 1, dtype=np.int64)
     nodes, count, used, depth = 1, 0, 0, 0
     entering = True
     while depth >= 0:
         if entering:
             if used == len(records):
-                return nodes, count, 1
-            bits = np.int64(records[used, 0]) | np.int64(records[used, 1]) << 8
+                return nodes if binary else used, count, 1
+            first, second = np.int64(records[used, 0]), np.int64(records[used, 1])
             used += 1
-            if bits == 0:
-                return nodes, count, 3
-            side = 1 << (DEPTH - 1 - depth)
-            inner = 0
-            for child in range(8):
-                kind = (bits >> (2 * child)) & 3
-                if kind == 0:
-                    continue
-                nodes += 1
-                if kind == 3:
-                    inner |= 1 << child
-                    continue
-                if count == len(leaves):
-                    return nodes, count, 4
-                for axis in range(3):
-                    leaves[count, axis] = corner[depth, axis] + ((child >> axis) & 1) * side
-                leaves[count, 3] = side
-                leaves[count, 4] = kind == 2
-                count += 1
-            if inner and side == 1:
+            inner = np.int64(0)
+            if binary:
+                kinds = first | second << 8
+                if kinds == 0:
+                    return nodes, count, 3
+                for child in range(8):
+                    kind = (kinds >> (2 * child)) & 3
+                    nodes += kind != 0
+                    if kind == 3:
+                        inner |= 1 << child
+                    elif kind != 0:
+                        if count == len(leaves):
+                            return nodes, count, 4
+                        side = 1 << (DEPTH - 1 - depth)
+                        _place(leaves[count], corner[depth], child, side)
+                        leaves[count, 3], leaves[count, 4] = side, kind == 2
+                        count += 1
+            else:
+                nodes, inner = used, first
+                if inner == 0:
+                    if count == len(leaves):
+                        return nodes, count, 4
+                    _place(leaves[count], corner[depth], 0, 0)
+                    leaves[count, 3], leaves[count, 4] = 1 << (DEPTH - depth), second
+                    count += 1
+            if inner and depth == DEPTH - binary:
                 return nodes, count, 2
             pending[depth] = inner
-        entering = False
-        if pending[depth] == 0:
+        entering = pending[depth] != 0
+        if entering:
+            child = _lowest(pending[depth])
+            pending[depth] &= pending[depth] - 1
+            _place(corner[depth + 1], corner[depth], child, 1 << (DEPTH - 1 - depth))
+            depth += 1
+        else:
             depth -= 1
-            continue
-        child = _lowest(pending[depth])
-        pending[depth] &= pending[depth] - 1
-        side = 1 << (DEPTH - 1 - depth)
-        for axis in range(3):
-            corner[depth + 1, axis] = corner[depth, axis] + ((child >> axis) & 1) * side
-        depth += 1
-        entering = True
     return nodes, count, 0
 
 
 @jit
-def leaves_of_full(children: Bytes, occupied: Bools, leaves: Ints) -> tuple[int, int, int]:
-    """Leaves of an octree whose nodes, in depth-first order, each name their children by one bit.
-
-    Parameters
-    ----------
-    children : ndarray of uint8, shape (n,)
-        Zero for a leaf.
-    occupied : ndarray of bool, shape (n,)
-    leaves : ndarray of int64, shape (m, 5)
-        Written: first cell, side in cells, and 1 where occupied.
-
-    Returns
-    -------
-    nodes, count, fault : int
-        As for :func:`leaves_of_binary`.
-    """
-    corner = np.zeros((DEPTH + 1, 3), dtype=np.int64)
-    pending = np.zeros(DEPTH + 1, dtype=np.int64)
-    nodes, count, depth = 0, 0, 0
-    entering = True
-    while depth >= 0:
-        if entering:
-            if nodes == len(children):
-                return nodes, count, 1
-            pending[depth] = children[nodes]
-            if pending[depth] == 0:
-                if count == len(leaves):
-                    return nodes, count, 4
-                leaves[count, :3] = corner[depth]
-                leaves[count, 3] = 1 << (DEPTH - depth)
-                leaves[count, 4] = occupied[nodes]
-                count += 1
-            elif depth == DEPTH:
-                return nodes, count, 2
-            nodes += 1
-        entering = False
-        if pending[depth] == 0:
-            depth -= 1
-            continue
-        child = _lowest(pending[depth])
-        pending[depth] &= pending[depth] - 1
-        side = 1 << (DEPTH - 1 - depth)
-        for axis in range(3):
-            corner[depth + 1, axis] = corner[depth, axis] + ((child >> axis) & 1) * side
-        depth += 1
-        entering = True
-    return nodes, count, 0
+def _place(out: Ints, corner: Ints, child: int, side: int) -> None:
+    """Write the first cell of a child."""
+    for axis in range(3):
+        out[axis] = corner[axis] + ((child >> axis) & 1) * side
 
 
 @jit

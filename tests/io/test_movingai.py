@@ -1,4 +1,4 @@
-"""MovingAI maps and scenarios."""
+"""MovingAI maps."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 
 from cspace import Grid, Workspace
 from cspace.errors import FileError
-from cspace.io.movingai import Scenario, read_map, read_scenarios
+from cspace.io.movingai import read_map
 
 MAPS = ["AR0011SR", "Berlin_1_1024", "arena", "brc504d", "maze512-32-0", "random512-10-0"]
 
@@ -76,32 +76,6 @@ def test_a_truncated_real_map(data: Path, tmp_path: Path) -> None:
         read_map(tmp_path / "cut.map")
 
 
-def test_tiny_scenario_by_hand(tmp_path: Path) -> None:
-    (tmp_path / "tiny.scen").write_text("version 1\n3\ta map.map\t5\t4\t0\t0\t4\t1\t5.41421356\n\n0 b 5 4 1 3 1 3 0\n")
-    assert read_scenarios(tmp_path / "tiny.scen") == [
-        Scenario(3, "a map.map", 5, 4, (0, 3), (4, 2), 5.41421356),
-        Scenario(0, "b", 5, 4, (1, 0), (1, 0), 0.0),
-    ]
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("", "line 1 is ''"),
-        ("version 2\n", "line 1 is 'version 2'"),
-        ("version 1\n0 m 5 4 0 0 4 1", "line 2 is"),
-        ("version 1\n0 m 5 4 0 0 1 1 1.4\n0 m 5 4 0 0 4 x 1.0", "line 3 is"),
-        ("version 1\n0 m 5 4 0 0 4 1 nan", "line 2 is"),
-        ("version 1\n0 m 5 4 0 4 4 1 1.0", "line 2 is .* inside 5 x 4 cells"),
-        ("version 1\n0 m 5 4 0 0 5 1 1.0", "line 2 is .* inside 5 x 4 cells"),
-    ],
-)
-def test_malformed_scenarios(tmp_path: Path, text: str, message: str) -> None:
-    (tmp_path / "bad.scen").write_text(text)
-    with pytest.raises(FileError, match=message):
-        read_scenarios(tmp_path / "bad.scen")
-
-
 @pytest.mark.parametrize("name", MAPS)
 def test_real_maps_against_a_plain_reading(data: Path, name: str) -> None:
     path = data / "movingai" / f"{name}.map"
@@ -112,17 +86,3 @@ def test_real_maps_against_a_plain_reading(data: Path, name: str) -> None:
     assert workspace.outer.sum() == sum(row.count(letter) for row in rows for letter in "@OTW")
     for x, y in np.random.default_rng(0).integers((width, height), size=(500, 2)).tolist():
         assert workspace.outer[x, y] == (rows[height - 1 - y][x] in "@OTW")
-
-
-@pytest.mark.parametrize("name", MAPS)
-def test_real_scenarios_start_and_end_on_passable_cells(data: Path, name: str) -> None:
-    blocked = read_map(data / "movingai" / f"{name}.map")
-    scenarios = read_scenarios(data / "movingai" / f"{name}.map.scen")
-    assert len(scenarios) == len((data / "movingai" / f"{name}.map.scen").read_text().split("\n")) - 2
-    for scenario in scenarios:
-        assert (scenario.width, scenario.height) == blocked.shape
-        assert not blocked[scenario.start]
-        assert not blocked[scenario.goal]
-        steps = np.abs(np.subtract(scenario.start, scenario.goal))
-        shortest = steps.max() + (np.sqrt(2.0) - 1.0) * steps.min()
-        assert scenario.optimal_length >= shortest - 0.02

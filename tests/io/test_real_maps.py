@@ -5,7 +5,6 @@ import pytest
 
 import cspace
 from cspace import BLOCKED, FREE, Robot, Workspace
-from cspace.io.movingai import read_scenarios
 
 ROS = ["depot", "tb3_sandbox", "100by100_10", "TenByTen", "turtlebot3_world", "willow-full-0.05", "skirk"]
 MOVINGAI = ["AR0011SR", "Berlin_1_1024", "arena", "brc504d", "maze512-32-0", "random512-10-0"]
@@ -21,6 +20,14 @@ def test_ros_maps_build(data, name, unknown):
     assert (space.classify(space.grid.center_of(occupied)) != FREE).all()
 
 
+def pairs(path, height):
+    """Starts and goals of the problems beside a map, cells counted from the bottom, and the lengths that are told."""
+    rows = [line.split() for line in path.with_suffix(".map.scen").read_text().splitlines()[1:]]
+    x0, y0, x1, y1 = np.array([row[-5:-1] for row in rows], dtype=int).T
+    lengths = np.array([row[-1] for row in rows], dtype=float)
+    return np.stack([x0, height - 1 - y0], axis=1), np.stack([x1, height - 1 - y1], axis=1), lengths
+
+
 @pytest.mark.parametrize("name", MOVINGAI)
 def test_movingai_pairs_are_joined(data, name):
     """A point robot: the pairs of the benchmark are joined by FREE cells of a map with a tiny robot, refined twice."""
@@ -28,10 +35,11 @@ def test_movingai_pairs_are_joined(data, name):
     coarse = Workspace.from_movingai(path)
     fine = Workspace.from_array(np.repeat(np.repeat(coarse.outer, 3, axis=0), 3, axis=1), 1 / 3)
     space = cspace.build(fine, Robot.disc(0.01))
-    scenarios = read_scenarios(path.with_suffix(".map.scen"))
-    assert scenarios
-    starts = np.array([scenario.start for scenario in scenarios]) + 0.5
-    goals = np.array([scenario.goal for scenario in scenarios]) + 0.5
+    first, last, lengths = pairs(path, coarse.grid.shape[1])
+    assert not coarse.outer[tuple(first.T)].any() and not coarse.outer[tuple(last.T)].any()
+    steps = np.abs(first - last)
+    assert (lengths >= steps.max(axis=1) + (np.sqrt(2) - 1) * steps.min(axis=1) - 0.02).all()
+    starts, goals = first + 0.5, last + 0.5
     assert space.is_free(starts).all() and space.is_free(goals).all()
     assert all(answer is True for answer in space.path_exists(starts, goals))
     undecided = cspace.build(coarse, Robot.disc(0.01)).path_exists(starts, goals)
