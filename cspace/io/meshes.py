@@ -138,7 +138,8 @@ def _stl_text(data: bytes, file: Path) -> tuple[bytes, int]:
     # The names of solids go: trimesh looks for its keywords in them too.
     text = _SOLIDS.sub(lambda line: b"endsolid" if line[1] else b"solid", text)
     facets = _FACET.findall(text)
-    if text.count(b"facet") != 2 * len(facets) or text.count(b"vertex") != 3 * len(facets):
+    counts = [text.count(word) for word in (b"facet", b"normal", b"vertex")]
+    if counts != [2 * len(facets), len(facets), 3 * len(facets)]:
         raise damaged(file, f"has words of facets beside its {len(facets)} whole ones")
     # A line for each vertex; normals are not asked for.
     text = re.sub(rb"\bnormal\s+\S+\s+\S+\s+\S+", b"normal 0 0 0", text)
