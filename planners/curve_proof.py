@@ -76,9 +76,8 @@ def proven_length(
             count += is_new(turns, lengths, count)
     # However the gap is spread along the curve, and whichever end it is drawn from, it stays this close.
     spare = (gap if count == 1 else GAP) * (1.0 + shortest + TIE) + ROUNDING
-    flat = map_.states.ravel()
     for end in (q0, q1):
-        if not around_is_free(map_, flat, end, spare * radius, spare):
+        if not around_is_free(map_, end, spare * radius, spare):
             return -1.0
     for row in range(count):
         if not _word_is_free(map_, radius, q0, turns[row], lengths[row], spare):
@@ -94,7 +93,6 @@ def _word_is_free(map_: Map, radius: float, q0: Pose, turns: Ints, lengths: Floa
     a box of that size around the middle holds all of it. Where a box is not free, the piece is halved, until the middle
     itself is not free or the piece is a sixteenth of a cell.
     """
-    flat = map_.states.ravel()
     longest, least = LONGEST * map_.spacing / radius, SHORTEST * map_.spacing / radius
     pose = (0.0, 0.0, q0[2])
     for k in range(5):
@@ -106,11 +104,11 @@ def _word_is_free(map_: Map, radius: float, q0: Pose, turns: Ints, lengths: Floa
             half = 0.5 * part
             u, v, yaw = onwards(pose, turn, sign * (done + half))
             middle = (q0[0] + radius * u, q0[1] + radius * v, yaw)
-            if around_is_free(map_, flat, middle, (half + spare) * radius, (half if turn != 0 else 0.0) + spare):
+            if around_is_free(map_, middle, (half + spare) * radius, (half if turn != 0 else 0.0) + spare):
                 if last:
                     break
                 done, step = done + part, min(2.0 * step, longest)
-            elif part <= least or not around_is_free(map_, flat, middle, spare * radius, spare):
+            elif part <= least or not around_is_free(map_, middle, spare * radius, spare):
                 return False
             else:
                 step = half
