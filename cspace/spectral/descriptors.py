@@ -392,7 +392,7 @@ def _convolution(f: Floats, g: Floats, method: str) -> Floats:
         sums = np.asarray(convolve2d(f, g) if f.ndim == 2 else convolve(f, g, method="direct"))
     whole = all(np.array_equal(values, np.rint(values)) for values in (f, g))
     if whole and np.linalg.norm(f) * np.linalg.norm(g) < MOST_WHOLE:
-        return np.rint(sums)
+        return np.asarray(np.rint(sums))
     if (f < 0.0).any() or (g < 0.0).any():
         return sums
     pairs = fftconvolve((f > 0.0).astype(np.float64), (g > 0.0).astype(np.float64))

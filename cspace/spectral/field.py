@@ -118,7 +118,7 @@ class OverlapField:
         return self.arrays[FIELDS[0]]
 
     @overload
-    def at(self, q: One) -> float: ...
+    def at(self, q: One) -> float: ...  # type: ignore[overload-overlap]
     @overload
     def at(self, q: Many) -> Floats: ...
     @overload
@@ -146,7 +146,7 @@ class OverlapField:
 
     def checker(self) -> Callable[..., float]:
         """A quick :meth:`at` of floats: ``check(*q) -> float``; they must be finite, and are not checked."""
-        return entry(field_of, self._fixed(), self.space.dof)
+        return entry(_FIELDS[self.space.dof], self._fixed(), self.space.dof)
 
     def _fixed(self) -> tuple[Any, ...]:
         map_ = self.space._map
@@ -180,9 +180,22 @@ def field_at(map_: Map, values: Floats, q: tuple[float, ...]) -> float:
 
 
 @jit
-def field_of(map_: Map, values: Floats, *q: float) -> float:
-    """:func:`field_at` of floats."""
-    return float(field_at(map_, values, q))
+def _field_2(map_: Map, values: Floats, x: float, y: float) -> float:
+    return float(field_at(map_, values, (x, y)))
+
+
+@jit
+def _field_3(map_: Map, values: Floats, a: float, b: float, c: float) -> float:
+    return float(field_at(map_, values, (a, b, c)))
+
+
+@jit
+def _field_4(map_: Map, values: Floats, a: float, b: float, c: float, d: float) -> float:
+    return float(field_at(map_, values, (a, b, c, d)))
+
+
+_FIELDS: Final = {2: _field_2, 3: _field_3, 4: _field_4}
+"""By the number of floats of a configuration; numba calls a function of floats quicker than one of a tuple."""
 
 
 @jit

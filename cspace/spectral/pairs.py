@@ -80,8 +80,9 @@ class BallSet:
         if isinstance(source, BallSet):
             return source
         pair = source
-        if hasattr(source, "centers") and hasattr(source, "radii"):
-            pair = (source.centers, source.radii)
+        for balls in (source, getattr(source, "shape", None)):  # of a robot, they are in its shape
+            if not isinstance(pair, tuple) and hasattr(balls, "centers") and hasattr(balls, "radii"):
+                pair = (balls.centers, balls.radii)
         if not isinstance(pair, tuple | list) or len(pair) != 2:
             raise InputError(
                 name,
@@ -195,7 +196,8 @@ def _by_rule(bump: Bump, triples: Floats, dim: int, nodes: int) -> Floats:
     x, weights = legendre_rule(nodes)
     nearest = np.clip((gap - b) / a, 0.0, 1.0)[:, None]
     radial = (nearest + (1.0 - nearest) * x, (1.0 - nearest) * weights)
-    return polar_integral(bump.values, b / a, gap / a, dim, radial, (x, weights)) * a**dim
+    values = polar_integral(bump.values, b / a, gap / a, dim, radial, (x, weights))
+    return np.asarray(values * a**dim)
 
 
 def norm_square(bump: Bump, balls: BallSet) -> tuple[float, float]:
@@ -218,7 +220,8 @@ def norm_square(bump: Bump, balls: BallSet) -> tuple[float, float]:
         for number in np.flatnonzero(many):
             key = int(keys[number])
             if key not in tables:
-                tables[key] = _tabled(bump, *radii[list(divmod(key, len(radii)))].tolist(), balls.dim)
+                one, other = divmod(key, len(radii))
+                tables[key] = _tabled(bump, float(radii[one]), float(radii[other]), balls.dim)
             values, off = tables[key](gaps[group == number])
             value += 2.0 * float(values.sum())
             error += 2.0 * len(values) * off

@@ -204,8 +204,8 @@ class Spheres:
             version = f"has version {record.get('version')!r}"
             raise FileError(name, version, f"this library reads {VERSION}", "use the library that wrote it")
         try:
-            values = [record[key] for key in ("centers", "radii", "kind")]
-            return cls(*values, str(record["method"]), *(record[key] for key in _BOUNDS))
+            bounds = {key: record[key] for key in _BOUNDS}
+            return cls(record["centers"], record["radii"], record["kind"], str(record["method"]), **bounds)
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             what = f"lacks {error}" if isinstance(error, KeyError) else f"is malformed: {error}"
             raise FileError(name, what, rule, mend) from error
@@ -215,6 +215,7 @@ def _format_of(path: str | os.PathLike[str]) -> tuple[Callable[[Any], str], Call
     """How records are written, and how they are read from a file."""
     from cspace.io.plain import read_json, read_yaml
 
+    formats: dict[str, tuple[Callable[[Any], str], Callable[[Any, str], Any]]]
     formats = {".yaml": (_to_yaml, read_yaml), ".yml": (_to_yaml, read_yaml), ".json": (_to_json, read_json)}
     try:
         suffix = Path(path).suffix.lower()

@@ -1,345 +1,203 @@
-"""Balls in shapes and balls that cover them: what is promised holds, by shapely and plain distances to triangles."""
+"""Balls that are written, read, drawn and refused."""
 
 import json
-import math
 
 import numpy as np
 import pytest
 import shapely
 import trimesh
-from hypothesis import given, settings
-from hypothesis import strategies as st
+import yaml
 
+from cspace.errors import FileError, GeometryError, InputError
 from cspace.shapes.mesh import Mesh
-from cspace.spectral import decompose
-from cspace.spectral.measures import measure_of_balls
-from solid_oracles import distance_to_triangles, sample_surface, winds_around
-from strategies import seeds, stars
+from cspace.spectral import Bounds, Spheres, decompose
 
 RECTANGLE = shapely.box(0.0, 0.0, 3.0, 1.0)
-ELL = shapely.union(shapely.box(0.0, 0.0, 2.0, 0.7), shapely.box(0.0, 0.0, 0.7, 2.0))
+TRIANGLE = Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]), "surface")
 
 
-def spiked(corners, inner, hole=0.0):
-    angles = np.pi * np.arange(2 * corners) / corners
-    spokes = np.where(np.arange(2 * corners) % 2, 1.0, inner)
-    shape = shapely.Polygon(np.stack([spokes * np.cos(angles), spokes * np.sin(angles)], axis=1))
-    return shape.difference(shapely.box(-hole, -hole, hole, hole)) if hole else shape
+def some(dim=2, seed=0, n=20):
+    rng = np.random.default_rng(seed)
+    centers, radii = rng.normal(size=(n, dim)) * 1e3, rng.random(n) * 10.0 ** rng.integers(-9, 3, n)
+    return Spheres(centers, radii, "outer", "greedy", Bounds(0.1, 0.3), Bounds(0.0, 1 / 3), Bounds(1e-17, 2e22))
 
 
-def bitmap(shape, seed, part=0.6):
-    return np.random.default_rng(seed).random(shape) < part
+@pytest.mark.parametrize("suffix", [".json", ".yaml", ".yml", ".JSON"])
+@pytest.mark.parametrize("dim", [2, 3])
+def test_files_keep_every_bit(tmp_path, suffix, dim):
+    spheres = some(dim)
+    file = spheres.save(tmp_path / f"balls{suffix}")
+    back = Spheres.open(file)
+    assert back.centers.tobytes() == spheres.centers.tobytes()
+    assert back.radii.tobytes() == spheres.radii.tobytes()
+    for name in ("kind", "method", "measure", "shape_measure", "hausdorff"):
+        assert getattr(back, name) == getattr(spheres, name)
 
 
-def cells_of(cells, spacing, lower=(0.0, 0.0)):
-    corners = np.argwhere(cells)
-    whole = shapely.union_all(shapely.box(*corners.T, *(corners + 1).T))
-    return shapely.transform(whole, lambda points: points * spacing + np.asarray(lower))
+def test_files_are_not_replaced_unasked(tmp_path):
+    file = some().save(tmp_path / "balls.json")
+    before = file.read_bytes()
+    with pytest.raises(FileError, match="exists"):
+        some(seed=1).save(file)
+    assert file.read_bytes() == before
+    some(seed=1).save(file, overwrite=True)
+    assert file.read_bytes() != before
+    assert len(list(tmp_path.iterdir())) == 1
 
 
-BITMAPS = {"bitmap": bitmap((12, 9), 0), "thin bitmap": bitmap((30, 4), 1, 0.8)}
-FLAT = {
-    "rectangle": RECTANGLE,
-    "ell": ELL,
-    "square": shapely.box(-5.0, 2.0, -4.0, 3.0),
-    "triangle": shapely.Polygon([(0, 0), (4, 0), (1, 2)]),
-    "needle": shapely.Polygon([(0, 0), (5, 0.1), (5, -0.1)]),
-    "star": spiked(7, 0.4),
-    "star with a hole": spiked(9, 0.6, 0.3),
-    "ring": shapely.Point(0, 0).buffer(1.0).difference(shapely.Point(0.2, 0).buffer(0.6)),
-    "parts": shapely.MultiPolygon([shapely.box(0, 0, 1, 1), shapely.box(2, 0, 2.3, 3)]),
-    "overlapping": [shapely.box(0, 0, 2, 1), shapely.box(1, 0.5, 3, 2)],
-    "tiny": shapely.box(0, 0, 3e-7, 1e-7),
-}
-SOLIDS = {
-    "box": trimesh.creation.box((1.0, 0.6, 0.4)),
-    "icosphere": trimesh.creation.icosphere(subdivisions=2),
-    "torus": trimesh.creation.torus(1.0, 0.3, major_sections=24, minor_sections=12),
-    "cone": trimesh.creation.cone(0.5, 1.2, sections=16),
-    "plate": trimesh.creation.box((1.0, 1.0, 0.02)),
-}
-WAYS = [
-    {"number": 40},
-    {"number": 40, "method": "medial"},
-    {"number": 40, "radius": "equal"},
-    {"part": 0.03},
-    {"part": 0.03, "method": "medial"},
-    {"part": 0.06, "radius": "equal"},
-]
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("{", "is not"),
+        ("[1]", "holds no balls"),
+        ('{"format": "other"}', "holds no balls"),
+        ('{"format": "cspace-spheres", "version": 7}', "version 7"),
+        ('{"format": "cspace-spheres", "version": 1}', "lacks"),
+        (
+            '{"format": "cspace-spheres", "version": 1, "kind": "inner", "method": "greedy", "measure": [0, 1], '
+            '"shape_measure": [0, 1], "hausdorff": [1, 0], "centers": [[0, 0]], "radii": [1]}',
+            "malformed",
+        ),
+        (
+            '{"format": "cspace-spheres", "version": 1, "kind": "inner", "method": "greedy", "measure": [0, 1], '
+            '"shape_measure": [0, 1], "hausdorff": [0, 1], "centers": [[0, 0]], "radii": [1, 2]}',
+            "malformed",
+        ),
+    ],
+)
+@pytest.mark.parametrize("suffix", [".json", ".yaml"])
+def test_damaged_files(tmp_path, text, words, suffix):
+    file = tmp_path / f"balls{suffix}"
+    file.write_text(text)
+    with pytest.raises(FileError, match=words):
+        Spheres.open(file)
 
 
-def way_for(way, size):
-    return {"tolerance": way["part"] * size, **{k: v for k, v in way.items() if k != "part"}} if "part" in way else way
+@pytest.mark.parametrize("suffix", [".json", ".yaml"])
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("radii", [10**400]),
+        ("centers", [[0, 10**400]]),
+        ("measure", [0, 10**400]),
+        ("measure", [0, 1, 2]),
+        ("measure", [1]),
+        ("measure", 3),
+        ("measure", "12"),
+        ("measure", {"1": 0, "2": 0}),
+        ("hausdorff", [0, None]),
+        ("kind", ["inner"]),
+        ("centers", {"x": 0}),
+        ("centers", [[0, 0], [1]]),
+        ("radii", [None]),
+    ],
+)
+def test_nonsense_in_files(tmp_path, key, value, suffix):
+    record = {"format": "cspace-spheres", "version": 1, "kind": "inner", "method": "greedy", "measure": [0, 1]}
+    record |= {"shape_measure": [0, 1], "hausdorff": [0, 1], "centers": [[0, 0]], "radii": [1]}
+    file = tmp_path / f"balls{suffix}"
+    dump = json.dumps if suffix == ".json" else yaml.safe_dump
+    file.write_text(dump(record))
+    assert len(Spheres.open(file)) == 1
+    file.write_text(dump(record | {key: value}))
+    with pytest.raises(FileError, match="malformed"):
+        Spheres.open(file)
 
 
-def sampled(shape, rng, number=4000):
-    """Points of a shape of the plane: in it, on its border, and its vertices."""
-    low, high = np.array(shape.bounds).reshape(2, 2)
-    points = rng.uniform(low, high, (number, 2))
-    border = shapely.boundary(shape)
-    along = shapely.line_interpolate_point(
-        shapely.get_parts(border)[:, None], rng.random(500)[None], normalized=True
-    ).ravel()
-    return np.vstack(
-        [
-            points[shapely.contains_xy(shape, *points.T)],
-            shapely.get_coordinates(along),
-            shapely.get_coordinates(shape),
-        ]
-    )
+def test_file_names(tmp_path):
+    with pytest.raises(InputError, match=r"\.txt"):
+        some().save(tmp_path / "balls.txt")
+    with pytest.raises(FileError, match="does not exist"):
+        Spheres.open(tmp_path / "none.yaml")
+    with pytest.raises(InputError, match="file name"):
+        Spheres.open(3)
 
 
-def gaps(points, spheres):
-    """Distances from points to a union of balls; below zero inside."""
-    way = np.linalg.norm(points[:, None] - spheres.centers, axis=2)
-    return (way - spheres.radii).min(axis=1)
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"radii": [0.0]}, "above zero"),
+        ({"kind": "around"}, "kind"),
+        ({"centers": [[0, np.nan]]}, "NaN"),
+        ({"measure": Bounds(-1, 1)}, "measure"),
+        ({"measure": (0.0, 1.0, 2.0)}, "two numbers"),
+        ({"hausdorff": 3.0}, "two numbers"),
+    ],
+)
+def test_bad_spheres(changes, words):
+    values = {"centers": [[0.0, 0.0]], "radii": [1.0], "kind": "inner", "method": "greedy"}
+    values |= {name: Bounds(0, 1) for name in ("measure", "shape_measure", "hausdorff")}
+    with pytest.raises(InputError, match=words):
+        Spheres(**(values | changes))
 
 
-def check_flat(spheres, shape, rng):
-    size = float(np.hypot(*np.ptp(np.array(shape.bounds).reshape(2, 2), axis=0)))
-    points = sampled(shape, rng)
-    low, high = spheres.hausdorff
-    assert 0.0 <= low <= high
-    # Polygons with many corners, inside and outside the discs.
-    count = 256
-    inner = shapely.union_all(shapely.buffer(shapely.points(spheres.centers), spheres.radii, quad_segs=count))
-    sag = 1.0 / math.cos(math.pi / (4 * count))
-    outer = shapely.union_all(shapely.buffer(shapely.points(spheres.centers), spheres.radii * sag, quad_segs=count))
-    if len(spheres) < 200:
-        assert inner.area <= spheres.measure.upper * (1 + 1e-9)
-        assert outer.area >= spheres.measure.lower * (1 - 1e-9)
-    assert spheres.volume_bounds.upper - spheres.volume_bounds.lower <= 1e-4 * spheres.volume_ratio
-    if spheres.kind == "inner":
-        centers = shapely.points(spheres.centers)
-        assert shapely.covers(shape, centers).all()
-        assert (spheres.radii <= shapely.distance(centers, shapely.boundary(shape)) + 1e-15 * size).all()
-        assert shapely.within(inner, shape.buffer(1e-9 * size))
-        found = float(gaps(points, spheres).max())
-        assert found <= high
-        assert low <= high <= found + 0.05 * size
-        assert spheres.volume_bounds.upper <= 1.0 + 1e-9
-    else:
-        assert (gaps(points, spheres) <= 0.0).all()
-        assert shape.difference(outer).area <= 1e-12 * size**2
-        around = np.linspace(0.0, 2 * np.pi, 60)
-        rim = spheres.centers[:, None] + spheres.radii[:, None, None] * np.stack([np.cos(around), np.sin(around)], -1)
-        found = float(shapely.distance(shapely.points(rim), shape).max())
-        assert found <= high + 1e-12 * size
-        assert low <= found + 0.05 * size
+@pytest.mark.parametrize(
+    ("shape", "options", "error", "words"),
+    [
+        (RECTANGLE, {}, InputError, "neither"),
+        (RECTANGLE, {"number": 3, "tolerance": 0.1}, InputError, "both"),
+        (RECTANGLE, {"number": 0}, InputError, "one at least"),
+        (RECTANGLE, {"number": 2.5}, InputError, "whole"),
+        (RECTANGLE, {"number": True}, InputError, "one at least"),
+        (RECTANGLE, {"tolerance": 0.0}, InputError, "tolerance"),
+        (RECTANGLE, {"tolerance": np.nan}, InputError, "tolerance"),
+        (RECTANGLE, {"tolerance": 1e-7}, InputError, "pass at least about"),
+        (RECTANGLE, {"number": 3, "kind": "both"}, InputError, "kind"),
+        (RECTANGLE, {"number": 3, "method": "random"}, InputError, "method"),
+        (RECTANGLE, {"number": 3, "radius": "same"}, InputError, "radius"),
+        (RECTANGLE, {"number": 3, "radius": -1.0}, InputError, "radius"),
+        (RECTANGLE, {"number": 3, "radius": 0.6}, InputError, "of radius 0.6 m"),
+        (RECTANGLE, {"number": 3, "radius": 0.2, "kind": "outer"}, InputError, "not found"),
+        (RECTANGLE, {"tolerance": 0.05, "radius": 0.4}, InputError, "proven to be within"),
+        (RECTANGLE, {"tolerance": 0.02, "radius": 0.3, "kind": "outer"}, InputError, "stick out by up to"),
+        (RECTANGLE, {"number": 3, "lower": (0, 0)}, InputError, "lower"),
+        (shapely.Polygon(), {"number": 3}, GeometryError, "empty"),
+        ([], {"number": 3}, GeometryError, "empty"),
+        (shapely.Polygon([(0, 0), (1, 1), (1, 0), (0, 1)]), {"number": 3}, GeometryError, "not valid"),
+        (shapely.LineString([(0, 0), (1, 1)]), {"number": 3}, GeometryError, "no inside"),
+        ([(0, 0), (1, 1)], {"number": 3}, GeometryError, "three"),
+        (TRIANGLE, {"number": 3}, GeometryError, "no inside"),
+        (Mesh(TRIANGLE.vertices, TRIANGLE.faces, "fill"), {"number": 3}, InputError, "fill"),
+        (np.zeros((3, 3), bool), {"number": 3, "spacing": 1.0}, GeometryError, "no True cell"),
+        (np.ones((3, 3), bool), {"number": 3}, InputError, "spacing"),
+        (np.ones((3, 3), bool), {"number": 3, "spacing": 0.0}, InputError, "spacing"),
+        (np.ones((3, 3), bool), {"number": 3, "spacing": 1.0, "lower": (0, 0, 0)}, InputError, "lower"),
+        (np.ones(3, bool), {"number": 3, "spacing": 1.0}, InputError, "axes"),
+        (np.array(5.0), {"number": 3}, InputError, "axes"),
+        (shapely.Point(3, 4), {"number": 3, "kind": "outer"}, InputError, "pass a tolerance"),
+    ],
+    ids=str,
+)
+def test_refusals(shape, options, error, words):
+    with pytest.raises(error, match=words):
+        decompose(shape, **options)
 
 
-@pytest.mark.parametrize("way", WAYS, ids=str)
-@pytest.mark.parametrize("kind", ["inner", "outer"])
-@pytest.mark.parametrize("name", FLAT)
-def test_flat_shapes(name, kind, way):
-    shape = FLAT[name]
-    whole = shapely.union_all(shape) if isinstance(shape, list) else shape
-    size = float(np.hypot(*np.ptp(np.array(whole.bounds).reshape(2, 2), axis=0)))
-    if name == "needle" and kind == "inner" and way.get("radius"):
-        way = {**way, "part": 0.2} if "part" in way else way
-    spheres = decompose(shape, kind=kind, **way_for(way, size))
-    check_flat(spheres, whole, np.random.default_rng(0))
-    if "number" in way:
-        assert len(spheres) <= way["number"]
-    else:
-        assert spheres.hausdorff.upper <= way_for(way, size)["tolerance"] * (1 + 1e-9) * (
-            1.0 if kind == "outer" else 1.1
-        )
-    if way.get("radius"):
-        assert np.ptp(spheres.radii) == 0.0
+def test_memory_is_looked_at(monkeypatch):
+    monkeypatch.setattr("cspace.memory.free_bytes", lambda: 10_000)
+    with pytest.raises(InputError, match="memory"):
+        decompose(RECTANGLE, number=5)
 
 
-@pytest.mark.parametrize("kind", ["inner", "outer"])
-@pytest.mark.parametrize("name", BITMAPS)
-@pytest.mark.parametrize("way", WAYS[:4], ids=str)
-def test_bitmaps(name, kind, way):
-    cells, lower = BITMAPS[name], (0.3, -2.0)
-    spheres = decompose(cells, spacing=0.1, lower=lower, kind=kind, **way_for(way, 1.5))
-    check_flat(spheres, cells_of(cells, 0.1, lower), np.random.default_rng(0))
+def test_pictures():
+    spheres = decompose(RECTANGLE, number=6)
+    ax = spheres.plot()
+    assert "6 inner discs" in ax.get_title()
+    assert sum(len(c.get_offsets()) for c in ax.collections if hasattr(c, "_widths")) == 6
+    low, high = ax.get_xlim()
+    assert low < 0.0 < 3.0 < high
+    again = spheres.plot(ax, shape=None, title="mine")
+    assert again is ax and ax.get_title() == "mine"
+    with pytest.raises(InputError, match="coordinates"):
+        spheres.plot(shape=trimesh.creation.box())
 
 
-@pytest.mark.parametrize("kind", ["inner", "outer"])
-def test_a_large_bitmap_is_taken_in_blocks(kind):
-    x, y = np.mgrid[:700, :500]
-    cells = (x - 350) ** 2 / 3 + (y - 250) ** 2 < 150**2
-    spheres = decompose(cells, spacing=0.01, kind=kind, number=10)
-    points = (np.argwhere(cells) + np.random.default_rng(0).random((int(cells.sum()), 2))) * 0.01
-    near = gaps(points, spheres)
-    assert spheres.volume_ratio > 0.85
-    assert near.max() <= (spheres.hausdorff.upper if kind == "inner" else 0.0)
+def test_pictures_in_space():
+    from matplotlib.figure import Figure
 
-
-@pytest.mark.parametrize("shape", [RECTANGLE, ELL], ids=["3:1", "ell"])
-@pytest.mark.parametrize("method", ["greedy", "medial"])
-def test_64_balls_fill_nine_tenths(shape, method):
-    spheres = decompose(shape, number=64, method=method)
-    discs = shapely.union_all(shapely.buffer(shapely.points(spheres.centers), spheres.radii, quad_segs=64))
-    assert discs.area / shape.area > 0.98
-    assert spheres.volume_ratio == pytest.approx(discs.area / shape.area, abs=1e-3)
-
-
-@settings(max_examples=25)
-@given(stars(), st.sampled_from(["inner", "outer"]), st.sampled_from(WAYS[:5]), seeds)
-def test_random_polygons(vertices, kind, way, seed):
-    shape = shapely.Polygon(vertices)
-    size = float(np.hypot(*np.ptp(vertices, axis=0)))
-    spheres = decompose(vertices, kind=kind, **way_for(way, size))
-    check_flat(spheres, shape, np.random.default_rng(seed))
-
-
-def check_solid(spheres, mesh, rng):
-    triangles = np.asarray(mesh.triangles)
-    size = float(np.linalg.norm(np.ptp(triangles.reshape(-1, 3), axis=0)))
-    low, high = mesh.bounds
-    surface = np.vstack([sample_surface(triangles, 3000, rng), np.asarray(mesh.vertices)])
-    points = rng.uniform(low, high, (400, 3))
-    points = np.vstack([surface, points[winds_around(points, triangles)]])
-    near = gaps(points, spheres)
-    if spheres.kind == "inner":
-        assert winds_around(spheres.centers, triangles).all()
-        assert (spheres.radii <= distance_to_triangles(spheres.centers, triangles) + 1e-12 * size).all()
-        assert near.max() <= spheres.hausdorff.upper
-        assert spheres.hausdorff.lower <= near.max() + 0.05 * size
-        assert spheres.volume_bounds.lower <= 1.0
-    else:
-        assert (near <= 0.0).all()
-        turns = rng.normal(size=(20, 3))
-        turns /= np.linalg.norm(turns, axis=1)[:, None]
-        rim = (spheres.centers[:, None] + spheres.radii[:, None, None] * turns).reshape(-1, 3)
-        rim = rim[rng.choice(len(rim), min(300, len(rim)), replace=False)]
-        out = np.where(winds_around(rim, triangles), 0.0, distance_to_triangles(rim, triangles))
-        assert out.max() <= spheres.hausdorff.upper
-        assert spheres.volume_bounds.upper >= 1.0 - 1e-9
-    held = rng.uniform(low - 0.3, high + 0.3, (100_000, 3))
-    share = (gaps(held, spheres) <= 0.0).mean() * float(np.prod(high - low + 0.6))
-    if (spheres.centers - spheres.radii[:, None] > low - 0.3).all():
-        assert spheres.measure.lower * 0.93 - 0.02 <= share <= spheres.measure.upper * 1.07 + 0.02
-
-
-@pytest.mark.parametrize("way", [*WAYS[:3], {"part": 0.08}, {"part": 0.1, "radius": "equal"}], ids=str)
-@pytest.mark.parametrize("kind", ["inner", "outer"])
-@pytest.mark.parametrize("name", SOLIDS)
-def test_solids(name, kind, way):
-    mesh = SOLIDS[name]
-    size = float(np.linalg.norm(mesh.extents))
-    spheres = decompose(mesh, kind=kind, **way_for(way, size))
-    check_solid(spheres, mesh, np.random.default_rng(0))
-    if "part" in way:
-        assert spheres.hausdorff.upper <= 1.1 * way["part"] * size
-
-
-@pytest.mark.parametrize("kind", ["inner", "outer"])
-def test_voxels(kind):
-    cells = bitmap((6, 5, 7), 3)
-    spheres = decompose(cells, spacing=0.2, kind=kind, number=60)
-    points = (np.argwhere(cells)[:, None] + np.random.default_rng(1).random((60, 3))).reshape(-1, 3) * 0.2
-    corners = (np.argwhere(cells)[:, None] + np.argwhere(np.ones((2, 2, 2)))).reshape(-1, 3) * 0.2
-    near = gaps(np.vstack([points, corners]), spheres)
-    assert near.max() <= (spheres.hausdorff.upper if kind == "inner" else 0.0)
-    if kind == "inner":
-        turns = np.random.default_rng(2).normal(size=(200, 3))
-        turns /= np.linalg.norm(turns, axis=1)[:, None]
-        rim = (spheres.centers[:, None] + 0.999999 * spheres.radii[:, None, None] * turns).reshape(-1, 3)
-        assert cells[tuple(np.floor(rim / 0.2).astype(int).T)].all()
-
-
-def test_open_surfaces_and_lines_can_be_covered():
-    sheet = Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0.2]]), np.array([[0, 1, 2]]), "surface")
-    spheres = decompose(sheet, kind="outer", number=30)
-    assert (gaps(sample_surface(sheet.triangles, 5000, np.random.default_rng(0)), spheres) <= 0.0).all()
-    assert math.isinf(spheres.volume_ratio)
-    line = shapely.LineString([(0, 0), (1, 2), (3, 2)])
-    spheres = decompose(line, kind="outer", tolerance=0.1)
-    along = shapely.get_coordinates(shapely.line_interpolate_point(line, np.linspace(0, 1, 999), normalized=True))
-    assert (gaps(along, spheres) <= 0.0).all()
-    assert spheres.hausdorff.upper <= 0.1
-
-
-def test_balls_in_a_hollow_mesh_stay_out_of_the_cavity():
-    hull, hole = trimesh.creation.box((1, 1, 1)), trimesh.creation.box((0.6, 0.6, 0.6))
-    hole.invert()
-    hollow = trimesh.util.concatenate([hull, hole])
-    spheres = decompose(hollow, number=50)
-    away = np.linalg.norm(np.maximum(np.abs(spheres.centers) - 0.3, 0.0), axis=1)
-    assert (spheres.radii <= away).all()
-    assert (spheres.radii <= 0.5 - np.abs(spheres.centers).max(axis=1)).all()
-    assert spheres.shape_measure.lower <= 1 - 0.6**3 <= spheres.shape_measure.upper
-
-
-def test_one_radius_of_ones_own():
-    spheres = decompose(RECTANGLE, radius=0.2, number=30)
-    assert (spheres.radii == 0.2).all()
-    spheres = decompose(RECTANGLE, radius=0.4, number=30, kind="outer")
-    assert (spheres.radii == 0.4).all()
-    assert (gaps(sampled(RECTANGLE, np.random.default_rng(0)), spheres) <= 0.0).all()
-
-
-def test_the_same_call_gives_the_same_balls():
-    one, other = (decompose(ELL, number=20) for _ in range(2))
-    assert (one.centers == other.centers).all()
-    assert (one.radii == other.radii).all()
-
-
-def test_shapes_as_geojson_and_wkt():
-    by_shape = decompose(RECTANGLE, number=5)
-    for same in (RECTANGLE.wkt, json.loads(shapely.to_geojson(RECTANGLE)), np.array(RECTANGLE.exterior.coords)):
-        assert np.allclose(decompose(same, number=5).radii, by_shape.radii)
-
-
-def test_real_shapes(data):
-    folder = data / "polygons"
-    rng = np.random.default_rng(0)
-    cars = json.loads((folder / "parking1.geojson").read_text())["features"][:4]
-    for shape in (
-        shapely.from_geojson((folder / "car.geojson").read_text()),
-        *(shapely.geometry.shape(car["geometry"]) for car in cars),
-    ):
-        for kind in ("inner", "outer"):
-            check_flat(decompose(shape, kind=kind, number=40), shape, rng)
-    for file in ("LTunnel/l-robot.obj", "ZTunnel/robot.obj"):
-        mesh = Mesh.of(data / "solids" / file)
-        for kind in ("inner", "outer") if mesh.encloses else ("outer",):
-            spheres = decompose(data / "solids" / file, kind=kind, number=60)
-            points = np.vstack([mesh.vertices, sample_surface(mesh.triangles, 4000, rng)])
-            near = gaps(points, spheres)
-            assert near.max() <= (spheres.hausdorff.upper if kind == "inner" else 0.0)
-            if kind == "inner":
-                assert (spheres.radii <= distance_to_triangles(spheres.centers, mesh.triangles) + 1e-9).all()
-
-
-def test_the_area_of_discs_that_nearly_touch_is_within_its_bounds():
-    """Where circles nearly touch, angles have few digits; but an area grows with the radii, and no faster than borders
-    are long."""
-    rng = np.random.default_rng(0)
-    for _ in range(200):
-        u = np.exp(1j * rng.uniform(0.0, 6.28))
-        one, two, three = rng.uniform(0.3, 3.0, 3)
-        middle = complex(*rng.uniform(-5.0, 5.0, 2))
-        gap = rng.choice([-1.0, 1.0]) * 10.0 ** rng.uniform(-17.0, -13.0)
-        beside = middle + u * (one + rng.choice([-1.0, 1.0]) * two + gap)
-        # A third one whose border runs through where they touch.
-        through = middle + u * one + three * np.exp(1j * rng.uniform(0.0, 6.28))
-        centers = np.array([[p.real, p.imag] for p in (middle, beside, through)])
-        radii = np.array([one, two, three])
-        change = 3e-13
-        less, same, more = (measure_of_balls(centers, radii * (1.0 + s * change)) for s in (-1.0, 0.0, 1.0))
-        border = 2.0 * np.pi * float((radii**2).sum()) * change
-        assert less[0] <= same[1] and same[0] <= more[1]
-        assert same[0] - border <= less[1] and more[0] <= same[1] + border
-        assert same[1] - same[0] <= 1e-6 * same[0]
-
-
-def test_the_area_of_discs_that_all_but_coincide():
-    for gaps in ([0.0, 0.0], [1e-17, 1e-13], [1e-9, 1e-8], [1e-7, -1e-7]):
-        centers = np.array([[0.0, 0.0], *([gap, 0.5 * gap] for gap in gaps)])
-        low, high = measure_of_balls(centers, np.ones(3))
-        spread = math.hypot(1.0, 0.5) * (max(0.0, *gaps) - min(0.0, *gaps))
-        assert low <= math.pi + 2.0 * spread and math.pi <= high
-        assert high - low <= 1e-5
-    grid = np.stack(np.meshgrid(np.arange(12.0), np.arange(12.0)), axis=-1).reshape(-1, 2)
-    low, high = measure_of_balls(grid, np.full(144, 0.5))
-    assert low <= 36.0 * math.pi <= high <= low * (1.0 + 1e-7)
-    # Those at the corners of each square meet in its middle, two by two just touching.
-    low, high = measure_of_balls(grid, np.full(144, math.sqrt(0.5)))
-    assert low <= 121.0 + 44.0 * (math.pi / 8.0 + 0.25) + 4.0 * math.pi / 8.0 <= high
-    assert high <= low * (1.0 + 1e-6)
+    spheres = decompose(trimesh.creation.box(), number=5, kind="outer")
+    ax = spheres.plot()
+    ax.figure.canvas.draw()
+    assert "outer balls" in ax.get_title()
+    with pytest.raises(InputError, match="3d"):
+        spheres.plot(Figure().add_subplot())

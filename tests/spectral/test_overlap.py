@@ -69,7 +69,7 @@ def placements(overlap: FourierOverlap, rng: np.random.Generator, number: int) -
 
 
 @pytest.mark.parametrize("dim", DIMS)
-@pytest.mark.parametrize("alpha", [2.0, 4.0, math.inf])
+@pytest.mark.parametrize("alpha", [2.0, math.inf])
 def test_values_are_those_of_the_balls_but_for_the_stated_bound(dim: int, alpha: float) -> None:
     a, b, rng = ball_sets(dim, 3)
     overlap = FourierOverlap(a, b, bump=Bump(alpha), band=60.0 if dim == 2 else 30.0)
@@ -88,11 +88,11 @@ def test_values_are_the_integral_of_the_product_of_the_sampled_descriptors(dim: 
     overlap = FourierOverlap(BallDescriptor(*a), BallDescriptor(*b))
     t = b[0][0] - a[0][0] + 0.05
     lower, upper = BallDescriptor(*b).bounds
-    side = float((upper - lower).max()) / (600 if dim == 2 else 120)
+    side = float((upper - lower).max()) / (600 if dim == 2 else 80)
     axes = [np.arange(low, high, side) for low, high in zip(lower, upper, strict=True)]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     product = BallDescriptor(*b)(points) * BallDescriptor(*a)(points - t)
-    assert overlap.value(t) == pytest.approx(product.sum() * side**dim, rel=2e-3, abs=overlap.bound)
+    assert overlap.value(t) == pytest.approx(product.sum() * side**dim, rel=4e-3, abs=overlap.bound)
     assert product.sum() > 0.0
 
 
@@ -174,7 +174,7 @@ def test_turned_is_made_of_turned_centers(dim: int) -> None:
 # ---- what verdicts prove ---------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=12)
+@settings(max_examples=8)
 @given(seeds, st.sampled_from(DIMS), st.sampled_from([1.0, 2.0, 4.0, math.inf]), st.sampled_from([0.5, 0.05]))
 def test_a_verdict_is_right_about_the_ideal_overlap(seed: int, dim: int, alpha: float, share: float) -> None:
     a, b, rng = ball_sets(dim, seed)

@@ -10,16 +10,32 @@ import pytest
 import planners
 from cspace import FREE, CSpace, InputError, Robot, Workspace, build
 from cspace.spectral import FourierOverlap, OverlapField
-from test_carried_field import KINDS, OBSTACLE, RADIUS, carrying, scene
 
 pytest.importorskip("finufft")
 
+OBSTACLE, RADIUS = (1.0, 0.32, 0.5), 0.3
+KINDS = ["plane", "turning", "shared", "space"]
 OBSTACLES = np.array([[1.5, 1.0], [1.5, 1.4], [3.0, 2.6], [3.3, 2.4]]), np.full(4, 0.3)
 ROBOT = np.array([[-0.2, 0.0], [0.2, 0.0], [0.3, 0.1]]), np.array([0.15, 0.15, 0.1])
 
 
 def overlap_of(robot: Any, obstacles: Any, **options: Any) -> FourierOverlap:
     return FourierOverlap.of_shapes(robot, obstacles, swell=0.15, tolerance=1e-3, **options)
+
+
+def scene(kind: str, **options: Any) -> tuple[CSpace, FourierOverlap]:
+    """A ball, below a straight way along x, and a robot of balls that passes it at a distance of 0.14 m."""
+    dim = 3 if kind == "space" else 2
+    centers, radii = np.array([OBSTACLE[:dim]]), np.array([RADIUS])
+    balls = np.zeros((1 if kind in ("plane", "space") else 2, dim))
+    balls[1:, 0] = 0.15
+    if kind == "shared":
+        balls[0, 0] = -0.15
+    robot = balls, np.full(len(balls), 0.12)
+    workspace = Workspace.from_balls(centers, radii, 0.05, bounds=(*[0.0] * dim, *(2.0, 1.6, 1.0)[:dim]))
+    turns = 12 if kind in ("turning", "shared") else None
+    overlap = FourierOverlap.of_shapes(robot, (centers, radii), swell=0.2)
+    return build(workspace, Robot.balls(*robot), rotations=turns, **options), overlap
 
 
 @pytest.fixture(scope="module", params=["plane", "turning", "space"])
@@ -46,7 +62,7 @@ def test_the_field_is_the_overlap_and_its_gradient_at_the_cells(
     largest = field.values.max()
     assert largest > 1e-3
     for _ in range(20):
-        number, *cell = (int(rng.integers(n)) for n in space._map.states.shape)
+        number, *cell = (int(rng.integers(n)) for n in (field.values.size // space.grid.size, *space.grid.shape))
         placed = overlap
         if space.rotations is not None:
             placed = overlap.rotated(float(space.rotations.representatives[number]))
@@ -69,9 +85,9 @@ def test_between_the_cells_it_is_linear(case: tuple[CSpace, FourierOverlap]) -> 
         q, middles = np.column_stack([q, yaw]), np.column_stack([middles, yaw])
     from scipy.interpolate import RegularGridInterpolator
 
-    stack = field.values.reshape(space._map.states.shape)
+    stack = field.values.reshape(-1, *space.grid.shape)
     axes = [space.grid.centers(axis) for axis in range(dim)]
-    numbers = space._map.slice_of[space._rotations.cells_of(q)]
+    numbers = space.rotations.cell_of(q[:, 2]) if space.rotations is not None else np.zeros(200, dtype=int)
     places = np.clip(q[:, :dim], [axis[0] for axis in axes], [axis[-1] for axis in axes])
     expected = [RegularGridInterpolator(axes, stack[n])(p)[0] for n, p in zip(numbers, places, strict=True)]
     assert field.at(q) == pytest.approx(np.maximum(expected, 0.0), abs=1e-12)
@@ -152,7 +168,7 @@ def test_other_fields_and_values_are_refused(case: tuple[CSpace, FourierOverlap]
     for options in ({"weight": -1.0}, {"full": 0.0}, {"turning_radius": 1.0}):
         with pytest.raises(InputError):
             planners.OverlapObjective(si, space, field, **options)
-    with pytest.raises(InputError, match="the fields are penetration;"):
+    with pytest.raises(InputError, match="fields are penetration;"):
         OverlapField(space, {"penetration": field.values})
     with pytest.raises(InputError, match="shape"):
         OverlapField(space, {**field.arrays, "penetration_x": np.zeros(3)})
@@ -179,6 +195,36 @@ def test_without_overlap_the_objective_is_the_length() -> None:
 def carried(request: pytest.FixtureRequest) -> CSpace:
     space, overlap = scene(request.param)
     return space.with_overlap_field(overlap)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_map_is_the_same_and_an_update_lets_the_field_go(kind: str) -> None:
+    space, overlap = scene(kind)
+    made, expected = space.with_overlap_field(overlap), OverlapField.of(space, overlap)
+    assert space.overlap_field is None and made.overlap_field is not None
+    assert made.overlap_field.space is made and made.overlap_field.values.max() > 0.0
+    for name, array in made.overlap_field.arrays.items():
+        np.testing.assert_array_equal(array, expected.arrays[name])
+        with pytest.raises(ValueError, match="read-only"):
+            array[...] = 0.0
+    before = space.state.copy()
+    box, corner = np.ones((3,) * space.grid.dim, bool), (4,) * space.grid.dim
+    made.update(box, corner)
+    assert made.overlap_field is None and (space.state == before).all()
+    again = made.with_overlap_field(overlap)  # of a map that has a workspace of its own by now
+    after = again.state.copy()
+    made.update(~box, corner)
+    assert (again.state == after).all() and again.overlap_field is not None
+
+
+def test_a_second_field_takes_the_place_of_the_first() -> None:
+    space, overlap = scene("plane")
+    first = space.with_overlap_field(overlap)
+    wide = FourierOverlap.of_shapes(([[0.0, 0.0]], 0.12), ([[1.0, 0.32]], 0.3), swell=0.4)
+    second = first.with_overlap_field(wide)
+    assert first.overlap_field is not None and second.overlap_field is not None
+    np.testing.assert_array_equal(second.overlap_field.values, OverlapField.of(space, wide).values)
+    np.testing.assert_array_equal(first.overlap_field.values, OverlapField.of(space, overlap).values)
 
 
 def ends_of(space: CSpace) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -239,18 +285,17 @@ def test_the_objective_by_name_is_that_of_the_carried_field(carried: CSpace) -> 
         np.testing.assert_array_equal(plan.waypoints, plans[0].waypoints)
 
 
-def test_a_map_without_a_field_has_no_such_objective(carried: CSpace) -> None:
-    plain = carrying(carried, None)
+def test_a_map_without_a_field_has_no_such_objective() -> None:
+    plain, overlap = scene("plane")
+    carried = plain.with_overlap_field(overlap)
     start, goal = ends_of(plain)
     si = planners.simple_setup(plain).getSpaceInformation()
-    with pytest.raises(InputError, match=r"carries no overlap field .* plan on space\.with_overlap_field"):
+    with pytest.raises(InputError, match=r"the map carries none; .* plan on space\.with_overlap_field"):
         planners.OverlapObjective(si, plain)
     for end in (goal, start):  # also where nothing is to be searched
-        with pytest.raises(InputError, match="carries no overlap field"):
+        with pytest.raises(InputError, match="the map carries none"):
             planners.plan(plain, start, end, planner="RRTstar", objective="overlap")
     with pytest.raises(InputError, match="another map"):
         planners.OverlapObjective(si, plain, carried.overlap_field)
-    with pytest.raises(InputError, match=r"objective is 'overlap' and planner is 'RRT'; RRT heeds no objective"):
+    with pytest.raises(InputError, match="RRT heeds no objective"):
         planners.plan(carried, start, goal, planner="RRT", objective="overlap")
-    with pytest.raises(InputError, match="must be 'length', 'clearance', 'overlap', or a function"):
-        planners.plan(carried, start, goal, planner="RRTstar", objective="beauty")

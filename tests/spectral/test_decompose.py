@@ -1,0 +1,331 @@
+"""Balls in shapes and balls that cover them: what is promised holds, by shapely and plain distances to triangles."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+import shapely
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cspace.shapes.mesh import Mesh
+from cspace.spectral import decompose
+from cspace.spectral.measures import measure_of_balls
+from solid_oracles import distance_to_triangles, sample_surface, winds_around
+from strategies import seeds, stars
+
+RECTANGLE = shapely.box(0.0, 0.0, 3.0, 1.0)
+ELL = shapely.union(shapely.box(0.0, 0.0, 2.0, 0.7), shapely.box(0.0, 0.0, 0.7, 2.0))
+
+
+def spiked(corners, inner, hole=0.0):
+    angles = np.pi * np.arange(2 * corners) / corners
+    spokes = np.where(np.arange(2 * corners) % 2, 1.0, inner)
+    shape = shapely.Polygon(np.stack([spokes * np.cos(angles), spokes * np.sin(angles)], axis=1))
+    return shape.difference(shapely.box(-hole, -hole, hole, hole)) if hole else shape
+
+
+def bitmap(shape, seed, part=0.6):
+    return np.random.default_rng(seed).random(shape) < part
+
+
+def cells_of(cells, spacing, lower=(0.0, 0.0)):
+    corners = np.argwhere(cells)
+    whole = shapely.union_all(shapely.box(*corners.T, *(corners + 1).T))
+    return shapely.transform(whole, lambda points: points * spacing + np.asarray(lower))
+
+
+BITMAPS = {"bitmap": bitmap((12, 9), 0), "thin bitmap": bitmap((30, 4), 1, 0.8)}
+FLAT = {
+    "rectangle": RECTANGLE,
+    "ell": ELL,
+    "square": shapely.box(-5.0, 2.0, -4.0, 3.0),
+    "triangle": shapely.Polygon([(0, 0), (4, 0), (1, 2)]),
+    "needle": shapely.Polygon([(0, 0), (5, 0.1), (5, -0.1)]),
+    "star": spiked(7, 0.4),
+    "star with a hole": spiked(9, 0.6, 0.3),
+    "ring": shapely.Point(0, 0).buffer(1.0).difference(shapely.Point(0.2, 0).buffer(0.6)),
+    "parts": shapely.MultiPolygon([shapely.box(0, 0, 1, 1), shapely.box(2, 0, 2.3, 3)]),
+    "overlapping": [shapely.box(0, 0, 2, 1), shapely.box(1, 0.5, 3, 2)],
+    "tiny": shapely.box(0, 0, 3e-7, 1e-7),
+}
+SOLIDS = {
+    "box": trimesh.creation.box((1.0, 0.6, 0.4)),
+    "icosphere": trimesh.creation.icosphere(subdivisions=2),
+    "torus": trimesh.creation.torus(1.0, 0.3, major_sections=24, minor_sections=12),
+    "cone": trimesh.creation.cone(0.5, 1.2, sections=16),
+    "plate": trimesh.creation.box((1.0, 1.0, 0.02)),
+}
+WAYS = [
+    {"number": 40},
+    {"number": 40, "method": "medial"},
+    {"number": 40, "radius": "equal"},
+    {"part": 0.03},
+    {"part": 0.03, "method": "medial"},
+    {"part": 0.06, "radius": "equal"},
+]
+
+
+def way_for(way, size):
+    return {"tolerance": way["part"] * size, **{k: v for k, v in way.items() if k != "part"}} if "part" in way else way
+
+
+def sampled(shape, rng, number=4000):
+    """Points of a shape of the plane: in it, on its border, and its vertices."""
+    low, high = np.array(shape.bounds).reshape(2, 2)
+    points = rng.uniform(low, high, (number, 2))
+    border = shapely.boundary(shape)
+    along = shapely.line_interpolate_point(
+        shapely.get_parts(border)[:, None], rng.random(500)[None], normalized=True
+    ).ravel()
+    return np.vstack(
+        [
+            points[shapely.contains_xy(shape, *points.T)],
+            shapely.get_coordinates(along),
+            shapely.get_coordinates(shape),
+        ]
+    )
+
+
+def gaps(points, spheres):
+    """Distances from points to a union of balls; below zero inside."""
+    way = np.linalg.norm(points[:, None] - spheres.centers, axis=2)
+    return (way - spheres.radii).min(axis=1)
+
+
+def check_flat(spheres, shape, rng):
+    size = float(np.hypot(*np.ptp(np.array(shape.bounds).reshape(2, 2), axis=0)))
+    points = sampled(shape, rng)
+    low, high = spheres.hausdorff
+    assert 0.0 <= low <= high
+    # Polygons with many corners, inside and outside the discs.
+    count = 256
+    inner = shapely.union_all(shapely.buffer(shapely.points(spheres.centers), spheres.radii, quad_segs=count))
+    sag = 1.0 / math.cos(math.pi / (4 * count))
+    outer = shapely.union_all(shapely.buffer(shapely.points(spheres.centers), spheres.radii * sag, quad_segs=count))
+    if len(spheres) < 200:
+        assert inner.area <= spheres.measure.upper * (1 + 1e-9)
+        assert outer.area >= spheres.measure.lower * (1 - 1e-9)
+    assert spheres.volume_bounds.upper - spheres.volume_bounds.lower <= 1e-4 * spheres.volume_ratio
+    if spheres.kind == "inner":
+        centers = shapely.points(spheres.centers)
+        assert shapely.covers(shape, centers).all()
+        assert (spheres.radii <= shapely.distance(centers, shapely.boundary(shape)) + 1e-15 * size).all()
+        assert shapely.within(inner, shape.buffer(1e-9 * size))
+        found = float(gaps(points, spheres).max())
+        assert found <= high
+        assert low <= high <= found + 0.05 * size
+        assert spheres.volume_bounds.upper <= 1.0 + 1e-9
+    else:
+        assert (gaps(points, spheres) <= 0.0).all()
+        assert shape.difference(outer).area <= 1e-12 * size**2
+        around = np.linspace(0.0, 2 * np.pi, 60)
+        rim = spheres.centers[:, None] + spheres.radii[:, None, None] * np.stack([np.cos(around), np.sin(around)], -1)
+        found = float(shapely.distance(shapely.points(rim), shape).max())
+        assert found <= high + 1e-12 * size
+        assert low <= found + 0.05 * size
+
+
+# Each shape in two of the ways, so that every way meets shapes of each sort.
+CASES = [(name, WAYS[n % 6]) for n, name in enumerate(FLAT)] + [
+    (name, WAYS[(n + 3) % 6]) for n, name in enumerate(FLAT)
+]
+
+
+@pytest.mark.parametrize("kind", ["inner", "outer"])
+@pytest.mark.parametrize(("name", "way"), CASES, ids=str)
+def test_flat_shapes(name, kind, way):
+    shape = FLAT[name]
+    whole = shapely.union_all(shape) if isinstance(shape, list) else shape
+    size = float(np.hypot(*np.ptp(np.array(whole.bounds).reshape(2, 2), axis=0)))
+    if name == "needle" and kind == "inner" and way.get("radius"):
+        way = {**way, "part": 0.2} if "part" in way else way
+    spheres = decompose(shape, kind=kind, **way_for(way, size))
+    check_flat(spheres, whole, np.random.default_rng(0))
+    if "number" in way:
+        assert len(spheres) <= way["number"]
+    else:
+        assert spheres.hausdorff.upper <= way_for(way, size)["tolerance"] * (1 + 1e-9) * (
+            1.0 if kind == "outer" else 1.1
+        )
+    if way.get("radius"):
+        assert np.ptp(spheres.radii) == 0.0
+
+
+@pytest.mark.parametrize("kind", ["inner", "outer"])
+@pytest.mark.parametrize("name", BITMAPS)
+@pytest.mark.parametrize("way", [WAYS[0], WAYS[4]], ids=str)
+def test_bitmaps(name, kind, way):
+    cells, lower = BITMAPS[name], (0.3, -2.0)
+    spheres = decompose(cells, spacing=0.1, lower=lower, kind=kind, **way_for(way, 1.5))
+    check_flat(spheres, cells_of(cells, 0.1, lower), np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("kind", ["inner", "outer"])
+def test_a_large_bitmap_is_taken_in_blocks(kind):
+    x, y = np.mgrid[:700, :500]
+    cells = (x - 350) ** 2 / 3 + (y - 250) ** 2 < 150**2
+    spheres = decompose(cells, spacing=0.01, kind=kind, number=10)
+    points = (np.argwhere(cells) + np.random.default_rng(0).random((int(cells.sum()), 2))) * 0.01
+    near = gaps(points, spheres)
+    assert spheres.volume_ratio > 0.85
+    assert near.max() <= (spheres.hausdorff.upper if kind == "inner" else 0.0)
+
+
+@pytest.mark.parametrize("shape", [RECTANGLE, ELL], ids=["3:1", "ell"])
+@pytest.mark.parametrize("method", ["greedy", "medial"])
+def test_64_balls_fill_nine_tenths(shape, method):
+    spheres = decompose(shape, number=64, method=method)
+    discs = shapely.union_all(shapely.buffer(shapely.points(spheres.centers), spheres.radii, quad_segs=64))
+    assert discs.area / shape.area > 0.98
+    assert spheres.volume_ratio == pytest.approx(discs.area / shape.area, abs=1e-3)
+
+
+@settings(max_examples=10)
+@given(stars(), st.sampled_from(["inner", "outer"]), st.sampled_from(WAYS[:5]), seeds)
+def test_random_polygons(vertices, kind, way, seed):
+    shape = shapely.Polygon(vertices)
+    size = float(np.hypot(*np.ptp(vertices, axis=0)))
+    spheres = decompose(vertices, kind=kind, **way_for(way, size))
+    check_flat(spheres, shape, np.random.default_rng(seed))
+
+
+def check_solid(spheres, mesh, rng):
+    triangles = np.asarray(mesh.triangles)
+    size = float(np.linalg.norm(np.ptp(triangles.reshape(-1, 3), axis=0)))
+    low, high = mesh.bounds
+    surface = np.vstack([sample_surface(triangles, 3000, rng), np.asarray(mesh.vertices)])
+    points = rng.uniform(low, high, (400, 3))
+    points = np.vstack([surface, points[winds_around(points, triangles)]])
+    near = gaps(points, spheres)
+    if spheres.kind == "inner":
+        assert winds_around(spheres.centers, triangles).all()
+        assert (spheres.radii <= distance_to_triangles(spheres.centers, triangles) + 1e-12 * size).all()
+        assert near.max() <= spheres.hausdorff.upper
+        assert spheres.hausdorff.lower <= near.max() + 0.05 * size
+        assert spheres.volume_bounds.lower <= 1.0
+    else:
+        assert (near <= 0.0).all()
+        turns = rng.normal(size=(20, 3))
+        turns /= np.linalg.norm(turns, axis=1)[:, None]
+        rim = (spheres.centers[:, None] + spheres.radii[:, None, None] * turns).reshape(-1, 3)
+        rim = rim[rng.choice(len(rim), min(300, len(rim)), replace=False)]
+        out = np.where(winds_around(rim, triangles), 0.0, distance_to_triangles(rim, triangles))
+        assert out.max() <= spheres.hausdorff.upper
+        assert spheres.volume_bounds.upper >= 1.0 - 1e-9
+    held = rng.uniform(low - 0.3, high + 0.3, (30_000, 3))
+    share = (gaps(held, spheres) <= 0.0).mean() * float(np.prod(high - low + 0.6))
+    if (spheres.centers - spheres.radii[:, None] > low - 0.3).all():
+        assert spheres.measure.lower * 0.93 - 0.02 <= share <= spheres.measure.upper * 1.07 + 0.02
+
+
+SOLID_WAYS = [*WAYS[:3], {"part": 0.08}, {"part": 0.1, "radius": "equal"}]
+
+
+@pytest.mark.parametrize("kind", ["inner", "outer"])
+@pytest.mark.parametrize(("name", "way"), [*zip(SOLIDS, SOLID_WAYS, strict=True), ("box", SOLID_WAYS[3])], ids=str)
+def test_solids(name, kind, way):
+    mesh = SOLIDS[name]
+    size = float(np.linalg.norm(mesh.extents))
+    spheres = decompose(mesh, kind=kind, **way_for(way, size))
+    check_solid(spheres, mesh, np.random.default_rng(0))
+    if "part" in way:
+        assert spheres.hausdorff.upper <= 1.1 * way["part"] * size
+
+
+@pytest.mark.parametrize("kind", ["inner", "outer"])
+def test_voxels(kind):
+    cells = bitmap((6, 5, 7), 3)
+    spheres = decompose(cells, spacing=0.2, kind=kind, number=60)
+    points = (np.argwhere(cells)[:, None] + np.random.default_rng(1).random((60, 3))).reshape(-1, 3) * 0.2
+    corners = (np.argwhere(cells)[:, None] + np.argwhere(np.ones((2, 2, 2)))).reshape(-1, 3) * 0.2
+    near = gaps(np.vstack([points, corners]), spheres)
+    assert near.max() <= (spheres.hausdorff.upper if kind == "inner" else 0.0)
+    if kind == "inner":
+        turns = np.random.default_rng(2).normal(size=(200, 3))
+        turns /= np.linalg.norm(turns, axis=1)[:, None]
+        rim = (spheres.centers[:, None] + 0.999999 * spheres.radii[:, None, None] * turns).reshape(-1, 3)
+        assert cells[tuple(np.floor(rim / 0.2).astype(int).T)].all()
+
+
+def test_open_surfaces_and_lines_can_be_covered():
+    sheet = Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0.2]]), np.array([[0, 1, 2]]), "surface")
+    spheres = decompose(sheet, kind="outer", number=30)
+    assert (gaps(sample_surface(sheet.triangles, 5000, np.random.default_rng(0)), spheres) <= 0.0).all()
+    assert math.isinf(spheres.volume_ratio)
+    line = shapely.LineString([(0, 0), (1, 2), (3, 2)])
+    spheres = decompose(line, kind="outer", tolerance=0.1)
+    along = shapely.get_coordinates(shapely.line_interpolate_point(line, np.linspace(0, 1, 999), normalized=True))
+    assert (gaps(along, spheres) <= 0.0).all()
+    assert spheres.hausdorff.upper <= 0.1
+
+
+def test_balls_in_a_hollow_mesh_stay_out_of_the_cavity():
+    hull, hole = trimesh.creation.box((1, 1, 1)), trimesh.creation.box((0.6, 0.6, 0.6))
+    hole.invert()
+    hollow = trimesh.util.concatenate([hull, hole])
+    spheres = decompose(hollow, number=50)
+    away = np.linalg.norm(np.maximum(np.abs(spheres.centers) - 0.3, 0.0), axis=1)
+    assert (spheres.radii <= away).all()
+    assert (spheres.radii <= 0.5 - np.abs(spheres.centers).max(axis=1)).all()
+    assert spheres.shape_measure.lower <= 1 - 0.6**3 <= spheres.shape_measure.upper
+
+
+def test_one_radius_of_ones_own():
+    spheres = decompose(RECTANGLE, radius=0.2, number=30)
+    assert (spheres.radii == 0.2).all()
+    spheres = decompose(RECTANGLE, radius=0.4, number=30, kind="outer")
+    assert (spheres.radii == 0.4).all()
+    assert (gaps(sampled(RECTANGLE, np.random.default_rng(0)), spheres) <= 0.0).all()
+
+
+def test_the_same_call_gives_the_same_balls():
+    one, other = (decompose(ELL, number=20) for _ in range(2))
+    assert (one.centers == other.centers).all()
+    assert (one.radii == other.radii).all()
+
+
+def test_shapes_as_geojson_and_wkt():
+    by_shape = decompose(RECTANGLE, number=5)
+    for same in (RECTANGLE.wkt, json.loads(shapely.to_geojson(RECTANGLE)), np.array(RECTANGLE.exterior.coords)):
+        assert np.allclose(decompose(same, number=5).radii, by_shape.radii)
+
+
+def test_the_area_of_discs_that_nearly_touch_is_within_its_bounds():
+    """Where circles nearly touch, angles have few digits; but an area grows with the radii, and no faster than borders
+    are long."""
+    rng = np.random.default_rng(0)
+    for _ in range(30):
+        u = np.exp(1j * rng.uniform(0.0, 6.28))
+        one, two, three = rng.uniform(0.3, 3.0, 3)
+        middle = complex(*rng.uniform(-5.0, 5.0, 2))
+        gap = rng.choice([-1.0, 1.0]) * 10.0 ** rng.uniform(-17.0, -13.0)
+        beside = middle + u * (one + rng.choice([-1.0, 1.0]) * two + gap)
+        # A third one whose border runs through where they touch.
+        through = middle + u * one + three * np.exp(1j * rng.uniform(0.0, 6.28))
+        centers = np.array([[p.real, p.imag] for p in (middle, beside, through)])
+        radii = np.array([one, two, three])
+        change = 3e-13
+        less, same, more = (measure_of_balls(centers, radii * (1.0 + s * change)) for s in (-1.0, 0.0, 1.0))
+        border = 2.0 * np.pi * float((radii**2).sum()) * change
+        assert less[0] <= same[1] and same[0] <= more[1]
+        assert same[0] - border <= less[1] and more[0] <= same[1] + border
+        assert same[1] - same[0] <= 1e-4 * same[0]
+
+
+def test_the_area_of_discs_that_all_but_coincide():
+    for gaps in ([0.0, 0.0], [1e-17, 1e-13], [1e-9, 1e-8], [1e-7, -1e-7]):
+        centers = np.array([[0.0, 0.0], *([gap, 0.5 * gap] for gap in gaps)])
+        low, high = measure_of_balls(centers, np.ones(3))
+        spread = math.hypot(1.0, 0.5) * (max(0.0, *gaps) - min(0.0, *gaps))
+        assert low <= math.pi + 2.0 * spread and math.pi <= high
+        assert high - low <= 1e-4
+    grid = np.stack(np.meshgrid(np.arange(12.0), np.arange(12.0)), axis=-1).reshape(-1, 2)
+    low, high = measure_of_balls(grid, np.full(144, 0.5))
+    assert low <= 36.0 * math.pi <= high <= low * (1.0 + 1e-3)
+    # Those at the corners of each square meet in its middle, two by two just touching.
+    low, high = measure_of_balls(grid, np.full(144, math.sqrt(0.5)))
+    assert low <= 121.0 + 44.0 * (math.pi / 8.0 + 0.25) + 4.0 * math.pi / 8.0 <= high
+    assert high <= low * (1.0 + 1e-3)
