@@ -58,8 +58,9 @@ def test_path_and_marks_in_every_panel(space: CSpace) -> None:
     assert labels(first)[4:] == ["path", "start", "goal"]
 
 
-@pytest.mark.parametrize("count", [1, 3, 7, 64])
-@pytest.mark.parametrize("shape", [(90, 20), (20, 90), (1, 200)])
+@pytest.mark.parametrize(
+    ("count", "shape"), [(1, (90, 20)), (7, (90, 20)), (3, (20, 90)), (7, (1, 200)), (64, (20, 90))]
+)
 def test_any_number_of_panels_of_any_shape(count: int, shape: tuple[int, int]) -> None:
     workspace = Workspace.from_array(np.zeros(shape, bool), 0.1)
     space = build(workspace, Robot.rectangle(0.2, 0.1, center=(0.03, 0.0)), rotations=8, outside="free")
