@@ -26,8 +26,14 @@ ENDS = {
     "plane.zarr": ("0.35,0.65", "2.15,0.95"),
     "turning.npz": ("0.35,0.65,0", "2.15,0.95,90deg"),
     "space.zarr": ("0.35,0.65,0.45", "2.15,0.65,0.45"),
+    "both.zarr": ("0.35,0.65,0.45,0", "2.15,0.65,0.45,90deg"),
 }
-SHUT = {"plane.zarr": "2.35,0.15", "turning.npz": "2.35,0.15,0", "space.zarr": "2.35,0.15,0.15"}
+SHUT = {
+    "plane.zarr": "2.35,0.15",
+    "turning.npz": "2.35,0.15,0",
+    "space.zarr": "2.35,0.15,0.15",
+    "both.zarr": "2.35,0.15,0.15,0",
+}
 
 
 def spawn(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
@@ -229,7 +235,7 @@ def test_plan_and_plot(room: Path, file: str) -> None:
     ]
     np.testing.assert_allclose(path[[0, -1]], ends, atol=1e-12)
     np.testing.assert_allclose(np.loadtxt("path.csv", delimiter=",", skiprows=1), path)
-    axes = {"plane.zarr": "x,y", "turning.npz": "x,y,yaw", "space.zarr": "x,y,z"}[file]
+    axes = {"plane.zarr": "x,y", "turning.npz": "x,y,yaw", "space.zarr": "x,y,z", "both.zarr": "x,y,z,yaw"}[file]
     assert Path("path.csv").read_text().splitlines()[0] == axes
     assert json.loads(Path("path.json").read_text())["path"] == told["path"]
     assert list(told["seconds"]) == ["read", "plan", "write", "draw"]

@@ -19,7 +19,8 @@ OPTIONS = {name: f"--{name.replace('_', '-')}" for name in ("solid", "spacing", 
 
 
 @pytest.mark.parametrize(
-    ("file", "kind"), [("plane.zarr", "plane"), ("turning.npz", "turning"), ("space.zarr", "space")]
+    ("file", "kind"),
+    [("plane.zarr", "plane"), ("turning.npz", "turning"), ("space.zarr", "space"), ("both.zarr", "both")],
 )
 def test_axes_of_a_map_are_told_without_reading_it(
     folder: Path, monkeypatch: pytest.MonkeyPatch, file: str, kind: str
