@@ -15,7 +15,7 @@ from planning import SPACES, open_map, room
 KINDS = list(_KINDS.values())
 
 
-@pytest.mark.parametrize("kind", KINDS, ids=str)
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: "-".join(kind.axes))
 def test_a_state_holds_a_configuration_to_the_last_bit(kind: object) -> None:
     states = kind.make()
     dof = len(kind.axes)
@@ -34,7 +34,7 @@ def test_a_state_holds_a_configuration_to_the_last_bit(kind: object) -> None:
     assert not states.satisfiesBounds(first)
 
 
-@pytest.mark.parametrize("kind", KINDS, ids=str)
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: "-".join(kind.axes))
 def test_a_radian_counts_as_half_a_metre(kind: object) -> None:
     states = kind.make()
     kind.set_bounds(states, [0.0] * kind.dim, [9.0] * kind.dim)
