@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.compiling import jit
+from cspace.compiling import jit, reader
 from cspace.engines.words import dilate_block
 from cspace.states import FREE
 
@@ -225,13 +225,13 @@ def _fours_of(robots: Robots, s: int) -> Ints:
     return robots.fours[first : first if robots.fixed[s] else end]
 
 
-@jit
+@reader
 def _spread(byte: np.uint64) -> np.uint64:
     """The bits of a byte, as 0 or 1 in each byte of a word."""
     return (((byte * _REPEAT) & _SELECT) + _CARRY) >> np.uint64(7) & _REPEAT
 
 
-@jit
+@reader
 def _settle(line: Bytes, at: int, state: int, x: int, y: int, z: int, row: Ints) -> None:
     """Write the state of a cell, whose line begins at ``z``, and tell of it if it is another."""
     old = line[at]
@@ -245,14 +245,14 @@ def _settle(line: Bytes, at: int, state: int, x: int, y: int, z: int, row: Ints)
         _include(row[FREED : FREED + 6], x, y, z + at)
 
 
-@jit
+@reader
 def _include(box: Ints, x: int, y: int, z: int) -> None:
     box[0], box[3] = min(box[0], x), max(box[3], x)
     box[1], box[4] = min(box[1], y), max(box[4], y)
     box[2], box[5] = min(box[2], z), max(box[5], z)
 
 
-@jit
+@reader
 def _reach(runs: Ints, low: Ints, high: Ints) -> None:
     """Widen the bounds of offsets by those of runs."""
     for n in range(len(runs)):
@@ -300,7 +300,7 @@ def _hits(words: Words, runs: Ints, low: Ints, sizes: Ints, tall: int, wide: int
     return result
 
 
-@jit
+@reader
 def _pack_row(cells: Bytes, flip: bool, first: int, words: Words) -> None:
     """Put cells, each 0 or 1, or what they are not, into words that are 0 from bit ``first`` on."""
     whole, turn = cells.size // 8, _BYTE if flip else np.uint64(0)

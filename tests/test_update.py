@@ -299,7 +299,6 @@ def test_cells_of_any_kind_are_taken() -> None:
     ("keeper", "rotations"),
     [
         ("overlaps.Sums", None),
-        ("callbacks.Rows", None),
         ("mip.Mip", None),
         ("components.Components", None),
         ("clearance.Distances", None),

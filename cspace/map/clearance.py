@@ -10,7 +10,7 @@ import numpy as np
 from numba.cpython.unsafe.tuple import tuple_setitem
 from numpy.typing import NDArray
 
-from cspace.compiling import entry, jit
+from cspace.compiling import entry, reader
 from cspace.grid import SLACK
 from cspace.map.distances import SIDE, UNIT, WIDE, Tiles, make_tiles, renew_tiles
 from cspace.map.exterior import Exterior
@@ -35,7 +35,7 @@ MISSING = -1.0
 # ---- compiled look-ups -----------------------------------------------------------------------------------------------
 
 
-@jit
+@reader
 def clearance_at(map_: Map, tiles: Tiles, q: Numbers) -> float:
     """Lower bound of the distance from a configuration to the nearest one that is not FREE, in metres, or MISSING.
 
@@ -66,7 +66,7 @@ def clearance_at(map_: Map, tiles: Tiles, q: Numbers) -> float:
     return max(0.0, best * (1.0 - 2.0**-48) - 4.0 * SLACK) * map_.spacing
 
 
-@jit
+@reader
 def neighbors_bound(map_: Map, tiles: Tiles, cell: Cell, place: Numbers) -> float:
     """The best lower bound, in cells, from the cells around; MISSING where one of their tiles was not made."""
     s, dim = cell[0], len(place)
@@ -86,7 +86,7 @@ def neighbors_bound(map_: Map, tiles: Tiles, cell: Cell, place: Numbers) -> floa
     return best
 
 
-@jit
+@reader
 def clearances(map_: Map, tiles: Tiles, points: Floats, out: Floats, missing: Bytes) -> int:
     """Clearances of points, shape (n, dof); the index of the first one that is not usable, or -1.
 
@@ -108,17 +108,17 @@ def clearances(map_: Map, tiles: Tiles, points: Floats, out: Floats, missing: By
 # Numba calls a function of so many floats quicker than one that takes a tuple of them.
 
 
-@jit
+@reader
 def _clearance_2(map_: Map, tiles: Tiles, x: float, y: float) -> float:
     return clearance_at(map_, tiles, (x, y))
 
 
-@jit
+@reader
 def _clearance_3(map_: Map, tiles: Tiles, a: float, b: float, c: float) -> float:
     return clearance_at(map_, tiles, (a, b, c))
 
 
-@jit
+@reader
 def _clearance_4(map_: Map, tiles: Tiles, a: float, b: float, c: float, d: float) -> float:
     return clearance_at(map_, tiles, (a, b, c, d))
 
@@ -126,7 +126,7 @@ def _clearance_4(map_: Map, tiles: Tiles, a: float, b: float, c: float, d: float
 _CLEARANCE: Final = {2: _clearance_2, 3: _clearance_3, 4: _clearance_4}
 
 
-@jit
+@reader
 def is_occupied(state: Bytes) -> bool:
     """Whether some cell of a slice, all in one row, is not FREE."""
     # numba compiles no any() of a generator.

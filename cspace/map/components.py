@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.compiling import jit
+from cspace.compiling import jit, reader
 from cspace.map.kept import Change
 from cspace.states import BLOCKED
 from cspace.threads import cores, in_threads
@@ -92,7 +92,7 @@ class Joined(NamedTuple):
 # ---- compiled passes -------------------------------------------------------------------------------------------------
 
 
-@jit
+@reader
 def find(parent: Nodes, node: int) -> int:
     """The root of a node; the way there is halved (Tarjan, 1975)."""
     while parent[node] != node:
@@ -101,7 +101,7 @@ def find(parent: Nodes, node: int) -> int:
     return int(node)
 
 
-@jit
+@reader
 def unite(parent: Nodes, a: int, b: int) -> bool:
     """Join two nodes, the lower root on top; whether they were apart."""
     a, b = find(parent, a), find(parent, b)
@@ -122,7 +122,7 @@ def new_runs(blocks: Blocks) -> Runs:
     return Runs(np.empty((most, 3), np.int64), np.empty(rows, np.int64), np.empty(most, np.int32))
 
 
-@jit
+@reader
 def corner_of(blocks: Blocks, block: int) -> tuple[int, int, int]:
     """First cell of a block, by its number."""
     plane, row = blocks.shape[1] * blocks.shape[2], blocks.shape[2]
@@ -164,19 +164,19 @@ def pack(blocks: Blocks, s: int, first: int, words: Words) -> None:
                 words[block, 0, row], words[block, 1, row] = ~taken, ~blocked
 
 
-@jit
+@reader
 def lowest(word: np.uint64) -> np.uint64:
     """The lowest bit of a word that is set, alone."""
     return word & (~word + _ONE)
 
 
-@jit
+@reader
 def place_of(bit: np.uint64) -> int:
     """The number of a single bit."""
     return int(_PLACES[np.int64((bit * _DEBRUIJN) >> np.uint64(58))])
 
 
-@jit
+@reader
 def unite_rows(runs: Runs, first: int, stop: int, other: int, other_stop: int) -> None:
     """Join the runs of one row with those of another that they touch."""
     table = runs.table
@@ -189,7 +189,7 @@ def unite_rows(runs: Runs, first: int, stop: int, other: int, other_stop: int) -
             other += 1
 
 
-@jit
+@reader
 def label(blocks: Blocks, words: NDArray[np.uint64], runs: Runs) -> int:
     """Label the cells of a block, packed in a word for each row; the number of components, counted from 0."""
     ends, table, count = runs.ends, runs.table, 0
@@ -227,7 +227,7 @@ def label_block(blocks: Blocks, s: int, block: int, kind: int, runs: Runs) -> in
     return int(label(blocks, words[0, kind], runs))
 
 
-@jit
+@reader
 def meet(blocks: Blocks, face: int, ours: Runs, theirs: Runs, parent: Nodes, found: Pairs) -> int:
     """Pairs of components of two blocks that meet at a face, without those that follow from others; how many.
 
@@ -265,7 +265,7 @@ def meet(blocks: Blocks, face: int, ours: Runs, theirs: Runs, parent: Nodes, fou
     return count
 
 
-@jit
+@reader
 def rim_pairs(blocks: Blocks, block: int, runs: Runs, components: int, code: int, found: Pairs, seen: Nodes) -> int:
     """Components of a block with a cell at the border of the grid, each once; how many there are."""
     x, y, z = corner_of(blocks, block)
@@ -404,7 +404,7 @@ def merge(pool: Pairs, ends: Ints, stale: Ints, fresh: Pairs, sizes: Ints) -> Pa
     return merged
 
 
-@jit
+@reader
 def join_all(
     blocks: Blocks,
     kind: int,
@@ -484,7 +484,7 @@ def roots_of(blocks: Blocks, kind: int, joined: Joined, slice_of: Ints, cells: I
                 out[n] = joined.roots[joined.start[r] + joined.base[s, block] + runs.table[k, 2]]
 
 
-@jit
+@reader
 def block_of(blocks: Blocks, x: int, y: int, z: int) -> int:
     """Number of the block of a cell."""
     plane = (x // blocks.sides[0]) * blocks.shape[1] + y // blocks.sides[1]

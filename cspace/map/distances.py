@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.compiling import jit
+from cspace.compiling import jit, reader
 from cspace.states import FREE
 
 Bytes = NDArray[np.uint8]
@@ -72,7 +72,7 @@ class Tiles(NamedTuple):
 # ---- squared distances -----------------------------------------------------------------------------------------------
 
 
-@jit
+@reader
 def nearest_above(row: Bytes, first: int, stop: int) -> int:
     """The first cell from ``first`` on and before ``stop`` that is not FREE; far beyond the row without any."""
     eights, k = row[: row.size // 8 * 8].view(np.uint64), first
@@ -88,7 +88,7 @@ def nearest_above(row: Bytes, first: int, stop: int) -> int:
     return row.size + FAR
 
 
-@jit
+@reader
 def nearest_below(row: Bytes, last: int, stop: int) -> int:
     """The last cell up to ``last`` and not before ``stop`` that is not FREE; far before the row without any."""
     eights, k = row[: row.size // 8 * 8].view(np.uint64), last
@@ -104,7 +104,7 @@ def nearest_below(row: Bytes, last: int, stop: int) -> int:
     return -FAR
 
 
-@jit
+@reader
 def row_squares(row: Bytes, first: int, stop: int, low: int, high: int, out: Squares) -> None:
     """Squared distances along a row, of the cells from ``first`` on and before ``stop``, to those from low to high."""
     last = nearest_below(row, first - 1, max(low, first - FAR))
@@ -148,7 +148,7 @@ def spread(squares: Squares) -> None:
                     squares[a, i, low + n] = lines[n, i]
 
 
-@jit(error_model="numpy")
+@reader(error_model="numpy")
 def spread_line(line: Squares, vertex: Squares, begin: Squares, envelope: Ints) -> None:
     """One line of :func:`spread`; the other arrays are for its own use.
 
@@ -214,7 +214,7 @@ def transform(state: Bytes, window: Ints, frame: Ints) -> Squares:
 # ---- tiles -----------------------------------------------------------------------------------------------------------
 
 
-@jit
+@reader
 def stored(square: int) -> int:
     """A squared distance in half cells, as it is stored."""
     return min(int(math.sqrt(square * (UNIT * UNIT / 4.0))), MOST)
@@ -246,13 +246,13 @@ def make_tiles(states: Bytes, tiles: Tiles, s: int, start: int, end: int) -> Non
         tiles.ready[s, tile] = 1
 
 
-@jit
+@reader
 def gap(first: int, last: int, low: int, high: int) -> int:
     """Distance along an axis, in half cells, from middles of cells first to last to the closed cells low to high."""
     return max(0, 2 * max(low - last, first - high) - 1)
 
 
-@jit
+@reader
 def may_change(value: int, dx: int, dy: int, dz: int) -> bool:
     """Whether a stored distance may be as great as one with these gaps; see :func:`renew_tiles`."""
     # Stored distances are rounded down, and the greatest one stands for all beyond.
@@ -339,7 +339,7 @@ def renew_tiles(states: Bytes, tiles: Tiles, boxes: Ints) -> None:
         store_window(tiles, s, window, squares[low : low + window[3] - window[0] + 1], nz)
 
 
-@jit
+@reader
 def store_window(tiles: Tiles, s: int, window: Ints, squares: Squares, nz: int) -> None:
     """Write squared distances of a window into the tiles that were made, and their greatest distances."""
     nx, ny = tiles.distances.shape[2], tiles.distances.shape[3]

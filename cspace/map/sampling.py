@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.compiling import jit
+from cspace.compiling import jit, reader
 from cspace.grid import Grid
 from cspace.rotations import RotationCells
 from cspace.states import FREE
@@ -28,7 +28,7 @@ CHUNK: Final = 256
 # ---- drawing ---------------------------------------------------------------------------------------------------------
 
 
-@jit
+@reader
 def count_free(cells: Bytes, first: int, stop: int, counts: Ints) -> None:
     """Number of FREE cells in some of the chunks of a flat row of cells."""
     for chunk in range(first, stop):
@@ -39,7 +39,7 @@ def count_free(cells: Bytes, first: int, stop: int, counts: Ints) -> None:
         counts[chunk] = count
 
 
-@jit
+@reader
 def select_free(cells: Bytes, ends: Ints, ranks: Ints, out: Ints) -> None:
     """The FREE cells of some ranks, counted from 0, in a flat row of cells; ``ends`` counts those up to each chunk."""
     for n in range(len(ranks)):
@@ -163,13 +163,13 @@ def nearest_cell(cells: Bytes, place: Floats, low: Ints, high: Ints) -> Ints:
                     z += 1 if way == 0 else -1
 
 
-@jit
+@reader
 def middle_of(value: float, count: int) -> int:
     """The cell along an axis whose middle is nearest to a value."""
     return int(min(max(math.floor(min(max(value, 0.0), float(count))), 0), count - 1))
 
 
-@jit
+@reader
 def cost(cell: int, value: float, count: int, scale: float) -> float:
     """What a cell along an axis adds to the squared distance, but for what all cells share; over a scale."""
     middle = count / 2.0
@@ -177,7 +177,7 @@ def cost(cell: int, value: float, count: int, scale: float) -> float:
     return offset * offset / scale - 2.0 * offset * ((value - middle) / scale)
 
 
-@jit
+@reader
 def next_layer(low: Ints, high: Ints, axis: int, value: float, count: int, scale: float) -> tuple[int, float]:
     """The next cell along an axis by its cost, and the cost; -1 after the last.
 
