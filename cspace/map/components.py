@@ -585,12 +585,12 @@ class Components:
             for s, box in enumerate(change.states):
                 if (box[:3] <= box[3:]).all():
                     first, last = box[:3] // self._blocks.sides, box[3:] // self._blocks.sides
-                    own = tuple(slice(low, high + 1) for low, high in zip(first, last, strict=True))
+                    own = [slice(low, high + 1) for low, high in zip(first.tolist(), last.tolist(), strict=True)]
                     for other in self._linked_from[s]:
                         self._stale[(other, *own)] = True
                     for axis in range(AXES):  # the block before has the face that it shares with this one
                         before = [*own]
-                        before[axis] = slice(max(first[axis] - 1, 0), last[axis] + 1)
+                        before[axis] = slice(max(int(first[axis]) - 1, 0), int(last[axis]) + 1)
                         self._stale[(s, *before)] = True
                     self._joined = None
                     self._boxes.clear()
@@ -615,15 +615,19 @@ class Components:
         flat = cells.reshape(-1, cells.shape[-1])
         places = np.zeros((len(flat), 4), dtype=np.int64)
         places[:, 0], places[:, 4 - self._dim :] = np.minimum(flat[:, 0], len(self._slice_of) - 1), flat[:, 1:]
-        outside = ((places[:, 1:] < 0) | (places[:, 1:] >= shape)).any(axis=1)
-        number = np.ravel_multi_index(tuple(places[:, 1:].T // self._blocks.sides[:, None]), self._blocks.shape, "clip")
-        order = np.argsort(places[:, 0] * len(self._counts) + number, kind="stable")
-        order = order[~outside[order]]
+        outside = np.asarray(((places[:, 1:] < 0) | (places[:, 1:] >= shape)).any(axis=1))
+        inside = np.flatnonzero(~outside)
+        if len(inside) > 1:  # the cells of a block one after the other
+            x, y, z = places[inside, 1:].T // self._blocks.sides[:, None]
+            number = ((places[inside, 0] * self._blocks.shape[0] + x) * self._blocks.shape[1] + y) * self._blocks.shape[
+                2
+            ]
+            inside = inside[np.argsort(number + z, kind="stable")]
         found = np.full((KINDS, len(flat)), -1, dtype=np.int64)
         rim = outside & self._rim_is_open[self._slice_of[places[:, 0]]]
         with self._lock:
             for kind, joined in enumerate(self._join()):
-                roots_of(self._blocks, kind, joined, self._slice_of, places, order, found[kind])
+                roots_of(self._blocks, kind, joined, self._slice_of, places, inside, found[kind])
                 if kind == 1:
                     found[kind, rim] = joined.roots[joined.start[places[rim, 0] + 1] - 1]
         free, passable = found.reshape(KINDS, *cells.shape[:-1])
@@ -643,8 +647,12 @@ class Components:
 
         ``start`` and ``goal`` are their cells, shape (..., 1 + d), in the grid or not, and their states, shape (...).
         """
-        (free0, open0), (free1, open1) = self.of(start[0]), self.of(goal[0])
-        open0, open1 = (np.where(q[1] == BLOCKED, -1, number) for q, number in ((start, open0), (goal, open1)))
+        ends = [(np.reshape(cells, (-1, cells.shape[-1])), states) for cells, states in (start, goal)]
+        free, passable = self.of(np.concatenate([cells for cells, _ in ends]))
+        number = len(ends[0][0])
+        passable[np.concatenate([states.reshape(-1) for _, states in ends]) == BLOCKED] = -1
+        free0, open0 = (each[:number].reshape(start[1].shape) for each in (free, passable))
+        free1, open1 = (each[number:].reshape(goal[1].shape) for each in (free, passable))
         joined = (free0 == free1) & (free0 >= 0)
         apart = (open0 != open1) | (open0 < 0) | (open1 < 0)
         answers = np.full(joined.shape, None, dtype=object)

@@ -21,7 +21,7 @@ Ints = NDArray[np.int64]
 EDGE: Final = 2.0**-20
 """Part of a cell, along its border, that samples keep off, so that rounding never puts one into the next cell."""
 
-CHUNK: Final = 256
+CHUNK: Final = 64
 """Cells whose FREE ones are counted together."""
 
 
@@ -40,23 +40,34 @@ def count_free(cells: Bytes, first: int, stop: int, counts: Ints) -> None:
 
 
 @reader
-def select_free(cells: Bytes, ends: Ints, ranks: Ints, out: Ints) -> None:
-    """The FREE cells of some ranks, counted from 0, in a flat row of cells; ``ends`` counts those up to each chunk."""
+def guide_to(ends: Ints, guide: Ints) -> None:
+    """For each of as many parts of all ranks, as many as there are chunks, the chunk that has the first of them."""
+    chunk = 0
+    for part in range(len(guide)):
+        while chunk < len(ends) - 1 and ends[chunk] <= part * ends[-1] // len(guide):
+            chunk += 1
+        guide[part] = chunk
+
+
+@reader
+def select_free(states: Bytes, ends: Ints, guide: Ints, slices: Ints, ranks: Ints) -> None:
+    """Of each of some slices, the flat index of the FREE cell of a rank, counted from 0, which it is put in place of.
+
+    ``states`` has the shape (slices, cells); ``ends`` counts the FREE cells up to the end of each chunk, and ``guide``
+    tells where in it to begin.
+    """
     for n in range(len(ranks)):
-        low, high = 0, len(ends) - 1
-        while low < high:  # the first chunk that ends beyond the rank
-            middle = (low + high) // 2
-            if ends[middle] > ranks[n]:
-                high = middle
-            else:
-                low = middle + 1
-        left = ranks[n] - (ends[low - 1] if low > 0 else 0)
-        cell = low * CHUNK
+        cells, until = states[slices[n]], ends[slices[n]]
+        chunk = guide[slices[n], ranks[n] * guide.shape[1] // until[-1]]
+        while until[chunk] <= ranks[n]:
+            chunk += 1
+        left = ranks[n] - (until[chunk - 1] if chunk > 0 else 0)
+        cell = chunk * CHUNK
         # A map that another thread changes meanwhile may have fewer.
         while cell < len(cells) - 1 and (left > 0 or cells[cell] != FREE):
             left -= cells[cell] == FREE
             cell += 1
-        out[n] = cell
+        ranks[n] = cell
 
 
 class FreeCells:
@@ -75,8 +86,8 @@ class FreeCells:
     def __init__(self, states: Bytes) -> None:
         self._states = states.reshape(len(states), -1)
         chunks = -(-self._states.shape[1] // CHUNK)
-        self._ends = np.empty((len(states), chunks), dtype=np.int64)
-        for cells, ends in zip(self._states, self._ends, strict=True):
+        self._ends, self._guide = (np.empty((len(states), chunks), dtype=np.int64) for _ in range(2))
+        for cells, ends, guide in zip(self._states, self._ends, self._guide, strict=True):
 
             def work(start: int, stop: int, cells: Bytes = cells, ends: Ints = ends) -> int:
                 count_free(cells, start, stop, ends)
@@ -84,12 +95,14 @@ class FreeCells:
 
             in_chunks(work, chunks)
             np.cumsum(ends, out=ends)
+            guide_to(ends, guide)
         self.counts = self._ends[:, -1].copy()
 
-    def draw(self, s: int, n: int, rng: np.random.Generator) -> Ints:
-        """Flat indices of cells drawn uniformly from the FREE ones of a slice, of which there must be one."""
-        chosen = np.empty(n, dtype=np.int64)
-        select_free(self._states[s], self._ends[s], rng.integers(self.counts[s], size=n), chosen)
+    def draw(self, slices: Ints, rng: np.random.Generator) -> Ints:
+        """Flat indices of cells drawn uniformly from the FREE ones of slices, each of which must have one."""
+        counts = self.counts[0] if len(self.counts) == 1 else self.counts[slices]
+        chosen = rng.integers(counts, size=len(slices))
+        select_free(self._states, self._ends, self._guide, slices, chosen)
         return chosen
 
 
@@ -106,15 +119,9 @@ def sample(
     if rotations.dof:
         sizes = free.counts[slice_of] * rotations.volumes
         turns = rng.choice(rotations.count, size=n, p=sizes / sizes.sum())
-    samples = np.empty((n, grid.dim + rotations.dof))
-    for s in np.unique(slice_of[turns]):
-        chosen = slice_of[turns] == s
-        count = int(chosen.sum())
-        corner = np.stack(np.unravel_index(free.draw(s, count, rng), grid.shape), axis=-1)
-        within = rng.uniform(EDGE, 1.0 - EDGE, size=(count, grid.dim))
-        samples[chosen, : grid.dim] = grid.lower + grid.spacing * (corner + within)
-    samples[:, grid.dim :] = rotations.sample(turns, EDGE, rng)
-    return samples
+    cells = np.stack(np.unravel_index(free.draw(slice_of[turns], rng), grid.shape), axis=-1)
+    place = grid.lower + grid.spacing * (cells + rng.uniform(EDGE, 1.0 - EDGE, size=cells.shape))
+    return np.concatenate([place, rotations.sample(turns, EDGE, rng)], axis=1)
 
 
 # ---- the nearest one -------------------------------------------------------------------------------------------------
