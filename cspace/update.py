@@ -107,7 +107,9 @@ def _cells(values: ArrayLike, name: str) -> NDArray[np.bool_]:
 
 
 def _first(lower: Sequence[int], dim: int) -> tuple[int, ...]:
-    values = lower.tolist() if isinstance(lower, np.ndarray) else lower
+    values: object = lower
+    if isinstance(values, np.ndarray):
+        values = values.tolist()
     try:
         first = tuple(operator.index(value) for value in values) if isinstance(values, Iterable) else ()
     except TypeError:

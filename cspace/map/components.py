@@ -587,11 +587,11 @@ class Components:
                     first, last = box[:3] // self._blocks.sides, box[3:] // self._blocks.sides
                     own = [slice(low, high + 1) for low, high in zip(first.tolist(), last.tolist(), strict=True)]
                     for other in self._linked_from[s]:
-                        self._stale[(other, *own)] = True
+                        self._stale[other][tuple(own)] = True
                     for axis in range(AXES):  # the block before has the face that it shares with this one
                         before = [*own]
                         before[axis] = slice(max(int(first[axis]) - 1, 0), int(last[axis]) + 1)
-                        self._stale[(s, *before)] = True
+                        self._stale[s][tuple(before)] = True
                     self._joined = None
                     self._boxes.clear()
 
