@@ -835,9 +835,11 @@ class CSpace:
 
     @property
     def _exact(self) -> Exact:
+        from cspace.exact.boundaries import Problem
         from cspace.exact.queries import Exact
 
-        return self._exact_kept.get(lambda: Exact(self))
+        problem = Problem(self._map, self.dof, self.workspace, self.robot, self.margin, self.outside == "blocked")
+        return self._exact_kept.get(lambda: Exact(problem))
 
     @property
     def _components(self) -> Components:

@@ -8,8 +8,12 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.exact import ROUNDING
 from cspace.grid import Grid
+from cspace.map.record import Map
 from cspace.raster.bitmaps import rectangle_triangles
+from cspace.robot import Robot
+from cspace.rotations import YAW_SLACK
 from cspace.shapes import Pieces, Polygons, Shape
 from cspace.workspace import Workspace
 
@@ -17,6 +21,46 @@ Floats = NDArray[np.float64]
 
 CUT_ERROR: Final = 2.0**-48
 """Rounding of a border that is cut, relative to its coordinates."""
+
+
+class Problem(NamedTuple):
+    """A robot among obstacles, and the map of it.
+
+    Attributes
+    ----------
+    map : Map
+    dof : int
+        Length of a configuration.
+    workspace : Workspace
+    robot : Robot
+    margin : float
+        Metres.
+    walled : bool
+        Whether all beyond the grid is obstacle.
+    """
+
+    map: Map
+    dof: int
+    workspace: Workspace
+    robot: Robot
+    margin: float
+    walled: bool
+
+    @property
+    def turns(self) -> bool:
+        """Whether the robot turns."""
+        return self.dof > self.workspace.grid.dim
+
+    @property
+    def far(self) -> float:
+        """The largest coordinate of the grid and of the robot in its own frame, together, metres."""
+        grid = self.workspace.grid
+        return float(np.abs([*grid.lower, *grid.upper]).max()) + self.robot.span
+
+    @property
+    def least(self) -> float:
+        """What a distance has to exceed, but for what grows with the configuration, metres."""
+        return self.margin + self.turns * YAW_SLACK * self.robot.span + ROUNDING * (self.far + self.margin)
 
 
 class Obstacles(NamedTuple):
@@ -27,9 +71,7 @@ class Obstacles(NamedTuple):
 
 
 def obstacle_border(workspace: Workspace, *, walled: bool) -> Obstacles:
-    """The border of the obstacles of a workspace, cut to the grid.
-
-    Where ``walled``, all beyond the grid is obstacle, and the border of the grid needs no pieces of its own.
+    """The border of the obstacles of a workspace, cut to the grid, whose own border needs no pieces where ``walled``.
 
     Raises
     ------

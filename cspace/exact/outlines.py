@@ -4,22 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cspace.compiling import entry
-from cspace.exact import ROUNDING, plane
-from cspace.exact.boundaries import anchors_of, joined, obstacle_border, regions
+from cspace.exact import plane
+from cspace.exact.boundaries import Problem, anchors_of, joined, obstacle_border, regions
 from cspace.exact.segments import Body, Scene
 from cspace.map.batches import Kernel
-from cspace.rotations import YAW_SLACK
-from cspace.shapes import Pieces
-
-if TYPE_CHECKING:
-    from cspace.robot import Robot
-    from cspace.space import CSpace
+from cspace.shapes import Pieces, Shape
 
 Floats = NDArray[np.float64]
 
@@ -30,9 +25,9 @@ BIN: Final = 4
 class PlaneProofs:
     """Proofs for one robot among the obstacles of one workspace; what is asked is compiled when it is first asked."""
 
-    def __init__(self, space: CSpace) -> None:
-        self._world = plane.World(space._map, _scene(space), _body(space.robot))
-        self._turns = space.rotations is not None
+    def __init__(self, problem: Problem) -> None:
+        self._world = plane.World(problem.map, _scene(problem), _body(problem.robot.shape))
+        self._turns = problem.turns
 
     @cached_property
     def point(self) -> Callable[..., int]:
@@ -53,21 +48,18 @@ class PlaneProofs:
         return partial(plane.ask_edges, self._world)
 
 
-def _body(robot: Robot) -> Body:
+def _body(shape: Shape) -> Body:
     """The robot's border: the segments of its regions, or the middles of its discs, each grown by a radius."""
-    whole, parts = robot.shape.boundary(), regions(robot.shape)
+    whole, parts = shape.boundary(), regions(shape)
     border, ends = joined([whole], 2, 2), np.cumsum([len(part) for part in parts], dtype=np.int64)
     rho = float(np.hypot(*border.simplices.reshape(-1, 2).T).max())
     return Body(border.simplices.reshape(-1, 4), border.radii, anchors_of(whole)[0], ends, rho)
 
 
-def _scene(space: CSpace) -> Scene:
+def _scene(problem: Problem) -> Scene:
     """The obstacles of a workspace: their border, and the polygons that they fill."""
-    workspace, grid = space.workspace, space.grid
-    walled = space.outside == "blocked"
-    obstacles = obstacle_border(workspace, walled=walled)
-    far = float(np.abs([*grid.lower, *grid.upper]).max()) + space.robot.span
-    least = space.margin + YAW_SLACK * space.robot.span + ROUNDING * (far + space.margin) + obstacles.error
+    workspace, grid = problem.workspace, problem.workspace.grid
+    obstacles = obstacle_border(workspace, walled=problem.walled)
     side = BIN * grid.spacing
     segments, radii = _cut(joined(obstacles.pieces, 2, 2), side)
     columns, rows = (-(-n // BIN) for n in grid.shape)
@@ -93,8 +85,8 @@ def _scene(space: CSpace) -> Scene:
         solids=np.concatenate([*solids, np.empty((0, 4))]),
         ends=np.cumsum([len(solid) for solid in solids], dtype=np.int64),
         hulls=np.array([[*points.min(axis=0), *points.max(axis=0)] for points in corners]).reshape(-1, 4),
-        walled=walled,
-        least=least,
+        walled=problem.walled,
+        least=problem.least + obstacles.error,
         reach=side,
     )
 

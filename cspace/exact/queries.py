@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from cspace.map.kept import Change
-    from cspace.space import CSpace
+from cspace.exact.boundaries import Problem
+from cspace.map.kept import Change
 
 Kernel = Callable[..., int]
 
@@ -36,8 +35,8 @@ class Proofs(Protocol):
 class Exact:
     """Exact look-ups of a map; each kernel takes arrays of shape (n, dof) and fills one of shape (n,)."""
 
-    def __init__(self, space: CSpace) -> None:
-        self._space = space
+    def __init__(self, problem: Problem) -> None:
+        self._problem = problem
         self._proofs: Proofs | None = None
         self._lock = threading.RLock()
         self._counts = {"point": 0, "edge": 0, "distance": 0}
@@ -85,7 +84,7 @@ class Exact:
     def renew(self, change: Change) -> None:
         """Ask the obstacles as they are now; checkers that were handed out do so from their next call on."""
         with self._lock:
-            self._proofs = None
+            self._problem, self._proofs = self._problem._replace(workspace=change.workspace), None
 
     def _made(self) -> Proofs:
         """The proofs among the obstacles as they are now."""
@@ -98,13 +97,13 @@ class Exact:
         return proofs
 
     def _make(self) -> Proofs:
-        if self._space.grid.dim == 3:
+        if self._problem.workspace.grid.dim == 3:
             from cspace.exact.solids import SolidProofs
 
-            return SolidProofs(self._space)
+            return SolidProofs(self._problem)
         from cspace.exact.outlines import PlaneProofs
 
-        return PlaneProofs(self._space)
+        return PlaneProofs(self._problem)
 
     def _count(self, kind: str, asked: int, distances: int) -> None:
         with self._lock:

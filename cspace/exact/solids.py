@@ -6,7 +6,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Iterator
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, cast
+from typing import Any, Final, NamedTuple, cast
 
 import numpy as np
 from numba.cpython.unsafe.tuple import tuple_setitem
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from cspace.compiling import entry, jit
 from cspace.exact import ADVANCE, MOST_DISTANCES, ROUNDING, SHORTEST
-from cspace.exact.boundaries import Obstacles, anchors_of, joined, obstacle_border
+from cspace.exact.boundaries import Obstacles, Problem, anchors_of, joined, obstacle_border
 from cspace.exact.triangles import Distances
 from cspace.grid import MAX_COORDINATE
 from cspace.map.edges import between, edge_is_free, edges_are_free
@@ -23,9 +23,6 @@ from cspace.map.record import Map
 from cspace.rotations import TURN, YAW_SLACK
 from cspace.shapes import Pieces
 from cspace.states import BLOCKED, FREE, MIXED
-
-if TYPE_CHECKING:
-    from cspace.space import CSpace
 
 Floats = NDArray[np.float64]
 Place = tuple[float, ...]
@@ -43,17 +40,17 @@ SLIDE: Final = 8.0
 class SolidProofs:
     """Proofs for one robot among the obstacles of one workspace."""
 
-    def __init__(self, space: CSpace) -> None:
-        workspace, robot, grid = space.workspace, space.robot, space.grid
-        self._map, self._spacing, self._walled = space._map, grid.spacing, space.outside == "blocked"
-        self._look = _looker(self._map, space.dof)
-        border = joined([robot.shape.boundary()], 3, 3)
-        obstacles = obstacle_border(workspace, walled=self._walled)
-        far = float(np.abs([*grid.lower, *grid.upper]).max()) + robot.span
-        turns = space.rotations is not None
-        self._least = space.margin + ROUNDING * (far + space.margin) + obstacles.error + turns * YAW_SLACK * robot.span
-        self._distances = Distances(border, joined(obstacles.pieces, 3, 3), far)
-        self._nesting = _Nesting(space, border, obstacles)
+    def __init__(self, problem: Problem) -> None:
+        grid, robot = problem.workspace.grid, problem.robot
+        self._map, self._spacing, self._walled = problem.map, grid.spacing, problem.walled
+        self._look = _looker(self._map, problem.dof)
+        border, obstacles = (
+            joined([robot.shape.boundary()], 3, 3),
+            obstacle_border(problem.workspace, walled=self._walled),
+        )
+        self._least = problem.least + obstacles.error
+        self._distances = Distances(border, joined(obstacles.pieces, 3, 3), problem.far)
+        self._nesting = _Nesting(problem, border, obstacles)
         self._border, self._rho = border, float(np.hypot(*border.simplices[..., :2].T).max())
         self._walls = np.asarray(grid.lower), np.asarray(grid.upper)
         self._limits = self._limits_at(np.eye(3))
@@ -175,12 +172,12 @@ class _Nesting:
     point of it tells.
     """
 
-    def __init__(self, space: CSpace, border: Pieces, obstacles: Obstacles) -> None:
+    def __init__(self, problem: Problem, border: Pieces, obstacles: Obstacles) -> None:
         from scipy.spatial import cKDTree
 
-        workspace = space.workspace
+        workspace = problem.workspace
         self._shapes = [shape for shape in workspace.shapes or () if shape.encloses]
-        self._robot, self._anchors = space.robot.shape, anchors_of(border)[0]
+        self._robot, self._anchors = problem.robot.shape, anchors_of(border)[0]
         inner = workspace.inner if workspace.shapes else workspace.outer
         fixed = Cells(workspace.outer, inner, workspace.grid.lower, workspace.grid.spacing), self._anchors
         self._cells, self._in_cells = fixed[0], _compiled(_in_cells, fixed, 3)

@@ -155,7 +155,7 @@ def test_a_corridor_a_hair_wider_than_the_robot_is_passable_only_exactly(turns, 
     assert not narrow.is_free(np.mean(ends, axis=0), exact=True)
 
 
-@pytest.mark.parametrize("share", [1.0, 1.0 + 1e-12, 1.0 + 1e-9])
+@pytest.mark.parametrize("share", [1.0, 1.0 + 1e-12])
 def test_a_corridor_as_wide_as_the_robot_is_not_passable(share):
     """Nor is one that is wider by less than the allowance for rounding."""
     space = cspace.build(corridor(share), Robot.rectangle(0.9, SIDE))

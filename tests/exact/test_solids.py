@@ -2,7 +2,6 @@
 
 import math
 from itertools import product
-from types import SimpleNamespace
 
 import fcl
 import manifold3d
@@ -15,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 import cspace
 from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
+from cspace.exact.boundaries import Problem
 from cspace.exact.solids import SolidProofs
 from cspace.map.record import Map
 from cspace.rotations import Rotations
@@ -435,18 +435,7 @@ def turning_proofs(body, boxes, outside):
     grid = workspace.grid
     states = np.full((1, *grid.shape), MIXED, dtype=np.uint8)
     map_ = Map(states, rotations.compiled(np.zeros(4, dtype=np.int64)), grid.lower, grid.spacing, grid.upper, beyond)
-    return SolidProofs(
-        SimpleNamespace(
-            workspace=workspace,
-            robot=body,
-            grid=grid,
-            margin=0.0,
-            outside=outside,
-            rotations=rotations,
-            dof=4,
-            _map=map_,
-        )
-    )
+    return SolidProofs(Problem(map_, 4, workspace, body, 0.0, outside == "blocked"))
 
 
 @pytest.mark.parametrize("outside", ["blocked", "free"])
