@@ -46,8 +46,10 @@ FREQUENCIES = 128  # along an axis, so up to 16 cycles per metre
 def in_turns(works: Sequence[Callable[[], Any]], most: float = 0.4) -> tuple[list[float], list[Any]]:
     """Median times in seconds of up to 31 rounds that together take about ``most`` seconds, and what the works give.
 
-    What disturbs the machine disturbs all alike. What a first run compiles must be compiled before.
+    What disturbs the machine disturbs all alike. A first run of each, which imports and compiles, is not counted.
     """
+    for work in works:
+        work()
     rounds: list[list[float]] = []
     while len(rounds) < 31 and sum(map(sum, rounds)) < most:
         results, clocks = [], [time.perf_counter()]
@@ -219,8 +221,6 @@ def ways_to_spectra() -> Figure:
     }
     numbers = [1, 10, 100, 1000, 10_000]
     sets = [rng.uniform(radius, period - radius, (number, 2)) for number in numbers]
-    for way in ways.values():
-        way(sets[0])
     rounds = [in_turns([partial(way, points) for way in ways.values()]) for points in sets]
     times = np.transpose([each for each, _ in rounds])
     errors = [

@@ -53,7 +53,7 @@ FLAT = {
 }
 SOLIDS = {
     "box": trimesh.creation.box((1.0, 0.6, 0.4)),
-    "icosphere": trimesh.creation.icosphere(subdivisions=2),
+    "icosphere": trimesh.creation.icosphere(subdivisions=1),
     "torus": trimesh.creation.torus(1.0, 0.3, major_sections=24, minor_sections=12),
     "cone": trimesh.creation.cone(0.5, 1.2, sections=16),
     "plate": trimesh.creation.box((1.0, 1.0, 0.02)),
@@ -238,7 +238,7 @@ def test_solids(name, kind, way):
 @pytest.mark.parametrize("kind", ["inner", "outer"])
 def test_voxels(kind):
     cells = bitmap((6, 5, 7), 3)
-    spheres = decompose(cells, spacing=0.2, kind=kind, number=60)
+    spheres = decompose(cells, spacing=0.2, kind=kind, number=30)
     points = (np.argwhere(cells)[:, None] + np.random.default_rng(1).random((60, 3))).reshape(-1, 3) * 0.2
     corners = (np.argwhere(cells)[:, None] + np.argwhere(np.ones((2, 2, 2)))).reshape(-1, 3) * 0.2
     near = gaps(np.vstack([points, corners]), spheres)

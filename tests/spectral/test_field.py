@@ -14,7 +14,7 @@ from cspace.spectral import FourierOverlap, OverlapField
 pytest.importorskip("finufft")
 
 OBSTACLE, RADIUS = (1.0, 0.32, 0.5), 0.3
-KINDS = ["plane", "turning", "shared", "space"]
+KINDS = ["plane", "shared", "space"]
 OBSTACLES = np.array([[1.5, 1.0], [1.5, 1.4], [3.0, 2.6], [3.3, 2.4]]), np.full(4, 0.3)
 ROBOT = np.array([[-0.2, 0.0], [0.2, 0.0], [0.3, 0.1]]), np.array([0.15, 0.15, 0.1])
 
@@ -139,25 +139,6 @@ def test_the_objective_weighs_length_by_the_overlap(case: tuple[CSpace, FourierO
             )
 
 
-def test_a_plan_keeps_away_from_obstacles() -> None:
-    """Two blocks stand off the straight way: the shortest path grazes one, the cheap one does not."""
-    centers, radii = np.array([[2.0, 1.35], [2.0, 2.9]]), np.array([0.4, 0.4])
-    space = build(Workspace.from_balls(centers, radii, 0.05, bounds=(0, 0, 4, 4)), Robot.disc(0.2))
-    overlap = FourierOverlap.of_shapes(([[0.0, 0.0]], 0.2), (centers, radii), swell=0.3)
-    field = OverlapField.of(space, overlap)
-    start, goal = (0.5, 2.0), (3.5, 2.0)
-    found = []
-    for make in ("length", lambda si: planners.OverlapObjective(si, space, field, weight=20.0)):
-        plan = planners.plan(
-            space, start, goal, planner="RRTstar", time_limit=1.5, seed=1, simplify=False, objective=make
-        )
-        path = np.concatenate(
-            [np.linspace(a, b, 50) for a, b in zip(plan.waypoints[:-1], plan.waypoints[1:], strict=True)]
-        )
-        found.append(float((field.at(path) ** 2).mean()))
-    assert found[1] < 0.7 * found[0]
-
-
 def test_other_fields_and_values_are_refused(case: tuple[CSpace, FourierOverlap]) -> None:
     space, overlap = case
     field = OverlapField.of(space, overlap)
@@ -249,12 +230,12 @@ def least_distance(space: CSpace, plan: planners.Plan) -> float:
     return float(min(found))
 
 
-@pytest.mark.parametrize("kind", ["plane", "turning", "space"])
+@pytest.mark.parametrize("kind", ["plane", "turning"])
 def test_paths_keep_farther_from_obstacles_than_the_shortest(kind: str) -> None:
     """The straight way is free, and passes the obstacle at 0.14 m; without a weight, the same search finds that."""
     space, overlap = scene(kind)
     carried = space.with_overlap_field(overlap)
-    options: dict[str, Any] = {"planner": "RRTstar", "time_limit": 120.0, "iterations": 400, "seed": 1}
+    options: dict[str, Any] = {"planner": "RRTstar", "time_limit": 120.0, "iterations": 300, "seed": 1}
     plans = [
         planners.plan(carried, *ends_of(space), objective=objective, **options)
         for objective in (

@@ -261,4 +261,4 @@ except cspace.MissingPackageError as error:
 """
     run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stderr
-    assert 'pip install "cspace[nufft]"' in run.stdout
+    assert 'pip install "cspace[spectral]"' in run.stdout
