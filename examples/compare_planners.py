@@ -47,7 +47,7 @@ def main(arguments: list[str]) -> None:
     folder = Path(arguments[0]) if arguments else Path(__file__).parent / "output"
     folder.mkdir(parents=True, exist_ok=True)
     space = build_map()
-    space.motion_is_free(START, GOAL)  # the first look-up compiles; that is not the planners' time
+    planners.plan(space, START, GOAL)  # the first plan compiles; that is not the planners' time
     plans = [planners.plan(space, START, GOAL, planner=name, time_limit=0.3) for name in planners.planner_names()]
     print(f"{'planner':16} {'length':>8} {'clearance':>10} {'planning':>11}")
     for plan in sorted(plans, key=lambda plan: plan.length):

@@ -165,7 +165,8 @@ def main() -> None:
     space = cspace.build(cspace.Workspace.from_array(walls, H), cspace.Robot.disc(RADIUS))
     trolleys, film = place_trolleys(), Film()
     q, way, words = np.array(START), np.empty((0, 2)), "looking for a way"
-    space.update(walls[:1, :1], (0, 0))  # compiles, or loads what was compiled before
+    planners.plan(space, START, GOAL)  # these two compile, or load what was compiled before
+    space.update(walls[:1, :1], (0, 0))
     updates, plans, waits = [], [], 0
     for step in range(FRAMES):
         updates += move(space, walls, trolleys, q)

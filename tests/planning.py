@@ -78,7 +78,7 @@ def with_state(state: np.ndarray, turning: bool = False, spacing: float = 1.0) -
 def halves(name: str, between: int) -> tuple[CSpace, Any, Any]:
     """Two free halves with a wall of another state between them, and a configuration in each."""
     turning = name in ("turning", "yawing")
-    shape = {"plane": (19, 9), "turning": (12, 19, 9), "space": (19, 9, 9), "yawing": (4, 19, 9, 9)}[name]
+    shape = {"plane": (19, 9), "turning": (12, 19, 9), "space": (19, 9, 9), "yawing": (12, 19, 9, 9)}[name]
     state = np.full(shape, FREE, dtype=np.uint8)
     state[(slice(None), 9) if turning else 9] = between
     rest = (4.5,) * (len(shape) - 1 - turning) + (1.0,) * turning
