@@ -14,10 +14,6 @@ from scipy.spatial.transform import Rotation
 
 import cspace
 from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
-from cspace.exact.boundaries import Problem
-from cspace.exact.solids import SolidProofs
-from cspace.map.record import Map
-from cspace.rotations import Rotations
 from cspace.shapes.mesh import Mesh
 from strategies import seeds
 
@@ -427,17 +423,6 @@ def test_the_unit_of_length_does_not_matter(size):
 # ---- robots that turn about the z axis -------------------------------------------------------------------------------
 
 
-def turning_proofs(body, boxes, outside):
-    """Proofs of a robot that turns, with a map that knows nothing."""
-    workspace = Workspace.from_mesh(boxes_mesh(boxes), 0.2, (0, 0, 0, 2, 2, 2))
-    rotations = Rotations.of(4)
-    beyond = np.array([[0, 0, 0, -1, -1, -1, MIXED]])
-    grid = workspace.grid
-    states = np.full((1, *grid.shape), MIXED, dtype=np.uint8)
-    map_ = Map(states, rotations.compiled(np.zeros(4, dtype=np.int64)), grid.lower, grid.spacing, grid.upper, beyond)
-    return SolidProofs(Problem(map_, 4, workspace, body, 0.0, outside == "blocked"))
-
-
 @pytest.mark.parametrize("outside", ["blocked", "free"])
 def test_robots_that_turn_in_space(outside):
     """Against FCL at single configurations and at 500 along each edge that is proven."""
@@ -445,7 +430,8 @@ def test_robots_that_turn_in_space(outside):
     low = rng.uniform(0.2, 1.6, (5, 3))
     boxes = np.stack([low, low + 0.2], axis=1)
     mesh = trimesh.creation.box(bounds=[[-0.1, -0.05, -0.1], [0.5, 0.1, 0.1]])
-    proofs = turning_proofs(Robot.mesh(mesh), boxes, outside)
+    workspace = Workspace.from_mesh(boxes_mesh(boxes), 0.2, (0, 0, 0, 2, 2, 2))
+    space = cspace.build(workspace, Robot.mesh(mesh), rotations=8, outside=outside)
     models = [fcl.BVHModel() for _ in range(2)]
     for model, part in zip(models, (mesh, boxes_mesh(boxes)), strict=True):
         model.beginModel(len(part.vertices), len(part.faces))
@@ -461,14 +447,14 @@ def test_robots_that_turn_in_space(outside):
         return found if outside == "free" else min(found, at.min(), (2.0 - at).min())
 
     q0 = np.column_stack([rng.uniform(0.0, 2.0, (150, 3)), rng.uniform(-9.0, 9.0, 150)])
-    free = np.array([proofs.point(*q.tolist()) >= 0 for q in q0])
+    free = space.is_free(q0, exact=True)
     true = np.array([gap(q) for q in q0])
     decided = np.abs(true) > BAND
     np.testing.assert_array_equal(free[decided], true[decided] > 0.0)
     assert 20 < free.sum() < 145
     proven = 0
     for first, step in zip(q0[free], rng.normal(0.0, 0.2, q0.shape) * [1.0, 1.0, 1.0, 3.0], strict=False):
-        answer = proofs.edge(*first.tolist(), *(first + step).tolist()) >= 0
+        answer = space.motion_is_free(first, first + step, exact=True)
         turn = math.remainder(step[3], 2 * math.pi)
         way = first + np.linspace(0.0, 1.0, 500 if answer else 60)[:, None] * [*step[:3], turn]
         least = min(gap(q) for q in way)
