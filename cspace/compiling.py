@@ -16,9 +16,9 @@ A program that shows progress adds a handler of its own; this module is quick to
 
 
 @overload
-def jit(function: F, /) -> F: ...
+def jit(function: F, /, **options: Any) -> F: ...
 @overload
-def jit(**options: Any) -> Callable[[F], F]: ...
+def jit(function: None = None, /, **options: Any) -> Callable[[F], F]: ...
 def jit(function: F | None = None, /, **options: Any) -> Any:
     """A function compiled by numba at its first call, which lets other threads run meanwhile.
 
@@ -40,11 +40,11 @@ def jit(function: F | None = None, /, **options: Any) -> Any:
     ...     return first / second
     """
     if function is None:
-        return partial(jit, **options)
+        return lambda decorated: jit(decorated, **options)
     from numba import njit
 
     _announce_compiling()
-    options = {"cache": True, "nogil": True, **options}
+    options = {"cache": True, "nogil": True, "no_cfunc_wrapper": True, **options}
     try:
         return njit(**options)(function)
     except RuntimeError:  # numba found no folder that it may write to
@@ -77,7 +77,7 @@ def _announce_compiling() -> None:
     """Have numba tell when it compiles; what it reads from its cache does not count."""
     from numba.core import event
 
-    class Announcer(event.Listener):  # type: ignore[misc]  # numba has no types
+    class Announcer(event.Listener):
         def __init__(self) -> None:
             self.announced: set[str] = set()
 
@@ -90,4 +90,4 @@ def _announce_compiling() -> None:
         def on_end(self, event: Any) -> None:
             pass
 
-    event.register("numba:compile", Announcer())
+    event.register("numba:compile", Announcer())  # type: ignore[no-untyped-call]

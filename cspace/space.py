@@ -134,7 +134,7 @@ class CSpace:
             counts = writable(overlaps)
             self._counts = counts.view().reshape(self._seen.shape)
             self.overlaps = read_only(counts)
-        self._fields = checked_fields(fields, grid.dim, shape) if fields else {}
+        self._fields: Mapping[str, Floats] = checked_fields(fields, grid.dim, shape) if fields else {}
         self._make_room()
         if rasters is not None:
             self._rasters_kept.get(lambda: list(rasters))
@@ -229,7 +229,7 @@ class CSpace:
     # ---- one configuration -------------------------------------------------------------------------------------------
 
     @overload
-    def classify(self, q: One) -> int: ...
+    def classify(self, q: One) -> int: ...  # type: ignore[overload-overlap]
     @overload
     def classify(self, q: Many) -> NDArray[np.uint8]: ...
     def classify(self, q: ArrayLike) -> int | NDArray[np.uint8]:
@@ -253,7 +253,7 @@ class CSpace:
         return answer(q, self.dof, self._classify(), np.uint8, int)
 
     @overload
-    def is_free(self, q: One, *, exact: bool = False) -> bool: ...
+    def is_free(self, q: One, *, exact: bool = False) -> bool: ...  # type: ignore[overload-overlap]
     @overload
     def is_free(self, q: Many, *, exact: bool = False) -> Bools: ...
     def is_free(self, q: ArrayLike, *, exact: bool = False) -> bool | Bools:
@@ -263,11 +263,11 @@ class CSpace:
         """
         if exact:
             return answer(q, self.dof, self._exact.points(), np.bool_, bool)
-        state = answer(q, self.dof, self._classify(), np.uint8, int)
-        return state == FREE
+        free: bool | Bools = answer(q, self.dof, self._classify(), np.uint8, int) == FREE
+        return free
 
     @overload
-    def overlap(self, q: One) -> int: ...
+    def overlap(self, q: One) -> int: ...  # type: ignore[overload-overlap]
     @overload
     def overlap(self, q: Many) -> Ints: ...
     def overlap(self, q: ArrayLike) -> int | Ints:
@@ -289,7 +289,7 @@ class CSpace:
         return self._sum("outer", q)
 
     @overload
-    def contains_robot(self, q: One) -> bool: ...
+    def contains_robot(self, q: One) -> bool: ...  # type: ignore[overload-overlap]
     @overload
     def contains_robot(self, q: Many) -> Bools: ...
     def contains_robot(self, q: ArrayLike) -> bool | Bools:
@@ -313,7 +313,7 @@ class CSpace:
         return inside if inside.ndim else bool(inside)
 
     @overload
-    def is_free_around(self, q: One, distance: float, angle: float = 0.0) -> bool: ...
+    def is_free_around(self, q: One, distance: float, angle: float = 0.0) -> bool: ...  # type: ignore[overload-overlap]
     @overload
     def is_free_around(self, q: Many, distance: float, angle: float = 0.0) -> Bools: ...
     def is_free_around(self, q: ArrayLike, distance: float, angle: float = 0.0) -> bool | Bools:
@@ -341,10 +341,10 @@ class CSpace:
         for name, value, unit in (("distance", reach[0], "metres"), ("angle", reach[1], "radians")):
             if value < 0.0:
                 raise InputError(name, f"is {value:g}", "it must be zero or above", f"pass it in {unit}", value=value)
-        return answer(q, self.dof, partial(boxes_are_free, self._map, *reach), np.bool_, bool)
+        return answer(q, self.dof, partial(boxes_are_free, self._map, reach[0], reach[1]), np.bool_, bool)
 
     @overload
-    def clearance(self, q: One) -> float: ...
+    def clearance(self, q: One) -> float: ...  # type: ignore[overload-overlap]
     @overload
     def clearance(self, q: Many) -> Floats: ...
     def clearance(self, q: ArrayLike) -> float | Floats:
@@ -368,7 +368,7 @@ class CSpace:
     # ---- edges -------------------------------------------------------------------------------------------------------
 
     @overload
-    def motion_is_free(self, q0: One, q1: One, *, exact: bool = False) -> bool: ...
+    def motion_is_free(self, q0: One, q1: One, *, exact: bool = False) -> bool: ...  # type: ignore[overload-overlap]
     @overload
     def motion_is_free(self, q0: Many, q1: ArrayLike, *, exact: bool = False) -> Bools: ...
     @overload
@@ -438,8 +438,8 @@ class CSpace:
         if points.ndim < 2 or points.shape[-2] == 0:
             rule = "it must hold at least one configuration in a row"
             raise InputError("path", f"has shape {points.shape}", rule, f"pass an array of shape (n, {self.dof})")
-        free: Bools = self.motion_is_free(points[..., :-1, :], points[..., 1:, :], exact=exact)
-        return free
+        starts, ends = points[..., :-1, :], points[..., 1:, :]
+        return np.asarray(answer_edges(starts, ends, self.dof, lambda number: self._edges(number, exact)))
 
     # ---- for callbacks -----------------------------------------------------------------------------------------------
 
@@ -494,7 +494,7 @@ class CSpace:
     # ---- what FREE cells join ----------------------------------------------------------------------------------------
 
     @overload
-    def path_exists(self, q0: One, q1: One) -> bool | None: ...
+    def path_exists(self, q0: One, q1: One) -> bool | None: ...  # type: ignore[overload-overlap]
     @overload
     def path_exists(self, q0: Many, q1: ArrayLike) -> NDArray[np.object_]: ...
     @overload
@@ -581,7 +581,7 @@ class CSpace:
         if not len(cells):
             return np.empty((0, self.dof))
         path = np.vstack([ends[0], self.grid.center_of(cells), ends[1]])
-        if not self.motion_is_free(path[:-1], path[1:]).all():
+        if not self.certify_path(path).all():
             return np.empty((0, self.dof))
         return pulled_straight(path, self.edge_checker(), 2.0 * self.grid.spacing) if straight else path
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,6 +15,8 @@ from cspace.threads import LEAST, in_chunks
 
 Floats = NDArray[np.float64]
 Kernel = Callable[..., int]
+D = TypeVar("D", bound=np.generic)
+S = TypeVar("S")
 
 Number = np.floating[Any] | np.integer[Any] | np.bool_
 One = Sequence[float] | np.ndarray[tuple[int], np.dtype[Number]]
@@ -31,8 +33,8 @@ ROWS: Final = 8_192
 
 
 def answer(
-    q: ArrayLike, dof: int, kernel: Kernel, dtype: type[Any], scalar: Callable[[Any], Any], name: str = "q"
-) -> Any:
+    q: ArrayLike, dof: int, kernel: Kernel, dtype: type[D], scalar: Callable[[Any], S], name: str = "q"
+) -> S | NDArray[D]:
     """What a kernel gives for configurations.
 
     Parameters
@@ -64,7 +66,9 @@ def answer(
     return out.reshape(points.shape[:-1]) if points.ndim > 1 else scalar(out[0])
 
 
-def answer_edges(q0: ArrayLike, q1: ArrayLike, dof: int, kernel_for: Callable[[int], Kernel]) -> Any:
+def answer_edges(
+    q0: ArrayLike, q1: ArrayLike, dof: int, kernel_for: Callable[[int], Kernel]
+) -> bool | NDArray[np.bool_]:
     """What a kernel tells, True or False, of straight edges; as :func:`answer`, with two batches that broadcast.
 
     ``kernel_for(n)`` is the kernel for n edges.
@@ -73,9 +77,8 @@ def answer_edges(q0: ArrayLike, q1: ArrayLike, dof: int, kernel_for: Callable[[i
     try:
         starts, ends = np.broadcast_arrays(starts, ends)
     except ValueError as error:
-        raise InputError(
-            f"q0 has shape {starts.shape} and q1 {ends.shape}; they must broadcast; pass batches of equal shape"
-        ) from error
+        found = f"has shape {starts.shape} and q1 {ends.shape}"
+        raise InputError("q0", found, "they must broadcast", "pass batches of equal shape") from error
     first, second = (part.reshape(-1, dof) for part in (starts, ends))
     out = np.empty(len(first), dtype=np.bool_)
     bad = _fill(out, kernel_for(len(out)), [first, second], EDGES_A_THREAD)
@@ -111,12 +114,12 @@ def _as_rows(q: ArrayLike, name: str, dof: int) -> NDArray[Any]:
         if rows.dtype.kind not in "fiub":
             rows = np.asarray(rows, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise InputError(f"{name} is {q!r}; it must be numeric; pass coordinates in metres, yaw in radians") from error
+        mend = "pass coordinates in metres, yaw in radians"
+        raise InputError(name, f"is {q!r}", "it must be numeric", mend, value=q) from error
     if rows.ndim == 0 or rows.shape[-1] != dof:
-        raise InputError(
-            f"{name} has shape {rows.shape}; its last axis must be {dof} long, one entry for each coordinate; "
-            "pass one configuration or a batch of them"
-        )
+        rule = f"its last axis must be {dof} long, one entry for each coordinate"
+        mend = "pass one configuration or a batch of them"
+        raise InputError(name, f"has shape {rows.shape}", rule, mend, value=rows.shape)
     return rows
 
 
@@ -140,10 +143,8 @@ def _fill(out: NDArray[Any], kernel: Kernel, parts: Sequence[NDArray[Any]], leas
 
 def _not_finite(values: NDArray[Any], name: str, index: int) -> InputError:
     numbers = tuple(values.astype(np.float64).tolist())
-    return InputError(
-        f"{name} number {index} is {numbers}; NaN, infinities and a yaw beyond {MAX_YAW:.0f} rad are refused; "
-        "drop or replace them first"
-    )
+    rule = f"NaN, infinities and a yaw beyond {MAX_YAW:.0f} rad are refused"
+    return InputError(name, f"number {index} is {numbers}", rule, "drop or replace them first", value=numbers)
 
 
 def as_pairs(edges: ArrayLike, vertices: Floats) -> NDArray[np.int64]:
@@ -152,20 +153,23 @@ def as_pairs(edges: ArrayLike, vertices: Floats) -> NDArray[np.int64]:
     try:
         pairs = np.asarray(edges)
     except ValueError as error:
-        raise InputError(f"edges is {edges!r}; it must be pairs of vertices; pass indices of shape (m, 2)") from error
+        mend = "pass indices of shape (m, 2)"
+        raise InputError("edges", f"is {edges!r}", "it must be pairs of vertices", mend, value=edges) from error
     pairs = pairs.astype(np.int64).reshape(0, 2) if pairs.size == 0 else pairs
     if pairs.dtype.kind not in "iu" or pairs.ndim != 2 or pairs.shape[1] != 2 or vertices.ndim != 2:
         raise InputError(
-            f"edges has shape {pairs.shape} and type {pairs.dtype}, for vertices of shape {vertices.shape}; each edge "
-            "must be two whole numbers, and vertices a list of configurations; pass shapes (m, 2) and (n, dof)"
+            "edges",
+            f"has shape {pairs.shape} and type {pairs.dtype}, for vertices of shape {vertices.shape}",
+            "each edge must be two whole numbers, and vertices a list of configurations",
+            "pass shapes (m, 2) and (n, dof)",
         )
     wrong = (pairs < 0) | (pairs >= len(vertices))
     if wrong.any():
         number = int(np.argwhere(wrong)[0, 0])
-        raise InputError(
-            f"edge number {number} is {tuple(pairs[number].tolist())}; there are {len(vertices)} vertices, counted "
-            f"from 0; pass indices from 0 to {len(vertices) - 1}"
-        )
+        pair = tuple(pairs[number].tolist())
+        rule = f"there are {len(vertices)} vertices, counted from 0"
+        mend = f"pass indices from 0 to {len(vertices) - 1}"
+        raise InputError("edge", f"number {number} is {pair}", rule, mend, value=pair)
     return pairs.astype(np.int64, copy=False)
 
 

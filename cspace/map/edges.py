@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba.cpython.unsafe.tuple import tuple_setitem
 from numpy.typing import NDArray
 
 from cspace.compiling import reader
@@ -23,6 +22,7 @@ from cspace.map.points import (
     Slice,
     configuration,
     is_usable,
+    replaced,
     run_is_free,
     slice_number,
     with_exterior,
@@ -65,8 +65,8 @@ def edge_is_free(map_: Map, mip: States, q0: Numbers, q1: Numbers) -> bool:
             return True
         first, last = map_.lower, map_.lower
         for axis in range(len(map_.lower)):
-            first = tuple_setitem(first, axis, between(q0[axis], q1[axis], start))
-            last = tuple_setitem(last, axis, between(q0[axis], q1[axis], stop))
+            first = replaced(first, axis, between(q0[axis], q1[axis], start))
+            last = replaced(last, axis, between(q0[axis], q1[axis], stop))
         if not segment_is_free(map_, mip, number, first, last):
             return False
 
@@ -92,21 +92,21 @@ def segment_is_free(map_: Map, mip: States, number: int, first: Numbers, last: N
         u, v = (a - lower) / map_.spacing, (b - lower) / map_.spacing
         inside &= (min(a, b) >= lower) & (max(a, b) <= upper)
         total += abs(u) + abs(v)
-        p, q = tuple_setitem(p, 3 - dim + axis, u), tuple_setitem(q, 3 - dim + axis, v)
+        p, q = replaced(p, 3 - dim + axis, u), replaced(q, 3 - dim + axis, v)
     if not total <= MAX_PLACE:  # nor is NaN
         return False
     part = slice_number(map_, number)
     low, high = part.low, part.shape
     for axis in range(3):
-        high = tuple_setitem(high, axis, part.shape[axis] - 1)
+        high = replaced(high, axis, part.shape[axis] - 1)
     if not inside:
         # A segment that leaves the grid is proven only where all is FREE beyond the grid and the box.
         if map_.exterior[number, 2 * dim] != FREE:
             return False
         part = with_exterior(map_, part, number)
         for axis in range(3):
-            low = tuple_setitem(low, axis, min(part.low[axis], 0))
-            high = tuple_setitem(high, axis, max(part.high[axis], high[axis]))
+            low = replaced(low, axis, min(part.low[axis], 0))
+            high = replaced(high, axis, max(part.high[axis], high[axis]))
         return slabs_are_free(part, p, q, low, high)
     if part.shape[0] > 1 and not probes_are_free(part, p, q):
         return False

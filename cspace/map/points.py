@@ -7,7 +7,8 @@ Loops over axes are unrolled by the compiler, and what is written for one axis h
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba.cpython.unsafe.tuple import tuple_setitem
@@ -24,6 +25,9 @@ Ints = NDArray[np.int64]
 States = NDArray[np.uint8]
 Numbers = tuple[float, ...]
 Cell = tuple[int, ...]
+
+replaced: Callable[[Any, int, Any], Any] = tuple_setitem  # type: ignore[assignment]  # what it is to compiled code
+"""A tuple with another entry at an index."""
 
 FAR = 2.0**62
 
@@ -45,7 +49,7 @@ def configuration(map_: Map, points: Floats, k: int) -> Numbers:
     """Row k of an array of configurations as a tuple."""
     q = map_.lower + turning.blank(map_.rotations)
     for axis in range(len(q)):
-        q = tuple_setitem(q, axis, points[k, axis])
+        q = replaced(q, axis, points[k, axis])
     return q
 
 
@@ -71,12 +75,12 @@ def cell_at(value: float, lower: float, spacing: float, upper: float, n: int) ->
 def cell_of(map_: Map, q: Numbers) -> tuple[bool, Cell]:
     """Whether a configuration lies in the grid, and its cell ``(slice, x, y)`` or ``(slice, x, y, z)``."""
     inside = True
-    cell = tuple_setitem(map_.states.shape, 0, turning.slice_at(map_.rotations, q))
+    cell: Cell = replaced(map_.states.shape, 0, turning.slice_at(map_.rotations, q))
     for axis in range(len(map_.lower)):
         n = map_.states.shape[axis + 1]
         i = cell_at(q[axis], map_.lower[axis], map_.spacing, map_.upper[axis], n)
         inside &= (i >= 0) & (i < n)
-        cell = tuple_setitem(cell, axis + 1, i)
+        cell = replaced(cell, axis + 1, i)
     return inside, cell
 
 
@@ -119,9 +123,9 @@ def codes_of(map_: Map, places: Floats, slices: Ints, cells: Ints, codes: States
     # As tuples: what lies in arrays would be read again after every write.
     sizes, first, last = map_.lower, map_.lower, map_.lower
     for axis in range(dim):
-        sizes = tuple_setitem(sizes, axis, float(shape[axis + 1]))
-        first = tuple_setitem(first, axis, float(map_.exterior[0, axis]))
-        last = tuple_setitem(last, axis, float(map_.exterior[0, axis + dim]) + 1.0)
+        sizes = replaced(sizes, axis, float(shape[axis + 1]))
+        first = replaced(first, axis, float(map_.exterior[0, axis]))
+        last = replaced(last, axis, float(map_.exterior[0, axis + dim]) + 1.0)
     beyond, several = np.uint8(map_.exterior[0, 2 * dim]), shape[0] > 1
     asked = 0
     for k in range(cells.shape[0]):
@@ -191,7 +195,7 @@ def layered(cell: Cell, layer: int) -> Cell:
     """A cell ``(slice, x, y)`` or ``(slice, x, y, z)`` along three axes, without the slice."""
     three = (layer, layer, layer)
     for axis in range(len(cell) - 1):
-        three = tuple_setitem(three, 4 - len(cell) + axis, cell[axis + 1])
+        three = replaced(three, 4 - len(cell) + axis, cell[axis + 1])
     return three
 
 
@@ -219,11 +223,12 @@ class Slice(NamedTuple):
 @reader(forceinline=True)
 def slice_number(map_: Map, number: int) -> Slice:
     """A slice by its number, as if all were FREE outside the grid."""
-    dim, shape, size = len(map_.lower), (1, 1, 1), 1
+    dim, size, one = len(map_.lower), 1, int(np.int64(1))  # of which numba does not know the value
+    shape = (one, one, one)
     for axis in range(dim):
         size *= map_.states.shape[axis + 1]
-        shape = tuple_setitem(shape, 3 - dim + axis, map_.states.shape[axis + 1])
-    return Slice(map_.cells, number * size, shape, (0, 0, 0), (-1, -1, -1))
+        shape = replaced(shape, 3 - dim + axis, map_.states.shape[axis + 1])
+    return Slice(map_.cells, number * size, shape, (one - one, one - one, one - one), (-one, -one, -one))
 
 
 @reader
@@ -231,8 +236,8 @@ def with_exterior(map_: Map, part: Slice, number: int) -> Slice:
     """The same with the box of cells outside the grid that are MIXED; all else there must be FREE."""
     dim, low, high = len(map_.lower), (0, 0, 0), (0, 0, 0)
     for axis in range(dim):
-        low = tuple_setitem(low, 3 - dim + axis, map_.exterior[number, axis])
-        high = tuple_setitem(high, 3 - dim + axis, map_.exterior[number, axis + dim])
+        low = replaced(low, 3 - dim + axis, map_.exterior[number, axis])
+        high = replaced(high, 3 - dim + axis, map_.exterior[number, axis + dim])
     return Slice(part.cells, part.start, part.shape, low, high)
 
 
@@ -262,8 +267,8 @@ def box_is_free(map_: Map, number: int, q: Numbers, distance: float) -> bool:
         place = (q[axis] - map_.lower[axis]) / map_.spacing
         total += abs(place)
         if total <= MAX_PLACE:  # nor is NaN
-            first = tuple_setitem(first, 3 - dim + axis, math.ceil(place - reach) - 1)
-            last = tuple_setitem(last, 3 - dim + axis, math.floor(place + reach))
+            first = replaced(first, 3 - dim + axis, math.ceil(place - reach) - 1)
+            last = replaced(last, 3 - dim + axis, math.floor(place + reach))
     if not total + reach <= MAX_PLACE:
         return False
     for axis in range(3):
@@ -273,8 +278,8 @@ def box_is_free(map_: Map, number: int, q: Numbers, distance: float) -> bool:
             return False
         part = with_exterior(map_, part, number)
         for axis in range(3):
-            first = tuple_setitem(first, axis, max(first[axis], min(part.low[axis], 0)))
-            last = tuple_setitem(last, axis, min(last[axis], max(part.high[axis], part.shape[axis] - 1)))
+            first = replaced(first, axis, max(first[axis], min(part.low[axis], 0)))
+            last = replaced(last, axis, min(last[axis], max(part.high[axis], part.shape[axis] - 1)))
     for i in range(first[0], last[0] + 1):
         for j in range(first[1], last[1] + 1):
             if not run_is_free(part, i, j, first[2], last[2]):

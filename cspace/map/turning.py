@@ -122,7 +122,7 @@ def _one_next_around(rotations: OneCell, cursor: bool) -> tuple[bool, int, bool]
 @reader
 def wrapped(borders: Floats, yaw: float) -> float:
     """A yaw from the first border to the last, but for rounding."""
-    return yaw - math.floor((yaw - borders[0]) / TURN) * TURN
+    return yaw - math.floor((yaw - float(borders[0])) / TURN) * TURN
 
 
 @reader
@@ -188,7 +188,7 @@ def _yaw_is_usable(rotations: YawCells, q: Numbers) -> bool:
 
 
 def _yaw_slice_at(rotations: YawCells, q: Numbers) -> int:
-    return rotations.slice_of[cell_of_wrapped(rotations.borders, wrapped(rotations.borders, q[-1]))]
+    return int(rotations.slice_of[cell_of_wrapped(rotations.borders, wrapped(rotations.borders, q[-1]))])
 
 
 def _yaw_slices_at(rotations: YawCells, points: Floats, out: Ints) -> None:
@@ -202,7 +202,7 @@ def _yaw_slices_at(rotations: YawCells, points: Floats, out: Ints) -> None:
 
 
 def _yaw_slice_among(rotations: YawCells, slices: Ints, k: int) -> int:
-    return slices[k]
+    return int(slices[k])
 
 
 def _yaw_first_piece(rotations: YawCells, q0: Numbers, q1: Numbers) -> tuple[float, float, float, int]:
