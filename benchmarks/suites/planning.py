@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import statistics
 import time
 from collections.abc import Callable, Sequence
@@ -165,20 +166,31 @@ def solve(make: Callable[[], Any], query: Query, seed: int) -> tuple[float, Floa
     ou.RNG.setSeed(seed + 1)
     began = time.perf_counter()
     setup = make()
-    states = []
-    for point in query:
-        state = setup.getStateSpace().allocState()
-        for axis, value in enumerate(point.tolist()):
-            state[axis] = value
-        states.append(state)
+    states = [setup.getStateSpace().allocState() for _ in query]
+    for state, point in zip(states, query, strict=True):
+        _write(state, point.tolist())
     setup.setStartAndGoalStates(*states)
     setup.setPlanner(og.RRTConnect(setup.getSpaceInformation()))
     setup.solve(LIMIT)
     taken = time.perf_counter() - began
     if not setup.haveExactSolutionPath():
         return taken, None
-    axes = range(len(query[0]))
-    return taken, np.array([[state[axis] for axis in axes] for state in setup.getSolutionPath().getStates()])
+    return taken, np.array([_read(state, len(query[0])) for state in setup.getSolutionPath().getStates()])
+
+
+def _write(state: Any, q: list[float]) -> None:
+    if hasattr(state, "setXY"):
+        state.setXY(q[0], q[1])
+        state.setYaw(math.remainder(q[2], math.tau))  # OMPL refuses what is not within half a turn of zero
+        return
+    for axis, value in enumerate(q):
+        state[axis] = value
+
+
+def _read(state: Any, dof: int) -> list[float]:
+    if hasattr(state, "setXY"):
+        return [state.getX(), state.getY(), state.getYaw()]
+    return [state[axis] for axis in range(dof)]
 
 
 def _collides(obstacles: Any, path: Floats, radius: float) -> bool:
@@ -190,11 +202,12 @@ def _collides(obstacles: Any, path: Floats, radius: float) -> bool:
 def far_apart(space: CSpace, number: int, rng: np.random.Generator) -> list[Query]:
     """Random FREE pairs that a path joins, no straight edge does, and half the map's diagonal lies between."""
     least = 0.5 * np.linalg.norm(np.subtract(space.grid.upper, space.grid.lower))
-    starts, goals = space.sample_free(20_000, rng), space.sample_free(20_000, rng)
-    fit = np.linalg.norm(starts - goals, axis=1) >= least
+    draws = 20_000 if space.rotations is None else 5_000
+    starts, goals = space.sample_free(draws, rng), space.sample_free(draws, rng)
+    fit = np.linalg.norm((starts - goals)[:, : space.grid.dim], axis=1) >= least
     fit &= (space.path_exists(starts, goals) == True) & ~space.motion_is_free(starts, goals)  # noqa: E712 - of objects
     if fit.sum() < number:
-        raise RuntimeError(f"only {fit.sum()} of 20000 random pairs are far apart, joined and out of sight")
+        raise RuntimeError(f"only {fit.sum()} of {draws} random pairs are far apart, joined and out of sight")
     return list(zip(starts[fit][:number], goals[fit][:number], strict=True))
 
 

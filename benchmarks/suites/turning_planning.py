@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import itertools
 import math
-import statistics
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,20 +16,16 @@ import cspace
 from benchmarks import inputs
 from benchmarks.report import Report
 from benchmarks.soak.plane_geometry import union_of_cells
-from benchmarks.timing import Timing
+from benchmarks.suites.planning import check_paths, far_apart, our_setup, race, solve, tell, tell_made
 from cspace import CSpace, Robot
 
 Floats = NDArray[np.float64]
-Query = tuple[Floats, Floats]
 
 MAP = "maps/depot.yaml"
 LENGTH, WIDTH = 0.6, 0.4
 """Sides of the robot, metres."""
 
 ROTATIONS = 72
-
-LIMIT = 60.0
-"""Seconds that a search may take."""
 
 
 def run(report: Report, seed: int) -> None:
@@ -54,50 +50,20 @@ def run(report: Report, seed: int) -> None:
     obstacles = union_of_cells(workspace.outer, workspace.grid)
     shapely.prepare(obstacles)
     united = time.perf_counter() - began
-    queries = _far_apart(space, 1 if report.quick else 3, np.random.default_rng(seed))
+    queries = far_apart(space, 1 if report.quick else 3, np.random.default_rng(seed))
     seeds = 2 if report.quick else 10
     report.section(
         f"planning, {MAP}: {' x '.join(map(str, workspace.grid.shape))} cells of {workspace.grid.spacing:g} m x "
         f"{ROTATIONS} yaw cells, robot {LENGTH:g} m x {WIDTH:g} m, RRTConnect, {len(queries)} queries, {seeds} seeds "
         "each"
     )
-    timings = {"ours": Timing([]), "OMPL with prepared shapely": Timing([])}
-    makers = {"ours": _ours(space), "OMPL with prepared shapely": _peer(space, obstacles)}
-    for query in queries:
-        for number in range(seeds):
-            for name, timing in timings.items():
-                if not timing.seconds:
-                    _solve(makers[name], query, number)  # not timed, so that neither pays for what a first call makes
-                cpu = time.process_time()
-                taken, path = _solve(makers[name], query, number)
-                timing.cpu.append(time.process_time() - cpu)
-                timing.seconds.append(taken)
-                timing.value.append(path)
-    ours, peer = timings.values()
-    for name, timing in timings.items():
-        report.timing(f"{name}, set-up and search", timing)
-    report.ratio("OMPL with prepared shapely / ours", peer, ours, least=10.0)
-    report.note(f"made once for each map: ours {built * 1e3:.3g} ms (build), the peer {united * 1e3:.3g} ms (polygons)")
-    report.figure("with only our build charged to every search", peer.median / (ours.median + built))
-    for number, (start, goal) in enumerate(queries):
-        part = slice(number * seeds, (number + 1) * seeds)
-        ratio = statistics.median(peer.seconds[part]) / statistics.median(ours.seconds[part])
-        report.figure(f"query {number}: {_text(start)} to {_text(goal)}", ratio)
-    solved = [path for path in ours.value if path is not None]
-    report.check(len(solved) == len(ours.value), f"ours: {len(solved)} of {len(ours.value)} searches reach the goal")
-    colliding = sum(_collides(obstacles, path) for path in solved)
-    report.check(not colliding, f"ours: {colliding} of {len(solved)} paths collide, looked at every 2 mm")
-    paths = [path for path in peer.value if path is not None]
-    report.note(
-        f"the peer: {len(paths)} of {len(peer.value)} searches reach the goal within {LIMIT:g} s, and "
-        f"{sum(_collides(obstacles, path) for path in paths)} of these paths collide between the steps"
-    )
-
-
-def _ours(space: CSpace) -> Callable[[], Any]:
-    import planners
-
-    return lambda: planners.simple_setup(space)
+    solvers = [partial(solve, make) for make in (our_setup(space), _peer(space, obstacles))]
+    ours, peer = race(solvers, queries, seeds)
+    report.timing("ours, set-up and search", ours)
+    report.timing("OMPL with prepared shapely, set-up and search", peer)
+    tell(report, "OMPL with prepared shapely", ours, peer, queries, 10.0)
+    tell_made(report, ours, peer, built, united, "polygons")
+    check_paths(report, ours, peer, lambda path: _collides(obstacles, path), "looked at every 2 mm")
 
 
 def _peer(space: CSpace, obstacles: Any) -> Callable[[], Any]:
@@ -140,32 +106,6 @@ def _peer(space: CSpace, obstacles: Any) -> Callable[[], Any]:
     return setup
 
 
-def _solve(make: Callable[[], Any], query: Query, seed: int) -> tuple[float, Floats | None]:
-    """Seconds until a first solution, and the path; None where none was found."""
-    from ompl import geometric as og
-    from ompl import util as ou
-
-    ou.setLogLevel(ou.LOG_NONE)
-    ou.RNG.setSeed(seed + 1)
-    began = time.perf_counter()
-    setup = make()
-    states = []
-    for x, y, yaw in np.asarray(query).tolist():
-        state = setup.getStateSpace().allocState()
-        state.setX(x)
-        state.setY(y)
-        state.setYaw(math.remainder(yaw, math.tau))  # OMPL refuses what is not within half a turn of zero
-        states.append(state)
-    setup.setStartAndGoalStates(*states)
-    setup.setPlanner(og.RRTConnect(setup.getSpaceInformation()))
-    setup.solve(LIMIT)
-    taken = time.perf_counter() - began
-    if not setup.haveExactSolutionPath():
-        return taken, None
-    path = setup.getSolutionPath().getStates()
-    return taken, np.array([[state.getX(), state.getY(), state.getYaw()] for state in path])
-
-
 def _collides(obstacles: Any, path: Floats) -> bool:
     """Whether the robot meets the obstacles at a place of a path, looked at so often that it moves by 2 mm at most."""
     import shapely
@@ -181,18 +121,3 @@ def _collides(obstacles: Any, path: Floats) -> bool:
         if shapely.intersects(obstacles, footprints).any():
             return True
     return False
-
-
-def _far_apart(space: CSpace, number: int, rng: np.random.Generator) -> list[Query]:
-    """Random FREE pairs that a path joins, no straight edge does, and half the map's diagonal lies between."""
-    least = 0.5 * np.hypot(*np.subtract(space.grid.upper, space.grid.lower))
-    starts, goals = space.sample_free(5_000, rng), space.sample_free(5_000, rng)
-    fit = np.hypot(*(starts - goals)[:, :2].T) >= least
-    fit &= (space.path_exists(starts, goals) == True) & ~space.motion_is_free(starts, goals)  # noqa: E712 - of objects
-    if fit.sum() < number:
-        raise RuntimeError(f"only {fit.sum()} of 5000 random pairs are far apart, joined and out of sight")
-    return list(zip(starts[fit][:number], goals[fit][:number], strict=True))
-
-
-def _text(q: Floats) -> str:
-    return f"({q[0]:.1f}, {q[1]:.1f}, {math.degrees(q[2]):.0f} deg)"
