@@ -1,7 +1,7 @@
 """Figures of collision in the frequency domain, from our own runs: ``python examples/report_figures.py [FOLDER]``.
 
 They follow those of Lysenko (2013) and of Behandish and Ilies (2016); ``docs/frequency.md`` tells what they show. Times
-are medians of a few runs on this machine. Needs ``pip install "cspace[nufft]"``.
+are medians of a few runs on this machine. Needs ``pip install "cspace[spectral]"``.
 """
 
 import math

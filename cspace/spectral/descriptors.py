@@ -28,9 +28,6 @@ MOST_WHOLE: Final = 2.0**40
 """Product of 2-norms up to which transforms in float64 leave whole sums whole: their error is below 1000 rounding units
 of it, so below an eighth."""
 
-CHUNK: Final = 2**20
-"""Points whose values are computed together."""
-
 _TINY: Final = float(np.finfo(np.float64).tiny)
 
 
@@ -144,18 +141,19 @@ class BallDescriptor:
         InputError
             If the last axis is not ``dim`` long, or a value is not finite.
         """
-        from scipy.spatial import cKDTree
-
         array = check_vectors(points, "points", self.dim)
         flat = array.reshape(-1, self.dim)
-        values = np.zeros(len(flat))
-        for start in range(0, len(flat), CHUNK):
-            part = flat[start : start + CHUNK]
-            tree = cKDTree(part)
-            for center, radius in zip(self.centers, self.radii.tolist(), strict=True):
-                near = np.asarray(tree.query_ball_point(center, radius * (1.0 + SAME)), dtype=np.intp)
-                square = (((part[near] - center) / radius) ** 2).sum(axis=1)
-                values[start + near] += self.bump.values(np.sqrt(square))
+        # In the order of x, the points that may lie in a ball follow each other.
+        order = np.argsort(flat[:, 0])
+        flat, values = flat[order], np.zeros(len(flat))
+        reaches = self.radii * (1.0 + SAME)
+        starts = np.searchsorted(flat[:, 0], self.centers[:, 0] - reaches, side="left")
+        stops = np.searchsorted(flat[:, 0], self.centers[:, 0] + reaches, side="right")
+        for ball, (start, stop) in enumerate(zip(starts.tolist(), stops.tolist(), strict=True)):
+            squares = (((flat[start:stop] - self.centers[ball]) / self.radii[ball]) ** 2).sum(axis=1)
+            near = np.flatnonzero(squares < 1.0)
+            values[start + near] += self.bump.values(np.sqrt(squares[near]))
+        values[order] = values.copy()
         return values.reshape(array.shape[:-1])
 
     def sample(self, grid: Grid) -> Descriptor:
