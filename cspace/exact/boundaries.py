@@ -107,7 +107,8 @@ def clipped(border: Pieces, grid: Grid) -> Pieces:
     if ((low >= lower) & (high <= upper)).all():
         return border
     if simplices.shape[1] == 1 or border.radii.any():
-        apart = np.sqrt((np.maximum(np.maximum(lower - high, low - upper), 0.0) ** 2).sum(axis=1))
+        # What is that far does not reach the grid, and its square would overflow.
+        apart = np.sqrt((np.clip(np.maximum(lower - high, low - upper), 0.0, 1e100) ** 2).sum(axis=1))
         near = apart <= border.radii * (1.0 + 1e-9) + 1e-9 * grid.spacing
         return Pieces(simplices[near], border.radii[near])
     for axis in range(grid.dim):

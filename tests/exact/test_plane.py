@@ -1,6 +1,7 @@
 """Exact look-ups: against shapely at a thousand points along each edge, and cases that paper and pencil decide."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -295,6 +296,26 @@ def test_bounds_next_to_zero_cut_as_zero_does(corners, low):
     free = space.is_free(q, exact=True)
     assert not free[gap <= 0.0].any()
     assert free[gap > BAND].all()
+
+
+@pytest.mark.parametrize("outside", ["blocked", "free"])
+def test_round_obstacles_are_round(outside):
+    rng = np.random.default_rng(0)
+    centers, radii = rng.uniform(-0.3, 4.3, (12, 2)), rng.uniform(0.0, 0.8, 12)
+    cells = Workspace.from_balls(centers, radii, 0.1, (0, 0, 4, 4))
+    workspace = replace(cells, shapes=(Balls(centers, radii),))
+    space = cspace.build(workspace, Robot.rectangle(0.3, 0.2), rotations=12, outside=outside)
+    q = draw(space, rng, 2000)
+    corners = np.array([(-0.15, -0.1), (0.15, -0.1), (0.15, 0.1), (-0.15, 0.1)])
+    turn = np.exp(1j * q[:, 2])[:, None] * (corners[:, 0] + 1j * corners[:, 1])
+    placed = np.stack([turn.real + q[:, :1], turn.imag + q[:, 1:2]], axis=-1)
+    gap = (shapely.distance(shapely.polygons(placed)[:, None], shapely.points(centers)) - radii).min(axis=1)
+    if outside == "blocked":
+        gap = np.minimum(gap, np.minimum(placed, 4.0 - placed).min(axis=(1, 2)))
+    free, state = space.is_free(q, exact=True), space.classify(q)
+    assert not (free & (gap <= 0.0) & (state != FREE)).any()
+    decided = (np.abs(gap) > BAND) & (state == MIXED)
+    np.testing.assert_array_equal(free[decided], gap[decided] > 0.0)
 
 
 def test_a_half_turn_is_proven_both_ways():
