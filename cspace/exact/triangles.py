@@ -54,8 +54,7 @@ def coal_module() -> Any:
         import coal
     except ImportError as error:
         raise MissingPackageError(
-            "exact answers in space need the package coal, which is not installed; "
-            'install it with: pip install "cspace[exact]"'
+            "coal", "is not installed", "exact answers in space need it", 'install it: pip install "cspace[exact]"'
         ) from error
     return coal
 
