@@ -144,7 +144,7 @@ class Mesh(Shape):
         object.__setattr__(self, "faces", faces)
 
     @classmethod
-    def of(cls, shape: Any, solid: Solid = "auto") -> Mesh:
+    def of(cls, shape: MeshLike, solid: Solid = "auto") -> Mesh:
         """A mesh from anything that describes one.
 
         Parameters
