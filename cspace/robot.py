@@ -304,7 +304,7 @@ class Robot:
 
         Only turns that map it to itself to the last bit count.
         """
-        if self.shape.is_round:
+        if self.shape.is_round_about_z:
             return 0
         for order, (cosine, sine) in ((4, (0.0, 1.0)), (2, (-1.0, 0.0))):
             matrix = np.eye(self.dim)

@@ -5,9 +5,9 @@ lies on one side of it, so that one inside test at the middle of one of its boxe
 tells for all.
 
 *Turning.* A rotation cell holds the rotations within an angle a of its representative R. A point p of the robot A is
-less than ``2 |p| sin(a / 2)`` from ``R p`` at all of them (about the z axis, ``|p|`` is the distance from it). Cut the
-surface into pieces, and let ``g`` be the largest such displacement on a piece; pieces are cut small enough for it to
-vary by less than a quarter of a cell along a side.
+at most ``2 |p| sin(a / 2)`` from ``R p`` at all of them (about the z axis, ``|p|`` is the distance from it). Cut the
+surface into pieces, and let ``g`` be the largest such displacement on a piece, which is that of a corner. Pieces are
+small enough for it to vary by no more than a quarter of a cell along a side, or an eighth of itself.
 
 * *Outer.* Let q lie in R' A for a rotation R' of the cell, and not in R A. On the way from R to R', which stays within
   the cell, q passes from the outside of the robot to its inside; so at some rotation R'' on the way it lies on the
@@ -36,6 +36,12 @@ from cspace.rotations import STILL, Turn
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+
+_VARIATION: Final = 0.25
+"""Cells by which the displacement within a turn may vary along the side of a piece,"""
+
+_PART: Final = 0.125
+"""or the part of itself, if that is more."""
 
 _MOST_FILLED: Final = 2**30
 """Cells of the bounding box of a surface up to which it is filled."""
@@ -182,7 +188,13 @@ def surface_rasters(skin: Skin, spacing: float, margin: float = 0.0, turn: Turn 
 def _grown_pieces(triangles: Floats, turn: Turn) -> tuple[Floats, Floats]:
     """Pieces of triangles in cells, shape (n, 3, 3), and how far a point of each may be displaced within a turn."""
     swing = float(turn.displacement(np.array([1.0, 0.0, 0.0])))
-    pieces = cut_to(triangles, 0.25 / swing) if swing > 0.0 else triangles
+    if swing == 0.0:
+        return triangles, np.zeros(len(triangles))
+
+    def longest(pieces: Floats) -> Floats:
+        return np.asarray(np.maximum(_VARIATION, _PART * turn.displacement(pieces).min(axis=1)) / swing)
+
+    pieces = cut_to(triangles, longest)
     # The displacement is convex, so that it is largest at a corner.
     return pieces, turn.displacement(pieces).max(axis=1)
 

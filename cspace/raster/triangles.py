@@ -41,6 +41,7 @@ times their length besides.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Final
 
 import numpy as np
@@ -111,13 +112,15 @@ def mark_within(out: Bools, triangles: Floats, half: float, radii: Floats) -> No
     in_chunks(work, len(out), _SLABS_A_THREAD)
 
 
-def cut_to(triangles: Floats, longest: float) -> Floats:
-    """Pieces of triangles none of whose sides is longer, shape (n, 3, 3): halved across the longest side again and
-    again."""
+def cut_to(triangles: Floats, longest: Callable[[Floats], Floats]) -> Floats:
+    """Pieces of triangles, shape (n, 3, 3): halved across the longest side until it is no longer than it may be.
+
+    ``longest`` gives the length for each of some triangles.
+    """
     done = []
     while len(triangles):
         sides = np.linalg.norm(triangles - np.roll(triangles, -1, axis=1), axis=2)
-        long = sides.max(axis=1) > longest
+        long = sides.max(axis=1) > longest(triangles)
         done.append(triangles[~long])
         turned = (sides[long].argmax(axis=1)[:, None] + np.arange(3)) % 3
         a, b, c = np.moveaxis(np.take_along_axis(triangles[long], turned[..., None], axis=1), 1, 0)
@@ -325,16 +328,19 @@ def _mark_within(
     for t in range(len(triangles)):
         radius = radii[t]
         reach = radius + half + slack
-        surely_not = radius + half * math.sqrt(3.0) + slack
         triangle = triangles[t]
         a, b, c = triangle[0], triangle[1], triangle[2]
         mx, my, mz = (a[0] + b[0] + c[0]) / 3.0, (a[1] + b[1] + c[1]) / 3.0, (a[2] + b[2] + c[2]) / 3.0
         # Beyond this distance from its middle a cube is too far from all of the triangle.
-        beyond = surely_not + math.sqrt(
-            max(
-                (a[0] - mx) ** 2 + (a[1] - my) ** 2 + (a[2] - mz) ** 2,
-                (b[0] - mx) ** 2 + (b[1] - my) ** 2 + (b[2] - mz) ** 2,
-                (c[0] - mx) ** 2 + (c[1] - my) ** 2 + (c[2] - mz) ** 2,
+        beyond = (
+            radius
+            + slack
+            + math.sqrt(
+                max(
+                    (a[0] - mx) ** 2 + (a[1] - my) ** 2 + (a[2] - mz) ** 2,
+                    (b[0] - mx) ** 2 + (b[1] - my) ** 2 + (b[2] - mz) ** 2,
+                    (c[0] - mx) ** 2 + (c[1] - my) ** 2 + (c[2] - mz) ** 2,
+                )
             )
         )
         first = max(start, math.ceil(min(triangle[0, 0], triangle[1, 0], triangle[2, 0]) - reach))
@@ -344,9 +350,21 @@ def _mark_within(
         first_z = max(0, math.ceil(min(triangle[0, 2], triangle[1, 2], triangle[2, 2]) - reach))
         last_z = min(nz - 1, math.floor(max(triangle[0, 2], triangle[1, 2], triangle[2, 2]) + reach))
         for i in range(first, last + 1):
+            dx = max(0.0, abs(i - mx) - half)
             for j in range(first_y, last_y + 1):
-                for k in range(first_z, last_z + 1):
-                    if out[i, j, k] or (i - mx) ** 2 + (j - my) ** 2 + (k - mz) ** 2 > beyond * beyond:
+                # What is within the radius of the middle is a run along z, and so is what may be near enough.
+                dy = max(0.0, abs(j - my) - half)
+                may = beyond * beyond - dx * dx - dy * dy
+                if may < 0.0:
+                    continue
+                sure = radius * radius - dx * dx - dy * dy
+                if sure >= 0.0:
+                    low = max(first_z, math.ceil(mz - math.sqrt(sure) - half))
+                    for k in range(low, min(last_z, math.floor(mz + math.sqrt(sure) + half)) + 1):
+                        out[i, j, k] = True
+                low = max(first_z, math.ceil(mz - math.sqrt(may) - half))
+                for k in range(low, min(last_z, math.floor(mz + math.sqrt(may) + half)) + 1):
+                    if out[i, j, k]:
                         continue
                     wx, wy, wz, doubt = _to_triangle(i, j, k, triangle)
                     if _box_point(wx, wy, wz, half) > radius:

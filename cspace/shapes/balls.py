@@ -130,7 +130,11 @@ class Balls(Shape):
 
     @property
     def is_round(self) -> bool:
-        return len(self.radii) == 1 and not self.centers.any()
+        return not self.centers.any()
+
+    @property
+    def is_round_about_z(self) -> bool:
+        return not self.centers[:, :2].any()
 
     def _features(self, matrix: Floats) -> Floats:
         return np.column_stack([self.centers @ matrix.T, self.radii])

@@ -152,6 +152,11 @@ class Shape(ABC):
         """Whether every rotation about the origin maps the shape to itself."""
         return False
 
+    @property
+    def is_round_about_z(self) -> bool:
+        """Whether every rotation about the z axis maps the shape to itself; in the plane, every rotation."""
+        return self.is_round
+
     def is_same(self, matrix: Floats) -> bool:
         """Whether a rotation about the origin, shape (dim, dim), maps the shape to itself, to the last bit."""
         if not np.isin(matrix, (-1.0, 0.0, 1.0)).all():

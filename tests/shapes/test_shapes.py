@@ -158,6 +158,15 @@ def test_quarter_turns_that_map_a_solid_to_itself(shape, axis, same):
     assert shape.is_same(quarter) is same
 
 
+def test_round_shapes():
+    stack = Balls.of([(0, 0, 0.5), (0, 0, -0.5)], [0.2, 0.3])
+    assert (stack.is_round, stack.is_round_about_z) == (False, True)
+    for balls in (Balls.of([(0, 0, 0)] * 2, [0.1, 0.2]), Balls.of([(0, 0)], 0.3)):
+        assert balls.is_round
+        assert balls.is_round_about_z
+    assert not Box.of((1, 1, 1)).is_round_about_z
+
+
 def test_points_are_checked(shape):
     with pytest.raises(InputError, match=f"{shape.dim} long"):
         shape.contains(np.zeros((2, 5)))
