@@ -1,1 +1,0 @@
-"""Passes over all cells of a map."""
