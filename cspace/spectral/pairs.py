@@ -80,7 +80,8 @@ class BallSet:
         if isinstance(source, BallSet):
             return source
         pair = source
-        for balls in (source, getattr(source, "shape", None)):  # of a robot, they are in its shape
+        owners: tuple[Any, Any] = source, getattr(source, "shape", None)  # of a robot, its shape has them
+        for balls in owners:
             if not isinstance(pair, tuple) and hasattr(balls, "centers") and hasattr(balls, "radii"):
                 pair = (balls.centers, balls.radii)
         if not isinstance(pair, tuple | list) or len(pair) != 2:
