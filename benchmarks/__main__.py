@@ -26,7 +26,7 @@ BENCHMARKS = {
     "solid_planning": "time to a first solution in space, against OMPL with an FCL callback",
     "frequency": "spectra of 10,000 balls, Minkowski sums, 10^5 overlaps, each against the direct way; early misses",
     "startup": "seconds that `cspace --help` and `import cspace` add to Python and numpy",
-    "soak": "every FREE, BLOCKED and free edge or curve, MISS and HIT against exact geometry; the band",
+    "soak": "every FREE, BLOCKED, free edge or curve, MISS and HIT against exact geometry; the band; damaged files",
 }
 
 

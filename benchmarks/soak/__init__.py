@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 from benchmarks.report import Report
-from benchmarks.soak import band, curves, exact, frequency, maps
+from benchmarks.soak import band, curves, exact, files, frequency, maps
 from benchmarks.soak.plane_cases import draw_case
 from benchmarks.soak.space_cases import NO_FCL, draw_solid_case, fcl_is_here
 
@@ -16,7 +16,7 @@ PLACEMENTS = 100_000
 
 
 def run(report: Report, seed: int, checks: int | None = None) -> None:
-    """Random maps of each space until enough answers were checked; then curves, exact answers, misses and the band."""
+    """Random maps of each space until enough answers were checked; then curves, exact answers, misses, the band, files."""
     wanted = checks if checks is not None else 50_000 if report.quick else 1_000_000
     edges = min(EDGES, max(100, wanted // 100))
     maps.check(report, "robots in the plane", draw_case, seed, wanted, edges)
@@ -30,3 +30,4 @@ def run(report: Report, seed: int, checks: int | None = None) -> None:
     exact.check(report, seed, few)
     frequency.check(report, seed, PLACEMENTS // 50 if report.quick else PLACEMENTS)
     band.measure(report, seed, 20 if report.quick else 200)
+    files.check(report, seed, 100 if report.quick else files.MUTANTS)
