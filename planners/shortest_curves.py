@@ -112,7 +112,8 @@ def tied_words(
 
 @jit
 def total_length(lengths: Floats) -> float:
-    return abs(lengths[0]) + abs(lengths[1]) + abs(lengths[2]) + abs(lengths[3]) + abs(lengths[4])
+    total: float = abs(lengths[0]) + abs(lengths[1]) + abs(lengths[2]) + abs(lengths[3]) + abs(lengths[4])
+    return total
 
 
 @jit

@@ -68,7 +68,11 @@ def test_samples_near_a_state_are_free_and_near(name: str, near: Any, distance: 
         assert np.abs(turn_between(near[dim:], found[-1][dim:])).max(initial=0.0) <= distance + 1e-12
     side = np.linspace(-distance, distance, 31)
     around = np.stack(np.meshgrid(*[side] * dim), axis=-1)
-    assert len(found) > 0 or space.dof > dim or not space.is_free(np.array(near) + _with(around, (0.0,) * (space.dof - dim))).any()
+    assert (
+        len(found) > 0
+        or space.dof > dim
+        or not space.is_free(np.array(near) + _with(around, (0.0,) * (space.dof - dim))).any()
+    )
     if near == ENDS[name][0]:
         assert len(found) > 100 and (np.ptp(found, axis=0) > min(distance, 0.7)).all()
     far = state_at(space, si, [0.5] * (dim - 1) + [60.0] + [0.0] * (space.dof - dim))
