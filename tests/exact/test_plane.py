@@ -108,7 +108,7 @@ def spaces(draw):
 # ---- against shapely -------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=60)
+@settings(max_examples=40)
 @given(spaces(), seeds)
 def test_points_agree_with_shapely(space, seed):
     q = draw(space, np.random.default_rng(seed), 300)
@@ -121,7 +121,7 @@ def test_points_agree_with_shapely(space, seed):
     assert free[state == FREE].all() and not free[state == BLOCKED].any()
 
 
-@settings(max_examples=30)
+@settings(max_examples=20)
 @given(spaces(), seeds)
 def test_no_free_edge_collides(space, seed):
     rng = np.random.default_rng(seed)

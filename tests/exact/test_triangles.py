@@ -114,7 +114,7 @@ def moved(robot, obstacles):
 # ---- triangles -------------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=300)
+@settings(max_examples=200)
 @given(triangle_pairs())
 def test_distances_are_off_by_no_more_than_they_say(pair):
     first, second = pair
