@@ -12,7 +12,7 @@ import cspace
 import oracles
 from checks import draw_turned, obstacles_of, stack_of, turned, turned_collides
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
-from cspace.rotations import MAX_YAW, TURN, Rotations
+from cspace.rotations import MAX_YAW, STILL, TURN, Rotations
 from strategies import robots, rotation_cells, seeds
 
 policies = st.sampled_from(["blocked", "free"])
@@ -90,11 +90,9 @@ def test_states_and_overlaps_are_those_of_the_definition(robot, count, seed, out
     options = {"outside": outside, "margin": 0.03, "inner": inner, "overlap": True}
     space = cspace.build(Workspace.from_array(occupied, 0.2), robot, rotations=count, **options)
     cells = np.argwhere(np.ones_like(occupied))
-    turns = zip(space.rotations.representatives.tolist(), space.rotations.covering_angles.tolist(), strict=True)
-    for k, (yaw, sweep) in enumerate(turns):
-        if robot.symmetry == 0:
-            yaw, sweep = 0.0, 0.0
-        rasters = [oracles.raster_offsets(one) for one in robot.rasters(0.2, 0.03, yaw=yaw, sweep=sweep)]
+    for k, turn in enumerate(space.rotations.turns(2)):
+        turn = STILL if robot.symmetry == 0 else turn
+        rasters = [oracles.raster_offsets(one) for one in robot.rasters(0.2, 0.03, turn)]
         meets, lies = (oracles.overlap(occupied, offsets, outside == "blocked") for offsets in rasters)
         for cell in map(tuple, cells.tolist()):
             expected = FREE if not meets[cell] else BLOCKED if inner and lies[cell] else MIXED

@@ -11,13 +11,11 @@ import cspace
 from checks import stack_of
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
 from cspace.map.batches import EDGES_A_THREAD, ROWS
-from cspace.coarse import CELLS_AN_EDGE, coarse_of, renew_coarse
-from cspace.coarse.sides import SIDE
-from cspace.outside import Outside
-from cspace.plane import PlaneLookups
+from cspace.map.kept import Change
+from cspace.map.mip import CELLS_AN_EDGE, SIDE, Mip
 from cspace.rotations import Rotations
 from cspace.threads import LEAST
-from spatial import lookups_of
+from handmade import Outside, lookups_of
 from strategies import rotation_cells, seeds
 
 
@@ -89,7 +87,7 @@ def test_what_lies_outside_a_grid_of_any_size(seed, beyond):
     nx, ny = state.shape
     first = rng.integers(-3, 3, 2)
     box = np.array([*first, *(first + rng.integers(-1, 6, 2))])
-    look = PlaneLookups(state, np.array([0.0, 0.0, 0.25, nx / 4, ny / 4]), Outside(box, beyond))
+    look = lookups_of(state, Outside(box, beyond))
     cells = np.array(list(itertools.product(range(-5, nx + 9), range(-5, ny + 9))))
     out = np.empty(len(cells), np.uint8)
     assert look.classify()((cells + rng.uniform(0.1, 0.9, 2)) / 4, out) == -1
@@ -194,8 +192,8 @@ def test_a_coarse_map_tells_which_blocks_are_free(dim, seed):
     rng = np.random.default_rng(seed)
     shape = (int(rng.integers(1, 4)), *rng.integers(1, 40 if dim == 2 else 20, dim).tolist())
     stack = np.where(rng.random(shape) < rng.choice([0.0, 0.01, 0.2]), rng.integers(1, 3, shape), 0).astype(np.uint8)
-    coarse = coarse_of(stack)
-    assert ((coarse != FREE) == slow_coarse(stack)).all()
+    mip = Mip(stack)
+    assert ((mip.blocks.reshape(slow_coarse(stack).shape) != FREE) == slow_coarse(stack)).all()
 
     boxes = np.empty((len(stack), 6), dtype=np.int64)
     for part, box in zip(stack, boxes, strict=True):
@@ -206,8 +204,8 @@ def test_a_coarse_map_tells_which_blocks_are_free(dim, seed):
             where = tuple(slice(a, b + 1) for a, b in ends.T)
             part[where] = rng.choice([0, 0, 0, 2], part[where].shape)
         box[:] = [*[0] * (3 - dim), *ends[0], *[0] * (3 - dim), *ends[1]]
-    renew_coarse(stack if rng.random() < 0.5 or dim == 3 else stack[:, None], coarse, boxes)
-    assert ((coarse != FREE) == slow_coarse(stack)).all()
+    mip.renew(Change(None, boxes[0], boxes, boxes, boxes, boxes[:, 0], 1, False))
+    assert ((mip.blocks.reshape(slow_coarse(stack).shape) != FREE) == slow_coarse(stack)).all()
 
 
 @pytest.mark.parametrize("make", KINDS)
@@ -227,11 +225,11 @@ def test_edges_of_many_are_those_of_each(make, seed, outside):
 
 
 def test_a_coarse_map_is_made_only_where_it_pays():
-    state = np.zeros((30, 30, 30))
-    look = lookups_of(state)
-    assert look.coarse(state.size // CELLS_AN_EDGE - 1).size == 0
-    assert look.coarse(state.size).shape == (4, 4, 4)
-    assert look.coarse(0).shape == (4, 4, 4)
+    space = cspace.build(cspace.Workspace.from_array(np.zeros((200, 200), dtype=bool), 0.1), cspace.Robot.disc(0.2))
+    space.motion_is_free((1.0, 1.0), (2.0, 2.0))
+    assert space._mip.made is None
+    space.motion_is_free(np.full((10, 2), 1.0), np.full((10, 2), 2.0))
+    assert space._mip.made.blocks.shape == (1, 1, 25, 25)
 
 
 # ---- paths and roadmaps ----------------------------------------------------------------------------------------------

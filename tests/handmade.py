@@ -1,14 +1,24 @@
 """Maps of space made by hand, and slow, plain implementations of what is asked of them."""
 
 from fractions import Fraction
+from functools import partial
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from hypothesis import strategies as st
 
 from cspace import BLOCKED, FREE, MIXED
-from cspace.outside import Outside
-from cspace.spatial.lookups import SpatialLookups
+from cspace.map import callbacks
+from cspace.map.clearance import Distances
+from cspace.map.edges import edges_are_free
+from cspace.map.exterior import Exterior
+from cspace.map.kept import Lock
+from cspace.map.mip import Mip
+from cspace.map.overlaps import Runs, overlaps
+from cspace.map.points import boxes_are_free, classify
+from cspace.map.record import Map
+from cspace.rotations import cells_for
 from oracles import exact, segment_meets_block
 
 EMPTY = np.array([0, 0, 0, -1, -1, -1])
@@ -18,11 +28,56 @@ def frame_of(shape, spacing=0.25, lower=(0.0, 0.0, 0.0)):
     return np.array([*lower, spacing, *(low + spacing * n for low, n in zip(lower, shape, strict=True))])
 
 
-def lookups_of(state, outside=None, spacing=0.25, lower=(0.0, 0.0, 0.0)):
-    """Look-ups of a map made by hand; beyond the grid all is FREE if nothing else is said."""
-    state = np.ascontiguousarray(state, dtype=np.uint8)
-    state.setflags(write=False)
-    return SpatialLookups(state, frame_of(state.shape, spacing, lower), outside or Outside(EMPTY, FREE))
+class Outside(NamedTuple):
+    """What is known outside the grid: one state, but for a box in which all is MIXED."""
+
+    box: np.ndarray
+    state: int
+
+
+class Lookups:
+    """The compiled look-ups of states made by hand, shape (slices, nx, ny) or (slices, nx, ny, nz)."""
+
+    def __init__(self, states, outside, spacing, lower, rotations=None):
+        states = np.ascontiguousarray(states, dtype=np.uint8)
+        states.setflags(write=False)
+        upper = tuple(low + spacing * n for low, n in zip(lower, states.shape[1:], strict=True))
+        table = np.array([[*outside.box, outside.state]] * len(states), dtype=np.int64)
+        cells, slices = cells_for(rotations), np.arange(len(states))
+        self.dof = len(upper) + cells.dof
+        self.map = Map(states, states.reshape(-1), cells.compiled(slices), tuple(lower), spacing, upper, table)
+
+    def classify(self):
+        return partial(classify, self.map)
+
+    def edges(self, number=0):
+        mip = Mip(self.map.states).flat if number else self.map.cells[:0]
+        return partial(edges_are_free, self.map, mip)
+
+    def boxes(self, distance, angle):
+        return partial(boxes_are_free, self.map, distance, angle)
+
+    def overlaps(self, counts, rasters, beyond):
+        return partial(overlaps, self.map, counts, Runs.of(rasters), beyond)
+
+    def clearances(self):
+        return Distances(self.map, Exterior(self.map.exterior), Lock()).kernel
+
+    def clearance_checker(self):
+        return Distances(self.map, Exterior(self.map.exterior), Lock()).checker(self.dof)
+
+    def point_checker(self):
+        return callbacks.point_checker(self.map, self.dof)
+
+    def edge_checker(self):
+        return callbacks.edge_checker(self.map, self.dof)
+
+
+def lookups_of(state, outside=None, spacing=0.25, lower=None):
+    """Look-ups of one slice made by hand; beyond the grid all is FREE if nothing else is said."""
+    state = np.asarray(state)
+    empty = np.repeat([0, -1], state.ndim)
+    return Lookups(state[None], outside or Outside(empty, FREE), spacing, lower or (0.0,) * state.ndim)
 
 
 @st.composite

@@ -8,12 +8,11 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from cspace import BLOCKED, FREE, MIXED, InputError
+from cspace import BLOCKED, FREE, MIXED, InputError, Workspace
 from cspace.map.batches import answer, answer_edges
-from cspace.outside import Outside
-from cspace.overlap import column_sums, raster_runs
+from cspace.map.overlaps import Runs, Sums
 from cspace.raster.raster import Raster
-from spatial import EMPTY, cells_around, frame_of, lookups_of, outsides, state_of, states, touches
+from handmade import EMPTY, Outside, cells_around, frame_of, lookups_of, outsides, state_of, states, touches
 from strategies import seeds
 
 FREE_BEYOND = Outside(EMPTY, FREE)
@@ -68,9 +67,10 @@ def test_refuses_what_is_not_finite(hole, value):
     look = lookups_of(np.zeros((2, 2, 2)))
     q = np.full((600, 3), 0.1)
     q[513, hole] = value
-    for kernel in (look.classify(), look.boxes(0.1, 0.0), look.clearances()):
+    last = look.clearances()
+    for kernel in (look.classify(), look.boxes(0.1, 0.0), last):
         with pytest.raises(InputError, match="number 513"):
-            answer(q, 3, kernel, np.float64 if kernel.func.__name__ == "clearances" else np.uint8, float)
+            answer(q, 3, kernel, np.float64 if kernel == last else np.uint8, float)
     for ends in ((q, q[:1]), (q[:1], q)):
         with pytest.raises(InputError, match="edge number 513"):
             edges(look, *ends)
@@ -256,7 +256,7 @@ def test_overlaps_are_the_pairs(seed, shape, size, beyond):
     raster = Raster.trimmed(cells, tuple(rng.integers(-4, 3, 3).tolist()))
     look = lookups_of(np.zeros(shape))
     spots = list(product(*(range(-3, n + 3) for n in shape)))
-    kernel = look.overlaps(column_sums(occupied), [raster], beyond)
+    kernel = look.overlaps(sums_of(occupied), [raster], beyond)
     counts = answer(0.25 * np.array(spots) + 0.125, 3, kernel, np.int64, int)
     offsets = (np.argwhere(raster.cells) + raster.lower).tolist()
 
@@ -267,18 +267,22 @@ def test_overlaps_are_the_pairs(seed, shape, size, beyond):
     assert counts.tolist() == expected
 
 
+def sums_of(cells):
+    return Sums(Workspace.from_array(cells, 1.0), "outer").counts
+
+
 def test_runs_are_the_cells_of_a_raster():
     cells = np.random.default_rng(0).random((3, 4, 5)) < 0.5
     raster = Raster.trimmed(cells, (-2, 7, 1))
-    runs = raster_runs(raster)
+    runs = Runs.of([raster]).rows
     inside = {(dx, dy, dz) for dx, dy, first, last in runs.tolist() for dz in range(first, last + 1)}
     assert inside == {tuple(cell) for cell in (np.argwhere(raster.cells) + raster.lower).tolist()}
-    assert raster_runs(Raster.trimmed(np.zeros((2, 2, 2), bool), (0, 0, 0))).shape == (0, 4)
+    assert Runs.of([Raster.trimmed(np.zeros((2, 2, 2), bool), (0, 0, 0))]).rows.shape == (0, 4)
 
 
 @pytest.mark.parametrize(("count", "dtype"), [(300, np.int16), (32_767, np.int16), (32_768, np.int32)])
 def test_sums_of_long_columns_do_not_overflow(count, dtype):
-    sums = column_sums(np.ones((1, 2, count), bool))
+    sums = sums_of(np.ones((1, 2, count), bool))
     assert sums.dtype == dtype
     assert (sums == np.arange(count + 1)).all()
 
