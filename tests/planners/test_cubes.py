@@ -1,0 +1,50 @@
+"""The map's own search among the planners."""
+
+import math
+
+import numpy as np
+import pytest
+
+import cspace
+import planners
+from checks import map_of, stack_of
+from cspace import MIXED, InputError, Robot, Workspace
+
+
+@pytest.mark.parametrize("simplify", [True, False])
+@pytest.mark.parametrize("dim", [2, 3])
+def test_cubes_among_the_planners(dim, simplify):
+    occupied = np.zeros((60, 40, 12)[:dim], dtype=bool)
+    occupied[30, :30] = True
+    robot = Robot.disc(0.15) if dim == 2 else Robot.box((0.3, 0.3, 0.1))
+    space = cspace.build(Workspace.from_array(occupied, 0.1), robot)
+    ends = (0.5, 0.5, 0.5)[:dim], (5.5, 0.5, 0.5)[:dim]
+    plan = planners.plan(space, *ends, planner="cubes", simplify=simplify)
+    assert plan.solved and plan.certified and plan.planner == "Cubes"
+    assert plan.path.tolist() == planners.plan(space, *ends, planner="Cubes", simplify=simplify, seed=3).path.tolist()
+    assert 2 * math.hypot(2.5, 2.5) < plan.length < (9.0 if simplify else 20.0)
+
+
+def test_cubes_where_nothing_is_proven():
+    state = np.zeros((5, 3), np.uint8)
+    state[2] = MIXED
+    plan = planners.plan(map_of(state, 1.0), (0.5, 0.5), (4.5, 0.5), planner="Cubes")
+    assert not plan.solved and plan.path_exists is None and "undecided" in plan.status
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"exact": True}, "exact is True"),
+        ({"iterations": 5}, "iterations is 5"),
+        ({"objective": "clearance"}, "objective is 'clearance'"),
+    ],
+)
+def test_what_cubes_cannot_do(options, message):
+    with pytest.raises(InputError, match=message):
+        planners.plan(map_of(np.zeros((3, 3)), 1.0), (0.5, 0.5), (2.5, 2.5), planner="Cubes", **options)
+
+
+def test_cubes_on_a_map_with_rotations():
+    with pytest.raises(InputError, match="with rotations"):
+        planners.plan(stack_of(np.zeros((4, 3, 3)), 4), (0.1, 0.1, 0), (0.5, 0.5, 0), planner="Cubes")
