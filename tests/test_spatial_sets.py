@@ -7,9 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cspace import BLOCKED, FREE, MIXED
-from handmade import Outside
 from cspace.raster.raster import Raster
-from handmade import cells_around, outsides, state_of
+from handmade import Outside, cells_around, outsides, state_of
 from strategies import seeds
 
 ALONE = np.zeros(1, dtype=np.int64)

@@ -16,7 +16,7 @@ PLACEMENTS = 100_000
 
 
 def run(report: Report, seed: int, checks: int | None = None) -> None:
-    """Random maps of each space until enough answers were checked; then curves, exact answers, misses, the band, files."""
+    """Random maps of each space until enough answers were checked; then all the rest."""
     wanted = checks if checks is not None else 50_000 if report.quick else 1_000_000
     edges = min(EDGES, max(100, wanted // 100))
     maps.check(report, "robots in the plane", draw_case, seed, wanted, edges)

@@ -6,7 +6,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba.cpython.unsafe.tuple import tuple_setitem
 from numpy.typing import NDArray
 
 from cspace.compiling import jit
@@ -15,7 +14,7 @@ from cspace.exact.segments import Body, Scene, gap, is_nested, place
 from cspace.grid import MAX_COORDINATE
 from cspace.map import turning
 from cspace.map.edges import edge_is_free
-from cspace.map.points import Numbers, is_usable, state_at
+from cspace.map.points import Numbers, is_usable, replaced, state_at
 from cspace.map.record import Map
 from cspace.map.turning import shorter_turn
 from cspace.rotations import TURN, YAW_SLACK
@@ -51,10 +50,10 @@ class Stretch(NamedTuple):
 @jit(forceinline=True)
 def _configuration(map_: Map, x: float, y: float, yaw: float) -> Numbers:
     """What the map is asked about: without the yaw, if the robot does not turn."""
-    q = map_.lower + turning.blank(map_.rotations)
+    q: Numbers = map_.lower + turning.blank(map_.rotations)
     for axis in range(2, len(q)):
-        q = tuple_setitem(q, axis, yaw)
-    return tuple_setitem(tuple_setitem(q, 0, x), 1, y)
+        q = replaced(q, axis, yaw)
+    return replaced(replaced(q, 0, x), 1, y)
 
 
 @jit

@@ -9,7 +9,6 @@ from functools import partial
 from typing import Any, Final, NamedTuple, cast
 
 import numpy as np
-from numba.cpython.unsafe.tuple import tuple_setitem
 from numpy.typing import NDArray
 
 from cspace.compiling import entry, jit
@@ -18,7 +17,7 @@ from cspace.exact.boundaries import Obstacles, Problem, anchors_of, joined, obst
 from cspace.exact.triangles import Distances
 from cspace.grid import MAX_COORDINATE
 from cspace.map.edges import between, edge_is_free, edges_are_free
-from cspace.map.points import classify, configuration, state_at
+from cspace.map.points import classify, configuration, replaced, state_at
 from cspace.map.record import Map
 from cspace.rotations import TURN, YAW_SLACK
 from cspace.shapes import Pieces
@@ -269,9 +268,9 @@ def _look(map_: Map, motion: Floats, first: float, last: float) -> int:
     stop, middle = start, start
     for axis in range(len(start)):
         a, b = motion[0, axis], motion[1, axis]
-        start = tuple_setitem(start, axis, between(a, b, first))
-        stop = tuple_setitem(stop, axis, between(a, b, last))
-        middle = tuple_setitem(middle, axis, between(a, b, 0.5 * (first + last)))
+        start = replaced(start, axis, between(a, b, first))
+        stop = replaced(stop, axis, between(a, b, last))
+        middle = replaced(middle, axis, between(a, b, 0.5 * (first + last)))
     return ALL_FREE if edge_is_free(map_, map_.cells[:0], start, stop) else state_at(map_, middle)
 
 

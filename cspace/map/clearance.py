@@ -7,7 +7,6 @@ from collections.abc import Callable
 from typing import Final
 
 import numpy as np
-from numba.cpython.unsafe.tuple import tuple_setitem
 from numpy.typing import NDArray
 
 from cspace.compiling import entry, reader
@@ -15,7 +14,7 @@ from cspace.grid import SLACK
 from cspace.map.distances import SIDE, UNIT, WIDE, Tiles, make_tiles, renew_tiles
 from cspace.map.exterior import Exterior
 from cspace.map.kept import Change, Lock
-from cspace.map.points import Cell, Numbers, cell_of, configuration, is_usable, layered, state_at
+from cspace.map.points import Cell, Numbers, cell_of, configuration, is_usable, layered, replaced, state_at
 from cspace.map.record import Map
 from cspace.memory import check_memory
 from cspace.states import FREE
@@ -48,7 +47,7 @@ def clearance_at(map_: Map, tiles: Tiles, q: Numbers) -> float:
     place = map_.lower  # in cells
     square = 0.0
     for axis in range(dim):
-        place = tuple_setitem(place, axis, (q[axis] - map_.lower[axis]) / map_.spacing)
+        place = replaced(place, axis, (q[axis] - map_.lower[axis]) / map_.spacing)
         square = math.hypot(square, max(0.0, -place[axis], place[axis] - map_.states.shape[axis + 1]))
     best = math.inf
     if tiles.occupied[s]:

@@ -7,8 +7,7 @@ Loops over axes are unrolled by the compiler, and what is written for one axis h
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numba.cpython.unsafe.tuple import tuple_setitem
@@ -25,9 +24,16 @@ Ints = NDArray[np.int64]
 States = NDArray[np.uint8]
 Numbers = tuple[float, ...]
 Cell = tuple[int, ...]
+Entries = TypeVar("Entries", bound=tuple[float, ...])
 
-replaced: Callable[[Any, int, Any], Any] = tuple_setitem  # type: ignore[assignment]  # what it is to compiled code
-"""A tuple with another entry at an index."""
+
+class Replaced(Protocol):
+    """A tuple with another entry at an index."""
+
+    def __call__(self, entries: Entries, index: int, entry: float, /) -> Entries: ...
+
+
+replaced: Replaced = tuple_setitem  # type: ignore[assignment]  # this is what it is to compiled code
 
 FAR = 2.0**62
 

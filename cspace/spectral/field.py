@@ -8,7 +8,6 @@ from functools import partial
 from typing import Any, Final, Protocol, overload
 
 import numpy as np
-from numba.cpython.unsafe.tuple import tuple_setitem
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.compiling import entry, jit
@@ -17,7 +16,7 @@ from cspace.grid import Grid
 from cspace.map import turning
 from cspace.map.batches import Many, One, answer
 from cspace.map.fields import checked_fields
-from cspace.map.points import configuration, is_usable
+from cspace.map.points import configuration, is_usable, replaced
 from cspace.map.record import Map
 from cspace.memory import check_memory
 from cspace.rotations import Rotations, cells_for
@@ -161,21 +160,21 @@ def _shape(space: Space) -> tuple[int, ...]:
 def field_at(map_: Map, values: Floats, q: tuple[float, ...]) -> float:
     """A field, linear between the middles of cells, at a configuration."""
     dim = len(map_.lower)
-    cell, shares = tuple_setitem(map_.states.shape, 0, turning.slice_at(map_.rotations, q)), map_.lower
+    cell, shares = replaced(map_.states.shape, 0, turning.slice_at(map_.rotations, q)), map_.lower
     for axis in range(dim):
         n = map_.states.shape[axis + 1]
         place = min(max((q[axis] - map_.lower[axis]) / map_.spacing - 0.5, 0.0), n - 1.0)
         first = min(int(place), max(n - 2, 0))
-        cell, shares = tuple_setitem(cell, axis + 1, first), tuple_setitem(shares, axis, place - first)
+        cell, shares = replaced(cell, axis + 1, first), replaced(shares, axis, place - first)
     total = 0.0
     for corner in range(1 << dim):
         share, other = 1.0, cell
         for axis in range(dim):
             upper = (corner >> axis) & 1
             share *= shares[axis] if upper else 1.0 - shares[axis]
-            other = tuple_setitem(other, axis + 1, cell[axis + 1] + upper)
+            other = replaced(other, axis + 1, cell[axis + 1] + upper)
         if share > 0.0:
-            total += share * values[other]
+            total += share * float(values[other])
     return max(total, 0.0)
 
 

@@ -67,7 +67,7 @@ def test_a_spec_makes_the_same_shape_again(shape):
 
 
 def test_cells_agree_with_points(shape):
-    """Middles of inner cells lie in the shape, middles of cells that are not outer do not; borders are in outer cells."""
+    """Middles of inner cells lie in the shape, those of cells that are not outer do not; borders are in outer cells."""
     grid, rng = grid_around(shape), np.random.default_rng(0)
     outer, inner = shape.cells(grid)
     within = shape.contains(grid.center_of(np.moveaxis(np.indices(grid.shape), 0, -1)))
