@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import logging
+import sys
 from collections.abc import Callable
 from functools import cache, partial
+from pathlib import Path
+from types import CodeType, ModuleType
 from typing import Any, Final, TypeVar, overload
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -45,10 +48,73 @@ def jit(function: F | None = None, /, **options: Any) -> Any:
 
     _announce_compiling()
     options = {"cache": True, "nogil": True, "no_cfunc_wrapper": True, **options}
-    try:
-        return njit(**options)(function)
-    except RuntimeError:  # numba found no folder that it may write to
-        return njit(**{**options, "cache": False})(function)
+    cached = options.pop("cache")
+    made = njit(**options)(function)
+    if cached:
+        try:
+            made._cache = _cache_class()(function)
+        except RuntimeError:  # numba found no folder that it may write to
+            return made
+    return made
+
+
+@cache
+def _cache_class() -> Any:
+    """Numba's cache, which looks at a function's own file alone, with an eye on all that its code is made from.
+
+    Else a function would go on with what another one, in a file that has changed since, was.
+    """
+    from numba.core.caching import FunctionCache
+
+    class Cache(FunctionCache):
+        def load_overload(self, *arguments: Any) -> Any:
+            self._look_around()
+            return super().load_overload(*arguments)  # type: ignore[no-untyped-call]
+
+        def save_overload(self, *arguments: Any) -> None:
+            self._look_around()
+            super().save_overload(*arguments)  # type: ignore[no-untyped-call]
+
+        def _look_around(self) -> None:
+            found: set[tuple[str, str]] = set()
+            _add_sources(self._py_func, found, set())
+            self._cache_file._source_stamp = sorted(found)
+
+    return Cache
+
+
+def _add_sources(function: Callable[..., Any], found: set[tuple[str, str]], seen: set[object]) -> None:
+    """Add what the machine code of a function is made from: files with their stamps, constants with their values."""
+    seen.add(function)
+    found.add((function.__module__, _stamp(function.__code__.co_filename)))
+    names, codes = set[str](), [function.__code__]
+    while codes:
+        code = codes.pop()
+        names.update(code.co_names)
+        codes += [each for each in code.co_consts if isinstance(each, CodeType)]
+    values = [(name, function.__globals__[name]) for name in names if name in function.__globals__]
+    modules = [value for _, value in values if isinstance(value, ModuleType)]
+    values += [(name, getattr(module, name)) for module in modules for name in names if hasattr(module, name)]
+    for name, value in values:
+        if isinstance(value, bool | int | float | str | tuple):
+            found.add((name, repr(value)))
+            continue
+        home = sys.modules.get(str(getattr(value, "__module__", "")))
+        if home is None or not home.__name__.startswith(("cspace.", "planners.")):
+            continue
+        found.add((home.__name__, _stamp(str(home.__file__))))
+        # A function that is not compiled itself stands for overloads, which are with it.
+        others = [value] if hasattr(value, "py_func") else vars(home).values()
+        for other in others:
+            inner = getattr(other, "py_func", None)
+            if inner is not None and inner not in seen:
+                _add_sources(inner, found, seen)
+
+
+@cache
+def _stamp(path: str) -> str:
+    stat = Path(path).stat()
+    return f"{stat.st_mtime_ns} {stat.st_size}"
 
 
 @overload
