@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 import cspace
 from benchmarks.soak.plane_cases import Scale
-from benchmarks.soak.space_geometry import Blocks, Shape, merged_cells
+from benchmarks.soak.space_geometry import Blocks, Shape, about_z, merged_cells
 from benchmarks.soak.space_meshes import MESHES
 from benchmarks.soak.space_pairs import NO_FCL as NO_FCL
 from benchmarks.soak.space_pairs import Pair, Walls, pair
@@ -57,9 +57,13 @@ class SolidCase:
     def meets(self, q: Floats, distance: float | Floats) -> Bools:
         """Whether the robot comes within a distance of the obstacles."""
         found, distances = np.zeros(len(q), dtype=np.bool_), np.broadcast_to(distance, len(q))
-        for each in self._pairs_of_robot:
-            left = np.flatnonzero(~found)
-            found[left] = each.within(q[left] - self._corner, distances[left])
+        places = q[:, :3] - self._corner
+        # Each turned robot is a shape of its own.
+        groups = [slice(None)] if q.shape[1] == 3 else [slice(k, k + 1) for k in range(len(q))]
+        for group in groups:
+            pairs = self._pairs_of_robot if q.shape[1] == 3 else self._pairs(self.robot.turned(float(q[group, 3][0])))
+            for each in pairs:
+                found[group] |= each.within(places[group], distances[group])
         return found
 
     def lies_in(self, q: Floats, rng: Rng) -> Bools:
@@ -67,7 +71,9 @@ class SolidCase:
         points = self.robot.samples(40, rng)
         away = rng.normal(size=points.shape)
         points += self.space.margin * away / np.linalg.norm(away, axis=1, keepdims=True)
-        held = self._holds((q[:, None] + points).reshape(-1, 3)).reshape(len(q), -1)
+        turns = [about_z(yaw) for yaw in (q[:, 3] if q.shape[1] == 4 else np.zeros(len(q)))]
+        placed = [place + points @ turn.T for place, turn in zip(q[:, :3], turns, strict=True)]
+        held = self._holds(np.concatenate(placed)).reshape(len(q), -1)
         return np.asarray(held.all(axis=1))
 
     def _holds(self, points: Floats) -> Bools:
@@ -96,9 +102,9 @@ class SolidCase:
         return found
 
 
-def draw_solid_case(seed: int, number: int) -> SolidCase:
-    """The same case for the same seed and number; all kinds of robots take turns."""
-    rng = np.random.default_rng([seed, number, 7])
+def draw_solid_case(seed: int, number: int, turning: bool = False) -> SolidCase:
+    """The same case for the same seed and number, of a robot that yaws or not; all kinds of robots take turns."""
+    rng = np.random.default_rng([seed, number, 9] if turning else [seed, number, 7])
     spacing = float(rng.choice([1.0, 0.05, 0.1, 1 / 3, rng.uniform(0.02, 2.0)]))
     kind = list(ROBOTS)[number % len(ROBOTS)]
     size = float(rng.uniform(*SIZES[rng.integers(len(SIZES))]))
@@ -110,12 +116,14 @@ def draw_solid_case(seed: int, number: int) -> SolidCase:
     workspace_kind = str(rng.choice(list(WORKSPACES)))
     workspace, obstacles = WORKSPACES[workspace_kind](rng, scale, outside == "blocked")
     margin = float(rng.choice([0.0, 0.5 * spacing, spacing, rng.uniform(0.0, 2.0) * spacing], p=[0.55, 0.1, 0.1, 0.25]))
-    space = cspace.build(workspace, robot, outside=outside, margin=margin)
+    rotations = int(rng.choice([1, 2, 5, 8, 16, 36])) if turning else None
+    space = cspace.build(workspace, robot, rotations=rotations, outside=outside, margin=margin)
     name = (
         f"{workspace_kind} {workspace.grid.shape} at {spacing:g} m from {workspace.grid.lower}, {kind} of {size:.3g} "
         f"cells{f', {nudge:.1e} cells off the lattice' if snap else ''}, outside={outside}, margin={margin:.3g}"
+        f"{f', {rotations} rotations' if turning else ''}"
     )
-    made_by = f"draw_solid_case({seed}, {number})"
+    made_by = f"draw_solid_case({seed}, {number}{', turning=True' if turning else ''})"
     return SolidCase(name, made_by, (workspace_kind, kind), space, body, obstacles)
 
 

@@ -25,6 +25,12 @@ SIDES = np.array([*_FRONT, *_BACK])
 """Triangles of a box, facing outward, as numbers ``4 x + 2 y + z`` of its corners."""
 
 
+def about_z(yaw: float) -> Floats:
+    """The matrix of a turn about the z axis."""
+    cosine, sine = np.cos(yaw), np.sin(yaw)
+    return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+
+
 @dataclass(frozen=True, eq=False)
 class Blocks:
     """A union of boxes along the axes, each grown by a radius; a ball is a box without extent.
@@ -56,6 +62,13 @@ class Blocks:
 
     def moved(self, by: Floats) -> Blocks:
         return Blocks(self.low + by, self.high + by, self.radius)
+
+    def turned(self, yaw: float) -> Blocks | Skin:
+        """The shape turned about the z axis; boxes become triangles."""
+        if (self.low == self.high).all():
+            centers = self.low @ about_z(yaw).T
+            return Blocks.balls(centers, self.radius)
+        return self.skin().turned(yaw)
 
     def samples(self, number: int, rng: np.random.Generator) -> Floats:
         """Points of the shape, many of them on its border, shape (number, 3)."""
@@ -101,6 +114,10 @@ class Skin:
 
     def moved(self, by: Floats) -> Skin:
         return Skin(self.triangles + by, self.body)
+
+    def turned(self, yaw: float) -> Skin:
+        """The shape turned about the z axis."""
+        return Skin(self.triangles @ about_z(yaw).T, self.body)
 
     def samples(self, number: int, rng: np.random.Generator) -> Floats:
         """Points of the triangles, shape (number, 3); enclosed ones need no looking at."""
