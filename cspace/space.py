@@ -513,11 +513,12 @@ class CSpace:
             True: a chain of FREE cells joins them. False: no chain of FREE and MIXED cells does, which proves that no
             collision-free path exists. None: undecided at this resolution.
         """
-        start, goal = (self._checked(q0, "q0"), self._checked(q1, "q1"))
-        answers = self._components.joins(
-            (self._cells_of(start), np.asarray(self.classify(start))),
-            (self._cells_of(goal), np.asarray(self.classify(goal))),
-        )
+        ends = []
+        for q, name in ((q0, "q0"), (q1, "q1")):
+            points = as_points(q, name, self.dof)
+            states = np.asarray(answer(points, self.dof, self._classify(), np.uint8, int, name))
+            ends.append((self._cells_of(points), states))
+        answers = self._components.joins(*ends)
         found: bool | NDArray[np.object_] | None = answers if answers.ndim else answers[()]
         return found
 

@@ -30,9 +30,13 @@ for each later neighbour of its rotation cell."""
 KINDS: Final = 2
 """Kind 0 are the FREE cells, and kind 1 those that are not BLOCKED."""
 
+ASK: Final = -2
+"""Said of cells whose component only the labels of their block tell."""
+
 TASK: Final = 256
 """Blocks that a thread takes at a time."""
 
+_ANSWERS = np.array([None, True, False], dtype=object)
 _BITS = 11  # a component's number in its block: 64 rows of at most 32 runs make 2^11 of them
 _ONE, _ONES, _GATHER = np.uint64(1), np.uint64(0x0101010101010101), np.uint64(0x0102040810204080)
 _DEBRUIJN = np.uint64(0x03F79D71B4CB0A89)
@@ -80,13 +84,15 @@ class Joined(NamedTuple):
     """The components of one kind over the whole map.
 
     Component c of a block is the node ``start[rotation] + base[slice, block] + c``, the rim of a rotation cell the last
-    of its nodes, and ``roots`` has the component of each node.
+    of its nodes, and ``roots`` has the component of each node. ``rim`` tells, of each slice, whether the rim joins what
+    it touches.
     """
 
     counts: Nodes
     base: Ints
     start: Ints
     roots: Nodes
+    rim: NDArray[np.bool_]
 
 
 # ---- compiled passes -------------------------------------------------------------------------------------------------
@@ -412,7 +418,6 @@ def join_all(
     ends: Ints,
     joined: Joined,
     turns: tuple[Ints, Ints, Ints],
-    rim: NDArray[np.bool_],
 ) -> None:
     """Join the nodes of one kind, and write the root of each into ``joined``.
 
@@ -423,10 +428,8 @@ def join_all(
     turns : tuple of ndarray of int64
         The slice of each rotation cell; rows (other rotation cell, link, or -1 where both share a slice) for the later
         neighbours of rotation cells; and where those of each end.
-    rim : ndarray of bool, shape (slices,)
-        Whether the rim of the grid joins what it touches.
     """
-    (slice_of, neighbors, neighbor_ends), (_, base, start, parent) = turns, joined
+    (slice_of, neighbors, neighbor_ends), (_, base, start, parent, rim) = turns, joined
     steps = (blocks.shape[1] * blocks.shape[2], blocks.shape[2], 1)
     mask, blocks_each = (1 << _BITS) - 1, base.shape[1]
     for node in range(len(parent)):
@@ -463,25 +466,55 @@ def join_all(
         parent[node] = parent[parent[node]]  # the lower root is on top, so that it is known by now
 
 
-@jit
-def roots_of(blocks: Blocks, kind: int, joined: Joined, slice_of: Ints, cells: Ints, order: Ints, out: Ints) -> None:
-    """Component of each cell ``(rotation, x, y, z)`` of the grid, shape (n, 4), -1 for none.
+@reader
+def roots_of(blocks: Blocks, kind: int, joined: Joined, turns: Ints, cells: Ints, roots: Ints) -> int:
+    """Component of each cell ``(rotation, x, y)`` or ``(rotation, x, y, z)``, where its state is enough to tell.
 
-    A block's labels are made again where they are asked for; ``order`` takes the cells of a block one after the other.
+    It is, where all components of its block are one over the whole map; cells of other blocks get ASK, and what has no
+    component -1. Gives the number of cells that got ASK.
     """
+    _, nx, ny, nz = blocks.states.shape
+    asked, solid = 0, cells.shape[1] == 4
+    for n in range(len(cells)):
+        r = min(cells[n, 0], len(turns) - 1)
+        x, y, z, s = cells[n, 1] if solid else 0, cells[n, -2], cells[n, -1], turns[r]
+        roots[n] = -1
+        if not (0 <= x < nx and 0 <= y < ny and 0 <= z < nz):
+            if joined.rim[s]:
+                roots[n] = joined.roots[joined.start[r + 1] - 1]
+            continue
+        if blocks.states[s, x, y, z] > kind:  # FREE, MIXED and BLOCKED count up
+            continue
+        block = block_of(blocks, x, y, z)
+        first, count = joined.start[r] + joined.base[s, block], joined.counts[s, block]
+        for node in range(first + 1, first + count):
+            if joined.roots[node] != joined.roots[first]:
+                count = -1
+                break
+        if count > 0:
+            roots[n] = joined.roots[first]
+        elif count < 0:
+            roots[n] = ASK
+            asked += 1
+    return asked
+
+
+@jit
+def roots_in(blocks: Blocks, kind: int, joined: Joined, turns: Ints, cells: Ints, roots: Ints, order: Ints) -> None:
+    """Components of those cells that :func:`roots_of` left to ask; ``order`` takes a block's one after the other."""
     runs, known, components = new_runs(blocks), -1, 0
-    blocks_each = joined.base.shape[1]
     for n in order:
-        r, x, y, z = cells[n, 0], cells[n, 1], cells[n, 2], cells[n, 3]
-        s, block = slice_of[r], block_of(blocks, x, y, z)
-        if s * blocks_each + block != known:
-            known, components = s * blocks_each + block, label_block(blocks, s, block, kind, runs)
+        r = min(cells[n, 0], len(turns) - 1)
+        x, y, z = cells[n, 1] if cells.shape[1] == 4 else 0, cells[n, -2], cells[n, -1]
+        s, block = turns[r], block_of(blocks, x, y, z)
+        if s * joined.base.shape[1] + block != known:
+            known, components = s * joined.base.shape[1] + block, label_block(blocks, s, block, kind, runs)
         row = x % blocks.sides[0] * blocks.sides[1] + y % blocks.sides[1]
-        out[n] = -1
+        roots[n] = -1
         # While another thread changes the map, a block may have other components than were joined.
         for k in range(runs.ends[row - 1] if row > 0 else 0, runs.ends[row]):
             if runs.table[k, 0] <= z % blocks.sides[2] <= runs.table[k, 1] and components == joined.counts[s, block]:
-                out[n] = joined.roots[joined.start[r] + joined.base[s, block] + runs.table[k, 2]]
+                roots[n] = joined.roots[joined.start[r] + joined.base[s, block] + runs.table[k, 2]]
 
 
 @reader
@@ -611,26 +644,8 @@ class Components:
         free, passable : ndarray of int64, shape (...)
             -1 where a cell belongs to none. The numbers hold until the next change.
         """
-        shape = self._blocks.states.shape[1:]
-        flat = cells.reshape(-1, cells.shape[-1])
-        places = np.zeros((len(flat), 4), dtype=np.int64)
-        places[:, 0], places[:, 4 - self._dim :] = np.minimum(flat[:, 0], len(self._slice_of) - 1), flat[:, 1:]
-        outside = np.asarray(((places[:, 1:] < 0) | (places[:, 1:] >= shape)).any(axis=1))
-        inside = np.flatnonzero(~outside)
-        if len(inside) > 1:  # the cells of a block one after the other
-            x, y, z = places[inside, 1:].T // self._blocks.sides[:, None]
-            number = ((places[inside, 0] * self._blocks.shape[0] + x) * self._blocks.shape[1] + y) * self._blocks.shape[
-                2
-            ]
-            inside = inside[np.argsort(number + z, kind="stable")]
-        found = np.full((KINDS, len(flat)), -1, dtype=np.int64)
-        rim = outside & self._rim_is_open[self._slice_of[places[:, 0]]]
-        with self._lock:
-            for kind, joined in enumerate(self._join()):
-                roots_of(self._blocks, kind, joined, self._slice_of, places, inside, found[kind])
-                if kind == 1:
-                    found[kind, rim] = joined.roots[joined.start[places[rim, 0] + 1] - 1]
-        free, passable = found.reshape(KINDS, *cells.shape[:-1])
+        flat = np.ascontiguousarray(cells.reshape(-1, cells.shape[-1]))
+        free, passable = self._roots(flat).reshape(KINDS, *cells.shape[:-1])
         return free, passable
 
     def box(self, cell: Ints) -> Ints:
@@ -647,18 +662,31 @@ class Components:
 
         ``start`` and ``goal`` are their cells, shape (..., 1 + d), in the grid or not, and their states, shape (...).
         """
-        ends = [(np.reshape(cells, (-1, cells.shape[-1])), states) for cells, states in (start, goal)]
-        free, passable = self.of(np.concatenate([cells for cells, _ in ends]))
-        number = len(ends[0][0])
-        passable[np.concatenate([states.reshape(-1) for _, states in ends]) == BLOCKED] = -1
+        number = start[1].size
+        cells = np.concatenate([cells.reshape(-1, cells.shape[-1]) for cells, _ in (start, goal)])
+        free, passable = self._roots(cells)
+        passable[np.concatenate([states.reshape(-1) for _, states in (start, goal)]) == BLOCKED] = -1
         free0, open0 = (each[:number].reshape(start[1].shape) for each in (free, passable))
         free1, open1 = (each[number:].reshape(goal[1].shape) for each in (free, passable))
-        joined = (free0 == free1) & (free0 >= 0)
-        apart = (open0 != open1) | (open0 < 0) | (open1 < 0)
-        answers = np.full(joined.shape, None, dtype=object)
-        answers[joined] = True
-        answers[apart] = False
+        joined, apart = (free0 == free1) & (free0 >= 0), (open0 != open1) | (open0 < 0)
+        answers: NDArray[np.object_] = _ANSWERS[np.where(apart, 2, joined), ...]
         return answers
+
+    def _roots(self, cells: Ints) -> Ints:
+        """Of both kinds, the components of cells, shape (n, 1 + d)."""
+        found = np.empty((KINDS, len(cells)), dtype=np.int64)
+        with self._lock:
+            for kind, joined in enumerate(self._join()):
+                roots = found[kind]
+                asked = roots_of(self._blocks, kind, joined, self._slice_of, cells, roots)
+                if asked:
+                    order = np.flatnonzero(roots == ASK)
+                    if asked > 1:
+                        blocks = cells[order]
+                        blocks[:, 1:] //= self._blocks.sides[3 - self._dim :]
+                        order = order[np.lexsort(blocks.T)]
+                    roots_in(self._blocks, kind, joined, self._slice_of, cells, roots, order)
+        return found
 
     def _join(self) -> tuple[Joined, Joined]:
         """Of both kinds, what all blocks come to; those that changed are read again."""
@@ -686,9 +714,8 @@ class Components:
         base = np.cumsum(counts, axis=1, dtype=np.int64) - counts
         sizes = counts.sum(axis=1, dtype=np.int64)[self._slice_of] + 1
         start = np.concatenate([[0], np.cumsum(sizes)])
-        joined = Joined(counts, base, start, np.empty(start[-1], dtype=np.int32))
-        rim = self._rim_is_open & (kind == 1)
-        join_all(self._blocks, kind, self._pool, self._ends, joined, self._turns, rim)
+        joined = Joined(counts, base, start, np.empty(start[-1], dtype=np.int32), self._rim_is_open & (kind == 1))
+        join_all(self._blocks, kind, self._pool, self._ends, joined, self._turns)
         return joined
 
 

@@ -12,74 +12,83 @@ from cspace.compiling import jit, reader
 from cspace.grid import Grid
 from cspace.rotations import RotationCells
 from cspace.states import FREE
-from cspace.threads import in_chunks
 
 Bytes = NDArray[np.uint8]
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Chunks = NDArray[np.int32]
 
 EDGE: Final = 2.0**-20
 """Part of a cell, along its border, that samples keep off, so that rounding never puts one into the next cell."""
 
-CHUNK: Final = 64
-"""Cells whose FREE ones are counted together."""
+CHUNK: Final = 8
+"""Cells that are drawn from where one of them is FREE."""
 
+SPARE: Final = 4
+"""Draws beyond those that are needed where all are FREE."""
+
+TRIES: Final = 2**12
+"""Rounds of draws; cells that are missing after them are 0. While no other thread changes the map and takes the last
+FREE cell away, as many never fail."""
+
+_ONES, _TOPS = np.uint64(0x0101010101010101), np.uint64(0x8080808080808080)
 
 # ---- drawing ---------------------------------------------------------------------------------------------------------
 
 
 @reader
-def count_free(cells: Bytes, first: int, stop: int, counts: Ints) -> None:
-    """Number of FREE cells in some of the chunks of a flat row of cells."""
-    for chunk in range(first, stop):
-        part = cells[chunk * CHUNK : min((chunk + 1) * CHUNK, len(cells))]
-        count = 0
-        for k in range(len(part)):
-            count += part[k] == FREE
-        counts[chunk] = count
+def find_chunks(states: Bytes, each: bool, chunks: Chunks, ends: Ints) -> None:
+    """Numbers of the chunks of slices, shape (slices, cells), that have a FREE cell; of ``each`` FREE cell, if asked.
 
-
-@reader
-def guide_to(ends: Ints, guide: Ints) -> None:
-    """For each of as many parts of all ranks, as many as there are chunks, the chunk that has the first of them."""
-    chunk = 0
-    for part in range(len(guide)):
-        while chunk < len(ends) - 1 and ends[chunk] <= part * ends[-1] // len(guide):
-            chunk += 1
-        guide[part] = chunk
-
-
-@reader
-def select_free(states: Bytes, ends: Ints, guide: Ints, slices: Ints, ranks: Ints) -> None:
-    """Of each of some slices, the flat index of the FREE cell of a rank, counted from 0, which it is put in place of.
-
-    ``states`` has the shape (slices, cells); ``ends`` counts the FREE cells up to the end of each chunk, and ``guide``
-    tells where in it to begin.
+    ``ends`` is given where those of each slice end.
     """
-    for n in range(len(ranks)):
-        cells, until = states[slices[n]], ends[slices[n]]
-        chunk = guide[slices[n], ranks[n] * guide.shape[1] // until[-1]]
-        while until[chunk] <= ranks[n]:
-            chunk += 1
-        left = ranks[n] - (until[chunk - 1] if chunk > 0 else 0)
-        cell = chunk * CHUNK
-        while cell + 8 <= len(cells):  # eight cells in one step
-            count = 0
-            for k in range(8):
-                count += cells[cell + k] == FREE
-            if count > left:
-                break
-            left -= count
-            cell += 8
-        # A map that another thread changes meanwhile may have fewer.
-        while cell < len(cells) - 1 and (left > 0 or cells[cell] != FREE):
-            left -= cells[cell] == FREE
-            cell += 1
-        ranks[n] = cell
+    found = 0
+    for s in range(len(states)):
+        cells = states[s]
+        eights = cells[: len(cells) // CHUNK * CHUNK].view(np.uint64)
+        for chunk in range((len(cells) + CHUNK - 1) // CHUNK):
+            if chunk < len(eights):
+                eight = eights[chunk]
+                if ((eight - _ONES) & ~eight & _TOPS) == 0:  # no byte is 0, which is FREE
+                    continue
+            for cell in range(chunk * CHUNK, min((chunk + 1) * CHUNK, len(cells))):
+                if cells[cell] == FREE:
+                    chunks[found] = cell if each else chunk
+                    found += 1
+                    if not each:
+                        break
+        ends[s] = found
+
+
+@reader
+def pick(states: Bytes, each: bool, chunks: Chunks, ends: Ints, slices: Ints, draws: Floats, drawn: Ints) -> int:
+    """Go on with drawing FREE cells, ``drawn[0]`` of which are there, by numbers from 0 to 1; how many there are now.
+
+    Each number gives one cell of the chunks of a slice; what is not FREE is passed over.
+    """
+    done, size = drawn[0], states.shape[1]
+    for draw in draws:
+        if done + 1 == len(drawn):
+            break
+        s = slices[done]
+        first = ends[s - 1] if s > 0 else 0
+        place = draw * (ends[s] - first)
+        chunk = int(place)
+        cell = np.int64(chunks[first + chunk])
+        if not each:
+            cell = CHUNK * cell + int((place - chunk) * CHUNK)
+        if cell < size and states[s, cell] == FREE:
+            done += 1
+            drawn[done] = cell
+    drawn[0] = done
+    return int(done)
 
 
 class FreeCells:
-    """The FREE cells of each slice, counted chunk by chunk, so that any of them can be found by its rank.
+    """The FREE cells of each slice, to be drawn from.
+
+    Where few are FREE, their numbers are kept. Otherwise a cell is drawn from all cells of the chunks of CHUNK that
+    have a FREE one, until it is FREE itself: that takes half of the map's memory, and rarely more than two draws.
 
     Parameters
     ----------
@@ -93,25 +102,24 @@ class FreeCells:
 
     def __init__(self, states: Bytes) -> None:
         self._states = states.reshape(len(states), -1)
-        chunks = -(-self._states.shape[1] // CHUNK)
-        self._ends, self._guide = (np.empty((len(states), chunks), dtype=np.int64) for _ in range(2))
-        for cells, ends, guide in zip(self._states, self._ends, self._guide, strict=True):
-
-            def work(start: int, stop: int, cells: Bytes = cells, ends: Ints = ends) -> int:
-                count_free(cells, start, stop, ends)
-                return -1
-
-            in_chunks(work, chunks)
-            np.cumsum(ends, out=ends)
-            guide_to(ends, guide)
-        self.counts = self._ends[:, -1].copy()
+        slices, cells = self._states.shape
+        self.counts = np.array([cells - np.count_nonzero(part) for part in self._states], dtype=np.int64)
+        free = int(self.counts.sum())
+        self._each = free * CHUNK <= self._states.size
+        chunks = np.empty(free if self._each else slices * -(-cells // CHUNK), dtype=np.int32)
+        self._ends = np.empty(slices, dtype=np.int64)
+        find_chunks(self._states, self._each, chunks, self._ends)
+        self._chunks = chunks[: self._ends[-1]].copy()
 
     def draw(self, slices: Ints, rng: np.random.Generator) -> Ints:
         """Flat indices of cells drawn uniformly from the FREE ones of slices, each of which must have one."""
-        counts = self.counts[0] if len(self.counts) == 1 else self.counts[slices]
-        chosen = rng.integers(counts, size=len(slices))
-        select_free(self._states, self._ends, self._guide, slices, chosen)
-        return chosen
+        drawn, done = np.zeros(len(slices) + 1, dtype=np.int64), 0
+        for _ in range(TRIES):
+            draws = rng.random(len(slices) - done + SPARE)
+            done = pick(self._states, self._each, self._chunks, self._ends, slices, draws, drawn)
+            if done == len(slices):
+                break
+        return drawn[1:]
 
 
 def sample(
