@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.report import Report
+from benchmarks.soak.frequency_cases import Oracle, PairCase, Rng, draw_pair
 from benchmarks.soak.space_pairs import NO_FCL
 from benchmarks.soak.tally import Tally
-from benchmarks.suites.frequency_cases import Oracle, PairCase, Rng, draw_pair
 from cspace.spectral import FourierOverlap, Verdict
 
 Floats = NDArray[np.float64]

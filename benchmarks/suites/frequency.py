@@ -2,24 +2,36 @@
 
 from __future__ import annotations
 
-import time
+import math
 from collections.abc import Callable
 from functools import partial
 from typing import Any
 
 import numpy as np
+from numba import njit, prange
 from numpy.typing import NDArray
 
 from benchmarks.report import Report
 from benchmarks.soak.frequency import NO_FINUFFT
-from benchmarks.suites import frequency_misses
-from benchmarks.suites.frequency_cases import overlap_of, pool_body
-from benchmarks.suites.frequency_direct import DirectSum, convolution
+from benchmarks.soak.frequency_cases import POOL, Body, oracle, overlap_of, pool_body, random_turn
+from benchmarks.soak.space_pairs import NO_FCL
 from benchmarks.timing import Timing, interleave
 from cspace import Grid
-from cspace.spectral import BallDescriptor, Bump, Descriptor, ball_spectrum, indicator, minkowski_sum, superlevel
+from cspace.spectral import (
+    BallDescriptor,
+    Bump,
+    Descriptor,
+    Verdict,
+    ball_spectrum,
+    indicator,
+    minkowski_sum,
+    superlevel,
+)
 
+Bools = NDArray[np.bool_]
+Complexes = NDArray[np.complex128]
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 BALLS = 10_000
 FREQUENCIES = {2: 256, 3: 128}
@@ -33,10 +45,10 @@ TOLERANCE = 1e-9
 LEAST_SPECTRUM = 50.0
 
 PAIRS = 2**30
-"""Pairs of a ball and a frequency that the direct sum over all pairs is measured on, at most."""
+"""Pairs of a ball and a frequency that the direct sum is measured on, at most."""
 
-PLANES = 4
-"""Of the frequencies in space, on which the direct sum by products for each axis is measured."""
+STEP = 2.0**-10
+"""Of the table of a bump's spectrum: its cubic interpolation errs by less than 1e-10 of the value at 0."""
 
 CELLS = 1024
 KERNELS = (9, 33)
@@ -46,17 +58,28 @@ LEAST_MINKOWSKI = 100.0
 
 PLACEMENTS = 100_000
 LEAST_VALUES = 20.0
-DIFFERENCES = 100
-"""Placements at which gradients are compared with finite differences."""
-
 SINGLE = {2: 20_000, 3: 200}
 """Placements that are asked for one by one."""
+
+SCENES = {2: 10, 3: 3}
+"""Random scenes in which nine of ten placements are clear."""
+
+SCENE_PLACEMENTS = 2000
+ROOM = {2: 12.0, 3: 7.0}
+"""Side of the square or cube of the placements, in sizes of the bodies."""
+
+SHARES = (1.0, 2.0)
+"""What balls grow by, in the smaller median radius of the two."""
+
+MOST = 0.05
+"""Part of the frequencies that a miss takes."""
 
 
 def run(report: Report, seed: int) -> None:
     """Minkowski sums; then, where finufft is there, spectra, values at placements, and early misses."""
     rng = np.random.default_rng(seed)
-    _minkowski(report, rng)
+    for name, make in (("indicators", _flags), ("bumps of balls", _bumps)):
+        _minkowski(report, name, make, rng)
     try:
         import finufft  # noqa: F401 - whether it is there at all
     except ImportError:
@@ -67,19 +90,57 @@ def run(report: Report, seed: int) -> None:
     for dim in (2, 3):
         _values(report, seed, dim, rng)
     for dim in (2, 3):
-        frequency_misses.measure(report, seed, dim)
+        _misses(report, seed, dim)
 
 
 def _once(call: Callable[[], Any]) -> Timing:
     """One timed run of what takes long."""
-    began, cpu = time.perf_counter(), time.process_time()
-    timing = Timing(call())
-    timing.seconds.append(time.perf_counter() - began)
-    timing.cpu.append(time.process_time() - cpu)
-    return timing
+    return interleave({"": call}, 0, once=0.0)[""]
 
 
 # ---- spectra ---------------------------------------------------------------------------------------------------------
+
+
+@njit(cache=True, parallel=True)
+def _direct(
+    centers: Floats, starts: Ints, radii: Floats, weights: Floats, table: Floats, frequencies: Floats
+) -> Complexes:
+    """Term by term, all cores together; balls of one radius lie together, and their factor is looked up once."""
+    out = np.zeros(len(frequencies), np.complex128)
+    for n in prange(len(frequencies)):
+        u, v, w = frequencies[n]
+        modulus = math.sqrt(u * u + v * v + w * w)
+        for part in range(len(radii)):
+            real, imag = 0.0, 0.0
+            for ball in range(starts[part], starts[part + 1]):
+                angle = 2.0 * math.pi * (u * centers[ball, 0] + v * centers[ball, 1] + w * centers[ball, 2])
+                real += math.cos(angle)
+                imag -= math.sin(angle)
+            at = radii[part] * modulus / STEP
+            cell = int(at)
+            x = at - cell
+            near = (table[cell + 1] * (1.0 - x) + table[cell + 2] * x) * (1.0 + x) * (2.0 - x) / 2.0
+            far = (table[cell] * (2.0 - x) + table[cell + 3] * (1.0 + x)) * x * (1.0 - x) / 6.0
+            out[n] += weights[part] * (near - far) * complex(real, imag)
+    return out
+
+
+def _direct_sum(centers: Floats, radii: Floats, count: int) -> Callable[[Ints], Complexes]:
+    """The sum over all pairs of a ball and a frequency, at some places of the flattened lattice."""
+    dim = centers.shape[1]
+    order = np.argsort(radii, kind="stable")
+    sizes, starts = np.unique(radii[order], return_index=True)
+    waves = np.fft.fftfreq(count, 1.0 / count) / LENGTH
+    nodes = STEP * np.abs(np.arange(-1.0, float(sizes[-1]) * math.sqrt(dim) * (count // 2) / LENGTH / STEP + 4.0))
+    table = Bump(2.0).table(dim, float(nodes.max()), 1e-13)(nodes)
+    balls = np.pad(centers[order], ((0, 0), (0, 3 - dim))), np.append(starts, len(order)), sizes, sizes**dim, table
+
+    def at(places: Ints) -> Complexes:
+        indices = np.stack(np.unravel_index(places, (count,) * dim), axis=1)
+        return np.asarray(_direct(*balls, np.pad(waves[indices], ((0, 0), (0, 3 - dim)))))
+
+    at(np.zeros(1, np.int64))  # compiles it
+    return at
 
 
 def _spectra(report: Report, dim: int, rng: np.random.Generator) -> None:
@@ -94,103 +155,33 @@ def _spectra(report: Report, dim: int, rng: np.random.Generator) -> None:
         ("all radii different", rng.uniform(*RADII, number)),
     ):
         report.section(f"{number} balls, {name}, {' x '.join([str(count)] * dim)} frequencies, {Bump(2.0)}")
-        _spectrum(report, centers, radii, count, rng)
-
-
-def _spectrum(report: Report, centers: Floats, radii: Floats, count: int, rng: np.random.Generator) -> None:
-    number, dim = centers.shape
-    call = partial(ball_spectrum, centers, radii, Bump(2.0), LENGTH, count, TOLERANCE)
-    ours = interleave({"ours": call}, 3 if report.quick else 5)["ours"]
-    report.timing(f"ours, tolerance {TOLERANCE:g}", ours)
-    direct, whole = DirectSum.of(centers, radii, Bump(2.0), LENGTH, count), count**dim
-    largest = float(ours.value.flat[0].real)
-
-    def compare(name: str, peer: Timing, known: NDArray[np.complex128], factor: float, least: float | None) -> None:
-        part = "" if factor == 1.0 else f", extrapolated from 1 / {factor:.4g}"
-        timing = _times(peer, factor)
-        report.timing(f"{name}{part}", timing)
-        report.ratio(f"{name} / ours", timing, ours, least=None if report.quick else least)
-        off = float(np.abs(peer.value - known).max()) / largest
-        report.check(off <= TOLERANCE, f"{name}: within {off:.1g} of F(0)")
-
-    asked = min(whole, max(1, PAIRS // number))
-    places = np.arange(whole) if asked == whole else rng.choice(whole, asked, replace=False)
-    direct.plain(places[:1])  # compiles it
-    plain = _once(partial(direct.plain, places))
-    compare("direct, all pairs", plain, ours.value.ravel()[places], whole / asked, LEAST_SPECTRUM)
-    if len(direct.radii) == number:
-        report.note("no two balls share a radial factor, so that none share products of factors for each axis")
-        return
-    planes = count if dim == 2 else PLANES
-    compare("direct, products", _once(partial(direct.by_products, planes)), ours.value[:planes], count / planes, None)
-
-
-def _times(timing: Timing, factor: float) -> Timing:
-    """The same for more, or fewer, things than were done."""
-    return Timing(timing.value, [taken * factor for taken in timing.seconds], [taken * factor for taken in timing.cpu])
+        call = partial(ball_spectrum, centers, radii, Bump(2.0), LENGTH, count, TOLERANCE)
+        ours = interleave({"ours": call}, 3 if report.quick else 5)["ours"]
+        report.timing(f"ours, tolerance {TOLERANCE:g}", ours)
+        whole = count**dim
+        asked = min(whole, max(1, PAIRS // number))
+        places = np.arange(whole) if asked == whole else rng.choice(whole, asked, replace=False)
+        direct = _once(partial(_direct_sum(centers, radii, count), places)).per(asked / whole)
+        report.timing(f"direct sum, extrapolated from 1 / {whole / asked:.4g}", direct)
+        report.ratio("direct sum / ours", direct, ours, least=None if report.quick else LEAST_SPECTRUM)
+        off = float(np.abs(direct.value - ours.value.ravel()[places]).max()) / float(ours.value.flat[0].real)
+        report.check(off <= TOLERANCE, f"direct sum: within {off:.1g} of F(0)")
 
 
 # ---- Minkowski sums --------------------------------------------------------------------------------------------------
 
 
-def _minkowski(report: Report, rng: np.random.Generator) -> None:
-    """By FFT and directly: booleans, whose sums are exact, and smooth descriptors."""
-    from scipy import signal
-
-    cells = CELLS // 4 if report.quick else CELLS
-    for name, make in (("indicators", _flags), ("bumps of balls", _bumps)):
-        f = make(cells, rng)
-        for across in KERNELS:
-            g = make(across, rng)
-            report.section(f"Minkowski sum of {name}: {cells} x {cells} and {across} x {across} cells")
-            timings = interleave(
-                {
-                    "ours, fft": partial(minkowski_sum, f, g, "fft"),
-                    "scipy.signal.fftconvolve": partial(signal.fftconvolve, f.values, g.values),
-                },
-                3,
-            )
-            timings["ours, direct"] = _once(partial(minkowski_sum, f, g, "direct"))
-            convolution(f.values[:2], g.values[:2])  # compiles it
-            timings["compiled sums"] = _once(partial(convolution, f.values, g.values))
-            for call, timing in timings.items():
-                report.timing(call, timing)
-            fft, direct = timings["ours, fft"], timings["ours, direct"]
-            report.ratio("ours, direct / ours, fft", direct, fft)
-            report.ratio("compiled sums / ours, fft", timings["compiled sums"], fft)
-            _same_sums(report, f, g, fft.value, direct.value, timings["compiled sums"].value)
-        _of_two_large(report, name, f, make(cells, rng), timings, KERNELS[-1])
-
-
-def _of_two_large(
-    report: Report, name: str, f: Descriptor, g: Descriptor, known: dict[str, Timing], across: int
-) -> None:
-    """Both as large, where what the direct sums take is told from the number of their products."""
-    cells = f.grid.shape[0]
-    report.section(f"Minkowski sum of {name}: {cells} x {cells} cells both")
-    fft = interleave({"fft": partial(minkowski_sum, f, g, "fft")}, 3)["fft"]
-    report.timing("ours, fft", fft)
-    more = (cells / across) ** 2
-    for call in ("ours, direct", "compiled sums"):
-        told = f"{call}, extrapolated from {across} x {across} cells"
-        timing = _times(known[call], more)
-        report.timing(told, timing)
-        report.ratio(f"{call} / ours, fft", timing, fft, least=None if report.quick else LEAST_MINKOWSKI)
-
-
-def _same_sums(
-    report: Report, f: Descriptor, g: Descriptor, fft: Descriptor, direct: Descriptor, compiled: Floats
-) -> None:
-    """On a grid whose cells measure one."""
-    largest = float(direct.values.max())
-    off = max(float(np.abs(fft.values - other).max()) for other in (direct.values, compiled))
-    report.check(
-        off <= 1e-12 * largest, f"fft, direct and compiled sums: equal within {off / largest:.1g} of the largest"
-    )
-    # Values near the rim of a bump are so small that products of two may vanish; those of booleans do not.
-    shape = convolution(superlevel(f).astype(np.float64), superlevel(g).astype(np.float64)) > 0.5
-    same = all(bool((superlevel(each) == shape).all()) for each in (fft, direct))
-    report.check(same, "fft and direct: above zero just where some product is")
+@njit(cache=True, parallel=True)
+def _convolution(f: Floats, g: Floats) -> Floats:
+    """The whole convolution of two arrays of the plane, product by product."""
+    out = np.zeros((f.shape[0] + g.shape[0] - 1, f.shape[1] + g.shape[1] - 1))
+    for row in prange(len(out)):
+        for i in range(max(0, row - len(f) + 1), min(len(g), row + 1)):
+            for j in range(g.shape[1]):
+                times = g[i, j]
+                for k in range(f.shape[1]):
+                    out[row, j + k] += times * f[row - i, k]
+    return out
 
 
 def _flags(cells: int, rng: np.random.Generator) -> Descriptor:
@@ -199,53 +190,119 @@ def _flags(cells: int, rng: np.random.Generator) -> Descriptor:
 
 def _bumps(cells: int, rng: np.random.Generator) -> Descriptor:
     number = max(1, cells // 8)
-    balls = BallDescriptor(
-        rng.uniform(0.2, 0.8, (number, 2)) * cells, rng.uniform(0.02, 0.2, number) * cells, Bump(2.0)
-    )
-    return balls.sample(Grid((0.0, 0.0), 1.0, (cells, cells)))
+    centers, radii = rng.uniform(0.2, 0.8, (number, 2)) * cells, rng.uniform(0.02, 0.2, number) * cells
+    return BallDescriptor(centers, radii, Bump(2.0)).sample(Grid((0.0, 0.0), 1.0, (cells, cells)))
 
 
-# ---- values at placements --------------------------------------------------------------------------------------------
+def _minkowski(report: Report, name: str, make: Callable[..., Descriptor], rng: np.random.Generator) -> None:
+    """By FFT and directly: with a few cells, and with as many, where direct sums are told from their products."""
+    cells = CELLS // 4 if report.quick else CELLS
+    f = make(cells, rng)
+    _convolution(f.values[:2], f.values[:2])  # compiles it
+    for across in KERNELS:
+        g = make(across, rng)
+        report.section(f"Minkowski sum of {name}: {cells} x {cells} and {across} x {across} cells")
+        fft = interleave({"": partial(minkowski_sum, f, g, "fft")}, 3)[""]
+        report.timing("ours, fft", fft)
+        direct = {
+            "ours, direct": _once(partial(minkowski_sum, f, g, "direct")),
+            "compiled sums": _once(partial(_convolution, f.values, g.values)),
+        }
+        for call, timing in direct.items():
+            report.timing(call, timing)
+            report.ratio(f"{call} / ours, fft", timing, fft)
+        sums = direct["ours, direct"].value, direct["compiled sums"].value
+        largest = float(sums[1].max())
+        off = max(float(np.abs(fft.value.values - each).max()) for each in (sums[0].values, sums[1]))
+        report.check(off <= 1e-12 * largest, f"all sums: equal within {off / largest:.1g} of the largest")
+        # Values near the rim of a bump are so small that products of two may vanish; those of booleans do not.
+        shape = _convolution(superlevel(f).astype(np.float64), superlevel(g).astype(np.float64)) > 0.5
+        same = all(bool((superlevel(each) == shape).all()) for each in (fft.value, sums[0]))
+        report.check(same, "fft and direct: above zero just where some product is")
+    g = make(cells, rng)
+    report.section(f"Minkowski sum of {name}: {cells} x {cells} cells both")
+    fft = interleave({"": partial(minkowski_sum, f, g, "fft")}, 3)[""]
+    report.timing("ours, fft", fft)
+    for call, timing in direct.items():
+        more = timing.per((across / cells) ** 2)
+        report.timing(f"{call}, extrapolated from {across} x {across} cells", more)
+        report.ratio(f"{call} / ours, fft", more, fft, least=None if report.quick else LEAST_MINKOWSKI)
+
+
+# ---- overlaps --------------------------------------------------------------------------------------------------------
 
 
 def _values(report: Report, seed: int, dim: int, rng: np.random.Generator) -> None:
-    """Overlaps and gradients at many placements together, against one by one; and against finite differences."""
-    body, other = pool_body(seed, 0, dim), pool_body(seed, 1, dim)
-    overlap = overlap_of(body, [other], 0.5, 8, Bump(2.0), 0.1 if report.quick else 1e-3, inner=False)
+    """Overlaps and gradients at many placements together, against one by one."""
+    tolerance = 0.1 if report.quick else 1e-3
+    overlap = overlap_of(pool_body(seed, 0, dim), [pool_body(seed, 1, dim)], 0.5, 8, Bump(2.0), tolerance, inner=False)
     number = PLACEMENTS // 10 if report.quick else PLACEMENTS
     single = min(number, SINGLE[dim] // 20 if report.quick else SINGLE[dim])
     where = "in the plane" if dim == 2 else "in space"
     report.section(f"{number} placements {where}, {overlap.frequencies} frequencies (opposite ones counted once)")
     ts = rng.uniform(*overlap.domain, (number, dim))
-    for name, many, one in (
-        ("value", overlap.values, overlap.value),
-        ("gradient", overlap.gradients, overlap.gradient),
+    for name, many, one, least in (
+        ("value", overlap.values, overlap.value, None if report.quick else LEAST_VALUES),
+        ("gradient", overlap.gradients, overlap.gradient, None),
     ):
         together = interleave({name: partial(many, ts)}, 3)[name]
         one(ts[0])  # compiles it
-        alone = _once(partial(_each, one, ts[:single]))
-        part = "" if single == number else f", extrapolated from {single}"
-        alone = _times(alone, number / single)
+        alone = _once(lambda one=one: np.array([one(t) for t in ts[:single]])).per(single / number)
         report.timing(f"{name}s(ts)", together)
-        report.timing(f"{name}(t), one by one{part}", alone)
-        report.ratio(
-            f"{name}(t), one by one / {name}s(ts)",
-            alone,
-            together,
-            least=LEAST_VALUES if name == "value" and not report.quick else None,
-        )
+        report.timing(f"{name}(t), one by one, extrapolated from {single}", alone)
+        report.ratio(f"{name}(t), one by one / {name}s(ts)", alone, together, least=least)
         largest = float(np.abs(together.value).max())
         off = float(np.abs(together.value[:single] - alone.value).max())
         report.check(off <= 1e-8 * largest, f"{name}s(ts): within {off / largest:.1g} of one by one, of the largest")
-    step = 1e-3 * float(other.outer[1].min())
-    some, slopes = ts[: min(single, DIFFERENCES)], []
-    for h in step * np.eye(dim):
-        near, far = (_each(overlap.value, some + n * h) - _each(overlap.value, some - n * h) for n in (1, 2))
-        slopes.append((8.0 * near - far) / (12.0 * step))
-    gradients = together.value[: len(some)]
-    off = float(np.abs(gradients - np.stack(slopes, axis=-1)).max() / np.abs(gradients).max())
-    report.check(off <= 1e-6, f"gradients: within {off:.1g} of finite differences, of the largest")
 
 
-def _each(call: Callable[[Floats], Any], ts: Floats) -> Floats:
-    return np.array([call(t) for t in ts])
+def _misses(report: Report, seed: int, dim: int) -> None:
+    """How many frequencies an early miss takes: swollen balls first, and by frequencies alone."""
+    if dim == 3:
+        try:
+            import fcl  # noqa: F401 - whether it is there at all
+        except ImportError:
+            report.note(f"early misses in space skipped: {NO_FCL}")
+            return
+    numbers = range(1 if report.quick else SCENES[dim])
+    scenes = [_scene(seed, dim, np.random.default_rng([seed, number, 50 + dim])) for number in numbers]
+    for share in SHARES[-1:] if report.quick else SHARES:
+        parts: dict[bool, list[Floats]] = {True: [], False: []}
+        clear, sizes, wrong = 0, [], 0
+        for body, others, ts, meets in scenes:
+            overlap = overlap_of(body, others, share, 8, Bump(2.0), 1e-3, inner=False)
+            sizes.append(overlap.frequencies)
+            low, high = overlap.domain
+            # Beyond, nothing is near anything, and no frequency is asked.
+            inside = ((ts >= low) & (ts <= high)).all(axis=1)
+            clear += int((~meets & inside).sum())
+            for swelling, found in parts.items():
+                verdicts, counts = overlap.verdicts(ts, swelling=swelling)
+                missed = verdicts == Verdict.MISS
+                wrong += int((missed & meets).sum())
+                found.append(counts[missed & inside] / overlap.frequencies)
+        report.section(
+            f"early misses {'in the plane' if dim == 2 else 'in space'}: {len(scenes)} random scenes of "
+            f"{SCENE_PLACEMENTS} placements, balls grown by {share:g} of the median radius, {np.median(sizes):.0f} "
+            "frequencies"
+        )
+        report.check(not wrong, f"{wrong} misses collide")
+        for swelling, name in ((True, "swollen balls first"), (False, "frequencies alone")):
+            every = np.concatenate(parts[swelling])
+            report.figure(f"{name}: clear placements told", 100.0 * len(every) / clear, "%")
+            report.figure("    median part of the frequencies", 100.0 * float(np.median(every)), "%", most=100.0 * MOST)
+            report.figure("    mean", 100.0 * float(every.mean()), "%")
+
+
+def _scene(seed: int, dim: int, rng: np.random.Generator) -> tuple[Body, list[Body], Floats, Bools]:
+    """A body, others among which nine of ten placements are clear, placements, and which of them collide."""
+    body = pool_body(seed, int(rng.integers(POOL)), dim).placed(1.0, random_turn(rng, dim), np.zeros(dim))
+    ts = rng.uniform(0.0, ROOM[dim], (SCENE_PLACEMENTS, dim))
+    others: list[Body] = []
+    meets = np.zeros(len(ts), dtype=np.bool_)
+    while meets.mean() < 0.1:
+        another = pool_body(seed, int(rng.integers(POOL)), dim)
+        away = float(rng.uniform(0.5, 1.2)), random_turn(rng, dim), rng.uniform(0.0, ROOM[dim], dim)
+        others.append(another.placed(*away))
+        meets |= oracle(body, others[-1:], np.eye(dim))(ts)
+    return body, others, ts, meets

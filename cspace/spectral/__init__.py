@@ -16,6 +16,5 @@ from cspace.spectral.overlap import Verdict as Verdict
 from cspace.spectral.spectra import ball_spectrum as ball_spectrum
 from cspace.spectral.spectra import ball_spectrum_at as ball_spectrum_at
 from cspace.spectral.spectra import sampled_spectrum as sampled_spectrum
-from cspace.spectral.spectra import sampled_spectrum_at as sampled_spectrum_at
 from cspace.spectral.spheres import Bounds as Bounds
 from cspace.spectral.spheres import Spheres as Spheres

@@ -30,22 +30,10 @@ _SAMPLES: Final = 4096
 
 
 def highest_frequency(bump: Bump, a: BallSet, b: BallSet, bound: float) -> float:
-    """An estimate of the frequency beyond which the overlap of two ball sets has less than ``bound``.
+    """An estimate of the frequency (cycles per metre) beyond which the overlap of two ball sets is below ``bound``.
 
     Above the frequencies of the gaps between them, balls add their energies. So the energy of a set beyond a frequency
-    is the sum of those of its bumps.
-
-    Parameters
-    ----------
-    bump : Bump
-    a, b : BallSet
-    bound : float
-        Metres to the power of the dimension.
-
-    Returns
-    -------
-    float
-        Cycles per metre; at most :data:`TOP` per radius of the smallest ball.
+    is the sum of those of its bumps. At most :data:`TOP` per radius of the smallest ball.
     """
     k = np.linspace(0.0, TOP, _SAMPLES)
     around = 2.0 * math.pi * k if a.dim == 2 else 4.0 * math.pi * k * k
@@ -72,10 +60,8 @@ class Rings:
 
     Attributes
     ----------
-    lengths : ndarray of float64, shape (d,)
-        The period along each axis, metres.
-    halves : tuple of int
-        The highest frequency along each axis, in cycles per period.
+    lengths, halves
+        The period along each axis, metres, and the highest frequency there, in cycles per period.
     order : ndarray of int64, shape (n,)
         Which entry of the second half of a box of all frequencies, flattened, comes when.
     indices : ndarray of int16, shape (n, d)
@@ -163,8 +149,8 @@ class Spectrum:
     error : float
         By how much each may be off.
     beyond : float
-        Upper bound of the energy of all frequencies outside the band: the integral of the descriptor's square, known
-        exactly from the pairs of its balls, less what the band holds (Parseval).
+        Upper bound of the energy of all frequencies outside the band: the integral of the descriptor's square less what
+        the band holds (Parseval).
     """
 
     values: Complexes
@@ -175,19 +161,9 @@ class Spectrum:
     def of(
         cls, balls: BallSet, middle: Floats, bump: Bump, rings: Rings, accuracy: float, norm: tuple[float, float]
     ) -> Spectrum:
-        """The spectrum of a ball set.
+        """The spectrum of a ball set about a point, with a ``norm`` as from :func:`cspace.spectral.pairs.norm_square`.
 
-        Parameters
-        ----------
-        balls : BallSet
-        middle : ndarray of float64, shape (d,)
-            The point that becomes the origin.
-        bump : Bump
-        rings : Rings
-        accuracy : float
-            Of the transform, relative to the value at frequency zero.
-        norm : tuple of float
-            As from :func:`cspace.spectral.pairs.norm_square`.
+        The accuracy is that of the transform, relative to the value at frequency zero.
         """
         box = ball_spectrum(balls.centers - middle, balls.radii, bump, rings.lengths, rings.counts, accuracy)
         values = rings.half_of(box)

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.errors import InputError
 from cspace.grid import positive, unmasked
-from cspace.spectral.inputs import check_dim, check_not_negative, check_number, check_tolerance
+from cspace.spectral.inputs import check_kind, check_not_negative, check_number, check_tolerance
 from cspace.spectral.radial import RadialTable, RadialTransform, lens_measure, product_integral, table_points
 
 Floats = NDArray[np.float64]
@@ -57,13 +57,8 @@ class Bump:
         except (TypeError, ValueError):
             alpha = math.nan
         if not (LEAST_ALPHA <= alpha <= MOST_ALPHA or alpha == math.inf):
-            raise InputError(
-                "alpha",
-                f"is {self.alpha!r}",
-                f"it must be one number between {LEAST_ALPHA:g} and {MOST_ALPHA:g}, or infinite",
-                "pass e.g. 2.0, or math.inf for the indicator",
-                value=self.alpha,
-            )
+            rule = f"it must be one number between {LEAST_ALPHA:g} and {MOST_ALPHA:g}, or infinite"
+            raise InputError("alpha", f"is {self.alpha!r}", rule, "pass e.g. 2.0, or math.inf", value=self.alpha)
         object.__setattr__(self, "alpha", alpha)
 
     @property
@@ -72,22 +67,7 @@ class Bump:
         return self.alpha == math.inf
 
     def profile(self, distance: ArrayLike) -> Floats:
-        """Values at distances from the centre, in radii.
-
-        Parameters
-        ----------
-        distance : array-like, shape (...)
-            Zero or above.
-
-        Returns
-        -------
-        ndarray of float64, shape (...)
-
-        Raises
-        ------
-        InputError
-            If a distance is not finite or below zero.
-        """
+        """Values at distances from the centre, in radii, of any shape; InputError if one is not zero or above."""
         return self.values(check_not_negative(distance, "distance"))
 
     def values(self, distance: Floats) -> Floats:
@@ -124,52 +104,35 @@ class Bump:
             If a value is not usable.
         """
         k = check_not_negative(frequency, "frequency")
-        axes, within = check_dim(dim), check_tolerance(tolerance)
+        within = check_tolerance(tolerance)
+        check_kind(dim, "dim", (2, 3))
         if self.is_indicator:
-            return _INDICATOR_SPECTRA[axes](k)
+            return _INDICATOR_SPECTRA[dim](k)
         self._check_frequency(float(k.max(initial=0.0)))
-        return _transform(self, axes, within)(k)
+        return _transform(self, dim, within)(k)
 
     def table(self, dim: int, most: float, tolerance: float = 1e-12) -> Callable[[Floats], Floats]:
-        """The same spectrum for many frequencies: computed once at some, and interpolated. The last few are kept.
+        """The same spectrum for many frequencies, computed once at some, and interpolated: a function of ``k``.
 
-        Parameters
-        ----------
-        dim : int
-        most : float
-            Largest frequency that will be asked for.
-        tolerance : float
-            Largest error of what the table tells, relative to the value at 0.
-
-        Returns
-        -------
-        callable
-            From an array of ``k`` between 0 and ``most`` to an array of values of its shape.
-
-        Raises
-        ------
-        InputError
-            If a value is not usable.
+        Raises InputError where a value is not usable, then and when the function is asked beyond ``most``.
         """
-        axes, within = check_dim(dim), check_tolerance(tolerance)
-        top = check_number(most, "most", "pass the largest frequency")
+        within = check_tolerance(tolerance)
+        check_kind(dim, "dim", (2, 3))
+        top = check_number(most, "most")
         if self.is_indicator:
-            return _INDICATOR_SPECTRA[axes]
+            return _INDICATOR_SPECTRA[dim]
         self._check_frequency(top)
-        return _table(self, axes, math.ceil(top), within)
+        return _table(self, dim, math.ceil(top), within)
 
     def pair_integral(self, first: float, second: float, distance: float, dim: int, tolerance: float = 1e-10) -> float:
         """Integral of ``psi(x / first) psi((x - distance e) / second)`` over the plane or space.
 
-        It falls with the distance: both functions are spherically symmetric and fall with the distance from their
-        centres.
+        It falls with the distance: both functions are spherically symmetric and fall towards their borders.
 
         Parameters
         ----------
-        first, second : float
-            Radii, metres.
-        distance : float
-            Of the centres, metres.
+        first, second, distance : float
+            Radii, and the distance of the centres, metres.
         dim : int
         tolerance : float
             Largest error, relative to the integral itself or to 1e-60 of the smaller ball; from 1e-12 to 0.1.
@@ -177,8 +140,7 @@ class Bump:
         Returns
         -------
         float
-            Metres to the power ``dim``; 0 from the sum of the radii on. Where the bumps have hardly anything in common
-            it underflows to 0.
+            Metres to the power ``dim``; 0 from the sum of the radii on, or where it underflows.
 
         Raises
         ------
@@ -188,31 +150,21 @@ class Bump:
             If quadrature does not reach the tolerance.
         """
         a, b = positive(first, "first"), positive(second, "second")
-        gap = check_number(distance, "distance", "ask for one pair at a time")
-        axes, within = check_dim(dim), check_tolerance(tolerance, LEAST_PAIR_TOLERANCE)
+        gap = check_number(distance, "distance")
+        within = check_tolerance(tolerance, LEAST_PAIR_TOLERANCE)
+        check_kind(dim, "dim", (2, 3))
         if self.is_indicator:
-            return float(lens_measure(np.array(a), np.array(b), np.array(gap), axes))
-        return product_integral(self.values, a, b, gap, axes, within)
+            return float(lens_measure(np.array(a), np.array(b), np.array(gap), dim))
+        return product_integral(self.values, a, b, gap, dim, within)
 
     def _check_frequency(self, most: float) -> None:
         if most > MOST_FREQUENCY:
-            raise InputError(
-                "frequency",
-                f"holds {most:g} cycles per radius",
-                f"up to {MOST_FREQUENCY:g} are computed for finite alpha",
-                "check its units",
-                value=most,
-            )
+            rule = f"up to {MOST_FREQUENCY:g} are computed for finite alpha"
+            raise InputError("frequency", f"holds {most:g} cycles per radius", rule, "check its units", value=most)
 
 
 def check_bump(bump: Any) -> Bump:
-    """The bump itself, or the usual one for None.
-
-    Raises
-    ------
-    InputError
-        If it is neither.
-    """
+    """The bump itself, or the usual one for None; InputError if it is neither."""
     if bump is not None and not isinstance(bump, Bump):
         raise InputError("bump", f"is {bump!r}", "it must be a Bump", "pass e.g. Bump(2.0)", value=bump)
     return Bump() if bump is None else bump

@@ -31,15 +31,9 @@ _VOLUME: Final = {2: math.pi, 3: 4.0 / 3.0 * math.pi}
 class Cells(NamedTuple):
     """The cells; compiled functions take them as they are.
 
-    Attributes
-    ----------
-    times : ndarray of int32, shape (nx, ny, nz)
-        How many of the chosen balls hold a cell, or -1 for cells that do not matter.
-    half : ndarray, shape (3,)
-    rows : ndarray of int64, shape (nx * ny, 4)
-        Room for the rows of cells that a ball holds: i, j, and the first and last k.
-    squares : ndarray of float64, shape (nx * ny,)
-        Room for the part of the squared distance that the first two axes make up.
+    ``times`` (nx, ny, nz) is how many of the chosen balls hold a cell, or -1 for cells that do not matter. ``rows`` (nx
+    * ny, 4) is room for the rows of cells that a ball holds: i, j, and the first and last k; and ``squares`` (nx * ny,)
+    for the part of the squared distance that the first two axes make up.
     """
 
     times: NDArray[np.int32]
@@ -51,12 +45,8 @@ class Cells(NamedTuple):
 class Cover:
     """The cells of a lattice, and balls chosen to hold them.
 
-    Parameters
-    ----------
-    lattice : Lattice
-    whole : bool
-        Whether a ball holds a cell if all of the cell lies in it, and every cell is to be held; or else, if its middle
-        does, and only those in the shape are.
+    Where ``whole``, a ball holds a cell if all of the cell lies in it, and every cell is to be held; or else, if its
+    middle does, and only those in the shape are.
     """
 
     def __init__(self, lattice: Lattice, *, whole: bool) -> None:

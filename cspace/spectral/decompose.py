@@ -6,7 +6,7 @@ import operator
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
-from typing import Any, Final, Literal, TypeVar
+from typing import Any, Final, Literal, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -78,15 +78,16 @@ def decompose(
     number: int | None = None,
     tolerance: float | None = None,
     method: Literal["greedy", "medial"] = "greedy",
-    radius: float | Literal["equal"] | None = None,
+    radius: Literal["equal"] | None = None,
     spacing: float | None = None,
     lower: ArrayLike | None = None,
 ) -> Spheres:
     """Balls that fill a shape from inside, or that cover it.
 
-    Each ball is taken, one after the other, for the cells of a lattice that it adds. What is promised does not rest on
-    samples: a ball of kind "inner" is no larger than the distance of its center from the border; for "outer", cells
-    whose union covers the shape each lie wholly in one ball.
+    Each ball is taken, one after the other, for the cells of a lattice that it adds (V. Chvatal, "A greedy heuristic
+    for the set-covering problem", 1979). What is promised does not rest on samples: a ball of kind "inner" is no larger
+    than the distance of its center from the border; for "outer", cells whose union covers the shape each lie wholly in
+    one ball.
 
     Parameters
     ----------
@@ -104,17 +105,13 @@ def decompose(
     method : {"greedy", "medial"}
         Where centers are looked for: where the signed distance, sampled on the lattice, has balls that no other holds,
         from where they are moved; or at the corners of Voronoi cells of points on the border, which lie along the
-        medial axis.
-    radius : float or "equal", optional
-        Of all balls, metres; "equal" finds one. By default each has its own.
+        medial axis (N. Amenta, S. Choi and R. K. Kolluri, "The power crust", 2001).
+    radius : "equal", optional
+        All balls have one radius, which is found. By default each has its own.
     spacing : float, optional
         Side of the cells of a bitmap, metres.
     lower : array-like, shape (d,), optional
         Lower corner of a bitmap, metres; the origin if left out.
-
-    Returns
-    -------
-    Spheres
 
     Raises
     ------
@@ -122,19 +119,14 @@ def decompose(
         If the shape is empty or malformed, or has no inside to put balls into.
     InputError
         If both or none of ``number`` and ``tolerance`` are passed, a word or number is not usable, balls cannot meet
-        the tolerance or have the radius, or the lattice does not fit into memory.
+        the tolerance, or the lattice does not fit into memory.
     FileError
         If a file is missing or malformed.
-
-    Notes
-    -----
-    The greedy choice is that of V. Chvatal, "A greedy heuristic for the set-covering problem", 1979; the medial axis
-    that of N. Amenta, S. Choi and R. K. Kolluri, "The power crust, unions of balls, and the medial axis transform",
-    2001. Decompositions of this kind serve M. Behandish and H. Ilies, "Analytic methods for geometric modeling via
-    spherical decomposition", 2016.
     """
     check_kind(kind, "kind", KINDS)
     check_kind(method, "method", ("greedy", "medial"))
+    if radius is not None:
+        check_kind(radius, "radius", ("equal",))
     if (number is None) == (tolerance is None):
         raise InputError(
             "number",
@@ -142,9 +134,6 @@ def decompose(
             "balls are chosen by one of them",
             "pass e.g. number=64, or tolerance=0.01 in metres",
         )
-    if isinstance(radius, str):
-        check_kind(radius, "radius", ("equal",))
-    size = None if radius is None or isinstance(radius, str) else positive(radius, "radius")
     length = None if tolerance is None else positive(tolerance, "tolerance")
     count = None if number is None else _check_number(number)
     region = region_of(shape, spacing, lower)
@@ -159,11 +148,11 @@ def decompose(
             "balls are counted by the cells of a lattice, which it must have",
             "pass a tolerance in place of a number",
         )
-    choice = _Choice(method, count, length, radius is not None, size)
+    choice = _Choice(method, count, length, radius is not None)
     for finer in FINER:
         lattice = Lattice.fine(region, count, finer) if count is not None else _lattice_for(region, length or 0.0)
         centers, radii = (_inner if kind == "inner" else _outer)(lattice, choice)
-        if count is None or radius is not None or len(radii) >= USED * count:
+        if count is None or choice.same or len(radii) >= USED * count:
             break
     order = np.argsort(-radii, kind="stable")
     centers, radii = centers[order], radii[order]
@@ -182,30 +171,13 @@ def _check_number(number: Any) -> int:
     return count
 
 
-@dataclass(frozen=True, slots=True)
-class _Choice:
-    """What balls are asked for; lengths in metres.
-
-    Attributes
-    ----------
-    method : str
-    number : int, or None for a tolerance
-    tolerance : float, or None for a number
-    same : bool
-        Whether all balls have one radius.
-    radius : float, or None where it is to be found
-    """
+class _Choice(NamedTuple):
+    """What balls are asked for: so many, or within a tolerance, metres; and whether all have one radius."""
 
     method: str
     number: int | None
     tolerance: float | None
     same: bool
-    radius: float | None
-
-    @property
-    def balls(self) -> str:
-        """For messages."""
-        return "balls" if self.radius is None else f"balls of radius {self.radius:g} m"
 
 
 def _lattice_for(region: Region, tolerance: float) -> Lattice:
@@ -229,7 +201,6 @@ def _lattice_for(region: Region, tolerance: float) -> Lattice:
 def _inner(lattice: Lattice, choice: _Choice) -> Balls:
     """Balls in a shape, in metres."""
     side, tolerance = lattice.side, choice.tolerance or 0.0
-    radius = None if choice.radius is None else choice.radius / side
     inside = _candidates(lattice, choice)
     inside = inside.where(inside.depths > 0.0)
     if not len(inside.depths):
@@ -237,23 +208,23 @@ def _inner(lattice: Lattice, choice: _Choice) -> Balls:
     if choice.same:
         inside = inside.thinned(CANDIDATES)
     whole = True
-    if choice.number is not None:
-        by_number = _inner_equal if choice.same else _inner_number
-        centers, radii = by_number(lattice, inside, choice.number, radius, choice.method)
+    if choice.number is None:
+        centers, radii, whole = _inner_tolerance(lattice, inside, tolerance / side, choice.same)
+    elif choice.same:
+        centers, radii = _inner_equal(lattice, inside, choice.number)
     else:
-        centers, radii, whole = _inner_tolerance(lattice, inside, tolerance / side, choice.same, radius)
+        centers, radii = _inner_number(lattice, inside, choice.number, polished=choice.method == "greedy")
     centers, radii = lattice.metres(centers), radii * side
     depths = lattice.region.depths(centers)
     # A depth found anew is a proof; of balls of one radius, the least counts for all.
     radii = np.full(len(radii), min([*depths, *radii])) if choice.same and len(radii) else depths
     centers, radii = centers[radii > 0.0], radii[radii > 0.0]
     if not len(radii):
-        deepest = max(0.0, float(lattice.depths.max())) * side
         raise InputError(
             "shape",
-            f"has room for no {choice.balls} that was found, and for none of a radius above about {deepest:g} m",
+            "has room for no ball that was found",
             "inner balls lie inside",
-            "pass a smaller radius, kind='outer', or a shape that is less thin",
+            "pass kind='outer', or a shape that is less thin",
         )
     if not whole:
         reached = shape_to_balls(lattice, centers, radii)[1]
@@ -262,32 +233,32 @@ def _inner(lattice: Lattice, choice: _Choice) -> Balls:
                 "tolerance",
                 f"is {tolerance:g} m, and the shape is proven to be within {reached:g} m of {len(radii)} balls",
                 "what is thinner than the lattice, or than balls of one radius, has none near",
-                "pass a larger tolerance, a smaller radius, or kind='outer'",
+                "pass a larger tolerance, or kind='outer'",
             )
     return centers, radii
 
 
-def _inner_number(lattice: Lattice, inside: _Candidates, number: int, radius: float | None, method: str) -> Balls:
+def _inner_number(lattice: Lattice, inside: _Candidates, number: int, *, polished: bool) -> Balls:
     """So many balls that add most, each as large as the shape allows."""
     cover = Cover(lattice, whole=False)
     chosen = cover.choose(inside.centers, inside.depths, number)
     if not len(chosen):  # so thin a shape that no middle lies in it
         chosen = np.argsort(-inside.depths)[:number]
     centers, radii = inside.centers[chosen].copy(), inside.depths[chosen].copy()
-    if method == "greedy":
+    if polished:
         cover.polish(centers, radii)
     return centers, radii
 
 
-def _inner_equal(lattice: Lattice, inside: _Candidates, number: int, radius: float | None, method: str) -> Balls:
-    """At most so many balls of one radius that hold most of a shape; without a radius, the best of some."""
+def _inner_equal(lattice: Lattice, inside: _Candidates, number: int) -> Balls:
+    """At most so many balls of one radius that hold most of a shape, the best of some radii."""
     largest = float(inside.depths.max(initial=0.0))
     # Half the radius at which so many balls would fill the shape.
     cells = max(int(np.count_nonzero(lattice.depths > 0.0)), 1)
     fair = 0.5 * (cells / number / np.pi) ** (1.0 / lattice.region.dim)
     lengths = np.geomspace(largest, min(fair, 0.25 * largest), STEPS).tolist() if largest > 0.0 else []
     best: tuple[int, float, Floats] = (-1, 0.0, np.empty((0, 3)))
-    for length in lengths if radius is None else [radius]:
+    for length in lengths:
         fits = inside.where(inside.depths >= length)
         cover = Cover(lattice, whole=False)
         centers = fits.centers[cover.choose(fits.centers, np.full(len(fits.depths), length), number)]
@@ -299,7 +270,7 @@ def _inner_equal(lattice: Lattice, inside: _Candidates, number: int, radius: flo
 
 
 def _inner_tolerance(
-    lattice: Lattice, inside: _Candidates, tolerance: float, same: bool, radius: float | None
+    lattice: Lattice, inside: _Candidates, tolerance: float, same: bool
 ) -> tuple[Floats, Floats, bool]:
     """Balls in a shape that, grown by a length in sides, cover it, few or as large as may be; and whether they do."""
     if not same:
@@ -316,20 +287,16 @@ def _inner_tolerance(
         attempt = at(length)
         return attempt if attempt[2] else None
 
-    if radius is not None:
-        return at(radius)
     most, least = float(inside.depths.max(initial=0.0)), LEAST * tolerance
     return _largest(whole_at, most, least) or at(min(most, least))
 
 
 def _outer(lattice: Lattice, choice: _Choice) -> Balls:
     """Balls that cover a shape, in metres."""
-    side, dim_side = lattice.side, lattice.region.size / lattice.side
+    side, across = lattice.side, lattice.region.size / lattice.side
     candidates = _candidates(lattice, choice)
     if choice.same:
-        if not len(candidates.depths):
-            candidates = _on_lattice(lattice)
-        candidates = candidates.thinned(CANDIDATES)
+        candidates = (candidates if len(candidates.depths) else _on_lattice(lattice)).thinned(CANDIDATES)
     most = _ANY if choice.number is None else choice.number
     tolerance = (choice.tolerance or 0.0) / side
 
@@ -342,42 +309,23 @@ def _outer(lattice: Lattice, choice: _Choice) -> Balls:
             reaches = cover.trim(balls.centers, reaches, balls.depths)
         return balls.centers[reaches > 0.0], reaches[reaches > 0.0]
 
-    balls: Balls | None
-    if choice.radius is not None:
-        length = choice.radius / side
-        balls = at(length) if choice.number is not None else at(length, length - tolerance)
-    elif choice.number is not None:
-        low, high = (0.501, dim_side) if choice.same else (1.001, 2.0 * dim_side)
-        balls = _smallest(at, low * lattice.diagonal, high)
+    if choice.number is not None:
+        low, high = (0.501, across) if choice.same else (1.001, 2.0 * across)
+        balls = _between(at, high, low * lattice.diagonal, at(high))
     elif choice.same:
         deepest = max(float(candidates.depths.max()), 0.0)
         balls = _largest(lambda length: at(length, length - tolerance), deepest + tolerance, 0.5 * tolerance)
     else:
         balls = at(tolerance)
     if balls is None:
-        raise _not_covered(lattice, choice, at)
-    return lattice.metres(balls[0]), balls[1] * side
-
-
-def _not_covered(lattice: Lattice, choice: _Choice, at: Callable[[float], Balls | None]) -> InputError:
-    if choice.number is not None:
-        return InputError(
-            "number",
-            f"is {choice.number}, and so many {choice.balls} that cover the shape were not found",
+        name, value = ("tolerance", choice.tolerance) if choice.number is None else ("number", choice.number)
+        raise InputError(
+            name,
+            f"is {value:g}, and balls that cover the shape within it were not found",
             "their union must hold all of it",
-            "pass a larger number or radius",
+            "pass a larger one",
         )
-    balls = at((choice.radius or 0.0) / lattice.side)
-    reached = "with this radius the shape is not covered at all"
-    if balls is not None:
-        high = balls_to_shape(lattice.region, lattice.metres(balls[0]), balls[1] * lattice.side)[1]
-        reached = f"those found stick out by up to {high:g} m"
-    return InputError(
-        "tolerance",
-        f"is {choice.tolerance:g} m, and {choice.balls} that cover the shape and stick out by no more were not found",
-        reached,
-        "pass another radius, or a larger tolerance",
-    )
+    return lattice.metres(balls[0]), balls[1] * side
 
 
 def _covered(
@@ -385,23 +333,8 @@ def _covered(
 ) -> tuple[Cover, _Candidates, Floats]:
     """Choose balls until every cell lies in one, or there are so many.
 
-    Parameters
-    ----------
-    lattice : Lattice
-    candidates : _Candidates
-    reach : float
-        Of the balls, in sides; where ``grown``, beyond their depths.
-    least : float
-        Depth that a ball's center must have.
-    grown : bool
-    most : int
-
-    Returns
-    -------
-    cover : Cover
-        With open cells if so many balls did not do.
-    balls : _Candidates
-    reaches : ndarray
+    ``reach`` is that of the balls in sides, where ``grown`` beyond their depths; ``least`` the depth that their centers
+    must have. With the cover, which has open cells if so many balls did not do, come the balls and their reaches.
     """
     from scipy.spatial import KDTree
 
@@ -428,21 +361,6 @@ def _covered(
     return cover, balls, reaches
 
 
-def _smallest(at: Callable[[float], Found | None], low: float, high: float) -> Found | None:
-    """What there is at the smallest length between two at which there is something, and surely at the larger one."""
-    best = at(high)
-    for _ in range(STEPS):
-        if high < 1.02 * low:
-            break
-        middle = float(np.sqrt(low * high))
-        better = at(middle)
-        if better is None:
-            low = middle
-        else:
-            best, high = better, middle
-    return best
-
-
 def _largest(at: Callable[[float], Found | None], most: float, least: float) -> Found | None:
     """What there is at the largest length between two at which there is something."""
     high, low = most, most
@@ -450,15 +368,20 @@ def _largest(at: Callable[[float], Found | None], most: float, least: float) -> 
     while best is None and low > least:
         high, low = low, max(SHORTER * low, least)
         best = at(low)
+    return _between(at, low, high, best)
+
+
+def _between(at: Callable[[float], Found | None], good: float, bad: float, best: Found | None) -> Found | None:
+    """What there is at the last length on the way from a good one, where ``best`` is, to one where is nothing."""
     for _ in range(STEPS):
-        if best is None or high < 1.03 * low:
+        if best is None or max(good, bad) < 1.02 * min(good, bad):
             break
-        middle = float(np.sqrt(low * high))
-        better = at(middle)
-        if better is None:
-            high = middle
+        middle = float(np.sqrt(good * bad))
+        found = at(middle)
+        if found is None:
+            bad = middle
         else:
-            best, low = better, middle
+            best, good = found, middle
     return best
 
 

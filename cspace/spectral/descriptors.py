@@ -80,8 +80,6 @@ class Descriptor:
 class BallDescriptor:
     """``f(x) = sum over balls of psi((x - center) / radius)``, above zero in the open balls and nowhere else.
 
-    Where balls overlap their bumps add up.
-
     Parameters
     ----------
     centers : array-like, shape (n, 2) or (n, 3)
@@ -125,22 +123,7 @@ class BallDescriptor:
         return float(self.bump.radial_spectrum(0.0, self.dim) * np.sum(self.radii**self.dim))
 
     def __call__(self, points: ArrayLike) -> Floats:
-        """Values at points.
-
-        Parameters
-        ----------
-        points : array-like, shape (..., dim)
-            Metres.
-
-        Returns
-        -------
-        ndarray of float64, shape (...)
-
-        Raises
-        ------
-        InputError
-            If the last axis is not ``dim`` long, or a value is not finite.
-        """
+        """Values at points (..., dim) in metres, shape (...); InputError if one has not ``dim`` finite coordinates."""
         array = check_vectors(points, "points", self.dim)
         flat = array.reshape(-1, self.dim)
         # In the order of x, the points that may lie in a ball follow each other.
@@ -157,23 +140,12 @@ class BallDescriptor:
         return values.reshape(array.shape[:-1])
 
     def sample(self, grid: Grid) -> Descriptor:
-        """Values at the middles of a grid's cells.
-
-        Raises
-        ------
-        InputError
-            If the grid does not have as many axes as the balls.
-        """
+        """Values at the middles of the cells of a grid, which must have as many axes as the balls, or InputError."""
         check_axes(grid, self.dim, "set of balls")
         values = np.zeros(grid.shape)
         for window, squares in _near_balls(self.centers, self.radii, grid):
             values[window] += self.bump.values(np.sqrt(squares))
         return Descriptor(grid, values)
-
-    def moved(self, translation: ArrayLike) -> BallDescriptor:
-        """The same, moved by a vector, shape (dim,), metres."""
-        shift = check_vectors(translation, "translation", self.dim)
-        return BallDescriptor(self.centers + shift, self.radii, self.bump)
 
 
 class Solid(Protocol):
@@ -193,10 +165,6 @@ def indicator(shape: Solid | ArrayLike, grid: Grid) -> Descriptor:
         Metres; closed sets, for which a middle on the border counts as inside, or, of a mesh, within rounding of it. An
         array tells the cells themselves.
     grid : Grid
-
-    Returns
-    -------
-    Descriptor
 
     Raises
     ------
@@ -270,16 +238,7 @@ def union(first: BallDescriptor, *others: BallDescriptor) -> BallDescriptor: ...
 @overload
 def union(first: Descriptor, *others: Descriptor) -> Descriptor: ...
 def union(first: Descriptor | BallDescriptor, *others: Descriptor | BallDescriptor) -> Descriptor | BallDescriptor:
-    """The sum of descriptors.
-
-    Parameters
-    ----------
-    first, *others : Descriptor, all on one grid; or BallDescriptor, all of one bump
-
-    Returns
-    -------
-    Descriptor or BallDescriptor
-        Of the kind of the arguments: the sum of balls' bumps is that of all balls.
+    """The sum of descriptors: of sampled ones on one grid, or of balls of one bump, whose sum is that of all balls.
 
     Raises
     ------
@@ -319,15 +278,6 @@ def intersection(first: Descriptor, *others: Descriptor) -> Descriptor:
 def superlevel(descriptor: Descriptor, threshold: float = 0.0) -> Bools:
     """``U_t``: the cells at whose middle a descriptor is above a threshold, which itself does not count.
 
-    Parameters
-    ----------
-    descriptor : Descriptor
-    threshold : float
-
-    Returns
-    -------
-    ndarray of bool, shape descriptor.grid.shape
-
     Raises
     ------
     InputError
@@ -345,20 +295,15 @@ def minkowski_sum(first: Descriptor, second: Descriptor, method: Literal["fft", 
     The integral is the sum over cells, times their measure. The grid of the result is larger: it holds every sum of a
     cell of one and a cell of the other, and the middles of its cells are sums of theirs.
 
-    Where all values are whole numbers (indicators), the sums are whole numbers too and are rounded to them: exact, also
-    by FFT, for ``|f|_2 |g|_2`` below 2^40. Where no value is below zero, the cells in which the sum is above zero are
-    exactly the Minkowski sum of those of ``first`` and ``second``: FFT's rounding, about 1e-16 of ``|f|_2 |g|_2``,
-    neither adds cells nor loses any.
+    Where all values are whole numbers (indicators), the sums are rounded to such: exact, also by FFT, for
+    ``|f|_2 |g|_2`` below 2^40. Where no value is below zero, the cells in which the sum is above zero are exactly the
+    Minkowski sum of those of ``first`` and ``second``: the rounding of an FFT neither adds cells nor loses any.
 
     Parameters
     ----------
     first, second : Descriptor
     method : {"fft", "direct"}
         "direct" sums one product after the other, which pays where both are small, or one is a few cells large.
-
-    Returns
-    -------
-    Descriptor
 
     Raises
     ------

@@ -49,10 +49,9 @@ class OverlapField:
     A measure of penetration that is as smooth as the descriptors: above zero where balls meet, and growing with the
     depth. It is no certificate; the states of the map are.
 
-    Parameters
+    Attributes
     ----------
     space : CSpace
-        The map.
     arrays : mapping of str to ndarray of float64, shape (nx, ny(, nz)), or (slices, ...) of a robot that turns
         By the names in :data:`cspace.states.FIELDS`: the overlap, metres to the power of the dimension, and its
         derivatives along the axes, one power less.
@@ -60,8 +59,7 @@ class OverlapField:
     Raises
     ------
     InputError
-        If an array is missing or there are others, or one has not the shape and type of the map's, or holds what is not
-        finite.
+        If arrays are missing or superfluous, or one has not the shape and type of the map's, or is not finite.
     """
 
     space: Space

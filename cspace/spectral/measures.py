@@ -41,7 +41,7 @@ LEVELS: Final = 14
 MOST: Final = 1_000_000
 """Boxes that are looked at together, at most."""
 
-DIRECTIONS: Final = {2: 90, 3: 200}
+DIRECTIONS: Final = 200
 """Points of each sphere that are asked how far they stick out."""
 
 
@@ -111,23 +111,13 @@ def balls_to_shape(region: Region, centers: Floats, radii: Floats) -> tuple[floa
     A ball reaches beyond its depth in the shape by no more than the difference of the two lengths.
     """
     high = max(0.0, float((radii - region.depths(centers)).max()))
-    directions = _directions(region.dim, DIRECTIONS[region.dim])
+    directions = np.random.default_rng(0).normal(size=(DIRECTIONS, region.dim))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
     low = 0.0
     for some in np.array_split(np.arange(len(radii)), math.ceil(len(radii) * len(directions) / MOST)):
         points = centers[some, None] + radii[some, None, None] * (1.0 - ROUNDING) * directions
         low = max(low, float(region.gaps(points.reshape(-1, region.dim)).max()))
     return min(low, high), high
-
-
-def _directions(dim: int, number: int) -> Floats:
-    """Unit vectors spread evenly, in space along a spiral."""
-    n = np.arange(number)
-    if dim == 2:
-        angles = 2.0 * np.pi * n / number
-        return np.column_stack([np.cos(angles), np.sin(angles)])
-    z = 1.0 - (2.0 * n + 1.0) / number
-    around, wide = np.pi * (3.0 - np.sqrt(5.0)) * n, np.sqrt(1.0 - z * z)
-    return np.column_stack([wide * np.cos(around), wide * np.sin(around), z])
 
 
 def _gaps(points: Floats, half: float, centers: Floats, radii: Floats) -> tuple[Floats, Floats]:

@@ -63,13 +63,10 @@ class Separation:
     Attributes
     ----------
     verdict : Verdict
-        MISS, HIT or UNDECIDED.
     frequencies : int
-        How many were summed; 0 where the swollen obstacles alone proved the miss. A frequency and its opposite, whose
-        terms are conjugate, count as one.
+        How many were summed; 0 where the swollen obstacles alone proved the miss. Opposite ones count as one.
     total : int
-        How many there are within the band limit, for the ball sets that were asked: inner balls only where the outer
-        ones proved no miss.
+        How many there are within the band limit; those of inner balls only where the outer ones proved no miss.
     overlap : float
         The partial sum that was reached, square or cubic metres; of the outer balls, where there are inner ones too.
     bound : float
@@ -82,11 +79,6 @@ class Separation:
     overlap: float
     bound: float
 
-    @property
-    def share(self) -> float:
-        """Part of the frequencies that was summed, 0 to 1."""
-        return self.frequencies / self.total
-
 
 class FourierOverlap:
     """The overlap of a ball set A, placed anywhere, with a ball set B; made once, and asked many times.
@@ -96,16 +88,13 @@ class FourierOverlap:
 
         c(t) = integral f_B(x) f_A(x - t) dx = 1/V sum_w F_B(w) conj(F_A(w)) exp(2 pi i w.t),
 
-    in square or cubic metres, with V the volume of a period so long that nothing that meets B wraps around, whatever t
-    and however A is turned. c is above zero exactly where an open ball of the moved A meets one of B, and grows with
-    the depth of the collision. A translation is a phase, so that t need not lie on a lattice; the gradient is the same
-    sum times ``2 pi i w`` (Lysenko, 2013); and many t at once are one non-uniform transform (finufft).
+    in square or cubic metres, with V the volume of a period so long that nothing wraps around (Lysenko, 2013). c is
+    above zero exactly where an open ball of the moved A meets one of B, and grows with the depth of the collision.
+    *Every* t is answered: outside :attr:`domain` nothing of A comes near B, and c is exactly zero.
 
     :meth:`value`, :meth:`gradient` and the like sum all frequencies up to the band limit, and so differ from the ideal
-    c by at most :attr:`bound`. :meth:`separated` sums no more of them than it must to tell whether the ideal c, with
-    all frequencies, lies below or above :attr:`threshold`.
-
-    *Every* t is answered. Where t lies outside :attr:`domain`, nothing of A comes near B, and c is exactly zero.
+    c by at most :attr:`bound`. :meth:`separated` sums no more of them, from low to high, than it must to tell whether
+    the ideal c, with all frequencies, lies below or above :attr:`threshold`.
 
     Parameters
     ----------
@@ -129,8 +118,6 @@ class FourierOverlap:
     Attributes
     ----------
     threshold : float
-    bound : float
-        By how much the sums over the band can differ from the ideal overlap, rounding included.
 
     Raises
     ------
@@ -138,16 +125,6 @@ class FourierOverlap:
         If a value is not as stated.
     MissingPackageError
         If finufft is not installed.
-
-    Notes
-    -----
-    *Why low frequencies first.* After all ``|w| <= R`` have been summed, to s, the rest is at most T: the moduli of the
-    terms that are left within the band, and for those beyond it, by Cauchy and Schwarz, the product of the norms of the
-    two spectra there. T falls by what has been summed, so the terms with the most energy should come first, and these
-    are the low frequencies: those of a smooth descriptor fall faster than any power of ``|w|``. From the other end
-    nearly all terms would have to be summed before T falls at all. There is a second reason: the norms beyond the band
-    are known (the integral of the square, from the pairs of balls, less what the band holds), so that low first gives
-    a bound for *all* frequencies, of which high first never sees the last.
     """
 
     def __init__(
@@ -162,13 +139,8 @@ class FourierOverlap:
         accuracy: float = 1e-12,
     ) -> None:
         first, second = BallSet.of(a, "a"), BallSet.of(b, "b")
-        if first.dim != second.dim:
-            raise InputError(
-                "b",
-                f"has {second.dim} coordinates and a has {first.dim}",
-                "both must lie in the plane or both in space",
-            )
-        self.threshold = check_number(threshold, "threshold", "pass e.g. 0.0")
+        _check_dims("b", second, first)
+        self.threshold = check_number(threshold, "threshold")
         self._bump = bump_of(bump, a, b)
         self._accuracy = accuracy
         self._swell = 0.0  # by how much the balls are grown beyond those whose shapes the verdicts are about
@@ -179,17 +151,9 @@ class FourierOverlap:
         self._limits = (second.sides(self._middle_b) + self._reach) * (1.0 + 0.1 * PERIOD_ROOM)
         lengths = 2.0 * (1.0 + PERIOD_ROOM) * self._limits
         far = max(first.span, second.span)
-        if far > LONGEST:
-            raise InputError(
-                "b", f"or a reaches {far:g} m from the origin", f"at most {LONGEST:g} m can be computed with"
-            )
-        if far > FARTHEST * lengths.min():
-            raise InputError(
-                "b",
-                f"or a lies {far:g} m from the origin of its frame, and both take up {lengths.min():g} m",
-                "rounding would count",
-                "move the origin nearer to them",
-            )
+        if far > min(LONGEST, FARTHEST * float(lengths.min())):
+            found = f"or a reaches {far:g} m from the origin of its frame, and both take up {lengths.min():g} m"
+            raise InputError("b", found, "rounding would count", "move the origin nearer to them, or check the units")
         self._rings = self._make_rings(first, lengths, band, tolerance)
         self._norms = norm_square(self._bump, first), norm_square(self._bump, second)
         self._spectrum_b = self._spectrum(second, self._middle_b, self._norms[1])
@@ -245,45 +209,28 @@ class FourierOverlap:
         """
         given = {"outer_a": outer_a, "outer_b": outer_b, "inner_a": inner_a, "inner_b": inner_b}
         for name, source in given.items():
-            kind = getattr(source, "kind", None)
+            kind = getattr(source, "kind", name[:5])
             if kind in ("inner", "outer") and kind != name[:5]:
-                raise InputError(
-                    name, f"is of kind {kind!r}", f"it must be {name[:5]!r}", "decompose the shape with that kind"
-                )
-        chosen = bump_of(bump, *given.values())
-        more = positive(swell, "swell")
+                mend = "decompose the shape with that kind"
+                raise InputError(name, f"is of kind {kind!r}", f"it must be {name[:5]!r}", mend)
+        chosen, more = bump_of(bump, *given.values()), positive(swell, "swell")
         if isinstance(classes, bool) or not isinstance(classes, int | np.integer) or classes < 1:
             raise InputError("classes", f"is {classes!r}", "it must be a whole number above zero", "pass e.g. 8")
         if (inner_a is None) is not (inner_b is None):
-            raise InputError(
-                "inner_a",
-                f"is {inner_a!r:.40} and inner_b {inner_b!r:.40}",
-                "a hit needs both",
-                "pass both, or neither",
-            )
+            raise InputError("inner_a", "is given without inner_b, or b without a", "a hit needs both", "pass both")
         a, b = (BallSet.of(given[name], name).rounded(classes, up=True) for name in ("outer_a", "outer_b"))
-        level = touching_overlap(chosen, a, b, more, ROUNDING * (a.span + b.span)) if a.dim == b.dim else 0.0
-        if a.dim == b.dim and level <= 0.0:
-            raise InputError(
-                "swell",
-                f"is {more:g}",
-                f"balls of {min(a.radii.min(), b.radii.min()):g} m that touched must share, once grown, more than "
-                f"can be computed with alpha = {chosen.alpha:g}",
-                "pass a larger swell",
-            )
+        _check_dims("outer_b", b, a)
+        level = touching_overlap(chosen, a, b, more, ROUNDING * (a.span + b.span))
+        if level <= 0.0:
+            rule = f"grown balls that touched must share more than can be computed with alpha = {chosen.alpha:g}"
+            raise InputError("swell", f"is {more:g}", rule, "pass a larger swell")
         options: dict[str, Any] = {"bump": chosen, "tolerance": tolerance, "accuracy": accuracy}
         made = cls(a.grown(more), b.grown(more), threshold=level, **options)
         made._swell = more
         if inner_a is not None:
-            sets = (BallSet.of(given[name], name).rounded(classes, up=False) for name in ("inner_a", "inner_b"))
+            sets = [BallSet.of(given[name], name).rounded(classes, up=False) for name in ("inner_a", "inner_b")]
+            _check_dims("inner_a", sets[0], a)
             made._inner = cls(*sets, **options)
-            if made._inner.dim != made.dim:
-                raise InputError(
-                    "inner_a",
-                    f"has {made._inner.dim} coordinates and the outer balls {made.dim}",
-                    "both must have as many",
-                    "pass balls of the same shapes",
-                )
         return made
 
     # ---- what it is --------------------------------------------------------------------------------------------------
@@ -324,18 +271,7 @@ class FourierOverlap:
     # ---- how much --------------------------------------------------------------------------------------------------
 
     def value(self, t: ArrayLike) -> float:
-        """The overlap, up to the band limit, with A moved by t.
-
-        Parameters
-        ----------
-        t : array-like, shape (d,)
-            Metres.
-
-        Returns
-        -------
-        float
-            Square or cubic metres; zero outside :attr:`domain`.
-        """
+        """The overlap up to the band limit with A moved by t, metres: square or cubic metres, 0 outside the domain."""
         shares = self._shares(t)
         return 0.0 if shares is None else float(sum_of_terms(shares, self._terms))
 
@@ -370,8 +306,7 @@ class FourierOverlap:
     def rotated(self, rotation: Any) -> FourierOverlap:
         """The same with A turned about the origin of its frame.
 
-        Only the spectrum of A is made anew, from turned centers; nothing is sampled, and the period, the band and the
-        threshold stay.
+        Only the spectrum of A is made anew, from turned centers; the period, the band and the threshold stay.
 
         Parameters
         ----------
@@ -414,38 +349,18 @@ class FourierOverlap:
             Metres.
         swelling : bool
             Whether to ask the swollen balls first.
-
-        Returns
-        -------
-        Separation
         """
-        place = self._checked(t, "t")
-        if place.ndim != 1:
-            raise InputError(
-                "t", f"has shape {place.shape}", "separated is about one placement", "use verdicts for many"
-            )
+        place = self._one(t)
         verdicts, counts, sums = self._decide(place[None], swelling)
         verdict = Verdict(int(verdicts[0]))
         total = self._rings.size if verdict is Verdict.MISS else self.frequencies
         return Separation(verdict, int(counts[0]), total, *sums[0].tolist())
 
     def verdicts(self, ts: ArrayLike, *, swelling: bool = True) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
-        """:meth:`separated` at many placements.
-
-        Parameters
-        ----------
-        ts : array-like, shape (..., d)
-            Metres.
-        swelling : bool
-
-        Returns
-        -------
-        verdicts : ndarray of uint8, shape (...)
-            Values of :class:`Verdict`.
-        frequencies : ndarray of int64, shape (...)
-            How many each took.
+        """Values of :class:`Verdict` at many placements, metres, shape (..., d), as :meth:`separated`; and how many
+        frequencies each took. Both have shape (...).
         """
-        places = self._checked(ts, "ts")
+        places = check_vectors(ts, "ts", self.dim)
         verdicts, counts, _ = self._decide(np.ascontiguousarray(places.reshape(-1, self.dim)), swelling)
         return verdicts.reshape(places.shape[:-1]), counts.reshape(places.shape[:-1])
 
@@ -458,18 +373,14 @@ class FourierOverlap:
         verdicts = np.empty(len(ts), dtype=np.uint8)
         counts, sums = np.empty(len(ts), dtype=np.int64), np.empty((len(ts), 2))
         separate_all(self._relative(ts), fars, swollen, self._terms, self.threshold, (verdicts, counts, sums))
-        if self._swell:
-            self._ask_inner(ts, verdicts, counts)
+        if self._swell:  # what grown balls do not prove a miss, only inner ones prove a hit
+            rest = np.flatnonzero(verdicts != Verdict.MISS)
+            verdicts[rest] = Verdict.UNDECIDED
+            if self._inner is not None and len(rest):
+                inner, more, _ = self._inner._decide(ts[rest], swelling=True)
+                verdicts[rest[inner == Verdict.HIT]] = Verdict.HIT
+                counts[rest] += more
         return verdicts, counts, sums
-
-    def _ask_inner(self, ts: Floats, verdicts: Bytes, counts: Ints) -> None:
-        """Replace what the outer balls do not prove a miss by what the inner ones prove, in place."""
-        rest = np.flatnonzero(verdicts != Verdict.MISS)
-        verdicts[rest] = Verdict.UNDECIDED
-        if self._inner is not None and len(rest):
-            inner, more, _ = self._inner._decide(ts[rest], swelling=True)
-            verdicts[rest] = np.where(inner == Verdict.HIT, Verdict.HIT, Verdict.UNDECIDED)
-            counts[rest] += more
 
     # ---- how it is done ----------------------------------------------------------------------------------------------
 
@@ -484,12 +395,8 @@ class FourierOverlap:
             highest = min(highest, fitting, HIGHEST / float(lengths.max()))
         halves = tuple(max(1, math.floor(highest * length)) for length in lengths.tolist())
         if math.prod(2 * half + 1 for half in halves) > LARGEST or max(halves) > HIGHEST:
-            raise InputError(
-                "band",
-                f"is {band!r}, which takes {' x '.join(str(2 * half + 1) for half in halves)} frequencies",
-                f"at most {LARGEST} are computed",
-                "pass a lower one",
-            )
+            found = f"is {band!r}, which takes {' x '.join(str(2 * half + 1) for half in halves)} frequencies"
+            raise InputError("band", found, f"at most {LARGEST} are computed", "pass a lower one")
         return Rings.of(lengths, halves)
 
     def _spectrum(self, balls: BallSet, middle: Floats, norm: tuple[float, float]) -> Spectrum:
@@ -519,27 +426,26 @@ class FourierOverlap:
         waves = 2j * math.pi / self._rings.lengths[axis] * np.arange(-half, half + 1)
         return np.expand_dims(waves, [other for other in range(self.dim) if other != axis])
 
-    def _checked(self, t: ArrayLike, name: str) -> Floats:
-        return check_vectors(t, name, self.dim)
-
     def _relative(self, places: Floats) -> Floats:
         """Placements of the middle of A relative to that of B."""
         return np.asarray((places + self._pivot) - self._middle_b)
 
+    def _one(self, t: ArrayLike) -> Floats:
+        place = check_vectors(t, "t", self.dim)
+        if place.ndim != 1:
+            rule, mend = "this is about one placement", "use values, gradients or verdicts for many"
+            raise InputError("t", f"has shape {place.shape}", rule, mend)
+        return place
+
     def _shares(self, t: ArrayLike) -> Floats | None:
         """One placement of the middle of A relative to that of B, in periods; None where there is no overlap."""
-        place = self._checked(t, "t")
-        if place.ndim != 1:
-            raise InputError(
-                "t", f"has shape {place.shape}", "this is about one placement", "use values or gradients for many"
-            )
-        place = self._relative(place)
+        place = self._relative(self._one(t))
         return place / self._rings.lengths if (np.abs(place) <= self._limits).all() else None
 
     def _transformed(self, ts: ArrayLike, tolerance: float, boxes: list[Complexes]) -> Floats:
         """Sums of the terms in boxes of all frequencies, shape (boxes, ...)."""
         within = check_tolerance(tolerance)
-        places = self._checked(ts, "ts")
+        places = check_vectors(ts, "ts", self.dim)
         flat = self._relative(places.reshape(-1, self.dim))
         inside = (np.abs(flat) <= self._limits).all(axis=1)
         out = np.zeros((len(boxes), len(flat)))
@@ -547,6 +453,12 @@ class FourierOverlap:
             turns = list(np.ascontiguousarray(2.0 * math.pi * (flat[inside] / self._rings.lengths).T))
             out[:, inside] = nufft(2, self.dim, turns, np.stack(boxes), within, 1).real
         return np.asarray(out.reshape(len(boxes), *places.shape[:-1]))
+
+
+def _check_dims(name: str, balls: BallSet, others: BallSet) -> None:
+    if balls.dim != others.dim:
+        rule = "all must lie in the plane or all in space"
+        raise InputError(name, f"has {balls.dim} coordinates and the other balls {others.dim}", rule)
 
 
 def _rotation_matrix(rotation: Any, dim: int) -> Floats:
@@ -559,15 +471,9 @@ def _rotation_matrix(rotation: Any, dim: int) -> Floats:
         left, stretch, right = np.linalg.svd(values)
         if np.abs(stretch - 1.0).max() <= NEAR and np.linalg.det(values) > 0.0:
             return np.asarray(left @ right)
-    kinds = (
-        "an angle in radians, or a matrix of shape (2, 2)," if dim == 2 else "a Rotation, or a matrix of shape (3, 3),"
-    )
-    raise InputError(
-        "rotation",
-        f"is {rotation!r}",
-        f"it must be {kinds} that turns and neither stretches nor mirrors",
-        value=rotation,
-    )
+    kinds = ("an angle in radians", "a Rotation")[dim - 2]
+    rule = f"it must be {kinds} or a matrix of shape {dim, dim} that turns and neither stretches nor mirrors"
+    raise InputError("rotation", f"is {rotation!r}", rule, value=rotation)
 
 
 # ---- compiled sums, ring by ring -------------------------------------------------------------------------------------
@@ -576,14 +482,8 @@ def _rotation_matrix(rotation: Any, dim: int) -> Floats:
 class Swollen(NamedTuple):
     """What tells placements that are apart without any frequency.
 
-    Attributes
-    ----------
-    limits : ndarray, shape (d,)
-        Beyond these moduli of the placement there is no overlap.
-    centers, radii : ndarray, shape (n, d) and (n,)
-        Balls of B, relative to its middle.
-    reach : float
-        Radius of a ball around the middle of A that holds A, rounding included.
+    Beyond the moduli ``limits`` of the placement there is no overlap. The balls of B are relative to its middle;
+    ``reach`` is the radius of a ball around the middle of A that holds A, rounding included.
     """
 
     limits: Floats
@@ -649,22 +549,10 @@ def is_apart(place: Floats, swollen: Swollen) -> bool:
 def separate(
     place: Floats, far: float, terms: Terms, threshold: float, phases: Complexes
 ) -> tuple[int, int, float, float]:
-    """Sum ring after ring until the sum decides.
+    """Sum ring after ring until the sum decides: the verdict, the number of frequencies, the sum and its bound.
 
-    Parameters
-    ----------
-    place : ndarray, shape (d,)
-        Placement relative to the middles, metres.
-    far : float
-        By how much rounding may have moved it.
-    terms : Terms
-    threshold : float
-    phases : ndarray of complex128, shape (d, 2 m + 1)
-        Room for the phases, with m the highest frequency of an axis.
-
-    Returns
-    -------
-    verdict, number of frequencies, sum, bound
+    ``place`` is relative to the middles, in metres, and may be off by ``far`` through rounding; ``phases``, of shape
+    (d, 2 m + 1) with the highest frequency m of an axis, is room for them.
     """
     starts = terms.starts
     shares = place / terms.lengths
@@ -687,17 +575,9 @@ def separate(
 def separate_all(
     places: Floats, fars: Floats, swollen: Swollen, terms: Terms, threshold: float, out: tuple[Bytes, Ints, Floats]
 ) -> None:
-    """A verdict for each placement: where the swollen balls prove no miss, by :func:`separate`.
+    """A verdict for each placement, shape (n, d): where the swollen balls prove no miss, by :func:`separate`.
 
-    Parameters
-    ----------
-    places : ndarray, shape (n, d)
-    fars : ndarray, shape (n,)
-    swollen : Swollen
-    terms : Terms
-    threshold : float
-    out : tuple of ndarray, shape (n,), (n,) and (n, 2)
-        Verdicts; numbers of frequencies; sums and bounds.
+    ``out`` takes verdicts (n,), numbers of frequencies (n,), and sums with their bounds (n, 2).
     """
     verdicts, counts, sums = out
     phases = np.empty((places.shape[1], 2 * terms.reaches[-1].max() + 1), np.complex128)

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.errors import InputError
-from cspace.grid import finite
 from cspace.spectral.bump import Bump, check_bump
 from cspace.spectral.inputs import check_solid_balls
 from cspace.spectral.radial import FLOOR, RadialTransform, legendre_rule, lens_measure, polar_integral
@@ -48,29 +47,14 @@ AT_ONCE: Final = 2**21
 
 @dataclass(frozen=True, eq=False, slots=True)
 class BallSet:
-    """Balls in one frame.
-
-    Attributes
-    ----------
-    centers : ndarray of float64, shape (n, d)
-        Metres.
-    radii : ndarray of float64, shape (n,)
-        Metres, above zero.
-    """
+    """Balls in one frame: centers, shape (n, d), and radii above zero, shape (n,), metres."""
 
     centers: Floats
     radii: Floats
 
     @classmethod
     def of(cls, source: Any, name: str) -> BallSet:
-        """The balls of an object.
-
-        Parameters
-        ----------
-        source : object with ``centers`` and ``radii``, or a pair of them
-            Such as the result of a decomposition, a robot of balls, or arrays of shape (n, d) and (n,).
-        name : str
-            For the message.
+        """The balls of an object with ``centers`` and ``radii``, of a robot of balls, or of a pair of arrays.
 
         Raises
         ------
@@ -79,21 +63,17 @@ class BallSet:
         """
         if isinstance(source, BallSet):
             return source
-        pair = source
-        owners: tuple[Any, Any] = source, getattr(source, "shape", None)  # of a robot, its shape has them
-        for balls in owners:
+        pair: Any = source
+        balls: Any
+        for balls in (source, getattr(source, "shape", None)):  # of a robot, its shape has them
             if not isinstance(pair, tuple) and hasattr(balls, "centers") and hasattr(balls, "radii"):
                 pair = (balls.centers, balls.radii)
         if not isinstance(pair, tuple | list) or len(pair) != 2:
-            raise InputError(
-                name,
-                f"is a {type(source).__name__}",
+            rule, mend = (
                 "it must have centers and radii, or be a pair of them",
-                "decompose other shapes into balls first",
-                value=source,
+                "decompose other shapes first",
             )
-        if not finite(pair[0], "centers").size:
-            raise InputError(name, "holds no ball", "there must be at least one", "decompose other shapes first")
+            raise InputError(name, f"is a {type(source).__name__}", rule, mend, value=source)
         return cls(*check_solid_balls(*pair))
 
     @property
@@ -145,10 +125,7 @@ class BallSet:
 def bump_of(bump: Bump | None, *sources: Any) -> Bump:
     """The bump that was asked for, or else that of the sources that have one, or else the usual one.
 
-    Raises
-    ------
-    InputError
-        If it is no bump, or none was asked for and those of the sources differ.
+    Raises InputError if it is no bump, or none was asked for and those of the sources differ.
     """
     bumps = {source.bump for source in sources if isinstance(getattr(source, "bump", None), Bump)}
     if bump is None and len(bumps) > 1:
@@ -160,22 +137,10 @@ def bump_of(bump: Bump | None, *sources: Any) -> Bump:
 
 
 def pair_integrals(bump: Bump, first: Floats, second: Floats, distances: Floats, dim: int) -> tuple[Floats, Floats]:
-    """Integrals of ``psi(x / first) psi((x - distance e) / second)`` over the plane or space.
+    """Integrals of ``psi(x / first) psi((x - distance e) / second)``, all shape (n,), and by how much each may be off.
 
-    Parameters
-    ----------
-    bump : Bump
-    first, second, distances : ndarray of float64, shape (n,)
-        Radii, and the distances of the centers, metres.
-    dim : int
-
-    Returns
-    -------
-    values : ndarray of float64, shape (n,)
-        Metres to the power ``dim``.
-    errors : ndarray of float64, shape (n,)
-        By how much a value may be off. Of more than a few pairs, it is what rules differ by, at most, for any of the
-        pairs, relative to the smaller ball: on a single pair rules may agree by chance.
+    Of more than a few pairs, that is what rules differ by, at most, for any of the pairs, relative to the smaller ball:
+    on a single pair rules may agree by chance.
     """
     if bump.is_indicator:
         values = lens_measure(first, second, distances, dim)
@@ -202,13 +167,7 @@ def _by_rule(bump: Bump, triples: Floats, dim: int, nodes: int) -> Floats:
 
 
 def norm_square(bump: Bump, balls: BallSet) -> tuple[float, float]:
-    """Integral of the square of a descriptor: the sum of what all pairs of its balls have in common.
-
-    Returns
-    -------
-    value, error : float
-        Metres to the power of the dimension; by how much it may be off.
-    """
+    """Integral of the square of a descriptor, the sum of what all pairs of its balls have in common; and its error."""
     radii, which = np.unique(balls.radii, return_inverse=True)
     tables: dict[int, Table] = {}
     # Each with itself, and twice all others.
@@ -282,17 +241,8 @@ def touching_overlap(bump: Bump, first: BallSet, second: BallSet, swell: float, 
 
     A bump is a mixture of indicators of balls about its center, and what two balls have in common falls with the
     distance of their centers; so does, then, the integral of the product of two bumps. So it is least, for two radii,
-    where the balls only just touch; and all pairs of radii are looked at.
-
-    Parameters
-    ----------
-    bump : Bump
-    first, second : BallSet
-        Before they have grown.
-    swell : float
-        Metres.
-    slack : float
-        By how much balls that touch may be apart, from rounding, metres.
+    where the balls only just touch; and all pairs of radii are looked at. By ``slack``, in metres, balls that touch may
+    be apart, from rounding.
     """
     a, b = (part.ravel() for part in np.meshgrid(np.unique(first.radii), np.unique(second.radii)))
     gaps = a + b + slack

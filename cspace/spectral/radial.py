@@ -74,16 +74,8 @@ class RadialTransform:
 
     The integral is a composite Gauss-Legendre rule: panels are halved until each holds ``f(s) s^(dim - 1)`` as a
     polynomial of two thirds of the degree that the nodes resolve, which grades them towards a cusp at 0 and a steep
-    flank near 1, and then cut evenly until the kernel turns by less than :data:`PHASE` in each.
-
-    Parameters
-    ----------
-    function : callable
-        Values at ``s`` in (0, 1), not below zero; smooth but for 0 and 1.
-    dim : int
-        2 or 3.
-    tolerance : float
-        Of the transform, relative to its value at 0, which is the largest.
+    flank near 1, and then cut evenly until the kernel turns by less than :data:`PHASE` in each. The function is
+    smooth but for 0 and 1, and not below zero; the tolerance is relative to the transform's value at 0, its largest.
     """
 
     def __init__(self, function: Radial, dim: int, tolerance: float) -> None:
@@ -145,18 +137,12 @@ class RadialTransform:
 
 
 class RadialTable:
-    """A radial spectrum, interpolated between values at :func:`table_points`.
+    """A radial spectrum up to ``most``, interpolated between values (intervals, nodes) at :func:`table_points`.
 
     What vanishes beyond the unit ball has a spectrum that is a mixture of ``exp(2 pi i k x)`` with ``|x| <= 1``; where
     the function is not below zero, the mixture's weights sum to the spectrum at 0. So interpolation at Chebyshev nodes
     errs, relative to that value, by at most what it errs for one such exponential: four times the sum of the Bessel
     functions ``J_n(2 pi HALF)`` from the first degree left out (Trefethen, 2013, chapter 4).
-
-    Parameters
-    ----------
-    values : ndarray, shape (intervals, nodes)
-    most : float
-        Largest ``k`` that will be asked for.
     """
 
     def __init__(self, values: Floats, most: float) -> None:
@@ -164,21 +150,11 @@ class RadialTable:
         self._coefficients = np.ascontiguousarray(chebyshev_matrix(values.shape[1]) @ values.T)
 
     def __call__(self, frequencies: Floats) -> Floats:
-        """The spectrum at ``k``, of any shape, from 0 to :attr:`most`.
-
-        Raises
-        ------
-        InputError
-            If a frequency lies beyond the table.
-        """
+        """The spectrum at ``k``, of any shape, from 0 to :attr:`most`; InputError beyond."""
         k = np.asarray(frequencies, dtype=np.float64)
         if k.size and not (k.min() >= 0.0 and k.max() <= self.most * (1.0 + SLACK) + SLACK):
-            raise InputError(
-                "frequencies",
-                f"reach from {k.min():g} to {k.max():g}",
-                f"the table holds those from 0 to {self.most:g}",
-                "make it for the largest one",
-            )
+            found, rule = f"reach from {k.min():g} to {k.max():g}", f"the table holds those from 0 to {self.most:g}"
+            raise InputError("frequencies", found, rule, "make it for the largest one")
         interval = np.minimum((k / (2.0 * HALF)).astype(np.intp), self._coefficients.shape[1] - 1)
         x = k / HALF - (2.0 * interval + 1.0)
         # Clenshaw's recurrence.
@@ -191,11 +167,7 @@ class RadialTable:
 def table_points(most: float, tolerance: float) -> Floats:
     """Where a table up to ``most`` needs a spectrum, shape (intervals, nodes); the last may lie an interval beyond.
 
-    Parameters
-    ----------
-    most : float
-    tolerance : float
-        Of the interpolation, relative to the value at 0; the spectrum's own error comes on top.
+    The tolerance, relative to the value at 0, is that of the interpolation; the spectrum's own error comes on top.
     """
     nodes = HALF * (1.0 + chebyshev_nodes(nodes_needed(tolerance, 2.0 * math.pi * HALF)))
     intervals = max(1, math.ceil(most / (2.0 * HALF)))
@@ -226,25 +198,11 @@ def chebyshev_matrix(count: int) -> Floats:
 
 
 def product_integral(function: Radial, a: float, b: float, distance: float, dim: int, tolerance: float) -> float:
-    """Integral of ``f(|x| / a) f(|x - distance e| / b)`` over the plane or space.
+    """Integral of ``f(|x| / a) f(|x - distance e| / b)`` over the plane or space; 0 from the distance ``a + b`` on.
 
     The number of nodes is raised until two rules agree. Panels shrink towards the ends, where the functions are steep,
-    and towards the second centre, so that the error is relative to the integral itself, however thin the lens is.
-
-    Parameters
-    ----------
-    function : callable
-        Values at (0, 1), not below zero.
-    a, b, distance : float
-        Radii, and the distance of the centres, metres.
-    dim : int
-    tolerance : float
-        Relative to the integral, or to :data:`FLOOR`.
-
-    Returns
-    -------
-    float
-        Metres to the power ``dim``; 0 from the distance ``a + b`` on.
+    and towards the second centre, so that the error is relative to the integral itself, or to :data:`FLOOR`, however
+    thin the lens is.
 
     Raises
     ------
@@ -266,13 +224,8 @@ def product_integral(function: Radial, a: float, b: float, distance: float, dim:
         last, known = known, float(polar_integral(function, radius, gap, dim, s, share)[0])
         if nodes > RULES[0][0] and abs(known - last) <= tolerance * max(known, FLOOR):
             return known * a**dim
-    raise CspaceError(
-        "tolerance",
-        f"is {tolerance:g}, and the integral over balls of radii {a:g} and {b:g} at {distance:g} is {last:g} or "
-        f"{known:g}, by rules of different order",
-        "they must agree within it",
-        "pass a larger tolerance",
-    )
+    found = f"is {tolerance:g}, and the integral is {last:g} or {known:g}, by rules of different order"
+    raise CspaceError("tolerance", found, "they must agree within it", "pass a larger tolerance")
 
 
 Rule = tuple[Floats, Floats]
@@ -286,12 +239,7 @@ def polar_integral(function: Radial, b: Floats, distance: Floats, dim: int, radi
 
         integral f(s) s^(dim - 1) integral f(rho / b) dOmega ds,    rho^2 = s^2 + D^2 - 2 s D cos(theta).
 
-    Parameters
-    ----------
-    radial : tuple of ndarray
-        Nodes and weights of s.
-    share : tuple of ndarray, shape (m,)
-        Nodes and weights, on [0, 1], of theta as a part of the largest one.
+    ``radial`` is the rule in s; ``share``, on [0, 1], that in theta as a part of the largest one.
     """
     s, weights = np.atleast_2d(radial[0]), np.atleast_2d(radial[1])
     b, gap = b[:, None], distance[:, None]
@@ -319,14 +267,7 @@ def _graded_rule(ends: Floats, nodes: int, halvings: int) -> Rule:
 
 
 def lens_measure(a: Floats, b: Floats, distance: Floats, dim: int) -> Floats:
-    """Area or volume that two balls have in common, with small relative error also for thin lenses.
-
-    Parameters
-    ----------
-    a, b, distance : ndarray, shape (...)
-        Radii, and the distances of the centres, metres.
-    dim : int
-    """
+    """Area or volume that two balls have in common, with small relative error also for thin lenses."""
     least = np.minimum(a, b)
     # Differences of like lengths first: they are exact, and what is left of them is all that counts.
     depth = (np.maximum(a, b) - distance) + least

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.compiling import jit
 from cspace.errors import GeometryError, InputError
-from cspace.grid import Grid, finite
+from cspace.grid import Grid
 from cspace.memory import check_memory
 from cspace.raster.triangles import point_segment, point_triangle
 from cspace.shapes import Mesh, Polygons, Shape, Voxels
@@ -45,8 +45,6 @@ DEPTH: Final = 64
 _LEAF: Final = 6
 _POINTS_A_THREAD: Final = 4_000
 
-_ALIGNED: Final = 1e-6
-"""Part of a cell that two grids may be off each other by rounding."""
 
 _MEASURED: Final = 2**21
 """Cells of the box of a mesh by which its volume is bounded where bodies may overlap."""
@@ -62,12 +60,9 @@ _A_BALL: Final = {2: 100, 3: 60}
 class Region:
     """A closed set, asked for its signed distance; a plane lies in space as x = 0.
 
-    Parameters
-    ----------
-    shape : Shape
-
     Attributes
     ----------
+    shape : Shape
     pieces : ndarray, shape (n, 2, 2) or (n, 3, 3)
         Segments or triangles that hold the border, and maybe more.
     bounds : ndarray, shape (2, d)
@@ -108,17 +103,13 @@ class Region:
         if not closed or (len(closed) == 1 and (np.abs(closed[0].turns) == 1).all()):
             return abs(self.shape.measure), abs(self.shape.measure)
         side = float(np.cbrt(np.prod(self.bounds[1] - self.bounds[0]) / _MEASURED))
-        outer, inner = self.shape.cells(Region.grid_at(self, side))
+        outer, inner = self.shape.cells(self.grid_at(side))
         return float(np.count_nonzero(inner)) * side**3, float(np.count_nonzero(outer)) * side**3
 
     def grid_at(self, spacing: float) -> Grid:
         """A grid that covers the set, with cells of about this side (metres), and no larger."""
         counts = np.ceil((self.bounds[1] - self.bounds[0]) / spacing) + 1.0
         return Grid(self.bounds.mean(axis=0) - 0.5 * spacing * counts, spacing, counts.astype(np.int64))
-
-    def cells(self, grid: Grid) -> Bools:
-        """Cells of a grid of :meth:`grid_at` whose union is proven to cover the set."""
-        return self.shape.cells(grid)[0]
 
     def depths(self, points: Floats) -> Floats:
         """A lower bound of the signed distance from the border, above zero inside, shape (n,), metres."""
@@ -187,103 +178,53 @@ class Region:
         )
 
 
-class CellRegion(Region):
-    """Cells of a bitmap, whose lattices divide them or hold several of them whole."""
-
-    def __init__(self, shape: Voxels) -> None:
-        super().__init__(shape)
-        self._voxels = shape
-
-    def grid_at(self, spacing: float) -> Grid:
-        lower, side, shape = self._voxels.lower, self._voxels.side, self._voxels.occupied.shape
-        if spacing < side:
-            parts = int(np.ceil(side / spacing - _ALIGNED))
-            return Grid(lower, side / parts, [parts * n for n in shape])
-        joined = int(spacing / side + _ALIGNED)
-        return Grid(lower, side * joined, [-(-n // joined) for n in shape])
-
-    def cells(self, grid: Grid) -> Bools:
-        cells, scale = self._voxels.occupied, self._voxels.side / grid.spacing
-        for axis in range(self.dim):
-            if scale > 1.0 - _ALIGNED:
-                cells = np.repeat(cells, round(scale), axis=axis)
-            else:
-                cells = np.logical_or.reduceat(cells, np.arange(0, cells.shape[axis], round(1.0 / scale)), axis=axis)
-        return cells
-
-
 def region_of(shape: Any, spacing: float | None, lower: ArrayLike | None) -> Region:
     """The region of anything that describes a shape; as :func:`cspace.spectral.decompose` tells."""
     if isinstance(shape, np.ndarray) and not shape.ndim:
         raise InputError("shape", f"is {shape!r}, an array without axes", "it must have two or three", "pass its cells")
     if isinstance(shape, np.ndarray | list | tuple) and not len(shape):
-        raise GeometryError(
-            "shape", f"is {shape!r}", "an empty shape has no balls", "pass one that has an area or a volume"
-        )
-    if spacing is not None or getattr(shape, "dtype", None) == np.bool_:
-        if spacing is None:
-            raise InputError("spacing", "is left out", "a bitmap needs the side of its cells", "pass it in metres")
-        return CellRegion(Voxels.of(shape, spacing, lower))
+        mend = "pass one that has an area or a volume"
+        raise GeometryError("shape", f"is {shape!r}", "an empty shape has no balls", mend)
+    if spacing is None and getattr(shape, "dtype", None) == np.bool_:
+        raise InputError("spacing", "is left out", "a bitmap needs the side of its cells", "pass it in metres")
+    if spacing is not None:
+        return Region(Voxels.of(shape, spacing, lower))
     if lower is not None:
         raise InputError("lower", f"is {lower!r}", "only a bitmap has cells", "leave it out, or pass spacing too")
-    if isinstance(shape, Voxels):
-        return CellRegion(shape)
-    if isinstance(shape, Shape):
-        return Region(shape)
-    return Region(_polygons_of(shape) if _is_flat(shape) else Mesh.of(shape))
+    return Region(shape if isinstance(shape, Shape) else _shape_of(shape))
 
 
-def _is_flat(shape: Any) -> bool:
-    """Whether a shape is one of the plane."""
+def _shape_of(shape: Any) -> Shape:
+    """Polygons or a mesh."""
     import shapely
 
-    from cspace.io.vector import SUFFIXES
+    from cspace.io.vector import SUFFIXES, read_shapes
 
     if isinstance(shape, str | os.PathLike):
-        return Path(shape).suffix.lower() in SUFFIXES or not Path(shape).suffix
-    if isinstance(shape, list | tuple) and isinstance(shape[0], shapely.Geometry | Mapping):
-        return True
-    if isinstance(shape, shapely.Geometry | Mapping):
-        return True
+        flat = Path(shape).suffix.lower() in (*SUFFIXES, "")
+    else:
+        several = isinstance(shape, list | tuple)
+        flat = isinstance(shape[0] if several else shape, shapely.Geometry | Mapping)
+    if flat:
+        return Polygons(read_shapes(shape))
     try:
-        return isinstance(shape, np.ndarray | list | tuple) and np.shape(shape)[1:] == (2,)
+        vertices = isinstance(shape, np.ndarray | list | tuple) and np.shape(shape)[1:] == (2,)
     except ValueError:  # ragged
-        return False
-
-
-def _polygons_of(shape: Any) -> Polygons:
-    import shapely
-
-    from cspace.io.vector import read_shapes
-
-    if isinstance(shape, np.ndarray | list | tuple) and not isinstance(shape[0], shapely.Geometry | Mapping):
-        vertices = finite(shape, "polygon")
-        if len(vertices) < 3:
-            raise GeometryError(
-                "polygon", f"has {len(vertices)} vertices", "it must have three or more", "pass them in order"
-            )
-        shape = shapely.Polygon(vertices)
-    return Polygons(read_shapes(shape))
+        vertices = False
+    return Polygons.of(shape) if vertices else Mesh.of(shape)
 
 
 class Lattice:
-    """Cells of a grid whose union covers a region; two axes are held as three, of which the first is one cell long.
+    """Cells of a grid, of about a spacing and no larger, whose union is proven to cover a region.
 
-    Lengths in *sides* are in sides of a cell, from the grid's lower corner; along an axis that is added, all is at 0.5.
-
-    Parameters
-    ----------
-    region : Region
-    spacing : float
-        Metres; cells are about that long, and no longer.
+    Two axes are held as three, of which the first is one cell long. Lengths in *sides* are in sides of a cell, from the
+    grid's lower corner; along an axis that is added, all is at 0.5.
 
     Attributes
     ----------
     cells : ndarray of bool, three axes
-    middles : ndarray, shape (n, 3)
-        Of the cells, in sides.
-    depths : ndarray, shape (n,)
-        Lower bounds of their signed distances, in sides.
+    middles, depths : ndarray, shape (n, 3) and (n,)
+        Of the cells, in sides: their middles, and lower bounds of the signed distances of these.
     half : ndarray, shape (3,)
         Half a cell along each axis that there is.
 
@@ -296,7 +237,7 @@ class Lattice:
     def __init__(self, region: Region, spacing: float) -> None:
         self.region, self._grid = region, _grid_of(region, spacing)
         self.side = self._grid.spacing
-        cells = region.cells(self._grid)
+        cells = region.shape.cells(self._grid)[0]
         self.cells = cells[None] if region.dim == 2 else cells
         self.middles: Floats = np.argwhere(self.cells).astype(np.float64) + 0.5
         self.depths = region.depths(self.metres(self.middles)) / self.side
@@ -310,7 +251,7 @@ class Lattice:
         box = min(finer * max(_BOX[dim], number * _A_BALL[dim]), MOST)
         while True:
             spacing = float((volume / box) ** (1.0 / dim))
-            used = int(np.count_nonzero(region.cells(_grid_of(region, spacing))))
+            used = int(np.count_nonzero(region.shape.cells(_grid_of(region, spacing))[0]))
             enough = finer * max(_USED[dim], number * _A_BALL[dim] // 2)
             if used >= enough or 2 * box > _FEW:
                 return cls(region, spacing)
@@ -346,12 +287,8 @@ def _grid_of(region: Region, spacing: float) -> Grid:
     counts = np.ceil((region.bounds[1] - region.bounds[0]) / spacing) + 1.0
     mend = "use a larger tolerance or fewer balls"
     if float(np.prod(counts)) > 1.5 * MOST:
-        raise InputError(
-            "tolerance",
-            f"or number needs a lattice of {' x '.join(f'{n:.4g}' for n in counts)} cells of {spacing:g} m",
-            f"at most {MOST} are looked at",
-            mend,
-        )
+        found = f"or number needs a lattice of {' x '.join(f'{n:.4g}' for n in counts)} cells of {spacing:g} m"
+        raise InputError("tolerance", found, f"at most {MOST} are looked at", mend)
     check_memory(BYTES * float(np.prod(counts)), "the lattice of the balls", counts.tolist(), spacing, mend=mend)
     return region.grid_at(spacing)
 
@@ -362,18 +299,9 @@ def _grid_of(region: Region, spacing: float) -> Grid:
 class Tree(NamedTuple):
     """Pieces of a border in space, and boxes round them; compiled functions take it as it is.
 
-    Attributes
-    ----------
-    pieces : ndarray, shape (n, 3, 3)
-        Triangles, or segments between their first two corners.
-    doubts : ndarray, shape (n,)
-        By how much a distance to a thin triangle may be too small.
-    lower, upper : ndarray, shape (boxes, 3)
-    spans : ndarray of int64, shape (boxes, 3)
-        The first of the two children of a box, which follow each other, or 0; its first piece, and the one after its
-        last.
-    solid : bool
-        Whether pieces are triangles.
+    ``pieces`` (n, 3, 3) are triangles or, unless ``solid``, segments between their first two corners, and ``doubts`` by
+    how much a distance to each may be too small. Each box has in ``spans`` the first of its two children, which follow
+    each other, or 0; its first piece, and the one after its last.
     """
 
     pieces: Floats

@@ -201,64 +201,16 @@ def sampled_spectrum(descriptor: Descriptor, lengths: ArrayLike, counts: ArrayLi
     return spectrum
 
 
-def sampled_spectrum_at(descriptor: Descriptor, frequencies: ArrayLike, tolerance: float = 1e-9) -> Complexes:
-    """Spectrum of a sampled descriptor at any frequencies, by a non-uniform FFT of type 2.
-
-    Parameters
-    ----------
-    descriptor : Descriptor
-    frequencies : array-like, shape (..., dim)
-        Cycles per metre.
-    tolerance : float
-        Largest error, relative to the integral of the descriptor's modulus; from 1e-12 to 0.1.
-
-    Returns
-    -------
-    ndarray of complex128, shape (...)
-        Metres to the power ``dim``.
-
-    Raises
-    ------
-    InputError
-        If a value is not usable.
-    MissingPackageError
-        If finufft is not installed.
-    """
-    grid = check_sampled(descriptor).grid
-    asked = _tolerance_to_ask(check_tolerance(tolerance, LEAST_SPECTRUM_TOLERANCE))
-    waves = check_vectors(frequencies, "frequencies", grid.dim)
-    flat = waves.reshape(-1, grid.dim)
-    if not flat.size:
-        return np.zeros(waves.shape[:-1], dtype=np.complex128)
-    turns = flat * grid.spacing
-    # Cell n // 2 of each axis stands at the transform's zero.
-    middle = grid.center_of(np.array(grid.shape) // 2)
-    samples = descriptor.values.astype(np.complex128)
-    sums = nufft(2, grid.dim, _columns(turns - np.round(turns)), samples, asked, isign=-1)
-    phase = np.exp(-2j * math.pi * (flat @ middle))
-    return np.asarray(grid.spacing**grid.dim * phase * sums).reshape(waves.shape[:-1])
-
-
 # ---- non-uniform transforms ------------------------------------------------------------------------------------------
 
 
 def finufft_module() -> Any:
-    """The package finufft (Barnett, Magland and af Klinteberg, 2019), of non-uniform fast Fourier transforms.
-
-    Raises
-    ------
-    MissingPackageError
-        If it is not installed.
-    """
+    """The package finufft; MissingPackageError where it is not installed."""
     try:
         import finufft
     except ImportError as error:
-        raise MissingPackageError(
-            "finufft",
-            "is not installed",
-            "spectra at centers that lie on no lattice need it",
-            'install it with: pip install "cspace[spectral]"',
-        ) from error
+        rule, mend = "spectra at centers that lie on no lattice need it", 'install it: pip install "cspace[spectral]"'
+        raise MissingPackageError("finufft", "is not installed", rule, mend) from error
     return finufft
 
 
@@ -311,9 +263,9 @@ def radius_basis(
     """Terms of all balls, fewer than ``alone``, that add up to those of all radii; None where it takes as many.
 
     As a function of the radius, ``psi^(r |w|)`` is a mixture of exponentials that turn by at most ``2 pi |w| r``. So it
-    is interpolated between Chebyshev nodes ``rho_q`` in the radius with the same proven error as in the frequency
-    (:class:`RadialTable`), ``psi^(r |w|) = sum over q of l_q(r) psi^(rho_q |w|)``. A singular value decomposition of
-    the nodes' spectra leaves as many combinations as the tolerance needs, each with strengths that depend on the radii.
+    is interpolated between Chebyshev nodes in the radius with the same proven error as in the frequency
+    (:class:`RadialTable`). A singular value decomposition of the nodes' spectra leaves as many combinations as the
+    tolerance needs, each with strengths that depend on the radii.
     """
     most, largest = float(moduli.max()), float(radii.max())
     middle, half = 0.5 * (float(radii.min()) + largest), 0.5 * (largest - float(radii.min()))
@@ -348,20 +300,7 @@ class _LatticeSum:
     holds those of two real terms, and what they add up to with radial factors g and h, ``g A + h B``, is
     ``X(w) + conj(X(-w))`` with ``X = G (g - i h) / 2``. So the X of all pairs are summed, and mirrored once.
 
-    Parameters
-    ----------
-    shares : ndarray of float64, shape (n, dim)
-        Points, in periods.
-    counts : tuple of int
-        Frequencies along each axis of the spectrum.
-    periods : ndarray of float64, shape (dim,)
-    tolerance : float
-        Of the transforms.
-
-    Attributes
-    ----------
-    moduli : ndarray of float64, shape (m,)
-        Those that occur, from the smallest on, cycles per metre.
+    The points are given in periods; :attr:`moduli` are those that occur, from the smallest on, cycles per metre.
     """
 
     def __init__(self, shares: Floats, counts: tuple[int, ...], periods: Floats, tolerance: float) -> None:
@@ -481,13 +420,8 @@ def _check_lengths(lengths: ArrayLike, dim: int) -> Floats:
     """Periods along the axes, above zero, shape (dim,); one number stands for all."""
     periods = finite(lengths, "lengths")
     if periods.shape not in {(), (dim,)} or (periods <= 0.0).any():
-        raise InputError(
-            "lengths",
-            f"is {lengths!r}",
-            f"it must be one number above zero or {dim} of them, in metres",
-            "pass the period along each axis",
-            value=lengths,
-        )
+        rule = f"it must be one number above zero or {dim} of them, in metres"
+        raise InputError("lengths", f"is {lengths!r}", rule, "pass the period along each axis", value=lengths)
     return np.broadcast_to(periods, dim).copy()
 
 
@@ -495,13 +429,8 @@ def _check_counts(counts: ArrayLike, dim: int) -> tuple[int, ...]:
     """Numbers of frequencies along the axes; one stands for all."""
     numbers = np.asarray(counts)
     if numbers.shape not in {(), (dim,)} or numbers.dtype.kind not in "iu" or (numbers <= 0).any():
-        raise InputError(
-            "counts",
-            f"is {counts!r}",
-            f"it must be one whole number above zero or {dim} of them",
-            "pass how many frequencies each axis has, e.g. 256",
-            value=counts,
-        )
+        rule = f"it must be one whole number above zero or {dim} of them"
+        raise InputError("counts", f"is {counts!r}", rule, "pass e.g. 256", value=counts)
     return tuple(int(n) for n in np.broadcast_to(numbers, dim))
 
 
@@ -510,21 +439,12 @@ def _check_fits(lower: Floats, upper: Floats, lengths: Floats) -> None:
     sizes = upper - lower
     if (sizes > lengths * (1.0 + FIT_SLACK)).any():
         axis = int(np.argmax(sizes / lengths))
-        raise InputError(
-            "lengths",
-            f"holds {lengths[axis]:g} m along {'xyz'[axis]}, and what is transformed is {sizes[axis]:g} m long",
-            "it must fit into one period, wherever it lies, or it would wrap around onto itself",
-            "pass a longer period",
-        )
+        found = f"holds {lengths[axis]:g} m along {'xyz'[axis]}, and what is transformed is {sizes[axis]:g} m long"
+        raise InputError("lengths", found, "it must fit into one period, wherever it lies", "pass a longer period")
 
 
 def _check_memory(counts: tuple[int, ...], bytes_each: float) -> None:
     free, needed = free_bytes(), bytes_each * float(cells_of(counts))
-    if free is not None and needed > KEEP * free:
-        raise InputError(
-            "counts",
-            f"is {' x '.join(map(str, counts))}, which needs about {in_words(needed)} of memory, of which "
-            f"{in_words(free)} are free",
-            "it must fit",
-            "pass smaller counts",
-        )
+    if needed > KEEP * free:
+        found = f"is {' x '.join(map(str, counts))}, which needs about {in_words(needed)} of memory"
+        raise InputError("counts", found, f"{in_words(free)} are free", "pass smaller counts")

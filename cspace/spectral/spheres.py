@@ -28,6 +28,12 @@ KINDS: Final = ("inner", "outer")
 FORMAT: Final = "cspace-spheres"
 VERSION: Final = 1
 
+COLORS: Final = {"inner": "#0072b2", "outer": "#d55e00"}
+"""Of balls, from Okabe and Ito (2008)."""
+
+TRIANGLES: Final = 20_000
+"""Triangles that balls are drawn with, about."""
+
 _BOUNDS: Final = ("measure", "shape_measure", "hausdorff")
 
 
@@ -54,10 +60,8 @@ class Spheres:
         Whether each ball lies in the shape, or the union covers it.
     method : str
         How they were found.
-    measure : Bounds
-        Of the area or volume of the union, square or cubic metres.
-    shape_measure : Bounds
-        Of that of the shape.
+    measure, shape_measure : Bounds
+        Of the area or volume of the union, and of the shape, square or cubic metres.
     hausdorff : Bounds
         Of the one-sided Hausdorff distance that is not zero, metres: for "inner", the farthest that a point of the
         shape is from the balls; for "outer", the farthest that a point of the balls is from the shape.
@@ -67,8 +71,7 @@ class Spheres:
     Raises
     ------
     InputError
-        If there is no ball, arrays do not fit, a value is not finite, a radius is not above zero, or a word or bound
-        is not usable.
+        If there is no ball, arrays do not fit, or a value is not usable.
     """
 
     centers: Floats = field(repr=False)
@@ -116,41 +119,40 @@ class Spheres:
         """The middle of :attr:`volume_bounds`; in the plane, these are some 1e-5 apart."""
         return sum(self.volume_bounds) / 2.0
 
-    @property
-    def shape_to_balls(self) -> Bounds:
-        """Bounds of how far a point of the shape is from the balls, metres; zero for "outer"."""
-        return self.hausdorff if self.kind == "inner" else Bounds(0.0, 0.0)
-
-    @property
-    def balls_to_shape(self) -> Bounds:
-        """Bounds of how far a point of the balls is from the shape, metres; zero for "inner"."""
-        return self.hausdorff if self.kind == "outer" else Bounds(0.0, 0.0)
-
-    def plot(self, ax: Axes | None = None, *, shape: Any = None, title: str | None = None) -> Axes:
-        """Draw the balls, and the shape with them.
+    def plot(self, ax: Axes | None = None, *, title: str | None = None) -> Axes:
+        """Draw the balls, and their shape where it is known.
 
         Parameters
         ----------
         ax : matplotlib.axes.Axes, optional
             Where to draw, in three dimensions for balls in space; by default a new figure, which belongs to no window.
-        shape : Shape, or what :func:`cspace.spectral.decompose` takes, optional
-            By default the one that the balls were made from, where it is known.
         title : str, optional
-            By default number, kind and how well they describe the shape. Pass ``""`` for none.
-
-        Returns
-        -------
-        matplotlib.axes.Axes
-            ``ax.figure`` is the figure.
+            By default number, kind and how well they describe the shape.
 
         Raises
         ------
         InputError
-            If axes are of the plane and balls are in space, or the shape has another dimension.
+            If axes are of the plane and balls are in space, or the other way around.
         """
-        from cspace.spectral.picture import draw
+        from matplotlib.figure import Figure
 
-        return draw(self, ax, shape, title)
+        solid = self.dim == 3
+        axes: Any = ax
+        if axes is None:
+            figure = Figure(figsize=(6.5, 6.5), layout="constrained")
+            axes = figure.add_subplot(projection="3d" if solid else None)
+        if solid != hasattr(axes, "get_zlim"):
+            raise InputError("ax", "is not of the balls' dimension", "balls in space need axes with projection='3d'")
+        (_draw_solid if solid else _draw_flat)(self, axes)
+        corners = np.vstack([self.centers - self.radii[:, None], self.centers + self.radii[:, None]])
+        corners = corners if self.shape is None else np.vstack([corners, *self.shape.bounds])
+        for name, low, high in zip("xyz", corners.min(axis=0), corners.max(axis=0), strict=False):
+            room = 0.03 * float(np.ptp(corners, axis=0).max())
+            axes.set(**{f"{name}lim": (low - room, high + room), f"{name}label": f"{name} [m]"})
+        axes.set_aspect("equal")
+        words = f"{len(self)} {self.kind} {'balls' if solid else 'discs'}, within {self.hausdorff.upper:.3g} m"
+        axes.set_title(words if title is None else title, fontsize=10)
+        return axes  # type: ignore[no-any-return]
 
     def save(self, path: str | os.PathLike[str], overwrite: bool = False) -> Path:
         """Write all but the shape to a file, to the last bit.
@@ -161,11 +163,6 @@ class Spheres:
             Ends in ``.yaml``, ``.yml`` or ``.json``.
         overwrite : bool
             Whether an existing file may be replaced.
-
-        Returns
-        -------
-        pathlib.Path
-            The file.
 
         Raises
         ------
@@ -197,7 +194,6 @@ class Spheres:
         """
         _, load = _format_of(path)
         record, name = load(path, "file of balls"), os.fspath(path)
-        rule, mend = "it must be as Spheres.save writes it", "mend or write it again"
         if not isinstance(record, Mapping) or record.get("format") != FORMAT:
             raise FileError(name, "holds no balls", f"its format must be {FORMAT!r}", "pass a file of Spheres.save")
         if record.get("version") != VERSION:
@@ -208,27 +204,24 @@ class Spheres:
             return cls(record["centers"], record["radii"], record["kind"], str(record["method"]), **bounds)
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             what = f"lacks {error}" if isinstance(error, KeyError) else f"is malformed: {error}"
-            raise FileError(name, what, rule, mend) from error
+            raise FileError(name, what, "it must be as Spheres.save writes it", "mend or write it again") from error
 
 
 def _format_of(path: str | os.PathLike[str]) -> tuple[Callable[[Any], str], Callable[[Any, str], Any]]:
     """How records are written, and how they are read from a file."""
+    from cspace.io.input import not_a_name
     from cspace.io.plain import read_json, read_yaml
 
-    formats: dict[str, tuple[Callable[[Any], str], Callable[[Any, str], Any]]]
-    formats = {".yaml": (_to_yaml, read_yaml), ".yml": (_to_yaml, read_yaml), ".json": (_to_json, read_json)}
     try:
         suffix = Path(path).suffix.lower()
     except TypeError as error:
-        raise InputError("path", f"is {path!r}", "it must be a file name", "pass a string or a Path") from error
-    if suffix not in formats:
-        kinds = f"balls go into {', '.join(formats)}"
-        raise InputError("path", f"is {os.fspath(path)}, of suffix {suffix!r}", kinds, "name it e.g. balls.json")
-    return formats[suffix]
-
-
-def _to_json(record: Mapping[str, Any]) -> str:
-    return json.dumps(record, indent=1) + "\n"
+        raise not_a_name(path) from error
+    if suffix == ".json":
+        return json.dumps, read_json
+    if suffix in (".yaml", ".yml"):
+        return _to_yaml, read_yaml
+    rule = "balls go into .yaml, .yml or .json"
+    raise InputError("path", f"is {os.fspath(path)}, of suffix {suffix!r}", rule, "name it e.g. balls.json")
 
 
 def _to_yaml(record: Mapping[str, Any]) -> str:
@@ -236,3 +229,33 @@ def _to_yaml(record: Mapping[str, Any]) -> str:
 
     dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
     return str(yaml.dump(record, Dumper=dumper, sort_keys=False, default_flow_style=None, width=120))
+
+
+def _draw_flat(spheres: Spheres, axes: Any) -> None:
+    from matplotlib.collections import EllipseCollection, LineCollection
+    from matplotlib.colors import to_rgba
+
+    sizes, color = 2.0 * spheres.radii, COLORS[spheres.kind]
+    options = {"units": "xy", "offsets": spheres.centers, "offset_transform": axes.transData}
+    discs = EllipseCollection(sizes, sizes, np.zeros(len(sizes)), **options)
+    # So many discs lie over each other that their colours must be thin.
+    discs.set(facecolor=to_rgba(color, 0.16), edgecolor=to_rgba(color, 0.75), linewidth=0.6, zorder=2)
+    axes.add_collection(discs)
+    if spheres.shape is not None:
+        pieces = list(spheres.shape.boundary().simplices)
+        axes.add_collection(LineCollection(pieces, colors="#262626", linewidths=1.2, zorder=3))
+
+
+def _draw_solid(spheres: Spheres, axes: Any) -> None:
+    import trimesh
+    from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection  # type: ignore[import-untyped]
+
+    halvings = np.log(TRIANGLES / len(spheres) / 20.0) / np.log(4.0)
+    ball = trimesh.creation.icosphere(subdivisions=int(np.clip(halvings, 1.0, 4.0)))
+    faces = spheres.centers[:, None, None] + spheres.radii[:, None, None, None] * np.asarray(ball.triangles)
+    colors = COLORS[spheres.kind]
+    axes.add_collection3d(Poly3DCollection(faces.reshape(-1, 3, 3), facecolors=colors, shade=True, alpha=0.9))
+    if spheres.shape is not None:
+        vertices, triangles = spheres.shape.surface
+        edges = vertices[np.unique(np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)), axis=0)]
+        axes.add_collection3d(Line3DCollection(edges, colors="#262626", linewidths=0.5, alpha=0.5))

@@ -173,7 +173,7 @@ INNER, OUTER = (
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda: FourierOverlap(ONE, SPACE), "both in space"),
+        (lambda: FourierOverlap(ONE, SPACE), "all in space"),
         (lambda: FourierOverlap(ONE, ([[0.0, 0.0]], 0.0)), "above zero"),
         (lambda: FourierOverlap(ONE, ([[0.0, math.nan]], 0.1)), "NaN"),
         (lambda: FourierOverlap(ONE, ONE, threshold=-1.0), "threshold"),
@@ -188,11 +188,11 @@ INNER, OUTER = (
         (lambda: FourierOverlap.of_shapes(ONE, ONE, swell=1e-7), "larger swell"),
         (lambda: FourierOverlap.of_shapes(ONE, ONE, swell=0.1, classes=0), "classes"),
         (lambda: FourierOverlap.of_shapes(ONE, ONE, ONE, swell=0.1), "both"),
-        (lambda: FourierOverlap.of_shapes(ONE, ONE, SPACE, SPACE, swell=0.1), "as many"),
+        (lambda: FourierOverlap.of_shapes(ONE, ONE, SPACE, SPACE, swell=0.1), "all in space"),
         (lambda: FourierOverlap.of_shapes(INNER, ONE, swell=0.1), "outer_a is of kind 'inner'"),
         (lambda: FourierOverlap.of_shapes(ONE, ONE, INNER, OUTER, swell=0.1), "inner_b is of kind 'outer'"),
         (lambda: FourierOverlap((1.0, 2.0), ONE), "shape"),
-        (lambda: FourierOverlap((None, None), ONE), "NaN"),
+        (lambda: FourierOverlap((None, None), ONE), "missing"),
         (lambda: FourierOverlap(([[0.0, 0.0]], 1e50), ONE), "reach"),
         (lambda: FourierOverlap(ONE, ONE, band=9.0).values([[0.0, 0.0]], tolerance=math.nan), "tolerance"),
         (lambda: FourierOverlap(ONE, ONE, band=9.0).gradients([[0.0, 0.0]], tolerance=0.0), "tolerance"),

@@ -273,14 +273,6 @@ def test_balls_in_a_hollow_mesh_stay_out_of_the_cavity():
     assert spheres.shape_measure.lower <= 1 - 0.6**3 <= spheres.shape_measure.upper
 
 
-def test_one_radius_of_ones_own():
-    spheres = decompose(RECTANGLE, radius=0.2, number=30)
-    assert (spheres.radii == 0.2).all()
-    spheres = decompose(RECTANGLE, radius=0.4, number=30, kind="outer")
-    assert (spheres.radii == 0.4).all()
-    assert (gaps(sampled(RECTANGLE, np.random.default_rng(0)), spheres) <= 0.0).all()
-
-
 def test_the_same_call_gives_the_same_balls():
     one, other = (decompose(ELL, number=20) for _ in range(2))
     assert (one.centers == other.centers).all()

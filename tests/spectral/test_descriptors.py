@@ -162,7 +162,6 @@ def test_samples_of_balls_are_sums_of_bumps(dim, alpha):
     np.testing.assert_allclose(balls.sample(grid).values, expected, atol=1e-12)
     np.testing.assert_allclose(balls(middles), expected, atol=1e-12)
     assert balls(middles[0, 0] if dim == 2 else middles[0, 0, 0]).shape == ()
-    np.testing.assert_allclose(balls.moved([0.5] * dim)(middles + 0.5), expected, atol=1e-9)
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -268,7 +267,6 @@ PLANE = on_grid(np.ones((3, 3)))
         (lambda: BallDescriptor([[0.0, 0.0]], 1.0, 2.0), "must be a Bump"),
         (lambda: BallDescriptor(np.empty((0, 2)), 1.0), "at least 1"),
         (lambda: BallDescriptor([[0.0, 0.0]], 1.0)([0.0, 0.0, 0.0]), "last axis"),
-        (lambda: BallDescriptor([[0.0, 0.0]], 1.0).moved([1.0]), "translation"),
         (lambda: BallDescriptor([[0.0, 0.0]], 1.0).sample(Grid((0, 0, 0), 1.0, (2, 2, 2))), "3 axes"),
     ],
 )

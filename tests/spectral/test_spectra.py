@@ -19,7 +19,6 @@ from cspace.spectral import (
     ball_spectrum,
     ball_spectrum_at,
     sampled_spectrum,
-    sampled_spectrum_at,
 )
 from cspace.spectral.spectra import radius_basis
 from strategies import seeds
@@ -172,8 +171,6 @@ def test_spectra_of_samples_are_the_sum_over_cells(dim, length):
     mass = np.abs(made.values).sum() * 0.25**dim
     found = sampled_spectrum(made, length, counts)
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-14 * mass)
-    for tolerance in (1e-6, 1e-12):
-        assert np.abs(sampled_spectrum_at(made, waves, tolerance) - expected).max() <= tolerance * mass
 
 
 def test_samples_and_balls_have_one_spectrum():
@@ -225,7 +222,6 @@ def test_balls_that_fill_a_period_fit():
         (lambda: ball_spectrum_at(POINTS, 0.1, Bump(), [[1.0, math.nan]]), "NaN"),
         (lambda: sampled_spectrum(BallDescriptor(POINTS, 0.1), 1.0, 4), "no Descriptor"),
         (lambda: sampled_spectrum(BallDescriptor(POINTS, 0.1).sample(Grid((0, 0), 1.0, (3, 3))), 2.9, 4), "one period"),
-        (lambda: sampled_spectrum_at(BallDescriptor(POINTS, 0.1), [[0.0, 0.0]]), "no Descriptor"),
     ],
 )
 def test_other_unusable_input_is_refused(ask, match):
@@ -235,8 +231,7 @@ def test_other_unusable_input_is_refused(ask, match):
 
 def test_no_frequencies_have_no_values():
     assert ball_spectrum_at(POINTS, 0.1, Bump(), np.empty((0, 2))).shape == (0,)
-    made = BallDescriptor(POINTS, 0.1).sample(Grid((0, 0), 1.0, (3, 3)))
-    assert sampled_spectrum_at(made, np.empty((3, 0, 2))).shape == (3, 0)
+    assert ball_spectrum_at(POINTS, 0.1, Bump(), np.empty((3, 0, 2))).shape == (3, 0)
 
 
 def test_without_the_extra_a_transform_is_refused_by_name_and_the_rest_works():

@@ -8,7 +8,10 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+import shapely
+import trimesh
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from benchmarks.soak.plane_geometry import Shape
 from benchmarks.soak.space_geometry import Blocks, Skin, directions
@@ -38,15 +41,9 @@ rounds by far less than the balls grow."""
 
 @dataclass(frozen=True)
 class Body:
-    """A polygon or a closed mesh, and its balls.
+    """A polygon or a closed mesh, its triangles (n, 3, 3); and its balls, centers and radii.
 
-    Attributes
-    ----------
-    kind : str
-    shape : shapely Polygon, or ndarray of shape (n, 3, 3)
-        Triangles in space.
-    outer, inner : tuple of ndarray, or None
-        Centers and radii of balls that cover it, and of balls that lie in it; None where it has no room for any.
+    Outer balls cover it, inner ones lie in it; those are None where it has no room for any.
     """
 
     kind: str
@@ -67,7 +64,6 @@ class Body:
 
     def placed(self, scale: float, matrix: Floats, away: Floats) -> Body:
         """The same, stretched, then turned, then moved."""
-        import shapely
 
         def move(points: Floats) -> Floats:
             return np.asarray(scale * points @ matrix.T + away)
@@ -84,20 +80,7 @@ def _is_solid(shape: Any) -> bool:
 
 @dataclass(frozen=True)
 class PairCase:
-    """A body, some others, and their overlap.
-
-    Attributes
-    ----------
-    name, made_by : str
-        What was drawn, and the call that draws it again.
-    kind : tuple of str
-        Kinds of the others and of the body.
-    a : Body
-        What is placed.
-    b : list of Body
-        The others, which may overlap.
-    overlap : FourierOverlap
-    """
+    """A body that is placed, some others, which may overlap, and their overlap; and the call that draws it."""
 
     name: str
     made_by: str
@@ -110,29 +93,24 @@ class PairCase:
         """A random rotation, as a configuration ends with; the overlap there; and whether placements collide."""
         if self.overlap.dim == 2:
             yaw = float(rng.uniform(-np.pi, np.pi))
-            return np.array([yaw]), self.overlap.rotated(yaw), flat_oracle(self.a, self.b, yaw)
-        from scipy.spatial.transform import Rotation
-
+            matrix = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+            return np.array([yaw]), self.overlap.rotated(matrix), oracle(self.a, self.b, matrix)
         rotation = Rotation.from_quat(rng.normal(size=4))
-        return rotation.as_quat(), self.overlap.rotated(rotation), solid_oracle(self.a, self.b, rotation.as_matrix())
+        return rotation.as_quat(), self.overlap.rotated(rotation), oracle(self.a, self.b, rotation.as_matrix())
 
 
-def flat_oracle(a: Body, b: list[Body], yaw: float) -> Oracle:
-    """Whether polygons meet, one of them turned and moved: shapely on each placement."""
-    import shapely
-
-    shape, others = Shape([a.shape], np.empty((0, 2)), np.empty(0)), [body.shape for body in b]
-    for other in others:
-        shapely.prepare(other)
-    return lambda ts: shape.meets(others, np.column_stack([ts, np.full(len(ts), yaw)]), 0.0)
-
-
-def solid_oracle(a: Body, b: list[Body], matrix: Floats) -> Oracle:
-    """Whether closed meshes meet, one of them turned and moved: FCL on their surfaces, and points of one in the
+def oracle(a: Body, b: list[Body], matrix: Floats) -> Oracle:
+    """Whether a turned and moved body meets others: by shapely; or by FCL on surfaces, and points of one in the
     other."""
+    if len(matrix) == 2:
+        shape, others = Shape([a.shape], np.empty((0, 2)), np.empty(0)), [body.shape for body in b]
+        for other in others:
+            shapely.prepare(other)
+        yaw = np.arctan2(matrix[1, 0], matrix[0, 0])
+        return lambda ts: shape.meets(others, np.column_stack([ts, np.full(len(ts), yaw)]), 0.0)
     body = np.repeat(np.arange(len(b)), [len(each.shape) for each in b])
-    others = Skin(np.concatenate([each.shape for each in b]), body)
-    skins = SkinPair(Skin(a.shape @ matrix.T, np.zeros(len(a.shape), dtype=np.int64)), others)
+    skin = Skin(np.concatenate([each.shape for each in b]), body)
+    skins = SkinPair(Skin(a.shape @ matrix.T, np.zeros(len(a.shape), dtype=np.int64)), skin)
     return lambda ts: skins.within(ts, np.zeros(len(ts)))
 
 
@@ -198,45 +176,33 @@ def random_turn(rng: Rng, dim: int) -> Floats:
 
 
 def _star(rng: Rng) -> Any:
-    import shapely
-
     corners = int(rng.integers(3, 12))
     turns = 2.0 * np.pi * (np.arange(corners) + rng.uniform(0.0, 0.6, corners)) / corners
     return shapely.Polygon(rng.uniform(0.3, 1.0, (corners, 1)) * np.column_stack([np.cos(turns), np.sin(turns)]))
 
 
 def _ring(rng: Rng) -> Any:
-    import shapely
-
     middle = shapely.Point(0.0, 0.0)
     hole = middle.buffer(float(rng.uniform(0.2, 0.8)), quad_segs=2)
     return middle.buffer(1.0, quad_segs=int(rng.integers(2, 6))).difference(hole)
 
 
 def _rectangle(rng: Rng) -> Any:
-    import shapely
-
     half = rng.uniform(0.1, 1.0, 2)
     return shapely.box(*-half, *half)
 
 
 def _ell(rng: Rng) -> Any:
-    import shapely
-
     a, b = rng.uniform(0.2, 0.8, 2)
     return shapely.Polygon(np.array([(0.0, 0.0), (1.0, 0.0), (1.0, b), (a, b), (a, 1.0), (0.0, 1.0)]) - 0.5)
 
 
 def _hull(rng: Rng) -> Floats:
-    import trimesh
-
     points = directions(int(rng.integers(5, 16)), rng) * rng.uniform(0.4, 1.0, 3)
     return np.asarray(trimesh.convex.convex_hull(points).triangles)
 
 
 def _dented(rng: Rng) -> Floats:
-    import trimesh
-
     ball = trimesh.creation.icosphere(int(rng.integers(0, 2)), 1.0)
     vertices = np.asarray(ball.vertices) * rng.uniform(0.3, 1.0, (len(ball.vertices), 1))
     return np.asarray(vertices[np.asarray(ball.faces)])
@@ -248,8 +214,6 @@ def _box(rng: Rng) -> Floats:
 
 
 def _prism(rng: Rng) -> Floats:
-    import trimesh
-
     return np.asarray(trimesh.creation.extrude_polygon(_ell(rng), float(rng.uniform(0.2, 1.0))).triangles)
 
 
