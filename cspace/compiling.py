@@ -129,6 +129,15 @@ def reader(function: F | None = None, /, **options: Any) -> Any:
     return jit(function, _nrt=False, **options)
 
 
+@overload
+def inner(function: F, /) -> F: ...
+@overload
+def inner(**options: Any) -> Callable[[F], F]: ...
+def inner(function: F | None = None, /, **options: Any) -> Any:
+    """:func:`reader` for what only compiled code calls; without a door for Python it is compiled sooner."""
+    return reader(function, no_cpython_wrapper=True, **options)
+
+
 def entry(kernel: Any, fixed: tuple[Any, ...], floats: int) -> Callable[..., Any]:
     """A kernel with its first arguments given and some floats to come, without numba's dispatch on every call."""
     import numba

@@ -875,7 +875,7 @@ class CSpace:
 
         if exact:
             return self._exact.edges()
-        mip = self._seen.reshape(-1)[:0]
+        mip = None
         if self._mip.made is not None or number * CELLS_AN_EDGE >= self._seen.size:
             mip = self._mip.get(lambda: Mip(self._seen)).flat
         return partial(edges_are_free, self._map, mip)

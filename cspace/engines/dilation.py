@@ -18,7 +18,7 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.engines.words import Packed, Scratch, find_runs, pack, place_runs, settle_block
+from cspace.engines.words import Packed, Scratch, settle_block
 from cspace.raster.raster import Raster
 from cspace.threads import cores, in_threads
 
@@ -29,6 +29,9 @@ Task: TypeAlias = tuple[Ints, Cells, tuple[int, int]]
 
 COUNTS: Final = False
 """This engine tells only whether there is any overlap."""
+
+PACKED: Final = 2**20
+"""Cells that are packed into words at a time."""
 
 WORD: Final = 64
 """Cells in a word."""
@@ -118,11 +121,21 @@ class Runs:
     @classmethod
     def of(cls, raster: Raster, shape: Sequence[int]) -> Runs:
         """The runs of a raster on a map of a shape of two or three axes."""
-        extra = 3 - raster.cells.ndim
-        cells = np.ascontiguousarray(raster.cells).reshape((1,) * extra + raster.cells.shape).view(np.uint8)
-        lower = np.array((0,) * extra + raster.lower, dtype=np.int64)
-        table, ends, lengths, offsets = find_runs(cells, lower, np.array(in_space(shape), dtype=np.int64))
-        return cls(table, ends[:3], ends[3:], int(lengths), bool(offsets < raster.count))
+        lower, far = np.array(in_space(raster.lower, 0)), np.array(in_space(shape))
+        cells = raster.cells.reshape(in_space(raster.cells.shape))
+        begin = np.clip(1 - far - lower, 0, cells.shape)
+        end = np.maximum(np.minimum(far - lower, cells.shape), begin)
+        kept = cells[tuple(slice(a, b) for a, b in zip(begin.tolist(), end.tolist(), strict=True))]
+        edges = np.zeros((*kept.shape[:2], kept.shape[2] + 1), dtype=np.int8)
+        edges[..., :-1] = kept
+        edges[..., 1:] -= kept
+        first, last = np.argwhere(edges == 1), np.argwhere(edges == -1)
+        lengths = last[:, 2] - first[:, 2]
+        order = np.argsort(lengths, kind="stable")
+        table = np.column_stack([first + begin + lower, lengths])[order]
+        ends = table[:, :3] + np.maximum(table[:, 3:] - 1, 0) * (0, 0, 1)
+        least, most = (table[:, :3].min(axis=0), ends.max(axis=0)) if len(table) else np.zeros((2, 3), dtype=np.int64)
+        return cls(table, least, most, len(np.unique(lengths)), bool(lengths.sum() < raster.count))
 
     def __len__(self) -> int:
         return len(self.table)
@@ -173,20 +186,28 @@ class Board:
         self.width = -(-cells // WORD)
         # A block is read a row beyond the last run's place, and as far as the longest run reaches, and one word more.
         self.beyond = max(each.longest for each in runs) // WORD + 2
-        self.words = np.zeros((layers * self.rows + 1) * self.width + self.beyond, np.uint64)
+        size = (layers * self.rows + 1) * self.width + self.beyond
+        self.words = np.full(size, ~np.uint64(0) if outside else np.uint64(0))
         before, above, left = self.pads.tolist()
-        for layer, slab in enumerate(occupied, start=before):
-            first = (layer * self.rows + above) * self.width + left // WORD
-            pack(slab, left % WORD, int(outside), self.words, first, self.width)
-        if outside:
-            np.invert(self.words, out=self.words)
-
+        each = max(1, PACKED // (self.width * WORD))
+        slab = np.full((min(each, self.shape[1]), self.width * WORD), outside, dtype=np.uint8)
+        for layer, own in enumerate(occupied, start=before):
+            for row in range(0, len(own), each):
+                part = slab[: len(own) - row]
+                part[:, left : left + self.shape[2]] = own[row : row + each]
+                first = (layer * self.rows + above + row) * self.width
+                words = np.packbits(part, bitorder="little").view("<u8")
+                self.words[first : first + len(words)] = words
         self._buffers = threading.local()
 
     def placed(self, runs: Runs) -> Ints:
         """Length, word and shift of each run."""
-        table: Ints = place_runs(runs.table, self.pads, self.rows, self.width)
-        return table
+        x, y, z, length = np.add(runs.table, [*self.pads, 0]).T
+        last = np.flatnonzero(np.diff(length, append=-1))  # of each length, which is told again to fill up fours
+        again = np.ones(len(length), dtype=np.int64)
+        again[last] += -np.diff(last, prepend=-1) % 4
+        table: Ints = np.column_stack([length, (x * self.rows + y) * self.width + z // WORD, z % WORD])
+        return np.repeat(table, again, axis=0)
 
     def blocks(self, table: Ints) -> list[tuple[int, int]]:
         """First row, and the one after the last, of the parts in which results are made."""

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.compiling import jit
+from cspace.compiling import inner, reader
 
 Words = NDArray[np.uint64]
 Ints = NDArray[np.int64]
@@ -29,116 +29,13 @@ class Scratch(NamedTuple):
     result: Words
 
 
-_GATHER = np.uint64(0x0102040810204080)
 _REPEAT = np.uint64(0x0101010101010101)
 _SELECT = np.uint64(0x8040201008040201)
 _CARRY = np.uint64(0x7F7F7F7F7F7F7F7F)
 _ONE = np.uint64(1)
 
 
-@jit
-def find_runs(cells: NDArray[np.uint8], lower: Ints, shape: Ints) -> tuple[Ints, Ints, int, int]:
-    """Runs of offsets that can fall on a map, as rows (x, y, z, length), by ascending length.
-
-    ``cells`` has three axes; an offset m is left out where ``|m|`` reaches the map's ``shape`` along an axis. Also
-    found are the least offsets along the axes, then the greatest; how many lengths there are; and how many offsets.
-    """
-    begin = np.empty(3, np.int64)
-    end = np.empty(3, np.int64)
-    for axis in range(3):
-        begin[axis] = min(max(1 - shape[axis] - lower[axis], 0), cells.shape[axis])
-        end[axis] = max(min(shape[axis] - lower[axis], cells.shape[axis]), begin[axis])
-    number = 0
-    for i in range(begin[0], end[0]):
-        for j in range(begin[1], end[1]):
-            before = np.uint8(0)
-            for k in range(begin[2], end[2]):
-                number += cells[i, j, k] > before
-                before = cells[i, j, k]
-    runs = np.empty((number, 4), np.int64)
-    number = offsets = 0
-    for i in range(begin[0], end[0]):
-        for j in range(begin[1], end[1]):
-            before = np.uint8(0)
-            for k in range(begin[2], end[2]):
-                cell = cells[i, j, k]
-                if cell > before:
-                    runs[number, 0], runs[number, 1] = i + lower[0], j + lower[1]
-                    runs[number, 2], runs[number, 3] = k + lower[2], 0
-                    number += 1
-                if cell:
-                    runs[number - 1, 3] += 1
-                    offsets += 1
-                before = cell
-    runs = runs[np.argsort(runs[:, 3])]
-    ends = np.zeros(6, np.int64)
-    lengths = 0
-    for k in range(number):
-        lengths += k == 0 or runs[k, 3] != runs[k - 1, 3]
-        for axis in range(3):
-            low = runs[k, axis]
-            high = low + (runs[k, 3] - 1 if axis == 2 else 0)
-            if k == 0 or low < ends[axis]:
-                ends[axis] = low
-            if k == 0 or high > ends[3 + axis]:
-                ends[3 + axis] = high
-    return runs, ends, lengths, offsets
-
-
-@jit
-def place_runs(runs: Ints, pads: Ints, rows: int, width: int) -> Ints:
-    """Length, word and shift of each run in a board, in fours of one length: the last is told again to fill them up."""
-    number = 0
-    for k in range(len(runs)):
-        number += 1
-        if k + 1 == len(runs) or runs[k + 1, 3] != runs[k, 3]:
-            number += -number % 4
-    table = np.empty((number, 3), np.int64)
-    number = 0
-    for k in range(len(runs)):
-        x, y, z = runs[k, 0] + pads[0], runs[k, 1] + pads[1], runs[k, 2] + pads[2]
-        again = 1
-        if k + 1 == len(runs) or runs[k + 1, 3] != runs[k, 3]:
-            again += -(number + 1) % 4
-        for _ in range(again):
-            table[number, 0] = runs[k, 3]
-            table[number, 1] = (x * rows + y) * width + z // 64
-            table[number, 2] = z % 64
-            number += 1
-    return table
-
-
-@jit
-def pack(cells: NDArray[np.uint8], shift: int, flip: int, rows: Words, start: int, width: int) -> None:
-    """Add rows of cells, each 0 or 1, to rows of words that are 0 there.
-
-    ``cells`` has the shape (rows, cells). The first cell goes to bit ``shift`` of word ``start`` in ``rows``, and each
-    further row ``width`` words on. With ``flip`` 1, what is added is the complement.
-    """
-    count, n = cells.shape
-    whole, rest = n // 64, n % 64
-    up, down = np.uint64(shift), np.uint64(63 - shift)
-    all_ones = np.uint64(0) - np.uint64(flip)
-    for number in range(count):
-        row = cells[number]
-        eights = row[: 64 * whole].view(np.uint64)
-        place = start + number * width
-        for w in range(whole + (rest > 0)):
-            word = np.uint64(0)
-            if w < whole:
-                for k in range(8):
-                    word |= ((eights[8 * w + k] * _GATHER) >> np.uint64(56)) << np.uint64(8 * k)
-                word ^= all_ones
-            else:
-                for k in range(rest):
-                    word |= np.uint64(row[64 * whole + k] ^ flip) << np.uint64(k)
-            rows[place + w] |= word << up
-            above = (word >> _ONE) >> down
-            if above:
-                rows[place + w + 1] |= above
-
-
-@jit
+@inner
 def dilate_block(bits: Words, start: int, runs: Ints, spare: Words, more: Words, result: Words) -> bool:
     """Whether some cell of a set lies at each place from word ``start`` on, moved by any offset of a robot's runs.
 
@@ -168,7 +65,7 @@ def dilate_block(bits: Words, start: int, runs: Ints, spare: Words, more: Words,
     return True
 
 
-@jit
+@inner
 def _widen(now: Words, step: int, then: Words) -> None:
     """``then[k] = now[k] | now[k + step]``, bit by bit, with nothing beyond the end."""
     jump, shift = step // 64, np.uint64(step % 64)
@@ -183,7 +80,7 @@ def _widen(now: Words, step: int, then: Words) -> None:
             then[k] |= now[k + jump] >> shift
 
 
-@jit
+@inner
 def _unite(now: Words, runs: Ints, result: Words) -> None:
     """Add four runs to a result."""
     n = result.size
@@ -198,7 +95,7 @@ def _unite(now: Words, runs: Ints, result: Words) -> None:
         result[k] |= one | two
 
 
-@jit
+@inner
 def unpack(
     words: NDArray[np.uint64], width: int, first: int, rows: int, found: bool, add: bool, out: NDArray[np.uint8]
 ) -> None:
@@ -215,8 +112,8 @@ def unpack(
             continue
         line = out[x, y]
         if not found:
-            if not add:
-                line[:] = 0
+            for k in range(0 if add else cells):
+                line[k] = 0
             continue
         part = words[row * width : (row + 1) * width]
         octets, together = part.view(np.uint8), line[: 8 * eights].view(np.uint64)
@@ -233,7 +130,7 @@ def unpack(
             line[k] = line[k] + bit if add else bit
 
 
-@jit
+@reader
 def settle_block(packed: Packed, runs: Ints, scratch: Scratch, first: int, add: bool, out: NDArray[np.uint8]) -> None:
     """Dilate the rows from number ``first`` on, as many as the scratch holds, and write or add them to ``out``."""
     found = dilate_block(packed.words, first * packed.width, runs, scratch.now, scratch.then, scratch.result)

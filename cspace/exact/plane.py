@@ -69,7 +69,7 @@ def _walk(map_: Map, way: Stretch, start: float, stop: float) -> bool:
     q0 = _configuration(map_, way.x + start * dx, way.y + start * dy, way.yaw + start * way.turn)
     x1, y1 = (way.end_x, way.end_y) if stop == 1.0 else (way.x + stop * dx, way.y + stop * dy)
     q1 = _configuration(map_, x1, y1, way.yaw + stop * way.turn)
-    return bool(edge_is_free(map_, map_.cells[:0], q0, q1))
+    return bool(edge_is_free(map_, None, q0, q1))
 
 
 @jit

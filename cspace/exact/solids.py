@@ -93,7 +93,7 @@ class SolidProofs:
 
     def edges(self, starts: Floats, ends: Floats, out: NDArray[np.bool_], counts: NDArray[np.int64]) -> int:
         """:meth:`edge` of edges, shapes (n, dof); as :meth:`points`."""
-        bad: int = edges_are_free(self._map, self._map.cells[:0], starts, ends, out)
+        bad: int = edges_are_free(self._map, None, starts, ends, out)
         if bad < 0:
             for k in np.flatnonzero(~out).tolist():
                 out[k] = _counted(self.edge(*starts[k].tolist(), *ends[k].tolist()), counts)
@@ -271,7 +271,7 @@ def _look(map_: Map, motion: Floats, first: float, last: float) -> int:
         start = replaced(start, axis, between(a, b, first))
         stop = replaced(stop, axis, between(a, b, last))
         middle = replaced(middle, axis, between(a, b, 0.5 * (first + last)))
-    return ALL_FREE if edge_is_free(map_, map_.cells[:0], start, stop) else state_at(map_, middle)
+    return ALL_FREE if edge_is_free(map_, None, start, stop) else state_at(map_, middle)
 
 
 def _compiled(function: Any, samples: tuple[Any, ...], floats: int) -> Callable[..., int]:

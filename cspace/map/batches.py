@@ -75,16 +75,16 @@ def answer_edges(
     """
     starts, ends = _as_rows(q0, "q0", dof), _as_rows(q1, "q1", dof)
     try:
-        starts, ends = np.broadcast_arrays(starts, ends)
+        shape = np.broadcast_shapes(starts.shape, ends.shape)
     except ValueError as error:
         found = f"has shape {starts.shape} and q1 {ends.shape}"
         raise InputError("q0", found, "they must broadcast", "pass batches of equal shape") from error
-    first, second = (part.reshape(-1, dof) for part in (starts, ends))
+    first, second = (np.broadcast_to(part, shape).reshape(-1, dof) for part in (starts, ends))
     out = np.empty(len(first), dtype=np.bool_)
     bad = _fill(out, kernel_for(len(out)), [first, second], EDGES_A_THREAD)
     if bad >= 0:
         raise _not_finite(np.concatenate([first[bad], second[bad]]), "edge", bad)
-    return out.reshape(starts.shape[:-1]) if starts.ndim > 1 else bool(out[0])
+    return out.reshape(shape[:-1]) if len(shape) > 1 else bool(out[0])
 
 
 def answer_pairs(vertices: Floats, pairs: NDArray[np.int64], kernel: Kernel) -> NDArray[np.bool_]:
@@ -126,19 +126,25 @@ def _as_rows(q: ArrayLike, name: str, dof: int) -> NDArray[Any]:
 def _fill(out: NDArray[Any], kernel: Kernel, parts: Sequence[NDArray[Any]], least: int) -> int:
     """Fill ``out`` by a kernel of parts, shape (n, d), in threads; the index of the first bad row, or -1."""
     if len(out) == 1:
-        return int(kernel(*(np.ascontiguousarray(part, dtype=np.float64) for part in parts), out))
-    ready = all(part.dtype == np.float64 and part.flags.c_contiguous for part in parts)
+        return int(kernel(*(_own(part) for part in parts), out))
+    ready = all(part.dtype == np.float64 and part.flags.c_contiguous and part.flags.writeable for part in parts)
     step = max(1, len(out)) if ready else ROWS
 
     def work(start: int, stop: int) -> int:
         for a in range(start, stop, step):
             b = min(a + step, stop)
-            bad = int(kernel(*(np.ascontiguousarray(part[a:b], dtype=np.float64) for part in parts), out[a:b]))
+            bad = int(kernel(*(_own(part[a:b]) for part in parts), out[a:b]))
             if bad >= 0:
                 return a + bad - start
         return -1
 
     return in_chunks(work, len(out), least)
+
+
+def _own(rows: NDArray[Any]) -> Floats:
+    """Rows in one piece of float64 that may be written to, the one sort of array that kernels are compiled for."""
+    floats = np.ascontiguousarray(rows, dtype=np.float64)
+    return floats if floats.flags.writeable else floats.copy()
 
 
 def _not_finite(values: NDArray[Any], name: str, index: int) -> InputError:

@@ -43,17 +43,17 @@ def _point_4(map_: Map, a: float, b: float, c: float, d: float) -> bool:
 
 @reader
 def _edge_2(map_: Map, a: float, b: float, c: float, d: float) -> bool:
-    return edge_is_free(map_, map_.cells[:0], (a, b), (c, d))
+    return edge_is_free(map_, None, (a, b), (c, d))
 
 
 @reader
 def _edge_3(map_: Map, a: float, b: float, c: float, d: float, e: float, f: float) -> bool:
-    return edge_is_free(map_, map_.cells[:0], (a, b, c), (d, e, f))
+    return edge_is_free(map_, None, (a, b, c), (d, e, f))
 
 
 @reader
 def _edge_4(map_: Map, a: float, b: float, c: float, d: float, e: float, f: float, g: float, h: float) -> bool:
-    return edge_is_free(map_, map_.cells[:0], (a, b, c, d), (e, f, g, h))
+    return edge_is_free(map_, None, (a, b, c, d), (e, f, g, h))
 
 
 _POINTS: Final = {2: _point_2, 3: _point_3, 4: _point_4}

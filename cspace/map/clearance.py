@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.compiling import entry, reader
+from cspace.compiling import entry, inner, reader
 from cspace.grid import SLACK
 from cspace.map.distances import SIDE, UNIT, WIDE, Tiles, make_tiles, renew_tiles
 from cspace.map.exterior import Exterior
@@ -34,7 +34,7 @@ MISSING = -1.0
 # ---- compiled look-ups -----------------------------------------------------------------------------------------------
 
 
-@reader
+@inner
 def clearance_at(map_: Map, tiles: Tiles, q: Numbers) -> float:
     """Lower bound of the distance from a configuration to the nearest one that is not FREE, in metres, or MISSING.
 
@@ -65,7 +65,7 @@ def clearance_at(map_: Map, tiles: Tiles, q: Numbers) -> float:
     return max(0.0, best * (1.0 - 2.0**-48) - 4.0 * SLACK) * map_.spacing
 
 
-@reader
+@inner
 def neighbors_bound(map_: Map, tiles: Tiles, cell: Cell, place: Numbers) -> float:
     """The best lower bound, in cells, from the cells around; MISSING where one of their tiles was not made."""
     s, dim = cell[0], len(place)

@@ -8,9 +8,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.compiling import jit, reader
+from cspace.compiling import inner, jit, reader
 from cspace.map.kept import Change
-from cspace.states import BLOCKED
+from cspace.states import BLOCKED, FREE
 from cspace.threads import cores, in_threads
 
 Bytes = NDArray[np.uint8]
@@ -69,15 +69,56 @@ class Runs(NamedTuple):
 
     table : ndarray of int64, shape (n, 3)
         First cell, last cell and component of each run.
-    ends : ndarray of int64, shape (rows,)
-        Where the runs of each row end.
+    begins : ndarray of int64, shape (rows + 1,)
+        Where the runs of each row begin, and where those of the last one end.
     parent : ndarray of int32, shape (n,)
         For union-find.
     """
 
     table: Ints
-    ends: Ints
+    begins: Ints
     parent: Nodes
+
+    @classmethod
+    def room(cls, blocks: Blocks) -> Runs:
+        """Room for the runs of any block."""
+        deep, wide, long = blocks.sides.tolist()
+        rows, most = deep * wide, deep * wide * ((long + 1) // 2)
+        return cls(np.empty((most, 3), np.int64), np.zeros(rows + 1, np.int64), np.empty(most, np.int32))
+
+
+class Room(NamedTuple):
+    """What :func:`join_blocks` works in; one thread at a time. Compiled code that makes no arrays is compiled sooner.
+
+    free, passable, theirs : Runs
+        Of a block by kind, and of a neighbour.
+    packed : ndarray of uint64, shape (LINKS + links, blocks, KINDS, rows)
+        By face the packed neighbours of blocks that follow each other along the last axis; the blocks themselves, and
+        the one after them, are in the place of RIM.
+    parent : ndarray of int32
+        For union-find.
+    pool : ndarray of uint32
+        For the pairs.
+    """
+
+    free: Runs
+    passable: Runs
+    theirs: Runs
+    packed: Words
+    parent: Nodes
+    pool: Pairs
+
+    @classmethod
+    def of(cls, blocks: Blocks, count: int) -> Room:
+        """Room for ``count`` blocks, or for as many pairs as :func:`join_blocks` finds in several calls."""
+        links = int(np.diff(blocks.link_ends, prepend=0).max())
+        rows, length = int(blocks.sides[0] * blocks.sides[1]), min(int(blocks.shape[2]), count)
+        return cls(
+            *(Runs.room(blocks) for _ in range(3)),
+            np.empty((LINKS + links, length + 1, KINDS, rows), np.uint64),
+            np.empty(2 << _BITS, np.int32),
+            np.empty(KINDS * (LINKS + links) * (2 << _BITS) + 8 * count, np.uint32),
+        )
 
 
 class Joined(NamedTuple):
@@ -98,7 +139,7 @@ class Joined(NamedTuple):
 # ---- compiled passes -------------------------------------------------------------------------------------------------
 
 
-@reader
+@inner
 def find(parent: Nodes, node: int) -> int:
     """The root of a node; the way there is halved (Tarjan, 1975)."""
     while parent[node] != node:
@@ -107,7 +148,7 @@ def find(parent: Nodes, node: int) -> int:
     return int(node)
 
 
-@reader
+@inner
 def unite(parent: Nodes, a: int, b: int) -> bool:
     """Join two nodes, the lower root on top; whether they were apart."""
     a, b = find(parent, a), find(parent, b)
@@ -120,15 +161,7 @@ def unite(parent: Nodes, a: int, b: int) -> bool:
     return True
 
 
-@jit
-def new_runs(blocks: Blocks) -> Runs:
-    """Room for the runs of any block."""
-    rows = blocks.sides[0] * blocks.sides[1]
-    most = rows * ((blocks.sides[2] + 1) // 2)
-    return Runs(np.empty((most, 3), np.int64), np.empty(rows, np.int64), np.empty(most, np.int32))
-
-
-@reader
+@inner
 def corner_of(blocks: Blocks, block: int) -> tuple[int, int, int]:
     """First cell of a block, by its number."""
     plane, row = blocks.shape[1] * blocks.shape[2], blocks.shape[2]
@@ -136,7 +169,7 @@ def corner_of(blocks: Blocks, block: int) -> tuple[int, int, int]:
     return i * blocks.sides[0], j * blocks.sides[1], k * blocks.sides[2]
 
 
-@jit
+@inner
 def pack(blocks: Blocks, s: int, first: int, words: Words) -> None:
     """Pack the cells of blocks of a slice that follow each other along the last axis, from ``first`` on.
 
@@ -145,7 +178,6 @@ def pack(blocks: Blocks, s: int, first: int, words: Words) -> None:
     x, y, z = corner_of(blocks, first)
     _, nx, ny, nz = blocks.states.shape
     deep, wide = min(blocks.sides[0], nx - x), min(blocks.sides[1], ny - y)
-    spare = np.full(64, BLOCKED, np.uint8)
     for block in range(len(words) if deep * wide < words.shape[2] else 0):
         for row in range(words.shape[2]):
             words[block, 0, row] = words[block, 1, row] = 0
@@ -155,34 +187,36 @@ def pack(blocks: Blocks, s: int, first: int, words: Words) -> None:
             for block in range(len(words)):
                 begin = z + block * blocks.sides[2]
                 count = min(blocks.sides[2], nz - begin)
-                cells = line[begin : begin + count]
-                if count < 64:
-                    for k in range(64):
-                        spare[k] = cells[k] if k < count else BLOCKED
-                    cells = spare
-                eights = cells.view(np.uint64)
                 taken, blocked = np.uint64(0), np.uint64(0)
-                for eight in range(8):
-                    word, place = eights[eight], np.uint64(8 * eight)
-                    above = word >> _ONE  # BLOCKED has the second bit, and MIXED the first
-                    taken |= ((((word | above) & _ONES) * _GATHER) >> np.uint64(56)) << place
-                    blocked |= (((above & _ONES) * _GATHER) >> np.uint64(56)) << place
-                words[block, 0, row], words[block, 1, row] = ~taken, ~blocked
+                if count == 64:
+                    eights = line[begin : begin + 64].view(np.uint64)
+                    for eight in range(8):
+                        word, place = eights[eight], np.uint64(8 * eight)
+                        above = word >> _ONE  # BLOCKED has the second bit, and MIXED the first
+                        taken |= ((((word | above) & _ONES) * _GATHER) >> np.uint64(56)) << place
+                        blocked |= (((above & _ONES) * _GATHER) >> np.uint64(56)) << place
+                    words[block, 0, row], words[block, 1, row] = ~taken, ~blocked
+                else:
+                    for k in range(count):
+                        state, bit = line[begin + k], _ONE << np.uint64(k)
+                        taken |= bit if state == FREE else np.uint64(0)
+                        blocked |= bit if state != BLOCKED else np.uint64(0)
+                    words[block, 0, row], words[block, 1, row] = taken, blocked
 
 
-@reader
+@inner
 def lowest(word: np.uint64) -> np.uint64:
     """The lowest bit of a word that is set, alone."""
     return word & (~word + _ONE)
 
 
-@reader
+@inner
 def place_of(bit: np.uint64) -> int:
     """The number of a single bit."""
     return int(_PLACES[np.int64((bit * _DEBRUIJN) >> np.uint64(58))])
 
 
-@reader
+@inner
 def unite_rows(runs: Runs, first: int, stop: int, other: int, other_stop: int) -> None:
     """Join the runs of one row with those of another that they touch."""
     table = runs.table
@@ -195,24 +229,24 @@ def unite_rows(runs: Runs, first: int, stop: int, other: int, other_stop: int) -
             other += 1
 
 
-@reader
+@inner
 def label(blocks: Blocks, words: NDArray[np.uint64], runs: Runs) -> int:
     """Label the cells of a block, packed in a word for each row; the number of components, counted from 0."""
-    ends, table, count = runs.ends, runs.table, 0
+    begins, table, count = runs.begins, runs.table, np.int64(0)
     deep, wide = blocks.sides[0], blocks.sides[1]
     for row in range(deep * wide):
         word, first = words[row], count
-        begins, stops = word & ~(word << _ONE), word & ~(word >> _ONE)
-        while begins != 0:
-            begin, stop = lowest(begins), lowest(stops)
-            table[count, 0], table[count, 1] = place_of(begin), place_of(stop)
+        starts, stops = word & ~(word << _ONE), word & ~(word >> _ONE)
+        while starts != 0:
+            start, stop = lowest(starts), lowest(stops)
+            table[count, 0], table[count, 1] = place_of(start), place_of(stop)
             runs.parent[count] = count
-            begins, stops, count = begins ^ begin, stops ^ stop, count + 1
-        ends[row] = count
+            starts, stops, count = starts ^ start, stops ^ stop, count + 1
+        begins[row + 1] = count
         if row % wide > 0 and (word & words[row - 1]) != 0:
-            unite_rows(runs, first, count, ends[row - 2] if row > 1 else 0, first)
+            unite_rows(runs, first, count, begins[row - 1], first)
         if row >= wide and (word & words[row - wide]) != 0:
-            unite_rows(runs, first, count, ends[row - wide - 1] if row > wide else 0, ends[row - wide])
+            unite_rows(runs, first, count, begins[row - wide], begins[row - wide + 1])
     components = 0
     for n in range(count):
         # The lower root is on top, so that it has its number by now.
@@ -225,15 +259,14 @@ def label(blocks: Blocks, words: NDArray[np.uint64], runs: Runs) -> int:
     return components
 
 
-@jit
-def label_block(blocks: Blocks, s: int, block: int, kind: int, runs: Runs) -> int:
-    """Label the cells of one kind in a block of a slice; the number of components."""
-    words = np.empty((1, KINDS, blocks.sides[0] * blocks.sides[1]), np.uint64)
+@inner
+def label_block(blocks: Blocks, s: int, block: int, kind: int, runs: Runs, words: Words) -> int:
+    """Label the cells of one kind in a block of a slice; the number of components. ``words`` has room for it."""
     pack(blocks, s, block, words)
     return int(label(blocks, words[0, kind], runs))
 
 
-@reader
+@inner
 def meet(blocks: Blocks, face: int, ours: Runs, theirs: Runs, parent: Nodes, found: Pairs) -> int:
     """Pairs of components of two blocks that meet at a face, without those that follow from others; how many.
 
@@ -250,8 +283,8 @@ def meet(blocks: Blocks, face: int, ours: Runs, theirs: Runs, parent: Nodes, fou
             other = row - (wide - 1) if row % wide == wide - 1 else -1
         if other < 0:
             continue
-        n, stop = ours.ends[row - 1] if row > 0 else 0, ours.ends[row]
-        m, other_stop = theirs.ends[other - 1] if other > 0 else 0, theirs.ends[other]
+        n, stop = ours.begins[row], ours.begins[row + 1]
+        m, other_stop = theirs.begins[other], theirs.begins[other + 1]
         if face == 2:
             # Only the last cell of our row touches the first one of theirs.
             n = max(n, stop - 1)
@@ -271,7 +304,7 @@ def meet(blocks: Blocks, face: int, ours: Runs, theirs: Runs, parent: Nodes, fou
     return count
 
 
-@reader
+@inner
 def rim_pairs(blocks: Blocks, block: int, runs: Runs, components: int, code: int, found: Pairs, seen: Nodes) -> int:
     """Components of a block with a cell at the border of the grid, each once; how many there are."""
     x, y, z = corner_of(blocks, block)
@@ -283,7 +316,7 @@ def rim_pairs(blocks: Blocks, block: int, runs: Runs, components: int, code: int
     for i in range(blocks.sides[0]):
         for j in range(blocks.sides[1]):
             border = y + j == 0 or y + j == ny - 1 or (blocks.solid and (x + i == 0 or x + i == nx - 1))
-            while n < runs.ends[i * blocks.sides[1] + j]:
+            while n < runs.begins[i * blocks.sides[1] + j + 1]:
                 touches = border or (begins and runs.table[n, 0] == 0) or (ends and z + runs.table[n, 1] == nz - 1)
                 a = runs.table[n, 2]
                 if touches and seen[a] == 0:
@@ -294,51 +327,53 @@ def rim_pairs(blocks: Blocks, block: int, runs: Runs, components: int, code: int
     return count
 
 
-@jit
-def pairs_of(
-    blocks: Blocks, s: int, block: int, packed: Words, runs: tuple[Runs, Runs, Runs], counts: Nodes, found: Pairs
-) -> int:
+@inner
+def pairs_of(blocks: Blocks, s: int, block: int, place: int, room: Room, counts: Nodes, found: Pairs) -> int:
     """What joins the components of a block of a slice with others; how many pairs there are.
 
     A pair is one number: its face and kind, a component of the block, and one of the neighbour's. Pairs that follow
-    from others are left out. ``packed`` has the cells of the block, in the place of RIM, and of its neighbours, by
-    face; ``counts``, shape (2,), is given the number of components of each kind.
+    from others are left out. The block is packed at a ``place`` in the room; ``counts``, shape (2,), is given the
+    number of components of each kind.
     """
-    free, passable, theirs = runs
     number = 0
-    parent = np.empty(2 << _BITS, np.int32)
+    parent, packed = room.parent, room.packed
     plane, row = blocks.shape[1] * blocks.shape[2], blocks.shape[2]
     at = (block // plane, block // row % blocks.shape[1], block % row)
-    first_link = blocks.link_ends[s - 1] if s > 0 else 0
     for kind in range(KINDS):
-        ours = free if kind == 0 else passable
-        counts[kind] = label(blocks, packed[RIM, kind], ours)
+        ours = room.free if kind == 0 else room.passable
+        counts[kind] = label(blocks, packed[RIM, place, kind], ours)
         if counts[kind] > 0:
             number += rim_pairs(blocks, block, ours, counts[kind], KINDS * RIM + kind, found[number:], parent)
     if counts[1] == 0:
         return number
-    for face in range(LINKS + blocks.link_ends[s] - first_link):
+    for face in range(LINKS + blocks.link_ends[s] - first_link(blocks, s)):
         if face == RIM or (face < AXES and at[face] + 1 == blocks.shape[face]):
             continue
         for kind in range(KINDS):
-            ours = free if kind == 0 else passable
+            ours = room.free if kind == 0 else room.passable
             if counts[kind] == 0:
                 continue
-            others = label(blocks, packed[face, kind], theirs)
+            others = label(blocks, packed[face, place, kind], room.theirs)
             for node in range(counts[kind]):
                 parent[node] = node
             for node in range(ours.parent.size, ours.parent.size + others):
                 parent[node] = node
             first = number
-            number += meet(blocks, face, ours, theirs, parent, found[first:])
+            number += meet(blocks, face, ours, room.theirs, parent, found[first:])
             for n in range(first, number):
                 found[n] |= np.uint32((KINDS * face + kind) << (2 * _BITS))
     return number
 
 
-@jit
-def join_blocks(blocks: Blocks, segments: Ints, counts: Nodes, sizes: Ints) -> Pairs:
-    """The pairs of blocks, one after the other.
+@inner
+def first_link(blocks: Blocks, s: int) -> int:
+    """Where the links of a slice begin."""
+    return int(blocks.link_ends[s - 1]) if s > 0 else 0
+
+
+@reader
+def join_blocks(blocks: Blocks, segments: Ints, counts: Nodes, sizes: Ints, room: Room) -> tuple[int, int]:
+    """The pairs of blocks, one after the other, as many as there is room for; of how many blocks, and how many pairs.
 
     Parameters
     ----------
@@ -348,24 +383,19 @@ def join_blocks(blocks: Blocks, segments: Ints, counts: Nodes, sizes: Ints) -> P
         Is given the number of components of each kind.
     sizes : ndarray of int64, shape (n,)
         Is given the number of pairs.
+    room : Room
+        Its ``pool`` is given the pairs.
     """
-    runs = new_runs(blocks), new_runs(blocks), new_runs(blocks)
+    pool, packed = room.pool, room.packed
     blocks_each = blocks.shape[0] * blocks.shape[1] * blocks.shape[2]
-    most_links = 0
-    for s in range(len(blocks.link_ends)):
-        most_links = max(most_links, blocks.link_ends[s] - (blocks.link_ends[s - 1] if s > 0 else 0))
-    most = KINDS * (LINKS + most_links) * (2 << _BITS)
-    pool = np.empty(most + 8 * len(segments), np.uint32)
-    rows, length = blocks.sides[0] * blocks.sides[1], blocks.shape[2]
-    # Of each face the packed neighbours; the blocks themselves, and the one after them, are in the place of RIM.
-    packed = np.empty((LINKS + most_links, min(length, len(segments)) + 1, KINDS, rows), np.uint64)
+    most, rows, length = KINDS * len(packed) * (2 << _BITS), packed.shape[3], blocks.shape[2]
     filled = n = 0
     while n < len(segments):
         s, first = segments[n] // blocks_each, segments[n] % blocks_each
         stop = n + 1
         while stop < len(segments) and segments[stop] == segments[stop - 1] + 1 and segments[stop] % length != 0:
             stop += 1
-        count, first_link = stop - n, blocks.link_ends[s - 1] if s > 0 else 0
+        count, link = stop - n, first_link(blocks, s)
         pack(blocks, s, first, packed[RIM, : count + (1 if (first + count) % length != 0 else 0)])
         if first // (blocks.shape[1] * length) + 1 < blocks.shape[0]:
             pack(blocks, s, first + blocks.shape[1] * length, packed[0, :count])
@@ -374,18 +404,15 @@ def join_blocks(blocks: Blocks, segments: Ints, counts: Nodes, sizes: Ints) -> P
         for k in range(count):
             for row in range(rows):
                 packed[2, k, 0, row], packed[2, k, 1, row] = packed[RIM, k + 1, 0, row], packed[RIM, k + 1, 1, row]
-        for link in range(first_link, blocks.link_ends[s]):
-            pack(blocks, blocks.links[link], first, packed[LINKS + link - first_link, :count])
+        for other in range(link, blocks.link_ends[s]):
+            pack(blocks, blocks.links[other], first, packed[LINKS + other - link, :count])
         for k in range(count):
             if filled + most > len(pool):
-                longer = np.empty(2 * len(pool), np.uint32)
-                for pair in range(filled):
-                    longer[pair] = pool[pair]
-                pool = longer
-            sizes[n + k] = pairs_of(blocks, s, first + k, packed[:, k], runs, counts[n + k], pool[filled:])
+                return n + k, filled
+            sizes[n + k] = pairs_of(blocks, s, first + k, k, room, counts[n + k], pool[filled:])
             filled += sizes[n + k]
         n = stop
-    return pool[:filled].copy()
+    return n, filled
 
 
 @jit
@@ -499,37 +526,47 @@ def roots_of(blocks: Blocks, kind: int, joined: Joined, turns: Ints, cells: Ints
     return asked
 
 
-@jit
-def roots_in(blocks: Blocks, kind: int, joined: Joined, turns: Ints, cells: Ints, roots: Ints, order: Ints) -> None:
+@reader
+def roots_in(
+    blocks: Blocks,
+    kind: int,
+    joined: Joined,
+    turns: Ints,
+    cells: Ints,
+    roots: Ints,
+    order: Ints,
+    room: tuple[Runs, Words],
+) -> None:
     """Components of those cells that :func:`roots_of` left to ask; ``order`` takes a block's one after the other."""
-    runs, known, components = new_runs(blocks), -1, 0
+    (runs, words), known, components = room, -1, 0
     for n in order:
         r = min(cells[n, 0], len(turns) - 1)
         x, y, z = cells[n, 1] if cells.shape[1] == 4 else 0, cells[n, -2], cells[n, -1]
         s, block = turns[r], block_of(blocks, x, y, z)
         if s * joined.base.shape[1] + block != known:
-            known, components = s * joined.base.shape[1] + block, label_block(blocks, s, block, kind, runs)
+            known, components = s * joined.base.shape[1] + block, label_block(blocks, s, block, kind, runs, words)
         row = x % blocks.sides[0] * blocks.sides[1] + y % blocks.sides[1]
         roots[n] = -1
         # While another thread changes the map, a block may have other components than were joined.
-        for k in range(runs.ends[row - 1] if row > 0 else 0, runs.ends[row]):
+        for k in range(runs.begins[row], runs.begins[row + 1]):
             if runs.table[k, 0] <= z % blocks.sides[2] <= runs.table[k, 1] and components == joined.counts[s, block]:
                 roots[n] = joined.roots[joined.start[r] + joined.base[s, block] + runs.table[k, 2]]
 
 
-@reader
+@inner
 def block_of(blocks: Blocks, x: int, y: int, z: int) -> int:
     """Number of the block of a cell."""
     plane = (x // blocks.sides[0]) * blocks.shape[1] + y // blocks.sides[1]
     return int(plane * blocks.shape[2] + z // blocks.sides[2])
 
 
-@jit
-def box_of(blocks: Blocks, joined: Joined, slice_of: Ints, root: int) -> Ints:
-    """First and last cell of the box around a component of FREE cells; only blocks that may widen it are read."""
+@reader
+def widen_box(
+    blocks: Blocks, joined: Joined, slice_of: Ints, root: int, kind: int, room: tuple[Runs, Words], box: Ints
+) -> None:
+    """Widen a box, first and last cell, around all cells of a component; only blocks that may widen it are read."""
     _, nx, ny, nz = blocks.states.shape
-    box = np.array([nx, ny, nz, -1, -1, -1])
-    runs, sides = new_runs(blocks), blocks.sides
+    (runs, words), sides = room, blocks.sides
     for r in range(len(slice_of)):
         s = slice_of[r]
         for b in range(joined.base.shape[1]):
@@ -539,18 +576,17 @@ def box_of(blocks: Blocks, joined: Joined, slice_of: Ints, root: int) -> Ints:
             x, y, z = corner_of(blocks, b)
             wider = x < box[0] or y < box[1] or z < box[2] or min(x + sides[0], nx) - 1 > box[3]
             wider |= min(y + sides[1], ny) - 1 > box[4] or min(z + sides[2], nz) - 1 > box[5]
-            if not (found and wider) or label_block(blocks, s, b, 0, runs) != joined.counts[s, b]:
+            if not (found and wider) or label_block(blocks, s, b, kind, runs, words) != joined.counts[s, b]:
                 continue
             n = 0
             for row in range(sides[0] * sides[1]):
                 i, j = x + row // sides[1], y + row % sides[1]
-                while n < runs.ends[row]:
+                while n < runs.begins[row + 1]:
                     if joined.roots[first + runs.table[n, 2]] == root:
                         box[0], box[3] = min(box[0], i), max(box[3], i)
                         box[1], box[4] = min(box[1], j), max(box[4], j)
                         box[2], box[5] = min(box[2], z + runs.table[n, 0]), max(box[5], z + runs.table[n, 1])
                     n += 1
-    return box
 
 
 # ---- the part of a map -----------------------------------------------------------------------------------------------
@@ -603,6 +639,8 @@ class Components:
             np.array([row for rows in later for row in rows], dtype=np.int64).reshape(-1, 2),
             np.cumsum([len(rows) for rows in later]),
         )
+        words = np.empty((1, KINDS, int(of_block[0] * of_block[1])), dtype=np.uint64)
+        self._room = Runs.room(self._blocks), words
         self._linked_from = [[s for s, row in enumerate(links) if other in row] for other in range(len(states))]
         self._rim_is_open = np.asarray(rim_is_open, dtype=np.bool_)
         self._stale = np.ones((len(states), *shape), dtype=np.bool_)
@@ -653,7 +691,8 @@ class Components:
         number = int(self.of(cell)[0])
         with self._lock:
             if number not in self._boxes:
-                box = box_of(self._blocks, self._join()[0], self._slice_of, number)
+                box = np.array([*self._blocks.states.shape[1:], -1, -1, -1], dtype=np.int64)
+                widen_box(self._blocks, self._join()[0], self._slice_of, number, 0, self._room, box)
                 self._boxes[number] = box.reshape(2, 3)[:, 3 - self._dim :]
             return self._boxes[number]
 
@@ -685,7 +724,7 @@ class Components:
                         blocks = cells[order]
                         blocks[:, 1:] //= self._blocks.sides[3 - self._dim :]
                         order = order[np.lexsort(blocks.T)]
-                    roots_in(self._blocks, kind, joined, self._slice_of, cells, roots, order)
+                    roots_in(self._blocks, kind, joined, self._slice_of, cells, roots, order, self._room)
         return found
 
     def _join(self) -> tuple[Joined, Joined]:
@@ -696,12 +735,22 @@ class Components:
             sizes, counts = np.zeros(len(stale), dtype=np.int64), np.zeros((len(stale), KINDS), dtype=np.int32)
 
             def join(number: int) -> Pairs:
-                own = slice(number * TASK, (number + 1) * TASK)
-                pairs: Pairs = join_blocks(self._blocks, parts[number], counts[own], sizes[own])
-                return pairs
+                own, found = slice(number * TASK, (number + 1) * TASK), []
+                rest = parts[number], counts[own], sizes[own]
+                room = Room.of(self._blocks, len(rest[0]))
+                while len(rest[0]):
+                    done, filled = join_blocks(self._blocks, *rest, room)
+                    found.append(room.pool[:filled].copy())
+                    rest = rest[0][done:], rest[1][done:], rest[2][done:]
+                return np.concatenate(found)
 
             fresh = in_threads(join, range(len(parts)), cores()) if parts else []
-            self._pool = merge(self._pool, self._ends, stale, np.concatenate([self._pool[:0], *fresh]), sizes)
+            pairs = np.concatenate([self._pool[:0], *fresh])
+            if len(stale) < self._stale.size:
+                pairs = merge(self._pool, self._ends, stale, pairs, sizes)
+            else:
+                self._ends = np.cumsum(sizes)
+            self._pool = pairs
             self._counts[stale] = counts
             self._stale[...] = False
             first, second = (self._nodes(kind) for kind in range(KINDS))

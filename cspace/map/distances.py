@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.compiling import jit, reader
+from cspace.compiling import inner, jit
 from cspace.states import FREE
 
 Bytes = NDArray[np.uint8]
@@ -72,7 +72,7 @@ class Tiles(NamedTuple):
 # ---- squared distances -----------------------------------------------------------------------------------------------
 
 
-@reader
+@inner
 def nearest_above(row: Bytes, first: int, stop: int) -> int:
     """The first cell from ``first`` on and before ``stop`` that is not FREE; far beyond the row without any."""
     eights, k = row[: row.size // 8 * 8].view(np.uint64), first
@@ -88,7 +88,7 @@ def nearest_above(row: Bytes, first: int, stop: int) -> int:
     return row.size + FAR
 
 
-@reader
+@inner
 def nearest_below(row: Bytes, last: int, stop: int) -> int:
     """The last cell up to ``last`` and not before ``stop`` that is not FREE; far before the row without any."""
     eights, k = row[: row.size // 8 * 8].view(np.uint64), last
@@ -104,7 +104,7 @@ def nearest_below(row: Bytes, last: int, stop: int) -> int:
     return -FAR
 
 
-@reader
+@inner
 def row_squares(row: Bytes, first: int, stop: int, low: int, high: int, out: Squares) -> None:
     """Squared distances along a row, of the cells from ``first`` on and before ``stop``, to those from low to high."""
     last = nearest_below(row, first - 1, max(low, first - FAR))
@@ -148,7 +148,7 @@ def spread(squares: Squares) -> None:
                     squares[a, i, low + n] = lines[n, i]
 
 
-@reader(error_model="numpy")
+@inner(error_model="numpy")
 def spread_line(line: Squares, vertex: Squares, begin: Squares, envelope: Ints) -> None:
     """One line of :func:`spread`; the other arrays are for its own use.
 
@@ -206,15 +206,21 @@ def transform(state: Bytes, window: Ints, frame: Ints) -> Squares:
     spread(squares)
     # Of the second axis, only the window counts from here on.
     low, high = window[1] - frame[1], window[4] - frame[1] + 1
-    kept = squares if high - low == squares.shape[1] else squares[:, low:high].copy()
-    spread(kept.reshape(1, kept.shape[0], -1))
-    return kept
+    if high - low < squares.shape[1]:
+        kept = np.empty((squares.shape[0], high - low, squares.shape[2]), np.int32)
+        for x in range(kept.shape[0]):
+            for y in range(kept.shape[1]):
+                for k in range(kept.shape[2]):
+                    kept[x, y, k] = squares[x, low + y, k]
+        squares = kept
+    spread(squares.reshape(1, squares.shape[0], squares.shape[1] * squares.shape[2]))
+    return squares
 
 
 # ---- tiles -----------------------------------------------------------------------------------------------------------
 
 
-@reader
+@inner
 def stored(square: int) -> int:
     """A squared distance in half cells, as it is stored."""
     return min(int(math.sqrt(square * (UNIT * UNIT / 4.0))), MOST)
@@ -246,13 +252,13 @@ def make_tiles(states: Bytes, tiles: Tiles, s: int, start: int, end: int) -> Non
         tiles.ready[s, tile] = 1
 
 
-@reader
+@inner
 def gap(first: int, last: int, low: int, high: int) -> int:
     """Distance along an axis, in half cells, from middles of cells first to last to the closed cells low to high."""
     return max(0, 2 * max(low - last, first - high) - 1)
 
 
-@reader
+@inner
 def may_change(value: int, dx: int, dy: int, dz: int) -> bool:
     """Whether a stored distance may be as great as one with these gaps; see :func:`renew_tiles`."""
     # Stored distances are rounded down, and the greatest one stands for all beyond.
@@ -339,7 +345,7 @@ def renew_tiles(states: Bytes, tiles: Tiles, boxes: Ints) -> None:
         store_window(tiles, s, window, squares[low : low + window[3] - window[0] + 1], nz)
 
 
-@reader
+@inner
 def store_window(tiles: Tiles, s: int, window: Ints, squares: Squares, nz: int) -> None:
     """Write squared distances of a window into the tiles that were made, and their greatest distances."""
     nx, ny = tiles.distances.shape[2], tiles.distances.shape[3]

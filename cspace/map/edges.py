@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.compiling import reader
+from cspace.compiling import inner, reader
 from cspace.grid import SLACK
 from cspace.map import turning
 from cspace.map.mip import SHIFT, SIDE
@@ -41,7 +41,7 @@ NEAREST = 2.0
 
 
 @reader
-def edges_are_free(map_: Map, mip: States, starts: Floats, ends: Floats, out: NDArray[np.bool_]) -> int:
+def edges_are_free(map_: Map, mip: States | None, starts: Floats, ends: Floats, out: NDArray[np.bool_]) -> int:
     """``edge_is_free`` of edges, shapes (n, dof); the index of the first edge that is not usable, or -1."""
     for k in range(starts.shape[0]):
         q0, q1 = configuration(map_, starts, k), configuration(map_, ends, k)
@@ -51,12 +51,12 @@ def edges_are_free(map_: Map, mip: States, starts: Floats, ends: Floats, out: ND
     return -1
 
 
-@reader(forceinline=True)
-def edge_is_free(map_: Map, mip: States, q0: Numbers, q1: Numbers) -> bool:
+@inner(forceinline=True)
+def edge_is_free(map_: Map, mip: States | None, q0: Numbers, q1: Numbers) -> bool:
     """Whether every closed cell within SLACK of an edge is FREE.
 
     Along an edge the position goes straight, and the rotation the shortest way. ``mip`` is the flat coarse map of
-    :mod:`cspace.map.mip`, or empty.
+    :mod:`cspace.map.mip`, or None: then what walks over it is not compiled.
     """
     cursor = turning.first_piece(map_.rotations, q0, q1)
     while True:
@@ -71,7 +71,7 @@ def edge_is_free(map_: Map, mip: States, q0: Numbers, q1: Numbers) -> bool:
             return False
 
 
-@reader(forceinline=True)
+@inner(forceinline=True)
 def between(first: float, second: float, t: float) -> float:
     """The number at t in [0, 1] on the way from one to another, never outside."""
     if t == 0.0:
@@ -82,8 +82,8 @@ def between(first: float, second: float, t: float) -> float:
     return min(max(value, min(first, second)), max(first, second))
 
 
-@reader(error_model="numpy", forceinline=True)
-def segment_is_free(map_: Map, mip: States, number: int, first: Numbers, last: Numbers) -> bool:
+@inner(error_model="numpy", forceinline=True)
+def segment_is_free(map_: Map, mip: States | None, number: int, first: Numbers, last: Numbers) -> bool:
     """The same of a segment in one slice, by its ends' positions."""
     dim, inside, total = len(map_.lower), True, 0.0
     p, q = (0.5, 0.5, 0.5), (0.5, 0.5, 0.5)
@@ -110,12 +110,12 @@ def segment_is_free(map_: Map, mip: States, number: int, first: Numbers, last: N
         return slabs_are_free(part, p, q, low, high)
     if part.shape[0] > 1 and not probes_are_free(part, p, q):
         return False
-    if mip.shape[0] == 0:
+    if mip is None:  # known as this is compiled
         return slabs_are_free(part, p, q, low, high)
     return blocks_are_free(part, mip, number, p, q)
 
 
-@reader
+@inner
 def probes_are_free(part: Slice, p: Numbers, q: Numbers) -> bool:
     """Whether some points of a segment in the grid lie in FREE cells: its end, its middle, its quarters, ...
 
@@ -137,7 +137,7 @@ def probes_are_free(part: Slice, p: Numbers, q: Numbers) -> bool:
     return True
 
 
-@reader(error_model="numpy", forceinline=True)
+@inner(error_model="numpy", forceinline=True)
 def slab_times(p: float, q: float, first: int, last: int) -> tuple[float, float]:
     """The first and last t in [0, 1] at which ``p + t (q - p)`` lies in some cells of a line, widened by SLACK.
 
@@ -153,7 +153,7 @@ def slab_times(p: float, q: float, first: int, last: int) -> tuple[float, float]
     return min(a, b), max(a, b)
 
 
-@reader(forceinline=True)
+@inner(forceinline=True)
 def cells_between(p: float, q: float, start: float, stop: float) -> tuple[int, int]:
     """First and last cell that ``p + t (q - p)``, never beyond p and q, is in for t in [start, stop], with SLACK."""
     a, b = p + start * (q - p), p + stop * (q - p)
@@ -161,7 +161,7 @@ def cells_between(p: float, q: float, start: float, stop: float) -> tuple[int, i
     return math.ceil(least - SLACK) - 1, math.floor(most + SLACK)
 
 
-@reader
+@inner
 def slabs_are_free(part: Slice, p: Numbers, q: Numbers, low: Cell, high: Cell) -> bool:
     """Whether the cells of a segment from ``low`` to ``high`` are FREE.
 
@@ -185,7 +185,7 @@ def slabs_are_free(part: Slice, p: Numbers, q: Numbers, low: Cell, high: Cell) -
     return True
 
 
-@reader(forceinline=True)
+@inner(forceinline=True)
 def blocks_are_free(part: Slice, mip: States, number: int, p: Numbers, q: Numbers) -> bool:
     """The same of a segment in the grid: it is cut into slabs of blocks, and walked only in those that are not FREE."""
     nx, ny, nz = part.shape
@@ -209,6 +209,6 @@ def blocks_are_free(part: Slice, mip: States, number: int, p: Numbers, q: Number
             line, mark = ((number * columns + a) * rows + b) * depth, 0
             for c in range(max(bottom, 0) >> SHIFT, (min(top, nz - 1) >> SHIFT) + 1):
                 mark |= mip[np.uint64(line + c)]
-            if mark != FREE and not slabs_are_free(part, p, q, (begin, left, 0), (end, right, nz - 1)):
+            if mark != FREE and not slabs_are_free(part, p, q, (begin, left, np.int64(0)), (end, right, nz - 1)):
                 return False
     return True

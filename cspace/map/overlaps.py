@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.compiling import reader
+from cspace.compiling import inner, reader
 from cspace.map import turning
 from cspace.map.kept import Change
 from cspace.map.points import Numbers, cell_of, configuration, is_usable, layered
@@ -98,7 +98,7 @@ def overlaps(map_: Map, counts: Counts, runs: Runs, outside: int, points: Floats
     return -1
 
 
-@reader
+@inner
 def overlap_at(map_: Map, counts: Counts, runs: Runs, outside: int, q: Numbers) -> int:
     """The same at one configuration, summed run by run."""
     nx, ny, nz = counts.shape[0], counts.shape[1], counts.shape[2] - 1

@@ -13,7 +13,7 @@ import numpy as np
 from numba.cpython.unsafe.tuple import tuple_setitem
 from numpy.typing import NDArray
 
-from cspace.compiling import jit, reader
+from cspace.compiling import inner, jit, reader
 from cspace.grid import MAX_COORDINATE, SLACK
 from cspace.map import turning
 from cspace.map.record import Map
@@ -50,7 +50,7 @@ INSIDE, ASK = 255, 254
 # ---- one configuration -----------------------------------------------------------------------------------------------
 
 
-@reader(forceinline=True)
+@inner(forceinline=True)
 def configuration(map_: Map, points: Floats, k: int) -> Numbers:
     """Row k of an array of configurations as a tuple."""
     q = map_.lower + turning.blank(map_.rotations)
@@ -59,7 +59,7 @@ def configuration(map_: Map, points: Floats, k: int) -> Numbers:
     return q
 
 
-@reader(forceinline=True)
+@inner(forceinline=True)
 def is_usable(map_: Map, q: Numbers) -> bool:
     """Whether all is finite, and the rotation exact enough."""
     usable = turning.is_usable(map_.rotations, q)
@@ -68,7 +68,7 @@ def is_usable(map_: Map, q: Numbers) -> bool:
     return usable
 
 
-@reader(error_model="numpy")
+@inner(error_model="numpy")
 def cell_at(value: float, lower: float, spacing: float, upper: float, n: int) -> int:
     """Cell of a coordinate, as ``Grid.cell_of`` defines it."""
     i = math.floor(min(max((value - lower) / spacing, -FAR), FAR))
@@ -77,7 +77,7 @@ def cell_at(value: float, lower: float, spacing: float, upper: float, n: int) ->
     return i
 
 
-@reader
+@inner
 def cell_of(map_: Map, q: Numbers) -> tuple[bool, Cell]:
     """Whether a configuration lies in the grid, and its cell ``(slice, x, y)`` or ``(slice, x, y, z)``."""
     inside = True
@@ -90,7 +90,7 @@ def cell_of(map_: Map, q: Numbers) -> tuple[bool, Cell]:
     return inside, cell
 
 
-@reader(forceinline=True)  # a call takes as long as what it does
+@inner(forceinline=True)  # a call takes as long as what it does
 def state_at(map_: Map, q: Numbers) -> int:
     """State of one configuration."""
     inside, cell = cell_of(map_, q)
@@ -108,14 +108,14 @@ def state_at(map_: Map, q: Numbers) -> int:
 # ---- batches ---------------------------------------------------------------------------------------------------------
 
 
-@reader(error_model="numpy")
+@inner(error_model="numpy")
 def scaled(numbers: Floats, lows: Floats, scales: Floats, out: Floats) -> None:
     """``(numbers - lows) / scales``; one loop over plain numbers, which the compiler turns into wide instructions."""
     for m in range(numbers.shape[0]):
         out[m] = (numbers[m] - lows[m]) / scales[m]
 
 
-@reader
+@inner
 def codes_of(map_: Map, places: Floats, slices: Ints, cells: Ints, codes: States) -> int:
     """Cells of points that are given in cells, and what is to be made of each point.
 
@@ -152,7 +152,7 @@ def codes_of(map_: Map, places: Floats, slices: Ints, cells: Ints, codes: States
     return asked
 
 
-@reader
+@inner
 def read_states(flat: States, cells: Ints, codes: States, out: States) -> None:
     """States of points with given cells and codes.
 
@@ -170,9 +170,12 @@ def classify(map_: Map, points: Floats, out: States) -> int:
     """States of configurations; the index of the first one that is not usable, or -1."""
     numbers, dof = points.reshape(-1), points.shape[1]
     size = min(BLOCK, len(points))
-    lows, scales, places = np.zeros(dof * size), np.ones(dof * size), np.empty(dof * size)
+    lows, scales, places = np.empty(dof * size), np.empty(dof * size), np.empty(dof * size)
+    for m in range(dof * size):
+        lows[m], scales[m] = 0.0, 1.0
     for axis in range(len(map_.lower)):
-        lows[axis::dof], scales[axis::dof] = map_.lower[axis], map_.spacing
+        for m in range(axis, dof * size, dof):
+            lows[m], scales[m] = map_.lower[axis], map_.spacing
     cells, codes, slices = np.empty(size, np.int64), np.empty(size, np.uint8), np.empty(size, np.int64)
     for first in range(0, points.shape[0], BLOCK):
         last = min(first + BLOCK, points.shape[0])
@@ -196,7 +199,7 @@ def classify(map_: Map, points: Floats, out: States) -> int:
 # What walks over cells is written for three axes; the plane is space with one layer of cells along the first.
 
 
-@reader
+@inner
 def layered(cell: Cell, layer: int) -> Cell:
     """A cell ``(slice, x, y)`` or ``(slice, x, y, z)`` along three axes, without the slice."""
     three = (layer, layer, layer)
@@ -226,7 +229,7 @@ class Slice(NamedTuple):
     high: Cell
 
 
-@reader(forceinline=True)
+@inner(forceinline=True)
 def slice_number(map_: Map, number: int) -> Slice:
     """A slice by its number, as if all were FREE outside the grid."""
     dim, size, one = len(map_.lower), 1, int(np.int64(1))  # of which numba does not know the value
@@ -237,7 +240,7 @@ def slice_number(map_: Map, number: int) -> Slice:
     return Slice(map_.cells, number * size, shape, (one - one, one - one, one - one), (-one, -one, -one))
 
 
-@reader
+@inner
 def with_exterior(map_: Map, part: Slice, number: int) -> Slice:
     """The same with the box of cells outside the grid that are MIXED; all else there must be FREE."""
     dim, low, high = len(map_.lower), (0, 0, 0), (0, 0, 0)
@@ -247,7 +250,7 @@ def with_exterior(map_: Map, part: Slice, number: int) -> Slice:
     return Slice(part.cells, part.start, part.shape, low, high)
 
 
-@reader(forceinline=True)
+@inner(forceinline=True)
 def run_is_free(part: Slice, i: int, j: int, first: int, last: int) -> bool:
     """Whether the cells ``first <= k <= last`` of the column (i, j) are FREE, all beyond grid and box being so."""
     nx, ny, nz = part.shape
@@ -263,7 +266,7 @@ def run_is_free(part: Slice, i: int, j: int, first: int, last: int) -> bool:
     return in_grid and low >= 0 and high < nz
 
 
-@reader(error_model="numpy")
+@inner(error_model="numpy")
 def box_is_free(map_: Map, number: int, q: Numbers, distance: float) -> bool:
     """Whether every closed cell within SLACK of all positions within ``distance`` along each axis is FREE."""
     dim, reach, total, inside = len(map_.lower), distance / map_.spacing + SLACK, 0.0, True
@@ -307,7 +310,7 @@ def boxes_are_free(map_: Map, distance: float, angle: float, points: Floats, out
     return -1
 
 
-@reader
+@inner
 def around_is_free(map_: Map, q: Numbers, distance: float, angle: float) -> bool:
     """The same of one configuration that is usable."""
     cursor = turning.first_around(map_.rotations, q, angle)

@@ -14,7 +14,7 @@ import numpy as np
 from numba.extending import overload
 from numpy.typing import NDArray
 
-from cspace.compiling import reader
+from cspace.compiling import inner
 from cspace.rotations import MAX_YAW, TURN, YAW_SLACK, CompiledRotations, OneCell, YawCells
 
 Floats = NDArray[np.float64]
@@ -119,13 +119,13 @@ def _one_next_around(rotations: OneCell, cursor: bool) -> tuple[bool, int, bool]
 # Where a walk may pass the last border, cells are counted on beyond 0 and n, n of them to a turn.
 
 
-@reader
+@inner
 def wrapped(borders: Floats, yaw: float) -> float:
     """A yaw from the first border to the last, but for rounding."""
     return yaw - math.floor((yaw - float(borders[0])) / TURN) * TURN
 
 
-@reader
+@inner
 def cell_of_wrapped(borders: Floats, yaw: float) -> int:
     """Rotation cell of a wrapped yaw, a border belonging to the cell above it: guessed as if all were equally wide."""
     count = borders.shape[0] - 1
@@ -143,7 +143,7 @@ def cell_of_wrapped(borders: Floats, yaw: float) -> int:
     return low
 
 
-@reader
+@inner
 def first_cell(borders: Floats, least: float) -> int:
     """First cell, widened by YAW_SLACK, that holds an angle."""
     turns = math.floor((least - borders[0]) / TURN)
@@ -152,7 +152,7 @@ def first_cell(borders: Floats, least: float) -> int:
     return int(k + turns * (borders.shape[0] - 1) - (1 if on_border else 0))
 
 
-@reader
+@inner
 def widened(borders: Floats, cell: int) -> tuple[int, float, float]:
     """A cell's own number, and its borders widened by YAW_SLACK."""
     count = borders.shape[0] - 1
@@ -161,7 +161,7 @@ def widened(borders: Floats, cell: int) -> tuple[int, float, float]:
     return k, borders[k] + turns * TURN - YAW_SLACK, borders[k + 1] + turns * TURN + YAW_SLACK
 
 
-@reader
+@inner
 def shorter_turn(first: float, second: float) -> float:
     """Signed angle from one yaw to another along the shorter arc, in [-pi, pi]."""
     turn = second - first
@@ -169,7 +169,7 @@ def shorter_turn(first: float, second: float) -> float:
     return turn - TURN if turn > math.pi else turn
 
 
-@reader
+@inner
 def share(low: float, high: float, start: float, turn: float) -> tuple[float, float]:
     """The parameters between which a turn from a yaw is between two angles."""
     if turn == 0.0:

@@ -38,7 +38,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.compiling import jit
+from cspace.compiling import inner, reader
 from cspace.errors import InputError
 from cspace.grid import MAX_COORDINATE, SLACK, Grid
 from cspace.raster.raster import Raster, blank
@@ -190,7 +190,7 @@ def _cut(segments: Floats, turn: Turn) -> Floats:
     return np.hstack([first, last])
 
 
-@jit
+@inner
 def _segment_over_slab(px: float, py: float, qx: float, qy: float, x0: float, x1: float) -> tuple[float, float]:
     """y-interval of a segment over the slab ``x0 <= x <= x1``; (inf, -inf) where they do not meet."""
     if max(px, qx) < x0 or min(px, qx) > x1:
@@ -204,7 +204,7 @@ def _segment_over_slab(px: float, py: float, qx: float, qy: float, x0: float, x1
     return min(y0, y1), max(y0, y1)
 
 
-@jit
+@inner
 def _disc_over_slab(cx: float, cy: float, radius: float, x0: float, x1: float) -> tuple[float, float]:
     """y-interval of a disc over the slab ``x0 <= x <= x1``; (inf, -inf) where they do not meet."""
     dx = max(0.0, x0 - cx, cx - x1)
@@ -214,7 +214,7 @@ def _disc_over_slab(cx: float, cy: float, radius: float, x0: float, x1: float) -
     return cy - half, cy + half
 
 
-@jit
+@reader
 def mark_touched(out: Bools, segments: Floats, radii: Floats, b0: float, b1: float, slack: float) -> None:
     """Set ``out[i]`` where box ``i`` comes within ``slack`` of a segment grown by its radius.
 
@@ -255,7 +255,7 @@ def mark_touched(out: Bools, segments: Floats, radii: Floats, b0: float, b1: flo
                 out[i, j] = True
 
 
-@jit
+@reader
 def mark_inside(out: Bools, segments: Floats, c: float) -> None:
     """Set ``out[i, j]`` where the point ``(i + c, j + c)`` is inside closed curves, by even-odd parity.
 
