@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.engines import ENGINES, METHODS, Engine, choose
 from cspace.errors import InputError
+from cspace.map.exterior import check_outside
 from cspace.map.slices import slice_rasters
 from cspace.memory import TRANSFORM_BYTES, check_memory, map_bytes
 from cspace.raster.raster import Raster
@@ -200,10 +201,10 @@ def _check(workspace: Workspace, robot: Robot, method: str, overlap: bool, outsi
         )
     if workers is not None and (not isinstance(workers, int) or workers < 1):
         rule = "it must be a whole number above zero, or None for all cores"
-        raise InputError("workers", f"is {workers!r}", rule, value=workers)
+        raise InputError("workers", f"is {workers!r}", rule, "leave it out", value=workers)
     if method not in METHODS:
-        names = ", ".join(map(repr, METHODS))
-        raise InputError("method", f"is {method!r}", f"the engines are: {names}", value=method)
+        rule = f"it must be one of {', '.join(map(repr, METHODS))}"
+        raise InputError("method", f"is {method!r}", rule, "leave it out", value=method)
     if overlap and method != "auto" and not ENGINES[method].COUNTS:
         raise InputError(
             "method",
@@ -212,5 +213,4 @@ def _check(workspace: Workspace, robot: Robot, method: str, overlap: bool, outsi
             "use method='fft' or method='auto'",
             value=method,
         )
-    if outside not in ("blocked", "free"):
-        raise InputError("outside", f"is {outside!r}", "it must be 'blocked' or 'free'", value=outside)
+    check_outside(outside)

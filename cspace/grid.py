@@ -19,6 +19,8 @@ look-up stays below it, so that no answer depends on how a floating-point number
 MAX_COORDINATE: Final = 2.0**22
 """Largest coordinate in cells, measured from the origin of the frame, for which :data:`SLACK` covers the rounding."""
 
+FLOATS: Final = "pass floats, in metres or radians"
+
 
 def finite(values: ArrayLike, name: str) -> NDArray[np.float64]:
     """``values`` as a float64 array.
@@ -31,11 +33,13 @@ def finite(values: ArrayLike, name: str) -> NDArray[np.float64]:
     unmasked(values, name)
     try:
         given = np.asarray(values)
+        if values is None or given.dtype.kind in "US":
+            raise TypeError("texts and None are no numbers")
         array = np.asarray(given, dtype=np.float64) if given.dtype.kind != "c" else None
     except (TypeError, ValueError) as error:
-        raise InputError(name, f"is {values!r}", "it must be numeric", "pass floats in metres") from error
+        raise InputError(name, f"is {values!r}", "it must be numeric", FLOATS, value=values) from error
     except OverflowError as error:
-        raise InputError(name, "holds a whole number beyond what a float can", "pass floats in metres") from error
+        raise InputError(name, "holds a whole number", "it is beyond what a float can be", FLOATS) from error
     if array is None:
         raise InputError(name, "has complex values", "it must be real", "pass the real parts, e.g. array.real")
     bad = ~np.isfinite(array)

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import base64
 import json
 import math
 import os
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -57,10 +55,9 @@ class Robot:
 
     def _repr_html_(self) -> str:
         """The repr and a small picture, for notebooks."""
-        from cspace.plot import thumbnail
+        from cspace.plot import as_html
 
-        picture = base64.b64encode(thumbnail(self)).decode("ascii")
-        return f'<div><code>{escape(repr(self))}</code><br><img src="data:image/png;base64,{picture}"></div>'
+        return as_html(self, [repr(self)])
 
     @property
     def dim(self) -> int:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -15,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from cspace.errors import ConfigurationError, InputError
 from cspace.grid import Grid, finite
 from cspace.map.batches import Kernel, Many, One, answer, answer_edges, answer_pairs, as_pairs, as_points, check_rng
-from cspace.map.exterior import Exterior
+from cspace.map.exterior import Exterior, check_outside
 from cspace.map.fields import checked_fields, read_only, writable
 from cspace.map.kept import Change, Kept, Lock
 from cspace.map.record import Map
@@ -112,8 +111,7 @@ class CSpace:
             if array is not None and (array.shape != shape or array.dtype != kind):
                 rule = f"it must have the map's shape {shape} and type {np.dtype(kind)}"
                 raise InputError(name, f"has shape {array.shape} and type {array.dtype}", rule, "use cspace.build")
-        if outside not in ("blocked", "free"):
-            raise InputError("outside", f"is {outside!r}", "it must be 'blocked' or 'free'", value=outside)
+        check_outside(outside)
         if not trusted and state.size and state.max() > BLOCKED:
             rule = "it must be FREE, MIXED or BLOCKED, 0 to 2"
             raise InputError("state", f"holds {state.max()}", rule, "use cspace.build", value=int(state.max()))
@@ -198,14 +196,10 @@ class CSpace:
         )
 
     def _repr_html_(self) -> str:
-        from html import escape
+        """The repr and a small picture, for notebooks."""
+        from cspace.plot import as_html
 
-        from cspace.plot import thumbnail
-
-        picture = base64.b64encode(thumbnail(self)).decode()
-        return (
-            f'<figure><img src="data:image/png;base64,{picture}"><figcaption>{escape(repr(self))}</figcaption></figure>'
-        )
+        return as_html(self, [repr(self)])
 
     def __getstate__(self) -> dict[str, Any]:
         """All that the map is; what was made at need is left behind, and so are the locks."""
@@ -337,11 +331,12 @@ class CSpace:
         """
         from cspace.map.points import boxes_are_free
 
-        reach = [float(value) for value in finite([distance, angle], "distance and angle")]
-        for name, value, unit in (("distance", reach[0], "metres"), ("angle", reach[1], "radians")):
-            if value < 0.0:
-                raise InputError(name, f"is {value:g}", "it must be zero or above", f"pass it in {unit}", value=value)
-        return answer(q, self.dof, partial(boxes_are_free, self._map, reach[0], reach[1]), np.bool_, bool)
+        for name, value, unit in (("distance", distance, "metres"), ("angle", angle, "radians")):
+            if finite(value, name).ndim or value < 0.0:
+                rule = "it must be one number, zero or above"
+                raise InputError(name, f"is {value!r}", rule, f"pass it in {unit}", value=value)
+        kernel = partial(boxes_are_free, self._map, float(distance), float(angle))
+        return answer(q, self.dof, kernel, np.bool_, bool)
 
     @overload
     def clearance(self, q: One) -> float: ...  # type: ignore[overload-overlap]
@@ -619,7 +614,7 @@ class CSpace:
         generator = check_rng(rng)
         if n is not None and (not isinstance(n, int | np.integer) or n < 0):
             rule = "it must be a whole number, zero or above, or None for one sample"
-            raise InputError("n", f"is {n!r}", rule, value=n)
+            raise InputError("n", f"is {n!r}", rule, "pass e.g. 100", value=n)
         free = self._free_cells.get(lambda: FreeCells(self._seen))
         if not free.counts.any():
             raise self._nothing_free()

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import base64
 import inspect
 import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -96,10 +94,9 @@ class Workspace:
 
     def _repr_html_(self) -> str:
         """The repr and a small picture, for notebooks."""
-        from cspace.plot import thumbnail
+        from cspace.plot import as_html
 
-        picture = base64.b64encode(thumbnail(self)).decode("ascii")
-        return f'<div><code>{escape(repr(self))}</code><br><img src="data:image/png;base64,{picture}"></div>'
+        return as_html(self, [repr(self)])
 
     @classmethod
     def from_array(

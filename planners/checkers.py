@@ -9,7 +9,7 @@ from ompl import base as ob
 from cspace.space import CSpace
 from planners.car_curves import CarCurves
 from planners.local_planner import local_planner
-from planners.states import kind_of
+from planners.states import check_information, kind_of
 
 
 class StateValidityChecker(ob.StateValidityChecker):
@@ -27,6 +27,7 @@ class StateValidityChecker(ob.StateValidityChecker):
     """
 
     def __init__(self, si: ob.SpaceInformation, space: CSpace, *, exact: bool = False) -> None:
+        check_information(si, space)
         super().__init__(si)
         self._kind = kind_of(space)
         self._space = space
@@ -86,6 +87,7 @@ class MotionValidator(ob.MotionValidator):
         curve: str | None = None,
         turning_radius: float | None = None,
     ) -> None:
+        check_information(si, space)
         super().__init__(si)
         edges = local_planner(space, exact, curve, turning_radius)
         of_states = kind_of(space).of_states

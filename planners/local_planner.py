@@ -13,7 +13,7 @@ from cspace.errors import InputError
 from cspace.grid import positive
 from cspace.space import CSpace
 from planners.car_curves import CURVES, CarCurves
-from planners.states import Floats
+from planners.states import Floats, check_space
 from planners.straight_edges import Pieces, StraightEdges
 
 EITHER: Final = " or ".join(f"curve={name!r}" for name in CURVES)
@@ -42,6 +42,18 @@ class LocalPlanner(Protocol):
         """A path with rows at most a cell and DENSE_TURN apart; and 1 or -1, ahead or back, where the edges tell."""
 
 
+def check_flag(value: bool, name: str) -> None:
+    """Refuse what is neither True nor False.
+
+    Raises
+    ------
+    InputError
+        If it is not.
+    """
+    if not isinstance(value, bool | np.bool_):
+        raise InputError(name, f"is {value!r}", "it must be True or False", "pass one of them", value=value)
+
+
 def local_planner(
     space: CSpace, exact: bool = False, curve: str | None = None, turning_radius: float | None = None
 ) -> LocalPlanner:
@@ -59,11 +71,12 @@ def local_planner(
     Raises
     ------
     InputError
-        If the map is not one of a robot that turns in the plane and a curve is asked for, the turning radius is
-        missing, unwanted, or not above zero, the curve is unknown, or ``exact`` is wanted along a curve.
+        If ``space`` is no map; or it is not one of a robot that turns in the plane and a curve is asked for, the
+        turning radius is missing, unwanted, or not above zero, the curve is unknown, or ``exact`` is wanted along a
+        curve.
     """
-    if not isinstance(exact, bool | np.bool_):
-        raise InputError("exact", f"is {exact!r}", "it must be True or False", "pass one of them", value=exact)
+    check_space(space)
+    check_flag(exact, "exact")
     if curve is None:
         if turning_radius is not None:
             found = f"is {turning_radius!r} and curve is None"

@@ -15,7 +15,7 @@ from cspace.space import CSpace
 from cspace.spectral import OverlapField
 from cspace.states import FREE
 from planners.local_planner import local_planner
-from planners.states import TURN_WEIGHT, Configuration, Floats, kind_of
+from planners.states import TURN_WEIGHT, Configuration, Floats, check_information, kind_of
 from planners.straight_edges import DENSE_TURN
 
 COMFORT: Final = 0.1
@@ -71,6 +71,7 @@ class WeightedLength(ob.OptimizationObjective):
         curve: str | None = None,
         turning_radius: float | None = None,
     ) -> None:
+        check_information(si, space)
         super().__init__(si)
         if finite(weight, "weight").ndim or weight < 0.0:
             raise InputError(
@@ -166,6 +167,7 @@ class ClearanceObjective(WeightedLength):
         curve: str | None = None,
         turning_radius: float | None = None,
     ) -> None:
+        check_information(si, space)
         grid = space.grid
         scale = 1.0 / (COMFORT * grid.spacing * max(grid.shape) if comfort is None else positive(comfort, "comfort"))
         super().__init__(
@@ -220,6 +222,7 @@ class OverlapObjective(WeightedLength):
         curve: str | None = None,
         turning_radius: float | None = None,
     ) -> None:
+        check_information(si, space)
         known = overlap_field(space, field)
         whole = _largest_free(space, known) if full is None else positive(full, "full", "metres to the power of d")
         super().__init__(

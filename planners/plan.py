@@ -14,7 +14,7 @@ from cspace.grid import positive
 from cspace.space import CSpace
 from planners.catalogue import CUBES, IGNORE_OBJECTIVES, SECOND_THREAD, planner_named
 from planners.endpoints import check_endpoint
-from planners.local_planner import LocalPlanner, local_planner
+from planners.local_planner import LocalPlanner, check_flag, local_planner
 from planners.objectives import ClearanceObjective, OverlapObjective, overlap_field
 from planners.passages import Passages
 from planners.result import Plan, Times, least_clearance
@@ -133,6 +133,7 @@ def plan(
     began = time.perf_counter()
     name = planner_named(planner, curve)
     edges = local_planner(space, exact, curve, turning_radius)
+    check_flag(simplify, "simplify")
     if name == CUBES:
         _check_cubes(space, objective=objective, exact=exact, curve=curve, iterations=iterations)
     search = Search(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import csv
 import html
 import json
@@ -122,13 +121,12 @@ class Plan:
         return "Plan(" + "\n     ".join(self._lines()) + ")"
 
     def _repr_html_(self) -> str:
-        from cspace.plot import thumbnail
+        """The repr, and a small picture of the path from above, for notebooks."""
+        from cspace.plot import as_html
 
-        words = "<br>".join(map(html.escape, self._lines()))
         if not self.solved:
-            return f"<p>{words}</p>"
-        picture = base64.b64encode(thumbnail(self)).decode("ascii")
-        return f'<img src="data:image/png;base64,{picture}" alt="the path from above"><p>{words}</p>'
+            return f"<p>{'<br>'.join(map(html.escape, self._lines()))}</p>"
+        return as_html(self, self._lines())
 
     def _lines(self) -> list[str]:
         """The plan in three lines."""

@@ -12,7 +12,7 @@ from ompl import util as ou
 
 from cspace.map.batches import check_rng
 from cspace.space import CSpace
-from planners.states import kind_of, wrap
+from planners.states import check_information, kind_of, wrap
 
 _BATCH: Final = 256
 """Draws made at once; one at a time would spend all the time on the way in and out of numpy."""
@@ -37,6 +37,7 @@ class FreeStateSampler(ob.ValidStateSampler):
     """
 
     def __init__(self, si: ob.SpaceInformation, space: CSpace, rng: np.random.Generator | None = None) -> None:
+        check_information(si, space)
         super().__init__(si)
         rng = np.random.default_rng(ou.RNG().getLocalSeed()) if rng is None else check_rng(rng)
         self._kind = kind_of(space)

@@ -103,6 +103,33 @@ def wrapped(yaw: Floats) -> Floats:
     return np.where((yaw >= -math.pi) & (yaw < math.pi), yaw, turned)
 
 
+def check_space(space: CSpace) -> None:
+    """Refuse what is no map, as where arguments are swapped.
+
+    Raises
+    ------
+    InputError
+        If it is not a CSpace.
+    """
+    if not isinstance(space, CSpace):
+        mend = "pass what cspace.build or cspace.open returns, and mind the order of the arguments"
+        raise InputError("space", f"is a {type(space).__name__}", "it must be a CSpace", mend, value=space)
+
+
+def check_information(si: ob.SpaceInformation, space: CSpace) -> None:
+    """Refuse what is no space information of OMPL's, or no map.
+
+    Raises
+    ------
+    InputError
+        If one of the two is of another type.
+    """
+    if not isinstance(si, ob.SpaceInformation):
+        rule, mend = "it must be an ompl.base.SpaceInformation", "pass e.g. setup.getSpaceInformation()"
+        raise InputError("si", f"is a {type(si).__name__}", rule, mend, value=si)
+    check_space(space)
+
+
 def kind_of(space: CSpace) -> StateKind:
     """The kind of states that a map has."""
     return _KINDS[space.grid.dim, space.dof - space.grid.dim]

@@ -19,6 +19,9 @@ from cspace.cli.planning import demo, plan
 from cspace.cli.words import Options, in_options, options_of, worded
 from cspace.errors import CspaceError
 
+_MISUSE: tuple[Any, ...] = typer.BadParameter.__mro__[1:2]
+"""What typer raises where a command line is not one of its own, under a name that hangs on its version."""
+
 
 class _Commands(TyperGroup):
     """The commands, with what goes wrong, or needs a warning, told in one line."""
@@ -36,6 +39,10 @@ class _Commands(TyperGroup):
             raise
         except CspaceError as error:
             problem = worded(error, self._options(ctx))
+        except _MISUSE as error:  # such as an option without its value
+            command = error.ctx.command_path if error.ctx else "cspace"
+            words = " ".join(error.format_message().split()).removesuffix(".").replace("Value error, ", "")
+            problem = f"{words}; see {command} --help"
         except OSError as error:
             problem = " ".join(str(error).split())
         except MemoryError as error:

@@ -60,10 +60,10 @@ def free_border(state: NDArray[np.uint8], grid: Grid) -> tuple[Floats, Ints]:
     """
     if grid.dim != 3:
         raise InputError(
-            "path",
-            "names a mesh",
-            f"the border of the free space is a surface only in space, and the map has {grid.shape} cells in the plane",
-            "export a .vti or .yaml file of it instead",
+            "the map",
+            f"is in the plane, with {' x '.join(map(str, grid.shape))} cells",
+            "the border of the free space is a mesh only in space",
+            "export a .vti or .yaml file instead",
         )
     # One more cell on each side, and lattice point (i, j, k) is the lower corner of cell (i, j, k) without them.
     free = np.pad((state == FREE).view(np.int8), 1)

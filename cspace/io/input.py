@@ -41,9 +41,7 @@ def existing(path: str | os.PathLike[str], kind: str, memory: float = 1.0) -> Pa
     except OSError as error:
         raise unreadable(path, kind, error) from error
     if not there:
-        raise FileError(
-            str(file), "does not exist", f"{_one(kind)} is read from a file", "check the name and the folder"
-        )
+        raise FileError(str(file), "does not exist", f"{_one(kind)} is to be read", "check the name and the folder")
     if not plain:
         what = "is a folder" if folder else "is a device, a pipe or a socket"
         raise FileError(str(file), what, f"{_one(kind)} is read from a plain file", "pass the file itself")

@@ -8,10 +8,24 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.errors import InputError
 from cspace.raster.raster import Raster
 from cspace.states import BLOCKED, FREE, MIXED
 
 Ints = NDArray[np.int64]
+
+
+def check_outside(outside: str) -> None:
+    """Refuse what is neither "blocked" nor "free".
+
+    Raises
+    ------
+    InputError
+        If it is not one of them.
+    """
+    if outside not in ("blocked", "free"):
+        rule = "it must be 'blocked' or 'free'"
+        raise InputError("outside", f"is {outside!r}", rule, "pass one of them", value=outside)
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import base64
 import io
+from collections.abc import Iterable
+from html import escape
 from typing import Any, Final
 
 import numpy as np
@@ -51,6 +54,13 @@ def thumbnail(subject: Any) -> bytes:
     file = io.BytesIO()
     figure.canvas.print_figure(file, dpi=_DPI, format="png")
     return file.getvalue()
+
+
+def as_html(subject: Any, lines: Iterable[str]) -> str:
+    """The thumbnail of a map, a workspace, a robot or a plan and some lines of text below it, for notebooks."""
+    picture = base64.b64encode(thumbnail(subject)).decode("ascii")
+    words = "<br>".join(map(escape, lines))
+    return f'<img src="data:image/png;base64,{picture}" alt=""><p>{words}</p>'
 
 
 def _cells(subject: Any) -> tuple[Floats, Any]:
