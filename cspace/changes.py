@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.compiling import jit, reader
-from cspace.engines.words import dilate_block
+from cspace.engines.packed import dilate_block
 from cspace.states import FREE
 
 Bytes = NDArray[np.uint8]

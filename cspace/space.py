@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from cspace.map.overlaps import Runs, Sums
     from cspace.map.sampling import FreeCells
     from cspace.spectral import FourierOverlap, OverlapField
-    from cspace.update import Follower, Subject, Update
+    from cspace.update import Subject, Update, Updater
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -150,7 +150,7 @@ class CSpace:
         self._components_kept: Kept[Components] = Kept(self._lock)
         self._free_cells: Kept[FreeCells] = Kept(self._lock)
         self._exact_kept: Kept[Exact] = Kept(self._lock)
-        self._updater: Kept[Follower] = Kept(self._lock)
+        self._updater: Kept[Updater] = Kept(self._lock)
         self._distances_kept: Kept[Distances] = Kept(self._lock)
 
     # ---- what the map is ---------------------------------------------------------------------------------------------
@@ -706,11 +706,11 @@ class CSpace:
         >>> space.is_free([2.0, 1.5])
         False
         """
-        from cspace.update import Follower, Patch
+        from cspace.update import Patch, Updater
 
         patch = Patch.of(self.grid, cells, lower, inner)
         with self._lock:
-            return self._updater.get(lambda: Follower(self.workspace, self._subject())).update(patch)
+            return self._updater.get(lambda: Updater(self.workspace, self._subject())).update(patch)
 
     def _subject(self) -> Subject:
         from cspace.update import Subject

@@ -152,7 +152,7 @@ class Subject:
     renew: Callable[[Change], None] = field(repr=False)
 
 
-class Follower:
+class Updater:
     """What the updates of one map need, made at the first of them; the map's workspace is copied.
 
     Every cell of configurations from which some offset of the robot can fall on a changed cell is decided afresh, by
@@ -274,7 +274,7 @@ def _robots(rasters: Sequence[Raster], shape: tuple[int, ...], walled: bool) -> 
         np.cumsum([len(part) for part in rows]),
         np.concatenate(fours),
         np.cumsum([len(part) for part in fours]),
-        np.array([each.beyond and walled for each in runs]),
+        np.array([each.clipped and walled for each in runs]),
     )
 
 

@@ -157,7 +157,7 @@ def plan(
     for array in (path, waypoints, direction):
         if array is not None:
             array.flags.writeable = False
-    status, advice = _outcome(found, search, exists, limit, space)
+    status, advice = _status(found, search, exists, limit, space)
     certified = solved and _is_certified(edges, waypoints, ends)
     clearance = least_clearance(edges, waypoints) if solved else math.nan
     setup = searched - began - found.planning - found.simplification
@@ -205,7 +205,7 @@ def _found(
     return search.run(edges, *ends, limit)
 
 
-def _outcome(found: Found, search: Search, exists: bool | None, limit: float, space: CSpace) -> tuple[str, str]:
+def _status(found: Found, search: Search, exists: bool | None, limit: float, space: CSpace) -> tuple[str, str]:
     """What came out in a line, and what to try where no path was found though there may be one."""
     if len(found.path):
         return "path found" + (f": {found.note}" if found.note else ""), ""

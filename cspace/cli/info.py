@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 import typer
 
+from cspace.cli.messages import Options, options_of, worded
 from cspace.cli.options import (
     Bounds,
     Json,
@@ -24,7 +25,6 @@ from cspace.cli.options import (
     workspace_options,
 )
 from cspace.cli.report import show
-from cspace.cli.words import Options, options_of, worded
 from cspace.errors import InputError
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from cspace.cli.words import about_robot
+from cspace.cli.messages import about_robot
 from cspace.errors import InputError
 
 if TYPE_CHECKING:

@@ -9,9 +9,9 @@ import typer
 
 from cspace.cli.files import axes_of_map, check_folder, check_outputs
 from cspace.cli.info import describe_map
+from cspace.cli.messages import in_options, options_of
 from cspace.cli.options import Json, MapFile, Overwrite, check_axis, configuration, given
 from cspace.cli.report import Clock, show
-from cspace.cli.words import in_options, options_of
 from cspace.errors import InputError
 
 if TYPE_CHECKING:

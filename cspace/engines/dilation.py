@@ -18,7 +18,7 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.engines.words import Packed, Scratch, settle_block
+from cspace.engines.packed import Packed, Scratch, settle_block
 from cspace.raster.raster import Raster
 from cspace.threads import cores, in_threads
 
@@ -61,12 +61,12 @@ def collide(
     live: list[tuple[Runs, Cells]] = []
     for raster, result in zip(rasters, out, strict=True):
         runs = Runs.of(raster, shape)
-        if len(runs) and not (outside and runs.beyond):
+        if len(runs) and not (outside and runs.clipped):
             live.append((runs, result.reshape(shape).view(np.uint8)))
         elif add:
-            result += np.uint8(outside and runs.beyond)
+            result += np.uint8(outside and runs.clipped)
         else:
-            result[...] = outside and runs.beyond
+            result[...] = outside and runs.clipped
     if not live:
         return "integer"
     board = Board(np.ascontiguousarray(occupied).reshape(shape).view(np.uint8), [runs for runs, _ in live], outside)
@@ -108,7 +108,7 @@ class Runs:
         The least and the greatest offset along each axis.
     lengths : int
         How many different lengths there are.
-    beyond : bool
+    clipped : bool
         Whether there are other offsets, which always fall beyond the map.
     """
 
@@ -116,7 +116,7 @@ class Runs:
     lower: Ints
     upper: Ints
     lengths: int
-    beyond: bool
+    clipped: bool
 
     @classmethod
     def of(cls, raster: Raster, shape: Sequence[int]) -> Runs:

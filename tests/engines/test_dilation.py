@@ -39,7 +39,7 @@ def test_runs_are_the_offsets_that_can_fall_on_the_map(cells, lower, nx, ny):
     told = {(x, y + k) for _, x, y, n in runs.table.tolist() for k in range(n)}
     offsets = set(oracles.raster_offsets(raster))
     assert told == {(x, y) for x, y in offsets if abs(x) < nx and abs(y) < ny}
-    assert runs.beyond is (len(told) < len(offsets))
+    assert runs.clipped is (len(told) < len(offsets))
     assert len(told) == runs.table[:, 3].sum()
     assert (np.diff(runs.table[:, 3]) >= 0).all()
     assert runs.lengths == len(set(runs.table[:, 3].tolist())) or not len(runs)
