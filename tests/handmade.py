@@ -1,144 +1,132 @@
-"""Maps of space made by hand, and slow, plain implementations of what is asked of them."""
+"""Maps made by hand in every space, and slow, plain answers about their cells."""
 
-from fractions import Fraction
-from functools import partial
-from itertools import product
+import itertools
 from typing import NamedTuple
 
 import numpy as np
 from hypothesis import strategies as st
 
-from cspace import BLOCKED, FREE, MIXED
-from cspace.map import callbacks
-from cspace.map.clearance import Distances
-from cspace.map.edges import edges_are_free
+from cspace import BLOCKED, FREE, MIXED, CSpace, Robot, Workspace
 from cspace.map.exterior import Exterior
-from cspace.map.kept import Lock
-from cspace.map.mip import Mip
-from cspace.map.overlaps import Runs, overlaps
-from cspace.map.points import boxes_are_free, classify
-from cspace.map.record import Map
-from cspace.rotations import cells_for
-from oracles import exact, segment_meets_block
+from cspace.rotations import Rotations
+from strategies import seeds
 
-EMPTY = np.array([0, 0, 0, -1, -1, -1])
-
-
-def frame_of(shape, spacing=0.25, lower=(0.0, 0.0, 0.0)):
-    return np.array([*lower, spacing, *(low + spacing * n for low, n in zip(lower, shape, strict=True))])
+KINDS = ("plane", "space", "turning", "turning in space")
+MIXTURE = (FREE, FREE, MIXED, BLOCKED)
 
 
 class Outside(NamedTuple):
-    """What is known outside the grid: one state, but for a box in which all is MIXED."""
+    """What is known outside the grid: one state, but for a box ``(first cell, last cell)`` in which all is MIXED."""
 
     box: np.ndarray
     state: int
 
-
-class Lookups:
-    """The compiled look-ups of states made by hand, shape (slices, nx, ny) or (slices, nx, ny, nz)."""
-
-    def __init__(self, states, outside, spacing, lower, rotations=None):
-        states = np.ascontiguousarray(states, dtype=np.uint8)
-        states.setflags(write=False)
-        upper = tuple(low + spacing * n for low, n in zip(lower, states.shape[1:], strict=True))
-        table = np.array([[*outside.box, outside.state]] * len(states), dtype=np.int64)
-        cells, slices = cells_for(rotations), np.arange(len(states))
-        self.dof = len(upper) + cells.dof
-        self.map = Map(states, states.reshape(-1), cells.compiled(slices), tuple(lower), spacing, upper, table)
-
-    def classify(self):
-        return partial(classify, self.map)
-
-    def edges(self, number=0):
-        mip = Mip(self.map.states).flat if number else None
-        return partial(edges_are_free, self.map, mip)
-
-    def boxes(self, distance, angle):
-        return partial(boxes_are_free, self.map, distance, angle)
-
-    def overlaps(self, counts, rasters, beyond):
-        return partial(overlaps, self.map, counts, Runs.of(rasters), beyond)
-
-    def clearances(self):
-        return Distances(self.map, Exterior(self.map.exterior), Lock()).kernel
-
-    def clearance_checker(self):
-        return Distances(self.map, Exterior(self.map.exterior), Lock()).checker(self.dof)
-
-    def point_checker(self):
-        return callbacks.point_checker(self.map, self.dof)
-
-    def edge_checker(self):
-        return callbacks.edge_checker(self.map, self.dof)
+    @classmethod
+    def all_of(cls, state, dim=3):
+        return cls(np.repeat([0, -1], dim), state)
 
 
-def lookups_of(state, outside=None, spacing=0.25, lower=None):
-    """Look-ups of one slice made by hand; beyond the grid all is FREE if nothing else is said."""
-    state = np.asarray(state)
-    empty = np.repeat([0, -1], state.ndim)
-    return Lookups(state[None], outside or Outside(empty, FREE), spacing, lower or (0.0,) * state.ndim)
+def map_of(state, rotations=None, outside="free", spacing=0.25, lower=None, rasters=None, occupied=None):
+    """A map of given states, of a robot that is a point to speak of and shares no slices.
+
+    ``outside`` is a policy, or an :class:`Outside` that no robot need have.
+    """
+    state = np.asarray(state, dtype=np.uint8)
+    dim = state.ndim - (rotations is not None)
+    away = np.zeros(dim)
+    away[0] = 0.0 if rotations is None else 1e-7
+    occupied = np.zeros(state.shape[-dim:], dtype=bool) if occupied is None else occupied
+    made = CSpace(
+        Workspace.from_array(occupied, spacing, lower),
+        Robot.disc(1e-6, away) if dim == 2 else Robot.ball(1e-6, away),
+        state.copy(),
+        outside=outside if isinstance(outside, str) else "free",
+        margin=0.0,
+        precision="float32",
+        rotations=None if rotations is None else Rotations.of(rotations),
+        rasters=rasters,
+    )
+    if not isinstance(outside, str):
+        table = np.array([[*outside.box, outside.state]] * len(made._map.slice_of), dtype=np.int64)
+        made._make_room()
+        made._exterior_kept.get(lambda: Exterior(table))
+    return made
 
 
-@st.composite
-def states(draw, side=5, mixture=(FREE, FREE, FREE, MIXED, BLOCKED)):
-    """Arrays of states, shape (nx, ny, nz), flat ones among them."""
-    shape = draw(st.tuples(*[st.integers(1, side)] * 3))
-    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
-    return rng.choice(np.array(mixture, dtype=np.uint8), shape)
+def made(states, kind, outside="free", spacing=0.25, rotations=None, lower=None):
+    """A map of a kind of states, shape (rotations, ...)."""
+    if "turning" not in kind:
+        return map_of(states[0], None, outside, spacing, lower)
+    return map_of(states, len(states) if rotations is None else rotations, outside, spacing, lower)
+
+
+def random_states(rng, kind, most=5, mixture=MIXTURE):
+    """States of small maps of a kind, shape (rotations, ...)."""
+    most = most if kind == "plane" else max(2, most - 1)
+    shape = rng.integers(1, most + 1, 3 if "space" in kind else 2)
+    turns = int(rng.integers(1, 6)) if "turning" in kind else 1
+    return rng.choice(np.array(mixture, dtype=np.uint8), (turns, *shape))
 
 
 @st.composite
-def outsides(draw):
+def states(draw, side=5, mixture=(FREE, FREE, FREE, MIXED, BLOCKED), dims=(2, 3)):
+    """Arrays of states, shape (nx, ny) or (nx, ny, nz), flat ones among them."""
+    shape = draw(st.tuples(*[st.integers(1, side)] * draw(st.sampled_from(dims))))
+    return np.random.default_rng(draw(seeds)).choice(np.array(mixture, dtype=np.uint8), shape)
+
+
+@st.composite
+def outsides(draw, dim=3):
     """What may be known of cells outside the grid: boxes that hold, meet or miss it, or are empty."""
-    first = draw(st.tuples(*[st.integers(-4, 4)] * 3))
-    size = draw(st.tuples(*[st.integers(0, 9)] * 3))
+    first = draw(st.tuples(*[st.integers(-4, 4)] * dim))
+    size = draw(st.tuples(*[st.integers(0, 9)] * dim))
     box = np.array([*first, *(low + n - 1 for low, n in zip(first, size, strict=True))])
     return Outside(box, draw(st.sampled_from([FREE, MIXED, BLOCKED])))
 
 
 def state_of(state, outside, cell):
-    """State of a cell ``(i, j, k)``, in the grid or not."""
+    """State of a cell, in the grid or not."""
     if all(0 <= c < n for c, n in zip(cell, state.shape, strict=True)):
         return int(state[cell])
-    low, high = outside.box[:3], outside.box[3:]
+    low, high = np.split(outside.box, 2)
     return MIXED if all(a <= c <= b for a, c, b in zip(low, cell, high, strict=True)) else outside.state
 
 
 def cells_around(state, outside):
     """Cells of the grid, of the box, and of a frame of one cell around them."""
-    ranges = []
-    for n, low, high in zip(state.shape, outside.box[:3].tolist(), outside.box[3:].tolist(), strict=True):
-        ranges.append(range(min(low, 0) - 1, max(high + 1, n) + 1))
-    return product(*ranges)
+    low, high = np.split(outside.box, 2)
+    sides = zip(state.shape, low.tolist(), high.tolist(), strict=True)
+    return itertools.product(*(range(min(a, 0) - 1, max(b + 1, n) + 1) for n, a, b in sides))
 
 
-def touches(start, end, cell, spacing, lower, slack=0):
-    """Whether a closed segment meets a closed cell widened by ``slack`` metres, exactly."""
-    h, corner = Fraction(spacing), exact(lower)
-    low = [c + h * i - slack for c, i in zip(corner, cell, strict=True)]
-    high = [c + h * (i + 1) + slack for c, i in zip(corner, cell, strict=True)]
-    return segment_meets_block(exact(start), exact(end), low, high)
+def all_cells(states):
+    """Every cell ``(rotation, ...)``, shape (n, 1 + d)."""
+    return np.argwhere(np.ones(states.shape, dtype=bool))
 
 
-def component_of(cells, start, wraps=False):
-    """Cells joined to ``start`` through sides, among the True ones, in any number of dimensions."""
+def middles(space, cells):
+    """The middle configuration of cells ``(rotation, ...)``."""
+    q = space.grid.center_of(cells[:, 1:])
+    return q if space.rotations is None else np.column_stack([q, space.rotations.representatives[cells[:, 0]]])
+
+
+def sides_of(cell, shape):
+    """The cells of an array that share a side with one; the first axis, of rotations, wraps."""
+    for axis, way in itertools.product(range(len(shape)), (-1, 1)):
+        near = list(cell)
+        near[axis] += way
+        if axis == 0:
+            near[0] %= shape[0]
+        if 0 <= near[axis] < shape[axis]:
+            yield tuple(near)
+
+
+def component_of(cells, start):
+    """Cells joined to ``start`` through sides, among the True ones."""
     seen, todo = {start}, [start] if cells[start] else []
     while todo:
-        here = todo.pop()
-        for near in sides_of(here, cells.shape, wraps):
+        for near in sides_of(todo.pop(), cells.shape):
             if near not in seen and cells[near]:
                 seen.add(near)
                 todo.append(near)
     return seen if cells[start] else set()
-
-
-def sides_of(cell, shape, wraps=False):
-    """The cells of an array that share a side with one; the first axis may wrap."""
-    for axis, way in product(range(len(shape)), (-1, 1)):
-        near = list(cell)
-        near[axis] += way
-        if wraps and axis == 0:
-            near[0] %= shape[0]
-        if 0 <= near[axis] < shape[axis]:
-            yield tuple(near)

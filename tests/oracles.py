@@ -179,47 +179,25 @@ def turns_between(yaw0, yaw1, turn, slack=0):
 
 
 def touched_turned_cells(start, end, spacing, lower, shape, borders, slack=0):
-    """Cells ``(rotation, x, y)`` that an edge ``(x, y, yaw)`` meets: x, y and yaw linear, yaw the shorter way.
+    """Cells ``(rotation, x, y(, z))`` that an edge ``(x, y(, z), yaw)`` meets: linear, and yaw the shorter way.
 
     Rotation cells repeat with every turn. Exact for the numbers as they are; ``slack`` widens the cells.
     """
-    h, (low_x, low_y), slack = Fraction(spacing), exact(lower), Fraction(slack)
+    h, corner, slack = Fraction(spacing), exact(lower), Fraction(slack)
     borders = [Fraction(border) for border in borders]
     whole = borders[-1] - borders[0]
-    first, second = exact(start), exact(end)
-    begin = borders[0] + (first[2] - borders[0]) % whole
+    (*first, yaw0), (*second, yaw1) = exact(start), exact(end)
+    begin = borders[0] + (yaw0 - borders[0]) % whole
     found = set()
-    for turn in turns_between(first[2], second[2], whole, slack):
-        a, b = (*first[:2], begin), (*second[:2], begin + turn)
+    for turn in turns_between(yaw0, yaw1, whole, slack):
+        a, b = (*first, begin), (*second, begin + turn)
         for k, wraps in product(range(len(borders) - 1), (-1, 0, 1)):
             low, high = borders[k] + wraps * whole - slack, borders[k + 1] + wraps * whole + slack
-            if high < min(a[2], b[2]) or low > max(a[2], b[2]):
+            if high < min(a[-1], b[-1]) or low > max(a[-1], b[-1]):
                 continue
-            for i, j in product(range(shape[0]), range(shape[1])):
-                near = (low_x + h * i - slack, low_y + h * j - slack, low)
-                far = (low_x + h * (i + 1) + slack, low_y + h * (j + 1) + slack, high)
-                if (k, i, j) not in found and segment_meets_block(a, b, near, far):
-                    found.add((k, i, j))
+            for cell in product(*map(range, shape)):
+                near = (*(c + h * i - slack for c, i in zip(corner, cell, strict=True)), low)
+                far = (*(c + h * (i + 1) + slack for c, i in zip(corner, cell, strict=True)), high)
+                if (k, *cell) not in found and segment_meets_block(a, b, near, far):
+                    found.add((k, *cell))
     return found
-
-
-def turned_component_of(cells, start):
-    """Cells ``(rotation, x, y)`` joined to ``start`` through sides, among the True ones, the first axis wrapping."""
-    if not cells[start]:
-        return set()
-    seen, todo = {start}, [start]
-    count, nx, ny = cells.shape
-    while todo:
-        k, i, j = todo.pop()
-        for near in (
-            ((k + 1) % count, i, j),
-            ((k - 1) % count, i, j),
-            (k, i + 1, j),
-            (k, i - 1, j),
-            (k, i, j + 1),
-            (k, i, j - 1),
-        ):
-            if 0 <= near[1] < nx and 0 <= near[2] < ny and near not in seen and cells[near]:
-                seen.add(near)
-                todo.append(near)
-    return seen

@@ -17,13 +17,16 @@ from scipy.spatial import ConvexHull
 from shapely import affinity
 
 import cspace
-from checks import collides, draw_configurations
+import oracles
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
+from cspace.rotations import STILL, TURN
 from oracles import overlaps_by_shifts
-from strategies import robots, seeds, solid_robots, stars
+from placements import collides, draw_configurations, obstacles_of
+from strategies import robots, rotation_cells, seeds, solid_robots, stars
 
 H = 0.15
 POLICIES = st.sampled_from(["blocked", "free"])
+L_SHAPE = [(-0.1, -0.1), (0.6, -0.1), (0.6, 0.1), (0.1, 0.1), (0.1, 0.4), (-0.1, 0.4)]
 
 
 @st.composite
@@ -81,17 +84,88 @@ def test_polygon_obstacles_by_definition(vertices, obstacle, outside):
     assert (space.state == np.where(lies_in > 0, BLOCKED, np.where(touches > 0, MIXED, FREE))).all()
 
 
-@settings(max_examples=40)
-@given(robots(0.5), seeds, POLICIES, st.sampled_from([0.0, 0.1]))
-def test_no_false_answer_over_grid_maps(robot, seed, outside, margin):
-    """Configurations inside cells and on their borders, against the geometry itself."""
-    rng = np.random.default_rng(seed)
-    occupied = rng.random((30, 24)) < rng.choice([0.01, 0.05])
-    space = cspace.build(Workspace.from_array(occupied, 0.1, (-1.0, 2.0)), robot, outside=outside, margin=margin)
-    q = draw_configurations(space, rng, 600)
+def prove(space, q, obstacles=None):
+    """FREE keeps the margin, BLOCKED collides."""
     states = space.classify(q)
-    assert not (collides(space, q, margin - 1e-9) & (states == FREE)).any()
-    assert not (~collides(space, q, 1e-9) & (states == BLOCKED)).any()
+    free, blocked = q[states == FREE], q[states == BLOCKED]
+    assert not collides(space, free, space.margin - 1e-9 if space.margin else 0.0, obstacles).any()
+    assert collides(space, blocked, 1e-9, obstacles).all()
+
+
+@settings(max_examples=100)
+@given(robots(0.5), st.none() | rotation_cells(16), seeds, POLICIES, st.sampled_from([0.0, 0.0, 0.06]))
+def test_no_false_answer_over_grid_maps(robot, rotations, seed, outside, margin):
+    """Configurations inside cells, on their borders and far outside, against the geometry itself."""
+    rng = np.random.default_rng(seed)
+    occupied = rng.random((14, 11)) < rng.choice([0.02, 0.15])
+    workspace = Workspace.from_array(occupied, 0.2, rng.uniform(-1, 1, 2))
+    space = cspace.build(workspace, robot, rotations=rotations, outside=outside, margin=margin)
+    q = draw_configurations(space, rng, 160)
+    q[120:, :2] = rng.uniform(-4, 6, (40, 2))
+    prove(space, q)
+
+
+@settings(max_examples=30)
+@given(robots(0.5), rotation_cells(16), seeds)
+def test_corners_and_borders_belong_to_every_cell_that_touches_them(robot, rotations, seed):
+    """Claims of the cells themselves, whatever the look-up says on a border that two of them share."""
+    rng = np.random.default_rng(seed)
+    occupied = rng.random((14, 11)) < 0.1
+    space = cspace.build(Workspace.from_array(occupied, 0.2), robot, rotations=rotations, outside="free")
+    borders, obstacles = np.asarray(space.rotations.borders), obstacles_of(space)
+    for state, tolerance in ((FREE, 0.0), (BLOCKED, 1e-9)):
+        cells = np.argwhere(space.state == state)
+        if not len(cells):
+            continue
+        cells = cells[rng.integers(0, len(cells), 60)]
+        ends = rng.integers(0, 2, cells.shape)
+        q = np.column_stack([0.2 * (cells + ends)[:, 1:], borders[cells[:, 0] + ends[:, 0]]])
+        assert (collides(space, q, tolerance, obstacles) == (state == BLOCKED)).all()
+
+
+@settings(max_examples=20)
+@given(robots(0.4), st.sampled_from([1, 5, 8, 16]), seeds)
+def test_no_false_answer_over_polygons_and_lines(robot, rotations, seed):
+    rng = np.random.default_rng(seed)
+    shapes = [shapely.Point(*rng.uniform(0, 3, 2)).buffer(rng.uniform(0.02, 0.5), quad_segs=2) for _ in range(4)]
+    line, frame = shapely.LineString(rng.uniform(0, 3, (2, 2))), shapely.box(0, 0, 3, 3)
+    workspace = Workspace.from_polygons([*shapes, line], 0.1, (0, 0, 3, 3))
+    assert (workspace.inner != workspace.outer).any()
+    space = cspace.build(workspace, robot, rotations=rotations, outside="free")
+    prove(space, draw_configurations(space, rng, 150), shapely.union_all([*shapes, line]).intersection(frame))
+
+
+@settings(max_examples=15)
+@given(robots(0.4), st.sampled_from([1, 3, 4, 6]), seeds, POLICIES, st.booleans())
+def test_states_and_overlaps_are_those_of_the_definition(robot, count, seed, outside, inner):
+    """Every slice against a sum in pure Python over the rasters of its yaw."""
+    occupied = np.random.default_rng(seed).random((9, 7)) < 0.15
+    options = {"outside": outside, "margin": 0.03, "inner": inner, "overlap": True}
+    space = cspace.build(Workspace.from_array(occupied, 0.2), robot, rotations=count, **options)
+    cells = np.argwhere(np.ones_like(occupied))
+    for k, turn in enumerate(space.rotations.turns(2)):
+        turn = STILL if robot.symmetry == 0 else turn
+        rasters = [oracles.raster_offsets(one) for one in robot.rasters(0.2, 0.03, turn)]
+        meets, lies = (oracles.overlap(occupied, offsets, outside == "blocked") for offsets in rasters)
+        for cell in map(tuple, cells.tolist()):
+            expected = FREE if not meets[cell] else BLOCKED if inner and lies[cell] else MIXED
+            assert space.state[(k, *cell)] == expected
+            assert space.overlaps[(space._map.slice_of[k], *cell)] == meets[cell]
+        q = np.column_stack([space.grid.center_of(cells), np.full(len(cells), space.rotations.representatives[k])])
+        assert space.overlap(q).tolist() == [meets[tuple(cell)] for cell in cells.tolist()]
+
+
+def test_polygon_workspaces_take_either_path_of_the_engine():
+    shapes = [shapely.box(1.03, 0.51, 1.48, 1.52), shapely.Point(0.6, 1.4).buffer(0.21)]
+    workspace = Workspace.from_polygons(shapes, 0.1, (0, 0, 2, 2))
+    robot = Robot.rectangle(0.4, 0.2, (0.1, 0.0))
+    plain = cspace.build(workspace, robot, rotations=11)
+    counted = cspace.build(workspace, robot, rotations=11, overlap=True)
+    outer = cspace.build(workspace, robot, rotations=11, inner=False)
+    assert (plain.state == counted.state).all()
+    assert {FREE, MIXED, BLOCKED} == set(np.unique(plain.state).tolist())
+    assert ((outer.state == FREE) == (plain.state == FREE)).all() and not (outer.state == BLOCKED).any()
+    assert ((counted.overlaps == 0) == (counted.state == FREE)).all()
 
 
 @settings(max_examples=30)
@@ -275,6 +349,48 @@ def test_laws(problem, shift, data):
 
 
 @settings(max_examples=20)
+@given(robots(0.4), st.sampled_from([4, 8, 12]), seeds)
+def test_a_quarter_turn_of_the_world_is_a_quarter_turn_of_the_map(robot, count, seed):
+    occupied = np.random.default_rng(seed).random((9, 12)) < 0.1
+    state = cspace.build(Workspace.from_array(occupied, 0.2), robot, rotations=count).state
+    # (x, y) goes to (-y, x): entry [x, y] of the turned bitmap is entry [y, -x] of the bitmap.
+    world = Workspace.from_array(np.ascontiguousarray(occupied.T[::-1]), 0.2)
+    assert (cspace.build(world, robot, rotations=count).state == np.roll(state, count // 4, 0).mT[:, ::-1]).all()
+
+
+@settings(max_examples=20)
+@given(robots(0.4), seeds, POLICIES)
+def test_obstacles_together_leave_free_what_each_leaves_free(robot, seed, outside):
+    first, second = np.random.default_rng(seed).random((2, 12, 9)) < 0.05
+    parts = [
+        cspace.build(Workspace.from_array(part, 0.2), robot, rotations=5, outside=outside).state
+        for part in (first, second, first | second)
+    ]
+    assert ((parts[2] == FREE) == ((parts[0] == FREE) & (parts[1] == FREE))).all()
+    assert ((parts[2] == BLOCKED) == ((parts[0] == BLOCKED) | (parts[1] == BLOCKED))).all()
+
+
+@pytest.mark.parametrize("count", [2, 3, 5, 9, 17, 34])
+@pytest.mark.parametrize("size", [0.3, 1.0, 4.0])
+def test_slices_made_together_are_each_their_own(count, size):
+    """However many share a transform: counts against sums of the rasters' rows, states against a map of each alone."""
+    occupied = np.random.default_rng(4).random((60, 50)) < 0.02
+    workspace, robot = Workspace.from_array(occupied, 0.1), Robot.polygon(size * np.array(L_SHAPE))
+    space = cspace.build(workspace, robot, rotations=count, method="fft")
+    counted = cspace.build(workspace, robot, rotations=count, overlap=True)
+    assert {space.precision, counted.precision} <= {"float32", "float64"}
+    assert len(space._map.states) == count and (counted.state == space.state).all()
+    cells = np.argwhere(np.ones(occupied.shape, dtype=bool))
+    borders = np.asarray(space.rotations.borders)
+    for k in {0, 1, count // 2, count - 1}:
+        yaw = np.full(len(cells), space.rotations.representatives[k])
+        q = np.column_stack([space.grid.center_of(cells), yaw])
+        assert (counted.overlap(q) == counted.overlaps[k].ravel()).all()
+        others = np.append(borders[k : k + 2], borders[k] + TURN)  # this cell, and all others as one
+        assert (cspace.build(workspace, robot, rotations=others).state[0] == space.state[k]).all()
+
+
+@settings(max_examples=20)
 @given(hnp.arrays(np.bool_, st.tuples(*[st.integers(1, 12)] * 2)), st.floats(0.05, 0.4), st.integers(0, 3))
 def test_quarter_turns_permute_the_map(occupied, radius, turns):
     offset = np.array([0.21, 0.08])
@@ -326,15 +442,27 @@ def test_the_mixed_band_is_thin(robot):
     assert 1 <= steps[state == MIXED].max() <= 3
 
 
-def test_progress_reaches_the_end():
-    seen = []
-    cspace.build(
-        Workspace.from_polygons(shapely.box(0, 0, 1, 1), 0.1, bounds=(-1, -1, 2, 2)),
-        Robot.disc(0.2),
-        progress=lambda done, total: seen.append((done, total)),
-    )
-    assert seen and seen[-1][0] == seen[-1][1]
-    assert [done for done, _ in seen] == sorted(done for done, _ in seen)
+@pytest.mark.parametrize("rotations", [None, 2, 5, 17])
+@pytest.mark.parametrize("overlap", [False, True])
+def test_progress_reaches_the_end(rotations, overlap):
+    grid = Workspace.from_array(np.random.default_rng(4).random((60, 50)) < 0.02, 0.1)
+    shapes = Workspace.from_polygons(shapely.box(0, 0, 1, 1), 0.1, bounds=(-1, -1, 2, 2))
+    for workspace in (grid, shapes):
+        seen = []
+        options = {"overlap": overlap, "progress": lambda *step, seen=seen: seen.append(step)}
+        cspace.build(workspace, Robot.polygon(L_SHAPE), rotations=rotations, **options)
+        done, steps = np.array(seen).T
+        assert (np.diff(done) >= 0).all() and done[-1] == steps[-1] and len(set(steps.tolist())) == 1
+
+
+def test_a_build_can_be_broken_off():
+    workspace = Workspace.from_array(np.zeros((40, 40), dtype=bool), 0.1)
+
+    def stop(done, steps):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        cspace.build(workspace, Robot.polygon(L_SHAPE), rotations=36, progress=stop)
 
 
 def test_equals_a_dilation():

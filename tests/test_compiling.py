@@ -1,7 +1,62 @@
-"""Compiled functions: what is kept on disk is used only as long as all that it was made from is as it was."""
+"""Compiled functions: the log says what is compiled, what is kept is used while it is true, and none is needed."""
 
+from __future__ import annotations
+
+import os
+import shutil
 import subprocess
 import sys
+from pathlib import Path
+
+import cspace
+
+CODE = """
+import logging
+import sys
+import numpy as np
+import cspace
+logging.basicConfig(level=logging.INFO, format="%(levelname)s %(name)s: %(message)s", stream=sys.stdout)
+workspace = cspace.Workspace.from_array(np.zeros((4, 3), dtype=bool), 0.1)
+space = cspace.build(workspace, cspace.Robot.disc(0.05))
+print(cspace.__file__, space.is_free((0.2, 0.15)), space.is_free((0.01, 0.15)))
+"""
+LINE = "INFO cspace.compiling: compiling cspace.map.points, once per machine"
+
+
+def looked_up(folder: Path, **environment: str) -> list[str]:
+    """Lines that a first look-up prints and logs, with the package taken from a folder."""
+    env = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_")}
+    env |= {"PYTHONPATH": str(folder), **environment}
+    done = subprocess.run(
+        [sys.executable, "-c", CODE], env=env, cwd=folder, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    lines = done.stdout.splitlines()
+    assert lines[-1] == f"{folder / 'cspace' / '__init__.py'} True False"
+    return lines[:-1]
+
+
+def test_the_log_says_once_what_is_compiled_and_nothing_of_what_is_read_from_the_cache(tmp_path: Path) -> None:
+    root = Path(cspace.__file__).parents[1]
+    first, second = (looked_up(root, NUMBA_CACHE_DIR=str(tmp_path)) for _ in range(2))
+    assert LINE in first and len(set(first)) == len(first)
+    assert all(line.startswith("INFO cspace.compiling: compiling cspace.") for line in first)
+    assert second == []
+
+
+def test_an_installation_that_may_not_be_written_works_without_a_cache(tmp_path: Path) -> None:
+    """Neither beside the modules nor in the home can a folder be made, even by the superuser."""
+    package = tmp_path / "cspace"
+    shutil.copytree(Path(cspace.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
+    for folder in (package, *(entry for entry in package.rglob("*") if entry.is_dir())):
+        (folder / "__pycache__").write_text("in the way")
+    homeless = dict.fromkeys(("HOME", "XDG_CACHE_HOME", "XDG_CONFIG_HOME", "MPLCONFIGDIR", "IPYTHONDIR"), os.devnull)
+    for _ in range(2):  # nothing was kept by the first
+        assert LINE in looked_up(tmp_path, **homeless)
+
+
+# ---- what was compiled stays true ------------------------------------------------------------------------------------
 
 CALLEE = """
 from cspace.compiling import jit
@@ -34,10 +89,10 @@ print(module.answer(1.0), sum(module.answer.stats.cache_hits.values()))
 """
 
 
-def test_a_function_is_compiled_anew_when_one_that_it_calls_has_changed(tmp_path):
+def test_a_function_is_compiled_anew_when_one_that_it_calls_has_changed(tmp_path: Path) -> None:
     """Also where it calls it by another one, which stands below it."""
 
-    def run(added=None):
+    def run(added: str | None = None) -> tuple[float, int]:
         if added is not None:
             (tmp_path / "callee.py").write_text(CALLEE.format(added=added))
         code = f"folder = {str(tmp_path)!r}\n{RUN}"

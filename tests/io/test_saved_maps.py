@@ -144,11 +144,13 @@ def test_a_yaw_must_be_one_angle(tmp_path: Path, suffix: str, yaw: Any, words: s
 
 
 def test_no_byte_of_a_store_may_change_go_or_come(tmp_path: Path) -> None:
+    """Every byte of the chunks and of the root, which holds the digests; every fifth of what they are taken of."""
     path, space = tmp_path / "map", cspace.build(cspace.Workspace.from_array([[0, 1]], 0.1), cspace.Robot.disc(0.05))
     space.save(path)
-    for file in files(path):
+    for number, file in enumerate(files(path)):
         content = bytearray(file.read_bytes())
-        for at in range(len(content)):
+        described = file.name == "zarr.json" and file.parent != path
+        for at in range(number % 5 if described else 0, len(content), 5 if described else 1):
             content[at] ^= 1 << (at % 8)
             file.write_bytes(content)
             refused(path)

@@ -8,14 +8,13 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import cspace
-from checks import stack_of
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
 from cspace.map.batches import EDGES_A_THREAD, ROWS
 from cspace.map.kept import Change
 from cspace.map.mip import CELLS_AN_EDGE, SIDE, Mip
 from cspace.rotations import Rotations
 from cspace.threads import LEAST
-from handmade import Outside, lookups_of
+from handmade import Outside, map_of
 from strategies import rotation_cells, seeds
 
 
@@ -32,7 +31,12 @@ def solid(rng, shape=(17, 23, 30), outside="free"):
     return cspace.build(Workspace.from_array(rng.random(shape) < 0.003, 0.1), Robot.ball(0.15), outside=outside)
 
 
-KINDS = [plane, turning, solid]
+def yawing(rng, shape=(13, 12, 11), outside="free"):
+    workspace = Workspace.from_array(rng.random(shape) < 0.003, 0.1)
+    return cspace.build(workspace, Robot.box((0.3, 0.2, 0.1)), rotations=5, outside=outside)
+
+
+KINDS = [plane, turning, solid, yawing]
 
 
 def configurations(space, rng, number):
@@ -87,10 +91,9 @@ def test_what_lies_outside_a_grid_of_any_size(seed, beyond):
     nx, ny = state.shape
     first = rng.integers(-3, 3, 2)
     box = np.array([*first, *(first + rng.integers(-1, 6, 2))])
-    look = lookups_of(state, Outside(box, beyond))
+    space = map_of(state, outside=Outside(box, beyond))
     cells = np.array(list(itertools.product(range(-5, nx + 9), range(-5, ny + 9))))
-    out = np.empty(len(cells), np.uint8)
-    assert look.classify()((cells + rng.uniform(0.1, 0.9, 2)) / 4, out) == -1
+    out = space.classify((cells + rng.uniform(0.1, 0.9, 2)) / 4)
     for (i, j), told in zip(cells.tolist(), out.tolist(), strict=True):
         boxed = box[0] <= i <= box[2] and box[1] <= j <= box[3]
         assert told == (state[i, j] if 0 <= i < nx and 0 <= j < ny else MIXED if boxed else beyond)
@@ -156,7 +159,7 @@ def test_rotation_cells_of_many_yaws(rotations, seed):
     rng = np.random.default_rng(seed)
     cells = Rotations.of(rotations)
     states = (np.arange(cells.count) % 3).astype(np.uint8)
-    space = stack_of(np.tile(states[:, None, None], (1, 2, 2)), rotations)
+    space = map_of(np.tile(states[:, None, None], (1, 2, 2)), rotations)
     borders = np.asarray(cells.borders)
     yaws = np.concatenate([rng.uniform(-9, 9, 500), borders, borders - 2 * np.pi, np.nextafter(borders, -9)])
     q = np.column_stack([np.full((len(yaws), 2), 0.5 * space.grid.spacing), yaws])

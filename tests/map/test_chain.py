@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import sets
+import handmade
 from cspace import BLOCKED, FREE, MIXED, InputError
 from cspace.map.chain import open_chain
 from strategies import seeds
@@ -21,7 +21,7 @@ def fewest_mixed(states, closed, start, goal):
         cost, here = heapq.heappop(todo)
         if here == goal:
             return cost
-        for near in sets.sides_of(here, states.shape):
+        for near in handmade.sides_of(here, states.shape):
             if states[near] == BLOCKED or closed[near]:
                 continue
             total = cost + int(states[near] == MIXED)
@@ -32,18 +32,18 @@ def fewest_mixed(states, closed, start, goal):
 
 
 @settings(max_examples=100)
-@given(seeds, st.sampled_from(sets.KINDS), st.booleans())
+@given(seeds, st.sampled_from(handmade.KINDS), st.booleans())
 def test_chains_have_the_fewest_mixed_cells(seed, kind, shuts):
     rng = np.random.default_rng(seed)
-    states = sets.random_states(rng, kind, 7, (FREE, FREE, MIXED, MIXED, BLOCKED))
+    states = handmade.random_states(rng, kind, 7, (FREE, FREE, MIXED, MIXED, BLOCKED))
     closed = rng.random(states.shape) < (0.15 if shuts else 0.0)
     passable = np.argwhere(states != BLOCKED)
     if not len(passable):
         return
-    space = sets.made(states, kind)
+    space = handmade.made(states, kind)
     ends = passable[rng.integers(len(passable), size=2)]
     start, goal = map(tuple, ends.tolist())
-    found = open_chain(space, *sets.middles(space, ends), closed if shuts else None)
+    found = open_chain(space, *handmade.middles(space, ends), closed if shuts else None)
     expected = fewest_mixed(states, closed, start, goal)
     if expected is None:
         assert found.shape == (0, states.ndim)
@@ -51,14 +51,14 @@ def test_chains_have_the_fewest_mixed_cells(seed, kind, shuts):
     cells = list(map(tuple, found.tolist()))
     assert cells[0] == start and cells[-1] == goal and len(set(cells)) == len(cells)
     for here, near in pairwise(cells):
-        assert near in set(sets.sides_of(here, states.shape))
+        assert near in set(handmade.sides_of(here, states.shape))
         assert states[near] != BLOCKED and not closed[near]
     assert sum(int(states[cell] == MIXED) for cell in cells[1:]) == expected
 
 
 def test_chains_keep_what_is_closed_out_of_use():
     states = np.zeros((1, 3, 3, 3), dtype=np.uint8)
-    space, closed = sets.made(states, "space"), np.zeros(states.shape, dtype=bool)
+    space, closed = handmade.made(states, "space"), np.zeros(states.shape, dtype=bool)
     ends = space.grid.center_of([[0, 0, 0], [2, 0, 0]])
     assert len(open_chain(space, *ends, closed)) == 3
     closed[0, 1] = True
@@ -67,17 +67,18 @@ def test_chains_keep_what_is_closed_out_of_use():
     assert len(open_chain(space, *ends, closed)) == 11
 
 
-@pytest.mark.parametrize("kind", sets.KINDS)
+@pytest.mark.parametrize("kind", handmade.KINDS)
 def test_chains_begin_and_end_where_the_map_is_not_blocked(kind):
     states = np.zeros((4 if "turning" in kind else 1, *((5, 4, 3) if "space" in kind else (5, 4))), np.uint8)
     states[0, 2, 1] = BLOCKED
-    space = sets.made(states, kind)
-    inside, free = (sets.middles(space, np.array([[0, n, *[1] * (states.ndim - 2)]]))[0] for n in (2, 0))
+    space = handmade.made(states, kind)
+    inside, free = (handmade.middles(space, np.array([[0, n, *[1] * (states.ndim - 2)]]))[0] for n in (2, 0))
     assert [len(open_chain(space, *ends)) for ends in ((inside, free), (free, inside), (inside, inside))] == [0, 0, 0]
     assert len(open_chain(space, free, free)) == 1
     for closed in (np.zeros((9, *states.shape), bool), np.zeros(states.shape, int), [[True]]):
         with pytest.raises(InputError, match="closed is a"):
             open_chain(space, free, free, closed)
     for q in (np.full(space.dof, 99.0), np.zeros((2, space.dof))):
-        with pytest.raises(InputError, match=r"(?s)q1 .*one configuration in the grid"):
-            open_chain(space, free, q)
+        for name, ends in (("q0", (q, free)), ("q1", (free, q))):
+            with pytest.raises(InputError, match=rf"(?s){name} .*one configuration in the grid"):
+                open_chain(space, *ends)

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import cspace
-import sets
+import handmade
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
 from cspace.map import distances
 from cspace.map.distances import LIMIT, MOST, UNIT, WIDE, Tiles, make_tiles, renew_tiles, transform
@@ -203,13 +203,13 @@ def test_clearance_is_a_close_lower_bound(seed, case, outside):
             assert bound == math.inf
 
 
-@pytest.mark.parametrize("kind", sets.KINDS)
+@pytest.mark.parametrize("kind", handmade.KINDS)
 def test_steps_within_the_clearance_stay_free(kind):
     rng = np.random.default_rng(4)
     states = (
         rng.random((3 if "turning" in kind else 1, *((20, 15, 40) if "space" in kind else (60, 80)))) < 0.003
     ) * MIXED
-    space = sets.made(states, kind)
+    space = handmade.made(states, kind)
     dim = space.grid.dim
     q = rng.uniform(-1.0, 12.0, (10_000, space.dof))
     course = rng.normal(size=(len(q), dim))
@@ -220,9 +220,9 @@ def test_steps_within_the_clearance_stay_free(kind):
     assert space.is_free(moved[steps > 0]).all()
 
 
-@pytest.mark.parametrize("kind", sets.KINDS)
+@pytest.mark.parametrize("kind", handmade.KINDS)
 def test_an_empty_map_has_no_bound(kind):
-    space = sets.made(np.zeros((2 if "turning" in kind else 1, *(3,) * (3 if "space" in kind else 2))), kind)
+    space = handmade.made(np.zeros((2 if "turning" in kind else 1, *(3,) * (3 if "space" in kind else 2))), kind)
     q = np.full((2, space.dof), 0.1)
     q[1, 0] = 50.0
     assert space.clearance(q).tolist() == [math.inf, math.inf]
@@ -258,7 +258,7 @@ def test_only_what_is_asked_for_is_made():
     """One configuration asks for one tile of one slice, and for two where it is beside the next."""
     states = np.zeros((4, 50, 200))
     states[:, 0, 0] = BLOCKED
-    space = sets.made(states, "turning", spacing=1.0)
+    space = handmade.made(states, "turning", spacing=1.0)
     space.clearance((20.0, 50.5, 0.0))
     assert space._distances.tiles.ready.sum(axis=1).tolist() == [1, 0, 0, 0]
     space.clearance((20.0, 64.5, math.pi / 2))
@@ -268,7 +268,7 @@ def test_only_what_is_asked_for_is_made():
 def test_distances_that_do_not_fit_are_refused_before_any_work(monkeypatch):
     states = np.zeros((1, 300, 200))
     states[0, 0, 0] = BLOCKED
-    space = sets.made(states, "plane")
+    space = handmade.made(states, "plane")
     monkeypatch.setattr("cspace.memory.free_bytes", lambda: 30_000)
     with pytest.raises(InputError, match=r"clearance .*300 x 200 cells .*memory"):
         space.clearance((5.0, 5.0))

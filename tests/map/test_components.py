@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy import ndimage, sparse
 
 import cspace
-import sets
+import handmade
 from cspace import BLOCKED, FREE, MIXED, ConfigurationError, InputError, Robot, Workspace
 from cspace.map.components import SIDES, Components
 from cspace.map.kept import Change
@@ -166,20 +166,20 @@ def test_a_door_in_a_wall_across_many_blocks():
 
 
 @settings(max_examples=12)
-@given(seeds, st.sampled_from(sets.KINDS), st.sampled_from(["free", "blocked"]))
+@given(seeds, st.sampled_from(handmade.KINDS), st.sampled_from(["free", "blocked"]))
 def test_paths_against_a_flood_fill(seed, kind, outside):
     """All pairs of cells of a small map; beyond the grid all is FREE, or BLOCKED."""
-    states = sets.random_states(np.random.default_rng(seed), kind, 4)
-    space, cells = sets.made(states, kind, outside), sets.all_cells(states)
-    q = sets.middles(space, cells)
+    states = handmade.random_states(np.random.default_rng(seed), kind, 4)
+    space, cells = handmade.made(states, kind, outside), handmade.all_cells(states)
+    q = handmade.middles(space, cells)
     answers = space.path_exists(q[:, None], q[None])
     away = np.array(q[0])
     away[: space.grid.dim] = -99.0
     rim = space.classify(away) != BLOCKED
     framed = np.pad(states != BLOCKED, [(0, 0)] + [(1, 1)] * space.grid.dim, constant_values=rim)
     for a, start in enumerate(map(tuple, cells.tolist())):
-        free = sets.component_of(states == FREE, start)
-        passable = sets.component_of(framed, (start[0], *(n + 1 for n in start[1:])))
+        free = handmade.component_of(states == FREE, start)
+        passable = handmade.component_of(framed, (start[0], *(n + 1 for n in start[1:])))
         for b, (turn, *place) in enumerate(cells.tolist()):
             expected = (
                 True if (turn, *place) in free else None if (turn, *(n + 1 for n in place)) in passable else False
@@ -188,19 +188,19 @@ def test_paths_against_a_flood_fill(seed, kind, outside):
 
 
 @settings(max_examples=10)
-@given(seeds, st.sampled_from(sets.KINDS))
+@given(seeds, st.sampled_from(handmade.KINDS))
 def test_the_reach_of_a_configuration(seed, kind):
     """All cells that free cells join to one lie in the box, and every side of it has one of them."""
-    states = sets.random_states(np.random.default_rng(seed), kind)
-    space = sets.made(states, kind, spacing=1.0)
+    states = handmade.random_states(np.random.default_rng(seed), kind)
+    space = handmade.made(states, kind, spacing=1.0)
     for cell in np.argwhere(states == FREE)[:8]:
-        joined = np.array(sorted(sets.component_of(states == FREE, tuple(cell.tolist()))))[:, 1:]
-        lower, upper = space.free_reach(sets.middles(space, cell[None])[0])
+        joined = np.array(sorted(handmade.component_of(states == FREE, tuple(cell.tolist()))))[:, 1:]
+        lower, upper = space.free_reach(handmade.middles(space, cell[None])[0])
         assert lower.tolist() == joined.min(axis=0).tolist()
         assert upper.tolist() == (joined.max(axis=0) + 1).tolist()
     for cell in np.argwhere(states != FREE)[:1]:
         with pytest.raises(ConfigurationError, match="FREE"):
-            space.free_reach(sets.middles(space, cell[None])[0])
+            space.free_reach(handmade.middles(space, cell[None])[0])
 
 
 @pytest.mark.parametrize(("robot", "turns"), [("bar", 2), ("bar", 6), ("square", 8), ("spot", 4)])
@@ -222,11 +222,11 @@ def test_rotation_cells_that_share_slices(robot, turns):
         )
         states = stack[np.arange(turns) % slices]
         assert (space.state == states).all()
-        cells = sets.all_cells(states)
-        q = sets.middles(space, cells)
+        cells = handmade.all_cells(states)
+        q = handmade.middles(space, cells)
         answers = space.path_exists(q[:, None], q[None])
         for a, start in enumerate(map(tuple, cells.tolist())):
-            free = sets.component_of(states == FREE, start)
+            free = handmade.component_of(states == FREE, start)
             assert all((answers[a, b] is True) == (goal in free) for b, goal in enumerate(map(tuple, cells.tolist())))
 
 
@@ -275,7 +275,7 @@ def test_a_passage_decides():
 def test_turning_on_the_spot_wraps():
     states = np.full((6, 1, 1), BLOCKED)
     states[[0, 1, 5]] = FREE
-    space = sets.made(states, "turning")
+    space = handmade.made(states, "turning")
     assert space.path_exists((0.1, 0.1, 1.0), (0.1, 0.1, -1.0)) is True
     assert space.path_exists((0.1, 0.1, 1.0), (0.1, 0.1, 2 * math.pi - 1.0)) is True
     assert space.path_exists((0.1, 0.1, 0.0), (0.1, 0.1, math.pi)) is False

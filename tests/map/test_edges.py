@@ -1,58 +1,164 @@
-"""Edges against exact clipping, against shapely, and against points along them."""
+"""Edges against exact clipping, OMPL's own interpolation, and points along them, in every space."""
+
+import math
+from fractions import Fraction
+from itertools import product
 
 import numpy as np
+import ompl.base as ob
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import cspace
+import handmade
 import oracles
-from checks import draw_configurations
-from cspace import FREE, MIXED, CSpace, InputError, Robot, Workspace
-from strategies import seeds
+from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
+from cspace.rotations import TURN, YAW_SLACK, Rotations
+from handmade import Outside, cells_around, map_of, outsides, state_of, states
+from placements import collides, draw_configurations
+from strategies import robots, rotation_cells, seeds
+
+H = 0.25
+ALL_FREE = Outside.all_of(FREE)
+
+# ---- positions -------------------------------------------------------------------------------------------------------
 
 
-def map_of(free, outside="free", spacing=0.25):
-    """A map with given FREE cells, of a robot that is a point to speak of."""
-    free = np.asarray(free, dtype=bool)
-    workspace = Workspace.from_array(np.zeros(free.shape, dtype=bool), spacing)
-    state = np.where(free, FREE, MIXED).astype(np.uint8)
-    return CSpace(workspace, Robot.disc(1e-6), state, outside=outside, margin=0.0, precision="float32")
+def touches(start, end, cell, spacing, lower, slack=0):
+    """Whether a closed segment meets a closed cell widened by ``slack`` metres, exactly."""
+    h, corner = Fraction(spacing), oracles.exact(lower)
+    low = [c + h * i - slack for c, i in zip(corner, cell, strict=True)]
+    high = [c + h * (i + 1) + slack for c, i in zip(corner, cell, strict=True)]
+    return oracles.segment_meets_block(oracles.exact(start), oracles.exact(end), low, high)
 
 
-coordinates = st.one_of(
-    st.integers(0, 8).map(lambda k: k / 4), st.floats(0, 2), st.integers(0, 16).map(lambda k: k / 8)
+def but(*cells, side=4, dim=3):
+    """States that are FREE but for some MIXED cells."""
+    state = np.zeros((side,) * dim, dtype=np.uint8)
+    for cell in cells:
+        state[cell] = MIXED
+    return state
+
+
+places = st.one_of(
+    st.integers(-2, 7).map(lambda k: k / 4),
+    st.integers(0, 4).map(lambda k: k / 4),
+    st.floats(-0.5, 1.75),
+    st.integers(-6, 21).map(lambda k: k / 12),
+    st.sampled_from([5e-324, 1e-300, 1e-12, 0.25 + 2.0**-54]),
 )
-points = st.tuples(coordinates, coordinates)
+points = st.tuples(places, places, places)
 
 
 @settings(max_examples=300)
-@given(st.lists(st.tuples(st.integers(0, 7), st.integers(0, 7)), max_size=12), points, points)
-@example([(1, 2)], (0.25, 0.25), (0.75, 0.75))  # through a corner that a closed cell shares
-@example([(2, 1)], (0.25, 0.25), (0.75, 0.75))
-@example([(3, 3)], (0.0, 1.0), (2.0, 1.0))  # along a border, above a closed cell
-@example([(3, 4)], (0.0, 1.0), (2.0, 1.0))  # and below one
-@example([], (0.0, 0.0), (2.0, 2.0))
-@example([(0, 0)], (0.0, 0.0), (5e-324, 0.25))  # upright but for a denormal number
-@example([(0, 1)], (0.0, 2.0), (1e-300, 0.0))
-def test_free_means_that_every_touched_cell_is_free(closed, start, end):
-    free = np.ones((8, 8), dtype=bool)
-    for cell in closed:
-        free[cell] = False
-    space = map_of(free)
-    touched = oracles.touched_cells(start, end, 0.25, (0, 0), (8, 8))
-    expected = all(free[cell] for cell in touched)
-    if space.motion_is_free(start, end) != expected:
+@given(states(5, (FREE,) * 12 + (MIXED,)), outsides(), points, points)
+@example(but((1, 1, 2)), ALL_FREE, (0.25, 0.25, 0.25), (0.75, 0.75, 0.75))  # through a lattice point
+@example(but((2, 1, 1)), ALL_FREE, (0.25, 0.25, 0.25), (0.75, 0.75, 0.75))
+@example(but((1, 2, 0)), ALL_FREE, (0.25, 0.25, 0.1), (0.75, 0.75, 0.1))  # through a line of the lattice
+@example(but((0, 2, 2)), ALL_FREE, (0.1, 0.25, 0.25), (0.1, 0.75, 0.75))
+@example(but((2, 2, 2)), ALL_FREE, (0.0, 0.5, 0.5), (1.0, 0.5, 0.5))  # along a line that four cells share
+@example(but((2, 1, 1)), ALL_FREE, (0.0, 0.5, 0.5), (1.0, 0.5, 0.5))
+@example(but((1, 2, 1)), ALL_FREE, (0.5, 0.0, 0.5), (0.5, 1.0, 0.5))
+@example(but((1, 2, 3)), ALL_FREE, (0.5, 0.5, 0.0), (0.5, 0.5, 1.0))
+@example(but((1, 1, 1)), ALL_FREE, (0.5, 0.5, 0.5), (0.5, 0.5, 0.5))  # a point that eight cells share
+@example(but((0, 0, 2)), ALL_FREE, (0.0, 0.0, 0.0), (5e-324, 1e-300, 1.0))  # upright but for tiny numbers
+@example(but((0, 0, 2)), ALL_FREE, (0.0, 0.1, 0.0), (5e-324, 0.1, 1.0))
+@example(but((1, 3, 0)), ALL_FREE, (0.25, 1.0, 0.25), (0.25 + 2.0**-54, 0.75, 0.0))
+@example(but(), ALL_FREE, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
+@example(but(), Outside.all_of(BLOCKED), (0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
+@example(but(), Outside(np.array([-1, 2, 2, 5, 5, 2]), FREE), (-0.5, 0.6, 0.6), (-0.3, 0.6, 0.6))
+@example(but(), Outside(np.array([1, 1, 4, 2, 2, 5]), FREE), (0.3, 0.3, 0.9), (0.3, 0.3, 1.0 + 2.0**-20))
+@example(but(), Outside(np.array([1, 1, -2, 2, 2, -1]), FREE), (0.3, 0.3, 0.9), (0.3, 0.3, -(2.0**-20)))
+@example(but((1, 2), side=8, dim=2), ALL_FREE, (0.25, 0.25, 0.0), (0.75, 0.75, 0.0))  # in the plane: through a corner
+@example(but((2, 1), side=8, dim=2), ALL_FREE, (0.25, 0.25, 0.0), (0.75, 0.75, 0.0))
+@example(but((3, 3), side=8, dim=2), ALL_FREE, (0.0, 1.0, 0.0), (2.0, 1.0, 0.0))  # along a border, above a cell
+@example(but((3, 4), side=8, dim=2), ALL_FREE, (0.0, 1.0, 0.0), (2.0, 1.0, 0.0))  # and below one
+@example(but(side=8, dim=2), ALL_FREE, (0.0, 0.0, 0.0), (2.0, 2.0, 0.0))
+@example(but((0, 0), side=8, dim=2), ALL_FREE, (0.0, 0.0, 0.0), (5e-324, 0.25, 0.0))  # upright but for tiny numbers
+@example(but((0, 1), side=8, dim=2), ALL_FREE, (0.0, 2.0, 0.0), (1e-300, 0.0, 0.0))
+def test_free_means_that_every_touched_cell_is_free(state, outside, start, end):
+    dim = state.ndim
+    outside = Outside(outside.box.reshape(2, 3)[:, :dim].ravel(), outside.state)
+    start, end, lower, upper = start[:dim], end[:dim], (0.0,) * dim, H * np.array(state.shape)
+    stays = all(0.0 <= value <= top for q in (start, end) for value, top in zip(q, upper, strict=True))
+    shut = [
+        cell
+        for cell in cells_around(state, outside)
+        if state_of(state, outside, cell) != FREE
+        and not (stays and any(c < 0 or c >= n for c, n in zip(cell, state.shape, strict=True)))
+    ]
+    touched = any(touches(start, end, cell, H, lower) for cell in shut) or not (stays or outside.state == FREE)
+    space = map_of(state, outside=outside)
+    found = space.motion_is_free(start, end)
+    assert found == space.motion_is_free(end, start) == space.edge_checker()(*start, *end)
+    if found == touched:
         # Allowed only towards refusal, where a closed cell is within the slack of the edge.
-        assert expected
-        segment = (oracles.exact(start), oracles.exact(end))
-        boxes = [tuple(oracles.Fraction(k, 4) for k in (i, j, i + 1, j + 1)) for i, j in np.argwhere(~free).tolist()]
-        assert min(oracles.square_distance_to_box(segment, box) for box in boxes) < 1e-12
+        assert not found
+        assert any(touches(start, end, cell, H, lower, Fraction(2.0**-26)) for cell in shut)
+
+
+@settings(max_examples=60)
+@given(seeds, st.sampled_from([0.0, 0.3, 3000.1]), st.integers(2, 3))
+def test_no_touched_cell_is_missed_where_numbers_are_rounded(seed, away, dim):
+    """Edges along borders, between lattice points and cell middles, as rounded as they come, against exact clipping."""
+    rng = np.random.default_rng(seed)
+    h = float(rng.choice([0.1, 1 / 3, rng.uniform(0.01, 3.0)]))
+    lower = np.rint(rng.uniform(-5, 1, dim)) * h + away  # the origin lies in the grid, where differences are rounded
+    shape = (4, 3, 5)[:dim]
+    state = np.zeros(shape, dtype=np.uint8)
+    shut = tuple(rng.integers(0, shape).tolist())
+    state[shut] = MIXED
+    space = map_of(state, spacing=h, lower=tuple(lower.tolist()))
+    q0, q1 = (lower + h * (rng.integers(0, 2 * np.array(shape) + 1, (150, dim)) / 2) for _ in range(2))
+    q1 = np.where(rng.random(q0.shape) < 0.5, q0, q1)
+    near = rng.choice([0.0, 0.0, -3e-16, 3e-16], (2, *q0.shape))
+    q0, q1 = q0 * (1.0 + near[0]), q1 * (1.0 + near[1])
+    for start, end, free in zip(q0, q1, space.motion_is_free(q0, q1).tolist(), strict=True):
+        assert not (free and touches(start, end, shut, h, lower))
+
+
+@settings(max_examples=40)
+@given(seeds, st.sampled_from([(2, 0), (2, 1), (3, 0), (3, 1), (3, 2)]))
+def test_edges_along_a_border_touch_both_sides(seed, which):
+    """The last number below a border touches the cell below it, and the first above it the cell above, exactly."""
+    rng, (dim, axis) = np.random.default_rng(seed), which
+    for _ in range(15):
+        h, k = float(rng.uniform(0.01, 3.0)), int(rng.integers(1, 6))
+        lower = -h * k  # the border lies close to zero, where the difference to the corner is rounded the most
+        border = Fraction(lower) + Fraction(h) * k
+        below = float(border) if Fraction(float(border)) <= border else np.nextafter(float(border), -9.0)
+        above = float(border) if Fraction(float(border)) >= border else np.nextafter(float(border), 9.0)
+        for value, cell in ((below, k - 1), (above, k), (below - 1e-17, k - 1), (above + 1e-17, k)):
+            state = np.zeros((7,) * dim, dtype=np.uint8)
+            state[(slice(None),) * axis + (cell,)] = MIXED
+            q0, q1 = lower + h * rng.uniform(0, 7, (2, dim))
+            q0[axis] = q1[axis] = value
+            assert not map_of(state, spacing=h, lower=(lower,) * dim).motion_is_free(q0, q1)
+
+
+@settings(max_examples=60)
+@given(seeds, st.sampled_from(handmade.KINDS), outsides())
+def test_samples_of_a_free_edge_are_free(seed, kind, outside):
+    rng = np.random.default_rng(seed)
+    states = handmade.random_states(rng, kind, 6, (FREE,) * 20 + (MIXED,))
+    dim = states.ndim - 1
+    outside = Outside(outside.box.reshape(2, 3)[:, :dim].ravel(), outside.state)
+    space = handmade.made(states, kind, outside)
+    q0, q1 = (
+        np.column_stack([rng.uniform(-0.6, 1.8, (100, dim)), rng.uniform(-3.1, 3.1, (100, space.dof - dim))])
+        for _ in range(2)
+    )
+    free = space.motion_is_free(q0, q1)
+    step = q1 - q0
+    step[:, dim:] = (step[:, dim:] + math.pi) % TURN - math.pi
+    along = q0[free, None] + np.linspace(0, 1, 101)[:, None] * step[free, None]
+    assert (space.classify(along) == FREE).all()
 
 
 @settings(max_examples=60)
 @given(seeds, st.sampled_from(["blocked", "free"]))
-def test_points_of_a_free_edge_are_free(seed, outside):
+def test_points_of_a_free_edge_do_not_collide(seed, outside):
     rng = np.random.default_rng(seed)
     occupied = rng.random((40, 30)) < 0.02
     space = cspace.build(Workspace.from_array(occupied, 0.1), Robot.disc(0.12, (0.3, 0.0)), outside=outside)
@@ -67,16 +173,23 @@ def test_points_of_a_free_edge_are_free(seed, outside):
     along = np.where(np.abs(along - space.grid.upper) < 1e-12, space.grid.upper, along)
     along = np.where(np.abs(along - space.grid.lower) < 1e-12, space.grid.lower, along)
     assert space.is_free(along).all()
+    few = along[:6].reshape(-1, 2)
+    assert not collides(space, few, -1e-9).any()
     assert free.any()
 
 
-def test_long_edges_beyond_the_grid():
-    space = map_of(np.ones((4, 4)))
-    assert space.motion_is_free((-100.0, 0.5), (100.0, 0.6))  # no obstacle at all
-    assert not space.motion_is_free((-1e9, 0.5), (1e9, 0.6))  # too far for the certificate
-    blocked = map_of(np.ones((4, 4)), outside="blocked")
-    assert not blocked.motion_is_free((-0.1, 0.5), (0.5, 0.5))
-    assert blocked.motion_is_free((0.0, 0.0), (1.0, 1.0))
+@pytest.mark.parametrize("dim", [2, 3])
+def test_long_edges_beyond_the_grid(dim):
+    space = map_of(np.zeros((4,) * dim))
+    rest = (0.6,) * (dim - 1)
+    assert space.motion_is_free((-100.0, *[0.5] * (dim - 1)), (100.0, *rest))  # no obstacle at all
+    assert not space.motion_is_free((-1e9, *rest), (1e9, *rest))  # too far for the certificate
+    walled = map_of(np.zeros((4,) * dim), outside=Outside.all_of(BLOCKED, dim))
+    assert walled.motion_is_free((0.0,) * dim, (1.0,) * dim)
+    for axis, value in product(range(dim), (-0.01, 1.01)):
+        q = np.full(dim, 0.5)
+        q[axis] = value
+        assert not walled.motion_is_free((0.5,) * dim, q)
 
 
 def test_edges_outside_keep_off_what_is_undecided():
@@ -88,12 +201,194 @@ def test_edges_outside_keep_off_what_is_undecided():
     assert space.motion_is_free((-1.0, 0.05), (0.05, 0.05))
 
 
-def test_batches_broadcast():
-    space = map_of(np.ones((4, 4)))
-    assert space.motion_is_free((0.1, 0.1), np.full((3, 5, 2), 0.9)).shape == (3, 5)
-    assert space.motion_is_free(np.full((3, 1, 2), 0.2), np.full((5, 2), 0.9)).shape == (3, 5)
-    assert space.motion_is_free(np.empty((0, 2)), (0.1, 0.1)).shape == (0,)
+@pytest.mark.parametrize("kind", handmade.KINDS)
+def test_batches_broadcast(kind):
+    space = handmade.made(np.zeros((4 if "turning" in kind else 1, *(4,) * (3 if "space" in kind else 2))), kind)
+    dof = space.dof
+    assert space.motion_is_free((0.1,) * dof, np.full((3, 5, dof), 0.9)).shape == (3, 5)
+    assert space.motion_is_free(np.full((3, 1, dof), 0.2), np.full((5, dof), 0.9)).shape == (3, 5)
+    assert space.motion_is_free(np.empty((0, dof)), (0.1,) * dof).shape == (0,)
+    assert space.is_free_around(np.zeros((2, 0, dof)), 0.1).shape == (2, 0)
     with pytest.raises(InputError, match="broadcast"):
-        space.motion_is_free(np.zeros((3, 2)), np.zeros((4, 2)))
+        space.motion_is_free(np.zeros((3, dof)), np.zeros((4, dof)))
     with pytest.raises(InputError, match="edge number 0"):
-        space.motion_is_free((0.1, np.nan), (0.1, 0.1))
+        space.motion_is_free((0.1,) * dof, (0.1,) * (dof - 1) + (np.nan,))
+
+
+# ---- positions and yaws ----------------------------------------------------------------------------------------------
+
+SIDE = 4
+ROOMS = st.sampled_from([(SIDE, SIDE), (2, 2, 2)])
+"""Cells of positions, in the plane and in space."""
+
+
+def free_but(closed, rotations, shape=(SIDE, SIDE)):
+    """A map in which all is FREE but some cells, given by numbers that are taken modulo the count of each axis."""
+    state = np.full((Rotations.of(rotations).count, *shape), FREE, dtype=np.uint8)
+    for cell in closed:
+        state[tuple(c % n for c, n in zip(cell, state.shape, strict=False))] = MIXED
+    return map_of(state, rotations, spacing=H)
+
+
+def uniform(low, high):
+    """Numbers without hypothesis's liking for round ones."""
+    return seeds.map(lambda seed: float(np.random.default_rng(seed).uniform(low, high)))
+
+
+coordinates = st.one_of(st.integers(0, 8).map(lambda k: k / 8), st.floats(0, 1), uniform(0, 1))
+yaws = st.one_of(
+    st.floats(-7, 7),
+    uniform(-7, 7),
+    uniform(-7, 7),
+    st.tuples(st.just("border"), st.integers(0, 11), st.sampled_from([0.0, math.pi, -math.pi, TURN, -TURN])),
+)
+ends = st.tuples(coordinates, coordinates, coordinates, yaws)
+blocks = st.lists(st.tuples(st.integers(0, 11), *[st.integers(0, SIDE - 1)] * 3), max_size=16)
+
+
+def configuration(end, borders, shape):
+    """An end as numbers; a yaw may be drawn as a border of a rotation cell, plus half or whole turns."""
+    *places, yaw = end
+    if isinstance(yaw, tuple):
+        yaw = borders[yaw[1] % len(borders)] + yaw[2]
+    return (*(place * n / SIDE for place, n in zip(places, shape, strict=False)), yaw)
+
+
+@settings(max_examples=150)
+@given(rotation_cells(6), blocks, ends, ends, ROOMS)
+@example(4, [(2, 1, 1, 0)], (0.3, 0.3, 0.0, 3.0), (0.3, 0.3, 0.0, -3.0), (SIDE, SIDE))  # through the wrap at pi
+@example(4, [(0, 1, 1, 0)], (0.3, 0.3, 0.0, 3.0), (0.3, 0.3, 0.0, -3.0), (SIDE, SIDE))
+@example(4, [(0, 1, 1, 0)], (0.3, 0.3, 0.0, -0.5), (0.3, 0.3, 0.0, 0.5), (SIDE, SIDE))
+@example(
+    4, [(1, 1, 1, 0)], (0.3, 0.3, 0.0, ("border", 1, 0.0)), (0.7, 0.3, 0.0, ("border", 1, 0.0)), (SIDE, SIDE)
+)  # along a border
+@example(4, [(0, 1, 1, 0)], (0.3, 0.3, 0.0, ("border", 1, 0.0)), (0.7, 0.3, 0.0, ("border", 1, 0.0)), (SIDE, SIDE))
+@example(8, [(1, 1, 1, 0)], (0.1, 0.1, 0.0, 0.0), (0.1, 0.1, 0.0, math.pi), (SIDE, SIDE))  # half a turn: either way
+@example(8, [(7, 0, 0, 0)], (0.1, 0.1, 0.0, 0.0), (0.1, 0.1, 0.0, math.pi), (SIDE, SIDE))
+@example(1, [(0, 3, 3, 0)], (0.0, 0.0, 0.0, 1.0), (0.6, 0.6, 0.0, -2.0), (SIDE, SIDE))
+@example(2, [(1, 2, 1, 0)], (0.25, 0.25, 0.0, 1.0), (0.75, 0.75, 0.0, 2.0), (SIDE, SIDE))  # a corner of all three
+def test_free_means_that_every_touched_cell_is_free_at_its_yaws(rotations, closed, start, end, shape):
+    space = free_but(closed, rotations, shape)
+    borders = space.rotations.borders
+    q0, q1 = configuration(start, borders, shape), configuration(end, borders, shape)
+    walk = (q0, q1, H, (0,) * len(shape), shape, borders)
+    answer = space.motion_is_free(q0, q1)
+    assert answer == space.motion_is_free(q1, q0) == space.edge_checker()(*q0, *q1)
+    closed_cells = set(map(tuple, np.argwhere(space.state != FREE).tolist()))
+    if answer:
+        assert not closed_cells & oracles.touched_turned_cells(*walk)
+    else:  # a closed cell is touched, but for the slack
+        assert closed_cells & oracles.touched_turned_cells(*walk, slack=1e-8)
+
+
+@settings(max_examples=60)
+@given(rotation_cells(6), ends, ends, ROOMS)
+def test_only_touched_cells_matter(rotations, start, end, shape):
+    """With every other cell closed the edge is free, and with any one of those it crosses it is not."""
+    borders = Rotations.of(rotations).borders
+    q0, q1 = configuration(start, borders, shape), configuration(end, borders, shape)
+    walk = (q0, q1, H, (0,) * len(shape), shape, borders)
+    state = np.full((len(borders) - 1, *shape), MIXED, dtype=np.uint8)
+    for cell in oracles.touched_turned_cells(*walk, slack=1e-8):
+        state[cell] = FREE
+    assert map_of(state, rotations, spacing=H).motion_is_free(q0, q1)
+    for cell in oracles.touched_turned_cells(*walk):
+        one = state.copy()
+        one[cell] = MIXED
+        assert not map_of(one, rotations, spacing=H).motion_is_free(q0, q1)
+
+
+def test_the_shorter_way_is_walked_and_both_at_half_a_turn():
+    start, ahead, back = (0.3, 0.3, 0.0), (0.3, 0.3, 2.0), (0.3, 0.3, -2.0)
+    quarter = free_but([(2, 1, 1)], 8)  # closed at a quarter turn to the left
+    assert not quarter.motion_is_free(start, ahead) and quarter.motion_is_free(start, back)
+    half = (0.3, 0.3, math.pi)
+    assert not quarter.motion_is_free(start, half)
+    assert not free_but([(6, 1, 1)], 8).motion_is_free(start, half)
+    for away, expected in ((1e-6, True), (-1e-6, False), (1e-11, False), (-1e-11, False)):
+        assert quarter.motion_is_free(start, (0.3, 0.3, math.pi + away)) == expected
+    assert quarter.motion_is_free(start, (0.3, 0.3, 40 * TURN - 2.0))
+
+
+def test_borders_have_slack():
+    space = free_but([(1, 1, 1)], [0.0, 1.0, 2.0, TURN])
+    for yaw, expected in ((1.0 - 0.5 * YAW_SLACK, False), (1.0 - 1e-6, True), (2.0 + 1e-6, True), (2.0, False)):
+        assert space.motion_is_free((0.3, 0.3, yaw), (0.4, 0.4, yaw)) == expected
+    assert not space.motion_is_free((0.3, 0.3, -0.1), (0.3, 0.3, 1.0))
+    assert space.motion_is_free((0.3, 0.3, -0.1), (0.3, 0.3, 1.0 - 1e-6))
+
+
+# ---- OMPL ------------------------------------------------------------------------------------------------------------
+
+
+def interpolate(q0, q1, times):
+    """Configurations on the way from q0 to q1 as OMPL's SE(2) has it, shape (n, 3)."""
+    space = ob.SE2StateSpace()
+    bounds = ob.RealVectorBounds(2)
+    bounds.setLow(-100.0)
+    bounds.setHigh(100.0)
+    space.setBounds(bounds)
+    first, second, between = (space.allocState() for _ in range(3))
+    for state, (x, y, yaw) in ((first, q0), (second, q1)):
+        state.setX(x)
+        state.setY(y)
+        state.setYaw(yaw)
+    found = []
+    for t in times:
+        space.interpolate(first, second, t, between)
+        found.append((between.getX(), between.getY(), between.getYaw()))
+    return np.array(found)
+
+
+@settings(max_examples=60)
+@given(rotation_cells(12), seeds)
+def test_edges_are_walked_as_ompl_interpolates(rotations, seed):
+    """Every cell in which OMPL puts a configuration is touched; closing one closes the edge."""
+    rng = np.random.default_rng(seed)
+    borders = np.asarray(Rotations.of(rotations).borders)
+    q0, q1 = (np.append(rng.uniform(0, 1, 2), rng.uniform(-math.pi, math.pi)) for _ in range(2))
+    if rng.random() < 0.3:  # OMPL takes one way or the other at half a turn
+        q0[2] = rng.uniform(-math.pi, 0.0)
+        q1[2] = q0[2] + math.pi
+    between = interpolate(q0.tolist(), q1.tolist(), np.linspace(0, 1, 60).tolist())
+    place = np.clip((between[:, :2] // H).astype(int), 0, SIDE - 1)
+    cells = np.column_stack([Rotations.of(rotations).cell_of(between[:, 2]), place])
+    for cell in np.unique(cells, axis=0).tolist():
+        assert not free_but([cell], rotations).motion_is_free(q0, q1)
+    walk = (q0, q1, H, (0, 0), (SIDE, SIDE), borders)
+    assert set(map(tuple, cells.tolist())) <= oracles.touched_turned_cells(*walk, slack=1e-8)
+
+
+@settings(max_examples=25)
+@given(robots(0.3), rotation_cells(16), seeds, st.sampled_from(["blocked", "free"]))
+def test_points_of_a_free_edge_do_not_collide_at_their_yaws(robot, rotations, seed, outside):
+    rng = np.random.default_rng(seed)
+    occupied = rng.random((20, 16)) < 0.03
+    space = cspace.build(Workspace.from_array(occupied, 0.2), robot, rotations=rotations, outside=outside)
+    q0 = draw_configurations(space, rng, 400)
+    reach = np.array([1.0, 1.0, 2.0]) * rng.choice([0.0, 0.3, 1.0, 2.0], (400, 1))
+    q1 = q0 + rng.uniform(-1, 1, (400, 3)) * reach
+    q1[:40, 2] = q0[:40, 2] + math.pi
+    free = np.flatnonzero(space.motion_is_free(q0, q1))
+    assert (space.motion_is_free(q1, q0) == space.motion_is_free(q0, q1)).all()
+    for k in free[:4]:
+        yaw0, yaw1 = ((q[k, 2] + math.pi) % TURN - math.pi for q in (q0, q1))
+        ends = [[*q[k, :2].tolist(), yaw] for q, yaw in ((q0, yaw0), (q1, yaw1))]
+        q = interpolate(*ends, np.linspace(0, 1, 101).tolist())
+        # Rounding must not carry a point off the edge's own box, and with it out of the grid.
+        q[:, :2] = np.clip(q[:, :2], np.minimum(*ends)[:2], np.maximum(*ends)[:2])
+        assert space.is_free(q).all()
+        assert not collides(space, q, 0.0).any()
+
+
+def test_edges_beyond_the_grid_follow_the_policy():
+    robot = Robot.rectangle(0.4, 0.1, (0.1, 0.0))
+    occupied = np.zeros((10, 10), dtype=bool)
+    occupied[0, 5] = True
+    workspace = Workspace.from_array(occupied, 0.1)
+    free = cspace.build(workspace, robot, rotations=16, outside="free")
+    blocked = cspace.build(workspace, robot, rotations=16)
+    assert free.motion_is_free((-1.0, -1.0, 0.0), (-1.0, 2.0, 3.0))
+    assert not free.motion_is_free((-0.25, -1.0, 0.0), (-0.25, 2.0, 0.0))  # the front reaches 0.3 m ahead
+    assert free.motion_is_free((-0.25, -1.0, math.pi), (-0.25, 2.0, math.pi))  # and the back 0.1 m
+    assert not blocked.motion_is_free((0.5, 0.2, 0.0), (1.5, 0.2, 0.0))

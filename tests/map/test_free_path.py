@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from checks import map_of, stack_of
 from cspace import BLOCKED, FREE, MIXED, ConfigurationError, InputError
 from cspace.map.free_path import cube_path, free_radius, pulled_straight
+from handmade import map_of
 
 
 def states(dims=(2, 3), side=9):
@@ -22,7 +22,7 @@ def states(dims=(2, 3), side=9):
 @settings(max_examples=60)
 @given(states(), st.randoms(use_true_random=False))
 def test_a_path_is_found_wherever_free_cells_join_two(state, random):
-    space = map_of(state)
+    space = map_of(state, outside="blocked")
     free = np.argwhere(state == FREE)
     if not len(free):
         return
@@ -86,7 +86,7 @@ def test_a_maze_is_solved_and_pulled_straight():
         state[x, 3:] = BLOCKED
         if n % 2:
             state[x, :-3], state[x, -3:] = BLOCKED, FREE
-    space = map_of(state, 0.1)
+    space = map_of(state, outside="blocked", spacing=0.1)
     path = space.free_path((0.05, 2.0, 0.45), (5.95, 2.0, 0.45))
     assert space.motion_is_free(path[:-1], path[1:]).all()
     assert 7 * 3.5 < length(path) < 7 * 4.4
@@ -107,16 +107,16 @@ def test_pulling_keeps_the_ends_and_never_lengthens():
 def test_ends_on_the_border_of_what_is_not_free_are_not_joined():
     state = np.zeros((4, 4), np.uint8)
     state[2, :2] = MIXED
-    space = map_of(state, 1.0)
+    space = map_of(state, outside="blocked", spacing=1.0)
     assert space.free_path((2.5, 2.0), (3.5, 2.5)).shape == (0, 2)  # on the border of a MIXED cell
     assert len(space.free_path((2.5, 2.001), (3.5, 2.5)))
 
 
 def test_what_is_refused():
-    space = map_of(np.array([[FREE, MIXED], [FREE, FREE]]), 1.0)
+    space = map_of(np.array([[FREE, MIXED], [FREE, FREE]]), outside="blocked", spacing=1.0)
     with pytest.raises(ConfigurationError, match=r"q1 is .* FREE configuration"):
         space.free_path((0.5, 0.5), (0.5, 1.5))
     with pytest.raises(ConfigurationError, match="q0"):
         space.free_path((-3.0, 0.5), (0.5, 0.5))
     with pytest.raises(InputError, match="translate"):
-        stack_of(np.zeros((4, 3, 3)), 4).free_path((0.1, 0.1, 0.0), (0.5, 0.5, 0.0))
+        map_of(np.zeros((4, 3, 3)), 4, "blocked").free_path((0.1, 0.1, 0.0), (0.5, 0.5, 0.0))

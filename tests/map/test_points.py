@@ -1,26 +1,50 @@
-"""Look-ups of one cell: kinds of answers, borders, the outside, overlaps, containment, threads."""
+"""Look-ups of one cell, and of boxes of cells: kinds of answers, borders, the outside, containment, threads."""
 
+import itertools
+import math
 from concurrent.futures import ThreadPoolExecutor
+from fractions import Fraction
 
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import cspace
-import oracles
-from checks import collides, draw_configurations, obstacles_of
+import handmade
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
-from strategies import bitmaps, robots, seeds
+from cspace.rotations import MAX_YAW, TURN, YAW_SLACK, Rotations
+from handmade import Outside, map_of, outsides, state_of, states
+from placements import collides, draw_configurations, obstacles_of, placed
+from strategies import robots, rotation_cells, seeds
+
+POLICIES = st.sampled_from(["blocked", "free"])
+L_SHAPE = [(-0.1, -0.1), (0.6, -0.1), (0.6, 0.1), (0.1, 0.1), (0.1, 0.4), (-0.1, 0.4)]
 
 
-@pytest.fixture(scope="module")
-def space():
-    occupied = np.zeros((50, 40), dtype=bool)
-    occupied[20:24, :30] = True
-    return cspace.build(Workspace.from_array(occupied, 0.1, (-1.0, 2.0)), Robot.disc(0.3), overlap=True)
+@pytest.fixture(scope="module", params=handmade.KINDS)
+def space(request):
+    """A wall with a gap, in every space."""
+    dim = 3 if "space" in request.param else 2
+    occupied = np.zeros((40, 30, 12)[:dim], dtype=bool)
+    occupied[18:22, :18] = True
+    robot = {
+        "plane": Robot.disc(0.3),
+        "turning": Robot.polygon(L_SHAPE),
+        "space": Robot.box((0.4, 0.3, 0.2)),
+        "turning in space": Robot.box((0.6, 0.2, 0.2), (0.1, 0.0, 0.0)),
+    }[request.param]
+    workspace = Workspace.from_array(occupied, 0.1, (-1.0, 2.0, -0.5)[:dim])
+    return cspace.build(workspace, robot, rotations=12 if "turning" in request.param else None, overlap=True)
 
+
+def somewhere(space):
+    """A configuration in the grid."""
+    return [0.0, 3.0, 0.1, 0.7][: space.grid.dim] + [0.7] * (space.dof - space.grid.dim)
+
+
+# ---- kinds of answers ------------------------------------------------------------------------------------------------
 
 LOOKUPS = ["classify", "is_free", "clearance", "overlap", "contains_robot"]
 
@@ -29,112 +53,180 @@ LOOKUPS = ["classify", "is_free", "clearance", "overlap", "contains_robot"]
 @pytest.mark.parametrize("batch", [(0,), (1,), (7,), (2, 3), (2, 1, 3)])
 def test_batches_answer_in_kind(space, name, batch):
     look_up = getattr(space, name)
-    q = np.random.default_rng(0).uniform(-2, 8, (*batch, 2))
+    q = np.random.default_rng(0).uniform(-4, 6, (*batch, space.dof))
     answers = look_up(q)
     assert isinstance(answers, np.ndarray) and answers.shape == batch
-    single = [look_up(point) for point in q.reshape(-1, 2)]
-    assert answers.ravel().tolist() == single
+    assert answers.ravel().tolist() == [look_up(point) for point in q.reshape(-1, space.dof)]
     assert look_up(q.tolist()).tolist() == answers.tolist() if answers.size else True
 
 
 def test_one_configuration_gets_a_python_number(space):
-    q = (0.0, 3.0)
-    assert type(space.classify(q)) is int
-    assert type(space.is_free(q)) is bool
-    assert type(space.clearance(q)) is float
-    assert type(space.overlap(q)) is int
-    assert type(space.contains_robot(q)) is bool
+    q = somewhere(space)
+    kinds = {"classify": int, "is_free": bool, "clearance": float, "overlap": int, "contains_robot": bool}
+    assert {name: type(getattr(space, name)(q)) for name in LOOKUPS} == kinds
     assert type(space.motion_is_free(q, q)) is bool
+    assert type(space.is_free_around(q, 0.1, 0.1)) is bool
+    assert type(space.point_checker()(*q)) is bool
+    assert type(space.edge_checker()(*q, *q)) is bool
+
+
+def changed(q, hole, value):
+    return [value if axis == hole % len(q) else one for axis, one in enumerate(q)]
+
+
+@pytest.mark.parametrize("name", [*LOOKUPS, "nearest_free"])
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda q: changed(q, 0, np.nan), "nan"),
+        (lambda q: changed(q, 1, np.inf), "inf"),
+        (lambda q: changed(q, -1, -np.inf), "inf"),
+        (lambda q: q[:-1], "last axis must be"),
+        (lambda q: [*q, 0.0], "last axis must be"),
+        (lambda q: 1.0, "last axis must be"),
+        (lambda q: "home", "numeric"),
+    ],
+)
+def test_refuses(space, name, change, words):
+    with pytest.raises(InputError, match=words):
+        getattr(space, name)(change(somewhere(space)))
 
 
 @pytest.mark.parametrize("name", LOOKUPS)
-@pytest.mark.parametrize(
-    ("q", "words"),
-    [
-        ((np.nan, 0.0), "nan"),
-        ([(0.0, 3.0), (0.0, np.inf)], "number 1 is"),
-        ((1.0, 2.0, 3.0), "last axis must be 2"),
-        (1.0, "last axis must be 2"),
-        ("home", "numeric"),
-    ],
-)
-def test_refuses(space, name, q, words):
-    with pytest.raises(InputError, match=words):
-        getattr(space, name)(q)
+def test_refuses_a_yaw_that_can_not_be_wrapped(space, name):
+    far = [*somewhere(space)[:-1], 1.01 * MAX_YAW]
+    if space.rotations is None:
+        getattr(space, name)(far)  # it is a position
+        return
+    with pytest.raises(InputError, match="yaw beyond"):
+        getattr(space, name)(far)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -2 * MAX_YAW])
+def test_edges_paths_and_boxes_refuse_bad_ends(space, bad):
+    q = somewhere(space)
+    if abs(bad) < np.inf and space.rotations is None:
+        bad = -np.inf
+    wrong = [*q[:-1], bad]
+    for ask in (space.motion_is_free, space.path_exists):
+        for ends in ((q, wrong), (wrong, q)):
+            with pytest.raises(InputError, match=r"nan|inf|yaw beyond"):
+                ask(*ends)
+    with pytest.raises(InputError, match=r"nan|inf|yaw beyond"):
+        space.is_free_around(wrong, 0.1, 0.1)
+
+
+def test_the_bad_one_of_many_is_named(space):
+    for hole, value in itertools.product(range(space.dof), (np.nan, np.inf, -np.inf)):
+        q = np.full((600, space.dof), 0.1)
+        q[513, hole] = value
+        for ask in (space.classify, space.clearance, lambda many: space.is_free_around(many, 0.1)):
+            with pytest.raises(InputError, match="number 513"):
+                ask(q)
+        for ends in ((q, q[:1]), (q[:1], q)):
+            with pytest.raises(InputError, match="edge number 513"):
+                space.motion_is_free(*ends)
+
+
+def test_masked_configurations_are_refused(space):
+    with pytest.raises(InputError, match="1 masked"):
+        space.classify(np.ma.array([somewhere(space)], mask=np.arange(space.dof) == 0))
+
+
+def test_state_is_read_only(space):
+    with pytest.raises(ValueError, match="read-only"):
+        space.state[(0,) * space.state.ndim] = FREE
+
+
+def test_refuses_states_that_are_none_or_do_not_fit(space):
+    options = {"outside": "free", "margin": 0.0, "precision": "float32", "rotations": space.rotations}
+    state = space._map.states if space.rotations is not None else space.state
+    with pytest.raises(InputError, match="state holds 3"):
+        cspace.CSpace(space.workspace, space.robot, np.full_like(state, 3), **options)
+    for other in (state[1:], state[0], state[None], np.concatenate([state, state])):
+        with pytest.raises(InputError, match="map's shape"):
+            cspace.CSpace(space.workspace, space.robot, other, **options)
+
+
+def test_a_state_has_one_slice_for_cells_that_symmetry_joins():
+    workspace, robot = Workspace.from_array(np.zeros((3, 4), bool), 0.1), Robot.rectangle(0.2, 0.1)
+    options = {"outside": "free", "margin": 0.0, "precision": "float32", "rotations": Rotations.of(8)}
+    assert cspace.CSpace(workspace, robot, np.zeros((4, 3, 4), np.uint8), **options).state.shape == (8, 3, 4)
+    for shape in ((3, 4), (8, 3, 4), (4, 4, 3)):
+        with pytest.raises(InputError, match="map's shape"):
+            cspace.CSpace(workspace, robot, np.zeros(shape, np.uint8), **options)
+
+
+# ---- the state of a cell ---------------------------------------------------------------------------------------------
 
 
 def test_classify_is_the_state_of_the_cell(space):
     rng = np.random.default_rng(1)
     q = draw_configurations(space, rng, 5000)
-    q = q[space.grid.contains(q)]
-    assert (space.classify(q) == space.state[tuple(space.grid.cell_of(q).T)]).all()
-    check = space.point_checker()
-    assert [check(x, y) for x, y in q.tolist()] == space.is_free(q).tolist()
+    dim = space.grid.dim
+    q = q[space.grid.contains(q[:, :dim])]
+    cells = space.grid.cell_of(q[:, :dim])
+    if space.rotations is not None:
+        cells = np.column_stack([space.rotations.cell_of(q[:, dim]), cells])
+    assert (space.classify(q) == space.state[tuple(cells.T)]).all()
 
 
-def test_quick_checkers_agree_with_look_ups_everywhere(space):
-    rng = np.random.default_rng(2)
-    q0, q1 = draw_configurations(space, rng, 500), draw_configurations(space, rng, 500)
-    q0[:4] = [space.grid.lower, space.grid.upper, (space.grid.lower[0], space.grid.upper[1]), (1e30, -1e30)]
-    point, edge, clear = space.point_checker(), space.edge_checker(), space.clearance_checker()
-    assert [point(x, y) for x, y in q0.tolist()] == space.is_free(q0).tolist()
-    assert [clear(x, y) for x, y in q0.tolist()] == space.clearance(q0).tolist()
-    ends = np.hstack([q0, q1]).tolist()
-    assert [edge(*end) for end in ends] == space.motion_is_free(q0, q1).tolist()
+def test_whole_turns_change_nothing(space):
+    cells = handmade.all_cells(space._map.states if space.rotations is None else space.state)[::97]
+    for wraps in (-1000, -1, 0, 1, 1000) if space.rotations else (0,):
+        q = handmade.middles(space, cells)
+        q[:, space.grid.dim :] += wraps * TURN
+        assert (space.classify(q) == space.state[tuple(cells.T[-space.state.ndim :])]).all()
+        number = int(space.rotations.cell_of(0.5)) if space.rotations else ...
+        assert (space.slice_at(0.5 + wraps * TURN) == space.state[number]).all()
 
 
-def test_state_is_read_only(space):
-    with pytest.raises(ValueError, match="read-only"):
-        space.state[0, 0] = FREE
+@settings(max_examples=100)
+@given(states(), outsides(3), seeds)
+def test_a_cell_below_a_border_and_one_above_it(state, outside, seed):
+    """Of the cell above a border, but for the grid's own upper border; spacing and corner are powers of two."""
+    rng, dim = np.random.default_rng(seed), state.ndim
+    outside = Outside(outside.box.reshape(2, 3)[:, :dim].ravel(), outside.state)
+    lower = np.array([-1.0, 0.5, 2.0])[:dim]
+    space = map_of(state, None, outside, 0.25, tuple(lower.tolist()))
+    upper = lower + 0.25 * np.array(state.shape)
+    q = lower + rng.uniform(-5, 12, (200, dim)) * 0.25
+    q = np.where(rng.random(q.shape) < 0.3, np.rint(q * 4) / 4, q)
+    q = np.where(rng.random(q.shape) < 0.1, upper, q)
+    cells = np.floor((q - lower) / 0.25).astype(int)
+    cells -= q == upper
+    assert space.classify(q).tolist() == [state_of(state, outside, tuple(cell)) for cell in cells.tolist()]
 
 
-@settings(max_examples=25)
-@given(bitmaps(10), robots(0.25), st.sampled_from(["blocked", "free"]))
-def test_overlap_is_the_stored_count_and_the_sum(occupied, robot, outside):
-    space = cspace.build(Workspace.from_array(occupied, 0.15), robot, outside=outside, overlap=True)
-    cells = np.argwhere(np.ones_like(occupied))
-    counts = space.overlap(space.grid.center_of(cells))
-    assert (counts == space.overlaps[tuple(cells.T)]).all()
-    offsets = oracles.raster_offsets(robot.rasters(0.15)[0])
-    expected = oracles.overlap(occupied, offsets, outside == "blocked")
-    assert counts.tolist() == [expected[tuple(cell)] for cell in cells.tolist()]
+def test_every_look_up_takes_the_same_rotation_cell_on_far_borders():
+    """Wrapping by many turns rounds; all look-ups must round alike, or a label is read from another cell's slice."""
+    cells = Rotations.of(72)
+    states = np.arange(72) % 3
+    space = map_of(np.broadcast_to(states[:, None, None], (72, 3, 3)), 72)
+    borders = np.asarray(cells.borders)[:-1]
+    for wraps in (-3, 0, 2, 100, 1000, 150_000):
+        q = np.column_stack([np.full((72, 2), 0.3), borders + wraps * TURN])
+        expected = space.classify(q)
+        assert (states[cells.cell_of(q[:, 2])] == expected).all()
+        assert space.path_exists(q, q).tolist() == [[True, None, False][state] for state in expected]
+        assert [space.point_checker()(*one) for one in q.tolist()] == (expected == FREE).tolist()
 
 
-@settings(max_examples=25)
-@given(robots(0.3), seeds, st.sampled_from(["blocked", "free"]))
-def test_contains_robot_is_proven(robot, seed, outside):
-    rng = np.random.default_rng(seed)
-    occupied = np.zeros((30, 30), dtype=bool)
-    for x, y in rng.integers(0, 18, (3, 2)):
-        occupied[x : x + 12, y : y + 12] = True
-    space = cspace.build(Workspace.from_array(occupied, 0.1), robot, outside=outside)
-    q = draw_configurations(space, rng, 300)
-    inside = space.contains_robot(q)
-    room = obstacles_of(space).buffer(1e-9)
-    placed = [shapely.transform(robot.geometry, lambda points, p=p: points + p) for p in q]
-    assert shapely.covers(room, np.asarray(placed)[inside]).all()
-
-
-def test_contains_robot_finds_the_fit():
-    occupied = np.zeros((12, 12), dtype=bool)
-    occupied[1:11, 1:11] = True
-    space = cspace.build(Workspace.from_array(occupied, 0.1), Robot.rectangle(0.6, 0.6), outside="free")
-    assert space.contains_robot((0.65, 0.65))
-    assert not space.contains_robot((0.25, 0.65))
+# ---- the outside -----------------------------------------------------------------------------------------------------
 
 
 @settings(max_examples=40)
-@given(robots(0.5), seeds, st.sampled_from(["blocked", "free"]))
-def test_the_outside_is_proven_too(robot, seed, outside):
+@given(robots(0.5), st.none() | rotation_cells(8), seeds, POLICIES)
+def test_the_outside_is_proven_too(robot, rotations, seed, outside):
     """FREE and BLOCKED hold for the geometry outside the grid too, also with the reference point off the robot."""
     rng = np.random.default_rng(seed)
     occupied = rng.random((12, 9)) < 0.2
-    space = cspace.build(Workspace.from_array(occupied, 0.2), robot, outside=outside)
-    q = rng.uniform(-3, 5, (400, 2))
-    q = q[~space.grid.contains(q)]
+    space = cspace.build(Workspace.from_array(occupied, 0.2), robot, rotations=rotations, outside=outside)
+    q = np.column_stack([rng.uniform(-3, 5, (400, 2)), rng.uniform(-9, 9, (400, space.dof - 2))])
+    q = q[~space.grid.contains(q[:, :2])]
     states = space.classify(q)
-    assert not (collides(space, q, -1e-9) & (states == FREE)).any()
-    assert not (~collides(space, q, 1e-9) & (states == BLOCKED)).any()
+    assert not collides(space, q[states == FREE], -1e-9).any()
+    assert collides(space, q[states == BLOCKED], 1e-9).all()
 
 
 def test_the_outside_follows_the_policy():
@@ -145,58 +237,196 @@ def test_the_outside_follows_the_policy():
     assert free.classify([(-0.05, 0.05), (-0.5, 1.0), (50.0, 50.0)]).tolist() == [MIXED, FREE, FREE]
 
 
-def test_look_ups_from_many_threads_agree():
+@pytest.mark.parametrize("state", [FREE, MIXED, BLOCKED])
+@pytest.mark.parametrize("dim", [2, 3])
+def test_far_away_is_outside(dim, state):
+    space = map_of(np.zeros((2,) * dim), outside=Outside.all_of(state, dim))
+    assert space.classify(np.diag([1e300, -1e300, 1e30][:dim])).tolist() == [state] * dim
+
+
+# ---- boxes of configurations -----------------------------------------------------------------------------------------
+
+coordinates = st.one_of(st.integers(-2, 7).map(lambda k: k / 4), st.integers(-6, 21).map(lambda k: k / 12))
+points = st.tuples(*[coordinates | st.floats(-0.5, 1.75)] * 3)
+
+
+def but(*cells, side=4, dim=3):
+    """States that are FREE but for some MIXED cells."""
+    state = np.zeros((side,) * dim, dtype=np.uint8)
+    for cell in cells:
+        state[cell] = MIXED
+    return state
+
+
+ALL_FREE = Outside.all_of(FREE)
+
+
+@settings(max_examples=100)
+@given(states(4, (FREE,) * 15 + (BLOCKED,)), outsides(3), points, st.sampled_from([0.0, 0.125, 0.25, 0.3, 0.5]))
+@example(but(), ALL_FREE, (0.5, 0.5, 0.5), 0.5)
+@example(but(), Outside.all_of(BLOCKED), (0.5, 0.5, 0.5), 0.5)
+@example(but((3, 3, 3)), ALL_FREE, (0.5, 0.5, 0.5), 0.25)  # a corner that a closed cell shares
+@example(but((0, 1, 1)), ALL_FREE, (0.5, 0.5, 0.5), 0.25)
+@example(but((3, 3), dim=2), ALL_FREE, (0.5, 0.5, 0.5), 0.25)
+def test_a_cube_is_free_where_all_its_cells_are(state, outside, q, distance):
+    q, outside = q[: state.ndim], Outside(outside.box.reshape(2, 3)[:, : state.ndim].ravel(), outside.state)
+    low = [4 * (Fraction(value) - Fraction(distance)) for value in q]
+    high = [4 * (Fraction(value) + Fraction(distance)) for value in q]
+
+    def shut(slack):
+        """Whether a cell that meets the cube, but for so much, is anything but FREE."""
+        ranges = [range(math.ceil(a - slack) - 1, math.floor(b + slack) + 1) for a, b in zip(low, high, strict=True)]
+        return any(state_of(state, outside, cell) != FREE for cell in itertools.product(*ranges))
+
+    if map_of(state, outside=outside).is_free_around(q, distance):
+        assert not shut(0)
+    else:  # a closed cell is met, but for the slack
+        assert shut(Fraction(2.0**-24))
+
+
+def test_cubes_of_any_size_are_quick():
+    space = map_of(np.zeros((4, 4, 4)), outside=Outside(np.array([-9, -9, -9, -5, -5, -5]), FREE))
+    assert space.is_free_around((0.5, 0.5, 0.5), 1.0)
+    assert not space.is_free_around((0.5, 0.5, 0.5), 1e5)
+    for dim in (2, 3):
+        q, state = (0.45,) * dim, np.zeros((4,) * dim)
+        assert map_of(state).is_free_around(q, 1e6)
+        assert not map_of(state).is_free_around(q, 1e9)  # too far for the certificate
+        assert not map_of(state, outside="blocked").is_free_around(q, 1e5)
+
+
+H, SIDE = 0.25, 4
+uniform = seeds.map(lambda seed: float(np.random.default_rng(seed).uniform(0, 1)))
+"""Numbers without hypothesis's liking for round ones."""
+turned_yaws = st.one_of(
+    uniform.map(lambda share: 14.0 * share - 7.0),
+    st.tuples(st.just("border"), st.integers(0, 11), st.sampled_from([0.0, math.pi, -math.pi, TURN, -TURN])),
+)
+
+
+def meets_box(cell, borders, q, distance, angle, slack=0.0):
+    """Whether a closed cell meets the box of configurations around q; yaws at all turns."""
+    if not all(
+        H * n - distance - slack <= v <= H * (n + 1) + distance + slack for n, v in zip(cell[1:], q, strict=False)
+    ):
+        return False
+    low, high = borders[cell[0]] - angle - slack, borders[cell[0] + 1] + angle + slack
+    return any(low <= q[-1] + wraps * TURN <= high for wraps in range(-5, 6))
+
+
+@settings(max_examples=60)
+@given(
+    rotation_cells(8),
+    st.tuples(uniform, uniform | st.integers(0, 8).map(lambda k: k / 8), turned_yaws),
+    st.sampled_from([0.0, 0.05, 0.125, 0.25, 0.6]),
+    st.one_of(uniform.map(lambda share: 3.0 * share), st.sampled_from([0.0, 0.1, 2.0, math.pi, 9.0])),
+    st.sampled_from([(SIDE, SIDE), (2, 3, 3)]),
+)
+def test_a_box_is_free_where_all_cells_that_meet_it_are(rotations, end, distance, angle, shape):
+    """With every other cell closed the box is free, and with any one of those that meet it, it is not."""
+    borders = Rotations.of(rotations).borders
+    x, y, yaw = end
+    if isinstance(yaw, tuple):
+        yaw = borders[yaw[1] % len(borders)] + yaw[2]
+    q = (x, y, yaw) if len(shape) == 2 else (0.5 * x, 0.75 * y, 0.3, yaw)
+    state = np.full((len(borders) - 1, *shape), MIXED, dtype=np.uint8)
+    cells = list(np.ndindex(state.shape))
+    for cell in cells:
+        if meets_box(cell, borders, q, distance, angle, slack=1e-8):
+            state[cell] = FREE
+    assert map_of(state, rotations, spacing=H).is_free_around(q, distance, angle)
+    inside = [cell for cell in cells if meets_box(cell, borders, q, distance, angle)]
+    for cell in {inside[0], inside[-1], *inside[:: 1 + len(inside) // 8]} if inside else ():
+        one = np.full_like(state, FREE)
+        one[cell] = MIXED
+        assert not map_of(one, rotations, spacing=H).is_free_around(q, distance, angle)
+
+
+@settings(max_examples=20)
+@given(robots(0.3), rotation_cells(16), seeds)
+def test_every_configuration_of_a_free_box_is_free(robot, rotations, seed):
+    rng = np.random.default_rng(seed)
+    workspace = Workspace.from_array(rng.random((20, 16)) < 0.03, 0.2)
+    space = cspace.build(workspace, robot, rotations=rotations, outside="free")
+    distance, angle = rng.uniform(0, 0.4), rng.uniform(0, 1.0)
+    q = draw_configurations(space, rng, 300)
+    q = q[space.is_free_around(q, distance, angle)][:15]
+    away = rng.choice([-1.0, 1.0], (len(q), 12, 3)) * rng.choice([1.0, 0.7, 0.2], (len(q), 12, 3))
+    inside = (q[:, None] + away * [distance, distance, angle]).reshape(-1, 3)
+    assert space.is_free(inside).all()
+    assert not collides(space, inside, 0.0).any()
+
+
+def test_boxes_that_begin_on_a_border_far_off():
+    space = map_of(np.where(np.arange(63) == 40, MIXED, FREE)[:, None, None] * np.ones((1, 3, 3)), 63)
+    borders, closed = np.asarray(space.rotations.borders), space.rotations.representatives[40]
+    angle = 1.0
+    for wraps in (2, 10, 1000):
+        yaw = borders + wraps * TURN + angle + YAW_SLACK
+        for nudged in (yaw, np.nextafter(yaw, 0.0), np.nextafter(yaw, 1e9)):
+            near = np.abs((nudged - closed + math.pi) % TURN - math.pi) < angle
+            q = np.column_stack([np.full((64, 2), 0.3), nudged])
+            assert not space.is_free_around(q, 0.0, angle)[near].any()
+
+
+@pytest.mark.parametrize(("distance", "angle"), [(-0.1, 0.0), (0.1, -1e-9), (math.nan, 0.0), (0.0, math.inf)])
+def test_refuses_boxes_that_are_none(space, distance, angle):
+    with pytest.raises(InputError):
+        space.is_free_around(somewhere(space), distance, angle)
+
+
+# ---- robots within obstacles -----------------------------------------------------------------------------------------
+
+
+@settings(max_examples=40)
+@given(robots(0.3), st.none() | rotation_cells(16), seeds, POLICIES)
+def test_contains_robot_is_proven(robot, rotations, seed, outside):
+    rng = np.random.default_rng(seed)
+    occupied = np.zeros((30, 30), dtype=bool)
+    for x, y in rng.integers(0, 14, (3, 2)):
+        occupied[x : x + 16, y : y + 16] = True
+    space = cspace.build(Workspace.from_array(occupied, 0.1), robot, rotations=rotations, outside=outside)
+    q = draw_configurations(space, rng, 300)
+    q = q[space.contains_robot(q)]
+    room = obstacles_of(space).buffer(1e-9)
+    assert shapely.covers(room, placed(robot.geometry, q)).all()
+
+
+def test_contains_robot_finds_the_fit():
+    occupied = np.zeros((12, 12), dtype=bool)
+    occupied[1:11, 1:11] = True
+    space = cspace.build(Workspace.from_array(occupied, 0.1), Robot.rectangle(0.6, 0.6), outside="free")
+    assert space.contains_robot((0.65, 0.65))
+    assert not space.contains_robot((0.25, 0.65))
+
+
+def test_contains_robot_follows_the_yaw():
+    occupied = np.zeros((12, 6), dtype=bool)
+    occupied[1:11, 1:5] = True
+    robot = Robot.rectangle(0.6, 0.1)
+    space = cspace.build(Workspace.from_array(occupied, 0.1), robot, rotations=36, outside="free")
+    assert space.contains_robot([(0.6, 0.3, 0.0), (0.6, 0.3, np.pi), (0.6, 0.3, np.pi / 2)]).tolist() == [1, 1, 0]
+
+
+# ---- threads ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rotations", [None, 10])
+def test_look_ups_from_many_threads_agree(rotations):
     rng = np.random.default_rng(5)
-    occupied = rng.random((300, 300)) < 0.01
-    q = rng.uniform(0, 15, (40, 3000, 2))
+    occupied = rng.random((300, 300) if rotations is None else (80, 80)) < 0.01
+    q = rng.uniform(-1, 16 if rotations is None else 5, (24, 1000, 2 if rotations is None else 3))
+
+    def build():
+        return cspace.build(Workspace.from_array(occupied, 0.05), Robot.polygon(L_SHAPE), rotations=rotations)
 
     def ask(space, points):
-        return (
-            space.classify(points),
-            space.clearance(points),
-            space.overlap(points),
-            space.motion_is_free(points[1:], points[:-1]),
-            space.path_exists(points[1:], points[:-1]),
-        )
+        a, b = points[1:], points[:-1]
+        one = space.classify(points), space.clearance(points), space.overlap(points), space.contains_robot(points)
+        return *one, space.motion_is_free(a, b), space.path_exists(a, b), space.is_free_around(a, 0.1, 0.2)
 
-    space = cspace.build(Workspace.from_array(occupied, 0.05), Robot.disc(0.2))
+    space, fresh = build(), build()
     with ThreadPoolExecutor(8) as pool:
         together = list(pool.map(lambda points: ask(space, points), q))
-    fresh = cspace.build(Workspace.from_array(occupied, 0.05), Robot.disc(0.2))
     for points, answers in zip(q, together, strict=True):
-        for mine, theirs in zip(answers, ask(fresh, points), strict=True):
-            assert (mine == theirs).all()
-
-
-def test_masked_configurations_are_refused(space):
-    with pytest.raises(InputError, match="1 masked"):
-        space.classify(np.ma.array([(0.0, 3.0)], mask=[(True, False)]))
-
-
-def test_quick_edges_never_pass_nan():
-    free = cspace.build(Workspace.from_array(np.zeros((3, 3), bool), 0.1), Robot.disc(0.1), outside="free")
-    check = free.edge_checker()
-    for hole in range(4):
-        ends = [0.1, 0.1, 0.2, 0.2]
-        ends[hole] = float("nan")
-        assert not check(*ends)
-
-
-def test_refuses_states_that_are_none(space):
-    with pytest.raises(InputError, match="state holds 3"):
-        cspace.CSpace(
-            space.workspace, space.robot, np.full_like(space.state, 3), outside="free", margin=0.0, precision="float32"
-        )
-
-
-def test_refuses_a_state_that_does_not_fit(space):
-    with pytest.raises(InputError, match="map's shape"):
-        cspace.CSpace(space.workspace, space.robot, space.state[1:], outside="free", margin=0.0, precision="float32")
-
-
-def test_squares_of_any_size_are_quick():
-    free = cspace.build(Workspace.from_array(np.zeros((3, 3), bool), 0.1), Robot.disc(0.1), outside="free")
-    assert free.is_free_around((0.1, 0.1), 1e6)
-    assert not free.is_free_around((0.1, 0.1), 1e9)  # too far for the certificate
-    walled = cspace.build(Workspace.from_array(np.zeros((9, 9), bool), 0.1), Robot.disc(0.1))
-    assert not walled.is_free_around((0.45, 0.45), 1e5)
+        assert all((mine == theirs).all() for mine, theirs in zip(answers, ask(fresh, points), strict=True))

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import cspace
-import sets
+import handmade
 from cspace import BLOCKED, FREE, MIXED, ConfigurationError, InputError, Robot, Workspace
 from cspace.rotations import TURN, Rotations
 from strategies import rotation_cells, seeds
@@ -17,7 +17,7 @@ from strategies import rotation_cells, seeds
 BORDERS = [-1.0, -0.8, 0.5, 0.6, 3.0, TURN - 1]
 
 
-@pytest.fixture(scope="module", params=[*sets.KINDS, "shared"])
+@pytest.fixture(scope="module", params=[*handmade.KINDS, "shared"])
 def space(request):
     """Maps of several hundred cells, some of them with rotation cells that are not equally wide, or share slices."""
     rng = np.random.default_rng(3)
@@ -33,7 +33,7 @@ def space(request):
         )
     shape = (5, 4, 6) if "space" in request.param else (12, 30)
     states = rng.integers(0, 3, (5 if "turning" in request.param else 1, *shape))
-    return sets.made(states, request.param, spacing=0.3, rotations=BORDERS)
+    return handmade.made(states, request.param, spacing=0.3, rotations=BORDERS)
 
 
 def test_samples_are_uniform_over_the_free_volume(space):
@@ -75,22 +75,22 @@ def test_cells_are_found_by_their_rank(free):
     """Where the FREE cells are few and lie at the ends of what is counted together."""
     states = np.full((1, 25, 40), BLOCKED)
     states.flat[free] = FREE
-    space = sets.made(states, "plane", spacing=1.0)
+    space = handmade.made(states, "plane", spacing=1.0)
     drawn = space.grid.cell_of(space.sample_free(64, np.random.default_rng(0)))
     assert set(np.ravel_multi_index(drawn.T, (25, 40)).tolist()) == set(free)
 
 
 @settings(max_examples=60)
-@given(seeds, st.sampled_from(sets.KINDS), rotation_cells(8), st.sampled_from([0.1, 0.5, 2.0]), st.booleans())
+@given(seeds, st.sampled_from(handmade.KINDS), rotation_cells(8), st.sampled_from([0.1, 0.5, 2.0]), st.booleans())
 def test_nearest_free_is_the_nearest(seed, kind, rotations, spacing, dense):
     """Against all FREE cells, from within the grid and from beyond it."""
     rng = np.random.default_rng(seed)
-    states = sets.random_states(rng, kind, 9, (FREE, BLOCKED) if dense else (MIXED,) * 30 + (FREE,))
+    states = handmade.random_states(rng, kind, 9, (FREE, BLOCKED) if dense else (MIXED,) * 30 + (FREE,))
     if "turning" in kind:
         states = np.resize(states, (Rotations.of(rotations).count, *states.shape[1:]))
     states[tuple(rng.integers(0, states.shape))] = FREE
-    space = sets.made(states, kind, spacing=spacing, rotations=rotations)
-    free, dim = sets.middles(space, np.argwhere(states == FREE)), space.grid.dim
+    space = handmade.made(states, kind, spacing=spacing, rotations=rotations)
+    free, dim = handmade.middles(space, np.argwhere(states == FREE)), space.grid.dim
     for one in rng.uniform(-0.5, 1.5, (8, dim)) * states.shape[1:] * spacing:
         q = np.array([*one, *rng.uniform(-9, 9, space.dof - dim)])
         nearest = space.nearest_free(q)
@@ -107,17 +107,17 @@ def test_nearest_free_does_not_look_at_all_of_a_large_map():
     """A map of a million and a half cells for each millisecond that a test may wonder about."""
     states = np.zeros((1, 6000, 6000), dtype=np.uint8)
     states[0, 2000:2300, 2000:2600] = BLOCKED
-    space = sets.made(states, "plane", spacing=1.0)
+    space = handmade.made(states, "plane", spacing=1.0)
     space.nearest_free((1.0, 1.0))
     began = time.perf_counter()
     assert space.nearest_free((2100.2, 2300.2)).tolist() == [1999.5, 2300.5]
     assert time.perf_counter() - began < 0.05
 
 
-@pytest.mark.parametrize("kind", sets.KINDS)
+@pytest.mark.parametrize("kind", handmade.KINDS)
 def test_nothing_free_is_an_error_that_says_so(kind):
     states = np.full((4 if "turning" in kind else 1, *(3,) * (3 if "space" in kind else 2)), BLOCKED)
-    space = sets.made(states, kind)
+    space = handmade.made(states, kind)
     with pytest.raises(ConfigurationError, match="no FREE cell"):
         space.sample_free(1, np.random.default_rng(0))
     with pytest.raises(ConfigurationError, match="no FREE cell"):

@@ -7,8 +7,8 @@ import pytest
 
 import cspace
 import planners
-from checks import map_of, stack_of
 from cspace import MIXED, InputError, Robot, Workspace
+from handmade import map_of
 
 
 @pytest.mark.parametrize("simplify", [True, False])
@@ -28,7 +28,7 @@ def test_cubes_among_the_planners(dim, simplify):
 def test_cubes_where_nothing_is_proven():
     state = np.zeros((5, 3), np.uint8)
     state[2] = MIXED
-    plan = planners.plan(map_of(state, 1.0), (0.5, 0.5), (4.5, 0.5), planner="Cubes")
+    plan = planners.plan(map_of(state, outside="blocked", spacing=1.0), (0.5, 0.5), (4.5, 0.5), planner="Cubes")
     assert not plan.solved and plan.path_exists is None and "undecided" in plan.status
 
 
@@ -42,9 +42,11 @@ def test_cubes_where_nothing_is_proven():
 )
 def test_what_cubes_cannot_do(options, message):
     with pytest.raises(InputError, match=message):
-        planners.plan(map_of(np.zeros((3, 3)), 1.0), (0.5, 0.5), (2.5, 2.5), planner="Cubes", **options)
+        planners.plan(
+            map_of(np.zeros((3, 3)), outside="blocked", spacing=1.0), (0.5, 0.5), (2.5, 2.5), planner="Cubes", **options
+        )
 
 
 def test_cubes_on_a_map_with_rotations():
     with pytest.raises(InputError, match="with rotations"):
-        planners.plan(stack_of(np.zeros((4, 3, 3)), 4), (0.1, 0.1, 0), (0.5, 0.5, 0), planner="Cubes")
+        planners.plan(map_of(np.zeros((4, 3, 3)), 4, "blocked"), (0.1, 0.1, 0), (0.5, 0.5, 0), planner="Cubes")

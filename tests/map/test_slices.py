@@ -1,0 +1,81 @@
+"""Slices: rasters of the turned robot, quarter turns by permutation, and slices that symmetry shares."""
+
+import math
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import cspace
+import oracles
+from cspace import Robot, Workspace
+from cspace.map.slices import slice_rasters
+from cspace.rotations import TURN, Rotations, Turn
+from strategies import robots
+
+
+def rotation(yaw):
+    return np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
+
+
+# ---- quarter turns and symmetry --------------------------------------------------------------------------------------
+
+
+@settings(max_examples=40)
+@given(robots(), st.sampled_from([4, 8, 12, 20]), st.sampled_from([0.0, 0.07]))
+def test_quarter_turns_by_permutation_are_fresh_rasters(robot, count, margin):
+    cells = Rotations.of(count)
+    made = slice_rasters(robot, 0.17, margin, cells)
+    turns = zip(cells.representatives.tolist(), cells.covering_angles.tolist(), strict=True)
+    for pair, (yaw, sweep) in zip(made, turns, strict=False):
+        fresh = robot.rasters(0.17, margin, Turn(rotation(yaw), sweep, about_z=True))
+        assert [oracles.raster_offsets(one) for one in pair] == [oracles.raster_offsets(one) for one in fresh]
+
+
+SYMMETRIC = {
+    "rectangle": (Robot.rectangle(0.7, 0.3), 2),
+    "square": (Robot.rectangle(0.5, 0.5), 4),
+    "cross": (Robot.polygon([shapely.box(-0.4, -0.1, 0.4, 0.1).union(shapely.box(-0.1, -0.4, 0.1, 0.4))]), 4),
+    "two discs": (Robot.balls([(0.3, 0.1), (-0.3, -0.1)], 0.15), 2),
+    "four discs": (Robot.balls([(0.3, 0.1), (-0.1, 0.3), (-0.3, -0.1), (0.1, -0.3)], 0.15), 4),
+    "disc": (Robot.disc(0.25), 0),
+    "disc off its middle": (Robot.disc(0.25, (0.1, 0.0)), 1),
+    "two unequal discs": (Robot.balls([(0.3, 0.1), (-0.3, -0.1)], [0.15, 0.2]), 1),
+    "rectangle off its middle": (Robot.rectangle(0.7, 0.3, (1e-9, 0.0)), 1),
+    "triangle": (Robot.polygon([(0.3, 0.0), (-0.2, 0.25), (-0.2, -0.25)]), 1),
+}
+
+
+@pytest.mark.parametrize("name", SYMMETRIC)
+def test_symmetry_is_found(name):
+    robot, order = SYMMETRIC[name]
+    assert robot.symmetry == order
+
+
+@pytest.mark.parametrize("name", [name for name, (_, order) in SYMMETRIC.items() if order != 1])
+@pytest.mark.parametrize("count", [1, 2, 4, 6, 7, 8, 12])
+def test_shared_slices_are_those_made_without_sharing(name, count, monkeypatch):
+    robot, order = SYMMETRIC[name]
+    workspace = Workspace.from_array(np.random.default_rng(0).random((25, 20)) < 0.05, 0.1)
+    shared = cspace.build(workspace, robot, rotations=count, overlap=True)
+    if order == 0:
+        assert len(shared._map.states) == 1
+        assert (shared.state == cspace.build(workspace, robot).state).all()
+    elif count % order == 0:
+        assert len(shared._map.states) == count // order
+    monkeypatch.setattr(Robot, "symmetry", property(lambda self: 1))
+    alone = cspace.build(workspace, robot, rotations=count, overlap=True)
+    assert len(alone._map.states) == count
+    assert shared.state.shape == alone.state.shape == (count, 25, 20)
+    assert (shared.state == alone.state).all()
+    assert (shared.overlaps[shared._map.slice_of] == alone.overlaps).all()
+    assert shared.count() == alone.count() == tuple(np.bincount(alone.state.ravel(), minlength=3))
+
+
+def test_unequal_cells_share_nothing_but_a_discs():
+    borders = [0.0, 1.0, math.pi, math.pi + 1.0, TURN]
+    cells = Rotations.of(borders)
+    assert cells.slice_of(Robot.rectangle(0.7, 0.3)).tolist() == [0, 1, 2, 3]
+    assert cells.slice_of(Robot.disc(0.3)).tolist() == [0, 0, 0, 0]
