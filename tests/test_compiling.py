@@ -25,8 +25,8 @@ LINE = "INFO cspace.compiling: compiling cspace.map.points, once per machine"
 
 def looked_up(folder: Path, **environment: str) -> list[str]:
     """Lines that a first look-up prints and logs, with the package taken from a folder."""
-    env = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_")}
-    env |= {"PYTHONPATH": str(folder), **environment}
+    kept = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_")}
+    env = {**kept, "PYTHONPATH": str(folder), **environment}
     done = subprocess.run(
         [sys.executable, "-c", CODE], env=env, cwd=folder, capture_output=True, text=True, check=False
     )

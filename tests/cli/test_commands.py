@@ -21,6 +21,8 @@ from cspace.cli.report import progress_line
 from cspace.compiling import LOGGER
 from cspace.errors import InputError
 from cspace.memory import MESH_BYTES, map_bytes
+from cspace.spectral import FourierOverlap
+from maps import same
 
 ENDS = {
     "plane.zarr": ("0.35,0.65", "2.15,0.95"),
@@ -337,6 +339,36 @@ def test_export(room: Path) -> None:
     document("export", "turning.npz", "slice.yaml", "--yaw", "90deg")
     image = cspace.Workspace.from_ros_map("slice.yaml", unknown="occupied")
     np.testing.assert_array_equal(~image.outer, cspace.open("turning.npz").slice_at(math.pi / 2) == cspace.FREE)
+
+
+# ----------------------------------------------------------------------------------------------- overlap fields
+
+
+@pytest.mark.parametrize("turning", [False, True])
+def test_a_map_that_carries_an_overlap_field(tmp_path: Path, turning: bool) -> None:
+    """``info`` tells of it, ``export`` keeps it, and ``plan`` goes by it."""
+    pytest.importorskip("finufft")
+    balls, obstacles = ([(0.0, 0.0), (0.15, 0.0)], 0.12), ([(1.0, 0.32)], 0.3)
+    workspace = cspace.Workspace.from_balls(*obstacles, 0.05, bounds=(0.0, 0.0, 2.0, 1.6))
+    plain = cspace.build(workspace, cspace.Robot.balls(*balls), rotations=12 if turning else None)
+    carried = plain.with_overlap_field(FourierOverlap.of_shapes(balls, obstacles, swell=0.2))
+    plain.save(tmp_path / "plain.zarr")
+    carried.save(tmp_path / "map.zarr")
+    told, less = (document("info", tmp_path / name) for name in ("map.zarr", "plain.zarr"))
+    assert told.pop("overlap_field") is True and "overlap_field" not in less
+    assert carried.overlap_field is not None
+    more = sum(array.nbytes for array in carried.overlap_field.arrays.values())
+    assert told.pop("memory_bytes") - less.pop("memory_bytes") == more
+    assert told == less
+    lines = run("info", tmp_path / "map.zarr").stdout.splitlines()
+    assert any(line.split() == ["overlap", "field", "yes"] for line in lines)
+    document("export", tmp_path / "map.zarr", tmp_path / "map.npz")
+    same(carried, cspace.open(tmp_path / "map.npz"))
+    ends = ("0.43,0.88,0", "1.57,0.88,0") if turning else ("0.43,0.88", "1.57,0.88")
+    asked = ["--start", ends[0], "--goal", ends[1], "--planner", "RRTstar", "--objective", "overlap"]
+    assert document("plan", tmp_path / "map.zarr", *asked, "--seed", 1, "--time-limit", 0.5)["certified"]
+    result = run("plan", tmp_path / "plain.zarr", *asked)
+    assert result.exit_code == 2 and "the map carries none" in result.stderr
 
 
 # ----------------------------------------------------------------------------------------------- progress, Ctrl-C

@@ -1,4 +1,4 @@
-"""Laws of the outline of a set of cells."""
+"""Laws of the outline of a set of cells, in the plane and in space."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from cspace.errors import InputError
-from cspace.raster.bitmaps import boundary_segments
+from cspace.raster.bitmaps import boundary_segments, cell_boxes, cell_faces
+from strategies import seeds
 
 CELLS = hnp.arrays(np.bool_, st.tuples(st.integers(1, 7), st.integers(1, 7)))
 
@@ -91,3 +92,26 @@ def test_cells_that_touch_in_a_corner_meet_to_the_last_bit() -> None:
 def test_bad_arguments(arguments: tuple[np.ndarray, float, tuple[float, ...]]) -> None:
     with pytest.raises(InputError):
         boundary_segments(*arguments)
+
+
+@settings(max_examples=40)
+@given(seeds)
+def test_faces_of_cells_are_their_border(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    cells = rng.random(rng.integers(1, 7, 3)) < 0.5
+    triangles = cell_faces(cells, 1.0, (0.0, 0.0, 0.0))
+    padded = np.pad(cells, 1)
+    area = sum(int((np.diff(padded.astype(int), axis=axis) != 0).sum()) for axis in range(3))
+    sides = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    assert 0.5 * np.linalg.norm(sides, axis=1).sum() == pytest.approx(area)
+    for triangle in triangles:  # each lies between cells that are set and ones that are not
+        axis = int(np.argmin(np.ptp(triangle, axis=0)))
+        point = triangle.T @ (0.52, 0.27, 0.21)
+        sides = [padded[tuple(np.floor(point + sign * np.eye(3)[axis] / 2).astype(int) + 1)] for sign in (-1, 1)]
+        assert sides[0] != sides[1]
+    rebuilt = np.zeros(cells.shape, dtype=int)
+    for (x0, y0, z0), (x1, y1, z1) in zip(
+        *np.asarray(cell_boxes(cells, 1.0, (0.0, 0.0, 0.0))).astype(int), strict=True
+    ):
+        rebuilt[x0:x1, y0:y1, z0:z1] += 1
+    np.testing.assert_array_equal(rebuilt, cells)

@@ -10,6 +10,8 @@ import pytest
 import planners
 from cspace import FREE, CSpace, InputError, Robot, Workspace, build
 from cspace.spectral import FourierOverlap, OverlapField
+from cspace.states import FIELDS
+from maps import same
 
 pytest.importorskip("finufft")
 
@@ -178,22 +180,93 @@ def carried(request: pytest.FixtureRequest) -> CSpace:
     return space.with_overlap_field(overlap)
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_the_map_is_the_same_and_an_update_lets_the_field_go(kind: str) -> None:
-    space, overlap = scene(kind)
+def without(space: CSpace, fields: Any = None) -> CSpace:
+    """The same map with other arrays for a field, or none."""
+    return CSpace(
+        space.workspace,
+        space.robot,
+        space._map.states[0] if space.rotations is None else space._map.states,
+        outside=space.outside,
+        margin=space.margin,
+        precision=space.precision,
+        overlaps=space.overlaps,
+        rotations=space.rotations,
+        fields=fields,
+    )
+
+
+@pytest.mark.parametrize("kind", [*KINDS, "turning"])
+def test_the_map_is_the_same_and_the_field_that_of_the_overlap(kind: str) -> None:
+    space, overlap = scene(kind, overlap=True, margin=0.01)
+    clearance = space.clearance(space.nearest_free([0.0] * space.dof))
     made, expected = space.with_overlap_field(overlap), OverlapField.of(space, overlap)
+    same(space, without(made))
     assert space.overlap_field is None and made.overlap_field is not None
     assert made.overlap_field.space is made and made.overlap_field.values.max() > 0.0
+    assert list(made.overlap_field.arrays) == list(FIELDS[: 1 + space.grid.dim])
     for name, array in made.overlap_field.arrays.items():
         np.testing.assert_array_equal(array, expected.arrays[name])
         with pytest.raises(ValueError, match="read-only"):
             array[...] = 0.0
-    before = space.state.copy()
+    assert made._rasters[0][0] is space._rasters[0][0]  # it is not made again
+    assert made.clearance(made.nearest_free([0.0] * space.dof)) == clearance
+    assert (kind == "shared") == (space.rotations is not None and len(space._map.states) < space.rotations.count)
+    again = build(made.workspace, made.robot, rotations=made.rotations and made.rotations.count)
+    assert again.overlap_field is None and not set(FIELDS) & set(again.to_xarray())
+
+
+@pytest.mark.parametrize("kind", [*KINDS, "turning"])
+def test_an_update_lets_the_field_go_and_leaves_other_maps(kind: str) -> None:
+    space, overlap = scene(kind)
+    made = space.with_overlap_field(overlap)
     box, corner = np.ones((3,) * space.grid.dim, bool), (4,) * space.grid.dim
+    before = space.state.copy()
     made.update(box, corner)
     assert made.overlap_field is None and (space.state == before).all()
     again = made.with_overlap_field(overlap)  # of a map that has a workspace of its own by now
-    assert (again.state == made.state).all() and again.overlap_field is not None
+    after, cells = again.state.copy(), again.workspace.outer.copy()
+    made.update(~box, corner)
+    assert (again.state == after).all() and (again.workspace.outer == cells).all()
+    assert again.overlap_field is not None
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"penetration": (3, 2)}, "fields are penetration; .* must be penetration, penetration_x, penetration_y"),
+        (dict.fromkeys(FIELDS, (3, 2)), "penetration_z; of a map of 2 axes they must be"),
+        (dict.fromkeys([*FIELDS[:2], "depth"], (3, 2)), "fields are penetration, penetration_x, depth"),
+        (dict.fromkeys(FIELDS[:3], (2, 3)), r"penetration has shape \(2, 3\) .* the map's shape \(3, 2\)"),
+        (dict.fromkeys(FIELDS[:3], (1, 3, 2)), r"penetration has shape \(1, 3, 2\)"),
+    ],
+)
+def test_half_a_field_is_refused(fields: dict[str, tuple[int, ...]], words: str) -> None:
+    space = build(Workspace.from_array(np.zeros((3, 2), dtype=bool), 0.1), Robot.disc(0.01))
+    arrays = {name: np.zeros(shape) for name, shape in fields.items()}
+    for make in (lambda: without(space, arrays), lambda: OverlapField(space, arrays)):
+        with pytest.raises(InputError, match=words):
+            make()
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_values_that_are_no_numbers_are_refused(value: float) -> None:
+    space = build(Workspace.from_array(np.zeros((3, 2), dtype=bool), 0.1), Robot.disc(0.01))
+    arrays = {name: np.zeros((3, 2)) for name in FIELDS[:3]}
+    arrays["penetration_y"][2, 1] = value
+    with pytest.raises(InputError, match=r"penetration_y\[2, 1\] is (nan|-?inf)"):
+        without(space, arrays)
+    with pytest.raises(InputError, match="type float32"):
+        without(space, {name: np.zeros((3, 2), np.float32) for name in FIELDS[:3]})
+
+
+def test_a_field_that_does_not_fit_into_memory_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    space, overlap = scene("plane")
+    needed = 3 * 8 * space.grid.size
+    monkeypatch.setattr("cspace.memory.free_bytes", lambda: needed)
+    with pytest.raises(InputError, match=r"the overlap field has 40 x 32 cells .* may be taken.* use a spacing of"):
+        space.with_overlap_field(overlap)
+    monkeypatch.setattr("cspace.memory.free_bytes", lambda: 2 * needed)
+    space.with_overlap_field(overlap)
 
 
 def test_a_second_field_takes_the_place_of_the_first() -> None:
@@ -202,7 +275,9 @@ def test_a_second_field_takes_the_place_of_the_first() -> None:
     wide = FourierOverlap.of_shapes(([[0.0, 0.0]], 0.12), ([[1.0, 0.32]], 0.3), swell=0.4)
     second = first.with_overlap_field(wide)
     assert first.overlap_field is not None and second.overlap_field is not None
+    same(second, space.with_overlap_field(wide))
     np.testing.assert_array_equal(second.overlap_field.values, OverlapField.of(space, wide).values)
+    assert (second.overlap_field.values > first.overlap_field.values).any()
     np.testing.assert_array_equal(first.overlap_field.values, OverlapField.of(space, overlap).values)
 
 
