@@ -58,7 +58,7 @@ def patient(
 ) -> planners.Plan:
     """A plan; the longer time limits are for a busy machine."""
     for limit in limits:
-        found = planners.plan(space, *ends, time_limit=limit, **more)
+        found = planners.plan(space, *ends, time_limit=limit, **options)
         if found.solved:
             break
     return found
