@@ -1,9 +1,10 @@
-"""Slow, plain implementations of the definitions, in exact rational arithmetic, that share no code with the library."""
+"""Slow, plain implementations of the definitions, sharing no code with the library; in the plane they are exact."""
 
 from fractions import Fraction
 from itertools import product
 
 import numpy as np
+import trimesh
 
 Point = tuple[Fraction, Fraction]
 Segment = tuple[Point, Point]
@@ -15,7 +16,7 @@ def exact(values):
 
 def square_distance_to_box(segment, box):
     """Squared distance between a segment and a box ``(x0, y0, x1, y1)``, exactly."""
-    if segment_meets_box(segment, box):
+    if segment_meets_block(*segment, box[:2], box[2:]):
         return Fraction(0)
     x0, y0, x1, y1 = box
     corners = [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
@@ -32,21 +33,6 @@ def square_distance_to_segment(point, segment):
     t = Fraction(0) if length == 0 else ((point[0] - px) * dx + (point[1] - py) * dy) / length
     t = min(max(t, Fraction(0)), Fraction(1))
     return (point[0] - px - t * dx) ** 2 + (point[1] - py - t * dy) ** 2
-
-
-def segment_meets_box(segment, box):
-    """Whether a closed segment meets a closed box, by clipping (Liang and Barsky, 1984)."""
-    (px, py), (qx, qy) = segment
-    x0, y0, x1, y1 = box
-    low, high = Fraction(0), Fraction(1)
-    for p, d, a, b in ((px, qx - px, x0, x1), (py, qy - py, y0, y1)):
-        if d == 0:
-            if p < a or p > b:
-                return False
-            continue
-        t0, t1 = sorted(((a - p) / d, (b - p) / d))
-        low, high = max(low, t0), min(high, t1)
-    return low <= high
 
 
 def on_border(point, segments):
@@ -133,34 +119,8 @@ def overlaps_by_shifts(occupied, raster, outside):
     return total
 
 
-def touched_cells(start, end, spacing, lower, shape):
-    """Cells of a grid that a closed segment meets, exactly."""
-    h, (low_x, low_y) = Fraction(spacing), exact(lower)
-    segment = (exact(start), exact(end))
-    return {
-        (i, j)
-        for i, j in product(range(shape[0]), range(shape[1]))
-        if segment_meets_box(segment, (low_x + h * i, low_y + h * j, low_x + h * (i + 1), low_y + h * (j + 1)))
-    }
-
-
-def component_of(cells, start):
-    """Cells joined to ``start`` through sides, among the True ones."""
-    if not cells[start]:
-        return set()
-    seen, todo = {start}, [start]
-    while todo:
-        i, j = todo.pop()
-        for near in ((i + 1, j), (i - 1, j), (i, j + 1), (i, j - 1)):
-            inside = 0 <= near[0] < cells.shape[0] and 0 <= near[1] < cells.shape[1]
-            if inside and near not in seen and cells[near]:
-                seen.add(near)
-                todo.append(near)
-    return seen
-
-
 def segment_meets_block(start, end, low, high):
-    """Whether a closed segment meets a closed block, in any number of dimensions, by clipping."""
+    """Whether a closed segment meets a closed block, in any number of dimensions, by clipping (Liang and Barsky, 1984)."""
     first, last = Fraction(0), Fraction(1)
     for p, q, a, b in zip(start, end, low, high, strict=True):
         if p == q:
@@ -201,3 +161,42 @@ def touched_turned_cells(start, end, spacing, lower, shape, borders, slack=0):
                 if (k, *cell) not in found and segment_meets_block(a, b, near, far):
                     found.add((k, *cell))
     return found
+
+
+# ---- solids ----------------------------------------------------------------------------------------------------------
+
+
+def distance_to_triangles(points, triangles):
+    """Exact distances from points (n, 3) to triangles (m, 3, 3), one point at a time."""
+    out = np.empty(len(points))
+    for n, point in enumerate(points):
+        nearest = trimesh.triangles.closest_point(triangles, np.repeat(point[None], len(triangles), axis=0))
+        out[n] = np.linalg.norm(nearest - point, axis=1).min()
+    return out
+
+
+def winding_numbers(points, triangles):
+    """Winding numbers of closed triangles, by solid angles (van Oosterom and Strackee, 1983)."""
+    found = []
+    for point in points:
+        a, b, c = np.moveaxis(triangles - point, 1, 0)
+        la, lb, lc = (np.linalg.norm(side, axis=1) for side in (a, b, c))
+        above = np.einsum("ij,ij->i", a, np.cross(b, c))
+        below = la * lb * lc + (a * b).sum(1) * lc + (b * c).sum(1) * la + (c * a).sum(1) * lb
+        found.append(round(np.arctan2(above, below).sum() / (2.0 * np.pi)))
+    return np.array(found)
+
+
+def winds_around(points, triangles):
+    """Whether the winding number of triangles is not zero."""
+    return winding_numbers(points, triangles) != 0
+
+
+def sample_surface(triangles, number, rng):
+    """Random points on triangles, by area."""
+    sides = triangles[:, 1:] - triangles[:, :1]
+    areas = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    which = rng.choice(len(triangles), number, p=areas / areas.sum())
+    u, v = np.sort(rng.random((2, number)), axis=0)
+    weights = np.stack([u, v - u, 1.0 - v], axis=1)
+    return np.einsum("nk,nkd->nd", weights, triangles[which])

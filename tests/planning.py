@@ -13,7 +13,7 @@ from ompl import base as ob
 
 import planners
 from cspace import BLOCKED, FREE, CSpace, Robot, Workspace, build
-from cspace.rotations import Rotations
+from handmade import map_of
 from planners.states import kind_of
 
 SPACES = ("plane", "turning", "space", "yawing")
@@ -64,15 +64,8 @@ def open_map(name: str) -> CSpace:
 
 def with_state(state: np.ndarray, turning: bool = False, spacing: float = 1.0) -> CSpace:
     """A map whose cells have the given states; with an axis of rotations first, where the robot turns."""
-    cells = state[0] if turning else state
-    if turning:
-        corners = np.array([(0.02, 0.0), (-0.01, 0.01), (-0.01, -0.01)])
-        robot = Robot.polygon(corners) if cells.ndim == 2 else Robot.box((0.03, 0.02, 0.02), (0.005, 0.0, 0.0))
-    else:
-        robot = Robot.disc(0.1) if cells.ndim == 2 else Robot.ball(0.1)
-    options: dict[str, Any] = {"outside": "blocked", "margin": 0.0, "precision": "float64"}
-    options |= {"rotations": Rotations.of(len(state))} if turning else {}
-    return CSpace(Workspace.from_array(cells == BLOCKED, spacing), robot, state, **options)
+    cells = (state[0] if turning else state) == BLOCKED
+    return map_of(state, len(state) if turning else None, "blocked", spacing, occupied=cells)
 
 
 def halves(name: str, between: int) -> tuple[CSpace, Any, Any]:

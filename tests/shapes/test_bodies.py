@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from cspace import Grid, Mesh, MeshWarning
 from cspace.shapes.bodies import find_bodies
-from solid_oracles import winding_numbers
+from oracles import winding_numbers
 from strategies import seeds
 
 

@@ -19,7 +19,7 @@ from cspace import (
 )
 from cspace.io.meshes import SUFFIXES, read_mesh
 from cspace.shapes.mesh import Mesh, MeshWarning
-from solid_oracles import winding_numbers
+from oracles import winding_numbers
 from strategies import seeds
 
 SPHERE = trimesh.creation.icosphere(subdivisions=2)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from cspace.shapes.mesh import Mesh
 from cspace.spectral import decompose
 from cspace.spectral.measures import measure_of_balls
-from solid_oracles import distance_to_triangles, sample_surface, winds_around
+from oracles import distance_to_triangles, sample_surface, winds_around
 from strategies import seeds, stars
 
 RECTANGLE = shapely.box(0.0, 0.0, 3.0, 1.0)

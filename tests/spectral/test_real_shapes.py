@@ -9,7 +9,7 @@ import shapely
 from cspace.demo import floor_plan
 from cspace.shapes.mesh import Mesh
 from cspace.spectral import decompose
-from solid_oracles import distance_to_triangles, sample_surface, winds_around
+from oracles import distance_to_triangles, sample_surface, winds_around
 
 CARS = 13
 MESHES = [
