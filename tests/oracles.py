@@ -120,7 +120,7 @@ def overlaps_by_shifts(occupied, raster, outside):
 
 
 def segment_meets_block(start, end, low, high):
-    """Whether a closed segment meets a closed block, in any number of dimensions, by clipping (Liang and Barsky, 1984)."""
+    """Whether a closed segment meets a closed block, in any dimension, by clipping (Liang and Barsky, 1984)."""
     first, last = Fraction(0), Fraction(1)
     for p, q, a, b in zip(start, end, low, high, strict=True):
         if p == q:
