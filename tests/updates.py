@@ -66,11 +66,11 @@ class World:
 
 
 @st.composite
-def worlds(draw: st.DrawFn, kinds: tuple[str, ...] = ("plane", "turning", "space")) -> World:
+def worlds(draw: st.DrawFn, kinds: tuple[str, ...] = ("plane", "turning", "space", "turning in space")) -> World:
     """Maps of every kind; robots from one cell to larger than the map."""
     kind, rng = draw(st.sampled_from(kinds)), np.random.default_rng(draw(seeds))
-    dim = 3 if kind == "space" else 2
-    longest = draw(st.sampled_from([1, 6, 14 if dim == 3 else 40 if kind == "plane" else 24]))
+    dim = 3 if "space" in kind else 2
+    longest = draw(st.sampled_from([1, 6, {"plane": 40, "turning": 24, "space": 14}.get(kind, 9)]))
     shape = tuple(int(rng.integers(1, longest + 1)) for _ in range(dim))
     outer = rng.random(shape) < rng.choice([0.0, 0.02, 0.1, 0.5])
     inner = outer & (rng.random(shape) < 0.6) if rng.random() < 0.3 else outer.copy()
@@ -78,7 +78,7 @@ def worlds(draw: st.DrawFn, kinds: tuple[str, ...] = ("plane", "turning", "space
         "outside": draw(st.sampled_from(["blocked", "free"])),
         "margin": draw(st.sampled_from([0.0, 0.4])),
         "overlap": draw(st.booleans()),
-        "rotations": draw(st.sampled_from([1, 2, 5, 8])) if kind == "turning" else None,
+        "rotations": draw(st.sampled_from([1, 2, 5, 8])) if "turning" in kind else None,
     }
     size = SPACING * draw(st.sampled_from([0.1, 1.3, 3.0, 60.0]))
     away = rng.uniform(-2.0, 2.0, dim) * rng.choice([0.0, size])
