@@ -8,6 +8,7 @@ import os
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -295,7 +296,7 @@ class Robot:
         """
         return self.shape.surface
 
-    @property
+    @cached_property
     def symmetry(self) -> int:
         """How many turns about the z axis in a circle map the robot to itself: 1, 2 or 4, or 0 for all turns.
 

@@ -143,6 +143,8 @@ class CSpace:
         self._rasters_kept: Kept[list[tuple[Raster, Raster]]] = Kept(self._lock)
         self._exterior_kept: Kept[Exterior] = Kept(self._lock)
         self._map_kept: Kept[Map] = Kept(self._lock)
+        self._point_checker: Kept[Callable[..., bool]] = Kept(self._lock)
+        self._edge_checker: Kept[Callable[..., bool]] = Kept(self._lock)
         self._mip: Kept[Mip] = Kept(self._lock)
         self._runs: Kept[Runs] = Kept(self._lock)
         self._outer_sums: Kept[Sums] = Kept(self._lock)
@@ -454,7 +456,7 @@ class CSpace:
         """
         from cspace.map import callbacks
 
-        quick = callbacks.point_checker(self._map, self.dof)
+        quick = self._point_checker.get(lambda: callbacks.point_checker(self._map, self.dof))
         return self._exact.point_checker(quick) if exact else quick
 
     def edge_checker(self, *, exact: bool = False) -> Callable[..., bool]:
@@ -473,7 +475,9 @@ class CSpace:
         """
         from cspace.map import callbacks
 
-        return self._exact.edge_checker() if exact else callbacks.edge_checker(self._map, self.dof)
+        if exact:
+            return self._exact.edge_checker()
+        return self._edge_checker.get(lambda: callbacks.edge_checker(self._map, self.dof))
 
     def clearance_checker(self) -> Callable[..., float]:
         """A quick ``clearance`` of floats.

@@ -15,9 +15,9 @@ def slice_rasters(robot: Robot, spacing: float, margin: float, rotations: Rotati
     count = int(rotations.slice_of(robot).max()) + 1
     if robot.symmetry == 0:  # the same at every rotation
         return [robot.rasters(spacing, margin)]
-    turns = rotations.turns(robot.dim)
-    made = [robot.rasters(spacing, margin, turn) for turn in turns[: min(count, rotations.quarter or count)]]
+    quarter = rotations.quarter or count
+    made = [robot.rasters(spacing, margin, turn) for turn in rotations.turns(robot.dim)[: min(count, quarter)]]
     while len(made) < count:
-        outer, inner = made[len(made) - rotations.quarter]
+        outer, inner = made[len(made) - quarter]
         made.append((outer.quarter_turned(1), inner.quarter_turned(1)))
     return made
