@@ -125,16 +125,6 @@ def _clearance_4(map_: Map, tiles: Tiles, a: float, b: float, c: float, d: float
 _CLEARANCE: Final = {2: _clearance_2, 3: _clearance_3, 4: _clearance_4}
 
 
-@reader
-def is_occupied(state: Bytes) -> bool:
-    """Whether some cell of a slice, all in one row, is not FREE."""
-    # numba compiles no any() of a generator.
-    for k in range(len(state)):  # noqa: SIM110
-        if state[k] != FREE:
-            return True
-    return False
-
-
 # ---- the part of a map -----------------------------------------------------------------------------------------------
 
 
@@ -160,7 +150,7 @@ class Distances:
             np.empty((slices, tiles, nx, ny, WIDE), dtype=np.uint16),
             np.zeros((slices, tiles), dtype=np.uint8),
             np.zeros((slices, tiles, *parts), dtype=np.uint16),
-            np.array([is_occupied(part.reshape(-1)) for part in self._states]),
+            np.array([part.view(np.bool_).any() for part in self._states]),
             np.empty((slices, 2 * len(shape), 2 * len(shape))),
         )
         self._set_walls()

@@ -231,9 +231,12 @@ def make_tiles(states: Bytes, tiles: Tiles, s: int, start: int, end: int) -> Non
     """Make the tiles of a slice of ``states``, shape (slices, nx, ny, nz), from ``start`` on and before ``end``."""
     _, nx, ny, nz = states.shape
     first, stop = start * WIDE, min(end * WIDE, nz)
-    squares = transform(
-        states[s], np.array([0, 0, first, nx - 1, ny - 1, stop - 1]), np.array([0, 0, 0, nx - 1, ny - 1, nz - 1])
-    )
+    frame = np.empty(6, np.int64)
+    frame[0] = frame[1] = frame[2] = 0
+    frame[3], frame[4], frame[5] = nx - 1, ny - 1, nz - 1
+    window = frame.copy()
+    window[2], window[5] = first, stop - 1
+    squares = transform(states[s], window, frame)
     for x in range(nx):
         for y in range(ny):
             for tile in range(start, end):
