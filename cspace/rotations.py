@@ -212,7 +212,7 @@ class OneRotation(RotationCells):
 
 @dataclass(frozen=True, slots=True)
 class Rotations(RotationCells):
-    """Cells of the circle of yaw angles; cell ``k`` is ``[borders[k], borders[k + 1]]``.
+    """Cells of yaw, for SE(2) in the plane and R^3 x SO(2) in space; cell ``k`` is ``[borders[k], borders[k + 1]]``.
 
     Attributes
     ----------

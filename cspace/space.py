@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, overload
+from typing import TYPE_CHECKING, Any, Literal, Unpack, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from cspace.map.mip import Mip
     from cspace.map.overlaps import Runs, Sums
     from cspace.map.sampling import FreeCells
+    from cspace.plot.picture import PlotOptions
     from cspace.spectral import FourierOverlap, OverlapField
     from cspace.update import Subject, Update, Updater
 
@@ -45,7 +46,9 @@ Bools = NDArray[np.bool_]
 
 
 class CSpace:
-    """Certified map of a robot's configurations: ``(x, y)`` or ``(x, y, yaw)`` in the plane, ``(x, y, z)`` in space.
+    """Certified map of a robot's configurations, in R^2, R^3, SE(2) or R^3 x SO(2).
+
+    They are ``(x, y)`` in the plane and ``(x, y, z)`` in space, with a yaw behind where the robot turns about z.
 
     :func:`cspace.build` makes it and :func:`cspace.open` reads a saved one. Every look-up takes one configuration,
     shape (dof,), and answers with a Python number, or a batch, shape (..., dof), and answers with an array of shape
@@ -169,7 +172,7 @@ class CSpace:
 
     @property
     def state(self) -> NDArray[np.uint8]:
-        """State of each cell, shape (nx, ny) or (nx, ny, nz), or (rotations, nx, ny) of a robot that turns.
+        """State of each cell, shape (nx, ny) or (nx, ny, nz); of a robot that turns (rotations, nx, ny(, nz)).
 
         Read-only. A new array at each call where rotation cells share a slice.
         """
@@ -804,8 +807,8 @@ class CSpace:
 
         export(self, path, overwrite=overwrite, yaw=yaw)
 
-    def plot(self, **options: Any) -> Axes:
-        """Draw the map; see :func:`cspace.plot.plot`. No window is opened."""
+    def plot(self, **options: Unpack[PlotOptions]) -> Axes:
+        """Draw the map; see :func:`cspace.plot.plot`, which takes the same. No window is opened."""
         from cspace.plot import plot
 
         return plot(self, **options)

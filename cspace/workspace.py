@@ -7,7 +7,7 @@ import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,6 +27,20 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Named: TypeAlias = "str | os.PathLike[str]"
 Geometries: TypeAlias = "BaseGeometry | Mapping[str, object] | Named | Iterable[Geometries]"
+
+
+class OpenOptions(TypedDict, total=False):
+    """What :meth:`Workspace.open` takes beside a file's name."""
+
+    spacing: float
+    lower: ArrayLike
+    bounds: ArrayLike
+    inner: ArrayLike
+    radius: float
+    solid: Solid
+    unknown: str
+    threshold: float
+    dark: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -418,7 +432,7 @@ class Workspace:
         return cls(grid, cells, cells, source=str(path))
 
     @classmethod
-    def open(cls, path: Named, **options: Any) -> Workspace:
+    def open(cls, path: Named, **options: Unpack[OpenOptions]) -> Workspace:
         """Read a map from a file, by its suffix.
 
         Parameters

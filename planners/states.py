@@ -103,7 +103,7 @@ def wrapped(yaw: Floats) -> Floats:
     return np.where((yaw >= -math.pi) & (yaw < math.pi), yaw, turned)
 
 
-def check_space(space: CSpace) -> None:
+def check_space(space: object) -> None:
     """Refuse what is no map, as where arguments are swapped.
 
     Raises
@@ -116,7 +116,7 @@ def check_space(space: CSpace) -> None:
         raise InputError("space", f"is a {type(space).__name__}", "it must be a CSpace", mend, value=space)
 
 
-def check_information(si: ob.SpaceInformation, space: CSpace) -> None:
+def check_information(si: object, space: object) -> None:
     """Refuse what is no space information of OMPL's, or no map.
 
     Raises

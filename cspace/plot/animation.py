@@ -15,7 +15,7 @@ from cspace.errors import InputError
 from cspace.grid import positive
 from cspace.io.output import replacing
 from cspace.plot import artists
-from cspace.plot.protocols import Floats, MapLike
+from cspace.plot.protocols import Floats, HasPath, MapLike
 from cspace.plot.route import Route
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ _REST: Final = 1200
 
 def animate(
     space: MapLike,
-    path: ArrayLike,
+    path: ArrayLike | HasPath,
     file: str | os.PathLike[str],
     overwrite: bool = False,
     *,

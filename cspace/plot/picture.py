@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypedDict
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from cspace.errors import InputError
 from cspace.grid import positive
 from cspace.io.output import replacing
 from cspace.plot import artists
-from cspace.plot.protocols import MapLike
+from cspace.plot.protocols import HasPath, MapLike
 from cspace.plot.route import Look, Route, axes_of
 from cspace.plot.sections import draw_sections
 from cspace.plot.surface import draw_surface
@@ -36,11 +36,29 @@ VIEWS: Final = {
 """Pictures that there are, and the options that go with some of them only."""
 
 
+class PlotOptions(TypedDict, total=False):
+    """What :func:`plot` takes beside the map."""
+
+    yaw: ArrayLike
+    path: ArrayLike | HasPath
+    start: ArrayLike
+    goal: ArrayLike
+    ax: Axes
+    robot_every: float
+    legend: bool
+    title: str
+    view: str
+    at: ArrayLike
+    surface: str
+    cut: float
+    camera: ArrayLike
+
+
 def plot(
     space: MapLike,
     *,
     yaw: ArrayLike | None = None,
-    path: ArrayLike | None = None,
+    path: ArrayLike | HasPath | None = None,
     start: ArrayLike | None = None,
     goal: ArrayLike | None = None,
     ax: Axes | None = None,

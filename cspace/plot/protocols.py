@@ -35,6 +35,13 @@ class WorkspaceLike(Protocol):
     def outer(self) -> NDArray[np.bool_]: ...
 
 
+class HasPath(Protocol):
+    """A plan, or anything else with a path."""
+
+    @property
+    def path(self) -> Floats: ...
+
+
 class MapLike(Protocol):
     """A map that can be drawn."""
 
