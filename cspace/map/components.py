@@ -90,8 +90,11 @@ class Runs(NamedTuple):
 class Room(NamedTuple):
     """What :func:`join_blocks` works in; one thread at a time. Compiled code that makes no arrays is compiled sooner.
 
-    free, passable, theirs : Runs
-        Of a block by kind, and of a neighbour.
+    runs : tuple of Runs
+        By kind those of a block at an even place, and those of one at an odd place; and of another neighbour.
+    known : ndarray of int32, shape (2 * KINDS,)
+        Number of components of each but the last, -1 where it is not labelled: the labels of the next block along the
+        last axis serve again when its turn comes.
     packed : ndarray of uint64, shape (LINKS + links, blocks, KINDS, rows)
         By face the packed neighbours of blocks that follow each other along the last axis; the blocks themselves, and
         the one after them, are in the place of RIM.
@@ -101,9 +104,8 @@ class Room(NamedTuple):
         For the pairs.
     """
 
-    free: Runs
-    passable: Runs
-    theirs: Runs
+    runs: tuple[Runs, Runs, Runs, Runs, Runs]
+    known: Nodes
     packed: Words
     parent: Nodes
     pool: Pairs
@@ -114,7 +116,8 @@ class Room(NamedTuple):
         links = int(np.diff(blocks.link_ends, prepend=0).max())
         rows, length = int(blocks.sides[0] * blocks.sides[1]), min(int(blocks.shape[2]), count)
         return cls(
-            *(Runs.room(blocks) for _ in range(3)),
+            (Runs.room(blocks), Runs.room(blocks), Runs.room(blocks), Runs.room(blocks), Runs.room(blocks)),
+            np.empty(2 * KINDS, np.int32),
             np.empty((LINKS + links, length + 1, KINDS, rows), np.uint64),
             np.empty(2 << _BITS, np.int32),
             np.empty(KINDS * (LINKS + links) * (2 << _BITS) + 8 * count, np.uint32),
@@ -310,6 +313,9 @@ def rim_pairs(blocks: Blocks, block: int, runs: Runs, components: int, code: int
     x, y, z = corner_of(blocks, block)
     _, nx, ny, nz = blocks.states.shape
     begins, ends = z == 0, z + blocks.sides[2] >= nz
+    beside = y == 0 or y + blocks.sides[1] >= ny or (blocks.solid and (x == 0 or x + blocks.sides[0] >= nx))
+    if not (begins or ends or beside):
+        return 0
     for a in range(components):
         seen[a] = 0
     count = n = 0
@@ -335,13 +341,14 @@ def pairs_of(blocks: Blocks, s: int, block: int, place: int, room: Room, counts:
     from others are left out. The block is packed at a ``place`` in the room; ``counts``, shape (2,), is given the
     number of components of each kind.
     """
-    number = 0
-    parent, packed = room.parent, room.packed
+    number, own, after = 0, KINDS * (place % 2), KINDS * ((place + 1) % 2)
+    parent, packed, known = room.parent, room.packed, room.known
     plane, row = blocks.shape[1] * blocks.shape[2], blocks.shape[2]
     at = (block // plane, block // row % blocks.shape[1], block % row)
     for kind in range(KINDS):
-        ours = room.free if kind == 0 else room.passable
-        counts[kind] = label(blocks, packed[RIM, place, kind], ours)
+        ours = room.runs[own + kind]
+        counts[kind] = known[own + kind] if known[own + kind] >= 0 else label(blocks, packed[RIM, place, kind], ours)
+        known[after + kind] = -1
         if counts[kind] > 0:
             number += rim_pairs(blocks, block, ours, counts[kind], KINDS * RIM + kind, found[number:], parent)
     if counts[1] == 0:
@@ -350,16 +357,18 @@ def pairs_of(blocks: Blocks, s: int, block: int, place: int, room: Room, counts:
         if face == RIM or (face < AXES and at[face] + 1 == blocks.shape[face]):
             continue
         for kind in range(KINDS):
-            ours = room.free if kind == 0 else room.passable
             if counts[kind] == 0:
                 continue
-            others = label(blocks, packed[face, place, kind], room.theirs)
+            ours, theirs = room.runs[own + kind], room.runs[after + kind if face == 2 else 2 * KINDS]
+            others = label(blocks, packed[face, place, kind], theirs)
+            if face == 2:
+                known[after + kind] = others
             for node in range(counts[kind]):
                 parent[node] = node
             for node in range(ours.parent.size, ours.parent.size + others):
                 parent[node] = node
             first = number
-            number += meet(blocks, face, ours, room.theirs, parent, found[first:])
+            number += meet(blocks, face, ours, theirs, parent, found[first:])
             for n in range(first, number):
                 found[n] |= np.uint32((KINDS * face + kind) << (2 * _BITS))
     return number
@@ -406,6 +415,7 @@ def join_blocks(blocks: Blocks, segments: Ints, counts: Nodes, sizes: Ints, room
                 packed[2, k, 0, row], packed[2, k, 1, row] = packed[RIM, k + 1, 0, row], packed[RIM, k + 1, 1, row]
         for other in range(link, blocks.link_ends[s]):
             pack(blocks, blocks.links[other], first, packed[LINKS + other - link, :count])
+        room.known[:] = -1
         for k in range(count):
             if filled + most > len(pool):
                 return n + k, filled
