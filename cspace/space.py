@@ -306,7 +306,8 @@ class CSpace:
         -------
         bool or ndarray of bool, shape (...)
         """
-        sums = np.asarray(self._sum("inner", q))
+        with self._lock:  # running counts are right at the end of an update, and not in its midst
+            sums = np.asarray(self._sum("inner", q))
         counts = np.array([outer.count for outer, _ in self._rasters])
         inside: Bools = sums == counts[self._slice_of[self._rotations.cells_of(np.asarray(q, dtype=np.float64))]]
         return inside if inside.ndim else bool(inside)
@@ -350,8 +351,9 @@ class CSpace:
     def clearance(self, q: ArrayLike) -> float | Floats:
         """Lower bound of the distance, in the translation, to the nearest configuration that is not FREE.
 
-        The bound is proven, and less than one and a half cells below the distance itself (1.8 in space). Zero where a
-        configuration is not FREE; infinite where every configuration is.
+        The bound is proven. In the grid it is less than one and a half cells below the distance itself (1.8 in space),
+        up to 4095 cells, beyond which no distance is told; outside it tells how far the grid is, or what is not FREE
+        there. Zero where a configuration is not FREE; infinite where every configuration is.
 
         Parameters
         ----------
@@ -516,11 +518,12 @@ class CSpace:
             collision-free path exists. None: undecided at this resolution.
         """
         ends = []
-        for q, name in ((q0, "q0"), (q1, "q1")):
-            points = as_points(q, name, self.dof)
-            states = np.asarray(answer(points, self.dof, self._classify(), np.uint8, int, name))
-            ends.append((self._cells_of(points), states))
-        answers = self._components.joins(*ends)
+        with self._lock:  # while cells change, their components are neither those before nor those after
+            for q, name in ((q0, "q0"), (q1, "q1")):
+                points = as_points(q, name, self.dof)
+                states = np.asarray(answer(points, self.dof, self._classify(), np.uint8, int, name))
+                ends.append((self._cells_of(points), states))
+            answers = self._components.joins(*ends)
         found: bool | NDArray[np.object_] | None = answers if answers.ndim else answers[()]
         return found
 
@@ -544,7 +547,8 @@ class CSpace:
         ConfigurationError
             If the configuration is not FREE, or not in the grid.
         """
-        first, last = self._components.box(self._cells_of(self._one_free(q, "q")))
+        with self._lock:  # as for path_exists
+            first, last = self._components.box(self._cells_of(self._one_free(q, "q")))
         lower = np.asarray(self.grid.lower)
         return lower + self.grid.spacing * first, lower + self.grid.spacing * (last + 1)
 
@@ -681,8 +685,9 @@ class CSpace:
         ``exact=True``. An overlap field is about the obstacles as they were, and is let go. A map
         built without ``inner`` gets no BLOCKED cells; one from a file, if it has none where there could be one.
 
-        Updates wait for each other. A look-up that another thread makes meanwhile sees each cell as it was or as it is
-        going to be.
+        Updates wait for each other, and so do :meth:`path_exists`, :meth:`free_reach` and :meth:`contains_robot`, whose
+        answers hang on many cells at once. Any other look-up that another thread makes meanwhile sees each cell as it
+        was or as it is going to be.
 
         Parameters
         ----------

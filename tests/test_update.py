@@ -375,3 +375,27 @@ def test_updates_from_threads_wait_for_each_other() -> None:
     q = rng.uniform(-1.0, 5.0, (300, 2))
     np.testing.assert_array_equal(space.clearance(q), fresh.clearance(q))
     np.testing.assert_array_equal(space.path_exists(q[:150], q[150:]), fresh.path_exists(q[:150], q[150:]))
+
+
+def test_paths_are_told_before_an_update_or_after_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    # A cell that becomes FREE amid others, away from the rest, in a block that had one component.
+    occupied = np.zeros((40, 40), dtype=bool)
+    occupied[10:20, 10:20] = True
+    space = cspace.build(Workspace.from_array(occupied, 0.1), Robot.disc(0.01))
+    pocket, corner, found = (1.55, 1.55), (3.5, 3.5), []
+    asking = threading.Thread(target=lambda: found.append(space.path_exists(pocket, corner)))
+    assert space.path_exists(pocket, corner) is False
+    renew = cspace.CSpace._renew
+
+    def in_the_midst(self: cspace.CSpace, change: object) -> None:
+        asking.start()
+        asking.join(0.2)
+        renew(self, change)
+
+    monkeypatch.setattr(cspace.CSpace, "_renew", in_the_midst)
+    ring = np.ones((10, 10), dtype=bool)
+    ring[3:8, 3:8] = False
+    space.update(ring, (10, 10))
+    asking.join()
+    assert space.is_free(pocket)
+    assert found == [space.path_exists(pocket, corner)] == [False]
