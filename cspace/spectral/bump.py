@@ -94,10 +94,6 @@ class Bump:
         tolerance : float
             Largest error, relative to the value at 0; from 1e-13 to 0.1.
 
-        Returns
-        -------
-        ndarray of float64, shape (...)
-
         Raises
         ------
         InputError

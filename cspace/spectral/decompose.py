@@ -186,12 +186,8 @@ def _lattice_for(region: Region, tolerance: float) -> Lattice:
     usual = float((volume / _USUAL[region.dim]) ** (1.0 / region.dim))
     least = COARSEST * float((volume / MOST) ** (1.0 / region.dim))
     if tolerance < least:
-        raise InputError(
-            "tolerance",
-            f"is {tolerance:g} m, and the shape {region.size:g} m across",
-            "to prove it, too many cells would have to be looked at",
-            f"pass at least about {1.2 * least:.2g} m",
-        )
+        found, rule = f"is {tolerance:g} m, and the shape {region.size:g} m across", "to prove it takes too many cells"
+        raise InputError("tolerance", found, rule, f"pass at least about {1.2 * least:.2g} m")
     return Lattice(region, min(max(usual, tolerance / FINEST[region.dim]), tolerance / COARSEST))
 
 

@@ -54,13 +54,8 @@ class Descriptor:
     def __post_init__(self) -> None:
         values = finite(self.values, "values")
         if values.shape != self.grid.shape:
-            raise InputError(
-                "values",
-                f"has shape {values.shape} on a grid of {self.grid.shape}",
-                "both must be the same",
-                "pass one value for each cell, indexed in the order of the coordinates",
-                value=self.values,
-            )
+            found = f"has shape {values.shape} on a grid of {self.grid.shape}"
+            raise InputError("values", found, "both must be the same", "pass one value for each cell")
         values = values.copy()
         values.flags.writeable = False
         object.__setattr__(self, "values", values)
@@ -220,13 +215,8 @@ def _near_balls(centers: Floats, radii: Floats, grid: Grid) -> Any:
 def check_sampled(descriptor: Any) -> Descriptor:
     """The descriptor, refused where it is not sampled."""
     if not isinstance(descriptor, Descriptor):
-        raise InputError(
-            "descriptor",
-            f"is a {type(descriptor).__name__}, and no Descriptor",
-            "this takes descriptors sampled on a grid",
-            "make one with sample(grid) or indicator(shape, grid)",
-            value=descriptor,
-        )
+        rule, mend = "this takes descriptors sampled on a grid", "make one with sample(grid) or indicator(shape, grid)"
+        raise InputError("descriptor", f"is a {type(descriptor).__name__}, and no Descriptor", rule, mend)
     return descriptor
 
 
@@ -252,13 +242,8 @@ def union(first: Descriptor | BallDescriptor, *others: Descriptor | BallDescript
         return Descriptor(sampled[0].grid, reduce(np.add, [each.values for each in sampled]))
     for each in balls[1:]:
         if each.bump != balls[0].bump or each.dim != balls[0].dim:
-            raise InputError(
-                "others",
-                f"holds balls of {each.bump} in {each.dim} dimensions, and the first are of {balls[0].bump} in "
-                f"{balls[0].dim}",
-                "both must be the same",
-                "sample them on one grid first",
-            )
+            found = f"holds balls of {each.bump} with {each.dim} coordinates, the first {balls[0].bump}, {balls[0].dim}"
+            raise InputError("others", found, "both must be the same", "sample them on one grid first")
     centers, radii = (np.concatenate([getattr(each, name) for each in balls]) for name in ("centers", "radii"))
     return BallDescriptor(centers, radii, balls[0].bump)
 
@@ -312,13 +297,8 @@ def minkowski_sum(first: Descriptor, second: Descriptor, method: Literal["fft", 
     """
     f, g = (check_sampled(each).grid for each in (first, second))
     if f.dim != g.dim or abs(f.spacing - g.spacing) * max(f.shape + g.shape) > SAME * f.spacing:
-        raise InputError(
-            "second",
-            f"is on a grid of {g.dim} axes and a spacing of {g.spacing:g} m, the first on one of {f.dim} and "
-            f"{f.spacing:g} m",
-            "both must be the same",
-            "sample the descriptors alike",
-        )
+        found = f"has {g.dim} axes and a spacing of {g.spacing:g} m, the first {f.dim} and {f.spacing:g} m"
+        raise InputError("second", found, "both must be the same", "sample the descriptors alike")
     check_kind(method, "method", ("fft", "direct"))
     lower = np.add(f.lower, g.lower) + 0.5 * f.spacing
     grid = Grid(lower, f.spacing, [n + m - 1 for n, m in zip(f.shape, g.shape, strict=True)])

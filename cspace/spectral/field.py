@@ -87,7 +87,7 @@ class OverlapField:
         Raises
         ------
         InputError
-            If the overlap is in the plane and the map is in space, or the other way around, or memory is too small.
+            If the overlap has another dimension than the map, or memory is too small.
         MissingPackageError
             If finufft is not installed.
         """
@@ -121,17 +121,10 @@ class OverlapField:
     @overload
     def at(self, q: ArrayLike) -> float | Floats: ...
     def at(self, q: ArrayLike) -> float | Floats:
-        """The overlap at configurations, linear between the middles of cells.
+        """The overlap at configurations (..., dof), linear between the middles of cells, and not below zero: shape
+        (...).
 
-        Parameters
-        ----------
-        q : array-like, shape (dof,) or (..., dof)
-            Metres, and radians. Outside the grid the nearest value in it is taken; of a rotation, that of its cell.
-
-        Returns
-        -------
-        float or ndarray of float64, shape (...)
-            Not below zero.
+        Metres, and radians. Outside the grid the nearest value in it is taken; of a rotation, that of its cell.
 
         Raises
         ------

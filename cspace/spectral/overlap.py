@@ -283,25 +283,15 @@ class FourierOverlap:
         return np.array([sum_of_terms(shares, terms) for terms in self._slopes])
 
     def values(self, ts: ArrayLike, tolerance: float = 1e-9) -> Floats:
-        """:meth:`value` at many placements, by one non-uniform transform.
+        """:meth:`value` at many placements, metres, shape (..., d), by one non-uniform transform; shape (...).
 
-        Parameters
-        ----------
-        ts : array-like, shape (..., d)
-            Metres.
-        tolerance : float
-            Of the transform, relative to the root of the sum of the squares of the terms; from 1e-13 to 0.1.
-
-        Returns
-        -------
-        ndarray of float64, shape (...)
+        The tolerance, from 1e-13 to 0.1, is relative to the root of the sum of the squares of the terms.
         """
-        return np.asarray(self._transformed(ts, tolerance, [self._box])[0])
+        return np.asarray(self._transformed(ts, tolerance, [self._terms])[0])
 
     def gradients(self, ts: ArrayLike, tolerance: float = 1e-9) -> Floats:
         """:meth:`gradient` at many placements, shape (..., d), as :meth:`values`."""
-        boxes = [self._box * self._derivative(axis) for axis in range(self.dim)]
-        return np.moveaxis(self._transformed(ts, tolerance, boxes), 0, -1)
+        return np.moveaxis(self._transformed(ts, tolerance, self._slopes), 0, -1)
 
     def rotated(self, rotation: Any) -> FourierOverlap:
         """The same with A turned about the origin of its frame.
@@ -406,25 +396,13 @@ class FourierOverlap:
         """Take over the balls of A, whose middle and reach are known."""
         self._a = a
         self._terms = Terms.of(self._spectrum(a, self._pivot, self._norms[0]), self._spectrum_b, self._rings)
-        for kept in ("_box", "_slopes"):
-            self.__dict__.pop(kept, None)
-
-    @cached_property
-    def _box(self) -> Complexes:
-        """The terms of all frequencies, zero in the middle."""
-        return self._rings.box_of(self._terms.products / self._rings.twice)
+        self.__dict__.pop("_slopes", None)
 
     @cached_property
     def _slopes(self) -> list[Terms]:
         """The terms of the derivative along each axis."""
         waves = 2j * math.pi * self._rings.indices / self._rings.lengths
         return [self._terms._replace(products=self._terms.products * wave) for wave in waves.T]
-
-    def _derivative(self, axis: int) -> Complexes:
-        """What the terms of all frequencies are multiplied with for the derivative along an axis."""
-        half = self._rings.halves[axis]
-        waves = 2j * math.pi / self._rings.lengths[axis] * np.arange(-half, half + 1)
-        return np.expand_dims(waves, [other for other in range(self.dim) if other != axis])
 
     def _relative(self, places: Floats) -> Floats:
         """Placements of the middle of A relative to that of B."""
@@ -442,17 +420,18 @@ class FourierOverlap:
         place = self._relative(self._one(t))
         return place / self._rings.lengths if (np.abs(place) <= self._limits).all() else None
 
-    def _transformed(self, ts: ArrayLike, tolerance: float, boxes: list[Complexes]) -> Floats:
-        """Sums of the terms in boxes of all frequencies, shape (boxes, ...)."""
+    def _transformed(self, ts: ArrayLike, tolerance: float, sums: list[Terms]) -> Floats:
+        """Several sums of terms at placements, shape (sums, ...)."""
         within = check_tolerance(tolerance)
         places = check_vectors(ts, "ts", self.dim)
         flat = self._relative(places.reshape(-1, self.dim))
         inside = (np.abs(flat) <= self._limits).all(axis=1)
-        out = np.zeros((len(boxes), len(flat)))
+        out = np.zeros((len(sums), len(flat)))
         if inside.any():
+            boxes = np.stack([self._rings.box_of(terms.products / self._rings.twice) for terms in sums])
             turns = list(np.ascontiguousarray(2.0 * math.pi * (flat[inside] / self._rings.lengths).T))
-            out[:, inside] = nufft(2, self.dim, turns, np.stack(boxes), within, 1).real
-        return np.asarray(out.reshape(len(boxes), *places.shape[:-1]))
+            out[:, inside] = nufft(2, self.dim, turns, boxes, within, 1).real
+        return np.asarray(out.reshape(len(sums), *places.shape[:-1]))
 
 
 def _check_dims(name: str, balls: BallSet, others: BallSet) -> None:

@@ -169,8 +169,7 @@ def sampled_spectrum(descriptor: Descriptor, lengths: ArrayLike, counts: ArrayLi
 
     What is transformed is ``h^dim sum over cells of f(x) delta(. - x)``, with the cells' middles x and side h. Its
     spectrum repeats with the period ``1 / h`` and is that of the function itself as far as that has no frequencies
-    beyond ``1 / (2 h)``, and otherwise with those folded in. Axis by axis, it is an FFT where the period is a whole
-    number of cells, else by a product with the matrix of waves.
+    beyond ``1 / (2 h)``, and otherwise with those folded in.
 
     Parameters
     ----------
@@ -393,7 +392,9 @@ def _wave_sums(points: Floats, frequencies: Floats, tolerance: float) -> Complex
 
 
 def _along(values: NDArray[Any], axis: int, centers: Floats, spacing: float, period: float, count: int) -> Complexes:
-    """Sums along one axis of ``value exp(-2 pi i k x / period)``."""
+    """Sums along one axis of ``value exp(-2 pi i k x / period)``: by FFT where the period is a whole number of cells,
+    else by a product with the matrix of waves.
+    """
     from scipy import fft
 
     k = np.fft.fftfreq(count, 1.0 / count)
