@@ -56,7 +56,7 @@ def main() -> None:
     space = cspace.build(workspace, robot)
     print(f"{space}; a path exists: {space.path_exists(start, goal)}")
     plan = planners.plan(space, start, goal, planner="Cubes")  # the map's own search: no samples to draw
-    print(f"{plan.status}: {plan.length:.2f} m, certified: {plan.certified}, {1e3 * plan.times.planning:.0f} ms")
+    print(f"{plan.status}: {plan.length:.2f} m, certified: {plan.certified}")
     if not plan.solved:
         raise SystemExit("no path was found")
     name = options.output / "z_tunnel.png"
