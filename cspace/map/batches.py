@@ -74,12 +74,15 @@ def answer_edges(
     ``kernel_for(n)`` is the kernel for n edges.
     """
     starts, ends = _as_rows(q0, "q0", dof), _as_rows(q1, "q1", dof)
-    try:
-        shape = np.broadcast_shapes(starts.shape, ends.shape)
-    except ValueError as error:
-        found = f"has shape {starts.shape} and q1 {ends.shape}"
-        raise InputError("q0", found, "they must broadcast", "pass batches of equal shape") from error
-    first, second = (np.broadcast_to(part, shape).reshape(-1, dof) for part in (starts, ends))
+    shape = starts.shape
+    if ends.shape != shape:
+        try:
+            shape = np.broadcast_shapes(shape, ends.shape)
+        except ValueError as error:
+            found = f"has shape {starts.shape} and q1 {ends.shape}"
+            raise InputError("q0", found, "they must broadcast", "pass batches of equal shape") from error
+        starts, ends = np.broadcast_to(starts, shape), np.broadcast_to(ends, shape)
+    first, second = starts.reshape(-1, dof), ends.reshape(-1, dof)
     out = np.empty(len(first), dtype=np.bool_)
     bad = _fill(out, kernel_for(len(out)), [first, second], EDGES_A_THREAD)
     if bad >= 0:
