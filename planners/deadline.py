@@ -13,6 +13,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
+from operator import itemgetter
 from types import TracebackType
 from typing import Any, Final, Protocol
 
@@ -92,13 +93,17 @@ class _Watch:
     def _run(self) -> None:
         with self._changed:
             while True:
-                now = time.perf_counter()
-                due = [each for each in self._calls if each[0] <= now]
-                self._calls = [each for each in self._calls if each[0] > now]
-                for _, _, call in sorted(due, key=lambda each: each[0]):
-                    call()
+                self._call_due()
                 self._wakes = min((at for at, _, _ in self._calls), default=math.inf)
                 self._changed.wait(None if self._wakes == math.inf else self._wakes - time.perf_counter())
+
+    def _call_due(self) -> None:
+        # In a function of its own, so that the thread holds on to no callback while it waits.
+        now = time.perf_counter()
+        due = sorted((each for each in self._calls if each[0] <= now), key=itemgetter(0))
+        self._calls = [each for each in self._calls if each[0] > now]
+        for _, _, call in due:
+            call()
 
 
 _watch = _Watch()
