@@ -53,9 +53,7 @@ def ends_in(name: str, curve: str | None) -> tuple[Any, Any]:
     return (ENDS[name][0], (5.0, 3.2, 0.5)) if curve else ENDS[name]
 
 
-def patient(
-    space: CSpace, ends: Any, limits: tuple[float, ...] = (0.15, 0.5, 2.0, 10.0), **options: Any
-) -> planners.Plan:
+def patient(space: CSpace, ends: Any, limits: tuple[float, ...] = (0.15, 1.0, 20.0), **options: Any) -> planners.Plan:
     """A plan; the longer time limits are for a busy machine."""
     for limit in limits:
         found = planners.plan(space, *ends, time_limit=limit, **options)
