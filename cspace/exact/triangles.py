@@ -8,7 +8,9 @@ its radius; triangles of one radius share a tree.
 *Rounding.* The distance of two triangles can be too large in three ways, and :attr:`Distances.error` bounds them:
 
 * Edges that cross and are all but parallel: the parameter of the nearest point loses all its digits at an angle of
-  the square root of the rounding unit, which is about 1e-8 of the geometric mean of the edges' lengths.
+  the square root of the rounding unit, which is about 1e-8 of the geometric mean of the edges' lengths. Where their
+  direction apart is as wrong, coal may also take them for what is nearest and pass over a corner near a face: among
+  10^5 pairs of such triangles that made a distance too large by up to twelve times as much.
 * Triangles of hardly any height: their normal loses as many digits as the height lacks. Those below a millionth of a
   hundredth of their length are replaced by their longest edge, and the height counts as error.
 * Triangles whose normal is shorter than a fixed number: they are treated as if they had no inside. So all lengths are
@@ -82,7 +84,7 @@ class Distances:
         self._request.enable_signed_distance = False
         self._home = self._coal.Transform3s.Identity()
         (moved, moved_error, moved_edge), (still, still_error, still_edge) = map(self._sized, (robot, obstacles))
-        error = 4.0 * math.sqrt(UNIT * (moved_edge + still_edge) * min(moved_edge, still_edge))
+        error = 32.0 * math.sqrt(UNIT * (moved_edge + still_edge) * min(moved_edge, still_edge))
         self.error = (error + moved_error + still_error) / self._scale
         self._robot, self._obstacles = self._trees(moved, robot.radii), self._trees(still, obstacles.radii)
         boxes = np.array([tree.box for tree in self._obstacles]).reshape(-1, 2, 3)

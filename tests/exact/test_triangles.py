@@ -185,3 +185,25 @@ def test_distances_agree_with_fcl():
         robot.setTransform(fcl.Transform(turn, q))
         true = max(fcl.distance(robot, obstacles, fcl.DistanceRequest(), fcl.DistanceResult()), 0.0)
         assert abs(max(distances(q, turn, np.inf), 0.0) - true) < 1e-9
+
+
+def test_a_corner_near_a_face_beside_edges_all_but_parallel() -> None:
+    # coal takes the edges, which are 6.2e-7 apart, for what is nearest.
+    moved = np.array(
+        [
+            [7.87982071e-01, -1.51380864e00, -1.39688122e00],
+            [-7.87982071e-01, 1.51380864e00, 1.39688122e00],
+            [-1.50907783e-04, 4.23293399e-05, -1.29443721e-04],
+        ]
+    )
+    still = np.array(
+        [
+            [2.10491692e-01, -4.04380347e-01, -3.73146475e-01],
+            [-2.10492732e-01, 4.04381528e-01, 3.73146187e-01],
+            [-2.03527231e-04, 3.45555941e-03, 2.58758619e-03],
+        ]
+    )
+    normal = np.cross(moved[1] - moved[0], moved[2] - moved[0])
+    true = abs((still[0] - moved[0]) @ normal) / np.linalg.norm(normal)  # at most, as the corner is over the face
+    distances = Distances(Pieces(moved[None], np.zeros(1)), Pieces(still[None], np.zeros(1)), 4.0)
+    assert distances((0.0, 0.0, 0.0), np.eye(3), np.inf) <= true + distances.error
