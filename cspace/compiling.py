@@ -135,7 +135,7 @@ def inner(function: F, /) -> F: ...
 def inner(**options: Any) -> Callable[[F], F]: ...
 def inner(function: F | None = None, /, **options: Any) -> Any:
     """:func:`reader` for what only compiled code calls; without a door for Python it is compiled sooner."""
-    return reader(function, no_cpython_wrapper=True, **options)
+    return jit(function, _nrt=False, no_cpython_wrapper=True, **options)
 
 
 def entry(kernel: Any, fixed: tuple[Any, ...], floats: int) -> Callable[..., Any]:

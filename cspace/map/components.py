@@ -235,7 +235,8 @@ def unite_rows(runs: Runs, first: int, stop: int, other: int, other_stop: int) -
 @inner
 def label(blocks: Blocks, words: NDArray[np.uint64], runs: Runs) -> int:
     """Label the cells of a block, packed in a word for each row; the number of components, counted from 0."""
-    begins, table, count = runs.begins, runs.table, np.int64(0)
+    count: int = np.int64(0)  # type: ignore[assignment]  # of one type for the compiler from the start
+    begins, table = runs.begins, runs.table
     deep, wide = blocks.sides[0], blocks.sides[1]
     for row in range(deep * wide):
         word, first = words[row], count

@@ -188,6 +188,7 @@ def slabs_are_free(part: Slice, p: Numbers, q: Numbers, low: Cell, high: Cell) -
 @inner(forceinline=True)
 def blocks_are_free(part: Slice, mip: States, number: int, p: Numbers, q: Numbers) -> bool:
     """The same of a segment in the grid: it is cut into slabs of blocks, and walked only in those that are not FREE."""
+    ground: int = np.int64(0)  # type: ignore[assignment]  # the compiler gets one type for all three
     nx, ny, nz = part.shape
     columns, rows, depth = (nx + SIDE - 1) >> SHIFT, (ny + SIDE - 1) >> SHIFT, (nz + SIDE - 1) >> SHIFT
     first, last = cells_between(p[0], q[0], 0.0, 1.0)
@@ -209,6 +210,6 @@ def blocks_are_free(part: Slice, mip: States, number: int, p: Numbers, q: Number
             line, mark = ((number * columns + a) * rows + b) * depth, 0
             for c in range(max(bottom, 0) >> SHIFT, (min(top, nz - 1) >> SHIFT) + 1):
                 mark |= mip[np.uint64(line + c)]
-            if mark != FREE and not slabs_are_free(part, p, q, (begin, left, np.int64(0)), (end, right, nz - 1)):
+            if mark != FREE and not slabs_are_free(part, p, q, (begin, left, ground), (end, right, nz - 1)):
                 return False
     return True
