@@ -89,8 +89,10 @@ def bytes_needed(shape: Sequence[int], rasters: Sequence[Raster], workers: int |
     if not live:
         return 0
     far = np.array(in_space(shape)) - 1  # offsets beyond this cannot fall on the map
-    lower = np.clip([in_space(raster.lower, 0) for raster in live], -far, far)
-    upper = np.clip([in_space(raster.upper, 0) for raster in live], -far, far)
+    front = ((0, 0), (3 - len(shape), 0))
+    lower = np.pad([raster.lower for raster in live], front)
+    upper = lower + np.pad([raster.cells.shape for raster in live], front, constant_values=1) - 1
+    lower, upper = np.clip(lower, -far, far), np.clip(upper, -far, far)
     _, (layers, rows, cells) = padded(in_space(shape), lower, upper)
     return int(layers * rows * -(-cells // WORD)) * WORD // 8
 
