@@ -54,10 +54,10 @@ def map_bytes(shape: Sequence[int], slices: int = 1, overlap: bool = False) -> i
 
 
 def free_bytes() -> int:
-    """Memory that this process can still take, in bytes: what the machine has, or what its container leaves it."""
+    """Memory that this process can still take, in bytes: what the machine has, or what a limit leaves it."""
     import psutil
 
-    return int(min(psutil.virtual_memory().available, _left_by_container()))
+    return int(min(psutil.virtual_memory().available, _left_by_container(), _left_by_limit()))
 
 
 def check_memory(
@@ -181,3 +181,15 @@ def _left_by_container() -> float:
         return math.inf
     cached = next((int(line.split()[1]) for line in lines if line.startswith("inactive_file ")), 0)
     return max(0, limit - used + cached)
+
+
+def _left_by_limit() -> float:
+    """What the limit of a process's addresses (``ulimit -v``) leaves it, where the system has such limits."""
+    import psutil
+
+    try:
+        import resource
+    except ImportError:
+        return math.inf
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    return math.inf if limit == resource.RLIM_INFINITY else max(0, limit - psutil.Process().memory_info().vms)

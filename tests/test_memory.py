@@ -1,0 +1,40 @@
+"""Memory is told before any work, from what the machine, a container or a process's limit leaves."""
+
+import subprocess
+import sys
+
+import pytest
+
+import cspace
+from cspace.memory import check_memory, in_words
+
+LIMITED = """
+import resource, psutil, cspace
+room = psutil.Process().memory_info().vms + 2**29
+resource.setrlimit(resource.RLIMIT_AS, (room, room))
+try:
+    cspace.Workspace.from_points([(0.0, 0.0), (40.0, 40.0)], 0.001)
+except cspace.InputError as error:
+    print(error)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="limits of addresses are kept on Linux")
+def test_a_limit_of_the_process_counts():
+    done = subprocess.run([sys.executable, "-c", LIMITED], capture_output=True, text=True, check=True)
+    assert "40000 x 40000 cells" in done.stdout and "needs about 3.2 GB" in done.stdout
+
+
+def test_what_does_not_fit_is_refused_with_figures_and_a_spacing_that_would(monkeypatch):
+    monkeypatch.setattr("cspace.memory.free_bytes", lambda: 10**9)
+    check_memory(0.95e9, "the map", (1000, 1000, 1000), 0.1)
+    with pytest.raises(
+        cspace.InputError, match=r"at most 950 MB may be taken, which is 95% .* at least 0.11 m"
+    ):
+        check_memory(1e9, "the map", (1000, 1000, 1000), 0.1)
+    with pytest.raises(cspace.InputError, match="no spacing helps"):
+        check_memory(1.1e9, "the map", (10, 10), 0.1, fixed=1e9)
+
+
+def test_bytes_in_words():
+    assert [in_words(n) for n in (12, 1500, 2.5e9)] == ["12 bytes", "1.5 kB", "2.5 GB"]
