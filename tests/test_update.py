@@ -30,7 +30,7 @@ def room(outside: str = "blocked", robot: Robot | None = None, rotations: int | 
 # ---- equal to a rebuild ----------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=60)
+@settings(max_examples=35)
 @given(worlds(), st.booleans())
 def test_a_stream_of_updates_equals_a_rebuild(world: World, asked: bool) -> None:
     space = world.build()
@@ -40,7 +40,7 @@ def test_a_stream_of_updates_equals_a_rebuild(world: World, asked: bool) -> None
         check(space, fresh, world)
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(worlds())
 def test_checkers_that_were_handed_out_follow(world: World) -> None:
     space = world.build()
@@ -76,7 +76,7 @@ def _exact(world: World) -> None:
         agree(ours, checkers(fresh, exact=True), world)
 
 
-@settings(max_examples=15)
+@settings(max_examples=8)
 @given(worlds())
 def test_a_map_goes_through_files_between_updates(tmp_path_factory: pytest.TempPathFactory, world: World) -> None:
     space, folder = world.build(), tmp_path_factory.mktemp("maps")
