@@ -73,7 +73,7 @@ def test_engines_agree_where_robots_turn(seed, robot, rotations, outside, inner,
 @settings(max_examples=15)
 @given(stars(1.0), stars(1.5), POLICIES)
 def test_polygon_obstacles_by_definition(vertices, obstacle, outside):
-    workspace = Workspace.from_polygons(shapely.Polygon(obstacle), 0.5, bounds=(-2, -2, 2.5, 2))
+    workspace = Workspace.from_polygons(shapely.Polygon(obstacle), 0.5, bounds=(-4, -4, 4.5, 4))
     space = cspace.build(workspace, Robot.polygon(vertices), outside=outside)
     assert workspace.inner is not workspace.outer
     outer, inner = space.robot.rasters(0.5)
