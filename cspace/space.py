@@ -687,7 +687,8 @@ class CSpace:
 
         Updates wait for each other, and so do :meth:`path_exists`, :meth:`free_reach` and :meth:`contains_robot`, whose
         answers hang on many cells at once. Any other look-up that another thread makes meanwhile sees each cell as it
-        was or as it is going to be.
+        was or as it is going to be. An :meth:`overlap` asked for meanwhile may be
+        neither the old count nor the new one.
 
         Parameters
         ----------
