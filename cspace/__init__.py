@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from cspace.io.reading import open_map
     from cspace.io.reading import open_slice as open_slice
     from cspace.robot import Robot as Robot
+    from cspace.rotations import Rotations as Rotations
     from cspace.shapes.mesh import Mesh as Mesh
     from cspace.shapes.mesh import MeshWarning as MeshWarning
     from cspace.space import CSpace as CSpace
@@ -46,6 +47,7 @@ _HOME = {
     "Mesh": ("cspace.shapes", "Mesh"),
     "MeshWarning": ("cspace.shapes", "MeshWarning"),
     "Robot": ("cspace.robot", "Robot"),
+    "Rotations": ("cspace.rotations", "Rotations"),
     "CSpace": ("cspace.space", "CSpace"),
     "Spheres": ("cspace.spectral", "Spheres"),
     "Workspace": ("cspace.workspace", "Workspace"),

@@ -20,7 +20,7 @@ from cspace.map.slices import slice_rasters
 from cspace.memory import TRANSFORM_BYTES, check_memory, map_bytes
 from cspace.raster.raster import Raster
 from cspace.robot import Robot, check_margin
-from cspace.rotations import Rotations, cells_for, check_rotations
+from cspace.rotations import Rotations
 from cspace.space import CSpace
 from cspace.workspace import Workspace
 
@@ -99,12 +99,11 @@ def build(
     from cspace.space import CSpace
 
     _check(workspace, robot, method, overlap, outside, workers)
-    margin, cells, grid = check_margin(margin), check_rotations(rotations), workspace.grid
-    turning = cells_for(cells)
-    slices = int(turning.slice_of(robot).max()) + 1
+    margin, cells, grid = check_margin(margin), Rotations.of(rotations), workspace.grid
+    slices = int(cells.slice_of(robot).max()) + 1
     needed = map_bytes(grid.shape, slices, overlap)
     check_memory(needed, "the map", grid.shape, grid.spacing, fixed=TRANSFORM_BYTES)
-    rasters = slice_rasters(robot, grid.spacing, margin, turning)
+    rasters = slice_rasters(robot, grid.spacing, margin, cells)
     sides = [list(side) for side in zip(*rasters, strict=True)][: 2 if inner else 1]
     engine = ENGINES[choose(sides[0], counts=overlap) if method == "auto" else method]
     needed += max(engine.bytes_needed(grid.shape, side, workers) for side in sides) - TRANSFORM_BYTES
@@ -116,11 +115,11 @@ def build(
     return CSpace(
         workspace,
         robot,
-        state.reshape(*turning.leading(slices), *grid.shape),
+        state.reshape(*cells.leading(slices), *grid.shape),
         outside=outside,
         margin=margin,
         precision=precision,
-        overlaps=None if overlaps is None else overlaps.reshape(*turning.leading(slices), *grid.shape),
+        overlaps=None if overlaps is None else overlaps.reshape(*cells.leading(slices), *grid.shape),
         rotations=cells,
         rasters=rasters,
         trusted=True,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final, NamedTuple, Protocol
 
@@ -86,21 +86,59 @@ class Symmetric(Protocol):
         """The number of turns about the reference point that map it to itself in each whole turn; 0 for all."""
 
 
-class RotationCells(ABC):
+class Rotations(ABC):
     """The rotation cells of a map; each has one slice, and cells may share theirs.
+
+    There are three kinds: :class:`OneRotation` of a robot that only translates, :class:`YawRotations` in SE(2) and
+    R^3 x SO(2). :meth:`of` makes the one that a caller asks for.
 
     Attributes
     ----------
+    names : tuple of str
+        The numbers of a configuration that tell its rotation: those behind the position.
     dof : int
-        How many numbers of a configuration tell its rotation: those behind the position.
+        How many they are.
     """
 
+    names: ClassVar[tuple[str, ...]]
     dof: ClassVar[int]
+
+    @staticmethod
+    def of(value: int | Sequence[float] | Rotations | ArrayLike | None) -> Rotations:
+        """Rotation cells as :func:`cspace.build` takes them.
+
+        Parameters
+        ----------
+        value : int, sequence of float, Rotations or None
+            A number of equal cells of yaw, the first of which has its middle at 0; or n + 1 borders of such cells in
+            radians, ascending, the last one a whole turn after the first; or what this gave before. None for a robot
+            that only translates.
+
+        Raises
+        ------
+        InputError
+            If the count is not a whole number above zero, or the borders do not ascend over a whole turn.
+        """
+        if isinstance(value, Rotations):
+            return value
+        return OneRotation() if value is None else YawRotations.from_borders(value)
+
+    @staticmethod
+    def from_coordinates(coordinates: Mapping[str, NDArray[Any]]) -> Rotations:
+        """Rotation cells from their :attr:`coordinates`, to the last bit; there may be others among them."""
+        for kind in (YawRotations,):
+            if all(name in coordinates for name in kind.COORDINATES):
+                return kind.of_coordinates(coordinates)
+        return OneRotation()
 
     @property
     @abstractmethod
     def count(self) -> int:
         """Number of cells."""
+
+    @abstractmethod
+    def cell_of(self, rotation: ArrayLike) -> Ints:
+        """Cells that hold rotations: yaw angles (radians, any shape); nothing, where there is one cell."""
 
     @abstractmethod
     def cells_of(self, q: Floats) -> Ints:
@@ -129,6 +167,16 @@ class RotationCells(ABC):
 
     @property
     @abstractmethod
+    def covering_angles(self) -> Floats:
+        """Largest angle between a rotation of a cell and its representative, rounding included, shape (count,)."""
+
+    @property
+    @abstractmethod
+    def coordinates(self) -> dict[str, Floats]:
+        """Arrays that tell of the cells, by their names in files; the first axis of each counts the cells."""
+
+    @property
+    @abstractmethod
     def volumes(self) -> Floats:
         """How much of all rotations each cell is, in any unit, shape (count,)."""
 
@@ -154,17 +202,26 @@ class RotationCells(ABC):
     def compiled(self, slice_of: Ints) -> CompiledRotations:
         """What compiled look-ups get."""
 
+    def __str__(self) -> str:
+        return f"{self.count} rotations"
+
 
 @dataclass(frozen=True, slots=True)
-class OneRotation(RotationCells):
+class OneRotation(Rotations):
     """The one cell of a robot that only translates."""
 
+    names: ClassVar[tuple[str, ...]] = ()
     dof: ClassVar[int] = 0
+    COORDINATES: ClassVar[tuple[str, ...]] = ()
 
     @property
     def count(self) -> int:
         """One."""
         return 1
+
+    def cell_of(self, rotation: ArrayLike = ()) -> Ints:
+        """Cell 0, whatever the rotation."""
+        return np.zeros((), dtype=np.int64)
 
     def cells_of(self, q: Floats) -> Ints:
         """Cell 0 for each."""
@@ -186,6 +243,16 @@ class OneRotation(RotationCells):
     def centers(self) -> Floats:
         """No numbers."""
         return np.zeros((1, 0))
+
+    @property
+    def covering_angles(self) -> Floats:
+        """Zero."""
+        return np.zeros(1)
+
+    @property
+    def coordinates(self) -> dict[str, Floats]:
+        """None."""
+        return {}
 
     @property
     def volumes(self) -> Floats:
@@ -211,7 +278,7 @@ class OneRotation(RotationCells):
 
 
 @dataclass(frozen=True, slots=True)
-class Rotations(RotationCells):
+class YawRotations(Rotations):
     """Cells of yaw, for SE(2) in the plane and R^3 x SO(2) in space; cell ``k`` is ``[borders[k], borders[k + 1]]``.
 
     Attributes
@@ -221,25 +288,13 @@ class Rotations(RotationCells):
     """
 
     borders: tuple[float, ...]
+    names: ClassVar[tuple[str, ...]] = ("yaw",)
     dof: ClassVar[int] = 1
+    COORDINATES: ClassVar[tuple[str, ...]] = ("yaw", "yaw_bounds", "covering_angle")
 
     @classmethod
-    def of(cls, value: int | Sequence[float] | Rotations | ArrayLike) -> Rotations:
-        """Rotation cells from a count or from their borders.
-
-        Parameters
-        ----------
-        value : int, or sequence of float
-            A number of equal cells, the first of which has its middle at yaw 0; or n + 1 borders in radians, ascending,
-            the last one a whole turn after the first.
-
-        Raises
-        ------
-        InputError
-            If the count is not a whole number above zero, or the borders do not ascend over a whole turn.
-        """
-        if isinstance(value, Rotations):
-            return value
+    def from_borders(cls, value: Any) -> YawRotations:
+        """Cells from a count or from their borders, as :meth:`Rotations.of` tells."""
         if isinstance(value, bool) or np.ndim(value) == 0:
             if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
                 raise InputError(
@@ -358,6 +413,18 @@ class Rotations(RotationCells):
         return self.representatives[:, None]
 
     @property
+    def coordinates(self) -> dict[str, Floats]:
+        """The middle and the borders of each cell, and its covering angle, radians."""
+        bounds = np.stack([self.borders[:-1], self.borders[1:]], axis=1)
+        return dict(zip(self.COORDINATES, (self.representatives, bounds, self.covering_angles), strict=True))
+
+    @classmethod
+    def of_coordinates(cls, coordinates: Mapping[str, NDArray[Any]]) -> YawRotations:
+        """Cells from the bounds among their coordinates."""
+        bounds = coordinates["yaw_bounds"]
+        return cls.from_borders([*bounds[:, 0].tolist(), float(bounds[-1, 1])])
+
+    @property
     def volumes(self) -> Floats:
         """The width of each cell, radians."""
         return np.diff(self.borders)
@@ -385,13 +452,3 @@ class Rotations(RotationCells):
     def compiled(self, slice_of: Ints) -> YawCells:
         """What compiled look-ups get."""
         return YawCells(np.array(self.borders), np.ascontiguousarray(slice_of))
-
-
-def check_rotations(value: Any) -> Rotations | None:
-    """``value`` as rotation cells; None stays None."""
-    return None if value is None else Rotations.of(value)
-
-
-def cells_for(rotations: Rotations | None) -> RotationCells:
-    """The rotation cells that a caller gave, or the one of a robot that only translates."""
-    return OneRotation() if rotations is None else rotations

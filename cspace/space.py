@@ -21,7 +21,7 @@ from cspace.map.record import Map
 from cspace.map.slices import slice_rasters
 from cspace.raster.raster import Raster
 from cspace.robot import Robot
-from cspace.rotations import RotationCells, Rotations, cells_for
+from cspace.rotations import Rotations
 from cspace.states import BLOCKED, FREE
 from cspace.workspace import Workspace
 
@@ -74,7 +74,7 @@ class CSpace:
     overlaps : ndarray of int32, the shape of state, optional
         Overlap of each cell.
     rotations : Rotations, optional
-        Rotation cells of a robot that turns.
+        Rotation cells; the one of a robot that only translates, if left out.
     rasters : sequence of (outer, inner) Raster, optional
         The robot's, for each slice; made again if left out.
     fields : mapping of str to ndarray of float64, the shape of state, optional
@@ -106,10 +106,10 @@ class CSpace:
         trusted: bool = False,
         tells_blocked: bool | None = None,
     ) -> None:
-        self._rotations: RotationCells = cells_for(rotations)
-        self._slice_of = self._rotations.slice_of(robot)
+        self.rotations = Rotations.of(rotations)
+        self._slice_of = self.rotations.slice_of(robot)
         grid = workspace.grid
-        shape = (*self._rotations.leading(int(self._slice_of.max()) + 1), *grid.shape)
+        shape = (*self.rotations.leading(int(self._slice_of.max()) + 1), *grid.shape)
         for name, array, kind in (("state", state, np.uint8), ("overlaps", overlaps, np.int32)):
             if array is not None and (array.shape != shape or array.dtype != kind):
                 rule = f"it must have the map's shape {shape} and type {np.dtype(kind)}"
@@ -123,7 +123,6 @@ class CSpace:
         self.outside = outside
         self.margin = margin
         self.precision = precision
-        self.rotations = rotations
         self._tells_blocked = tells_blocked
         # Updates write through views of their own; all others see read-only ones.
         states = writable(state)
@@ -168,7 +167,7 @@ class CSpace:
     @property
     def dof(self) -> int:
         """Numbers in a configuration: the position's, and one more for the yaw of a robot that turns."""
-        return self.grid.dim + self._rotations.dof
+        return self.grid.dim + self.rotations.dof
 
     @property
     def state(self) -> NDArray[np.uint8]:
@@ -178,11 +177,11 @@ class CSpace:
         """
         shared = len(self._seen) < len(self._slice_of)
         every = read_only(self._seen[self._slice_of]) if shared else self._seen
-        return every.reshape(*self._rotations.leading(len(every)), *self.grid.shape)
+        return every.reshape(*self.rotations.leading(len(every)), *self.grid.shape)
 
     def slice_at(self, yaw: float = 0.0) -> NDArray[np.uint8]:
         """State of each cell in the rotation cell of a yaw (radians), shape (nx, ny) or (nx, ny, nz)."""
-        part: States = self._seen[self._slice_of[self._rotations.cells_of(finite([yaw], "yaw"))]]
+        part: States = self._seen[self._slice_of[self.rotations.cell_of(yaw)]]
         return part
 
     def count(self) -> tuple[int, int, int]:
@@ -195,7 +194,7 @@ class CSpace:
     def __repr__(self) -> str:
         free, mixed, blocked = self.count()
         cells = " x ".join(map(str, self.grid.shape))
-        turns = f" x {self.rotations.count} rotations" if self.rotations else ""
+        turns = f" x {self.rotations}" if self.rotations.dof else ""
         return (
             f"CSpace({cells} cells of {self.grid.spacing:g} m{turns}, {self.robot.name}: {free=}, {mixed=}, {blocked=})"
         )
@@ -208,7 +207,7 @@ class CSpace:
 
     def __getstate__(self) -> dict[str, Any]:
         """All that the map is; what was made at need is left behind, and so are the locks."""
-        names = ("robot", "outside", "margin", "precision", "rotations", "_rotations", "_slice_of", "_tells_blocked")
+        names = ("robot", "outside", "margin", "precision", "rotations", "_slice_of", "_tells_blocked")
         state = {name: getattr(self, name) for name in names}
         with self._lock:  # an update waits
             state["workspace"] = replace(self.workspace, live=False)
@@ -222,7 +221,7 @@ class CSpace:
         self.overlaps = None
         if self._counts is not None:
             counts = self._counts.view()
-            self.overlaps = read_only(counts).reshape(*self._rotations.leading(len(counts)), *self.grid.shape)
+            self.overlaps = read_only(counts).reshape(*self.rotations.leading(len(counts)), *self.grid.shape)
         self._make_room()
 
     # ---- one configuration -------------------------------------------------------------------------------------------
@@ -309,7 +308,7 @@ class CSpace:
         with self._lock:  # running counts are right at the end of an update, and not in its midst
             sums = np.asarray(self._sum("inner", q))
         counts = np.array([outer.count for outer, _ in self._rasters])
-        inside: Bools = sums == counts[self._slice_of[self._rotations.cells_of(np.asarray(q, dtype=np.float64))]]
+        inside: Bools = sums == counts[self._slice_of[self.rotations.cells_of(np.asarray(q, dtype=np.float64))]]
         return inside if inside.ndim else bool(inside)
 
     @overload
@@ -580,7 +579,7 @@ class CSpace:
         """
         from cspace.map.free_path import cube_path, pulled_straight
 
-        if self._rotations.dof:
+        if self.rotations.dof:
             rule = "free_path is for robots that only translate"
             raise InputError("the robot", "turns", rule, "use planners.plan")
         ends = [self._one_free(q, name) for q, name in ((q0, "q0"), (q1, "q1"))]
@@ -630,7 +629,7 @@ class CSpace:
         if not free.counts.any():
             raise self._nothing_free()
         count = 1 if n is None else int(n)
-        samples = sample(free, self._slice_of, self._rotations, self.grid, count, generator)
+        samples = sample(free, self._slice_of, self.rotations, self.grid, count, generator)
         return samples[0] if n is None else samples
 
     def nearest_free(self, q: ArrayLike) -> Floats:
@@ -656,7 +655,7 @@ class CSpace:
         if point.ndim != 1:
             rule = f"it must be one configuration of {self.dof} numbers"
             raise InputError("q", f"has shape {point.shape}", rule, "ask for one at a time", value=point.shape)
-        found = nearest(self._seen, self._slice_of, self._rotations, self.grid, point)
+        found = nearest(self._seen, self._slice_of, self.rotations, self.grid, point)
         if found is None:
             raise self._nothing_free()
         return found
@@ -823,9 +822,7 @@ class CSpace:
 
     @property
     def _rasters(self) -> list[tuple[Raster, Raster]]:
-        return self._rasters_kept.get(
-            lambda: slice_rasters(self.robot, self.grid.spacing, self.margin, self._rotations)
-        )
+        return self._rasters_kept.get(lambda: slice_rasters(self.robot, self.grid.spacing, self.margin, self.rotations))
 
     @property
     def _exterior(self) -> Exterior:
@@ -837,7 +834,7 @@ class CSpace:
         return self._map_kept.get(self._make_map)
 
     def _make_map(self) -> Map:
-        grid, rotations = self.grid, self._rotations.compiled(self._slice_of)
+        grid, rotations = self.grid, self.rotations.compiled(self._slice_of)
         return Map(
             self._seen, self._seen.reshape(-1), rotations, grid.lower, grid.spacing, grid.upper, self._exterior.table
         )
@@ -858,7 +855,7 @@ class CSpace:
             lambda: Components(
                 self._seen,
                 self._slice_of,
-                self._rotations.neighbors,
+                self.rotations.neighbors,
                 ~self._exterior.is_all_blocked(self.grid.shape),
             )
         )
@@ -916,4 +913,4 @@ class CSpace:
     def _cells_of(self, points: Floats) -> Ints:
         """Cells ``(rotation, x, y)`` or ``(rotation, x, y, z)`` of configurations, in the grid or not."""
         cells = self.grid.cell_of(points[..., : self.grid.dim])
-        return np.concatenate([self._rotations.cells_of(points)[..., None], cells], axis=-1)
+        return np.concatenate([self.rotations.cells_of(points)[..., None], cells], axis=-1)

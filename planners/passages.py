@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.map.chain import open_chain
-from cspace.rotations import cells_for
 from cspace.states import FREE
 from planners.local_planner import LocalPlanner
 from planners.search import Found, Search
@@ -67,7 +66,7 @@ class Passages:
             return self.search.run(self.edges, start, goal, self.time_limit)
         rng = np.random.default_rng(self.search.seed)
         space = self.edges.space
-        closed = np.zeros((cells_for(space.rotations).count, *space.grid.shape), dtype=np.bool_)
+        closed = np.zeros((space.rotations.count, *space.grid.shape), dtype=np.bool_)
         while self._left(SHARE) > 0.0:
             chain = open_chain(space, start, goal, closed)
             if not len(chain):
@@ -177,13 +176,13 @@ class Passages:
     def _centers(self, cells: Cells) -> Floats:
         """Middles of cells ``(rotation, x, y)`` or ``(rotation, x, y, z)``, shape (..., dof)."""
         space = self.edges.space
-        turns = cells_for(space.rotations).centers[cells[..., 0]]
+        turns = space.rotations.centers[cells[..., 0]]
         return np.concatenate([space.grid.center_of(cells[..., 1:]), turns], axis=-1)
 
     def _size(self, cell: Cells) -> Floats:
         """Sides of a cell, metres and radians."""
         space = self.edges.space
-        turns = np.full(space.dof - space.grid.dim, cells_for(space.rotations).volumes[cell[0]])
+        turns = np.full(space.dof - space.grid.dim, space.rotations.volumes[cell[0]])
         return np.concatenate([np.full(space.grid.dim, space.grid.spacing), turns])
 
     def _shortened(self, path: Floats) -> Floats:

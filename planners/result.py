@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.io.output import replacing
-from cspace.rotations import YAW_SLACK, cells_for
+from cspace.rotations import YAW_SLACK
 from planners.local_planner import LocalPlanner
 from planners.states import Floats
 
@@ -213,7 +213,7 @@ def least_clearance(edges: LocalPlanner, path: Floats) -> float:
     if len(path) < 2:
         return float(space.clearance(path[0]))
     turns = space.dof > dim
-    narrowest = float(cells_for(space.rotations).volumes.min()) if turns else math.inf
+    narrowest = float(space.rotations.volumes.min()) if turns else math.inf
     pieces = edges.pieces(path, 0.5 * space.grid.spacing, 0.5 * narrowest)
     if turns:
         swing = np.zeros_like(pieces.middles)

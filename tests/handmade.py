@@ -43,7 +43,7 @@ def map_of(state, rotations=None, outside="free", spacing=0.25, lower=None, rast
         outside=outside if isinstance(outside, str) else "free",
         margin=0.0,
         precision="float32",
-        rotations=None if rotations is None else Rotations.of(rotations),
+        rotations=Rotations.of(rotations),
         rasters=rasters,
     )
     if not isinstance(outside, str):
@@ -107,7 +107,7 @@ def all_cells(states):
 def middles(space, cells):
     """The middle configuration of cells ``(rotation, ...)``."""
     q = space.grid.center_of(cells[:, 1:])
-    return q if space.rotations is None else np.column_stack([q, space.rotations.representatives[cells[:, 0]]])
+    return q if not space.rotations.dof else np.column_stack([q, space.rotations.representatives[cells[:, 0]]])
 
 
 def sides_of(cell, shape):

@@ -13,7 +13,7 @@ def draw_configurations(space, rng, n):
     snapped = low + space.grid.spacing * np.rint((q - low) / space.grid.spacing)
     q = np.where(rng.random((n, dim)) < 0.3, snapped, q)
     q += np.where(rng.random((n, dim)) < 0.1, rng.uniform(-1e-8, 1e-8, (n, dim)), 0.0)
-    if space.rotations is None:
+    if not space.rotations.dof:
         return q
     on_border = rng.choice(np.asarray(space.rotations.borders), n) + 2.0 * np.pi * rng.integers(-1, 2, n)
     near = on_border + rng.choice([0.0, 1e-12, -1e-12, 1e-6, -1e-6], n)

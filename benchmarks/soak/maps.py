@@ -144,7 +144,7 @@ def _check_clearance(tally: Tally, case: Case, rng: Rng) -> None:
     way *= (far * rng.choice([1.0, 0.999, 0.5], len(far)) / np.linalg.norm(way, axis=1))[:, None]
     q = centers.copy()
     q[:, :dim] += way
-    if space.rotations is not None:
+    if space.rotations.dof:
         borders = _borders(space)
         turn = space.rotations.cell_of(centers[:, dim])
         part = np.clip(_within(rng, turn.shape), 1e-6, 1.0 - 1e-6)
@@ -193,7 +193,7 @@ def nearly_snapped(space: CSpace, q: Floats, rng: Rng, away: float = 1.0) -> Flo
     near = np.round((q[:, : grid.dim] - grid.lower) / grid.spacing)
     near += away * rng.choice([-1.0, 0.0, 1.0], near.shape) * 10.0 ** rng.uniform(-9.0, -3.0, near.shape)
     found = np.concatenate([grid.lower + grid.spacing * near, q[:, grid.dim :]], axis=1)
-    if space.rotations is not None:
+    if space.rotations.dof:
         border = rng.choice(_borders(space), len(q))
         border += away * rng.choice([-1.0, 0.0, 1.0], len(q)) * 10.0 ** rng.uniform(-12.0, -3.0, len(q))
         found[:, grid.dim] = np.where(rng.random(len(q)) < 0.5, q[:, grid.dim], border)
@@ -217,7 +217,7 @@ def _in_cells(space: CSpace, cells: NDArray[np.integer], rng: Rng) -> Floats:
     """A configuration of each cell, ``(rotation, x, y)``, ``(x, y)`` or ``(x, y, z)``, many on its border."""
     grid, dim = space.grid, space.grid.dim
     points = grid.lower + grid.spacing * (cells[:, -dim:] + _within(rng, (len(cells), dim)))
-    if space.rotations is None:
+    if not space.rotations.dof:
         return np.asarray(points)
     borders, turn = _borders(space), cells[:, 0]
     yaw = borders[turn] + _within(rng, turn.shape) * (borders[turn + 1] - borders[turn])
@@ -239,4 +239,4 @@ def _changes(state: NDArray[np.uint8], dim: int) -> Bools:
 
 
 def _borders(space: CSpace) -> Floats:
-    return np.asarray(space.rotations.borders if space.rotations is not None else ())
+    return np.asarray(space.rotations.borders if space.rotations.dof else ())

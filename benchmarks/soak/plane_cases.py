@@ -126,7 +126,7 @@ def draw_case(seed: int, number: int, turning: bool = False) -> Case:
         f"{workspace_kind} {workspace.grid.shape} at {spacing:g} m from {workspace.grid.lower}, "
         f"{kind} of {size:.3g} cells"
         f"{f', {nudge:.1e} cells off the lattice' if snap else ''}, outside={outside}, margin={margin:.3g}"
-        f"{f', {space.rotations.count} rotations' if space.rotations is not None else ''}"
+        f"{f', {space.rotations.count} rotations' if space.rotations.dof else ''}"
     )
     made_by = f"draw_case({seed}, {number}{', turning=True' if turning else ''})"
     return Case(name, made_by, (workspace_kind, kind), space, shape, solid)

@@ -120,7 +120,7 @@ def _checkers(space: CSpace) -> dict[str, Callable[[Any], Any]]:
     import planners
 
     made = {"discrete, our isValid": lambda si: planners.StateValidityChecker(si, space)}
-    if space.grid.dim == 2 and space.rotations is None:
+    if space.grid.dim == 2 and not space.rotations.dof:
         rows = [bytes(row) for row in space.state]
         scale = 1.0 / space.grid.spacing
 

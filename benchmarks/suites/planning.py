@@ -202,7 +202,7 @@ def _collides(obstacles: Any, path: Floats, radius: float) -> bool:
 def far_apart(space: CSpace, number: int, rng: np.random.Generator) -> list[Query]:
     """Random FREE pairs that a path joins, no straight edge does, and half the map's diagonal lies between."""
     least = 0.5 * np.linalg.norm(np.subtract(space.grid.upper, space.grid.lower))
-    draws = 20_000 if space.rotations is None else 5_000
+    draws = 20_000 if not space.rotations.dof else 5_000
     starts, goals = space.sample_free(draws, rng), space.sample_free(draws, rng)
     fit = np.linalg.norm((starts - goals)[:, : space.grid.dim], axis=1) >= least
     fit &= (space.path_exists(starts, goals) == True) & ~space.motion_is_free(starts, goals)  # noqa: E712 - of objects

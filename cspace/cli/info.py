@@ -106,17 +106,16 @@ def describe_map(space: CSpace) -> dict[str, Any]:
     states, fields = space._map.states, space._fields
     kept: list[Any] = [states, *fields.values()] + ([] if space.overlaps is None else [space.overlaps])
     turning: dict[str, Any] = {}
-    if rotations is None:
+    if not rotations.dof:
         measure = {f"free_{_MEASURES[grid.dim]}": counts[0] * grid.spacing**grid.dim}
     else:
-        widths = np.diff(rotations.borders)
+        shares = rotations.volumes / rotations.volumes.sum()
         free = np.array([np.count_nonzero(part == FREE) for part in states])[space._map.slice_of]
-        # Each rotation cell counts by its width.
-        mean = float(free @ widths / widths.sum()) * grid.spacing**grid.dim
+        mean = float(free @ shares) * grid.spacing**grid.dim
         measure = {f"mean_free_{_MEASURES[grid.dim]}": mean}
         turning = {
             "rotations": rotations.count,
-            "rotation_cell_deg": round(float(np.degrees(widths.max())), 9),
+            "rotation_cell_deg": round(float(np.degrees(2.0 * rotations.covering_angles.max())), 6),
             "slices": len(states),
         }
     return {
@@ -290,15 +289,15 @@ class _Cells:
     """The cells of a map to be: of its grid, and of its rotations where the robot turns."""
 
     def __init__(self, names: Options, robot: Robot | None, rotations: int | None) -> None:
-        from cspace.rotations import check_rotations
+        from cspace.rotations import Rotations
 
-        yaws = check_rotations(rotations)
+        cells = Rotations.of(rotations)
         self._names, self.slices = names, 1
         self._told: dict[str, Any] = {}
-        if yaws is not None:
+        if cells.dof:
             # A robot with a symmetry needs fewer slices than there are rotation cells.
-            self.slices = yaws.count if robot is None else int(yaws.slice_of(robot).max()) + 1
-            self._told = {"rotations": yaws.count, "slices": self.slices}
+            self.slices = cells.count if robot is None else int(cells.slice_of(robot).max()) + 1
+            self._told = {"rotations": cells.count, "slices": self.slices}
 
     def on(self, corners: Any, spacing: float | None, bounds: Any, bytes_a_cell: int, what: str) -> dict[str, Any]:
         """The grid that shapes would be put on, and its memory."""

@@ -81,10 +81,10 @@ def make(
     from cspace import build
     from cspace.io.formats import dimension_of
     from cspace.io.writing import SAVES
-    from cspace.rotations import check_rotations
+    from cspace.rotations import Rotations
     from cspace.workspace import Workspace, reader_of
 
-    check_rotations(rotations)
+    Rotations.of(rotations)
     output = Path(workspace.with_suffix(".zarr").name) if output is None else output
     check_outputs([output], SAVES, overwrite)
     options = workspace_options(spacing, unknown, bounds, solid, radius)

@@ -51,7 +51,7 @@ def to_xarray(space: SavedMap) -> xarray.Dataset:
     """
     import xarray
 
-    dim, turns = space.grid.dim, space.rotations is not None
+    dim, turns = space.grid.dim, space.rotations.dof > 0
     variables: dict[str, Any] = {}
     labels: dict[str, Any] = {}
     for name, array in ({"inner": space.workspace.inner} | arrays_of(space)).items():

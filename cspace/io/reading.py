@@ -15,7 +15,7 @@ from cspace.errors import FileError
 from cspace.grid import Grid
 from cspace.io.input import not_a_name, unreadable
 from cspace.io.npz import read_npz
-from cspace.io.record import STACKED, one_yaw, rotation_arrays, shapes_from, unusable
+from cspace.io.record import STACKED, one_yaw, shapes_from, unusable
 from cspace.io.store import read_parts, read_store
 from cspace.robot import Robot
 from cspace.rotations import Rotations
@@ -77,8 +77,8 @@ def open_slice(path: str | os.PathLike[str], yaw: float = 0.0) -> NDArray[np.uin
     angle = one_yaw(yaw)
     if not _is_folder(path):
         return open_map(path).slice_at(angle)
-    metadata, table = read_parts(path)
-    cell = int(_rotations(table).cell_of(angle)) if metadata["rotations"] else 0
+    _, table = read_parts(path)
+    cell = int(Rotations.from_coordinates(table).cell_of(angle))
     _, parts = read_parts(path, int(table["slice_of"][cell]))
     return parts["state"]
 
@@ -92,9 +92,12 @@ def _restored(metadata: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -
         source=metadata["workspace_source"],
         shapes=shapes_from(arrays),
     )
-    rotations = _rotations(arrays) if metadata["rotations"] else None
-    # A robot that only translates has one slice, which the constructor takes without that axis.
-    stacked = {name: arrays[name] if rotations else arrays[name][0] for name in STACKED if name in arrays}
+    rotations = Rotations.from_coordinates(arrays)
+    stacked = {
+        name: arrays[name].reshape(*rotations.leading(len(arrays[name])), *workspace.grid.shape)
+        for name in STACKED
+        if name in arrays
+    }
     space = CSpace(
         workspace,
         Robot.from_spec(json.loads(metadata["robot"])),
@@ -106,17 +109,11 @@ def _restored(metadata: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -
         rotations=rotations,
         fields=stacked,
     )
-    expected = {"slice_of": space._slice_of} | (rotation_arrays(rotations) if rotations else {})
+    expected = {"slice_of": space._slice_of} | rotations.coordinates
     for name, needed in expected.items():
         if not np.array_equal(arrays[name], needed):
             raise ValueError(f"its array {name!r} is not that of its rotation cells and its robot")
     return space
-
-
-def _rotations(arrays: Mapping[str, NDArray[Any]]) -> Rotations:
-    """The rotation cells, to the last bit."""
-    bounds = arrays["yaw_bounds"]
-    return Rotations.of([*bounds[:, 0].tolist(), float(bounds[-1, 1])])
 
 
 def _is_folder(path: str | os.PathLike[str]) -> bool:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from cspace import __version__
 from cspace.errors import FileError, InputError
 from cspace.grid import finite
+from cspace.rotations import Rotations, YawRotations
 from cspace.shapes import Shape, shape_from_spec
 from cspace.states import BLOCKED, FIELDS, NAMES
 
@@ -33,7 +34,7 @@ AXES: Final = ("x", "y", "z")
 STACKED: Final = ("state", "overlap", *FIELDS)
 """Arrays that hold one slice after the other."""
 
-TURNS: Final = ("yaw", "yaw_bounds", "covering_angle")
+TURNS: Final = YawRotations.COORDINATES
 """Arrays that tell of the rotation cells; there only where the robot turns."""
 
 _REQUIRED: Final = ("state", "outer", "slice_of")
@@ -51,7 +52,7 @@ class SavedMap(Protocol):
     precision: str
     workspace: Workspace
     robot: Robot
-    rotations: Any
+    rotations: Rotations
     _seen: NDArray[np.uint8]
     _slice_of: NDArray[np.int64]
     overlaps: NDArray[np.int32] | None
@@ -172,7 +173,7 @@ def metadata_of(space: SavedMap) -> dict[str, Any]:
         "outside": space.outside,
         "margin": float(space.margin),
         "precision": space.precision,
-        "rotations": 0 if space.rotations is None else space.rotations.count,
+        "rotations": space.rotations.count if space.rotations.dof else 0,
         "slices": len(space._seen),
         "robot": space.robot.definition,
         "workspace_source": space.workspace.source,
@@ -195,22 +196,11 @@ def arrays_of(space: SavedMap) -> dict[str, NDArray[Any]]:
         stacked["overlap"] = space.overlaps
     arrays |= {name: array.reshape(space._seen.shape) for name, array in stacked.items()}
     arrays |= {axis: grid.centers(i) for i, axis in enumerate(AXES[: grid.dim])}
-    if space.rotations is not None:
-        arrays |= rotation_arrays(space.rotations)
+    arrays |= space.rotations.coordinates
     if workspace.shapes is not None:
         specs = json.dumps([shape.spec for shape in workspace.shapes])
         arrays["shapes"] = np.frombuffer(specs.encode(), dtype=np.int8)  # netCDF 3 knows no unsigned bytes
     return arrays
-
-
-def rotation_arrays(rotations: Any) -> dict[str, NDArray[Any]]:
-    """Rotation cells as the arrays :data:`TURNS`, radians."""
-    borders = np.asarray(rotations.borders)
-    return {
-        "yaw": rotations.representatives,
-        "yaw_bounds": np.stack([borders[:-1], borders[1:]], axis=1),
-        "covering_angle": rotations.covering_angles,
-    }
 
 
 def shapes_from(arrays: Mapping[str, NDArray[Any]]) -> tuple[Shape, ...] | None:

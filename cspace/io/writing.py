@@ -121,7 +121,7 @@ def export(space: SavedMap, path: str | os.PathLike[str], overwrite: bool = Fals
 
 def _slice_number(space: SavedMap, path: str | os.PathLike[str], yaw: float | None) -> int:
     """Number of the one slice of a map that is asked for."""
-    if space.rotations is None:
+    if not space.rotations.dof:
         if yaw is not None:
             rule = "the map of a robot that only translates has one slice"
             raise InputError("yaw", f"is {yaw!r}", rule, "leave it out", value=yaw)

@@ -11,7 +11,7 @@ from cspace.compiling import jit
 from cspace.errors import InputError
 from cspace.grid import Grid
 from cspace.map.record import Map
-from cspace.rotations import RotationCells
+from cspace.rotations import Rotations
 from cspace.states import BLOCKED, FREE, MIXED
 
 Bytes = NDArray[np.uint8]
@@ -125,7 +125,7 @@ def chain(
 class Space(Protocol):
     """What is asked of a map; :class:`cspace.CSpace` has it all."""
 
-    _rotations: RotationCells
+    rotations: Rotations
 
     @property
     def grid(self) -> Grid: ...
@@ -175,4 +175,4 @@ def open_chain(space: Space, q0: ArrayLike, q1: ArrayLike, closed: NDArray[np.bo
         raise InputError("closed", found, rule, "leave it out for none")
     if BLOCKED in (space.classify(q0), space.classify(q1)):
         return np.empty((0, 1 + len(shape)), dtype=np.int64)
-    return chain(space._map.states, slice_of, space._rotations.neighbors, closed, *ends)
+    return chain(space._map.states, slice_of, space.rotations.neighbors, closed, *ends)

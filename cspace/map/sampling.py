@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from cspace.compiling import jit, reader
 from cspace.grid import Grid
-from cspace.rotations import RotationCells
+from cspace.rotations import Rotations
 from cspace.states import FREE
 
 Bytes = NDArray[np.uint8]
@@ -123,7 +123,7 @@ class FreeCells:
 
 
 def sample(
-    free: FreeCells, slice_of: Ints, rotations: RotationCells, grid: Grid, n: int, rng: np.random.Generator
+    free: FreeCells, slice_of: Ints, rotations: Rotations, grid: Grid, n: int, rng: np.random.Generator
 ) -> Floats:
     """Configurations uniform over the volume of the FREE cells of all rotations, of which there must be one.
 
@@ -217,7 +217,7 @@ def next_layer(low: Ints, high: Ints, axis: int, value: float, count: int, scale
     return high[axis] - 1, above
 
 
-def nearest(states: Bytes, slice_of: Ints, rotations: RotationCells, grid: Grid, q: Floats) -> Floats | None:
+def nearest(states: Bytes, slice_of: Ints, rotations: Rotations, grid: Grid, q: Floats) -> Floats | None:
     """Middle of the FREE cell nearest to a configuration, shape (dof,), half a metre counting as much as a radian.
 
     None where there is no FREE cell. What is far from the configuration is not looked at.

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from cspace.raster.raster import Raster
 from cspace.robot import Robot
-from cspace.rotations import RotationCells
+from cspace.rotations import Rotations
 
 
-def slice_rasters(robot: Robot, spacing: float, margin: float, rotations: RotationCells) -> list[tuple[Raster, Raster]]:
+def slice_rasters(robot: Robot, spacing: float, margin: float, rotations: Rotations) -> list[tuple[Raster, Raster]]:
     """Outer and inner raster of the robot for each slice.
 
     Each is rasterised afresh from the turned geometry, but for those a quarter turn from another, which are permuted.

@@ -177,7 +177,7 @@ class _Stage:
         self._nose.set_path(artists.nose(self._figurine, q))
         self._point.set_data(q[:1], q[1:2])
         rotations = self._space.rotations
-        if len(q) > 2 and rotations is not None:
+        if len(q) > 2 and rotations.dof:
             self._head.set_text(f"C-obstacle at yaw {artists.degrees(math.radians(round(math.degrees(q[2]))))}")
             cell = int(rotations.cell_of(q[2]))
             if cell != self._cell:

@@ -87,7 +87,7 @@ def check_yaw(space: MapLike, yaw: Any) -> float | None:
     if angle.ndim:
         rule, mend = "it must be one number, in radians", "use the view yaw_panels for several"
         raise InputError("yaw", f"has shape {angle.shape}", rule, mend, value=yaw)
-    if space.rotations is not None:
+    if space.rotations.dof:
         space.rotations.cell_of(angle)  # raises where it is too large to be wrapped
     return float(angle)
 
@@ -260,12 +260,12 @@ def title(space: MapLike, stretch: Floats, words: str | None, about: str = "") -
 def about_yaw(space: MapLike, yaw: float | None) -> str:
     """What is shown of a map with rotations: one rotation cell, or all of them."""
     rotations = space.rotations
-    if space.dof == space.grid.dim or rotations is None:
+    if not rotations.dof:
         return ""
-    widths = np.degrees(np.diff(rotations.borders))
+    widths = np.degrees(2.0 * rotations.covering_angles)
     if yaw is not None:
         return f"yaw {degrees(yaw)}, in a rotation cell {widths[rotations.cell_of(yaw)]:.3g}° wide"
-    width = f"{widths.min():.3g}°" + ("" if rotations.is_uniform() else f" to {widths.max():.3g}°")
+    width = f"{widths.min():.3g}°" + ("" if np.ptp(widths) < 1e-6 else f" to {widths.max():.3g}°")
     return f"over all yaws, {rotations.count} rotation cells of {width}"
 
 

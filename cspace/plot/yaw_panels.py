@@ -68,7 +68,7 @@ def _distinct(space: Any) -> Floats:
     """Middle yaws of at most so many rotation cells whose slices differ, spread evenly, shape (n,)."""
     first = np.sort(np.unique(space._map.slice_of, return_index=True)[1])
     count = min(PANELS, len(first))
-    chosen: Floats = space.rotations.representatives[first[np.arange(count) * len(first) // count]]
+    chosen: Floats = space.rotations.centers[first[np.arange(count) * len(first) // count], 0]
     return chosen
 
 

@@ -19,7 +19,7 @@ from cspace.map.fields import checked_fields
 from cspace.map.points import configuration, is_usable, replaced
 from cspace.map.record import Map
 from cspace.memory import check_memory
-from cspace.rotations import Rotations, cells_for
+from cspace.rotations import Rotations
 from cspace.spectral.overlap import FourierOverlap
 from cspace.states import FIELDS
 
@@ -35,7 +35,7 @@ class Space(Protocol):
     @property
     def grid(self) -> Grid: ...
     @property
-    def rotations(self) -> Rotations | None: ...
+    def rotations(self) -> Rotations: ...
     @property
     def dof(self) -> int: ...
     @property
@@ -97,7 +97,7 @@ class OverlapField:
         shape, count = map_.states.shape, 1 + grid.dim
         check_memory(8.0 * count * map_.states.size, "the overlap field", grid.shape, grid.spacing)
         arrays = {name: np.empty(shape) for name in FIELDS[:count]}
-        turns = cells_for(space.rotations).turns(grid.dim)
+        turns = space.rotations.turns(grid.dim)
         for number in range(len(map_.states)):
             matrix = turns[int(np.argmax(map_.slice_of == number))].matrix
             placed = overlap if matrix is None else overlap.rotated(matrix)
@@ -144,7 +144,7 @@ class OverlapField:
 
 
 def _shape(space: Space) -> tuple[int, ...]:
-    return (*cells_for(space.rotations).leading(len(space._map.states)), *space.grid.shape)
+    return (*space.rotations.leading(len(space._map.states)), *space.grid.shape)
 
 
 @jit

@@ -79,7 +79,7 @@ def test_classify_of_many_is_that_of_each(make, seed, outside, number):
     assert space.classify(q)[some].tolist() == [space.classify(one) for one in q[some]]
     inside = space.grid.contains(q[:, : space.grid.dim])
     cells = space.grid.cell_of(q[inside, : space.grid.dim])
-    slices = 0 if space.rotations is None else space._map.slice_of[space.rotations.cell_of(q[inside, -1])]
+    slices = 0 if not space.rotations.dof else space._map.slice_of[space.rotations.cell_of(q[inside, -1])]
     assert (space.classify(q)[inside] == space._map.states[(slices, *cells.T)]).all()
 
 

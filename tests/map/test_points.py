@@ -95,7 +95,7 @@ def test_refuses(space, name, change, words):
 @pytest.mark.parametrize("name", LOOKUPS)
 def test_refuses_a_yaw_that_can_not_be_wrapped(space, name):
     far = [*somewhere(space)[:-1], 1.01 * MAX_YAW]
-    if space.rotations is None:
+    if not space.rotations.dof:
         getattr(space, name)(far)  # it is a position
         return
     with pytest.raises(InputError, match="yaw beyond"):
@@ -105,7 +105,7 @@ def test_refuses_a_yaw_that_can_not_be_wrapped(space, name):
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -2 * MAX_YAW])
 def test_edges_paths_and_boxes_refuse_bad_ends(space, bad):
     q = somewhere(space)
-    if abs(bad) < np.inf and space.rotations is None:
+    if abs(bad) < np.inf and not space.rotations.dof:
         bad = -np.inf
     wrong = [*q[:-1], bad]
     for ask in (space.motion_is_free, space.path_exists):
@@ -140,7 +140,7 @@ def test_state_is_read_only(space):
 
 def test_refuses_states_that_are_none_or_do_not_fit(space):
     options = {"outside": "free", "margin": 0.0, "precision": "float32", "rotations": space.rotations}
-    state = space._map.states if space.rotations is not None else space.state
+    state = space._map.states if space.rotations.dof else space.state
     with pytest.raises(InputError, match="state holds 3"):
         cspace.CSpace(space.workspace, space.robot, np.full_like(state, 3), **options)
     for other in (state[1:], state[0], state[None], np.concatenate([state, state])):
@@ -166,18 +166,18 @@ def test_classify_is_the_state_of_the_cell(space):
     dim = space.grid.dim
     q = q[space.grid.contains(q[:, :dim])]
     cells = space.grid.cell_of(q[:, :dim])
-    if space.rotations is not None:
+    if space.rotations.dof:
         cells = np.column_stack([space.rotations.cell_of(q[:, dim]), cells])
     assert (space.classify(q) == space.state[tuple(cells.T)]).all()
 
 
 def test_whole_turns_change_nothing(space):
-    cells = handmade.all_cells(space._map.states if space.rotations is None else space.state)[::97]
-    for wraps in (-1000, -1, 0, 1, 1000) if space.rotations else (0,):
+    cells = handmade.all_cells(space._map.states if not space.rotations.dof else space.state)[::97]
+    for wraps in (-1000, -1, 0, 1, 1000) if space.rotations.dof else (0,):
         q = handmade.middles(space, cells)
         q[:, space.grid.dim :] += wraps * TURN
         assert (space.classify(q) == space.state[tuple(cells.T[-space.state.ndim :])]).all()
-        number = int(space.rotations.cell_of(0.5)) if space.rotations else ...
+        number = int(space.rotations.cell_of(0.5)) if space.rotations.dof else ...
         assert (space.slice_at(0.5 + wraps * TURN) == space.state[number]).all()
 
 

@@ -44,7 +44,7 @@ def test_samples_are_uniform_over_the_free_volume(space):
     place = space.grid.cell_of(samples[:, :dim])
     within = (samples[:, :dim] - space.grid.lower) / space.grid.spacing - place
     turn, widths = np.zeros(n, dtype=int), np.ones(1)
-    if space.rotations is not None:
+    if space.rotations.dof:
         borders, turn = np.asarray(space.rotations.borders), space.rotations.cell_of(samples[:, dim])
         widths, above = np.diff(borders), samples[:, dim] - borders[turn]
         within = np.column_stack([within, (above - TURN * np.floor(above / TURN)) / widths[turn]])

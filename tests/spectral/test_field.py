@@ -66,9 +66,9 @@ def test_the_field_is_the_overlap_and_its_gradient_at_the_cells(
     for _ in range(20):
         number, *cell = (int(rng.integers(n)) for n in (field.values.size // space.grid.size, *space.grid.shape))
         placed = overlap
-        if space.rotations is not None:
+        if space.rotations.dof:
             placed = overlap.rotated(float(space.rotations.representatives[number]))
-        where = (number, *cell) if space.rotations is not None else tuple(cell)
+        where = (number, *cell) if space.rotations.dof else tuple(cell)
         t = space.grid.center_of(cell)
         assert field.values[where] == pytest.approx(placed.value(t), abs=1e-8 * largest)
         slopes = [field.arrays[f"penetration_{axis}"][where] for axis in "xyz"[:dim]]
@@ -82,14 +82,14 @@ def test_between_the_cells_it_is_linear(case: tuple[CSpace, FourierOverlap]) -> 
     low, high = np.array(space.grid.lower), np.array(space.grid.upper)
     q = rng.uniform(low, high, (200, dim))
     middles = space.grid.center_of(space.grid.cell_of(q))
-    if space.rotations is not None:
+    if space.rotations.dof:
         yaw = rng.uniform(-7.0, 7.0, 200)
         q, middles = np.column_stack([q, yaw]), np.column_stack([middles, yaw])
     from scipy.interpolate import RegularGridInterpolator
 
     stack = field.values.reshape(-1, *space.grid.shape)
     axes = [space.grid.centers(axis) for axis in range(dim)]
-    numbers = space.rotations.cell_of(q[:, 2]) if space.rotations is not None else np.zeros(200, dtype=int)
+    numbers = space.rotations.cell_of(q[:, 2]) if space.rotations.dof else np.zeros(200, dtype=int)
     places = np.clip(q[:, :dim], [axis[0] for axis in axes], [axis[-1] for axis in axes])
     expected = [RegularGridInterpolator(axes, stack[n])(p)[0] for n, p in zip(numbers, places, strict=True)]
     assert field.at(q) == pytest.approx(np.maximum(expected, 0.0), abs=1e-12)
@@ -118,7 +118,7 @@ def test_the_objective_weighs_length_by_the_overlap(case: tuple[CSpace, FourierO
     field = OverlapField.of(space, overlap)
     si = planners.simple_setup(space).getSpaceInformation()
     objective = planners.OverlapObjective(si, space, field, weight=4.0, full=0.01)
-    turning = space.rotations is not None
+    turning = space.rotations.dof
     rng = np.random.default_rng(2)
     low, high = np.array(space.grid.lower), np.array(space.grid.upper)
     q = rng.uniform(low, high, (12, space.grid.dim))
@@ -185,7 +185,7 @@ def without(space: CSpace, fields: Any = None) -> CSpace:
     return CSpace(
         space.workspace,
         space.robot,
-        space._map.states[0] if space.rotations is None else space._map.states,
+        space._map.states[0] if not space.rotations.dof else space._map.states,
         outside=space.outside,
         margin=space.margin,
         precision=space.precision,
@@ -210,8 +210,8 @@ def test_the_map_is_the_same_and_the_field_that_of_the_overlap(kind: str) -> Non
             array[...] = 0.0
     assert made._rasters[0][0] is space._rasters[0][0]  # it is not made again
     assert made.clearance(made.nearest_free([0.0] * space.dof)) == clearance
-    assert (kind == "shared") == (space.rotations is not None and len(space._map.states) < space.rotations.count)
-    again = build(made.workspace, made.robot, rotations=made.rotations and made.rotations.count)
+    assert (kind == "shared") == (space.rotations.dof and len(space._map.states) < space.rotations.count)
+    again = build(made.workspace, made.robot, rotations=made.rotations)
     assert again.overlap_field is None and not set(FIELDS) & set(again.to_xarray())
 
 
@@ -282,7 +282,7 @@ def test_a_second_field_takes_the_place_of_the_first() -> None:
 
 
 def ends_of(space: CSpace) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    more = (0.0,) if space.rotations is not None else (0.51,) * (space.dof - 2)
+    more = (0.0,) if space.rotations.dof else (0.51,) * (space.dof - 2)
     return (0.43, 0.88, *more), (1.57, 0.88, *more)
 
 
@@ -291,11 +291,11 @@ def least_distance(space: CSpace, plan: planners.Plan) -> float:
     share, dim, found = np.linspace(0.0, 1.0, 60)[:, None], space.grid.dim, []
     for first, second in zip(plan.waypoints[:-1], plan.waypoints[1:], strict=True):
         step = second - first
-        if space.rotations is not None:
+        if space.rotations.dof:
             step[2] = (step[2] + np.pi) % (2.0 * np.pi) - np.pi
         q = first + share * step
         placed = np.repeat(space.robot.shape.centers[None], len(q), axis=0)
-        if space.rotations is not None:
+        if space.rotations.dof:
             turn = np.array([[np.cos(q[:, 2]), -np.sin(q[:, 2])], [np.sin(q[:, 2]), np.cos(q[:, 2])]])
             placed = np.einsum("ijn,bj->nbi", turn, space.robot.shape.centers)
         away = np.linalg.norm(placed + q[:, None, :dim] - OBSTACLE[:dim], axis=-1)
