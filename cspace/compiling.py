@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import logging
+import os
+import stat
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache, partial
 from pathlib import Path
 from types import CodeType, ModuleType
@@ -26,7 +29,8 @@ def jit(function: F | None = None, /, **options: Any) -> Any:
     """A function compiled by numba at its first call, which lets other threads run meanwhile.
 
     What was compiled is kept on disk, beside the module or in the user's cache folder, or where ``NUMBA_CACHE_DIR``
-    says. Where none of them may be written, it is compiled again in each run.
+    says: in the first of them that may be written, and that nobody else may write to (:func:`is_own`), for what is
+    kept is run. Where there is none, it is compiled again in each run.
 
     Parameters
     ----------
@@ -62,18 +66,53 @@ def jit(function: F | None = None, /, **options: Any) -> Any:
 def _cache_class() -> Any:
     """Numba's cache, which looks at a function's own file alone, with an eye on all that its code is made from.
 
-    Else a function would go on with what another one, in a file that has changed since, was.
+    Else a function would go on with what another one, in a file that has changed since, was. Folders that others write
+    to are passed by, and what a file holds is used only if it is what was looked for: of two processes that save at
+    once, each may leave its own index beside the other's code.
     """
-    from numba.core.caching import FunctionCache
+    from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
+
+    class Own:
+        def ensure_cache_path(self) -> None:
+            super().ensure_cache_path()  # type: ignore[misc]
+            if not is_own(Path(self.get_cache_path())):  # type: ignore[attr-defined]
+                raise PermissionError
+
+    class Places(CompileResultCacheImpl):
+        _locator_classes = tuple(
+            type(each.__name__, (Own, each), {}) for each in CompileResultCacheImpl._locator_classes
+        )
+
+    class File(IndexDataCacheFile):
+        def load(self, key: Any) -> Any:
+            with suppress(Exception):  # a file that is damaged holds nothing
+                stamp, kept, code = super().load(key)  # type: ignore[no-untyped-call]
+                return code if (stamp, kept) == (self._source_stamp, key) else None
+
+        def save(self, key: Any, code: Any) -> None:
+            with suppress(OSError):  # a full disk
+                super().save(key, (self._source_stamp, key, code))  # type: ignore[no-untyped-call]
+
+        def _load_index(self) -> Any:
+            with suppress(Exception):
+                return super()._load_index()  # type: ignore[no-untyped-call]
+            return {}
 
     class Cache(FunctionCache):
+        _impl_class = Places
+
+        def __init__(self, function: Callable[..., Any]) -> None:
+            super().__init__(function)  # type: ignore[no-untyped-call]
+            self._cache_file = File(self._cache_path, self._impl.filename_base, None)  # type: ignore[no-untyped-call]
+
         def load_overload(self, *arguments: Any) -> Any:
             self._look_around()
             return super().load_overload(*arguments)  # type: ignore[no-untyped-call]
 
         def save_overload(self, *arguments: Any) -> None:
             self._look_around()
-            super().save_overload(*arguments)  # type: ignore[no-untyped-call]
+            with suppress(OSError):  # a folder that has gone
+                super().save_overload(*arguments)  # type: ignore[no-untyped-call]
 
         def _look_around(self) -> None:
             found: set[tuple[str, str]] = set()
@@ -81,6 +120,36 @@ def _cache_class() -> Any:
             self._cache_file._source_stamp = sorted(found)
 
     return Cache
+
+
+@cache
+def is_own(folder: Path) -> bool:
+    """Whether what a folder holds was put there by the user alone.
+
+    It must be the user's, and neither others nor a group that is not the user's own may write to it, nor to a folder
+    that it lies in, but where that is sticky, like ``/tmp``. On Windows nothing is checked: the folders of a user are
+    closed to others there.
+    """
+    if sys.platform == "win32":
+        return True
+    import grp
+    import pwd
+
+    own = {0}
+    with suppress(KeyError):  # a user or a group without a name
+        user = pwd.getpwuid(os.geteuid())
+        if grp.getgrgid(user.pw_gid).gr_name == user.pw_name:
+            own.add(user.pw_gid)
+    folder = folder.resolve()
+    places = [(place, place.stat()) for place in (folder, *folder.parents)]
+    theirs = [place for place, about in places[:1] if about.st_uid != os.geteuid()]
+    for place, about in places:
+        others = stat.S_IWOTH if about.st_gid in own else stat.S_IWOTH | stat.S_IWGRP
+        if about.st_mode & others and (place == folder or not about.st_mode & stat.S_ISVTX):
+            theirs.append(place)
+    if theirs:
+        LOGGER.info("what is compiled is not kept in %s: others may write to %s", folder, theirs[0])
+    return not theirs
 
 
 def _add_sources(function: Callable[..., Any], found: set[tuple[str, str]], seen: set[object]) -> None:

@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import os
+import pickle
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
+
+import pytest
 
 import cspace
+from cspace.compiling import is_own
 
 CODE = """
 import logging
@@ -91,18 +97,86 @@ print(module.answer(1.0), sum(module.answer.stats.cache_hits.values()))
 """
 
 
-def test_a_function_is_compiled_anew_when_one_that_it_calls_has_changed(tmp_path: Path) -> None:
-    """Also where it calls it by another one, which stands below it."""
+@pytest.fixture
+def run(tmp_path: Path) -> Callable[..., tuple[float, int]]:
+    """What the probes answer in a process of its own, and how much of it came from the cache."""
 
-    def run(added: str | None = None) -> tuple[float, int]:
+    def answered(added: str | None = None, **environment: str) -> tuple[float, int]:
         if added is not None:
             (tmp_path / "callee.py").write_text(CALLEE.format(added=added))
         code = f"folder = {str(tmp_path)!r}\n{RUN}"
-        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+        env = {**os.environ, **environment}
+        done = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=False)
+        assert (done.returncode, done.stderr) == (0, "")
         result, hits = done.stdout.split()
         return float(result), int(hits)
 
     (tmp_path / "caller.py").write_text(CALLER)
+    return answered
+
+
+def test_a_function_is_compiled_anew_when_one_that_it_calls_has_changed(run: Callable[..., tuple[float, int]]) -> None:
+    """Also where it calls it by another one, which stands below it."""
     assert run("2.0") == (3.0, 0)
     assert run("4.0") == (5.0, 0)
     assert run() == (5.0, 1)
+
+
+# ---- what was compiled is the user's own -----------------------------------------------------------------------------
+
+
+class Harm:
+    """What makes a file when it is unpickled."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> Any:
+        return Path.touch, (self.path,)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="closed to others there by itself")
+def test_what_others_may_write_is_never_read(tmp_path: Path, run: Callable[..., tuple[float, int]]) -> None:
+    kept, harm = tmp_path / "kept", tmp_path / "harm"
+    where = {"NUMBA_CACHE_DIR": str(kept), "HOME": os.devnull, "XDG_CACHE_HOME": os.devnull}
+    (tmp_path / "__pycache__").write_text("in the way")
+    assert run("2.0", **where) == (3.0, 0)
+    assert run(**where) == (3.0, 1)
+    (folder,) = kept.iterdir()
+    for index in kept.rglob("*.nbi"):
+        index.write_bytes(pickle.dumps(Harm(harm)))
+    for place, mode in ((folder, 0o1757), (kept, 0o777)):
+        before = place.stat().st_mode
+        place.chmod(mode)
+        assert run(**where) == (3.0, 0)
+        assert not harm.exists()
+        place.chmod(before)
+    assert run(**where) == (3.0, 0)
+    assert harm.exists()  # what is the user's own is read, and of no use is compiled again
+    assert run(**where) == (3.0, 1)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="closed to others there by itself")
+def test_a_folder_of_another_user_is_not_ones_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    inner = tmp_path / "inner"
+    inner.mkdir()
+    assert is_own(inner)
+    monkeypatch.setattr(os, "geteuid", lambda: 12345)
+    is_own.cache_clear()
+    assert not is_own(inner)
+    is_own.cache_clear()
+
+
+def test_damaged_files_and_those_of_another_function_are_compiled_again(
+    tmp_path: Path, run: Callable[..., tuple[float, int]]
+) -> None:
+    where = {"NUMBA_CACHE_DIR": str(tmp_path / "kept")}
+    assert run("2.0", **where) == (3.0, 0)
+    for ending in ("nbi", "nbc"):
+        for file in (tmp_path / "kept").rglob(f"*.{ending}"):
+            file.write_bytes(file.read_bytes()[:99])
+        assert run(**where) == (3.0, 0)
+    codes = sorted((tmp_path / "kept").rglob("*answer*.nbc")) + sorted((tmp_path / "kept").rglob("*helper*.nbc"))
+    shutil.copy(codes[1], codes[0])
+    assert run(**where) == (3.0, 0)
+    assert run(**where) == (3.0, 1)
