@@ -2,23 +2,26 @@
 
 Mutants of one small file of each family (bits, bytes, swaps, truncation, numbers to extremes, spliced pieces) are
 opened in processes of their own, each held to 20 seconds and 2 GB. What is allowed is an object, or one line of
-CspaceError.
+CspaceError. A saved store that is changed must be refused; a "forged" map has digests that agree with the change, as
+whoever means harm would write them.
 """
 
 from __future__ import annotations
 
+import io
 import json
 import multiprocessing
 import re
 import resource
 import signal
-import sys
 import tempfile
 import time
 import traceback
 import warnings
+import zipfile
 from collections import Counter
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,6 +30,7 @@ import shapely
 
 import cspace
 from cspace import CspaceError, Robot, Workspace
+from cspace.io import record
 
 if TYPE_CHECKING:
     from benchmarks.report import Report
@@ -66,10 +70,9 @@ def families(folder: Path) -> dict[str, Path]:
 
     cells = np.eye(6, 5, dtype=bool)
     plane = cspace.build(Workspace.from_array(cells, 0.1), Robot.rectangle(0.2, 0.1), rotations=4)
-    for name in ("map.yaml", "states.vti"):
-        plane.export(folder / name, yaw=0.0)
-    plane.save(folder / "saved.npz")
-    plane.save(folder / "saved.zarr")
+    plane.export(folder / "map.yaml", yaw=0.0)
+    for name in ("saved.npz", "saved.zarr", "forged.npz", "forged.zarr"):
+        plane.save(folder / name)
     for suffix in ("png", "bmp", "tif", "jpg"):
         Image.fromarray(np.where(cells, 0, 255).astype(np.uint8)).save(folder / f"image.{suffix}")
     put("grid.map", "type octile\nheight 3\nwidth 4\nmap\n.@@.\n....\nT.GW\n")
@@ -114,7 +117,7 @@ def families(folder: Path) -> dict[str, Path]:
     balls = Spheres([(0.0, 0.0), (1.0, 0.5)], [0.5, 0.25], "outer", "greedy", *([Bounds(0.1, 0.3)] * 3))
     for suffix in ("yaml", "json"):
         balls.save(folder / f"balls.{suffix}")
-    return {path.name: path for path in sorted(folder.iterdir()) if path.suffix not in (".pgm", ".vti")}
+    return {path.name: path for path in sorted(folder.iterdir())}
 
 
 def open_file(path: Path) -> object:
@@ -123,8 +126,9 @@ def open_file(path: Path) -> object:
 
     if path.name.startswith("balls"):
         return Spheres.open(path)
-    if path.name.startswith("saved"):
+    if path.name.startswith(("saved", "forged")):
         return cspace.open(path)
+    path = path.with_name("map.yaml") if path.name == "map.pgm" else path
     spaced = path.suffix not in (".yaml", ".bt", ".ot")
     return Workspace.open(path, **({"spacing": 0.5} if spaced else {}))
 
@@ -209,40 +213,99 @@ def attempt(path: Path) -> str:
 def attempts(seed: int, name: str, first: int, count: int, keep: Path | None = None) -> Counter[str]:
     """Outcomes of mutants of one family; those that are neither opened nor refused are kept in a folder."""
     outcomes: Counter[str] = Counter()
+    signal.signal(signal.SIGALRM, _late)
     with tempfile.TemporaryDirectory() as made:
         every = families(Path(made))
-        path = every[name]
-        file = path if path.is_file() else path / "zarr.json"
-        parts = [file] if path.is_file() else sorted(part for part in path.rglob("*") if part.is_file())
-        contents = {part: part.read_bytes() for part in parts}
+        path, write = every[name], _FORGERS.get(name, _write)
+        parts = _parts(path, forged=name in _FORGERS)
         others = [other.read_bytes() for other in every.values() if other.is_file()]
         for number in range(first, first + count):
             rng = np.random.default_rng([seed, sum(name.encode()), number])
-            part = parts[int(rng.integers(len(parts)))]
-            changed = mutant(contents[part], others[int(rng.integers(len(others)))], rng)
-            part.write_bytes(changed)
+            part = sorted(parts)[int(rng.integers(len(parts)))]
+            changed = mutant(parts[part], others[int(rng.integers(len(others)))], rng)
+            write(path, parts, part, changed)
+            began = time.monotonic()
             signal.alarm(SECONDS)
             outcome = attempt(path)
             signal.alarm(0)
-            part.write_bytes(contents[part])
+            if time.monotonic() - began > SECONDS:
+                outcome = f"over {SECONDS} s, then {outcome}"
+            if name == "saved.zarr" and outcome == "opened" and changed != parts[part]:
+                outcome = "a changed store was opened"
             if outcome not in ("opened", "refused"):
                 outcome = f"{name} {number}: {outcome}"
                 if keep is not None:
-                    (keep / f"{number}-{name if path.is_file() else part.name}").write_bytes(changed)
-            elif path.suffix == ".zarr" and outcome == "opened" and changed != contents[part]:
-                outcome = f"{name} {number}: a changed store was opened"
+                    (keep / f"{number}-{Path(part or name).name}").write_bytes(changed)
             outcomes[outcome] += 1
+            write(path, parts, part, parts[part])
     return outcomes
 
 
-def _child(queue: Any, *arguments: Any) -> None:
-    def late(*about: object) -> None:
-        raise TimeoutError(f"over {SECONDS} s")
+Parts = dict[str, bytes]
+"""The content of what a file or a folder consists of, by name."""
 
-    signal.signal(signal.SIGALRM, late)
-    used = (
-        int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize() if sys.platform == "linux" else 0
-    )
+
+def _parts(path: Path, forged: bool) -> Parts:
+    if path.is_dir():
+        return {part.relative_to(path).as_posix(): part.read_bytes() for part in path.rglob("*") if part.is_file()}
+    if not forged:
+        return {"": path.read_bytes()}
+    with zipfile.ZipFile(path) as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    return members | {"metadata.npy": str(np.load(io.BytesIO(members["metadata.npy"]))).encode()}
+
+
+def _write(path: Path, parts: Parts, part: str, content: bytes) -> None:
+    (path / part).write_bytes(content)
+
+
+def _forge_store(path: Path, parts: Parts, part: str, content: bytes) -> None:
+    """Write one part of a store, and digests that agree with it."""
+    _write(path, parts, part, content)
+    now = parts | {part: content}
+    root = now.pop("zarr.json")
+    with suppress(ValueError, TypeError, KeyError):  # what is no JSON has no digests
+        document = json.loads(root)
+        digests = {name: record.digest_of(held) for name, held in now.items()}
+        document["attributes"] = _sealed(document["attributes"], digests)
+        root = json.dumps(document, indent=2).encode()
+    (path / "zarr.json").write_bytes(root)
+
+
+def _forge_archive(path: Path, parts: Parts, part: str, content: bytes) -> None:
+    """Write an archive with one member changed, and digests that agree with it."""
+    now = parts | {part: content}
+    metadata, digests = now.pop("metadata.npy"), {}
+    for name, held in now.items():
+        with suppress(Exception):  # what is no array has no digest
+            digests[name.removesuffix(".npy")] = record.digest_of_array(np.load(io.BytesIO(held)))
+    with suppress(ValueError, TypeError):
+        metadata = json.dumps(_sealed(json.loads(metadata), digests)).encode()
+    text = io.BytesIO()
+    np.save(text, np.array(metadata.decode("latin-1")))
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, held in (now | {"metadata.npy": text.getvalue()}).items():
+            archive.writestr(name, held)
+
+
+def _sealed(metadata: Any, digests: dict[str, str]) -> dict[str, Any]:
+    return record.seal({key: value for key, value in metadata.items() if not key.startswith("digest")}, digests)
+
+
+_FORGERS = {"forged.zarr": _forge_store, "forged.npz": _forge_archive}
+
+
+class Late(BaseException):
+    """Opening a file took too long; nothing but the soak catches this."""
+
+
+def _late(*about: object) -> None:
+    raise Late
+
+
+def _child(queue: Any, *arguments: Any) -> None:
+    statm = Path("/proc/self/statm")
+    used = int(statm.read_text().split()[0]) * resource.getpagesize() if statm.exists() else 0
     resource.setrlimit(resource.RLIMIT_AS, (used + BYTES, used + BYTES))
     queue.put(attempts(*arguments))
 

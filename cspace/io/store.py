@@ -225,15 +225,16 @@ def _array(
     from zarr.core.buffer import default_buffer_prototype
     from zarr.storage import MemoryStore
 
+    # Before zarr looks for what decodes it, which may be any package that is installed.
+    codecs = {codec["name"] for codec in json.loads(files[f"{name}/{_ROOT}"])["codecs"]}
+    if not codecs <= _CODECS:
+        raise unusable(path, f"its array {name!r} is encoded with {', '.join(map(str, codecs))}")
     buffer = default_buffer_prototype().buffer.from_bytes
     ours = {file[len(name) + 1 :]: buffer(files[file]) for file in files if file.startswith(f"{name}/")}
     array = zarr.open_array(MemoryStore(ours), mode="r", zarr_format=3)
     # Before reading: a forged shape could ask for more memory than there is.
     check_kind(name, array, metadata, path)
     check_bytes(Path(path) / name, array.nbytes if number is None else array.nbytes // array.shape[0], "unpacks to")
-    codecs = {codec["name"] for codec in json.loads(files[f"{name}/{_ROOT}"])["codecs"]}
-    if not codecs <= _CODECS:
-        raise unusable(path, f"its array {name!r} is encoded with {', '.join(map(str, codecs))}")
     front = () if number is None else (number,)
     chunks = np.ndindex(array.cdata_shape[len(front) :])
     lacking = sum(array.metadata.encode_chunk_key((*front, *chunk)) not in ours for chunk in chunks)

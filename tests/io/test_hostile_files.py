@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import json
 import os
+import shutil
 import struct
 import time
 from collections import Counter
@@ -236,6 +237,17 @@ def test_gltf_reads_no_file_outside_of_its_folder(tmp_path: Path, uri: str) -> N
     }
     (tmp_path / "inner" / "a.gltf").write_text(json.dumps(header))
     refused(tmp_path / "inner" / "a.gltf", "outside of its folder", spacing=0.1)
+
+
+def test_no_codec_of_a_store_is_looked_for_by_its_name(tmp_path: Path, families: dict[str, Path]) -> None:
+    """Or a file would say which of the installed packages runs."""
+    path = tmp_path / "forged.zarr"
+    shutil.copytree(families["forged.zarr"], path)
+    described = json.loads((path / "state" / "zarr.json").read_text())
+    described["codecs"].append({"name": "of_a_plug_in"})
+    soak._forge_store(path, soak._parts(path, forged=True), "state/zarr.json", json.dumps(described).encode())
+    with pytest.raises(FileError, match="'state' is encoded with .*of_a_plug_in"):
+        cspace.open(path)
 
 
 @pytest.mark.parametrize("kind", ["folder", "pipe"])
