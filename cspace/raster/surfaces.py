@@ -7,14 +7,15 @@ tells for all.
 *Turning.* A rotation cell holds the rotations within an angle a of its representative R. A point p of the robot A is
 at most ``2 |p| sin(a / 2)`` from ``R p`` at all of them (about the z axis, ``|p|`` is the distance from it). Cut the
 surface into pieces, and let ``g`` be the largest such displacement on a piece, which is that of a corner. Pieces are
-small enough for it to vary by no more than a quarter of a cell along a side, or an eighth of itself.
+small enough for it to vary by no more than about a third of a cell along a side, or a quarter of itself. A point keeps
+its distance from the origin as well: it stays in the shell S between the nearest and the farthest point of its piece.
 
 * *Outer.* Let q lie in R' A for a rotation R' of the cell, and not in R A. On the way from R to R', which stays within
   the cell, q passes from the outside of the robot to its inside; so at some rotation R'' on the way it lies on the
-  border: ``q = R'' b``, within g of ``R b`` for the piece of b. So R A together with all that is within g of each piece
-  of R's border holds the robot at every rotation of the cell.
-* *Inner.* A point that lies in R A and farther from each piece than g is on no border on the way, and so lies in the
-  robot at every rotation of the cell.
+  border: ``q = R'' b``, within g of ``R b`` for the piece of b, and in its S. So R A together with all that is within g
+  of each piece of R's border, and in the piece's S, holds the robot at every rotation of the cell.
+* *Inner.* A point that lies in R A and, for each piece, farther from it than g or not in its S, is on no border on the
+  way, and so lies in the robot at every rotation of the cell.
 """
 
 from __future__ import annotations
@@ -30,18 +31,12 @@ from cspace.errors import InputError
 from cspace.grid import MAX_COORDINATE, SLACK, Grid
 from cspace.raster.components import Components
 from cspace.raster.raster import Raster, blank
-from cspace.raster.triangles import cut_to, mark_touched, mark_within
+from cspace.raster.triangles import mark_touched, mark_within, swept
 from cspace.rotations import STILL, Turn
 
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
-
-_VARIATION: Final = 0.25
-"""Cells by which the displacement within a turn may vary along the side of a piece,"""
-
-_PART: Final = 0.125
-"""or the part of itself, if that is more."""
 
 _MOST_FILLED: Final = 2**30
 """Cells of the bounding box of a surface up to which it is filled."""
@@ -154,15 +149,20 @@ def surface_rasters(skin: Skin, spacing: float, margin: float = 0.0, turn: Turn 
             "check its units (metres), move it to its origin, or use a larger spacing",
             value=far,
         )
-    pieces, growth = _grown_pieces(triangles, turn)
-    widest = float(growth.max())
+    swing = float(turn.displacement(np.array([1.0, 0.0, 0.0])))
+    parts = swept(triangles, swing, turn.about_z)
+    widest = float(parts.growth.max())
     outer, lower = blank(corners.min(axis=0) - radius - widest - 1.0, corners.max(axis=0) + radius + widest + 1.0)
     inner = np.zeros_like(outer)
     shift = np.asarray(lower, dtype=np.float64)
-    local, pieces = triangles - shift, pieces - shift
-    mark_touched(outer, local, -1.0, 1.0)
+    local, parts = triangles - shift, parts.moved(-shift)
+    # Cells first: the cube m + [-1, 1]^3 is the eight cells that share its middle.
+    mark_touched(outer, local, 0.0, 1.0)
     if radius + widest > 0.0:
-        mark_within(outer, pieces, 1.0, growth + radius)
+        mark_within(outer, parts.moved(np.full(3, -0.5)), 0.5, radius)
+    for axis in range(3):
+        near, far = np.moveaxis(outer, axis, 0)[:0:-1], np.moveaxis(outer, axis, 0)[-2::-1]
+        near |= far
     if skin.fill or skin.contains is not None:
         near = np.zeros_like(outer)
         mark_touched(near, local, -0.5, 0.5)
@@ -177,26 +177,12 @@ def surface_rasters(skin: Skin, spacing: float, margin: float = 0.0, turn: Turn 
             _add_inside_near(skin.contains, local, near, inner, places)
             if widest > 0.0:
                 border = np.zeros_like(outer)
-                mark_within(border, pieces, 0.0, growth)
+                mark_within(border, parts, 0.0, 0.0)
                 inner &= ~border
         else:
             outer |= _grown(inner, radius + widest)
             inner &= widest == 0.0
     return Raster.trimmed(outer, lower), Raster.trimmed(inner, lower)
-
-
-def _grown_pieces(triangles: Floats, turn: Turn) -> tuple[Floats, Floats]:
-    """Pieces of triangles in cells, shape (n, 3, 3), and how far a point of each may be displaced within a turn."""
-    swing = float(turn.displacement(np.array([1.0, 0.0, 0.0])))
-    if swing == 0.0:
-        return triangles, np.zeros(len(triangles))
-
-    def longest(pieces: Floats) -> Floats:
-        return np.asarray(np.maximum(_VARIATION, _PART * turn.displacement(pieces).min(axis=1)) / swing)
-
-    pieces = cut_to(triangles, longest)
-    # The displacement is convex, so that it is largest at a corner.
-    return pieces, turn.displacement(pieces).max(axis=1)
 
 
 def _fill_inside(skin: Skin, touched: Bools, inside: Bools, places: Callable[[Integers], Floats]) -> None:

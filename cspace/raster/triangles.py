@@ -41,8 +41,7 @@ times their length besides.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,6 +55,12 @@ Floats = NDArray[np.float64]
 
 THIN: Final = 2.0**-12
 """Height of a triangle over its longest side below which its plane is not used."""
+
+_VARIATION: Final = 0.35
+"""Cells by which the displacement within a turn may vary along the side of a piece,"""
+
+_PART: Final = 0.25
+"""or the part of itself, if that is more."""
 
 _ROUNDING: Final = 2.0**-20
 _TRIANGLES_A_THREAD: Final = 2_000
@@ -88,45 +93,123 @@ def mark_touched(out: Bools, triangles: Floats, b0: float, b1: float, slack: flo
     in_chunks(work, size, _TRIANGLES_A_THREAD)
 
 
-def mark_within(out: Bools, triangles: Floats, half: float, radii: Floats) -> None:
-    """Set ``out[i]`` where the cube ``i + [-half, half]^3`` lies within its radius of a triangle.
+class Swept(NamedTuple):
+    """Triangles, and where their points come as they turn about the origin by no more than some angle.
+
+    A point of a triangle stays within the triangle's growth of its place, and as far from the origin as it is: in the
+    shell between the triangle's nearest and its farthest point. About the z axis, it also stays at its height, and the
+    distances are those from the axis.
+
+    Attributes
+    ----------
+    triangles : ndarray of float64, shape (n, 3, 3)
+    growth, nearest, farthest : ndarray of float64, shape (n,)
+    origin : ndarray of float64, shape (3,)
+    about_z : bool
+    """
+
+    triangles: Floats
+    growth: Floats
+    nearest: Floats
+    farthest: Floats
+    origin: Floats
+    about_z: bool
+
+    def moved(self, shift: Floats) -> Swept:
+        """The same in another frame."""
+        return self._replace(triangles=self.triangles + shift, origin=self.origin + shift)
+
+
+def swept(triangles: Floats, swing: float, about_z: bool) -> Swept:
+    """Triangles that turn about the origin, cut to pieces so small that their growth is about that of each point.
+
+    Parameters
+    ----------
+    triangles : ndarray, shape (n, 3, 3)
+        In cells.
+    swing : float
+        How far a point at distance 1 from the origin (from the z axis, if ``about_z``) comes from its place; 0 for
+        triangles that do not turn.
+    about_z : bool
+    """
+    still = np.zeros(len(triangles))
+    if swing == 0.0:
+        return Swept(triangles, still, still, np.full(len(triangles), np.inf), np.zeros(3), about_z)
+    pieces = cut_to(triangles, _VARIATION / swing, _PART, about_z)
+    places = pieces[..., : 2 if about_z else 3]
+    levers = np.sqrt(np.einsum("ijk,ijk->ij", places, places))
+    middles = places.mean(axis=1, keepdims=True)
+    reach = np.sqrt(((places - middles) ** 2).sum(axis=2).max(axis=1))
+    nearest = np.sqrt((middles[:, 0] ** 2).sum(axis=1)) - reach
+    # The distance from the origin is convex, so that it is largest at a corner.
+    farthest = levers.max(axis=1)
+    return Swept(pieces, swing * farthest, nearest, farthest, np.zeros(3), about_z)
+
+
+def mark_within(out: Bools, parts: Swept, half: float, radius: float) -> None:
+    """Set ``out[i]`` where the cube ``i + [-half, half]^3`` comes within a radius of where a triangle comes.
 
     Parameters
     ----------
     out : ndarray of bool, shape (nx, ny, nz)
         The cubes that meet a triangle must be set already, unless ``half`` is zero.
-    triangles : ndarray, shape (n, 3, 3)
+    parts : Swept
         In cells, in the index frame of ``out``.
-    half : float
-        In cells.
-    radii : ndarray, shape (n,)
+    half, radius : float
         In cells.
     """
-    size = float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
+    size = float(np.ptp(parts.triangles.reshape(-1, 3), axis=0).max())
     slack = _ROUNDING + 2.0**-34 * size + 2.0**-50 * size * size
 
     def work(start: int, stop: int) -> int:
-        _mark_within(out, triangles, radii, half, slack, start, stop)
+        _mark_within(out, parts, half, radius, slack, start, stop)
         return -1
 
     in_chunks(work, len(out), _SLABS_A_THREAD)
 
 
-def cut_to(triangles: Floats, longest: Callable[[Floats], Floats]) -> Floats:
+@jit
+def cut_to(triangles: Floats, longest: float, part: float = 0.0, about_z: bool = False) -> Floats:
     """Pieces of triangles, shape (n, 3, 3): halved across the longest side until it is no longer than it may be.
 
-    ``longest`` gives the length for each of some triangles.
+    That is ``longest``, or ``part`` of the distance of the nearest corner from the origin (from the z axis, if
+    ``about_z``), whichever is more.
     """
-    done = []
-    while len(triangles):
-        sides = np.linalg.norm(triangles - np.roll(triangles, -1, axis=1), axis=2)
-        long = sides.max(axis=1) > longest(triangles)
-        done.append(triangles[~long])
-        turned = (sides[long].argmax(axis=1)[:, None] + np.arange(3)) % 3
-        a, b, c = np.moveaxis(np.take_along_axis(triangles[long], turned[..., None], axis=1), 1, 0)
-        middle = (a + b) / 2.0
-        triangles = np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
-    return np.concatenate(done)
+    done, number = np.empty((2 * len(triangles) + 16, 3, 3)), 0
+    waiting = np.empty((64, 3, 3))  # halves of halves: one for each halving
+    axes = 2 if about_z else 3
+    for triangle in triangles:
+        waiting[0] = triangle
+        left = 1
+        while left > 0:
+            piece = waiting[left - 1]
+            side, square, lever = 0, 0.0, math.inf
+            for e in range(3):
+                length, far = 0.0, 0.0
+                for axis in range(3):
+                    length += (piece[(e + 1) % 3, axis] - piece[e, axis]) ** 2
+                    far += piece[e, axis] ** 2 if axis < axes else 0.0
+                lever = min(lever, far)
+                if length > square:
+                    side, square = e, length
+            if math.sqrt(square) <= max(longest, part * math.sqrt(lever)) or left == len(waiting):
+                if number == len(done):
+                    more = np.empty((2 * number, 3, 3))
+                    more[:number] = done
+                    done = more
+                done[number] = piece
+                number += 1
+                left -= 1
+                continue
+            first, second = side, (side + 1) % 3
+            for axis in range(3):
+                middle = (piece[first, axis] + piece[second, axis]) / 2.0
+                for e in range(3):
+                    waiting[left, e, axis] = piece[e, axis]
+                waiting[left, first, axis] = middle
+                piece[second, axis] = middle
+            left += 1
+    return done[:number]
 
 
 @jit
@@ -316,24 +399,21 @@ def _box_triangle(triangle: Floats, center: Floats, half: float) -> float:
 
 
 @jit
-def _mark_within(
-    out: Bools, triangles: Floats, radii: Floats, half: float, slack: float, start: int, stop: int
-) -> None:
-    """Set ``out[i]`` where the cube ``i + [-half, half]^3`` comes within ``radii[t] + slack`` of triangle ``t``.
+def _mark_within(out: Bools, parts: Swept, half: float, radius: float, slack: float, start: int, stop: int) -> None:
+    """Set ``out[i]`` where the cube ``i + [-half, half]^3`` comes within a radius of where triangles come.
 
     For first indices in ``[start, stop)``; the cubes that meet a triangle must be set already.
     """
     _, ny, nz = out.shape
     center = np.empty(3)
-    for t in range(len(triangles)):
-        radius = radii[t]
-        reach = radius + half + slack
-        triangle = triangles[t]
+    ox, oy, oz = parts.origin
+    for t in range(len(parts.triangles)):
+        triangle, near = parts.triangles[t], parts.growth[t] + radius
         a, b, c = triangle[0], triangle[1], triangle[2]
         mx, my, mz = (a[0] + b[0] + c[0]) / 3.0, (a[1] + b[1] + c[1]) / 3.0, (a[2] + b[2] + c[2]) / 3.0
-        # Beyond this distance from its middle a cube is too far from all of the triangle.
+        # Farther than this from its middle a cube is too far from all of the triangle.
         beyond = (
-            radius
+            near
             + slack
             + math.sqrt(
                 max(
@@ -343,36 +423,45 @@ def _mark_within(
                 )
             )
         )
-        first = max(start, math.ceil(min(triangle[0, 0], triangle[1, 0], triangle[2, 0]) - reach))
-        last = min(stop - 1, math.floor(max(triangle[0, 0], triangle[1, 0], triangle[2, 0]) + reach))
-        first_y = max(0, math.ceil(min(triangle[0, 1], triangle[1, 1], triangle[2, 1]) - reach))
-        last_y = min(ny - 1, math.floor(max(triangle[0, 1], triangle[1, 1], triangle[2, 1]) + reach))
-        first_z = max(0, math.ceil(min(triangle[0, 2], triangle[1, 2], triangle[2, 2]) - reach))
-        last_z = min(nz - 1, math.floor(max(triangle[0, 2], triangle[1, 2], triangle[2, 2]) + reach))
+        outside, within = parts.farthest[t] + radius + slack, parts.nearest[t] - radius - slack
+        reach, rise = near + half + slack, (radius if parts.about_z else near) + half + slack
+        first = max(start, math.ceil(min(a[0], b[0], c[0]) - reach))
+        last = min(stop - 1, math.floor(max(a[0], b[0], c[0]) + reach))
+        first_y = max(0, math.ceil(min(a[1], b[1], c[1]) - reach))
+        last_y = min(ny - 1, math.floor(max(a[1], b[1], c[1]) + reach))
+        first_z = max(0, math.ceil(min(a[2], b[2], c[2]) - rise))
+        last_z = min(nz - 1, math.floor(max(a[2], b[2], c[2]) + rise))
         for i in range(first, last + 1):
             dx = max(0.0, abs(i - mx) - half)
             for j in range(first_y, last_y + 1):
-                # What is within the radius of the middle is a run along z, and so is what may be near enough.
+                # What is near enough to the middle is a run along z, and so is what the shell's outside leaves.
                 dy = max(0.0, abs(j - my) - half)
                 may = beyond * beyond - dx * dx - dy * dy
-                if may < 0.0:
+                gap_x, gap_y = max(0.0, abs(i - ox) - half), max(0.0, abs(j - oy) - half)
+                shell = outside * outside - gap_x * gap_x - gap_y * gap_y
+                if may < 0.0 or shell < 0.0:
                     continue
-                sure = radius * radius - dx * dx - dy * dy
-                if sure >= 0.0:
-                    low = max(first_z, math.ceil(mz - math.sqrt(sure) - half))
-                    for k in range(low, min(last_z, math.floor(mz + math.sqrt(sure) + half)) + 1):
-                        out[i, j, k] = True
-                low = max(first_z, math.ceil(mz - math.sqrt(may) - half))
-                for k in range(low, min(last_z, math.floor(mz + math.sqrt(may) + half)) + 1):
-                    if out[i, j, k]:
+                far_x, far_y = abs(i - ox) + half, abs(j - oy) + half
+                hollow = within * within - far_x * far_x - far_y * far_y if within > 0.0 else -1.0
+                if parts.about_z and hollow > 0.0:
+                    continue
+                low, high = mz - math.sqrt(may), mz + math.sqrt(may)
+                if not parts.about_z and shell < math.inf:
+                    low, high = max(low, oz - math.sqrt(shell)), min(high, oz + math.sqrt(shell))
+                sure = near * near - dx * dx - dy * dy
+                certain = math.sqrt(sure) + half if sure >= 0.0 else -1.0
+                hole = math.sqrt(hollow) - half if hollow > 0.0 else -1.0
+                for k in range(max(first_z, math.ceil(low - half)), min(last_z, math.floor(high + half)) + 1):
+                    if out[i, j, k] or abs(k - oz) < hole:
                         continue
-                    wx, wy, wz, doubt = _to_triangle(i, j, k, triangle)
-                    if _box_point(wx, wy, wz, half) > radius:
-                        # The triangle lies beyond the plane through its nearest point, across the way there.
-                        length = math.sqrt(wx * wx + wy * wy + wz * wz)
-                        if length - doubt - half * (abs(wx) + abs(wy) + abs(wz)) / length > radius + slack:
-                            continue
-                        center[0], center[1], center[2] = i, j, k
-                        if _box_triangle(triangle, center, half) > radius + slack:
-                            continue
+                    if abs(k - mz) > certain:
+                        wx, wy, wz, doubt = _to_triangle(i, j, k, triangle)
+                        if _box_point(wx, wy, wz, half) > near:
+                            # The triangle lies beyond the plane through its nearest point, across the way there.
+                            length = math.sqrt(wx * wx + wy * wy + wz * wz)
+                            if length - doubt - half * (abs(wx) + abs(wy) + abs(wz)) / length > near + slack:
+                                continue
+                            center[0], center[1], center[2] = i, j, k
+                            if _box_triangle(triangle, center, half) > near + slack:
+                                continue
                     out[i, j, k] = True

@@ -475,7 +475,7 @@ def border_samples(pieces: Floats, number: int) -> Floats:
     area = 0.5 * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
     # Parts have sides from half of the longest one on, and an area A about 2.5 A / longest^2 corners.
     step = max(float(np.sqrt(2.5 * area / number)), 1e-300)
-    parts = cut_to(pieces, lambda some: np.full(len(some), step))
+    parts = cut_to(pieces, step)
     return np.unique(parts.reshape(-1, 3), axis=0)
 
 
