@@ -161,8 +161,8 @@ def surface_rasters(skin: Skin, spacing: float, margin: float = 0.0, turn: Turn 
     if radius + widest > 0.0:
         mark_within(outer, parts.moved(np.full(3, -0.5)), 0.5, radius)
     for axis in range(3):
-        near, far = np.moveaxis(outer, axis, 0)[:0:-1], np.moveaxis(outer, axis, 0)[-2::-1]
-        near |= far
+        upper, below = np.moveaxis(outer, axis, 0)[:0:-1], np.moveaxis(outer, axis, 0)[-2::-1]
+        upper |= below
     if skin.fill or skin.contains is not None:
         near = np.zeros_like(outer)
         mark_touched(near, local, -0.5, 0.5)
