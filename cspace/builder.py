@@ -51,11 +51,12 @@ def build(
         The obstacles.
     robot : Robot
         The robot, of the same dimension.
-    rotations : int or array-like, optional
+    rotations : int, array-like or Rotations, optional
         For a robot that turns, in space about the z axis: a number of equal cells of yaw, the first with its middle at
-        0, or the borders of the cells in radians, ascending over a whole turn. FREE and BLOCKED are then proven for
-        every position and every yaw of a cell. Slices that a symmetry of the robot repeats are computed and stored
-        once. If left out, the robot only translates.
+        0, or the borders of the cells in radians, ascending over a whole turn. For one that turns in space as it likes:
+        :meth:`cspace.Rotations.quaternions`. FREE and BLOCKED are then proven for every position and every rotation of
+        a cell. Slices that a symmetry of the robot repeats are computed and stored once. If left out, the robot only
+        translates.
     inner : bool
         Also prove cells BLOCKED. Without it, every cell that is not FREE is MIXED, at half the work.
     overlap : bool
@@ -98,16 +99,17 @@ def build(
     """
     from cspace.space import CSpace
 
-    _check(workspace, robot, method, overlap, outside, workers)
     margin, cells, grid = check_margin(margin), Rotations.of(rotations), workspace.grid
+    _check(workspace, robot, cells, method, overlap, outside, workers)
     slices = int(cells.slice_of(robot).max()) + 1
     needed = map_bytes(grid.shape, slices, overlap)
-    check_memory(needed, "the map", grid.shape, grid.spacing, fixed=TRANSFORM_BYTES)
+    check_memory(needed, "the map", grid.shape, grid.spacing, fixed=TRANSFORM_BYTES, fewer=cells.fewer)
     rasters = slice_rasters(robot, grid.spacing, margin, cells)
     sides = [list(side) for side in zip(*rasters, strict=True)][: 2 if inner else 1]
     engine = ENGINES[choose(sides[0], counts=overlap) if method == "auto" else method]
     needed += max(engine.bytes_needed(grid.shape, side, workers) for side in sides) - TRANSFORM_BYTES
-    check_memory(needed, "the map, with what its engine needs for this robot,", grid.shape, grid.spacing)
+    what = "the map, with what its engine needs for this robot,"
+    check_memory(needed, what, grid.shape, grid.spacing, fewer=cells.fewer)
     state = np.empty((slices, *grid.shape), dtype=np.uint8)
     overlaps = np.empty(state.shape, dtype=np.int32) if overlap else None
     correlation = _Correlation(engine, outside == "blocked", workers, progress)
@@ -183,7 +185,15 @@ class _Correlation:
         return precision
 
 
-def _check(workspace: Workspace, robot: Robot, method: str, overlap: bool, outside: str, workers: int | None) -> None:
+def _check(
+    workspace: Workspace,
+    robot: Robot,
+    rotations: Rotations,
+    method: str,
+    overlap: bool,
+    outside: str,
+    workers: int | None,
+) -> None:
     """Refuse arguments that break their rules, before any work."""
     for name, given, kind, mend in (
         ("workspace", workspace, Workspace, "use Workspace.from_array"),
@@ -198,6 +208,9 @@ def _check(workspace: Workspace, robot: Robot, method: str, overlap: bool, outsi
             "they must agree",
             "take both in the plane or both in space",
         )
+    if robot.dim == 2 and not rotations.in_plane:
+        rule, mend = "a robot in the plane turns by its yaw", "pass e.g. rotations=72"
+        raise InputError("rotations", f"are {rotations}", rule, mend, value=rotations)
     if workers is not None and (not isinstance(workers, int) or workers < 1):
         rule = "it must be a whole number above zero, or None for all cores"
         raise InputError("workers", f"is {workers!r}", rule, "leave it out", value=workers)

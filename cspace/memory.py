@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -69,6 +69,7 @@ def check_memory(
     fixed: float = 0.0,
     corners: NDArray[np.float64] | None = None,
     mend: str | None = None,
+    fewer: Callable[[float], str] | None = None,
 ) -> None:
     """Refuse work that does not fit into memory.
 
@@ -88,6 +89,8 @@ def check_memory(
         What the grid covers, metres; the box of the cells at the origin if left out.
     mend : str, optional
         What helps, for the message, where another spacing cannot be chosen.
+    fewer : callable, optional
+        Names the rotation cells that take at most a share of the memory; an empty text where none do.
 
     Raises
     ------
@@ -107,6 +110,8 @@ def check_memory(
             if coarser is None
             else f"use a spacing of at least {coarser:g} m, or smaller bounds, or check the units (metres)"
         )
+        rotations = fewer((_ROOM * free - fixed) / (needed - fixed)) if fewer else ""
+        mend = f"use {rotations}, or {mend.removeprefix('use ')}" if rotations else mend
     cells = " x ".join(f"{n:.4g}" if n > _COUNTED else str(n) for n in shape)
     raise InputError(
         what,

@@ -311,6 +311,17 @@ class Robot:
                 return order
         return 1
 
+    @cached_property
+    def half_turns(self) -> tuple[int, ...]:
+        """The axes in space, 0 for x, about which a half turn maps the robot to itself, to the last bit."""
+        ways = [np.diag(np.where(np.arange(3) == axis, 1.0, -1.0)) for axis in range(3)]
+        return tuple(axis for axis, matrix in enumerate(ways) if self.shape.is_same(matrix))
+
+    @property
+    def is_round(self) -> bool:
+        """Whether every rotation about the reference point maps the robot to itself."""
+        return self.shape.is_round
+
     def rasters(self, spacing: float, margin: float = 0.0, turn: Turn = STILL) -> tuple[Raster, Raster]:
         """The discrete robot at a spacing, as :meth:`cspace.shapes.Shape.rasters` tells.
 

@@ -10,6 +10,8 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from itertools import combinations
 from typing import Any, ClassVar, Final, NamedTuple, Protocol
 
 import numpy as np
@@ -28,6 +30,19 @@ YAW_SLACK: Final = 1e-9
 
 MAX_YAW: Final = 2.0**20
 """Largest yaw, in radians, whose wrapping stays within :data:`YAW_SLACK`."""
+
+NORM_SLACK: Final = 1e-6
+"""How far the norm of a quaternion may be from 1."""
+
+QUOTIENT_SLACK: Final = 1e-9
+"""Rounding allowance in the quotients of a quaternion: its cells count as that much wider at each border."""
+
+MAX_CUTS: Final = 64
+"""Most cuts of an axis of quaternions: a million cells."""
+
+COMPONENTS: Final = ("qx", "qy", "qz", "qw")
+OTHERS: Final = ((1, 2, 3), (0, 2, 3), (0, 1, 3), (0, 1, 2))
+"""Of each component of a quaternion, the other ones."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,7 +90,14 @@ class YawCells(NamedTuple):
     slice_of: Ints
 
 
-CompiledRotations = OneCell | YawCells
+class QuaternionCells(NamedTuple):
+    """What compiled look-ups get of quaternion cells: the borders along each axis of a chart, and the slices."""
+
+    borders: Floats
+    slice_of: Ints
+
+
+CompiledRotations = OneCell | YawCells | QuaternionCells
 
 
 class Symmetric(Protocol):
@@ -83,14 +105,22 @@ class Symmetric(Protocol):
 
     @property
     def symmetry(self) -> int:
-        """The number of turns about the reference point that map it to itself in each whole turn; 0 for all."""
+        """The number of turns about the z axis that map it to itself in each whole turn; 0 for all."""
+
+    @property
+    def half_turns(self) -> tuple[int, ...]:
+        """The axes, 0 for x, about which a half turn maps it to itself."""
+
+    @property
+    def is_round(self) -> bool:
+        """Whether every rotation about the reference point maps it to itself."""
 
 
 class Rotations(ABC):
     """The rotation cells of a map; each has one slice, and cells may share theirs.
 
     There are three kinds: :class:`OneRotation` of a robot that only translates, :class:`YawRotations` in SE(2) and
-    R^3 x SO(2). :meth:`of` makes the one that a caller asks for.
+    R^3 x SO(2), and :class:`QuaternionRotations` in SE(3). :meth:`of` and :meth:`quaternions` make them.
 
     Attributes
     ----------
@@ -98,10 +128,13 @@ class Rotations(ABC):
         The numbers of a configuration that tell its rotation: those behind the position.
     dof : int
         How many they are.
+    in_plane : bool
+        Whether there are such rotations in the plane, too.
     """
 
     names: ClassVar[tuple[str, ...]]
     dof: ClassVar[int]
+    in_plane: ClassVar[bool] = True
 
     @staticmethod
     def of(value: int | Sequence[float] | Rotations | ArrayLike | None) -> Rotations:
@@ -124,9 +157,38 @@ class Rotations(ABC):
         return OneRotation() if value is None else YawRotations.from_borders(value)
 
     @staticmethod
+    def quaternions(n: int) -> Rotations:
+        """Cells of all rotations in space, for SE(3): 4 n^3 of them, up to about 150 / n degrees from their middles.
+
+        A unit quaternion (x, y, z, w), or its negative, is divided by its component of the largest modulus (the first
+        one, where several are as large). The three quotients lie in [-1, 1], which is cut into n parts, at the
+        tangents of equal angles.
+
+        Parameters
+        ----------
+        n : int
+            From 1 to 64; e.g. 4, 8, 12 or 16 for 256, 2,048, 6,912 or 16,384 cells.
+
+        Raises
+        ------
+        InputError
+            If it is not such a number.
+
+        Examples
+        --------
+        >>> import cspace
+        >>> cspace.Rotations.quaternions(8).count
+        2048
+        """
+        if isinstance(n, bool) or not isinstance(n, int | np.integer) or not 1 <= n <= MAX_CUTS:
+            rule = f"it must be a whole number from 1 to {MAX_CUTS}"
+            raise InputError("n", f"is {n!r}", rule, "pass e.g. 8, for 2,048 cells of rotations", value=n)
+        return QuaternionRotations(int(n))
+
+    @staticmethod
     def from_coordinates(coordinates: Mapping[str, NDArray[Any]]) -> Rotations:
         """Rotation cells from their :attr:`coordinates`, to the last bit; there may be others among them."""
-        for kind in (YawRotations,):
+        for kind in (YawRotations, QuaternionRotations):
             if all(name in coordinates for name in kind.COORDINATES):
                 return kind.of_coordinates(coordinates)
         return OneRotation()
@@ -138,7 +200,7 @@ class Rotations(ABC):
 
     @abstractmethod
     def cell_of(self, rotation: ArrayLike) -> Ints:
-        """Cells that hold rotations: yaw angles (radians, any shape); nothing, where there is one cell."""
+        """Cells that hold rotations: yaw angles (radians, any shape), or quaternions, shape (..., 4)."""
 
     @abstractmethod
     def cells_of(self, q: Floats) -> Ints:
@@ -147,6 +209,14 @@ class Rotations(ABC):
     @abstractmethod
     def leading(self, n: int) -> tuple[int, ...]:
         """First axes of an array that holds n grids: none where there is only ever one, otherwise (n,)."""
+
+    @abstractmethod
+    def keep(self, robot: Symmetric) -> bool:
+        """Whether all rotations of all cells map a robot to itself."""
+
+    @abstractmethod
+    def fewer(self, share: float) -> str:
+        """What to ask for instead to get at most a share of the cells, for messages."""
 
     @abstractmethod
     def slice_of(self, robot: Symmetric) -> Ints:
@@ -230,6 +300,14 @@ class OneRotation(Rotations):
     def leading(self, n: int) -> tuple[int, ...]:
         """None."""
         return ()
+
+    def keep(self, robot: Symmetric) -> bool:
+        """True."""
+        return True
+
+    def fewer(self, share: float) -> str:
+        """Nothing."""
+        return ""
 
     def slice_of(self, robot: Symmetric) -> Ints:
         """Slice 0."""
@@ -389,6 +467,14 @@ class YawRotations(Rotations):
         """One axis of n."""
         return (n,)
 
+    def keep(self, robot: Symmetric) -> bool:
+        """Whether it is round about the z axis."""
+        return robot.symmetry == 0
+
+    def fewer(self, share: float) -> str:
+        """A smaller count."""
+        return f"rotations={int(share * self.count)}" if share * self.count >= 1 else ""
+
     def slice_of(self, robot: Symmetric) -> Ints:
         """Cells a symmetry apart share a slice, where all cells are equally wide."""
         cells = np.arange(self.count, dtype=np.int64)
@@ -452,3 +538,261 @@ class YawRotations(Rotations):
     def compiled(self, slice_of: Ints) -> YawCells:
         """What compiled look-ups get."""
         return YawCells(np.array(self.borders), np.ascontiguousarray(slice_of))
+
+
+@dataclass(frozen=True, slots=True)
+class QuaternionRotations(Rotations):
+    """Cells of quaternions, for SE(3); :meth:`Rotations.quaternions` tells what they are.
+
+    A cell is numbered ``((c * n + i) * n + j) * n + k`` by the component c that is largest and the parts i, j and k of
+    the quotients of the others, in the order x, y, z, w. A border belongs to the cell above it.
+
+    Attributes
+    ----------
+    n : int
+        Parts of an axis.
+    """
+
+    n: int
+    names: ClassVar[tuple[str, ...]] = COMPONENTS
+    dof: ClassVar[int] = 4
+    in_plane: ClassVar[bool] = False
+    COORDINATES: ClassVar[tuple[str, ...]] = ("quaternion", "covering_angle")
+
+    @property
+    def count(self) -> int:
+        """Number of cells."""
+        return 4 * self.n**3
+
+    @property
+    def borders(self) -> Floats:
+        """Where quotients are cut, from -1 to 1, shape (n + 1,)."""
+        return _chart(self.n).borders
+
+    def cell_of(self, rotation: ArrayLike) -> Ints:
+        """Cells that hold quaternions, of norm 1 and of either sign.
+
+        Parameters
+        ----------
+        rotation : array-like, shape (..., 4)
+            (x, y, z, w).
+
+        Returns
+        -------
+        ndarray of int64, shape (...)
+        """
+        q = finite(rotation, "rotation")
+        if q.ndim == 0 or q.shape[-1] != 4:
+            rule = "a rotation in space is a quaternion, four numbers (x, y, z, w)"
+            raise InputError("rotation", f"has shape {q.shape}", rule, "pass e.g. (0, 0, 0, 1)", value=rotation)
+        wrong = np.abs((q * q).sum(axis=-1) - 1.0) > 2.0 * NORM_SLACK
+        if wrong.any():
+            norm = float(np.linalg.norm(q[wrong][0]))
+            rule = f"a quaternion's norm must be 1, within {NORM_SLACK:g}"
+            raise InputError("rotation", f"has a norm of {norm:.9g}", rule, "divide it by its norm", value=norm)
+        largest = np.abs(q).argmax(axis=-1)  # the first of equals
+        others = np.take_along_axis(q, np.asarray(OTHERS)[largest], axis=-1)
+        quotients = others / np.take_along_axis(q, largest[..., None], axis=-1)
+        parts = np.clip(np.searchsorted(self.borders, quotients, side="right") - 1, 0, self.n - 1)
+        return np.asarray(largest * self.n**3 + parts @ np.array([self.n**2, self.n, 1]), dtype=np.int64)
+
+    def cells_of(self, q: Floats) -> Ints:
+        """Cells of configurations whose last numbers are a quaternion."""
+        return self.cell_of(q[..., -4:])
+
+    def leading(self, n: int) -> tuple[int, ...]:
+        """One axis of n."""
+        return (n,)
+
+    def keep(self, robot: Symmetric) -> bool:
+        """Whether it is a ball about its reference point."""
+        return robot.is_round
+
+    def fewer(self, share: float) -> str:
+        """A smaller n."""
+        n = int((share * self.count / 4.0) ** (1.0 / 3.0) + 1e-9)
+        return f"Rotations.quaternions({n})" if n else ""
+
+    def slice_of(self, robot: Symmetric) -> Ints:
+        """Cells that a half turn of the robot, about one of its axes, maps to each other share a slice.
+
+        In quaternions such a turn is a change of places and signs, and so maps cells to cells.
+        """
+        if robot.is_round:
+            return np.zeros(self.count, dtype=np.int64)
+        cells = np.arange(self.count)
+        least = cells.copy()
+        for axis in robot.half_turns:
+            least = np.minimum(least, least[self.cell_of(_times_half_turn(self.centers, axis))])
+        return np.unique(least, return_inverse=True)[1].astype(np.int64)
+
+    def turns(self, dim: int) -> list[Turn]:
+        """Rotations about the origin of space."""
+        x, y, z, w = self.centers.T
+        rows = (
+            (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)),
+            (2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)),
+            (2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)),
+        )
+        matrices = np.moveaxis(np.array(rows), -1, 0)
+        return [Turn(matrix, a) for matrix, a in zip(matrices, self.covering_angles.tolist(), strict=True)]
+
+    @property
+    def centers(self) -> Floats:
+        """The quaternion of the least covering angle in each cell."""
+        return _chart(self.n).centers
+
+    @property
+    def covering_angles(self) -> Floats:
+        """Of each cell, the angle between its middle and the farthest of its corners."""
+        return _chart(self.n).covering_angles
+
+    @property
+    def coordinates(self) -> dict[str, Floats]:
+        """The middle of each cell, shape (count, 4), and its covering angle, radians."""
+        return dict(zip(self.COORDINATES, (self.centers, self.covering_angles), strict=True))
+
+    @classmethod
+    def of_coordinates(cls, coordinates: Mapping[str, NDArray[Any]]) -> QuaternionRotations:
+        """As many cells as there are middles."""
+        return cls(max(1, round((len(coordinates["quaternion"]) / 4.0) ** (1.0 / 3.0))))
+
+    @property
+    def volumes(self) -> Floats:
+        """Haar measure; 1 together."""
+        return _chart(self.n).volumes
+
+    def sample(self, cells: Ints, margin: float, rng: np.random.Generator) -> Floats:
+        """Quaternions uniform in Haar measure over cells."""
+        n, borders = self.n, self.borders
+        parts = np.stack(np.unravel_index(cells, (4, n, n, n)), axis=-1)
+        low, wide = borders[parts[:, 1:]], np.diff(borders)[parts[:, 1:]]
+        # Quotients u have the density (1 + |u|^2)^-2, which is largest where a cell is nearest to zero.
+        most = 1.0 + (np.maximum(np.maximum(low, -low - wide), 0.0) ** 2).sum(axis=1)
+        quotients, missing = np.empty((len(cells), 3)), np.arange(len(cells))
+        while len(missing):
+            drawn = low[missing] + wide[missing] * rng.uniform(margin, 1.0 - margin, (len(missing), 3))
+            kept = rng.random(len(missing)) * (1.0 + (drawn**2).sum(axis=1)) ** 2 <= most[missing] ** 2
+            quotients[missing[kept]] = drawn[kept]
+            missing = missing[~kept]
+        return _quaternions(parts[:, 0], quotients)
+
+    def distances(self, q: Floats) -> Floats:
+        """The angle of the rotation from one to the other."""
+        return np.asarray(2.0 * np.arccos(np.minimum(np.abs(self.centers @ q[-4:]), 1.0)))
+
+    @property
+    def neighbors(self) -> Ints:
+        """The cells before and after each along the axes of its chart, in which that of another chart may lie."""
+        n = self.n
+        charts = np.indices((4, n, n, n)).reshape(4, -1)
+        found = []
+        for axis in range(3):
+            for way in (-1, 1):
+                parts = charts.copy()
+                parts[1 + axis] += way
+                # Beyond a quotient of -1 or 1 that component is the largest, and all signs are those of the quotient.
+                for c in range(4):
+                    over = np.flatnonzero((charts[0] == c) & ((parts[1 + axis] < 0) | (parts[1 + axis] == n)))
+                    place = dict(zip(OTHERS[c], charts[1:, over], strict=True))
+                    largest = OTHERS[c][axis]
+                    place[c] = place.pop(largest)
+                    others = np.array([place[k] if way > 0 else n - 1 - place[k] for k in OTHERS[largest]])
+                    others[OTHERS[largest].index(c)] = n - 1 if way > 0 else 0
+                    parts[:, over] = [np.full(len(over), largest), *others]
+                found.append(np.ravel_multi_index(tuple(parts), (4, n, n, n)))
+        return np.stack(found, axis=1).astype(np.int64)
+
+    def compiled(self, slice_of: Ints) -> QuaternionCells:
+        """What compiled look-ups get."""
+        return QuaternionCells(self.borders.copy(), np.ascontiguousarray(slice_of))
+
+    def __str__(self) -> str:
+        return f"{self.count} rotations in space"
+
+
+class _Chart(NamedTuple):
+    """What quaternion cells are, computed once for each n."""
+
+    borders: Floats
+    centers: Floats
+    covering_angles: Floats
+    volumes: Floats
+
+
+@lru_cache(maxsize=4)
+def _chart(n: int) -> _Chart:
+    """The cells of n parts to an axis; first those of one chart, which are the same in all."""
+    borders = np.tan(np.pi / 4.0 * np.linspace(-1.0, 1.0, n + 1))
+    borders = (borders - borders[::-1]) / 2.0  # symmetric to the last bit
+    borders[[0, -1]] = -1.0, 1.0
+    parts = np.indices((n, n, n)).reshape(3, -1).T
+    # A cell has the middle of its mirror image, and of itself with the axes in another order.
+    mirrored = np.minimum(parts, n - 1 - parts)
+    order = np.argsort(mirrored, axis=1, kind="stable")
+    kinds, kind = np.unique(np.take_along_axis(mirrored, order, axis=1), axis=0, return_inverse=True)
+    middles, least = _smallest_caps(borders[kinds[:, None] + _CORNERS])
+    quotients = np.empty((n**3, 3))
+    np.put_along_axis(quotients, order, middles[kind.ravel()], axis=1)
+    quotients *= np.where(mirrored == parts, 1.0, -1.0)
+    # Gauss-Legendre over the angles whose tangents the quotients are.
+    nodes, weights = np.polynomial.legendre.leggauss(max(4, 4 + 24 // n))
+    widths = np.pi / (2.0 * n)
+    tangents = np.tan(-np.pi / 4.0 + widths * (np.arange(n)[:, None] + (nodes + 1.0) / 2.0)).ravel()
+    by_axis = np.tile(weights, n) * (1.0 + tangents**2)
+    shares = np.empty((n, n, n))
+    cut = np.arange(n) * len(nodes)
+    squares = 1.0 + (tangents**2)[:, None] + tangents**2
+    for i in range(n):
+        part = sum(
+            by_axis[m] * (by_axis[:, None] * by_axis / (squares + tangents[m] ** 2) ** 2)
+            for m in range(i * len(nodes), (i + 1) * len(nodes))
+        )
+        shares[i] = np.add.reduceat(np.add.reduceat(part, cut, axis=0), cut, axis=1)
+    volumes = np.tile(shares.ravel() / (4.0 * shares.sum()), 4)
+    charts = np.repeat(np.arange(4), n**3)
+    made = _Chart(borders, _quaternions(charts, np.tile(quotients, (4, 1))), np.tile(least[kind.ravel()], 4), volumes)
+    for array in made:
+        array.setflags(write=False)
+    return made
+
+
+_CORNERS: Final = np.array([[a, b, c] for a in (0, 1) for b in (0, 1) for c in (0, 1)])
+
+
+def _smallest_caps(boxes: Floats) -> tuple[Floats, Floats]:
+    """The quotients of the rotation nearest to all of the corners of boxes, shape (m, 8, 3), and the covering angles.
+
+    The smallest ball about the corners on the sphere has two to four of them on its border, and its middle in the
+    direction of the point nearest to zero of all that is level with these. All choices of corners are tried.
+    """
+    corners = np.concatenate([boxes, np.ones((*boxes.shape[:2], 1))], axis=2)
+    corners /= np.linalg.norm(corners, axis=2, keepdims=True)
+    best, middle = np.full(len(boxes), -1.0), np.zeros((len(boxes), 4))
+    for chosen in (chosen for size in (2, 3, 4) for chosen in combinations(range(8), size)):
+        first, sides = corners[:, chosen[0]], corners[:, chosen[1:]] - corners[:, chosen[:1]]
+        gram = sides @ sides.swapaxes(1, 2)
+        flat = np.linalg.det(gram) <= 1e-9 * np.prod(np.diagonal(gram, axis1=1, axis2=2), axis=1)
+        gram[flat] = np.eye(len(chosen) - 1)
+        steps = np.linalg.solve(gram, -(sides @ first[..., None]))
+        point = first + (steps * sides).sum(axis=1)
+        point /= np.linalg.norm(point, axis=1, keepdims=True)
+        cosine = (corners @ point[..., None]).min(axis=(1, 2))
+        better = ~flat & (cosine > best)
+        best[better], middle[better] = cosine[better], point[better]
+    # The angle of a rotation is twice that of its quaternion; a step of the quotients is at least as long as its angle.
+    angles = 2.0 * np.arccos(best) + 4.0 * QUOTIENT_SLACK
+    return middle[:, :3] / middle[:, 3:], angles
+
+
+def _quaternions(charts: Ints, quotients: Floats) -> Floats:
+    """Unit quaternions, shape (n, 4), from their largest components, shape (n,), and quotients, shape (n, 3)."""
+    made = np.ones((len(charts), 4))
+    np.put_along_axis(made, np.asarray(OTHERS)[charts], quotients, axis=1)
+    return np.asarray(made / np.linalg.norm(made, axis=1, keepdims=True))
+
+
+def _times_half_turn(q: Floats, axis: int) -> Floats:
+    """Quaternions, shape (n, 4), of rotations that come after a half turn about an axis."""
+    x, y, z, w = q.T
+    return np.stack([(w, z, -y, -x), (-z, w, x, -y), (y, -x, w, -z)][axis], axis=1)

@@ -46,15 +46,17 @@ Bools = NDArray[np.bool_]
 
 
 class CSpace:
-    """Certified map of a robot's configurations, in R^2, R^3, SE(2) or R^3 x SO(2).
+    """Certified map of a robot's configurations, in R^2, R^3, SE(2), R^3 x SO(2) or SE(3).
 
-    They are ``(x, y)`` in the plane and ``(x, y, z)`` in space, with a yaw behind where the robot turns about z.
+    They are ``(x, y)`` in the plane and ``(x, y, z)`` in space, with a yaw behind where the robot turns about z, and a
+    quaternion ``(qx, qy, qz, qw)`` where it turns about any axis.
 
     :func:`cspace.build` makes it and :func:`cspace.open` reads a saved one. Every look-up takes one configuration,
     shape (dof,), and answers with a Python number, or a batch, shape (..., dof), and answers with an array of shape
     (...). Look-ups are compiled and may be called from several threads at once. What they need beyond the map itself
     (distances, labels, sums) is computed at the first call and kept; a copy or a pickle of the map leaves it behind.
-    Yaw is in radians, and wrapped.
+    Yaw is in radians, and wrapped. Of a quaternion and its negative, which are the same rotation, either will do; its
+    norm must be 1 within 1e-6.
 
     A configuration outside the grid is BLOCKED under ``outside="blocked"`` where the robot is proven to stick out of
     the workspace, FREE under ``outside="free"`` where it is proven to reach no obstacle, and otherwise MIXED.
@@ -166,7 +168,7 @@ class CSpace:
 
     @property
     def dof(self) -> int:
-        """Numbers in a configuration: the position's, and one more for the yaw of a robot that turns."""
+        """Numbers in a configuration: the position's, and those of the rotation of a robot that turns."""
         return self.grid.dim + self.rotations.dof
 
     @property
@@ -179,9 +181,9 @@ class CSpace:
         every = read_only(self._seen[self._slice_of]) if shared else self._seen
         return every.reshape(*self.rotations.leading(len(every)), *self.grid.shape)
 
-    def slice_at(self, yaw: float = 0.0) -> NDArray[np.uint8]:
-        """State of each cell in the rotation cell of a yaw (radians), shape (nx, ny) or (nx, ny, nz)."""
-        part: States = self._seen[self._slice_of[self.rotations.cell_of(yaw)]]
+    def slice_at(self, rotation: ArrayLike = 0.0) -> NDArray[np.uint8]:
+        """State of each cell in the rotation cell of a yaw (radians) or quaternion, shape (nx, ny) or (nx, ny, nz)."""
+        part: States = self._seen[self._slice_of[self.rotations.cell_of(rotation)]]
         return part
 
     def count(self) -> tuple[int, int, int]:
@@ -841,6 +843,9 @@ class CSpace:
 
     @property
     def _exact(self) -> Exact:
+        if self.rotations.dof > 1:
+            rule = "the geometry itself is not asked about rotations about any axis"
+            raise InputError("exact", "is True on a map of SE(3)", rule, "leave exact out, or take finer cells")
         from cspace.exact.boundaries import Problem
         from cspace.exact.queries import Exact
 

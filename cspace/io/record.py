@@ -6,7 +6,7 @@ import hashlib
 import json
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from cspace import __version__
 from cspace.errors import FileError, InputError
 from cspace.grid import finite
-from cspace.rotations import Rotations, YawRotations
+from cspace.rotations import QuaternionRotations, Rotations, YawRotations
 from cspace.shapes import Shape, shape_from_spec
 from cspace.states import BLOCKED, FIELDS, NAMES
 
@@ -34,8 +34,8 @@ AXES: Final = ("x", "y", "z")
 STACKED: Final = ("state", "overlap", *FIELDS)
 """Arrays that hold one slice after the other."""
 
-TURNS: Final = YawRotations.COORDINATES
-"""Arrays that tell of the rotation cells; there only where the robot turns."""
+TURNS: Final = (*YawRotations.COORDINATES, *QuaternionRotations.COORDINATES[:1])
+"""Arrays that tell of the rotation cells; those of one kind are there where the robot turns."""
 
 _REQUIRED: Final = ("state", "outer", "slice_of")
 _KEYS: Final = (
@@ -124,7 +124,15 @@ ARRAYS: Final[dict[str, Stored]] = {
     ),
     "yaw": _yaws(("rotation",), "representative of a rotation cell: its middle", bounds="yaw_bounds"),
     "yaw_bounds": _yaws(("rotation", "bound"), "borders of a rotation cell"),
-    "covering_angle": _yaws(("rotation",), "largest angle between a yaw of a rotation cell and its representative"),
+    "quaternion": Stored(
+        ("rotation", "component"),
+        "float64",
+        math.nan,
+        {"long_name": "representative of a rotation cell, as (x, y, z, w)", "units": "1"},
+    ),
+    "covering_angle": _yaws(
+        ("rotation",), "largest angle between a rotation of a rotation cell and its representative"
+    ),
     "shapes": Stored(("byte",), "int8", -1, {"long_name": "obstacles as a JSON list of what makes each shape again"}),
     **{
         axis: Stored(
@@ -263,9 +271,17 @@ def unseal(metadata: Any, path: str | os.PathLike[str]) -> dict[str, str]:
     return dict(entry.rsplit(":", 1) for entry in metadata["digests"].split())
 
 
+def turns_of(names: Iterable[str]) -> tuple[str, ...]:
+    """Those of some names that tell of rotation cells, and what lacks to them; none where the robot does not turn."""
+    there = set(names)
+    kinds = (kind.COORDINATES for kind in (YawRotations, QuaternionRotations))
+    return next((kind for kind in kinds if kind[0] in there), ())
+
+
 def check_names(names: Sequence[str], metadata: Mapping[str, Any], path: str | os.PathLike[str]) -> None:
     """Raise FileError unless the arrays of a map are those that it needs, and known ones."""
-    required = (*_REQUIRED, *AXES[: len(metadata["shape"])], *(TURNS if metadata["rotations"] else ()))
+    turns = turns_of(names) or (YawRotations.COORDINATES if metadata["rotations"] else ())
+    required = (*_REQUIRED, *AXES[: len(metadata["shape"])], *turns)
     lacking = [name for name in required if name not in names]
     if lacking:
         raise unusable(path, f"it holds no {' and no '.join(lacking)}")
@@ -287,7 +303,7 @@ def check_kind(name: str, array: Any, metadata: Mapping[str, Any], path: str | o
         Where it was read, for the message.
     """
     dim = len(metadata["shape"])
-    sizes = dict(zip(AXES, metadata["shape"], strict=False)) | {"bound": 2, "slice": metadata["slices"]}
+    sizes = dict(zip(AXES, metadata["shape"], strict=False)) | {"bound": 2, "component": 4, "slice": metadata["slices"]}
     sizes |= {"rotation": metadata["rotations"] or 1, "byte": array.shape[0] if array.shape else 0}
     shape = tuple(sizes[axis] for axis in axes_of(name, dim))
     if tuple(array.shape) != shape or array.dtype != ARRAYS[name].dtype:

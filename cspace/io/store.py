@@ -24,7 +24,6 @@ from cspace.io.limits import check_bytes
 from cspace.io.output import replacing
 from cspace.io.record import (
     ARRAYS,
-    TURNS,
     arrays_of,
     attributes_of,
     axes_of,
@@ -34,6 +33,7 @@ from cspace.io.record import (
     digest_of,
     metadata_of,
     seal,
+    turns_of,
     unseal,
     unusable,
 )
@@ -105,7 +105,7 @@ def read_parts(
     """
     with _decoding(path):
         metadata, digests = _opened(path)
-        names = ("state",) if number is not None else ("slice_of", *(TURNS if metadata["rotations"] else ()))
+        names = ("state",) if number is not None else ("slice_of", *turns_of(name.split("/")[0] for name in digests))
         wanted = [f"state/c/{number}/"] if number is not None else [f"{name}/c/" for name in names]
         wanted += [f"{name}/{_ROOT}" for name in names]
         files = {name: _proven(path, name, digests) for name in digests if name.startswith(tuple(wanted))}
@@ -152,7 +152,7 @@ def _encoded(metadata: dict[str, Any], arrays: Mapping[str, NDArray[Any]]) -> It
     yield from finished(f"/{_ROOT}")
     document = json.loads(files[_ROOT].to_bytes())
     # Global "coordinates" tell readers of the CF conventions which arrays label others.
-    labels = {"coordinates": " ".join((*TURNS, "slice_of"))} if metadata["rotations"] else {}
+    labels = {"coordinates": " ".join((*turns_of(arrays), "slice_of"))} if metadata["rotations"] else {}
     document["attributes"] = seal(metadata | labels, digests)
     yield _ROOT, _written(document)
 

@@ -152,7 +152,7 @@ def _own(rows: NDArray[Any]) -> Floats:
 
 def _not_finite(values: NDArray[Any], name: str, index: int) -> InputError:
     numbers = tuple(values.astype(np.float64).tolist())
-    rule = f"NaN, infinities and a yaw beyond {MAX_YAW:.0f} rad are refused"
+    rule = f"NaN, infinities, a yaw beyond {MAX_YAW:.0f} rad and quaternions of another norm than 1 are refused"
     return InputError(name, f"number {index} is {numbers}", rule, "drop or replace them first", value=numbers)
 
 

@@ -41,6 +41,11 @@ def _point_4(map_: Map, a: float, b: float, c: float, d: float) -> bool:
     return state_at(map_, (a, b, c, d)) == FREE
 
 
+@reader(nogil=False)
+def _point_7(map_: Map, a: float, b: float, c: float, d: float, e: float, f: float, g: float) -> bool:
+    return state_at(map_, (a, b, c, d, e, f, g)) == FREE
+
+
 @reader
 def _edge_2(map_: Map, a: float, b: float, c: float, d: float) -> bool:
     return edge_is_free(map_, None, (a, b), (c, d))
@@ -56,5 +61,26 @@ def _edge_4(map_: Map, a: float, b: float, c: float, d: float, e: float, f: floa
     return edge_is_free(map_, None, (a, b, c, d), (e, f, g, h))
 
 
-_POINTS: Final = {2: _point_2, 3: _point_3, 4: _point_4}
-_EDGES: Final = {2: _edge_2, 3: _edge_3, 4: _edge_4}
+@reader
+def _edge_7(
+    map_: Map,
+    a: float,
+    b: float,
+    c: float,
+    d: float,
+    e: float,
+    f: float,
+    g: float,
+    h: float,
+    i: float,
+    j: float,
+    k: float,
+    l: float,  # noqa: E741
+    m: float,
+    n: float,
+) -> bool:
+    return edge_is_free(map_, None, (a, b, c, d, e, f, g), (h, i, j, k, l, m, n))
+
+
+_POINTS: Final = {2: _point_2, 3: _point_3, 4: _point_4, 7: _point_7}
+_EDGES: Final = {2: _edge_2, 3: _edge_3, 4: _edge_4, 7: _edge_7}

@@ -122,7 +122,14 @@ def _clearance_4(map_: Map, tiles: Tiles, a: float, b: float, c: float, d: float
     return clearance_at(map_, tiles, (a, b, c, d))
 
 
-_CLEARANCE: Final = {2: _clearance_2, 3: _clearance_3, 4: _clearance_4}
+@reader
+def _clearance_7(
+    map_: Map, tiles: Tiles, a: float, b: float, c: float, d: float, e: float, f: float, g: float
+) -> float:
+    return clearance_at(map_, tiles, (a, b, c, d, e, f, g))
+
+
+_CLEARANCE: Final = {2: _clearance_2, 3: _clearance_3, 4: _clearance_4, 7: _clearance_7}
 
 
 # ---- the part of a map -----------------------------------------------------------------------------------------------

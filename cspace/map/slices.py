@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from cspace.raster.raster import Raster
 from cspace.robot import Robot
 from cspace.rotations import Rotations
@@ -12,12 +14,12 @@ def slice_rasters(robot: Robot, spacing: float, margin: float, rotations: Rotati
 
     Each is rasterised afresh from the turned geometry, but for those a quarter turn from another, which are permuted.
     """
-    count = int(rotations.slice_of(robot).max()) + 1
-    if robot.symmetry == 0:  # the same at every rotation
+    if rotations.keep(robot):
         return [robot.rasters(spacing, margin)]
-    quarter = rotations.quarter or count
-    made = [robot.rasters(spacing, margin, turn) for turn in rotations.turns(robot.dim)[: min(count, quarter)]]
-    while len(made) < count:
+    first, turns = np.unique(rotations.slice_of(robot), return_index=True)[1], rotations.turns(robot.dim)
+    quarter = rotations.quarter or len(first)
+    made = [robot.rasters(spacing, margin, turns[cell]) for cell in first[:quarter]]
+    while len(made) < len(first):
         outer, inner = made[len(made) - quarter]
         made.append((outer.quarter_turned(1), inner.quarter_turned(1)))
     return made

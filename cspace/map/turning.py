@@ -15,7 +15,17 @@ from numba.extending import overload
 from numpy.typing import NDArray
 
 from cspace.compiling import inner
-from cspace.rotations import MAX_YAW, TURN, YAW_SLACK, CompiledRotations, OneCell, YawCells
+from cspace.rotations import (
+    MAX_YAW,
+    NORM_SLACK,
+    QUOTIENT_SLACK,
+    TURN,
+    YAW_SLACK,
+    CompiledRotations,
+    OneCell,
+    QuaternionCells,
+    YawCells,
+)
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -240,18 +250,261 @@ def _yaw_next_around(rotations: YawCells, cursor: tuple[float, int, int]) -> tup
     return left > 0 and not low > most, rotations.slice_of[k], (most, cell + 1, left - 1)
 
 
+# ---- quaternion cells ------------------------------------------------------------------------------------------------
+
+QUARTER = math.pi / 4.0
+
+EQUAL = 2e-9
+"""Two quaternions whose dot product is as near to 1 count as equal for OMPL, which then lets the rotation jump."""
+
+Parts = tuple[int, int, int, int, int, int]
+Walk = tuple[Numbers, Numbers, float, float, float, float, bool, bool, bool]
+Look = tuple[Numbers, float, int, Parts, int, int, int]
+
+
+@inner
+def part_of(borders: Floats, quotient: float) -> int:
+    """The part of an axis that holds a quotient, a border belonging to the part above it."""
+    parts = borders.shape[0] - 1
+    # The arc tangent to a few thousandths, which is enough of a guess.
+    angle = quotient * (QUARTER + 0.273 * (1.0 - abs(quotient)))
+    guess = (angle + QUARTER) * (parts / (2.0 * QUARTER))
+    k = np.int64(guess) if 0.0 <= guess < parts else (0 if guess < 0.0 else parts - 1)
+    while k > 0 and quotient < borders[np.uint64(k)]:
+        k -= 1
+    while k < parts - 1 and quotient >= borders[np.uint64(k + 1)]:
+        k += 1
+    return int(k)
+
+
+@inner
+def chart_of(x: float, y: float, z: float, w: float) -> int:
+    """The component of the largest modulus; the first of equals."""
+    chart, most = 0, abs(x)
+    if abs(y) > most:
+        chart, most = 1, abs(y)
+    if abs(z) > most:
+        chart, most = 2, abs(z)
+    return 3 if abs(w) > most else chart
+
+
+@inner
+def split(q: Numbers, chart: int) -> tuple[float, float, float, float]:
+    """A component of a quaternion, and the others in their order."""
+    x, y, z, w = q
+    if chart == 0:
+        return x, y, z, w
+    if chart == 1:
+        return y, x, z, w
+    if chart == 2:
+        return z, x, y, w
+    return w, x, y, z
+
+
+@inner(error_model="numpy")
+def parts_of(borders: Floats, q: Numbers) -> tuple[int, int, int, int]:
+    """Chart of a quaternion, and the parts that hold its quotients there."""
+    chart = chart_of(q[0], q[1], q[2], q[3])
+    largest, a, b, c = split(q, chart)
+    return chart, part_of(borders, a / largest), part_of(borders, b / largest), part_of(borders, c / largest)
+
+
+@inner
+def cell_of_parts(borders: Floats, chart: int, i: int, j: int, k: int) -> int:
+    """Number of a cell."""
+    n = borders.shape[0] - 1
+    return int(((chart * n + i) * n + j) * n + k)
+
+
+@inner
+def is_unit(q: Numbers) -> bool:
+    """Whether the norm of a quaternion is 1, but for what is normalised away."""
+    return abs(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3] - 1.0) <= 2.0 * NORM_SLACK  # nor is NaN
+
+
+def _quaternion_blank(rotations: QuaternionCells) -> tuple[float, float, float, float]:
+    return (0.0, 0.0, 0.0, 0.0)
+
+
+def _quaternion_is_usable(rotations: QuaternionCells, q: Numbers) -> bool:
+    return is_unit(q[-4:])
+
+
+def _quaternion_slice_at(rotations: QuaternionCells, q: Numbers) -> int:
+    chart, i, j, k = parts_of(rotations.borders, q[-4:])
+    return int(rotations.slice_of[cell_of_parts(rotations.borders, chart, i, j, k)])
+
+
+def _quaternion_slices_at(rotations: QuaternionCells, points: Floats, out: Ints) -> None:
+    borders = rotations.borders
+    for m in range(len(points)):
+        q = (points[m, 3], points[m, 4], points[m, 5], points[m, 6])
+        chart, i, j, k = parts_of(borders, q)
+        number = rotations.slice_of[np.uint64(cell_of_parts(borders, chart, i, j, k))]
+        out[m] = number if is_unit(q) else -1
+
+
+def _quaternion_slice_among(rotations: QuaternionCells, slices: Ints, k: int) -> int:
+    return int(slices[k])
+
+
+@inner(error_model="numpy")
+def normalised(q: Numbers, scale: float) -> Numbers:
+    """A quaternion as long as a scale."""
+    scale /= math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    return q[0] * scale, q[1] * scale, q[2] * scale, q[3] * scale
+
+
+@inner(error_model="numpy")
+def begin_arc(a: Numbers, b: Numbers, other: bool) -> Walk:
+    """A walk from one unit quaternion to another, no farther than a right angle and a rounding error.
+
+    SLERP turns evenly from a to b, and meets the chord between them at ``m + s d`` for s from -1 to 1, m the middle and
+    d half of the way: at the time t with ``tan((2 t - 1) angle) = s tan(angle)``, ``angle`` being half of that between
+    a and b. The chord is straight in every chart, and so it meets borders where linear functions of s are zero.
+    """
+    half, middle, dot = 0.0, 0.0, 0.0
+    for n in range(4):
+        half += (b[n] - a[n]) ** 2
+        middle += (b[n] + a[n]) ** 2
+        dot += a[n] * b[n]
+    tangent = math.sqrt(half / middle)
+    return a, b, 0.0, 0.0, tangent, math.atan(tangent), other, dot > 1.0 - EQUAL, True
+
+
+def _quaternion_first_piece(rotations: QuaternionCells, q0: Numbers, q1: Numbers) -> Walk:
+    a, b = normalised(q0[-4:], 1.0), normalised(q1[-4:], 1.0)
+    dot = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
+    if dot < 0.0:
+        b = normalised(b, -1.0)
+    # Both arcs are equally long but for rounding, and both are walked.
+    return begin_arc(a, b, abs(dot) <= QUOTIENT_SLACK)
+
+
+@inner(error_model="numpy")
+def leaving(
+    share: float, largest: float, largest1: float, other: float, other1: float, low: float, high: float
+) -> float:
+    """How much of the way from one quaternion to another is in a part of an axis, widened, and no more than a share.
+
+    Of both the largest component is given, which is above zero in the first, and another one.
+    """
+    for way in range(2):
+        # Zero on the border, and below it inside.
+        here = other - high * largest if way == 0 else low * largest - other
+        there = other1 - high * largest1 if way == 0 else low * largest1 - other1
+        if there > 0.0:
+            share = min(share, here / (here - there))
+    return share
+
+
+@inner(error_model="numpy")
+def next_part(borders: Floats, walk: Walk) -> tuple[int, float, float, Walk]:
+    """The next cell of a walk, where the walk is in it, widened by QUOTIENT_SLACK, and the rest of the walk.
+
+    What is farther than rounding from the cell that was left is in another one: there are as many cells as borders on
+    the way, and no border is passed twice.
+    """
+    a, b, done, start, tangent, angle, other, equal, _ = walk
+    q = (
+        a[0] + done * (b[0] - a[0]),
+        a[1] + done * (b[1] - a[1]),
+        a[2] + done * (b[2] - a[2]),
+        a[3] + done * (b[3] - a[3]),
+    )
+    chart, i, j, k = parts_of(borders, q)
+    p, p1 = split(q, chart), split(b, chart)
+    way = math.copysign(1.0, p[0])
+    share, parts = 1.0, (i, j, k)
+    for n in range(3):
+        low, high = borders[parts[n]] - QUOTIENT_SLACK, borders[parts[n] + 1] + QUOTIENT_SLACK
+        share = leaving(share, way * p[0], way * p1[0], way * p[n + 1], way * p1[n + 1], low, high)
+    more, stop = share < 1.0, 1.0
+    if more:
+        done += (1.0 - done) * share
+        stop = min(max(0.5 + 0.5 * math.atan((2.0 * done - 1.0) * tangent) / angle, start), 1.0)
+    cell = cell_of_parts(borders, chart, i, j, k)
+    rest = (a, b, done, stop, tangent, angle, other, equal, more)
+    return (cell, 0.0, 1.0, rest) if equal else (cell, start, stop, rest)
+
+
+def _quaternion_next_piece(rotations: QuaternionCells, cursor: Walk) -> tuple[bool, int, float, float, Walk]:
+    if not cursor[8]:
+        if not cursor[6]:
+            return False, 0, 0.0, 0.0, cursor
+        cursor = begin_arc(cursor[0], normalised(cursor[1], -1.0), False)
+    cell, start, stop, rest = next_part(rotations.borders, cursor)
+    return True, rotations.slice_of[cell], start, stop, rest
+
+
+@inner(error_model="numpy")
+def parts_around(borders: Floats, largest: float, other: float, reach: float) -> tuple[int, int]:
+    """First and last part of an axis that the quaternions near one may be in; the first beyond the last if none.
+
+    Those within an angle whose sine is ``reach``, of which two components are given. The quotient is u on a plane
+    through zero, and that is within reach where ``r |sin(atan u - atan(other / largest))| <= reach``, r the length of
+    the two components.
+    """
+    last, length = borders.shape[0] - 2, math.hypot(largest, other)
+    if not reach < length:
+        return 0, last
+    middle = math.atan(other / largest) if largest != 0.0 else 2.0 * QUARTER
+    swing = math.asin(reach / length) + 2.0 * QUOTIENT_SLACK
+    if middle - swing <= -3.0 * QUARTER or middle + swing >= 3.0 * QUARTER:  # that is beyond the other end as well
+        return 0, last
+    low, high = max(middle - swing, -QUARTER), min(middle + swing, QUARTER)
+    if low > high:
+        return 0, -1
+    return part_of(borders, math.tan(low) - QUOTIENT_SLACK), part_of(borders, math.tan(high) + QUOTIENT_SLACK)
+
+
+@inner
+def next_chart(borders: Floats, q: Numbers, reach: float, chart: int) -> Look:
+    """Begin with the cells of a chart."""
+    largest, a, b, c = split(q, chart)
+    i, i1 = parts_around(borders, largest, a, reach)
+    j, j1 = parts_around(borders, largest, b, reach)
+    k, k1 = parts_around(borders, largest, c, reach)
+    if j > j1 or k > k1:
+        i1 = i - 1
+    return q, reach, chart, (i, i1, j, j1, k, k1), i, j, k
+
+
+def _quaternion_first_around(rotations: QuaternionCells, q: Numbers, angle: float) -> Look:
+    # A rotation's angle is twice that of its quaternion.
+    reach = math.sin(min(angle / 2.0, 2.0 * QUARTER)) + QUOTIENT_SLACK
+    return next_chart(rotations.borders, q[-4:], reach, 0)
+
+
+def _quaternion_next_around(rotations: QuaternionCells, cursor: Look) -> tuple[bool, int, Look]:
+    q, reach, chart, ranges, i, j, k = cursor
+    while i > ranges[1]:
+        if chart == 3:
+            return False, 0, cursor
+        q, reach, chart, ranges, i, j, k = next_chart(rotations.borders, q, reach, chart + 1)
+    number = rotations.slice_of[cell_of_parts(rotations.borders, chart, i, j, k)]
+    k += 1
+    if k > ranges[5]:
+        k = ranges[4]
+        j += 1
+    if j > ranges[3]:
+        j = ranges[2]
+        i += 1
+    return True, number, (q, reach, chart, ranges, i, j, k)
+
+
 # ---- which is taken --------------------------------------------------------------------------------------------------
 
 _MADE = {
-    blank: {OneCell: _one_blank, YawCells: _yaw_blank},
-    is_usable: {OneCell: _one_is_usable, YawCells: _yaw_is_usable},
-    slice_at: {OneCell: _one_slice_at, YawCells: _yaw_slice_at},
-    slices_at: {OneCell: _one_slices_at, YawCells: _yaw_slices_at},
-    slice_among: {OneCell: _one_slice_among, YawCells: _yaw_slice_among},
-    first_piece: {OneCell: _one_first_piece, YawCells: _yaw_first_piece},
-    next_piece: {OneCell: _one_next_piece, YawCells: _yaw_next_piece},
-    first_around: {OneCell: _one_first_around, YawCells: _yaw_first_around},
-    next_around: {OneCell: _one_next_around, YawCells: _yaw_next_around},
+    blank: {OneCell: _one_blank, YawCells: _yaw_blank, QuaternionCells: _quaternion_blank},
+    is_usable: {OneCell: _one_is_usable, YawCells: _yaw_is_usable, QuaternionCells: _quaternion_is_usable},
+    slice_at: {OneCell: _one_slice_at, YawCells: _yaw_slice_at, QuaternionCells: _quaternion_slice_at},
+    slices_at: {OneCell: _one_slices_at, YawCells: _yaw_slices_at, QuaternionCells: _quaternion_slices_at},
+    slice_among: {OneCell: _one_slice_among, YawCells: _yaw_slice_among, QuaternionCells: _quaternion_slice_among},
+    first_piece: {OneCell: _one_first_piece, YawCells: _yaw_first_piece, QuaternionCells: _quaternion_first_piece},
+    next_piece: {OneCell: _one_next_piece, YawCells: _yaw_next_piece, QuaternionCells: _quaternion_next_piece},
+    first_around: {OneCell: _one_first_around, YawCells: _yaw_first_around, QuaternionCells: _quaternion_first_around},
+    next_around: {OneCell: _one_next_around, YawCells: _yaw_next_around, QuaternionCells: _quaternion_next_around},
 }
 
 
