@@ -21,10 +21,8 @@ BENCHMARKS = {
     "classify": "10^7 look-ups against the same look-up as a numpy expression",
     "edges": "10^6 edges of 50 cells in one call, against OMPL's discrete validator; turns and solids too",
     "callbacks": "OMPL's isValid and checkMotion on our checkers, against an empty checker and the discrete validator",
-    "planning": "time to a first solution on real maps, against OMPL with a prepared-shapely callback",
-    "turning_planning": "the same in SE(2)",
+    "planning": "time to a first solution on real maps, against OMPL with a callback of prepared shapely or of FCL",
     "mesh": "100,000 triangles into 256^3 cells, beside trimesh's voxelizer: time, and cells that it misses",
-    "solid_planning": "time to a first solution in space, against OMPL with an FCL callback",
     "frequency": "spectra of 10,000 balls, Minkowski sums, 10^5 overlaps, each against the direct way; early misses",
     "startup": "seconds that `cspace --help` and `import cspace` add to Python and numpy",
     "soak": "every FREE, BLOCKED, free edge or curve, MISS and HIT against exact geometry; the band; damaged files",
@@ -33,12 +31,12 @@ BENCHMARKS = {
 
 def main(arguments: list[str] | None = None) -> int:
     """Run benchmarks; 0 where all results were right, whatever they took, and 1 otherwise."""
-    listed = "\n".join(f"  {name:<17} {text}" for name, text in BENCHMARKS.items())
+    listed = "\n".join(f"  {name:<10} {text}" for name, text in BENCHMARKS.items())
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks",
         description="Peers and ours in one process, taken in turns. Results must be equal or the run fails; times are\n"
         "printed beside their targets and fail nothing.",
-        epilog=f"benchmarks:\n{listed}\n  {'all':<17} every one of them",
+        epilog=f"benchmarks:\n{listed}\n  {'all':<10} every one of them",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("names", metavar="NAME", nargs="+", choices=[*BENCHMARKS, "all"], help="which ones, or all")
