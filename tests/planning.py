@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from ompl import base as ob
+from scipy import ndimage
 
 import planners
 from cspace import BLOCKED, FREE, CSpace, Robot, Workspace, build
@@ -110,9 +111,10 @@ def turn_between(first: Any, second: Any) -> Any:
 
 
 def distances(space: CSpace, points: np.ndarray) -> np.ndarray:
-    """Distances of points in the grid to the nearest configuration that is not FREE, by trying every cell."""
+    """Distances of FREE points in the grid to the nearest that is not, by trying every cell beside a FREE one."""
     lower, upper = np.array(space.grid.lower), np.array(space.grid.upper)
-    corners = lower + space.grid.spacing * np.argwhere(space.state != FREE)
+    shut = space.state != FREE
+    corners = lower + space.grid.spacing * np.argwhere(shut & ~ndimage.binary_erosion(shut, border_value=1))
     out = np.minimum(points - lower, upper - points).min(axis=-1)
     for k in range(0, len(points) if len(corners) else 0, 100):
         part = points[k : k + 100, None]

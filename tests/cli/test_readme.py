@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
-import signal
-import subprocess
-import sys
+import shlex
 from pathlib import Path
 
+import pytest
+
 import cspace
+from commands import run
 
 ROOT = Path(cspace.__file__).parents[1]
 
@@ -20,33 +20,20 @@ def block() -> list[str]:
     return [line.removeprefix("$ ") for line in lines if line.startswith("$ ")]
 
 
-def test_the_block_runs_in_an_empty_folder(tmp_path: Path) -> None:
-    programs, room = tmp_path / "bin", tmp_path / "room"
-    programs.mkdir()
-    room.mkdir()
-    command = programs / "cspace"
-    command.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m cspace "$@"\n')
-    command.chmod(0o755)
-    environment = {**os.environ, "PATH": f"{programs}:{os.environ['PATH']}", "PYTHONPATH": str(ROOT)}
-    commands = block()
+def test_the_block_runs_in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    commands, told = block(), ""
     assert len(commands) > 10
-    script = "set -e\n" + "\n".join(f"echo '+ {line}' >&2\n{line}" for line in commands)
-    process = subprocess.Popen(
-        ["bash", "-c", script],
-        cwd=room,
-        env=environment,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-    try:
-        told, errors = process.communicate(timeout=240)
-    finally:
-        if process.poll() is None:
-            os.killpg(process.pid, signal.SIGKILL)
-    assert process.returncode == 0, errors
+    for command in " && ".join(commands).split(" && "):
+        program, *arguments = shlex.split(command)
+        if program == "cd":
+            monkeypatch.chdir(*arguments)
+            continue
+        assert program == "cspace"
+        result = run(*arguments)
+        assert result.exit_code == 0, f"{command}: {result.stderr or result.exception}"
+        told += result.stdout
     written = {name for line in commands for name in line.split() if name.endswith((".csv", ".png", ".gif", ".vti"))}
-    made = {file.name for file in (room / "cspace-demo").iterdir()}
+    made = {file.name for file in (tmp_path / "cspace-demo").iterdir()}
     assert written | {"cart.zarr", "house.zarr", "cart.pgm"} <= made
     assert "certified" in told

