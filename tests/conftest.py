@@ -13,7 +13,7 @@ from hypothesis import settings
 os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(prefix="cspace-tests-")
 
 # A test that meets a compiled kernel for the first time waits for the compiler.
-settings.register_profile("cspace", deadline=None, derandomize="CI" in os.environ)
+settings.register_profile("cspace", deadline=None, max_examples=50, derandomize="CI" in os.environ)
 settings.load_profile("cspace")
 
 

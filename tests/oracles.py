@@ -54,15 +54,18 @@ def ring_segments(vertices):
     return list(zip(points, points[1:] + points[:1], strict=True))
 
 
-def polygon_outer_offsets(vertices, spacing, margin, reach):
-    """Offsets m with |m| <= reach whose box ``h (m + [-1, 1]^2)`` comes within the margin of a polygon."""
-    segments, h, margin = ring_segments(vertices), Fraction(spacing), Fraction(margin)
-    found = set()
+def polygon_outer_offsets(vertices, spacing, margins, reach):
+    """Offsets m with |m| <= reach whose box ``h (m + [-1, 1]^2)`` comes within each margin of a polygon."""
+    segments, h = ring_segments(vertices), Fraction(spacing)
+    found = [set() for _ in margins]
     for m in product(range(-reach, reach + 1), repeat=2):
         box = (h * (m[0] - 1), h * (m[1] - 1), h * (m[0] + 1), h * (m[1] + 1))
-        near = any(square_distance_to_box(segment, box) <= margin * margin for segment in segments)
-        if near or encloses((h * m[0], h * m[1]), segments):
-            found.add(m)
+        square = 0
+        if not encloses((h * m[0], h * m[1]), segments):
+            square = min(square_distance_to_box(segment, box) for segment in segments)
+        for offsets, margin in zip(found, map(Fraction, margins), strict=True):
+            if square <= margin * margin:
+                offsets.add(m)
     return found
 
 

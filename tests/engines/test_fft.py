@@ -31,8 +31,7 @@ def check(occupied, rasters, outside):
         assert (mark == 7 + (expected > 0)).all()
 
 
-@pytest.mark.parametrize("axis", range(3))
-@pytest.mark.parametrize("outside", [False, True])
+@pytest.mark.parametrize(("axis", "outside"), [(0, True), (1, False), (2, True)])
 def test_tiles_of_constant_lines(axis, outside):
     """Inner tiles in space, all of whose lines along two axes are wholly obstacle or wholly free."""
     occupied = np.zeros((220, 220, 220), dtype=bool)

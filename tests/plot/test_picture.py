@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import matplotlib
 import numpy as np
 import pytest
 import shapely
@@ -238,6 +239,7 @@ def test_no_window_and_no_display(tmp_path: Path) -> None:
     )
     root = str(Path(cspace.__file__).parents[1])
     environment = {"PATH": "", "PYTHONPATH": root, "MPLBACKEND": "tkagg", "HOME": str(tmp_path)}
+    environment["MPLCONFIGDIR"] = matplotlib.get_cachedir()  # which knows the fonts
     done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
 

@@ -162,7 +162,7 @@ def check_robot(lows, highs, radii, spacing, margin, outer, inner, reach):
         check(found, truth.covered(), truth.inside(0))
 
 
-@settings(max_examples=25)
+@settings(max_examples=15)
 @given(
     st.data(),
     seeds,

@@ -28,8 +28,7 @@ def check_between(found, low, high):
 def test_polygon_rasters_are_exact_in_their_direction(vertices, spacing, margin):
     outer, inner = (oracles.raster_offsets(raster) for raster in Robot.polygon(vertices).rasters(spacing, margin))
     reach = int(1.2 / spacing) + 2
-    touching = oracles.polygon_outer_offsets(vertices, spacing, margin, reach)
-    check_between(outer, touching, oracles.polygon_outer_offsets(vertices, spacing, margin + NEAR, reach))
+    check_between(outer, *oracles.polygon_outer_offsets(vertices, spacing, (margin, margin + NEAR), reach))
     within = oracles.polygon_inner_offsets(vertices, spacing, reach)
     shape = shapely.Polygon(vertices)
     deep = {m for m in within if shape.exterior.distance(shapely.Point(np.multiply(m, spacing))) > NEAR}
