@@ -25,7 +25,7 @@ BENCHMARKS = {
     "mesh": "100,000 triangles into 256^3 cells, beside trimesh's voxelizer: time, and cells that it misses",
     "frequency": "spectra of 10,000 balls, Minkowski sums, 10^5 overlaps, each against the direct way; early misses",
     "startup": "seconds that `cspace --help` and `import cspace` add to Python and numpy",
-    "soak": "every FREE, BLOCKED, free edge or curve, MISS and HIT against exact geometry; the band; damaged files",
+    "soak": "every FREE, BLOCKED, free edge or curve, MISS and HIT against exact geometry; the band; files; in use",
 }
 
 

@@ -687,9 +687,9 @@ class CSpace:
         built without ``inner`` gets no BLOCKED cells; one from a file, if it has none where there could be one.
 
         Updates wait for each other, and so do :meth:`path_exists`, :meth:`free_reach` and :meth:`contains_robot`, whose
-        answers hang on many cells at once. Any other look-up that another thread makes meanwhile sees each cell as it
-        was or as it is going to be. An :meth:`overlap` asked for meanwhile may be
-        neither the old count nor the new one.
+        answers hang on many cells at once, :meth:`save`, :meth:`export`, copies, pickles and forks of the process. Any
+        other look-up that another thread makes meanwhile sees each cell as it was or as it is going to be. An
+        :meth:`overlap` asked for meanwhile may be neither the old count nor the new one.
 
         Parameters
         ----------
@@ -802,7 +802,8 @@ class CSpace:
         """Save as a Zarr folder, which :func:`cspace.open` reads; see :func:`cspace.io.writing.save`."""
         from cspace.io.writing import save
 
-        save(self, path, overwrite=overwrite)
+        with self._lock:  # of cells, and of what they were proven against, all is of one moment
+            save(self, path, overwrite=overwrite)
 
     def export(self, path: str | Path, *, overwrite: bool = False, yaw: float | None = None) -> None:
         """Write for other programs, by suffix; see :func:`cspace.io.writing.export`.
@@ -812,7 +813,8 @@ class CSpace:
         """
         from cspace.io.writing import export
 
-        export(self, path, overwrite=overwrite, yaw=yaw)
+        with self._lock:
+            export(self, path, overwrite=overwrite, yaw=yaw)
 
     def plot(self, **options: Unpack[PlotOptions]) -> Axes:
         """Draw the map; see :func:`cspace.plot.plot`, which takes the same. No window is opened."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import threading
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from hypothesis import strategies as st
 import cspace
 import planners
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
+from cspace.io import rosmap, writing
 from maps import same
 from updates import World, agree, check, checkers, worlds
 
@@ -375,6 +377,26 @@ def test_updates_from_threads_wait_for_each_other() -> None:
     q = rng.uniform(-1.0, 5.0, (300, 2))
     np.testing.assert_array_equal(space.clearance(q), fresh.clearance(q))
     np.testing.assert_array_equal(space.path_exists(q[:150], q[150:]), fresh.path_exists(q[:150], q[150:]))
+
+
+@pytest.mark.parametrize("name", ["map.npz", "map.yaml"])
+def test_what_is_saved_is_of_one_moment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    """An update waits, or the states would be those of obstacles that have gone."""
+    space = room()
+    changing = threading.Thread(target=lambda: space.update(BLOCK, (10, 10)))
+    begun = np.savez_compressed if name == "map.npz" else rosmap.write_ros_map
+
+    def in_the_midst(*args: Any, **members: Any) -> None:
+        before = space.state.copy()
+        changing.start()
+        changing.join(0.2)
+        assert changing.is_alive() and (space.state == before).all()
+        begun(*args, **members)
+
+    monkeypatch.setattr(*((np, "savez_compressed") if name == "map.npz" else (writing, "write_ros_map")), in_the_midst)
+    space.export(tmp_path / name) if name == "map.yaml" else space.save(tmp_path / name)
+    changing.join()
+    assert (space.state != FREE).sum() > (room().state != FREE).sum()
 
 
 def test_paths_are_told_before_an_update_or_after_it(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 from benchmarks.report import Report
-from benchmarks.soak import band, curves, exact, files, frequency, maps
+from benchmarks.soak import band, curves, exact, files, frequency, maps, use
 from benchmarks.soak.plane_cases import draw_case
 from benchmarks.soak.space_cases import NO_FCL, draw_solid_case, fcl_is_here
 
@@ -34,3 +34,4 @@ def run(report: Report, seed: int, checks: int | None = None) -> None:
     frequency.check(report, seed, PLACEMENTS // 50 if report.quick else PLACEMENTS)
     band.measure(report, seed, 20 if report.quick else 200)
     files.check(report, seed, 100 if report.quick else files.MUTANTS)
+    use.check(report, seed, *((5, 0.05) if report.quick else ()))

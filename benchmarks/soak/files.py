@@ -199,8 +199,7 @@ _CHANGES: tuple[Callable[[bytearray, bytes, Rng], bytearray], ...] = (
 def attempt(path: Path) -> str:
     """What opening a file comes to: "opened", "refused", or what else happened, in a line."""
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        with warnings.catch_warnings(action="ignore"):
             open_file(path)
     except CspaceError as error:
         return "refused" if "\n" not in str(error) else f"several lines: {str(error)[:200]!r}"
@@ -277,7 +276,7 @@ def _forge_archive(path: Path, parts: Parts, part: str, content: bytes) -> None:
     now = parts | {part: content}
     metadata, digests = now.pop("metadata.npy"), {}
     for name, held in now.items():
-        with suppress(Exception):  # what is no array has no digest
+        with suppress(Exception), warnings.catch_warnings(action="ignore"):  # what is no array has no digest
             digests[name.removesuffix(".npy")] = record.digest_of_array(np.load(io.BytesIO(held)))
     with suppress(ValueError, TypeError):
         metadata = json.dumps(_sealed(json.loads(metadata), digests)).encode()

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Generic, Protocol, TypeVar
+from typing import ClassVar, Generic, Protocol, TypeVar
+from weakref import ReferenceType, ref
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,10 +67,29 @@ P = TypeVar("P", bound=Part)
 
 
 class Lock:
-    """A lock for the parts of one map, which one thread may take several times; a copy gets a lock of its own."""
+    """A lock for the parts of one map, which one thread may take several times; a copy gets a lock of its own.
+
+    A process is forked when no other thread holds one: the child has none of those threads, so that it would wait for
+    them forever, and find parts half made.
+    """
+
+    _all: ClassVar[set[ReferenceType[Lock]]] = set()
+    _held: ClassVar = threading.local()
 
     def __init__(self) -> None:
         self._lock = threading.RLock()
+        self._all.add(ref(self, self._all.discard))
+
+    @classmethod
+    def _hold(cls) -> None:
+        cls._held.locks = [lock for each in tuple(cls._all) if (lock := each()) is not None]
+        for lock in cls._held.locks:
+            lock.__enter__()
+
+    @classmethod
+    def _let_go(cls) -> None:
+        for lock in cls._held.__dict__.pop("locks"):
+            lock.__exit__(None, None, None)
 
     def __enter__(self) -> None:
         self._lock.acquire()
@@ -80,6 +101,10 @@ class Lock:
 
     def __reduce__(self) -> tuple[type[Lock], tuple[()]]:
         return Lock, ()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(before=Lock._hold, after_in_parent=Lock._let_go, after_in_child=Lock._let_go)
 
 
 class Kept(Generic[T]):

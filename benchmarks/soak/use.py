@@ -1,0 +1,257 @@
+"""In use: saves that are killed, or made by several processes at once; threads, forks and spawns; no growth."""
+
+from __future__ import annotations
+
+import gc
+import multiprocessing
+import os
+import signal
+import tempfile
+import threading
+import time
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import psutil
+
+import cspace
+from cspace import FREE, CSpace, CspaceError, Robot, Workspace
+
+if TYPE_CHECKING:
+    from benchmarks.report import Report
+
+KILLS = 50
+LOOKUPS, UPDATES, PLANS = 100_000, 1_000, 200
+SUFFIXES = (".zarr", ".npz")
+
+BLOCK, PLACE = np.ones((12, 9), dtype=bool), (20, 14)
+
+
+def maps() -> tuple[CSpace, CSpace]:
+    """Two maps of a turning robot, equal but for one block of obstacles."""
+    cells = np.random.default_rng(0).random((60, 40)) < 0.02
+    both = cells.copy()
+    both[20:32, 14:23] = True
+    one, two = (
+        cspace.build(Workspace.from_array(each, 0.1), Robot.rectangle(0.5, 0.2), rotations=8) for each in (cells, both)
+    )
+    return one, two
+
+
+def check(report: Report, seed: int, kills: int = KILLS, share: float = 1.0) -> None:
+    """All of this module; ``share`` of the look-ups, updates and plans."""
+    report.section(f"in use: {kills} killed saves of each format, processes, threads, and growth")
+    for suffix in SUFFIXES:
+        found = killed_saves(suffix, kills, np.random.default_rng(seed))
+        report.note(f"{suffix}: {kills} saves were killed: {told(found)}")
+        report.check(not found["torn"] and found["whole"] > 0, f"{suffix}: no torn map opens")
+        found = saves_to_one_place(suffix, 3, max(2, kills // 5))
+        report.note(f"{suffix}: three processes saved to one place, and one read: {told(found)}")
+        report.check(
+            not found["torn"] and found["left whole"] == 1, f"{suffix}: what is read is whole, the last one too"
+        )
+    found = looks_while_updated(3.0 * share)
+    report.note(f"look-ups while another thread updates: {told(found)}")
+    report.check(not found["false"] and found["cells"] > 0, "no cell is told FREE that is not, before or after")
+    for method in {"fork", "spawn"} & {*multiprocessing.get_all_start_methods()}:
+        report.check(same_in_a_child(method), f"a map answers alike in a child made by {method}")
+    for name, growth, handles in grown(share):
+        report.note(f"{name}: {growth / 2**20:+.1f} MiB, {handles:+d} handles")
+        report.check(growth < 8 * 2**20 and handles <= 0, f"{name} leave nothing behind")
+
+
+def told(found: Counter[str]) -> str:
+    return ", ".join(f"{count} {what}" for what, count in sorted(found.items()))
+
+
+# ---- saves -----------------------------------------------------------------------------------------------------------
+
+
+def killed_saves(suffix: str, kills: int, rng: np.random.Generator) -> Counter[str]:
+    """What is found where a process that saves one map over another was killed: no map, one of both, or a torn one."""
+    found: Counter[str] = Counter()
+    both = maps()
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"map{suffix}"
+        both[0].save(path)  # what it takes is imported once
+        for _ in range(kills):
+            child = multiprocessing.get_context("fork").Process(target=_save, args=(both, path, 10**6))
+            child.start()
+            time.sleep(rng.uniform(0.0, 0.2))
+            os.kill(child.pid or 0, signal.SIGKILL)
+            child.join()
+            found.update(_opened(each, both) for each in (path, *Path(folder).glob(".cspace-*")))
+    return found
+
+
+def saves_to_one_place(suffix: str, processes: int, saves: int) -> Counter[str]:
+    """What another process finds while some save to one place, and what they leave."""
+    found: Counter[str] = Counter()
+    both = maps()
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"map{suffix}"
+        both[0].save(path)
+        context = multiprocessing.get_context("fork")
+        writers = [context.Process(target=_save, args=(both, path, saves)) for _ in range(processes)]
+        for writer in writers:
+            writer.start()
+        while any(writer.is_alive() for writer in writers):
+            found[_opened(path, both)] += 1
+        found["torn"] += sum(writer.exitcode != 0 for writer in writers)
+        found[f"left {_opened(path, both)}"] += 1
+        found["left beside it"] += len(list(Path(folder).iterdir())) - 1
+    return found
+
+
+def _save(both: tuple[CSpace, CSpace], path: Path, times: int) -> None:
+    for number in range(times):
+        try:
+            both[number % 2].save(path, overwrite=True)
+        except CspaceError:  # another process was there first
+            continue
+
+
+def _opened(path: Path, both: tuple[CSpace, CSpace]) -> str:
+    try:
+        space = cspace.open(path)
+    except CspaceError:
+        return "refused" if path.exists() else "absent"
+    whole = any(
+        np.array_equal(space.state, each.state) and np.array_equal(space.workspace.outer, each.workspace.outer)
+        for each in both
+    )
+    return "whole" if whole else "torn"
+
+
+# ---- threads and processes -------------------------------------------------------------------------------------------
+
+
+def looks_while_updated(seconds: float) -> Counter[str]:
+    """Cells and edges that a thread calls FREE while another one puts a block into the map and takes it away."""
+    found: Counter[str] = Counter()
+    one, two = maps()
+    block, nothing = two.workspace.outer[20:32, 14:23].copy(), one.workspace.outer[20:32, 14:23].copy()
+    yaws = one.rotations.representatives
+    centers = np.stack(np.meshgrid(*(one.grid.centers(axis) for axis in (0, 1)), indexing="ij"), axis=-1)
+    q = np.concatenate([np.insert(centers, 2, yaw, axis=-1) for yaw in yaws]).reshape(-1, 3)
+    never, always = (_each(one, q) != FREE) & (_each(two, q) != FREE), (_each(one, q) == FREE) & (_each(two, q) == FREE)
+    stop, space = threading.Event(), two
+
+    def look() -> None:
+        while not stop.is_set():
+            for free in (space.is_free(q), space.motion_is_free(q, q)):
+                found["false"] += int((free & never).sum())
+                found["lost"] += int((~free & always).sum())
+                found["cells"] += len(q)
+
+    threads = [threading.Thread(target=look) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        for cells in (nothing, block):
+            space.update(cells, PLACE)
+            found["updates"] += 1
+    stop.set()
+    for thread in threads:
+        thread.join()
+    return found
+
+
+def _each(space: CSpace, q: Any) -> Any:
+    return np.asarray(space.classify(q))
+
+
+def same_in_a_child(method: str) -> bool:
+    """Whether a map that another process was given answers there as here, while threads here look things up."""
+    space = maps()[0]
+    expected, stop = _answers(space), threading.Event()
+
+    def look() -> None:
+        while not stop.is_set():
+            space.path_exists((0.5, 0.5, 0.0), (5.5, 3.5, 0.0))
+
+    thread = threading.Thread(target=look)
+    thread.start()
+    try:
+        return all(_in_a_child(method, space) == expected for _ in range(3 if method == "fork" else 1))
+    finally:
+        stop.set()
+        thread.join()
+
+
+def _in_a_child(method: str, space: CSpace) -> object:
+    context = multiprocessing.get_context(method)
+    here, there = context.Pipe()
+    child = context.Process(target=_send_answers, args=(there, space))
+    child.start()
+    answers = here.recv() if here.poll(60) else None
+    child.kill()
+    child.join()
+    return answers
+
+
+def _send_answers(pipe: Any, space: CSpace) -> None:
+    pipe.send(_answers(space))
+
+
+def _answers(space: CSpace) -> list[Any]:
+    """What a map tells, before an update of a copy and after it."""
+    import pickle
+
+    q = np.random.default_rng(0).uniform((0.0, 0.0, -3.0), (6.0, 4.0, 3.0), (200, 3))
+    told, own = [], pickle.loads(pickle.dumps(space))
+    for _ in range(2):
+        looks = own.classify(q), own.motion_is_free(q[:100], q[100:]), own.clearance(q)
+        told += [np.asarray(look).tolist() for look in (*looks, own.path_exists(q[:100], q[100:]))]
+        own.update(BLOCK, PLACE)
+    return told
+
+
+# ---- growth ----------------------------------------------------------------------------------------------------------
+
+
+def grown(share: float) -> Iterator[tuple[str, int, int]]:
+    """Bytes and handles that look-ups, updates and plans leave behind, after as many to begin with."""
+    import planners
+
+    space, two = maps()
+    parts = two.workspace.outer[20:32, 14:23], space.workspace.outer[20:32, 14:23].copy()
+    rng = np.random.default_rng(0)
+    start, *others = space.sample_free(50, rng)
+    goal = next(other for other in others if space.path_exists(start, other))
+
+    def look(number: int) -> None:
+        q = rng.uniform((0.0, 0.0, -3.0), (6.0, 4.0, 3.0))
+        space.is_free(q)
+        if number % 10 == 0:
+            space.motion_is_free(q, start)
+            space.clearance(q)
+            space.sample_free(1, rng)
+            space.classify(np.tile(q, (50, 1)))
+
+    def update(number: int) -> None:
+        space.update(parts[number % 2], PLACE)
+        space.path_exists(start, goal)
+
+    def plan(number: int) -> None:
+        planners.plan(space, start, goal, seed=number % 20, time_limit=1.0)
+
+    for name, work, times in (("look-ups", look, LOOKUPS), ("updates", update, UPDATES), ("plans", plan, PLANS)):
+        count = max(2, int(times * share))
+        for number in range(max(2, count // 5)):
+            work(number)
+        before = _taken()
+        for number in range(count):
+            work(number)
+        after = _taken()
+        yield f"{count} {name}", after[0] - before[0], after[1] - before[1]
+
+
+def _taken() -> tuple[int, int]:
+    gc.collect()
+    process = psutil.Process()
+    return process.memory_info().rss, process.num_fds()
