@@ -11,10 +11,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.errors import InputError
+from cspace.errors import CspaceError, InputError
 from cspace.grid import positive, unmasked
 from cspace.spectral.inputs import check_kind, check_not_negative, check_number, check_tolerance
-from cspace.spectral.radial import RadialTable, RadialTransform, lens_measure, product_integral, table_points
+from cspace.spectral.radial import RadialTable, lens_measure, product_integrals, radial_transform, table_points
 
 Floats = NDArray[np.float64]
 
@@ -24,8 +24,15 @@ MOST_ALPHA: Final = 1e4
 MOST_FREQUENCY: Final = 1e5
 """Up to here the phases that rounding leaves are right to 1e-10 radians, where the spectrum is small."""
 
-LEAST_PAIR_TOLERANCE: Final = 1e-12
-"""Least tolerance of a pair's integral."""
+PAIR_TOLERANCE: Final = 1e-9
+"""Relative error of a pair's integral."""
+
+FLOOR: Final = 1e-60
+"""Part of the smaller ball's ``radius^dim`` below which the integral of a pair is known to that part of it only: there
+the result hangs on the last bits of the radii."""
+
+COUNTS: Final = (24, 48, 96, 192, 384)
+"""Of nodes, for a pair's integral; two that follow each other must agree."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +87,7 @@ class Bump:
             powers = np.expm1(-self.alpha * np.log(np.minimum(distance, 1.0)))
             return np.where(inside, np.exp(-1.0 / powers), 0.0)
 
-    def radial_spectrum(self, frequency: ArrayLike, dim: int, tolerance: float = 1e-12) -> Floats:
+    def radial_spectrum(self, frequency: ArrayLike, dim: int) -> Floats:
         """Fourier transform ``integral psi(x) exp(-2 pi i w.x) dx`` of the bump of radius 1, a function of ``k = |w|``.
 
         That of radius r is ``r^dim`` times this at ``k = r |w|``.
@@ -88,39 +95,35 @@ class Bump:
         Parameters
         ----------
         frequency : array-like, shape (...)
-            ``k``, in cycles per radius, from 0 to 1e5 (any, for the indicator).
+            ``k``, in cycles per radius, from 0 to 1e5.
         dim : int
             2 or 3.
-        tolerance : float
-            Largest error, relative to the value at 0; from 1e-13 to 0.1.
+
+        Returns
+        -------
+        ndarray of float64, shape (...)
+            Right to 1e-13 of the value at 0.
 
         Raises
         ------
         InputError
             If a value is not usable.
         """
-        k = check_not_negative(frequency, "frequency")
-        within = check_tolerance(tolerance)
+        k = _check_frequency(frequency, "frequency")
         check_kind(dim, "dim", (2, 3))
-        if self.is_indicator:
-            return _INDICATOR_SPECTRA[dim](k)
-        self._check_frequency(float(k.max(initial=0.0)))
-        return _transform(self, dim, within)(k)
+        return radial_transform(self.values, k, dim)
 
     def table(self, dim: int, most: float, tolerance: float = 1e-12) -> Callable[[Floats], Floats]:
         """The same spectrum for many frequencies, computed once at some, and interpolated: a function of ``k``.
 
-        Raises InputError where a value is not usable, then and when the function is asked beyond ``most``.
+        The tolerance, from 1e-13 to 0.1, is relative to the value at 0. Raises InputError where a value is not usable,
+        then and when the function is asked beyond ``most``.
         """
         within = check_tolerance(tolerance)
         check_kind(dim, "dim", (2, 3))
-        top = check_number(most, "most")
-        if self.is_indicator:
-            return _INDICATOR_SPECTRA[dim]
-        self._check_frequency(top)
-        return _table(self, dim, math.ceil(top), within)
+        return _table(self, dim, math.ceil(_check_frequency(check_number(most, "most"), "most")), within)
 
-    def pair_integral(self, first: float, second: float, distance: float, dim: int, tolerance: float = 1e-10) -> float:
+    def pair_integral(self, first: float, second: float, distance: float, dim: int) -> float:
         """Integral of ``psi(x / first) psi((x - distance e) / second)`` over the plane or space.
 
         It falls with the distance: both functions are spherically symmetric and fall towards their borders.
@@ -130,33 +133,34 @@ class Bump:
         first, second, distance : float
             Radii, and the distance of the centres, metres.
         dim : int
-        tolerance : float
-            Largest error, relative to the integral itself or to 1e-60 of the smaller ball; from 1e-12 to 0.1.
 
         Returns
         -------
         float
-            Metres to the power ``dim``; 0 from the sum of the radii on, or where it underflows.
+            Metres to the power ``dim``, right to 1e-9 of itself, or to 1e-60 of the smaller ball; 0 from the sum of
+            the radii on, or where it underflows.
 
         Raises
         ------
         InputError
             If a value is not usable.
         CspaceError
-            If quadrature does not reach the tolerance.
+            If the quadrature does not converge.
         """
-        a, b = positive(first, "first"), positive(second, "second")
-        gap = check_number(distance, "distance")
-        within = check_tolerance(tolerance, LEAST_PAIR_TOLERANCE)
+        radii = np.array([[positive(first, "first")], [positive(second, "second")]])
+        gap = np.array([check_number(distance, "distance")])
         check_kind(dim, "dim", (2, 3))
         if self.is_indicator:
-            return float(lens_measure(np.array(a), np.array(b), np.array(gap), dim))
-        return product_integral(self.values, a, b, gap, dim, within)
-
-    def _check_frequency(self, most: float) -> None:
-        if most > MOST_FREQUENCY:
-            rule = f"up to {MOST_FREQUENCY:g} are computed for finite alpha"
-            raise InputError("frequency", f"holds {most:g} cycles per radius", rule, "check its units", value=most)
+            return float(lens_measure(*radii, gap, dim)[0])
+        if gap[0] >= radii.sum():
+            return 0.0
+        last = math.nan
+        for count in COUNTS:
+            value = float(product_integrals(self.values, *radii, gap, dim, count)[0])
+            if abs(value - last) <= PAIR_TOLERANCE * max(value, FLOOR * float(radii.min()) ** dim):
+                return value
+            last = value
+        raise CspaceError("distance", f"is {distance!r}", "the integral of the two bumps must be within reach of rules")
 
 
 def check_bump(bump: Any) -> Bump:
@@ -166,31 +170,15 @@ def check_bump(bump: Any) -> Bump:
     return Bump() if bump is None else bump
 
 
-@lru_cache(maxsize=16)
-def _transform(bump: Bump, dim: int, tolerance: float) -> RadialTransform:
-    return RadialTransform(bump.values, dim, tolerance)
+def _check_frequency(frequency: ArrayLike, name: str) -> Floats:
+    k = check_not_negative(frequency, name)
+    most = float(k.max(initial=0.0))
+    if most > MOST_FREQUENCY:
+        rule = f"up to {MOST_FREQUENCY:g} are computed"
+        raise InputError(name, f"holds {most:g} cycles per radius", rule, "check its units", value=most)
+    return k
 
 
 @lru_cache(maxsize=16)
 def _table(bump: Bump, dim: int, most: int, tolerance: float) -> RadialTable:
-    return RadialTable(_transform(bump, dim, 0.25 * tolerance)(table_points(most, 0.5 * tolerance)), most)
-
-
-def _disc_spectrum(k: Floats) -> Floats:
-    """Of the indicator of the unit disc: ``J1(2 pi k) / k``."""
-    from scipy.special import j1
-
-    small = k < 1e-150
-    return np.where(small, math.pi, j1(2.0 * math.pi * k) / np.where(small, 1.0, k))
-
-
-def _ball_spectrum(k: Floats) -> Floats:
-    """Of the indicator of the unit ball: ``4 pi j1(x) / x`` with the spherical Bessel function and ``x = 2 pi k``."""
-    from scipy.special import spherical_jn
-
-    small = k < 1e-150
-    x = 2.0 * math.pi * np.where(small, 1.0, k)
-    return np.where(small, 4.0 / 3.0 * math.pi, 4.0 * math.pi * spherical_jn(1, x) / x)
-
-
-_INDICATOR_SPECTRA: Final = {2: _disc_spectrum, 3: _ball_spectrum}
+    return RadialTable(radial_transform(bump.values, table_points(most, 0.5 * tolerance), dim), most)

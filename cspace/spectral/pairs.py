@@ -11,9 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.errors import InputError
-from cspace.spectral.bump import Bump, check_bump
+from cspace.spectral.bump import FLOOR, PAIR_TOLERANCE, Bump, check_bump
 from cspace.spectral.inputs import check_solid_balls
-from cspace.spectral.radial import FLOOR, RadialTransform, legendre_rule, lens_measure, polar_integral
+from cspace.spectral.radial import (
+    chebyshev_coefficients,
+    chebyshev_nodes,
+    lens_measure,
+    product_integrals,
+    radial_transform,
+)
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -22,9 +28,8 @@ Table = Callable[[Floats], tuple[Floats, float]]
 ROUNDING: Final = 2.0**-50
 """Bound, with room to spare, of the relative error of the few operations that turn and shift a coordinate."""
 
-RULES: Final = (40, 49, 57, 64)
-"""Nodes along each axis of Gauss-Legendre rules; what the finest differs from any other by bounds its error. With one
-other rule it would be by chance, now and then, that both are off by the same."""
+COUNTS: Final = (26, 32)
+"""Of nodes of two rules; what they differ by bounds the error of the finer one, which is far less."""
 
 NODES: Final = 64
 """Distances in a table of pairs of two radii."""
@@ -33,10 +38,7 @@ SAFETY: Final = 4.0
 """By how much measured errors are multiplied before they are relied upon."""
 
 FEW: Final = 8
-"""Pairs up to which each is integrated by the rule that adapts itself."""
-
-ADAPTED: Final = 1e-9
-"""Relative error of that rule."""
+"""Pairs up to which each is integrated by itself, to :data:`PAIR_TOLERANCE`."""
 
 ALONE: Final = 1e-13
 """Relative error of the integral of a bump's own square."""
@@ -139,8 +141,8 @@ def bump_of(bump: Bump | None, *sources: Any) -> Bump:
 def pair_integrals(bump: Bump, first: Floats, second: Floats, distances: Floats, dim: int) -> tuple[Floats, Floats]:
     """Integrals of ``psi(x / first) psi((x - distance e) / second)``, all shape (n,), and by how much each may be off.
 
-    Of more than a few pairs, that is what rules differ by, at most, for any of the pairs, relative to the smaller ball:
-    on a single pair rules may agree by chance.
+    Of more than a few pairs, that is what two rules differ by, at most, for any of the pairs, relative to the smaller
+    ball: on a single pair rules may agree by chance.
     """
     if bump.is_indicator:
         values = lens_measure(first, second, distances, dim)
@@ -148,22 +150,11 @@ def pair_integrals(bump: Bump, first: Floats, second: Floats, distances: Floats,
     sizes = np.minimum(first, second) ** dim
     if len(sizes) <= FEW:
         triples = zip(first.tolist(), second.tolist(), distances.tolist(), strict=True)
-        values = np.array([bump.pair_integral(*triple, dim, ADAPTED) for triple in triples])
-        return values, SAFETY * ADAPTED * values + FLOOR * sizes
-    # A few at a time, so that the nodes of a step fit into the cache.
-    parts = np.array_split(np.stack([first, second, distances]), max(1, len(sizes) // 8), axis=1)
-    *others, values = (np.concatenate([_by_rule(bump, part, dim, nodes) for part in parts]) for nodes in RULES)
-    worst = SAFETY * float((np.abs(np.array(others) - values) / sizes).max())
+        values = np.array([bump.pair_integral(*triple, dim) for triple in triples])
+        return values, SAFETY * PAIR_TOLERANCE * values + FLOOR * sizes
+    rough, values = (product_integrals(bump.values, first, second, distances, dim, count) for count in COUNTS)
+    worst = SAFETY * float((np.abs(rough - values) / sizes).max())
     return values, worst * sizes + 2.0**-46 * values
-
-
-def _by_rule(bump: Bump, triples: Floats, dim: int, nodes: int) -> Floats:
-    a, b, gap = triples[:2].min(axis=0), triples[:2].max(axis=0), triples[2]
-    x, weights = legendre_rule(nodes)
-    nearest = np.clip((gap - b) / a, 0.0, 1.0)[:, None]
-    radial = (nearest + (1.0 - nearest) * x, (1.0 - nearest) * weights)
-    values = polar_integral(bump.values, b / a, gap / a, dim, radial, (x, weights))
-    return np.asarray(values * a**dim)
 
 
 def norm_square(bump: Bump, balls: BallSet) -> tuple[float, float]:
@@ -171,12 +162,13 @@ def norm_square(bump: Bump, balls: BallSet) -> tuple[float, float]:
     radii, which = np.unique(balls.radii, return_inverse=True)
     tables: dict[int, Table] = {}
     # Each with itself, and twice all others.
-    value = _own_square(bump, balls.dim) * float((balls.radii**balls.dim).sum())
+    own = radial_transform(lambda s: bump.values(s) ** 2, np.zeros(1), balls.dim)
+    value = float(own[0] * (balls.radii**balls.dim).sum())
     error = SAFETY * ALONE * value
     for i, j in _meeting(balls):
         gaps = np.sqrt(((balls.centers[i] - balls.centers[j]) ** 2).sum(axis=1))
         keys, group, counts = np.unique(which[i] * len(radii) + which[j], return_inverse=True, return_counts=True)
-        many = (counts > NODES) & (not bump.is_indicator)
+        many = (counts > NODES) & (not bump.is_indicator)  # whose integrals are no smooth function of the distance
         for number in np.flatnonzero(many):
             key = int(keys[number])
             if key not in tables:
@@ -191,13 +183,6 @@ def norm_square(bump: Bump, balls: BallSet) -> tuple[float, float]:
             value += 2.0 * float(values.sum())
             error += 2.0 * float(offs.sum())
     return value, error + 2.0**-52 * (len(balls.radii) + 2) * value
-
-
-def _own_square(bump: Bump, dim: int) -> float:
-    """Integral of the square of the bump of radius 1."""
-    if bump.is_indicator:
-        return bump.pair_integral(1.0, 1.0, 0.0, dim)
-    return float(RadialTransform(lambda s: bump.values(s) ** 2, dim, ALONE)(np.zeros(1))[0])
 
 
 def _meeting(balls: BallSet) -> Iterator[tuple[Ints, Ints]]:
@@ -227,11 +212,11 @@ def _meeting(balls: BallSet) -> Iterator[tuple[Ints, Ints]]:
 def _tabled(bump: Bump, first: float, second: float, dim: int) -> Table:
     """A function from distances to the integrals for two radii, and by how much each may be off."""
     reach = first + second
-    nodes = np.cos(math.pi * (np.arange(NODES) + 0.5) / NODES)
+    nodes = chebyshev_nodes(NODES)
     between = np.cos(math.pi * np.arange(NODES + 1) / NODES)
     gaps = 0.5 * reach * (1.0 + np.concatenate([nodes, between]))
     values, errors = pair_integrals(bump, np.full_like(gaps, first), np.full_like(gaps, second), gaps, dim)
-    fit = np.polynomial.Chebyshev.fit(nodes, values[:NODES], NODES - 1, domain=[-1.0, 1.0])
+    fit = np.polynomial.Chebyshev(chebyshev_coefficients(values[:NODES]))
     off = float(errors.max()) + SAFETY * float(np.abs(fit(between) - values[NODES:]).max())
     return lambda distances: (np.asarray(fit(np.minimum(2.0 * distances / reach, 2.0) - 1.0)), off)
 
@@ -248,11 +233,11 @@ def touching_overlap(bump: Bump, first: BallSet, second: BallSet, swell: float, 
     gaps = a + b + slack
     values, errors = pair_integrals(bump, a + swell, b + swell, gaps, first.dim)
     least = math.inf
-    # By the rule that adapts itself, but only those pairs that may be the least.
+    # Each by itself, to more digits, but only those pairs that may be the least.
     for n in np.argsort(values - errors):
         if values[n] - errors[n] > least:
             break
-        exact = bump.pair_integral(a[n] + swell, b[n] + swell, gaps[n], first.dim, ADAPTED)
+        exact = bump.pair_integral(a[n] + swell, b[n] + swell, gaps[n], first.dim)
         floor = FLOOR * (min(a[n], b[n]) + swell) ** first.dim
-        least = min(least, exact * (1.0 - SAFETY * ADAPTED) - floor)
+        least = min(least, exact * (1.0 - SAFETY * PAIR_TOLERANCE) - floor)
     return max(0.0, least)

@@ -26,7 +26,14 @@ from cspace.memory import KEEP, cells_of, free_bytes, in_words
 from cspace.spectral.bump import Bump, check_bump
 from cspace.spectral.descriptors import Descriptor, check_sampled
 from cspace.spectral.inputs import LEAST_TOLERANCE, check_solid_balls, check_tolerance, check_vectors
-from cspace.spectral.radial import HALF, RadialTable, chebyshev_matrix, chebyshev_nodes, nodes_needed, table_points
+from cspace.spectral.radial import (
+    HALF,
+    RadialTable,
+    chebyshev_coefficients,
+    chebyshev_nodes,
+    nodes_needed,
+    table_points,
+)
 from cspace.threads import cores
 
 Floats = NDArray[np.float64]
@@ -284,7 +291,7 @@ def radius_basis(
     # Of unit band limit, as a table asks, in cycles per largest radius.
     values = spectrum((nodes / largest)[:, None, None] * table_points(largest * most, within / math.sqrt(count)))
     position = np.clip((radii - middle) / half, -1.0, 1.0)
-    strengths = np.polynomial.chebyshev.chebval(position, chebyshev_matrix(count) @ combinations) * radii**dim
+    strengths = np.polynomial.chebyshev.chebval(position, chebyshev_coefficients(combinations)) * radii**dim
     everywhere = np.arange(len(radii))
     return (
         Term(everywhere, row, RadialTable(np.tensordot(column, values, axes=1), largest * most)(largest * moduli))

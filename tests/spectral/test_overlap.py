@@ -39,7 +39,7 @@ def ideal(a: Any, b: Any, bump: Bump, t: np.ndarray) -> float:
     gaps = np.linalg.norm(b[0][None] - a[0][:, None] - t, axis=2)
     pairs = itertools.product(range(len(a[1])), range(len(b[1])))
     close = [(a[1][i], b[1][j], gaps[i, j]) for i, j in pairs if gaps[i, j] < 0.999 * (a[1][i] + b[1][j])]
-    return sum(bump.pair_integral(*pair, a[0].shape[1], 1e-8) for pair in close)
+    return sum(bump.pair_integral(*pair, a[0].shape[1]) for pair in close)
 
 
 def ideals(a: Any, b: Any, bump: Bump, ts: np.ndarray) -> tuple[np.ndarray, float]:
