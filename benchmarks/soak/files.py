@@ -114,7 +114,7 @@ def families(folder: Path) -> dict[str, Path]:
     put("packed.pcd", f"{head}binary_compressed\n".encode() + sizes + lzf)
     np.save(folder / "points.npy", points)
     np.save(folder / "cells.npy", cells)
-    balls = Spheres([(0.0, 0.0), (1.0, 0.5)], [0.5, 0.25], "outer", "greedy", *([Bounds(0.1, 0.3)] * 3))
+    balls = Spheres([(0.0, 0.0), (1.0, 0.5)], [0.5, 0.25], "outer", *([Bounds(0.1, 0.3)] * 3))
     for suffix in ("yaml", "json"):
         balls.save(folder / f"balls.{suffix}")
     return {path.name: path for path in sorted(folder.iterdir())}

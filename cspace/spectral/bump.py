@@ -147,17 +147,17 @@ class Bump:
         CspaceError
             If the quadrature does not converge.
         """
-        radii = np.array([[positive(first, "first")], [positive(second, "second")]])
+        a, b = (np.array([positive(*named)]) for named in ((first, "first"), (second, "second")))
         gap = np.array([check_number(distance, "distance")])
         check_kind(dim, "dim", (2, 3))
         if self.is_indicator:
-            return float(lens_measure(*radii, gap, dim)[0])
-        if gap[0] >= radii.sum():
+            return float(lens_measure(a, b, gap, dim)[0])
+        if gap[0] >= a[0] + b[0]:
             return 0.0
         last = math.nan
         for count in COUNTS:
-            value = float(product_integrals(self.values, *radii, gap, dim, count)[0])
-            if abs(value - last) <= PAIR_TOLERANCE * max(value, FLOOR * float(radii.min()) ** dim):
+            value = float(product_integrals(self.values, a, b, gap, dim, count)[0])
+            if abs(value - last) <= PAIR_TOLERANCE * max(value, FLOOR * min(a[0], b[0]) ** dim):
                 return value
             last = value
         raise CspaceError("distance", f"is {distance!r}", "the integral of the two bumps must be within reach of rules")

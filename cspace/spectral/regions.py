@@ -10,14 +10,14 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from cspace.compiling import jit
-from cspace.errors import GeometryError, InputError
+from cspace.errors import InputError
 from cspace.grid import Grid
 from cspace.memory import check_memory
 from cspace.raster.triangles import point_segment, point_triangle
-from cspace.shapes import Mesh, Polygons, Shape, Voxels
+from cspace.shapes import Mesh, Polygons, Shape
 from cspace.threads import in_chunks
 
 Bools = NDArray[np.bool_]
@@ -45,6 +45,15 @@ DEPTH: Final = 64
 _LEAF: Final = 6
 _POINTS_A_THREAD: Final = 4_000
 
+
+FINEST: Final = {2: 12.0, 3: 6.0}
+"""Cells of the lattice that a tolerance is long, at most."""
+
+COARSEST: Final = 2.6
+"""Cells of the lattice that a tolerance is long, at least: a cell's diagonal must be well below it."""
+
+_USUAL: Final = {2: 150_000, 3: 120_000}
+"""Cells of the box round a shape up to which a tolerance may be as many cells as :data:`FINEST` long."""
 
 _MEASURED: Final = 2**21
 """Cells of the box of a mesh by which its volume is bounded where bodies may overlap."""
@@ -178,40 +187,26 @@ class Region:
         )
 
 
-def region_of(shape: Any, spacing: float | None, lower: ArrayLike | None) -> Region:
+def region_of(shape: Any) -> Region:
     """The region of anything that describes a shape; as :func:`cspace.spectral.decompose` tells."""
-    if isinstance(shape, np.ndarray) and not shape.ndim:
-        raise InputError("shape", f"is {shape!r}, an array without axes", "it must have two or three", "pass its cells")
-    if isinstance(shape, np.ndarray | list | tuple) and not len(shape):
-        mend = "pass one that has an area or a volume"
-        raise GeometryError("shape", f"is {shape!r}", "an empty shape has no balls", mend)
-    if spacing is None and getattr(shape, "dtype", None) == np.bool_:
-        raise InputError("spacing", "is left out", "a bitmap needs the side of its cells", "pass it in metres")
-    if spacing is not None:
-        return Region(Voxels.of(shape, spacing, lower))
-    if lower is not None:
-        raise InputError("lower", f"is {lower!r}", "only a bitmap has cells", "leave it out, or pass spacing too")
-    return Region(shape if isinstance(shape, Shape) else _shape_of(shape))
-
-
-def _shape_of(shape: Any) -> Shape:
-    """Polygons or a mesh."""
     import shapely
 
     from cspace.io.vector import SUFFIXES, read_shapes
 
+    if isinstance(shape, Shape):
+        return Region(shape)
+    several = isinstance(shape, list | tuple) or (isinstance(shape, np.ndarray) and shape.ndim > 0)
+    if getattr(shape, "dtype", None) == np.bool_:
+        mend = "pass cspace.shapes.Voxels.of(cells, spacing), in metres"
+        raise InputError("shape", "is an array of cells", "it must be told how large they are", mend)
+    first = shape[0] if several and len(shape) else shape
     if isinstance(shape, str | os.PathLike):
         flat = Path(shape).suffix.lower() in (*SUFFIXES, "")
     else:
-        several = isinstance(shape, list | tuple)
-        flat = isinstance(shape[0] if several else shape, shapely.Geometry | Mapping)
+        flat = isinstance(first, shapely.Geometry | Mapping) or (several and not len(shape))
     if flat:
-        return Polygons(read_shapes(shape))
-    try:
-        vertices = isinstance(shape, np.ndarray | list | tuple) and np.shape(shape)[1:] == (2,)
-    except ValueError:  # ragged
-        vertices = False
-    return Polygons.of(shape) if vertices else Mesh.of(shape)
+        return Region(Polygons(read_shapes(shape)))
+    return Region(Polygons.of(shape) if several and np.shape(first) == (2,) else Mesh.of(shape))
 
 
 class Lattice:
@@ -244,6 +239,17 @@ class Lattice:
         self.half = np.array([0.0, 0.5, 0.5] if region.dim == 2 else [0.5, 0.5, 0.5])
 
     @classmethod
+    def within(cls, region: Region, tolerance: float) -> Lattice:
+        """A lattice on which a tolerance, metres, can be proven."""
+        volume = box_volume(region)
+        usual = float((volume / _USUAL[region.dim]) ** (1.0 / region.dim))
+        least = COARSEST * float((volume / MOST) ** (1.0 / region.dim))
+        if tolerance < least:
+            found, rule = f"is {tolerance:g} m, and the shape {region.size:g} m across", "to prove it takes many cells"
+            raise InputError("tolerance", found, rule, f"pass at least about {1.2 * least:.2g} m")
+        return cls(region, min(max(usual, tolerance / FINEST[region.dim]), tolerance / COARSEST))
+
+    @classmethod
     def fine(cls, region: Region, number: int, finer: int = 1) -> Lattice:
         """A lattice on which so many balls can be told apart, or one with more cells by a factor."""
         dim = region.dim
@@ -261,11 +267,6 @@ class Lattice:
     def metres(self, points: Floats) -> Floats:
         """Points in sides, (n, 3), as points (n, d) in metres."""
         return np.asarray(np.asarray(self._grid.lower) + self.side * points[:, 3 - self.region.dim :])
-
-    def sides(self, points: Floats) -> Floats:
-        """Points (n, d) in metres as points (n, 3) in sides."""
-        local = (points - np.asarray(self._grid.lower)) / self.side
-        return np.pad(local, ((0, 0), (3 - self.region.dim, 0)), constant_values=0.5)
 
     @property
     def corner(self) -> Floats:

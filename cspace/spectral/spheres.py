@@ -14,25 +14,22 @@ from numpy.typing import NDArray
 
 from cspace.errors import FileError, InputError
 from cspace.grid import finite
+from cspace.shapes import Balls, Shape
 from cspace.spectral.inputs import check_kind, check_solid_balls
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-    from cspace.shapes import Shape
 
 Floats = NDArray[np.float64]
 Kind = Literal["inner", "outer"]
 
 KINDS: Final = ("inner", "outer")
 FORMAT: Final = "cspace-spheres"
-VERSION: Final = 1
+VERSIONS: Final = (1, 2)
+"""That are read; the last one is written. The first also told a method."""
 
 COLORS: Final = {"inner": "#0072b2", "outer": "#d55e00"}
 """Of balls, from Okabe and Ito (2008)."""
-
-TRIANGLES: Final = 20_000
-"""Triangles that balls are drawn with, about."""
 
 _BOUNDS: Final = ("measure", "shape_measure", "hausdorff")
 
@@ -58,8 +55,6 @@ class Spheres:
         Metres; read-only.
     kind : {"inner", "outer"}
         Whether each ball lies in the shape, or the union covers it.
-    method : str
-        How they were found.
     measure, shape_measure : Bounds
         Of the area or volume of the union, and of the shape, square or cubic metres.
     hausdorff : Bounds
@@ -77,7 +72,6 @@ class Spheres:
     centers: Floats = field(repr=False)
     radii: Floats = field(repr=False)
     kind: Kind
-    method: str
     measure: Bounds
     shape_measure: Bounds
     hausdorff: Bounds
@@ -137,17 +131,15 @@ class Spheres:
         from matplotlib.figure import Figure
 
         solid = self.dim == 3
-        axes: Any = ax
-        if axes is None:
-            figure = Figure(figsize=(6.5, 6.5), layout="constrained")
-            axes = figure.add_subplot(projection="3d" if solid else None)
+        projection = "3d" if solid else None
+        axes: Any = ax or Figure((6.5, 6.5), layout="constrained").add_subplot(projection=projection)
         if solid != hasattr(axes, "get_zlim"):
             raise InputError("ax", "is not of the balls' dimension", "balls in space need axes with projection='3d'")
         (_draw_solid if solid else _draw_flat)(self, axes)
-        corners = np.vstack([self.centers - self.radii[:, None], self.centers + self.radii[:, None]])
-        corners = corners if self.shape is None else np.vstack([corners, *self.shape.bounds])
-        for name, low, high in zip("xyz", corners.min(axis=0), corners.max(axis=0), strict=False):
-            room = 0.03 * float(np.ptp(corners, axis=0).max())
+        both = [each for each in (Balls(self.centers, self.radii), self.shape) if each is not None]
+        lower, upper = (ends([shape.bounds[n] for shape in both], axis=0) for n, ends in enumerate((np.min, np.max)))
+        room = 0.03 * float((upper - lower).max())
+        for name, low, high in zip("xyz", lower, upper, strict=False):
             axes.set(**{f"{name}lim": (low - room, high + room), f"{name}label": f"{name} [m]"})
         axes.set_aspect("equal")
         words = f"{len(self)} {self.kind} {'balls' if solid else 'discs'}, within {self.hausdorff.upper:.3g} m"
@@ -174,7 +166,7 @@ class Spheres:
         from cspace.io.output import replacing
 
         dump, _ = _format_of(path)
-        record: dict[str, Any] = {"format": FORMAT, "version": VERSION, "kind": self.kind, "method": self.method}
+        record: dict[str, Any] = {"format": FORMAT, "version": VERSIONS[-1], "kind": self.kind}
         record |= {name: list(getattr(self, name)) for name in _BOUNDS}
         record |= {"centers": self.centers.tolist(), "radii": self.radii.tolist()}
         with replacing(path, overwrite) as temporary:
@@ -196,12 +188,12 @@ class Spheres:
         record, name = load(path, "file of balls"), os.fspath(path)
         if not isinstance(record, Mapping) or record.get("format") != FORMAT:
             raise FileError(name, "holds no balls", f"its format must be {FORMAT!r}", "pass a file of Spheres.save")
-        if record.get("version") != VERSION:
+        if record.get("version") not in VERSIONS:
             version = f"has version {record.get('version')!r}"
-            raise FileError(name, version, f"this library reads {VERSION}", "use the library that wrote it")
+            raise FileError(name, version, f"this library reads {VERSIONS}", "use the library that wrote it")
         try:
             bounds = {key: record[key] for key in _BOUNDS}
-            return cls(record["centers"], record["radii"], record["kind"], str(record["method"]), **bounds)
+            return cls(record["centers"], record["radii"], record["kind"], **bounds)
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             what = f"lacks {error}" if isinstance(error, KeyError) else f"is malformed: {error}"
             raise FileError(name, what, "it must be as Spheres.save writes it", "mend or write it again") from error
@@ -247,14 +239,11 @@ def _draw_flat(spheres: Spheres, axes: Any) -> None:
 
 
 def _draw_solid(spheres: Spheres, axes: Any) -> None:
-    import trimesh
     from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection  # type: ignore[import-untyped]
 
-    halvings = np.log(TRIANGLES / len(spheres) / 20.0) / np.log(4.0)
-    ball = trimesh.creation.icosphere(subdivisions=int(np.clip(halvings, 1.0, 4.0)))
-    faces = spheres.centers[:, None, None] + spheres.radii[:, None, None, None] * np.asarray(ball.triangles)
-    colors = COLORS[spheres.kind]
-    axes.add_collection3d(Poly3DCollection(faces.reshape(-1, 3, 3), facecolors=colors, shade=True, alpha=0.9))
+    vertices, faces = Balls(spheres.centers, spheres.radii).surface
+    color = COLORS[spheres.kind]
+    axes.add_collection3d(Poly3DCollection(vertices[faces], facecolors=color, shade=True, alpha=0.9))
     if spheres.shape is not None:
         vertices, triangles = spheres.shape.surface
         edges = vertices[np.unique(np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)), axis=0)]

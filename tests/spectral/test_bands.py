@@ -166,7 +166,7 @@ def test_robots_of_balls_serve_and_others_are_refused() -> None:
 ONE = ([[0.0, 0.0]], 0.2)
 SPACE = ([[0.0, 0.0, 0.0]], 0.2)
 INNER, OUTER = (
-    Spheres([[0.0, 0.0]], 0.2, kind, "greedy", Bounds(0, 1), Bounds(0, 1), Bounds(0, 1)) for kind in ("inner", "outer")
+    Spheres([[0.0, 0.0]], 0.2, kind, Bounds(0, 1), Bounds(0, 1), Bounds(0, 1)) for kind in ("inner", "outer")
 )
 
 

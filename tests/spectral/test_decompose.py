@@ -2,6 +2,7 @@
 
 import json
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,8 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cspace.shapes.mesh import Mesh
+from cspace.demo import floor_plan
+from cspace.shapes import Mesh, Voxels
 from cspace.spectral import decompose
 from cspace.spectral.measures import measure_of_balls
 from oracles import distance_to_triangles, sample_surface, winds_around
@@ -37,6 +39,7 @@ def cells_of(cells, spacing, lower=(0.0, 0.0)):
     return shapely.transform(whole, lambda points: points * spacing + np.asarray(lower))
 
 
+KINDS = ["inner", "outer"]
 BITMAPS = {"bitmap": bitmap((12, 9), 0), "thin bitmap": bitmap((30, 4), 1, 0.8)}
 FLAT = {
     "rectangle": RECTANGLE,
@@ -58,18 +61,11 @@ SOLIDS = {
     "cone": trimesh.creation.cone(0.5, 1.2, sections=16),
     "plate": trimesh.creation.box((1.0, 1.0, 0.02)),
 }
-WAYS = [
-    {"number": 40},
-    {"number": 40, "method": "medial"},
-    {"number": 40, "radius": "equal"},
-    {"part": 0.03},
-    {"part": 0.03, "method": "medial"},
-    {"part": 0.06, "radius": "equal"},
-]
+WAYS = {"number": {"number": 40}, "few": {"number": 7}, "tolerance": {"part": 0.03}}
 
 
 def way_for(way, size):
-    return {"tolerance": way["part"] * size, **{k: v for k, v in way.items() if k != "part"}} if "part" in way else way
+    return {"tolerance": way["part"] * size} if "part" in way else way
 
 
 def sampled(shape, rng, number=4000):
@@ -128,46 +124,35 @@ def check_flat(spheres, shape, rng):
         assert low <= found + 0.05 * size
 
 
-# Each shape in two of the ways, so that every way meets shapes of each sort.
-CASES = [(name, WAYS[n % 6]) for n, name in enumerate(FLAT)] + [
-    (name, WAYS[(n + 3) % 6]) for n, name in enumerate(FLAT)
-]
-
-
-@pytest.mark.parametrize("kind", ["inner", "outer"])
-@pytest.mark.parametrize(("name", "way"), CASES, ids=str)
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("way", ["number", "tolerance"])
+@pytest.mark.parametrize("name", FLAT)
 def test_flat_shapes(name, kind, way):
-    shape = FLAT[name]
+    shape, way = FLAT[name], WAYS[way]
     whole = shapely.union_all(shape) if isinstance(shape, list) else shape
     size = float(np.hypot(*np.ptp(np.array(whole.bounds).reshape(2, 2), axis=0)))
-    if name == "needle" and kind == "inner" and way.get("radius"):
-        way = {**way, "part": 0.2} if "part" in way else way
     spheres = decompose(shape, kind=kind, **way_for(way, size))
     check_flat(spheres, whole, np.random.default_rng(0))
     if "number" in way:
         assert len(spheres) <= way["number"]
     else:
-        assert spheres.hausdorff.upper <= way_for(way, size)["tolerance"] * (1 + 1e-9) * (
-            1.0 if kind == "outer" else 1.1
-        )
-    if way.get("radius"):
-        assert np.ptp(spheres.radii) == 0.0
+        slack = 1.0 if kind == "outer" else 1.1
+        assert spheres.hausdorff.upper <= way_for(way, size)["tolerance"] * slack * (1 + 1e-9)
 
 
-@pytest.mark.parametrize("kind", ["inner", "outer"])
+@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", BITMAPS)
-@pytest.mark.parametrize("way", [WAYS[0], WAYS[4]], ids=str)
-def test_bitmaps(name, kind, way):
+def test_bitmaps(name, kind):
     cells, lower = BITMAPS[name], (0.3, -2.0)
-    spheres = decompose(cells, spacing=0.1, lower=lower, kind=kind, **way_for(way, 1.5))
+    spheres = decompose(Voxels.of(cells, 0.1, lower), kind=kind, number=40)
     check_flat(spheres, cells_of(cells, 0.1, lower), np.random.default_rng(0))
 
 
-@pytest.mark.parametrize("kind", ["inner", "outer"])
+@pytest.mark.parametrize("kind", KINDS)
 def test_a_large_bitmap_is_taken_in_blocks(kind):
     x, y = np.mgrid[:700, :500]
     cells = (x - 350) ** 2 / 3 + (y - 250) ** 2 < 150**2
-    spheres = decompose(cells, spacing=0.01, kind=kind, number=10)
+    spheres = decompose(Voxels.of(cells, 0.01), kind=kind, number=10)
     points = (np.argwhere(cells) + np.random.default_rng(0).random((int(cells.sum()), 2))) * 0.01
     near = gaps(points, spheres)
     assert spheres.volume_ratio > 0.85
@@ -175,16 +160,15 @@ def test_a_large_bitmap_is_taken_in_blocks(kind):
 
 
 @pytest.mark.parametrize("shape", [RECTANGLE, ELL], ids=["3:1", "ell"])
-@pytest.mark.parametrize("method", ["greedy", "medial"])
-def test_64_balls_fill_nine_tenths(shape, method):
-    spheres = decompose(shape, number=64, method=method)
+def test_64_balls_fill_nine_tenths(shape):
+    spheres = decompose(shape, number=64)
     discs = shapely.union_all(shapely.buffer(shapely.points(spheres.centers), spheres.radii, quad_segs=64))
     assert discs.area / shape.area > 0.98
     assert spheres.volume_ratio == pytest.approx(discs.area / shape.area, abs=1e-3)
 
 
 @settings(max_examples=10)
-@given(stars(), st.sampled_from(["inner", "outer"]), st.sampled_from(WAYS[:5]), seeds)
+@given(stars(), st.sampled_from(KINDS), st.sampled_from(list(WAYS.values())), seeds)
 def test_random_polygons(vertices, kind, way, seed):
     shape = shapely.Polygon(vertices)
     size = float(np.hypot(*np.ptp(vertices, axis=0)))
@@ -221,13 +205,10 @@ def check_solid(spheres, mesh, rng):
         assert spheres.measure.lower * 0.93 - 0.02 <= share <= spheres.measure.upper * 1.07 + 0.02
 
 
-SOLID_WAYS = [*WAYS[:3], {"part": 0.08}, {"part": 0.1, "radius": "equal"}]
-
-
-@pytest.mark.parametrize("kind", ["inner", "outer"])
-@pytest.mark.parametrize(("name", "way"), [*zip(SOLIDS, SOLID_WAYS, strict=True), ("box", SOLID_WAYS[3])], ids=str)
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(("name", "way"), [*((name, "number") for name in SOLIDS), ("box", "tolerance")])
 def test_solids(name, kind, way):
-    mesh = SOLIDS[name]
+    mesh, way = SOLIDS[name], WAYS["number"] if way == "number" else {"part": 0.08}
     size = float(np.linalg.norm(mesh.extents))
     spheres = decompose(mesh, kind=kind, **way_for(way, size))
     check_solid(spheres, mesh, np.random.default_rng(0))
@@ -235,10 +216,10 @@ def test_solids(name, kind, way):
         assert spheres.hausdorff.upper <= 1.1 * way["part"] * size
 
 
-@pytest.mark.parametrize("kind", ["inner", "outer"])
+@pytest.mark.parametrize("kind", KINDS)
 def test_voxels(kind):
     cells = bitmap((6, 5, 7), 3)
-    spheres = decompose(cells, spacing=0.2, kind=kind, number=30)
+    spheres = decompose(Voxels.of(cells, 0.2), kind=kind, number=30)
     points = (np.argwhere(cells)[:, None] + np.random.default_rng(1).random((60, 3))).reshape(-1, 3) * 0.2
     corners = (np.argwhere(cells)[:, None] + np.argwhere(np.ones((2, 2, 2)))).reshape(-1, 3) * 0.2
     near = gaps(np.vstack([points, corners]), spheres)
@@ -321,3 +302,29 @@ def test_the_area_of_discs_that_all_but_coincide():
     low, high = measure_of_balls(grid, np.full(144, math.sqrt(0.5)))
     assert low <= 121.0 + 44.0 * (math.pi / 8.0 + 0.25) + 4.0 * math.pi / 8.0 <= high
     assert high <= low * (1.0 + 1e-3)
+
+
+# ---- real shapes -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_bundled_floor_plan(kind):
+    shape = shapely.union_all(floor_plan())
+    check_flat(decompose(shape, kind=kind, number=200), shape, np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_real_polygons(data, kind):
+    folder = data / "polygons"
+    cars = json.loads((folder / "parking1.geojson").read_text())["features"]
+    shapes = [shapely.geometry.shape(car["geometry"]) for car in cars[::4]]
+    for shape in (shapely.from_geojson((folder / "car.geojson").read_text()), *shapes):
+        check_flat(decompose(shape, kind=kind, number=40), shape, np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("name", ["ZTunnel/robot.obj", "ZTunnel/obstacles.obj", "LTunnel/l-robot.obj"])
+def test_real_meshes(data, name, kind):
+    mesh = Mesh.of(data / "solids" / name)
+    corners = SimpleNamespace(triangles=mesh.triangles, vertices=mesh.vertices, bounds=mesh.bounds)
+    check_solid(decompose(mesh, kind=kind, number=80), corners, np.random.default_rng(0))

@@ -9,6 +9,7 @@ import trimesh
 import yaml
 from matplotlib.figure import Figure
 
+from cspace import Robot
 from cspace.errors import FileError, GeometryError, InputError
 from cspace.shapes.mesh import Mesh
 from cspace.spectral import Bounds, Spheres, decompose
@@ -20,7 +21,7 @@ TRIANGLE = Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 
 def some(dim=2, seed=0, n=20):
     rng = np.random.default_rng(seed)
     centers, radii = rng.normal(size=(n, dim)) * 1e3, rng.random(n) * 10.0 ** rng.integers(-9, 3, n)
-    return Spheres(centers, radii, "outer", "greedy", Bounds(0.1, 0.3), Bounds(0.0, 1 / 3), Bounds(1e-17, 2e22))
+    return Spheres(centers, radii, "outer", Bounds(0.1, 0.3), Bounds(0.0, 1 / 3), Bounds(1e-17, 2e22))
 
 
 @pytest.mark.parametrize("suffix", [".json", ".yaml", ".yml", ".JSON"])
@@ -31,7 +32,7 @@ def test_files_keep_every_bit(tmp_path, suffix, dim):
     back = Spheres.open(file)
     assert back.centers.tobytes() == spheres.centers.tobytes()
     assert back.radii.tobytes() == spheres.radii.tobytes()
-    for name in ("kind", "method", "measure", "shape_measure", "hausdorff"):
+    for name in ("kind", "measure", "shape_measure", "hausdorff"):
         assert getattr(back, name) == getattr(spheres, name)
 
 
@@ -55,12 +56,12 @@ def test_files_are_not_replaced_unasked(tmp_path):
         ('{"format": "cspace-spheres", "version": 7}', "version 7"),
         ('{"format": "cspace-spheres", "version": 1}', "lacks"),
         (
-            '{"format": "cspace-spheres", "version": 1, "kind": "inner", "method": "greedy", "measure": [0, 1], '
+            '{"format": "cspace-spheres", "version": 1, "kind": "inner", "measure": [0, 1], '
             '"shape_measure": [0, 1], "hausdorff": [1, 0], "centers": [[0, 0]], "radii": [1]}',
             "malformed",
         ),
         (
-            '{"format": "cspace-spheres", "version": 1, "kind": "inner", "method": "greedy", "measure": [0, 1], '
+            '{"format": "cspace-spheres", "version": 1, "kind": "inner", "measure": [0, 1], '
             '"shape_measure": [0, 1], "hausdorff": [0, 1], "centers": [[0, 0]], "radii": [1, 2]}',
             "malformed",
         ),
@@ -94,7 +95,7 @@ def test_damaged_files(tmp_path, text, words, suffix):
     ],
 )
 def test_nonsense_in_files(tmp_path, key, value, suffix):
-    record = {"format": "cspace-spheres", "version": 1, "kind": "inner", "method": "greedy", "measure": [0, 1]}
+    record = {"format": "cspace-spheres", "version": 1, "kind": "inner", "measure": [0, 1]}
     record |= {"shape_measure": [0, 1], "hausdorff": [0, 1], "centers": [[0, 0]], "radii": [1]}
     file = tmp_path / f"balls{suffix}"
     dump = json.dumps if suffix == ".json" else yaml.safe_dump
@@ -126,7 +127,7 @@ def test_file_names(tmp_path):
     ],
 )
 def test_bad_spheres(changes, words):
-    values = {"centers": [[0.0, 0.0]], "radii": [1.0], "kind": "inner", "method": "greedy"}
+    values = {"centers": [[0.0, 0.0]], "radii": [1.0], "kind": "inner"}
     values |= {name: Bounds(0, 1) for name in ("measure", "shape_measure", "hausdorff")}
     with pytest.raises(InputError, match=words):
         Spheres(**(values | changes))
@@ -144,23 +145,16 @@ def test_bad_spheres(changes, words):
         (RECTANGLE, {"tolerance": np.nan}, InputError, "tolerance"),
         (RECTANGLE, {"tolerance": 1e-7}, InputError, "pass at least about"),
         (RECTANGLE, {"number": 3, "kind": "both"}, InputError, "kind"),
-        (RECTANGLE, {"number": 3, "method": "random"}, InputError, "method"),
-        (RECTANGLE, {"number": 3, "radius": "same"}, InputError, "radius"),
-        (RECTANGLE, {"number": 3, "radius": -1.0}, InputError, "radius"),
-        (RECTANGLE, {"number": 3, "lower": (0, 0)}, InputError, "lower"),
-        (shapely.Polygon(), {"number": 3}, GeometryError, "empty"),
-        ([], {"number": 3}, GeometryError, "empty"),
+        (shapely.Polygon(), {"number": 3}, GeometryError, "no geometry|empty"),
+        ([], {"number": 3}, GeometryError, "no geometry"),
         (shapely.Polygon([(0, 0), (1, 1), (1, 0), (0, 1)]), {"number": 3}, GeometryError, "not valid"),
         (shapely.LineString([(0, 0), (1, 1)]), {"number": 3}, GeometryError, "no inside"),
         ([(0, 0), (1, 1)], {"number": 3}, GeometryError, "at least 3"),
         (TRIANGLE, {"number": 3}, GeometryError, "no inside"),
         (Mesh(TRIANGLE.vertices, TRIANGLE.faces, "fill"), {"number": 3}, InputError, "fill"),
-        (np.zeros((3, 3), bool), {"number": 3, "spacing": 1.0}, GeometryError, "no True cell"),
-        (np.ones((3, 3), bool), {"number": 3}, InputError, "spacing"),
-        (np.ones((3, 3), bool), {"number": 3, "spacing": 0.0}, InputError, "spacing"),
-        (np.ones((3, 3), bool), {"number": 3, "spacing": 1.0, "lower": (0, 0, 0)}, InputError, "lower"),
-        (np.ones(3, bool), {"number": 3, "spacing": 1.0}, InputError, "axes"),
-        (np.array(5.0), {"number": 3}, InputError, "axes"),
+        (Robot.disc(1.0).shape, {"number": 3}, InputError, "balls already"),
+        (np.array(5.0), {"number": 3}, InputError, "a mesh is needed"),
+        (np.ones((3, 3), bool), {"number": 3}, InputError, "Voxels"),
         (shapely.Point(3, 4), {"number": 3, "kind": "outer"}, InputError, "pass a tolerance"),
     ],
     ids=str,
