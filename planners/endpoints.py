@@ -28,7 +28,7 @@ def check_endpoint(space: CSpace, q: ArrayLike, name: str, exact: bool = False) 
     Returns
     -------
     tuple of float
-        Metres; and radians in [-pi, pi).
+        As OMPL holds it: a yaw in [-pi, pi), a quaternion of norm 1.
 
     Raises
     ------
@@ -38,11 +38,11 @@ def check_endpoint(space: CSpace, q: ArrayLike, name: str, exact: bool = False) 
         If it lies outside the map, is not FREE, or lies on the border of a cell that is not FREE; with ``exact``, if it
         lies outside the map or is not proven free.
     """
-    point, kind = finite(q, name), kind_of(space)
+    point = finite(q, name)
     if point.shape != (space.dof,):
         rule = f"it must be one configuration of {space.dof} numbers"
-        raise InputError(name, f"has shape {point.shape}", rule, f"pass {kind.units}", value=q)
-    end = kind.canonical(point.tolist(), name)
+        raise InputError(name, f"has shape {point.shape}", rule, f"pass {kind_of(space).units}", value=q)
+    end: Configuration = tuple(space.rotations.canonical(point, name).tolist())
     inside = all(low <= x <= high for low, x, high in zip(space.grid.lower, end, space.grid.upper, strict=False))
     if inside and space.motion_is_free(end, end, exact=exact):
         return end
@@ -64,9 +64,9 @@ def _unusable(space: CSpace, end: Configuration, name: str, inside: bool, exact:
     else:
         reason = "is FREE but lies on the border of a cell that is not"
         rule = f"a motion from or to it would touch that cell too, so the {name} must lie inside"
-    nearest = None
+    nearest: Configuration | None = None
     try:
-        nearest = kind_of(space).canonical(space.nearest_free(end).tolist(), name)
+        nearest = tuple(space.rotations.canonical(space.nearest_free(end)).tolist())
         mend = f"the nearest is {_text(nearest)}"
     except ConfigurationError:
         mend = "the map has no FREE configuration at all; use a smaller robot, margin or spacing"

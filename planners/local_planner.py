@@ -16,6 +16,7 @@ from planners.car_curves import CURVES, CarCurves
 from planners.states import Floats, check_space
 from planners.straight_edges import Pieces, StraightEdges
 
+CAR_AXES: Final = ("x", "y", "yaw")
 EITHER: Final = " or ".join(f"curve={name!r}" for name in CURVES)
 
 
@@ -86,14 +87,10 @@ def local_planner(
     if curve not in CURVES:
         rule = f"it must be {' or '.join(map(repr, CURVES))}, or None for straight edges"
         raise InputError("curve", f"is {curve!r}", rule, "pass one of them", value=curve)
-    if space.dof == space.grid.dim:
-        plane = space.grid.dim == 2
-        mend = "build the map with rotations=72" if plane else "leave curve out: a robot in space only translates"
-        found = f"is {curve!r} and the map has no rotations"
-        raise InputError("curve", found, "a car turns as it drives", mend, value=curve)
-    if space.grid.dim != 2:
-        found = f"is {curve!r} and the map is in space"
-        raise InputError("curve", found, "a car drives in the plane", "leave curve out", value=curve)
+    if space.axes != CAR_AXES:
+        found = f"is {curve!r} and the map's configurations are ({', '.join(space.axes)})"
+        rule = f"a car turns as it drives in the plane: ({', '.join(CAR_AXES)})"
+        raise InputError("curve", found, rule, "build a map of a plane with rotations=72, or leave curve out", value=curve)
     if turning_radius is None:
         rule, mend = f"curve={curve!r} needs the radius of its tightest turn", "pass it in metres, e.g. 0.5"
         raise InputError("turning_radius", "is None", rule, mend)

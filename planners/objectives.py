@@ -31,8 +31,8 @@ class WeightedLength(ob.OptimizationObjective):
     The penalty of a configuration is ``offset + slope * value``, of a value that is looked up.
 
     The integral takes the middles of steps of at most one cell and 5 degrees. The cost is never below the length, which
-    OMPL may use as a bound. Metres are those of OMPL's SE(2), where a radian of turn counts as half a metre; but for
-    curves, whose length is that of the curve.
+    OMPL may use as a bound. A radian of turn counts as half a metre, as in OMPL's SE(2) and SE(3); but for curves,
+    whose length is that of the curve.
 
     OMPL asks this objective through Python at every step, which rules out the planners that ask from a second thread:
     PRM and PRMstar would wait for each other without end. :func:`planners.plan` refuses those.
@@ -82,8 +82,7 @@ class WeightedLength(ob.OptimizationObjective):
         self._edges = local_planner(space, False, curve, turning_radius)
         self._kind, self._step = kind_of(space), space.grid.spacing
         self._turn_weight = TURN_WEIGHT if curve is None else 0.0
-        straight = curve is None and space.dof == space.grid.dim
-        self._integral = type(self)._straight_cost if straight else type(self)._cost_of_pieces
+        self._straight, self._dim = curve is None, space.grid.dim
         self._answer: Callable[[Configuration, Configuration], float] | None = None
 
     def stateCost(self, state: ob.State) -> ob.Cost:  # noqa: N802 - OMPL's name
@@ -94,26 +93,28 @@ class WeightedLength(ob.OptimizationObjective):
     def motionCost(self, first: ob.State, second: ob.State) -> ob.Cost:  # noqa: N802 - OMPL's name
         """Cost of an edge: the costs of a metre at the middles of its steps times their lengths."""
         ends = self._kind.read(first), self._kind.read(second)
-        return ob.Cost(self._answer(*ends) if self._answer else self._integral(self, *ends))
+        return ob.Cost(self._answer(*ends) if self._answer else self._cost_of_edge(*ends))
 
     def motionCostHeuristic(self, first: ob.State, second: ob.State) -> ob.Cost:  # noqa: N802 - OMPL's name
         """Length of the straight line, which the cost is never below."""
-        read, dim = self._kind.read, self._kind.dim
+        read, dim = self._kind.read, self._dim
         return ob.Cost(math.dist(read(first)[:dim], read(second)[:dim]))
 
     def answer_with(self, answer: Callable[[Configuration, Configuration], float] | None) -> None:
         """Give the cost of edges by a function from now on, or as before; so a plan out of time ends a search."""
         self._answer = answer
 
-    def _cost_of_pieces(self, first: Configuration, second: Configuration) -> float:
+    def _cost_of_edge(self, first: Configuration, second: Configuration) -> float:
+        if self._straight and first[self._dim :] == second[self._dim :]:
+            return self._straight_cost(first, second)
         pieces = self._edges.pieces(np.array([first, second]), self._step, DENSE_TURN)
         lengths = pieces.lengths + self._turn_weight * pieces.turns
         penalties = np.maximum(0.0, self._offset + self._slope * self._values(pieces.middles))
         return float(lengths.sum() + self._weight * (lengths @ (penalties * penalties)))
 
     def _straight_cost(self, first: Configuration, second: Configuration) -> float:
-        """The same where nothing turns: few steps are looked up one by one."""
-        length = math.dist(first, second)
+        """The same of a straight edge along which nothing turns: few steps are looked up one by one."""
+        length = math.dist(first, second)  # the rotations are the same
         steps = math.ceil(length / self._step)
         if not steps:
             return 0.0

@@ -19,7 +19,7 @@ from cspace.map.chain import open_chain
 from cspace.states import FREE
 from planners.local_planner import LocalPlanner
 from planners.search import Found, Search
-from planners.states import Configuration, Floats, kind_of
+from planners.states import Configuration, Floats
 
 Cells = NDArray[np.int64]
 
@@ -160,17 +160,16 @@ class Passages:
 
     def _draw(self, cell: Cells, before: Cells, reached: Floats, rng: np.random.Generator) -> Floats:
         """Configurations in the block of cells around one, and near those reached in the cell before, moved along."""
-        kind, size, half = kind_of(self.edges.space), self._size(cell), DRAWN // 2
+        space, size, half = self.edges.space, self._size(cell), DRAWN // 2
         middles = self._centers(np.stack([before, cell]))
-        around = middles[1] + size * rng.uniform(-1.5, 1.5, (half, len(size)))
-        step = kind.steps(middles)[0]
+        around = space.rotations.moved(middles[[1] * half], size * rng.uniform(-1.5, 1.5, (half, len(size))))
         along = reached[rng.integers(len(reached), size=half)]
-        share = rng.uniform(0.0, 1.5, (half, 1))
         spread = size * 10.0 ** rng.uniform(-3.0, 0.0, (half, 1))
-        near = along + share * step + spread * rng.uniform(-1.0, 1.0, along.shape)
+        steps = rng.uniform(0.0, 1.5, (half, 1)) * space.rotations.steps(*middles)
+        steps += spread * rng.uniform(-1.0, 1.0, steps.shape)
         # A step into another rotation cell need not turn the robot, if the passage allows for no turn.
-        kept = rng.random(half) < 0.5
-        near[kept, kind.dim :] = along[kept, kind.dim :]
+        steps[rng.random(half) < 0.5, space.grid.dim :] = 0.0
+        near = space.rotations.moved(along, steps)
         return np.concatenate([near, around])
 
     def _centers(self, cells: Cells) -> Floats:
@@ -182,8 +181,11 @@ class Passages:
     def _size(self, cell: Cells) -> Floats:
         """Sides of a cell, metres and radians."""
         space = self.edges.space
-        turns = np.full(space.dof - space.grid.dim, space.rotations.volumes[cell[0]])
-        return np.concatenate([np.full(space.grid.dim, space.grid.spacing), turns])
+        center = self._centers(cell)
+        steps = space.rotations.steps(center, center)
+        steps[: space.grid.dim] = space.grid.spacing
+        steps[space.grid.dim :] = 2.0 * space.rotations.covering_angles[cell[0]]
+        return steps
 
     def _shortened(self, path: Floats) -> Floats:
         """The path without the configurations that exact edges can leave out."""

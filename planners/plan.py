@@ -20,7 +20,7 @@ from planners.passages import Passages
 from planners.result import Plan, Times, least_clearance
 from planners.search import Found, Search
 from planners.setup import MakeObjective
-from planners.states import Configuration, Floats, kind_of
+from planners.states import Configuration, Floats
 
 MAX_SEED: Final = 2**32 - 2
 """Largest seed: OMPL's generator takes 32 bits, and refuses zero."""
@@ -57,9 +57,9 @@ def plan(
     the first plan, comes on top (which FREE cells are joined, distances, compiled functions) and is told apart, in
     :attr:`Plan.times`.
 
-    *Robots that turn.* On a map with rotations, an edge is straight in x and y, and yaw turns evenly along the shorter
-    arc, as in OMPL's SE(2); in space, where the space is R^3 x SO(2), so is z. With ``curve``, edges are the shortest
-    curves of a car instead: Dubins' for one that drives forwards alone, Reeds and Shepp's for one that reverses too.
+    *Robots that turn.* On a map with rotations, the position goes straight along an edge, and the robot turns evenly and
+    the shorter way, as in OMPL's SE(2) and SE(3). With ``curve``, on a map of SE(2), edges are the shortest curves of a
+    car instead: Dubins' for one that drives forwards alone, Reeds and Shepp's for one that reverses too.
     They are proven along the real curve. The start and the goal of the car are those of the robot's reference point,
     which therefore belongs in the middle of the axle that does not steer.
 
@@ -77,8 +77,8 @@ def plan(
     ----------
     space : CSpace
     start, goal : array-like, shape (dof,)
-        Configurations ``(x, y)``, ``(x, y, yaw)``, ``(x, y, z)`` or ``(x, y, z, yaw)``, in metres; yaw in radians,
-        wrapped.
+        Configurations ``(x, y)``, ``(x, y, yaw)``, ``(x, y, z)``, ``(x, y, z, yaw)`` or ``(x, y, z, qx, qy, qz, qw)``, in
+        metres; yaw in radians, wrapped.
     planner : str, optional
         Name of a planner, in upper or lower case; :func:`planners.planner_names` lists them. RRTConnect, if left out,
         but RRT for Dubins curves: RRTConnect's tree at the goal grows by curves that leave the goal, where a car that
@@ -164,7 +164,7 @@ def plan(
     return Plan(
         path=path,
         waypoints=waypoints,
-        axes=kind_of(space).axes,
+        axes=space.axes,
         direction=direction,
         solved=solved,
         certified=certified,
@@ -220,14 +220,14 @@ def _status(found: Found, search: Search, exists: bool | None, limit: float, spa
     more = [f"more time (time_limit={10 * limit:g})"]
     if exists is None:
         known = "undecided whether one exists"
-        finer = "a finer spacing" if space.dof == space.grid.dim else "a finer spacing or more rotations"
+        finer = "a finer spacing" + " or more rotations" * (space.rotations.count > 1)
         more = [*([] if search.exact or search.curve else ["exact=True"]), finer, *more]
     elif search.curve:
         known = "one exists for a robot that turns on the spot"
         more += ["a smaller turning_radius", "another planner"]
     else:
         known = "a path exists"
-        more += ["planner='Cubes'" if space.dof == space.grid.dim else "another planner"]
+        more += ["another planner" if space.rotations.count > 1 else "planner='Cubes'"]
     return f"{within}; {known}", f"{', '.join(more[:-1])}, or {more[-1]}"
 
 

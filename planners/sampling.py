@@ -12,7 +12,7 @@ from ompl import util as ou
 
 from cspace.map.batches import check_rng
 from cspace.space import CSpace
-from planners.states import check_information, kind_of, wrap
+from planners.states import check_information, kind_of
 
 _BATCH: Final = 256
 """Draws made at once; one at a time would spend all the time on the way in and out of numpy."""
@@ -40,7 +40,7 @@ class FreeStateSampler(ob.ValidStateSampler):
         check_information(si, space)
         super().__init__(si)
         rng = np.random.default_rng(ou.RNG().getLocalSeed()) if rng is None else check_rng(rng)
-        self._kind = kind_of(space)
+        self._kind, self._rotations = kind_of(space), space.rotations
         self._points = _points(space, rng)
         self._numbers = _numbers(rng)
         self._is_free = space.point_checker()
@@ -55,21 +55,19 @@ class FreeStateSampler(ob.ValidStateSampler):
             If the map has no FREE cell.
         """
         # The map may have been updated since a point was drawn.
-        point = next(point for point in self._points if self._is_free(*point))
-        dim = self._kind.dim
-        self._kind.write(state, *point[:dim], *map(wrap, point[dim:]))
+        self._kind.write(state, *next(point for point in self._points if self._is_free(*point)))
         return True
 
     def sampleNear(self, state: ob.State, near: ob.State, distance: float) -> bool:  # noqa: N802 - OMPL's name
-        """Set ``state`` to a FREE configuration within ``distance`` of ``near`` along each axis, and radians in yaw.
+        """Set ``state`` to a FREE configuration within ``distance`` of ``near`` along each axis, and in radians.
 
         Returns
         -------
         bool
             False, and ``state`` as it was, if none was found in ``getNrAttempts`` draws.
         """
-        kind, numbers, swing = self._kind, self._numbers, min(distance, math.pi)
-        middle = kind.read(near)
+        middle, dim = self._kind.read(near), len(self._box)
+        rotations, numbers = self._rotations, self._numbers
         box = [
             (max(low, x - distance), min(high, x + distance)) for (low, high), x in zip(self._box, middle, strict=False)
         ]
@@ -77,9 +75,9 @@ class FreeStateSampler(ob.ValidStateSampler):
             return False
         for _ in range(max(1, self.getNrAttempts())):
             place = [min(low + next(numbers) * (high - low), high) for low, high in box]
-            place += [wrap(yaw + (2.0 * next(numbers) - 1.0) * swing) for yaw in middle[kind.dim :]]
+            place += rotations.drawn_near(middle[dim:], min(distance, math.pi), numbers)
             if self._is_free(*place):
-                kind.write(state, *place)
+                self._kind.write(state, *place)
                 return True
         return False
 
@@ -87,7 +85,7 @@ class FreeStateSampler(ob.ValidStateSampler):
 def _points(space: CSpace, rng: np.random.Generator) -> Iterator[list[float]]:
     """FREE configurations without end."""
     while True:
-        yield from space.sample_free(_BATCH, rng).tolist()
+        yield from space.rotations.canonical(space.sample_free(_BATCH, rng)).tolist()
 
 
 def _numbers(rng: np.random.Generator) -> Iterator[float]:

@@ -21,7 +21,7 @@ MakeSampler = Callable[[ob.SpaceInformation], ob.ValidStateSampler]
 
 
 def state_space(space: CSpace, *, curve: str | None = None, turning_radius: float | None = None) -> ob.StateSpace:
-    """OMPL's state space of a map, R^2, R^3, SE(2) or R^3 x SO(2): the closed box of its grid, and every yaw.
+    """OMPL's state space of a map, R^2, R^3, SE(2), R^3 x SO(2) or SE(3): the closed box of its grid, and every rotation.
 
     Parameters
     ----------
@@ -35,9 +35,9 @@ def state_space(space: CSpace, *, curve: str | None = None, turning_radius: floa
     -------
     ompl.base.StateSpace
         ``RealVectorStateSpace`` of x and y, and in space z, in metres. For a robot that turns in the plane,
-        ``SE2StateSpace``, ``DubinsStateSpace`` or ``ReedsSheppStateSpace``; in space a ``CompoundStateSpace`` of a
-        ``RealVectorStateSpace``, of weight 1, and an ``SO2StateSpace``, of weight 0.5: a radian counts as half a metre,
-        as in SE(2).
+        ``SE2StateSpace``, ``DubinsStateSpace`` or ``ReedsSheppStateSpace``; for one that turns freely in space,
+        ``SE3StateSpace``, and about z alone, a ``CompoundStateSpace`` of a ``RealVectorStateSpace``, of weight 1, and
+        an ``SO2StateSpace``, of weight 0.5. In each of them a radian counts as half a metre.
 
     Raises
     ------
@@ -128,8 +128,8 @@ def simple_setup(
     si.setValidStateSamplerAllocator(_sampler_maker(si, space, rng, valid_state_sampler, exact))
     if objective is not None:
         setup.setOptimizationObjective(_made(objective, si, ob.OptimizationObjective, "objective"))
-    elif isinstance(setup.getStateSpace(), ob.CompoundStateSpace) and kind_of(space).dim == 3:
-        # OMPL's length draws informed samples, and refuses to in a space that it does not know; a sum of one does not.
+    elif not setup.getStateSpace().getType():
+        # OMPL's length draws informed samples, and refuses to in a space of no known type; a sum of one does not.
         length = ob.MultiOptimizationObjective(si)
         length.addObjective(ob.PathLengthOptimizationObjective(si), 1.0)
         setup.setOptimizationObjective(length)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final, TypeVar
@@ -12,7 +11,6 @@ from numpy.typing import NDArray
 from ompl import base as ob
 
 from cspace.errors import InputError
-from cspace.rotations import MAX_YAW, TURN
 from cspace.space import CSpace
 
 Floats = NDArray[np.float64]
@@ -20,7 +18,7 @@ Configuration = tuple[float, ...]
 T = TypeVar("T")
 
 TURN_WEIGHT: Final = 0.5
-"""Metres that a radian of turn counts as, in OMPL's SE(2) and here in R^3 x SO(2)."""
+"""Metres that a radian of turn counts as: in OMPL's SE(2) and SE(3), and so in R^3 x SO(2)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,12 +27,8 @@ class StateKind:
 
     Attributes
     ----------
-    axes : tuple of str
-        Names of the numbers of a configuration, in their order.
     units : str
-        The same in words, for messages.
-    dim : int
-        How many of them are a position; the others are yaw.
+        The numbers of a configuration in words, for messages.
     make : callable
         Makes OMPL's state space for straight edges, without bounds.
     positions : callable
@@ -45,12 +39,10 @@ class StateKind:
         Sets a state to a configuration, given as its numbers.
     of_state, of_states : callable
         Make a function of one state, or of two, from one of the numbers of one configuration, or of two. OMPL calls
-        them a million times, so that each is written out.
+        them a million times, so that the commonest are written out.
     """
 
-    axes: tuple[str, ...]
     units: str
-    dim: int
     make: Callable[[], ob.StateSpace]
     positions: Callable[[ob.StateSpace], ob.StateSpace]
     read: Callable[[ob.State], Configuration]
@@ -66,41 +58,10 @@ class StateKind:
             bounds.setHigh(axis, float(high))
         self.positions(states).setBounds(bounds)
 
-    def canonical(self, q: Sequence[float], name: str) -> Configuration:
-        """A configuration as OMPL's state spaces hold it: yaw in [-pi, pi).
 
-        Raises
-        ------
-        InputError
-            If a yaw is too large to be wrapped exactly.
-        """
-        yaws = q[self.dim :]
-        for yaw in yaws:
-            if abs(yaw) > MAX_YAW:
-                rule = f"at most {MAX_YAW:.0f} can be wrapped"
-                raise InputError(name, f"has a yaw of {yaw:g} rad", rule, "wrap it first", value=tuple(q))
-        return (*q[: self.dim], *map(wrap, yaws))
-
-    def steps(self, path: Floats) -> Floats:
-        """Differences of the rows of a path, shape (n - 1, dof): of positions, and of yaw along the shorter arc."""
-        steps = np.diff(path, axis=0)
-        steps[:, self.dim :] -= TURN * np.round(steps[:, self.dim :] / TURN)
-        return steps
-
-
-def wrap(yaw: float) -> float:
-    """Yaw in [-pi, pi); unchanged, to the last bit, where it is there already."""
-    if -math.pi <= yaw < math.pi:
-        return yaw
-    turned = (yaw + math.pi) % TURN - math.pi
-    return turned if turned < math.pi else -math.pi
-
-
-def wrapped(yaw: Floats) -> Floats:
-    """An array of yaw in [-pi, pi); what is there already is unchanged."""
-    turned = (yaw + math.pi) % TURN - math.pi
-    turned = np.where(turned >= math.pi, -math.pi, turned)
-    return np.where((yaw >= -math.pi) & (yaw < math.pi), yaw, turned)
+def kind_of(space: CSpace) -> StateKind:
+    """The kind of states that a map has."""
+    return _KINDS[space.axes]
 
 
 def check_space(space: object) -> None:
@@ -128,11 +89,6 @@ def check_information(si: object, space: object) -> None:
         rule, mend = "it must be an ompl.base.SpaceInformation", "pass e.g. setup.getSpaceInformation()"
         raise InputError("si", f"is a {type(si).__name__}", rule, mend, value=si)
     check_space(space)
-
-
-def kind_of(space: CSpace) -> StateKind:
-    """The kind of states that a map has."""
-    return _KINDS[space.grid.dim, space.dof - space.grid.dim]
 
 
 def _whole(states: ob.StateSpace) -> ob.StateSpace:
@@ -168,11 +124,20 @@ def _make_r3_so2() -> ob.StateSpace:
     return states
 
 
-_KINDS: Final[dict[tuple[int, int], StateKind]] = {
-    (2, 0): StateKind(
-        axes=("x", "y"),
+def _write_se3(state: ob.State, x: float, y: float, z: float, *quaternion: float) -> None:
+    state.setXYZ(x, y, z)
+    rotation = state.rotation()
+    rotation.x, rotation.y, rotation.z, rotation.w = quaternion
+
+
+def _read_se3(state: ob.State) -> Configuration:
+    rotation = state.rotation()
+    return state.getX(), state.getY(), state.getZ(), rotation.x, rotation.y, rotation.z, rotation.w
+
+
+_KINDS: Final[dict[tuple[str, ...], StateKind]] = {
+    ("x", "y"): StateKind(
         units="x and y, in metres",
-        dim=2,
         make=lambda: ob.RealVectorStateSpace(2),
         positions=_whole,
         read=lambda s: (s[0], s[1]),
@@ -180,10 +145,8 @@ _KINDS: Final[dict[tuple[int, int], StateKind]] = {
         of_state=lambda ask: lambda s: ask(s[0], s[1]),
         of_states=lambda ask: lambda a, b: ask(a[0], a[1], b[0], b[1]),
     ),
-    (2, 1): StateKind(
-        axes=("x", "y", "yaw"),
+    ("x", "y", "yaw"): StateKind(
         units="x and y in metres, and yaw in radians",
-        dim=2,
         make=lambda: ob.SE2StateSpace(),
         positions=_whole,
         read=lambda s: (s.getX(), s.getY(), s.getYaw()),
@@ -191,10 +154,8 @@ _KINDS: Final[dict[tuple[int, int], StateKind]] = {
         of_state=lambda ask: lambda s: ask(s.getX(), s.getY(), s.getYaw()),
         of_states=lambda ask: lambda a, b: ask(a.getX(), a.getY(), a.getYaw(), b.getX(), b.getY(), b.getYaw()),
     ),
-    (3, 0): StateKind(
-        axes=("x", "y", "z"),
+    ("x", "y", "z"): StateKind(
         units="x, y and z, in metres",
-        dim=3,
         make=lambda: ob.RealVectorStateSpace(3),
         positions=_whole,
         read=lambda s: (s[0], s[1], s[2]),
@@ -202,10 +163,8 @@ _KINDS: Final[dict[tuple[int, int], StateKind]] = {
         of_state=lambda ask: lambda s: ask(s[0], s[1], s[2]),
         of_states=lambda ask: lambda a, b: ask(a[0], a[1], a[2], b[0], b[1], b[2]),
     ),
-    (3, 1): StateKind(
-        axes=("x", "y", "z", "yaw"),
+    ("x", "y", "z", "yaw"): StateKind(
         units="x, y and z in metres, and yaw in radians",
-        dim=3,
         make=_make_r3_so2,
         positions=lambda states: states.getSubspace(0),
         read=_read_r3_so2,
@@ -213,5 +172,14 @@ _KINDS: Final[dict[tuple[int, int], StateKind]] = {
         of_state=lambda ask: lambda s: ask(*_read_r3_so2(s)),
         of_states=lambda ask: lambda a, b: ask(*_read_r3_so2(a), *_read_r3_so2(b)),
     ),
+    ("x", "y", "z", "qx", "qy", "qz", "qw"): StateKind(
+        units="x, y and z in metres, and a quaternion (qx, qy, qz, qw)",
+        make=lambda: ob.SE3StateSpace(),
+        positions=_whole,
+        read=_read_se3,
+        write=_write_se3,
+        of_state=lambda ask: lambda s: ask(*_read_se3(s)),
+        of_states=lambda ask: lambda a, b: ask(*_read_se3(a), *_read_se3(b)),
+    ),
 }
-"""By the length of a position and of what comes after it."""
+"""By the names of the numbers of a configuration."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ompl import base as ob
 
 from cspace.space import CSpace
-from planners.states import Floats, kind_of, wrapped
+from planners.states import Floats, kind_of
 
 DENSE_TURN: Final = math.radians(5.0)
 """Largest turn, in radians, between two rows of a dense path."""
@@ -28,7 +28,7 @@ class Pieces:
     lengths : ndarray of float64, shape (n,)
         Metres of translation along each piece.
     turns : ndarray of float64, shape (n,)
-        Radians by which yaw changes along each piece, zero or above.
+        Radians by which the robot turns along each piece, zero or above.
     """
 
     middles: Floats
@@ -38,7 +38,7 @@ class Pieces:
 
 @dataclass(frozen=True, slots=True)
 class StraightEdges:
-    """Straight edges; yaw, where there is one, turns evenly along the shorter arc, as OMPL's SE(2) does.
+    """Straight edges, along which the robot turns evenly and the shorter way, as in OMPL's SE(2) and SE(3).
 
     Parameters
     ----------
@@ -63,24 +63,25 @@ class StraightEdges:
     def pieces(self, path: Floats, step: float, turn: float) -> Pieces:
         steps, lengths, turns, counts = self._measured(path, step, turn)
         edge, number = numbered(counts)
-        middles = path[:-1][edge] + ((number + 0.5) / counts[edge])[:, None] * steps[edge]
+        middles = self.space.rotations.moved(path[:-1][edge], ((number + 0.5) / counts[edge])[:, None] * steps[edge])
         return Pieces(middles, (lengths / counts)[edge], (turns / counts)[edge])
 
     def dense(self, path: Floats) -> tuple[Floats, NDArray[np.int8] | None]:
-        dim = self.space.grid.dim
-        if self.space.dof == dim or len(path) < 2:
+        if len(path) < 2:
             return path, None
-        steps, _, _, counts = self._measured(path, self.space.grid.spacing, DENSE_TURN)
+        steps, _, turns, counts = self._measured(path, self.space.grid.spacing, DENSE_TURN)
+        counts = np.where(turns > 0.0, counts, 1)
         edge, number = numbered(counts)
-        rows = path[:-1][edge] + (number / counts[edge])[:, None] * steps[edge]
-        rows[:, dim:] = np.where(number[:, None] == 0, rows[:, dim:], wrapped(rows[:, dim:]))
+        rotations, shares = self.space.rotations, (number / counts[edge])[:, None]
+        rows = rotations.canonical(rotations.moved(path[:-1][edge], shares * steps[edge]))
+        rows[number == 0] = path[:-1]
         return np.concatenate([rows, path[-1:]]), None
 
     def _measured(self, path: Floats, step: float, turn: float) -> tuple[Floats, Floats, Floats, NDArray[np.int64]]:
-        """Difference, metres and radians of each edge of a path, and the number of pieces that it is cut into."""
+        """What leads along each edge, its metres and radians, and the number of pieces that it is cut into."""
         dim = self.space.grid.dim
-        steps = kind_of(self.space).steps(path)
-        lengths, turns = np.linalg.norm(steps[:, :dim], axis=1), np.abs(steps[:, dim:]).sum(axis=1)
+        steps = self.space.rotations.steps(path[:-1], path[1:])
+        lengths, turns = np.linalg.norm(steps[:, :dim], axis=1), np.linalg.norm(steps[:, dim:], axis=1)
         counts = np.maximum(np.ceil(np.maximum(lengths / step, turns / turn)), 1.0).astype(np.int64)
         return steps, lengths, turns, counts
 
