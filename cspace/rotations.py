@@ -7,7 +7,7 @@ A kind of rotation cells is a class here, the record that compiled look-ups get 
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -19,20 +19,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.errors import InputError
 from cspace.grid import finite
+from cspace.orientation import MAX_YAW as MAX_YAW
+from cspace.orientation import NORM_SLACK as NORM_SLACK
+from cspace.orientation import TURN as TURN
+from cspace.orientation import Orientation, Quaternion, Unturned, Yaw
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-TURN: Final = 2.0 * math.pi
+PAIRS: Final = 2**20
+"""Rotations and cells that are compared at once."""
 
 YAW_SLACK: Final = 1e-9
 """Rounding allowance in radians: rotation cells count as that much wider on both sides."""
-
-MAX_YAW: Final = 2.0**20
-"""Largest yaw, in radians, whose wrapping stays within :data:`YAW_SLACK`."""
-
-NORM_SLACK: Final = 1e-6
-"""How far the norm of a quaternion may be from 1."""
 
 QUOTIENT_SLACK: Final = 1e-9
 """Rounding allowance in the quotients of a quaternion: its cells count as that much wider at each border."""
@@ -40,7 +39,6 @@ QUOTIENT_SLACK: Final = 1e-9
 MAX_CUTS: Final = 64
 """Most cuts of an axis of quaternions: a million cells."""
 
-COMPONENTS: Final = ("qx", "qy", "qz", "qw")
 OTHERS: Final = ((1, 2, 3), (0, 2, 3), (0, 1, 3), (0, 1, 2))
 """Of each component of a quaternion, the other ones."""
 
@@ -116,7 +114,7 @@ class Symmetric(Protocol):
         """Whether every rotation about the reference point maps it to itself."""
 
 
-class Rotations(ABC):
+class Rotations(Orientation):
     """The rotation cells of a map; each has one slice, and cells may share theirs.
 
     There are three kinds: :class:`OneRotation` of a robot that only translates, :class:`YawRotations` in SE(2) and
@@ -124,15 +122,12 @@ class Rotations(ABC):
 
     Attributes
     ----------
-    names : tuple of str
-        The numbers of a configuration that tell its rotation: those behind the position.
     dof : int
-        How many they are.
+        How many numbers of a configuration tell its rotation: those behind the position.
     in_plane : bool
         Whether there are such rotations in the plane, too.
     """
 
-    names: ClassVar[tuple[str, ...]]
     dof: ClassVar[int]
     in_plane: ClassVar[bool] = True
 
@@ -256,7 +251,25 @@ class Rotations(ABC):
 
     @abstractmethod
     def distances(self, q: Floats) -> Floats:
-        """Angle between the rotation of a configuration and each cell's representative, radians, shape (count,)."""
+        """Angles between rotations of configurations, shape (..., d + dof), and each cell's representative, radians.
+
+        Of shape (..., count).
+        """
+
+    def cells_within(self, q: Floats, angles: Floats) -> tuple[Ints, Ints]:
+        """Every cell with a rotation within an angle, shape (n,), of that of a configuration, shape (n, d + dof).
+
+        Returns
+        -------
+        rows, cells : ndarray of int64, shape (m,)
+            Pairs of a configuration and a cell, rounding included; in the order of the configurations.
+        """
+        rows, cells = [], []
+        for some in np.array_split(np.arange(len(q)), 1 + len(q) * self.count // PAIRS):
+            row, cell = np.nonzero(self.distances(q[some]) <= self.covering_angles + angles[some, None])
+            rows.append(some[row])
+            cells.append(cell)
+        return np.concatenate(rows), np.concatenate(cells)
 
     @property
     @abstractmethod
@@ -277,10 +290,9 @@ class Rotations(ABC):
 
 
 @dataclass(frozen=True, slots=True)
-class OneRotation(Rotations):
+class OneRotation(Unturned, Rotations):
     """The one cell of a robot that only translates."""
 
-    names: ClassVar[tuple[str, ...]] = ()
     dof: ClassVar[int] = 0
     COORDINATES: ClassVar[tuple[str, ...]] = ()
 
@@ -343,7 +355,7 @@ class OneRotation(Rotations):
 
     def distances(self, q: Floats) -> Floats:
         """Zero."""
-        return np.zeros(1)
+        return np.zeros((*q.shape[:-1], 1))
 
     @property
     def neighbors(self) -> Ints:
@@ -356,7 +368,7 @@ class OneRotation(Rotations):
 
 
 @dataclass(frozen=True, slots=True)
-class YawRotations(Rotations):
+class YawRotations(Yaw, Rotations):
     """Cells of yaw, for SE(2) in the plane and R^3 x SO(2) in space; cell ``k`` is ``[borders[k], borders[k + 1]]``.
 
     Attributes
@@ -366,7 +378,6 @@ class YawRotations(Rotations):
     """
 
     borders: tuple[float, ...]
-    names: ClassVar[tuple[str, ...]] = ("yaw",)
     dof: ClassVar[int] = 1
     COORDINATES: ClassVar[tuple[str, ...]] = ("yaw", "yaw_bounds", "covering_angle")
 
@@ -522,7 +533,7 @@ class YawRotations(Rotations):
 
     def distances(self, q: Floats) -> Floats:
         """Along the shorter arc."""
-        return np.asarray(np.abs((self.representatives - q[-1] + np.pi) % TURN - np.pi))
+        return np.asarray(np.abs((self.representatives - q[..., -1:] + np.pi) % TURN - np.pi))
 
     @property
     def neighbors(self) -> Ints:
@@ -541,7 +552,7 @@ class YawRotations(Rotations):
 
 
 @dataclass(frozen=True, slots=True)
-class QuaternionRotations(Rotations):
+class QuaternionRotations(Quaternion, Rotations):
     """Cells of quaternions, for SE(3); :meth:`Rotations.quaternions` tells what they are.
 
     A cell is numbered ``((c * n + i) * n + j) * n + k`` by the component c that is largest and the parts i, j and k of
@@ -554,7 +565,6 @@ class QuaternionRotations(Rotations):
     """
 
     n: int
-    names: ClassVar[tuple[str, ...]] = COMPONENTS
     dof: ClassVar[int] = 4
     in_plane: ClassVar[bool] = False
     COORDINATES: ClassVar[tuple[str, ...]] = ("quaternion", "covering_angle")

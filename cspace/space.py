@@ -168,8 +168,13 @@ class CSpace:
 
     @property
     def dof(self) -> int:
-        """Numbers in a configuration: the position's, and those of the rotation of a robot that turns."""
-        return self.grid.dim + self.rotations.dof
+        """How many numbers a configuration has."""
+        return len(self.axes)
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Names of the numbers in a configuration: x and y, in space z, then yaw or qx, qy, qz and qw."""
+        return (*"xyz"[: self.grid.dim], *self.rotations.names)
 
     @property
     def state(self) -> NDArray[np.uint8]:
@@ -556,19 +561,19 @@ class CSpace:
     def free_path(self, q0: ArrayLike, q1: ArrayLike, *, straight: bool = True) -> Floats:
         """A collision-free path, proven all along, found by the map itself: from cube to cube of FREE cells.
 
-        There is one wherever :meth:`path_exists` is True for the two, and it is the same every time. It is not the
-        shortest. For robots that only translate.
+        There is one wherever FREE cells join the two without a turn, and so, for robots that only translate, wherever
+        :meth:`path_exists` is True. It is the same every time, and not the shortest.
 
         Parameters
         ----------
-        q0, q1 : array-like, shape (d,)
-            FREE configurations in the grid, metres.
+        q0, q1 : array-like, shape (dof,)
+            FREE configurations in the grid, of the same rotation.
         straight : bool
             Whether to leave out what the straight edges do not need.
 
         Returns
         -------
-        ndarray of float64, shape (n, d)
+        ndarray of float64, shape (n, dof)
             Waypoints, from q0 to q1, each edge between two proven free; of length 0 where chains of FREE cells do not
             join them, or one of them lies on the border of a cell that is not FREE.
 
@@ -577,18 +582,21 @@ class CSpace:
         ConfigurationError
             If a configuration is not FREE, or not in the grid.
         InputError
-            If the robot turns, or a configuration is not one of finite numbers.
+            If the two are turned differently, or a configuration is not one of finite numbers.
         """
         from cspace.map.free_path import cube_path, pulled_straight
 
-        if self.rotations.dof:
-            rule = "free_path is for robots that only translate"
-            raise InputError("the robot", "turns", rule, "use planners.plan")
         ends = [self._one_free(q, name) for q, name in ((q0, "q0"), (q1, "q1"))]
-        cells = cube_path(self._seen[0], *(self.grid.cell_of(q) for q in ends))
+        dim = self.grid.dim
+        if self.rotations.steps(*ends)[dim:].any():
+            rule = "the robot does not turn along such a path"
+            raise InputError("q1", f"is turned otherwise than {q0!r}", rule, "use a planner that turns it", value=q1)
+        (number, *first), (_, *last) = (self._cells_of(q) for q in ends)
+        cells = cube_path(self._seen[self._slice_of[number]], np.array(first), np.array(last))
         if not len(cells):
             return np.empty((0, self.dof))
-        path = np.vstack([ends[0], self.grid.center_of(cells), ends[1]])
+        path = np.repeat(ends[0][None], len(cells) + 2, axis=0)
+        path[1:-1, :dim], path[-1] = self.grid.center_of(cells), ends[1]
         if not self.certify_path(path).all():
             return np.empty((0, self.dof))
         return pulled_straight(path, self.edge_checker(), 2.0 * self.grid.spacing) if straight else path

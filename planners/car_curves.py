@@ -18,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 from ompl import base as ob
 
+from cspace.orientation import wrapped
 from cspace.space import CSpace
-from planners.states import Floats, wrapped
+from planners.states import Floats
 from planners.straight_edges import DENSE_TURN, Pieces, numbered
 
 CURVES: Final = ("dubins", "reeds-shepp")

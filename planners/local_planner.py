@@ -90,7 +90,9 @@ def local_planner(
     if space.axes != CAR_AXES:
         found = f"is {curve!r} and the map's configurations are ({', '.join(space.axes)})"
         rule = f"a car turns as it drives in the plane: ({', '.join(CAR_AXES)})"
-        raise InputError("curve", found, rule, "build a map of a plane with rotations=72, or leave curve out", value=curve)
+        raise InputError(
+            "curve", found, rule, "build a map of a plane with rotations=72, or leave curve out", value=curve
+        )
     if turning_radius is None:
         rule, mend = f"curve={curve!r} needs the radius of its tightest turn", "pass it in metres, e.g. 0.5"
         raise InputError("turning_radius", "is None", rule, mend)

@@ -57,11 +57,11 @@ def plan(
     the first plan, comes on top (which FREE cells are joined, distances, compiled functions) and is told apart, in
     :attr:`Plan.times`.
 
-    *Robots that turn.* On a map with rotations, the position goes straight along an edge, and the robot turns evenly and
-    the shorter way, as in OMPL's SE(2) and SE(3). With ``curve``, on a map of SE(2), edges are the shortest curves of a
-    car instead: Dubins' for one that drives forwards alone, Reeds and Shepp's for one that reverses too.
-    They are proven along the real curve. The start and the goal of the car are those of the robot's reference point,
-    which therefore belongs in the middle of the axle that does not steer.
+    *Robots that turn.* On a map with rotations, an edge is straight, and the robot turns evenly along it, the shorter
+    way, as in OMPL's SE(2) and SE(3). With ``curve``, on a map of SE(2), edges are the shortest curves of a car: Dubins'
+    for one that drives forwards alone, Reeds and Shepp's for one that reverses too. They are proven along the real
+    curve. The start and the goal of the car are those of the robot's reference point, which therefore belongs in the
+    middle of the axle that does not steer.
 
     Planners that go on improving their path (AORRTC, BITstar, InformedRRTstar, PRMstar, RRTstar, SORRTstar) use up the
     time limit.
@@ -77,15 +77,15 @@ def plan(
     ----------
     space : CSpace
     start, goal : array-like, shape (dof,)
-        Configurations ``(x, y)``, ``(x, y, yaw)``, ``(x, y, z)``, ``(x, y, z, yaw)`` or ``(x, y, z, qx, qy, qz, qw)``, in
-        metres; yaw in radians, wrapped.
+        Configurations, in metres: ``(x, y)``, ``(x, y, yaw)``, ``(x, y, z)``, ``(x, y, z, yaw)`` or
+        ``(x, y, z, qx, qy, qz, qw)``; yaw in radians, wrapped.
     planner : str, optional
         Name of a planner, in upper or lower case; :func:`planners.planner_names` lists them. RRTConnect, if left out,
         but RRT for Dubins curves: RRTConnect's tree at the goal grows by curves that leave the goal, where a car that
         cannot reverse needs those that arrive, so it often fails among obstacles. Planners that take edges from their
         ends are refused for Dubins curves. Or "Cubes", which is the map's own search, :meth:`cspace.CSpace.free_path`:
-        for robots that only translate, it finds a path in milliseconds wherever FREE cells join start and goal, and the
-        same one every time.
+        it moves the robot without turning it, finds a path in milliseconds wherever FREE cells join start and goal so,
+        and the same one every time.
     time_limit : float
         Seconds after which the search gives up. Where it uses them up, a tenth of a second more goes to simplification.
     iterations : int, optional
@@ -135,7 +135,7 @@ def plan(
     edges = local_planner(space, exact, curve, turning_radius)
     check_flag(simplify, "simplify")
     if name == CUBES:
-        _check_cubes(space, objective=objective, exact=exact, curve=curve, iterations=iterations)
+        _check_cubes(objective=objective, exact=exact, curve=curve, iterations=iterations)
     search = Search(
         planner=name,
         objective=_objective(space, objective, name, curve, turning_radius),
@@ -260,11 +260,8 @@ def _objective(
     return lambda si: kind(si, space, curve=curve, turning_radius=turning_radius)
 
 
-def _check_cubes(space: CSpace, **options: object) -> None:
+def _check_cubes(**options: object) -> None:
     """Refuse what the map's own search cannot do."""
-    if space.dof != space.grid.dim:
-        found, rule = f"is {CUBES!r} on a map with rotations", "it is for robots that only translate"
-        raise InputError("planner", found, rule, "use planner='RRTConnect'", value=CUBES)
     for name, value in options.items():
         if value not in (None, False, "length"):
             found = f"is {value!r} and planner is {CUBES!r}"

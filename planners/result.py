@@ -18,6 +18,7 @@ from cspace.io.output import replacing
 from cspace.rotations import YAW_SLACK
 from planners.local_planner import LocalPlanner
 from planners.states import Floats
+from planners.straight_edges import DENSE_TURN
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,13 +53,13 @@ class Plan:
     Attributes
     ----------
     path : ndarray of float64, shape (n, dof), read-only
-        Configurations from start to goal, in metres; shape (0, dof) where not solved. Of a robot that turns, they are
-        dense enough to drive and to draw: rows lie at most a cell and 5 degrees apart, on the edges between the
-        waypoints. Yaw is in radians, in [-pi, pi): it jumps by a turn where it passes pi.
+        Configurations from start to goal, in metres; shape (0, dof) where not solved. Where the robot turns on the way,
+        they are dense enough to drive and to draw: rows lie at most a cell and 5 degrees apart, on the edges between
+        the waypoints. Yaw is in radians, in [-pi, pi): it jumps by a turn where it passes pi.
     waypoints : ndarray of float64, shape (m, dof), read-only
         The configurations that edges join, which are rows of the path: all of them, where the robot does not turn.
     axes : tuple of str
-        Names of the columns of the path: x and y, with z in space, and with yaw where the robot turns.
+        Names of the columns of the path, those of :attr:`cspace.CSpace.axes`.
     direction : ndarray of int8, shape (n,), read-only, or None
         For curves, how the car gets to each row from the one before: 1 ahead, -1 in reverse; the first row has that of
         the second. None for straight edges.
@@ -76,7 +77,7 @@ class Plan:
         solved.
     clearance : float
         Lower bound, proven, of the distance in metres from any configuration on the path to the nearest one that is not
-        FREE; NaN where not solved. Of a robot that turns, the distance is that of its position, at the yaw it has
+        FREE; NaN where not solved. Of a robot that turns, the distance is that of its position, at the rotation it has
         there. Zero along a path through MIXED cells. See :func:`least_clearance`.
     path_exists : bool or None
         What the map proves of these ends: a path exists, none does, or None for undecided at this resolution. Of a car
@@ -145,8 +146,7 @@ class Plan:
     def to_csv(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
         """Write the path as CSV: a row of names, then a row for each configuration, in full precision.
 
-        The columns are x and y, and in space z, in metres; yaw in radians where the robot turns; and for curves
-        direction, 1 or -1.
+        The columns are the :attr:`axes`, metres and radians, and for curves direction, 1 or -1.
 
         Parameters
         ----------
@@ -192,10 +192,10 @@ class Plan:
 def least_clearance(edges: LocalPlanner, path: Floats) -> float:
     """Lower bound of the clearance all along a path.
 
-    Each edge is cut into pieces of at most half a cell. No point of a piece is further than half a piece from
-    its middle, and distance changes by no more than the way moved; so the clearance at the middle less half the piece
-    holds for the whole piece. Where yaw changes, a piece turns by less than the narrowest rotation cell is wide; so it
-    meets at most the two cells at the ends of its turn, and the smaller clearance counts.
+    Each edge is cut into pieces of at most half a cell and 5 degrees. No point of a piece is further than half a piece
+    from its middle, and distance changes by no more than the way moved; so the clearance at the middle less half the
+    piece holds for the whole piece, in each rotation cell that the robot can come to within half the piece's turn; the
+    smallest of them counts.
 
     Parameters
     ----------
@@ -212,16 +212,11 @@ def least_clearance(edges: LocalPlanner, path: Floats) -> float:
     space, dim = edges.space, edges.space.grid.dim
     if len(path) < 2:
         return float(space.clearance(path[0]))
-    turns = space.dof > dim
-    narrowest = float(space.rotations.volumes.min()) if turns else math.inf
-    pieces = edges.pieces(path, 0.5 * space.grid.spacing, 0.5 * narrowest)
-    if turns:
-        swing = np.zeros_like(pieces.middles)
-        swing[:, dim] = 0.5 * pieces.turns + 2.0 * YAW_SLACK
-        clearance = np.minimum(space.clearance(pieces.middles - swing), space.clearance(pieces.middles + swing))
-    else:
-        clearance = space.clearance(pieces.middles)
-    return max(0.0, float(np.min(clearance - 0.5 * pieces.lengths)))
+    pieces = edges.pieces(path, 0.5 * space.grid.spacing, DENSE_TURN)
+    rows, cells = space.rotations.cells_within(pieces.middles, 0.5 * pieces.turns + 2.0 * YAW_SLACK)
+    q = pieces.middles[rows]
+    q[:, dim:] = space.rotations.centers[cells]  # clearance is one of the rotation cell
+    return max(0.0, float(np.min(space.clearance(q) - 0.5 * pieces.lengths[rows])))
 
 
 def _plain(value: object) -> object:

@@ -21,7 +21,7 @@ MakeSampler = Callable[[ob.SpaceInformation], ob.ValidStateSampler]
 
 
 def state_space(space: CSpace, *, curve: str | None = None, turning_radius: float | None = None) -> ob.StateSpace:
-    """OMPL's state space of a map, R^2, R^3, SE(2), R^3 x SO(2) or SE(3): the closed box of its grid, and every rotation.
+    """OMPL's state space of a map, R^2, R^3, SE(2), R^3 x SO(2) or SE(3): the box of its grid, and every rotation.
 
     Parameters
     ----------

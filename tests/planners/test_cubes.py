@@ -47,6 +47,12 @@ def test_what_cubes_cannot_do(options, message):
         )
 
 
-def test_cubes_on_a_map_with_rotations():
-    with pytest.raises(InputError, match="with rotations"):
-        planners.plan(map_of(np.zeros((4, 3, 3)), 4, "blocked"), (0.1, 0.1, 0), (0.5, 0.5, 0), planner="Cubes")
+def test_cubes_moves_without_a_turn():
+    state = np.zeros((4, 3, 3), np.uint8)
+    state[1, 1] = MIXED
+    space = map_of(state, 4, "blocked", spacing=1.0)
+    for yaw in (0.1, 1.6):
+        plan = planners.plan(space, (0.5, 0.5, yaw), (2.5, 2.5, yaw), planner="Cubes", simplify=False)
+        assert plan.solved == plan.certified == (yaw == 0.1) and (plan.path[:, 2] == yaw).all()
+    with pytest.raises(InputError, match="turned otherwise"):
+        planners.plan(space, (0.5, 0.5, 0.0), (2.5, 2.5, 0.1), planner="Cubes")

@@ -1,0 +1,138 @@
+"""Arithmetic of rotations, in each way to tell them, against scipy's."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from cspace import InputError
+from cspace.orientation import Orientation, Quaternion, Unturned, Yaw, wrapped
+
+RNG = np.random.default_rng(5)
+SPACES = {
+    "R^2": (Unturned, 2),
+    "R^3": (Unturned, 3),
+    "SE(2)": (Yaw, 2),
+    "R^3 x SO(2)": (Yaw, 3),
+    "SE(3)": (Quaternion, 3),
+}
+EVERY = pytest.mark.parametrize("name", SPACES)
+
+
+def kind_of(name: str) -> Orientation:
+    kind, _ = SPACES[name]
+    return kind()
+
+
+def drawn(name: str, *shape: int) -> np.ndarray:
+    """Configurations, of rotations whose numbers are not canonical."""
+    kind, dim = SPACES[name]
+    q = RNG.normal(0.0, 4.0, (*shape, dim + len(kind.names)))
+    if kind is Quaternion:
+        q[..., 3:] /= np.linalg.norm(q[..., 3:], axis=-1, keepdims=True)
+    return q
+
+
+def turned(name: str, q: np.ndarray) -> Rotation:
+    """The rotations of configurations, as scipy has them."""
+    (kind, dim), flat = SPACES[name], q.reshape(-1, q.shape[-1])
+    if kind is Quaternion:
+        return Rotation.from_quat(flat[:, 3:])
+    yaw = flat[:, dim] if kind is Yaw else np.zeros(len(flat))
+    return Rotation.from_rotvec(yaw[:, None] * [0.0, 0.0, 1.0])
+
+
+@EVERY
+def test_matrices(name: str) -> None:
+    _, dim = SPACES[name]
+    q = drawn(name, 3, 5)
+    made = kind_of(name).matrices(q)
+    assert made.shape == (3, 5, dim, dim)
+    np.testing.assert_allclose(made.reshape(-1, dim, dim), turned(name, q).as_matrix()[:, :dim, :dim], atol=1e-13)
+
+
+@EVERY
+def test_a_step_leads_from_one_to_the_other_the_shorter_way(name: str) -> None:
+    kind, (_, dim) = kind_of(name), SPACES[name]
+    q0, q1 = drawn(name, 40), drawn(name, 40)
+    steps = kind.steps(q0, q1)
+    np.testing.assert_allclose(steps[:, :dim], q1[:, :dim] - q0[:, :dim])
+    angles = (turned(name, q0).inv() * turned(name, q1)).magnitude()
+    np.testing.assert_allclose(np.linalg.norm(steps[:, dim:], axis=1), angles, atol=1e-9)
+    for share in (0.0, 0.3, 1.0):
+        there = kind.moved(q0, share * steps)
+        np.testing.assert_allclose(there[:, :dim], q0[:, :dim] + share * (q1 - q0)[:, :dim], atol=1e-12)
+        # Evenly: a share of the angle from the one, and the rest of it from the other.
+        for end, part in ((q0, share), (q1, 1.0 - share)):
+            apart = (turned(name, end).inv() * turned(name, there)).magnitude()
+            np.testing.assert_allclose(apart, part * angles, atol=1e-7)
+    assert kind.steps(q0[:0], q1[:0]).shape == (0, steps.shape[1])
+
+
+def test_half_a_turn_and_none() -> None:
+    kind, still = Quaternion(), np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+    assert not kind.steps(still, -still).any() and not kind.steps(still, still).any()
+    half = kind.steps(still, np.array([0.0, 0.0, 0.0, 0.0, 0.6, 0.8, 0.0]))
+    np.testing.assert_allclose(np.abs(half), [0.0, 0.0, 0.0, 0.0, 0.6 * math.pi, 0.8 * math.pi])
+    tiny = kind.moved(still, np.array([0.0, 0.0, 0.0, 1e-12, 0.0, 0.0]))
+    np.testing.assert_allclose(kind.steps(still, tiny)[3], 1e-12)
+
+
+@EVERY
+def test_canonical_numbers_are_the_same_rotation_and_stay_as_they_are(name: str) -> None:
+    kind, (_, dim) = kind_of(name), SPACES[name]
+    q = drawn(name, 50)
+    made = kind.canonical(q * np.where(np.arange(q.shape[1]) < dim, 1.0, 1.0 + 4e-7 * (name == "SE(3)")))
+    assert np.array_equal(kind.canonical(made), made) and np.array_equal(made[:, :dim], q[:, :dim])
+    assert ((turned(name, q).inv() * turned(name, made)).magnitude() < 1e-9).all()
+    if name == "SE(3)":
+        np.testing.assert_allclose(np.linalg.norm(made[:, 3:], axis=1), 1.0, atol=4e-16)
+
+
+@EVERY
+def test_what_is_drawn_near_a_rotation_is_near_it(name: str) -> None:
+    kind, (_, dim) = kind_of(name), SPACES[name]
+    q, numbers = kind.canonical(drawn(name, 30)), iter(RNG.random(400).tolist())
+    near = np.array([[*row[:dim], *kind.near(row[dim:].tolist(), 0.4, numbers)] for row in q])
+    apart = np.linalg.norm(kind.steps(q, near)[:, dim:], axis=1)
+    assert (apart <= 0.4 + 1e-12).all() and (not kind.names or apart.max() > 0.2)
+    np.testing.assert_allclose(kind.canonical(near), near, atol=1e-15)
+
+
+def test_yaw_is_wrapped_and_left_alone_where_it_is_wrapped_already() -> None:
+    angles = np.concatenate([np.linspace(-20.0, 20.0, 997), [-math.pi, math.pi, np.nextafter(math.pi, 0.0)]])
+    found = wrapped(angles)
+    assert ((found >= -math.pi) & (found < math.pi)).all()
+    inside = (angles >= -math.pi) & (angles < math.pi)
+    assert np.array_equal(found[inside], angles[inside])
+    np.testing.assert_allclose(np.exp(1j * found), np.exp(1j * angles), atol=1e-12)
+
+
+def test_words() -> None:
+    assert Unturned().text(np.empty(0)) == ""
+    assert [Yaw().text(np.array([yaw])) for yaw in (-1e-9, -math.pi, 4.0)] == ["yaw 0°", "yaw 180°", "yaw -130.8°"]
+    about_z = [0.0, 0.0, math.sin(0.1), math.cos(0.1)]
+    assert (
+        Quaternion().text(np.array(about_z)) == Quaternion().text(-np.array(about_z)) == "turned 11.5° about (0, 0, 1)"
+    )
+    assert Quaternion().text(np.array([0.0, 0.0, 0.0, -1.0])) == "not turned"
+
+
+@pytest.mark.parametrize(
+    ("kind", "rotation", "words"),
+    [
+        (Unturned, 0.0, "does not turn"),
+        (Yaw, [1.0, 2.0], "told by yaw"),
+        (Yaw, 1e9, "yaw of 1e.09 rad.*wrap"),
+        (Yaw, math.nan, "rotation"),
+        (Quaternion, 0.3, "told by qx, qy, qz, qw"),
+        (Quaternion, [0.0, 0.0, 0.0, 1.00001], "norm 1.00001; it must be 1"),
+        (Quaternion, [0.0, 0.0, 0.0, 0.0], "norm 0"),
+    ],
+)
+def test_what_is_no_rotation_is_refused(kind: type[Orientation], rotation: object, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        kind().checked(rotation)
