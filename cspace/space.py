@@ -186,9 +186,12 @@ class CSpace:
         every = read_only(self._seen[self._slice_of]) if shared else self._seen
         return every.reshape(*self.rotations.leading(len(every)), *self.grid.shape)
 
-    def slice_at(self, rotation: ArrayLike = 0.0) -> NDArray[np.uint8]:
-        """State of each cell in the rotation cell of a yaw (radians) or quaternion, shape (nx, ny) or (nx, ny, nz)."""
-        part: States = self._seen[self._slice_of[self.rotations.cell_of(rotation)]]
+    def slice_at(self, rotation: ArrayLike = ()) -> NDArray[np.uint8]:
+        """State of each cell in the rotation cell of a rotation, shape (nx, ny) or (nx, ny, nz).
+
+        The rotation is told as in a configuration: by nothing, a yaw (radians) or a quaternion.
+        """
+        part: States = self._seen[self._slice_of[self.rotations.cells_of(self.rotations.checked(rotation))]]
         return part
 
     def count(self) -> tuple[int, int, int]:
@@ -813,16 +816,16 @@ class CSpace:
         with self._lock:  # of cells, and of what they were proven against, all is of one moment
             save(self, path, overwrite=overwrite)
 
-    def export(self, path: str | Path, *, overwrite: bool = False, yaw: float | None = None) -> None:
+    def export(self, path: str | Path, *, overwrite: bool = False, rotation: ArrayLike | None = None) -> None:
         """Write for other programs, by suffix; see :func:`cspace.io.writing.export`.
 
         ``.npz``; in the plane ``.yaml``, a ROS map; ``.vti`` for ParaView; in space ``.ply``, ``.obj`` and ``.stl``,
-        the border of the FREE cells. What holds one slice needs, of a robot that turns, its ``yaw``, in radians.
+        the border of the FREE cells. What holds one slice needs, of a robot that turns, its ``rotation``.
         """
         from cspace.io.writing import export
 
         with self._lock:
-            export(self, path, overwrite=overwrite, yaw=yaw)
+            export(self, path, overwrite=overwrite, rotation=rotation)
 
     def plot(self, **options: Unpack[PlotOptions]) -> Axes:
         """Draw the map; see :func:`cspace.plot.plot`, which takes the same. No window is opened."""

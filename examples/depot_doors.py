@@ -54,7 +54,7 @@ def main() -> None:
     name = options.output / "depot_doors.png"
     pictures = [
         save_plot(space, name, True, path=plan),
-        save_plot(space, name.with_name("depot_doors_slices.png"), True, path=plan, view="yaw_panels"),
+        save_plot(space, name.with_name("depot_doors_slices.png"), True, path=plan, view="panels"),
         animate(space, plan.path, name.with_suffix(".gif"), True),
     ]
     for file in pictures:

@@ -58,10 +58,10 @@ def plan(
     :attr:`Plan.times`.
 
     *Robots that turn.* On a map with rotations, an edge is straight, and the robot turns evenly along it, the shorter
-    way, as in OMPL's SE(2) and SE(3). With ``curve``, on a map of SE(2), edges are the shortest curves of a car: Dubins'
-    for one that drives forwards alone, Reeds and Shepp's for one that reverses too. They are proven along the real
-    curve. The start and the goal of the car are those of the robot's reference point, which therefore belongs in the
-    middle of the axle that does not steer.
+    way, as in OMPL's SE(2) and SE(3). With ``curve``, on a map of SE(2), edges are the shortest curves of a car:
+    Dubins' for one that drives forwards alone, Reeds and Shepp's for one that reverses too. They are proven along the
+    real curve. The start and the goal of the car are those of the robot's reference point, which therefore belongs in
+    the middle of the axle that does not steer.
 
     Planners that go on improving their path (AORRTC, BITstar, InformedRRTstar, PRMstar, RRTstar, SORRTstar) use up the
     time limit.

@@ -42,4 +42,4 @@ def class_of(space: CSpace, states: set[int], occupied: bool) -> str:
     best = min(states)
     if occupied:
         return "obstacle, free for the reference point" if best == FREE else "obstacle"
-    return "free at some yaws" if best == FREE and len(states) > 1 else NAMES[best]
+    return "free at some rotations" if best == FREE and len(states) > 1 else NAMES[best]

@@ -145,7 +145,7 @@ def check(space: CSpace, found: planners.Plan, start: Any, goal: Any) -> None:
         for end, row in ((start, rows[0]), (goal, rows[-1])):
             assert tuple(row[:dim]) == tuple(end[:dim])
             assert np.abs(turn_between(row[dim:], end[dim:])).max(initial=0.0) < 1e-12
-    assert found.axes == kind_of(space).axes
+    assert found.axes == space.axes
     assert (path[:, dim:] >= -math.pi).all() and (path[:, dim:] < math.pi).all()
     known = {tuple(row) for row in path.tolist()}
     assert all(tuple(row) in known for row in waypoints.tolist())

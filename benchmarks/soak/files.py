@@ -70,7 +70,7 @@ def families(folder: Path) -> dict[str, Path]:
 
     cells = np.eye(6, 5, dtype=bool)
     plane = cspace.build(Workspace.from_array(cells, 0.1), Robot.rectangle(0.2, 0.1), rotations=4)
-    plane.export(folder / "map.yaml", yaw=0.0)
+    plane.export(folder / "map.yaml", rotation=0.0)
     for name in ("saved.npz", "saved.zarr", "forged.npz", "forged.zarr"):
         plane.save(folder / name)
     for suffix in ("png", "bmp", "tif", "jpg"):

@@ -71,12 +71,9 @@ def axes_of_map(file: Path) -> tuple[str, ...]:
     from cspace.io.reading import open_map
 
     try:
-        metadata = _metadata(file)
-        dim, turns = len(metadata["shape"]), bool(metadata["rotations"])
+        return tuple(_metadata(file)["axes"].split())
     except Exception:  # Whatever is wrong with the map, those who open it tell of it better.
-        space = open_map(file)
-        dim, turns = space.grid.dim, space.dof > space.grid.dim
-    return ("x", "y", "z")[:dim] + (("yaw",) if turns else ())
+        return open_map(file).axes
 
 
 def read_path(file: Path, axes: Sequence[str]) -> list[list[float]]:
@@ -103,7 +100,7 @@ def read_path(file: Path, axes: Sequence[str]) -> list[list[float]]:
     try:
         names, rows = _table(file)
         points = [[float(value) for value in row] for row in rows]
-        if any(len(point) not in (2, 3, 4) or len(point) != len(points[0]) for point in points):
+        if any(len(point) != len(points[0]) for point in points):
             raise ValueError
     except OSError as error:
         rule = "a path is a CSV or JSON file"

@@ -22,6 +22,7 @@ from cspace.cli.options import (
     check_dimensions,
     given,
     read_robot,
+    rotation_cells,
     workspace_options,
 )
 from cspace.cli.report import show
@@ -172,7 +173,7 @@ def describe_box(corners: Any) -> dict[str, Any]:
 
 
 def survey(
-    path: Path, options: dict[str, Any], names: Options, robot: Robot | None = None, rotations: int | None = None
+    path: Path, options: dict[str, Any], names: Options, robot: Robot | None = None, rotations: str | None = None
 ) -> dict[str, Any]:
     """What there is to say about the file of a workspace; shapes are not turned into cells.
 
@@ -186,8 +187,8 @@ def survey(
         Of options, for what is said.
     robot : Robot, optional
         Told of as well, in cells.
-    rotations : int, optional
-        For a robot that turns: how many yaw cells the map is to have.
+    rotations : str, optional
+        For a robot that turns: the rotation cells that the map is to have.
 
     Raises
     ------
@@ -288,10 +289,8 @@ def _grid(cells: _Cells, read: Callable[..., Any], reader: Callable[..., Any]) -
 class _Cells:
     """The cells of a map to be: of its grid, and of its rotations where the robot turns."""
 
-    def __init__(self, names: Options, robot: Robot | None, rotations: int | None) -> None:
-        from cspace.rotations import Rotations
-
-        cells = Rotations.of(rotations)
+    def __init__(self, names: Options, robot: Robot | None, rotations: str | None) -> None:
+        cells = rotation_cells(rotations)
         self._names, self.slices = names, 1
         self._told: dict[str, Any] = {}
         if cells.dof:

@@ -20,12 +20,12 @@ from cspace.cli.options import (
     Spacing,
     TurningCells,
     UnknownCells,
-    angle,
-    check_axis,
     check_dimensions,
     configuration,
     given,
     read_robot,
+    rotation_cells,
+    rotation_of,
     workspace_options,
 )
 from cspace.cli.report import Clock, show
@@ -81,10 +81,9 @@ def make(
     from cspace import build
     from cspace.io.formats import dimension_of
     from cspace.io.writing import SAVES
-    from cspace.rotations import Rotations
     from cspace.workspace import Workspace, reader_of
 
-    Rotations.of(rotations)
+    cells = rotation_cells(rotations)
     output = Path(workspace.with_suffix(".zarr").name) if output is None else output
     check_outputs([output], SAVES, overwrite)
     options = workspace_options(spacing, unknown, bounds, solid, radius)
@@ -98,7 +97,7 @@ def make(
         space = build(
             obstacles,
             shape,
-            rotations=rotations,
+            rotations=cells,
             inner=inner,
             overlap=overlap,
             method=method,
@@ -124,18 +123,16 @@ def picture(
     robot_every: Annotated[
         float | None, typer.Option(metavar="METRES", help="Path between two drawn robots  [default: chosen].")
     ] = None,
-    yaw: Annotated[
+    rotation: Annotated[
         str | None,
         typer.Option(
-            metavar="ANGLE[,...]",
-            help="Show the slice at this yaw, e.g. 90deg, or a panel for each  [default: all yaws].",
+            metavar="YAW[,...]",
+            help="Show the slice at this rotation, e.g. 90deg or 0,0,0,1, or a panel for each  [default: all of them].",
         ),
     ] = None,
     view: Annotated[
-        Literal["plane", "sections", "3d", "yaw_panels"] | None,
-        typer.Option(
-            help="Of a map in space, sections or 3d; of one with rotations, yaw_panels too  [default: chosen]."
-        ),
+        Literal["plane", "sections", "3d", "panels"] | None,
+        typer.Option(help="Of a map in space, sections or 3d; of one with rotations, panels too  [default: chosen]."),
     ] = None,
     at: Annotated[
         str | None,
@@ -159,11 +156,10 @@ def picture(
     from cspace.plot.picture import view_of
 
     check_outputs([output], SUFFIXES, overwrite)
-    yaws = None if yaw is None else [angle(word, "--yaw") for word in yaw.split(",")]
     axes = axes_of_map(file)
     marks = {name: configuration(text, f"--{name}", axes) for name, text in given(start=start, goal=goal).items()}
     options = given(
-        yaw=yaws[0] if yaws and len(yaws) == 1 else yaws,
+        rotation=None if rotation is None else rotation_of(rotation, "--rotation", axes),
         at=None if at is None else configuration(at, "--at", ("x", "y", "z")),
         surface=surface,
         cut=cut,
@@ -190,8 +186,9 @@ def export(
             "the free space.",
         ),
     ],
-    yaw: Annotated[
-        str | None, typer.Option(metavar="ANGLE", help="Only the slice at this yaw, e.g. 90deg or 1.57.")
+    rotation: Annotated[
+        str | None,
+        typer.Option(metavar="YAW", help="Only the slice at this rotation, e.g. 90deg or 0,0,0,1."),
     ] = None,
     overwrite: Overwrite = False,
     as_json: Json = False,
@@ -201,12 +198,10 @@ def export(
     from cspace.io.writing import EXPORTS
 
     check_outputs([output], EXPORTS, overwrite)
-    turn = None if yaw is None else angle(yaw, "--yaw")
-    if turn is not None:
-        check_axis(axes_of_map(file), "yaw", "--yaw")
+    options = given(rotation=None if rotation is None else rotation_of(rotation, "--rotation", axes_of_map(file)))
     clock = Clock()
     with clock.step("read"):
         space = open_map(file)
     with clock.step("write"):
-        space.export(output, overwrite=overwrite, **given(yaw=turn))
+        space.export(output, overwrite=overwrite, **options)
     show({"output": str(output), **describe_map(space), "seconds": clock.seconds}, as_json)

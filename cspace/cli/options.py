@@ -14,6 +14,7 @@ from cspace.errors import InputError
 
 if TYPE_CHECKING:
     from cspace.robot import Robot
+    from cspace.rotations import Rotations
 
 
 Unknown = Literal["occupied", "free"]
@@ -26,13 +27,29 @@ Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace existing o
 # Typer looks at files before any command runs and tells of them in its own way; the library does it better.
 MapFile = Annotated[Path, typer.Argument(metavar="MAP", readable=False, help="A saved map: .zarr or .npz.")]
 
+_EXAMPLES = {
+    "x": "-1.5",
+    "y": "2",
+    "z": "0.5",
+    "yaw": "90deg",
+    "qx": "0",
+    "qy": "0",
+    "qz": "0",
+    "qw": "1",
+}
+"""Numbers of configurations, for messages."""
+
 Spacing = Annotated[
     float | None,
     typer.Option(metavar="METRES", help="Side of a cell, for files that do not say: images, polygons, meshes, points."),
 ]
 TurningCells = Annotated[
-    int | None,
-    typer.Option("--rotations", metavar="COUNT", help="For a robot that turns: how many yaw cells, e.g. 72."),
+    str | None,
+    typer.Option(
+        "--rotations",
+        metavar="COUNT",
+        help="For a robot that turns: how many cells of yaw, e.g. 72.",
+    ),
 ]
 UnknownCells = Annotated[
     Unknown | None,
@@ -112,6 +129,23 @@ def check_dimensions(path: Path, dim: int, robot: Robot) -> None:
         raise InputError("--robot", found, "they must agree", "take both in the plane or both in space")
 
 
+def rotation_cells(text: str | None) -> Rotations:
+    """The rotation cells that ``--rotations`` gives.
+
+    Raises
+    ------
+    InputError
+        If it is not a count.
+    """
+    from cspace.rotations import Rotations
+
+    if text is None:
+        return Rotations.of(None)
+    if not text.isdecimal():
+        raise InputError("--rotations", f"is {text!r}", "it must be a number of yaw cells", "write e.g. 72", value=text)
+    return Rotations.of(int(text))
+
+
 def configuration(text: str, option: str, axes: Sequence[str]) -> tuple[float, ...]:
     """The configuration that an option such as ``--start`` gives, in metres and radians.
 
@@ -121,18 +155,44 @@ def configuration(text: str, option: str, axes: Sequence[str]) -> tuple[float, .
         If the text is not as many numbers as the axes, with commas between them; the message says what is expected.
     """
     words = text.split(",")
-    example = ",".join({"x": "-1.5", "y": "2", "z": "0.5", "yaw": "90deg"}[axis] for axis in axes)
+    example = ",".join(_EXAMPLES[axis] for axis in axes)
     rule = f"the map's configurations are {','.join(axes)}, in metres" + ", yaw an angle" * ("yaw" in axes)
     try:
         if len(words) != len(axes):
             raise ValueError
-        return tuple(
-            angle(word, option) if axis == "yaw" else float(word) for axis, word in zip(axes, words, strict=True)
-        )
+        return _numbers(words, option, axes)
     except ValueError as error:
         if isinstance(error, InputError):
             raise
         raise InputError(option, f"is {text!r}", rule, f"write e.g. {option}={example}", value=text) from None
+
+
+def rotation_of(text: str, option: str, axes: Sequence[str]) -> Any:
+    """The rotation that an option such as ``--rotation`` gives, as numbers, or a list of several.
+
+    Raises
+    ------
+    InputError
+        If the map's configurations have none, or the text is not one or several of them.
+    """
+    names = [axis for axis in axes if axis not in ("x", "y", "z")]
+    words = text.split(",")
+    if not names:
+        rule = f"the map's configurations are {','.join(axes)}: the robot does not turn"
+        raise InputError(option, f"is {text!r}", rule, "leave it out, or build the map with --rotations 72", value=text)
+    try:
+        rows = [_numbers(words[k : k + len(names)], option, names) for k in range(0, len(words), len(names))]
+    except ValueError as error:
+        if isinstance(error, InputError):
+            raise
+        rule, example = f"it must be {','.join(names)}, or several of them", ",".join(_EXAMPLES[name] for name in names)
+        raise InputError(option, f"is {text!r}", rule, f"write e.g. {option}={example}", value=text) from None
+    return rows if len(rows) > 1 else rows[0]
+
+
+def _numbers(words: Sequence[str], option: str, axes: Sequence[str]) -> tuple[float, ...]:
+    """Numbers of a configuration, or some of them, from words."""
+    return tuple(angle(word, option) if axis == "yaw" else float(word) for axis, word in zip(axes, words, strict=True))
 
 
 def box(text: str, option: str) -> tuple[float, ...]:

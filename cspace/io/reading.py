@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from cspace.errors import FileError
 from cspace.grid import Grid
 from cspace.io.input import not_a_name, unreadable
 from cspace.io.npz import read_npz
-from cspace.io.record import STACKED, one_yaw, shapes_from, unusable
+from cspace.io.record import STACKED, shapes_from, unusable
 from cspace.io.store import read_parts, read_store
 from cspace.robot import Robot
 from cspace.rotations import Rotations
@@ -54,7 +54,7 @@ def open_map(path: str | os.PathLike[str]) -> CSpace:
         raise unusable(path, f"its parts make no map: {error}") from error
 
 
-def open_slice(path: str | os.PathLike[str], yaw: float = 0.0) -> NDArray[np.uint8]:
+def open_slice(path: str | os.PathLike[str], rotation: ArrayLike = ()) -> NDArray[np.uint8]:
     """Read the states of one yaw from a map that was saved.
 
     Of a Zarr folder, nothing but that slice is read, and only that is proven unchanged; an ``.npz`` file is read whole.
@@ -63,27 +63,26 @@ def open_slice(path: str | os.PathLike[str], yaw: float = 0.0) -> NDArray[np.uin
     ----------
     path : path-like
         A Zarr folder or an ``.npz`` file.
-    yaw : float
-        Radians, wrapped. Plays no part in the map of a robot that only translates, whose states are one slice.
+    rotation : array-like, shape (k,)
+        As a configuration tells it: a yaw in radians, a quaternion, or nothing for a robot that only translates.
 
     Returns
     -------
     ndarray of uint8, shape (nx, ny) or (nx, ny, nz)
-        FREE, MIXED or BLOCKED of each cell, proven for all yaw angles of the rotation cell that holds ``yaw``.
+        FREE, MIXED or BLOCKED of each cell, proven for all of the rotation cell that holds it.
 
     Raises
     ------
     InputError
-        If ``yaw`` is not one finite number that can be wrapped.
+        If it is not one rotation of the map.
     FileError
         As :func:`open_map`, of what is read.
     """
-    angle = one_yaw(yaw)
     if not _is_folder(path):
-        return open_map(path).slice_at(angle)
+        return open_map(path).slice_at(rotation)
     _, table = read_parts(path)
-    cell = int(Rotations.from_coordinates(table).cell_of(angle))
-    _, parts = read_parts(path, int(table["slice_of"][cell]))
+    rotations = Rotations.from_coordinates(table)
+    _, parts = read_parts(path, int(table["slice_of"][rotations.cells_of(rotations.checked(rotation))]))
     return parts["state"]
 
 

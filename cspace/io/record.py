@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace import __version__
-from cspace.errors import FileError, InputError
-from cspace.grid import finite
+from cspace.errors import FileError
 from cspace.rotations import QuaternionRotations, Rotations, YawRotations
 from cspace.shapes import Shape, shape_from_spec
 from cspace.states import BLOCKED, FIELDS, NAMES
@@ -60,6 +59,8 @@ class SavedMap(Protocol):
 
     @property
     def grid(self) -> Grid: ...
+    @property
+    def axes(self) -> tuple[str, ...]: ...
 
 
 class Stored(NamedTuple):
@@ -167,8 +168,8 @@ def metadata_of(space: SavedMap) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``lower`` and ``spacing`` in metres; ``rotations`` the number of rotation cells, 0 for a robot that only
-        translates; ``robot`` as JSON text for ``Robot.from_spec``.
+        ``lower`` and ``spacing`` in metres; ``axes`` the names of the numbers of a configuration; ``rotations`` the
+        number of rotation cells, 0 for a robot that only translates; ``robot`` as JSON text for ``Robot.from_spec``.
     """
     grid = space.grid
     return {
@@ -178,6 +179,7 @@ def metadata_of(space: SavedMap) -> dict[str, Any]:
         "lower": list(grid.lower),
         "spacing": grid.spacing,
         "shape": list(grid.shape),
+        "axes": " ".join(space.axes),
         "outside": space.outside,
         "margin": float(space.margin),
         "precision": space.precision,
@@ -338,22 +340,6 @@ def digest_of_array(array: NDArray[Any]) -> str:
     digest = hashlib.sha256(f"{portable.dtype.str}{array.shape}".encode())
     digest.update(portable.data)
     return digest.hexdigest()
-
-
-def one_yaw(yaw: float) -> float:
-    """``yaw`` where it is one finite number.
-
-    Raises
-    ------
-    InputError
-        If it is not.
-    """
-    angle = finite(yaw, "yaw")
-    if angle.ndim != 0:
-        raise InputError(
-            "yaw", f"has shape {angle.shape}", "there is one slice at a time", "pass one number, in radians"
-        )
-    return float(angle)
 
 
 def _text(metadata: Mapping[str, Any]) -> bytes:

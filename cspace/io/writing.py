@@ -7,11 +7,13 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from numpy.typing import ArrayLike
+
 from cspace.errors import InputError
 from cspace.io.border import WRITERS, write_border
 from cspace.io.input import not_a_name
 from cspace.io.npz import write_npz
-from cspace.io.record import STACKED, arrays_of, one_yaw
+from cspace.io.record import STACKED, arrays_of
 from cspace.io.rosmap import write_ros_map
 from cspace.io.store import write_store
 from cspace.io.vti import write_vti
@@ -85,7 +87,9 @@ def save(space: SavedMap, path: str | os.PathLike[str], overwrite: bool = False)
     SAVES[_suffix(path, SAVES)](space, path, overwrite)
 
 
-def export(space: SavedMap, path: str | os.PathLike[str], overwrite: bool = False, *, yaw: float | None = None) -> None:
+def export(
+    space: SavedMap, path: str | os.PathLike[str], overwrite: bool = False, *, rotation: ArrayLike | None = None
+) -> None:
     """Write a map for other software.
 
     Parameters
@@ -99,41 +103,39 @@ def export(space: SavedMap, path: str | os.PathLike[str], overwrite: bool = Fals
         (:func:`cspace.io.border.free_border`); STL in single precision.
     overwrite : bool
         Whether an existing output may be replaced.
-    yaw : float, optional
-        For the ``.yaml`` or ``.vti`` of a robot that turns, and needed there: the orientation to write, in radians.
-        What the map calls free is proven for all yaw angles of the rotation cell that holds it, and for no other.
+    rotation : array-like, shape (k,), optional
+        For what holds one slice of a robot that turns, and needed there: the rotation to write, as a configuration
+        tells it. What the map calls free is proven for all of the rotation cell that holds it, and for no other.
 
     Raises
     ------
     InputError
-        If the suffix is another one, the format cannot hold the map, or ``yaw`` is missing or has no place.
+        If the suffix is another one, the format cannot hold the map, or ``rotation`` is missing or has no place.
     FileError
         If the output exists and may not be replaced, or cannot be written.
     """
     suffix = _suffix(path, EXPORTS)
     if suffix in _SLICES:
-        _SLICES[suffix](space, _slice_number(space, path, yaw), path, overwrite)
+        _SLICES[suffix](space, _slice_number(space, path, rotation), path, overwrite)
         return
-    if yaw is not None:
-        raise InputError("yaw", f"is {yaw!r}", f"a {suffix or 'Zarr'} map holds every slice", "leave it out", value=yaw)
+    if rotation is not None:
+        rule = f"a {suffix or 'Zarr'} map holds every slice"
+        raise InputError("rotation", f"is {rotation!r}", rule, "leave it out", value=rotation)
     SAVES[suffix](space, path, overwrite)
 
 
-def _slice_number(space: SavedMap, path: str | os.PathLike[str], yaw: float | None) -> int:
+def _slice_number(space: SavedMap, path: str | os.PathLike[str], rotation: ArrayLike | None) -> int:
     """Number of the one slice of a map that is asked for."""
-    if not space.rotations.dof:
-        if yaw is not None:
-            rule = "the map of a robot that only translates has one slice"
-            raise InputError("yaw", f"is {yaw!r}", rule, "leave it out", value=yaw)
-        return 0
-    if yaw is None:
+    rotations = space.rotations
+    if rotation is None and rotations.count > 1:
         raise InputError(
-            "yaw",
+            "rotation",
             f"is missing for {Path(path)}",
-            f"such a file holds one orientation, and this map has {space.rotations.count} rotation cells",
-            "pass the yaw to write in radians, e.g. yaw=0.0",
+            f"such a file holds one slice, and this map has {rotations.count} rotation cells",
+            f"pass the one to write ({', '.join(rotations.names)}), e.g. rotation={rotations.centers[0].tolist()}",
         )
-    return int(space._slice_of[space.rotations.cell_of(one_yaw(yaw))])
+    given = rotations.centers[0] if rotation is None else rotations.checked(rotation)
+    return int(space._slice_of[rotations.cells_of(given)])
 
 
 def _suffix(path: str | os.PathLike[str], known: Iterable[str]) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -49,7 +48,7 @@ def animate(
     """Draw a robot that drives along a path into an animated GIF.
 
     One panel shows the robot among the obstacles; the other, on the same axes, its reference point in the slice of the
-    map at its yaw. The robot's speed is even, where a turn counts as the way of its farthest point.
+    map at its rotation. The robot's speed is even, where a turn counts as the way of its farthest point.
 
     Parameters
     ----------
@@ -88,7 +87,7 @@ def animate(
     if target.suffix.lower() != ".gif":
         mend = f"name it e.g. {target.with_suffix('.gif').name}"
         raise InputError(str(target), f"ends in {target.suffix!r}", "an animation's suffix is .gif", mend)
-    if space.grid.dim == 3:
+    if "z" in space.axes:
         mend = "use plot, which draws the robot along a path in space too"
         raise InputError("space", "is a map in space", "an animation shows the robot in the plane", mend)
     route = Route.of(space, path, None, None)
@@ -148,8 +147,7 @@ class _Stage:
         self._robot = PathPatch(artists.outline(self._figurine, first), **body)
         world.add_patch(self._robot)
         self._nose = PathPatch(artists.nose(self._figurine, first), facecolor=_DARK, linewidth=0.0, zorder=6.1)
-        if artists.heading_of(space) is not None:
-            world.add_patch(self._nose)
+        world.add_patch(self._nose)
         self._point = plane.plot([], [], marker="o", markersize=6.0, color=artists.ROBOT, mec="black", zorder=6)[0]
         heads: dict[str, Any] = {"loc": "left", "fontsize": 9}
         world.set_title("workspace", **heads)
@@ -177,19 +175,18 @@ class _Stage:
         self._nose.set_path(artists.nose(self._figurine, q))
         self._point.set_data(q[:1], q[1:2])
         rotations = self._space.rotations
-        if len(q) > 2 and rotations.dof:
-            self._head.set_text(f"C-obstacle at yaw {artists.degrees(math.radians(round(math.degrees(q[2]))))}")
-            cell = int(rotations.cell_of(q[2]))
-            if cell != self._cell:
-                self._cell = cell
-                self._image.set_classes(self._classes(q))
+        self._head.set_text(" at ".join(filter(None, ["C-obstacle", rotations.text(np.round(q[2:], 2))])))
+        cell = int(rotations.cells_of(q))
+        if cell != self._cell:
+            self._cell = cell
+            self._image.set_classes(self._classes(q))
         self._canvas.restore_region(self._still)
         for artist in self._moving:
             artist.draw(self._canvas.get_renderer())
         return np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
 
     def _classes(self, q: Floats) -> NDArray[np.uint8]:
-        return artists.classes_of(self._space, float(q[2]) if len(q) > 2 else None)
+        return artists.classes_of(self._space, q[2:])
 
 
 def _layer(artist: Artist) -> float:

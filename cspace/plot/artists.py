@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.errors import InputError
-from cspace.grid import Grid, finite
+from cspace.grid import Grid
 from cspace.plot.protocols import Floats, MapLike
-from cspace.plot.route import Figurine, Look, Route, placed
+from cspace.plot.route import Figurine, Look, Route
 from cspace.states import BLOCKED, FREE, MIXED
 
 if TYPE_CHECKING:
@@ -28,15 +27,15 @@ Classes = NDArray[np.uint8]
 # and Ito (2008), which the colour-blind tell apart, and their lightness differs, so that they part in grey print too.
 CLASSES: Final = (
     ("free", "#ffffff"),
-    ("free at some yaws", "#f3e79b"),
+    ("free at some rotations", "#f3e79b"),
     ("obstacle, free for the reference point", "#999999"),
     ("undecided (MIXED)", "#d55e00"),
     ("C-obstacle (BLOCKED)", "#a6d3ee"),
     ("obstacle", "#262626"),
 )
 OPEN, SOME, HOLLOW, UNDECIDED, COLLIDES, OBSTACLE = range(len(CLASSES))
-OVER_YAWS: Final = {OPEN: "free at every yaw", COLLIDES: "C-obstacle at every yaw"}
-"""What classes are called where all yaws are shown at once."""
+OVER_ALL: Final = {OPEN: "free at every rotation", COLLIDES: "C-obstacle at every rotation"}
+"""What classes are called where all rotations are shown at once."""
 
 PATH: Final = "#0072b2"
 ROBOT: Final = "#009e73"
@@ -51,14 +50,14 @@ THIN: Final = 12.0
 """The largest ratio of the sides that is drawn to scale; beyond it the short side is stretched, as the title says."""
 
 
-def classes_of(space: MapLike, yaw: float | None, layer: tuple[Any, ...] = ()) -> Classes:
+def classes_of(space: MapLike, rotation: Floats | None, layer: tuple[Any, ...] = ()) -> Classes:
     """Classes of the cells of the grid, or of a layer of them, which an index of the grid's arrays picks out.
 
-    At a yaw (radians), or over all yaws where none is given and the map turns.
+    At a rotation, shape (dof,), or over all of them where none is given.
     """
     occupied = space.workspace.outer[layer]
-    if space.dof == space.grid.dim or yaw is not None:
-        return classes_at(occupied, space.slice_at(0.0 if yaw is None else yaw)[layer])
+    if rotation is not None:
+        return classes_at(occupied, space.slice_at(rotation)[layer])
     states = space._map.states[(slice(None), *layer)]
     classes = classes_at(occupied, states.min(axis=0))
     classes[(classes == OPEN) & (states.max(axis=0) != FREE)] = SOME
@@ -73,29 +72,10 @@ def classes_at(occupied: NDArray[np.bool_], state: NDArray[np.uint8]) -> Classes
     return np.asarray(np.where(occupied, table[1][state], table[0][state]))
 
 
-def check_yaw(space: MapLike, yaw: Any) -> float | None:
-    """A yaw to show, as a float.
-
-    Raises
-    ------
-    InputError
-        If it is not one finite number.
-    """
-    if yaw is None:
-        return None
-    angle = finite(yaw, "yaw")
-    if angle.ndim:
-        rule, mend = "it must be one number, in radians", "use the view yaw_panels for several"
-        raise InputError("yaw", f"has shape {angle.shape}", rule, mend, value=yaw)
-    if space.rotations.dof:
-        space.rotations.cell_of(angle)  # raises where it is too large to be wrapped
-    return float(angle)
-
-
-def degrees(yaw: float) -> str:
-    """A yaw in degrees, wrapped to (-180, 180], with its unit."""
-    angle = round(180.0 - (180.0 - math.degrees(yaw)) % 360.0, 1)
-    return f"{angle + 0.0:g}°"  # no minus sign before zero
+def seen_from_above(grid: Grid, point: Any) -> tuple[Grid, tuple[Any, ...]]:
+    """The grid in the plane of a map as seen from above, and the index of the layer of cells at a point's height."""
+    layer = (slice(None), slice(None), *grid.cell_of(point)[2:].tolist())
+    return Grid(grid.lower[:2], grid.spacing, grid.shape[:2]), layer
 
 
 def draw_cells(ax: Axes, grid: Grid, classes: Classes) -> CellImage:
@@ -116,14 +96,17 @@ def draw_outside(ax: Axes) -> None:
     ax.patch.set(facecolor=ground, edgecolor=lines, hatch="////", linewidth=0.0)
 
 
-def cell_legend(classes: Sequence[Classes], yaws: bool, outside: bool) -> list[Any]:
-    """Legend entries of the classes that occur, at all ``yaws`` or one, obstacles first, and of what lies outside."""
+def cell_legend(classes: Sequence[Classes], several: bool, outside: bool) -> list[Any]:
+    """Legend entries of the classes that occur, obstacles first, and of what lies outside.
+
+    ``several`` says whether they are over several rotations.
+    """
     from matplotlib.patches import Patch
 
     present = sum(np.bincount(part.ravel(), minlength=len(CLASSES)) for part in classes)
     look: dict[str, Any] = {"edgecolor": "#555555", "linewidth": 0.6}
     entries = [
-        Patch(facecolor=color, label=OVER_YAWS.get(number, label) if yaws else label, **look)
+        Patch(facecolor=color, label=OVER_ALL.get(number, label) if several else label, **look)
         for number, (label, color) in reversed(list(enumerate(CLASSES)))
         if np.asarray(present)[number]
     ]
@@ -162,12 +145,9 @@ def draw_robots(ax: Axes, figurine: Figurine, at: Floats, pair: Sequence[int] = 
     robots = PathCollection([outline(figurine, q, pair) for q in at], linewidths=0.9, zorder=3, **style)
     robots.set_transform(ax.transData)
     ax.add_collection(robots, autolim=False)
-    if figurine.dim == 2 and at.shape[1] > 2:
-        noses = PathCollection(
-            [nose(figurine, q) for q in at], linewidths=0.0, zorder=3.1, facecolor=(0, 0.62, 0.45, 0.6)
-        )
-        noses.set_transform(ax.transData)
-        ax.add_collection(noses, autolim=False)
+    noses = PathCollection([nose(figurine, q) for q in at], linewidths=0.0, zorder=3.1, facecolor=(0, 0.62, 0.45, 0.6))
+    noses.set_transform(ax.transData)
+    ax.add_collection(noses, autolim=False)
     return [Patch(linewidth=0.9, label="robot", **style)]
 
 
@@ -179,10 +159,10 @@ def outline(figurine: Figurine, q: Floats, pair: Sequence[int] = (0, 1)) -> Any:
 
 
 def nose(figurine: Figurine, q: Floats) -> Any:
-    """The triangle at the front of a robot in the plane, as a matplotlib path in metres."""
+    """The triangle at the front of a robot that has one, as a matplotlib path in metres."""
     from matplotlib.path import Path
 
-    return Path(placed(figurine.nose, q), closed=True)
+    return Path.make_compound_path(*(Path(figurine.placed(ring, q), closed=True) for ring in figurine.nose))
 
 
 def draw_marks(
@@ -230,12 +210,12 @@ def _draw_heading(ax: Axes, place: list[list[float]], yaw: float, color: str, sc
 
 def heading_of(space: MapLike) -> int | None:
     """Which number of a configuration is a yaw; None where there is none."""
-    return space.grid.dim if space.dof > space.grid.dim else None
+    return space.axes.index("yaw") if "yaw" in space.axes else None
 
 
-def over_yaws(space: MapLike, look: Look) -> bool:
-    """Whether a picture shows all yaws at once."""
-    return heading_of(space) is not None and look.yaw is None
+def over_all(space: MapLike, look: Look) -> bool:
+    """Whether a picture shows several rotations at once."""
+    return space.rotations.count > 1 and look.rotation is None
 
 
 def reaches_out(space: MapLike, box: Floats) -> bool:
@@ -257,16 +237,15 @@ def title(space: MapLike, stretch: Floats, words: str | None, about: str = "") -
     return f"{words}\n({', '.join(notes)})".strip() if notes else words
 
 
-def about_yaw(space: MapLike, yaw: float | None) -> str:
+def about(space: MapLike, rotation: Floats | None) -> str:
     """What is shown of a map with rotations: one rotation cell, or all of them."""
-    rotations = space.rotations
-    if not rotations.dof:
+    rotations, angles = space.rotations, np.degrees(2.0 * space.rotations.covering_angles)
+    if rotation is not None:
+        return f"{rotations.text(rotation)}, in a rotation cell of {angles[rotations.cell_of(rotation)].item():.3g}°"
+    if rotations.count == 1:
         return ""
-    widths = np.degrees(2.0 * rotations.covering_angles)
-    if yaw is not None:
-        return f"yaw {degrees(yaw)}, in a rotation cell {widths[rotations.cell_of(yaw)]:.3g}° wide"
-    width = f"{widths.min():.3g}°" + ("" if np.ptp(widths) < 1e-6 else f" to {widths.max():.3g}°")
-    return f"over all yaws, {rotations.count} rotation cells of {width}"
+    width = f"{angles.min():.3g}°" + ("" if np.ptp(angles) < 1e-6 else f" to {angles.max():.3g}°")
+    return f"over all rotations, {rotations.count} rotation cells of {width}"
 
 
 def frame(ax: Axes, box: Floats, stretch: Floats, pair: Sequence[int] = (0, 1), *, labels: bool = True) -> None:

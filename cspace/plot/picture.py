@@ -13,11 +13,11 @@ from cspace.errors import InputError
 from cspace.grid import positive
 from cspace.io.output import replacing
 from cspace.plot import artists
+from cspace.plot.panels import draw_panels
 from cspace.plot.protocols import HasPath, MapLike
-from cspace.plot.route import Look, Route, axes_of
+from cspace.plot.route import Look, Route
 from cspace.plot.sections import draw_sections
 from cspace.plot.surface import draw_surface
-from cspace.plot.yaw_panels import draw_yaw_panels
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -28,10 +28,10 @@ SUFFIXES: Final = (".png", ".pdf", ".svg", ".jpg")
 """Kinds of picture that can be written."""
 
 VIEWS: Final = {
-    "plane": ("yaw", "ax"),
-    "sections": ("yaw", "at"),
-    "3d": ("yaw", "surface", "cut", "camera", "ax"),
-    "yaw_panels": ("yaw", "at"),
+    "plane": ("rotation", "ax"),
+    "sections": ("rotation", "at"),
+    "3d": ("rotation", "surface", "cut", "camera", "ax"),
+    "panels": ("rotation", "at"),
 }
 """Pictures that there are, and the options that go with some of them only."""
 
@@ -39,7 +39,7 @@ VIEWS: Final = {
 class PlotOptions(TypedDict, total=False):
     """What :func:`plot` takes beside the map."""
 
-    yaw: ArrayLike
+    rotation: ArrayLike
     path: ArrayLike | HasPath
     start: ArrayLike
     goal: ArrayLike
@@ -57,7 +57,7 @@ class PlotOptions(TypedDict, total=False):
 def plot(
     space: MapLike,
     *,
-    yaw: ArrayLike | None = None,
+    rotation: ArrayLike | None = None,
     path: ArrayLike | HasPath | None = None,
     start: ArrayLike | None = None,
     goal: ArrayLike | None = None,
@@ -81,15 +81,17 @@ def plot(
     the path is faint. Or it is drawn in three dimensions: faces of cells, joined in blocks where there are too many,
     cut open above the path. The path is dotted where something is in front of it.
 
-    A map with rotations may also be drawn as panels side by side, one for each of a few yaws.
+    A map with rotations may also be drawn as panels side by side, one for each of a few rotations, in space seen from
+    above.
 
     Parameters
     ----------
     space : CSpace
         The map.
-    yaw : float, or array-like, shape (n,), optional
-        For a map with rotations: show the slice at this yaw (radians), or a panel for each of several. By default all
-        yaws are shown at once: where the robot is free at every yaw, at some, and at none; panels show six of them.
+    rotation : array-like, shape (k,) or (n, k), optional
+        For a map with rotations: show the slice at this one, as a configuration tells it (a yaw in radians, or a
+        quaternion), or a panel for each of several. By default all are shown at once: where the robot is free at every
+        rotation, at some, and at none; panels show six of them.
     path : array-like, shape (n, dof), or Plan, optional
         Configurations to join by straight edges, in metres and radians; or anything whose ``path`` attribute holds
         them.
@@ -104,10 +106,10 @@ def plot(
     legend : bool
         Whether to add a legend, beside or below the axes, where it hides nothing.
     title : str, optional
-        By default the robot, the side of a cell and the yaw. Pass ``""`` for none.
-    view : {"plane", "sections", "3d", "yaw_panels"}, optional
-        Which picture; by default the only one that shows all yaws of a plane, and of space sections. Panels need a map
-        with rotations.
+        By default the robot, the side of a cell and the rotation. Pass ``""`` for none.
+    view : {"plane", "sections", "3d", "panels"}, optional
+        Which picture; by default the only one that shows all rotations of a plane, and of space sections. Panels need a
+        map with rotations.
     at : array-like, shape (3,), optional
         In space: the point, in the grid, that sections go through, and panels at its height. By default half the way
         along the path; without a path the start, the goal, or the middle of the grid.
@@ -131,13 +133,13 @@ def plot(
     Raises
     ------
     InputError
-        If the path or a configuration has the wrong shape or is not finite, ``robot_every`` is not above zero, a yaw
-        is given for a map without rotations, or an option for another kind of picture.
+        If the path or a configuration has the wrong shape or is not finite, ``robot_every`` is not above zero, a
+        rotation is given for a map without them, or an option for another kind of picture.
     """
-    look = Look(yaw, ax, at, surface, cut, camera, legend, title)
-    kind = view_of(axes_of(space), view, {name: getattr(look, name) for name in look._fields[:6]})
-    if kind != "yaw_panels":
-        look = look._replace(yaw=artists.check_yaw(space, yaw))
+    look = Look(rotation, ax, at, surface, cut, camera, legend, title)
+    kind = view_of(space.axes, view, {name: getattr(look, name) for name in look._fields[:6]})
+    if rotation is not None and kind != "panels":
+        look = look._replace(rotation=space.rotations.checked(rotation))
     return _DRAW[kind](space, Route.of(space, path, start, goal, robot_every), look)
 
 
@@ -150,18 +152,20 @@ def view_of(axes: Sequence[str], view: str | None, options: Mapping[str, Any]) -
         If there is none such of the map, or an option, where it is not None, goes with other ones.
     """
     views = ["sections", "3d"] if "z" in axes else ["plane"]
-    views += ["yaw_panels"] if "yaw" in axes else []
+    numbers = len(set(axes) - {"x", "y", "z"})  # of a rotation
+    views += ["panels"] if numbers else []
     if view is not None and view not in views:
         rule = f"the map's configurations are ({', '.join(axes)}), so it must be {' or '.join(views)}"
         raise InputError("view", f"is {view!r}", rule, "or leave it out", value=view)
-    several = "yaw" in axes and np.ndim(options.get("yaw", 0.0)) > 0
-    kind = view or ("yaw_panels" if several else views[0])
+    rotation = options.get("rotation")
+    if rotation is not None and not numbers:
+        found, rule = f"is {rotation!r}", "the map has no rotations, so the robot does not turn"
+        raise InputError("rotation", found, rule, "leave it out, or build the map with rotations", value=rotation)
+    several = rotation is not None and np.ndim(rotation) > (numbers > 1)
+    kind = view or ("panels" if several else views[0])
     for name, value in options.items():
         if value is None:
             continue
-        if name == "yaw" and "yaw" not in axes:
-            rule = "the map has no rotations, so the robot does not turn"
-            raise InputError(name, f"is {value!r}", rule, "leave it out, or build the map with rotations", value=value)
         if name not in VIEWS[kind]:
             others = " or ".join(other for other, names in VIEWS.items() if name in names)
             rule = f"it goes with the view {others}, and this one is {kind}"
@@ -237,12 +241,12 @@ def _draw_plane(space: MapLike, route: Route, look: Look) -> Axes:
     tall = size[0] < size[1]
     room = (2.9, 0.9) if tall else (0.9, 1.5)
     ax: Axes = look.ax or artists.new_figure(max(size[0] + room[0], 4.2), size[1] + room[1]).add_subplot()
-    classes = artists.classes_of(space, look.yaw)
+    classes = artists.classes_of(space, look.rotation)
     artists.draw_cells(ax, space.grid, classes)
-    handles = artists.cell_legend([classes], artists.over_yaws(space, look), artists.reaches_out(space, box))
+    handles = artists.cell_legend([classes], artists.over_all(space, look), artists.reaches_out(space, box))
     handles += artists.draw_route(ax, space, route)
     artists.frame(ax, box, stretch)
-    heading = artists.title(space, stretch, look.title, artists.about_yaw(space, look.yaw))
+    heading = artists.title(space, stretch, look.title, artists.about(space, look.rotation))
     artists.add_words(ax, look, heading, handles, tall=tall)
     return ax
 
@@ -251,5 +255,5 @@ _DRAW: Final[dict[str, Callable[[MapLike, Route, Look], Axes]]] = {
     "plane": _draw_plane,
     "sections": draw_sections,
     "3d": draw_surface,
-    "yaw_panels": draw_yaw_panels,
+    "panels": draw_panels,
 }

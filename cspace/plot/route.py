@@ -1,11 +1,10 @@
-"""The path that a picture shows, the configurations that it marks, and the robot along it, in metres and radians."""
+"""The path that a picture shows, the configurations that it marks, and the robot along it."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -13,8 +12,8 @@ from numpy.typing import NDArray
 
 from cspace.errors import InputError
 from cspace.grid import finite, positive
+from cspace.orientation import Orientation
 from cspace.plot.protocols import Floats, MapLike, RobotLike
-from cspace.rotations import TURN
 
 MANY: Final = 12
 """About how many robots are drawn along a path when the caller does not say."""
@@ -25,55 +24,85 @@ _FACES: Final = 2000
 class Figurine:
     """A robot as pictures show it: its outline in the plane, its triangles in space.
 
+    Parameters
+    ----------
+    robot : Robot
+    rotations : Orientation
+        How configurations tell its rotation.
+
     Attributes
     ----------
     points : ndarray of float64, shape (n, d)
         Corners, in the robot's frame.
+    rings : list of ndarray of float64, shape (n, 2)
+        Closed outlines of a robot in the plane.
+    nose : list of ndarray of float64, shape (4, 2)
+        A triangle at the front of a robot in the plane that turns: where it looks.
+    triangles : ndarray of float64, shape (n, 3, d)
+        Those of a robot in space.
     reach : float
-        Distance of the farthest one from the reference point, metres.
+        Distance of the farthest corner from the reference point, metres.
     size : float
         Diagonal of the box around the robot and its reference point, metres.
     """
 
-    def __init__(self, robot: RobotLike) -> None:
-        self.dim = robot.dim
+    def __init__(self, robot: RobotLike, rotations: Orientation) -> None:
+        self.dim, self.rotations = robot.dim, rotations
+        self.rings: list[Floats] = []
+        self.nose: list[Floats] = []
+        self.triangles = np.empty((0, 3, robot.dim))
         if self.dim == 2:
             self.rings = rings(robot.shape.outline)
             self.points = np.concatenate(self.rings)
+            if rotations.names:
+                self.nose = [_front(self.points)]
         else:
-            vertices, faces = _simplified(*robot.shape.surface)
-            self.triangles: Floats = vertices[faces]
-            self.points = vertices
+            self.points, faces = _simplified(*robot.shape.surface)
+            self.triangles = self.points[faces]
         self.reach = float(np.linalg.norm(self.points, axis=1).max())
         whole = np.vstack([self.points, np.zeros(self.dim)])
         self.size = float(np.linalg.norm(np.ptp(whole, axis=0)))
 
-    @cached_property
-    def nose(self) -> Floats:
-        """A triangle at the front that tells which way a robot in the plane looks, shape (4, 2)."""
-        (left, bottom), (right, top) = self.points.min(axis=0), self.points.max(axis=0)
-        middle, half, back = (bottom + top) / 2, (top - bottom) / 5, right - 0.25 * (right - left)
-        return np.array([(right, middle), (back, middle + half), (back, middle - half), (right, middle)])
+    def placed(self, points: Floats, q: Floats) -> Floats:
+        """Points of the robot's frame, shape (..., d), where a configuration brings them."""
+        return np.asarray(points @ self.rotations.matrices(q).T + q[: self.dim])
 
     def extent(self, q: Floats) -> Floats:
         """Lower and upper corner of the robot and its reference point at a configuration, shape (2, d)."""
-        points = np.vstack([placed(self.points, q), q[: self.dim]])
+        points = np.vstack([self.placed(self.points, q), q[: self.dim]])
         return np.stack([points.min(axis=0), points.max(axis=0)])
 
     def outlines(self, q: Floats, pair: Sequence[int] = (0, 1)) -> list[Floats]:
         """Closed outlines at a configuration as seen in two axes, each of shape (n, 2)."""
-        if self.dim == 2:
-            return [placed(ring, q) for ring in self.rings]
+        if self.rings:
+            return [self.placed(ring, q) for ring in self.rings]
         import shapely
 
-        triangles = shapely.polygons(placed(self.triangles, q)[..., list(pair)])
+        triangles = shapely.polygons(self.placed(self.triangles, q)[..., list(pair)])
         return rings(shapely.union_all(triangles[shapely.area(triangles) > 0.0], grid_size=1e-9 * self.size))
+
+    def travelled(self, points: Floats) -> Floats:
+        """Way from the first to each configuration of a path, metres, shape (n,).
+
+        A turn counts as the way of the robot's farthest point.
+        """
+        steps = self.rotations.steps(points[:-1], points[1:])
+        turns = np.linalg.norm(steps[:, self.dim :], axis=1)
+        lengths = np.linalg.norm(steps[:, : self.dim], axis=1) + self.reach * turns
+        return np.concatenate([[0.0], np.cumsum(lengths)])
+
+    def along(self, points: Floats, shares: Floats) -> Floats:
+        """Configurations at shares, from 0 to 1, of the way along a path, shape (n, dof)."""
+        place = np.interp(shares * (way := self.travelled(points))[-1], way, np.arange(len(points)))
+        first = np.minimum(place.astype(np.int64), max(len(points) - 2, 0))
+        steps = self.rotations.steps(points[first], points[np.minimum(first + 1, len(points) - 1)])
+        return self.rotations.moved(points[first], (place - first)[:, np.newaxis] * steps)
 
 
 class Look(NamedTuple):
     """How a picture is drawn: options of :func:`cspace.plot.plot`."""
 
-    yaw: Any = None
+    rotation: Any = None
     ax: Any = None
     at: Any = None
     surface: str | None = None
@@ -114,7 +143,7 @@ class Route:
         """
         points = _polyline(space, path)
         marks = _marks(space, points, start, goal)
-        figurine = Figurine(space.robot)
+        figurine = Figurine(space.robot, space.rotations)
         return cls(
             points,
             marks,
@@ -131,18 +160,7 @@ class Route:
 
     def along(self, shares: Floats) -> Floats:
         """Configurations at shares, from 0 to 1, of the way along the path, shape (n, dof)."""
-        return along(self.points, shares, self.figurine)
-
-
-def placed(points: Floats, q: Floats) -> Floats:
-    """Points of the robot's frame, shape (..., d), where a configuration, position or position and yaw, brings them."""
-    dim = points.shape[-1]
-    if len(q) > dim:
-        turn = np.eye(dim)
-        cos, sin = math.cos(q[dim]), math.sin(q[dim])
-        turn[:2, :2] = [[cos, sin], [-sin, cos]]
-        points = points @ turn
-    return np.asarray(points + q[:dim])
+        return self.figurine.along(self.points, shares)
 
 
 def rings(geometry: Any) -> list[Floats]:
@@ -154,48 +172,18 @@ def rings(geometry: Any) -> list[Floats]:
     return [np.asarray(ring.coords)[:, :2] for part in parts for ring in (part.exterior, *part.interiors)]
 
 
-def travelled(points: Floats, figurine: Figurine) -> Floats:
-    """Way from the first to each configuration of a path, metres, shape (n,).
-
-    A turn counts as the way of the robot's farthest point.
-    """
-    steps = np.diff(points, axis=0)
-    lengths = np.linalg.norm(steps[:, : figurine.dim], axis=1)
-    if points.shape[1] > figurine.dim:
-        lengths += figurine.reach * np.abs(shorter(steps[:, figurine.dim]))
-    return np.concatenate([[0.0], np.cumsum(lengths)])
-
-
-def along(points: Floats, shares: Floats, figurine: Figurine) -> Floats:
-    """Configurations at shares, from 0 to 1, of the way along a path, shape (n, dof); yaw runs the shorter way."""
-    way, columns, dim = travelled(points, figurine), list(points.T), figurine.dim
-    if points.shape[1] > dim:
-        columns[dim] = points[0, dim] + np.concatenate([[0.0], np.cumsum(shorter(np.diff(points[:, dim])))])
-    return np.stack([np.interp(shares * way[-1], way, column) for column in columns], axis=-1)
-
-
-def shorter(angles: Floats) -> Floats:
-    """Turns as those of the shorter way round, from -pi to pi."""
-    return np.asarray((angles + math.pi) % TURN - math.pi)
-
-
-def axes_of(space: MapLike) -> tuple[str, ...]:
-    """Names of the numbers of a configuration."""
-    return ("x", "y", "z")[: space.grid.dim] + (("yaw",) if space.dof > space.grid.dim else ())
-
-
 def _polyline(space: MapLike, path: Any) -> Floats:
     """A path, or that of a plan, as an array, shape (n, dof)."""
     values = getattr(path, "path", path)
     points = np.empty(0) if values is None else finite(values, "path")
     if points.shape == (0,):
-        return np.empty((0, space.dof))
-    if points.ndim != 2 or points.shape[1] != space.dof:
+        return np.empty((0, len(space.axes)))
+    if points.ndim != 2 or points.shape[1] != len(space.axes):
         raise InputError(
             "path",
             f"has shape {points.shape}",
-            f"it must be (n, {space.dof})",
-            f"pass one configuration ({', '.join(axes_of(space))}) in a row",
+            f"it must be (n, {len(space.axes)})",
+            f"pass one configuration ({', '.join(space.axes)}) in a row",
             value=path,
         )
     return points
@@ -207,12 +195,12 @@ def _marks(space: MapLike, points: Floats, start: Any, goal: Any) -> dict[str, F
     for name, given, end in (("start", start, 0), ("goal", goal, -1)):
         if given is not None:
             found[name] = finite(given, name)
-            if found[name].shape != (space.dof,):
+            if found[name].shape != (len(space.axes),):
                 raise InputError(
                     name,
                     f"has shape {found[name].shape}",
-                    f"it must be ({space.dof},)",
-                    f"pass one configuration ({', '.join(axes_of(space))})",
+                    f"it must be ({len(space.axes)},)",
+                    f"pass one configuration ({', '.join(space.axes)})",
                     value=given,
                 )
         elif len(points):
@@ -226,11 +214,18 @@ def _stations(points: Floats, every: float | None, figurine: Figurine) -> Floats
         every = positive(every, "robot_every")
     if len(points) < 2 or every == math.inf:
         return points[:0]
-    length = float(travelled(points, figurine)[-1])
+    length = float(figurine.travelled(points)[-1])
     if every is None:
         every = max(length / MANY, 0.75 * figurine.size)
     count = math.ceil(length / every)
-    return along(points, np.arange(1, count) / max(count, 1), figurine)
+    return figurine.along(points, np.arange(1, count) / max(count, 1))
+
+
+def _front(points: Floats) -> Floats:
+    """A triangle at the front of a robot in the plane, shape (4, 2)."""
+    (left, bottom), (right, top) = points.min(axis=0), points.max(axis=0)
+    middle, half, back = (bottom + top) / 2, (top - bottom) / 5, right - 0.25 * (right - left)
+    return np.array([(right, middle), (back, middle + half), (back, middle - half), (right, middle)])
 
 
 def _simplified(vertices: Floats, faces: NDArray[np.int64]) -> tuple[Floats, NDArray[np.int64]]:

@@ -32,17 +32,17 @@ def draw_sections(space: MapLike, route: Route, look: Look) -> Axes:
     shown: list[artists.Classes] = []
     entries: dict[str, Any] = {}
     for across, (ax, pair) in panels.items():
-        shown.append(_draw_layer(ax, pair, across, space, look.yaw, point))
+        shown.append(_draw_layer(ax, pair, across, space, look.rotation, point))
         for entry in _draw_route(ax, pair, across, space, route, float(point[across])):
             entries.setdefault(entry.get_label(), entry)
-    handles = artists.cell_legend(shown, artists.over_yaws(space, look), artists.reaches_out(space, box))
-    heading = artists.title(space, stretch, look.title, artists.about_yaw(space, look.yaw))
+    handles = artists.cell_legend(shown, artists.over_all(space, look), artists.reaches_out(space, box))
+    heading = artists.title(space, stretch, look.title, artists.about(space, look.rotation))
     artists.add_words(panels[2][0], look, heading, handles + list(entries.values()))
     return panels[2][0]
 
 
 def section_point(space: MapLike, at: Any, route: Route) -> Floats:
-    """The point, in the grid, that sections go through, shape (3,).
+    """The point, in the grid, that sections go through, shape (d,).
 
     Where the caller does not say: half the way along the path; without one, the start, the goal, or the middle.
 
@@ -54,12 +54,12 @@ def section_point(space: MapLike, at: Any, route: Route) -> Floats:
     grid = space.grid
     if at is None:
         middle = [route.along(np.array([0.5]))[0]] if len(route.points) else list(route.marks.values())
-        place = middle[0][:3] if middle else (np.add(grid.lower, grid.upper)) / 2
+        place = middle[0][: grid.dim] if middle else (np.add(grid.lower, grid.upper)) / 2
         return np.clip(place, grid.lower, grid.upper)
     point = finite(at, "at")
-    if point.shape != (3,):
-        rule = "it must be (3,)"
-        raise InputError("at", f"has shape {point.shape}", rule, "pass one point (x, y, z) in metres", value=at)
+    if point.shape != (grid.dim,):
+        mend = f"pass one point ({', '.join(space.axes[: grid.dim])}) in metres"
+        raise InputError("at", f"has shape {point.shape}", f"it must be ({grid.dim},)", mend, value=at)
     if not grid.contains(point):
         given, low, high = (f"({', '.join(f'{v:g}' for v in corner)})" for corner in (point, grid.lower, grid.upper))
         rule = f"it must lie in the grid, from {low} to {high}"
@@ -114,12 +114,12 @@ def _panels(box: Floats, stretch: Floats) -> dict[int, tuple[Axes, tuple[int, in
 
 
 def _draw_layer(
-    ax: Axes, pair: tuple[int, int], across: int, space: MapLike, yaw: float | None, point: Floats
+    ax: Axes, pair: tuple[int, int], across: int, space: MapLike, rotation: Floats | None, point: Floats
 ) -> artists.Classes:
     """Draw the layer of cells that a section runs through, and the traces of the other two; gives the classes."""
     grid = space.grid
     layer = int(grid.cell_of(point)[across])
-    classes = artists.classes_of(space, yaw, (*(slice(None),) * across, layer))
+    classes = artists.classes_of(space, rotation, (*(slice(None),) * across, layer))
     # What is left of the axes stands in the order of the coordinates; a panel may show it the other way round.
     cells = classes if pair[0] < pair[1] else classes.T
     artists.draw_cells(ax, Grid([grid.lower[axis] for axis in pair], grid.spacing, cells.shape), cells)
@@ -140,7 +140,7 @@ def _draw_route(ax: Axes, pair: tuple[int, int], across: int, space: MapLike, ro
     if len(route.points) > 1:
         look: dict[str, Any] = {"color": artists.PATH, "alpha": 0.45, "linewidth": 1.0, "zorder": 3.5}
         far = ax.plot(*route.points[:, pair].T, label="path, away from the section", **look)
-        low, high = place - _spread(space, route)[::-1, across]
+        low, high = place - _spread(route)[::-1, across]
         handles += artists.draw_path(ax, within(route.points, across, low, high)[:, pair]) + far
     extents = [route.figurine.extent(q)[:, across] for q in route.stations]
     reaching = [q for q, (low, high) in zip(route.stations, extents, strict=True) if low <= place <= high]
@@ -149,9 +149,7 @@ def _draw_route(ax: Axes, pair: tuple[int, int], across: int, space: MapLike, ro
     return handles + artists.draw_marks(ax, route.marks, pair=pair, heading=heading)
 
 
-def _spread(space: MapLike, route: Route) -> Floats:
-    """How far the robot reaches from its reference point along each axis, at any yaw, shape (2, 3)."""
-    spread = route.figurine.extent(np.zeros(3))
-    if space.dof > 3:
-        spread[:, :2] = [[-route.figurine.reach], [route.figurine.reach]]
-    return spread
+def _spread(route: Route) -> Floats:
+    """How far the robot reaches from its reference point along each axis, anywhere on the path, shape (2, 3)."""
+    reaches = [route.figurine.extent(q) - q[:3] for q in route.along(np.linspace(0.0, 1.0, 65))]
+    return np.stack([np.min(reaches, axis=0)[0], np.max(reaches, axis=0)[1]])

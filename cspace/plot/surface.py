@@ -12,7 +12,7 @@ from cspace.errors import InputError
 from cspace.grid import Grid, finite
 from cspace.plot import artists
 from cspace.plot.protocols import Floats, MapLike
-from cspace.plot.route import Look, Route, placed, travelled
+from cspace.plot.route import Look, Route
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -57,7 +57,7 @@ def draw_surface(space: MapLike, route: Route, look: Look) -> Axes:
     stretch = artists.stretches(box, _THIN)
     towards = _direction(angles) / stretch
     top = _top(space, route, look.cut)
-    faces = border_faces(space.grid, _solid(space, surface, look.yaw), towards, top)
+    faces = border_faces(space.grid, _solid(space, surface, look.rotation), towards, top)
     polygons, colors = [faces.corners], [_shaded(faces, SURFACES[surface][1], box)]
     handles = [_patch(*SURFACES[surface])] if len(faces.corners) else []
     if surface == "obstacles" and len(route.stations):
@@ -78,7 +78,7 @@ def draw_surface(space: MapLike, route: Route, look: Look) -> Axes:
     _frame(ax, box, stretch, angles)
     if look.ax is None:
         _fit(ax, box, stretch, angles)
-    about = [f"cut at z = {top:.4g} m"] * (top < space.grid.upper[2]) + [artists.about_yaw(space, look.yaw)]
+    about = [f"cut at z = {top:.4g} m"] * (top < space.grid.upper[2]) + [artists.about(space, look.rotation)]
     artists.add_words(ax, look, artists.title(space, stretch, look.title, ", ".join(filter(None, about))), handles)
     axes: Axes = ax
     return axes
@@ -147,11 +147,11 @@ def _seen(solid: NDArray[np.bool_], axis: int, towards: float) -> NDArray[np.boo
     return solid & ~ahead
 
 
-def _solid(space: MapLike, surface: str, yaw: float | None) -> NDArray[np.bool_]:
+def _solid(space: MapLike, surface: str, rotation: Floats | None) -> NDArray[np.bool_]:
     """The cells whose border is drawn."""
     if surface == "obstacles":
         return space.workspace.outer
-    return np.asarray(artists.classes_of(space, yaw) >= artists.UNDECIDED)
+    return np.asarray(artists.classes_of(space, rotation) >= artists.UNDECIDED)
 
 
 def _top(space: MapLike, route: Route, cut: float | None) -> float:
@@ -201,7 +201,7 @@ def _triangles(route: Route) -> Floats:
         ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
         parts = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
         triangles = np.concatenate([np.stack(part, axis=1) for part in parts])
-    corners = np.concatenate([placed(triangles, q) for q in route.stations])
+    corners = np.concatenate([route.figurine.placed(triangles, q) for q in route.stations])
     return np.concatenate([corners, corners[:, 2:]], axis=1)
 
 
@@ -216,7 +216,7 @@ def _lit(polygons: Floats, towards: Floats) -> Floats:
 
 def _ribbon(route: Route, towards: Floats, half: float) -> Floats:
     """The path as short strips that face the camera, shape (n, 4, 3)."""
-    way = travelled(route.points, route.figurine)
+    way = route.figurine.travelled(route.points)
     points = route.along(np.union1d(np.linspace(0.0, 1.0, 400), way / max(way[-1], np.finfo(float).tiny)))[:, :3]
     steps = np.diff(points, axis=0)
     aside = np.cross(steps, towards)

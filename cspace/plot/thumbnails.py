@@ -10,6 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from cspace.orientation import Unturned
 from cspace.plot import artists
 from cspace.plot.protocols import Floats
 from cspace.plot.route import Figurine
@@ -65,21 +66,18 @@ def as_html(subject: Any, lines: Iterable[str]) -> str:
 
 def _cells(subject: Any) -> tuple[Floats, Any]:
     """Box and painter of the cells of a map or a workspace."""
-    from cspace.grid import Grid
-
     grid = subject.grid
-    layer = () if grid.dim == 2 else (..., grid.shape[2] // 2)
+    plane, layer = artists.seen_from_above(grid, np.add(grid.lower, grid.upper) / 2)
     if hasattr(subject, "outer"):
         classes = np.where(subject.outer[layer], np.uint8(artists.OBSTACLE), np.uint8(artists.OPEN))
     else:
         classes = artists.classes_of(subject, None, layer)
-    plane = Grid(grid.lower[:2], grid.spacing, grid.shape[:2])
     return np.array([plane.lower, plane.upper]), lambda ax: artists.draw_cells(ax, plane, classes)
 
 
 def _robot(robot: Any) -> tuple[Floats, Any]:
     """Box and painter of a robot's outline, with its reference point."""
-    figurine, origin = Figurine(robot), np.zeros((1, robot.dim))
+    figurine, origin = Figurine(robot, Unturned()), np.zeros((1, robot.dim))
 
     def draw(ax: Any) -> None:
         artists.draw_robots(ax, figurine, origin)

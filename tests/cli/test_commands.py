@@ -318,9 +318,9 @@ def test_options_go_to_the_picture(room: Path, monkeypatch: pytest.MonkeyPatch) 
         }
 
     assert told("plane.zarr") == {}
-    assert told("turning.npz", "--yaw", "90deg") == {"yaw": math.pi / 2}
-    assert told("turning.npz", "--yaw", "0,90deg") == {"yaw": [0.0, math.pi / 2]}
-    assert told("turning.npz", "--view", "yaw_panels") == {"view": "yaw_panels"}
+    assert told("turning.npz", "--rotation", "90deg") == {"rotation": (math.pi / 2,)}
+    assert told("turning.npz", "--rotation", "0,90deg") == {"rotation": [(0.0,), (math.pi / 2,)]}
+    assert told("turning.npz", "--view", "panels") == {"view": "panels"}
     assert told("turning.npz", "--start", "1,1,90deg", "--goal=1,1,0") == {
         "start": (1.0, 1.0, math.pi / 2),
         "goal": (1.0, 1.0, 0.0),
@@ -336,7 +336,7 @@ def test_export(room: Path) -> None:
     for file in ("out.vti", "free.stl", "free.ply", "free.obj", "copy.npz"):
         assert document("export", "space.zarr", file)["output"] == file
     np.testing.assert_array_equal(cspace.open("copy.npz").state, cspace.open("space.zarr").state)
-    document("export", "turning.npz", "slice.yaml", "--yaw", "90deg")
+    document("export", "turning.npz", "slice.yaml", "--rotation", "90deg")
     image = cspace.Workspace.from_ros_map("slice.yaml", unknown="occupied")
     np.testing.assert_array_equal(~image.outer, cspace.open("turning.npz").slice_at(math.pi / 2) == cspace.FREE)
 

@@ -94,9 +94,12 @@ BAD: dict[str, tuple[list[str], list[str]]] = {
     "path of four": ([*_PLOT, "--path", "four.json"], ["four.json", "x, y"]),
     "resolution": ([*_PLOT, "--dpi", "0"], ["--dpi is 0"]),
     "robots": ([*_PLOT, "--robot-every", "-1"], ["--robot-every is -1"]),
-    "yaw in degrees": (["plot", "turning.npz", "-o", "new.png", "--yaw", "0,90"], ["--yaw", "90deg"]),
-    "yaw without rotations": ([*_PLOT, "--yaw", "1"], ["--yaw is 1.0", "no rotations"]),
-    "panels without rotations": ([*_PLOT, "--view", "yaw_panels"], ["--view is 'yaw_panels'", "must be plane"]),
+    "yaw in degrees": (
+        ["plot", "turning.npz", "-o", "new.png", "--rotation", "0,90"],
+        ["--rotation has the yaw", "90deg"],
+    ),
+    "yaw without rotations": ([*_PLOT, "--rotation", "1"], ["--rotation is '1'", "does not turn"]),
+    "panels without rotations": ([*_PLOT, "--view", "panels"], ["--view is 'panels'", "must be plane"]),
     "view of the plane": ([*_PLOT, "--view", "3d"], ["--view is '3d'", "(x, y)"]),
     "point of the plane": (["plot", "turning.npz", "-o", "new.png", "--at", "1,1,1"], ["--at", "sections"]),
     "point beyond": (
@@ -111,7 +114,7 @@ BAD: dict[str, tuple[list[str], list[str]]] = {
     "export's image exists": (["export", "plane.zarr", "old.yaml"], ["old.pgm: exists", "--overwrite"]),
     "export to the plane": (["export", "space.zarr", "new.yaml"], ["new.yaml", "plane"]),
     "export of the plane": (["export", "plane.zarr", "new.stl"], ["plane", ".vti"]),
-    "export at a yaw": (["export", "plane.zarr", "new.npz", "--yaw", "1"], ["--yaw", "needs yaw"]),
+    "export at a yaw": (["export", "plane.zarr", "new.npz", "--rotation", "1"], ["--rotation", "does not turn"]),
     # demo and info
     "demo into a file": (["demo", "--output", "notes.txt"], ["notes.txt", "folder"]),
     "demo below a file": (["demo", "--output", "notes.txt/demo"], ["notes.txt", "folder"]),

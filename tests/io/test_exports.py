@@ -165,8 +165,8 @@ def test_what_has_no_border_is_refused(tmp_path: Path, ball: cspace.CSpace, monk
         full.export(tmp_path / "free.stl")
     with pytest.raises(InputError, match="only in space"):
         SPACES["plane"]().export(tmp_path / "free.ply")
-    with pytest.raises(InputError, match=r"yaw is 0.5; .*only translates.*leave it out"):
-        ball.export(tmp_path / "free.stl", yaw=0.5)
+    with pytest.raises(InputError, match="rotation has shape .*the robot does not turn"):
+        ball.export(tmp_path / "free.stl", rotation=0.5)
     monkeypatch.setattr("cspace.memory.free_bytes", lambda: 1000)
     with pytest.raises(InputError, match=r"the border of the free space .* of memory; at most"):
         ball.export(tmp_path / "free.stl")
@@ -225,9 +225,11 @@ def test_a_map_of_every_kind_in_vtk_is_the_slice_at_a_yaw(tmp_path: Path, make: 
     space = make()
     yaw = None if not space.rotations.dof else 4.0
     if yaw is not None:
-        with pytest.raises(InputError, match=r"yaw is missing for .*map.vti; .* rotation cells; pass .*yaw=0.0"):
+        with pytest.raises(
+            InputError, match=r"rotation is missing for .*map.vti; .* rotation cells; pass .*rotation=\["
+        ):
             space.export(tmp_path / "map.vti")
-    space.export(tmp_path / "map.vti", yaw=yaw)
+    space.export(tmp_path / "map.vti", rotation=yaw)
     image, found = read(tmp_path / "map.vti")
     expected = space.to_xarray()
     if yaw is not None:
@@ -260,12 +262,12 @@ def test_arrays_that_are_not_over_the_grid_are_refused(tmp_path: Path, array: np
 def test_a_ros_map_is_the_slice_at_a_yaw(tmp_path: Path, name: str, suffix: str) -> None:
     space = SPACES[name]()
     yaw = None if not space.rotations.dof else 1.0
-    space.export(tmp_path / f"map{suffix}", yaw=yaw)
+    space.export(tmp_path / f"map{suffix}", rotation=yaw)
     for unknown, expected in (("occupied", cspace.FREE), ("free", cspace.MIXED)):
         workspace = cspace.Workspace.from_ros_map(tmp_path / f"map{suffix}", unknown=unknown)
-        np.testing.assert_array_equal(workspace.outer, space.slice_at(yaw or 0.0) > expected)
+        np.testing.assert_array_equal(workspace.outer, space.slice_at(yaw or ()) > expected)
     if yaw is not None:
-        with pytest.raises(InputError, match="yaw is missing"):
+        with pytest.raises(InputError, match="rotation is missing"):
             space.export(tmp_path / f"other{suffix}")
 
 
@@ -274,7 +276,7 @@ def test_a_ros_map_is_plane_and_a_whole_map_takes_no_yaw(tmp_path: Path, ball: c
         ball.export(tmp_path / "map.yaml")
     for suffix in (".npz", ".zarr"):
         with pytest.raises(InputError, match="holds every slice"):
-            SPACES["turning"]().export(tmp_path / f"map{suffix}", yaw=1.0)
+            SPACES["turning"]().export(tmp_path / f"map{suffix}", rotation=1.0)
 
 
 @pytest.mark.parametrize("suffix", [".vti", ".yaml", ".stl"])

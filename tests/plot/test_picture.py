@@ -51,7 +51,7 @@ def turning() -> CSpace:
 def test_every_pixel_shows_its_cell(space: CSpace, turning: CSpace, yaw: Any) -> None:
     """One slice, or, without a yaw, all of them: asked of the map configuration by configuration."""
     shown = space if yaw == "none" else turning
-    ax = plot(shown, yaw=None if yaw == "none" else yaw)
+    ax = plot(shown, rotation=None if yaw == "none" else yaw)
     image, seen = rendered(ax), set()
     yaws = [()] if yaw == "none" else [(yaw,)] if yaw is not None else [(q,) for q in turning.rotations.representatives]
     for cell in np.random.default_rng(2).integers(0, shown.grid.shape, (400, 2)):
@@ -70,10 +70,10 @@ def test_metres_and_names(space: CSpace) -> None:
 
 
 def test_the_title_tells_yaw_and_width(turning: CSpace) -> None:
-    assert "yaw 90°, in a rotation cell 15° wide" in heading(plot(turning, yaw=math.pi / 2))
-    assert "yaw -90°" in heading(plot(turning, yaw=1.5 * math.pi))
-    assert "over all yaws, 24 rotation cells of 15°" in heading(plot(turning))
-    assert heading(plot(turning, yaw=0.0, title="mine")) == "mine"
+    assert "yaw 90°, in a rotation cell of 15°" in heading(plot(turning, rotation=math.pi / 2))
+    assert "yaw -90°" in heading(plot(turning, rotation=1.5 * math.pi))
+    assert "over all rotations, 24 rotation cells of 15°" in heading(plot(turning))
+    assert heading(plot(turning, rotation=0.0, title="mine")) == "mine"
     borders = np.radians([0.0, 90.0, 100.0, 360.0])
     uneven = build(Workspace.from_array(np.eye(9, dtype=bool), 0.1), Robot.rectangle(0.2, 0.1), rotations=borders)
     assert "3 rotation cells of 10° to 260°" in heading(plot(uneven))
@@ -84,7 +84,13 @@ def test_the_legend_names_what_is_there(space: CSpace, turning: CSpace) -> None:
     assert labels(plot(space, path=[(1, 1), (1, 4), (7, 4)]))[4:] == ["path", "robot", "start", "goal"]
     assert labels(plot(space, legend=False)) == []
     assert labels(plot(turning)) == [
-        *("obstacle", "C-obstacle at every yaw", "undecided (MIXED)", "free at some yaws", "free at every yaw")
+        *(
+            "obstacle",
+            "C-obstacle at every rotation",
+            "undecided (MIXED)",
+            "free at some rotations",
+            "free at every rotation",
+        )
     ]
 
 
@@ -175,7 +181,7 @@ def test_robots_are_turned(turning: CSpace) -> None:
 @pytest.mark.parametrize("yaw", [0.0, 2.0, -2.5])
 def test_noses_and_arrows_show_the_yaw(turning: CSpace, yaw: float) -> None:
     ahead = np.array([math.cos(yaw), math.sin(yaw)])
-    ax = plot(turning, goal=(3.0, 3.0, yaw), yaw=0.0)
+    ax = plot(turning, goal=(3.0, 3.0, yaw), rotation=0.0)
     points = ax.collections[1].get_paths()[0].vertices - (3.0, 3.0)
     np.testing.assert_allclose(points[(points @ ahead).argmax()], 0.9 * ahead)
     assert (points @ ahead).min() > 0.4
@@ -274,10 +280,10 @@ def test_files(space: CSpace, tmp_path: Path, suffix: str) -> None:
         ({"robot_every": float("nan")}, "robot_every is nan"),
         ({"dpi": 0}, "dpi is 0"),
         ({"ax": None}, "ax is given"),
-        ({"yaw": 0.5}, "yaw is 0.5; the map has no rotations"),
+        ({"rotation": 0.5}, "rotation is 0.5; the map has no rotations"),
         ({"view": "3d"}, "view is '3d'"),
-        ({"view": "yaw_panels"}, "it must be plane"),
-        ({"at": (1, 1, 1)}, "at is given; it goes with the view sections or yaw_panels"),
+        ({"view": "panels"}, "it must be plane"),
+        ({"at": (1, 1, 1)}, "at is given; it goes with the view sections or panels"),
         ({"cut": 1.0}, "cut is given; it goes with the view 3d"),
         ({"file": "map.xyz"}, "suffix is one of .png, .pdf, .svg, .jpg; name it e.g. map.png"),
     ],
@@ -295,14 +301,13 @@ def test_bad_input(space: CSpace, tmp_path: Path, options: dict[str, Any], words
         ({"path": [(1.0, 2.0)]}, "path has shape (1, 2); it must be (n, 3)"),
         ({"start": (1.0, 2.0)}, "start has shape (2,); it must be (3,); pass one configuration (x, y, yaw)"),
         ({"goal": (1.0, 2.0, float("inf"))}, "goal[2] is inf"),
-        ({"yaw": float("nan")}, "yaw is nan"),
-        ({"yaw": [0.0, 1.0], "view": "plane"}, "yaw has shape (2,)"),
-        ({"yaw": 1e9}, "yaw is 1e+09"),
-        ({"yaw": "north"}, "yaw is 'north'"),
-        ({"yaw": []}, "yaw has shape (0,)"),
-        ({"yaw": [[0.0]]}, "yaw has shape (1, 1)"),
-        ({"yaw": np.zeros(65)}, "n from 1 to 64"),
-        ({"yaw": [0.0, float("nan")]}, "yaw[1] is nan"),
+        ({"rotation": float("nan")}, "rotation is nan"),
+        ({"rotation": [0.0, 1.0], "view": "plane"}, "rotation has shape (2,); a rotation is told by yaw"),
+        ({"rotation": 1e9}, "rotation has a yaw of 1e+09 rad"),
+        ({"rotation": "north"}, "rotation is 'north'"),
+        ({"rotation": []}, "rotation tells 0 rotations; from 1 to 64 panels can be shown"),
+        ({"rotation": np.zeros(65)}, "rotation tells 65 rotations"),
+        ({"rotation": [0.0, float("nan")]}, "rotation[1] is nan"),
     ],
 )
 def test_bad_input_of_a_robot_that_turns(turning: CSpace, options: dict[str, Any], words: str) -> None:

@@ -213,7 +213,7 @@ def test_outside_the_grid_sections_say_nothing(space: CSpace) -> None:
         ({"at": (1.0, 2.0, 9.0)}, "at is (1, 2, 9); it must lie in the grid, from (0, 0, 0) to (6, 4, 2.4)"),
         ({"at": (1.0, float("nan"), 0.0)}, "at[1] is nan"),
         ({"view": "plane"}, "so it must be sections or 3d"),
-        ({"yaw": 0.0}, "the map has no rotations"),
+        ({"rotation": 0.0}, "the map has no rotations"),
         ({"camera": (1, 2)}, "it goes with the view 3d"),
     ],
 )
@@ -224,7 +224,7 @@ def test_bad_input(space: CSpace, options: dict[str, Any], words: str) -> None:
 
 
 def test_a_robot_that_turns_in_space() -> None:
-    """Sections show all yaws, or one; the robot is drawn turned, from above and from the side."""
+    """Sections show all rotations, or one; the robot is drawn turned, from above and from the side."""
     workspace = Workspace.from_array(np.zeros((12, 10, 8), bool), 0.5)
     states = np.random.default_rng(0).integers(0, 3, (4, 12, 10, 8)).astype(np.uint8)
     robot = Robot.box((1.6, 0.4, 0.8), center=(0.2, 0.0, 0.0))
@@ -232,7 +232,7 @@ def test_a_robot_that_turns_in_space() -> None:
     space = CSpace(workspace, robot, states, rotations=Rotations.of(4), **known)
     at = (3.1, 2.6, 1.8)
     for yaw, slices in ((None, slice(None)), (np.pi / 2, slice(1, 2))):
-        ax = plot(space, at=at, yaw=yaw)
+        ax = plot(space, at=at, rotation=yaw)
         image = rendered(ax)
         for i, j in np.ndindex(12, 10):
             if i == 6 or j == 5:
@@ -243,4 +243,4 @@ def test_a_robot_that_turns_in_space() -> None:
     ax = plot(space, start=(3.0, 2.0, 1.8, np.pi / 2), at=at)
     spans = [panel.collections[0].get_paths()[0].get_extents() for panel in ax.figure.axes]
     np.testing.assert_allclose([(box.width, box.height) for box in spans[:2]], [(0.4, 1.6), (0.4, 0.8)], atol=1e-6)
-    assert "over all yaws" in heading(ax)
+    assert "over all rotations" in heading(ax)

@@ -194,7 +194,7 @@ def test_axes_of_the_caller_and_nothing_to_draw(space: CSpace) -> None:
         ({"camera": 30.0}, "the elevation from -90 to 90"),
         ({"cut": 0.0}, "cut is 0.0; it must be one height in the grid, above 0 and up to 2.4"),
         ({"cut": 9.0}, "cut is 9.0"),
-        ({"at": (1, 1, 1)}, "at is given; it goes with the view sections or yaw_panels"),
+        ({"at": (1, 1, 1)}, "at is given; it goes with the view sections or panels"),
         ({"ax": Figure().add_subplot()}, "ax has two dimensions"),
     ],
 )

@@ -1,4 +1,4 @@
-"""Slices of a map with rotations, side by side: one panel for each yaw, shared axes, one legend."""
+"""Slices of a map with rotations, side by side: a panel for each of some rotations, shared axes, one legend."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from cspace.errors import InputError
-from cspace.grid import Grid, finite
+from cspace.grid import finite
 from cspace.plot import artists
 from cspace.plot.protocols import Floats, MapLike
 from cspace.plot.route import Look, Route
@@ -25,32 +25,33 @@ _MOST: Final = 64
 """Panels that a picture can hold."""
 
 
-def draw_yaw_panels(space: MapLike, route: Route, look: Look) -> Axes:
+def draw_panels(space: MapLike, route: Route, look: Look) -> Axes:
     """Draw panels; as :func:`cspace.plot.plot` tells. Gives the axes of the first."""
-    angles = _distinct(space) if look.yaw is None else np.atleast_1d(finite(look.yaw, "yaw"))
-    if angles.ndim != 1 or not 1 <= len(angles) <= _MOST:
-        rule = f"it must be one number or (n,) with n from 1 to {_MOST}, in radians"
-        raise InputError("yaw", f"has shape {angles.shape}", rule, "pass a few yaws", value=look.yaw)
+    rotations = space.rotations
+    shown = _distinct(space)
+    if look.rotation is not None:
+        shown = finite(look.rotation, "rotation").reshape(-1, rotations.dof)
+    if not 1 <= len(shown) <= _MOST:
+        rule = f"from 1 to {_MOST} panels can be shown"
+        raise InputError("rotation", f"tells {len(shown)} rotations", rule, "pass a few", value=look.rotation)
     box = route.box(space, robots=False)
     stretch = artists.stretches(box)
-    about = artists.about_yaw(space, None).replace("over all yaws, ", "")
-    grid = space.grid
-    layer: tuple[Any, ...] = ()
-    if grid.dim == 3:
-        point = section_point(space, look.at, route)
-        grid, layer = Grid(grid.lower[:2], grid.spacing, grid.shape[:2]), (..., int(grid.cell_of(point)[2]))
-        about += f", z = {point[2]:.4g} m"
-    panels = _panels(len(angles), box)
-    shown: list[artists.Classes] = []
+    point = section_point(space, look.at, route)
+    grid, layer = artists.seen_from_above(space.grid, point)
+    about = artists.about(space, None).replace("over all rotations, ", "")
+    about = ", ".join([about, *(f"z = {height:.4g} m" for height in point[2:])])
+    panels = _panels(len(shown), box)
+    classes: list[artists.Classes] = []
     handles: list[Any] = []
-    for ax, angle in zip(panels.flat, angles.tolist(), strict=False):
-        shown.append(artists.classes_of(space, artists.check_yaw(space, angle), layer))
-        artists.draw_cells(ax, grid, shown[-1])
+    for ax, given in zip(panels.flat, shown, strict=False):
+        rotation = rotations.checked(given)
+        classes.append(artists.classes_of(space, rotation, layer))
+        artists.draw_cells(ax, grid, classes[-1])
         handles = artists.draw_route(ax, space, route, 0.6, robots=False)
         artists.frame(ax, box, stretch, labels=False)
-        ax.set_title(f"yaw {artists.degrees(angle)}", loc="left", fontsize=9)
+        ax.set_title(rotations.text(rotation), loc="left", fontsize=9)
         ax.tick_params(labelsize=8)
-    for ax in panels.flat[len(angles) :]:
+    for ax in panels.flat[len(shown) :]:
         ax.remove()
     for column in panels.T:
         last = [ax for ax in column if ax.figure is not None][-1]
@@ -59,17 +60,16 @@ def draw_yaw_panels(space: MapLike, route: Route, look: Look) -> Axes:
     for ax in panels[:, 0]:
         ax.set_ylabel("y (m)", fontsize=9)
     first: Axes = panels.flat[0]
-    handles = artists.cell_legend(shown, False, artists.reaches_out(space, box)) + handles
+    handles = artists.cell_legend(classes, False, artists.reaches_out(space, box)) + handles
     artists.add_words(first, look, artists.title(space, stretch, look.title, about), handles)
     return first
 
 
-def _distinct(space: Any) -> Floats:
-    """Middle yaws of at most so many rotation cells whose slices differ, spread evenly, shape (n,)."""
+def _distinct(space: MapLike) -> Floats:
+    """Representatives of at most so many rotation cells whose slices differ, spread evenly, shape (n, dof)."""
     first = np.sort(np.unique(space._map.slice_of, return_index=True)[1])
     count = min(PANELS, len(first))
-    chosen: Floats = space.rotations.centers[first[np.arange(count) * len(first) // count], 0]
-    return chosen
+    return np.asarray(space.rotations.centers[first[np.arange(count) * len(first) // count]])
 
 
 def _panels(count: int, box: Floats) -> Any:

@@ -28,7 +28,7 @@ def yaws_of(ax: Any) -> list[str]:
 
 def test_each_panel_shows_its_slice(space: CSpace) -> None:
     yaws = [0.0, 0.7, math.pi / 2, -2.0]
-    first = plot(space, yaw=yaws)
+    first = plot(space, rotation=yaws)
     image, panels = rendered(first), first.figure.axes
     assert first is panels[0]
     assert (len(panels), len(first.figure.legends)) == (4, 1)
@@ -41,17 +41,17 @@ def test_each_panel_shows_its_slice(space: CSpace) -> None:
 
 
 def test_the_yaws_that_are_shown(space: CSpace) -> None:
-    assert yaws_of(plot(space, view="yaw_panels")) == [f"yaw {yaw}°" for yaw in (0, 60, 120, 180, -120, -60)]
-    assert yaws_of(plot(space, yaw=np.radians([10, 350]))) == ["yaw 10°", "yaw -10°"]
-    assert yaws_of(plot(space, yaw=0.0, view="yaw_panels")) == ["yaw 0°"]
+    assert yaws_of(plot(space, view="panels")) == [f"yaw {yaw}°" for yaw in (0, 60, 120, 180, -120, -60)]
+    assert yaws_of(plot(space, rotation=np.radians([10, 350]))) == ["yaw 10°", "yaw -10°"]
+    assert yaws_of(plot(space, rotation=0.0, view="panels")) == ["yaw 0°"]
     # Half of the slices of a rectangle around its middle differ, and one of a disc's.
     around = build(space.workspace, Robot.rectangle(1.0, 0.4), rotations=24)
-    assert yaws_of(plot(around, view="yaw_panels")) == [f"yaw {yaw}°" for yaw in (0, 30, 60, 90, 120, 150)]
-    assert len(yaws_of(plot(build(space.workspace, Robot.disc(0.3), rotations=24), view="yaw_panels"))) == 1
+    assert yaws_of(plot(around, view="panels")) == [f"yaw {yaw}°" for yaw in (0, 30, 60, 90, 120, 150)]
+    assert len(yaws_of(plot(build(space.workspace, Robot.disc(0.3), rotations=24), view="panels"))) == 1
 
 
 def test_path_and_marks_in_every_panel(space: CSpace) -> None:
-    first = plot(space, yaw=[0.0, 1.0], path=[(1, 1, 0), (2, 3, 1)])
+    first = plot(space, rotation=[0.0, 1.0], path=[(1, 1, 0), (2, 3, 1)])
     for ax in first.figure.axes:
         drawn = {line.get_label(): line.get_xydata().tolist() for line in ax.lines if line.get_label()[0] != "_"}
         assert drawn == {"path": [[1, 1], [2, 3]], "start": [[1, 1]], "goal": [[2, 3]]}
@@ -64,7 +64,7 @@ def test_path_and_marks_in_every_panel(space: CSpace) -> None:
 def test_any_number_of_panels_of_any_shape(count: int, shape: tuple[int, int]) -> None:
     workspace = Workspace.from_array(np.zeros(shape, bool), 0.1)
     space = build(workspace, Robot.rectangle(0.2, 0.1, center=(0.03, 0.0)), rotations=8, outside="free")
-    figure = plot(space, yaw=np.linspace(0, 6, count), view="yaw_panels").figure
+    figure = plot(space, rotation=np.linspace(0, 6, count), view="panels").figure
     assert len(figure.axes) == count
     assert max(figure.get_size_inches()) < 20
     if count < 8:
