@@ -638,13 +638,7 @@ class QuaternionRotations(Quaternion, Rotations):
 
     def turns(self, dim: int) -> list[Turn]:
         """Rotations about the origin of space."""
-        x, y, z, w = self.centers.T
-        rows = (
-            (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)),
-            (2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)),
-            (2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)),
-        )
-        matrices = np.moveaxis(np.array(rows), -1, 0)
+        matrices = self._matrices(self.centers, dim)
         return [Turn(matrix, a) for matrix, a in zip(matrices, self.covering_angles.tolist(), strict=True)]
 
     @property
@@ -689,7 +683,7 @@ class QuaternionRotations(Quaternion, Rotations):
 
     def distances(self, q: Floats) -> Floats:
         """The angle of the rotation from one to the other."""
-        return np.asarray(2.0 * np.arccos(np.minimum(np.abs(self.centers @ q[-4:]), 1.0)))
+        return np.asarray(2.0 * np.arccos(np.minimum(np.abs(q[..., -4:] @ self.centers.T), 1.0)))
 
     @property
     def neighbors(self) -> Ints:

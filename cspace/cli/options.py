@@ -48,7 +48,7 @@ TurningCells = Annotated[
     typer.Option(
         "--rotations",
         metavar="COUNT",
-        help="For a robot that turns: how many cells of yaw, e.g. 72.",
+        help="For a robot that turns: how many cells of yaw, e.g. 72; or quaternions:8, in space, for all rotations.",
     ),
 ]
 UnknownCells = Annotated[
@@ -135,15 +135,18 @@ def rotation_cells(text: str | None) -> Rotations:
     Raises
     ------
     InputError
-        If it is not a count.
+        If it is neither a count nor ``quaternions:`` and one.
     """
     from cspace.rotations import Rotations
 
     if text is None:
         return Rotations.of(None)
-    if not text.isdecimal():
-        raise InputError("--rotations", f"is {text!r}", "it must be a number of yaw cells", "write e.g. 72", value=text)
-    return Rotations.of(int(text))
+    kind, _, count = text.rpartition(":")
+    kinds = {"": Rotations.of, "quaternions": Rotations.quaternions}
+    if kind not in kinds or not count.isdecimal():
+        rule = "it must be a number of yaw cells, or quaternions: and a number"
+        raise InputError("--rotations", f"is {text!r}", rule, "write e.g. 72 or quaternions:8", value=text)
+    return kinds[kind](int(count))
 
 
 def configuration(text: str, option: str, axes: Sequence[str]) -> tuple[float, ...]:
