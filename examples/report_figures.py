@@ -25,13 +25,13 @@ import cspace
 from cspace.spectral import (
     BallDescriptor,
     Bump,
+    Descriptor,
     FourierOverlap,
     Verdict,
     ball_spectrum,
     decompose,
     indicator,
     minkowski_sum,
-    sampled_spectrum,
 )
 
 Floats = NDArray[np.float64]
@@ -82,6 +82,15 @@ def draw_modulus(ax: Axes, spectrum: Complexes, title: str) -> Any:
     extent = (-reach, reach - 1.0 / PERIOD, -reach, reach - 1.0 / PERIOD)
     plain(ax, title, "frequency along x [cycles/m]", "frequency along y [cycles/m]")
     return ax.imshow(levels.T, origin="lower", extent=extent, cmap="cividis", vmin=-5.0, vmax=0.0)
+
+
+def sampled_spectrum(descriptor: Descriptor, period: float, count: int) -> Complexes:
+    """By FFT, of the values at the middles of cells; the period is a whole number of cells."""
+    grid, k = descriptor.grid, np.fft.fftfreq(count, 1.0 / count).astype(int)
+    cells = round(period / grid.spacing)
+    spectrum = np.fft.fft2(descriptor.values * grid.spacing**2, (cells, cells))[np.ix_(k % cells, k % cells)]
+    x, y = (np.exp(-2j * math.pi * k * (low + 0.5 * grid.spacing) / period) for low in grid.lower)
+    return np.asarray(spectrum * x[:, None] * y)
 
 
 def add_scale(figure: Figure, image: Any, axes: Any) -> None:

@@ -429,8 +429,7 @@ class FourierOverlap:
         out = np.zeros((len(sums), len(flat)))
         if inside.any():
             boxes = np.stack([self._rings.box_of(terms.products / self._rings.twice) for terms in sums])
-            turns = list(np.ascontiguousarray(2.0 * math.pi * (flat[inside] / self._rings.lengths).T))
-            out[:, inside] = nufft(2, self.dim, turns, boxes, within, 1).real
+            out[:, inside] = nufft(2.0 * math.pi * (flat[inside] / self._rings.lengths), boxes, within).real
         return np.asarray(out.reshape(len(sums), *places.shape[:-1]))
 
 

@@ -1,10 +1,10 @@
-"""Spectra of descriptors: of sets of balls, with centres anywhere, and of what is sampled on a grid.
+"""Spectra of sets of balls, with centres anywhere.
 
 A ball of radius r around p has the spectrum ``r^dim psi^(r |w|) exp(-2 pi i w.p)``. So the balls of one radius have
 that radial factor times the spectrum of their centres: one non-uniform FFT (Dutt and Rokhlin, 1993; Barnett, Magland
-and af Klinteberg, 2019), of type 1 for frequencies on a lattice and of type 3 for any others. Where a radius has so few
-balls that a transform would not pay, their terms are summed, on a lattice as products of factors for each axis; and
-where there are many radii, a few transforms stand for all (:func:`radius_basis`).
+and af Klinteberg, 2019) of type 1. Where a radius has so few balls that a transform would not pay, their terms are
+summed, as products of factors for each axis; and where there are many radii, a few transforms stand for all
+(:func:`radius_basis`).
 
 *Error.* All bumps are above zero, so the spectrum is largest at frequency 0, where it is the integral of the
 descriptor, and tolerances are relative to that. Half of one is left to the table of ``psi^``, half to the transforms.
@@ -24,8 +24,7 @@ from cspace.errors import InputError, MissingPackageError
 from cspace.grid import finite
 from cspace.memory import KEEP, cells_of, free_bytes, in_words
 from cspace.spectral.bump import Bump, check_bump
-from cspace.spectral.descriptors import Descriptor, check_sampled
-from cspace.spectral.inputs import LEAST_TOLERANCE, check_solid_balls, check_tolerance, check_vectors
+from cspace.spectral.inputs import LEAST_TOLERANCE, check_solid_balls, check_tolerance
 from cspace.spectral.radial import (
     HALF,
     RadialTable,
@@ -59,14 +58,8 @@ THREADED: Final = 2**19
 FEW: Final = {2: 48, 3: 96}
 """Balls of one radius up to which sums of products are quicker than a transform of type 1."""
 
-FEW_PAIRS: Final = 2**18
-"""Pairs of a ball and a frequency up to which their sum is quicker than any transform of type 3."""
-
-CHUNK: Final = 2**20
-"""Pairs of a ball and a frequency that are held at once."""
-
-BYTES: Final = {"balls": {2: 120.0, 3: 184.0}, "samples": {2: 48.0, 3: 48.0}}
-"""Memory for each value of a spectrum on a lattice, at most: complex arrays, of a transform that samples finely."""
+BYTES: Final = {2: 120.0, 3: 184.0}
+"""Memory for each value of a spectrum, at most: complex arrays, of a transform that samples finely."""
 
 MANY: Final = 8.0
 """Transforms from which on it is tried whether fewer can stand for all radii."""
@@ -83,9 +76,6 @@ SAMPLES: Final = 4
 
 FIT_SLACK: Final = 1e-9
 """Part of a period by which what is transformed may be longer, from rounding."""
-
-WHOLE: Final = 1e-12
-"""Part of itself by which a period may miss a whole number of cells, from rounding, and still be one."""
 
 
 def ball_spectrum(
@@ -122,89 +112,18 @@ def ball_spectrum(
     MissingPackageError
         If finufft is needed, for many balls of one radius, and is not installed.
     """
-    points, sizes, kind, within = _checked_balls(centers, radii, bump, tolerance)
-    dim = points.shape[1]
+    points, sizes = check_solid_balls(centers, radii)
+    kind, within, dim = check_bump(bump), check_tolerance(tolerance, LEAST_SPECTRUM_TOLERANCE), points.shape[1]
     periods, numbers = _check_lengths(lengths, dim), _check_counts(counts, dim)
     reach = sizes[:, None]
     _check_fits((points - reach).min(axis=0), (points + reach).max(axis=0), periods)
-    _check_memory(numbers, BYTES["balls"][dim])
+    _check_memory(numbers, BYTES[dim])
     lattice = _LatticeSum(points / periods, numbers, periods, 0.5 * within)
     # In transforms, what each radius by itself would take.
     alone = float(np.minimum(1.0, np.unique(sizes, return_counts=True)[1] / FEW[dim]).sum())
     terms = radius_basis(kind, sizes, lattice.moduli, dim, within, alone) if alone > MANY else None
     lattice.add(_terms_by_radius(kind, sizes, lattice.moduli, dim, within) if terms is None else terms)
     return lattice.spectrum()
-
-
-def ball_spectrum_at(
-    centers: ArrayLike, radii: ArrayLike, bump: Bump, frequencies: ArrayLike, tolerance: float = 1e-9
-) -> Complexes:
-    """Spectrum of the sum of balls' bumps at any frequencies, such as those of rings.
-
-    Parameters
-    ----------
-    centers, radii, bump, tolerance
-        As for :func:`ball_spectrum`.
-    frequencies : array-like, shape (..., dim)
-        Cycles per metre.
-
-    Returns
-    -------
-    ndarray of complex128, shape (...)
-        Metres to the power ``dim``.
-
-    Raises
-    ------
-    InputError
-        If a value is not usable.
-    MissingPackageError
-        If finufft is needed, for many balls and frequencies, and is not installed.
-    """
-    points, sizes, kind, within = _checked_balls(centers, radii, bump, tolerance)
-    dim = points.shape[1]
-    waves = check_vectors(frequencies, "frequencies", dim)
-    flat = waves.reshape(-1, dim)
-    total = np.zeros(len(flat), dtype=np.complex128)
-    if flat.size:
-        for term in _terms_by_radius(kind, sizes, np.linalg.norm(flat, axis=1), dim, within):
-            total += term.strengths[0] * term.factor * _wave_sums(points[term.members], flat, 0.5 * within)
-    return total.reshape(waves.shape[:-1])
-
-
-def sampled_spectrum(descriptor: Descriptor, lengths: ArrayLike, counts: ArrayLike) -> Complexes:
-    """Spectrum of a sampled descriptor on a lattice of frequencies, up to rounding.
-
-    What is transformed is ``h^dim sum over cells of f(x) delta(. - x)``, with the cells' middles x and side h. Its
-    spectrum repeats with the period ``1 / h`` and is that of the function itself as far as that has no frequencies
-    beyond ``1 / (2 h)``, and otherwise with those folded in.
-
-    Parameters
-    ----------
-    descriptor : Descriptor
-    lengths : array-like, shape (dim,), or one number
-        Periods, metres, into which the grid must fit.
-    counts : sequence of int, length dim, or one int
-        Frequencies along each axis, as for :func:`ball_spectrum`; more than there are cells in a period repeat.
-
-    Returns
-    -------
-    ndarray of complex128, shape counts
-        ``F(k / lengths)`` in the order of :func:`numpy.fft.fftfreq`, metres to the power ``dim``.
-
-    Raises
-    ------
-    InputError
-        If a value is not usable, the grid does not fit into one period, or the result does not fit into memory.
-    """
-    grid = check_sampled(descriptor).grid
-    periods, numbers = _check_lengths(lengths, grid.dim), _check_counts(counts, grid.dim)
-    _check_fits(np.array(grid.lower), np.array(grid.upper), periods)
-    _check_memory(tuple(max(n, m) for n, m in zip(numbers, grid.shape, strict=True)), BYTES["samples"][grid.dim])
-    spectrum: NDArray[Any] = descriptor.values * grid.spacing**grid.dim
-    # The last axis is the one whose rows lie together.
-    for axis in reversed(range(grid.dim)):
-        spectrum = _along(spectrum, axis, grid.centers(axis), grid.spacing, float(periods[axis]), numbers[axis])
-    return spectrum
 
 
 # ---- non-uniform transforms ------------------------------------------------------------------------------------------
@@ -220,27 +139,19 @@ def finufft_module() -> Any:
     return finufft
 
 
-def nufft(
-    kind: int, dim: int, points: list[Floats], values: Complexes, tolerance: float, isign: int, *more: Any
-) -> Any:
-    """A non-uniform transform of type 2 or 3 of ``values``, at ``points`` by coordinates, radians."""
-    transform = getattr(finufft_module(), f"nufft{dim}d{kind}")
-    samples = values.size + (len(more[0]) if more else len(points[0]))
-    return transform(*points, values, *more, eps=tolerance, isign=isign, nthreads=_threads(samples))
+def nufft(points: Floats, spectra: Complexes, tolerance: float) -> Complexes:
+    """Fourier series at points, shape (n, d), radians: of coefficients (..., counts), zero in the middle; (..., n)."""
+    transform = getattr(finufft_module(), f"nufft{points.shape[1]}d2")
+    threads = _threads(spectra.size + len(points))
+    return np.asarray(transform(*_columns(points), spectra, eps=tolerance, isign=1, nthreads=threads))
 
 
 def _threads(samples: float) -> int:
     return cores() if samples >= THREADED else 1
 
 
-def _tolerance_to_ask(tolerance: float) -> float:
-    """What to ask of a transform, whose errors shall stay below a part of the sum of all moduli."""
-    return max(LEAST_ASKED, STRICTER * tolerance)
-
-
-def _columns(turns: Floats) -> list[Floats]:
-    """Coordinates of points, from whole turns to radians."""
-    return [np.ascontiguousarray(2.0 * math.pi * column) for column in turns.T]
+def _columns(points: Floats) -> list[Floats]:
+    return list(np.ascontiguousarray(points.T))
 
 
 # ---- terms -----------------------------------------------------------------------------------------------------------
@@ -344,7 +255,7 @@ class _LatticeSum:
 
     @cached_property
     def _plan(self) -> Any:
-        asked = _tolerance_to_ask(self._tolerance)
+        asked = max(LEAST_ASKED, STRICTER * self._tolerance)
         finer = next(finer for least, finer in SAMPLING if asked >= least)
         threads = _threads(self._half.size * finer**self._half.ndim)
         options = {"eps": asked, "isign": -1, "modeord": 1, "nthreads": threads, "upsampfac": finer}
@@ -358,7 +269,7 @@ class _LatticeSum:
             points = np.concatenate([first.members, second.members])
             strengths = np.concatenate([first.strengths, 1j * second.strengths])
         if points is not self._placed:
-            self._angles = _columns(self._shares[points])  # the plan does not keep them alive
+            self._angles = _columns(2.0 * math.pi * self._shares[points])  # the plan does not keep them alive
             self._plan.setpts(*self._angles)
             self._placed = points
         self._add(self._plan.execute(strengths), 0.5 * (first.factor - 1j * second.factor))
@@ -384,44 +295,7 @@ def _waves(count: int) -> NDArray[np.intp]:
     return np.fft.fftfreq(count, 1.0 / count).astype(np.intp)
 
 
-def _wave_sums(points: Floats, frequencies: Floats, tolerance: float) -> Complexes:
-    """Sum over points of ``exp(-2 pi i w.p)`` at any frequencies."""
-    pairs = float(len(points)) * len(frequencies)
-    # The inner grid of a transform grows with both extents.
-    inner = np.prod(2.0 * np.ptp(points, axis=0) * np.ptp(frequencies, axis=0) + 32.0)
-    if pairs > max(FEW_PAIRS, inner):
-        ones = np.ones(len(points), dtype=np.complex128)
-        targets = [np.ascontiguousarray(column) for column in frequencies.T]
-        asked = _tolerance_to_ask(tolerance)
-        return np.asarray(nufft(3, points.shape[1], _columns(points), ones, asked, -1, *targets))
-    parts = np.array_split(frequencies, math.ceil(pairs / CHUNK))
-    return np.concatenate([np.exp(-2j * math.pi * (part @ points.T)).sum(axis=1) for part in parts])
-
-
-def _along(values: NDArray[Any], axis: int, centers: Floats, spacing: float, period: float, count: int) -> Complexes:
-    """Sums along one axis of ``value exp(-2 pi i k x / period)``: by FFT where the period is a whole number of cells,
-    else by a product with the matrix of waves.
-    """
-    from scipy import fft
-
-    k = np.fft.fftfreq(count, 1.0 / count)
-    cells = round(period / spacing)
-    if cells >= len(centers) and abs(cells * spacing - period) <= WHOLE * period:
-        sums = np.take(fft.fft(values, n=cells, axis=axis), k.astype(np.int64) % cells, axis=axis)
-        phase = np.exp(-2j * math.pi * k * centers[0] / period)
-        return np.asarray(sums * np.expand_dims(phase, [n for n in range(values.ndim) if n != axis]))
-    waves = np.exp(-2j * math.pi * k[:, None] * (centers / period))
-    return np.ascontiguousarray(np.moveaxis(np.tensordot(waves, values, axes=(1, axis)), 0, axis))
-
-
 # ---- arguments -------------------------------------------------------------------------------------------------------
-
-
-def _checked_balls(
-    centers: ArrayLike, radii: ArrayLike, bump: Bump, tolerance: float
-) -> tuple[Floats, Floats, Bump, float]:
-    points, sizes = check_solid_balls(centers, radii)
-    return points, sizes, check_bump(bump), check_tolerance(tolerance, LEAST_SPECTRUM_TOLERANCE)
 
 
 def _check_lengths(lengths: ArrayLike, dim: int) -> Floats:

@@ -9,16 +9,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
 
 from cspace import Grid, InputError
 from cspace.spectral import (
     BallDescriptor,
     Bump,
-    Descriptor,
     ball_spectrum,
-    ball_spectrum_at,
-    sampled_spectrum,
 )
 from cspace.spectral.spectra import radius_basis
 from strategies import seeds
@@ -89,21 +85,6 @@ def test_a_thousand_radii_by_a_few_functions(bump, tolerance, counts, lengths):
     assert radius_basis(bump, radii, moduli, len(counts), tolerance, alone=2.0) is None
 
 
-@pytest.mark.parametrize("bump", BUMPS, ids=str)
-@pytest.mark.parametrize("tolerance", [1e-6, 1e-12])
-@pytest.mark.parametrize("dim", [2, 3])
-@pytest.mark.parametrize(("number", "classes", "waves"), [(5, 5, 300), (900, 2, 2000)])
-def test_the_direct_sum_is_met_anywhere(bump, tolerance, dim, number, classes, waves):
-    centers, radii = scene(dim, number, classes)
-    frequencies = np.random.default_rng(4).normal(size=(waves, dim)) * 8.0
-    frequencies[0] = 0.0
-    found = ball_spectrum_at(centers, radii, bump, frequencies, tolerance)
-    expected = direct(centers, radii, bump, frequencies)
-    assert np.abs(found - expected).max() <= tolerance * expected[0].real
-    shaped = ball_spectrum_at(centers, radii, bump, frequencies.reshape(2, -1, dim), tolerance)
-    assert np.abs(shaped.ravel() - found).max() <= tolerance * expected[0].real
-
-
 @settings(max_examples=25)
 @given(st.sampled_from([2, 3]), seeds)
 def test_laws_of_the_spectrum(dim, seed):
@@ -122,21 +103,11 @@ def test_laws_of_the_spectrum(dim, seed):
     phase = np.exp(-2j * math.pi * sum(np.meshgrid(*(a * s for a, s in zip(axes, shift, strict=True)), indexing="ij")))
     np.testing.assert_allclose(ball_spectrum(centers + shift, radii, bump, lengths, counts), found * phase, atol=size)
     np.testing.assert_allclose(ball_spectrum(centers + 5 * lengths, radii, bump, lengths, counts), found, atol=size)
-    # Both ways to ask agree, and balls add up.
-    waves = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    np.testing.assert_allclose(ball_spectrum_at(centers, radii, bump, waves), found, atol=size)
+    # Balls add up.
     half = len(centers) // 2
     if half:
         parts = [ball_spectrum(centers[s], radii[s], bump, lengths, counts) for s in (slice(half), slice(half, None))]
         np.testing.assert_allclose(sum(parts), found, atol=size)
-
-
-def test_a_turn_of_balls_turns_the_spectrum():
-    centers, radii = scene(3, 40, 2)
-    turn = Rotation.from_rotvec([0.3, -1.1, 0.7])
-    waves = np.random.default_rng(0).normal(size=(200, 3)) * 3.0
-    turned = ball_spectrum_at(turn.apply(centers), radii, Bump(), turn.apply(waves))
-    np.testing.assert_allclose(turned, ball_spectrum_at(centers, radii, Bump(), waves), atol=1e-8)
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -153,33 +124,6 @@ def test_it_is_the_fourier_series_of_the_descriptor(dim):
     phase = np.exp(2j * math.pi * sum(np.meshgrid(*(a * s for a, s in zip(axes, shift, strict=True)), indexing="ij")))
     back = np.fft.ifftn(spectrum * phase).real * 96**dim / length**dim
     assert np.abs(back - balls.sample(grid).values).max() < 5e-3
-
-
-@pytest.mark.parametrize("dim", [2, 3])
-@pytest.mark.parametrize("length", [2.0, 2.5, 2.0371])
-def test_spectra_of_samples_are_the_sum_over_cells(dim, length):
-    rng = np.random.default_rng(0)
-    shape, counts = (8, 7, 5)[:dim], (6, 31, 9)[:dim]
-    made = Descriptor(Grid((3.1, -0.7, 0.2)[:dim], 0.25, shape), rng.normal(size=shape))
-    middles = np.stack(np.meshgrid(*(made.grid.centers(a) for a in range(dim)), indexing="ij"), axis=-1).reshape(
-        -1, dim
-    )
-    axes = [np.fft.fftfreq(m, 1.0 / m) / length for m in counts]
-    waves = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    terms = np.exp(-2j * math.pi * (waves.reshape(-1, dim) @ middles.T)) * made.values.ravel()
-    expected = terms.sum(axis=1).reshape(counts) * 0.25**dim
-    mass = np.abs(made.values).sum() * 0.25**dim
-    found = sampled_spectrum(made, length, counts)
-    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-14 * mass)
-
-
-def test_samples_and_balls_have_one_spectrum():
-    centers, radii = scene(2, 30, 30)
-    balls = BallDescriptor(centers, radii + 0.3)
-    lower, upper = balls.bounds
-    made = balls.sample(Grid(lower, 0.01, np.ceil((upper - lower) / 0.01).astype(int)))
-    found, expected = sampled_spectrum(made, 4.0, 24), ball_spectrum(centers, balls.radii, balls.bump, 4.0, 24)
-    assert np.abs(found - expected).max() < 1e-6 * abs(expected[0, 0])
 
 
 POINTS = np.zeros((2, 2))
@@ -213,25 +157,6 @@ def test_unusable_input_is_refused(arguments, match):
 
 def test_balls_that_fill_a_period_fit():
     assert ball_spectrum([[7.0, 0.1], [7.8, 0.1]], 0.1, Bump(), (1.0, 0.2), 4).shape == (4, 4)
-
-
-@pytest.mark.parametrize(
-    ("ask", "match"),
-    [
-        (lambda: ball_spectrum_at(POINTS, 0.1, Bump(), [[1.0, 2.0, 3.0]]), "frequencies has shape"),
-        (lambda: ball_spectrum_at(POINTS, 0.1, Bump(), [[1.0, math.nan]]), "NaN"),
-        (lambda: sampled_spectrum(BallDescriptor(POINTS, 0.1), 1.0, 4), "no Descriptor"),
-        (lambda: sampled_spectrum(BallDescriptor(POINTS, 0.1).sample(Grid((0, 0), 1.0, (3, 3))), 2.9, 4), "one period"),
-    ],
-)
-def test_other_unusable_input_is_refused(ask, match):
-    with pytest.raises(InputError, match=match):
-        ask()
-
-
-def test_no_frequencies_have_no_values():
-    assert ball_spectrum_at(POINTS, 0.1, Bump(), np.empty((0, 2))).shape == (0,)
-    assert ball_spectrum_at(POINTS, 0.1, Bump(), np.empty((3, 0, 2))).shape == (3, 0)
 
 
 def test_without_the_extra_a_transform_is_refused_by_name_and_the_rest_works():
