@@ -16,6 +16,8 @@ a distance must exceed that by :attr:`cspace.exact.triangles.Distances.error` mo
 
 from typing import Final
 
+__all__ = ["ADVANCE", "MOST_DISTANCES", "ROUNDING", "SHORTEST"]
+
 ROUNDING: Final = 1e-12
 """Rounding allowance of a distance, relative to the coordinates; thousands of times what is needed."""
 

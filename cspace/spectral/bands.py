@@ -9,8 +9,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.spectral.bump import Bump
-from cspace.spectral.pairs import ROUNDING, BallSet
+from cspace.spectral.descriptors import ROUNDING, BallDescriptor
 from cspace.spectral.spectra import ball_spectrum
 
 Complexes = NDArray[np.complex128]
@@ -29,7 +28,7 @@ _ROOM: Final = 1.0 + 2.0**-30
 _SAMPLES: Final = 4096
 
 
-def highest_frequency(bump: Bump, a: BallSet, b: BallSet, bound: float) -> float:
+def highest_frequency(a: BallDescriptor, b: BallDescriptor, bound: float) -> float:
     """An estimate of the frequency (cycles per metre) beyond which the overlap of two ball sets is below ``bound``.
 
     Above the frequencies of the gaps between them, balls add their energies. So the energy of a set beyond a frequency
@@ -37,7 +36,7 @@ def highest_frequency(bump: Bump, a: BallSet, b: BallSet, bound: float) -> float
     """
     k = np.linspace(0.0, TOP, _SAMPLES)
     around = 2.0 * math.pi * k if a.dim == 2 else 4.0 * math.pi * k * k
-    energy = bump.table(a.dim, TOP, 1e-9)(k) ** 2 * around
+    energy = a.bump.table(a.dim, TOP, 1e-9)(k) ** 2 * around
     beyond = np.cumsum(energy[::-1])[::-1] * k[1]
     every = np.concatenate([a.radii, b.radii])
     frequencies = np.geomspace(0.1 / every.max(), TOP / every.min(), 400)
@@ -159,17 +158,16 @@ class Spectrum:
 
     @classmethod
     def of(
-        cls, balls: BallSet, middle: Floats, bump: Bump, rings: Rings, accuracy: float, norm: tuple[float, float]
+        cls, balls: BallDescriptor, middle: Floats, rings: Rings, accuracy: float, norm: tuple[float, float]
     ) -> Spectrum:
         """The spectrum of a ball set about a point, with a ``norm`` as from :func:`cspace.spectral.pairs.norm_square`.
 
         The accuracy is that of the transform, relative to the value at frequency zero.
         """
-        box = ball_spectrum(balls.centers - middle, balls.radii, bump, rings.lengths, rings.counts, accuracy)
+        box = ball_spectrum(balls.centers - middle, balls.radii, balls.bump, rings.lengths, rings.counts, accuracy)
         values = rings.half_of(box)
-        mass = float(bump.radial_spectrum(0.0, balls.dim)) * float((balls.radii**balls.dim).sum())
         moved = ROUNDING * (balls.span + float(np.abs(middle).max()))
-        error = mass * (2.0 * accuracy + 2.0 * math.pi * float(rings.moduli.max()) * moved)
+        error = balls.integral * (2.0 * accuracy + 2.0 * math.pi * float(rings.moduli.max()) * moved)
         moduli = np.abs(values)
         inside = float((rings.twice * moduli * (moduli - 2.0 * error)).sum()) / rings.volume
         total, off = norm

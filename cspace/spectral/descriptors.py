@@ -6,20 +6,30 @@ With ``U_t(f) = {x : f(x) > t}`` and descriptors that are nowhere below zero, ``
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from functools import reduce
-from typing import Any, Final, Literal, Protocol, overload
+from functools import partial, reduce
+from typing import TYPE_CHECKING, Any, Final, Literal, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cspace.covering import check_cells
 from cspace.errors import InputError
 from cspace.grid import Grid, finite
+from cspace.raster.triangles import mark_touched
+from cspace.shapes import Mesh, Shape
 from cspace.spectral.bump import Bump, check_bump
-from cspace.spectral.inputs import check_axes, check_kind, check_solid_balls, check_vectors
+from cspace.spectral.inputs import check_axes, check_kind, check_solid_balls
+
+if TYPE_CHECKING:
+    from shapely.geometry.base import BaseGeometry
 
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
+
+ROUNDING: Final = 2.0**-50
+"""Bound, with room to spare, of the relative error of the few operations that turn and shift a coordinate."""
 
 SAME: Final = 1e-9
 """Part of a cell or of the spacing by which grids may differ, from rounding, and still be the same."""
@@ -101,6 +111,25 @@ class BallDescriptor:
         object.__setattr__(self, "radii", sizes)
         object.__setattr__(self, "bump", check_bump(bump))
 
+    @classmethod
+    def of(cls, source: Any, name: str, bump: Bump) -> BallDescriptor:
+        """The balls of an object with ``centers`` and ``radii``, of a robot of balls, or of a pair of arrays.
+
+        Raises
+        ------
+        InputError
+            If it is none of these, or as for the class.
+        """
+        pair: Any = source
+        balls: Any
+        for balls in (source, getattr(source, "shape", None)):  # of a robot, its shape has them
+            if not isinstance(pair, tuple) and hasattr(balls, "centers") and hasattr(balls, "radii"):
+                pair = (balls.centers, balls.radii)
+        if not isinstance(pair, tuple | list) or len(pair) != 2:
+            found, rule = f"is a {type(source).__name__}", "it must have centers and radii, or be a pair of them"
+            raise InputError(name, found, rule, "decompose other shapes first", value=source)
+        return cls(pair[0], pair[1], bump)
+
     @property
     def dim(self) -> int:
         """2 in the plane, 3 in space."""
@@ -117,23 +146,6 @@ class BallDescriptor:
         """Integral over the plane or space, metres to the power ``dim``."""
         return float(self.bump.radial_spectrum(0.0, self.dim) * np.sum(self.radii**self.dim))
 
-    def __call__(self, points: ArrayLike) -> Floats:
-        """Values at points (..., dim) in metres, shape (...); InputError if one has not ``dim`` finite coordinates."""
-        array = check_vectors(points, "points", self.dim)
-        flat = array.reshape(-1, self.dim)
-        # In the order of x, the points that may lie in a ball follow each other.
-        order = np.argsort(flat[:, 0])
-        flat, values = flat[order], np.zeros(len(flat))
-        reaches = self.radii * (1.0 + SAME)
-        starts = np.searchsorted(flat[:, 0], self.centers[:, 0] - reaches, side="left")
-        stops = np.searchsorted(flat[:, 0], self.centers[:, 0] + reaches, side="right")
-        for ball, (start, stop) in enumerate(zip(starts.tolist(), stops.tolist(), strict=True)):
-            squares = (((flat[start:stop] - self.centers[ball]) / self.radii[ball]) ** 2).sum(axis=1)
-            near = np.flatnonzero(squares < 1.0)
-            values[start + near] += self.bump.values(np.sqrt(squares[near]))
-        values[order] = values.copy()
-        return values.reshape(array.shape[:-1])
-
     def sample(self, grid: Grid) -> Descriptor:
         """Values at the middles of the cells of a grid, which must have as many axes as the balls, or InputError."""
         check_axes(grid, self.dim, "set of balls")
@@ -142,16 +154,59 @@ class BallDescriptor:
             values[window] += self.bump.values(np.sqrt(squares))
         return Descriptor(grid, values)
 
-
-class Solid(Protocol):
-    """What is asked of a shape here: which points lie in it."""
+    @property
+    def span(self) -> float:
+        """Largest modulus of a coordinate, plus the largest radius: to what the rounding is relative, metres."""
+        return float(np.abs(self.centers).max() + self.radii.max())
 
     @property
-    def dim(self) -> int: ...
-    def contains(self, points: Floats) -> Bools: ...
+    def middle(self) -> Floats:
+        """Middle of the box around the centers, shape (d,)."""
+        return np.asarray((self.centers.min(axis=0) + self.centers.max(axis=0)) / 2)
+
+    def reach(self, middle: Floats) -> float:
+        """Radius of the ball around a point that holds all balls."""
+        return float((np.linalg.norm(self.centers - middle, axis=1) + self.radii).max())
+
+    def sides(self, middle: Floats) -> Floats:
+        """Half the sides of the box around a point that holds all balls, shape (d,)."""
+        return np.asarray((np.abs(self.centers - middle) + self.radii[:, None]).max(axis=0))
+
+    def grown(self, distance: float) -> BallDescriptor:
+        """The same with ``distance`` added to every radius, metres."""
+        return BallDescriptor(self.centers, self.radii + distance, self.bump)
+
+    def turned(self, matrix: Floats) -> BallDescriptor:
+        """The same with every center turned about the origin."""
+        return BallDescriptor(self.centers @ matrix.T, self.radii, self.bump)
+
+    def rounded(self, number: int, up: bool) -> BallDescriptor:
+        """The same with at most ``number`` different radii, each ball grown (``up``) or shrunk to the next of them.
+
+        Each serves about as many balls.
+        """
+        if len(np.unique(self.radii)) <= number:
+            return self
+        shares = np.arange(number) / number
+        if up:
+            steps = np.unique(np.quantile(self.radii, 1.0 - shares, method="higher"))
+            return BallDescriptor(self.centers, steps[np.searchsorted(steps, self.radii, side="left")], self.bump)
+        steps = np.unique(np.quantile(self.radii, shares, method="lower"))
+        return BallDescriptor(self.centers, steps[np.searchsorted(steps, self.radii, side="right") - 1], self.bump)
 
 
-def indicator(shape: Solid | ArrayLike, grid: Grid) -> Descriptor:
+def bump_of(bump: Bump | None, *sources: Any) -> Bump:
+    """The bump that was asked for, or else that of the sources that have one, or else the usual one.
+
+    Raises InputError if it is no bump, or none was asked for and those of the sources differ.
+    """
+    bumps = {source.bump for source in sources if isinstance(getattr(source, "bump", None), Bump)}
+    if bump is None and len(bumps) > 1:
+        raise InputError("bump", f"is left out, and the descriptors have {bumps}", "both must have one", "pass bump=")
+    return check_bump(bumps.pop() if bump is None and bumps else bump)
+
+
+def indicator(shape: Shape | BaseGeometry | BallDescriptor | ArrayLike, grid: Grid) -> Descriptor:
     """1 at the middles of cells that lie in a shape, 0 elsewhere.
 
     Parameters
@@ -173,32 +228,27 @@ def indicator(shape: Solid | ArrayLike, grid: Grid) -> Descriptor:
 def _inside(shape: Any, grid: Grid) -> Bools:
     import shapely
 
-    from cspace.covering import check_cells
-    from cspace.raster.triangles import mark_touched
-    from cspace.shapes import Mesh
-
+    middles = partial(np.meshgrid, *(grid.centers(axis) for axis in range(grid.dim)), indexing="ij")
     if isinstance(shape, shapely.Geometry):
         check_axes(grid, 2, "shape")
-        x, y = (grid.centers(axis) for axis in range(2))
         shapely.prepare(shape)
-        return np.asarray(shapely.intersects_xy(shape, x[:, None], y[None, :]))
+        return np.asarray(shapely.intersects_xy(shape, *middles(sparse=True)))
     if hasattr(shape, "centers") and hasattr(shape, "radii"):
         check_axes(grid, shape.centers.shape[1], "shape")
         inside = np.zeros(grid.shape, dtype=bool)
         for window, squares in _near_balls(shape.centers, np.maximum(shape.radii, _TINY), grid):
             inside[window] |= squares <= 1.0
         return inside
-    if hasattr(shape, "contains"):
+    if isinstance(shape, Shape):
         check_axes(grid, shape.dim, "shape")
-        middles = np.meshgrid(*(grid.centers(axis) for axis in range(grid.dim)), indexing="ij")
-        inside = np.asarray(shape.contains(np.stack(middles, axis=-1)))
+        inside = np.asarray(shape.contains(np.stack(middles(), axis=-1)))
         if isinstance(shape, Mesh):  # which calls the points of some sides in, and those of others out
             mark_touched(inside, (shape.triangles - np.asarray(grid.lower)) / grid.spacing, 0.5, 0.5)
         return inside
     return check_cells(shape, "shape")
 
 
-def _near_balls(centers: Floats, radii: Floats, grid: Grid) -> Any:
+def _near_balls(centers: Floats, radii: Floats, grid: Grid) -> Iterator[tuple[Any, Floats]]:
     """For each ball that reaches into a grid, a window of cells and their middles' squared distances, in radii."""
     lower = np.array(grid.lower)
     for center, radius in zip(centers, radii.tolist(), strict=True):
@@ -209,7 +259,7 @@ def _near_balls(centers: Floats, radii: Floats, grid: Grid) -> Any:
         if (first < last).all():
             window = tuple(map(slice, first, last))
             ways = (((grid.centers(axis)[part] - center[axis]) / radius) ** 2 for axis, part in enumerate(window))
-            yield window, sum(np.meshgrid(*ways, indexing="ij", sparse=True))
+            yield window, np.asarray(sum(np.meshgrid(*ways, indexing="ij", sparse=True)))
 
 
 def check_sampled(descriptor: Any) -> Descriptor:

@@ -17,8 +17,9 @@ from cspace.errors import InputError
 from cspace.grid import finite, positive
 from cspace.spectral.bands import Rings, Spectrum, Terms, highest_frequency
 from cspace.spectral.bump import Bump
+from cspace.spectral.descriptors import ROUNDING, BallDescriptor, bump_of
 from cspace.spectral.inputs import check_number, check_tolerance, check_vectors
-from cspace.spectral.pairs import ROUNDING, BallSet, bump_of, norm_square, pair_integrals, touching_overlap
+from cspace.spectral.pairs import norm_square, pair_integrals, touching_overlap
 from cspace.spectral.spectra import nufft
 
 Bytes = NDArray[np.uint8]
@@ -138,10 +139,10 @@ class FourierOverlap:
         tolerance: float = 1e-3,
         accuracy: float = 1e-12,
     ) -> None:
-        first, second = BallSet.of(a, "a"), BallSet.of(b, "b")
+        kind = bump_of(bump, a, b)
+        first, second = BallDescriptor.of(a, "a", kind), BallDescriptor.of(b, "b", kind)
         _check_dims("b", second, first)
         self.threshold = check_number(threshold, "threshold")
-        self._bump = bump_of(bump, a, b)
         self._accuracy = accuracy
         self._swell = 0.0  # by how much the balls are grown beyond those whose shapes the verdicts are about
         self._inner: FourierOverlap | None = None  # the overlap of the inner balls, where there are any
@@ -155,7 +156,7 @@ class FourierOverlap:
             found = f"or a reaches {far:g} m from the origin of its frame, and both take up {lengths.min():g} m"
             raise InputError("b", found, "rounding would count", "move the origin nearer to them, or check the units")
         self._rings = self._make_rings(first, lengths, band, tolerance)
-        self._norms = norm_square(self._bump, first), norm_square(self._bump, second)
+        self._norms = norm_square(first), norm_square(second)
         self._spectrum_b = self._spectrum(second, self._middle_b, self._norms[1])
         self._place(first)
 
@@ -218,17 +219,23 @@ class FourierOverlap:
             raise InputError("classes", f"is {classes!r}", "it must be a whole number above zero", "pass e.g. 8")
         if (inner_a is None) is not (inner_b is None):
             raise InputError("inner_a", "is given without inner_b, or b without a", "a hit needs both", "pass both")
-        a, b = (BallSet.of(given[name], name).rounded(classes, up=True) for name in ("outer_a", "outer_b"))
+        a, b = (
+            BallDescriptor.of(given[name], name, chosen).rounded(classes, up=True) for name in ("outer_a", "outer_b")
+        )
         _check_dims("outer_b", b, a)
-        level = touching_overlap(chosen, a, b, more, ROUNDING * (a.span + b.span))
+        level = touching_overlap(a, b, more, ROUNDING * (a.span + b.span))
         if level <= 0.0:
             rule = f"grown balls that touched must share more than can be computed with alpha = {chosen.alpha:g}"
             raise InputError("swell", f"is {more:g}", rule, "pass a larger swell")
-        options: dict[str, Any] = {"bump": chosen, "tolerance": tolerance, "accuracy": accuracy}
+        options: dict[str, Any] = {"tolerance": tolerance, "accuracy": accuracy}
         made = cls(a.grown(more), b.grown(more), threshold=level, **options)
         made._swell = more
         if inner_a is not None:
-            sets = [BallSet.of(given[name], name).rounded(classes, up=False) for name in ("inner_a", "inner_b")]
+            sets = [
+                BallDescriptor.of(given[name], name, chosen).rounded(classes, up=False)
+                for name in given
+                if name[0] == "i"
+            ]
             _check_dims("inner_a", sets[0], a)
             made._inner = cls(*sets, **options)
         return made
@@ -374,13 +381,13 @@ class FourierOverlap:
 
     # ---- how it is done ----------------------------------------------------------------------------------------------
 
-    def _make_rings(self, a: BallSet, lengths: Floats, band: float | None, tolerance: float) -> Rings:
+    def _make_rings(self, a: BallDescriptor, lengths: Floats, band: float | None, tolerance: float) -> Rings:
         if band is not None:
             highest = positive(band, "band", "cycles per metre")
         else:
             typical = np.median(a.radii, keepdims=True), np.median(self._b.radii, keepdims=True)
-            scale = self.threshold or float(pair_integrals(self._bump, *typical, np.maximum(*typical), self.dim)[0][0])
-            highest = highest_frequency(self._bump, a, self._b, positive(tolerance, "tolerance", "parts") * scale)
+            scale = self.threshold or float(pair_integrals(a.bump, *typical, np.maximum(*typical), self.dim)[0][0])
+            highest = highest_frequency(a, self._b, positive(tolerance, "tolerance", "parts") * scale)
             fitting = 0.5 * (2.0 * MOST / float(np.prod(lengths))) ** (1.0 / self.dim)
             highest = min(highest, fitting, HIGHEST / float(lengths.max()))
         halves = tuple(max(1, math.floor(highest * length)) for length in lengths.tolist())
@@ -389,10 +396,10 @@ class FourierOverlap:
             raise InputError("band", found, f"at most {LARGEST} are computed", "pass a lower one")
         return Rings.of(lengths, halves)
 
-    def _spectrum(self, balls: BallSet, middle: Floats, norm: tuple[float, float]) -> Spectrum:
-        return Spectrum.of(balls, middle, self._bump, self._rings, self._accuracy, norm)
+    def _spectrum(self, balls: BallDescriptor, middle: Floats, norm: tuple[float, float]) -> Spectrum:
+        return Spectrum.of(balls, middle, self._rings, self._accuracy, norm)
 
-    def _place(self, a: BallSet) -> None:
+    def _place(self, a: BallDescriptor) -> None:
         """Take over the balls of A, whose middle and reach are known."""
         self._a = a
         self._terms = Terms.of(self._spectrum(a, self._pivot, self._norms[0]), self._spectrum_b, self._rings)
@@ -433,7 +440,7 @@ class FourierOverlap:
         return np.asarray(out.reshape(len(sums), *places.shape[:-1]))
 
 
-def _check_dims(name: str, balls: BallSet, others: BallSet) -> None:
+def _check_dims(name: str, balls: BallDescriptor, others: BallDescriptor) -> None:
     if balls.dim != others.dim:
         rule = "all must lie in the plane or all in space"
         raise InputError(name, f"has {balls.dim} coordinates and the other balls {others.dim}", rule)

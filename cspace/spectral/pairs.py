@@ -1,18 +1,16 @@
-"""Ball sets, and what pairs of their balls have in common: the norms and thresholds that proofs stand on."""
+"""What pairs of balls have in common: the norms and thresholds that proofs stand on."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.errors import InputError
-from cspace.spectral.bump import FLOOR, PAIR_TOLERANCE, Bump, check_bump
-from cspace.spectral.inputs import check_solid_balls
+from cspace.spectral.bump import FLOOR, PAIR_TOLERANCE, Bump
+from cspace.spectral.descriptors import ROUNDING, BallDescriptor
 from cspace.spectral.radial import (
     chebyshev_coefficients,
     chebyshev_nodes,
@@ -24,9 +22,6 @@ from cspace.spectral.radial import (
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Table = Callable[[Floats], tuple[Floats, float]]
-
-ROUNDING: Final = 2.0**-50
-"""Bound, with room to spare, of the relative error of the few operations that turn and shift a coordinate."""
 
 COUNTS: Final = (26, 32)
 """Of nodes of two rules; what they differ by bounds the error of the finer one, which is far less."""
@@ -45,97 +40,6 @@ ALONE: Final = 1e-13
 
 AT_ONCE: Final = 2**21
 """Pairs that are held at once."""
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class BallSet:
-    """Balls in one frame: centers, shape (n, d), and radii above zero, shape (n,), metres."""
-
-    centers: Floats
-    radii: Floats
-
-    @classmethod
-    def of(cls, source: Any, name: str) -> BallSet:
-        """The balls of an object with ``centers`` and ``radii``, of a robot of balls, or of a pair of arrays.
-
-        Raises
-        ------
-        InputError
-            If there is no ball, the shapes do not fit, a value is not finite, or a radius is not above zero.
-        """
-        if isinstance(source, BallSet):
-            return source
-        pair: Any = source
-        balls: Any
-        for balls in (source, getattr(source, "shape", None)):  # of a robot, its shape has them
-            if not isinstance(pair, tuple) and hasattr(balls, "centers") and hasattr(balls, "radii"):
-                pair = (balls.centers, balls.radii)
-        if not isinstance(pair, tuple | list) or len(pair) != 2:
-            rule, mend = (
-                "it must have centers and radii, or be a pair of them",
-                "decompose other shapes first",
-            )
-            raise InputError(name, f"is a {type(source).__name__}", rule, mend, value=source)
-        return cls(*check_solid_balls(*pair))
-
-    @property
-    def dim(self) -> int:
-        """2 or 3."""
-        return int(self.centers.shape[1])
-
-    @property
-    def span(self) -> float:
-        """Largest modulus of a coordinate, plus the largest radius: to what the rounding is relative, metres."""
-        return float(np.abs(self.centers).max() + self.radii.max())
-
-    @property
-    def middle(self) -> Floats:
-        """Middle of the box around the centers, shape (d,)."""
-        return np.asarray((self.centers.min(axis=0) + self.centers.max(axis=0)) / 2)
-
-    def reach(self, middle: Floats) -> float:
-        """Radius of the ball around a point that holds all balls."""
-        return float((np.linalg.norm(self.centers - middle, axis=1) + self.radii).max())
-
-    def sides(self, middle: Floats) -> Floats:
-        """Half the sides of the box around a point that holds all balls, shape (d,)."""
-        return np.asarray((np.abs(self.centers - middle) + self.radii[:, None]).max(axis=0))
-
-    def grown(self, distance: float) -> BallSet:
-        """The same with ``distance`` added to every radius, metres."""
-        return BallSet(self.centers, self.radii + distance)
-
-    def turned(self, matrix: Floats) -> BallSet:
-        """The same with every center turned about the origin."""
-        return BallSet(self.centers @ matrix.T, self.radii)
-
-    def rounded(self, number: int, up: bool) -> BallSet:
-        """The same with at most ``number`` different radii, each ball grown (``up``) or shrunk to the next of them.
-
-        Each serves about as many balls.
-        """
-        if len(np.unique(self.radii)) <= number:
-            return self
-        shares = np.arange(number) / number
-        if up:
-            steps = np.unique(np.quantile(self.radii, 1.0 - shares, method="higher"))
-            return BallSet(self.centers, steps[np.searchsorted(steps, self.radii, side="left")])
-        steps = np.unique(np.quantile(self.radii, shares, method="lower"))
-        return BallSet(self.centers, steps[np.searchsorted(steps, self.radii, side="right") - 1])
-
-
-def bump_of(bump: Bump | None, *sources: Any) -> Bump:
-    """The bump that was asked for, or else that of the sources that have one, or else the usual one.
-
-    Raises InputError if it is no bump, or none was asked for and those of the sources differ.
-    """
-    bumps = {source.bump for source in sources if isinstance(getattr(source, "bump", None), Bump)}
-    if bump is None and len(bumps) > 1:
-        raise InputError("bump", f"is left out, and the descriptors have {bumps}", "both must have one", "pass bump=")
-    return check_bump(bumps.pop() if bump is None and bumps else bump)
-
-
-# ---- integrals -------------------------------------------------------------------------------------------------------
 
 
 def pair_integrals(bump: Bump, first: Floats, second: Floats, distances: Floats, dim: int) -> tuple[Floats, Floats]:
@@ -157,8 +61,9 @@ def pair_integrals(bump: Bump, first: Floats, second: Floats, distances: Floats,
     return values, worst * sizes + 2.0**-46 * values
 
 
-def norm_square(bump: Bump, balls: BallSet) -> tuple[float, float]:
+def norm_square(balls: BallDescriptor) -> tuple[float, float]:
     """Integral of the square of a descriptor, the sum of what all pairs of its balls have in common; and its error."""
+    bump = balls.bump
     radii, which = np.unique(balls.radii, return_inverse=True)
     tables: dict[int, Table] = {}
     # Each with itself, and twice all others.
@@ -185,7 +90,7 @@ def norm_square(bump: Bump, balls: BallSet) -> tuple[float, float]:
     return value, error + 2.0**-52 * (len(balls.radii) + 2) * value
 
 
-def _meeting(balls: BallSet) -> Iterator[tuple[Ints, Ints]]:
+def _meeting(balls: BallDescriptor) -> Iterator[tuple[Ints, Ints]]:
     """Each pair of balls that meet, once, the larger of the two first; some at a time."""
     from scipy.spatial import cKDTree
 
@@ -221,7 +126,7 @@ def _tabled(bump: Bump, first: float, second: float, dim: int) -> Table:
     return lambda distances: (np.asarray(fit(np.minimum(2.0 * distances / reach, 2.0) - 1.0)), off)
 
 
-def touching_overlap(bump: Bump, first: BallSet, second: BallSet, swell: float, slack: float) -> float:
+def touching_overlap(first: BallDescriptor, second: BallDescriptor, swell: float, slack: float) -> float:
     """A lower bound of what two balls have in common, after each has grown by ``swell``, if before they touched.
 
     A bump is a mixture of indicators of balls about its center, and what two balls have in common falls with the
@@ -229,6 +134,7 @@ def touching_overlap(bump: Bump, first: BallSet, second: BallSet, swell: float, 
     where the balls only just touch; and all pairs of radii are looked at. By ``slack``, in metres, balls that touch may
     be apart, from rounding.
     """
+    bump = first.bump
     a, b = (part.ravel() for part in np.meshgrid(np.unique(first.radii), np.unique(second.radii)))
     gaps = a + b + slack
     values, errors = pair_integrals(bump, a + swell, b + swell, gaps, first.dim)

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from cspace import InputError, MissingPackageError, Robot
 from cspace.spectral import BallDescriptor, Bounds, Bump, FourierOverlap, Spheres, Verdict
 from cspace.spectral.bands import Rings, Spectrum, Terms
-from cspace.spectral.pairs import BallSet, norm_square
+from cspace.spectral.pairs import norm_square
 
 pytest.importorskip("finufft")
 
@@ -27,7 +27,7 @@ def test_balls_that_all_but_coincide_are_two(alpha: float) -> None:
     for t in ([0.0, 0.0], [0.3, 0.1], [0.2, -0.3]):
         truth = 2.0 * Bump(alpha).pair_integral(0.2, 0.3, math.hypot(*t), 2)
         assert abs(overlap.value(t) - truth) <= overlap.bound
-    value, _ = norm_square(Bump(alpha), BallSet(np.array(near[0]), np.full(2, 0.3)))
+    value, _ = norm_square(BallDescriptor(*near, Bump(alpha)))
     assert value == pytest.approx(4.0 * Bump(alpha).pair_integral(0.3, 0.3, 0.0, 2), rel=1e-9)
 
 
@@ -136,20 +136,20 @@ def test_errors_of_spectra_are_in_the_bounds_to_the_full(dim: int) -> None:
 
 def test_what_is_beyond_the_band_is_never_understated() -> None:
     """A band of a few frequencies, and a spectrum whose accuracy leaves its energy unsure."""
-    balls = BallSet(np.random.default_rng(0).uniform(0.0, 1.0, (6, 2)), np.full(6, 0.1))
-    bump, rings = Bump(2.0), Rings.of(np.full(2, 3.0), (6, 6))
-    norm = norm_square(bump, balls)
-    best = Spectrum.of(balls, balls.middle, bump, rings, 1e-12, norm)
+    balls = BallDescriptor(np.random.default_rng(0).uniform(0.0, 1.0, (6, 2)), np.full(6, 0.1))
+    rings = Rings.of(np.full(2, 3.0), (6, 6))
+    norm = norm_square(balls)
+    best = Spectrum.of(balls, balls.middle, rings, 1e-12, norm)
     for accuracy in (1e-2, 1e-4):
-        rough = Spectrum.of(balls, balls.middle, bump, rings, accuracy, (norm[0], 0.125))
+        rough = Spectrum.of(balls, balls.middle, rings, accuracy, (norm[0], 0.125))
         assert rough.error >= 2.0 * accuracy * 0.99 * float(np.abs(best.values[0]))
         moduli, less = np.abs(rough.values), rings.twice / 9.0
         least = float((less * np.maximum(moduli - rough.error, 0.0) ** 2).sum())
         assert rough.beyond >= best.beyond + 0.125
         assert rough.beyond >= norm[0] - float((less * moduli**2).sum()) + 0.125
         assert rough.beyond <= norm[0] - least + 0.125 + 4.0 * rough.error**2 * rings.size
-    far = BallSet(balls.centers + 1e6, balls.radii)
-    assert Spectrum.of(far, far.middle, bump, rings, 1e-12, norm).error > 100.0 * best.error
+    far = BallDescriptor(balls.centers + 1e6, balls.radii)
+    assert Spectrum.of(far, far.middle, rings, 1e-12, norm).error > 100.0 * best.error
 
 
 # ---- what is refused -------------------------------------------------------------------------------------------------

@@ -10,19 +10,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cspace.spectral import Bump
-from cspace.spectral.pairs import BallSet, norm_square, pair_integrals, touching_overlap
+from cspace.spectral import BallDescriptor, Bump
+from cspace.spectral.pairs import norm_square, pair_integrals, touching_overlap
 from strategies import seeds
 
 DIMS = [2, 3]
 
 
-def of_all_pairs(bump: Bump, balls: BallSet) -> tuple[float, float]:
+def of_all_pairs(balls: BallDescriptor) -> tuple[float, float]:
     """Sum over all pairs of what they have in common, and by how much it may be off."""
     gaps = np.linalg.norm(balls.centers[:, None] - balls.centers, axis=2)
     first, second = np.meshgrid(balls.radii, balls.radii, indexing="ij")
     close = gaps < first + second
-    values, errors = pair_integrals(bump, first[close], second[close], gaps[close], balls.dim)
+    values, errors = pair_integrals(balls.bump, first[close], second[close], gaps[close], balls.dim)
     return float(values.sum()), float(errors.sum())
 
 
@@ -45,9 +45,9 @@ def test_pairs_are_as_by_adaptive_quadrature(dim: int, alpha: float) -> None:
 @pytest.mark.parametrize("number", [5, 60])
 def test_norms_are_sums_over_all_pairs(dim: int, alpha: float, number: int) -> None:
     rng = np.random.default_rng(number)
-    balls = BallSet(rng.uniform(0.0, 1.0, (number, dim)), rng.choice([0.1, 0.25], number))
-    value, error = norm_square(Bump(alpha), balls)
-    expected, off = of_all_pairs(Bump(alpha), balls)
+    balls = BallDescriptor(rng.uniform(0.0, 1.0, (number, dim)), rng.choice([0.1, 0.25], number), Bump(alpha))
+    value, error = norm_square(balls)
+    expected, off = of_all_pairs(balls)
     assert abs(value - expected) <= error + off
     assert error < 1e-6 * value
 
@@ -56,9 +56,9 @@ def test_norms_are_sums_over_all_pairs(dim: int, alpha: float, number: int) -> N
 @given(seeds, st.sampled_from(DIMS), st.sampled_from([1.0, 2.0, 4.0, math.inf]), st.floats(0.05, 1.0))
 def test_balls_that_touched_overlap_by_the_threshold(seed: int, dim: int, alpha: float, swell: float) -> None:
     rng = np.random.default_rng(seed)
-    sets = [BallSet(np.zeros((3, dim)), rng.uniform(0.1, 1.0, 3)) for _ in range(2)]
     bump = Bump(alpha)
-    level = touching_overlap(bump, *sets, swell, 1e-9)
+    sets = [BallDescriptor(np.zeros((3, dim)), rng.uniform(0.1, 1.0, 3), bump) for _ in range(2)]
+    level = touching_overlap(*sets, swell, 1e-9)
     a, b = (rng.choice(balls.radii, 20) for balls in sets)
     gaps = (a + b) * np.sqrt(rng.uniform(0.0, 1.0, 20))
     gaps[0] = a[0] + b[0]
@@ -75,8 +75,8 @@ def test_what_touching_balls_share_is_known_of_steep_bumps_too(dim: int, alpha: 
     """Rules of some nodes each may agree by chance where neither resolves the flank."""
     bump = Bump(alpha)
     for radius, swell in itertools.product(np.linspace(0.3, 3.0, 7).tolist(), [0.037, 0.11, 0.6]):
-        one, other = (BallSet(np.zeros((1, dim)), np.array([r])) for r in (1.0, radius))
-        level = touching_overlap(bump, one, other, swell, 0.0)
+        one, other = (BallDescriptor(np.zeros((1, dim)), np.array([r]), bump) for r in (1.0, radius))
+        level = touching_overlap(one, other, swell, 0.0)
         exact = bump.pair_integral(1.0 + swell, radius + swell, 1.0 + radius, dim)
         assert exact * (1.0 - 1e-7) <= level <= exact
 
@@ -86,8 +86,8 @@ def test_what_touching_balls_share_is_known_of_steep_bumps_too(dim: int, alpha: 
 def test_norms_of_needles_and_cliffs_hold_their_error(dim: int, alpha: float) -> None:
     bump = Bump(alpha)
     for other in (0.2447, 1.7):
-        balls = BallSet(np.zeros((2, dim)), np.array([1.0, other]))
-        value, error = norm_square(bump, balls)
+        balls = BallDescriptor(np.zeros((2, dim)), np.array([1.0, other]), bump)
+        value, error = norm_square(balls)
         pairs = [bump.pair_integral(*pair, 0.0, dim) for pair in ((1.0, 1.0), (1.0, other), (other, other))]
         expected = pairs[0] + 2.0 * pairs[1] + pairs[2]
         assert abs(value - expected) <= error + 1e-8 * expected
@@ -97,49 +97,50 @@ def test_norms_of_needles_and_cliffs_hold_their_error(dim: int, alpha: float) ->
 @pytest.mark.parametrize("dim", DIMS)
 def test_norms_of_many_radii_and_of_coincident_balls(dim: int) -> None:
     rng = np.random.default_rng(1)
-    balls = BallSet(rng.uniform(0.0, 1.0, (40, dim)), np.append(rng.uniform(0.01, 0.3, 30), np.full(10, 0.2)))
-    balls.centers[35:] = balls.centers[34]
-    value, error = norm_square(Bump(2.0), balls)
-    expected, off = of_all_pairs(Bump(2.0), balls)
+    centers = rng.uniform(0.0, 1.0, (40, dim))
+    centers[35:] = centers[34]
+    balls = BallDescriptor(centers, np.append(rng.uniform(0.01, 0.3, 30), np.full(10, 0.2)))
+    value, error = norm_square(balls)
+    expected, off = of_all_pairs(balls)
     assert abs(value - expected) <= error + off
     assert error < 1e-4 * value
 
 
 def test_norms_are_found_some_pairs_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(3)
-    balls = BallSet(rng.uniform(0.0, 1.0, (90, 2)), rng.choice([0.1, 0.2, 0.33], 90))
-    value, error = norm_square(Bump(2.0), balls)
+    balls = BallDescriptor(rng.uniform(0.0, 1.0, (90, 2)), rng.choice([0.1, 0.2, 0.33], 90))
+    value, error = norm_square(balls)
     monkeypatch.setattr("cspace.spectral.pairs.AT_ONCE", 50)
-    again, off = norm_square(Bump(2.0), balls)
+    again, off = norm_square(balls)
     assert again == pytest.approx(value, rel=1e-9, abs=error + off)
 
 
 def test_rounded_radii_only_grow_or_only_shrink() -> None:
     radii = np.random.default_rng(0).uniform(0.1, 2.0, 50)
-    balls = BallSet(np.zeros((50, 2)), radii)
+    balls = BallDescriptor(np.zeros((50, 2)), radii)
     for number in (1, 2, 3, 8):
         up, down = balls.rounded(number, up=True).radii, balls.rounded(number, up=False).radii
         assert (up >= radii).all() and (down <= radii).all()
         assert max(len(np.unique(up)), len(np.unique(down))) <= number
         assert up.max() == radii.max() and down.min() == radii.min()
-    assert balls.rounded(50, up=True).radii is radii
+    assert balls.rounded(50, up=True) is balls
 
 
 def test_balls_that_touch_but_for_rounding_share_less() -> None:
     """The least of pairs of radii, each a little farther apart than they are wide."""
     bump = Bump(2.0)
-    one, other = (BallSet(np.zeros((2, 2)), np.array(radii)) for radii in ([0.4, 1.0], [0.7, 2.0]))
+    one, other = (BallDescriptor(np.zeros((2, 2)), np.array(radii), bump) for radii in ([0.4, 1.0], [0.7, 2.0]))
     for slack in (0.0, 0.01, 0.05):
         pairs = itertools.product(one.radii.tolist(), other.radii.tolist())
         exact = min(bump.pair_integral(a + 0.3, b + 0.3, a + b + slack, 2) for a, b in pairs)
-        assert touching_overlap(bump, one, other, 0.3, slack) == pytest.approx(exact, rel=1e-7)
+        assert touching_overlap(one, other, 0.3, slack) == pytest.approx(exact, rel=1e-7)
 
 
 def test_errors_of_tables_count_for_every_pair() -> None:
     """Of a steep bump, and so many pairs of two radii that they are interpolated between few distances."""
     rng = np.random.default_rng(0)
-    balls = BallSet(rng.uniform(0.0, 0.6, (14, 2)), np.full(14, 0.4))
-    value, error = norm_square(Bump(300.0), balls)
+    balls = BallDescriptor(rng.uniform(0.0, 0.6, (14, 2)), np.full(14, 0.4), Bump(300.0))
+    value, error = norm_square(balls)
     ways = np.linalg.norm(balls.centers[:, None] - balls.centers, axis=2)[np.triu_indices(14, 1)]
     near = ways[ways < 0.8]
     alone = Bump(300.0).pair_integral(0.4, 0.4, 0.0, 2)
@@ -154,7 +155,7 @@ def test_of_many_pairs_that_touch_the_least_is_found(alpha: float) -> None:
     """Where rules resolve nothing, the pair that seems the least need not be it."""
     bump = Bump(alpha)
     rng = np.random.default_rng(0)
-    one, other = (BallSet(np.zeros((4, 2)), radii) for radii in rng.uniform(1.0, 1.02, (2, 4)))
+    one, other = (BallDescriptor(np.zeros((4, 2)), radii, bump) for radii in rng.uniform(1.0, 1.02, (2, 4)))
     pairs = itertools.product(one.radii.tolist(), other.radii.tolist())
     exact = min(bump.pair_integral(a + 0.05, b + 0.05, a + b, 2) for a, b in pairs)
-    assert touching_overlap(bump, one, other, 0.05, 0.0) == pytest.approx(exact, rel=2e-8)
+    assert touching_overlap(one, other, 0.05, 0.0) == pytest.approx(exact, rel=2e-8)
