@@ -16,6 +16,14 @@ os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(prefix="cspace-tests-")
 settings.register_profile("cspace", deadline=None, max_examples=50, derandomize="CI" in os.environ)
 settings.load_profile("cspace")
 
+FIRST = ("cli/test_commands.py", "spectral/", "raster/", "exact/", "planners/")
+"""Two workers begin where they compile different things; what one has compiled, the other finds in the cache later."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Run what takes longest first, so that no worker ends long after the other."""
+    items.sort(key=lambda item: next((k for k, part in enumerate(FIRST) if f"/{part}" in item.nodeid), len(FIRST)))
+
 
 @pytest.fixture(scope="session")
 def data() -> Path:
