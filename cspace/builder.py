@@ -99,8 +99,9 @@ def build(
     """
     from cspace.space import CSpace
 
-    margin, cells, grid = check_margin(margin), Rotations.of(rotations), workspace.grid
+    margin, cells = check_margin(margin), Rotations.of(rotations)
     _check(workspace, robot, cells, method, overlap, outside, workers)
+    grid = workspace.grid
     slices = int(cells.slice_of(robot).max()) + 1
     needed = map_bytes(grid.shape, slices, overlap)
     check_memory(needed, "the map", grid.shape, grid.spacing, fixed=TRANSFORM_BYTES, fewer=cells.fewer)

@@ -70,20 +70,6 @@ def test_engines_agree_where_robots_turn(seed, robot, rotations, outside, inner,
     assert fft.precision in ("float32", "float64") and direct.precision == "integer"
 
 
-@settings(max_examples=15)
-@given(stars(1.0), stars(1.5), POLICIES)
-def test_polygon_obstacles_by_definition(vertices, obstacle, outside):
-    workspace = Workspace.from_polygons(shapely.Polygon(obstacle), 0.5, bounds=(-4, -4, 4.5, 4))
-    space = cspace.build(workspace, Robot.polygon(vertices), outside=outside)
-    assert workspace.inner is not workspace.outer
-    outer, inner = space.robot.rasters(0.5)
-    touches, lies_in = (
-        overlaps_by_shifts(cells, raster, outside == "blocked")
-        for cells, raster in ((workspace.outer, outer), (workspace.inner, inner))
-    )
-    assert (space.state == np.where(lies_in > 0, BLOCKED, np.where(touches > 0, MIXED, FREE))).all()
-
-
 def prove(space, q, obstacles=None):
     """FREE keeps the margin, BLOCKED collides."""
     states = space.classify(q)
@@ -123,16 +109,17 @@ def test_corners_and_borders_belong_to_every_cell_that_touches_them(robot, rotat
         assert (collides(space, q, tolerance, obstacles) == (state == BLOCKED)).all()
 
 
-@settings(max_examples=20)
-@given(robots(0.4), st.sampled_from([1, 5, 8, 16]), seeds)
-def test_no_false_answer_over_polygons_and_lines(robot, rotations, seed):
+@settings(max_examples=40)
+@given(robots(0.4), stars(0.7), st.sampled_from([None, None, 1, 5, 8, 16]), seeds)
+def test_no_false_answer_over_polygons_and_lines(robot, star, rotations, seed):
     rng = np.random.default_rng(seed)
     shapes = [shapely.Point(*rng.uniform(0, 3, 2)).buffer(rng.uniform(0.02, 0.5), quad_segs=2) for _ in range(4)]
+    shapes.append(shapely.Polygon(star + rng.uniform(0, 3, 2)))
     line, frame = shapely.LineString(rng.uniform(0, 3, (2, 2))), shapely.box(0, 0, 3, 3)
     workspace = Workspace.from_polygons([*shapes, line], 0.1, (0, 0, 3, 3))
     assert (workspace.inner != workspace.outer).any()
     space = cspace.build(workspace, robot, rotations=rotations, outside="free")
-    prove(space, draw_configurations(space, rng, 150), shapely.union_all([*shapes, line]).intersection(frame))
+    prove(space, draw_configurations(space, rng, 200), shapely.union_all([*shapes, line]).intersection(frame))
 
 
 @settings(max_examples=15)
@@ -166,21 +153,6 @@ def test_polygon_workspaces_take_either_path_of_the_engine():
     assert {FREE, MIXED, BLOCKED} == set(np.unique(plain.state).tolist())
     assert ((outer.state == FREE) == (plain.state == FREE)).all() and not (outer.state == BLOCKED).any()
     assert ((counted.overlaps == 0) == (counted.state == FREE)).all()
-
-
-@settings(max_examples=30)
-@given(robots(0.5), stars(1.0), stars(0.7), seeds)
-def test_no_false_answer_over_polygons(robot, first, second, seed):
-    rng = np.random.default_rng(seed)
-    obstacles = [shapely.Polygon(first), shapely.Polygon(second + 0.8), shapely.LineString([(-1, 2), (2, 1.5)])]
-    workspace = Workspace.from_polygons(obstacles, 0.13, bounds=(-3, -3, 3, 3))
-    space = cspace.build(workspace, robot, outside="free")
-    q = draw_configurations(space, rng, 600)
-    states = space.classify(q)
-    hit = collides(space, q, 0.0, obstacles)
-    near = collides(space, q, 1e-9, obstacles)
-    assert not (hit & (states == FREE) & ~(near & ~hit)).any()
-    assert not (~near & (states == BLOCKED)).any()
 
 
 @settings(max_examples=25)
@@ -327,14 +299,15 @@ def thin(points):
 
 
 @settings(max_examples=30)
-@given(problems(0.3), st.integers(-3, 3), st.data())
-def test_laws(problem, shift, data):
+@given(problems(0.3), st.sampled_from([None, 5]), st.integers(-3, 3), st.data())
+def test_laws(problem, rotations, shift, data):
     """More obstacles or margin: never more FREE, never less BLOCKED. Union of obstacles: the worse of the maps."""
     first, second, robot = problem
     second = np.roll(second, 1, axis=0)
+    options = {"rotations": rotations, "outside": "free"}
 
-    def states(occupied, **options):
-        return cspace.build(Workspace.from_array(occupied, 0.125), robot, outside="free", **options).state
+    def states(occupied, margin=0.0):
+        return cspace.build(Workspace.from_array(occupied, 0.125), robot, margin=margin, **options).state
 
     assert (states(first | second) == np.maximum(states(first), states(second))).all()
     grown = states(first, margin=0.13)
@@ -345,7 +318,7 @@ def test_laws(problem, shift, data):
     moved = states(np.roll(np.pad(first, 3), shift, axis=axis))
     middle = [slice(3, 3 + n) for n in first.shape]
     middle[axis] = slice(3 + shift, 3 + shift + first.shape[axis])
-    assert (moved[tuple(middle)] == states(first)).all()
+    assert (moved[(..., *middle)] == states(first)).all()
 
 
 @settings(max_examples=20)
@@ -356,18 +329,6 @@ def test_a_quarter_turn_of_the_world_is_a_quarter_turn_of_the_map(robot, count, 
     # (x, y) goes to (-y, x): entry [x, y] of the turned bitmap is entry [y, -x] of the bitmap.
     world = Workspace.from_array(np.ascontiguousarray(occupied.T[::-1]), 0.2)
     assert (cspace.build(world, robot, rotations=count).state == np.roll(state, count // 4, 0).mT[:, ::-1]).all()
-
-
-@settings(max_examples=20)
-@given(robots(0.4), seeds, POLICIES)
-def test_obstacles_together_leave_free_what_each_leaves_free(robot, seed, outside):
-    first, second = np.random.default_rng(seed).random((2, 12, 9)) < 0.05
-    parts = [
-        cspace.build(Workspace.from_array(part, 0.2), robot, rotations=5, outside=outside).state
-        for part in (first, second, first | second)
-    ]
-    assert ((parts[2] == FREE) == ((parts[0] == FREE) & (parts[1] == FREE))).all()
-    assert ((parts[2] == BLOCKED) == ((parts[0] == BLOCKED) | (parts[1] == BLOCKED))).all()
 
 
 @pytest.mark.parametrize("count", [2, 3, 5, 9, 17, 34])
@@ -388,20 +349,6 @@ def test_slices_made_together_are_each_their_own(count, size):
         assert (counted.overlap(q) == counted.overlaps[k].ravel()).all()
         others = np.append(borders[k : k + 2], borders[k] + TURN)  # this cell, and all others as one
         assert (cspace.build(workspace, robot, rotations=others).state[0] == space.state[k]).all()
-
-
-@settings(max_examples=20)
-@given(hnp.arrays(np.bool_, st.tuples(*[st.integers(1, 12)] * 2)), st.floats(0.05, 0.4), st.integers(0, 3))
-def test_quarter_turns_permute_the_map(occupied, radius, turns):
-    offset = np.array([0.21, 0.08])
-    turned = np.round([[0, -1], [1, 0]]) if turns % 2 else np.eye(2)
-    turned = turned if turns < 2 else -turned
-    before = cspace.build(Workspace.from_array(occupied, 0.1), Robot.disc(radius, offset)).state
-    # A turn maps cell k = [k, k + 1] to the cell on the other side of the axis, so the outer sets must correspond.
-    after = cspace.build(
-        Workspace.from_array(np.rot90(occupied, turns), 0.1), Robot.disc(radius, turned @ offset)
-    ).state
-    assert (np.rot90(before, turns) == after).all()
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 40), (40, 1)])
@@ -463,24 +410,6 @@ def test_a_build_can_be_broken_off():
 
     with pytest.raises(KeyboardInterrupt):
         cspace.build(workspace, Robot.polygon(L_SHAPE), rotations=36, progress=stop)
-
-
-def test_equals_a_dilation():
-    rng = np.random.default_rng(5)
-    occupied = rng.random((40, 30, 20)) < 0.02
-    space = cspace.build(Workspace.from_array(occupied, 0.1), Robot.ball(0.35), outside="free")
-    outer = space.robot.rasters(0.1)[0]
-    dilated = ndimage.binary_dilation(occupied, outer.cells[::-1, ::-1, ::-1])
-    assert (dilated == (space.state != FREE)).all()
-
-
-def test_a_robot_larger_than_the_map():
-    occupied = np.zeros((4, 5, 6), bool)
-    occupied[1, 2, 3] = True
-    space = cspace.build(Workspace.from_array(occupied, 0.1), Robot.ball(3.0))
-    assert (space.state == BLOCKED).all()
-    assert space.classify((50.0, 0.0, 0.0)) == BLOCKED
-    assert cspace.build(Workspace.from_array(occupied, 0.1), Robot.ball(3.0), outside="free").is_free((50.0, 0, 0))
 
 
 WORKSPACE = Workspace.from_array(np.eye(4, dtype=bool), 0.1)

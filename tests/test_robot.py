@@ -1,23 +1,11 @@
-import json
 
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given
 
 from cspace import FileError, GeometryError, InputError, Mesh, Robot
-from strategies import robots
 
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
-
-
-@given(robots())
-def test_a_spec_makes_the_same_robot_again(robot):
-    again = Robot.from_spec(json.loads(json.dumps(robot.spec)))
-    for mine, theirs in zip(robot.rasters(0.2, 0.05), again.rasters(0.2, 0.05), strict=True):
-        assert mine.lower == theirs.lower
-        assert (mine.cells == theirs.cells).all()
-    assert again.geometry.equals(robot.geometry)
 
 
 def test_the_geometry_is_the_shape():

@@ -8,13 +8,13 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import cspace
-from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
+from cspace import FREE, InputError, Robot, Workspace
 from cspace.map.batches import EDGES_A_THREAD, ROWS
 from cspace.map.kept import Change
 from cspace.map.mip import CELLS_AN_EDGE, SIDE, Mip
 from cspace.rotations import Rotations
 from cspace.threads import LEAST
-from handmade import Outside, map_of
+from handmade import map_of
 from strategies import rotation_cells, seeds
 
 
@@ -81,22 +81,6 @@ def test_classify_of_many_is_that_of_each(make, seed, outside, number):
     cells = space.grid.cell_of(q[inside, : space.grid.dim])
     slices = 0 if not space.rotations.dof else space._map.slice_of[space.rotations.cell_of(q[inside, -1])]
     assert (space.classify(q)[inside] == space._map.states[(slices, *cells.T)]).all()
-
-
-@settings(max_examples=100)
-@given(seeds, st.sampled_from([FREE, MIXED, BLOCKED]))
-def test_what_lies_outside_a_grid_of_any_size(seed, beyond):
-    rng = np.random.default_rng(seed)
-    state = rng.integers(0, 3, rng.integers(1, 4, 2)).astype(np.uint8)
-    nx, ny = state.shape
-    first = rng.integers(-3, 3, 2)
-    box = np.array([*first, *(first + rng.integers(-1, 6, 2))])
-    space = map_of(state, outside=Outside(box, beyond))
-    cells = np.array(list(itertools.product(range(-5, nx + 9), range(-5, ny + 9))))
-    out = space.classify((cells + rng.uniform(0.1, 0.9, 2)) / 4)
-    for (i, j), told in zip(cells.tolist(), out.tolist(), strict=True):
-        boxed = box[0] <= i <= box[2] and box[1] <= j <= box[3]
-        assert told == (state[i, j] if 0 <= i < nx and 0 <= j < ny else MIXED if boxed else beyond)
 
 
 @pytest.mark.parametrize("make", KINDS)

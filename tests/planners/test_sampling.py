@@ -10,7 +10,7 @@ import pytest
 from ompl import util as ou
 
 import planners
-from cspace import FREE, MIXED, ConfigurationError, CSpace, InputError
+from cspace import MIXED, ConfigurationError, CSpace, InputError
 from planners.states import kind_of
 from planning import ENDS, SPACES, open_map, room, state_at, turn_between, with_state
 
@@ -110,16 +110,6 @@ def test_a_generator_and_ompls_seed_make_samples_repeatable(space: CSpace) -> No
         outcomes.append(draws())
     ou.setLogLevel(ou.LOG_WARN)
     assert outcomes[0] == outcomes[1] != outcomes[2]
-
-
-def test_a_sample_drawn_before_an_update_is_not_given_after_it() -> None:
-    space = with_state(np.full((6, 6), FREE, dtype=np.uint8))
-    si = planners.simple_setup(space).getSpaceInformation()
-    sampler, state = si.allocValidStateSampler(), si.allocState()
-    assert sampler.sample(state)
-    space.update(np.ones((6, 3), dtype=bool), (0, 0))
-    for _ in range(300):
-        assert sampler.sample(state) and si.isValid(state)
 
 
 def test_a_map_without_free_cells_has_no_samples() -> None:

@@ -242,67 +242,6 @@ def test_overlapping_boxes_are_their_union_whatever_way_they_face(seed, count):
     assert outer[surface].all()
 
 
-def cells_of(*parts, side=16):
-    return Mesh.of(joined(*parts)).cells(Grid((0, 0, 0), 1.0, (side,) * 3))
-
-
-OUTER = ((1.5, 1.5, 1.5), (14.5, 14.5, 14.5))
-CAVITY = ((4.5, 4.5, 4.5), (11.5, 11.5, 11.5))
-ISLAND = ((6.5, 6.5, 6.5), (9.5, 9.5, 9.5))
-
-
-def test_a_cavity_is_hollow_and_an_island_in_it_is_solid():
-    outer, inner = cells_of(box(*OUTER), box(*CAVITY, inward=True))
-    assert inner[3, 8, 8]
-    assert not outer[5:11, 5:11, 5:11].any()
-    outer, inner = cells_of(box(*OUTER), box(*CAVITY, inward=True), box(*ISLAND))
-    assert inner[3, 8, 8]
-    assert inner[8, 8, 8]
-    assert not outer[5, 5:11, 5:11].any()
-
-
-@pytest.mark.parametrize("flipped", [False, True])
-def test_a_body_within_another_that_faces_the_same_way_adds_nothing(flipped):
-    _, inner = cells_of(box(*OUTER, flipped), box(*CAVITY, flipped))
-    assert inner[8, 8, 8]
-
-
-def test_a_room_that_faces_inward_is_solid_with_its_furniture():
-    """Outermost bodies face outward: the winding of the furniture cannot cancel that of the room."""
-    outer, inner = cells_of(box(*OUTER, inward=True), box(*CAVITY))
-    assert inner[2:13, 2:13, 2:13].any()
-    assert inner[5:11, 5:11, 5:11].all()
-    assert outer[2:13, 2:13, 2:13].all()
-
-
-def test_bodies_that_face_opposite_ways_and_cross_are_solid_together():
-    first, second = ((1.5, 1.5, 1.5), (9.5, 9.5, 9.5)), ((5.5, 5.5, 5.5), (14.5, 14.5, 14.5))
-    _, inner = cells_of(box(*first), box(*second, inward=True))
-    for place in (3, 7, 12):
-        assert inner[place, place, place]
-    mesh = Mesh.of(joined(box(*first), box(*second, inward=True)))
-    assert mesh.contains([(3, 3, 3), (7, 7, 7), (12, 12, 12), (12, 3, 3)]).tolist() == [True, True, True, False]
-    # Bars of one height, whose edges meet in points and pierce no face, turned so that no number is exact.
-    for seed in range(20):
-        turn = trimesh.transformations.random_rotation_matrix(np.random.default_rng(seed).random(3))[:3, :3]
-        vertices, faces = joined(box((-3, -1, -1), (3, 1, 1)), box((-1, -3, -1), (1, 3, 1), inward=True))
-        plus = Mesh.of((vertices @ turn.T, faces))
-        found = plus.contains(np.array([(0, 0, 0), (2, 0, 0), (0, 2, 0), (2, 2, 0)]) @ turn.T)
-        assert found.tolist() == [True, True, True, False]
-
-
-def test_a_room_of_six_slabs_stays_free():
-    (a, b), (c, d) = (1.5, 14.5), (3.5, 12.5)
-    slabs = [box((a, a, a), (c, b, b)), box((d, a, a), (b, b, b)), box((a, a, a), (b, c, b)), box((a, d, a), (b, b, b))]
-    slabs += [box((a, a, a), (b, b, c)), box((a, a, d), (b, b, b))]
-    outer, inner = cells_of(*slabs)
-    assert not outer[4:12, 4:12, 4:12].any()
-    assert inner[2, 8, 8]
-    mesh = Mesh.of(joined(*slabs), "fill")
-    outer, inner = mesh.cells(Grid((0, 0, 0), 1.0, (16,) * 3))
-    assert inner[4:12, 4:12, 4:12].all()
-
-
 def test_doubled_faces_of_both_kinds():
     vertices, faces = box((1.5, 1.5, 1.5), (6.5, 6.5, 6.5))
     once = Mesh.of((vertices, faces)).cells(Grid((0, 0, 0), 1.0, (16,) * 3))

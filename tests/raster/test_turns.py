@@ -199,18 +199,6 @@ def test_a_filled_robot_holds_its_inside_at_every_rotation():
     assert rasters(solid, 0.08, 0.0, turn)[0] <= outer
 
 
-@pytest.mark.parametrize("turns", [0, 1, 2, 3, 4, -1])
-@pytest.mark.parametrize(
-    "robot", [Robot.polygon([(0.1, 0.0), (0.9, 0.1), (0.3, 0.7)]), Robot.ball(0.33, (0.41, 0.12, 0.27))]
-)
-def test_a_quarter_turn_moves_each_offset(robot, turns):
-    for raster in robot.rasters(0.1):
-        expected = places(raster)
-        for _ in range(turns % 4):
-            expected = {(-y, x, *rest) for x, y, *rest in expected}
-        assert places(raster.quarter_turned(turns)) == expected
-
-
 @pytest.mark.parametrize("name", SOLID)
 def test_quarter_turns_by_permutation_are_fresh_rasters(name):
     robot, angle = SOLID[name](), 0.1

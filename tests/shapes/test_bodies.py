@@ -335,3 +335,12 @@ def test_a_room_of_slabs_is_free(soup):
         slabs += [box(low, high - 6 * unit), box(low + 6 * unit, high)]
     room = joined(*slabs)
     assert inside(apart(room) if soup else room, [(4.1, 4.2, 4.3), (1.1, 4.2, 4.3)]) == [False, True]
+
+
+def test_bars_that_face_opposite_ways_and_cross_are_solid_together():
+    """Of one height: their edges meet in points and pierce no face, turned so that no number is exact."""
+    for seed in range(20):
+        turn = trimesh.transformations.random_rotation_matrix(np.random.default_rng(seed).random(3))[:3, :3]
+        vertices, faces = joined(box((-3, -1, -1), (3, 1, 1)), box((-1, -3, -1), (1, 3, 1), inward=True))
+        points = np.array([(0, 0, 0), (2, 0, 0), (0, 2, 0), (2, 2, 0)]) @ turn.T
+        assert Mesh.of((vertices @ turn.T, faces)).contains(points).tolist() == [True, True, True, False]

@@ -105,16 +105,6 @@ def test_a_cloud_of_points_and_a_missing_file_are_refused(tmp_path):
     assert ".stl" in SUFFIXES
 
 
-def test_polygons_with_more_corners_are_cut_into_triangles(tmp_path):
-    file = tmp_path / "cube.obj"
-    corners = [(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]
-    quads = ["1 2 4 3", "5 7 8 6", "1 5 6 2", "3 4 8 7", "1 3 7 5", "2 6 8 4"]
-    file.write_text("".join(f"v {x} {y} {z}\n" for x, y, z in corners) + "".join(f"f {quad}\n" for quad in quads))
-    mesh = Mesh.of(file)
-    assert mesh.is_watertight
-    assert mesh.volume == pytest.approx(1.0)
-
-
 def test_a_scene_is_put_together_as_it_stands():
     scene = trimesh.Scene()
     mirror = np.diag([-1.0, 1.0, 1.0, 1.0])
@@ -301,16 +291,6 @@ def test_points_in_crumpled_bodies_agree_with_solid_angles(seed):
     mixed = np.array(ball.faces)
     mixed[::3] = mixed[::3, ::-1]
     assert (Mesh.of((vertices, mixed)).contains(points) == solid).all()
-
-
-def test_points_are_checked():
-    mesh = Mesh.of((TETRAHEDRON, SIDES))
-    assert mesh.contains((0.1, 0.1, 0.1)).shape == ()
-    assert mesh.contains(np.empty((0, 3))).shape == (0,)
-    with pytest.raises(InputError, match="3 long"):
-        mesh.contains((0.1, 0.1))
-    with pytest.raises(InputError, match="nan"):
-        mesh.contains((0.1, 0.1, np.nan))
 
 
 def test_a_mesh_keeps_to_the_last_bit_through_its_record():
