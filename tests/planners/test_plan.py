@@ -220,6 +220,17 @@ def test_cubes_join_all_that_free_cells_join() -> None:
         assert missed.status == "no chain of FREE cells joins start and goal; undecided whether one exists"
 
 
+def test_cubes_moves_without_a_turn() -> None:
+    state = np.zeros((4, 3, 3), np.uint8)
+    state[1, 1] = MIXED
+    space = with_state(state, turning=True)
+    for yaw in (0.1, 1.6):
+        found = planners.plan(space, (0.5, 0.5, yaw), (2.5, 2.5, yaw), planner="Cubes", simplify=False)
+        assert found.solved == found.certified == (yaw == 0.1) and (found.path[:, 2] == yaw).all()
+    with pytest.raises(InputError, match="turned otherwise"):
+        planners.plan(space, (0.5, 0.5, 0.0), (2.5, 2.5, 0.1), planner="Cubes")
+
+
 # ---- no path ---------------------------------------------------------------------------------------------------------
 
 
