@@ -134,8 +134,6 @@ def plan(
     name = planner_named(planner, curve)
     edges = local_planner(space, exact, curve, turning_radius)
     check_flag(simplify, "simplify")
-    if name == CUBES:
-        _check_cubes(objective=objective, exact=exact, curve=curve, iterations=iterations)
     search = Search(
         planner=name,
         objective=_objective(space, objective, name, curve, turning_radius),
@@ -148,6 +146,8 @@ def plan(
     )
     limit = positive(time_limit, "time_limit", "seconds")
     ends = check_endpoint(space, start, "start", exact), check_endpoint(space, goal, "goal", exact)
+    if name == CUBES:
+        _check_cubes(space, ends, objective=objective, exact=exact, curve=curve, iterations=iterations)
     exists: bool | None = space.path_exists(*ends)
     found = _found(search, edges, ends, exists, limit)
     searched = time.perf_counter()
@@ -260,8 +260,11 @@ def _objective(
     return lambda si: kind(si, space, curve=curve, turning_radius=turning_radius)
 
 
-def _check_cubes(**options: object) -> None:
+def _check_cubes(space: CSpace, ends: tuple[Configuration, Configuration], **options: object) -> None:
     """Refuse what the map's own search cannot do."""
+    if space.rotations.steps(*np.array(ends))[space.grid.dim :].any():
+        rule = f"{CUBES} moves the robot without turning it"
+        raise InputError("goal", "is turned otherwise than the start", rule, "use planner='RRTConnect'", value=ends[1])
     for name, value in options.items():
         if value not in (None, False, "length"):
             found = f"is {value!r} and planner is {CUBES!r}"

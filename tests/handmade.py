@@ -33,8 +33,7 @@ def map_of(state, rotations=None, outside="free", spacing=0.25, lower=None, rast
     """
     state = np.asarray(state, dtype=np.uint8)
     dim = state.ndim - (rotations is not None)
-    away = np.zeros(dim)
-    away[0] = 0.0 if rotations is None else 1e-7
+    away = np.full(dim, 0.0 if rotations is None else 1e-7)
     occupied = np.zeros(state.shape[-dim:], dtype=bool) if occupied is None else occupied
     made = CSpace(
         Workspace.from_array(occupied, spacing, lower),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from functools import cache
 from typing import Any
@@ -11,18 +12,20 @@ import numpy as np
 import pytest
 from ompl import base as ob
 from scipy import ndimage
+from scipy.spatial.transform import Rotation, Slerp
 
 import planners
-from cspace import BLOCKED, FREE, CSpace, Robot, Workspace, build
+from cspace import BLOCKED, FREE, CSpace, Robot, Rotations, Workspace, build
 from handmade import map_of
 from planners.states import kind_of
 
-SPACES = ("plane", "turning", "space", "yawing")
+SPACES = ("plane", "turning", "space", "yawing", "floating")
 ENDS: dict[str, tuple[Any, Any]] = {
     "plane": ((1.0, 1.0), (9.0, 5.0)),
     "turning": ((0.8, 0.8, 0.0), (5.0, 3.2, 2.0)),
     "space": ((0.5, 0.5, 0.4), (3.5, 1.4, 1.6)),
     "yawing": ((0.5, 0.5, 0.5, 0.0), (2.4, 0.5, 0.6, 1.0)),
+    "floating": ((0.5, 0.5, 0.5, 0.0, 0.0, 0.0, 1.0), (1.9, 0.5, 0.6, 0.0, 0.6, 0.0, 0.8)),
 }
 """Start and goal in each room."""
 
@@ -31,9 +34,13 @@ ANYTIME = {"AORRTC", "BITstar", "InformedRRTstar", "PRMstar", "RRTstar", "SORRTs
 """Planners that go on improving their path until their time is over."""
 
 
+TURNS = {"turning": 4, "yawing": 4, "floating": Rotations.quaternions(2)}
+"""A few rotation cells in each space that has any."""
+
+
 @cache
 def room(name: str) -> CSpace:
-    """A room with two walls across it, for a disc, a rectangle that turns, or a box in space."""
+    """A room with walls across it, for a disc, a rectangle that turns, or a box in space."""
     if name == "plane":
         occupied = np.zeros((100, 60), dtype=bool)
         occupied[30:33, :45] = True
@@ -48,6 +55,12 @@ def room(name: str) -> CSpace:
         occupied = np.zeros((30, 20, 12), dtype=bool)
         occupied[13:15, :14] = True
         return build(Workspace.from_array(occupied, 0.1), Robot.box((0.4, 0.2, 0.1)), rotations=12)
+    if name == "floating":
+        occupied = np.zeros((24, 16, 10), dtype=bool)
+        occupied[11:13, :9] = True
+        return build(
+            Workspace.from_array(occupied, 0.1), Robot.box((0.3, 0.1, 0.2)), rotations=Rotations.quaternions(5)
+        )
     occupied = np.zeros((40, 20, 20), dtype=bool)
     occupied[13:15, :, :13] = True
     occupied[26:28, :11] = True
@@ -57,26 +70,25 @@ def room(name: str) -> CSpace:
 @cache
 def open_map(name: str) -> CSpace:
     """A map without an obstacle, open to all sides."""
-    dim = 3 if name in ("space", "yawing") else 2
+    dim = 2 if name in ("plane", "turning") else 3
     workspace = Workspace.from_array(np.zeros((9, 8, 7)[:dim], dtype=bool), 1.0)
     robot = Robot.ball(0.1) if dim == 3 else Robot.disc(0.1)
-    return build(workspace, robot, outside="free", rotations=4 if name in ("turning", "yawing") else None)
+    return build(workspace, robot, outside="free", rotations=TURNS.get(name))
 
 
-def with_state(state: np.ndarray, turning: bool = False, spacing: float = 1.0) -> CSpace:
+def with_state(state: np.ndarray, turns: int | Rotations | None = None, spacing: float = 1.0) -> CSpace:
     """A map whose cells have the given states; with an axis of rotations first, where the robot turns."""
-    cells = (state[0] if turning else state) == BLOCKED
-    return map_of(state, len(state) if turning else None, "blocked", spacing, occupied=cells)
+    return map_of(state, turns, "blocked", spacing, occupied=(state if turns is None else state[0]) == BLOCKED)
 
 
 def halves(name: str, between: int) -> tuple[CSpace, Any, Any]:
     """Two free halves with a wall of another state between them, and a configuration in each."""
-    turning = name in ("turning", "yawing")
-    shape = {"plane": (19, 9), "turning": (12, 19, 9), "space": (19, 9, 9), "yawing": (12, 19, 9, 9)}[name]
-    state = np.full(shape, FREE, dtype=np.uint8)
-    state[(slice(None), 9) if turning else 9] = between
-    rest = (4.5,) * (len(shape) - 1 - turning) + (1.0,) * turning
-    return with_state(state, turning), (2.5, *rest), (16.5, *rest)
+    turns = {"turning": 12, "yawing": 12, "floating": Rotations.quaternions(2)}.get(name)
+    cells = (19, 9) if name in ("plane", "turning") else (19, 9, 9)
+    state = np.full((Rotations.of(turns).count, *cells), FREE, dtype=np.uint8)
+    state[:, 9] = between
+    rest = (*(4.5,) * (len(cells) - 1), *{1: (1.0,), 4: (0.0, 0.6, 0.0, 0.8)}.get(Rotations.of(turns).dof, ()))
+    return with_state(state[0] if turns is None else state, turns), (2.5, *rest), (16.5, *rest)
 
 
 def state_at(space: CSpace, si: Any, q: Any) -> Any:
@@ -92,17 +104,34 @@ def configurations(space: CSpace, n: int, seed: int) -> np.ndarray:
     lower, upper = np.array(space.grid.lower), np.array(space.grid.upper)
     corners = lower + space.grid.spacing * rng.integers(0, np.array(space.grid.shape) + 1, (n // 4, space.grid.dim))
     q = np.concatenate([rng.uniform(lower - 0.2, upper + 0.2, (n, space.grid.dim)), corners])
-    return np.column_stack([q, rng.uniform(-math.pi, math.pi, (len(q), space.dof - space.grid.dim))])
+    return usable(space, np.column_stack([q, rng.uniform(-math.pi, math.pi, (len(q), space.dof - space.grid.dim))]))
 
 
 def edges_from(space: CSpace, n: int, seed: int, reach: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
-    """FREE configurations, and others near them, with yaw in [-pi, pi)."""
+    """FREE configurations, and others near them, with yaw in [-pi, pi) and quaternions of norm 1."""
     rng = np.random.default_rng(seed)
     starts = space.sample_free(n, rng)
-    ends = starts + rng.uniform(-reach, reach, starts.shape)
-    for q in (starts, ends):
-        q[:, space.grid.dim :] = turn_between(0.0, q[:, space.grid.dim :])
-    return starts, ends
+    return usable(space, starts), usable(space, starts + rng.uniform(-reach, reach, starts.shape))
+
+
+def usable(space: CSpace, q: np.ndarray) -> np.ndarray:
+    """Configurations with yaw in [-pi, pi) and quaternions of norm 1."""
+    turns = q[:, space.grid.dim :]
+    if "qw" in space.axes:
+        turns = turns / np.linalg.norm(turns, axis=1, keepdims=True)
+    return np.column_stack([q[:, : space.grid.dim], turns if "qw" in space.axes else turn_between(0.0, turns)])
+
+
+def edge(space: CSpace, first: np.ndarray, last: np.ndarray, shares: np.ndarray) -> tuple[np.ndarray, float]:
+    """Configurations at shares of a straight edge, and the radians that the robot turns along it."""
+    dim = space.grid.dim
+    place = first[:dim] + shares[:, None] * (last - first)[:dim]
+    if "qw" in space.axes:
+        turns = Rotation.from_quat([first[dim:], last[dim:]])
+        turned = Slerp([0.0, 1.0], turns)(shares).as_quat()
+        return np.column_stack([place, turned]), float((turns[0].inv() * turns[1]).magnitude())
+    turn = turn_between(first[dim:], last[dim:])
+    return np.column_stack([place, first[dim:] + shares[:, None] * turn]), float(np.abs(turn).max(initial=0.0))
 
 
 def turn_between(first: Any, second: Any) -> Any:
@@ -144,29 +173,31 @@ def check(space: CSpace, found: planners.Plan, start: Any, goal: Any) -> None:
         assert rows.dtype == np.float64 and rows.shape[1:] == (space.dof,) and not rows.flags.writeable
         for end, row in ((start, rows[0]), (goal, rows[-1])):
             assert tuple(row[:dim]) == tuple(end[:dim])
-            assert np.abs(turn_between(row[dim:], end[dim:])).max(initial=0.0) < 1e-12
+            assert edge(space, row, np.array(end), np.zeros(1))[1] < 1e-7
     assert found.axes == space.axes
     assert (path[:, dim:] >= -math.pi).all() and (path[:, dim:] < math.pi).all()
     known = {tuple(row) for row in path.tolist()}
     assert all(tuple(row) in known for row in waypoints.tolist())
-    moves, turns = np.diff(path[:, :dim], axis=0), turn_between(path[:-1, dim:], path[1:, dim:])
-    steps = np.linalg.norm(moves, axis=1)
-    along = np.linspace(0.0, 1.0, 20 if space.dof > dim else 200)[:, None]
+    along = np.linspace(0.0, 1.0, 20 if space.dof > dim else 200)
+    edges = [edge(space, a, b, along) for a, b in itertools.pairwise(path)]
+    steps, angles = np.linalg.norm(np.diff(path[:, :dim], axis=0), axis=1), np.array([angle for _, angle in edges])
     if found.curve is None:
         assert found.direction is None and found.length == pytest.approx(steps.sum())
-        dense = [a + along * np.concatenate([move, turn]) for a, move, turn in zip(path, moves, turns, strict=False)]
+        dense = [points for points, _ in edges]
     else:
         assert found.turning_radius is not None and found.direction is not None
         assert len(found.direction) == len(path) and set(found.direction.tolist()) <= {1, -1}
         assert steps.sum() * (1 - 1e-9) <= found.length <= steps.sum() * 1.01 + 1e-9
-        ahead = zip(path, steps, turns[:, 0], found.direction[1:], strict=False)
-        dense = [on_arc(a, step, turn, way, along[:, 0]) for a, step, turn, way in ahead]
+        turns = turn_between(path[:-1, 2], path[1:, 2])
+        ahead = zip(path, steps, turns, found.direction[1:], strict=False)
+        dense = [on_arc(a, step, turn, way, along) for a, step, turn, way in ahead]
         # No turn is tighter than the radius, and the robot moves the way it points.
-        assert (np.abs(turns[:, 0]) <= 1.02 * steps / found.turning_radius + 1e-6).all()
+        assert (np.abs(turns) <= 1.02 * steps / found.turning_radius + 1e-6).all()
         assert all(np.abs(points[-1, :2] - b[:2]).max() < 1e-5 for b, points in zip(path[1:], dense, strict=True))
     points = np.concatenate([path, *dense])
     if space.dof > dim:
-        assert (steps <= space.grid.spacing * (1 + 1e-9)).all() and (np.abs(turns) <= math.radians(5) + 1e-9).all()
+        assert (angles <= math.radians(5) + 1e-7).all()
+        assert (steps[angles > 1e-7] <= space.grid.spacing * (1 + 1e-9)).all()
         assert 0.0 <= found.clearance <= space.clearance(points).min() + 1.5 * space.grid.spacing + 1e-9
     if not found.exact:
         assert space.is_free(points).all()

@@ -219,7 +219,7 @@ def walled(cell: tuple[int, int, int], state: int = MIXED) -> CSpace:
     """All FREE but for one cell (rotation, x, y) out of 36 x 40 x 40."""
     stack = np.full((36, 40, 40), FREE, dtype=np.uint8)
     stack[cell] = state
-    return with_state(stack, turning=True, spacing=0.1)
+    return with_state(stack, len(stack), spacing=0.1)
 
 
 @pytest.mark.parametrize("name", CURVES)

@@ -92,6 +92,7 @@ def test_every_planner_takes_the_single_edge_where_it_is_free(planner: str) -> N
             ("turning", (1.2, 0.95, 0.4)),
             ("space", (0.5, 1.5, 1.6)),
             ("yawing", (0.6, 1.0, 0.6, 0.2)),
+            ("floating", (0.6, 0.7, 0.6, 0.1, 0.1, 0.1, math.sqrt(0.97))),
         ):
             found = planners.plan(room(name), ENDS[name][0], goal, planner=planner, objective=objective)
             check(room(name), found, ENDS[name][0], goal)
@@ -111,7 +112,7 @@ def test_a_robot_that_is_there_stays(name: str, curve: str | None) -> None:
     space, start = room(name), ENDS[name][0]
     found = planners.plan(space, start, start, **options_for(curve))
     check(space, found, start, start)
-    assert found.path.tolist() == [list(start)] and found.length == 0.0
+    assert found.path.tolist() == [list(map(float, start))] and found.length == 0.0
     assert found.clearance == space.clearance(start) and "start is the goal" in found.status
 
 
@@ -297,7 +298,7 @@ def test_an_end_that_cannot_be_used_is_named_with_its_state_and_the_nearest_free
 ) -> None:
     turning = shape[0] == 4
     state = np.tile(STRIP[:, None], (4, 1, 1)) if turning else STRIP.reshape(shape)
-    space = with_state(state, turning)
+    space = with_state(state, 4 if turning else None)
     rest = (0.1,) if turning else (0.5,) * (len(shape) - 2)
     bad, good = (x, other, *rest), (0.5, 0.5, *rest)
     for name, ends in (("start", (bad, good)), ("goal", (good, bad))):
@@ -362,12 +363,12 @@ def test_a_map_without_free_cells_has_no_nearest_one() -> None:
         (
             "yawing",
             {"curve": "dubins", "turning_radius": 1.0},
-            "curve is 'dubins' and the map is in space.*leave curve",
+            "curve is 'dubins' and the map.s configurations are .x, y, z, yaw.*leave curve",
         ),
         ("yawing", {"start": (1.0, 2.0, 3.0)}, "4 numbers; pass x, y and z in metres, and yaw in radians"),
         ("plane", {"planner": "Cubes", "objective": "clearance"}, "objective is 'clearance'"),
-        ("yawing", {"planner": "Cubes"}, "planner is 'Cubes' on a map with rotations"),
-        ("turning", {"planner": "Cubes"}, "planner is 'Cubes' on a map with rotations.*RRTConnect"),
+        ("floating", {"start": (1.0, 2.0, 3.0)}, r"7 numbers; pass x, y and z in metres, and a quaternion \(qx, qy"),
+        ("floating", {"start": (0.5, 0.5, 0.5, 0, 0, 0, 2)}, "start has a quaternion of norm 2; it must be 1"),
         ("turning", {"curve": "dubins"}, "turning_radius is None.*metres"),
         ("turning", {"curve": "dubins", "turning_radius": 0.0}, "turning_radius is 0.0"),
         ("turning", {"curve": "dubins", "turning_radius": math.nan}, "turning_radius is nan"),
@@ -378,7 +379,7 @@ def test_a_map_without_free_cells_has_no_nearest_one() -> None:
         ("turning", {"turning_radius": 1.0}, "turning_radius is 1.0 and curve is None"),
         ("turning", {"curve": "dubins", "turning_radius": 1.0, "exact": True}, "exact is True and curve is 'dubins'"),
         ("turning", {"exact": 3}, "exact is 3"),
-        ("space", {"curve": "reeds-shepp", "turning_radius": 1.0}, "curve is 'reeds-shepp'.*no rotations"),
+        ("space", {"curve": "reeds-shepp", "turning_radius": 1.0}, "curve is 'reeds-shepp'.*are .x, y, z."),
     ],
 )
 def test_wrong_input_is_named(name: str, wrong: dict[str, Any], words: str) -> None:

@@ -16,7 +16,7 @@ from cspace import BLOCKED, FileError
 from planners.car_curves import CURVES
 from planners.local_planner import local_planner
 from planners.result import least_clearance
-from planning import CAR, ENDS, SPACES, distances, halves, open_map, room, turn_between
+from planning import CAR, ENDS, SPACES, distances, halves, open_map, room, turn_between, usable
 
 CASES = [*((name, None) for name in SPACES), *(("turning", curve) for curve in CURVES)]
 
@@ -37,7 +37,7 @@ def test_the_clearance_of_a_path_is_a_bound_for_each_of_its_points(name: str, cu
     edges = local_planner(space, False, curve, 0.4 if curve else None)
     rng, some = np.random.default_rng(0), 0
     for a in space.sample_free(40, rng):
-        path = np.array([a, a + rng.uniform(-0.3, 0.3, len(a)), a + rng.uniform(-0.3, 0.3, len(a))])
+        path = usable(space, np.array([a, *(a + rng.uniform(-0.3, 0.3, (2, len(a))))]))
         bound = least_clearance(edges, path)
         points = edges.pieces(path, 0.01, 0.01).middles
         if not space.grid.contains(points[:, :dim]).all():
@@ -65,7 +65,8 @@ def test_the_clearance_of_a_path_is_the_least_one_of_its_pieces() -> None:
 def test_clearance_is_infinite_where_every_configuration_is_free(tmp_path: Path) -> None:
     for name in SPACES:
         space = open_map(name)
-        found = planners.plan(space, [1.5] * space.dof, [6.5] * space.grid.dim + [1.0] * (space.dof - space.grid.dim))
+        ends = usable(space, np.array([[1.5] * space.dof, [6.5] * space.grid.dim + [1.0] * space.rotations.dof]))
+        found = planners.plan(space, *ends)
         assert found.solved and found.clearance == math.inf
         found.to_json(tmp_path / "plan.json", overwrite=True)
         assert json.loads((tmp_path / "plan.json").read_text())["clearance"] is None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,12 +13,13 @@ from ompl import util as ou
 import planners
 from cspace import MIXED, ConfigurationError, CSpace, InputError
 from planners.states import kind_of
-from planning import ENDS, SPACES, open_map, room, state_at, turn_between, with_state
+from planning import ENDS, SPACES, edge, open_map, room, state_at, with_state
 
 NEAR = {
     "plane": [ENDS["plane"][0], (0.0, 3.0), (3.1, 2.0), (9.9, 5.9)],
     "turning": [ENDS["turning"][0], (3.0, 2.0, 3.1), (0.4, 0.4, -3.1)],
     "yawing": [ENDS["yawing"][0], (1.4, 1.2, 0.5, -3.1)],
+    "floating": [ENDS["floating"][0], (1.2, 1.3, 0.5, 0.5, -0.5, 0.5, -0.5)],
     "space": [ENDS["space"][0], (1.4, 0.5, 0.5), (0.0, 0.0, 0.0), (3.9, 1.9, 1.9)],
 }
 
@@ -35,19 +37,24 @@ def test_samples_are_free_and_spread_over_the_free_cells(space: CSpace) -> None:
         drawn.append(read(state))
     draws, dim = np.array(drawn), space.grid.dim
     centers = np.stack(np.meshgrid(*(space.grid.centers(axis) for axis in range(dim)), indexing="ij"), axis=-1)
-    yaws = [()] if space.dof == dim else [(yaw,) for yaw in space.rotations.representatives]
-    free = np.concatenate([centers[space.is_free(_with(centers, yaw))] for yaw in yaws])
+    turns, shares = space.rotations.centers.tolist(), space.rotations.volumes / space.rotations.volumes.sum()
+    free = [space.is_free(_with(centers, turn)) for turn in turns]
+    weights = np.tensordot(shares, np.array(free, dtype=float), 1)
     for axis in range(dim):
         half = space.grid.lower[axis] + space.grid.spacing * (space.grid.shape[axis] // 2)
-        share = (free[:, axis] < half).mean()
+        share = np.average(centers[..., axis] < half, weights=weights)
         error = 4 * math.sqrt(share * (1 - share) / len(draws))
         assert (draws[:, axis] < half).mean() == pytest.approx(share, abs=error)
-    if space.dof > dim:
+    if "yaw" in space.axes:
         assert np.histogram(draws[:, dim], bins=12, range=(-math.pi, math.pi))[0].min() > 100
 
 
-def _with(points: np.ndarray, yaw: tuple[float, ...]) -> np.ndarray:
-    return np.concatenate([points, np.broadcast_to(yaw, (*points.shape[:-1], len(yaw)))], axis=-1)
+def _turn(space: CSpace) -> list[float]:
+    return space.rotations.centers[0].tolist()
+
+
+def _with(points: np.ndarray, turn: Sequence[float]) -> np.ndarray:
+    return np.concatenate([points, np.broadcast_to(turn, (*points.shape[:-1], len(turn)))], axis=-1)
 
 
 @pytest.mark.parametrize(("name", "near"), [(name, near) for name in SPACES for near in NEAR[name]])
@@ -55,7 +62,7 @@ def _with(points: np.ndarray, yaw: tuple[float, ...]) -> np.ndarray:
 def test_samples_near_a_state_are_free_and_near(name: str, near: Any, distance: float) -> None:
     space, dim = room(name), room(name).grid.dim
     si, read = planners.simple_setup(space, rng=np.random.default_rng(1)).getSpaceInformation(), kind_of(space).read
-    state, centre = state_at(space, si, [9.0] * dim + [0.0] * (space.dof - dim)), state_at(space, si, near)
+    state, centre = state_at(space, si, [9.0] * dim + _turn(space)), state_at(space, si, near)
     sampler, found = si.allocValidStateSampler(), []
     for _ in range(200):
         before = read(state)
@@ -65,17 +72,13 @@ def test_samples_near_a_state_are_free_and_near(name: str, near: Any, distance: 
         found.append(read(state))
         assert si.isValid(state) and si.satisfiesBounds(state)
         assert np.abs(np.subtract(found[-1], near)[:dim]).max() <= distance
-        assert np.abs(turn_between(near[dim:], found[-1][dim:])).max(initial=0.0) <= distance + 1e-12
+        assert edge(space, np.array(near), np.array(found[-1]), np.zeros(1))[1] <= distance + 1e-7
     side = np.linspace(-distance, distance, 31)
     around = np.stack(np.meshgrid(*[side] * dim), axis=-1)
-    assert (
-        len(found) > 0
-        or space.dof > dim
-        or not space.is_free(np.array(near) + _with(around, (0.0,) * (space.dof - dim))).any()
-    )
+    assert len(found) > 0 or space.dof > dim or not space.is_free(np.array(near) + around).any()
     if near == ENDS[name][0]:
         assert len(found) > 100 and (np.ptp(found, axis=0) > min(distance, 0.7)).all()
-    far = state_at(space, si, [0.5] * (dim - 1) + [60.0] + [0.0] * (space.dof - dim))
+    far = state_at(space, si, [0.5] * (dim - 1) + [60.0] + _turn(space))
     assert not sampler.sampleNear(state, far, 1.0)
 
 
@@ -84,7 +87,7 @@ def test_samples_near_a_state_stay_in_the_map_where_all_beyond_is_free() -> None
         space = open_map(name)
         si = planners.simple_setup(space).getSpaceInformation()
         sampler, state = si.allocValidStateSampler(), si.allocState()
-        corner = state_at(space, si, [0.5] * space.dof)
+        corner = state_at(space, si, [0.5] * space.grid.dim + _turn(space))
         for _ in range(100):
             assert sampler.sampleNear(state, corner, 2.0) and si.satisfiesBounds(state)
 

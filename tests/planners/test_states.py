@@ -62,6 +62,7 @@ def test_each_map_has_states_of_its_own_kind() -> None:
         "turning": ob.SE2StateSpace,
         "space": ob.RealVectorStateSpace,
         "yawing": ob.CompoundStateSpace,
+        "floating": ob.SE3StateSpace,
     }
     for name in SPACES:
         assert isinstance(planners.state_space(room(name)), types[name])
