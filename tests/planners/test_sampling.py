@@ -77,7 +77,9 @@ def test_samples_near_a_state_are_free_and_near(name: str, near: Any, distance: 
     around = np.stack(np.meshgrid(*[side] * dim), axis=-1)
     assert len(found) > 0 or space.dof > dim or not space.is_free(np.array(near) + around).any()
     if near == ENDS[name][0]:
-        assert len(found) > 100 and (np.ptp(found, axis=0) > min(distance, 0.7)).all()
+        assert len(found) > 100 and (np.ptp(found, axis=0)[:dim] > 0.8 * min(distance, 0.7)).all()
+        turned = [edge(space, np.array(near), np.array(each), np.zeros(1))[1] for each in found]
+        assert max(turned) > 0.4 * min(distance, 0.7) or not space.rotations.dof
     far = state_at(space, si, [0.5] * (dim - 1) + [60.0] + _turn(space))
     assert not sampler.sampleNear(state, far, 1.0)
 
