@@ -11,7 +11,7 @@ from contextlib import suppress
 from functools import cache, partial
 from pathlib import Path
 from types import CodeType, ModuleType
-from typing import Any, ClassVar, Final, TypeVar, overload
+from typing import Any, Final, TypeVar, cast, overload
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -79,8 +79,8 @@ def _cache_class() -> Any:
                 raise PermissionError
 
     class Places(CompileResultCacheImpl):
-        _locator_classes: ClassVar = [
-            type(each.__name__, (Own, each), {}) for each in CompileResultCacheImpl._locator_classes
+        _locator_classes = [  # noqa: RUF012
+            cast(type[object], type(each.__name__, (Own, each), {})) for each in CompileResultCacheImpl._locator_classes
         ]
 
     class File(IndexDataCacheFile):

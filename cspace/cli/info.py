@@ -250,7 +250,8 @@ def _polygons(path: Path) -> tuple[Any, dict[str, Any]]:
     from cspace.io.vector import read_shapes
 
     shapes = read_shapes(path)
-    return shapely.total_bounds(shapes).reshape(2, 2), {"shapes": len(shapes)}
+    points = int(shapely.get_num_coordinates(shapes).sum())
+    return shapely.total_bounds(shapes).reshape(2, 2), {"shapes": len(shapes), "points": points}
 
 
 _SHAPES: Final[dict[str, tuple[str, Callable[..., tuple[Any, dict[str, Any]]]]]] = {

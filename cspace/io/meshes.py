@@ -52,7 +52,8 @@ def read_mesh(path: str | os.PathLike[str]) -> tuple[Floats, Integers]:
     So is a polygon with more than three corners if its triangles are not certain, because the corners are out of one
     plane by more than rounding, or because no fan around one of them covers it. Lines and points are left out in
     ``.obj``, ``.ply`` and ``.dae``, which often hold them besides; they are refused in ``.glb`` and ``.gltf``. An
-    ``.obj`` that is cut between two lines cannot be told from a whole one: nothing in it counts.
+    ``.obj`` that is cut between two lines, or within its very last number, cannot be told from a whole one: nothing in
+    it counts.
 
     Parameters
     ----------

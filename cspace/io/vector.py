@@ -36,7 +36,8 @@ def read_shapes(source: Any) -> list[BaseGeometry]:
     ----------
     source : shapely geometry, mapping, str, path-like, or iterable of these
         A geometry; GeoJSON as a mapping (geometry, Feature or FeatureCollection); a WKT string; or a file that ends in
-        ``.geojson``, ``.json`` (GeoJSON) or ``.wkt`` (one geometry, or one on each line).
+        ``.geojson``, ``.json`` (GeoJSON) or ``.wkt`` (one geometry, or one on each line; nothing counts them, and one
+        that is cut between two lines reads as fewer).
 
     Returns
     -------

@@ -194,6 +194,25 @@ def test_info_tells_what_does_not_fit(room: Path, monkeypatch: pytest.MonkeyPatc
     assert "a machine with more memory, or cut the file" in told["problem"]
 
 
+@pytest.mark.parametrize(
+    ("name", "lines", "key", "upper"),
+    [
+        ("cut.wkt", ["LINESTRING (0 0, 1 1)", "LINESTRING (0 0, 2 2, 0 2)"], "points", [1.0, 1.0]),
+        ("cut.obj", ["v 0 0 0", "v 1 0 0", "v 0 1 0", "v 0 0 2", "f 1 2 3", "f 1 2 4"], "triangles", [1.0, 1.0, 0.0]),
+        *[(f"cut{suffix}", ["0,0,0", "1,1,1"], "points", [0.0] * 3) for suffix in (".xyz", ".txt", ".csv")],
+    ],
+)
+def test_info_shows_what_a_text_without_an_end_holds(
+    room: Path, name: str, lines: list[str], key: str, upper: list[float]
+) -> None:
+    """Cut between two lines it cannot be told from a whole one, but by its numbers."""
+    Path(name).write_text("\n".join(lines))
+    whole = document("info", name, warning="open" if name == "cut.obj" else "")
+    Path(name).write_text("\n".join(lines[:-1]))
+    cut = document("info", name, warning="open" if name == "cut.obj" else "")
+    assert cut[key] < whole[key] and cut["upper_m"] == upper
+
+
 def test_info_of_cells_points_and_robots(room: Path) -> None:
     taken = int(np.load("rooms.npy").sum())
     for arguments, side in ((["rooms.3dmap"], 1.0), (["rooms.npy", "--spacing", 0.5], 0.5)):
