@@ -13,7 +13,8 @@ from xml.parsers.expat import ExpatError, ParserCreate
 import numpy as np
 
 from cspace.io.input import damaged, read_bytes
-from cspace.io.polygons import Floats, Integers, Surface, joined, placed, triangulated, unread
+from cspace.io.limits import check_bytes
+from cspace.io.polygons import Floats, Integers, Surface, joined, placed, triangulated, unfolded, unread
 
 Named = dict[str, Element | None]
 """Elements by their ids; none where two have one."""
@@ -22,6 +23,9 @@ _LEFT: Final = frozenset(["asset", "extra", "evaluate_scene", "instance_camera",
 """Children of a node that have no shape."""
 
 _DEEPEST: Final = 256
+
+_PLACES: Final = 100_000
+"""Places of a scene, at most, beyond the elements of the file: a few nodes that hold others unfold into any number."""
 
 _WITHOUT_SURFACE: Final = frozenset(["source", "vertices", "extra", "lines", "linestrips"])
 """Children of a mesh that have no surface."""
@@ -59,13 +63,16 @@ def read_collada(file: Path) -> Surface:
     scene = _target(instance, named, file)
     if scene.tag != "visual_scene":
         raise damaged(file, f"names {scene.tag} as its scene")
-    parts: list[Surface] = []
-    known: dict[Element, list[Surface]] = {}
+    places: list[tuple[Element, Floats]] = []
+    visits, most = 0, _PLACES + sum(1 for _ in root.iter())
     pending: list[tuple[Element, Floats, tuple[Element, ...]]] = [
         (child, np.diag([metres, metres, metres, 1.0]), ()) for child in reversed(list(scene))
     ]
     while pending:
         element, above, path = pending.pop()
+        visits += 1
+        if visits > most or len(path) > _DEEPEST:
+            raise damaged(file, f"puts nodes into nodes, {len(path)} deep, and {visits} in all or more")
         if element.tag in _LEFT:
             continue
         if element.tag == "instance_node":
@@ -76,13 +83,14 @@ def read_collada(file: Path) -> Surface:
             transform, shapes = _local(element, file)
             pending += [(child, above @ transform, (*path, element)) for child in reversed(shapes)]
         elif element.tag == "instance_geometry":
-            geometry = _target(element, named, file)
-            if geometry not in known:
-                known[geometry] = _surfaces(geometry, named, file)
-            parts += [placed(surface, above) for surface in known[geometry]]
+            places.append((_target(element, named, file), above))
         else:
             raise unread(file, f"a {element.tag} in its scene")
-    return joined(parts)
+    arrays: dict[Element, Floats] = {}
+    known = {each: _surfaces(each, named, arrays, file) for each in dict.fromkeys(each for each, _ in places)}
+    sizes = {each: sum(unfolded(len(points), len(faces)) for points, faces in known[each]) for each in known}
+    check_bytes(file, sum(sizes[each] for each, _ in places), "unfolds to", memory=3.0)
+    return joined([placed(surface, above) for each, above in places for surface in known[each]])
 
 
 def _target(instance: Element, named: Named, file: Path) -> Element:
@@ -161,7 +169,7 @@ def _parsed(data: bytes, file: Path) -> Element:
     return ElementTree.fromstring(data)
 
 
-def _surfaces(geometry: Element, named: Named, file: Path) -> list[Surface]:
+def _surfaces(geometry: Element, named: Named, arrays: dict[Element, Floats], file: Path) -> list[Surface]:
     """Surfaces of a geometry, one for each of its primitives."""
     surfaces = []
     for shape in geometry:
@@ -169,15 +177,15 @@ def _surfaces(geometry: Element, named: Named, file: Path) -> list[Surface]:
             continue
         if shape.tag != "mesh":
             raise unread(file, f"a geometry that is a {shape.tag}")
-        surfaces += [_primitive(part, named, file) for part in shape if part.tag not in _WITHOUT_SURFACE]
+        surfaces += [_primitive(part, named, arrays, file) for part in shape if part.tag not in _WITHOUT_SURFACE]
     return surfaces
 
 
-def _primitive(part: Element, named: Named, file: Path) -> Surface:
+def _primitive(part: Element, named: Named, arrays: dict[Element, Floats], file: Path) -> Surface:
     lists = [_corners(p, part, file) for p in part.findall("p")]
     corners = np.concatenate([np.empty(0, dtype=np.int64), *lists])
     count = int(part.get("count", "0"))
-    points = _positions(part, named, file) if count else np.empty((0, 3))
+    points = _positions(part, named, arrays, file) if count else np.empty((0, 3))
     if part.find("ph") is not None:
         raise unread(file, "a polygon with holes")
     if part.tag == "triangles":
@@ -210,8 +218,8 @@ def _corners(p: Element, part: Element, file: Path) -> Integers:
     return numbers[int(given[0].get("offset", "0")) :: stride]
 
 
-def _positions(part: Element, named: Named, file: Path) -> Floats:
-    """Points of the vertices that a primitive names."""
+def _positions(part: Element, named: Named, arrays: dict[Element, Floats], file: Path) -> Floats:
+    """Points of the vertices that a primitive names; ``arrays`` are those whose text was read before."""
     vertices = [_source(given, named, file) for given in _inputs(part, "VERTEX")]
     sources = [_source(given, named, file) for element in vertices for given in _inputs(element, "POSITION")]
     if len(sources) != 1:
@@ -222,7 +230,9 @@ def _positions(part: Element, named: Named, file: Path) -> Floats:
     array = _source(accessor, named, file)
     if array.tag not in ("float_array", "int_array"):
         raise damaged(file, f"has positions in {array.tag}")
-    values = np.array((array.text or "").split(), dtype=np.float64)
+    values = arrays.get(array)
+    if values is None:
+        values = arrays[array] = np.array((array.text or "").split(), dtype=np.float64)
     count, stride = int(accessor.get("count", "0")), int(accessor.get("stride", "1"))
     first = int(accessor.get("offset", "0"))
     columns = [i for i, param in enumerate(accessor.findall("param")) if param.get("name")]

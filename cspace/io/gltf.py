@@ -17,14 +17,16 @@ from urllib.parse import unquote
 import numpy as np
 
 from cspace.io.input import damaged, read_bytes
+from cspace.io.limits import check_bytes
 from cspace.io.plain import check_nesting
-from cspace.io.polygons import Floats, unread
+from cspace.io.polygons import Floats, unfolded, unread
 
 _KIND: Final = "mesh"
 
 _LOOKS: Final = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_", "KHR_xmp", "MSFT_texture_")
 """Extensions, by their first letters, that leave the shape as it is."""
 
+_DEEPEST: Final = 256
 _TRIANGLES: Final = 4
 _MODES: Final = {5: "strips of triangles", 6: "fans of triangles"}
 _WIDTHS: Final = {5121: 1, 5123: 2, 5125: 4, 5126: 12}
@@ -48,7 +50,13 @@ def load_gltf(file: Path) -> tuple[Any, int]:
     is_binary = file.suffix.lower() == ".glb"
     header = _header(_json_of(data, file) if is_binary else data, file)
     parts = [[_triangles(part, header, file) for part in mesh["primitives"]] for mesh in header.get("meshes", [])]
-    declared = sum(sum(parts[mesh]) for mesh in _instances(header, file))
+    sizes = [
+        sum(unfolded(header["accessors"][part["attributes"]["POSITION"]]["count"], faces) for part, faces in pairs)
+        for pairs in map(zip, (mesh["primitives"] for mesh in header.get("meshes", [])), parts)
+    ]
+    places = list(_instances(header, file))
+    check_bytes(file, sum(sizes) + sum(sizes[mesh] for mesh in places), "unfolds to", memory=3.0)
+    declared = sum(sum(parts[mesh]) for mesh in places)
     if not declared:
         return trimesh.Scene(), 0
     kind = "glb" if is_binary else "gltf"
@@ -112,15 +120,18 @@ def _instances(header: dict[str, Any], file: Path) -> Iterator[int]:
     if len(scenes) > 1 and "scene" not in header:
         raise unread(file, f"{len(scenes)} scenes of which none is the default", "export one scene")
     seen: set[int] = set()
-    pending = list(_item(header, "scenes", header.get("scene", 0), file).get("nodes", [])) if scenes else []
+    roots = _item(header, "scenes", header.get("scene", 0), file).get("nodes", []) if scenes else []
+    pending = [(number, 1) for number in roots]
     while pending:
-        number = pending.pop()
+        number, level = pending.pop()
+        if level > _DEEPEST:
+            raise damaged(file, f"has more than {_DEEPEST} nodes within each other")
         if number in seen or not 0 <= number < len(nodes):
             raise damaged(file, f"names node {number} twice, or it is not there; nodes form trees")
         seen.add(number)
         node = nodes[number]
         _refuse_extensions(node, file)
-        pending += node.get("children", [])
+        pending += [(child, level + 1) for child in node.get("children", [])]
         if not any(np.asarray(node.get("rotation", [1.0]), dtype=np.float64)):
             raise damaged(file, "has a node with a rotation of length 0")
         if "camera" in node and ("mesh" in node or node.get("children")):

@@ -43,6 +43,11 @@ def placed(surface: Surface, transform: Floats) -> Surface:
     return points @ transform[:3, :3].T + transform[:3, 3], faces[:, ::-1] if mirror else faces
 
 
+def unfolded(points: int, faces: int) -> int:
+    """Bytes that a surface takes wherever it is placed; files name one, and so few bytes may unfold into any number."""
+    return 24 * (points + faces) + 1000
+
+
 def joined(parts: Sequence[Surface]) -> Surface:
     """Surfaces as one."""
     firsts = np.cumsum([0, *(len(points) for points, _ in parts)])

@@ -21,6 +21,7 @@ import cspace
 from cspace import FileError, InputError, Workspace
 from cspace.errors import CspaceError
 from cspace.io.limits import raised_limits
+from cspace.shapes import Mesh
 
 SPEC = importlib.util.spec_from_file_location("files", Path(__file__).parents[2] / "benchmarks" / "soak" / "files.py")
 assert SPEC is not None and SPEC.loader is not None
@@ -192,6 +193,53 @@ def test_limits_may_be_lowered_and_raised(tmp_path: Path, monkeypatch: pytest.Mo
             assert Workspace.open(tmp_path / "a.3dmap").grid.size == 729
     monkeypatch.setattr("cspace.io.limits.free_bytes", lambda: 500)
     refused(tmp_path / "a.3dmap", "500 bytes of memory are free")
+
+
+def test_a_few_nodes_do_not_unfold_into_any_number(tmp_path: Path, families: dict[str, Path]) -> None:
+    """Of COLLADA, where nodes hold others, and of both formats, where a scene shows a mesh in many places."""
+    text, shown = families["box.dae"].read_text(), '<instance_geometry url="#g"/>'
+
+    def nodes(depth: int, each: int) -> str:
+        inner = "".join(
+            f"<node id='n{i}'>" + each * f"<instance_node url='#n{i + 1}'/>" + "</node>" for i in range(depth)
+        )
+        library = f"<library_nodes>{inner}<node id='n{depth}'>{shown}</node></library_nodes>"
+        head, tail = text.replace(shown, '<instance_node url="#n0"/>').split("<library_visual_scenes>")
+        return f"{head}{library}<library_visual_scenes>{tail}"
+
+    for name, content, words in (
+        ("a.dae", nodes(12, 10), "nodes into nodes"),
+        ("a.dae", nodes(5_000, 1), "nodes into nodes"),
+        ("b.dae", text.replace(shown, 3_000 * shown), "unfolds to"),
+    ):
+        (tmp_path / name).write_text(content)
+        with raised_limits(max_bytes=2**21):
+            refused(tmp_path / name, words, spacing=0.1)
+    (tmp_path / "a.dae").write_text(nodes(2, 3))
+    assert len(Mesh.of(tmp_path / "a.dae").faces) == 9 * 12
+    for children, words in ((False, "unfolds to"), (True, "more than 256 nodes within each other")):
+        (tmp_path / "a.glb").write_bytes(glb_of_places(3_000, children))
+        with raised_limits(max_bytes=2**21):
+            refused(tmp_path / "a.glb", words, spacing=0.1)
+
+
+def glb_of_places(number: int, children: bool) -> bytes:
+    """One triangle in many places: beside each other, or each node within the one before."""
+    nodes = [{"mesh": 0, **({"children": [i + 1]} if children and i + 1 < number else {})} for i in range(number)]
+    view = {"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}
+    header = {
+        "asset": {"version": "2.0"},
+        "scenes": [{"nodes": [0] if children else [*range(number)]}],
+        "nodes": nodes,
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+        "accessors": [view],
+        "bufferViews": [{"buffer": 0, "byteLength": 36}],
+        "buffers": [{"byteLength": 36}],
+    }
+    text = json.dumps(header).encode()
+    text += b" " * (-len(text) % 4)
+    body = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", 36, b"BIN\0") + bytes(36)
+    return b"glTF" + struct.pack("<II", 2, 12 + len(body)) + body
 
 
 def test_a_tree_without_its_line_of_data_is_refused_at_once(tmp_path: Path) -> None:
