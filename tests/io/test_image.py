@@ -168,9 +168,3 @@ def test_real_mazes_against_a_plain_reading(data: Path, name: str) -> None:
     assert 0 < sum(dark) < 450 * 450
     for x, y in np.random.default_rng(1).integers(450, size=(500, 2)).tolist():
         assert workspace.outer[x, y] == dark[(449 - y) * 450 + x]
-
-
-def test_whole_numbers_of_unknown_range_are_refused(tmp_path):
-    Image.fromarray(np.array([[0, 255]], np.int32)).save(tmp_path / "levels.tiff")
-    with pytest.raises(FileError, match="mode 'I'"):
-        Workspace.from_image(tmp_path / "levels.tiff", 0.1)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import cspace
-from cspace import BLOCKED, FREE, Robot, Workspace
+from cspace import FREE, Robot, Workspace
 
 ROS = ["depot", "tb3_sandbox", "100by100_10", "TenByTen", "turtlebot3_world", "willow-full-0.05", "skirk"]
 MOVINGAI = ["AR0011SR", "Berlin_1_1024", "arena", "brc504d", "maze512-32-0", "random512-10-0"]
@@ -44,24 +44,3 @@ def test_movingai_pairs_are_joined(data, name):
     assert all(answer is True for answer in space.path_exists(starts, goals))
     undecided = cspace.build(coarse, Robot.disc(0.01)).path_exists(starts, goals)
     assert all(answer is not False for answer in undecided)  # in a corridor one cell wide the grid cannot decide
-
-
-@pytest.mark.parametrize("name", MOVINGAI)
-def test_movingai_maps_build_for_a_disc(data, name):
-    workspace = Workspace.from_movingai(data / "movingai" / f"{name}.map")
-    space = cspace.build(workspace, Robot.disc(2.0))
-    assert (space.state[workspace.outer] == BLOCKED).all()
-
-
-@pytest.mark.parametrize("name", ["normal", "thin"])
-def test_mazes_build(data, name):
-    workspace = Workspace.from_image(data / "maps" / f"{name}.ppm", 1.0)
-    assert workspace.grid.shape == (450, 450)
-    space = cspace.build(workspace, Robot.disc(1.5))
-    assert {0, 1, 2} == set(np.unique(space.state).tolist())
-
-
-def test_the_parking_lot_builds(data):
-    workspace = Workspace.from_polygons(data / "polygons" / "parking1.geojson", 0.1)
-    space = cspace.build(workspace, Robot.open(data / "polygons" / "car.geojson"), outside="free")
-    assert (space.state == BLOCKED).any() and (space.state == FREE).any()
