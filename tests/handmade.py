@@ -67,6 +67,14 @@ def random_states(rng, kind, most=5, mixture=MIXTURE):
     return rng.choice(np.array(mixture, dtype=np.uint8), (turns, *shape))
 
 
+def but(*cells, side=4, dim=3):
+    """States that are FREE but for some MIXED cells."""
+    state = np.zeros((side,) * dim, dtype=np.uint8)
+    for cell in cells:
+        state[cell] = MIXED
+    return state
+
+
 @st.composite
 def states(draw, side=5, mixture=(FREE, FREE, FREE, MIXED, BLOCKED), dims=(2, 3)):
     """Arrays of states, shape (nx, ny) or (nx, ny, nz), flat ones among them."""

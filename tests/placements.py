@@ -6,13 +6,16 @@ import shapely
 from cspace.shapes import Balls
 
 
-def draw_configurations(space, rng, n):
-    """Configurations around and beyond the grid: anywhere, on borders and corners of cells, and close to them."""
+def draw_configurations(space, rng, n, far=False):
+    """Configurations around and beyond the grid: anywhere, on borders of cells and of the grid; and far away."""
     low, high, dim = np.asarray(space.grid.lower), np.asarray(space.grid.upper), space.grid.dim
     q = rng.uniform(low - 0.3, high + 0.3, (n, dim))
     snapped = low + space.grid.spacing * np.rint((q - low) / space.grid.spacing)
     q = np.where(rng.random((n, dim)) < 0.3, snapped, q)
     q += np.where(rng.random((n, dim)) < 0.1, rng.uniform(-1e-8, 1e-8, (n, dim)), 0.0)
+    q = np.where(rng.random((n, dim)) < 0.05, np.where(rng.random((n, dim)) < 0.5, low, high), q)
+    if far:
+        q[::97] = rng.choice([-1e300, -1e9, 1e9, 1e300], q[::97].shape)
     if not space.rotations.dof:
         return q
     on_border = rng.choice(np.asarray(space.rotations.borders), n) + 2.0 * np.pi * rng.integers(-1, 2, n)
@@ -21,14 +24,18 @@ def draw_configurations(space, rng, n):
 
 
 def obstacles_of(space):
-    """The obstacle cells of a grid map, and the outside where it is blocked, as one geometry."""
-    h, low = space.grid.spacing, np.asarray(space.grid.lower)
-    corners = np.argwhere(space.workspace.outer) * h + low
-    cells = shapely.box(corners[:, 0], corners[:, 1], corners[:, 0] + h, corners[:, 1] + h)
-    shape = shapely.union_all(cells)
+    """The closed obstacles as one geometry, and the outside where it is blocked."""
+    (left, low), (right, high), h = space.grid.lower, space.grid.upper, space.grid.spacing
+    frame = shapely.box(left, low, right, high)
+    if space.workspace.shapes is None:
+        corners = np.argwhere(space.workspace.outer) * h + (left, low)
+        parts = shapely.box(corners[:, 0], corners[:, 1], corners[:, 0] + h, corners[:, 1] + h)
+    else:
+        parts = [part.intersection(frame) for shape in space.workspace.shapes for part in shape.geometries]
+    shape = shapely.union_all(parts)
     if space.outside == "blocked":
-        frame = shapely.box(*space.grid.lower, *space.grid.upper)
-        shape = shape.union(frame.buffer(100, join_style="mitre").difference(frame))
+        shape = shape.union(shapely.box(left - 100, low - 100, right + 100, high + 100).difference(frame))
+    shapely.prepare(shape)
     return shape
 
 

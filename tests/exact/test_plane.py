@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 import cspace
 from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
 from cspace.shapes import Balls
+from placements import obstacles_of, turned
 from strategies import robots, seeds, stars
 
 SIDE = 0.6
@@ -26,39 +27,17 @@ def corridor(share):
     return Workspace.from_polygons(blocks, SIDE / 5, (0, 0, 6, 4))
 
 
-def obstacles_of(space):
-    """The closed obstacles as one geometry, and the outside where it is blocked."""
-    (left, low), (right, high), h = space.grid.lower, space.grid.upper, space.grid.spacing
-    frame = shapely.box(left, low, right, high)
-    if space.workspace.shapes is None:
-        corners = np.argwhere(space.workspace.outer) * h + (left, low)
-        parts = shapely.box(corners[:, 0], corners[:, 1], corners[:, 0] + h, corners[:, 1] + h)
-    else:
-        parts = [part.intersection(frame) for shape in space.workspace.shapes for part in shape.geometries]
-    shape = shapely.union_all(parts)
-    if space.outside == "blocked":
-        shape = shape.union(shapely.box(left - 100, low - 100, right + 100, high + 100).difference(frame))
-    shapely.prepare(shape)
-    return shape
-
-
 def distances(space, q, shape):
     """Distance of the robot at configurations, shape (n, dof), from the obstacles; below zero inside, for discs."""
     q = np.asarray(q, dtype=float).reshape(-1, space.dof)
     if shape.is_empty:
         return np.full(len(q), np.inf)
-    turn = np.exp(1j * (q[:, 2] if space.dof == 3 else np.zeros(len(q))))
-
-    def placed(points):
-        z = (points[:, 0] + 1j * points[:, 1]) * turn[:, None]
-        return np.stack([z.real, z.imag], axis=-1) + q[:, None, :2]
-
     body = space.robot.shape
     if isinstance(body, Balls):
-        centers = shapely.points(placed(body.centers))
+        centers = shapely.points(turned(body.centers, q))
         return (shapely.distance(centers, shape) - body.radii).min(axis=1)
     robot = body.outline
-    where = placed(shapely.get_coordinates(robot)).reshape(-1, 2)
+    where = turned(shapely.get_coordinates(robot), q).reshape(-1, 2)
     return shapely.distance(shapely.set_coordinates(np.array([robot] * len(q)), where), shape)
 
 

@@ -15,6 +15,7 @@ from cspace.map.mip import CELLS_AN_EDGE, SIDE, Mip
 from cspace.rotations import Rotations
 from cspace.threads import LEAST
 from handmade import map_of
+from placements import draw_configurations
 from strategies import rotation_cells, seeds
 
 
@@ -39,25 +40,6 @@ def yawing(rng, shape=(13, 12, 11), outside="free"):
 KINDS = [plane, turning, solid, yawing]
 
 
-def configurations(space, rng, number):
-    """In the grid, around it, on borders of cells and of the grid, and far away."""
-    dim, spacing = space.grid.dim, space.grid.spacing
-    lower, upper = np.asarray(space.grid.lower), np.asarray(space.grid.upper)
-    cells = rng.integers(-2, np.add(space.grid.shape, 3), (number, dim))
-    drawn = np.choose(
-        rng.integers(0, 4, (number, dim)),
-        [
-            rng.uniform(lower, upper, (number, dim)),
-            rng.uniform(lower - 1.0, upper + 1.0, (number, dim)),
-            lower + spacing * cells,
-            np.where(rng.random((number, dim)) < 0.5, lower, upper),
-        ],
-    )
-    far = rng.random(number) < 0.01
-    drawn[far] = rng.choice([-1e300, -1e9, 1e9, 1e300], (int(far.sum()), dim))
-    return np.hstack([drawn, rng.uniform(-9.0, 9.0, (number, space.dof - dim))])
-
-
 def near(space, q, rng):
     """Ends of edges from configurations: most of them a few cells away."""
     reach = 12.0 * space.grid.spacing
@@ -74,7 +56,7 @@ def near(space, q, rng):
 def test_classify_of_many_is_that_of_each(make, seed, outside, number):
     rng = np.random.default_rng(seed)
     space = make(rng, outside=outside)
-    q = configurations(space, rng, number)
+    q = draw_configurations(space, rng, number, far=True)
     some = rng.integers(0, number, 500)
     assert space.classify(q)[some].tolist() == [space.classify(one) for one in q[some]]
     inside = space.grid.contains(q[:, : space.grid.dim])
@@ -100,7 +82,7 @@ def test_numbers_of_any_kind(make, dtype):
 def test_arrays_of_any_layout(make):
     rng = np.random.default_rng(4)
     space = make(rng)
-    q = configurations(space, rng, 3 * ROWS).reshape(3, ROWS, space.dof)
+    q = draw_configurations(space, rng, 3 * ROWS, far=True).reshape(3, ROWS, space.dof)
     states, free = space.classify(q), space.motion_is_free(q, q[::-1])
     layouts = [
         np.asfortranarray(q),
@@ -202,7 +184,7 @@ def test_edges_of_many_are_those_of_each(make, seed, outside):
     """A checker of single edges walks cell by cell; a large batch looks at a coarse map first."""
     rng = np.random.default_rng(seed)
     space = make(rng, outside=outside)
-    q0 = configurations(space, rng, 2 * EDGES_A_THREAD + 3)
+    q0 = draw_configurations(space, rng, 2 * EDGES_A_THREAD + 3, far=True)
     q1 = near(space, q0, rng)
     assert space._map.states.size <= len(q0) * CELLS_AN_EDGE
     many = space.motion_is_free(q0, q1)

@@ -15,7 +15,7 @@ import handmade
 import oracles
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
 from cspace.rotations import TURN, YAW_SLACK, Rotations
-from handmade import Outside, cells_around, map_of, outsides, state_of, states
+from handmade import Outside, but, cells_around, map_of, outsides, state_of, states
 from placements import collides, draw_configurations
 from strategies import robots, rotation_cells, seeds
 
@@ -31,14 +31,6 @@ def touches(start, end, cell, spacing, lower, slack=0):
     low = [c + h * i - slack for c, i in zip(corner, cell, strict=True)]
     high = [c + h * (i + 1) + slack for c, i in zip(corner, cell, strict=True)]
     return oracles.segment_meets_block(oracles.exact(start), oracles.exact(end), low, high)
-
-
-def but(*cells, side=4, dim=3):
-    """States that are FREE but for some MIXED cells."""
-    state = np.zeros((side,) * dim, dtype=np.uint8)
-    for cell in cells:
-        state[cell] = MIXED
-    return state
 
 
 places = st.one_of(

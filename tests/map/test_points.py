@@ -15,7 +15,7 @@ import cspace
 import handmade
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
 from cspace.rotations import MAX_YAW, TURN, YAW_SLACK, Rotations
-from handmade import Outside, map_of, outsides, state_of, states
+from handmade import Outside, but, map_of, outsides, state_of, states
 from placements import collides, draw_configurations, obstacles_of, placed
 from strategies import robots, rotation_cells, seeds
 
@@ -248,14 +248,6 @@ def test_far_away_is_outside(dim, state):
 
 coordinates = st.one_of(st.integers(-2, 7).map(lambda k: k / 4), st.integers(-6, 21).map(lambda k: k / 12))
 points = st.tuples(*[coordinates | st.floats(-0.5, 1.75)] * 3)
-
-
-def but(*cells, side=4, dim=3):
-    """States that are FREE but for some MIXED cells."""
-    state = np.zeros((side,) * dim, dtype=np.uint8)
-    for cell in cells:
-        state[cell] = MIXED
-    return state
 
 
 ALL_FREE = Outside.all_of(FREE)
