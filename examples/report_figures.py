@@ -252,7 +252,8 @@ def ways_to_spectra() -> Figure:
 def draw_misses(ax: Axes, overlaps: dict[str, FourierOverlap], places: Floats, distances: Floats) -> None:
     """Frequencies that each placement takes, over its distance, and the legend."""
     for (name, overlap), color in zip(overlaps.items(), COLORS, strict=False):
-        verdicts, taken = overlap.verdicts(places, swelling=False)
+        told = overlap.separated(places, swelling=False)
+        verdicts, taken = np.asarray(told.verdict), np.asarray(told.frequencies)
         asked = (distances > 0.0) & (taken > 0)  # beyond half a period, the answer takes none
         miss = asked & (verdicts == Verdict.MISS)
         median = f"median {np.median(taken[miss]):.0f} of {overlap.frequencies}"

@@ -70,9 +70,9 @@ def _check_pose(tally: Tally, case: PairCase, rng: Rng) -> None:
     contacts = _contacts(overlap, collide, ts, rng)
     ts[len(ts) - len(contacts) :] = contacts
     meets = collide(ts)
-    _judge(tally, case, rotation, ts, meets, overlap.verdicts(ts)[0])
+    _judge(tally, case, rotation, ts, meets, overlap.separated(ts).verdict)
     some = slice(None, None, WITHOUT)
-    _judge(tally, case, rotation, ts[some], meets[some], overlap.verdicts(ts[some], swelling=False)[0])
+    _judge(tally, case, rotation, ts[some], meets[some], overlap.separated(ts[some], swelling=False).verdict)
 
 
 def _judge(

@@ -241,19 +241,19 @@ def _values(report: Report, seed: int, dim: int, rng: np.random.Generator) -> No
     where = "in the plane" if dim == 2 else "in space"
     report.section(f"{number} placements {where}, {overlap.frequencies} frequencies (opposite ones counted once)")
     ts = rng.uniform(*overlap.domain, (number, dim))
-    for name, many, one, least in (
-        ("value", overlap.values, overlap.value, None if report.quick else LEAST_VALUES),
-        ("gradient", overlap.gradients, overlap.gradient, None),
+    for name, one, least in (
+        ("value", overlap.value, None if report.quick else LEAST_VALUES),
+        ("gradient", overlap.gradient, None),
     ):
-        together = interleave({name: partial(many, ts)}, 3)[name]
+        together = interleave({name: partial(one, ts)}, 3)[name]
         one(ts[0])  # compiles it
         alone = _once(lambda one=one: np.array([one(t) for t in ts[:single]])).per(single / number)
-        report.timing(f"{name}s(ts)", together)
+        report.timing(f"{name}(ts)", together)
         report.timing(f"{name}(t), one by one, extrapolated from {single}", alone)
-        report.ratio(f"{name}(t), one by one / {name}s(ts)", alone, together, least=least)
+        report.ratio(f"{name}(t), one by one / {name}(ts)", alone, together, least=least)
         largest = float(np.abs(together.value).max())
         off = float(np.abs(together.value[:single] - alone.value).max())
-        report.check(off <= 1e-8 * largest, f"{name}s(ts): within {off / largest:.1g} of one by one, of the largest")
+        report.check(off <= 1e-8 * largest, f"{name}(ts): within {off / largest:.1g} of one by one, of the largest")
 
 
 def _misses(report: Report, seed: int, dim: int) -> None:
@@ -277,10 +277,10 @@ def _misses(report: Report, seed: int, dim: int) -> None:
             inside = ((ts >= low) & (ts <= high)).all(axis=1)
             clear += int((~meets & inside).sum())
             for swelling, found in parts.items():
-                verdicts, counts = overlap.verdicts(ts, swelling=swelling)
-                missed = verdicts == Verdict.MISS
+                told = overlap.separated(ts, swelling=swelling)
+                missed = told.verdict == Verdict.MISS
                 wrong += int((missed & meets).sum())
-                found.append(counts[missed & inside] / overlap.frequencies)
+                found.append(told.frequencies[missed & inside] / overlap.frequencies)
         report.section(
             f"early misses {'in the plane' if dim == 2 else 'in space'}: {len(scenes)} random scenes of "
             f"{SCENE_PLACEMENTS} placements, balls grown by {share:g} of the median radius, {np.median(sizes):.0f} "

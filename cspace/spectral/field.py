@@ -104,7 +104,7 @@ class OverlapField:
             for rows in np.array_split(np.arange(shape[1]), -(-grid.size // _AT_ONCE)):
                 cells = np.stack(np.meshgrid(rows, *map(np.arange, shape[2:]), indexing="ij"), axis=-1)
                 places = grid.center_of(cells)
-                values = np.concatenate([placed.values(places)[..., None], placed.gradients(places)], axis=-1)
+                values = np.concatenate([np.asarray(placed.value(places))[..., None], placed.gradient(places)], axis=-1)
                 for k, array in enumerate(arrays.values()):
                     array[number, rows] = values[..., k]
         return cls(space, {name: array.reshape(_shape(space)) for name, array in arrays.items()})
@@ -184,7 +184,12 @@ def _field_4(map_: Map, values: Floats, a: float, b: float, c: float, d: float) 
     return float(field_at(map_, values, (a, b, c, d)))
 
 
-_FIELDS: Final = {2: _field_2, 3: _field_3, 4: _field_4}
+@jit
+def _field_7(map_: Map, values: Floats, a: float, b: float, c: float, d: float, e: float, f: float, g: float) -> float:
+    return float(field_at(map_, values, (a, b, c, d, e, f, g)))
+
+
+_FIELDS: Final = {2: _field_2, 3: _field_3, 4: _field_4, 7: _field_7}
 """By the number of floats of a configuration; numba calls a function of floats quicker than one of a tuple."""
 
 

@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from cspace.compiling import jit
 from cspace.errors import InputError
 from cspace.grid import finite, positive
+from cspace.map.batches import Many, One
 from cspace.spectral.bands import Rings, Spectrum, Terms, highest_frequency
 from cspace.spectral.bump import Bump
 from cspace.spectral.descriptors import ROUNDING, BallDescriptor, bump_of
@@ -45,6 +46,9 @@ LONGEST: Final = 1e40
 FARTHEST: Final = 1e6
 """How many periods the balls may lie from the origin of their frame."""
 
+FEW: Final = 32
+"""Placements up to which sums are quicker than a transform of the whole band."""
+
 NEAR: Final = 1e-6
 """How far a matrix may be from a rotation; the nearest one is taken."""
 
@@ -59,26 +63,23 @@ class Verdict(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Separation:
-    """A verdict, and what it took.
+    """What was asked of one placement, and what it took; or of a batch, all in arrays of its shape.
 
     Attributes
     ----------
-    verdict : Verdict
-    frequencies : int
+    verdict : Verdict, or ndarray of uint8
+    frequencies : int, or ndarray of int64
         How many were summed; 0 where the swollen obstacles alone proved the miss. Opposite ones count as one.
-    total : int
-        How many there are within the band limit; those of inner balls only where the outer ones proved no miss.
-    overlap : float
+    overlap : float, or ndarray of float64
         The partial sum that was reached, square or cubic metres; of the outer balls, where there are inner ones too.
-    bound : float
+    bound : float, or ndarray of float64
         By how much the ideal overlap, with all frequencies, can differ from ``overlap``, rounding included.
     """
 
-    verdict: Verdict
-    frequencies: int
-    total: int
-    overlap: float
-    bound: float
+    verdict: Verdict | Bytes
+    frequencies: int | Ints
+    overlap: float | Floats
+    bound: float | Floats
 
 
 class FourierOverlap:
@@ -93,7 +94,7 @@ class FourierOverlap:
     above zero exactly where an open ball of the moved A meets one of B, and grows with the depth of the collision.
     *Every* t is answered: outside :attr:`domain` nothing of A comes near B, and c is exactly zero.
 
-    :meth:`value`, :meth:`gradient` and the like sum all frequencies up to the band limit, and so differ from the ideal
+    :meth:`value` and :meth:`gradient` sum all frequencies up to the band limit, and so differ from the ideal
     c by at most :attr:`bound`. :meth:`separated` sums no more of them, from low to high, than it must to tell whether
     the ideal c, with all frequencies, lies below or above :attr:`threshold`.
 
@@ -277,28 +278,35 @@ class FourierOverlap:
 
     # ---- how much --------------------------------------------------------------------------------------------------
 
-    def value(self, t: ArrayLike) -> float:
-        """The overlap up to the band limit with A moved by t, metres: square or cubic metres, 0 outside the domain."""
-        shares = self._shares(t)
-        return 0.0 if shares is None else float(sum_of_terms(shares, self._terms))
+    @overload
+    def value(self, t: One, tolerance: float = ...) -> float: ...  # type: ignore[overload-overlap]
+    @overload
+    def value(self, t: Many, tolerance: float = ...) -> Floats: ...
+    @overload
+    def value(self, t: ArrayLike, tolerance: float = ...) -> float | Floats: ...
+    def value(self, t: ArrayLike, tolerance: float = 1e-9) -> float | Floats:
+        """The overlap up to the band limit with A moved by t: square or cubic metres, 0 outside the domain; (...).
 
-    def gradient(self, t: ArrayLike) -> Floats:
-        """The derivatives of :meth:`value`, shape (d,): metres, or square metres in space."""
-        shares = self._shares(t)
-        if shares is None:
-            return np.zeros(self.dim)
-        return np.array([sum_of_terms(shares, terms) for terms in self._slopes])
+        Parameters
+        ----------
+        t : array-like, shape (d,) or (..., d)
+            Metres. More than a few dozen placements take one non-uniform transform together.
+        tolerance : float
+            Of that transform, from 1e-13 to 0.1, relative to the root of the sum of the squares of the terms.
 
-    def values(self, ts: ArrayLike, tolerance: float = 1e-9) -> Floats:
-        """:meth:`value` at many placements, metres, shape (..., d), by one non-uniform transform; shape (...).
-
-        The tolerance, from 1e-13 to 0.1, is relative to the root of the sum of the squares of the terms.
+        Raises
+        ------
+        InputError
+            If a value is not as stated.
+        MissingPackageError
+            If finufft is needed and not installed.
         """
-        return np.asarray(self._transformed(ts, tolerance, [self._terms])[0])
+        sums = self._sums(t, tolerance, [self._terms])[..., 0]
+        return sums if sums.ndim else float(sums)
 
-    def gradients(self, ts: ArrayLike, tolerance: float = 1e-9) -> Floats:
-        """:meth:`gradient` at many placements, shape (..., d), as :meth:`values`."""
-        return np.moveaxis(self._transformed(ts, tolerance, self._slopes), 0, -1)
+    def gradient(self, t: ArrayLike, tolerance: float = 1e-9) -> Floats:
+        """The derivatives of :meth:`value`, shape (..., d): metres, or square metres in space."""
+        return self._sums(t, tolerance, self._slopes)
 
     def rotated(self, rotation: Any) -> FourierOverlap:
         """The same with A turned about the origin of its frame.
@@ -342,24 +350,18 @@ class FourierOverlap:
 
         Parameters
         ----------
-        t : array-like, shape (d,)
+        t : array-like, shape (d,) or (..., d)
             Metres.
         swelling : bool
             Whether to ask the swollen balls first.
         """
-        place = self._one(t)
-        verdicts, counts, sums = self._decide(place[None], swelling)
-        verdict = Verdict(int(verdicts[0]))
-        total = self._rings.size if verdict is Verdict.MISS else self.frequencies
-        return Separation(verdict, int(counts[0]), total, *sums[0].tolist())
-
-    def verdicts(self, ts: ArrayLike, *, swelling: bool = True) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
-        """Values of :class:`Verdict` at many placements, metres, shape (..., d), as :meth:`separated`; and how many
-        frequencies each took. Both have shape (...).
-        """
-        places = check_vectors(ts, "ts", self.dim)
-        verdicts, counts, _ = self._decide(np.ascontiguousarray(places.reshape(-1, self.dim)), swelling)
-        return verdicts.reshape(places.shape[:-1]), counts.reshape(places.shape[:-1])
+        places = check_vectors(t, "t", self.dim)
+        verdicts, counts, sums = self._decide(np.ascontiguousarray(places.reshape(-1, self.dim)), swelling)
+        if places.ndim == 1:
+            return Separation(Verdict(int(verdicts[0])), int(counts[0]), *sums[0].tolist())
+        shape = places.shape[:-1]
+        totals, bounds = (column.reshape(shape) for column in sums.T)
+        return Separation(verdicts.reshape(shape), counts.reshape(shape), totals, bounds)
 
     def _decide(self, ts: Floats, swelling: bool) -> tuple[Bytes, Ints, Floats]:
         """Verdicts, numbers of frequencies, and sums with their bounds."""
@@ -415,29 +417,21 @@ class FourierOverlap:
         """Placements of the middle of A relative to that of B."""
         return np.asarray((places + self._pivot) - self._middle_b)
 
-    def _one(self, t: ArrayLike) -> Floats:
-        place = check_vectors(t, "t", self.dim)
-        if place.ndim != 1:
-            rule, mend = "this is about one placement", "use values, gradients or verdicts for many"
-            raise InputError("t", f"has shape {place.shape}", rule, mend)
-        return place
-
-    def _shares(self, t: ArrayLike) -> Floats | None:
-        """One placement of the middle of A relative to that of B, in periods; None where there is no overlap."""
-        place = self._relative(self._one(t))
-        return place / self._rings.lengths if (np.abs(place) <= self._limits).all() else None
-
-    def _transformed(self, ts: ArrayLike, tolerance: float, sums: list[Terms]) -> Floats:
-        """Several sums of terms at placements, shape (sums, ...)."""
+    def _sums(self, t: ArrayLike, tolerance: float, sums: list[Terms]) -> Floats:
+        """Several sums of terms at placements, shape (..., sums)."""
         within = check_tolerance(tolerance)
-        places = check_vectors(ts, "ts", self.dim)
+        places = check_vectors(t, "t", self.dim)
         flat = self._relative(places.reshape(-1, self.dim))
-        inside = (np.abs(flat) <= self._limits).all(axis=1)
-        out = np.zeros((len(sums), len(flat)))
-        if inside.any():
+        inside = np.flatnonzero((np.abs(flat) <= self._limits).all(axis=1))
+        shares = flat[inside] / self._rings.lengths
+        out = np.zeros((len(flat), len(sums)))
+        if len(inside) <= FEW:
+            for row, share in zip(inside, shares, strict=True):
+                out[row] = [sum_of_terms(share, terms) for terms in sums]
+        else:
             boxes = np.stack([self._rings.box_of(terms.products / self._rings.twice) for terms in sums])
-            out[:, inside] = nufft(2.0 * math.pi * (flat[inside] / self._rings.lengths), boxes, within).real
-        return np.asarray(out.reshape(len(sums), *places.shape[:-1]))
+            out[inside] = nufft(2.0 * math.pi * shares, boxes, within).real.T
+        return out.reshape(*places.shape[:-1], len(sums))
 
 
 def _check_dims(name: str, balls: BallDescriptor, others: BallDescriptor) -> None:

@@ -6,9 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import planners
 from cspace import FREE, CSpace, InputError, Robot, Workspace, build
+from cspace.rotations import Rotations
 from cspace.spectral import FourierOverlap, OverlapField
 from cspace.states import FIELDS
 from maps import same
@@ -353,3 +355,19 @@ def test_a_map_without_a_field_has_no_such_objective() -> None:
         planners.OverlapObjective(si, plain, carried.overlap_field)
     with pytest.raises(InputError, match="RRT heeds no objective"):
         planners.plan(carried, start, goal, planner="RRT", objective="overlap")
+
+
+def test_a_map_of_turns_in_space_carries_one_too() -> None:
+    """At the middle of a cell, and a rotation cell's representative, it is the overlap of the turned balls."""
+    balls = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]]), np.full(2, 0.08)
+    obstacles = np.array([[0.5, 0.5, 0.5]]), np.array([0.15])
+    workspace = Workspace.from_balls(*obstacles, 0.1, bounds=(0, 0, 0, 1, 1, 1))
+    space = build(workspace, Robot.balls(*balls), rotations=Rotations.quaternions(1))
+    overlap = FourierOverlap.of_shapes(balls, obstacles, swell=0.1)
+    field = OverlapField.of(space, overlap)
+    turns = Rotation.random(5, random_state=1)
+    q = np.column_stack([np.tile([0.45, 0.45, 0.35], (5, 1)), turns.as_quat()])
+    matrices = [turn.matrix for turn in space.rotations.turns(3)]
+    expected = [overlap.rotated(matrices[k]).value(q[0, :3]) for k in space.rotations.cell_of(turns.as_quat())]
+    assert field.at(q) == pytest.approx(expected, rel=1e-6) and min(expected) > 0.0
+    assert [field.checker()(*row) for row in q.tolist()] == field.at(q).tolist()
