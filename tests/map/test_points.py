@@ -178,7 +178,7 @@ def test_whole_turns_change_nothing(space):
         q[:, space.grid.dim :] += wraps * TURN
         assert (space.classify(q) == space.state[tuple(cells.T[-space.state.ndim :])]).all()
         number = int(space.rotations.cell_of(0.5)) if space.rotations.dof else ...
-        assert (space.slice_at(0.5 + wraps * TURN) == space.state[number]).all()
+        assert (space.slice_at([0.5 + wraps * TURN] * space.rotations.dof) == space.state[number]).all()
 
 
 @settings(max_examples=100)
