@@ -204,7 +204,47 @@ def inner(function: F, /) -> F: ...
 def inner(**options: Any) -> Callable[[F], F]: ...
 def inner(function: F | None = None, /, **options: Any) -> Any:
     """:func:`reader` for what only compiled code calls; without a door for Python it is compiled sooner."""
-    return jit(function, _nrt=False, no_cpython_wrapper=True, **options)
+    if function is None:
+        return lambda decorated: inner(decorated, **options)
+    return jit(function, _nrt=False, no_cpython_wrapper=True, pipeline_class=_part_compiler(), **options)
+
+
+@cache
+def _part_compiler() -> Any:
+    """Numba's compiler for what becomes a part of others.
+
+    Numba optimises each function, makes machine code of it, and does so again for every one that calls it, all the way
+    up. Of parts only the last time counts.
+    """
+    from llvmlite.binding import parse_assembly
+    from numba.core.codegen import JITCodeLibrary
+    from numba.core.compiler import CompilerBase, DefaultPassBuilder
+
+    class Part(JITCodeLibrary):
+        def _optimize_final_module(self) -> None:
+            pass
+
+        def _finalize_final_module(self) -> None:
+            # Machine code is left out as well, but for places that numba fills in at once.
+            codegen: Any = self._codegen
+            functions = self._final_module
+            names = [each.name for each in functions.global_variables if each.name.startswith("_ZN08NumbaEnv")]
+            places = [f'@"{name}" = common global i8* null' for name in names]
+            codegen._add_module(parse_assembly("\n".join([str(codegen._create_empty_module("")), *places])))
+            self._finalize_dynamic_globals()  # type: ignore[no-untyped-call]
+            self._finalized = True
+
+        def serialize_using_object_code(self) -> Any:
+            return self.serialize_using_bitcode()  # type: ignore[no-untyped-call]
+
+    class PartCompiler(CompilerBase):
+        def define_pipelines(self) -> list[Any]:
+            state: Any = self.state
+            state.library = Part(state.targetctx.codegen(), state.func_id.func_qualname)  # type: ignore[no-untyped-call]
+            state.library.enable_object_caching()
+            return [DefaultPassBuilder.define_nopython_pipeline(state)]  # type: ignore[no-untyped-call]
+
+    return PartCompiler
 
 
 def entry(kernel: Any, fixed: tuple[Any, ...], floats: int) -> Callable[..., Any]:
