@@ -24,6 +24,10 @@ ROUNDED: Final = 1e-6
 """What the corners may be out besides, as a part of the largest coordinate: files keep seven digits."""
 
 
+TRIED: Final = 500
+"""Corners of a polygon that a fan may go around, at most: to try them all takes the square of their number."""
+
+
 def placed(surface: Surface, transform: Floats) -> Surface:
     """A surface moved by an affine transform; a mirror image is turned, so that it faces as before.
 
@@ -113,7 +117,7 @@ def _fans(vertices: Floats, polygons: Integers, file: Path) -> Integers:
         raise _refused(file, polygons[np.argmin(flat)], "do not lie in one plane, or go around no area there")
     count = polygons.shape[1]
     apex = np.full(len(polygons), -1, dtype=np.int64)
-    for first in range(count):
+    for first in range(min(count, TRIED)):
         left = np.flatnonzero(apex < 0)
         around = np.roll(points[left], -first, axis=1)
         spokes = around[:, 1:] - around[:, :1]
@@ -123,7 +127,7 @@ def _fans(vertices: Floats, polygons: Integers, file: Path) -> Integers:
         raise _refused(
             file,
             polygons[np.argmin(apex)],
-            "go around a shape that bends or crosses itself",
+            f"go around a shape that bends or crosses itself; none of its first {TRIED} corners sees it whole",
         )
     order = (apex[:, None] + np.arange(count)) % count
     turned = polygons[np.arange(len(polygons))[:, None], order]

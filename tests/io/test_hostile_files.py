@@ -242,6 +242,14 @@ def glb_of_places(number: int, children: bool) -> bytes:
     return b"glTF" + struct.pack("<II", 2, 12 + len(body)) + body
 
 
+def test_a_face_of_many_corners_takes_time_as_long_as_it_is(tmp_path: Path) -> None:
+    turn = np.linspace(0.0, 60.0, 20_000)
+    rings = [np.stack([(turn + wide) * np.cos(turn), (turn + wide) * np.sin(turn)], axis=1) for wide in (1.0, 2.0)]
+    lines = [f"v {x} {y} 0" for x, y in [*rings[0].tolist(), *rings[1][::-1].tolist()]]
+    (tmp_path / "a.obj").write_text("\n".join([*lines, "f " + " ".join(map(str, range(1, len(lines) + 1)))]))
+    refused(tmp_path / "a.obj", "bends or crosses itself", spacing=0.1)
+
+
 def test_a_tree_without_its_line_of_data_is_refused_at_once(tmp_path: Path) -> None:
     (tmp_path / "a.ot").write_bytes(b"# Octomap OcTree file\nid OcTree\nsize 9\nres 0.1\nadta\n" + b"\n" * 5_000_000)
     refused(tmp_path / "a.ot", "no line 'data'")
