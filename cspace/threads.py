@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
@@ -12,6 +13,8 @@ Result = TypeVar("Result")
 
 LEAST = 50_000
 """Elements below which a second thread costs more than it saves."""
+
+_here = threading.local()  # whether this thread is one of several already
 
 
 def cores() -> int:
@@ -35,7 +38,7 @@ def in_chunks(work: Callable[[int, int], int], size: int, least: int = LEAST) ->
     int
         Index of the first bad element, or -1.
     """
-    threads = min(cores(), max(1, size // least))
+    threads = 1 if getattr(_here, "shared", False) else min(cores(), max(1, size // least))
     if threads == 1:
         return work(0, size)
     ends = [size * k // threads for k in range(threads + 1)]
@@ -50,16 +53,23 @@ def in_threads(
     threads: int,
     progress: Callable[[int], None] | None = None,
 ) -> list[Result]:
-    """Results for all items; a failure or Ctrl-C stops those that have not begun."""
+    """Results for all items; a failure or Ctrl-C stops those that have not begun.
+
+    What the work itself would do in chunks, it does alone.
+    """
     threads = min(threads, len(items))
     if threads == 1:
         return _gather(map(work, items), progress)
-    with ThreadPoolExecutor(threads) as pool:
+    with ThreadPoolExecutor(threads, initializer=_share) as pool:
         try:
             return _gather(pool.map(work, items), progress)
         except BaseException:
             pool.shutdown(cancel_futures=True)
             raise
+
+
+def _share() -> None:
+    _here.shared = True
 
 
 def _gather(done: Iterable[Result], progress: Callable[[int], None] | None) -> list[Result]:
