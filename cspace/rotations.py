@@ -276,10 +276,15 @@ class Rotations(Orientation):
     def neighbors(self) -> Ints:
         """The cells that each one shares a border with, shape (count, n); -1 fills up."""
 
-    @property
-    def quarter(self) -> int:
-        """How many cells farther lie those that are a quarter turn about the z axis away; 0 where none do."""
-        return 0
+    def images(self, dim: int) -> list[tuple[Ints, Ints]]:
+        """Rotations of the world that permute its axes, up to signs, and the cells of rotations as well.
+
+        Returns
+        -------
+        list of pairs of ndarray of int64
+            The matrix, shape (d, d), and the cell that each one becomes, shape (count,).
+        """
+        return []
 
     @abstractmethod
     def compiled(self, slice_of: Ints) -> CompiledRotations:
@@ -541,10 +546,14 @@ class YawRotations(Yaw, Rotations):
         ways = [[], [1], [-1, 1]][min(self.count - 1, 2)]
         return (np.arange(self.count)[:, None] + np.array(ways, dtype=np.int64)) % self.count
 
-    @property
-    def quarter(self) -> int:
-        """A fourth of the cells, where all are equally wide and it is a whole number."""
-        return self.count // 4 if self.count % 4 == 0 and self.is_uniform() else 0
+    def images(self, dim: int) -> list[tuple[Ints, Ints]]:
+        """Quarter turns about the z axis, where all cells are equally wide and a fourth of them is a whole number."""
+        if self.count % 4 or not self.is_uniform():
+            return []
+        quarter = np.eye(dim, dtype=np.int64)
+        quarter[:2, :2] = [[0, -1], [1, 0]]
+        cells = np.arange(self.count)
+        return [(np.linalg.matrix_power(quarter, k), (cells + k * (self.count // 4)) % self.count) for k in (1, 2, 3)]
 
     def compiled(self, slice_of: Ints) -> YawCells:
         """What compiled look-ups get."""
@@ -633,8 +642,18 @@ class QuaternionRotations(Quaternion, Rotations):
         cells = np.arange(self.count)
         least = cells.copy()
         for axis in robot.half_turns:
-            least = np.minimum(least, least[self.cell_of(_times_half_turn(self.centers, axis))])
+            least = np.minimum(least, least[self.cell_of(_with_half_turn(self.centers, axis, 1.0))])
         return np.unique(least, return_inverse=True)[1].astype(np.int64)
+
+    def images(self, dim: int) -> list[tuple[Ints, Ints]]:
+        """Half turns about the axes."""
+        return [
+            (
+                np.diag(np.where(np.arange(3) == axis, 1, -1)),
+                self.cell_of(_with_half_turn(self.centers, axis, -1.0)),
+            )
+            for axis in range(3)
+        ]
 
     def turns(self, dim: int) -> list[Turn]:
         """Rotations about the origin of space."""
@@ -796,7 +815,8 @@ def _quaternions(charts: Ints, quotients: Floats) -> Floats:
     return np.asarray(made / np.linalg.norm(made, axis=1, keepdims=True))
 
 
-def _times_half_turn(q: Floats, axis: int) -> Floats:
-    """Quaternions, shape (n, 4), of rotations that come after a half turn about an axis."""
+def _with_half_turn(q: Floats, axis: int, side: float) -> Floats:
+    """Quaternions, shape (n, 4), of rotations that come after a half turn about an axis, or before it if side is -1."""
     x, y, z, w = q.T
-    return np.stack([(w, z, -y, -x), (-z, w, x, -y), (y, -x, w, -z)][axis], axis=1)
+    s = side
+    return np.stack([(w, s * z, -s * y, -x), (-s * z, w, s * x, -y), (s * y, -s * x, w, -z)][axis], axis=1)

@@ -95,9 +95,7 @@ def disc_inner_offsets(center, radius, spacing, reach):
 
 def raster_offsets(raster):
     """The set of offsets of a library Raster."""
-    nx, ny = raster.cells.shape
-    low_x, low_y = raster.lower
-    return {(low_x + i, low_y + j) for i in range(nx) for j in range(ny) if raster.cells[i, j]}
+    return {tuple(cell) for cell in (np.argwhere(raster.cells) + raster.lower).tolist()}
 
 
 def overlap(occupied, offsets, outside):

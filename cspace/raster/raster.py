@@ -47,14 +47,14 @@ class Raster:
         tight.setflags(write=False)
         return cls(tight, tuple(low + part.start for low, part in zip(lower, window, strict=True)))
 
-    def quarter_turned(self, turns: int) -> Raster:
-        """The set turned by quarter turns about the z axis, ``(x, y)`` to ``(-y, x)`` each: an exact permutation."""
-        cells, lower, upper = self.cells, self.lower, self.upper
-        for _ in range(turns % 4):
-            # Entry [x, y] of the turned bitmap is entry [y, -x] of the bitmap.
-            cells = cells.swapaxes(0, 1)[::-1]
-            lower, upper = (-upper[1], lower[0], *lower[2:]), (-lower[1], upper[0], *upper[2:])
-        return Raster(np.ascontiguousarray(cells), lower if self.cells.size else self.lower)
+    def turned(self, matrix: NDArray[np.int64]) -> Raster:
+        """The set turned by a matrix with one 1 or -1 in each row and column: an exact permutation of the lattice."""
+        if not self.cells.size:
+            return self
+        axes, signs = np.abs(matrix).argmax(axis=1), matrix.sum(axis=1)
+        cells = self.cells.transpose(axes)[tuple(slice(None, None, int(sign)) for sign in signs)]
+        lower = tuple(self.lower[a] if sign > 0 else -self.upper[a] for a, sign in zip(axes, signs, strict=True))
+        return Raster(np.ascontiguousarray(cells), lower)
 
     @property
     def upper(self) -> tuple[int, ...]:

@@ -34,6 +34,22 @@ def test_quarter_turns_by_permutation_are_fresh_rasters(robot, count, margin):
         assert [oracles.raster_offsets(one) for one in pair] == [oracles.raster_offsets(one) for one in fresh]
 
 
+L_SHAPE = np.array([[[1], [1]], [[1], [0]], [[1], [0]]], dtype=bool)
+
+
+@pytest.mark.parametrize(
+    ("robot", "n"),
+    [(Robot.box((0.83, 0.41, 0.27)), 2), (Robot.cells(L_SHAPE, 0.23, (-0.31, -0.17, -0.12)), 3)],
+    ids=["box", "cells"],
+)
+def test_half_turns_by_permutation_are_fresh_rasters(robot, n):
+    cells = Rotations.quaternions(n)
+    made, turns = slice_rasters(robot, 0.17, 0.02, cells), cells.turns(3)
+    for number, cell in zip(*np.unique(cells.slice_of(robot), return_index=True), strict=True):
+        fresh = robot.rasters(0.17, 0.02, turns[cell])
+        assert [oracles.raster_offsets(one) for one in made[number]] == [oracles.raster_offsets(one) for one in fresh]
+
+
 SYMMETRIC = {
     "rectangle": (Robot.rectangle(0.7, 0.3), 2),
     "square": (Robot.rectangle(0.5, 0.5), 4),
