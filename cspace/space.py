@@ -204,7 +204,7 @@ class CSpace:
     def __repr__(self) -> str:
         free, mixed, blocked = self.count()
         cells = " x ".join(map(str, self.grid.shape))
-        turns = f" x {self.rotations}" if self.rotations.dof else ""
+        turns = f" x {self.rotations}" if self.rotations.count > 1 else ""
         return (
             f"CSpace({cells} cells of {self.grid.spacing:g} m{turns}, {self.robot.name}: {free=}, {mixed=}, {blocked=})"
         )

@@ -245,22 +245,26 @@ class Workspace:
         return cls(Grid(np.zeros(cells.ndim), spacing, cells.shape), cells, cells, source=str(path))
 
     @classmethod
-    def _of(cls, shape: Shape, spacing: float, box: Floats | None, source: str, kind: str = "") -> Workspace:
+    def _of(
+        cls,
+        shape: Shape,
+        spacing: float,
+        box: Floats | None,
+        source: str,
+        kind: str = "",
+        points: Floats | None = None,
+        cost: float = WORKSPACE_BYTES,
+    ) -> Workspace:
         """The cells of a shape, on the grid of a box, shape (2, dim), or else of its own bounds.
 
-        Where ``kind`` names the shape, a warning tells if its units can hardly be metres.
+        Where ``kind`` names the shape, a warning tells if the units of the points that it was made of, or else of its
+        corners, can hardly be metres. ``cost`` is in bytes a cell.
         """
         corners = np.stack(shape.bounds)
-        cost = MESH_BYTES if isinstance(shape, Mesh) else WORKSPACE_BYTES
         grid = covering_grid(corners if box is None else box, spacing, cost)
         if kind:
-            # The points of a cloud tell of its units, the balls around them do not.
-            points = (
-                np.stack([shape.centers.min(axis=0), shape.centers.max(axis=0)])
-                if isinstance(shape, Balls)
-                else corners
-            )
-            warn_of_units(points, spacing, kind, box is not None)
+            told = corners if points is None else np.stack([points.min(axis=0), points.max(axis=0)])
+            warn_of_units(told, spacing, kind, box is not None)
         outer, inner = shape.cells(grid)
         warn_of_nothing(outer, grid, corners)
         return cls(grid, outer, inner, source=source, shapes=(shape,))
@@ -340,7 +344,7 @@ class Workspace:
         box = None if bounds is None else check_bounds(bounds, 3)
         shape = Mesh.of(mesh, solid)
         source = str(mesh) if isinstance(mesh, str | os.PathLike) else shape.source
-        made = cls._of(shape, spacing, box, source, "mesh")
+        made = cls._of(shape, spacing, box, source, "mesh", cost=MESH_BYTES)
         return replace(made, shapes=None) if shape.solid == "fill" else made
 
     @classmethod
@@ -407,7 +411,9 @@ class Workspace:
             check_bounds(bounds, 3)
         cloud = Balls.of(read_points(points) if isinstance(points, str | os.PathLike) else points, radius)
         box = None if bounds is None else check_bounds(bounds, cloud.dim)
-        return cls._of(cloud, spacing, box, str(points) if named else f"{len(cloud.radii)} points", "cloud")
+        # The points of a cloud tell of its units, the balls around them do not.
+        source = str(points) if named else f"{len(cloud.radii)} points"
+        return cls._of(cloud, spacing, box, source, "cloud", cloud.centers)
 
     @classmethod
     def from_octomap(cls, path: Named, unknown: str = "occupied") -> Workspace:

@@ -30,11 +30,11 @@ from cspace.errors import InputError
 
 if TYPE_CHECKING:
     from cspace.robot import Robot
-    from cspace.shapes.mesh import Mesh, Solid
+    from cspace.shapes.mesh import Solid
     from cspace.space import CSpace
 
 _MEASURES = {2: "area_m2", 3: "volume_m3"}
-"""What the cells of a map, or a body, fill, by the number of dimensions."""
+"""What the cells of a map fill, by the number of dimensions."""
 
 
 Kind = Literal["map", "workspace", "robot"]
@@ -106,19 +106,16 @@ def describe_map(space: CSpace) -> dict[str, Any]:
     grid, rotations = space.grid, space.rotations
     states, fields = space._map.states, space._fields
     kept: list[Any] = [states, *fields.values()] + ([] if space.overlaps is None else [space.overlaps])
-    turning: dict[str, Any] = {}
-    if not rotations.dof:
-        measure = {f"free_{_MEASURES[grid.dim]}": counts[0] * grid.spacing**grid.dim}
-    else:
-        shares = rotations.volumes / rotations.volumes.sum()
-        free = np.array([np.count_nonzero(part == FREE) for part in states])[space._map.slice_of]
-        mean = float(free @ shares) * grid.spacing**grid.dim
-        measure = {f"mean_free_{_MEASURES[grid.dim]}": mean}
+    filled, turning = f"free_{_MEASURES[grid.dim]}", {}
+    if rotations.count > 1:
+        filled = f"mean_{filled}"
         turning = {
             "rotations": rotations.count,
             "rotation_cell_deg": round(float(np.degrees(2.0 * rotations.covering_angles.max())), 6),
             "slices": len(states),
         }
+    free = np.array([np.count_nonzero(part == FREE) for part in states])[space._map.slice_of]
+    mean = float(free @ rotations.volumes / rotations.volumes.sum()) * grid.spacing**grid.dim
     return {
         "robot": space.robot.name,
         "workspace": space.workspace.source,
@@ -128,7 +125,7 @@ def describe_map(space: CSpace) -> dict[str, Any]:
         "shape": list(grid.shape),
         **turning,
         "cells": dict(zip(NAMES, counts, strict=True)),
-        **measure,
+        filled: mean,
         "outside": space.outside,
         "margin_m": space.margin,
         "precision": space.precision,
@@ -143,26 +140,14 @@ def describe_robot(robot: Robot, spacing: float | None = None) -> dict[str, Any]
     import numpy as np
 
     from cspace.covering import covering_shape
-    from cspace.shapes import Mesh
 
     body = robot.shape
     corners = np.array(body.bounds)
     return {
         "robot": robot.name,
         **describe_box(corners),
-        **(describe_mesh(body) if isinstance(body, Mesh) else {_MEASURES[robot.dim]: body.measure}),
+        **body.about,
         **({} if spacing is None else {"cells_across": covering_shape(corners, spacing)}),
-    }
-
-
-def describe_mesh(mesh: Mesh) -> dict[str, Any]:
-    """What there is to say about a mesh; its volume, where it has one."""
-    closed = sum(body.closed for body in mesh.bodies)
-    return {
-        "triangles": len(mesh.faces),
-        "bodies": {"closed": closed, "open": len(mesh.bodies) - closed},
-        "watertight": mesh.is_watertight,
-        **({"volume_m3": float(mesh.volume)} if mesh.is_watertight else {}),
     }
 
 
@@ -233,7 +218,7 @@ def _mesh(path: Path, solid: Solid = "auto") -> tuple[Any, dict[str, Any]]:
     from cspace.shapes import Mesh
 
     mesh = Mesh.of(path, solid)
-    return mesh.bounds, describe_mesh(mesh)
+    return mesh.bounds, mesh.about
 
 
 def _points(path: Path, radius: float = 0.0) -> tuple[Any, dict[str, Any]]:
@@ -294,7 +279,7 @@ class _Cells:
         cells = rotation_cells(rotations)
         self._names, self.slices = names, 1
         self._told: dict[str, Any] = {}
-        if cells.dof:
+        if cells.count > 1:
             # A robot with a symmetry needs fewer slices than there are rotation cells.
             self.slices = cells.count if robot is None else int(cells.slice_of(robot).max()) + 1
             self._told = {"rotations": cells.count, "slices": self.slices}

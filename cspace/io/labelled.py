@@ -51,15 +51,15 @@ def to_xarray(space: SavedMap) -> xarray.Dataset:
     """
     import xarray
 
-    dim, turns = space.grid.dim, space.rotations.dof > 0
+    dim, cells = space.grid.dim, space.rotations.leading(space.rotations.count)
     variables: dict[str, Any] = {}
     labels: dict[str, Any] = {}
     for name, array in ({"inner": space.workspace.inner} | arrays_of(space)).items():
         axes = axes_of(name, dim)
         if axes[0] == "slice":
-            array = _by_rotation(array, space._slice_of) if turns else array[0]
-            axes = ("rotation", *axes[1:]) if turns else axes[1:]
-        if name == "slice_of" and not turns:
+            array = _by_rotation(array, space._slice_of).reshape(*cells, *space.grid.shape)
+            axes = ("rotation", *axes[1:])[-array.ndim :]
+        if "rotation" in axes and not cells:
             continue
         place = labels if name in (*AXES, *TURNS, "slice_of") else variables
         place[name] = (axes, array, attributes_of(name, dim))

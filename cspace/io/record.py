@@ -169,7 +169,7 @@ def metadata_of(space: SavedMap) -> dict[str, Any]:
     -------
     dict
         ``lower`` and ``spacing`` in metres; ``axes`` the names of the numbers of a configuration; ``rotations`` the
-        number of rotation cells, 0 for a robot that only translates; ``robot`` as JSON text for ``Robot.from_spec``.
+        number of rotation cells; ``robot`` as JSON text for ``Robot.from_spec``.
     """
     grid = space.grid
     return {
@@ -183,7 +183,7 @@ def metadata_of(space: SavedMap) -> dict[str, Any]:
         "outside": space.outside,
         "margin": float(space.margin),
         "precision": space.precision,
-        "rotations": space.rotations.count if space.rotations.dof else 0,
+        "rotations": space.rotations.count,
         "slices": len(space._seen),
         "robot": space.robot.definition,
         "workspace_source": space.workspace.source,
@@ -282,8 +282,7 @@ def turns_of(names: Iterable[str]) -> tuple[str, ...]:
 
 def check_names(names: Sequence[str], metadata: Mapping[str, Any], path: str | os.PathLike[str]) -> None:
     """Raise FileError unless the arrays of a map are those that it needs, and known ones."""
-    turns = turns_of(names) or (YawRotations.COORDINATES if metadata["rotations"] else ())
-    required = (*_REQUIRED, *AXES[: len(metadata["shape"])], *turns)
+    required = (*_REQUIRED, *AXES[: len(metadata["shape"])], *turns_of(names))
     lacking = [name for name in required if name not in names]
     if lacking:
         raise unusable(path, f"it holds no {' and no '.join(lacking)}")

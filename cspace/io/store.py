@@ -152,7 +152,7 @@ def _encoded(metadata: dict[str, Any], arrays: Mapping[str, NDArray[Any]]) -> It
     yield from finished(f"/{_ROOT}")
     document = json.loads(files[_ROOT].to_bytes())
     # Global "coordinates" tell readers of the CF conventions which arrays label others.
-    labels = {"coordinates": " ".join((*turns_of(arrays), "slice_of"))} if metadata["rotations"] else {}
+    labels = {"coordinates": " ".join((*turns_of(arrays), "slice_of"))}
     document["attributes"] = seal(metadata | labels, digests)
     yield _ROOT, _written(document)
 

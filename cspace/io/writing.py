@@ -32,13 +32,6 @@ SAVES: Final[Mapping[str, Callable[[SavedMap, Named, bool], None]]] = {
 
 
 def _ros_map(space: SavedMap, number: int, path: Named, overwrite: bool) -> None:
-    if space.grid.dim != 2:
-        raise InputError(
-            "path",
-            f"is {Path(path)}, which names a ROS map",
-            f"a ROS map is plane, and the map has {' x '.join(map(str, space.grid.shape))} cells in space",
-            f"write {', '.join(suffix for suffix in (*SAVES, '.vti', *WRITERS) if suffix)}",
-        )
     write_ros_map(space._seen[number], space.grid, path, overwrite)
 
 

@@ -132,7 +132,7 @@ def sample(
     ndarray of float64, shape (n, dof)
     """
     turns = np.zeros(n, dtype=np.int64)
-    if rotations.dof:
+    if rotations.count > 1:
         sizes = free.counts[slice_of] * rotations.volumes
         turns = rng.choice(rotations.count, size=n, p=sizes / sizes.sum())
     cells = np.stack(np.unravel_index(free.draw(slice_of[turns], rng), grid.shape), axis=-1)

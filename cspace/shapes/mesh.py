@@ -212,6 +212,16 @@ class Mesh(Shape):
         return float(self.volume) if self.is_watertight else float("nan")
 
     @property
+    def about(self) -> dict[str, Any]:
+        closed = sum(body.closed for body in self.bodies)
+        return {
+            "triangles": len(self.faces),
+            "bodies": {"closed": closed, "open": len(self.bodies) - closed},
+            "watertight": self.is_watertight,
+            **({"volume_m3": float(self.volume)} if self.is_watertight else {}),
+        }
+
+    @property
     def encloses(self) -> bool:  # type: ignore[override]
         """Whether the mesh has an inside that does not depend on a spacing: closed bodies, which are solid."""
         return self.solid == "auto" and bool(len(self._closed[0]))

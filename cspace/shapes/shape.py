@@ -68,6 +68,11 @@ class Shape(ABC):
     def measure(self) -> float:
         """Area in the plane, volume in space, for people; NaN where it is not known."""
 
+    @property
+    def about(self) -> dict[str, Any]:
+        """What there is to say of the shape, for people: plain values by what they are."""
+        return {("area_m2", "volume_m3")[self.dim - 2]: self.measure}
+
     @abstractmethod
     def rasters(self, spacing: float, margin: float = 0.0, turn: Turn = STILL) -> tuple[Raster, Raster]:
         """The shape as a robot: the offsets that it meets, and those that lie in it.

@@ -224,7 +224,7 @@ def test_cubes_join_all_that_free_cells_join() -> None:
 def test_cubes_moves_without_a_turn() -> None:
     state = np.zeros((4, 3, 3), np.uint8)
     state[1, 1] = MIXED
-    space = with_state(state, turning=True)
+    space = with_state(state, 4)
     for yaw in (0.1, 1.6):
         found = planners.plan(space, (0.5, 0.5, yaw), (2.5, 2.5, yaw), planner="Cubes", simplify=False)
         assert found.solved == found.certified == (yaw == 0.1) and (found.path[:, 2] == yaw).all()
