@@ -253,7 +253,7 @@ class Workspace:
         source: str,
         kind: str = "",
         points: Floats | None = None,
-        cost: float = WORKSPACE_BYTES,
+        cost: int = WORKSPACE_BYTES,
     ) -> Workspace:
         """The cells of a shape, on the grid of a box, shape (2, dim), or else of its own bounds.
 

@@ -125,7 +125,7 @@ def _slice_number(space: SavedMap, path: str | os.PathLike[str], rotation: Array
             "rotation",
             f"is missing for {Path(path)}",
             f"such a file holds one slice, and this map has {rotations.count} rotation cells",
-            f"pass the one to write ({', '.join(rotations.names)}), e.g. rotation={rotations.centers[0].tolist()}",
+            f"pass the one to write, by {', '.join(rotations.names)}",
         )
     given = rotations.centers[0] if rotation is None else rotations.checked(rotation)
     return int(space._slice_of[rotations.cells_of(given)])

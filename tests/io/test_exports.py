@@ -226,7 +226,7 @@ def test_a_map_of_every_kind_in_vtk_is_the_slice_at_a_yaw(tmp_path: Path, make: 
     yaw = None if not space.rotations.dof else 4.0
     if yaw is not None:
         with pytest.raises(
-            InputError, match=r"rotation is missing for .*map.vti; .* rotation cells; pass .*rotation=\["
+            InputError, match=r"rotation is missing for .*map.vti; .* rotation cells; pass the one to write, by yaw"
         ):
             space.export(tmp_path / "map.vti")
     space.export(tmp_path / "map.vti", rotation=yaw)
