@@ -185,7 +185,7 @@ class Robot:
             If the file cannot be read.
         """
         mesh = Mesh.of(shape, solid)
-        _check_origin(mesh)
+        _check_origin(mesh, warn=True)
         return cls(name or f"mesh of {len(mesh.faces)} triangles", mesh)
 
     @classmethod
@@ -226,6 +226,7 @@ class Robot:
             raise InputError(
                 "spec", f"is {str(spec)[:80]}", f"it must be one that Robot.spec makes: {error}", "write it again"
             ) from error
+        _check_origin(robot.shape, warn=False)
         return robot
 
     @classmethod
@@ -412,9 +413,12 @@ def _form(names: Sequence[str]) -> str:
     return "x".join(name.upper() for name in names)
 
 
-def _check_origin(mesh: Mesh) -> None:
-    """Refuse a mesh so far from its reference point that this can hardly be meant, and warn of one that may not be."""
-    lower, upper = mesh.bounds
+def _check_origin(shape: Shape, *, warn: bool) -> None:
+    """Refuse a mesh that lies so far from its reference point that this can hardly be meant, and warn of one that may
+    not."""
+    if not isinstance(shape, Mesh):
+        return
+    lower, upper = shape.bounds
     size = float(np.linalg.norm(upper - lower))
     far = float(np.linalg.norm(np.maximum(np.maximum(lower, -upper), 0.0)))
     move = f"({', '.join(f'{-x:g}' for x in (lower + upper) / 2)}) m"
@@ -425,7 +429,7 @@ def _check_origin(mesh: Mesh) -> None:
             f"at most {MOST_OFF:g} times its size is accepted",
             f"move it there first, by {move} for its middle",
         )
-    if far > size:
+    if warn and far > size:
         warnings.warn(
             f"the robot's mesh is {size:g} m across and lies {far:g} m from its origin, which is its reference point: "
             "a configuration is where that point is; unless this is meant, move the mesh there first, by "

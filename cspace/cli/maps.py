@@ -118,8 +118,10 @@ def picture(
     path: Annotated[
         Path | None, typer.Option(metavar="FILE", readable=False, help="A path to draw: .csv or .json.")
     ] = None,
-    start: Annotated[str | None, typer.Option(metavar="X,Y[,Z][,YAW]", help="A configuration to mark, metres.")] = None,
-    goal: Annotated[str | None, typer.Option(metavar="X,Y[,Z][,YAW]", help="A configuration to mark, metres.")] = None,
+    start: Annotated[
+        str | None, typer.Option(metavar="X,Y[,Z][,TURN]", help="A configuration to mark, metres.")
+    ] = None,
+    goal: Annotated[str | None, typer.Option(metavar="X,Y[,Z][,TURN]", help="A configuration to mark, metres.")] = None,
     robot_every: Annotated[
         float | None, typer.Option(metavar="METRES", help="Path between two drawn robots  [default: chosen].")
     ] = None,

@@ -30,12 +30,12 @@ def plan(
     start: Annotated[
         str,
         typer.Option(
-            metavar="X,Y[,Z][,YAW]",
+            metavar="X,Y[,Z][,TURN]",
             help="Where the robot is, metres; e.g. --start=-1,2, with rotations -1,2,90deg, in space -1,2,0.5.",
         ),
     ],
     goal: Annotated[
-        str, typer.Option(metavar="X,Y[,Z][,YAW]", help="Where it goes; a yaw is e.g. 90deg, or a number of radians.")
+        str, typer.Option(metavar="X,Y[,Z][,TURN]", help="Where it goes; TURN is a yaw, e.g. 90deg, or QX,QY,QZ,QW.")
     ],
     output: Annotated[
         list[Path] | None,

@@ -124,10 +124,10 @@ def write_ros_map(state: ArrayLike, grid: Grid, path: str | os.PathLike[str], ov
     cells = np.asarray(state)
     if grid.dim != 2 or cells.shape != grid.shape:
         raise InputError(
-            "path",
-            f"is {target}, which names a ROS map",
-            f"a ROS map is plane, and what it is to hold has {' x '.join(map(str, cells.shape))} cells",
-            "export a map of the plane, or write another format",
+            "state",
+            f"has shape {cells.shape} on a grid of {grid.shape}",
+            "a ROS map is plane, and its states are those of its grid",
+            "export a map of the plane, or one slice of it, or write another format",
         )
     if cells.dtype.kind not in "iu" or cells.min() < FREE or cells.max() > BLOCKED:
         raise InputError(
