@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from cspace.exact.queries import Exact
-    from cspace.map.clearance import Distances
     from cspace.map.components import Components
     from cspace.map.mip import Mip
     from cspace.map.overlaps import Runs, Sums
@@ -54,9 +53,9 @@ class CSpace:
     :func:`cspace.build` makes it and :func:`cspace.open` reads a saved one. Every look-up takes one configuration,
     shape (dof,), and answers with a Python number, or a batch, shape (..., dof), and answers with an array of shape
     (...). Look-ups are compiled and may be called from several threads at once. What they need beyond the map itself
-    (distances, labels, sums) is computed at the first call and kept; a copy or a pickle of the map leaves it behind.
-    Yaw is in radians, and wrapped. Of a quaternion and its negative, which are the same rotation, either will do; its
-    norm must be 1 within 1e-6.
+    (labels, sums, which blocks of cells are all FREE) is computed at the first call and kept; a copy or a pickle of the
+    map leaves it behind. Yaw is in radians, and wrapped. Of a quaternion and its negative, which are the same rotation,
+    either will do; its norm must be 1 within 1e-6.
 
     A configuration outside the grid is BLOCKED under ``outside="blocked"`` where the robot is proven to stick out of
     the workspace, FREE under ``outside="free"`` where it is proven to reach no obstacle, and otherwise MIXED.
@@ -157,7 +156,6 @@ class CSpace:
         self._free_cells: Kept[FreeCells] = Kept(self._lock)
         self._exact_kept: Kept[Exact] = Kept(self._lock)
         self._updater: Kept[Updater] = Kept(self._lock)
-        self._distances_kept: Kept[Distances] = Kept(self._lock)
 
     # ---- what the map is ---------------------------------------------------------------------------------------------
 
@@ -360,9 +358,8 @@ class CSpace:
     def clearance(self, q: ArrayLike) -> float | Floats:
         """Lower bound of the distance, in the translation, to the nearest configuration that is not FREE.
 
-        The bound is proven. In the grid it is less than one and a half cells below the distance itself (1.8 in space),
-        up to 4095 cells, beyond which no distance is told; outside it tells how far the grid is, or what is not FREE
-        there. Zero where a configuration is not FREE; infinite where every configuration is.
+        The bound is proven, and but for rounding it is that distance, in the grid and outside. Zero where a
+        configuration is not FREE; infinite where every configuration is. Nothing of the size of the map is computed.
 
         Parameters
         ----------
@@ -374,7 +371,9 @@ class CSpace:
         float or ndarray of float64, shape (...)
             Metres.
         """
-        return answer(q, self.dof, self._distances.kernel, np.float64, float)
+        from cspace.map.clearance import Marks, clearances
+
+        return answer(q, self.dof, partial(clearances, self._map, Marks.of(self._map, self._coarse)), np.float64, float)
 
     # ---- edges -------------------------------------------------------------------------------------------------------
 
@@ -502,7 +501,9 @@ class CSpace:
             ``check(*q) -> float``, of the dof numbers of a configuration; they must be finite floats, and are not
             checked.
         """
-        return self._distances.checker(self.dof)
+        from cspace.map.clearance import Marks, checker
+
+        return checker(self._map, Marks.of(self._map, self._coarse), self.dof)
 
     # ---- what FREE cells join ----------------------------------------------------------------------------------------
 
@@ -691,11 +692,11 @@ class CSpace:
         its ``shapes`` are None, and look-ups with ``exact=True`` ask the outer cells instead.
 
         Kept up to date, if they were asked for before: the state, stored overlaps, running counts for
-        :meth:`overlap` and :meth:`contains_robot`, what is known outside the grid, distances for :meth:`clearance`,
-        and the blocks of :meth:`path_exists` and :meth:`free_reach`, which are joined anew at the next call. Dropped,
-        and made again at the next call: the counts of FREE cells for :meth:`sample_free`, and the geometry for
-        ``exact=True``. An overlap field is about the obstacles as they were, and is let go. A map
-        built without ``inner`` gets no BLOCKED cells; one from a file, if it has none where there could be one.
+        :meth:`overlap` and :meth:`contains_robot`, what is known outside the grid, the coarse map for
+        :meth:`clearance`, and the blocks of :meth:`path_exists` and :meth:`free_reach`, which are joined anew at the
+        next call. Dropped, and made again at the next call: the counts of FREE cells for :meth:`sample_free`, and the
+        geometry for ``exact=True``. An overlap field is about the obstacles as they were, and is let go. A map built
+        without ``inner`` gets no BLOCKED cells; one from a file, if it has none where there could be one.
 
         Updates wait for each other, and so do :meth:`path_exists`, :meth:`free_reach` and :meth:`contains_robot`, whose
         answers hang on many cells at once, :meth:`save`, :meth:`export`, copies, pickles and forks of the process. Any
@@ -761,8 +762,6 @@ class CSpace:
             self._mip.renew(change)
             self._free_cells.drop()
             self._components_kept.renew(change)
-        if change.changed or change.exterior:
-            self._distances_kept.renew(change)
         self._exact_kept.renew(change)
 
     # ---- a smooth measure of penetration -----------------------------------------------------------------------------
@@ -879,10 +878,11 @@ class CSpace:
         )
 
     @property
-    def _distances(self) -> Distances:
-        from cspace.map.clearance import Distances
+    def _coarse(self) -> Mip:
+        """What tells of the states block by block."""
+        from cspace.map.mip import Mip
 
-        return self._distances_kept.get(lambda: Distances(self._map, self._exterior, self._lock))
+        return self._mip.get(lambda: Mip(self._seen))
 
     # ---- kernels and checks ------------------------------------------------------------------------------------------
 
@@ -894,13 +894,13 @@ class CSpace:
     def _edges(self, number: int, exact: bool) -> Kernel:
         """The kernel for edges, of which there are some ``number`` to come; many are worth a coarse map."""
         from cspace.map.edges import edges_are_free
-        from cspace.map.mip import CELLS_AN_EDGE, Mip
+        from cspace.map.mip import CELLS_AN_EDGE
 
         if exact:
             return self._exact.edges()
         mip = None
         if self._mip.made is not None or number * CELLS_AN_EDGE >= self._seen.size:
-            mip = self._mip.get(lambda: Mip(self._seen)).flat
+            mip = self._coarse.flat
         return partial(edges_are_free, self._map, mip)
 
     def _sum(self, side: Literal["outer", "inner"], q: ArrayLike) -> int | Ints:

@@ -303,9 +303,8 @@ def test_cells_of_any_kind_are_taken() -> None:
         ("overlaps.Sums", None),
         ("mip.Mip", None),
         ("components.Components", None),
-        ("clearance.Distances", None),
         ("components.Components", 4),
-        ("clearance.Distances", 4),
+        ("mip.Mip", 4),
     ],
 )
 def test_an_interrupted_update_leaves_a_map_that_is_right(

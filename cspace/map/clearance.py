@@ -1,219 +1,303 @@
-"""Clearance: proven distances to the nearest configuration that is not FREE."""
+"""Clearance: proven distances to the nearest configuration that is not FREE.
+
+Nothing but the coarse maps of :mod:`cspace.map.mip` is kept for it. The nearest cell is searched from the configuration
+outwards: first among large blocks of cells, and only those that are not all FREE, and nearer than the best cell so far,
+are looked into. Places are counted in cells, along three axes; the plane is space with one layer of cells.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
+from numba.cpython.unsafe.numbers import leading_zeros, trailing_zeros
 from numpy.typing import NDArray
 
 from cspace.compiling import entry, inner, reader
 from cspace.grid import SLACK
-from cspace.map.distances import SIDE, UNIT, WIDE, Tiles, make_tiles, renew_tiles
-from cspace.map.exterior import Exterior
-from cspace.map.kept import Change, Lock
-from cspace.map.points import Cell, Numbers, cell_of, configuration, is_usable, layered, replaced, state_at
+from cspace.map import turning
+from cspace.map.mip import SHIFT, SIDE, Mip
+from cspace.map.points import FAR, Numbers, configuration, is_usable, replaced, state_at
 from cspace.map.record import Map
-from cspace.memory import check_memory
 from cspace.states import FREE
-from cspace.threads import cores, in_threads
 
-Bytes = NDArray[np.uint8]
 Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+Words = NDArray[np.uint64]
+Place = tuple[float, float, float]
 
-TOGETHER: Final = 2**21
-"""Cells of the tiles that are made at a time, at most: many cost less together, and memory."""
+BYTE, ONE, THREE = np.uint64(255), np.uint64(1), np.uint64(3)
 
-MISSING = -1.0
-"""Answer where the tile of a configuration has not been made."""
+SIZE: Final = float(SIDE)
+
+ROUNDING: Final = 2.0**-40
+"""Share by which a distance is raised that must not be below the true one, whatever was rounded."""
 
 
-# ---- compiled look-ups -----------------------------------------------------------------------------------------------
+class Marks(NamedTuple):
+    """Which blocks of cells, as a coarse map has them, are not all FREE.
+
+    cells : ndarray of uint64
+        The states, eight in a word, but for those at the end that do not fill one.
+    words : ndarray of uint64, shape (slices, nx, ny, nz)
+        Eight blocks along the last axis each, a byte for a block.
+    occupied : ndarray of bool, shape (slices,)
+        Whether a slice has any.
+    """
+
+    cells: Words
+    words: Words
+    occupied: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, map_: Map, mip: Mip) -> Marks:
+        """Those of a map and its coarse map, which follow its changes."""
+        return cls(map_.cells[: map_.cells.size // SIDE * SIDE].view(np.uint64), mip.words, mip.occupied)
 
 
 @inner
-def clearance_at(map_: Map, tiles: Tiles, q: Numbers) -> float:
-    """Lower bound of the distance from a configuration to the nearest one that is not FREE, in metres, or MISSING.
+def clearance_at(map_: Map, marks: Marks, q: Numbers, most: float) -> float:
+    """Lower bound of the distance from a configuration to the nearest one that is not FREE, in cells.
 
-    Distance is 1-Lipschitz, so the middle of each neighbouring cell bounds it from below; the best of all is taken.
+    ``most`` is known to be above it; infinity, if nothing is known.
     """
     if state_at(map_, q) != FREE:
         return 0.0
-    inside, cell = cell_of(map_, q)
-    s, dim = cell[0], len(map_.lower)
-    place = map_.lower  # in cells
-    square = 0.0
+    s, dim, place = turning.slice_at(map_.rotations, q), len(map_.lower), (0.5, 0.5, 0.5)
     for axis in range(dim):
-        place = replaced(place, axis, (q[axis] - map_.lower[axis]) / map_.spacing)
-        square = math.hypot(square, max(0.0, -place[axis], place[axis] - map_.states.shape[axis + 1]))
-    best = math.inf
-    if tiles.occupied[s]:
-        best = neighbors_bound(map_, tiles, cell, place) if inside else square
-        if best == MISSING:
-            return MISSING
-    walls = tiles.walls[s]
-    for n in range(walls.shape[0]):
-        away = 0.0
-        for axis in range(dim):
-            away = math.hypot(away, max(0.0, walls[n, axis] - place[axis], place[axis] - walls[n, axis + dim]))
-        best = min(best, away)
-    if best == math.inf and (tiles.occupied[s] or walls[0, 0] != math.inf):
-        return 0.0  # too far away for a distance to be told
-    return max(0.0, best * (1.0 - 2.0**-48) - 4.0 * SLACK) * map_.spacing
+        # What is farther away is no nearer to anything.
+        cells = min(max((q[axis] - map_.lower[axis]) / map_.spacing, -FAR), FAR)
+        place = replaced(place, 3 - dim + axis, cells)
+    best = min(most * most, square_outside(map_, s, place))
+    if marks.occupied[s]:
+        best = nearest_square(map_, marks, s, place, best, True)
+        best = nearest_square(map_, marks, s, place, best, False)
+    return max(0.0, math.sqrt(best) * (1.0 - 2.0**-48) - 4.0 * SLACK)
 
 
 @inner
-def neighbors_bound(map_: Map, tiles: Tiles, cell: Cell, place: Numbers) -> float:
-    """The best lower bound, in cells, from the cells around; MISSING where one of their tiles was not made."""
-    s, dim = cell[0], len(place)
-    i, j, k = layered(cell, 0)
-    x, y, z = place[0] if dim == 3 else 0.5, place[dim - 2], place[dim - 1]  # a plane has one layer
-    low, high = max(k - 1, 0), min(k + 1, map_.states.shape[dim] - 1)
-    if tiles.ready[s, low // WIDE] == 0 or tiles.ready[s, high // WIDE] == 0:
-        return MISSING
-    _, _, nx, ny, _ = tiles.distances.shape
-    best = 0.0
-    for a in range(max(i - 1, 0), min(i + 1, nx - 1) + 1):
-        for b in range(max(j - 1, 0), min(j + 1, ny - 1) + 1):
-            square = (a + 0.5 - x) ** 2 + (b + 0.5 - y) ** 2
-            for c in range(low, high + 1):
-                apart = math.sqrt(square + (c + 0.5 - z) ** 2)
-                best = max(best, tiles.distances[s, c // WIDE, a, b, c % WIDE] * (1.0 / UNIT) - apart)
+def square_outside(map_: Map, s: int, place: Place) -> float:
+    """Squared distance to what is not FREE outside the grid, in cells; infinite where all is."""
+    dim, table = len(map_.lower), map_.exterior
+    beyond, best = table[s, 2 * dim] != FREE, math.inf
+    for side in range(2 * dim):
+        # A box as wide as what is not FREE, from one border of the grid on.
+        square, empty = 0.0, False
+        for axis in range(dim):
+            low = -math.inf if beyond else float(table[s, axis])
+            high = math.inf if beyond else table[s, dim + axis] + 1.0
+            if side == 2 * axis:
+                high = min(high, 0.0)
+            elif side == 2 * axis + 1:
+                low = max(low, float(map_.states.shape[axis + 1]))
+            empty |= low >= high
+            apart = max(0.0, low - place[3 - dim + axis], place[3 - dim + axis] - high)
+            square += apart * apart
+        if not empty:
+            best = min(best, square)
     return best
 
 
-@reader
-def clearances(map_: Map, tiles: Tiles, points: Floats, out: Floats, missing: Bytes) -> int:
-    """Clearances of points, shape (n, dof); the index of the first one that is not usable, or -1.
+@inner(forceinline=True)
+def gap(place: float, cell: int, size: float) -> float:
+    """Distance along an axis from a place to a block, by its number, or to a cell where blocks are of size one."""
+    return max(0.0, cell * size - place, place - (cell + 1) * size)
 
-    Tiles, shape (slices, tiles), that were not made are marked in ``missing``.
+
+@inner
+def nearest_square(map_: Map, marks: Marks, s: int, place: Place, best: float, rough: bool) -> float:
+    """Squared distance to the nearest cell of a slice that is not FREE; ``best``, if that is less.
+
+    Rows of blocks are taken by their distance, and along each the blocks that are not all FREE, both ways. A ``rough``
+    answer is the least of the distances to the far corners of blocks, and above the true one; no cell is looked at.
     """
-    last = map_.states.shape[-1] - 1
+    _, nx, ny, nz = marks.words.shape
+    x, y, z = start(place[0], nx), start(place[1], ny), start(place[2], SIDE * nz)
+    shift = np.uint64(8 * (z % SIDE))
+    below_x, above_x = x - 1, x
+    while True:
+        i, x_gap, below_x, above_x = nearer(place[0], nx, below_x, above_x)
+        if not x_gap * x_gap < best:
+            return best
+        below_y, above_y = y - 1, y
+        while True:
+            j, y_gap, below_y, above_y = nearer(place[1], ny, below_y, above_y)
+            square = x_gap * x_gap + y_gap * y_gap
+            if not square < best:
+                break
+            row = marks.words[s, i, j]
+            k, word = z // SIDE, row[z // SIDE] >> shift << shift
+            while True:
+                if word != 0:
+                    n = SIDE * k + lowest(word)
+                    if not closer(square, place, n, best):
+                        break
+                    if rough:
+                        corner = far(place[0], i) ** 2 + far(place[1], j) ** 2 + far(place[2], n) ** 2
+                        best = min(best, corner)
+                        break
+                    best = nearest_in_block(map_, marks.cells, s, (i, j, n), place, best)
+                    word &= ~(BYTE << np.uint64(8 * (n - SIDE * k)))
+                else:
+                    k += 1
+                    if k == nz or not closer(square, place, SIDE * k, best):
+                        break
+                    word = row[k]
+            k, word = z // SIDE, row[z // SIDE] & ((ONE << shift) - ONE)
+            while True:
+                if word != 0:
+                    n = SIDE * k + highest(word)
+                    if not closer(square, place, n, best):
+                        break
+                    if rough:
+                        corner = far(place[0], i) ** 2 + far(place[1], j) ** 2 + far(place[2], n) ** 2
+                        best = min(best, corner)
+                        break
+                    best = nearest_in_block(map_, marks.cells, s, (i, j, n), place, best)
+                    word &= ~(BYTE << np.uint64(8 * (n - SIDE * k)))
+                else:
+                    k -= 1
+                    if k < 0 or not closer(square, place, SIDE * k + 7, best):
+                        break
+                    word = row[k]
+
+
+@inner(forceinline=True)
+def far(place: float, block: int) -> float:
+    """Distance along an axis from a place to the far end of a block."""
+    return max(place - block * SIZE, (block + 1) * SIZE - place)
+
+
+@inner(forceinline=True)
+def closer(square: float, place: Place, block: int, best: float) -> bool:
+    """Whether a block of a row, the square of whose distance across is given, is nearer than the best cell so far."""
+    apart = gap(place[2], block, SIZE)
+    return square + apart * apart < best
+
+
+@inner
+def nearest_in_block(map_: Map, cells: Words, s: int, block: tuple[int, int, int], place: Place, best: float) -> float:
+    """Squared distance to the nearest cell of a block that is not FREE; ``best``, if that is less."""
+    shape = map_.states.shape
+    nx, ny, nz = shape[1] if len(shape) == 4 else 1, shape[-2], shape[-1]
+    first_x, last_x = block[0] << SHIFT, min((block[0] + 1) << SHIFT, nx) - 1
+    first_y, last_y = block[1] << SHIFT, min((block[1] + 1) << SHIFT, ny) - 1
+    first_z = block[2] << SHIFT
+    # Cells before this one are looked at downwards, and the others upwards.
+    shift = np.uint64(8 * (min(max(int(place[2]), first_z), first_z + SIDE - 1) - first_z))
+    for i in range(first_x, last_x + 1):
+        x_gap = gap(place[0], i, 1.0)
+        if not x_gap * x_gap < best:
+            continue
+        for j in range(first_y, last_y + 1):
+            y_gap = gap(place[1], j, 1.0)
+            square = x_gap * x_gap + y_gap * y_gap
+            if not square < best:
+                continue
+            word = cells_at(map_, cells, ((s * nx + i) * ny + j) * nz + first_z, nz - first_z)
+            if word == 0:
+                continue
+            above, below = word >> shift << shift, word & ((ONE << shift) - ONE)
+            if above != 0:
+                apart = gap(place[2], first_z + lowest(above), 1.0)
+                best = min(best, square + apart * apart)
+            if below != 0:
+                apart = gap(place[2], first_z + highest(below), 1.0)
+                best = min(best, square + apart * apart)
+    return best
+
+
+@inner
+def start(place: float, count: int) -> int:
+    """The block along an axis that is nearest to a place."""
+    return int(min(max(place / SIZE, 0.0), count - 1.0))
+
+
+@inner(forceinline=True)
+def lowest(word: np.uint64) -> int:
+    """The first of the eight bytes of a word that is not zero."""
+    return np.int64(trailing_zeros(word) >> THREE)  # type: ignore[return-value,call-arg]
+
+
+@inner(forceinline=True)
+def highest(word: np.uint64) -> int:
+    """The last of the eight bytes of a word that is not zero."""
+    return 7 - np.int64(leading_zeros(word) >> THREE)  # type: ignore[return-value,call-arg]
+
+
+@inner(forceinline=True)
+def cells_at(map_: Map, cells: Words, first: int, count: int) -> np.uint64:
+    """Up to eight cells from one on, by its number in the map, in a word; FREE beyond ``count``."""
+    at, shift = np.uint64(first) >> THREE, np.uint64(8 * (first % SIDE))
+    word: np.uint64 = np.uint64(0)
+    if at + ONE < np.uint64(cells.size):
+        word = cells[at] >> shift
+        if shift != 0:
+            word |= cells[at + ONE] << (np.uint64(64) - shift)
+        return word if count >= SIDE else word & ((ONE << np.uint64(8 * count)) - ONE)
+    for n in range(min(count, SIDE)):
+        word |= np.uint64(map_.cells[first + n]) << np.uint64(8 * n)
+    return word
+
+
+@inner(forceinline=True)
+def nearer(place: float, count: int, below: int, above: int) -> tuple[int, float, int, int]:
+    """The nearer one of the next blocks below and above, its distance, and the next ones after it."""
+    low = gap(place, below, SIZE) if below >= 0 else math.inf
+    high = gap(place, above, SIZE) if above < count else math.inf
+    if low <= high:
+        return below, low, below - 1, above
+    return above, high, below, above + 1
+
+
+@reader
+def clearances(map_: Map, marks: Marks, points: Floats, out: Floats) -> int:
+    """Clearances of configurations, shape (n, dof), in metres; the index of the first one that is not usable, or -1."""
+    last, dim = map_.lower + turning.blank(map_.rotations), len(map_.lower)
+    known = math.inf
     for n in range(points.shape[0]):
         q = configuration(map_, points, n)
         if not is_usable(map_, q):
             return n
-        out[n] = clearance_at(map_, tiles, q)
-        if out[n] == MISSING:
-            _, cell = cell_of(map_, q)
-            missing[cell[0], max(cell[-1] - 1, 0) // WIDE] = 1
-            missing[cell[0], min(cell[-1] + 1, last) // WIDE] = 1
+        # A configuration near the last one is not much farther from what is not FREE, at the same rotation.
+        most = math.inf
+        if turning.slice_at(map_.rotations, q) == turning.slice_at(map_.rotations, last):
+            square = 0.0
+            for axis in range(dim):
+                square += ((q[axis] - last[axis]) / map_.spacing) ** 2
+            most = (known + 8.0 * SLACK + math.sqrt(square)) * (1.0 + ROUNDING)
+        known, last = clearance_at(map_, marks, q, most), q
+        out[n] = known * map_.spacing
     return -1
 
 
-# Numba calls a function of so many floats quicker than one that takes a tuple of them.
+@reader
+def _clearance_2(map_: Map, marks: Marks, x: float, y: float) -> float:
+    return clearance_at(map_, marks, (x, y), math.inf) * map_.spacing
 
 
 @reader
-def _clearance_2(map_: Map, tiles: Tiles, x: float, y: float) -> float:
-    return clearance_at(map_, tiles, (x, y))
+def _clearance_3(map_: Map, marks: Marks, a: float, b: float, c: float) -> float:
+    return clearance_at(map_, marks, (a, b, c), math.inf) * map_.spacing
 
 
 @reader
-def _clearance_3(map_: Map, tiles: Tiles, a: float, b: float, c: float) -> float:
-    return clearance_at(map_, tiles, (a, b, c))
-
-
-@reader
-def _clearance_4(map_: Map, tiles: Tiles, a: float, b: float, c: float, d: float) -> float:
-    return clearance_at(map_, tiles, (a, b, c, d))
+def _clearance_4(map_: Map, marks: Marks, a: float, b: float, c: float, d: float) -> float:
+    return clearance_at(map_, marks, (a, b, c, d), math.inf) * map_.spacing
 
 
 @reader
 def _clearance_7(
-    map_: Map, tiles: Tiles, a: float, b: float, c: float, d: float, e: float, f: float, g: float
+    map_: Map, marks: Marks, a: float, b: float, c: float, d: float, e: float, f: float, g: float
 ) -> float:
-    return clearance_at(map_, tiles, (a, b, c, d, e, f, g))
+    return clearance_at(map_, marks, (a, b, c, d, e, f, g), math.inf) * map_.spacing
 
 
 _CLEARANCE: Final = {2: _clearance_2, 3: _clearance_3, 4: _clearance_4, 7: _clearance_7}
+# Numba calls a function of so many floats quicker than one that takes a tuple of them.
 
 
-# ---- the part of a map -----------------------------------------------------------------------------------------------
-
-
-class Distances:
-    """Distances of a map to its cells that are not FREE, made tile by tile where they are asked for.
-
-    Parameters
-    ----------
-    map_ : Map
-    exterior : Exterior
-    lock : Lock
-        That of the map, held while tiles are made.
-    """
-
-    def __init__(self, map_: Map, exterior: Exterior, lock: Lock) -> None:
-        self._map, self._exterior, self._lock = map_, exterior, lock
-        slices, *shape = map_.states.shape
-        self._shape = tuple(shape)
-        self._states = map_.states.reshape(slices, *(1,) * (3 - len(shape)), *shape)
-        _, nx, ny, nz = self._states.shape
-        tiles, parts = -(-nz // WIDE), (-(-nx // SIDE), -(-ny // SIDE))
-        self.tiles = Tiles(
-            np.empty((slices, tiles, nx, ny, WIDE), dtype=np.uint16),
-            np.zeros((slices, tiles), dtype=np.uint8),
-            np.zeros((slices, tiles, *parts), dtype=np.uint16),
-            np.array([part.view(np.bool_).any() for part in self._states]),
-            np.empty((slices, 2 * len(shape), 2 * len(shape))),
-        )
-        self._set_walls()
-
-    def renew(self, change: Change) -> None:
-        """Follow a change of the map; tiles that were made stay so, but for very many that all change."""
-        self.tiles.occupied[...] = change.free < math.prod(self._shape)
-        renew_tiles(self._states, self.tiles, change.freed)
-        if change.exterior:
-            self._set_walls()
-
-    def kernel(self, points: Floats, out: Floats) -> int:
-        """Clearances of configurations, shape (n, dof), into ``out``; the index of one that is not usable, or -1."""
-        missing = np.zeros_like(self.tiles.ready)
-        while (wrong := int(clearances(self._map, self.tiles, points, out, missing))) < 0 and missing.any():
-            self._make(missing)
-            missing[...] = 0
-        return wrong
-
-    def checker(self, dof: int) -> Callable[..., float]:
-        """A quick clearance of the numbers of one configuration; it stays right through all changes."""
-        quick = entry(_CLEARANCE[dof], (self._map, self.tiles), dof)
-
-        def check(*q: float) -> float:
-            clearance: float = quick(*q)
-            if clearance == MISSING:
-                out = np.empty(1)
-                self.kernel(np.array([q]), out)
-                clearance = float(out[0])
-            return clearance
-
-        return check
-
-    def _make(self, missing: Bytes) -> None:
-        """Make tiles, shape (slices, tiles), in threads, some that follow each other at a time."""
-        with self._lock:
-            _, nx, ny, _ = self._states.shape
-            most = max(1, TOGETHER // (nx * ny * WIDE))
-            parts: list[tuple[int, int, int]] = []
-            for s, tile in np.argwhere((missing > 0) & (self.tiles.ready == 0)).tolist():
-                if parts and parts[-1][0] == s and parts[-1][2] == tile and tile - parts[-1][1] < most:
-                    parts[-1] = (s, parts[-1][1], tile + 1)
-                else:
-                    parts.append((s, tile, tile + 1))
-            if not parts:
-                return
-            threads = min(cores(), len(parts))
-            widest = max(end - start for _, start, end in parts)
-            stored = 2 * sum(end - start for _, start, end in parts)
-            size = (stored + 8 * threads * widest) * nx * ny * WIDE
-            check_memory(size, "the clearance", self._shape, self._map.spacing)
-            in_threads(lambda part: make_tiles(self._states, self.tiles, *part), parts, threads)
-
-    def _set_walls(self) -> None:
-        walls = self.tiles.walls
-        walls[...] = np.inf
-        for s, into in enumerate(walls):
-            found = self._exterior.walls(s, self._shape)
-            into[: len(found)] = found
+def checker(map_: Map, marks: Marks, dof: int) -> Callable[..., float]:
+    """A quick clearance of the numbers of one configuration; it stays right through all changes."""
+    return entry(_CLEARANCE[dof], (map_, marks), dof)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from cspace.compiling import inner, reader
 from cspace.grid import SLACK
 from cspace.map import turning
-from cspace.map.mip import SHIFT, SIDE
+from cspace.map.mip import SHIFT, SIDE, depth_of
 from cspace.map.points import (
     MAX_PLACE,
     Cell,
@@ -190,7 +190,8 @@ def blocks_are_free(part: Slice, mip: States, number: int, p: Numbers, q: Number
     """The same of a segment in the grid: it is cut into slabs of blocks, and walked only in those that are not FREE."""
     ground: int = np.int64(0)  # type: ignore[assignment]  # the compiler gets one type for all three
     nx, ny, nz = part.shape
-    columns, rows, depth = (nx + SIDE - 1) >> SHIFT, (ny + SIDE - 1) >> SHIFT, (nz + SIDE - 1) >> SHIFT
+    columns, rows = (nx + SIDE - 1) >> SHIFT, (ny + SIDE - 1) >> SHIFT
+    depth = depth_of(nz)
     first, last = cells_between(p[0], q[0], 0.0, 1.0)
     first, last = max(first, 0), min(last, nx - 1)
     for a in range(first >> SHIFT, (last >> SHIFT) + 1):

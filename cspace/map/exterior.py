@@ -77,23 +77,6 @@ class Exterior:
         hidden = (first > last).any(axis=1) | ((first >= 0) & (last < shape)).all(axis=1)
         return np.asarray((self.table[:, -1] == BLOCKED) & hidden)
 
-    def walls(self, number: int, shape: tuple[int, ...]) -> NDArray[np.float64]:
-        """What is not FREE outside a grid of this shape, in one slice: boxes in cells, shape (n, 2 d).
-
-        Each is given by its lower corner and its upper one. They may overlap, and those of a state that is not FREE
-        reach to infinity.
-        """
-        dim = len(shape)
-        whole = np.repeat([-np.inf, np.inf], dim)
-        if self.table[number, -1] == FREE:
-            whole = self.boxes[number] + np.repeat([0.0, 1.0], dim)
-        walls = np.tile(whole, (2 * dim, 1))
-        for axis, count in enumerate(shape):
-            below, above = walls[2 * axis], walls[2 * axis + 1]
-            below[dim + axis] = min(below[dim + axis], 0.0)
-            above[axis] = max(above[axis], float(count))
-        return walls[(walls[:, :dim] < walls[:, dim:]).all(axis=1)]
-
 
 def reached(obstacles: Ints, outer: Raster) -> Ints:
     """The box from whose cells some offset can fall on a box of obstacle cells; beyond it FREE is proven.

@@ -12,7 +12,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.compiling import jit
+from cspace.compiling import jit, reader
+from cspace.map.fields import read_only
 from cspace.map.kept import Change
 from cspace.threads import in_chunks
 
@@ -32,6 +33,12 @@ CELLS_A_THREAD: Final = 10_000_000
 """Cells below which a second thread costs more than it saves."""
 
 
+@reader
+def depth_of(count: int) -> int:
+    """Blocks that are kept for a row of cells: so many that each row of blocks begins with a word of eight."""
+    return (count + SIDE * SIDE - 1) >> (2 * SHIFT) << SHIFT
+
+
 class Mip:
     """The coarse map of all slices.
 
@@ -42,26 +49,33 @@ class Mip:
 
     Attributes
     ----------
-    blocks : ndarray of uint8, shape (slices, ceil(nx / SIDE), ...)
+    blocks : ndarray of uint8, shape (slices, ceil(nx / SIDE), ceil(ny / SIDE), depth_of(nz))
         Zero where all cells of a block are FREE; the plane has one layer of blocks before the others.
+    occupied : ndarray of bool, shape (slices,)
+        Whether a slice has a cell that is not FREE.
     """
 
     def __init__(self, states: States) -> None:
         self._states = states.reshape(len(states), *(1,) * (4 - states.ndim), *states.shape[1:])
-        self.blocks = np.empty((len(states), *(-(-n // SIDE) for n in self._states.shape[1:])), dtype=np.uint8)
-        whole = [0, 0, 0, *(n - 1 for n in self._states.shape[1:])]
-        self._mark(np.array([whole] * len(states), dtype=np.int64))
+        slices, nx, ny, nz = self._states.shape
+        self.blocks = np.zeros((slices, -(-nx // SIDE), -(-ny // SIDE), depth_of(nz)), dtype=np.uint8)
+        self._mark(np.array([[0, 0, 0, nx - 1, ny - 1, nz - 1]] * slices, dtype=np.int64))
+        self.occupied = np.array([part.any() for part in self.blocks])
 
     def renew(self, change: Change) -> None:
         """Mark the blocks again in which a state has changed."""
         self._mark(change.states)
+        self.occupied[...] = change.free < prod(self._states.shape[1:])
+
+    @property
+    def words(self) -> NDArray[np.uint64]:
+        """The blocks, eight along the last axis in a word, not to be written."""
+        return read_only(self.blocks.view(np.uint64))
 
     @property
     def flat(self) -> States:
         """The blocks in a row, not to be written."""
-        row = self.blocks.reshape(-1)
-        row.setflags(write=False)
-        return row
+        return read_only(self.blocks.reshape(-1))
 
     def _mark(self, boxes: Ints) -> None:
         for part, into, box in zip(self._states, self.blocks, boxes, strict=True):
