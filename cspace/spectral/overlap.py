@@ -19,7 +19,7 @@ from cspace.map.batches import Many, One
 from cspace.spectral.bands import Rings, Spectrum, Terms, highest_frequency
 from cspace.spectral.bump import Bump
 from cspace.spectral.descriptors import ROUNDING, BallDescriptor, bump_of
-from cspace.spectral.inputs import check_number, check_tolerance, check_vectors
+from cspace.spectral.inputs import check_number, check_vectors
 from cspace.spectral.pairs import norm_square, pair_integrals, touching_overlap
 from cspace.spectral.spectra import nufft
 
@@ -45,6 +45,9 @@ LONGEST: Final = 1e40
 
 FARTHEST: Final = 1e6
 """How many periods the balls may lie from the origin of their frame."""
+
+ACCURACY: Final = 1e-9
+"""Of the values at many placements, relative to the root of the sum of the squares of the terms."""
 
 FEW: Final = 32
 """Placements up to which sums are quicker than a transform of the whole band."""
@@ -279,20 +282,19 @@ class FourierOverlap:
     # ---- how much --------------------------------------------------------------------------------------------------
 
     @overload
-    def value(self, t: One, tolerance: float = ...) -> float: ...  # type: ignore[overload-overlap]
+    def value(self, t: One) -> float: ...  # type: ignore[overload-overlap]
     @overload
-    def value(self, t: Many, tolerance: float = ...) -> Floats: ...
+    def value(self, t: Many) -> Floats: ...
     @overload
-    def value(self, t: ArrayLike, tolerance: float = ...) -> float | Floats: ...
-    def value(self, t: ArrayLike, tolerance: float = 1e-9) -> float | Floats:
+    def value(self, t: ArrayLike) -> float | Floats: ...
+    def value(self, t: ArrayLike) -> float | Floats:
         """The overlap up to the band limit with A moved by t: square or cubic metres, 0 outside the domain; (...).
 
         Parameters
         ----------
         t : array-like, shape (d,) or (..., d)
-            Metres. More than a few dozen placements take one non-uniform transform together.
-        tolerance : float
-            Of that transform, from 1e-13 to 0.1, relative to the root of the sum of the squares of the terms.
+            Metres. More than a few dozen placements take one non-uniform transform together, whose tolerance is 1e-9
+            of the root of the sum of the squares of the terms.
 
         Raises
         ------
@@ -301,12 +303,12 @@ class FourierOverlap:
         MissingPackageError
             If finufft is needed and not installed.
         """
-        sums = self._sums(t, tolerance, [self._terms])[..., 0]
-        return sums if sums.ndim else float(sums)
+        sums = self._sums(t, [self._terms])
+        return sums[..., 0] if sums.ndim > 1 else float(sums[0])
 
-    def gradient(self, t: ArrayLike, tolerance: float = 1e-9) -> Floats:
+    def gradient(self, t: ArrayLike) -> Floats:
         """The derivatives of :meth:`value`, shape (..., d): metres, or square metres in space."""
-        return self._sums(t, tolerance, self._slopes)
+        return self._sums(t, self._slopes)
 
     def rotated(self, rotation: Any) -> FourierOverlap:
         """The same with A turned about the origin of its frame.
@@ -417,21 +419,21 @@ class FourierOverlap:
         """Placements of the middle of A relative to that of B."""
         return np.asarray((places + self._pivot) - self._middle_b)
 
-    def _sums(self, t: ArrayLike, tolerance: float, sums: list[Terms]) -> Floats:
+    def _sums(self, t: ArrayLike, sums: list[Terms]) -> Floats:
         """Several sums of terms at placements, shape (..., sums)."""
-        within = check_tolerance(tolerance)
         places = check_vectors(t, "t", self.dim)
-        flat = self._relative(places.reshape(-1, self.dim))
-        inside = np.flatnonzero((np.abs(flat) <= self._limits).all(axis=1))
-        shares = flat[inside] / self._rings.lengths
-        out = np.zeros((len(flat), len(sums)))
-        if len(inside) <= FEW:
-            for row, share in zip(inside, shares, strict=True):
-                out[row] = [sum_of_terms(share, terms) for terms in sums]
-        else:
+        relative = self._relative(places)
+        inside = (np.abs(relative) <= self._limits).all(axis=-1)
+        shares = relative / self._rings.lengths
+        if places.ndim == 1:
+            return np.array([sum_of_terms(shares, terms) if inside else 0.0 for terms in sums])
+        out, near = np.zeros((*inside.shape, len(sums))), shares[inside]
+        if 0 < len(near) <= FEW:
+            out[inside] = [[sum_of_terms(share, terms) for terms in sums] for share in near]
+        elif len(near):
             boxes = np.stack([self._rings.box_of(terms.products / self._rings.twice) for terms in sums])
-            out[inside] = nufft(2.0 * math.pi * shares, boxes, within).real.T
-        return out.reshape(*places.shape[:-1], len(sums))
+            out[inside] = nufft(2.0 * math.pi * near, boxes, ACCURACY).real.T
+        return out
 
 
 def _check_dims(name: str, balls: BallDescriptor, others: BallDescriptor) -> None:

@@ -194,8 +194,6 @@ INNER, OUTER = (
         (lambda: FourierOverlap((1.0, 2.0), ONE), "shape"),
         (lambda: FourierOverlap((None, None), ONE), "missing"),
         (lambda: FourierOverlap(([[0.0, 0.0]], 1e50), ONE), "reach"),
-        (lambda: FourierOverlap(ONE, ONE, band=9.0).value([[0.0, 0.0]], tolerance=math.nan), "tolerance"),
-        (lambda: FourierOverlap(ONE, ONE, band=9.0).gradient([[0.0, 0.0]], tolerance=0.0), "tolerance"),
         (lambda: FourierOverlap(ONE, ONE, band=9.0).value([0.0, 0.0, 0.0]), "last axis"),
         (lambda: FourierOverlap(ONE, ONE, band=9.0).separated([math.inf, 0.0]), "infinities"),
         (lambda: FourierOverlap(ONE, ONE, band=9.0).rotated(np.diag([1.0, -1.0])), "mirrors"),
