@@ -82,7 +82,7 @@ def read_npz(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, ND
     try:
         with file.open("rb") as stream, zipfile.ZipFile(stream) as archive:
             names = archive.namelist()
-            if len(set(names)) < len(names) or any("/" in name or "\\" in name or ".." in name for name in names):
+            if len(set(names)) < len(names) or any(part in name for name in names for part in ("/", "\\", ":", "..")):
                 raise unusable(path, "it has members whose names climb out of it, or twice the same")
             if "metadata.npy" not in names:
                 raise unusable(path, "it holds no metadata")

@@ -64,7 +64,8 @@ def triangulated(vertices: Floats, corners: Integers, sizes: Integers, file: Pat
     """Triangles of polygons.
 
     Each polygon becomes a fan around one of its corners, the first one if that does. A polygon that is not flat has no
-    surface of its own: each way to cut it gives another. It is refused, and so is one that no fan covers exactly.
+    surface of its own: each way to cut it gives another. It is refused, and so is one that no fan around one of its
+    first :data:`TRIED` corners covers exactly.
 
     Parameters
     ----------
