@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import logging
 import os
 import stat
@@ -258,20 +259,30 @@ def entry(kernel: Any, fixed: tuple[Any, ...], floats: int) -> Callable[..., Any
 
 @cache
 def _announce_compiling() -> None:
-    """Have numba tell when it compiles; what it reads from its cache does not count."""
+    """Have numba tell when it compiles; what it reads from its cache does not count.
+
+    Meanwhile garbage is left lying: looking for it among all that numba makes takes a tenth of the time.
+    """
     from numba.core import event
 
     class Announcer(event.Listener):
         def __init__(self) -> None:
             self.announced: set[str] = set()
+            self.paused: list[bool] = []
 
         def on_start(self, event: Any) -> None:
             module = str(event.data["dispatcher"].py_func.__module__)
-            if module.startswith(("cspace.", "planners.")) and module not in self.announced:
+            own = module.startswith(("cspace.", "planners."))
+            if own and module not in self.announced:
                 self.announced.add(module)
                 LOGGER.info("compiling %s, once per machine", module)
+            # One function is compiled while another one is.
+            self.paused.append(own and gc.isenabled())
+            if own:
+                gc.disable()
 
         def on_end(self, event: Any) -> None:
-            pass
+            if self.paused.pop():
+                gc.enable()
 
     event.register("numba:compile", Announcer())  # type: ignore[no-untyped-call]

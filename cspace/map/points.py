@@ -43,6 +43,9 @@ MAX_PLACE = 8.0 * MAX_COORDINATE
 BLOCK = 1024
 """Points that are looked up at a time; what is kept of them stays in a core's nearest cache."""
 
+FEW = 32
+"""Points up to which each is looked up on its own; what is quicker for more takes a second to compile."""
+
 INSIDE, ASK = 255, 254
 """Codes of points in the grid, and of those that need a closer look; all others are states."""
 
@@ -165,9 +168,26 @@ def read_states(flat: States, cells: Ints, codes: States, out: States) -> None:
         out[k] = out[k] if codes[k] == INSIDE else codes[k]
 
 
-@jit
 def classify(map_: Map, points: Floats, out: States) -> int:
     """States of configurations; the index of the first one that is not usable, or -1."""
+    kernel = classify_few if len(points) <= FEW else classify_many
+    return kernel(map_, points, out)
+
+
+@reader
+def classify_few(map_: Map, points: Floats, out: States) -> int:
+    """The same, one by one."""
+    for k in range(points.shape[0]):
+        q = configuration(map_, points, k)
+        if not is_usable(map_, q):
+            return k
+        out[k] = state_at(map_, q)
+    return -1
+
+
+@jit
+def classify_many(map_: Map, points: Floats, out: States) -> int:
+    """The same, step by step for all of a block."""
     numbers, dof = points.reshape(-1), points.shape[1]
     size = min(BLOCK, len(points))
     lows, scales, places = np.empty(dof * size), np.empty(dof * size), np.empty(dof * size)
