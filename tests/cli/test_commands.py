@@ -385,7 +385,11 @@ def test_a_map_that_carries_an_overlap_field(tmp_path: Path, turning: bool) -> N
     same(carried, cspace.open(tmp_path / "map.npz"))
     ends = ("0.43,0.88,0", "1.57,0.88,0") if turning else ("0.43,0.88", "1.57,0.88")
     asked = ["--start", ends[0], "--goal", ends[1], "--planner", "RRTstar", "--objective", "overlap"]
-    assert document("plan", tmp_path / "map.zarr", *asked, "--seed", 1, "--time-limit", 0.5)["certified"]
+    for limit in (0.5, 10):  # the longer one is for a busy machine
+        result = run("plan", tmp_path / "map.zarr", *asked, "--seed", 1, "--time-limit", limit, "--json")
+        if result.exit_code == 0:
+            break
+    assert json.loads(result.stdout)["certified"]
     result = run("plan", tmp_path / "plain.zarr", *asked)
     assert result.exit_code == 2 and "the map carries none" in result.stderr
 
