@@ -125,8 +125,8 @@ def regions(shape: Shape) -> list[Floats]:
     return [simplices.reshape(-1, 4)] if simplices.shape[1] == 2 else []
 
 
-def anchors_of(border: Pieces) -> tuple[Floats, Floats]:
-    """One point of each part of a border that hangs together, shape (n, d), and how large the part is, shape (n,)."""
+def parts_of(border: Pieces) -> tuple[Floats, NDArray[np.int64]]:
+    """Corners of a border, shape (n, d), part by part of what hangs together, and where each part begins."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -135,11 +135,18 @@ def anchors_of(border: Pieces) -> tuple[Floats, Floats]:
     rows = which.reshape(-1, corners)
     start, end = rows[:, :-1].ravel(), rows[:, 1:].ravel()
     links = coo_array((np.ones(len(start)), (start, end)), shape=(len(points), len(points)))
-    count, labels = connected_components(links, directed=False)
-    low, high = np.full((count, dim), np.inf), np.full((count, dim), -np.inf)
-    np.minimum.at(low, labels, points)
-    np.maximum.at(high, labels, points)
-    return np.ascontiguousarray(points[np.unique(labels, return_index=True)[1]]), (high - low).max(axis=1, initial=0.0)
+    labels = connected_components(links, directed=False)[1]
+    order = np.argsort(labels, kind="stable")
+    return np.ascontiguousarray(points[order]), np.flatnonzero(np.diff(labels[order], prepend=-1))
+
+
+def anchors_of(border: Pieces) -> tuple[Floats, Floats]:
+    """One point of each part of a border that hangs together, shape (n, d), and how large the part is, shape (n,)."""
+    points, starts = parts_of(border)
+    if not len(points):
+        return points, np.empty(0)
+    low, high = np.minimum.reduceat(points, starts), np.maximum.reduceat(points, starts)
+    return points[starts], (high - low).max(axis=1)
 
 
 def _cut(simplices: Floats, axis: int, wall: float, sign: float) -> Floats:

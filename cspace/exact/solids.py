@@ -3,282 +3,372 @@
 from __future__ import annotations
 
 import math
-from collections import deque
-from collections.abc import Callable, Iterator
-from functools import partial
-from typing import Any, Final, NamedTuple, cast
+from collections.abc import Callable
+from functools import cached_property
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.compiling import entry, jit
+from cspace.compiling import entry, inner, jit
 from cspace.exact import ADVANCE, MOST_DISTANCES, ROUNDING, SHORTEST
-from cspace.exact.boundaries import Obstacles, Problem, anchors_of, joined, obstacle_border
-from cspace.exact.triangles import Distances
+from cspace.exact.boundaries import Problem, anchors_of, joined, obstacle_border, parts_of
+from cspace.exact.triangles import DEPTH, Motion, Node, Trees, dot, minus, placed, share_apart, trees_of
 from cspace.grid import MAX_COORDINATE
-from cspace.map.edges import between, edge_is_free, edges_are_free
-from cspace.map.points import classify, configuration, replaced, state_at
+from cspace.map import turning
+from cspace.map.edges import between, edge_is_free
+from cspace.map.points import Numbers, classify, configuration, is_usable, replaced, state_at
 from cspace.map.record import Map
-from cspace.rotations import TURN, YAW_SLACK
-from cspace.shapes import Pieces
+from cspace.map.turning import Matrix, Row
+from cspace.rotations import YawCells
+from cspace.shapes import Box, Pieces
 from cspace.states import BLOCKED, FREE, MIXED
+from cspace.threads import in_chunks
 
 Floats = NDArray[np.float64]
-Place = tuple[float, ...]
-"""A configuration: x, y, z, and yaw for a robot that turns."""
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
 
-IDENTITY: Final = np.eye(3)
+DOUBT: Final = 1 << 40
+"""Added to the number of distances of what is free unless one side lies within the other."""
 
-ALL_FREE: Final = -1
-"""Not a state: of a part of a motion, of which every configuration is FREE."""
-
-SLIDE: Final = 8.0
+SLIDE: Final = 2.0
 """Longest part of an edge that one distance is to prove, in cells: longer ones take a search far and wide."""
+
+WAITING: Final = 1024
+"""Parts of an edge that wait at a time, at most."""
+
+THREAD: Final = 500
+"""Motions below which a second thread costs more than it saves."""
+
+
+class Nesting(NamedTuple):
+    """A robot and obstacles as solids.
+
+    What hangs together and meets no border of the other side lies in its solid as a whole, or not at all, so that one
+    point of it tells; of the robot's parts, any of their corners.
+
+    Attributes
+    ----------
+    corners : ndarray of float64, shape (n, 4)
+        Of the robot, part by part, each with the number of the next part's first.
+    walled : bool
+        Whether all beyond the grid is obstacle; otherwise none is.
+    outer, inner : ndarray of bool
+        Cells that meet obstacles, and those that lie in them.
+    anchors : ndarray of float64, shape (m, 3)
+        One point of each part of obstacles that could lie in the robot, in order of x.
+    low, high : tuple of float
+        Corners of the robot's bounding box.
+    reach : float
+        How far the robot reaches from its reference point, and a little more.
+    solid : bool
+        Whether there are obstacles with an inside that borders do not tell.
+    boxed : bool
+        Whether the robot is all of its bounding box.
+    """
+
+    corners: Floats
+    walled: bool
+    outer: Bools
+    inner: Bools
+    anchors: Floats
+    low: Row
+    high: Row
+    reach: float
+    solid: bool
+    boxed: bool
+
+
+class World(NamedTuple):
+    """What every proof needs.
+
+    Lengths of trees, ``rho``, the robot's longest lever, and ``least``, what a distance has to exceed, are those in
+    metres times ``scale``. Walls are the sides of the grid's box, where all beyond it is obstacle.
+    """
+
+    map: Map
+    trees: Trees
+    robot: Node
+    obstacles: Node
+    walls: Node
+    rho: float
+    nesting: Nesting
+    scale: float
+    least: float
 
 
 class SolidProofs:
-    """Proofs for one robot among the obstacles of one workspace."""
+    """Proofs for one robot among the obstacles of one workspace; what is asked is compiled when it is first asked."""
 
     def __init__(self, problem: Problem) -> None:
-        grid, robot = problem.workspace.grid, problem.robot
-        self._map, self._spacing, self._walled = problem.map, grid.spacing, problem.walled
-        self._look = _looker(self._map, problem.dof)
-        border, obstacles = (
-            joined([robot.shape.boundary()], 3, 3),
-            obstacle_border(problem.workspace, walled=self._walled),
+        workspace, self._robot = problem.workspace, problem.robot.shape
+        found, grid = obstacle_border(workspace, walled=problem.walled), workspace.grid
+        # Balls and points have no inside but what is near their middle, which the distance tells.
+        parts = zip(workspace.shapes or (), found.pieces, strict=False)
+        self._shapes = [shape for shape, part in parts if shape.encloses and part.simplices.shape[1] == 3]
+        border, still = joined([self._robot.boundary()], 3, 3), joined(found.pieces, 3, 3)
+        walls = Box.of(np.subtract(grid.upper, grid.lower), np.add(grid.lower, grid.upper) / 2.0).boundary()
+        sides = border, still, Pieces(*(part[: 12 * problem.walled] for part in walls))
+        far = problem.far + float(np.abs(still.simplices).max(initial=0.0) + still.radii.max(initial=0.0))
+        scale = 2.0 ** -math.frexp(far)[1]
+        trees, roots = trees_of(
+            [Pieces(scale * side.simplices, scale * side.radii) for side in sides],
+            isinstance(problem.map.rotations, YawCells),
         )
-        self._least = problem.least + obstacles.error
-        self._distances = Distances(border, joined(obstacles.pieces, 3, 3), problem.far)
-        self._nesting = _Nesting(problem, border, obstacles)
-        self._border, self._rho = border, float(np.hypot(*border.simplices[..., :2].T).max())
-        self._walls = np.asarray(grid.lower), np.asarray(grid.upper)
-        self._limits = self._limits_at(np.eye(3))
+        corners, starts = parts_of(border)
+        ends = np.append(starts[1:], len(corners))
+        self._anchors, reach = corners[starts], float(np.sqrt((corners**2).sum(axis=1)).max())
+        anchors = [np.empty((0, 3))]
+        # The same of balls of the robot; elsewhere only what is small fits in.
+        if self._robot.encloses and (border.simplices != border.simplices[:, :1]).any():
+            anchors += [points[sizes <= 2.0 * reach] for points, sizes in map(anchors_of, found.pieces)]
+        small = np.concatenate(anchors)
+        low, high = self._robot.bounds
+        nesting = Nesting(
+            corners=np.hstack([corners, np.repeat(ends, ends - starts)[:, None]]),
+            walled=problem.walled,
+            outer=workspace.outer,
+            inner=workspace.inner if workspace.shapes else workspace.outer,
+            anchors=small[np.argsort(small[:, 0])],
+            low=tuple(low.tolist()),
+            high=tuple(high.tolist()),
+            reach=1.001 * reach,
+            solid=bool(self._shapes),
+            boxed=isinstance(self._robot, Box),
+        )
+        least = scale * (problem.least + found.error + ROUNDING * far)
+        self._world = World(problem.map, trees, *roots, float(trees.boxes[0, 6]), nesting, scale, least)
+        self._dof = problem.dof
 
-    def point(self, *q: float) -> int:
-        """Whether a configuration is free: how many distances that took, zero or above; or -1 less that number."""
-        state = self._look(np.array([q, q]), 0.0, 0.0)
-        if state != MIXED:
-            return -1 if state == BLOCKED else 0
-        if not sum(map(abs, q[:3])) <= 2.0 * MAX_COORDINATE * self._spacing or self._room(q) <= 0.0:
-            return -2
-        return -2 if self._spare(q, 0.0) <= 0.0 or self._nesting.at(q, _turned(q)) else 1
+    @cached_property
+    def point(self) -> Callable[..., int]:
+        edge = self.edge
+        return lambda *q: edge(*q, *q)
 
-    def edge(self, *ends: float) -> int:
-        """As :meth:`point`, for an edge along the shorter arc; along both where they are equal but for rounding."""
-        start, end = ends[: len(ends) // 2], ends[len(ends) // 2 :]
-        if self._look(np.array([start, end]), 0.0, 1.0) == ALL_FREE:
-            return 0
-        if not sum(map(abs, (*start[:3], *end[:3]))) <= 2.0 * MAX_COORDINATE * self._spacing:
-            return -1
-        asked = 0
-        for stop in _stops(start, end):
-            free, more = self._advance(start, stop)
-            asked += more
-            if not free:
-                return -1 - asked
-        return asked
+    @cached_property
+    def edge(self) -> Callable[..., int]:
+        world, dof = self._world, self._dof
+        ask = entry(ask_one, (world, (0.0,) * (2 * dof)), 0).func  # type: ignore[attr-defined]
 
-    def points(self, points: Floats, out: NDArray[np.bool_], counts: NDArray[np.int64]) -> int:
-        """:meth:`point` of points, shape (n, dof); the index of the first one that is not usable, or -1.
+        def edge(*ends: float) -> int:
+            asked: int = ask(world, ends)
+            return asked if asked < DOUBT else self._resolved(asked, np.array(ends[:dof]))
+
+        return edge
+
+    def points(self, points: Floats, out: Bools, counts: Ints) -> int:
+        """Whether points, shape (n, dof), are free; the index of the first one that is not usable, or -1.
 
         ``counts`` grows by how many points took a distance, and by how many distances were taken.
         """
         states = np.empty(len(points), dtype=np.uint8)
-        bad: int = classify(self._map, points, states)
+        bad: int = classify(self._world.map, points, states)
         if bad < 0:
+            asked = np.flatnonzero(states == MIXED)
+            answers = np.empty(len(asked), dtype=np.bool_)
+            self.edges(points[asked], points[asked], answers, counts)
             out[...] = states == FREE
-            for k in np.flatnonzero((states != FREE) & (states != BLOCKED)).tolist():
-                out[k] = _counted(self.point(*points[k].tolist()), counts)
+            out[asked] = answers
         return bad
 
-    def edges(self, starts: Floats, ends: Floats, out: NDArray[np.bool_], counts: NDArray[np.int64]) -> int:
-        """:meth:`edge` of edges, shapes (n, dof); as :meth:`points`."""
-        bad: int = edges_are_free(self._map, None, starts, ends, out)
+    def edges(self, starts: Floats, ends: Floats, out: Bools, counts: Ints) -> int:
+        """The same of edges, shapes (n, dof)."""
+        asked = np.empty(len(starts), dtype=np.int64)
+
+        def work(first: int, last: int) -> int:
+            return int(ask_edges(self._world, starts[first:last], ends[first:last], asked[first:last]))
+
+        bad = in_chunks(work, len(starts), THREAD)
         if bad < 0:
-            for k in np.flatnonzero(~out).tolist():
-                out[k] = _counted(self.edge(*starts[k].tolist(), *ends[k].tolist()), counts)
+            for k in np.flatnonzero(asked >= DOUBT).tolist():
+                asked[k] = self._resolved(int(asked[k]), starts[k])
+            out[...] = asked >= 0
+            numbers = np.where(asked >= 0, asked, -1 - asked)
+            counts += np.count_nonzero(numbers), numbers.sum()
         return bad
 
-    def _advance(self, start: Place, stop: Place) -> tuple[bool, int]:
-        """Whether a motion is free, and how many distances that took.
-
-        Parts are proven by the map, or by the distance in their middle, which may leave something on either side. They
-        are looked at from the longest to the shortest, so that a collision far along the way shows early.
-        """
-        turn = math.dist(start[3:], stop[3:])
-        speed = math.dist(start[:3], stop[:3]) + self._rho * turn
-        # The room of a robot that does not turn is least at an end.
-        if not turn and min(self._room(start), self._room(stop)) <= 0.0:
-            return False, 0
-        motion, parts, asked = np.array([start, stop]), deque([(0.0, 1.0)]), 0
-        while parts:
-            first, last = parts.popleft()
-            state = self._look(motion, first, last)
-            if state == ALL_FREE:
-                continue
-            if state == BLOCKED or asked == MOST_DISTANCES:
-                return False, asked
-            middle, reach = 0.5 * (first + last), (last - first) * speed
-            if reach > (self._spacing if state == FREE else SLIDE * self._spacing):
-                parts += [(first, middle), (middle, last)]
-                continue
-            q = tuple(a + middle * (b - a) for a, b in zip(start, stop, strict=True))
-            asked += 1
-            spare = self._spare(q, 0.5 * reach / ADVANCE)
-            if turn:
-                spare = min(spare, self._room(q))
-            # As long as no borders meet, whether one lies within the other stays as it is.
-            if spare <= 0.0 or (asked == 1 and self._nesting.at(q, _turned(q))):
-                return False, asked
-            part = ADVANCE * spare / speed if speed > 0.0 else math.inf
-            if part < SHORTEST:
-                return False, asked
-            if part < 0.5 * (last - first):
-                parts += [(first, middle - part), (middle + part, last)]
-        return True, asked
-
-    def _counts_from(self, q: Place) -> float:
-        """What a distance has to exceed, but for the error of coal."""
-        return self._least + 2.0 * ROUNDING * (abs(q[0]) + abs(q[1]) + abs(q[2]))
-
-    def _spare(self, q: Place, enough: float) -> float:
-        """By how much the distance at a configuration is more than counts, or a lower bound above ``enough``."""
-        least = self._counts_from(q) + self._distances.error
-        # The next float above, so that zero is never enough.
-        return self._distances(q[:3], _turned(q), math.nextafter(least + enough, math.inf)) - least
-
-    def _room(self, q: Place) -> float:
-        """By how much the robot is farther from the walls than it has to be; infinite where there are none."""
-        if not self._walled:
-            return math.inf
-        limits = self._limits if len(q) == 3 else self._limits_at(_turned(q))
-        return min(min(x - low, high - x) for x, (low, high) in zip(q[:3], limits, strict=True)) - self._counts_from(q)
-
-    def _limits_at(self, turn: Floats) -> list[list[float]]:
-        """Least and largest coordinates with the turned robot in the grid's box, for each axis."""
-        points, radii = self._border.simplices.reshape(-1, 3) @ turn.T, np.repeat(self._border.radii, 3)[:, None]
-        lower, upper = self._walls
-        limits: list[list[float]] = np.array(
-            [lower - (points - radii).min(axis=0), upper - (points + radii).max(axis=0)]
-        ).T.tolist()
-        return limits
+    def _resolved(self, asked: int, q: Floats) -> int:
+        """What is in doubt, decided: whether a part of one side lies in the other, where no borders meet."""
+        nesting, number = self._world.nesting, asked % DOUBT
+        turn = np.array(matrix_at(self._world.map, q[None]))
+        anchors = self._anchors @ turn.T + q[:3]
+        if any(np.any(part.contains(anchors)) for part in self._shapes):
+            return -1 - number
+        near = (nesting.anchors - q[:3]) @ turn
+        near = near[((near >= nesting.low) & (near <= nesting.high)).all(axis=1)]
+        return -1 - number if len(near) and np.any(self._robot.contains(near)) else number
 
 
-class _Nesting:
-    """A robot and obstacles as solids.
+class Work(NamedTuple):
+    """Room for parts of an edge that wait, as a ring, and for pairs of nodes, among obstacles and walls."""
 
-    What hangs together and meets no border of the other side lies in its solid as a whole, or not at all, so that one
-    point of it tells.
-    """
-
-    def __init__(self, problem: Problem, border: Pieces, obstacles: Obstacles) -> None:
-        from scipy.spatial import cKDTree
-
-        workspace = problem.workspace
-        self._shapes = [shape for shape in workspace.shapes or () if shape.encloses]
-        self._robot, self._anchors = problem.robot.shape, anchors_of(border)[0]
-        inner = workspace.inner if workspace.shapes else workspace.outer
-        fixed = Cells(workspace.outer, inner, workspace.grid.lower, workspace.grid.spacing), self._anchors
-        self._cells, self._in_cells = fixed[0], _compiled(_in_cells, fixed, 3)
-        # An obstacle in a ball is near its middle, which the distance tells; elsewhere only what is small fits in.
-        self._tree, self._reach = None, float(np.sqrt((border.simplices**2).sum(axis=-1)).max())
-        if self._robot.encloses and (border.simplices != border.simplices[:, :1]).any():
-            parts = [points[sizes <= 2.0 * self._reach] for points, sizes in map(anchors_of, obstacles.pieces)]
-            self._points = np.concatenate([np.empty((0, 3)), *parts])
-            self._tree = cKDTree(self._points) if len(self._points) else None
-
-    def at(self, q: Place, turn: Floats) -> bool:
-        """Whether a part of one lies in the other, where no borders meet."""
-        anchors = self._anchors if len(q) == 3 else self._anchors @ turn.T
-        found = self._in_cells(self._cells, anchors, *q[:3])
-        if found == BLOCKED or (
-            found == MIXED and any(np.any(part.contains(anchors + q[:3])) for part in self._shapes)
-        ):
-            return True
-        if self._tree is None:
-            return False
-        # A little more than the ball around the robot, for rounding.
-        near = (self._points[self._tree.query_ball_point(q[:3], 1.001 * self._reach)] - q[:3]) @ turn
-        low, high = self._robot.bounds
-        near = near[((near >= low) & (near <= high)).all(axis=1)]
-        return bool(len(near)) and bool(np.any(self._robot.contains(near)))
-
-
-def _turned(q: Place) -> Floats:
-    """The rotation of a configuration, as a matrix."""
-    if len(q) == 3:
-        return IDENTITY
-    cosine, sine = math.cos(q[3]), math.sin(q[3])
-    return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-
-
-def _stops(start: Place, end: Place) -> Iterator[Place]:
-    """Where the motions of an edge end: that along the shorter arc, or two along both if they are as good as equal."""
-    if len(end) == 3:
-        yield end
-        return
-    turn = math.remainder(end[3] - start[3], TURN)
-    yield *end[:3], start[3] + turn
-    if math.pi - abs(turn) <= YAW_SLACK:
-        yield *end[:3], start[3] + turn - math.copysign(TURN, turn)
-
-
-def _counted(asked: int, counts: NDArray[np.int64]) -> bool:
-    """Whether an answer says free; what it took is added to the counts."""
-    number = asked if asked >= 0 else -1 - asked
-    counts[0] += number > 0
-    counts[1] += number
-    return asked >= 0
-
-
-class Cells(NamedTuple):
-    """Cells that meet obstacles, and those that lie in them."""
-
-    outer: NDArray[np.bool_]
-    inner: NDArray[np.bool_]
-    lower: tuple[float, ...]
-    spacing: float
+    parts: Floats
+    obstacles: Ints
+    walls: Ints
 
 
 @jit
-def _in_cells(cells: Cells, anchors: Floats, x: float, y: float, z: float) -> int:
-    """Whether some of some points, shape (n, 3), at a place, lie in an obstacle: BLOCKED, FREE, or MIXED for unknown.
+def ask_edges(world: World, starts: Floats, ends: Floats, out: Ints) -> int:
+    """:func:`ask_edge` of edges, shapes (n, dof); the index of the first one that is not usable, or -1."""
+    work = Work(np.empty((WAITING, 2)), np.empty((DEPTH, 6), np.int64), np.empty((DEPTH, 6), np.int64))
+    for k in range(starts.shape[0]):
+        q0, q1 = configuration(world.map, starts, k), configuration(world.map, ends, k)
+        if not (is_usable(world.map, q0) and is_usable(world.map, q1)):
+            return k
+        out[k] = ask_edge(world, q0, q1, work)
+    return -1
 
-    What lies outside the grid lies in none.
+
+@jit
+def ask_one(world: World, both: Numbers) -> int:
+    """:func:`ask_edge` of an edge, by its ends in a row."""
+    q0 = world.map.lower + turning.blank(world.map.rotations)
+    q1, dof = q0, len(q0)
+    for axis in range(dof):
+        q0, q1 = replaced(q0, axis, both[axis]), replaced(q1, axis, both[dof + axis])
+    work = Work(np.empty((WAITING, 2)), np.empty((DEPTH, 6), np.int64), np.empty((DEPTH, 6), np.int64))
+    return ask_edge(world, q0, q1, work)
+
+
+@inner
+def ask_edge(world: World, q0: Numbers, q1: Numbers, work: Work) -> int:
+    """Whether all configurations of an edge are free: how many distances that took, zero or above; or -1 less that.
+
+    DOUBT is added where they are if neither the robot nor an obstacle lies in the other at the first of them. An edge
+    that ends where it starts is a point. Where two ways are equally long but for rounding, both are proven.
     """
-    found, (nx, ny, nz) = FREE, cells.outer.shape
-    for k in range(anchors.shape[0]):
-        i = math.floor((x + anchors[k, 0] - cells.lower[0]) / cells.spacing)
-        j = math.floor((y + anchors[k, 1] - cells.lower[1]) / cells.spacing)
-        m = math.floor((z + anchors[k, 2] - cells.lower[2]) / cells.spacing)
-        if 0 <= i < nx and 0 <= j < ny and 0 <= m < nz and cells.outer[i, j, m]:
-            if cells.inner[i, j, m]:
+    asked = 0
+    if walk(world.map, q0, q1):
+        return asked
+    for way in range(turning.ways(world.map.rotations, q0, q1)):
+        more = ask_way(world, q0, q1, way, work)
+        if more < 0:
+            return more - asked % DOUBT
+        asked += more
+    return asked
+
+
+@inner(error_model="numpy")
+def ask_way(world: World, q0: Numbers, q1: Numbers, way: int, work: Work) -> int:
+    """The same of one way.
+
+    Parts are proven by the map, or by how far apart all is in their middle, which may leave something on either side.
+    They are looked at from the longest to the shortest, so that a collision far along the way shows early.
+    """
+    map_, scale, parts, size = world.map, world.scale, work.parts, 0.0
+    for axis in range(3):
+        size += abs(q0[axis]) + abs(q1[axis])
+    if not size <= 2.0 * MAX_COORDINATE * map_.spacing:
+        return -1
+    angle, jump = turning.turn_of(map_.rotations, q0, q1, way)
+    step = (scale * (q1[0] - q0[0]), scale * (q1[1] - q0[1]), scale * (q1[2] - q0[2]))
+    least, spacing = world.least + 2.0 * ROUNDING * scale * size + jump * world.rho, scale * map_.spacing
+    speed = math.sqrt(dot(step, step)) + angle * world.rho
+    parts[0, 0], parts[0, 1] = 0.0, 1.0
+    work.obstacles[0, 0] = work.walls[0, 0] = -1
+    head, waiting, asked, doubt = 0, 1, 0, 0
+    while waiting > 0:
+        waiting -= 1
+        # The longest one; where room gets scarce the shortest, so that few are added before some are done.
+        row = head if waiting < WAITING - DEPTH else (head + waiting) % WAITING
+        head = (head + 1) % WAITING if row == head else head
+        first, last = parts[row, 0], parts[row, 1]
+        half, middle = 0.5 * (last - first), 0.5 * (first + last)
+        if asked + waiting > 0 and walk(map_, at(map_, q0, q1, way, first), at(map_, q0, q1, way, last)):
+            continue
+        q = at(map_, q0, q1, way, middle)
+        state, reach, part = state_at(map_, q), 2.0 * half * speed, 0.0
+        if state == FREE and reach == 0.0:
+            continue
+        if state == BLOCKED or asked == MOST_DISTANCES:
+            return -1 - asked
+        if reach <= (spacing if state == FREE else SLIDE * spacing):
+            place = (scale * q[0], scale * q[1], scale * q[2])
+            motion = Motion(turning.matrix_of(map_.rotations, q), place, step, angle, least)
+            part = share_apart(world.trees, world.robot, world.walls, motion, half / ADVANCE, work.walls)
+            if part >= 0.0:
+                part = share_apart(world.trees, world.robot, world.obstacles, motion, part, work.obstacles)
+            asked += 1
+            if part < 0.0:
+                return -1 - asked
+            # As long as no borders meet, whether one lies within the other stays as it is.
+            if asked == 1:
+                nested = nested_at(world.nesting, map_, q, motion.matrix)
+                if nested == BLOCKED:
+                    return -1 - asked
+                doubt = DOUBT if nested == MIXED else 0
+            part *= ADVANCE
+            if part < min(half, SHORTEST):
+                return -1 - asked
+        if part < half:
+            row = (head + waiting) % WAITING
+            parts[row, 0], parts[row, 1] = first, middle - part
+            row = (row + 1) % WAITING
+            parts[row, 0], parts[row, 1] = middle + part, last
+            waiting += 2
+    return asked + doubt
+
+
+@inner
+def walk(map_: Map, q0: Numbers, q1: Numbers) -> bool:
+    """Whether every closed cell that meets an edge is FREE."""
+    return edge_is_free(map_, None, q0, q1)
+
+
+@inner
+def at(map_: Map, q0: Numbers, q1: Numbers, way: int, t: float) -> Numbers:
+    """The configuration at t in [0, 1] on a way."""
+    q = turning.turned(map_.rotations, q0, q1, way, t)
+    for axis in range(3):
+        q = replaced(q, axis, between(q0[axis], q1[axis], t))
+    return q
+
+
+@inner(error_model="numpy")
+def nested_at(nesting: Nesting, map_: Map, q: Numbers, matrix: Matrix) -> int:
+    """Whether a part of one side lies in the other, where no borders meet: FREE, BLOCKED, or MIXED for unknown."""
+    place, found, k = (q[0], q[1], q[2]), FREE, 0
+    motion = Motion(matrix, place, place, 0.0, 0.0)
+    (nx, ny, nz), count = nesting.outer.shape, nesting.corners.shape[0]
+    while k < count:
+        corner = nesting.corners[k]
+        x, y, z = minus(placed(motion, (corner[0], corner[1], corner[2])), map_.lower)
+        i, j, m = math.floor(x / map_.spacing), math.floor(y / map_.spacing), math.floor(z / map_.spacing)
+        after = int(corner[3])
+        if not (0 <= i < nx and 0 <= j < ny and 0 <= m < nz):
+            if nesting.walled:
                 return BLOCKED
-            found = MIXED
+            k = after
+        elif nesting.inner[i, j, m]:
+            return BLOCKED
+        elif not nesting.outer[i, j, m]:
+            k = after
+        else:
+            k += 1
+            if k == after and nesting.solid:  # no corner of the part has told
+                found = MIXED
+    first, last = 0, nesting.anchors.shape[0]
+    while first < last:
+        middle = (first + last) // 2
+        if nesting.anchors[middle, 0] < place[0] - nesting.reach:
+            first = middle + 1
+        else:
+            last = middle
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = matrix
+    low, high = nesting.low, nesting.high
+    for k in range(first, nesting.anchors.shape[0]):
+        anchor = nesting.anchors[k]
+        x, y, z = minus((anchor[0], anchor[1], anchor[2]), place)
+        if x > nesting.reach:
+            break
+        x, y, z = xx * x + yx * y + zx * z, xy * x + yy * y + zy * z, xz * x + yz * y + zz * z
+        if low[0] <= x <= high[0] and low[1] <= y <= high[1] and low[2] <= z <= high[2]:
+            return BLOCKED if nesting.boxed else MIXED
     return found
 
 
 @jit
-def _look(map_: Map, motion: Floats, first: float, last: float) -> int:
-    """ALL_FREE if every cell is FREE that a part of a motion touches, otherwise the state of its middle.
-
-    A motion is where it starts and where it stops, shape (2, dof).
-    """
-    start = configuration(map_, motion, 0)
-    stop, middle = start, start
-    for axis in range(len(start)):
-        a, b = motion[0, axis], motion[1, axis]
-        start = replaced(start, axis, between(a, b, first))
-        stop = replaced(stop, axis, between(a, b, last))
-        middle = replaced(middle, axis, between(a, b, 0.5 * (first + last)))
-    return ALL_FREE if edge_is_free(map_, None, start, stop) else state_at(map_, middle)
-
-
-def _compiled(function: Any, samples: tuple[Any, ...], floats: int) -> Callable[..., int]:
-    """A compiled function, for arguments like samples and some floats, without numba's dispatch on every call."""
-    return cast("partial[int]", entry(function, samples, floats)).func
-
-
-def _looker(map_: Map, dof: int) -> Callable[[Floats, float, float], int]:
-    """``look(motion, first, last)``."""
-    return partial(_compiled(_look, (map_, np.empty((2, dof))), 2), map_)
+def matrix_at(map_: Map, points: Floats) -> Matrix:
+    """The rotation matrix of a configuration, shape (1, dof)."""
+    return turning.matrix_of(map_.rotations, configuration(map_, points, 0))

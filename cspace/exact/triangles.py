@@ -1,156 +1,281 @@
-"""Distances in space between the border of a placed robot and that of the obstacles, by coal.
+"""Compiled proofs that the triangles of a robot that moves stay apart from those that do not, in trees of boxes.
 
-coal (J. Pan, S. Chitta, D. Manocha, "FCL: a general purpose library for collision and proximity queries", 2012, and
-its heirs) is asked for the distance between sets of triangles in trees of bounding volumes, and never for its convex
-shapes: those go through an iteration that stops at about 1e-6. A ball is a triangle without size, its middle, grown by
-its radius; triangles of one radius share a tree.
+A ball is a triangle without size, its middle, grown by its radius; a segment has one corner twice.
 
-*Rounding.* The distance of two triangles can be too large in three ways, and :attr:`Distances.error` bounds them:
+*What is proven.* For any vector n, two triangles are at least as far apart as their shadows on a line along n::
 
-* Edges that cross and are all but parallel: the parameter of the nearest point loses all its digits at an angle of
-  the square root of the rounding unit, which is about 1e-8 of the geometric mean of the edges' lengths. Where their
-  direction apart is as wrong, coal may also take them for what is nearest and pass over a corner near a face. This is
-  measured, not proven: among 10^5 pairs of such triangles one distance was too large by 3e-8 of their edges' lengths;
-  four times that is allowed for.
-* Triangles of hardly any height: their normal loses as many digits as the height lacks. Those below a millionth of a
-  hundredth of their length are replaced by their longest edge, and the height counts as error.
-* Triangles whose normal is shorter than a fixed number: they are treated as if they had no inside. So all lengths are
-  multiplied by a power of two before coal sees them, which makes that number too small to matter.
+    distance >= min n.(b_j - a_0) / |n| - max n.(a_i - a_0) / |n|        over their corners a_i and b_j
+
+and where one moves by less than that, along n, they stay apart. So n may come from anywhere: whatever rounding does to
+it, the bound holds for the n that was found, and of triangles without height or length as of all others. It is taken
+from what is nearest: the normals of the faces, the way between the nearest points of two edges, and the normal of both;
+one of these is along the shortest way from one triangle to the other, so that little is lost.
+
+*Rounding.* With u = 2^-53 and D the largest distance of any corner from a_0, each ``n.(x - a_0)`` is wrong by at most
+4 u |n| D (a difference, a product, two sums), the length of n by 4 u of itself, and the difference, the quotient and
+the radii add three roundings of numbers up to D or the radii: below 2^-48 times D and the radii together. Lengths are
+multiplied by a power of two that takes the coordinates to about one, and |n| is at least 2^-300: what falls below the
+smallest double is far below that. The allowance :data:`cspace.exact.ROUNDING` is 2000 times as much.
+
+The shortest way itself is lost to rounding where edges are all but parallel or faces all but without height. Distances
+below a ten-millionth of the edges' lengths may then count as none.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.errors import MissingPackageError
+from cspace.compiling import inner
+from cspace.map.turning import Matrix, Row
 from cspace.shapes import Pieces
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Corners = tuple[Row, Row, Row]
+Node = tuple[int, int, int]
+"""A node of a tree: its number, its first triangle and how many it has."""
 
-THIN: Final = 2.0**-26
-"""Height of a triangle, in its longest edges, below which it counts as that edge."""
+LEAST_SQUARE = 2.0**-600
+"""Squared length of the shortest vector along which shadows are told apart."""
 
-UNIT: Final = 2.0**-52
-"""Rounding unit."""
-
-REACH: Final = 40
-"""The largest coordinate that coal sees is about two to this power, so that products of small ones stay above zero."""
-
-FEW: Final = 8
-"""Trees that are all asked; of more, boxes tell which."""
+DEPTH = 128
+"""Pairs of nodes that wait at a time, at most: fewer than the levels of two trees, and two."""
 
 
-def coal_module() -> Any:
-    """The package coal.
+class Trees(NamedTuple):
+    """Triangles in trees of boxes.
 
-    Raises
-    ------
-    MissingPackageError
-        If it is not installed.
-    """
-    try:
-        import coal
-    except ImportError as error:
-        raise MissingPackageError(
-            "coal", "is not installed", "exact answers in space need it", 'install it: pip install "cspace[exact]"'
-        ) from error
-    return coal
-
-
-class Distances:
-    """Distances between borders in space, the first of which is that of a robot that moves.
-
-    Parameters
-    ----------
-    robot, obstacles : Pieces
-        Triangles, metres.
-    far : float
-        A bound on the coordinates of either, placed, metres.
+    The children of a node with n triangles have the first n // 2 of them, which is the next node, and the others, which
+    comes 2 (n // 2) nodes later.
 
     Attributes
     ----------
-    error : float
-        By how much a distance may be too large at most, beside the rounding of the coordinates, metres.
+    boxes : ndarray of float64, shape (m, 7)
+        The middle and half the sides of each node's box, radii included, and the triangles' longest lever.
+    triangles : ndarray of float64, shape (n, 10)
+        Three corners and a radius.
     """
 
-    def __init__(self, robot: Pieces, obstacles: Pieces, far: float) -> None:
-        self._coal = coal_module()
-        self._scale = float(2.0 ** (REACH - math.frexp(far)[1]))
-        self._request = self._coal.DistanceRequest(False, 0.0, 0.0)
-        self._request.enable_signed_distance = False
-        self._home = self._coal.Transform3s.Identity()
-        (moved, moved_error, moved_edge), (still, still_error, still_edge) = map(self._sized, (robot, obstacles))
-        error = 32.0 * math.sqrt(UNIT * (moved_edge + still_edge) * min(moved_edge, still_edge))
-        self.error = (error + moved_error + still_error) / self._scale
-        self._robot, self._obstacles = self._trees(moved, robot.radii), self._trees(still, obstacles.radii)
-        boxes = np.array([tree.box for tree in self._obstacles]).reshape(-1, 2, 3)
-        self._lower, self._upper = boxes[:, 0], boxes[:, 1]
-
-    def __call__(self, place: Sequence[float], turn: Floats, enough: float) -> float:
-        """The distance with the robot turned by a matrix, shape (3, 3), and moved to a place, or ``enough`` if less.
-
-        Zero or below where the borders meet.
-        """
-        coal, scale, best = self._coal, self._scale, enough
-        at, result = coal.Transform3s(turn, scale * np.array(place)), coal.DistanceResult()
-        for part in self._robot:
-            for tree in self._obstacles if len(self._obstacles) <= FEW else self._near(part, place, turn, best):
-                grown = part.radius + tree.radius
-                # coal looks for what is nearer than the least distance found so far, which we set: then it is quick.
-                result.min_distance = cut = scale * (best + grown)
-                found: float = coal.distance(part.model, at, tree.model, self._home, self._request, result)
-                if found < cut:
-                    best = min(best, found / scale - grown)
-                    if best <= 0.0:
-                        return best
-        return best
-
-    def _near(self, part: _Tree, place: Sequence[float], turn: Floats, best: float) -> list[_Tree]:
-        """The trees of obstacles that may be nearer to a part of the robot than a distance, the nearest box first."""
-        half = np.abs(turn) @ (0.5 * (part.box[1] - part.box[0]))
-        middle = place + turn @ (0.5 * (part.box[0] + part.box[1]))
-        apart = np.maximum(np.maximum(self._lower - (middle + half), (middle - half) - self._upper), 0.0)
-        # What is that far is not asked, and its square would overflow.
-        bounds = np.sqrt((np.minimum(apart, 1e100) ** 2).sum(axis=1))
-        near = np.flatnonzero(bounds < best)
-        return [self._obstacles[k] for k in near[np.argsort(bounds[near])].tolist()]
-
-    def _trees(self, triangles: Floats, radii: Floats) -> list[_Tree]:
-        """A tree for each radius."""
-        different, first = np.unique(np.sort(radii), return_index=True)
-        parts = np.split(triangles[np.argsort(radii, kind="stable")], first[1:])
-        return [_Tree(self._coal, part, r, self._scale) for part, r in zip(parts, different.tolist(), strict=False)]
-
-    def _sized(self, pieces: Pieces) -> tuple[Floats, float, float]:
-        """Scaled triangles that have some height, with the error that they allow and their longest edge."""
-        triangles = self._scale * pieces.simplices
-        edges = np.roll(triangles, -1, axis=1) - triangles
-        lengths = np.sqrt((edges**2).sum(axis=2))
-        longest = lengths.max(axis=1)
-        areas = np.sqrt((np.cross(edges[:, 0], edges[:, 1]) ** 2).sum(axis=1))
-        thin = areas <= THIN * longest**2
-        which, first = np.flatnonzero(thin), lengths[thin].argmax(axis=1)
-        start, end = triangles[which, first], triangles[which, (first + 1) % 3]
-        triangles[thin] = np.stack([start, end, end], axis=1)
-        error = 2.0 * THIN * float(longest[thin].max(initial=0.0))
-        error = max(error, 8.0 * UNIT * float((longest[~thin] ** 3 / areas[~thin]).max(initial=0.0)))
-        return triangles, error, float(longest.max(initial=0.0))
+    boxes: Floats
+    triangles: Floats
 
 
-class _Tree:
-    """Scaled triangles of one radius in a tree, and the box around them in metres, radius included."""
+class Motion(NamedTuple):
+    """How the robot is placed and moves.
 
-    def __init__(self, coal: Any, triangles: Floats, radius: float, scale: float) -> None:
-        points = np.ascontiguousarray(triangles.reshape(-1, 3))
-        self.radius = radius
-        self.box = np.array([points.min(axis=0) / scale - radius, points.max(axis=0) / scale + radius])
-        self.model = coal.BVHModelOBBRSS()
-        self.model.beginModel(len(triangles), len(points))
-        self.model.addVertices(points)
-        self.model.addTriangles(np.arange(len(points)).reshape(-1, 3))
-        self.model.endModel()
+    Attributes
+    ----------
+    matrix : tuple of tuple of float
+        Rows of its rotation matrix.
+    place : tuple of float
+    step : tuple of float
+        By how much it moves, at most either way.
+    angle : float
+        By how much it turns, at most either way, about its reference point.
+    least : float
+        What a distance has to exceed.
+    """
+
+    matrix: Matrix
+    place: Row
+    step: Row
+    angle: float
+    least: float
+
+
+def trees_of(borders: Sequence[Pieces], about_z: bool) -> tuple[Trees, list[Node]]:
+    """A tree for each of some sets of triangles, and their roots; levers are about the z axis, or about the origin."""
+    boxes, triangles, roots = [], [], []
+    nodes, rows = 0, 0
+    for border in borders:
+        box, order = _boxes(border, about_z)
+        roots.append((nodes, rows, len(order)))
+        boxes.append(box)
+        triangles.append(np.hstack([border.simplices.reshape(-1, 9), border.radii[:, None]])[order])
+        nodes, rows = nodes + len(box), rows + len(order)
+    return Trees(np.concatenate(boxes), np.concatenate(triangles)), roots
+
+
+def _boxes(border: Pieces, about_z: bool) -> tuple[Floats, Ints]:
+    """The boxes of a tree of triangles, and the order in which it has them."""
+    corners, grown = border.simplices, border.radii[:, None]
+    low, high = corners.min(axis=1) - grown, corners.max(axis=1) + grown
+    levers = np.linalg.norm(corners[..., : 2 if about_z else 3], axis=-1).max(axis=1)
+    n = len(corners)
+    boxes, order = np.empty((max(2 * n - 1, 0), 7)), np.arange(n)
+    nodes, starts, counts = np.zeros(1, np.int64), np.zeros(1, np.int64), np.full(1, n)
+    while n:
+        lower, upper = np.minimum.reduceat(low[order], starts), np.maximum.reduceat(high[order], starts)
+        boxes[nodes, :3], boxes[nodes, 3:6] = 0.5 * (lower + upper), 0.5 * (upper - lower)
+        boxes[nodes, 6] = np.maximum.reduceat(levers[order], starts)
+        if counts.max() == 1:
+            break
+        # Each node's triangles in order along its box's longest side; the first half of them go one way.
+        which = np.repeat(np.arange(len(nodes)), counts)
+        axis = (upper - lower).argmax(axis=1)[which, None]
+        order = order[np.lexsort((np.take_along_axis((low + high)[order], axis, 1)[:, 0], which))]
+        first, split = counts // 2, counts > 1
+        kept = np.stack([np.ones_like(split), split], axis=1)
+        nodes = np.stack([nodes + split, nodes + 2 * first], axis=1)[kept]
+        starts = np.stack([starts, starts + first], axis=1)[kept]
+        counts = np.stack([np.where(split, first, 1), counts - first], axis=1)[kept]
+    return boxes, order
+
+
+@inner(error_model="numpy")
+def share_apart(trees: Trees, robot: Node, still: Node, motion: Motion, enough: float, work: Ints) -> float:
+    """The part of a motion, ``enough`` at most, that no triangle of a robot can come to others in, whichever way.
+
+    Below zero where it is too near to them as it is placed. ``work``, shape (DEPTH, 6), is scratch space; its first row
+    holds the last pair of triangles that set the bound, which is likely to do so again, and -1 before there is one.
+    """
+    best, last, top = float(enough), -1, 1
+    mx, my, mz, hx, hy, hz, turn = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    ((rxx, rxy, rxz), (ryx, ryy, ryz), (rzx, rzy, rzz)), (px, py, pz) = motion.matrix, motion.place
+    sx, sy, sz, angle, least = abs(motion.step[0]), abs(motion.step[1]), abs(motion.step[2]), motion.angle, motion.least
+    if work[0, 0] >= 0:
+        turn = angle * trees.boxes[work[0, 2], 6]
+        best = share_of_pair(trees, work[0, 0], work[0, 1], motion, turn, best)
+    if still[2] > 0 and best >= 0.0:
+        work[1, 0], work[1, 1], work[1, 2], work[1, 3], work[1, 4], work[1, 5] = robot + still
+        top = 2
+    while top > 1:
+        top -= 1
+        a, i, n, b, j, m = work[top, 0], work[top, 1], work[top, 2], work[top, 3], work[top, 4], work[top, 5]
+        if a != last:
+            box, last = trees.boxes[a], a
+            mx = px + rxx * box[0] + rxy * box[1] + rxz * box[2]
+            my = py + ryx * box[0] + ryy * box[1] + ryz * box[2]
+            mz = pz + rzx * box[0] + rzy * box[1] + rzz * box[2]
+            hx = abs(rxx) * box[3] + abs(rxy) * box[4] + abs(rxz) * box[5] + least
+            hy = abs(ryx) * box[3] + abs(ryy) * box[4] + abs(ryz) * box[5] + least
+            hz = abs(rzx) * box[3] + abs(rzy) * box[4] + abs(rzz) * box[5] + least
+            turn = box[6] * angle
+        box = trees.boxes[b]
+        # Boxes that stay apart along one axis: so do all triangles in them.
+        if abs(mx - box[0]) - hx - box[3] > best * (sx + turn) or abs(my - box[1]) - hy - box[4] > best * (sy + turn):
+            continue
+        if abs(mz - box[2]) - hz - box[5] > best * (sz + turn):
+            continue
+        if n == 1 and m == 1:
+            found = share_of_pair(trees, i, j, motion, turn, best)
+            if found < best:
+                best, work[0, 0], work[0, 1], work[0, 2] = found, i, j, a
+                if best < 0.0:
+                    break
+        elif n == 1 or (m > 1 and box[3] + box[4] + box[5] > hx + hy + hz):
+            half = m // 2
+            one, other = trees.boxes[b + 1], trees.boxes[b + 2 * half]
+            # The nearer half comes first: what it proves less of need not be asked of the other.
+            x, y, z = 2.0 * mx - one[0] - other[0], 2.0 * my - one[1] - other[1], 2.0 * mz - one[2] - other[2]
+            near = x * (one[0] - other[0]) + y * (one[1] - other[1]) + z * (one[2] - other[2]) > 0.0
+            first, second = top + near, top + 1 - near
+            work[first, 0], work[first, 1], work[first, 2] = a, i, n
+            work[first, 3], work[first, 4], work[first, 5] = b + 1, j, half
+            work[second, 0], work[second, 1], work[second, 2] = a, i, n
+            work[second, 3], work[second, 4], work[second, 5] = b + 2 * half, j + half, m - half
+            top += 2
+        else:
+            half = n // 2
+            work[top, 0], work[top, 1], work[top, 2] = a + 2 * half, i + half, n - half
+            work[top + 1, 0], work[top + 1, 1], work[top + 1, 2] = a + 1, i, half
+            work[top + 1, 3], work[top + 1, 4], work[top + 1, 5] = b, j, m
+            top += 2
+    return best
+
+
+@inner(error_model="numpy")
+def share_of_pair(trees: Trees, i: int, j: int, motion: Motion, turn: float, enough: float) -> float:
+    """:func:`share_apart` of two triangles, of which the first moves by ``turn`` at most as the robot turns."""
+    p, q = trees.triangles[i], trees.triangles[j]
+    least, step = motion.least + p[9] + q[9], motion.step
+    # All from the first corner of the robot's triangle: it is at the origin.
+    a0 = placed(motion, (p[0], p[1], p[2]))
+    a1, a2 = minus(placed(motion, (p[3], p[4], p[5])), a0), minus(placed(motion, (p[6], p[7], p[8])), a0)
+    b0, b1, b2 = minus((q[0], q[1], q[2]), a0), minus((q[3], q[4], q[5]), a0), minus((q[6], q[7], q[8]), a0)
+    a, b, u = ((0.0, 0.0, 0.0), a1, a2), (b0, b1, b2), (a1, minus(a2, a1), minus((0.0, 0.0, 0.0), a2))
+    v = (minus(b1, b0), minus(b2, b1), minus(b0, b2))
+    best = share_along(cross(u[0], u[1]), a, b, step, turn, least)
+    if best < enough:
+        best = max(best, share_along(cross(v[0], v[1]), a, b, step, turn, least))
+    nearest, normal = math.inf, a0
+    for k in range(3):
+        if k > 0 and dot(u[k], u[k]) == 0.0:  # the same point as before
+            continue
+        for m in range(3):
+            if best >= enough:
+                return enough
+            if m > 0 and dot(v[m], v[m]) == 0.0:
+                continue
+            way = way_between(a[k], u[k], b[m], v[m])
+            square = dot(way, way)
+            if square < nearest:
+                nearest, normal = square, cross(u[k], v[m])
+                best = max(best, share_along(way, a, b, step, turn, least))
+    if best < enough:
+        best = max(best, share_along(normal, a, b, step, turn, least))
+    return min(best, enough)
+
+
+@inner(error_model="numpy")
+def share_along(n: Row, a: Corners, b: Corners, step: Row, turn: float, least: float) -> float:
+    """:func:`share_apart` of two triangles, by their shadows on a line; -1 where those are too near, or n too short."""
+    square = dot(n, n)
+    if not LEAST_SQUARE < square < math.inf:
+        return -1.0
+    length = math.sqrt(square)
+    a1, a2, b0, b1, b2 = dot(n, a[1]), dot(n, a[2]), dot(n, b[0]), dot(n, b[1]), dot(n, b[2])
+    above, below = min(b0, b1, b2) - max(0.0, a1, a2), min(0.0, a1, a2) - max(b0, b1, b2)
+    spare = max(above, below) / length - least
+    if not spare > 0.0:
+        return -1.0
+    return spare / (abs(dot(n, step)) / length + turn)
+
+
+@inner(error_model="numpy")
+def way_between(p: Row, u: Row, q: Row, v: Row) -> Row:
+    """The shortest way between two segments, from p along u and from q along v, as well as rounding lets it be found.
+
+    C. Ericson, "Real-Time Collision Detection", 2005, section 5.1.9.
+    """
+    r = minus(p, q)
+    uu, vv, uv, ur, vr = dot(u, u), dot(v, v), dot(u, v), dot(u, r), dot(v, r)
+    area, s = uu * vv - uv * uv, 0.0
+    if area > 0.0:
+        s = min(max((uv * vr - ur * vv) / area, 0.0), 1.0)
+    t = (uv * s + vr) / vv if vv > 0.0 else 0.0
+    if not 0.0 <= t <= 1.0 or vv == 0.0:
+        t = min(max(t, 0.0), 1.0)
+        s = min(max((uv * t - ur) / uu, 0.0), 1.0) if uu > 0.0 else 0.0
+    return r[0] + s * u[0] - t * v[0], r[1] + s * u[1] - t * v[1], r[2] + s * u[2] - t * v[2]
+
+
+@inner(forceinline=True)
+def placed(motion: Motion, p: Row) -> Row:
+    """A point of the robot where it is placed."""
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = motion.matrix
+    return (
+        motion.place[0] + (xx * p[0] + xy * p[1] + xz * p[2]),
+        motion.place[1] + (yx * p[0] + yy * p[1] + yz * p[2]),
+        motion.place[2] + (zx * p[0] + zy * p[1] + zz * p[2]),
+    )
+
+
+@inner(forceinline=True)
+def minus(a: Row, b: Row) -> Row:
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+@inner(forceinline=True)
+def dot(a: Row, b: Row) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@inner(forceinline=True)
+def cross(a: Row, b: Row) -> Row:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]

@@ -30,6 +30,8 @@ from cspace.rotations import (
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Numbers = tuple[float, ...]
+Row = tuple[float, float, float]
+Matrix = tuple[Row, Row, Row]
 Cursor = Any
 """Where a walk over rotation cells is: numbers that only the kind itself reads."""
 
@@ -85,6 +87,26 @@ def next_around(rotations: CompiledRotations, cursor: Cursor) -> tuple[bool, int
     raise NotImplementedError
 
 
+def ways(rotations: CompiledRotations, q0: Numbers, q1: Numbers) -> int:
+    """How many shortest ways lead from one rotation to another: two where they are equally long but for rounding."""
+    raise NotImplementedError
+
+
+def turn_of(rotations: CompiledRotations, q0: Numbers, q1: Numbers, way: int) -> tuple[float, float]:
+    """The angle of one of these ways, and how far from it a planner may take the rotation to be, radians."""
+    raise NotImplementedError
+
+
+def turned(rotations: CompiledRotations, q0: Numbers, q1: Numbers, way: int, t: float) -> Numbers:
+    """The first configuration with the rotation at t in [0, 1] on one of these ways."""
+    raise NotImplementedError
+
+
+def matrix_of(rotations: CompiledRotations, q: Numbers) -> Matrix:
+    """The rows of the rotation matrix of a configuration in space."""
+    raise NotImplementedError
+
+
 # ---- one cell --------------------------------------------------------------------------------------------------------
 
 
@@ -122,6 +144,22 @@ def _one_first_around(rotations: OneCell, q: Numbers, angle: float) -> bool:
 
 def _one_next_around(rotations: OneCell, cursor: bool) -> tuple[bool, int, bool]:
     return cursor, 0, False
+
+
+def _one_ways(rotations: OneCell, q0: Numbers, q1: Numbers) -> int:
+    return 1
+
+
+def _one_turn_of(rotations: OneCell, q0: Numbers, q1: Numbers, way: int) -> tuple[float, float]:
+    return 0.0, 0.0
+
+
+def _one_turned(rotations: OneCell, q0: Numbers, q1: Numbers, way: int, t: float) -> Numbers:
+    return q0
+
+
+def _one_matrix_of(rotations: OneCell, q: Numbers) -> Matrix:
+    return (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 
 
 # ---- yaw cells -------------------------------------------------------------------------------------------------------
@@ -250,12 +288,39 @@ def _yaw_next_around(rotations: YawCells, cursor: tuple[float, int, int]) -> tup
     return left > 0 and not low > most, rotations.slice_of[k], (most, cell + 1, left - 1)
 
 
+@inner
+def yaw_arc(q0: Numbers, q1: Numbers, way: int) -> float:
+    """Signed angle from one yaw to another along the shorter arc, or along the other one."""
+    turn = shorter_turn(q0[-1], q1[-1])
+    return turn if way == 0 else (turn - TURN if turn > 0.0 else turn + TURN)
+
+
+def _yaw_ways(rotations: YawCells, q0: Numbers, q1: Numbers) -> int:
+    return 2 if math.pi - abs(yaw_arc(q0, q1, 0)) <= YAW_SLACK else 1
+
+
+def _yaw_turn_of(rotations: YawCells, q0: Numbers, q1: Numbers, way: int) -> tuple[float, float]:
+    return abs(yaw_arc(q0, q1, way)), 0.0
+
+
+def _yaw_turned(rotations: YawCells, q0: Numbers, q1: Numbers, way: int, t: float) -> Numbers:
+    return (*q0[:-1], q0[-1] + t * yaw_arc(q0, q1, way))
+
+
+def _yaw_matrix_of(rotations: YawCells, q: Numbers) -> Matrix:
+    cosine, sine = math.cos(q[-1]), math.sin(q[-1])
+    return (cosine, -sine, 0.0), (sine, cosine, 0.0), (0.0, 0.0, 1.0)
+
+
 # ---- quaternion cells ------------------------------------------------------------------------------------------------
 
 QUARTER = math.pi / 4.0
 
 EQUAL = 2e-9
 """Two quaternions whose dot product is as near to 1 count as equal for OMPL, which then lets the rotation jump."""
+
+SHORT = 1e-9
+"""Angle between two quaternions below which the chord between them is as good as the arc."""
 
 Parts = tuple[int, int, int, int, int, int]
 Walk = tuple[Numbers, Numbers, float, float, float, float, bool, bool, bool]
@@ -372,13 +437,24 @@ def begin_arc(a: Numbers, b: Numbers, other: bool) -> Walk:
     return a, b, 0.0, 0.0, tangent, math.atan(tangent), other, dot > 1.0 - EQUAL, True
 
 
-def _quaternion_first_piece(rotations: QuaternionCells, q0: Numbers, q1: Numbers) -> Walk:
+@inner
+def arc_ends(q0: Numbers, q1: Numbers, way: int) -> tuple[Numbers, Numbers, float]:
+    """Unit quaternions between which SLERP goes one of the shortest ways, and the angle between them."""
     a, b = normalised(q0[-4:], 1.0), normalised(q1[-4:], 1.0)
-    dot = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
-    if dot < 0.0:
+    if (a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] < 0.0) != (way == 1):
         b = normalised(b, -1.0)
-    # Both arcs are equally long but for rounding, and both are walked.
-    return begin_arc(a, b, abs(dot) <= QUOTIENT_SLACK)
+    return a, b, 2.0 * begin_arc(a, b, False)[5]
+
+
+@inner
+def both_arcs(a: Numbers, b: Numbers) -> bool:
+    """Whether both arcs between two unit quaternions are equally long but for rounding: then both are walked."""
+    return abs(a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]) <= QUOTIENT_SLACK
+
+
+def _quaternion_first_piece(rotations: QuaternionCells, q0: Numbers, q1: Numbers) -> Walk:
+    a, b, _ = arc_ends(q0, q1, 0)
+    return begin_arc(a, b, both_arcs(a, b))
 
 
 @inner(error_model="numpy")
@@ -493,6 +569,45 @@ def _quaternion_next_around(rotations: QuaternionCells, cursor: Look) -> tuple[b
     return True, number, (q, reach, chart, ranges, i, j, k)
 
 
+def _quaternion_ways(rotations: QuaternionCells, q0: Numbers, q1: Numbers) -> int:
+    return 2 if both_arcs(normalised(q0[-4:], 1.0), normalised(q1[-4:], 1.0)) else 1
+
+
+def _quaternion_turn_of(rotations: QuaternionCells, q0: Numbers, q1: Numbers, way: int) -> tuple[float, float]:
+    # A rotation's angle is twice that of its quaternion.
+    a, b, angle = arc_ends(q0, q1, way)
+    return 2.0 * angle, 2.0 * angle if begin_arc(a, b, False)[7] else 0.0
+
+
+@inner(error_model="numpy")
+def slerp(q0: Numbers, q1: Numbers, way: int, t: float) -> Numbers:
+    """The unit quaternion at t."""
+    a, b, angle = arc_ends(q0, q1, way)
+    first, second = 1.0 - t, t
+    if angle > SHORT:
+        first, second = math.sin(first * angle), math.sin(second * angle)
+    q = (
+        first * a[0] + second * b[0],
+        first * a[1] + second * b[1],
+        first * a[2] + second * b[2],
+        first * a[3] + second * b[3],
+    )
+    return normalised(q, 1.0)
+
+
+def _quaternion_turned(rotations: QuaternionCells, q0: Numbers, q1: Numbers, way: int, t: float) -> Numbers:
+    return q0[:-4] + slerp(q0, q1, way, t)
+
+
+def _quaternion_matrix_of(rotations: QuaternionCells, q: Numbers) -> Matrix:
+    x, y, z, w = normalised(q[-4:], 1.0)
+    return (
+        (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)),
+        (2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)),
+        (2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)),
+    )
+
+
 # ---- which is taken --------------------------------------------------------------------------------------------------
 
 _MADE = {
@@ -505,6 +620,10 @@ _MADE = {
     next_piece: {OneCell: _one_next_piece, YawCells: _yaw_next_piece, QuaternionCells: _quaternion_next_piece},
     first_around: {OneCell: _one_first_around, YawCells: _yaw_first_around, QuaternionCells: _quaternion_first_around},
     next_around: {OneCell: _one_next_around, YawCells: _yaw_next_around, QuaternionCells: _quaternion_next_around},
+    ways: {OneCell: _one_ways, YawCells: _yaw_ways, QuaternionCells: _quaternion_ways},
+    turn_of: {OneCell: _one_turn_of, YawCells: _yaw_turn_of, QuaternionCells: _quaternion_turn_of},
+    turned: {OneCell: _one_turned, YawCells: _yaw_turned, QuaternionCells: _quaternion_turned},
+    matrix_of: {OneCell: _one_matrix_of, YawCells: _yaw_matrix_of, QuaternionCells: _quaternion_matrix_of},
 }
 
 
