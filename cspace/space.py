@@ -855,9 +855,6 @@ class CSpace:
 
     @property
     def _exact(self) -> Exact:
-        if self.rotations.dof > 1:
-            rule = "the geometry itself is not asked about rotations about any axis"
-            raise InputError("exact", "is True on a map of SE(3)", rule, "leave exact out, or take finer cells")
         from cspace.exact.boundaries import Problem
         from cspace.exact.queries import Exact
 

@@ -60,7 +60,6 @@ def test_exact_look_ups_and_their_checkers_follow_in_the_plane(world: World) -> 
 @settings(max_examples=8)
 @given(worlds(("space",)))
 def test_exact_look_ups_and_their_checkers_follow_in_space(world: World) -> None:
-    pytest.importorskip("coal")
     _exact(world)
 
 

@@ -10,8 +10,8 @@ the robot reaches (conservative advancement: B. Mirtich, "Impulse-based dynamic 
 *Rounding.* All sets are closed: touching is a collision. A distance counts only where it exceeds the margin by
 ``YAW_SLACK`` (1e-9) times the robot's span, if it turns, and ``ROUNDING`` (1e-12) times the largest coordinates of the
 map, the robot and the configurations. The first covers yaws that are off by the rounding of their wrapping; the second
-the few roundings of placing a point (relative 2^-53) and of a distance, with a factor of a thousand to spare. In space
-a distance must exceed that by :attr:`cspace.exact.triangles.Distances.error` more.
+the few roundings of placing a point (relative 2^-53) and of a distance, with a factor of fifty to spare.
+Distances in space are proven by shadows on lines (:mod:`cspace.exact.triangles`).
 """
 
 from typing import Final
@@ -19,7 +19,7 @@ from typing import Final
 __all__ = ["ADVANCE", "MOST_DISTANCES", "ROUNDING", "SHORTEST"]
 
 ROUNDING: Final = 1e-12
-"""Rounding allowance of a distance, relative to the coordinates; thousands of times what is needed."""
+"""Rounding allowance of a distance, relative to the coordinates; more than fifty times what is needed."""
 
 ADVANCE: Final = 0.999
 """Part of a proven distance that is used, so that its end is proven too."""

@@ -1,7 +1,6 @@
 """Exact look-ups of every space: batches, checkers, threads and counts; what is refused; real data."""
 
 import math
-import sys
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -9,7 +8,7 @@ import pytest
 import trimesh
 
 import cspace
-from cspace import MIXED, InputError, MissingPackageError, Robot, Workspace
+from cspace import MIXED, InputError, Robot, Workspace
 
 ZERO = {"point": 0, "edge": 0, "distance": 0}
 
@@ -115,23 +114,6 @@ def test_bad_input_is_refused(make, bad):
     ):
         with pytest.raises(InputError, match=r"finite|infinit|long"):
             call()
-
-
-def test_a_missing_package_is_named(monkeypatch):
-    monkeypatch.setitem(sys.modules, "coal", None)
-    space = solid(Robot.box((0.3, 0.3, 0.3)))
-    q = centers(space)
-    q = q[space.classify(q) == MIXED]
-    calls = (
-        lambda: space.is_free(q, exact=True),
-        lambda: space.motion_is_free(q, q + 0.01, exact=True),
-        lambda: space.point_checker(exact=True),
-        lambda: space.edge_checker(exact=True),
-    )
-    for call in calls:
-        with pytest.raises(MissingPackageError, match=r'pip install "cspace\[exact\]"'):
-            call()
-    assert plane().is_free([0.2, 0.2], exact=True) in (True, False)
 
 
 def test_what_depends_on_the_spacing_is_refused():

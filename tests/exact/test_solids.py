@@ -1,6 +1,5 @@
 """Exact look-ups in space: against boxes and balls that paper and pencil decide, manifold3d, and rational numbers."""
 
-import math
 from itertools import product
 
 import fcl
@@ -237,7 +236,7 @@ def test_meshes_agree_with_manifold3d(seed, margin):
 
 
 def test_mesh_robots_walk_a_thousand_points():
-    """A box as a mesh answers as the box, and by another way: FCL's distances."""
+    """A box as a mesh answers as the box."""
     rng = np.random.default_rng(3)
     low = rng.uniform(0.1, 1.6, (6, 3))
     boxes = np.stack([low, low + 0.25], axis=1)
@@ -420,18 +419,26 @@ def test_the_unit_of_length_does_not_matter(size):
         assert not space.motion_is_free(np.array([1, 1.993, 2]) * size, np.array([5, 1.993, 2]) * size, exact=True)
 
 
-# ---- robots that turn about the z axis -------------------------------------------------------------------------------
+# ---- robots that turn ------------------------------------------------------------------------------------------------
+
+TURNS = {"yaw": 8, "any": cspace.Rotations.quaternions(3)}
 
 
+def rotation_of(q):
+    """The rotation of a configuration."""
+    return Rotation.from_quat(q[3:]) if len(q) == 7 else Rotation.from_rotvec([0.0, 0.0, q[3]])
+
+
+@pytest.mark.parametrize("turns", TURNS)
 @pytest.mark.parametrize("outside", ["blocked", "free"])
-def test_robots_that_turn_in_space(outside):
+def test_robots_that_turn_in_space(outside, turns):
     """Against FCL at single configurations and at 500 along each edge that is proven."""
     rng = np.random.default_rng(0)
     low = rng.uniform(0.2, 1.6, (5, 3))
     boxes = np.stack([low, low + 0.2], axis=1)
     mesh = trimesh.creation.box(bounds=[[-0.1, -0.05, -0.1], [0.5, 0.1, 0.1]])
     workspace = Workspace.from_mesh(boxes_mesh(boxes), 0.2, (0, 0, 0, 2, 2, 2))
-    space = cspace.build(workspace, Robot.mesh(mesh), rotations=8, outside=outside)
+    space = cspace.build(workspace, Robot.mesh(mesh), rotations=TURNS[turns], outside=outside)
     models = [fcl.BVHModel() for _ in range(2)]
     for model, part in zip(models, (mesh, boxes_mesh(boxes)), strict=True):
         model.beginModel(len(part.vertices), len(part.faces))
@@ -439,25 +446,47 @@ def test_robots_that_turn_in_space(outside):
         model.endModel()
     moved, still = map(fcl.CollisionObject, models)
 
-    def gap(q):
-        turn = Rotation.from_rotvec([0.0, 0.0, q[3]]).as_matrix()
-        moved.setTransform(fcl.Transform(turn, q[:3]))
+    def gap(place, turn):
+        moved.setTransform(fcl.Transform(turn.as_matrix(), place))
         found = fcl.distance(moved, still, fcl.DistanceRequest(), fcl.DistanceResult())
-        at = mesh.vertices @ turn.T + q[:3]
+        at = turn.apply(mesh.vertices) + place
         return found if outside == "free" else min(found, at.min(), (2.0 - at).min())
 
-    q0 = np.column_stack([rng.uniform(0.0, 2.0, (150, 3)), rng.uniform(-9.0, 9.0, 150)])
+    rotations = rng.uniform(-9.0, 9.0, (150, 1)) if turns == "yaw" else Rotation.random(150, random_state=1).as_quat()
+    q0 = np.column_stack([rng.uniform(0.0, 2.0, (150, 3)), rotations])
     free = space.is_free(q0, exact=True)
-    true = np.array([gap(q) for q in q0])
+    true = np.array([gap(q[:3], rotation_of(q)) for q in q0])
     decided = np.abs(true) > BAND
     np.testing.assert_array_equal(free[decided], true[decided] > 0.0)
     assert 20 < free.sum() < 145
-    proven = 0
-    for first, step in zip(q0[free], rng.normal(0.0, 0.2, q0.shape) * [1.0, 1.0, 1.0, 3.0], strict=False):
-        answer = space.motion_is_free(first, first + step, exact=True)
-        turn = math.remainder(step[3], 2 * math.pi)
-        way = first + np.linspace(0.0, 1.0, 500 if answer else 60)[:, None] * [*step[:3], turn]
-        least = min(gap(q) for q in way)
-        assert least > 0.0 if answer else least < 0.03 * (np.abs(step).sum() + 1.0)
+    proven, t = 0, np.linspace(0.0, 1.0, 500)
+    for first in q0[free]:
+        turn = rng.normal(0.0, 0.6, 3) * (0.0, 0.0, 1.0) if turns == "yaw" else rng.normal(0.0, 0.6, 3)
+        step, after = rng.normal(0.0, 0.2, 3), Rotation.from_rotvec(turn) * rotation_of(first)
+        last = [first[3] + turn[2]] if turns == "yaw" else after.as_quat() * rng.choice([-1.0, 1.0])
+        answer = space.motion_is_free(first, [*(first[:3] + step), *last], exact=True)
+        ways = [
+            (first[:3] + s * step, Rotation.from_rotvec(s * turn) * rotation_of(first))
+            for s in (t if answer else t[::9])
+        ]
+        least = min(gap(*way) for way in ways)
+        assert least > 0.0 if answer else least < 0.03 * (np.abs(step).sum() + np.abs(turn).sum() + 1.0)
         proven += answer
     assert proven > 5
+
+
+@pytest.mark.parametrize("turns", TURNS)
+def test_half_turns_are_proven_both_ways(turns):
+    """A rod beside a post: of the two ways round one is blocked."""
+    workspace = Workspace.from_points([[1.0, 1.5, 1.0]], 0.25, (0, 0, 0, 2, 2, 2))
+    rod = Robot.box((1.4, 0.1, 0.1), (0.5, 0.0, 0.0))
+    space = cspace.build(workspace, rod, rotations=TURNS[turns], outside="free", inner=False)
+
+    def edge(end):
+        ends = np.radians([0.0, end])
+        turn = ends[:, None] if turns == "yaw" else Rotation.from_rotvec(ends[:, None] * [0, 0, 1]).as_quat()
+        q0, q1 = np.hstack([np.ones((2, 3)) * (0.9, 0.9, 1.0), turn])
+        return space.motion_is_free(q0, q1, exact=True)
+
+    assert edge(-179.0) and not edge(179.0)
+    assert not edge(180.0) and not edge(-180.0)

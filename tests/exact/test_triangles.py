@@ -1,19 +1,24 @@
-"""Distances of triangles in space, against rational numbers and FCL."""
+"""Triangles that are proven apart, against rational numbers and FCL."""
 
 from fractions import Fraction
 from itertools import product
 
+import fcl
 import numpy as np
+import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numba import njit
 from scipy.spatial.transform import Rotation
 
-from cspace.exact.triangles import Distances
+from cspace.exact.triangles import DEPTH, Motion, share_apart, trees_of
 from cspace.shapes import Pieces
 from strategies import seeds
 
 HERE, STILL = (0.0, 0.0, 0.0), np.eye(3)
+ERROR = 2.0**-48
+"""By how much a distance may be too large, in diameters of both triangles together."""
 
 
 # ---- exact arithmetic ------------------------------------------------------------------------------------------------
@@ -75,10 +80,10 @@ def triangles_square(first, second):
 @st.composite
 def triangle_pairs(draw):
     """Triangles of any kind: crossing, touching, in one plane, slivers, edges that are all but parallel, small beside
-    large, far from the origin."""
+    large, far from the origin, points and segments."""
     rng = np.random.default_rng(draw(seeds))
     first, second = rng.uniform(-1, 1, (2, 3, 3))
-    kind = draw(st.sampled_from(["any", "grid", "plane", "sliver", "parallel", "small", "over"]))
+    kind = draw(st.sampled_from(["any", "grid", "plane", "sliver", "parallel", "small", "over", "bare", "through"]))
     if kind == "grid":
         first, second = rng.integers(-2, 3, (2, 3, 3)).astype(float)
     elif kind == "plane":
@@ -98,6 +103,13 @@ def triangle_pairs(draw):
         second = first.mean(axis=0) + 1e-5 * second
     elif kind == "over":
         second[0] = first.T @ rng.dirichlet(np.ones(3)) + 1e-4 * np.cross(first[1] - first[0], first[2] - first[0])
+    elif kind == "bare":  # segments and points, and what touches them
+        first[rng.integers(1, 3)] = first[0]
+        second[1:] = second[rng.integers(0, 2)]
+        second += first.T @ rng.dirichlet(np.ones(3)) - second[0] + rng.choice([0.0, 1e-15, 1e-6]) * rng.normal(size=3)
+    elif kind == "through":  # a point of both, or almost
+        second += first.T @ rng.dirichlet(np.full(3, 0.3)) - second.T @ rng.dirichlet(np.full(3, 0.3))
+        second += rng.choice([0.0, 1e-16, 1e-12]) * rng.normal(size=3)
     shift = rng.uniform(-1, 1, 3) * draw(st.sampled_from([0.0, 1.0, 1e3]))
     return first + shift, second + shift
 
@@ -106,9 +118,27 @@ def pieces(triangles, radius=0.0):
     return Pieces(np.asarray(triangles, dtype=float), np.full(len(triangles), radius))
 
 
-def moved(robot, obstacles):
-    """Distances between triangles within some thousand metres."""
-    return Distances(robot, obstacles, 4e3)
+@njit
+def share(trees, roots, motion, enough, work):
+    return share_apart(trees, roots[0], roots[1], motion, enough, work)
+
+
+class Pair:
+    """A robot and obstacles; ``work`` is kept, as along an edge."""
+
+    def __init__(self, robot, obstacles):
+        self.trees, roots = trees_of([robot, obstacles], False)
+        self.roots, self.work = tuple(roots), np.full((DEPTH, 6), -1)
+
+    def share(self, place=HERE, turn=STILL, step=HERE, angle=0.0, least=0.0, enough=np.inf):
+        matrix = tuple(tuple(row) for row in turn.tolist())
+        motion = Motion(matrix, tuple(place), tuple(step), float(angle), float(least))
+        return share(self.trees, self.roots, motion, float(enough), self.work)
+
+    def distance(self, place=HERE, turn=STILL, enough=np.inf):
+        """That of the robot there: of a motion on which all moves by one, whichever way, it is the part."""
+        self.trees.boxes[:, 6] = 1.0
+        return self.share(place, turn, angle=1.0, enough=enough)
 
 
 # ---- triangles -------------------------------------------------------------------------------------------------------
@@ -116,58 +146,91 @@ def moved(robot, obstacles):
 
 @settings(max_examples=200)
 @given(triangle_pairs())
-def test_distances_are_off_by_no_more_than_they_say(pair):
-    first, second = pair
-    distances, true = moved(*(pieces(part[None]) for part in pair)), float(triangles_square(first, second)) ** 0.5
-    allowed = distances.error + 1e-12 * np.abs(pair).sum()
-    assert abs(distances(HERE, STILL, np.inf) - true) <= allowed
-    assert allowed < 1e-5
-    for enough in (0.5 * true, 0.999 * true):  # what is farther than asked for is not looked at
-        assert distances(HERE, STILL, enough) >= enough - allowed
-    assert abs(distances(HERE, STILL, 1.001 * true + 1e-3) - true) <= allowed
+def test_distances_are_never_too_large_and_hardly_too_small(pair):
+    square = triangles_square(*pair)
+    size = np.linalg.norm(np.ptp(np.concatenate(pair), axis=0))
+    found = Pair(*(pieces(part[None]) for part in pair)).distance()
+    proven = Fraction(max(found, 0.0)) - Fraction(ERROR * size)
+    assert proven <= 0 or proven**2 <= square
+    assert found > float(square) ** 0.5 - 1e-7 * size or (found < 0.0 and float(square) ** 0.5 < 1e-7 * size)
+    assert square > 0 or found <= ERROR * size
 
 
-@settings(max_examples=100)
-@given(triangle_pairs(), seeds)
-def test_a_robot_that_turns_is_where_its_corners_are(pair, seed):
+@pytest.mark.parametrize("scale", [2.0**-400, 2.0**-150, 2.0**-20, 1.0])
+@pytest.mark.parametrize("beside", [0.0, 1.0])
+def test_what_touches_is_not_apart(scale, beside):
+    """At the size of the map, or tiny, in the middle of it or not."""
+    face = scale * np.array([[0.0, 0, 0], [4, 0, 0], [0, 4, 0]])
+    touching = [
+        [[1.0, 1, 0], [1, 1, 3], [2, 1, 3]],  # a corner on the face
+        [[2, 2, 0], [3, 3, 1], [3, 3, -1]],  # a corner on an edge
+        [[4, 0, 0], [5, 0, 0], [5, 1, 1]],  # a corner on a corner
+        [[2, -1, 1], [2, 1, -1], [9, -9, 0]],  # an edge across an edge
+        [[1, 1, -1], [1, 1, 1], [1, 1, 2]],  # no more than an edge, through the face
+        [[1, 1, 0], [1, 1, 0], [1, 1, 0]],  # no more than a point
+        [[0, 0, 0], [4, 0, 0], [0, -4, 0]],  # in one plane, along an edge
+        [[0, 0, 0], [4, 0, 0], [0, 4, 0]],  # the same
+        [[-9, -9, 0], [9, -9, 0], [0, 99, 0]],  # one within the other
+    ]
+    for other in touching:
+        pair = [part + beside for part in (face, scale * np.array(other))]
+        for first, second in (pair, pair[::-1]):
+            assert Pair(pieces(first[None]), pieces(second[None])).distance() <= 0.0
+
+
+@settings(max_examples=60)
+@given(triangle_pairs(), seeds, st.sampled_from([0.0, 0.2]))
+def test_a_robot_is_where_its_corners_are_grown_by_its_radius(pair, seed, radius):
     first, second = pair
     rng = np.random.default_rng(seed)
     turn, place = Rotation.random(random_state=seed).as_matrix(), rng.uniform(-1, 1, 3)
-    distances = moved(pieces(first[None]), pieces(second[None]))
-    true = float(triangles_square(first @ turn.T + place, second)) ** 0.5
-    assert abs(distances(place.tolist(), turn, np.inf) - true) <= distances.error + 1e-11 * np.abs(pair).sum()
+    true = float(triangles_square(first @ turn.T + place, second)) ** 0.5 - radius
+    found = Pair(pieces(first[None], 0.75 * radius), pieces(second[None], 0.25 * radius)).distance(place, turn)
+    allowed = 1e-11 * np.abs(pair).sum()
+    assert found <= max(true, 0.0) + allowed and (found > true - 1e-6 or true < 1e-6)
 
 
-@settings(max_examples=100)
-@given(triangle_pairs())
-def test_a_ball_is_its_middle_less_its_radius(pair):
+@settings(max_examples=60)
+@given(triangle_pairs(), seeds)
+def test_what_is_proven_of_a_motion_holds_all_along_it(pair, seed):
     first, second = pair
-    middle = np.repeat(first[:1], 3, axis=0)
-    true = float(triangles_square(middle, second)) ** 0.5
-    distances = moved(pieces(middle[None], 0.2), pieces(second[None]))
-    assert abs(distances(HERE, STILL, np.inf) - max(true - 0.2, -0.2)) <= distances.error + 1e-12 * np.abs(pair).sum()
+    rng = np.random.default_rng(seed)
+    step, axis, angle = rng.uniform(-2, 2, 3), rng.normal(size=3), rng.choice([0.0, 0.3, 3.0])
+    middle = first.mean(axis=0)  # it turns about it
+    robot, place = first - middle, tuple(middle)
+    least = 1e-12 * np.abs(pair).sum()  # for rounding
+    proven = Pair(pieces(robot[None]), pieces(second[None])).share(place, STILL, step, angle, least, enough=1.0)
+    for t in max(proven, 0.0) * rng.uniform(-1.0, 1.0, 9):
+        turn = Rotation.from_rotvec(t * angle * axis / np.linalg.norm(axis)).as_matrix()
+        placed = robot @ turn.T + place + t * step
+        assert proven < 0.0 or triangles_square(placed, second) > 0
 
 
-def test_many_trees_give_the_least_distance():
+def test_a_motion_along_a_face_is_proven_at_once():
+    plate = np.array([[[-9.0, -9, 0], [9, -9, 0], [0, 9, 0]]])
+    body = np.array([[[-1.0, 0, 1e-6], [1, 0, 1e-6], [0, 0, 1]]])
+    assert Pair(pieces(body), pieces(plate)).share(step=(4.0, 3.0, 0.0), enough=1.0) == 1.0
+
+
+# ---- trees -----------------------------------------------------------------------------------------------------------
+
+
+def test_trees_give_the_least_distance_of_all_pairs():
     rng = np.random.default_rng(1)
     body = trimesh.creation.box((0.3, 0.2, 0.1)).triangles
-    triangles = rng.uniform(-2, 2, (200, 1, 3)) + rng.normal(0, 0.3, (200, 3, 3))
-    radii = rng.choice(np.linspace(0.0, 0.1, 40), 200)
-    distances = Distances(pieces(body), Pieces(triangles, radii), 8.0)
-    singly = [Distances(pieces(body), pieces(part[None], r), 8.0) for part, r in zip(triangles, radii, strict=True)]
+    triangles = rng.uniform(-2, 2, (100, 1, 3)) + rng.normal(0, 0.3, (100, 3, 3))
+    radii = rng.choice(np.linspace(0.0, 0.1, 40), 100)
+    every = Pair(pieces(body), Pieces(triangles, radii))
+    singly = [Pair(pieces(body), pieces(part[None], r)) for part, r in zip(triangles, radii, strict=True)]
     for seed, q in enumerate(rng.uniform(-2, 2, (20, 3)).tolist()):
         turn = Rotation.random(random_state=seed).as_matrix()
-        true = min(part(q, turn, np.inf) for part in singly)
-        found = distances(q, turn, np.inf)
-        assert abs(found - true) < 1e-9 or (found <= 0.0 and true <= 0.0)
-        for enough in (0.01, 0.1, 0.5):
-            bound = distances(q, turn, enough)
-            assert abs(bound - min(true, enough)) < 1e-9 or (bound <= 0.0 and true <= 0.0)
+        true = min(part.distance(q, turn) for part in singly)
+        for enough in (0.01, 0.1, 0.5, np.inf):
+            assert every.distance(q, turn, enough) == pytest.approx(min(true, enough), abs=1e-12)
 
 
 def test_distances_agree_with_fcl():
     """Two meshes of some thousand triangles each, wherever one is."""
-    import fcl
 
     def model(triangles):
         made = fcl.BVHModel()
@@ -179,12 +242,12 @@ def test_distances_agree_with_fcl():
     rng = np.random.default_rng(2)
     body = np.array(trimesh.creation.torus(0.4, 0.1, major_sections=24, minor_sections=12).triangles)
     still = np.concatenate([trimesh.creation.icosphere(3, 0.3).triangles + rng.uniform(-2, 2, 3) for _ in range(9)])
-    distances, robot, obstacles = Distances(pieces(body), pieces(still), 8.0), model(body), model(still)
+    pair, robot, obstacles = Pair(pieces(body), pieces(still)), model(body), model(still)
     for seed, q in enumerate(rng.uniform(-2, 2, (60, 3)).tolist()):
         turn = Rotation.random(random_state=seed).as_matrix()
         robot.setTransform(fcl.Transform(turn, q))
         true = max(fcl.distance(robot, obstacles, fcl.DistanceRequest(), fcl.DistanceResult()), 0.0)
-        assert abs(max(distances(q, turn, np.inf), 0.0) - true) < 1e-9
+        assert max(pair.distance(q, turn), 0.0) == pytest.approx(true, abs=1e-9)
 
 
 def test_a_corner_near_a_face_beside_edges_all_but_parallel() -> None:
@@ -205,5 +268,4 @@ def test_a_corner_near_a_face_beside_edges_all_but_parallel() -> None:
     )
     normal = np.cross(moved[1] - moved[0], moved[2] - moved[0])
     true = abs((still[0] - moved[0]) @ normal) / np.linalg.norm(normal)  # at most, as the corner is over the face
-    distances = Distances(Pieces(moved[None], np.zeros(1)), Pieces(still[None], np.zeros(1)), 3.02761727253206)
-    assert distances((0.0, 0.0, 0.0), np.eye(3), 1e4) <= true + distances.error
+    assert 0.0 < Pair(pieces(moved[None]), pieces(still[None])).distance() <= true * (1.0 + 1e-12)

@@ -68,7 +68,6 @@ def test_what_the_map_decides_needs_no_passages():
 
 def shaft(gap, robot, spacing=WIDTH / 5):
     """Two rooms, joined by a square shaft 1 m long: the map of a robot, and the corners of the walls."""
-    pytest.importorskip("coal", reason="coal is not installed; run: pip install coal")
     low, high = 1.0 - gap / 2, 1.0 + gap / 2
     walls = np.array(
         [
