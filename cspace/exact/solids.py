@@ -138,7 +138,8 @@ class SolidProofs:
             boxed=isinstance(self._robot, Box),
         )
         least = scale * (problem.least + found.error + ROUNDING * far)
-        self._world = World(problem.map, trees, *roots, float(trees.boxes[0, 6]), nesting, scale, least)
+        rho = float(trees.boxes[0, 6])
+        self._world = World(problem.map, trees, roots[0], roots[1], roots[2], rho, nesting, scale, least)
         self._dof = problem.dof
 
     @cached_property
@@ -333,7 +334,8 @@ def nested_at(nesting: Nesting, map_: Map, q: Numbers, matrix: Matrix) -> int:
     (nx, ny, nz), count = nesting.outer.shape, nesting.corners.shape[0]
     while k < count:
         corner = nesting.corners[k]
-        x, y, z = minus(placed(motion, (corner[0], corner[1], corner[2])), map_.lower)
+        lower = (map_.lower[0], map_.lower[1], map_.lower[2])
+        x, y, z = minus(placed(motion, (corner[0], corner[1], corner[2])), lower)
         i, j, m = math.floor(x / map_.spacing), math.floor(y / map_.spacing), math.floor(z / map_.spacing)
         after = int(corner[3])
         if not (0 <= i < nx and 0 <= j < ny and 0 <= m < nz):

@@ -15,7 +15,8 @@ one of these is along the shortest way from one triangle to the other, so that l
 4 u |n| D (a difference, a product, two sums), the length of n by 4 u of itself, and the difference, the quotient and
 the radii add three roundings of numbers up to D or the radii: below 2^-48 times D and the radii together. Lengths are
 multiplied by a power of two that takes the coordinates to about one, and |n| is at least 2^-300: what falls below the
-smallest double is far below that. The allowance :data:`cspace.exact.ROUNDING` is more than fifty times as much, placing the corners included.
+smallest double is far below that. The allowance :data:`cspace.exact.ROUNDING` is more than fifty times as much, placing
+the corners included.
 
 The shortest way itself is lost to rounding where edges are all but parallel or faces all but without height. Distances
 below a ten-millionth of the edges' lengths may then count as none.
