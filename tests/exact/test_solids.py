@@ -460,7 +460,7 @@ def test_robots_that_turn_in_space(outside, turns):
     np.testing.assert_array_equal(free[decided], true[decided] > 0.0)
     assert 20 < free.sum() < 145
     proven, t = 0, np.linspace(0.0, 1.0, 500)
-    for first in q0[free]:
+    for first in q0[free][:30]:
         turn = rng.normal(0.0, 0.6, 3) * (0.0, 0.0, 1.0) if turns == "yaw" else rng.normal(0.0, 0.6, 3)
         step, after = rng.normal(0.0, 0.2, 3), Rotation.from_rotvec(turn) * rotation_of(first)
         last = [first[3] + turn[2]] if turns == "yaw" else after.as_quat() * rng.choice([-1.0, 1.0])
