@@ -209,34 +209,34 @@ def attempt(path: Path) -> str:
     return "opened"
 
 
-def attempts(seed: int, name: str, first: int, count: int, keep: Path | None = None) -> Counter[str]:
-    """Outcomes of mutants of one family; those that are neither opened nor refused are kept in a folder."""
+def attempts(
+    seed: int, every: dict[str, Path], name: str, first: int, count: int, keep: Path | None = None
+) -> Counter[str]:
+    """Outcomes of mutants of one of :func:`families`, which is left as it was; those that fail are kept in a folder."""
     outcomes: Counter[str] = Counter()
     signal.signal(signal.SIGALRM, _late)
-    with tempfile.TemporaryDirectory() as made:
-        every = families(Path(made))
-        path, write = every[name], _FORGERS.get(name, _write)
-        parts = _parts(path, forged=name in _FORGERS)
-        others = [other.read_bytes() for other in every.values() if other.is_file()]
-        for number in range(first, first + count):
-            rng = np.random.default_rng([seed, sum(name.encode()), number])
-            part = sorted(parts)[int(rng.integers(len(parts)))]
-            changed = mutant(parts[part], others[int(rng.integers(len(others)))], rng)
-            write(path, parts, part, changed)
-            began = time.monotonic()
-            signal.alarm(SECONDS)
-            outcome = attempt(path)
-            signal.alarm(0)
-            if time.monotonic() - began > SECONDS:
-                outcome = f"over {SECONDS} s, then {outcome}"
-            if name == "saved.zarr" and outcome == "opened" and changed != parts[part]:
-                outcome = "a changed store was opened"
-            if outcome not in ("opened", "refused"):
-                outcome = f"{name} {number}: {outcome}"
-                if keep is not None:
-                    (keep / f"{number}-{Path(part or name).name}").write_bytes(changed)
-            outcomes[outcome] += 1
-            write(path, parts, part, parts[part])
+    path, write = every[name], _FORGERS.get(name, _write)
+    parts = _parts(path, forged=name in _FORGERS)
+    others = [other.read_bytes() for other in every.values() if other.is_file()]
+    for number in range(first, first + count):
+        rng = np.random.default_rng([seed, sum(name.encode()), number])
+        part = sorted(parts)[int(rng.integers(len(parts)))]
+        changed = mutant(parts[part], others[int(rng.integers(len(others)))], rng)
+        write(path, parts, part, changed)
+        began = time.monotonic()
+        signal.alarm(SECONDS)
+        outcome = attempt(path)
+        signal.alarm(0)
+        if time.monotonic() - began > SECONDS:
+            outcome = f"over {SECONDS} s, then {outcome}"
+        if name == "saved.zarr" and outcome == "opened" and changed != parts[part]:
+            outcome = "a changed store was opened"
+        if outcome not in ("opened", "refused"):
+            outcome = f"{name} {number}: {outcome}"
+            if keep is not None:
+                (keep / f"{number}-{Path(part or name).name}").write_bytes(changed)
+        outcomes[outcome] += 1
+        write(path, parts, part, parts[part])
     return outcomes
 
 
@@ -309,25 +309,34 @@ def _child(queue: Any, *arguments: Any) -> None:
     queue.put(attempts(*arguments))
 
 
+def _outcomes(seed: int, every: dict[str, Path], name: str, wanted: int) -> Counter[str]:
+    """Of all mutants of one family, in processes of their own."""
+    outcomes: Counter[str] = Counter()
+    context = multiprocessing.get_context("fork")
+    for first in range(0, wanted, ROUND):
+        queue: Any = context.Queue()
+        child = context.Process(target=_child, args=(queue, seed, every, name, first, min(ROUND, wanted - first)))
+        child.start()
+        try:
+            outcomes += queue.get(timeout=ROUND * SECONDS)
+        except Exception:  # nothing came back, and the file is left as it was then
+            outcomes[f"{name}: a process died among mutants {first} to {first + ROUND}"] += 1
+            child.kill()
+            break
+        finally:
+            child.join()
+    return outcomes
+
+
 def check(report: Report, seed: int, wanted: int = MUTANTS) -> None:
     """Mutants of every family, in processes that are held to time and memory."""
     report.section(f"files: {wanted} mutants of each family, seed {seed}, {SECONDS} s and {BYTES / 2**30:g} GB each")
     with tempfile.TemporaryDirectory() as folder:
         names = list(families(Path(folder)))
     for name in names:
-        outcomes: Counter[str] = Counter()
         began = time.perf_counter()
-        for first in range(0, wanted, ROUND):
-            queue: Any = multiprocessing.get_context("fork").Queue()
-            arguments = (queue, seed, name, first, min(ROUND, wanted - first))
-            child = multiprocessing.get_context("fork").Process(target=_child, args=arguments)
-            child.start()
-            try:
-                outcomes += queue.get(timeout=ROUND * SECONDS)
-            except Exception:  # nothing came back
-                outcomes[f"{name}: a process died among mutants {first} to {first + ROUND}"] += 1
-                child.kill()
-            child.join()
+        with tempfile.TemporaryDirectory() as folder:
+            outcomes = _outcomes(seed, families(Path(folder)), name, wanted)
         bad = [outcome for outcome in outcomes if outcome not in ("opened", "refused")]
         opened, refused = outcomes["opened"], outcomes["refused"]
         report.note(f"{name}: {opened} opened, {refused} refused, {time.perf_counter() - began:.0f} s")

@@ -39,7 +39,7 @@ def test_every_family_opens_and_its_mutants_open_or_are_refused(families: dict[s
     outcomes: Counter[str] = Counter()
     for name, path in families.items():
         assert soak.attempt(path) == "opened", name
-        outcomes += soak.attempts(7, name, 0, 12)
+        outcomes += soak.attempts(7, families, name, 0, 12)
     assert set(outcomes) == {"opened", "refused"}
 
 
