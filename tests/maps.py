@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import shapely
 import trimesh
+from scipy.spatial.transform import Rotation
 
 import cspace
 from cspace.errors import FileError
@@ -25,7 +26,9 @@ def same(a: cspace.CSpace, b: cspace.CSpace) -> None:
     assert (a.grid, a.robot.spec, a.robot.name, a.rotations) == (b.grid, b.robot.spec, b.robot.name, b.rotations)
     assert (a.workspace.inner is a.workspace.outer) == (b.workspace.inner is b.workspace.outer)
     low, high = ([*np.add(corner, by), 9.0 * by][: a.dof] for corner, by in ((a.grid.lower, -1.0), (a.grid.upper, 1.0)))
-    q = np.random.default_rng(0).uniform(low, high, (64, a.dof))
+    q = np.random.default_rng(0).uniform(low, high, (64, len(low)))
+    if "qw" in a.axes:
+        q = np.hstack([q[:, :3], Rotation.random(64, rng=0).as_quat()])
     np.testing.assert_array_equal(a.classify(q), b.classify(q))
 
 
@@ -92,6 +95,14 @@ def solid_turning() -> cspace.CSpace:
     return cspace.build(workspace, cspace.Robot.box((0.4, 0.2, 0.1)), rotations=6)
 
 
+def solid_free() -> cspace.CSpace:
+    """A robot in space that turns about any axis, and shares slices."""
+    cells = np.zeros((7, 6, 5), dtype=bool)
+    cells[3, 3] = True
+    workspace = cspace.Workspace.from_array(cells, 0.1)
+    return cspace.build(workspace, cspace.Robot.box((0.2, 0.1, 0.1)), rotations=cspace.Rotations.quaternions(2))
+
+
 def field() -> cspace.CSpace:
     """A map that carries an overlap field, of a robot that turns."""
     pytest.importorskip("finufft")
@@ -105,5 +116,6 @@ def field() -> cspace.CSpace:
 
 
 SPACES: dict[str, Callable[[], cspace.CSpace]] = {
-    make.__name__.strip("_"): make for make in (plane, grid, turning, symmetric, round_, solid, solid_turning, field)
+    make.__name__.strip("_"): make
+    for make in (plane, grid, turning, symmetric, round_, solid, solid_turning, solid_free, field)
 }

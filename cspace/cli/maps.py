@@ -128,7 +128,7 @@ def picture(
     rotation: Annotated[
         str | None,
         typer.Option(
-            metavar="YAW[,...]",
+            metavar="TURN[,...]",
             help="Show the slice at this rotation, e.g. 90deg or 0,0,0,1, or a panel for each  [default: all of them].",
         ),
     ] = None,
@@ -190,7 +190,7 @@ def export(
     ],
     rotation: Annotated[
         str | None,
-        typer.Option(metavar="YAW", help="Only the slice at this rotation, e.g. 90deg or 0,0,0,1."),
+        typer.Option(metavar="TURN", help="Only the slice at this rotation, e.g. 90deg or 0,0,0,1."),
     ] = None,
     overwrite: Overwrite = False,
     as_json: Json = False,

@@ -53,6 +53,17 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert run(*space, "-o", folder / "space.zarr").exit_code == 0
     turning = ["map", folder / "rooms.npy", "--robot", "box:0.06x0.04x0.06", "--spacing", 0.1, "--rotations", 4]
     assert run(*turning, "-o", folder / "both.zarr").exit_code == 0
+    free = [
+        "map",
+        folder / "rooms.npy",
+        "--robot",
+        "box:0.06x0.04x0.06",
+        "--spacing",
+        0.1,
+        "--rotations",
+        "quaternions:2",
+    ]
+    assert run(*free, "-o", folder / "free.zarr").exit_code == 0
     flat = ["map", folder / "floor.npy", "--robot", "rect:0.1x0.05", "--spacing", 0.1]
     assert run(*flat, "-o", folder / "plane.zarr").exit_code == 0
     assert run(*flat, "--rotations", 8, "-o", folder / "turning.npz").exit_code == 0

@@ -29,6 +29,7 @@ ENDS = {
     "turning.npz": ("0.35,0.65,0", "2.15,0.95,90deg"),
     "space.zarr": ("0.35,0.65,0.45", "2.15,0.65,0.45"),
     "both.zarr": ("0.35,0.65,0.45,0", "2.15,0.65,0.45,90deg"),
+    "free.zarr": ("0.35,0.65,0.45,0,0,0,1", "2.15,0.65,0.45,0,0,0.6,0.8"),
 }
 SHUT = {
     "plane.zarr": "2.35,0.15",
@@ -255,8 +256,9 @@ def test_plan_and_plot(room: Path, file: str) -> None:
     ]
     np.testing.assert_allclose(path[[0, -1]], ends, atol=1e-12)
     np.testing.assert_allclose(np.loadtxt("path.csv", delimiter=",", skiprows=1), path)
-    axes = {"plane.zarr": "x,y", "turning.npz": "x,y,yaw", "space.zarr": "x,y,z", "both.zarr": "x,y,z,yaw"}[file]
-    assert Path("path.csv").read_text().splitlines()[0] == axes
+    axes = {"plane.zarr": "x,y", "turning.npz": "x,y,yaw", "space.zarr": "x,y,z", "both.zarr": "x,y,z,yaw"}
+    axes["free.zarr"] = "x,y,z,qx,qy,qz,qw"
+    assert Path("path.csv").read_text().splitlines()[0] == axes[file]
     assert json.loads(Path("path.json").read_text())["path"] == told["path"]
     assert list(told["seconds"]) == ["read", "plan", "write", "draw"]
     for path in ("path.csv", "path.json"):

@@ -221,19 +221,21 @@ def test_vtk_finds_what_was_written(data: st.DataObject) -> None:
 
 
 @pytest.mark.parametrize("make", SPACES.values(), ids=SPACES)
-def test_a_map_of_every_kind_in_vtk_is_the_slice_at_a_yaw(tmp_path: Path, make: Callable[[], cspace.CSpace]) -> None:
+def test_a_map_of_every_kind_in_vtk_is_the_slice_at_a_rotation(
+    tmp_path: Path, make: Callable[[], cspace.CSpace]
+) -> None:
     space = make()
-    yaw = None if not space.rotations.dof else 4.0
-    if yaw is not None:
+    turn = space.rotations.centers[-1]
+    if len(turn):
         with pytest.raises(
-            InputError, match=r"rotation is missing for .*map.vti; .* rotation cells; pass the one to write, by yaw"
+            InputError, match=r"rotation is missing for .*map.vti; .* cells; pass the one to write, by "
         ):
             space.export(tmp_path / "map.vti")
-    space.export(tmp_path / "map.vti", rotation=yaw)
+    space.export(tmp_path / "map.vti", rotation=turn if len(turn) else None)
     image, found = read(tmp_path / "map.vti")
     expected = space.to_xarray()
-    if yaw is not None:
-        expected = expected.isel(rotation=int(space.rotations.cell_of(yaw)))
+    if len(turn):
+        expected = expected.isel(rotation=-1)
     names = {name for name in expected if expected[name].dims == expected.state.dims}
     names -= {"inner"} if space.workspace.inner is space.workspace.outer else set()
     assert set(found) == names
@@ -243,7 +245,7 @@ def test_a_map_of_every_kind_in_vtk_is_the_slice_at_a_yaw(tmp_path: Path, make: 
     points = np.random.default_rng(3).uniform(space.grid.lower, space.grid.upper, (50, space.grid.dim))
     flat = np.pad(points, ((0, 0), (0, 3 - space.grid.dim)))
     cells = [image.ComputeCellId(np.floor((point - origin) / spacing).astype(int)) for point in flat]
-    q = points if yaw is None else np.hstack([points, np.full((50, 1), yaw)])
+    q = np.hstack([points, np.tile(turn, (50, 1))])
     np.testing.assert_array_equal(found["state"].ravel(order="F")[cells], space.classify(q))
 
 

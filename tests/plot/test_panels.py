@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cspace import CSpace, Robot, Workspace, build
+from cspace import CSpace, InputError, Robot, Rotations, Workspace, build
 from cspace.plot import plot
-from pictures import COLORS, class_of, labels, pixel, rendered
+from pictures import COLORS, class_of, heading, labels, pixel, rendered
 
 
 @pytest.fixture(scope="module")
@@ -76,3 +76,26 @@ def test_any_number_of_panels_of_any_shape(count: int, shape: tuple[int, int]) -
             assert 0 <= box.y0 < box.y1 <= figure.bbox.height
         assert not any(box.overlaps(panel) for box in outer for panel in panels)
         assert all(min(ax.get_window_extent().width, ax.get_window_extent().height) > 15 for ax in figure.axes)
+
+
+def test_panels_at_rotations_about_any_axis() -> None:
+    occupied = np.zeros((12, 9, 8), bool)
+    occupied[5, :5] = True
+    space = build(Workspace.from_array(occupied, 0.1), Robot.box((0.3, 0.1, 0.1)), rotations=Rotations.quaternions(2))
+    half = math.sqrt(0.5)
+    turns = [(0.0, 0.0, 0.0, 1.0), (half, 0.0, 0.0, half), (0.0, -half, 0.0, half)]
+    first = plot(
+        space, rotation=turns, at=(0.5, 0.5, 0.45), path=[(0.2, 0.2, 0.4, *turns[0]), (0.2, 0.7, 0.4, *turns[1])]
+    )
+    assert yaws_of(first) == ["not turned", "turned 90° about (1, 0, 0)", "turned 90° about (0, -1, 0)"]
+    image = rendered(first)
+    for ax, turn in zip(first.figure.axes, turns, strict=True):
+        for cell in np.argwhere(~occupied[:, :, 4])[::7]:
+            x, y = space.grid.center_of((*cell, 4))[:2]
+            name = class_of(space, {int(space.classify((x, y, 0.45, *turn)))}, False)
+            if abs(x - 0.2) > 0.1:
+                assert pixel(ax, image, x, y) == COLORS[name]
+    assert len(yaws_of(plot(space, view="panels"))) == 6
+    assert "turned 90° about (1, 0, 0), in a rotation cell of " in heading(plot(space, rotation=turns[1]))
+    with pytest.raises(InputError, match="told by qx, qy, qz, qw"):
+        plot(space, rotation=(0.0, 0.0, 1.0))
