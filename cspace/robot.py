@@ -313,7 +313,12 @@ class Robot:
 
     @cached_property
     def half_turns(self) -> tuple[int, ...]:
-        """The axes in space, 0 for x, about which a half turn maps the robot to itself, to the last bit."""
+        """The axes in space, 0 for x, about which a half turn maps the robot to itself, to the last bit.
+
+        None of a robot in the plane.
+        """
+        if self.dim == 2:
+            return ()
         ways = [np.diag(np.where(np.arange(3) == axis, 1.0, -1.0)) for axis in range(3)]
         return tuple(axis for axis, matrix in enumerate(ways) if self.shape.is_same(matrix))
 

@@ -134,8 +134,14 @@ def plot(
     ------
     InputError
         If the path or a configuration has the wrong shape or is not finite, ``robot_every`` is not above zero, a
-        rotation is given for a map without them, or an option for another kind of picture.
+        rotation is given for a map without them, an option for another kind of picture, or ``ax`` is no axes.
     """
+    from matplotlib.axes import Axes
+
+    given: object = ax
+    if given is not None and not isinstance(given, Axes):
+        rule, mend = "it must be axes of matplotlib", "pass e.g. figure.add_subplot()"
+        raise InputError("ax", f"is a {type(given).__name__}", rule, mend, value=given)
     look = Look(rotation, ax, at, surface, cut, camera, legend, title)
     kind = view_of(space.axes, view, {name: getattr(look, name) for name in look._fields[:6]})
     if rotation is not None and kind != "panels":

@@ -87,10 +87,14 @@ class OverlapField:
         Raises
         ------
         InputError
-            If the overlap has another dimension than the map, or memory is too small.
+            If the overlap is not one, has another dimension than the map, or memory is too small.
         MissingPackageError
             If finufft is not installed.
         """
+        given: object = overlap
+        if not isinstance(given, FourierOverlap):
+            rule, mend = "it must be a FourierOverlap", "make it with e.g. FourierOverlap.of_shapes"
+            raise InputError("overlap", f"is a {type(given).__name__}", rule, mend, value=given)
         grid, map_ = space.grid, space._map
         if overlap.dim != grid.dim:
             raise InputError("overlap", f"has {overlap.dim} coordinates, the map {grid.dim}", "both must have as many")

@@ -314,3 +314,9 @@ def test_bad_input_of_a_robot_that_turns(turning: CSpace, options: dict[str, Any
     with pytest.raises(InputError) as caught:
         plot(turning, **options)
     assert words in str(caught.value)
+
+
+@pytest.mark.parametrize("wrong", [3, "x", [1, 2]])
+def test_axes_of_another_type_are_refused(space: CSpace, wrong: Any) -> None:
+    with pytest.raises(InputError, match=r"ax is a .*axes of matplotlib"):
+        space.plot(ax=wrong)

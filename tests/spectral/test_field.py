@@ -160,6 +160,9 @@ def test_other_fields_and_values_are_refused(case: tuple[CSpace, FourierOverlap]
     flat = ([[0.0] * (5 - space.grid.dim)], 0.2)
     with pytest.raises(InputError, match="as many"):
         OverlapField.of(space, FourierOverlap(flat, flat, band=5.0))
+    for wrong in (None, 3, "x", [1, 2]):
+        with pytest.raises(InputError, match=r"overlap is a .*FourierOverlap"):
+            space.with_overlap_field(wrong)
 
 
 def test_without_overlap_the_objective_is_the_length() -> None:
