@@ -144,6 +144,8 @@ def looks_while_updated(seconds: float) -> Counter[str]:
     q = np.concatenate([np.insert(centers, 2, yaw, axis=-1) for yaw in yaws]).reshape(-1, 3)
     never, always = (_each(one, q) != FREE) & (_each(two, q) != FREE), (_each(one, q) == FREE) & (_each(two, q) == FREE)
     stop, space = threading.Event(), two
+    for cells in (nothing, block):  # what it takes is compiled once
+        space.update(cells, PLACE)
 
     def look() -> None:
         while not stop.is_set():
