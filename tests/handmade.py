@@ -11,7 +11,8 @@ from cspace.map.exterior import Exterior
 from cspace.rotations import Rotations
 from strategies import seeds
 
-KINDS = ("plane", "space", "turning", "turning in space")
+WITH_YAW = ("plane", "space", "turning", "turning in space")
+KINDS = (*WITH_YAW, "turning in space any way")
 MIXTURE = (FREE, FREE, MIXED, BLOCKED)
 
 
@@ -46,8 +47,7 @@ def map_of(state, rotations=None, outside="free", spacing=0.25, lower=None, rast
         rasters=rasters,
     )
     if not isinstance(outside, str):
-        table = np.array([[*outside.box, outside.state]] * len(made._map.slice_of), dtype=np.int64)
-        made._make_room()
+        table = np.array([[*outside.box, outside.state]] * len(made._seen), dtype=np.int64)
         made._exterior_kept.get(lambda: Exterior(table))
     return made
 
@@ -56,6 +56,9 @@ def made(states, kind, outside="free", spacing=0.25, rotations=None, lower=None)
     """A map of a kind of states, shape (rotations, ...)."""
     if "turning" not in kind:
         return map_of(states[0], None, outside, spacing, lower)
+    if "any way" in kind:
+        cells = Rotations.quaternions(1)
+        return map_of(np.resize(states, (cells.count, *states.shape[1:])), cells, outside, spacing, lower)
     return map_of(states, len(states) if rotations is None else rotations, outside, spacing, lower)
 
 
@@ -63,7 +66,7 @@ def random_states(rng, kind, most=5, mixture=MIXTURE):
     """States of small maps of a kind, shape (rotations, ...)."""
     most = most if kind == "plane" else max(2, most - 1)
     shape = rng.integers(1, most + 1, 3 if "space" in kind else 2)
-    turns = int(rng.integers(1, 6)) if "turning" in kind else 1
+    turns = (4 if "any way" in kind else int(rng.integers(1, 6))) if "turning" in kind else 1
     return rng.choice(np.array(mixture, dtype=np.uint8), (turns, *shape))
 
 
@@ -114,25 +117,36 @@ def all_cells(states):
 def middles(space, cells):
     """The middle configuration of cells ``(rotation, ...)``."""
     q = space.grid.center_of(cells[:, 1:])
-    return q if not space.rotations.dof else np.column_stack([q, space.rotations.representatives[cells[:, 0]]])
+    return q if not space.rotations.dof else np.column_stack([q, space.rotations.centers[cells[:, 0]]])
 
 
-def sides_of(cell, shape):
-    """The cells of an array that share a side with one; the first axis, of rotations, wraps."""
+def configurations(space, q):
+    """Numbers as configurations of a map: quaternions get the norm 1."""
+    if space.rotations.dof == 4:
+        q[..., 3:] /= np.linalg.norm(q[..., 3:], axis=-1, keepdims=True)
+    return q
+
+
+def sides_of(cell, shape, kind=""):
+    """The cells of an array that share a side with one; the first axis, of rotations, wraps, or all of it is near."""
+    if "any way" in kind:
+        yield from ((turn, *cell[1:]) for turn in range(shape[0]) if turn != cell[0])
     for axis, way in itertools.product(range(len(shape)), (-1, 1)):
         near = list(cell)
         near[axis] += way
+        if axis == 0 and "any way" in kind:
+            continue
         if axis == 0:
             near[0] %= shape[0]
         if 0 <= near[axis] < shape[axis]:
             yield tuple(near)
 
 
-def component_of(cells, start):
+def component_of(cells, start, kind=""):
     """Cells joined to ``start`` through sides, among the True ones."""
     seen, todo = {start}, [start] if cells[start] else []
     while todo:
-        for near in sides_of(todo.pop(), cells.shape):
+        for near in sides_of(todo.pop(), cells.shape, kind):
             if near not in seen and cells[near]:
                 seen.add(near)
                 todo.append(near)

@@ -18,9 +18,21 @@ def draw_configurations(space, rng, n, far=False):
         q[::97] = rng.choice([-1e300, -1e9, 1e9, 1e300], q[::97].shape)
     if not space.rotations.dof:
         return q
+    if space.rotations.dof == 4:
+        return np.column_stack([q, draw_quaternions(space.rotations, rng, n)])
     on_border = rng.choice(np.asarray(space.rotations.borders), n) + 2.0 * np.pi * rng.integers(-1, 2, n)
     near = on_border + rng.choice([0.0, 1e-12, -1e-12, 1e-6, -1e-6], n)
     return np.column_stack([q, np.where(rng.random(n) < 0.4, near, rng.uniform(-9.0, 9.0, n))])
+
+
+def draw_quaternions(rotations, rng, n):
+    """Unit quaternions anywhere, on borders, edges and corners of cells, and close to them; of either sign."""
+    borders = np.asarray(rotations.borders)
+    quotients = rng.choice(borders, (n, 3)) + rng.choice([0.0, 1e-15, -1e-15, 1e-12, -1e-12, 1e-6, -1e-6], (n, 3))
+    quotients = np.where(rng.random((n, 3)) < 0.5, quotients, np.tan(rng.uniform(-np.pi / 4, np.pi / 4, (n, 3))))
+    q = rng.permuted(np.column_stack([quotients, np.ones(n)]), axis=1)
+    q = np.where(rng.random((n, 1)) < 0.3, rng.normal(size=(n, 4)), q) * rng.choice([-1.0, 1.0], (n, 1))
+    return q / np.linalg.norm(q, axis=1, keepdims=True)
 
 
 def obstacles_of(space):

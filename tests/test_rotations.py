@@ -1,4 +1,4 @@
-"""Rotation cells: they cover the circle, and a yaw belongs to the cell between its borders."""
+"""Rotation cells: they cover all rotations, and each rotation belongs to the cell between its borders."""
 
 import math
 
@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 import cspace
 from cspace import InputError, Robot, Workspace
-from cspace.rotations import MAX_YAW, TURN, YAW_SLACK, Rotations
+from cspace.rotations import MAX_YAW, QUOTIENT_SLACK, TURN, YAW_SLACK, Rotations
+from placements import draw_quaternions
 from strategies import rotation_cells, seeds
 
 # ---- rotation cells --------------------------------------------------------------------------------------------------
@@ -92,3 +94,150 @@ def test_refuses_yaws_that_can_not_be_wrapped():
     for yaw in (MAX_YAW * 1.001, math.nan, -math.inf):
         with pytest.raises(InputError, match="yaw"):
             cells.cell_of(yaw)
+
+
+# ---- quaternions -----------------------------------------------------------------------------------------------------
+
+CUTS = [1, 2, 3, 4, 8]
+
+
+def by_definition(n, q):
+    """Cell of a quaternion, by angles; and how near to a border it is."""
+    largest = int(np.abs(q).argmax())
+    angles = [math.atan(q[k] / q[largest]) for k in range(4) if k != largest]
+    parts = [(angle + math.pi / 4) / (math.pi / 2 / n) for angle in angles]
+    i, j, k = (min(max(math.floor(part), 0), n - 1) for part in parts)
+    return ((largest * n + i) * n + j) * n + k, min(abs(part - round(part)) for part in parts)
+
+
+@pytest.mark.parametrize("n", CUTS)
+def test_quaternions_belong_to_the_cell_of_their_quotients(n):
+    cells, rng = Rotations.quaternions(n), np.random.default_rng(n)
+    assert cells.count == 4 * n**3 == len(cells.centers)
+    q = rng.normal(size=(3000, 4))
+    q /= np.linalg.norm(q, axis=1, keepdims=True)
+    expected, near = map(np.array, zip(*(by_definition(n, one) for one in q), strict=True))
+    assert (cells.cell_of(q) == expected)[near > 1e-9].all()
+    q = draw_quaternions(cells, rng, 3000)
+    np.testing.assert_array_equal(cells.cell_of(q), cells.cell_of(-q))
+    np.testing.assert_array_equal(cells.cell_of(cells.centers), np.arange(cells.count))
+
+
+def test_the_first_of_the_largest_components_counts():
+    cells = Rotations.quaternions(2)
+    for q, largest in (
+        ((1, 1, 0, 0), 0),
+        ((0, -1, 1, 0), 1),
+        ((0, 0, 1, -1), 2),
+        ((1, -1, 1, -1), 0),
+        ((0, 1, 0, 1), 1),
+    ):
+        assert int(cells.cell_of(np.array(q) / np.linalg.norm(q))) // 8 == largest
+
+
+@pytest.mark.parametrize("n", CUTS)
+def test_a_cell_lies_within_its_covering_angle_and_no_smaller_one(n):
+    """Angles by scipy, of corners, of points on borders and inside; and of cells as wide as walks count them."""
+    cells, rng = Rotations.quaternions(n), np.random.default_rng(n)
+    widest, borders = np.zeros(cells.count), np.asarray(cells.borders)
+    charts = np.indices((4, n, n, n)).reshape(4, -1)
+    middles = Rotation.from_quat(cells.centers)
+    for number in range(60):
+        place = (
+            np.array(np.unravel_index(number, (2, 2, 2))) if number < 8 else rng.choice([0, 0.5, 1], 3) * rng.random()
+        )
+        low, high = borders[charts[1:]] - QUOTIENT_SLACK, borders[charts[1:] + 1] + QUOTIENT_SLACK
+        quotients = low + np.broadcast_to(place, (cells.count, 3)).T * (high - low)
+        q = np.ones((cells.count, 4))
+        for axis in range(4):
+            of_chart = charts[0] == axis
+            q[np.ix_(of_chart, [k for k in range(4) if k != axis])] = quotients.T[of_chart]
+        angles = (middles.inv() * Rotation.from_quat(q)).magnitude()
+        assert (angles <= cells.covering_angles).all()
+        widest = np.maximum(widest, angles)
+    assert widest == pytest.approx(cells.covering_angles, abs=1e-7)
+
+
+def test_smaller_cells_have_smaller_angles():
+    degrees = [np.degrees(Rotations.quaternions(n).covering_angles.max()) for n in (1, 2, 4, 8, 16)]
+    assert degrees == pytest.approx([120.0, 70.53, 37.34, 19.25, 9.71], abs=0.01)
+
+
+def test_volumes_are_those_of_random_rotations_and_samples_are_uniform():
+    """Chi-squared; samples of large cells over small ones. Five standard deviations."""
+    cells, rng = Rotations.quaternions(3), np.random.default_rng(0)
+    drawn = Rotation.random(100_000, random_state=1).as_quat()
+    coarse = Rotations.quaternions(1).sample(np.repeat(np.arange(4), 25_000), 2.0**-20, rng)
+    assert cells.volumes.sum() == pytest.approx(1.0)
+    for q in (drawn, coarse):
+        expected = len(q) * cells.volumes
+        bins = np.bincount(cells.cell_of(q), minlength=cells.count)
+        assert (np.square(bins - expected) / expected).sum() < cells.count + 5.0 * math.sqrt(2.0 * cells.count)
+    chosen = rng.integers(0, cells.count, 5000)
+    np.testing.assert_array_equal(cells.cell_of(cells.sample(chosen, 2.0**-20, rng)), chosen)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_neighbors_are_the_cells_across_a_border(n):
+    """Small steps in random directions from anywhere: those that leave a cell cross one border, and all are met."""
+    cells, rng = Rotations.quaternions(n), np.random.default_rng(n)
+    q = Rotation.random(300_000, random_state=n).as_quat()
+    steps = q + 2e-2 * rng.normal(size=q.shape)
+    here, there = cells.cell_of(q), cells.cell_of(steps / np.linalg.norm(steps, axis=1, keepdims=True))
+    found, often = np.unique(np.stack([here, there])[:, here != there], axis=1, return_counts=True)
+    met = dict(zip(zip(*found.tolist(), strict=True), often.tolist(), strict=True))
+    near = {(cell, other) for cell, row in enumerate(cells.neighbors.tolist()) for other in row}
+    assert near <= set(met)
+    # A step through an edge or a corner is as rare as it is short.
+    assert sum(count for pair, count in met.items() if pair not in near) < 0.1 * sum(met.values())
+
+
+@pytest.mark.parametrize(
+    ("robot", "half_turns", "slices"),
+    [
+        (Robot.box((0.3, 0.2, 0.1)), (0, 1, 2), 4 * 3**3 // 4),
+        (Robot.box((0.3, 0.2, 0.1), (0.0, 0.1, 0.0)), (1,), 4 * 3**3 // 2),
+        (Robot.balls([(0.1, 0.0, 0.0), (0.0, 0.1, 0.0)], 0.1), (), 4 * 3**3),
+        (Robot.ball(0.1), (0, 1, 2), 1),
+    ],
+)
+def test_slices_are_shared_where_a_half_turn_of_the_robot_is_not_seen(robot, half_turns, slices):
+    cells, rng = Rotations.quaternions(3), np.random.default_rng(0)
+    slice_of = cells.slice_of(robot)
+    assert robot.half_turns == half_turns and len(np.unique(slice_of)) == slices
+    np.testing.assert_array_equal(np.unique(slice_of), np.arange(slices))
+    q = Rotation.random(500, random_state=2)
+    for axis in half_turns:
+        turned = q * Rotation.from_rotvec(math.pi * np.eye(3)[axis])
+        np.testing.assert_array_equal(slice_of[cells.cell_of(q.as_quat())], slice_of[cells.cell_of(turned.as_quat())])
+    assert [turn.covering_angle for turn in cells.turns(3)] == cells.covering_angles.tolist()
+    matrices = np.array([turn.matrix for turn in cells.turns(3)])
+    np.testing.assert_allclose(matrices, Rotation.from_quat(cells.centers).as_matrix(), atol=1e-14)
+    one = rng.normal(size=4)
+    one /= np.linalg.norm(one)
+    angles = (Rotation.from_quat(cells.centers).inv() * Rotation.from_quat(one)).magnitude()
+    assert cells.distances(np.array([0.0, 0.0, 0.0, *one])) == pytest.approx(angles)
+
+
+@pytest.mark.parametrize("n", [0, -1, 65, 2.0, True, "8", None])
+def test_refuses_what_is_no_number_of_cuts(n):
+    with pytest.raises(InputError, match="must be a whole number from 1 to 64"):
+        Rotations.quaternions(n)
+
+
+def test_refuses_what_is_no_rotation_in_space():
+    cells = Rotations.quaternions(2)
+    for wrong, words in (((0, 0, 0, 1.01), "norm of 1.01"), ((0, 0, 0, 0), "norm of 0"), ((0, 0, 1), "four numbers")):
+        with pytest.raises(InputError, match=words):
+            cells.cell_of(wrong)
+    assert cells.cell_of((0, 0, 0, 1.0 + 5e-7)) == cells.cell_of((0, 0, 0, -1))
+    flat = Workspace.from_array(np.zeros((3, 3), bool), 0.1)
+    with pytest.raises(InputError, match="in the plane turns by its yaw"):
+        cspace.build(flat, Robot.disc(0.1), rotations=cells)
+
+
+def test_what_would_fit_is_named(monkeypatch):
+    workspace = Workspace.from_array(np.zeros((50, 50, 50), bool), 0.1)
+    monkeypatch.setattr("cspace.memory.free_bytes", lambda: 200_000_000)
+    with pytest.raises(InputError, match=r"use Rotations.quaternions\(6\), or a spacing of at least 0.14 m"):
+        cspace.build(workspace, Robot.box((0.3, 0.2, 0.1)), rotations=Rotations.quaternions(8))

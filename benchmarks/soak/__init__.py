@@ -26,6 +26,8 @@ def run(report: Report, seed: int, checks: int | None = None) -> None:
         # Each turned robot is a shape of its own for the oracle, which is slow.
         yawing = partial(draw_solid_case, turning=True)
         maps.check(report, "robots that turn in space", yawing, seed, wanted // 10, edges // 10)
+        freely = partial(draw_solid_case, freely=True)
+        maps.check(report, "robots that turn freely in space", freely, seed, wanted // 10, edges // 10)
     else:
         report.note(f"robots in space skipped: {NO_FCL}")
     few = edges // 5 if report.quick else edges

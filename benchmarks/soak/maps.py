@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from benchmarks.report import Report
 from benchmarks.soak.tally import Case, Tally, not_free
@@ -89,7 +90,7 @@ def _check_states(tally: Tally, case: Case, rng: Rng) -> None:
     few = PER_STATE // 6
     reach = 1.5 * (case.reach + space.margin + space.grid.spacing)
     low, high = np.asarray(space.grid.lower) - reach, np.asarray(space.grid.upper) + reach
-    turns = rng.uniform(-9.0, 9.0, (few, space.dof - space.grid.dim))
+    turns = _rotations(space, few, rng)
     anywhere = np.concatenate([rng.uniform(low, high, (few, space.grid.dim)), turns], axis=1)
     q = np.concatenate([nearly_snapped(space, rng.permutation(q)[:few], rng), anywhere])
     tally.judge(case, q, np.asarray(space.classify(q)))
@@ -103,9 +104,10 @@ def _check_edges(tally: Tally, case: Case, rng: Rng) -> None:
     starts[snapped] = nearly_snapped(space, starts[snapped], rng, away=0.0)
     steps = rng.choice([0.0, 2.0, 10.0, 40.0], (CANDIDATES, 1)) * rng.normal(size=(CANDIDATES, dim))
     lattice = rng.integers(-9, 10, (CANDIDATES, 1)) * rng.integers(-1, 2, (CANDIDATES, dim))
-    turns = rng.choice([0.0, 0.05, 0.5, 2.0], (CANDIDATES, 1)) * rng.normal(size=(CANDIDATES, space.dof - dim))
-    turns = np.where(rng.random(turns.shape) < 0.05, np.pi, turns)
-    ends = starts + np.concatenate([space.grid.spacing * np.where(snapped[:, None], lattice, steps), turns], axis=1)
+    ends = starts.copy()
+    ends[:, :dim] += space.grid.spacing * np.where(snapped[:, None], lattice, steps)
+    turns = rng.choice([0.0, 0.05, 0.5, 2.0], CANDIDATES) * np.abs(rng.normal(size=CANDIDATES))
+    ends[:, dim:] = _turned(ends[:, dim:], np.where(rng.random(CANDIDATES) < 0.05, np.pi, turns), rng)
     free = np.flatnonzero(space.motion_is_free(starts, ends))
     # The map tells where to look: half of the edges are those that come closest.
     few = along(space, starts[free], ends[free], np.linspace(0.0, 1.0, 50), rng)
@@ -115,7 +117,8 @@ def _check_edges(tally: Tally, case: Case, rng: Rng) -> None:
         return
     q = along(space, starts[picked], ends[picked], np.linspace(0.0, 1.0, ALONG), rng)
     wrong, undecided = not_free_along(case, q)
-    wrong |= ~np.asarray(space.is_free(q))
+    if space.rotations.dof < 4:  # of an edge along the border of cells of quaternions, one side is enough
+        wrong |= ~np.asarray(space.is_free(q))
     tally.add(EDGE, case, q.reshape(-1, space.dof), wrong.ravel(), undecided.ravel())
 
 
@@ -129,8 +132,10 @@ def _check_boxes(tally: Tally, case: Case, rng: Rng) -> None:
     centers = centers[np.asarray(space.is_free_around(centers, distance, angle))][:20]
     shape = (len(centers), 12, space.dof)
     away = np.where(rng.random(shape) < 0.4, 1.0, rng.random(shape)) * rng.choice([-1.0, 1.0], shape)
-    sizes = np.append(np.full(dim, distance), np.full(space.dof - dim, angle))
-    q = (centers[:, None] + sizes * away).reshape(-1, space.dof)
+    q = np.repeat(centers[:, None], shape[1], axis=1)
+    q[..., :dim] += distance * away[..., :dim]
+    q = q.reshape(-1, space.dof)
+    q[:, dim:] = _turned(q[:, dim:], angle * np.abs(away[..., -1]).ravel(), rng)
     wrong, undecided = not_free(case, q)
     tally.add("box", case, q, wrong | ~np.asarray(space.is_free(q)), undecided)
 
@@ -145,10 +150,8 @@ def _check_clearance(tally: Tally, case: Case, rng: Rng) -> None:
     q = centers.copy()
     q[:, :dim] += way
     if space.rotations.dof:
-        borders = _borders(space)
-        turn = space.rotations.cell_of(centers[:, dim])
-        part = np.clip(_within(rng, turn.shape), 1e-6, 1.0 - 1e-6)
-        q[:, dim] = borders[turn] + part * (borders[turn + 1] - borders[turn])
+        turn = space.rotations.cells_of(centers)
+        q[:, dim:] = _in_rotation_cells(space, turn, np.clip(_within(rng, (len(turn), 3)), 1e-6, 1.0 - 1e-6))
     wrong, undecided = not_free(case, q)
     tally.add("clearance", case, q, wrong | ~np.asarray(space.is_free(q)), undecided)
 
@@ -156,7 +159,7 @@ def _check_clearance(tally: Tally, case: Case, rng: Rng) -> None:
 def _check_containment(tally: Tally, case: Case, rng: Rng) -> None:
     """Configurations at which the robot is called contained in the obstacles."""
     space, grid = case.space, case.space.grid
-    turns = rng.uniform(-9.0, 9.0, (2000, space.dof - grid.dim))
+    turns = _rotations(space, 2000, rng)
     q = np.concatenate([rng.uniform(grid.lower, grid.upper, (2000, grid.dim)), turns], axis=1)
     q = q[np.asarray(space.contains_robot(q))][:40]
     if len(q):
@@ -177,7 +180,8 @@ def not_free_along(case: Case, q: Floats) -> tuple[Bools, Bools]:
         near = open_.reshape(groups.shape[:3]).any(axis=2)
         members, middles = groups[near], groups[near][:, size // 2]
         apart = members - middles[:, None]
-        moved = np.linalg.norm(apart[..., :dim], axis=-1) + case.reach * np.abs(apart[..., dim:]).sum(axis=-1)
+        # A point moves by no more than twice its radius times the way of a quaternion.
+        moved = np.linalg.norm(apart[..., :dim], axis=-1) + 2.0 * case.reach * np.abs(apart[..., dim:]).sum(axis=-1)
         near[near] = case.meets(middles, moved.max(axis=1) + case.space.margin + 1e-6)
         open_ = np.repeat(near, size, axis=1)
     wrong[open_], undecided[open_] = not_free(case, q[open_])
@@ -194,16 +198,26 @@ def nearly_snapped(space: CSpace, q: Floats, rng: Rng, away: float = 1.0) -> Flo
     near += away * rng.choice([-1.0, 0.0, 1.0], near.shape) * 10.0 ** rng.uniform(-9.0, -3.0, near.shape)
     found = np.concatenate([grid.lower + grid.spacing * near, q[:, grid.dim :]], axis=1)
     if space.rotations.dof:
-        border = rng.choice(_borders(space), len(q))
-        border += away * rng.choice([-1.0, 0.0, 1.0], len(q)) * 10.0 ** rng.uniform(-12.0, -3.0, len(q))
-        found[:, grid.dim] = np.where(rng.random(len(q)) < 0.5, q[:, grid.dim], border)
+        borders = np.asarray(space.rotations.borders)
+        border = rng.choice(borders, (len(q), 3 if space.rotations.dof == 4 else 1))
+        border += away * rng.choice([-1.0, 0.0, 1.0], border.shape) * 10.0 ** rng.uniform(-12.0, -3.0, border.shape)
+        if space.rotations.dof == 4:  # some of the quotients are on a border
+            quotients = np.where(rng.random(border.shape) < 0.5, rng.uniform(-1.0, 1.0, border.shape), border)
+            border = _unit(rng.permuted(np.column_stack([quotients, np.ones(len(q))]), axis=1))
+        found[:, grid.dim :] = np.where(rng.random((len(q), 1)) < 0.5, q[:, grid.dim :], border)
     return found
 
 
 def along(space: CSpace, starts: Floats, ends: Floats, t: Floats, rng: Rng) -> Floats:
-    """Points of edges, shape (edges, points, dof): linear, yaw the shorter way round, either way at half a turn."""
+    """Points of edges, shape (edges, points, dof): linear, and turned the shorter way, either way at half a turn."""
     dim = space.grid.dim
     steps = ends - starts
+    if space.rotations.dof == 4:
+        q = starts[:, None] + t[:, None] * steps[:, None]
+        q[..., dim:] = _slerp(starts[:, dim:], ends[:, dim:], t, rng)
+        low, high = np.minimum(starts, ends)[:, None, :dim], np.maximum(starts, ends)[:, None, :dim]
+        q[..., :dim] = np.clip(q[..., :dim], low, high)
+        return q
     turns = (steps[:, dim:] + np.pi) % TURN - np.pi
     steps[:, dim:] = np.where(np.pi - np.abs(turns) < 1e-9, np.pi * rng.choice([-1.0, 1.0], turns.shape), turns)
     q = starts[:, None] + t[:, None] * steps[:, None]
@@ -219,9 +233,55 @@ def _in_cells(space: CSpace, cells: NDArray[np.integer], rng: Rng) -> Floats:
     points = grid.lower + grid.spacing * (cells[:, -dim:] + _within(rng, (len(cells), dim)))
     if not space.rotations.dof:
         return np.asarray(points)
-    borders, turn = _borders(space), cells[:, 0]
-    yaw = borders[turn] + _within(rng, turn.shape) * (borders[turn + 1] - borders[turn])
-    return np.column_stack([points, yaw + TURN * rng.integers(-2, 3, len(turn))])
+    turns = _in_rotation_cells(space, cells[:, 0], _within(rng, (len(cells), 3)))
+    if space.rotations.dof == 4:
+        return np.column_stack([points, turns * rng.choice([-1.0, 1.0], (len(turns), 1))])
+    return np.column_stack([points, turns + TURN * rng.integers(-2, 3, turns.shape)])
+
+
+def _in_rotation_cells(space: CSpace, cells: NDArray[np.integer], part: Floats) -> Floats:
+    """A rotation of each of some cells, at parts, shape (n, 3), of the way from border to border."""
+    borders = np.asarray(space.rotations.borders)
+    if space.rotations.dof == 1:
+        return np.asarray(borders[cells] + part[:, 0] * (borders[cells + 1] - borders[cells]))[:, None]
+    n = len(borders) - 1
+    chart, *parts = np.unravel_index(cells, (4, n, n, n))
+    first = np.stack(parts, axis=1)
+    quotients = borders[first] + part * (borders[first + 1] - borders[first])
+    made = np.ones((len(cells), 4))
+    made[np.arange(4) != chart[:, None]] = quotients.ravel()
+    return _unit(made)
+
+
+def _rotations(space: CSpace, number: int, rng: Rng) -> Floats:
+    """Rotations as configurations of a map tell them."""
+    if space.rotations.dof == 4:
+        return _unit(rng.normal(size=(number, 4)))
+    return rng.uniform(-9.0, 9.0, (number, space.rotations.dof))
+
+
+def _turned(turns: Floats, angles: Floats, rng: Rng) -> Floats:
+    """Rotations, each turned by an angle, about any axis that it may turn about."""
+    if turns.shape[1] < 4:
+        return turns + (angles * rng.choice([-1.0, 1.0], len(turns)))[:, None]
+    axes = rng.normal(size=(len(turns), 3))
+    axes *= (angles / np.linalg.norm(axes, axis=1))[:, None]
+    return np.asarray((Rotation.from_rotvec(axes) * Rotation.from_quat(turns)).as_quat())
+
+
+def _slerp(first: Floats, second: Floats, t: Floats, rng: Rng) -> Floats:
+    """Quaternions on the shorter arcs, shape (edges, points, 4)."""
+    dot = (first * second).sum(axis=1)
+    either = rng.choice([-1.0, 1.0], len(dot))
+    second = second * np.where(np.abs(dot) < 1e-9, either, np.copysign(1.0, dot))[:, None]
+    angle = 2.0 * np.arctan2(np.linalg.norm(second - first, axis=1), np.linalg.norm(second + first, axis=1))[:, None]
+    shares = np.stack([np.sin((1.0 - t) * angle), np.sin(t * angle)])
+    shares = np.where(angle < 1e-7, np.stack(np.broadcast_arrays(1.0 - t, t, angle)[:2]), shares)[..., None]
+    return _unit(shares[0] * first[:, None] + shares[1] * second[:, None])
+
+
+def _unit(q: Floats) -> Floats:
+    return np.asarray(q / np.linalg.norm(q, axis=-1, keepdims=True))
 
 
 def _within(rng: Rng, shape: tuple[int, ...]) -> Floats:
@@ -236,7 +296,3 @@ def _changes(state: NDArray[np.uint8], dim: int) -> Bools:
 
     size = (1,) * (state.ndim - dim) + (3,) * dim
     return np.asarray(ndimage.maximum_filter(state, size) != ndimage.minimum_filter(state, size))
-
-
-def _borders(space: CSpace) -> Floats:
-    return np.asarray(space.rotations.borders if space.rotations.dof else ())

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 import cspace
 from benchmarks.soak.plane_cases import Scale
-from benchmarks.soak.space_geometry import Blocks, Shape, about_z, merged_cells
+from benchmarks.soak.space_geometry import Blocks, Shape, matrix_of, merged_cells
 from benchmarks.soak.space_meshes import MESHES
 from benchmarks.soak.space_pairs import NO_FCL as NO_FCL
 from benchmarks.soak.space_pairs import Pair, Walls, pair
@@ -61,7 +61,9 @@ class SolidCase:
         # Each turned robot is a shape of its own.
         groups = [slice(None)] if q.shape[1] == 3 else [slice(k, k + 1) for k in range(len(q))]
         for group in groups:
-            pairs = self._pairs_of_robot if q.shape[1] == 3 else self._pairs(self.robot.turned(float(q[group, 3][0])))
+            pairs = (
+                self._pairs_of_robot if q.shape[1] == 3 else self._pairs(self.robot.turned(matrix_of(q[group][0, 3:])))
+            )
             for each in pairs:
                 found[group] |= each.within(places[group], distances[group])
         return found
@@ -71,7 +73,7 @@ class SolidCase:
         points = self.robot.samples(40, rng)
         away = rng.normal(size=points.shape)
         points += self.space.margin * away / np.linalg.norm(away, axis=1, keepdims=True)
-        turns = [about_z(yaw) for yaw in (q[:, 3] if q.shape[1] == 4 else np.zeros(len(q)))]
+        turns = [matrix_of(rotation) for rotation in q[:, 3:]]
         placed = [place + points @ turn.T for place, turn in zip(q[:, :3], turns, strict=True)]
         held = self._holds(np.concatenate(placed)).reshape(len(q), -1)
         return np.asarray(held.all(axis=1))
@@ -102,9 +104,12 @@ class SolidCase:
         return found
 
 
-def draw_solid_case(seed: int, number: int, turning: bool = False) -> SolidCase:
-    """The same case for the same seed and number, of a robot that yaws or not; all kinds of robots take turns."""
-    rng = np.random.default_rng([seed, number, 9] if turning else [seed, number, 7])
+def draw_solid_case(seed: int, number: int, turning: bool = False, freely: bool = False) -> SolidCase:
+    """The same case for the same seed and number, of a robot that yaws, or turns freely, or not.
+
+    All kinds of robots take turns.
+    """
+    rng = np.random.default_rng([seed, number, 9 if turning else 11 if freely else 7])
     spacing = float(rng.choice([1.0, 0.05, 0.1, 1 / 3, rng.uniform(0.02, 2.0)]))
     kind = list(ROBOTS)[number % len(ROBOTS)]
     size = float(rng.uniform(*SIZES[rng.integers(len(SIZES))]))
@@ -116,14 +121,16 @@ def draw_solid_case(seed: int, number: int, turning: bool = False) -> SolidCase:
     workspace_kind = str(rng.choice(list(WORKSPACES)))
     workspace, obstacles = WORKSPACES[workspace_kind](rng, scale, outside == "blocked")
     margin = float(rng.choice([0.0, 0.5 * spacing, spacing, rng.uniform(0.0, 2.0) * spacing], p=[0.55, 0.1, 0.1, 0.25]))
-    rotations = int(rng.choice([1, 2, 5, 8, 16, 36])) if turning else None
+    rotations: int | cspace.Rotations | None = int(rng.choice([1, 2, 5, 8, 16, 36])) if turning else None
+    if freely:
+        rotations = cspace.Rotations.quaternions(int(rng.choice([1, 2, 3])))
     space = cspace.build(workspace, robot, rotations=rotations, outside=outside, margin=margin)
     name = (
         f"{workspace_kind} {workspace.grid.shape} at {spacing:g} m from {workspace.grid.lower}, {kind} of {size:.3g} "
         f"cells{f', {nudge:.1e} cells off the lattice' if snap else ''}, outside={outside}, margin={margin:.3g}"
-        f"{f', {rotations} rotations' if turning else ''}"
+        f"{f', {space.rotations}' if turning or freely else ''}"
     )
-    made_by = f"draw_solid_case({seed}, {number}{', turning=True' if turning else ''})"
+    made_by = f"draw_solid_case({seed}, {number}{', turning=True' if turning else ', freely=True' if freely else ''})"
     return SolidCase(name, made_by, (workspace_kind, kind), space, body, obstacles)
 
 

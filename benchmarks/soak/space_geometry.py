@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
@@ -25,10 +26,10 @@ SIDES = np.array([*_FRONT, *_BACK])
 """Triangles of a box, facing outward, as numbers ``4 x + 2 y + z`` of its corners."""
 
 
-def about_z(yaw: float) -> Floats:
-    """The matrix of a turn about the z axis."""
-    cosine, sine = np.cos(yaw), np.sin(yaw)
-    return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+def matrix_of(rotation: Floats) -> Floats:
+    """The matrix of a rotation as configurations tell it: by no number, a yaw, or a quaternion."""
+    made = Rotation.from_quat(rotation) if len(rotation) == 4 else Rotation.from_rotvec([0.0, 0.0, rotation.sum()])
+    return np.asarray(made.as_matrix())
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,12 +64,11 @@ class Blocks:
     def moved(self, by: Floats) -> Blocks:
         return Blocks(self.low + by, self.high + by, self.radius)
 
-    def turned(self, yaw: float) -> Blocks | Skin:
-        """The shape turned about the z axis; boxes become triangles."""
+    def turned(self, matrix: Floats) -> Blocks | Skin:
+        """The shape turned about the origin; boxes become triangles."""
         if (self.low == self.high).all():
-            centers = self.low @ about_z(yaw).T
-            return Blocks.balls(centers, self.radius)
-        return self.skin().turned(yaw)
+            return Blocks.balls(self.low @ matrix.T, self.radius)
+        return self.skin().turned(matrix)
 
     def samples(self, number: int, rng: np.random.Generator) -> Floats:
         """Points of the shape, many of them on its border, shape (number, 3)."""
@@ -115,9 +115,9 @@ class Skin:
     def moved(self, by: Floats) -> Skin:
         return Skin(self.triangles + by, self.body)
 
-    def turned(self, yaw: float) -> Skin:
-        """The shape turned about the z axis."""
-        return Skin(self.triangles @ about_z(yaw).T, self.body)
+    def turned(self, matrix: Floats) -> Skin:
+        """The shape turned about the origin."""
+        return Skin(self.triangles @ matrix.T, self.body)
 
     def samples(self, number: int, rng: np.random.Generator) -> Floats:
         """Points of the triangles, shape (number, 3); enclosed ones need no looking at."""

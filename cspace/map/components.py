@@ -652,7 +652,10 @@ class Components:
         )
         words = np.empty((1, KINDS, int(of_block[0] * of_block[1])), dtype=np.uint64)
         self._room = Runs.room(self._blocks), words
-        self._linked_from = [[s for s, row in enumerate(links) if other in row] for other in range(len(states))]
+        self._linked_from: list[list[int]] = [[] for _ in links]
+        for s, row in enumerate(links):
+            for other in row:
+                self._linked_from[other].append(s)
         self._rim_is_open = np.asarray(rim_is_open, dtype=np.bool_)
         self._stale = np.ones((len(states), *shape), dtype=np.bool_)
         self._counts = np.zeros((self._stale.size, KINDS), dtype=np.int32)

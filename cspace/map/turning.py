@@ -499,6 +499,8 @@ def next_part(borders: Floats, walk: Walk) -> tuple[int, float, float, Walk]:
     if more:
         done += (1.0 - done) * share
         stop = min(max(0.5 + 0.5 * math.atan((2.0 * done - 1.0) * tangent) / angle, start), 1.0)
+    if not tangent < 2.0:  # nor is NaN, with which the position then fails
+        start = stop = math.nan
     cell = cell_of_parts(borders, chart, i, j, k)
     rest = (a, b, done, stop, tangent, angle, other, equal, more)
     return (cell, 0.0, 1.0, rest) if equal else (cell, start, stop, rest)

@@ -34,7 +34,8 @@ def test_quick_checkers_agree_with_look_ups_everywhere(seed, kind, outside):
 def test_quick_edges_never_pass_nan(kind):
     states = np.zeros((4 if "turning" in kind else 1, *(4,) * (3 if "space" in kind else 2)))
     check = handmade.made(states, kind).edge_checker()
-    ends = [0.3] * (2 * handmade.made(states, kind).dof)
+    space = handmade.made(states, kind)
+    ends = handmade.configurations(space, np.full((2, space.dof), 0.3)).ravel().tolist()
     assert check(*ends)
     for hole in range(len(ends)):
         assert not check(*ends[:hole], float("nan"), *ends[hole + 1 :])

@@ -14,14 +14,14 @@ from cspace.map.chain import open_chain
 from strategies import seeds
 
 
-def fewest_mixed(states, closed, start, goal):
+def fewest_mixed(states, closed, start, goal, kind):
     """Fewest MIXED cells of a chain, after its start; None where there is no chain (Dijkstra)."""
     best, todo = {start: 0}, [(0, start)]
     while todo:
         cost, here = heapq.heappop(todo)
         if here == goal:
             return cost
-        for near in handmade.sides_of(here, states.shape):
+        for near in handmade.sides_of(here, states.shape, kind):
             if states[near] == BLOCKED or closed[near]:
                 continue
             total = cost + int(states[near] == MIXED)
@@ -44,14 +44,14 @@ def test_chains_have_the_fewest_mixed_cells(seed, kind, shuts):
     ends = passable[rng.integers(len(passable), size=2)]
     start, goal = map(tuple, ends.tolist())
     found = open_chain(space, *handmade.middles(space, ends), closed if shuts else None)
-    expected = fewest_mixed(states, closed, start, goal)
+    expected = fewest_mixed(states, closed, start, goal, kind)
     if expected is None:
         assert found.shape == (0, states.ndim)
         return
     cells = list(map(tuple, found.tolist()))
     assert cells[0] == start and cells[-1] == goal and len(set(cells)) == len(cells)
     for here, near in pairwise(cells):
-        assert near in set(handmade.sides_of(here, states.shape))
+        assert near in set(handmade.sides_of(here, states.shape, kind))
         assert states[near] != BLOCKED and not closed[near]
     assert sum(int(states[cell] == MIXED) for cell in cells[1:]) == expected
 
@@ -78,7 +78,8 @@ def test_chains_begin_and_end_where_the_map_is_not_blocked(kind):
     for closed in (np.zeros((9, *states.shape), bool), np.zeros(states.shape, int), [[True]]):
         with pytest.raises(InputError, match="closed is a"):
             open_chain(space, free, free, closed)
-    for q in (np.full(space.dof, 99.0), np.zeros((2, space.dof))):
+    for q in (np.full(space.dof, 99.0), np.ones((2, space.dof))):
+        handmade.configurations(space, q)[..., : space.grid.dim] = 99.0
         for name, ends in (("q0", (q, free)), ("q1", (free, q))):
             with pytest.raises(InputError, match=rf"(?s){name} .*one configuration in the grid"):
                 open_chain(space, *ends)

@@ -128,7 +128,7 @@ def test_steps_within_the_clearance_stay_free(kind):
     ) * MIXED
     space = handmade.made(states, kind)
     dim = space.grid.dim
-    q = rng.uniform(-1.0, 12.0, (10_000, space.dof))
+    q = handmade.configurations(space, rng.uniform(-1.0, 12.0, (10_000, space.dof)))
     course = rng.normal(size=(len(q), dim))
     steps = 0.999999 * np.minimum(space.clearance(q), 50.0)
     moved = q.copy()
@@ -140,7 +140,7 @@ def test_steps_within_the_clearance_stay_free(kind):
 @pytest.mark.parametrize("kind", handmade.KINDS)
 def test_an_empty_map_has_no_bound(kind):
     space = handmade.made(np.zeros((2 if "turning" in kind else 1, *(3,) * (3 if "space" in kind else 2))), kind)
-    q = np.full((2, space.dof), 0.1)
+    q = handmade.configurations(space, np.full((2, space.dof), 0.1))
     q[1, 0] = 50.0
     assert space.clearance(q).tolist() == [math.inf, math.inf]
 

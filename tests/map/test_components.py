@@ -178,8 +178,8 @@ def test_paths_against_a_flood_fill(seed, kind, outside):
     rim = space.classify(away) != BLOCKED
     framed = np.pad(states != BLOCKED, [(0, 0)] + [(1, 1)] * space.grid.dim, constant_values=rim)
     for a, start in enumerate(map(tuple, cells.tolist())):
-        free = handmade.component_of(states == FREE, start)
-        passable = handmade.component_of(framed, (start[0], *(n + 1 for n in start[1:])))
+        free = handmade.component_of(states == FREE, start, kind)
+        passable = handmade.component_of(framed, (start[0], *(n + 1 for n in start[1:])), kind)
         for b, (turn, *place) in enumerate(cells.tolist()):
             expected = (
                 True if (turn, *place) in free else None if (turn, *(n + 1 for n in place)) in passable else False
@@ -194,7 +194,7 @@ def test_the_reach_of_a_configuration(seed, kind):
     states = handmade.random_states(np.random.default_rng(seed), kind)
     space = handmade.made(states, kind, spacing=1.0)
     for cell in np.argwhere(states == FREE)[:8]:
-        joined = np.array(sorted(handmade.component_of(states == FREE, tuple(cell.tolist()))))[:, 1:]
+        joined = np.array(sorted(handmade.component_of(states == FREE, tuple(cell.tolist()), kind)))[:, 1:]
         lower, upper = space.free_reach(handmade.middles(space, cell[None])[0])
         assert lower.tolist() == joined.min(axis=0).tolist()
         assert upper.tolist() == (joined.max(axis=0) + 1).tolist()

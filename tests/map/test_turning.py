@@ -1,0 +1,278 @@
+"""Rotations about any axis: look-ups, edges and boxes of SE(3) against their definitions, and against geometry."""
+
+import itertools
+import math
+
+import numpy as np
+import ompl.base as ob
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+import cspace
+from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Rotations, Workspace
+from handmade import Outside, map_of
+from placements import draw_configurations, draw_quaternions
+from strategies import seeds
+
+H = 0.25
+ALL_FREE = Outside.all_of(FREE)
+NAMES = ("classify", "is_free", "clearance", "overlap", "contains_robot")
+
+
+def random_map(rng, n, free=0.8, shape=(2, 1, 2)):
+    """A map whose states are drawn anew for each cell."""
+    cells = Rotations.quaternions(n)
+    states = np.where(rng.random((cells.count, *shape)) < free, FREE, MIXED).astype(np.uint8)
+    return map_of(states, cells, ALL_FREE, 1.0), states
+
+
+# ---- look-ups --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 7])
+def test_compiled_look_ups_take_the_cells_of_the_definition(n):
+    """To the last bit, next to borders, too; either sign, and any norm that is let pass."""
+    rng, cells = np.random.default_rng(n), Rotations.quaternions(n)
+    space = map_of(rng.choice(np.array([0, 1, 2], dtype=np.uint8), (cells.count, 1, 1, 1)), cells, ALL_FREE, 1.0)
+    q = np.column_stack([rng.random((4000, 3)), draw_quaternions(cells, rng, 4000)])
+    expected = space._map.states[cells.cell_of(q[:, 3:]), 0, 0, 0]
+    np.testing.assert_array_equal(space.classify(q), expected)
+    np.testing.assert_array_equal(space.classify(q * ([1] * 3 + [-1] * 4)), expected)
+    check = space.point_checker()
+    assert [check(*one) for one in q[:300].tolist()] == (expected[:300] == FREE).tolist()
+    longer = q.copy()
+    longer[:, 3:] *= 2.0**-21 + 1.0
+    np.testing.assert_array_equal(space.classify(longer), space._map.states[cells.cell_of(longer[:, 3:]), 0, 0, 0])
+
+
+@pytest.mark.parametrize("name", [*NAMES, "nearest_free"])
+@pytest.mark.parametrize("wrong", [(0, 0, 0, 1.00001), (0, 0, 0, 0), (0, 0, 0, math.nan), (math.inf, 0, 0, 0)])
+def test_numbers_that_are_no_rotation_are_refused(name, wrong):
+    space, _ = random_map(np.random.default_rng(0), 1)
+    with pytest.raises(InputError, match="norm"):
+        getattr(space, name)([0.5, 0.5, 0.5, *wrong])
+    if name != "nearest_free":
+        q = np.tile([0.5, 0.5, 0.5, 0, 0, 0, 1], (600, 1))
+        q[513, 3:] = wrong
+        with pytest.raises(InputError, match="number 513"):
+            getattr(space, name)(q)
+        with pytest.raises(InputError, match="edge number 513"):
+            space.motion_is_free(q, q[:1])
+
+
+# ---- edges -----------------------------------------------------------------------------------------------------------
+
+
+def along(q0, q1, number):
+    """Points of an edge as OMPL interpolates, shape (number, 7); either arc at half a turn, as the signs say."""
+    space = ob.SO3StateSpace()
+    first, second, state = (space.allocState() for _ in range(3))
+    for one, q in ((first, q0), (second, q1)):
+        one.x, one.y, one.z, one.w = (float(value) for value in q[3:])
+    found = []
+    for t in np.linspace(0.0, 1.0, number).tolist():
+        space.interpolate(first, second, t, state)
+        found.append([*(q0[:3] + t * (q1[:3] - q0[:3])), state.x, state.y, state.z, state.w])
+    return np.array(found)
+
+
+def firm(cells, q):
+    """Those of some configurations that are not so near to a border of rotation cells that either side may count."""
+    around = q[:, None, 3:] + 1e-8 * np.array(list(itertools.product((-1, 1), repeat=4)))
+    around /= np.linalg.norm(around, axis=2, keepdims=True)
+    return q[(cells.cell_of(around) == cells.cell_of(q[:, 3:])[:, None]).all(axis=1)]
+
+
+@st.composite
+def ends(draw):
+    """Ends of edges, shape (n, 7): far turns and small ones, from borders, to the other side, to the same rotation."""
+    rng, n = np.random.default_rng(draw(seeds)), 40
+    cells = Rotations.quaternions(draw(st.sampled_from([1, 2, 3])))
+    q0, q1 = (
+        np.column_stack([rng.uniform(0.1, 0.9, (n, 3)) * (2, 1, 2), draw_quaternions(cells, rng, n)]) for _ in "ab"
+    )
+    kind = draw(st.sampled_from(["any", "small", "none", "half", "antipode"]))
+    a = Rotation.from_quat(q0[:, 3:])
+    if kind == "small":
+        q1[:, 3:] = (a * Rotation.from_rotvec(rng.normal(size=(n, 3)) * 10.0 ** rng.uniform(-7, 0, (n, 1)))).as_quat()
+    if kind in ("none", "antipode"):
+        q1[:, 3:] = q0[:, 3:] * (1 if kind == "none" else -1)
+    if kind == "half":  # about axes of the lattice, exactly
+        x, y, z, w = q0[:, 3:].T
+        q1[:, 3:] = np.stack([w, z, -y, -x], axis=1)
+    return cells.n, q0, q1
+
+
+@settings(max_examples=20)
+@given(ends(), seeds)
+def test_edges_are_free_where_all_of_their_points_are(drawn, seed):
+    """Free: all of 300 points are FREE, but next to borders. Not free: some point, or one a hair beside, is not."""
+    n, q0, q1 = drawn
+    rng = np.random.default_rng(seed)
+    space, _ = random_map(rng, n)
+    found = space.motion_is_free(q0, q1)
+    check = space.edge_checker()
+    assert [check(*a, *b) for a, b in zip(q0.tolist(), q1.tolist(), strict=True)] == found.tolist()
+    other = q1 * ([1] * 3 + [-1] * 4)
+    np.testing.assert_array_equal(space.motion_is_free(q0, other), found)
+    for a, b, free in zip(q0, q1, found.tolist(), strict=True):
+        half = abs(a[3:] @ b[3:]) < 1e-9
+        tilts = [away * np.append([0.0, 0.0, 0.0], a[3:]) for away in ((-1e-10, 1e-10) if half else (0.0,))]
+        q = np.concatenate([along(a, b + tilt, 300) for tilt in tilts])
+        if free:
+            assert space.is_free(firm(space.rotations, q)).all()
+        elif abs(a[3:] @ b[3:]) < 1.0 - 1e-8:  # else OMPL may take one rotation all along
+            near = np.repeat(q, 30, axis=0) + rng.normal(size=(30 * len(q), 7)) * 5e-3
+            near[:, 3:] /= np.linalg.norm(near[:, 3:], axis=1, keepdims=True)
+            assert not (space.is_free(q).all() and space.is_free(near).all())
+
+
+@pytest.mark.parametrize("n", [1, 2, 5])
+def test_an_edge_passes_every_cell_on_its_way(n):
+    """A cell that is shut on the way is met, however short the way through it is."""
+    rng, cells = np.random.default_rng(n), Rotations.quaternions(n)
+    states = np.zeros((cells.count, 1, 1, 1), dtype=np.uint8)
+    for _ in range(15):
+        a, b = draw_quaternions(cells, rng, 2)
+        q0, q1 = np.array([0.5, 0.5, 0.5, *a]), np.array([0.5, 0.5, 0.5, *b])
+        passed = np.unique(cells.cell_of(firm(cells, along(q0, q1, 2000))[:, 3:]))
+        for cell in passed[:: max(1, len(passed) // 4)]:
+            states[...] = FREE
+            states[cell] = MIXED
+            assert not map_of(states, cells, ALL_FREE, 1.0).motion_is_free(q0, q1)
+        states[...] = MIXED
+        states[passed] = FREE
+        free = map_of(states, cells, ALL_FREE, 1.0).motion_is_free(q0, q1)
+        if len(passed) == 1 and np.abs(cells.centers[passed] @ b).max() > 0.999:
+            assert free
+
+
+def test_positions_go_with_the_rotation():
+    """A cell is passed at one rotation and not at another: the time of each border counts."""
+    cells = Rotations.quaternions(4)
+    half = math.pi / 4 / 4  # from the middle of a cell through its border at a quarter of the way
+    ends = [
+        np.array([x, 0.5, 0.5, *Rotation.from_euler("z", yaw).as_quat()]) for x, yaw in ((0.0, 0.0), (8.0, 4 * half))
+    ]
+    for cell in range(8):
+        states = np.zeros((cells.count, 8, 1, 1), dtype=np.uint8)
+        first = cells.cell_of(Rotation.from_euler("z", 0.5 * half).as_quat())
+        states[first, cell] = MIXED
+        there = along(*ends, 4001)
+        expected = ((cells.cell_of(there[:, 3:]) == first) & (np.floor(there[:, 0]) == cell)).any()
+        assert map_of(states, cells, ALL_FREE, 1.0).motion_is_free(*ends) != expected
+
+
+# ---- boxes -----------------------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=20)
+@given(seeds, st.sampled_from([1, 2, 4, 6]), st.sampled_from([0.0, 1e-3, 0.1, 0.7, 2.0, 4.0]))
+def test_all_rotations_around_a_free_box_are_free(seed, n, angle):
+    rng = np.random.default_rng(seed)
+    space, _ = random_map(rng, n, 0.995 if n > 2 else 0.8)
+    q = np.column_stack([rng.uniform(0.1, 0.9, (40, 3)) * (2, 1, 2), draw_quaternions(space.rotations, rng, 40)])
+    free = q[space.is_free_around(q, 0.0, angle)]
+    assert space.is_free(free).all()
+    axes = rng.normal(size=(len(free), 200, 3))
+    axes *= (
+        angle * rng.choice([1.0, 0.999, 0.5], axes.shape[:2])[..., None] / np.linalg.norm(axes, axis=2, keepdims=True)
+    )
+    near = np.repeat(free, 200, axis=0)
+    near[:, 3:] = (Rotation.from_rotvec(axes.reshape(-1, 3)) * Rotation.from_quat(near[:, 3:])).as_quat()
+    assert space.is_free(near).all()
+
+
+def test_boxes_look_no_farther_than_they_must():
+    """One cell is shut; whether a box is free tells it apart from cells twice as far."""
+    cells = Rotations.quaternions(8)
+    states = np.zeros((cells.count, 1, 1, 1), dtype=np.uint8)
+    states[100] = MIXED
+    q = np.column_stack([np.full((cells.count, 3), 0.5), cells.centers])
+    free = map_of(states, cells, ALL_FREE, 1.0).is_free_around(q, 0.0, 0.05)
+    away = cells.distances(q[100])
+    assert free[away > 2.0 * cells.covering_angles.max() + 0.2].all() and not free[100]
+
+
+# ---- geometry --------------------------------------------------------------------------------------------------------
+
+
+def depths(extents, middle, q, lows):
+    """How deep a box at configurations reaches into the nearest of some cubes; below zero apart: (n,).
+
+    Two boxes are apart where one of 15 axes parts them (Gottschalk and others, 1996).
+    """
+    turns = Rotation.from_quat(q[:, 3:]).as_matrix()
+    centers = q[:, :3] + turns @ middle
+    found = np.full(len(q), -np.inf)
+    axes = [np.broadcast_to(np.eye(3)[:, :, None], (3, 3, len(q))).transpose(2, 0, 1), turns.transpose(0, 2, 1)]
+    axes.append(np.cross(axes[0][:, :, None], axes[1][:, None]).reshape(len(q), 9, 3))
+    axes = np.concatenate(axes, axis=1)
+    length = np.linalg.norm(axes, axis=2, keepdims=True)
+    axes = np.where(length > 1e-6, axes / np.maximum(length, 1e-6), axes[:, :1])
+    own = (np.abs(axes @ turns) * np.asarray(extents) / 2).sum(axis=2)
+    for low in lows:
+        apart = np.abs(np.einsum("nad,nd->na", axes, centers - (low + H / 2)))
+        found = np.maximum(found, (own + H / 2 * np.abs(axes).sum(axis=2) - apart).min(axis=1))
+    return found
+
+
+@settings(max_examples=12)
+@given(seeds, st.sampled_from([1, 2, 3]), st.booleans(), st.sampled_from(["blocked", "free"]))
+def test_no_false_answer_of_boxes_that_turn_any_way(seed, n, as_mesh, outside):
+    """Configurations anywhere, on borders of cells of both kinds and close to them, against exact boxes."""
+    rng = np.random.default_rng(seed)
+    occupied = np.zeros((7, 6, 5), dtype=bool)
+    occupied[tuple(rng.integers(0, occupied.shape, (int(rng.integers(1, 4)), 3)).T)] = True
+    occupied[2:5, 2:5, 1:4] |= rng.random() < 0.3
+    extents, middle = rng.uniform(0.05, 0.6, 3), rng.uniform(-0.2, 0.2, 3) * rng.integers(0, 2)
+    box = trimesh.creation.box(extents, trimesh.transformations.translation_matrix(middle))
+    robot = Robot.mesh(box) if as_mesh else Robot.box(extents, middle)
+    space = cspace.build(Workspace.from_array(occupied, H), robot, rotations=Rotations.quaternions(n), outside=outside)
+    q = draw_configurations(space, rng, 600)
+    states, depth = space.classify(q), depths(extents, middle, q, H * np.argwhere(occupied))
+    corners = middle + extents / 2 * np.array(list(itertools.product((-1, 1), repeat=3)))
+    placed = q[:, None, :3] + np.einsum("nij,kj->nki", Rotation.from_quat(q[:, 3:]).as_matrix(), corners)
+    if outside == "blocked":
+        depth = np.maximum(depth, np.maximum(-placed, placed - space.grid.upper).max(axis=(1, 2)))
+    assert (depth[states == FREE] <= 1e-9).all()
+    assert (depth[states == BLOCKED] >= -1e-9).all()
+
+
+def test_a_map_of_all_rotations_answers_as_maps_of_yaw_do():
+    """Where both decide, they agree; and an update gives what a build would, file and all."""
+    rng = np.random.default_rng(5)
+    occupied = np.zeros((16, 14, 10), dtype=bool)
+    occupied[8, :9, :7] = True
+    workspace, robot = Workspace.from_array(occupied, 0.1), Robot.box((0.5, 0.2, 0.1))
+    space = cspace.build(workspace, robot, rotations=Rotations.quaternions(4))
+    flat = cspace.build(workspace, robot, rotations=32)
+    q = np.column_stack([rng.uniform(0, 1, (20_000, 3)) * space.grid.upper, rng.uniform(-3, 3, 20_000)])
+    turned = np.column_stack([q[:, :3], Rotation.from_rotvec(np.outer(q[:, 3], [0, 0, 1])).as_quat()])
+    pairs = set(zip(space.classify(turned).tolist(), flat.classify(q).tolist(), strict=True))
+    assert {(FREE, FREE), (BLOCKED, BLOCKED)} < pairs and not {(FREE, BLOCKED), (BLOCKED, FREE)} & pairs
+    samples = space.sample_free(500, rng)
+    assert space.is_free(samples).all() and space.path_exists(samples[0], samples[0]) is True
+    space.clearance(samples)
+    space.update(np.ones((2, 2, 9), dtype=bool), (3, 4, 0))
+    again = cspace.build(Workspace.from_array(space.workspace.outer, 0.1), robot, rotations=Rotations.quaternions(4))
+    np.testing.assert_array_equal(space.state, again.state)
+    np.testing.assert_array_equal(space.clearance(samples), again.clearance(samples))
+    np.testing.assert_array_equal(
+        space.path_exists(samples[:-1], samples[1:]), again.path_exists(samples[:-1], samples[1:])
+    )
+
+
+def test_absence_is_proven_in_six_dimensions():
+    """A wall with a window: a plate that fits through it is not cut off, and one that fits at no rotation is."""
+    occupied = np.zeros((20, 11, 11), dtype=bool)
+    occupied[9:11] = True
+    occupied[9:11, 3:8, 3:8] = False
+    workspace, (left, right) = Workspace.from_array(occupied, 0.1), ((0.45, 0.55, 0.55), (1.55, 0.55, 0.55))
+    for side, answer in ((0.7, False), (0.1, True)):
+        space = cspace.build(workspace, Robot.box((side, side, side)), rotations=Rotations.quaternions(4))
+        turn = (0.0, 0.0, 0.0, 1.0)
+        assert space.path_exists((*left, *turn), (*right, *turn)) is answer
