@@ -10,7 +10,7 @@ from cspace.errors import ConfigurationError, InputError
 from cspace.grid import finite
 from cspace.space import CSpace
 from cspace.states import BLOCKED, FREE, NAMES
-from planners.states import Configuration, kind_of
+from planners.states import Configuration
 
 
 def check_endpoint(space: CSpace, q: ArrayLike, name: str, exact: bool = False) -> Configuration:
@@ -41,7 +41,9 @@ def check_endpoint(space: CSpace, q: ArrayLike, name: str, exact: bool = False) 
     point = finite(q, name)
     if point.shape != (space.dof,):
         rule = f"it must be one configuration of {space.dof} numbers"
-        raise InputError(name, f"has shape {point.shape}", rule, f"pass {kind_of(space).units}", value=q)
+        raise InputError(
+            name, f"has shape {point.shape}", rule, f"pass ({', '.join(space.axes)}), in metres and radians", value=q
+        )
     end: Configuration = tuple(space.rotations.canonical(point, name).tolist())
     inside = all(low <= x <= high for low, x, high in zip(space.grid.lower, end, space.grid.upper, strict=False))
     if inside and space.motion_is_free(end, end, exact=exact):

@@ -221,8 +221,7 @@ def _status(found: Found, search: Search, exists: bool | None, limit: float, spa
     if exists is None:
         known = "undecided whether one exists"
         finer = "a finer spacing" + " or more rotations" * (space.rotations.count > 1)
-        asks = not (search.exact or search.curve or "qw" in space.axes)
-        more = [*(["exact=True"] if asks else []), finer, *more]
+        more = [*([] if search.exact or search.curve else ["exact=True"]), finer, *more]
     elif search.curve:
         known = "one exists for a robot that turns on the spot"
         more += ["a smaller turning_radius", "another planner"]

@@ -27,8 +27,6 @@ class StateKind:
 
     Attributes
     ----------
-    units : str
-        The numbers of a configuration in words, for messages.
     make : callable
         Makes OMPL's state space for straight edges, without bounds.
     positions : callable
@@ -42,7 +40,6 @@ class StateKind:
         them a million times, so that the commonest are written out.
     """
 
-    units: str
     make: Callable[[], ob.StateSpace]
     positions: Callable[[ob.StateSpace], ob.StateSpace]
     read: Callable[[ob.State], Configuration]
@@ -137,7 +134,6 @@ def _read_se3(state: ob.State) -> Configuration:
 
 _KINDS: Final[dict[tuple[str, ...], StateKind]] = {
     ("x", "y"): StateKind(
-        units="x and y, in metres",
         make=lambda: ob.RealVectorStateSpace(2),
         positions=_whole,
         read=lambda s: (s[0], s[1]),
@@ -146,7 +142,6 @@ _KINDS: Final[dict[tuple[str, ...], StateKind]] = {
         of_states=lambda ask: lambda a, b: ask(a[0], a[1], b[0], b[1]),
     ),
     ("x", "y", "yaw"): StateKind(
-        units="x and y in metres, and yaw in radians",
         make=lambda: ob.SE2StateSpace(),
         positions=_whole,
         read=lambda s: (s.getX(), s.getY(), s.getYaw()),
@@ -155,7 +150,6 @@ _KINDS: Final[dict[tuple[str, ...], StateKind]] = {
         of_states=lambda ask: lambda a, b: ask(a.getX(), a.getY(), a.getYaw(), b.getX(), b.getY(), b.getYaw()),
     ),
     ("x", "y", "z"): StateKind(
-        units="x, y and z, in metres",
         make=lambda: ob.RealVectorStateSpace(3),
         positions=_whole,
         read=lambda s: (s[0], s[1], s[2]),
@@ -164,7 +158,6 @@ _KINDS: Final[dict[tuple[str, ...], StateKind]] = {
         of_states=lambda ask: lambda a, b: ask(a[0], a[1], a[2], b[0], b[1], b[2]),
     ),
     ("x", "y", "z", "yaw"): StateKind(
-        units="x, y and z in metres, and yaw in radians",
         make=_make_r3_so2,
         positions=lambda states: states.getSubspace(0),
         read=_read_r3_so2,
@@ -173,7 +166,6 @@ _KINDS: Final[dict[tuple[str, ...], StateKind]] = {
         of_states=lambda ask: lambda a, b: ask(*_read_r3_so2(a), *_read_r3_so2(b)),
     ),
     ("x", "y", "z", "qx", "qy", "qz", "qw"): StateKind(
-        units="x, y and z in metres, and a quaternion (qx, qy, qz, qw)",
         make=lambda: ob.SE3StateSpace(),
         positions=_whole,
         read=_read_se3,

@@ -88,9 +88,9 @@ def test_a_map_of_every_kind_comes_back_and_makes_itself_again(
     )
     np.testing.assert_array_equal(again.state, space.state)
     q = np.random.default_rng(1).uniform(space.grid.lower, space.grid.upper, (50, space.grid.dim))
-    if space.rotations.dof < 4:  # the geometry itself is not asked about SE(3)
-        q = np.hstack([q, np.linspace(-9, 9, 50)[:, None]])[:, : space.dof]
-        np.testing.assert_array_equal(opened.is_free(q, exact=True), space.is_free(q, exact=True))
+    turns = {0: np.zeros((50, 0)), 1: np.linspace(-9, 9, 50)[:, None]}.get(space.rotations.dof, space.rotations.centers)
+    q = np.hstack([q, np.resize(turns, (50, turns.shape[1]))])
+    np.testing.assert_array_equal(opened.is_free(q, exact=True), space.is_free(q, exact=True))
     for turn in YAWS if space.rotations.dof == 1 else space.rotations.centers[::20]:
         np.testing.assert_array_equal(cspace.open_slice(path, turn), space.slice_at(turn))
 
