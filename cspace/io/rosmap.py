@@ -125,7 +125,7 @@ def write_ros_map(state: ArrayLike, grid: Grid, path: str | os.PathLike[str], ov
     if grid.dim != 2 or cells.shape != grid.shape:
         raise InputError(
             "state",
-            f"has shape {cells.shape} on a grid of {grid.shape}",
+            f"has shape {cells.shape} on a grid of {grid.shape}, and {target} names a ROS map",
             "a ROS map is plane, and its states are those of its grid",
             "export a map of the plane, or one slice of it, or write another format",
         )
