@@ -264,10 +264,11 @@ class Rotations(Orientation):
         rows, cells : ndarray of int64, shape (m,)
             Pairs of a configuration and a cell, rounding included; in the order of the configurations.
         """
-        rows, cells = [], []
-        for some in np.array_split(np.arange(len(q)), 1 + len(q) * self.count // PAIRS):
-            row, cell = np.nonzero(self.distances(q[some]) <= self.covering_angles + angles[some, None])
-            rows.append(some[row])
+        rows, cells, room = [], [], max(1, PAIRS // self.count)
+        for k in range(0, max(len(q), 1), room):
+            reach = self.covering_angles + angles[k : k + room, None]
+            row, cell = np.nonzero(self.distances(q[k : k + room]) <= reach)
+            rows.append(row + k)
             cells.append(cell)
         return np.concatenate(rows), np.concatenate(cells)
 

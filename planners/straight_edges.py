@@ -70,6 +70,8 @@ class StraightEdges:
         if len(path) < 2:
             return path, None
         steps, _, turns, counts = self._measured(path, self.space.grid.spacing, DENSE_TURN)
+        if not turns.any():
+            return path, None
         counts = np.where(turns > 0.0, counts, 1)
         edge, number = numbered(counts)
         rotations, shares = self.space.rotations, (number / counts[edge])[:, None]
