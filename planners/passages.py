@@ -8,6 +8,7 @@ cells of the chain and drawn along from one cell to the next, which exact geomet
 from __future__ import annotations
 
 import itertools
+import math
 import time
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
@@ -37,13 +38,20 @@ AT_ONCE: Final = 200
 FREE_ENDS: Final = 4
 """FREE cells of the chain, before and after a passage, that are crossed with it, to leave room for lining up."""
 
+FIRST: Final = 0.1
+"""Part of the time, at most a second, that the planner has to itself before chains are looked for: most passages are
+wide enough for it."""
+
 SHARE: Final = 0.25
 """Part of the time that is left to the planner alone, where no chain could be walked."""
+
+RATE: Final = 1e7
+"""Cells a second that a search for a chain gets over, about."""
 
 
 @dataclass(frozen=True, slots=True)
 class Passages:
-    """A search along chains of FREE and MIXED cells.
+    """A search by the planner, and, where that takes long, along chains of FREE and MIXED cells.
 
     Attributes
     ----------
@@ -61,13 +69,24 @@ class Passages:
     began: float = field(default_factory=time.perf_counter)
 
     def run(self, start: Configuration, goal: Configuration) -> Found:
-        """A path between two configurations: along a chain where one can be walked, otherwise by the planner alone."""
-        if self.edges.edge_checker()(*start, *goal):
-            return self.search.run(self.edges, start, goal, self.time_limit)
-        rng = np.random.default_rng(self.search.seed)
+        """A path between two configurations: by the planner alone, or else along a chain that can be walked."""
         space = self.edges.space
-        closed = np.zeros((space.rotations.count, *space.grid.shape), dtype=np.bool_)
-        while self._left(SHARE) > 0.0:
+        cells = (space.rotations.count, *space.grid.shape)
+        needed = math.prod(cells) / RATE
+        if self.edges.edge_checker()(*start, *goal) or needed > self._left(FIRST + SHARE):
+            return self.search.run(self.edges, start, goal, self.time_limit)
+        alone = min(FIRST * self.time_limit, 1.0)
+        first = self.search.run(self.edges, start, goal, alone)
+        if len(first.path):
+            if first.planning < 0.9 * alone:
+                return first
+            # A planner that goes on improving has the rest of the time for it.
+            again = self.search.run(self.edges, start, goal, self._left())
+            found = again if len(again.path) else first
+            return replace(found, planning=time.perf_counter() - self.began - found.simplification)
+        rng = np.random.default_rng(self.search.seed)
+        closed = np.zeros(cells, dtype=np.bool_)
+        while self._left(SHARE) > needed:
             chain = open_chain(space, start, goal, closed)
             if not len(chain):
                 if not closed.any():
