@@ -22,6 +22,7 @@ BENCHMARKS = {
     "edges": "10^6 edges of 50 cells in one call, against OMPL's discrete validator; turns and solids too",
     "callbacks": "OMPL's isValid and checkMotion on our checkers, against an empty checker and the discrete validator",
     "planning": "time to a first solution on real maps, against OMPL with a callback of prepared shapely or of FCL",
+    "rotations": "SE(3) and R^3 x yaw: builds, look-ups, edges and plans, against FCL and a loop of fftconvolve",
     "mesh": "100,000 triangles into 256^3 cells, beside trimesh's voxelizer: time, and cells that it misses",
     "frequency": "spectra of 10,000 balls, Minkowski sums, 10^5 overlaps, each against the direct way; early misses",
     "startup": "seconds that `cspace --help` and `import cspace` add to Python and numpy",

@@ -37,8 +37,6 @@ def run(report: Report, seed: int) -> None:
 
 
 def _compare(report: Report, problem: Problem) -> None:
-    from planners.states import kind_of
-
     workspace = problem.workspace
     build = partial(cspace.build, workspace, problem.robot, rotations=problem.rotations)
     build()  # compiles
@@ -56,9 +54,9 @@ def _compare(report: Report, problem: Problem) -> None:
     peer = problem.peer(report, space)
     solvers = {
         **_ours(space),
-        f"{peer.name}, set-up and RRTConnect": partial(_solve, kind_of(space), _script(space, peer)),
+        f"{peer.name}, set-up and RRTConnect": partial(solve, space, peer_setup(space, peer.is_free)),
     }
-    timings = dict(zip(solvers, _race(list(solvers.values()), queries, seeds), strict=True))
+    timings = dict(zip(solvers, race(list(solvers.values()), queries, seeds), strict=True))
     for name, timing in timings.items():
         report.timing(name, timing)
     *ours, theirs = timings.values()
@@ -80,16 +78,17 @@ def _compare(report: Report, problem: Problem) -> None:
 def _ours(space: CSpace) -> dict[str, Solver]:
     """Our ways; the first is the one that targets are for."""
     import planners
-    from planners.states import kind_of
 
-    solve = partial(_solve, kind_of(space), lambda: planners.simple_setup(space))
-    setup = {"ours, planners.simple_setup and RRTConnect": solve}
+    setup: dict[str, Solver] = {
+        "ours, planners.simple_setup and RRTConnect": partial(solve, space, lambda: planners.simple_setup(space))
+    }
     if space.grid.dim == 2:
         return setup
-    return {f"ours, planners.plan, {name}": partial(_plan, space, name) for name in ("Cubes", "RRTConnect")} | setup
+    names = ("Cubes", "RRTConnect")
+    return {f"ours, planners.plan, {name}": partial(solve_by_plan, space, name) for name in names} | setup
 
 
-def _race(solvers: Sequence[Solver], queries: Sequence[Query], seeds: int) -> list[Timing]:
+def race(solvers: Sequence[Solver], queries: Sequence[Query], seeds: int) -> list[Timing]:
     """All solve all queries with the same seeds, in turns; the paths, or None, are the timings' values."""
     timings = [Timing([]) for _ in solvers]
     for query in queries:
@@ -119,18 +118,20 @@ def _check_paths(report: Report, ours: Timing, theirs: Timing, peer: Peer) -> No
     )
 
 
-def _plan(space: CSpace, planner: str, query: Query, seed: int) -> tuple[float, Floats | None]:
+def solve_by_plan(
+    space: CSpace, planner: str, query: Query, seed: int, exact: bool = False
+) -> tuple[float, Floats | None]:
     """Seconds until a first solution by our planning function, and the path; None where none was found."""
     import planners
 
     began = time.perf_counter()
-    plan = planners.plan(space, *query, planner=planner, time_limit=LIMIT, simplify=False, seed=seed)
+    plan = planners.plan(space, *query, planner=planner, time_limit=LIMIT, simplify=False, seed=seed, exact=exact)
     taken = time.perf_counter() - began
     return taken, plan.path if plan.solved else None
 
 
-def _script(space: CSpace, peer: Peer) -> Callable[[], Any]:
-    """Makes the set-up of a plain OMPL script: a callback that asks the peer, and motions checked at half a cell."""
+def peer_setup(space: CSpace, is_free: Callable[[Any], bool]) -> Callable[[], Any]:
+    """Makes the set-up of a plain OMPL script: a callback that asks a peer, and motions checked at half a cell."""
     from ompl import base as ob
     from ompl import geometric as og
 
@@ -138,7 +139,7 @@ def _script(space: CSpace, peer: Peer) -> Callable[[], Any]:
 
     class Checker(ob.StateValidityChecker):
         def isValid(self, state: Any) -> bool:  # noqa: N802 - OMPL's name
-            return peer.is_free(state)
+            return is_free(state)
 
     def setup() -> Any:
         states = planners.state_space(space)
@@ -152,18 +153,21 @@ def _script(space: CSpace, peer: Peer) -> Callable[[], Any]:
     return setup
 
 
-def _solve(kind: Any, make: Callable[[], Any], query: Query, seed: int) -> tuple[float, Floats | None]:
+def solve(space: CSpace, make: Callable[[], Any], query: Query, seed: int) -> tuple[float, Floats | None]:
     """Seconds until a first solution by a set-up's RRTConnect, and the path; None where none was found."""
     from ompl import geometric as og
     from ompl import util as ou
 
+    from planners.states import kind_of
+
+    kind = kind_of(space)
     ou.setLogLevel(ou.LOG_NONE)
     ou.RNG.setSeed(seed + 1)
     began = time.perf_counter()
     setup = make()
     ends = [setup.getStateSpace().allocState() for _ in query]
     for state, point in zip(ends, query, strict=True):
-        kind.write(state, *kind.canonical(point.tolist(), "query"))
+        kind.write(state, *space.rotations.canonical(point[None])[0].tolist())
     setup.setStartAndGoalStates(*ends)
     setup.setPlanner(og.RRTConnect(setup.getSpaceInformation()))
     setup.solve(LIMIT)

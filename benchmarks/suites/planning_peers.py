@@ -100,7 +100,7 @@ class Problem:
 
 def problems(report: Report, rng: np.random.Generator) -> Iterator[Problem]:
     """Those whose maps and peers are there; what is missing is noted."""
-    far = partial(_far_apart, number=3, rng=rng)
+    far = partial(far_apart, number=3, rng=rng)
     for name, radius in RADII.items():
         workspace = inputs.real_map(name)
         if workspace is None:
@@ -126,7 +126,7 @@ def problems(report: Report, rng: np.random.Generator) -> Iterator[Problem]:
 # ---- start and goal --------------------------------------------------------------------------------------------------
 
 
-def _far_apart(space: CSpace, number: int, rng: np.random.Generator) -> list[Query]:
+def far_apart(space: CSpace, number: int, rng: np.random.Generator) -> list[Query]:
     """Random FREE pairs that a path joins, no straight edge does, and half the map's diagonal lies between."""
     least = 0.5 * np.linalg.norm(np.subtract(space.grid.upper, space.grid.lower))
     draws = 5_000 if space.rotations.dof else 20_000
@@ -242,8 +242,8 @@ def _building(path: Path, queries: Callable[[CSpace], list[Query]], quick: bool)
         grid = workspace.grid
         boxes = Blocks.boxes(np.asarray(grid.lower) + grid.spacing * merged_cells(workspace.outer))
         models = {
-            "triangles of merged boxes": partial(_soup, boxes.skin().triangles),
-            "octree": partial(_octree, workspace.outer, grid),
+            "triangles of merged boxes": partial(soup, boxes.skin().triangles),
+            "octree": partial(octree, workspace.outer, grid),
         }
         name = f"{BUILDING}, unknown cells {unknown}"
         yield _flight(name, workspace, Blocks.boxes([[-half, half]]), boxes, models, queries)
@@ -276,7 +276,7 @@ def _fcl(report: Report, space: CSpace, body: Blocks, boxes: Blocks, models: Map
     low, high = body.bounds
     robots = {
         "box": (fcl.Box(*(high - low)), (low + high) / 2),
-        "triangles": (_soup(body.skin().triangles), np.zeros(3)),
+        "triangles": (soup(body.skin().triangles), np.zeros(3)),
     }
     found: list[tuple[float, str, Callable[[Floats], bool], float]] = []
     for what, make in models.items():
@@ -318,11 +318,11 @@ def _triangles(vertices: Floats, faces: NDArray[np.integer]) -> Any:
     return model
 
 
-def _soup(triangles: Floats) -> Any:
+def soup(triangles: Floats) -> Any:
     return _triangles(triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3))
 
 
-def _octree(occupied: Bools, grid: Grid) -> Any:
+def octree(occupied: Bools, grid: Grid) -> Any:
     """Cells as an octree of FCL, whose leaves are as large as can be."""
     import fcl
     import octomap

@@ -1,0 +1,260 @@
+"""Robots that turn in space: builds, look-ups, edges and plans on maps of SE(3) and R^3 x yaw, against FCL."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from itertools import product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+import cspace
+from benchmarks.report import Report
+from benchmarks.soak.space_pairs import NO_FCL, fcl_is_here
+from benchmarks.suites import planning, rotation_scenes
+from benchmarks.suites.planning_peers import LIMIT
+from benchmarks.suites.rotation_scenes import TRIED, Fcl, Scene
+from benchmarks.suites.ways import convolved
+from benchmarks.timing import Timing, interleave, one_core
+from cspace import BLOCKED, FREE, CSpace
+
+Floats = NDArray[np.float64]
+
+SLICES = 6
+"""Slices that SciPy convolves."""
+
+CONTAINED = 500
+"""Configurations for which the oracle looks at insides, too."""
+
+EDGE, TURN = 10.0, 0.3
+"""Length of edges in cells, and most radians by which they turn about an axis."""
+
+ALONG = 1000
+"""Places of each leg of a path at which FCL is asked."""
+
+
+def run(report: Report, seed: int) -> None:
+    """One scene after the other."""
+    if not fcl_is_here():
+        report.note(f"skipped: {NO_FCL}")
+        return
+    rng = np.random.default_rng(seed)
+    quick = report.quick
+    table = rotation_scenes.rooms(quick)
+    for scene, seeds in ((table, 5), *((tunnel, 3) for tunnel in rotation_scenes.tunnels(report))):
+        for cuts in scene.cuts:
+            space, built = _build(report, scene, cuts, rng)
+            fcl = _fcl(report, space, scene, rng)
+            _against_queries(report, space, built, fcl)
+            if scene is table:
+                _look_ups(report, space, fcl, rng)
+            if cuts == scene.cuts[0] and not quick:
+                _plan(report, space, scene, built, fcl, seeds)
+    drone = rotation_scenes.building(report, rng, quick)
+    if drone is not None:
+        space, built = _build(report, drone, 0, rng)
+        _against_maps(report, drone, built)
+        fcl = _fcl(report, space, drone, rng)
+        _against_queries(report, space, built, fcl)
+        _look_ups(report, space, fcl, rng)
+        _plan(report, space, drone, built, fcl, 1 if quick else 5, least=1.0)
+
+
+# ---- the map ---------------------------------------------------------------------------------------------------------
+
+
+def _build(report: Report, scene: Scene, cuts: int, rng: np.random.Generator) -> tuple[CSpace, Timing]:
+    """A map, and what it took, beside a loop over ready bitmaps."""
+    rotations, grid = scene.rotations(cuts), scene.workspace.grid
+    slice_of = rotations.slice_of(scene.robot)
+    number = int(slice_of.max()) + 1
+    name = f"quaternions({cuts})" if cuts else "72 yaw cells"
+    report.section(
+        f"{scene.name}: {' x '.join(map(str, grid.shape))} cells of {grid.spacing:g} m x {rotations.count} rotation "
+        f"cells, {name}, {number} slices"
+    )
+    build = partial(cspace.build, scene.workspace, scene.robot, rotations=rotations)
+    calls: dict[str, Callable[[], Any]] = {
+        "ours": build,
+        "ours, outer alone": partial(build, inner=False, outside="free"),
+    }
+    timings = interleave(calls, 1 if report.quick else 3)
+    space: CSpace = timings["ours"].value
+    free, mixed, blocked = np.array(space.count()) / sum(space.count())
+    report.timing("build", timings["ours"], gigabytes=round(space.state.nbytes / 1e9, 3))
+    report.timing("build, outer alone", timings["ours, outer alone"])
+    report.note(f"{free:.1%} FREE, {mixed:.1%} MIXED, {blocked:.1%} BLOCKED")
+
+    occupied, loop = scene.workspace.outer.astype(np.float64), Timing(None)
+    chosen, equal = rng.choice(rotations.count, min(SLICES, rotations.count), replace=False), True
+    turns = rotations.turns(3)
+    for cell in chosen.tolist():
+        raster = scene.robot.rasters(grid.spacing, 0.0, turns[cell])[0]
+        kernel = np.flip(raster.cells).astype(np.float64)
+        met = loop.take(partial(convolved, signal.fftconvolve, occupied, kernel, raster))
+        ours = timings["ours, outer alone"].value.slice_at(rotations.centers[cell]) != FREE
+        equal &= bool((ours == met).all())
+    report.check(equal, f"{len(chosen)} slices: equal to fftconvolve's")
+    all_of = loop.per(1.0 / number)
+    report.timing(f"a loop of fftconvolve over ready bitmaps, extrapolated from {len(chosen)} slices", all_of)
+    report.ratio("loop of fftconvolve / ours, outer alone", all_of, timings["ours, outer alone"])
+    return space, timings["ours"]
+
+
+def _against_maps(report: Report, scene: Scene, built: Timing) -> None:
+    """What a quarter of the cells would take as maps of a robot that does not turn."""
+    still = interleave({"R^3": partial(cspace.build, scene.workspace, scene.robot)}, 3)["R^3"].per(1.0 / 18)
+    report.timing("18 maps of R^3", still)
+    report.ratio("72 yaw cells / 18 maps of R^3", built, still, most=2.0)
+
+
+def _fcl(report: Report, space: CSpace, scene: Scene, rng: np.random.Generator) -> Fcl:
+    """FCL's models; the map must not contradict them."""
+    q = _random(space, TRIED, rng)
+    fcl = Fcl(report, scene, q)
+    states, few = space.classify(q), q[:CONTAINED]
+    free, blocked = q[states == FREE], few[states[:CONTAINED] == BLOCKED]
+    wrong = sum(fcl.meets(each) for each in free)
+    report.check(not wrong, f"{wrong} of {len(free)} FREE configurations collide by FCL")
+    wrong = sum(not fcl.collides(each) for each in blocked)
+    report.check(not wrong, f"{wrong} of {len(blocked)} BLOCKED configurations do not collide by FCL and insides")
+    mixed = few[states[:CONTAINED] == cspace.MIXED]
+    exact = space.is_free(mixed, exact=True) if len(mixed) else np.zeros(0, dtype=np.bool_)
+    wrong = sum(bool(ours) and fcl.meets(each) for ours, each in zip(exact, mixed, strict=True))
+    report.check(not wrong, f"{wrong} of {exact.sum()} MIXED configurations that are exactly free collide by FCL")
+    return fcl
+
+
+def _against_queries(report: Report, space: CSpace, built: Timing, fcl: Fcl) -> None:
+    """One query of FCL a cell, of CPU time, extrapolated."""
+    cells = float(space.state.size)
+    report.figure(f"one FCL query for each of {cells:.3g} cells, extrapolated from {TRIED}", fcl.seconds * cells, "s")
+    report.figure("one FCL query a cell / ours, in CPU time", fcl.seconds * cells / built.median_cpu)
+    report.figure("build, in CPU time, a cell", 1e9 * built.median_cpu / cells, "ns")
+
+
+# ---- look-ups and edges ----------------------------------------------------------------------------------------------
+
+
+def _look_ups(report: Report, space: CSpace, fcl: Fcl, rng: np.random.Generator) -> None:
+    """In batches, in OMPL's callback, and edges, exact or not."""
+    import planners
+
+    number, runs = (10**5, 3) if report.quick else (10**6, 7)
+    q = _random(space, number, rng)
+    with one_core():
+        timing = interleave({"batch": partial(space.is_free, q)}, runs)["batch"].per(number)
+    report.timing("is_free in a batch on one core, one look-up", timing)
+    report.figure("  the same, of CPU", 1e9 * timing.median_cpu, "ns", most=None if report.quick else 100.0)
+
+    few = q[:1000]
+    starts, ends = _edges(space, rng, 1000)
+    informations = {
+        "ours": planners.simple_setup(space).getSpaceInformation(),
+        "ours, exact": planners.simple_setup(space, exact=True).getSpaceInformation(),
+        "FCL": planning.peer_setup(space, fcl.is_free)().getSpaceInformation(),
+    }
+    checker = planners.StateValidityChecker(informations["ours"], space)
+    states = [(_state(space, informations["ours"], each),) for each in few]
+    callback = interleave({"callback": _asker(checker.isValid, states)}, runs)["callback"].per(1000)
+    report.timing("isValid of our checker, as OMPL calls it", callback)
+    report.figure("  the same, of CPU", 1e6 * callback.median_cpu, "us", most=None if report.quick else 0.6)
+    asks: dict[str, Callable[[], list[bool]]] = {}
+    walks: dict[str, Callable[[], list[bool]]] = {}
+    for name, si in informations.items():
+        si.setup()
+        asks[name] = _asker(si.isValid, [(_state(space, si, each),) for each in few])
+        pairs = zip(starts, ends, strict=True)
+        walks[name] = _asker(si.checkMotion, [(_state(space, si, a), _state(space, si, b)) for a, b in pairs])
+    points, edges = interleave(asks, runs), interleave(walks, runs)
+    for what, timings, target in (("si.isValid", points, None), ("si.checkMotion", edges, 20.0)):
+        for name, timing in timings.items():
+            each = timing.per(1000)
+            report.timing(f"{what}, {name}, one call", each)
+            most = target if name == "ours" and not report.quick else None
+            report.figure("  the same, of CPU", 1e6 * each.median_cpu, "us", most=most)
+        for name in ("ours", "ours, exact"):
+            report.ratio(f"{what}: FCL / {name}", timings["FCL"], timings[name])
+    answers = {name: np.array(timing.value) for name, timing in points.items()}
+    report.check(bool((answers["ours"] == space.is_free(few)).all()), "isValid: equal to CSpace.is_free")
+    report.check(not (answers["ours, exact"] & ~answers["FCL"]).any(), "isValid: FCL refuses none that is exactly free")
+    walked = {name: np.array(timing.value) for name, timing in edges.items()}
+    report.check(bool((walked["ours"] == space.motion_is_free(starts, ends)).all()), "checkMotion: equal to CSpace's")
+    report.check(not (walked["ours, exact"] & ~walked["FCL"]).any(), "checkMotion: FCL refuses none that is proven")
+    told = ", ".join(f"{name} {answer.mean():.0%}" for name, answer in walked.items())
+    report.note(f"edges that are free: {told}; FCL looks at steps of half a cell")
+
+
+def _random(space: CSpace, number: int, rng: np.random.Generator) -> Floats:
+    """Configurations anywhere in the grid, uniform in all rotations."""
+    places = rng.uniform(space.grid.lower, space.grid.upper, (number, 3))
+    if space.rotations.dof == 1:
+        return np.column_stack([places, rng.uniform(-np.pi, np.pi, number)])
+    turns = rng.normal(size=(number, 4))
+    return np.column_stack([places, turns / np.linalg.norm(turns, axis=1, keepdims=True)])
+
+
+def _edges(space: CSpace, rng: np.random.Generator, number: int) -> tuple[Floats, Floats]:
+    """Edges from FREE configurations to ones anywhere around."""
+    starts, way = space.sample_free(number, rng), rng.normal(size=(number, 3))
+    ends = starts.copy()
+    ends[:, :3] += EDGE * space.grid.spacing * way / np.linalg.norm(way, axis=1, keepdims=True)
+    ends[:, :3] = np.clip(ends[:, :3], space.grid.lower, space.grid.upper)
+    ends[:, 3:] += rng.uniform(-TURN, TURN, ends[:, 3:].shape) / (2.0 if space.rotations.dof == 4 else 1.0)
+    if space.rotations.dof == 4:
+        ends[:, 3:] /= np.linalg.norm(ends[:, 3:], axis=1, keepdims=True)
+    return starts, ends
+
+
+def _state(space: CSpace, si: Any, q: Floats) -> Any:
+    from planners.states import kind_of
+
+    state = si.getStateSpace().allocState()
+    kind_of(space).write(state, *space.rotations.canonical(q[None])[0].tolist())
+    return state
+
+
+def _asker(call: Callable[..., bool], asked: list[tuple[Any, ...]]) -> Callable[[], list[bool]]:
+    return lambda: [call(*each) for each in asked]
+
+
+# ---- plans -----------------------------------------------------------------------------------------------------------
+
+
+def _plan(
+    report: Report, space: CSpace, scene: Scene, built: Timing, fcl: Fcl, seeds: int, least: float | None = None
+) -> None:
+    """First solutions, with and without what is made once."""
+    import planners
+
+    exact = bool(scene.cuts[0])
+    queries, told = scene.queries(space), ", exact" if exact else ""
+    solvers: dict[str, planning.Solver] = {
+        f"ours, planners.plan{told}": partial(planning.solve_by_plan, space, "RRTConnect", exact=exact),
+        f"ours, simple_setup and RRTConnect{told}": partial(
+            planning.solve, space, lambda: planners.simple_setup(space, exact=exact)
+        ),
+        "OMPL with FCL, RRTConnect": partial(planning.solve, space, planning.peer_setup(space, fcl.is_free)),
+    }
+    timings = dict(zip(solvers, planning.race(list(solvers.values()), queries, seeds), strict=True))
+    report.note(f"plans: {len(queries)} queries, {seeds} seeds each; a search that fails counts with {LIMIT:g} s")
+    for name, timing in timings.items():
+        paths = [path for path in timing.value if path is not None]
+        colliding = sum(fcl.path_collides(path, ALONG) for path in paths)
+        report.timing(name, timing, solved=f"{len(paths)} of {len(timing.value)}", colliding=colliding)
+        if name.startswith("ours"):
+            report.check(not colliding, f"{name}: {colliding} of {len(paths)} paths collide, {ALONG} places a leg")
+    *ours, theirs = timings.items()
+    for (name, timing), (number, most) in product(ours, ((1, least), (100, None))):
+        once = number * timing.median + built.median
+        what = f"{number} {'query' if number == 1 else 'queries'} on one map"
+        report.figure(f"{what}: FCL / {name}", theirs[1].median / timing.median)
+        gain = (number * theirs[1].median + fcl.made) / once
+        report.figure("  with what is made once: the build, FCL's model", gain, least=most)
+        cpu = (number * theirs[1].median_cpu + fcl.made) / (number * timing.median_cpu + built.median_cpu)
+        report.figure("  the same in CPU time", cpu)
+        if gain < 1.0:
+            report.note(f"{what} {'does' if number == 1 else 'do'} not pay for the build")
