@@ -193,11 +193,13 @@ class Quaternion(Orientation):
         return np.where(off <= 4e-16, rotation, rotation / norms)
 
     def _between(self, first: Floats, second: Floats) -> Floats:
-        apart = _product(first * [-1.0, -1.0, -1.0, 1.0], second)
-        apart = np.where(apart[..., 3:] < 0.0, -apart, apart)
-        sine = np.linalg.norm(apart[..., :3], axis=-1, keepdims=True)
-        angle = 2.0 * np.arctan2(sine, apart[..., 3:])
-        return np.asarray(apart[..., :3] * np.where(sine > 0.0, angle / np.where(sine > 0.0, sine, 1.0), 2.0))
+        cosine = (first * second).sum(axis=-1, keepdims=True)
+        # Of the difference: nothing but zero where both are the same.
+        nearer = np.where(cosine < 0.0, -second, second)
+        apart = _product(first * [-1.0, -1.0, -1.0, 1.0], nearer - first)[..., :3]
+        sine = np.linalg.norm(apart, axis=-1, keepdims=True)
+        angle = 2.0 * np.arctan2(sine, np.abs(cosine))
+        return np.asarray(apart * np.where(sine > 0.0, angle / np.where(sine > 0.0, sine, 1.0), 2.0))
 
     def _turned(self, rotation: Floats, by: Floats) -> Floats:
         half = np.linalg.norm(by, axis=-1, keepdims=True) / 2.0

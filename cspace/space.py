@@ -600,7 +600,8 @@ class CSpace:
         if not len(cells):
             return np.empty((0, self.dof))
         path = np.repeat(ends[0][None], len(cells) + 2, axis=0)
-        path[1:-1, :dim], path[-1] = self.grid.center_of(cells), ends[1]
+        # The rotation stays as q0 tells it, where q1 tells the same in other numbers.
+        path[1:-1, :dim], path[-1, :dim] = self.grid.center_of(cells), ends[1][:dim]
         if not self.certify_path(path).all():
             return np.empty((0, self.dof))
         return pulled_straight(path, self.edge_checker(), 2.0 * self.grid.spacing) if straight else path

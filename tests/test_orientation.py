@@ -136,3 +136,10 @@ def test_words() -> None:
 def test_what_is_no_rotation_is_refused(kind: type[Orientation], rotation: object, words: str) -> None:
     with pytest.raises(InputError, match=words):
         kind().checked(rotation)
+
+
+def test_between_the_same_quaternion_there_is_no_step() -> None:
+    """Not even one of a rounding error, of either sign."""
+    q = drawn("SE(3)", 500)
+    for sign in (1.0, -1.0):
+        assert not kind_of("SE(3)").steps(q, q * [1.0, 1.0, 1.0, *4 * [sign]]).any()

@@ -276,7 +276,12 @@ def ask_way(world: World, q0: Numbers, q1: Numbers, way: int, work: Work) -> int
         head = (head + 1) % WAITING if row == head else head
         first, last = parts[row, 0], parts[row, 1]
         half, middle = 0.5 * (last - first), 0.5 * (first + last)
-        if asked + waiting > 0 and walk(map_, at(map_, q0, q1, way, first), at(map_, q0, q1, way, last)):
+        # Where the rotation jumps, a part may be at any rotation of the whole.
+        if (
+            jump == 0.0
+            and asked + waiting > 0
+            and walk(map_, at(map_, q0, q1, way, first), at(map_, q0, q1, way, last))
+        ):
             continue
         q = at(map_, q0, q1, way, middle)
         state, reach, part = state_at(map_, q), 2.0 * half * speed, 0.0

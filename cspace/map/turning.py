@@ -316,8 +316,11 @@ def _yaw_matrix_of(rotations: YawCells, q: Numbers) -> Matrix:
 
 QUARTER = math.pi / 4.0
 
-EQUAL = 2e-9
-"""Two quaternions whose dot product is as near to 1 count as equal for OMPL, which then lets the rotation jump."""
+EQUAL = 4e-9
+"""Unit quaternions whose dot product is as near to 1 count as equal for OMPL, which then lets the rotation jump.
+
+It takes 1e-9, of numbers whose norm it lets be off by as much.
+"""
 
 SHORT = 1e-9
 """Angle between two quaternions below which the chord between them is as good as the arc."""
@@ -551,7 +554,7 @@ def next_chart(borders: Floats, q: Numbers, reach: float, chart: int) -> Look:
 def _quaternion_first_around(rotations: QuaternionCells, q: Numbers, angle: float) -> Look:
     # A rotation's angle is twice that of its quaternion.
     reach = math.sin(min(angle / 2.0, 2.0 * QUARTER)) + QUOTIENT_SLACK
-    return next_chart(rotations.borders, q[-4:], reach, 0)
+    return next_chart(rotations.borders, normalised(q[-4:], 1.0), reach, 0)
 
 
 def _quaternion_next_around(rotations: QuaternionCells, cursor: Look) -> tuple[bool, int, Look]:

@@ -1,5 +1,6 @@
 """Exact look-ups in space: against boxes and balls that paper and pencil decide, manifold3d, and rational numbers."""
 
+import math
 from itertools import product
 
 import fcl
@@ -490,3 +491,19 @@ def test_half_turns_are_proven_both_ways(turns):
 
     assert edge(-179.0) and not edge(179.0)
     assert not edge(180.0) and not edge(-180.0)
+
+
+def test_where_ompl_lets_the_rotation_jump_all_of_it_counts():
+    """A far tip meets a ball at the first rotation, at which it stays; a cell is called FREE that it does not reach."""
+    angles = math.pi / 4 + np.array([-1e-5, 1e-5])
+    q0, q1 = (
+        np.array([x, 50.0, 50.0, 0.0, 0.0, math.sin(a), math.cos(a)]) for x, a in zip((1.0, 8.0), angles, strict=True)
+    )
+    tip, rotations = np.array([0.0, -1000.0, 0.0]), cspace.Rotations.quaternions(1)
+    ball = rotation_of(q0).apply(tip) + q1[:3] - (0.1, 0.0, 0.0)
+    workspace = Workspace.from_balls([ball], 0.004, 100.0, (0, 0, 0, 1200, 100, 100))
+    space = cspace.build(workspace, Robot.ball(0.004, tip), rotations=rotations, outside="free", inner=False)
+    space._states[...] = MIXED
+    assert space.motion_is_free(q0, [*q0[:3], *q1[3:]], exact=True)
+    space._states[space._slice_of[rotations.cell_of(q1[3:])]] = FREE
+    assert space.is_free(q1) and not space.motion_is_free(q0, q1, exact=True)

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from cspace import BLOCKED, FREE, MIXED, ConfigurationError, InputError
+from cspace import BLOCKED, FREE, MIXED, ConfigurationError, InputError, Rotations
 from cspace.map.free_path import cube_path, free_radius, pulled_straight
 from handmade import map_of
 
@@ -120,3 +120,20 @@ def test_what_is_refused():
         space.free_path((-3.0, 0.5), (0.5, 0.5))
     with pytest.raises(InputError, match="translate"):
         map_of(np.zeros((4, 3, 3)), 4, "blocked").free_path((0.1, 0.1, 0.0), (0.5, 0.5, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("rotations", "first", "last"),
+    [
+        (4, [-math.pi], [math.pi]),
+        (Rotations.quaternions(1), [0.1, -0.5, 0.5, 0.7], [0.1, -0.5, 0.5, 0.7]),
+        (Rotations.quaternions(1), [0.1, -0.5, 0.5, 0.7], [-0.1, 0.5, -0.5, -0.7]),
+    ],
+)
+def test_a_rotation_stays_one_in_other_numbers(rotations, first, last):
+    """Waypoints lie on long edges, and none of them is turned."""
+    space = map_of(np.zeros((rotations if rotations == 4 else rotations.count, 30, 5, 5)), rotations, spacing=0.25)
+    space._states[:, 12:15, :4] = MIXED  # round a corner
+    assert space.path_exists([0.3, 0.6, 0.6, *first], [7.1, 0.6, 0.6, *last])
+    path = space.free_path([0.3, 0.6, 0.6, *first], [7.1, 0.6, 0.6, *last])
+    assert len(path) > 2 and (path[:, 3:] == first).all() and space.certify_path(path).all()

@@ -166,6 +166,22 @@ def test_positions_go_with_the_rotation():
         assert map_of(states, cells, ALL_FREE, 1.0).motion_is_free(*ends) != expected
 
 
+@pytest.mark.parametrize("norm", [1.0, 1.0 + 0.99e-9])
+@pytest.mark.parametrize("angle", [4e-5, 7e-5])
+def test_positions_are_free_at_the_rotation_that_ompl_does_not_leave(norm, angle):
+    """Of quaternions that it takes for equal, their norm being off by no more than it lets be, too."""
+    cells = Rotations.quaternions(1)
+    states = np.zeros((cells.count, 4, 1, 1), dtype=np.uint8)
+    angles = math.pi / 4 + np.array([-0.5, 0.5]) * angle  # to either side of the border at a yaw of a right angle
+    q0, q1 = (
+        np.array([x, 0.5, 0.5, 0.0, 0.0, norm * math.sin(a), norm * math.cos(a)])
+        for x, a in zip((0.5, 3.5), angles, strict=True)
+    )
+    states[cells.cell_of(q0[3:]), 3] = MIXED
+    space = map_of(states, cells, ALL_FREE, 1.0)
+    assert space.motion_is_free(q0, q1) <= space.is_free(along(q0, q1, 300)).all()
+
+
 # ---- boxes -----------------------------------------------------------------------------------------------------------
 
 
@@ -184,6 +200,16 @@ def test_all_rotations_around_a_free_box_are_free(seed, n, angle):
     near = np.repeat(free, 200, axis=0)
     near[:, 3:] = (Rotation.from_rotvec(axes.reshape(-1, 3)) * Rotation.from_quat(near[:, 3:])).as_quat()
     assert space.is_free(near).all()
+
+
+def test_boxes_are_as_wide_for_quaternions_that_are_longer():
+    """By as much as is let pass: the angle at which a cell that is shut is met stays the same."""
+    cells = Rotations.quaternions(8)
+    states = np.zeros((cells.count, 1, 1, 1), dtype=np.uint8)
+    states[cells.cell_of(Rotation.from_rotvec([0.0, 0.0, 1.2]).as_quat())] = MIXED
+    space, least = map_of(states, cells, ALL_FREE, 1.0), 3 * math.pi / 8  # the border of that cell
+    q = [0.5, 0.5, 0.5, 0.0, 0.0, 0.0, 1.0 + 9e-7]
+    assert space.is_free_around(q, 0.0, least - 2e-8) and not space.is_free_around(q, 0.0, least + 2e-8)
 
 
 def test_boxes_look_no_farther_than_they_must():
