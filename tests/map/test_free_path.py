@@ -118,8 +118,8 @@ def test_what_is_refused():
         space.free_path((0.5, 0.5), (0.5, 1.5))
     with pytest.raises(ConfigurationError, match="q0"):
         space.free_path((-3.0, 0.5), (0.5, 0.5))
-    with pytest.raises(InputError, match="translate"):
-        map_of(np.zeros((4, 3, 3)), 4, "blocked").free_path((0.1, 0.1, 0.0), (0.5, 0.5, 0.0))
+    with pytest.raises(InputError, match="turned otherwise"):
+        map_of(np.zeros((4, 3, 3)), 4, "blocked").free_path((0.1, 0.1, 0.0), (0.5, 0.5, 0.1))
 
 
 @pytest.mark.parametrize(
