@@ -30,6 +30,8 @@ SUFFIXES: Final = (".yaml", ".yml")
 QUARTERS: Final = ((1, 0), (0, 1), (-1, 0), (0, -1))
 """Cosine and sine of 0 to 3 quarter turns."""
 
+_FAR: Final = 1e15
+"""Metres beyond which nothing is placed; resolutions are no smaller than one part of it."""
 _KEYS: Final = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
 """What the YAML file must say."""
 
@@ -180,14 +182,15 @@ def _read_header(path: str | os.PathLike[str]) -> _Header:
     if not isinstance(mode, str) or mode not in MODES:
         raise _fault(path, f"mode is {mode!r:.60}", f"one of {', '.join(MODES)}", "correct it")
     resolution = _number(document["resolution"], "resolution", path)
-    if resolution <= 0.0:
-        raise _fault(
-            path, f"resolution is {resolution}", "metres per cell, above zero", "write e.g. 'resolution: 0.05'"
-        )
+    if not 1.0 / _FAR <= resolution <= _FAR:
+        rule = f"metres per cell, above zero, from {1.0 / _FAR:g} to {_FAR:g}"
+        raise _fault(path, f"resolution is {resolution}", rule, "write e.g. 'resolution: 0.05'")
     origin = document["origin"]
     if not isinstance(origin, list) or len(origin) != 3:
         raise _fault(path, f"origin is {origin!r:.60}", "x, y and yaw", "write e.g. 'origin: [0.0, 0.0, 0.0]'")
     x, y, yaw = (_number(value, f"origin[{i}]", path) for i, value in enumerate(origin))
+    if max(abs(x), abs(y)) > _FAR:
+        raise _fault(path, f"origin is {origin!r:.60}", f"metres, at most {_FAR:g}", "check its units")
     if isinstance(negate, list | dict) or negate not in (0, 1):
         raise _fault(path, f"negate is {negate!r:.60}", "0 or 1", "write 'negate: 0' where dark pixels are obstacles")
     if negate and mode == "raw":

@@ -234,6 +234,8 @@ def test_a_turned_map_without_free_cells(tmp_path: Path) -> None:
         ({"resolution": "fine"}, "resolution is 'fine'"),
         ({"resolution": True}, "resolution is True"),
         ({"resolution": 1e-9}, r"map\.yaml: .*cells from the origin"),
+        ({"resolution": 1e308}, r"resolution is 1e\+308"),
+        ({"origin": [1.7e308, 0.0, 0.3]}, r"origin is \[1.7e\+308"),
         ({"origin": None}, "origin is missing"),
         ({"origin": [0.0, 0.0]}, r"origin is \[0.0, 0.0\]"),
         ({"origin": 0.0}, "origin is 0.0"),
