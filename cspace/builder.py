@@ -6,6 +6,7 @@ offsets proves a cell FREE, and an overlap of the inner ones proves it BLOCKED (
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -15,9 +16,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.engines import ENGINES, METHODS, Engine, choose
 from cspace.errors import InputError
-from cspace.map.exterior import check_outside
-from cspace.map.slices import slice_rasters
-from cspace.memory import TRANSFORM_BYTES, check_memory, map_bytes
+from cspace.map.exterior import Exterior, check_outside
+from cspace.map.slices import Pair, raster_batches
+from cspace.map.storage import PackedStates, Stack
+from cspace.memory import SCRATCH_BYTES, TRANSFORM_BYTES, check_memory, is_packed, map_bytes
 from cspace.raster.raster import Raster
 from cspace.robot import Robot, check_margin
 from cspace.rotations import Rotations
@@ -105,26 +107,55 @@ def build(
     slices = int(cells.slice_of(robot).max()) + 1
     needed = map_bytes(grid.shape, slices, overlap)
     check_memory(needed, "the map", grid.shape, grid.spacing, fixed=TRANSFORM_BYTES, fewer=cells.fewer)
-    rasters = slice_rasters(robot, grid.spacing, margin, cells)
-    sides = [list(side) for side in zip(*rasters, strict=True)][: 2 if inner else 1]
-    engine = ENGINES[choose(sides[0], counts=overlap) if method == "auto" else method]
-    needed += max(engine.bytes_needed(grid.shape, side, workers) for side in sides) - TRANSFORM_BYTES
-    what = "the map, with what its engine needs for this robot,"
-    check_memory(needed, what, grid.shape, grid.spacing, fewer=cells.fewer)
-    state = np.empty((slices, *grid.shape), dtype=np.uint8)
-    overlaps = np.empty(state.shape, dtype=np.int32) if overlap else None
-    correlation = _Correlation(engine, outside == "blocked", workers, progress)
-    precision = correlation.fill(workspace, sides, state, overlaps)
+    batches = raster_batches(robot, grid.spacing, margin, cells)
+    rasters, exterior, overlaps = None, None, None
+    state: Stack
+
+    def correlation_of(pairs: Sequence[Pair], tell: Progress | None) -> tuple[_Correlation, list[list[Raster]]]:
+        """The engine for the rasters of slices, and these by side."""
+        sides = [list(side) for side in zip(*pairs, strict=True)][: 2 if inner else 1]
+        engine = ENGINES[choose(sides[0], counts=overlap) if method == "auto" else method]
+        own = max(engine.bytes_needed(grid.shape, side, workers) for side in sides)
+        what = "the map, with what its engine needs for this robot,"
+        check_memory(needed + own - TRANSFORM_BYTES, what, grid.shape, grid.spacing, fewer=cells.fewer)
+        return _Correlation(engine, outside == "blocked", workers, tell), sides
+
+    if is_packed(grid.shape, slices, overlap):
+        state, done, precision = PackedStates((slices, *grid.shape)), 0, ""
+        table = np.empty((slices, 2 * grid.dim + 1), dtype=np.int64)
+        scratch = np.empty((max(1, SCRATCH_BYTES // grid.size), *grid.shape), dtype=np.uint8)
+        for batch in batches:
+            for start in range(0, len(batch), len(scratch)):
+                numbers, pairs = zip(*batch[start : start + len(scratch)], strict=True)
+                correlation, sides = correlation_of(pairs, None)
+                precision = max(precision, correlation.fill(workspace, sides, scratch[: len(pairs)], None))
+                for number, states in zip(numbers, scratch, strict=False):
+                    state.write(number, states)
+                table[list(numbers)] = Exterior.of(workspace.outer, pairs, outside).table
+                done += len(pairs)
+                if progress is not None:
+                    progress(done, slices)
+        exterior = Exterior(table)
+    else:
+        made = dict(itertools.chain.from_iterable(batches))
+        rasters = [made[number] for number in range(slices)]
+        correlation, sides = correlation_of(rasters, progress)
+        stack = np.empty((slices, *grid.shape), dtype=np.uint8)
+        counts = np.empty(stack.shape, dtype=np.int32) if overlap else None
+        precision = correlation.fill(workspace, sides, stack, counts)
+        state = stack.reshape(*cells.leading(slices), *grid.shape)
+        overlaps = None if counts is None else counts.reshape(state.shape)
     return CSpace(
         workspace,
         robot,
-        state.reshape(*cells.leading(slices), *grid.shape),
+        state,
         outside=outside,
         margin=margin,
         precision=precision,
-        overlaps=None if overlaps is None else overlaps.reshape(*cells.leading(slices), *grid.shape),
+        overlaps=overlaps,
         rotations=cells,
         rasters=rasters,
+        exterior=exterior,
         trusted=True,
         tells_blocked=inner,
     )

@@ -46,6 +46,14 @@ class Robots(NamedTuple):
     fours_ends: Ints
     fixed: NDArray[np.bool_]
 
+    def of(self, start: int, stop: int) -> Robots:
+        """Those of some slices, from ``start`` to before ``stop``."""
+        first, four = (int(ends[start - 1]) if start else 0 for ends in (self.ends, self.fours_ends))
+        last, last_four = int(self.ends[stop - 1]), int(self.fours_ends[stop - 1])
+        runs, fours = self.runs[first:last], self.fours[four:last_four]
+        ends, fours_ends = self.ends[start:stop] - first, self.fours_ends[start:stop] - four
+        return Robots(runs, ends, fours, fours_ends, self.fixed[start:stop])
+
 
 class Followed(NamedTuple):
     """A map that follows its workspace; a plane has one layer of cells.

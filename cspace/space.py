@@ -19,6 +19,7 @@ from cspace.map.fields import checked_fields, read_only, writable
 from cspace.map.kept import Change, Kept, Lock
 from cspace.map.record import Map
 from cspace.map.slices import slice_rasters
+from cspace.map.storage import PackedStates, Stack, cells_of, check_bytes, counts_of, read_only_of, record_of
 from cspace.raster.raster import Raster
 from cspace.robot import Robot
 from cspace.rotations import Rotations
@@ -66,7 +67,7 @@ class CSpace:
     robot : Robot
     state : ndarray of uint8, shape (nx, ny) or (nx, ny, nz); with rotations (slices, nx, ny) or (slices, nx, ny, nz)
         FREE, MIXED or BLOCKED, of each cell of positions of the robot's reference point; with rotations, of each slice.
-        It is taken over, not copied, unless it is read-only: updates write into it.
+        It is taken over, not copied, unless it is read-only: updates write into it. Or states in two bits each.
     outside : {"blocked", "free"}
     margin : float
         Metres by which the robot was grown for FREE.
@@ -77,7 +78,9 @@ class CSpace:
     rotations : Rotations, optional
         Rotation cells; the one of a robot that only translates, if left out.
     rasters : sequence of (outer, inner) Raster, optional
-        The robot's, for each slice; made again if left out.
+        The robot's, for each slice; made again, when they are needed, if left out.
+    exterior : Exterior, optional
+        What is known outside the grid; made from the rasters if left out.
     fields : mapping of str to ndarray of float64, the shape of state, optional
         What :class:`cspace.spectral.OverlapField` holds; all of it, or nothing.
     trusted : bool
@@ -95,7 +98,7 @@ class CSpace:
         self,
         workspace: Workspace,
         robot: Robot,
-        state: NDArray[np.uint8],
+        state: Stack,
         *,
         outside: str,
         margin: float,
@@ -103,6 +106,7 @@ class CSpace:
         overlaps: NDArray[np.int32] | None = None,
         rotations: Rotations | None = None,
         rasters: Sequence[tuple[Raster, Raster]] | None = None,
+        exterior: Exterior | None = None,
         fields: Mapping[str, NDArray[np.float64]] | None = None,
         trusted: bool = False,
         tells_blocked: bool | None = None,
@@ -116,9 +120,10 @@ class CSpace:
                 rule = f"it must have the map's shape {shape} and type {np.dtype(kind)}"
                 raise InputError(name, f"has shape {array.shape} and type {array.dtype}", rule, "use cspace.build")
         check_outside(outside)
-        if not trusted and state.size and state.max() > BLOCKED:
+        highest = 0 if trusted else max(int(part.max(initial=0)) for part in state)
+        if highest > BLOCKED:
             rule = "it must be FREE, MIXED or BLOCKED, 0 to 2"
-            raise InputError("state", f"holds {state.max()}", rule, "use cspace.build", value=int(state.max()))
+            raise InputError("state", f"holds {highest}", rule, "use cspace.build", value=highest)
         self.workspace = replace(workspace, live=False) if workspace.live else workspace
         self.robot = robot
         self.outside = outside
@@ -126,9 +131,11 @@ class CSpace:
         self.precision = precision
         self._tells_blocked = tells_blocked
         # Updates write through views of their own; all others see read-only ones.
-        states = writable(state)
-        self._states = states.view().reshape(-1, *grid.shape)
-        self._seen: States = read_only(states).reshape(-1, *grid.shape)
+        if isinstance(state, PackedStates):
+            self._states: Stack = state
+        else:
+            self._states = writable(state).view().reshape(-1, *grid.shape)
+        self._seen = read_only_of(self._states)
         self._counts: NDArray[np.int32] | None = None
         self.overlaps: NDArray[np.int32] | None = None
         if overlaps is not None:
@@ -139,6 +146,8 @@ class CSpace:
         self._make_room()
         if rasters is not None:
             self._rasters_kept.get(lambda: list(rasters))
+        if exterior is not None:
+            self._exterior_kept.get(lambda: exterior)
 
     def _make_room(self) -> None:
         """Room for what is made at need."""
@@ -178,10 +187,19 @@ class CSpace:
     def state(self) -> NDArray[np.uint8]:
         """State of each cell, shape (nx, ny) or (nx, ny, nz); of a robot that turns (rotations, nx, ny(, nz)).
 
-        Read-only. A new array at each call where rotation cells share a slice.
+        Read-only. A new array at each call where rotation cells share a slice, or states are kept in two bits.
+
+        Raises
+        ------
+        InputError
+            If it has to be made and does not fit into memory.
         """
-        shared = len(self._seen) < len(self._slice_of)
-        every = read_only(self._seen[self._slice_of]) if shared else self._seen
+        every = self._seen
+        if isinstance(every, PackedStates):
+            check_bytes(self.grid.size * len(self._slice_of))
+            every = read_only(np.asarray(every))
+        if len(every) < len(self._slice_of):
+            every = read_only(every[self._slice_of])
         return every.reshape(*self.rotations.leading(len(every)), *self.grid.shape)
 
     def slice_at(self, rotation: ArrayLike = ()) -> NDArray[np.uint8]:
@@ -189,14 +207,13 @@ class CSpace:
 
         The rotation is told as in a configuration: by nothing, a yaw (radians) or a quaternion.
         """
-        part: States = self._seen[self._slice_of[self.rotations.cells_of(self.rotations.checked(rotation))]]
+        part: States = self._seen[int(self._slice_of[self.rotations.cells_of(self.rotations.checked(rotation))])]
         return part
 
     def count(self) -> tuple[int, int, int]:
         """Number of FREE, MIXED and BLOCKED cells, over all rotation cells."""
         shares = np.bincount(self._slice_of, minlength=len(self._seen))
-        each = np.array([np.bincount(part.ravel(), minlength=3) for part in self._seen])
-        free, mixed, blocked = (shares @ each).tolist()
+        free, mixed, blocked = (shares @ counts_of(self._seen)).tolist()
         return free, mixed, blocked
 
     def __repr__(self) -> str:
@@ -225,7 +242,7 @@ class CSpace:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        self._seen = read_only(self._states.view())
+        self._seen = read_only_of(self._states)
         self.overlaps = None
         if self._counts is not None:
             counts = self._counts.view()
@@ -851,7 +868,13 @@ class CSpace:
     def _make_map(self) -> Map:
         grid, rotations = self.grid, self.rotations.compiled(self._slice_of)
         return Map(
-            self._seen, self._seen.reshape(-1), rotations, grid.lower, grid.spacing, grid.upper, self._exterior.table
+            record_of(self._seen),
+            cells_of(self._seen),
+            rotations,
+            grid.lower,
+            grid.spacing,
+            grid.upper,
+            self._exterior.table,
         )
 
     @property

@@ -4,25 +4,42 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.changes import CHANGED, COUNTS, FREED, LOOKED, Followed, Robots, extents, renew
+from cspace.changes import (
+    CHANGED,
+    COUNTS,
+    FREED,
+    LOOKED,
+    ROW,
+    Followed,
+    Robots,
+    extents,
+    renew,
+    renew_cells,
+    renew_states,
+)
 from cspace.covering import check_cells
 from cspace.engines.dilation import Runs, collide
 from cspace.errors import InputError
 from cspace.grid import Grid
 from cspace.map.exterior import Exterior, reached
 from cspace.map.kept import Change
+from cspace.map.storage import PackedStates, Stack, counts_of
 from cspace.raster.raster import Raster
 from cspace.states import BLOCKED, FREE
 from cspace.workspace import Workspace
 
 Bytes = NDArray[np.uint8]
 Ints = NDArray[np.int64]
+
+AT_ONCE: Final = 64
+"""Slices of states in two bits that are made bytes together."""
 
 _NO_OVERLAPS: Final = np.empty((0, 0, 0, 0), dtype=np.int32)
 
@@ -126,7 +143,7 @@ class Subject:
 
     Attributes
     ----------
-    states : ndarray of uint8, shape (slices, nx, ny) or (slices, nx, ny, nz)
+    states : ndarray of uint8, or PackedStates, shape (slices, nx, ny) or (slices, nx, ny, nz)
         May be written.
     overlaps : ndarray of int32, the shape of states, or None
         Stored overlaps, which may be written.
@@ -142,7 +159,7 @@ class Subject:
         Called with each change, to bring up to date what hangs on the map; again if it was interrupted.
     """
 
-    states: Bytes
+    states: Stack
     overlaps: NDArray[np.int32] | None
     slice_of: Ints
     rasters: Sequence[tuple[Raster, Raster]]
@@ -169,7 +186,11 @@ class Updater:
         shape = workspace.grid.shape
         self._subject, self._flat = subject, (1,) * (3 - len(shape))
         self._shape = (*self._flat, *shape)
-        states = subject.states.reshape(-1, *self._shape)
+        self._packed, states = None, np.empty((0, *self._shape), dtype=np.uint8)
+        if isinstance(subject.states, PackedStates):
+            self._packed = subject.states
+        else:
+            states = subject.states.reshape(-1, *self._shape)
         own = Workspace(workspace.grid, workspace.outer, workspace.inner, source=workspace.source, live=True)
         outer, inner = _writable(own, self._shape)
         blocked = subject.tells_blocked
@@ -181,13 +202,13 @@ class Updater:
             np.empty(0, dtype=np.int64) if subject.walled else _tallies(outer),
             _robots([outer for outer, _ in subject.rasters], self._shape, subject.walled),
             _robots([inner for _, inner in subject.rasters], self._shape, subject.walled),
-            np.bincount(subject.slice_of, minlength=len(states)),
+            np.bincount(subject.slice_of, minlength=len(subject.states)),
             inner is outer,
             _proves_blocked(workspace, subject) if blocked is None else blocked,
             subject.walled,
         )
         self._workspace = own
-        self._free = np.array([np.count_nonzero(part == FREE) for part in states])
+        self._free = counts_of(subject.states)[:, FREE]
 
     def update(self, patch: Patch) -> Update:
         """Write a patch into the workspace, and bring all that the map holds up to date."""
@@ -196,21 +217,56 @@ class Updater:
         low = np.array([*(0,) * len(self._flat), *patch.lower], dtype=np.int64)
         outer = patch.outer.view(np.uint8).reshape(*self._flat, *patch.outer.shape)
         inner = patch.inner.view(np.uint8).reshape(outer.shape)
-        found, told = renew(self._map, outer, inner, low)
+        if self._packed is None:
+            found, told = renew(self._map, outer, inner, low)
+            self._follow(found, told)
+        else:
+            with ThreadPoolExecutor(1) as pool:  # where no interrupt gets
+                work = pool.submit(self._renew_packed, self._packed, outer, inner, low)
+                try:
+                    wait([work])
+                finally:
+                    found, told = work.result()
+                    self._follow(found, told)
         if not found[6]:
             return Update(0, patch.lower, patch.lower, 0)
-        each, whole = told[:-1], told[-1].tolist()
-        self._free += each[:, COUNTS + 1]
-        try:
-            self._renew(found[:6], each, whole[COUNTS])
-        except BaseException:  # Ctrl-C, too: what was begun has to be done, and may be done again
-            self._renew(found[:6], each, whole[COUNTS], again=True)
-            raise
-        dim = len(patch.lower)
+        whole, dim = told[-1].tolist(), len(patch.lower)
         first, last = whole[LOOKED + 3 - dim : LOOKED + 3], whole[LOOKED + 6 - dim : LOOKED + 6]
         if first[0] > last[0]:
             return Update(int(found[6]), patch.lower, patch.lower, 0)
         return Update(int(found[6]), tuple(first), tuple(n + 1 for n in last), whole[COUNTS])
+
+    def _renew_packed(self, packed: PackedStates, outer: Bytes, inner: Bytes, low: Ints) -> tuple[Ints, Ints]:
+        """What :func:`cspace.changes.renew` does, with states in two bits: bytes are made of some slices at a time."""
+        map_, rows, whole = self._map, [], np.zeros((0, ROW), dtype=np.int64)
+        found = renew_cells(map_, outer, inner, low, np.empty((0, 0, 0), dtype=np.int8))
+        for start in range(0, len(packed) if found[6] else 0, AT_ONCE):
+            stop = min(start + AT_ONCE, len(packed))
+            states = packed[start:stop].reshape(-1, *self._shape)
+            far, near = map_.far.of(start, stop), map_.near.of(start, stop)
+            part = map_._replace(states=states, far=far, near=near, weights=map_.weights[start:stop])
+            told = renew_states(part, found[:6])
+            for number in np.flatnonzero(told[:-1, COUNTS]).tolist():
+                packed.write(start + number, states[number])
+            rows.append(told[:-1])
+            whole = np.concatenate([whole, told[-1:]])
+        least, most = whole.min(axis=0, initial=2**62), whole.max(axis=0, initial=-1)
+        for first in (LOOKED, CHANGED, FREED):
+            least[first + 3 : first + 6] = most[first + 3 : first + 6]
+        least[COUNTS:] = whole[:, COUNTS:].sum(axis=0)
+        return found, np.concatenate([*rows, least[None]])
+
+    def _follow(self, found: Ints, told: Ints) -> None:
+        """Have all that hangs on the map follow what was found of the cells, and told of the states."""
+        if not found[6]:
+            return
+        each, changed = told[:-1], int(told[-1, COUNTS])
+        self._free += each[:, COUNTS + 1]
+        try:
+            self._renew(found[:6], each, changed)
+        except BaseException:  # Ctrl-C, too: what was begun has to be done, and may be done again
+            self._renew(found[:6], each, changed, again=True)
+            raise
 
     def _renew(self, box: Ints, told: Ints, changed: int, again: bool = False) -> None:
         """Have all that hangs on the map follow the change."""

@@ -263,6 +263,6 @@ def overlap_field(space: CSpace, field: OverlapField | None = None) -> OverlapFi
 
 def _largest_free(space: CSpace, field: OverlapField) -> float:
     """Largest overlap in a FREE cell, or one where there is none above zero."""
-    states = space._map.states
-    largest = float(field.values.reshape(states.shape)[states == FREE].max(initial=0.0))
+    parts = zip(field.values.reshape(space._seen.shape), space._seen, strict=True)
+    largest = max(float(values[states == FREE].max(initial=0.0)) for values, states in parts)
     return largest if largest > 0.0 else 1.0

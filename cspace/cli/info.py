@@ -100,11 +100,12 @@ def describe_map(space: CSpace) -> dict[str, Any]:
     """What there is to say about a map."""
     import numpy as np
 
+    from cspace.map.storage import counts_of
     from cspace.states import FREE, NAMES
 
     counts = space.count()
     grid, rotations = space.grid, space.rotations
-    states, fields = space._map.states, space._fields
+    states, fields = space._seen, space._fields
     kept: list[Any] = [states, *fields.values()] + ([] if space.overlaps is None else [space.overlaps])
     filled, turning = f"free_{_MEASURES[grid.dim]}", {}
     if rotations.count > 1:
@@ -114,7 +115,7 @@ def describe_map(space: CSpace) -> dict[str, Any]:
             "rotation_cell_deg": round(float(np.degrees(2.0 * rotations.covering_angles.max())), 6),
             "slices": len(states),
         }
-    free = np.array([np.count_nonzero(part == FREE) for part in states])[space._map.slice_of]
+    free = counts_of(states)[:, FREE][space._map.slice_of]
     mean = float(free @ rotations.volumes / rotations.volumes.sum()) * grid.spacing**grid.dim
     return {
         "robot": space.robot.name,

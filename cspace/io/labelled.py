@@ -57,7 +57,7 @@ def to_xarray(space: SavedMap) -> xarray.Dataset:
     for name, array in ({"inner": space.workspace.inner} | arrays_of(space)).items():
         axes = axes_of(name, dim)
         if axes[0] == "slice":
-            array = _by_rotation(array, space._slice_of).reshape(*cells, *space.grid.shape)
+            array = _by_rotation(np.asarray(array), space._slice_of).reshape(*cells, *space.grid.shape)
             axes = ("rotation", *axes[1:])[-array.ndim :]
         if "rotation" in axes and not cells:
             continue

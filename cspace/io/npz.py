@@ -59,7 +59,7 @@ def write_npz(space: SavedMap, path: str | os.PathLike[str], overwrite: bool = F
         If the file exists and may not be replaced, or cannot be written.
     """
     members: dict[str, Any] = {
-        **arrays_of(space),
+        **{name: np.asarray(array) for name, array in arrays_of(space).items()},
         "lower": np.array(space.grid.lower),
         "spacing": np.array(space.grid.spacing),
     }

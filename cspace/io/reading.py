@@ -17,6 +17,7 @@ from cspace.io.input import not_a_name, unreadable
 from cspace.io.npz import read_npz
 from cspace.io.record import STACKED, shapes_from, unusable
 from cspace.io.store import read_parts, read_store
+from cspace.map.storage import PackedStates
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.space import CSpace
@@ -86,7 +87,7 @@ def open_slice(path: str | os.PathLike[str], rotation: ArrayLike = ()) -> NDArra
     return parts["state"]
 
 
-def _restored(metadata: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> CSpace:
+def _restored(metadata: Mapping[str, Any], arrays: Mapping[str, Any]) -> CSpace:
     """The map of what was read and proven unchanged."""
     workspace = Workspace(
         grid=Grid(metadata["lower"], metadata["spacing"], tuple(metadata["shape"])),
@@ -97,7 +98,9 @@ def _restored(metadata: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -
     )
     rotations = Rotations.from_coordinates(arrays)
     stacked = {
-        name: arrays[name].reshape(*rotations.leading(len(arrays[name])), *workspace.grid.shape)
+        name: arrays[name]
+        if isinstance(arrays[name], PackedStates)
+        else arrays[name].reshape(*rotations.leading(len(arrays[name])), *workspace.grid.shape)
         for name in STACKED
         if name in arrays
     }

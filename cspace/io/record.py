@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from cspace import __version__
 from cspace.errors import FileError
+from cspace.map.storage import Stack
 from cspace.rotations import QuaternionRotations, Rotations, YawRotations
 from cspace.shapes import Shape, shape_from_spec
 from cspace.states import BLOCKED, FIELDS, NAMES
@@ -52,7 +53,7 @@ class SavedMap(Protocol):
     workspace: Workspace
     robot: Robot
     rotations: Rotations
-    _seen: NDArray[np.uint8]
+    _seen: Stack
     _slice_of: NDArray[np.int64]
     overlaps: NDArray[np.int32] | None
     _fields: Mapping[str, NDArray[np.float64]]
@@ -190,15 +191,15 @@ def metadata_of(space: SavedMap) -> dict[str, Any]:
     }
 
 
-def arrays_of(space: SavedMap) -> dict[str, NDArray[Any]]:
-    """The arrays of a map, by the names of :data:`ARRAYS`. No cells are copied.
+def arrays_of(space: SavedMap) -> dict[str, Any]:
+    """The arrays of a map, by the names of :data:`ARRAYS`. No cells are copied; states may be in two bits each.
 
     ``inner`` is there only if it differs from ``outer``, ``overlap`` only if the map was built with it, :data:`FIELDS`
     only if it carries an overlap field, :data:`TURNS` only if the robot turns, and ``shapes`` only if the obstacles
     are known as such.
     """
     workspace, grid = space.workspace, space.grid
-    arrays: dict[str, NDArray[Any]] = {"state": space._seen, "outer": workspace.outer, "slice_of": space._slice_of}
+    arrays: dict[str, Any] = {"state": space._seen, "outer": workspace.outer, "slice_of": space._slice_of}
     if workspace.inner is not workspace.outer:
         arrays["inner"] = workspace.inner
     stacked: dict[str, NDArray[Any]] = dict(space._fields)

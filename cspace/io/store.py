@@ -37,6 +37,8 @@ from cspace.io.record import (
     unseal,
     unusable,
 )
+from cspace.map.storage import PackedStates
+from cspace.memory import is_packed
 
 if TYPE_CHECKING:
     from cspace.io.record import SavedMap
@@ -75,8 +77,8 @@ def write_store(space: SavedMap, path: str | os.PathLike[str], overwrite: bool =
             file.write_bytes(content)
 
 
-def read_store(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-    """Metadata and arrays of a map that :func:`write_store` wrote.
+def read_store(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Metadata and arrays of a map that :func:`write_store` wrote; very many states in two bits each.
 
     Raises
     ------
@@ -112,7 +114,7 @@ def read_parts(
         return metadata, {name: _array(path, name, metadata, files, number) for name in names}
 
 
-def _encoded(metadata: dict[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Iterator[tuple[str, bytes]]:
+def _encoded(metadata: dict[str, Any], arrays: Mapping[str, Any]) -> Iterator[tuple[str, bytes]]:
     """The files of a Zarr folder with their names, a layer of chunks at a time; last the one that seals them.
 
     They are encoded in memory, because Zarr writes from threads that go on after an interruption.
@@ -219,7 +221,7 @@ def _array(
     metadata: Mapping[str, Any],
     files: Mapping[str, bytes],
     number: int | None = None,
-) -> NDArray[Any]:
+) -> Any:
     """One array, or slice ``number`` of it."""
     import zarr
     from zarr.core.buffer import default_buffer_prototype
@@ -234,12 +236,22 @@ def _array(
     array = zarr.open_array(MemoryStore(ours), mode="r", zarr_format=3)
     # Before reading: a forged shape could ask for more memory than there is.
     check_kind(name, array, metadata, path)
-    check_bytes(Path(path) / name, array.nbytes if number is None else array.nbytes // array.shape[0], "unpacks to")
+    kept = "overlap" in {file.split("/")[0] for file in files}
+    packed = name == "state" and number is None and is_packed(array.shape[1:], array.shape[0], kept)
+    size = array.nbytes // 4 if packed else array.nbytes if number is None else array.nbytes // array.shape[0]
+    check_bytes(Path(path) / name, size, "unpacks to")
     front = () if number is None else (number,)
     chunks = np.ndindex(array.cdata_shape[len(front) :])
     lacking = sum(array.metadata.encode_chunk_key((*front, *chunk)) not in ours for chunk in chunks)
     if lacking:
         raise unusable(path, f"its array {name!r} lacks {lacking} chunks")
+    if packed:
+        states = PackedStates(array.shape)
+        for k in range(len(states)):
+            values = np.asarray(array[k])
+            check_states(values, path)
+            states.write(k, values)
+        return states
     values = np.asarray(array[... if number is None else number])
     if name == "state":
         check_states(values, path)

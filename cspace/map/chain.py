@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, Protocol
 
 import numpy as np
@@ -11,6 +12,7 @@ from cspace.compiling import jit
 from cspace.errors import InputError
 from cspace.grid import Grid
 from cspace.map.record import Map
+from cspace.map.storage import Cells, Stack, cells_of, check_bytes, state_in
 from cspace.rotations import Rotations
 from cspace.states import BLOCKED, FREE, MIXED
 
@@ -25,7 +27,7 @@ TURNS = 7
 
 
 @jit
-def trace_chain(states: Bytes, slice_of: Ints, neighbors: Ints, start: Ints, goal: Ints, came: Bytes) -> bool:
+def trace_chain(cells: Cells, slice_of: Ints, neighbors: Ints, start: Ints, goal: Ints, came: Bytes) -> bool:
     """Search a chain of cells ``(rotation, x, y, z)`` from start to goal, none BLOCKED, with the fewest MIXED ones.
 
     Breadth first, all FREE cells that can be reached before the next MIXED ones; only the front is held. ``came`` is 0,
@@ -34,7 +36,7 @@ def trace_chain(states: Bytes, slice_of: Ints, neighbors: Ints, start: Ints, goa
     """
     _, nx, ny, nz = came.shape
     size, most = nx * ny * nz, neighbors.shape[1]
-    flat, reached = states.reshape(-1), came.reshape(-1)
+    reached = came.reshape(-1)
     origin = ((start[0] * nx + start[1]) * ny + start[2]) * nz + start[3]
     target = ((goal[0] * nx + goal[1]) * ny + goal[2]) * nz + goal[3]
     front, ahead, later = [origin], [origin], [origin]
@@ -62,7 +64,7 @@ def trace_chain(states: Bytes, slice_of: Ints, neighbors: Ints, start: Ints, goa
                 there = a * size + near
                 if reached[there] != 0:
                     continue
-                state = flat[slice_of[a] * size + near]
+                state = state_in(cells, slice_of[a] * size + near)
                 if state != FREE and state != MIXED:
                     continue
                 reached[there] = step
@@ -83,13 +85,13 @@ def trace_chain(states: Bytes, slice_of: Ints, neighbors: Ints, start: Ints, goa
 
 
 def chain(
-    states: Bytes, slice_of: Ints, neighbors: Ints, closed: NDArray[np.bool_] | None, start: Ints, goal: Ints
+    states: Stack, slice_of: Ints, neighbors: Ints, closed: NDArray[np.bool_] | None, start: Ints, goal: Ints
 ) -> Ints:
     """A chain of cells that are not BLOCKED, each sharing a side with the next, with the fewest MIXED ones.
 
     Parameters
     ----------
-    states : ndarray of uint8, shape (slices, nx, ny) or (slices, nx, ny, nz)
+    states : ndarray of uint8, or PackedStates, shape (slices, nx, ny) or (slices, nx, ny, nz)
     slice_of : ndarray of int64, shape (rotations,)
     neighbors : ndarray of int64, shape (rotations, n)
         The rotation cells that each one shares a border with; -1 fills up.
@@ -104,12 +106,12 @@ def chain(
         From start to goal; of length 0 where there is none.
     """
     flat = (1,) * (4 - states.ndim)  # the plane is space with one layer
+    check_bytes(len(slice_of) * math.prod(states.shape[1:]))
     came = np.zeros((len(slice_of), *flat, *states.shape[1:]), dtype=np.uint8)
     if closed is not None:
         came[closed.reshape(came.shape)] = CLOSED
     first, last = (np.array([cell[0], *[0] * len(flat), *cell[1:]], dtype=np.int64) for cell in (start, goal))
-    layered = states.reshape(len(states), *came.shape[1:])
-    if not trace_chain(layered, slice_of, neighbors, first, last, came):
+    if not trace_chain(cells_of(states), slice_of, neighbors, first, last, came):
         return np.empty((0, states.ndim), dtype=np.int64)
     cell, cells = last.tolist(), [last.tolist()]
     while (step := int(came[tuple(cell)])) != START:
@@ -126,6 +128,7 @@ class Space(Protocol):
     """What is asked of a map; :class:`cspace.CSpace` has it all."""
 
     rotations: Rotations
+    _seen: Stack
 
     @property
     def grid(self) -> Grid: ...
@@ -175,4 +178,4 @@ def open_chain(space: Space, q0: ArrayLike, q1: ArrayLike, closed: NDArray[np.bo
         raise InputError("closed", found, rule, "leave it out for none")
     if BLOCKED in (space.classify(q0), space.classify(q1)):
         return np.empty((0, 1 + len(shape)), dtype=np.int64)
-    return chain(space._map.states, slice_of, space.rotations.neighbors, closed, *ends)
+    return chain(space._seen, slice_of, space.rotations.neighbors, closed, *ends)

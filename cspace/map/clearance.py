@@ -21,6 +21,7 @@ from cspace.map import turning
 from cspace.map.mip import SHIFT, SIDE, Mip
 from cspace.map.points import FAR, Numbers, configuration, is_usable, replaced, state_at
 from cspace.map.record import Map
+from cspace.map.storage import Eights, eight_in, eights_of
 from cspace.states import FREE
 
 Floats = NDArray[np.float64]
@@ -38,22 +39,22 @@ ROUNDING: Final = 2.0**-40
 class Marks(NamedTuple):
     """Which blocks of cells, as a coarse map has them, are not all FREE.
 
-    cells : ndarray of uint64
-        The states, eight in a word, but for those at the end that do not fill one.
+    cells : ndarray of uint64, or TwoBits
+        The states, as :func:`cspace.map.storage.eights_of` gives them.
     words : ndarray of uint64, shape (slices, nx, ny, nz)
         Eight blocks along the last axis each, a byte for a block.
     occupied : ndarray of bool, shape (slices,)
         Whether a slice has any.
     """
 
-    cells: Words
+    cells: Eights
     words: Words
     occupied: NDArray[np.bool_]
 
     @classmethod
     def of(cls, map_: Map, mip: Mip) -> Marks:
         """Those of a map and its coarse map, which follow its changes."""
-        return cls(map_.cells[: map_.cells.size // SIDE * SIDE].view(np.uint64), mip.words, mip.occupied)
+        return cls(eights_of(map_.cells), mip.words, mip.occupied)
 
 
 @inner
@@ -177,7 +178,7 @@ def closer(square: float, place: Place, block: int, best: float) -> bool:
 
 
 @inner
-def nearest_in_block(map_: Map, cells: Words, s: int, block: tuple[int, int, int], place: Place, best: float) -> float:
+def nearest_in_block(map_: Map, cells: Eights, s: int, block: tuple[int, int, int], place: Place, best: float) -> float:
     """Squared distance to the nearest cell of a block that is not FREE; ``best``, if that is less."""
     shape = map_.states.shape
     nx, ny, nz = shape[1] if len(shape) == 4 else 1, shape[-2], shape[-1]
@@ -195,7 +196,7 @@ def nearest_in_block(map_: Map, cells: Words, s: int, block: tuple[int, int, int
             square = x_gap * x_gap + y_gap * y_gap
             if not square < best:
                 continue
-            word = cells_at(map_, cells, ((s * nx + i) * ny + j) * nz + first_z, nz - first_z)
+            word = eight_in(cells, map_.cells, ((s * nx + i) * ny + j) * nz + first_z, nz - first_z)
             if word == 0:
                 continue
             above, below = word >> shift << shift, word & ((ONE << shift) - ONE)
@@ -224,21 +225,6 @@ def lowest(word: np.uint64) -> int:
 def highest(word: np.uint64) -> int:
     """The last of the eight bytes of a word that is not zero."""
     return 7 - np.int64(leading_zeros(word) >> THREE)  # type: ignore[return-value,call-arg]
-
-
-@inner(forceinline=True)
-def cells_at(map_: Map, cells: Words, first: int, count: int) -> np.uint64:
-    """Up to eight cells from one on, by its number in the map, in a word; FREE beyond ``count``."""
-    at, shift = np.uint64(first) >> THREE, np.uint64(8 * (first % SIDE))
-    word: np.uint64 = np.uint64(0)
-    if at + ONE < np.uint64(cells.size):
-        word = cells[at] >> shift
-        if shift != 0:
-            word |= cells[at + ONE] << (np.uint64(64) - shift)
-        return word if count >= SIDE else word & ((ONE << np.uint64(8 * count)) - ONE)
-    for n in range(min(count, SIDE)):
-        word |= np.uint64(map_.cells[first + n]) << np.uint64(8 * n)
-    return word
 
 
 @inner(forceinline=True)

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from cspace.compiling import inner, jit, reader
 from cspace.map.kept import Change
-from cspace.states import BLOCKED, FREE
+from cspace.map.storage import Cells, Stack, cells_of, row_in, state_in
+from cspace.states import BLOCKED
 from cspace.threads import cores, in_threads
 
 Bytes = NDArray[np.uint8]
@@ -38,7 +39,7 @@ TASK: Final = 256
 
 _ANSWERS = np.array([None, True, False], dtype=object)
 _BITS = 11  # a component's number in its block: 64 rows of at most 32 runs make 2^11 of them
-_ONE, _ONES, _GATHER = np.uint64(1), np.uint64(0x0101010101010101), np.uint64(0x0102040810204080)
+_ONE = np.uint64(1)
 _DEBRUIJN = np.uint64(0x03F79D71B4CB0A89)
 _PLACES = np.zeros(64, dtype=np.int64)
 _PLACES[[int(_DEBRUIJN) * 2**k % 2**64 >> 58 for k in range(64)]] = np.arange(64)
@@ -47,7 +48,10 @@ _PLACES[[int(_DEBRUIJN) * 2**k % 2**64 >> 58 for k in range(64)]] = np.arange(64
 class Blocks(NamedTuple):
     """The states of a map, cut into blocks.
 
-    states : ndarray of uint8, shape (slices, nx, ny, nz)
+    cells : ndarray of uint8, or TwoBits
+        The states, all slices in a row.
+    grid : tuple of int, length 4
+        Slices, and cells of the grid.
     sides, shape : ndarray of int64, shape (3,)
         Cells of a block, and number of blocks, along each axis.
     links, link_ends : ndarray of int64, shapes (n,) and (slices,)
@@ -56,7 +60,8 @@ class Blocks(NamedTuple):
         Whether the first axis has a rim; it has none in the plane.
     """
 
-    states: Bytes
+    cells: Cells
+    grid: tuple[int, int, int, int]
     sides: Ints
     shape: Ints
     links: Ints
@@ -179,32 +184,18 @@ def pack(blocks: Blocks, s: int, first: int, words: Words) -> None:
     Row by row through all of them, as they lie in memory, which is several times quicker than block by block.
     """
     x, y, z = corner_of(blocks, first)
-    _, nx, ny, nz = blocks.states.shape
+    _, nx, ny, nz = blocks.grid
     deep, wide = min(blocks.sides[0], nx - x), min(blocks.sides[1], ny - y)
     for block in range(len(words) if deep * wide < words.shape[2] else 0):
         for row in range(words.shape[2]):
             words[block, 0, row] = words[block, 1, row] = 0
     for i in range(deep):
         for j in range(wide):
-            line, row = blocks.states[s, x + i, y + j], i * blocks.sides[1] + j
+            line, row = ((s * nx + x + i) * ny + y + j) * nz, i * blocks.sides[1] + j
             for block in range(len(words)):
                 begin = z + block * blocks.sides[2]
-                count = min(blocks.sides[2], nz - begin)
-                taken, blocked = np.uint64(0), np.uint64(0)
-                if count == 64:
-                    eights = line[begin : begin + 64].view(np.uint64)
-                    for eight in range(8):
-                        word, place = eights[eight], np.uint64(8 * eight)
-                        above = word >> _ONE  # BLOCKED has the second bit, and MIXED the first
-                        taken |= ((((word | above) & _ONES) * _GATHER) >> np.uint64(56)) << place
-                        blocked |= (((above & _ONES) * _GATHER) >> np.uint64(56)) << place
-                    words[block, 0, row], words[block, 1, row] = ~taken, ~blocked
-                else:
-                    for k in range(count):
-                        state, bit = line[begin + k], _ONE << np.uint64(k)
-                        taken |= bit if state == FREE else np.uint64(0)
-                        blocked |= bit if state != BLOCKED else np.uint64(0)
-                    words[block, 0, row], words[block, 1, row] = taken, blocked
+                taken, blocked = row_in(blocks.cells, line + begin, min(blocks.sides[2], nz - begin))
+                words[block, 0, row], words[block, 1, row] = ~taken, ~blocked
 
 
 @inner
@@ -312,7 +303,7 @@ def meet(blocks: Blocks, face: int, ours: Runs, theirs: Runs, parent: Nodes, fou
 def rim_pairs(blocks: Blocks, block: int, runs: Runs, components: int, code: int, found: Pairs, seen: Nodes) -> int:
     """Components of a block with a cell at the border of the grid, each once; how many there are."""
     x, y, z = corner_of(blocks, block)
-    _, nx, ny, nz = blocks.states.shape
+    _, nx, ny, nz = blocks.grid
     begins, ends = z == 0, z + blocks.sides[2] >= nz
     beside = y == 0 or y + blocks.sides[1] >= ny or (blocks.solid and (x == 0 or x + blocks.sides[0] >= nx))
     if not (begins or ends or beside):
@@ -511,7 +502,7 @@ def roots_of(blocks: Blocks, kind: int, joined: Joined, turns: Ints, cells: Ints
     It is, where all components of its block are one over the whole map; cells of other blocks get ASK, and what has no
     component -1. Gives the number of cells that got ASK.
     """
-    _, nx, ny, nz = blocks.states.shape
+    _, nx, ny, nz = blocks.grid
     asked, solid = 0, cells.shape[1] == 4
     for n in range(len(cells)):
         r = min(cells[n, 0], len(turns) - 1)
@@ -521,7 +512,7 @@ def roots_of(blocks: Blocks, kind: int, joined: Joined, turns: Ints, cells: Ints
             if joined.rim[s]:
                 roots[n] = joined.roots[joined.start[r + 1] - 1]
             continue
-        if blocks.states[s, x, y, z] > kind:  # FREE, MIXED and BLOCKED count up
+        if state_in(blocks.cells, ((s * nx + x) * ny + y) * nz + z) > kind:  # FREE, MIXED and BLOCKED count up
             continue
         block = block_of(blocks, x, y, z)
         first, count = joined.start[r] + joined.base[s, block], joined.counts[s, block]
@@ -576,7 +567,7 @@ def widen_box(
     blocks: Blocks, joined: Joined, slice_of: Ints, root: int, kind: int, room: tuple[Runs, Words], box: Ints
 ) -> None:
     """Widen a box, first and last cell, around all cells of a component; only blocks that may widen it are read."""
-    _, nx, ny, nz = blocks.states.shape
+    _, nx, ny, nz = blocks.grid
     (runs, words), sides = room, blocks.sides
     for r in range(len(slice_of)):
         s = slice_of[r]
@@ -617,7 +608,7 @@ class Components:
 
     Parameters
     ----------
-    states : ndarray of uint8, shape (slices, nx, ny) or (slices, nx, ny, nz)
+    states : ndarray of uint8, or PackedStates, shape (slices, nx, ny) or (slices, nx, ny, nz)
         Kept, not copied; :meth:`renew` tells of changes.
     slice_of : ndarray of int64, shape (rotations,)
     neighbors : ndarray of int64, shape (rotations, n)
@@ -630,21 +621,22 @@ class Components:
 
     def __init__(
         self,
-        states: Bytes,
+        states: Stack,
         slice_of: Ints,
         neighbors: Ints,
         rim_is_open: NDArray[np.bool_],
         sides: tuple[int, int, int] | None = None,
     ) -> None:
         self._dim = states.ndim - 1
-        cells = states.reshape(len(states), *(1,) * (3 - self._dim), *states.shape[1:])
+        slices, (nx, ny, nz) = len(states), (1,) * (3 - self._dim) + states.shape[1:]
         of_block = np.array(SIDES[self._dim] if sides is None else sides, dtype=np.int64)
-        shape = -(-np.array(cells.shape[1:]) // of_block)
+        shape = -(-np.array((nx, ny, nz)) // of_block)
         # One rotation cell stands for all where there is a single slice.
         self._slice_of = np.ascontiguousarray(slice_of if len(states) > 1 else slice_of[:1], dtype=np.int64)
         links, later = _links(self._slice_of, neighbors, len(states))
         flat = np.array([other for row in links for other in row], dtype=np.int64)
-        self._blocks = Blocks(cells, of_block, shape, flat, np.cumsum([len(row) for row in links]), self._dim == 3)
+        ends = np.cumsum([len(row) for row in links])
+        self._blocks = Blocks(cells_of(states), (slices, nx, ny, nz), of_block, shape, flat, ends, self._dim == 3)
         self._turns = (
             self._slice_of,
             np.array([row for rows in later for row in rows], dtype=np.int64).reshape(-1, 2),
@@ -705,7 +697,7 @@ class Components:
         number = int(self.of(cell)[0])
         with self._lock:
             if number not in self._boxes:
-                box = np.array([*self._blocks.states.shape[1:], -1, -1, -1], dtype=np.int64)
+                box = np.array([*self._blocks.grid[1:], -1, -1, -1], dtype=np.int64)
                 widen_box(self._blocks, self._join()[0], self._slice_of, number, 0, self._room, box)
                 self._boxes[number] = box.reshape(2, 3)[:, 3 - self._dim :]
             return self._boxes[number]
@@ -772,7 +764,7 @@ class Components:
         return self._joined
 
     def _nodes(self, kind: int) -> Joined:
-        slices = len(self._blocks.states)
+        slices = self._blocks.grid[0]
         counts = np.ascontiguousarray(self._counts[:, kind].reshape(slices, -1))
         base = np.cumsum(counts, axis=1, dtype=np.int64) - counts
         sizes = counts.sum(axis=1, dtype=np.int64)[self._slice_of] + 1

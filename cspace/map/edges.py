@@ -28,6 +28,7 @@ from cspace.map.points import (
     with_exterior,
 )
 from cspace.map.record import Map
+from cspace.map.storage import state_in
 from cspace.states import FREE
 
 Floats = NDArray[np.float64]
@@ -130,7 +131,7 @@ def probes_are_free(part: Slice, p: Numbers, q: Numbers) -> bool:
         t = step
         while t <= 1.0:
             i, j, k = min(int(p[0] + t * dx), nx - 1), min(int(p[1] + t * dy), ny - 1), min(int(p[2] + t * dz), nz - 1)
-            if part.cells[np.uint64(part.start + (i * ny + j) * nz + k)] != FREE:
+            if state_in(part.cells, part.start + (i * ny + j) * nz + k) != FREE:
                 return False
             t += 2.0 * step
         step *= 0.5

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from cspace.compiling import jit, reader
 from cspace.map.fields import read_only
 from cspace.map.kept import Change
+from cspace.map.storage import Stack
 from cspace.threads import in_chunks
 
 States = NDArray[np.uint8]
@@ -44,7 +45,7 @@ class Mip:
 
     Parameters
     ----------
-    states : ndarray of uint8, shape (slices, nx, ny) or (slices, nx, ny, nz)
+    states : ndarray of uint8, or PackedStates, shape (slices, nx, ny) or (slices, nx, ny, nz)
         In one piece, in C order; kept, not copied.
 
     Attributes
@@ -55,9 +56,9 @@ class Mip:
         Whether a slice has a cell that is not FREE.
     """
 
-    def __init__(self, states: States) -> None:
-        self._states = states.reshape(len(states), *(1,) * (4 - states.ndim), *states.shape[1:])
-        slices, nx, ny, nz = self._states.shape
+    def __init__(self, states: Stack) -> None:
+        self._states, self._shape = states, (*(1,) * (4 - states.ndim), *states.shape[1:])
+        slices, (nx, ny, nz) = len(states), self._shape
         self.blocks = np.zeros((slices, -(-nx // SIDE), -(-ny // SIDE), depth_of(nz)), dtype=np.uint8)
         self._mark(np.array([[0, 0, 0, nx - 1, ny - 1, nz - 1]] * slices, dtype=np.int64))
         self.occupied = np.array([part.any() for part in self.blocks])
@@ -65,7 +66,7 @@ class Mip:
     def renew(self, change: Change) -> None:
         """Mark the blocks again in which a state has changed."""
         self._mark(change.states)
-        self.occupied[...] = change.free < prod(self._states.shape[1:])
+        self.occupied[...] = change.free < prod(self._shape)
 
     @property
     def words(self) -> NDArray[np.uint64]:
@@ -81,6 +82,7 @@ class Mip:
         for part, into, box in zip(self._states, self.blocks, boxes, strict=True):
             if (box[:3] > box[3:]).any():
                 continue
+            part = part.reshape(self._shape)
             first, last = box[:3] >> SHIFT, box[3:] >> SHIFT
             rows = int((last[0] - first[0] + 1) * (last[1] - first[1] + 1))
 

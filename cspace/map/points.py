@@ -17,6 +17,7 @@ from cspace.compiling import inner, jit, reader
 from cspace.grid import MAX_COORDINATE, SLACK
 from cspace.map import turning
 from cspace.map.record import Map
+from cspace.map.storage import Cells, state_in
 from cspace.states import FREE, MIXED
 
 Floats = NDArray[np.float64]
@@ -93,12 +94,21 @@ def cell_of(map_: Map, q: Numbers) -> tuple[bool, Cell]:
     return inside, cell
 
 
+@inner(forceinline=True)
+def number_of(map_: Map, cell: Cell) -> int:
+    """Number of a cell ``(slice, x, y)`` or ``(slice, x, y, z)``, all slices in a row."""
+    number = cell[0]
+    for axis in range(len(map_.lower)):
+        number = number * map_.states.shape[axis + 1] + cell[axis + 1]
+    return number
+
+
 @inner(forceinline=True)  # a call takes as long as what it does
 def state_at(map_: Map, q: Numbers) -> int:
     """State of one configuration."""
     inside, cell = cell_of(map_, q)
     if inside:
-        return int(map_.states[cell])
+        return state_in(map_.cells, number_of(map_, cell))
     boxed, finite, dim = True, True, len(map_.lower)
     for axis in range(dim):
         boxed &= (map_.exterior[cell[0], axis] <= cell[axis + 1]) & (
@@ -146,7 +156,7 @@ def codes_of(map_: Map, places: Floats, slices: Ints, cells: Ints, codes: States
             border |= (n <= u) & (u < n + 1.0)
             boxed &= (first[axis] <= u) & (u < last[axis])
             total += abs(u)
-            cell = cell * shape[axis + 1] + np.int64(u)
+            cell = cell * shape[axis + 1] + int(np.int64(u))
         cells[k] = cell if inside else 0
         ask = border | (not (total < FAR))
         code = INSIDE if inside else (ASK if ask else (MIXED if boxed else beyond))
@@ -156,14 +166,14 @@ def codes_of(map_: Map, places: Floats, slices: Ints, cells: Ints, codes: States
 
 
 @inner
-def read_states(flat: States, cells: Ints, codes: States, out: States) -> None:
+def read_states(flat: Cells, cells: Ints, codes: States, out: States) -> None:
     """States of points with given cells and codes.
 
     The map is read in a loop of its own and without a branch, so that many reads of a map larger than the cache are
     under way at once.
     """
     for k in range(cells.shape[0]):
-        out[k] = flat[np.uint64(cells[k])]
+        out[k] = state_in(flat, cells[k])
     for k in range(cells.shape[0]):
         out[k] = out[k] if codes[k] == INSIDE else codes[k]
 
@@ -233,7 +243,7 @@ class Slice(NamedTuple):
 
     Attributes
     ----------
-    cells : ndarray of uint8, shape (n,)
+    cells : ndarray of uint8, shape (n,), or TwoBits
         The states of all slices in a row.
     start : int
         Where those of this one begin.
@@ -242,7 +252,7 @@ class Slice(NamedTuple):
         First and last cell of a box; what of it lies outside the grid is not FREE, and all else there is.
     """
 
-    cells: States
+    cells: Cells
     start: int
     shape: Cell
     low: Cell
@@ -278,7 +288,7 @@ def run_is_free(part: Slice, i: int, j: int, first: int, last: int) -> bool:
     if in_grid:
         column = part.start + (i * ny + j) * nz
         for k in range(max(first, 0), min(last, nz - 1) + 1):
-            if part.cells[np.uint64(column + k)] != FREE:
+            if state_in(part.cells, column + k) != FREE:
                 return False
     low, high = max(first, part.low[2]), min(last, part.high[2])
     if low > high or not (part.low[0] <= i <= part.high[0] and part.low[1] <= j <= part.high[1]):

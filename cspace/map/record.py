@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.map.storage import Cells
 from cspace.rotations import CompiledRotations
 
 
@@ -17,10 +18,10 @@ class Map(NamedTuple):
 
     Attributes
     ----------
-    states : ndarray of uint8, shape (slices, nx, ny) or (slices, nx, ny, nz)
-        FREE, MIXED or BLOCKED; read-only, in C order.
-    cells : ndarray of uint8, shape (slices * nx * ny,) or (slices * nx * ny * nz,)
-        The same in a row.
+    states : ndarray of uint8, shape (slices, nx, ny) or (slices, nx, ny, nz), or TwoBits
+        FREE, MIXED or BLOCKED; read-only, in C order. Compiled code asks it for its shape alone.
+    cells : ndarray of uint8, shape (slices * nx * ny,) or (slices * nx * ny * nz,), or TwoBits
+        The same in a row; compiled code reads it by :mod:`cspace.map.storage` alone.
     rotations : NamedTuple
         The rotation cells, and the slice that each has; compiled code reads it by :mod:`cspace.map.turning` alone.
     lower, upper : tuple of float, length d
@@ -30,8 +31,8 @@ class Map(NamedTuple):
         What lies outside the grid: :attr:`cspace.map.exterior.Exterior.table`.
     """
 
-    states: NDArray[np.uint8]
-    cells: NDArray[np.uint8]
+    states: Cells
+    cells: Cells
     rotations: CompiledRotations
     lower: tuple[float, ...]
     spacing: float

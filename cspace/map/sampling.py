@@ -8,8 +8,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.compiling import jit, reader
+from cspace.compiling import inner, jit, reader
 from cspace.grid import Grid
+from cspace.map.storage import Cells, PackedStates, Stack, row_in
 from cspace.rotations import Rotations
 from cspace.states import FREE
 
@@ -31,7 +32,8 @@ TRIES: Final = 2**12
 """Rounds of draws; cells that are missing after them are 0. While no other thread changes the map and takes the last
 FREE cell away, as many never fail."""
 
-_ONES, _TOPS = np.uint64(0x0101010101010101), np.uint64(0x8080808080808080)
+_ONE, _ONES, _TOPS = np.uint64(1), np.uint64(0x0101010101010101), np.uint64(0x8080808080808080)
+_PAIRS = np.uint64(0x3333333333333333)
 
 # ---- drawing ---------------------------------------------------------------------------------------------------------
 
@@ -84,15 +86,41 @@ def pick(states: Bytes, each: bool, chunks: Chunks, ends: Ints, slices: Ints, dr
     return int(done)
 
 
+@reader
+def find_ranks(cells: Cells, size: int, slices: Ints, ranks: Ints, drawn: Ints) -> None:
+    """The FREE cells of slices of a size that have so many FREE ones before them; 0 where there is none left."""
+    for n in range(len(slices)):
+        left, begin = ranks[n], slices[n] * size
+        for first in range(0, size, 64):
+            free = ~row_in(cells, begin + first, min(64, size - first))[0]
+            count = ones_in(free)
+            if left < count:
+                for _ in range(left):
+                    free &= free - _ONE
+                drawn[n] = first + ones_in((free & (~free + _ONE)) - _ONE)
+                break
+            left -= count
+
+
+@inner
+def ones_in(word: np.uint64) -> int:
+    """How many bits of a word are set."""
+    word -= (word >> _ONE) & np.uint64(0x5555555555555555)
+    word = (word & _PAIRS) + ((word >> np.uint64(2)) & _PAIRS)
+    word = (word + (word >> np.uint64(4))) & np.uint64(0x0F0F0F0F0F0F0F0F)
+    return int((word * _ONES) >> np.uint64(56))
+
+
 class FreeCells:
     """The FREE cells of each slice, to be drawn from.
 
     Where few are FREE, their numbers are kept. Otherwise a cell is drawn from all cells of the chunks of CHUNK that
-    have a FREE one, until it is FREE itself: that takes half of the map's memory, and rarely more than two draws.
+    have a FREE one, until it is FREE itself: that takes half of the map's memory, and rarely more than two draws. Of
+    states in two bits nothing is kept, and the FREE cells of the slice are counted up to the one that is drawn.
 
     Parameters
     ----------
-    states : ndarray of uint8, shape (slices, ...)
+    states : ndarray of uint8, or PackedStates, shape (slices, ...)
 
     Attributes
     ----------
@@ -100,8 +128,12 @@ class FreeCells:
         Number of FREE cells of each slice.
     """
 
-    def __init__(self, states: Bytes) -> None:
-        self._states = states.reshape(len(states), -1)
+    def __init__(self, states: Stack) -> None:
+        self._packed = states if isinstance(states, PackedStates) else None
+        if self._packed is not None:
+            self.counts = self._packed.counts()[:, FREE]
+            return
+        self._states = np.asarray(states).reshape(len(states), -1)
         slices, cells = self._states.shape
         self.counts = np.array([cells - np.count_nonzero(part) for part in self._states], dtype=np.int64)
         free = int(self.counts.sum())
@@ -113,6 +145,10 @@ class FreeCells:
 
     def draw(self, slices: Ints, rng: np.random.Generator) -> Ints:
         """Flat indices of cells drawn uniformly from the FREE ones of slices, each of which must have one."""
+        if self._packed is not None:
+            found, ranks = np.zeros(len(slices), dtype=np.int64), rng.integers(0, self.counts[slices])
+            find_ranks(self._packed.cells, self._packed.size // len(self._packed), slices, ranks, found)
+            return found
         drawn, done = np.zeros(len(slices) + 1, dtype=np.int64), 0
         for _ in range(TRIES):
             draws = rng.random(len(slices) - done + SPARE)
@@ -217,7 +253,7 @@ def next_layer(low: Ints, high: Ints, axis: int, value: float, count: int, scale
     return high[axis] - 1, above
 
 
-def nearest(states: Bytes, slice_of: Ints, rotations: Rotations, grid: Grid, q: Floats) -> Floats | None:
+def nearest(states: Stack, slice_of: Ints, rotations: Rotations, grid: Grid, q: Floats) -> Floats | None:
     """Middle of the FREE cell nearest to a configuration, shape (dof,), half a metre counting as much as a radian.
 
     None where there is no FREE cell. What is far from the configuration is not looked at.

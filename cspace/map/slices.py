@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterator
+
 import numpy as np
 
 from cspace.raster.raster import Raster
@@ -13,14 +16,29 @@ FEW = 16
 """Slices that are made in one thread."""
 
 
-def slice_rasters(robot: Robot, spacing: float, margin: float, rotations: Rotations) -> list[tuple[Raster, Raster]]:
-    """Outer and inner raster of the robot for each slice.
+AT_ONCE = 64
+"""Slices, at most, that are made together, but for those that are another one with the world's axes permuted."""
+
+Pair = tuple[Raster, Raster]
+
+
+def slice_rasters(robot: Robot, spacing: float, margin: float, rotations: Rotations) -> list[Pair]:
+    """Outer and inner raster of the robot for each slice."""
+    made = dict(itertools.chain.from_iterable(raster_batches(robot, spacing, margin, rotations)))
+    return [made[number] for number in range(len(made))]
+
+
+def raster_batches(
+    robot: Robot, spacing: float, margin: float, rotations: Rotations
+) -> Iterator[list[tuple[int, Pair]]]:
+    """Outer and inner raster of the robot for each slice, with its number, some slices at a time.
 
     Each is rasterised afresh from the turned geometry, but for those that are another one with the world's axes
-    permuted.
+    permuted, which come in the same batch as that.
     """
     if rotations.keep(robot):
-        return [robot.rasters(spacing, margin)]
+        yield [(0, robot.rasters(spacing, margin))]
+        return
     slice_of = rotations.slice_of(robot)
     first, turns = np.unique(slice_of, return_index=True)[1], rotations.turns(robot.dim)
     # For each slice the least one of which it is an image, and the matrix that makes it so.
@@ -30,12 +48,19 @@ def slice_rasters(robot: Robot, spacing: float, margin: float, rotations: Rotati
         image = slice_of[cells[first]]
         less = np.flatnonzero(np.arange(len(first)) < source[image])
         source[image[less]], made_by[image[less]] = less, number
-    fresh = np.flatnonzero(made_by < 0)
-    work = [turns[first[number]] for number in fresh]
-    made = in_threads(lambda turn: robot.rasters(spacing, margin, turn), work, cores() if len(work) > FEW else 1)
-    rasters = dict(zip(fresh.tolist(), made, strict=True))
+    alike: dict[int, list[int]] = {}
     for number in np.flatnonzero(made_by >= 0).tolist():
-        matrix = images[made_by[number]][0]
-        outer, inner = rasters[source[number]]
-        rasters[number] = outer.turned(matrix), inner.turned(matrix)
-    return [rasters[number] for number in range(len(first))]
+        alike.setdefault(int(source[number]), []).append(number)
+
+    def make(number: int) -> list[tuple[int, Pair]]:
+        made = [(number, robot.rasters(spacing, margin, turns[first[number]]))]
+        for known, (outer, inner) in made:  # which grows meanwhile
+            for other in alike.get(known, ()):
+                matrix = images[made_by[other]][0]
+                made.append((other, (outer.turned(matrix), inner.turned(matrix))))
+        return made
+
+    fresh = np.flatnonzero(made_by < 0).tolist()
+    threads = cores() if len(fresh) > FEW else 1
+    for start in range(0, len(fresh), AT_ONCE):
+        yield list(itertools.chain.from_iterable(in_threads(make, fresh[start : start + AT_ONCE], threads)))

@@ -58,9 +58,11 @@ def classes_of(space: MapLike, rotation: Floats | None, layer: tuple[Any, ...] =
     occupied = space.workspace.outer[layer]
     if rotation is not None:
         return classes_at(occupied, space.slice_at(rotation)[layer])
-    states = space._map.states[(slice(None), *layer)]
-    classes = classes_at(occupied, states.min(axis=0))
-    classes[(classes == OPEN) & (states.max(axis=0) != FREE)] = SOME
+    least = most = space._seen[0][layer]
+    for states in space._seen:
+        least, most = np.minimum(least, states[layer]), np.maximum(most, states[layer])
+    classes = classes_at(occupied, least)
+    classes[(classes == OPEN) & (most != FREE)] = SOME
     return classes
 
 

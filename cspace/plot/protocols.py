@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from cspace.grid import Grid
 from cspace.map.record import Map
+from cspace.map.storage import Stack
 from cspace.rotations import Rotations
 from cspace.shapes.shape import Shape
 
@@ -57,4 +58,6 @@ class MapLike(Protocol):
     def workspace(self) -> WorkspaceLike: ...
     @property
     def _map(self) -> Map: ...
+    @property
+    def _seen(self) -> Stack: ...
     def slice_at(self, rotation: Floats, /) -> NDArray[np.uint8]: ...

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -99,10 +100,10 @@ class OverlapField:
         if overlap.dim != grid.dim:
             raise InputError("overlap", f"has {overlap.dim} coordinates, the map {grid.dim}", "both must have as many")
         shape, count = map_.states.shape, 1 + grid.dim
-        check_memory(8.0 * count * map_.states.size, "the overlap field", grid.shape, grid.spacing)
+        check_memory(8.0 * count * math.prod(shape), "the overlap field", grid.shape, grid.spacing)
         arrays = {name: np.empty(shape) for name in FIELDS[:count]}
         turns = space.rotations.turns(grid.dim)
-        for number in range(len(map_.states)):
+        for number in range(shape[0]):
             matrix = turns[int(np.argmax(map_.slice_of == number))].matrix
             placed = overlap if matrix is None else overlap.rotated(matrix)
             for rows in np.array_split(np.arange(shape[1]), -(-grid.size // _AT_ONCE)):
@@ -148,7 +149,7 @@ class OverlapField:
 
 
 def _shape(space: Space) -> tuple[int, ...]:
-    return (*space.rotations.leading(len(space._map.states)), *space.grid.shape)
+    return (*space.rotations.leading(space._map.states.shape[0]), *space.grid.shape)
 
 
 @jit

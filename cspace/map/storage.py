@@ -1,0 +1,338 @@
+"""How a map keeps its states: in a byte a cell, or in two bits where there are very many.
+
+Compiled code takes either by its type, and Python sees both slice by slice, as bytes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import prod
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numba import types
+from numba.extending import overload
+from numpy.typing import DTypeLike, NDArray
+
+from cspace.compiling import inner, reader
+from cspace.errors import InputError
+from cspace.map.fields import read_only
+from cspace.memory import KEEP, free_bytes, in_words
+from cspace.states import BLOCKED, FREE
+
+Bytes = NDArray[np.uint8]
+Ints = NDArray[np.int64]
+Words = NDArray[np.uint64]
+Halves = tuple[np.uint64, np.uint64]
+
+SPARE: Final = 16
+"""Bytes behind the last cell, so that a word may be read from any cell on."""
+
+_ONE, _ONES, _GATHER = np.uint64(1), np.uint64(0x0101010101010101), np.uint64(0x0102040810204080)
+_TWO, _THREE = np.uint64(2), np.uint64(3)
+_EVEN = np.uint64(0x5555555555555555)
+
+
+class TwoBits(NamedTuple):
+    """States in two bits a cell, as compiled code takes them.
+
+    Attributes
+    ----------
+    packed : ndarray of uint8
+        Cell i has the bits from ``2 * (i & 3)`` on of byte ``i >> 2``; :data:`SPARE` bytes follow.
+    shape : tuple of int
+        Slices, and cells of the grid.
+    """
+
+    packed: Bytes
+    shape: tuple[int, ...]
+
+
+Cells = Bytes | TwoBits
+Eights = Words | TwoBits
+
+
+@inner(forceinline=True)
+def word_at(packed: Bytes, number: int) -> np.uint64:
+    """The word that begins with a cell, of which the last three may be missing."""
+    first = number >> 2
+    word: np.uint64 = packed[first : first + 8].view(np.uint64)[0] >> np.uint64(2 * (number & 3))
+    return word
+
+
+@inner(forceinline=True)
+def spread(word: np.uint64) -> np.uint64:
+    """The eight pairs of bits that a word begins with, each in a byte of its own."""
+    word = (word & np.uint64(0xFF)) | ((word & np.uint64(0xFF00)) << np.uint64(24))
+    word = (word & np.uint64(0xF0000000F)) | ((word & np.uint64(0xF0000000F0)) << np.uint64(12))
+    return (word & np.uint64(0x3000300030003)) | ((word & np.uint64(0xC000C000C000C)) << np.uint64(6))
+
+
+@inner(forceinline=True)
+def gathered(word: np.uint64) -> np.uint64:
+    """The even bits of a word, side by side."""
+    word &= _EVEN
+    word = (word | (word >> _ONE)) & np.uint64(0x3333333333333333)
+    word = (word | (word >> _TWO)) & np.uint64(0x0F0F0F0F0F0F0F0F)
+    word = (word | (word >> np.uint64(4))) & np.uint64(0x00FF00FF00FF00FF)
+    word = (word | (word >> np.uint64(8))) & np.uint64(0x0000FFFF0000FFFF)
+    return (word | (word >> np.uint64(16))) & np.uint64(0xFFFFFFFF)
+
+
+# ---- what compiled code calls ----------------------------------------------------------------------------------------
+
+
+def state_in(cells: Cells, number: int) -> int:
+    """State of a cell, by its number in the map."""
+    raise NotImplementedError
+
+
+def eight_in(eights: Eights, cells: Cells, number: int, count: int) -> np.uint64:
+    """States of up to eight cells from one on, in the bytes of a word; FREE beyond ``count``."""
+    raise NotImplementedError
+
+
+def row_in(cells: Cells, number: int, count: int) -> Halves:
+    """Which of up to 64 cells from one on are not FREE, and which are BLOCKED, by bits; those beyond are set."""
+    raise NotImplementedError
+
+
+def _byte_in(cells: Bytes, number: int) -> int:
+    return int(cells[np.uint64(number)])
+
+
+def _bits_in(cells: TwoBits, number: int) -> int:
+    place = np.uint64(number)
+    return int((np.uint64(cells.packed[place >> _TWO]) >> (_TWO * (place & _THREE))) & _THREE)
+
+
+def _eight_bytes_in(eights: Words, cells: Bytes, number: int, count: int) -> np.uint64:
+    at, shift = np.uint64(number) >> _THREE, np.uint64(8 * (number % 8))
+    word: np.uint64 = np.uint64(0)
+    if at + _ONE < np.uint64(eights.size):
+        word = eights[at] >> shift
+        if shift != 0:
+            word |= eights[at + _ONE] << (np.uint64(64) - shift)
+        return word if count >= 8 else word & ((_ONE << np.uint64(8 * count)) - _ONE)
+    for n in range(min(count, 8)):
+        word |= np.uint64(cells[number + n]) << np.uint64(8 * n)
+    return word
+
+
+def _eight_bits_in(eights: TwoBits, cells: TwoBits, number: int, count: int) -> np.uint64:
+    word = spread(word_at(cells.packed, number))
+    return word if count >= 8 else word & ((_ONE << np.uint64(8 * count)) - _ONE)
+
+
+def _row_of_bytes(cells: Bytes, number: int, count: int) -> Halves:
+    line, taken, blocked = cells[number : number + count], np.uint64(0), np.uint64(0)
+    if count == 64:
+        eights = line.view(np.uint64)
+        for eight in range(8):
+            word, place = eights[eight], np.uint64(8 * eight)
+            above = word >> _ONE  # BLOCKED has the second bit, and MIXED the first
+            taken |= ((((word | above) & _ONES) * _GATHER) >> np.uint64(56)) << place
+            blocked |= (((above & _ONES) * _GATHER) >> np.uint64(56)) << place
+    else:
+        for k in range(count):
+            bit = _ONE << np.uint64(k)
+            taken |= bit if line[k] != FREE else np.uint64(0)
+            blocked |= bit if line[k] == BLOCKED else np.uint64(0)
+        beyond = ~np.uint64(0) << np.uint64(count)
+        taken, blocked = taken | beyond, blocked | beyond
+    return taken, blocked
+
+
+def _row_of_bits(cells: TwoBits, number: int, count: int) -> Halves:
+    taken, blocked = np.uint64(0), np.uint64(0)
+    for first in range(0, count, 16):
+        word, place = word_at(cells.packed, number + first), np.uint64(first)
+        word &= np.uint64(0xFFFFFFFF)
+        taken |= gathered(word | (word >> _ONE)) << place
+        blocked |= gathered(word >> _ONE) << place
+    beyond = ~np.uint64(0) << np.uint64(count) if count < 64 else np.uint64(0)
+    return taken | beyond, blocked | beyond
+
+
+def _register(function: Any, bytes_: Any, bits: Any) -> None:
+    options: Any = {"_nrt": False, "forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+    take = overload(function, jit_options=options, strict=False)
+    take(lambda cells, *others: bytes_ if isinstance(cells, types.Array) else bits)
+
+
+for _function, _bytes, _bits in (
+    (state_in, _byte_in, _bits_in),
+    (eight_in, _eight_bytes_in, _eight_bits_in),
+    (row_in, _row_of_bytes, _row_of_bits),
+):
+    _register(_function, _bytes, _bits)
+
+
+# ---- packing ---------------------------------------------------------------------------------------------------------
+
+
+@reader
+def pack(states: Bytes, packed: Bytes) -> None:
+    """Pack states into bytes, four into each; what is left of the last one is 0."""
+    eights, pairs = states[: len(states) // 8 * 8].view(np.uint64), packed[: len(states) // 8 * 2].view(np.uint16)
+    for k in range(len(eights)):
+        word = eights[k]
+        word = (word | (word >> np.uint64(6))) & np.uint64(0x000F000F000F000F)
+        word = (word | (word >> np.uint64(12))) & np.uint64(0x000000FF000000FF)
+        pairs[k] = word | (word >> np.uint64(24))
+    for k in range(2 * len(pairs), (len(states) + 3) // 4):
+        packed[k] = 0
+    for k in range(8 * len(eights), len(states)):
+        packed[k >> 2] |= states[k] << np.uint8(2 * (k & 3))
+
+
+@reader
+def unpack(packed: Bytes, states: Bytes) -> None:
+    """Write the states that bytes hold, four each."""
+    pairs, eights = packed[: len(packed) // 2 * 2].view(np.uint16), states[: len(packed) // 2 * 8].view(np.uint64)
+    for k in range(len(pairs)):
+        eights[k] = spread(np.uint64(pairs[k]))
+    for k in range(8 * len(pairs), len(states)):
+        states[k] = (packed[k >> 2] >> np.uint8(2 * (k & 3))) & np.uint8(3)
+
+
+class PackedStates:
+    """States in two bits a cell, slice by slice as bytes: what is read of an array of states along its first axis.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Slices, and cells of the grid. All are FREE, and to be written.
+    """
+
+    dtype: Final = np.dtype(np.uint8)
+
+    def __init__(self, shape: tuple[int, ...]) -> None:
+        self.shape, self._each = tuple(map(int, shape)), prod(shape[1:])
+        self._packed = np.zeros(-(-self.size // 4) + SPARE, dtype=np.uint8)
+
+    @property
+    def ndim(self) -> int:
+        """Number of axes."""
+        return len(self.shape)
+
+    @property
+    def size(self) -> int:
+        """Number of cells."""
+        return self.shape[0] * self._each
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes that the states take."""
+        return self._packed.nbytes
+
+    @property
+    def cells(self) -> TwoBits:
+        """What compiled code takes; it follows what is written."""
+        return TwoBits(read_only(self._packed.view()), self.shape)
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def __iter__(self) -> Iterator[Bytes]:
+        return map(self.__getitem__, range(len(self)))
+
+    def __getitem__(self, number: int | slice) -> Bytes:
+        """The states of a slice, or of several, a new array, which is not to be written."""
+        if isinstance(number, slice):
+            return np.stack([self[k] for k in range(len(self))[number]])
+        number = range(len(self))[number]  # also from the end, and no further
+        first, last, begin = self._around(number)
+        states = np.empty(4 * (last - first), dtype=np.uint8)
+        unpack(self._packed[first:last], states)
+        return read_only(states[begin : begin + self._each]).reshape(self.shape[1:])
+
+    def write(self, number: int, states: Bytes) -> None:
+        """Replace the states of a slice; one thread at a time."""
+        first, last, begin = self._around(number)
+        row = states.reshape(-1)
+        if 4 * (last - first) != len(row):  # the slices before and after have a part of its first and last byte
+            row = np.empty(4 * (last - first), dtype=np.uint8)
+            unpack(self._packed[first:last], row)
+            row[begin : begin + self._each] = states.reshape(-1)
+        pack(row, self._packed[first:last])
+
+    def copy(self) -> PackedStates:
+        """The same states, to be written by themselves."""
+        other = PackedStates(self.shape)
+        other._packed[...] = self._packed
+        return other
+
+    def counts(self) -> Ints:
+        """Number of FREE, MIXED and BLOCKED cells of each slice, shape (slices, 3)."""
+        found = np.empty((len(self), 3), dtype=np.int64)
+        for number, row in enumerate(found):
+            first, last, begin = self._around(number)
+            part = self._packed[first:last]
+            if 4 * len(part) != self._each:
+                part = part.copy()
+                part[0] &= 255 << 2 * begin & 255
+                part[-1] &= 255 >> 2 * (4 * len(part) - begin - self._each)
+            row[1:] = np.bitwise_count(part & 0x55).sum(), np.bitwise_count(part & 0xAA).sum()
+            row[0] = self._each - row[1] - row[2]
+        return found
+
+    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
+        """All states as bytes.
+
+        Raises
+        ------
+        InputError
+            If they do not fit into memory.
+        """
+        check_bytes(self.size)
+        return np.stack(list(self)).astype(self.dtype if dtype is None else dtype, copy=False)
+
+    def _around(self, number: int) -> tuple[int, int, int]:
+        """First byte of a slice, the one after its last, and which cell of them is its first."""
+        start = number * self._each
+        return start // 4, -(-(start + self._each) // 4), start % 4
+
+
+Stack = Bytes | PackedStates
+"""States by slice, as Python holds them."""
+
+
+def cells_of(states: Stack) -> Cells:
+    """All states in a row, as compiled code takes them."""
+    return states.cells if isinstance(states, PackedStates) else states.reshape(-1)
+
+
+def record_of(states: Stack) -> Cells:
+    """All states, which compiled code asks for their shape."""
+    return states.cells if isinstance(states, PackedStates) else states
+
+
+def read_only_of(states: Stack) -> Stack:
+    """The states, not to be written; those in two bits never are through what they give."""
+    return states if isinstance(states, PackedStates) else read_only(states.view())
+
+
+def eights_of(cells: Cells) -> Eights:
+    """The states, eight in a word, but for those at the end that do not fill one; in two bits, as they are."""
+    return cells if isinstance(cells, TwoBits) else cells[: cells.size // 8 * 8].view(np.uint64)
+
+
+def counts_of(states: Stack) -> Ints:
+    """Number of FREE, MIXED and BLOCKED cells of each slice, shape (slices, 3)."""
+    if isinstance(states, PackedStates):
+        return states.counts()
+    return np.array([np.bincount(part.reshape(-1), minlength=3) for part in states])
+
+
+def check_bytes(states: int) -> None:
+    """Refuse to make a byte of each of so many states where they do not fit into memory."""
+    free = free_bytes()
+    if states > KEEP * free:
+        raise InputError(
+            "the state of every cell",
+            f"takes {in_words(states)}, a byte for each",
+            f"at most {in_words(KEEP * free)} may be taken, which is {KEEP:.0%} of what is free",
+            "ask for one rotation at a time, with slice_at",
+            value=states,
+        )

@@ -1,0 +1,142 @@
+"""States in two bits: every answer is that of the map with a byte a state, and so are files and updates."""
+
+import copy
+
+import numpy as np
+import pytest
+import trimesh
+
+import cspace
+from cspace import Robot, Workspace, builder, memory
+from cspace.errors import InputError
+from cspace.map import storage
+from cspace.map.chain import open_chain
+from cspace.map.storage import PackedStates
+from cspace.rotations import Rotations
+
+RNG = np.random.default_rng(0)
+
+
+def room(shape):
+    """Some obstacles, at different places along each axis, as many cells in a slice as four do not divide."""
+    occupied = np.zeros(shape, dtype=bool)
+    occupied[tuple(RNG.integers(0, shape, (7, len(shape))).T)] = True
+    return Workspace.from_array(occupied, 0.1)
+
+
+def wedge():
+    """A mesh without symmetries."""
+    parts = [trimesh.creation.box((0.4, 0.1, 0.1)), trimesh.creation.box((0.1, 0.1, 0.3))]
+    parts[1].apply_translation((0.15, 0.03, 0.2))
+    return Robot.mesh(trimesh.util.concatenate(parts))
+
+
+TRIANGLE = Robot.polygon([(0, 0), (0.4, 0), (0, 0.2)])
+CASES = {
+    "SE(2)": lambda: (room((21, 35)), TRIANGLE, 9),
+    "SE(2), quarter turns": lambda: (room((13, 70)), TRIANGLE, 12),
+    "R^3 x yaw": lambda: (room((11, 9, 13)), wedge(), 8),
+    "SE(3)": lambda: (room((11, 9, 13)), wedge(), Rotations.quaternions(2)),
+}
+
+
+def both(name, monkeypatch, **options):
+    """A map with a byte a state, and with two bits."""
+    workspace, robot, rotations = CASES[name]()
+    bytes_ = cspace.build(workspace, robot, rotations=rotations, **options)
+    monkeypatch.setattr(memory, "PACKED_FROM", 0)
+    bits = cspace.build(workspace, robot, rotations=rotations, **options)
+    assert isinstance(bits._seen, PackedStates)
+    assert not isinstance(bytes_._seen, PackedStates)
+    return bytes_, bits
+
+
+@pytest.mark.parametrize("size", [1, 3, 4, 7, 8, 33, 64, 999])
+def test_slices_are_what_was_written(size):
+    states = RNG.integers(0, 3, (9, size), dtype=np.uint8)
+    packed = PackedStates(states.shape)
+    for number in RNG.permutation(9):
+        packed.write(int(number), states[number])
+    again = packed.copy()
+    packed.write(4, states[3])
+    packed.write(4, states[4])
+    for one in (packed, again):
+        np.testing.assert_array_equal(np.array(list(one)), states)
+        np.testing.assert_array_equal(one.counts(), [np.bincount(part, minlength=3) for part in states])
+    np.testing.assert_array_equal(packed[2:5], states[2:5])
+    with pytest.raises(IndexError):
+        packed[9]
+
+
+@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("method", ["direct", "fft"])
+def test_a_map_is_the_same_in_two_bits(name, method, monkeypatch):
+    monkeypatch.setattr(builder, "SCRATCH_BYTES", 3000)
+    done = []
+    one, two = both(name, monkeypatch, method=method, progress=lambda *steps: done.append(steps))
+    np.testing.assert_array_equal(two.state, one.state)
+    np.testing.assert_array_equal(two._exterior.table, one._exterior.table)
+    assert one.count() == two.count()
+    assert two._seen.nbytes < one.state.size // 4 + 20
+    steps = [step for step, total in done if total == len(two._seen)]
+    assert len(steps) > 1
+    assert steps == sorted(steps)
+    assert steps[-1] == len(two._seen)
+
+
+def test_every_answer_is_the_same_in_two_bits(monkeypatch, tmp_path):
+    one, two = both("SE(2)", monkeypatch, outside="free")
+    q = RNG.uniform((-0.5, -0.5, -4.0), (2.6, 4.0, 4.0), (3000, 3))
+    for box in (None, (3, 4, True), (5, 5, False), (0, 0, True)):
+        if box is not None:
+            cells = np.full((4, 3), box[2])
+            cells[1, 1] = not box[2]
+            assert one.update(cells, box[:2]) == two.update(cells, box[:2])
+        for answer in ("classify", "is_free", "clearance", "overlap", "contains_robot"):
+            np.testing.assert_array_equal(getattr(one, answer)(q), getattr(two, answer)(q))
+        np.testing.assert_array_equal(one.classify(q[:9]), two.classify(q[:9]))
+        np.testing.assert_array_equal(one.is_free_around(q, 0.1, 0.2), two.is_free_around(q, 0.1, 0.2))
+        near = q + RNG.normal(size=q.shape) * 0.2
+        free = one.motion_is_free(q, near)
+        assert 0.1 < free.mean() < 0.9
+        np.testing.assert_array_equal(free, two.motion_is_free(q, near))
+        np.testing.assert_array_equal(one.certify_path(q), two.certify_path(q))
+        np.testing.assert_array_equal(one.path_exists(q, near), two.path_exists(q, near))
+        samples = two.sample_free(300, np.random.default_rng(0))
+        assert one.is_free(samples).all()
+        assert one.count() == two.count()
+    inside = q[one.is_free(q) & one.grid.contains(q[:, :2])]
+    np.testing.assert_array_equal(one.free_reach(inside[0]), two.free_reach(inside[0]))
+    np.testing.assert_array_equal(one.nearest_free(q[0]), two.nearest_free(q[0]))
+    np.testing.assert_array_equal(open_chain(one, *inside[:2]), open_chain(two, *inside[:2]))
+    for suffix in (".zarr", ".npz"):
+        two.save(tmp_path / f"map{suffix}")
+        assert cspace.open(tmp_path / f"map{suffix}").to_xarray().identical(one.to_xarray())
+    assert isinstance(cspace.open(tmp_path / "map.zarr")._seen, PackedStates)
+    other = copy.deepcopy(two)
+    other.update(np.ones((9, 9), dtype=bool), (9, 9))
+    np.testing.assert_array_equal(two.classify(q), one.classify(q))
+    assert other.count() != two.count()
+
+
+def test_samples_are_uniform_over_the_free_cells(monkeypatch):
+    _, two = both("SE(2)", monkeypatch)
+    drawn = two._cells_of(two.sample_free(20_000, np.random.default_rng(0)))
+    numbers, times = np.unique(drawn, axis=0, return_counts=True)
+    assert len(numbers) > 0.9 * two.count()[0]
+    assert times.max() < 8.0 * times.mean()
+
+
+def test_what_would_not_fit_as_bytes_is_refused(monkeypatch, tmp_path):
+    _, two = both("SE(2)", monkeypatch)
+    monkeypatch.setattr(storage, "free_bytes", lambda: 1000)
+    for ask in (lambda: two.state, two.to_xarray, lambda: two.save(tmp_path / "map.npz")):
+        with pytest.raises(InputError, match=r"6\.6\d kB.*950 bytes.*slice_at"):
+            ask()
+    assert two.slice_at(0.3).shape == two.grid.shape
+
+
+def test_overlap_counts_are_kept_with_bytes(monkeypatch):
+    monkeypatch.setattr(memory, "PACKED_FROM", 0)
+    workspace, robot, rotations = CASES["SE(2)"]()
+    assert isinstance(cspace.build(workspace, robot, rotations=rotations, overlap=True)._seen, np.ndarray)
