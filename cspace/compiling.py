@@ -110,10 +110,11 @@ def _cache_class() -> Any:
             self._look_around()
             return super().load_overload(*arguments)  # type: ignore[no-untyped-call]
 
-        def save_overload(self, *arguments: Any) -> None:
+        def save_overload(self, signature: Any, compiled: Any) -> None:
+            _refuse_recursion(self._py_func.__qualname__, compiled.library)
             self._look_around()
             with suppress(OSError):  # a folder that has gone
-                super().save_overload(*arguments)  # type: ignore[no-untyped-call]
+                super().save_overload(signature, compiled)  # type: ignore[no-untyped-call]
 
         def _look_around(self) -> None:
             found: set[tuple[str, str]] = set()
@@ -121,6 +122,17 @@ def _cache_class() -> Any:
             self._cache_file._source_stamp = sorted(found)
 
     return Cache
+
+
+def _refuse_recursion(name: str, library: Any) -> None:
+    """Refuse what comes to call itself, by another function or with other types: read from a file, numba's is a crash.
+
+    Of a call that it could not link, numba leaves a place in the code, and fills it in only when it compiles.
+    """
+    module = getattr(library, "_final_module", None)
+    if module is not None and any(each.name.startswith(".numba.unresolved$") for each in module.global_variables):
+        message = f"{name} calls itself, by another function or with other types: write a loop"
+        raise NotImplementedError(message)
 
 
 @cache
@@ -207,25 +219,46 @@ def inner(function: F | None = None, /, **options: Any) -> Any:
     """:func:`reader` for what only compiled code calls; without a door for Python it is compiled sooner."""
     if function is None:
         return lambda decorated: inner(decorated, **options)
-    return jit(function, _nrt=False, no_cpython_wrapper=True, pipeline_class=_part_compiler(), **options)
+    made = cast(Any, jit(function, _nrt=False, no_cpython_wrapper=True, pipeline_class=_part_compiler(), **options))
+
+    def add(compiled: Any) -> None:
+        made.overloads[tuple(compiled.signature.args)] = compiled
+
+    def refuse(*arguments: object, **named: object) -> None:
+        raise TypeError(f"{made.__name__} is called by compiled code alone: decorate it with reader")
+
+    # Numba itself would let Python in, where nothing is.
+    made.add_overload, made._compile_for_args = add, refuse
+    return made
 
 
 @cache
 def _part_compiler() -> Any:
-    """Numba's compiler for what becomes a part of others.
+    """Numba's compiler for what becomes a part of others; numba's own where that has changed within.
 
     Numba optimises each function, makes machine code of it, and does so again for every one that calls it, all the way
     up. Of parts only the last time counts.
     """
-    from llvmlite.binding import parse_assembly
-    from numba.core.codegen import JITCodeLibrary
-    from numba.core.compiler import CompilerBase, DefaultPassBuilder
+    from numba.core.compiler import Compiler, CompilerBase, DefaultPassBuilder
+
+    try:
+        from llvmlite.binding import parse_assembly
+        from numba.core.codegen import JITCodeLibrary, JITCPUCodegen
+    except ImportError:
+        return Compiler
+    used = {
+        JITCodeLibrary: ("_optimize_final_module", "_finalize_final_module", "_finalize_dynamic_globals"),
+        JITCPUCodegen: ("_add_module", "_create_empty_module"),
+    }
+    if not all(hasattr(kind, name) for kind, names in used.items() for name in names):
+        return Compiler
 
     class Part(JITCodeLibrary):
         def _optimize_final_module(self) -> None:
             pass
 
         def _finalize_final_module(self) -> None:
+            _refuse_recursion(self.name, self)
             # Machine code is left out as well, but for places that numba fills in at once.
             codegen: Any = self._codegen
             functions = self._final_module

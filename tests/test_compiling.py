@@ -14,7 +14,8 @@ from typing import Any
 import pytest
 
 import cspace
-from cspace.compiling import is_own
+from cspace import compiling
+from cspace.compiling import inner, is_own, jit
 
 CODE = """
 import logging
@@ -120,6 +121,57 @@ def test_a_function_is_compiled_anew_when_one_that_it_calls_has_changed(run: Cal
     assert run("2.0") == (3.0, 0)
     assert run("4.0") == (5.0, 0)
     assert run() == (5.0, 1)
+
+
+# ---- parts of others -------------------------------------------------------------------------------------------------
+
+
+def even(count: int) -> bool:
+    return count == 0 or odd(count - 1)
+
+
+def odd(count: int) -> bool:
+    return count > 0 and even(count - 1)
+
+
+@pytest.mark.parametrize("made", [jit, inner])
+def test_functions_that_call_each_other_in_a_circle_are_refused(
+    made: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Read back from a file, they would take the process with them."""
+    for function in (even, odd):
+        monkeypatch.setitem(globals(), function.__name__, made(function))
+    with pytest.raises(NotImplementedError, match=r"calls itself.* write a loop"):
+        even.compile("(int64,)")  # type: ignore[attr-defined]
+
+
+def double(value: float) -> float:
+    return 2 * value
+
+
+@pytest.mark.parametrize("gone", [None, "_optimize_final_module"])
+def test_parts_are_for_compiled_code_alone_whatever_numba_is_like_within(
+    gone: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from numba.core.codegen import CPUCodeLibrary
+    from numba.core.compiler import Compiler
+
+    with monkeypatch.context() as patch:
+        if gone is not None:
+            patch.delattr(CPUCodeLibrary, gone)
+        compiler = compiling._part_compiler.__wrapped__()
+    assert (compiler is Compiler) == (gone is not None)
+    monkeypatch.setattr(compiling, "_part_compiler", lambda: compiler)
+    part = inner(cache=False)(double)
+
+    @jit(cache=False)
+    def quadruple(value: float) -> float:
+        return part(part(value))
+
+    for _ in range(2):
+        assert quadruple(1.5) == 6.0
+        with pytest.raises(TypeError, match="double is called by compiled code alone"):
+            part(1.5)
 
 
 # ---- what was compiled is the user's own -----------------------------------------------------------------------------
