@@ -8,11 +8,13 @@ from pathlib import Path
 from typing import Final
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
+from xml.parsers.expat import ExpatError, ParserCreate
 
 import numpy as np
 
-from cspace.io.input import damaged, numbers, read_bytes
-from cspace.io.polygons import Floats, Integers, Surface, assembled, triangulated, unread
+from cspace.io.input import damaged, read_bytes
+from cspace.io.limits import check_bytes
+from cspace.io.polygons import Floats, Integers, Surface, joined, placed, triangulated, unfolded, unread
 
 Named = dict[str, Element | None]
 """Elements by their ids; none where two have one."""
@@ -39,12 +41,12 @@ def read_collada(file: Path) -> Surface:
     GeometryError
         If there is a surface that is not read, or a polygon can be cut in several ways.
     """
-    parser = ElementTree.XMLParser(target=_Builder(file))
     try:
-        parser.feed(read_bytes(file, "mesh", memory=20.0))
-        root: Element = parser.close()
-    except ElementTree.ParseError as error:
+        root = _parsed(read_bytes(file, "mesh", memory=20.0), file)
+    except (ElementTree.ParseError, ExpatError) as error:
         raise damaged(file, f"is no XML ({error})") from error
+    for element in root.iter():
+        element.tag = str(element.tag).rpartition("}")[2]
     if root.tag != "COLLADA":
         raise damaged(file, f"holds {root.tag}, not COLLADA")
     named: Named = {}
@@ -85,8 +87,10 @@ def read_collada(file: Path) -> Surface:
         else:
             raise unread(file, f"a {element.tag} in its scene")
     arrays: dict[Element, Floats] = {}
-    known = {shape: _surfaces(shape, named, arrays, file) for shape in dict.fromkeys(shape for shape, _ in places)}
-    return assembled(known, places, file)
+    known = {each: _surfaces(each, named, arrays, file) for each in dict.fromkeys(each for each, _ in places)}
+    sizes = {each: sum(unfolded(len(points), len(faces)) for points, faces in known[each]) for each in known}
+    check_bytes(file, sum(sizes[each] for each, _ in places), "unfolds to", memory=3.0)
+    return joined([placed(surface, above) for each, above in places for surface in known[each]])
 
 
 def _target(instance: Element, named: Named, file: Path) -> Element:
@@ -109,10 +113,10 @@ def _local(node: Element, file: Path) -> tuple[Floats, list[Element]]:
             shapes.append(child)
             continue
         size, matrix = _TRANSFORMS[child.tag]
-        values = numbers((child.text or "").split(), np.float64)
-        if len(values) != size:
-            raise damaged(file, f"has a {child.tag} of {len(values)} numbers; it has {size}")
-        transform = transform @ matrix(values)
+        numbers = np.array((child.text or "").split(), dtype=np.float64)
+        if len(numbers) != size:
+            raise damaged(file, f"has a {child.tag} of {len(numbers)} numbers; it has {size}")
+        transform = transform @ matrix(numbers)
     return transform, shapes
 
 
@@ -142,29 +146,27 @@ _TRANSFORMS: Final[dict[str, tuple[int, Callable[[Floats], Floats]]]] = {
 """How many numbers each transform of a node has, and its matrix."""
 
 
-class _Builder(ElementTree.TreeBuilder):
-    """Makes a tree without namespaces, nested in bounds, of a text without a document type.
+def _parsed(data: bytes, file: Path) -> Element:
+    """The tree of a text without entities, by which a small file unfolds into a huge one, nested in bounds."""
+    depth = 0
 
-    Only such a type declares entities, by which a small file unfolds into a huge one.
-    """
+    def opened(name: str, attributes: dict[str, str]) -> None:
+        nonlocal depth
+        depth += 1
+        if depth > _DEEPEST:
+            raise damaged(file, f"has more than {_DEEPEST} elements within each other")
 
-    def __init__(self, file: Path) -> None:
-        super().__init__()
-        self.file = file
-        self.depth = 0
+    def closed(name: str) -> None:
+        nonlocal depth
+        depth -= 1
 
-    def start(self, tag: str, attrs: dict[str, str], /) -> Element:
-        self.depth += 1
-        if self.depth > _DEEPEST:
-            raise damaged(self.file, f"has more than {_DEEPEST} elements within each other")
-        return super().start(tag.rpartition("}")[2], attrs)
+    def entity(*about: object) -> None:
+        raise damaged(file, "declares an entity, which COLLADA has no use for")
 
-    def end(self, tag: str, /) -> Element:
-        self.depth -= 1
-        return super().end(tag.rpartition("}")[2])
-
-    def doctype(self, *about: object) -> None:
-        raise damaged(self.file, "declares a document type, and may declare entities, which COLLADA has no use for")
+    scan = ParserCreate()
+    scan.StartElementHandler, scan.EndElementHandler, scan.EntityDeclHandler = opened, closed, entity
+    scan.Parse(data, True)
+    return ElementTree.fromstring(data)
 
 
 def _surfaces(geometry: Element, named: Named, arrays: dict[Element, Floats], file: Path) -> list[Surface]:
@@ -210,10 +212,10 @@ def _corners(p: Element, part: Element, file: Path) -> Integers:
     """Vertex numbers of a list, in which other numbers stand between them."""
     stride = 1 + max((int(given.get("offset", "0")) for given in part.findall("input")), default=0)
     given = _inputs(part, "VERTEX")
-    values = _integers(p, file)
-    if len(given) != 1 or len(values) % stride:
-        raise damaged(file, f"has {part.tag} with {len(given)} inputs VERTEX and {len(values)} numbers, {stride} each")
-    return values[int(given[0].get("offset", "0")) :: stride]
+    numbers = _integers(p, file)
+    if len(given) != 1 or len(numbers) % stride:
+        raise damaged(file, f"has {part.tag} with {len(given)} inputs VERTEX and {len(numbers)} numbers, {stride} each")
+    return numbers[int(given[0].get("offset", "0")) :: stride]
 
 
 def _positions(part: Element, named: Named, arrays: dict[Element, Floats], file: Path) -> Floats:
@@ -230,7 +232,7 @@ def _positions(part: Element, named: Named, arrays: dict[Element, Floats], file:
         raise damaged(file, f"has positions in {array.tag}")
     values = arrays.get(array)
     if values is None:
-        values = arrays[array] = numbers((array.text or "").split(), np.float64)
+        values = arrays[array] = np.array((array.text or "").split(), dtype=np.float64)
     count, stride = int(accessor.get("count", "0")), int(accessor.get("stride", "1"))
     first = int(accessor.get("offset", "0"))
     columns = [i for i, param in enumerate(accessor.findall("param")) if param.get("name")]
@@ -252,6 +254,6 @@ def _source(given: Element, named: Named, file: Path) -> Element:
 
 def _integers(element: Element, file: Path) -> Integers:
     try:
-        return numbers((element.text or "").split(), np.int64)
+        return np.array((element.text or "").split(), dtype=np.int64)
     except ValueError as error:
         raise damaged(file, f"has a {element.tag} with something else than whole numbers ({error})") from error

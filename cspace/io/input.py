@@ -3,21 +3,12 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Final
 
-import numpy as np
-from numpy.typing import NDArray
-
-from cspace.errors import CspaceError, FileError, InputError
+from cspace.errors import FileError, InputError
 from cspace.io.limits import check_bytes
-
-T = TypeVar("T")
-
-_LONGEST_WORD: Final = 400
-"""Letters of a number, at most: NumPy takes as many for each of a table."""
 
 _LONGEST_HEADER: Final = 2**16
 """Bytes in which a text header before binary data must end."""
@@ -78,54 +69,6 @@ def damaged(path: str | os.PathLike[str], found: str) -> FileError:
     return FileError(os.fspath(path), found, "it is malformed or truncated", "copy it or write it again")
 
 
-@contextmanager
-def decoding(
-    path: str | os.PathLike[str], kind: str, refusal: Callable[[str], FileError] | None = None
-) -> Iterator[None]:
-    """Turn whatever damage makes the decoders in a block raise into one error for the file.
-
-    Parameters
-    ----------
-    path : path-like
-    kind : str
-        As for :func:`existing`.
-    refusal : callable, optional
-        The error, made of the reason in a line; :func:`damaged` if left out.
-    """
-    try:
-        yield
-    except (CspaceError, MemoryError):
-        raise
-    except PermissionError as error:
-        raise unreadable(path, kind, error) from error
-    except Exception as error:
-        reason = f"{type(error).__name__}: {' '.join(str(error).split()):.200}"
-        raise (refusal(reason) if refusal else damaged(path, f"cannot be read as {_one(kind)} ({reason})")) from error
-
-
-def by_suffix(path: str | os.PathLike[str], table: Mapping[str, T], rule: str, argument: str = "path") -> T:
-    """What a table has for the suffix of a file's name.
-
-    Raises
-    ------
-    InputError
-        If ``path`` is no name of a file, or its suffix, in small letters, is not in the table.
-    """
-    try:
-        suffix = Path(path).suffix.lower()
-    except TypeError as error:
-        raise not_a_name(path) from error
-    if suffix not in table:
-        raise InputError(
-            argument,
-            f"is {Path(path)}, which ends in {suffix!r}",
-            rule,
-            f"use one of {', '.join(name for name in table if name)}",
-            value=path,
-        )
-    return table[suffix]
-
-
 def read_bytes(path: str | os.PathLike[str], kind: str, memory: float = 1.0) -> bytes:
     """Content of a file; ``memory`` as for :func:`existing`.
 
@@ -170,25 +113,6 @@ def header_lines(content: bytes) -> Iterator[tuple[str, int]]:
         after = len(content) if end < 0 else end + 1
         yield content[at : after if end < 0 else end].decode("latin-1"), after
         at = after
-
-
-def is_count(word: str) -> bool:
-    """Whether a word is a whole number without a sign, of at most 18 digits: more is no count of anything."""
-    return word.isascii() and word.isdecimal() and len(word) <= 18
-
-
-def numbers(words: Sequence[bytes] | Sequence[str], dtype: type[Any]) -> NDArray[Any]:
-    """Words of a text as numbers.
-
-    Raises
-    ------
-    ValueError
-        If one is none.
-    """
-    longest = max(words, key=len, default=b"")
-    if len(longest) > _LONGEST_WORD:
-        raise ValueError(f"{longest[:40]!r}... is no number")
-    return np.array(words, dtype=np.bytes_).astype(dtype)
 
 
 def _one(kind: str) -> str:

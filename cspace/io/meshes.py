@@ -1,29 +1,44 @@
 """Meshes from files, and from the objects of trimesh: all triangles that a file holds, or an error that names it.
 
-The files are read here, and what each declares is held against what it has: trimesh moves triangles of OBJ where
-corners count backwards, drops those of other layouts, lays polygons that bend as fans that stick out of them, and
-passes over much of PLY, glTF and COLLADA without a word.
+STL, PLY, GLB and glTF are read by trimesh, with ``process=False``, and counted: a census of the file, made apart from
+the reading, must agree with what was read. OBJ, OFF and COLLADA are read here. trimesh moves triangles of OBJ where
+corners count backwards or are written in more than one way, loses those of lines that begin with a blank, and lays
+polygons that bend as fans that stick out of them; COLLADA it reads through a package that drops what it does not know,
+and without its unit.
 """
 
 from __future__ import annotations
 
+import io
 import os
+import re
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from cspace.errors import GeometryError, InputError
+from cspace.errors import CspaceError, FileError, GeometryError, InputError
 from cspace.grid import finite
 from cspace.io.collada import read_collada
-from cspace.io.gltf import read_gltf
-from cspace.io.input import by_suffix, decoding
+from cspace.io.gltf import load_gltf
+from cspace.io.input import damaged, existing, read_bytes
 from cspace.io.obj import read_obj
 from cspace.io.off import read_off
 from cspace.io.ply import read_ply
 from cspace.io.polygons import Floats, Integers, Surface, joined, placed, triangulated
-from cspace.io.stl import read_stl
+
+_KIND: Final = "mesh"
+
+_RECORD: Final = 50
+"""Bytes of a triangle in a binary STL file, after a head of 84."""
+
+_FACET: Final = re.compile(
+    rb"\bfacet\s+normal\s+\S+\s+\S+\s+\S+\s+outer\s+loop(?:\s+vertex\s+\S+\s+\S+\s+\S+){3}\s+endloop\s+endfacet\b"
+)
+_SOLIDS: Final = re.compile(rb"^[ \t]*(end)?solid\b[^\n]*", re.MULTILINE)
 
 
 def read_mesh(path: str | os.PathLike[str]) -> tuple[Floats, Integers]:
@@ -61,13 +76,89 @@ def read_mesh(path: str | os.PathLike[str]) -> tuple[Floats, Integers]:
     GeometryError
         If the file has no triangles, has surfaces that are not read, or has polygons that can be cut in several ways.
     """
-    read = by_suffix(path, _READERS, "the suffix says how a mesh is read", "mesh")
-    file = Path(path)
-    with decoding(file, "mesh"):
-        vertices, faces = read(file)
+    file = existing(path, _KIND)
+    suffix = file.suffix.lower()
+    if suffix not in _READERS:
+        raise InputError(
+            "mesh",
+            f"is {file}, which ends in {suffix!r}",
+            "the suffix says how a mesh is read",
+            f"use one of {', '.join(SUFFIXES)}",
+            value=path,
+        )
+    try:
+        vertices, faces = _READERS[suffix](file)
+    except (MemoryError, CspaceError):
+        raise
+    except Exception as error:  # What damage leads to may be anything.
+        reason = " ".join(str(error).split())
+        raise damaged(file, f"cannot be read as a {_KIND} ({type(error).__name__}: {reason:.200})") from error
     if not len(faces):
         raise _without_triangles(str(file), "cloud of points" if len(vertices) else "")
-    return finite(vertices, f"vertices of {file}"), np.ascontiguousarray(faces)
+    finite(vertices, f"vertices of {file}")
+    wrong = faces[(faces < 0) | (faces >= len(vertices))]
+    if len(wrong):
+        raise damaged(file, f"has a face that names vertex {wrong[0]}, counted from 0, of {len(vertices)}")
+    return vertices, np.ascontiguousarray(faces)
+
+
+def _stl(file: Path) -> Surface:
+    """Triangles of an STL file, three vertices of their own each."""
+    import trimesh
+
+    data = read_bytes(file, _KIND, memory=12.0)
+    declared = int.from_bytes(data[80:84], "little")
+    if len(data) != 84 + _RECORD * declared or len(data) < 84:
+        if data.lstrip()[:5].lower() != b"solid":
+            held = max(0.0, (len(data) - 84) / _RECORD)
+            raise damaged(file, f"declares {declared} triangles and has bytes for {held:g}, as a binary STL file")
+        data, declared = _stl_text(data, file)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", DeprecationWarning)  # what numpy says of text that is no number
+        loaded = trimesh.load(io.BytesIO(data), file_type="stl", process=False)
+    if declared == 0:
+        return np.empty((0, 3)), np.empty((0, 3), dtype=np.int64)
+    return _counted(loaded, declared, file)
+
+
+def _gltf(file: Path) -> Surface:
+    """Triangles of a glTF scene, each mesh where its nodes put it."""
+    scene, declared = load_gltf(file)
+    return _counted(scene, declared, file) if declared else (np.empty((0, 3)), np.empty((0, 3), dtype=np.int64))
+
+
+def _stl_text(data: bytes, file: Path) -> tuple[bytes, int]:
+    """An STL file in text, in the one layout that trimesh reads right, and how many triangles it holds."""
+    text = data.lower().replace(b"\r", b"\n")
+    lines = list(_SOLIDS.finditer(text))
+    kinds = [bool(line[1]) for line in lines]
+    if not kinds or kinds != [False, True] * (len(kinds) // 2) or text[lines[-1].end() :].strip(b" \t\n\0"):
+        raise damaged(file, "does not go from solid to endsolid, as an STL file in text does")
+    if any(b"endfacet" in line[0] for line in lines):
+        raise damaged(file, "has facets on a line of solid or endsolid; they need lines of their own")
+    # The names of solids go: trimesh looks for its keywords in them too.
+    text = _SOLIDS.sub(lambda line: b"endsolid" if line[1] else b"solid", text)
+    facets = _FACET.findall(text)
+    counts = [text.count(word) for word in (b"facet", b"normal", b"vertex")]
+    if counts != [2 * len(facets), len(facets), 3 * len(facets)]:
+        raise damaged(file, f"has words of facets beside its {len(facets)} whole ones")
+    # A line for each vertex; normals are not asked for.
+    text = re.sub(rb"\bnormal\s+\S+\s+\S+\s+\S+", b"normal 0 0 0", text)
+    return re.sub(rb"\s+(?=vertex|endloop|endsolid|facet)", b"\n", text), len(facets)
+
+
+def _counted(loaded: Any, declared: int, file: Path) -> Surface:
+    """What trimesh read, refused where the file declares more or fewer triangles."""
+    vertices, faces = flattened(loaded, str(file))
+    if len(faces) != declared:
+        raise FileError(
+            str(file),
+            f"holds {declared} triangles, and {len(faces)} were read",
+            "none may be lost or made up",
+            "write it again as binary STL",
+            value=(declared, len(faces)),
+        )
+    return vertices, faces
 
 
 def _ply(file: Path) -> Surface:
@@ -76,12 +167,12 @@ def _ply(file: Path) -> Surface:
 
 
 _READERS: Final[dict[str, Callable[[Path], Surface]]] = {
-    ".stl": read_stl,
+    ".stl": _stl,
     ".obj": read_obj,
     ".ply": _ply,
     ".off": read_off,
-    ".glb": read_gltf,
-    ".gltf": read_gltf,
+    ".glb": _gltf,
+    ".gltf": _gltf,
     ".dae": read_collada,
 }
 """Which function reads a file, by suffix."""
@@ -114,8 +205,7 @@ def flattened(shape: Any, name: str) -> tuple[Floats, Integers]:
     import trimesh
 
     if isinstance(shape, trimesh.Scene):
-        nodes = (shape.graph[node] for node in shape.graph.nodes_geometry)
-        parts = [(shape.geometry[part], transform) for transform, part in nodes]
+        parts = [(shape.geometry[part], transform) for transform, part in _placed(shape)]
     elif isinstance(shape, trimesh.parent.Geometry):
         parts = [(shape, np.eye(4))]
     else:
@@ -142,6 +232,11 @@ def flattened(shape: Any, name: str) -> tuple[Floats, Integers]:
     if not surfaces:
         raise _without_triangles(name, "")
     return joined(surfaces)
+
+
+def _placed(scene: Any) -> list[tuple[NDArray[np.float64], str]]:
+    """Transform and name of each part of a scene, once for each place where it stands."""
+    return [scene.graph[node] for node in scene.graph.nodes_geometry]
 
 
 def _without_triangles(name: str, what: str) -> GeometryError:

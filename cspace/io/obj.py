@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from cspace.errors import FileError
-from cspace.io.input import damaged, numbers, read_bytes
+from cspace.io.input import damaged, read_bytes
 from cspace.io.polygons import Floats, Integers, Surface, triangulated, unread
 
 _LEFT: Final = frozenset(
@@ -24,6 +24,15 @@ _SURFACES: Final = frozenset(b"surf curv fo bsp bzp cdc cdp res call csh".split(
 
 def read_obj(file: Path) -> Surface:
     """Triangles of an OBJ file, all its objects together; lines and points are left.
+
+    Parameters
+    ----------
+    file : Path
+
+    Returns
+    -------
+    vertices : ndarray of float64, shape (V, 3)
+    faces : ndarray of int64, shape (F, 3)
 
     Raises
     ------
@@ -55,8 +64,8 @@ def read_obj(file: Path) -> Surface:
             raise damaged(file, f"has a line {line[:60].decode('latin-1')!r}, which is no statement of OBJ")
     vertices = _vertices(points, file)
     counts = np.array(sizes, dtype=np.int64)
-    named = _named(corners, np.repeat(np.array(before, dtype=np.int64), counts), file)
-    return vertices, triangulated(vertices, named, counts, file)
+    numbers = _numbers(corners, np.repeat(np.array(before, dtype=np.int64), counts), file)
+    return vertices, triangulated(vertices, numbers, counts, file)
 
 
 def _statements(file: Path) -> list[bytes]:
@@ -87,15 +96,18 @@ def _vertices(points: list[list[bytes]], file: Path) -> Floats:
     weights = [point[3] for point in points if len(point) == 4] if 4 in widths else []
     if any(float(weight) != 1.0 for weight in weights):
         raise unread(file, "vertices with weights other than 1")
-    return numbers([word for point in points for word in point[:3]], np.float64).reshape(-1, 3)
+    return np.array([point[:3] for point in points], dtype=np.bytes_).astype(np.float64).reshape(-1, 3)
 
 
-def _named(corners: list[bytes], before: Integers, file: Path) -> Integers:
+def _numbers(corners: list[bytes], before: Integers, file: Path) -> Integers:
     """Vertex numbers, counted from 0: in the file from 1, or, where negative, back from the last one before."""
+    if not corners:
+        return np.empty(0, dtype=np.int64)
+    first = [corner.partition(b"/")[0] for corner in corners]
     try:
-        found = numbers([corner.partition(b"/")[0] for corner in corners], np.int64)
+        numbers = np.array(first, dtype=np.bytes_).astype(np.int64)
     except ValueError as error:
         raise damaged(file, f"has a corner of a face that is no whole number ({error})") from error
-    if (found == 0).any():
+    if (numbers == 0).any():
         raise damaged(file, "has a face that names vertex 0; they are numbered from 1")
-    return np.where(found > 0, found - 1, before + found)
+    return np.where(numbers > 0, numbers - 1, before + numbers)

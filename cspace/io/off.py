@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cspace.io.input import damaged, numbers, read_bytes
+from cspace.io.input import damaged, read_bytes
 from cspace.io.polygons import Surface, triangulated, unread
 
 
@@ -39,9 +39,10 @@ def read_off(file: Path) -> Surface:
         raise damaged(
             file, "has lines of vertices that are not alike; each has x, y and z, and as many words as others"
         )
-    sizes = numbers([row[0] for row in faces], np.int64)
+    sizes = np.array([row[0] for row in faces], dtype=np.bytes_).astype(np.int64) if faces else np.empty(0, np.int64)
     if any(len(row) <= size for row, size in zip(faces, sizes.tolist(), strict=True)):
         raise damaged(file, "has a face with fewer corners than it says")
     corners = [word for row, size in zip(faces, sizes.tolist(), strict=True) for word in row[1 : size + 1]]
-    vertices = numbers([word for row in points for word in row[:3]], np.float64).reshape(-1, 3)
-    return vertices, triangulated(vertices, numbers(corners, np.int64), sizes, file)
+    vertices = np.array([row[:3] for row in points], dtype=np.bytes_).astype(np.float64).reshape(-1, 3)
+    numbers = np.array(corners, dtype=np.bytes_).astype(np.int64) if corners else np.empty(0, np.int64)
+    return vertices, triangulated(vertices, numbers, sizes, file)

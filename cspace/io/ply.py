@@ -1,67 +1,64 @@
-"""PLY (Turk, 1994), for meshes and for clouds of points."""
+"""PLY (Turk, 1994): the header, read once for meshes and for clouds of points, and the elements, read by trimesh."""
 
 from __future__ import annotations
 
+import io
 import os
-from typing import Final, NamedTuple
+import warnings
+from dataclasses import dataclass
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cspace.errors import FileError, GeometryError
-from cspace.io.input import damaged, decoding, existing, header_lines, is_count, numbers, read_bytes
+from cspace.io.input import damaged, existing, header_lines, read_bytes, unreadable
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
-Polygons = tuple[Floats, Integers, Integers]
-"""Vertices, shape (V, 3); the vertices of the polygons, one polygon after the other; corners of each polygon."""
 
-_KIND: Final = "PLY file"
-_MARKS: Final = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
-"""NumPy's mark of the order of bytes, by format."""
+KIND: Final = "PLY file"
 
-_TYPES: Final = {
-    **dict.fromkeys(("char", "int8"), "i1"),
-    **dict.fromkeys(("uchar", "uint8"), "u1"),
-    **dict.fromkeys(("short", "int16"), "i2"),
-    **dict.fromkeys(("ushort", "uint16"), "u2"),
-    **dict.fromkeys(("int", "int32"), "i4"),
-    **dict.fromkeys(("uint", "uint32"), "u4"),
-    **dict.fromkeys(("float", "float32"), "f4"),
-    **dict.fromkeys(("double", "float64"), "f8"),
-}
+_FORMATS: Final = ("ascii", "binary_little_endian", "binary_big_endian")
 _CORNERS: Final = ("vertex_indices", "vertex_index")
-_NONE: Final = np.empty(0, dtype=np.int64)
+_DIGITS: Final = 18
+"""At most so many of a count; more is no count of anything."""
 
-Property = tuple[str, str, str]
-"""Name and type; and, of a list, the type of its length, else nothing."""
+_NO_FACES: Final = (np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64))
+
+_MEMORY: Final = 8.0
+"""Bytes that each byte of a file takes while it is read."""
 
 
-class PlyHeader(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class PlyHeader:
     """What the header of a PLY file tells.
 
     Attributes
     ----------
-    mark : str
-        That of NumPy for the order of bytes; empty for a text.
-    elements : dict of str to (int, list of Property)
-        How many there are of each element and what they consist of, in the order of the file.
+    is_text : bool
+    counts : dict of str to int
+        How many there are of each element, in the order of the file.
+    properties : dict of str to list of (str, bool)
+        Name of each property of an element, and whether it is a list.
     end : int
         Byte at which the elements begin.
     """
 
-    mark: str
-    elements: dict[str, tuple[int, list[Property]]]
+    is_text: bool
+    counts: dict[str, int]
+    properties: dict[str, list[tuple[str, bool]]]
     end: int
+
+    @property
+    def vertices(self) -> int:
+        """Number of vertices."""
+        return self.counts["vertex"]
 
     @property
     def faces(self) -> int:
         """Number of faces."""
-        return self.elements.get("face", (0, []))[0]
-
-    def at(self, element: str, *names: str) -> list[int]:
-        """Where the properties with some names stand in an element."""
-        return [n for name in names for n, found in enumerate(self.elements[element][1]) if found[0] == name]
+        return self.counts.get("face", 0)
 
 
 def read_ply_header(path: str | os.PathLike[str]) -> PlyHeader:
@@ -74,13 +71,26 @@ def read_ply_header(path: str | os.PathLike[str]) -> PlyHeader:
     GeometryError
         If it has surfaces of another kind than faces, such as strips of triangles, which would be lost.
     """
-    file = existing(path, _KIND)
-    with decoding(file, _KIND), file.open("rb") as stream:
-        return _header(stream.read(2**16), str(file))
+    file = existing(path, KIND)
+    try:
+        with file.open("rb") as stream:
+            return _header(stream.read(2**16), str(file))
+    except OSError as error:
+        if isinstance(error, FileError):
+            raise
+        raise unreadable(file, KIND, error) from error
 
 
-def read_ply(path: str | os.PathLike[str]) -> Polygons:
+def read_ply(path: str | os.PathLike[str]) -> tuple[Floats, Integers, Integers]:
     """Vertices and faces of a PLY file.
+
+    Returns
+    -------
+    vertices : ndarray of float64, shape (V, 3)
+    corners : ndarray of int64
+        Vertices of the polygons, one polygon after the other.
+    sizes : ndarray of int64, shape (F,)
+        Corners of each polygon.
 
     Raises
     ------
@@ -90,80 +100,74 @@ def read_ply(path: str | os.PathLike[str]) -> Polygons:
     GeometryError
         If it has surfaces of another kind.
     """
-    content, file = read_bytes(path, _KIND, memory=8.0), os.fspath(path)
+    from trimesh.exchange.ply import load_ply
+
+    content, file = read_bytes(path, KIND, memory=_MEMORY), os.fspath(path)
     header = _header(content, file)
-    if len(header.at("vertex", *"xyz")) != 3:
+    faces: tuple[Integers, Integers] | None = None
+    if header.is_text:
+        content, faces = _counted(content, header, file)
+    if not {"x", "y", "z"} <= {name for name, _ in header.properties["vertex"]}:
         raise damaged(file, "has vertices without x, y and z")
-    if header.faces and [bool(header.elements["face"][1][n][2]) for n in header.at("face", *_CORNERS)] != [True]:
+    names = [name for name, is_list in header.properties.get("face", []) if is_list and name in _CORNERS]
+    if header.faces and len(names) != 1:
         raise damaged(file, f"has faces without one list named {' or '.join(_CORNERS)}")
-    with decoding(file, _KIND):
-        return (_binary if header.mark else _text)(content[header.end :], header, file)
+    if not header.vertices:
+        return np.empty((0, 3)), np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", DeprecationWarning)  # what numpy says of text that is no number
+            loaded: Any = load_ply(io.BytesIO(content), skip_materials=True)
+        elements = loaded["metadata"]["_ply_raw"]
+        vertices = np.column_stack([np.asarray(elements["vertex"]["data"][axis]).reshape(-1) for axis in "xyz"])
+        if faces is None:
+            faces = _corners(elements["face"]["data"], names[0], header, file) if header.faces else _NO_FACES
+    except (FileError, MemoryError):
+        raise
+    except Exception as error:  # trimesh raises whatever the damage leads to.
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise damaged(file, f"cannot be read as a {KIND} with faces of equally many corners ({reason:.200})") from error
+    if len(vertices) != header.vertices or len(faces[1]) != header.faces:
+        found = f"{len(vertices)} and {len(faces[1])} were read"
+        raise damaged(file, f"declares {header.vertices} vertices and {header.faces} faces, and {found}")
+    return vertices.astype(np.float64), *faces
 
 
-def _text(body: bytes, header: PlyHeader, file: str) -> Polygons:
-    """Each line held to the properties of its element."""
-    rows = [words for line in body.splitlines() if (words := line.split())]
-    declared = sum(count for count, _ in header.elements.values())
-    if len(rows) != declared:
-        raise damaged(file, f"declares {declared} elements and has {len(rows)} lines of them")
-    named = header.at("face", *_CORNERS) if header.faces else []
-    points: list[bytes] = []
+def _counted(content: bytes, header: PlyHeader, file: str) -> tuple[bytes, tuple[Integers, Integers]]:
+    """A text without its blank lines, each of the others held to the properties of its element; and the faces.
+
+    trimesh takes blank lines for elements, passes over lines and words too many, and tells the length of all lists by
+    the first one.
+    """
+    rows = [words for line in content[header.end :].splitlines() if (words := line.split())]
+    if len(rows) != sum(header.counts.values()):
+        raise damaged(file, f"declares {sum(header.counts.values())} elements and has {len(rows)} lines of them")
     corners: list[bytes] = []
     sizes: list[int] = []
     first = 0
-    for element, (count, properties) in header.elements.items():
-        for words in rows[first : first + count]:
-            at = 0
-            for n, (_, _, length) in enumerate(properties):
-                size = int(words[at]) if length and at < len(words) else 0
-                if element == "face" and n in named:
-                    sizes.append(size)
-                    corners += words[at + 1 : at + 1 + size]
-                at += 1 + size
-            if at != len(words):
-                raise damaged(file, f"has a {element} of {len(words)} words, and declares {at}")
-        if element == "vertex":
-            xyz = header.at("vertex", *"xyz")
-            points = [words[n] for words in rows[first : first + count] for n in xyz]
-        first += count
-    return numbers(points, np.float64).reshape(-1, 3), numbers(corners, np.int64), np.array(sizes, dtype=np.int64)
-
-
-def _binary(body: bytes, header: PlyHeader, file: str) -> Polygons:
-    """All lists of an element being as long as those of the first, so that they are read at once."""
-    tables: dict[str, NDArray[np.void]] = {}
-    at = 0
-    for element, (count, properties) in header.elements.items():
-        fields: list[tuple[str, str] | tuple[str, str, int]] = []
-        for n, (_, kind, length) in enumerate(properties):
-            if length:
-                begin = at + np.dtype(fields).itemsize
-                size = int(np.frombuffer(body, header.mark + length, 1, begin)[0]) if count else 0
-                fields.append((f"size {n}", header.mark + length))
-                fields.append((f"{n}", header.mark + kind, (size,)))  # type: ignore[arg-type]
-            else:
-                fields.append((f"{n}", header.mark + kind))
-        record = np.dtype(fields)
-        if at + count * record.itemsize > len(body):
-            raise damaged(file, f"has too few bytes for {count} of {element}, if they have equally many corners")
-        tables[element] = np.frombuffer(body, record, count, at) if count else np.empty(0, record)
-        for name in (name for name in record.names or () if name.startswith("size")):
-            if (tables[element][name] != tables[element][name][:1]).any():
-                raise damaged(
-                    file, "has faces of different numbers of corners; write it as text, or with triangles alone"
-                )
-        at += count * record.itemsize
-    if at != len(body):
-        raise damaged(file, f"has {len(body) - at} bytes too many for elements of equally many corners")
-    points = np.stack([tables["vertex"][f"{n}"].astype(np.float64) for n in header.at("vertex", *"xyz")], axis=1)
-    if not header.faces:
-        return points, _NONE, _NONE
-    corners = tables["face"][f"{header.at('face', *_CORNERS)[0]}"]
-    return points, corners.astype(np.int64).reshape(-1), np.full(len(corners), corners.shape[1])
+    try:
+        for element, count in header.counts.items():
+            properties = header.properties[element]
+            lists = any(is_list for _, is_list in properties)
+            for words in rows[first : first + count]:
+                at = 0 if lists else len(properties)
+                for name, is_list in properties if lists else ():
+                    if is_list and name in _CORNERS and element == "face":
+                        sizes.append(int(words[at]))
+                        corners += words[at + 1 : at + 1 + sizes[-1]]
+                    at += 1 + int(words[at]) if is_list else 1
+                if at != len(words):
+                    raise damaged(file, f"has a {element} of {len(words)} words, and declares {at}")
+            first += count
+        faces = np.array(corners, dtype=np.bytes_).astype(np.int64), np.array(sizes, dtype=np.int64)
+    except (IndexError, ValueError, OverflowError) as error:
+        raise damaged(file, f"has elements that are not as declared ({error})") from error
+    return content[: header.end] + b"\n".join(map(b" ".join, rows)), faces
 
 
 def _header(content: bytes, file: str) -> PlyHeader:
-    elements: dict[str, tuple[int, list[Property]]] = {}
+    counts: dict[str, int] = {}
+    properties: dict[str, list[tuple[str, bool]]] = {}
     form, name = "", ""
     for number, (line, after) in enumerate(header_lines(content)):
         words = line.split()
@@ -171,19 +175,14 @@ def _header(content: bytes, file: str) -> PlyHeader:
             break
         if words[:1] == ["format"] and len(words) == 3:
             form = words[1]
-        elif words[:1] == ["element"] and len(words) == 3 and is_count(words[2]) and words[1] not in elements:
+        elif words[:1] == ["element"] and len(words) == 3 and _is_count(words[2]) and words[1] not in counts:
             name = words[1]
-            elements[name] = int(words[2]), []
-        elif words[:1] == ["property"] and name and len(words) == 3 and words[1] in _TYPES:
-            elements[name][1].append((words[2], _TYPES[words[1]], ""))
-        elif words[:2] == ["property", "list"] and name and len(words) == 5 and {*words[2:4]} <= _TYPES.keys():
-            elements[name][1].append((words[4], _TYPES[words[3]], _TYPES[words[2]]))
-        elif words == ["end_header"] and "vertex" in elements and form in _MARKS:
-            foreign = {name: kinds for name, (count, kinds) in elements.items() if count} | {
-                "face": [],
-                "range_grid": [],
-            }
-            strange = [name for name, kinds in foreign.items() if any(length for _, _, length in kinds)]
+            counts[name], properties[name] = int(words[2]), []
+        elif words[:1] == ["property"] and name and len(words) in (3, 5) and (len(words) == 5) == (words[1] == "list"):
+            properties[name].append((words[-1], len(words) == 5))
+        elif words == ["end_header"] and "vertex" in counts and form in _FORMATS:
+            known = ("face", "range_grid")
+            strange = [e for e in counts if e not in known and counts[e] and any(listed for _, listed in properties[e])]
             if strange:
                 raise GeometryError(
                     file,
@@ -191,7 +190,7 @@ def _header(content: bytes, file: str) -> PlyHeader:
                     "they would be lost, since only 'face' is read",
                     "write it with faces, e.g. by MeshLab",
                 )
-            return PlyHeader(_MARKS[form], elements, after)
+            return PlyHeader(form == "ascii", counts, properties, after)
         elif number and words[:1] not in (["comment"], ["obj_info"], []):
             break
     raise FileError(
@@ -200,3 +199,17 @@ def _header(content: bytes, file: str) -> PlyHeader:
         "it goes from 'ply' and 'format' to 'end_header' and tells 'element vertex' once",
         "the file is truncated or of another format, fetch it again",
     )
+
+
+def _corners(data: Any, name: str, header: PlyHeader, file: str) -> tuple[Integers, Integers]:
+    """The faces of a binary file, all of equally many corners: trimesh tells the length by the first one."""
+    counts, corners = data[name]["f0"], data[name]["f1"]
+    size = corners.shape[1] if corners.ndim == 2 else 1
+    lists = [data[other]["f0"] for other, is_list in header.properties["face"] if is_list]
+    if any((lengths != lengths[0]).any() for lengths in lists):
+        raise damaged(file, "has faces of different numbers of corners; write it as text, or with triangles alone")
+    return np.asarray(corners, dtype=np.int64).reshape(-1), np.full(len(counts), size)
+
+
+def _is_count(word: str) -> bool:
+    return word.isascii() and word.isdecimal() and len(word) <= _DIGITS

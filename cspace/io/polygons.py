@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Final, TypeVar
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cspace.errors import GeometryError
 from cspace.io.input import damaged
-from cspace.io.limits import check_bytes
 
-T = TypeVar("T")
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Surface = tuple[Floats, Integers]
@@ -24,6 +22,7 @@ FLAT: Final = 1e-4
 
 ROUNDED: Final = 1e-6
 """What the corners may be out besides, as a part of the largest coordinate: files keep seven digits."""
+
 
 TRIED: Final = 500
 """Corners of a polygon that a fan may go around, at most: to try them all takes the square of their number."""
@@ -48,26 +47,9 @@ def placed(surface: Surface, transform: Floats) -> Surface:
     return points @ transform[:3, :3].T + transform[:3, 3], faces[:, ::-1] if mirror else faces
 
 
-def assembled(shapes: Mapping[T, Sequence[Surface]], places: Sequence[tuple[T, Floats]], file: Path) -> Surface:
-    """The surfaces of a scene as one.
-
-    Parameters
-    ----------
-    shapes : mapping
-        What the scene shows, by any key.
-    places : sequence of pairs
-        A key and a transform, shape (4, 4), for each place where the shape stands.
-    file : Path
-        For messages.
-
-    Raises
-    ------
-    FileError
-        If few bytes unfold into more than may be read, for a shape may stand in many places.
-    """
-    sizes = {key: sum(24 * (len(points) + len(faces)) + 1000 for points, faces in shapes[key]) for key in shapes}
-    check_bytes(file, sum(sizes[key] for key, _ in places), "unfolds to", memory=3.0)
-    return joined([placed(surface, above) for key, above in places for surface in shapes[key]])
+def unfolded(points: int, faces: int) -> int:
+    """Bytes that a surface takes wherever it is placed; files name one, and so few bytes may unfold into any number."""
+    return 24 * (points + faces) + 1000
 
 
 def joined(parts: Sequence[Surface]) -> Surface:
@@ -113,8 +95,6 @@ def triangulated(vertices: Floats, corners: Integers, sizes: Integers, file: Pat
     wrong = corners[(corners < 0) | (corners >= len(vertices))]
     if len(wrong):
         raise damaged(file, f"has a face that names vertex {wrong[0]}, counted from 0, of {len(vertices)}")
-    if (sizes == 3).all():
-        return corners.reshape(-1, 3)
     firsts = np.cumsum(sizes) - sizes
     faces = [np.empty((0, 3), dtype=np.int64)]
     for size in np.unique(sizes):

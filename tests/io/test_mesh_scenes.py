@@ -91,11 +91,12 @@ def test_nodes_of_gltf_put_meshes_where_they_say(tmp_path):
     def edit(header, add):
         half = np.sqrt(0.5)
         header["nodes"] = [
-            {"children": [1, 2, 4], "scale": [2, 1, 1]},
+            {"children": [1, 2, 4, 5], "scale": [2, 1, 1]},
             {"mesh": 0},
-            {"camera": 0, "translation": [0, 5, 0], "children": [3]},
+            {"translation": [0, 5, 0], "children": [3]},
             {"mesh": 0, "matrix": matrix.T.reshape(-1).tolist()},
             {"mesh": 0, "translation": [0, 0, 50], "rotation": [0, 0, half, half], "scale": [-1, 1, 3]},
+            {"camera": 0, "translation": [1, 1, 1]},
         ]
         header["cameras"] = [{"type": "perspective", "perspective": {"yfov": 1.0, "znear": 0.1}}]
 
@@ -123,6 +124,8 @@ def grow(header, **changes):
         (substitute, "sparse"),
         (quantise, "quantised"),
         (lambda h, add: h["accessors"][0].update(min=[0, 0, 0], max=[4, 4, 5]), "bounds"),
+        (lambda h, add: h["nodes"][0].update(camera=0), "camera"),
+        (lambda h, add: h["nodes"].append({"mesh": 0}) or h["nodes"][0].update(camera=0, children=[1]), "camera"),
         (lambda h, add: h["nodes"][0].update(children=[7]), "not there"),
         (lambda h, add: h["bufferViews"][0].update(byteOffset=-4), "beyond"),
         (lambda h, add: add_part(h, add, 4, [0, 1, 8]), "vertex [0-9]+|out of bounds|index"),
@@ -138,7 +141,7 @@ def grow(header, **changes):
         (lambda h, add: h["meshes"][0].update(weights=[0.0, 1.0]), "morph"),
         (lambda h, add: h["nodes"][0].update(children=[0]), "twice"),
         (lambda h, add: h["nodes"][0].update(mesh=1), "meshes"),
-        (lambda h, add: h["nodes"][0].update(rotation=[0, 0, 0, 0]), "zero norm"),
+        (lambda h, add: h["nodes"][0].update(rotation=[0, 0, 0, 0]), "rotation"),
         (lambda h, add: (grow(h, scenes=[{"nodes": [0]}, {}]), h.pop("scene")), "scenes"),
         (lambda h, add: (h.pop("scenes"), h.pop("scene")), "no scene"),
         (lambda h, add: h["accessors"][0].update(count=9), "beyond"),
@@ -261,7 +264,7 @@ def test_collada_is_read_as_another_reader_does(tmp_path):
         (collada(runs("trifans", 6, QUADS)), "trifans"),
         (collada(runs("tristrips", 6, QUADS[:, [0, 1, 3, 2]])), "tristrips"),
         (collada(runs("polygons", 1, [[0, 1]])), "2 corners"),
-        ('<!DOCTYPE a [<!ENTITY b "c">]>' + collada().partition("?>")[2].strip(), "document type"),
+        ('<!DOCTYPE a [<!ENTITY b "c">]>' + collada().partition("?>")[2].strip(), "entity"),
         ("<COLLADA>" + "<a>" * 300 + "</a>" * 300 + "</COLLADA>", "within each other"),
         (collada(runs("triangles", 11, [BOX.faces.reshape(-1)])), "declares 11"),
         (collada(runs("polygons", 7, QUADS)), "declares 7"),
