@@ -31,8 +31,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from cspace.exact.queries import Exact
+    from cspace.map.clearance import Marks
     from cspace.map.components import Components
-    from cspace.map.mip import Mip
+    from cspace.map.mip import Bits, Mip
     from cspace.map.overlaps import Runs, Sums
     from cspace.map.sampling import FreeCells
     from cspace.plot.picture import PlotOptions
@@ -158,6 +159,7 @@ class CSpace:
         self._point_checker: Kept[Callable[..., bool]] = Kept(self._lock)
         self._edge_checker: Kept[Callable[..., bool]] = Kept(self._lock)
         self._mip: Kept[Mip] = Kept(self._lock)
+        self._bits: Kept[Bits] = Kept(self._lock)
         self._runs: Kept[Runs] = Kept(self._lock)
         self._outer_sums: Kept[Sums] = Kept(self._lock)
         self._inner_sums: Kept[Sums] = Kept(self._lock)
@@ -388,9 +390,9 @@ class CSpace:
         float or ndarray of float64, shape (...)
             Metres.
         """
-        from cspace.map.clearance import Marks, clearances
+        from cspace.map.clearance import clearances
 
-        return answer(q, self.dof, partial(clearances, self._map, Marks.of(self._map, self._coarse)), np.float64, float)
+        return answer(q, self.dof, partial(clearances, self._map, self._marks), np.float64, float)
 
     # ---- edges -------------------------------------------------------------------------------------------------------
 
@@ -518,9 +520,9 @@ class CSpace:
             ``check(*q) -> float``, of the dof numbers of a configuration; they must be finite floats, and are not
             checked.
         """
-        from cspace.map.clearance import Marks, checker
+        from cspace.map.clearance import checker
 
-        return checker(self._map, Marks.of(self._map, self._coarse), self.dof)
+        return checker(self._map, self._marks, self.dof)
 
     # ---- what FREE cells join ----------------------------------------------------------------------------------------
 
@@ -778,6 +780,7 @@ class CSpace:
         self._inner_sums.renew(change)
         if change.changed:
             self._mip.renew(change)
+            self._bits.renew(change)
             self._free_cells.drop()
             self._components_kept.renew(change)
         self._exact_kept.renew(change)
@@ -897,6 +900,14 @@ class CSpace:
                 ~self._exterior.is_all_blocked(self.grid.shape),
             )
         )
+
+    @property
+    def _marks(self) -> Marks:
+        """What is not FREE, at three scales."""
+        from cspace.map.clearance import Marks
+        from cspace.map.mip import Bits
+
+        return Marks(self._bits.get(lambda: Bits(self._seen)).words, *self._coarse.words)
 
     @property
     def _coarse(self) -> Mip:

@@ -1,8 +1,9 @@
 """Clearance: proven distances to the nearest configuration that is not FREE.
 
-Nothing but the coarse maps of :mod:`cspace.map.mip` is kept for it. The nearest cell is searched from the configuration
-outwards: first among large blocks of cells, and only those that are not all FREE, and nearer than the best cell so far,
-are looked into. Places are counted in cells, along three axes; the plane is space with one layer of cells.
+Nothing is kept for it but the coarse maps of :mod:`cspace.map.mip`, and a bit for each cell. The nearest cell is
+searched from the configuration outwards: first among large blocks of cells, and only those that are not all FREE, and
+nearer than the best cell so far, are looked into. Places are counted in cells, along three axes; the plane is space
+with one layer of cells.
 """
 
 from __future__ import annotations
@@ -18,43 +19,37 @@ from numpy.typing import NDArray
 from cspace.compiling import entry, inner, reader
 from cspace.grid import SLACK
 from cspace.map import turning
-from cspace.map.mip import SHIFT, SIDE, Mip
-from cspace.map.points import FAR, Numbers, configuration, is_usable, replaced, state_at
+from cspace.map.mip import SHIFT, SIDE
+from cspace.map.points import FAR, Cell, Numbers, configuration, is_usable, replaced, state_at
 from cspace.map.record import Map
-from cspace.map.storage import Eights, eight_in, eights_of
 from cspace.states import FREE
 
 Floats = NDArray[np.float64]
 Words = NDArray[np.uint64]
 Place = tuple[float, float, float]
 
-BYTE, ONE, THREE = np.uint64(255), np.uint64(1), np.uint64(3)
+ALL, LAST, ONE = np.uint64(255), np.uint64(63), np.uint64(1)
+
+BIT, BYTE = np.uint64(0), np.uint64(3)
+"""Binary logarithms of how many bits of a word stand for a block or a cell."""
+
+zeros_below: Callable[[np.uint64], np.uint64] = trailing_zeros  # type: ignore[assignment]  # what it is when compiled
+zeros_above: Callable[[np.uint64], np.uint64] = leading_zeros  # type: ignore[assignment]
 
 SIZE: Final = float(SIDE)
+NODE: Final = SIZE * SIZE
+"""Cells along each side of a block, and of a block of blocks."""
 
 ROUNDING: Final = 2.0**-40
 """Share by which a distance is raised that must not be below the true one, whatever was rounded."""
 
 
 class Marks(NamedTuple):
-    """Which blocks of cells, as a coarse map has them, are not all FREE.
+    """What is not FREE, at three scales: :class:`cspace.map.mip.Bits` and the words of :class:`cspace.map.mip.Mip`."""
 
-    cells : ndarray of uint64, or TwoBits
-        The states, as :func:`cspace.map.storage.eights_of` gives them.
-    words : ndarray of uint64, shape (slices, nx, ny, nz)
-        Eight blocks along the last axis each, a byte for a block.
-    occupied : ndarray of bool, shape (slices,)
-        Whether a slice has any.
-    """
-
-    cells: Eights
-    words: Words
-    occupied: NDArray[np.bool_]
-
-    @classmethod
-    def of(cls, map_: Map, mip: Mip) -> Marks:
-        """Those of a map and its coarse map, which follow its changes."""
-        return cls(eights_of(map_.cells), mip.words, mip.occupied)
+    bits: Words
+    blocks: Words
+    nodes: Words
 
 
 @inner
@@ -70,10 +65,7 @@ def clearance_at(map_: Map, marks: Marks, q: Numbers, most: float) -> float:
         # What is farther away is no nearer to anything.
         cells = min(max((q[axis] - map_.lower[axis]) / map_.spacing, -FAR), FAR)
         place = replaced(place, 3 - dim + axis, cells)
-    best = min(most * most, square_outside(map_, s, place))
-    if marks.occupied[s]:
-        best = nearest_square(map_, marks, s, place, best, True)
-        best = nearest_square(map_, marks, s, place, best, False)
+    best = nearest_square(marks, s, place, min(most * most, square_outside(map_, s, place)))
     return max(0.0, math.sqrt(best) * (1.0 - 2.0**-48) - 4.0 * SLACK)
 
 
@@ -100,141 +92,128 @@ def square_outside(map_: Map, s: int, place: Place) -> float:
     return best
 
 
+# ---- the nearest cell ------------------------------------------------------------------------------------------------
+#
+# Words of eight are taken by their distance, layer by layer and row by row, and in each the nearest byte that is not
+# zero: a block of blocks, a block, a cell. What is no nearer than the best cell so far is not looked into.
+
+
 @inner(forceinline=True)
-def gap(place: float, cell: int, size: float) -> float:
-    """Distance along an axis from a place to a block, by its number, or to a cell where blocks are of size one."""
-    return max(0.0, cell * size - place, place - (cell + 1) * size)
-
-
-@inner
-def nearest_square(map_: Map, marks: Marks, s: int, place: Place, best: float, rough: bool) -> float:
-    """Squared distance to the nearest cell of a slice that is not FREE; ``best``, if that is less.
-
-    Rows of blocks are taken by their distance, and along each the blocks that are not all FREE, both ways. A ``rough``
-    answer is the least of the distances to the far corners of blocks, and above the true one; no cell is looked at.
-    """
-    _, nx, ny, nz = marks.words.shape
-    x, y, z = start(place[0], nx), start(place[1], ny), start(place[2], SIDE * nz)
-    shift = np.uint64(8 * (z % SIDE))
-    below_x, above_x = x - 1, x
+def nearest_square(marks: Marks, s: int, place: Place, best: float) -> float:
+    """Squared distance to the nearest cell of a slice that is not FREE; ``best``, if that is less."""
+    _, nx, ny, nz = marks.nodes.shape
+    below_x, above_x = around(place[0], NODE, 0, nx)
     while True:
-        i, x_gap, below_x, above_x = nearer(place[0], nx, below_x, above_x)
+        i, x_gap, below_x, above_x = nearer(place[0], NODE, 0, nx, below_x, above_x)
         if not x_gap * x_gap < best:
             return best
-        below_y, above_y = y - 1, y
+        below_y, above_y = around(place[1], NODE, 0, ny)
         while True:
-            j, y_gap, below_y, above_y = nearer(place[1], ny, below_y, above_y)
+            j, y_gap, below_y, above_y = nearer(place[1], NODE, 0, ny, below_y, above_y)
             square = x_gap * x_gap + y_gap * y_gap
             if not square < best:
                 break
-            row = marks.words[s, i, j]
-            k, word = z // SIDE, row[z // SIDE] >> shift << shift
+            below_z, above_z = around(place[2], SIZE * NODE, 0, nz)
             while True:
-                if word != 0:
-                    n = SIDE * k + lowest(word)
-                    if not closer(square, place, n, best):
+                k, z_gap, below_z, above_z = nearer(place[2], SIZE * NODE, 0, nz, below_z, above_z)
+                if not square + z_gap * z_gap < best:
+                    break
+                word = marks.nodes[s, i, j, k]
+                while word != 0:
+                    n, apart = nearest_part(word, BYTE, place[2], NODE, SIDE * k)
+                    if not square + apart * apart < best:
                         break
-                    if rough:
-                        corner = far(place[0], i) ** 2 + far(place[1], j) ** 2 + far(place[2], n) ** 2
-                        best = min(best, corner)
-                        break
-                    best = nearest_in_block(map_, marks.cells, s, (i, j, n), place, best)
-                    word &= ~(BYTE << np.uint64(8 * (n - SIDE * k)))
-                else:
-                    k += 1
-                    if k == nz or not closer(square, place, SIDE * k, best):
-                        break
-                    word = row[k]
-            k, word = z // SIDE, row[z // SIDE] & ((ONE << shift) - ONE)
-            while True:
-                if word != 0:
-                    n = SIDE * k + highest(word)
-                    if not closer(square, place, n, best):
-                        break
-                    if rough:
-                        corner = far(place[0], i) ** 2 + far(place[1], j) ** 2 + far(place[2], n) ** 2
-                        best = min(best, corner)
-                        break
-                    best = nearest_in_block(map_, marks.cells, s, (i, j, n), place, best)
-                    word &= ~(BYTE << np.uint64(8 * (n - SIDE * k)))
-                else:
-                    k -= 1
-                    if k < 0 or not closer(square, place, SIDE * k + 7, best):
-                        break
-                    word = row[k]
+                    best = nearest_in_node(marks, s, (i, j, SIDE * k + n), place, best)
+                    word &= ~(ALL << np.uint64(8 * n))
 
 
 @inner(forceinline=True)
-def far(place: float, block: int) -> float:
-    """Distance along an axis from a place to the far end of a block."""
-    return max(place - block * SIZE, (block + 1) * SIZE - place)
-
-
-@inner(forceinline=True)
-def closer(square: float, place: Place, block: int, best: float) -> bool:
-    """Whether a block of a row, the square of whose distance across is given, is nearer than the best cell so far."""
-    apart = gap(place[2], block, SIZE)
-    return square + apart * apart < best
-
-
-@inner
-def nearest_in_block(map_: Map, cells: Eights, s: int, block: tuple[int, int, int], place: Place, best: float) -> float:
-    """Squared distance to the nearest cell of a block that is not FREE; ``best``, if that is less."""
-    shape = map_.states.shape
-    nx, ny, nz = shape[1] if len(shape) == 4 else 1, shape[-2], shape[-1]
-    first_x, last_x = block[0] << SHIFT, min((block[0] + 1) << SHIFT, nx) - 1
-    first_y, last_y = block[1] << SHIFT, min((block[1] + 1) << SHIFT, ny) - 1
-    first_z = block[2] << SHIFT
-    # Cells before this one are looked at downwards, and the others upwards.
-    shift = np.uint64(8 * (min(max(int(place[2]), first_z), first_z + SIDE - 1) - first_z))
-    for i in range(first_x, last_x + 1):
-        x_gap = gap(place[0], i, 1.0)
-        if not x_gap * x_gap < best:
-            continue
-        for j in range(first_y, last_y + 1):
-            y_gap = gap(place[1], j, 1.0)
+def nearest_in_node(marks: Marks, s: int, node: Cell, place: Place, best: float) -> float:
+    """The same of a block of blocks."""
+    _, nx, ny, _ = marks.blocks.shape
+    first_x, first_y, first_z = node[0] << SHIFT, node[1] << SHIFT, node[2] << SHIFT
+    last_x, last_y = min(first_x + SIDE, nx), min(first_y + SIDE, ny)
+    y_least, z_least = gap(place[1], node[1], NODE) ** 2, gap(place[2], node[2], NODE) ** 2
+    below_x, above_x = around(place[0], SIZE, first_x, last_x)
+    while True:
+        i, x_gap, below_x, above_x = nearer(place[0], SIZE, first_x, last_x, below_x, above_x)
+        if not x_gap * x_gap + y_least + z_least < best:
+            return best
+        below_y, above_y = around(place[1], SIZE, first_y, last_y)
+        while True:
+            j, y_gap, below_y, above_y = nearer(place[1], SIZE, first_y, last_y, below_y, above_y)
             square = x_gap * x_gap + y_gap * y_gap
-            if not square < best:
-                continue
-            word = eight_in(cells, map_.cells, ((s * nx + i) * ny + j) * nz + first_z, nz - first_z)
-            if word == 0:
-                continue
-            above, below = word >> shift << shift, word & ((ONE << shift) - ONE)
-            if above != 0:
-                apart = gap(place[2], first_z + lowest(above), 1.0)
-                best = min(best, square + apart * apart)
-            if below != 0:
-                apart = gap(place[2], first_z + highest(below), 1.0)
-                best = min(best, square + apart * apart)
-    return best
-
-
-@inner
-def start(place: float, count: int) -> int:
-    """The block along an axis that is nearest to a place."""
-    return int(min(max(place / SIZE, 0.0), count - 1.0))
+            if not square + z_least < best:
+                break
+            word = marks.blocks[s, i, j, node[2]]
+            while word != 0:
+                n, apart = nearest_part(word, BYTE, place[2], SIZE, first_z)
+                if not square + apart * apart < best:
+                    break
+                best = nearest_in_block(marks, s, (i, j, first_z + n), place, best)
+                word &= ~(ALL << np.uint64(8 * n))
 
 
 @inner(forceinline=True)
-def lowest(word: np.uint64) -> int:
-    """The first of the eight bytes of a word that is not zero."""
-    return np.int64(trailing_zeros(word) >> THREE)  # type: ignore[return-value,call-arg]
+def nearest_in_block(marks: Marks, s: int, block: Cell, place: Place, best: float) -> float:
+    """The same of a block of cells."""
+    layers = marks.bits[s, block[0], block[1], block[2]]
+    first_x, first_y, first_z = block[0] * layers.shape[0], block[1] << SHIFT, block[2] << SHIFT
+    last_x = first_x + layers.shape[0]
+    y_least, z_least = gap(place[1], block[1], SIZE) ** 2, gap(place[2], block[2], SIZE) ** 2
+    below_x, above_x = around(place[0], 1.0, first_x, last_x)
+    while True:
+        i, x_gap, below_x, above_x = nearer(place[0], 1.0, first_x, last_x, below_x, above_x)
+        if not x_gap * x_gap + y_least + z_least < best:
+            return best
+        word = layers[i - first_x]
+        while word != 0:
+            n, z_gap = nearest_part(word, BYTE, place[2], 1.0, first_z)
+            square = x_gap * x_gap + z_gap * z_gap
+            if not square + y_least < best:
+                break
+            column = (word >> np.uint64(8 * n)) & ALL
+            _, y_gap = nearest_part(column, BIT, place[1], 1.0, first_y)
+            best = min(best, square + y_gap * y_gap)
+            word &= ~(ALL << np.uint64(8 * n))
 
 
 @inner(forceinline=True)
-def highest(word: np.uint64) -> int:
-    """The last of the eight bytes of a word that is not zero."""
-    return 7 - np.int64(leading_zeros(word) >> THREE)  # type: ignore[return-value,call-arg]
+def gap(place: float, number: int, size: float) -> float:
+    """Distance along an axis from a place to a block, or a cell, of a size, by its number."""
+    return max(0.0, number * size - place, place - (number + 1) * size)
 
 
 @inner(forceinline=True)
-def nearer(place: float, count: int, below: int, above: int) -> tuple[int, float, int, int]:
+def around(place: float, size: float, first: int, stop: int) -> tuple[int, int]:
+    """The blocks below and above a place, of those from ``first`` on and before ``stop``."""
+    above = int(min(max(place / size, float(first)), stop - 1.0))
+    return above - 1, above
+
+
+@inner(forceinline=True)
+def nearer(place: float, size: float, first: int, stop: int, below: int, above: int) -> tuple[int, float, int, int]:
     """The nearer one of the next blocks below and above, its distance, and the next ones after it."""
-    low = gap(place, below, SIZE) if below >= 0 else math.inf
-    high = gap(place, above, SIZE) if above < count else math.inf
+    low = gap(place, below, size) if below >= first else math.inf
+    high = gap(place, above, size) if above < stop else math.inf
     if low <= high:
         return below, low, below - 1, above
     return above, high, below, above + 1
+
+
+@inner(forceinline=True)
+def nearest_part(word: np.uint64, wide: np.uint64, place: float, size: float, first: int) -> tuple[int, float]:
+    """The nearest of eight blocks along an axis, from ``first`` on, that a word marks, and its distance.
+
+    ``wide`` is BYTE where a byte of the word stands for each, and BIT where a bit does.
+    """
+    at = np.uint64(min(max(int(place / size) - first, 0), SIDE - 1)) << wide
+    upper, lower = word >> at << at, word & ((ONE << at) - ONE)
+    above: int = np.int64(zeros_below(upper) >> wide)  # type: ignore[assignment]
+    below: int = np.int64((LAST - zeros_above(lower)) >> wide)  # type: ignore[assignment]
+    high = gap(place, first + above, size) if upper != 0 else math.inf
+    low = gap(place, first + below, size) if lower != 0 else math.inf
+    return (below, low) if low < high else (above, high)
 
 
 @reader

@@ -6,8 +6,8 @@ in the cache.
 
 from __future__ import annotations
 
-from math import prod
-from typing import Final
+from collections.abc import Callable
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from cspace.compiling import jit, reader
 from cspace.map.fields import read_only
 from cspace.map.kept import Change
 from cspace.map.storage import Stack
+from cspace.states import FREE
 from cspace.threads import in_chunks
 
 States = NDArray[np.uint8]
@@ -52,26 +53,25 @@ class Mip:
     ----------
     blocks : ndarray of uint8, shape (slices, ceil(nx / SIDE), ceil(ny / SIDE), depth_of(nz))
         Zero where all cells of a block are FREE; the plane has one layer of blocks before the others.
-    occupied : ndarray of bool, shape (slices,)
-        Whether a slice has a cell that is not FREE.
+    nodes : ndarray of uint8
+        The same of blocks of these blocks.
     """
 
     def __init__(self, states: Stack) -> None:
         self._states, self._shape = states, (*(1,) * (4 - states.ndim), *states.shape[1:])
-        slices, (nx, ny, nz) = len(states), self._shape
-        self.blocks = np.zeros((slices, -(-nx // SIDE), -(-ny // SIDE), depth_of(nz)), dtype=np.uint8)
-        self._mark(np.array([[0, 0, 0, nx - 1, ny - 1, nz - 1]] * slices, dtype=np.int64))
-        self.occupied = np.array([part.any() for part in self.blocks])
+        self.blocks = blocks_of((len(states), *self._shape))
+        self.nodes = blocks_of(self.blocks.shape)
+        last = [n - 1 for n in self._shape]
+        self._mark(np.array([[0, 0, 0, *last]] * len(states), dtype=np.int64))
 
     def renew(self, change: Change) -> None:
         """Mark the blocks again in which a state has changed."""
         self._mark(change.states)
-        self.occupied[...] = change.free < prod(self._shape)
 
     @property
-    def words(self) -> NDArray[np.uint64]:
-        """The blocks, eight along the last axis in a word, not to be written."""
-        return read_only(self.blocks.view(np.uint64))
+    def words(self) -> tuple[NDArray[np.uint64], NDArray[np.uint64]]:
+        """The blocks and the nodes, eight along the last axis in a word, not to be written."""
+        return read_only(self.blocks.view(np.uint64)), read_only(self.nodes.view(np.uint64))
 
     @property
     def flat(self) -> States:
@@ -79,18 +79,58 @@ class Mip:
         return read_only(self.blocks.reshape(-1))
 
     def _mark(self, boxes: Ints) -> None:
-        for part, into, box in zip(self._states, self.blocks, boxes, strict=True):
-            if (box[:3] > box[3:]).any():
-                continue
-            part = part.reshape(self._shape)
-            first, last = box[:3] >> SHIFT, box[3:] >> SHIFT
-            rows = int((last[0] - first[0] + 1) * (last[1] - first[1] + 1))
+        for s in np.flatnonzero((boxes[:, :3] <= boxes[:, 3:]).all(axis=1)).tolist():
+            by_rows(mark_blocks, self._states[s].reshape(self._shape), self.blocks[s], boxes[s])
+            by_rows(mark_blocks, self.blocks[s], self.nodes[s], boxes[s] >> SHIFT)
 
-            def work(start: int, stop: int, part: States = part, into: States = into, box: Ints = box) -> int:
-                mark_blocks(part, into, box, start, stop)
-                return -1
 
-            in_chunks(work, rows, least=max(1, CELLS_A_THREAD // (SIDE * SIDE * prod(part.shape[2:]))))
+class Bits:
+    """A bit for each cell: whether it is not FREE.
+
+    Parameters
+    ----------
+    states : ndarray of uint8, or PackedStates, shape (slices, nx, ny) or (slices, nx, ny, nz)
+        In one piece, in C order; kept, not copied.
+
+    Attributes
+    ----------
+    words : ndarray of uint64, shape (*blocks, 1) or (*blocks, SIDE)
+        For each block of :class:`Mip`, and each of its layers, a byte for each cell along z, in which there is a bit
+        for each one along y.
+    """
+
+    def __init__(self, states: Stack) -> None:
+        self._states, self._shape = states, (*(1,) * (4 - states.ndim), *states.shape[1:])
+        last = [n - 1 for n in self._shape]
+        blocks = blocks_of((len(states), *self._shape))
+        self.words = np.zeros((*blocks.shape, SIDE if last[0] else 1), dtype=np.uint64)
+        self._set(np.array([[0, 0, 0, *last]] * len(states), dtype=np.int64))
+
+    def renew(self, change: Change) -> None:
+        """Set the bits again where a state has changed."""
+        self._set(change.states)
+
+    def _set(self, boxes: Ints) -> None:
+        for s in np.flatnonzero((boxes[:, :3] <= boxes[:, 3:]).all(axis=1)).tolist():
+            by_rows(set_bits, self._states[s].reshape(self._shape), self.words[s], boxes[s])
+
+
+def blocks_of(shape: tuple[int, ...]) -> States:
+    """Room for the blocks of cells, given their shape (slices, nx, ny, nz), all FREE."""
+    slices, nx, ny, nz = shape
+    return np.zeros((slices, -(-nx // SIDE), -(-ny // SIDE), depth_of(nz)), dtype=np.uint8)
+
+
+def by_rows(work: Callable[..., None], cells: States, into: NDArray[Any], box: Ints) -> None:
+    """Do :func:`mark_blocks` or :func:`set_bits` of all rows of blocks that a box touches, in threads."""
+    first, last = box[:3] >> SHIFT, box[3:] >> SHIFT
+    rows = int((last[0] - first[0] + 1) * (last[1] - first[1] + 1))
+
+    def some(start: int, stop: int) -> int:
+        work(cells, into, box, start, stop)
+        return -1
+
+    in_chunks(some, rows, least=max(1, CELLS_A_THREAD // (SIDE * SIDE * cells.shape[2])))
 
 
 @jit
@@ -124,3 +164,28 @@ def unite(into: States, cells: States) -> None:
     """Set the bits of some bytes in others."""
     for k in range(cells.shape[0]):
         into[k] |= cells[k]
+
+
+@jit
+def set_bits(state: States, words: NDArray[np.uint64], box: Ints, start: int, stop: int) -> None:
+    """Set the words of the blocks that a box of cells touches; as :func:`mark_blocks`."""
+    first_a, first_b = box[0] >> SHIFT, box[1] >> SHIFT
+    columns = (box[4] >> SHIFT) - first_b + 1
+    low, high = (box[2] >> SHIFT) << SHIFT, min(((box[5] >> SHIFT) + 1) << SHIFT, state.shape[2])
+    line = np.zeros(((high - low + SIDE - 1) >> SHIFT) << SHIFT, np.uint8)
+    for row in range(start, stop):
+        a, b = first_a + row // columns, first_b + row % columns
+        for i in range(a << SHIFT, min((a + 1) << SHIFT, state.shape[0])):
+            line[:] = 0
+            for j in range(b << SHIFT, min((b + 1) << SHIFT, state.shape[1])):
+                add_bit(line, state[i, j, low:high], np.uint8(1 << (j % SIDE)))
+            eights = line.view(np.uint64)
+            for block in range(len(eights)):
+                words[a, b, (low >> SHIFT) + block, i % SIDE] = eights[block]
+
+
+@jit
+def add_bit(into: States, cells: States, bit: np.uint8) -> None:
+    """Set a bit of the bytes whose cells are not FREE."""
+    for k in range(cells.shape[0]):
+        into[k] |= bit if cells[k] != FREE else np.uint8(0)

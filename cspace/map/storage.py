@@ -22,7 +22,6 @@ from cspace.states import BLOCKED, FREE
 
 Bytes = NDArray[np.uint8]
 Ints = NDArray[np.int64]
-Words = NDArray[np.uint64]
 Halves = tuple[np.uint64, np.uint64]
 
 SPARE: Final = 16
@@ -49,7 +48,6 @@ class TwoBits(NamedTuple):
 
 
 Cells = Bytes | TwoBits
-Eights = Words | TwoBits
 
 
 @inner(forceinline=True)
@@ -87,11 +85,6 @@ def state_in(cells: Cells, number: int) -> int:
     raise NotImplementedError
 
 
-def eight_in(eights: Eights, cells: Cells, number: int, count: int) -> np.uint64:
-    """States of up to eight cells from one on, in the bytes of a word; FREE beyond ``count``."""
-    raise NotImplementedError
-
-
 def row_in(cells: Cells, number: int, count: int) -> Halves:
     """Which of up to 64 cells from one on are not FREE, and which are BLOCKED, by bits; those beyond are set."""
     raise NotImplementedError
@@ -104,24 +97,6 @@ def _byte_in(cells: Bytes, number: int) -> int:
 def _bits_in(cells: TwoBits, number: int) -> int:
     place = np.uint64(number)
     return int((np.uint64(cells.packed[place >> _TWO]) >> (_TWO * (place & _THREE))) & _THREE)
-
-
-def _eight_bytes_in(eights: Words, cells: Bytes, number: int, count: int) -> np.uint64:
-    at, shift = np.uint64(number) >> _THREE, np.uint64(8 * (number % 8))
-    word: np.uint64 = np.uint64(0)
-    if at + _ONE < np.uint64(eights.size):
-        word = eights[at] >> shift
-        if shift != 0:
-            word |= eights[at + _ONE] << (np.uint64(64) - shift)
-        return word if count >= 8 else word & ((_ONE << np.uint64(8 * count)) - _ONE)
-    for n in range(min(count, 8)):
-        word |= np.uint64(cells[number + n]) << np.uint64(8 * n)
-    return word
-
-
-def _eight_bits_in(eights: TwoBits, cells: TwoBits, number: int, count: int) -> np.uint64:
-    word = spread(word_at(cells.packed, number))
-    return word if count >= 8 else word & ((_ONE << np.uint64(8 * count)) - _ONE)
 
 
 def _row_of_bytes(cells: Bytes, number: int, count: int) -> Halves:
@@ -162,7 +137,6 @@ def _register(function: Any, bytes_: Any, bits: Any) -> None:
 
 for _function, _bytes, _bits in (
     (state_in, _byte_in, _bits_in),
-    (eight_in, _eight_bytes_in, _eight_bits_in),
     (row_in, _row_of_bytes, _row_of_bits),
 ):
     _register(_function, _bytes, _bits)
@@ -311,11 +285,6 @@ def record_of(states: Stack) -> Cells:
 def read_only_of(states: Stack) -> Stack:
     """The states, not to be written; those in two bits never are through what they give."""
     return states if isinstance(states, PackedStates) else read_only(states.view())
-
-
-def eights_of(cells: Cells) -> Eights:
-    """The states, eight in a word, but for those at the end that do not fill one; in two bits, as they are."""
-    return cells if isinstance(cells, TwoBits) else cells[: cells.size // 8 * 8].view(np.uint64)
 
 
 def counts_of(states: Stack) -> Ints:

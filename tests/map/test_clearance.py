@@ -18,7 +18,7 @@ def distances_of(states, places, slices):
     """Distances from places, in cells, to the closed cells of their slices that are not FREE, by brute force."""
     found = []
     for place, s in zip(places, slices, strict=True):
-        cells = np.argwhere(states[s] != FREE)
+        cells = np.argwhere(states[s % len(states)] != FREE)  # a map of all rotations repeats them
         gaps = np.maximum(np.maximum(cells - place, place - cells - 1), 0.0)
         found.append(np.sqrt(np.square(gaps).sum(axis=1).min(initial=math.inf)))
     return np.array(found)
@@ -51,6 +51,7 @@ def test_distances_to_cells_are_exact(kind, data, seed):
             rng.uniform(0.0, 1.0, (20, space.dof)) * [*states.shape[1:], *[9.0] * (space.dof - dim)],
         ]
     )
+    q = handmade.configurations(space, q)
     q[::5, :dim] = np.rint(q[::5, :dim])  # on borders of cells
     slices = space.rotations.cells_of(q)
     expected = distances_of(states, q[:, :dim], slices)
