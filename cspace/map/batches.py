@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.errors import InputError
-from cspace.grid import unmasked
+from cspace.grid import FLOATS, unmasked
 from cspace.rotations import MAX_YAW
 from cspace.threads import LEAST, in_chunks
 
@@ -117,8 +117,7 @@ def _as_rows(q: ArrayLike, name: str, dof: int) -> NDArray[Any]:
         if rows.dtype.kind not in "fiub":
             rows = np.asarray(rows, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        mend = "pass coordinates in metres, yaw in radians"
-        raise InputError(name, f"is {q!r}", "it must be numeric", mend, value=q) from error
+        raise InputError(name, f"is {q!r}", "it must be numeric", FLOATS, value=q) from error
     if rows.ndim == 0 or rows.shape[-1] != dof:
         rule = f"its last axis must be {dof} long, one entry for each coordinate"
         mend = "pass one configuration or a batch of them"
@@ -153,7 +152,8 @@ def _own(rows: NDArray[Any]) -> Floats:
 def _not_finite(values: NDArray[Any], name: str, index: int) -> InputError:
     numbers = tuple(values.astype(np.float64).tolist())
     rule = f"NaN, infinities, a yaw beyond {MAX_YAW:.0f} rad and quaternions of another norm than 1 are refused"
-    return InputError(name, f"number {index} is {numbers}", rule, "drop or replace them first", value=numbers)
+    mend = "drop or replace them first; divide a quaternion, qx, qy, qz, qw, by its norm"
+    return InputError(name, f"number {index} is {numbers}", rule, mend, value=numbers)
 
 
 def as_pairs(edges: ArrayLike, vertices: Floats) -> NDArray[np.int64]:

@@ -52,8 +52,10 @@ def test_compiled_look_ups_take_the_cells_of_the_definition(n):
 @pytest.mark.parametrize("wrong", [(0, 0, 0, 1.00001), (0, 0, 0, 0), (0, 0, 0, math.nan), (math.inf, 0, 0, 0)])
 def test_numbers_that_are_no_rotation_are_refused(name, wrong):
     space, _ = random_map(np.random.default_rng(0), 1)
-    with pytest.raises(InputError, match="norm"):
+    with pytest.raises(InputError, match=r"qx, qy, qz, qw.*norm"):
         getattr(space, name)([0.5, 0.5, 0.5, *wrong])
+    with pytest.raises(InputError, match=r"scipy Rotation.*as_quat"):
+        getattr(space, name)((0.5, 0.5, 0.5, Rotation.identity()))
     if name != "nearest_free":
         q = np.tile([0.5, 0.5, 0.5, 0, 0, 0, 1], (600, 1))
         q[513, 3:] = wrong

@@ -1,6 +1,7 @@
 """Passages a hair wider than the robot: plans that cross them, and none that crosses what is no wider."""
 
 import itertools
+import time
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from shapely import affinity
 import cspace
 import planners
 from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
+from cspace.map.chain import open_chain
 
 WIDTH = 0.5
 
@@ -42,6 +44,21 @@ def test_a_corridor_two_per_cent_wider_than_the_robot_is_crossed(ends, seed):
 def test_without_exact_it_is_not_crossed():
     space, _ = corridor(WIDTH * 1.02, Robot.rectangle(0.8, WIDTH))
     assert not planners.plan(space, (0.7, 1.0, 0.0), (4.3, 2.0, 0.0), seed=0, time_limit=0.5).solved
+
+
+def test_what_is_compiled_for_chains_takes_no_time_from_the_search(monkeypatch):
+    space, _ = corridor(WIDTH, Robot.rectangle(0.8, WIDTH))
+    ends, begun = ((0.7, 1.0, 0.0), (4.3, 2.0, 0.0)), []
+
+    def slow(*asked):
+        if not begun:
+            time.sleep(1.0)  # as compiling takes, at the first call
+        begun.append(1)
+        return open_chain(*asked)
+
+    monkeypatch.setattr(planners.passages, "open_chain", slow)
+    found = planners.plan(space, *ends, exact=True, seed=0, time_limit=0.5)
+    assert begun and found.times.setup >= 1.0 and found.times.planning < 1.0
 
 
 def test_a_disc_crosses_in_the_plane():

@@ -228,6 +228,9 @@ def test_cubes_moves_without_a_turn() -> None:
     for yaw in (0.1, 1.6):
         found = planners.plan(space, (0.5, 0.5, yaw), (2.5, 2.5, yaw), planner="Cubes", simplify=False)
         assert found.solved == found.certified == (yaw == 0.1) and (found.path[:, 2] == yaw).all()
+        if not found.solved:
+            words = "planner='RRTConnect'" + " with exact=True" * (found.path_exists is None)
+            assert found.advice == f"{words}, or a finer spacing or more rotations"
     with pytest.raises(InputError, match="turned otherwise"):
         planners.plan(space, (0.5, 0.5, 0.0), (2.5, 2.5, 0.1), planner="Cubes")
 
