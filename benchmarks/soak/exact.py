@@ -5,12 +5,13 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from functools import partial
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.report import Report
-from benchmarks.soak.maps import ALONG, Rng, along, not_free_along
+from benchmarks.soak.maps import ALONG, Rng, along, has_geometry, not_free_along, rotations_of, turned
 from benchmarks.soak.plane_cases import draw_case
 from benchmarks.soak.space_cases import draw_solid_case
 from benchmarks.soak.tally import Case, Tally, not_free
@@ -36,7 +37,11 @@ SPACES: dict[str, Callable[[int, int], Case]] = {
     "in the plane": draw_case,
     "that turn": partial(draw_case, turning=True),
     "in space": draw_solid_case,
+    "that turn freely in space": partial(draw_solid_case, freely=True),
 }
+
+SLOW: Final = 10
+"""How many times fewer edges are followed of robots that turn freely: each turned robot is a shape of its own."""
 
 
 def check(report: Report, seed: int, edges: int, points: int = 0) -> None:
@@ -44,7 +49,8 @@ def check(report: Report, seed: int, edges: int, points: int = 0) -> None:
     for name, draw in SPACES.items():
         tally = Tally()
         began, number = time.perf_counter(), 0
-        while tally.checks[EDGE] < edges * ALONG or tally.checks[POINT] < points:
+        share = SLOW if "freely" in name else 1
+        while tally.checks[EDGE] < edges * ALONG // share or tally.checks[POINT] < points // share:
             case = draw(seed, number)
             _check(tally, case, np.random.default_rng([seed, number, 6]))
             number += 1
@@ -58,7 +64,7 @@ def check(report: Report, seed: int, edges: int, points: int = 0) -> None:
 def _check(tally: Tally, case: Case, rng: Rng) -> None:
     """Points in MIXED cells, and all points of edges, that are called free with ``exact`` and are not without."""
     space, dim = case.space, case.space.grid.dim
-    if getattr(space.robot.shape, "solid", "") == "fill":  # which has no shape of its own
+    if not has_geometry(case):
         return
     q = _drawn(case, rng)
     known, free = np.asarray(space.is_free(q)), np.asarray(space.is_free(q, exact=True))
@@ -67,9 +73,12 @@ def _check(tally: Tally, case: Case, rng: Rng) -> None:
     clear = ~case.meets(refused, space.margin + CLEAR * space.grid.spacing)
     tally.add(LOST, case, refused, clear, np.zeros(len(refused), dtype=np.bool_))
     starts = np.concatenate([proven[:CANDIDATES], q[known][: CANDIDATES // 4]])
-    steps = rng.choice([0.0, 0.5, 2.0, 10.0], (len(starts), 1)) * rng.normal(size=(len(starts), dim))
-    turns = rng.choice([0.0, 0.05, 0.5, 2.0], (len(starts), 1)) * rng.normal(size=(len(starts), space.dof - dim))
-    ends = starts + np.concatenate([space.grid.spacing * steps, turns], axis=1)
+    ends, number = starts.copy(), len(starts)
+    ends[:, :dim] += (
+        space.grid.spacing * rng.choice([0.0, 0.5, 2.0, 10.0], (number, 1)) * rng.normal(size=(number, dim))
+    )
+    turns = rng.choice([0.0, 1e-5, 0.05, 0.5, 2.0], number) * np.abs(rng.normal(size=number))
+    ends[:, dim:] = turned(starts[:, dim:], np.where(rng.random(number) < 0.05, np.pi, turns), rng)
     only = np.asarray(space.motion_is_free(starts, ends, exact=True)) & ~np.asarray(space.motion_is_free(starts, ends))
     found = rng.permutation(np.flatnonzero(only))
     if not len(found):
@@ -90,7 +99,7 @@ def _drawn(case: Case, rng: Rng) -> Floats:
     space, grid = case.space, case.space.grid
     reach = case.reach + space.margin + grid.spacing
     low, high = np.asarray(grid.lower) - 0.5 * reach, np.asarray(grid.upper) + 0.5 * reach
-    places, turns = rng.uniform(low, high, (20 * CANDIDATES, grid.dim)), space.dof - grid.dim
-    q = np.concatenate([places, rng.uniform(-9.0, 9.0, (20 * CANDIDATES, turns))], axis=1)
+    places = rng.uniform(low, high, (20 * CANDIDATES, grid.dim))
+    q = np.concatenate([places, rotations_of(space, len(places), rng)], axis=1)
     known = np.asarray(space.is_free(q))
     return np.concatenate([q[~known][: 4 * CANDIDATES], q[known][:CANDIDATES]])

@@ -1,4 +1,7 @@
-"""The proofs of a map against exact geometry: states, edges, boxes, clearance, containment, in every space alike."""
+"""The proofs of a map against exact geometry, in every space alike.
+
+States, edges, boxes, clearance, containment; and the proof that there is no path, against walks.
+"""
 
 from __future__ import annotations
 
@@ -31,6 +34,9 @@ ALONG = 1000
 GROUPS = (200, 20)
 """Points of an edge that are settled together where no obstacle is near enough for any of them, from coarse to fine."""
 
+WALKS, STEPS = 30, 25
+"""Walks from configurations anywhere, for each map, and motions of each that are tried."""
+
 EDGE = "edge"
 
 
@@ -57,6 +63,7 @@ def check(report: Report, name: str, draw: Callable[[int, int], Case], seed: int
             _check_boxes(tally, case, rng)
             _check_clearance(tally, case, rng)
         _check_containment(tally, case, rng)
+        _check_walks(tally, case, rng)
         number += 1
     report.section(
         f"{name}: {number} random maps, {tally.checks[EDGE] // ALONG} edges at {ALONG} points each, seed {seed}, "
@@ -90,7 +97,7 @@ def _check_states(tally: Tally, case: Case, rng: Rng) -> None:
     few = PER_STATE // 6
     reach = 1.5 * (case.reach + space.margin + space.grid.spacing)
     low, high = np.asarray(space.grid.lower) - reach, np.asarray(space.grid.upper) + reach
-    turns = _rotations(space, few, rng)
+    turns = rotations_of(space, few, rng)
     anywhere = np.concatenate([rng.uniform(low, high, (few, space.grid.dim)), turns], axis=1)
     q = np.concatenate([nearly_snapped(space, rng.permutation(q)[:few], rng), anywhere])
     tally.judge(case, q, np.asarray(space.classify(q)))
@@ -107,7 +114,7 @@ def _check_edges(tally: Tally, case: Case, rng: Rng) -> None:
     ends = starts.copy()
     ends[:, :dim] += space.grid.spacing * np.where(snapped[:, None], lattice, steps)
     turns = rng.choice([0.0, 0.05, 0.5, 2.0], CANDIDATES) * np.abs(rng.normal(size=CANDIDATES))
-    ends[:, dim:] = _turned(ends[:, dim:], np.where(rng.random(CANDIDATES) < 0.05, np.pi, turns), rng)
+    ends[:, dim:] = turned(ends[:, dim:], np.where(rng.random(CANDIDATES) < 0.05, np.pi, turns), rng)
     free = np.flatnonzero(space.motion_is_free(starts, ends))
     # The map tells where to look: half of the edges are those that come closest.
     few = along(space, starts[free], ends[free], np.linspace(0.0, 1.0, 50), rng)
@@ -135,7 +142,7 @@ def _check_boxes(tally: Tally, case: Case, rng: Rng) -> None:
     q = np.repeat(centers[:, None], shape[1], axis=1)
     q[..., :dim] += distance * away[..., :dim]
     q = q.reshape(-1, space.dof)
-    q[:, dim:] = _turned(q[:, dim:], angle * np.abs(away[..., -1]).ravel(), rng)
+    q[:, dim:] = turned(q[:, dim:], angle * np.abs(away[..., -1]).ravel(), rng)
     wrong, undecided = not_free(case, q)
     tally.add("box", case, q, wrong | ~np.asarray(space.is_free(q)), undecided)
 
@@ -159,11 +166,35 @@ def _check_clearance(tally: Tally, case: Case, rng: Rng) -> None:
 def _check_containment(tally: Tally, case: Case, rng: Rng) -> None:
     """Configurations at which the robot is called contained in the obstacles."""
     space, grid = case.space, case.space.grid
-    turns = _rotations(space, 2000, rng)
+    turns = rotations_of(space, 2000, rng)
     q = np.concatenate([rng.uniform(grid.lower, grid.upper, (2000, grid.dim)), turns], axis=1)
     q = q[np.asarray(space.contains_robot(q))][:40]
     if len(q):
         tally.add("contained", case, q, ~case.lies_in(q, rng), np.zeros(len(q), dtype=np.bool_))
+
+
+def _check_walks(tally: Tally, case: Case, rng: Rng) -> None:
+    """Where walks lead that the geometry itself proves: none of it is cut off from where they began."""
+    space, dim = case.space, case.space.grid.dim
+    if not has_geometry(case):
+        return
+    places = rng.uniform(space.grid.lower, space.grid.upper, (10 * WALKS, dim))
+    first = np.concatenate([places, rotations_of(space, len(places), rng)], axis=1)
+    first = first[np.asarray(space.is_free(first, exact=True))][:WALKS]
+    last = first.copy()
+    for _ in range(STEPS if len(first) else 0):
+        size, ends = rng.choice([0.0, 0.3, 1.0, 3.0], (len(last), 2)), last.copy()
+        ends[:, :dim] += space.grid.spacing * size[:, :1] * rng.normal(size=(len(last), dim))
+        ends[:, dim:] = turned(last[:, dim:], size[:, 1] * np.abs(rng.normal(0.0, 0.5, len(last))), rng)
+        free = np.asarray(space.motion_is_free(last, ends, exact=True))
+        last[free] = ends[free]
+    wrong = np.array([answer is False for answer in space.path_exists(first, last)], dtype=np.bool_)
+    tally.add("path", case, last, wrong, np.zeros(len(last), dtype=np.bool_))
+
+
+def has_geometry(case: Case) -> bool:
+    """Whether the robot has a shape that exact answers can ask, and not only cells that fill it."""
+    return getattr(case.space.robot.shape, "solid", "") != "fill"
 
 
 def not_free_along(case: Case, q: Floats) -> tuple[Bools, Bools]:
@@ -253,14 +284,14 @@ def _in_rotation_cells(space: CSpace, cells: NDArray[np.integer], part: Floats) 
     return _unit(made)
 
 
-def _rotations(space: CSpace, number: int, rng: Rng) -> Floats:
+def rotations_of(space: CSpace, number: int, rng: Rng) -> Floats:
     """Rotations as configurations of a map tell them."""
     if space.rotations.dof == 4:
         return _unit(rng.normal(size=(number, 4)))
     return rng.uniform(-9.0, 9.0, (number, space.rotations.dof))
 
 
-def _turned(turns: Floats, angles: Floats, rng: Rng) -> Floats:
+def turned(turns: Floats, angles: Floats, rng: Rng) -> Floats:
     """Rotations, each turned by an angle, about any axis that it may turn about."""
     if turns.shape[1] < 4:
         return turns + (angles * rng.choice([-1.0, 1.0], len(turns)))[:, None]
