@@ -1,18 +1,19 @@
 """Maps made by hand in every space, and slow, plain answers about their cells."""
 
 import itertools
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 from hypothesis import strategies as st
+from scipy import sparse
 
 from cspace import BLOCKED, FREE, MIXED, CSpace, Robot, Workspace
 from cspace.map.exterior import Exterior
 from cspace.rotations import Rotations
 from strategies import seeds
 
-WITH_YAW = ("plane", "space", "turning", "turning in space")
-KINDS = (*WITH_YAW, "turning in space any way")
+KINDS = ("plane", "space", "turning", "turning in space", "turning in space any way")
 MIXTURE = (FREE, FREE, MIXED, BLOCKED)
 
 
@@ -57,16 +58,20 @@ def made(states, kind, outside="free", spacing=0.25, rotations=None, lower=None)
     if "turning" not in kind:
         return map_of(states[0], None, outside, spacing, lower)
     if "any way" in kind:
-        cells = Rotations.quaternions(1)
-        return map_of(np.resize(states, (cells.count, *states.shape[1:])), cells, outside, spacing, lower)
+        return map_of(states, Rotations.quaternions(cuts(len(states))), outside, spacing, lower)
     return map_of(states, len(states) if rotations is None else rotations, outside, spacing, lower)
+
+
+def cuts(turns):
+    """Parts of an axis of so many cells of quaternions."""
+    return round((turns / 4) ** (1 / 3))
 
 
 def random_states(rng, kind, most=5, mixture=MIXTURE):
     """States of small maps of a kind, shape (rotations, ...)."""
     most = most if kind == "plane" else max(2, most - 1)
-    shape = rng.integers(1, most + 1, 3 if "space" in kind else 2)
-    turns = (4 if "any way" in kind else int(rng.integers(1, 6))) if "turning" in kind else 1
+    turns = int(rng.choice([4, 4, 32]) if "any way" in kind else rng.integers(1, 6)) if "turning" in kind else 1
+    shape = rng.integers(1, min(most, 96 // turns) + 1, 3 if "space" in kind else 2)
     return rng.choice(np.array(mixture, dtype=np.uint8), (turns, *shape))
 
 
@@ -127,27 +132,40 @@ def configurations(space, q):
     return q
 
 
+@cache
+def beside(turns, kind):
+    """Of each cell of rotations those across its sides: of yaw in a ring, of quaternions where a small step leads."""
+    if "any way" not in kind:
+        return [{(cell - 1) % turns, (cell + 1) % turns} for cell in range(turns)]
+    cells, n, near = Rotations.quaternions(cuts(turns)), cuts(turns), []
+    for chart, *parts in np.ndindex(4, n, n, n):
+        low, high = (cells.borders[np.add(parts, above)] for above in (0, 1))
+        quotients = np.tile(low + 0.3 * (high - low), (6, 1))
+        quotients[range(6), [0, 1, 2] * 2] = [*(low - 1e-6), *(high + 1e-6)]
+        q = np.insert(quotients, chart, 1.0, axis=1)
+        near.append(set(cells.cell_of(q / np.linalg.norm(q, axis=1, keepdims=True)).tolist()))
+    return near
+
+
 def sides_of(cell, shape, kind=""):
-    """The cells of an array that share a side with one; the first axis, of rotations, wraps, or all of it is near."""
-    if "any way" in kind:
-        yield from ((turn, *cell[1:]) for turn in range(shape[0]) if turn != cell[0])
-    for axis, way in itertools.product(range(len(shape)), (-1, 1)):
+    """The cells of an array (rotations, ...) that share a side with one."""
+    yield from ((turn, *cell[1:]) for turn in beside(shape[0], kind)[cell[0]])
+    for axis, way in itertools.product(range(1, len(shape)), (-1, 1)):
         near = list(cell)
         near[axis] += way
-        if axis == 0 and "any way" in kind:
-            continue
-        if axis == 0:
-            near[0] %= shape[0]
         if 0 <= near[axis] < shape[axis]:
             yield tuple(near)
 
 
-def component_of(cells, start, kind=""):
-    """Cells joined to ``start`` through sides, among the True ones."""
-    seen, todo = {start}, [start] if cells[start] else []
-    while todo:
-        for near in sides_of(todo.pop(), cells.shape, kind):
-            if near not in seen and cells[near]:
-                seen.add(near)
-                todo.append(near)
-    return seen if cells[start] else set()
+def components(cells, kind=""):
+    """Numbers of the components of the True cells of an array (rotations, ...), joined through sides; -1 for others."""
+    number = np.arange(cells.size).reshape(cells.shape)
+    turns = np.array([(turn, near) for turn, row in enumerate(beside(len(cells), kind)) for near in row])
+    links = [number[turns.T].reshape(2, -1)]
+    for axis in range(1, cells.ndim):
+        long = np.moveaxis(number, axis, 0)
+        links.append(np.stack([long[:-1].ravel(), long[1:].ravel()]))
+    a, b = np.concatenate(links, axis=1)
+    both = cells.ravel()[a] & cells.ravel()[b]
+    graph = sparse.coo_array((both[both], (a[both], b[both])), shape=(cells.size, cells.size))
+    return np.where(cells, sparse.csgraph.connected_components(graph, directed=False)[1].reshape(cells.shape), -1)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 import cspace
 import handmade
-from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
+from cspace import BLOCKED, FREE, MIXED, Robot, Rotations, Workspace
 from strategies import seeds
 
 
@@ -30,7 +30,7 @@ def sparse_states(draw, kind):
     rng = np.random.default_rng(draw(seeds))
     shape = rng.integers(1, 20, 3 if "space" in kind else 2)
     shape[rng.integers(len(shape))] = draw(st.sampled_from([1, 8, 63, 64, 65, 200]))
-    states = np.zeros((3 if "turning" in kind else 1, *shape), dtype=np.uint8)
+    states = np.zeros((4 if "turning" in kind else 1, *shape), dtype=np.uint8)
     for s in range(len(states)):
         for _ in range(draw(st.sampled_from([0, 1, 2, 30]))):
             states[(s, *(int(rng.integers(n)) for n in shape))] = rng.choice([MIXED, BLOCKED])
@@ -53,6 +53,7 @@ def test_distances_to_cells_are_exact(kind, data, seed):
     )
     q = handmade.configurations(space, q)
     q[::5, :dim] = np.rint(q[::5, :dim])  # on borders of cells
+    handmade.configurations(space, q)
     slices = space.rotations.cells_of(q)
     expected = distances_of(states, q[:, :dim], slices)
     expected[space.classify(q) != FREE] = 0.0
@@ -88,6 +89,8 @@ CASES = {
         [-1.0, -0.8, 0.5, 0.6, 3.0, 2 * math.pi - 1],
     ),
     "turning bar": (Robot.rectangle(0.4, 0.1), 6),
+    "turning in space": (Robot.box((0.3, 0.1, 0.2), (0.1, 0.0, 0.0)), 5),
+    "turning in space any way": (Robot.box((0.3, 0.1, 0.2)), Rotations.quaternions(2)),
 }
 
 
@@ -95,7 +98,7 @@ CASES = {
 @given(seeds, st.sampled_from(list(CASES)), st.sampled_from(["blocked", "free"]))
 def test_clearance_is_a_close_lower_bound(seed, case, outside):
     robot, rotations = CASES[case]
-    rng, h, dim = np.random.default_rng(seed), 0.1, 3 if case == "space" else 2
+    rng, h, dim = np.random.default_rng(seed), 0.1, 3 if "space" in case else 2
     shape = (9, 8, 10) if dim == 3 else (20, 40)
     workspace = Workspace.from_array(rng.random(shape) < rng.choice([0.0, 0.01]), h, rng.uniform(-1, 1, dim))
     space = cspace.build(workspace, robot, rotations=rotations, outside=outside)
@@ -103,7 +106,7 @@ def test_clearance_is_a_close_lower_bound(seed, case, outside):
     around = np.stack(np.meshgrid(*(np.arange(-9, n + 9) for n in shape), indexing="ij"), axis=-1).reshape(-1, dim)
     q = lower + rng.uniform(-0.3, 1.3, (16, dim)) * size * h
     q[::3] = lower + np.rint((q[::3] - lower) / h) * h  # on borders of cells
-    q = q if rotations is None else np.column_stack([q, rng.uniform(-9.0, 9.0, len(q))])
+    q = handmade.configurations(space, np.column_stack([q, rng.uniform(-9.0, 9.0, (len(q), space.dof - dim))]))
     check = space.clearance_checker()
     for point, bound, state in zip(q, space.clearance(q), space.classify(q), strict=True):
         slice_q = np.column_stack([space.grid.center_of(around), np.tile(point[dim:], (len(around), 1))])
@@ -125,7 +128,7 @@ def test_clearance_is_a_close_lower_bound(seed, case, outside):
 def test_steps_within_the_clearance_stay_free(kind):
     rng = np.random.default_rng(4)
     states = (
-        rng.random((3 if "turning" in kind else 1, *((20, 15, 40) if "space" in kind else (60, 80)))) < 0.003
+        rng.random((4 if "turning" in kind else 1, *((20, 15, 40) if "space" in kind else (60, 80)))) < 0.003
     ) * MIXED
     space = handmade.made(states, kind)
     dim = space.grid.dim
@@ -140,7 +143,7 @@ def test_steps_within_the_clearance_stay_free(kind):
 
 @pytest.mark.parametrize("kind", handmade.KINDS)
 def test_an_empty_map_has_no_bound(kind):
-    space = handmade.made(np.zeros((2 if "turning" in kind else 1, *(3,) * (3 if "space" in kind else 2))), kind)
+    space = handmade.made(np.zeros((4 if "turning" in kind else 1, *(3,) * (3 if "space" in kind else 2))), kind)
     q = handmade.configurations(space, np.full((2, space.dof), 0.1))
     q[1, 0] = 50.0
     assert space.clearance(q).tolist() == [math.inf, math.inf]

@@ -1,4 +1,4 @@
-"""Components against scipy's labels, after any stream of changes; paths against flood fills."""
+"""Components against scipy's labels, after any stream of changes; paths against graphs of cells."""
 
 import math
 
@@ -131,26 +131,6 @@ def test_many_components_in_every_block(blocks):
     assert set(np.unique(labels.of(cells)[0])) == {-1, labels.of(cells[0])[0]}
 
 
-def test_neighbours_may_be_any_graph():
-    """Rotation cells of a kind that is to come: each has the neighbours that it is told."""
-    rng = np.random.default_rng(5)
-    stack = rng.choice(3, (5, 6, 7), p=[0.4, 0.2, 0.4]).astype(np.uint8)
-    neighbors = np.array([[1, 2, 3], [0, 4, -1], [0, 3, -1], [0, 2, -1], [1, -1, -1]])
-    labels = Components(stack, np.arange(5), neighbors, np.zeros(5, dtype=bool))
-    cells = all_cells(stack, 5, 0)
-    for kind, member in enumerate((stack == FREE, stack != BLOCKED)):
-        number = np.arange(stack.size).reshape(stack.shape)
-        joined = [(member[:, 1:] & member[:, :-1], number[:, 1:], number[:, :-1])]
-        joined += [(member[:, :, 1:] & member[:, :, :-1], number[:, :, 1:], number[:, :, :-1])]
-        joined += [
-            (member[r] & member[o], number[r], number[o]) for r, row in enumerate(neighbors) for o in row if o >= 0
-        ]
-        a, b = (np.concatenate([one[k][one[0]] for one in joined]) for k in (1, 2))
-        graph = sparse.coo_array((np.ones(len(a)), (a, b)), shape=(stack.size, stack.size))
-        expected = sparse.csgraph.connected_components(graph, directed=False)[1].reshape(stack.shape)
-        same_partition(labels.of(cells)[kind], np.where(member, expected, -1)[tuple(cells.T)])
-
-
 def test_a_door_in_a_wall_across_many_blocks():
     state = np.zeros((300, 200), dtype=np.uint8)
     state[150] = BLOCKED
@@ -167,24 +147,21 @@ def test_a_door_in_a_wall_across_many_blocks():
 
 @settings(max_examples=12)
 @given(seeds, st.sampled_from(handmade.KINDS), st.sampled_from(["free", "blocked"]))
-def test_paths_against_a_flood_fill(seed, kind, outside):
-    """All pairs of cells of a small map; beyond the grid all is FREE, or BLOCKED."""
+def test_paths_against_components_of_a_graph(seed, kind, outside):
+    """Pairs of cells of a small map; beyond the grid all is FREE, or BLOCKED."""
     states = handmade.random_states(np.random.default_rng(seed), kind, 4)
     space, cells = handmade.made(states, kind, outside), handmade.all_cells(states)
+    cells = np.random.default_rng(seed).permutation(cells)[:150]
     q = handmade.middles(space, cells)
-    answers = space.path_exists(q[:, None], q[None])
     away = np.array(q[0])
     away[: space.grid.dim] = -99.0
     rim = space.classify(away) != BLOCKED
     framed = np.pad(states != BLOCKED, [(0, 0)] + [(1, 1)] * space.grid.dim, constant_values=rim)
-    for a, start in enumerate(map(tuple, cells.tolist())):
-        free = handmade.component_of(states == FREE, start, kind)
-        passable = handmade.component_of(framed, (start[0], *(n + 1 for n in start[1:])), kind)
-        for b, (turn, *place) in enumerate(cells.tolist()):
-            expected = (
-                True if (turn, *place) in free else None if (turn, *(n + 1 for n in place)) in passable else False
-            )
-            assert answers[a, b] is expected
+    free = handmade.components(states == FREE, kind)[tuple(cells.T)]
+    passable = handmade.components(framed, kind)[(cells[:, 0], *(cells[:, 1:] + 1).T)]
+    joined, maybe = (np.equal.outer(one, one) & (one >= 0) for one in (free, passable))
+    expected = np.where(joined, True, np.where(maybe, None, False))
+    assert space.path_exists(q[:, None], q[None]).tolist() == expected.tolist()
 
 
 @settings(max_examples=10)
@@ -193,8 +170,9 @@ def test_the_reach_of_a_configuration(seed, kind):
     """All cells that free cells join to one lie in the box, and every side of it has one of them."""
     states = handmade.random_states(np.random.default_rng(seed), kind)
     space = handmade.made(states, kind, spacing=1.0)
+    numbers = handmade.components(states == FREE, kind)
     for cell in np.argwhere(states == FREE)[:8]:
-        joined = np.array(sorted(handmade.component_of(states == FREE, tuple(cell.tolist()), kind)))[:, 1:]
+        joined = np.argwhere(numbers == numbers[tuple(cell)])[:, 1:]
         lower, upper = space.free_reach(handmade.middles(space, cell[None])[0])
         assert lower.tolist() == joined.min(axis=0).tolist()
         assert upper.tolist() == (joined.max(axis=0) + 1).tolist()
@@ -203,31 +181,34 @@ def test_the_reach_of_a_configuration(seed, kind):
             space.free_reach(handmade.middles(space, cell[None])[0])
 
 
-@pytest.mark.parametrize(("robot", "turns"), [("bar", 2), ("bar", 6), ("square", 8), ("spot", 4)])
+BAR = Robot.rectangle(1e-6, 1e-7)
+
+
+@pytest.mark.parametrize(
+    ("robot", "turns"),
+    [
+        (BAR, 2),
+        (BAR, 6),
+        (Robot.rectangle(1e-6, 1e-6), 8),
+        (Robot.disc(1e-6), 4),
+        (Robot.box((1e-6, 1e-7, 1e-7)), 6),
+        (Robot.box((1e-6, 1e-7, 1e-7)), Rotations.quaternions(2)),
+    ],
+)
 def test_rotation_cells_that_share_slices(robot, turns):
-    size = {"bar": (1e-6, 1e-7), "square": (1e-6, 1e-6)}
-    robot = Robot.rectangle(*size[robot]) if robot in size else Robot.disc(1e-6)
-    slices = 1 if robot.symmetry == 0 else turns // robot.symmetry
-    workspace = Workspace.from_array(np.zeros((4, 3), dtype=bool), 0.25)
-    for seed in range(8):
-        stack = np.random.default_rng(seed).choice(np.array([0, 1, 2, 2], dtype=np.uint8), (slices, 4, 3))
-        space = cspace.CSpace(
-            workspace,
-            robot,
-            stack,
-            outside="free",
-            margin=0.0,
-            precision="integer",
-            rotations=Rotations.of(turns),
-        )
-        states = stack[np.arange(turns) % slices]
-        assert (space.state == states).all()
-        cells = handmade.all_cells(states)
-        q = handmade.middles(space, cells)
+    cells, shape = Rotations.of(turns), (4, 3, 2)[: robot.dim]
+    kind, slice_of = "turning any way" if cells.dof == 4 else "", cells.slice_of(robot)
+    workspace = Workspace.from_array(np.zeros(shape, dtype=bool), 0.25)
+    options = {"outside": "free", "margin": 0.0, "precision": "integer", "rotations": cells}
+    for seed in range(6):
+        stack = np.random.default_rng(seed).choice(np.array([0, 1, 2, 2], np.uint8), (slice_of.max() + 1, *shape))
+        space, states = cspace.CSpace(workspace, robot, stack, **options), stack[slice_of]
+        assert len(stack) < cells.count and (space.state == states).all()
+        places = np.random.default_rng(seed).permutation(handmade.all_cells(states))[:150]
+        q = handmade.middles(space, places)
+        free = handmade.components(states == FREE, kind)[tuple(places.T)]
         answers = space.path_exists(q[:, None], q[None])
-        for a, start in enumerate(map(tuple, cells.tolist())):
-            free = handmade.component_of(states == FREE, start)
-            assert all((answers[a, b] is True) == (goal in free) for b, goal in enumerate(map(tuple, cells.tolist())))
+        assert (np.equal(answers, True) == (np.equal.outer(free, free) & (free >= 0))).all()
 
 
 def walled(gap, outside="blocked"):

@@ -17,6 +17,7 @@ from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
 from cspace.rotations import TURN, YAW_SLACK, Rotations
 from handmade import Outside, but, cells_around, map_of, outsides, state_of, states
 from placements import collides, draw_configurations
+from planning import edge
 from strategies import robots, rotation_cells, seeds
 
 H = 0.25
@@ -130,22 +131,18 @@ def test_edges_along_a_border_touch_both_sides(seed, which):
 
 
 @settings(max_examples=60)
-@given(seeds, st.sampled_from(handmade.WITH_YAW), outsides())
+@given(seeds, st.sampled_from(handmade.KINDS), outsides())
 def test_samples_of_a_free_edge_are_free(seed, kind, outside):
     rng = np.random.default_rng(seed)
     states = handmade.random_states(rng, kind, 6, (FREE,) * 20 + (MIXED,))
     dim = states.ndim - 1
     outside = Outside(outside.box.reshape(2, 3)[:, :dim].ravel(), outside.state)
     space = handmade.made(states, kind, outside)
-    q0, q1 = (
-        np.column_stack([rng.uniform(-0.6, 1.8, (100, dim)), rng.uniform(-3.1, 3.1, (100, space.dof - dim))])
-        for _ in range(2)
-    )
+    ends = np.concatenate([rng.uniform(-0.6, 1.8, (2, 60, dim)), rng.uniform(-3, 3, (2, 60, space.dof - dim))], axis=2)
+    q0, q1 = handmade.configurations(space, ends)
     free = space.motion_is_free(q0, q1)
-    step = q1 - q0
-    step[:, dim:] = (step[:, dim:] + math.pi) % TURN - math.pi
-    along = q0[free, None] + np.linspace(0, 1, 101)[:, None] * step[free, None]
-    assert (space.classify(along) == FREE).all()
+    for a, b in zip(q0[free], q1[free], strict=True):
+        assert space.is_free(edge(space, a, b, np.linspace(0, 1, 101))[0]).all()
 
 
 @settings(max_examples=60)
@@ -193,18 +190,19 @@ def test_edges_outside_keep_off_what_is_undecided():
     assert space.motion_is_free((-1.0, 0.05), (0.05, 0.05))
 
 
-@pytest.mark.parametrize("kind", handmade.WITH_YAW)
+@pytest.mark.parametrize("kind", handmade.KINDS)
 def test_batches_broadcast(kind):
     space = handmade.made(np.zeros((4 if "turning" in kind else 1, *(4,) * (3 if "space" in kind else 2))), kind)
     dof = space.dof
-    assert space.motion_is_free((0.1,) * dof, np.full((3, 5, dof), 0.9)).shape == (3, 5)
-    assert space.motion_is_free(np.full((3, 1, dof), 0.2), np.full((5, dof), 0.9)).shape == (3, 5)
-    assert space.motion_is_free(np.empty((0, dof)), (0.1,) * dof).shape == (0,)
+    one, many = handmade.configurations(space, np.full(dof, 0.1)), handmade.configurations(space, np.ones((3, 5, dof)))
+    assert space.motion_is_free(one, many).shape == (3, 5)
+    assert space.motion_is_free(many[:, :1], many[0]).shape == (3, 5)
+    assert space.motion_is_free(np.empty((0, dof)), one).shape == (0,)
     assert space.is_free_around(np.zeros((2, 0, dof)), 0.1).shape == (2, 0)
     with pytest.raises(InputError, match="broadcast"):
-        space.motion_is_free(np.zeros((3, dof)), np.zeros((4, dof)))
+        space.motion_is_free(many[0, :3], many[0, :4])
     with pytest.raises(InputError, match="edge number 0"):
-        space.motion_is_free((0.1,) * dof, (0.1,) * (dof - 1) + (np.nan,))
+        space.motion_is_free(one, [*one[:-1], np.nan])
 
 
 # ---- positions and yaws ----------------------------------------------------------------------------------------------

@@ -23,25 +23,27 @@ POLICIES = st.sampled_from(["blocked", "free"])
 L_SHAPE = [(-0.1, -0.1), (0.6, -0.1), (0.6, 0.1), (0.1, 0.1), (0.1, 0.4), (-0.1, 0.4)]
 
 
-@pytest.fixture(scope="module", params=handmade.WITH_YAW)
+@pytest.fixture(scope="module", params=handmade.KINDS)
 def space(request):
     """A wall with a gap, in every space."""
     dim = 3 if "space" in request.param else 2
     occupied = np.zeros((40, 30, 12)[:dim], dtype=bool)
     occupied[18:22, :18] = True
+    turns = {"turning": 12, "turning in space": 12, "turning in space any way": Rotations.quaternions(1)}
     robot = {
         "plane": Robot.disc(0.3),
         "turning": Robot.polygon(L_SHAPE),
         "space": Robot.box((0.4, 0.3, 0.2)),
         "turning in space": Robot.box((0.6, 0.2, 0.2), (0.1, 0.0, 0.0)),
+        "turning in space any way": Robot.box((0.3, 0.2, 0.1)),
     }[request.param]
     workspace = Workspace.from_array(occupied, 0.1, (-1.0, 2.0, -0.5)[:dim])
-    return cspace.build(workspace, robot, rotations=12 if "turning" in request.param else None, overlap=True)
+    return cspace.build(workspace, robot, rotations=turns.get(request.param), overlap=True)
 
 
 def somewhere(space):
     """A configuration in the grid."""
-    return [0.0, 3.0, 0.1, 0.7][: space.grid.dim] + [0.7] * (space.dof - space.grid.dim)
+    return [0.0, 3.0, 0.1][: space.grid.dim] + {0: [], 1: [0.7], 4: [0.0, 0.6, 0.0, -0.8]}[space.rotations.dof]
 
 
 # ---- kinds of answers ------------------------------------------------------------------------------------------------
@@ -53,7 +55,7 @@ LOOKUPS = ["classify", "is_free", "clearance", "overlap", "contains_robot"]
 @pytest.mark.parametrize("batch", [(0,), (1,), (7,), (2, 3), (2, 1, 3)])
 def test_batches_answer_in_kind(space, name, batch):
     look_up = getattr(space, name)
-    q = np.random.default_rng(0).uniform(-4, 6, (*batch, space.dof))
+    q = handmade.configurations(space, np.random.default_rng(0).uniform(-4, 6, (*batch, space.dof)))
     answers = look_up(q)
     assert isinstance(answers, np.ndarray) and answers.shape == batch
     assert answers.ravel().tolist() == [look_up(point) for point in q.reshape(-1, space.dof)]
@@ -93,12 +95,12 @@ def test_refuses(space, name, change, words):
 
 
 @pytest.mark.parametrize("name", LOOKUPS)
-def test_refuses_a_yaw_that_can_not_be_wrapped(space, name):
+def test_refuses_what_is_no_rotation(space, name):
     far = [*somewhere(space)[:-1], 1.01 * MAX_YAW]
     if not space.rotations.dof:
         getattr(space, name)(far)  # it is a position
         return
-    with pytest.raises(InputError, match="yaw beyond"):
+    with pytest.raises(InputError, match=r"yaw beyond|norm"):
         getattr(space, name)(far)
 
 
@@ -110,15 +112,15 @@ def test_edges_paths_and_boxes_refuse_bad_ends(space, bad):
     wrong = [*q[:-1], bad]
     for ask in (space.motion_is_free, space.path_exists):
         for ends in ((q, wrong), (wrong, q)):
-            with pytest.raises(InputError, match=r"nan|inf|yaw beyond"):
+            with pytest.raises(InputError, match=r"nan|inf|yaw beyond|norm"):
                 ask(*ends)
-    with pytest.raises(InputError, match=r"nan|inf|yaw beyond"):
+    with pytest.raises(InputError, match=r"nan|inf|yaw beyond|norm"):
         space.is_free_around(wrong, 0.1, 0.1)
 
 
 def test_the_bad_one_of_many_is_named(space):
     for hole, value in itertools.product(range(space.dof), (np.nan, np.inf, -np.inf)):
-        q = np.full((600, space.dof), 0.1)
+        q = handmade.configurations(space, np.full((600, space.dof), 0.1))
         q[513, hole] = value
         for ask in (space.classify, space.clearance, lambda many: space.is_free_around(many, 0.1)):
             with pytest.raises(InputError, match="number 513"):
@@ -166,19 +168,24 @@ def test_classify_is_the_state_of_the_cell(space):
     dim = space.grid.dim
     q = q[space.grid.contains(q[:, :dim])]
     cells = space.grid.cell_of(q[:, :dim])
-    if space.rotations.dof:
-        cells = np.column_stack([space.rotations.cell_of(q[:, dim]), cells])
-    assert (space.classify(q) == space.state[tuple(cells.T)]).all()
+    states = space.state.reshape(-1, *space.grid.shape)
+    assert (space.classify(q) == states[(space.rotations.cells_of(q), *cells.T)]).all()
 
 
 def test_whole_turns_change_nothing(space):
-    cells = handmade.all_cells(space._map.states if not space.rotations.dof else space.state)[::97]
-    for wraps in (-1000, -1, 0, 1, 1000) if space.rotations.dof else (0,):
-        q = handmade.middles(space, cells)
-        q[:, space.grid.dim :] += wraps * TURN
-        assert (space.classify(q) == space.state[tuple(cells.T[-space.state.ndim :])]).all()
-        number = int(space.rotations.cell_of(0.5)) if space.rotations.dof else ...
-        assert (space.slice_at([0.5 + wraps * TURN] * space.rotations.dof) == space.state[number]).all()
+    """Nor does the sign of a quaternion."""
+    states = space.state.reshape(-1, *space.grid.shape)
+    cells, number = handmade.all_cells(states)[::97], 1 % len(states)
+    for wraps in {0: (0,), 1: (-1000, -1, 0, 1, 1000), 4: (1, -1)}[space.rotations.dof]:
+        q, turn = handmade.middles(space, cells), space.rotations.centers[number]
+        if space.rotations.dof == 4:
+            q[:, 3:] *= wraps
+            turn = turn * wraps
+        else:
+            q[:, space.grid.dim :] += wraps * TURN
+            turn = turn + wraps * TURN
+        assert (space.classify(q) == states[tuple(cells.T)]).all()
+        assert (space.slice_at(turn) == states[number]).all()
 
 
 @settings(max_examples=100)

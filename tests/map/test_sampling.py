@@ -17,7 +17,7 @@ from strategies import rotation_cells, seeds
 BORDERS = [-1.0, -0.8, 0.5, 0.6, 3.0, TURN - 1]
 
 
-@pytest.fixture(scope="module", params=[*handmade.WITH_YAW, "shared"])
+@pytest.fixture(scope="module", params=[*handmade.KINDS, "shared"])
 def space(request):
     """Maps of several hundred cells, some of them with rotation cells that are not equally wide, or share slices."""
     rng = np.random.default_rng(3)
@@ -32,7 +32,8 @@ def space(request):
             rotations=Rotations.of(6),
         )
     shape = (5, 4, 6) if "space" in request.param else (12, 30)
-    states = rng.integers(0, 3, (5 if "turning" in request.param else 1, *shape))
+    turns = 4 if "any way" in request.param else 5 if "turning" in request.param else 1
+    states = rng.integers(0, 3, (turns, *shape))
     return handmade.made(states, request.param, spacing=0.3, rotations=BORDERS)
 
 
@@ -43,11 +44,12 @@ def test_samples_are_uniform_over_the_free_volume(space):
     assert space.is_free(samples).all()
     place = space.grid.cell_of(samples[:, :dim])
     within = (samples[:, :dim] - space.grid.lower) / space.grid.spacing - place
-    turn, widths = np.zeros(n, dtype=int), np.ones(1)
-    if space.rotations.dof:
-        borders, turn = np.asarray(space.rotations.borders), space.rotations.cell_of(samples[:, dim])
-        widths, above = np.diff(borders), samples[:, dim] - borders[turn]
+    turn, widths = space.rotations.cells_of(samples), space.rotations.volumes
+    if space.rotations.dof == 1:
+        above = samples[:, dim] - np.asarray(space.rotations.borders)[turn]
         within = np.column_stack([within, (above - TURN * np.floor(above / TURN)) / widths[turn]])
+    if space.rotations.dof == 4:  # of which halves are alike, by symmetry
+        within = np.column_stack([within, (samples[:, 3:5] > 0.0) == (samples[:, 5:] > 0.0)])
     states = space.state.reshape(len(widths), *space.grid.shape)
     parts = 2 ** within.shape[1]
     part = (within >= 0.5) @ (2 ** np.arange(within.shape[1]))
@@ -81,23 +83,25 @@ def test_cells_are_found_by_their_rank(free):
 
 
 @settings(max_examples=60)
-@given(seeds, st.sampled_from(handmade.WITH_YAW), rotation_cells(8), st.sampled_from([0.1, 0.5, 2.0]), st.booleans())
+@given(seeds, st.sampled_from(handmade.KINDS), rotation_cells(8), st.sampled_from([0.1, 0.5, 2.0]), st.booleans())
 def test_nearest_free_is_the_nearest(seed, kind, rotations, spacing, dense):
     """Against all FREE cells, from within the grid and from beyond it."""
     rng = np.random.default_rng(seed)
     states = handmade.random_states(rng, kind, 9, (FREE, BLOCKED) if dense else (MIXED,) * 30 + (FREE,))
-    if "turning" in kind:
+    if "turning" in kind and "any way" not in kind:
         states = np.resize(states, (Rotations.of(rotations).count, *states.shape[1:]))
     states[tuple(rng.integers(0, states.shape))] = FREE
     space = handmade.made(states, kind, spacing=spacing, rotations=rotations)
     free, dim = handmade.middles(space, np.argwhere(states == FREE)), space.grid.dim
     for one in rng.uniform(-0.5, 1.5, (8, dim)) * states.shape[1:] * spacing:
-        q = np.array([*one, *rng.uniform(-9, 9, space.dof - dim)])
+        q = handmade.configurations(space, np.array([*one, *rng.uniform(-9, 9, space.dof - dim)]))
         nearest = space.nearest_free(q)
         assert (np.abs(free - nearest) < 1e-12).all(axis=1).any()
 
         def distance(to, q=q):
             turn = np.abs((to[..., dim:] - q[dim:] + math.pi) % TURN - math.pi).sum(axis=-1)
+            if space.rotations.dof == 4:
+                turn = 2.0 * np.arccos(np.minimum(np.abs(to[..., dim:] @ q[dim:]), 1.0))
             return np.linalg.norm(to[..., :dim] - q[:dim], axis=-1) + turn / 2
 
         assert distance(nearest) == pytest.approx(distance(free).min())
@@ -132,4 +136,4 @@ def test_what_is_refused(space):
         with pytest.raises(InputError, match="n is"):
             space.sample_free(n, np.random.default_rng(0))
     with pytest.raises(InputError, match="one configuration"):
-        space.nearest_free(np.zeros((2, space.dof)))
+        space.nearest_free(handmade.configurations(space, np.ones((2, space.dof))))
