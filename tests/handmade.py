@@ -70,7 +70,7 @@ def cuts(turns):
 def random_states(rng, kind, most=5, mixture=MIXTURE):
     """States of small maps of a kind, shape (rotations, ...)."""
     most = most if kind == "plane" else max(2, most - 1)
-    turns = int(rng.choice([4, 4, 32]) if "any way" in kind else rng.integers(1, 6)) if "turning" in kind else 1
+    turns = int(rng.choice([4, 32]) if "any way" in kind else rng.integers(1, 6)) if "turning" in kind else 1
     shape = rng.integers(1, min(most, 96 // turns) + 1, 3 if "space" in kind else 2)
     return rng.choice(np.array(mixture, dtype=np.uint8), (turns, *shape))
 

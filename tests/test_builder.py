@@ -14,11 +14,11 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy import ndimage
 from scipy.spatial import ConvexHull
+from scipy.spatial.transform import Rotation
 from shapely import affinity
 
 import cspace
-import oracles
-from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
+from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Rotations, Workspace
 from cspace.rotations import STILL, TURN
 from oracles import overlaps_by_shifts
 from placements import collides, draw_configurations, obstacles_of
@@ -39,22 +39,32 @@ def problems(draw, size=0.25, side=(9, 7)):
     return outer, outer & kept, robot
 
 
-@settings(max_examples=50)
-@given(problems(), POLICIES)
-def test_states_by_definition(problem, outside):
-    """Overlaps summed shift by shift; what is asked for besides, and the engines, leave the states as they are."""
+@settings(max_examples=60)
+@given(problems(), st.sampled_from([None, None, 1, 3, 4, 6, "any way"]), POLICIES, st.sampled_from([0.0, 0.03]))
+def test_states_by_definition(problem, rotations, outside, margin):
+    """Overlaps of each slice summed shift by shift; neither engines nor what is asked for besides change a state."""
     outer, inner, robot = problem
+    if rotations == "any way":
+        rotations = Rotations.quaternions(2) if outer.ndim == 3 else None
     workspace = Workspace.from_array(outer, H, inner=inner)
-    far, near = robot.rasters(H)
-    touches = overlaps_by_shifts(outer, far, outside == "blocked")
-    lies_in = overlaps_by_shifts(inner, near, outside == "blocked")
-    wanted = np.where(lies_in > 0, BLOCKED, np.where(touches > 0, MIXED, FREE))
-    counted = cspace.build(workspace, robot, outside=outside, overlap=True)
-    assert (counted.state == wanted).all()
-    assert (counted.overlaps == touches).all()
+    options = {"rotations": rotations, "outside": outside, "margin": margin}
+    counted = cspace.build(workspace, robot, overlap=True, **options)
+    cells, wanted = np.argwhere(np.ones_like(outer)), np.empty_like(counted._map.states)
+    for number, cell in zip(*np.unique(counted._map.slice_of, return_index=True), strict=True):
+        turn = STILL if counted.rotations.keep(robot) else counted.rotations.turns(outer.ndim)[cell]
+        far, near = robot.rasters(H, margin, turn)
+        touches = overlaps_by_shifts(outer, far, outside == "blocked")
+        lies_in = overlaps_by_shifts(inner, near, outside == "blocked")
+        wanted[number] = np.where(lies_in > 0, BLOCKED, np.where(touches > 0, MIXED, FREE))
+        assert (counted.overlaps.reshape(wanted.shape)[number] == touches).all()
+        center = np.broadcast_to(counted.rotations.centers[cell], (len(cells), counted.rotations.dof))
+        q = np.column_stack([counted.grid.center_of(cells), center])
+        assert counted.overlap(q).tolist() == touches.ravel().tolist()
+    assert (counted._map.states == wanted).all()
     for method in ("fft", "direct"):
-        assert (cspace.build(workspace, robot, outside=outside, method=method).state == wanted).all()
-    assert (cspace.build(workspace, robot, outside=outside, inner=False).state == np.minimum(wanted, MIXED)).all()
+        assert (cspace.build(workspace, robot, method=method, **options)._map.states == wanted).all()
+    bare = cspace.build(workspace, robot, inner=False, **options)
+    assert (bare._map.states == np.minimum(wanted, MIXED)).all()
 
 
 @settings(max_examples=30)
@@ -120,26 +130,6 @@ def test_no_false_answer_over_polygons_and_lines(robot, star, rotations, seed):
     assert (workspace.inner != workspace.outer).any()
     space = cspace.build(workspace, robot, rotations=rotations, outside="free")
     prove(space, draw_configurations(space, rng, 200), shapely.union_all([*shapes, line]).intersection(frame))
-
-
-@settings(max_examples=15)
-@given(robots(0.4), st.sampled_from([1, 3, 4, 6]), seeds, POLICIES, st.booleans())
-def test_states_and_overlaps_are_those_of_the_definition(robot, count, seed, outside, inner):
-    """Every slice against a sum in pure Python over the rasters of its yaw."""
-    occupied = np.random.default_rng(seed).random((9, 7)) < 0.15
-    options = {"outside": outside, "margin": 0.03, "inner": inner, "overlap": True}
-    space = cspace.build(Workspace.from_array(occupied, 0.2), robot, rotations=count, **options)
-    cells = np.argwhere(np.ones_like(occupied))
-    for k, turn in enumerate(space.rotations.turns(2)):
-        turn = STILL if robot.symmetry == 0 else turn
-        rasters = [oracles.raster_offsets(one) for one in robot.rasters(0.2, 0.03, turn)]
-        meets, lies = (oracles.overlap(occupied, offsets, outside == "blocked") for offsets in rasters)
-        for cell in map(tuple, cells.tolist()):
-            expected = FREE if not meets[cell] else BLOCKED if inner and lies[cell] else MIXED
-            assert space.state[(k, *cell)] == expected
-            assert space.overlaps[(space._map.slice_of[k], *cell)] == meets[cell]
-        q = np.column_stack([space.grid.center_of(cells), np.full(len(cells), space.rotations.representatives[k])])
-        assert space.overlap(q).tolist() == [meets[tuple(cell)] for cell in cells.tolist()]
 
 
 def test_polygon_workspaces_take_either_path_of_the_engine():
@@ -299,11 +289,13 @@ def thin(points):
 
 
 @settings(max_examples=30)
-@given(problems(0.3), st.sampled_from([None, 5]), st.integers(-3, 3), st.data())
+@given(problems(0.3), st.sampled_from([None, 5, "any way"]), st.integers(-3, 3), st.data())
 def test_laws(problem, rotations, shift, data):
     """More obstacles or margin: never more FREE, never less BLOCKED. Union of obstacles: the worse of the maps."""
     first, second, robot = problem
     second = np.roll(second, 1, axis=0)
+    if rotations == "any way":
+        rotations = Rotations.quaternions(1) if first.ndim == 3 else 1
     options = {"rotations": rotations, "outside": "free"}
 
     def states(occupied, margin=0.0):
@@ -329,6 +321,24 @@ def test_a_quarter_turn_of_the_world_is_a_quarter_turn_of_the_map(robot, count, 
     # (x, y) goes to (-y, x): entry [x, y] of the turned bitmap is entry [y, -x] of the bitmap.
     world = Workspace.from_array(np.ascontiguousarray(occupied.T[::-1]), 0.2)
     assert (cspace.build(world, robot, rotations=count).state == np.roll(state, count // 4, 0).mT[:, ::-1]).all()
+
+
+@settings(max_examples=12)
+@given(solid_robots(0.3), st.sampled_from([8, Rotations.quaternions(1), Rotations.quaternions(2)]), seeds, POLICIES)
+def test_a_turn_of_the_world_in_space_is_a_turn_of_the_map(body, rotations, seed, outside):
+    """Quarter turns about z with yaw; with all rotations half turns about each axis, given by where quaternions go."""
+    occupied, options = np.random.default_rng(seed).random((6, 5, 4)) < 0.1, {"outside": outside}
+    space = cspace.build(Workspace.from_array(occupied, H), body[0], rotations=rotations, **options)
+    cells, yaws = space.rotations, space.rotations.dof == 1
+    for axis in (2,) if yaws else (0, 1, 2):
+        turn = Rotation.from_rotvec((math.pi / 2 if yaws else math.pi) * np.eye(3)[axis])
+        # Of an array the turned entry [x, y, z] comes from where the inverse takes it.
+        turned = [part.swapaxes(-3, -2) if yaws else part for part in (occupied, space.state)]
+        flips = (-3,) if yaws else tuple({-3, -2, -1} - {axis - 3})
+        world, wanted = (np.ascontiguousarray(np.flip(part, flips)) for part in turned)
+        found = cspace.build(Workspace.from_array(world, H), body[0], rotations=rotations, **options).state
+        images = (np.arange(8) + 2) % 8 if yaws else cells.cell_of((turn * Rotation.from_quat(cells.centers)).as_quat())
+        assert (found[images] == wanted).all()
 
 
 @pytest.mark.parametrize("count", [2, 3, 5, 9, 17, 34])

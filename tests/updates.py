@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 import cspace
-from cspace import FREE, CSpace, Robot, Workspace
+from cspace import FREE, CSpace, Robot, Rotations, Workspace
+from handmade import KINDS
 from strategies import seeds
 
 SPACING = 0.5
@@ -27,9 +28,11 @@ class World:
     options: dict[str, Any]
     rng: np.random.Generator
     lower: tuple[float, ...] = field(init=False)
+    turns: Rotations = field(init=False)
 
     def __post_init__(self) -> None:
         self.lower = tuple(self.rng.uniform(-5.0, 5.0, self.outer.ndim).tolist())
+        self.turns = Rotations.of(self.options["rotations"])
 
     def workspace(self) -> Workspace:
         return Workspace.from_array(self.outer, SPACING, self.lower, inner=self.inner)
@@ -62,15 +65,26 @@ class World:
         sides = np.array(self.outer.shape) * SPACING
         q = np.array(self.lower) + self.rng.uniform(-0.4, 1.4, (n, len(sides))) * sides
         q = np.where(self.rng.random(q.shape) < 0.1, grid.upper, q)
-        return q if self.options["rotations"] is None else np.column_stack([q, self.rng.uniform(-9.0, 9.0, n)])
+        return self.configurations(np.column_stack([q, self.rng.uniform(-9.0, 9.0, (n, self.turns.dof))]))
+
+    def near(self, q: NDArray[np.float64], share: float) -> NDArray[np.float64]:
+        """Configurations at a share of the way to others."""
+        return self.configurations(q + share * (self.points(len(q)) - q))
+
+    def configurations(self, q: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Numbers as configurations: quaternions get the norm 1."""
+        if self.turns.dof == 4:
+            q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1, keepdims=True)
+        return q
 
 
 @st.composite
-def worlds(draw: st.DrawFn, kinds: tuple[str, ...] = ("plane", "turning", "space", "turning in space")) -> World:
+def worlds(draw: st.DrawFn, kinds: tuple[str, ...] = KINDS) -> World:
     """Maps of every kind; robots from one cell to larger than the map."""
     kind, rng = draw(st.sampled_from(kinds)), np.random.default_rng(draw(seeds))
     dim = 3 if "space" in kind else 2
-    longest = draw(st.sampled_from([1, 6, {"plane": 40, "turning": 24, "space": 14}.get(kind, 9)]))
+    longest = draw(st.sampled_from([1, 6, {"plane": 40, "turning": 24, "space": 14}.get(kind, 8)]))
+    turns = [Rotations.quaternions(1), Rotations.quaternions(2)] if "any way" in kind else [1, 2, 5, 8]
     shape = tuple(int(rng.integers(1, longest + 1)) for _ in range(dim))
     outer = rng.random(shape) < rng.choice([0.0, 0.02, 0.1, 0.5])
     inner = outer & (rng.random(shape) < 0.6) if rng.random() < 0.3 else outer.copy()
@@ -78,7 +92,7 @@ def worlds(draw: st.DrawFn, kinds: tuple[str, ...] = ("plane", "turning", "space
         "outside": draw(st.sampled_from(["blocked", "free"])),
         "margin": draw(st.sampled_from([0.0, 0.4])),
         "overlap": draw(st.booleans()),
-        "rotations": draw(st.sampled_from([1, 2, 5, 8])) if "turning" in kind else None,
+        "rotations": draw(st.sampled_from(turns)) if "turning" in kind else None,
     }
     size = SPACING * draw(st.sampled_from([0.1, 1.3, 3.0, 60.0]))
     away = rng.uniform(-2.0, 2.0, dim) * rng.choice([0.0, size])
@@ -101,14 +115,14 @@ def check(space: CSpace, fresh: CSpace, world: World) -> None:
     ):
         assert (mine is None) == (other is None)
         np.testing.assert_array_equal(mine, other)
-    q, p = world.points(40), world.points(40)
+    q = world.points(40)
     questions = {
         "classify": (q,),
         "overlap": (q,),
         "contains_robot": (q,),
         "clearance": (q,),
         "path_exists": (q[:, None], q[None]),
-        "motion_is_free": (q, q + 0.2 * (p - q)),
+        "motion_is_free": (q, world.near(q, 0.2)),
         "certify_path": (q,),
     }
     for name, given in questions.items():
@@ -130,7 +144,7 @@ def checkers(space: CSpace, exact: bool = False) -> list[Any]:
 
 def agree(ours: list[Any], theirs: list[Any], world: World) -> None:
     """Fail unless checkers answer alike."""
-    for a, b in zip(world.points(30).tolist(), world.points(30).tolist(), strict=True):
-        near = [x + 0.1 * (y - x) for x, y in zip(a, b, strict=True)]
-        for given, mine, other in zip(((), tuple(near), ()), ours, theirs, strict=False):
+    q = world.points(30)
+    for a, b in zip(q.tolist(), world.near(q, 0.1).tolist(), strict=True):
+        for given, mine, other in zip(((), b, ()), ours, theirs, strict=False):
             assert mine(*a, *given) == other(*a, *given)

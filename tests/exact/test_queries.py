@@ -8,7 +8,8 @@ import pytest
 import trimesh
 
 import cspace
-from cspace import MIXED, InputError, Robot, Workspace
+from cspace import MIXED, InputError, Robot, Rotations, Workspace
+from handmade import configurations
 
 ZERO = {"point": 0, "edge": 0, "distance": 0}
 
@@ -28,6 +29,8 @@ SPACES = {
     "plane": plane,
     "turning": lambda: plane(24),
     "box": lambda: solid(Robot.box((0.3, 0.2, 0.3))),
+    "box with yaw": lambda: solid(Robot.box((0.3, 0.1, 0.2)), rotations=6),
+    "box any way": lambda: solid(Robot.box((0.3, 0.1, 0.2)), rotations=Rotations.quaternions(2)),
     "mesh": lambda: solid(Robot.mesh(trimesh.creation.icosphere(1, 0.2))),
     "balls": lambda: solid(Robot.balls([[0, 0, 0], [0.1, 0, 0]], [0.1, 0.15]), margin=0.02),
 }
@@ -45,13 +48,13 @@ def draw(space, rng, n):
     cells = np.argwhere(space.classify(centers(space)) == MIXED)
     some = cells[rng.integers(len(cells), size=n // 2)][:, -d:]
     q[: n // 2] = space.grid.lower + space.grid.spacing * (some + rng.random(some.shape))
-    return q if space.dof == d or d == 3 else np.column_stack([q, rng.uniform(-9.0, 9.0, n)])
+    return configurations(space, np.column_stack([q, rng.uniform(-9.0, 9.0, (n, space.rotations.dof))]))
 
 
 def centers(space):
-    """Middles of all cells, at yaw 0 where the robot turns."""
+    """Middles of all cells at the first rotation."""
     middles = space.grid.center_of(np.argwhere(np.ones(space.grid.shape, dtype=bool)))
-    middles = np.pad(middles, ((0, 0), (0, space.dof - space.grid.dim)))
+    middles = np.column_stack([middles, np.tile(space.rotations.centers[0], (len(middles), 1))])
     return middles.reshape(*space.grid.shape, space.dof)
 
 
@@ -59,7 +62,7 @@ def test_batches_checkers_and_threads_answer_as_single_look_ups(make):
     space, other = make(), make()
     rng = np.random.default_rng(1)
     q0 = draw(space, rng, 300)
-    q1 = q0 + rng.normal(0.0, 0.2, q0.shape)
+    q1 = configurations(space, q0 + rng.normal(0.0, 0.2, q0.shape))
     free, edges = space.is_free(q0, exact=True), space.motion_is_free(q0, q1, exact=True)
     assert 0 < free.sum() < 300 and 0 < edges.sum() < 300
     assert free.dtype == edges.dtype == np.bool_
@@ -83,7 +86,7 @@ def test_threads_lose_no_count(make):
     space, other = make(), make()
     rng = np.random.default_rng(2)
     q0 = draw(space, rng, 400)
-    q1 = q0 + rng.normal(0.0, 0.2, q0.shape)
+    q1 = configurations(space, q0 + rng.normal(0.0, 0.2, q0.shape))
     other.is_free(q0, exact=True), other.motion_is_free(q0, q1, exact=True)
     point, edge = space.point_checker(exact=True), space.edge_checker(exact=True)
     pairs = list(zip(q0.tolist(), q1.tolist(), strict=True))

@@ -14,7 +14,7 @@ from cspace.map.kept import Change
 from cspace.map.mip import CELLS_AN_EDGE, SIDE, Mip
 from cspace.rotations import Rotations
 from cspace.threads import LEAST
-from handmade import map_of
+from handmade import configurations, map_of
 from placements import draw_configurations
 from strategies import rotation_cells, seeds
 
@@ -37,14 +37,21 @@ def yawing(rng, shape=(13, 12, 11), outside="free"):
     return cspace.build(workspace, Robot.box((0.3, 0.2, 0.1)), rotations=5, outside=outside)
 
 
-KINDS = [plane, turning, solid, yawing]
+def floating(rng, shape=(9, 8, 7), outside="free"):
+    occupied = rng.random(shape) < 0.01
+    occupied[6, 2:] = True
+    workspace = Workspace.from_array(occupied, 0.1)
+    return cspace.build(workspace, Robot.box((0.2, 0.1, 0.1)), rotations=Rotations.quaternions(2), outside=outside)
+
+
+KINDS = [plane, turning, solid, yawing, floating]
 
 
 def near(space, q, rng):
     """Ends of edges from configurations: most of them a few cells away."""
     reach = 12.0 * space.grid.spacing
     ends = np.where(rng.random((len(q), 1)) < 0.8, q + rng.uniform(-reach, reach, q.shape), q[rng.permutation(len(q))])
-    return np.where(rng.random(q.shape) < 0.1, q, ends)
+    return configurations(space, np.where(rng.random(q.shape) < 0.1, q, ends))
 
 
 # ---- one cell --------------------------------------------------------------------------------------------------------
@@ -61,7 +68,7 @@ def test_classify_of_many_is_that_of_each(make, seed, outside, number):
     assert space.classify(q)[some].tolist() == [space.classify(one) for one in q[some]]
     inside = space.grid.contains(q[:, : space.grid.dim])
     cells = space.grid.cell_of(q[inside, : space.grid.dim])
-    slices = 0 if not space.rotations.dof else space._map.slice_of[space.rotations.cell_of(q[inside, -1])]
+    slices = space._map.slice_of[space.rotations.cells_of(q[inside])]
     assert (space.classify(q)[inside] == space._map.states[(slices, *cells.T)]).all()
 
 
@@ -71,6 +78,8 @@ def test_numbers_of_any_kind(make, dtype):
     rng = np.random.default_rng(3)
     space = make(rng)
     q = rng.uniform(0, 3, (2 * ROWS + 7, space.dof)).astype(dtype)
+    if space.rotations.dof == 4:
+        q[:, 3:] = np.eye(4)[rng.integers(0, 4, len(q))]
     wide = q.astype(np.float64)
     for name in ("classify", "clearance", "overlap"):
         assert (getattr(space, name)(q) == getattr(space, name)(wide)).all()
@@ -112,7 +121,7 @@ def test_the_first_bad_number_is_named(make, dtype, value):
             space.classify(q)
         with pytest.raises(InputError, match=f"edge number {min(first, second)} is .*(nan|inf)"):
             space.motion_is_free(np.full(space.dof, 0.5), q)
-    outside = np.full((3, space.dof), -7.0)
+    outside = configurations(space, np.full((3, space.dof), -7.0))
     outside[1, rng.integers(space.dof)] = value
     with pytest.raises(InputError, match="q number 1 is"):
         space.classify(outside)
@@ -219,9 +228,9 @@ def test_a_coarse_map_is_made_only_where_it_pays():
 def test_a_path_is_certified_edge_by_edge(make, exact):
     rng = np.random.default_rng(6)
     space = make(rng)
-    path = (
-        np.cumsum(rng.uniform(-0.3, 0.3, (60, space.dof)), axis=0) + [*np.divide(space.grid.upper, 2), 0.0][: space.dof]
-    )
+    path = np.cumsum(rng.uniform(-0.3, 0.3, (60, space.dof)), axis=0)
+    middle = np.array([*np.divide(space.grid.upper, 2), *space.rotations.centers[0]])
+    path = configurations(space, path + middle)
     one = [space.motion_is_free(a, b, exact=exact) for a, b in itertools.pairwise(path)]
     told = space.certify_path(path, exact=exact)
     assert told.dtype == bool and told.tolist() == one and 0 < sum(one) < len(one)

@@ -138,7 +138,9 @@ def test_samples_of_a_free_edge_are_free(seed, kind, outside):
     dim = states.ndim - 1
     outside = Outside(outside.box.reshape(2, 3)[:, :dim].ravel(), outside.state)
     space = handmade.made(states, kind, outside)
-    ends = np.concatenate([rng.uniform(-0.6, 1.8, (2, 60, dim)), rng.uniform(-3, 3, (2, 60, space.dof - dim))], axis=2)
+    inside, around = rng.random((2, 60, dim)) * space.grid.upper, rng.uniform(-0.6, 1.8, (2, 60, dim))
+    places = np.where(rng.random((60, 1)) < 0.5, inside, around)
+    ends = np.concatenate([places, rng.uniform(-3, 3, (2, 60, space.dof - dim))], axis=2)
     q0, q1 = handmade.configurations(space, ends)
     free = space.motion_is_free(q0, q1)
     for a, b in zip(q0[free], q1[free], strict=True):

@@ -9,9 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+import handmade
 from cspace import BLOCKED, FREE, MIXED, ConfigurationError, InputError, Rotations
 from cspace.map.free_path import cube_path, free_radius, pulled_straight
 from handmade import map_of
+from strategies import seeds
 
 
 def states(dims=(2, 3), side=9):
@@ -20,25 +22,33 @@ def states(dims=(2, 3), side=9):
 
 
 @settings(max_examples=60)
-@given(states(), st.randoms(use_true_random=False))
-def test_a_path_is_found_wherever_free_cells_join_two(state, random):
-    space = map_of(state, outside="blocked")
-    free = np.argwhere(state == FREE)
+@given(seeds, st.sampled_from(handmade.KINDS))
+def test_a_path_is_found_wherever_free_cells_join_two(seed, kind):
+    """Among cells of one rotation, of which a quaternion tells with either sign."""
+    rng = np.random.default_rng(seed)
+    states = handmade.random_states(rng, kind, 9, (FREE, FREE, FREE, MIXED, BLOCKED))
+    free = np.argwhere(states == FREE)
     if not len(free):
         return
-    first, last = (free[random.randrange(len(free))] for _ in range(2))
-    q0, q1 = (space.grid.lower + space.grid.spacing * (cell + random.uniform(0.1, 0.9)) for cell in (first, last))
-    joined = space.path_exists(q0, q1) is True
+    turn = rng.choice(free)[0]
+    space, numbers = handmade.made(states, kind, "blocked"), handmade.components(states[turn][None] == FREE)
+    cells = rng.choice(free[free[:, 0] == turn], 2)
+    joined = np.ptp(numbers[(0, *cells[:, 1:].T)]) == 0
+    q0, q1 = handmade.middles(space, cells)
+    for q in (q0, q1):
+        q[: space.grid.dim] += space.grid.spacing * rng.uniform(-0.4, 0.4, space.grid.dim)
+        q[space.grid.dim :] *= rng.choice([-1.0, 1.0]) if space.rotations.dof == 4 else 1.0
     for straight in (False, True):
         path = space.free_path(q0, q1, straight=straight)
         assert (len(path) > 0) == joined
         if joined:
-            assert (path[0] == q0).all() and (path[-1] == q1).all()
+            assert (path[0] == q0).all() and (path[-1] == [*q1[: space.grid.dim], *q0[space.grid.dim :]]).all()
             assert space.motion_is_free(path[:-1], path[1:]).all()
-            along = np.concatenate([a + np.linspace(0, 1, 200)[:, None] * (b - a) for a, b in itertools.pairwise(path)])
-            assert (space.classify(along) == FREE).all()
+            along = np.linspace(path[:-1], path[1:], 99, axis=1)[..., : space.grid.dim]
+            turned = np.broadcast_to(q0[space.grid.dim :], (*along.shape[:2], space.rotations.dof))
+            assert space.is_free(np.concatenate([along, turned], axis=2)).all()
     rough, smooth = space.free_path(q0, q1, straight=False), space.free_path(q0, q1)
-    assert length(smooth) <= length(rough) * (1 + 1e-12)
+    assert length(smooth[:, : space.grid.dim]) <= length(rough[:, : space.grid.dim]) * (1 + 1e-12)
     assert (space.free_path(q0, q1) == smooth).all()
 
 

@@ -70,6 +70,19 @@ def test_symmetry_is_found(name):
     assert robot.symmetry == order
 
 
+def test_rotations_in_space_share_slices_as_those_made_without_sharing(monkeypatch):
+    """Of a box, four cells share one, and as half turns of the world make others, one raster does for sixteen."""
+    workspace = Workspace.from_array(np.random.default_rng(0).random((8, 7, 6)) < 0.03, 0.1)
+    robot, turns = Robot.box((0.33, 0.21, 0.13)), Rotations.quaternions(2)
+    shared = cspace.build(workspace, robot, rotations=turns, overlap=True)
+    monkeypatch.setattr(Robot, "half_turns", property(lambda self: ()))
+    monkeypatch.setattr(type(turns), "images", lambda self, dim: [])
+    alone = cspace.build(workspace, robot, rotations=turns, overlap=True)
+    assert (len(shared._map.states), len(alone._map.states)) == (8, 32)
+    assert (shared.state == alone.state).all() and shared.count() == alone.count()
+    assert (shared.overlaps[shared._map.slice_of] == alone.overlaps).all()
+
+
 @pytest.mark.parametrize("name", [name for name, (_, order) in SYMMETRIC.items() if order != 1])
 @pytest.mark.parametrize("count", [1, 2, 4, 6, 7, 8, 12])
 def test_shared_slices_are_those_made_without_sharing(name, count, monkeypatch):
