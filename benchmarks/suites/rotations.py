@@ -32,7 +32,7 @@ CONTAINED = 500
 EDGE, TURN = 10.0, 0.3
 """Length of edges in cells, and most radians by which they turn about an axis."""
 
-ALONG = 1000
+ALONG = 200
 """Places of each leg of a path at which FCL is asked."""
 
 
