@@ -57,8 +57,10 @@ def build(
         For a robot that turns, in space about the z axis: a number of equal cells of yaw, the first with its middle at
         0, or the borders of the cells in radians, ascending over a whole turn. For one that turns in space as it likes:
         :meth:`cspace.Rotations.quaternions`. FREE and BLOCKED are then proven for every position and every rotation of
-        a cell. Slices that a symmetry of the robot repeats are computed and stored once. If left out, the robot only
-        translates.
+        a cell. Slices that a symmetry of the robot repeats are computed and stored once. Of more than 2^29 states, in 8
+        slices or more and without overlap counts, each is kept in two bits instead of a byte; all that is asked of the
+        map is answered alike, and what needs bytes of all of them refuses where they do not fit. If left out, the robot
+        only translates.
     inner : bool
         Also prove cells BLOCKED. Without it, every cell that is not FREE is MIXED, at half the work.
     overlap : bool

@@ -155,11 +155,11 @@ def surface_rasters(skin: Skin, spacing: float, margin: float = 0.0, turn: Turn 
     outer, lower = blank(corners.min(axis=0) - radius - widest - 1.0, corners.max(axis=0) + radius + widest + 1.0)
     inner = np.zeros_like(outer)
     shift = np.asarray(lower, dtype=np.float64)
-    local, parts = triangles - shift, parts.moved(-shift)
+    local = triangles - shift
     # Cells first: the cube m + [-1, 1]^3 is the eight cells that share its middle.
     mark_touched(outer, local, 0.0, 1.0)
     if radius + widest > 0.0:
-        mark_within(outer, parts.moved(np.full(3, -0.5)), 0.5, radius)
+        mark_within(outer, parts.moved(-shift - 0.5), 0.5, radius)
     for axis in range(3):
         upper, below = np.moveaxis(outer, axis, 0)[:0:-1], np.moveaxis(outer, axis, 0)[-2::-1]
         upper |= below
@@ -175,13 +175,14 @@ def surface_rasters(skin: Skin, spacing: float, margin: float = 0.0, turn: Turn 
         if skin.contains is not None:
             outer |= inner
             _add_inside_near(skin.contains, local, near, inner, places)
-            if widest > 0.0:
-                border = np.zeros_like(outer)
-                mark_within(border, parts, 0.0, 0.0)
-                inner &= ~border
-        else:
-            outer |= _grown(inner, radius + widest)
-            inner &= widest == 0.0
+            within = Raster.trimmed(inner, lower)
+            if widest > 0.0 and within.cells.size:
+                border = ~within.cells  # no other point is asked for
+                mark_within(border, parts.moved(-np.array(within.lower, dtype=np.float64)), 0.0, 0.0)
+                within = Raster.trimmed(~border, within.lower)
+            return Raster.trimmed(outer, lower), within
+        outer |= _grown(inner, radius + widest)
+        inner &= widest == 0.0
     return Raster.trimmed(outer, lower), Raster.trimmed(inner, lower)
 
 

@@ -80,6 +80,9 @@ def mark_touched(out: Bools, triangles: Floats, b0: float, b1: float, slack: flo
     slack : float
         How much nearer than touching is near enough, in cells.
     """
+    if len(triangles) < 2 * _TRIANGLES_A_THREAD:
+        _mark_touched(out, triangles, b0, b1, slack, 0, len(out))
+        return
     # Each thread has slabs of its own, about as many triangles in each, so that no two write to one cell.
     middles = np.sort(np.clip(triangles[..., 0].mean(axis=1), 0, len(out)).astype(np.int64))
     size = len(middles)
@@ -105,6 +108,8 @@ class Swept(NamedTuple):
     triangles : ndarray of float64, shape (n, 3, 3)
     growth, nearest, farthest : ndarray of float64, shape (n,)
     origin : ndarray of float64, shape (3,)
+    size : float
+        Of the longest side of the box around all triangles.
     about_z : bool
     """
 
@@ -113,6 +118,7 @@ class Swept(NamedTuple):
     nearest: Floats
     farthest: Floats
     origin: Floats
+    size: float
     about_z: bool
 
     def moved(self, shift: Floats) -> Swept:
@@ -132,18 +138,23 @@ def swept(triangles: Floats, swing: float, about_z: bool) -> Swept:
         triangles that do not turn.
     about_z : bool
     """
-    still = np.zeros(len(triangles))
+    still, size = np.zeros(len(triangles)), float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
     if swing == 0.0:
-        return Swept(triangles, still, still, np.full(len(triangles), np.inf), np.zeros(3), about_z)
+        return Swept(triangles, still, still, np.full(len(triangles), np.inf), np.zeros(3), size, about_z)
     pieces = cut_to(triangles, _VARIATION / swing, _PART, about_z)
     places = pieces[..., : 2 if about_z else 3]
-    levers = np.sqrt(np.einsum("ijk,ijk->ij", places, places))
-    middles = places.mean(axis=1, keepdims=True)
-    reach = np.sqrt(((places - middles) ** 2).sum(axis=2).max(axis=1))
-    nearest = np.sqrt((middles[:, 0] ** 2).sum(axis=1)) - reach
+    middles = (places[:, 0] + places[:, 1] + places[:, 2]) / 3.0
+    nearest = np.sqrt(np.einsum("ij,ij->i", middles, middles)) - _farthest(places - middles[:, None])
     # The distance from the origin is convex, so that it is largest at a corner.
-    farthest = levers.max(axis=1)
-    return Swept(pieces, swing * farthest, nearest, farthest, np.zeros(3), about_z)
+    farthest = _farthest(places)
+    return Swept(pieces, swing * farthest, nearest, farthest, np.zeros(3), size, about_z)
+
+
+def _farthest(triangles: Floats) -> Floats:
+    """The distance of the farthest corner of each triangle from the origin."""
+    first, second, third = np.einsum("ijk,ijk->ji", triangles, triangles)
+    farthest: Floats = np.sqrt(np.maximum(np.maximum(first, second), third))
+    return farthest
 
 
 def mark_within(out: Bools, parts: Swept, half: float, radius: float) -> None:
@@ -158,7 +169,7 @@ def mark_within(out: Bools, parts: Swept, half: float, radius: float) -> None:
     half, radius : float
         In cells.
     """
-    size = float(np.ptp(parts.triangles.reshape(-1, 3), axis=0).max())
+    size = parts.size
     slack = _ROUNDING + 2.0**-34 * size + 2.0**-50 * size * size
 
     def work(start: int, stop: int) -> int:
