@@ -11,7 +11,7 @@ import cspace
 from cspace import FREE, InputError, Robot, Workspace
 from cspace.map.batches import EDGES_A_THREAD, ROWS
 from cspace.map.kept import Change
-from cspace.map.mip import CELLS_AN_EDGE, SIDE, Mip
+from cspace.map.mip import CELLS_AN_EDGE, SIDE, Bits, Mip
 from cspace.rotations import Rotations
 from cspace.threads import LEAST
 from handmade import configurations, map_of
@@ -169,8 +169,18 @@ def marks_of(mip, stack):
     shape = [-(-n // SIDE) for n in stack.shape[1:]]
     marks = mip.blocks.reshape(len(stack), *shape[:-1], -1) != FREE
     assert not marks[..., shape[-1] :].any()
-    assert (mip.occupied == marks.reshape(len(stack), -1).any(axis=1)).all()
+    nodes = slow_coarse(mip.blocks)
+    assert ((mip.nodes != FREE)[..., : nodes.shape[-1]] == nodes).all()
+    assert (mip.nodes != FREE).sum() == nodes.sum()
     return marks[..., : shape[-1]]
+
+
+def check_bits(bits, stack):
+    """Whether the bits of just those cells are set that are not FREE."""
+    s, x, y, z = np.argwhere(stack.reshape(len(stack), *(1,) * (4 - stack.ndim), *stack.shape[1:]) != FREE).T
+    words = bits.words[s, x // SIDE, y // SIDE, z // SIDE, x % SIDE]
+    assert (words >> (8 * (z % SIDE) + y % SIDE).astype(np.uint64) & np.uint64(1)).all()
+    assert np.bitwise_count(bits.words).sum() == len(s)
 
 
 @settings(max_examples=60)
@@ -179,8 +189,9 @@ def test_a_coarse_map_tells_which_blocks_are_free(dim, seed):
     rng = np.random.default_rng(seed)
     shape = (int(rng.integers(1, 4)), *rng.integers(1, 40 if dim == 2 else 20, dim).tolist())
     stack = np.where(rng.random(shape) < rng.choice([0.0, 0.01, 0.2]), rng.integers(1, 3, shape), 0).astype(np.uint8)
-    mip = Mip(stack)
+    mip, bits = Mip(stack), Bits(stack)
     assert (marks_of(mip, stack) == slow_coarse(stack)).all()
+    check_bits(bits, stack)
 
     boxes = np.empty((len(stack), 6), dtype=np.int64)
     for part, box in zip(stack, boxes, strict=True):
@@ -192,8 +203,11 @@ def test_a_coarse_map_tells_which_blocks_are_free(dim, seed):
             part[where] = rng.choice([0, 0, 0, 2], part[where].shape)
         box[:] = [*[0] * (3 - dim), *ends[0], *[0] * (3 - dim), *ends[1]]
     free = (stack == FREE).reshape(len(stack), -1).sum(axis=1)
-    mip.renew(Change(None, boxes[0], boxes, boxes, boxes, free, 1, False))
+    change = Change(None, boxes[0], boxes, boxes, boxes, free, 1, False)
+    mip.renew(change)
+    bits.renew(change)
     assert (marks_of(mip, stack) == slow_coarse(stack)).all()
+    check_bits(bits, stack)
 
 
 @pytest.mark.parametrize("make", KINDS)
