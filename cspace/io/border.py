@@ -105,23 +105,14 @@ def _squares(step: NDArray[np.int8], axis: int, lattice: tuple[int, ...]) -> Int
 
 
 def write_border(state: NDArray[np.uint8], grid: Grid, path: str | os.PathLike[str], overwrite: bool = False) -> None:
-    """Write :func:`free_border` as a mesh file.
-
-    Parameters
-    ----------
-    state, grid
-        As for :func:`free_border`.
-    path : path-like
-        Ends in ``.ply``, ``.obj`` or ``.stl``.
-    overwrite : bool
-        Whether an existing file may be replaced.
+    """Write :func:`free_border` as a mesh file that ends in ``.ply``, ``.obj`` or ``.stl``.
 
     Raises
     ------
     InputError
         As :func:`free_border`, or where the format cannot hold the mesh.
     FileError
-        If the file exists and may not be replaced, or cannot be written.
+        As :func:`cspace.io.output.replacing`.
     """
     with replacing(path, overwrite) as temporary:
         vertices, faces = free_border(state, grid)

@@ -57,18 +57,12 @@ def _fault(text: str, file: str, first: int, separator: str | None, columns: int
     """The error for the first line that is wrong."""
     for number, line in enumerate(text.split("\n"), start=first):
         parts = _content(line).split(separator) if _content(line) else []
-        numeric = all(map(_is_number, parts))
-        if numeric and len(parts) in (0, columns):
-            continue
-        rule = f"{columns} columns, like the first row" if numeric else "numbers alone; a heading needs a '#' before it"
+        rule = f"{columns} columns, like the first row"
+        try:
+            if len(list(map(float, parts))) in (0, columns):
+                continue
+        except ValueError:
+            rule = "numbers alone; a heading needs a '#' before it"
         found = f"line {number} is {line.strip()[:_SHOWN]!r}"
         return FileError(file, found, f"it must hold {rule}", "mend the line, or fetch a truncated file again")
     return FileError(file, f"cannot be read: {error}", "it must hold columns of numbers", "mend that line")
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True

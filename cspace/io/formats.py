@@ -6,8 +6,8 @@ import os
 from pathlib import Path
 from typing import Final
 
-from cspace.errors import InputError
-from cspace.io.npy import npy_header
+from cspace.io.input import suffix_of
+from cspace.io.npy import read_npy
 from cspace.io.ply import read_ply_header
 
 Named = str | os.PathLike[str]
@@ -24,12 +24,6 @@ METHODS: Final[dict[str, str]] = {
 }
 """The classmethod of ``Workspace`` that reads a file, by its suffix."""
 
-_DIMENSIONS: Final = {
-    **dict.fromkeys(("from_ros_map", "from_image", "from_polygons"), 2),
-    **dict.fromkeys(("from_mesh", "from_octomap", "from_points"), 3),
-}
-"""Dimensions of what a method makes of a file, where they do not depend on the file."""
-
 
 def method_of(path: Named) -> str:
     """Name of the classmethod of ``Workspace`` that reads a file: by its suffix, and else by how the file begins.
@@ -41,21 +35,10 @@ def method_of(path: Named) -> str:
     FileError
         If the file had to be looked into and is missing or malformed.
     """
-    try:
-        suffix = Path(path).suffix.lower()
-    except TypeError as error:
-        raise InputError("path", f"is {path!r}", "it must be a file name", "pass a string or a pathlib.Path") from error
-    if suffix not in METHODS:
-        raise InputError(
-            "path",
-            f"is {os.fspath(path)}, which ends in {suffix!r}",
-            "the suffix says which format to read",
-            f"use one of {', '.join(METHODS)}",
-            value=path,
-        )
+    suffix = suffix_of(path, METHODS, "the suffix says which format to read")
     if suffix == ".npy":
-        shape, dtype = npy_header(path)
-        return "from_points" if dtype.kind == "f" and shape[1:] == (3,) else "from_array"
+        array = read_npy(path)
+        return "from_points" if array.dtype.kind == "f" and array.shape[1:] == (3,) else "from_array"
     if suffix == ".ply":
         return "from_mesh" if read_ply_header(path).faces else "from_points"
     return METHODS[suffix]
@@ -71,7 +54,6 @@ def dimension_of(path: Named) -> int:
     """
     method = method_of(path)
     if method == "from_array":
-        return len(npy_header(path)[0])
-    if method == "from_movingai":
-        return 3 if Path(path).suffix.lower() == ".3dmap" else 2
-    return _DIMENSIONS[method]
+        return read_npy(path).ndim
+    in_space = method in ("from_mesh", "from_octomap", "from_points") or Path(path).suffix.lower() == ".3dmap"
+    return 3 if in_space else 2

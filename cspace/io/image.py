@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from cspace.errors import FileError, InputError
 from cspace.grid import finite
-from cspace.io.input import damaged, existing
+from cspace.io.input import damaged, decoding, existing
 from cspace.io.limits import check_cells
 
 if TYPE_CHECKING:
@@ -112,7 +112,12 @@ def read_shades(path: str | os.PathLike[str], kind: str) -> Shades:
     from PIL import Image
 
     file = existing(path, kind)
-    try:
+
+    def refusal(reason: str) -> FileError:
+        rule = f"{kind} is a whole file of {', '.join(FORMATS)}"
+        return FileError(str(file), f"cannot be decoded as an image: {reason}", rule, "save it again")
+
+    with decoding(file, kind, refusal):
         with _PILLOWS_LIMIT:
             limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
             try:
@@ -125,18 +130,7 @@ def read_shades(path: str | os.PathLike[str], kind: str) -> Shades:
             if image.format in _PACKED and math.prod(image.size) > _MOST_A_BYTE * file.stat().st_size:
                 raise damaged(file, f"declares {image.width} x {image.height} pixels, more than its bytes can hold")
             image.load()
-            found = _shades(image, str(file))
-    except FileError:
-        raise
-    except Exception as error:  # Pillow's decoders raise almost anything on damaged files.
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise FileError(
-            str(file),
-            f"cannot be decoded as an image: {reason}",
-            f"{kind} is a whole file of {', '.join(FORMATS)}",
-            "save it again",
-        ) from error
-    return found
+            return _shades(image, str(file))
 
 
 def _shades(image: Image, file: str) -> Shades:

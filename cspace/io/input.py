@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
-from cspace.errors import FileError, InputError
+from cspace.errors import CspaceError, FileError, InputError
 from cspace.io.limits import check_bytes
 
 _LONGEST_HEADER: Final = 2**16
@@ -69,6 +70,50 @@ def damaged(path: str | os.PathLike[str], found: str) -> FileError:
     return FileError(os.fspath(path), found, "it is malformed or truncated", "copy it or write it again")
 
 
+@contextmanager
+def decoding(
+    path: str | os.PathLike[str], kind: str, refusal: Callable[[str], FileError] | None = None
+) -> Iterator[None]:
+    """Turn whatever damage makes the decoders in a block raise into one error for the file.
+
+    Parameters
+    ----------
+    path : path-like
+    kind : str
+        As for :func:`existing`.
+    refusal : callable, optional
+        The error, made of the reason in a line; :func:`damaged` if left out.
+    """
+    try:
+        yield
+    except (CspaceError, MemoryError):
+        raise
+    except PermissionError as error:
+        raise unreadable(path, kind, error) from error
+    except Exception as error:
+        reason = f"{type(error).__name__}: {' '.join(str(error).split()):.200}"
+        raise (refusal(reason) if refusal else damaged(path, f"cannot be read as {_one(kind)} ({reason})")) from error
+
+
+def suffix_of(path: str | os.PathLike[str], known: Iterable[str], rule: str, argument: str = "path") -> str:
+    """The suffix of a file's name, in small letters.
+
+    Raises
+    ------
+    InputError
+        If ``path`` is no name of a file, or ends otherwise than in one of those that are known.
+    """
+    try:
+        file = Path(path)
+    except TypeError as error:
+        raise not_a_name(path) from error
+    suffix = file.suffix.lower()
+    if suffix not in known:
+        mend = f"use one of {', '.join(filter(None, known))}"
+        raise InputError(argument, f"is {file}, which ends in {suffix!r}", rule, mend, value=path)
+    return suffix
+
+
 def read_bytes(path: str | os.PathLike[str], kind: str, memory: float = 1.0) -> bytes:
     """Content of a file; ``memory`` as for :func:`existing`.
 
@@ -113,6 +158,11 @@ def header_lines(content: bytes) -> Iterator[tuple[str, int]]:
         after = len(content) if end < 0 else end + 1
         yield content[at : after if end < 0 else end].decode("latin-1"), after
         at = after
+
+
+def is_count(word: str) -> bool:
+    """Whether a word is a whole number without a sign, of at most 18 digits: more is no count of anything."""
+    return word.isascii() and word.isdecimal() and len(word) <= 18
 
 
 def _one(kind: str) -> str:

@@ -12,15 +12,13 @@ import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 from cspace.errors import FileError
 from cspace.memory import free_bytes, in_words
 
 
-@dataclass(frozen=True, slots=True)
-class Limits:
+class Limits(NamedTuple):
     """The most that one file may hold.
 
     Attributes
@@ -35,8 +33,7 @@ class Limits:
     max_cells: int = 2**29
 
 
-_USUAL: Final = Limits()
-_CURRENT: Final[ContextVar[Limits]] = ContextVar("limits")
+_CURRENT: Final = ContextVar("limits", default=Limits())  # noqa: B039 - it cannot be changed
 
 _MOST_OF_MEMORY: Final = 0.9
 """Part of the free memory that a file may be read into."""
@@ -56,9 +53,9 @@ def raised_limits(*, max_bytes: int | None = None, max_cells: int | None = None)
     >>> with raised_limits(max_cells=2**33):
     ...     workspace = cspace.Workspace.open("city.png", spacing=0.05)  # doctest: +SKIP
     """
-    given = {"max_bytes": max_bytes, "max_cells": max_cells}
-    limits = replace(_CURRENT.get(_USUAL), **{name: value for name, value in given.items() if value is not None})
-    token = _CURRENT.set(limits)
+    now = _CURRENT.get()
+    most = now.max_bytes if max_bytes is None else max_bytes
+    token = _CURRENT.set(Limits(most, now.max_cells if max_cells is None else max_cells))
     try:
         yield
     finally:
@@ -83,7 +80,7 @@ def check_bytes(path: str | os.PathLike[str], size: int, what: str = "holds", me
     FileError
         If it is over ``max_bytes``, or does not fit into memory.
     """
-    limit = _CURRENT.get(_USUAL).max_bytes
+    limit = _CURRENT.get().max_bytes
     if size > limit:
         raise FileError(
             os.fspath(path),
@@ -111,7 +108,7 @@ def check_cells(path: str | os.PathLike[str], shape: Sequence[int], memory: floa
     FileError
         If there are more than ``max_cells``, or they do not fit into memory.
     """
-    count, limit = math.prod(int(n) for n in shape), _CURRENT.get(_USUAL).max_cells
+    count, limit = math.prod(int(n) for n in shape), _CURRENT.get().max_cells
     declared = f"declares {' x '.join(f'{n}' if n < 2**53 else f'{n:.4g}' for n in shape)} cells"
     if count > limit:
         raise FileError(

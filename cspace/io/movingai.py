@@ -8,20 +8,18 @@ from __future__ import annotations
 
 import io
 import os
+from contextlib import suppress
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cspace.errors import FileError
-from cspace.io.input import damaged, read_text
+from cspace.io.input import damaged, is_count, read_text
 from cspace.io.limits import check_cells
 
 PASSABLE: Final = ".GS"
 BLOCKED: Final = "@OTW"
-_DIGITS: Final = 40
-"""At most so many of a whole number; a map of that size is none."""
-
 _VOXEL_LINES: Final = frozenset("0123456789 \t\n")
 _DROP_CELLS: Final = str.maketrans("", "", PASSABLE + BLOCKED)
 
@@ -47,7 +45,7 @@ def read_map(path: str | os.PathLike[str]) -> NDArray[np.bool_]:
     sizes: dict[str, int] = {}
     for number, line in enumerate(lines[1:3], start=2):
         key, _, value = line.partition(" ")
-        if key not in ("height", "width") or not _is_count(value.strip()) or int(value) == 0:
+        if key not in ("height", "width") or not is_count(value.strip()) or int(value) == 0:
             raise _fault(path, number, lines, "'height' or 'width' and a whole number above zero")
         sizes[key] = int(value)
     if len(sizes) != 2:
@@ -60,12 +58,9 @@ def read_map(path: str | os.PathLike[str]) -> NDArray[np.bool_]:
             raise damaged(path, f"line {number} has {len(row)} characters, and the header says width {width}")
         wrong = row.translate(_DROP_CELLS)
         if wrong:
-            raise FileError(
-                os.fspath(path),
-                f"line {number}, column {row.index(wrong[0]) + 1} is {wrong[0]!r}",
-                f"cells are one of '{PASSABLE}' (passable) or '{BLOCKED}' (blocked)",
-                "replace it",
-            )
+            found = f"line {number}, column {row.index(wrong[0]) + 1} is {wrong[0]!r}"
+            rule = f"cells are one of '{PASSABLE}' (passable) or '{BLOCKED}' (blocked)"
+            raise FileError(os.fspath(path), found, rule, "replace it")
     if len(rows) != height:
         raise damaged(path, f"ends at line {len(lines)} with {len(rows)} rows, and the header says height {height}")
     cells = np.frombuffer("".join(rows).encode("ascii"), dtype=np.uint8).reshape(height, width)
@@ -92,7 +87,7 @@ def read_3dmap(path: str | os.PathLike[str]) -> NDArray[np.bool_]:
     text = read_text(path, "MovingAI voxel map")
     first, _, body = text.partition("\n")
     words = first.split()
-    if words[:1] != ["voxel"] or len(words) != 4 or not all(_is_count(word) and int(word) > 0 for word in words[1:]):
+    if words[:1] != ["voxel"] or len(words) != 4 or not all(is_count(word) and int(word) > 0 for word in words[1:]):
         raise _fault(path, 1, [first.rstrip()], "'voxel' and three whole numbers above zero")
     shape = (int(words[1]), int(words[2]), int(words[3]))
     check_cells(path, shape)
@@ -100,13 +95,11 @@ def read_3dmap(path: str | os.PathLike[str]) -> NDArray[np.bool_]:
     if not body.strip():
         return blocked
     if _VOXEL_LINES.issuperset(body):
-        try:
+        with suppress(ValueError):
             voxels = np.loadtxt(io.StringIO(body), dtype=np.int64, comments=None, ndmin=2)
-        except ValueError:
-            raise _voxel_fault(path, body, shape) from None
-        if voxels.shape[1] == 3 and (voxels < shape).all():
-            blocked[tuple(voxels.T)] = True
-            return blocked
+            if voxels.shape[1] == 3 and (voxels < shape).all():
+                blocked[tuple(voxels.T)] = True
+                return blocked
     raise _voxel_fault(path, body, shape)
 
 
@@ -115,16 +108,11 @@ def _voxel_fault(path: str | os.PathLike[str], body: str, shape: tuple[int, int,
     lines = ["", *(line.strip() for line in body.split("\n"))]
     for number, line in enumerate(lines[1:], start=2):
         words = line.split()
-        if words and not (len(words) == 3 and all(map(_is_count, words))):
+        if words and not (len(words) == 3 and all(map(is_count, words))):
             return _fault(path, number, lines, "'x y z' of a blocked voxel, whole numbers from 0 on")
         if words and any(int(word) >= n for word, n in zip(words, shape, strict=True)):
             return _fault(path, number, lines, f"a voxel inside {' x '.join(map(str, shape))}, counted from 0")
     return damaged(path, "cannot be read as lines of 'x y z'")
-
-
-def _is_count(word: str) -> bool:
-    """Whether a word is a whole number without a sign, not absurdly long."""
-    return word.isascii() and word.isdecimal() and len(word) <= _DIGITS
 
 
 def _lines(path: str | os.PathLike[str], kind: str) -> list[str]:

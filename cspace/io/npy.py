@@ -9,21 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.errors import FileError, InputError
-from cspace.io.input import existing, unreadable
+from cspace.io.input import decoding, existing
 
 KIND = "NumPy array"
-
-
-def npy_header(path: str | os.PathLike[str]) -> tuple[tuple[int, ...], np.dtype[Any]]:
-    """Shape and type of an array, without reading it.
-
-    Raises
-    ------
-    FileError
-        As :func:`read_npy`.
-    """
-    array = read_npy(path)
-    return array.shape, array.dtype
 
 
 def read_npy(path: str | os.PathLike[str]) -> NDArray[Any]:
@@ -35,19 +23,13 @@ def read_npy(path: str | os.PathLike[str]) -> NDArray[Any]:
         If the file is missing, is no such file, is truncated, or holds Python objects.
     """
     file = existing(path, KIND)
-    try:
-        with np.errstate(over="raise"):
-            return np.lib.format.open_memmap(file, mode="r")
-    except OSError as error:
-        raise unreadable(file, KIND, error) from error
-    except Exception as error:  # The header is text in Python's syntax: damaged, it raises whatever that leads to.
-        reason = str(error) or type(error).__name__
-    raise FileError(
-        str(file),
-        f"cannot be read: {' '.join(reason.split())[:200]}",
-        "it must hold one array, boolean for cells or floating-point for points",
-        "write it with numpy.save",
-    )
+
+    def refusal(reason: str) -> FileError:
+        rule = "it must hold one array, boolean for cells or floating-point for points"
+        return FileError(str(file), f"cannot be read: {reason}", rule, "write it with numpy.save")
+
+    with decoding(file, KIND, refusal), np.errstate(over="raise"):
+        return np.lib.format.open_memmap(file, mode="r")
 
 
 def read_cells(path: str | os.PathLike[str]) -> NDArray[Any]:

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.errors import FileError
-from cspace.io.input import existing, unreadable
+from cspace.io.input import existing
 from cspace.io.limits import check_bytes
 from cspace.io.output import replacing
 from cspace.io.record import (
@@ -19,6 +18,7 @@ from cspace.io.record import (
     check_kind,
     check_names,
     check_states,
+    decoding_map,
     digest_of_array,
     metadata_of,
     seal,
@@ -46,17 +46,10 @@ def write_npz(space: SavedMap, path: str | os.PathLike[str], overwrite: bool = F
     needed ``inner``, ``overlap``, those of the overlap field, those of the rotation cells and ``shapes``; besides,
     ``lower``, ``spacing`` and ``metadata`` (JSON text).
 
-    Parameters
-    ----------
-    space : CSpace
-    path : path-like
-    overwrite : bool
-        Whether an existing file may be replaced.
-
     Raises
     ------
     FileError
-        If the file exists and may not be replaced, or cannot be written.
+        As :func:`cspace.io.output.replacing`.
     """
     members: dict[str, Any] = {
         **{name: np.asarray(array) for name, array in arrays_of(space).items()},
@@ -79,36 +72,28 @@ def read_npz(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, ND
         If the file cannot be read, is not such a map, or is truncated or changed.
     """
     file = existing(path, _KIND)
-    try:
-        with file.open("rb") as stream, zipfile.ZipFile(stream) as archive:
-            names = archive.namelist()
-            if len(set(names)) < len(names) or any(part in name for name in names for part in ("/", "\\", ":", "..")):
-                raise unusable(path, "it has members whose names climb out of it, or twice the same")
-            if "metadata.npy" not in names:
-                raise unusable(path, "it holds no metadata")
-            if archive.getinfo("metadata.npy").file_size > _LONGEST:
-                raise unusable(path, f"its metadata are over {_LONGEST} bytes long")
-            metadata = json.loads(str(_member(archive, "metadata")[()]))
-            digests = unseal(metadata, path)
-            check_names([name for name in digests if name not in _NUMBERS], metadata, path)
-            arrays = {}
-            for name, digest in digests.items():
-                if f"{name}.npy" not in names:
-                    raise unusable(path, f"its array {name!r} is missing")
-                header = _Header(archive, name)
-                if name not in _NUMBERS:
-                    check_kind(name, header, metadata, path)
-                check_bytes(path, archive.getinfo(f"{name}.npy").file_size, f"has an array {name!r} that unpacks to")
-                arrays[name] = _member(archive, name)
-                if digest_of_array(arrays[name]) != digest:
-                    raise unusable(path, f"its array {name!r} differs from its digest")
-    except (FileError, MemoryError):
-        raise
-    except PermissionError as error:
-        raise unreadable(path, _KIND, error) from error
-    except Exception as error:  # A damaged file makes the decoders raise almost anything.
-        reason = " ".join(str(error).split())
-        raise unusable(path, f"it cannot be decoded ({type(error).__name__}: {reason:.200})") from error
+    with decoding_map(path), file.open("rb") as stream, zipfile.ZipFile(stream) as archive:
+        names = archive.namelist()
+        if len(set(names)) < len(names) or any(part in name for name in names for part in ("/", "\\", ":", "..")):
+            raise unusable(path, "it has members whose names climb out of it, or twice the same")
+        if "metadata.npy" not in names:
+            raise unusable(path, "it holds no metadata")
+        if archive.getinfo("metadata.npy").file_size > _LONGEST:
+            raise unusable(path, f"its metadata are over {_LONGEST} bytes long")
+        metadata = json.loads(str(_member(archive, "metadata")[()]))
+        digests = unseal(metadata, path)
+        check_names([name for name in digests if name not in _NUMBERS], metadata, path)
+        arrays = {}
+        for name, digest in digests.items():
+            if f"{name}.npy" not in names:
+                raise unusable(path, f"its array {name!r} is missing")
+            header = _Header(archive, name)
+            if name not in _NUMBERS:
+                check_kind(name, header, metadata, path)
+            check_bytes(path, archive.getinfo(f"{name}.npy").file_size, f"has an array {name!r} that unpacks to")
+            arrays[name] = _member(archive, name)
+            if digest_of_array(arrays[name]) != digest:
+                raise unusable(path, f"its array {name!r} differs from its digest")
     check_states(arrays["state"], path)
     return metadata, arrays
 

@@ -10,10 +10,15 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.compiling import jit
 from cspace.errors import FileError, InputError
 from cspace.grid import Grid
 from cspace.io.input import damaged, header_lines, read_bytes
 from cspace.io.limits import check_cells
+
+Bools = NDArray[np.bool_]
+Bytes = NDArray[np.uint8]
+Ints = NDArray[np.int64]
 
 KIND: Final = "OctoMap"
 UNKNOWN: Final = ("occupied", "free")
@@ -22,7 +27,10 @@ _FIRST_LINES: Final = {"# Octomap OcTree binary file": True, "# Octomap OcTree f
 _COLOURS: Final = {"OcTree": 0, "ColorOcTree": 3}
 """Bytes of colour in a node of a full tree, by the tree's type."""
 
-_HALF: Final = 2**15
+DEPTH: Final = 16
+"""Levels below the root of an octree: 2^16 cells along each axis."""
+
+_HALF: Final = 2 ** (DEPTH - 1)
 """Cell of the octree at the origin, along each axis."""
 
 
@@ -63,8 +71,6 @@ def read_octomap(path: str | os.PathLike[str], unknown: str = "occupied") -> tup
         If the file is missing, is no OctoMap, is of another type, is truncated or damaged, knows no cell, or so many
         that they are too large (:mod:`cspace.io.limits`).
     """
-    from cspace.io.octree import paint_cubes
-
     if unknown not in UNKNOWN:
         raise InputError("unknown", f"is {unknown!r}", "it says what unknown cells are", f"pass one of {UNKNOWN}")
     # A leaf of five numbers for each byte at most.
@@ -118,12 +124,8 @@ def _header(file: str, words: dict[str, str], binary: bool) -> _Header:
     except ValueError:
         count, side = -1, math.nan
     if count < 0 or not 0.0 < side < math.inf:
-        raise FileError(
-            file,
-            f"says size {size[:40]!r} and res {resolution[:40]!r}",
-            "an OctoMap tells the number of its nodes and the side of its cells in metres",
-            "the file is damaged, fetch it again",
-        )
+        told = f"size {size[:40]!r} and res {resolution[:40]!r}"
+        raise damaged(file, f"says {told}, where the number of nodes and the side of cells in metres must be")
     if count == 0:
         raise FileError(file, "knows no cell", "a map needs some known space", "insert a scan before it is written")
     return _Header(binary, tree, count, side)
@@ -131,8 +133,6 @@ def _header(file: str, words: dict[str, str], binary: bool) -> _Header:
 
 def _leaves(file: str, header: _Header, nodes: bytes) -> NDArray[np.int64]:
     """First cell, side in cells, and whether occupied, of each leaf, shape (n, 5)."""
-    from cspace.io.octree import DEPTH, leaves_of
-
     values = np.empty(0, dtype=np.float32)
     if header.binary:
         records = np.frombuffer(nodes, dtype=np.uint8, count=len(nodes) // 2 * 2).reshape(-1, 2)
@@ -149,9 +149,105 @@ def _leaves(file: str, header: _Header, nodes: bytes) -> NDArray[np.int64]:
     if fault == 1:
         raise damaged(file, f"ends after {found} nodes, and its header says {header.size}")
     if fault or found != header.size:
-        reason = {
-            2: f"an inner node below level {DEPTH}",
-            3: "an inner node without children",
-        }.get(fault, f"{'more' if fault else found} nodes, where its header says {header.size}")
+        reason = {2: f"an inner node below level {DEPTH}", 3: "an inner node without children"}.get(
+            fault, f"{'more' if fault else found} nodes, where its header says {header.size}"
+        )
         raise FileError(file, f"holds {reason}", "that is no octree of OctoMap", "the file is damaged, fetch it again")
     return leaves[:count]
+
+
+@jit
+def leaves_of(records: Bytes, binary: bool, leaves: Ints) -> tuple[int, int, int]:
+    """Leaves of an octree whose nodes are written in depth-first order.
+
+    Parameters
+    ----------
+    records : ndarray of uint8, shape (n, 2)
+        Of a binary tree, one for each inner node: two bits for each of its eight children, where 01 is a free leaf, 10
+        an occupied one, 11 an inner node and 00 unknown. Of a full tree, one for each node: a bit for each child, and
+        whether the node is occupied; a node without children is a leaf.
+    binary : bool
+    leaves : ndarray of int64, shape (m, 5)
+        Written: first cell, side in cells, and 1 where occupied.
+
+    Returns
+    -------
+    nodes, count, fault : int
+        Nodes met, leaves written, and 0 for a whole tree; 1 where records are missing, 2 where a node lies too deep, 3
+        where an inner node has no child, 4 where ``leaves`` is full.
+    """
+    corner = np.zeros((DEPTH + 1, 3), dtype=np.int64)
+    # For each level on the way down, the inner children that are still to be entered, one bit each.
+    pending = np.zeros(DEPTH + 1, dtype=np.int64)
+    nodes, count, used, depth = 1, 0, 0, 0
+    entering = True
+    while depth >= 0:
+        if entering:
+            if used == len(records):
+                return nodes if binary else used, count, 1
+            first, second = np.int64(records[used, 0]), np.int64(records[used, 1])
+            used += 1
+            inner = np.int64(0)
+            if binary:
+                kinds = first | second << 8
+                if kinds == 0:
+                    return nodes, count, 3
+                for child in range(8):
+                    kind = (kinds >> (2 * child)) & 3
+                    nodes += kind != 0
+                    if kind == 3:
+                        inner |= 1 << child
+                    elif kind != 0:
+                        if count == len(leaves):
+                            return nodes, count, 4
+                        side = 1 << (DEPTH - 1 - depth)
+                        _place(leaves[count], corner[depth], child, side)
+                        leaves[count, 3], leaves[count, 4] = side, kind == 2
+                        count += 1
+            else:
+                nodes, inner = used, first
+                if inner == 0:
+                    if count == len(leaves):
+                        return nodes, count, 4
+                    _place(leaves[count], corner[depth], 0, 0)
+                    leaves[count, 3], leaves[count, 4] = 1 << (DEPTH - depth), second
+                    count += 1
+            if inner and depth == DEPTH - binary:
+                return nodes, count, 2
+            pending[depth] = inner
+        entering = pending[depth] != 0
+        if entering:
+            child = _lowest(pending[depth])
+            pending[depth] &= pending[depth] - 1
+            _place(corner[depth + 1], corner[depth], child, 1 << (DEPTH - 1 - depth))
+            depth += 1
+        else:
+            depth -= 1
+    return nodes, count, 0
+
+
+@jit
+def _place(out: Ints, corner: Ints, child: int, side: int) -> None:
+    """Write the first cell of a child."""
+    for axis in range(3):
+        out[axis] = corner[axis] + ((child >> axis) & 1) * side
+
+
+@jit
+def _lowest(bits: int) -> int:
+    """Number of the lowest bit that is set."""
+    number = 0
+    while not (bits >> number) & 1:
+        number += 1
+    return number
+
+
+@jit
+def paint_cubes(out: Bools, cubes: Ints, value: bool) -> None:
+    """Set ``out`` to ``value`` in cubes of cells, each given by its first cell and its side, shape (n, 4)."""
+    for n in range(len(cubes)):
+        x, y, z, side = cubes[n]
+        for i in range(x, x + side):
+            for j in range(y, y + side):
+                for k in range(z, z + side):
+                    out[i, j, k] = value

@@ -15,10 +15,7 @@ from cspace.io.input import not_a_name
 
 @contextmanager
 def replacing(
-    path: str | os.PathLike[str],
-    overwrite: bool = False,
-    *,
-    folder: Callable[[Path], bool] | None = None,
+    path: str | os.PathLike[str], overwrite: bool = False, *, folder: Callable[[Path], bool] | None = None
 ) -> Iterator[Path]:
     """Hand out a temporary name to write to; give it the real name once the block has ended well.
 
@@ -83,36 +80,24 @@ def _check(target: Path, overwrite: bool, folder: Callable[[Path], bool] | None)
     """Raise FileError where ``target`` may not be written."""
     parent = target.parent
     if not parent.is_dir():
-        raise FileError(
-            str(target),
-            f"cannot be written: {parent} is not a folder",
-            "outputs go to an existing folder",
-            "create it first or choose another",
-        )
-    if not os.access(parent, os.W_OK | os.X_OK):
-        raise FileError(
-            str(target),
-            f"cannot be written: no permission to write in {parent}",
-            "an output needs a writable folder",
-            "change its permissions or choose another",
-        )
-    if not target.exists():
+        fault = f"cannot be written: {parent} is not a folder", "outputs go to an existing folder", "create it first"
+    elif not os.access(parent, os.W_OK | os.X_OK):
+        found = f"cannot be written: no permission to write in {parent}"
+        fault = found, "an output needs a writable folder", "change its permissions or choose another"
+    elif not target.exists():
         return
-    if not overwrite:
-        raise FileError(
-            str(target), "exists", "an existing output is kept unless told otherwise", "pass overwrite=True"
-        )
-    if folder is None and not target.is_file():
-        raise FileError(str(target), "is not a plain file", "a file replaces only a file", "choose another name")
-    if folder is not None and not target.is_dir():
-        raise FileError(str(target), "is not a folder", "a folder replaces only a folder", "choose another name")
-    if folder is not None and any(target.iterdir()) and not folder(target):
-        raise FileError(
-            str(target),
-            "holds more than an earlier output",
-            "only an earlier output is replaced",
-            "choose another name, or remove the folder yourself",
-        )
+    elif not overwrite:
+        fault = "exists", "an existing output is kept unless told otherwise", "pass overwrite=True"
+    elif folder is None and not target.is_file():
+        fault = "is not a plain file", "a file replaces only a file", "choose another name"
+    elif folder is not None and not target.is_dir():
+        fault = "is not a folder", "a folder replaces only a folder", "choose another name"
+    elif folder is not None and any(target.iterdir()) and not folder(target):
+        mend = "choose another name, or remove the folder yourself"
+        fault = "holds more than an earlier output", "only an earlier output is replaced", mend
+    else:
+        return
+    raise FileError(str(target), *fault)
 
 
 def _beside(target: Path) -> Path:

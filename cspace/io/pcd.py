@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.compiling import jit
 from cspace.errors import FileError
 from cspace.io.columns import read_columns
 from cspace.io.input import damaged, header_lines, read_bytes
@@ -107,12 +108,7 @@ def _split(file: str, content: bytes) -> tuple[_Header, int]:
             break
     missing = [key for key in ("FIELDS", "SIZE", "TYPE", "DATA") if key not in words]
     if missing or not ("POINTS" in words or {"WIDTH", "HEIGHT"} <= words.keys()):
-        raise FileError(
-            file,
-            f"has no {' and '.join(missing) or 'POINTS'} in its header",
-            "a PCD file begins with FIELDS, SIZE, TYPE, POINTS and DATA",
-            "the file is truncated, fetch it again",
-        )
+        raise damaged(file, f"has no {' and '.join(missing) or 'POINTS'} in its header, which ends with DATA")
     return _header(file, words, number), end
 
 
@@ -128,17 +124,11 @@ def _header(file: str, words: dict[str, list[str]], lines: int) -> _Header:
         raise damaged(file, f"has a malformed header: {error}; SIZE, COUNT and POINTS hold whole numbers") from error
     types = list(zip(words["TYPE"], sizes, strict=False))
     if not (len(fields) == len(sizes) == len(words["TYPE"]) == len(counts)) or not set(types) <= _TYPES:
-        raise FileError(
-            file,
-            f"has fields {fields} of types {types} and counts {counts}",
-            "each field needs a type F, I or U, a size of 1, 2, 4 or 8 bytes and a count",
-            "the file is damaged",
-        )
+        rule = "each field needs a type F, I or U, a size of 1, 2, 4 or 8 bytes and a count"
+        raise damaged(file, f"has fields {fields} of types {types} and counts {counts}; {rule}")
     coordinates = [field for field in fields if field in ("x", "y", "z")]
     if sorted(coordinates) != ["x", "y", "z"] or any(counts[fields.index(axis)] != 1 for axis in "xyz"):
-        raise FileError(
-            file, f"has the fields {' '.join(fields)}", "a cloud in space has x, y and z, once each", "write them"
-        )
+        raise damaged(file, f"has the fields {' '.join(fields)}; a cloud in space has x, y and z, once each")
     if min(*counts, points, *grid) < 0 or (len(grid) == 2 and math.prod(grid) != points):
         where = " x ".join(map(str, grid))
         raise damaged(file, f"says {points} points in {where}, with counts {counts}, which do not agree")
@@ -156,7 +146,7 @@ def _ascii(file: str, header: _Header, body: bytes) -> Floats:
     rows = read_columns(body.decode("latin-1"), file, header.lines + 1)
     starts = np.cumsum([0, *header.counts])
     if len(rows) != header.points:
-        raise _truncated(file, f"{len(rows)} points", f"{header.points}")
+        raise damaged(file, f"holds {len(rows)} points, and its header says {header.points}")
     if len(rows) and rows.shape[1] != starts[-1]:
         raise damaged(file, f"has {rows.shape[1]} columns, and its header says {starts[-1]}")
     return rows[:, starts[header.xyz]] if len(rows) else np.zeros((0, 3))
@@ -165,23 +155,21 @@ def _ascii(file: str, header: _Header, body: bytes) -> Floats:
 def _binary(file: str, header: _Header, body: bytes) -> Floats:
     record = header.record
     if len(body) < header.points * record.itemsize:
-        raise _truncated(file, f"{len(body) // record.itemsize} points", f"{header.points}")
+        raise damaged(file, f"holds {len(body) // record.itemsize} points, and its header says {header.points}")
     cloud = np.frombuffer(body, dtype=record, count=header.points)
     return np.stack([cloud[str(n)].astype(np.float64) for n in header.xyz], axis=1)
 
 
 def _compressed(file: str, header: _Header, body: bytes) -> Floats:
     """One field after the other, packed by LZF; before them the sizes, packed and unpacked."""
-    from cspace.io.lzf import unpack_lzf
-
     wanted = header.points * header.record.itemsize
     if header.points == 0:
         return np.zeros((0, 3))
     if len(body) < 8:
-        raise _truncated(file, f"{len(body)} bytes after its header", "at least 8")
+        raise damaged(file, f"holds {len(body)} bytes after its header, and its header says at least 8")
     packed, unpacked = (int(size) for size in np.frombuffer(body, dtype="<u4", count=2))
     if len(body) - 8 < packed:
-        raise _truncated(file, f"{len(body) - 8} bytes of packed points", f"{packed}")
+        raise damaged(file, f"holds {len(body) - 8} bytes of packed points, and its header says {packed}")
     if unpacked != wanted:
         size = f"{header.points} points of {header.record.itemsize} bytes are {wanted}"
         raise damaged(file, f"says {unpacked} bytes of points; {size}")
@@ -197,8 +185,47 @@ def _compressed(file: str, header: _Header, body: bytes) -> Floats:
     return np.stack([column.astype(np.float64) for column in columns], axis=1)
 
 
-def _truncated(file: str, found: str, wanted: str) -> FileError:
-    return damaged(file, f"holds {found}, and its header says {wanted}")
+@jit
+def unpack_lzf(packed: NDArray[np.uint8], out: NDArray[np.uint8]) -> int:
+    """Unpack LZF (Lehmann), as points are packed: runs of literal bytes, and copies of bytes that were written before.
+
+    Returns
+    -------
+    int
+        Number of bytes written, or -1 where the packed bytes end too early, reach back before the first byte, or hold
+        more than ``out``.
+    """
+    read, written = 0, 0
+    while read < len(packed):
+        control = np.int64(packed[read])
+        read += 1
+        if control < 32:
+            length = control + 1
+            if read + length > len(packed) or written + length > len(out):
+                return -1
+            for _ in range(length):
+                out[written] = packed[read]
+                written += 1
+                read += 1
+            continue
+        length = control >> 5
+        if length == 7:
+            if read == len(packed):
+                return -1
+            length += np.int64(packed[read])
+            read += 1
+        length += 2
+        if read == len(packed):
+            return -1
+        source = written - ((control & 31) << 8) - np.int64(packed[read]) - 1
+        read += 1
+        if source < 0 or written + length > len(out):
+            return -1
+        for _ in range(length):
+            out[written] = out[source]
+            written += 1
+            source += 1
+    return written
 
 
 _DECODERS: Final[dict[str, Callable[[str, _Header, bytes], Floats]]] = {

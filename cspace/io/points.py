@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from pathlib import Path
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.errors import FileError, GeometryError, InputError
+from cspace.errors import FileError, GeometryError
 from cspace.io.columns import read_columns
-from cspace.io.input import not_a_name, read_text
+from cspace.io.input import read_text, suffix_of
 from cspace.io.npy import read_npy
 from cspace.io.pcd import read_pcd
 from cspace.io.ply import read_ply
@@ -47,20 +46,8 @@ def read_points(path: Named) -> Floats:
         If there is no point, or a point is not finite: many sensors write NaN where they saw nothing, which is neither
         free nor occupied. Or if a ``.ply`` has surfaces that are no faces.
     """
-    try:
-        suffix = Path(path).suffix.lower()
-    except TypeError as error:
-        raise not_a_name(path) from error
+    points = READERS[suffix_of(path, READERS, "the suffix says how a cloud is written", "points")](path)
     file = os.fspath(path)
-    if suffix not in READERS:
-        raise InputError(
-            "points",
-            f"is {file}, which ends in {suffix!r}",
-            "the suffix says how a cloud is written",
-            f"use one of {', '.join(READERS)}",
-            value=path,
-        )
-    points = READERS[suffix](path)
     if not len(points):
         raise GeometryError(file, "holds no point", "a cloud needs one at least", "check how it was written")
     broken = int((~np.isfinite(points).all(axis=1)).sum())
@@ -95,16 +82,12 @@ def _read_text(path: Named) -> Floats:
     return np.ascontiguousarray(rows[:, :3]) if len(rows) else np.zeros((0, 3))
 
 
-def _read_ply(path: Named) -> Floats:
-    return read_ply(path)[0]
-
-
 READERS: Final[dict[str, Callable[[Named], Floats]]] = {
     ".npy": _read_npy,
     ".xyz": _read_text,
     ".txt": _read_text,
     ".csv": _read_text,
-    ".ply": _read_ply,
+    ".ply": lambda path: read_ply(path)[0],
     ".pcd": read_pcd,
 }
 """Which function reads a cloud, by suffix."""

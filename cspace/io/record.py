@@ -7,6 +7,7 @@ import json
 import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol
 
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from cspace import __version__
 from cspace.errors import FileError
+from cspace.io.input import decoding
 from cspace.map.storage import Stack
 from cspace.rotations import QuaternionRotations, Rotations, YawRotations
 from cspace.shapes import Shape, shape_from_spec
@@ -84,67 +86,51 @@ class Stored(NamedTuple):
     about: Mapping[str, Any]
 
 
-def _yaws(axes: tuple[str, ...], name: str, **about: str) -> Stored:
-    return Stored(axes, "float64", math.nan, {"long_name": name, "units": "rad", **about})
+def _stored(axes: str, dtype: str, lost: Any, name: str, **about: Any) -> Stored:
+    return Stored(tuple(axes.split()), dtype, lost, {"long_name": name, **about})
 
+
+def _floats(axes: str, name: str, units: str, **about: str) -> Stored:
+    return _stored(axes, "float64", math.nan, name, units=units, **about)
+
+
+_FIELD_NAMES: Final = (
+    "overlap of the descriptors of robot and obstacles",
+    *(f"its derivative along {axis}" for axis in AXES),
+)
 
 ARRAYS: Final[dict[str, Stored]] = {
-    "state": Stored(
-        ("slice", "cells"),
+    "state": _stored(
+        "slice cells",
         "uint8",
         255,
-        {
-            "long_name": "state of the configurations in a cell",
-            "flag_values": list(range(len(NAMES))),
-            "flag_meanings": " ".join(NAMES),
-        },
+        "state of the configurations in a cell",
+        flag_values=list(range(len(NAMES))),
+        flag_meanings=" ".join(NAMES),
     ),
-    "outer": Stored(("cells",), "bool", True, {"long_name": "workspace cells that meet an obstacle"}),
-    "inner": Stored(("cells",), "bool", True, {"long_name": "workspace cells that lie in obstacles"}),
-    "overlap": Stored(
-        ("slice", "cells"),
-        "int32",
-        -1,
-        {"long_name": "number of coinciding pairs of obstacle cell and robot offset", "units": "1"},
+    "outer": _stored("cells", "bool", True, "workspace cells that meet an obstacle"),
+    "inner": _stored("cells", "bool", True, "workspace cells that lie in obstacles"),
+    "overlap": _stored(
+        "slice cells", "int32", -1, "number of coinciding pairs of obstacle cell and robot offset", units="1"
     ),
     **{
-        name: Stored(("slice", "cells"), "float64", math.inf, {"long_name": what})
-        for name, what in zip(
-            FIELDS,
-            ("overlap of the descriptors of robot and obstacles", *(f"its derivative along {axis}" for axis in AXES)),
-            strict=True,
-        )
+        name: _stored("slice cells", "float64", math.inf, what) for name, what in zip(FIELDS, _FIELD_NAMES, strict=True)
     },
-    "slice_of": Stored(
-        ("rotation",),
+    "slice_of": _stored(
+        "rotation",
         "int64",
         np.iinfo(np.int64).max,
-        {
-            "long_name": "slice that serves a rotation cell",
-            "comment": "where state has the dimension slice, state.isel(slice=slice_of) has the dimension rotation",
-        },
+        "slice that serves a rotation cell",
+        comment="where state has the dimension slice, state.isel(slice=slice_of) has the dimension rotation",
     ),
-    "yaw": _yaws(("rotation",), "representative of a rotation cell: its middle", bounds="yaw_bounds"),
-    "yaw_bounds": _yaws(("rotation", "bound"), "borders of a rotation cell"),
-    "quaternion": Stored(
-        ("rotation", "component"),
-        "float64",
-        math.nan,
-        {"long_name": "representative of a rotation cell, as (x, y, z, w)", "units": "1"},
+    "yaw": _floats("rotation", "representative of a rotation cell: its middle", "rad", bounds="yaw_bounds"),
+    "yaw_bounds": _floats("rotation bound", "borders of a rotation cell", "rad"),
+    "quaternion": _floats("rotation component", "representative of a rotation cell, as (x, y, z, w)", "1"),
+    "covering_angle": _floats(
+        "rotation", "largest angle between a rotation of a rotation cell and its representative", "rad"
     ),
-    "covering_angle": _yaws(
-        ("rotation",), "largest angle between a rotation of a rotation cell and its representative"
-    ),
-    "shapes": Stored(("byte",), "int8", -1, {"long_name": "obstacles as a JSON list of what makes each shape again"}),
-    **{
-        axis: Stored(
-            (axis,),
-            "float64",
-            math.nan,
-            {"long_name": f"{axis} of the middle of a cell", "units": "m", "axis": axis.upper()},
-        )
-        for axis in AXES
-    },
+    "shapes": _stored("byte", "int8", -1, "obstacles as a JSON list of what makes each shape again"),
+    **{axis: _floats(axis, f"{axis} of the middle of a cell", "m", axis=axis.upper()) for axis in AXES},
 }
 """Every array that a map may hold."""
 
@@ -237,24 +223,12 @@ def seal(metadata: Mapping[str, Any], digests: Mapping[str, str]) -> dict[str, A
 
 
 def unseal(metadata: Any, path: str | os.PathLike[str]) -> dict[str, str]:
-    """Check the metadata of a map that was read.
-
-    Parameters
-    ----------
-    metadata : mapping
-        As :func:`seal` made it.
-    path : path-like
-        Where it was read, for the messages.
-
-    Returns
-    -------
-    dict of str to str
-        The digest of each part of the map.
+    """The digest of each part of a map, from its metadata as they were read.
 
     Raises
     ------
     FileError
-        If it is no map, is of another format version, or was changed.
+        If they are not as :func:`seal` made them, or of another format version.
     """
     if not isinstance(metadata, Mapping) or metadata.get("format") != FORMAT:
         raise unusable(path, f"its metadata do not say format {FORMAT!r}")
@@ -293,17 +267,7 @@ def check_names(names: Sequence[str], metadata: Mapping[str, Any], path: str | o
 
 
 def check_kind(name: str, array: Any, metadata: Mapping[str, Any], path: str | os.PathLike[str]) -> None:
-    """Raise FileError for an array of another shape or type than the map needs; its values are not looked at.
-
-    Parameters
-    ----------
-    name : str
-    array : object with ``shape`` and ``dtype``
-    metadata : mapping
-        As :func:`seal` made it.
-    path : path-like
-        Where it was read, for the message.
-    """
+    """Raise FileError for an array, or its header, of another shape or type than the map needs."""
     dim = len(metadata["shape"])
     sizes = dict(zip(AXES, metadata["shape"], strict=False)) | {"bound": 2, "component": 4, "slice": metadata["slices"]}
     sizes |= {"rotation": metadata["rotations"] or 1, "byte": array.shape[0] if array.shape else 0}
@@ -327,6 +291,11 @@ def unusable(path: str | os.PathLike[str], what: str) -> FileError:
         "a saved map is opened only if it is complete and unchanged",
         "copy it again from where it is whole, or build it again",
     )
+
+
+def decoding_map(path: str | os.PathLike[str]) -> AbstractContextManager[None]:
+    """Turns whatever a damaged map makes the decoders in a block raise into :func:`unusable`."""
+    return decoding(path, "saved map", lambda reason: unusable(path, f"it cannot be decoded ({reason})"))
 
 
 def digest_of(content: bytes | memoryview) -> str:

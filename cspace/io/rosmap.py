@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from cspace.errors import FileError, InputError
 from cspace.grid import SLACK, Grid
 from cspace.io.image import Shades, read_shades
-from cspace.io.input import not_a_name
+from cspace.io.input import suffix_of
 from cspace.io.limits import check_cells
 from cspace.io.output import replacing
 from cspace.io.plain import read_yaml
@@ -117,12 +117,8 @@ def write_ros_map(state: ArrayLike, grid: Grid, path: str | os.PathLike[str], ov
     """
     import yaml
 
-    try:
-        target = Path(path)
-    except TypeError as error:
-        raise not_a_name(path) from error
-    if target.suffix.lower() not in SUFFIXES:
-        raise InputError("path", f"is {target}", "a ROS map ends in .yaml", "rename it", value=path)
+    suffix_of(path, SUFFIXES, "a ROS map ends in .yaml")
+    target = Path(path)
     cells = np.asarray(state)
     if grid.dim != 2 or cells.shape != grid.shape:
         raise InputError(

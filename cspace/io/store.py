@@ -11,15 +11,12 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.errors import FileError
-from cspace.io.input import unreadable
 from cspace.io.limits import check_bytes
 from cspace.io.output import replacing
 from cspace.io.record import (
@@ -30,6 +27,7 @@ from cspace.io.record import (
     check_kind,
     check_names,
     check_states,
+    decoding_map,
     digest_of,
     metadata_of,
     seal,
@@ -56,19 +54,12 @@ _CODECS: Final = {"bytes", "zstd", "crc32c"}
 
 
 def write_store(space: SavedMap, path: str | os.PathLike[str], overwrite: bool = False) -> None:
-    """Write a map as a Zarr folder, which ``xarray.open_zarr`` reads too.
-
-    Parameters
-    ----------
-    space : CSpace
-    path : path-like
-    overwrite : bool
-        Whether an existing map may be replaced. A folder that holds anything else never is.
+    """Write a map as a Zarr folder, which ``xarray.open_zarr`` reads too; it replaces no folder of anything else.
 
     Raises
     ------
     FileError
-        If the folder exists and may not be replaced, or cannot be written.
+        As :func:`cspace.io.output.replacing`.
     """
     with replacing(path, overwrite, folder=_is_ours) as temporary:
         for name, content in _encoded(metadata_of(space), arrays_of(space)):
@@ -85,7 +76,7 @@ def read_store(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, 
     FileError
         If the folder cannot be read, is not such a map, or any part of it is missing, truncated or changed.
     """
-    with _decoding(path):
+    with decoding_map(path):
         metadata, digests = _opened(path)
         names = [name.removesuffix(f"/{_ROOT}") for name in digests if name.endswith(f"/{_ROOT}")]
         check_names(names, metadata, path)
@@ -105,7 +96,7 @@ def read_parts(
     FileError
         As :func:`read_store`, of what is read.
     """
-    with _decoding(path):
+    with decoding_map(path):
         metadata, digests = _opened(path)
         names = ("state",) if number is not None else ("slice_of", *turns_of(name.split("/")[0] for name in digests))
         wanted = [f"state/c/{number}/"] if number is not None else [f"{name}/c/" for name in names]
@@ -170,20 +161,6 @@ def _chunks(shape: tuple[int, ...], axes: tuple[str, ...]) -> tuple[int, ...]:
     if axes[0] == "slice":
         longest = [1] + [_SLICE_CHUNK[len(shape) - 1]] * (len(shape) - 1)
     return tuple(max(1, min(pair)) for pair in zip(shape, longest, strict=True))
-
-
-@contextmanager
-def _decoding(path: str | os.PathLike[str]) -> Iterator[None]:
-    """Turn whatever a damaged folder makes the decoders raise into a FileError."""
-    try:
-        yield
-    except (FileError, MemoryError):
-        raise
-    except PermissionError as error:
-        raise unreadable(path, "saved map", error) from error
-    except Exception as error:
-        reason = " ".join(str(error).split())
-        raise unusable(path, f"it cannot be decoded ({type(error).__name__}: {reason:.200})") from error
 
 
 def _opened(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, str]]:

@@ -42,16 +42,15 @@ def write_vti(
     arrays : mapping of str to ndarray of uint8, bool, int32 or float64, shape grid.shape
         By name; the first is the one that is shown. bool is stored as uint8, 0 and 1.
     grid : Grid
-    path : path-like
-    overwrite : bool
-        Whether an existing file may be replaced.
+    path, overwrite
+        As for :func:`cspace.io.output.replacing`.
 
     Raises
     ------
     InputError
         If an array has another shape or type.
     FileError
-        If the file exists and may not be replaced, or cannot be written.
+        As :func:`cspace.io.output.replacing`.
     """
     for name, array in arrays.items():
         if array.shape != grid.shape or str(array.dtype) not in _TYPES:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from cspace.errors import InputError
 from cspace.io.border import WRITERS, write_border
-from cspace.io.input import not_a_name
+from cspace.io.input import suffix_of
 from cspace.io.npz import write_npz
 from cspace.io.record import STACKED, arrays_of
 from cspace.io.rosmap import write_ros_map
@@ -58,6 +58,8 @@ _SLICES: Final[Mapping[str, Callable[[SavedMap, int, Named, bool], None]]] = {
 EXPORTS: Final = (*SAVES, *_SLICES)
 """All formats, by suffix."""
 
+_RULE: Final = "the suffix says which format to write"
+
 
 def save(space: SavedMap, path: str | os.PathLike[str], overwrite: bool = False) -> None:
     """Save a map, complete, so that :func:`cspace.open` gives it back.
@@ -77,7 +79,7 @@ def save(space: SavedMap, path: str | os.PathLike[str], overwrite: bool = False)
     FileError
         If the output exists and may not be replaced, or cannot be written.
     """
-    SAVES[_suffix(path, SAVES)](space, path, overwrite)
+    SAVES[suffix_of(path, SAVES, _RULE)](space, path, overwrite)
 
 
 def export(
@@ -107,7 +109,7 @@ def export(
     FileError
         If the output exists and may not be replaced, or cannot be written.
     """
-    suffix = _suffix(path, EXPORTS)
+    suffix = suffix_of(path, EXPORTS, _RULE)
     if suffix in _SLICES:
         _SLICES[suffix](space, _slice_number(space, path, rotation), path, overwrite)
         return
@@ -129,20 +131,3 @@ def _slice_number(space: SavedMap, path: str | os.PathLike[str], rotation: Array
         )
     given = rotations.centers[0] if rotation is None else rotations.checked(rotation)
     return int(space._slice_of[rotations.cells_of(given)])
-
-
-def _suffix(path: str | os.PathLike[str], known: Iterable[str]) -> str:
-    """The suffix of a name, in small letters."""
-    try:
-        suffix = Path(path).suffix.lower()
-    except TypeError as error:
-        raise not_a_name(path) from error
-    if suffix not in known:
-        raise InputError(
-            "path",
-            f"is {Path(path)}, which ends in {suffix!r}",
-            "the suffix says which format to write",
-            f"use one of {', '.join(name for name in known if name)}",
-            value=path,
-        )
-    return suffix

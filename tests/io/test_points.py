@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from cspace import Workspace
 from cspace.errors import FileError, GeometryError, InputError
 from cspace.io import formats
-from cspace.io.lzf import unpack_lzf
+from cspace.io.pcd import unpack_lzf
 from cspace.io.points import READERS, read_points
 from strategies import seeds
 
