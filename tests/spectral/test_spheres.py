@@ -157,7 +157,6 @@ def test_bad_spheres(changes, words):
         (np.ones((3, 3), bool), {"number": 3}, InputError, "Voxels"),
         (shapely.Point(3, 4), {"number": 3, "kind": "outer"}, InputError, "pass a tolerance"),
     ],
-    ids=str,
 )
 def test_refusals(shape, options, error, words):
     with pytest.raises(error, match=words):
