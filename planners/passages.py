@@ -41,10 +41,7 @@ FREE_ENDS: Final = 4
 
 FIRST: Final = 0.1
 """Part of the time, at most a second, that the planner has to itself before chains are looked for: most passages are
-wide enough for it."""
-
-SHARE: Final = 0.25
-"""Part of the time that is left to the planner alone, where no chain could be walked."""
+wide enough for it. Then it is the chains' turn, for as long, and so on, each time for twice as long."""
 
 RATE: Final = 1e7
 """Cells a second that a search for a chain gets over, about."""
@@ -74,7 +71,7 @@ class Passages:
         space = self.edges.space
         cells = (space.rotations.count, *space.grid.shape)
         needed = math.prod(cells) / RATE
-        worth = needed <= (1.0 - FIRST - SHARE) * self.time_limit
+        worth = needed <= 0.5 * self.time_limit
         if self.edges.edge_checker()(*start, *goal) or not worth:
             return self.search.run(self.edges, start, goal, self.time_limit)
         self._prepare(start)
@@ -88,38 +85,40 @@ class Passages:
         space.is_free(here, exact=True), space.motion_is_free(here, here, exact=True)
 
     def _run(self, start: Configuration, goal: Configuration, cells: tuple[int, ...], needed: float) -> Found:
-        space = self.edges.space
-        alone = min(FIRST * self.time_limit, 1.0)
-        first = self.search.run(self.edges, start, goal, alone)
-        if len(first.path):
-            if first.planning < 0.9 * alone:
-                return first
-            # A planner that goes on improving has the rest of the time for it.
-            again = self.search.run(self.edges, start, goal, self._left())
-            found = again if len(again.path) else first
-            return replace(found, planning=time.perf_counter() - self.began - found.simplification)
-        rng = np.random.default_rng(self.search.seed)
+        """The planner alone and chains in turns, each time for twice as long."""
+        space, rng = self.edges.space, np.random.default_rng(self.search.seed)
         closed = np.zeros(cells, dtype=np.bool_)
-        while self._left(SHARE) > needed:
-            looked = time.perf_counter()
-            chain = open_chain(space, start, goal, closed)
-            needed = max(needed, time.perf_counter() - looked)
-            if not len(chain):
-                if not closed.any():
-                    break
-                closed[...] = False  # what one draw did not cross, another may
-                continue
-            path = self._walk(chain, start, goal, closed, rng)
-            if path is not None:
-                by_length = self.search.simplify and self.search.objective is None
-                path = self._shortened(path) if by_length else path
-                return Found(path, THROUGH, time.perf_counter() - self.began)
-        found = self.search.run(self.edges, start, goal, max(self._left(), 1e-3))
-        return replace(found, planning=time.perf_counter() - self.began - found.simplification)
+        share = min(FIRST * self.time_limit, 1.0)
+        while True:
+            last = self._left() - share <= needed
+            alone = max(self._left() if last else share, 1e-3)
+            found = self.search.run(self.edges, start, goal, alone)
+            if len(found.path) and found.planning > 0.9 * alone and not last:
+                # A planner that goes on improving has the rest of the time for it.
+                again = self.search.run(self.edges, start, goal, max(self._left(), 1e-3))
+                found = again if len(again.path) else found
+            if len(found.path) or last:
+                return replace(found, planning=time.perf_counter() - self.began - found.simplification)
+            until = self._left() - share
+            while self._left() > max(until, needed):
+                looked = time.perf_counter()
+                chain = open_chain(space, start, goal, closed)
+                needed = max(needed, time.perf_counter() - looked)
+                if not len(chain):
+                    if not closed.any():
+                        needed = math.inf  # there is none: the planner has the rest
+                    closed[...] = False  # what one draw did not cross, another may
+                    continue
+                path = self._walk(chain, start, goal, closed, rng)
+                if path is not None:
+                    by_length = self.search.simplify and self.search.objective is None
+                    path = self._shortened(path) if by_length else path
+                    return Found(path, THROUGH, time.perf_counter() - self.began)
+            share *= 2.0
 
-    def _left(self, kept: float = 0.0) -> float:
-        """Seconds that are left, but for a part of them; below zero where time is over."""
-        return (1.0 - kept) * self.time_limit - (time.perf_counter() - self.began)
+    def _left(self) -> float:
+        """Seconds that are left; below zero where time is over."""
+        return self.time_limit - (time.perf_counter() - self.began)
 
     def _walk(
         self,
