@@ -94,7 +94,8 @@ def _build(report: Report, scene: Scene, cuts: int, rng: np.random.Generator) ->
     chosen, equal = rng.choice(rotations.count, min(SLICES, rotations.count), replace=False), True
     outer: CSpace = timings["ours, outer alone"].value
     for cell in chosen.tolist():
-        # The map's own: one made anew is cut otherwise than an image, and may be a cell tighter or looser; both are bounds.
+        # The map's own: one made anew is cut otherwise than an image, and may be a cell tighter or looser.
+        # Both are bounds.
         raster = outer._rasters[slice_of[cell]][0]
         kernel = np.flip(raster.cells).astype(np.float64)
         met = loop.take(partial(convolved, signal.fftconvolve, occupied, kernel, raster))
