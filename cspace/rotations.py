@@ -542,6 +542,18 @@ class YawRotations(Yaw, Rotations):
         """Along the shorter arc."""
         return np.asarray(np.abs((self.representatives - q[..., -1:] + np.pi) % TURN - np.pi))
 
+    def cells_within(self, q: Floats, angles: Floats) -> tuple[Ints, Ints]:
+        """As of all rotations; found by the borders alone."""
+        reach = np.minimum(angles + YAW_SLACK, math.pi)
+        ends = q[:, -1] + np.stack([-reach, reach])
+        turns = np.floor((ends - self.borders[0]) / TURN)
+        within = np.searchsorted(self.borders, ends - turns * TURN, side="right") - 1
+        low, high = (turns * self.count + np.clip(within, 0, self.count - 1)).astype(np.int64)
+        counts = np.minimum(high - low + 1, self.count)
+        rows = np.repeat(np.arange(len(q)), counts)
+        steps = np.arange(len(rows)) - np.repeat(np.cumsum(counts) - counts, counts)
+        return rows, (low[rows] + steps) % self.count
+
     @property
     def neighbors(self) -> Ints:
         """The cell before each and the one after it; the last and the first are neighbours too."""

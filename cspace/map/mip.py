@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.compiling import jit, reader
+from cspace.compiling import inner, jit, reader
 from cspace.map.fields import read_only
 from cspace.map.kept import Change
 from cspace.map.storage import Stack
@@ -79,9 +79,9 @@ class Mip:
         return read_only(self.blocks.reshape(-1))
 
     def _mark(self, boxes: Ints) -> None:
-        for s in np.flatnonzero((boxes[:, :3] <= boxes[:, 3:]).all(axis=1)).tolist():
-            by_rows(mark_blocks, self._states[s].reshape(self._shape), self.blocks[s], boxes[s])
-            by_rows(mark_blocks, self.blocks[s], self.nodes[s], boxes[s] >> SHIFT)
+        by_rows(mark_blocks, self._states, self._shape, self.blocks, boxes)
+        empty = (boxes[:, :3] > boxes[:, 3:]).any(axis=1, keepdims=True)
+        by_rows(mark_blocks, self.blocks, self.blocks.shape[1:], self.nodes, np.where(empty, boxes, boxes >> SHIFT))
 
 
 class Bits:
@@ -111,8 +111,7 @@ class Bits:
         self._set(change.states)
 
     def _set(self, boxes: Ints) -> None:
-        for s in np.flatnonzero((boxes[:, :3] <= boxes[:, 3:]).all(axis=1)).tolist():
-            by_rows(set_bits, self._states[s].reshape(self._shape), self.words[s], boxes[s])
+        by_rows(set_bits, self._states, self._shape, self.words, boxes)
 
 
 def blocks_of(shape: tuple[int, ...]) -> States:
@@ -121,30 +120,56 @@ def blocks_of(shape: tuple[int, ...]) -> States:
     return np.zeros((slices, -(-nx // SIDE), -(-ny // SIDE), depth_of(nz)), dtype=np.uint8)
 
 
-def by_rows(work: Callable[..., None], cells: States, into: NDArray[Any], box: Ints) -> None:
-    """Do :func:`mark_blocks` or :func:`set_bits` of all rows of blocks that a box touches, in threads."""
-    first, last = box[:3] >> SHIFT, box[3:] >> SHIFT
-    rows = int((last[0] - first[0] + 1) * (last[1] - first[1] + 1))
+def by_rows(work: Callable[..., None], states: Stack, shape: tuple[int, ...], into: NDArray[Any], boxes: Ints) -> None:
+    """Do :func:`mark_blocks` or :func:`set_bits` of all rows of blocks that boxes touch, one a slice, in threads."""
+    touched = np.flatnonzero((boxes[:, :3] <= boxes[:, 3:]).all(axis=1))
+    if not len(touched):
+        return
+    sides = (boxes[touched, 3:] >> SHIFT) - (boxes[touched, :3] >> SHIFT) + 1
+    rows, count = int(sides[:, :2].prod(axis=1).max()), int(sides.prod(axis=1).sum()) << 3 * SHIFT
 
-    def some(start: int, stop: int) -> int:
-        work(cells, into, box, start, stop)
-        return -1
+    def do(cells: States, part: NDArray[Any], its: Ints) -> None:
+        def some(start: int, stop: int) -> int:
+            work(cells, part, its, start, stop)
+            return -1
 
-    in_chunks(some, rows, least=max(1, CELLS_A_THREAD // (SIDE * SIDE * cells.shape[2])))
+        in_chunks(some, rows, least=max(1, rows * CELLS_A_THREAD // count))
+
+    if isinstance(states, np.ndarray):
+        do(states.reshape(len(states), *shape), into, boxes)
+    else:
+        for s in touched.tolist():
+            do(states[s].reshape(1, *shape), into[s : s + 1], boxes[s : s + 1])
 
 
 @jit
-def mark_blocks(state: States, blocks: States, box: Ints, start: int, stop: int) -> None:
-    """Mark the blocks that a box of cells touches by whether a cell in them is not FREE, which is zero.
+def mark_blocks(states: States, blocks: States, boxes: Ints, start: int, stop: int) -> None:
+    """Mark the blocks that a box of cells in each slice touches by whether a cell in them is not FREE, which is zero.
 
-    The box is given by its first cell and its last one, along three axes. Rows of blocks along the last axis are
-    numbered, and those from ``start`` to before ``stop`` are marked.
+    A box is given by its first cell and its last one, along three axes; there is none where one is beyond the other.
+    Its rows of blocks along the last axis are numbered, and those from ``start`` to before ``stop`` are marked.
     """
+    line = np.empty((states.shape[3] + SIDE * SIDE) >> SHIFT << SHIFT, np.uint8)
+    for s in range(len(boxes)):
+        mark_slice(states[s], blocks[s], boxes[s], line, start, stop)
+
+
+@inner
+def rows_of(box: Ints, depth: int) -> tuple[int, int, int, int]:
+    """How many rows of blocks a box of cells touches, how many of them along y, and which cells along z."""
+    columns = (box[4] >> SHIFT) - (box[1] >> SHIFT) + 1
+    rows = ((box[3] >> SHIFT) - (box[0] >> SHIFT) + 1) * columns
+    low, high = (box[2] >> SHIFT) << SHIFT, min(((box[5] >> SHIFT) + 1) << SHIFT, depth)
+    return rows if box[0] <= box[3] and box[1] <= box[4] and box[2] <= box[5] else 0, columns, low, high
+
+
+@inner
+def mark_slice(state: States, blocks: States, box: Ints, room: States, start: int, stop: int) -> None:
+    """The same of one slice."""
+    rows, columns, low, high = rows_of(box, state.shape[2])
     first_a, first_b = box[0] >> SHIFT, box[1] >> SHIFT
-    columns = (box[4] >> SHIFT) - first_b + 1
-    low, high = (box[2] >> SHIFT) << SHIFT, min(((box[5] >> SHIFT) + 1) << SHIFT, state.shape[2])
-    line = np.zeros(((high - low + SIDE - 1) >> SHIFT) << SHIFT, np.uint8)
-    for row in range(start, stop):
+    line = room[: ((high - low + SIDE - 1) >> SHIFT) << SHIFT]
+    for row in range(start, min(stop, rows)):
         a, b = first_a + row // columns, first_b + row % columns
         # All columns of cells of these blocks are united into one, in wide instructions, and that one is then cut.
         line[:] = 0
@@ -167,13 +192,20 @@ def unite(into: States, cells: States) -> None:
 
 
 @jit
-def set_bits(state: States, words: NDArray[np.uint64], box: Ints, start: int, stop: int) -> None:
-    """Set the words of the blocks that a box of cells touches; as :func:`mark_blocks`."""
+def set_bits(states: States, words: NDArray[np.uint64], boxes: Ints, start: int, stop: int) -> None:
+    """Set the words of the blocks that a box of cells in each slice touches; as :func:`mark_blocks`."""
+    line = np.empty((states.shape[3] + SIDE * SIDE) >> SHIFT << SHIFT, np.uint8)
+    for s in range(len(boxes)):
+        set_slice(states[s], words[s], boxes[s], line, start, stop)
+
+
+@inner
+def set_slice(state: States, words: NDArray[np.uint64], box: Ints, room: States, start: int, stop: int) -> None:
+    """The same of one slice."""
+    rows, columns, low, high = rows_of(box, state.shape[2])
     first_a, first_b = box[0] >> SHIFT, box[1] >> SHIFT
-    columns = (box[4] >> SHIFT) - first_b + 1
-    low, high = (box[2] >> SHIFT) << SHIFT, min(((box[5] >> SHIFT) + 1) << SHIFT, state.shape[2])
-    line = np.zeros(((high - low + SIDE - 1) >> SHIFT) << SHIFT, np.uint8)
-    for row in range(start, stop):
+    line = room[: ((high - low + SIDE - 1) >> SHIFT) << SHIFT]
+    for row in range(start, min(stop, rows)):
         a, b = first_a + row // columns, first_b + row % columns
         for i in range(a << SHIFT, min((a + 1) << SHIFT, state.shape[0])):
             line[:] = 0

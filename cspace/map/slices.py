@@ -13,8 +13,8 @@ from cspace.rotations import Rotations
 from cspace.threads import cores, in_threads
 
 FEW = 16
-"""Slices that are made in one thread."""
-
+"""Slices that are made in one thread; and those of outlines in the plane, which take more of Python than of compiled
+code."""
 
 AT_ONCE = 64
 """Slices, at most, that are made together, but for those that are another one with the world's axes permuted."""
@@ -61,6 +61,6 @@ def raster_batches(
         return made
 
     fresh = np.flatnonzero(made_by < 0).tolist()
-    threads = cores() if len(fresh) > FEW else 1
+    threads = cores() if len(fresh) > FEW and robot.dim == 3 else 1
     for start in range(0, len(fresh), AT_ONCE):
         yield list(itertools.chain.from_iterable(in_threads(make, fresh[start : start + AT_ONCE], threads)))
