@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 import os
 import threading
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 
 from cspace.errors import FileError, InputError
 from cspace.grid import finite
-from cspace.io.input import damaged, decoding, existing
+from cspace.io.input import damaged, decoding, existing, read_bytes
 from cspace.io.limits import check_cells
 
 if TYPE_CHECKING:
@@ -117,17 +118,19 @@ def read_shades(path: str | os.PathLike[str], kind: str) -> Shades:
         rule = f"{kind} is a whole file of {', '.join(FORMATS)}"
         return FileError(str(file), f"cannot be decoded as an image: {reason}", rule, "save it again")
 
+    data = read_bytes(file, kind)
     with decoding(file, kind, refusal):
         with _PILLOWS_LIMIT:
             limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
             try:
-                image = Image.open(file, formats=FORMATS)
+                # From memory, where a chunk that claims gigabytes ends with the file.
+                image = Image.open(io.BytesIO(data), formats=FORMATS)
             finally:
                 Image.MAX_IMAGE_PIXELS = limit
         with image, warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of metadata that cannot be read, which is not asked for
             check_cells(file, image.size, memory=_BYTES_A_PIXEL)
-            if image.format in _PACKED and math.prod(image.size) > _MOST_A_BYTE * file.stat().st_size:
+            if image.format in _PACKED and math.prod(image.size) > _MOST_A_BYTE * len(data):
                 raise damaged(file, f"declares {image.width} x {image.height} pixels, more than its bytes can hold")
             image.load()
             return _shades(image, str(file))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -168,3 +170,19 @@ def test_real_mazes_against_a_plain_reading(data: Path, name: str) -> None:
     assert 0 < sum(dark) < 450 * 450
     for x, y in np.random.default_rng(1).integers(450, size=(500, 2)).tolist():
         assert workspace.outer[x, y] == dark[(449 - y) * 450 + x]
+
+
+def test_a_chunk_that_claims_gigabytes_takes_none(tmp_path: Path) -> None:
+    file = tmp_path / "claims.png"
+    Image.fromarray(np.full((8, 8), 255, np.uint8)).save(file)
+    data = bytearray(file.read_bytes())
+    at = data.index(b"IDAT") - 4
+    data[at : at + 4] = (2**31 - 1).to_bytes(4, "big")
+    file.write_bytes(data)
+    tracemalloc.start()
+    try:
+        with suppress(FileError):
+            Workspace.from_image(file, 0.1)
+        assert tracemalloc.get_traced_memory()[1] < 50e6
+    finally:
+        tracemalloc.stop()
