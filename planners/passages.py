@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from cspace.map.chain import open_chain
 from cspace.map.points import FEW
+from cspace.memory import KEEP, free_bytes
 from cspace.states import FREE
 from planners.local_planner import LocalPlanner
 from planners.search import Found, Search
@@ -71,7 +72,8 @@ class Passages:
         space = self.edges.space
         cells = (space.rotations.count, *space.grid.shape)
         needed = math.prod(cells) / RATE
-        worth = needed <= 0.5 * self.time_limit
+        # Two bytes a cell: what is closed, and how each was reached.
+        worth = needed <= 0.5 * self.time_limit and 2 * math.prod(cells) <= KEEP * free_bytes()
         if self.edges.edge_checker()(*start, *goal) or not worth:
             return self.search.run(self.edges, start, goal, self.time_limit)
         self._prepare(start)
