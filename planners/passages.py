@@ -90,14 +90,14 @@ class Passages:
         """The planner alone and chains in turns, each time for twice as long."""
         space, rng = self.edges.space, np.random.default_rng(self.search.seed)
         closed = np.zeros(cells, dtype=np.bool_)
-        share = min(FIRST * self.time_limit, 1.0)
+        search, share = self.search, min(FIRST * self.time_limit, 1.0)
         while True:
             last = self._left() - share <= needed
             alone = max(self._left() if last else share, 1e-3)
-            found = self.search.run(self.edges, start, goal, alone)
+            found = search.run(self.edges, start, goal, alone)
             if len(found.path) and found.planning > 0.9 * alone and not last:
                 # A planner that goes on improving has the rest of the time for it.
-                again = self.search.run(self.edges, start, goal, max(self._left(), 1e-3))
+                again = search.run(self.edges, start, goal, max(self._left(), 1e-3))
                 found = again if len(again.path) else found
             if len(found.path) or last:
                 return replace(found, planning=time.perf_counter() - self.began - found.simplification)
@@ -117,6 +117,8 @@ class Passages:
                     path = self._shortened(path) if by_length else path
                     return Found(path, THROUGH, time.perf_counter() - self.began)
             share *= 2.0
+            if search.seed is not None:  # else it would look again where it was
+                search = replace(search, seed=(search.seed + 1) % (2**32 - 1))
 
     def _left(self) -> float:
         """Seconds that are left; below zero where time is over."""
