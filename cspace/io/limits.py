@@ -89,7 +89,7 @@ def check_bytes(path: str | os.PathLike[str], size: int, what: str = "holds", me
             f"raise it with cspace.io.limits.raised_limits(max_bytes={size}), if the file is meant to be so large",
             value=size,
         )
-    _check_memory(path, f"{what} {in_words(size)}", memory * size)
+    check_memory(path, f"{what} {in_words(size)}", memory * size)
 
 
 def check_cells(path: str | os.PathLike[str], shape: Sequence[int], memory: float = 1.0) -> None:
@@ -118,10 +118,16 @@ def check_cells(path: str | os.PathLike[str], shape: Sequence[int], memory: floa
             f"raise it with cspace.io.limits.raised_limits(max_cells={count}), if the map is meant to be so large",
             value=tuple(shape),
         )
-    _check_memory(path, declared, memory * count)
+    check_memory(path, declared, memory * count)
 
 
-def _check_memory(path: str | os.PathLike[str], declared: str, needed: float) -> None:
+def check_memory(path: str | os.PathLike[str], declared: str, needed: float) -> None:
+    """Refuse a file whose reading takes ``needed`` bytes, where so many are not free.
+
+    Raises
+    ------
+    FileError
+    """
     free = free_bytes()
     if free is not None and needed > _MOST_OF_MEMORY * free:
         raise FileError(

@@ -10,6 +10,7 @@ and without its unit.
 from __future__ import annotations
 
 import io
+import logging
 import os
 import re
 import warnings
@@ -29,6 +30,9 @@ from cspace.io.obj import read_obj
 from cspace.io.off import read_off
 from cspace.io.ply import read_ply
 from cspace.io.polygons import Floats, Integers, Surface, joined, placed, triangulated
+
+# What trimesh logs of a bad file is said by the one error that is raised for it.
+logging.getLogger("trimesh").addHandler(logging.NullHandler())
 
 _KIND: Final = "mesh"
 

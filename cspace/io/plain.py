@@ -15,6 +15,7 @@ import numpy as np
 
 from cspace.errors import FileError
 from cspace.io.input import read_text
+from cspace.io.limits import check_memory
 
 DEEPEST: Final = 64
 """Levels of lists, tables and brackets, at most."""
@@ -74,16 +75,25 @@ def read_yaml(path: str | os.PathLike[str], kind: str) -> Any:
     return open_values[0][0] if open_values[0] else None
 
 
-def read_json(path: str | os.PathLike[str], kind: str) -> Any:
+def read_json(path: str | os.PathLike[str], kind: str, each_list: float = 0.0) -> Any:
     """The value of a JSON file; ``kind`` says in messages what it should be.
+
+    Parameters
+    ----------
+    path : path-like
+    kind : str
+    each_list : float
+        Bytes that the caller takes for each list of the file, beside what the value itself takes.
 
     Raises
     ------
     FileError
-        If the file is missing, is not JSON, or is nested too deeply.
+        If the file is missing, is not JSON, is nested too deeply, or does not fit into memory.
     """
     text, file = read_text(path, kind, memory=20.0), os.fspath(path)
     check_nesting(text, file, "[{", "]}")
+    lists = text.count("[")
+    check_memory(file, f"holds {lists:,} lists", each_list * lists + 20.0 * len(text))
     try:
         return json.loads(text, parse_int=_integer)
     except (ValueError, RecursionError) as error:

@@ -12,14 +12,22 @@ import numpy as np
 
 from cspace.errors import FileError, GeometryError, InputError
 from cspace.io.input import read_text
+from cspace.io.limits import check_memory
 from cspace.io.plain import check_nesting, read_json
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
     from shapely.geometry.base import BaseGeometry
 
 SUFFIXES: Final = (".geojson", ".json", ".wkt")
 
 _KIND: Final = "file of polygons"
+
+_FIRST_COLLECTION: Final = 4
+"""Type number of a multipoint in GEOS; those above are collections as well."""
+
+_BYTES_A_POINT: Final = 1000.0
+"""What a point of a file takes at most, as an object of its own and once more within its collection."""
 
 _WKT: Final = re.compile(
     r"\s*(POINT|LINESTRING|LINEARRING|POLYGON|MULTI\w+|GEOMETRYCOLLECTION)\s*(Z|M|ZM)?\s*(\(|EMPTY)", re.IGNORECASE
@@ -54,8 +62,8 @@ def read_shapes(source: Any) -> list[BaseGeometry]:
     FileError
         If the file is missing or is not JSON or WKT.
     """
-    named = [part for name, shape in _geometries(source, "polygons") for part in _parts(shape, name)]
-    names, shapes = [name for name, _ in named], [shape for _, shape in named]
+    named = [(name, _parts(shape)) for name, shape in _geometries(source, "polygons")]
+    shapes = [part for _, parts in named for part in parts]
     if not shapes:
         raise GeometryError(
             "polygons",
@@ -63,7 +71,7 @@ def read_shapes(source: Any) -> list[BaseGeometry]:
             "obstacles must cover some ground",
             "pass at least one polygon, line or point, or use Workspace.from_array for a map without obstacles",
         )
-    _check(names, shapes)
+    _check([name for name, _ in named], np.cumsum([len(parts) for _, parts in named]), shapes)
     return shapes
 
 
@@ -105,6 +113,8 @@ def _from_text(source: str | os.PathLike[str], name: str) -> Iterator[tuple[str,
     file = os.fspath(source)
     if suffix == ".wkt":
         text = read_text(source, _KIND, memory=10.0)
+        points = 1 + text.count(",")
+        check_memory(file, f"holds {points:,} points", _BYTES_A_POINT * points)
         lines = [line for line in text.split("\n") if line.strip()]
         if lines and all(_WKT.match(line) for line in lines):
             for number, line in enumerate(lines, start=1):
@@ -114,7 +124,7 @@ def _from_text(source: str | os.PathLike[str], name: str) -> Iterator[tuple[str,
         else:
             raise FileError(file, f"begins with {text[:40]!r}", "it must hold WKT", "write e.g. 'POINT (1 2)'")
         return
-    document = read_json(source, _KIND)
+    document = read_json(source, _KIND, each_list=_BYTES_A_POINT)
     if not isinstance(document, dict):
         raise FileError(
             file, f"holds a JSON {type(document).__name__}", "GeoJSON is an object", "write e.g. {'type': ...}"
@@ -171,38 +181,46 @@ def _from_geojson(document: Mapping[str, Any], name: str) -> Iterator[tuple[str,
     yield name, geometry
 
 
-def _parts(shape: BaseGeometry, name: str) -> Iterator[tuple[str, BaseGeometry]]:
-    """The simple geometries of a collection; a simple one itself."""
-    if shape.is_empty or not hasattr(shape, "geoms"):
-        yield name, shape
-        return
-    for index, part in enumerate(shape.geoms):
-        yield from _parts(part, f"{name}, part {index}")
+def _parts(shape: BaseGeometry) -> list[BaseGeometry]:
+    """The simple geometries of a collection, however deep it is nested; of a simple one itself."""
+    import shapely
+
+    parts = np.array([shape], dtype=object)
+    while (nested := (shapely.get_type_id(parts) >= _FIRST_COLLECTION) & ~shapely.is_empty(parts)).any():
+        inner, owners = shapely.get_parts(parts[nested], return_index=True)
+        places = np.concatenate([np.flatnonzero(~nested), np.flatnonzero(nested)[owners]])
+        parts = np.concatenate([parts[~nested], inner])[np.argsort(places, kind="stable")]
+    return list(parts)
 
 
-def _check(names: list[str], shapes: list[BaseGeometry]) -> None:
+def _check(names: list[str], lasts: NDArray[np.int64], shapes: list[BaseGeometry]) -> None:
     """Raise GeometryError for the first shape that breaks a rule."""
     import shapely
+
+    def name_of(which: np.integer) -> str:
+        source = int(np.searchsorted(lasts, which, side="right"))
+        first = int(lasts[source - 1]) if source else 0
+        return names[source] if lasts[source] - first == 1 else f"{names[source]}, part {which - first}"
 
     array = np.array(shapes, dtype=object)
     points, owners = shapely.get_coordinates(array, return_index=True)
     broken = np.flatnonzero(~np.isfinite(points).all(axis=1))
     if len(broken):
         x, y = points[broken[0]]
-        name = names[owners[broken[0]]]
+        name = name_of(owners[broken[0]])
         raise GeometryError(name, f"has a vertex at ({x}, {y})", "NaN and infinities are refused", "drop or replace it")
     for which in np.flatnonzero(shapely.is_empty(array)):
-        raise GeometryError(names[which], "is empty", "an obstacle must cover some ground", "leave it out or fill it")
+        raise GeometryError(name_of(which), "is empty", "an obstacle must cover some ground", "leave it out or fill it")
     for which in np.flatnonzero(shapely.has_z(array)):
         raise GeometryError(
-            names[which],
+            name_of(which),
             "has z coordinates",
             "obstacles in the plane have two",
             "drop them with shapely.force_2d, if their height does not matter",
         )
     for which in np.flatnonzero(~shapely.is_valid(array)):
         raise GeometryError(
-            names[which],
+            name_of(which),
             f"is not valid: {shapely.is_valid_reason(array[which])}",
             "a border may not cross itself",
             "redraw it, or try shapely.make_valid",

@@ -195,6 +195,24 @@ def test_limits_may_be_lowered_and_raised(tmp_path: Path, monkeypatch: pytest.Mo
     refused(tmp_path / "a.3dmap", "500 bytes of memory are free")
 
 
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("a.wkt", f"MULTIPOINT({','.join(['1 1'] * 1000)})", "holds 1,000 points"),
+        ("a.geojson", json.dumps({"type": "MultiPoint", "coordinates": [[1, 1]] * 1000}), "holds 1,001 lists"),
+    ],
+)
+def test_points_count_by_what_they_take_as_objects(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, content: str, words: str
+) -> None:
+    """Four bytes of text become an object of hundreds."""
+    (tmp_path / name).write_text(content)
+    monkeypatch.setattr("cspace.io.limits.free_bytes", lambda: 10**6)
+    refused(tmp_path / name, words, spacing=0.1)
+    monkeypatch.setattr("cspace.io.limits.free_bytes", lambda: 10**7)
+    assert Workspace.open(tmp_path / name, spacing=0.1, bounds=(0, 0, 2, 2)).grid.shape == (20, 20)
+
+
 def test_a_few_nodes_do_not_unfold_into_any_number(tmp_path: Path, families: dict[str, Path]) -> None:
     """Of COLLADA, where nodes hold others, and of both formats, where a scene shows a mesh in many places."""
     text, shown = families["box.dae"].read_text(), '<instance_geometry url="#g"/>'

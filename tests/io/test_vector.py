@@ -191,6 +191,7 @@ BOW_TIE = "POLYGON ((0 0, 1 1, 1 0, 0 1, 0 0))"
         (BOW_TIE, r"polygons is not valid: Self-intersection\[0.5 0.5\]"),
         ([L_SHAPE, BOW_TIE], r"polygons\[1\] is not valid"),
         (shapely.MultiPolygon([L_SHAPE, shapely.from_wkt(BOW_TIE)]), "polygons, part 1 is not valid"),
+        ([FAR, shapely.MultiPolygon([L_SHAPE, shapely.from_wkt(BOW_TIE)])], r"polygons\[1\], part 1 is not valid"),
         ("POLYGON ((0 0, 1 0, 2 0, 0 0))", "polygons is not valid"),
         ("LINESTRING (0 0, 0 0)", "polygons is not valid: Too few points"),
         (shapely.Point(float("nan"), 0.0), r"vertex at \(nan, "),
