@@ -39,9 +39,7 @@ _KIND: Final = "mesh"
 _RECORD: Final = 50
 """Bytes of a triangle in a binary STL file, after a head of 84."""
 
-_FACET: Final = re.compile(
-    rb"\bfacet\s+normal\s+\S+\s+\S+\s+\S+\s+outer\s+loop(?:\s+vertex\s+\S+\s+\S+\s+\S+){3}\s+endloop\s+endfacet\b"
-)
+_FACET: Final = re.compile(rb"\bfacet normal \S+ \S+ \S+ outer loop(?: vertex \S+ \S+ \S+){3} endloop endfacet\b")
 _SOLIDS: Final = re.compile(rb"^[ \t]*(end)?solid\b[^\n]*", re.MULTILINE)
 
 
@@ -142,13 +140,14 @@ def _stl_text(data: bytes, file: Path) -> tuple[bytes, int]:
         raise damaged(file, "has facets on a line of solid or endsolid; they need lines of their own")
     # The names of solids go: trimesh looks for its keywords in them too.
     text = _SOLIDS.sub(lambda line: b"endsolid" if line[1] else b"solid", text)
+    text = b" ".join(text.split())  # patterns that look for blanks take the square of a long run of them
     facets = _FACET.findall(text)
     counts = [text.count(word) for word in (b"facet", b"normal", b"vertex")]
     if counts != [2 * len(facets), len(facets), 3 * len(facets)]:
         raise damaged(file, f"has words of facets beside its {len(facets)} whole ones")
     # A line for each vertex; normals are not asked for.
-    text = re.sub(rb"\bnormal\s+\S+\s+\S+\s+\S+", b"normal 0 0 0", text)
-    return re.sub(rb"\s+(?=vertex|endloop|endsolid|facet)", b"\n", text), len(facets)
+    text = re.sub(rb"\bnormal \S+ \S+ \S+", b"normal 0 0 0", text)
+    return re.sub(rb" (?=vertex|endloop|endsolid|facet)", b"\n", text), len(facets)
 
 
 def _counted(loaded: Any, declared: int, file: Path) -> Surface:

@@ -30,7 +30,8 @@ _BYTES_A_POINT: Final = 1000.0
 """What a point of a file takes at most, as an object of its own and once more within its collection."""
 
 _WKT: Final = re.compile(
-    r"\s*(POINT|LINESTRING|LINEARRING|POLYGON|MULTI\w+|GEOMETRYCOLLECTION)\s*(Z|M|ZM)?\s*(\(|EMPTY)", re.IGNORECASE
+    r"\s*(POINT|LINESTRING|LINEARRING|POLYGON|MULTI\w+|GEOMETRYCOLLECTION)\s*(?:(?:ZM|Z|M)\s*)?(?:\(|EMPTY)",
+    re.IGNORECASE,
 )
 
 

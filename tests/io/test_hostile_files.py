@@ -213,6 +213,24 @@ def test_points_count_by_what_they_take_as_objects(
     assert Workspace.open(tmp_path / name, spacing=0.1, bounds=(0, 0, 2, 2)).grid.shape == (20, 20)
 
 
+@pytest.mark.parametrize("fill", [" ", "\n", "0"])
+@pytest.mark.parametrize("name", ["text.stl", "shapes.wkt", "text.ply", "box.obj", "box.off", "map.yaml"])
+def test_long_runs_are_read_in_time_linear_in_their_length(families: dict[str, Path], name: str, fill: str) -> None:
+    """Where the square of their number is taken, this takes hours."""
+    path, run = families[name], 300_000 * fill
+    content = path.read_text()
+    places = [place for place, letter in enumerate(content) if letter in " \n("]
+    for place in (places[0], places[len(places) // 2], places[-1]):
+        path.write_text(content[:place] + run + content[place:])
+        assert soak.attempt(path) in ("opened", "refused")
+    path.write_text(content)
+
+
+def test_blanks_where_a_bracket_should_be(tmp_path: Path) -> None:
+    (tmp_path / "a.wkt").write_text(f"POINT{' ' * 300_000}1")
+    refused(tmp_path / "a.wkt", "begins with", spacing=0.1)
+
+
 def test_a_few_nodes_do_not_unfold_into_any_number(tmp_path: Path, families: dict[str, Path]) -> None:
     """Of COLLADA, where nodes hold others, and of both formats, where a scene shows a mesh in many places."""
     text, shown = families["box.dae"].read_text(), '<instance_geometry url="#g"/>'
