@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.engines import ENGINES, METHODS, Engine, choose
 from cspace.errors import InputError
+from cspace.map.contents import Contents
 from cspace.map.exterior import Exterior, check_outside
 from cspace.map.slices import Pair, raster_batches
 from cspace.map.storage import PackedStates, Stack
@@ -101,17 +102,16 @@ def build(
     >>> space.is_free([1.0, 1.5])
     True
     """
-    from cspace.space import CSpace
-
     margin, cells = check_margin(margin), Rotations.of(rotations)
     _check(workspace, robot, cells, method, overlap, outside, workers)
     grid = workspace.grid
-    slices = int(cells.slice_of(robot).max()) + 1
+    slice_of = cells.slice_of(robot)
+    slices = int(slice_of.max()) + 1
     needed = map_bytes(grid.shape, slices, overlap)
     check_memory(needed, "the map", grid.shape, grid.spacing, fixed=TRANSFORM_BYTES, fewer=cells.fewer)
     batches = raster_batches(robot, grid.spacing, margin, cells)
     rasters, exterior, overlaps = None, None, None
-    state: Stack
+    states: Stack
 
     def correlation_of(pairs: Sequence[Pair], tell: Progress | None) -> tuple[_Correlation, list[list[Raster]]]:
         """The engine for the rasters of slices, and these by side."""
@@ -123,7 +123,7 @@ def build(
         return _Correlation(engine, outside == "blocked", workers, tell), sides
 
     if is_packed(grid.shape, slices, overlap):
-        state, done, precision = PackedStates((slices, *grid.shape)), 0, ""
+        states, done, precision = PackedStates((slices, *grid.shape)), 0, ""
         table = np.empty((slices, 2 * grid.dim + 1), dtype=np.int64)
         scratch = np.empty((max(1, SCRATCH_BYTES // grid.size), *grid.shape), dtype=np.uint8)
         for batch in batches:
@@ -131,36 +131,24 @@ def build(
                 numbers, pairs = zip(*batch[start : start + len(scratch)], strict=True)
                 correlation, sides = correlation_of(pairs, None)
                 precision = max(precision, correlation.fill(workspace, sides, scratch[: len(pairs)], None))
-                for number, states in zip(numbers, scratch, strict=False):
-                    state.write(number, states)
+                for number, made in zip(numbers, scratch, strict=False):
+                    states.write(number, made)
                 table[list(numbers)] = Exterior.of(workspace.outer, pairs, outside).table
                 done += len(pairs)
                 if progress is not None:
                     progress(done, slices)
         exterior = Exterior(table)
     else:
-        made = dict(itertools.chain.from_iterable(batches))
-        rasters = [made[number] for number in range(slices)]
+        by_number = dict(itertools.chain.from_iterable(batches))
+        rasters = [by_number[number] for number in range(slices)]
         correlation, sides = correlation_of(rasters, progress)
-        stack = np.empty((slices, *grid.shape), dtype=np.uint8)
-        counts = np.empty(stack.shape, dtype=np.int32) if overlap else None
-        precision = correlation.fill(workspace, sides, stack, counts)
-        state = stack.reshape(*cells.leading(slices), *grid.shape)
-        overlaps = None if counts is None else counts.reshape(state.shape)
-    return CSpace(
-        workspace,
-        robot,
-        state,
-        outside=outside,
-        margin=margin,
-        precision=precision,
-        overlaps=overlaps,
-        rotations=cells,
-        rasters=rasters,
-        exterior=exterior,
-        trusted=True,
-        tells_blocked=inner,
+        states = np.empty((slices, *grid.shape), dtype=np.uint8)
+        overlaps = np.empty(states.shape, dtype=np.int32) if overlap else None
+        precision = correlation.fill(workspace, sides, states, overlaps)
+    contents = Contents(
+        workspace, robot, cells, slice_of, states, outside, margin, precision, overlaps, tells_blocked=inner
     )
+    return CSpace(contents, rasters, exterior)
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,9 +230,7 @@ def _check(
             "they must agree",
             "take both in the plane or both in space",
         )
-    if robot.dim == 2 and not rotations.in_plane:
-        rule, mend = "a robot in the plane turns by its yaw", "pass e.g. rotations=72"
-        raise InputError("rotations", f"are {rotations}", rule, mend, value=rotations)
+    rotations.check_dimension(robot.dim)
     if workers is not None and (not isinstance(workers, int) or workers < 1):
         rule = "it must be a whole number above zero, or None for all cores"
         raise InputError("workers", f"is {workers!r}", rule, "leave it out", value=workers)

@@ -5,17 +5,15 @@ from __future__ import annotations
 import json
 import math
 import os
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.errors import FileError, GeometryError, InputError
+from cspace.errors import FileError, InputError
 from cspace.grid import MAX_COORDINATE, finite, positive
 from cspace.raster.raster import Raster
 from cspace.rotations import STILL, Turn
@@ -27,9 +25,6 @@ if TYPE_CHECKING:
 
     from cspace.shapes.balls import BallSet
     from cspace.shapes.mesh import MeshLike, Solid
-
-MOST_OFF: Final = 100.0
-"""How many times its own size a robot's mesh may lie off its reference point."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +47,7 @@ class Robot:
     shape: Shape
 
     def __repr__(self) -> str:
-        return f"Robot({self.name}, {'in the plane' if self.dim == 2 else 'in space'})"
+        return f"Robot({self.name}, in {self.shape.place})"
 
     def _repr_html_(self) -> str:
         """The repr and a small picture, for notebooks."""
@@ -144,9 +139,8 @@ class Robot:
             raise InputError(
                 "radii", f"holds {least:g}", "each must be above zero", "drop balls that have no volume", value=least
             )
-        kind = "disc" if balls.dim == 2 else "ball"
         count = len(balls.radii)
-        return cls(f"{kind} {balls.radii[0]:g} m" if count == 1 else f"{count} {kind}s", balls)
+        return cls(f"{balls.noun} {balls.radii[0]:g} m" if count == 1 else f"{count} {balls.noun}s", balls)
 
     @classmethod
     def box(cls, extents: ArrayLike, center: ArrayLike = (0.0, 0.0, 0.0)) -> Robot:
@@ -185,7 +179,7 @@ class Robot:
             If the file cannot be read.
         """
         mesh = Mesh.of(shape, solid)
-        _check_origin(mesh, warn=True)
+        mesh.check_origin(warn=True)
         return cls(name or f"mesh of {len(mesh.faces)} triangles", mesh)
 
     @classmethod
@@ -226,7 +220,7 @@ class Robot:
             raise InputError(
                 "spec", f"is {str(spec)[:80]}", f"it must be one that Robot.spec makes: {error}", "write it again"
             ) from error
-        _check_origin(robot.shape, warn=False)
+        robot.shape.check_origin()
         return robot
 
     @classmethod
@@ -302,14 +296,7 @@ class Robot:
 
         Only turns that map it to itself to the last bit count.
         """
-        if self.shape.is_round_about_z:
-            return 0
-        for order, (cosine, sine) in ((4, (0.0, 1.0)), (2, (-1.0, 0.0))):
-            matrix = np.eye(self.dim)
-            matrix[:2, :2] = [[cosine, -sine], [sine, cosine]]
-            if self.shape.is_same(matrix):
-                return order
-        return 1
+        return self.shape.symmetry
 
     @cached_property
     def half_turns(self) -> tuple[int, ...]:
@@ -317,10 +304,7 @@ class Robot:
 
         None of a robot in the plane.
         """
-        if self.dim == 2:
-            return ()
-        ways = [np.diag(np.where(np.arange(3) == axis, 1.0, -1.0)) for axis in range(3)]
-        return tuple(axis for axis, matrix in enumerate(ways) if self.shape.is_same(matrix))
+        return self.shape.half_turns
 
     @property
     def is_round(self) -> bool:
@@ -416,28 +400,3 @@ def _from_text(source: str) -> Robot:
 def _form(names: Sequence[str]) -> str:
     """How the lengths of a short text are written, as ``LENGTHxWIDTH``."""
     return "x".join(name.upper() for name in names)
-
-
-def _check_origin(shape: Shape, *, warn: bool) -> None:
-    """Refuse a mesh that lies so far from its reference point that this can hardly be meant, and warn of one that may
-    not."""
-    if not isinstance(shape, Mesh):
-        return
-    lower, upper = shape.bounds
-    size = float(np.linalg.norm(upper - lower))
-    far = float(np.linalg.norm(np.maximum(np.maximum(lower, -upper), 0.0)))
-    move = f"({', '.join(f'{-x:g}' for x in (lower + upper) / 2)}) m"
-    if far > MOST_OFF * size:
-        raise GeometryError(
-            "mesh",
-            f"is {size:g} m across and lies {far:g} m from its origin, which is the robot's reference point",
-            f"at most {MOST_OFF:g} times its size is accepted",
-            f"move it there first, by {move} for its middle",
-        )
-    if warn and far > size:
-        warnings.warn(
-            f"the robot's mesh is {size:g} m across and lies {far:g} m from its origin, which is its reference point: "
-            "a configuration is where that point is; unless this is meant, move the mesh there first, by "
-            f"{move} for its middle",
-            stacklevel=3,
-        )

@@ -124,12 +124,12 @@ class Rotations(Orientation):
     ----------
     dof : int
         How many numbers of a configuration tell its rotation: those behind the position.
-    in_plane : bool
-        Whether there are such rotations in the plane, too.
+    slack : float
+        Radians by which rounding may turn a robot beyond what its configuration tells.
     """
 
     dof: ClassVar[int]
-    in_plane: ClassVar[bool] = True
+    slack: ClassVar[float] = YAW_SLACK
 
     @staticmethod
     def of(value: int | Sequence[float] | Rotations | ArrayLike | None) -> Rotations:
@@ -198,6 +198,19 @@ class Rotations(Orientation):
     def cell_of(self, rotation: ArrayLike) -> Ints:
         """Cells that hold rotations: yaw angles (radians, any shape), or quaternions, shape (..., 4)."""
 
+    def one_cell(self, rotation: ArrayLike | None, name: str, rule: str) -> int:
+        """Number of the cell that holds a rotation; of the only cell, where none is told.
+
+        Raises
+        ------
+        InputError
+            If it is not one rotation, or none is told and there are several cells; ``rule`` says why one is needed.
+        """
+        if rotation is None and self.count > 1:
+            rule = f"{rule}, and this map has {self.count} rotation cells"
+            raise InputError(name, "is missing", rule, f"pass the one to take, by {', '.join(self.names)}")
+        return int(self.cells_of(self.centers[0] if rotation is None else self.checked(rotation, name)))
+
     @abstractmethod
     def cells_of(self, q: Floats) -> Ints:
         """Cells of configurations, shape (..., d + dof), of which only the last dof numbers count; shape (...)."""
@@ -209,6 +222,15 @@ class Rotations(Orientation):
     @abstractmethod
     def keep(self, robot: Symmetric) -> bool:
         """Whether all rotations of all cells map a robot to itself."""
+
+    def check_dimension(self, dim: int) -> None:
+        """Refuse robots of a dimension in which there are no such rotations.
+
+        Raises
+        ------
+        InputError
+            If it is one.
+        """
 
     @abstractmethod
     def fewer(self, share: float) -> str:
@@ -301,6 +323,7 @@ class OneRotation(Unturned, Rotations):
     """The one cell of a robot that only translates."""
 
     dof: ClassVar[int] = 0
+    slack: ClassVar[float] = 0.0
     COORDINATES: ClassVar[tuple[str, ...]] = ()
 
     @property
@@ -589,7 +612,6 @@ class QuaternionRotations(Quaternion, Rotations):
 
     n: int
     dof: ClassVar[int] = 4
-    in_plane: ClassVar[bool] = False
     COORDINATES: ClassVar[tuple[str, ...]] = ("quaternion", "covering_angle")
 
     @property
@@ -636,6 +658,12 @@ class QuaternionRotations(Quaternion, Rotations):
     def leading(self, n: int) -> tuple[int, ...]:
         """One axis of n."""
         return (n,)
+
+    def check_dimension(self, dim: int) -> None:
+        """Refuse robots in the plane."""
+        if dim == 2:
+            rule, mend = "a robot in the plane turns by its yaw", "pass e.g. rotations=72"
+            raise InputError("rotations", f"are {self}", rule, mend, value=self)
 
     def keep(self, robot: Symmetric) -> bool:
         """Whether it is a ball about its reference point."""

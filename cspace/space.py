@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Unpack, overload
+from typing import TYPE_CHECKING, Literal, Unpack, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,16 +14,16 @@ from numpy.typing import ArrayLike, NDArray
 from cspace.errors import ConfigurationError, InputError
 from cspace.grid import Grid, finite
 from cspace.map.batches import Kernel, Many, One, answer, answer_edges, answer_pairs, as_pairs, as_points, check_rng
-from cspace.map.exterior import Exterior, check_outside
-from cspace.map.fields import checked_fields, read_only, writable
+from cspace.map.contents import Contents
+from cspace.map.exterior import Exterior
 from cspace.map.kept import Change, Kept, Lock
 from cspace.map.record import Map
 from cspace.map.slices import slice_rasters
-from cspace.map.storage import PackedStates, Stack, cells_of, check_bytes, counts_of, read_only_of, record_of
+from cspace.map.storage import PackedStates, cells_of, check_bytes, counts_of, read_only, read_only_of, record_of
 from cspace.raster.raster import Raster
 from cspace.robot import Robot
 from cspace.rotations import Rotations
-from cspace.states import BLOCKED, FREE
+from cspace.states import FREE
 from cspace.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -64,86 +64,26 @@ class CSpace:
 
     Parameters
     ----------
-    workspace : Workspace
-    robot : Robot
-    state : ndarray of uint8, shape (nx, ny) or (nx, ny, nz); with rotations (slices, nx, ny) or (slices, nx, ny, nz)
-        FREE, MIXED or BLOCKED, of each cell of positions of the robot's reference point; with rotations, of each slice.
-        It is taken over, not copied, unless it is read-only: updates write into it. Or states in two bits each.
-    outside : {"blocked", "free"}
-    margin : float
-        Metres by which the robot was grown for FREE.
-    precision : {"integer", "float32", "float64"}
-        Arithmetic of the engine: whole numbers, or transforms in floating point, rounded to them.
-    overlaps : ndarray of int32, the shape of state, optional
-        Overlap of each cell.
-    rotations : Rotations, optional
-        Rotation cells; the one of a robot that only translates, if left out.
+    contents : Contents
+        All that the map is.
     rasters : sequence of (outer, inner) Raster, optional
         The robot's, for each slice; made again, when they are needed, if left out.
     exterior : Exterior, optional
         What is known outside the grid; made from the rasters if left out.
-    fields : mapping of str to ndarray of float64, the shape of state, optional
-        What :class:`cspace.spectral.OverlapField` holds; all of it, or nothing.
-    trusted : bool
-        Whether the states are known to be those three, as those of a build are, and not looked at.
-    tells_blocked : bool, optional
-        Whether BLOCKED is told from MIXED; None where that is not known, as of a map from a file.
-
-    Attributes
-    ----------
-    overlaps : ndarray of int32, the shape of state, or None
-        Overlap of each cell; read-only.
     """
 
     def __init__(
         self,
-        workspace: Workspace,
-        robot: Robot,
-        state: Stack,
-        *,
-        outside: str,
-        margin: float,
-        precision: str,
-        overlaps: NDArray[np.int32] | None = None,
-        rotations: Rotations | None = None,
+        contents: Contents,
         rasters: Sequence[tuple[Raster, Raster]] | None = None,
         exterior: Exterior | None = None,
-        fields: Mapping[str, NDArray[np.float64]] | None = None,
-        trusted: bool = False,
-        tells_blocked: bool | None = None,
     ) -> None:
-        self.rotations = Rotations.of(rotations)
-        self._slice_of = self.rotations.slice_of(robot)
-        grid = workspace.grid
-        shape = (*self.rotations.leading(int(self._slice_of.max()) + 1), *grid.shape)
-        for name, array, kind in (("state", state, np.uint8), ("overlaps", overlaps, np.int32)):
-            if array is not None and (array.shape != shape or array.dtype != kind):
-                rule = f"it must have the map's shape {shape} and type {np.dtype(kind)}"
-                raise InputError(name, f"has shape {array.shape} and type {array.dtype}", rule, "use cspace.build")
-        check_outside(outside)
-        highest = 0 if trusted else max(int(part.max(initial=0)) for part in state)
-        if highest > BLOCKED:
-            rule = "it must be FREE, MIXED or BLOCKED, 0 to 2"
-            raise InputError("state", f"holds {highest}", rule, "use cspace.build", value=highest)
-        self.workspace = replace(workspace, live=False) if workspace.live else workspace
-        self.robot = robot
-        self.outside = outside
-        self.margin = margin
-        self.precision = precision
-        self._tells_blocked = tells_blocked
-        # Updates write through views of their own; all others see read-only ones.
-        if isinstance(state, PackedStates):
-            self._states: Stack = state
-        else:
-            self._states = writable(state).view().reshape(-1, *grid.shape)
-        self._seen = read_only_of(self._states)
-        self._counts: NDArray[np.int32] | None = None
-        self.overlaps: NDArray[np.int32] | None = None
-        if overlaps is not None:
-            counts = writable(overlaps)
-            self._counts = counts.view().reshape(self._seen.shape)
-            self.overlaps = read_only(counts)
-        self._fields: Mapping[str, Floats] = checked_fields(fields, grid.dim, shape) if fields else {}
+        if contents.workspace.live:  # another map's, which updates it
+            contents = replace(contents, workspace=replace(contents.workspace, live=False))
+        self._contents = contents
+        # Updates write into the contents' states; all others see these.
+        self._seen = read_only_of(contents.states)
+        self._slice_of = contents.slice_of
         self._make_room()
         if rasters is not None:
             self._rasters_kept.get(lambda: list(rasters))
@@ -171,9 +111,45 @@ class CSpace:
     # ---- what the map is ---------------------------------------------------------------------------------------------
 
     @property
+    def workspace(self) -> Workspace:
+        """The obstacles; after an update, as they are now."""
+        return self._contents.workspace
+
+    @property
+    def robot(self) -> Robot:
+        """The robot."""
+        return self._contents.robot
+
+    @property
+    def rotations(self) -> Rotations:
+        """The rotation cells; one of a robot that only translates."""
+        return self._contents.rotations
+
+    @property
+    def outside(self) -> str:
+        """What lies beyond the workspace, "blocked" or "free"."""
+        return self._contents.outside
+
+    @property
+    def margin(self) -> float:
+        """Metres by which the robot was grown for FREE."""
+        return self._contents.margin
+
+    @property
+    def precision(self) -> str:
+        """Arithmetic of the engine: "integer" for whole numbers, "float32" or "float64" for transforms."""
+        return self._contents.precision
+
+    @property
+    def overlaps(self) -> NDArray[np.int32] | None:
+        """Overlap of each cell, by slice, if it was kept; read-only."""
+        counts = self._contents.overlaps
+        return None if counts is None else read_only(counts).reshape(self._contents.leading(len(counts)))
+
+    @property
     def grid(self) -> Grid:
         """Cells of positions of the robot's reference point; the workspace's grid."""
-        return self.workspace.grid
+        return self._contents.grid
 
     @property
     def dof(self) -> int:
@@ -183,7 +159,7 @@ class CSpace:
     @property
     def axes(self) -> tuple[str, ...]:
         """Names of the numbers in a configuration: x and y, in space z, then yaw or qx, qy, qz and qw."""
-        return (*"xyz"[: self.grid.dim], *self.rotations.names)
+        return self._contents.axes
 
     @property
     def state(self) -> NDArray[np.uint8]:
@@ -202,7 +178,7 @@ class CSpace:
             every = read_only(np.asarray(every))
         if len(every) < len(self._slice_of):
             every = read_only(every[self._slice_of])
-        return every.reshape(*self.rotations.leading(len(every)), *self.grid.shape)
+        return every.reshape(self._contents.leading(len(every)))
 
     def slice_at(self, rotation: ArrayLike = ()) -> NDArray[np.uint8]:
         """State of each cell in the rotation cell of a rotation, shape (nx, ny) or (nx, ny, nz).
@@ -221,10 +197,9 @@ class CSpace:
     def __repr__(self) -> str:
         free, mixed, blocked = self.count()
         cells = " x ".join(map(str, self.grid.shape))
-        turns = f" x {self.rotations}" if self.rotations.count > 1 else ""
-        return (
-            f"CSpace({cells} cells of {self.grid.spacing:g} m{turns}, {self.robot.name}: {free=}, {mixed=}, {blocked=})"
-        )
+        turns = f" x {self.rotations}" if self.rotations.names else ""
+        size = f"{cells} cells of {self.grid.spacing:g} m{turns}"
+        return f"CSpace({size}, {self.robot.name}: {free=}, {mixed=}, {blocked=})"
 
     def _repr_html_(self) -> str:
         """The repr and a small picture, for notebooks."""
@@ -232,24 +207,10 @@ class CSpace:
 
         return as_html(self, [repr(self)])
 
-    def __getstate__(self) -> dict[str, Any]:
-        """All that the map is; what was made at need is left behind, and so are the locks."""
-        names = ("robot", "outside", "margin", "precision", "rotations", "_slice_of", "_tells_blocked")
-        state = {name: getattr(self, name) for name in names}
+    def __reduce__(self) -> tuple[type[CSpace], tuple[Contents]]:
+        """A copy or a pickle has all that the map is; what was made at need is left behind, and so are the locks."""
         with self._lock:  # an update waits
-            state["workspace"] = replace(self.workspace, live=False)
-            state |= {"_states": self._states.copy(), "_fields": dict(self._fields)}
-            state["_counts"] = None if self._counts is None else self._counts.copy()
-        return state
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        self._seen = read_only_of(self._states)
-        self.overlaps = None
-        if self._counts is not None:
-            counts = self._counts.view()
-            self.overlaps = read_only(counts).reshape(*self.rotations.leading(len(counts)), *self.grid.shape)
-        self._make_room()
+            return type(self), (self._contents.copy(),)
 
     # ---- one configuration -------------------------------------------------------------------------------------------
 
@@ -756,26 +717,16 @@ class CSpace:
 
         patch = Patch.of(self.grid, cells, lower, inner)
         with self._lock:
-            return self._updater.get(lambda: Updater(self.workspace, self._subject())).update(patch)
+            return self._updater.get(lambda: Updater(self._subject())).update(patch)
 
     def _subject(self) -> Subject:
         from cspace.update import Subject
 
-        walled = self.outside == "blocked"
-        return Subject(
-            self._states,
-            self._counts,
-            self._slice_of,
-            self._rasters,
-            self._exterior,
-            walled,
-            self._tells_blocked,
-            self._renew,
-        )
+        return Subject(self._contents, self._rasters, self._exterior, self._renew)
 
     def _renew(self, change: Change) -> None:
         """Bring up to date what was made of the map, after its states and its exterior were changed in place."""
-        self.workspace, self._fields = change.workspace, {}
+        self._contents = replace(self._contents, workspace=change.workspace, fields={})
         self._outer_sums.renew(change)
         self._inner_sums.renew(change)
         if change.changed:
@@ -808,18 +759,16 @@ class CSpace:
         from cspace.spectral import OverlapField
 
         fields = OverlapField.of(self, overlap).arrays
-        made = CSpace.__new__(CSpace)
-        made.__setstate__(self.__getstate__())
-        made._fields = checked_fields(fields, self.grid.dim, next(iter(fields.values())).shape)
-        made._rasters_kept.get(lambda: self._rasters)
-        return made
+        with self._lock:  # an update waits
+            return CSpace(replace(self._contents.copy(), fields=fields), self._rasters)
 
     @property
     def overlap_field(self) -> OverlapField | None:
         """The overlap of descriptors that the map carries; None where there is none."""
         from cspace.spectral import OverlapField
 
-        return OverlapField(self, self._fields) if self._fields else None
+        fields = self._contents.fields
+        return OverlapField(self, fields) if fields else None
 
     # ---- files and pictures ------------------------------------------------------------------------------------------
 
@@ -827,14 +776,14 @@ class CSpace:
         """The map with named dimensions, coordinates and units; see :func:`cspace.io.labelled.to_xarray`."""
         from cspace.io.labelled import to_xarray
 
-        return to_xarray(self)
+        return to_xarray(self._contents)
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> None:
         """Save as a Zarr folder, which :func:`cspace.open` reads; see :func:`cspace.io.writing.save`."""
         from cspace.io.writing import save
 
         with self._lock:  # of cells, and of what they were proven against, all is of one moment
-            save(self, path, overwrite=overwrite)
+            save(self._contents, path, overwrite=overwrite)
 
     def export(self, path: str | Path, *, overwrite: bool = False, rotation: ArrayLike | None = None) -> None:
         """Write for other programs, by suffix; see :func:`cspace.io.writing.export`.
@@ -845,7 +794,7 @@ class CSpace:
         from cspace.io.writing import export
 
         with self._lock:
-            export(self, path, overwrite=overwrite, rotation=rotation)
+            export(self._contents, path, overwrite=overwrite, rotation=rotation)
 
     def plot(self, **options: Unpack[PlotOptions]) -> Axes:
         """Draw the map; see :func:`cspace.plot.plot`, which takes the same. No window is opened."""
@@ -885,7 +834,7 @@ class CSpace:
         from cspace.exact.boundaries import Problem
         from cspace.exact.queries import Exact
 
-        problem = Problem(self._map, self.dof, self.workspace, self.robot, self.margin, self.outside == "blocked")
+        problem = Problem(self._map, self.rotations, self.workspace, self.robot, self.margin, self.outside == "blocked")
         return self._exact_kept.get(lambda: Exact(problem))
 
     @property

@@ -28,9 +28,10 @@ from cspace.covering import check_cells
 from cspace.engines.dilation import Runs, collide
 from cspace.errors import InputError
 from cspace.grid import Grid
+from cspace.map.contents import Contents
 from cspace.map.exterior import Exterior, reached
 from cspace.map.kept import Change
-from cspace.map.storage import PackedStates, Stack, counts_of
+from cspace.map.storage import PackedStates, counts_of
 from cspace.raster.raster import Raster
 from cspace.states import BLOCKED, FREE
 from cspace.workspace import Workspace
@@ -143,30 +144,24 @@ class Subject:
 
     Attributes
     ----------
-    states : ndarray of uint8, or PackedStates, shape (slices, nx, ny) or (slices, nx, ny, nz)
-        May be written.
-    overlaps : ndarray of int32, the shape of states, or None
-        Stored overlaps, which may be written.
-    slice_of : ndarray of int64, shape (rotations,)
+    contents : Contents
+        As they were before the first update; their states and overlaps may be written.
     rasters : sequence of (outer, inner) Raster
         The robot's, for each slice.
     exterior : Exterior
-    walled : bool
-        Whether all beyond the workspace is obstacle.
-    tells_blocked : bool or None
-        Whether BLOCKED is told from MIXED; None where that is not known.
     renew : callable
         Called with each change, to bring up to date what hangs on the map; again if it was interrupted.
     """
 
-    states: Stack
-    overlaps: NDArray[np.int32] | None
-    slice_of: Ints
+    contents: Contents
     rasters: Sequence[tuple[Raster, Raster]]
     exterior: Exterior
-    walled: bool
-    tells_blocked: bool | None
     renew: Callable[[Change], None] = field(repr=False)
+
+    @property
+    def walled(self) -> bool:
+        """Whether all beyond the workspace is obstacle."""
+        return self.contents.outside == "blocked"
 
 
 class Updater:
@@ -177,38 +172,36 @@ class Updater:
 
     Parameters
     ----------
-    workspace : Workspace
-        As it was before the first update.
     subject : Subject
     """
 
-    def __init__(self, workspace: Workspace, subject: Subject) -> None:
-        shape = workspace.grid.shape
+    def __init__(self, subject: Subject) -> None:
+        contents, walled = subject.contents, subject.walled
+        workspace, shape, blocked = contents.workspace, contents.grid.shape, contents.tells_blocked
         self._subject, self._flat = subject, (1,) * (3 - len(shape))
         self._shape = (*self._flat, *shape)
         self._packed, states = None, np.empty((0, *self._shape), dtype=np.uint8)
-        if isinstance(subject.states, PackedStates):
-            self._packed = subject.states
+        if isinstance(contents.states, PackedStates):
+            self._packed = contents.states
         else:
-            states = subject.states.reshape(-1, *self._shape)
+            states = contents.states.reshape(-1, *self._shape)
         own = Workspace(workspace.grid, workspace.outer, workspace.inner, source=workspace.source, live=True)
         outer, inner = _writable(own, self._shape)
-        blocked = subject.tells_blocked
         self._map = Followed(
             states,
-            _NO_OVERLAPS if subject.overlaps is None else subject.overlaps.reshape(states.shape),
+            _NO_OVERLAPS if contents.overlaps is None else contents.overlaps.reshape(states.shape),
             outer,
             inner,
-            np.empty(0, dtype=np.int64) if subject.walled else _tallies(outer),
-            _robots([outer for outer, _ in subject.rasters], self._shape, subject.walled),
-            _robots([inner for _, inner in subject.rasters], self._shape, subject.walled),
-            np.bincount(subject.slice_of, minlength=len(subject.states)),
+            np.empty(0, dtype=np.int64) if walled else _tallies(outer),
+            _robots([outer for outer, _ in subject.rasters], self._shape, walled),
+            _robots([inner for _, inner in subject.rasters], self._shape, walled),
+            np.bincount(contents.slice_of, minlength=len(contents.states)),
             inner is outer,
-            _proves_blocked(workspace, subject) if blocked is None else blocked,
-            subject.walled,
+            _proves_blocked(subject) if blocked is None else blocked,
+            walled,
         )
         self._workspace = own
-        self._free = counts_of(subject.states)[:, FREE]
+        self._free = counts_of(contents.states)[:, FREE]
 
     def update(self, patch: Patch) -> Update:
         """Write a patch into the workspace, and bring all that the map holds up to date."""
@@ -342,9 +335,10 @@ def _in_fours(rows: Ints) -> Ints:
     return np.concatenate(parts)
 
 
-def _proves_blocked(workspace: Workspace, subject: Subject) -> bool:
+def _proves_blocked(subject: Subject) -> bool:
     """Whether a map tells BLOCKED from MIXED: unless it shows that it was built without ``inner``."""
-    if any(bool((part == BLOCKED).any()) for part in subject.states):
+    workspace = subject.contents.workspace
+    if any(bool((part == BLOCKED).any()) for part in subject.contents.states):
         return True
     lies_in = np.empty(workspace.inner.shape, dtype=np.bool_)
     for _, inner in subject.rasters:

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from scipy import sparse
 
 from cspace import BLOCKED, FREE, MIXED, CSpace, Robot, Workspace
+from cspace.map.contents import Contents
 from cspace.map.exterior import Exterior
 from cspace.rotations import Rotations
 from strategies import seeds
@@ -37,20 +38,21 @@ def map_of(state, rotations=None, outside="free", spacing=0.25, lower=None, rast
     dim = state.ndim - (rotations is not None)
     away = np.full(dim, 0.0 if rotations is None else 1e-7)
     occupied = np.zeros(state.shape[-dim:], dtype=bool) if occupied is None else occupied
-    made = CSpace(
-        Workspace.from_array(occupied, spacing, lower),
-        Robot.disc(1e-6, away) if dim == 2 else Robot.ball(1e-6, away),
-        state.copy(),
-        outside=outside if isinstance(outside, str) else "free",
-        margin=0.0,
-        precision="float32",
-        rotations=Rotations.of(rotations),
-        rasters=rasters,
-    )
+    workspace = Workspace.from_array(occupied, spacing, lower)
+    robot = Robot.disc(1e-6, away) if dim == 2 else Robot.ball(1e-6, away)
+    policy = outside if isinstance(outside, str) else "free"
+    made = map_in(workspace, robot, state.copy(), rotations, rasters, outside=policy)
     if not isinstance(outside, str):
         table = np.array([[*outside.box, outside.state]] * len(made._seen), dtype=np.int64)
         made._exterior_kept.get(lambda: Exterior(table))
     return made
+
+
+def map_in(workspace, robot, states, rotations=None, rasters=None, **options):
+    """A map of given states, shape (slices, ...), or (...) of a robot that only translates."""
+    cells = Rotations.of(rotations)
+    states = states[None] if states.ndim == workspace.grid.dim else states
+    return CSpace(Contents(workspace, robot, cells, cells.slice_of(robot), states, **options), rasters)
 
 
 def made(states, kind, outside="free", spacing=0.25, rotations=None, lower=None):

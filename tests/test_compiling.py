@@ -22,12 +22,14 @@ import logging
 import sys
 import numpy as np
 import cspace
+from cspace.map.contents import Contents
 logging.basicConfig(level=logging.INFO, format="%(levelname)s %(name)s: %(message)s", stream=sys.stdout)
 workspace = cspace.Workspace.from_array(np.zeros((4, 3), dtype=bool), 0.1)
 state = np.zeros((4, 3), dtype=np.uint8)
 state[0] = cspace.BLOCKED
-options = {"outside": "free", "margin": 0.0, "precision": "integer"}
-space = cspace.CSpace(workspace, cspace.Robot.disc(0.05), state, **options)
+cells = cspace.Rotations.of(None)
+contents = Contents(workspace, cspace.Robot.disc(0.05), cells, np.zeros(1, dtype=int), state[None], "free")
+space = cspace.CSpace(contents)
 print(cspace.__file__, space.is_free((0.2, 0.15)), space.is_free((0.01, 0.15)))
 """
 LINE = "INFO cspace.compiling: compiling cspace.map.points, once per machine"

@@ -14,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import cspace
+import handmade
 import planners
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
 from cspace.io import rosmap, writing
@@ -120,7 +121,7 @@ def test_a_state_made_by_hand_may_be_read_only() -> None:
     made = room()
     given_state = made.state
     assert not given_state.flags.writeable
-    space = cspace.CSpace(made.workspace, made.robot, given_state, outside="blocked", margin=0.0, precision="float32")
+    space = handmade.map_in(made.workspace, made.robot, given_state)
     space.update(BLOCK, (18, 13))
     assert not np.array_equal(space.state, given_state)  # which belongs to the other map
 

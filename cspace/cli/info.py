@@ -105,7 +105,7 @@ def describe_map(space: CSpace) -> dict[str, Any]:
 
     counts = space.count()
     grid, rotations = space.grid, space.rotations
-    states, fields = space._seen, space._fields
+    states, fields = space._seen, space._contents.fields
     kept: list[Any] = [states, *fields.values()] + ([] if space.overlaps is None else [space.overlaps])
     filled, turning = f"free_{_MEASURES[grid.dim]}", {}
     if rotations.count > 1:

@@ -13,8 +13,8 @@ from cspace.grid import Grid
 from cspace.map.record import Map
 from cspace.raster.bitmaps import rectangle_triangles
 from cspace.robot import Robot
-from cspace.rotations import YAW_SLACK
-from cspace.shapes import Pieces, Polygons, Shape
+from cspace.rotations import Rotations
+from cspace.shapes import Pieces, Shape
 from cspace.workspace import Workspace
 
 Floats = NDArray[np.float64]
@@ -29,8 +29,7 @@ class Problem(NamedTuple):
     Attributes
     ----------
     map : Map
-    dof : int
-        Length of a configuration.
+    rotations : Rotations
     workspace : Workspace
     robot : Robot
     margin : float
@@ -40,16 +39,16 @@ class Problem(NamedTuple):
     """
 
     map: Map
-    dof: int
+    rotations: Rotations
     workspace: Workspace
     robot: Robot
     margin: float
     walled: bool
 
     @property
-    def turns(self) -> bool:
-        """Whether the robot turns."""
-        return self.dof > self.workspace.grid.dim
+    def dof(self) -> int:
+        """Length of a configuration."""
+        return self.workspace.grid.dim + self.rotations.dof
 
     @property
     def far(self) -> float:
@@ -60,7 +59,7 @@ class Problem(NamedTuple):
     @property
     def least(self) -> float:
         """What a distance has to exceed, but for what grows with the configuration, metres."""
-        return self.margin + self.turns * YAW_SLACK * self.robot.span + ROUNDING * (self.far + self.margin)
+        return self.margin + self.rotations.slack * self.robot.span + ROUNDING * (self.far + self.margin)
 
 
 class Obstacles(NamedTuple):
@@ -117,14 +116,6 @@ def clipped(border: Pieces, grid: Grid) -> Pieces:
     return _bare(simplices)
 
 
-def regions(shape: Shape) -> list[Floats]:
-    """Border segments, shape (E, 4), of each part of a shape of the plane; by even-odd parity a point lies in one."""
-    if isinstance(shape, Polygons):
-        return [segments for segments, filled in shape.parts if filled]
-    simplices = shape.boundary().simplices
-    return [simplices.reshape(-1, 4)] if simplices.shape[1] == 2 else []
-
-
 def parts_of(border: Pieces) -> tuple[Floats, NDArray[np.int64]]:
     """Corners of a border, shape (n, d), part by part of what hangs together, and where each part begins."""
     from scipy.sparse import coo_array
@@ -175,17 +166,28 @@ def _cut(simplices: Floats, axis: int, wall: float, sign: float) -> Floats:
 
 
 def _lids(shape: Shape, workspace: Workspace) -> Iterator[Floats]:
-    """Where a shape is cut open on the border of the grid: in the plane what lies in it, in space its outer cells."""
+    """Where a shape is cut open on the border of the grid."""
     grid, (low, high) = workspace.grid, shape.bounds
     for axis in range(grid.dim):
         for upper, crosses in ((0, low[axis] < grid.lower[axis]), (1, high[axis] > grid.upper[axis])):
-            if crosses and grid.dim == 2:
-                yield from (_lid(region, grid, axis, upper) for region in regions(shape))
-            elif crosses:
-                columns = np.moveaxis(workspace.outer, axis, 0)
-                sides = np.zeros((columns.shape[0] + 1, *columns.shape[1:]), dtype=np.bool_)
-                sides[-upper] = columns[-upper]
-                yield rectangle_triangles(sides, axis, grid.spacing, grid.lower)
+            if crosses:
+                yield from _LIDS[grid.dim](shape, workspace, axis, upper)
+
+
+def _cells_on(shape: Shape, workspace: Workspace, axis: int, upper: int) -> Iterator[Floats]:
+    """In space: the outer cells on a side of the grid, across an axis."""
+    columns = np.moveaxis(workspace.outer, axis, 0)
+    sides = np.zeros((columns.shape[0] + 1, *columns.shape[1:]), dtype=np.bool_)
+    sides[-upper] = columns[-upper]
+    yield rectangle_triangles(sides, axis, workspace.grid.spacing, workspace.grid.lower)
+
+
+def _filled_on(shape: Shape, workspace: Workspace, axis: int, upper: int) -> Iterator[Floats]:
+    """In the plane: what of a side of the grid, across an axis, lies in the shape."""
+    return (_lid(region, workspace.grid, axis, upper) for region in shape.regions)
+
+
+_LIDS: Final = {2: _filled_on, 3: _cells_on}
 
 
 def _lid(region: Floats, grid: Grid, axis: int, upper: int) -> Floats:

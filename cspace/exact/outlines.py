@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cspace.compiling import entry
 from cspace.exact import plane
-from cspace.exact.boundaries import Problem, anchors_of, joined, obstacle_border, regions
+from cspace.exact.boundaries import Problem, anchors_of, joined, obstacle_border
 from cspace.exact.segments import Body, Scene
 from cspace.map.batches import Kernel
 from cspace.shapes import Pieces, Shape
@@ -22,22 +22,31 @@ BIN: Final = 4
 """Side of a bin of border segments, in cells."""
 
 
+_POINT: Final[dict[int, Callable[..., Callable[..., int]]]] = {
+    2: lambda ask: lambda x, y: ask(x, y, 0.0),
+    3: lambda ask: ask,
+}
+_EDGE: Final[dict[int, Callable[..., Callable[..., int]]]] = {
+    2: lambda ask: lambda x0, y0, x1, y1: ask(x0, y0, 0.0, x1, y1, 0.0),
+    3: lambda ask: ask,
+}
+"""A question of configurations with a yaw as one of configurations of so many numbers."""
+
+
 class PlaneProofs:
     """Proofs for one robot among the obstacles of one workspace; what is asked is compiled when it is first asked."""
 
     def __init__(self, problem: Problem) -> None:
         self._world = plane.World(problem.map, _scene(problem), _body(problem.robot.shape))
-        self._turns = problem.turns
+        self._dof = problem.dof
 
     @cached_property
     def point(self) -> Callable[..., int]:
-        ask = entry(plane.ask_point, (self._world,), 3)
-        return ask if self._turns else lambda x, y: ask(x, y, 0.0)
+        return _POINT[self._dof](entry(plane.ask_point, (self._world,), 3))
 
     @cached_property
     def edge(self) -> Callable[..., int]:
-        ask = entry(plane.ask_edge, (self._world,), 6)
-        return ask if self._turns else lambda x0, y0, x1, y1: ask(x0, y0, 0.0, x1, y1, 0.0)
+        return _EDGE[self._dof](entry(plane.ask_edge, (self._world,), 6))
 
     @cached_property
     def points(self) -> Kernel:
@@ -50,7 +59,7 @@ class PlaneProofs:
 
 def _body(shape: Shape) -> Body:
     """The robot's border: the segments of its regions, or the middles of its discs, each grown by a radius."""
-    whole, parts = shape.boundary(), regions(shape)
+    whole, parts = shape.boundary(), shape.regions
     border, ends = joined([whole], 2, 2), np.cumsum([len(part) for part in parts], dtype=np.int64)
     rho = float(np.hypot(*border.simplices.reshape(-1, 2).T).max())
     return Body(border.simplices.reshape(-1, 4), border.radii, anchors_of(whole)[0], ends, rho)
@@ -67,7 +76,7 @@ def _scene(problem: Problem) -> Scene:
     bins = np.clip(np.floor((middles - grid.lower) / side).astype(np.int64), 0, (columns - 1, rows - 1))
     numbers = bins[:, 0] * rows + bins[:, 1]
     order = np.argsort(numbers, kind="stable")
-    solids = [outline for shape in workspace.obstacles for outline in regions(shape)]
+    solids = [outline for shape in workspace.obstacles for outline in shape.regions]
     corners = [solid.reshape(-1, 2) for solid in solids]
     return Scene(
         lower=grid.lower,

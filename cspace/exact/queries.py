@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,21 @@ class Proofs(Protocol):
     def points(self) -> Kernel: ...
     @property
     def edges(self) -> Kernel: ...
+
+
+def _in_plane(problem: Problem) -> Proofs:
+    from cspace.exact.outlines import PlaneProofs
+
+    return PlaneProofs(problem)
+
+
+def _in_space(problem: Problem) -> Proofs:
+    from cspace.exact.solids import SolidProofs
+
+    return SolidProofs(problem)
+
+
+_PROOFS: Final = {2: _in_plane, 3: _in_space}
 
 
 class Exact:
@@ -92,18 +107,9 @@ class Exact:
         if proofs is None:
             with self._lock:
                 if self._proofs is None:
-                    self._proofs = self._make()
+                    self._proofs = _PROOFS[self._problem.workspace.grid.dim](self._problem)
                 proofs = self._proofs
         return proofs
-
-    def _make(self) -> Proofs:
-        if self._problem.workspace.grid.dim == 3:
-            from cspace.exact.solids import SolidProofs
-
-            return SolidProofs(self._problem)
-        from cspace.exact.outlines import PlaneProofs
-
-        return PlaneProofs(self._problem)
 
     def _count(self, kind: str, asked: int, distances: int) -> None:
         with self._lock:

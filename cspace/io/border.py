@@ -56,15 +56,8 @@ def free_border(state: NDArray[np.uint8], grid: Grid) -> tuple[Floats, Ints]:
     Raises
     ------
     InputError
-        If the map is one of the plane, has no FREE cell, or its border does not fit into memory.
+        If there is no FREE cell, or the border does not fit into memory.
     """
-    if grid.dim != 3:
-        raise InputError(
-            "the map",
-            f"is in the plane, with {' x '.join(map(str, grid.shape))} cells",
-            "the border of the free space is a mesh only in space",
-            "export a .vti or .yaml file instead",
-        )
     # One more cell on each side, and lattice point (i, j, k) is the lower corner of cell (i, j, k) without them.
     free = np.pad((state == FREE).view(np.int8), 1)
     lattice = tuple(n + 1 for n in state.shape)

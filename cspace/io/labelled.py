@@ -12,15 +12,15 @@ from cspace.io.record import AXES, TURNS, arrays_of, attributes_of, axes_of, met
 if TYPE_CHECKING:
     import xarray
 
-    from cspace.io.record import SavedMap
+    from cspace.map.contents import Contents
 
 
-def to_xarray(space: SavedMap) -> xarray.Dataset:
+def to_xarray(contents: Contents) -> xarray.Dataset:
     """A map as an xarray Dataset, with everything that is needed to rebuild it.
 
     Parameters
     ----------
-    space : CSpace
+    contents : Contents
 
     Returns
     -------
@@ -51,19 +51,19 @@ def to_xarray(space: SavedMap) -> xarray.Dataset:
     """
     import xarray
 
-    dim, cells = space.grid.dim, space.rotations.leading(space.rotations.count)
+    dim, cells = contents.grid.dim, contents.rotations.leading(contents.rotations.count)
     variables: dict[str, Any] = {}
     labels: dict[str, Any] = {}
-    for name, array in ({"inner": space.workspace.inner} | arrays_of(space)).items():
+    for name, array in ({"inner": contents.workspace.inner} | arrays_of(contents)).items():
         axes = axes_of(name, dim)
         if axes[0] == "slice":
-            array = _by_rotation(np.asarray(array), space._slice_of).reshape(*cells, *space.grid.shape)
+            array = _by_rotation(np.asarray(array), contents.slice_of).reshape(*cells, *contents.grid.shape)
             axes = ("rotation", *axes[1:])[-array.ndim :]
         if "rotation" in axes and not cells:
             continue
         place = labels if name in (*AXES, *TURNS, "slice_of") else variables
         place[name] = (axes, array, attributes_of(name, dim))
-    return xarray.Dataset(variables, coords=labels, attrs=metadata_of(space))
+    return xarray.Dataset(variables, coords=labels, attrs=metadata_of(contents))
 
 
 def _by_rotation(stack: NDArray[Any], slice_of: NDArray[np.int64]) -> NDArray[Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import zipfile
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,9 +25,7 @@ from cspace.io.record import (
     unseal,
     unusable,
 )
-
-if TYPE_CHECKING:
-    from cspace.io.record import SavedMap
+from cspace.map.contents import Contents
 
 _KIND: Final = "saved map"
 _NUMBERS: Final = ("lower", "spacing")
@@ -37,7 +35,7 @@ _LONGEST: Final = 2**28
 """Bytes of the metadata, at most."""
 
 
-def write_npz(space: SavedMap, path: str | os.PathLike[str], overwrite: bool = False) -> None:
+def write_npz(contents: Contents, path: str | os.PathLike[str], overwrite: bool = False) -> None:
     """Write a map as an ``.npz`` file.
 
     ``numpy.load`` finds the arrays of :data:`cspace.io.record.ARRAYS`: ``state`` (uint8 [slice, x, y] or
@@ -52,11 +50,11 @@ def write_npz(space: SavedMap, path: str | os.PathLike[str], overwrite: bool = F
         As :func:`cspace.io.output.replacing`.
     """
     members: dict[str, Any] = {
-        **{name: np.asarray(array) for name, array in arrays_of(space).items()},
-        "lower": np.array(space.grid.lower),
-        "spacing": np.array(space.grid.spacing),
+        **{name: np.asarray(array) for name, array in arrays_of(contents).items()},
+        "lower": np.array(contents.grid.lower),
+        "spacing": np.array(contents.grid.spacing),
     }
-    sealed = seal(metadata_of(space), {name: digest_of_array(array) for name, array in members.items()})
+    sealed = seal(metadata_of(contents), {name: digest_of_array(array) for name, array in members.items()})
     members["metadata"] = json.dumps(sealed, sort_keys=True)
     # An open file, because np.savez would add a suffix to any name that does not end in lower-case ".npz".
     with replacing(path, overwrite) as temporary, temporary.open("wb") as file:

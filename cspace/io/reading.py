@@ -15,12 +15,13 @@ from cspace.errors import FileError
 from cspace.grid import Grid
 from cspace.io.input import not_a_name, unreadable
 from cspace.io.npz import read_npz
-from cspace.io.record import STACKED, shapes_from, unusable
+from cspace.io.record import shapes_from, unusable
 from cspace.io.store import read_parts, read_store
-from cspace.map.storage import PackedStates
+from cspace.map.contents import Contents
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.space import CSpace
+from cspace.states import FIELDS
 from cspace.workspace import Workspace
 
 _ROUNDING = 1e-12
@@ -97,29 +98,26 @@ def _restored(metadata: Mapping[str, Any], arrays: Mapping[str, Any]) -> CSpace:
         shapes=shapes_from(arrays),
     )
     rotations = Rotations.from_coordinates(arrays)
-    stacked = {
-        name: arrays[name]
-        if isinstance(arrays[name], PackedStates)
-        else arrays[name].reshape(*rotations.leading(len(arrays[name])), *workspace.grid.shape)
-        for name in STACKED
-        if name in arrays
-    }
-    space = CSpace(
-        workspace,
-        Robot.from_spec(json.loads(metadata["robot"])),
-        stacked.pop("state"),
-        outside=metadata["outside"],
-        margin=metadata["margin"],
-        precision=metadata["precision"],
-        overlaps=stacked.pop("overlap", None),
-        rotations=rotations,
-        fields=stacked,
-    )
-    expected = {"slice_of": space._slice_of} | rotations.coordinates
-    for name, needed in expected.items():
+    robot = Robot.from_spec(json.loads(metadata["robot"]))
+    slice_of = rotations.slice_of(robot)
+    for name, needed in ({"slice_of": slice_of} | rotations.coordinates).items():
         if not np.allclose(arrays[name], needed, rtol=0.0, atol=_ROUNDING):
             raise ValueError(f"its array {name!r} is not that of its rotation cells and its robot")
-    return space
+    leading = (*rotations.leading(len(arrays["state"])), *workspace.grid.shape)
+    return CSpace(
+        Contents(
+            workspace,
+            robot,
+            rotations,
+            slice_of,
+            arrays["state"],
+            metadata["outside"],
+            metadata["margin"],
+            metadata["precision"],
+            arrays.get("overlap"),
+            {name: arrays[name].reshape(leading) for name in FIELDS if name in arrays},
+        )
+    )
 
 
 def _is_folder(path: str | os.PathLike[str]) -> bool:

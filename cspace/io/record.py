@@ -9,7 +9,7 @@ import os
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,15 +17,11 @@ from numpy.typing import NDArray
 from cspace import __version__
 from cspace.errors import FileError
 from cspace.io.input import decoding
-from cspace.map.storage import Stack
-from cspace.rotations import QuaternionRotations, Rotations, YawRotations
+from cspace.map.contents import Contents
+from cspace.map.storage import read_only, read_only_of
+from cspace.rotations import QuaternionRotations, YawRotations
 from cspace.shapes import Shape, shape_from_spec
 from cspace.states import BLOCKED, FIELDS, NAMES
-
-if TYPE_CHECKING:
-    from cspace.grid import Grid
-    from cspace.robot import Robot
-    from cspace.workspace import Workspace
 
 FORMAT: Final = "cspace-map"
 VERSION: Final = 2
@@ -44,26 +40,6 @@ _KEYS: Final = (
     *("format", "format_version", "library_version", "lower", "spacing", "shape", "outside", "margin", "precision"),
     *("rotations", "slices", "robot", "workspace_source"),
 )
-
-
-class SavedMap(Protocol):
-    """The part of :class:`cspace.CSpace` that files read, so that they stand below it."""
-
-    outside: str
-    margin: float
-    precision: str
-    workspace: Workspace
-    robot: Robot
-    rotations: Rotations
-    _seen: Stack
-    _slice_of: NDArray[np.int64]
-    overlaps: NDArray[np.int32] | None
-    _fields: Mapping[str, NDArray[np.float64]]
-
-    @property
-    def grid(self) -> Grid: ...
-    @property
-    def axes(self) -> tuple[str, ...]: ...
 
 
 class Stored(NamedTuple):
@@ -149,7 +125,7 @@ def attributes_of(name: str, dim: int) -> dict[str, Any]:
     return about
 
 
-def metadata_of(space: SavedMap) -> dict[str, Any]:
+def metadata_of(contents: Contents) -> dict[str, Any]:
     """All of a map but its arrays, as plain values: text, numbers and lists of numbers.
 
     Returns
@@ -158,7 +134,7 @@ def metadata_of(space: SavedMap) -> dict[str, Any]:
         ``lower`` and ``spacing`` in metres; ``axes`` the names of the numbers of a configuration; ``rotations`` the
         number of rotation cells; ``robot`` as JSON text for ``Robot.from_spec``.
     """
-    grid = space.grid
+    grid = contents.grid
     return {
         "format": FORMAT,
         "format_version": VERSION,
@@ -166,34 +142,38 @@ def metadata_of(space: SavedMap) -> dict[str, Any]:
         "lower": list(grid.lower),
         "spacing": grid.spacing,
         "shape": list(grid.shape),
-        "axes": " ".join(space.axes),
-        "outside": space.outside,
-        "margin": float(space.margin),
-        "precision": space.precision,
-        "rotations": space.rotations.count,
-        "slices": len(space._seen),
-        "robot": space.robot.definition,
-        "workspace_source": space.workspace.source,
+        "axes": " ".join(contents.axes),
+        "outside": contents.outside,
+        "margin": float(contents.margin),
+        "precision": contents.precision,
+        "rotations": contents.rotations.count,
+        "slices": len(contents.states),
+        "robot": contents.robot.definition,
+        "workspace_source": contents.workspace.source,
     }
 
 
-def arrays_of(space: SavedMap) -> dict[str, Any]:
+def arrays_of(contents: Contents) -> dict[str, Any]:
     """The arrays of a map, by the names of :data:`ARRAYS`. No cells are copied; states may be in two bits each.
 
     ``inner`` is there only if it differs from ``outer``, ``overlap`` only if the map was built with it, :data:`FIELDS`
     only if it carries an overlap field, :data:`TURNS` only if the robot turns, and ``shapes`` only if the obstacles
     are known as such.
     """
-    workspace, grid = space.workspace, space.grid
-    arrays: dict[str, Any] = {"state": space._seen, "outer": workspace.outer, "slice_of": space._slice_of}
+    workspace, grid = contents.workspace, contents.grid
+    arrays: dict[str, Any] = {
+        "state": read_only_of(contents.states),
+        "outer": workspace.outer,
+        "slice_of": contents.slice_of,
+    }
     if workspace.inner is not workspace.outer:
         arrays["inner"] = workspace.inner
-    stacked: dict[str, NDArray[Any]] = dict(space._fields)
-    if space.overlaps is not None:
-        stacked["overlap"] = space.overlaps
-    arrays |= {name: array.reshape(space._seen.shape) for name, array in stacked.items()}
+    stacked: dict[str, NDArray[Any]] = dict(contents.fields)
+    if contents.overlaps is not None:
+        stacked["overlap"] = read_only(contents.overlaps)
+    arrays |= {name: array.reshape(contents.states.shape) for name, array in stacked.items()}
     arrays |= {axis: grid.centers(i) for i, axis in enumerate(AXES[: grid.dim])}
-    arrays |= space.rotations.coordinates
+    arrays |= contents.rotations.coordinates
     if workspace.shapes is not None:
         specs = json.dumps([shape.spec for shape in workspace.shapes])
         arrays["shapes"] = np.frombuffer(specs.encode(), dtype=np.int8)  # netCDF 3 knows no unsigned bytes

@@ -120,13 +120,9 @@ def write_ros_map(state: ArrayLike, grid: Grid, path: str | os.PathLike[str], ov
     suffix_of(path, SUFFIXES, "a ROS map ends in .yaml")
     target = Path(path)
     cells = np.asarray(state)
-    if grid.dim != 2 or cells.shape != grid.shape:
-        raise InputError(
-            "state",
-            f"has shape {cells.shape} on a grid of {grid.shape}, and {target} names a ROS map",
-            "a ROS map is plane, and its states are those of its grid",
-            "export a map of the plane, or one slice of it, or write another format",
-        )
+    if cells.shape != grid.shape:
+        found = f"has shape {cells.shape} on a grid of {grid.shape}, and {target} names a ROS map"
+        raise InputError("state", found, "its states are those of its grid", "pass CSpace.state, or one slice of it")
     if cells.dtype.kind not in "iu" or cells.min() < FREE or cells.max() > BLOCKED:
         raise InputError(
             "state", "holds other values than FREE, MIXED and BLOCKED", "it is a state", "pass CSpace.state"

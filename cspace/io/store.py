@@ -12,7 +12,7 @@ import json
 import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,11 +35,9 @@ from cspace.io.record import (
     unseal,
     unusable,
 )
+from cspace.map.contents import Contents
 from cspace.map.storage import PackedStates
 from cspace.memory import is_packed
-
-if TYPE_CHECKING:
-    from cspace.io.record import SavedMap
 
 _ROOT: Final = "zarr.json"
 
@@ -53,7 +51,7 @@ _CODECS: Final = {"bytes", "zstd", "crc32c"}
 """What a chunk may be encoded with; others may do more than decode."""
 
 
-def write_store(space: SavedMap, path: str | os.PathLike[str], overwrite: bool = False) -> None:
+def write_store(contents: Contents, path: str | os.PathLike[str], overwrite: bool = False) -> None:
     """Write a map as a Zarr folder, which ``xarray.open_zarr`` reads too; it replaces no folder of anything else.
 
     Raises
@@ -62,7 +60,7 @@ def write_store(space: SavedMap, path: str | os.PathLike[str], overwrite: bool =
         As :func:`cspace.io.output.replacing`.
     """
     with replacing(path, overwrite, folder=_is_ours) as temporary:
-        for name, content in _encoded(metadata_of(space), arrays_of(space)):
+        for name, content in _encoded(metadata_of(contents), arrays_of(contents)):
             file = temporary / name
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_bytes(content)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from numpy.typing import ArrayLike
 
@@ -17,13 +17,11 @@ from cspace.io.record import STACKED, arrays_of
 from cspace.io.rosmap import write_ros_map
 from cspace.io.store import write_store
 from cspace.io.vti import write_vti
-
-if TYPE_CHECKING:
-    from cspace.io.record import SavedMap
+from cspace.map.contents import Contents
 
 Named = str | os.PathLike[str]
 
-SAVES: Final[Mapping[str, Callable[[SavedMap, Named, bool], None]]] = {
+SAVES: Final[Mapping[str, Callable[[Contents, Named, bool], None]]] = {
     ".zarr": write_store,
     "": write_store,
     ".npz": write_npz,
@@ -31,29 +29,29 @@ SAVES: Final[Mapping[str, Callable[[SavedMap, Named, bool], None]]] = {
 """Formats that :func:`cspace.open` reads again, by suffix."""
 
 
-def _ros_map(space: SavedMap, number: int, path: Named, overwrite: bool) -> None:
-    write_ros_map(space._seen[number], space.grid, path, overwrite)
+def _ros_map(contents: Contents, number: int, path: Named, overwrite: bool) -> None:
+    write_ros_map(contents.states[number], contents.grid, path, overwrite)
 
 
-def _vti(space: SavedMap, number: int, path: Named, overwrite: bool) -> None:
+def _vti(contents: Contents, number: int, path: Named, overwrite: bool) -> None:
     cells = {
         name: array[number] if name in STACKED else array
-        for name, array in arrays_of(space).items()
+        for name, array in arrays_of(contents).items()
         if name in (*STACKED, "outer", "inner")
     }
-    write_vti(cells, space.grid, path, overwrite)
+    write_vti(cells, contents.grid, path, overwrite)
 
 
-def _border(space: SavedMap, number: int, path: Named, overwrite: bool) -> None:
-    write_border(space._seen[number], space.grid, path, overwrite)
+def _border(contents: Contents, number: int, path: Named, overwrite: bool) -> None:
+    write_border(contents.states[number], contents.grid, path, overwrite)
 
 
-_SLICES: Final[Mapping[str, Callable[[SavedMap, int, Named, bool], None]]] = {
-    ".vti": _vti,
-    **dict.fromkeys((".yaml", ".yml"), _ros_map),
-    **dict.fromkeys(WRITERS, _border),
+_SLICES: Final[Mapping[str, tuple[Callable[[Contents, int, Named, bool], None], Mapping[int, str]]]] = {
+    ".vti": (_vti, {}),
+    **dict.fromkeys((".yaml", ".yml"), (_ros_map, {3: "a ROS map is plane, and the map is one in space"})),
+    **dict.fromkeys(WRITERS, (_border, {2: "the border of the free space is a mesh only in space"})),
 }
-"""Formats that hold one slice of a map, by suffix."""
+"""What writes one slice of a map, by suffix; and why it does not in one of the dimensions."""
 
 EXPORTS: Final = (*SAVES, *_SLICES)
 """All formats, by suffix."""
@@ -61,12 +59,12 @@ EXPORTS: Final = (*SAVES, *_SLICES)
 _RULE: Final = "the suffix says which format to write"
 
 
-def save(space: SavedMap, path: str | os.PathLike[str], overwrite: bool = False) -> None:
+def save(contents: Contents, path: str | os.PathLike[str], overwrite: bool = False) -> None:
     """Save a map, complete, so that :func:`cspace.open` gives it back.
 
     Parameters
     ----------
-    space : CSpace
+    contents : Contents
     path : path-like
         ``.zarr`` or no suffix: a Zarr folder. ``.npz``: one NumPy file.
     overwrite : bool
@@ -79,17 +77,17 @@ def save(space: SavedMap, path: str | os.PathLike[str], overwrite: bool = False)
     FileError
         If the output exists and may not be replaced, or cannot be written.
     """
-    SAVES[suffix_of(path, SAVES, _RULE)](space, path, overwrite)
+    SAVES[suffix_of(path, SAVES, _RULE)](contents, path, overwrite)
 
 
 def export(
-    space: SavedMap, path: str | os.PathLike[str], overwrite: bool = False, *, rotation: ArrayLike | None = None
+    contents: Contents, path: str | os.PathLike[str], overwrite: bool = False, *, rotation: ArrayLike | None = None
 ) -> None:
     """Write a map for other software.
 
     Parameters
     ----------
-    space : CSpace
+    contents : Contents
     path : path-like
         ``.npz``: one NumPy file. ``.zarr`` or no suffix: a Zarr folder. ``.vti``: cells for ParaView, with the arrays
         ``state``, ``outer``, and where the map has them ``inner``, ``overlap`` and those of its overlap field
@@ -111,23 +109,16 @@ def export(
     """
     suffix = suffix_of(path, EXPORTS, _RULE)
     if suffix in _SLICES:
-        _SLICES[suffix](space, _slice_number(space, path, rotation), path, overwrite)
+        write, refused = _SLICES[suffix]
+        grid = contents.grid
+        if grid.dim in refused:
+            found = f"is {Path(path)}, for {' x '.join(map(str, grid.shape))} cells"
+            raise InputError("path", found, refused[grid.dim], "write another format, e.g. .vti", value=path)
+        rule = f"{Path(path)} holds one slice"
+        number = contents.slice_of[contents.rotations.one_cell(rotation, "rotation", rule)]
+        write(contents, int(number), path, overwrite)
         return
     if rotation is not None:
         rule = f"a {suffix or 'Zarr'} map holds every slice"
         raise InputError("rotation", f"is {rotation!r}", rule, "leave it out", value=rotation)
-    SAVES[suffix](space, path, overwrite)
-
-
-def _slice_number(space: SavedMap, path: str | os.PathLike[str], rotation: ArrayLike | None) -> int:
-    """Number of the one slice of a map that is asked for."""
-    rotations = space.rotations
-    if rotation is None and rotations.count > 1:
-        raise InputError(
-            "rotation",
-            f"is missing for {Path(path)}",
-            f"such a file holds one slice, and this map has {rotations.count} rotation cells",
-            f"pass the one to write, by {', '.join(rotations.names)}",
-        )
-    given = rotations.centers[0] if rotation is None else rotations.checked(rotation)
-    return int(space._slice_of[rotations.cells_of(given)])
+    SAVES[suffix](contents, path, overwrite)

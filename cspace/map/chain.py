@@ -127,9 +127,10 @@ def chain(
 class Space(Protocol):
     """What is asked of a map; :class:`cspace.CSpace` has it all."""
 
-    rotations: Rotations
     _seen: Stack
 
+    @property
+    def rotations(self) -> Rotations: ...
     @property
     def grid(self) -> Grid: ...
     @property

@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.compiling import inner, jit, reader
-from cspace.map.fields import read_only
 from cspace.map.kept import Change
-from cspace.map.storage import Stack
+from cspace.map.storage import Stack, read_only
 from cspace.states import FREE
 from cspace.threads import in_chunks
 

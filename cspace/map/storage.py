@@ -16,7 +16,6 @@ from numpy.typing import DTypeLike, NDArray
 
 from cspace.compiling import inner, reader
 from cspace.errors import InputError
-from cspace.map.fields import read_only
 from cspace.memory import KEEP, free_bytes, in_words
 from cspace.states import BLOCKED, FREE
 
@@ -203,7 +202,7 @@ class PackedStates:
     @property
     def cells(self) -> TwoBits:
         """What compiled code takes; it follows what is written."""
-        return TwoBits(read_only(self._packed.view()), self.shape)
+        return TwoBits(read_only(self._packed), self.shape)
 
     def __len__(self) -> int:
         return self.shape[0]
@@ -284,7 +283,7 @@ def record_of(states: Stack) -> Cells:
 
 def read_only_of(states: Stack) -> Stack:
     """The states, not to be written; those in two bits never are through what they give."""
-    return states if isinstance(states, PackedStates) else read_only(states.view())
+    return states if isinstance(states, PackedStates) else read_only(states)
 
 
 def counts_of(states: Stack) -> Ints:
@@ -292,6 +291,13 @@ def counts_of(states: Stack) -> Ints:
     if isinstance(states, PackedStates):
         return states.counts()
     return np.array([np.bincount(part.reshape(-1), minlength=3) for part in states])
+
+
+def read_only(array: NDArray[Any]) -> NDArray[Any]:
+    """A view of the array, in one piece, that is not to be written."""
+    view = np.ascontiguousarray(array).view()
+    view.setflags(write=False)
+    return view
 
 
 def check_bytes(states: int) -> None:

@@ -61,6 +61,11 @@ class Balls(Shape):
         return cls(*check_balls(centers, radii))
 
     @property
+    def noun(self) -> str:
+        """What one of them is called."""
+        return ("disc", "ball")[self.dim - 2]
+
+    @property
     def encloses(self) -> bool:  # type: ignore[override]
         return bool((self.radii > 0.0).any())
 

@@ -26,6 +26,10 @@ if TYPE_CHECKING:
     from cspace.raster.winding import Winding
 
 
+MOST_OFF: Final = 100.0
+"""How many times its own size a robot's mesh may lie off its reference point."""
+
+
 class TriangleMesh(Protocol):
     """A trimesh.Trimesh, or what looks like one."""
 
@@ -257,6 +261,26 @@ class Mesh(Shape):
     @property
     def surface(self) -> Surface:
         return self.vertices, self.faces
+
+    def check_origin(self, warn: bool = False) -> None:
+        lower, upper = self.bounds
+        size = float(np.linalg.norm(upper - lower))
+        far = float(np.linalg.norm(np.maximum(np.maximum(lower, -upper), 0.0)))
+        move = f"({', '.join(f'{-x:g}' for x in (lower + upper) / 2)}) m"
+        if far > MOST_OFF * size:
+            raise GeometryError(
+                "mesh",
+                f"is {size:g} m across and lies {far:g} m from its origin, which is the robot's reference point",
+                f"at most {MOST_OFF:g} times its size is accepted",
+                f"move it there first, by {move} for its middle",
+            )
+        if warn and far > size:
+            warnings.warn(
+                f"the robot's mesh is {size:g} m across and lies {far:g} m from its origin, which is its reference "
+                "point: a configuration is where that point is; unless this is meant, move the mesh there first, by "
+                f"{move} for its middle",
+                stacklevel=3,
+            )
 
     def _features(self, matrix: Floats) -> Floats:
         corners = (self.vertices @ matrix.T + 0.0)[self.faces]

@@ -153,6 +153,10 @@ class Polygons(Shape):
         segments = np.concatenate([segments for segments, _ in self.parts]).reshape(-1, 2, 2)
         return Pieces(segments, np.zeros(len(segments)))
 
+    @property
+    def regions(self) -> list[Floats]:
+        return [segments for segments, filled in self.parts if filled]
+
     @cached_property
     def outline(self) -> BaseGeometry:
         import shapely

@@ -69,6 +69,11 @@ class Shape(ABC):
         """Area in the plane, volume in space, for people; NaN where it is not known."""
 
     @property
+    def place(self) -> str:
+        """ "the plane" or "space", for people."""
+        return ("the plane", "space")[self.dim - 2]
+
+    @property
     def about(self) -> dict[str, Any]:
         """What there is to say of the shape, for people: plain values by what they are."""
         return {("area_m2", "volume_m3")[self.dim - 2]: self.measure}
@@ -143,6 +148,15 @@ class Shape(ABC):
         """The border, for exact tests; parts of it that lie within the shape may be among its pieces."""
 
     @property
+    def regions(self) -> list[Floats]:
+        """What a shape in the plane fills, part by part: segments, shape (E, 4); by even-odd parity a point lies in it.
+
+        A shape in space has none, and neither has one of balls.
+        """
+        simplices = self.boundary().simplices
+        return [simplices.reshape(-1, 4)] if simplices.shape[1:] == (2, 2) else []
+
+    @property
     def outline(self) -> BaseGeometry:
         """A shape in the plane as a shapely geometry, for drawing."""
         raise GeometryError("shape", "is in space", "an outline needs one in the plane", "ask for its surface")
@@ -161,6 +175,35 @@ class Shape(ABC):
     def is_round_about_z(self) -> bool:
         """Whether every rotation about the z axis maps the shape to itself; in the plane, every rotation."""
         return self.is_round
+
+    @property
+    def symmetry(self) -> int:
+        """How many turns about the z axis in a circle map the shape to itself: 1, 2 or 4, or 0 for all turns."""
+        if self.is_round_about_z:
+            return 0
+        for order, (cosine, sine) in ((4, (0.0, 1.0)), (2, (-1.0, 0.0))):
+            matrix = np.eye(self.dim)
+            matrix[:2, :2] = [[cosine, -sine], [sine, cosine]]
+            if self.is_same(matrix):
+                return order
+        return 1
+
+    @property
+    def half_turns(self) -> tuple[int, ...]:
+        """The axes in space about which a half turn maps the shape to itself; none of a shape in the plane."""
+        axes = range(3) if self.dim == 3 else ()
+        return tuple(axis for axis in axes if self.is_same(np.diag(np.where(np.arange(3) == axis, 1.0, -1.0))))
+
+    def check_origin(self, warn: bool = False) -> None:  # noqa: B027 - most shapes have nothing to refuse
+        """Refuse a robot whose origin, its reference point, can hardly be meant; warn of one that may not, if told to.
+
+        That is said of meshes, which are drawn elsewhere; others are placed by their numbers.
+
+        Raises
+        ------
+        GeometryError
+            If it lies too far off.
+        """
 
     def is_same(self, matrix: Floats) -> bool:
         """Whether a rotation about the origin, shape (dim, dim), maps the shape to itself, to the last bit."""

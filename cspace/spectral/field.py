@@ -16,7 +16,7 @@ from cspace.errors import InputError
 from cspace.grid import Grid
 from cspace.map import turning
 from cspace.map.batches import Many, One, answer
-from cspace.map.fields import checked_fields
+from cspace.map.contents import checked_fields
 from cspace.map.points import configuration, is_usable, replaced
 from cspace.map.record import Map
 from cspace.memory import check_memory

@@ -503,7 +503,7 @@ def test_where_ompl_lets_the_rotation_jump_all_of_it_counts():
     ball = rotation_of(q0).apply(tip) + q1[:3] - (0.1, 0.0, 0.0)
     workspace = Workspace.from_balls([ball], 0.004, 100.0, (0, 0, 0, 1200, 100, 100))
     space = cspace.build(workspace, Robot.ball(0.004, tip), rotations=rotations, outside="free", inner=False)
-    space._states[...] = MIXED
+    space._contents.states[...] = MIXED
     assert space.motion_is_free(q0, [*q0[:3], *q1[3:]], exact=True)
-    space._states[space._slice_of[rotations.cell_of(q1[3:])]] = FREE
+    space._contents.states[space._slice_of[rotations.cell_of(q1[3:])]] = FREE
     assert space.is_free(q1) and not space.motion_is_free(q0, q1, exact=True)

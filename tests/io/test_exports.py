@@ -228,7 +228,7 @@ def test_a_map_of_every_kind_in_vtk_is_the_slice_at_a_rotation(
     turn = space.rotations.centers[-1]
     if len(turn):
         with pytest.raises(
-            InputError, match=r"rotation is missing for .*map.vti; .* cells; pass the one to write, by "
+            InputError, match=r"rotation is missing; .*map.vti holds one .* cells; pass the one to take, by "
         ):
             space.export(tmp_path / "map.vti")
     space.export(tmp_path / "map.vti", rotation=turn if len(turn) else None)

@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import cspace
 import handmade
 from cspace import BLOCKED, FREE, MIXED, ConfigurationError, InputError, Robot, Workspace
 from cspace.rotations import TURN, Rotations
@@ -22,15 +21,9 @@ def space(request):
     """Maps of several hundred cells, some of them with rotation cells that are not equally wide, or share slices."""
     rng = np.random.default_rng(3)
     if request.param == "shared":
-        return cspace.CSpace(
-            Workspace.from_array(np.zeros((5, 4), bool), 0.3, (-4.0, 7.0)),
-            Robot.rectangle(1e-6, 1e-7),
-            rng.integers(0, 3, (3, 5, 4)).astype(np.uint8),
-            outside="free",
-            margin=0.0,
-            precision="integer",
-            rotations=Rotations.of(6),
-        )
+        workspace = Workspace.from_array(np.zeros((5, 4), bool), 0.3, (-4.0, 7.0))
+        states = rng.integers(0, 3, (3, 5, 4)).astype(np.uint8)
+        return handmade.map_in(workspace, Robot.rectangle(1e-6, 1e-7), states, 6, outside="free")
     shape = (5, 4, 6) if "space" in request.param else (12, 30)
     shape = (108, 2, 3, 2) if "any way" in request.param else (5 if "turning" in request.param else 1, *shape)
     states = rng.integers(0, 3, shape)

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
+import handmade
 from cspace import CSpace, Robot, Workspace, build
 from cspace.errors import InputError
 from cspace.plot import plot
 from cspace.plot.sections import within
-from cspace.rotations import Rotations
 from pictures import COLORS, class_of, heading, labels, rendered
 
 PATH = [(0.6, 3.2, 1.8), (2.2, 1.2, 1.0), (3.8, 1.2, 1.0), (5.5, 1.5, 0.6)]
@@ -228,8 +228,7 @@ def test_a_robot_that_turns_in_space() -> None:
     workspace = Workspace.from_array(np.zeros((12, 10, 8), bool), 0.5)
     states = np.random.default_rng(0).integers(0, 3, (4, 12, 10, 8)).astype(np.uint8)
     robot = Robot.box((1.6, 0.4, 0.8), center=(0.2, 0.0, 0.0))
-    known: dict[str, Any] = {"outside": "free", "margin": 0.0, "precision": "integer"}
-    space = CSpace(workspace, robot, states, rotations=Rotations.of(4), **known)
+    space = handmade.map_in(workspace, robot, states, 4, outside="free")
     at = (3.1, 2.6, 1.8)
     for yaw, slices in ((None, slice(None)), (np.pi / 2, slice(1, 2))):
         ax = plot(space, at=at, rotation=yaw)

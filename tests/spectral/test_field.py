@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -187,17 +188,7 @@ def carried(request: pytest.FixtureRequest) -> CSpace:
 
 def without(space: CSpace, fields: Any = None) -> CSpace:
     """The same map with other arrays for a field, or none."""
-    return CSpace(
-        space.workspace,
-        space.robot,
-        space._map.states[0] if not space.rotations.dof else space._map.states,
-        outside=space.outside,
-        margin=space.margin,
-        precision=space.precision,
-        overlaps=space.overlaps,
-        rotations=space.rotations,
-        fields=fields,
-    )
+    return CSpace(replace(space._contents, fields=fields or {}))
 
 
 @pytest.mark.parametrize("kind", [*KINDS, "turning"])

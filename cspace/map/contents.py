@@ -1,0 +1,130 @@
+"""What a map is, in one record: a build makes it, files hold it, and a pickle carries it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace.errors import InputError
+from cspace.grid import Grid, finite
+from cspace.map.exterior import check_outside
+from cspace.map.storage import Stack, read_only
+from cspace.rotations import Rotations
+from cspace.states import FIELDS
+
+if TYPE_CHECKING:
+    from cspace.robot import Robot
+    from cspace.workspace import Workspace
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Contents:
+    """All that a map is; what look-ups need beyond it is made of it.
+
+    Attributes
+    ----------
+    workspace : Workspace
+    robot : Robot
+    rotations : Rotations
+    slice_of : ndarray of int64, shape (rotations,)
+        The slice of each rotation cell.
+    states : ndarray of uint8, or PackedStates, shape (slices, nx, ny) or (slices, nx, ny, nz)
+        FREE, MIXED or BLOCKED, of each cell of positions of the robot's reference point. Taken over, not copied, unless
+        it is read-only: updates write into it.
+    outside : {"blocked", "free"}
+    margin : float
+        Metres by which the robot was grown for FREE.
+    precision : {"integer", "float32", "float64"}
+        Arithmetic of the engine: whole numbers, or transforms in floating point, rounded to them.
+    overlaps : ndarray of int32, the shape of states, or None
+        Overlap of each cell; taken over likewise.
+    fields : mapping of str to ndarray of float64
+        What :class:`cspace.spectral.OverlapField` holds; all of it, or nothing.
+    tells_blocked : bool or None
+        Whether BLOCKED is told from MIXED; None where that is not known, as of a map from a file.
+
+    Raises
+    ------
+    InputError
+        If an array has another shape or type than stated, or ``outside`` is another word.
+    """
+
+    workspace: Workspace
+    robot: Robot
+    rotations: Rotations
+    slice_of: NDArray[np.int64]
+    states: Stack
+    outside: str = "blocked"
+    margin: float = 0.0
+    precision: str = "integer"
+    overlaps: NDArray[np.int32] | None = None
+    fields: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    tells_blocked: bool | None = None
+
+    def __post_init__(self) -> None:
+        shape = (int(self.slice_of.max()) + 1, *self.grid.shape)
+        for name, array, kind in (("states", self.states, np.uint8), ("overlaps", self.overlaps, np.int32)):
+            if array is not None and (array.shape != shape or array.dtype != kind):
+                rule = f"it must have the map's shape {shape} and type {np.dtype(kind)}"
+                raise InputError(name, f"has shape {array.shape} and type {array.dtype}", rule, "use cspace.build")
+            if isinstance(array, np.ndarray):
+                object.__setattr__(self, name, _writable(array))
+        check_outside(self.outside)
+        if self.fields:
+            object.__setattr__(self, "fields", checked_fields(self.fields, self.grid.dim, self.leading(shape[0])))
+
+    @property
+    def grid(self) -> Grid:
+        """Cells of positions; the workspace's grid."""
+        return self.workspace.grid
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Names of the numbers in a configuration."""
+        return (*"xyz"[: self.grid.dim], *self.rotations.names)
+
+    def leading(self, n: int) -> tuple[int, ...]:
+        """Shape of an array over n slices and the cells; over the cells alone where the robot does not turn."""
+        return (*self.rotations.leading(n), *self.grid.shape)
+
+    def copy(self) -> Contents:
+        """The same in arrays of its own, but for what nobody writes to."""
+        return replace(
+            self,
+            workspace=replace(self.workspace, live=False),
+            states=self.states.copy(),
+            overlaps=None if self.overlaps is None else self.overlaps.copy(),
+        )
+
+
+def checked_fields(
+    fields: Mapping[str, NDArray[np.float64]], dim: int, shape: tuple[int, ...]
+) -> dict[str, NDArray[np.float64]]:
+    """The arrays of an overlap field, in the order of :data:`cspace.states.FIELDS`, not to be written.
+
+    Raises
+    ------
+    InputError
+        If one is missing or there are others, or one has another shape or type, or holds what is not finite.
+    """
+    names, mend = FIELDS[: 1 + dim], "use OverlapField.of, or CSpace.with_overlap_field"
+    if set(fields) != set(names):
+        rule = f"of a map of {dim} axes they must be {', '.join(names)}"
+        raise InputError("fields", f"are {', '.join(fields) or 'none'}", rule, mend)
+    for name in names:
+        array = fields[name]
+        if array.shape != shape or array.dtype != np.float64:
+            rule = f"it must have the map's shape {shape} and type float64"
+            raise InputError(name, f"has shape {array.shape} and type {array.dtype}", rule, mend)
+        finite(array, name)
+    return {name: read_only(fields[name]) for name in names}
+
+
+def _writable(array: NDArray[Any]) -> NDArray[Any]:
+    """The array in one piece, and to be written; a copy only where it is not."""
+    array = np.ascontiguousarray(array)
+    return array if array.flags.writeable else array.copy()
