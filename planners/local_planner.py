@@ -1,9 +1,19 @@
-"""The local planner: how two configurations are joined, by a straight edge or along the curve of a car."""
+"""The local planner: how two configurations are joined, by a straight edge or along the curve of a car.
+
+References
+----------
+L. E. Dubins, "On curves of minimal length with a constraint on average curvature", 1957; J. A. Reeds and L. A. Shepp,
+"Optimal paths for a car that goes both forwards and backwards", 1990.
+"""
 
 from __future__ import annotations
 
+import itertools
+import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import Final, Protocol
+from dataclasses import dataclass
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,48 +21,257 @@ from ompl import base as ob
 
 from cspace.errors import InputError
 from cspace.grid import positive
+from cspace.orientation import wrapped
 from cspace.space import CSpace
-from planners.car_curves import CURVES, CarCurves
-from planners.states import Floats, check_space
-from planners.straight_edges import Pieces, StraightEdges
+from planners.states import TURN_WEIGHT, Floats, check_space, kind_of
+
+DENSE_TURN: Final = math.radians(5.0)
+"""Largest turn, in radians, between two rows of a dense path."""
 
 CAR_AXES: Final = ("x", "y", "yaw")
-EITHER: Final = " or ".join(f"curve={name!r}" for name in CURVES)
+
+_SPACES: Final[dict[str, Callable[[float], ob.StateSpace]]] = {
+    "dubins": ob.DubinsStateSpace,
+    "reeds-shepp": ob.ReedsSheppStateSpace,
+}
+
+CURVES: Final = tuple(_SPACES)
+"""Names of the curves, in the order of their numbers in the kernels."""
 
 
-class LocalPlanner(Protocol):
-    """What a plan has to know of the edges between its configurations."""
+@dataclass(frozen=True, slots=True)
+class Pieces:
+    """A path cut into short pieces.
+
+    Attributes
+    ----------
+    middles : ndarray of float64, shape (n, dof)
+    lengths : ndarray of float64, shape (n,)
+        Metres of translation along each piece.
+    turns : ndarray of float64, shape (n,)
+        Radians by which the robot turns along each piece, zero or above.
+    """
+
+    middles: Floats
+    lengths: Floats
+    turns: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class LocalPlanner(ABC):
+    """What a plan has to know of the edges between its configurations.
+
+    Attributes
+    ----------
+    space : CSpace
+        The map.
+    exact : bool
+        Whether the geometry itself is asked where the map cannot decide.
+    curve : str or None
+        Name of the curves; None for straight edges.
+    turning_radius : float or None
+        Of the curves, metres.
+    """
+
+    space: CSpace
+    exact: bool = False
+    curve: str | None = None
+    turning_radius: float | None = None
 
     @property
-    def space(self) -> CSpace:
-        """The map."""
+    def options(self) -> dict[str, Any]:
+        """What :func:`local_planner` makes it of again, beside the map."""
+        return {"exact": self.exact, "curve": self.curve, "turning_radius": self.turning_radius}
 
+    @property
+    @abstractmethod
+    def turn_weight(self) -> float:
+        """Metres that a radian of turn counts as in the length of an edge."""
+
+    @abstractmethod
     def states(self) -> ob.StateSpace:
         """OMPL's state space, without bounds."""
 
+    @abstractmethod
     def edge_checker(self) -> Callable[..., bool]:
         """``check`` of the floats of two configurations: whether the edge between them is proven free."""
 
+    def motion_checker(self) -> Callable[[ob.State, ob.State], bool]:
+        """The same of two states of OMPL, of the edge that OMPL means."""
+        return kind_of(self.space).of_states(self.edge_checker())
+
+    @abstractmethod
     def are_free(self, path: Floats) -> bool:
         """Whether every edge of a path is proven free; of a path of one configuration, whether that is."""
 
+    @abstractmethod
     def pieces(self, path: Floats, step: float, turn: float) -> Pieces:
         """A path in pieces of at most ``step`` metres and ``turn`` radians."""
 
+    @abstractmethod
     def dense(self, path: Floats) -> tuple[Floats, NDArray[np.int8] | None]:
         """A path with rows at most a cell and DENSE_TURN apart; and 1 or -1, ahead or back, where the edges tell."""
 
 
-def check_flag(value: bool, name: str) -> None:
-    """Refuse what is neither True nor False.
+class StraightEdges(LocalPlanner):
+    """Straight edges, along which the robot turns evenly and the shorter way, as in OMPL's SE(2) and SE(3)."""
 
-    Raises
-    ------
-    InputError
-        If it is not.
+    turn_weight = TURN_WEIGHT
+
+    def states(self) -> ob.StateSpace:
+        return kind_of(self.space).make()
+
+    def edge_checker(self) -> Callable[..., bool]:
+        return self.space.edge_checker(exact=self.exact)
+
+    def are_free(self, path: Floats) -> bool:
+        firsts, lasts = (path[:-1], path[1:]) if len(path) > 1 else (path, path)
+        return bool(np.all(self.space.motion_is_free(firsts, lasts, exact=self.exact)))
+
+    def pieces(self, path: Floats, step: float, turn: float) -> Pieces:
+        steps, lengths, turns, counts = self._measured(path, step, turn)
+        edge, number = _numbered(counts)
+        middles = self.space.rotations.moved(path[:-1][edge], ((number + 0.5) / counts[edge])[:, None] * steps[edge])
+        return Pieces(middles, (lengths / counts)[edge], (turns / counts)[edge])
+
+    def dense(self, path: Floats) -> tuple[Floats, NDArray[np.int8] | None]:
+        if len(path) < 2:
+            return path, None
+        steps, _, turns, counts = self._measured(path, self.space.grid.spacing, DENSE_TURN)
+        if not turns.any():
+            return path, None
+        counts = np.where(turns > 0.0, counts, 1)
+        edge, number = _numbered(counts)
+        rotations, shares = self.space.rotations, (number / counts[edge])[:, None]
+        rows = rotations.canonical(rotations.moved(path[:-1][edge], shares * steps[edge]))
+        rows[number == 0] = path[:-1]
+        return np.concatenate([rows, path[-1:]]), None
+
+    def _measured(self, path: Floats, step: float, turn: float) -> tuple[Floats, Floats, Floats, NDArray[np.int64]]:
+        """What leads along each edge, its metres and radians, and the number of pieces that it is cut into."""
+        dim = self.space.grid.dim
+        steps = self.space.rotations.steps(path[:-1], path[1:])
+        lengths, turns = np.linalg.norm(steps[:, :dim], axis=1), np.linalg.norm(steps[:, dim:], axis=1)
+        counts = np.maximum(np.ceil(np.maximum(lengths / step, turns / turn)), 1.0).astype(np.int64)
+        return steps, lengths, turns, counts
+
+
+class CarCurves(LocalPlanner):
+    """Edges along the shortest curve of a car, of a map of a robot that turns in the plane.
+
+    Every edge is proven along the real curve: it is cut into pieces, and all cells are FREE that meet the box of
+    configurations which a piece cannot leave (:mod:`planners.car_curves`). A curve that leaves the grid is not proven.
+    Where several curves are equally short, ours may be another than OMPL's; all of them are proven.
     """
-    if not isinstance(value, bool | np.bool_):
-        raise InputError(name, f"is {value!r}", "it must be True or False", "pass one of them", value=value)
+
+    turn_weight = 0.0
+
+    @property
+    def radius(self) -> float:
+        """Turning radius, metres."""
+        return float(self.turning_radius or math.nan)
+
+    def states(self) -> ob.StateSpace:
+        return _SPACES[str(self.curve)](self.radius)
+
+    def edge_checker(self) -> Callable[..., bool]:
+        prove = self.length_prover()
+        return lambda *q: prove(*q) >= 0.0
+
+    def motion_checker(self) -> Callable[[ob.State, ob.State], bool]:
+        """Whether a curve is proven free, and is no longer than OMPL's, so that it is the one that OMPL means."""
+        prove, states = kind_of(self.space).of_states(self.length_prover()), self.states()
+        tolerance = 1e-6 * self.radius
+
+        def check(first: ob.State, second: ob.State) -> bool:
+            length = prove(first, second)
+            return length >= 0.0 and bool(states.distance(first, second) <= length + tolerance)
+
+        return check
+
+    def length_prover(self) -> Callable[..., float]:
+        """``prove`` of the floats of two configurations: the metres of the curve where it is proven free, else -1."""
+        from planners.car_curves import prover
+
+        return prover(self.space, self._kind, self.radius)
+
+    def are_free(self, path: Floats) -> bool:
+        check = self.edge_checker()
+        rows = path.tolist()
+        lasts = rows[1:] if len(rows) > 1 else rows
+        return all(check(*a, *b) for a, b in zip(rows, lasts, strict=False))
+
+    def length(self, first: Floats, last: Floats) -> float:
+        """Metres of the curve between two configurations."""
+        return self.radius * float(np.abs(self._word(first, last)[1]).sum())
+
+    def pieces(self, path: Floats, step: float, turn: float) -> Pieces:
+        cuts = [self._cut(a, b, step, turn, 0.5)[:3] for a, b in itertools.pairwise(path)]
+        if not cuts:
+            return Pieces(np.empty((0, 3)), np.empty(0), np.empty(0))
+        return Pieces(*(np.concatenate(column) for column in zip(*cuts, strict=True)))
+
+    def dense(self, path: Floats) -> tuple[Floats, NDArray[np.int8] | None]:
+        rows, signs = [path[:1]], [np.ones(0, dtype=np.int8)]
+        for a, b in itertools.pairwise(path):
+            points, _, _, ahead = self._cut(a, b, self.space.grid.spacing, DENSE_TURN, 1.0)
+            points[:, 2] = wrapped(points[:, 2])
+            points[-1] = b
+            rows.append(points)
+            signs.append(ahead)
+        direction = np.concatenate(signs)
+        first = direction[:1] if len(direction) else np.ones(1, dtype=np.int8)
+        return np.concatenate(rows), np.concatenate([first, direction])
+
+    def points(self, first: Floats, last: Floats, position: Floats) -> Floats:
+        """Configurations at distances in metres, shape (n,), along the curve from one to another; shape (n, 3)."""
+        turns, lengths = self._word(first, last)
+        out = np.empty((len(position), 3))
+        x, y, yaw, begin = 0.0, 0.0, float(first[2]), 0.0
+        distance = position / self.radius
+        for turn, length in zip(turns.tolist(), lengths.tolist(), strict=True):
+            # Whoever lies further on is overwritten by a later piece.
+            on = np.append(distance >= begin - 1e-12, True)
+            along = np.append(distance, begin + abs(length))[on] - begin
+            along = math.copysign(1.0, length) * np.clip(along, 0.0, abs(length))
+            after = yaw + turn * along
+            if turn:
+                dx, dy = turn * (np.sin(after) - math.sin(yaw)), turn * (math.cos(yaw) - np.cos(after))
+            else:
+                dx, dy = along * math.cos(yaw), along * math.sin(yaw)
+            placed = np.stack([first[0] + self.radius * (x + dx), first[1] + self.radius * (y + dy), after], axis=-1)
+            out[on[:-1]] = placed[:-1]
+            x, y, yaw, begin = x + float(dx[-1]), y + float(dy[-1]), float(after[-1]), begin + abs(length)
+        return out
+
+    @property
+    def _kind(self) -> int:
+        return CURVES.index(str(self.curve))
+
+    def _word(self, first: Floats, last: Floats) -> tuple[Floats, Floats]:
+        """The turns of the parts of a curve, 1, -1 or 0, and their lengths in radii, below zero in reverse."""
+        from planners.car_curves import shortest
+
+        turns, lengths, _ = shortest(self._kind, self.radius, tuple(first.tolist()), tuple(last.tolist()))
+        return np.asarray(turns, dtype=np.float64), np.asarray(lengths)
+
+    def _cut(
+        self, first: Floats, last: Floats, step: float, turn: float, where: float
+    ) -> tuple[Floats, Floats, Floats, NDArray[np.int8]]:
+        """A curve in steps: a configuration of each, at its middle (where = 0.5) or its end (1); metres, radians, sign.
+
+        Rounding makes some parts a hair long, which are left out; but a curve has one step at least.
+        """
+        turns, lengths = self._word(first, last)
+        metres = self.radius * np.abs(lengths)
+        longest = np.where(turns != 0.0, min(step, turn * self.radius), step)
+        counts = np.where(metres > 1e-9 * self.radius, np.maximum(np.ceil(metres / longest), 1.0), 0.0).astype(np.int64)
+        counts[np.argmax(metres)] += not counts.any()
+        part, number = _numbered(counts)
+        each = (metres / np.maximum(counts, 1))[part]
+        position = (np.cumsum(metres) - metres)[part] + (number + where) * each
+        signs = np.where(lengths < 0.0, -1, 1).astype(np.int8)[part]
+        return self.points(first, last, position), each, np.abs(turns[part]) * each / self.radius, signs
 
 
 def local_planner(
@@ -81,7 +300,7 @@ def local_planner(
     if curve is None:
         if turning_radius is not None:
             found = f"is {turning_radius!r} and curve is None"
-            mend = f"add {EITHER}, or leave the radius out"
+            mend = f"add {' or '.join(f'curve={name!r}' for name in CURVES)}, or leave the radius out"
             raise InputError("turning_radius", found, "a radius is for curves", mend, value=turning_radius)
         return StraightEdges(space, bool(exact))
     if curve not in CURVES:
@@ -90,9 +309,8 @@ def local_planner(
     if space.axes != CAR_AXES:
         found = f"is {curve!r} and the map's configurations are ({', '.join(space.axes)})"
         rule = f"a car turns as it drives in the plane: ({', '.join(CAR_AXES)})"
-        raise InputError(
-            "curve", found, rule, "build a map of a plane with rotations=72, or leave curve out", value=curve
-        )
+        mend = "build a map of a plane with rotations=72, or leave curve out"
+        raise InputError("curve", found, rule, mend, value=curve)
     if turning_radius is None:
         rule, mend = f"curve={curve!r} needs the radius of its tightest turn", "pass it in metres, e.g. 0.5"
         raise InputError("turning_radius", "is None", rule, mend)
@@ -105,4 +323,22 @@ def local_planner(
     if exact:
         mend = "leave exact out, or build the map with a finer spacing or more rotations"
         raise InputError("exact", f"is True and curve is {curve!r}", "curves are proven by FREE cells alone", mend)
-    return CarCurves(space, CURVES.index(curve), radius)
+    return CarCurves(space, False, curve, radius)
+
+
+def check_flag(value: bool, name: str) -> None:
+    """Refuse what is neither True nor False.
+
+    Raises
+    ------
+    InputError
+        If it is not.
+    """
+    if not isinstance(value, bool | np.bool_):
+        raise InputError(name, f"is {value!r}", "it must be True or False", "pass one of them", value=value)
+
+
+def _numbered(counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """For ``counts[k]`` pieces of each edge k: the edge of each piece, and the piece's number on it."""
+    edge = np.repeat(np.arange(len(counts)), counts)
+    return edge, np.arange(len(edge)) - np.repeat(np.cumsum(counts) - counts, counts)

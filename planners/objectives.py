@@ -14,9 +14,8 @@ from cspace.grid import finite, positive
 from cspace.space import CSpace
 from cspace.spectral import OverlapField
 from cspace.states import FREE
-from planners.local_planner import local_planner
-from planners.states import TURN_WEIGHT, Configuration, Floats, check_information, kind_of
-from planners.straight_edges import DENSE_TURN
+from planners.local_planner import DENSE_TURN, local_planner
+from planners.states import Configuration, Floats, check_information, kind_of
 
 COMFORT: Final = 0.1
 """Clearance beyond which more is not worth a detour, as a share of the map's longer side, where none is given."""
@@ -74,14 +73,12 @@ class WeightedLength(ob.OptimizationObjective):
         check_information(si, space)
         super().__init__(si)
         if finite(weight, "weight").ndim or weight < 0.0:
-            raise InputError(
-                "weight", f"is {weight!r}", "it must be one number, zero or above", "pass 10.0", value=weight
-            )
+            rule = "it must be one number, zero or above"
+            raise InputError("weight", f"is {weight!r}", rule, "pass 10.0", value=weight)
         self._value, self._values = value, values
         self._offset, self._slope, self._weight = offset, slope, float(weight)
         self._edges = local_planner(space, False, curve, turning_radius)
         self._kind, self._step = kind_of(space), space.grid.spacing
-        self._turn_weight = TURN_WEIGHT if curve is None else 0.0
         self._straight, self._dim = curve is None, space.grid.dim
         self._answer: Callable[[Configuration, Configuration], float] | None = None
 
@@ -108,7 +105,7 @@ class WeightedLength(ob.OptimizationObjective):
         if self._straight and first[self._dim :] == second[self._dim :]:
             return self._straight_cost(first, second)
         pieces = self._edges.pieces(np.array([first, second]), self._step, DENSE_TURN)
-        lengths = pieces.lengths + self._turn_weight * pieces.turns
+        lengths = pieces.lengths + self._edges.turn_weight * pieces.turns
         penalties = np.maximum(0.0, self._offset + self._slope * self._values(pieces.middles))
         return float(lengths.sum() + self._weight * (lengths @ (penalties * penalties)))
 
@@ -251,13 +248,8 @@ def overlap_field(space: CSpace, field: OverlapField | None = None) -> OverlapFi
         rule, mend = "the objective needs a field", "pass one, or plan on space.with_overlap_field(overlap)"
         raise InputError("field", "is None and the map carries none", rule, mend)
     if found.space is not space:
-        raise InputError(
-            "field",
-            "is that of another map",
-            "both must be of the same",
-            "use OverlapField.of(space, ...)",
-            value=field,
-        )
+        mend = "use OverlapField.of(space, ...)"
+        raise InputError("field", "is that of another map", "both must be of the same", mend, value=field)
     return found
 
 

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.errors import InputError
-from cspace.grid import positive
+from cspace.errors import ConfigurationError, InputError
+from cspace.grid import finite, positive
 from cspace.space import CSpace
+from cspace.states import BLOCKED, FREE, NAMES
 from planners.catalogue import CUBES, IGNORE_OBJECTIVES, SECOND_THREAD, planner_named
-from planners.endpoints import check_endpoint
 from planners.local_planner import LocalPlanner, check_flag, local_planner
 from planners.objectives import ClearanceObjective, OverlapObjective, overlap_field
 from planners.passages import Passages
@@ -140,12 +141,9 @@ def plan(
         iterations=_iterations(iterations, name),
         simplify=simplify,
         seed=None if seed is None else _whole(seed, "seed", 0, MAX_SEED),
-        exact=bool(exact),
-        curve=curve,
-        turning_radius=turning_radius,
     )
     limit = positive(time_limit, "time_limit", "seconds")
-    ends = check_endpoint(space, start, "start", exact), check_endpoint(space, goal, "goal", exact)
+    ends = _endpoint(space, start, "start", exact), _endpoint(space, goal, "goal", exact)
     if name == CUBES:
         _check_cubes(space, ends, objective=objective, exact=exact, curve=curve, iterations=iterations)
     exists: bool | None = space.path_exists(*ends)
@@ -157,7 +155,7 @@ def plan(
     for array in (path, waypoints, direction):
         if array is not None:
             array.flags.writeable = False
-    status, advice = _status(found, search, exists, limit, space)
+    status, advice = _status(found, search, edges, exists, limit)
     certified = solved and _is_certified(edges, waypoints, ends)
     clearance = least_clearance(edges, waypoints) if solved else math.nan
     setup = searched - began - found.planning - found.simplification
@@ -177,11 +175,53 @@ def plan(
         objective=objective if isinstance(objective, str) else "custom",
         curve=curve,
         turning_radius=None if turning_radius is None else float(turning_radius),
-        exact=search.exact,
+        exact=edges.exact,
         seed=search.seed,
         time_limit=limit,
         times=Times(setup, found.planning, found.simplification, time.perf_counter() - searched),
     )
+
+
+def _endpoint(space: CSpace, q: ArrayLike, name: str, exact: bool = False) -> Configuration:
+    """A start or goal as OMPL holds it (yaw wrapped, quaternion of norm 1), if a motion can be proven free there."""
+    point = finite(q, name)
+    if point.shape != (space.dof,):
+        rule = f"it must be one configuration of {space.dof} numbers"
+        mend = f"pass ({', '.join(space.axes)}), in metres and radians"
+        raise InputError(name, f"has shape {point.shape}", rule, mend, value=q)
+    end: Configuration = tuple(space.rotations.canonical(point, name).tolist())
+    inside = all(low <= x <= high for low, x, high in zip(space.grid.lower, end, space.grid.upper, strict=False))
+    if inside and space.motion_is_free(end, end, exact=exact):
+        return end
+    raise _unusable(space, end, name, inside, exact)
+
+
+def _unusable(space: CSpace, end: Configuration, name: str, inside: bool, exact: bool) -> ConfigurationError:
+    """The error that says what is wrong with a configuration, and which one is near and right."""
+    state = space.classify(end)
+    if not inside:
+        reason = f"lies outside the map, which reaches from {_text(space.grid.lower)} to {_text(space.grid.upper)}"
+        rule = "a path stays within the map"
+    elif exact and state != BLOCKED:
+        reason = "is in collision, or cannot be told from it"
+        rule = f"the {name} must be proven collision-free, by the map or by the geometry"
+    elif state != FREE:
+        reason = f"lies in a {NAMES[state].upper()} cell"
+        rule = f"the {name} must be FREE, which is to say proven collision-free"
+    else:
+        reason = "is FREE but lies on the border of a cell that is not"
+        rule = f"a motion from or to it would touch that cell too, so the {name} must lie inside"
+    nearest: Configuration | None = None
+    try:
+        nearest = tuple(space.rotations.canonical(space.nearest_free(end)).tolist())
+        mend = f"the nearest is {_text(nearest)}"
+    except ConfigurationError:
+        mend = "the map has no FREE configuration at all; use a smaller robot, margin or spacing"
+    return ConfigurationError(name, f"{_text(end)} {reason}", rule, mend, value=end, nearest=nearest)
+
+
+def _text(point: Sequence[float]) -> str:
+    return "(" + ", ".join(f"{x:.6g}" for x in point) + ")"
 
 
 def _found(
@@ -200,12 +240,12 @@ def _found(
         began = time.perf_counter()
         path = edges.space.free_path(*ends, straight=search.simplify)
         return Found(path, "", time.perf_counter() - began)
-    if search.exact and exists is None:
+    if edges.exact and exists is None:
         return Passages(search, edges, limit).run(*ends)
     return search.run(edges, *ends, limit)
 
 
-def _status(found: Found, search: Search, exists: bool | None, limit: float, space: CSpace) -> tuple[str, str]:
+def _status(found: Found, search: Search, edges: LocalPlanner, exists: bool | None, limit: float) -> tuple[str, str]:
     """What came out in a line, and what to try where no path was found though there may be one."""
     if len(found.path):
         return "path found" + (f": {found.note}" if found.note else ""), ""
@@ -218,16 +258,17 @@ def _status(found: Found, search: Search, exists: bool | None, limit: float, spa
     else:
         within = f"no path found: {found.note or 'the planner gave up'} after {found.planning:.2g} s"
     more = [f"more time (time_limit={10 * limit:g})"]
-    finer = "a finer spacing" + " or more rotations" * (space.rotations.count > 1)
+    turning = bool(edges.space.rotations.names)
+    finer = "a finer spacing" + " or more rotations" * turning
     if exists is None:
         known = "undecided whether one exists"
-        more = [*([] if search.exact or search.curve else ["exact=True"]), finer, *more]
-    elif search.curve:
+        more = [*([] if edges.exact or edges.curve else ["exact=True"]), finer, *more]
+    elif edges.curve:
         known = "one exists for a robot that turns on the spot"
         more += ["a smaller turning_radius", "another planner"]
     else:
         known = "a path exists"
-        more += ["another planner" if space.rotations.count > 1 else "planner='Cubes'"]
+        more += ["another planner" if turning else "planner='Cubes'"]
     if search.planner == CUBES:
         # It has looked everywhere that it can, and asks no geometry.
         more = ["planner='RRTConnect'" + " with exact=True" * (exists is None), finer]

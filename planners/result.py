@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from cspace.io.output import replacing
 from cspace.rotations import YAW_SLACK
-from planners.local_planner import LocalPlanner
+from planners.local_planner import DENSE_TURN, LocalPlanner
 from planners.states import Floats
-from planners.straight_edges import DENSE_TURN
 
 
 @dataclass(frozen=True, slots=True)

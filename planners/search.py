@@ -17,7 +17,7 @@ from ompl import util as ou
 from planners.catalogue import SECOND_THREAD, make_planner
 from planners.deadline import GRACE, Callbacks, Deadline, OutOfTime
 from planners.local_planner import LocalPlanner
-from planners.setup import MakeObjective, narrow, simple_setup
+from planners.setup import MakeObjective, narrow, set_up
 from planners.states import Configuration, Floats, StateKind, kind_of
 
 _ORDINARY: Final = ("Timeout", "Exact solution", "Approximate solution", "Unknown status")
@@ -58,9 +58,6 @@ class Search:
         How often OMPL may ask whether to go on.
     simplify : bool
     seed : int or None
-    exact : bool
-    curve : str or None
-    turning_radius : float or None
     """
 
     planner: str
@@ -68,9 +65,6 @@ class Search:
     iterations: int | None = None
     simplify: bool = True
     seed: int | None = None
-    exact: bool = False
-    curve: str | None = None
-    turning_radius: float | None = None
 
     def run(self, edges: LocalPlanner, start: Configuration, goal: Configuration, time_limit: float) -> Found:
         """Search a path between two configurations at which motions can be proven free.
@@ -81,17 +75,11 @@ class Search:
             if self.seed is not None:
                 # OMPL calls this an error once numbers have been drawn, but what is made from here on obeys it.
                 ou.RNG.setSeed(self.seed + 1)
-            setup = simple_setup(
-                edges.space,
-                objective=self.objective,
-                exact=self.exact,
-                curve=self.curve,
-                turning_radius=self.turning_radius,
-            )
+            setup = set_up(edges, self.objective)
             if self._is_shortest(edges, setup, start, goal):
-                what = "shortest curve" if self.curve else "straight edge"
+                what = "shortest curve" if edges.curve else "straight edge"
                 return Found(np.array([start, goal]), f"the {what} is free; no search needed")
-            if not self.exact and edges.space.path_exists(start, goal):
+            if not edges.exact and edges.space.path_exists(start, goal):
                 narrow(setup, edges.space, start)
             return _Run(self, edges, setup).solve(start, goal, time_limit)
 

@@ -11,9 +11,8 @@ from ompl import geometric as og
 from cspace.errors import InputError
 from cspace.map.batches import check_rng
 from cspace.space import CSpace
-from planners.checkers import MotionValidator, StateValidityChecker
+from planners.callbacks import FreeStateSampler, MotionValidator, StateValidityChecker
 from planners.local_planner import LocalPlanner, local_planner
-from planners.sampling import FreeStateSampler
 from planners.states import Configuration, kind_of
 
 MakeObjective = Callable[[ob.SpaceInformation], ob.OptimizationObjective]
@@ -120,12 +119,22 @@ def simple_setup(
         of another type than OMPL's, or both ``rng`` and a sampler are given, or ``rng`` and ``exact``. And as
         :func:`state_space`.
     """
-    setup = og.SimpleSetup(_bounded(local_planner(space, exact, curve, turning_radius)))
+    return set_up(local_planner(space, exact, curve, turning_radius), objective, rng, valid_state_sampler)
+
+
+def set_up(
+    edges: LocalPlanner,
+    objective: MakeObjective | None = None,
+    rng: np.random.Generator | None = None,
+    sampler: MakeSampler | None = None,
+) -> og.SimpleSetup:
+    """As :func:`simple_setup`, for edges that are known."""
+    space, setup = edges.space, og.SimpleSetup(_bounded(edges))
     si = setup.getSpaceInformation()
-    setup.setStateValidityChecker(StateValidityChecker(si, space, exact=exact))
-    si.setMotionValidator(MotionValidator(si, space, exact=exact, curve=curve, turning_radius=turning_radius))
+    setup.setStateValidityChecker(StateValidityChecker(si, space, exact=edges.exact))
+    si.setMotionValidator(MotionValidator(si, space, **edges.options))
     _set_resolution(si, space)
-    si.setValidStateSamplerAllocator(_sampler_maker(si, space, rng, valid_state_sampler, exact))
+    si.setValidStateSamplerAllocator(_sampler_maker(si, space, rng, sampler, edges.exact))
     if objective is not None:
         setup.setOptimizationObjective(_made(objective, si, ob.OptimizationObjective, "objective"))
     elif not setup.getStateSpace().getType():
@@ -147,11 +156,7 @@ def _sampler_maker(
             rule = "it is for FreeStateSampler, which keeps to FREE cells"
             raise InputError("rng", f"is given and {other}", rule, "leave one of the two out")
     if sampler is None:
-        return (
-            (lambda info: ob.UniformValidStateSampler(info))
-            if exact
-            else lambda info: FreeStateSampler(info, space, rng)
-        )
+        return ob.UniformValidStateSampler if exact else lambda info: FreeStateSampler(info, space, rng)
     made = _made(sampler, si, ob.ValidStateSampler, "valid_state_sampler")
     if isinstance(made, ob.ObstacleBasedValidStateSampler):
         rule = (

@@ -14,9 +14,8 @@ from benchmarks.soak.maps import ALONG, Rng, nearly_snapped, not_free_along
 from benchmarks.soak.plane_cases import Case, draw_case
 from benchmarks.soak.tally import Tally
 from cspace import FREE
-from planners.car_curves import CURVES, CarCurves
-from planners.local_planner import local_planner
-from planners.shortest_curves import shortest
+from planners.car_curves import shortest
+from planners.local_planner import CURVES, CarCurves, local_planner
 
 Floats = NDArray[np.float64]
 

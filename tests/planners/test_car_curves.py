@@ -12,9 +12,8 @@ from ompl import base as ob
 
 import planners
 from cspace import FREE, MIXED, CSpace, Robot, Workspace, build
-from planners.car_curves import CURVES, CarCurves
-from planners.local_planner import local_planner
-from planners.shortest_curves import shortest
+from planners.car_curves import shortest
+from planners.local_planner import CURVES, CarCurves, local_planner
 from planning import room, turn_between, with_state
 
 SPACES = {"dubins": ob.DubinsStateSpace, "reeds-shepp": ob.ReedsSheppStateSpace}
@@ -27,7 +26,7 @@ def space() -> CSpace:
 
 
 def curve(name: str, radius: float, space: Any = None) -> CarCurves:
-    return CarCurves(space, CURVES.index(name), radius)
+    return CarCurves(space, False, name, radius)
 
 
 def pairs(n: int, radius: float, seed: int = 0) -> np.ndarray:

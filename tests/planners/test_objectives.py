@@ -10,7 +10,7 @@ import pytest
 
 import planners
 from cspace import InputError
-from planners.car_curves import CURVES
+from planners.local_planner import CURVES
 from planners.states import kind_of
 from planning import CAR, SPACES, edges_from, room, state_at
 

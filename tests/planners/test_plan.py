@@ -19,8 +19,8 @@ from ompl import util as ou
 
 import planners
 from cspace import BLOCKED, FREE, MIXED, ConfigurationError, CSpace, InputError, Robot, Workspace, build
-from planners.car_curves import CURVES
 from planners.catalogue import IGNORE_OBJECTIVES, NO_CURVES, SECOND_THREAD
+from planners.local_planner import CURVES
 from planning import (
     ANYTIME,
     CAR,

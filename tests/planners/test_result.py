@@ -13,8 +13,7 @@ import pytest
 
 import planners
 from cspace import BLOCKED, FileError
-from planners.car_curves import CURVES
-from planners.local_planner import local_planner
+from planners.local_planner import CURVES, local_planner
 from planners.result import least_clearance
 from planning import CAR, ENDS, SPACES, distances, halves, open_map, room, turn_between, usable
 

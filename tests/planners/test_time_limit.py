@@ -9,9 +9,9 @@ import pytest
 
 import planners
 from cspace import MIXED
-from planners.car_curves import CURVES
 from planners.catalogue import IGNORE_OBJECTIVES, NO_CURVES, SECOND_THREAD
 from planners.deadline import Deadline, OutOfTime
+from planners.local_planner import CURVES
 from planning import ANYTIME, CAR, ENDS, SPACES, halves, room
 
 LIMIT = 0.05

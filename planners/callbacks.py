@@ -1,15 +1,22 @@
-"""What OMPL asks most: whether a state is free, one look-up, and whether a motion is, one compiled call."""
+"""What OMPL calls most: is a state free, one look-up; is a motion, one compiled call; and samples of free states."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterator
+from typing import Final
 
+import numpy as np
 from ompl import base as ob
+from ompl import util as ou
 
+from cspace.map.batches import check_rng
 from cspace.space import CSpace
-from planners.car_curves import CarCurves
 from planners.local_planner import local_planner
 from planners.states import check_information, kind_of
+
+_BATCH: Final = 256
+"""Draws made at once; one at a time would spend all the time on the way in and out of numpy."""
 
 
 class StateValidityChecker(ob.StateValidityChecker):
@@ -89,10 +96,7 @@ class MotionValidator(ob.MotionValidator):
     ) -> None:
         check_information(si, space)
         super().__init__(si)
-        edges = local_planner(space, exact, curve, turning_radius)
-        of_states = kind_of(space).of_states
-        self._ask_map = _curve_check(edges) if isinstance(edges, CarCurves) else of_states(edges.edge_checker())
-        self._is_free = self._ask_map
+        self._is_free = self._ask_map = local_planner(space, exact, curve, turning_radius).motion_checker()
 
     def checkMotion(self, first: ob.State, second: ob.State) -> bool:  # noqa: N802 - OMPL's name
         """Whether the edge between two states is free all along."""
@@ -103,13 +107,77 @@ class MotionValidator(ob.MotionValidator):
         self._is_free = answer or self._ask_map
 
 
-def _curve_check(curves: CarCurves) -> Callable[[ob.State, ob.State], bool]:
-    """Whether a curve is proven free, and is no longer than OMPL's, so that it is the one that OMPL means."""
-    prove, states = kind_of(curves.space).of_states(curves.length_prover()), curves.states()
-    tolerance = 1e-6 * curves.radius
+class FreeStateSampler(ob.ValidStateSampler):
+    """Draws states that are FREE, uniformly over the free area or volume, without trial and error.
 
-    def check(first: ob.State, second: ob.State) -> bool:
-        length = prove(first, second)
-        return length >= 0.0 and bool(states.distance(first, second) <= length + tolerance)
+    Parameters
+    ----------
+    si : ompl.base.SpaceInformation
+        Of a :func:`planners.state_space`.
+    space : CSpace
+    rng : numpy.random.Generator, optional
+        Source of randomness. If left out, one seeded by OMPL's seed generator, so that ``ompl.util.RNG.setSeed`` makes
+        the draws repeatable.
 
-    return check
+    Raises
+    ------
+    InputError
+        If ``rng`` is not a Generator.
+    """
+
+    def __init__(self, si: ob.SpaceInformation, space: CSpace, rng: np.random.Generator | None = None) -> None:
+        check_information(si, space)
+        super().__init__(si)
+        rng = np.random.default_rng(ou.RNG().getLocalSeed()) if rng is None else check_rng(rng)
+        self._kind, self._rotations = kind_of(space), space.rotations
+        self._points = _points(space, rng)
+        self._numbers = _numbers(rng)
+        self._is_free = space.point_checker()
+        self._box = tuple(zip(space.grid.lower, space.grid.upper, strict=True))
+
+    def sample(self, state: ob.State) -> bool:
+        """Set ``state`` to a FREE configuration.
+
+        Raises
+        ------
+        ConfigurationError
+            If the map has no FREE cell.
+        """
+        # The map may have been updated since a point was drawn.
+        self._kind.write(state, *next(point for point in self._points if self._is_free(*point)))
+        return True
+
+    def sampleNear(self, state: ob.State, near: ob.State, distance: float) -> bool:  # noqa: N802 - OMPL's name
+        """Set ``state`` to a FREE configuration within ``distance`` of ``near`` along each axis, and in radians.
+
+        Returns
+        -------
+        bool
+            False, and ``state`` as it was, if none was found in ``getNrAttempts`` draws.
+        """
+        middle, dim = self._kind.read(near), len(self._box)
+        rotations, numbers = self._rotations, self._numbers
+        box = [
+            (max(low, x - distance), min(high, x + distance)) for (low, high), x in zip(self._box, middle, strict=False)
+        ]
+        if any(low > high for low, high in box):
+            return False
+        for _ in range(max(1, self.getNrAttempts())):
+            place = [min(low + next(numbers) * (high - low), high) for low, high in box]
+            place += rotations.near(middle[dim:], min(distance, math.pi), numbers)
+            if self._is_free(*place):
+                self._kind.write(state, *place)
+                return True
+        return False
+
+
+def _points(space: CSpace, rng: np.random.Generator) -> Iterator[list[float]]:
+    """FREE configurations without end."""
+    while True:
+        yield from space.rotations.canonical(space.sample_free(_BATCH, rng)).tolist()
+
+
+def _numbers(rng: np.random.Generator) -> Iterator[float]:
+    """Uniform numbers from [0, 1) without end."""
+    while True:
+        yield from rng.random(_BATCH).tolist()
