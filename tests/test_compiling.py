@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import os
 import pickle
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -96,22 +97,45 @@ for name in ("callee", "caller"):
     spec = importlib.util.spec_from_file_location(f"cspace.probe_{name}", f"{folder}/{name}.py")
     module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-print(module.answer(1.0), sum(module.answer.stats.cache_hits.values()))
+print(module.answer(1.0), sum(module.answer.stats.cache_hits.values()), flush=True)
 """
+
+FORKS = f"""
+import json, os, sys
+import numba
+import cspace.compiling
+numba.njit(lambda value: value)(1.0)  # it sets itself up
+for line in sys.stdin:
+    folder, environment = json.loads(line)
+    if os.fork():
+        os.wait()
+        continue
+    os.environ.update(environment)
+    numba.core.config.reload_config()
+    exec({RUN!r})
+    os._exit(0)
+"""
+"""Runs the probes in processes that have imported numba, and compiled nothing of ours."""
+
+
+@pytest.fixture(scope="module")
+def forks() -> Iterator[subprocess.Popen[str]]:
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
+    with subprocess.Popen([sys.executable, "-c", FORKS], text=True, **pipes) as process:
+        yield process
+        assert process.communicate()[0] == ""
 
 
 @pytest.fixture
-def run(tmp_path: Path) -> Callable[..., tuple[float, int]]:
+def run(tmp_path: Path, forks: subprocess.Popen[str]) -> Callable[..., tuple[float, int]]:
     """What the probes answer in a process of its own, and how much of it came from the cache."""
 
     def answered(added: str | None = None, **environment: str) -> tuple[float, int]:
         if added is not None:
             (tmp_path / "callee.py").write_text(CALLEE.format(added=added))
-        code = f"folder = {str(tmp_path)!r}\n{RUN}"
-        env = {**os.environ, **environment}
-        done = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=False)
-        assert (done.returncode, done.stderr) == (0, "")
-        result, hits = done.stdout.split()
+        assert forks.stdin is not None and forks.stdout is not None
+        print(json.dumps([str(tmp_path), environment]), file=forks.stdin, flush=True)
+        result, hits = forks.stdout.readline().split()
         return float(result), int(hits)
 
     (tmp_path / "caller.py").write_text(CALLER)

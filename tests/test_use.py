@@ -7,8 +7,10 @@ import sys
 from pathlib import Path
 
 CODE = """
+import sys
+sys.path.insert(0, "benchmarks/soak")  # without all the rest of the soak
+import use
 from benchmarks.report import Report
-from benchmarks.soak import use
 
 if __name__ == "__main__":
     report = Report(True)

@@ -83,7 +83,8 @@ def worlds(draw: st.DrawFn, kinds: tuple[str, ...] = KINDS) -> World:
     """Maps of every kind; robots from one cell to larger than the map."""
     kind, rng = draw(st.sampled_from(kinds)), np.random.default_rng(draw(seeds))
     dim = 3 if "space" in kind else 2
-    longest = draw(st.sampled_from([1, 6, {"plane": 40, "turning": 24, "space": 14}.get(kind, 8)]))
+    most = {"plane": 40, "turning": 24, "space": 14}.get(kind, 8)
+    longest = draw(st.sampled_from([1, 6, most]))
     turns = [Rotations.quaternions(1), Rotations.quaternions(2)] if "any way" in kind else [1, 2, 5, 8]
     shape = tuple(int(rng.integers(1, longest + 1)) for _ in range(dim))
     outer = rng.random(shape) < rng.choice([0.0, 0.02, 0.1, 0.5])
@@ -94,7 +95,7 @@ def worlds(draw: st.DrawFn, kinds: tuple[str, ...] = KINDS) -> World:
         "overlap": draw(st.booleans()),
         "rotations": draw(st.sampled_from(turns)) if "turning" in kind else None,
     }
-    size = SPACING * draw(st.sampled_from([0.1, 1.3, 3.0, 60.0]))
+    size = SPACING * draw(st.sampled_from([0.1, 1.3, 3.0, 1.5 * most]))
     away = rng.uniform(-2.0, 2.0, dim) * rng.choice([0.0, size])
     if dim == 3:
         robots = [Robot.ball(size, away), Robot.box((size, 0.7 * size, 1.5 * size))]

@@ -461,7 +461,7 @@ def test_robots_that_turn_in_space(outside, turns):
     np.testing.assert_array_equal(free[decided], true[decided] > 0.0)
     assert 20 < free.sum() < 145
     proven, t = 0, np.linspace(0.0, 1.0, 500)
-    for first in q0[free][:30]:
+    for first in q0[free][:16]:
         turn = rng.normal(0.0, 0.6, 3) * (0.0, 0.0, 1.0) if turns == "yaw" else rng.normal(0.0, 0.6, 3)
         step, after = rng.normal(0.0, 0.2, 3), Rotation.from_rotvec(turn) * rotation_of(first)
         last = [first[3] + turn[2]] if turns == "yaw" else after.as_quat() * rng.choice([-1.0, 1.0])
@@ -473,7 +473,7 @@ def test_robots_that_turn_in_space(outside, turns):
         least = min(gap(*way) for way in ways)
         assert least > 0.0 if answer else least < 0.03 * (np.abs(step).sum() + np.abs(turn).sum() + 1.0)
         proven += answer
-    assert proven > 5
+    assert proven > 3
 
 
 @pytest.mark.parametrize("turns", TURNS)

@@ -73,7 +73,7 @@ def test_every_planner_finds_a_certified_path(planner: str, name: str, curve: st
             planners.plan(room(name), *ENDS[name], planner=planner, **options_for(curve))
         return
     space, ends = room(name), ends_in(name, curve)
-    limits = (20.0,) if planner.endswith("FMT") else (0.15, 1.0, 20.0)
+    limits = (20.0,) if planner.endswith("FMT") else (0.05, 0.2, 1.0, 20.0)
     found = patient(space, ends, limits, planner=planner, seed=1, simplify=planner not in ANYTIME, **options_for(curve))
     check(space, found, *ends)
     assert (found.planner, found.objective, found.curve, found.exact) == (planner, "length", curve, False)

@@ -195,7 +195,7 @@ def test_a_verdict_is_right_about_the_ideal_overlap(seed: int, dim: int, alpha: 
         assert alone == Separation(*(each[k] for each in (told.verdict, told.frequencies, told.overlap, told.bound)))
 
 
-@settings(max_examples=8)
+@settings(max_examples=5)
 @given(seeds, st.sampled_from(DIMS), st.floats(0.02, 0.2), st.integers(1, 4), st.booleans())
 def test_of_shapes_of_balls_is_right_next_to_the_contact(
     seed: int, dim: int, swell: float, classes: int, swelling: bool
