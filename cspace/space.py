@@ -31,9 +31,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from cspace.exact.queries import Exact
-    from cspace.map.clearance import Marks
     from cspace.map.components import Components
-    from cspace.map.mip import Bits, Mip
+    from cspace.map.mip import Marks, Mip
     from cspace.map.overlaps import Runs, Sums
     from cspace.map.sampling import FreeCells
     from cspace.plot.picture import PlotOptions
@@ -99,7 +98,6 @@ class CSpace:
         self._point_checker: Kept[Callable[..., bool]] = Kept(self._lock)
         self._edge_checker: Kept[Callable[..., bool]] = Kept(self._lock)
         self._mip: Kept[Mip] = Kept(self._lock)
-        self._bits: Kept[Bits] = Kept(self._lock)
         self._runs: Kept[Runs] = Kept(self._lock)
         self._outer_sums: Kept[Sums] = Kept(self._lock)
         self._inner_sums: Kept[Sums] = Kept(self._lock)
@@ -353,7 +351,7 @@ class CSpace:
         """
         from cspace.map.clearance import clearances
 
-        return answer(q, self.dof, partial(clearances, self._map, self._marks), np.float64, float)
+        return answer(q, self.dof, partial(clearances, self._map, self._marks(cells=True)), np.float64, float)
 
     # ---- edges -------------------------------------------------------------------------------------------------------
 
@@ -386,8 +384,8 @@ class CSpace:
         """Whether each edge of a path, of paths, or of a roadmap is proven collision-free all along.
 
         The edges are those of :meth:`motion_is_free`, answered alike: straight, with yaw along the shorter arc, as
-        OMPL interpolates. Where there are many, they are proven in threads and with a coarse map that passes over free
-        space in larger steps; the answers are the same.
+        OMPL interpolates. Where there are many, they are proven in threads and with marks of blocks of cells that
+        pass over free space in larger steps; the answers are the same.
 
         Parameters
         ----------
@@ -483,7 +481,7 @@ class CSpace:
         """
         from cspace.map.clearance import checker
 
-        return checker(self._map, self._marks, self.dof)
+        return checker(self._map, self._marks(cells=True, lasting=True), self.dof)
 
     # ---- what FREE cells join ----------------------------------------------------------------------------------------
 
@@ -673,9 +671,10 @@ class CSpace:
         its ``shapes`` are None, and look-ups with ``exact=True`` ask the outer cells instead.
 
         Kept up to date, if they were asked for before: the state, stored overlaps, running counts for
-        :meth:`overlap` and :meth:`contains_robot`, what is known outside the grid, the coarse map for
-        :meth:`clearance`, and the blocks of :meth:`path_exists` and :meth:`free_reach`, which are joined anew at the
-        next call. Dropped, and made again at the next call: the counts of FREE cells for :meth:`sample_free`, and the
+        :meth:`overlap` and :meth:`contains_robot`, what is known outside the grid, and the blocks of
+        :meth:`path_exists` and :meth:`free_reach`, which are joined anew at the next call. For :meth:`clearance` it is
+        noted where states differ, and followed at the next call, or at once where a :meth:`clearance_checker` was
+        handed out. Dropped, and made again at the next call: the counts of FREE cells for :meth:`sample_free`, and the
         geometry for ``exact=True``. An overlap field is about the obstacles as they were, and is let go. A map built
         without ``inner`` gets no BLOCKED cells; one from a file, if it has none where there could be one.
 
@@ -731,7 +730,6 @@ class CSpace:
         self._inner_sums.renew(change)
         if change.changed:
             self._mip.renew(change)
-            self._bits.renew(change)
             self._free_cells.drop()
             self._components_kept.renew(change)
         self._exact_kept.renew(change)
@@ -850,20 +848,11 @@ class CSpace:
             )
         )
 
-    @property
-    def _marks(self) -> Marks:
-        """What is not FREE, at three scales."""
-        from cspace.map.clearance import Marks
-        from cspace.map.mip import Bits
-
-        return Marks(self._bits.get(lambda: Bits(self._seen)).words, *self._coarse.words)
-
-    @property
-    def _coarse(self) -> Mip:
-        """What tells of the states block by block."""
+    def _marks(self, *, cells: bool, lasting: bool = False) -> Marks:
+        """What is not FREE, at three scales; see :meth:`cspace.map.mip.Mip.marks`."""
         from cspace.map.mip import Mip
 
-        return self._mip.get(lambda: Mip(self._seen))
+        return self._mip.get(lambda: Mip(self._seen, self._lock)).marks(cells, lasting)
 
     # ---- kernels and checks ------------------------------------------------------------------------------------------
 
@@ -873,7 +862,7 @@ class CSpace:
         return partial(classify, self._map)
 
     def _edges(self, number: int, exact: bool) -> Kernel:
-        """The kernel for edges, of which there are some ``number`` to come; many are worth a coarse map."""
+        """The kernel for edges, of which there are some ``number`` to come; many are worth marks of blocks."""
         from cspace.map.edges import edges_are_free
         from cspace.map.mip import CELLS_AN_EDGE
 
@@ -881,7 +870,7 @@ class CSpace:
             return self._exact.edges()
         mip = None
         if self._mip.made is not None or number * CELLS_AN_EDGE >= self._seen.size:
-            mip = self._coarse.flat
+            mip = self._marks(cells=False).blocks
         return partial(edges_are_free, self._map, mip)
 
     def _sum(self, side: Literal["outer", "inner"], q: ArrayLike) -> int | Ints:

@@ -83,7 +83,7 @@ def _compare(report: Report, title: str, space: CSpace, rng: np.random.Generator
     number, part, runs = (10**5, 500, 3) if report.quick else (10**6, 5000, 7)
     edges = Edges.draw(space, number, rng)
     report.section(f"{number:.0e} edges of {LENGTH:g} cells, {title}, {cores()} workers")
-    space.motion_is_free(edges.starts, edges.ends)  # makes the coarse map
+    space.motion_is_free(edges.starts, edges.ends)  # marks blocks
     free = space.motion_is_free(edges.starts, edges.ends)
     report.note(f"{free.mean():.0%} of the edges are proven free")
     informations = {name: _information(space, make) for name, make in _checkers(space).items()}

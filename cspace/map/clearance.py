@@ -1,16 +1,15 @@
 """Clearance: proven distances to the nearest configuration that is not FREE.
 
-Nothing is kept for it but the coarse maps of :mod:`cspace.map.mip`, and a bit for each cell. The nearest cell is
-searched from the configuration outwards: first among large blocks of cells, and only those that are not all FREE, and
-nearer than the best cell so far, are looked into. Places are counted in cells, along three axes; the plane is space
-with one layer of cells.
+Nothing is kept for it but the marks of :mod:`cspace.map.mip`. The nearest cell is searched from the configuration
+outwards: first among large blocks of cells, and only those that are not all FREE, and nearer than the best cell so far,
+are looked into. Places are counted in cells, along three axes; the plane is space with one layer of cells.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from numba.cpython.unsafe.numbers import leading_zeros, trailing_zeros
@@ -19,7 +18,7 @@ from numpy.typing import NDArray
 from cspace.compiling import entry, inner, reader
 from cspace.grid import SLACK
 from cspace.map import turning
-from cspace.map.mip import SHIFT, SIDE
+from cspace.map.mip import SHIFT, SIDE, Marks
 from cspace.map.points import FAR, Cell, Numbers, configuration, is_usable, replaced, state_at
 from cspace.map.record import Map
 from cspace.states import FREE
@@ -42,14 +41,6 @@ NODE: Final = SIZE * SIZE
 
 ROUNDING: Final = 2.0**-40
 """Share by which a distance is raised that must not be below the true one, whatever was rounded."""
-
-
-class Marks(NamedTuple):
-    """What is not FREE, at three scales: :class:`cspace.map.mip.Bits` and the words of :class:`cspace.map.mip.Mip`."""
-
-    bits: Words
-    blocks: Words
-    nodes: Words
 
 
 @inner
@@ -130,34 +121,35 @@ def nearest_square(marks: Marks, s: int, place: Place, best: float) -> float:
 @inner(forceinline=True)
 def nearest_in_node(marks: Marks, s: int, node: Cell, place: Place, best: float) -> float:
     """The same of a block of blocks."""
-    _, nx, ny, _ = marks.blocks.shape
-    first_x, first_y, first_z = node[0] << SHIFT, node[1] << SHIFT, node[2] << SHIFT
-    last_x, last_y = min(first_x + SIDE, nx), min(first_y + SIDE, ny)
+    layers = marks.blocks[s, node[0], node[1], node[2]]
+    first_x, first_y, first_z = node[0] * layers.shape[0], node[1] << SHIFT, node[2] << SHIFT
+    last_x = first_x + layers.shape[0]
     y_least, z_least = gap(place[1], node[1], NODE) ** 2, gap(place[2], node[2], NODE) ** 2
     below_x, above_x = around(place[0], SIZE, first_x, last_x)
     while True:
         i, x_gap, below_x, above_x = nearer(place[0], SIZE, first_x, last_x, below_x, above_x)
         if not x_gap * x_gap + y_least + z_least < best:
             return best
-        below_y, above_y = around(place[1], SIZE, first_y, last_y)
-        while True:
-            j, y_gap, below_y, above_y = nearer(place[1], SIZE, first_y, last_y, below_y, above_y)
-            square = x_gap * x_gap + y_gap * y_gap
-            if not square + z_least < best:
+        word = layers[i - first_x]
+        while word != 0:
+            n, z_gap = nearest_part(word, BYTE, place[2], SIZE, first_z)
+            square = x_gap * x_gap + z_gap * z_gap
+            if not square + y_least < best:
                 break
-            word = marks.blocks[s, i, j, node[2]]
-            while word != 0:
-                n, apart = nearest_part(word, BYTE, place[2], SIZE, first_z)
-                if not square + apart * apart < best:
+            column = (word >> np.uint64(8 * n)) & ALL
+            while column != 0:
+                m, y_gap = nearest_part(column, BIT, place[1], SIZE, first_y)
+                if not square + y_gap * y_gap < best:
                     break
-                best = nearest_in_block(marks, s, (i, j, first_z + n), place, best)
-                word &= ~(ALL << np.uint64(8 * n))
+                best = nearest_in_block(marks, s, (i, first_y + m, first_z + n), place, best)
+                column &= ~(ONE << np.uint64(m))
+            word &= ~(ALL << np.uint64(8 * n))
 
 
 @inner(forceinline=True)
 def nearest_in_block(marks: Marks, s: int, block: Cell, place: Place, best: float) -> float:
     """The same of a block of cells."""
-    layers = marks.bits[s, block[0], block[1], block[2]]
+    layers = marks.cells[s, block[0], block[1], block[2]]
     first_x, first_y, first_z = block[0] * layers.shape[0], block[1] << SHIFT, block[2] << SHIFT
     last_x = first_x + layers.shape[0]
     y_least, z_least = gap(place[1], block[1], SIZE) ** 2, gap(place[2], block[2], SIZE) ** 2

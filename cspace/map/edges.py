@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from cspace.compiling import inner, reader
 from cspace.grid import SLACK
 from cspace.map import turning
-from cspace.map.mip import SHIFT, SIDE, depth_of
+from cspace.map.mip import ONE, SHIFT, SIDE
 from cspace.map.points import (
     MAX_PLACE,
     Cell,
@@ -32,7 +32,7 @@ from cspace.map.storage import state_in
 from cspace.states import FREE
 
 Floats = NDArray[np.float64]
-States = NDArray[np.uint8]
+Words = NDArray[np.uint64]
 
 FINEST = 1.0 / 16.0
 """Least distance of points that are looked at before an edge is walked, as a part of the edge."""
@@ -42,22 +42,22 @@ NEAREST = 2.0
 
 
 @reader
-def edges_are_free(map_: Map, mip: States | None, starts: Floats, ends: Floats, out: NDArray[np.bool_]) -> int:
+def edges_are_free(map_: Map, blocks: Words | None, starts: Floats, ends: Floats, out: NDArray[np.bool_]) -> int:
     """``edge_is_free`` of edges, shapes (n, dof); the index of the first edge that is not usable, or -1."""
     for k in range(starts.shape[0]):
         q0, q1 = configuration(map_, starts, k), configuration(map_, ends, k)
         if not (is_usable(map_, q0) and is_usable(map_, q1)):
             return k
-        out[k] = edge_is_free(map_, mip, q0, q1)
+        out[k] = edge_is_free(map_, blocks, q0, q1)
     return -1
 
 
 @inner(forceinline=True)
-def edge_is_free(map_: Map, mip: States | None, q0: Numbers, q1: Numbers) -> bool:
+def edge_is_free(map_: Map, blocks: Words | None, q0: Numbers, q1: Numbers) -> bool:
     """Whether every closed cell within SLACK of an edge is FREE.
 
-    Along an edge the position goes straight, and the rotation the shortest way. ``mip`` is the flat coarse map of
-    :mod:`cspace.map.mip`, or None: then what walks over it is not compiled.
+    Along an edge the position goes straight, and the rotation the shortest way. ``blocks`` are those of
+    :class:`cspace.map.mip.Marks`, or None: then what walks over them is not compiled.
     """
     cursor = turning.first_piece(map_.rotations, q0, q1)
     while True:
@@ -68,7 +68,7 @@ def edge_is_free(map_: Map, mip: States | None, q0: Numbers, q1: Numbers) -> boo
         for axis in range(len(map_.lower)):
             first = replaced(first, axis, between(q0[axis], q1[axis], start))
             last = replaced(last, axis, between(q0[axis], q1[axis], stop))
-        if not segment_is_free(map_, mip, number, first, last):
+        if not segment_is_free(map_, blocks, number, first, last):
             return False
 
 
@@ -84,7 +84,7 @@ def between(first: float, second: float, t: float) -> float:
 
 
 @inner(error_model="numpy", forceinline=True)
-def segment_is_free(map_: Map, mip: States | None, number: int, first: Numbers, last: Numbers) -> bool:
+def segment_is_free(map_: Map, blocks: Words | None, number: int, first: Numbers, last: Numbers) -> bool:
     """The same of a segment in one slice, by its ends' positions."""
     dim, inside, total = len(map_.lower), True, 0.0
     p, q = (0.5, 0.5, 0.5), (0.5, 0.5, 0.5)
@@ -111,9 +111,9 @@ def segment_is_free(map_: Map, mip: States | None, number: int, first: Numbers, 
         return slabs_are_free(part, p, q, low, high)
     if part.shape[0] > 1 and not probes_are_free(part, p, q):
         return False
-    if mip is None:  # known as this is compiled
+    if blocks is None:  # known as this is compiled
         return slabs_are_free(part, p, q, low, high)
-    return blocks_are_free(part, mip, number, p, q)
+    return blocks_are_free(part, blocks, number, p, q)
 
 
 @inner
@@ -187,12 +187,10 @@ def slabs_are_free(part: Slice, p: Numbers, q: Numbers, low: Cell, high: Cell) -
 
 
 @inner(forceinline=True)
-def blocks_are_free(part: Slice, mip: States, number: int, p: Numbers, q: Numbers) -> bool:
+def blocks_are_free(part: Slice, blocks: Words, number: int, p: Numbers, q: Numbers) -> bool:
     """The same of a segment in the grid: it is cut into slabs of blocks, and walked only in those that are not FREE."""
     ground: int = np.int64(0)  # type: ignore[assignment]  # the compiler gets one type for all three
     nx, ny, nz = part.shape
-    columns, rows = (nx + SIDE - 1) >> SHIFT, (ny + SIDE - 1) >> SHIFT
-    depth = depth_of(nz)
     first, last = cells_between(p[0], q[0], 0.0, 1.0)
     first, last = max(first, 0), min(last, nx - 1)
     for a in range(first >> SHIFT, (last >> SHIFT) + 1):
@@ -200,6 +198,7 @@ def blocks_are_free(part: Slice, mip: States, number: int, p: Numbers, q: Number
         start, stop = slab_times(p[0], q[0], begin, end)
         if start > stop:
             continue
+        layer = blocks[number, a >> SHIFT, :, :, a & (SIDE - 1)]
         near, far = cells_between(p[1], q[1], start, stop)
         near, far = max(near, 0), min(far, ny - 1)
         for b in range(near >> SHIFT, (far >> SHIFT) + 1):
@@ -209,9 +208,9 @@ def blocks_are_free(part: Slice, mip: States, number: int, p: Numbers, q: Number
             if enter > leave:
                 continue
             bottom, top = cells_between(p[2], q[2], enter, leave)
-            line, mark = ((number * columns + a) * rows + b) * depth, 0
+            line, bit, marked = layer[np.uint64(b >> SHIFT)], b & (SIDE - 1), np.uint64(0)
             for c in range(max(bottom, 0) >> SHIFT, (min(top, nz - 1) >> SHIFT) + 1):
-                mark |= mip[np.uint64(line + c)]
-            if mark != FREE and not slabs_are_free(part, p, q, (begin, left, ground), (end, right, nz - 1)):
+                marked |= line[np.uint64(c >> SHIFT)] >> np.uint64(((c & (SIDE - 1)) << SHIFT) + bit)
+            if marked & ONE and not slabs_are_free(part, p, q, (begin, left, ground), (end, right, nz - 1)):
                 return False
     return True

@@ -8,10 +8,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import cspace
-from cspace import FREE, InputError, Robot, Workspace
+from cspace import InputError, Robot, Workspace
 from cspace.map.batches import EDGES_A_THREAD, ROWS
-from cspace.map.kept import Change
-from cspace.map.mip import CELLS_AN_EDGE, SIDE, Bits, Mip
+from cspace.map.mip import CELLS_AN_EDGE
 from cspace.rotations import Rotations
 from cspace.threads import LEAST
 from handmade import configurations, map_of
@@ -153,68 +152,14 @@ def test_a_yaw_that_cannot_be_wrapped_is_refused_in_a_batch(yaw):
     assert (space.classify(q) == space.classify(q[0])).all()
 
 
-# ---- coarse maps -----------------------------------------------------------------------------------------------------
-
-
-def slow_coarse(stack):
-    shape = [-(-n // SIDE) for n in stack.shape[1:]]
-    coarse = np.zeros((len(stack), *shape), dtype=bool)
-    for cell in np.argwhere(stack != FREE):
-        coarse[(cell[0], *(cell[1:] // SIDE))] = True
-    return coarse
-
-
-def marks_of(mip, stack):
-    """Which blocks of a coarse map are marked, and that what fills up its rows is not."""
-    shape = [-(-n // SIDE) for n in stack.shape[1:]]
-    marks = mip.blocks.reshape(len(stack), *shape[:-1], -1) != FREE
-    assert not marks[..., shape[-1] :].any()
-    nodes = slow_coarse(mip.blocks)
-    assert ((mip.nodes != FREE)[..., : nodes.shape[-1]] == nodes).all()
-    assert (mip.nodes != FREE).sum() == nodes.sum()
-    return marks[..., : shape[-1]]
-
-
-def check_bits(bits, stack):
-    """Whether the bits of just those cells are set that are not FREE."""
-    s, x, y, z = np.argwhere(stack.reshape(len(stack), *(1,) * (4 - stack.ndim), *stack.shape[1:]) != FREE).T
-    words = bits.words[s, x // SIDE, y // SIDE, z // SIDE, x % SIDE]
-    assert (words >> (8 * (z % SIDE) + y % SIDE).astype(np.uint64) & np.uint64(1)).all()
-    assert np.bitwise_count(bits.words).sum() == len(s)
-
-
-@settings(max_examples=60)
-@given(st.integers(2, 3), seeds)
-def test_a_coarse_map_tells_which_blocks_are_free(dim, seed):
-    rng = np.random.default_rng(seed)
-    shape = (int(rng.integers(1, 4)), *rng.integers(1, 40 if dim == 2 else 20, dim).tolist())
-    stack = np.where(rng.random(shape) < rng.choice([0.0, 0.01, 0.2]), rng.integers(1, 3, shape), 0).astype(np.uint8)
-    mip, bits = Mip(stack), Bits(stack)
-    assert (marks_of(mip, stack) == slow_coarse(stack)).all()
-    check_bits(bits, stack)
-
-    boxes = np.empty((len(stack), 6), dtype=np.int64)
-    for part, box in zip(stack, boxes, strict=True):
-        ends = np.sort(rng.integers(0, part.shape, (2, dim)), axis=0)
-        if rng.random() < 0.2:
-            ends[1, rng.integers(dim)] = -1  # nothing changed
-        else:
-            where = tuple(slice(a, b + 1) for a, b in ends.T)
-            part[where] = rng.choice([0, 0, 0, 2], part[where].shape)
-        box[:] = [*[0] * (3 - dim), *ends[0], *[0] * (3 - dim), *ends[1]]
-    free = (stack == FREE).reshape(len(stack), -1).sum(axis=1)
-    change = Change(None, boxes[0], boxes, boxes, boxes, free, 1, False)
-    mip.renew(change)
-    bits.renew(change)
-    assert (marks_of(mip, stack) == slow_coarse(stack)).all()
-    check_bits(bits, stack)
+# ---- marks of blocks ------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("make", KINDS)
 @settings(max_examples=20)
 @given(seeds, st.sampled_from(["free", "blocked"]))
 def test_edges_of_many_are_those_of_each(make, seed, outside):
-    """A checker of single edges walks cell by cell; a large batch looks at a coarse map first."""
+    """A checker of single edges walks cell by cell; a large batch looks at the marks of blocks first."""
     rng = np.random.default_rng(seed)
     space = make(rng, outside=outside)
     q0 = draw_configurations(space, rng, 2 * EDGES_A_THREAD + 3, far=True)
@@ -226,12 +171,12 @@ def test_edges_of_many_are_those_of_each(make, seed, outside):
     assert many.any() or outside == "blocked"
 
 
-def test_a_coarse_map_is_made_only_where_it_pays():
+def test_blocks_are_marked_only_where_that_pays():
     space = cspace.build(cspace.Workspace.from_array(np.zeros((200, 200), dtype=bool), 0.1), cspace.Robot.disc(0.2))
     space.motion_is_free((1.0, 1.0), (2.0, 2.0))
     assert space._mip.made is None
     space.motion_is_free(np.full((10, 2), 1.0), np.full((10, 2), 2.0))
-    assert space._mip.made.blocks.shape == (1, 1, 25, 32)
+    assert space._mip.made.marks(cells=False).blocks.shape == (1, 1, 4, 4, 1)
 
 
 # ---- paths and roadmaps ----------------------------------------------------------------------------------------------

@@ -1,0 +1,117 @@
+"""Marks at three scales against brute force, after changes too, and what threads see while they follow."""
+
+import threading
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import cspace
+from cspace import FREE, Robot, Workspace
+from cspace.map.kept import Change, Lock
+from cspace.map.mip import MOST_NOTED, SIDE, Mip
+from cspace.map.storage import PackedStates
+from strategies import seeds
+
+
+def bits_of(words):
+    """The bits of words, shape (slices, a, b, c, layers), as an array of places, shape (slices, x, y, z)."""
+    slices, a, b, c, layers = words.shape
+    bits = words[..., None] >> np.arange(SIDE * SIDE, dtype=np.uint64) & np.uint64(1)
+    bits = bits.reshape(slices, a, b, c, layers, SIDE, SIDE)  # the last are z and y
+    return bits.transpose(0, 1, 4, 2, 6, 3, 5).reshape(slices, a * layers, b * SIDE, c * SIDE)
+
+
+def marked(places):
+    """Of places, or of blocks of them, the numbers of those that are marked."""
+    return set(map(tuple, np.argwhere(places).tolist()))
+
+
+def check(marks, stack, cells):
+    expected = marked(stack.reshape(len(stack), *(1,) * (4 - stack.ndim), *stack.shape[1:]) != FREE)
+    assert bool(marks.cells.size) == cells
+    if cells:
+        assert marked(bits_of(marks.cells)) == expected
+    for places in (bits_of(marks.blocks), marks.nodes.view(np.uint8)):
+        expected = {(s, *(n // SIDE for n in place)) for s, *place in expected}
+        assert marked(places) == expected
+
+
+def some_box(part, rng):
+    """A box of a slice, and its first and last cell along three axes; or none."""
+    ends = np.sort(rng.integers(0, part.shape, (2, part.ndim)), axis=0)
+    if rng.random() < 0.2:
+        ends[1, rng.integers(part.ndim)] = -1
+    axes = [0] * (3 - part.ndim)
+    return tuple(slice(a, b + 1) for a, b in ends.T), [*axes, *ends[0], *axes, *ends[1]]
+
+
+@settings(max_examples=60)
+@given(st.integers(2, 3), seeds, st.sampled_from([1, 3, MOST_NOTED + 2]), st.booleans(), st.booleans())
+def test_marks_tell_what_is_not_free_and_follow_changes(dim, seed, changes, lasting, packed):
+    rng = np.random.default_rng(seed)
+    side = int(rng.choice([9, 20, 70] if dim == 2 else [9, 20]))
+    shape = (int(rng.integers(1, 4)), *rng.integers(1, side, dim).tolist())
+    shape = (*shape[:-1], int(rng.choice([shape[-1], 530]))) if dim == 2 else shape
+    stack = np.where(rng.random(shape) < rng.choice([0.0, 0.01, 0.2]), rng.integers(1, 3, shape), 0).astype(np.uint8)
+    states = PackedStates(shape) if packed else stack
+
+    def write():
+        if packed:
+            for number, part in enumerate(stack):
+                states.write(number, part)
+
+    write()
+    mip = Mip(states, Lock())
+    check(mip.marks(cells=False), stack, False)
+    for cells in (False, True):
+        marks = mip.marks(cells, lasting)
+        check(marks, stack, cells)
+        for _ in range(changes):
+            boxes = []
+            for part in stack:
+                where, box = some_box(part, rng)
+                part[where] = rng.choice([0, 0, 0, 2], part[where].shape)
+                boxes.append(box)
+            write()
+            each = np.array(boxes)
+            mip.renew(Change(None, each[0], each, each, each, np.zeros(len(stack), dtype=np.int64), 1, False))
+        if lasting:  # what was handed out has followed by itself
+            check(marks, stack, cells)
+        check(mip.marks(cells), stack, cells)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_clearances_asked_for_while_the_map_is_updated(dim):
+    """Each answer lies between those with and without the obstacle that comes and goes."""
+    cells = np.zeros((40, 300) if dim == 2 else (40, 70, 20), dtype=bool)
+    cells[(5,) * dim] = True
+    space = cspace.build(Workspace.from_array(cells, 1.0), Robot.disc(0.1) if dim == 2 else Robot.ball(0.1))
+    q = np.random.default_rng(0).uniform(6.5, 18.0, (400, dim))
+    place, on, off = (19,) * dim, np.ones((1,) * dim, dtype=bool), np.zeros((1,) * dim, dtype=bool)
+    far = space.clearance(q)
+    space.update(on, place)
+    near = space.clearance(q)
+    assert (near < far).any()
+    wrong, stop = [], threading.Event()
+    check = space.clearance_checker()
+
+    def ask():
+        while not stop.is_set():
+            answers = np.array([space.clearance(q), [check(*one) for one in q.tolist()]])
+            wrong.append(((answers < near) | (answers > far)).sum())
+
+    threads = [threading.Thread(target=ask) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    for _ in range(200):
+        space.update(off, place)
+        space.update(on, place)
+    stop.set()
+    for thread in threads:
+        thread.join()
+    assert wrong and not any(wrong)
+    assert (space.clearance(q) == near).all()
+    space.update(off, place)
+    assert [check(*one) for one in q.tolist()] == far.tolist() == space.clearance(q).tolist()
