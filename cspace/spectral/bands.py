@@ -1,4 +1,4 @@
-"""Spectra within a band of frequencies, ring by ring from the lowest, and bounds of all that lies beyond."""
+"""Spectra within a band of frequencies: sums of terms, ring by ring from the lowest, and bounds of all that is left."""
 
 from __future__ import annotations
 
@@ -9,9 +9,11 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.compiling import jit
 from cspace.spectral.descriptors import ROUNDING, BallDescriptor
 from cspace.spectral.spectra import ball_spectrum
 
+Bytes = NDArray[np.uint8]
 Complexes = NDArray[np.complex128]
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -137,8 +139,7 @@ class Rings:
         return flat.reshape(self.counts)
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Spectrum:
+class Spectrum(NamedTuple):
     """A descriptor's spectrum within a band, and what is known of it beyond.
 
     Attributes
@@ -181,27 +182,27 @@ class Terms(NamedTuple):
     ----------
     products : ndarray of complex128, shape (n,)
         ``F_B conj(F_A) / V``, in the order of the rings; doubled, but for frequency zero, for the opposite frequency.
-    tails : ndarray of float64, shape (rings + 1,)
-        Entry r bounds what all frequencies from ring r on can add, whatever the placement: within the band the sum of
-        the moduli of their terms, and beyond it, by Cauchy and Schwarz, the product of the two norms there.
-    slacks : ndarray of float64, shape (rings + 1, 2)
-        How far the sum of the rings before r can be off, by rounding and by errors of the spectra: at any placement;
-        and for each metre by which the placement itself may be off.
+    bounds : ndarray of float64, shape (rings + 1,)
+        By how much the sum of the rings before r can differ from that of all frequencies, whatever the placement: what
+        those from r on can add, and what rounding and errors of the spectra change.
     indices, starts, reaches, lengths : ndarray
         As in :class:`Rings`.
     """
 
     products: Complexes
-    tails: Floats
-    slacks: Floats
+    bounds: Floats
     indices: NDArray[np.int16]
     starts: Ints
     reaches: Ints
     lengths: Floats
 
     @classmethod
-    def of(cls, first: Spectrum, second: Spectrum, rings: Rings) -> Terms:
-        """The terms of the overlap of ``first`` (A), which is moved, with ``second`` (B)."""
+    def of(cls, first: Spectrum, second: Spectrum, rings: Rings, far: float) -> Terms:
+        """The terms of the overlap of ``first`` (A), which is moved, with ``second`` (B).
+
+        What is left within the band is bounded by the sum of the moduli of its terms; beyond it, by Cauchy and Schwarz,
+        by the product of the two norms there. By ``far``, in metres, a placement may be off.
+        """
         weights = rings.twice / rings.volume
         products = weights * second.values * first.values.conj()
         a, b = np.abs(first.values), np.abs(second.values)
@@ -210,11 +211,119 @@ class Terms(NamedTuple):
         per_ring, errors_per_ring = rings.sums(moduli), rings.sums(errors)
         beyond = math.sqrt(first.beyond) * math.sqrt(second.beyond)
         after = np.cumsum((per_ring + errors_per_ring)[::-1])[::-1]
-        tails = _ROOM * (np.append(after, 0.0) + beyond)
         # A phase k t / L of an axis is off by some units times k; sums, by one for each term of a ring and each ring.
         counts = np.diff(rings.starts)
         units = 64.0 + counts + len(counts) + 8.0 * rings.reaches.sum(axis=1)
-        off = errors_per_ring + UNIT * units * per_ring
-        slopes = rings.sums(2.0 * math.pi * rings.moduli * (moduli + errors))
-        slacks = np.vstack([np.zeros((1, 2)), _ROOM * np.cumsum(np.stack([off, slopes], axis=1), axis=0)])
-        return cls(products, tails, slacks, rings.indices, rings.starts, rings.reaches, rings.lengths)
+        moved = 2.0 * math.pi * far * rings.sums(rings.moduli * (moduli + errors))
+        before = np.cumsum(errors_per_ring + UNIT * units * per_ring + moved)
+        bounds = _ROOM * (np.append(after, 0.0) + beyond + np.append(0.0, before))
+        return cls(products, bounds, rings.indices, rings.starts, rings.reaches, rings.lengths)
+
+
+class Swollen(NamedTuple):
+    """What tells placements that are apart without any frequency.
+
+    Beyond the moduli ``limits`` of the placement there is no overlap. The balls of B are relative to its middle;
+    ``reach`` is the radius of a ball around the middle of A that holds A, rounding included.
+    """
+
+    limits: Floats
+    centers: Floats
+    radii: Floats
+    reach: float
+
+
+# ---- compiled sums, ring by ring -------------------------------------------------------------------------------------
+
+
+@jit
+def add_phases(shares: Floats, first: Ints, last: Ints, phases: Complexes) -> None:
+    """Set ``phases[axis, middle + k]`` to exp(2 pi i k shares[axis]) for ``first[axis] <= |k| <= last[axis]``.
+
+    ``shares`` is the placement in periods. Each factor is computed by itself, so that errors do not add up.
+    """
+    middle = phases.shape[1] // 2
+    for axis in range(len(shares)):
+        for k in range(first[axis], last[axis] + 1):
+            turns = k * shares[axis]
+            angle = 2.0 * math.pi * (turns - round(turns))
+            value = complex(math.cos(angle), math.sin(angle))
+            phases[axis, middle + k] = value
+            phases[axis, middle - k] = value.conjugate()
+
+
+@jit
+def add_terms(terms: Terms, phases: Complexes, start: int, stop: int) -> float:
+    """Sum of the real parts of ``products * exp(2 pi i k.t)`` over a stretch of frequencies."""
+    products, indices = terms.products, terms.indices
+    middle = phases.shape[1] // 2
+    total = 0.0
+    for n in range(start, stop):
+        turn = phases[0, middle + indices[n, 0]] * phases[1, middle + indices[n, 1]]
+        if len(phases) == 3:
+            turn *= phases[2, middle + indices[n, 2]]
+        total += products[n].real * turn.real - products[n].imag * turn.imag
+    return total
+
+
+@jit
+def sum_of_terms(shares: Floats, terms: Terms) -> float:
+    """The sum over all frequencies, for a placement in periods."""
+    reaches = terms.reaches[-1]
+    phases = np.empty((len(shares), 2 * reaches.max() + 1), np.complex128)
+    add_phases(shares, np.zeros_like(reaches), reaches, phases)
+    return float(add_terms(terms, phases, 0, len(terms.products)))
+
+
+@jit
+def is_apart(place: Floats, swollen: Swollen) -> bool:
+    """Whether the ball that holds A meets no ball of B: whether its middle lies in none that is swollen by it."""
+    for n in range(len(swollen.radii)):
+        square = 0.0
+        for axis in range(len(place)):
+            gap = swollen.centers[n, axis] - place[axis]
+            square += gap * gap
+        far = swollen.reach + swollen.radii[n]
+        if square <= far * far:
+            return False
+    return True
+
+
+@jit
+def separate(place: Floats, terms: Terms, threshold: float, phases: Complexes) -> tuple[int, int, float, float]:
+    """Sum ring after ring until the sum decides: the verdict, the number of frequencies, the sum and its bound.
+
+    ``place`` is relative to the middles, in metres; ``phases``, of shape (d, 2 m + 1) with the highest frequency m of
+    an axis, is room for them.
+    """
+    starts = terms.starts
+    shares = place / terms.lengths
+    first = np.zeros(len(place), np.int64)
+    total = 0.0
+    for ring in range(len(starts) - 1):
+        add_phases(shares, first, terms.reaches[ring], phases)
+        first = terms.reaches[ring] + 1
+        total += add_terms(terms, phases, starts[ring], starts[ring + 1])
+        bound = terms.bounds[ring + 1]
+        if total + bound < threshold:
+            return 0, starts[ring + 1], total, bound
+        if total - bound > threshold:
+            return 1, starts[ring + 1], total, bound
+    return 2, starts[-1], total, terms.bounds[-1]
+
+
+@jit
+def separate_all(
+    places: Floats, swollen: Swollen, terms: Terms, threshold: float, out: tuple[Bytes, Ints, Floats]
+) -> None:
+    """A verdict for each placement, shape (n, d): where the swollen balls prove no miss, by :func:`separate`.
+
+    ``out`` takes verdicts (n,), numbers of frequencies (n,), and sums with their bounds (n, 2).
+    """
+    verdicts, counts, sums = out
+    phases = np.empty((places.shape[1], 2 * terms.reaches[-1].max() + 1), np.complex128)
+    for n in range(len(places)):
+        place = places[n]
+        verdicts[n], counts[n], sums[n, 0], sums[n, 1] = 0, 0, 0.0, terms.bounds[0]
+        if np.all(np.abs(place) <= swollen.limits) and not is_apart(place, swollen):
+            verdicts[n], counts[n], sums[n, 0], sums[n, 1] = separate(place, terms, threshold, phases)

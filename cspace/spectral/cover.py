@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import heapq
 import math
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,15 +28,42 @@ ROUNDS: Final = 6
 _VOLUME: Final = {2: math.pi, 3: 4.0 / 3.0 * math.pi}
 
 
+class Balls(NamedTuple):
+    """Balls, in sides of a cell.
+
+    Attributes
+    ----------
+    centers : ndarray, shape (n, 3)
+    depths : ndarray, shape (n,)
+        Lower bounds of how deep the centers lie in the shape, below zero outside.
+    reaches : ndarray, shape (n,)
+        Radii.
+    """
+
+    centers: Floats
+    depths: Floats
+    reaches: Floats
+
+    def where(self, chosen: NDArray[Any]) -> Balls:
+        """Those of a mask, or of some numbers."""
+        return Balls(*(column[chosen] for column in self))
+
+    def joined(self, other: Balls) -> Balls:
+        """Both together."""
+        return Balls(*map(np.concatenate, zip(self, other, strict=True)))
+
+
 class Cells(NamedTuple):
     """The cells; compiled functions take them as they are.
 
-    ``times`` (nx, ny, nz) is how many of the chosen balls hold a cell, or -1 for cells that do not matter. ``rows`` (nx
-    * ny, 4) is room for the rows of cells that a ball holds: i, j, and the first and last k; and ``squares`` (nx * ny,)
-    for the part of the squared distance that the first two axes make up.
+    ``times`` (nx, ny, nz) is how many of the chosen balls hold a cell, or -1 for cells that do not matter, and ``sums``
+    (nx, ny, nz + 1) how many cells of its row that none holds come before it. ``rows`` (nx * ny, 4) is room for the
+    rows of cells that a ball holds: i, j, and the first k and the one after the last; and ``squares`` (nx * ny,) for
+    the part of the squared distance that the first two axes make up.
     """
 
     times: NDArray[np.int32]
+    sums: NDArray[np.int32]
     half: Floats
     rows: Ints
     squares: Floats
@@ -53,48 +80,44 @@ class Cover:
         self._lattice = lattice
         times = np.full(lattice.cells.shape, -1, dtype=np.int32)
         times[lattice.cells] = 0 if whole else np.where(lattice.depths > 0.0, 0, -1)
+        sums = np.cumsum(np.pad(times == 0, ((0, 0), (0, 0), (1, 0))), axis=2, dtype=np.int32)
         rows = math.prod(times.shape[:2])
         half = lattice.half if whole else np.zeros(3)
-        self._cells = Cells(times, half, np.empty((rows, 4), dtype=np.int64), np.empty(rows))
+        self._cells = Cells(times, sums, half, np.empty((rows, 4), dtype=np.int64), np.empty(rows))
 
     @property
     def open_cells(self) -> Floats:
         """Middles of the cells that no ball holds, shape (n, 3)."""
-        return np.argwhere(self._cells.times == 0).astype(np.float64) + np.float64(0.5)
+        return np.argwhere(self._cells.times == 0) + np.float64(0.5)
 
-    @property
-    def held(self) -> int:
-        """Number of cells that balls hold."""
-        return int(np.count_nonzero(self._cells.times > 0))
-
-    def choose(self, centers: Floats, reaches: Floats, most: int) -> Ints:
+    def choose(self, balls: Balls, most: int) -> Ints:
         """Numbers of those among balls that a greedy choice takes, in their order."""
-        lattice = self._lattice
-        large = np.maximum(reaches, 0.0) + 0.5 * lattice.diagonal
-        bounds = np.minimum(_VOLUME[lattice.region.dim] * large**lattice.region.dim, float(lattice.cells.sum()))
-        chosen: Ints = choose(self._cells, centers, reaches, bounds, most)
+        lattice, dim = self._lattice, self._lattice.region.dim
+        large = np.maximum(balls.reaches, 0.0) + 0.5 * lattice.diagonal
+        bounds = np.minimum(_VOLUME[dim] * large**dim, float(len(lattice.middles)))
+        chosen: Ints = choose(self._cells, balls.centers, balls.reaches, bounds, most)
         return chosen
 
-    def trim(self, centers: Floats, reaches: Floats, depths: Floats) -> Floats:
+    def trim(self, balls: Balls) -> Floats:
         """Drop balls that hold no cell alone, then cut the others to what they hold alone: reaches, 0 if dropped.
 
         Those that stick out most are first.
         """
-        left = reaches.copy()
-        trim(self._cells, centers, left, np.argsort(reaches, kind="stable"), only_drop=True)
-        trim(self._cells, centers, left, np.argsort(depths - left, kind="stable"), only_drop=False)
+        left = balls.reaches.copy()
+        trim(self._cells, balls.centers, left, np.argsort(left, kind="stable"), only_drop=True)
+        trim(self._cells, balls.centers, left, np.argsort(balls.depths - left, kind="stable"), only_drop=False)
         return left
 
     def polish(self, centers: Floats, radii: Floats) -> None:
         """Move balls that lie in the shape, as large as it allows, to where they hold more cells; in place."""
         region, lattice = self._lattice.region, self._lattice
-        polish(self._cells, region.tree, centers, radii, (lattice.corner, lattice.side, region.slack), ROUNDS)
+        polish(self._cells, region.tree, centers, radii, (lattice.corner, lattice.side, region.slack))
 
 
 @jit
 def _span(center: float, length: float, count: int) -> tuple[int, int]:
-    """First and last of the middles within a length of a center along an axis."""
-    return max(0, math.ceil(center - length - 0.5)), min(count - 1, math.floor(center + length - 0.5))
+    """The middles within a length of a center along an axis: the first, and the one after the last."""
+    return max(0, math.ceil(center - length - 0.5)), min(count, math.floor(center + length + 0.5))
 
 
 @jit
@@ -104,68 +127,44 @@ def _find_rows(cells: Cells, center: Floats, reach: float) -> int:
     half = cells.half
     r = reach - EPS
     count = 0
-    i0, i1 = _span(center[0], r - half[0], nx)
-    for i in range(i0, i1 + 1):
+    for i in range(*_span(center[0], r - half[0], nx)):
         x = (abs(i + 0.5 - center[0]) + half[0]) ** 2
         if x > r * r:
             continue
-        j0, j1 = _span(center[1], math.sqrt(r * r - x) - half[1], ny)
-        for j in range(j0, j1 + 1):
+        for j in range(*_span(center[1], math.sqrt(r * r - x) - half[1], ny)):
             xy = x + (abs(j + 0.5 - center[1]) + half[1]) ** 2
             if xy > r * r:
                 continue
-            k0, k1 = _span(center[2], math.sqrt(r * r - xy) - half[2], nz)
-            if k0 <= k1:
+            first, stop = _span(center[2], math.sqrt(r * r - xy) - half[2], nz)
+            if first < stop:
                 cells.rows[count, 0], cells.rows[count, 1] = i, j
-                cells.rows[count, 2], cells.rows[count, 3] = k0, k1
+                cells.rows[count, 2], cells.rows[count, 3] = first, stop
                 cells.squares[count] = xy
                 count += 1
     return count
 
 
 @jit
-def _add(cells: Cells, center: Floats, reach: float, step: int) -> None:
-    """Count a ball in (``step`` 1) or out (-1)."""
-    for n in range(_find_rows(cells, center, reach)):
-        i, j, k0, k1 = cells.rows[n]
-        for k in range(k0, k1 + 1):
-            if cells.times[i, j, k] >= 0:
-                cells.times[i, j, k] += step
+def _add(cells: Cells, rows: int, step: int) -> None:
+    """Count a ball, whose rows were found, in (``step`` 1) or out (-1)."""
+    times, sums = cells.times, cells.sums
+    for n in range(rows):
+        i, j, first, stop = cells.rows[n]
+        for k in range(first, stop):
+            if times[i, j, k] >= 0:
+                times[i, j, k] += step
+        for k in range(first, times.shape[2]):
+            sums[i, j, k + 1] = sums[i, j, k] + (times[i, j, k] == 0)
 
 
 @jit
-def _gain(cells: Cells, center: Floats, reach: float) -> int:
-    """How many cells a ball holds that none holds so far."""
+def _gain(cells: Cells, rows: int) -> int:
+    """How many cells a ball, whose rows were found, holds that none holds so far."""
     gain = 0
-    for n in range(_find_rows(cells, center, reach)):
-        i, j, k0, k1 = cells.rows[n]
-        for k in range(k0, k1 + 1):
-            gain += cells.times[i, j, k] == 0
+    for n in range(rows):
+        i, j, first, stop = cells.rows[n]
+        gain += cells.sums[i, j, stop] - cells.sums[i, j, first]
     return gain
-
-
-@jit
-def _needed(cells: Cells, center: Floats, reach: float) -> float:
-    """The least reach with which a ball still holds the cells that only it holds; zero where there are none."""
-    most = -1.0
-    for n in range(_find_rows(cells, center, reach)):
-        i, j, k0, k1 = cells.rows[n]
-        for k in range(k0, k1 + 1):
-            if cells.times[i, j, k] == 1:
-                most = max(most, cells.squares[n] + (abs(k + 0.5 - center[2]) + cells.half[2]) ** 2)
-    # Two allowances: one that the ball reaches beyond its cells, and one for the root.
-    return min(reach, math.sqrt(most) + 2.0 * EPS) if most >= 0.0 else 0.0
-
-
-@jit
-def _sum_row(times: NDArray[np.int32], sums: NDArray[np.int32], i: int, j: int) -> int:
-    """Count the cells of a row that no ball holds: ``sums[i, j, k]`` before the k-th."""
-    count = 0
-    for k in range(times.shape[2]):
-        sums[i, j, k] = count
-        count += times[i, j, k] == 0
-    sums[i, j, times.shape[2]] = count
-    return count
 
 
 @jit
@@ -175,35 +174,21 @@ def choose(cells: Cells, centers: Floats, reaches: Floats, bounds: Floats, most:
     A ball adds no more cells than it did before others were taken (M. Minoux, "Accelerated greedy algorithms for
     maximizing submodular set functions", 1978), nor than ``bounds``. It ends when no ball adds a cell.
     """
-    times = cells.times
-    nx, ny, nz = times.shape
     chosen = np.empty(min(most, len(centers)), dtype=np.int64)
-    sums = np.empty((nx, ny, nz + 1), dtype=np.int32)
-    count, left = 0, 0
-    for i in range(nx):
-        for j in range(ny):
-            left += _sum_row(times, sums, i, j)
+    count, left = 0, cells.sums[:, :, -1].sum()
     queue = [(-bounds[n], n) for n in range(len(centers))]
     heapq.heapify(queue)
     while len(queue) > 0 and count < len(chosen) and left > 0:
         _, n = heapq.heappop(queue)
         rows = _find_rows(cells, centers[n], reaches[n])
-        gain = 0
-        for row in range(rows):
-            i, j, k0, k1 = cells.rows[row]
-            gain += sums[i, j, k1 + 1] - sums[i, j, k0]
+        gain = _gain(cells, rows)
         if gain == 0:
             continue
         # The gain is up to date; if it no longer leads, the ball waits with it.
         if len(queue) > 0 and gain < -queue[0][0]:
             heapq.heappush(queue, (-float(gain), n))
             continue
-        for row in range(rows):
-            i, j, k0, k1 = cells.rows[row]
-            for k in range(k0, k1 + 1):
-                if times[i, j, k] >= 0:
-                    times[i, j, k] += 1
-            _sum_row(times, sums, i, j)
+        _add(cells, rows, 1)
         chosen[count] = n
         count += 1
         left -= gain
@@ -214,18 +199,24 @@ def choose(cells: Cells, centers: Floats, reaches: Floats, bounds: Floats, most:
 def trim(cells: Cells, centers: Floats, reaches: Floats, order: Ints, only_drop: bool) -> None:
     """Cut balls, in an order, to the cells that only they hold; ``reaches`` become zero where there are none."""
     for n in order:
-        least = _needed(cells, centers[n], reaches[n])
+        rows = _find_rows(cells, centers[n], reaches[n])
+        square = -1.0
+        for row in range(rows):
+            i, j, first, stop = cells.rows[row]
+            for k in range(first, stop):
+                if cells.times[i, j, k] == 1:
+                    square = max(square, cells.squares[row] + (abs(k + 0.5 - centers[n, 2]) + cells.half[2]) ** 2)
+        # Two allowances: one that the ball reaches beyond its cells, and one for the root.
+        least = math.sqrt(square) + 2.0 * EPS if square >= 0.0 else 0.0
         if least < reaches[n] and not (only_drop and least > 0.0):
-            _add(cells, centers[n], reaches[n], -1)
+            _add(cells, rows, -1)
             if least > 0.0:
-                _add(cells, centers[n], least, 1)
+                _add(cells, _find_rows(cells, centers[n], least), 1)
             reaches[n] = least
 
 
 @jit
-def polish(
-    cells: Cells, tree: Tree, centers: Floats, radii: Floats, frame: tuple[Floats, float, float], rounds: int
-) -> None:
+def polish(cells: Cells, tree: Tree, centers: Floats, radii: Floats, frame: tuple[Floats, float, float]) -> None:
     """Move balls that lie in a shape, as large as it allows, to where they hold more cells; in place.
 
     A step that stays in the ball stays in the shape, so that the distance from the border is the new radius. Steps go
@@ -234,11 +225,12 @@ def polish(
     """
     corner, side, slack = frame
     trial = np.empty(3)
-    for turn in range(rounds):
+    for turn in range(ROUNDS):
         moved = False
         for n in range(len(centers)):
-            _add(cells, centers[n], radii[n], -1)
-            best = _gain(cells, centers[n], radii[n])
+            rows = _find_rows(cells, centers[n], radii[n])
+            _add(cells, rows, -1)
+            best = _gain(cells, rows)
             step = 2.0 / (1 << turn)
             for _ in range(4):
                 better = False
@@ -252,13 +244,13 @@ def polish(
                     radius = (distance(tree, place, 2.0 * side * (radii[n] + step))[0] - slack) / side
                     if radius <= 0.0:
                         continue
-                    gain = _gain(cells, trial, radius)
+                    gain = _gain(cells, _find_rows(cells, trial, radius))
                     if gain > best or (gain == best and radius > radii[n]):
                         better = moved = True
                         best = gain
                         centers[n], radii[n] = trial, radius
                 if not better:
                     step *= 0.5
-            _add(cells, centers[n], radii[n], 1)
+            _add(cells, _find_rows(cells, centers[n], radii[n]), 1)
         if not moved:
             break

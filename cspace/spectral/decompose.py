@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable
-from dataclasses import dataclass
 from itertools import product
 from typing import Any, Final
 
@@ -13,15 +12,13 @@ from numpy.typing import NDArray
 
 from cspace.errors import GeometryError, InputError
 from cspace.grid import positive
-from cspace.spectral.cover import Cover
+from cspace.spectral.cover import Balls, Cover
 from cspace.spectral.inputs import check_kind
 from cspace.spectral.measures import balls_to_shape, measure_of_balls, shape_to_balls
-from cspace.spectral.regions import Lattice, region_of
+from cspace.spectral.regions import Lattice, Region, shape_of
 from cspace.spectral.spheres import KINDS, Bounds, Kind, Spheres
 
 Floats = NDArray[np.float64]
-Balls = tuple[Floats, Floats]
-"""Centers, shape (n, 3), and radii, shape (n,), in sides of a lattice's cell."""
 
 FINER: Final = (1, 4)
 """How much finer a lattice is tried, in cells, if so few balls do that fewer than :data:`USED` of them are taken."""
@@ -88,33 +85,26 @@ def decompose(
     """
     check_kind(kind, "kind", KINDS)
     if (number is None) == (tolerance is None):
-        raise InputError(
-            "number",
-            f"is {number!r} and tolerance {tolerance!r}: {'neither is' if number is None else 'both are'} given",
-            "balls are chosen by one of them",
-            "pass e.g. number=64, or tolerance=0.01 in metres",
-        )
+        found = f"is {number!r} and tolerance {tolerance!r}: {'neither is' if number is None else 'both are'} given"
+        mend = "pass e.g. number=64, or tolerance=0.01 in metres"
+        raise InputError("number", found, "balls are chosen by one of them", mend)
     length = None if tolerance is None else positive(tolerance, "tolerance")
     count = None if number is None else _check_number(number)
-    region = region_of(shape)
+    region = Region(shape_of(shape))
     if kind == "inner" and not region.measure[1] > 0.0:
-        raise GeometryError(
-            "shape", "has no inside", "inner balls lie inside", "pass kind='outer', or a shape with an area or volume"
-        )
+        mend = "pass kind='outer', or a shape with an area or volume"
+        raise GeometryError("shape", "has no inside", "inner balls lie inside", mend)
     if count is not None and not 0.0 < region.size < np.inf:
-        raise InputError(
-            "number",
-            f"is {number}, and the shape {region.size:g} m across",
-            "balls are counted by the cells of a lattice, which it must have",
-            "pass a tolerance in place of a number",
-        )
+        rule = "balls are counted by the cells of a lattice, which it must have"
+        found = f"is {number}, and the shape {region.size:g} m across"
+        raise InputError("number", found, rule, "pass a tolerance in place of a number")
     for finer in FINER:
-        lattice = Lattice.within(region, length) if length is not None else Lattice.fine(region, count or 0, finer)
-        balls = (_inner if kind == "inner" else _outer)(lattice, count, length)
-        if count is None or len(balls[1]) >= USED * count:
+        lattice = Lattice.fine(region, count, finer) if count else Lattice.within(region, length or 0.0)
+        centers, radii = (_inner if kind == "inner" else _outer)(lattice, count, length)
+        if not count or len(radii) >= USED * count:
             break
-    order = np.argsort(-balls[1], kind="stable")
-    centers, radii = balls[0][order], balls[1][order]
+    order = np.argsort(-radii, kind="stable")
+    centers, radii = centers[order], radii[order]
     gap = shape_to_balls(lattice, centers, radii) if kind == "inner" else balls_to_shape(region, centers, radii)
     measures = Bounds(*measure_of_balls(centers, radii)), Bounds(*region.measure)
     return Spheres(centers, radii, kind, *measures, Bounds(*gap), region.shape)
@@ -133,20 +123,20 @@ def _check_number(number: Any) -> int:
 # ---- which balls -----------------------------------------------------------------------------------------------------
 
 
-def _inner(lattice: Lattice, number: int | None, tolerance: float | None) -> Balls:
-    """Balls in a shape, in metres: so many that add most, or that, grown by a tolerance, cover it."""
+def _inner(lattice: Lattice, number: int | None, tolerance: float | None) -> tuple[Floats, Floats]:
+    """Centers and radii of balls in a shape, metres: so many that add most, or that cover it with a tolerance added."""
     inside = _maximal(lattice)
     inside = inside.where(inside.depths > 0.0)
     if not len(inside.depths):
-        inside = _within(lattice, lattice.middles, inside=True)
-    whole = True
+        inside = _finer(lattice, lattice.middles)
+    reached = 0.0
     if number is None:
-        cover, balls, reaches = _covered(lattice, inside, (tolerance or 0.0) / lattice.side, inside=True)
-        whole = not len(cover.open_cells)
-        centers = balls.centers[cover.trim(balls.centers, reaches, balls.depths) > 0.0]
+        cover, balls = _covered(lattice, inside, (tolerance or 0.0) / lattice.side, inside=True)
+        reached = np.inf if len(cover.open_cells) else 0.0
+        centers = balls.centers[cover.trim(balls) > 0.0]
     else:
         cover = Cover(lattice, whole=False)
-        chosen = cover.choose(inside.centers, inside.depths, number)
+        chosen = cover.choose(inside, number)
         if not len(chosen):  # so thin a shape that no middle lies in it
             chosen = np.argsort(-inside.depths)[:number]
         centers = inside.centers[chosen]
@@ -157,24 +147,24 @@ def _inner(lattice: Lattice, number: int | None, tolerance: float | None) -> Bal
     if not len(radii):
         found, rule = "has room for no ball that was found", "inner balls lie inside"
         raise InputError("shape", found, rule, "pass kind='outer', or a shape that is less thin")
-    if not whole and (reached := shape_to_balls(lattice, centers, radii)[1]) > (tolerance or 0.0):
+    if reached and (reached := shape_to_balls(lattice, centers, radii)[1]) > (tolerance or 0.0):
         found = f"is {tolerance:g} m, and the shape is proven to be within {reached:g} m of {len(radii)} balls"
         rule, mend = "what is thinner than the lattice has none near", "pass a larger tolerance, or kind='outer'"
         raise InputError("tolerance", found, rule, mend)
     return centers, radii
 
 
-def _outer(lattice: Lattice, number: int | None, tolerance: float | None) -> Balls:
-    """Balls that cover a shape, in metres: at most so many, or that stick out by no more than a tolerance."""
+def _outer(lattice: Lattice, number: int | None, tolerance: float | None) -> tuple[Floats, Floats]:
+    """Centers and radii of balls that cover a shape, in metres: at most so many, or that stick out by a tolerance."""
     candidates = _maximal(lattice)
 
     def at(length: float) -> Balls | None:
         """Balls that stick out by no more; None where more are needed than so many."""
-        cover, balls, reaches = _covered(lattice, candidates, length, inside=False, most=number or _ANY)
+        cover, balls = _covered(lattice, candidates, length, inside=False, most=number or _ANY)
         if len(cover.open_cells):
             return None
-        reaches = cover.trim(balls.centers, reaches, balls.depths)
-        return balls.centers[reaches > 0.0], reaches[reaches > 0.0]
+        balls = balls._replace(reaches=cover.trim(balls))
+        return balls.where(balls.reaches > 0.0)
 
     if tolerance is not None:
         balls = at(tolerance / lattice.side)
@@ -184,40 +174,31 @@ def _outer(lattice: Lattice, number: int | None, tolerance: float | None) -> Bal
         name, value = ("number", number) if tolerance is None else ("tolerance", tolerance)
         found = f"is {value:g}, and balls that cover the shape within it were not found"
         raise InputError(name, found, "their union must hold all of it", "pass a larger one")
-    return lattice.metres(balls[0]), balls[1] * lattice.side
+    return lattice.metres(balls.centers), balls.reaches * lattice.side
 
 
 def _covered(
-    lattice: Lattice, candidates: _Candidates, reach: float, *, inside: bool, most: int = _ANY
-) -> tuple[Cover, _Candidates, Floats]:
+    lattice: Lattice, candidates: Balls, reach: float, *, inside: bool, most: int = _ANY
+) -> tuple[Cover, Balls]:
     """Choose balls, as large as their depths and ``reach``, in sides, until every cell lies in one, or there are so
-    many.
-
-    With the cover, which has open cells if so many balls did not do, come the balls and their reaches.
-    """
+    many: then the cover has open cells."""
     from scipy.spatial import KDTree
 
     cover = Cover(lattice, whole=True)
-    balls, reaches = _Candidates.none(), np.empty(0)
-    # What candidates leave open, middles of cells near by may hold, and else finer points.
-    for stage in ("candidates", "lattice", "finer"):
+    balls = candidates.where(np.zeros(0, dtype=np.int64))
+    # What candidates leave open, middles of cells near by may hold, and else finer points of a shape.
+    for more in (lambda left: candidates, lambda left: _on_lattice(lattice), lambda left: _finer(lattice, left)):
         left = cover.open_cells
-        if not len(left) or len(reaches) == most:
+        if not len(left) or len(balls.reaches) == most:
             break
-        if stage == "candidates":
-            some = candidates
-        else:
-            some = _on_lattice(lattice) if stage == "lattice" else _within(lattice, left, inside=inside)
+        some = more(left)
+        some = some._replace(reaches=some.depths + reach)
         some = some.where(some.depths >= (0.0 if inside else -np.inf))
-        lengths = some.depths + reach
-        if stage == "lattice":
-            bound = max(float(lengths.max(initial=0.0)), 1.0)
-            near = KDTree(left).query(some.centers, distance_upper_bound=bound)[0] <= lengths
-            some, lengths = some.where(near), lengths[near]
-        chosen = cover.choose(some.centers, lengths, most - len(reaches))
-        balls = balls.joined(some.where(chosen))
-        reaches = np.append(reaches, lengths[chosen])
-    return cover, balls, reaches
+        if len(left) < len(lattice.middles):  # those that reach none add nothing
+            bound = max(float(some.reaches.max(initial=0.0)), 1.0)
+            some = some.where(KDTree(left).query(some.centers, distance_upper_bound=bound)[0] <= some.reaches)
+        balls = balls.joined(some.where(cover.choose(some, most - len(balls.reaches))))
+    return cover, balls
 
 
 def _least(at: Callable[[float], Balls | None], bad: float, good: float) -> Balls | None:
@@ -228,44 +209,20 @@ def _least(at: Callable[[float], Balls | None], bad: float, good: float) -> Ball
             break
         middle = float(np.sqrt(good * bad))
         found = at(middle)
-        if found is None:
-            bad = middle
-        else:
-            best, good = found, middle
+        best, bad, good = (best, middle, good) if found is None else (found, bad, middle)
     return best
 
 
 # ---- where they are looked for ---------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class _Candidates:
-    """Centers, shape (n, 3), and lower bounds of their depths, shape (n,), both in sides of a lattice's cell."""
-
-    centers: Floats
-    depths: Floats
-
-    @classmethod
-    def none(cls) -> _Candidates:
-        """Not one."""
-        return cls(np.empty((0, 3)), np.empty(0))
-
-    def where(self, kept: NDArray[Any]) -> _Candidates:
-        """Those of a mask, or of some numbers."""
-        return _Candidates(self.centers[kept], self.depths[kept])
-
-    def joined(self, other: _Candidates) -> _Candidates:
-        """Both together."""
-        return _Candidates(np.vstack([self.centers, other.centers]), np.append(self.depths, other.depths))
+def _on_lattice(lattice: Lattice) -> Balls:
+    """As large as they fit round every middle of a cell."""
+    return Balls(lattice.middles, lattice.depths, lattice.depths)
 
 
-def _on_lattice(lattice: Lattice) -> _Candidates:
-    """Every middle of a cell."""
-    return _Candidates(lattice.middles, lattice.depths)
-
-
-def _maximal(lattice: Lattice) -> _Candidates:
-    """Middles of cells whose balls no ball round a middle near by holds, but for a sliver.
+def _maximal(lattice: Lattice) -> Balls:
+    """Those of the lattice that no other near by holds, but for a sliver.
 
     They lie along the medial axis. Balls that are grown by one length hold each other just as before.
     """
@@ -287,19 +244,17 @@ def _maximal(lattice: Lattice) -> _Candidates:
     return found.where(few)
 
 
-def _within(lattice: Lattice, cells: Floats, *, inside: bool) -> _Candidates:
-    """Points in cells, given by their middles: the middles, and where ``inside``, finer ones that lie in the shape."""
-    if not inside:
-        return _Candidates(cells, lattice.region.depths(lattice.metres(cells)) / lattice.side)
-    points, left = _Candidates.none(), cells
+def _finer(lattice: Lattice, cells: Floats) -> Balls:
+    """Those round a point in each of some cells, told by their middles, that lies in the shape: where one was found."""
+    points = _on_lattice(lattice).where(np.zeros(0, dtype=np.int64))
     for cuts in _CUTS:
-        if not len(left):
+        if not len(cells):
             break
         ticks = [(np.arange(cuts) + 0.5) / cuts - 0.5 if half else np.zeros(1) for half in lattice.half]
-        trials = left[:, None] + np.array(list(product(*ticks)))
-        depths = (lattice.region.depths(lattice.metres(trials.reshape(-1, 3))) / lattice.side).reshape(len(left), -1)
-        rows, best = np.arange(len(left)), depths.argmax(axis=1)
-        deepest = _Candidates(trials[rows, best], depths[rows, best])
+        trials = cells[:, None] + np.array(list(product(*ticks)))
+        depths = lattice.depths_at(trials.reshape(-1, 3)).reshape(len(cells), -1)
+        rows, best = np.arange(len(cells)), depths.argmax(axis=1)
+        deepest = Balls(trials[rows, best], depths[rows, best], depths[rows, best])
         points = points.joined(deepest.where(deepest.depths > 0.0))
-        left = left[deepest.depths <= 0.0]
+        cells = cells[deepest.depths <= 0.0]
     return points

@@ -81,25 +81,21 @@ def shape_to_balls(lattice: Lattice, centers: Floats, radii: Floats) -> tuple[fl
     From below by points at which it is taken, from above by boxes that hold all points: those that may hold the
     farthest one are halved until the bounds are close.
     """
-    region, side = lattice.region, lattice.side
+    region, half, dim = lattice.region, 0.5 * lattice.side, lattice.region.dim
     slack = ROUNDING * (region.size + float(np.abs(region.bounds).max()))
-    low = float(_gaps(region.corners, 0.0, centers, radii)[0].max(initial=0.0))
-    middles, half, high = lattice.metres(lattice.middles), 0.5 * side, 0.0
-    halves = 0.5 * np.array(list(product((-1.0, 1.0), repeat=region.dim)))
+    low = float(gaps(region.pieces.reshape(-1, dim), 0.0, centers, radii)[0].max())
+    middles, high = lattice.metres(lattice.middles), 0.0
+    halves = 0.5 * np.array(list(product((-1.0, 1.0), repeat=dim)))
     for level in range(LEVELS + 1):
-        near, far = _gaps(middles, half, centers, radii)
+        near, far = gaps(middles, half, centers, radii)
         deeper = near > low
-        if deeper.any():
-            gaps = near[deeper]
-            low = max(low, float(gaps[region.depths(middles[deeper]) > 0.0].max(initial=0.0)))
+        low = max(low, float(near[deeper][region.depths(middles[deeper]) > 0.0].max(initial=0.0)))
         left = far > low + max(CLOSE * low, SMALL * region.size)
+        if level == LEVELS or np.count_nonzero(left) * len(halves) > MOST:
+            left[:], high = False, max(high, float(far[left].max(initial=0.0)))
         high = max(high, float(far[~left].max(initial=0.0)))
-        if not left.any() or level == LEVELS or np.count_nonzero(left) * len(halves) > MOST:
-            high = max(high, float(far[left].max(initial=0.0)))
-            break
-        middles = (middles[left, None] + half * halves).reshape(-1, region.dim)
-        half *= 0.5
-        middles = middles[region.may_meet(middles, half * math.sqrt(region.dim) * (1.0 + 1e-9) + slack)]
+        middles, half = (middles[left, None] + half * halves).reshape(-1, dim), 0.5 * half
+        middles = middles[region.gaps(middles) <= half * math.sqrt(dim) * (1.0 + 1e-9) + slack]
         if not len(middles):
             break
     return max(low - slack, 0.0), max(high, low) + slack
@@ -120,20 +116,15 @@ def balls_to_shape(region: Region, centers: Floats, radii: Floats) -> tuple[floa
     return min(low, high), high
 
 
-def _gaps(points: Floats, half: float, centers: Floats, radii: Floats) -> tuple[Floats, Floats]:
-    near, far = np.empty(len(points)), np.empty(len(points))
-    gaps(np.ascontiguousarray(points), half, centers, radii, near, far)
-    return near, far
-
-
 @jit
-def gaps(points: Floats, half: float, centers: Floats, radii: Floats, near: Floats, far: Floats) -> None:
+def gaps(points: Floats, half: float, centers: Floats, radii: Floats) -> tuple[Floats, Floats]:
     """For cubes of half a side ``half`` round points: the distance of the middle from the nearest ball, and a length
-    by which one ball must grow to hold the cube; both are below zero deep in a ball."""
+    by which one ball must grow to hold the cube, both shape (n,); both are below zero deep in a ball."""
     dim = points.shape[1]
-    for n in range(points.shape[0]):
+    near, far = np.empty(len(points)), np.empty(len(points))
+    for n in range(len(points)):
         least, most = math.inf, math.inf
-        for m in range(centers.shape[0]):
+        for m in range(len(centers)):
             middle, corner = 0.0, 0.0
             for axis in range(dim):
                 d = abs(points[n, axis] - centers[m, axis])
@@ -142,6 +133,7 @@ def gaps(points: Floats, half: float, centers: Floats, radii: Floats, near: Floa
             least = min(least, math.sqrt(middle) - radii[m])
             most = min(most, math.sqrt(corner) - radii[m])
         near[n], far[n] = least, most
+    return near, far
 
 
 @jit

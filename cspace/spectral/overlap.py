@@ -7,16 +7,15 @@ import math
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
-from typing import Any, Final, NamedTuple, overload
+from typing import Any, Final, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.compiling import jit
 from cspace.errors import InputError
 from cspace.grid import finite, positive
 from cspace.map.batches import Many, One
-from cspace.spectral.bands import Rings, Spectrum, Terms, highest_frequency
+from cspace.spectral.bands import Rings, Spectrum, Swollen, Terms, highest_frequency, separate_all, sum_of_terms
 from cspace.spectral.bump import Bump
 from cspace.spectral.descriptors import ROUNDING, BallDescriptor, bump_of
 from cspace.spectral.inputs import check_number, check_vectors
@@ -24,7 +23,6 @@ from cspace.spectral.pairs import norm_square, pair_integrals, touching_overlap
 from cspace.spectral.spectra import nufft
 
 Bytes = NDArray[np.uint8]
-Complexes = NDArray[np.complex128]
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
@@ -223,25 +221,21 @@ class FourierOverlap:
             raise InputError("classes", f"is {classes!r}", "it must be a whole number above zero", "pass e.g. 8")
         if (inner_a is None) is not (inner_b is None):
             raise InputError("inner_a", "is given without inner_b, or b without a", "a hit needs both", "pass both")
-        a, b = (
-            BallDescriptor.of(given[name], name, chosen).rounded(classes, up=True) for name in ("outer_a", "outer_b")
-        )
-        _check_dims("outer_b", b, a)
+        sets = [
+            BallDescriptor.of(source, name, chosen).rounded(classes, up=name.startswith("outer"))
+            for name, source in given.items()
+            if source is not None
+        ]
+        a, b, *inner = sets
+        for name, balls in zip(given, sets, strict=False):
+            _check_dims(name, balls, a)
         level = touching_overlap(a, b, more, ROUNDING * (a.span + b.span))
         if level <= 0.0:
             rule = f"grown balls that touched must share more than can be computed with alpha = {chosen.alpha:g}"
             raise InputError("swell", f"is {more:g}", rule, "pass a larger swell")
-        options: dict[str, Any] = {"tolerance": tolerance, "accuracy": accuracy}
-        made = cls(a.grown(more), b.grown(more), threshold=level, **options)
+        made = cls(a.grown(more), b.grown(more), threshold=level, tolerance=tolerance, accuracy=accuracy)
         made._swell = more
-        if inner_a is not None:
-            sets = [
-                BallDescriptor.of(given[name], name, chosen).rounded(classes, up=False)
-                for name in given
-                if name[0] == "i"
-            ]
-            _check_dims("inner_a", sets[0], a)
-            made._inner = cls(*sets, **options)
+        made._inner = cls(*inner, tolerance=tolerance, accuracy=accuracy) if inner else None
         return made
 
     # ---- what it is --------------------------------------------------------------------------------------------------
@@ -275,9 +269,7 @@ class FourierOverlap:
     @property
     def bound(self) -> float:
         """By how much :meth:`value` can differ from the ideal overlap: by the band limit and by rounding."""
-        slack, slope = self._terms.slacks[-1]
-        farthest = max(float(np.abs(corner).max()) for corner in self.domain)
-        return float(self._terms.tails[-1] + slack + slope * ROUNDING * (farthest + self._a.span + self._b.span))
+        return float(self._terms.bounds[-1])
 
     # ---- how much --------------------------------------------------------------------------------------------------
 
@@ -367,13 +359,11 @@ class FourierOverlap:
 
     def _decide(self, ts: Floats, swelling: bool) -> tuple[Bytes, Ints, Floats]:
         """Verdicts, numbers of frequencies, and sums with their bounds."""
-        fars = ROUNDING * (np.abs(ts).max(axis=1, initial=0.0) + self._a.span + self._b.span)
         # Balls that were grown for the threshold are taken as they were: where those are apart, so are the shapes.
-        reach = self._reach - self._swell + 4.0 * float(fars.max(initial=0.0)) if swelling else math.inf
+        reach = self._reach - self._swell + 4.0 * self._far if swelling else math.inf
         swollen = Swollen(self._limits, self._b.centers - self._middle_b, self._b.radii - self._swell, reach)
-        verdicts = np.empty(len(ts), dtype=np.uint8)
-        counts, sums = np.empty(len(ts), dtype=np.int64), np.empty((len(ts), 2))
-        separate_all(self._relative(ts), fars, swollen, self._terms, self.threshold, (verdicts, counts, sums))
+        verdicts, counts, sums = np.empty(len(ts), np.uint8), np.empty(len(ts), np.int64), np.empty((len(ts), 2))
+        separate_all(self._relative(ts), swollen, self._terms, self.threshold, (verdicts, counts, sums))
         if self._swell:  # what grown balls do not prove a miss, only inner ones prove a hit
             rest = np.flatnonzero(verdicts != Verdict.MISS)
             verdicts[rest] = Verdict.UNDECIDED
@@ -406,7 +396,10 @@ class FourierOverlap:
     def _place(self, a: BallDescriptor) -> None:
         """Take over the balls of A, whose middle and reach are known."""
         self._a = a
-        self._terms = Terms.of(self._spectrum(a, self._pivot, self._norms[0]), self._spectrum_b, self._rings)
+        # By so much rounding may move a placement at which there can be any overlap.
+        self._far = ROUNDING * (float(np.abs(self.domain).max()) + a.span + self._b.span)
+        spectrum = self._spectrum(a, self._pivot, self._norms[0])
+        self._terms = Terms.of(spectrum, self._spectrum_b, self._rings, self._far)
         self.__dict__.pop("_slopes", None)
 
     @cached_property
@@ -422,18 +415,15 @@ class FourierOverlap:
     def _sums(self, t: ArrayLike, sums: list[Terms]) -> Floats:
         """Several sums of terms at placements, shape (..., sums)."""
         places = check_vectors(t, "t", self.dim)
-        relative = self._relative(places)
-        inside = (np.abs(relative) <= self._limits).all(axis=-1)
-        shares = relative / self._rings.lengths
-        if places.ndim == 1:
-            return np.array([sum_of_terms(shares, terms) if inside else 0.0 for terms in sums])
-        out, near = np.zeros((*inside.shape, len(sums))), shares[inside]
-        if 0 < len(near) <= FEW:
-            out[inside] = [[sum_of_terms(share, terms) for terms in sums] for share in near]
-        elif len(near):
+        relative = self._relative(places.reshape(-1, self.dim))
+        inside = (np.abs(relative) <= self._limits).all(axis=1)
+        shares, out = relative[inside] / self._rings.lengths, np.zeros((len(relative), len(sums)))
+        if len(shares) > FEW:
             boxes = np.stack([self._rings.box_of(terms.products / self._rings.twice) for terms in sums])
-            out[inside] = nufft(2.0 * math.pi * near, boxes, ACCURACY).real.T
-        return out
+            out[inside] = nufft(2.0 * math.pi * shares, boxes, ACCURACY).real.T
+        elif len(shares):
+            out[inside] = [[sum_of_terms(share, terms) for terms in sums] for share in shares]
+        return out.reshape(*places.shape[:-1], len(sums))
 
 
 def _check_dims(name: str, balls: BallDescriptor, others: BallDescriptor) -> None:
@@ -455,115 +445,3 @@ def _rotation_matrix(rotation: Any, dim: int) -> Floats:
     kinds = ("an angle in radians", "a Rotation")[dim - 2]
     rule = f"it must be {kinds} or a matrix of shape {dim, dim} that turns and neither stretches nor mirrors"
     raise InputError("rotation", f"is {rotation!r}", rule, value=rotation)
-
-
-# ---- compiled sums, ring by ring -------------------------------------------------------------------------------------
-
-
-class Swollen(NamedTuple):
-    """What tells placements that are apart without any frequency.
-
-    Beyond the moduli ``limits`` of the placement there is no overlap. The balls of B are relative to its middle;
-    ``reach`` is the radius of a ball around the middle of A that holds A, rounding included.
-    """
-
-    limits: Floats
-    centers: Floats
-    radii: Floats
-    reach: float
-
-
-@jit
-def add_phases(shares: Floats, first: Ints, last: Ints, phases: Complexes) -> None:
-    """Set ``phases[axis, middle + k]`` to exp(2 pi i k shares[axis]) for ``first[axis] <= |k| <= last[axis]``.
-
-    ``shares`` is the placement in periods. Each factor is computed by itself, so that errors do not add up.
-    """
-    middle = phases.shape[1] // 2
-    for axis in range(len(shares)):
-        for k in range(first[axis], last[axis] + 1):
-            turns = k * shares[axis]
-            angle = 2.0 * math.pi * (turns - round(turns))
-            value = complex(math.cos(angle), math.sin(angle))
-            phases[axis, middle + k] = value
-            phases[axis, middle - k] = value.conjugate()
-
-
-@jit
-def add_terms(terms: Terms, phases: Complexes, start: int, stop: int) -> float:
-    """Sum of the real parts of ``products * exp(2 pi i k.t)`` over a stretch of frequencies."""
-    products, indices = terms.products, terms.indices
-    middle = phases.shape[1] // 2
-    total = 0.0
-    for n in range(start, stop):
-        turn = phases[0, middle + indices[n, 0]] * phases[1, middle + indices[n, 1]]
-        if len(phases) == 3:
-            turn *= phases[2, middle + indices[n, 2]]
-        total += products[n].real * turn.real - products[n].imag * turn.imag
-    return total
-
-
-@jit
-def sum_of_terms(shares: Floats, terms: Terms) -> float:
-    """The sum over all frequencies, for a placement in periods."""
-    reaches = terms.reaches[-1]
-    phases = np.empty((len(shares), 2 * reaches.max() + 1), np.complex128)
-    add_phases(shares, np.zeros_like(reaches), reaches, phases)
-    return float(add_terms(terms, phases, 0, len(terms.products)))
-
-
-@jit
-def is_apart(place: Floats, swollen: Swollen) -> bool:
-    """Whether the ball that holds A meets no ball of B: whether its middle lies in none that is swollen by it."""
-    for n in range(len(swollen.radii)):
-        square = 0.0
-        for axis in range(len(place)):
-            gap = swollen.centers[n, axis] - place[axis]
-            square += gap * gap
-        far = swollen.reach + swollen.radii[n]
-        if square <= far * far:
-            return False
-    return True
-
-
-@jit
-def separate(
-    place: Floats, far: float, terms: Terms, threshold: float, phases: Complexes
-) -> tuple[int, int, float, float]:
-    """Sum ring after ring until the sum decides: the verdict, the number of frequencies, the sum and its bound.
-
-    ``place`` is relative to the middles, in metres, and may be off by ``far`` through rounding; ``phases``, of shape
-    (d, 2 m + 1) with the highest frequency m of an axis, is room for them.
-    """
-    starts = terms.starts
-    shares = place / terms.lengths
-    first = np.zeros(len(place), np.int64)
-    total = 0.0
-    bound = terms.tails[0]
-    for ring in range(len(starts) - 1):
-        add_phases(shares, first, terms.reaches[ring], phases)
-        first = terms.reaches[ring] + 1
-        total += add_terms(terms, phases, starts[ring], starts[ring + 1])
-        bound = terms.tails[ring + 1] + terms.slacks[ring + 1, 0] + terms.slacks[ring + 1, 1] * far
-        if total + bound < threshold:
-            return 0, starts[ring + 1], total, bound
-        if total - bound > threshold:
-            return 1, starts[ring + 1], total, bound
-    return 2, starts[-1], total, bound
-
-
-@jit
-def separate_all(
-    places: Floats, fars: Floats, swollen: Swollen, terms: Terms, threshold: float, out: tuple[Bytes, Ints, Floats]
-) -> None:
-    """A verdict for each placement, shape (n, d): where the swollen balls prove no miss, by :func:`separate`.
-
-    ``out`` takes verdicts (n,), numbers of frequencies (n,), and sums with their bounds (n, 2).
-    """
-    verdicts, counts, sums = out
-    phases = np.empty((places.shape[1], 2 * terms.reaches[-1].max() + 1), np.complex128)
-    for n in range(len(places)):
-        place = places[n]
-        verdicts[n], counts[n], sums[n, 0], sums[n, 1] = 0, 0, 0.0, terms.tails[0]
-        if np.all(np.abs(place) <= swollen.limits) and not is_apart(place, swollen):
-            verdicts[n], counts[n], sums[n, 0], sums[n, 1] = separate(place, fars[n], terms, threshold, phases)

@@ -6,6 +6,7 @@ import json
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 
@@ -131,13 +132,15 @@ class Spheres:
         from matplotlib.figure import Figure
 
         solid = self.dim == 3
-        projection = "3d" if solid else None
-        axes: Any = ax or Figure((6.5, 6.5), layout="constrained").add_subplot(projection=projection)
+        axes: Any = ax or Figure((6.5, 6.5), layout="constrained").add_subplot(projection="3d" if solid else None)
         if solid != hasattr(axes, "get_zlim"):
-            raise InputError("ax", "is not of the balls' dimension", "balls in space need axes with projection='3d'")
+            where = ("in the plane", "in space")
+            mend = "add_subplot(projection='3d') makes axes for balls, and one without a projection for discs"
+            raise InputError("ax", f"is {where[not solid]}", f"the balls are {where[solid]}", mend)
         (_draw_solid if solid else _draw_flat)(self, axes)
-        both = [each for each in (Balls(self.centers, self.radii), self.shape) if each is not None]
-        lower, upper = (ends([shape.bounds[n] for shape in both], axis=0) for n, ends in enumerate((np.min, np.max)))
+        reach = self.radii[:, None]
+        corners = np.vstack([self.centers - reach, self.centers + reach, *(self.shape.bounds if self.shape else ())])
+        lower, upper = corners.min(axis=0), corners.max(axis=0)
         room = 0.03 * float((upper - lower).max())
         for name, low, high in zip("xyz", lower, upper, strict=False):
             axes.set(**{f"{name}lim": (low - room, high + room), f"{name}label": f"{name} [m]"})
@@ -201,26 +204,15 @@ class Spheres:
 
 def _format_of(path: str | os.PathLike[str]) -> tuple[Callable[[Any], str], Callable[[Any, str], Any]]:
     """How records are written, and how they are read from a file."""
-    from cspace.io.input import not_a_name
-    from cspace.io.plain import read_json, read_yaml
-
-    try:
-        suffix = Path(path).suffix.lower()
-    except TypeError as error:
-        raise not_a_name(path) from error
-    if suffix == ".json":
-        return json.dumps, read_json
-    if suffix in (".yaml", ".yml"):
-        return _to_yaml, read_yaml
-    rule = "balls go into .yaml, .yml or .json"
-    raise InputError("path", f"is {os.fspath(path)}, of suffix {suffix!r}", rule, "name it e.g. balls.json")
-
-
-def _to_yaml(record: Mapping[str, Any]) -> str:
     import yaml
 
+    from cspace.io.input import suffix_of
+    from cspace.io.plain import read_json, read_yaml
+
     dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
-    return str(yaml.dump(record, Dumper=dumper, sort_keys=False, default_flow_style=None, width=120))
+    to_yaml = partial(yaml.dump, Dumper=dumper, sort_keys=False, default_flow_style=None, width=120)
+    formats = {".json": (json.dumps, read_json), ".yaml": (to_yaml, read_yaml), ".yml": (to_yaml, read_yaml)}
+    return formats[suffix_of(path, formats, "balls go into .yaml, .yml or .json")]
 
 
 def _draw_flat(spheres: Spheres, axes: Any) -> None:

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from cspace import InputError, MissingPackageError, Robot
 from cspace.spectral import BallDescriptor, Bounds, Bump, FourierOverlap, Spheres, Verdict
-from cspace.spectral.bands import Rings, Spectrum, Terms
+from cspace.spectral.bands import Rings, Spectrum, Terms, separate
 from cspace.spectral.pairs import norm_square
 
 pytest.importorskip("finufft")
@@ -99,17 +99,12 @@ def test_no_placements_have_no_values() -> None:
     ],
 )
 def test_sums_decide_beyond_all_that_is_not_known(threshold: float, verdict: Verdict, count: int) -> None:
-    """One frequency with the term 1, one with 0.5; of what is left, a tail, rounding, and that of the placement."""
-    from cspace.spectral.overlap import separate
-
-    tails, slacks = np.array([9.0, 9.0, 0.25]), np.array([[0.0, 0.0], [0.0, 0.0], [0.125, 2.0]])
+    """One frequency with the term 1, one with 0.5; and bounds of what is left, rounding included."""
+    bounds = np.array([9.0, 9.0, 8.25 if verdict is Verdict.UNDECIDED and threshold > 2.0 else 0.5])
     rings = np.array([[0, 0], [1, 0]], dtype=np.int16), np.array([0, 1, 2]), np.array([[0, 0], [1, 0]]), np.ones(2)
-    known = Terms(np.array([1.0, 0.5], dtype=np.complex128), tails, slacks, *rings)
-    phases = np.empty((2, 3), dtype=np.complex128)
-    if verdict is Verdict.UNDECIDED and threshold > 2.0:
-        tails[2] = 8.0
-    found = separate(np.zeros(2), 0.0625, known, threshold, phases)
-    assert found == (verdict, count, 1.0 if count == 1 else 1.5, 9.0 if count == 1 else 0.25 + tails[2])
+    known = Terms(np.array([1.0, 0.5], dtype=np.complex128), bounds, *rings)
+    found = separate(np.zeros(2), known, threshold, np.empty((2, 3), dtype=np.complex128))
+    assert found == (verdict, count, 1.0 if count == 1 else 1.5, bounds[count])
 
 
 @pytest.mark.parametrize("dim", DIMS)
@@ -123,15 +118,14 @@ def test_errors_of_spectra_are_in_the_bounds_to_the_full(dim: int) -> None:
         Spectrum(values * (1.0 - error / np.abs(values)), error, beyond)
         for values, error, beyond in zip(true, errors, (0.25, 9.0), strict=True)
     ]
-    terms = Terms.of(*known, rings)
+    near, far = (Terms.of(*known, rings, way) for way in (0.0, 2.0))
     products = rings.twice / float(np.prod(rings.lengths)) * np.abs(true[0] * true[1])
-    off = np.concatenate([[0.0], np.cumsum(rings.sums(products - np.abs(terms.products)))])
+    off = np.concatenate([[0.0], np.cumsum(rings.sums(products - np.abs(near.products)))])
     left = np.append(np.cumsum(rings.sums(products)[::-1])[::-1], 0.0) + 1.5
-    assert (terms.slacks[:, 0] >= off).all() and (terms.tails >= left).all()
-    assert terms.slacks[:, 0] == pytest.approx(off, rel=1e-6)
-    assert terms.tails == pytest.approx(left, rel=1e-6)
+    assert (near.bounds >= off + left).all()
+    assert near.bounds == pytest.approx(off + left, rel=1e-6)
     steps = np.concatenate([[0.0], np.cumsum(rings.sums(2.0 * np.pi * rings.moduli * products))])
-    assert (terms.slacks[:, 1] >= steps).all()
+    assert (far.bounds - near.bounds >= 2.0 * steps * (1.0 - 1e-12)).all()
 
 
 def test_what_is_beyond_the_band_is_never_understated() -> None:
