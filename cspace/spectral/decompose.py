@@ -187,11 +187,11 @@ def _covered(
     cover = Cover(lattice, whole=True)
     balls = candidates.where(np.zeros(0, dtype=np.int64))
     # What candidates leave open, middles of cells near by may hold, and else finer points of a shape.
-    for more in (lambda left: candidates, lambda left: _on_lattice(lattice), lambda left: _finer(lattice, left)):
+    for stage in range(3):
         left = cover.open_cells
         if not len(left) or len(balls.reaches) == most:
             break
-        some = more(left)
+        some = _finer(lattice, left) if stage == 2 else (candidates, _on_lattice(lattice))[stage]
         some = some._replace(reaches=some.depths + reach)
         some = some.where(some.depths >= (0.0 if inside else -np.inf))
         if len(left) < len(lattice.middles):  # those that reach none add nothing

@@ -415,15 +415,18 @@ class FourierOverlap:
     def _sums(self, t: ArrayLike, sums: list[Terms]) -> Floats:
         """Several sums of terms at placements, shape (..., sums)."""
         places = check_vectors(t, "t", self.dim)
-        relative = self._relative(places.reshape(-1, self.dim))
-        inside = (np.abs(relative) <= self._limits).all(axis=1)
-        shares, out = relative[inside] / self._rings.lengths, np.zeros((len(relative), len(sums)))
-        if len(shares) > FEW:
+        relative = self._relative(places)
+        inside = (np.abs(relative) <= self._limits).all(axis=-1)
+        shares = relative / self._rings.lengths
+        if places.ndim == 1:
+            return np.array([sum_of_terms(shares, terms) if inside else 0.0 for terms in sums])
+        out, near = np.zeros((*inside.shape, len(sums))), shares[inside]
+        if len(near) > FEW:
             boxes = np.stack([self._rings.box_of(terms.products / self._rings.twice) for terms in sums])
-            out[inside] = nufft(2.0 * math.pi * shares, boxes, ACCURACY).real.T
-        elif len(shares):
-            out[inside] = [[sum_of_terms(share, terms) for terms in sums] for share in shares]
-        return out.reshape(*places.shape[:-1], len(sums))
+            out[inside] = nufft(2.0 * math.pi * near, boxes, ACCURACY).real.T
+        elif len(near):
+            out[inside] = [[sum_of_terms(share, terms) for terms in sums] for share in near]
+        return out
 
 
 def _check_dims(name: str, balls: BallDescriptor, others: BallDescriptor) -> None:

@@ -214,7 +214,7 @@ class Lattice:
         self.half = np.array([0.0] * flat + [0.5] * region.dim)
         self.corner = np.array([-0.5 * self.side] * flat + list(grid.lower))
         self.cells = cells.reshape((1,) * flat + cells.shape)
-        self.middles: Floats = np.argwhere(self.cells) + 0.5
+        self.middles: Floats = np.argwhere(self.cells) + np.float64(0.5)
 
     @cached_property
     def depths(self) -> Floats:

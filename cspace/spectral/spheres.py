@@ -210,8 +210,12 @@ def _format_of(path: str | os.PathLike[str]) -> tuple[Callable[[Any], str], Call
     from cspace.io.plain import read_json, read_yaml
 
     dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
-    to_yaml = partial(yaml.dump, Dumper=dumper, sort_keys=False, default_flow_style=None, width=120)
-    formats = {".json": (json.dumps, read_json), ".yaml": (to_yaml, read_yaml), ".yml": (to_yaml, read_yaml)}
+    to_yaml: Any = partial(yaml.dump, Dumper=dumper, sort_keys=False, default_flow_style=None, width=120)
+    formats: dict[str, tuple[Callable[[Any], str], Callable[[Any, str], Any]]] = {
+        ".json": (json.dumps, read_json),
+        ".yaml": (to_yaml, read_yaml),
+        ".yml": (to_yaml, read_yaml),
+    }
     return formats[suffix_of(path, formats, "balls go into .yaml, .yml or .json")]
 
 
