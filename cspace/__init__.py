@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from cspace.shapes.mesh import MeshWarning as MeshWarning
     from cspace.space import CSpace as CSpace
     from cspace.spectral import Spheres as Spheres
+    from cspace.tiles.space import TiledCSpace as TiledCSpace
     from cspace.workspace import Workspace as Workspace
 
     open = open_map  # noqa: A001 - the public name
@@ -50,6 +51,7 @@ _HOME = {
     "Rotations": ("cspace.rotations", "Rotations"),
     "CSpace": ("cspace.space", "CSpace"),
     "Spheres": ("cspace.spectral", "Spheres"),
+    "TiledCSpace": ("cspace.tiles.space", "TiledCSpace"),
     "Workspace": ("cspace.workspace", "Workspace"),
 }
 

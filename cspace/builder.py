@@ -7,32 +7,57 @@ offsets proves a cell FREE, and an overlap of the inner ones proves it BLOCKED (
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any, Final
+import os
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, TypedDict, Unpack, overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from cspace.engines import ENGINES, METHODS, Engine, choose
+from cspace.correlation import Correlation, Progress, Sides, sides_of
+from cspace.engines import ENGINES, METHODS
 from cspace.errors import InputError
 from cspace.map.contents import Contents
 from cspace.map.exterior import Exterior, check_outside
 from cspace.map.slices import Pair, raster_batches
 from cspace.map.storage import PackedStates, Stack
 from cspace.memory import SCRATCH_BYTES, TRANSFORM_BYTES, check_memory, is_packed, map_bytes
-from cspace.raster.raster import Raster
 from cspace.robot import Robot, check_margin
 from cspace.rotations import Rotations
 from cspace.space import CSpace
 from cspace.workspace import Workspace
 
-Progress = Callable[[int, int], None]
+if TYPE_CHECKING:
+    from distributed import Client
 
-STEP: Final = 1000
-"""Steps of progress that a correlation counts for."""
+    from cspace.tiles.space import TiledCSpace
 
 
+class BuildOptions(TypedDict, total=False):
+    """What :func:`build` takes, whatever becomes of the map."""
+
+    rotations: int | ArrayLike | Rotations | None
+    inner: bool
+    overlap: bool
+    method: str
+    outside: str
+    margin: float
+    workers: int | None
+    progress: Progress | None
+
+
+@overload
+def build(workspace: Workspace, robot: Robot, *, store: None = None, **options: Unpack[BuildOptions]) -> CSpace: ...
+@overload
+def build(
+    workspace: Workspace,
+    robot: Robot,
+    *,
+    store: str | os.PathLike[str],
+    tile: int | Sequence[int] = 4096,
+    client: Client | None = None,
+    **options: Unpack[BuildOptions],
+) -> TiledCSpace: ...
 def build(
     workspace: Workspace,
     robot: Robot,
@@ -45,7 +70,10 @@ def build(
     margin: float = 0.0,
     workers: int | None = None,
     progress: Progress | None = None,
-) -> CSpace:
+    store: str | os.PathLike[str] | None = None,
+    tile: int | Sequence[int] = 4096,
+    client: Client | None = None,
+) -> CSpace | TiledCSpace:
     """Map the configurations of a robot that translates, in the plane or in space, and turns as well if it is to.
 
     Parameters
@@ -77,17 +105,28 @@ def build(
     workers : int, optional
         Threads; by default one for each core that the process may use.
     progress : callable, optional
-        Called with (steps done, steps in all).
+        Called with (steps done, steps in all); with a store, of tiles.
+    store : path-like, optional
+        A folder to build the map into, tile by tile, for maps that do not fit into memory; see ``docs/large.md``. The
+        same call again goes on where an earlier one was stopped. Overlap counts are not kept.
+    tile : int or sequence of int
+        Cells of a tile along each axis.
+    client : dask.distributed.Client, optional
+        The cluster on whose workers tiles are made; threads of this process, if left out. The store must be a folder
+        that all of them see.
 
     Returns
     -------
     CSpace
+        With a store, a :class:`cspace.TiledCSpace`.
 
     Raises
     ------
     InputError
         If an argument breaks its rule, the robot is absurdly large at the workspace's spacing, or the map does not fit
         into the memory that is free; the message tells what would.
+    FileError
+        If the store is of something else, or cannot be written, or the workspace changes while it is read.
 
     References
     ----------
@@ -104,6 +143,30 @@ def build(
     """
     margin, cells = check_margin(margin), Rotations.of(rotations)
     _check(workspace, robot, cells, method, overlap, outside, workers)
+    if store is not None:
+        from cspace.tiles.build import build_tiles
+
+        if overlap:
+            rule, mend = "a store of tiles keeps states alone", "leave it out, and ask windows of the map for overlaps"
+            raise InputError("overlap", "is True, with a store", rule, mend, value=overlap)
+        return build_tiles(
+            workspace,
+            robot,
+            cells,
+            store=store,
+            tile=tile,
+            client=client,
+            inner=inner,
+            method=method,
+            outside=outside,
+            margin=margin,
+            workers=workers,
+            progress=progress,
+        )
+    if client is not None:
+        raise InputError(
+            "client", "is given without a store", "its workers make tiles", "pass store='map.zarr'", value=client
+        )
     grid = workspace.grid
     slice_of = cells.slice_of(robot)
     slices = int(slice_of.max()) + 1
@@ -113,14 +176,14 @@ def build(
     rasters, exterior, overlaps = None, None, None
     states: Stack
 
-    def correlation_of(pairs: Sequence[Pair], tell: Progress | None) -> tuple[_Correlation, list[list[Raster]]]:
+    def correlation_of(pairs: Sequence[Pair], tell: Progress | None) -> tuple[Correlation, Sides]:
         """The engine for the rasters of slices, and these by side."""
-        sides = [list(side) for side in zip(*pairs, strict=True)][: 2 if inner else 1]
-        engine = ENGINES[choose(sides[0], counts=overlap) if method == "auto" else method]
-        own = max(engine.bytes_needed(grid.shape, side, workers) for side in sides)
+        sides = sides_of(pairs, inner)
+        correlation = Correlation.by(method, sides, outside, workers, tell, overlap)
+        own = max(correlation.engine.bytes_needed(grid.shape, side, workers) for side in sides)
         what = "the map, with what its engine needs for this robot,"
         check_memory(needed + own - TRANSFORM_BYTES, what, grid.shape, grid.spacing, fewer=cells.fewer)
-        return _Correlation(engine, outside == "blocked", workers, tell), sides
+        return correlation, sides
 
     if is_packed(grid.shape, slices, overlap):
         states, done, precision = PackedStates((slices, *grid.shape)), 0, ""
@@ -130,7 +193,8 @@ def build(
             for start in range(0, len(batch), len(scratch)):
                 numbers, pairs = zip(*batch[start : start + len(scratch)], strict=True)
                 correlation, sides = correlation_of(pairs, None)
-                precision = max(precision, correlation.fill(workspace, sides, scratch[: len(pairs)], None))
+                own = correlation.fill(workspace.outer, workspace.inner, sides, scratch[: len(pairs)], None)
+                precision = max(precision, own)
                 for number, made in zip(numbers, scratch, strict=False):
                     states.write(number, made)
                 table[list(numbers)] = Exterior.of(workspace.outer, pairs, outside).table
@@ -144,67 +208,11 @@ def build(
         correlation, sides = correlation_of(rasters, progress)
         states = np.empty((slices, *grid.shape), dtype=np.uint8)
         overlaps = np.empty(states.shape, dtype=np.int32) if overlap else None
-        precision = correlation.fill(workspace, sides, states, overlaps)
+        precision = correlation.fill(workspace.outer, workspace.inner, sides, states, overlaps)
     contents = Contents(
         workspace, robot, cells, slice_of, states, outside, margin, precision, overlaps, tells_blocked=inner
     )
     return CSpace(contents, rasters, exterior)
-
-
-@dataclass(frozen=True, slots=True)
-class _Correlation:
-    """An engine at work for one build."""
-
-    engine: Engine
-    outside: bool
-    workers: int | None
-    progress: Progress | None
-
-    def fill(
-        self,
-        workspace: Workspace,
-        sides: Sequence[Sequence[Raster]],
-        state: NDArray[np.uint8],
-        overlaps: NDArray[np.int32] | None,
-    ) -> str:
-        """Fill all slices from the outer and, where there are any, the inner rasters; the arithmetic that it took."""
-        outers, inners = sides[0], [raster for side in sides[1:] for raster in side]
-        collides = state.view(np.bool_)
-        if inners and overlaps is None and len(outers) == 1 and workspace.inner is workspace.outer:
-            # One slice and one workspace bitmap, which is read once for both rasters.
-            lies_in = np.empty(workspace.grid.shape, dtype=np.bool_)
-            precision = self._collide(workspace.outer, [*outers, *inners], [collides[0], lies_in], (0, 1))
-            state[0] += lies_in
-            return precision
-        counts = collides if overlaps is None else overlaps
-        precision = self._collide(workspace.outer, outers, list(counts), (0, len(sides)))
-        if overlaps is not None:
-            np.not_equal(overlaps, 0, out=collides)
-        if inners:
-            added = self._collide(workspace.inner, inners, list(state), (1, 2), add=True)
-            precision = max(precision, added)
-        return precision
-
-    def _collide(
-        self,
-        occupied: NDArray[np.bool_],
-        rasters: Sequence[Raster],
-        out: Sequence[NDArray[Any]],
-        step: tuple[int, int],
-        add: bool = False,
-    ) -> str:
-        """One step of so many; each counts alike for progress, however many parts it has."""
-        (number, steps), tell = step, self.progress
-
-        def advance(done: int, total: int) -> None:
-            if tell is not None:
-                tell(number * STEP + STEP * done // total, steps * STEP)
-
-        precision = self.engine.collide(
-            occupied, rasters, out, outside=self.outside, add=add, workers=self.workers, progress=advance
-        )
-        advance(1, 1)  # also where there was nothing to do
-        return precision
 
 
 def _check(

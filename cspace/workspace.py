@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from cspace.covering import check_bounds, check_cells, covering_grid, warn_of_nothing, warn_of_units
 from cspace.errors import InputError
 from cspace.grid import Grid, finite, positive
-from cspace.memory import MESH_BYTES, WORKSPACE_BYTES
+from cspace.memory import MESH_BYTES, WORKSPACE_BYTES, check_memory
 from cspace.shapes import Balls, Mesh, Polygons, Shape, Voxels
 
 if TYPE_CHECKING:
@@ -23,8 +23,10 @@ if TYPE_CHECKING:
 
     from cspace.shapes.balls import BallSet
     from cspace.shapes.mesh import MeshLike, Solid
+    from cspace.tiles.sources import Source
 
 Floats = NDArray[np.float64]
+_IN_TILES = "build its map tile by tile, with cspace.build(..., store='map.zarr')"
 Named: TypeAlias = "str | os.PathLike[str]"
 Geometries: TypeAlias = "BaseGeometry | Mapping[str, object] | Named | Iterable[Geometries]"
 
@@ -41,6 +43,7 @@ class OpenOptions(TypedDict, total=False):
     unknown: str
     threshold: float
     dark: str
+    lazy: bool
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,40 +123,57 @@ class Workspace:
         lower: ArrayLike | None = None,
         *,
         inner: ArrayLike | None = None,
+        lazy: bool = False,
     ) -> Workspace:
         """A map that is already a grid.
+
+        An array that is read when it is indexed, of zarr, dask, h5py, xarray with dask behind it, or a
+        ``numpy.memmap``, is not read: see :class:`LazyWorkspace`.
 
         Parameters
         ----------
         occupied : array-like of bool, shape (nx, ny) or (nx, ny, nz), or path-like
             Cells that meet an obstacle, indexed in the order of the coordinates; 0 and 1 are accepted. A path is that
-            of a ``.npy`` file.
+            of a ``.npy`` file, or of an array in the Zarr format, ``.zarr``.
         spacing : float
             Side of a cell, in metres.
         lower : array-like, shape (d,), optional
             Lower corner of the first cell, in metres; the origin if left out.
         inner : array-like of bool, same shape, optional
             Cells that lie in obstacles; ``occupied`` if left out.
+        lazy : bool
+            Leave the values of a ``.npy`` file in it until they are used.
 
         Raises
         ------
         InputError
             If an array is empty, not boolean or of the wrong shape, or a number is not usable.
         """
-        if isinstance(occupied, str | os.PathLike):
-            from cspace.io.npy import read_cells
+        from cspace.io.npy import read_cells, read_zarr_array
+        from cspace.tiles.sources import Lazy, is_away
 
-            return replace(cls.from_array(read_cells(occupied), spacing, lower, inner=inner), source=str(occupied))
-        cells = check_cells(occupied, "occupied")
-        corner = finite(np.zeros(cells.ndim) if lower is None else lower, "lower")
-        if corner.shape != (cells.ndim,):
+        source, array = "array", occupied
+        if isinstance(array, str | os.PathLike):
+            source = str(array)
+            if Path(array).suffix.lower() == ".zarr":
+                array = read_zarr_array(array)
+            else:
+                array = read_cells(array) if lazy else np.asarray(read_cells(array))
+        away = inner is None and is_away(array)
+        cells = Lazy(array) if away else check_cells(array, "occupied")
+        dim = len(cells.shape)
+        corner = finite(np.zeros(dim) if lower is None else lower, "lower")
+        if corner.shape != (dim,):
             raise InputError(
                 "lower",
                 f"is {lower!r}",
-                f"occupied has {cells.ndim} axes and lower must have as many coordinates",
-                f"pass e.g. {(0.0,) * cells.ndim}",
+                f"occupied has {dim} axes and lower must have as many coordinates",
+                f"pass e.g. {(0.0,) * dim}",
             )
-        return cls(Grid(corner, spacing, cells.shape), cells, cells if inner is None else check_cells(inner, "inner"))
+        if isinstance(cells, Lazy):
+            return LazyWorkspace(Grid(corner, spacing, cells.shape), cells, source)
+        made = cls(Grid(corner, spacing, cells.shape), cells, cells if inner is None else check_cells(inner, "inner"))
+        return made if source == made.source else replace(made, source=source)
 
     @classmethod
     def from_ros_map(cls, path: Named, unknown: str = "occupied") -> Workspace:
@@ -254,6 +274,7 @@ class Workspace:
         kind: str = "",
         points: Floats | None = None,
         cost: int = WORKSPACE_BYTES,
+        lazy: bool = False,
     ) -> Workspace:
         """The cells of a shape, on the grid of a box, shape (2, dim), or else of its own bounds.
 
@@ -261,13 +282,24 @@ class Workspace:
         corners, can hardly be metres. ``cost`` is in bytes a cell.
         """
         corners = np.stack(shape.bounds)
-        grid = covering_grid(corners if box is None else box, spacing, cost)
+        grid = covering_grid(corners if box is None else box, spacing, 0 if lazy else cost)
         if kind:
             told = corners if points is None else np.stack([points.min(axis=0), points.max(axis=0)])
             warn_of_units(told, spacing, kind, box is not None)
+        if lazy:
+            from cspace.tiles.sources import Drawn
+
+            return LazyWorkspace(grid, Drawn(shape, grid), source, (shape,))
         outer, inner = shape.cells(grid)
         warn_of_nothing(outer, grid, corners)
         return cls(grid, outer, inner, source=source, shapes=(shape,))
+
+    @property
+    def cells(self) -> Source:
+        """What the cells are read from, a box at a time."""
+        from cspace.tiles.sources import Held
+
+        return Held(self.outer, self.inner)
 
     @property
     def obstacles(self) -> tuple[Shape, ...]:
@@ -279,7 +311,9 @@ class Workspace:
         return (Voxels(self.outer, self.grid.spacing, np.asarray(self.grid.lower)),)
 
     @classmethod
-    def from_polygons(cls, polygons: Geometries, spacing: float, bounds: ArrayLike | None = None) -> Workspace:
+    def from_polygons(
+        cls, polygons: Geometries, spacing: float, bounds: ArrayLike | None = None, *, lazy: bool = False
+    ) -> Workspace:
         """Polygons, lines and points in the plane, rasterised so that ``outer`` and ``inner`` are proven.
 
         Parameters
@@ -292,6 +326,8 @@ class Workspace:
             ``xmin, ymin, xmax, ymax`` of the map, in metres; the bounding box of the obstacles if left out. The grid
             begins at the lower corner and has as many cells as reach the upper one, less a strip of up to 1e-9 cells
             from rounding. **What lies beyond it is clipped.**
+        lazy : bool
+            Cut them into cells where these are asked for, and not now: see :class:`LazyWorkspace`.
 
         Raises
         ------
@@ -310,11 +346,17 @@ class Workspace:
         count = len(shape.geometries)
         named = isinstance(polygons, str | os.PathLike) and Path(polygons).suffix.lower() in SUFFIXES
         source = str(polygons) if named else f"{count} polygon{'s' * (count > 1)}"
-        return cls._of(shape, spacing, box, source, "set of polygons")
+        return cls._of(shape, spacing, box, source, "set of polygons", lazy=lazy)
 
     @classmethod
     def from_mesh(
-        cls, mesh: MeshLike, spacing: float, bounds: ArrayLike | None = None, *, solid: Solid = "auto"
+        cls,
+        mesh: MeshLike,
+        spacing: float,
+        bounds: ArrayLike | None = None,
+        *,
+        solid: Solid = "auto",
+        lazy: bool = False,
     ) -> Workspace:
         """A triangle mesh in space, rasterised so that ``outer`` and ``inner`` are proven.
 
@@ -330,6 +372,8 @@ class Workspace:
         solid : {"auto", "surface", "fill"}
             What has an inside: "auto", the closed parts of the mesh, with a warning if there are others; "surface",
             nothing; "fill", whatever the surface encloses at this spacing.
+        lazy : bool
+            As for :meth:`from_polygons`; not for "fill", which looks at all cells at once.
 
         Raises
         ------
@@ -344,7 +388,12 @@ class Workspace:
         box = None if bounds is None else check_bounds(bounds, 3)
         shape = Mesh.of(mesh, solid)
         source = str(mesh) if isinstance(mesh, str | os.PathLike) else shape.source
-        made = cls._of(shape, spacing, box, source, "mesh", cost=MESH_BYTES)
+        if lazy and shape.solid == "fill":
+            rule = "what a surface encloses is found on all of its cells at once"
+            raise InputError(
+                "lazy", "is True for solid='fill'", rule, "close the mesh, and pass solid='auto'", value=lazy
+            )
+        made = cls._of(shape, spacing, box, source, "mesh", cost=MESH_BYTES, lazy=lazy)
         return replace(made, shapes=None) if shape.solid == "fill" else made
 
     @classmethod
@@ -467,6 +516,60 @@ class Workspace:
                     name, f"is missing for {os.fspath(path)}", "such a file does not hold it", f"pass e.g. {name}=0.05"
                 )
         return reader(path, **options)
+
+
+class LazyWorkspace(Workspace):
+    """A workspace whose cells stay where they are, and are read, or made, where they are asked for.
+
+    :func:`cspace.build` with a ``store`` reads a tile at a time. All else reads the whole, once, where it fits into
+    memory, and goes on as with any other workspace.
+
+    Parameters
+    ----------
+    grid : Grid
+    cells : cspace.tiles.sources.Source
+    source : str
+        What it is read from.
+    shapes : tuple or None
+    """
+
+    __slots__ = ("_cells", "_whole")
+
+    def __init__(self, grid: Grid, cells: Source, source: str, shapes: tuple[Shape, ...] | None = None) -> None:
+        for name, value in (("grid", grid), ("source", source), ("shapes", shapes), ("live", False)):
+            object.__setattr__(self, name, value)
+        object.__setattr__(self, "_cells", cells)
+        object.__setattr__(self, "_whole", [])
+
+    @property
+    def cells(self) -> Source:
+        return self._cells  # type: ignore[no-any-return, attr-defined]
+
+    @property
+    def outer(self) -> NDArray[np.bool_]:
+        return self._read()[0]
+
+    @property
+    def inner(self) -> NDArray[np.bool_]:
+        return self._read()[1]
+
+    def _read(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        whole: list[tuple[NDArray[np.bool_], NDArray[np.bool_]]] = self._whole  # type: ignore[attr-defined]
+        if not whole:
+            grid = self.grid
+            check_memory(WORKSPACE_BYTES * grid.size, "the workspace", grid.shape, grid.spacing, mend=_IN_TILES)
+            outer, inner = self.cells.read(tuple(slice(0, n) for n in grid.shape))
+            for cells in (outer, inner):
+                cells.setflags(write=False)
+            whole.append((outer, outer if np.array_equal(outer, inner) else inner))
+        return whole[0]
+
+    def __repr__(self) -> str:
+        shape = " x ".join(map(str, self.grid.shape))
+        return f"LazyWorkspace({self.source}: {shape} cells of {self.grid.spacing:g} m, read at need)"
+
+    def __reduce__(self) -> tuple[type[LazyWorkspace], tuple[Grid, Source, str, tuple[Shape, ...] | None]]:
+        return LazyWorkspace, (self.grid, self.cells, self.source, self.shapes)
 
 
 def reader_of(path: Named, options: Iterable[str] = ()) -> Callable[..., Workspace]:

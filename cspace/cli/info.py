@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from cspace.robot import Robot
     from cspace.shapes.mesh import Solid
     from cspace.space import CSpace
+    from cspace.tiles.space import TiledCSpace
 
 _MEASURES = {2: "area_m2", 3: "volume_m3"}
 """What the cells of a map fill, by the number of dimensions."""
@@ -96,9 +97,35 @@ def _kind(file: str) -> Kind:
     return "robot" if ":" in file and not path.exists() else "workspace"
 
 
-def describe_map(space: CSpace) -> dict[str, Any]:
+def describe_tiles(space: TiledCSpace) -> dict[str, Any]:
+    """What there is to say about a map in a store, whole or half done."""
+    from cspace.states import NAMES
+
+    whole = space.done == 1.0
+    return {
+        "robot": space.robot.name,
+        "lower_m": list(space.grid.lower),
+        "upper_m": list(space.grid.upper),
+        "spacing_m": space.grid.spacing,
+        "shape": list(space.grid.shape),
+        **({"rotations": space.rotations.count} if space.rotations.count > 1 else {}),
+        "tile": list(space.tile),
+        "done_percent": round(100.0 * space.done, 4),
+        **({"cells": dict(zip(NAMES, space.count(), strict=True))} if whole else {}),
+        "version": space.version,
+        "outside": space.outside,
+        "margin_m": space.margin,
+    }
+
+
+def describe_map(space: CSpace | TiledCSpace) -> dict[str, Any]:
     """What there is to say about a map."""
     import numpy as np
+
+    from cspace.tiles.space import TiledCSpace
+
+    if isinstance(space, TiledCSpace):
+        return describe_tiles(space)
 
     from cspace.map.storage import counts_of
     from cspace.states import FREE, NAMES

@@ -84,7 +84,7 @@ def plan(
 
     clock = Clock()
     with clock.step("read"):
-        space = open_map(file)
+        space: Any = open_map(file)
     with clock.step("plan"):
         found = planners.plan(
             space,

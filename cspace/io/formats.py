@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from cspace.io.input import suffix_of
-from cspace.io.npy import read_npy
+from cspace.io.npy import read_npy, read_zarr_array
 from cspace.io.ply import read_ply_header
 
 Named = str | os.PathLike[str]
@@ -16,7 +16,7 @@ METHODS: Final[dict[str, str]] = {
     **dict.fromkeys((".yaml", ".yml"), "from_ros_map"),
     **dict.fromkeys((".map", ".3dmap"), "from_movingai"),
     **dict.fromkeys((".geojson", ".json", ".wkt"), "from_polygons"),
-    ".npy": "from_array",
+    **dict.fromkeys((".npy", ".zarr"), "from_array"),
     **dict.fromkeys((".stl", ".obj", ".ply", ".off", ".glb", ".gltf", ".dae"), "from_mesh"),
     **dict.fromkeys((".bt", ".ot"), "from_octomap"),
     **dict.fromkeys((".xyz", ".txt", ".csv", ".pcd"), "from_points"),
@@ -54,6 +54,7 @@ def dimension_of(path: Named) -> int:
     """
     method = method_of(path)
     if method == "from_array":
-        return read_npy(path).ndim
+        read = read_zarr_array if Path(path).suffix.lower() == ".zarr" else read_npy
+        return int(read(path).ndim)
     in_space = method in ("from_mesh", "from_octomap", "from_points") or Path(path).suffix.lower() == ".3dmap"
     return 3 if in_space else 2

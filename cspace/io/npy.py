@@ -1,8 +1,9 @@
-"""Arrays saved by :func:`numpy.save`, mapped into memory, so that nothing is read before it is known to be there."""
+"""Arrays of numpy and of Zarr, of which nothing is read before it is used."""
 
 from __future__ import annotations
 
 import os
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -51,3 +52,23 @@ def read_cells(path: str | os.PathLike[str]) -> NDArray[Any]:
             "save it as array.astype(float) if it holds points in metres, or as booleans if it holds cells",
         )
     return array
+
+
+def read_zarr_array(path: str | os.PathLike[str]) -> Any:
+    """The array of a folder in the Zarr format, whose values are read where it is indexed.
+
+    Raises
+    ------
+    FileError
+        If there is none.
+    """
+    import zarr
+
+    def refusal(reason: str) -> FileError:
+        rule = "it must be one array in the Zarr format, of booleans"
+        return FileError(os.fspath(path), f"cannot be read: {reason}", rule, "write it with zarr.save_array")
+
+    if not Path(path).is_dir():
+        raise refusal("it is not a folder")
+    with decoding(path, "Zarr array", refusal):
+        return zarr.open_array(os.fspath(path), mode="r")

@@ -22,6 +22,8 @@ from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.space import CSpace
 from cspace.states import FIELDS
+from cspace.tiles.space import TiledCSpace
+from cspace.tiles.store import is_tiled
 from cspace.workspace import Workspace
 
 _ROUNDING = 1e-12
@@ -29,8 +31,8 @@ _ROUNDING = 1e-12
 """
 
 
-def open_map(path: str | os.PathLike[str]) -> CSpace:
-    """Open a map that was saved.
+def open_map(path: str | os.PathLike[str]) -> CSpace | TiledCSpace:
+    """Open a map that was saved, or one that was built into a store.
 
     Parameters
     ----------
@@ -40,14 +42,16 @@ def open_map(path: str | os.PathLike[str]) -> CSpace:
     Returns
     -------
     CSpace
-        Equal to the one that was saved.
+        Equal to the one that was saved. Of a store of tiles, a :class:`cspace.TiledCSpace`, which reads it at need.
 
     Raises
     ------
     FileError
         If there is nothing, or nothing that can be read, or not a map, or a map that is truncated or changed.
     """
-    metadata, arrays = read_store(path) if _is_folder(path) else read_npz(path)
+    if (folder := _is_folder(path)) and is_tiled(path):
+        return TiledCSpace.open(path)
+    metadata, arrays = read_store(path) if folder else read_npz(path)
     try:
         return _restored(metadata, arrays)
     except MemoryError:

@@ -202,16 +202,16 @@ def seal(metadata: Mapping[str, Any], digests: Mapping[str, str]) -> dict[str, A
     return {**sealed, "digest": digest_of(_text(sealed))}
 
 
-def unseal(metadata: Any, path: str | os.PathLike[str]) -> dict[str, str]:
-    """The digest of each part of a map, from its metadata as they were read.
+def unseal(metadata: Any, path: str | os.PathLike[str], kind: str = FORMAT) -> dict[str, str]:
+    """The digest of each part of a map, from its metadata as they were read; ``kind`` is the format that they name.
 
     Raises
     ------
     FileError
         If they are not as :func:`seal` made them, or of another format version.
     """
-    if not isinstance(metadata, Mapping) or metadata.get("format") != FORMAT:
-        raise unusable(path, f"its metadata do not say format {FORMAT!r}")
+    if not isinstance(metadata, Mapping) or metadata.get("format") != kind:
+        raise unusable(path, f"its metadata do not say format {kind!r}")
     if metadata.get("format_version") != VERSION:
         raise FileError(
             os.fspath(path),

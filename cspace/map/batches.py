@@ -62,7 +62,7 @@ def answer(
     out = np.empty(len(flat), dtype=dtype)
     bad = _fill(out, kernel, [flat], LEAST)
     if bad >= 0:
-        raise _not_finite(flat[bad], name, bad)
+        raise not_usable(flat[bad], name, bad)
     return out.reshape(points.shape[:-1]) if points.ndim > 1 else scalar(out[0])
 
 
@@ -86,7 +86,7 @@ def answer_edges(
     out = np.empty(len(first), dtype=np.bool_)
     bad = _fill(out, kernel_for(len(out)), [first, second], EDGES_A_THREAD)
     if bad >= 0:
-        raise _not_finite(np.concatenate([first[bad], second[bad]]), "edge", bad)
+        raise not_usable(np.concatenate([first[bad], second[bad]]), "edge", bad)
     return out.reshape(shape[:-1]) if len(shape) > 1 else bool(out[0])
 
 
@@ -149,7 +149,8 @@ def _own(rows: NDArray[Any]) -> Floats:
     return floats if floats.flags.writeable else floats.copy()
 
 
-def _not_finite(values: NDArray[Any], name: str, index: int) -> InputError:
+def not_usable(values: NDArray[Any], name: str, index: int) -> InputError:
+    """The error for a configuration, or an edge, of a batch."""
     numbers = tuple(values.astype(np.float64).tolist())
     rule = f"NaN, infinities, a yaw beyond {MAX_YAW:.0f} rad and quaternions of another norm than 1 are refused"
     mend = "drop or replace them first; divide a quaternion, qx, qy, qz, qw, by its norm"

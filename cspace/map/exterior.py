@@ -54,12 +54,19 @@ class Exterior:
         policy : {"blocked", "free"}
             Whether all beyond the workspace is obstacle or free.
         """
+        box = np.zeros((2, occupied.ndim), dtype=np.int64)
         if policy == "free":
             cells = Raster.trimmed(occupied, (0,) * occupied.ndim)
-            obstacles = np.array([*cells.lower, *cells.upper])
-            return cls(np.array([[*reached(obstacles, outer), FREE] for outer, _ in rasters], dtype=np.int64))
+            box = np.array([cells.lower, cells.upper])
+        return cls.around(occupied.shape, box, rasters, policy)
+
+    @classmethod
+    def around(cls, shape: Sequence[int], box: Ints, rasters: Sequence[tuple[Raster, Raster]], policy: str) -> Exterior:
+        """The same of a workspace of a shape, by the first and last cell of its obstacles, which "free" alone asks."""
+        if policy == "free":
+            return cls(np.array([[*reached(box.ravel(), outer), FREE] for outer, _ in rasters], dtype=np.int64))
         # BLOCKED is proven where an inner offset falls beyond the workspace.
-        last = np.asarray(occupied.shape) - 1
+        last = np.asarray(shape) - 1
         rows = [
             [*-np.asarray(inner.lower), *(last - inner.upper), BLOCKED if inner.count else MIXED]
             for _, inner in rasters

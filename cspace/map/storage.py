@@ -128,10 +128,16 @@ def _row_of_bits(cells: TwoBits, number: int, count: int) -> Halves:
     return taken | beyond, blocked | beyond
 
 
+COMPILED: Final[Any] = {"_nrt": False, "forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+"""How what follows is compiled; other ways to keep states may add theirs."""
+
+
 def _register(function: Any, bytes_: Any, bits: Any) -> None:
-    options: Any = {"_nrt": False, "forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-    take = overload(function, jit_options=options, strict=False)
-    take(lambda cells, *others: bytes_ if isinstance(cells, types.Array) else bits)
+    @overload(function, jit_options=COMPILED, strict=False)
+    def _taken(cells: Any, *others: Any) -> Any:
+        if isinstance(cells, types.Array):
+            return bytes_
+        return bits if getattr(cells, "instance_class", None) is TwoBits else None
 
 
 for _function, _bytes, _bits in (

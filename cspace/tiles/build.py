@@ -1,0 +1,141 @@
+"""Maps built tile by tile into a store, on this machine or on a cluster."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from cspace.correlation import Progress
+from cspace.engines import choose
+from cspace.errors import FileError, InputError
+from cspace.robot import Robot
+from cspace.rotations import Rotations
+from cspace.tiles.space import TiledCSpace
+from cspace.tiles.store import CHUNK_CELLS, Index, Store, is_tiled
+from cspace.tiles.work import Job, run
+from cspace.workspace import Workspace
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+_OWN: Final = ("version", "aside", "box", "counts", "digest", "digests", "library_version", "stamp", "workspace_source")
+"""Metadata that are no setting of a build."""
+
+
+def build_tiles(
+    workspace: Workspace,
+    robot: Robot,
+    rotations: Rotations,
+    *,
+    store: str | os.PathLike[str],
+    tile: int | Sequence[int],
+    client: Client | None,
+    inner: bool,
+    method: str,
+    outside: str,
+    margin: float,
+    workers: int | None,
+    progress: Progress | None,
+) -> TiledCSpace:
+    """What :func:`cspace.build` does with a ``store``; its arguments are checked.
+
+    What an earlier call left half done is gone on with.
+
+    Raises
+    ------
+    InputError
+        If the tile is not usable, or a task does not fit into memory.
+    FileError
+        If the store is of something else, or cannot be written, or the workspace has changed.
+    """
+    grid, cells = workspace.grid, workspace.cells
+    slices = int(rotations.slice_of(robot).max()) + 1
+    sides = tile_sides(tile, grid.shape)
+    settings: dict[str, Any] = {
+        "lower": list(grid.lower),
+        "spacing": grid.spacing,
+        "shape": list(grid.shape),
+        "axes": " ".join((*"xyz"[: grid.dim], *rotations.names)),
+        "outside": outside,
+        "margin": float(margin),
+        "rotations": rotations.count,
+        "slices": slices,
+        "robot": robot.definition,
+        "tile": list(sides),
+        "depth": max(1, min(slices, CHUNK_CELLS // math.prod(sides))),
+        "inner": bool(inner),
+        "method": method,
+        "same": cells.same,
+    }
+    stamp = cells.stamp
+    own = {"workspace_source": workspace.source, "stamp": stamp, "precision": "", "version": 0, "aside": ""}
+    if is_tiled(store):
+        made = Store.open(store)
+        _check_same(made, settings, stamp)
+    elif Path(store).exists() and any(Path(store).iterdir() if Path(store).is_dir() else [1]):
+        rule = "tiles go into a store of their own"
+        raise FileError(str(store), "exists, and is no store of tiles", rule, "choose another name, or remove it")
+    else:
+        made = Store.create(store, {**settings, **own, "box": None, "counts": None}, robot, rotations)
+    if made.metadata["box"] is None:
+        _fill(Job(made, cells), client, workers, progress)
+        made = Store.open(store)
+    return TiledCSpace(made)
+
+
+def _fill(job: Job, client: Client | None, workers: int | None, progress: Progress | None) -> None:
+    """Make the tiles that are not there, and write down that all are."""
+    store = job.store
+    done = set(store.done())
+    todo = [index for index in store if index not in done]
+
+    def advance(number: int) -> None:
+        if progress is not None:
+            progress(len(done) + number, len(store))
+
+    run(make, job, todo, client, workers, advance)
+    advance(len(todo))
+    engine = store.metadata["method"]
+    if engine == "auto":
+        engine = choose([outer for outer, _ in job.pairs])
+    store.tidy()
+    store.sealed(**store.totals(), precision="integer" if engine == "direct" else "float64")
+
+
+def make(job: Job, index: Index) -> None:
+    """The task of a build."""
+    job.make(index)
+
+
+def tile_sides(tile: int | Sequence[int], shape: Sequence[int]) -> tuple[int, ...]:
+    """Cells of a tile along each axis, no more than there are.
+
+    Raises
+    ------
+    InputError
+        If it is not one whole number above zero, or one for each axis.
+    """
+    given = np.asarray(tile)
+    if given.dtype.kind not in "iu" or given.shape not in ((), (len(shape),)) or (given < 1).any():
+        rule = "it must be a whole number of cells above zero, or one for each axis"
+        raise InputError("tile", f"is {tile!r}", rule, "pass e.g. 4096", value=tile)
+    return tuple(min(int(side), n) for side, n in zip(np.broadcast_to(given, (len(shape),)), shape, strict=True))
+
+
+def _check_same(store: Store, settings: dict[str, Any], stamp: str) -> None:
+    """Refuse to go on with the store of another map."""
+    theirs = {name: value for name, value in store.metadata.items() if name not in _OWN}
+    for name, value in settings.items():
+        if theirs.get(name) != value:
+            found = f"exists, and is of another map: its {name} is {theirs.get(name)!s:.60} and not {value!s:.60}"
+            mend = "choose another name, or remove it"
+            raise FileError(str(store.path), found, "a build goes on with what was begun with the same settings", mend)
+    if store.metadata["stamp"] != stamp:
+        found = f"exists, and its workspace, {store.metadata['workspace_source']}, was another one"
+        rule = "a build goes on with what was begun on the same obstacles, by their size, time or digest"
+        raise FileError(str(store.path), found, rule, "choose another name, or remove it")

@@ -1,0 +1,160 @@
+"""Decoded tiles in memory, up to a number of bytes, as compiled look-ups take them.
+
+Look-ups are compiled for the whole map, whose cells they read by :func:`cspace.map.storage.state_in`; here is what it
+does for cells that lie in tiles. A cell of a tile that is not there counts as FREE, and the tile is marked. So a
+look-up is made again and again, with other tiles, until none was marked: each cell that it asks for was then there
+once, and what is known of it is the worst that it was told.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Iterable
+from math import prod
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba.extending import overload
+from numpy.typing import NDArray
+
+from cspace.map.storage import COMPILED, pack, read_only, state_in
+from cspace.states import FREE
+
+Bytes = NDArray[np.uint8]
+Ints = NDArray[np.int64]
+
+MISSING, ASIDE = -1, -2
+"""In place of where a tile is: it is not there; it was, in this look-up."""
+
+USED = -1
+"""Mark of a tile that was there and read."""
+
+_TWO, _THREE = np.uint64(2), np.uint64(3)
+
+
+class TileCells(NamedTuple):
+    """The states of a map in tiles, as compiled code takes them.
+
+    Attributes
+    ----------
+    packed : ndarray of uint8
+        States of the tiles that are there, four in a byte.
+    places : ndarray of int64, shape (chunks,)
+        Where the states of each chunk begin, or MISSING, or ASIDE.
+    wanted : ndarray of int64, shape (chunks + 1,)
+        Is given, for each chunk that was MISSING, which of them it was in turn, and how many they were; for others that
+        were read, USED.
+    shape : tuple of int
+        Slices, and cells of the grid.
+    sides, counts : tuple of int
+        Slices and cells of a chunk, and number of chunks, along the same axes.
+    """
+
+    packed: Bytes
+    places: Ints
+    wanted: Ints
+    shape: tuple[int, ...]
+    sides: tuple[int, ...]
+    counts: tuple[int, ...]
+
+
+def _tiled_in(cells: TileCells, number: int) -> int:
+    rest, chunk, inside = np.uint64(number), np.uint64(0), np.uint64(0)
+    chunks, size = np.uint64(1), np.uint64(1)
+    for k in range(len(cells.shape)):
+        axis = len(cells.shape) - 1 - k
+        length, side = np.uint64(cells.shape[axis]), np.uint64(cells.sides[axis])
+        above = rest // length
+        place = rest - above * length
+        own = place // side
+        chunk += own * chunks
+        inside += (place - own * side) * size
+        chunks *= np.uint64(cells.counts[axis])
+        size *= side
+        rest = above
+    begin = cells.places[chunk]
+    if begin >= 0:
+        cells.wanted[chunk] = USED
+    else:
+        if begin == MISSING and cells.wanted[chunk] == 0:
+            cells.wanted[-1] += 1
+            cells.wanted[chunk] = cells.wanted[-1]
+        return FREE
+    place = np.uint64(begin) + inside
+    return int((np.uint64(cells.packed[place >> _TWO]) >> (_TWO * (place & _THREE))) & _THREE)
+
+
+@overload(state_in, jit_options=COMPILED, strict=False)
+def _state_in_tiles(cells: Any, number: Any) -> Any:
+    return _tiled_in if getattr(cells, "instance_class", None) is TileCells else None
+
+
+class Cache:
+    """Room for as many chunks as a number of bytes holds, the least recently used of which goes first.
+
+    Parameters
+    ----------
+    shape, sides : tuple of int
+        Slices and cells of the map, and of a chunk.
+    limit : int
+        Bytes; there is room for one chunk at least.
+    load : callable
+        The states of a chunk, by its number.
+    """
+
+    def __init__(
+        self, shape: tuple[int, ...], sides: tuple[int, ...], limit: int, load: Callable[[int], Bytes]
+    ) -> None:
+        counts = tuple(-(-n // side) for n, side in zip(shape, sides, strict=True))
+        self._each, self._load = -(-prod(sides) // 4), load
+        self.room = max(1, min(limit // self._each, prod(counts)))
+        self._packed = np.zeros(0, dtype=np.uint8)
+        self._places, self._wanted = np.full(prod(counts), MISSING), np.zeros(prod(counts) + 1, dtype=np.int64)
+        self._used: OrderedDict[int, int] = OrderedDict()
+        self._shape = tuple(map(int, shape)), tuple(map(int, sides)), counts
+
+    @property
+    def cells(self) -> TileCells:
+        """What compiled code takes, until the next chunk is loaded."""
+        return TileCells(read_only(self._packed.view()), self._places, self._wanted, *self._shape)
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes that decoded chunks take."""
+        return self._packed.nbytes
+
+    def clear(self) -> None:
+        """Forget all chunks."""
+        self._used.clear()
+        self._places[:] = MISSING
+        self._wanted[:] = 0
+
+    def begin(self) -> None:
+        """Begin a look-up: what is not there now was not there before."""
+        self._places[self._places < 0] = MISSING
+        self._wanted[:] = 0
+
+    def wanted(self, most: int) -> list[int]:
+        """The chunks that were asked for and were not there, the first ones first, as many as there is room for."""
+        for chunk in np.flatnonzero(self._wanted[:-1] == USED).tolist():
+            self._used.move_to_end(chunk)
+        marked = np.flatnonzero(self._wanted[:-1] > 0)
+        first: list[int] = marked[np.argsort(self._wanted[marked])][: min(most, self.room)].tolist()
+        self._wanted[:] = 0
+        return first
+
+    def load(self, chunks: Iterable[int]) -> None:
+        """Have chunks there; those that make room for them are set aside."""
+        for chunk in chunks:
+            states = self._load(chunk)
+            if len(self._used) < self.room:
+                place = len(self._used)
+                if (place + 1) * self._each > len(self._packed):
+                    size = min(max(2 * place, 4), self.room) * self._each
+                    self._packed = np.concatenate([self._packed, np.empty(size - len(self._packed), dtype=np.uint8)])
+            else:
+                oldest, place = self._used.popitem(last=False)
+                self._places[oldest] = ASIDE
+            pack(states.reshape(-1), self._packed[place * self._each : (place + 1) * self._each])
+            self._used[chunk] = place
+            self._places[chunk] = 4 * place * self._each

@@ -1,0 +1,258 @@
+"""What the cells of a workspace are read from, a box at a time: arrays that stay where they are, and shapes."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import mmap
+import os
+from collections.abc import Iterable, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace.covering import check_cells
+from cspace.errors import FileError, InputError
+from cspace.grid import Grid
+from cspace.shapes import Polygons, Shape
+
+Bools = NDArray[np.bool_]
+Box = tuple[slice, ...]
+"""Cells along each axis."""
+
+_AWAY: Final = frozenset({"dask", "h5py", "tensorstore", "xarray", "zarr"})
+"""Packages whose arrays are read when they are indexed."""
+
+
+class Source(Protocol):
+    """The cells of a workspace; it is pickled for workers, and read by several at once."""
+
+    def read(self, box: Box) -> tuple[Bools, Bools]:
+        """The cells of a box that meet an obstacle, and those that lie in one; one array where both are the same."""
+
+    @property
+    def stamp(self) -> str:
+        """A text that is another one once the cells are."""
+
+    @property
+    def same(self) -> bool:
+        """Whether both are always one array."""
+
+
+class Held:
+    """Cells in memory.
+
+    Parameters
+    ----------
+    outer, inner : ndarray of bool, shape (nx, ny) or (nx, ny, nz)
+        The same array where both are the same.
+    """
+
+    def __init__(self, outer: Bools, inner: Bools) -> None:
+        self.outer, self.inner = outer, inner
+        self.same = inner is outer
+
+    def read(self, box: Box) -> tuple[Bools, Bools]:
+        outer = self.outer[box]
+        return outer, outer if self.inner is self.outer else self.inner[box]
+
+    @cached_property
+    def stamp(self) -> str:
+        digest = hashlib.sha256(np.packbits(self.outer).data)
+        if self.inner is not self.outer:
+            digest.update(np.packbits(self.inner).data)
+        return digest.hexdigest()
+
+
+class Lazy:
+    """An array that is read a box at a time: of zarr, dask, h5py or xarray, or a ``numpy.memmap``.
+
+    Parameters
+    ----------
+    array : array-like with shape, dtype and slicing
+        Boolean, or 0 and 1, indexed [x, y] or [x, y, z].
+    """
+
+    same: Final = True
+
+    def __init__(self, array: Any) -> None:
+        self.array, self.shape = array, tuple(int(n) for n in array.shape)
+        check_cells(np.zeros((1,) * len(self.shape), dtype=array.dtype), "occupied")
+        if 0 in self.shape:
+            check_cells(np.zeros(self.shape, dtype=np.bool_), "occupied")
+        dims = getattr(array, "dims", None)
+        if dims is not None and tuple(dims) != ("x", "y", "z")[: len(dims)]:
+            rule, mend = (
+                "they must be named x, y (and z), in this order",
+                'transpose it, e.g. array.transpose("x", "y")',
+            )
+            raise InputError("occupied", f"has the dimensions {tuple(dims)}", rule, mend)
+
+    def read(self, box: Box) -> tuple[Bools, Bools]:
+        try:
+            part = self.array[box]
+            if hasattr(part, "compute"):  # not on the cluster that this may run on, which could wait for itself
+                part = part.compute(scheduler="synchronous")
+            cells = check_cells(np.asarray(part), "occupied")
+        except (OSError, ValueError, IndexError) as error:
+            raise changed(self.name, f"a part of it cannot be read any more ({error})") from error
+        if cells.shape != tuple(part.stop - part.start for part in box):
+            raise changed(self.name, "it has another shape now")
+        return cells, cells
+
+    @property
+    def name(self) -> str:
+        """What it is, for messages."""
+        files = [str(file) for file in self._files()]
+        return files[0] if files else f"{type(self.array).__module__.partition('.')[0]} array"
+
+    @property
+    def stamp(self) -> str:
+        told = [f"{self.shape} {np.dtype(self.array.dtype).str}"]
+        for file in self._files():
+            for path in _watched(file):
+                try:
+                    status = path.stat()
+                except OSError as error:
+                    raise changed(str(file), f"it is not there any more ({error.strerror})") from error
+                told.append(f"{path} {status.st_size if path.is_file() else 0} {status.st_mtime_ns}")
+        return hashlib.sha256("\n".join(told).encode()).hexdigest()
+
+    def _files(self) -> list[Path]:
+        """The files, or folders, that hold it, as far as they are known."""
+        array = self.array
+        encoding = getattr(array, "encoding", {})
+        named = [
+            getattr(array, "filename", None),  # numpy.memmap
+            getattr(getattr(array, "file", None), "filename", None),  # h5py
+            encoding.get("source") if isinstance(encoding, dict) else None,  # xarray
+        ]
+        if (root := getattr(getattr(array, "store", None), "root", None)) is not None:  # zarr, in a folder
+            named.append(Path(root) / getattr(array, "path", ""))
+        return [Path(os.fspath(name)).absolute() for name in named if name and Path(os.fspath(name)).exists()]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        array = self.array
+        if isinstance(array, np.memmap):
+            whole: Any = array
+            while not isinstance(whole.base, mmap.mmap):
+                whole = whole.base
+            begin = array.__array_interface__["data"][0] - whole.__array_interface__["data"][0]
+            return _mapped, (
+                str(array.filename),
+                whole.offset,
+                whole.nbytes,
+                begin,
+                array.shape,
+                array.dtype,
+                array.strides,
+            )
+        if type(array).__module__.startswith("h5py"):
+            return _opened, (array.file.filename, array.name)
+        return Lazy, (array,)
+
+
+def _mapped(
+    file: str,
+    offset: int,
+    size: int,
+    begin: int,
+    shape: tuple[int, ...],
+    dtype: np.dtype[Any],
+    strides: tuple[int, ...],
+) -> Lazy:
+    """The part of a file that a memmap, or a view of one, shows."""
+    whole = np.memmap(file, dtype=np.uint8, mode="r", offset=offset, shape=(size,))
+    view: Any = np.ndarray(shape, dtype, whole, begin, strides).view(np.memmap)
+    view.filename = Path(file)
+    return Lazy(view)
+
+
+def _opened(file: str, name: str) -> Lazy:
+    """An array of an HDF5 file."""
+    import h5py  # type: ignore[import-untyped,import-not-found,unused-ignore]
+
+    return Lazy(h5py.File(file, "r")[name])
+
+
+def _watched(file: Path) -> Iterable[Path]:
+    """The file itself; of a folder, it and its folders, which change where a file in them is replaced."""
+    yield file
+    if file.is_dir():
+        for folder, _, names in sorted(os.walk(file)):
+            yield Path(folder)
+            if "zarr.json" in names:
+                yield Path(folder) / "zarr.json"
+
+
+class Drawn:
+    """Obstacles that are cut into cells a box at a time; only those near a box are looked at for it.
+
+    Parameters
+    ----------
+    shape : Shape
+    grid : Grid
+    """
+
+    same: Final = False
+
+    def __init__(self, shape: Shape, grid: Grid) -> None:
+        self.shape, self.grid = shape, grid
+
+    def read(self, box: Box) -> tuple[Bools, Bools]:
+        first, last = np.array([[part.start, part.stop] for part in box]).T
+        lower = self.grid.lower + self.grid.spacing * first
+        grid = Grid(tuple(lower.tolist()), self.grid.spacing, tuple((last - first).tolist()))
+        shape = self._near(grid)
+        if shape is None:
+            nothing = np.zeros(grid.shape, dtype=np.bool_)
+            return nothing, nothing
+        return shape.cells(grid)
+
+    @cached_property
+    def stamp(self) -> str:
+        return hashlib.sha256(json.dumps(self.shape.spec, sort_keys=True).encode()).hexdigest()
+
+    def _near(self, grid: Grid) -> Shape | None:
+        """What of the shape may meet a grid; None where nothing does."""
+        lower, upper = np.array(grid.lower) - grid.spacing, np.array(grid.upper) + grid.spacing
+        if isinstance(self.shape, Polygons):
+            import shapely
+
+            found = np.sort(self._index.query(shapely.box(*lower, *upper)))
+            return Polygons([self.shape.geometries[k] for k in found]) if len(found) else None
+        least, most = self.shape.bounds
+        return self.shape if (least <= upper).all() and (most >= lower).all() else None
+
+    @cached_property
+    def _index(self) -> Any:
+        import shapely
+
+        return shapely.STRtree(list(self.shape.geometries)) if isinstance(self.shape, Polygons) else None
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Drawn, (self.shape, self.grid)
+
+
+def is_away(array: Any) -> bool:
+    """Whether an array is one that is read when it is indexed, and not before."""
+    if not (hasattr(array, "shape") and hasattr(array, "dtype") and hasattr(array, "__getitem__")):
+        return False
+    data = getattr(array, "variable", None)
+    if data is not None and hasattr(data, "_data"):  # xarray: what it has in memory already is no such array
+        return not isinstance(data._data, np.ndarray) or isinstance(data._data, np.memmap)
+    return isinstance(array, np.memmap) or type(array).__module__.partition(".")[0] in _AWAY
+
+
+def changed(name: str, what: str) -> FileError:
+    """The error for a source that is not what it was."""
+    rule = "the workspace of a map must stay as it is while the map is built"
+    return FileError(name, f"has changed: {what}", rule, "build the map anew, into another store")
+
+
+def box_of(first: Sequence[int], stop: Sequence[int]) -> Box:
+    """Cells from a first one up to the one before another."""
+    return tuple(slice(int(low), int(high)) for low, high in zip(first, stop, strict=True))

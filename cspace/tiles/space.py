@@ -1,0 +1,295 @@
+"""TiledCSpace: a map in a store, looked up where it lies."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from functools import partial
+from typing import Any, Final, overload
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cspace.errors import ConfigurationError, FileError, InputError
+from cspace.grid import Grid
+from cspace.map.batches import EDGES_A_THREAD, Many, One, as_pairs, as_points, not_usable
+from cspace.map.exterior import Exterior
+from cspace.map.kept import Lock
+from cspace.map.record import Map
+from cspace.robot import Robot
+from cspace.rotations import Rotations
+from cspace.space import CSpace
+from cspace.states import FREE
+from cspace.threads import LEAST, in_chunks
+from cspace.tiles.cache import Cache
+from cspace.tiles.sources import Held
+from cspace.tiles.store import Record, Store
+from cspace.tiles.work import Job
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+CACHE_BYTES: Final = 2**29
+"""Memory for decoded tiles, unless a map is told otherwise: 2 x 10^9 states."""
+
+Kernel = Callable[..., int]
+
+
+class TiledCSpace:
+    """A certified map that stays in its store; what is looked up of it is read tile by tile.
+
+    :func:`cspace.build` makes it with a ``store``, and :func:`cspace.open` opens it. Its answers are those of the same
+    map in memory, :class:`cspace.CSpace`, look-up by look-up. It takes one configuration, shape (dof,), or any batch,
+    shape (..., dof); a batch reads each tile once. :meth:`window` gives a part of it as a map in memory, for
+    everything else.
+
+    A store that is half done opens too: :attr:`done` tells the share, and look-ups refuse.
+
+    Parameters
+    ----------
+    store : cspace.tiles.store.Store
+    cache_bytes : int
+        Memory for decoded tiles, of which there is always one; a state takes two bits.
+    """
+
+    def __init__(self, store: Store, cache_bytes: int = CACHE_BYTES) -> None:
+        self._lock = Lock()
+        self._limit = int(cache_bytes)
+        self._take(store)
+
+    def _take(self, store: Store) -> None:
+        self._store, self._records = store, {}  # type: tuple[Store, dict[tuple[int, ...], Record]]
+        shape = (store.slices, *store.grid.shape)
+        self._cache = Cache(shape, (store.depth, *store.tile), self._limit, self._chunk)
+        self._moment = store.moment
+        self._table: NDArray[np.int64] | None = None
+
+    @classmethod
+    def open(cls, path: str | os.PathLike[str], cache_bytes: int = CACHE_BYTES) -> TiledCSpace:
+        """The map in a store, whole or half done; see :func:`cspace.open`."""
+        return cls(Store.open(path), cache_bytes)
+
+    # ---- what the map is ---------------------------------------------------------------------------------------------
+
+    @property
+    def grid(self) -> Grid:
+        """Cells of positions of the robot's reference point."""
+        return self._store.grid
+
+    @property
+    def robot(self) -> Robot:
+        """The robot that it is of."""
+        return self._store.robot
+
+    @property
+    def rotations(self) -> Rotations:
+        """Its rotation cells."""
+        return self._store.rotations
+
+    @property
+    def outside(self) -> str:
+        """What lies beyond the workspace: "blocked" or "free"."""
+        return str(self._store.metadata["outside"])
+
+    @property
+    def margin(self) -> float:
+        """Metres by which the robot was grown for FREE."""
+        return float(self._store.metadata["margin"])
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Names of the numbers in a configuration."""
+        return (*"xyz"[: self.grid.dim], *self.rotations.names)
+
+    @property
+    def dof(self) -> int:
+        """How many numbers a configuration has."""
+        return len(self.axes)
+
+    @property
+    def path(self) -> str:
+        """The store's folder."""
+        return str(self._store.path)
+
+    @property
+    def tile(self) -> tuple[int, ...]:
+        """Cells of a tile along each axis."""
+        return self._store.tile
+
+    @property
+    def done(self) -> float:
+        """Share of the tiles that are done; 1 for a map that may be looked up."""
+        store = self._store
+        return 1.0 if store.metadata["box"] is not None else min(len(store.done()) / len(store), 1.0 - 2.0**-20)
+
+    @property
+    def version(self) -> int:
+        """How many updates the map has seen."""
+        return int(self._store.metadata["version"])
+
+    def count(self) -> tuple[int, int, int]:
+        """Number of FREE, MIXED and BLOCKED cells, over all rotation cells."""
+        self._check_done()
+        slice_of = self.rotations.slice_of(self.robot)
+        free, mixed, blocked = np.array(self._store.metadata["counts"])[slice_of].sum(axis=0).tolist()
+        return free, mixed, blocked
+
+    def __repr__(self) -> str:
+        cells = " x ".join(map(str, self.grid.shape))
+        turns = f" x {self.rotations}" if self.rotations.count > 1 else ""
+        tiles = f"{len(self._store)} tiles of {' x '.join(map(str, self.tile))}"
+        share = "" if self.done == 1.0 else f", {self.done:.1%} of them done"
+        return f"TiledCSpace({cells} cells of {self.grid.spacing:g} m{turns}, {self.robot.name}: {tiles}{share})"
+
+    def __reduce__(self) -> tuple[Callable[..., TiledCSpace], tuple[str, int]]:
+        return TiledCSpace.open, (self.path, self._limit)
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_") or not hasattr(CSpace, name):
+            raise AttributeError(f"'TiledCSpace' object has no attribute {name!r}")
+        mend = "ask a part of it: space.window(lower, upper)"
+        raise ConfigurationError(name, "needs a map in memory", "this one stays in its store", mend)
+
+    # ---- look-ups ----------------------------------------------------------------------------------------------------
+
+    @overload
+    def classify(self, q: One) -> int: ...  # type: ignore[overload-overlap]
+    @overload
+    def classify(self, q: Many) -> NDArray[np.uint8]: ...
+    def classify(self, q: ArrayLike) -> int | NDArray[np.uint8]:
+        """State of configurations, as :meth:`cspace.CSpace.classify`."""
+        from cspace.map.points import classify_few
+
+        points = as_points(q, "q", self.dof)
+        states = self._ask(classify_few, [points.reshape(-1, self.dof)], "q", np.uint8, FREE, LEAST)
+        return states.reshape(points.shape[:-1]) if points.ndim > 1 else int(states[0])
+
+    @overload
+    def is_free(self, q: One) -> bool: ...  # type: ignore[overload-overlap]
+    @overload
+    def is_free(self, q: Many) -> Bools: ...
+    def is_free(self, q: ArrayLike) -> bool | Bools:
+        """Whether configurations are proven collision-free, as :meth:`cspace.CSpace.is_free`."""
+        states: Any = self.classify(q)  # type: ignore[arg-type]
+        free: bool | Bools = states == FREE
+        return free
+
+    @overload
+    def motion_is_free(self, q0: One, q1: One) -> bool: ...  # type: ignore[overload-overlap]
+    @overload
+    def motion_is_free(self, q0: Many, q1: ArrayLike) -> Bools: ...
+    @overload
+    def motion_is_free(self, q0: ArrayLike, q1: Many) -> Bools: ...
+    def motion_is_free(self, q0: ArrayLike, q1: ArrayLike) -> bool | Bools:
+        """Whether straight edges are proven collision-free all along, as :meth:`cspace.CSpace.motion_is_free`."""
+        starts, ends = as_points(q0, "q0", self.dof), as_points(q1, "q1", self.dof)
+        try:
+            starts, ends = np.broadcast_arrays(starts, ends)
+        except ValueError as error:
+            found = f"has shape {starts.shape} and q1 {ends.shape}"
+            raise InputError("q0", found, "they must broadcast", "pass batches of equal shape") from error
+        free = self._edges(starts.reshape(-1, self.dof), ends.reshape(-1, self.dof))
+        return free.reshape(starts.shape[:-1]) if starts.ndim > 1 else bool(free[0])
+
+    def certify_path(self, path: ArrayLike, edges: ArrayLike | None = None) -> Bools:
+        """Whether each edge of a path, of paths, or of a roadmap is proven, as :meth:`cspace.CSpace.certify_path`."""
+        points = as_points(path, "path", self.dof)
+        self.classify(points[..., :0, :] if points.ndim > 1 else points)
+        if edges is not None:
+            pairs = as_pairs(edges, points)
+            return self._edges(points[pairs[:, 0]], points[pairs[:, 1]])
+        if points.ndim < 2 or points.shape[-2] == 0:
+            rule = "it must hold at least one configuration in a row"
+            raise InputError("path", f"has shape {points.shape}", rule, f"pass an array of shape (n, {self.dof})")
+        starts, ends = points[..., :-1, :], points[..., 1:, :]
+        if not starts.size:
+            self.classify(points)  # raises where one is not finite
+        return self._edges(starts.reshape(-1, self.dof), ends.reshape(-1, self.dof)).reshape(starts.shape[:-1])
+
+    def _edges(self, starts: Floats, ends: Floats) -> Bools:
+        from cspace.map.edges import edges_are_free
+
+        def kernel(map_: Map, first: Floats, last: Floats, out: Bools) -> int:
+            return edges_are_free(map_, None, first, last, out)
+
+        free: Bools = self._ask(kernel, [starts, ends], "edge", np.bool_, True, EDGES_A_THREAD)
+        return free
+
+    def _ask(
+        self, kernel: Kernel, parts: list[Floats], name: str, dtype: type[np.generic], passed: int, least: int
+    ) -> NDArray[Any]:
+        """What a kernel tells of rows, shape (n, dof); ``passed`` is what it tells where all that it reads is FREE."""
+        self._check_done()
+        rows = [np.array(part, dtype=np.float64, order="C") for part in parts]
+        with self._lock:
+            while True:
+                self._follow()
+                out = np.empty(len(rows[0]), dtype=dtype)
+                bad = self._in_turns(kernel, rows, out, passed, least)
+                if bad >= 0:
+                    raise not_usable(np.concatenate([part[bad] for part in rows]), name, bad)
+                if self._store.moment == self._moment:
+                    return out
+
+    def _in_turns(self, kernel: Kernel, rows: list[Floats], out: NDArray[Any], passed: int, least: int) -> int:
+        """Run a kernel until each tile that it reads was there; the index of the first row that is not usable, or -1.
+
+        Rows that did not pass are known. The others are run again, with some of the tiles that were not there.
+        """
+        cache, live = self._cache, np.arange(len(out))
+        cache.begin()
+        while len(live):
+            whole = len(live) == len(out)
+            own = rows if whole else [part[live] for part in rows]
+            values = np.empty(len(live), dtype=out.dtype)
+            bad = in_chunks(partial(_run, kernel, self._map, own, values), len(live), least)
+            if bad >= 0:
+                return bad
+            out[live] = values
+            live = live[values == passed]
+            # A few rows may well fail in the first tiles that they come to.
+            wanted = cache.wanted(len(live))
+            if not wanted:
+                break
+            cache.load(wanted)
+        return -1
+
+    @property
+    def _map(self) -> Map:
+        """The record that compiled look-ups take; its tiles are those that are there now."""
+        store, cells = self._store, self._cache.cells
+        if self._table is None:
+            job = Job(store, Held(np.empty(0, np.bool_), np.empty(0, np.bool_)))
+            box = np.array(store.metadata["box"])
+            self._table = Exterior.around(store.grid.shape, box, job.pairs, self.outside).table
+        rotations = self.rotations.compiled(self.rotations.slice_of(self.robot))
+        grid = store.grid
+        return Map(cells, cells, rotations, grid.lower, grid.spacing, grid.upper, self._table)  # type: ignore[arg-type]
+
+    def _chunk(self, number: int) -> NDArray[np.uint8]:
+        """States of a chunk, by its number."""
+        store = self._store
+        layer, *index = np.unravel_index(number, (store.layers, *store.counts))
+        tile = tuple(int(i) for i in index)
+        return store.states(tile, int(layer), self._record(tile))
+
+    def _record(self, tile: tuple[int, ...]) -> Record:
+        if tile not in self._records:
+            self._records[tile] = self._store.known(tile)
+        return self._records[tile]
+
+    def _follow(self) -> None:
+        """Be of the store as it is now, if another process has changed it."""
+        if self._store.moment != self._moment:
+            self._take(Store.open(self.path))
+            self._check_done()
+
+    def _check_done(self) -> None:
+        if self._store.metadata["box"] is None:
+            found = f"is {self.done:.1%} done"
+            mend = "run the same build again: only what is missing is done"
+            raise FileError(self.path, found, "a map is looked up once all of it is there", mend)
+
+
+def _run(kernel: Kernel, map_: Map, rows: list[Floats], out: NDArray[Any], start: int, stop: int) -> int:
+    return kernel(map_, *(part[start:stop] for part in rows), out[start:stop])

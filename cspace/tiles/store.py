@@ -1,0 +1,495 @@
+"""The store of a tiled map: a folder in the Zarr format, a chunk for each tile, which appears whole or not at all.
+
+The arrays are those of a saved map, and read by anything that reads Zarr: ``state``, in chunks of a tile and some
+slices, ``outer`` and, where it differs, ``inner``, in chunks of a tile. ``record`` has a row of numbers for each tile:
+how many of its cells are FREE, MIXED and BLOCKED, the box around its obstacles, and the digests (SHA-256) of its other
+chunks. It is written last: a tile is done where its row is there. What is done once all are is the map.
+
+A file is written under another name beside its own, and renamed. An update writes its files into a folder of their own,
+names that folder in the metadata, which is when it takes place, and then moves them over those that they replace; a
+reader looks into that folder first, so that it finds one map or the other whatever the moment.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+import os
+import shutil
+import uuid
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace import __version__
+from cspace.errors import FileError
+from cspace.grid import Grid
+from cspace.io.output import replacing
+from cspace.io.record import (
+    ARRAYS,
+    AXES,
+    VERSION,
+    attributes_of,
+    axes_of,
+    decoding_map,
+    digest_of,
+    seal,
+    unseal,
+    unusable,
+)
+from cspace.robot import Robot
+from cspace.rotations import Rotations
+from cspace.states import BLOCKED
+
+FORMAT: Final = "cspace-tiles"
+ROOT: Final = "zarr.json"
+CHUNK_CELLS: Final = 2**24
+"""States that a chunk holds at most, unless a single slice of a tile has more."""
+
+LEVEL: Final = 3
+"""Of zstd: higher ones take more time and save little."""
+
+_DIGEST: Final = 4
+"""Whole numbers of 64 bits in a digest."""
+
+_ASIDE: Final = ".cspace-"
+"""What names begin with that are not final."""
+
+Index = tuple[int, ...]
+"""Of a tile, along each axis."""
+
+
+@dataclass(frozen=True)
+class Store:
+    """A tiled map on disk, as of one moment; several processes read and write it at once.
+
+    Attributes
+    ----------
+    path : Path
+    metadata : dict
+        Plain values: those of saved maps, and ``tile``, the cells of a tile along each axis, ``depth``, the slices of
+        a chunk, ``inner`` and ``same``, whether BLOCKED is told and whether inner cells are the outer ones, ``method``,
+        ``stamp``, of the workspace, ``version``, how many changes it has seen, and ``aside``, a folder of newer files.
+    rotations : Rotations
+    """
+
+    path: Path
+    metadata: Mapping[str, Any]
+    rotations: Rotations
+
+    # ---- what it is of -----------------------------------------------------------------------------------------------
+
+    @cached_property
+    def grid(self) -> Grid:
+        """Of the whole map."""
+        return Grid(self.metadata["lower"], self.metadata["spacing"], tuple(self.metadata["shape"]))
+
+    @cached_property
+    def robot(self) -> Robot:
+        """As it was given to the build."""
+        return Robot.from_spec(json.loads(self.metadata["robot"]))
+
+    @property
+    def tile(self) -> tuple[int, ...]:
+        """Cells of a tile along each axis."""
+        return tuple(self.metadata["tile"])
+
+    @property
+    def slices(self) -> int:
+        """Number of slices."""
+        return int(self.metadata["slices"])
+
+    @property
+    def depth(self) -> int:
+        """Slices in a chunk of states."""
+        return int(self.metadata["depth"])
+
+    @cached_property
+    def layers(self) -> int:
+        """Chunks of states that a tile has."""
+        return -(-self.slices // self.depth)
+
+    @cached_property
+    def counts(self) -> tuple[int, ...]:
+        """Number of tiles along each axis."""
+        return tuple(-(-n // t) for n, t in zip(self.grid.shape, self.tile, strict=True))
+
+    def __iter__(self) -> Iterator[Index]:
+        """All tiles."""
+        return itertools.product(*map(range, self.counts))
+
+    def __len__(self) -> int:
+        return math.prod(self.counts)
+
+    def cells(self, index: Index) -> tuple[slice, ...]:
+        """Those of a tile."""
+        return tuple(
+            slice(i * t, min((i + 1) * t, n)) for i, t, n in zip(index, self.tile, self.grid.shape, strict=True)
+        )
+
+    def numbers(self, layer: int) -> range:
+        """Slices of a chunk of states."""
+        return range(layer * self.depth, min((layer + 1) * self.depth, self.slices))
+
+    def tiles_in(self, box: Sequence[slice]) -> Iterator[Index]:
+        """Those that share a cell with a box of cells, which may reach beyond the grid."""
+        spans = [
+            range(max(part.start, 0) // t, min(-(-part.stop // t), count))
+            for part, t, count in zip(box, self.tile, self.counts, strict=True)
+        ]
+        return itertools.product(*spans)
+
+    # ---- made and opened ---------------------------------------------------------------------------------------------
+
+    @classmethod
+    def create(
+        cls, path: str | os.PathLike[str], metadata: Mapping[str, Any], robot: Robot, rotations: Rotations
+    ) -> Store:
+        """A store in which nothing is done yet.
+
+        Raises
+        ------
+        FileError
+            If there is something, or nothing can be written.
+        """
+        with replacing(path, folder=is_ours) as temporary:
+            _write_frame(temporary, metadata, rotations.slice_of(robot), rotations)
+        return cls.open(path)
+
+    @classmethod
+    def open(cls, path: str | os.PathLike[str]) -> Store:
+        """The store at a path, whatever is done of it.
+
+        Raises
+        ------
+        FileError
+            If there is none, or it was changed.
+        """
+        root = Path(path) / ROOT
+        with decoding_map(path):
+            metadata = json.loads(root.read_bytes())["attributes"]
+            digests = unseal(metadata, path, FORMAT)
+            if metadata["aside"] and (
+                metadata["aside"].strip("/.") != metadata["aside"][1:] or "/" in metadata["aside"]
+            ):
+                raise unusable(path, f"its newer files are in {metadata['aside']!r}")
+            if min(*metadata["tile"], metadata["depth"], metadata["slices"]) < 1:
+                raise unusable(path, "its tiles hold nothing")
+            arrays = {name: _small(Path(path), name, digests) for name in {part.split("/")[0] for part in digests}}
+            return cls(Path(path), metadata, Rotations.from_coordinates(arrays))
+
+    def sealed(self, **changes: Any) -> None:
+        """Write the metadata anew, with some of it changed."""
+        document = json.loads((self.path / ROOT).read_bytes())
+        digests = unseal(document["attributes"], self.path, FORMAT)
+        document["attributes"] = seal({**self.metadata, **changes}, digests)
+        _write(self.path / ROOT, json.dumps(document, indent=2).encode())
+
+    @property
+    def moment(self) -> tuple[int, int, int]:
+        """What is another after any change of the map."""
+        status = (self.path / ROOT).stat()
+        return status.st_ino, status.st_mtime_ns, status.st_size
+
+    # ---- chunks ------------------------------------------------------------------------------------------------------
+
+    def write(self, name: str, index: Sequence[int], block: NDArray[Any], aside: str = "") -> bytes:
+        """Write a chunk, of which what lies beyond the array may be missing; its digest.
+
+        Raises
+        ------
+        FileError
+            If it cannot be written, as where the disk is full.
+        """
+        shape, dtype, lost = self._chunk(name)
+        if block.shape != shape:
+            whole = np.full(shape, lost, dtype=dtype)
+            whole[tuple(slice(0, n) for n in block.shape)] = block
+            block = whole
+        content = _codec().encode(np.ascontiguousarray(block, dtype=dtype))
+        _write(self.path / aside / _name(name, index), content)
+        return digest_of_bytes(content)
+
+    def read(self, name: str, index: Sequence[int], digest: bytes | None) -> NDArray[Any]:
+        """A chunk, whole; it must have a digest, if one is given.
+
+        Raises
+        ------
+        FileError
+            If it is missing or damaged.
+        """
+        file = _name(name, index)
+        content = self._content(file)
+        if content is None:
+            raise unusable(self.path, f"its file {file!r} is missing")
+        if digest is not None and digest_of_bytes(content) != digest:
+            raise unusable(self.path, f"its file {file!r} differs from its digest")
+        shape, dtype, _ = self._chunk(name)
+        with decoding_map(self.path / file):
+            return np.frombuffer(_codec().decode(content), dtype=dtype).reshape(shape)
+
+    def _content(self, file: str) -> bytes | None:
+        """That of a file; None where there is none."""
+        for folder in (self.metadata["aside"], "") if self.metadata["aside"] else ("",):
+            with suppress(FileNotFoundError):
+                return (self.path / folder / file).read_bytes()
+        return None
+
+    def _chunk(self, name: str) -> tuple[tuple[int, ...], np.dtype[Any], Any]:
+        """Shape, type and filling of an array's chunks."""
+        shapes = {"state": (self.depth, *self.tile), "record": (*(1,) * self.grid.dim, self._columns)}
+        if name == "record":
+            return shapes[name], np.dtype("<i8"), -1
+        return shapes.get(name, self.tile), np.dtype(ARRAYS[name].dtype), ARRAYS[name].lost
+
+    # ---- tiles -------------------------------------------------------------------------------------------------------
+
+    @property
+    def _columns(self) -> int:
+        return columns(self.slices, self.grid.dim, self.layers)
+
+    def record(self, index: Index) -> Record | None:
+        """What is known of a tile that is done; None of one that is not."""
+        if self._content(_name("record", (*index, 0))) is None:
+            return None
+        row = self.read("record", (*index, 0), None).reshape(-1)
+        counts, box, digests = np.split(row, [3 * self.slices, 3 * self.slices + 2 * self.grid.dim])
+        parts = [part.tobytes() for part in digests.reshape(-1, _DIGEST)]
+        return Record(counts.reshape(-1, 3), box.reshape(2, -1), tuple(parts))
+
+    def known(self, index: Index) -> Record:
+        """The same of a tile that must be done.
+
+        Raises
+        ------
+        FileError
+            If it is not.
+        """
+        record = self.record(index)
+        if record is None:
+            raise unusable(self.path, f"its tile {index} is missing")
+        return record
+
+    def finish(self, index: Index, record: Record, aside: str = "") -> None:
+        """Write down that a tile is done."""
+        digests = np.frombuffer(b"".join(record.digests), dtype="<i8")
+        row = np.concatenate([record.counts.ravel(), record.box.ravel(), digests])
+        self.write("record", (*index, 0), row.reshape(*(1,) * self.grid.dim, -1), aside)
+
+    def states(self, index: Index, layer: int, record: Record) -> NDArray[np.uint8]:
+        """A chunk of states, shape (depth, *tile), whose cells beyond the map are BLOCKED."""
+        states: NDArray[np.uint8] = self.read("state", (layer, *index), record.digests[layer])
+        used = states[tuple(slice(0, len(part)) for part in (self.numbers(layer), *map(_range, self.cells(index))))]
+        if used.max(initial=0) > BLOCKED:
+            raise unusable(self.path, f"its tile {index} holds {used.max()}, which is no state")
+        return states if used.size == states.size else np.minimum(states, BLOCKED)
+
+    def obstacles(self, index: Index, record: Record) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Outer and inner cells of a tile, cut to the map."""
+        own = tuple(slice(0, part.stop - part.start) for part in self.cells(index))
+        outer = self.read("outer", index, record.digests[self.layers])[own]
+        if record.digests[self.layers + 1] == record.digests[self.layers]:
+            return outer, outer
+        return outer, self.read("inner", index, record.digests[self.layers + 1])[own]
+
+    def done(self) -> list[Index]:
+        """The tiles that are done."""
+        folder = self.path / "record" / "c"
+        return [index for index in self if (folder / "/".join(map(str, (*index, 0)))).exists()]
+
+    def totals(self) -> dict[str, Any]:
+        """What the records of all tiles come to: counts of each slice, and the box around all obstacles.
+
+        Raises
+        ------
+        FileError
+            If a tile is not done.
+        """
+        counts = np.zeros((self.slices, 3), dtype=np.int64)
+        low, high = np.full(self.grid.dim, 2**61), np.full(self.grid.dim, -(2**61))
+        for index in self:
+            record = self.known(index)
+            counts += record.counts
+            low, high = np.minimum(low, record.box[0]), np.maximum(high, record.box[1])
+        box = [low, high] if (low <= high).all() else [low * 0, low * 0 - 1]
+        return {"counts": counts.tolist(), "box": [corner.tolist() for corner in box]}
+
+    # ---- changes -----------------------------------------------------------------------------------------------------
+
+    def commit(self, aside: str, **changes: Any) -> Store:
+        """Have the files in a folder take the place of those of the same names, at one moment; the store since then."""
+        self.sealed(version=self.metadata["version"] + 1, aside=aside, **changes)
+        return Store.open(self.path).settled()
+
+    def settled(self) -> Store:
+        """The store once nothing is left of a change that took place."""
+        aside = self.metadata["aside"]
+        if not aside:
+            return self
+        for file in sorted((self.path / aside).rglob("*")):
+            if file.is_file():
+                target = self.path / file.relative_to(self.path / aside)
+                target.parent.mkdir(parents=True, exist_ok=True)
+                with suppress(FileNotFoundError):  # another process does the same
+                    file.replace(target)
+        self.sealed(aside="")
+        shutil.rmtree(self.path / aside, ignore_errors=True)
+        return Store.open(self.path)
+
+    def tidy(self) -> None:
+        """Remove what processes that were killed left behind; nobody else may be writing."""
+        for file in self.path.rglob(f"{_ASIDE}*"):
+            if file.name != self.metadata["aside"]:
+                shutil.rmtree(file, ignore_errors=True) if file.is_dir() else file.unlink(missing_ok=True)
+
+
+@dataclass(frozen=True)
+class Record:
+    """What is known of a tile that is done.
+
+    Attributes
+    ----------
+    counts : ndarray of int64, shape (slices, 3)
+        Number of FREE, MIXED and BLOCKED cells.
+    box : ndarray of int64, shape (2, d)
+        First and last cell, of the whole map, of the box around the outer cells; the first is beyond the last where
+        there are none.
+    digests : tuple of bytes
+        Of its chunks of states, of the outer cells, and of the inner ones, or again of the outer ones.
+    """
+
+    counts: NDArray[np.int64]
+    box: NDArray[np.int64]
+    digests: tuple[bytes, ...]
+
+
+def columns(slices: int, dim: int, layers: int) -> int:
+    """Numbers in a row of the array of records."""
+    return 3 * slices + 2 * dim + _DIGEST * (layers + 2)
+
+
+def is_tiled(path: str | os.PathLike[str]) -> bool:
+    """Whether a folder is the store of a tiled map, whole or not."""
+    try:
+        attributes = json.loads((Path(path) / ROOT).read_bytes())["attributes"]
+        return bool(attributes["format"] == FORMAT)
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
+
+
+def is_ours(folder: Path) -> bool:
+    """Whether a folder may be replaced: nothing but a store of tiles is."""
+    return is_tiled(folder)
+
+
+def digest_of_bytes(content: bytes) -> bytes:
+    """Digest of a chunk (SHA-256)."""
+    return bytes.fromhex(digest_of(content))
+
+
+def aside_name() -> str:
+    """A fresh name for a folder of files that are not in their places yet."""
+    return f"{_ASIDE}{uuid.uuid4().hex[:12]}"
+
+
+def _range(part: slice) -> range:
+    return range(part.start, part.stop)
+
+
+def _name(array: str, index: Sequence[int]) -> str:
+    """File of a chunk."""
+    return f"{array}/c/{'/'.join(map(str, index))}"
+
+
+def _codec() -> Any:
+    """What chunks are encoded with: as Zarr does it, which takes several times as long to come to it."""
+    from numcodecs import Zstd
+
+    return Zstd(LEVEL, checksum=True)
+
+
+def _write(file: Path, content: bytes) -> None:
+    """Write a file that is there whole or not at all."""
+    temporary = file.with_name(f"{_ASIDE}{uuid.uuid4().hex[:12]}")
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        temporary.write_bytes(content)
+        temporary.replace(file)
+    except OSError as error:
+        raise FileError(
+            str(file),
+            f"cannot be written: {error.strerror or error}",
+            "a store needs a writable folder with free space",
+            "free some, and run the same again: what is done is kept",
+        ) from error
+    finally:
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+
+
+def _write_frame(folder: Path, metadata: Mapping[str, Any], slice_of: NDArray[np.int64], rotations: Rotations) -> None:
+    """All of a store but what is done of its tiles."""
+    import zarr
+    from zarr.codecs import ZstdCodec
+
+    grid = Grid(metadata["lower"], metadata["spacing"], tuple(metadata["shape"]))
+    dim, slices, depth, tile = grid.dim, metadata["slices"], metadata["depth"], tuple(metadata["tile"])
+    counts = tuple(-(-n // t) for n, t in zip(grid.shape, tile, strict=True))
+    width = columns(slices, dim, -(-slices // depth))
+    arrays = {"slice_of": slice_of, **rotations.coordinates}
+    arrays |= {axis: grid.centers(k) for k, axis in enumerate(AXES[:dim])}
+    group = zarr.create_group(str(folder), zarr_format=3)
+    large = {"state": ((slices, *grid.shape), (depth, *tile)), "outer": (grid.shape, tile)}
+    large |= {} if metadata["same"] else {"inner": (grid.shape, tile)}
+    small = {name: (array.shape, array.shape) for name, array in arrays.items()}
+    for name, (shape, chunks) in {**large, **small}.items():
+        made = group.create_array(
+            name,
+            shape=shape,
+            dtype=ARRAYS[name].dtype,
+            chunks=chunks,
+            compressors=[ZstdCodec(level=LEVEL, checksum=True)],
+            fill_value=ARRAYS[name].lost,
+            attributes=attributes_of(name, dim),
+            dimension_names=axes_of(name, dim),
+            config={"write_empty_chunks": True},
+        )
+        if name in arrays:
+            made[...] = arrays[name]
+    group.create_array(
+        "record",
+        shape=(*counts, width),
+        dtype="int64",
+        chunks=(*(1,) * dim, width),
+        compressors=[ZstdCodec(level=LEVEL, checksum=True)],
+        fill_value=-1,
+        attributes={
+            "long_name": "what is known of a tile that is done",
+            "comment": "FREE, MIXED and BLOCKED cells of each slice; first and last cell of its obstacles; SHA-256 of "
+            "its chunks of state, of outer, and of inner or outer again",
+        },
+        dimension_names=[*(f"tile_{axis}" for axis in AXES[:dim]), "number"],
+    )
+    document = json.loads((folder / ROOT).read_bytes())
+    files = sorted(file for name in arrays for file in (folder / name).rglob("*") if file.is_file())
+    digests = {file.relative_to(folder).as_posix(): digest_of(file.read_bytes()) for file in files}
+    about = {"format": FORMAT, "format_version": VERSION, "library_version": __version__}
+    document["attributes"] = seal({**about, **metadata}, digests)
+    (folder / ROOT).write_bytes(json.dumps(document, indent=2).encode())
+
+
+def _small(path: Path, name: str, digests: Mapping[str, str]) -> NDArray[Any]:
+    """A small array, whose files have their digests."""
+    import zarr
+
+    for file, digest in digests.items():
+        if file.split("/")[0] == name and (".." in file or digest_of((path / file).read_bytes()) != digest):
+            raise unusable(path, f"its file {file!r} differs from its digest")
+    return np.asarray(zarr.open_array(str(path / name), mode="r")[...])

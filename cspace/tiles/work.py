@@ -1,0 +1,294 @@
+"""The work on one tile: its window of the workspace, the engine, its chunks; and many of them, here or on a cluster."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace import __version__
+from cspace.compiling import reader
+from cspace.correlation import Correlation, sides_of
+from cspace.errors import CspaceError, InputError, MissingPackageError
+from cspace.map.slices import Pair, slice_rasters
+from cspace.memory import KEEP, free_bytes, in_words
+from cspace.states import BLOCKED, MIXED
+from cspace.threads import cores, in_threads
+from cspace.tiles.sources import Source, box_of, changed
+from cspace.tiles.store import Index, Record, Store
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+Bools = NDArray[np.bool_]
+Ints = NDArray[np.int64]
+Read = Callable[[tuple[slice, ...]], tuple[Bools, Bools]]
+
+SCRATCH_CELLS: Final = 2**25
+"""States that a task makes at a time, unless a single slice of its window has more."""
+
+AHEAD: Final = 1024
+"""Tasks that a scheduler is told of at a time."""
+
+
+@reader
+def tally(states: NDArray[np.uint8]) -> tuple[int, int]:
+    """Number of MIXED and of BLOCKED states."""
+    mixed, blocked = 0, 0
+    for k in range(len(states)):
+        mixed += states[k] == MIXED
+        blocked += states[k] == BLOCKED
+    return mixed, blocked
+
+
+@dataclass(frozen=True)
+class Job:
+    """What makes tiles of a store.
+
+    Attributes
+    ----------
+    store : Store
+    source : Source
+        The cells of the workspace.
+    threads : int
+        Of the engine, for each tile.
+    """
+
+    store: Store
+    source: Source
+    threads: int = 1
+
+    @cached_property
+    def pairs(self) -> list[Pair]:
+        """The rasters of the robot, for each slice."""
+        store = self.store
+        return slice_rasters(store.robot, store.grid.spacing, store.metadata["margin"], store.rotations)
+
+    @cached_property
+    def reach(self) -> Ints:
+        """How far before and after a cell the robot reaches in any slice, shape (2, d)."""
+        parts = [raster for pair in self.pairs for raster in pair if raster.cells.size]
+        none = [[0] * self.store.grid.dim]
+        low = np.min([*none, *(raster.lower for raster in parts)], axis=0)
+        return np.array([low, np.max([*none, *(raster.upper for raster in parts)], axis=0)])
+
+    def window(self, box: Sequence[slice]) -> tuple[slice, ...]:
+        """The cells of the workspace that decide about a box of states."""
+        first = [max(0, part.start + low) for part, low in zip(box, self.reach[0], strict=True)]
+        stop = [part.stop + high for part, high in zip(box, self.reach[1], strict=True)]
+        return box_of(first, np.minimum(stop, self.store.grid.shape).tolist())
+
+    def bytes_needed(self) -> int:
+        """Memory that a task takes at most, in bytes, but for the rasters of the robot."""
+        store, grid = self.store, self.store.grid
+        sides = np.minimum(np.array(store.tile) + self.reach[1] - self.reach[0], grid.shape)
+        cells = int(np.prod(sides))
+        states = max(cells, min(SCRATCH_CELLS, cells * store.slices)) + store.depth * int(np.prod(store.tile))
+        part = sides_of(self.pairs[:: max(1, len(self.pairs) // 8)], store.metadata["inner"])
+        engine = Correlation.by(store.metadata["method"], part, "blocked", 1).engine
+        return 3 * cells + 2 * states + max(engine.bytes_needed(sides.tolist(), side, self.threads) for side in part)
+
+    def read(self, box: tuple[slice, ...]) -> tuple[Bools, Bools]:
+        """Cells of the workspace, which is as it was when the build began.
+
+        Raises
+        ------
+        FileError
+            If it is not.
+        """
+        outer, inner = self.source.read(box)
+        if self.source.stamp != self.store.metadata["stamp"]:
+            raise changed(self.store.metadata["workspace_source"], "its size, its time or its digest is another")
+        return outer, inner
+
+    def make(self, index: Index, read: Read | None = None, aside: str = "") -> Record:
+        """Make a tile and write it, its record last."""
+        store, box = self.store, self.store.cells(index)
+        window = self.window(box)
+        outer, inner = (read or self.read)(window)
+        own = box_of(*np.array([[b.start - w.start, b.stop - w.start] for b, w in zip(box, window, strict=True)]).T)
+        shape, size = tuple(part.stop - part.start for part in own), outer.size
+        scratch = np.empty((max(1, min(store.slices, SCRATCH_CELLS // size)), *outer.shape), dtype=np.uint8)
+        counts, digests = np.empty((store.slices, 3), dtype=np.int64), []
+        for layer in range(store.layers):
+            numbers = store.numbers(layer)
+            block = np.empty((len(numbers), *shape), dtype=np.uint8)
+            for first in range(0, len(numbers), len(scratch)):
+                some = numbers[first : first + len(scratch)]
+                sides = sides_of([self.pairs[number] for number in some], store.metadata["inner"])
+                engine = Correlation.by(store.metadata["method"], sides, store.metadata["outside"], self.threads)
+                engine.fill(outer, inner, sides, scratch[: len(some)], None)
+                for k, number in enumerate(some):
+                    block[first + k] = scratch[k][own]
+                    mixed, blocked = tally(block[first + k].reshape(-1))
+                    counts[number] = block[0].size - mixed - blocked, mixed, blocked
+            digests.append(store.write("state", (layer, *index), block, aside))
+        digests.append(store.write("outer", index, outer[own], aside))
+        digests.append(digests[-1] if inner is outer else store.write("inner", index, inner[own], aside))
+        record = Record(counts, _extent(outer[own]) + [part.start for part in box], tuple(digests))
+        store.finish(index, record, aside)
+        return record
+
+
+def _extent(cells: Bools) -> Ints:
+    """First and last cell, shape (2, d), of the box around those that are set; far apart the wrong way if none is."""
+    used = [
+        np.flatnonzero(cells.any(axis=tuple(a for a in range(cells.ndim) if a != axis))) for axis in range(cells.ndim)
+    ]
+    if not len(used[0]):
+        return np.array([[2**62] * cells.ndim, [-(2**62)] * cells.ndim]) // 2
+    return np.array([[part[0] for part in used], [part[-1] for part in used]])
+
+
+# ---- many tiles ------------------------------------------------------------------------------------------------------
+
+
+def run(
+    task: Callable[[Job, Index], Any],
+    job: Job,
+    todo: Sequence[Index],
+    client: Client | None,
+    workers: int | None,
+    progress: Callable[[int], None],
+) -> None:
+    """Do a task for each of some tiles, here in threads or on the workers of a cluster.
+
+    Raises
+    ------
+    InputError
+        If a task does not fit into the memory that it may take.
+    CspaceError
+        What a task raises, or if the cluster cannot do it.
+    """
+    if not todo:
+        return
+    if client is not None:
+        _on_cluster(task, job, todo, client, progress)
+        return
+    needed = job.bytes_needed()
+    fit = int(KEEP * free_bytes() // needed)
+    if fit < 1:
+        raise _too_large(job, needed, KEEP * free_bytes())
+    threads = min(workers or cores(), len(todo), fit)
+    job = Job(job.store, job.source, max(1, (workers or cores()) // threads))
+    _ = job.reach  # once, and not in each thread
+    in_threads(partial(task, job), todo, threads, progress)
+
+
+def _too_large(job: Job, needed: float, free: float) -> InputError:
+    reach = " x ".join(map(str, (job.reach[1] - job.reach[0]).tolist()))
+    return InputError(
+        "tile",
+        f"is {' x '.join(map(str, job.store.tile))} cells, which with the {reach} cells that the robot reaches around "
+        f"it takes {in_words(needed)} of memory",
+        f"a task may take {in_words(free)}",
+        "use a smaller tile, or workers with more memory",
+        value=job.store.tile,
+    )
+
+
+class _Task:
+    """A task as it is sent to a worker."""
+
+    def __init__(self, task: Callable[[Job, Index], Any], job: Job) -> None:
+        self.task, self.path, self.source = task, str(job.store.path.resolve()), job.source
+        self.digest, self.version = job.store.metadata["digest"], __version__
+        self._job: Job | None = None
+
+    def __call__(self, index: Index) -> None:
+        if self.version != __version__:
+            raise _other_version({__version__})
+        if self._job is None:
+            self._job = Job(Store.open(self.path), self.source)
+        self.task(self._job, index)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_job": None}
+
+
+def _other_version(found: set[Any]) -> CspaceError:
+    names = ", ".join(sorted("none" if version is None else str(version) for version in found))
+    return InputError(
+        "client",
+        f"has workers with cspace {names}",
+        f"all must have cspace {__version__}, as this process has",
+        "install it where the workers run, and start them again",
+        value=found,
+    )
+
+
+def _on_cluster(
+    task: Callable[[Job, Index], Any], job: Job, todo: Sequence[Index], client: Any, progress: Callable[[int], None]
+) -> None:
+    """The same on a cluster, whose scheduler is told of some of the tasks at a time."""
+    try:
+        import distributed
+        from distributed import CancelledError
+        from distributed.scheduler import KilledWorker
+    except ImportError as error:
+        raise MissingPackageError("dask", "distributed") from error
+
+    def ask(dask_worker: Any) -> tuple[Any, Any]:  # sent as it stands, for workers that have no cspace
+        try:
+            import cspace
+
+            version = cspace.__version__
+        except ImportError:
+            version = None
+        limit = getattr(dask_worker.memory_manager, "memory_limit", None)
+        return version, limit and limit / max(1, dask_worker.state.nthreads)
+
+    def gone(error: BaseException) -> CspaceError:
+        return InputError(
+            "client",
+            f"lost its scheduler or its workers ({type(error).__name__}: {error})",
+            "tiles are made on the workers of a cluster that runs",
+            "start it again, and run the same again: what is done is kept",
+        )
+
+    futures: set[Any] = set()
+    try:
+        told = client.run(ask).values()
+        if not told:
+            raise InputError(
+                "client", "has no workers", "tiles are made on them", "start some, e.g. dask worker ADDRESS"
+            )
+        if {version for version, _ in told} != {__version__}:
+            raise _other_version({version for version, _ in told})
+        free, needed = min((limit for _, limit in told if limit), default=0), job.bytes_needed()
+        if free and needed > free:
+            raise _too_large(job, needed, free)
+        sent = client.scatter(_Task(task, job), hash=False)
+        waiting = iter(todo)
+        running: Any = distributed.as_completed([])  # type: ignore[no-untyped-call]
+
+        def submit() -> None:
+            for index in itertools.islice(waiting, 1):
+                future = client.submit(_call, sent, index, pure=False, retries=3)
+                futures.add(future)
+                running.add(future)
+
+        for _ in range(AHEAD):
+            submit()
+        for done, future in enumerate(running, start=1):
+            future.result()
+            futures.discard(future)
+            submit()
+            progress(done)
+    except CspaceError:
+        raise
+    except (KilledWorker, CancelledError, OSError, TimeoutError) as error:
+        raise gone(error) from error
+    finally:
+        with suppress(Exception):  # the scheduler may be gone
+            client.cancel(list(futures))
+
+
+def _call(task: _Task, index: Index) -> None:
+    task(index)

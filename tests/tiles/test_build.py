@@ -1,0 +1,277 @@
+"""Maps built tile by tile: equal cell for cell, whatever the tiles, and whatever is killed on the way."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import pickle
+import signal
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+import zarr
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import cspace
+from cspace.errors import FileError, InputError
+from cspace.tiles.store import Store
+
+CAR = cspace.Robot.polygon([(-0.2, -0.1), (0.3, -0.1), (0.3, 0.1), (-0.2, 0.1)])
+ARM = cspace.Robot.box((0.3, 0.2, 0.1), (0.1, 0.0, 0.0))
+SPACES = {
+    "plane": ((40, 33), cspace.Robot.disc(0.3), None),
+    "space": ((14, 16, 18), cspace.Robot.ball(0.2), None),
+    "yaw": ((40, 33), CAR, 8),
+    "space yaw": ((14, 16, 18), ARM, 6),
+    "quaternions": ((11, 9, 10), ARM, cspace.Rotations.quaternions(1)),
+}
+
+
+def random_workspace(shape, seed=0, two=False):
+    """Obstacles that a robot finds its way between, some of which fill no cell."""
+    rng = np.random.default_rng(seed)
+    outer = rng.random(shape) < (0.01 if len(shape) == 2 else 0.003)
+    inner = outer & (rng.random(shape) < 0.5) if two else None
+    return cspace.Workspace.from_array(outer, 0.1, lower=rng.uniform(-1, 1, len(shape)), inner=inner)
+
+
+def stored_states(path):
+    """All states of a store, by slice, read by Zarr itself."""
+    return zarr.open_group(str(path), mode="r")["state"][...]
+
+
+def same_states(path, space):
+    np.testing.assert_array_equal(stored_states(path).reshape(space._contents.states.shape), np.asarray(space._contents.states))
+
+
+@pytest.mark.parametrize("name", SPACES)
+@pytest.mark.parametrize("outside", ["blocked", "free"])
+def test_equals_the_map_in_memory(name, outside, tmp_path):
+    shape, robot, rotations = SPACES[name]
+    workspace = random_workspace(shape, two=outside == "free")
+    space = cspace.build(workspace, robot, rotations=rotations, outside=outside)
+    tiled = cspace.build(workspace, robot, rotations=rotations, outside=outside, store=tmp_path / "m", tile=7)
+    same_states(tmp_path / "m", space)
+    assert tiled.count() == space.count()
+    assert tiled.done == 1.0
+    group = zarr.open_group(str(tmp_path / "m"), mode="r")
+    np.testing.assert_array_equal(group["outer"][...], workspace.outer)
+    if outside == "free":
+        np.testing.assert_array_equal(group["inner"][...], workspace.inner)
+
+
+@settings(max_examples=15)
+@given(seed=st.integers(0, 2**16), tile=st.tuples(st.integers(1, 50), st.integers(1, 50)), data=st.data())
+def test_any_tile_any_method(seed, tile, data, tmp_path_factory):
+    shape = data.draw(st.tuples(st.integers(1, 24), st.integers(1, 24)))
+    workspace = random_workspace(shape, seed, two=data.draw(st.booleans()))
+    options = {
+        "outside": data.draw(st.sampled_from(["blocked", "free"])),
+        "method": data.draw(st.sampled_from(["fft", "direct"])),
+        "margin": data.draw(st.sampled_from([0.0, 0.13])),
+        "inner": data.draw(st.booleans()),
+        "rotations": data.draw(st.sampled_from([None, 3])),
+    }
+    store = tmp_path_factory.mktemp("any") / "m.zarr"
+    cspace.build(workspace, CAR, store=store, tile=tile, **options)
+    same_states(store, cspace.build(workspace, CAR, **options))
+
+
+def test_a_real_map_with_unknown_cells(data, tmp_path):
+    file = next(iter(sorted(data.rglob("*.yaml"))))
+    for unknown in ("occupied", "free"):
+        workspace = cspace.Workspace.from_ros_map(file, unknown=unknown)
+        robot = cspace.Robot.disc(4.0 * workspace.grid.spacing)
+        cspace.build(workspace, robot, store=tmp_path / unknown, tile=100)
+        same_states(tmp_path / unknown, cspace.build(workspace, robot))
+
+
+# ---- sources ---------------------------------------------------------------------------------------------------------
+
+
+def lazy_arrays(cells, folder):
+    """The same cells as arrays of every kind that is not read before it is indexed."""
+    da, xarray = pytest.importorskip("dask.array"), pytest.importorskip("xarray")
+    np.save(folder / "a.npy", cells)
+    mapped = np.load(folder / "a.npy", mmap_mode="r")
+    stored = zarr.create_array(str(folder / "a.zarr"), data=cells.astype(np.uint8), chunks=(10, 10))
+    lazily = da.from_array(cells, chunks=(13, 7))
+    return {
+        "memmap": mapped,
+        "view": np.load(folder / "a.npy", mmap_mode="r").T[::-1].T[:, ::-1],
+        "zarr": stored,
+        "dask": lazily,
+        "xarray": xarray.DataArray(lazily, dims=("x", "y")),
+    }
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_arrays_are_read_tile_by_tile(tmp_path):
+    cells = random_workspace((40, 33)).outer
+    for name, array in lazy_arrays(cells, tmp_path).items():
+        workspace = cspace.Workspace.from_array(array, 0.1)
+        assert isinstance(workspace, cspace.workspace.LazyWorkspace), name
+        assert "read at need" in repr(workspace)
+        workspace = pickle.loads(pickle.dumps(workspace))  # as a worker gets it
+        cspace.build(workspace, CAR, store=tmp_path / f"{name}.map", tile=16)
+        assert not workspace._whole, name
+        own = cells if name != "view" else np.ascontiguousarray(cells.T[::-1].T[:, ::-1])
+        same_states(tmp_path / f"{name}.map", cspace.build(cspace.Workspace.from_array(own, 0.1), CAR))
+        np.testing.assert_array_equal(workspace.outer, own)
+
+
+def test_shapes_are_cut_tile_by_tile(tmp_path):
+    rng = np.random.default_rng(0)
+    boxes = [
+        shapely.box(x, y, x + w, y + h) for x, y, w, h in rng.integers(0, 40, (30, 4)) * [0.1, 0.1, 0.02, 0.02] + 0.1
+    ]
+    boxes.append(shapely.LineString([(0.3, 0.1), (3.9, 4.1)]))
+    bounds = (0.1, 0.1, 4.4, 4.0)
+    lazy = cspace.Workspace.from_polygons(boxes, 0.1, bounds, lazy=True)
+    cspace.build(lazy, CAR, store=tmp_path / "a", tile=9)
+    assert not lazy._whole
+    same_states(tmp_path / "a", cspace.build(cspace.Workspace.from_polygons(boxes, 0.1, bounds), CAR))
+    trimesh = pytest.importorskip("trimesh")
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=0.7)
+    lazy = cspace.Workspace.from_mesh(ball, 0.1, lazy=True)
+    cspace.build(lazy, ARM, store=tmp_path / "b", tile=4)
+    assert not lazy._whole
+    same_states(tmp_path / "b", cspace.build(cspace.Workspace.from_mesh(ball, 0.1), ARM))
+
+
+def test_a_source_that_changes(tmp_path):
+    np.save(tmp_path / "a.npy", np.zeros((30, 30), dtype=bool))
+
+    def change(done, total):
+        if done == 2:
+            np.save(tmp_path / "a.npy", np.ones((30, 30), dtype=bool))
+            os.utime(tmp_path / "a.npy", ns=(1, 1))
+
+    workspace = cspace.Workspace.from_array(tmp_path / "a.npy", 0.1, lazy=True)
+    with pytest.raises(FileError, match="has changed"):
+        cspace.build(workspace, CAR, store=tmp_path / "m", tile=5, workers=1, progress=change)
+    assert 0.0 < cspace.open(tmp_path / "m").done < 1.0
+    changed = cspace.Workspace.from_array(tmp_path / "a.npy", 0.1, lazy=True)
+    with pytest.raises(FileError, match="was another one"):
+        cspace.build(changed, CAR, store=tmp_path / "m", tile=5)
+
+
+# ---- faults ----------------------------------------------------------------------------------------------------------
+
+
+def check_half_done(path, space):
+    """Fail unless what is done is right, and the store says what it is."""
+    store = Store.open(path)
+    for index in store.done():
+        record = store.known(index)
+        for layer in range(store.layers):
+            states = store.states(index, layer, record)
+            cells = store.cells(index)
+            own = tuple(slice(0, part.stop - part.start) for part in cells)
+            for k, number in enumerate(store.numbers(layer)):
+                np.testing.assert_array_equal(states[(k, *own)], space._contents.states[(number, *cells)])
+    return set(store.done())
+
+
+def build_in_a_child(workspace, robot, path):
+    cspace.build(workspace, robot, rotations=8, store=path, tile=64, workers=2)
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_killed_twenty_times(tmp_path):
+    """A process that builds is killed at random moments; the same call again does what is missing, and no more."""
+    workspace = random_workspace((1500, 1400))
+    space = cspace.build(workspace, CAR, rotations=8)
+    rng, path, kills, done = np.random.default_rng(0), tmp_path / "m", 0, set()
+    context = multiprocessing.get_context("fork")
+    times = {}
+    while kills < 20:
+        child = context.Process(target=build_in_a_child, args=(workspace, CAR, path))
+        child.start()
+        time.sleep(rng.uniform(0.0, 0.08))
+        os.kill(child.pid, signal.SIGKILL)
+        child.join()
+        kills += 1
+        if not path.exists():
+            continue
+        tiled = cspace.open(path)
+        if tiled.done < 1.0:
+            with pytest.raises(FileError, match="done"):
+                tiled.classify([0.0, 0.0, 0.0])
+        now = check_half_done(path, space)
+        assert done <= now
+        done = now
+        for index in done:
+            file = path / "record" / "c" / "/".join(map(str, (*index, 0)))
+            assert times.setdefault(index, file.stat().st_mtime_ns) == file.stat().st_mtime_ns
+    assert done
+    told = []
+    cspace.build(workspace, CAR, rotations=8, store=path, tile=64, progress=lambda *step: told.append(step))
+    same_states(path, space)
+    for index, written in times.items():
+        file = path / "record" / "c" / "/".join(map(str, (*index, 0)))
+        assert file.stat().st_mtime_ns == written
+    assert not list(path.rglob(".cspace-*"))
+
+
+def test_a_full_disk(tmp_path, monkeypatch):
+    workspace, written = random_workspace((40, 33)), []
+    plain = Path.write_bytes
+
+    def full(self, content):
+        written.append(self)
+        if len(written) > 12:
+            plain(self, content[: len(content) // 2])
+            raise OSError(28, "No space left on device")
+        return plain(self, content)
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(FileError, match="No space left on device"):
+        cspace.build(workspace, CAR, store=tmp_path / "m", tile=8)
+    monkeypatch.undo()
+    space = cspace.build(workspace, CAR)
+    check_half_done(tmp_path / "m", space)
+    assert 0.0 < cspace.open(tmp_path / "m").done < 1.0
+    cspace.build(workspace, CAR, store=tmp_path / "m", tile=8)
+    same_states(tmp_path / "m", space)
+
+
+# ---- bad input -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("tile", [0, -3, 2.5, "9", (4, 4, 4), None, (3, 0)])
+def test_tiles_that_are_none(tile, tmp_path):
+    with pytest.raises(InputError, match="tile"):
+        cspace.build(random_workspace((9, 9)), CAR, store=tmp_path / "m", tile=tile)
+    assert not (tmp_path / "m").exists()
+
+
+def test_stores_of_something_else(tmp_path):
+    workspace = random_workspace((9, 9))
+    space = cspace.build(workspace, CAR)
+    space.save(tmp_path / "saved.zarr")
+    with pytest.raises(FileError, match="is no store of tiles"):
+        cspace.build(workspace, CAR, store=tmp_path / "saved.zarr")
+    cspace.build(workspace, CAR, store=tmp_path / "m", tile=4)
+    for other in ({"margin": 0.1}, {"tile": 3}, {"rotations": 5}, {"outside": "free"}, {"inner": False}):
+        with pytest.raises(FileError, match="of another map"):
+            cspace.build(workspace, CAR, store=tmp_path / "m", **{"tile": 4, **other})
+    with pytest.raises(FileError, match="was another one"):
+        cspace.build(
+            random_workspace((9, 9), 1).__class__.from_array(~workspace.outer, 0.1, workspace.grid.lower),
+            CAR,
+            store=tmp_path / "m",
+            tile=4,
+        )
+    with pytest.raises(InputError, match="overlap"):
+        cspace.build(workspace, CAR, store=tmp_path / "m", tile=4, overlap=True)
+
+
+def test_a_task_that_does_not_fit(tmp_path, monkeypatch):
+    monkeypatch.setattr("cspace.tiles.work.free_bytes", lambda: 10_000)
+    with pytest.raises(InputError, match="use a smaller tile"):
+        cspace.build(random_workspace((90, 90)), CAR, store=tmp_path / "m")

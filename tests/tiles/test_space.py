@@ -1,0 +1,153 @@
+"""Look-ups on a map that stays in its store: those of the same map in memory."""
+
+from __future__ import annotations
+
+import pickle
+import threading
+
+import numpy as np
+import pytest
+
+import cspace
+from cspace.errors import ConfigurationError, FileError, InputError
+from tiles.test_build import SPACES, random_workspace
+
+
+def pair(name, folder, outside="blocked", tile=7, seed=0):
+    """A map in memory, and the same in a store."""
+    shape, robot, rotations = SPACES[name]
+    workspace, options = random_workspace(shape, seed), {"rotations": rotations, "outside": outside}
+    space = cspace.build(workspace, robot, **options)
+    return space, cspace.build(workspace, robot, store=folder / "m.zarr", tile=tile, **options)
+
+
+def configurations(space, n, rng):
+    """Configurations in and around a grid, some of them on borders of its cells."""
+    grid = space.grid
+    position = rng.uniform(np.array(grid.lower) - 1.0, np.array(grid.upper) + 1.0, (n, grid.dim))
+    position[: n // 2] = np.array(grid.lower) + grid.spacing * np.round(
+        (position[: n // 2] - grid.lower) / grid.spacing
+    )
+    turn = rng.normal(size=(n, space.dof - grid.dim)) * 3.0
+    if turn.shape[1] == 4:
+        turn /= np.linalg.norm(turn, axis=1)[:, None]
+    return np.hstack([position, turn])
+
+
+@pytest.mark.parametrize("name", ["plane", "yaw", "space yaw"])
+@pytest.mark.parametrize("outside", ["blocked", "free"])
+def test_answers_are_those_of_the_map_in_memory(name, outside, tmp_path):
+    space, tiled = pair(name, tmp_path, outside)
+    rng = np.random.default_rng(1)
+    q = configurations(space, 3000, rng)
+    near = q.copy()
+    near[:, : space.grid.dim] += rng.normal(size=(len(q), space.grid.dim)) * rng.choice([0.1, 0.5, 3.0], (len(q), 1))
+    near[:, space.grid.dim :] += rng.normal(size=(len(q), space.dof - space.grid.dim)) * 0.3
+    assert 0.01 < space.motion_is_free(q, near).mean() < 0.99
+    for limit in (1, 400, 2**29):  # one tile at a time, a few, all
+        tiled = cspace.TiledCSpace.open(tiled.path, cache_bytes=limit)
+        np.testing.assert_array_equal(tiled.classify(q), space.classify(q))
+        np.testing.assert_array_equal(tiled.motion_is_free(q, near), space.motion_is_free(q, near))
+        assert tiled._cache.nbytes <= max(limit, tiled._cache._each)
+    np.testing.assert_array_equal(tiled.is_free(q.reshape(30, 100, -1)), space.is_free(q.reshape(30, 100, -1)))
+    np.testing.assert_array_equal(tiled.certify_path(near[:50]), space.certify_path(near[:50]))
+    edges = rng.integers(0, 50, (40, 2))
+    np.testing.assert_array_equal(tiled.certify_path(q[:50], edges), space.certify_path(q[:50], edges))
+    assert type(tiled.is_free(q[0])) is bool
+    assert type(tiled.classify(q[0])) is int
+    assert tiled.motion_is_free(q[0], near[0]) is space.motion_is_free(q[0], near[0])
+
+
+def test_an_edge_reads_the_tiles_that_it_passes(tmp_path):
+    workspace = cspace.Workspace.from_array(np.zeros((100, 100), dtype=bool), 0.1)
+    tiled = cspace.build(workspace, cspace.Robot.disc(0.1), store=tmp_path / "m", tile=10)
+    assert tiled.motion_is_free([0.5, 0.5], [9.5, 9.45])
+    assert len(tiled._cache._used) <= 28
+    walls = np.zeros((100, 100), dtype=bool)
+    walls[15] = True
+    walled = cspace.Workspace.from_array(walls, 0.1)
+    tiled = cspace.build(walled, cspace.Robot.disc(0.1), store=tmp_path / "w", tile=10)
+    assert not tiled.motion_is_free([0.5, 0.5], [9.5, 0.5])
+    assert len(tiled._cache._used) == 2  # it stops at the wall
+
+
+def test_what_is_opened(tmp_path):
+    space, _ = pair("yaw", tmp_path)
+    opened = cspace.open(tmp_path / "m.zarr")
+    assert isinstance(opened, cspace.TiledCSpace)
+    copied = pickle.loads(pickle.dumps(opened))
+    for each in (opened, copied):
+        assert (each.grid, each.axes, each.dof, each.outside) == (space.grid, space.axes, space.dof, space.outside)
+        assert each.robot.spec == space.robot.spec
+        assert each.rotations == space.rotations
+    assert "tiles of 7 x 7" in repr(opened)
+    space.save(tmp_path / "saved.zarr")
+    assert isinstance(cspace.open(tmp_path / "saved.zarr"), cspace.CSpace)
+    for name in ("sample_free", "clearance", "plot", "state"):
+        with pytest.raises(ConfigurationError, match="window"):
+            getattr(opened, name)
+    with pytest.raises(AttributeError):
+        opened.nothing_of_this_name  # noqa: B018
+
+
+@pytest.mark.parametrize("q", [[np.nan, 0.0, 0.0], [0.0, 0.0], [[0.0, 0.0, np.inf]]])
+def test_configurations_that_are_none(q, tmp_path):
+    _, tiled = pair("yaw", tmp_path)
+    for look_up in (
+        tiled.classify,
+        tiled.is_free,
+        lambda q: tiled.motion_is_free(q, q),
+        lambda q: tiled.certify_path([q, q]),
+    ):
+        with pytest.raises(InputError):
+            look_up(q)
+
+
+@pytest.mark.parametrize("name", ["state", "record", "zarr.json", "slice_of"])
+def test_a_damaged_file_is_no_answer(name, tmp_path):
+    space, _ = pair("yaw", tmp_path)
+    file = tmp_path / "m.zarr" / name
+    file = (
+        file
+        if file.is_file()
+        else next(iter(sorted(part for part in file.rglob("*") if part.is_file() and "c" in part.parts)))
+    )
+    content = bytearray(file.read_bytes())
+    content[len(content) // 2] ^= 1
+    file.write_bytes(content)
+    with pytest.raises(FileError, match="usable map"):
+        opened = cspace.open(tmp_path / "m.zarr")
+        opened.classify(configurations(space, 500, np.random.default_rng(0)))
+    file.unlink()
+    with pytest.raises(FileError):
+        opened = cspace.open(tmp_path / "m.zarr")
+        opened.classify(configurations(space, 500, np.random.default_rng(0)))
+
+
+def test_swapped_chunks_are_no_answer(tmp_path):
+    space, tiled = pair("plane", tmp_path)
+    first, last = (tmp_path / "m.zarr" / "state" / "c" / "0" / part for part in ("0/0", "3/2"))
+    one, two = first.read_bytes(), last.read_bytes()
+    assert one != two
+    first.write_bytes(two)
+    with pytest.raises(FileError, match="digest"):
+        tiled.classify(np.array(space.grid.lower) + 0.05)
+
+
+def test_several_threads_at_once(tmp_path):
+    space, _ = pair("plane", tmp_path)
+    tiled = cspace.TiledCSpace.open(tmp_path / "m.zarr", cache_bytes=60)
+    q = configurations(space, 400, np.random.default_rng(0))
+    expected, wrong = space.classify(q), []
+
+    def ask(k):
+        part = slice(100 * k, 100 * k + 100)
+        if not np.array_equal(tiled.classify(q[part]), expected[part]):
+            wrong.append(k)
+
+    threads = [threading.Thread(target=ask, args=(k,)) for k in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not wrong
