@@ -497,7 +497,7 @@ class Workspace:
             (polygons); ``.png``, ``.pgm``, ``.ppm``, ``.jpg``, ``.bmp`` and the like (image); ``.stl``, ``.obj``,
             ``.ply``, ``.off``, ``.glb``, ``.gltf``, ``.dae`` (mesh); ``.bt``, ``.ot`` (OctoMap); ``.xyz``, ``.txt``,
             ``.csv``, ``.pcd``, and ``.ply`` without faces (point cloud); ``.npy`` (boolean array, or rows of three
-            floats: points).
+            floats: points); ``.zarr`` (boolean array, which is read at need).
         **options
             What the method for that format takes: ``spacing`` for all but ROS maps and OctoMaps (needed for all but
             MovingAI), ``unknown``, ``threshold``, ``dark``, ``lower``, ``bounds``, ``solid``, ``radius``.

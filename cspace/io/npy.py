@@ -69,6 +69,7 @@ def read_zarr_array(path: str | os.PathLike[str]) -> Any:
         return FileError(os.fspath(path), f"cannot be read: {reason}", rule, "write it with zarr.save_array")
 
     if not Path(path).is_dir():
+        existing(path, "Zarr array")
         raise refusal("it is not a folder")
     with decoding(path, "Zarr array", refusal):
         return zarr.open_array(os.fspath(path), mode="r")

@@ -45,7 +45,9 @@ def stored_states(path):
 
 
 def same_states(path, space):
-    np.testing.assert_array_equal(stored_states(path).reshape(space._contents.states.shape), np.asarray(space._contents.states))
+    np.testing.assert_array_equal(
+        stored_states(path).reshape(space._contents.states.shape), np.asarray(space._contents.states)
+    )
 
 
 @pytest.mark.parametrize("name", SPACES)
