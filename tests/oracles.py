@@ -120,6 +120,13 @@ def overlaps_by_shifts(occupied, raster, outside):
     return total
 
 
+def collide(engine, occupied, rasters, outside, dtype=np.bool_, **options):
+    """What an engine tells of every cell, in new arrays, and the arithmetic that it took."""
+    occupied, out = occupied.view(), [np.full(occupied.shape, 7 if options.get("add") else 0, dtype) for _ in rasters]
+    occupied.setflags(write=False)  # as those of a workspace
+    return out, engine.collide(occupied, rasters, out, outside=outside, **options)
+
+
 def segment_meets_block(start, end, low, high):
     """Whether a closed segment meets a closed block, in any dimension, by clipping (Liang and Barsky, 1984)."""
     first, last = Fraction(0), Fraction(1)

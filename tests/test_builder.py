@@ -19,7 +19,8 @@ from shapely import affinity
 
 import cspace
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Rotations, Workspace
-from cspace.rotations import STILL, TURN
+from cspace.map.slices import slice_rasters
+from cspace.rotations import TURN
 from oracles import overlaps_by_shifts
 from placements import collides, draw_configurations, obstacles_of
 from strategies import robots, rotation_cells, seeds, solid_robots, stars
@@ -50,9 +51,9 @@ def test_states_by_definition(problem, rotations, outside, margin):
     options = {"rotations": rotations, "outside": outside, "margin": margin}
     counted = cspace.build(workspace, robot, overlap=True, **options)
     cells, wanted = np.argwhere(np.ones_like(outer)), np.empty_like(counted._map.states)
+    rasters = slice_rasters(robot, H, margin, counted.rotations)
     for number, cell in zip(*np.unique(counted._map.slice_of, return_index=True), strict=True):
-        turn = STILL if counted.rotations.keep(robot) else counted.rotations.turns(outer.ndim)[cell]
-        far, near = robot.rasters(H, margin, turn)
+        far, near = rasters[number]
         touches = overlaps_by_shifts(outer, far, outside == "blocked")
         lies_in = overlaps_by_shifts(inner, near, outside == "blocked")
         wanted[number] = np.where(lies_in > 0, BLOCKED, np.where(touches > 0, MIXED, FREE))
@@ -65,19 +66,6 @@ def test_states_by_definition(problem, rotations, outside, margin):
         assert (cspace.build(workspace, robot, method=method, **options)._map.states == wanted).all()
     bare = cspace.build(workspace, robot, inner=False, **options)
     assert (bare._map.states == np.minimum(wanted, MIXED)).all()
-
-
-@settings(max_examples=30)
-@given(seeds, robots(), st.sampled_from([1, 3, 8, 12]), POLICIES, st.booleans(), st.sampled_from([0.0, 0.13]))
-def test_engines_agree_where_robots_turn(seed, robot, rotations, outside, inner, margin):
-    rng = np.random.default_rng(seed)
-    outer = rng.random(rng.integers(1, 90, 2)) < rng.choice([0.0, 0.01, 0.3, 1.0])
-    within = outer & (rng.random(outer.shape) < 0.8) if rng.random() < 0.5 else None
-    workspace = Workspace.from_array(outer, rng.choice([0.05, 0.1, 0.5]), inner=within)
-    options = {"rotations": rotations, "outside": outside, "inner": inner, "margin": margin}
-    fft, direct = (cspace.build(workspace, robot, method=method, **options) for method in ("fft", "direct"))
-    assert (fft.state == direct.state).all()
-    assert fft.precision in ("float32", "float64") and direct.precision == "integer"
 
 
 def prove(space, q, obstacles=None):
@@ -130,19 +118,6 @@ def test_no_false_answer_over_polygons_and_lines(robot, star, rotations, seed):
     assert (workspace.inner != workspace.outer).any()
     space = cspace.build(workspace, robot, rotations=rotations, outside="free")
     prove(space, draw_configurations(space, rng, 200), shapely.union_all([*shapes, line]).intersection(frame))
-
-
-def test_polygon_workspaces_take_either_path_of_the_engine():
-    shapes = [shapely.box(1.03, 0.51, 1.48, 1.52), shapely.Point(0.6, 1.4).buffer(0.21)]
-    workspace = Workspace.from_polygons(shapes, 0.1, (0, 0, 2, 2))
-    robot = Robot.rectangle(0.4, 0.2, (0.1, 0.0))
-    plain = cspace.build(workspace, robot, rotations=11)
-    counted = cspace.build(workspace, robot, rotations=11, overlap=True)
-    outer = cspace.build(workspace, robot, rotations=11, inner=False)
-    assert (plain.state == counted.state).all()
-    assert {FREE, MIXED, BLOCKED} == set(np.unique(plain.state).tolist())
-    assert ((outer.state == FREE) == (plain.state == FREE)).all() and not (outer.state == BLOCKED).any()
-    assert ((counted.overlaps == 0) == (counted.state == FREE)).all()
 
 
 @settings(max_examples=25)

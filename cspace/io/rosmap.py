@@ -120,9 +120,9 @@ def write_ros_map(state: ArrayLike, grid: Grid, path: str | os.PathLike[str], ov
     suffix_of(path, SUFFIXES, "a ROS map ends in .yaml")
     target = Path(path)
     cells = np.asarray(state)
-    if cells.shape != grid.shape:
+    if cells.shape != grid.shape or cells.ndim != 2:
         found = f"has shape {cells.shape} on a grid of {grid.shape}, and {target} names a ROS map"
-        raise InputError("state", found, "its states are those of its grid", "pass CSpace.state, or one slice of it")
+        raise InputError("state", found, "it is that of a grid in the plane", "pass CSpace.state, or one slice of it")
     if cells.dtype.kind not in "iu" or cells.min() < FREE or cells.max() > BLOCKED:
         raise InputError(
             "state", "holds other values than FREE, MIXED and BLOCKED", "it is a state", "pass CSpace.state"

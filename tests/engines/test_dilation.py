@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-import oracles
 from cspace.engines import dilation, fft
 from cspace.engines.dilation import Runs
 from cspace.raster.raster import Raster
+from oracles import collide, raster_offsets
 from strategies import bitmaps
 
 
@@ -17,18 +17,16 @@ def test_many_blocks_in_threads(outside):
     rng = np.random.default_rng(5)
     occupied = rng.random((1500, 1100)) < 0.0002
     raster = Raster.trimmed(rng.random((41, 130)) < 0.5, (-20, -71))
-    hits = [np.empty(occupied.shape, np.bool_) for _ in range(2)]
-    dilation.collide(occupied, [raster], hits[:1], outside=outside, workers=2)
-    fft.collide(occupied, [raster], hits[1:], outside=outside)
-    assert (hits[0] == hits[1]).all()
+    (ours,), _ = collide(dilation, occupied, [raster], outside, workers=2)
+    (theirs,), _ = collide(fft, occupied, [raster], outside)
+    assert (ours == theirs).all()
 
 
 def test_a_run_does_not_see_the_next_row():
     """It reaches far beyond the end of a row on one side, and not at all on the other."""
     occupied = np.zeros((5, 64), dtype=bool)
     occupied[1:, :9] = True
-    hit = np.empty_like(occupied)
-    dilation.collide(occupied, [Raster.trimmed(np.ones((1, 60), bool), (0, 0))], [hit], outside=False)
+    (hit,), _ = collide(dilation, occupied, [Raster.trimmed(np.ones((1, 60), bool), (0, 0))], False)
     assert (hit == occupied).all()
 
 
@@ -37,7 +35,7 @@ def test_runs_are_the_offsets_that_can_fall_on_the_map(cells, lower, nx, ny):
     raster = Raster.trimmed(cells, lower)
     runs = Runs.of(raster, (1, nx, ny))
     told = {(x, y + k) for _, x, y, n in runs.table.tolist() for k in range(n)}
-    offsets = set(oracles.raster_offsets(raster))
+    offsets = set(raster_offsets(raster))
     assert told == {(x, y) for x, y in offsets if abs(x) < nx and abs(y) < ny}
     assert runs.clipped is (len(told) < len(offsets))
     assert len(told) == runs.table[:, 3].sum()

@@ -10,16 +10,10 @@ from hypothesis.extra import numpy as hnp
 
 from cspace.engines import ENGINES, ROWS, choose
 from cspace.raster.raster import Raster
-from oracles import overlaps_by_shifts
+from oracles import collide, overlaps_by_shifts
 from strategies import seeds
 
 both = pytest.mark.parametrize("engine", list(ENGINES.values()), ids=list(ENGINES))
-
-
-def collide(engine, occupied, rasters, outside, dtype=np.bool_, **options):
-    """What an engine tells of every cell, in new arrays, and the arithmetic that it took."""
-    out = [np.full(occupied.shape, 7 if options.get("add") else 0, dtype) for _ in rasters]
-    return out, engine.collide(occupied, rasters, out, outside=outside, **options)
 
 
 @st.composite

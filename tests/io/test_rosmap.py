@@ -346,7 +346,7 @@ def test_an_interrupted_write_leaves_nothing(tmp_path: Path, monkeypatch: pytest
     ("state", "grid", "name", "message"),
     [
         (np.zeros((2, 3)), Grid((0, 0), 1.0, (3, 2)), "map.yaml", r"state has shape \(2, 3\)"),
-        (np.zeros((1, 1, 1)), Grid((0, 0, 0), 1.0, (1, 1, 1)), "map.yaml", r"state has shape \(1, 1, 1\)"),
+        (np.zeros((1, 1, 1), np.uint8), Grid((0, 0, 0), 1.0, (1, 1, 1)), "map.yaml", r"state has shape \(1, 1, 1\)"),
         (np.full((1, 1), 3), Grid((0, 0), 1.0, (1, 1)), "map.yaml", "state holds"),
         (np.zeros((1, 1)), Grid((0, 0), 1.0, (1, 1)), "map.pgm", "a ROS map ends in .yaml"),
     ],

@@ -156,7 +156,7 @@ def test_a_yaw_that_cannot_be_wrapped_is_refused_in_a_batch(yaw):
 
 
 @pytest.mark.parametrize("make", KINDS)
-@settings(max_examples=20)
+@settings(max_examples=10)
 @given(seeds, st.sampled_from(["free", "blocked"]))
 def test_edges_of_many_are_those_of_each(make, seed, outside):
     """A checker of single edges walks cell by cell; a large batch looks at the marks of blocks first."""

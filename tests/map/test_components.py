@@ -13,6 +13,7 @@ import handmade
 from cspace import BLOCKED, FREE, MIXED, ConfigurationError, InputError, Robot, Workspace
 from cspace.map.components import SIDES, Components
 from cspace.map.kept import Change
+from cspace.map.storage import read_only
 from cspace.rotations import Rotations
 from strategies import seeds
 
@@ -34,7 +35,7 @@ def ring(turns):
 
 def components(stack, slice_of=ALONE, rim=False, blocks="as they are"):
     rims, sides = np.broadcast_to(rim, len(stack)), BLOCKS[blocks][stack.ndim - 1]
-    return Components(stack, slice_of, ring(len(slice_of)), rims, sides)
+    return Components(read_only(stack), slice_of, ring(len(slice_of)), rims, sides)
 
 
 def changed(boxes):

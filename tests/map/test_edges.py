@@ -44,7 +44,7 @@ places = st.one_of(
 points = st.tuples(places, places, places)
 
 
-@settings(max_examples=300)
+@settings(max_examples=200)
 @given(states(5, (FREE,) * 12 + (MIXED,)), outsides(), points, points)
 @example(but((1, 1, 2)), ALL_FREE, (0.25, 0.25, 0.25), (0.75, 0.75, 0.75))  # through a lattice point
 @example(but((2, 1, 1)), ALL_FREE, (0.25, 0.25, 0.25), (0.75, 0.75, 0.75))
@@ -246,7 +246,7 @@ def configuration(end, borders, shape):
     return (*(place * n / SIDE for place, n in zip(places, shape, strict=False)), yaw)
 
 
-@settings(max_examples=150)
+@settings(max_examples=100)
 @given(rotation_cells(6), blocks, ends, ends, ROOMS)
 @example(4, [(2, 1, 1, 0)], (0.3, 0.3, 0.0, 3.0), (0.3, 0.3, 0.0, -3.0), (SIDE, SIDE))  # through the wrap at pi
 @example(4, [(0, 1, 1, 0)], (0.3, 0.3, 0.0, 3.0), (0.3, 0.3, 0.0, -3.0), (SIDE, SIDE))

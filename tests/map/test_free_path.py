@@ -12,6 +12,7 @@ from hypothesis.extra import numpy as hnp
 import handmade
 from cspace import BLOCKED, FREE, MIXED, ConfigurationError, InputError, Rotations
 from cspace.map.free_path import cube_path, free_radius, pulled_straight
+from cspace.map.storage import read_only
 from handmade import map_of
 from strategies import seeds
 
@@ -63,7 +64,7 @@ def test_consecutive_cells_share_a_cube_or_a_side(state, random):
     if not len(free):
         return
     first, last = (free[random.randrange(len(free))] for _ in range(2))
-    cells = cube_path(state, first, last)
+    cells = cube_path(read_only(state), first, last)
     for a, b in itertools.pairwise(cells):
         reach = int(np.abs(a - b).max())
         low = a - reach
@@ -80,7 +81,7 @@ def test_radius_of_the_largest_free_cube(state, random):
     if not len(free):
         return
     cell = free[random.randrange(len(free))]
-    layered = state.reshape(*state.shape, *[1] * (3 - state.ndim))
+    layered = read_only(state).reshape(*state.shape, *[1] * (3 - state.ndim))
     i, j, k = np.pad(cell, (0, 3 - state.ndim)).tolist()
     padded = np.pad(state, 8, constant_values=BLOCKED)
     wanted = next(

@@ -68,7 +68,7 @@ def test_any_number_of_panels_of_any_shape(count: int, shape: tuple[int, int]) -
     assert len(figure.axes) == count
     assert max(figure.get_size_inches()) < 20
     if count < 8:
-        figure.canvas.draw()
+        figure.draw_without_rendering()
         outer = [figure.legends[0].get_window_extent(), figure._suptitle.get_window_extent()]
         panels = [ax.get_tightbbox() for ax in figure.axes]
         for box in [*outer, *panels]:

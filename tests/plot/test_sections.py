@@ -79,7 +79,7 @@ def test_sections_show_the_map(order: tuple[int, ...]) -> None:
 
 def test_sections_are_to_scale_and_share_their_axes(space: CSpace) -> None:
     plan = plot(space, at=(1.0, 2.0, 0.5))
-    plan.figure.canvas.draw()
+    plan.figure.draw_without_rendering()
     side_by_side = plan.figure.axes
     assert plan is side_by_side[0]
     for panel, pair in zip(side_by_side, pairs(plan.figure), strict=True):
@@ -112,7 +112,7 @@ def test_nothing_overlaps(shape: tuple[int, ...]) -> None:
     space = build(Workspace.from_array(occupied, 0.1), Robot.ball(0.01), outside="free")
     ax = plot(space, path=[space.grid.lower, space.grid.upper])
     figure = ax.figure
-    figure.canvas.draw()
+    figure.draw_without_rendering()
     parts = [panel.get_window_extent() for panel in figure.axes]
     assert min(min(box.width, box.height) for box in parts) > 25
     parts += [figure.legends[0].get_window_extent(), figure._suptitle.get_window_extent()]

@@ -387,14 +387,14 @@ def test_the_distance_of_a_cube_is_exact(size):
 def test_pieces_of_triangles_are_as_short_as_asked_and_cover_them():
     rng = np.random.default_rng(4)
     triangles = rng.normal(size=(20, 3, 3)) * 3.0
-    pieces = cut_to(triangles, 0.7)
+    pieces = cut_to(triangles, 0.7, 0.0, False)
     assert np.linalg.norm(pieces - np.roll(pieces, -1, axis=1), axis=2).max() <= 0.7
     areas = [
         np.linalg.norm(np.cross(some[:, 1] - some[:, 0], some[:, 2] - some[:, 0]), axis=1).sum()
         for some in (triangles, pieces)
     ]
     assert areas[0] == pytest.approx(areas[1])
-    assert (cut_to(triangles, np.inf) == triangles).all()
+    assert (cut_to(triangles, np.inf, 0.0, False) == triangles).all()
 
 
 @pytest.mark.parametrize("margin", [0.0, 0.3, 1.0])
