@@ -7,9 +7,13 @@ runs is soon through and keeps the best path that it has; and where even that is
 
 from __future__ import annotations
 
+import math
+import os
 import threading
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
+from operator import itemgetter
 from types import TracebackType
 from typing import Any, Final, Protocol
 
@@ -31,7 +35,7 @@ class Callbacks(Protocol):
 class Deadline:
     """A context in which OMPL's callbacks end their work after some seconds; on leaving, they are as before.
 
-    A thread of its own waits for the time, so that no callback has to look at the clock.
+    A thread waits for the time, one for all deadlines, so that no callback has to look at the clock.
 
     Parameters
     ----------
@@ -45,8 +49,6 @@ class Deadline:
     def __init__(self, seconds: float, refusing: Sequence[Callbacks], raising: Sequence[Callbacks] = ()) -> None:
         self._end = time.perf_counter() + seconds
         self._refusing, self._raising = refusing, raising
-        self._over = threading.Event()
-        self._watch = threading.Thread(target=self._wait, name="planners deadline", daemon=True)
 
     @property
     def left(self) -> float:
@@ -54,19 +56,59 @@ class Deadline:
         return max(0.0, self._end - time.perf_counter())
 
     def __enter__(self) -> Deadline:
-        self._watch.start()
+        _watch.add(self._end, self, partial(_answer, self._refusing, _refuse))
+        if self._raising:
+            _watch.add(self._end + GRACE, self, partial(_answer, self._raising, _raise))
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        self._over.set()
-        self._watch.join()
+        _watch.forget(self)
         _answer((*self._refusing, *self._raising), None)
 
-    def _wait(self) -> None:
-        if not self._over.wait(min(self.left, threading.TIMEOUT_MAX)):
-            _answer(self._refusing, _refuse)
-            if not self._over.wait(GRACE):
-                _answer(self._raising, _raise)
+
+class _Watch:
+    """A thread that calls functions at their times; it is started at the first one, and wakes up only where it must."""
+
+    def __init__(self) -> None:
+        self._changed = threading.Condition()
+        self._calls: list[tuple[float, object, Callable[[], None]]] = []
+        self._thread: threading.Thread | None = None
+        self._wakes = math.inf
+
+    def add(self, at: float, owner: object, call: Callable[[], None]) -> None:
+        """Call a function at a time, as :func:`time.perf_counter` tells it, unless its owner is forgotten before."""
+        with self._changed:
+            self._calls.append((at, owner, call))
+            if self._thread is None or not self._thread.is_alive():
+                self._thread = threading.Thread(target=self._run, name="planners deadlines", daemon=True)
+                self._thread.start()
+            elif at < self._wakes:
+                self._changed.notify()
+
+    def forget(self, owner: object) -> None:
+        """Call nothing of an owner any more; what is under way is waited for."""
+        with self._changed:
+            self._calls = [each for each in self._calls if each[1] is not owner]
+
+    def _run(self) -> None:
+        with self._changed:
+            while True:
+                self._call_due()
+                self._wakes = min((at for at, _, _ in self._calls), default=math.inf)
+                self._changed.wait(None if self._wakes == math.inf else self._wakes - time.perf_counter())
+
+    def _call_due(self) -> None:
+        # In a function of its own, so that the thread holds on to no callback while it waits.
+        now = time.perf_counter()
+        due = sorted((each for each in self._calls if each[0] <= now), key=itemgetter(0))
+        self._calls = [each for each in self._calls if each[0] > now]
+        for _, _, call in due:
+            call()
+
+
+_watch = _Watch()
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_watch.__init__)  # type: ignore[misc]  # a forked process has no such thread
 
 
 def _answer(callbacks: Sequence[Callbacks], answer: Callable[..., Any] | None) -> None:
