@@ -89,6 +89,10 @@ class Orientation(ABC):
     def text(self, rotation: Floats) -> str:
         """A rotation, shape (dof,), in words."""
 
+    def heading(self, q: Floats) -> float | None:
+        """The yaw of a configuration, where it is told as one."""
+        return None
+
     @abstractmethod
     def near(self, rotation: Sequence[float], angle: float, numbers: Iterator[float]) -> Sequence[float]:
         """A rotation within an angle, made from uniform numbers of [0, 1); plain numbers, as it is made one by one."""
@@ -139,6 +143,9 @@ class Yaw(Orientation):
     def text(self, rotation: Floats) -> str:
         angle = round(180.0 - (180.0 - math.degrees(rotation[0])) % 360.0, 1)
         return f"yaw {angle + 0.0:g}°"  # no minus sign before zero
+
+    def heading(self, q: Floats) -> float | None:
+        return float(q[-1])
 
     def near(self, rotation: Sequence[float], angle: float, numbers: Iterator[float]) -> Sequence[float]:
         yaw = rotation[0] + (2.0 * next(numbers) - 1.0) * angle

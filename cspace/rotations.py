@@ -314,6 +314,19 @@ class Rotations(Orientation):
     def compiled(self, slice_of: Ints) -> CompiledRotations:
         """What compiled look-ups get."""
 
+    @property
+    def only(self) -> Floats | None:
+        """The rotation of a robot that only translates, shape (0,); None of one that turns."""
+        return None
+
+    def about(self, rotation: Floats | None) -> str:
+        """In words: the rotation cell that holds a rotation, or, where none is given, all of them."""
+        angles = np.degrees(2.0 * self.covering_angles)
+        if rotation is not None:
+            return f"{self.text(rotation)}, in a rotation cell of {angles[self.cell_of(rotation)].item():.3g}°"
+        width = f"{angles.min():.3g}°" + ("" if np.ptp(angles) < 1e-6 else f" to {angles.max():.3g}°")
+        return f"over all rotations, {self.count} rotation cells of {width}"
+
     def __str__(self) -> str:
         return f"{self.count} rotations"
 
@@ -330,6 +343,15 @@ class OneRotation(Unturned, Rotations):
     def count(self) -> int:
         """One."""
         return 1
+
+    @property
+    def only(self) -> Floats:
+        """No numbers."""
+        return np.empty(0)
+
+    def about(self, rotation: Floats | None) -> str:
+        """Nothing to tell."""
+        return ""
 
     def cell_of(self, rotation: ArrayLike = ()) -> Ints:
         """Cell 0, whatever the rotation."""

@@ -69,6 +69,7 @@ def plan(
     from cspace.io.reading import open_map
     from cspace.plot import SUFFIXES, save_plot
     from cspace.plot import animate as save_animation
+    from cspace.plot.animation import check_animated
 
     check_outputs(output or [], _PATHS, overwrite)
     check_outputs([picture] if picture else [], SUFFIXES, overwrite)
@@ -78,8 +79,8 @@ def plan(
     ends = configuration(start, "--start", axes), configuration(goal, "--goal", axes)
     if curve:
         check_axis(axes, "yaw", "--curve")
-    if animate and "z" in axes:
-        raise InputError("--animate", "is given", "it shows the plane, and the map is one in space", "leave it out")
+    if animate:
+        check_animated(axes, "--animate")
     import planners
 
     clock = Clock()

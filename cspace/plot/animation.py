@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -14,8 +14,7 @@ from cspace.errors import InputError
 from cspace.grid import positive
 from cspace.io.output import replacing
 from cspace.plot import artists
-from cspace.plot.protocols import Floats, HasPath, MapLike
-from cspace.plot.route import Route
+from cspace.plot.route import Floats, HasPath, MapLike, Route
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -87,9 +86,7 @@ def animate(
     if target.suffix.lower() != ".gif":
         mend = f"name it e.g. {target.with_suffix('.gif').name}"
         raise InputError(str(target), f"ends in {target.suffix!r}", "an animation's suffix is .gif", mend)
-    if "z" in space.axes:
-        mend = "use plot, which draws the robot along a path in space too"
-        raise InputError("space", "is a map in space", "an animation shows the robot in the plane", mend)
+    check_animated(space.axes, "space")
     route = Route.of(space, path, None, None)
     if not len(route.points):
         mend = "pass a path that was found"
@@ -106,6 +103,19 @@ def animate(
                 progress(number + 1, len(shares))
         _write(frames, temporary, pause)
     return target
+
+
+def check_animated(axes: Sequence[str], argument: str) -> None:
+    """Refuse maps that are not animated, told by the axes of their configurations.
+
+    Raises
+    ------
+    InputError
+        If it is one in space.
+    """
+    if "z" in axes:
+        rule, mend = "an animation shows the robot in the plane", "draw a picture, which shows a path in space too"
+        raise InputError(argument, "is for a map in space", rule, mend)
 
 
 def _timing(seconds: float, rate: float) -> tuple[int, int]:
@@ -137,9 +147,9 @@ class _Stage:
         artists.draw_cells(world, space.grid, solid)
         slices = [self._classes(q) for q in stops]
         self._image = artists.draw_cells(plane, space.grid, slices[0])
-        handles = artists.cell_legend([np.unique(part) for part in slices], False, artists.reaches_out(space, box))
+        handles = artists.cell_legend([np.unique(part) for part in slices], space, box)
         for ax in (world, plane):
-            drawn = artists.draw_route(ax, space, route, 0.7, robots=False)
+            drawn = artists.draw_route(ax, route, 0.7, robots=False)
             artists.frame(ax, box, stretch, labels=False)
         self._trail = world.plot([], [], color=artists.ROBOT, linewidth=2.2, zorder=4.5)[0]
         first = route.points[0]

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.grid import Grid
-from cspace.plot.protocols import Floats, MapLike
-from cspace.plot.route import Figurine, Look, Route
+from cspace.orientation import Orientation
+from cspace.plot.route import Figurine, Floats, Look, MapLike, Route
 from cspace.states import BLOCKED, FREE, MIXED
 
 if TYPE_CHECKING:
@@ -74,18 +74,21 @@ def classes_at(occupied: NDArray[np.bool_], state: NDArray[np.uint8]) -> Classes
     return np.asarray(np.where(occupied, table[1][state], table[0][state]))
 
 
-def seen_from_above(grid: Grid, point: Any) -> tuple[Grid, tuple[Any, ...]]:
-    """The grid in the plane of a map as seen from above, and the index of the layer of cells at a point's height."""
-    layer = (slice(None), slice(None), *grid.cell_of(point)[2:].tolist())
-    return Grid(grid.lower[:2], grid.spacing, grid.shape[:2]), layer
+def section(grid: Grid, point: Floats, pair: Sequence[int] = (0, 1)) -> tuple[Grid, tuple[Any, ...]]:
+    """The grid of two axes of a grid, and the index of the layer of cells along them that holds a point."""
+    shown, cell = sorted(pair), grid.cell_of(point).tolist()
+    layer = tuple(slice(None) if axis in shown else cell[axis] for axis in range(grid.dim))
+    return Grid([grid.lower[axis] for axis in shown], grid.spacing, [grid.shape[axis] for axis in shown]), layer
 
 
-def draw_cells(ax: Axes, grid: Grid, classes: Classes) -> CellImage:
-    """Draw the cells of a grid in the plane by their class."""
+def draw_cells(ax: Axes, grid: Grid, classes: Classes, *, turned: bool = False) -> CellImage:
+    """Draw the cells of a grid in the plane by their class; its first axis upwards, where they are turned."""
     from matplotlib.colors import to_rgb
 
     from cspace.plot.cell_image import CellImage
 
+    if turned:
+        grid, classes = Grid(grid.lower[::-1], grid.spacing, grid.shape[::-1]), classes.T
     colors = np.array([to_rgb(color) for _, color in CLASSES])
     image = CellImage(ax, classes, np.rint(255.0 * colors).astype(np.uint8), grid)
     ax.add_image(image)
@@ -98,8 +101,8 @@ def draw_outside(ax: Axes) -> None:
     ax.patch.set(facecolor=ground, edgecolor=lines, hatch="////", linewidth=0.0)
 
 
-def cell_legend(classes: Sequence[Classes], several: bool, outside: bool) -> list[Any]:
-    """Legend entries of the classes that occur, obstacles first, and of what lies outside.
+def cell_legend(classes: Sequence[Classes], space: MapLike, box: Floats, *, several: bool = False) -> list[Any]:
+    """Legend entries of the classes that occur, obstacles first, and of what lies outside the grid, if it is in view.
 
     ``several`` says whether they are over several rotations.
     """
@@ -114,7 +117,8 @@ def cell_legend(classes: Sequence[Classes], several: bool, outside: bool) -> lis
     ]
     label, ground, lines = OUTSIDE
     beyond = Patch(facecolor=ground, edgecolor=lines, hatch="////", linewidth=0.6, label=label)
-    return entries + [beyond] * outside
+    outside = (box[0] < space.grid.lower).any() or (box[1] > space.grid.upper).any()
+    return entries + [beyond] * bool(outside)
 
 
 def draw_path(ax: Axes, points: Floats, width: float = 1.8) -> list[Any]:
@@ -164,15 +168,20 @@ def nose(figurine: Figurine, q: Floats) -> Any:
     """The triangle at the front of a robot that has one, as a matplotlib path in metres."""
     from matplotlib.path import Path
 
-    return Path.make_compound_path(*(Path(figurine.placed(ring, q), closed=True) for ring in figurine.nose))
+    return Path.make_compound_path(*(Path(ring, closed=True) for ring in figurine.noses(q)))
 
 
 def draw_marks(
-    ax: Axes, marks: dict[str, Floats], scale: float = 1.0, *, pair: Sequence[int] = (0, 1), heading: int | None = None
+    ax: Axes,
+    marks: dict[str, Floats],
+    scale: float = 1.0,
+    *,
+    pair: Sequence[int] = (0, 1),
+    rotations: Orientation | None = None,
 ) -> list[Any]:
     """Draw start and goal as seen in two axes, or three; gives their legend entries.
 
-    An arrow shows the number of a configuration that is a yaw, where ``heading`` says which one.
+    An arrow shows the heading, where ``rotations`` says how a configuration tells one.
     """
     looks: dict[str, dict[str, Any]] = {
         "start": {"marker": "o", "markersize": 7.0 * scale, "markerfacecolor": "white"},
@@ -182,8 +191,9 @@ def draw_marks(
     handles = []
     for name, q in marks.items():
         place = [[number] for number in q[list(pair)]]
-        if heading is not None:
-            _draw_heading(ax, place, float(q[heading]), looks[name]["markerfacecolor"], scale)
+        yaw = None if rotations is None else rotations.heading(q)
+        if yaw is not None:
+            _draw_heading(ax, place, yaw, looks[name]["markerfacecolor"], scale)
         handles += ax.plot(*place, label=name, **point, **looks[name])
     return handles
 
@@ -210,21 +220,6 @@ def _draw_heading(ax: Axes, place: list[list[float]], yaw: float, color: str, sc
     ax.plot(*place, marker=arrow, markersize=46.0 * scale, linestyle="none", clip_on=False, zorder=4.9, **look)
 
 
-def heading_of(space: MapLike) -> int | None:
-    """Which number of a configuration is a yaw; None where there is none."""
-    return space.axes.index("yaw") if "yaw" in space.axes else None
-
-
-def over_all(space: MapLike, look: Look) -> bool:
-    """Whether a picture shows several rotations at once."""
-    return space.rotations.count > 1 and look.rotation is None
-
-
-def reaches_out(space: MapLike, box: Floats) -> bool:
-    """Whether a box in view reaches beyond the grid."""
-    return bool((box[0] < space.grid.lower).any() or (box[1] > space.grid.upper).any())
-
-
 def stretches(box: Floats, thin: float = THIN) -> Floats:
     """How much longer a metre along each axis is drawn, shape (d,): 1, but along the short sides of long, thin maps."""
     lengths = box[1] - box[0]
@@ -237,17 +232,6 @@ def title(space: MapLike, stretch: Floats, words: str | None, about: str = "") -
     if words is None:
         words = f"{space.robot.name}, cells of {space.grid.spacing:g} m" + (f"\n{about}" if about else "")
     return f"{words}\n({', '.join(notes)})".strip() if notes else words
-
-
-def about(space: MapLike, rotation: Floats | None) -> str:
-    """What is shown of a map with rotations: one rotation cell, or all of them."""
-    rotations, angles = space.rotations, np.degrees(2.0 * space.rotations.covering_angles)
-    if rotation is not None:
-        return f"{rotations.text(rotation)}, in a rotation cell of {angles[rotations.cell_of(rotation)].item():.3g}°"
-    if rotations.count == 1:
-        return ""
-    width = f"{angles.min():.3g}°" + ("" if np.ptp(angles) < 1e-6 else f" to {angles.max():.3g}°")
-    return f"over all rotations, {rotations.count} rotation cells of {width}"
 
 
 def frame(ax: Axes, box: Floats, stretch: Floats, pair: Sequence[int] = (0, 1), *, labels: bool = True) -> None:
@@ -285,17 +269,20 @@ def drawn_size(box: Floats, long: float = LONG) -> tuple[float, float]:
     return float(drawn[0]), float(drawn[1])
 
 
-def draw_route(ax: Axes, space: MapLike, route: Route, scale: float = 1.0, *, robots: bool = True) -> list[Any]:
+def draw_route(ax: Axes, route: Route, scale: float = 1.0, *, robots: bool = True) -> list[Any]:
     """Draw path, robots and marks from above; gives their legend entries."""
     handles = draw_path(ax, route.points, 1.8 if robots else 1.2)
     if robots:
         handles += draw_robots(ax, route.figurine, route.stations)
-    return handles + draw_marks(ax, route.marks, scale, heading=heading_of(space))
+    return handles + draw_marks(ax, route.marks, scale, rotations=route.figurine.rotations)
 
 
-def add_words(ax: Axes, look: Look, heading: str, handles: Sequence[Any], *, tall: bool = False) -> None:
+def add_words(
+    ax: Axes, space: MapLike, look: Look, stretch: Floats, about: str, handles: Sequence[Any], *, tall: bool = False
+) -> None:
     """A title above and a legend below, or beside a tall map; beside the axes where they are the caller's."""
     figure: Any = ax.figure
+    heading = title(space, stretch, look.title, about)
     style: dict[str, Any] = {"handles": handles, "fontsize": 9, "frameon": False}
     # A title above narrow axes would leave the figure; above the whole figure it has room.
     if look.ax is None:

@@ -1,9 +1,12 @@
-"""plot: one picture of a map, with a path and the robot along it."""
+"""plot: one picture of a map, with a path and the robot along it; and thumbnail, a small one for notebooks."""
 
 from __future__ import annotations
 
+import base64
+import io
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypedDict
 
@@ -12,11 +15,10 @@ import numpy as np
 from cspace.errors import InputError
 from cspace.grid import positive
 from cspace.io.output import replacing
+from cspace.orientation import Unturned
 from cspace.plot import artists
-from cspace.plot.panels import draw_panels
-from cspace.plot.protocols import HasPath, MapLike
-from cspace.plot.route import Look, Route
-from cspace.plot.sections import draw_sections
+from cspace.plot.route import Figurine, Floats, HasPath, Look, MapLike, Route
+from cspace.plot.sections import draw_panels, draw_sections
 from cspace.plot.surface import draw_surface
 
 if TYPE_CHECKING:
@@ -34,6 +36,14 @@ VIEWS: Final = {
     "panels": ("rotation", "at"),
 }
 """Pictures that there are, and the options that go with some of them only."""
+
+_VIEWS_IN: Final = {2: ("plane",), 3: ("sections", "3d")}
+"""Those of a map with so many axes; where the robot turns, panels too."""
+
+_INCHES: Final = 2.0
+"""Longer side of a thumbnail."""
+_DPI: Final = 100.0
+"""And its pixels per inch."""
 
 
 class PlotOptions(TypedDict, total=False):
@@ -144,8 +154,9 @@ def plot(
         raise InputError("ax", f"is a {type(given).__name__}", rule, mend, value=given)
     look = Look(rotation, ax, at, surface, cut, camera, legend, title)
     kind = view_of(space.axes, view, {name: getattr(look, name) for name in look._fields[:6]})
-    if rotation is not None and kind != "panels":
-        look = look._replace(rotation=space.rotations.checked(rotation))
+    if kind != "panels":
+        one = space.rotations.only if rotation is None else space.rotations.checked(rotation)
+        look = look._replace(rotation=one)
     return _DRAW[kind](space, Route.of(space, path, start, goal, robot_every), look)
 
 
@@ -157,9 +168,8 @@ def view_of(axes: Sequence[str], view: str | None, options: Mapping[str, Any]) -
     InputError
         If there is none such of the map, or an option, where it is not None, goes with other ones.
     """
-    views = ["sections", "3d"] if "z" in axes else ["plane"]
     numbers = len(set(axes) - {"x", "y", "z"})  # of a rotation
-    views += ["panels"] if numbers else []
+    views = [*_VIEWS_IN[len(axes) - numbers], *["panels"] * bool(numbers)]
     if view is not None and view not in views:
         rule = f"the map's configurations are ({', '.join(axes)}), so it must be {' or '.join(views)}"
         raise InputError("view", f"is {view!r}", rule, "or leave it out", value=view)
@@ -167,7 +177,7 @@ def view_of(axes: Sequence[str], view: str | None, options: Mapping[str, Any]) -
     if rotation is not None and not numbers:
         found, rule = f"is {rotation!r}", "the map has no rotations, so the robot does not turn"
         raise InputError("rotation", found, rule, "leave it out, or build the map with rotations", value=rotation)
-    several = rotation is not None and np.ndim(rotation) > (numbers > 1)
+    several = rotation is not None and np.size(rotation) > numbers
     kind = view or ("panels" if several else views[0])
     for name, value in options.items():
         if value is None:
@@ -227,17 +237,57 @@ def save_figure(draw: Callable[[], Any], file: str | os.PathLike[str], overwrite
     """
     target = Path(file)
     if target.suffix.lower() not in SUFFIXES:
-        raise InputError(
-            str(target),
-            f"ends in {target.suffix!r}",
-            f"a picture's suffix is one of {', '.join(SUFFIXES)}",
-            f"name it e.g. {target.with_suffix('.png').name}",
-        )
+        rule, mend = f"a picture's suffix is one of {', '.join(SUFFIXES)}", f"name it e.g. {target.stem}.png"
+        raise InputError(str(target), f"ends in {target.suffix!r}", rule, mend)
     dots = positive(dpi, "dpi", "pixels per inch")
     with replacing(target, overwrite) as temporary:
         figure: Figure = draw()
         figure.canvas.print_figure(temporary, dpi=dots)
     return target
+
+
+def thumbnail(subject: Any) -> bytes:
+    """A small PNG of a map, a workspace, a robot or a plan, about 200 pixels wide or high, without axes or words.
+
+    In space, maps and workspaces show the layer of cells at half their height, robots their outline from above.
+
+    Parameters
+    ----------
+    subject : CSpace, Workspace, Robot or Plan
+
+    Returns
+    -------
+    bytes
+        The PNG file.
+
+    Examples
+    --------
+    >>> import cspace
+    >>> thumbnail(cspace.Robot.disc(0.3))[:4]
+    b'\\x89PNG'
+    """
+    if hasattr(subject, "waypoints"):
+        box, draw = _plan(subject)
+    elif hasattr(subject, "grid"):
+        box, draw = _cells(subject)
+    else:
+        box, draw = _robot(subject)
+    figure = artists.new_figure(*artists.drawn_size(box, _INCHES), _DPI, layout=None)
+    ax = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    ax.set_axis_off()
+    ax.set_xlim(*box[:, 0])
+    ax.set_ylim(*box[:, 1])
+    draw(ax)
+    file = io.BytesIO()
+    figure.canvas.print_figure(file, dpi=_DPI, format="png")
+    return file.getvalue()
+
+
+def as_html(subject: Any, lines: Iterable[str]) -> str:
+    """The thumbnail of a map, a workspace, a robot or a plan and some lines of text below it, for notebooks."""
+    picture = base64.b64encode(thumbnail(subject)).decode("ascii")
+    words = "<br>".join(map(escape, lines))
+    return f'<img src="data:image/png;base64,{picture}" alt=""><p>{words}</p>'
 
 
 def _draw_plane(space: MapLike, route: Route, look: Look) -> Axes:
@@ -249,11 +299,10 @@ def _draw_plane(space: MapLike, route: Route, look: Look) -> Axes:
     ax: Axes = look.ax or artists.new_figure(max(size[0] + room[0], 4.2), size[1] + room[1]).add_subplot()
     classes = artists.classes_of(space, look.rotation)
     artists.draw_cells(ax, space.grid, classes)
-    handles = artists.cell_legend([classes], artists.over_all(space, look), artists.reaches_out(space, box))
-    handles += artists.draw_route(ax, space, route)
+    handles = artists.cell_legend([classes], space, box, several=look.rotation is None)
+    handles += artists.draw_route(ax, route)
     artists.frame(ax, box, stretch)
-    heading = artists.title(space, stretch, look.title, artists.about(space, look.rotation))
-    artists.add_words(ax, look, heading, handles, tall=tall)
+    artists.add_words(ax, space, look, stretch, space.rotations.about(look.rotation), handles, tall=tall)
     return ax
 
 
@@ -263,3 +312,45 @@ _DRAW: Final[dict[str, Callable[[MapLike, Route, Look], Axes]]] = {
     "3d": draw_surface,
     "panels": draw_panels,
 }
+
+
+def _cells(subject: Any) -> tuple[Floats, Any]:
+    """Box and painter of the cells of a map or a workspace."""
+    grid = subject.grid
+    plane, layer = artists.section(grid, np.add(grid.lower, grid.upper) / 2)
+    if hasattr(subject, "outer"):
+        classes = np.where(subject.outer[layer], np.uint8(artists.OBSTACLE), np.uint8(artists.OPEN))
+    else:
+        classes = artists.classes_of(subject, None, layer)
+    return np.array([plane.lower, plane.upper]), lambda ax: artists.draw_cells(ax, plane, classes)
+
+
+def _robot(robot: Any) -> tuple[Floats, Any]:
+    """Box and painter of a robot's outline, with its reference point."""
+    figurine, origin = Figurine(robot, Unturned()), np.zeros((1, robot.dim))
+
+    def draw(ax: Any) -> None:
+        artists.draw_robots(ax, figurine, origin)
+        ax.plot(0.0, 0.0, marker="+", markersize=10.0, markeredgewidth=1.5, color="black")
+
+    return _around(figurine.extent(origin[0])[:, :2]), draw
+
+
+def _plan(plan: Any) -> tuple[Floats, Any]:
+    """Box and painter of a path, from above."""
+    points = np.asarray(plan.path)[:, :2]
+    marks = {} if not len(points) else {"start": points[0], "goal": points[-1]}
+
+    def draw(ax: Any) -> None:
+        artists.draw_path(ax, points)
+        artists.draw_marks(ax, marks, 0.8)
+
+    return _around(points if len(points) else np.zeros((1, 2))), draw
+
+
+def _around(points: Floats) -> Floats:
+    """A box around points with some room, shape (2, 2)."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    room = 0.12 * max(float((high - low).max()), 1e-9)
+    middle, half = (low + high) / 2, np.maximum((high - low) / 2, room) + room
+    return np.stack([middle - half, middle + half])

@@ -1,19 +1,26 @@
-"""The path that a picture shows, the configurations that it marks, and the robot along it."""
+"""What a picture shows: a map, the path, the configurations that are marked, and the robot along it."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cspace.errors import InputError
-from cspace.grid import finite, positive
+from cspace.grid import Grid, finite, positive
+from cspace.map.record import Map
+from cspace.map.storage import Stack
 from cspace.orientation import Orientation
-from cspace.plot.protocols import Floats, MapLike, RobotLike
+from cspace.robot import Robot
+from cspace.rotations import Rotations
+from cspace.shapes import Shape
+from cspace.workspace import Workspace
+
+Floats = NDArray[np.float64]
 
 MANY: Final = 12
 """About how many robots are drawn along a path when the caller does not say."""
@@ -21,8 +28,35 @@ _FACES: Final = 2000
 """Triangles of a robot that are drawn at most."""
 
 
+class HasPath(Protocol):
+    """A plan, or anything else with a path."""
+
+    @property
+    def path(self) -> Floats: ...
+
+
+class MapLike(Protocol):
+    """What pictures ask of a map; :class:`cspace.CSpace` has it all."""
+
+    @property
+    def grid(self) -> Grid: ...
+    @property
+    def axes(self) -> tuple[str, ...]: ...
+    @property
+    def rotations(self) -> Rotations: ...
+    @property
+    def robot(self) -> Robot: ...
+    @property
+    def workspace(self) -> Workspace: ...
+    @property
+    def _map(self) -> Map: ...
+    @property
+    def _seen(self) -> Stack: ...
+    def slice_at(self, rotation: Floats, /) -> NDArray[np.uint8]: ...
+
+
 class Figurine:
-    """A robot as pictures show it: its outline in the plane, its triangles in space.
+    """A robot as pictures show it: by its outlines in the plane, and in space by its triangles.
 
     Parameters
     ----------
@@ -36,8 +70,8 @@ class Figurine:
         Corners, in the robot's frame.
     rings : list of ndarray of float64, shape (n, 2)
         Closed outlines of a robot in the plane.
-    nose : list of ndarray of float64, shape (4, 2)
-        A triangle at the front of a robot in the plane that turns: where it looks.
+    nose : ndarray of float64, shape (4, 2)
+        A triangle at the front of a robot in the plane, which shows where it looks.
     triangles : ndarray of float64, shape (n, 3, d)
         Those of a robot in space.
     reach : float
@@ -46,19 +80,9 @@ class Figurine:
         Diagonal of the box around the robot and its reference point, metres.
     """
 
-    def __init__(self, robot: RobotLike, rotations: Orientation) -> None:
+    def __init__(self, robot: Robot, rotations: Orientation) -> None:
         self.dim, self.rotations = robot.dim, rotations
-        self.rings: list[Floats] = []
-        self.nose: list[Floats] = []
-        self.triangles = np.empty((0, 3, robot.dim))
-        if self.dim == 2:
-            self.rings = rings(robot.shape.outline)
-            self.points = np.concatenate(self.rings)
-            if rotations.names:
-                self.nose = [_front(self.points)]
-        else:
-            self.points, faces = _simplified(*robot.shape.surface)
-            self.triangles = self.points[faces]
+        self.points, self.rings, self.nose, self.triangles = _DRAWN[robot.dim](robot.shape)
         self.reach = float(np.linalg.norm(self.points, axis=1).max())
         whole = np.vstack([self.points, np.zeros(self.dim)])
         self.size = float(np.linalg.norm(np.ptp(whole, axis=0)))
@@ -80,6 +104,10 @@ class Figurine:
 
         triangles = shapely.polygons(self.placed(self.triangles, q)[..., list(pair)])
         return rings(shapely.union_all(triangles[shapely.area(triangles) > 0.0], grid_size=1e-9 * self.size))
+
+    def noses(self, q: Floats) -> list[Floats]:
+        """The nose at a configuration, where it tells a heading and the robot has one."""
+        return [self.placed(self.nose, q)] if len(self.nose) and self.rotations.heading(q) is not None else []
 
     def travelled(self, points: Floats) -> Floats:
         """Way from the first to each configuration of a path, metres, shape (n,).
@@ -179,13 +207,8 @@ def _polyline(space: MapLike, path: Any) -> Floats:
     if points.shape == (0,):
         return np.empty((0, len(space.axes)))
     if points.ndim != 2 or points.shape[1] != len(space.axes):
-        raise InputError(
-            "path",
-            f"has shape {points.shape}",
-            f"it must be (n, {len(space.axes)})",
-            f"pass one configuration ({', '.join(space.axes)}) in a row",
-            value=path,
-        )
+        mend = f"pass one configuration ({', '.join(space.axes)}) in a row"
+        raise InputError("path", f"has shape {points.shape}", f"it must be (n, {len(space.axes)})", mend, value=path)
     return points
 
 
@@ -195,14 +218,9 @@ def _marks(space: MapLike, points: Floats, start: Any, goal: Any) -> dict[str, F
     for name, given, end in (("start", start, 0), ("goal", goal, -1)):
         if given is not None:
             found[name] = finite(given, name)
-            if found[name].shape != (len(space.axes),):
-                raise InputError(
-                    name,
-                    f"has shape {found[name].shape}",
-                    f"it must be ({len(space.axes)},)",
-                    f"pass one configuration ({', '.join(space.axes)})",
-                    value=given,
-                )
+            if (shape := found[name].shape) != (len(space.axes),):
+                mend = f"pass one configuration ({', '.join(space.axes)})"
+                raise InputError(name, f"has shape {shape}", f"it must be ({len(space.axes)},)", mend, value=given)
         elif len(points):
             found[name] = points[end]
     return found
@@ -221,11 +239,23 @@ def _stations(points: Floats, every: float | None, figurine: Figurine) -> Floats
     return figurine.along(points, np.arange(1, count) / max(count, 1))
 
 
-def _front(points: Floats) -> Floats:
-    """A triangle at the front of a robot in the plane, shape (4, 2)."""
+def _plane_parts(shape: Shape) -> tuple[Floats, list[Floats], Floats, Floats]:
+    """Points, rings, nose and triangles of a robot in the plane."""
+    outlines = rings(shape.outline)
+    points = np.concatenate(outlines)
     (left, bottom), (right, top) = points.min(axis=0), points.max(axis=0)
     middle, half, back = (bottom + top) / 2, (top - bottom) / 5, right - 0.25 * (right - left)
-    return np.array([(right, middle), (back, middle + half), (back, middle - half), (right, middle)])
+    nose = np.array([(right, middle), (back, middle + half), (back, middle - half), (right, middle)])
+    return points, outlines, nose, np.empty((0, 3, 2))
+
+
+def _solid_parts(shape: Shape) -> tuple[Floats, list[Floats], Floats, Floats]:
+    """The same of a robot in space."""
+    points, faces = _simplified(*shape.surface)
+    return points, [], np.empty((0, 2)), points[faces]
+
+
+_DRAWN: Final = {2: _plane_parts, 3: _solid_parts}
 
 
 def _simplified(vertices: Floats, faces: NDArray[np.int64]) -> tuple[Floats, NDArray[np.int64]]:

@@ -1,4 +1,4 @@
-"""Three sections of a map in space, arranged as in an engineering drawing."""
+"""Layers of a map side by side: three sections, as in an engineering drawing, or a panel for each of some rotations."""
 
 from __future__ import annotations
 
@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from cspace.errors import InputError
-from cspace.grid import Grid, finite
+from cspace.grid import finite
 from cspace.plot import artists
-from cspace.plot.protocols import Floats, MapLike
-from cspace.plot.route import Look, Route
+from cspace.plot.route import Floats, Look, MapLike, Route
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,7 +19,14 @@ AXES: Final = "xyz"
 _PAGE: Final = (8.0, 7.5)
 """Width and height that the panels share, in inches."""
 _THIN: Final = 24.0
-"""The largest ratio of the sides that is drawn to scale."""
+"""The largest ratio of the sides of sections that is drawn to scale."""
+
+PANELS: Final = 6
+"""How many slices are shown when the caller does not say."""
+_WIDE: Final = 9.0
+"""Width and height that panels share at most, in inches."""
+_MOST: Final = 64
+"""Panels that a picture can hold."""
 
 
 def draw_sections(space: MapLike, route: Route, look: Look) -> Axes:
@@ -33,12 +39,49 @@ def draw_sections(space: MapLike, route: Route, look: Look) -> Axes:
     entries: dict[str, Any] = {}
     for across, (ax, pair) in panels.items():
         shown.append(_draw_layer(ax, pair, across, space, look.rotation, point))
-        for entry in _draw_route(ax, pair, across, space, route, float(point[across])):
+        for entry in _draw_route(ax, pair, across, route, float(point[across])):
             entries.setdefault(entry.get_label(), entry)
-    handles = artists.cell_legend(shown, artists.over_all(space, look), artists.reaches_out(space, box))
-    heading = artists.title(space, stretch, look.title, artists.about(space, look.rotation))
-    artists.add_words(panels[2][0], look, heading, handles + list(entries.values()))
+    handles = artists.cell_legend(shown, space, box, several=look.rotation is None) + list(entries.values())
+    artists.add_words(panels[2][0], space, look, stretch, space.rotations.about(look.rotation), handles)
     return panels[2][0]
+
+
+def draw_panels(space: MapLike, route: Route, look: Look) -> Axes:
+    """Draw a panel for each of some rotations; as :func:`cspace.plot.plot` tells. Gives the axes of the first."""
+    rotations = space.rotations
+    shown = _distinct(space)
+    if look.rotation is not None:
+        shown = finite(look.rotation, "rotation").reshape(-1, rotations.dof)
+    if not 1 <= len(shown) <= _MOST:
+        rule = f"from 1 to {_MOST} panels can be shown"
+        raise InputError("rotation", f"tells {len(shown)} rotations", rule, "pass a few", value=look.rotation)
+    box = route.box(space, robots=False)
+    stretch = artists.stretches(box)
+    point = section_point(space, look.at, route)
+    grid, layer = artists.section(space.grid, point)
+    panels = _grid_of_panels(len(shown), box)
+    classes: list[artists.Classes] = []
+    for ax, given in zip(panels.flat, shown, strict=False):
+        rotation = rotations.checked(given)
+        classes.append(artists.classes_of(space, rotation, layer))
+        artists.draw_cells(ax, grid, classes[-1])
+        handles = artists.draw_route(ax, route, 0.6, robots=False)
+        artists.frame(ax, box, stretch, labels=False)
+        ax.set_title(rotations.text(rotation), loc="left", fontsize=9)
+        ax.tick_params(labelsize=8)
+    for ax in panels.flat[len(shown) :]:
+        ax.remove()
+    for column in panels.T:
+        last = [ax for ax in column if ax.figure is not None][-1]
+        last.set_xlabel("x (m)", fontsize=9)
+        last.tick_params(labelbottom=True)
+    for ax in panels[:, 0]:
+        ax.set_ylabel("y (m)", fontsize=9)
+    first: Axes = panels.flat[0]
+    about = rotations.about(None).replace("over all rotations, ", "")
+    about = ", ".join([about, *(f"z = {height:.4g} m" for height in point[2:])])
+    artists.add_words(first, space, look, stretch, about, artists.cell_legend(classes, space, box) + handles)
+    return first
 
 
 def section_point(space: MapLike, at: Any, route: Route) -> Floats:
@@ -117,12 +160,9 @@ def _draw_layer(
     ax: Axes, pair: tuple[int, int], across: int, space: MapLike, rotation: Floats | None, point: Floats
 ) -> artists.Classes:
     """Draw the layer of cells that a section runs through, and the traces of the other two; gives the classes."""
-    grid = space.grid
-    layer = int(grid.cell_of(point)[across])
-    classes = artists.classes_of(space, rotation, (*(slice(None),) * across, layer))
-    # What is left of the axes stands in the order of the coordinates; a panel may show it the other way round.
-    cells = classes if pair[0] < pair[1] else classes.T
-    artists.draw_cells(ax, Grid([grid.lower[axis] for axis in pair], grid.spacing, cells.shape), cells)
+    grid, layer = artists.section(space.grid, point, pair)
+    classes = artists.classes_of(space, rotation, layer)
+    artists.draw_cells(ax, grid, classes, turned=pair[0] > pair[1])
     trace: dict[str, Any] = {"color": "black", "linewidth": 0.7, "linestyle": (0, (9, 2, 1.5, 2)), "zorder": 2}
     for axis, draw in zip(pair, (ax.axvline, ax.axhline), strict=True):
         draw(point[axis], path_effects=[artists.halo(1.8, 0.5)], **trace)
@@ -134,7 +174,7 @@ def _draw_layer(
     return classes
 
 
-def _draw_route(ax: Axes, pair: tuple[int, int], across: int, space: MapLike, route: Route, place: float) -> list[Any]:
+def _draw_route(ax: Axes, pair: tuple[int, int], across: int, route: Route, place: float) -> list[Any]:
     """Draw path, robots and marks as seen in a section; gives their legend entries."""
     handles = []
     if len(route.points) > 1:
@@ -145,11 +185,36 @@ def _draw_route(ax: Axes, pair: tuple[int, int], across: int, space: MapLike, ro
     extents = [route.figurine.extent(q)[:, across] for q in route.stations]
     reaching = [q for q, (low, high) in zip(route.stations, extents, strict=True) if low <= place <= high]
     handles += artists.draw_robots(ax, route.figurine, np.array(reaching), pair)
-    heading = artists.heading_of(space) if across == 2 else None
-    return handles + artists.draw_marks(ax, route.marks, pair=pair, heading=heading)
+    rotations = route.figurine.rotations if across == 2 else None
+    return handles + artists.draw_marks(ax, route.marks, pair=pair, rotations=rotations)
 
 
 def _spread(route: Route) -> Floats:
     """How far the robot reaches from its reference point along each axis, anywhere on the path, shape (2, 3)."""
     reaches = [route.figurine.extent(q) - q[:3] for q in route.along(np.linspace(0.0, 1.0, 65))]
     return np.stack([np.min(reaches, axis=0)[0], np.max(reaches, axis=0)[1]])
+
+
+def _distinct(space: MapLike) -> Floats:
+    """Representatives of at most so many rotation cells whose slices differ, spread evenly, shape (n, dof)."""
+    first = np.sort(np.unique(space._map.slice_of, return_index=True)[1])
+    count = min(PANELS, len(first))
+    return np.asarray(space.rotations.centers[first[np.arange(count) * len(first) // count]])
+
+
+def _grid_of_panels(count: int, box: Floats) -> Any:
+    """Axes in rows and columns, in the arrangement nearest to twice as wide as high."""
+    width, height = artists.drawn_size(box, 1.0)
+
+    def off(columns: int) -> float:
+        rows = math.ceil(count / columns)
+        empty = rows * columns - count
+        return abs(math.log(columns * (width + 0.1) / (2.0 * rows * (height + 0.15)))) + 0.3 * empty
+
+    columns = min(range(1, min(count, 16) + 1), key=off)
+    rows = math.ceil(count / columns)
+    scale = min(_WIDE / (columns * width), _WIDE / (rows * height), 3.5)
+    size = columns * (max(scale * width, 0.8) + 0.3) + 0.9, rows * (scale * height + 0.4) + 1.3
+    return artists.new_figure(max(size[0], 4.2), size[1]).subplots(
+        rows, columns, sharex=True, sharey=True, squeeze=False
+    )

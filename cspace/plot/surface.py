@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from cspace.errors import InputError
 from cspace.grid import Grid, finite
 from cspace.plot import artists
-from cspace.plot.protocols import Floats, MapLike
-from cspace.plot.route import Look, Route
+from cspace.plot.route import Floats, Look, MapLike, Route
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -78,8 +77,8 @@ def draw_surface(space: MapLike, route: Route, look: Look) -> Axes:
     _frame(ax, box, stretch, angles)
     if look.ax is None:
         _fit(ax, box, stretch, angles)
-    about = [f"cut at z = {top:.4g} m"] * (top < space.grid.upper[2]) + [artists.about(space, look.rotation)]
-    artists.add_words(ax, look, artists.title(space, stretch, look.title, ", ".join(filter(None, about))), handles)
+    about = [f"cut at z = {top:.4g} m"] * (top < space.grid.upper[2]) + [space.rotations.about(look.rotation)]
+    artists.add_words(ax, space, look, stretch, ", ".join(filter(None, about)), handles)
     axes: Axes = ax
     return axes
 
