@@ -771,8 +771,8 @@ class CSpace:
     # ---- files and pictures ------------------------------------------------------------------------------------------
 
     def to_xarray(self) -> xarray.Dataset:
-        """The map with named dimensions, coordinates and units; see :func:`cspace.io.labelled.to_xarray`."""
-        from cspace.io.labelled import to_xarray
+        """The map with named dimensions, coordinates and units; see :func:`cspace.io.writing.to_xarray`."""
+        from cspace.io.writing import to_xarray
 
         return to_xarray(self._contents)
 

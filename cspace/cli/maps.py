@@ -197,10 +197,12 @@ def export(
 ) -> None:
     """Write a saved map for other software."""
     from cspace.io.reading import open_map
-    from cspace.io.writing import EXPORTS
+    from cspace.io.writing import EXPORTS, check_export
 
     check_outputs([output], EXPORTS, overwrite)
-    options = given(rotation=None if rotation is None else rotation_of(rotation, "--rotation", axes_of_map(file)))
+    axes = axes_of_map(file)
+    check_export(output, len(set(axes) & {"x", "y", "z"}))
+    options = given(rotation=None if rotation is None else rotation_of(rotation, "--rotation", axes))
     clock = Clock()
     with clock.step("read"):
         space = open_map(file)

@@ -26,10 +26,8 @@ from cspace.grid import finite
 from cspace.io.collada import read_collada
 from cspace.io.gltf import load_gltf
 from cspace.io.input import damaged, existing, read_bytes
-from cspace.io.obj import read_obj
-from cspace.io.off import read_off
 from cspace.io.ply import read_ply
-from cspace.io.polygons import Floats, Integers, Surface, joined, placed, triangulated
+from cspace.io.polygons import Floats, Integers, Surface, joined, placed, read_obj, read_off, triangulated
 
 # What trimesh logs of a bad file is said by the one error that is raised for it.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())

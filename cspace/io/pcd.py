@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from cspace.compiling import jit
 from cspace.errors import FileError
-from cspace.io.columns import read_columns
-from cspace.io.input import damaged, header_lines, read_bytes
+from cspace.io.input import damaged, header_lines, read_bytes, read_columns
 from cspace.io.limits import check_bytes
 
 Floats = NDArray[np.float64]

@@ -14,9 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from cspace.errors import FileError
 from cspace.grid import Grid
 from cspace.io.input import not_a_name, unreadable
-from cspace.io.npz import read_npz
 from cspace.io.record import shapes_from, unusable
-from cspace.io.store import read_parts, read_store
+from cspace.io.store import read_npz, read_parts, read_store
 from cspace.map.contents import Contents
 from cspace.robot import Robot
 from cspace.rotations import Rotations

@@ -1,23 +1,25 @@
-"""Maps, written: which function does it, by the suffix of the name."""
+"""Maps, written, by the suffix of the name, or as labelled arrays for analysis."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Any, Final
 
-from numpy.typing import ArrayLike
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from cspace.errors import InputError
-from cspace.io.border import WRITERS, write_border
+from cspace.io.exports import WRITERS, write_border, write_vti
 from cspace.io.input import suffix_of
-from cspace.io.npz import write_npz
-from cspace.io.record import STACKED, arrays_of
+from cspace.io.record import AXES, STACKED, TURNS, arrays_of, attributes_of, axes_of, metadata_of
 from cspace.io.rosmap import write_ros_map
-from cspace.io.store import write_store
-from cspace.io.vti import write_vti
+from cspace.io.store import write_npz, write_store
 from cspace.map.contents import Contents
+
+if TYPE_CHECKING:
+    import xarray
 
 Named = str | os.PathLike[str]
 
@@ -49,7 +51,7 @@ def _border(contents: Contents, number: int, path: Named, overwrite: bool) -> No
 _SLICES: Final[Mapping[str, tuple[Callable[[Contents, int, Named, bool], None], Mapping[int, str]]]] = {
     ".vti": (_vti, {}),
     **dict.fromkeys((".yaml", ".yml"), (_ros_map, {3: "a ROS map is plane, and the map is one in space"})),
-    **dict.fromkeys(WRITERS, (_border, {2: "the border of the free space is a mesh only in space"})),
+    **dict.fromkeys(WRITERS, (_border, {2: "a border is a mesh in space, and the map is one of the plane"})),
 }
 """What writes one slice of a map, by suffix; and why it does not in one of the dimensions."""
 
@@ -93,7 +95,7 @@ def export(
         ``state``, ``outer``, and where the map has them ``inner``, ``overlap`` and those of its overlap field
         (:data:`cspace.states.FIELDS`). ``.yaml``: a map of the plane as a ROS map, with its image beside it.
         ``.ply``, ``.obj``, ``.stl``: the border of the free space, of a map in space
-        (:func:`cspace.io.border.free_border`); STL in single precision.
+        (:func:`cspace.io.exports.free_border`); STL in single precision.
     overwrite : bool
         Whether an existing output may be replaced.
     rotation : array-like, shape (k,), optional
@@ -107,18 +109,91 @@ def export(
     FileError
         If the output exists and may not be replaced, or cannot be written.
     """
-    suffix = suffix_of(path, EXPORTS, _RULE)
+    suffix = check_export(path, contents.grid.dim)
     if suffix in _SLICES:
-        write, refused = _SLICES[suffix]
-        grid = contents.grid
-        if grid.dim in refused:
-            found = f"is {Path(path)}, for {' x '.join(map(str, grid.shape))} cells"
-            raise InputError("path", found, refused[grid.dim], "write another format, e.g. .vti", value=path)
         rule = f"{Path(path)} holds one slice"
         number = contents.slice_of[contents.rotations.one_cell(rotation, "rotation", rule)]
-        write(contents, int(number), path, overwrite)
+        _SLICES[suffix][0](contents, int(number), path, overwrite)
         return
     if rotation is not None:
         rule = f"a {suffix or 'Zarr'} map holds every slice"
         raise InputError("rotation", f"is {rotation!r}", rule, "leave it out", value=rotation)
     SAVES[suffix](contents, path, overwrite)
+
+
+def check_export(path: Named, dim: int) -> str:
+    """The suffix of a file that can hold maps of a dimension.
+
+    Raises
+    ------
+    InputError
+        If no format has it, or that one holds maps of the other dimension.
+    """
+    suffix = suffix_of(path, EXPORTS, _RULE)
+    refused = _SLICES[suffix][1] if suffix in _SLICES else {}
+    if dim in refused:
+        mend = "write another format, e.g. .vti"
+        raise InputError("path", f"is {Path(path)}", refused[dim], mend, value=path)
+    return suffix
+
+
+def to_xarray(contents: Contents) -> xarray.Dataset:
+    """A map as an xarray Dataset, with everything that is needed to rebuild it.
+
+    Parameters
+    ----------
+    contents : Contents
+
+    Returns
+    -------
+    xarray.Dataset
+        Dimensions ``x``, ``y`` and in space ``z`` with the middles of the cells, in metres. Variables ``state`` (uint8,
+        flags free, mixed and blocked), ``outer`` and ``inner`` (bool, the workspace) and, where the map has them,
+        ``overlap`` (int32), ``penetration`` and its derivatives ``penetration_x`` and so on (float64), and ``shapes``
+        (bytes of JSON text, which makes the obstacles again). The arrays are read-only; copy the Dataset to change it.
+        Attributes are text, numbers and lists of numbers: ``lower``, ``spacing``, ``outside``, ``margin``,
+        ``precision``, ``rotations`` (their number), ``robot`` (JSON text for ``Robot.from_spec``),
+        ``workspace_source`` and the versions.
+
+        For a robot that turns, ``state``, ``overlap`` and the field have the dimension ``rotation`` before those of the
+        cells, with the coordinates ``yaw`` (the representative, radians), ``yaw_bounds`` (its borders),
+        ``covering_angle`` and ``slice_of``. A state holds for all yaw angles between the bounds.
+
+    Notes
+    -----
+    Arrays are those of the map, not copies, with one exception: where a symmetry of the robot makes some, but not all,
+    rotation cells share slices (a rectangle about its middle), these are copied out, a slice for each rotation cell.
+
+    Examples
+    --------
+    >>> free = (space.to_xarray().state == cspace.FREE).mean("y")  # doctest: +SKIP
+    >>> dataset = space.to_xarray()  # doctest: +SKIP
+    >>> dataset.state.isel(rotation=int(space.rotations.cell_of(0.3)))  # doctest: +SKIP
+    >>> borders = [*dataset.yaw_bounds.values[:, 0], dataset.yaw_bounds.values[-1, 1]]  # doctest: +SKIP
+    """
+    import xarray
+
+    dim, cells = contents.grid.dim, contents.rotations.leading(contents.rotations.count)
+    variables: dict[str, Any] = {}
+    labels: dict[str, Any] = {}
+    for name, array in ({"inner": contents.workspace.inner} | arrays_of(contents)).items():
+        axes = axes_of(name, dim)
+        if axes[0] == "slice":
+            array = _by_rotation(np.asarray(array), contents.slice_of).reshape(*cells, *contents.grid.shape)
+            axes = ("rotation", *axes[1:])[-array.ndim :]
+        if "rotation" in axes and not cells:
+            continue
+        place = labels if name in (*AXES, *TURNS, "slice_of") else variables
+        place[name] = (axes, array, attributes_of(name, dim))
+    return xarray.Dataset(variables, coords=labels, attrs=metadata_of(contents))
+
+
+def _by_rotation(stack: NDArray[Any], slice_of: NDArray[np.int64]) -> NDArray[Any]:
+    """A slice for each rotation cell, copied only where some, but not all, share one."""
+    if len(stack) == len(slice_of):
+        return stack
+    if len(stack) == 1:
+        return np.broadcast_to(stack, (len(slice_of), *stack.shape[1:]))
+    every: NDArray[Any] = stack[slice_of]
+    every.setflags(write=False)
+    return every

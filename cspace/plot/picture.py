@@ -177,7 +177,7 @@ def view_of(axes: Sequence[str], view: str | None, options: Mapping[str, Any]) -
     if rotation is not None and not numbers:
         found, rule = f"is {rotation!r}", "the map has no rotations, so the robot does not turn"
         raise InputError("rotation", found, rule, "leave it out, or build the map with rotations", value=rotation)
-    several = rotation is not None and np.size(rotation) > numbers
+    several = rotation is not None and np.ndim(rotation) > (numbers > 1)
     kind = view or ("panels" if several else views[0])
     for name, value in options.items():
         if value is None:

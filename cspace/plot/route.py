@@ -15,10 +15,8 @@ from cspace.grid import Grid, finite, positive
 from cspace.map.record import Map
 from cspace.map.storage import Stack
 from cspace.orientation import Orientation
-from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.shapes import Shape
-from cspace.workspace import Workspace
 
 Floats = NDArray[np.float64]
 
@@ -35,6 +33,24 @@ class HasPath(Protocol):
     def path(self) -> Floats: ...
 
 
+class RobotLike(Protocol):
+    """What pictures ask of a robot."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def dim(self) -> int: ...
+    @property
+    def shape(self) -> Shape: ...
+
+
+class WorkspaceLike(Protocol):
+    """What pictures ask of a workspace."""
+
+    @property
+    def outer(self) -> NDArray[np.bool_]: ...
+
+
 class MapLike(Protocol):
     """What pictures ask of a map; :class:`cspace.CSpace` has it all."""
 
@@ -45,9 +61,9 @@ class MapLike(Protocol):
     @property
     def rotations(self) -> Rotations: ...
     @property
-    def robot(self) -> Robot: ...
+    def robot(self) -> RobotLike: ...
     @property
-    def workspace(self) -> Workspace: ...
+    def workspace(self) -> WorkspaceLike: ...
     @property
     def _map(self) -> Map: ...
     @property
@@ -80,7 +96,7 @@ class Figurine:
         Diagonal of the box around the robot and its reference point, metres.
     """
 
-    def __init__(self, robot: Robot, rotations: Orientation) -> None:
+    def __init__(self, robot: RobotLike, rotations: Orientation) -> None:
         self.dim, self.rotations = robot.dim, rotations
         self.points, self.rings, self.nose, self.triangles = _DRAWN[robot.dim](robot.shape)
         self.reach = float(np.linalg.norm(self.points, axis=1).max())

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from cspace import Workspace
 from cspace.errors import FileError, GeometryError, InputError
-from cspace.io import formats
+from cspace.io.formats import METHODS
 from cspace.io.pcd import unpack_lzf
 from cspace.io.points import READERS, read_points
 from strategies import seeds
@@ -459,4 +459,4 @@ def test_clouds_in_text_are_workspaces(tmp_path, name):
 
 
 def test_every_cloud_is_a_workspace():
-    assert set(READERS) <= set(formats.METHODS)
+    assert set(READERS) <= set(METHODS)
