@@ -9,6 +9,8 @@ from __future__ import annotations
 import itertools
 import os
 from collections.abc import Sequence
+from functools import partial
+from threading import Lock
 from typing import TYPE_CHECKING, TypedDict, Unpack, overload
 
 import numpy as np
@@ -19,12 +21,13 @@ from cspace.engines import ENGINES, METHODS
 from cspace.errors import InputError
 from cspace.map.contents import Contents
 from cspace.map.exterior import Exterior, check_outside
-from cspace.map.slices import Pair, raster_batches
+from cspace.map.slices import Pair, Rasters, raster_parts, slice_rasters
 from cspace.map.storage import PackedStates, Stack
 from cspace.memory import SCRATCH_BYTES, TRANSFORM_BYTES, check_memory, is_packed, map_bytes
 from cspace.robot import Robot, check_margin
 from cspace.rotations import Rotations
 from cspace.space import CSpace
+from cspace.threads import cores, in_threads
 from cspace.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -172,40 +175,51 @@ def build(
     slices = int(slice_of.max()) + 1
     needed = map_bytes(grid.shape, slices, overlap)
     check_memory(needed, "the map", grid.shape, grid.spacing, fixed=TRANSFORM_BYTES, fewer=cells.fewer)
-    batches = raster_batches(robot, grid.spacing, margin, cells)
     rasters, exterior, overlaps = None, None, None
     states: Stack
 
-    def correlation_of(pairs: Sequence[Pair], tell: Progress | None) -> tuple[Correlation, Sides]:
-        """The engine for the rasters of slices, and these by side."""
+    def correlation_of(
+        pairs: Sequence[Pair], at_once: int, workers: int | None, tell: Progress | None
+    ) -> tuple[Correlation, Sides]:
+        """The engine for the rasters of slices, and these by side, where so many engines work at once."""
         sides = sides_of(pairs, inner)
         correlation = Correlation.by(method, sides, outside, workers, tell, overlap)
-        own = max(correlation.engine.bytes_needed(grid.shape, side, workers) for side in sides)
+        own = at_once * max(correlation.engine.bytes_needed(grid.shape, side, workers) for side in sides)
         what = "the map, with what its engine needs for this robot,"
         check_memory(needed + own - TRANSFORM_BYTES, what, grid.shape, grid.spacing, fewer=cells.fewer)
         return correlation, sides
 
     if is_packed(grid.shape, slices, overlap):
-        states, done, precision = PackedStates((slices, *grid.shape)), 0, ""
-        table = np.empty((slices, 2 * grid.dim + 1), dtype=np.int64)
-        scratch = np.empty((max(1, SCRATCH_BYTES // grid.size), *grid.shape), dtype=np.uint8)
-        for batch in batches:
-            for start in range(0, len(batch), len(scratch)):
-                numbers, pairs = zip(*batch[start : start + len(scratch)], strict=True)
-                correlation, sides = correlation_of(pairs, None)
+        # Each thread makes slices, from the robot's rasters to states in two bits, before it begins with others; all
+        # make one together where that is large.
+        states = packed = PackedStates((slices, *grid.shape))
+        table, lock = np.empty((slices, 2 * grid.dim + 1), dtype=np.int64), Lock()
+        parts = raster_parts(robot, grid.spacing, margin, cells)
+        large, room = grid.size > SCRATCH_BYTES, max(1, SCRATCH_BYTES // grid.size)
+        threads = 1 if large else workers or cores()
+
+        def settle(parts: Sequence[Rasters]) -> str:
+            made = list(itertools.chain.from_iterable(part() for part in parts))
+            scratch, precision = np.empty((min(room, len(made)), *grid.shape), dtype=np.uint8), ""
+            for start in range(0, len(made), room):
+                numbers, pairs = zip(*made[start : start + room], strict=True)
+                correlation, sides = correlation_of(pairs, threads, workers if large else 1, None)
                 own = correlation.fill(workspace.outer, workspace.inner, sides, scratch[: len(pairs)], None)
                 precision = max(precision, own)
-                for number, made in zip(numbers, scratch, strict=False):
-                    states.write(number, made)
+                with lock:
+                    for number, filled in zip(numbers, scratch, strict=False):
+                        packed.write(number, filled)
                 table[list(numbers)] = Exterior.of(workspace.outer, pairs, outside).table
-                done += len(pairs)
-                if progress is not None:
-                    progress(done, slices)
+            return precision
+
+        each = max(1, room * len(parts) // slices)
+        batches = [parts[k : k + each] for k in range(0, len(parts), each)]
+        advance = None if progress is None else partial(_advance, progress, slices, len(batches))
+        precision = max(in_threads(settle, batches, threads, advance))
         exterior = Exterior(table)
     else:
-        by_number = dict(itertools.chain.from_iterable(batches))
-        rasters = [by_number[number] for number in range(slices)]
-        correlation, sides = correlation_of(rasters, progress)
+        rasters = slice_rasters(robot, grid.spacing, margin, cells)
+        correlation, sides = correlation_of(rasters, 1, workers, progress)
         states = np.empty((slices, *grid.shape), dtype=np.uint8)
         overlaps = np.empty(states.shape, dtype=np.int32) if overlap else None
         precision = correlation.fill(workspace.outer, workspace.inner, sides, states, overlaps)
@@ -213,6 +227,10 @@ def build(
         workspace, robot, cells, slice_of, states, outside, margin, precision, overlaps, tells_blocked=inner
     )
     return CSpace(contents, rasters, exterior)
+
+
+def _advance(progress: Progress, total: int, parts: int, done: int) -> None:
+    progress(total * done // parts, total)
 
 
 def _check(

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from cspace.errors import InputError
 from cspace.grid import MAX_COORDINATE
+from cspace.threads import cores
 
 WORKSPACE_BYTES: Final = 2
 """For each cell of a workspace: what meets an obstacle, and what lies in one."""
@@ -28,8 +29,8 @@ PACKED_FROM: Final = 2**29
 PACKED_SLICES: Final = 8
 """Slices below which states are never packed: each slice is made in bytes."""
 
-SCRATCH_BYTES: Final = 2**25
-"""For the slices that are made before they are packed, or for one, where that takes more."""
+SCRATCH_BYTES: Final = 2**22
+"""For the slices that a thread makes before they are packed; all work at one together, where that takes more."""
 
 KEEP: Final = 0.95
 """Part of the free memory that may be taken."""
@@ -61,7 +62,7 @@ def map_bytes(shape: Sequence[int], slices: int = 1, overlap: bool = False) -> i
     """
     cells = cells_of(shape) * slices
     if is_packed(shape, slices, overlap):
-        return cells // 4 + max(SCRATCH_BYTES, cells_of(shape)) + TRANSFORM_BYTES
+        return cells // 4 + max(cores() * SCRATCH_BYTES, cells_of(shape)) + TRANSFORM_BYTES
     return cells * (5 if overlap else 1) + TRANSFORM_BYTES
 
 

@@ -316,8 +316,7 @@ def _tallies(outer: Bytes) -> Ints:
 def _robots(rasters: Sequence[Raster], shape: tuple[int, ...], walled: bool) -> Robots:
     """The offsets of rasters, one for each slice, on a map of a shape of three axes."""
     runs = [Runs.of(raster, shape) for raster in rasters]
-    rows = [each.table for each in runs]
-    fours = [_in_fours(part) for part in rows]
+    rows, fours = [each.once for each in runs], [each.table for each in runs]
     return Robots(
         np.concatenate(rows),
         np.cumsum([len(part) for part in rows]),
@@ -325,14 +324,6 @@ def _robots(rasters: Sequence[Raster], shape: tuple[int, ...], walled: bool) -> 
         np.cumsum([len(part) for part in fours]),
         np.array([each.clipped and walled for each in runs]),
     )
-
-
-def _in_fours(rows: Ints) -> Ints:
-    parts = [rows[:0]]
-    for length in np.unique(rows[:, 3]):
-        part = rows[rows[:, 3] == length]
-        parts.append(np.pad(part, ((0, -len(part) % 4), (0, 0)), mode="edge"))
-    return np.concatenate(parts)
 
 
 def _proves_blocked(subject: Subject) -> bool:

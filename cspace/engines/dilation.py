@@ -18,7 +18,7 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.engines.packed import Packed, Scratch, settle_block
+from cspace.engines.packed import Packed, Scratch, runs_of, settle_block
 from cspace.raster.raster import Raster
 from cspace.threads import cores, in_threads
 
@@ -35,6 +35,9 @@ PACKED: Final = 2**20
 
 WORD: Final = 64
 """Cells in a word."""
+
+OCTET: Final = 8
+"""Cells in a byte."""
 
 BLOCK: Final = 2**14
 """Words of results that are made together, at least: with what they are made from they fit a core's cache."""
@@ -74,7 +77,7 @@ def collide(
     for runs, view in live:
         table = board.placed(runs)
         tasks += [(table, view, block) for block in board.blocks(table)]
-    work = sum(len(table) * (last - first) * board.width for table, _, (first, last) in tasks)
+    work = sum(len(table) * (last - first) * board.cells for table, _, (first, last) in tasks) // WORD
     threads = (workers or cores()) if work >= LEAST else 1
     parts = min(len(tasks), TASKS * threads)
     groups = [tasks[len(tasks) * k // parts : len(tasks) * (k + 1) // parts] for k in range(parts)]
@@ -93,8 +96,8 @@ def bytes_needed(shape: Sequence[int], rasters: Sequence[Raster], workers: int |
     lower = np.pad([raster.lower for raster in live], front)
     upper = lower + np.pad([raster.cells.shape for raster in live], front, constant_values=1) - 1
     lower, upper = np.clip(lower, -far, far), np.clip(upper, -far, far)
-    _, (layers, rows, cells) = padded(in_space(shape), lower, upper)
-    return int(layers * rows * -(-cells // WORD)) * WORD // 8
+    _, (rows, _, cells) = padded(in_space(shape), lower, upper)
+    return int(rows * cells) // OCTET
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,11 +108,9 @@ class Runs:
     ----------
     table : ndarray of int64, shape (n, 4)
         The first offset of each, with 0 along the first axis in the plane, and how many offsets it has; ascending in
-        this number.
+        this number. The last one of each length is told again until their number is a multiple of four.
     lower, upper : ndarray of int64, shape (3,)
         The least and the greatest offset along each axis.
-    lengths : int
-        How many different lengths there are.
     clipped : bool
         Whether there are other offsets, which always fall beyond the map.
     """
@@ -117,30 +118,24 @@ class Runs:
     table: Ints
     lower: Ints
     upper: Ints
-    lengths: int
     clipped: bool
 
     @classmethod
     def of(cls, raster: Raster, shape: Sequence[int]) -> Runs:
         """The runs of a raster on a map of a shape of two or three axes."""
-        lower, far = np.array(in_space(raster.lower, 0)), np.array(in_space(shape))
-        cells = raster.cells.reshape(in_space(raster.cells.shape))
-        begin = np.clip(1 - far - lower, 0, cells.shape)
-        end = np.maximum(np.minimum(far - lower, cells.shape), begin)
-        kept = cells[tuple(slice(a, b) for a, b in zip(begin.tolist(), end.tolist(), strict=True))]
-        edges = np.zeros((*kept.shape[:2], kept.shape[2] + 1), dtype=np.int8)
-        edges[..., :-1] = kept
-        edges[..., 1:] -= kept
-        first, last = np.argwhere(edges == 1), np.argwhere(edges == -1)
-        lengths = last[:, 2] - first[:, 2]
-        order = np.argsort(lengths, kind="stable")
-        table = np.column_stack([first + begin + lower, lengths])[order]
-        ends = table[:, :3] + np.maximum(table[:, 3:] - 1, 0) * (0, 0, 1)
-        least, most = (table[:, :3].min(axis=0), ends.max(axis=0)) if len(table) else np.zeros((2, 3), dtype=np.int64)
-        return cls(table, least, most, len(np.unique(lengths)), bool(lengths.sum() < raster.count))
+        cells = raster.cells.view(np.uint8).reshape(in_space(raster.cells.shape))
+        cells.setflags(write=False)
+        table, (lower, upper), clipped = runs_of(cells, in_space(raster.lower, 0), in_space(shape))
+        return cls(table, lower, upper, clipped)
 
     def __len__(self) -> int:
         return len(self.table)
+
+    @property
+    def once(self) -> Ints:
+        """The table with each run once."""
+        again: NDArray[np.bool_] = (np.diff(self.table, axis=0, prepend=-1) == 0).all(axis=1)
+        return self.table[~again]
 
     @property
     def longest(self) -> int:
@@ -154,14 +149,19 @@ def in_space(numbers: Sequence[int], front: int = 1) -> tuple[int, int, int]:
     return layers, rows, cells
 
 
-def padded(shape: Sequence[int], lower: Ints, upper: Ints) -> tuple[Ints, list[int]]:
-    """How much before a map's first cells robots reach, shape (3,), and the size of the map with all that they reach.
+def padded(shape: Sequence[int], lower: Ints, upper: Ints) -> tuple[Ints, Ints]:
+    """How much before a map's first cells robots reach, shape (3,), and rows, rows of a layer, and cells of a row.
+
+    What is around the map is the same everywhere, so that the end of a row is the beginning of the next one, and the
+    last rows of a layer are the first ones of the next. Rows begin with a byte.
 
     ``lower`` and ``upper``, shape (robots, 3), are their least and greatest offsets.
     """
     below: Ints = np.maximum(0, -lower.min(axis=0))
     above = np.maximum(0, upper.max(axis=0))
-    return below, (below + shape + above).tolist()
+    _, rows, cells = shape + np.maximum(below, above)
+    layers = below[0] + shape[0] + above[0]
+    return below, np.array([(layers - 1) * rows + below[1] + shape[1] + above[1], rows, -(-cells // OCTET) * OCTET])
 
 
 def _advance(progress: Callable[[int, int], None], total: int, done: int) -> None:
@@ -169,7 +169,7 @@ def _advance(progress: Callable[[int, int], None], total: int, done: int) -> Non
 
 
 class Board:
-    """A map in words, with as much around it as robots reach; its rows follow each other without a gap.
+    """A map in bits, with as much around it as robots reach; its rows follow each other without a gap.
 
     Parameters
     ----------
@@ -184,47 +184,42 @@ class Board:
     def __init__(self, occupied: Cells, runs: Sequence[Runs], outside: bool) -> None:
         self.shape = in_space(occupied.shape)
         lower, upper = np.array([each.lower for each in runs]), np.array([each.upper for each in runs])
-        self.pads, (layers, self.rows, cells) = padded(self.shape, lower, upper)
-        self.width = -(-cells // WORD)
-        # A block is read a row beyond the last run's place, and as far as the longest run reaches, and one word more.
+        self.pads, (total, self.rows, self.cells) = padded(self.shape, lower, upper)
+        # A block is read beyond the last run's place, as far as the longest run reaches, and one word more.
         self.beyond = max(each.longest for each in runs) // WORD + 2
-        size = (layers * self.rows + 1) * self.width + self.beyond
-        self.words = np.full(size, ~np.uint64(0) if outside else np.uint64(0))
+        words = np.full(total * self.cells // WORD + 2 + self.beyond, ~np.uint64(0) if outside else np.uint64(0))
         before, above, left = self.pads.tolist()
-        each = max(1, PACKED // (self.width * WORD))
-        slab = np.full((min(each, self.shape[1]), self.width * WORD), outside, dtype=np.uint8)
+        each = max(1, PACKED // self.cells)
+        slab, octets = np.full((min(each, self.shape[1]), self.cells), outside, dtype=np.uint8), words.view(np.uint8)
         for layer, own in enumerate(occupied, start=before):
             for row in range(0, len(own), each):
                 part = slab[: len(own) - row]
                 part[:, left : left + self.shape[2]] = own[row : row + each]
-                first = (layer * self.rows + above + row) * self.width
-                words = np.packbits(part, bitorder="little").view("<u8")
-                self.words[first : first + len(words)] = words
+                first = (layer * self.rows + above + row) * self.cells // OCTET
+                octets[first : first + part.size // OCTET] = np.packbits(part, bitorder="little")
+        self.packed = Packed(words, int(self.cells) // OCTET, int(self.rows))
         self._buffers = threading.local()
 
     def placed(self, runs: Runs) -> Ints:
         """Length, word and shift of each run."""
-        x, y, z, length = np.add(runs.table, [*self.pads, 0]).T
-        last = np.flatnonzero(np.diff(length, append=-1))  # of each length, which is told again to fill up fours
-        again = np.ones(len(length), dtype=np.int64)
-        again[last] += -np.diff(last, prepend=-1) % 4
-        table: Ints = np.column_stack([length, (x * self.rows + y) * self.width + z // WORD, z % WORD])
-        return np.repeat(table, again, axis=0)
+        row = self.rows * self.cells
+        bits = runs.table[:, :3] @ (row, self.cells, 1) + self.pads @ (row, self.cells, 1)
+        return np.stack([runs.table[:, 3], bits // WORD, bits % WORD], axis=1)
 
     def blocks(self, table: Ints) -> list[tuple[int, int]]:
-        """First row, and the one after the last, of the parts in which results are made."""
+        """First row, and the one after the last, of the parts in which results are made; the first begins a word."""
         rows = (self.shape[0] - 1) * self.rows + self.shape[1]
-        each = max(BLOCK, int(table[:, 1].max())) / self.width
+        each = max(BLOCK, int(table[:, 1].max())) * WORD / self.cells
         number = max(1, round(rows / each))
-        return list(itertools.pairwise(rows * k // number for k in range(number + 1)))
+        return list(itertools.pairwise([*(rows * k // number // OCTET * OCTET for k in range(number)), rows]))
 
     def settle(self, add: bool, tasks: Sequence[Task]) -> None:
         """Make the results of blocks of rows for robots, and write them."""
-        packed, buffers = Packed(self.words, self.width, self.rows), self._buffers
-        for table, out, (first, last) in tasks:
-            size = (last - first) * self.width
+        buffers = self._buffers
+        for table, out, part in tasks:
+            size = -(-(part[1] - part[0]) * self.cells // WORD)
             reach = size + int(table[:, 1].max()) + self.beyond
             if getattr(buffers, "size", 0) < reach:
                 buffers.arrays, buffers.size = [np.empty(reach, np.uint64) for _ in range(3)], reach
             now, then, words = buffers.arrays
-            settle_block(packed, table, Scratch(now[:reach], then[:reach], words[:size]), first, add, out)
+            settle_block(self.packed, table, Scratch(now[:reach], then[:reach], words[:size]), part, add, out)

@@ -7,17 +7,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.compiling import inner, reader
+from cspace.compiling import inner, jit, reader
 
 Words = NDArray[np.uint64]
 Ints = NDArray[np.int64]
+Place = tuple[int, int, int]
 
 
 class Packed(NamedTuple):
-    """A map in rows of words, each ``width`` words long, of which a layer has ``rows``."""
+    """A map in rows of bits, as many as ``octets`` bytes hold, of which a layer has ``rows``."""
 
     words: Words
-    width: int
+    octets: int
     rows: int
 
 
@@ -33,6 +34,73 @@ _REPEAT = np.uint64(0x0101010101010101)
 _SELECT = np.uint64(0x8040201008040201)
 _CARRY = np.uint64(0x7F7F7F7F7F7F7F7F)
 _ONE = np.uint64(1)
+
+
+@jit
+def runs_of(cells: NDArray[np.uint8], lower: Place, shape: Place) -> tuple[Ints, Ints, bool]:
+    """The runs of the set entries of ``cells`` along its last axis, without offsets that always fall beyond a map.
+
+    Parameters
+    ----------
+    cells : ndarray of uint8, shape (nx, ny, nz)
+        0 or 1.
+    lower : tuple of int
+        Offset of the first entry.
+    shape : tuple of int
+        Of the map: an offset of as many cells, along any axis, falls beyond it from everywhere.
+
+    Returns
+    -------
+    table : ndarray of int64, shape (n, 4)
+        First offset and length of each run, by ascending length; the last one of each length again until their number
+        is a multiple of four.
+    box : ndarray of int64, shape (2, 3)
+        The least and the greatest offset along each axis; 0 where there are none.
+    clipped : bool
+        Whether offsets were left out.
+    """
+    begin, end, box = np.empty(3, np.int64), np.empty(3, np.int64), np.zeros((2, 3), np.int64)
+    for axis in range(3):
+        begin[axis] = min(max(1 - shape[axis] - lower[axis], 0), cells.shape[axis])
+        end[axis] = max(min(shape[axis] - lower[axis], cells.shape[axis]), begin[axis])
+    starts = np.zeros(end[2] - begin[2] + 2, np.int64)  # of each length: first how many there are, then the next row
+    size = 0
+    for sort in range(2):
+        if sort:
+            for length in range(len(starts)):
+                number = starts[length]
+                starts[length] = size
+                size += (number + 3) // 4 * 4
+            table = np.empty((size, 4), np.int64)
+        kept, left = 0, 0
+        for x in range(cells.shape[0]):
+            for y in range(cells.shape[1]):
+                row, length = cells[x, y], 0
+                there = begin[0] <= x < end[0] and begin[1] <= y < end[1]
+                for z in range(cells.shape[2] + 1):
+                    if z < cells.shape[2] and row[z]:
+                        if there and begin[2] <= z < end[2]:
+                            length += 1
+                            continue
+                        left += 1
+                    if length == 0:
+                        continue
+                    if sort:
+                        first = (x + lower[0], y + lower[1], z - length + lower[2])
+                        told = table[starts[length]]
+                        told[0], told[1], told[2], told[3] = first[0], first[1], first[2], length
+                        for axis in range(3):
+                            last = first[axis] + (length - 1 if axis == 2 else 0)
+                            box[0, axis] = min(box[0, axis], first[axis]) if kept else first[axis]
+                            box[1, axis] = max(box[1, axis], last) if kept else last
+                    starts[length] += 1
+                    kept, length = kept + 1, 0
+    if not size:
+        return np.empty((0, 4), np.int64), box, left > 0
+    for length in range(len(starts)):
+        for row in range(starts[length], (starts[length] + 3) // 4 * 4):
+            table[row] = table[row - 1]
+    return table, box, left > 0
 
 
 @inner
@@ -96,18 +164,16 @@ def _unite(now: Words, runs: Ints, result: Words) -> None:
 
 
 @inner
-def unpack(
-    words: NDArray[np.uint64], width: int, first: int, rows: int, found: bool, add: bool, out: NDArray[np.uint8]
-) -> None:
-    """Write rows of words into ``out``, shape (layers, rows, cells), or add them.
+def unpack(words: Words, packed: Packed, part: tuple[int, int], found: bool, add: bool, out: NDArray[np.uint8]) -> None:
+    """Write rows of bits into ``out``, shape (layers, rows, cells), or add them.
 
-    ``words`` holds the rows from number ``first`` on, each ``width`` words long, where a layer has ``rows`` of them;
-    those beyond the rows of ``out`` are left out. Unless something was ``found``, all are zero.
+    ``words`` holds rows as ``packed`` has them, from the first of a part to before its last; those beyond the rows of
+    ``out`` are left out. Unless something was ``found``, all are zero.
     """
-    cells = out.shape[2]
+    cells, all_octets = out.shape[2], words.view(np.uint8)
     eights = cells // 8
-    for row in range(words.size // width):
-        x, y = (first + row) // rows, (first + row) % rows
+    for row in range(part[1] - part[0]):
+        x, y = (part[0] + row) // packed.rows, (part[0] + row) % packed.rows
         if x >= out.shape[0] or y >= out.shape[1]:
             continue
         line = out[x, y]
@@ -115,8 +181,10 @@ def unpack(
             for k in range(0 if add else cells):
                 line[k] = 0
             continue
-        part = words[row * width : (row + 1) * width]
-        octets, together = part.view(np.uint8), line[: 8 * eights].view(np.uint64)
+        octets, together = (
+            all_octets[row * packed.octets : (row + 1) * packed.octets],
+            line[: 8 * eights].view(np.uint64),
+        )
         if add:
             for k in range(eights):
                 byte = np.uint64(octets[k])
@@ -126,12 +194,15 @@ def unpack(
                 byte = np.uint64(octets[k])
                 together[k] = ((((byte * _REPEAT) & _SELECT) + _CARRY) >> np.uint64(7)) & _REPEAT
         for k in range(8 * eights, cells):
-            bit = (part[k // 64] >> np.uint64(k % 64)) & _ONE
+            bit = (octets[k // 8] >> np.uint8(k % 8)) & np.uint8(1)
             line[k] = line[k] + bit if add else bit
 
 
 @reader
-def settle_block(packed: Packed, runs: Ints, scratch: Scratch, first: int, add: bool, out: NDArray[np.uint8]) -> None:
-    """Dilate the rows from number ``first`` on, as many as the scratch holds, and write or add them to ``out``."""
-    found = dilate_block(packed.words, first * packed.width, runs, scratch.now, scratch.then, scratch.result)
-    unpack(scratch.result, packed.width, first, packed.rows, found, add, out)
+def settle_block(
+    packed: Packed, runs: Ints, scratch: Scratch, part: tuple[int, int], add: bool, out: NDArray[np.uint8]
+) -> None:
+    """Dilate the rows from the first of a part, which begins a word, to before its last; write or add them."""
+    start = part[0] * packed.octets // 8
+    found = dilate_block(packed.words, start, runs, scratch.now, scratch.then, scratch.result)
+    unpack(scratch.result, packed, part, found, add, out)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -16,29 +17,27 @@ FEW = 16
 """Slices that are made in one thread; and those of outlines in the plane, which take more of Python than of compiled
 code."""
 
-AT_ONCE = 64
-"""Slices, at most, that are made together, but for those that are another one with the world's axes permuted."""
-
 Pair = tuple[Raster, Raster]
+Rasters = Callable[[], list[tuple[int, Pair]]]
+"""Makes the outer and the inner raster of some slices, with their numbers."""
 
 
 def slice_rasters(robot: Robot, spacing: float, margin: float, rotations: Rotations) -> list[Pair]:
     """Outer and inner raster of the robot for each slice."""
-    made = dict(itertools.chain.from_iterable(raster_batches(robot, spacing, margin, rotations)))
+    parts = raster_parts(robot, spacing, margin, rotations)
+    threads = cores() if len(parts) > FEW and robot.dim == 3 else 1
+    made = dict(itertools.chain.from_iterable(in_threads(lambda part: part(), parts, threads)))
     return [made[number] for number in range(len(made))]
 
 
-def raster_batches(
-    robot: Robot, spacing: float, margin: float, rotations: Rotations
-) -> Iterator[list[tuple[int, Pair]]]:
-    """Outer and inner raster of the robot for each slice, with its number, some slices at a time.
+def raster_parts(robot: Robot, spacing: float, margin: float, rotations: Rotations) -> list[Rasters]:
+    """What makes the rasters of the robot for all slices.
 
     Each is rasterised afresh from the turned geometry, but for those that are another one with the world's axes
-    permuted, which come in the same batch as that.
+    permuted, which come in the same part as that.
     """
     if rotations.keep(robot):
-        yield [(0, robot.rasters(spacing, margin))]
-        return
+        return [lambda: [(0, robot.rasters(spacing, margin))]]
     slice_of = rotations.slice_of(robot)
     first, turns = np.unique(slice_of, return_index=True)[1], rotations.turns(robot.dim)
     # For each slice the least one of which it is an image, and the matrix that makes it so.
@@ -60,7 +59,4 @@ def raster_batches(
                 made.append((other, (outer.turned(matrix), inner.turned(matrix))))
         return made
 
-    fresh = np.flatnonzero(made_by < 0).tolist()
-    threads = cores() if len(fresh) > FEW and robot.dim == 3 else 1
-    for start in range(0, len(fresh), AT_ONCE):
-        yield list(itertools.chain.from_iterable(in_threads(make, fresh[start : start + AT_ONCE], threads)))
+    return [partial(make, number) for number in np.flatnonzero(made_by < 0).tolist()]

@@ -8,7 +8,8 @@ tells for all.
 at most ``2 |p| sin(a / 2)`` from ``R p`` at all of them (about the z axis, ``|p|`` is the distance from it). Cut the
 surface into pieces, and let ``g`` be the largest such displacement on a piece, which is that of a corner. Pieces are
 small enough for it to vary by no more than about a third of a cell along a side, or a quarter of itself. A point keeps
-its distance from the origin as well: it stays in the shell S between the nearest and the farthest point of its piece.
+its distance from the origin as well: it stays in the shell S between the nearest and the farthest point of its piece,
+and what comes to a place q was at most ``2 |q| sin(a / 2)`` away, so that g may be that for q, if it is less.
 
 * *Outer.* Let q lie in R' A for a rotation R' of the cell, and not in R A. On the way from R to R', which stays within
   the cell, q passes from the outside of the robot to its inside; so at some rotation R'' on the way it lies on the

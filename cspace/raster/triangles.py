@@ -27,15 +27,15 @@ which is 16. So every box that a triangle meets is marked, and no box farther th
 what is left of ``SLACK`` covers the rounding of a look-up, 4.
 
 *Boxes within a distance.* The distance of a triangle that a cube does not meet is that of two of their features: a
-corner and the triangle, a corner of the triangle and the cube, or two edges. Before that, the nearest point of the
-triangle to the cube's middle bounds it from both sides.
+corner and the triangle, a corner of the triangle and the cube, or two edges. Before that, going back and forth between
+points of both that are ever nearer to each other bounds it from both sides: by their distance, and, along the way from
+one to the other, by how far the corners of the triangle are beyond the cube. The second holds for any direction.
 
 Let L be the size of all triangles together. A distance from the plane of a triangle is off by the rounding of its
 normal, relative to it less than 2^-39 (thinner triangles than 2^-12 are taken to be as near as their height allows), so
-by less than 2^-36 L. The bound by the nearest point is off by the rounding of the direction there, less than 2^-51 L,
-over the length of the triangle: less than 2^-51 L^2. The radius grows by more than both, by 2^-20 + 2^-34 L + 2^-50
-L^2. The result is complete, and holds no more than that, but for thin triangles: for those, what lies within 2^-12
-times their length besides.
+by less than 2^-36 L. How far a corner is along a direction is off by less than 2^-50 L. The radius grows by more than
+both, by 2^-20 + 2^-34 L. The result is complete, and holds no more than that, but for thin triangles: for those, what
+lies within 2^-12 times their length besides.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.compiling import jit
+from cspace.compiling import inner, jit
 from cspace.grid import SLACK
 from cspace.threads import in_chunks
 
@@ -61,6 +61,9 @@ _VARIATION: Final = 0.35
 
 _PART: Final = 0.25
 """or the part of itself, if that is more."""
+
+_TRIES: Final = 3
+"""Ways from a cube to a triangle that are tried before all of their features are."""
 
 _ROUNDING: Final = 2.0**-20
 _TRIANGLES_A_THREAD: Final = 2_000
@@ -100,8 +103,8 @@ class Swept(NamedTuple):
     """Triangles, and where their points come as they turn about the origin by no more than some angle.
 
     A point of a triangle stays within the triangle's growth of its place, and as far from the origin as it is: in the
-    shell between the triangle's nearest and its farthest point. About the z axis, it also stays at its height, and the
-    distances are those from the axis.
+    shell between the triangle's nearest and its farthest point, and within ``swing`` times its distance from the origin
+    of its place. About the z axis, it also stays at its height, and the distances are those from the axis.
 
     Attributes
     ----------
@@ -110,6 +113,8 @@ class Swept(NamedTuple):
     origin : ndarray of float64, shape (3,)
     size : float
         Of the longest side of the box around all triangles.
+    swing : float
+        How far a point at distance 1 from the origin comes from its place.
     about_z : bool
     """
 
@@ -119,6 +124,7 @@ class Swept(NamedTuple):
     farthest: Floats
     origin: Floats
     size: float
+    swing: float
     about_z: bool
 
     def moved(self, shift: Floats) -> Swept:
@@ -140,14 +146,14 @@ def swept(triangles: Floats, swing: float, about_z: bool) -> Swept:
     """
     still, size = np.zeros(len(triangles)), float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
     if swing == 0.0:
-        return Swept(triangles, still, still, np.full(len(triangles), np.inf), np.zeros(3), size, about_z)
+        return Swept(triangles, still, still, np.full(len(triangles), np.inf), np.zeros(3), size, swing, about_z)
     pieces = cut_to(triangles, _VARIATION / swing, _PART, about_z)
     places = pieces[..., : 2 if about_z else 3]
     middles = (places[:, 0] + places[:, 1] + places[:, 2]) / 3.0
     nearest = np.sqrt(np.einsum("ij,ij->i", middles, middles)) - _farthest(places - middles[:, None])
     # The distance from the origin is convex, so that it is largest at a corner.
     farthest = _farthest(places)
-    return Swept(pieces, swing * farthest, nearest, farthest, np.zeros(3), size, about_z)
+    return Swept(pieces, swing * farthest, nearest, farthest, np.zeros(3), size, swing, about_z)
 
 
 def _farthest(triangles: Floats) -> Floats:
@@ -170,7 +176,7 @@ def mark_within(out: Bools, parts: Swept, half: float, radius: float) -> None:
         In cells.
     """
     size = parts.size
-    slack = _ROUNDING + 2.0**-34 * size + 2.0**-50 * size * size
+    slack = _ROUNDING + 2.0**-34 * size
 
     def work(start: int, stop: int) -> int:
         _mark_within(out, parts, half, radius, slack, start, stop)
@@ -300,8 +306,8 @@ def _mark_touched(out: Bools, triangles: Floats, b0: float, b1: float, slack: fl
 
 
 @jit
-def _to_segment(x: float, y: float, z: float, p: Floats, q: Floats) -> tuple[float, float, float]:
-    """Vector from a point to the nearest one of a segment."""
+def point_segment(x: float, y: float, z: float, p: Floats, q: Floats) -> float:
+    """Squared distance between a point and a segment."""
     dx, dy, dz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
     wx, wy, wz = x - p[0], y - p[1], z - p[2]
     square = dx * dx + dy * dy + dz * dz
@@ -309,14 +315,8 @@ def _to_segment(x: float, y: float, z: float, p: Floats, q: Floats) -> tuple[flo
     if t > 0.5:
         wx, wy, wz = x - q[0], y - q[1], z - q[2]
         t -= 1.0
-    return t * dx - wx, t * dy - wy, t * dz - wz
-
-
-@jit
-def point_segment(x: float, y: float, z: float, p: Floats, q: Floats) -> float:
-    """Squared distance between a point and a segment."""
-    wx, wy, wz = _to_segment(x, y, z, p, q)
-    return wx * wx + wy * wy + wz * wz
+    wx, wy, wz = wx - t * dx, wy - t * dy, wz - t * dz
+    return float(wx * wx + wy * wy + wz * wz)
 
 
 @jit
@@ -328,43 +328,29 @@ def cross(a: Floats, b: Floats, c: Floats) -> tuple[float, float, float]:
 
 
 @jit
-def _to_triangle(x: float, y: float, z: float, triangle: Floats) -> tuple[float, float, float, float]:
-    """Vector from a point to the nearest one of a triangle, and how much nearer a thin triangle might be than that."""
+def point_triangle(x: float, y: float, z: float, triangle: Floats) -> float:
+    """Distance between a point and a triangle; up to ``THIN`` times its longest side less for a thin one."""
     square, longest = math.inf, 0.0
-    bx, by, bz = 0.0, 0.0, 0.0
     for e in range(3):
         p, q = triangle[e], triangle[e + 1 if e < 2 else 0]
         dx, dy, dz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
         longest = max(longest, dx * dx + dy * dy + dz * dz)
-        wx, wy, wz = _to_segment(x, y, z, p, q)
-        if wx * wx + wy * wy + wz * wz < square:
-            bx, by, bz = wx, wy, wz
-            square = wx * wx + wy * wy + wz * wz
-    longest = math.sqrt(longest)
+        square = min(square, point_segment(x, y, z, p, q))
+    distance = math.sqrt(square)
     nx, ny, nz = cross(triangle[0], triangle[1], triangle[2])
     normal = math.sqrt(nx * nx + ny * ny + nz * nz)
-    if normal <= THIN * longest * longest:
+    if normal <= THIN * longest:
         # No point of the triangle is farther from its sides than its height.
-        return bx, by, bz, THIN * longest
+        return max(0.0, distance - THIN * math.sqrt(longest))
     nx, ny, nz = nx / normal, ny / normal, nz / normal
     for e in range(3):
         p, q = triangle[e], triangle[e + 1 if e < 2 else 0]
         dx, dy, dz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
         wx, wy, wz = x - p[0], y - p[1], z - p[2]
         if nx * (dy * wz - dz * wy) + ny * (dz * wx - dx * wz) + nz * (dx * wy - dy * wx) < 0.0:
-            return bx, by, bz, 0.0
+            return distance
     p = triangle[0]
-    height = nx * (p[0] - x) + ny * (p[1] - y) + nz * (p[2] - z)
-    if height * height > square:
-        return bx, by, bz, 0.0
-    return nx * height, ny * height, nz * height, 0.0
-
-
-@jit
-def point_triangle(x: float, y: float, z: float, triangle: Floats) -> float:
-    """Distance between a point and a triangle; up to ``THIN`` times its longest side less for a thin one."""
-    wx, wy, wz, doubt = _to_triangle(x, y, z, triangle)
-    return max(0.0, math.sqrt(wx * wx + wy * wy + wz * wz) - doubt)
+    return min(distance, float(abs(nx * (p[0] - x) + ny * (p[1] - y) + nz * (p[2] - z))))
 
 
 @jit
@@ -409,6 +395,66 @@ def _box_triangle(triangle: Floats, center: Floats, half: float) -> float:
     return best
 
 
+@inner
+def _nearest(x: float, y: float, z: float, triangle: Floats) -> tuple[float, float, float]:
+    """The point of a triangle that is nearest to another one (Ericson, Real-Time Collision Detection, 2005)."""
+    a, b, c = triangle[0], triangle[1], triangle[2]
+    ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+    ua = ux * (x - a[0]) + uy * (y - a[1]) + uz * (z - a[2])
+    va = vx * (x - a[0]) + vy * (y - a[1]) + vz * (z - a[2])
+    ub = ux * (x - b[0]) + uy * (y - b[1]) + uz * (z - b[2])
+    vb = vx * (x - b[0]) + vy * (y - b[1]) + vz * (z - b[2])
+    uc = ux * (x - c[0]) + uy * (y - c[1]) + uz * (z - c[2])
+    vc = vx * (x - c[0]) + vy * (y - c[1]) + vz * (z - c[2])
+    # How much of u and of v leads there from a.
+    share, other = 0.0, 0.0
+    at_c, at_b, at_a = ua * vb - ub * va, uc * va - ua * vc, ub * vc - uc * vb
+    if ua <= 0.0 and va <= 0.0:
+        pass
+    elif ub >= 0.0 and vb <= ub:
+        share = 1.0
+    elif vc >= 0.0 and uc <= vc:
+        other = 1.0
+    elif at_c <= 0.0 and ua >= 0.0 and ub <= 0.0:
+        share = ua / (ua - ub) if ua > ub else 0.0
+    elif at_b <= 0.0 and va >= 0.0 and vc <= 0.0:
+        other = va / (va - vc) if va > vc else 0.0
+    elif at_a <= 0.0 and vb >= ub and uc >= vc:
+        whole = (vb - ub) + (uc - vc)
+        other = (vb - ub) / whole if whole > 0.0 else 0.0
+        share = 1.0 - other
+    else:
+        whole = at_a + at_b + at_c
+        share, other = (at_b / whole, at_c / whole) if whole > 0.0 else (0.0, 0.0)
+    return a[0] + share * ux + other * vx, a[1] + share * uy + other * vy, a[2] + share * uz + other * vz
+
+
+@inner
+def _is_near(triangle: Floats, center: Floats, half: float, most: float, slack: float) -> bool:
+    """Whether a triangle comes within a distance of a cube that it does not meet; or perhaps within ``slack`` more."""
+    cx, cy, cz = center
+    x, y, z = cx, cy, cz
+    for _ in range(_TRIES):
+        # From the point of the cube to the triangle's nearest, and from there to that of the cube.
+        px, py, pz = _nearest(x, y, z, triangle)
+        x = min(max(px, cx - half), cx + half)
+        y = min(max(py, cy - half), cy + half)
+        z = min(max(pz, cz - half), cz + half)
+        dx, dy, dz = px - x, py - y, pz - z
+        square = dx * dx + dy * dy + dz * dz
+        if square <= most * most:
+            return True
+        # Along this way, whatever it is, no point of the triangle lies before its first corner.
+        first = math.inf
+        for corner in range(3):
+            p = triangle[corner]
+            first = min(first, dx * (p[0] - cx) + dy * (p[1] - cy) + dz * (p[2] - cz))
+        if first - half * (abs(dx) + abs(dy) + abs(dz)) > (most + slack) * math.sqrt(square):
+            return False
+    return _box_triangle(triangle, center, half) <= most + slack
+
+
 @jit
 def _mark_within(out: Bools, parts: Swept, half: float, radius: float, slack: float, start: int, stop: int) -> None:
     """Set ``out[i]`` where the cube ``i + [-half, half]^3`` comes within a radius of where triangles come.
@@ -423,18 +469,17 @@ def _mark_within(out: Bools, parts: Swept, half: float, radius: float, slack: fl
         a, b, c = triangle[0], triangle[1], triangle[2]
         mx, my, mz = (a[0] + b[0] + c[0]) / 3.0, (a[1] + b[1] + c[1]) / 3.0, (a[2] + b[2] + c[2]) / 3.0
         # Farther than this from its middle a cube is too far from all of the triangle.
-        beyond = (
-            near
-            + slack
-            + math.sqrt(
-                max(
-                    (a[0] - mx) ** 2 + (a[1] - my) ** 2 + (a[2] - mz) ** 2,
-                    (b[0] - mx) ** 2 + (b[1] - my) ** 2 + (b[2] - mz) ** 2,
-                    (c[0] - mx) ** 2 + (c[1] - my) ** 2 + (c[2] - mz) ** 2,
-                )
+        beyond = math.sqrt(
+            max(
+                (a[0] - mx) ** 2 + (a[1] - my) ** 2 + (a[2] - mz) ** 2,
+                (b[0] - mx) ** 2 + (b[1] - my) ** 2 + (b[2] - mz) ** 2,
+                (c[0] - mx) ** 2 + (c[1] - my) ** 2 + (c[2] - mz) ** 2,
             )
         )
-        outside, within = parts.farthest[t] + radius + slack, parts.nearest[t] - radius - slack
+        # These, and what they are held against, are squares.
+        beyond = (beyond + near + slack) ** 2
+        outside = (parts.farthest[t] + radius + slack) ** 2
+        within = max(0.0, parts.nearest[t] - radius - slack) ** 2
         reach, rise = near + half + slack, (radius if parts.about_z else near) + half + slack
         first = max(start, math.ceil(min(a[0], b[0], c[0]) - reach))
         last = min(stop - 1, math.floor(max(a[0], b[0], c[0]) + reach))
@@ -443,36 +488,36 @@ def _mark_within(out: Bools, parts: Swept, half: float, radius: float, slack: fl
         first_z = max(0, math.ceil(min(a[2], b[2], c[2]) - rise))
         last_z = min(nz - 1, math.floor(max(a[2], b[2], c[2]) + rise))
         for i in range(first, last + 1):
-            dx = max(0.0, abs(i - mx) - half)
+            gap_x, low_x, high_x = _gaps(i, mx, ox, half)
             for j in range(first_y, last_y + 1):
-                # What is near enough to the middle is a run along z, and so is what the shell's outside leaves.
-                dy = max(0.0, abs(j - my) - half)
-                may = beyond * beyond - dx * dx - dy * dy
-                gap_x, gap_y = max(0.0, abs(i - ox) - half), max(0.0, abs(j - oy) - half)
-                shell = outside * outside - gap_x * gap_x - gap_y * gap_y
-                if may < 0.0 or shell < 0.0:
+                gap_y, low_y, high_y = _gaps(j, my, oy, half)
+                across, low_flat, high_flat = gap_x + gap_y, low_x + low_y, high_x + high_y
+                if across > beyond or low_flat > outside or (parts.about_z and high_flat < within):
                     continue
-                far_x, far_y = abs(i - ox) + half, abs(j - oy) + half
-                hollow = within * within - far_x * far_x - far_y * far_y if within > 0.0 else -1.0
-                if parts.about_z and hollow > 0.0:
-                    continue
-                low, high = mz - math.sqrt(may), mz + math.sqrt(may)
-                if not parts.about_z and shell < math.inf:
-                    low, high = max(low, oz - math.sqrt(shell)), min(high, oz + math.sqrt(shell))
-                sure = near * near - dx * dx - dy * dy
-                certain = math.sqrt(sure) + half if sure >= 0.0 else -1.0
-                hole = math.sqrt(hollow) - half if hollow > 0.0 else -1.0
-                for k in range(max(first_z, math.ceil(low - half)), min(last_z, math.floor(high + half)) + 1):
-                    if out[i, j, k] or abs(k - oz) < hole:
+                for k in range(first_z, last_z + 1):
+                    if out[i, j, k]:
                         continue
-                    if abs(k - mz) > certain:
-                        wx, wy, wz, doubt = _to_triangle(i, j, k, triangle)
-                        if _box_point(wx, wy, wz, half) > near:
-                            # The triangle lies beyond the plane through its nearest point, across the way there.
-                            length = math.sqrt(wx * wx + wy * wy + wz * wz)
-                            if length - doubt - half * (abs(wx) + abs(wy) + abs(wz)) / length > near + slack:
-                                continue
-                            center[0], center[1], center[2] = i, j, k
-                            if _box_triangle(triangle, center, half) > near + slack:
-                                continue
+                    gap_z, low_z, high_z = _gaps(k, mz, oz, half)
+                    gap, low, high = across + gap_z, low_flat, high_flat
+                    if not parts.about_z:
+                        low, high = low + low_z, high + high_z
+                    if gap > beyond or low > outside or high < within:
+                        continue
+                    # What comes into the cube is no farther from the origin than that, and came no farther than this.
+                    most = min(near, parts.swing * (math.sqrt(high) + radius) + radius)
+                    if gap > most * most:
+                        center[0], center[1], center[2] = i, j, k
+                        if not _is_near(triangle, center, half, most, slack):
+                            continue
                     out[i, j, k] = True
+
+
+@inner
+def _gaps(place: float, middle: float, origin: float, half: float) -> tuple[float, float, float]:
+    """Squares, along one axis, of the distance of a cube from a point, and of its nearest and farthest from another."""
+    gap, low, high = (
+        max(0.0, abs(place - middle) - half),
+        max(0.0, abs(place - origin) - half),
+        abs(place - origin) + half,
+    )
+    return gap * gap, low * low, high * high
