@@ -315,6 +315,12 @@ class Rotations(Orientation):
         """What compiled look-ups get."""
 
     @property
+    def facts(self) -> dict[str, Any]:
+        """What there is to say of the cells, for people: plain values by what they are."""
+        width = float(np.degrees(2.0 * self.covering_angles.max()))
+        return {"rotations": self.count, "rotation_cell_deg": round(width, 6)}
+
+    @property
     def only(self) -> Floats | None:
         """The rotation of a robot that only translates, shape (0,); None of one that turns."""
         return None
@@ -343,6 +349,11 @@ class OneRotation(Unturned, Rotations):
     def count(self) -> int:
         """One."""
         return 1
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """Nothing to say."""
+        return {}
 
     @property
     def only(self) -> Floats:

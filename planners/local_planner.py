@@ -297,17 +297,38 @@ def local_planner(
     """
     check_space(space)
     check_flag(exact, "exact")
+    radius = check_curve(space.axes, curve, turning_radius, exact)
+    if radius is None:
+        return StraightEdges(space, bool(exact))
+    least, most = 1e-3 * space.grid.spacing, 1e3 * space.grid.spacing
+    if not least <= radius <= most:
+        rule = f"it must be {least:g} to {most:g} m, so that rounding does not count"
+        mend = "for a robot that turns on the spot, leave curve out"
+        raise InputError("turning_radius", f"is {radius!r}", rule, mend, value=radius)
+    return CarCurves(space, False, curve, radius)
+
+
+def check_curve(
+    axes: tuple[str, ...], curve: str | None, turning_radius: float | None, exact: bool = False
+) -> float | None:
+    """The turning radius of a curve that goes with a map of configurations with some axes; None for straight edges.
+
+    Raises
+    ------
+    InputError
+        As :func:`local_planner`, which tells of a map's spacing besides.
+    """
     if curve is None:
         if turning_radius is not None:
             found = f"is {turning_radius!r} and curve is None"
             mend = f"add {' or '.join(f'curve={name!r}' for name in CURVES)}, or leave the radius out"
             raise InputError("turning_radius", found, "a radius is for curves", mend, value=turning_radius)
-        return StraightEdges(space, bool(exact))
+        return None
     if curve not in CURVES:
         rule = f"it must be {' or '.join(map(repr, CURVES))}, or None for straight edges"
         raise InputError("curve", f"is {curve!r}", rule, "pass one of them", value=curve)
-    if space.axes != CAR_AXES:
-        found = f"is {curve!r} and the map's configurations are ({', '.join(space.axes)})"
+    if axes != CAR_AXES:
+        found = f"is {curve!r} and the map's configurations are ({', '.join(axes)})"
         rule = f"a car turns as it drives in the plane: ({', '.join(CAR_AXES)})"
         mend = "build a map of a plane with rotations=72, or leave curve out"
         raise InputError("curve", found, rule, mend, value=curve)
@@ -315,15 +336,10 @@ def local_planner(
         rule, mend = f"curve={curve!r} needs the radius of its tightest turn", "pass it in metres, e.g. 0.5"
         raise InputError("turning_radius", "is None", rule, mend)
     radius = positive(turning_radius, "turning_radius")
-    least, most = 1e-3 * space.grid.spacing, 1e3 * space.grid.spacing
-    if not least <= radius <= most:
-        rule = f"it must be {least:g} to {most:g} m, so that rounding does not count"
-        mend = "for a robot that turns on the spot, leave curve out"
-        raise InputError("turning_radius", f"is {radius!r}", rule, mend, value=radius)
     if exact:
         mend = "leave exact out, or build the map with a finer spacing or more rotations"
         raise InputError("exact", f"is True and curve is {curve!r}", "curves are proven by FREE cells alone", mend)
-    return CarCurves(space, False, curve, radius)
+    return radius
 
 
 def check_flag(value: bool, name: str) -> None:

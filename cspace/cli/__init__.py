@@ -15,8 +15,8 @@ from typer.core import TyperGroup
 
 from cspace.cli.info import info
 from cspace.cli.maps import export, make, picture
-from cspace.cli.messages import Options, in_options, options_of, worded
 from cspace.cli.planning import demo, plan
+from cspace.cli.report import Options, in_options, options_of, worded
 from cspace.errors import CspaceError
 
 _MISUSE: tuple[Any, ...] = typer.BadParameter.__mro__[1:2]

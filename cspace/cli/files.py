@@ -31,13 +31,15 @@ def check_outputs(paths: Collection[Path], suffixes: Collection[str], overwrite:
     FileError
         If a folder is missing or may not be written, or if an output exists and may not be replaced.
     """
+    from cspace.io.output import check_output
+
     for path in paths:
         if path.suffix.lower() not in suffixes:
             mend = f"use one of {', '.join(suffix for suffix in suffixes if suffix)}"
             raise InputError(str(path), f"ends in {path.suffix!r}", "the suffix says what to write", mend)
         image = [path.with_suffix(".pgm")] if path.suffix.lower() in (".yaml", ".yml") else []
         for target in (path, *image):
-            _check_target(target, overwrite)
+            check_output(target, overwrite)
     if len({path.resolve() for path in paths}) < len(paths):
         raise InputError(", ".join(map(str, paths)), "name one file twice", "outputs differ", "choose another name")
 
@@ -129,17 +131,6 @@ def _table(file: Path) -> tuple[tuple[str, ...], Any]:
     kept = [number for number, name in enumerate(rows[0] if rows else ()) if name != "direction"]
     names = tuple(rows[0][number] for number in kept)
     return names, [[row[number] for number in kept] if len(row) == len(rows[0]) else row for row in rows[1:]]
-
-
-def _check_target(target: Path, overwrite: bool) -> None:
-    if not target.parent.is_dir():
-        found = "is not a folder"
-        raise FileError(str(target.parent), found, "outputs go into an existing one", "create it first")
-    if not os.access(target.parent, os.W_OK | os.X_OK):
-        found = "may not be written"
-        raise FileError(str(target.parent), found, "outputs need a writable folder", "choose another")
-    if target.exists() and not overwrite:
-        raise FileError(str(target), "exists", "existing outputs are kept", "pass --overwrite or choose another name")
 
 
 def _metadata(file: Path) -> Any:

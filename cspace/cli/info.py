@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 import typer
 
-from cspace.cli.messages import Options, options_of, worded
 from cspace.cli.options import (
     Bounds,
     Json,
@@ -25,7 +24,7 @@ from cspace.cli.options import (
     rotation_cells,
     workspace_options,
 )
-from cspace.cli.report import show
+from cspace.cli.report import Options, options_of, show, worded
 from cspace.errors import InputError
 
 if TYPE_CHECKING:
@@ -108,7 +107,7 @@ def describe_tiles(space: TiledCSpace) -> dict[str, Any]:
         "upper_m": list(space.grid.upper),
         "spacing_m": space.grid.spacing,
         "shape": list(space.grid.shape),
-        **({"rotations": space.rotations.count} if space.rotations.count > 1 else {}),
+        **space.rotations.facts,
         "tile": list(space.tile),
         "done_percent": round(100.0 * space.done, 4),
         **({"cells": dict(zip(NAMES, space.count(), strict=True))} if whole else {}),
@@ -120,7 +119,6 @@ def describe_tiles(space: TiledCSpace) -> dict[str, Any]:
 
 def describe_map(space: CSpace | TiledCSpace) -> dict[str, Any]:
     """What there is to say about a map."""
-    import numpy as np
 
     from cspace.tiles.space import TiledCSpace
 
@@ -134,14 +132,8 @@ def describe_map(space: CSpace | TiledCSpace) -> dict[str, Any]:
     grid, rotations = space.grid, space.rotations
     states, fields = space._seen, space._contents.fields
     kept: list[Any] = [states, *fields.values()] + ([] if space.overlaps is None else [space.overlaps])
-    filled, turning = f"free_{_MEASURES[grid.dim]}", {}
-    if rotations.count > 1:
-        filled = f"mean_{filled}"
-        turning = {
-            "rotations": rotations.count,
-            "rotation_cell_deg": round(float(np.degrees(2.0 * rotations.covering_angles.max())), 6),
-            "slices": len(states),
-        }
+    turning = {**rotations.facts, "slices": len(states)} if rotations.facts else {}
+    filled = "mean_" * bool(turning) + f"free_{_MEASURES[grid.dim]}"
     free = counts_of(states)[:, FREE][space._map.slice_of]
     mean = float(free @ rotations.volumes / rotations.volumes.sum()) * grid.spacing**grid.dim
     return {
@@ -307,7 +299,7 @@ class _Cells:
         cells = rotation_cells(rotations)
         self._names, self.slices = names, 1
         self._told: dict[str, Any] = {}
-        if cells.count > 1:
+        if cells.facts:
             # A robot with a symmetry needs fewer slices than there are rotation cells.
             self.slices = cells.count if robot is None else int(cells.slice_of(robot).max()) + 1
             self._told = {"rotations": cells.count, "slices": self.slices}

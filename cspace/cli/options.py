@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from cspace.cli.messages import about_robot
+from cspace.cli.report import about_robot
 from cspace.errors import InputError
 
 if TYPE_CHECKING:
@@ -27,16 +27,7 @@ Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace existing o
 # Typer looks at files before any command runs and tells of them in its own way; the library does it better.
 MapFile = Annotated[Path, typer.Argument(metavar="MAP", readable=False, help="A saved map: .zarr or .npz.")]
 
-_EXAMPLES = {
-    "x": "-1.5",
-    "y": "2",
-    "z": "0.5",
-    "yaw": "90deg",
-    "qx": "0",
-    "qy": "0",
-    "qz": "0",
-    "qw": "1",
-}
+_EXAMPLES = {"x": "-1.5", "y": "2", "z": "0.5", "yaw": "90deg", "qx": "0", "qy": "0", "qz": "0", "qw": "1"}
 """Numbers of configurations, for messages."""
 
 Spacing = Annotated[
@@ -157,17 +148,8 @@ def configuration(text: str, option: str, axes: Sequence[str]) -> tuple[float, .
     InputError
         If the text is not as many numbers as the axes, with commas between them; the message says what is expected.
     """
-    words = text.split(",")
-    example = ",".join(_EXAMPLES[axis] for axis in axes)
     rule = f"the map's configurations are {','.join(axes)}, in metres" + ", yaw an angle" * ("yaw" in axes)
-    try:
-        if len(words) != len(axes):
-            raise ValueError
-        return _numbers(words, option, axes)
-    except ValueError as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(option, f"is {text!r}", rule, f"write e.g. {option}={example}", value=text) from None
+    return _rows(text, option, axes, rule, 1)[0]
 
 
 def rotation_of(text: str, option: str, axes: Sequence[str]) -> Any:
@@ -179,23 +161,26 @@ def rotation_of(text: str, option: str, axes: Sequence[str]) -> Any:
         If the map's configurations have none, or the text is not one or several of them.
     """
     names = [axis for axis in axes if axis not in ("x", "y", "z")]
-    words = text.split(",")
     if not names:
         rule = f"the map's configurations are {','.join(axes)}: the robot does not turn"
         raise InputError(option, f"is {text!r}", rule, "leave it out, or build the map with --rotations 72", value=text)
-    try:
-        rows = [_numbers(words[k : k + len(names)], option, names) for k in range(0, len(words), len(names))]
-    except ValueError as error:
-        if isinstance(error, InputError):
-            raise
-        rule, example = f"it must be {','.join(names)}, or several of them", ",".join(_EXAMPLES[name] for name in names)
-        raise InputError(option, f"is {text!r}", rule, f"write e.g. {option}={example}", value=text) from None
+    rows = _rows(text, option, names, f"it must be {','.join(names)}, or several of them", len(text))
     return rows if len(rows) > 1 else rows[0]
 
 
-def _numbers(words: Sequence[str], option: str, axes: Sequence[str]) -> tuple[float, ...]:
-    """Numbers of a configuration, or some of them, from words."""
-    return tuple(angle(word, option) if axis == "yaw" else float(word) for axis, word in zip(axes, words, strict=True))
+def _rows(text: str, option: str, axes: Sequence[str], rule: str, most: int) -> list[tuple[float, ...]]:
+    """Numbers with commas between them, as many as the axes, once or up to ``most`` times."""
+    words, n = text.split(","), len(axes)
+    try:
+        if len(words) % n or len(words) > most * n:
+            raise ValueError
+        numbers = [angle(word, option) if axes[k % n] == "yaw" else float(word) for k, word in enumerate(words)]
+    except InputError:
+        raise
+    except ValueError:
+        mend = f"write e.g. {option}={','.join(_EXAMPLES[axis] for axis in axes)}"
+        raise InputError(option, f"is {text!r}", rule, mend, value=text) from None
+    return [tuple(numbers[k : k + n]) for k in range(0, len(words), n)]
 
 
 def box(text: str, option: str) -> tuple[float, ...]:
@@ -239,21 +224,6 @@ def angle(text: str, option: str) -> float:
         rule = f"a yaw without a unit is in radians, and {value:g} rad is more than a turn"
         raise InputError(option, found, rule, f"write {number}deg for degrees, or {number}rad if you mean it")
     return math.radians(value) if unit == "deg" else value
-
-
-def check_axis(axes: Sequence[str], axis: str, option: str) -> None:
-    """Refuse an option that needs a configuration to have a number that those of the map lack.
-
-    Raises
-    ------
-    InputError
-        If they do.
-    """
-    if axis not in axes:
-        mend = "leave it out, or build the map with --rotations 72" if axis == "yaw" else "leave it out"
-        raise InputError(
-            option, "is given", f"it needs {axis}, and the map's configurations are {','.join(axes)}", mend
-        )
 
 
 def given(**options: Any) -> dict[str, Any]:

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from cspace.cli.files import axes_of_map, check_folder, check_outputs
 from cspace.cli.info import describe_map
-from cspace.cli.messages import in_options, options_of
-from cspace.cli.options import Json, MapFile, Overwrite, check_axis, configuration, given
-from cspace.cli.report import Clock, show
+from cspace.cli.options import Json, MapFile, Overwrite, configuration, given
+from cspace.cli.report import Clock, in_options, options_of, show
 from cspace.errors import InputError
 
 if TYPE_CHECKING:
@@ -66,41 +65,30 @@ def plan(
     as_json: Json = False,
 ) -> None:
     """Plan a path on a saved map. The exit code is 1 where none is found."""
+    import planners
     from cspace.io.reading import open_map
     from cspace.plot import SUFFIXES, save_plot
     from cspace.plot import animate as save_animation
     from cspace.plot.animation import check_animated
+    from planners.local_planner import check_curve
 
     check_outputs(output or [], _PATHS, overwrite)
     check_outputs([picture] if picture else [], SUFFIXES, overwrite)
     check_outputs([animate] if animate else [], (".gif",), overwrite)
-    _check_curve(curve, turning_radius)
     axes = axes_of_map(file)
     ends = configuration(start, "--start", axes), configuration(goal, "--goal", axes)
-    if curve:
-        check_axis(axes, "yaw", "--curve")
+    check_curve(axes, curve, turning_radius, exact)
     if animate:
         check_animated(axes, "--animate")
-    import planners
-
     clock = Clock()
     with clock.step("read"):
         space: Any = open_map(file)
+    options = given(objective=objective, exact=exact or None, curve=curve, turning_radius=turning_radius)
     with clock.step("plan"):
         found = planners.plan(
-            space,
-            *ends,
-            planner=planner,
-            time_limit=time_limit,
-            simplify=simplify,
-            seed=seed,
-            **given(
-                objective=objective,
-                exact=exact or None,
-                curve=curve,
-                turning_radius=turning_radius,
-            ),
+            space, *ends, planner=planner, time_limit=time_limit, simplify=simplify, seed=seed, **options
         )
+    clock.split("plan", **_steps(found))
     if found.solved:
         with clock.step("write"):
             _write(found, output or [], overwrite)
@@ -156,6 +144,7 @@ def demo(
         }
     with clock.step("plan"):
         found = planners.plan(space, flat.START, flat.GOAL, seed=1)
+    clock.split("plan", **_steps(found))
     if proofs != {"start_to_goal": True, "start_to_store_room": False} or not (found.solved and found.certified):
         raise InputError("the demonstration", f"went wrong: {proofs}, {found.status}", mend="please report it")
     output.mkdir(parents=True, exist_ok=True)
@@ -179,21 +168,6 @@ def demo(
     )
 
 
-def _check_curve(curve: Curve | None, turning_radius: float | None) -> None:
-    """Check that a curve and its radius come together."""
-    from cspace.grid import positive
-
-    if turning_radius is not None:
-        positive(turning_radius, "--turning-radius")
-    if curve and turning_radius is None:
-        rule, mend = "a curve has a tightest radius", "give it in metres, e.g. --turning-radius 0.5"
-        raise InputError("--curve", f"is {curve}, and there is no --turning-radius", rule, mend)
-    if turning_radius is not None and not curve:
-        found = f"is {turning_radius:g}, and there is no --curve"
-        mend = f"add --curve {' or --curve '.join(get_args(Curve))}, or leave it out"
-        raise InputError("--turning-radius", found, "the radius is for curves", mend)
-
-
 def _describe(found: Plan) -> dict[str, Any]:
     """What there is to say about a plan."""
     described: dict[str, Any] = {
@@ -211,6 +185,12 @@ def _describe(found: Plan) -> dict[str, Any]:
             "path": found.path.tolist(),
         }
     return described
+
+
+def _steps(found: Plan) -> dict[str, float]:
+    """Seconds of a plan: what the map makes and compiles first is told apart from the search."""
+    times = found.times
+    return {"set_up": times.setup, "plan": times.planning + times.simplification, "check": times.checking}
 
 
 def _write(found: Plan, files: list[Path], overwrite: bool) -> None:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import io
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Final
+from typing import Any, Final, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,9 @@ from cspace.io.limits import check_bytes
 
 _LONGEST_HEADER: Final = 2**16
 """Bytes in which a text header before binary data must end."""
+
+_LONGEST_WORD: Final = 64
+"""Bytes of a number that are read many at a time."""
 
 _SHOWN: Final = 60
 """Characters of a wrong line that a message quotes."""
@@ -219,6 +222,23 @@ def header_lines(content: bytes) -> Iterator[tuple[str, int]]:
         after = len(content) if end < 0 else end + 1
         yield content[at : after if end < 0 else end].decode("latin-1"), after
         at = after
+
+
+@overload
+def numbers_of(words: Sequence[bytes], kind: type[int]) -> NDArray[np.int64]: ...
+@overload
+def numbers_of(words: Sequence[bytes], kind: type[float]) -> NDArray[np.float64]: ...
+def numbers_of(words: Sequence[bytes], kind: type[int] | type[float]) -> NDArray[Any]:
+    """Words as numbers, shape (n,).
+
+    Raises
+    ------
+    ValueError, OverflowError
+        If one is none, or beyond 64 bits.
+    """
+    if max(map(len, words), default=0) > _LONGEST_WORD:  # a table of words is as wide as its longest one
+        return np.array(list(map(kind, words)), dtype=np.dtype(kind))
+    return np.array(words, dtype=np.bytes_).astype(kind) if words else np.empty(0, kind)
 
 
 def is_count(word: str) -> bool:

@@ -21,11 +21,11 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.errors import CspaceError, FileError, GeometryError, InputError
+from cspace.errors import FileError, GeometryError, InputError
 from cspace.grid import finite
 from cspace.io.collada import read_collada
 from cspace.io.gltf import load_gltf
-from cspace.io.input import damaged, existing, read_bytes
+from cspace.io.input import damaged, decoding, existing, read_bytes, suffix_of
 from cspace.io.ply import read_ply
 from cspace.io.polygons import Floats, Integers, Surface, joined, placed, read_obj, read_off, triangulated
 
@@ -77,22 +77,9 @@ def read_mesh(path: str | os.PathLike[str]) -> tuple[Floats, Integers]:
         If the file has no triangles, has surfaces that are not read, or has polygons that can be cut in several ways.
     """
     file = existing(path, _KIND)
-    suffix = file.suffix.lower()
-    if suffix not in _READERS:
-        raise InputError(
-            "mesh",
-            f"is {file}, which ends in {suffix!r}",
-            "the suffix says how a mesh is read",
-            f"use one of {', '.join(SUFFIXES)}",
-            value=path,
-        )
-    try:
+    suffix = suffix_of(file, _READERS, "the suffix says how a mesh is read", "mesh")
+    with decoding(file, _KIND):
         vertices, faces = _READERS[suffix](file)
-    except (MemoryError, CspaceError):
-        raise
-    except Exception as error:  # What damage leads to may be anything.
-        reason = " ".join(str(error).split())
-        raise damaged(file, f"cannot be read as a {_KIND} ({type(error).__name__}: {reason:.200})") from error
     if not len(faces):
         raise _without_triangles(str(file), "cloud of points" if len(vertices) else "")
     finite(vertices, f"vertices of {file}")

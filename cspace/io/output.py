@@ -76,19 +76,33 @@ def _named(path: str | os.PathLike[str]) -> Path:
         raise not_a_name(path) from error
 
 
-def _check(target: Path, overwrite: bool, folder: Callable[[Path], bool] | None) -> None:
-    """Raise FileError where ``target`` may not be written."""
+def check_output(target: Path, overwrite: bool) -> None:
+    """Refuse, before any work, a file or folder that may not be written; whether it is of our kind is seen later.
+
+    Raises
+    ------
+    FileError
+        If its folder is missing or may not be written, or it exists and may not be replaced.
+    """
     parent = target.parent
     if not parent.is_dir():
         fault = f"cannot be written: {parent} is not a folder", "outputs go to an existing folder", "create it first"
     elif not os.access(parent, os.W_OK | os.X_OK):
         found = f"cannot be written: no permission to write in {parent}"
         fault = found, "an output needs a writable folder", "change its permissions or choose another"
-    elif not target.exists():
-        return
-    elif not overwrite:
+    elif target.exists() and not overwrite:
         fault = "exists", "an existing output is kept unless told otherwise", "pass overwrite=True"
-    elif folder is None and not target.is_file():
+    else:
+        return
+    raise FileError(str(target), *fault)
+
+
+def _check(target: Path, overwrite: bool, folder: Callable[[Path], bool] | None) -> None:
+    """Raise FileError where ``target`` may not be written."""
+    check_output(target, overwrite)
+    if not target.exists():
+        return
+    if folder is None and not target.is_file():
         fault = "is not a plain file", "a file replaces only a file", "choose another name"
     elif folder is not None and not target.is_dir():
         fault = "is not a folder", "a folder replaces only a folder", "choose another name"

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.errors import FileError, GeometryError
-from cspace.io.input import damaged, existing, header_lines, read_bytes, unreadable
+from cspace.io.input import damaged, decoding, existing, header_lines, is_count, numbers_of, read_bytes
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -21,9 +21,6 @@ KIND: Final = "PLY file"
 
 _FORMATS: Final = ("ascii", "binary_little_endian", "binary_big_endian")
 _CORNERS: Final = ("vertex_indices", "vertex_index")
-_DIGITS: Final = 18
-"""At most so many of a count; more is no count of anything."""
-
 _NO_FACES: Final = (np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64))
 
 _MEMORY: Final = 8.0
@@ -72,13 +69,8 @@ def read_ply_header(path: str | os.PathLike[str]) -> PlyHeader:
         If it has surfaces of another kind than faces, such as strips of triangles, which would be lost.
     """
     file = existing(path, KIND)
-    try:
-        with file.open("rb") as stream:
-            return _header(stream.read(2**16), str(file))
-    except OSError as error:
-        if isinstance(error, FileError):
-            raise
-        raise unreadable(file, KIND, error) from error
+    with decoding(file, KIND), file.open("rb") as stream:
+        return _header(stream.read(2**16), str(file))
 
 
 def read_ply(path: str | os.PathLike[str]) -> tuple[Floats, Integers, Integers]:
@@ -113,20 +105,18 @@ def read_ply(path: str | os.PathLike[str]) -> tuple[Floats, Integers, Integers]:
     if header.faces and len(names) != 1:
         raise damaged(file, f"has faces without one list named {' or '.join(_CORNERS)}")
     if not header.vertices:
-        return np.empty((0, 3)), np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", DeprecationWarning)  # what numpy says of text that is no number
-            loaded: Any = load_ply(io.BytesIO(content), skip_materials=True)
+        return np.empty((0, 3)), *_NO_FACES
+
+    def refusal(reason: str) -> FileError:
+        return damaged(file, f"cannot be read as a {KIND} with faces of equally many corners ({reason})")
+
+    with decoding(file, KIND, refusal), warnings.catch_warnings():
+        warnings.simplefilter("error", DeprecationWarning)  # what numpy says of text that is no number
+        loaded: Any = load_ply(io.BytesIO(content), skip_materials=True)
         elements = loaded["metadata"]["_ply_raw"]
         vertices = np.column_stack([np.asarray(elements["vertex"]["data"][axis]).reshape(-1) for axis in "xyz"])
         if faces is None:
             faces = _corners(elements["face"]["data"], names[0], header, file) if header.faces else _NO_FACES
-    except (FileError, MemoryError):
-        raise
-    except Exception as error:  # trimesh raises whatever the damage leads to.
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise damaged(file, f"cannot be read as a {KIND} with faces of equally many corners ({reason:.200})") from error
     if len(vertices) != header.vertices or len(faces[1]) != header.faces:
         found = f"{len(vertices)} and {len(faces[1])} were read"
         raise damaged(file, f"declares {header.vertices} vertices and {header.faces} faces, and {found}")
@@ -159,7 +149,7 @@ def _counted(content: bytes, header: PlyHeader, file: str) -> tuple[bytes, tuple
                 if at != len(words):
                     raise damaged(file, f"has a {element} of {len(words)} words, and declares {at}")
             first += count
-        faces = np.array(corners, dtype=np.bytes_).astype(np.int64), np.array(sizes, dtype=np.int64)
+        faces = numbers_of(corners, int), np.array(sizes, dtype=np.int64)
     except (IndexError, ValueError, OverflowError) as error:
         raise damaged(file, f"has elements that are not as declared ({error})") from error
     return content[: header.end] + b"\n".join(map(b" ".join, rows)), faces
@@ -175,7 +165,7 @@ def _header(content: bytes, file: str) -> PlyHeader:
             break
         if words[:1] == ["format"] and len(words) == 3:
             form = words[1]
-        elif words[:1] == ["element"] and len(words) == 3 and _is_count(words[2]) and words[1] not in counts:
+        elif words[:1] == ["element"] and len(words) == 3 and is_count(words[2]) and words[1] not in counts:
             name = words[1]
             counts[name], properties[name] = int(words[2]), []
         elif words[:1] == ["property"] and name and len(words) in (3, 5) and (len(words) == 5) == (words[1] == "list"):
@@ -209,7 +199,3 @@ def _corners(data: Any, name: str, header: PlyHeader, file: str) -> tuple[Intege
     if any((lengths != lengths[0]).any() for lengths in lists):
         raise damaged(file, "has faces of different numbers of corners; write it as text, or with triangles alone")
     return np.asarray(corners, dtype=np.int64).reshape(-1), np.full(len(counts), size)
-
-
-def _is_count(word: str) -> bool:
-    return word.isascii() and word.isdecimal() and len(word) <= _DIGITS

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.errors import FileError, GeometryError
-from cspace.io.input import damaged, read_bytes
+from cspace.io.input import damaged, numbers_of, read_bytes
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -254,18 +254,15 @@ def _vertices(points: list[list[bytes]], file: Path) -> Floats:
     weights = [point[3] for point in points if len(point) == 4] if 4 in widths else []
     if any(float(weight) != 1.0 for weight in weights):
         raise unread(file, "vertices with weights other than 1")
-    return np.array([point[:3] for point in points], dtype=np.bytes_).astype(np.float64).reshape(-1, 3)
+    return numbers_of([word for point in points for word in point[:3]], float).reshape(-1, 3)
 
 
 def _numbers(corners: list[bytes], before: Integers, file: Path) -> Integers:
     """Vertex numbers, counted from 0: in the file from 1, or, where negative, back from the last one before."""
-    if not corners:
-        return np.empty(0, dtype=np.int64)
-    first = [corner.partition(b"/")[0] for corner in corners]
     try:
-        numbers = np.array(first, dtype=np.bytes_).astype(np.int64)
+        numbers = numbers_of([corner.partition(b"/")[0] for corner in corners], int)
     except ValueError as error:
-        raise damaged(file, f"has a corner of a face that is no whole number ({error})") from error
+        raise damaged(file, f"has a corner of a face that is no whole number ({str(error):.80})") from error
     if (numbers == 0).any():
         raise damaged(file, "has a face that names vertex 0; they are numbered from 1")
     return np.where(numbers > 0, numbers - 1, before + numbers)
@@ -299,10 +296,9 @@ def read_off(file: Path) -> Surface:
         raise damaged(
             file, "has lines of vertices that are not alike; each has x, y and z, and as many words as others"
         )
-    sizes = np.array([row[0] for row in faces], dtype=np.bytes_).astype(np.int64) if faces else np.empty(0, np.int64)
+    sizes = numbers_of([row[0] for row in faces], int)
     if any(len(row) <= size for row, size in zip(faces, sizes.tolist(), strict=True)):
         raise damaged(file, "has a face with fewer corners than it says")
     corners = [word for row, size in zip(faces, sizes.tolist(), strict=True) for word in row[1 : size + 1]]
-    vertices = np.array([row[:3] for row in points], dtype=np.bytes_).astype(np.float64).reshape(-1, 3)
-    numbers = np.array(corners, dtype=np.bytes_).astype(np.int64) if corners else np.empty(0, np.int64)
-    return vertices, triangulated(vertices, numbers, sizes, file)
+    vertices = numbers_of([word for row in points for word in row[:3]], float).reshape(-1, 3)
+    return vertices, triangulated(vertices, numbers_of(corners, int), sizes, file)

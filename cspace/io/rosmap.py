@@ -120,7 +120,7 @@ def write_ros_map(state: ArrayLike, grid: Grid, path: str | os.PathLike[str], ov
     suffix_of(path, SUFFIXES, "a ROS map ends in .yaml")
     target = Path(path)
     cells = np.asarray(state)
-    if cells.shape != grid.shape or cells.ndim != 2:
+    if cells.shape != grid.shape[:2]:
         found = f"has shape {cells.shape} on a grid of {grid.shape}, and {target} names a ROS map"
         raise InputError("state", found, "it is that of a grid in the plane", "pass CSpace.state, or one slice of it")
     if cells.dtype.kind not in "iu" or cells.min() < FREE or cells.max() > BLOCKED:

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cspace.cli.files import axes_of_map
-from cspace.cli.messages import in_options, worded
 from cspace.cli.options import angle, box, configuration
+from cspace.cli.report import in_options, worded
 from cspace.errors import CspaceError, FileError, InputError
 
 AXES = {"plane": ("x", "y"), "turning": ("x", "y", "yaw"), "space": ("x", "y", "z"), "both": ("x", "y", "z", "yaw")}
