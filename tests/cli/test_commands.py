@@ -301,8 +301,10 @@ def test_options_go_to_the_planner(room: Path, monkeypatch: pytest.MonkeyPatch) 
 
     monkeypatch.setattr(planners, "plan", plan)
     ends = ["plan", "turning.npz", "--start", "1,1,90deg", "--goal=-1,1,-1.5"]
-    assert run(*ends, "--exact", "--curve", "reeds-shepp", "--turning-radius", "0.5").stderr == "cspace: enough\n"
-    assert (heard["exact"], heard["curve"], heard["turning_radius"]) == (True, "reeds-shepp", 0.5)
+    assert run(*ends, "--curve", "reeds-shepp", "--turning-radius", "0.5").stderr == "cspace: enough\n"
+    assert (heard["curve"], heard["turning_radius"]) == ("reeds-shepp", 0.5)
+    run(*ends, "--exact")
+    assert heard["exact"] is True
     assert (heard["start"], heard["goal"]) == ((1.0, 1.0, math.pi / 2), (-1.0, 1.0, -1.5))
     heard.clear()
     run(*ends, "--objective", "clearance", "--planner", "PRM", "--no-simplify", "--seed", 3)
