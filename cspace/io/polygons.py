@@ -262,7 +262,7 @@ def _numbers(corners: list[bytes], before: Integers, file: Path) -> Integers:
     try:
         numbers = numbers_of([corner.partition(b"/")[0] for corner in corners], int)
     except ValueError as error:
-        raise damaged(file, f"has a corner of a face that is no whole number ({str(error):.80})") from error
+        raise damaged(file, f"has a corner of a face that is no whole number ({error!s:.80})") from error
     if (numbers == 0).any():
         raise damaged(file, "has a face that names vertex 0; they are numbered from 1")
     return np.where(numbers > 0, numbers - 1, before + numbers)
