@@ -29,6 +29,7 @@ Place = tuple[float, float, float]
 
 ALL, LAST, ONE = np.uint64(255), np.uint64(63), np.uint64(1)
 
+EVERY, COLUMN = ~np.uint64(0), np.uint64(0x0101010101010101)
 BIT, BYTE = np.uint64(0), np.uint64(3)
 """Binary logarithms of how many bits of a word stand for a block or a cell."""
 
@@ -123,17 +124,24 @@ def nearest_in_node(marks: Marks, s: int, node: Cell, place: Place, best: float)
     """The same of a block of blocks."""
     layers = marks.blocks[s, node[0], node[1], node[2]]
     first_x, first_y, first_z = node[0] * layers.shape[0], node[1] << SHIFT, node[2] << SHIFT
-    last_x = first_x + layers.shape[0]
+    last_x, seen, known = first_x + layers.shape[0], EVERY, math.inf
     y_least, z_least = gap(place[1], node[1], NODE) ** 2, gap(place[2], node[2], NODE) ** 2
     below_x, above_x = around(place[0], SIZE, first_x, last_x)
     while True:
         i, x_gap, below_x, above_x = nearer(place[0], SIZE, first_x, last_x, below_x, above_x)
-        if not x_gap * x_gap + y_least + z_least < best:
+        x_square = x_gap * x_gap
+        if not x_square + y_least + z_least < best:
             return best
         word = layers[i - first_x]
+        # A single layer, as in the plane, is looked through sooner than cut down. What is cut off stays too far away in
+        # the layers that follow.
+        if layers.shape[0] > 1 and word != 0:
+            if best < known:
+                seen, known = window(place, SIZE, first_y, first_z, best, x_square + z_least, x_square + y_least), best
+            word &= seen
         while word != 0:
             n, z_gap = nearest_part(word, BYTE, place[2], SIZE, first_z)
-            square = x_gap * x_gap + z_gap * z_gap
+            square = x_square + z_gap * z_gap
             if not square + y_least < best:
                 break
             column = (word >> np.uint64(8 * n)) & ALL
@@ -151,23 +159,48 @@ def nearest_in_block(marks: Marks, s: int, block: Cell, place: Place, best: floa
     """The same of a block of cells."""
     layers = marks.cells[s, block[0], block[1], block[2]]
     first_x, first_y, first_z = block[0] * layers.shape[0], block[1] << SHIFT, block[2] << SHIFT
-    last_x = first_x + layers.shape[0]
+    last_x, seen = first_x + layers.shape[0], np.uint64(0)
     y_least, z_least = gap(place[1], block[1], SIZE) ** 2, gap(place[2], block[2], SIZE) ** 2
     below_x, above_x = around(place[0], 1.0, first_x, last_x)
     while True:
         i, x_gap, below_x, above_x = nearer(place[0], 1.0, first_x, last_x, below_x, above_x)
-        if not x_gap * x_gap + y_least + z_least < best:
+        x_square = x_gap * x_gap
+        if not x_square + y_least + z_least < best:
             return best
         word = layers[i - first_x]
+        if layers.shape[0] > 1 and word != 0:
+            if seen == 0:  # once, which is enough for cells
+                seen = window(place, 1.0, first_y, first_z, best, x_square + z_least, x_square + y_least)
+            word &= seen
         while word != 0:
             n, z_gap = nearest_part(word, BYTE, place[2], 1.0, first_z)
-            square = x_gap * x_gap + z_gap * z_gap
+            square = x_square + z_gap * z_gap
             if not square + y_least < best:
                 break
             column = (word >> np.uint64(8 * n)) & ALL
             _, y_gap = nearest_part(column, BIT, place[1], 1.0, first_y)
             best = min(best, square + y_gap * y_gap)
             word &= ~(ALL << np.uint64(8 * n))
+
+
+@inner(forceinline=True)
+def window(place: Place, size: float, first_y: int, first_z: int, best: float, but_y: float, but_z: float) -> np.uint64:
+    """The bits of a word of blocks of a size that may be nearer than the square root of ``best``.
+
+    ``but_y`` and ``but_z`` are the least that the other axes add to the squares of distances along y and along z.
+    """
+    low_y, high_y = near_parts(place[1], size, first_y, best, but_y)
+    low_z, high_z = near_parts(place[2], size, first_z, best, but_z)
+    column = ALL >> np.uint64(SIDE - 1 + low_y - high_y) << np.uint64(low_y)
+    layer = EVERY >> np.uint64(SIDE * (SIDE - 1 + low_z - high_z)) << np.uint64(SIDE * low_z)
+    return (column * COLUMN) & layer
+
+
+@inner(forceinline=True)
+def near_parts(place: float, size: float, first: int, best: float, others: float) -> tuple[int, int]:
+    """The first and the last of eight blocks along an axis that may be so near; none is lost by rounding."""
+    reach, at = math.sqrt(max(best * (1.0 + ROUNDING) - others, 0.0)) / size + ROUNDING, place / size - first
+    return int(min(max(at - reach, 0.0), SIZE - 1.0)), int(min(max(at + reach, 0.0), SIZE - 1.0))
 
 
 @inner(forceinline=True)
