@@ -170,6 +170,7 @@ def build(
         raise InputError(
             "client", "is given without a store", "its workers make tiles", "pass store='map.zarr'", value=client
         )
+    workspace = workspace.in_memory()
     grid = workspace.grid
     slice_of = cells.slice_of(robot)
     slices = int(slice_of.max()) + 1

@@ -15,7 +15,7 @@ from cspace.errors import ConfigurationError, InputError
 from cspace.grid import Grid, finite
 from cspace.map.batches import Kernel, Many, One, answer, answer_edges, answer_pairs, as_pairs, as_points, check_rng
 from cspace.map.contents import Contents
-from cspace.map.exterior import Exterior
+from cspace.map.exterior import UNKNOWN, Exterior
 from cspace.map.kept import Change, Kept, Lock
 from cspace.map.record import Map
 from cspace.map.slices import slice_rasters
@@ -59,7 +59,8 @@ class CSpace:
     either will do; its norm must be 1 within 1e-6.
 
     A configuration outside the grid is BLOCKED under ``outside="blocked"`` where the robot is proven to stick out of
-    the workspace, FREE under ``outside="free"`` where it is proven to reach no obstacle, and otherwise MIXED.
+    the workspace, FREE under ``outside="free"`` where it is proven to reach no obstacle, and otherwise MIXED. Of a part
+    of a larger map, :meth:`cspace.TiledCSpace.window`, nothing is known there: ``outside`` is "unknown", all is MIXED.
 
     Parameters
     ----------
@@ -125,7 +126,7 @@ class CSpace:
 
     @property
     def outside(self) -> str:
-        """What lies beyond the workspace, "blocked" or "free"."""
+        """What lies beyond the workspace, "blocked" or "free"; "unknown" of a part of a larger map."""
         return self._contents.outside
 
     @property
@@ -714,6 +715,10 @@ class CSpace:
         """
         from cspace.update import Patch, Updater
 
+        if self.outside == UNKNOWN:
+            rule, mend = "what lies around it decides as well", "update that map, and take the part anew"
+            raise ConfigurationError("the map", "is a part of a larger one", rule, mend)
+
         patch = Patch.of(self.grid, cells, lower, inner)
         with self._lock:
             return self._updater.get(lambda: Updater(self._subject())).update(patch)
@@ -832,7 +837,7 @@ class CSpace:
         from cspace.exact.boundaries import Problem
         from cspace.exact.queries import Exact
 
-        problem = Problem(self._map, self.rotations, self.workspace, self.robot, self.margin, self.outside == "blocked")
+        problem = Problem(self._map, self.rotations, self.workspace, self.robot, self.margin, self.outside != "free")
         return self._exact_kept.get(lambda: Exact(problem))
 
     @property
@@ -876,12 +881,14 @@ class CSpace:
     def _sum(self, side: Literal["outer", "inner"], q: ArrayLike) -> int | Ints:
         from cspace.map.overlaps import Runs, Sums, overlaps
 
+        # What is not known may be an obstacle, and may be none.
+        beyond = self.outside != "free" if side == "outer" else self.outside == "blocked"
         if self.workspace.inner is self.workspace.outer:
             side = "outer"
         kept = self._outer_sums if side == "outer" else self._inner_sums
         sums = kept.get(lambda: Sums(self.workspace, side))
         runs = self._runs.get(lambda: Runs.of([outer for outer, _ in self._rasters]))
-        kernel = partial(overlaps, self._map, sums.counts, runs, int(self.outside == "blocked"))
+        kernel = partial(overlaps, self._map, sums.counts, runs, int(beyond))
         return answer(q, self.dof, kernel, np.int64, int)
 
     def _checked(self, q: ArrayLike, name: str) -> Floats:

@@ -294,6 +294,10 @@ class Workspace:
         warn_of_nothing(outer, grid, corners)
         return cls(grid, outer, inner, source=source, shapes=(shape,))
 
+    def in_memory(self) -> Workspace:
+        """The same with its cells in memory."""
+        return self
+
     @property
     def cells(self) -> Source:
         """What the cells are read from, a box at a time."""
@@ -552,6 +556,9 @@ class LazyWorkspace(Workspace):
     @property
     def inner(self) -> NDArray[np.bool_]:
         return self._read()[1]
+
+    def in_memory(self) -> Workspace:
+        return Workspace(self.grid, self.outer, self.inner, source=self.source, shapes=self.shapes)
 
     def _read(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         whole: list[tuple[NDArray[np.bool_], NDArray[np.bool_]]] = self._whole  # type: ignore[attr-defined]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cspace.errors import InputError
 from cspace.grid import Grid, finite
-from cspace.map.exterior import check_outside
+from cspace.map.exterior import UNKNOWN, check_outside
 from cspace.map.storage import Stack, read_only
 from cspace.rotations import Rotations
 from cspace.states import FIELDS
@@ -35,7 +35,8 @@ class Contents:
     states : ndarray of uint8, or PackedStates, shape (slices, nx, ny) or (slices, nx, ny, nz)
         FREE, MIXED or BLOCKED, of each cell of positions of the robot's reference point. Taken over, not copied, unless
         it is read-only: updates write into it.
-    outside : {"blocked", "free"}
+    outside : {"blocked", "free", "unknown"}
+        What lies beyond the grid; it is not known of a part of a larger map.
     margin : float
         Metres by which the robot was grown for FREE.
     precision : {"integer", "float32", "float64"}
@@ -73,7 +74,8 @@ class Contents:
                 raise InputError(name, f"has shape {array.shape} and type {array.dtype}", rule, "use cspace.build")
             if isinstance(array, np.ndarray):
                 object.__setattr__(self, name, _writable(array))
-        check_outside(self.outside)
+        if self.outside != UNKNOWN:
+            check_outside(self.outside)
         if self.fields:
             object.__setattr__(self, "fields", checked_fields(self.fields, self.grid.dim, self.leading(shape[0])))
 

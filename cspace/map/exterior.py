@@ -15,6 +15,10 @@ from cspace.states import BLOCKED, FREE, MIXED
 Ints = NDArray[np.int64]
 
 
+UNKNOWN = "unknown"
+"""Said of what lies outside a part of a larger map: nothing is known of it, and so all there is MIXED."""
+
+
 def check_outside(outside: str) -> None:
     """Refuse what is neither "blocked" nor "free".
 
@@ -51,7 +55,7 @@ class Exterior:
             Outer obstacle cells.
         rasters : sequence of (outer, inner) Raster
             The robot's, of each slice.
-        policy : {"blocked", "free"}
+        policy : {"blocked", "free", "unknown"}
             Whether all beyond the workspace is obstacle or free.
         """
         box = np.zeros((2, occupied.ndim), dtype=np.int64)
@@ -63,6 +67,9 @@ class Exterior:
     @classmethod
     def around(cls, shape: Sequence[int], box: Ints, rasters: Sequence[tuple[Raster, Raster]], policy: str) -> Exterior:
         """The same of a workspace of a shape, by the first and last cell of its obstacles, which "free" alone asks."""
+        if policy == UNKNOWN:
+            nowhere = np.repeat([0, -1], len(shape))
+            return cls(np.array([[*nowhere, MIXED]] * len(rasters), dtype=np.int64))
         if policy == "free":
             return cls(np.array([[*reached(box.ravel(), outer), FREE] for outer, _ in rasters], dtype=np.int64))
         # BLOCKED is proven where an inner offset falls beyond the workspace.

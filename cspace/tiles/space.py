@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, Final, overload
+from typing import TYPE_CHECKING, Any, Final, TypeVar, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,7 +24,13 @@ from cspace.threads import LEAST, in_chunks
 from cspace.tiles.cache import Cache
 from cspace.tiles.sources import Held
 from cspace.tiles.store import Record, Store
+from cspace.tiles.update import update_store
+from cspace.tiles.window import window_of
 from cspace.tiles.work import Job
+from cspace.update import Patch, Update
+
+if TYPE_CHECKING:
+    from distributed import Client
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -33,6 +39,7 @@ CACHE_BYTES: Final = 2**29
 """Memory for decoded tiles, unless a map is told otherwise: 2 x 10^9 states."""
 
 Kernel = Callable[..., int]
+Result = TypeVar("Result")
 
 
 class TiledCSpace:
@@ -61,7 +68,7 @@ class TiledCSpace:
         self._store, self._records = store, {}  # type: tuple[Store, dict[tuple[int, ...], Record]]
         shape = (store.slices, *store.grid.shape)
         self._cache = Cache(shape, (store.depth, *store.tile), self._limit, self._chunk)
-        self._moment = store.moment
+        self._job = Job(store, Held(np.empty(0, np.bool_), np.empty(0, np.bool_)))
         self._table: NDArray[np.int64] | None = None
 
     @classmethod
@@ -119,19 +126,19 @@ class TiledCSpace:
     @property
     def done(self) -> float:
         """Share of the tiles that are done; 1 for a map that may be looked up."""
-        store = self._store
+        store = self._now
         return 1.0 if store.metadata["box"] is not None else min(len(store.done()) / len(store), 1.0 - 2.0**-20)
 
     @property
     def version(self) -> int:
         """How many updates the map has seen."""
-        return int(self._store.metadata["version"])
+        return int(self._now.metadata["version"])
 
     def count(self) -> tuple[int, int, int]:
         """Number of FREE, MIXED and BLOCKED cells, over all rotation cells."""
         self._check_done()
         slice_of = self.rotations.slice_of(self.robot)
-        free, mixed, blocked = np.array(self._store.metadata["counts"])[slice_of].sum(axis=0).tolist()
+        free, mixed, blocked = np.array(self._now.metadata["counts"])[slice_of].sum(axis=0).tolist()
         return free, mixed, blocked
 
     def __repr__(self) -> str:
@@ -206,6 +213,72 @@ class TiledCSpace:
             self.classify(points)  # raises where one is not finite
         return self._edges(starts.reshape(-1, self.dof), ends.reshape(-1, self.dof)).reshape(starts.shape[:-1])
 
+    # ---- parts, and changes ------------------------------------------------------------------------------------------
+
+    def window(self, lower: ArrayLike, upper: ArrayLike) -> CSpace:
+        """A part of the map, in memory, which answers whatever is asked within a box as the whole map would.
+
+        It holds the cells of the box and as many around it as the robot reaches, also beyond the border of the map.
+        Of what lies farther nothing is known: it is MIXED, and ``outside`` is "unknown". So a path is only proven not
+        to exist where none does in the whole map, and a clearance ends at the window's border. A window of the whole
+        map is the map, with its own ``outside``. With ``exact=True``, the obstacles are the outer cells.
+
+        Parameters
+        ----------
+        lower, upper : array-like, shape (d,)
+            Corners of the box, metres; what lies beyond the map is cut off.
+
+        Returns
+        -------
+        CSpace
+            Updates of the stored map do not reach it.
+
+        Raises
+        ------
+        InputError
+            If the box shares no cell with the map, or does not fit into memory.
+        """
+        grid = self.grid
+        corners = [grid.coordinates(corner, name) for corner, name in ((lower, "lower"), (upper, "upper"))]
+        if any(corner.ndim != 1 for corner in corners) or (corners[0] > corners[1]).any():
+            rule = f"it must be a lower and an upper corner of {grid.dim} numbers each"
+            raise InputError("window", f"is from {lower!r} to {upper!r}", rule, "pass them in metres")
+        first, last = map(grid.cell_of, corners)
+        first, stop = np.maximum(first, 0), np.minimum(last + 1, grid.shape)
+        if (first >= stop).any():
+            rule = f"the map reaches from {grid.lower} to {grid.upper}"
+            raise InputError(
+                "window", f"from {lower!r} to {upper!r} holds no cell of the map", rule, "pass a part of that"
+            )
+        return self._at_one_moment(
+            lambda: window_of(self._store, self._record, self._job.reach, self._exterior, first, stop)
+        )
+
+    def update(
+        self, cells: ArrayLike, lower: Sequence[int], *, inner: ArrayLike | None = None, client: Client | None = None
+    ) -> Update:
+        """Change a box of workspace cells, and with it the stored map, to what a build would give.
+
+        Only the tiles that the change reaches are made anew. They take the place of the old ones at one moment, and
+        :attr:`version` grows: who looks something up, in this process or another, sees the map before or after, and
+        never between. An update that is killed has either not taken place, or has. Updates wait for each other.
+
+        Parameters
+        ----------
+        cells, lower, inner
+            As for :meth:`cspace.CSpace.update`.
+        client : dask.distributed.Client, optional
+            As for :func:`cspace.build`.
+
+        Returns
+        -------
+        Update
+        """
+        patch = Patch.of(self.grid, cells, lower, inner)
+        with self._lock:
+            self._check_done()
+            return update_store(self._now, patch, client, self._job.reach)
+
     def _edges(self, starts: Floats, ends: Floats) -> Bools:
         from cspace.map.edges import edges_are_free
 
@@ -219,17 +292,35 @@ class TiledCSpace:
         self, kernel: Kernel, parts: list[Floats], name: str, dtype: type[np.generic], passed: int, least: int
     ) -> NDArray[Any]:
         """What a kernel tells of rows, shape (n, dof); ``passed`` is what it tells where all that it reads is FREE."""
-        self._check_done()
         rows = [np.array(part, dtype=np.float64, order="C") for part in parts]
+        out = np.empty(len(rows[0]), dtype=dtype)
+        bad = self._at_one_moment(lambda: self._in_turns(kernel, rows, out, passed, least))
+        if bad >= 0:
+            raise not_usable(np.concatenate([part[bad] for part in rows]), name, bad)
+        return out
+
+    @property
+    def _now(self) -> Store:
+        """The store as it is now, if another process has changed it."""
+        with self._lock:
+            if self._store.is_past:
+                self._take(Store.open(self.path))
+            return self._store
+
+    def _at_one_moment(self, work: Callable[[], Result]) -> Result:
+        """What some work comes to, all of which saw the map as it was at one moment."""
         with self._lock:
             while True:
-                self._follow()
-                out = np.empty(len(rows[0]), dtype=dtype)
-                bad = self._in_turns(kernel, rows, out, passed, least)
-                if bad >= 0:
-                    raise not_usable(np.concatenate([part[bad] for part in rows]), name, bad)
-                if self._store.moment == self._moment:
-                    return out
+                _ = self._now
+                self._check_done()
+                try:
+                    result = work()
+                except FileError:  # as where a file was replaced
+                    if not self._store.is_past:
+                        raise
+                else:
+                    if not self._store.is_past:
+                        return result
 
     def _in_turns(self, kernel: Kernel, rows: list[Floats], out: NDArray[Any], passed: int, least: int) -> int:
         """Run a kernel until each tile that it reads was there; the index of the first row that is not usable, or -1.
@@ -257,14 +348,16 @@ class TiledCSpace:
     @property
     def _map(self) -> Map:
         """The record that compiled look-ups take; its tiles are those that are there now."""
-        store, cells = self._store, self._cache.cells
-        if self._table is None:
-            job = Job(store, Held(np.empty(0, np.bool_), np.empty(0, np.bool_)))
-            box = np.array(store.metadata["box"])
-            self._table = Exterior.around(store.grid.shape, box, job.pairs, self.outside).table
+        grid, cells = self.grid, self._cache.cells
         rotations = self.rotations.compiled(self.rotations.slice_of(self.robot))
-        grid = store.grid
-        return Map(cells, cells, rotations, grid.lower, grid.spacing, grid.upper, self._table)  # type: ignore[arg-type]
+        return Map(cells, cells, rotations, grid.lower, grid.spacing, grid.upper, self._exterior)  # type: ignore[arg-type]
+
+    @property
+    def _exterior(self) -> NDArray[np.int64]:
+        if self._table is None:
+            box = np.array(self._store.metadata["box"])
+            self._table = Exterior.around(self.grid.shape, box, self._job.pairs, self.outside).table
+        return self._table
 
     def _chunk(self, number: int) -> NDArray[np.uint8]:
         """States of a chunk, by its number."""
@@ -278,14 +371,8 @@ class TiledCSpace:
             self._records[tile] = self._store.known(tile)
         return self._records[tile]
 
-    def _follow(self) -> None:
-        """Be of the store as it is now, if another process has changed it."""
-        if self._store.moment != self._moment:
-            self._take(Store.open(self.path))
-            self._check_done()
-
     def _check_done(self) -> None:
-        if self._store.metadata["box"] is None:
+        if self._now.metadata["box"] is None:
             found = f"is {self.done:.1%} done"
             mend = "run the same build again: only what is missing is done"
             raise FileError(self.path, found, "a map is looked up once all of it is there", mend)

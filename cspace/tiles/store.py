@@ -78,11 +78,14 @@ class Store:
         a chunk, ``inner`` and ``same``, whether BLOCKED is told and whether inner cells are the outer ones, ``method``,
         ``stamp``, of the workspace, ``version``, how many changes it has seen, and ``aside``, a folder of newer files.
     rotations : Rotations
+    moment : tuple
+        What is another after any change of the map.
     """
 
     path: Path
     metadata: Mapping[str, Any]
     rotations: Rotations
+    moment: tuple[int, int, int]
 
     # ---- what it is of -----------------------------------------------------------------------------------------------
 
@@ -174,6 +177,7 @@ class Store:
         """
         root = Path(path) / ROOT
         with decoding_map(path):
+            moment = _moment(root)
             metadata = json.loads(root.read_bytes())["attributes"]
             digests = unseal(metadata, path, FORMAT)
             if metadata["aside"] and (
@@ -183,7 +187,7 @@ class Store:
             if min(*metadata["tile"], metadata["depth"], metadata["slices"]) < 1:
                 raise unusable(path, "its tiles hold nothing")
             arrays = {name: _small(Path(path), name, digests) for name in {part.split("/")[0] for part in digests}}
-            return cls(Path(path), metadata, Rotations.from_coordinates(arrays))
+            return cls(Path(path), metadata, Rotations.from_coordinates(arrays), moment)
 
     def sealed(self, **changes: Any) -> None:
         """Write the metadata anew, with some of it changed."""
@@ -193,10 +197,9 @@ class Store:
         _write(self.path / ROOT, json.dumps(document, indent=2).encode())
 
     @property
-    def moment(self) -> tuple[int, int, int]:
-        """What is another after any change of the map."""
-        status = (self.path / ROOT).stat()
-        return status.st_ino, status.st_mtime_ns, status.st_size
+    def is_past(self) -> bool:
+        """Whether the map has changed since."""
+        return self.moment != _moment(self.path / ROOT)
 
     # ---- chunks ------------------------------------------------------------------------------------------------------
 
@@ -397,6 +400,11 @@ def digest_of_bytes(content: bytes) -> bytes:
 def aside_name() -> str:
     """A fresh name for a folder of files that are not in their places yet."""
     return f"{_ASIDE}{uuid.uuid4().hex[:12]}"
+
+
+def _moment(root: Path) -> tuple[int, int, int]:
+    status = root.stat()
+    return status.st_ino, status.st_mtime_ns, status.st_size
 
 
 def _range(part: slice) -> range:

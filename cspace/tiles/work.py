@@ -155,9 +155,9 @@ def run(
     todo: Sequence[Index],
     client: Client | None,
     workers: int | None,
-    progress: Callable[[int], None],
-) -> None:
-    """Do a task for each of some tiles, here in threads or on the workers of a cluster.
+    progress: Callable[[int], None] | None = None,
+) -> list[Any]:
+    """What a task gives for each of some tiles, here in threads or on the workers of a cluster.
 
     Raises
     ------
@@ -167,10 +167,9 @@ def run(
         What a task raises, or if the cluster cannot do it.
     """
     if not todo:
-        return
+        return []
     if client is not None:
-        _on_cluster(task, job, todo, client, progress)
-        return
+        return _on_cluster(task, job, todo, client, progress)
     needed = job.bytes_needed()
     fit = int(KEEP * free_bytes() // needed)
     if fit < 1:
@@ -178,7 +177,7 @@ def run(
     threads = min(workers or cores(), len(todo), fit)
     job = Job(job.store, job.source, max(1, (workers or cores()) // threads))
     _ = job.reach  # once, and not in each thread
-    in_threads(partial(task, job), todo, threads, progress)
+    return in_threads(partial(task, job), todo, threads, progress)
 
 
 def _too_large(job: Job, needed: float, free: float) -> InputError:
@@ -201,12 +200,12 @@ class _Task:
         self.digest, self.version = job.store.metadata["digest"], __version__
         self._job: Job | None = None
 
-    def __call__(self, index: Index) -> None:
+    def __call__(self, index: Index) -> Any:
         if self.version != __version__:
             raise _other_version({__version__})
         if self._job is None:
             self._job = Job(Store.open(self.path), self.source)
-        self.task(self._job, index)
+        return self.task(self._job, index)
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_job": None}
@@ -224,8 +223,12 @@ def _other_version(found: set[Any]) -> CspaceError:
 
 
 def _on_cluster(
-    task: Callable[[Job, Index], Any], job: Job, todo: Sequence[Index], client: Any, progress: Callable[[int], None]
-) -> None:
+    task: Callable[[Job, Index], Any],
+    job: Job,
+    todo: Sequence[Index],
+    client: Any,
+    progress: Callable[[int], None] | None,
+) -> list[Any]:
     """The same on a cluster, whose scheduler is told of some of the tasks at a time."""
     try:
         import distributed
@@ -252,7 +255,8 @@ def _on_cluster(
             "start it again, and run the same again: what is done is kept",
         )
 
-    futures: set[Any] = set()
+    futures: dict[Any, int] = {}
+    results: list[Any] = [None] * len(todo)
     try:
         told = client.run(ask).values()
         if not told:
@@ -265,22 +269,23 @@ def _on_cluster(
         if free and needed > free:
             raise _too_large(job, needed, free)
         sent = client.scatter(_Task(task, job), hash=False)
-        waiting = iter(todo)
+        waiting = iter(enumerate(todo))
         running: Any = distributed.as_completed([])  # type: ignore[no-untyped-call]
 
         def submit() -> None:
-            for index in itertools.islice(waiting, 1):
+            for number, index in itertools.islice(waiting, 1):
                 future = client.submit(_call, sent, index, pure=False, retries=3)
-                futures.add(future)
+                futures[future] = number
                 running.add(future)
 
         for _ in range(AHEAD):
             submit()
         for done, future in enumerate(running, start=1):
-            future.result()
-            futures.discard(future)
+            results[futures.pop(future)] = future.result()
             submit()
-            progress(done)
+            if progress is not None:
+                progress(done)
+        return results
     except CspaceError:
         raise
     except (KilledWorker, CancelledError, OSError, TimeoutError) as error:
@@ -290,5 +295,5 @@ def _on_cluster(
             client.cancel(list(futures))
 
 
-def _call(task: _Task, index: Index) -> None:
-    task(index)
+def _call(task: _Task, index: Index) -> Any:
+    return task(index)

@@ -1,0 +1,118 @@
+"""Parts of a stored map, as maps in memory."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace.grid import Grid
+from cspace.map.contents import Contents
+from cspace.map.exterior import UNKNOWN
+from cspace.map.storage import PackedStates, Stack
+from cspace.memory import WORKSPACE_BYTES, check_memory, is_packed, map_bytes
+from cspace.space import CSpace
+from cspace.states import MIXED
+from cspace.tiles.sources import Box, box_of
+from cspace.tiles.store import Index, Record, Store
+from cspace.workspace import Workspace
+
+Bools = NDArray[np.bool_]
+Ints = NDArray[np.int64]
+Known = Callable[[Index], Record]
+
+_MEND: Final = "ask for a smaller window"
+
+
+def window_of(store: Store, known: Known, reach: Ints, table: Ints, first: Ints, stop: Ints) -> CSpace:
+    """The part of a map from a first cell up to the one before another, with as much around it as the robot reaches.
+
+    Parameters
+    ----------
+    store : Store
+    known : callable
+        The record of a tile.
+    reach : ndarray of int64, shape (2, d)
+        How far before and after a cell the robot reaches.
+    table : ndarray of int64, shape (slices, 2 d + 1)
+        What is known outside the whole map: :attr:`cspace.map.exterior.Exterior.table`.
+    first, stop : ndarray of int64, shape (d,)
+
+    Raises
+    ------
+    InputError
+        If it does not fit into memory.
+    """
+    whole, outside = store.grid, str(store.metadata["outside"])
+    if (first + reach[0] > 0).any() or (stop + reach[1] < whole.shape).any():
+        # What the map is beyond its border is told by cells of the window; what lies farther is not known.
+        outside, first, stop = UNKNOWN, first + reach[0], stop + reach[1]
+    else:
+        first, stop = np.zeros_like(first), np.array(whole.shape)
+    lower = np.array(whole.lower) + whole.spacing * first
+    grid = Grid(tuple(lower.tolist()), whole.spacing, tuple((stop - first).tolist()))
+    needed = map_bytes(grid.shape, store.slices) + WORKSPACE_BYTES * grid.size
+    check_memory(needed, "the window", grid.shape, grid.spacing, mend=_MEND)
+    box = box_of(first.tolist(), stop.tolist())
+    outer, inner = obstacles_in(store, known, box)
+    workspace = Workspace(grid, outer, inner, source=f"a part of {store.path.name}")
+    return CSpace(
+        Contents(
+            workspace,
+            store.robot,
+            store.rotations,
+            store.rotations.slice_of(store.robot),
+            _states(store, known, box, table),
+            outside,
+            float(store.metadata["margin"]),
+            str(store.metadata["precision"]),
+            tells_blocked=bool(store.metadata["inner"]),
+        )
+    )
+
+
+def obstacles_in(store: Store, known: Known, box: Box) -> tuple[Bools, Bools]:
+    """Outer and inner cells of the workspace in a box, which may reach beyond the map."""
+    beyond = store.metadata["outside"] == "blocked"
+    outer = np.full(tuple(part.stop - part.start for part in box), beyond, dtype=np.bool_)
+    inner = outer if store.metadata["same"] else outer.copy()
+    for index in store.tiles_in(box):
+        here, there = _shared(box, store.cells(index))
+        own = store.obstacles(index, known(index))
+        outer[here] = own[0][there]
+        if inner is not outer:
+            inner[here] = own[1][there]
+    return outer, inner
+
+
+def _states(store: Store, known: Known, box: Box, table: Ints) -> Stack:
+    """States of all slices in a box, which may reach beyond the map."""
+    shape = tuple(part.stop - part.start for part in box)
+    packed = PackedStates((store.slices, *shape)) if is_packed(shape, store.slices) else None
+    states = np.empty((0 if packed else store.slices, *shape), dtype=np.uint8)
+    for layer in range(store.layers):
+        numbers = store.numbers(layer)
+        block = np.empty((len(numbers), *shape), dtype=np.uint8) if packed else states[numbers.start : numbers.stop]
+        for row, part in zip(table[numbers.start : numbers.stop], block, strict=True):
+            low, high = row[:-1].reshape(2, -1)
+            part[...] = row[-1]
+            if (low <= high).all():
+                mixed = zip(low, high, box, strict=True)
+                part[tuple(slice(max(0, a - b.start), max(0, z + 1 - b.start)) for a, z, b in mixed)] = MIXED
+        for index in store.tiles_in(box):
+            here, there = _shared(box, store.cells(index))
+            block[(slice(None), *here)] = store.states(index, layer, known(index))[(slice(0, len(numbers)), *there)]
+        for number, part in zip(numbers, block, strict=True) if packed else ():
+            packed.write(number, part)
+    return packed or states
+
+
+def _shared(box: Sequence[slice], other: Sequence[slice]) -> tuple[Box, Box]:
+    """The cells that two boxes share, counted from the first cell of each."""
+    pairs = [(max(a.start, b.start), min(a.stop, b.stop)) for a, b in zip(box, other, strict=True)]
+    return tuple(
+        tuple(slice(low - part.start, high - part.start) for (low, high), part in zip(pairs, each, strict=True))
+        for each in (box, other)
+    )  # type: ignore[return-value]

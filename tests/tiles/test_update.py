@@ -1,0 +1,119 @@
+"""Updates of a stored map: what a build would give, and never anything between before and after."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import cspace
+from cspace.errors import InputError
+from tiles.test_build import CAR, random_workspace, same_states
+
+
+@settings(max_examples=12)
+@given(seed=st.integers(0, 2**16), outside=st.sampled_from(["blocked", "free"]), two=st.booleans())
+def test_equals_a_build(seed, outside, two, tmp_path_factory):
+    rng, path = np.random.default_rng(seed), tmp_path_factory.mktemp("update") / "m"
+    workspace = random_workspace((40, 33), seed, two)
+    tiled = cspace.build(workspace, CAR, rotations=4, outside=outside, store=path, tile=8)
+    space = cspace.build(workspace, CAR, rotations=4, outside=outside)
+    for version in range(1, 4):
+        size = rng.integers(1, 9, 2)
+        lower = rng.integers(0, np.array(workspace.grid.shape) - size + 1)
+        cells = rng.random(size) < rng.choice([0.0, 0.5, 1.0])
+        inner = cells & (rng.random(size) < 0.5) if two else None
+        ours, theirs = tiled.update(cells, lower, inner=inner), space.update(cells, lower, inner=inner)
+        assert (ours.occupied, ours.changed) == (theirs.occupied, theirs.changed)
+        if ours.occupied:
+            assert (ours.lower, ours.upper) == (theirs.lower, theirs.upper)
+        same_states(path, space)
+        assert tiled.count() == space.count()
+        assert tiled.version <= version
+    q = np.hstack([rng.uniform(-3, 6, (400, 2)), rng.uniform(-4, 4, (400, 1))])
+    for each in (tiled, cspace.open(path)):
+        np.testing.assert_array_equal(each.classify(q), space.classify(q))
+    assert not list(path.glob(".cspace-*"))
+
+
+def test_only_the_tiles_that_are_reached(tmp_path):
+    workspace = random_workspace((200, 200))
+    tiled = cspace.build(workspace, cspace.Robot.disc(0.3), store=tmp_path / "m", tile=20)
+    before = {file: file.stat().st_mtime_ns for file in (tmp_path / "m" / "state").rglob("*") if file.is_file()}
+    tiled.update(np.ones((3, 3), bool), (108, 108))
+    changed = {file for file, written in before.items() if file.stat().st_mtime_ns != written}
+    assert {file.parts[-2:] for file in changed} <= {(str(i), str(j)) for i in (5,) for j in (5,)}
+    assert changed
+
+
+def test_readers_see_before_or_after(tmp_path):
+    """While one wall comes and goes, a batch over many tiles is of one map, and so is one of another process's."""
+    workspace = cspace.Workspace.from_array(np.zeros((120, 120), dtype=bool), 0.1)
+    tiled = cspace.build(workspace, cspace.Robot.disc(0.1), store=tmp_path / "m", tile=16)
+    wall = np.ones((120, 3), dtype=bool)
+    q = np.stack([np.linspace(0.3, 11.7, 200), np.full(200, 6.15)], axis=1)
+    stop, seen, wrong = threading.Event(), set(), []
+
+    def read():
+        other = cspace.TiledCSpace.open(tmp_path / "m", cache_bytes=300)
+        while not stop.is_set():
+            free = other.is_free(q)
+            seen.add(int(free.sum()))
+            if free.any() != free.all():
+                wrong.append(free)
+
+    threads = [threading.Thread(target=read) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    for k in range(6):
+        tiled.update(wall & (k % 2 == 0), (0, 60))
+    stop.set()
+    for thread in threads:
+        thread.join()
+    assert not wrong
+    assert tiled.version == 6
+
+
+def change(path, value):
+    cspace.open(path).update(np.full((60, 60), value), (20, 30))
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_an_update_that_is_killed(tmp_path):
+    workspace = random_workspace((120, 130))
+    tiled = cspace.build(workspace, CAR, rotations=4, store=tmp_path / "m", tile=16)
+    before = cspace.build(workspace, CAR, rotations=4)
+    after = cspace.build(workspace, CAR, rotations=4)
+    after.update(np.ones((60, 60), bool), (20, 30))
+    rng, context = np.random.default_rng(0), multiprocessing.get_context("fork")
+    q = np.hstack([rng.uniform(-2, 14, (3000, 2)), rng.uniform(-4, 4, (3000, 1))])
+    told = [each.classify(q) for each in (before, after)]
+    for _ in range(6):
+        child = context.Process(target=change, args=(tmp_path / "m", True))
+        child.start()
+        time.sleep(rng.uniform(0.0, 0.25))
+        os.kill(child.pid, signal.SIGKILL)
+        child.join()
+        states = tiled.classify(q)
+        assert any(np.array_equal(states, each) for each in told)
+        np.testing.assert_array_equal(cspace.open(tmp_path / "m").classify(q), states)
+    tiled.update(np.ones((60, 60), bool), (20, 30))
+    same_states(tmp_path / "m", after)
+
+
+def test_updates_that_are_none(tmp_path):
+    tiled = cspace.build(random_workspace((20, 20)), CAR, store=tmp_path / "m", tile=8)
+    cells = np.ones((2, 2), bool)
+    for arguments in ((cells, (19, 19)), (np.full((2, 2), 3), (0, 0)), (cells, (0,))):
+        with pytest.raises(InputError):
+            tiled.update(*arguments)
+    with pytest.raises(InputError, match="inner"):
+        tiled.update(cells, (0, 0), inner=~cells)
+    assert tiled.version == 0

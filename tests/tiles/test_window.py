@@ -1,0 +1,91 @@
+"""Parts of a stored map: within the box that was asked for, they answer as the whole map does."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+
+import cspace
+from cspace.errors import ConfigurationError, InputError
+from tiles.test_build import CAR, SPACES, random_workspace
+
+
+def build_both(name, outside, folder):
+    shape, robot, rotations = SPACES[name]
+    workspace = random_workspace(shape, 3, two=outside == "free")
+    options = {"rotations": rotations, "outside": outside}
+    return cspace.build(workspace, robot, **options), cspace.build(
+        workspace, robot, store=folder / "m", tile=9, **options
+    )
+
+
+def within(space, lower, upper, n, rng):
+    """Configurations in a box, off the borders of cells, where rounding may choose either."""
+    position = rng.uniform(lower, upper, (n, len(lower)))
+    return np.hstack([position, rng.uniform(-4, 4, (n, space.dof - len(lower)))])
+
+
+@pytest.mark.parametrize("name", ["plane", "yaw", "space yaw"])
+@pytest.mark.parametrize("outside", ["blocked", "free"])
+def test_a_window_answers_as_the_whole(name, outside, tmp_path):
+    space, tiled = build_both(name, outside, tmp_path)
+    rng, grid = np.random.default_rng(0), space.grid
+    size = np.subtract(grid.upper, grid.lower)
+    for k, (low, high) in enumerate([(0.3, 0.6), (0.0, 0.4), (0.7, 1.3)]):
+        lower, upper = grid.lower + low * size, grid.lower + high * size
+        window = tiled.window(lower, upper)
+        assert window.outside == "unknown"
+        # An edge on the very border of the map touches cells beyond it, which the window has and the map has not.
+        lower, upper = lower + 0.0137, np.minimum(upper, grid.upper) - 0.0137
+        q = within(space, lower, upper, 300, rng)
+        p = within(space, lower, upper, 300, rng)
+        p[:, : grid.dim] = np.clip(q[:, : grid.dim] + rng.normal(size=(300, grid.dim)) * 0.1, lower, upper)
+        for method in ("classify", "is_free", "overlap", "contains_robot"):
+            ours, theirs = (getattr(each, method)(q) for each in (window, space))
+            np.testing.assert_array_equal(ours, theirs, err_msg=f"{method} {k}")
+        np.testing.assert_array_equal(window.motion_is_free(q, p), space.motion_is_free(q, p))
+        np.testing.assert_array_equal(window.is_free(q[:60], exact=True), space.is_free(q[:60], exact=True))
+        assert (window.clearance(q) <= space.clearance(q) + 1e-9).all()
+        answers = zip(window.path_exists(q, p).ravel(), space.path_exists(q, p).ravel(), strict=True)
+        assert all(own in (None, other) for own, other in answers)
+        again = pickle.loads(pickle.dumps(window))
+        far = within(space, grid.lower - 9 * size, grid.upper + 9 * size, 300, rng)
+        outer = ~window.grid.contains(far[:, : grid.dim])
+        for each in (window, again):
+            assert (each.classify(far)[outer] == cspace.MIXED).all()
+        first = np.round(np.subtract(window.grid.lower, grid.lower) / grid.spacing).astype(int)
+        low, high = np.maximum(first, 0), np.minimum(first + window.grid.shape, grid.shape)
+        ours, theirs = (tuple(slice(a, b) for a, b in zip(low - by, high - by, strict=True)) for by in (first, 0))
+        np.testing.assert_array_equal(np.asarray(window._seen)[(..., *ours)], np.asarray(space._seen)[(..., *theirs)])
+
+
+def test_a_window_of_all_is_the_map(tmp_path):
+    space, tiled = build_both("yaw", "blocked", tmp_path)
+    window = tiled.window(space.grid.lower, space.grid.upper)
+    assert (window.outside, window.grid) == (space.outside, space.grid)
+    np.testing.assert_array_equal(window.state, space.state)
+    q = within(space, np.array(space.grid.lower) - 2, np.array(space.grid.upper) + 2, 500, np.random.default_rng(0))
+    np.testing.assert_array_equal(window.classify(q), space.classify(q))
+    np.testing.assert_array_equal(window.clearance(q), space.clearance(q))
+
+
+def test_a_window_is_saved_as_what_it_is(tmp_path):
+    _, tiled = build_both("plane", "free", tmp_path)
+    window = tiled.window(np.add(tiled.grid.lower, 1.0), np.add(tiled.grid.lower, 1.5))
+    window.save(tmp_path / "part.zarr")
+    opened = cspace.open(tmp_path / "part.zarr")
+    assert opened.outside == "unknown"
+    assert opened.classify([1e3, 1e3]) == cspace.MIXED
+    with pytest.raises(ConfigurationError, match="part of a larger"):
+        opened.update(np.ones((1, 1), bool), (0, 0))
+    with pytest.raises(InputError, match="outside"):
+        cspace.build(window.workspace, CAR, outside="unknown")
+
+
+def test_windows_that_are_none(tmp_path):
+    _, tiled = build_both("plane", "blocked", tmp_path)
+    for lower, upper in (((1, 1), (0, 0)), ((90, 90), (99, 99)), ((0,), (1,)), ((0, np.nan), (1, 1))):
+        with pytest.raises(InputError):
+            tiled.window(lower, upper)
