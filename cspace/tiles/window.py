@@ -104,8 +104,9 @@ def _states(store: Store, known: Known, box: Box, table: Ints) -> Stack:
         for index in store.tiles_in(box):
             here, there = _shared(box, store.cells(index))
             block[(slice(None), *here)] = store.states(index, layer, known(index))[(slice(0, len(numbers)), *there)]
-        for number, part in zip(numbers, block, strict=True) if packed else ():
-            packed.write(number, part)
+        if packed:
+            for number, part in zip(numbers, block, strict=True):
+                packed.write(number, part)
     return packed or states
 
 
