@@ -1,36 +1,18 @@
 """The frequency domain: descriptors and their spectra, balls that fill or cover shapes, and overlaps of ball sets."""
 
-from cspace.spectral.bump import Bump
-from cspace.spectral.decompose import decompose
-from cspace.spectral.descriptors import (
-    BallDescriptor,
-    Descriptor,
-    indicator,
-    intersection,
-    minkowski_sum,
-    superlevel,
-    union,
-)
-from cspace.spectral.field import OverlapField
-from cspace.spectral.overlap import FourierOverlap, Separation, Verdict
-from cspace.spectral.spectra import ball_spectrum
-from cspace.spectral.spheres import Bounds, Spheres
-
-__all__ = [
-    "BallDescriptor",
-    "Bounds",
-    "Bump",
-    "Descriptor",
-    "FourierOverlap",
-    "OverlapField",
-    "Separation",
-    "Spheres",
-    "Verdict",
-    "ball_spectrum",
-    "decompose",
-    "indicator",
-    "intersection",
-    "minkowski_sum",
-    "superlevel",
-    "union",
-]
+from cspace.spectral.bump import Bump as Bump
+from cspace.spectral.decompose import decompose as decompose
+from cspace.spectral.descriptors import BallDescriptor as BallDescriptor
+from cspace.spectral.descriptors import Descriptor as Descriptor
+from cspace.spectral.descriptors import indicator as indicator
+from cspace.spectral.descriptors import intersection as intersection
+from cspace.spectral.descriptors import minkowski_sum as minkowski_sum
+from cspace.spectral.descriptors import superlevel as superlevel
+from cspace.spectral.descriptors import union as union
+from cspace.spectral.field import OverlapField as OverlapField
+from cspace.spectral.overlap import FourierOverlap as FourierOverlap
+from cspace.spectral.overlap import Separation as Separation
+from cspace.spectral.overlap import Verdict as Verdict
+from cspace.spectral.spectra import ball_spectrum as ball_spectrum
+from cspace.spectral.spheres import Bounds as Bounds
+from cspace.spectral.spheres import Spheres as Spheres

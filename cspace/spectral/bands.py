@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -18,14 +17,9 @@ Complexes = NDArray[np.complex128]
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-UNIT: Final = 2.0**-52
-"""Relative rounding error of one operation, doubled."""
-
-TOP: Final = 32.0
-"""Highest frequency that is thought of, in cycles per radius of the smallest ball."""
-
-_ROOM: Final = 1.0 + 2.0**-30
-"""For the rounding of the bounds themselves."""
+UNIT: Final = 2.0**-52  # relative rounding error of one operation, doubled
+TOP: Final = 32.0  # highest frequency that is thought of, in cycles per radius of the smallest ball
+_ROOM: Final = 1.0 + 2.0**-30  # for the rounding of the bounds themselves
 
 _SAMPLES: Final = 4096
 
@@ -52,8 +46,7 @@ def highest_frequency(a: BallDescriptor, b: BallDescriptor, bound: float) -> flo
     return float(frequencies[np.argmax(enough)] if enough.any() else frequencies[-1])
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Rings:
+class Rings(NamedTuple):
     """Half of the frequencies ``k / lengths`` with ``|k| <= halves``, ordered by rings of their modulus.
 
     Descriptors are real, so that opposite frequencies have conjugate terms, and one of the two is enough: the one whose
@@ -65,8 +58,8 @@ class Rings:
         The period along each axis, metres, and the highest frequency there, in cycles per period.
     order : ndarray of int64, shape (n,)
         Which entry of the second half of a box of all frequencies, flattened, comes when.
-    indices : ndarray of int16, shape (n, d)
-        k, in the order of the rings.
+    indices, moduli, twice : ndarray of int16, shape (n, d), and of float64, shape (n,)
+        k, ``|w|`` in cycles per metre, and how often each counts: twice, but for zero. In the order of the rings.
     starts : ndarray of int64, shape (rings + 1,)
         Where each ring begins; the first is frequency zero alone.
     reaches : ndarray of int64, shape (rings, d)
@@ -77,6 +70,8 @@ class Rings:
     halves: tuple[int, ...]
     order: Ints
     indices: NDArray[np.int16]
+    moduli: Floats
+    twice: Floats
     starts: Ints
     reaches: Ints
 
@@ -86,13 +81,15 @@ class Rings:
         axes = [np.arange(-half, half + 1, dtype=np.int16) for half in halves]
         box = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(halves))
         half = box[len(box) // 2 :]
-        ring = np.ceil(np.linalg.norm(half / lengths, axis=1) * lengths.max() - 1e-9).astype(np.int64)
+        moduli = np.linalg.norm(half / lengths, axis=1)
+        ring = np.ceil(moduli * lengths.max() - 1e-9).astype(np.int64)
         order = np.argsort(ring, kind="stable")
         counts = np.bincount(ring)
         starts = np.concatenate([[0], np.cumsum(counts[counts > 0])])
         indices = np.ascontiguousarray(half[order])
         reaches = np.maximum.accumulate(np.maximum.reduceat(np.abs(indices), starts[:-1], axis=0), axis=0)
-        return cls(lengths, halves, order, indices, starts, reaches.astype(np.int64))
+        twice = np.where(np.arange(len(order)) > 0, 2.0, 1.0)
+        return cls(lengths, halves, order, indices, moduli[order], twice, starts, reaches.astype(np.int64))
 
     @property
     def counts(self) -> tuple[int, ...]:
@@ -100,26 +97,9 @@ class Rings:
         return tuple(2 * half + 1 for half in self.halves)
 
     @property
-    def size(self) -> int:
-        """How many frequencies there are; opposite ones count as one."""
-        return len(self.order)
-
-    @property
     def volume(self) -> float:
         """Of a period, metres to the power ``dim``."""
         return float(np.prod(self.lengths))
-
-    @property
-    def moduli(self) -> Floats:
-        """|w| of each frequency, in the order of the rings, cycles per metre; shape (n,)."""
-        return np.asarray(np.linalg.norm(self.indices / self.lengths, axis=1))
-
-    @property
-    def twice(self) -> Floats:
-        """How often each frequency counts: once for zero, twice for those that stand for their opposites too."""
-        weights = np.full(self.size, 2.0)
-        weights[0] = 1.0
-        return weights
 
     def sums(self, values: Floats) -> Floats:
         """Sum over each ring of values in the order of the rings, shape (rings,)."""
@@ -132,25 +112,19 @@ class Rings:
 
     def box_of(self, half: Complexes) -> Complexes:
         """The spectrum over all frequencies, zero in the middle, of a real function, from the half of it."""
-        flat = np.empty(2 * self.size - 1, dtype=np.complex128)
-        upper = flat[self.size - 1 :]
+        flat = np.empty(2 * len(half) - 1, dtype=np.complex128)
+        upper = flat[len(half) - 1 :]
         upper[self.order] = half
-        flat[: self.size - 1] = upper[:0:-1].conj()
+        flat[: len(half) - 1] = upper[:0:-1].conj()
         return flat.reshape(self.counts)
 
 
 class Spectrum(NamedTuple):
     """A descriptor's spectrum within a band, and what is known of it beyond.
 
-    Attributes
-    ----------
-    values : ndarray of complex128, shape (n,)
-        ``F(w)``, with the origin in the balls' middle, in the order of the rings; metres to the power ``dim``.
-    error : float
-        By how much each may be off.
-    beyond : float
-        Upper bound of the energy of all frequencies outside the band: the integral of the descriptor's square less what
-        the band holds (Parseval).
+    ``values``, shape (n,), in the order of the rings, metres to the power ``dim``, are ``F(w)`` with the origin in the
+    balls' middle, and ``error`` is by how much each may be off. ``beyond`` bounds the energy of all frequencies outside
+    the band: the integral of the descriptor's square less what the band holds (Parseval).
     """
 
     values: Complexes
@@ -161,10 +135,7 @@ class Spectrum(NamedTuple):
     def of(
         cls, balls: BallDescriptor, middle: Floats, rings: Rings, accuracy: float, norm: tuple[float, float]
     ) -> Spectrum:
-        """The spectrum of a ball set about a point, with a ``norm`` as from :func:`cspace.spectral.pairs.norm_square`.
-
-        The accuracy is that of the transform, relative to the value at frequency zero.
-        """
+        """That of a ball set about a point, by a transform of an accuracy, with the ``norm`` of :func:`norm_square`."""
         box = ball_spectrum(balls.centers - middle, balls.radii, balls.bump, rings.lengths, rings.counts, accuracy)
         values = rings.half_of(box)
         moved = ROUNDING * (balls.span + float(np.abs(middle).max()))

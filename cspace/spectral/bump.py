@@ -1,4 +1,10 @@
-"""The bump: a radial function that is 1 at the centre of a ball and fades to 0 at its border."""
+"""The bump, a radial function that is 1 at the centre of a ball and fades to 0 at its border: its Fourier transform,
+tables of that, and integrals of the product of two, each around its own centre.
+
+All integrals are trapezoidal sums in u with ``s = 1 / (1 + exp(-pi sinh(u)))`` (H. Takahasi and M. Mori, "Double
+exponential formulas for numerical integration", 1974). They converge geometrically for functions that are smooth but
+for the ends of an interval, whatever they do there: the cusp of a bump at 0, a steep flank next to 1, or a jump.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +20,6 @@ from numpy.typing import ArrayLike, NDArray
 from cspace.errors import CspaceError, InputError
 from cspace.grid import positive, unmasked
 from cspace.spectral.inputs import check_kind, check_not_negative, check_number, check_tolerance
-from cspace.spectral.radial import RadialTable, lens_measure, product_integrals, radial_transform, table_points
 
 Floats = NDArray[np.float64]
 
@@ -24,15 +29,26 @@ MOST_ALPHA: Final = 1e4
 MOST_FREQUENCY: Final = 1e5
 """Up to here the phases that rounding leaves are right to 1e-10 radians, where the spectrum is small."""
 
-PAIR_TOLERANCE: Final = 1e-9
-"""Relative error of a pair's integral."""
+PAIR_TOLERANCE: Final = 1e-9  # relative error of a pair's integral
 
 FLOOR: Final = 1e-60
 """Part of the smaller ball's ``radius^dim`` below which the integral of a pair is known to that part of it only: there
 the result hangs on the last bits of the radii."""
 
-COUNTS: Final = (24, 48, 96, 192, 384)
-"""Of nodes, for a pair's integral; two that follow each other must agree."""
+COUNTS: Final = (24, 48, 96, 192, 384)  # of nodes, for a pair's integral; two that follow each other must agree
+
+Radial = Callable[[Floats], Floats]
+
+REACH: Final = 3.3  # largest modulus of u in a sum; beyond, what an interval has left is below 1e-18 of it
+
+NODES: Final = 160
+"""Nodes on either side of u = 0 for frequency 0. Two thirds of them leave 1e-14 of bumps from alpha = 0.01 to 1e4."""
+
+CHUNK: Final = 2**21  # values of the kernel held at once
+IN_CACHE: Final = 2**16  # values of a product held at once
+HALF: Final = 0.5  # half the width of an interval of a table, in ``k``
+SMALL_ANGLE: Final = 0.25  # below this the series of ``x - sin(x)`` loses less than the difference
+SLACK: Final = 1e-9  # by how much a frequency may lie beyond a table, relative, from rounding
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,10 +65,7 @@ class Bump:
     alpha : float
         From 0.01 (a needle) to 1e4 (nearly flat), or ``inf``: the indicator of the open ball.
 
-    Raises
-    ------
-    InputError
-        If ``alpha`` is none of these.
+    Raises InputError if ``alpha`` is none of these.
     """
 
     alpha: float = 2.0
@@ -90,24 +103,8 @@ class Bump:
     def radial_spectrum(self, frequency: ArrayLike, dim: int) -> Floats:
         """Fourier transform ``integral psi(x) exp(-2 pi i w.x) dx`` of the bump of radius 1, a function of ``k = |w|``.
 
-        That of radius r is ``r^dim`` times this at ``k = r |w|``.
-
-        Parameters
-        ----------
-        frequency : array-like, shape (...)
-            ``k``, in cycles per radius, from 0 to 1e5.
-        dim : int
-            2 or 3.
-
-        Returns
-        -------
-        ndarray of float64, shape (...)
-            Right to 1e-13 of the value at 0.
-
-        Raises
-        ------
-        InputError
-            If a value is not usable.
+        That of radius r is ``r^dim`` times this at ``k = r |w|``. For ``frequency``, shape (...), in cycles per radius,
+        from 0 to 1e5, and ``dim`` 2 or 3, it is right to 1e-13 of the value at 0; InputError for other values.
         """
         k = _check_frequency(frequency, "frequency")
         check_kind(dim, "dim", (2, 3))
@@ -126,19 +123,9 @@ class Bump:
     def pair_integral(self, first: float, second: float, distance: float, dim: int) -> float:
         """Integral of ``psi(x / first) psi((x - distance e) / second)`` over the plane or space.
 
-        It falls with the distance: both functions are spherically symmetric and fall towards their borders.
-
-        Parameters
-        ----------
-        first, second, distance : float
-            Radii, and the distance of the centres, metres.
-        dim : int
-
-        Returns
-        -------
-        float
-            Metres to the power ``dim``, right to 1e-9 of itself, or to 1e-60 of the smaller ball; 0 from the sum of
-            the radii on, or where it underflows.
+        It falls with the distance: both functions are spherically symmetric and fall towards their borders. Radii and
+        the distance of the centres are metres; the result, metres to the power ``dim``, is right to 1e-9 of itself, or
+        to 1e-60 of the smaller ball, and 0 from the sum of the radii on, or where it underflows.
 
         Raises
         ------
@@ -182,3 +169,163 @@ def _check_frequency(frequency: ArrayLike, name: str) -> Floats:
 @lru_cache(maxsize=16)
 def _table(bump: Bump, dim: int, most: int, tolerance: float) -> RadialTable:
     return RadialTable(radial_transform(bump.values, table_points(most, 0.5 * tolerance), dim), most)
+
+
+@lru_cache(maxsize=16)
+def double_exponential(count: int) -> tuple[Floats, Floats]:
+    """Nodes and weights on [0, 1], ``2 count + 1`` of them, the middle one at 1/2."""
+    u = REACH / count * np.arange(-count, count + 1)
+    down = np.exp(-math.pi * np.sinh(u))
+    nodes = 1.0 / (1.0 + down)
+    return nodes, REACH / count * math.pi * np.cosh(u) * nodes * (down * nodes)
+
+
+# ---- transforms ------------------------------------------------------------------------------------------------------
+
+
+def radial_transform(function: Radial, frequencies: Floats, dim: int) -> Floats:
+    """The Fourier transform of a radial function at ``k = |w|``, of any shape, to 1e-13 of its value at 0:
+
+    2 pi integral_0^1 f(s) J0(2 pi k s) s ds   in the plane,      4 pi integral_0^1 f(s) sinc(2 k s) s^2 ds   in space,
+
+    with ``sinc(x) = sin(pi x) / (pi x)``. The function is not below zero.
+    """
+    from scipy.special import j0
+
+    flat = np.ravel(frequencies)
+    result = np.empty(flat.shape)
+    octaves = np.ceil(np.log2(np.maximum(flat, 1.0)))
+    for octave in np.unique(octaves).tolist():
+        some = np.flatnonzero(octaves == octave)
+        # A kernel that turns by 2 pi k ds/du, at most pi / 4 of that, asks for as many samples more.
+        s, weights = double_exponential(math.ceil(NODES + REACH * math.pi / 4.0 * 2.0**octave))
+        measure = weights * function(s) * (2.0 * math.pi * s if dim == 2 else 4.0 * math.pi * s * s)
+        for part in np.array_split(some, math.ceil(len(some) * len(s) / CHUNK)):
+            waves = flat[part][:, None] * s
+            result[part] = (j0(2.0 * math.pi * waves) if dim == 2 else np.sinc(2.0 * waves)) @ measure
+    return result.reshape(np.shape(frequencies))
+
+
+class RadialTable:
+    """A radial spectrum up to ``most``, interpolated between values (intervals, nodes) at :func:`table_points`.
+
+    What vanishes beyond the unit ball has a spectrum that is a mixture of ``exp(2 pi i k x)`` with ``|x| <= 1``; where
+    the function is not below zero, the mixture's weights sum to the spectrum at 0. So interpolation at Chebyshev nodes
+    errs, relative to that value, by at most what it errs for one such exponential: four times the sum of the Bessel
+    functions ``J_n(2 pi HALF)`` from the first degree left out (Trefethen, 2013, chapter 4).
+    """
+
+    def __init__(self, values: Floats, most: float) -> None:
+        self.most = most
+        self._coefficients = np.ascontiguousarray(chebyshev_coefficients(values.T))
+
+    def __call__(self, frequencies: Floats) -> Floats:
+        """The spectrum at ``k``, of any shape, from 0 to :attr:`most`; InputError beyond."""
+        k = np.asarray(frequencies, dtype=np.float64)
+        if k.size and not (k.min() >= 0.0 and k.max() <= self.most * (1.0 + SLACK) + SLACK):
+            found, rule = f"reach from {k.min():g} to {k.max():g}", f"the table holds those from 0 to {self.most:g}"
+            raise InputError("frequencies", found, rule, "make it for the largest one")
+        interval = np.minimum((k / (2.0 * HALF)).astype(np.intp), self._coefficients.shape[1] - 1)
+        x = k / HALF - (2.0 * interval + 1.0)
+        # Clenshaw's recurrence.
+        one, two, doubled = np.zeros_like(k), np.zeros_like(k), 2.0 * x
+        for row in self._coefficients[:0:-1]:
+            one, two = row[interval] + doubled * one - two, one
+        return np.asarray(self._coefficients[0][interval] + x * one - two)
+
+
+def table_points(most: float, tolerance: float) -> Floats:
+    """Where a table up to ``most`` needs a spectrum, shape (intervals, nodes); the last may lie an interval beyond.
+
+    The tolerance, relative to the value at 0, is that of the interpolation; the spectrum's own error comes on top.
+    """
+    nodes = HALF * (1.0 + chebyshev_nodes(nodes_needed(tolerance, 2.0 * math.pi * HALF)))
+    intervals = max(1, math.ceil(most / (2.0 * HALF)))
+    return np.asarray(2.0 * HALF * np.arange(intervals)[:, None] + nodes)
+
+
+def nodes_needed(tolerance: float, phase: float) -> int:
+    """How many Chebyshev nodes an interval takes in whose half the exponentials turn by ``phase`` radians."""
+    from scipy.special import jv
+
+    terms = np.abs(jv(np.arange(int(2.0 * phase) + 80), phase))
+    return int(np.argmax(4.0 * np.cumsum(terms[::-1])[::-1] <= tolerance))
+
+
+def chebyshev_nodes(count: int) -> Floats:
+    """Zeros of the Chebyshev polynomial of a degree, falling."""
+    return np.asarray(np.cos(math.pi * (np.arange(count) + 0.5) / count))
+
+
+def chebyshev_coefficients(values: Floats) -> Floats:
+    """Of the polynomials through values (count, ...) at :func:`chebyshev_nodes`, by a cosine transform."""
+    from scipy.fft import dct
+
+    coefficients = dct(values, axis=0) / len(values)
+    coefficients[0] /= 2.0
+    return np.asarray(coefficients)
+
+
+# ---- products of two -------------------------------------------------------------------------------------------------
+
+
+def product_integrals(function: Radial, a: Floats, b: Floats, distance: Floats, dim: int, count: int) -> Floats:
+    """Integrals of ``f(|x| / a) f(|x - distance e| / b)`` over the plane or space, all shape (n,), by one rule.
+
+    In polar coordinates around the centre of the smaller ball, in its radius, over the part that the other one covers,
+
+        integral f(s) s^(dim - 1) integral f(rho / b) dOmega ds,    rho^2 = s^2 + D^2 - 2 s D cos(theta).
+
+    The interval of s is cut where it meets the other centre, and where the other ball begins to cover less than all
+    directions. There are ``2 count + 1`` nodes in each part of it.
+    """
+    small, large = np.minimum(a, b), np.maximum(a, b)
+    radii, gaps = large / small, distance / small
+    x, weights = double_exponential(count)
+    first = np.clip(gaps - radii, 0.0, 1.0)
+    cuts = [np.clip(cut, first, 1.0) for cut in (gaps, radii - gaps)]
+    ends = np.sort([first, *cuts, np.ones_like(first)], axis=0)[..., None]
+    # From the near side of a lens, however thin, so that no digits of it are lost.
+    rise = (ends[:-1] - first[:, None]) + np.diff(ends, axis=0) * x
+    radial = first[:, None] + rise
+    mass = np.diff(ends, axis=0) * weights * function(radial) * radial ** (dim - 1)
+    found = np.nonzero(mass)
+    mass, rise, radial, pairs = mass[found], rise[found], radial[found], found[1]
+    totals = np.zeros(len(gaps))
+    for part in np.array_split(np.arange(len(mass)), math.ceil(len(mass) * len(x) / IN_CACHE) or 1):
+        s, gap, radius = radial[part], gaps[pairs[part]], radii[pairs[part]]
+        depth = np.where(first[pairs[part]] > 0.0, rise[part], radius + s - gap)
+        with np.errstate(divide="ignore", over="ignore"):  # all directions are covered where centres coincide
+            covered = depth * (radius + gap - s) / (4.0 * s * gap)
+        most = 2.0 * np.arcsin(np.sqrt(np.clip(covered, 0.0, 1.0)))
+        theta = most[:, None] * x
+        square = ((s - gap) ** 2)[:, None] + 4.0 * (s * gap)[:, None] * np.sin(0.5 * theta) ** 2
+        values = function(np.sqrt(square) / radius[:, None])
+        if dim == 3:
+            values *= math.pi * np.sin(theta)
+        totals += np.bincount(pairs[part], mass[part] * 2.0 * most * (values @ weights), len(gaps))
+    return np.asarray(totals * small**dim)
+
+
+def lens_measure(a: Floats, b: Floats, distance: Floats, dim: int) -> Floats:
+    """Area or volume that two balls have in common, with small relative error also for thin lenses."""
+    least = np.minimum(a, b)
+    # Differences of like lengths first: they are exact, and what is left of them is all that counts.
+    depth = (np.maximum(a, b) - distance) + least
+    with np.errstate(all="ignore"):  # of values that are not taken
+        if dim == 3:
+            spread = distance * (distance + 2.0 * (a + b)) - 3.0 * (a - b) ** 2
+            lens = math.pi * depth**2 * spread / (12.0 * distance)
+        else:  # halves of quotients, for the product may underflow
+            share = (b - a) / distance
+            lens = _segment(a, 0.5 * depth * (1.0 + share)) + _segment(b, 0.5 * depth * (1.0 - share))
+    whole = math.pi * least**2 if dim == 2 else 4.0 / 3.0 * math.pi * least**3
+    return np.where(distance >= a + b, 0.0, np.where(distance <= np.abs(a - b), whole, lens))
+
+
+def _segment(radius: Floats, height: Floats) -> Floats:
+    """Area of the segment of a disc that is ``height`` high."""
+    angle = 4.0 * np.arcsin(np.sqrt(np.minimum(1.0, height / (2.0 * radius))))
+    series = [(-1.0) ** n / math.factorial(2 * n + 3) for n in range(6)]
+    small = angle**3 * np.polynomial.polynomial.polyval(angle * angle, series)
+    return np.asarray(0.5 * radius**2 * np.where(angle > SMALL_ANGLE, angle - np.sin(angle), small))

@@ -1,21 +1,34 @@
-"""decompose: balls that fill a shape from inside, or cover it."""
+"""decompose: balls that fill a shape from inside, or cover it, by a greedy choice among balls by the cells they add.
+
+Lengths are in sides of a lattice's cell. A ball holds a cell where ``sum (|middle - center| + half)^2 <= reach^2`` over
+the axes: its middle, with ``half`` zero, or all of it.
+"""
 
 from __future__ import annotations
 
-import operator
+import heapq
+import math
 from collections.abc import Callable
 from itertools import product
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.compiling import jit
 from cspace.errors import GeometryError, InputError
 from cspace.grid import positive
-from cspace.spectral.cover import Balls, Cover
-from cspace.spectral.inputs import check_kind
-from cspace.spectral.measures import balls_to_shape, measure_of_balls, shape_to_balls
-from cspace.spectral.regions import Lattice, Region, shape_of
+from cspace.spectral.inputs import check_count, check_kind
+from cspace.spectral.regions import (
+    Lattice,
+    Region,
+    Tree,
+    balls_to_shape,
+    distance,
+    measure_of_balls,
+    shape_of,
+    shape_to_balls,
+)
 from cspace.spectral.spheres import KINDS, Bounds, Kind, Spheres
 
 Floats = NDArray[np.float64]
@@ -25,23 +38,22 @@ FINER: Final = (1, 4)
 
 USED: Final = 0.9
 
-STEPS: Final = 12
-"""Lengths by which balls may stick out that are tried, at most."""
-
-CANDIDATES: Final = 6_000
-"""Centers that are looked at first, at most."""
-
-NEIGHBOURS: Final = 2
-"""How far, in cells, a ball is looked for that holds another."""
+STEPS: Final = 12  # lengths by which balls may stick out that are tried, at most
+CANDIDATES: Final = 6_000  # centers that are looked at first, at most
+NEIGHBOURS: Final = 2  # how far, in cells, a ball is looked for that holds another
 
 _LOST: Final = 0.02
 """Part of the way between two middles that a ball may stick out of another one and still count as held by it."""
 
-_CUTS: Final = (1, 2, 4, 8, 16)
-"""Into how many parts a cell's sides are cut where no ball lies near."""
+_CUTS: Final = (1, 2, 4, 8, 16)  # into how many parts a cell's sides are cut where no ball lies near
+_ANY: Final = 2**40  # more balls than there are
 
-_ANY: Final = 2**40
-"""More balls than there are."""
+Ints = NDArray[np.int64]
+
+EPS: Final = 2.0**-20  # rounding allowance, in sides of a cell: by this, a ball that holds a cell reaches beyond it
+ROUNDS: Final = 6  # how often every ball is moved, at most
+
+_VOLUME: Final = {2: math.pi, 3: 4.0 / 3.0 * math.pi}
 
 
 def decompose(
@@ -54,10 +66,9 @@ def decompose(
     """Balls that fill a shape from inside, or that cover it.
 
     Each ball is taken, one after the other, for the cells of a lattice that it adds (V. Chvatal, "A greedy heuristic
-    for the set-covering problem", 1979). Its center is looked for where the signed distance, sampled on the lattice,
-    has a ball that no other holds, along the medial axis. What is promised does not rest on samples: a ball of kind
-    "inner" is no larger than the distance of its center from the border; for "outer", cells whose union covers the
-    shape each lie wholly in one ball.
+    for the set-covering problem", 1979), with its center along the medial axis. What is promised does not rest on
+    samples: a ball of kind "inner" is no larger than the distance of its center from the border; for "outer", cells
+    whose union covers the shape each lie wholly in one ball.
 
     Parameters
     ----------
@@ -89,7 +100,7 @@ def decompose(
         mend = "pass e.g. number=64, or tolerance=0.01 in metres"
         raise InputError("number", found, "balls are chosen by one of them", mend)
     length = None if tolerance is None else positive(tolerance, "tolerance")
-    count = None if number is None else _check_number(number)
+    count = None if number is None else check_count(number, "number", "pass e.g. 64")
     region = Region(shape_of(shape))
     if kind == "inner" and not region.measure[1] > 0.0:
         mend = "pass kind='outer', or a shape with an area or volume"
@@ -108,16 +119,6 @@ def decompose(
     gap = shape_to_balls(lattice, centers, radii) if kind == "inner" else balls_to_shape(region, centers, radii)
     measures = Bounds(*measure_of_balls(centers, radii)), Bounds(*region.measure)
     return Spheres(centers, radii, kind, *measures, Bounds(*gap), region.shape)
-
-
-def _check_number(number: Any) -> int:
-    try:
-        count = 0 if isinstance(number, bool) else operator.index(number)
-    except TypeError:
-        count = 0
-    if count < 1:
-        raise InputError("number", f"is {number!r}", "it must be a whole number, one at least", "pass e.g. 64")
-    return count
 
 
 # ---- which balls -----------------------------------------------------------------------------------------------------
@@ -226,17 +227,14 @@ def _maximal(lattice: Lattice) -> Balls:
 
     They lie along the medial axis. Balls that are grown by one length hold each other just as before.
     """
-    shape = lattice.cells.shape
-    depths = np.full(shape, -np.inf)
+    from scipy.ndimage import grey_dilation
+
+    depths = np.full(lattice.cells.shape, -np.inf)
     depths[lattice.cells] = lattice.depths
-    around = np.pad(depths, NEIGHBOURS, constant_values=-np.inf)
-    held = np.zeros(shape, dtype=np.bool_)
-    steps = range(-NEIGHBOURS, NEIGHBOURS + 1)
-    for offset in product(*(steps if half else (0,) for half in lattice.half.tolist())):
-        way = float(np.linalg.norm(offset))
-        if way > 0.0:
-            window = tuple(slice(NEIGHBOURS + o, NEIGHBOURS + o + n) for o, n in zip(offset, shape, strict=True))
-            held |= around[window] >= depths + (1.0 - _LOST) * way
+    steps = (np.arange(-NEIGHBOURS, NEIGHBOURS + 1) if half else np.zeros(1) for half in lattice.half)
+    way = np.linalg.norm(np.meshgrid(*steps, indexing="ij"), axis=0)
+    reach = -(1.0 - _LOST) * way
+    held = grey_dilation(depths, footprint=way > 0.0, structure=reach, mode="constant", cval=-np.inf) >= depths
     found = _on_lattice(lattice).where(~held[lattice.cells])
     few = np.arange(len(found.depths)) % max(1, -(-len(found.depths) // CANDIDATES)) == 0
     if len(few):
@@ -258,3 +256,231 @@ def _finer(lattice: Lattice, cells: Floats) -> Balls:
         points = points.joined(deepest.where(deepest.depths > 0.0))
         cells = cells[deepest.depths <= 0.0]
     return points
+
+
+class Balls(NamedTuple):
+    """Balls, in sides of a cell.
+
+    Attributes
+    ----------
+    centers : ndarray, shape (n, 3)
+    depths : ndarray, shape (n,)
+        Lower bounds of how deep the centers lie in the shape, below zero outside.
+    reaches : ndarray, shape (n,)
+        Radii.
+    """
+
+    centers: Floats
+    depths: Floats
+    reaches: Floats
+
+    def where(self, chosen: NDArray[Any]) -> Balls:
+        """Those of a mask, or of some numbers."""
+        return Balls(*(column[chosen] for column in self))
+
+    def joined(self, other: Balls) -> Balls:
+        """Both together."""
+        return Balls(*map(np.concatenate, zip(self, other, strict=True)))
+
+
+class Cells(NamedTuple):
+    """The cells; compiled functions take them as they are.
+
+    ``times`` (nx, ny, nz) is how many of the chosen balls hold a cell, or -1 for cells that do not matter, and ``sums``
+    (nx, ny, nz + 1) how many cells of its row that none holds come before it. ``rows`` (nx * ny, 4) is room for the
+    rows of cells that a ball holds: i, j, and the first k and the one after the last; and ``squares`` (nx * ny,) for
+    the part of the squared distance that the first two axes make up.
+    """
+
+    times: NDArray[np.int32]
+    sums: NDArray[np.int32]
+    half: Floats
+    rows: Ints
+    squares: Floats
+
+
+class Cover:
+    """The cells of a lattice, and balls chosen to hold them.
+
+    Where ``whole``, a ball holds a cell if all of the cell lies in it, and every cell is to be held; or else, if its
+    middle does, and only those in the shape are.
+    """
+
+    def __init__(self, lattice: Lattice, *, whole: bool) -> None:
+        self._lattice = lattice
+        times = np.full(lattice.cells.shape, -1, dtype=np.int32)
+        times[lattice.cells] = 0 if whole else np.where(lattice.depths > 0.0, 0, -1)
+        sums = np.cumsum(np.pad(times == 0, ((0, 0), (0, 0), (1, 0))), axis=2, dtype=np.int32)
+        rows = math.prod(times.shape[:2])
+        half = lattice.half if whole else np.zeros(3)
+        self._cells = Cells(times, sums, half, np.empty((rows, 4), dtype=np.int64), np.empty(rows))
+
+    @property
+    def open_cells(self) -> Floats:
+        """Middles of the cells that no ball holds, shape (n, 3)."""
+        return np.argwhere(self._cells.times == 0) + np.float64(0.5)
+
+    def choose(self, balls: Balls, most: int) -> Ints:
+        """Numbers of those among balls that a greedy choice takes, in their order."""
+        lattice, dim = self._lattice, self._lattice.region.dim
+        large = np.maximum(balls.reaches, 0.0) + 0.5 * lattice.diagonal
+        bounds = np.minimum(_VOLUME[dim] * large**dim, float(len(lattice.middles)))
+        chosen: Ints = choose(self._cells, balls.centers, balls.reaches, bounds, most)
+        return chosen
+
+    def trim(self, balls: Balls) -> Floats:
+        """Drop balls that hold no cell alone, then cut the others to what they hold alone: reaches, 0 if dropped.
+
+        Those that stick out most are first.
+        """
+        left = balls.reaches.copy()
+        trim(self._cells, balls.centers, left, np.argsort(left, kind="stable"), only_drop=True)
+        trim(self._cells, balls.centers, left, np.argsort(balls.depths - left, kind="stable"), only_drop=False)
+        return left
+
+    def polish(self, centers: Floats, radii: Floats) -> None:
+        """Move balls that lie in the shape, as large as it allows, to where they hold more cells; in place."""
+        region, lattice = self._lattice.region, self._lattice
+        polish(self._cells, region.tree, centers, radii, (lattice.corner, lattice.side, region.slack))
+
+
+@jit
+def _span(center: float, length: float, count: int) -> tuple[int, int]:
+    """The middles within a length of a center along an axis: the first, and the one after the last."""
+    return max(0, math.ceil(center - length - 0.5)), min(count, math.floor(center + length + 0.5))
+
+
+@jit
+def _find_rows(cells: Cells, center: Floats, reach: float) -> int:
+    """Fill ``cells.rows`` with the rows of cells that a ball holds; how many there are."""
+    nx, ny, nz = cells.times.shape
+    half = cells.half
+    r = reach - EPS
+    count = 0
+    for i in range(*_span(center[0], r - half[0], nx)):
+        x = (abs(i + 0.5 - center[0]) + half[0]) ** 2
+        if x > r * r:
+            continue
+        for j in range(*_span(center[1], math.sqrt(r * r - x) - half[1], ny)):
+            xy = x + (abs(j + 0.5 - center[1]) + half[1]) ** 2
+            if xy > r * r:
+                continue
+            first, stop = _span(center[2], math.sqrt(r * r - xy) - half[2], nz)
+            if first < stop:
+                cells.rows[count, 0], cells.rows[count, 1] = i, j
+                cells.rows[count, 2], cells.rows[count, 3] = first, stop
+                cells.squares[count] = xy
+                count += 1
+    return count
+
+
+@jit
+def _add(cells: Cells, rows: int, step: int) -> None:
+    """Count a ball, whose rows were found, in (``step`` 1) or out (-1)."""
+    times, sums = cells.times, cells.sums
+    for n in range(rows):
+        i, j, first, stop = cells.rows[n]
+        for k in range(first, stop):
+            if times[i, j, k] >= 0:
+                times[i, j, k] += step
+        for k in range(first, times.shape[2]):
+            sums[i, j, k + 1] = sums[i, j, k] + (times[i, j, k] == 0)
+
+
+@jit
+def _gain(cells: Cells, rows: int) -> int:
+    """How many cells a ball, whose rows were found, holds that none holds so far."""
+    gain = 0
+    for n in range(rows):
+        i, j, first, stop = cells.rows[n]
+        gain += cells.sums[i, j, stop] - cells.sums[i, j, first]
+    return gain
+
+
+@jit
+def choose(cells: Cells, centers: Floats, reaches: Floats, bounds: Floats, most: int) -> Ints:
+    """The balls that a greedy choice takes, each for the cells that it adds: numbers, in their order.
+
+    A ball adds no more cells than it did before others were taken (M. Minoux, "Accelerated greedy algorithms for
+    maximizing submodular set functions", 1978), nor than ``bounds``. It ends when no ball adds a cell.
+    """
+    chosen = np.empty(min(most, len(centers)), dtype=np.int64)
+    count, left = 0, cells.sums[:, :, -1].sum()
+    queue = [(-bounds[n], n) for n in range(len(centers))]
+    heapq.heapify(queue)
+    while len(queue) > 0 and count < len(chosen) and left > 0:
+        _, n = heapq.heappop(queue)
+        rows = _find_rows(cells, centers[n], reaches[n])
+        gain = _gain(cells, rows)
+        if gain == 0:
+            continue
+        # The gain is up to date; if it no longer leads, the ball waits with it.
+        if len(queue) > 0 and gain < -queue[0][0]:
+            heapq.heappush(queue, (-float(gain), n))
+            continue
+        _add(cells, rows, 1)
+        chosen[count] = n
+        count += 1
+        left -= gain
+    return chosen[:count]
+
+
+@jit
+def trim(cells: Cells, centers: Floats, reaches: Floats, order: Ints, only_drop: bool) -> None:
+    """Cut balls, in an order, to the cells that only they hold; ``reaches`` become zero where there are none."""
+    for n in order:
+        rows = _find_rows(cells, centers[n], reaches[n])
+        square = -1.0
+        for row in range(rows):
+            i, j, first, stop = cells.rows[row]
+            for k in range(first, stop):
+                if cells.times[i, j, k] == 1:
+                    square = max(square, cells.squares[row] + (abs(k + 0.5 - centers[n, 2]) + cells.half[2]) ** 2)
+        # Two allowances: one that the ball reaches beyond its cells, and one for the root.
+        least = math.sqrt(square) + 2.0 * EPS if square >= 0.0 else 0.0
+        if least < reaches[n] and not (only_drop and least > 0.0):
+            _add(cells, rows, -1)
+            if least > 0.0:
+                _add(cells, _find_rows(cells, centers[n], least), 1)
+            reaches[n] = least
+
+
+@jit
+def polish(cells: Cells, tree: Tree, centers: Floats, radii: Floats, frame: tuple[Floats, float, float]) -> None:
+    """Move balls that lie in a shape, as large as it allows, to where they hold more cells; in place.
+
+    A step that stays in the ball stays in the shape, so that the distance from the border is the new radius. Steps go
+    along the axes, and halve where none helps. ``frame`` is the corner of the lattice in the space of the tree, its
+    side, and the slack of distances.
+    """
+    corner, side, slack = frame
+    trial = np.empty(3)
+    for turn in range(ROUNDS):
+        moved = False
+        for n in range(len(centers)):
+            rows = _find_rows(cells, centers[n], radii[n])
+            _add(cells, rows, -1)
+            best = _gain(cells, rows)
+            step = 2.0 / (1 << turn)
+            for _ in range(4):
+                better = False
+                for direction in range(6):
+                    axis = direction // 2
+                    if cells.times.shape[axis] == 1 or step >= 0.9 * radii[n]:
+                        continue
+                    trial[:] = centers[n]
+                    trial[axis] += step if direction % 2 else -step
+                    place = corner + side * trial
+                    radius = (distance(tree, place, 2.0 * side * (radii[n] + step))[0] - slack) / side
+                    if radius <= 0.0:
+                        continue
+                    gain = _gain(cells, _find_rows(cells, trial, radius))
+                    if gain > best or (gain == best and radius > radii[n]):
+                        better = moved = True
+                        best = gain
+                        centers[n], radii[n] = trial, radius
+                if not better:
+                    step *= 0.5
+            _add(cells, _find_rows(cells, centers[n], radii[n]), 1)
+        if not moved:
+            break

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from functools import partial, reduce
+from functools import reduce
 from typing import TYPE_CHECKING, Any, Final, Literal, overload
 
 import numpy as np
@@ -18,9 +18,10 @@ from cspace.covering import check_cells
 from cspace.errors import InputError
 from cspace.grid import Grid, finite
 from cspace.raster.triangles import mark_touched
-from cspace.shapes import Mesh, Shape
+from cspace.shapes import Balls, Mesh, Shape
 from cspace.spectral.bump import Bump, check_bump
 from cspace.spectral.inputs import check_axes, check_kind, check_solid_balls
+from cspace.spectral.regions import shape_of
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -31,8 +32,7 @@ Floats = NDArray[np.float64]
 ROUNDING: Final = 2.0**-50
 """Bound, with room to spare, of the relative error of the few operations that turn and shift a coordinate."""
 
-SAME: Final = 1e-9
-"""Part of a cell or of the spacing by which grids may differ, from rounding, and still be the same."""
+SAME: Final = 1e-9  # part of a cell or of the spacing by which grids may differ, from rounding, and still be the same
 
 MOST_WHOLE: Final = 2.0**40
 """Product of 2-norms up to which transforms in float64 leave whole sums whole: their error is below 1000 rounding units
@@ -52,10 +52,7 @@ class Descriptor:
     values : array-like, shape grid.shape
         A copy is kept, as float64, read-only.
 
-    Raises
-    ------
-    InputError
-        If the values do not have the grid's shape, or one is not finite.
+    Raises InputError if the values do not have the grid's shape, or one is not finite.
     """
 
     grid: Grid
@@ -81,8 +78,7 @@ class Descriptor:
         return float(self.values.sum() * self.grid.spacing**self.dim)
 
 
-@dataclass(frozen=True, eq=False)
-class BallDescriptor:
+class BallDescriptor(Balls):
     """``f(x) = sum over balls of psi((x - center) / radius)``, above zero in the open balls and nowhere else.
 
     Parameters
@@ -94,57 +90,22 @@ class BallDescriptor:
     bump : Bump, optional
         ``Bump(2.0)`` if left out.
 
-    Raises
-    ------
-    InputError
-        If there is no ball, the shapes do not fit, a value is not finite, or a radius is not above zero.
+    Raises InputError if there is no ball, the shapes do not fit, a value is not finite, or a radius is not above zero.
     """
 
-    centers: Floats = field(repr=False)
-    radii: Floats = field(repr=False)
-    bump: Bump
-
     def __init__(self, centers: ArrayLike, radii: ArrayLike, bump: Bump | None = None) -> None:
-        points, sizes = check_solid_balls(centers, radii)
-        points.flags.writeable = sizes.flags.writeable = False
-        object.__setattr__(self, "centers", points)
-        object.__setattr__(self, "radii", sizes)
-        object.__setattr__(self, "bump", check_bump(bump))
-
-    @classmethod
-    def of(cls, source: Any, name: str, bump: Bump) -> BallDescriptor:
-        """The balls of an object with ``centers`` and ``radii``, of a robot of balls, or of a pair of arrays.
-
-        Raises
-        ------
-        InputError
-            If it is none of these, or as for the class.
-        """
-        pair: Any = source
-        balls: Any
-        for balls in (source, getattr(source, "shape", None)):  # of a robot, its shape has them
-            if not isinstance(pair, tuple) and hasattr(balls, "centers") and hasattr(balls, "radii"):
-                pair = (balls.centers, balls.radii)
-        if not isinstance(pair, tuple | list) or len(pair) != 2:
-            found, rule = f"is a {type(source).__name__}", "it must have centers and radii, or be a pair of them"
-            raise InputError(name, found, rule, "decompose other shapes first", value=source)
-        return cls(pair[0], pair[1], bump)
-
-    @property
-    def dim(self) -> int:
-        """2 in the plane, 3 in space."""
-        return int(self.centers.shape[1])
-
-    @property
-    def bounds(self) -> tuple[Floats, Floats]:
-        """Lower and upper corner of the balls, metres."""
-        reach = self.radii[:, None]
-        return (self.centers - reach).min(axis=0), (self.centers + reach).max(axis=0)
+        super().__init__(*check_solid_balls(centers, radii))
+        self.bump = check_bump(bump)
 
     @property
     def integral(self) -> float:
         """Integral over the plane or space, metres to the power ``dim``."""
         return float(self.bump.radial_spectrum(0.0, self.dim) * np.sum(self.radii**self.dim))
+
+    @property
+    def middle(self) -> Floats:
+        """Middle of the box around the centers, shape (d,)."""
+        return np.asarray((self.centers.min(axis=0) + self.centers.max(axis=0)) / 2)
 
     def sample(self, grid: Grid) -> Descriptor:
         """Values at the middles of the cells of a grid, which must have as many axes as the balls, or InputError."""
@@ -154,32 +115,6 @@ class BallDescriptor:
             values[window] += self.bump.values(np.sqrt(squares))
         return Descriptor(grid, values)
 
-    @property
-    def span(self) -> float:
-        """Largest modulus of a coordinate, plus the largest radius: to what the rounding is relative, metres."""
-        return float(np.abs(self.centers).max() + self.radii.max())
-
-    @property
-    def middle(self) -> Floats:
-        """Middle of the box around the centers, shape (d,)."""
-        return np.asarray((self.centers.min(axis=0) + self.centers.max(axis=0)) / 2)
-
-    def reach(self, middle: Floats) -> float:
-        """Radius of the ball around a point that holds all balls."""
-        return float((np.linalg.norm(self.centers - middle, axis=1) + self.radii).max())
-
-    def sides(self, middle: Floats) -> Floats:
-        """Half the sides of the box around a point that holds all balls, shape (d,)."""
-        return np.asarray((np.abs(self.centers - middle) + self.radii[:, None]).max(axis=0))
-
-    def grown(self, distance: float) -> BallDescriptor:
-        """The same with ``distance`` added to every radius, metres."""
-        return BallDescriptor(self.centers, self.radii + distance, self.bump)
-
-    def turned(self, matrix: Floats) -> BallDescriptor:
-        """The same with every center turned about the origin."""
-        return BallDescriptor(self.centers @ matrix.T, self.radii, self.bump)
-
     def rounded(self, number: int, up: bool) -> BallDescriptor:
         """The same with at most ``number`` different radii, each ball grown (``up``) or shrunk to the next of them.
 
@@ -188,11 +123,23 @@ class BallDescriptor:
         if len(np.unique(self.radii)) <= number:
             return self
         shares = np.arange(number) / number
-        if up:
-            steps = np.unique(np.quantile(self.radii, 1.0 - shares, method="higher"))
-            return BallDescriptor(self.centers, steps[np.searchsorted(steps, self.radii, side="left")], self.bump)
-        steps = np.unique(np.quantile(self.radii, shares, method="lower"))
-        return BallDescriptor(self.centers, steps[np.searchsorted(steps, self.radii, side="right") - 1], self.bump)
+        steps = np.unique(np.quantile(self.radii, 1.0 - shares if up else shares, method="higher" if up else "lower"))
+        places = np.searchsorted(steps, self.radii, side="left" if up else "right")
+        return BallDescriptor(self.centers, steps[places if up else places - 1], self.bump)
+
+
+def balls_of(source: Any, name: str, bump: Bump) -> BallDescriptor:
+    """The balls of an object with ``centers`` and ``radii``, of a robot of balls, or of a pair of arrays; InputError if
+    it is none of these."""
+    pair: Any = source
+    balls: Any
+    for balls in (source, getattr(source, "shape", None)):  # of a robot, its shape has them
+        if not isinstance(pair, tuple) and hasattr(balls, "centers") and hasattr(balls, "radii"):
+            pair = (balls.centers, balls.radii)
+    if not isinstance(pair, tuple | list) or len(pair) != 2:
+        found, rule = f"is a {type(source).__name__}", "it must have centers and radii, or be a pair of them"
+        raise InputError(name, found, rule, "decompose other shapes first", value=source)
+    return BallDescriptor(pair[0], pair[1], bump)
 
 
 def bump_of(bump: Bump | None, *sources: Any) -> Bump:
@@ -226,26 +173,23 @@ def indicator(shape: Shape | BaseGeometry | BallDescriptor | ArrayLike, grid: Gr
 
 
 def _inside(shape: Any, grid: Grid) -> Bools:
-    import shapely
+    from shapely import Geometry
 
-    middles = partial(np.meshgrid, *(grid.centers(axis) for axis in range(grid.dim)), indexing="ij")
-    if isinstance(shape, shapely.Geometry):
-        check_axes(grid, 2, "shape")
-        shapely.prepare(shape)
-        return np.asarray(shapely.intersects_xy(shape, *middles(sparse=True)))
-    if hasattr(shape, "centers") and hasattr(shape, "radii"):
-        check_axes(grid, shape.centers.shape[1], "shape")
+    balls = hasattr(shape, "centers") and hasattr(shape, "radii")
+    known: Any = shape_of(shape) if isinstance(shape, Geometry) else shape
+    if not balls and not isinstance(known, Shape):
+        return check_cells(shape, "shape")
+    check_axes(grid, known.centers.shape[1] if balls else known.dim, "shape")
+    if balls:
         inside = np.zeros(grid.shape, dtype=bool)
-        for window, squares in _near_balls(shape.centers, np.maximum(shape.radii, _TINY), grid):
+        for window, squares in _near_balls(known.centers, np.maximum(known.radii, _TINY), grid):
             inside[window] |= squares <= 1.0
         return inside
-    if isinstance(shape, Shape):
-        check_axes(grid, shape.dim, "shape")
-        inside = np.asarray(shape.contains(np.stack(middles(), axis=-1)))
-        if isinstance(shape, Mesh):  # which calls the points of some sides in, and those of others out
-            mark_touched(inside, (shape.triangles - np.asarray(grid.lower)) / grid.spacing, 0.5, 0.5)
-        return inside
-    return check_cells(shape, "shape")
+    middles = np.meshgrid(*(grid.centers(axis) for axis in range(grid.dim)), indexing="ij")
+    inside = known.contains(np.stack(middles, axis=-1))
+    if isinstance(known, Mesh):  # which calls the points of some sides in, and those of others out
+        mark_touched(inside, (known.triangles - np.asarray(grid.lower)) / grid.spacing, 0.5, 0.5)
+    return np.asarray(inside)
 
 
 def _near_balls(centers: Floats, radii: Floats, grid: Grid) -> Iterator[tuple[Any, Floats]]:
@@ -280,10 +224,7 @@ def union(first: Descriptor, *others: Descriptor) -> Descriptor: ...
 def union(first: Descriptor | BallDescriptor, *others: Descriptor | BallDescriptor) -> Descriptor | BallDescriptor:
     """The sum of descriptors: of sampled ones on one grid, or of balls of one bump, whose sum is that of all balls.
 
-    Raises
-    ------
-    InputError
-        If the kinds, grids, bumps or dimensions differ.
+    Raises InputError if the kinds, grids, bumps or dimensions differ.
     """
     given = (first, *others)
     balls = [each for each in given if isinstance(each, BallDescriptor)]
@@ -301,10 +242,7 @@ def union(first: Descriptor | BallDescriptor, *others: Descriptor | BallDescript
 def intersection(first: Descriptor, *others: Descriptor) -> Descriptor:
     """The product of descriptors on one grid.
 
-    Raises
-    ------
-    InputError
-        If one is not sampled (the product of two bumps is no bump), or the grids differ.
+    Raises InputError if one is not sampled (the product of two bumps is no bump), or the grids differ.
     """
     sampled = _on_one_grid((first, *others))
     return Descriptor(sampled[0].grid, reduce(np.multiply, [each.values for each in sampled]))
@@ -313,10 +251,7 @@ def intersection(first: Descriptor, *others: Descriptor) -> Descriptor:
 def superlevel(descriptor: Descriptor, threshold: float = 0.0) -> Bools:
     """``U_t``: the cells at whose middle a descriptor is above a threshold, which itself does not count.
 
-    Raises
-    ------
-    InputError
-        If the descriptor is not sampled, or the threshold is not one finite number.
+    Raises InputError if the descriptor is not sampled, or the threshold is not one finite number.
     """
     level = finite(threshold, "threshold")
     if level.ndim:
@@ -340,13 +275,10 @@ def minkowski_sum(first: Descriptor, second: Descriptor, method: Literal["fft", 
     method : {"fft", "direct"}
         "direct" sums one product after the other, which pays where both are small, or one is a few cells large.
 
-    Raises
-    ------
-    InputError
-        If a descriptor is not sampled, the dimensions or spacings differ, or ``method`` is neither word.
+    Raises InputError if a descriptor is not sampled, the dimensions or spacings differ, or ``method`` is neither word.
     """
     f, g = (check_sampled(each).grid for each in (first, second))
-    if f.dim != g.dim or abs(f.spacing - g.spacing) * max(f.shape + g.shape) > SAME * f.spacing:
+    if not _alike(f, g):
         found = f"has {g.dim} axes and a spacing of {g.spacing:g} m, the first {f.dim} and {f.spacing:g} m"
         raise InputError("second", found, "both must be the same", "sample the descriptors alike")
     check_kind(method, "method", ("fft", "direct"))
@@ -372,14 +304,17 @@ def _convolution(f: Floats, g: Floats, method: str) -> Floats:
     return np.where(pairs > 0.5, np.maximum(sums, _TINY), 0.0)
 
 
+def _alike(f: Grid, g: Grid) -> bool:
+    """Whether two grids have as many axes and one spacing, but for rounding."""
+    return f.dim == g.dim and abs(f.spacing - g.spacing) * max(f.shape + g.shape) <= SAME * f.spacing
+
+
 def _on_one_grid(given: tuple[Any, ...]) -> list[Descriptor]:
     """The descriptors, all sampled on the grid of the first."""
     sampled = [check_sampled(each) for each in given]
     grid = sampled[0].grid
     for other in (each.grid for each in sampled):
-        if grid.shape != other.shape or not (
-            np.allclose(grid.lower, other.lower, rtol=0.0, atol=SAME * grid.spacing)
-            and abs(grid.spacing - other.spacing) * max(grid.shape) <= SAME * grid.spacing
-        ):
+        same = grid.shape == other.shape and _alike(grid, other)
+        if not same or np.abs(np.subtract(grid.lower, other.lower)).max() > SAME * grid.spacing:
             raise InputError("others", f"holds one on {other}", f"all must be on {grid}", "sample them alike")
     return sampled

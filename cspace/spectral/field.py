@@ -6,41 +6,26 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Final, Protocol, overload
+from typing import Any, Final, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.compiling import entry, jit
 from cspace.errors import InputError
-from cspace.grid import Grid
 from cspace.map import turning
 from cspace.map.batches import Many, One, answer
+from cspace.map.chain import Space
 from cspace.map.contents import checked_fields
 from cspace.map.points import configuration, is_usable, replaced
 from cspace.map.record import Map
 from cspace.memory import check_memory
-from cspace.rotations import Rotations
 from cspace.spectral.overlap import FourierOverlap
 from cspace.states import FIELDS
 
 Floats = NDArray[np.float64]
 
-_AT_ONCE: Final = 2**20
-"""Cells whose values are computed together."""
-
-
-class Space(Protocol):
-    """What is asked of a map here."""
-
-    @property
-    def grid(self) -> Grid: ...
-    @property
-    def rotations(self) -> Rotations: ...
-    @property
-    def dof(self) -> int: ...
-    @property
-    def _map(self) -> Map: ...
+_AT_ONCE: Final = 2**20  # cells whose values are computed together
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -74,9 +59,8 @@ class OverlapField:
     def of(cls, space: Space, overlap: FourierOverlap) -> OverlapField:
         """The field of a map.
 
-        The cells' middles are a lattice of placements, so that all values of a slice are one transform, and each
-        derivative one more. Of a robot that turns, the values of a slice are those at the representative of the first
-        rotation cell that it serves.
+        Of a robot that turns, the values of a slice are those at the representative of the first rotation cell that it
+        serves.
 
         Parameters
         ----------
@@ -109,9 +93,9 @@ class OverlapField:
             for rows in np.array_split(np.arange(shape[1]), -(-grid.size // _AT_ONCE)):
                 cells = np.stack(np.meshgrid(rows, *map(np.arange, shape[2:]), indexing="ij"), axis=-1)
                 places = grid.center_of(cells)
-                values = np.concatenate([np.asarray(placed.value(places))[..., None], placed.gradient(places)], axis=-1)
-                for k, array in enumerate(arrays.values()):
-                    array[number, rows] = values[..., k]
+                arrays[FIELDS[0]][number, rows] = placed.value(places)
+                for name, slope in zip(FIELDS[1:], np.moveaxis(placed.gradient(places), -1, 0), strict=False):
+                    arrays[name][number, rows] = slope
         return cls(space, {name: array.reshape(_shape(space)) for name, array in arrays.items()})
 
     @property
@@ -131,17 +115,18 @@ class OverlapField:
 
         Metres, and radians. Outside the grid the nearest value in it is taken; of a rotation, that of its cell.
 
-        Raises
-        ------
-        InputError
-            If the last axis is not dof long, or a value is NaN or infinite.
+        Raises InputError if the last axis is not dof long, or a value is NaN or infinite.
         """
-        overlaps: float | Floats = answer(q, self.space.dof, partial(fields_at, *self._fixed()), np.float64, float)
+        overlaps: float | Floats = answer(q, self._dof, partial(fields_at, *self._fixed()), np.float64, float)
         return overlaps
 
     def checker(self) -> Callable[..., float]:
         """A quick :meth:`at` of floats: ``check(*q) -> float``; they must be finite, and are not checked."""
-        return entry(_FIELDS[self.space.dof], self._fixed(), self.space.dof)
+        return entry(_FIELDS[self._dof], self._fixed(), self._dof)
+
+    @property
+    def _dof(self) -> int:
+        return self.space.grid.dim + self.space.rotations.dof
 
     def _fixed(self) -> tuple[Any, ...]:
         map_ = self.space._map

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from typing import Any, Final
 
 import numpy as np
@@ -9,11 +10,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.errors import InputError
 from cspace.grid import Grid, finite
+from cspace.shapes import check_balls
 
 Floats = NDArray[np.float64]
 
-LEAST_TOLERANCE: Final = 1e-13
-"""Below this, rounding in float64 leaves nothing to ask for."""
+LEAST_TOLERANCE: Final = 1e-13  # below this, rounding in float64 leaves nothing to ask for
 
 MOST_TOLERANCE: Final = 0.1
 
@@ -66,10 +67,19 @@ def check_kind(value: Any, name: str, kinds: tuple[Any, ...]) -> None:
         raise InputError(name, f"is {value!r}", rule, "pass one of them", value=value)
 
 
+def check_count(value: Any, name: str, mend: str) -> int:
+    """A whole number, one at least."""
+    try:
+        count = 0 if isinstance(value, bool) else operator.index(value)
+    except TypeError:
+        count = 0
+    if count < 1:
+        raise InputError(name, f"is {value!r}", "it must be a whole number, one at least", mend, value=value)
+    return count
+
+
 def check_solid_balls(centers: ArrayLike, radii: ArrayLike) -> tuple[Floats, Floats]:
     """Copies of the centers, shape (n, dim), and radii above zero, shape (n,), of balls."""
-    from cspace.shapes import check_balls
-
     points, sizes = check_balls(centers, radii)
     if (sizes <= 0.0).any():
         mend = "drop balls that have no volume"

@@ -17,8 +17,8 @@ from cspace.grid import finite, positive
 from cspace.map.batches import Many, One
 from cspace.spectral.bands import Rings, Spectrum, Swollen, Terms, highest_frequency, separate_all, sum_of_terms
 from cspace.spectral.bump import Bump
-from cspace.spectral.descriptors import ROUNDING, BallDescriptor, bump_of
-from cspace.spectral.inputs import check_number, check_vectors
+from cspace.spectral.descriptors import ROUNDING, BallDescriptor, balls_of, bump_of
+from cspace.spectral.inputs import check_count, check_number, check_vectors
 from cspace.spectral.pairs import norm_square, pair_integrals, touching_overlap
 from cspace.spectral.spectra import nufft
 
@@ -26,32 +26,18 @@ Bytes = NDArray[np.uint8]
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-MOST: Final = 2**21
-"""Frequencies, opposite ones counted once, up to which the band is chosen where none is given."""
-
-LARGEST: Final = 2**26
-"""Frequencies up to which a band may be given."""
-
-HIGHEST: Final = 2**15 - 1
-"""Cycles per period, along an axis, that a short integer holds."""
+MOST: Final = 2**21  # frequencies, opposite ones counted once, up to which the band is chosen where none is given
+LARGEST: Final = 2**26  # frequencies up to which a band may be given
+HIGHEST: Final = 2**15 - 1  # cycles per period, along an axis, that a short integer holds
 
 PERIOD_ROOM: Final = 1e-6
 """By how much, relative, the period is longer than it must be, so that rounding cannot make anything wrap around."""
 
-LONGEST: Final = 1e40
-"""Metres, beyond which squares of volumes overflow."""
-
-FARTHEST: Final = 1e6
-"""How many periods the balls may lie from the origin of their frame."""
-
-ACCURACY: Final = 1e-9
-"""Of the values at many placements, relative to the root of the sum of the squares of the terms."""
-
-FEW: Final = 32
-"""Placements up to which sums are quicker than a transform of the whole band."""
-
-NEAR: Final = 1e-6
-"""How far a matrix may be from a rotation; the nearest one is taken."""
+LONGEST: Final = 1e40  # metres, beyond which squares of volumes overflow
+FARTHEST: Final = 1e6  # how many periods the balls may lie from the origin of their frame
+ACCURACY: Final = 1e-9  # of the values at many placements, relative to the root of the sum of the squares of the terms
+FEW: Final = 32  # placements up to which sums are quicker than a transform of the whole band
+NEAR: Final = 1e-6  # how far a matrix may be from a rotation; the nearest one is taken
 
 
 class Verdict(IntEnum):
@@ -86,18 +72,13 @@ class Separation:
 class FourierOverlap:
     """The overlap of a ball set A, placed anywhere, with a ball set B; made once, and asked many times.
 
-    A ball set has the descriptor ``f(x) = sum over balls of psi((x - center) / radius)``, with the bump psi. With A
-    moved by t the two overlap by
+    With the descriptors ``f(x) = sum over balls of psi((x - center) / radius)`` and A moved by t, the two overlap by
 
         c(t) = integral f_B(x) f_A(x - t) dx = 1/V sum_w F_B(w) conj(F_A(w)) exp(2 pi i w.t),
 
     in square or cubic metres, with V the volume of a period so long that nothing wraps around (Lysenko, 2013). c is
     above zero exactly where an open ball of the moved A meets one of B, and grows with the depth of the collision.
     *Every* t is answered: outside :attr:`domain` nothing of A comes near B, and c is exactly zero.
-
-    :meth:`value` and :meth:`gradient` sum all frequencies up to the band limit, and so differ from the ideal
-    c by at most :attr:`bound`. :meth:`separated` sums no more of them, from low to high, than it must to tell whether
-    the ideal c, with all frequencies, lies below or above :attr:`threshold`.
 
     Parameters
     ----------
@@ -117,10 +98,6 @@ class FourierOverlap:
     tolerance : float
     accuracy : float
         Of the spectra, relative to their largest values.
-
-    Attributes
-    ----------
-    threshold : float
 
     Raises
     ------
@@ -142,16 +119,18 @@ class FourierOverlap:
         accuracy: float = 1e-12,
     ) -> None:
         kind = bump_of(bump, a, b)
-        first, second = BallDescriptor.of(a, "a", kind), BallDescriptor.of(b, "b", kind)
+        first, second = balls_of(a, "a", kind), balls_of(b, "b", kind)
         _check_dims("b", second, first)
         self.threshold = check_number(threshold, "threshold")
         self._accuracy = accuracy
         self._swell = 0.0  # by how much the balls are grown beyond those whose shapes the verdicts are about
-        self._inner: FourierOverlap | None = None  # the overlap of the inner balls, where there are any
+        self._inner: FourierOverlap | None = None  # that of the inner balls, where there are any
         self._b, self._unturned, self._turn = second, first, np.eye(first.dim)
         self._pivot, self._middle_b = first.middle, second.middle
-        self._reach = first.reach(self._pivot) * (1.0 + 2.0**-40)
-        self._limits = (second.sides(self._middle_b) + self._reach) * (1.0 + 0.1 * PERIOD_ROOM)
+        reach = np.linalg.norm(first.centers - self._pivot, axis=1) + first.radii
+        self._reach = float(reach.max()) * (1.0 + 2.0**-40)
+        sides = (np.abs(second.centers - self._middle_b) + second.radii[:, None]).max(axis=0)
+        self._limits = (sides + self._reach) * (1.0 + 0.1 * PERIOD_ROOM)
         lengths = 2.0 * (1.0 + PERIOD_ROOM) * self._limits
         far = max(first.span, second.span)
         if far > min(LONGEST, FARTHEST * float(lengths.min())):
@@ -159,7 +138,7 @@ class FourierOverlap:
             raise InputError("b", found, "rounding would count", "move the origin nearer to them, or check the units")
         self._rings = self._make_rings(first, lengths, band, tolerance)
         self._norms = norm_square(first), norm_square(second)
-        self._spectrum_b = self._spectrum(second, self._middle_b, self._norms[1])
+        self._spectrum_b = Spectrum.of(second, self._middle_b, self._rings, accuracy, self._norms[1])
         self._place(first)
 
     @classmethod
@@ -176,16 +155,12 @@ class FourierOverlap:
         tolerance: float = 1e-3,
         accuracy: float = 1e-12,
     ) -> FourierOverlap:
-        """An overlap whose verdicts are proofs about the shapes that the balls stand for.
-
-        The outer balls cover the shapes, and the inner ones lie in them. Every outer ball is grown by ``swell``. Where
-        the shapes touch, so do an outer ball of A and one of B, before they grow; after it, the two overlap by at least
-        as much as any two balls of these radii that only just touched. That is the threshold. So:
+        """An overlap whose verdicts are proofs about the shapes that the balls stand for (``docs/frequency.md``).
 
         *MISS* proves that the closed shapes have no point in common. *HIT* proves that they do: an inner ball of A and
         one of B overlap. Between the two lie placements that are closer than twice ``swell``, or than the balls tell.
-
-        The values and gradients are those of the grown outer balls.
+        Values and gradients are those of the outer balls, grown by ``swell``; the threshold is what any two of these
+        have in common at least, if they touched before they grew.
 
         Parameters
         ----------
@@ -197,8 +172,8 @@ class FourierOverlap:
             Metres, above zero. Half a radius of the typical ball and more makes early verdicts; less makes fewer
             placements undecided.
         classes : int
-            How many different radii there may be in each set: outer balls grow and inner balls shrink to the next of
-            them. Each takes a transform.
+            How many different radii there may be in each set, for each takes a transform: outer balls grow and inner
+            balls shrink to the next of them.
         bump, tolerance, accuracy
             As for the class.
 
@@ -217,12 +192,11 @@ class FourierOverlap:
                 mend = "decompose the shape with that kind"
                 raise InputError(name, f"is of kind {kind!r}", f"it must be {name[:5]!r}", mend)
         chosen, more = bump_of(bump, *given.values()), positive(swell, "swell")
-        if isinstance(classes, bool) or not isinstance(classes, int | np.integer) or classes < 1:
-            raise InputError("classes", f"is {classes!r}", "it must be a whole number above zero", "pass e.g. 8")
+        number = check_count(classes, "classes", "pass e.g. 8")
         if (inner_a is None) is not (inner_b is None):
             raise InputError("inner_a", "is given without inner_b, or b without a", "a hit needs both", "pass both")
         sets = [
-            BallDescriptor.of(source, name, chosen).rounded(classes, up=name.startswith("outer"))
+            balls_of(source, name, chosen).rounded(number, up=name.startswith("outer"))
             for name, source in given.items()
             if source is not None
         ]
@@ -233,12 +207,11 @@ class FourierOverlap:
         if level <= 0.0:
             rule = f"grown balls that touched must share more than can be computed with alpha = {chosen.alpha:g}"
             raise InputError("swell", f"is {more:g}", rule, "pass a larger swell")
-        made = cls(a.grown(more), b.grown(more), threshold=level, tolerance=tolerance, accuracy=accuracy)
+        grown = (BallDescriptor(balls.centers, balls.radii + more, chosen) for balls in (a, b))
+        made = cls(*grown, threshold=level, tolerance=tolerance, accuracy=accuracy)
         made._swell = more
         made._inner = cls(*inner, tolerance=tolerance, accuracy=accuracy) if inner else None
         return made
-
-    # ---- what it is --------------------------------------------------------------------------------------------------
 
     @property
     def dim(self) -> int:
@@ -258,7 +231,7 @@ class FourierOverlap:
     @property
     def frequencies(self) -> int:
         """How many frequencies there are up to the band limit, opposite ones counted once; of inner balls too."""
-        return self._rings.size + (self._inner.frequencies if self._inner else 0)
+        return len(self._rings.order) + (self._inner.frequencies if self._inner else 0)
 
     @property
     def domain(self) -> tuple[Floats, Floats]:
@@ -270,8 +243,6 @@ class FourierOverlap:
     def bound(self) -> float:
         """By how much :meth:`value` can differ from the ideal overlap: by the band limit and by rounding."""
         return float(self._terms.bounds[-1])
-
-    # ---- how much --------------------------------------------------------------------------------------------------
 
     @overload
     def value(self, t: One) -> float: ...  # type: ignore[overload-overlap]
@@ -312,34 +283,26 @@ class FourierOverlap:
         rotation : float, array-like of shape (d, d), or scipy.spatial.transform.Rotation
             An angle in radians, in the plane; or a matrix.
 
-        Raises
-        ------
-        InputError
-            If it is none of these.
+        Raises InputError if it is none of these.
         """
         matrix = _rotation_matrix(rotation, self.dim)
         other = copy.copy(self)
         # From the first position, so that rounding does not change the shape, however often it is turned.
         other._turn = _rotation_matrix(matrix @ self._turn, self.dim)
         other._pivot = other._turn @ self._unturned.middle
-        other._place(self._unturned.turned(other._turn))
+        first = self._unturned
+        other._place(BallDescriptor(first.centers @ other._turn.T, first.radii, first.bump))
         other._inner = self._inner.rotated(matrix) if self._inner else None
         return other
-
-    # ---- whether at all ----------------------------------------------------------------------------------------------
 
     def separated(self, t: ArrayLike, *, swelling: bool = True) -> Separation:
         """Whether A, moved by t, and B are apart, from as few frequencies as possible.
 
         First, B's balls are swollen by a ball that holds A: where the middle of that lies in none of them, it is a MISS
-        without any frequency. Then the frequencies are summed ring by ring from low to high, to s, until s and T, which
-        bounds all that has not been summed, the rounding and the errors of the spectra, decide:
-
-        *MISS* (``s + T < threshold``) proves that the ideal overlap ``c(t)``, of the exact sums of bumps, with all
-        frequencies, lies below :attr:`threshold`; or, from swollen balls, that it is zero. *HIT*
-        (``s - T > threshold``) proves that it lies above. With a threshold of zero a HIT proves that two balls overlap,
-        and a MISS that none do. *UNDECIDED*: all frequencies up to the band limit do not tell.
-
+        without any frequency. Then the frequencies are summed ring by ring, from low to high, until the sum and a bound
+        of all that it leaves out decide: *MISS* proves that the ideal overlap, of all frequencies, lies below
+        :attr:`threshold`, or, from swollen balls, that it is zero; *HIT* that it lies above; *UNDECIDED* is what all
+        frequencies up to the band limit do not tell. With a threshold of zero a HIT proves that two balls overlap.
         Of one made by :meth:`of_shapes`, MISS and HIT are proofs about the shapes, as stated there.
 
         Parameters
@@ -373,8 +336,6 @@ class FourierOverlap:
                 counts[rest] += more
         return verdicts, counts, sums
 
-    # ---- how it is done ----------------------------------------------------------------------------------------------
-
     def _make_rings(self, a: BallDescriptor, lengths: Floats, band: float | None, tolerance: float) -> Rings:
         if band is not None:
             highest = positive(band, "band", "cycles per metre")
@@ -390,15 +351,12 @@ class FourierOverlap:
             raise InputError("band", found, f"at most {LARGEST} are computed", "pass a lower one")
         return Rings.of(lengths, halves)
 
-    def _spectrum(self, balls: BallDescriptor, middle: Floats, norm: tuple[float, float]) -> Spectrum:
-        return Spectrum.of(balls, middle, self._rings, self._accuracy, norm)
-
     def _place(self, a: BallDescriptor) -> None:
         """Take over the balls of A, whose middle and reach are known."""
         self._a = a
         # By so much rounding may move a placement at which there can be any overlap.
         self._far = ROUNDING * (float(np.abs(self.domain).max()) + a.span + self._b.span)
-        spectrum = self._spectrum(a, self._pivot, self._norms[0])
+        spectrum = Spectrum.of(a, self._pivot, self._rings, self._accuracy, self._norms[0])
         self._terms = Terms.of(spectrum, self._spectrum_b, self._rings, self._far)
         self.__dict__.pop("_slopes", None)
 

@@ -9,15 +9,17 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.spectral.bump import FLOOR, PAIR_TOLERANCE, Bump
-from cspace.spectral.descriptors import ROUNDING, BallDescriptor
-from cspace.spectral.radial import (
+from cspace.spectral.bump import (
+    FLOOR,
+    PAIR_TOLERANCE,
+    Bump,
     chebyshev_coefficients,
     chebyshev_nodes,
     lens_measure,
     product_integrals,
     radial_transform,
 )
+from cspace.spectral.descriptors import ROUNDING, BallDescriptor
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -26,20 +28,14 @@ Table = Callable[[Floats], tuple[Floats, float]]
 COUNTS: Final = (26, 32)
 """Of nodes of two rules; what they differ by bounds the error of the finer one, which is far less."""
 
-NODES: Final = 64
-"""Distances in a table of pairs of two radii."""
-
-SAFETY: Final = 4.0
-"""By how much measured errors are multiplied before they are relied upon."""
+NODES: Final = 64  # distances in a table of pairs of two radii
+SAFETY: Final = 4.0  # by how much measured errors are multiplied before they are relied upon
 
 FEW: Final = 8
 """Pairs up to which each is integrated by itself, to :data:`PAIR_TOLERANCE`."""
 
-ALONE: Final = 1e-13
-"""Relative error of the integral of a bump's own square."""
-
-AT_ONCE: Final = 2**21
-"""Pairs that are held at once."""
+ALONE: Final = 1e-13  # relative error of the integral of a bump's own square
+AT_ONCE: Final = 2**8  # balls whose neighbours are held at once
 
 
 def pair_integrals(bump: Bump, first: Floats, second: Floats, distances: Floats, dim: int) -> tuple[Floats, Floats]:
@@ -71,7 +67,7 @@ def norm_square(balls: BallDescriptor) -> tuple[float, float]:
     value = float(own[0] * (balls.radii**balls.dim).sum())
     error = SAFETY * ALONE * value
     for i, j in _meeting(balls):
-        gaps = np.sqrt(((balls.centers[i] - balls.centers[j]) ** 2).sum(axis=1))
+        gaps = np.linalg.norm(balls.centers[i] - balls.centers[j], axis=1)
         keys, group, counts = np.unique(which[i] * len(radii) + which[j], return_inverse=True, return_counts=True)
         many = (counts > NODES) & (not bump.is_indicator)  # whose integrals are no smooth function of the distance
         for number in np.flatnonzero(many):
@@ -80,38 +76,29 @@ def norm_square(balls: BallDescriptor) -> tuple[float, float]:
                 one, other = divmod(key, len(radii))
                 tables[key] = _tabled(bump, float(radii[one]), float(radii[other]), balls.dim)
             values, off = tables[key](gaps[group == number])
-            value += 2.0 * float(values.sum())
-            error += 2.0 * len(values) * off
+            value, error = value + 2.0 * float(values.sum()), error + 2.0 * len(values) * off
         few = ~many[group]
         if few.any():
             values, offs = pair_integrals(bump, balls.radii[i[few]], balls.radii[j[few]], gaps[few], balls.dim)
-            value += 2.0 * float(values.sum())
-            error += 2.0 * float(offs.sum())
+            value, error = value + 2.0 * float(values.sum()), error + 2.0 * float(offs.sum())
     return value, error + 2.0**-52 * (len(balls.radii) + 2) * value
 
 
 def _meeting(balls: BallDescriptor) -> Iterator[tuple[Ints, Ints]]:
-    """Each pair of balls that meet, once, the larger of the two first; some at a time."""
+    """Each pair of balls that meet, once, the larger of the two first; those of some balls at a time."""
     from scipy.spatial import cKDTree
 
     centers, radii = balls.centers, balls.radii
-    tree = cKDTree(centers)
-    place = np.empty(len(radii), dtype=np.int64)
+    tree, place = cKDTree(centers), np.empty(len(radii), dtype=np.int64)
     place[np.argsort(radii, kind="stable")] = np.arange(len(radii))
-    # No ball that is smaller, and meets one, is farther away than this one is wide.
-    reaches = 2.0 * radii * (1.0 + 2.0**-40)
-    totals = np.cumsum(tree.query_ball_point(centers, reaches, return_length=True))
-    start = 0
-    while start < len(radii):
-        before = totals[start - 1] if start else 0
-        stop = max(start + 1, int(np.searchsorted(totals, before + AT_ONCE, side="right")))
-        near = tree.query_ball_point(centers[start:stop], reaches[start:stop])
-        i = np.repeat(np.arange(start, stop), [len(some) for some in near])
-        j = np.concatenate([np.asarray(some, dtype=np.int64) for some in near])
+    for some in np.array_split(np.arange(len(radii)), math.ceil(len(radii) / AT_ONCE)):
+        # No ball that is smaller, and meets one, is farther away than this one is wide.
+        near = tree.query_ball_point(centers[some], 2.0 * radii[some] * (1.0 + 2.0**-40))
+        i = np.repeat(some, [len(each) for each in near])
+        j = np.concatenate([np.asarray(each, dtype=np.int64) for each in near])
         square = ((centers[i] - centers[j]) ** 2).sum(axis=1)
         kept = (place[j] < place[i]) & (square <= (radii[i] + radii[j]) ** 2)
         yield i[kept], j[kept]
-        start = stop
 
 
 def _tabled(bump: Bump, first: float, second: float, dim: int) -> Table:

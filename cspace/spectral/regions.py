@@ -1,4 +1,5 @@
-"""Region: a shape to be decomposed, asked for its signed distance and its cells; and the lattice of such cells."""
+"""Region: a shape to be decomposed, asked for its signed distance; the lattice of its cells; and how far the shape and
+balls are from each other, and how much balls take up, each as two bounds."""
 
 from __future__ import annotations
 
@@ -6,6 +7,7 @@ import math
 import os
 from collections.abc import Mapping
 from functools import cached_property
+from itertools import product
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -33,22 +35,14 @@ TILTED: Final = 2.0**-36
 THIN: Final = 2.0**-12 * (1.0 + 2.0**-20)
 """Height of a triangle, in its longest side, up to which a distance may be that much too small."""
 
-LEAF: Final = 6
-"""Pieces that are looked at together."""
-
-DEPTH: Final = 64
-"""Most boxes of a tree that wait at a time: twice the depth of one over 2^30 pieces."""
+LEAF: Final = 6  # pieces that are looked at together
+DEPTH: Final = 64  # most boxes of a tree that wait at a time: twice the depth of one over 2^30 pieces
 
 POINTS_A_THREAD: Final = 4_000
 
-MOST: Final = 2**24
-"""Cells of the box round a shape, at most."""
-
-BYTES: Final = 64
-"""Memory for each of them, at most."""
-
-FINEST: Final = {2: 12.0, 3: 6.0}
-"""Cells of the lattice that a tolerance is long, at most."""
+MOST: Final = 2**24  # cells of the box round a shape, at most
+BYTES: Final = 64  # memory for each of them, at most
+FINEST: Final = {2: 12.0, 3: 6.0}  # cells of the lattice that a tolerance is long, at most
 
 COARSEST: Final = 2.6
 """Cells of the lattice that a tolerance is long, at least: a cell's diagonal must be well below it."""
@@ -56,16 +50,30 @@ COARSEST: Final = 2.6
 USUAL: Final = {2: 150_000, 3: 120_000}
 """Cells of the box round a shape up to which a tolerance may be as many cells as :data:`FINEST` long."""
 
-MEASURED: Final = 2**21
-"""Cells of the box of a mesh by which its volume is bounded where bodies may overlap."""
-
-FEW: Final = 2**20
-"""Cells of the box up to which a shape that fills little of it gets a finer lattice."""
+MEASURED: Final = 2**21  # cells of the box of a mesh by which its volume is bounded where bodies may overlap
+FEW: Final = 2**20  # cells of the box up to which a shape that fills little of it gets a finer lattice
 
 BOX: Final = {2: 40_000, 3: 80_000}
 USED: Final = {2: 15_000, 3: 20_000}
 A_BALL: Final = {2: 100, 3: 60}
 """Cells of the box, those that meet the shape, and those of the box for each ball, that tell balls apart."""
+
+ROUNDED: Final = 2.0**-40  # rounding of a length or an area, in the size of the whole, with room to spare
+
+SNAPPED: Final = 1e-9
+"""Part of an area that the union of polygons may add or lose, where it snaps corners to each other."""
+
+CORNERS: Final = 2**16  # of the polygons that stand for discs, together, if that leaves each from 64 to 1024
+
+HALVINGS: Final = (7, 8, 9, 10)
+"""How often the box round balls in space is halved: on, while bounds are apart by more than :data:`APART`."""
+
+APART: Final = 0.01  # part of a volume by which its bounds may be apart
+CLOSE: Final = 0.02  # part of a distance by which its bounds may be apart, once that can be had
+SMALL: Final = 1e-4  # part of the size of a shape by which the bounds of a distance may be apart in any case
+LEVELS: Final = 14  # how often boxes are halved for a distance, at most
+BOXES: Final = 1_000_000  # boxes that are looked at together, at most
+DIRECTIONS: Final = 200  # points of each sphere that are asked how far they stick out
 
 
 def shape_of(source: Any) -> Shape:
@@ -95,13 +103,10 @@ class Region:
 
     Attributes
     ----------
-    shape : Shape
     pieces : ndarray, shape (n, 2, 2) or (n, 3, 3)
         Segments or triangles that hold the border, and maybe more.
-    bounds : ndarray, shape (2, d)
-        Corners of the bounding box, metres.
-    size : float
-        Its diagonal, metres.
+    bounds, size
+        Corners of the bounding box, shape (2, d), and its diagonal, metres.
     slack : float
         By how much a distance may be wrong, metres.
     """
@@ -189,22 +194,15 @@ class Lattice:
 
     Attributes
     ----------
-    side : float
-        Metres.
+    side, diagonal : float
+        Of a cell: metres, and sides.
     cells : ndarray of bool, three axes
     middles : ndarray, shape (n, 3)
         Of the cells, in sides.
     half : ndarray, shape (3,)
         Half a cell along each axis that there is.
-    diagonal : float
-        Of a cell, in sides.
     corner : ndarray, shape (3,)
         Where the point 0 in sides lies in the space of the region's tree, metres.
-
-    Raises
-    ------
-    InputError
-        If it has too many cells, or needs more memory than there is.
     """
 
     def __init__(self, region: Region, spacing: float) -> None:
@@ -257,7 +255,7 @@ class Lattice:
 
 
 class Tree(NamedTuple):
-    """Pieces of a border in space, and boxes round them; compiled functions take it as it is.
+    """Pieces of a border in space, and boxes round them.
 
     ``pieces`` (n, 3, 3) are triangles or, unless ``solid``, segments between their first two corners, and ``doubts`` by
     how much a distance to each may be too small; ``boxes`` (m, 7) as in :class:`cspace.exact.triangles.Trees`.
@@ -322,3 +320,142 @@ def distances(tree: Tree, points: Floats, near: Floats, far: Floats) -> None:
             way = math.sqrt(((points[n] - points[n - 1]) ** 2).sum())
             most = (far[n - 1] + way) * 1.000001 + 1e-300
         near[n], far[n] = distance(tree, points[n], most)
+
+
+def measure_of_balls(centers: Floats, radii: Floats) -> tuple[float, float]:
+    """Bounds of the area (d = 2) or volume (d = 3) of a union of balls, centers (n, d) and radii (n,) in metres."""
+    reach = radii[:, None]
+    lower, upper = (centers - reach).min(axis=0), (centers + reach).max(axis=0)
+    if centers.shape[1] == 2:
+        return _area(centers - lower, radii, float((upper - lower).max()))
+    side = float((upper - lower).max())
+    for cuts in HALVINGS:
+        low, high = split_volume(side, cuts, np.ascontiguousarray(centers - lower), radii, ROUNDED * side)
+        if high - low <= APART * low:
+            break
+    return low, high
+
+
+def _area(centers: Floats, radii: Floats, size: float) -> tuple[float, float]:
+    """By polygons in the discs, and around them."""
+    import shapely
+
+    corners = int(np.clip(CORNERS // len(radii), 64, 1024))
+    angles = 2.0 * math.pi * np.arange(corners) / corners
+    circle = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    wider = 1.0 / math.cos(math.pi / corners)
+    inner, outer = (
+        float(shapely.union_all(shapely.polygons(centers[:, None] + (scale * radii)[:, None, None] * circle)).area)
+        for scale in (1.0, wider)
+    )
+    slack = ROUNDED * size * size
+    return max(0.0, inner * (1.0 - SNAPPED) - slack), outer * (1.0 + SNAPPED) + slack
+
+
+def shape_to_balls(lattice: Lattice, centers: Floats, radii: Floats) -> tuple[float, float]:
+    """Bounds of how far a point of the shape is from the union of balls, metres.
+
+    From below by points at which it is taken, from above by boxes that hold all points: those that may hold the
+    farthest one are halved until the bounds are close.
+    """
+    region, half, dim = lattice.region, 0.5 * lattice.side, lattice.region.dim
+    slack = ROUNDED * (region.size + float(np.abs(region.bounds).max()))
+    low = float(gaps(region.pieces.reshape(-1, dim), 0.0, centers, radii)[0].max())
+    middles, high = lattice.metres(lattice.middles), 0.0
+    halves = 0.5 * np.array(list(product((-1.0, 1.0), repeat=dim)))
+    for level in range(LEVELS + 1):
+        near, far = gaps(middles, half, centers, radii)
+        deeper = near > low
+        low = max(low, float(near[deeper][region.depths(middles[deeper]) > 0.0].max(initial=0.0)))
+        left = far > low + max(CLOSE * low, SMALL * region.size)
+        if level == LEVELS or np.count_nonzero(left) * len(halves) > BOXES:
+            left[:], high = False, max(high, float(far[left].max(initial=0.0)))
+        high = max(high, float(far[~left].max(initial=0.0)))
+        middles, half = (middles[left, None] + half * halves).reshape(-1, dim), 0.5 * half
+        middles = middles[region.gaps(middles) <= half * math.sqrt(dim) * (1.0 + 1e-9) + slack]
+        if not len(middles):
+            break
+    return max(low - slack, 0.0), max(high, low) + slack
+
+
+def balls_to_shape(region: Region, centers: Floats, radii: Floats) -> tuple[float, float]:
+    """Bounds of how far a point of the union of balls is from the shape, metres.
+
+    A ball reaches beyond its depth in the shape by no more than the difference of the two lengths.
+    """
+    high = max(0.0, float((radii - region.depths(centers)).max()))
+    directions = np.random.default_rng(0).normal(size=(DIRECTIONS, region.dim))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    low = 0.0
+    for some in np.array_split(np.arange(len(radii)), math.ceil(len(radii) * len(directions) / BOXES)):
+        points = centers[some, None] + radii[some, None, None] * (1.0 - ROUNDED) * directions
+        low = max(low, float(region.gaps(points.reshape(-1, region.dim)).max()))
+    return min(low, high), high
+
+
+@jit
+def gaps(points: Floats, half: float, centers: Floats, radii: Floats) -> tuple[Floats, Floats]:
+    """For cubes of half a side ``half`` round points: the distance of the middle from the nearest ball, and a length
+    by which one ball must grow to hold the cube, both shape (n,); both are below zero deep in a ball."""
+    dim = points.shape[1]
+    near, far = np.empty(len(points)), np.empty(len(points))
+    for n in range(len(points)):
+        least, most = math.inf, math.inf
+        for m in range(len(centers)):
+            middle, corner = 0.0, 0.0
+            for axis in range(dim):
+                d = abs(points[n, axis] - centers[m, axis])
+                middle += d * d
+                corner += (d + half) * (d + half)
+            least = min(least, math.sqrt(middle) - radii[m])
+            most = min(most, math.sqrt(corner) - radii[m])
+        near[n], far[n] = least, most
+    return near, far
+
+
+@jit
+def split_volume(side: float, levels: int, centers: Floats, radii: Floats, slack: float) -> tuple[float, float]:
+    """Volume of the cubes, of one at the origin cut in two ``levels`` times, that lie in one ball, and of those that
+    meet some.
+
+    A cube that one ball holds, or that none meets, is not cut.
+    """
+    inner, outer = 0.0, 0.0
+    corners = np.zeros((8 * levels + 8, 3))
+    depth = np.zeros(8 * levels + 8, dtype=np.int64)
+    # Balls that meet a cube and do not hold it are all that its parts are asked of: one list for each level.
+    lists = np.empty((levels + 2, len(radii)), dtype=np.int64)
+    counts = np.zeros(levels + 2, dtype=np.int64)
+    lists[0] = np.arange(len(radii))
+    counts[0] = len(radii)
+    waiting = 1
+    while waiting > 0:
+        waiting -= 1
+        (x, y, z), level = corners[waiting], depth[waiting]
+        s = side / (1 << level)
+        held, meeting = False, 0
+        for index in range(counts[level]):
+            m = lists[level, index]
+            a, b, c = centers[m]
+            dx, dy, dz = max(0.0, x - a, a - x - s), max(0.0, y - b, b - y - s), max(0.0, z - c, c - z - s)
+            if dx * dx + dy * dy + dz * dz > (radii[m] + slack) ** 2:
+                continue
+            dx, dy, dz = max(a - x, x + s - a), max(b - y, y + s - b), max(c - z, z + s - c)
+            if radii[m] > slack and dx * dx + dy * dy + dz * dz <= (radii[m] - slack) ** 2:
+                held = True
+                break
+            lists[level + 1, meeting] = m
+            meeting += 1
+        if held:
+            inner += s * s * s
+        if held or (meeting > 0 and level == levels):
+            outer += s * s * s
+        elif meeting > 0:
+            counts[level + 1] = meeting
+            for part in range(8):
+                corners[waiting, 0] = x + 0.5 * s * (part & 1)
+                corners[waiting, 1] = y + 0.5 * s * ((part >> 1) & 1)
+                corners[waiting, 2] = z + 0.5 * s * (part >> 2)
+                depth[waiting] = level + 1
+                waiting += 1
+    return inner, outer

@@ -13,7 +13,7 @@ descriptor, and tolerances are relative to that. Half of one is left to the tabl
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import cached_property
 from typing import Any, Final, NamedTuple
 
@@ -23,30 +23,29 @@ from numpy.typing import ArrayLike, NDArray
 from cspace.errors import InputError, MissingPackageError
 from cspace.grid import finite
 from cspace.memory import KEEP, cells_of, free_bytes, in_words
-from cspace.spectral.bump import Bump, check_bump
-from cspace.spectral.inputs import LEAST_TOLERANCE, check_solid_balls, check_tolerance
-from cspace.spectral.radial import (
+from cspace.spectral.bump import (
     HALF,
+    Bump,
     RadialTable,
     chebyshev_coefficients,
     chebyshev_nodes,
+    check_bump,
     nodes_needed,
     table_points,
 )
+from cspace.spectral.inputs import LEAST_TOLERANCE, check_solid_balls, check_tolerance
 from cspace.threads import cores
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
-LEAST_SPECTRUM_TOLERANCE: Final = 1e-12
-"""Of non-uniform transforms, whose rounding is larger."""
+LEAST_SPECTRUM_TOLERANCE: Final = 1e-12  # of non-uniform transforms, whose rounding is larger
 
 STRICTER: Final = 0.03
 """Part of a tolerance that is asked of a non-uniform transform, whose own tolerance is that of a 2-norm: single values
 were seen to err by up to seven times that."""
 
-LEAST_ASKED: Final = 2e-14
-"""Less is not asked of a non-uniform transform: rounding would be left."""
+LEAST_ASKED: Final = 2e-14  # less is not asked of a non-uniform transform: rounding would be left
 
 SAMPLING: Final = ((1e-8, 1.25), (1e-11, 1.5), (0.0, 2.0))
 """How much more finely than its result a transform samples, from which tolerance on that is asked of it: with less, its
@@ -55,14 +54,12 @@ errors were seen to stay above the tolerance."""
 THREADED: Final = 2**19
 """Samples of a transform from which on several threads pay: they wait for each other, for long on a busy machine."""
 
-FEW: Final = {2: 48, 3: 96}
-"""Balls of one radius up to which sums of products are quicker than a transform of type 1."""
+FEW: Final = {2: 48, 3: 96}  # balls of one radius up to which sums of products are quicker than a transform of type 1
 
 BYTES: Final = {2: 120.0, 3: 184.0}
 """Memory for each value of a spectrum, at most: complex arrays, of a transform that samples finely."""
 
-MANY: Final = 8.0
-"""Transforms from which on it is tried whether fewer can stand for all radii."""
+MANY: Final = 8.0  # transforms from which on it is tried whether fewer can stand for all radii
 
 SHARE: Final = 0.02
 """Part of the tolerance of a basis for each of: the spectra, the nodes, the decomposition, and the tables of its
@@ -71,11 +68,8 @@ functions. Errors of the first three grow by the nodes' Lebesgue constant, below
 MOST_NODES: Final = 6.0
 """Nodes, for each transform that radii by themselves would take, beyond which no basis is sought."""
 
-SAMPLES: Final = 4
-"""Frequencies at which spectra are decomposed, for each node."""
-
-FIT_SLACK: Final = 1e-9
-"""Part of a period by which what is transformed may be longer, from rounding."""
+SAMPLES: Final = 4  # frequencies at which spectra are decomposed, for each node
+FIT_SLACK: Final = 1e-9  # part of a period by which what is transformed may be longer, from rounding
 
 
 def ball_spectrum(
@@ -93,10 +87,8 @@ def ball_spectrum(
     radii : array-like, shape (n,), or one number
         Metres. Balls of equal radii share a transform.
     bump : Bump
-    lengths : array-like, shape (dim,), or one number
-        Periods, metres.
-    counts : sequence of int, length dim, or one int
-        Frequencies along each axis: ``k`` from ``-(m // 2)`` to ``(m - 1) // 2``.
+    lengths, counts : array-like, shape (dim,), or one number
+        Periods, metres, and frequencies along each axis: ``k`` from ``-(count // 2)`` to ``(count - 1) // 2``.
     tolerance : float
         Largest error, relative to the largest value, which is ``F(0)``; from 1e-12 to 0.1.
 
@@ -116,14 +108,12 @@ def ball_spectrum(
     kind, within, dim = check_bump(bump), check_tolerance(tolerance, LEAST_SPECTRUM_TOLERANCE), points.shape[1]
     periods, numbers = _check_lengths(lengths, dim), _check_counts(counts, dim)
     reach = sizes[:, None]
-    _check_fits((points - reach).min(axis=0), (points + reach).max(axis=0), periods)
-    _check_memory(numbers, BYTES[dim])
+    _check_fits((points + reach).max(axis=0) - (points - reach).min(axis=0), periods)
     lattice = _LatticeSum(points / periods, numbers, periods, 0.5 * within)
     # In transforms, what each radius by itself would take.
     alone = float(np.minimum(1.0, np.unique(sizes, return_counts=True)[1] / FEW[dim]).sum())
     terms = radius_basis(kind, sizes, lattice.moduli, dim, within, alone) if alone > MANY else None
-    lattice.add(_terms_by_radius(kind, sizes, lattice.moduli, dim, within) if terms is None else terms)
-    return lattice.spectrum()
+    return lattice.spectrum(_terms_by_radius(kind, sizes, lattice.moduli, dim, within) if terms is None else terms)
 
 
 # ---- non-uniform transforms ------------------------------------------------------------------------------------------
@@ -141,17 +131,12 @@ def finufft_module() -> Any:
 
 def nufft(points: Floats, spectra: Complexes, tolerance: float) -> Complexes:
     """Fourier series at points, shape (n, d), radians: of coefficients (..., counts), zero in the middle; (..., n)."""
-    transform = getattr(finufft_module(), f"nufft{points.shape[1]}d2")
-    threads = _threads(spectra.size + len(points))
-    return np.asarray(transform(*_columns(points), spectra, eps=tolerance, isign=1, nthreads=threads))
+    transform, threads = getattr(finufft_module(), f"nufft{points.shape[1]}d2"), _threads(spectra.size + len(points))
+    return np.asarray(transform(*points.T.copy(), spectra, eps=tolerance, isign=1, nthreads=threads))
 
 
 def _threads(samples: float) -> int:
     return cores() if samples >= THREADED else 1
-
-
-def _columns(points: Floats) -> list[Floats]:
-    return list(np.ascontiguousarray(points.T))
 
 
 # ---- terms -----------------------------------------------------------------------------------------------------------
@@ -232,9 +217,9 @@ class _LatticeSum:
         self._half = np.zeros(shape, dtype=np.complex128)
         self._placed: NDArray[np.intp] | None = None
 
-    def add(self, terms: Iterator[Term]) -> None:
-        """Add terms: those of a few points summed, others two by one non-uniform FFT."""
-        waiting = None
+    def spectrum(self, terms: Iterable[Term]) -> Complexes:
+        """``X(w) + conj(X(-w))``; terms of a few points are summed, others two by one non-uniform FFT."""
+        waiting: Term | None = None
         for term in terms:
             if len(term.members) <= FEW[len(self._counts)]:
                 self._add(self._summed(term), 0.5 * term.factor)
@@ -245,9 +230,6 @@ class _LatticeSum:
                 waiting = None
         if waiting is not None:
             self._transform(waiting, Term(waiting.members[:0], waiting.strengths[:0], np.zeros_like(self.moduli)))
-
-    def spectrum(self) -> Complexes:
-        """``X(w) + conj(X(-w))``."""
         waves = [_waves(m) for m in self._counts]
         total = self._half[np.ix_(*waves)]
         total += self._half[np.ix_(*(-k for k in waves))].conj()
@@ -269,7 +251,7 @@ class _LatticeSum:
             points = np.concatenate([first.members, second.members])
             strengths = np.concatenate([first.strengths, 1j * second.strengths])
         if points is not self._placed:
-            self._angles = _columns(2.0 * math.pi * self._shares[points])  # the plan does not keep them alive
+            self._angles = (2.0 * math.pi * self._shares[points]).T.copy()  # the plan does not keep them alive
             self._plan.setpts(*self._angles)
             self._placed = points
         self._add(self._plan.execute(strengths), 0.5 * (first.factor - 1j * second.factor))
@@ -308,25 +290,22 @@ def _check_lengths(lengths: ArrayLike, dim: int) -> Floats:
 
 
 def _check_counts(counts: ArrayLike, dim: int) -> tuple[int, ...]:
-    """Numbers of frequencies along the axes; one stands for all."""
+    """Numbers of frequencies along the axes; one stands for all. What does not fit into memory is refused."""
     numbers = np.asarray(counts)
     if numbers.shape not in {(), (dim,)} or numbers.dtype.kind not in "iu" or (numbers <= 0).any():
         rule = f"it must be one whole number above zero or {dim} of them"
         raise InputError("counts", f"is {counts!r}", rule, "pass e.g. 256", value=counts)
-    return tuple(int(n) for n in np.broadcast_to(numbers, dim))
+    shape = tuple(int(n) for n in np.broadcast_to(numbers, dim))
+    free, needed = free_bytes(), BYTES[dim] * float(cells_of(shape))
+    if needed > KEEP * free:
+        found = f"is {' x '.join(map(str, shape))}, which needs about {in_words(needed)} of memory"
+        raise InputError("counts", found, f"{in_words(free)} are free", "pass smaller counts")
+    return shape
 
 
-def _check_fits(lower: Floats, upper: Floats, lengths: Floats) -> None:
+def _check_fits(sizes: Floats, lengths: Floats) -> None:
     """Refuse what does not fit into one period: its Fourier series would be that of something that overlaps itself."""
-    sizes = upper - lower
     if (sizes > lengths * (1.0 + FIT_SLACK)).any():
         axis = int(np.argmax(sizes / lengths))
         found = f"holds {lengths[axis]:g} m along {'xyz'[axis]}, and what is transformed is {sizes[axis]:g} m long"
         raise InputError("lengths", found, "it must fit into one period, wherever it lies", "pass a longer period")
-
-
-def _check_memory(counts: tuple[int, ...], bytes_each: float) -> None:
-    free, needed = free_bytes(), bytes_each * float(cells_of(counts))
-    if needed > KEEP * free:
-        found = f"is {' x '.join(map(str, counts))}, which needs about {in_words(needed)} of memory"
-        raise InputError("counts", found, f"{in_words(free)} are free", "pass smaller counts")

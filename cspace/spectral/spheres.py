@@ -26,8 +26,7 @@ Kind = Literal["inner", "outer"]
 
 KINDS: Final = ("inner", "outer")
 FORMAT: Final = "cspace-spheres"
-VERSIONS: Final = (1, 2)
-"""That are read; the last one is written. The first also told a method."""
+VERSIONS: Final = (1, 2)  # that are read; the last one is written. The first also told a method
 
 COLORS: Final = {"inner": "#0072b2", "outer": "#d55e00"}
 """Of balls, from Okabe and Ito (2008)."""
@@ -64,10 +63,7 @@ class Spheres:
     shape : Shape, or None
         The shape, for pictures; it is not written to files.
 
-    Raises
-    ------
-    InputError
-        If there is no ball, arrays do not fit, or a value is not usable.
+    Raises InputError if there is no ball, arrays do not fit, or a value is not usable.
     """
 
     centers: Floats = field(repr=False)
@@ -115,49 +111,42 @@ class Spheres:
         return sum(self.volume_bounds) / 2.0
 
     def plot(self, ax: Axes | None = None, *, title: str | None = None) -> Axes:
-        """Draw the balls, and their shape where it is known.
+        """Draw the balls, and their shape where it is known, on axes or else in a new figure that belongs to no window.
 
-        Parameters
-        ----------
-        ax : matplotlib.axes.Axes, optional
-            Where to draw, in three dimensions for balls in space; by default a new figure, which belongs to no window.
-        title : str, optional
-            By default number, kind and how well they describe the shape.
-
-        Raises
-        ------
-        InputError
-            If axes are of the plane and balls are in space, or the other way around.
+        The title tells number, kind and how well they describe the shape, unless one is passed. Raises InputError if
+        axes are of the plane and balls are in space, or the other way around.
         """
+        from matplotlib.collections import LineCollection, PatchCollection
         from matplotlib.figure import Figure
+        from matplotlib.patches import Circle
 
-        solid = self.dim == 3
+        solid, color = self.dim == 3, COLORS[self.kind]
         axes: Any = ax or Figure((6.5, 6.5), layout="constrained").add_subplot(projection="3d" if solid else None)
         if solid != hasattr(axes, "get_zlim"):
             where = ("in the plane", "in space")
             mend = "add_subplot(projection='3d') makes axes for balls, and one without a projection for discs"
             raise InputError("ax", f"is {where[not solid]}", f"the balls are {where[solid]}", mend)
-        (_draw_solid if solid else _draw_flat)(self, axes)
-        reach = self.radii[:, None]
-        corners = np.vstack([self.centers - reach, self.centers + reach, *(self.shape.bounds if self.shape else ())])
-        lower, upper = corners.min(axis=0), corners.max(axis=0)
-        room = 0.03 * float((upper - lower).max())
-        for name, low, high in zip("xyz", lower, upper, strict=False):
-            axes.set(**{f"{name}lim": (low - room, high + room), f"{name}label": f"{name} [m]"})
-        axes.set_aspect("equal")
+        if solid:
+            shapes: list[tuple[Shape, dict[str, Any]]] = [(Balls(self.centers, self.radii), {"color": color})]
+            if self.shape is not None:
+                shapes.append((self.shape, {"color": (0, 0, 0, 0), "edgecolor": "#26262680", "linewidth": 0.5}))
+            for (vertices, faces), style in ((shape.surface, style) for shape, style in shapes):
+                axes.plot_trisurf(*vertices.T, triangles=faces, **style)
+        else:
+            # So many discs lie over each other that their colours must be thin.
+            discs = PatchCollection(list(map(Circle, self.centers, self.radii)), facecolor=(color, 0.16), linewidth=0.6)
+            discs.set_edgecolor((color, 0.75))
+            axes.add_collection(discs)
+            if self.shape is not None:
+                axes.add_collection(LineCollection(list(self.shape.boundary().simplices), colors="#262626"))
+            axes.autoscale_view()
+        axes.set(aspect="equal", **{f"{name}label": f"{name} [m]" for name in "xyz"[: self.dim]})
         words = f"{len(self)} {self.kind} {'balls' if solid else 'discs'}, within {self.hausdorff.upper:.3g} m"
         axes.set_title(words if title is None else title, fontsize=10)
         return axes  # type: ignore[no-any-return]
 
     def save(self, path: str | os.PathLike[str], overwrite: bool = False) -> Path:
-        """Write all but the shape to a file, to the last bit.
-
-        Parameters
-        ----------
-        path : path-like
-            Ends in ``.yaml``, ``.yml`` or ``.json``.
-        overwrite : bool
-            Whether an existing file may be replaced.
+        """Write all but the shape to a file, to the last bit; its name ends in ``.yaml``, ``.yml`` or ``.json``.
 
         Raises
         ------
@@ -211,36 +200,5 @@ def _format_of(path: str | os.PathLike[str]) -> tuple[Callable[[Any], str], Call
 
     dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
     to_yaml: Any = partial(yaml.dump, Dumper=dumper, sort_keys=False, default_flow_style=None, width=120)
-    formats: dict[str, tuple[Callable[[Any], str], Callable[[Any, str], Any]]] = {
-        ".json": (json.dumps, read_json),
-        ".yaml": (to_yaml, read_yaml),
-        ".yml": (to_yaml, read_yaml),
-    }
-    return formats[suffix_of(path, formats, "balls go into .yaml, .yml or .json")]
-
-
-def _draw_flat(spheres: Spheres, axes: Any) -> None:
-    from matplotlib.collections import EllipseCollection, LineCollection
-    from matplotlib.colors import to_rgba
-
-    sizes, color = 2.0 * spheres.radii, COLORS[spheres.kind]
-    options = {"units": "xy", "offsets": spheres.centers, "offset_transform": axes.transData}
-    discs = EllipseCollection(sizes, sizes, np.zeros(len(sizes)), **options)
-    # So many discs lie over each other that their colours must be thin.
-    discs.set(facecolor=to_rgba(color, 0.16), edgecolor=to_rgba(color, 0.75), linewidth=0.6, zorder=2)
-    axes.add_collection(discs)
-    if spheres.shape is not None:
-        pieces = list(spheres.shape.boundary().simplices)
-        axes.add_collection(LineCollection(pieces, colors="#262626", linewidths=1.2, zorder=3))
-
-
-def _draw_solid(spheres: Spheres, axes: Any) -> None:
-    from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection  # type: ignore[import-untyped]
-
-    vertices, faces = Balls(spheres.centers, spheres.radii).surface
-    color = COLORS[spheres.kind]
-    axes.add_collection3d(Poly3DCollection(vertices[faces], facecolors=color, shade=True, alpha=0.9))
-    if spheres.shape is not None:
-        vertices, triangles = spheres.shape.surface
-        edges = vertices[np.unique(np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)), axis=0)]
-        axes.add_collection3d(Line3DCollection(edges, colors="#262626", linewidths=0.5, alpha=0.5))
+    formats: Any = {".json": (json.dumps, read_json)} | dict.fromkeys((".yaml", ".yml"), (to_yaml, read_yaml))
+    return formats[suffix_of(path, formats, "balls go into .yaml, .yml or .json")]  # type: ignore[no-any-return]

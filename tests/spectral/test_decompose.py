@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from cspace.demo import floor_plan
 from cspace.shapes import Mesh, Voxels
 from cspace.spectral import decompose
-from cspace.spectral.measures import measure_of_balls
+from cspace.spectral.regions import measure_of_balls
 from oracles import distance_to_triangles, sample_surface, winds_around
 from strategies import seeds, stars
 

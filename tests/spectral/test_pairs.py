@@ -110,7 +110,7 @@ def test_norms_are_found_some_pairs_at_a_time(monkeypatch: pytest.MonkeyPatch) -
     rng = np.random.default_rng(3)
     balls = BallDescriptor(rng.uniform(0.0, 1.0, (90, 2)), rng.choice([0.1, 0.2, 0.33], 90))
     value, error = norm_square(balls)
-    monkeypatch.setattr("cspace.spectral.pairs.AT_ONCE", 50)
+    monkeypatch.setattr("cspace.spectral.pairs.AT_ONCE", 7)
     again, off = norm_square(balls)
     assert again == pytest.approx(value, rel=1e-9, abs=error + off)
 
