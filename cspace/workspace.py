@@ -149,7 +149,7 @@ class Workspace:
         InputError
             If an array is empty, not boolean or of the wrong shape, or a number is not usable.
         """
-        from cspace.io.npy import read_cells, read_zarr_array
+        from cspace.io.formats import read_cells, read_zarr_array
         from cspace.tiles.sources import Lazy, is_away
 
         source, array = "array", occupied

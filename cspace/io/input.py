@@ -28,13 +28,7 @@ _SHOWN: Final = 60
 def existing(path: str | os.PathLike[str], kind: str, memory: float = 1.0) -> Path:
     """``path`` as a :class:`~pathlib.Path` to a file that is there and not too large.
 
-    Parameters
-    ----------
-    path : path-like
-    kind : str
-        What the file should be, for the message: "ROS map".
-    memory : float
-        Bytes of memory that each of its bytes takes while it is read.
+    ``kind`` says in messages what it should be, such as "ROS map"; each of its bytes takes ``memory`` bytes when read.
 
     Raises
     ------
@@ -67,12 +61,8 @@ def not_a_name(path: object) -> InputError:
 
 def unreadable(path: str | os.PathLike[str], kind: str, error: OSError) -> FileError:
     """The error for a file that the system refuses to read."""
-    return FileError(
-        os.fspath(path),
-        f"cannot be read: {error.strerror or error}",
-        f"{_one(kind)} must be readable",
-        "check its permissions",
-    )
+    found, rule = f"cannot be read: {error.strerror or error}", f"{_one(kind)} must be readable"
+    return FileError(os.fspath(path), found, rule, "check its permissions")
 
 
 def damaged(path: str | os.PathLike[str], found: str) -> FileError:
@@ -86,13 +76,7 @@ def decoding(
 ) -> Iterator[None]:
     """Turn whatever damage makes the decoders in a block raise into one error for the file.
 
-    Parameters
-    ----------
-    path : path-like
-    kind : str
-        As for :func:`existing`.
-    refusal : callable, optional
-        The error, made of the reason in a line; :func:`damaged` if left out.
+    ``refusal`` makes the error of the reason in a line; :func:`damaged` does, if it is left out.
     """
     try:
         yield
@@ -151,33 +135,16 @@ def read_text(path: str | os.PathLike[str], kind: str, memory: float = 4.0) -> s
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise FileError(
-            os.fspath(path),
-            f"is not text: byte {error.start} is not UTF-8",
-            f"{_one(kind)} is a text file",
-            "pass the right file",
-        ) from error
+        found, rule = f"is not text: byte {error.start} is not UTF-8", f"{_one(kind)} is a text file"
+        raise FileError(os.fspath(path), found, rule, "pass the right file") from error
     return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
 
 
 def read_columns(text: str, file: str, first: int = 1) -> NDArray[np.float64]:
-    """Numbers of a text, one row for each line that holds some.
+    """Numbers of a text, shape (n, columns), a row for each line that holds some; (0, 0) where there are none.
 
-    A text that is cut within its last number cannot be told from a whole one, with or without a line end there.
-
-    Parameters
-    ----------
-    text : str
-        Columns are separated by commas where the first row has one, else by blanks. ``#`` begins a comment.
-    file : str
-        For messages.
-    first : int
-        Number of the text's first line, for messages.
-
-    Returns
-    -------
-    ndarray of float64, shape (n, columns)
-        Shape (0, 0) for a text without numbers.
+    Columns are separated by commas where the first row has one, else by blanks; ``#`` begins a comment, and ``first``
+    is the number of the first line. A text that is cut within its last number cannot be told from a whole one.
 
     Raises
     ------
@@ -239,6 +206,19 @@ def numbers_of(words: Sequence[bytes], kind: type[int] | type[float]) -> NDArray
     if max(map(len, words), default=0) > _LONGEST_WORD:  # a table of words is as wide as its longest one
         return np.array(list(map(kind, words)), dtype=np.dtype(kind))
     return np.array(words, dtype=np.bytes_).astype(kind) if words else np.empty(0, kind)
+
+
+def check_unknown(unknown: str) -> None:
+    """Refuse what unknown cells of a map cannot be.
+
+    Raises
+    ------
+    InputError
+        If it is neither "occupied" nor "free".
+    """
+    if unknown not in ("occupied", "free"):
+        mend = "pass one of ('occupied', 'free')"
+        raise InputError("unknown", f"is {unknown!r}", "it says what unknown cells are", mend)
 
 
 def is_count(word: str) -> bool:

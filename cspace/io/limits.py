@@ -17,6 +17,8 @@ from typing import Final, NamedTuple
 from cspace.errors import FileError
 from cspace.memory import free_bytes, in_words
 
+Named = str | os.PathLike[str]
+
 
 class Limits(NamedTuple):
     """The most that one file may hold.
@@ -62,66 +64,34 @@ def raised_limits(*, max_bytes: int | None = None, max_cells: int | None = None)
         _CURRENT.reset(token)
 
 
-def check_bytes(path: str | os.PathLike[str], size: int, what: str = "holds", memory: float = 1.0) -> None:
-    """Refuse a file that is too large.
-
-    Parameters
-    ----------
-    path : path-like
-    size : int
-        Bytes of the file, or those that it unpacks to.
-    what : str
-        Verb of the message: "holds", "unpacks to".
-    memory : float
-        Bytes of memory that each of them takes while it is read.
+def check_bytes(path: Named, size: int, what: str = "holds", memory: float = 1.0) -> None:
+    """Refuse a file of so many bytes, or that ``what`` them, such as "unpacks to", where that is too large.
 
     Raises
     ------
     FileError
-        If it is over ``max_bytes``, or does not fit into memory.
+        If it is over ``max_bytes``, or ``memory`` times as much does not fit into memory.
     """
-    limit = _CURRENT.get().max_bytes
-    if size > limit:
-        raise FileError(
-            os.fspath(path),
-            f"{what} {in_words(size)}",
-            f"at most {in_words(limit)} are read",
-            f"raise it with cspace.io.limits.raised_limits(max_bytes={size}), if the file is meant to be so large",
-            value=size,
-        )
+    _check(path, f"{what} {in_words(size)}", size, "max_bytes", in_words(_CURRENT.get().max_bytes), size)
     check_memory(path, f"{what} {in_words(size)}", memory * size)
 
 
-def check_cells(path: str | os.PathLike[str], shape: Sequence[int], memory: float = 1.0) -> None:
-    """Refuse a grid that is too large, as a file declares it.
-
-    Parameters
-    ----------
-    path : path-like
-    shape : sequence of int
-        Cells along each axis.
-    memory : float
-        Bytes of memory for each cell.
+def check_cells(path: Named, shape: Sequence[int], memory: float = 1.0) -> None:
+    """Refuse a grid, as a file declares it, that is too large.
 
     Raises
     ------
     FileError
-        If there are more than ``max_cells``, or they do not fit into memory.
+        If there are more than ``max_cells``, or ``memory`` bytes for each do not fit into memory.
     """
-    count, limit = math.prod(int(n) for n in shape), _CURRENT.get().max_cells
+    count = math.prod(int(n) for n in shape)
     declared = f"declares {' x '.join(f'{n}' if n < 2**53 else f'{n:.4g}' for n in shape)} cells"
-    if count > limit:
-        raise FileError(
-            os.fspath(path),
-            f"{declared}, {count:.4g} in all",
-            f"at most {limit:.4g} are read",
-            f"raise it with cspace.io.limits.raised_limits(max_cells={count}), if the map is meant to be so large",
-            value=tuple(shape),
-        )
+    most = f"{_CURRENT.get().max_cells:.4g}"
+    _check(path, f"{declared}, {count:.4g} in all", count, "max_cells", most, tuple(shape))
     check_memory(path, declared, memory * count)
 
 
-def check_memory(path: str | os.PathLike[str], declared: str, needed: float) -> None:
+def check_memory(path: Named, declared: str, needed: float) -> None:
     """Refuse a file whose reading takes ``needed`` bytes, where so many are not free.
 
     Raises
@@ -130,9 +100,12 @@ def check_memory(path: str | os.PathLike[str], declared: str, needed: float) -> 
     """
     free = free_bytes()
     if free is not None and needed > _MOST_OF_MEMORY * free:
-        raise FileError(
-            os.fspath(path),
-            f"{declared}, and reading it takes about {in_words(needed)}",
-            f"{in_words(free)} of memory are free",
-            "take a machine with more memory, or a smaller or coarser file",
-        )
+        found = f"{declared}, and reading it takes about {in_words(needed)}"
+        mend = "take a machine with more memory, or a smaller or coarser file"
+        raise FileError(os.fspath(path), found, f"{in_words(free)} of memory are free", mend)
+
+
+def _check(path: Named, found: str, number: int, limit: str, most: str, value: object) -> None:
+    if number > getattr(_CURRENT.get(), limit):
+        mend = f"raise it with cspace.io.limits.raised_limits({limit}={number}), if the file is meant to be so large"
+        raise FileError(os.fspath(path), found, f"at most {most} are read", mend, value=value)

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.compiling import jit
-from cspace.errors import FileError, InputError
+from cspace.errors import FileError
 from cspace.grid import Grid
-from cspace.io.input import damaged, header_lines, read_bytes
+from cspace.io.input import check_unknown, damaged, header_lines, read_bytes
 from cspace.io.limits import check_cells
 
 Bools = NDArray[np.bool_]
@@ -21,7 +21,6 @@ Bytes = NDArray[np.uint8]
 Ints = NDArray[np.int64]
 
 KIND: Final = "OctoMap"
-UNKNOWN: Final = ("occupied", "free")
 
 _FIRST_LINES: Final = {"# Octomap OcTree binary file": True, "# Octomap OcTree file": False}
 _COLOURS: Final = {"OcTree": 0, "ColorOcTree": 3}
@@ -71,8 +70,7 @@ def read_octomap(path: str | os.PathLike[str], unknown: str = "occupied") -> tup
         If the file is missing, is no OctoMap, is of another type, is truncated or damaged, knows no cell, or so many
         that they are too large (:mod:`cspace.io.limits`).
     """
-    if unknown not in UNKNOWN:
-        raise InputError("unknown", f"is {unknown!r}", "it says what unknown cells are", f"pass one of {UNKNOWN}")
+    check_unknown(unknown)
     # A leaf of five numbers for each byte at most.
     content, file = read_bytes(path, KIND, memory=80.0), os.fspath(path)
     header, end = _split(file, content)

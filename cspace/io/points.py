@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.errors import FileError, GeometryError
+from cspace.io.formats import read_npy
 from cspace.io.input import read_columns, read_text, suffix_of
-from cspace.io.npy import read_npy
 from cspace.io.pcd import read_pcd
 from cspace.io.ply import read_ply
 

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from cspace.errors import FileError, InputError
 from cspace.grid import SLACK, Grid
 from cspace.io.image import Shades, read_shades
-from cspace.io.input import suffix_of
+from cspace.io.input import check_unknown, suffix_of
 from cspace.io.limits import check_cells
 from cspace.io.output import replacing
 from cspace.io.plain import read_yaml
@@ -25,7 +25,6 @@ from cspace.states import BLOCKED, FREE, MIXED
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
 
-UNKNOWN: Final = ("occupied", "free")
 SUFFIXES: Final = (".yaml", ".yml")
 QUARTERS: Final = ((1, 0), (0, 1), (-1, 0), (0, -1))
 """Cosine and sine of 0 to 3 quarter turns."""
@@ -79,8 +78,7 @@ def read_ros_map(path: str | os.PathLike[str], unknown: str = "occupied") -> tup
     FileError
         If the YAML or its image is missing or malformed; the message names the key and its value.
     """
-    if unknown not in UNKNOWN:
-        raise InputError("unknown", f"is {unknown!r}", "it says what unknown cells are", f"pass one of {UNKNOWN}")
+    check_unknown(unknown)
     header = _read_header(path)
     free, occupied = MODES[header.mode](header, read_shades(header.image, "ROS map's image"))
     solid = ~free if unknown == "occupied" else occupied

@@ -116,6 +116,7 @@ BAD: dict[str, tuple[list[str], list[str]]] = {
     "export exists": (["export", "plane.zarr", "old.npz"], ["old.npz: exists", "--overwrite"]),
     "export's image exists": (["export", "plane.zarr", "old.yaml"], ["old.pgm: exists", "--overwrite"]),
     "export to the plane": (["export", "space.zarr", "new.yaml"], ["new.yaml", "plane"]),
+    "export of both to the plane": (["export", "both.zarr", "new.yaml"], ["new.yaml", "a ROS map is plane"]),
     "export of the plane": (["export", "plane.zarr", "new.stl"], ["a mesh in space", ".vti"]),
     "export at a yaw": (["export", "plane.zarr", "new.npz", "--rotation", "1"], ["--rotation", "does not turn"]),
     # demo and info

@@ -1,6 +1,7 @@
 """Files of meshes: the triangles that come back are those of the file, all of them, or an error says why not."""
 
 import struct
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -241,3 +242,22 @@ def test_off_files_are_read_with_their_colours_and_comments(tmp_path, text):
 )
 def test_off_files_that_hold_other_than_they_say_are_refused(tmp_path, text, words):
     check_refused(tmp_path, "odd.off", text, words)
+
+
+# ---- what both texts share -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("suffix", [".obj", ".off"])
+def test_one_long_word_does_not_make_all_of_them_wide(tmp_path, suffix):
+    long = f"0.{'0' * 100_000}1"
+    points, faces = f"v {long} 0 0\n" + "v 1 0 0\nv 0 1 0\n" * 500, "f 1 2 3\n"
+    if suffix == ".off":
+        points, faces = f"OFF\n1001 1 0\n{points}".replace("v ", ""), "3 0 1 2\n"
+    (tmp_path / f"long{suffix}").write_text(points + faces)
+    read_mesh(tmp_path / f"long{suffix}")  # what is imported and compiled
+    tracemalloc.start()
+    vertices, triangles = read_mesh(tmp_path / f"long{suffix}")
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert (vertices[:2] == [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)]).all() and triangles.tolist() == [[0, 1, 2]]
+    assert peak < 2**24
