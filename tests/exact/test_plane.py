@@ -100,7 +100,7 @@ def test_points_agree_with_shapely(space, seed):
     assert free[state == FREE].all() and not free[state == BLOCKED].any()
 
 
-@settings(max_examples=20)
+@settings(max_examples=14)
 @given(spaces(), seeds)
 def test_no_free_edge_collides(space, seed):
     rng = np.random.default_rng(seed)

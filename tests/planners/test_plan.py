@@ -465,7 +465,7 @@ def test_an_objective_of_ones_own_is_called_and_keeps_away_from_walls() -> None:
             calls.append(1)
             return super().motionCost(first, second)
 
-    options: dict[str, Any] = {"planner": "RRTstar", "time_limit": 60.0, "iterations": 300, "seed": 1}
+    options: dict[str, Any] = {"planner": "RRTstar", "time_limit": 60.0, "iterations": 200, "seed": 1}
     short = planners.plan(space, *ENDS["plane"], **options)
     wide = planners.plan(space, *ENDS["plane"], objective=lambda si: Counted(si, space), **options)
     same = planners.plan(space, *ENDS["plane"], objective="clearance", **options)

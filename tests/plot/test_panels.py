@@ -59,7 +59,7 @@ def test_path_and_marks_in_every_panel(space: CSpace) -> None:
 
 
 @pytest.mark.parametrize(
-    ("count", "shape"), [(1, (90, 20)), (7, (90, 20)), (3, (20, 90)), (7, (1, 200)), (64, (20, 90))]
+    ("count", "shape"), [(1, (90, 20)), (7, (90, 20)), (3, (20, 90)), (7, (1, 200)), (36, (20, 90))]
 )
 def test_any_number_of_panels_of_any_shape(count: int, shape: tuple[int, int]) -> None:
     workspace = Workspace.from_array(np.zeros(shape, bool), 0.1)

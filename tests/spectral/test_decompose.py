@@ -219,7 +219,7 @@ def test_solids(name, kind, way):
 @pytest.mark.parametrize("kind", KINDS)
 def test_voxels(kind):
     cells = bitmap((6, 5, 7), 3)
-    spheres = decompose(Voxels.of(cells, 0.2), kind=kind, number=30)
+    spheres = decompose(Voxels.of(cells, 0.2), kind=kind, number=20)
     points = (np.argwhere(cells)[:, None] + np.random.default_rng(1).random((60, 3))).reshape(-1, 3) * 0.2
     corners = (np.argwhere(cells)[:, None] + np.argwhere(np.ones((2, 2, 2)))).reshape(-1, 3) * 0.2
     near = gaps(np.vstack([points, corners]), spheres)
@@ -247,7 +247,7 @@ def test_balls_in_a_hollow_mesh_stay_out_of_the_cavity():
     hull, hole = trimesh.creation.box((1, 1, 1)), trimesh.creation.box((0.6, 0.6, 0.6))
     hole.invert()
     hollow = trimesh.util.concatenate([hull, hole])
-    spheres = decompose(hollow, number=50)
+    spheres = decompose(hollow, number=30)
     away = np.linalg.norm(np.maximum(np.abs(spheres.centers) - 0.3, 0.0), axis=1)
     assert (spheres.radii <= away).all()
     assert (spheres.radii <= 0.5 - np.abs(spheres.centers).max(axis=1)).all()
@@ -323,8 +323,8 @@ def test_real_polygons(data, kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("name", ["ZTunnel/obstacles.obj", "LTunnel/l-robot.obj"])
-def test_real_meshes(data, name, kind):
+@pytest.mark.parametrize(("name", "number"), [("ZTunnel/obstacles.obj", 30), ("LTunnel/l-robot.obj", 50)])
+def test_real_meshes(data, name, number, kind):
     mesh = Mesh.of(data / "solids" / name)
     corners = SimpleNamespace(triangles=mesh.triangles, vertices=mesh.vertices, bounds=mesh.bounds)
-    check_solid(decompose(mesh, kind=kind, number=80), corners, np.random.default_rng(0))
+    check_solid(decompose(mesh, kind=kind, number=number), corners, np.random.default_rng(0))

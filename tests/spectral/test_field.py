@@ -304,7 +304,7 @@ def test_paths_keep_farther_from_obstacles_than_the_shortest(kind: str) -> None:
     """The straight way is free, and passes the obstacle at 0.14 m; without a weight, the same search finds that."""
     space, overlap = scene(kind)
     carried = space.with_overlap_field(overlap)
-    options: dict[str, Any] = {"planner": "RRTstar", "time_limit": 120.0, "iterations": 300, "seed": 1}
+    options: dict[str, Any] = {"planner": "RRTstar", "time_limit": 120.0, "iterations": 200, "seed": 1}
     plans = [
         planners.plan(carried, *ends_of(space), objective=objective, **options)
         for objective in (

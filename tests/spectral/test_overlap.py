@@ -174,7 +174,7 @@ def test_turned_is_made_of_turned_centers(dim: int) -> None:
 # ---- what verdicts prove ---------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=8)
+@settings(max_examples=6)
 @given(seeds, st.sampled_from(DIMS), st.sampled_from([1.0, 2.0, 4.0, math.inf]), st.sampled_from([0.5, 0.05]))
 def test_a_verdict_is_right_about_the_ideal_overlap(seed: int, dim: int, alpha: float, share: float) -> None:
     a, b, rng = ball_sets(dim, seed)
