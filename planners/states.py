@@ -112,6 +112,14 @@ def _read_r3_so2(state: ob.State) -> Configuration:
     return place[0], place[1], place[2], state[1].value
 
 
+def _of_r3_so2(ask: Callable[..., T]) -> Callable[[ob.State], T]:
+    def answer(state: ob.State) -> T:
+        place = state[0]
+        return ask(place[0], place[1], place[2], state[1].value)
+
+    return answer
+
+
 def _make_r3_so2() -> ob.StateSpace:
     states = ob.CompoundStateSpace()
     states.addSubspace(ob.RealVectorStateSpace(3), 1.0)
@@ -130,6 +138,14 @@ def _write_se3(state: ob.State, x: float, y: float, z: float, *quaternion: float
 def _read_se3(state: ob.State) -> Configuration:
     rotation = state.rotation()
     return state.getX(), state.getY(), state.getZ(), rotation.x, rotation.y, rotation.z, rotation.w
+
+
+def _of_se3(ask: Callable[..., T]) -> Callable[[ob.State], T]:
+    def answer(state: ob.State) -> T:
+        turn = state.rotation()  # each reading of it makes a new object
+        return ask(state.getX(), state.getY(), state.getZ(), turn.x, turn.y, turn.z, turn.w)
+
+    return answer
 
 
 _KINDS: Final[dict[tuple[str, ...], StateKind]] = {
@@ -162,7 +178,7 @@ _KINDS: Final[dict[tuple[str, ...], StateKind]] = {
         positions=lambda states: states.getSubspace(0),
         read=_read_r3_so2,
         write=_write_r3_so2,
-        of_state=lambda ask: lambda s: ask(*_read_r3_so2(s)),
+        of_state=_of_r3_so2,
         of_states=lambda ask: lambda a, b: ask(*_read_r3_so2(a), *_read_r3_so2(b)),
     ),
     ("x", "y", "z", "qx", "qy", "qz", "qw"): StateKind(
@@ -170,7 +186,7 @@ _KINDS: Final[dict[tuple[str, ...], StateKind]] = {
         positions=_whole,
         read=_read_se3,
         write=_write_se3,
-        of_state=lambda ask: lambda s: ask(*_read_se3(s)),
+        of_state=_of_se3,
         of_states=lambda ask: lambda a, b: ask(*_read_se3(a), *_read_se3(b)),
     ),
 }
