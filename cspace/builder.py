@@ -225,9 +225,19 @@ def build(
         overlaps = np.empty(states.shape, dtype=np.int32) if overlap else None
         precision = correlation.fill(workspace.outer, workspace.inner, sides, states, overlaps)
     contents = Contents(
-        workspace, robot, cells, slice_of, states, outside, margin, precision, overlaps, tells_blocked=inner
+        workspace,
+        robot,
+        cells,
+        slice_of,
+        states,
+        outside,
+        margin,
+        precision,
+        overlaps,
+        exterior=exterior,
+        tells_blocked=inner,
     )
-    return CSpace(contents, rasters, exterior)
+    return CSpace(contents, rasters)
 
 
 def _advance(progress: Progress, total: int, parts: int, done: int) -> None:

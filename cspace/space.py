@@ -68,15 +68,12 @@ class CSpace:
         All that the map is.
     rasters : sequence of (outer, inner) Raster, optional
         The robot's, for each slice; made again, when they are needed, if left out.
-    exterior : Exterior, optional
-        What is known outside the grid; made from the rasters if left out.
     """
 
     def __init__(
         self,
         contents: Contents,
         rasters: Sequence[tuple[Raster, Raster]] | None = None,
-        exterior: Exterior | None = None,
     ) -> None:
         if contents.workspace.live:  # another map's, which updates it
             contents = replace(contents, workspace=replace(contents.workspace, live=False))
@@ -87,8 +84,6 @@ class CSpace:
         self._make_room()
         if rasters is not None:
             self._rasters_kept.get(lambda: list(rasters))
-        if exterior is not None:
-            self._exterior_kept.get(lambda: exterior)
 
     def _make_room(self) -> None:
         """Room for what is made at need."""
@@ -786,7 +781,7 @@ class CSpace:
         from cspace.io.writing import save
 
         with self._lock:  # of cells, and of what they were proven against, all is of one moment
-            save(self._contents, path, overwrite=overwrite)
+            save(replace(self._contents, exterior=self._exterior), path, overwrite=overwrite)
 
     def export(self, path: str | Path, *, overwrite: bool = False, rotation: ArrayLike | None = None) -> None:
         """Write for other programs, by suffix; see :func:`cspace.io.writing.export`.
@@ -813,7 +808,8 @@ class CSpace:
 
     @property
     def _exterior(self) -> Exterior:
-        return self._exterior_kept.get(lambda: Exterior.of(self.workspace.outer, self._rasters, self.outside))
+        known = self._contents.exterior
+        return known or self._exterior_kept.get(lambda: Exterior.of(self.workspace.outer, self._rasters, self.outside))
 
     @property
     def _map(self) -> Map:

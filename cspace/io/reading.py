@@ -17,6 +17,7 @@ from cspace.io.input import not_a_name, unreadable
 from cspace.io.record import shapes_from, unusable
 from cspace.io.store import read_npz, read_parts, read_store
 from cspace.map.contents import Contents
+from cspace.map.exterior import Exterior
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.space import CSpace
@@ -119,6 +120,7 @@ def _restored(metadata: Mapping[str, Any], arrays: Mapping[str, Any]) -> CSpace:
             metadata["precision"],
             arrays.get("overlap"),
             {name: arrays[name].reshape(leading) for name in FIELDS if name in arrays},
+            None if "exterior" not in arrays else Exterior(np.array(arrays["exterior"])),
         )
     )
 

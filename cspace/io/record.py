@@ -99,6 +99,12 @@ ARRAYS: Final[dict[str, Stored]] = {
         "slice that serves a rotation cell",
         comment="where state has the dimension slice, state.isel(slice=slice_of) has the dimension rotation",
     ),
+    "exterior": _stored(
+        "slice corner",
+        "int64",
+        np.iinfo(np.int64).max,
+        "first and last cell of the box of cells that are MIXED outside the grid, and the state of those beyond it",
+    ),
     "yaw": _floats("rotation", "representative of a rotation cell: its middle", "rad", bounds="yaw_bounds"),
     "yaw_bounds": _floats("rotation bound", "borders of a rotation cell", "rad"),
     "quaternion": _floats("rotation component", "representative of a rotation cell, as (x, y, z, w)", "1"),
@@ -168,6 +174,8 @@ def arrays_of(contents: Contents) -> dict[str, Any]:
     }
     if workspace.inner is not workspace.outer:
         arrays["inner"] = workspace.inner
+    if contents.exterior is not None:
+        arrays["exterior"] = contents.exterior.table
     stacked: dict[str, NDArray[Any]] = dict(contents.fields)
     if contents.overlaps is not None:
         stacked["overlap"] = read_only(contents.overlaps)
@@ -250,7 +258,11 @@ def check_kind(name: str, array: Any, metadata: Mapping[str, Any], path: str | o
     """Raise FileError for an array, or its header, of another shape or type than the map needs."""
     dim = len(metadata["shape"])
     sizes = dict(zip(AXES, metadata["shape"], strict=False)) | {"bound": 2, "component": 4, "slice": metadata["slices"]}
-    sizes |= {"rotation": metadata["rotations"] or 1, "byte": array.shape[0] if array.shape else 0}
+    sizes |= {
+        "corner": 2 * dim + 1,
+        "rotation": metadata["rotations"] or 1,
+        "byte": array.shape[0] if array.shape else 0,
+    }
     shape = tuple(sizes[axis] for axis in axes_of(name, dim))
     if tuple(array.shape) != shape or array.dtype != ARRAYS[name].dtype:
         found = f"{array.dtype} {tuple(array.shape)}"

@@ -165,7 +165,7 @@ def _written(document: Mapping[str, Any]) -> bytes:
 def _chunks(shape: tuple[int, ...], axes: tuple[str, ...]) -> tuple[int, ...]:
     """Shape of the chunks of an array."""
     longest = [_CHUNK.get(len(shape), 1)] * len(shape)
-    if axes[0] == "slice":
+    if axes[0] == "slice" and len(shape) > 2:
         longest = [1] + [_SLICE_CHUNK[len(shape) - 1]] * (len(shape) - 1)
     return tuple(max(1, min(pair)) for pair in zip(shape, longest, strict=True))
 

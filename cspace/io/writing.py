@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -176,6 +177,7 @@ def to_xarray(contents: Contents) -> xarray.Dataset:
     dim, cells = contents.grid.dim, contents.rotations.leading(contents.rotations.count)
     variables: dict[str, Any] = {}
     labels: dict[str, Any] = {}
+    contents = replace(contents, exterior=None)  # it labels no cells
     for name, array in ({"inner": contents.workspace.inner} | arrays_of(contents)).items():
         axes = axes_of(name, dim)
         if axes[0] == "slice":

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cspace.errors import InputError
 from cspace.grid import Grid, finite
-from cspace.map.exterior import UNKNOWN, check_outside
+from cspace.map.exterior import UNKNOWN, Exterior, check_outside
 from cspace.map.storage import Stack, read_only
 from cspace.rotations import Rotations
 from cspace.states import FIELDS
@@ -45,6 +45,8 @@ class Contents:
         Overlap of each cell; taken over likewise.
     fields : mapping of str to ndarray of float64
         What :class:`cspace.spectral.OverlapField` holds; all of it, or nothing.
+    exterior : Exterior or None
+        What is known outside the grid; made from the robot's rasters, when it is needed, where there is none.
     tells_blocked : bool or None
         Whether BLOCKED is told from MIXED; None where that is not known, as of a map from a file.
 
@@ -64,6 +66,7 @@ class Contents:
     precision: str = "integer"
     overlaps: NDArray[np.int32] | None = None
     fields: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    exterior: Exterior | None = None
     tells_blocked: bool | None = None
 
     def __post_init__(self) -> None:
@@ -100,6 +103,7 @@ class Contents:
             workspace=replace(self.workspace, live=False),
             states=self.states.copy(),
             overlaps=None if self.overlaps is None else self.overlaps.copy(),
+            exterior=None if self.exterior is None else Exterior(self.exterior.table.copy()),
         )
 
 

@@ -75,6 +75,16 @@ def test_a_map_comes_back_as_it_was(space: cspace.CSpace, suffix: str) -> None:
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
+def test_look_ups_of_a_saved_map_need_no_rasters(tmp_path: Path, space: cspace.CSpace, suffix: str) -> None:
+    space.save(tmp_path / f"map{suffix}")
+    again = cspace.open(tmp_path / f"map{suffix}")
+    q = np.array([*again.grid.centers(0)[:1], *[0.0] * (again.dof - 2), 1.0])
+    assert again.classify(q) == space.classify(q)
+    assert again._rasters_kept.made is None
+    np.testing.assert_array_equal(again._exterior.table, space._exterior.table)
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
 def test_a_map_of_every_kind_comes_back_and_makes_itself_again(
     tmp_path: Path, space: cspace.CSpace, suffix: str
 ) -> None:
