@@ -193,7 +193,7 @@ class CarCurves(LocalPlanner):
         """``prove`` of the floats of two configurations: the metres of the curve where it is proven free, else -1."""
         from planners.car_curves import prover
 
-        return prover(self.space, self._kind, self.radius)
+        return prover(self.space, self.kind, self.radius)
 
     def are_free(self, path: Floats) -> bool:
         check = self.edge_checker()
@@ -245,14 +245,15 @@ class CarCurves(LocalPlanner):
         return out
 
     @property
-    def _kind(self) -> int:
+    def kind(self) -> int:
+        """Index into :data:`CURVES`."""
         return CURVES.index(str(self.curve))
 
     def _word(self, first: Floats, last: Floats) -> tuple[Floats, Floats]:
         """The turns of the parts of a curve, 1, -1 or 0, and their lengths in radii, below zero in reverse."""
         from planners.car_curves import shortest
 
-        turns, lengths, _ = shortest(self._kind, self.radius, tuple(first.tolist()), tuple(last.tolist()))
+        turns, lengths, _ = shortest(self.kind, self.radius, tuple(first.tolist()), tuple(last.tolist()))
         return np.asarray(turns, dtype=np.float64), np.asarray(lengths)
 
     def _cut(

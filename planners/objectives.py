@@ -39,6 +39,7 @@ class WeightedLength(ob.OptimizationObjective):
     Parameters
     ----------
     si : ompl.base.SpaceInformation
+        Of a :func:`planners.state_space`.
     space : CSpace
     value : callable
         ``value(*q) -> float`` of one configuration.
@@ -47,7 +48,9 @@ class WeightedLength(ob.OptimizationObjective):
     offset, slope : float
     weight : float
     curve : {"dubins", "reeds-shepp"}, optional
+        As for :func:`planners.state_space`.
     turning_radius : float, optional
+        Metres; for curves, which need it.
 
     Raises
     ------
@@ -138,16 +141,12 @@ class ClearanceObjective(WeightedLength):
 
     Parameters
     ----------
-    si : ompl.base.SpaceInformation
-        Of a :func:`planners.state_space`.
-    space : CSpace
+    si, space, curve, turning_radius
+        As for :class:`WeightedLength`.
     weight : float
         How many extra metres a metre at clearance zero is worth.
     comfort : float, optional
         Clearance in metres from which on a path costs its length. A tenth of the map's longer side, if left out.
-    curve : {"dubins", "reeds-shepp"}, optional
-    turning_radius : float, optional
-        Metres; for curves, which need it.
 
     Raises
     ------
@@ -189,18 +188,14 @@ class OverlapObjective(WeightedLength):
 
     Parameters
     ----------
-    si : ompl.base.SpaceInformation
-        Of a :func:`planners.state_space`.
-    space : CSpace
+    si, space, curve, turning_radius
+        As for :class:`WeightedLength`.
     field : cspace.spectral.OverlapField, optional
         Of the same map; the one that the map carries (:meth:`cspace.CSpace.with_overlap_field`), if left out.
     weight : float
         How many extra metres a metre at overlap ``full`` is worth.
     full : float, optional
         Overlap, square or cubic metres; the largest in a FREE cell, if left out.
-    curve : {"dubins", "reeds-shepp"}, optional
-    turning_radius : float, optional
-        Metres; for curves, which need it.
 
     Raises
     ------

@@ -119,15 +119,12 @@ def describe_tiles(space: TiledCSpace) -> dict[str, Any]:
 
 def describe_map(space: CSpace | TiledCSpace) -> dict[str, Any]:
     """What there is to say about a map."""
-
+    from cspace.map.storage import counts_of
+    from cspace.states import FREE, NAMES
     from cspace.tiles.space import TiledCSpace
 
     if isinstance(space, TiledCSpace):
         return describe_tiles(space)
-
-    from cspace.map.storage import counts_of
-    from cspace.states import FREE, NAMES
-
     counts = space.count()
     grid, rotations = space.grid, space.rotations
     states, fields = space._seen, space._contents.fields
