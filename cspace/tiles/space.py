@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cspace.correlation import Progress
 from cspace.errors import ConfigurationError, FileError, InputError
 from cspace.grid import Grid
 from cspace.map.batches import EDGES_A_THREAD, Many, One, as_pairs, as_points, not_usable
@@ -19,9 +20,10 @@ from cspace.map.record import Map
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.space import CSpace
-from cspace.states import FREE
+from cspace.states import BLOCKED, FREE
 from cspace.threads import LEAST, in_chunks
 from cspace.tiles.cache import Cache
+from cspace.tiles.labels import FREE_ONES, OPEN_ONES, Joined, label_all
 from cspace.tiles.sources import Held
 from cspace.tiles.store import Record, Store
 from cspace.tiles.update import update_store
@@ -70,6 +72,7 @@ class TiledCSpace:
         self._cache = Cache(shape, (store.depth, *store.tile), self._limit, self._chunk)
         self._job = Job(store, Held(np.empty(0, np.bool_), np.empty(0, np.bool_)))
         self._table: NDArray[np.int64] | None = None
+        self._parts: Joined | None = None
 
     @classmethod
     def open(cls, path: str | os.PathLike[str], cache_bytes: int = CACHE_BYTES) -> TiledCSpace:
@@ -213,6 +216,64 @@ class TiledCSpace:
             self.classify(points)  # raises where one is not finite
         return self._edges(starts.reshape(-1, self.dof), ends.reshape(-1, self.dof)).reshape(starts.shape[:-1])
 
+    # ---- what FREE cells join ----------------------------------------------------------------------------------------
+
+    def label(self, client: Client | None = None, progress: Progress | None = None) -> None:
+        """Find out which cells are joined, tile by tile, and keep that in the store.
+
+        :meth:`path_exists` does it at the first call, in threads of this process; here it is done beforehand, or on a
+        cluster. After an update only the tiles that it changed are labelled again.
+
+        Parameters
+        ----------
+        client : dask.distributed.Client, optional
+            As for :func:`cspace.build`.
+        progress : callable, optional
+            Called with (tiles done, tiles in all).
+        """
+
+        def advance(number: int) -> None:
+            if progress is not None:
+                progress(number, len(self._store))
+
+        self._at_one_moment(lambda: self._join(client, advance))
+
+    def _join(self, client: Client | None = None, progress: Callable[[int], None] | None = None) -> Joined:
+        if self._parts is None:
+            label_all(self._job, client, progress)
+            self._parts = Joined(self._store, Exterior(self._exterior))
+        return self._parts
+
+    @overload
+    def path_exists(self, q0: One, q1: One) -> bool | None: ...  # type: ignore[overload-overlap]
+    @overload
+    def path_exists(self, q0: Many, q1: ArrayLike) -> NDArray[np.object_]: ...
+    @overload
+    def path_exists(self, q0: ArrayLike, q1: Many) -> NDArray[np.object_]: ...
+    def path_exists(self, q0: ArrayLike, q1: ArrayLike) -> bool | NDArray[np.object_] | None:
+        """Whether a collision-free path joins configurations, as :meth:`cspace.CSpace.path_exists`.
+
+        The first call labels the components of all tiles, and keeps them in the store; see :meth:`label`.
+        """
+        ends = [as_points(q, name, self.dof) for q, name in ((q0, "q0"), (q1, "q1"))]
+        (free0, open0), (free1, open1) = self._at_one_moment(lambda: [self._components_of(points) for points in ends])
+        joined, apart = (free0 == free1) & (free0 != -1), (open0 != open1) | (open0 == -1)
+        answers = np.array([None, True, False], dtype=object)[np.where(apart, 2, joined), ...]
+        told: bool | NDArray[np.object_] | None = answers if answers.ndim else answers[()]
+        return told
+
+    def _components_of(self, points: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Components of both kinds that configurations belong to."""
+        cells = self._cells_of(points)
+        flat, joined = cells.reshape(-1, cells.shape[-1]), self._join()
+        free, passable = (joined.of(flat, kind).reshape(cells.shape[:-1]) for kind in (FREE_ONES, OPEN_ONES))
+        passable[np.asarray(self.classify(points)) == BLOCKED] = -1
+        return free, passable
+
+    def _cells_of(self, points: Floats) -> NDArray[np.int64]:
+        cells = self.grid.cell_of(points[..., : self.grid.dim])
+        return np.concatenate([self.rotations.cells_of(points)[..., None], cells], axis=-1)
+
     # ---- parts, and changes ------------------------------------------------------------------------------------------
 
     def window(self, lower: ArrayLike, upper: ArrayLike) -> CSpace:
@@ -311,7 +372,7 @@ class TiledCSpace:
         """What some work comes to, all of which saw the map as it was at one moment."""
         with self._lock:
             while True:
-                _ = self._now
+                store = self._now
                 self._check_done()
                 try:
                     result = work()
@@ -319,7 +380,7 @@ class TiledCSpace:
                     if not self._store.is_past:
                         raise
                 else:
-                    if not self._store.is_past:
+                    if self._store is store and not store.is_past:
                         return result
 
     def _in_turns(self, kernel: Kernel, rows: list[Floats], out: NDArray[Any], passed: int, least: int) -> int:

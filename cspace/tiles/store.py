@@ -238,6 +238,13 @@ class Store:
         with decoding_map(self.path / file):
             return np.frombuffer(_codec().decode(content), dtype=dtype).reshape(shape)
 
+    def optional(self, name: str, index: Sequence[int]) -> NDArray[Any] | None:
+        """A chunk of what may be missing, or damaged, and is made again then."""
+        try:
+            return self.read(name, index, None)
+        except FileError:
+            return None
+
     def _content(self, file: str) -> bytes | None:
         """That of a file; None where there is none."""
         for folder in (self.metadata["aside"], "") if self.metadata["aside"] else ("",):
@@ -250,6 +257,9 @@ class Store:
         shapes = {"state": (self.depth, *self.tile), "record": (*(1,) * self.grid.dim, self._columns)}
         if name == "record":
             return shapes[name], np.dtype("<i8"), -1
+        if name.startswith("labels"):
+            width = json.loads((self.path / name / ROOT).read_bytes())["shape"][-1]
+            return (*(1,) * self.grid.dim, width), np.dtype("<i4"), -1
         return shapes.get(name, self.tile), np.dtype(ARRAYS[name].dtype), ARRAYS[name].lost
 
     # ---- tiles -------------------------------------------------------------------------------------------------------
@@ -324,6 +334,27 @@ class Store:
         box = [low, high] if (low <= high).all() else [low * 0, low * 0 - 1]
         return {"counts": counts.tolist(), "box": [corner.tolist() for corner in box]}
 
+    def add_labels(self, width: int) -> None:
+        """Have room for labels of components, of so many numbers for each tile."""
+        import zarr
+
+        for kind, what in enumerate(("FREE cells", "cells that are not BLOCKED")):
+            if not (self.path / f"labels_{kind}" / ROOT).exists():
+                zarr.create_array(
+                    str(self.path),
+                    name=f"labels_{kind}",
+                    shape=(*self.counts, width),
+                    dtype="int32",
+                    chunks=(*(1,) * self.grid.dim, width),
+                    compressors=[_zarr_codec()],
+                    fill_value=-1,
+                    attributes={
+                        "long_name": f"components of {what} within a tile, of the cells on its faces",
+                        "comment": "eight numbers that tell what it was made from; then, for each axis, the near face "
+                        "and the far one, over the rotation cells; -1 where a cell has none",
+                    },
+                )
+
     # ---- changes -----------------------------------------------------------------------------------------------------
 
     def commit(self, aside: str, **changes: Any) -> Store:
@@ -371,6 +402,11 @@ class Record:
     counts: NDArray[np.int64]
     box: NDArray[np.int64]
     digests: tuple[bytes, ...]
+
+    @property
+    def mark(self) -> bytes:
+        """A digest of all that is known of it: what was made from another tile has another one."""
+        return digest_of_bytes(b"".join(self.digests))
 
 
 def columns(slices: int, dim: int, layers: int) -> int:
@@ -423,6 +459,13 @@ def _codec() -> Any:
     return Zstd(LEVEL, checksum=True)
 
 
+def _zarr_codec() -> Any:
+    """The same, for Zarr."""
+    from zarr.codecs import ZstdCodec
+
+    return ZstdCodec(level=LEVEL, checksum=True)
+
+
 def _write(file: Path, content: bytes) -> None:
     """Write a file that is there whole or not at all."""
     temporary = file.with_name(f"{_ASIDE}{uuid.uuid4().hex[:12]}")
@@ -445,7 +488,6 @@ def _write(file: Path, content: bytes) -> None:
 def _write_frame(folder: Path, metadata: Mapping[str, Any], slice_of: NDArray[np.int64], rotations: Rotations) -> None:
     """All of a store but what is done of its tiles."""
     import zarr
-    from zarr.codecs import ZstdCodec
 
     grid = Grid(metadata["lower"], metadata["spacing"], tuple(metadata["shape"]))
     dim, slices, depth, tile = grid.dim, metadata["slices"], metadata["depth"], tuple(metadata["tile"])
@@ -463,7 +505,7 @@ def _write_frame(folder: Path, metadata: Mapping[str, Any], slice_of: NDArray[np
             shape=shape,
             dtype=ARRAYS[name].dtype,
             chunks=chunks,
-            compressors=[ZstdCodec(level=LEVEL, checksum=True)],
+            compressors=[_zarr_codec()],
             fill_value=ARRAYS[name].lost,
             attributes=attributes_of(name, dim),
             dimension_names=axes_of(name, dim),
@@ -476,7 +518,7 @@ def _write_frame(folder: Path, metadata: Mapping[str, Any], slice_of: NDArray[np
         shape=(*counts, width),
         dtype="int64",
         chunks=(*(1,) * dim, width),
-        compressors=[ZstdCodec(level=LEVEL, checksum=True)],
+        compressors=[_zarr_codec()],
         fill_value=-1,
         attributes={
             "long_name": "what is known of a tile that is done",

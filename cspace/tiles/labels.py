@@ -1,0 +1,268 @@
+"""Which cells of a stored map chains join: components of each tile, and what joins them over their faces.
+
+A task labels the components of one tile, over all of its rotation cells, and keeps the labels of the cells on its
+faces. Where two tiles share a face, labels that lie on either side of it are one component; one reduction over these
+pairs joins all of them. What lies outside the map is one more component of each rotation cell, as in memory.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace.map.components import Components
+from cspace.map.exterior import Exterior
+from cspace.map.storage import PackedStates, Stack
+from cspace.memory import is_packed
+from cspace.tiles.store import Index, Store
+from cspace.tiles.work import Job, run
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+Ints = NDArray[np.int64]
+Labels = NDArray[np.int32]
+
+FREE_ONES, OPEN_ONES = 0, 1
+"""The two kinds of components: of FREE cells, and of cells that are not BLOCKED."""
+
+MARK: Final = 8
+"""Numbers in which a digest is told."""
+
+HELD: Final = 4
+"""Tiles whose components are kept for further look-ups."""
+
+
+class Face(NamedTuple):
+    """Where a face of a tile is: its axis, and whether it is the far one."""
+
+    axis: int
+    far: bool
+
+
+def faces_of(dim: int) -> list[Face]:
+    """The faces of a tile, in the order in which their labels are kept."""
+    return [Face(axis, far) for axis in range(dim) for far in (False, True)]
+
+
+class Tile:
+    """The components of one tile.
+
+    Parameters
+    ----------
+    store : Store
+    index : tuple of int
+    """
+
+    def __init__(self, store: Store, index: Index) -> None:
+        self.store, self.cells = store, store.cells(index)
+        self.shape = tuple(part.stop - part.start for part in self.cells)
+        record = store.known(index)
+        packed = is_packed(self.shape, store.slices)
+        states: Stack = np.empty((0 if packed else store.slices, *self.shape), dtype=np.uint8)
+        states = PackedStates((store.slices, *self.shape)) if packed else states
+        own = tuple(slice(0, n) for n in self.shape)
+        for layer in range(store.layers):
+            block = store.states(index, layer, record)
+            for number, part in zip(store.numbers(layer), block, strict=False):
+                if isinstance(states, PackedStates):
+                    states.write(number, part[own])
+                else:
+                    states[number] = part[own]
+        closed = np.zeros(store.slices, dtype=np.bool_)
+        slice_of = store.rotations.slice_of(store.robot)
+        self.components = Components(states, slice_of, store.rotations.neighbors, closed)
+
+    def roots(self, face: Face) -> tuple[Ints, Ints]:
+        """Components of both kinds on a face, shape (rotations, *cells of the face); -1 where a cell has none."""
+        place = self.shape[face.axis] - 1 if face.far else 0
+        spans = [range(n) if axis != face.axis else range(place, place + 1) for axis, n in enumerate(self.shape)]
+        cells = np.stack(np.meshgrid(range(turns_of(self.store)), *spans, indexing="ij"), axis=-1)
+        return self.components.of(np.take(cells, 0, axis=1 + face.axis).astype(np.int64))
+
+
+def turns_of(store: Store) -> int:
+    """Rotation cells that are told apart: one where there is a single slice."""
+    return store.rotations.count if store.slices > 1 else 1
+
+
+def label(job: Job, index: Index) -> None:
+    """The task: label a tile, and write what lies on its faces."""
+    store = job.store
+    tile, faces = Tile(store, index), faces_of(store.grid.dim)
+    roots = [tile.roots(face) for face in faces]
+    for kind in (FREE_ONES, OPEN_ONES):
+        flat = np.concatenate([each[kind].ravel() for each in roots])
+        _, numbers = np.unique(flat, return_inverse=True)
+        labels = numbers - numbers[flat < 0].max(initial=-1) - 1  # -1 comes first
+        labels[flat < 0] = -1
+        store.write(f"labels_{kind}", (*index, 0), _row(store, index, labels))
+
+
+def _row(store: Store, index: Index, labels: Ints) -> NDArray[np.int32]:
+    """What is written of a tile: the digest of what it was made from, then its labels."""
+    made_from = np.frombuffer(store.known(index).mark, dtype="<i4")
+    return np.concatenate([made_from, labels]).astype(np.int32).reshape(*(1,) * store.grid.dim, -1)
+
+
+def read_labels(store: Store, index: Index, kind: int) -> list[Labels] | None:
+    """Labels on the faces of a tile, one array for each, shape (rotations, *cells); None where they are not there."""
+    mark = store.known(index).mark
+    row = store.optional(f"labels_{kind}", (*index, 0))
+    if row is None or row.reshape(-1)[:MARK].astype("<i4").tobytes() != mark:
+        return None
+    rest, made = row.reshape(-1)[MARK:], []
+    shape = [part.stop - part.start for part in store.cells(index)]
+    for face in faces_of(store.grid.dim):
+        sides = (turns_of(store), *(n for axis, n in enumerate(shape) if axis != face.axis))
+        count = int(np.prod(sides))
+        made.append(rest[:count].reshape(sides))
+        rest = rest[count:]
+    return made
+
+
+class Joined:
+    """The components of a whole map.
+
+    Parameters
+    ----------
+    store : Store
+        All of whose tiles are labelled.
+    exterior : Exterior
+        Of the map.
+    """
+
+    def __init__(self, store: Store, exterior: Exterior) -> None:
+        self.store = store
+        self._slice_of = store.rotations.slice_of(store.robot)[: turns_of(store)]
+        self._open = ~exterior.is_all_blocked(store.grid.shape)[self._slice_of]
+        self._tiles: OrderedDict[Index, tuple[Tile, list[Ints]]] = OrderedDict()
+        self.first: list[Ints] = []
+        self.pairs: list[Ints] = []
+        self.roots: list[Ints] = []
+        for kind in (FREE_ONES, OPEN_ONES):
+            first, pairs = self._pairs(kind)
+            self.first.append(first)
+            self.pairs.append(pairs)
+            self.roots.append(_united(int(first[-1]) + len(self._slice_of), pairs))
+
+    def labels(self, index: Index, kind: int) -> list[Labels]:
+        """Those on the faces of a tile."""
+        found = read_labels(self.store, index, kind)
+        if found is None:
+            raise LookupError(index)
+        return found
+
+    def number(self, index: Index) -> int:
+        """Number of a tile."""
+        return int(np.ravel_multi_index(index, self.store.counts))
+
+    def _pairs(self, kind: int) -> tuple[Ints, Ints]:
+        """First node of each tile, and pairs of nodes that are one component; the last nodes are outside the map."""
+        store, faces = self.store, faces_of(self.store.grid.dim)
+        counts = [max(int(face.max(initial=-1)) for face in self.labels(index, kind)) + 1 for index in store]
+        first = np.concatenate([[0], np.cumsum(counts)])
+        outside, found = first[-1] + np.arange(len(self._slice_of)), [np.empty((0, 2), dtype=np.int64)]
+        for index in store:
+            own, begin = self.labels(index, kind), first[self.number(index)]
+            for face, labels in zip(faces, own, strict=True):
+                beside = [n + (1 if face.far else -1) * (axis == face.axis) for axis, n in enumerate(index)]
+                if not 0 <= beside[face.axis] < store.counts[face.axis]:
+                    turns = np.broadcast_to(outside.reshape(-1, *(1,) * (labels.ndim - 1)), labels.shape)
+                    touch = (labels >= 0) & self._open.reshape(-1, *(1,) * (labels.ndim - 1))
+                    if kind == OPEN_ONES:
+                        found.append(_unique(labels[touch] + begin, turns[touch]))
+                elif face.far:
+                    other = self.labels(tuple(beside), kind)[faces.index(Face(face.axis, False))]
+                    touch = (labels >= 0) & (other >= 0)
+                    found.append(_unique(labels[touch] + begin, other[touch] + first[self.number(tuple(beside))]))
+        if kind == OPEN_ONES and len(outside) > 1:
+            near = self.store.rotations.neighbors
+            one, other = np.nonzero(near >= 0)[0], near[near >= 0].astype(np.int64)
+            both = self._open[one] & self._open[other]
+            found.append(_unique(outside[one[both]], outside[other[both]]))
+        return first, np.concatenate(found)
+
+    def nodes_of(self, cells: Ints, kind: int) -> Ints:
+        """Nodes of cells ``(rotation, x, y(, z))``, shape (n, 1 + d), in the map or not; -1 where a cell has none.
+
+        A component that reaches no face of its tile has a node of its own, beyond those of the pairs.
+        """
+        store, nodes = self.store, np.full(len(cells), -1, dtype=np.int64)
+        turns = np.minimum(cells[:, 0], len(self._slice_of) - 1)
+        inside = ((cells[:, 1:] >= 0) & (cells[:, 1:] < store.grid.shape)).all(axis=1)
+        if kind == OPEN_ONES:
+            beyond = ~inside & self._open[turns]
+            nodes[beyond] = self.first[kind][-1] + turns[beyond]
+        tiles = cells[:, 1:] // store.tile
+        for index in np.unique(tiles[inside], axis=0):
+            own = np.flatnonzero(inside & (tiles == index).all(axis=1))
+            tile, faces = self._tile(tuple(index.tolist()))
+            local = cells[own] - [0, *(part.start for part in tile.cells)]
+            local[:, 0] = turns[own]
+            roots = tile.components.of(local)[kind]
+            known, labels = faces[2 * kind], faces[2 * kind + 1]
+            place = np.minimum(np.searchsorted(known, roots), max(len(known) - 1, 0))
+            there = known[place] == roots if len(known) else np.zeros(len(roots), dtype=np.bool_)
+            number = self.number(tuple(index.tolist()))
+            nodes[own] = -2 - (number * 2**32 + roots)  # its own, unless it reaches a face
+            nodes[own[there]] = self.first[kind][number] + labels[place[there]]
+            nodes[own[roots < 0]] = -1
+        return nodes
+
+    def of(self, cells: Ints, kind: int) -> Ints:
+        """Components of cells; -1 where a cell has none."""
+        nodes = self.nodes_of(cells, kind)
+        known = nodes >= 0
+        nodes[known] = self.roots[kind][nodes[known]]
+        return nodes
+
+    def _tile(self, index: Index) -> tuple[Tile, list[Ints]]:
+        """A tile, and of each kind the components on its faces, ascending, with the label of each."""
+        if index not in self._tiles:
+            tile, told = Tile(self.store, index), []
+            roots = [tile.roots(face) for face in faces_of(self.store.grid.dim)]
+            for kind in (FREE_ONES, OPEN_ONES):
+                flat = np.concatenate([each[kind].ravel() for each in roots])
+                labels = np.concatenate([face.ravel() for face in self.labels(index, kind)])
+                known, place = np.unique(flat, return_index=True)
+                told += [known[known >= 0], labels[place][known >= 0].astype(np.int64)]
+            self._tiles[index] = tile, told
+            if len(self._tiles) > HELD:
+                self._tiles.popitem(last=False)
+        self._tiles.move_to_end(index)
+        return self._tiles[index]
+
+
+def label_all(job: Job, client: Client | None, progress: Callable[[int], None] | None = None) -> None:
+    """Label the tiles that are not labelled, or not as they are now."""
+    store = job.store
+    store.add_labels(MARK + _most_labels(store))
+    todo = [i for i in store if any(read_labels(store, i, kind) is None for kind in (FREE_ONES, OPEN_ONES))]
+    run(label, job, todo, client, None, progress)
+
+
+def _most_labels(store: Store) -> int:
+    """Cells on all faces of a tile, over the rotation cells."""
+    return turns_of(store) * sum(2 * int(np.prod(store.tile)) // side for side in store.tile)
+
+
+def _unique(one: NDArray[Any], other: NDArray[Any]) -> Ints:
+    """Pairs, each once, shape (n, 2)."""
+    pairs = np.stack([one, other], axis=-1).astype(np.int64).reshape(-1, 2)
+    return np.unique(pairs, axis=0)
+
+
+def _united(count: int, pairs: Ints) -> Ints:
+    """Component of each of some nodes that pairs join."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    ones = np.ones(len(pairs), dtype=np.bool_)
+    graph = coo_matrix((ones, (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+    roots: Ints = connected_components(graph, directed=False)[1].astype(np.int64)
+    return roots
