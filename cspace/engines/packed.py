@@ -99,7 +99,8 @@ def runs_of(cells: NDArray[np.uint8], lower: Place, shape: Place) -> tuple[Ints,
         return np.empty((0, 4), np.int64), box, left > 0
     for length in range(len(starts)):
         for row in range(starts[length], (starts[length] + 3) // 4 * 4):
-            table[row] = table[row - 1]
+            for k in range(4):  # numba takes a second to compile the assignment of one row to another
+                table[row, k] = table[row - 1, k]
     return table, box, left > 0
 
 
