@@ -34,6 +34,8 @@ nanosecond for each cell, and they save a few hundred nanoseconds for each edge.
 CELLS_A_THREAD: Final = 10_000_000
 """Cells below which a second thread costs more than it saves."""
 
+LAST: Final = SIDE - 1
+
 ONE: Final = np.uint64(1)
 
 MOST_NOTED: Final = 32
@@ -145,33 +147,38 @@ def mark(states: States, cells: Words, blocks: Words, nodes: States, boxes: Ints
     """
     _, nx, ny, nz = states.shape
     line = np.empty((nz + SIDE - 1) >> SHIFT << SHIFT, np.uint8)
-    layer, block = line.view(np.uint64), np.empty(len(line) >> SHIFT, np.uint64)
+    eights, some = line.view(np.uint64), np.empty(len(line) >> SHIFT, np.uint64)
     for s in range(len(boxes)):
-        x, y, z, last_x, last_y, last_z = boxes[s] >> SHIFT
-        if x > last_x or y > last_y or z > last_z:
+        box = boxes[s]
+        if box[0] > box[3] or box[1] > box[4] or box[2] > box[5]:
             continue
-        columns = (last_y >> SHIFT) - (y >> SHIFT) + 1
-        rows = ((last_x >> SHIFT) - (x >> SHIFT) + 1) * columns
-        low, high = z << SHIFT, min((last_z + 1) << SHIFT, nz)
+        first_x, first_y = box[0] >> 2 * SHIFT, box[1] >> 2 * SHIFT
+        columns = (box[4] >> 2 * SHIFT) - first_y + 1
+        rows = ((box[3] >> 2 * SHIFT) - first_x + 1) * columns
+        first_z, depth = box[2] >> SHIFT, (box[5] >> SHIFT) - (box[2] >> SHIFT) + 1
+        low, high = first_z << SHIFT, min((first_z + depth) << SHIFT, nz)
         for row in range(start, min(stop, rows)):
-            node_a, node_b = (x >> SHIFT) + row // columns, (y >> SHIFT) + row % columns
-            for a in range(max(x, node_a << SHIFT), min(last_x, (node_a << SHIFT) + SIDE - 1) + 1):
-                for b in range(max(y, node_b << SHIFT), min(last_y, (node_b << SHIFT) + SIDE - 1) + 1):
-                    block[:] = 0
+            x, y = first_x + row // columns, first_y + row % columns
+            for a in range(max(box[0] >> SHIFT, x << SHIFT), min(box[3] >> SHIFT, (x << SHIFT) + LAST) + 1):
+                for b in range(max(box[1] >> SHIFT, y << SHIFT), min(box[4] >> SHIFT, (y << SHIFT) + LAST) + 1):
+                    some[:] = 0
                     for i in range(a << SHIFT, min((a + 1) << SHIFT, nx)):
                         line[:] = 0
                         for j in range(b << SHIFT, min((b + 1) << SHIFT, ny)):
-                            add_bit(line, states[s, i, j, low:high], np.uint8(1 << (j % SIDE)))
-                        for c in range(last_z - z + 1):
-                            block[c] |= layer[c]
+                            add_bit(line, states[s, i, j, low:high], np.uint8(1 << (j & LAST)))
+                        for c in range(depth):
+                            some[c] |= eights[c]
                             if len(cells) > 0:
-                                cells[s, a, b, z + c, i % SIDE] = layer[c]
-                    for c in range(z, last_z + 1):
-                        bit = ONE << np.uint64((c % SIDE << SHIFT) + b % SIDE)
-                        word = blocks[s, node_a, node_b, c >> SHIFT, a % SIDE]
-                        blocks[s, node_a, node_b, c >> SHIFT, a % SIDE] = word | bit if block[c - z] else word & ~bit
-            for c in range(z >> SHIFT, (last_z >> SHIFT) + 1):
-                nodes[s, node_a, node_b, c] = blocks[s, node_a, node_b, c].any()
+                                cells[s, a, b, first_z + c, i & LAST] = eights[c]
+                    for c in range(first_z, first_z + depth):
+                        layers, bit = blocks[s, x, y, c >> SHIFT], ONE << np.uint64(((c & LAST) << SHIFT) + (b & LAST))
+                        others = layers[a & LAST] & ~bit
+                        layers[a & LAST] = others | bit if some[c - first_z] != 0 else others
+            for z in range(first_z >> SHIFT, (box[5] >> 2 * SHIFT) + 1):
+                marked = np.uint64(0)
+                for layer in blocks[s, x, y, z]:
+                    marked |= layer
+                nodes[s, x, y, z] = np.uint8(marked != 0)
 
 
 @jit
