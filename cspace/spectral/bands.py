@@ -12,6 +12,7 @@ from cspace.compiling import jit
 from cspace.spectral.descriptors import ROUNDING, BallDescriptor
 from cspace.spectral.spectra import ball_spectrum
 
+Bools = NDArray[np.bool_]
 Bytes = NDArray[np.uint8]
 Complexes = NDArray[np.complex128]
 Floats = NDArray[np.float64]
@@ -191,19 +192,6 @@ class Terms(NamedTuple):
         return cls(products, bounds, rings.indices, rings.starts, rings.reaches, rings.lengths)
 
 
-class Swollen(NamedTuple):
-    """What tells placements that are apart without any frequency.
-
-    Beyond the moduli ``limits`` of the placement there is no overlap. The balls of B are relative to its middle;
-    ``reach`` is the radius of a ball around the middle of A that holds A, rounding included.
-    """
-
-    limits: Floats
-    centers: Floats
-    radii: Floats
-    reach: float
-
-
 # ---- compiled sums, ring by ring -------------------------------------------------------------------------------------
 
 
@@ -247,20 +235,6 @@ def sum_of_terms(shares: Floats, terms: Terms) -> float:
 
 
 @jit
-def is_apart(place: Floats, swollen: Swollen) -> bool:
-    """Whether the ball that holds A meets no ball of B: whether its middle lies in none that is swollen by it."""
-    for n in range(len(swollen.radii)):
-        square = 0.0
-        for axis in range(len(place)):
-            gap = swollen.centers[n, axis] - place[axis]
-            square += gap * gap
-        far = swollen.reach + swollen.radii[n]
-        if square <= far * far:
-            return False
-    return True
-
-
-@jit
 def separate(place: Floats, terms: Terms, threshold: float, phases: Complexes) -> tuple[int, int, float, float]:
     """Sum ring after ring until the sum decides: the verdict, the number of frequencies, the sum and its bound.
 
@@ -284,17 +258,12 @@ def separate(place: Floats, terms: Terms, threshold: float, phases: Complexes) -
 
 
 @jit
-def separate_all(
-    places: Floats, swollen: Swollen, terms: Terms, threshold: float, out: tuple[Bytes, Ints, Floats]
-) -> None:
-    """A verdict for each placement, shape (n, d): where the swollen balls prove no miss, by :func:`separate`.
+def separate_all(places: Floats, asked: Bools, terms: Terms, threshold: float, out: tuple[Bytes, Ints, Floats]) -> None:
+    """:func:`separate` at those of some placements, shape (n, d), that are asked for.
 
     ``out`` takes verdicts (n,), numbers of frequencies (n,), and sums with their bounds (n, 2).
     """
     verdicts, counts, sums = out
     phases = np.empty((places.shape[1], 2 * terms.reaches[-1].max() + 1), np.complex128)
-    for n in range(len(places)):
-        place = places[n]
-        verdicts[n], counts[n], sums[n, 0], sums[n, 1] = 0, 0, 0.0, terms.bounds[0]
-        if np.all(np.abs(place) <= swollen.limits) and not is_apart(place, swollen):
-            verdicts[n], counts[n], sums[n, 0], sums[n, 1] = separate(place, terms, threshold, phases)
+    for n in np.flatnonzero(asked):
+        verdicts[n], counts[n], sums[n, 0], sums[n, 1] = separate(places[n], terms, threshold, phases)

@@ -15,11 +15,12 @@ from numpy.typing import ArrayLike, NDArray
 from cspace.errors import InputError
 from cspace.grid import finite, positive
 from cspace.map.batches import Many, One
-from cspace.spectral.bands import Rings, Spectrum, Swollen, Terms, highest_frequency, separate_all, sum_of_terms
+from cspace.spectral.bands import Rings, Spectrum, Terms, highest_frequency, separate_all, sum_of_terms
 from cspace.spectral.bump import Bump
 from cspace.spectral.descriptors import ROUNDING, BallDescriptor, balls_of, bump_of
 from cspace.spectral.inputs import check_count, check_number, check_vectors
 from cspace.spectral.pairs import norm_square, pair_integrals, touching_overlap
+from cspace.spectral.regions import gaps
 from cspace.spectral.spectra import nufft
 
 Bytes = NDArray[np.uint8]
@@ -322,11 +323,15 @@ class FourierOverlap:
 
     def _decide(self, ts: Floats, swelling: bool) -> tuple[Bytes, Ints, Floats]:
         """Verdicts, numbers of frequencies, and sums with their bounds."""
-        # Balls that were grown for the threshold are taken as they were: where those are apart, so are the shapes.
-        reach = self._reach - self._swell + 4.0 * self._far if swelling else math.inf
-        swollen = Swollen(self._limits, self._b.centers - self._middle_b, self._b.radii - self._swell, reach)
-        verdicts, counts, sums = np.empty(len(ts), np.uint8), np.empty(len(ts), np.int64), np.empty((len(ts), 2))
-        separate_all(self._relative(ts), swollen, self._terms, self.threshold, (verdicts, counts, sums))
+        places, balls = self._relative(ts), self._b
+        asked = (np.abs(places) <= self._limits).all(axis=1)
+        if swelling:
+            # Balls that were grown for the threshold are taken as they were: where those are apart, so are the shapes.
+            near, _ = gaps(places, 0.0, balls.centers - self._middle_b, balls.radii - self._swell)
+            asked &= near <= self._reach - self._swell + 4.0 * self._far
+        verdicts, counts = np.full(len(ts), Verdict.MISS, np.uint8), np.zeros(len(ts), np.int64)
+        sums = np.tile([0.0, self._terms.bounds[0]], (len(ts), 1))
+        separate_all(places, asked, self._terms, self.threshold, (verdicts, counts, sums))
         if self._swell:  # what grown balls do not prove a miss, only inner ones prove a hit
             rest = np.flatnonzero(verdicts != Verdict.MISS)
             verdicts[rest] = Verdict.UNDECIDED
