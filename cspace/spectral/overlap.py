@@ -15,11 +15,20 @@ from numpy.typing import ArrayLike, NDArray
 from cspace.errors import InputError
 from cspace.grid import finite, positive
 from cspace.map.batches import Many, One
-from cspace.spectral.bands import Rings, Spectrum, Terms, highest_frequency, separate_all, sum_of_terms
+from cspace.spectral.bands import (
+    Rings,
+    Spectrum,
+    Terms,
+    highest_frequency,
+    norm_square,
+    pair_integrals,
+    separate_all,
+    sum_of_terms,
+    touching_overlap,
+)
 from cspace.spectral.bump import Bump
 from cspace.spectral.descriptors import ROUNDING, BallDescriptor, balls_of, bump_of
 from cspace.spectral.inputs import check_count, check_number, check_vectors
-from cspace.spectral.pairs import norm_square, pair_integrals, touching_overlap
 from cspace.spectral.regions import gaps
 from cspace.spectral.spectra import nufft
 

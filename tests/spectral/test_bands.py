@@ -12,8 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from cspace import InputError, MissingPackageError, Robot
 from cspace.spectral import BallDescriptor, Bounds, Bump, FourierOverlap, Spheres, Verdict
-from cspace.spectral.bands import Rings, Spectrum, Terms, separate
-from cspace.spectral.pairs import norm_square
+from cspace.spectral.bands import Rings, Spectrum, Terms, norm_square, separate
 
 pytest.importorskip("finufft")
 

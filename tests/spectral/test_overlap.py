@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from cspace import Grid
 from cspace.spectral import BallDescriptor, Bump, FourierOverlap, Separation, Verdict, intersection
-from cspace.spectral.pairs import pair_integrals
+from cspace.spectral.bands import pair_integrals
 from strategies import seeds
 
 pytest.importorskip("finufft")

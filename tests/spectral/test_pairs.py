@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cspace.spectral import BallDescriptor, Bump
-from cspace.spectral.pairs import norm_square, pair_integrals, touching_overlap
+from cspace.spectral.bands import norm_square, pair_integrals, touching_overlap
 from strategies import seeds
 
 DIMS = [2, 3]
@@ -110,7 +110,7 @@ def test_norms_are_found_some_pairs_at_a_time(monkeypatch: pytest.MonkeyPatch) -
     rng = np.random.default_rng(3)
     balls = BallDescriptor(rng.uniform(0.0, 1.0, (90, 2)), rng.choice([0.1, 0.2, 0.33], 90))
     value, error = norm_square(balls)
-    monkeypatch.setattr("cspace.spectral.pairs.AT_ONCE", 7)
+    monkeypatch.setattr("cspace.spectral.bands.AT_ONCE", 7)
     again, off = norm_square(balls)
     assert again == pytest.approx(value, rel=1e-9, abs=error + off)
 
