@@ -14,11 +14,11 @@ from cspace.compiling import jit
 from cspace.spectral.bump import (
     FLOOR,
     PAIR_TOLERANCE,
+    SAFETY,
     Bump,
     chebyshev_coefficients,
     chebyshev_nodes,
-    lens_measure,
-    product_integrals,
+    pair_integrals,
     radial_transform,
 )
 from cspace.spectral.descriptors import ROUNDING, BallDescriptor
@@ -38,14 +38,7 @@ _SAMPLES: Final = 4096
 
 Table = Callable[[Floats], tuple[Floats, float]]
 
-COUNTS: Final = (26, 32)
-"""Of nodes of two rules; what they differ by bounds the error of the finer one, which is far less."""
-
 NODES: Final = 64  # distances in a table of pairs of two radii
-SAFETY: Final = 4.0  # by how much measured errors are multiplied before they are relied upon
-
-FEW: Final = 8
-"""Pairs up to which each is integrated by itself, to :data:`PAIR_TOLERANCE`."""
 
 ALONE: Final = 1e-13  # relative error of the integral of a bump's own square
 AT_ONCE: Final = 2**8  # balls whose neighbours are held at once
@@ -83,8 +76,6 @@ class Rings(NamedTuple):
     ----------
     lengths, halves
         The period along each axis, metres, and the highest frequency there, in cycles per period.
-    order : ndarray of int64, shape (n,)
-        Which entry of the second half of a box of all frequencies, flattened, comes when.
     indices, moduli, twice : ndarray of int16, shape (n, d), and of float64, shape (n,)
         k, ``|w|`` in cycles per metre, and how often each counts: twice, but for zero. In the order of the rings.
     starts : ndarray of int64, shape (rings + 1,)
@@ -95,7 +86,6 @@ class Rings(NamedTuple):
 
     lengths: Floats
     halves: tuple[int, ...]
-    order: Ints
     indices: NDArray[np.int16]
     moduli: Floats
     twice: Floats
@@ -116,7 +106,7 @@ class Rings(NamedTuple):
         indices = np.ascontiguousarray(half[order])
         reaches = np.maximum.accumulate(np.maximum.reduceat(np.abs(indices), starts[:-1], axis=0), axis=0)
         twice = np.where(np.arange(len(order)) > 0, 2.0, 1.0)
-        return cls(lengths, halves, order, indices, moduli[order], twice, starts, reaches.astype(np.int64))
+        return cls(lengths, halves, indices, moduli[order], twice, starts, reaches.astype(np.int64))
 
     @property
     def counts(self) -> tuple[int, ...]:
@@ -134,16 +124,18 @@ class Rings(NamedTuple):
 
     def half_of(self, box: Complexes) -> Complexes:
         """A spectrum over all frequencies, in numpy.fft's order, brought into the order of the rings."""
-        flat = np.fft.fftshift(box).reshape(-1)
-        return flat[len(flat) // 2 :][self.order]
+        return box.reshape(-1)[self._places(1)]
 
     def box_of(self, half: Complexes) -> Complexes:
-        """The spectrum over all frequencies, zero in the middle, of a real function, from the half of it."""
-        flat = np.empty(2 * len(half) - 1, dtype=np.complex128)
-        upper = flat[len(half) - 1 :]
-        upper[self.order] = half
-        flat[: len(half) - 1] = upper[:0:-1].conj()
+        """The spectrum over all frequencies, in numpy.fft's order, of a real function, from the half of it."""
+        flat = np.empty(math.prod(self.counts), dtype=np.complex128)
+        flat[self._places(-1)], flat[self._places(1)] = half.conj(), half
         return flat.reshape(self.counts)
+
+    def _places(self, sign: int) -> Ints:
+        """Where each frequency, or its opposite, is in a flattened box."""
+        columns = sign * self.indices.T.astype(np.int64)
+        return np.asarray(np.ravel_multi_index(tuple(columns), self.counts, mode="wrap"))
 
 
 class Spectrum(NamedTuple):
@@ -293,25 +285,6 @@ def separate_all(places: Floats, asked: Bools, terms: Terms, threshold: float, o
     phases = np.empty((places.shape[1], 2 * terms.reaches[-1].max() + 1), np.complex128)
     for n in np.flatnonzero(asked):
         verdicts[n], counts[n], sums[n, 0], sums[n, 1] = separate(places[n], terms, threshold, phases)
-
-
-def pair_integrals(bump: Bump, first: Floats, second: Floats, distances: Floats, dim: int) -> tuple[Floats, Floats]:
-    """Integrals of ``psi(x / first) psi((x - distance e) / second)``, all shape (n,), and by how much each may be off.
-
-    Of more than a few pairs, that is what two rules differ by, at most, for any of the pairs, relative to the smaller
-    ball: on a single pair rules may agree by chance.
-    """
-    if bump.is_indicator:
-        values = lens_measure(first, second, distances, dim)
-        return values, SAFETY * ROUNDING * values
-    sizes = np.minimum(first, second) ** dim
-    if len(sizes) <= FEW:
-        triples = zip(first.tolist(), second.tolist(), distances.tolist(), strict=True)
-        values = np.array([bump.pair_integral(*triple, dim) for triple in triples])
-        return values, SAFETY * PAIR_TOLERANCE * values + FLOOR * sizes
-    rough, values = (product_integrals(bump.values, first, second, distances, dim, count) for count in COUNTS)
-    worst = SAFETY * float((np.abs(rough - values) / sizes).max())
-    return values, worst * sizes + 2.0**-46 * values
 
 
 def norm_square(balls: BallDescriptor) -> tuple[float, float]:

@@ -35,6 +35,11 @@ FLOOR: Final = 1e-60
 """Part of the smaller ball's ``radius^dim`` below which the integral of a pair is known to that part of it only: there
 the result hangs on the last bits of the radii."""
 
+TWO_RULES: Final = (26, 32)
+"""Of nodes; what two rules differ by bounds the error of the finer one, which is far less."""
+
+SAFETY: Final = 4.0  # by how much measured errors are multiplied before they are relied upon
+FEW: Final = 8  # pairs up to which each is integrated by itself, to ``PAIR_TOLERANCE``
 COUNTS: Final = (24, 48, 96, 192, 384)  # of nodes, for a pair's integral; two that follow each other must agree
 
 Radial = Callable[[Floats], Floats]
@@ -178,6 +183,25 @@ def double_exponential(count: int) -> tuple[Floats, Floats]:
     down = np.exp(-math.pi * np.sinh(u))
     nodes = 1.0 / (1.0 + down)
     return nodes, REACH / count * math.pi * np.cosh(u) * nodes * (down * nodes)
+
+
+def pair_integrals(bump: Bump, first: Floats, second: Floats, distances: Floats, dim: int) -> tuple[Floats, Floats]:
+    """Integrals of ``psi(x / first) psi((x - distance e) / second)``, all shape (n,), and by how much each may be off.
+
+    Of more than a few pairs, that is what two rules differ by, at most, for any of the pairs, relative to the smaller
+    ball: on a single pair rules may agree by chance.
+    """
+    if bump.is_indicator:
+        values = lens_measure(first, second, distances, dim)
+        return values, SAFETY * 2.0**-50 * values
+    sizes = np.minimum(first, second) ** dim
+    if len(sizes) <= FEW:
+        triples = zip(first.tolist(), second.tolist(), distances.tolist(), strict=True)
+        values = np.array([bump.pair_integral(*triple, dim) for triple in triples])
+        return values, SAFETY * PAIR_TOLERANCE * values + FLOOR * sizes
+    rough, values = (product_integrals(bump.values, first, second, distances, dim, count) for count in TWO_RULES)
+    worst = SAFETY * float((np.abs(rough - values) / sizes).max())
+    return values, worst * sizes + 2.0**-46 * values
 
 
 # ---- transforms ------------------------------------------------------------------------------------------------------

@@ -21,12 +21,11 @@ from cspace.spectral.bands import (
     Terms,
     highest_frequency,
     norm_square,
-    pair_integrals,
     separate_all,
     sum_of_terms,
     touching_overlap,
 )
-from cspace.spectral.bump import Bump
+from cspace.spectral.bump import Bump, pair_integrals
 from cspace.spectral.descriptors import ROUNDING, BallDescriptor, balls_of, bump_of
 from cspace.spectral.inputs import check_count, check_number, check_vectors
 from cspace.spectral.regions import gaps
@@ -241,7 +240,7 @@ class FourierOverlap:
     @property
     def frequencies(self) -> int:
         """How many frequencies there are up to the band limit, opposite ones counted once; of inner balls too."""
-        return len(self._rings.order) + (self._inner.frequencies if self._inner else 0)
+        return len(self._rings.indices) + (self._inner.frequencies if self._inner else 0)
 
     @property
     def domain(self) -> tuple[Floats, Floats]:

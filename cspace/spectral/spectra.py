@@ -130,9 +130,9 @@ def finufft_module() -> Any:
 
 
 def nufft(points: Floats, spectra: Complexes, tolerance: float) -> Complexes:
-    """Fourier series at points, shape (n, d), radians: of coefficients (..., counts), zero in the middle; (..., n)."""
+    """Fourier series at points, shape (n, d), radians: of coefficients (..., counts) in numpy.fft's order; (..., n)."""
     transform, threads = getattr(finufft_module(), f"nufft{points.shape[1]}d2"), _threads(spectra.size + len(points))
-    return np.asarray(transform(*points.T.copy(), spectra, eps=tolerance, isign=1, nthreads=threads))
+    return np.asarray(transform(*points.T.copy(), spectra, eps=tolerance, isign=1, modeord=1, nthreads=threads))
 
 
 def _threads(samples: float) -> int:

@@ -111,7 +111,7 @@ def test_errors_of_spectra_are_in_the_bounds_to_the_full(dim: int) -> None:
     """Where every modulus is too small, by as much as may be, what is known of sums and of the rest is just right."""
     rings = Rings.of(np.linspace(1.0, 1.5, dim), (4,) * dim)
     rng = np.random.default_rng(0)
-    true = rng.uniform(1.0, 2.0, (2, len(rings.order))) * np.exp(2j * np.pi * rng.random((2, len(rings.order))))
+    true = rng.uniform(1.0, 2.0, (2, len(rings.indices))) * np.exp(2j * np.pi * rng.random((2, len(rings.indices))))
     errors = 0.3, 0.7
     known = [
         Spectrum(values * (1.0 - error / np.abs(values)), error, beyond)
@@ -140,7 +140,7 @@ def test_what_is_beyond_the_band_is_never_understated() -> None:
         least = float((less * np.maximum(moduli - rough.error, 0.0) ** 2).sum())
         assert rough.beyond >= best.beyond + 0.125
         assert rough.beyond >= norm[0] - float((less * moduli**2).sum()) + 0.125
-        assert rough.beyond <= norm[0] - least + 0.125 + 4.0 * rough.error**2 * len(rings.order)
+        assert rough.beyond <= norm[0] - least + 0.125 + 4.0 * rough.error**2 * len(rings.indices)
     far = BallDescriptor(balls.centers + 1e6, balls.radii)
     assert Spectrum.of(far, far.middle, rings, 1e-12, norm).error > 100.0 * best.error
 

@@ -260,9 +260,10 @@ def test_the_same_call_gives_the_same_balls():
     assert (one.radii == other.radii).all()
 
 
-def test_shapes_as_geojson_and_wkt():
-    by_shape = decompose(RECTANGLE, number=5)
-    for same in (RECTANGLE.wkt, json.loads(shapely.to_geojson(RECTANGLE)), np.array(RECTANGLE.exterior.coords)):
+@pytest.mark.parametrize("shape", [RECTANGLE, shapely.box(0.25, 0.5, 3.25, 1.5)])
+def test_shapes_as_geojson_and_wkt(shape):
+    by_shape = decompose(shape, number=5)
+    for same in (shape.wkt, json.loads(shapely.to_geojson(shape)), np.array(shape.exterior.coords)):
         assert np.allclose(decompose(same, number=5).radii, by_shape.radii)
 
 

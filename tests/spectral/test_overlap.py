@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from cspace import Grid
 from cspace.spectral import BallDescriptor, Bump, FourierOverlap, Separation, Verdict, intersection
-from cspace.spectral.bands import pair_integrals
+from cspace.spectral.bump import pair_integrals
 from strategies import seeds
 
 pytest.importorskip("finufft")
@@ -325,7 +325,7 @@ def test_bounds_fall_from_ring_to_ring_and_rings_hold_every_frequency_once(dim: 
     rings, terms = overlap._rings, overlap._terms
     assert (np.diff(terms.bounds) <= 1e-9 * terms.bounds[0]).all()
     both = {tuple(k) for k in np.concatenate([rings.indices, -rings.indices]).tolist()}
-    assert len(both) == math.prod(overlap.counts) == 2 * len(rings.order) - 1
+    assert len(both) == math.prod(overlap.counts) == 2 * len(rings.indices) - 1
     ring = np.repeat(np.arange(len(rings.starts) - 1), np.diff(rings.starts))
     last = np.maximum.accumulate([rings.moduli[ring == r].max() for r in range(ring.max() + 1)])
     first = np.array([rings.moduli[ring == r].min() for r in range(ring.max() + 1)])

@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cspace.spectral import BallDescriptor, Bump
-from cspace.spectral.bands import norm_square, pair_integrals, touching_overlap
+from cspace.spectral.bands import norm_square, touching_overlap
+from cspace.spectral.bump import pair_integrals
 from strategies import seeds
 
 DIMS = [2, 3]
