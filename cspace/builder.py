@@ -23,7 +23,7 @@ from cspace.map.contents import Contents
 from cspace.map.exterior import Exterior, check_outside
 from cspace.map.slices import Pair, Rasters, raster_parts, slice_rasters
 from cspace.map.storage import PackedStates, Stack
-from cspace.memory import SCRATCH_BYTES, TRANSFORM_BYTES, check_memory, is_packed, map_bytes
+from cspace.memory import SCRATCH_BYTES, TRANSFORM_BYTES, build_seconds, check_memory, is_packed, map_bytes
 from cspace.robot import Robot, check_margin
 from cspace.rotations import Rotations
 from cspace.space import CSpace
@@ -175,7 +175,8 @@ def build(
     slice_of = cells.slice_of(robot)
     slices = int(slice_of.max()) + 1
     needed = map_bytes(grid.shape, slices, overlap)
-    check_memory(needed, "the map", grid.shape, grid.spacing, fixed=TRANSFORM_BYTES, fewer=cells.fewer)
+    seconds = build_seconds(grid.shape, slices)
+    check_memory(needed, "the map", grid.shape, grid.spacing, fixed=TRANSFORM_BYTES, fewer=cells.fewer, seconds=seconds)
     rasters, exterior, overlaps = None, None, None
     states: Stack
 

@@ -1,4 +1,4 @@
-"""Memory: how much a map takes, and whether it is there, told before any work."""
+"""Memory: how much a map takes, and whether it is there, told before any work; and very roughly how long it takes."""
 
 from __future__ import annotations
 
@@ -66,6 +66,16 @@ def map_bytes(shape: Sequence[int], slices: int = 1, overlap: bool = False) -> i
     return cells * (5 if overlap else 1) + TRANSFORM_BYTES
 
 
+def build_seconds(shape: Sequence[int], slices: int = 1) -> float:
+    """Seconds of one core that :func:`cspace.build` takes, very roughly: threefold or a third is usual.
+
+    Parameters as for :func:`map_bytes`. Told from what was measured once, on one machine, with robots a few tens of
+    cells across: the robot's rasters of each slice, and each state.
+    """
+    rasters, state = (2e-4, 1e-9) if len(shape) == 2 else (1e-3, 4e-9)
+    return slices * (rasters + state * cells_of(shape))
+
+
 def is_packed(shape: Sequence[int], slices: int, overlap: bool = False) -> bool:
     """Whether a map keeps its states in two bits each; never one with overlap counts, which take far more."""
     return not overlap and slices >= PACKED_SLICES and cells_of(shape) * slices > PACKED_FROM
@@ -88,6 +98,7 @@ def check_memory(
     corners: NDArray[np.float64] | None = None,
     mend: str | None = None,
     fewer: Callable[[float], str] | None = None,
+    seconds: float = 0.0,
 ) -> None:
     """Refuse work that does not fit into memory.
 
@@ -109,6 +120,8 @@ def check_memory(
         What helps, for the message, where another spacing cannot be chosen.
     fewer : callable, optional
         Names the rotation cells that take at most a share of the memory; an empty text where none do.
+    seconds : float
+        Of one core, for the message.
 
     Raises
     ------
@@ -131,9 +144,10 @@ def check_memory(
         rotations = fewer((_ROOM * free - fixed) / (needed - fixed)) if fewer else ""
         mend = f"use {rotations}, or {mend.removeprefix('use ')}" if rotations else mend
     cells = " x ".join(f"{n:.4g}" if n > _COUNTED else str(n) for n in shape)
+    time = f", and very roughly {time_in_words(seconds)} of one core" if seconds else ""
     raise InputError(
         what,
-        f"has {cells} cells of {spacing:g} m and needs about {in_words(needed)} of memory",
+        f"has {cells} cells of {spacing:g} m and needs about {in_words(needed)} of memory{time}",
         f"at most {in_words(KEEP * free)} may be taken, which is {KEEP:.0%} of what is free",
         mend,
         value=needed,
@@ -182,6 +196,14 @@ def in_words(size: float) -> str:
             return f"{size:.3g} {unit}"
         size /= 1000
     return ""
+
+
+def time_in_words(seconds: float) -> str:
+    """A time for people, to one digit, as it is a rough one."""
+    for unit, size in (("days", 86400.0), ("hours", 3600.0), ("minutes", 60.0)):
+        if seconds >= 2.0 * size:
+            return f"{float(f'{seconds / size:.1g}'):,.0f} {unit}"
+    return f"{float(f'{seconds:.1g}'):g} s"
 
 
 def cells_of(shape: Sequence[int]) -> int:

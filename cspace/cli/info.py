@@ -294,7 +294,7 @@ class _Cells:
 
     def __init__(self, names: Options, robot: Robot | None, rotations: str | None) -> None:
         cells = rotation_cells(rotations)
-        self._names, self.slices = names, 1
+        self._names, self.slices, self._fewer = names, 1, cells.fewer
         self._told: dict[str, Any] = {}
         if cells.facts:
             # A robot with a symmetry needs fewer slices than there are rotation cells.
@@ -328,19 +328,30 @@ class _Cells:
 
     def memory(self, shape: Any, spacing: float, bytes_a_cell: int, **advice: Any) -> dict[str, Any]:
         """What a map of so many cells needs at most, and whether it is there; ``advice`` as for ``check_memory``."""
-        from cspace.memory import TRANSFORM_BYTES, WORKSPACE_BYTES, cells_of, check_memory, free_bytes, map_bytes
+        from cspace.memory import (
+            TRANSFORM_BYTES,
+            WORKSPACE_BYTES,
+            build_seconds,
+            cells_of,
+            check_memory,
+            free_bytes,
+            is_packed,
+            map_bytes,
+        )
 
         cells = cells_of(shape)
         built = WORKSPACE_BYTES * cells + map_bytes(shape, self.slices)
         told: dict[str, Any] = {
-            "map_bytes": cells * self.slices,
+            "map_bytes": cells * self.slices // (4 if is_packed(shape, self.slices) else 1),
             "needed_bytes": max(bytes_a_cell * cells, built),
             "free_bytes": free_bytes(),
             "fits": True,
         }
+        seconds = build_seconds(shape, self.slices)
+        advice |= {"seconds": seconds, "fewer": self._fewer}
         try:
             check_memory(bytes_a_cell * cells, "the map", shape, spacing, **advice)
             check_memory(built, "the map", shape, spacing, fixed=TRANSFORM_BYTES, **advice)
         except InputError as error:
             told |= {"fits": False, "problem": worded(error, self._names)}
-        return {**self._told, "memory": told}
+        return {**self._told, "memory": told, "build_cpu_s": float(f"{seconds:.1g}")}

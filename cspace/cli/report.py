@@ -19,7 +19,14 @@ import typer
 
 from cspace.errors import CspaceError
 
-_UNITS: Final = {"_m3": " m³", "_m2": " m²", "_m": " m", "_deg": "°", "_bytes": " bytes"}
+_UNITS: Final = {
+    "_cpu_s": " s of one core, very roughly",
+    "_m3": " m³",
+    "_m2": " m²",
+    "_m": " m",
+    "_deg": "°",
+    "_bytes": " bytes",
+}
 """Units, by the end of a name."""
 
 _MANY_BYTES: Final = 10**6

@@ -20,7 +20,7 @@ from cspace.cli import app
 from cspace.cli.report import progress_line
 from cspace.compiling import LOGGER
 from cspace.errors import InputError
-from cspace.memory import MESH_BYTES, map_bytes
+from cspace.memory import MESH_BYTES, build_seconds, map_bytes
 from cspace.spectral import FourierOverlap
 from maps import same
 
@@ -178,6 +178,7 @@ def test_info_tells_the_slices_of_a_robot_that_turns(room: Path, robot: str | No
     assert (told["rotations"], told["slices"]) == (72, slices)
     assert told["memory"]["map_bytes"] == slices * 100 * 100
     assert told["memory"]["needed_bytes"] == 2 * 10_000 + map_bytes((100, 100), slices)
+    assert told["build_cpu_s"] == pytest.approx(build_seconds((100, 100), slices), rel=0.5)
 
 
 def test_info_tells_what_does_not_fit(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -185,6 +186,9 @@ def test_info_tells_what_does_not_fit(room: Path, monkeypatch: pytest.MonkeyPatc
     assert told["cells"]["total"] == 10**21
     assert told["memory"]["fits"] is False
     assert "use a spacing of at least" in told["memory"]["problem"]
+    assert " days of one core" in told["memory"]["problem"]
+    told = document("info", "cube.obj", "--spacing", 0.01, "--rotations", "quaternions:48")
+    assert "use Rotations.quaternions(" in told["memory"]["problem"]
     # The building agrees.
     result = run("map", "cube.obj", "--spacing", 1e-7, "--robot", "ball:0.1", "-o", "new.zarr")
     assert (result.exit_code, result.stderr.count("\n")) == (2, 1)
