@@ -12,7 +12,7 @@ from xml.parsers.expat import ExpatError, ParserCreate
 
 import numpy as np
 
-from cspace.io.input import damaged, read_bytes
+from cspace.io.input import Fault, read_bytes
 from cspace.io.limits import check_bytes
 from cspace.io.polygons import Floats, Integers, Surface, joined, placed, triangulated, unfolded, unread
 
@@ -42,13 +42,13 @@ def read_collada(file: Path) -> Surface:
         If there is a surface that is not read, or a polygon can be cut in several ways.
     """
     try:
-        root = _parsed(read_bytes(file, "mesh", memory=20.0), file)
+        root = _parsed(read_bytes(file, "mesh", memory=20.0))
     except (ElementTree.ParseError, ExpatError) as error:
-        raise damaged(file, f"is no XML ({error})") from error
+        raise Fault(f"is no XML ({error})") from error
     for element in root.iter():
         element.tag = str(element.tag).rpartition("}")[2]
     if root.tag != "COLLADA":
-        raise damaged(file, f"holds {root.tag}, not COLLADA")
+        raise Fault(f"holds {root.tag}, not COLLADA")
     named: Named = {}
     for element in root.iter():
         if name := element.get("id"):
@@ -56,13 +56,13 @@ def read_collada(file: Path) -> Surface:
     unit = root.find("asset/unit")
     metres = float(unit.get("meter", "1")) if unit is not None else 1.0
     if not (math.isfinite(metres) and metres > 0.0):
-        raise damaged(file, f"has a unit of {metres:g} metres")
+        raise Fault(f"has a unit of {metres:g} metres")
     instance = root.find("scene/instance_visual_scene")
     if instance is None:
-        raise unread(file, "no scene that is shown; its geometries stand nowhere", "export it again with its scene")
-    scene = _target(instance, named, file)
+        raise unread("no scene that is shown; its geometries stand nowhere", "export it again with its scene")
+    scene = _target(instance, named)
     if scene.tag != "visual_scene":
-        raise damaged(file, f"names {scene.tag} as its scene")
+        raise Fault(f"names {scene.tag} as its scene")
     places: list[tuple[Element, Floats]] = []
     visits, most = 0, _PLACES + sum(1 for _ in root.iter())
     pending: list[tuple[Element, Floats, tuple[Element, ...]]] = [
@@ -72,50 +72,50 @@ def read_collada(file: Path) -> Surface:
         element, above, path = pending.pop()
         visits += 1
         if visits > most or len(path) > _DEEPEST:
-            raise damaged(file, f"puts nodes into nodes, {len(path)} deep, and {visits} in all or more")
+            raise Fault(f"puts nodes into nodes, {len(path)} deep, and {visits} in all or more")
         if element.tag in _LEFT:
             continue
         if element.tag == "instance_node":
-            element = _target(element, named, file)
+            element = _target(element, named)
         if element.tag == "node":
             if element in path:
-                raise damaged(file, f"has the node {element.get('id')!r} within itself")
-            transform, shapes = _local(element, file)
+                raise Fault(f"has the node {element.get('id')!r} within itself")
+            transform, shapes = _local(element)
             pending += [(child, above @ transform, (*path, element)) for child in reversed(shapes)]
         elif element.tag == "instance_geometry":
-            places.append((_target(element, named, file), above))
+            places.append((_target(element, named), above))
         else:
-            raise unread(file, f"a {element.tag} in its scene")
+            raise unread(f"a {element.tag} in its scene")
     arrays: dict[Element, Floats] = {}
-    known = {each: _surfaces(each, named, arrays, file) for each in dict.fromkeys(each for each, _ in places)}
+    known = {each: _surfaces(each, named, arrays) for each in dict.fromkeys(each for each, _ in places)}
     sizes = {each: sum(unfolded(len(points), len(faces)) for points, faces in known[each]) for each in known}
     check_bytes(file, sum(sizes[each] for each, _ in places), "unfolds to", memory=3.0)
     return joined([placed(surface, above) for each, above in places for surface in known[each]])
 
 
-def _target(instance: Element, named: Named, file: Path) -> Element:
+def _target(instance: Element, named: Named) -> Element:
     url = instance.get("url", "")
     if not url.startswith("#"):
-        raise unread(file, f"a {instance.tag} of another file ({url!r})", "export it again as one file")
+        raise unread(f"a {instance.tag} of another file ({url!r})", "export it again as one file")
     target = named.get(url[1:])
     if target is None:
-        raise damaged(file, f"names {url!r}, which is not there, or there twice")
+        raise Fault(f"names {url!r}, which is not there, or there twice")
     return target
 
 
-def _local(node: Element, file: Path) -> tuple[Floats, list[Element]]:
+def _local(node: Element) -> tuple[Floats, list[Element]]:
     """Transform of a node in its parent, and the children that are no transforms."""
     transform, shapes = np.eye(4), []
     for child in node:
         if child.tag in ("lookat", "skew"):
-            raise unread(file, f"a node with the transform {child.tag}", "export it again with matrices")
+            raise unread(f"a node with the transform {child.tag}", "export it again with matrices")
         if child.tag not in _TRANSFORMS:
             shapes.append(child)
             continue
         size, matrix = _TRANSFORMS[child.tag]
         numbers = np.array((child.text or "").split(), dtype=np.float64)
         if len(numbers) != size:
-            raise damaged(file, f"has a {child.tag} of {len(numbers)} numbers; it has {size}")
+            raise Fault(f"has a {child.tag} of {len(numbers)} numbers; it has {size}")
         transform = transform @ matrix(numbers)
     return transform, shapes
 
@@ -146,7 +146,7 @@ _TRANSFORMS: Final[dict[str, tuple[int, Callable[[Floats], Floats]]]] = {
 """How many numbers each transform of a node has, and its matrix."""
 
 
-def _parsed(data: bytes, file: Path) -> Element:
+def _parsed(data: bytes) -> Element:
     """The tree of a text without entities, by which a small file unfolds into a huge one, nested in bounds."""
     depth = 0
 
@@ -154,14 +154,14 @@ def _parsed(data: bytes, file: Path) -> Element:
         nonlocal depth
         depth += 1
         if depth > _DEEPEST:
-            raise damaged(file, f"has more than {_DEEPEST} elements within each other")
+            raise Fault(f"has more than {_DEEPEST} elements within each other")
 
     def closed(name: str) -> None:
         nonlocal depth
         depth -= 1
 
     def entity(*about: object) -> None:
-        raise damaged(file, "declares an entity, which COLLADA has no use for")
+        raise Fault("declares an entity, which COLLADA has no use for")
 
     scan = ParserCreate()
     scan.StartElementHandler, scan.EndElementHandler, scan.EntityDeclHandler = opened, closed, entity
@@ -169,67 +169,67 @@ def _parsed(data: bytes, file: Path) -> Element:
     return ElementTree.fromstring(data)
 
 
-def _surfaces(geometry: Element, named: Named, arrays: dict[Element, Floats], file: Path) -> list[Surface]:
+def _surfaces(geometry: Element, named: Named, arrays: dict[Element, Floats]) -> list[Surface]:
     """Surfaces of a geometry, one for each of its primitives."""
     surfaces = []
     for shape in geometry:
         if shape.tag in ("asset", "extra"):
             continue
         if shape.tag != "mesh":
-            raise unread(file, f"a geometry that is a {shape.tag}")
-        surfaces += [_primitive(part, named, arrays, file) for part in shape if part.tag not in _WITHOUT_SURFACE]
+            raise unread(f"a geometry that is a {shape.tag}")
+        surfaces += [_primitive(part, named, arrays) for part in shape if part.tag not in _WITHOUT_SURFACE]
     return surfaces
 
 
-def _primitive(part: Element, named: Named, arrays: dict[Element, Floats], file: Path) -> Surface:
-    lists = [_corners(p, part, file) for p in part.findall("p")]
+def _primitive(part: Element, named: Named, arrays: dict[Element, Floats]) -> Surface:
+    lists = [_corners(p, part) for p in part.findall("p")]
     corners = np.concatenate([np.empty(0, dtype=np.int64), *lists])
     count = int(part.get("count", "0"))
-    points = _positions(part, named, arrays, file) if count else np.empty((0, 3))
+    points = _positions(part, named, arrays) if count else np.empty((0, 3))
     if part.find("ph") is not None:
-        raise unread(file, "a polygon with holes")
+        raise unread("a polygon with holes")
     if part.tag == "triangles":
         if len(corners) != 3 * count:
-            raise damaged(file, f"declares {count} triangles and holds {len(corners)} corners of them")
+            raise Fault(f"declares {count} triangles and holds {len(corners)} corners of them")
         sizes = np.full(count, 3)
     elif part.tag == "polylist":
         counts = part.find("vcount")
-        sizes = _integers(counts, file) if counts is not None else np.empty(0, dtype=np.int64)
+        sizes = _integers(counts) if counts is not None else np.empty(0, dtype=np.int64)
     elif part.tag == "polygons":
         sizes = np.array(list(map(len, lists)), dtype=np.int64)
     else:
-        raise unread(file, f"a mesh with {part.tag}")
+        raise unread(f"a mesh with {part.tag}")
     if len(sizes) != count:
-        raise damaged(file, f"declares {count} {part.tag} and holds {len(sizes)}")
-    return points, triangulated(points, corners, sizes, file)
+        raise Fault(f"declares {count} {part.tag} and holds {len(sizes)}")
+    return points, triangulated(points, corners, sizes)
 
 
 def _inputs(element: Element, semantic: str) -> list[Element]:
     return [given for given in element.findall("input") if given.get("semantic") == semantic]
 
 
-def _corners(p: Element, part: Element, file: Path) -> Integers:
+def _corners(p: Element, part: Element) -> Integers:
     """Vertex numbers of a list, in which other numbers stand between them."""
     stride = 1 + max((int(given.get("offset", "0")) for given in part.findall("input")), default=0)
     given = _inputs(part, "VERTEX")
-    numbers = _integers(p, file)
+    numbers = _integers(p)
     if len(given) != 1 or len(numbers) % stride:
-        raise damaged(file, f"has {part.tag} with {len(given)} inputs VERTEX and {len(numbers)} numbers, {stride} each")
+        raise Fault(f"has {part.tag} with {len(given)} inputs VERTEX and {len(numbers)} numbers, {stride} each")
     return numbers[int(given[0].get("offset", "0")) :: stride]
 
 
-def _positions(part: Element, named: Named, arrays: dict[Element, Floats], file: Path) -> Floats:
+def _positions(part: Element, named: Named, arrays: dict[Element, Floats]) -> Floats:
     """Points of the vertices that a primitive names; ``arrays`` are those whose text was read before."""
-    vertices = [_source(given, named, file) for given in _inputs(part, "VERTEX")]
-    sources = [_source(given, named, file) for element in vertices for given in _inputs(element, "POSITION")]
+    vertices = [_source(given, named) for given in _inputs(part, "VERTEX")]
+    sources = [_source(given, named) for element in vertices for given in _inputs(element, "POSITION")]
     if len(sources) != 1:
-        raise damaged(file, f"has {part.tag} with {len(sources)} sources of positions; they have one")
+        raise Fault(f"has {part.tag} with {len(sources)} sources of positions; they have one")
     accessor = sources[0].find("technique_common/accessor")
     if accessor is None:
-        raise damaged(file, "has a source of positions without an accessor")
-    array = _source(accessor, named, file)
+        raise Fault("has a source of positions without an accessor")
+    array = _source(accessor, named)
     if array.tag not in ("float_array", "int_array"):
-        raise damaged(file, f"has positions in {array.tag}")
+        raise Fault(f"has positions in {array.tag}")
     values = arrays.get(array)
     if values is None:
         values = arrays[array] = np.array((array.text or "").split(), dtype=np.float64)
@@ -238,22 +238,22 @@ def _positions(part: Element, named: Named, arrays: dict[Element, Floats], file:
     columns = [i for i, param in enumerate(accessor.findall("param")) if param.get("name")]
     names = [param.get("name") for param in accessor.findall("param") if param.get("name")]
     if names != ["X", "Y", "Z"] or columns[-1] >= stride or first < 0 or count < 0:
-        raise damaged(file, f"has positions with the columns {names}; they are X, Y, Z")
+        raise Fault(f"has positions with the columns {names}; they are X, Y, Z")
     if len(values) != int(array.get("count", len(values))) or len(values) < first + count * stride:
-        raise damaged(file, f"has {len(values)} numbers of positions, and declares more or fewer")
+        raise Fault(f"has {len(values)} numbers of positions, and declares more or fewer")
     return values[first : first + count * stride].reshape(count, stride)[:, columns]
 
 
-def _source(given: Element, named: Named, file: Path) -> Element:
+def _source(given: Element, named: Named) -> Element:
     name = given.get("source", "")
     source = named.get(name[1:]) if name.startswith("#") else None
     if source is None:
-        raise damaged(file, f"names the source {name!r}, which is not in it, or in it twice")
+        raise Fault(f"names the source {name!r}, which is not in it, or in it twice")
     return source
 
 
-def _integers(element: Element, file: Path) -> Integers:
+def _integers(element: Element) -> Integers:
     try:
         return np.array((element.text or "").split(), dtype=np.int64)
     except ValueError as error:
-        raise damaged(file, f"has a {element.tag} with something else than whole numbers ({error})") from error
+        raise Fault(f"has a {element.tag} with something else than whole numbers ({error})") from error

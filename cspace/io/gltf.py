@@ -16,7 +16,7 @@ from urllib.parse import unquote
 
 import numpy as np
 
-from cspace.io.input import damaged, read_bytes
+from cspace.io.input import Fault, damaged, read_bytes
 from cspace.io.limits import check_bytes
 from cspace.io.plain import check_nesting
 from cspace.io.polygons import Floats, unfolded, unread
@@ -48,13 +48,13 @@ def load_gltf(file: Path) -> tuple[Any, int]:
 
     data = read_bytes(file, _KIND, memory=4.0)
     is_binary = file.suffix.lower() == ".glb"
-    header = _header(_json_of(data, file) if is_binary else data, file)
-    parts = [[_triangles(part, header, file) for part in mesh["primitives"]] for mesh in header.get("meshes", [])]
+    header = _header(_json_of(data) if is_binary else data, file)
+    parts = [[_triangles(part, header) for part in mesh["primitives"]] for mesh in header.get("meshes", [])]
     sizes = [
         sum(unfolded(header["accessors"][part["attributes"]["POSITION"]]["count"], faces) for part, faces in pairs)
         for pairs in map(zip, (mesh["primitives"] for mesh in header.get("meshes", [])), parts)
     ]
-    places = list(_instances(header, file))
+    places = list(_instances(header))
     check_bytes(file, sum(sizes) + sum(sizes[mesh] for mesh in places), "unfolds to", memory=3.0)
     declared = sum(sum(parts[mesh]) for mesh in places)
     if not declared:
@@ -65,124 +65,122 @@ def load_gltf(file: Path) -> tuple[Any, int]:
     )
     primitives = [part for mesh in header["meshes"] for part in mesh["primitives"]]
     if len(primitives) != len(loaded.geometry):
-        raise damaged(file, f"declares {len(primitives)} parts, and {len(loaded.geometry)} were read")
+        raise Fault(f"declares {len(primitives)} parts, and {len(loaded.geometry)} were read")
     for primitive, geometry in zip(primitives, loaded.geometry.values(), strict=True):
-        _compare(np.asarray(geometry.vertices), header["accessors"][primitive["attributes"]["POSITION"]], file)
+        _compare(np.asarray(geometry.vertices), header["accessors"][primitive["attributes"]["POSITION"]])
     return loaded, declared
 
 
-def _triangles(primitive: dict[str, Any], header: dict[str, Any], file: Path) -> int:
+def _triangles(primitive: dict[str, Any], header: dict[str, Any]) -> int:
     """Triangles that a part must have, once everything about it is known to be read right."""
     mode = primitive.get("mode", _TRIANGLES)
     if mode != _TRIANGLES:
-        raise unread(file, f"a part of {_MODES.get(mode, f'points or lines (mode {mode})')}")
-    _refuse_extensions(primitive, file)
+        raise unread(f"a part of {_MODES.get(mode, f'points or lines (mode {mode})')}")
+    _refuse_extensions(primitive)
     if "POSITION" not in primitive["attributes"]:
-        raise unread(file, "a part without positions of its own")
-    corners = _count(primitive["attributes"]["POSITION"], "VEC3", header, file)
+        raise unread("a part without positions of its own")
+    corners = _count(primitive["attributes"]["POSITION"], "VEC3", header)
     if "indices" in primitive:
-        corners = _count(primitive["indices"], "SCALAR", header, file)
+        corners = _count(primitive["indices"], "SCALAR", header)
     if corners < 3 or corners % 3:
-        raise damaged(file, f"has a part of {corners} corners, which do not make triangles")
+        raise Fault(f"has a part of {corners} corners, which do not make triangles")
     return corners // 3
 
 
-def _count(number: int, kind: str, header: dict[str, Any], file: Path) -> int:
+def _count(number: int, kind: str, header: dict[str, Any]) -> int:
     """Rows of an accessor whose numbers lie as they are in a buffer, within it."""
-    accessor = _item(header, "accessors", number, file)
+    accessor = _item(header, "accessors", number)
     if "sparse" in accessor:
-        raise unread(file, f"a sparse accessor ({number})")
+        raise unread(f"a sparse accessor ({number})")
     if "bufferView" not in accessor:
-        raise unread(file, f"an accessor ({number}) without data, as compression leaves it")
+        raise unread(f"an accessor ({number}) without data, as compression leaves it")
     component = accessor["componentType"]
     if kind == "VEC3" and component != 5126:
-        raise unread(file, f"quantised positions (accessor {number})")
+        raise unread(f"quantised positions (accessor {number})")
     if accessor["type"] != kind or component not in _WIDTHS or (kind == "SCALAR") == (component == 5126):
-        raise damaged(file, f"has accessor {number} of {accessor['type']} {component}, where {kind} must be")
-    view = _item(header, "bufferViews", accessor["bufferView"], file)
-    _refuse_extensions(view, file)
+        raise Fault(f"has accessor {number} of {accessor['type']} {component}, where {kind} must be")
+    view = _item(header, "bufferViews", accessor["bufferView"])
+    _refuse_extensions(view)
     width, count, start = _WIDTHS[component], accessor["count"], accessor.get("byteOffset", 0)
     stride, first = view.get("byteStride", width), view.get("byteOffset", 0)
     end = start + (count - 1) * stride + width
-    buffer = _item(header, "buffers", view["buffer"], file)
+    buffer = _item(header, "buffers", view["buffer"])
     if min(start, first) < 0 or count < 1 or stride < width or end > view["byteLength"]:
-        raise damaged(file, "has an accessor that goes beyond its view, or is empty")
+        raise Fault("has an accessor that goes beyond its view, or is empty")
     if first + view["byteLength"] > buffer["byteLength"]:
-        raise damaged(file, "has a view of a buffer that goes beyond its end")
+        raise Fault("has a view of a buffer that goes beyond its end")
     return int(count)
 
 
-def _instances(header: dict[str, Any], file: Path) -> Iterator[int]:
+def _instances(header: dict[str, Any]) -> Iterator[int]:
     """The mesh of each place of the scene where one stands."""
     scenes, nodes = header.get("scenes", []), header.get("nodes", [])
     if not scenes and header.get("meshes"):
-        raise unread(file, "meshes in no scene", "export it again with its scene")
+        raise unread("meshes in no scene", "export it again with its scene")
     if len(scenes) > 1 and "scene" not in header:
-        raise unread(file, f"{len(scenes)} scenes of which none is the default", "export one scene")
+        raise unread(f"{len(scenes)} scenes of which none is the default", "export one scene")
     seen: set[int] = set()
-    roots = _item(header, "scenes", header.get("scene", 0), file).get("nodes", []) if scenes else []
+    roots = _item(header, "scenes", header.get("scene", 0)).get("nodes", []) if scenes else []
     pending = [(number, 1) for number in roots]
     while pending:
         number, level = pending.pop()
         if level > _DEEPEST:
-            raise damaged(file, f"has more than {_DEEPEST} nodes within each other")
+            raise Fault(f"has more than {_DEEPEST} nodes within each other")
         if number in seen or not 0 <= number < len(nodes):
-            raise damaged(file, f"names node {number} twice, or it is not there; nodes form trees")
+            raise Fault(f"names node {number} twice, or it is not there; nodes form trees")
         seen.add(number)
         node = nodes[number]
-        _refuse_extensions(node, file)
+        _refuse_extensions(node)
         pending += [(child, level + 1) for child in node.get("children", [])]
         if not any(np.asarray(node.get("rotation", [1.0]), dtype=np.float64)):
-            raise damaged(file, "has a node with a rotation of length 0")
+            raise Fault("has a node with a rotation of length 0")
         if "camera" in node and ("mesh" in node or node.get("children")):
-            raise unread(file, "a mesh at or below a camera", "hang the camera below the mesh")
+            raise unread("a mesh at or below a camera", "hang the camera below the mesh")
         if "mesh" in node:
-            mesh = _item(header, "meshes", node["mesh"], file)
+            mesh = _item(header, "meshes", node["mesh"])
             if "skin" in node:
-                raise unread(file, "a mesh that a skin moves", "apply its pose, and export it without the skin")
+                raise unread("a mesh that a skin moves", "apply its pose, and export it without the skin")
             if any(node.get("weights", mesh.get("weights", []))):
-                raise unread(file, "a mesh that a morph moves", "apply the morph, and export it as it then is")
+                raise unread("a mesh that a morph moves", "apply the morph, and export it as it then is")
             yield node["mesh"]
 
 
-def _compare(points: Floats, accessor: dict[str, Any], file: Path) -> None:
+def _compare(points: Floats, accessor: dict[str, Any]) -> None:
     """Hold the vertices that were read against the number and the bounds that their accessor declares."""
     if len(points) != accessor["count"]:
-        raise damaged(file, f"declares {accessor['count']} vertices of a part, and {len(points)} were read")
+        raise Fault(f"declares {accessor['count']} vertices of a part, and {len(points)} were read")
     if "min" in accessor and "max" in accessor and np.isfinite(points).all():
         declared = np.array([accessor["min"], accessor["max"]], dtype=np.float64)
         found = np.array([points.min(axis=0), points.max(axis=0)])
         if declared.shape != (2, 3) or not (np.abs(declared - found) <= 1e-5 * np.abs(found).max()).all():
-            raise damaged(
-                file, f"declares bounds of a part that are {declared.tolist()}, and {found.tolist()} were read"
-            )
+            raise Fault(f"declares bounds of a part that are {declared.tolist()}, and {found.tolist()} were read")
 
 
-def _refuse_extensions(thing: dict[str, Any], file: Path) -> None:
+def _refuse_extensions(thing: dict[str, Any]) -> None:
     foreign = [name for name in thing.get("extensions", {}) if not name.startswith(_LOOKS)]
     if foreign:
-        raise unread(file, f"a part with the extension {foreign[0]}")
+        raise unread(f"a part with the extension {foreign[0]}")
 
 
-def _item(header: dict[str, Any], kind: str, number: int, file: Path) -> dict[str, Any]:
+def _item(header: dict[str, Any], kind: str, number: int) -> dict[str, Any]:
     items = header.get(kind, [])
     if not 0 <= number < len(items):
-        raise damaged(file, f"names number {number} of its {len(items)} {kind}")
+        raise Fault(f"names number {number} of its {len(items)} {kind}")
     item: dict[str, Any] = items[number]
     return item
 
 
-def _json_of(data: bytes, file: Path) -> bytes:
+def _json_of(data: bytes) -> bytes:
     """The header of a GLB file, whose chunks fill it to its end."""
     if data[:4] != b"glTF" or int.from_bytes(data[4:8], "little") != 2:
-        raise damaged(file, "does not begin with the head of a GLB file of version 2")
+        raise Fault("does not begin with the head of a GLB file of version 2")
     length, at = int.from_bytes(data[8:12], "little"), 12
     if length != len(data):
-        raise damaged(file, f"has {len(data)} bytes and declares {length}")
+        raise Fault(f"has {len(data)} bytes and declares {length}")
     while at < length:
         at += 8 + int.from_bytes(data[at : at + 4], "little")
     if at != length or data[16:20] != b"JSON":
-        raise damaged(file, "has a chunk that goes beyond its end, or no header in JSON")
+        raise Fault("has a chunk that goes beyond its end, or no header in JSON")
     return data[20 : 20 + int.from_bytes(data[12:16], "little")]
 
 
@@ -192,13 +190,13 @@ def _header(data: bytes, file: Path) -> dict[str, Any]:
         check_nesting(text, str(file), "[{", "]}")
         header = json.loads(text)
     except ValueError as error:
-        raise damaged(file, f"has a header that is no JSON ({error})") from error
+        raise Fault(f"has a header that is no JSON ({error})") from error
     if not isinstance(header, dict):
-        raise damaged(file, "has a header that is no object of JSON")
+        raise Fault("has a header that is no object of JSON")
     version = str(header.get("asset", {}).get("version", ""))
     if not version.startswith("2."):
-        raise damaged(file, f"is of version {version or 'none'}; glTF 2 is read")
-    _refuse_extensions({"extensions": dict.fromkeys(header.get("extensionsRequired", []))}, file)
+        raise Fault(f"is of version {version or 'none'}; glTF 2 is read")
+    _refuse_extensions({"extensions": dict.fromkeys(header.get("extensionsRequired", []))})
     return header
 
 

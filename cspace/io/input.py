@@ -67,7 +67,32 @@ def unreadable(path: str | os.PathLike[str], kind: str, error: OSError) -> FileE
 
 def damaged(path: str | os.PathLike[str], found: str) -> FileError:
     """The error for a file that breaks the rules of its format, or is cut short."""
-    return FileError(os.fspath(path), found, "it is malformed or truncated", "copy it or write it again")
+    return FileError(os.fspath(path), *Fault(found).parts)
+
+
+class Fault(Exception):  # noqa: N818 - it becomes an error in decoding
+    """What is wrong with the content of a file, said without its name, which :func:`decoding` adds.
+
+    Parameters
+    ----------
+    found, rule, mend : str
+        As for :class:`cspace.errors.CspaceError`.
+    kind : type
+        Of the error.
+    value : object
+    """
+
+    def __init__(
+        self,
+        found: str,
+        rule: str = "it is malformed or truncated",
+        mend: str = "copy it or write it again",
+        *,
+        kind: type[CspaceError] = FileError,
+        value: object = None,
+    ) -> None:
+        super().__init__(found)
+        self.parts, self.kind, self.value = (found, rule, mend), kind, value
 
 
 @contextmanager
@@ -82,6 +107,8 @@ def decoding(
         yield
     except (CspaceError, MemoryError):
         raise
+    except Fault as fault:
+        raise fault.kind(os.fspath(path), *fault.parts, value=fault.value) from fault
     except PermissionError as error:
         raise unreadable(path, kind, error) from error
     except Exception as error:

@@ -21,11 +21,11 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.errors import FileError, GeometryError, InputError
+from cspace.errors import GeometryError, InputError
 from cspace.grid import finite
 from cspace.io.collada import read_collada
 from cspace.io.gltf import load_gltf
-from cspace.io.input import damaged, decoding, existing, read_bytes, suffix_of
+from cspace.io.input import Fault, decoding, existing, read_bytes, suffix_of
 from cspace.io.ply import read_ply
 from cspace.io.polygons import Floats, Integers, Surface, joined, placed, read_obj, read_off, triangulated
 
@@ -80,12 +80,12 @@ def read_mesh(path: str | os.PathLike[str]) -> tuple[Floats, Integers]:
     suffix = suffix_of(file, _READERS, "the suffix says how a mesh is read", "mesh")
     with decoding(file, _KIND):
         vertices, faces = _READERS[suffix](file)
-    if not len(faces):
-        raise _without_triangles(str(file), "cloud of points" if len(vertices) else "")
-    finite(vertices, f"vertices of {file}")
-    wrong = faces[(faces < 0) | (faces >= len(vertices))]
-    if len(wrong):
-        raise damaged(file, f"has a face that names vertex {wrong[0]}, counted from 0, of {len(vertices)}")
+        if not len(faces):
+            raise _without_triangles(str(file), "cloud of points" if len(vertices) else "")
+        finite(vertices, f"vertices of {file}")
+        wrong = faces[(faces < 0) | (faces >= len(vertices))]
+        if len(wrong):
+            raise Fault(f"has a face that names vertex {wrong[0]}, counted from 0, of {len(vertices)}")
     return vertices, np.ascontiguousarray(faces)
 
 
@@ -98,8 +98,8 @@ def _stl(file: Path) -> Surface:
     if len(data) != 84 + _RECORD * declared or len(data) < 84:
         if data.lstrip()[:5].lower() != b"solid":
             held = max(0.0, (len(data) - 84) / _RECORD)
-            raise damaged(file, f"declares {declared} triangles and has bytes for {held:g}, as a binary STL file")
-        data, declared = _stl_text(data, file)
+            raise Fault(f"declares {declared} triangles and has bytes for {held:g}, as a binary STL file")
+        data, declared = _stl_text(data)
     with warnings.catch_warnings():
         warnings.simplefilter("error", DeprecationWarning)  # what numpy says of text that is no number
         loaded = trimesh.load(io.BytesIO(data), file_type="stl", process=False)
@@ -114,22 +114,22 @@ def _gltf(file: Path) -> Surface:
     return _counted(scene, declared, file) if declared else (np.empty((0, 3)), np.empty((0, 3), dtype=np.int64))
 
 
-def _stl_text(data: bytes, file: Path) -> tuple[bytes, int]:
+def _stl_text(data: bytes) -> tuple[bytes, int]:
     """An STL file in text, in the one layout that trimesh reads right, and how many triangles it holds."""
     text = data.lower().replace(b"\r", b"\n")
     lines = list(_SOLIDS.finditer(text))
     kinds = [bool(line[1]) for line in lines]
     if not kinds or kinds != [False, True] * (len(kinds) // 2) or text[lines[-1].end() :].strip(b" \t\n\0"):
-        raise damaged(file, "does not go from solid to endsolid, as an STL file in text does")
+        raise Fault("does not go from solid to endsolid, as an STL file in text does")
     if any(b"endfacet" in line[0] for line in lines):
-        raise damaged(file, "has facets on a line of solid or endsolid; they need lines of their own")
+        raise Fault("has facets on a line of solid or endsolid; they need lines of their own")
     # The names of solids go: trimesh looks for its keywords in them too.
     text = _SOLIDS.sub(lambda line: b"endsolid" if line[1] else b"solid", text)
     text = b" ".join(text.split())  # patterns that look for blanks take the square of a long run of them
     facets = _FACET.findall(text)
     counts = [text.count(word) for word in (b"facet", b"normal", b"vertex")]
     if counts != [2 * len(facets), len(facets), 3 * len(facets)]:
-        raise damaged(file, f"has words of facets beside its {len(facets)} whole ones")
+        raise Fault(f"has words of facets beside its {len(facets)} whole ones")
     # A line for each vertex; normals are not asked for.
     text = re.sub(rb"\bnormal \S+ \S+ \S+", b"normal 0 0 0", text)
     return re.sub(rb" (?=vertex|endloop|endsolid|facet)", b"\n", text), len(facets)
@@ -139,19 +139,14 @@ def _counted(loaded: Any, declared: int, file: Path) -> Surface:
     """What trimesh read, refused where the file declares more or fewer triangles."""
     vertices, faces = flattened(loaded, str(file))
     if len(faces) != declared:
-        raise FileError(
-            str(file),
-            f"holds {declared} triangles, and {len(faces)} were read",
-            "none may be lost or made up",
-            "write it again as binary STL",
-            value=(declared, len(faces)),
-        )
+        found, rule = f"holds {declared} triangles, and {len(faces)} were read", "none may be lost or made up"
+        raise Fault(found, rule, "write it again as binary STL", value=(declared, len(faces)))
     return vertices, faces
 
 
 def _ply(file: Path) -> Surface:
     vertices, corners, sizes = read_ply(file)
-    return vertices, triangulated(vertices, corners, sizes, file)
+    return vertices, triangulated(vertices, corners, sizes)
 
 
 _READERS: Final[dict[str, Callable[[Path], Surface]]] = {

@@ -13,8 +13,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.errors import FileError, GeometryError
-from cspace.io.input import damaged, numbers_of, read_bytes
+from cspace.errors import GeometryError
+from cspace.io.input import Fault, numbers_of, read_bytes
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -74,7 +74,7 @@ def joined(parts: Sequence[Surface]) -> Surface:
     return vertices, np.concatenate([np.empty((0, 3), dtype=np.int64), *faces])
 
 
-def triangulated(vertices: Floats, corners: Integers, sizes: Integers, file: Path) -> Integers:
+def triangulated(vertices: Floats, corners: Integers, sizes: Integers) -> Integers:
     """Triangles of polygons.
 
     Each polygon becomes a fan around one of its corners, the first one if that does. A polygon that is not flat has no
@@ -88,8 +88,6 @@ def triangulated(vertices: Floats, corners: Integers, sizes: Integers, file: Pat
         Vertex numbers, polygon after polygon.
     sizes : ndarray of int64, shape (P,)
         Corners of each polygon.
-    file : Path
-        For messages.
 
     Returns
     -------
@@ -97,27 +95,26 @@ def triangulated(vertices: Floats, corners: Integers, sizes: Integers, file: Pat
 
     Raises
     ------
-    FileError
+    Fault
         If a polygon has fewer than three corners, or names a vertex that there is not.
-    GeometryError
-        If a polygon is not flat, or crosses itself or is so bent that no fan covers it.
+        Or if one is not flat, or crosses itself or is so bent that no fan covers it.
     """
     if len(sizes) and int(sizes.min()) < 3:
-        raise damaged(file, f"has a face with {int(sizes.min())} corners; a face has three or more")
+        raise Fault(f"has a face with {int(sizes.min())} corners; a face has three or more")
     if int(sizes.sum()) != len(corners):
-        raise damaged(file, f"has faces with {int(sizes.sum())} corners, and names {len(corners)}")
+        raise Fault(f"has faces with {int(sizes.sum())} corners, and names {len(corners)}")
     wrong = corners[(corners < 0) | (corners >= len(vertices))]
     if len(wrong):
-        raise damaged(file, f"has a face that names vertex {wrong[0]}, counted from 0, of {len(vertices)}")
+        raise Fault(f"has a face that names vertex {wrong[0]}, counted from 0, of {len(vertices)}")
     firsts = np.cumsum(sizes) - sizes
     faces = [np.empty((0, 3), dtype=np.int64)]
     for size in np.unique(sizes):
         polygons = corners[firsts[sizes == size, None] + np.arange(size)]
-        faces.append(polygons if size == 3 else _fans(vertices, polygons, file))
+        faces.append(polygons if size == 3 else _fans(vertices, polygons))
     return np.concatenate(faces)
 
 
-def _fans(vertices: Floats, polygons: Integers, file: Path) -> Integers:
+def _fans(vertices: Floats, polygons: Integers) -> Integers:
     """Triangles of polygons with as many corners each, shape (P, n), n > 3."""
     points = vertices[polygons]
     # A value that is not finite is refused later, by name.
@@ -129,7 +126,7 @@ def _fans(vertices: Floats, polygons: Integers, file: Path) -> Integers:
     slack = np.asarray(ROUNDED + FLAT * size)
     normal, flat = _planes(points, size, slack)
     if not flat.all():
-        raise _refused(file, polygons[np.argmin(flat)], "do not lie in one plane, or go around no area there")
+        raise _refused(polygons[np.argmin(flat)], "do not lie in one plane, or go around no area there")
     count = polygons.shape[1]
     apex = np.full(len(polygons), -1, dtype=np.int64)
     for first in range(min(count, TRIED)):
@@ -140,7 +137,6 @@ def _fans(vertices: Floats, polygons: Integers, file: Path) -> Integers:
         apex[left[(areas >= -(slack * size)[left, None]).all(axis=1)]] = first
     if (apex < 0).any():
         raise _refused(
-            file,
             polygons[np.argmin(apex)],
             f"go around a shape that bends or crosses itself; none of its first {TRIED} corners sees it whole",
         )
@@ -165,19 +161,16 @@ def _planes(points: Floats, size: Floats, slack: Floats) -> tuple[Floats, NDArra
     return normal, flat
 
 
-def _refused(file: Path, polygon: Integers, what: str) -> GeometryError:
+def _refused(polygon: Integers, what: str) -> Fault:
     shown = ", ".join(map(str, polygon[:8].tolist())) + (", ..." if len(polygon) > 8 else "")
-    return GeometryError(
-        str(file),
-        f"has a face of {len(polygon)} corners (vertices {shown}, counted from 0) that {what}",
-        "more than three corners must lie flat, and one of them must see the whole face",
-        "triangulate the faces where the file is written",
-    )
+    found = f"has a face of {len(polygon)} corners (vertices {shown}, counted from 0) that {what}"
+    rule = "more than three corners must lie flat, and one of them must see the whole face"
+    return Fault(found, rule, "triangulate the faces where the file is written", kind=GeometryError)
 
 
-def unread(file: Path, what: str, mend: str = "export it as plain triangles, e.g. as STL") -> GeometryError:
-    """The error for a file with a part that is not read, and so would be lost."""
-    return GeometryError(str(file), f"has {what}, which is not read", "it would be lost", mend)
+def unread(what: str, mend: str = "export it as plain triangles, e.g. as STL") -> Fault:
+    """What is wrong with a file of which a part is not read, and so would be lost."""
+    return Fault(f"has {what}, which is not read", "it would be lost", mend, kind=GeometryError)
 
 
 def read_obj(file: Path) -> Surface:
@@ -217,27 +210,26 @@ def read_obj(file: Path) -> Surface:
         elif name == b"v":
             points.append(words[1:])
         elif name in _SURFACES:
-            raise unread(file, f"a statement {name.decode()!r}")
+            raise unread(f"a statement {name.decode()!r}")
         elif name not in _LEFT:
-            raise damaged(file, f"has a line {line[:60].decode('latin-1')!r}, which is no statement of OBJ")
-    vertices = _vertices(points, file)
+            raise Fault(f"has a line {line[:60].decode('latin-1')!r}, which is no statement of OBJ")
+    vertices = _vertices(points)
     counts = np.array(sizes, dtype=np.int64)
-    numbers = _numbers(corners, np.repeat(np.array(before, dtype=np.int64), counts), file)
-    return vertices, triangulated(vertices, numbers, counts, file)
+    numbers = _numbers(corners, np.repeat(np.array(before, dtype=np.int64), counts))
+    return vertices, triangulated(vertices, numbers, counts)
 
 
 def _statements(file: Path) -> list[bytes]:
     """Lines without comments, those that are continued joined."""
     data = read_bytes(file, "mesh", memory=20.0).removeprefix(b"\xef\xbb\xbf")
     if b"\0" in data:
-        raise damaged(file, "is not text")
+        raise Fault("is not text")
     if b"\\" in data:
         data = re.sub(rb"#[^\r\n]*", b"", data)
         lost = re.search(rb"\\[ \t]*(?:\r\n|\r|\n)[ \t]*(?:v[tnp]?|f)[ \t][^\r\n]*", data, re.IGNORECASE)
         if lost:
             line = lost[0].split(maxsplit=1)[-1][:60].decode("latin-1")
-            raise FileError(
-                str(file),
+            raise Fault(
                 f"has a backslash at the end of the line before {line!r}, which would make that part of another",
                 "a backslash continues a line",
                 "remove it",
@@ -246,25 +238,25 @@ def _statements(file: Path) -> list[bytes]:
     return [line.partition(b"#")[0] for line in data.splitlines()] if b"#" in data else data.splitlines()
 
 
-def _vertices(points: list[list[bytes]], file: Path) -> Floats:
+def _vertices(points: list[list[bytes]]) -> Floats:
     """x, y and z; a fourth number is a weight, which must be 1, and six or more are a colour besides."""
     widths = set(map(len, points))
     if widths & {0, 1, 2, 5}:
-        raise damaged(file, f"has a vertex with {min(widths & {0, 1, 2, 5})} numbers; a vertex has x, y and z")
+        raise Fault(f"has a vertex with {min(widths & {0, 1, 2, 5})} numbers; a vertex has x, y and z")
     weights = [point[3] for point in points if len(point) == 4] if 4 in widths else []
     if any(float(weight) != 1.0 for weight in weights):
-        raise unread(file, "vertices with weights other than 1")
+        raise unread("vertices with weights other than 1")
     return numbers_of([word for point in points for word in point[:3]], float).reshape(-1, 3)
 
 
-def _numbers(corners: list[bytes], before: Integers, file: Path) -> Integers:
+def _numbers(corners: list[bytes], before: Integers) -> Integers:
     """Vertex numbers, counted from 0: in the file from 1, or, where negative, back from the last one before."""
     try:
         numbers = numbers_of([corner.partition(b"/")[0] for corner in corners], int)
     except ValueError as error:
-        raise damaged(file, f"has a corner of a face that is no whole number ({error!s:.80})") from error
+        raise Fault(f"has a corner of a face that is no whole number ({error!s:.80})") from error
     if (numbers == 0).any():
-        raise damaged(file, "has a face that names vertex 0; they are numbered from 1")
+        raise Fault("has a face that names vertex 0; they are numbered from 1")
     return np.where(numbers > 0, numbers - 1, before + numbers)
 
 
@@ -281,24 +273,22 @@ def read_off(file: Path) -> Surface:
     text = re.sub(rb"#[^\r\n]*", b"", read_bytes(file, "mesh", memory=20.0))
     found = re.match(rb"\s*((?:ST)?C?N?)(4?n?)OFF\b([ \t]+BINARY)?", text)
     if not found:
-        raise damaged(file, "does not begin with OFF")
+        raise Fault("does not begin with OFF")
     if found[2] or found[3]:
         what = "binary data" if found[3] else "vertices of another number of coordinates than three"
-        raise unread(file, f"{what} ({found[0].decode().strip()})")
+        raise unread(f"{what} ({found[0].decode().strip()})")
     rows = [words for line in text[found.end() :].splitlines() if (words := line.split())]
     if not rows or len(rows[0]) not in (2, 3):
-        raise damaged(file, "does not tell the numbers of vertices and faces after OFF")
+        raise Fault("does not tell the numbers of vertices and faces after OFF")
     count, polygons = int(rows[0][0]), int(rows[0][1])
     if len(rows) != 1 + count + polygons:
-        raise damaged(file, f"declares {count} vertices and {polygons} faces, and has {len(rows) - 1} lines of them")
+        raise Fault(f"declares {count} vertices and {polygons} faces, and has {len(rows) - 1} lines of them")
     points, faces = rows[1 : count + 1], rows[count + 1 :]
     if points and (min(map(len, points)) < 3 or len(set(map(len, points))) > 1):
-        raise damaged(
-            file, "has lines of vertices that are not alike; each has x, y and z, and as many words as others"
-        )
+        raise Fault("has lines of vertices that are not alike; each has x, y and z, and as many words as others")
     sizes = numbers_of([row[0] for row in faces], int)
     if any(len(row) <= size for row, size in zip(faces, sizes.tolist(), strict=True)):
-        raise damaged(file, "has a face with fewer corners than it says")
+        raise Fault("has a face with fewer corners than it says")
     corners = [word for row, size in zip(faces, sizes.tolist(), strict=True) for word in row[1 : size + 1]]
     vertices = numbers_of([word for row in points for word in row[:3]], float).reshape(-1, 3)
-    return vertices, triangulated(vertices, numbers_of(corners, int), sizes, file)
+    return vertices, triangulated(vertices, numbers_of(corners, int), sizes)

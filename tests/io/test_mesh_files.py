@@ -96,7 +96,7 @@ def test_a_large_obj_is_read_whole(tmp_path):
 
 
 def area_of(points, sizes):
-    faces = triangulated(np.array(points, float), np.arange(len(points)), np.array(sizes), "file")
+    faces = triangulated(np.array(points, float), np.arange(len(points)), np.array(sizes))
     return trimesh.Trimesh(points, faces, process=False).area
 
 
@@ -138,7 +138,7 @@ def test_polygons_without_an_area_and_of_huge_or_tiny_size_do_no_harm(tmp_path):
     assert area_of(line, [4]) == 0.0
     assert area_of([(1, 1, 1)] * 4, [4]) == 0.0
     for scale in (1e-160, 1e90):
-        face = triangulated(CORNERS * scale, QUADS.reshape(-1), np.full(6, 4), "file")
+        face = triangulated(CORNERS * scale, QUADS.reshape(-1), np.full(6, 4))
         assert face.shape == (12, 3)
     with pytest.raises(InputError, match="is nan; NaN"):
         read(tmp_path, "nan.obj", "v 0 0 nan\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n")
