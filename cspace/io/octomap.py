@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.compiling import jit
-from cspace.errors import FileError
 from cspace.grid import Grid
-from cspace.io.input import check_unknown, damaged, header_lines, read_bytes
+from cspace.io.input import Fault, check_unknown, decoding, header_lines, read_bytes
 from cspace.io.limits import check_cells
 
 Bools = NDArray[np.bool_]
@@ -72,13 +71,14 @@ def read_octomap(path: str | os.PathLike[str], unknown: str = "occupied") -> tup
     """
     check_unknown(unknown)
     # A leaf of five numbers for each byte at most.
-    content, file = read_bytes(path, KIND, memory=80.0), os.fspath(path)
-    header, end = _split(file, content)
-    leaves = _leaves(file, header, content[end:])
+    content = read_bytes(path, KIND, memory=80.0)
+    with decoding(path, KIND):
+        header, end = _split(content)
+        leaves = _leaves(header, content[end:])
     first = leaves[:, :3].min(axis=0)
     shape = (leaves[:, :3] + leaves[:, 3:4]).max(axis=0) - first
     across = tuple(int(n) for n in shape)
-    check_cells(file, across)
+    check_cells(path, across)
     grid = Grid((first - _HALF) * header.resolution, header.resolution, across)
     leaves[:, :3] -= first
     is_occupied = leaves[:, 4] == 1
@@ -89,7 +89,7 @@ def read_octomap(path: str | os.PathLike[str], unknown: str = "occupied") -> tup
     return grid, occupied
 
 
-def _split(file: str, content: bytes) -> tuple[_Header, int]:
+def _split(content: bytes) -> tuple[_Header, int]:
     """The header, and the byte at which the nodes begin."""
     words: dict[str, str] = {}
     binary: bool | None = None
@@ -98,24 +98,22 @@ def _split(file: str, content: bytes) -> tuple[_Header, int]:
         if binary is None:
             if text not in _FIRST_LINES:
                 begins = " or ".join(map(repr, _FIRST_LINES))
-                raise FileError(
-                    file, f"begins with {line[:40]!r}", f"an OctoMap begins with {begins}", "pass another file"
-                )
+                raise Fault(f"begins with {line[:40]!r}", f"an OctoMap begins with {begins}", "pass another file")
             binary = _FIRST_LINES[text]
         elif text == "data":
-            return _header(file, words, binary), after
+            return _header(words, binary), after
         elif text and not text.startswith("#"):
             key, _, value = text.partition(" ")
             words[key] = value.strip()
-    raise damaged(file, "has no line 'data' after its header" if content else "is empty")
+    raise Fault("has no line 'data' after its header" if content else "is empty")
 
 
-def _header(file: str, words: dict[str, str], binary: bool) -> _Header:
+def _header(words: dict[str, str], binary: bool) -> _Header:
     """The header, checked."""
     tree, size, resolution = words.get("id", ""), words.get("size", ""), words.get("res", "")
     if tree not in _COLOURS:
-        raise FileError(
-            file, f"holds a tree of type {tree!r:.60}", f"{' and '.join(_COLOURS)} are read", "convert it with OctoMap"
+        raise Fault(
+            f"holds a tree of type {tree!r:.60}", f"{' and '.join(_COLOURS)} are read", "convert it with OctoMap"
         )
     try:
         count, side = int(size), float(resolution)
@@ -123,13 +121,13 @@ def _header(file: str, words: dict[str, str], binary: bool) -> _Header:
         count, side = -1, math.nan
     if count < 0 or not 0.0 < side < math.inf:
         told = f"size {size[:40]!r} and res {resolution[:40]!r}"
-        raise damaged(file, f"says {told}, where the number of nodes and the side of cells in metres must be")
+        raise Fault(f"says {told}, where the number of nodes and the side of cells in metres must be")
     if count == 0:
-        raise FileError(file, "knows no cell", "a map needs some known space", "insert a scan before it is written")
+        raise Fault("knows no cell", "a map needs some known space", "insert a scan before it is written")
     return _Header(binary, tree, count, side)
 
 
-def _leaves(file: str, header: _Header, nodes: bytes) -> NDArray[np.int64]:
+def _leaves(header: _Header, nodes: bytes) -> NDArray[np.int64]:
     """First cell, side in cells, and whether occupied, of each leaf, shape (n, 5)."""
     values = np.empty(0, dtype=np.float32)
     if header.binary:
@@ -143,14 +141,14 @@ def _leaves(file: str, header: _Header, nodes: bytes) -> NDArray[np.int64]:
     found, count, fault = leaves_of(records, header.binary, leaves)
     broken = int(np.isnan(values[:found]).sum())
     if broken:
-        raise damaged(file, f"has {broken} nodes without a value (NaN)")
+        raise Fault(f"has {broken} nodes without a value (NaN)")
     if fault == 1:
-        raise damaged(file, f"ends after {found} nodes, and its header says {header.size}")
+        raise Fault(f"ends after {found} nodes, and its header says {header.size}")
     if fault or found != header.size:
         reason = {2: f"an inner node below level {DEPTH}", 3: "an inner node without children"}.get(
             fault, f"{'more' if fault else found} nodes, where its header says {header.size}"
         )
-        raise FileError(file, f"holds {reason}", "that is no octree of OctoMap", "the file is damaged, fetch it again")
+        raise Fault(f"holds {reason}", "that is no octree of OctoMap", "the file is damaged, fetch it again")
     return leaves[:count]
 
 
