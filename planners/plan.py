@@ -14,6 +14,7 @@ from cspace.errors import ConfigurationError, InputError
 from cspace.grid import finite, positive
 from cspace.space import CSpace
 from cspace.states import BLOCKED, FREE, NAMES
+from cspace.tiles.space import TiledCSpace
 from planners.catalogue import CUBES, IGNORE_OBJECTIVES, SECOND_THREAD, planner_named
 from planners.local_planner import LocalPlanner, check_flag, local_planner
 from planners.objectives import ClearanceObjective, OverlapObjective, overlap_field
@@ -22,6 +23,7 @@ from planners.result import Plan, Times, least_clearance
 from planners.search import Found, Search
 from planners.setup import MakeObjective
 from planners.states import Configuration, Floats
+from planners.tiled import Options, check_options, plan_in_tiles
 
 MAX_SEED: Final = 2**32 - 2
 """Largest seed: OMPL's generator takes 32 bits, and refuses zero."""
@@ -34,7 +36,7 @@ _BY_NAME: Final[dict[str, type[ClearanceObjective | OverlapObjective]]] = {
 
 
 def plan(
-    space: CSpace,
+    space: CSpace | TiledCSpace,
     start: ArrayLike,
     goal: ArrayLike,
     *,
@@ -64,6 +66,10 @@ def plan(
     real curve. The start and the goal of the car are those of the robot's reference point, which therefore belongs in
     the middle of the axle that does not steer.
 
+    *Maps in a store.* On a :class:`cspace.TiledCSpace` the path goes from tile to tile; only those on the way are
+    opened, and the planner has the time limit in each of them. Edges are straight, and the length is what counts. The
+    clearance of such a path is not told.
+
     Planners that go on improving their path (AORRTC, BITstar, InformedRRTstar, PRMstar, RRTstar, SORRTstar) use up the
     time limit.
 
@@ -76,7 +82,7 @@ def plan(
 
     Parameters
     ----------
-    space : CSpace
+    space : CSpace or TiledCSpace
     start, goal : array-like, shape (dof,)
         Configurations, in metres: ``(x, y)``, ``(x, y, yaw)``, ``(x, y, z)``, ``(x, y, z, yaw)`` or
         ``(x, y, z, qx, qy, qz, qw)``; yaw in radians, wrapped.
@@ -131,6 +137,14 @@ def plan(
         the map carries no overlap field. As well where a curve is unknown,
         the map has no rotations for it, the turning radius is missing or not above zero, or ``exact`` is wanted too.
     """
+    if isinstance(space, TiledCSpace):
+        check_flag(simplify, "simplify")
+        check_options(
+            iterations=iterations, objective=objective, exact=exact, curve=curve, turning_radius=turning_radius
+        )
+        limit = positive(time_limit, "time_limit", "seconds")
+        own: Options = {"planner": planner, "time_limit": limit, "simplify": simplify, "seed": seed}
+        return plan_in_tiles(space, start, goal, plan, **own)
     began = time.perf_counter()
     name = planner_named(planner, curve)
     edges = local_planner(space, exact, curve, turning_radius)

@@ -33,6 +33,9 @@ FREE_ONES, OPEN_ONES = 0, 1
 MARK: Final = 8
 """Numbers in which a digest is told."""
 
+DEEP: Final = 8.0
+"""Cells from the border of a common face beyond which a crossing lies well enough."""
+
 HELD: Final = 4
 """Tiles whose components are kept for further look-ups."""
 
@@ -220,6 +223,72 @@ class Joined:
         known = nodes >= 0
         nodes[known] = self.roots[kind][nodes[known]]
         return nodes
+
+    def chain(self, start: Ints, goal: Ints) -> tuple[list[Index], Ints]:
+        """The fewest tiles that lead from a cell to another through FREE ones, and where one crosses into the next.
+
+        Parameters
+        ----------
+        start, goal : ndarray of int64, shape (1 + d,)
+            Cells ``(rotation, x, y)`` or ``(rotation, x, y, z)``, in the map.
+
+        Returns
+        -------
+        tiles : list of tuple of int
+            Empty where nothing leads there.
+        crossings : ndarray of int64, shape (len(tiles) - 1, 2, 1 + d)
+            The cells on either side of each common face.
+        """
+        from scipy.sparse import coo_matrix
+        from scipy.sparse.csgraph import dijkstra
+
+        first, pairs = self.first[FREE_ONES], self.pairs[FREE_ONES]
+        nodes = self.nodes_of(np.stack([start, goal]), FREE_ONES)
+        tiles = [tuple((cell[1:] // self.store.tile).tolist()) for cell in (start, goal)]
+        if nodes[0] == nodes[1] != -1:
+            return tiles[:1], np.empty((0, 2, len(start)), dtype=np.int64)
+        if (nodes < 0).any():
+            return [], np.empty((0, 2, len(start)), dtype=np.int64)
+        count = int(first[-1]) + len(self._slice_of)
+        graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+        before = dijkstra(graph, directed=False, indices=nodes[0], unweighted=True, return_predecessors=True)[1]
+        chain = [int(nodes[1])]
+        while chain[-1] != nodes[0] and before[chain[-1]] >= 0:
+            chain.append(int(before[chain[-1]]))
+        if chain[-1] != nodes[0]:
+            return [], np.empty((0, 2, len(start)), dtype=np.int64)
+        chain.reverse()
+        numbers = np.searchsorted(first, chain, side="right") - 1
+        way = [tuple(int(i) for i in np.unravel_index(number, self.store.counts)) for number in numbers]
+        crossings, at = [], start
+        for k in range(len(way) - 1):
+            labels = [chain[k] - int(first[numbers[k]]), chain[k + 1] - int(first[numbers[k + 1]])]
+            crossings.append(self._crossing(way[k], way[k + 1], labels, at, goal))
+            at = crossings[-1][1]
+        return way, np.array(crossings).reshape(-1, 2, len(start))
+
+    def _crossing(self, one: Index, other: Index, labels: list[int], at: Ints, goal: Ints) -> Ints:
+        """Cells on either side of the face of two tiles, in the middle of those of two components, on a short way."""
+        from scipy.ndimage import distance_transform_edt
+
+        axis = next(k for k in range(len(one)) if one[k] != other[k])
+        far = other[axis] > one[axis]
+        faces = faces_of(len(one))
+        here = self.labels(one, FREE_ONES)[faces.index(Face(axis, far))] == labels[0]
+        there = self.labels(other, FREE_ONES)[faces.index(Face(axis, not far))] == labels[1]
+        deep = distance_transform_edt(np.pad(here & there, 1))[(slice(1, -1),) * here.ndim]
+        places = np.argwhere(deep >= min(DEEP, deep.max()))
+        cells = self.store.cells(one)
+        border = cells[axis].stop - 1 if far else cells[axis].start
+        cells_here = np.insert(places, 1 + axis, border, axis=1)
+        for k, part in enumerate(cells):
+            if k != axis:
+                cells_here[:, 1 + k] += part.start
+        cells_there = cells_here.copy()
+        cells_there[:, 1 + axis] += 1 if far else -1
+        detour = sum(np.linalg.norm((cells_here - end)[:, 1:].astype(float), axis=1) for end in (at, goal))
+        best = int(np.argmin(detour))
+        return np.stack([cells_here[best], cells_there[best]])
 
     def _tile(self, index: Index) -> tuple[Tile, list[Ints]]:
         """A tile, and of each kind the components on its faces, ascending, with the label of each."""

@@ -262,6 +262,46 @@ class TiledCSpace:
         told: bool | NDArray[np.object_] | None = answers if answers.ndim else answers[()]
         return told
 
+    def chain(self, q0: ArrayLike, q1: ArrayLike) -> list[tuple[Callable[[], CSpace], Floats, Floats]]:
+        """The tiles that lead from a configuration to another through FREE cells, for planners.
+
+        Parameters
+        ----------
+        q0, q1 : array-like, shape (dof,)
+            In the map.
+
+        Returns
+        -------
+        list of (callable, ndarray, ndarray)
+            What opens a tile as a map in memory, and the FREE configurations in it where one enters and leaves it.
+            It is left and the next one entered through two cells that share a face. Empty where FREE cells do not join
+            the two.
+        """
+        ends = [as_points(q, name, self.dof) for q, name in ((q0, "q0"), (q1, "q1"))]
+        cells = [self._cells_of(point) for point in ends]
+        tiles, crossings = self._at_one_moment(lambda: self._join().chain(*cells))
+        centers = self.rotations.centers[crossings[..., 0]]
+        points = np.concatenate([self.grid.center_of(crossings[..., 1:]), centers], axis=-1)
+        return [
+            (
+                partial(self._opened, tile),
+                ends[0] if k == 0 else points[k - 1, 1],
+                ends[1] if k == len(tiles) - 1 else points[k, 0],
+            )
+            for k, tile in enumerate(tiles)
+        ]
+
+    def _opened(self, tile: tuple[int, ...]) -> CSpace:
+        """A tile as a map in memory, of which the robot's reach is a part where it is wide enough."""
+        cells = self._store.cells(tile)
+        first, stop = (np.array([getattr(part, end) for part in cells]) for end in ("start", "stop"))
+        reach = self._job.reach
+        if (first - reach[0] < stop - reach[1]).all():
+            first, stop = first - reach[0], stop - reach[1]
+        return self._at_one_moment(
+            lambda: window_of(self._store, self._record, self._job.reach, self._exterior, first, stop)
+        )
+
     def _components_of(self, points: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Components of both kinds that configurations belong to."""
         cells = self._cells_of(points)
