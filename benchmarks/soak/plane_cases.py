@@ -87,6 +87,37 @@ class Scale:
     snap: float
     nudge: float
 
+    @classmethod
+    def draw(cls, rng: Rng, sizes: tuple[tuple[float, float], ...]) -> tuple[float, Scale]:
+        """Cells that a robot is across, and the scale."""
+        spacing = float(rng.choice([1.0, 0.05, 0.1, 1 / 3, rng.uniform(0.02, 2.0)]))
+        size, snap = float(rng.uniform(*sizes[rng.integers(len(sizes))])), float(rng.choice([0.0, 0.5]))
+        nudge = float(rng.choice([0.0, 0.0, -1.0, 1.0]) * 10.0 ** rng.uniform(-8.0, -2.0))
+        return size, cls(spacing, snap, nudge)
+
+    def margin(self, rng: Rng, most: float) -> float:
+        """None, some, or up to so many cells, in metres."""
+        drawn = rng.choice([0.0, 0.5, 1.0, rng.uniform(0.0, most)], p=[0.55, 0.1, 0.1, 0.25])
+        return float(drawn * self.spacing)
+
+    def corner(self, rng: Rng, dim: int) -> Floats:
+        """Lower corner of a grid: the origin, on the lattice, anywhere, or far away."""
+        far = self.spacing * rng.choice([10.0, 1e5])
+        return np.asarray(rng.choice([0.0, 1.0]) * rng.choice([self.spacing * 7.0, 1.0]) * rng.uniform(-far, far, dim))
+
+    def middle(self, rng: Rng, size: float, dim: int) -> Floats:
+        """Where a robot's middle lies in its frame: at the reference point, near it, or far off."""
+        return self.place(rng.choice([0.0, 0.5, 3.0]) * size * rng.uniform(-1.0, 1.0, dim))
+
+    def told(self, space: CSpace, workspace: str, robot: str) -> str:
+        """What was drawn."""
+        grid, turns = space.grid, space.rotations
+        off = f", {self.nudge:.1e} cells off the lattice" if self.snap else ""
+        return (
+            f"{workspace} {grid.shape} at {grid.spacing:g} m from {grid.lower}, {robot}{off}, "
+            f"outside={space.outside}, margin={space.margin:.3g}{f', {turns}' if turns.dof else ''}"
+        )
+
     def length(self, cells: float) -> float:
         """One length, above zero."""
         rounded = max(round(cells / self.snap), 1) * self.snap + self.nudge if self.snap else cells
@@ -103,17 +134,13 @@ def draw_case(seed: int, number: int, turning: bool = False) -> Case:
     import shapely
 
     rng = np.random.default_rng([seed, number, 3] if turning else [seed, number])
-    spacing = float(rng.choice([1.0, 0.05, 0.1, 1 / 3, rng.uniform(0.02, 2.0)]))
     kind = list(ROBOTS)[number % len(ROBOTS)]
-    size = float(rng.uniform(*SIZES[rng.integers(len(SIZES))]))
-    snap = float(rng.choice([0.0, 0.5]))
-    nudge = float(rng.choice([0.0, 0.0, -1.0, 1.0]) * 10.0 ** rng.uniform(-8.0, -2.0))
-    scale = Scale(spacing, snap, nudge)
+    size, scale = Scale.draw(rng, SIZES)
     robot, shape = ROBOTS[kind](rng, size, scale)
     workspace_kind = str(rng.choice(list(WORKSPACES)))
     workspace, solid = WORKSPACES[workspace_kind](rng, scale)
     outside = str(rng.choice(["blocked", "free"]))
-    margin = float(rng.choice([0.0, 0.5 * spacing, spacing, rng.uniform(0.0, 3.0) * spacing], p=[0.55, 0.1, 0.1, 0.25]))
+    margin = scale.margin(rng, 3.0)
     rotations = _rotations(rng) if turning else None
     space = cspace.build(workspace, robot, rotations=rotations, outside=outside, margin=margin)
     if outside == "blocked":
@@ -122,12 +149,7 @@ def draw_case(seed: int, number: int, turning: bool = False) -> Case:
     solid = [part for part in solid if not part.is_empty]
     for part in solid:
         shapely.prepare(part)
-    name = (
-        f"{workspace_kind} {workspace.grid.shape} at {spacing:g} m from {workspace.grid.lower}, "
-        f"{kind} of {size:.3g} cells"
-        f"{f', {nudge:.1e} cells off the lattice' if snap else ''}, outside={outside}, margin={margin:.3g}"
-        f"{f', {space.rotations.count} rotations' if space.rotations.dof else ''}"
-    )
+    name = scale.told(space, workspace_kind, f"{kind} of {size:.3g} cells")
     made_by = f"draw_case({seed}, {number}{', turning=True' if turning else ''})"
     return Case(name, made_by, (workspace_kind, kind), space, shape, solid)
 
@@ -143,12 +165,6 @@ def _rotations(rng: Rng) -> int | Floats:
 # ---- workspaces: a Workspace and its exact obstacles -----------------------------------------------------------------
 
 
-def _corner(rng: Rng, spacing: float) -> Floats:
-    """Lower corner of a grid: the origin, on the lattice, anywhere, or far away."""
-    far = spacing * rng.choice([10.0, 1e5])
-    return np.asarray(rng.choice([0.0, 1.0]) * rng.choice([spacing * 7.0, 1.0]) * rng.uniform(-far, far, 2))
-
-
 def _array(rng: Rng, scale: Scale) -> tuple[Workspace, list[Any]]:
     shape = tuple(rng.integers(1, 60, 2)) if rng.random() < 0.8 else (1, int(rng.integers(1, 200)))
     occupied = np.zeros(shape, dtype=np.bool_)
@@ -162,7 +178,7 @@ def _array(rng: Rng, scale: Scale) -> tuple[Workspace, list[Any]]:
             x, y = rng.integers(0, shape)
             a, b = rng.integers(1, 20, 2)
             occupied[x : x + a, y : y + b] = True
-    workspace = Workspace.from_array(occupied, scale.spacing, _corner(rng, scale.spacing))
+    workspace = Workspace.from_array(occupied, scale.spacing, scale.corner(rng, 2))
     return workspace, [union_of_cells(occupied, workspace.grid)] if occupied.any() else []
 
 
@@ -170,7 +186,7 @@ def _polygons(rng: Rng, scale: Scale) -> tuple[Workspace, list[Any]]:
     import shapely
 
     spacing = scale.spacing
-    corner = _corner(rng, spacing)
+    corner = scale.corner(rng, 2)
     extent = spacing * rng.uniform(3.0, 60.0, 2)
     shapes: list[Any] = []
     for _ in range(rng.integers(1, 9)):
@@ -209,11 +225,6 @@ WORKSPACES: dict[str, Callable[[Rng, Scale], tuple[Workspace, list[Any]]]] = {"a
 # ---- robots: a Robot and its exact shape -----------------------------------------------------------------------------
 
 
-def _middle(rng: Rng, size: float, scale: Scale) -> Floats:
-    """Where the robot's middle lies in its frame: at the reference point, near it, or far off."""
-    return scale.place(rng.choice([0.0, 0.5, 3.0]) * size * rng.uniform(-1.0, 1.0, 2))
-
-
 def _of_polygons(polygons: list[Any], robot: Robot | None = None) -> tuple[Robot, Shape]:
     return robot or Robot.polygon(polygons), Shape(polygons, np.empty((0, 2)), np.empty(0))
 
@@ -223,13 +234,13 @@ def _of_discs(centers: Floats, radii: Floats) -> tuple[Robot, Shape]:
 
 
 def _disc(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Shape]:
-    center, radius = _middle(rng, size, scale), scale.length(size / 2)
+    center, radius = scale.middle(rng, size, 2), scale.length(size / 2)
     return Robot.disc(radius, center), Shape([], center[None], np.array([radius]))
 
 
 def _discs(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Shape]:
     number = int(rng.integers(2, 6))
-    centers = _middle(rng, size, scale) + scale.place(rng.uniform(-size, size, (number, 2)))
+    centers = scale.middle(rng, size, 2) + scale.place(rng.uniform(-size, size, (number, 2)))
     return _of_discs(centers, np.array([scale.length(rng.uniform(0.1, 0.6) * size) for _ in range(number)]))
 
 
@@ -237,7 +248,7 @@ def _rectangle(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Shape]:
     import shapely
 
     length, width = (scale.length(rng.uniform(0.3, 1.2) * size) for _ in range(2))
-    x, y = _middle(rng, size, scale)
+    x, y = scale.middle(rng, size, 2)
     box = shapely.box(x - length / 2, y - width / 2, x + length / 2, y + width / 2)
     return _of_polygons([box], Robot.rectangle(length, width, (x, y)))
 
@@ -247,7 +258,7 @@ def _regular(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Shape]:
 
     turns = rng.uniform(0, 2 * np.pi) + np.linspace(0, 2 * np.pi, int(rng.integers(3, 12)), endpoint=False)
     ring = size / 2 * np.column_stack([np.cos(turns), np.sin(turns)])
-    return _of_polygons([shapely.Polygon(scale.spacing * ring + _middle(rng, size, scale))])
+    return _of_polygons([shapely.Polygon(scale.spacing * ring + scale.middle(rng, size, 2))])
 
 
 def _star(rng: Rng, middle: Floats, reach: float, hole: bool) -> Any:
@@ -263,14 +274,14 @@ def _star(rng: Rng, middle: Floats, reach: float, hole: bool) -> Any:
 
 
 def _holed(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Shape]:
-    return _of_polygons([_star(rng, _middle(rng, size, scale), scale.spacing * size / 2, hole=True)])
+    return _of_polygons([_star(rng, scale.middle(rng, size, 2), scale.spacing * size / 2, hole=True)])
 
 
 def _parts(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Shape]:
     """Several parts, which may lie apart, overlap or touch."""
     import shapely
 
-    middle = _middle(rng, size, scale)
+    middle = scale.middle(rng, size, 2)
     parts = []
     for _ in range(rng.integers(2, 5)):
         place = middle + scale.place(rng.uniform(-size, size, 2))
@@ -288,7 +299,7 @@ def _bitmap(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Shape]:
     bitmap = rng.random(rng.integers(1, 7, 2)) < rng.choice([0.3, 0.7, 1.0])
     bitmap[tuple(rng.integers(0, bitmap.shape))] = True
     side = scale.length(size / max(bitmap.shape))
-    lower = _middle(rng, size, scale)
+    lower = scale.middle(rng, size, 2)
     whole = union_of_cells(bitmap, Grid(lower, side, bitmap.shape))
     return _of_polygons(list(shapely.get_parts(whole)), Robot.cells(bitmap, side, lower))
 

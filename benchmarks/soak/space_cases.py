@@ -110,37 +110,23 @@ def draw_solid_case(seed: int, number: int, turning: bool = False, freely: bool 
     All kinds of robots take turns.
     """
     rng = np.random.default_rng([seed, number, 9 if turning else 11 if freely else 7])
-    spacing = float(rng.choice([1.0, 0.05, 0.1, 1 / 3, rng.uniform(0.02, 2.0)]))
     kind = list(ROBOTS)[number % len(ROBOTS)]
-    size = float(rng.uniform(*SIZES[rng.integers(len(SIZES))]))
-    snap = float(rng.choice([0.0, 0.5]))
-    nudge = float(rng.choice([0.0, 0.0, -1.0, 1.0]) * 10.0 ** rng.uniform(-8.0, -2.0))
-    scale = Scale(spacing, snap, nudge)
+    size, scale = Scale.draw(rng, SIZES)
     robot, body = ROBOTS[kind](rng, size, scale)
     outside = str(rng.choice(["blocked", "free"]))
     workspace_kind = str(rng.choice(list(WORKSPACES)))
     workspace, obstacles = WORKSPACES[workspace_kind](rng, scale, outside == "blocked")
-    margin = float(rng.choice([0.0, 0.5 * spacing, spacing, rng.uniform(0.0, 2.0) * spacing], p=[0.55, 0.1, 0.1, 0.25]))
+    margin = scale.margin(rng, 2.0)
     rotations: int | cspace.Rotations | None = int(rng.choice([1, 2, 5, 8, 16, 36])) if turning else None
     if freely:
         rotations = cspace.Rotations.quaternions(int(rng.choice([1, 2, 3])))
     space = cspace.build(workspace, robot, rotations=rotations, outside=outside, margin=margin)
-    name = (
-        f"{workspace_kind} {workspace.grid.shape} at {spacing:g} m from {workspace.grid.lower}, {kind} of {size:.3g} "
-        f"cells{f', {nudge:.1e} cells off the lattice' if snap else ''}, outside={outside}, margin={margin:.3g}"
-        f"{f', {space.rotations}' if turning or freely else ''}"
-    )
+    name = scale.told(space, workspace_kind, f"{kind} of {size:.3g} cells")
     made_by = f"draw_solid_case({seed}, {number}{', turning=True' if turning else ', freely=True' if freely else ''})"
     return SolidCase(name, made_by, (workspace_kind, kind), space, body, obstacles)
 
 
 # ---- workspaces: a Workspace and its exact obstacles -----------------------------------------------------------------
-
-
-def _corner(rng: Rng, spacing: float) -> Floats:
-    """Lower corner of a grid: the origin, on the lattice, anywhere, or far away."""
-    far = spacing * rng.choice([10.0, 1e5])
-    return np.asarray(rng.choice([0.0, 1.0]) * rng.choice([spacing * 7.0, 1.0]) * rng.uniform(-far, far, 3))
 
 
 def _bounds(rng: Rng, shape: Shape, spacing: float, corner: Floats, extent: Floats, cut: bool) -> Floats | None:
@@ -155,7 +141,7 @@ def _bounds(rng: Rng, shape: Shape, spacing: float, corner: Floats, extent: Floa
 
 def _mesh(name: str) -> Callable[[Rng, Scale, bool], tuple[Workspace, Shape | None]]:
     def draw(rng: Rng, scale: Scale, cut: bool) -> tuple[Workspace, Shape | None]:
-        corner, extent = _corner(rng, scale.spacing), scale.spacing * rng.uniform(3.0, 28.0, 3)
+        corner, extent = scale.corner(rng, 3), scale.spacing * rng.uniform(3.0, 28.0, 3)
         middle = corner + scale.place(rng.uniform(0.0, 1.0, 3) * extent / scale.spacing)
         reach = scale.spacing * float(rng.choice([0.6, 3.0, 8.0])) * float(rng.uniform(0.5, 1.3))
         mesh, exact = MESHES[name](rng, middle, reach, scale)
@@ -173,13 +159,13 @@ def _voxels(rng: Rng, scale: Scale, cut: bool) -> tuple[Workspace, Shape | None]
         for _ in range(rng.integers(1, 6)):
             first = rng.integers(0, occupied.shape)
             occupied[tuple(slice(i, i + n) for i, n in zip(first, rng.integers(1, 10, 3), strict=True))] = True
-    workspace = Workspace.from_array(occupied, scale.spacing, _corner(rng, scale.spacing))
+    workspace = Workspace.from_array(occupied, scale.spacing, scale.corner(rng, 3))
     corners = np.asarray(workspace.grid.lower) + scale.spacing * merged_cells(occupied)
     return workspace, Blocks.boxes(corners) if len(corners) else None
 
 
 def _balls(rng: Rng, scale: Scale, cut: bool) -> tuple[Workspace, Shape | None]:
-    corner, extent = _corner(rng, scale.spacing), scale.spacing * rng.uniform(3.0, 28.0, 3)
+    corner, extent = scale.corner(rng, 3), scale.spacing * rng.uniform(3.0, 28.0, 3)
     number = int(rng.integers(1, 12))
     centers = corner + scale.place(rng.uniform(0.0, 1.0, (number, 3)) * extent / scale.spacing)
     radii = np.array([scale.length(rng.uniform(0.3, 5.0)) for _ in range(number)])
@@ -199,25 +185,20 @@ WORKSPACES: dict[str, Callable[[Rng, Scale, bool], tuple[Workspace, Shape | None
 # ---- robots: a Robot and its exact shape -----------------------------------------------------------------------------
 
 
-def _middle(rng: Rng, size: float, scale: Scale) -> Floats:
-    """Where the robot's middle lies in its frame: at the reference point, near it, or far off."""
-    return scale.place(rng.choice([0.0, 0.5, 2.0]) * size * rng.uniform(-1.0, 1.0, 3))
-
-
 def _box_robot(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Shape]:
     sides = np.array([scale.length(length * size) for length in rng.uniform(0.3, 1.2, 3)])
-    middle = _middle(rng, size, scale)
+    middle = scale.middle(rng, size, 3)
     return Robot.box(sides, middle), Blocks.boxes([middle - sides / 2, middle + sides / 2])
 
 
 def _ball_robot(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Shape]:
-    center, radius = _middle(rng, size, scale), scale.length(size / 2)
+    center, radius = scale.middle(rng, size, 3), scale.length(size / 2)
     return Robot.ball(radius, center), Blocks.balls(center[None], np.array([radius]))
 
 
 def _balls_robot(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Shape]:
     number = int(rng.integers(2, 6))
-    centers = _middle(rng, size, scale) + scale.place(rng.uniform(-size, size, (number, 3)) / 2)
+    centers = scale.middle(rng, size, 3) + scale.place(rng.uniform(-size, size, (number, 3)) / 2)
     radii = np.array([scale.length(rng.uniform(0.1, 0.5) * size) for _ in range(number)])
     return Robot.balls(centers, radii), Blocks.balls(centers, radii)
 
@@ -226,13 +207,13 @@ def _bitmap_robot(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Shape]:
     bitmap = rng.random(rng.integers(1, 5, 3)) < rng.choice([0.3, 0.7, 1.0])
     bitmap[tuple(rng.integers(0, bitmap.shape))] = True
     side = scale.length(size / max(bitmap.shape))
-    lower = _middle(rng, size, scale)
+    lower = scale.middle(rng, size, 3)
     return Robot.cells(bitmap, side, lower), Blocks.boxes(lower + side * merged_cells(bitmap))
 
 
 def _mesh_robot(name: str) -> Callable[[Rng, float, Scale], tuple[Robot, Shape]]:
     def draw(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Shape]:
-        mesh, exact = MESHES[name](rng, _middle(rng, size, scale), scale.spacing * size / 2, scale)
+        mesh, exact = MESHES[name](rng, scale.middle(rng, size, 3), scale.spacing * size / 2, scale)
         return Robot.mesh(mesh), exact
 
     return draw

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import cspace
-from benchmarks import inputs
+from benchmarks import inputs, motions
 from benchmarks.report import Report
 from benchmarks.timing import interleave, one_core
 from cspace import CSpace, Robot, Workspace
@@ -60,10 +60,7 @@ class Edges:
 
 def run(report: Report, seed: int) -> None:
     """In the plane on maps that fit and do not fit a core's cache, with turns, and in space."""
-    try:
-        import planners  # noqa: F401 - to learn whether OMPL is there
-    except ImportError as error:
-        report.note(f"skipped: {error}")
+    if not motions.ompl_is_here(report):
         return
     rng = np.random.default_rng(seed)
     quick = report.quick
@@ -86,11 +83,12 @@ def _compare(report: Report, title: str, space: CSpace, rng: np.random.Generator
     space.motion_is_free(edges.starts, edges.ends)  # marks blocks
     free = space.motion_is_free(edges.starts, edges.ends)
     report.note(f"{free.mean():.0%} of the edges are proven free")
-    informations = {name: _information(space, make) for name, make in _checkers(space).items()}
+    informations = {name: motions.discrete(space, make) for name, make in _checkers(space).items()}
     for kind, chosen in (("random", edges), ("free", edges.those(free))):
         some = chosen.those(slice(part))
         calls: dict[str, Callable[[], Any]] = {"ours": partial(space.motion_is_free, chosen.starts, chosen.ends)}
-        calls |= {name: _asker(si, some) for name, si in informations.items()}
+        for name, si in informations.items():
+            calls[name] = motions.asker(si.checkMotion, motions.edges_of(space, si, some.starts, some.ends))
         timings = interleave(calls, runs)
         with one_core() as alone:
             if alone:
@@ -133,35 +131,3 @@ def _checkers(space: CSpace) -> dict[str, Callable[[Any], Any]]:
         made["discrete, the barest look-up"] = Bare
     made["OMPL's own yes to every state"] = ob.AllValidStateValidityChecker
     return made
-
-
-def _information(space: CSpace, checker: Callable[[Any], Any]) -> Any:
-    """OMPL's space information with its discrete motion validator, at half a cell."""
-    from ompl import base as ob
-
-    import planners
-
-    states = planners.state_space(space)
-    si = ob.SpaceInformation(states)
-    si.setStateValidityChecker(checker(si))
-    si.setStateValidityCheckingResolution(0.5 * space.grid.spacing / states.getMaximumExtent())
-    si.setup()
-    return si
-
-
-def _asker(si: Any, edges: Edges) -> Callable[[], list[bool]]:
-    pairs = [(_state(si, a), _state(si, b)) for a, b in zip(edges.starts.tolist(), edges.ends.tolist(), strict=True)]
-    check = si.checkMotion
-    return lambda: [check(first, second) for first, second in pairs]
-
-
-def _state(si: Any, numbers: list[float]) -> Any:
-    state = si.getStateSpace().allocState()
-    if hasattr(state, "setYaw"):
-        state.setX(numbers[0])
-        state.setY(numbers[1])
-        state.setYaw((numbers[2] + np.pi) % (2.0 * np.pi) - np.pi)
-    else:
-        for axis, number in enumerate(numbers):
-            state[axis] = number
-    return state

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import cspace
-from benchmarks import inputs
+from benchmarks import inputs, motions
 from benchmarks.report import Report
 from benchmarks.suites.planning_peers import LIMIT, Peer, Problem, Query, problems
 from benchmarks.timing import Timing
@@ -24,10 +24,7 @@ Solver = Callable[[Query, int], tuple[float, Floats | None]]
 
 def run(report: Report, seed: int) -> None:
     """The same queries and seeds in every space, ours and the peer's in turns."""
-    try:
-        import planners  # noqa: F401 - whether it is there at all
-    except ImportError as error:
-        report.note(f"skipped: {error}")
+    if not motions.ompl_is_here(report):
         return
     if inputs.data_folder() is None:
         report.note(inputs.NO_DATA)
@@ -142,12 +139,10 @@ def peer_setup(space: CSpace, is_free: Callable[[Any], bool]) -> Callable[[], An
             return is_free(state)
 
     def setup() -> Any:
-        states = planners.state_space(space)
-        made = og.SimpleSetup(states)
+        made = og.SimpleSetup(planners.state_space(space))
         si = made.getSpaceInformation()
         made.setStateValidityChecker(Checker(si))
-        # Of turns: OMPL counts a radian as half a metre, which is more than a corner of the rectangle moves.
-        si.setStateValidityCheckingResolution(0.5 * space.grid.spacing / states.getMaximumExtent())
+        motions.at_half_a_cell(space, si)
         return made
 
     return setup
@@ -160,20 +155,17 @@ def solve(space: CSpace, make: Callable[[], Any], query: Query, seed: int) -> tu
 
     from planners.states import kind_of
 
-    kind = kind_of(space)
     ou.setLogLevel(ou.LOG_NONE)
     ou.RNG.setSeed(seed + 1)
     began = time.perf_counter()
     setup = make()
-    ends = [setup.getStateSpace().allocState() for _ in query]
-    for state, point in zip(ends, query, strict=True):
-        kind.write(state, *space.rotations.canonical(point[None])[0].tolist())
-    setup.setStartAndGoalStates(*ends)
+    setup.setStartAndGoalStates(*motions.states_of(space, setup.getSpaceInformation(), query))
     setup.setPlanner(og.RRTConnect(setup.getSpaceInformation()))
     setup.solve(LIMIT)
     taken = time.perf_counter() - began
     if not setup.haveExactSolutionPath():
         return taken, None
+    kind = kind_of(space)
     return taken, np.array([kind.read(state) for state in setup.getSolutionPath().getStates()])
 
 

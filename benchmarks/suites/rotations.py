@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy import signal
 
 import cspace
+from benchmarks.motions import asker, edges_of, states_of
 from benchmarks.report import Report
 from benchmarks.soak.space_pairs import NO_FCL, fcl_is_here
 from benchmarks.suites import planning, rotation_scenes
@@ -161,17 +162,16 @@ def _look_ups(report: Report, space: CSpace, fcl: Fcl, rng: np.random.Generator)
         "FCL": planning.peer_setup(space, fcl.is_free)().getSpaceInformation(),
     }
     checker = planners.StateValidityChecker(informations["ours"], space)
-    states = [(_state(space, informations["ours"], each),) for each in few]
-    callback = interleave({"callback": _asker(checker.isValid, states)}, runs)["callback"].per(1000)
+    states = states_of(space, informations["ours"], few)
+    callback = interleave({"callback": asker(checker.isValid, states)}, runs)["callback"].per(1000)
     report.timing("isValid of our checker, as OMPL calls it", callback)
     report.figure("  the same, of CPU", 1e6 * callback.median_cpu, "us", most=None if report.quick else 0.6)
     asks: dict[str, Callable[[], list[bool]]] = {}
     walks: dict[str, Callable[[], list[bool]]] = {}
     for name, si in informations.items():
         si.setup()
-        asks[name] = _asker(si.isValid, [(_state(space, si, each),) for each in few])
-        pairs = zip(starts, ends, strict=True)
-        walks[name] = _asker(si.checkMotion, [(_state(space, si, a), _state(space, si, b)) for a, b in pairs])
+        asks[name] = asker(si.isValid, states_of(space, si, few))
+        walks[name] = asker(si.checkMotion, edges_of(space, si, starts, ends))
     points, edges = interleave(asks, runs), interleave(walks, runs)
     for what, timings, target in (("si.isValid", points, None), ("si.checkMotion", edges, 20.0)):
         for name, timing in timings.items():
@@ -210,18 +210,6 @@ def _edges(space: CSpace, rng: np.random.Generator, number: int) -> tuple[Floats
     if space.rotations.dof == 4:
         ends[:, 3:] /= np.linalg.norm(ends[:, 3:], axis=1, keepdims=True)
     return starts, ends
-
-
-def _state(space: CSpace, si: Any, q: Floats) -> Any:
-    from planners.states import kind_of
-
-    state = si.getStateSpace().allocState()
-    kind_of(space).write(state, *space.rotations.canonical(q[None])[0].tolist())
-    return state
-
-
-def _asker(call: Callable[..., bool], asked: list[tuple[Any, ...]]) -> Callable[[], list[bool]]:
-    return lambda: [call(*each) for each in asked]
 
 
 # ---- plans -----------------------------------------------------------------------------------------------------------
