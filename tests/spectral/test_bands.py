@@ -1,89 +1,23 @@
-"""Overlaps of ball sets at the edges: far away, tiny, coincident, long, often turned; and what is refused."""
+"""Sums and bounds ring by ring, what two balls have in common, and norms: what the proofs of overlaps stand on."""
 
 from __future__ import annotations
 
+import itertools
 import math
-import sys
-from typing import Any
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from cspace import InputError, MissingPackageError, Robot
-from cspace.spectral import BallDescriptor, Bounds, Bump, FourierOverlap, Spheres, Verdict
-from cspace.spectral.bands import Rings, Spectrum, Terms, norm_square, separate
+from cspace.spectral import BallDescriptor, Bump, Verdict
+from cspace.spectral.bands import Rings, Spectrum, Terms, norm_square, separate, touching_overlap
+from cspace.spectral.bump import pair_integrals
+from strategies import seeds
 
 pytest.importorskip("finufft")
 
 DIMS = [2, 3]
-
-
-@pytest.mark.parametrize("alpha", [2.0, math.inf])
-def test_balls_that_all_but_coincide_are_two(alpha: float) -> None:
-    near = [[0.0, 0.0], [1e-17, 0.0]], 0.3
-    overlap = FourierOverlap(([[0.0, 0.0]], 0.2), near, bump=Bump(alpha), band=6.0)
-    for t in ([0.0, 0.0], [0.3, 0.1], [0.2, -0.3]):
-        truth = 2.0 * Bump(alpha).pair_integral(0.2, 0.3, math.hypot(*t), 2)
-        assert abs(overlap.value(t) - truth) <= overlap.bound
-    value, _ = norm_square(BallDescriptor(*near, Bump(alpha)))
-    assert value == pytest.approx(4.0 * Bump(alpha).pair_integral(0.3, 0.3, 0.0, 2), rel=1e-9)
-
-
-@pytest.mark.parametrize("dim", DIMS)
-def test_bounds_scale_with_the_lengths_however_small(dim: int) -> None:
-    def bound(size: float) -> float:
-        balls = np.zeros((1, dim)), 0.2 * size
-        return FourierOverlap(balls, balls, band=3.0 / size).bound / size**dim
-
-    assert bound(1e-30) == pytest.approx(bound(1.0), rel=1e-6)
-    for size in (1e-60, 1e-90):
-        assert bound(size) >= 0.999 * bound(1.0)
-
-
-def test_a_long_corridor_gets_a_band_of_its_own() -> None:
-    walls = np.column_stack([np.arange(0.0, 1500.0, 0.5), np.zeros(3000)])
-    overlap = FourierOverlap(([[0.0, 0.0]], 0.1), (walls, 0.2))
-    assert max(overlap.counts) == 2**16 - 1
-    assert overlap.separated([700.0, 0.0]).verdict is not Verdict.MISS
-    assert overlap.separated([700.0, 0.4]).verdict is not Verdict.HIT
-
-
-@pytest.mark.parametrize("dim", DIMS)
-def test_turns_of_turns_keep_the_shape(dim: int) -> None:
-    rng = np.random.default_rng(0)
-    centers = rng.uniform(1.0, 2.0, (6, dim))
-    made = overlap = FourierOverlap((centers, 0.2), (np.zeros((1, dim)), 0.3), band=1.0)
-    turn: Any = 0.1 if dim == 2 else Rotation.from_rotvec([0.0, 0.0, 0.1])
-    for _ in range(500):
-        overlap = overlap.rotated(turn)
-    ways = [np.linalg.norm(o._a.centers[:, None] - o._a.centers, axis=2) for o in (made, overlap)]
-    assert np.abs(ways[1] - ways[0]).max() <= 2.0**-50 * 4.0
-    once = made.rotated(50.0 if dim == 2 else Rotation.from_rotvec([0.0, 0.0, 50.0]))
-    assert overlap._a.centers == pytest.approx(once._a.centers, abs=1e-11)
-
-
-def test_the_stated_bound_holds_far_from_the_origin() -> None:
-    """Where the balls lie far from the origin, a placement itself is known to fewer digits."""
-    far = 2.0**19
-    b = [[far, -far], [far + 0.4, -far]], 0.3
-    overlap = FourierOverlap(([[far, far]], 0.3), b, tolerance=1e-12)
-    near = FourierOverlap(([[0.0, 0.0]], 0.3), (np.array(b[0]) - [far, -far], 0.3), tolerance=1e-12)
-    rng = np.random.default_rng(0)
-    ts = rng.uniform(-0.4, 0.4, (200, 2))
-    step = np.array([0.0, -2.0 * far])
-    placed = ts + step
-    exact = placed - step
-    off = max(abs(overlap.value(p) - near.value(t)) for p, t in zip(placed, exact, strict=True))
-    assert off <= overlap.bound + near.bound
-    assert overlap.bound > 1e3 * near.bound
-
-
-def test_no_placements_have_no_values() -> None:
-    overlap = FourierOverlap(([[0.0, 0.0]], 0.2), ([[0.0, 0.0]], 0.2), band=9.0)
-    assert overlap.value(np.zeros((0, 2))).shape == (0,)
-    assert overlap.gradient(np.zeros((3, 0, 2))).shape == (3, 0, 2)
-    assert overlap.separated(np.zeros((0, 2))).verdict.shape == (0,)
 
 
 @pytest.mark.parametrize(
@@ -145,63 +79,145 @@ def test_what_is_beyond_the_band_is_never_understated() -> None:
     assert Spectrum.of(far, far.middle, rings, 1e-12, norm).error > 100.0 * best.error
 
 
-# ---- what is refused -------------------------------------------------------------------------------------------------
+def of_all_pairs(balls: BallDescriptor) -> tuple[float, float]:
+    """Sum over all pairs of what they have in common, and by how much it may be off."""
+    gaps = np.linalg.norm(balls.centers[:, None] - balls.centers, axis=2)
+    first, second = np.meshgrid(balls.radii, balls.radii, indexing="ij")
+    close = gaps < first + second
+    values, errors = pair_integrals(balls.bump, first[close], second[close], gaps[close], balls.dim)
+    return float(values.sum()), float(errors.sum())
 
 
-def test_robots_of_balls_serve_and_others_are_refused() -> None:
-    overlap = FourierOverlap(Robot.balls([[0.0, 0.0]], 0.3), ([[1.0, 1.0]], 0.2), band=10.0)
-    assert overlap.value([1.0, 1.0]) > 0.0
-    for robot in (Robot.rectangle(1.0, 1.0), 3.0):
-        with pytest.raises(InputError, match="decompose"):
-            FourierOverlap(robot, ([[1.0, 1.0]], 0.2))
+@pytest.mark.parametrize("dim", DIMS)
+@pytest.mark.parametrize("alpha", [1.0, 2.0, 8.0, math.inf])
+def test_pairs_are_as_by_adaptive_quadrature(dim: int, alpha: float) -> None:
+    bump = Bump(alpha)
+    rows = np.array(
+        [[1.0, 1.0, 0.0], [1.0, 1.0, 1.0], [0.3, 1.0, 0.1], [1.0, 0.4, 0.9], [2.0, 0.5, 2.3], [1.0, 1.0, 1.8]]
+    )
+    values, errors = pair_integrals(bump, *rows.T, dim)
+    error = errors.max()
+    expected = np.array([bump.pair_integral(*row, dim) for row in rows])
+    assert np.abs(values - expected).max() <= error + 1e-9 * expected.max()
+    assert error < 1e-3 * expected.max()
 
 
-ONE = ([[0.0, 0.0]], 0.2)
-SPACE = ([[0.0, 0.0, 0.0]], 0.2)
-INNER, OUTER = (
-    Spheres([[0.0, 0.0]], 0.2, kind, Bounds(0, 1), Bounds(0, 1), Bounds(0, 1)) for kind in ("inner", "outer")
-)
+@pytest.mark.parametrize("dim", DIMS)
+@pytest.mark.parametrize("alpha", [2.0, math.inf])
+@pytest.mark.parametrize("number", [5, 60])
+def test_norms_are_sums_over_all_pairs(dim: int, alpha: float, number: int) -> None:
+    rng = np.random.default_rng(number)
+    balls = BallDescriptor(rng.uniform(0.0, 1.0, (number, dim)), rng.choice([0.1, 0.25], number), Bump(alpha))
+    value, error = norm_square(balls)
+    expected, off = of_all_pairs(balls)
+    assert abs(value - expected) <= error + off
+    assert error < 1e-6 * value
 
 
-@pytest.mark.parametrize(
-    ("call", "words"),
-    [
-        (lambda: FourierOverlap(ONE, SPACE), "all in space"),
-        (lambda: FourierOverlap(ONE, ([[0.0, 0.0]], 0.0)), "above zero"),
-        (lambda: FourierOverlap(ONE, ([[0.0, math.nan]], 0.1)), "NaN"),
-        (lambda: FourierOverlap(ONE, ONE, threshold=-1.0), "threshold"),
-        (lambda: FourierOverlap(ONE, ONE, band=0.0), "band"),
-        (lambda: FourierOverlap(ONE, ONE, band=1e5), "lower one"),
-        (lambda: FourierOverlap(ONE, ONE, tolerance=0.0), "tolerance"),
-        (lambda: FourierOverlap(ONE, ONE, accuracy=1e-30), "tolerance"),
-        (lambda: FourierOverlap(ONE, ONE, bump=2.0), "Bump"),  # type: ignore[arg-type]
-        (lambda: FourierOverlap(ONE, ([[1e9, 0.0]], 0.1)), "nearer"),
-        (lambda: FourierOverlap(BallDescriptor(*ONE, Bump(2.0)), BallDescriptor(*ONE, Bump(3.0))), "pass bump="),
-        (lambda: FourierOverlap.of_shapes(ONE, ONE, swell=0.0), "swell"),
-        (lambda: FourierOverlap.of_shapes(ONE, ONE, swell=1e-7), "larger swell"),
-        (lambda: FourierOverlap.of_shapes(ONE, ONE, swell=0.1, classes=0), "classes"),
-        (lambda: FourierOverlap.of_shapes(ONE, ONE, ONE, swell=0.1), "both"),
-        (lambda: FourierOverlap.of_shapes(ONE, ONE, SPACE, SPACE, swell=0.1), "all in space"),
-        (lambda: FourierOverlap.of_shapes(INNER, ONE, swell=0.1), "outer_a is of kind 'inner'"),
-        (lambda: FourierOverlap.of_shapes(ONE, ONE, INNER, OUTER, swell=0.1), "inner_b is of kind 'outer'"),
-        (lambda: FourierOverlap((1.0, 2.0), ONE), "shape"),
-        (lambda: FourierOverlap((None, None), ONE), "missing"),
-        (lambda: FourierOverlap(([[0.0, 0.0]], 1e50), ONE), "reach"),
-        (lambda: FourierOverlap(ONE, ONE, band=9.0).value([0.0, 0.0, 0.0]), "last axis"),
-        (lambda: FourierOverlap(ONE, ONE, band=9.0).separated([math.inf, 0.0]), "infinities"),
-        (lambda: FourierOverlap(ONE, ONE, band=9.0).rotated(np.diag([1.0, -1.0])), "mirrors"),
-        (lambda: FourierOverlap(ONE, ONE, band=9.0).rotated(2.0 * np.eye(2)), "stretches"),
-        (lambda: FourierOverlap(SPACE, SPACE, band=9.0).rotated(0.5), "Rotation"),
-    ],
-)
-def test_other_values_are_refused(call: Any, words: str) -> None:
-    with pytest.raises(InputError, match=words):
-        call()
+@settings(max_examples=15)
+@given(seeds, st.sampled_from(DIMS), st.sampled_from([1.0, 2.0, 4.0, math.inf]), st.floats(0.05, 1.0))
+def test_balls_that_touched_overlap_by_the_threshold(seed: int, dim: int, alpha: float, swell: float) -> None:
+    rng = np.random.default_rng(seed)
+    bump = Bump(alpha)
+    sets = [BallDescriptor(np.zeros((3, dim)), rng.uniform(0.1, 1.0, 3), bump) for _ in range(2)]
+    level = touching_overlap(*sets, swell, 1e-9)
+    a, b = (rng.choice(balls.radii, 20) for balls in sets)
+    gaps = (a + b) * np.sqrt(rng.uniform(0.0, 1.0, 20))
+    gaps[0] = a[0] + b[0]
+    values, errors = pair_integrals(bump, a + swell, b + swell, gaps, dim)
+    assert (values >= level - errors.max()).all()
+    closest = min(bump.pair_integral(x + swell, y + swell, x + y, dim) for x in sets[0].radii for y in sets[1].radii)
+    assert 0.0 < level <= closest * (1.0 + 1e-5)
+    assert level > 0.5 * closest or alpha == 1.0
 
 
-def test_without_finufft_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    overlap = FourierOverlap(ONE, ONE, band=9.0)
-    monkeypatch.setitem(sys.modules, "finufft", None)
-    assert overlap.value([0.1, 0.0]) > 0.0
-    with pytest.raises(MissingPackageError, match=r"cspace\[spectral\]"):
-        overlap.value(np.zeros((40, 2)))
+@pytest.mark.parametrize("dim", DIMS)
+@pytest.mark.parametrize("alpha", [7.5797625560598335, 88.42775019495995, 950.0])
+def test_what_touching_balls_share_is_known_of_steep_bumps_too(dim: int, alpha: float) -> None:
+    """Rules of some nodes each may agree by chance where neither resolves the flank."""
+    bump = Bump(alpha)
+    for radius, swell in itertools.product(np.linspace(0.3, 3.0, 7).tolist(), [0.037, 0.11, 0.6]):
+        one, other = (BallDescriptor(np.zeros((1, dim)), np.array([r]), bump) for r in (1.0, radius))
+        level = touching_overlap(one, other, swell, 0.0)
+        exact = bump.pair_integral(1.0 + swell, radius + swell, 1.0 + radius, dim)
+        assert exact * (1.0 - 1e-7) <= level <= exact
+
+
+@pytest.mark.parametrize("dim", DIMS)
+@pytest.mark.parametrize("alpha", [0.03, 0.5, 40.0, 976.0, math.inf])
+def test_norms_of_needles_and_cliffs_hold_their_error(dim: int, alpha: float) -> None:
+    bump = Bump(alpha)
+    for other in (0.2447, 1.7):
+        balls = BallDescriptor(np.zeros((2, dim)), np.array([1.0, other]), bump)
+        value, error = norm_square(balls)
+        pairs = [bump.pair_integral(*pair, 0.0, dim) for pair in ((1.0, 1.0), (1.0, other), (other, other))]
+        expected = pairs[0] + 2.0 * pairs[1] + pairs[2]
+        assert abs(value - expected) <= error + 1e-8 * expected
+        assert error <= 1e-6 * expected
+
+
+@pytest.mark.parametrize("dim", DIMS)
+def test_norms_of_many_radii_and_of_coincident_balls(dim: int) -> None:
+    rng = np.random.default_rng(1)
+    centers = rng.uniform(0.0, 1.0, (40, dim))
+    centers[35:] = centers[34]
+    balls = BallDescriptor(centers, np.append(rng.uniform(0.01, 0.3, 30), np.full(10, 0.2)))
+    value, error = norm_square(balls)
+    expected, off = of_all_pairs(balls)
+    assert abs(value - expected) <= error + off
+    assert error < 1e-4 * value
+
+
+def test_norms_are_found_some_pairs_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(3)
+    balls = BallDescriptor(rng.uniform(0.0, 1.0, (90, 2)), rng.choice([0.1, 0.2, 0.33], 90))
+    value, error = norm_square(balls)
+    monkeypatch.setattr("cspace.spectral.bands.AT_ONCE", 7)
+    again, off = norm_square(balls)
+    assert again == pytest.approx(value, rel=1e-9, abs=error + off)
+
+
+def test_rounded_radii_only_grow_or_only_shrink() -> None:
+    radii = np.random.default_rng(0).uniform(0.1, 2.0, 50)
+    balls = BallDescriptor(np.zeros((50, 2)), radii)
+    for number in (1, 2, 3, 8):
+        up, down = balls.rounded(number, up=True).radii, balls.rounded(number, up=False).radii
+        assert (up >= radii).all() and (down <= radii).all()
+        assert max(len(np.unique(up)), len(np.unique(down))) <= number
+        assert up.max() == radii.max() and down.min() == radii.min()
+    assert balls.rounded(50, up=True) is balls
+
+
+def test_balls_that_touch_but_for_rounding_share_less() -> None:
+    """The least of pairs of radii, each a little farther apart than they are wide."""
+    bump = Bump(2.0)
+    one, other = (BallDescriptor(np.zeros((2, 2)), np.array(radii), bump) for radii in ([0.4, 1.0], [0.7, 2.0]))
+    for slack in (0.0, 0.01, 0.05):
+        pairs = itertools.product(one.radii.tolist(), other.radii.tolist())
+        exact = min(bump.pair_integral(a + 0.3, b + 0.3, a + b + slack, 2) for a, b in pairs)
+        assert touching_overlap(one, other, 0.3, slack) == pytest.approx(exact, rel=1e-7)
+
+
+def test_errors_of_tables_count_for_every_pair() -> None:
+    """Of a steep bump, and so many pairs of two radii that they are interpolated between few distances."""
+    rng = np.random.default_rng(0)
+    balls = BallDescriptor(rng.uniform(0.0, 0.6, (14, 2)), np.full(14, 0.4), Bump(300.0))
+    value, error = norm_square(balls)
+    ways = np.linalg.norm(balls.centers[:, None] - balls.centers, axis=2)[np.triu_indices(14, 1)]
+    near = ways[ways < 0.8]
+    alone = Bump(300.0).pair_integral(0.4, 0.4, 0.0, 2)
+    expected = 14.0 * alone + 2.0 * sum(Bump(300.0).pair_integral(0.4, 0.4, gap, 2) for gap in near.tolist())
+    assert len(near) > 64
+    assert abs(value - expected) <= error <= 0.02 * expected
+    assert error > 1e-7 * expected
+
+
+@pytest.mark.parametrize("alpha", [2.0, 300.0, 3000.0])
+def test_of_many_pairs_that_touch_the_least_is_found(alpha: float) -> None:
+    """Where rules resolve nothing, the pair that seems the least need not be it."""
+    bump = Bump(alpha)
+    rng = np.random.default_rng(0)
+    one, other = (BallDescriptor(np.zeros((4, 2)), radii, bump) for radii in rng.uniform(1.0, 1.02, (2, 4)))
+    pairs = itertools.product(one.radii.tolist(), other.radii.tolist())
+    exact = min(bump.pair_integral(a + 0.05, b + 0.05, a + b, 2) for a, b in pairs)
+    assert touching_overlap(one, other, 0.05, 0.0) == pytest.approx(exact, rel=2e-8)

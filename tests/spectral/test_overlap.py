@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import sys
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from cspace import Grid
-from cspace.spectral import BallDescriptor, Bump, FourierOverlap, Separation, Verdict, intersection
+from cspace import Grid, InputError, MissingPackageError, Robot
+from cspace.spectral import BallDescriptor, Bounds, Bump, FourierOverlap, Separation, Spheres, Verdict, intersection
+from cspace.spectral.bands import norm_square
 from cspace.spectral.bump import pair_integrals
 from strategies import seeds
 
@@ -330,3 +332,136 @@ def test_bounds_fall_from_ring_to_ring_and_rings_hold_every_frequency_once(dim: 
     last = np.maximum.accumulate([rings.moduli[ring == r].max() for r in range(ring.max() + 1)])
     first = np.array([rings.moduli[ring == r].min() for r in range(ring.max() + 1)])
     assert (first[1:] >= last[:-1] - 1e-9).all()
+
+
+# ---- at the edges, and what is refused -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("alpha", [2.0, math.inf])
+def test_balls_that_all_but_coincide_are_two(alpha: float) -> None:
+    near = [[0.0, 0.0], [1e-17, 0.0]], 0.3
+    overlap = FourierOverlap(([[0.0, 0.0]], 0.2), near, bump=Bump(alpha), band=6.0)
+    for t in ([0.0, 0.0], [0.3, 0.1], [0.2, -0.3]):
+        truth = 2.0 * Bump(alpha).pair_integral(0.2, 0.3, math.hypot(*t), 2)
+        assert abs(overlap.value(t) - truth) <= overlap.bound
+    value, _ = norm_square(BallDescriptor(*near, Bump(alpha)))
+    assert value == pytest.approx(4.0 * Bump(alpha).pair_integral(0.3, 0.3, 0.0, 2), rel=1e-9)
+
+
+@pytest.mark.parametrize("dim", DIMS)
+def test_bounds_scale_with_the_lengths_however_small(dim: int) -> None:
+    def bound(size: float) -> float:
+        balls = np.zeros((1, dim)), 0.2 * size
+        return FourierOverlap(balls, balls, band=3.0 / size).bound / size**dim
+
+    assert bound(1e-30) == pytest.approx(bound(1.0), rel=1e-6)
+    for size in (1e-60, 1e-90):
+        assert bound(size) >= 0.999 * bound(1.0)
+
+
+def test_a_long_corridor_gets_a_band_of_its_own() -> None:
+    walls = np.column_stack([np.arange(0.0, 1500.0, 0.5), np.zeros(3000)])
+    overlap = FourierOverlap(([[0.0, 0.0]], 0.1), (walls, 0.2))
+    assert max(overlap.counts) == 2**16 - 1
+    assert overlap.separated([700.0, 0.0]).verdict is not Verdict.MISS
+    assert overlap.separated([700.0, 0.4]).verdict is not Verdict.HIT
+
+
+@pytest.mark.parametrize("dim", DIMS)
+def test_turns_of_turns_keep_the_shape(dim: int) -> None:
+    rng = np.random.default_rng(0)
+    centers = rng.uniform(1.0, 2.0, (6, dim))
+    made = overlap = FourierOverlap((centers, 0.2), (np.zeros((1, dim)), 0.3), band=1.0)
+    turn: Any = 0.1 if dim == 2 else Rotation.from_rotvec([0.0, 0.0, 0.1])
+    for _ in range(500):
+        overlap = overlap.rotated(turn)
+    ways = [np.linalg.norm(o._a.centers[:, None] - o._a.centers, axis=2) for o in (made, overlap)]
+    assert np.abs(ways[1] - ways[0]).max() <= 2.0**-50 * 4.0
+    once = made.rotated(50.0 if dim == 2 else Rotation.from_rotvec([0.0, 0.0, 50.0]))
+    assert overlap._a.centers == pytest.approx(once._a.centers, abs=1e-11)
+
+
+def test_the_stated_bound_holds_far_from_the_origin() -> None:
+    """Where the balls lie far from the origin, a placement itself is known to fewer digits."""
+    far = 2.0**19
+    b = [[far, -far], [far + 0.4, -far]], 0.3
+    overlap = FourierOverlap(([[far, far]], 0.3), b, tolerance=1e-12)
+    near = FourierOverlap(([[0.0, 0.0]], 0.3), (np.array(b[0]) - [far, -far], 0.3), tolerance=1e-12)
+    rng = np.random.default_rng(0)
+    ts = rng.uniform(-0.4, 0.4, (200, 2))
+    step = np.array([0.0, -2.0 * far])
+    placed = ts + step
+    exact = placed - step
+    off = max(abs(overlap.value(p) - near.value(t)) for p, t in zip(placed, exact, strict=True))
+    assert off <= overlap.bound + near.bound
+    assert overlap.bound > 1e3 * near.bound
+
+
+def test_no_placements_have_no_values() -> None:
+    overlap = FourierOverlap(([[0.0, 0.0]], 0.2), ([[0.0, 0.0]], 0.2), band=9.0)
+    assert overlap.value(np.zeros((0, 2))).shape == (0,)
+    assert overlap.gradient(np.zeros((3, 0, 2))).shape == (3, 0, 2)
+    assert overlap.separated(np.zeros((0, 2))).verdict.shape == (0,)
+
+
+def test_robots_of_balls_serve_and_others_are_refused() -> None:
+    overlap = FourierOverlap(Robot.balls([[0.0, 0.0]], 0.3), ([[1.0, 1.0]], 0.2), band=10.0)
+    assert overlap.value([1.0, 1.0]) > 0.0
+    for robot in (Robot.rectangle(1.0, 1.0), 3.0):
+        with pytest.raises(InputError, match="decompose"):
+            FourierOverlap(robot, ([[1.0, 1.0]], 0.2))
+
+
+ONE = ([[0.0, 0.0]], 0.2)
+
+
+SPACE = ([[0.0, 0.0, 0.0]], 0.2)
+
+
+INNER, OUTER = (
+    Spheres([[0.0, 0.0]], 0.2, kind, Bounds(0, 1), Bounds(0, 1), Bounds(0, 1)) for kind in ("inner", "outer")
+)
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: FourierOverlap(ONE, SPACE), "all in space"),
+        (lambda: FourierOverlap(ONE, ([[0.0, 0.0]], 0.0)), "above zero"),
+        (lambda: FourierOverlap(ONE, ([[0.0, math.nan]], 0.1)), "NaN"),
+        (lambda: FourierOverlap(ONE, ONE, threshold=-1.0), "threshold"),
+        (lambda: FourierOverlap(ONE, ONE, band=0.0), "band"),
+        (lambda: FourierOverlap(ONE, ONE, band=1e5), "lower one"),
+        (lambda: FourierOverlap(ONE, ONE, tolerance=0.0), "tolerance"),
+        (lambda: FourierOverlap(ONE, ONE, accuracy=1e-30), "tolerance"),
+        (lambda: FourierOverlap(ONE, ONE, bump=2.0), "Bump"),  # type: ignore[arg-type]
+        (lambda: FourierOverlap(ONE, ([[1e9, 0.0]], 0.1)), "nearer"),
+        (lambda: FourierOverlap(BallDescriptor(*ONE, Bump(2.0)), BallDescriptor(*ONE, Bump(3.0))), "pass bump="),
+        (lambda: FourierOverlap.of_shapes(ONE, ONE, swell=0.0), "swell"),
+        (lambda: FourierOverlap.of_shapes(ONE, ONE, swell=1e-7), "larger swell"),
+        (lambda: FourierOverlap.of_shapes(ONE, ONE, swell=0.1, classes=0), "classes"),
+        (lambda: FourierOverlap.of_shapes(ONE, ONE, ONE, swell=0.1), "both"),
+        (lambda: FourierOverlap.of_shapes(ONE, ONE, SPACE, SPACE, swell=0.1), "all in space"),
+        (lambda: FourierOverlap.of_shapes(INNER, ONE, swell=0.1), "outer_a is of kind 'inner'"),
+        (lambda: FourierOverlap.of_shapes(ONE, ONE, INNER, OUTER, swell=0.1), "inner_b is of kind 'outer'"),
+        (lambda: FourierOverlap((1.0, 2.0), ONE), "shape"),
+        (lambda: FourierOverlap((None, None), ONE), "missing"),
+        (lambda: FourierOverlap(([[0.0, 0.0]], 1e50), ONE), "reach"),
+        (lambda: FourierOverlap(ONE, ONE, band=9.0).value([0.0, 0.0, 0.0]), "last axis"),
+        (lambda: FourierOverlap(ONE, ONE, band=9.0).separated([math.inf, 0.0]), "infinities"),
+        (lambda: FourierOverlap(ONE, ONE, band=9.0).rotated(np.diag([1.0, -1.0])), "mirrors"),
+        (lambda: FourierOverlap(ONE, ONE, band=9.0).rotated(2.0 * np.eye(2)), "stretches"),
+        (lambda: FourierOverlap(SPACE, SPACE, band=9.0).rotated(0.5), "Rotation"),
+    ],
+)
+def test_other_values_are_refused(call: Any, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        call()
+
+
+def test_without_finufft_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    overlap = FourierOverlap(ONE, ONE, band=9.0)
+    monkeypatch.setitem(sys.modules, "finufft", None)
+    assert overlap.value([0.1, 0.0]) > 0.0
+    with pytest.raises(MissingPackageError, match=r"cspace\[spectral\]"):
+        overlap.value(np.zeros((40, 2)))
