@@ -33,35 +33,24 @@ from cspace.spectral.spheres import KINDS, Bounds, Kind, Spheres
 
 Floats = NDArray[np.float64]
 
-FINER: Final = (1, 4)
-"""How much finer a lattice is tried, in cells, if so few balls do that fewer than :data:`USED` of them are taken."""
-
+FINER: Final = (1, 4)  # how much finer a lattice is tried, in cells, if of the balls fewer than USED are taken
 USED: Final = 0.9
-
 STEPS: Final = 12  # lengths by which balls may stick out that are tried, at most
 CANDIDATES: Final = 6_000  # centers that are looked at first, at most
 NEIGHBOURS: Final = 2  # how far, in cells, a ball is looked for that holds another
-
-_LOST: Final = 0.02
-"""Part of the way between two middles that a ball may stick out of another one and still count as held by it."""
-
-_CUTS: Final = (1, 2, 4, 8, 16)  # into how many parts a cell's sides are cut where no ball lies near
-_ANY: Final = 2**40  # more balls than there are
+LOST: Final = 0.02  # part of the way between two middles that a ball may stick out of another one that holds it
+CUTS: Final = (1, 2, 4, 8, 16)  # into how many parts a cell's sides are cut where no ball lies near
+ANY: Final = 2**40  # more balls than there are
 
 Ints = NDArray[np.int64]
 
 EPS: Final = 2.0**-20  # rounding allowance, in sides of a cell: by this, a ball that holds a cell reaches beyond it
 ROUNDS: Final = 6  # how often every ball is moved, at most
-
-_VOLUME: Final = {2: math.pi, 3: 4.0 / 3.0 * math.pi}
+VOLUME: Final = {2: math.pi, 3: 4.0 / 3.0 * math.pi}
 
 
 def decompose(
-    shape: Any,
-    *,
-    kind: Kind = "inner",
-    number: int | None = None,
-    tolerance: float | None = None,
+    shape: Any, *, kind: Kind = "inner", number: int | None = None, tolerance: float | None = None
 ) -> Spheres:
     """Balls that fill a shape from inside, or that cover it.
 
@@ -161,7 +150,7 @@ def _outer(lattice: Lattice, number: int | None, tolerance: float | None) -> tup
 
     def at(length: float) -> Balls | None:
         """Balls that stick out by no more; None where more are needed than so many."""
-        cover, balls = _covered(lattice, candidates, length, inside=False, most=number or _ANY)
+        cover, balls = _covered(lattice, candidates, length, inside=False, most=number or ANY)
         if len(cover.open_cells):
             return None
         balls = balls._replace(reaches=cover.trim(balls))
@@ -179,7 +168,7 @@ def _outer(lattice: Lattice, number: int | None, tolerance: float | None) -> tup
 
 
 def _covered(
-    lattice: Lattice, candidates: Balls, reach: float, *, inside: bool, most: int = _ANY
+    lattice: Lattice, candidates: Balls, reach: float, *, inside: bool, most: int = ANY
 ) -> tuple[Cover, Balls]:
     """Choose balls, as large as their depths and ``reach``, in sides, until every cell lies in one, or there are so
     many: then the cover has open cells."""
@@ -233,7 +222,7 @@ def _maximal(lattice: Lattice) -> Balls:
     depths[lattice.cells] = lattice.depths
     steps = (np.arange(-NEIGHBOURS, NEIGHBOURS + 1) if half else np.zeros(1) for half in lattice.half)
     way = np.linalg.norm(np.meshgrid(*steps, indexing="ij"), axis=0)
-    reach = -(1.0 - _LOST) * way
+    reach = -(1.0 - LOST) * way
     held = grey_dilation(depths, footprint=way > 0.0, structure=reach, mode="constant", cval=-np.inf) >= depths
     found = _on_lattice(lattice).where(~held[lattice.cells])
     few = np.arange(len(found.depths)) % max(1, -(-len(found.depths) // CANDIDATES)) == 0
@@ -245,7 +234,7 @@ def _maximal(lattice: Lattice) -> Balls:
 def _finer(lattice: Lattice, cells: Floats) -> Balls:
     """Those round a point in each of some cells, told by their middles, that lies in the shape: where one was found."""
     points = _on_lattice(lattice).where(np.zeros(0, dtype=np.int64))
-    for cuts in _CUTS:
+    for cuts in CUTS:
         if not len(cells):
             break
         ticks = [(np.arange(cuts) + 0.5) / cuts - 0.5 if half else np.zeros(1) for half in lattice.half]
@@ -259,16 +248,7 @@ def _finer(lattice: Lattice, cells: Floats) -> Balls:
 
 
 class Balls(NamedTuple):
-    """Balls, in sides of a cell.
-
-    Attributes
-    ----------
-    centers : ndarray, shape (n, 3)
-    depths : ndarray, shape (n,)
-        Lower bounds of how deep the centers lie in the shape, below zero outside.
-    reaches : ndarray, shape (n,)
-        Radii.
-    """
+    """Balls, in sides of a cell: centers, shape (n, 3), lower bounds of how deep they lie in the shape, and radii."""
 
     centers: Floats
     depths: Floats
@@ -311,8 +291,7 @@ class Cover:
         times = np.full(lattice.cells.shape, -1, dtype=np.int32)
         times[lattice.cells] = 0 if whole else np.where(lattice.depths > 0.0, 0, -1)
         sums = np.cumsum(np.pad(times == 0, ((0, 0), (0, 0), (1, 0))), axis=2, dtype=np.int32)
-        rows = math.prod(times.shape[:2])
-        half = lattice.half if whole else np.zeros(3)
+        rows, half = math.prod(times.shape[:2]), lattice.half if whole else np.zeros(3)
         self._cells = Cells(times, sums, half, np.empty((rows, 4), dtype=np.int64), np.empty(rows))
 
     @property
@@ -324,7 +303,7 @@ class Cover:
         """Numbers of those among balls that a greedy choice takes, in their order."""
         lattice, dim = self._lattice, self._lattice.region.dim
         large = np.maximum(balls.reaches, 0.0) + 0.5 * lattice.diagonal
-        bounds = np.minimum(_VOLUME[dim] * large**dim, float(len(lattice.middles)))
+        bounds = np.minimum(VOLUME[dim] * large**dim, float(len(lattice.middles)))
         chosen: Ints = choose(self._cells, balls.centers, balls.reaches, bounds, most)
         return chosen
 

@@ -66,10 +66,9 @@ class Separation:
     verdict : Verdict, or ndarray of uint8
     frequencies : int, or ndarray of int64
         How many were summed; 0 where the swollen obstacles alone proved the miss. Opposite ones count as one.
-    overlap : float, or ndarray of float64
-        The partial sum that was reached, square or cubic metres; of the outer balls, where there are inner ones too.
-    bound : float, or ndarray of float64
-        By how much the ideal overlap, with all frequencies, can differ from ``overlap``, rounding included.
+    overlap, bound : float, or ndarray of float64
+        The partial sum that was reached, square or cubic metres, of the outer balls, where there are inner ones too;
+        and by how much the ideal overlap, with all frequencies, can differ from it, rounding included.
     """
 
     verdict: Verdict | Bytes
@@ -283,16 +282,10 @@ class FourierOverlap:
         return self._sums(t, self._slopes)
 
     def rotated(self, rotation: Any) -> FourierOverlap:
-        """The same with A turned about the origin of its frame.
+        """The same with A turned about the origin of its frame: by an angle in the plane, radians, a matrix of shape
+        (d, d) or a scipy Rotation; InputError if it is none of these.
 
         Only the spectrum of A is made anew, from turned centers; the period, the band and the threshold stay.
-
-        Parameters
-        ----------
-        rotation : float, array-like of shape (d, d), or scipy.spatial.transform.Rotation
-            An angle in radians, in the plane; or a matrix.
-
-        Raises InputError if it is none of these.
         """
         matrix = _rotation_matrix(rotation, self.dim)
         other = copy.copy(self)

@@ -35,21 +35,14 @@ TILTED: Final = 2.0**-36
 THIN: Final = 2.0**-12 * (1.0 + 2.0**-20)
 """Height of a triangle, in its longest side, up to which a distance may be that much too small."""
 
+POINTS_A_THREAD: Final = 4_000
 LEAF: Final = 6  # pieces that are looked at together
 DEPTH: Final = 64  # most boxes of a tree that wait at a time: twice the depth of one over 2^30 pieces
-
-POINTS_A_THREAD: Final = 4_000
-
 MOST: Final = 2**24  # cells of the box round a shape, at most
 BYTES: Final = 64  # memory for each of them, at most
 FINEST: Final = {2: 12.0, 3: 6.0}  # cells of the lattice that a tolerance is long, at most
-
-COARSEST: Final = 2.6
-"""Cells of the lattice that a tolerance is long, at least: a cell's diagonal must be well below it."""
-
-USUAL: Final = {2: 150_000, 3: 120_000}
-"""Cells of the box round a shape up to which a tolerance may be as many cells as :data:`FINEST` long."""
-
+COARSEST: Final = 2.6  # the same, at least: a cell's diagonal must be well below it
+USUAL: Final = {2: 150_000, 3: 120_000}  # cells of the box round a shape up to which it may be FINEST cells long
 MEASURED: Final = 2**21  # cells of the box of a mesh by which its volume is bounded where bodies may overlap
 FEW: Final = 2**20  # cells of the box up to which a shape that fills little of it gets a finer lattice
 
@@ -59,15 +52,9 @@ A_BALL: Final = {2: 100, 3: 60}
 """Cells of the box, those that meet the shape, and those of the box for each ball, that tell balls apart."""
 
 ROUNDED: Final = 2.0**-40  # rounding of a length or an area, in the size of the whole, with room to spare
-
-SNAPPED: Final = 1e-9
-"""Part of an area that the union of polygons may add or lose, where it snaps corners to each other."""
-
+SNAPPED: Final = 1e-9  # part of an area that the union of polygons may add or lose, where it snaps corners
 CORNERS: Final = 2**16  # of the polygons that stand for discs, together, if that leaves each from 64 to 1024
-
-HALVINGS: Final = (7, 8, 9, 10)
-"""How often the box round balls in space is halved: on, while bounds are apart by more than :data:`APART`."""
-
+HALVINGS: Final = (7, 8, 9, 10)  # how often the box round balls in space is halved: on, while bounds are APART
 APART: Final = 0.01  # part of a volume by which its bounds may be apart
 CLOSE: Final = 0.02  # part of a distance by which its bounds may be apart, once that can be had
 SMALL: Final = 1e-4  # part of the size of a shape by which the bounds of a distance may be apart in any case
