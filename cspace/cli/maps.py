@@ -133,12 +133,15 @@ def picture(
         ),
     ] = None,
     view: Annotated[
-        Literal["plane", "sections", "3d", "panels"] | None,
-        typer.Option(help="Of a map in space, sections or 3d; of one with rotations, panels too  [default: chosen]."),
+        Literal["plane", "sections", "3d", "panels", "rotations"] | None,
+        typer.Option(
+            help="Of a map in space, sections or 3d; of one with rotations, panels, or all rotations at one position, "
+            "too  [default: chosen]."
+        ),
     ] = None,
     at: Annotated[
         str | None,
-        typer.Option(metavar="X,Y,Z", help="The point that the sections go through, metres  [default: chosen]."),
+        typer.Option(metavar="X,Y[,Z]", help="The point of sections, and of rotations, metres  [default: chosen]."),
     ] = None,
     surface: Annotated[
         Literal["obstacles", "free"] | None,
@@ -162,7 +165,7 @@ def picture(
     marks = {name: configuration(text, f"--{name}", axes) for name, text in given(start=start, goal=goal).items()}
     options = given(
         rotation=None if rotation is None else rotation_of(rotation, "--rotation", axes),
-        at=None if at is None else configuration(at, "--at", ("x", "y", "z")),
+        at=None if at is None else configuration(at, "--at", [axis for axis in axes if axis in ("x", "y", "z")]),
         surface=surface,
         cut=cut,
     )

@@ -17,6 +17,7 @@ from cspace.grid import positive
 from cspace.io.output import replacing
 from cspace.orientation import Unturned
 from cspace.plot import artists
+from cspace.plot.dials import draw_dials
 from cspace.plot.route import Figurine, Floats, HasPath, Look, MapLike, Route
 from cspace.plot.sections import draw_panels, draw_sections
 from cspace.plot.surface import draw_surface
@@ -34,11 +35,12 @@ VIEWS: Final = {
     "sections": ("rotation", "at"),
     "3d": ("rotation", "surface", "cut", "camera", "ax"),
     "panels": ("rotation", "at"),
+    "rotations": ("at",),
 }
 """Pictures that there are, and the options that go with some of them only."""
 
 _VIEWS_IN: Final = {2: ("plane",), 3: ("sections", "3d")}
-"""Those of a map with so many axes; where the robot turns, panels too."""
+"""Those of a map with so many axes; where the robot turns, panels and rotations too."""
 
 _INCHES: Final = 2.0
 """Longer side of a thumbnail."""
@@ -94,6 +96,10 @@ def plot(
     A map with rotations may also be drawn as panels side by side, one for each of a few rotations, in space seen from
     above.
 
+    Or it is drawn as its rotations at one position: a ring of yaws, or discs of all rotations, one for each of six
+    headings. In the middle of a disc the robot is upright, turned about z by the heading; outwards it is tipped over
+    towards that side, until at the rim it is upside down.
+
     Parameters
     ----------
     space : CSpace
@@ -117,12 +123,12 @@ def plot(
         Whether to add a legend, beside or below the axes, where it hides nothing.
     title : str, optional
         By default the robot, the side of a cell and the rotation. Pass ``""`` for none.
-    view : {"plane", "sections", "3d", "panels"}, optional
-        Which picture; by default the only one that shows all rotations of a plane, and of space sections. Panels need a
-        map with rotations.
-    at : array-like, shape (3,), optional
-        In space: the point, in the grid, that sections go through, and panels at its height. By default half the way
-        along the path; without a path the start, the goal, or the middle of the grid.
+    view : {"plane", "sections", "3d", "panels", "rotations"}, optional
+        Which picture; by default the only one that shows all rotations of a plane, and of space sections. Panels and
+        rotations need a map with rotations.
+    at : array-like, shape (d,), optional
+        The point, in the grid, whose rotations are drawn; in space also that sections go through, and panels at its
+        height. By default half the way along the path; without a path the start, the goal, or the middle of the grid.
     surface : {"obstacles", "free"}, optional
         For ``view="3d"``: draw the obstacles, with the robot along the path; or the border of the free space, in which
         the robot's reference point moves. Obstacles by default.
@@ -138,7 +144,7 @@ def plot(
     -------
     matplotlib.axes.Axes
         The axes; ``ax.figure`` is the figure. Show it in a notebook by naming ``ax.figure``. Of sections, the one seen
-        from above, and ``ax.figure.axes`` are those across z, y and x; of panels, the first.
+        from above, and ``ax.figure.axes`` are those across z, y and x; of panels and of rotations, the first.
 
     Raises
     ------
@@ -169,7 +175,7 @@ def view_of(axes: Sequence[str], view: str | None, options: Mapping[str, Any]) -
         If there is none such of the map, or an option, where it is not None, goes with other ones.
     """
     numbers = len(set(axes) - {"x", "y", "z"})  # of a rotation
-    views = [*_VIEWS_IN[len(axes) - numbers], *["panels"] * bool(numbers)]
+    views = [*_VIEWS_IN[len(axes) - numbers], *["panels", "rotations"][: 2 * bool(numbers)]]
     if view is not None and view not in views:
         rule = f"the map's configurations are ({', '.join(axes)}), so it must be {' or '.join(views)}"
         raise InputError("view", f"is {view!r}", rule, "or leave it out", value=view)
@@ -311,6 +317,7 @@ _DRAW: Final[dict[str, Callable[[MapLike, Route, Look], Axes]]] = {
     "sections": draw_sections,
     "3d": draw_surface,
     "panels": draw_panels,
+    "rotations": draw_dials,
 }
 
 

@@ -1,0 +1,60 @@
+"""Dials: the state of each rotation at one position."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from cspace import CSpace, InputError, Robot, Rotations, Workspace, build
+from cspace.plot import plot
+from pictures import COLORS, class_of, labels, pixel, rendered
+
+POINT = (1.75, 2.0, 1.1)
+
+
+def room(rotations: int | Rotations) -> CSpace:
+    occupied = np.zeros((40, 40, 25), bool)
+    occupied[20:22] = True
+    occupied[20:22, 16:24, 6:16] = False
+    return build(Workspace.from_array(occupied, 0.1), Robot.box((1.0, 0.3, 0.2)), rotations=rotations)
+
+
+def color_at(space: CSpace, *rotation: float) -> tuple[int, ...]:
+    q = (*POINT, *rotation)
+    return COLORS[class_of(space, {int(space.classify(q))}, False)]
+
+
+def test_a_ring_of_yaws() -> None:
+    space = room(36)
+    ax = plot(space, view="rotations", at=POINT)
+    image = rendered(ax)
+    for yaw in np.radians(np.arange(-178.0, 180.0, 10.0)):
+        assert pixel(ax, image, 0.8 * np.cos(yaw), 0.8 * np.sin(yaw)) == color_at(space, yaw)
+    assert {"undecided (MIXED)", "free"} <= set(labels(ax))
+    assert "(1.75, 2, 1.1) m" in ax.figure.get_suptitle()
+
+
+def test_discs_of_headings_and_tilts() -> None:
+    space = room(Rotations.quaternions(6))
+    first = plot(space, view="rotations", at=POINT)
+    image, discs = rendered(first), first.figure.axes
+    assert [ax.get_title() for ax in discs] == [f"heading {k}°" for k in range(0, 360, 60)]
+    rng, right = np.random.default_rng(2), 0
+    for k, ax in enumerate(discs):
+        for _ in range(40):
+            radius, way = rng.uniform(0.05, 0.95), rng.uniform(-np.pi, np.pi)
+            tilt = Rotation.from_rotvec(np.pi * radius * np.array([-np.sin(way), np.cos(way), 0.0]))
+            turn = tilt * Rotation.from_rotvec([0.0, 0.0, k * np.pi / 3.0 + 1e-6])
+            right += pixel(ax, image, radius * np.cos(way), radius * np.sin(way)) == color_at(space, *turn.as_quat())
+    assert right >= 220  # of 240: some lie on the border of two cells, or on a word
+
+
+def test_only_maps_with_rotations_have_dials() -> None:
+    flat = build(Workspace.from_array(np.zeros((9, 9), bool), 0.1), Robot.disc(0.1))
+    with pytest.raises(InputError, match="view"):
+        plot(flat, view="rotations")
+    with pytest.raises(InputError, match="rotation"):
+        plot(room(4), view="rotations", rotation=0.0)
+    with pytest.raises(InputError, match="must lie in the grid"):
+        plot(room(4), view="rotations", at=(9.0, 0.0, 0.0))
