@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -20,6 +20,7 @@ from cspace.cli.options import (
     Spacing,
     TurningCells,
     UnknownCells,
+    box,
     check_dimensions,
     configuration,
     given,
@@ -29,6 +30,12 @@ from cspace.cli.options import (
     workspace_options,
 )
 from cspace.cli.report import Clock, show
+from cspace.errors import InputError
+
+if TYPE_CHECKING:
+    from cspace.builder import BuildOptions
+    from cspace.space import CSpace
+    from cspace.tiles.space import TiledCSpace
 
 
 def make(
@@ -74,39 +81,63 @@ def make(
     ] = True,
     overlap: Annotated[bool, typer.Option("--overlap", help="Keep the overlap counts in the map.")] = False,
     method: Annotated[Literal["auto", "fft", "direct"], typer.Option(help="The engine; the map is the same.")] = "auto",
+    tile: Annotated[
+        int | None,
+        typer.Option(
+            metavar="CELLS",
+            help="Build tile by tile, each so many cells along an axis, for maps larger than memory; the same command "
+            "goes on where it was stopped.",
+        ),
+    ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="With --tile: a dask cluster, e.g. tcp://10.0.0.1:8786.")
+    ] = None,
     overwrite: Overwrite = False,
     as_json: Json = False,
 ) -> None:
     """Build the map of a robot in a workspace, and save it."""
     from cspace import build
+    from cspace.cli.tiles import cluster, lazily, make_room
     from cspace.io.formats import dimension_of
     from cspace.io.writing import SAVES
     from cspace.workspace import Workspace, reader_of
 
     cells = rotation_cells(rotations)
     output = Path(workspace.with_suffix(".zarr").name) if output is None else output
-    check_outputs([output], SAVES, overwrite)
+    if tile is None:
+        check_outputs([output], SAVES, overwrite)
+    else:
+        make_room(output, overwrite)
     options = workspace_options(spacing, unknown, bounds, solid, radius)
     clock = Clock()
     with clock.step("read"):
         shape = read_robot(robot, robot_solid)
         reader_of(workspace, options)
         check_dimensions(workspace, dimension_of(workspace), shape)
-        obstacles = Workspace.open(workspace, **options)
-    with clock.step("build") as progress:
-        space = build(
-            obstacles,
-            shape,
-            rotations=cells,
-            inner=inner,
-            overlap=overlap,
-            method=method,
-            outside=outside,
-            margin=margin,
-            progress=progress,
-        )
-    with clock.step("save"):
-        space.save(output, overwrite=overwrite)
+        lazy = {} if tile is None else lazily(workspace, options)
+        obstacles = Workspace.open(workspace, **options, **lazy)
+    slices = int(cells.slice_of(shape).max()) + 1
+    kept: BuildOptions = {
+        "rotations": cells,
+        "inner": inner,
+        "overlap": overlap,
+        "method": method,
+        "outside": outside,
+        "margin": margin,
+    }
+    space: CSpace | TiledCSpace
+    if tile is not None:
+        with cluster(scheduler) as client, clock.step("build", obstacles.grid.size * slices) as progress:
+            kept["progress"] = progress
+            space = build(obstacles, shape, store=output, tile=tile, client=client, **kept)
+    else:
+        if scheduler is not None:
+            raise InputError("--scheduler", "is given", "it is for tiles", "add e.g. --tile 4096", value=scheduler)
+        with clock.step("build") as progress:
+            kept["progress"] = progress
+            space = made = build(obstacles, shape, **kept)
+        with clock.step("save"):
+            made.save(output, overwrite=overwrite)
     show({"map": str(output), **describe_map(space), "seconds": clock.seconds}, as_json)
 
 
@@ -156,6 +187,7 @@ def picture(
     as_json: Json = False,
 ) -> None:
     """Draw a map, and a path on it, into a picture."""
+    from cspace.cli.tiles import in_memory
     from cspace.io.reading import open_map
     from cspace.plot import SUFFIXES, save_plot
     from cspace.plot.picture import view_of
@@ -173,7 +205,7 @@ def picture(
     clock = Clock()
     with clock.step("read"):
         points = None if path is None else read_path(path, axes)
-        space = open_map(file)
+        space = in_memory(open_map(file))
     with clock.step("draw"):
         options |= given(view=view, path=points, **marks)
         save_plot(space, output, overwrite, dpi=dpi, robot_every=robot_every, **options)
@@ -195,10 +227,19 @@ def export(
         str | None,
         typer.Option(metavar="TURN", help="Only the slice at this rotation, e.g. 90deg or 0,0,0,1."),
     ] = None,
+    window: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LOWER,UPPER",
+            help="Only this box, metres: XMIN,YMIN,XMAX,YMAX, or in space XMIN,YMIN,ZMIN,XMAX,YMAX,ZMAX; of a map in "
+            "tiles, with as much around it as the robot reaches.",
+        ),
+    ] = None,
     overwrite: Overwrite = False,
     as_json: Json = False,
 ) -> None:
     """Write a saved map for other software."""
+    from cspace.cli.tiles import part_of
     from cspace.io.reading import open_map
     from cspace.io.writing import EXPORTS, check_export
 
@@ -208,7 +249,7 @@ def export(
     options = given(rotation=None if rotation is None else rotation_of(rotation, "--rotation", axes))
     clock = Clock()
     with clock.step("read"):
-        space = open_map(file)
+        space = part_of(open_map(file), None if window is None else box(window, "--window"))
     with clock.step("write"):
         space.export(output, overwrite=overwrite, **options)
     show({"output": str(output), **describe_map(space), "seconds": clock.seconds}, as_json)

@@ -66,6 +66,7 @@ def plan(
 ) -> None:
     """Plan a path on a saved map. The exit code is 1 where none is found."""
     import planners
+    from cspace.cli.tiles import in_memory
     from cspace.io.reading import open_map
     from cspace.plot import SUFFIXES, save_plot
     from cspace.plot import animate as save_animation
@@ -94,10 +95,12 @@ def plan(
             _write(found, output or [], overwrite)
     if picture:
         with clock.step("draw"):
-            save_plot(space, picture, overwrite, path=found if found.solved else None, start=ends[0], goal=ends[1])
+            save_plot(
+                in_memory(space), picture, overwrite, path=found if found.solved else None, start=ends[0], goal=ends[1]
+            )
     if animate and found.solved:
         with clock.step("animate") as progress:
-            save_animation(space, found.path, animate, overwrite, progress=progress)
+            save_animation(in_memory(space), found.path, animate, overwrite, progress=progress)
     show({**_describe(found), "seconds": clock.seconds}, as_json)
     if not found.solved:
         advice = f"; try {in_options(found.advice, options_of(context.command))}" if found.advice else ""

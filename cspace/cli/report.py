@@ -40,10 +40,10 @@ class Clock:
         self.seconds: dict[str, float] = {}
 
     @contextmanager
-    def step(self, name: str) -> Iterator[Callable[[int, int], None] | None]:
+    def step(self, name: str, cells: int = 0) -> Iterator[Callable[[int, int], None] | None]:
         """Time the block, and show on a terminal that it is under way; gives what :func:`progress_line` does."""
         began = time.perf_counter()
-        with progress_line(name.replace("_", " ")) as progress:
+        with progress_line(name.replace("_", " "), cells) as progress:
             yield progress
         self.seconds[name] = round(time.perf_counter() - began, 4)
 
@@ -54,10 +54,11 @@ class Clock:
 
 
 @contextmanager
-def progress_line(words: str) -> Iterator[Callable[[int, int], None] | None]:
+def progress_line(words: str, cells: int = 0) -> Iterator[Callable[[int, int], None] | None]:
     """A bar on the error stream, where that is a terminal: the callback to pass to the library, else None.
 
-    It says so where functions are being compiled.
+    It says so where functions are being compiled; and, of so many ``cells`` in tiles, how many tiles are done and how
+    many cells a second.
     """
     if not sys.stderr.isatty():
         yield None
@@ -68,14 +69,20 @@ def progress_line(words: str) -> Iterator[Callable[[int, int], None] | None]:
     from cspace.compiling import LOGGER
 
     with Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(words, total=None)
+        task, began = bar.add_task(words, total=None), [math.nan, 0.0]
 
         class Listener(logging.Handler):
             def emit(self, record: logging.LogRecord) -> None:
                 bar.update(task, description=f"{words} (compiling, once per machine)")
 
         def advance(done: int, total: int) -> None:
-            bar.update(task, description=words, completed=done, total=total)
+            said = words
+            if cells:
+                # What was there before this run took none of its time.
+                began[:] = began if began[0] == began[0] else [time.perf_counter(), done]
+                seconds = max(time.perf_counter() - began[0], 1e-9)
+                said = f"{words}: {done} of {total} tiles, {(done - began[1]) / total * cells / seconds:.3g} cells/s"
+            bar.update(task, description=said, completed=done, total=total)
 
         level, listener = LOGGER.level, Listener()
         LOGGER.addHandler(listener)

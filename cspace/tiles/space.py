@@ -24,6 +24,7 @@ from cspace.states import BLOCKED, FREE
 from cspace.threads import LEAST, in_chunks
 from cspace.tiles.cache import Cache
 from cspace.tiles.labels import FREE_ONES, OPEN_ONES, Joined, label_all
+from cspace.tiles.overview import overview_of
 from cspace.tiles.sources import Held
 from cspace.tiles.store import Record, Store
 from cspace.tiles.update import update_store
@@ -354,6 +355,24 @@ class TiledCSpace:
         return self._at_one_moment(
             lambda: window_of(self._store, self._record, self._job.reach, self._exterior, first, stop)
         )
+
+    def overview(self, most: int = 1024, client: Client | None = None) -> CSpace:
+        """The whole map in larger cells, in memory: to be drawn, and to be looked up roughly.
+
+        A cell is FREE where all that it is made of is FREE, BLOCKED where all is BLOCKED, and otherwise MIXED; so it is
+        as proven as the map itself. Tiles are reduced in tasks.
+
+        Parameters
+        ----------
+        most : int
+            Cells along an axis, at most.
+        client : dask.distributed.Client, optional
+            As for :func:`cspace.build`.
+        """
+        if not isinstance(most, int | np.integer) or most < 1:
+            rule = "it must be a whole number above zero"
+            raise InputError("most", f"is {most!r}", rule, "pass e.g. 1024", value=most)
+        return self._at_one_moment(lambda: overview_of(self._job, int(most), client))
 
     def update(
         self, cells: ArrayLike, lower: Sequence[int], *, inner: ArrayLike | None = None, client: Client | None = None

@@ -89,3 +89,24 @@ def test_windows_that_are_none(tmp_path):
     for lower, upper in (((1, 1), (0, 0)), ((90, 90), (99, 99)), ((0,), (1,)), ((0, np.nan), (1, 1))):
         with pytest.raises(InputError):
             tiled.window(lower, upper)
+
+
+@pytest.mark.parametrize("name", ["plane", "space yaw"])
+def test_an_overview_is_proven(name, tmp_path):
+    """FREE where all that a larger cell is made of is FREE, BLOCKED where all is, MIXED elsewhere, also at the rim."""
+    space, tiled = build_both(name, "free", tmp_path)
+    for most in (5, 12, 1000):
+        seen = tiled.overview(most)
+        assert max(seen.grid.shape) <= most
+        factor = round(seen.grid.spacing / space.grid.spacing)
+        states = np.asarray(space._contents.states)
+        sides = [factor * n for n in seen.grid.shape]
+        padded = np.full((len(states), *sides), cspace.MIXED, dtype=np.uint8)
+        padded[(slice(None), *(slice(0, n) for n in space.grid.shape))] = states
+        pieces = padded.reshape(len(states), *(part for n in seen.grid.shape for part in (n, factor)))
+        axes = tuple(range(2, pieces.ndim, 2))
+        free, blocked = (pieces == cspace.FREE).all(axis=axes), (pieces == cspace.BLOCKED).all(axis=axes)
+        expected = np.where(free, cspace.FREE, np.where(blocked, cspace.BLOCKED, cspace.MIXED))
+        np.testing.assert_array_equal(np.asarray(seen._contents.states), expected)
+    with pytest.raises(InputError, match="most"):
+        tiled.overview(0)

@@ -1,0 +1,100 @@
+"""Maps in tiles, for commands: room for a store, a cluster, and what stands for a map that is too large to show."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cspace.cli.files import check_outputs
+from cspace.errors import InputError, MissingPackageError
+
+if TYPE_CHECKING:
+    from cspace.space import CSpace
+    from cspace.tiles.space import TiledCSpace
+
+
+def make_room(output: Path, overwrite: bool) -> None:
+    """Check that a store can be made at a path, or gone on with; an old one is removed if it may be replaced.
+
+    Raises
+    ------
+    InputError
+        If the suffix is not that of a store.
+    FileError
+        If there is something else, or nothing can be written.
+    """
+    from cspace.tiles.store import is_tiled
+
+    there = is_tiled(output)
+    check_outputs([output], (".zarr",), overwrite=there)
+    if there and overwrite:
+        shutil.rmtree(output)
+
+
+def lazily(workspace: Path, options: dict[str, Any]) -> dict[str, Any]:
+    """What has the reader of a workspace leave the cells where they are, if it can."""
+    from cspace.workspace import reader_of
+
+    try:
+        reader_of(workspace, [*options, "lazy"])
+    except InputError:
+        return {}
+    return {} if options.get("solid") == "fill" else {"lazy": True}
+
+
+@contextmanager
+def cluster(address: str | None) -> Iterator[Any]:
+    """The client of a cluster at an address; None without one.
+
+    Raises
+    ------
+    MissingPackageError
+        If dask is not installed.
+    InputError
+        If nothing answers there.
+    """
+    if address is None:
+        yield None
+        return
+    try:
+        from distributed import Client
+    except ImportError as error:
+        found, mend = "needs dask", "run: pip install 'cspace[distributed]'"
+        raise MissingPackageError("--scheduler", found, "it runs tiles on a cluster", mend) from error
+    try:
+        client = Client(address, timeout=10)  # type: ignore[no-untyped-call]
+    except (OSError, ValueError, TimeoutError) as error:
+        found, rule = f"is {address!r}, where nothing answers ({error})", "it must be the address of a dask scheduler"
+        raise InputError("--scheduler", found, rule, "start one, with dask scheduler", value=address) from error
+    with client:
+        yield client
+
+
+def in_memory(space: CSpace | TiledCSpace) -> CSpace:
+    """The map itself; for one in tiles, an overview of it."""
+    from cspace.tiles.space import TiledCSpace
+
+    return space.overview() if isinstance(space, TiledCSpace) else space
+
+
+def part_of(space: CSpace | TiledCSpace, box: Sequence[float] | None) -> CSpace:
+    """The map itself; of one in tiles, the window in a box.
+
+    Raises
+    ------
+    InputError
+        If a map in tiles lacks a box, or another one has it.
+    """
+    from cspace.tiles.space import TiledCSpace
+
+    if isinstance(space, TiledCSpace):
+        if box is None:
+            rule = "what is written is made in memory"
+            raise InputError("MAP", "is in tiles", rule, "add --window, a box in metres, for a part of it")
+        return space.window(box[: len(box) // 2], box[len(box) // 2 :])
+    if box is not None:
+        raise InputError("--window", "is given", "it is for maps in tiles", "leave it out")
+    return space

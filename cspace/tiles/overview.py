@@ -1,0 +1,93 @@
+"""A stored map seen from afar: the same, proven, in larger cells."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace.grid import Grid
+from cspace.map.contents import Contents
+from cspace.map.exterior import UNKNOWN
+from cspace.space import CSpace
+from cspace.states import BLOCKED, FREE, MIXED
+from cspace.tiles.store import Index
+from cspace.tiles.work import Job, run
+from cspace.workspace import Workspace
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+Bytes = NDArray[np.uint8]
+
+
+class Reduced(NamedTuple):
+    """A tile in larger cells, of which those at its border may lie in part in other tiles.
+
+    Attributes
+    ----------
+    first : tuple of int
+        Its first larger cell.
+    least, most : ndarray of uint8, shape (slices, ...)
+        The least and the greatest state in each.
+    outer : ndarray of bool
+        Whether some cell in it meets an obstacle.
+    """
+
+    first: tuple[int, ...]
+    least: Bytes
+    most: Bytes
+    outer: NDArray[np.bool_]
+
+
+def overview_of(job: Job, most: int, client: Client | None) -> CSpace:
+    """A map of at most so many cells along each axis: FREE where all cells are FREE, BLOCKED where all are.
+
+    Each tile is reduced in a task.
+    """
+    store, grid = job.store, job.store.grid
+    factor = max(1, -(-max(grid.shape) // most))
+    shape = tuple(-(-n // factor) for n in grid.shape)
+    least = np.full((store.slices, *shape), BLOCKED, dtype=np.uint8)
+    greatest = np.zeros_like(least)
+    outer = np.zeros(shape, dtype=np.bool_)
+    for part in run(partial(_reduce, factor=factor), job, list(store), client, None):
+        box = tuple(slice(low, low + n) for low, n in zip(part.first, part.outer.shape, strict=True))
+        least[(slice(None), *box)] = np.minimum(least[(slice(None), *box)], part.least)
+        greatest[(slice(None), *box)] = np.maximum(greatest[(slice(None), *box)], part.most)
+        outer[box] |= part.outer
+    states = np.where(greatest == FREE, FREE, np.where(least == BLOCKED, BLOCKED, MIXED)).astype(np.uint8)
+    for axis, n in enumerate(grid.shape):
+        if n % factor:  # what lies beyond the map is not known here
+            rim = np.moveaxis(states, 1 + axis, 0)[-1]
+            rim[...] = MIXED
+    coarse = Grid(grid.lower, grid.spacing * factor, shape)
+    none = np.zeros_like(outer) if factor > 1 else outer
+    workspace = Workspace(coarse, outer, none, source=f"{store.path.name}, from afar")
+    slice_of, margin = store.rotations.slice_of(store.robot), float(store.metadata["margin"])
+    return CSpace(Contents(workspace, store.robot, store.rotations, slice_of, states, UNKNOWN, margin))
+
+
+def _reduce(job: Job, index: Index, factor: int) -> Reduced:
+    """The task: a tile in larger cells."""
+    store, cells = job.store, job.store.cells(index)
+    record = store.known(index)
+    own = tuple(slice(0, part.stop - part.start) for part in cells)
+    cuts = [np.unique([part.start, *range(-(-part.start // factor) * factor, part.stop, factor)]) for part in cells]
+    begins = [cut - part.start for cut, part in zip(cuts, cells, strict=True)]
+    least, most = [], []
+    for layer in range(store.layers):
+        block = store.states(index, layer, record)[(slice(0, len(store.numbers(layer))), *own)]
+        low, high = block, block
+        for axis, begin in enumerate(begins):
+            low = np.minimum.reduceat(low, begin, axis=1 + axis)
+            high = np.maximum.reduceat(high, begin, axis=1 + axis)
+        least.append(low)
+        most.append(high)
+    outer = store.obstacles(index, record)[0]
+    for axis, begin in enumerate(begins):
+        outer = np.logical_or.reduceat(outer, begin, axis=axis)
+    first = tuple(part.start // factor for part in cells)
+    return Reduced(first, np.concatenate(least), np.concatenate(most), outer)

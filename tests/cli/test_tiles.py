@@ -1,0 +1,79 @@
+"""Maps in tiles from the command line: built, stopped and gone on with, told of, planned on, drawn and exported."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+import zarr
+
+import cspace
+from commands import run
+
+
+@pytest.fixture(scope="module")
+def city(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("city")
+    occupied = np.zeros((120, 100), dtype=bool)
+    occupied[40:60, 20:50] = occupied[80:90, 40:100] = True
+    zarr.create_array(str(folder / "city.zarr"), data=occupied, chunks=(50, 50))
+    np.save(folder / "city.npy", occupied)
+    return folder, cspace.Workspace.from_array(occupied, 0.1)
+
+
+def test_from_city_to_path(city):
+    folder, workspace = city
+    options = ("--robot", "rect:0.5x0.3", "--rotations", "8", "--spacing", "0.1", "--tile", "32", "--json")
+    for source in ("city.zarr", "city.npy"):
+        out = folder / f"map-{source}.zarr"
+        told = json.loads(run("map", str(folder / source), *options, "-o", str(out)).stdout)
+        assert told["done_percent"] == 100.0
+        space = cspace.build(workspace, cspace.Robot.open("rect:0.5x0.3"), rotations=8)
+        assert told["cells"] == dict(zip(("free", "mixed", "blocked"), space.count(), strict=True))
+    done = json.loads(run("map", str(folder / "city.npy"), *options, "-o", str(out)).stdout)  # nothing is left to do
+    assert done["cells"] == told["cells"]
+    record = next(file for file in (out / "record" / "c").rglob("0") if file.is_file())
+    assert run("info", str(out)).stdout.count("100")
+    plan = ("plan", str(out), "--start", "1,1,0", "--goal", "11,9,0", "--seed", "1", "--json")
+    found = json.loads(run(*plan, "--picture", str(folder / f"{record.parent.name}.png"), "--overwrite").stdout)
+    assert found["certified"] is True
+    run("plot", str(out), "-o", str(folder / "map.png"), "--overwrite")
+    run("export", str(out), str(folder / "part.zarr"), "--window", "1,1,4,3")
+    part = cspace.open(folder / "part.zarr")
+    assert part.outside == "unknown"
+    assert part.is_free([2.0, 2.0, 0.0]) == space.is_free([2.0, 2.0, 0.0])
+
+
+def test_a_half_done_store(city, monkeypatch):
+    folder, workspace = city
+    out = folder / "half.zarr"
+
+    def stop(done, total):
+        if done == 5:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        cspace.build(workspace, cspace.Robot.disc(0.2), store=out, tile=20, workers=1, progress=stop)
+    assert 0.0 < json.loads(run("info", str(out), "--json").stdout)["done_percent"] < 100.0
+    refused = run("plan", str(out), "--start", "1,1", "--goal", "2,2")
+    assert "run the same build again" in refused.stderr
+    options = ("--robot", "disc:0.2", "--spacing", "0.1", "--tile", "20", "-o", str(out))
+    other = run("map", str(folder / "city.npy"), *options)
+    assert "was another one" in other.stderr
+    run("map", str(folder / "city.npy"), *options, "--overwrite")
+    assert cspace.open(out).done == 1.0
+
+
+def test_what_is_refused(city):
+    folder, _ = city
+    options = ("map", str(folder / "city.npy"), "--robot", "disc:0.2", "--spacing", "0.1")
+    assert "--tile" in run(*options, "--tile", "0", "-o", str(folder / "x.zarr")).stderr
+    assert "add e.g. --tile" in run(*options, "--scheduler", "tcp://x:1", "-o", str(folder / "x.zarr")).stderr
+    (folder / "other.zarr").mkdir()
+    assert "exists" in run(*options, "--tile", "9", "-o", str(folder / "other.zarr")).stderr
+    run(*options, "-o", str(folder / "plain.zarr"))
+    assert (
+        "maps in tiles"
+        in run("export", str(folder / "plain.zarr"), str(folder / "p.npz"), "--window", "0,0,1,1").stderr
+    )
