@@ -268,6 +268,11 @@ class Rotations(Orientation):
     def volumes(self) -> Floats:
         """How much of all rotations each cell is, in any unit, shape (count,)."""
 
+    def drawn(self, shares: Ints, n: int, rng: np.random.Generator) -> Ints:
+        """Cells drawn by their volumes times ``shares``, shape (count,), of which one is above zero; shape (n,)."""
+        sizes = shares * self.volumes
+        return rng.choice(self.count, size=n, p=sizes / sizes.sum())
+
     @abstractmethod
     def sample(self, cells: Ints, margin: float, rng: np.random.Generator) -> Floats:
         """A rotation drawn uniformly from each of some cells, shape (n, dof); that part of a cell's border is left."""
@@ -411,6 +416,10 @@ class OneRotation(Unturned, Rotations):
     def volumes(self) -> Floats:
         """All."""
         return np.ones(1)
+
+    def drawn(self, shares: Ints, n: int, rng: np.random.Generator) -> Ints:
+        """Cell 0, without a draw."""
+        return np.zeros(n, dtype=np.int64)
 
     def sample(self, cells: Ints, margin: float, rng: np.random.Generator) -> Floats:
         """No numbers."""

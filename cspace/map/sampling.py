@@ -167,10 +167,7 @@ def sample(
     -------
     ndarray of float64, shape (n, dof)
     """
-    turns = np.zeros(n, dtype=np.int64)
-    if rotations.count > 1:
-        sizes = free.counts[slice_of] * rotations.volumes
-        turns = rng.choice(rotations.count, size=n, p=sizes / sizes.sum())
+    turns = rotations.drawn(free.counts[slice_of], n, rng)
     cells = np.stack(np.unravel_index(free.draw(slice_of[turns], rng), grid.shape), axis=-1)
     place = grid.lower + grid.spacing * (cells + rng.uniform(EDGE, 1.0 - EDGE, size=cells.shape))
     return np.concatenate([place, rotations.sample(turns, EDGE, rng)], axis=1)

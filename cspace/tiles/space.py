@@ -147,7 +147,7 @@ class TiledCSpace:
 
     def __repr__(self) -> str:
         cells = " x ".join(map(str, self.grid.shape))
-        turns = f" x {self.rotations}" if self.rotations.count > 1 else ""
+        turns = f" x {self.rotations}" if self.rotations.names else ""
         tiles = f"{len(self._store)} tiles of {' x '.join(map(str, self.tile))}"
         share = "" if self.done == 1.0 else f", {self.done:.1%} of them done"
         return f"TiledCSpace({cells} cells of {self.grid.spacing:g} m{turns}, {self.robot.name}: {tiles}{share})"
