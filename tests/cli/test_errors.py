@@ -104,7 +104,10 @@ BAD: dict[str, tuple[list[str], list[str]]] = {
     "yaw without rotations": ([*_PLOT, "--rotation", "1"], ["--rotation is '1'", "does not turn"]),
     "panels without rotations": ([*_PLOT, "--view", "panels"], ["--view is 'panels'", "must be plane"]),
     "view of the plane": ([*_PLOT, "--view", "3d"], ["--view is '3d'", "(x, y)"]),
-    "point of the plane": (["plot", "turning.npz", "-o", "new.png", "--at", "1,1,1"], ["--at", "sections"]),
+    "point of the plane": (
+        ["plot", "turning.npz", "-o", "new.png", "--at", "1,1,1"],
+        ["--at is '1,1,1'", "configurations are x,y"],
+    ),
     "point beyond": (
         ["plot", "space.zarr", "-o", "new.png", "--at", "9,9.2,9"],
         ["--at is (9, 9.2, 9)", "in the grid"],
