@@ -29,17 +29,13 @@ Bytes = NDArray[np.uint8]
 Complexes = NDArray[np.complex128]
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Table = Callable[[Floats], tuple[Floats, float]]
 
 UNIT: Final = 2.0**-52  # relative rounding error of one operation, doubled
 TOP: Final = 32.0  # highest frequency that is thought of, in cycles per radius of the smallest ball
-_ROOM: Final = 1.0 + 2.0**-30  # for the rounding of the bounds themselves
-
-_SAMPLES: Final = 4096
-
-Table = Callable[[Floats], tuple[Floats, float]]
-
+ROOM: Final = 1.0 + 2.0**-30  # for the rounding of the bounds themselves
+SAMPLES: Final = 4096  # of a bump's energy, from which the band is chosen
 NODES: Final = 64  # distances in a table of pairs of two radii
-
 ALONE: Final = 1e-13  # relative error of the integral of a bump's own square
 AT_ONCE: Final = 2**8  # balls whose neighbours are held at once
 
@@ -50,7 +46,7 @@ def highest_frequency(a: BallDescriptor, b: BallDescriptor, bound: float) -> flo
     Above the frequencies of the gaps between them, balls add their energies. So the energy of a set beyond a frequency
     is the sum of those of its bumps. At most :data:`TOP` per radius of the smallest ball.
     """
-    k = np.linspace(0.0, TOP, _SAMPLES)
+    k = np.linspace(0.0, TOP, SAMPLES)
     around = 2.0 * math.pi * k if a.dim == 2 else 4.0 * math.pi * k * k
     energy = a.bump.table(a.dim, TOP, 1e-9)(k) ** 2 * around
     beyond = np.cumsum(energy[::-1])[::-1] * k[1]
@@ -206,7 +202,7 @@ class Terms(NamedTuple):
         units = 64.0 + counts + len(counts) + 8.0 * rings.reaches.sum(axis=1)
         moved = 2.0 * math.pi * far * rings.sums(rings.moduli * (moduli + errors))
         before = np.cumsum(errors_per_ring + UNIT * units * per_ring + moved)
-        bounds = _ROOM * (np.append(after, 0.0) + beyond + np.append(0.0, before))
+        bounds = ROOM * (np.append(after, 0.0) + beyond + np.append(0.0, before))
         return cls(products, bounds, rings.indices, rings.starts, rings.reaches, rings.lengths)
 
 

@@ -22,6 +22,7 @@ from cspace.grid import positive, unmasked
 from cspace.spectral.inputs import check_kind, check_not_negative, check_number, check_tolerance
 
 Floats = NDArray[np.float64]
+Radial = Callable[[Floats], Floats]
 
 LEAST_ALPHA: Final = 0.01
 MOST_ALPHA: Final = 1e4
@@ -41,9 +42,6 @@ TWO_RULES: Final = (26, 32)
 SAFETY: Final = 4.0  # by how much measured errors are multiplied before they are relied upon
 FEW: Final = 8  # pairs up to which each is integrated by itself, to ``PAIR_TOLERANCE``
 COUNTS: Final = (24, 48, 96, 192, 384)  # of nodes, for a pair's integral; two that follow each other must agree
-
-Radial = Callable[[Floats], Floats]
-
 REACH: Final = 3.3  # largest modulus of u in a sum; beyond, what an interval has left is below 1e-18 of it
 
 NODES: Final = 160

@@ -32,6 +32,7 @@ from cspace.spectral.regions import (
 from cspace.spectral.spheres import KINDS, Bounds, Kind, Spheres
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 FINER: Final = (1, 4)  # how much finer a lattice is tried, in cells, if of the balls fewer than USED are taken
 USED: Final = 0.9
@@ -41,9 +42,6 @@ NEIGHBOURS: Final = 2  # how far, in cells, a ball is looked for that holds anot
 LOST: Final = 0.02  # part of the way between two middles that a ball may stick out of another one that holds it
 CUTS: Final = (1, 2, 4, 8, 16)  # into how many parts a cell's sides are cut where no ball lies near
 ANY: Final = 2**40  # more balls than there are
-
-Ints = NDArray[np.int64]
-
 EPS: Final = 2.0**-20  # rounding allowance, in sides of a cell: by this, a ball that holds a cell reaches beyond it
 ROUNDS: Final = 6  # how often every ball is moved, at most
 VOLUME: Final = {2: math.pi, 3: 4.0 / 3.0 * math.pi}
