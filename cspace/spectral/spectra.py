@@ -51,23 +51,16 @@ SAMPLING: Final = ((1e-8, 1.25), (1e-11, 1.5), (0.0, 2.0))
 """How much more finely than its result a transform samples, from which tolerance on that is asked of it: with less, its
 errors were seen to stay above the tolerance."""
 
-THREADED: Final = 2**19
-"""Samples of a transform from which on several threads pay: they wait for each other, for long on a busy machine."""
-
+THREADED: Final = 2**19  # samples of a transform from which on several threads pay: they wait for each other
 FEW: Final = {2: 48, 3: 96}  # balls of one radius up to which sums of products are quicker than a transform of type 1
-
-BYTES: Final = {2: 120.0, 3: 184.0}
-"""Memory for each value of a spectrum, at most: complex arrays, of a transform that samples finely."""
-
+BYTES: Final = {2: 120.0, 3: 184.0}  # memory for each value of a spectrum, at most, of a transform that samples finely
 MANY: Final = 8.0  # transforms from which on it is tried whether fewer can stand for all radii
 
 SHARE: Final = 0.02
 """Part of the tolerance of a basis for each of: the spectra, the nodes, the decomposition, and the tables of its
 functions. Errors of the first three grow by the nodes' Lebesgue constant, below 6 for a thousand of them."""
 
-MOST_NODES: Final = 6.0
-"""Nodes, for each transform that radii by themselves would take, beyond which no basis is sought."""
-
+MOST_NODES: Final = 6.0  # nodes, for each transform that radii by themselves would take, beyond which none is sought
 SAMPLES: Final = 4  # frequencies at which spectra are decomposed, for each node
 FIT_SLACK: Final = 1e-9  # part of a period by which what is transformed may be longer, from rounding
 
