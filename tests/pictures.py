@@ -8,11 +8,20 @@ import numpy as np
 from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
 
-from cspace import BLOCKED, FREE, MIXED, CSpace
+from cspace import BLOCKED, FREE, MIXED, CSpace, Robot, Workspace, build
 from cspace.plot.artists import CLASSES
 
 NAMES = {FREE: "free", MIXED: "undecided (MIXED)", BLOCKED: "C-obstacle (BLOCKED)"}
 COLORS = {label: tuple(round(255 * part) for part in to_rgb(color)) for label, color in CLASSES}
+
+
+def yard(robot: Robot) -> CSpace:
+    """A walled place with a block in it, of a robot that turns."""
+    occupied = np.zeros((80, 50), bool)
+    occupied[[0, -1], :] = True
+    occupied[:, [0, -1]] = True
+    occupied[50:65, 10:20] = True
+    return build(Workspace.from_array(occupied, 0.1), robot, rotations=24)
 
 
 def rendered(ax: Any) -> NDArray[np.uint8]:

@@ -17,6 +17,7 @@ from cspace.plot import animate
 from cspace.plot.animation import _Stage
 from cspace.plot.artists import CLASSES
 from cspace.plot.route import Route
+from pictures import yard
 
 Image = pytest.importorskip("PIL.Image")
 ROBOT = (0x3F, 0xB7, 0x95)
@@ -25,11 +26,7 @@ PATH = [(1.0, 1.0, 0.0), (1.5, 3.5, 1.5), (6.5, 4.0, 0.0)]
 
 @pytest.fixture(scope="module")
 def space() -> CSpace:
-    occupied = np.zeros((80, 50), bool)
-    occupied[[0, -1], :] = True
-    occupied[:, [0, -1]] = True
-    occupied[50:65, 10:20] = True
-    return build(Workspace.from_array(occupied, 0.1), Robot.rectangle(1.0, 0.4), rotations=24)
+    return yard(Robot.rectangle(1.0, 0.4))
 
 
 @pytest.fixture(scope="module")

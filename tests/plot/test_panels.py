@@ -10,16 +10,12 @@ import pytest
 
 from cspace import CSpace, InputError, Robot, Rotations, Workspace, build
 from cspace.plot import plot
-from pictures import COLORS, class_of, heading, labels, pixel, rendered
+from pictures import COLORS, class_of, heading, labels, pixel, rendered, yard
 
 
 @pytest.fixture(scope="module")
 def space() -> CSpace:
-    occupied = np.zeros((80, 50), bool)
-    occupied[[0, -1], :] = True
-    occupied[:, [0, -1]] = True
-    occupied[50:65, 10:20] = True
-    return build(Workspace.from_array(occupied, 0.1), Robot.rectangle(1.2, 0.4, center=(0.3, 0.0)), rotations=24)
+    return yard(Robot.rectangle(1.2, 0.4, center=(0.3, 0.0)))
 
 
 def yaws_of(ax: Any) -> list[str]:
