@@ -222,4 +222,5 @@ class Board:
             if getattr(buffers, "size", 0) < reach:
                 buffers.arrays, buffers.size = [np.empty(reach, np.uint64) for _ in range(3)], reach
             now, then, words = buffers.arrays
-            settle_block(self.packed, table, Scratch(now[:reach], then[:reach], words[:size]), part, add, out)
+            scratch = Scratch(now[:reach], then[:reach], words[:size], words[:size].view(np.uint8))
+            settle_block(self.packed, table, scratch, part, add, out)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from cspace.compiling import inner, jit, reader
 
+Octets = NDArray[np.uint8]
 Words = NDArray[np.uint64]
 Ints = NDArray[np.int64]
 Place = tuple[int, int, int]
@@ -28,12 +29,13 @@ class Scratch(NamedTuple):
     now: Words
     then: Words
     result: Words
+    octets: Octets  # of the result
 
 
 _REPEAT = np.uint64(0x0101010101010101)
 _SELECT = np.uint64(0x8040201008040201)
 _CARRY = np.uint64(0x7F7F7F7F7F7F7F7F)
-_ONE = np.uint64(1)
+_ONE, _EVERY = np.uint64(1), ~np.uint64(0)
 
 
 @jit
@@ -165,13 +167,13 @@ def _unite(now: Words, runs: Ints, result: Words) -> None:
 
 
 @inner
-def unpack(words: Words, packed: Packed, part: tuple[int, int], found: bool, add: bool, out: NDArray[np.uint8]) -> None:
+def unpack(octets: Octets, packed: Packed, part: tuple[int, int], found: bool, add: bool, out: Octets) -> None:
     """Write rows of bits into ``out``, shape (layers, rows, cells), or add them.
 
-    ``words`` holds rows as ``packed`` has them, from the first of a part to before its last; those beyond the rows of
+    ``octets`` holds rows as ``packed`` has them, from the first of a part to before its last; those beyond the rows of
     ``out`` are left out. Unless something was ``found``, all are zero.
     """
-    cells, all_octets = out.shape[2], words.view(np.uint8)
+    cells, old = out.shape[2], _EVERY if add else np.uint64(0)
     eights = cells // 8
     for row in range(part[1] - part[0]):
         x, y = (part[0] + row) // packed.rows, (part[0] + row) % packed.rows
@@ -182,20 +184,13 @@ def unpack(words: Words, packed: Packed, part: tuple[int, int], found: bool, add
             for k in range(0 if add else cells):
                 line[k] = 0
             continue
-        octets, together = (
-            all_octets[row * packed.octets : (row + 1) * packed.octets],
-            line[: 8 * eights].view(np.uint64),
-        )
-        if add:
-            for k in range(eights):
-                byte = np.uint64(octets[k])
-                together[k] += ((((byte * _REPEAT) & _SELECT) + _CARRY) >> np.uint64(7)) & _REPEAT
-        else:
-            for k in range(eights):
-                byte = np.uint64(octets[k])
-                together[k] = ((((byte * _REPEAT) & _SELECT) + _CARRY) >> np.uint64(7)) & _REPEAT
+        first, together = row * packed.octets, line[: 8 * eights].view(np.uint64)
+        for k in range(eights):
+            byte = np.uint64(octets[first + k])
+            bits = ((((byte * _REPEAT) & _SELECT) + _CARRY) >> np.uint64(7)) & _REPEAT
+            together[k] = (together[k] & old) + bits
         for k in range(8 * eights, cells):
-            bit = (octets[k // 8] >> np.uint8(k % 8)) & np.uint8(1)
+            bit = (octets[first + k // 8] >> np.uint8(k % 8)) & np.uint8(1)
             line[k] = line[k] + bit if add else bit
 
 
@@ -206,4 +201,4 @@ def settle_block(
     """Dilate the rows from the first of a part, which begins a word, to before its last; write or add them."""
     start = part[0] * packed.octets // 8
     found = dilate_block(packed.words, start, runs, scratch.now, scratch.then, scratch.result)
-    unpack(scratch.result, packed, part, found, add, out)
+    unpack(scratch.octets, packed, part, found, add, out)

@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.compiling import jit
+from cspace.compiling import inner, reader
 from cspace.map.kept import Change, Lock
 from cspace.map.storage import Stack, read_only
 from cspace.states import FREE
@@ -131,23 +131,32 @@ class Mip:
         rows = int((sides[:, :2] // SIDE**2 + 2).prod(axis=1).max())
 
         def work(start: int, stop: int) -> int:
-            mark(states, *marks, its, start, stop)
+            line = np.zeros(self._blocks_shape[2], dtype=np.uint64)
+            mark(states, marks, (line.view(np.uint8), line, line.copy()), its, start, stop)
             return -1
 
         in_chunks(work, rows, least=1 + rows * CELLS_A_THREAD // int(sides.prod(axis=1).sum() + 1))
 
 
-@jit
-def mark(states: States, cells: Words, blocks: Words, nodes: States, boxes: Ints, start: int, stop: int) -> None:
-    """Mark what a box of cells in each slice touches; see :class:`Marks`, but for ``nodes``, which are bytes here.
+@reader
+def mark(
+    states: States,
+    marks: tuple[Words, Words, States],
+    room: tuple[States, Words, Words],
+    boxes: Ints,
+    start: int,
+    stop: int,
+) -> None:
+    """Mark what a box of cells in each slice touches; see :class:`Marks`, but for nodes, which are bytes here.
+
+    ``room`` is for its own use: a row of blocks along z, as bytes and as the same words, and as many words again.
 
     A box is given by its first cell and its last one, along three axes; there is none where one is beyond the other.
     Its rows of nodes along the last axis are numbered, and those from ``start`` to before ``stop`` are marked. All else
     is left alone, so that threads may do others. Each mark is written once, those of cells first.
     """
     _, nx, ny, nz = states.shape
-    line = np.empty((nz + SIDE - 1) >> SHIFT << SHIFT, np.uint8)
-    eights, some = line.view(np.uint64), np.empty(len(line) >> SHIFT, np.uint64)
+    (cells, blocks, nodes), (line, eights, some) = marks, room
     for s in range(len(boxes)):
         box = boxes[s]
         if box[0] > box[3] or box[1] > box[4] or box[2] > box[5]:
@@ -181,7 +190,7 @@ def mark(states: States, cells: Words, blocks: Words, nodes: States, boxes: Ints
                 nodes[s, x, y, z] = np.uint8(marked != 0)
 
 
-@jit
+@inner
 def add_bit(into: States, cells: States, bit: np.uint8) -> None:
     """Set a bit of the bytes whose cells are not FREE."""
     for k in range(cells.shape[0]):

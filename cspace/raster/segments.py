@@ -224,7 +224,7 @@ def mark_touched(out: Bools, segments: Floats, radii: Floats, b0: float, b1: flo
     """
     nx, ny = out.shape
     for e in range(segments.shape[0]):
-        px, py, qx, qy = segments[e]
+        px, py, qx, qy = segments[e, 0], segments[e, 1], segments[e, 2], segments[e, 3]
         radius = radii[e] + slack if radii[e] > 0.0 else 0.0
         ox, oy = 0.0, 0.0
         length = math.hypot(qx - px, qy - py)
@@ -263,7 +263,7 @@ def mark_inside(out: Bools, segments: Floats, c: float) -> None:
     """
     nx, ny = out.shape
     for e in range(segments.shape[0]):
-        px, py, qx, qy = segments[e]
+        px, py, qx, qy = segments[e, 0], segments[e, 1], segments[e, 2], segments[e, 3]
         if px == qx:
             continue
         if px > qx:
