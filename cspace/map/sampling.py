@@ -168,8 +168,14 @@ def sample(
     ndarray of float64, shape (n, dof)
     """
     turns = rotations.drawn(free.counts[slice_of], n, rng)
-    cells = np.stack(np.unravel_index(free.draw(slice_of[turns], rng), grid.shape), axis=-1)
-    place = grid.lower + grid.spacing * (cells + rng.uniform(EDGE, 1.0 - EDGE, size=cells.shape))
+    cells, place = free.draw(slice_of[turns], rng), np.empty((n, grid.dim))
+    for axis in range(grid.dim - 1, 0, -1):  # sooner than numpy.unravel_index
+        rows = cells // grid.shape[axis]
+        place[:, axis], cells = cells - rows * grid.shape[axis], rows
+    place[:, 0] = cells
+    place += rng.uniform(EDGE, 1.0 - EDGE, size=place.shape)
+    place *= grid.spacing
+    place += grid.lower
     return np.concatenate([place, rotations.sample(turns, EDGE, rng)], axis=1)
 
 
