@@ -20,6 +20,7 @@ from cspace.map.kept import Change, Kept, Lock
 from cspace.map.record import Map
 from cspace.map.slices import slice_rasters
 from cspace.map.storage import PackedStates, cells_of, check_bytes, counts_of, read_only, read_only_of, record_of
+from cspace.memory import JOINED_BYTES, check_memory
 from cspace.raster.raster import Raster
 from cspace.robot import Robot
 from cspace.rotations import Rotations
@@ -840,14 +841,13 @@ class CSpace:
     def _components(self) -> Components:
         from cspace.map.components import Components
 
-        return self._components_kept.get(
-            lambda: Components(
-                self._seen,
-                self._slice_of,
-                self.rotations.neighbors,
-                ~self._exterior.is_all_blocked(self.grid.shape),
-            )
-        )
+        def make() -> Components:
+            needed, shape = JOINED_BYTES * self._seen.size, self.grid.shape
+            check_memory(needed, "the map, to join its cells,", shape, self.grid.spacing, fewer=self.rotations.fewer)
+            rim_is_open = ~self._exterior.is_all_blocked(shape)
+            return Components(self._seen, self._slice_of, self.rotations.neighbors, rim_is_open)
+
+        return self._components_kept.get(make)
 
     def _marks(self, *, cells: bool, lasting: bool = False) -> Marks:
         """What is not FREE, at three scales; see :meth:`cspace.map.mip.Mip.marks`."""

@@ -6,7 +6,7 @@ import sys
 import pytest
 
 import cspace
-from cspace.memory import check_memory, in_words
+from cspace.memory import build_seconds, check_memory, in_words, time_in_words
 
 LIMITED = """
 import resource, psutil, cspace
@@ -32,6 +32,22 @@ def test_what_does_not_fit_is_refused_with_figures_and_a_spacing_that_would(monk
         check_memory(1e9, "the map", (1000, 1000, 1000), 0.1)
     with pytest.raises(cspace.InputError, match="no spacing helps"):
         check_memory(1.1e9, "the map", (10, 10), 0.1, fixed=1e9)
+
+
+def test_joining_cells_is_refused_before_it_begins(monkeypatch):
+    space = cspace.build(cspace.Workspace.from_array([[False] * 99] * 99, 0.1), cspace.Robot.disc(0.1), rotations=8)
+    monkeypatch.setattr("cspace.memory.free_bytes", lambda: 100)
+    with pytest.raises(cspace.InputError, match=r"the map, to join its cells, .* use a spacing of at least"):
+        space.path_exists((1.0, 1.0, 0.0), (2.0, 2.0, 0.0))
+    monkeypatch.undo()
+    assert space.path_exists((1.0, 1.0, 0.0), (2.0, 2.0, 0.0)) is True
+
+
+def test_times_in_words():
+    assert [time_in_words(n) for n in (0.034, 7.0, 130.0, 8000.0, 1e6)] == [
+        "0.03 s", "7 s", "2 minutes", "2 hours", "10 days",
+    ]  # fmt: skip
+    assert build_seconds((64, 64, 46), 6912) > build_seconds((64, 64, 46), 100) > build_seconds((64, 64), 100)
 
 
 def test_bytes_in_words():

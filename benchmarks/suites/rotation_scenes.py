@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -42,6 +42,13 @@ ROOMS = np.array(
     ]
 )
 ROOMS_BOUNDS = (0.0, 0.0, 0.0, 8.0, 4.0, 2.5)
+
+HOOK = np.array([((-0.6, -0.1, -0.1), (0.6, 0.1, 0.1)), ((0.4, -0.1, 0.1), (0.6, 0.1, 0.3))])
+"""Boxes of a rod of 1.2 m with a hook; metres."""
+
+TRAP_BOUNDS = (-2.0, -2.0, -2.0, 4.0, 2.0, 2.0)
+TRAP_WIDTHS = (0.9, 0.8, 0.7, 0.6, 0.5)
+"""Of the tube that leads into the trap, ring by ring; metres."""
 
 TUNNEL, TUNNEL_SPACING = "solids/LTunnel", 0.5
 TUNNEL_ROBOTS = ("l-robot-skinny", "l-robot")
@@ -94,6 +101,46 @@ def rooms(quick: bool) -> Scene:
     models = {"triangles": partial(soup, obstacles.triangles)}
     cuts = (2,) if quick else (4, 12, 8)
     return Scene("a table through a door", workspace, robot, body, obstacles, models, cuts, lambda space: [query], 5)
+
+
+def trap(quick: bool) -> Scene:
+    """A rod with a hook in a hollow cube, whose only way out is a tube that narrows inward: a trap for trees."""
+    obstacles, body = Blocks.boxes(_trap()).skin(), Blocks.boxes(HOOK).skin()
+    workspace = Workspace.from_mesh(_mesh(obstacles), 0.2 if quick else 0.1, TRAP_BOUNDS)
+    half = math.sqrt(0.5)
+    query = np.array((-0.3, 0, 0, 0, 0, half, half)), np.array((2.8, 0, 0, 0, 0, half, half))
+    robot = Robot.mesh(_mesh(body), name="hook")
+    models = {"triangles": partial(soup, obstacles.triangles)}
+    cuts = (2,) if quick else (4,)
+    return Scene("a bug trap", workspace, robot, body, obstacles, models, cuts, lambda space: [query], 6)
+
+
+def _trap(half: float = 1.0, wall: float = 0.1, depth: float = 0.6, widths: Sequence[float] = TRAP_WIDTHS) -> Floats:
+    """Boxes of a cube whose side at the right has a hole, from which a tube leads inward, ring by ring."""
+    far = half + wall
+    boxes = [
+        ((-far, -far, -far), (-half, far, far)),
+        ((-half, -far, -far), (half, -half, far)),
+        ((-half, half, -far), (half, far, far)),
+        ((-half, -half, -far), (half, half, -half)),
+        ((-half, -half, half), (half, half, far)),
+        *_ring(half, far, widths[0], 2.0 * far),
+    ]
+    places = np.linspace(half, half - depth, len(widths) + 1)
+    for (right, left), width in zip(itertools.pairwise(places), widths, strict=True):
+        boxes += _ring(left, right, width, width + 2.0 * wall)
+    return np.array(boxes)
+
+
+def _ring(left: float, right: float, inner: float, outer: float) -> list[Any]:
+    """Four boxes around a square hole along x."""
+    a, b = 0.5 * inner, 0.5 * outer
+    return [
+        ((left, -b, -b), (right, -a, b)),
+        ((left, a, -b), (right, b, b)),
+        ((left, -a, -b), (right, a, -a)),
+        ((left, -a, a), (right, a, b)),
+    ]
 
 
 def tunnels(report: Report) -> Iterator[Scene]:

@@ -45,7 +45,7 @@ def run(report: Report, seed: int) -> None:
     rng = np.random.default_rng(seed)
     quick = report.quick
     table = rotation_scenes.rooms(quick)
-    for scene in (table, *rotation_scenes.tunnels(report)):
+    for scene in (table, rotation_scenes.trap(quick), *rotation_scenes.tunnels(report)):
         for cuts in scene.cuts:
             space, built = _build(report, scene, cuts, rng)
             fcl = _fcl(report, space, scene, rng)
