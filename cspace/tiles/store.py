@@ -394,7 +394,7 @@ class Record:
         Number of FREE, MIXED and BLOCKED cells.
     box : ndarray of int64, shape (2, d)
         First and last cell, of the whole map, of the box around the outer cells; the first is beyond the last where
-        there are none.
+        there are none. All of the tile where the map does not ask for it.
     digests : tuple of bytes
         Of its chunks of states, of the outer cells, and of the inner ones, or again of the outer ones.
     """

@@ -33,6 +33,8 @@ Read = Callable[[tuple[slice, ...]], tuple[Bools, Bools]]
 SCRATCH_CELLS: Final = 2**25
 """States that a task makes at a time, unless a single slice of its window has more."""
 
+_ONES: Final = np.uint64(0x0101010101010101)
+
 AHEAD: Final = 1024
 """Tasks that a scheduler is told of at a time."""
 
@@ -41,7 +43,16 @@ AHEAD: Final = 1024
 def tally(states: NDArray[np.uint8]) -> tuple[int, int]:
     """Number of MIXED and of BLOCKED states."""
     mixed, blocked = 0, 0
-    for k in range(len(states)):
+    eights = states[: len(states) // 8 * 8].view(np.uint64)
+    for first in range(0, len(eights), 255):  # as often as a byte can count
+        ones, twos = np.uint64(0), np.uint64(0)
+        for word in eights[first : first + 255]:
+            ones += word & _ONES
+            twos += (word >> np.uint64(1)) & _ONES
+        for shift in range(0, 64, 8):
+            mixed += int((ones >> np.uint64(shift)) & np.uint64(255))
+            blocked += int((twos >> np.uint64(shift)) & np.uint64(255))
+    for k in range(8 * len(eights), len(states)):
         mixed += states[k] == MIXED
         blocked += states[k] == BLOCKED
     return mixed, blocked
@@ -112,6 +123,8 @@ class Job:
         store, box = self.store, self.store.cells(index)
         window = self.window(box)
         outer, inner = (read or self.read)(window)
+        same, outer = inner is outer, np.ascontiguousarray(outer)
+        inner = outer if same else np.ascontiguousarray(inner)
         own = box_of(*np.array([[b.start - w.start, b.stop - w.start] for b, w in zip(box, window, strict=True)]).T)
         shape, size = tuple(part.stop - part.start for part in own), outer.size
         scratch = np.empty((max(1, min(store.slices, SCRATCH_CELLS // size)), *outer.shape), dtype=np.uint8)
@@ -131,7 +144,10 @@ class Job:
             digests.append(store.write("state", (layer, *index), block, aside))
         digests.append(store.write("outer", index, outer[own], aside))
         digests.append(digests[-1] if inner is outer else store.write("inner", index, inner[own], aside))
-        record = Record(counts, _extent(outer[own]) + [part.start for part in box], tuple(digests))
+        extent = np.array([[0] * len(own), [part.stop - 1 for part in own]])
+        if store.metadata["outside"] == "free":  # which alone asks for it
+            extent = _extent(outer[own])
+        record = Record(counts, extent + [part.start for part in box], tuple(digests))
         store.finish(index, record, aside)
         return record
 

@@ -1,0 +1,202 @@
+"""Maps in tiles: builds against the same engine in memory, workers, and maps that would not fit into memory."""
+
+from __future__ import annotations
+
+import resource
+import shutil
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zarr
+from numpy.typing import NDArray
+
+import cspace
+import planners
+from benchmarks import inputs
+from benchmarks.report import Report
+from benchmarks.timing import Timing, interleave
+from cspace import Robot, Workspace
+
+TILE = 4096
+SPACING = 0.1
+BLOCK = 128
+"""Cells from one street of the city to the next."""
+
+CAR = Robot.rectangle(4.5, 1.9)
+
+
+def run(report: Report, seed: int) -> None:
+    """Throughput, workers, and two large maps that are built on a cluster of this machine."""
+    rng = np.random.default_rng(seed)
+    folder = Path(tempfile.mkdtemp(prefix="cspace-tiles-"))
+    try:
+        _throughput(report, rng, folder)
+        _workers(report, rng, folder)
+        size, turning = (8192, 4096) if report.quick else (65_536, 16_384)
+        _large(report, rng, folder, size, Robot.disc(1.0), None)
+        _large(report, rng, folder, turning, CAR, 16)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _throughput(report: Report, rng: np.random.Generator, folder: Path) -> None:
+    size = 2048 if report.quick else 8192
+    workspace = Workspace.from_array(inputs.boxes(size, 0.06, rng), SPACING)
+    for name, robot, rotations in (("disc of 2 m", Robot.disc(1.0), None), ("car, 8 yaws", CAR, 8)):
+        report.section(f"{size} x {size} cells, {name}: one thread, in memory and into a store of tiles of {size // 2}")
+        options: dict[str, Any] = {"rotations": rotations, "workers": 1}
+        calls = {
+            "build in memory": lambda options=options, robot=robot: cspace.build(workspace, robot, **options),
+            "build into a store": partial(_stored, workspace, robot, folder / "one", size // 2, options),
+        }
+        timings = interleave(calls, 3)
+        for label, timing in timings.items():
+            report.timing(label, timing)
+        inside, stored = timings.values()
+        report.ratio("throughput of the store, of that in memory", inside, stored, least=0.5)
+        states = zarr.open_group(str(folder / "one"), mode="r")["state"]
+        whole = np.asarray(inside.value._contents.states)
+        report.check(all(np.array_equal(states[k], part) for k, part in enumerate(whole)), "states are equal")
+        stored_bytes = _bytes(folder / "one")
+        report.figure("bytes a cell on disk", stored_bytes / whole.size, "B")
+
+
+def _stored(workspace: Workspace, robot: Robot, path: Path, tile: int, options: dict[str, Any]) -> Any:
+    shutil.rmtree(path, ignore_errors=True)
+    return cspace.build(workspace, robot, store=path, tile=tile, **options)
+
+
+def _workers(report: Report, rng: np.random.Generator, folder: Path) -> None:
+    from distributed import Client, LocalCluster
+
+    size = 4096 if report.quick else 16_384
+    report.section(f"{size} x {size} cells, car, 8 yaws, tiles of {size // 8}: one worker of a cluster, and two")
+    source = _city(folder / "small.zarr", size, rng)
+    timings = []
+    for workers in (1, 2):
+        options: dict[str, Any] = {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": ":0"}
+        with LocalCluster(**options) as cluster, Client(cluster) as client:
+            work = partial(_stored, source, CAR, folder / "two", size // 8, {"rotations": 8, "client": client})
+            timing = Timing(None)
+            work()  # compiles
+            for _ in range(3):
+                timing.take(work)
+        timing.cpu.clear()
+        report.timing(f"{workers} worker{'s' * (workers > 1)}", timing)
+        timings.append(timing)
+    report.ratio("two workers, times quicker than one", *timings, least=1.7)
+
+
+def _large(
+    report: Report, rng: np.random.Generator, folder: Path, size: int, robot: Robot, rotations: int | None
+) -> None:
+    from distributed import Client, LocalCluster
+
+    turns = f" x {rotations} yaws" if rotations else ""
+    report.section(f"a city of {size} x {size} cells{turns}, {robot.name}, tiles of {TILE}, two workers of 2 GB")
+    source, path = _city(folder / "city.zarr", size, rng), folder / "map.zarr"
+    shutil.rmtree(path, ignore_errors=True)
+    options: dict[str, Any] = {
+        "n_workers": 2,
+        "threads_per_worker": 1,
+        "memory_limit": "2GB",
+        "dashboard_address": ":0",
+    }
+    with LocalCluster(**options) as cluster, Client(cluster) as client, _peak() as peak:
+        began = time.perf_counter()
+        space = cspace.build(source, robot, rotations=rotations, store=path, tile=TILE, client=client)
+        seconds = time.perf_counter() - began
+    cells = sum(space.count())
+    report.figure("cells, of all rotations", cells / 1e9, "10^9")
+    report.figure("seconds to build", seconds, "s")
+    report.figure("cells a second", cells / seconds / 1e6, "10^6")
+    report.figure("largest worker", max(peak) / 1e9, "GB", most=2.0)
+    report.figure("bytes on disk", _bytes(path) / 1e6, "MB")
+    upper = [size * SPACING] * 2 + [np.pi] * bool(rotations)
+    q = rng.uniform(0.0, upper, (10**6, space.dof))
+    space.classify(q[:1])
+    space.motion_is_free(q[0], q[0])
+    states = _once(report, "10^6 look-ups at random", lambda: space.classify(q))
+    near = q[: 10**4] + rng.normal(size=(10**4, space.dof)) * ([20.0, 20.0] + [0.3] * bool(rotations))
+    free = _once(report, "10^4 edges of some 25 m", lambda: space.motion_is_free(q[: 10**4], near))
+    report.check(not (free & (states[: 10**4] != cspace.FREE)).any(), "no free edge begins in a cell that is not FREE")
+    window = space.window(q[0, :2] - 20.0, q[0, :2] + 20.0)
+    here = window.grid.contains(q[:, :2])
+    report.check(np.array_equal(window.classify(q[here]), states[here]), "a window answers alike")
+    _once(report, "components of all tiles, labelled and joined", space.label)
+    joined = space._join()
+    report.figure("components that reach a face", float(joined.first[0][-1]), "")
+    free_q = q[states == cspace.FREE]
+    ends = [free_q[np.argmin(np.abs(free_q[:, :2] - corner).sum(axis=1))] for corner in (50.0, size * SPACING - 50.0)]
+    report.figure("cells from start to goal", float(np.abs(ends[1] - ends[0])[:2].max() / SPACING), "")
+    found = _once(report, "a plan", lambda: planners.plan(space, *ends, seed=0), most=60.0)
+    report.check(found.certified or found.path_exists is not True, "the path is certified, where one exists")
+    report.figure("this process", resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6, "GB")
+
+
+def _once(report: Report, name: str, call: Callable[[], Any], most: float | None = None) -> Any:
+    began = time.perf_counter()
+    value = call()
+    report.figure(name, time.perf_counter() - began, "s", most=most)
+    return value
+
+
+def _city(path: Path, size: int, rng: np.random.Generator) -> Workspace:
+    """Buildings between streets, in a Zarr array that is read tile by tile."""
+    side = min(size, TILE)
+    array = zarr.create_array(
+        str(path),
+        shape=(size, size),
+        chunks=(side, side),
+        dtype="bool",
+        overwrite=True,
+        config={"write_empty_chunks": True},
+    )
+    for x in range(0, size, side):
+        for y in range(0, size, side):
+            array[x : x + side, y : y + side] = _quarter(side, rng)
+    return Workspace.from_array(array, SPACING)
+
+
+def _quarter(side: int, rng: np.random.Generator) -> NDArray[np.bool_]:
+    cells = np.zeros((side, side), dtype=np.bool_)
+    for x in range(0, side, BLOCK):
+        for y in range(0, side, BLOCK):
+            if rng.random() < 0.7:
+                width, depth = rng.integers(40, 100, 2)
+                cells[x + 12 : x + 12 + width, y + 12 : y + 12 + depth] = True
+    return cells
+
+
+def _bytes(path: Path) -> int:
+    return sum(file.stat().st_size for file in path.rglob("*") if file.is_file())
+
+
+class _peak:  # noqa: N801 - used as a context
+    """The most memory that each process beneath this one had, bytes."""
+
+    def __enter__(self) -> list[int]:
+        self._found, self._stop = [0], threading.Event()
+        self._thread = threading.Thread(target=self._watch)
+        self._thread.start()
+        return self._found
+
+    def __exit__(self, *_: object) -> None:
+        self._stop.set()
+        self._thread.join()
+
+    def _watch(self) -> None:
+        import psutil
+
+        while not self._stop.wait(0.1):
+            for process in psutil.Process().children(recursive=True):
+                with suppress(psutil.Error):
+                    self._found.append(process.memory_info().rss)
+            self._found[:] = [max(self._found)]
