@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import threading
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.compiling import inner, jit, reader
+from cspace.compiling import inner, reader
 from cspace.map.kept import Change
 from cspace.map.storage import Cells, Stack, cells_of, row_in, state_in
 from cspace.states import BLOCKED
@@ -17,16 +16,13 @@ from cspace.threads import cores, in_threads
 Bytes = NDArray[np.uint8]
 Ints = NDArray[np.int64]
 Nodes = NDArray[np.int32]
-Pairs = NDArray[np.uint32]
 Words = NDArray[np.uint64]
-"""Packed blocks, shape (blocks, KINDS, rows): a bit for each cell of a row, set where the cell is of that kind."""
 
-SIDES: Final = {2: (1, 64, 64), 3: (8, 8, 64)}
-"""Cells of a block along each axis, by dimension: 64 rows of 64 cells. A plane has one layer."""
+SHIFTS: Final = {2: (0, 6, 6), 3: (3, 3, 6)}
+"""Cells of a block along each axis, as powers of two, by dimension: 64 rows of 64 cells. A plane has one layer."""
 
-AXES, RIM, LINKS = 3, 3, 4
-"""Faces of a block: one for each axis, towards the next block; its part of the rim of the grid; and from LINKS on, one
-for each later neighbour of its rotation cell."""
+MOST: Final = 2048
+"""Runs in a block, at most, and so components: 64 rows of 32."""
 
 KINDS: Final = 2
 """Kind 0 are the FREE cells, and kind 1 those that are not BLOCKED."""
@@ -34,114 +30,123 @@ KINDS: Final = 2
 ASK: Final = -2
 """Said of cells whose component only the labels of their block tell."""
 
-TASK: Final = 256
+TASK: Final = 2048
 """Blocks that a thread takes at a time."""
 
+TALL: Final = 8
+"""Slices among them, where there are so many."""
+
+FEW: Final = 16
+"""Blocks that are looked at first for the box around a component."""
+
 _ANSWERS = np.array([None, True, False], dtype=object)
-_BITS = 11  # a component's number in its block: 64 rows of at most 32 runs make 2^11 of them
-_ONE = np.uint64(1)
+_ONE, _ONES = np.uint64(1), ~np.uint64(0)
 _DEBRUIJN = np.uint64(0x03F79D71B4CB0A89)
-_PLACES = np.zeros(64, dtype=np.int64)
+_PLACES = np.zeros(64, dtype=np.int32)
 _PLACES[[int(_DEBRUIJN) * 2**k % 2**64 >> 58 for k in range(64)]] = np.arange(64)
 
 
 class Blocks(NamedTuple):
-    """The states of a map, cut into blocks.
+    """The states of a map, cut into blocks, numbered slice by slice.
 
     cells : ndarray of uint8, or TwoBits
         The states, all slices in a row.
     grid : tuple of int, length 4
         Slices, and cells of the grid.
-    sides, shape : ndarray of int64, shape (3,)
-        Cells of a block, and number of blocks, along each axis.
-    links, link_ends : ndarray of int64, shapes (n,) and (slices,)
-        The slices that each slice has for later neighbours, and where those of each end.
-    solid : bool
-        Whether the first axis has a rim; it has none in the plane.
+    shifts, shape : tuple of int, length 3
+        Cells of a block, as powers of two, and number of blocks, along each axis. At least one layer of cells lies
+        beyond the last ones of the grid; it stands for all that is outside, so that the first cells are beside it too.
+    rim_is_open : ndarray of bool, shape (slices,)
+        Whether some configuration outside the grid is not BLOCKED.
     """
 
     cells: Cells
     grid: tuple[int, int, int, int]
-    sides: Ints
-    shape: Ints
-    links: Ints
-    link_ends: Ints
-    solid: bool
+    shifts: tuple[int, int, int]
+    shape: tuple[int, int, int]
+    rim_is_open: NDArray[np.bool_]
 
 
-class Runs(NamedTuple):
-    """The cells of one kind in a block, as runs along its rows.
+class Labels(NamedTuple):
+    """The cells of some blocks, as runs along their rows; the cells of one kind in one block are a layer.
 
-    table : ndarray of int64, shape (n, 3)
-        First cell, last cell and component of each run.
-    begins : ndarray of int64, shape (rows + 1,)
+    runs : ndarray of int32
+        First cell, last cell and component of each run: ``component << 12 | first << 6 | last``.
+    ends : ndarray of int32, shape (layers * rows + 1,)
         Where the runs of each row begin, and where those of the last one end.
-    parent : ndarray of int32, shape (n,)
-        For union-find.
+    counts : ndarray of int32, shape (layers,)
+        Number of components.
     """
 
-    table: Ints
-    begins: Ints
-    parent: Nodes
-
-    @classmethod
-    def room(cls, blocks: Blocks) -> Runs:
-        """Room for the runs of any block."""
-        deep, wide, long = blocks.sides.tolist()
-        rows, most = deep * wide, deep * wide * ((long + 1) // 2)
-        return cls(np.empty((most, 3), np.int64), np.zeros(rows + 1, np.int64), np.empty(most, np.int32))
+    runs: Nodes
+    ends: Nodes
+    counts: Nodes
 
 
-class Room(NamedTuple):
-    """What :func:`join_blocks` works in; one thread at a time. Compiled code that makes no arrays is compiled sooner.
+class Turns(NamedTuple):
+    """How slices are joined, from one rotation cell to the next.
 
-    runs : tuple of Runs
-        By kind those of a block at an even place, and those of one at an odd place; and of another neighbour.
-    known : ndarray of int32, shape (2 * KINDS,)
-        Number of components of each but the last, -1 where it is not labelled: the labels of the next block along the
-        last axis serve again when its turn comes.
-    packed : ndarray of uint64, shape (LINKS + links, blocks, KINDS, rows)
-        By face the packed neighbours of blocks that follow each other along the last axis; the blocks themselves, and
-        the one after them, are in the place of RIM.
-    parent : ndarray of int32
-        For union-find.
-    pool : ndarray of uint32
-        For the pairs.
+    copy_of : ndarray of int64, shape (rotations,)
+        Neighbours that share a slice are one copy of it, in which all is joined to itself.
+    slice_of : ndarray of int64, shape (copies,)
+    links : ndarray of int64, shape (slices, n)
+        Later slices that copies of each slice have for neighbours; -1 fills up.
+    uses : ndarray of int64, shape (m, 2)
+        The copies, group by group, that are joined where components of their slices meet.
+    ends : ndarray of int64, shape (slices * (1 + n) + 1,)
+        Where the groups of each slice end, of which the first one is for faces within it and the others for its links.
     """
 
-    runs: tuple[Runs, Runs, Runs, Runs, Runs]
-    known: Nodes
-    packed: Words
-    parent: Nodes
-    pool: Pairs
+    copy_of: Ints
+    slice_of: Ints
+    links: Ints
+    uses: Ints
+    ends: Ints
 
     @classmethod
-    def of(cls, blocks: Blocks, count: int) -> Room:
-        """Room for ``count`` blocks, or for as many pairs as :func:`join_blocks` finds in several calls."""
-        links = int(np.diff(blocks.link_ends, prepend=0).max())
-        rows, length = int(blocks.sides[0] * blocks.sides[1]), min(int(blocks.shape[2]), count)
-        return cls(
-            (Runs.room(blocks), Runs.room(blocks), Runs.room(blocks), Runs.room(blocks), Runs.room(blocks)),
-            np.empty(2 * KINDS, np.int32),
-            np.empty((LINKS + links, length + 1, KINDS, rows), np.uint64),
-            np.empty(2 << _BITS, np.int32),
-            np.empty(KINDS * (LINKS + links) * (2 << _BITS) + 8 * count, np.uint32),
-        )
+    def of(cls, slice_of: Ints, neighbors: Ints, slices: int) -> Turns:
+        """From the slice of each rotation cell, and its neighbours."""
+        first, place = np.nonzero(neighbors >= 0)
+        near = np.stack([first, neighbors[first, place]])
+        near = np.hstack([near, near[::-1]])
+        one, other = slice_of[near]
+        low = np.arange(len(slice_of))
+        while True:
+            lower = low.copy()
+            np.minimum.at(lower, near[0, one == other], low[near[1, one == other]])
+            if (lower == low).all():
+                break
+            low = lower[lower]
+        lowest, copy_of = np.unique(low, return_inverse=True)
+        copies, own = slice_of[lowest], np.arange(len(lowest))
+        a, b = divmod(np.unique(copy_of[near[0, one < other]] * len(own) + copy_of[near[1, one < other]]), len(own))
+        pairs, link = np.unique(copies[a] * slices + copies[b], return_inverse=True)
+        s, later = divmod(pairs, slices)
+        place = np.arange(len(s)) - np.searchsorted(s, s)
+        links = np.full((slices, place.max(initial=-1) + 1), -1)
+        links[s, place] = later
+        groups = np.concatenate([copies, copies[a]]) * (1 + links.shape[1])
+        groups[len(own) :] += 1 + place[link]
+        uses = np.stack([np.append(own, a), np.append(own, b)], axis=1)[np.argsort(groups, kind="stable")]
+        ends = np.cumsum(np.bincount(groups + 1, minlength=slices * (1 + links.shape[1]) + 1))
+        return cls(copy_of, copies, links, uses, ends)
 
 
 class Joined(NamedTuple):
-    """The components of one kind over the whole map.
+    """The components over the whole map.
 
-    Component c of a block is the node ``start[rotation] + base[slice, block] + c``, the rim of a rotation cell the last
-    of its nodes, and ``roots`` has the component of each node. ``rim`` tells, of each slice, whether the rim joins what
-    it touches.
+    Component c of a layer is the node ``start + base[layer] + c``.
+
+    base : ndarray of int32, shape (layers + 1,)
+    turns : ndarray of int64, shape (rotations, 2)
+        The start of each rotation cell, and its slice.
+    roots : ndarray of int32
+        The component of each node.
     """
 
-    counts: Nodes
-    base: Ints
-    start: Ints
+    base: Nodes
+    turns: Ints
     roots: Nodes
-    rim: NDArray[np.bool_]
 
 
 # ---- compiled passes -------------------------------------------------------------------------------------------------
@@ -162,40 +167,27 @@ def unite(parent: Nodes, a: int, b: int) -> bool:
     a, b = find(parent, a), find(parent, b)
     if a == b:
         return False
-    if a < b:
-        parent[b] = a
-    else:
-        parent[a] = b
+    parent[max(a, b)] = min(a, b)
     return True
 
 
 @inner
-def corner_of(blocks: Blocks, block: int) -> tuple[int, int, int]:
-    """First cell of a block, by its number."""
-    plane, row = blocks.shape[1] * blocks.shape[2], blocks.shape[2]
-    i, j, k = block // plane, block // row % blocks.shape[1], block % row
-    return i * blocks.sides[0], j * blocks.sides[1], k * blocks.sides[2]
-
-
-@inner
-def pack(blocks: Blocks, s: int, first: int, words: Words) -> None:
-    """Pack the cells of blocks of a slice that follow each other along the last axis, from ``first`` on.
+def pack(blocks: Blocks, corner: Ints, words: Words) -> None:
+    """Pack the cells of blocks that follow each other along the last axis, a word for each kind and row.
 
     Row by row through all of them, as they lie in memory, which is several times quicker than block by block.
     """
-    x, y, z = corner_of(blocks, first)
-    _, nx, ny, nz = blocks.grid
-    deep, wide = min(blocks.sides[0], nx - x), min(blocks.sides[1], ny - y)
-    for block in range(len(words) if deep * wide < words.shape[2] else 0):
-        for row in range(words.shape[2]):
-            words[block, 0, row] = words[block, 1, row] = 0
-    for i in range(deep):
-        for j in range(wide):
-            line, row = ((s * nx + x + i) * ny + y + j) * nz, i * blocks.sides[1] + j
-            for block in range(len(words)):
-                begin = z + block * blocks.sides[2]
-                taken, blocked = row_in(blocks.cells, line + begin, min(blocks.sides[2], nz - begin))
-                words[block, 0, row], words[block, 1, row] = ~taken, ~blocked
+    (_, nx, ny, nz), (_, wide, long) = blocks.grid, blocks.shifts
+    s, z = corner[1], corner[4]
+    whole, rim = _ONES >> np.uint64(64 - (1 << long)), _ONES if blocks.rim_is_open[s] else np.uint64(0)
+    for row in range(words.shape[2]):
+        x, y = corner[2] + (row >> wide), corner[3] + (row & ((1 << wide) - 1))
+        for n in range(len(words)):
+            first = z + (n << long)
+            count = max(0, min(1 << long, nz - first)) if x < nx and y < ny else 0
+            taken, blocked = row_in(blocks.cells, ((s * nx + x) * ny + y) * nz + first, count)
+            outside = rim & (whole << np.uint64(count)) if count < 64 else np.uint64(0)
+            words[n, 0, row], words[n, 1, row] = ~taken, ~blocked | (outside & whole)
 
 
 @inner
@@ -211,384 +203,178 @@ def place_of(bit: np.uint64) -> int:
 
 
 @inner
-def unite_rows(runs: Runs, first: int, stop: int, other: int, other_stop: int) -> None:
-    """Join the runs of one row with those of another that they touch."""
-    table = runs.table
-    while first < stop and other < other_stop:
-        if table[first, 0] <= table[other, 1] and table[other, 0] <= table[first, 1]:
-            unite(runs.parent, other, first)
-        if table[first, 1] < table[other, 1]:
-            first += 1
-        else:
-            other += 1
+def join_rows(labels: Labels, row: int, other: int, ahead: int, parent: Nodes, pairs: Nodes, count: int) -> int:
+    """Join the runs of one row with those of another that they touch; it may lie cells ahead, at the end of the row.
 
-
-@inner
-def label(blocks: Blocks, words: NDArray[np.uint64], runs: Runs) -> int:
-    """Label the cells of a block, packed in a word for each row; the number of components, counted from 0."""
-    count: int = np.int64(0)  # type: ignore[assignment]  # of one type for the compiler from the start
-    begins, table = runs.begins, runs.table
-    deep, wide = blocks.sides[0], blocks.sides[1]
-    for row in range(deep * wide):
-        word, first = words[row], count
-        starts, stops = word & ~(word << _ONE), word & ~(word >> _ONE)
-        while starts != 0:
-            start, stop = lowest(starts), lowest(stops)
-            table[count, 0], table[count, 1] = place_of(start), place_of(stop)
-            runs.parent[count] = count
-            starts, stops, count = starts ^ start, stops ^ stop, count + 1
-        begins[row + 1] = count
-        if row % wide > 0 and (word & words[row - 1]) != 0:
-            unite_rows(runs, first, count, begins[row - 1], first)
-        if row >= wide and (word & words[row - wide]) != 0:
-            unite_rows(runs, first, count, begins[row - wide], begins[row - wide + 1])
-    components = 0
-    for n in range(count):
-        # The lower root is on top, so that it has its number by now.
-        root = find(runs.parent, n)
-        if root == n:
-            table[n, 2] = components
-            components += 1
-        else:
-            table[n, 2] = table[root, 2]
-    return components
-
-
-@inner
-def label_block(blocks: Blocks, s: int, block: int, kind: int, runs: Runs, words: Words) -> int:
-    """Label the cells of one kind in a block of a slice; the number of components. ``words`` has room for it."""
-    pack(blocks, s, block, words)
-    return int(label(blocks, words[0, kind], runs))
-
-
-@inner
-def meet(blocks: Blocks, face: int, ours: Runs, theirs: Runs, parent: Nodes, found: Pairs) -> int:
-    """Pairs of components of two blocks that meet at a face, without those that follow from others; how many.
-
-    ``parent`` has a node for each of our components and, from as many on as we may have, for theirs.
+    Those that were apart are added to ``pairs``, of which there are so many; how many there are then.
     """
-    deep, wide, last = blocks.sides[0], blocks.sides[1], blocks.sides[2] - 1
-    count = 0
-    for row in range(deep * wide):
-        # The rows where the two touch: the last ones and the first, or, beside each other or in two slices, all.
-        other = row
-        if face == 0:
-            other = row - (deep - 1) * wide
-        elif face == 1:
-            other = row - (wide - 1) if row % wide == wide - 1 else -1
-        if other < 0:
-            continue
-        n, stop = ours.begins[row], ours.begins[row + 1]
-        m, other_stop = theirs.begins[other], theirs.begins[other + 1]
-        if face == 2:
-            # Only the last cell of our row touches the first one of theirs.
-            n = max(n, stop - 1)
-        while n < stop and m < other_stop:
-            if face == 2:
-                touch = ours.table[n, 1] == last and theirs.table[m, 0] == 0
-            else:
-                touch = ours.table[n, 0] <= theirs.table[m, 1] and theirs.table[m, 0] <= ours.table[n, 1]
-            a, b = ours.table[n, 2], theirs.table[m, 2]
-            if touch and unite(parent, a, ours.parent.size + b):
-                found[count] = np.uint32((a << _BITS) | b)
-                count += 1
-            if face == 2 or ours.table[n, 1] < theirs.table[m, 1]:
-                n += 1
-            else:
-                m += 1
+    runs, ends, offset, reach = labels.runs, labels.ends, len(parent) - MOST, min(ahead, 1)
+    n, stop, m, other_stop = ends[row], ends[row + 1], ends[other], ends[other + 1]
+    while n < stop and m < other_stop:
+        one, two = runs[n], runs[m]
+        first, last = ahead + ((two >> 6) & 63), ahead + (two & 63)
+        if (one >> 6) & 63 <= last and first <= (one & 63) + reach and unite(parent, one >> 12, offset + (two >> 12)):
+            pairs[count] = (one >> 12) * MOST + (two >> 12)
+            count += 1
+        if one & 63 < last:
+            n += 1
+        else:
+            m += 1
     return count
-
-
-@inner
-def rim_pairs(blocks: Blocks, block: int, runs: Runs, components: int, code: int, found: Pairs, seen: Nodes) -> int:
-    """Components of a block with a cell at the border of the grid, each once; how many there are."""
-    x, y, z = corner_of(blocks, block)
-    _, nx, ny, nz = blocks.grid
-    begins, ends = z == 0, z + blocks.sides[2] >= nz
-    beside = y == 0 or y + blocks.sides[1] >= ny or (blocks.solid and (x == 0 or x + blocks.sides[0] >= nx))
-    if not (begins or ends or beside):
-        return 0
-    for a in range(components):
-        seen[a] = 0
-    count = n = 0
-    for i in range(blocks.sides[0]):
-        for j in range(blocks.sides[1]):
-            border = y + j == 0 or y + j == ny - 1 or (blocks.solid and (x + i == 0 or x + i == nx - 1))
-            while n < runs.begins[i * blocks.sides[1] + j + 1]:
-                touches = border or (begins and runs.table[n, 0] == 0) or (ends and z + runs.table[n, 1] == nz - 1)
-                a = runs.table[n, 2]
-                if touches and seen[a] == 0:
-                    seen[a] = 1
-                    found[count] = np.uint32((code << (2 * _BITS)) | (a << _BITS))
-                    count += 1
-                n += 1
-    return count
-
-
-@inner
-def pairs_of(blocks: Blocks, s: int, block: int, place: int, room: Room, counts: Nodes, found: Pairs) -> int:
-    """What joins the components of a block of a slice with others; how many pairs there are.
-
-    A pair is one number: its face and kind, a component of the block, and one of the neighbour's. Pairs that follow
-    from others are left out. The block is packed at a ``place`` in the room; ``counts``, shape (2,), is given the
-    number of components of each kind.
-    """
-    number, own, after = 0, KINDS * (place % 2), KINDS * ((place + 1) % 2)
-    parent, packed, known = room.parent, room.packed, room.known
-    plane, row = blocks.shape[1] * blocks.shape[2], blocks.shape[2]
-    at = (block // plane, block // row % blocks.shape[1], block % row)
-    for kind in range(KINDS):
-        ours = room.runs[own + kind]
-        counts[kind] = known[own + kind] if known[own + kind] >= 0 else label(blocks, packed[RIM, place, kind], ours)
-        known[after + kind] = -1
-        if counts[kind] > 0:
-            number += rim_pairs(blocks, block, ours, counts[kind], KINDS * RIM + kind, found[number:], parent)
-    if counts[1] == 0:
-        return number
-    for face in range(LINKS + blocks.link_ends[s] - first_link(blocks, s)):
-        if face == RIM or (face < AXES and at[face] + 1 == blocks.shape[face]):
-            continue
-        for kind in range(KINDS):
-            if counts[kind] == 0:
-                continue
-            ours, theirs = room.runs[own + kind], room.runs[after + kind if face == 2 else 2 * KINDS]
-            others = label(blocks, packed[face, place, kind], theirs)
-            if face == 2:
-                known[after + kind] = others
-            for node in range(counts[kind]):
-                parent[node] = node
-            for node in range(ours.parent.size, ours.parent.size + others):
-                parent[node] = node
-            first = number
-            number += meet(blocks, face, ours, theirs, parent, found[first:])
-            for n in range(first, number):
-                found[n] |= np.uint32((KINDS * face + kind) << (2 * _BITS))
-    return number
-
-
-@inner
-def first_link(blocks: Blocks, s: int) -> int:
-    """Where the links of a slice begin."""
-    return int(blocks.link_ends[s - 1]) if s > 0 else 0
 
 
 @reader
-def join_blocks(blocks: Blocks, segments: Ints, counts: Nodes, sizes: Ints, room: Room) -> tuple[int, int]:
-    """The pairs of blocks, one after the other, as many as there is room for; of how many blocks, and how many pairs.
+def label_blocks(blocks: Blocks, corners: Ints, labels: Labels, words: Words, room: tuple[Nodes, Nodes]) -> None:
+    """Label the cells of blocks, of one kind and then of the other.
 
-    Parameters
-    ----------
-    segments : ndarray of int64, shape (n,)
-        Blocks of slices, by ``slice * blocks + block``.
-    counts : ndarray of int32, shape (n, 2)
-        Is given the number of components of each kind.
-    sizes : ndarray of int64, shape (n,)
-        Is given the number of pairs.
-    room : Room
-        Its ``pool`` is given the pairs.
+    ``corners``, shape (n, 5), has their numbers, slices and first cells. In ``words`` there is room for the blocks that
+    follow each other along the last axis, and in ``room`` for the runs of a layer, twice.
     """
-    pool, packed = room.pool, room.packed
-    blocks_each = blocks.shape[0] * blocks.shape[1] * blocks.shape[2]
-    most, rows, length = KINDS * len(packed) * (2 << _BITS), packed.shape[3], blocks.shape[2]
-    filled = n = 0
-    while n < len(segments):
-        s, first = segments[n] // blocks_each, segments[n] % blocks_each
-        stop = n + 1
-        while stop < len(segments) and segments[stop] == segments[stop - 1] + 1 and segments[stop] % length != 0:
-            stop += 1
-        count, link = stop - n, first_link(blocks, s)
-        pack(blocks, s, first, packed[RIM, : count + (1 if (first + count) % length != 0 else 0)])
-        if first // (blocks.shape[1] * length) + 1 < blocks.shape[0]:
-            pack(blocks, s, first + blocks.shape[1] * length, packed[0, :count])
-        if first // length % blocks.shape[1] + 1 < blocks.shape[1]:
-            pack(blocks, s, first + length, packed[1, :count])
-        for k in range(count):
+    runs, ends, counts = labels
+    rows, wide, (parent, scratch) = words.shape[2], 1 << blocks.shifts[1], room
+    kinds = len(counts) // len(corners)
+    zero: int = np.int64(0)  # type: ignore[assignment]  # of one type for the compiler from the start
+    n = stop = layer = zero
+    while n < len(corners):
+        follow = 1
+        while n + follow < len(corners) and corners[n + follow, 0] == corners[n, 0] + follow:
+            if corners[n + follow, 4] == 0:
+                break
+            follow += 1
+        pack(blocks, corners[n], words[:follow])
+        for k in range(kinds * follow):
+            word_of, begin, first_row = words[k // kinds, k % kinds], stop, layer * rows
             for row in range(rows):
-                packed[2, k, 0, row], packed[2, k, 1, row] = packed[RIM, k + 1, 0, row], packed[RIM, k + 1, 1, row]
-        for other in range(link, blocks.link_ends[s]):
-            pack(blocks, blocks.links[other], first, packed[LINKS + other - link, :count])
-        room.known[:] = -1
-        for k in range(count):
-            if filled + most > len(pool):
-                return n + k, filled
-            sizes[n + k] = pairs_of(blocks, s, first + k, k, room, counts[n + k], pool[filled:])
-            filled += sizes[n + k]
-        n = stop
-    return n, filled
-
-
-@jit
-def merge(pool: Pairs, ends: Ints, stale: Ints, fresh: Pairs, sizes: Ints) -> Pairs:
-    """The pairs of all blocks, some of them new; ``ends``, where those of each block end, is changed in place."""
-    total = len(pool) + len(fresh)
-    for n in range(len(stale)):
-        total -= ends[stale[n]] - (ends[stale[n] - 1] if stale[n] > 0 else 0)
-    merged = np.empty(total, np.uint32)
-    first, filled, taken, n = 0, 0, 0, 0
-    for segment in range(len(ends)):
-        stop = ends[segment]
-        if n < len(stale) and stale[n] == segment:
-            for k in range(sizes[n]):
-                merged[filled + k] = fresh[taken + k]
-            filled, taken, n = filled + sizes[n], taken + sizes[n], n + 1
-        else:
-            for k in range(first, stop):
-                merged[filled + k - first] = pool[k]
-            filled += stop - first
-        ends[segment], first = filled, stop
-    return merged
+                word, at = word_of[row], first_row + row
+                starts, stops = word & ~(word << _ONE), word & ~(word >> _ONE)
+                while starts != 0:
+                    first, last = lowest(starts), lowest(stops)
+                    parent[stop - begin] = stop - begin
+                    runs[stop] = ((stop - begin) << 12) | (place_of(first) << 6) | place_of(last)
+                    starts, stops, stop = starts ^ first, stops ^ last, stop + 1
+                ends[at + 1] = stop
+                for step, beside in ((1, row % wide > 0), (wide, row >= wide)):
+                    if beside and (word & word_of[row - step]) != 0:
+                        join_rows(labels, at, at - step, zero, parent, scratch, zero)
+            components = zero
+            for m in range(begin, stop):
+                # The lower root is on top, so that it has its number by now.
+                root = begin + find(parent, m - begin)
+                number = runs[root] >> 12
+                if root == m:
+                    number, components = components, components + 1
+                runs[m] = (number << 12) | (runs[m] & 4095)
+            counts[layer] = components
+            layer += 1
+        n += follow
 
 
 @reader
-def join_all(
-    blocks: Blocks,
-    kind: int,
-    pool: Pairs,
-    ends: Ints,
-    joined: Joined,
-    turns: tuple[Ints, Ints, Ints],
-) -> None:
-    """Join the nodes of one kind, and write the root of each into ``joined``.
+def meet_blocks(
+    labels: Labels, shifts: tuple[int, int, int], faces: Nodes, parent: Nodes, sizes: Nodes, pairs: Nodes
+) -> int:
+    """Pairs of components that meet at faces of two layers, without those that follow from others; how many.
 
     Parameters
     ----------
-    pool : ndarray of uint32
-        Pairs of all blocks of all slices; those of a block end at its entry of ``ends``.
-    turns : tuple of ndarray of int64
-        The slice of each rotation cell; rows (other rotation cell, link, or -1 where both share a slice) for the later
-        neighbours of rotation cells; and where those of each end.
+    faces : ndarray of int32, shape (n, 3)
+        A layer, another one, and the axis along which it follows; 3 where it has the same place, and another rotation.
+    parent : ndarray of int32, shape (2 * MOST,)
+        Room for union-find.
+    sizes : ndarray of int32, shape (n,)
+        Is given the number of pairs of each face.
+    pairs : ndarray of int32
+        Is given the pairs, ``component * MOST + other component``.
     """
-    (slice_of, neighbors, neighbor_ends), (_, base, start, parent, rim) = turns, joined
-    steps = (blocks.shape[1] * blocks.shape[2], blocks.shape[2], 1)
-    mask, blocks_each = (1 << _BITS) - 1, base.shape[1]
-    for node in range(len(parent)):
-        parent[node] = node
-    for r in range(len(slice_of)):
-        s, rim_node = slice_of[r], start[r + 1] - 1
-        nearby = neighbors[neighbor_ends[r - 1] if r > 0 else 0 : neighbor_ends[r]]
-        for n in range(len(nearby)):
-            other = nearby[n, 0]
-            if rim[s] and rim[slice_of[other]]:
-                unite(parent, rim_node, start[other + 1] - 1)
-            if nearby[n, 1] < 0:
-                for node in range(start[r + 1] - 1 - start[r]):
-                    unite(parent, start[r] + node, start[other] + node)
-        for b in range(blocks_each):
-            ours, segment = start[r] + base[s, b], s * blocks_each + b
-            for k in range(ends[segment - 1] if segment > 0 else 0, ends[segment]):
-                pair = np.int64(pool[k])
-                code, node, there = pair >> (2 * _BITS), ours + ((pair >> _BITS) & mask), pair & mask
-                if code % KINDS != kind:
-                    continue
-                face = code // KINDS
-                if face < AXES:
-                    unite(parent, node, start[r] + base[s, b + steps[face]] + there)
-                elif face == RIM:
-                    if rim[s]:
-                        unite(parent, node, rim_node)
-                else:
-                    for n in range(len(nearby)):
-                        if nearby[n, 1] == face - LINKS:
-                            other = nearby[n, 0]
-                            unite(parent, node, start[other] + base[slice_of[other], b] + there)
-    for node in range(len(parent)):
-        parent[node] = parent[parent[node]]  # the lower root is on top, so that it is known by now
+    counts = labels.counts
+    filled: int = np.int64(0)  # type: ignore[assignment]  # of one type for the compiler from the start
+    wide, rows, long = 1 << shifts[1], 1 << (shifts[0] + shifts[1]), 1 << shifts[2]
+    for n in range(len(faces)):
+        ours, theirs, axis = faces[n, 0], faces[n, 1], faces[n, 2]
+        for node in range(counts[ours]):
+            parent[node] = node
+        for node in range(MOST, MOST + counts[theirs]):
+            parent[node] = node
+        begin, most = filled, filled + counts[ours] + counts[theirs] - 1
+        for row in range(rows):
+            # The rows where the two touch: the last ones and the first, or, beside each other or in two slices, all.
+            other = row
+            if axis == 0:
+                other -= rows - wide
+            elif axis == 1:
+                other -= wide - 1 if row % wide == wide - 1 else rows
+            if other < 0:
+                continue
+            if filled == most:
+                break  # all are joined
+            own, other = ours * rows + row, theirs * rows + other
+            filled = join_rows(labels, own, other, long if axis == 2 else 0, parent, pairs, filled)
+        sizes[n] = filled - begin
+    return filled
 
 
 @reader
-def roots_of(blocks: Blocks, kind: int, joined: Joined, turns: Ints, cells: Ints, roots: Ints) -> int:
-    """Component of each cell ``(rotation, x, y)`` or ``(rotation, x, y, z)``, where its state is enough to tell.
+def join_nodes(roots: Nodes, base: Nodes, faces: Nodes, pairs: Nodes, starts: Ints, ends: Ints) -> None:
+    """Join the nodes of components that meet.
 
-    It is, where all components of its block are one over the whole map; cells of other blocks get ASK, and what has no
-    component -1. Gives the number of cells that got ASK.
+    Parameters
+    ----------
+    roots : ndarray of int32
+        For union-find.
+    base : ndarray of int32
+        As in :class:`Joined`.
+    faces : ndarray of int32, shape (n, 4)
+        Layer, other layer, what of ``ends`` is meant, and number of pairs.
+    pairs : ndarray of int32
+        Those of the faces, one after the other.
+    starts, ends : ndarray of int64, shapes (m, 2) and (k + 1,)
+        Where nodes start, of one rotation cell and of the other, for all of them that have these slices.
+    """
+    begin = 0
+    for n in range(len(faces)):
+        ours, theirs, group = base[faces[n, 0]], base[faces[n, 1]], faces[n, 2]
+        for k in range(begin, begin + faces[n, 3]):
+            for use in range(ends[group], ends[group + 1]):
+                one, two = starts[use, 0] + ours + pairs[k] // MOST, starts[use, 1] + theirs + pairs[k] % MOST
+                unite(roots, one, two)
+        begin += faces[n, 3]
+
+
+@reader
+def look_up(blocks: Blocks, joined: Joined, cells: Ints, found: Ints) -> int:
+    """Components of cells ``(rotation, x, y)`` or ``(rotation, x, y, z)``, where their states are enough to tell.
+
+    They are, where all components of a block are one over the whole map; cells of other blocks get ASK, and what has no
+    component -1. Gives how many got ASK.
     """
     _, nx, ny, nz = blocks.grid
     asked, solid = 0, cells.shape[1] == 4
     for n in range(len(cells)):
-        r = min(cells[n, 0], len(turns) - 1)
-        x, y, z, s = cells[n, 1] if solid else 0, cells[n, -2], cells[n, -1], turns[r]
-        roots[n] = -1
-        if not (0 <= x < nx and 0 <= y < ny and 0 <= z < nz):
-            if joined.rim[s]:
-                roots[n] = joined.roots[joined.start[r + 1] - 1]
-            continue
-        if state_in(blocks.cells, ((s * nx + x) * ny + y) * nz + z) > kind:  # FREE, MIXED and BLOCKED count up
-            continue
-        block = block_of(blocks, x, y, z)
-        first, count = joined.start[r] + joined.base[s, block], joined.counts[s, block]
-        for node in range(first + 1, first + count):
-            if joined.roots[node] != joined.roots[first]:
-                count = -1
-                break
-        if count > 0:
-            roots[n] = joined.roots[first]
-        elif count < 0:
-            roots[n] = ASK
-            asked += 1
-    return asked
-
-
-@reader
-def roots_in(
-    blocks: Blocks,
-    kind: int,
-    joined: Joined,
-    turns: Ints,
-    cells: Ints,
-    roots: Ints,
-    order: Ints,
-    room: tuple[Runs, Words],
-) -> None:
-    """Components of those cells that :func:`roots_of` left to ask; ``order`` takes a block's one after the other."""
-    (runs, words), known, components = room, -1, 0
-    for n in order:
-        r = min(cells[n, 0], len(turns) - 1)
-        x, y, z = cells[n, 1] if cells.shape[1] == 4 else 0, cells[n, -2], cells[n, -1]
-        s, block = turns[r], block_of(blocks, x, y, z)
-        if s * joined.base.shape[1] + block != known:
-            known, components = s * joined.base.shape[1] + block, label_block(blocks, s, block, kind, runs, words)
-        row = x % blocks.sides[0] * blocks.sides[1] + y % blocks.sides[1]
-        roots[n] = -1
-        # While another thread changes the map, a block may have other components than were joined.
-        for k in range(runs.begins[row], runs.begins[row + 1]):
-            if runs.table[k, 0] <= z % blocks.sides[2] <= runs.table[k, 1] and components == joined.counts[s, block]:
-                roots[n] = joined.roots[joined.start[r] + joined.base[s, block] + runs.table[k, 2]]
-
-
-@inner
-def block_of(blocks: Blocks, x: int, y: int, z: int) -> int:
-    """Number of the block of a cell."""
-    plane = (x // blocks.sides[0]) * blocks.shape[1] + y // blocks.sides[1]
-    return int(plane * blocks.shape[2] + z // blocks.sides[2])
-
-
-@reader
-def widen_box(
-    blocks: Blocks, joined: Joined, slice_of: Ints, root: int, kind: int, room: tuple[Runs, Words], box: Ints
-) -> None:
-    """Widen a box, first and last cell, around all cells of a component; only blocks that may widen it are read."""
-    _, nx, ny, nz = blocks.grid
-    (runs, words), sides = room, blocks.sides
-    for r in range(len(slice_of)):
-        s = slice_of[r]
-        for b in range(joined.base.shape[1]):
-            first, found = joined.start[r] + joined.base[s, b], False
-            for c in range(joined.counts[s, b]):
-                found |= joined.roots[first + c] == root
-            x, y, z = corner_of(blocks, b)
-            wider = x < box[0] or y < box[1] or z < box[2] or min(x + sides[0], nx) - 1 > box[3]
-            wider |= min(y + sides[1], ny) - 1 > box[4] or min(z + sides[2], nz) - 1 > box[5]
-            if not (found and wider) or label_block(blocks, s, b, kind, runs, words) != joined.counts[s, b]:
+        start, s = joined.turns[cells[n, 0], 0], joined.turns[cells[n, 0], 1]
+        x, y, z = cells[n, 1] if solid else 0, cells[n, -2], cells[n, -1]
+        inside = 0 <= x < nx and 0 <= y < ny and 0 <= z < nz
+        state = 1
+        if inside:
+            state = state_in(blocks.cells, ((s * nx + x) * ny + y) * nz + z)
+        else:
+            x, y, z = nx if solid else 0, ny, nz
+        i, j, k = x >> blocks.shifts[0], y >> blocks.shifts[1], z >> blocks.shifts[2]
+        segment = ((s * blocks.shape[0] + i) * blocks.shape[1] + j) * blocks.shape[2] + k
+        for kind in range(KINDS):
+            found[kind, n] = -1
+            # FREE, MIXED and BLOCKED count up.
+            if state > kind or not (inside or blocks.rim_is_open[s]):
                 continue
-            n = 0
-            for row in range(sides[0] * sides[1]):
-                i, j = x + row // sides[1], y + row % sides[1]
-                while n < runs.begins[row + 1]:
-                    if joined.roots[first + runs.table[n, 2]] == root:
-                        box[0], box[3] = min(box[0], i), max(box[3], i)
-                        box[1], box[4] = min(box[1], j), max(box[4], j)
-                        box[2], box[5] = min(box[2], z + runs.table[n, 0]), max(box[5], z + runs.table[n, 1])
-                    n += 1
+            layer = KINDS * segment + kind
+            first, stop = start + joined.base[layer], start + joined.base[layer + 1]
+            for node in range(first, stop):
+                if node == first:
+                    found[kind, n] = joined.roots[first]
+                elif joined.roots[node] != joined.roots[first]:
+                    found[kind, n] = ASK
+                    asked += 1
+                    break
+    return asked
 
 
 # ---- the part of a map -----------------------------------------------------------------------------------------------
@@ -600,7 +386,7 @@ class Components:
     The cells of each block are joined by themselves, along the runs of its rows, and so are the components of blocks
     that share a side, or the same place in neighbouring rotation cells. Union-find joins them over the whole map. Only
     what joins blocks is kept; labels of cells are made again, block by block, where they are asked for. What lies
-    outside the grid is one more component of each rotation cell.
+    outside the grid is a layer of cells beyond its last ones and before its first ones, which are the same.
 
     Cells that share a side are joined. For FREE cells that is a path. For the others it loses none: a path goes from
     one closed cell to the next through a side, or through an edge or corner, all of whose cells are then not BLOCKED
@@ -615,62 +401,31 @@ class Components:
         The rotation cells that each one shares a border with; -1 fills up.
     rim_is_open : ndarray of bool, shape (slices,)
         Whether some configuration outside the grid is not BLOCKED.
-    sides : tuple of int, length 3, optional
-        Cells of a block along each axis; at most 64 rows of at most 64 cells.
     """
 
-    def __init__(
-        self,
-        states: Stack,
-        slice_of: Ints,
-        neighbors: Ints,
-        rim_is_open: NDArray[np.bool_],
-        sides: tuple[int, int, int] | None = None,
-    ) -> None:
-        self._dim = states.ndim - 1
-        slices, (nx, ny, nz) = len(states), (1,) * (3 - self._dim) + states.shape[1:]
-        of_block = np.array(SIDES[self._dim] if sides is None else sides, dtype=np.int64)
-        shape = -(-np.array((nx, ny, nz)) // of_block)
-        # One rotation cell stands for all where there is a single slice.
-        self._slice_of = np.ascontiguousarray(slice_of if len(states) > 1 else slice_of[:1], dtype=np.int64)
-        links, later = _links(self._slice_of, neighbors, len(states))
-        flat = np.array([other for row in links for other in row], dtype=np.int64)
-        ends = np.cumsum([len(row) for row in links])
-        self._blocks = Blocks(cells_of(states), (slices, nx, ny, nz), of_block, shape, flat, ends, self._dim == 3)
-        self._turns = (
-            self._slice_of,
-            np.array([row for rows in later for row in rows], dtype=np.int64).reshape(-1, 2),
-            np.cumsum([len(rows) for rows in later]),
-        )
-        words = np.empty((1, KINDS, int(of_block[0] * of_block[1])), dtype=np.uint64)
-        self._room = Runs.room(self._blocks), words
-        self._linked_from: list[list[int]] = [[] for _ in links]
-        for s, row in enumerate(links):
-            for other in row:
-                self._linked_from[other].append(s)
-        self._rim_is_open = np.asarray(rim_is_open, dtype=np.bool_)
-        self._stale = np.ones((len(states), *shape), dtype=np.bool_)
-        self._counts = np.zeros((self._stale.size, KINDS), dtype=np.int32)
-        self._pool, self._ends = np.empty(0, dtype=np.uint32), np.zeros(self._stale.size, dtype=np.int64)
-        self._joined: tuple[Joined, Joined] | None = None
+    def __init__(self, states: Stack, slice_of: Ints, neighbors: Ints, rim_is_open: NDArray[np.bool_]) -> None:
+        slices, self._dim = len(states), states.ndim - 1
+        flat, shifts = (1,) * (3 - self._dim), SHIFTS[self._dim]
+        # Each axis has room for the layer beyond; the first one of a plane has none.
+        shape = *flat, *(1 + (n >> shift) for n, shift in zip(states.shape[1:], shifts[len(flat) :], strict=True))
+        grid, rim = (slices, *flat, *states.shape[1:]), np.asarray(rim_is_open, dtype=np.bool_)
+        self._blocks = Blocks(cells_of(states), grid, shifts, shape, rim)
+        self._turns = Turns.of(slice_of, neighbors, slices)
+        self._changed = np.ones((slices, *shape), dtype=np.bool_)
+        self._counts = np.zeros((self._changed.size, KINDS), dtype=np.int32)
+        self._faces: dict[int, tuple[Nodes, Nodes]] = {}
+        self._joined: Joined | None = None
         self._boxes: dict[int, Ints] = {}
-        self._lock = threading.Lock()
 
     def renew(self, change: Change) -> None:
         """Note which blocks have to be joined anew at the next call."""
-        with self._lock:
-            for s, box in enumerate(change.states):
-                if (box[:3] <= box[3:]).all():
-                    first, last = box[:3] // self._blocks.sides, box[3:] // self._blocks.sides
-                    own = [slice(low, high + 1) for low, high in zip(first.tolist(), last.tolist(), strict=True)]
-                    for other in self._linked_from[s]:
-                        self._stale[other][tuple(own)] = True
-                    for axis in range(AXES):  # the block before has the face that it shares with this one
-                        before = [*own]
-                        before[axis] = slice(max(int(first[axis]) - 1, 0), int(last[axis]) + 1)
-                        self._stale[s][tuple(before)] = True
-                    self._joined = None
-                    self._boxes.clear()
+        for s, box in enumerate(change.states):
+            if (box[:3] <= box[3:]).all():
+                first, last = (box.reshape(2, 3) >> self._blocks.shifts).tolist()
+                own = [slice(low, high + 1) for low, high in zip(first, last, strict=True)]
+                self._changed[s][tuple(own)] = True
+                self._joined = None
+                self._boxes.clear()
 
     def of(self, cells: Ints) -> tuple[Ints, Ints]:
         """Numbers of the components of FREE cells, and of cells that are not BLOCKED, that cells belong to.
@@ -689,18 +444,18 @@ class Components:
             -1 where a cell belongs to none. The numbers hold until the next change.
         """
         flat = np.ascontiguousarray(cells.reshape(-1, cells.shape[-1]))
-        free, passable = self._roots(flat).reshape(KINDS, *cells.shape[:-1])
+        joined, found = self._join(), np.empty((KINDS, len(flat)), dtype=np.int64)
+        if look_up(self._blocks, joined, flat, found):
+            self._ask(joined, flat, found)
+        free, passable = found.reshape(KINDS, *cells.shape[:-1])
         return free, passable
 
     def box(self, cell: Ints) -> Ints:
         """First and last cell, shape (2, d), of the box around the component of a FREE cell, shape (1 + d,)."""
         number = int(self.of(cell)[0])
-        with self._lock:
-            if number not in self._boxes:
-                box = np.array([*self._blocks.grid[1:], -1, -1, -1], dtype=np.int64)
-                widen_box(self._blocks, self._join()[0], self._slice_of, number, 0, self._room, box)
-                self._boxes[number] = box.reshape(2, 3)[:, 3 - self._dim :]
-            return self._boxes[number]
+        if number not in self._boxes:
+            self._boxes[number] = self._around(number)
+        return self._boxes[number]
 
     def joins(self, start: tuple[Ints, Bytes], goal: tuple[Ints, Bytes]) -> NDArray[np.object_]:
         """Whether a path joins configurations: True, False (proven) or None (undecided), shape (...).
@@ -708,8 +463,7 @@ class Components:
         ``start`` and ``goal`` are their cells, shape (..., 1 + d), in the grid or not, and their states, shape (...).
         """
         number = start[1].size
-        cells = np.concatenate([cells.reshape(-1, cells.shape[-1]) for cells, _ in (start, goal)])
-        free, passable = self._roots(cells)
+        free, passable = self.of(np.concatenate([cells.reshape(-1, cells.shape[-1]) for cells, _ in (start, goal)]))
         passable[np.concatenate([states.reshape(-1) for _, states in (start, goal)]) == BLOCKED] = -1
         free0, open0 = (each[:number].reshape(start[1].shape) for each in (free, passable))
         free1, open1 = (each[number:].reshape(goal[1].shape) for each in (free, passable))
@@ -717,71 +471,146 @@ class Components:
         answers: NDArray[np.object_] = _ANSWERS[np.where(apart, 2, joined), ...]
         return answers
 
-    def _roots(self, cells: Ints) -> Ints:
-        """Of both kinds, the components of cells, shape (n, 1 + d)."""
-        found = np.empty((KINDS, len(cells)), dtype=np.int64)
-        with self._lock:
-            for kind, joined in enumerate(self._join()):
-                roots = found[kind]
-                asked = roots_of(self._blocks, kind, joined, self._slice_of, cells, roots)
-                if asked:
-                    order = np.flatnonzero(roots == ASK)
-                    if asked > 1:
-                        blocks = cells[order]
-                        blocks[:, 1:] //= self._blocks.sides[3 - self._dim :]
-                        order = order[np.lexsort(blocks.T)]
-                    roots_in(self._blocks, kind, joined, self._slice_of, cells, roots, order, self._room)
-        return found
+    def _around(self, number: int) -> Ints:
+        """The box around a component; of its blocks those are labelled that may widen it, some of all sides first."""
+        joined, (deep, wide, _), per = self._join(), self._blocks.shifts, KINDS * self._changed[0].size
+        ours = np.zeros(joined.base[-1], dtype=np.bool_)
+        for start, s in np.unique(joined.turns, axis=0).tolist():
+            nodes = slice(*joined.base[[s * per, (s + 1) * per]].tolist())
+            ours[nodes] |= joined.roots[start + nodes.start : start + nodes.stop] == number
+        has = np.zeros(len(joined.base) - 1, dtype=np.bool_)
+        has[np.repeat(np.arange(has.size), np.diff(joined.base))[ours]] = True
+        segments = np.random.default_rng(0).permutation(np.flatnonzero(has[::KINDS]))
+        low, high, size = np.array(self._blocks.grid[1:]), np.full(3, -1), FEW
+        while len(segments):
+            some = np.sort(segments[:size])
+            labels = self._label(some, 1)
+            row = np.repeat(np.arange(len(labels.ends) - 1), np.diff(labels.ends))
+            runs, block = labels.runs[: len(row)], row >> (deep + wide)
+            mine = np.flatnonzero(ours[joined.base[KINDS * some[block]] + (runs >> 12)])
+            (x, y, z), row, runs = self._corners(some)[:, block[mine]], row[mine], runs[mine]
+            x, y = x + (row >> wide & ((1 << deep) - 1)), y + (row & ((1 << wide) - 1))
+            low = np.minimum(low, [x.min(), y.min(), (z + (runs >> 6 & 63)).min()])
+            high = np.maximum(high, [x.max(), y.max(), (z + (runs & 63)).max()])
+            segments, size = segments[size:], min(4 * size, TASK)
+            first = self._corners(segments).T
+            last = np.minimum(first + (1 << np.array(self._blocks.shifts)), self._blocks.grid[1:]) - 1
+            segments = segments[((first < low) | (last > high)).any(axis=1)]
+        return np.stack([low, high])[:, 3 - self._dim :]
 
-    def _join(self) -> tuple[Joined, Joined]:
-        """Of both kinds, what all blocks come to; those that changed are read again."""
+    def _ask(self, joined: Joined, cells: Ints, found: Ints) -> None:
+        """Look cells up in the labels of their blocks, where these were left to ask."""
+        kinds, asked = np.nonzero(found == ASK)
+        found[kinds, asked] = -1
+        shifts, grid, flat = np.array(self._blocks.shifts), np.array(self._blocks.grid[1:]), 3 - self._dim
+        places, beyond = np.zeros((len(asked), 3), dtype=np.int64), np.where(np.arange(3) < flat, 0, grid)
+        places[:, flat:] = cells[asked, 1:]
+        places[((places < 0) | (places >= grid)).any(axis=1)] = beyond
+        starts, slices = joined.turns[cells[asked, 0]].T
+        blocks = np.ravel_multi_index((slices, *(places >> shifts).T), self._changed.shape)
+        segments, index = np.unique(blocks, return_inverse=True)
+        places &= (1 << shifts) - 1
+        rows = (places[:, 0] << shifts[1]) + places[:, 1]
+        for first in range(0, len(segments), TASK):
+            part = np.flatnonzero((index >= first) & (index < first + TASK))
+            labels = self._label(segments[first : first + TASK])
+            row = ((KINDS * (index[part] - first) + kinds[part]) << (shifts[0] + shifts[1])) + rows[part]
+            begins, counts = labels.ends[row], labels.ends[row + 1] - labels.ends[row]
+            n = np.repeat(part, counts)
+            runs = labels.runs[np.arange(len(n)) + np.repeat(begins - np.cumsum(counts) + counts, counts)]
+            hit = ((runs >> 6) & 63 <= places[n, 2]) & (places[n, 2] <= runs & 63)
+            n, runs = n[hit], runs[hit]
+            nodes = starts[n] + joined.base[KINDS * blocks[n] + kinds[n]] + (runs >> 12)
+            found[kinds[n], asked[n]] = joined.roots[nodes]
+
+    def _join(self) -> Joined:
+        """What all blocks come to; those that changed are read again."""
         if self._joined is None:
-            stale = np.flatnonzero(self._stale)
-            parts = [stale[k : k + TASK] for k in range(0, len(stale), TASK)]
-            sizes, counts = np.zeros(len(stale), dtype=np.int64), np.zeros((len(stale), KINDS), dtype=np.int32)
-
-            def join(number: int) -> Pairs:
-                own, found = slice(number * TASK, (number + 1) * TASK), []
-                rest = parts[number], counts[own], sizes[own]
-                room = Room.of(self._blocks, len(rest[0]))
-                while len(rest[0]):
-                    done, filled = join_blocks(self._blocks, *rest, room)
-                    found.append(room.pool[:filled].copy())
-                    rest = rest[0][done:], rest[1][done:], rest[2][done:]
-                return np.concatenate(found)
-
-            fresh = in_threads(join, range(len(parts)), cores()) if parts else []
-            pairs = np.concatenate([self._pool[:0], *fresh])
-            if len(stale) < self._stale.size:
-                pairs = merge(self._pool, self._ends, stale, pairs, sizes)
-            else:
-                self._ends = np.cumsum(sizes)
-            self._pool = pairs
-            self._counts[stale] = counts
-            self._stale[...] = False
-            first, second = (self._nodes(kind) for kind in range(KINDS))
-            self._joined = first, second
+            stale = self._changed.copy()
+            for axis in (1, 2, 3):
+                stale |= np.roll(self._changed, -1, axis)  # the block before has the face that it shares with this one
+            for later in self._turns.links.T:
+                stale[later >= 0] |= self._changed[later[later >= 0]]
+            own = np.flatnonzero(stale)
+            slices, strip, each = len(stale), stale.shape[3], stale[0].size
+            tall = max(TALL, TASK // each)
+            wide = max(1, TASK // min(tall, slices) // strip) * strip
+            tiles = own // each // tall * each + own % each // wide
+            order = np.argsort(tiles, kind="stable")
+            tiles, begins = np.unique(tiles[order], return_index=True)
+            parts = list(zip(tiles.tolist(), np.split(own[order], begins[1:]), strict=True))
+            self._faces.update(
+                zip(tiles.tolist(), in_threads(lambda part: self._read(*part), parts, cores()), strict=True)
+            )
+            self._changed[...] = False
+            self._joined = self._nodes()
         return self._joined
 
-    def _nodes(self, kind: int) -> Joined:
-        slices = self._blocks.grid[0]
-        counts = np.ascontiguousarray(self._counts[:, kind].reshape(slices, -1))
-        base = np.cumsum(counts, axis=1, dtype=np.int64) - counts
-        sizes = counts.sum(axis=1, dtype=np.int64)[self._slice_of] + 1
-        start = np.concatenate([[0], np.cumsum(sizes)])
-        joined = Joined(counts, base, start, np.empty(start[-1], dtype=np.int32), self._rim_is_open & (kind == 1))
-        join_all(self._blocks, kind, self._pool, self._ends, joined, self._turns)
-        return joined
+    def _read(self, tile: int, own: Ints) -> tuple[Nodes, Nodes]:
+        """The faces of blocks of a tile, and the pairs of components that meet there."""
+        others, changed = self._beside(own), self._changed.reshape(-1)
+        n, face = np.nonzero((others >= 0) & (changed[own][:, None] | changed[others]))
+        both = np.stack([own[n], others[n, face]])
+        segments = np.unique(np.append(own[changed[own]], both))
+        labels = self._label(segments)
+        self._counts[segments] = labels.counts.reshape(-1, KINDS)
+        groups = own[n] // self._changed[0].size * (1 + self._turns.links.shape[1]) + np.maximum(face - 2, 0)
+        # From here on, faces of layers: those of one kind, and then of the other.
+        layers = np.hstack([KINDS * np.searchsorted(segments, both) + kind for kind in range(KINDS)])
+        meet = (labels.counts[layers] > 0).all(axis=0)
+        local = np.stack([*layers, np.tile(np.minimum(face, 3), KINDS)], axis=1)[meet].astype(np.int32)
+        sizes, pairs = np.empty(len(local), np.int32), np.empty(labels.counts[local[:, :2]].sum(), np.int32)
+        pairs = pairs[: meet_blocks(labels, self._blocks.shifts, local, np.empty(2 * MOST, np.int32), sizes, pairs)]
+        layers = np.hstack([KINDS * both + kind for kind in range(KINDS)])[:, meet]
+        faces = np.stack([*layers, np.tile(groups, KINDS)[meet], sizes], axis=1)[sizes > 0].astype(np.int32)
+        if tile in self._faces:
+            known, joined = self._faces[tile]
+            keep = ~changed[known[:, :2] // KINDS].any(axis=1)
+            faces = np.concatenate([known[keep], faces])
+            pairs = np.concatenate([joined[np.repeat(keep, known[:, 3])], pairs])
+        return faces, pairs.copy()
 
+    def _beside(self, own: Ints) -> Ints:
+        """The block that follows each of some along each axis, and those in its place in later slices; -1 fills up."""
+        slices, *at = np.unravel_index(own, self._changed.shape)
+        _, deep, wide, long = self._changed.shape
+        links = self._turns.links[slices]
+        others = np.full((len(own), 3 + links.shape[1]), -1)
+        for axis, count, step in ((0, deep, wide * long), (1, wide, long), (2, long, 1)):
+            if axis >= 3 - self._dim:
+                others[:, axis] = own + np.where(at[axis] + 1 < count, step, (1 - count) * step)
+        there = own[:, None] + (links - slices[:, None]) * (deep * wide * long)
+        others[:, 3:] = np.where(links >= 0, there, -1)
+        return others
 
-def _links(slice_of: Ints, neighbors: Ints, slices: int) -> tuple[list[list[int]], list[list[tuple[int, int]]]]:
-    """The slices that come after each slice, and, of each rotation cell, (later neighbour, which of these it is)."""
-    links: list[list[int]] = [[] for _ in range(slices)]
-    later: list[list[tuple[int, int]]] = [[] for _ in slice_of]
-    for r, s in enumerate(slice_of.tolist()):
-        for other in sorted({n for n in neighbors[r].tolist() if n > r}) if len(slice_of) > 1 else []:
-            there = int(slice_of[other])
-            if there != s and there not in links[s]:
-                links[s].append(there)
-            later[r].append((other, links[s].index(there) if there != s else -1))
-    return links, later
+    def _corners(self, segments: Ints) -> Ints:
+        """The first cells of some blocks, shape (3, n)."""
+        places = np.unravel_index(segments, self._changed.shape)[1:]
+        return np.stack([place << shift for place, shift in zip(places, self._blocks.shifts, strict=True)])
+
+    def _label(self, segments: Ints, kinds: int = KINDS) -> Labels:
+        """Label the cells of some blocks, of the first kind or of both."""
+        deep, wide, long = self._blocks.shifts
+        rows, count = 1 << (deep + wide), kinds * len(segments)
+        sizes = count * rows * ((1 + (1 << long)) // 2), count * rows + 1, count
+        labels = Labels(*(np.empty(size, dtype=np.int32) for size in sizes))
+        labels.ends[0] = 0
+        corners = np.stack([segments, segments // self._changed[0].size, *self._corners(segments)], axis=1)
+        words = np.empty((min(len(segments), self._blocks.shape[2]), KINDS, rows), dtype=np.uint64)
+        room = np.empty(MOST, dtype=np.int32), np.empty(MOST, dtype=np.int32)
+        label_blocks(self._blocks, corners, labels, words, room)
+        return labels
+
+    def _nodes(self) -> Joined:
+        """Join the components of blocks over the whole map."""
+        turns, per = self._turns, KINDS * self._changed[0].size
+        base = np.append(np.int32(0), np.cumsum(self._counts, dtype=np.int32))
+        begins = base[::per].astype(np.int64)
+        ends = np.cumsum(np.diff(begins)[turns.slice_of])
+        starts = np.append(0, ends[:-1]) - begins[turns.slice_of]
+        roots = np.arange(ends[-1], dtype=np.int32)
+        for faces, pairs in self._faces.values():
+            join_nodes(roots, base, faces, pairs, starts[turns.uses], turns.ends)
+        while ((over := roots[roots]) != roots).any():
+            roots = over
+        return Joined(base, np.stack([starts, turns.slice_of], axis=1)[turns.copy_of], roots)

@@ -10,14 +10,14 @@ from math import prod
 from typing import Any, Final, NamedTuple
 
 import numpy as np
+from llvmlite import ir
 from numba import types
-from numba.extending import overload
+from numba.extending import intrinsic, overload
 from numpy.typing import DTypeLike, NDArray
 
 from cspace.compiling import inner, reader
 from cspace.errors import InputError
 from cspace.memory import KEEP, free_bytes, in_words
-from cspace.states import BLOCKED, FREE
 
 Bytes = NDArray[np.uint8]
 Ints = NDArray[np.int64]
@@ -49,11 +49,24 @@ class TwoBits(NamedTuple):
 Cells = Bytes | TwoBits
 
 
+def _load(context: Any, cells: Any, number: Any) -> Any:
+    """The word that begins with a byte of an array, wherever that lies; seven more must follow it."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+        place = builder.bitcast(builder.gep(data, [arguments[1]]), ir.IntType(64).as_pointer())
+        return builder.load(place, align=1)
+
+    return types.uint64(cells, types.int64), generate
+
+
+load: Any = intrinsic(_load)
+
+
 @inner(forceinline=True)
 def word_at(packed: Bytes, number: int) -> np.uint64:
     """The word that begins with a cell, of which the last three may be missing."""
-    first = number >> 2
-    word: np.uint64 = packed[first : first + 8].view(np.uint64)[0] >> np.uint64(2 * (number & 3))
+    word: np.uint64 = load(packed, number >> 2) >> np.uint64(2 * (number & 3))
     return word
 
 
@@ -99,22 +112,19 @@ def _bits_in(cells: TwoBits, number: int) -> int:
 
 
 def _row_of_bytes(cells: Bytes, number: int, count: int) -> Halves:
-    line, taken, blocked = cells[number : number + count], np.uint64(0), np.uint64(0)
-    if count == 64:
-        eights = line.view(np.uint64)
-        for eight in range(8):
-            word, place = eights[eight], np.uint64(8 * eight)
-            above = word >> _ONE  # BLOCKED has the second bit, and MIXED the first
-            taken |= ((((word | above) & _ONES) * _GATHER) >> np.uint64(56)) << place
-            blocked |= (((above & _ONES) * _GATHER) >> np.uint64(56)) << place
-    else:
-        for k in range(count):
-            bit = _ONE << np.uint64(k)
-            taken |= bit if line[k] != FREE else np.uint64(0)
-            blocked |= bit if line[k] == BLOCKED else np.uint64(0)
-        beyond = ~np.uint64(0) << np.uint64(count)
-        taken, blocked = taken | beyond, blocked | beyond
-    return taken, blocked
+    taken, blocked = np.uint64(0), np.uint64(0)
+    for first in range(0, count, 8):
+        word, place = np.uint64(0), np.uint64(first)
+        if first + 8 <= count:
+            word = load(cells, number + first)
+        else:
+            for k in range(first, count):
+                word |= np.uint64(cells[np.uint64(number + k)]) << np.uint64(8 * (k - first))
+        above = word >> _ONE  # BLOCKED has the second bit, and MIXED the first
+        taken |= ((((word | above) & _ONES) * _GATHER) >> np.uint64(56)) << place
+        blocked |= (((above & _ONES) * _GATHER) >> np.uint64(56)) << place
+    beyond = ~np.uint64(0) << np.uint64(count) if count < 64 else np.uint64(0)
+    return taken | beyond, blocked | beyond
 
 
 def _row_of_bits(cells: TwoBits, number: int, count: int) -> Halves:

@@ -1,6 +1,7 @@
 """Components against scipy's labels, after any stream of changes; paths against graphs of cells."""
 
 import math
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -11,16 +12,16 @@ from scipy import ndimage, sparse
 import cspace
 import handmade
 from cspace import BLOCKED, FREE, MIXED, ConfigurationError, InputError, Robot, Workspace
-from cspace.map.components import SIDES, Components
+from cspace.map.components import SHIFTS, Components
 from cspace.map.kept import Change
 from cspace.map.storage import read_only
 from cspace.rotations import Rotations
 from strategies import seeds
 
 BLOCKS = {
-    "small": {2: (1, 3, 4), 3: (2, 3, 2)},
-    "rows of eight": {2: (1, 2, 8), 3: (2, 1, 8)},
-    "as they are": SIDES,
+    "small": {2: (0, 2, 2), 3: (1, 2, 1)},
+    "rows of eight": {2: (0, 1, 3), 3: (1, 0, 3)},
+    "as they are": {},
 }
 
 KINDS = [(2, 1, 1), (3, 1, 1), (2, 1, 4), (2, 2, 2), (2, 3, 3), (2, 2, 4), (2, 3, 6), (3, 2, 4)]
@@ -34,8 +35,8 @@ def ring(turns):
 
 
 def components(stack, slice_of=ALONE, rim=False, blocks="as they are"):
-    rims, sides = np.broadcast_to(rim, len(stack)), BLOCKS[blocks][stack.ndim - 1]
-    return Components(read_only(stack), slice_of, ring(len(slice_of)), rims, sides)
+    with mock.patch.dict(SHIFTS, BLOCKS[blocks]):
+        return Components(read_only(stack), slice_of, ring(len(slice_of)), np.broadcast_to(rim, len(stack)))
 
 
 def changed(boxes):
