@@ -17,8 +17,8 @@ from functools import partial
 from typing import Any, Final, TypeVar
 
 import numpy as np
+import scipy  # its parts are read when they are first used
 from numpy.typing import NDArray
-from scipy import fft
 
 from cspace.engines.lines import add_lines, count_lines, mark_digit, place_lines, round_sums
 from cspace.engines.tiles import Tiling, choose_tiling
@@ -182,9 +182,9 @@ class _TileRun:
         for number, (first, (part, _)) in enumerate(zip(firsts, members, strict=True)):
             place = tuple(slice(low, low + n) for low, n in zip(first, part.cells.shape, strict=True))
             spectrum[place] += part.cells * 2.0 ** (self.tiling.bits * number)
-        spectrum = fft.rfft(spectrum, n=self.tiling.tile[-1], axis=-1, workers=threads)
+        spectrum = scipy.fft.rfft(spectrum, n=self.tiling.tile[-1], axis=-1, workers=threads)
         for axis, length in enumerate(self.tiling.tile[:-1]):
-            spectrum = fft.fft(spectrum, n=length, axis=axis, workers=threads)
+            spectrum = scipy.fft.fft(spectrum, n=length, axis=axis, workers=threads)
         np.conj(spectrum, out=spectrum)
         return np.asarray(spectrum, np.complex64 if self.real == np.float32 else np.complex128)
 
@@ -272,7 +272,7 @@ class _TileRun:
         cells = np.zeros((int(np.count_nonzero(mixed)), length), self.real)
         for scale, each in zip(scales, tiles, strict=True):
             add_lines(self.cells, each.first, self.outside, scale, mixed, cells)
-        lines = fft.rfft(cells, axis=-1, overwrite_x=True)
+        lines = scipy.fft.rfft(cells, axis=-1, overwrite_x=True)
         levels = np.zeros(mixed.shape)
         for scale, each in zip(scales, tiles, strict=True):
             levels += scale * (each.counts - length / 2)
@@ -280,16 +280,16 @@ class _TileRun:
         if len(tile) == 3:
             changing = np.flatnonzero(mixed.any(axis=1) | (levels != levels[:, :1]).any(axis=1))
             begin, end = (int(changing[0]), int(changing[-1]) + 1) if changing.size else (0, 0)
-            turned = fft.fft(layers[begin:end], axis=1)
+            turned = scipy.fft.fft(layers[begin:end], axis=1)
             for constant in (layers[:begin], layers[end:]):
                 level = constant[:, 0, 0] * tile[1]
                 constant[...] = 0.0
                 constant[:, 0, 0] = level
             layers[begin:end] = turned
-        return np.asarray(fft.fft(layers.reshape(*tile[:-1], -1), axis=0, overwrite_x=True))
+        return np.asarray(scipy.fft.fft(layers.reshape(*tile[:-1], -1), axis=0, overwrite_x=True))
 
     def _invert(self, product: NDArray[Any]) -> NDArray[Any]:
         """Inverse transform, axis by axis, keeping only the rows that carry results."""
         for axis, keep in enumerate(self.tiling.step[:-1]):
-            product = fft.ifft(product, axis=axis, overwrite_x=True)[(slice(None),) * axis + (slice(keep),)]
-        return np.asarray(fft.irfft(product, n=self.tiling.tile[-1], axis=-1, overwrite_x=True))
+            product = scipy.fft.ifft(product, axis=axis, overwrite_x=True)[(slice(None),) * axis + (slice(keep),)]
+        return np.asarray(scipy.fft.irfft(product, n=self.tiling.tile[-1], axis=-1, overwrite_x=True))
