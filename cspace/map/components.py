@@ -377,6 +377,8 @@ def look_up(blocks: Blocks, joined: Joined, cells: Ints, found: Ints) -> int:
     return asked
 
 
+_NOTHING = np.empty(0, dtype=np.int64), Labels(*(np.zeros(1, dtype=np.int32) for _ in range(3)))
+
 # ---- the part of a map -----------------------------------------------------------------------------------------------
 
 
@@ -416,6 +418,7 @@ class Components:
         self._faces: dict[int, tuple[Nodes, Nodes]] = {}
         self._joined: Joined | None = None
         self._boxes: dict[int, Ints] = {}
+        self._asked = _NOTHING
 
     def renew(self, change: Change) -> None:
         """Note which blocks have to be joined anew at the next call."""
@@ -426,6 +429,7 @@ class Components:
                 self._changed[s][tuple(own)] = True
                 self._joined = None
                 self._boxes.clear()
+                self._asked = _NOTHING
 
     def of(self, cells: Ints) -> tuple[Ints, Ints]:
         """Numbers of the components of FREE cells, and of cells that are not BLOCKED, that cells belong to.
@@ -513,8 +517,9 @@ class Components:
         rows = (places[:, 0] << shifts[1]) + places[:, 1]
         for first in range(0, len(segments), TASK):
             part = np.flatnonzero((index >= first) & (index < first + TASK))
-            labels = self._label(segments[first : first + TASK])
-            row = ((KINDS * (index[part] - first) + kinds[part]) << (shifts[0] + shifts[1])) + rows[part]
+            known, labels = self._remembered(segments[first : first + TASK])
+            layer = KINDS * np.searchsorted(known, blocks[part]) + kinds[part]
+            row = (layer << (shifts[0] + shifts[1])) + rows[part]
             begins, counts = labels.ends[row], labels.ends[row + 1] - labels.ends[row]
             n = np.repeat(part, counts)
             runs = labels.runs[np.arange(len(n)) + np.repeat(begins - np.cumsum(counts) + counts, counts)]
@@ -522,6 +527,17 @@ class Components:
             n, runs = n[hit], runs[hit]
             nodes = starts[n] + joined.base[KINDS * blocks[n] + kinds[n]] + (runs >> 12)
             found[kinds[n], asked[n]] = joined.roots[nodes]
+
+    def _remembered(self, segments: Ints) -> tuple[Ints, Labels]:
+        """Blocks, these among them, and their labels; what was asked for before is kept where that takes little."""
+        if np.isin(segments, self._asked[0]).all():
+            return self._asked
+        both = np.union1d(self._asked[0], segments)
+        if len(both) > min(TASK, 2 * len(segments)):
+            return segments, self._label(segments)
+        labels = self._label(both)
+        self._asked = both, labels._replace(runs=labels.runs[: labels.ends[-1]].copy())
+        return self._asked
 
     def _join(self) -> Joined:
         """What all blocks come to; those that changed are read again."""
