@@ -726,7 +726,8 @@ class CSpace:
 
     def _renew(self, change: Change) -> None:
         """Bring up to date what was made of the map, after its states and its exterior were changed in place."""
-        self._contents = replace(self._contents, workspace=change.workspace, fields={})
+        if self._contents.workspace is not change.workspace or self._contents.fields:  # as at the first update
+            self._contents = replace(self._contents, workspace=change.workspace, fields={})
         self._outer_sums.renew(change)
         self._inner_sums.renew(change)
         if change.changed:
