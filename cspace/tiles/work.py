@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import pickle
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -34,6 +35,9 @@ SCRATCH_CELLS: Final = 2**25
 """States that a task makes at a time, unless a single slice of its window has more."""
 
 _ONES: Final = np.uint64(0x0101010101010101)
+
+SMALL: Final = 2**18
+"""Bytes up to which what a task needs is sent with each of them."""
 
 AHEAD: Final = 1024
 """Tasks that a scheduler is told of at a time."""
@@ -284,7 +288,10 @@ def _on_cluster(
         free, needed = min((limit for _, limit in told if limit), default=0), job.bytes_needed()
         if free and needed > free:
             raise _too_large(job, needed, free)
-        sent = client.scatter(_Task(task, job), hash=False)
+        sent: Any = _Task(task, job)
+        if len(pickle.dumps(sent)) > SMALL:
+            # To all workers: what a single one has is lost with it.
+            sent = client.scatter(sent, hash=False, broadcast=True)
         waiting = iter(enumerate(todo))
         running: Any = distributed.as_completed([])  # type: ignore[no-untyped-call]
 
