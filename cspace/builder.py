@@ -147,25 +147,20 @@ def build(
     margin, cells = check_margin(margin), Rotations.of(rotations)
     _check(workspace, robot, cells, method, overlap, outside, workers)
     if store is not None:
-        from cspace.tiles.build import build_tiles
+        from cspace.tiles.build import Means, Settings, build_tiles
 
         if overlap:
             rule, mend = "a store of tiles keeps states alone", "leave it out, and ask windows of the map for overlaps"
             raise InputError("overlap", "is True, with a store", rule, mend, value=overlap)
-        return build_tiles(
-            workspace,
-            robot,
-            cells,
-            store=store,
-            tile=tile,
-            client=client,
-            inner=inner,
-            method=method,
-            outside=outside,
-            margin=margin,
-            workers=workers,
-            progress=progress,
-        )
+        kept: Settings = {
+            "rotations": cells,
+            "inner": inner,
+            "method": method,
+            "outside": outside,
+            "margin": margin,
+        }
+        means: Means = {"client": client, "workers": workers, "progress": progress}
+        return build_tiles(workspace, robot, store, tile, kept, means)
     if client is not None:
         raise InputError(
             "client", "is given without a store", "its workers make tiles", "pass store='map.zarr'", value=client

@@ -6,7 +6,7 @@ import math
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypedDict
 
 import numpy as np
 
@@ -27,20 +27,31 @@ _OWN: Final = ("version", "aside", "box", "counts", "digest", "digests", "librar
 """Metadata that are no setting of a build."""
 
 
+class Settings(TypedDict):
+    """What a map is built with, checked: see :func:`cspace.build`."""
+
+    rotations: Rotations
+    inner: bool
+    method: str
+    outside: str
+    margin: float
+
+
+class Means(TypedDict):
+    """What it is built by."""
+
+    client: Client | None
+    workers: int | None
+    progress: Progress | None
+
+
 def build_tiles(
     workspace: Workspace,
     robot: Robot,
-    rotations: Rotations,
-    *,
     store: str | os.PathLike[str],
     tile: int | Sequence[int],
-    client: Client | None,
-    inner: bool,
-    method: str,
-    outside: str,
-    margin: float,
-    workers: int | None,
-    progress: Progress | None,
+    settings: Settings,
+    means: Means,
 ) -> TiledCSpace:
     """What :func:`cspace.build` does with a ``store``; its arguments are checked.
 
@@ -53,44 +64,44 @@ def build_tiles(
     FileError
         If the store is of something else, or cannot be written, or the workspace has changed.
     """
-    grid, cells = workspace.grid, workspace.cells
+    grid, cells, rotations = workspace.grid, workspace.cells, settings["rotations"]
     slices = int(rotations.slice_of(robot).max()) + 1
     sides = tile_sides(tile, grid.shape)
-    settings: dict[str, Any] = {
+    about: dict[str, Any] = {
         "lower": list(grid.lower),
         "spacing": grid.spacing,
         "shape": list(grid.shape),
         "axes": " ".join((*"xyz"[: grid.dim], *rotations.names)),
-        "outside": outside,
-        "margin": float(margin),
+        "outside": settings["outside"],
+        "margin": float(settings["margin"]),
         "rotations": rotations.count,
         "slices": slices,
         "robot": robot.definition,
         "tile": list(sides),
         "depth": max(1, min(slices, CHUNK_CELLS // math.prod(sides))),
-        "inner": bool(inner),
-        "method": method,
+        "inner": bool(settings["inner"]),
+        "method": settings["method"],
         "same": cells.same,
     }
     stamp = cells.stamp
     own = {"workspace_source": workspace.source, "stamp": stamp, "precision": "", "version": 0, "aside": ""}
     if is_tiled(store):
         made = Store.open(store)
-        _check_same(made, settings, stamp)
+        _check_same(made, about, stamp)
     elif Path(store).exists() and any(Path(store).iterdir() if Path(store).is_dir() else [1]):
         rule = "tiles go into a store of their own"
         raise FileError(str(store), "exists, and is no store of tiles", rule, "choose another name, or remove it")
     else:
-        made = Store.create(store, {**settings, **own, "box": None, "counts": None}, robot, rotations)
+        made = Store.create(store, {**about, **own, "box": None, "counts": None}, robot, rotations)
     if made.metadata["box"] is None:
-        _fill(Job(made, cells), client, workers, progress)
+        _fill(Job(made, cells), means)
         made = Store.open(store)
     return TiledCSpace(made)
 
 
-def _fill(job: Job, client: Client | None, workers: int | None, progress: Progress | None) -> None:
+def _fill(job: Job, means: Means) -> None:
     """Make the tiles that are not there, and write down that all are."""
-    store = job.store
+    store, progress = job.store, means["progress"]
     done = set(store.done())
     todo = [index for index in store if index not in done]
 
@@ -98,7 +109,7 @@ def _fill(job: Job, client: Client | None, workers: int | None, progress: Progre
         if progress is not None:
             progress(len(done) + number, len(store))
 
-    run(make, job, todo, client, workers, advance)
+    run(make, job, todo, means["client"], means["workers"], advance)
     advance(len(todo))
     engine = store.metadata["method"]
     if engine == "auto":

@@ -43,7 +43,7 @@ def test_on_a_cluster(client, tmp_path):
 
 
 def test_a_worker_is_killed(client, tmp_path):
-    workspace = random_workspace((1600, 1500))
+    workspace = random_workspace((1000, 900))
     pids = list(client.run(os.getpid).values())
 
     def kill():
@@ -69,7 +69,7 @@ def test_other_versions_and_too_little_memory(client, tmp_path, monkeypatch):
 
 def test_the_scheduler_is_killed(tmp_path):
     """The cluster goes while tiles are made: one clear error, and the rest is made without it."""
-    workspace = random_workspace((3000, 2000))
+    workspace = random_workspace((1400, 1200))
     options = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": ":0", "processes": False}
     cluster = distributed.LocalCluster(**options)
     client = distributed.Client(cluster)

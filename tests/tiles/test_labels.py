@@ -40,7 +40,7 @@ def test_answers_are_those_of_the_map_in_memory(name, outside, tmp_path):
     same_answers(cspace.open(tmp_path / "m"), space, np.random.default_rng(1))
 
 
-@settings(max_examples=6)
+@settings(max_examples=4)
 @given(seed=st.integers(0, 2**16), tile=st.integers(4, 20), density=st.sampled_from([0.05, 0.3, 0.5]))
 def test_mazes(seed, tile, density, tmp_path_factory):
     """Walls that wind through many tiles; a robot smaller than a cell leaves all three answers."""

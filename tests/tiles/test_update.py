@@ -18,7 +18,7 @@ from cspace.errors import InputError
 from tiles.test_build import CAR, random_workspace, same_states
 
 
-@settings(max_examples=12)
+@settings(max_examples=6)
 @given(seed=st.integers(0, 2**16), outside=st.sampled_from(["blocked", "free"]), two=st.booleans())
 def test_equals_a_build(seed, outside, two, tmp_path_factory):
     rng, path = np.random.default_rng(seed), tmp_path_factory.mktemp("update") / "m"
