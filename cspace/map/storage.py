@@ -18,6 +18,7 @@ from numpy.typing import DTypeLike, NDArray
 from cspace.compiling import inner, reader
 from cspace.errors import InputError
 from cspace.memory import KEEP, free_bytes, in_words
+from cspace.states import FREE
 
 Bytes = NDArray[np.uint8]
 Ints = NDArray[np.int64]
@@ -46,7 +47,40 @@ class TwoBits(NamedTuple):
     shape: tuple[int, ...]
 
 
-Cells = Bytes | TwoBits
+MISSING, ASIDE = -1, -2
+"""In place of where a tile is: it is not there; it was, in this look-up."""
+
+USED = -1
+"""Mark of a tile that was there and read."""
+
+
+class TileCells(NamedTuple):
+    """The states of a map in tiles, as compiled code takes them.
+
+    Attributes
+    ----------
+    packed : ndarray of uint8
+        States of the tiles that are there, four in a byte.
+    places : ndarray of int64, shape (chunks,)
+        Where the states of each chunk begin, or MISSING, or ASIDE.
+    wanted : ndarray of int64, shape (chunks + 1,)
+        Is given, for each chunk that was MISSING, which of them it was in turn, and how many they were; for others that
+        were read, USED.
+    shape : tuple of int
+        Slices, and cells of the grid.
+    sides, counts : tuple of int
+        Slices and cells of a chunk, and number of chunks, along the same axes.
+    """
+
+    packed: Bytes
+    places: Ints
+    wanted: Ints
+    shape: tuple[int, ...]
+    sides: tuple[int, ...]
+    counts: tuple[int, ...]
+
+
+Cells = Bytes | TwoBits | TileCells
 
 
 def _load(context: Any, cells: Any, number: Any) -> Any:
@@ -111,6 +145,32 @@ def _bits_in(cells: TwoBits, number: int) -> int:
     return int((np.uint64(cells.packed[place >> _TWO]) >> (_TWO * (place & _THREE))) & _THREE)
 
 
+def _tiled_in(cells: TileCells, number: int) -> int:
+    rest, chunk, inside = np.uint64(number), np.uint64(0), np.uint64(0)
+    chunks, size = np.uint64(1), np.uint64(1)
+    for k in range(len(cells.shape)):
+        axis = len(cells.shape) - 1 - k
+        length, side = np.uint64(cells.shape[axis]), np.uint64(cells.sides[axis])
+        above = rest // length
+        place = rest - above * length
+        own = place // side
+        chunk += own * chunks
+        inside += (place - own * side) * size
+        chunks *= np.uint64(cells.counts[axis])
+        size *= side
+        rest = above
+    begin = cells.places[chunk]
+    if begin >= 0:
+        cells.wanted[chunk] = USED
+    else:
+        if begin == MISSING and cells.wanted[chunk] == 0:
+            cells.wanted[-1] += 1
+            cells.wanted[chunk] = cells.wanted[-1]
+        return FREE
+    place = np.uint64(begin) + inside
+    return int((np.uint64(cells.packed[place >> _TWO]) >> (_TWO * (place & _THREE))) & _THREE)
+
+
 def _row_of_bytes(cells: Bytes, number: int, count: int) -> Halves:
     taken, blocked = np.uint64(0), np.uint64(0)
     for first in range(0, count, 8):
@@ -142,19 +202,16 @@ COMPILED: Final[Any] = {"_nrt": False, "forceinline": True, "no_cpython_wrapper"
 """How what follows is compiled; other ways to keep states may add theirs."""
 
 
-def _register(function: Any, bytes_: Any, bits: Any) -> None:
+def _register(function: Any, bytes_: Any, bits: Any, tiles: Any = None) -> None:
     @overload(function, jit_options=COMPILED, strict=False)
     def _taken(cells: Any, *others: Any) -> Any:
         if isinstance(cells, types.Array):
             return bytes_
-        return bits if getattr(cells, "instance_class", None) is TwoBits else None
+        return {TwoBits: bits, TileCells: tiles}.get(getattr(cells, "instance_class", None))
 
 
-for _function, _bytes, _bits in (
-    (state_in, _byte_in, _bits_in),
-    (row_in, _row_of_bytes, _row_of_bits),
-):
-    _register(_function, _bytes, _bits)
+_register(state_in, _byte_in, _bits_in, _tiled_in)
+_register(row_in, _row_of_bytes, _row_of_bits)
 
 
 # ---- packing ---------------------------------------------------------------------------------------------------------

@@ -11,82 +11,14 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable, Iterable
 from math import prod
-from typing import Any, NamedTuple
 
 import numpy as np
-from numba.extending import overload
 from numpy.typing import NDArray
 
-from cspace.map.storage import COMPILED, pack, read_only, state_in
-from cspace.states import FREE
+from cspace.map.storage import ASIDE, MISSING, USED, TileCells, pack, read_only
 
 Bytes = NDArray[np.uint8]
 Ints = NDArray[np.int64]
-
-MISSING, ASIDE = -1, -2
-"""In place of where a tile is: it is not there; it was, in this look-up."""
-
-USED = -1
-"""Mark of a tile that was there and read."""
-
-_TWO, _THREE = np.uint64(2), np.uint64(3)
-
-
-class TileCells(NamedTuple):
-    """The states of a map in tiles, as compiled code takes them.
-
-    Attributes
-    ----------
-    packed : ndarray of uint8
-        States of the tiles that are there, four in a byte.
-    places : ndarray of int64, shape (chunks,)
-        Where the states of each chunk begin, or MISSING, or ASIDE.
-    wanted : ndarray of int64, shape (chunks + 1,)
-        Is given, for each chunk that was MISSING, which of them it was in turn, and how many they were; for others that
-        were read, USED.
-    shape : tuple of int
-        Slices, and cells of the grid.
-    sides, counts : tuple of int
-        Slices and cells of a chunk, and number of chunks, along the same axes.
-    """
-
-    packed: Bytes
-    places: Ints
-    wanted: Ints
-    shape: tuple[int, ...]
-    sides: tuple[int, ...]
-    counts: tuple[int, ...]
-
-
-def _tiled_in(cells: TileCells, number: int) -> int:
-    rest, chunk, inside = np.uint64(number), np.uint64(0), np.uint64(0)
-    chunks, size = np.uint64(1), np.uint64(1)
-    for k in range(len(cells.shape)):
-        axis = len(cells.shape) - 1 - k
-        length, side = np.uint64(cells.shape[axis]), np.uint64(cells.sides[axis])
-        above = rest // length
-        place = rest - above * length
-        own = place // side
-        chunk += own * chunks
-        inside += (place - own * side) * size
-        chunks *= np.uint64(cells.counts[axis])
-        size *= side
-        rest = above
-    begin = cells.places[chunk]
-    if begin >= 0:
-        cells.wanted[chunk] = USED
-    else:
-        if begin == MISSING and cells.wanted[chunk] == 0:
-            cells.wanted[-1] += 1
-            cells.wanted[chunk] = cells.wanted[-1]
-        return FREE
-    place = np.uint64(begin) + inside
-    return int((np.uint64(cells.packed[place >> _TWO]) >> (_TWO * (place & _THREE))) & _THREE)
-
-
-@overload(state_in, jit_options=COMPILED, strict=False)
-def _state_in_tiles(cells: Any, number: Any) -> Any:
-    return _tiled_in if getattr(cells, "instance_class", None) is TileCells else None
 
 
 class Cache:
