@@ -196,7 +196,9 @@ def building(report: Report, rng: np.random.Generator, quick: bool) -> Scene | N
     }
     queries = partial(far_apart, number=1 if quick else 3, rng=rng)
     name = f"{BUILDING}, box of {' m x '.join(map(str, DRONE))} m"
-    return Scene(name, workspace, Robot.box(DRONE), Blocks.boxes([[-half, half]]).skin(), boxes, models, (0,), queries, 1)
+    return Scene(
+        name, workspace, Robot.box(DRONE), Blocks.boxes([[-half, half]]).skin(), boxes, models, (0,), queries, 1
+    )
 
 
 class Fcl:
