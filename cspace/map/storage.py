@@ -207,7 +207,7 @@ def _register(function: Any, bytes_: Any, bits: Any, tiles: Any = None) -> None:
     def _taken(cells: Any, *others: Any) -> Any:
         if isinstance(cells, types.Array):
             return bytes_
-        return {TwoBits: bits, TileCells: tiles}.get(getattr(cells, "instance_class", None))
+        return {TwoBits: bits, TileCells: tiles}.get(getattr(cells, "instance_class", object))
 
 
 _register(state_in, _byte_in, _bits_in, _tiled_in)

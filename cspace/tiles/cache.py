@@ -1,7 +1,7 @@
 """Decoded tiles in memory, up to a number of bytes, as compiled look-ups take them.
 
 Look-ups are compiled for the whole map, whose cells they read by :func:`cspace.map.storage.state_in`; here is what it
-does for cells that lie in tiles. A cell of a tile that is not there counts as FREE, and the tile is marked. So a
+does for cells that lie in tiles: a cell of a tile that is not there counts as FREE, and the tile is marked. So a
 look-up is made again and again, with other tiles, until none was marked: each cell that it asks for was then there
 once, and what is known of it is the worst that it was told.
 """

@@ -470,7 +470,7 @@ class TiledCSpace:
         """The record that compiled look-ups take; its tiles are those that are there now."""
         grid, cells = self.grid, self._cache.cells
         rotations = self.rotations.compiled(self.rotations.slice_of(self.robot))
-        return Map(cells, cells, rotations, grid.lower, grid.spacing, grid.upper, self._exterior)  # type: ignore[arg-type]
+        return Map(cells, cells, rotations, grid.lower, grid.spacing, grid.upper, self._exterior)
 
     @property
     def _exterior(self) -> NDArray[np.int64]:
