@@ -147,7 +147,7 @@ class Job:
                     counts[number] = block[0].size - mixed - blocked, mixed, blocked
             digests.append(store.write("state", (layer, *index), block, aside))
         digests.append(store.write("outer", index, outer[own], aside))
-        digests.append(digests[-1] if inner is outer else store.write("inner", index, inner[own], aside))
+        digests.append(digests[-1] if store.metadata["same"] else store.write("inner", index, inner[own], aside))
         extent = np.array([[0] * len(own), [part.stop - 1 for part in own]])
         if store.metadata["outside"] == "free":  # which alone asks for it
             extent = _extent(outer[own])

@@ -145,6 +145,28 @@ def test_shapes_are_cut_tile_by_tile(tmp_path):
     same_states(tmp_path / "b", cspace.build(cspace.Workspace.from_mesh(ball, 0.1), ARM))
 
 
+@settings(max_examples=10)
+@given(seed=st.integers(0, 2**16), spacing=st.sampled_from([0.05, 0.07, 1 / 3]), tile=st.integers(3, 40))
+def test_shapes_with_borders_on_cell_borders(seed, spacing, tile, tmp_path_factory):
+    """A tile has a lower corner of its own, which is rounded: no cell is told otherwise for that."""
+    rng = np.random.default_rng(seed)
+    shape = rng.integers(8, 40, 2)
+    lower = spacing * rng.integers(-1000, 1000, 2)
+    corners = lower + spacing * rng.integers(0, shape, (6, 2))
+    parts = [shapely.box(*corner, *(corner + spacing * rng.integers(1, 9, 2))) for corner in corners]
+    parts += [shapely.Point(corners[0]), shapely.LineString(corners[:2] + spacing * np.eye(2))]
+    bounds = (*lower, *(lower + spacing * shape))
+    whole = cspace.Workspace.from_polygons(parts, spacing, bounds)
+    lazy = cspace.Workspace.from_polygons(parts, spacing, bounds, lazy=True)
+    path = tmp_path_factory.mktemp("aligned") / "m"
+    robot = cspace.Robot.disc(1.3 * spacing)
+    cspace.build(lazy, robot, store=path, tile=tile)
+    same_states(path, cspace.build(whole, robot))
+    group = zarr.open_group(str(path), mode="r")
+    np.testing.assert_array_equal(group["outer"][...], whole.outer)
+    np.testing.assert_array_equal(group["inner"][...], whole.inner)
+
+
 def test_a_source_that_changes(tmp_path):
     np.save(tmp_path / "a.npy", np.zeros((30, 30), dtype=bool))
 
