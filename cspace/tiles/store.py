@@ -1,7 +1,7 @@
 """The store of a tiled map: a folder in the Zarr format, a chunk for each tile, which appears whole or not at all.
 
 The arrays are those of a saved map, and read by anything that reads Zarr: ``state``, in chunks of a tile and some
-slices, ``outer`` and, where it differs, ``inner``, in chunks of a tile. ``record`` has a row of numbers for each tile:
+slices, ``outer`` and, unless always the same, ``inner``, in chunks of a tile. ``record`` has a row of numbers for each tile:
 how many of its cells are FREE, MIXED and BLOCKED, the box around its obstacles, and the digests (SHA-256) of its other
 chunks. It is written last: a tile is done where its row is there. What is done once all are is the map.
 
