@@ -2,8 +2,9 @@
 
 The arrays are those of a saved map, and read by anything that reads Zarr: ``state``, in chunks of a tile and some
 slices, ``outer`` and, unless both are always the same, ``inner``, in chunks of a tile. ``record`` has a row of numbers
-for each tile: how many of its cells are FREE, MIXED and BLOCKED, the box around its obstacles, and the digests (SHA-256)
-of its other chunks. It is written last: a tile is done where its row is there. What is done once all are is the map.
+for each tile: how many of its cells are FREE, MIXED and BLOCKED, the box around its obstacles, and the digests
+(SHA-256) of its other chunks. It is written last: a tile is done where its row is there. What is done once all are is
+the map.
 
 A file is written under another name beside its own, and renamed. An update writes its files into a folder of their own,
 names that folder in the metadata, which is when it takes place, and then moves them over those that they replace; a
