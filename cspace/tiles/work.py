@@ -311,8 +311,11 @@ def _on_cluster(
         return results
     except CspaceError:
         raise
-    except (KilledWorker, CancelledError, OSError, TimeoutError) as error:
-        raise gone(error) from error
+    except Exception as error:
+        # What a client says of a scheduler that went away in the midst of its work may be anything.
+        if isinstance(error, KilledWorker | CancelledError | OSError | TimeoutError) or client.status != "running":
+            raise gone(error) from error
+        raise
     finally:
         with suppress(Exception):  # the scheduler may be gone
             client.cancel(list(futures))

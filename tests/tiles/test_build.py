@@ -154,7 +154,7 @@ def test_shapes_with_borders_on_cell_borders(seed, spacing, tile, tmp_path_facto
     lower = spacing * rng.integers(-1000, 1000, 2)
     corners = lower + spacing * rng.integers(0, shape, (6, 2))
     parts = [shapely.box(*corner, *(corner + spacing * rng.integers(1, 9, 2))) for corner in corners]
-    parts += [shapely.Point(corners[0]), shapely.LineString(corners[:2] + spacing * np.eye(2))]
+    parts += [shapely.Point(corners[0]), shapely.LineString([corners[0], corners[0] + [3 * spacing, 2 * spacing]])]
     bounds = (*lower, *(lower + spacing * shape))
     whole = cspace.Workspace.from_polygons(parts, spacing, bounds)
     lazy = cspace.Workspace.from_polygons(parts, spacing, bounds, lazy=True)

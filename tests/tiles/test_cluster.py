@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import signal
 import threading
@@ -14,6 +15,7 @@ import cspace
 from cspace.errors import CspaceError, InputError
 from tiles.test_build import CAR, check_half_done, random_workspace, same_states
 
+dask = pytest.importorskip("dask")
 distributed = pytest.importorskip("distributed")
 pytestmark = [
     pytest.mark.filterwarnings("ignore::DeprecationWarning"),
@@ -67,18 +69,34 @@ def test_other_versions_and_too_little_memory(client, tmp_path, monkeypatch):
         cspace.build(workspace, CAR, store=tmp_path / "m", client=client)
 
 
+def run_cluster(addresses):
+    """A scheduler and a worker in this process, until it is killed."""
+    options = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": None, "processes": False}
+    with distributed.LocalCluster(**options, protocol="tcp") as cluster:
+        addresses.put(cluster.scheduler_address)
+        threading.Event().wait()
+
+
 def test_the_scheduler_is_killed(tmp_path):
     """The cluster goes while tiles are made: one clear error, and the rest is made without it."""
-    workspace = random_workspace((1400, 1200))
-    options = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": ":0", "processes": False}
-    cluster = distributed.LocalCluster(**options)
-    client = distributed.Client(cluster)
-    threading.Timer(0.4, cluster.close).start()
-    with pytest.raises(CspaceError, match="run the same again"):
-        cspace.build(workspace, CAR, rotations=8, store=tmp_path / "m", tile=100, client=client)
-    client.close()
-    assert cspace.open(tmp_path / "m").done < 1.0
+    workspace = random_workspace((600, 500))
+    context = multiprocessing.get_context("spawn")
+    addresses = context.Queue()
+    process = context.Process(target=run_cluster, args=(addresses,), daemon=True)
+    process.start()
+
+    def kill(done, total):
+        if done == 2:
+            process.kill()
+
+    with dask.config.set({"distributed.comm.timeouts.connect": "2s"}):
+        client = distributed.Client(addresses.get(timeout=60))
+        with pytest.raises(CspaceError, match="run the same again"):
+            cspace.build(workspace, CAR, rotations=8, store=tmp_path / "m", tile=30, client=client, progress=kill)
+        client.close()
+    process.join()
+    assert 0.0 < cspace.open(tmp_path / "m").done < 1.0
     space = cspace.build(workspace, CAR, rotations=8)
     check_half_done(tmp_path / "m", space)
-    cspace.build(workspace, CAR, rotations=8, store=tmp_path / "m", tile=100)
+    cspace.build(workspace, CAR, rotations=8, store=tmp_path / "m", tile=30)
     same_states(tmp_path / "m", space)
