@@ -76,8 +76,8 @@ class Plan:
         solved.
     clearance : float
         Lower bound, proven, of the distance in metres from any configuration on the path to the nearest one that is not
-        FREE; NaN where not solved. Of a robot that turns, the distance is that of its position, at the rotation it has
-        there. Zero along a path through MIXED cells. See :func:`least_clearance`.
+        FREE; NaN where not solved, and of a path over tiles. Of a robot that turns, the distance is that of its
+        position, at the rotation it has there. Zero along a path through MIXED cells. See :func:`least_clearance`.
     path_exists : bool or None
         What the map proves of these ends: a path exists, none does, or None for undecided at this resolution. Of a car
         on curves, True is only said of a robot that may turn on the spot.
@@ -135,8 +135,9 @@ class Plan:
         proof = "certified" if self.certified else "not certified"
         edges = f"{self.curve} curves of {self.turning_radius:g} m" if self.curve else "straight edges"
         ends = " to ".join(f"({', '.join(f'{x:.4g}' for x in q)})" for q in self.waypoints[[0, -1]])
+        room = "" if math.isnan(self.clearance) else f", clearance {self.clearance:.3f} m"
         return [
-            f"{self.planner}: {self.status}, {proof}; {self.length:.3f} m, clearance {self.clearance:.3f} m",
+            f"{self.planner}: {self.status}, {proof}; {self.length:.3f} m{room}",
             f"{len(self.waypoints)} waypoints ({', '.join(self.axes)}) from {ends}, {edges}",
             f"planned in {_text(self.times.planning + self.times.simplification)}, "
             f"set up in {_text(self.times.setup)}, checked in {_text(self.times.checking)}",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -183,7 +184,7 @@ def _describe(found: Plan) -> dict[str, Any]:
         described |= {
             "configurations": len(found.path),
             "length_m": found.length,
-            "clearance_m": found.clearance,
+            **({} if math.isnan(found.clearance) else {"clearance_m": found.clearance}),
             "certified": found.certified,
             "path": found.path.tolist(),
         }

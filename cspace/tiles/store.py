@@ -163,7 +163,7 @@ class Store:
         FileError
             If there is something, or nothing can be written.
         """
-        with replacing(path, folder=is_ours) as temporary:
+        with replacing(path, folder=is_tiled) as temporary:
             _write_frame(temporary, metadata, rotations.slice_of(robot), rotations)
         return cls.open(path)
 
@@ -424,18 +424,13 @@ def is_tiled(path: str | os.PathLike[str]) -> bool:
         return False
 
 
-def is_ours(folder: Path) -> bool:
-    """Whether a folder may be replaced: nothing but a store of tiles is."""
-    return is_tiled(folder)
-
-
 def digest_of_bytes(content: bytes) -> bytes:
     """Digest of a chunk (SHA-256)."""
     return bytes.fromhex(digest_of(content))
 
 
 def aside_name() -> str:
-    """A fresh name for a folder of files that are not in their places yet."""
+    """A fresh name for a file, or a folder of files, not in their places yet."""
     return f"{_ASIDE}{uuid.uuid4().hex[:12]}"
 
 
@@ -469,7 +464,7 @@ def _zarr_codec() -> Any:
 
 def _write(file: Path, content: bytes) -> None:
     """Write a file that is there whole or not at all."""
-    temporary = file.with_name(f"{_ASIDE}{uuid.uuid4().hex[:12]}")
+    temporary = file.with_name(aside_name())
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         temporary.write_bytes(content)

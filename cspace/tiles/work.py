@@ -217,7 +217,7 @@ class _Task:
 
     def __init__(self, task: Callable[[Job, Index], Any], job: Job) -> None:
         self.task, self.path, self.source = task, str(job.store.path.resolve()), job.source
-        self.digest, self.version = job.store.metadata["digest"], __version__
+        self.version = __version__
         self._job: Job | None = None
 
     def __call__(self, index: Index) -> Any:

@@ -30,6 +30,7 @@ def test_a_path_through_many_tiles(robot, rotations, tmp_path):
     found = planners.plan(tiled, start, goal, seed=1)
     assert found.solved
     assert found.certified
+    assert "nan" not in repr(found)
     assert found.path_exists is True
     np.testing.assert_allclose(found.waypoints[[0, -1]], [start, goal])
     assert space.certify_path(found.waypoints).all()
