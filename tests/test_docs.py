@@ -1,0 +1,69 @@
+"""The code of the README and of the documentation's pages runs as it stands, each page in a folder of its own.
+
+Blocks marked ``python`` and ``console`` run; ``sh`` and ``py`` mark what needs a network or other machines.
+"""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zarr
+from PIL import Image
+
+import cspace
+from commands import run
+from cspace.demo import write_inputs
+
+ROOT = Path(cspace.__file__).parents[1]
+BLOCK = re.compile(r"^```(python|console)\n(.*?)^```", re.DOTALL | re.MULTILINE)
+PAGES = {
+    str(page.relative_to(ROOT)): BLOCK.findall(page.read_text(encoding="utf-8"))
+    for page in [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+}
+WITH_CODE = [name for name, blocks in PAGES.items() if blocks]
+
+
+def write_files(folder: Path) -> None:
+    """What the code of pages reads: the demo's inputs, a ROS map of 8 m by 6 m, and the cells of a field."""
+    (folder / "cspace-demo").mkdir()
+    write_inputs(folder / "cspace-demo")
+    pixels = np.full((120, 160), 254, np.uint8)
+    pixels[[0, -1], :] = pixels[:, [0, -1]] = pixels[30:, 78:82] = 0
+    Image.fromarray(pixels).save(folder / "room.pgm")
+    lines = ["image: room.pgm", "mode: trinary", "resolution: 0.05", "origin: [-4.0, -3.0, 0.0]", "negate: 0"]
+    (folder / "room.yaml").write_text("\n".join([*lines, "occupied_thresh: 0.65", "free_thresh: 0.196", ""]))
+    field = np.zeros((800, 600), dtype=bool)
+    field[300:320, :400] = True
+    zarr.save_array(folder / "occupied.zarr", field)
+
+
+@pytest.mark.parametrize("page", WITH_CODE)
+def test_the_code_of_a_page_runs(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Blocks of Python share their names, and blocks of commands the folder."""
+    monkeypatch.chdir(tmp_path)
+    write_files(tmp_path)
+    names: dict[str, object] = {"__name__": "page"}
+    for kind, text in PAGES[page]:
+        if kind == "python":
+            exec(compile(text, page, "exec"), names)
+            continue
+        for line in re.sub(r"\\\n", "", text).splitlines():
+            for command in line.removeprefix("$ ").split(" && ") if line.startswith("$ ") else []:
+                call(command, monkeypatch)
+
+
+def call(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    program, *arguments = shlex.split(command)
+    if program == "cd":
+        monkeypatch.chdir(*arguments)
+        return
+    assert program == "cspace"
+    result = run(*arguments)
+    assert result.exit_code == 0, f"{command}: {result.stderr or result.exception}"
+    for name in arguments:
+        if name.endswith((".csv", ".png", ".gif", ".vti", ".zarr", ".yaml", ".json")):
+            assert Path(name).exists(), f"{command} did not write {name}"
