@@ -6,14 +6,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, Unpack, overload
+from typing import TYPE_CHECKING, Any, Literal, Unpack, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cspace.configuration_map import ConfigurationMap, Result
 from cspace.errors import ConfigurationError, InputError
 from cspace.grid import Grid, finite
-from cspace.map.batches import Kernel, Many, One, answer, answer_edges, answer_pairs, as_pairs, as_points, check_rng
+from cspace.map.batches import EDGES_A_THREAD, Ask, Many, One, answer, check_rng, in_pieces
 from cspace.map.contents import Contents
 from cspace.map.exterior import UNKNOWN, Exterior
 from cspace.map.kept import Change, Kept, Lock
@@ -24,7 +25,7 @@ from cspace.memory import JOINED_BYTES, check_memory
 from cspace.raster.raster import Raster
 from cspace.robot import Robot
 from cspace.rotations import Rotations
-from cspace.states import FREE
+from cspace.states import FREE, NAMES
 from cspace.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -46,7 +47,7 @@ States = NDArray[np.uint8]
 Bools = NDArray[np.bool_]
 
 
-class CSpace:
+class CSpace(ConfigurationMap):
     """Certified map of a robot's configurations, in R^2, R^3, SE(2), R^3 x SO(2) or SE(3).
 
     They are ``(x, y)`` in the plane and ``(x, y, z)`` in space, with a yaw behind where the robot turns about z, and a
@@ -92,6 +93,7 @@ class CSpace:
         self._rasters_kept: Kept[list[tuple[Raster, Raster]]] = Kept(self._lock)
         self._exterior_kept: Kept[Exterior] = Kept(self._lock)
         self._map_kept: Kept[Map] = Kept(self._lock)
+        self._classify_kept: Kept[Ask] = Kept(self._lock)
         self._point_checker: Kept[Callable[..., bool]] = Kept(self._lock)
         self._edge_checker: Kept[Callable[..., bool]] = Kept(self._lock)
         self._mip: Kept[Mip] = Kept(self._lock)
@@ -147,16 +149,6 @@ class CSpace:
         return self._contents.grid
 
     @property
-    def dof(self) -> int:
-        """How many numbers a configuration has."""
-        return len(self.axes)
-
-    @property
-    def axes(self) -> tuple[str, ...]:
-        """Names of the numbers in a configuration: x and y, in space z, then yaw or qx, qy, qz and qw."""
-        return self._contents.axes
-
-    @property
     def state(self) -> NDArray[np.uint8]:
         """State of each cell, shape (nx, ny) or (nx, ny, nz); of a robot that turns (rotations, nx, ny(, nz)).
 
@@ -189,12 +181,28 @@ class CSpace:
         free, mixed, blocked = (shares @ counts_of(self._seen)).tolist()
         return free, mixed, blocked
 
-    def __repr__(self) -> str:
+    @property
+    def _summary(self) -> str:
         free, mixed, blocked = self.count()
-        cells = " x ".join(map(str, self.grid.shape))
-        turns = f" x {self.rotations}" if self.rotations.names else ""
-        size = f"{cells} cells of {self.grid.spacing:g} m{turns}"
-        return f"CSpace({size}, {self.robot.name}: {free=}, {mixed=}, {blocked=})"
+        return f"{free=}, {mixed=}, {blocked=}"
+
+    @property
+    def _facts(self) -> dict[str, Any]:
+        grid, rotations, states, fields = self.grid, self.rotations, self._seen, self._contents.fields
+        kept: list[Any] = [states, *fields.values()] + ([] if self.overlaps is None else [self.overlaps])
+        filled = "mean_" * bool(rotations.names) + f"free_{('area_m2', 'volume_m3')[grid.dim - 2]}"
+        free = counts_of(states)[:, FREE][self._slice_of]
+        mean = float(free @ rotations.volumes / rotations.volumes.sum()) * grid.spacing**grid.dim
+        return {
+            **({"slices": len(states)} if rotations.names else {}),
+            "workspace": self.workspace.source,
+            "cells": dict(zip(NAMES, self.count(), strict=True)),
+            filled: mean,
+            "precision": self.precision,
+            "overlaps": self.overlaps is not None,
+            **({"overlap_field": True} if fields else {}),
+            "memory_bytes": sum(array.nbytes for array in kept),
+        }
 
     def _repr_html_(self) -> str:
         """The repr and a small picture, for notebooks."""
@@ -208,44 +216,6 @@ class CSpace:
             return type(self), (self._contents.copy(),)
 
     # ---- one configuration -------------------------------------------------------------------------------------------
-
-    @overload
-    def classify(self, q: One) -> int: ...  # type: ignore[overload-overlap]
-    @overload
-    def classify(self, q: Many) -> NDArray[np.uint8]: ...
-    def classify(self, q: ArrayLike) -> int | NDArray[np.uint8]:
-        """State of configurations.
-
-        Parameters
-        ----------
-        q : array-like, shape (dof,) or (..., dof)
-            Metres, and radians.
-
-        Returns
-        -------
-        int or ndarray of uint8, shape (...)
-            FREE (0), MIXED (1) or BLOCKED (2).
-
-        Raises
-        ------
-        InputError
-            If the last axis is not dof long, or a value is NaN or infinite.
-        """
-        return answer(q, self.dof, self._classify(), np.uint8, int)
-
-    @overload
-    def is_free(self, q: One, *, exact: bool = False) -> bool: ...  # type: ignore[overload-overlap]
-    @overload
-    def is_free(self, q: Many, *, exact: bool = False) -> Bools: ...
-    def is_free(self, q: ArrayLike, *, exact: bool = False) -> bool | Bools:
-        """Whether configurations are proven collision-free; as :meth:`classify`, with bool for an answer.
-
-        With ``exact``, the geometry itself decides in MIXED cells; see :mod:`cspace.exact`.
-        """
-        if exact:
-            return answer(q, self.dof, self._exact.points(), np.bool_, bool)
-        free: bool | Bools = answer(q, self.dof, self._classify(), np.uint8, int) == FREE
-        return free
 
     @overload
     def overlap(self, q: One) -> int: ...  # type: ignore[overload-overlap]
@@ -323,7 +293,7 @@ class CSpace:
             if finite(value, name).ndim or value < 0.0:
                 rule = "it must be one number, zero or above"
                 raise InputError(name, f"is {value!r}", rule, f"pass it in {unit}", value=value)
-        kernel = partial(boxes_are_free, self._map, float(distance), float(angle))
+        kernel = in_pieces(partial(boxes_are_free, self._map, float(distance), float(angle)))
         return answer(q, self.dof, kernel, np.bool_, bool)
 
     @overload
@@ -348,83 +318,10 @@ class CSpace:
         """
         from cspace.map.clearance import clearances
 
-        return answer(q, self.dof, partial(clearances, self._map, self._marks(cells=True)), np.float64, float)
+        kernel = in_pieces(partial(clearances, self._map, self._marks(cells=True)))
+        return answer(q, self.dof, kernel, np.float64, float)
 
     # ---- edges -------------------------------------------------------------------------------------------------------
-
-    @overload
-    def motion_is_free(self, q0: One, q1: One, *, exact: bool = False) -> bool: ...  # type: ignore[overload-overlap]
-    @overload
-    def motion_is_free(self, q0: Many, q1: ArrayLike, *, exact: bool = False) -> Bools: ...
-    @overload
-    def motion_is_free(self, q0: ArrayLike, q1: Many, *, exact: bool = False) -> Bools: ...
-    def motion_is_free(self, q0: ArrayLike, q1: ArrayLike, *, exact: bool = False) -> bool | Bools:
-        """Whether straight edges are proven collision-free all along.
-
-        True where every closed cell that the edge touches, be it in a corner, is FREE. An edge that lies on the border
-        of two cells touches both; so an edge that starts on the border of a cell that is not FREE is not proven.
-
-        Parameters
-        ----------
-        q0, q1 : array-like, shape (dof,) or (..., dof)
-            Ends of the edges, metres and radians; broadcast against each other.
-        exact : bool
-            Where cells are MIXED, let the geometry itself prove the edge; see :mod:`cspace.exact`.
-
-        Returns
-        -------
-        bool or ndarray of bool, shape (...)
-        """
-        return answer_edges(q0, q1, self.dof, lambda number: self._edges(number, exact))
-
-    def certify_path(self, path: ArrayLike, edges: ArrayLike | None = None, *, exact: bool = False) -> Bools:
-        """Whether each edge of a path, of paths, or of a roadmap is proven collision-free all along.
-
-        The edges are those of :meth:`motion_is_free`, answered alike: straight, with yaw along the shorter arc, as
-        OMPL interpolates. Where there are many, they are proven in threads and with marks of blocks of cells that
-        pass over free space in larger steps; the answers are the same.
-
-        Parameters
-        ----------
-        path : array-like, shape (n, dof) or (..., n, dof)
-            Configurations, metres and radians: a path's in turn, those of paths of one length, or a roadmap's vertices.
-        edges : array-like of int, shape (m, 2), optional
-            Indices, from 0, of the two vertices of each edge; ``path`` must then have shape (n, dof). Left out, each
-            configuration is joined to the next.
-        exact : bool
-            As for :meth:`motion_is_free`.
-
-        Returns
-        -------
-        ndarray of bool, shape (n - 1,), (..., n - 1) or (m,)
-            A path of one configuration has no edges, and nothing is proven of it.
-
-        Raises
-        ------
-        InputError
-            If a configuration is not as for :meth:`motion_is_free`, be it on an edge or not; a path has none; or an
-            edge is not a pair of indices of vertices.
-
-        Examples
-        --------
-        >>> import numpy as np, cspace
-        >>> workspace = cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1)
-        >>> space = cspace.build(workspace, cspace.Robot.disc(0.2))
-        >>> corners = [(0.5, 1.5), (0.5, 2.5), (1.5, 2.5), (1.5, 0.5)]
-        >>> space.certify_path(corners)
-        array([ True,  True, False])
-        >>> space.certify_path(corners, [(0, 2), (2, 3)])
-        array([ True, False])
-        """
-        points = self._checked(path, "path")
-        if edges is not None:
-            pairs = as_pairs(edges, points)
-            return answer_pairs(np.ascontiguousarray(points), pairs, self._edges(len(pairs), exact))
-        if points.ndim < 2 or points.shape[-2] == 0:
-            rule = "it must hold at least one configuration in a row"
-            raise InputError("path", f"has shape {points.shape}", rule, f"pass an array of shape (n, {self.dof})")
-        starts, ends = points[..., :-1, :], points[..., 1:, :]
-        return np.asarray(answer_edges(starts, ends, self.dof, lambda number: self._edges(number, exact)))
 
     # ---- for callbacks -----------------------------------------------------------------------------------------------
 
@@ -481,36 +378,6 @@ class CSpace:
         return checker(self._map, self._marks(cells=True, lasting=True), self.dof)
 
     # ---- what FREE cells join ----------------------------------------------------------------------------------------
-
-    @overload
-    def path_exists(self, q0: One, q1: One) -> bool | None: ...  # type: ignore[overload-overlap]
-    @overload
-    def path_exists(self, q0: Many, q1: ArrayLike) -> NDArray[np.object_]: ...
-    @overload
-    def path_exists(self, q0: ArrayLike, q1: Many) -> NDArray[np.object_]: ...
-    def path_exists(self, q0: ArrayLike, q1: ArrayLike) -> bool | NDArray[np.object_] | None:
-        """Whether a collision-free path joins configurations.
-
-        Parameters
-        ----------
-        q0, q1 : array-like, shape (dof,) or (..., dof)
-            Metres, and radians; broadcast against each other.
-
-        Returns
-        -------
-        True, False or None, or ndarray of object, shape (...)
-            True: a chain of FREE cells joins them. False: no chain of FREE and MIXED cells does, which proves that no
-            collision-free path exists. None: undecided at this resolution.
-        """
-        ends = []
-        with self._lock:  # while cells change, their components are neither those before nor those after
-            for q, name in ((q0, "q0"), (q1, "q1")):
-                points = as_points(q, name, self.dof)
-                states = np.asarray(answer(points, self.dof, self._classify(), np.uint8, int, name))
-                ends.append((self._cells_of(points), states))
-            answers = self._components.joins(*ends)
-        found: bool | NDArray[np.object_] | None = answers if answers.ndim else answers[()]
-        return found
 
     def free_reach(self, q: ArrayLike) -> tuple[Floats, Floats]:
         """The box, along the axes, around all FREE cells of the grid that chains of FREE cells join to a configuration.
@@ -856,24 +723,31 @@ class CSpace:
 
         return self._mip.get(lambda: Mip(self._seen, self._lock)).marks(cells, lasting)
 
+    def _at_one_moment(self, work: Callable[[], Result]) -> Result:
+        with self._lock:  # while cells change, their components are neither those before nor those after
+            return work()
+
     # ---- kernels and checks ------------------------------------------------------------------------------------------
 
-    def _classify(self) -> Kernel:
+    def _classify(self) -> Ask:
+        return self._classify_kept.get(self._make_classify)
+
+    def _make_classify(self) -> Ask:
         from cspace.map.points import classify
 
-        return partial(classify, self._map)
+        return in_pieces(partial(classify, self._map))
 
-    def _edges(self, number: int, exact: bool) -> Kernel:
-        """The kernel for edges, of which there are some ``number`` to come; many are worth marks of blocks."""
+    def _edges(self, number: int, exact: bool) -> Ask:
+        """As everywhere; many edges are worth marks of blocks."""
         from cspace.map.edges import edges_are_free
         from cspace.map.mip import CELLS_AN_EDGE
 
         if exact:
-            return self._exact.edges()
+            return in_pieces(self._exact.edges(), EDGES_A_THREAD)
         mip = None
         if self._mip.made is not None or number * CELLS_AN_EDGE >= self._seen.size:
             mip = self._marks(cells=False).blocks
-        return partial(edges_are_free, self._map, mip)
+        return in_pieces(partial(edges_are_free, self._map, mip), EDGES_A_THREAD)
 
     def _sum(self, side: Literal["outer", "inner"], q: ArrayLike) -> int | Ints:
         from cspace.map.overlaps import Runs, Sums, overlaps
@@ -885,14 +759,8 @@ class CSpace:
         kept = self._outer_sums if side == "outer" else self._inner_sums
         sums = kept.get(lambda: Sums(self.workspace, side))
         runs = self._runs.get(lambda: Runs.of([outer for outer, _ in self._rasters]))
-        kernel = partial(overlaps, self._map, sums.counts, runs, int(beyond))
+        kernel = in_pieces(partial(overlaps, self._map, sums.counts, runs, int(beyond)))
         return answer(q, self.dof, kernel, np.int64, int)
-
-    def _checked(self, q: ArrayLike, name: str) -> Floats:
-        """Configurations as float64, all finite and of the right length."""
-        points = as_points(q, name, self.dof)
-        answer(points, self.dof, self._classify(), np.uint8, int, name)  # raises where one is not finite
-        return points
 
     def _one_free(self, q: ArrayLike, name: str) -> Floats:
         """One FREE configuration in the grid."""
@@ -901,8 +769,3 @@ class CSpace:
             rule = "it must be one FREE configuration in the grid"
             raise ConfigurationError(name, f"is {q!r}", rule, "ask nearest_free for one", value=q)
         return point
-
-    def _cells_of(self, points: Floats) -> Ints:
-        """Cells ``(rotation, x, y)`` or ``(rotation, x, y, z)`` of configurations, in the grid or not."""
-        cells = self.grid.cell_of(points[..., : self.grid.dim])
-        return np.concatenate([self.rotations.cells_of(points)[..., None], cells], axis=-1)

@@ -28,14 +28,9 @@ from cspace.cli.report import Options, options_of, show, worded
 from cspace.errors import InputError
 
 if TYPE_CHECKING:
+    from cspace.configuration_map import ConfigurationMap
     from cspace.robot import Robot
     from cspace.shapes.mesh import Solid
-    from cspace.space import CSpace
-    from cspace.tiles.space import TiledCSpace
-
-_MEASURES = {2: "area_m2", 3: "volume_m3"}
-"""What the cells of a map fill, by the number of dimensions."""
-
 
 Kind = Literal["map", "workspace", "robot"]
 """What a file holds."""
@@ -96,59 +91,18 @@ def _kind(file: str) -> Kind:
     return "robot" if ":" in file and not path.exists() else "workspace"
 
 
-def describe_tiles(space: TiledCSpace) -> dict[str, Any]:
-    """What there is to say about a map in a store, whole or half done."""
-    from cspace.states import NAMES
-
-    whole = space.done == 1.0
+def describe_map(space: ConfigurationMap) -> dict[str, Any]:
+    """What there is to say about a map."""
     return {
         "robot": space.robot.name,
         "lower_m": list(space.grid.lower),
         "upper_m": list(space.grid.upper),
         "spacing_m": space.grid.spacing,
         "shape": list(space.grid.shape),
+        "outside": space.outside,
+        "margin_m": space.margin,
         **space.rotations.facts,
-        "tile": list(space.tile),
-        "done_percent": round(100.0 * space.done, 4),
-        **({"cells": dict(zip(NAMES, space.count(), strict=True))} if whole else {}),
-        "version": space.version,
-        "outside": space.outside,
-        "margin_m": space.margin,
-    }
-
-
-def describe_map(space: CSpace | TiledCSpace) -> dict[str, Any]:
-    """What there is to say about a map."""
-    from cspace.map.storage import counts_of
-    from cspace.states import FREE, NAMES
-    from cspace.tiles.space import TiledCSpace
-
-    if isinstance(space, TiledCSpace):
-        return describe_tiles(space)
-    counts = space.count()
-    grid, rotations = space.grid, space.rotations
-    states, fields = space._seen, space._contents.fields
-    kept: list[Any] = [states, *fields.values()] + ([] if space.overlaps is None else [space.overlaps])
-    turning = {**rotations.facts, "slices": len(states)} if rotations.facts else {}
-    filled = "mean_" * bool(turning) + f"free_{_MEASURES[grid.dim]}"
-    free = counts_of(states)[:, FREE][space._map.slice_of]
-    mean = float(free @ rotations.volumes / rotations.volumes.sum()) * grid.spacing**grid.dim
-    return {
-        "robot": space.robot.name,
-        "workspace": space.workspace.source,
-        "lower_m": list(grid.lower),
-        "upper_m": list(grid.upper),
-        "spacing_m": grid.spacing,
-        "shape": list(grid.shape),
-        **turning,
-        "cells": dict(zip(NAMES, counts, strict=True)),
-        filled: mean,
-        "outside": space.outside,
-        "margin_m": space.margin,
-        "precision": space.precision,
-        "overlaps": space.overlaps is not None,
-        **({"overlap_field": True} if fields else {}),
-        "memory_bytes": sum(array.nbytes for array in kept),
+        **space._facts,
     }
 
 

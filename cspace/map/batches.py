@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, Final, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from cspace.errors import InputError
 from cspace.grid import FLOATS, unmasked
@@ -15,6 +16,12 @@ from cspace.threads import LEAST, in_chunks
 
 Floats = NDArray[np.float64]
 Kernel = Callable[..., int]
+"""``kernel(*rows, out)`` fills ``out``, shape (n,), for rows of shape (n, d), and gives the index of the first one that
+is not usable, or -1."""
+
+Ask = Callable[[Sequence[Any], NDArray[Any]], int]
+"""``ask(parts, out)`` does so for a batch of any size and type of numbers, in ways of its own."""
+
 D = TypeVar("D", bound=np.generic)
 S = TypeVar("S")
 
@@ -33,18 +40,17 @@ ROWS: Final = 8_192
 
 
 def answer(
-    q: ArrayLike, dof: int, kernel: Kernel, dtype: type[D], scalar: Callable[[Any], S], name: str = "q"
+    q: ArrayLike, dof: int, ask: Ask, dtype: type[D], scalar: Callable[[Any], S], name: str = "q"
 ) -> S | NDArray[D]:
-    """What a kernel gives for configurations.
+    """What is told of configurations.
 
     Parameters
     ----------
     q : array-like, shape (d,) or (..., d)
     dof : int
         The length d of a configuration.
-    kernel : callable
-        ``kernel(points, out)`` fills ``out``, shape (n,), for points of shape (n, d); it gives the index of the first
-        point that is not finite, or -1.
+    ask : callable
+        What tells it of a batch; :func:`in_pieces` makes one of a kernel.
     dtype : numpy scalar type
         Of the answer to a batch.
     scalar : callable
@@ -60,18 +66,16 @@ def answer(
     points = _as_rows(q, name, dof)
     flat = points.reshape(-1, dof)
     out = np.empty(len(flat), dtype=dtype)
-    bad = _fill(out, kernel, [flat], LEAST)
+    bad = ask([flat], out)
     if bad >= 0:
-        raise not_usable(flat[bad], name, bad)
+        raise _not_usable(flat[bad], name, bad)
     return out.reshape(points.shape[:-1]) if points.ndim > 1 else scalar(out[0])
 
 
-def answer_edges(
-    q0: ArrayLike, q1: ArrayLike, dof: int, kernel_for: Callable[[int], Kernel]
-) -> bool | NDArray[np.bool_]:
-    """What a kernel tells, True or False, of straight edges; as :func:`answer`, with two batches that broadcast.
+def answer_edges(q0: ArrayLike, q1: ArrayLike, dof: int, ask_for: Callable[[int], Ask]) -> bool | NDArray[np.bool_]:
+    """What is told, True or False, of straight edges; as :func:`answer`, with two batches that broadcast.
 
-    ``kernel_for(n)`` is the kernel for n edges.
+    ``ask_for(n)`` tells it of n edges.
     """
     starts, ends = _as_rows(q0, "q0", dof), _as_rows(q1, "q1", dof)
     shape = starts.shape
@@ -84,24 +88,30 @@ def answer_edges(
         starts, ends = np.broadcast_to(starts, shape), np.broadcast_to(ends, shape)
     first, second = starts.reshape(-1, dof), ends.reshape(-1, dof)
     out = np.empty(len(first), dtype=np.bool_)
-    bad = _fill(out, kernel_for(len(out)), [first, second], EDGES_A_THREAD)
+    bad = ask_for(len(out))([first, second], out)
     if bad >= 0:
-        raise not_usable(np.concatenate([first[bad], second[bad]]), "edge", bad)
+        raise _not_usable(np.concatenate([first[bad], second[bad]]), "edge", bad)
     return out.reshape(shape[:-1]) if len(shape) > 1 else bool(out[0])
 
 
-def answer_pairs(vertices: Floats, pairs: NDArray[np.int64], kernel: Kernel) -> NDArray[np.bool_]:
-    """What a kernel tells of edges, shape (m, 2), between vertices, shape (n, d); all must be finite and in range."""
+def answer_pairs(vertices: Floats, pairs: NDArray[np.int64], ask: Ask) -> NDArray[np.bool_]:
+    """What is told of edges, shape (m, 2), between vertices, shape (n, d); all must be finite and in range."""
     out = np.empty(len(pairs), dtype=np.bool_)
-
-    def work(start: int, stop: int) -> int:
-        for a in range(start, stop, ROWS):
-            b = min(a + ROWS, stop)
-            kernel(np.take(vertices, pairs[a:b, 0], axis=0), np.take(vertices, pairs[a:b, 1], axis=0), out[a:b])
-        return -1
-
-    in_chunks(work, len(out), least=EDGES_A_THREAD)
+    ask([_Chosen(vertices, pairs[:, 0]), _Chosen(vertices, pairs[:, 1])], out)
     return out
+
+
+class _Chosen:
+    """Rows of an array by their numbers; a slice of them is taken when it is asked for."""
+
+    def __init__(self, rows: Floats, numbers: NDArray[np.int64]) -> None:
+        self._rows, self._numbers = rows, numbers
+
+    def __getitem__(self, part: slice) -> Floats:
+        return np.take(self._rows, self._numbers[part], axis=0)
+
+    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> Floats:
+        return self[:]
 
 
 def as_points(q: ArrayLike, name: str, dof: int) -> Floats:
@@ -125,17 +135,25 @@ def _as_rows(q: ArrayLike, name: str, dof: int) -> NDArray[Any]:
     return rows
 
 
-def _fill(out: NDArray[Any], kernel: Kernel, parts: Sequence[NDArray[Any]], least: int) -> int:
+def in_pieces(kernel: Kernel, least: int = LEAST) -> Ask:
+    """What asks a kernel of compiled code, in threads that have ``least`` rows each."""
+    return partial(_fill, kernel, least)
+
+
+def _fill(kernel: Kernel, least: int, parts: Sequence[Any], out: NDArray[Any]) -> int:
     """Fill ``out`` by a kernel of parts, shape (n, d), in threads; the index of the first bad row, or -1."""
     if len(out) == 1:
-        return int(kernel(*(_own(part) for part in parts), out))
-    ready = all(part.dtype == np.float64 and part.flags.c_contiguous and part.flags.writeable for part in parts)
+        return int(kernel(*(own(part) for part in parts), out))
+    ready = all(
+        isinstance(part, np.ndarray) and part.dtype == np.float64 and part.flags.c_contiguous and part.flags.writeable
+        for part in parts
+    )
     step = max(1, len(out)) if ready else ROWS
 
     def work(start: int, stop: int) -> int:
         for a in range(start, stop, step):
             b = min(a + step, stop)
-            bad = int(kernel(*(_own(part[a:b]) for part in parts), out[a:b]))
+            bad = int(kernel(*(own(part[a:b]) for part in parts), out[a:b]))
             if bad >= 0:
                 return a + bad - start
         return -1
@@ -143,13 +161,13 @@ def _fill(out: NDArray[Any], kernel: Kernel, parts: Sequence[NDArray[Any]], leas
     return in_chunks(work, len(out), least)
 
 
-def _own(rows: NDArray[Any]) -> Floats:
+def own(rows: NDArray[Any]) -> Floats:
     """Rows in one piece of float64 that may be written to, the one sort of array that kernels are compiled for."""
     floats = np.ascontiguousarray(rows, dtype=np.float64)
     return floats if floats.flags.writeable else floats.copy()
 
 
-def not_usable(values: NDArray[Any], name: str, index: int) -> InputError:
+def _not_usable(values: NDArray[Any], name: str, index: int) -> InputError:
     """The error for a configuration, or an edge, of a batch."""
     numbers = tuple(values.astype(np.float64).tolist())
     rule = f"NaN, infinities, a yaw beyond {MAX_YAW:.0f} rad and quaternions of another norm than 1 are refused"

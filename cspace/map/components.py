@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from cspace.compiling import inner, reader
 from cspace.map.kept import Change
 from cspace.map.storage import Cells, Stack, cells_of, row_in, state_in
-from cspace.states import BLOCKED
 from cspace.threads import cores, in_threads
 
 Bytes = NDArray[np.uint8]
@@ -39,7 +38,6 @@ TALL: Final = 8
 FEW: Final = 16
 """Blocks that are looked at first for the box around a component."""
 
-_ANSWERS = np.array([None, True, False], dtype=object)
 _ONE, _ONES = np.uint64(1), ~np.uint64(0)
 _DEBRUIJN = np.uint64(0x03F79D71B4CB0A89)
 _PLACES = np.zeros(64, dtype=np.int32)
@@ -460,20 +458,6 @@ class Components:
         if number not in self._boxes:
             self._boxes[number] = self._around(number)
         return self._boxes[number]
-
-    def joins(self, start: tuple[Ints, Bytes], goal: tuple[Ints, Bytes]) -> NDArray[np.object_]:
-        """Whether a path joins configurations: True, False (proven) or None (undecided), shape (...).
-
-        ``start`` and ``goal`` are their cells, shape (..., 1 + d), in the grid or not, and their states, shape (...).
-        """
-        number = start[1].size
-        free, passable = self.of(np.concatenate([cells.reshape(-1, cells.shape[-1]) for cells, _ in (start, goal)]))
-        passable[np.concatenate([states.reshape(-1) for _, states in (start, goal)]) == BLOCKED] = -1
-        free0, open0 = (each[:number].reshape(start[1].shape) for each in (free, passable))
-        free1, open1 = (each[number:].reshape(goal[1].shape) for each in (free, passable))
-        joined, apart = (free0 == free1) & (free0 >= 0), (open0 != open1) | (open0 < 0)
-        answers: NDArray[np.object_] = _ANSWERS[np.where(apart, 2, joined), ...]
-        return answers
 
     def _around(self, number: int) -> Ints:
         """The box around a component; of its blocks those are labelled that may widen it, some of all sides first."""

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from cspace.compiling import entry, jit
 from cspace.errors import InputError
 from cspace.map import turning
-from cspace.map.batches import Many, One, answer
+from cspace.map.batches import Many, One, answer, in_pieces
 from cspace.map.chain import Space
 from cspace.map.contents import checked_fields
 from cspace.map.points import configuration, is_usable, replaced
@@ -117,7 +117,9 @@ class OverlapField:
 
         Raises InputError if the last axis is not dof long, or a value is NaN or infinite.
         """
-        overlaps: float | Floats = answer(q, self._dof, partial(fields_at, *self._fixed()), np.float64, float)
+        overlaps: float | Floats = answer(
+            q, self._dof, in_pieces(partial(fields_at, *self._fixed())), np.float64, float
+        )
         return overlaps
 
     def checker(self) -> Callable[..., float]:

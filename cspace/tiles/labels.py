@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from cspace.map.components import Components
 from cspace.map.exterior import Exterior
-from cspace.map.storage import PackedStates, Stack
+from cspace.map.storage import PackedStates, Stack, read_only_of
 from cspace.memory import is_packed
 from cspace.tiles.store import Index, Store
 from cspace.tiles.work import Job, run
@@ -78,7 +78,7 @@ class Tile:
                     states[number] = part[own]
         closed = np.zeros(store.slices, dtype=np.bool_)
         slice_of = store.rotations.slice_of(store.robot)
-        self.components = Components(states, slice_of, store.rotations.neighbors, closed)
+        self.components = Components(read_only_of(states), slice_of, store.rotations.neighbors, closed)
 
     def roots(self, face: Face) -> tuple[Ints, Ints]:
         """Components of both kinds on a face, shape (rotations, *cells of the face); -1 where a cell has none."""
@@ -190,39 +190,38 @@ class Joined:
             found.append(_unique(outside[one[both]], outside[other[both]]))
         return first, np.concatenate(found)
 
-    def nodes_of(self, cells: Ints, kind: int) -> Ints:
-        """Nodes of cells ``(rotation, x, y(, z))``, shape (n, 1 + d), in the map or not; -1 where a cell has none.
+    def nodes_of(self, cells: Ints) -> Ints:
+        """Nodes of both kinds, shape (2, n), of cells ``(rotation, x, y(, z))``, shape (n, 1 + d), in the map or not.
 
-        A component that reaches no face of its tile has a node of its own, beyond those of the pairs.
+        -1 where a cell has none. A component that reaches no face of its tile has a node of its own, below that.
         """
-        store, nodes = self.store, np.full(len(cells), -1, dtype=np.int64)
+        store, nodes = self.store, np.full((2, len(cells)), -1, dtype=np.int64)
         turns = np.minimum(cells[:, 0], len(self._slice_of) - 1)
         inside = ((cells[:, 1:] >= 0) & (cells[:, 1:] < store.grid.shape)).all(axis=1)
-        if kind == OPEN_ONES:
-            beyond = ~inside & self._open[turns]
-            nodes[beyond] = self.first[kind][-1] + turns[beyond]
+        beyond = ~inside & self._open[turns]
+        nodes[OPEN_ONES, beyond] = self.first[OPEN_ONES][-1] + turns[beyond]
         tiles = cells[:, 1:] // store.tile
         for index in np.unique(tiles[inside], axis=0):
             own = np.flatnonzero(inside & (tiles == index).all(axis=1))
             tile, faces = self._tile(tuple(index.tolist()))
             local = cells[own] - [0, *(part.start for part in tile.cells)]
             local[:, 0] = turns[own]
-            roots = tile.components.of(local)[kind]
-            known, labels = faces[2 * kind], faces[2 * kind + 1]
-            place = np.minimum(np.searchsorted(known, roots), max(len(known) - 1, 0))
-            there = known[place] == roots if len(known) else np.zeros(len(roots), dtype=np.bool_)
             number = self.number(tuple(index.tolist()))
-            nodes[own] = -2 - (number * 2**32 + roots)  # its own, unless it reaches a face
-            nodes[own[there]] = self.first[kind][number] + labels[place[there]]
-            nodes[own[roots < 0]] = -1
+            for kind, roots in enumerate(tile.components.of(local)):
+                known, labels = faces[2 * kind], faces[2 * kind + 1]
+                place = np.minimum(np.searchsorted(known, roots), max(len(known) - 1, 0))
+                there = known[place] == roots if len(known) else np.zeros(len(roots), dtype=np.bool_)
+                found = -2 - (number * 2**32 + roots)  # its own, unless it reaches a face
+                found[there] = self.first[kind][number] + labels[place[there]]
+                nodes[kind, own] = np.where(roots < 0, -1, found)
         return nodes
 
-    def of(self, cells: Ints, kind: int) -> Ints:
-        """Components of cells; -1 where a cell has none."""
-        nodes = self.nodes_of(cells, kind)
-        known = nodes >= 0
-        nodes[known] = self.roots[kind][nodes[known]]
-        return nodes
+    def of(self, cells: Ints) -> tuple[Ints, Ints]:
+        """Components of both kinds of cells; -1 where a cell has none."""
+        free, passable = nodes = self.nodes_of(cells)
+        for roots, own in zip(self.roots, nodes, strict=True):
+            own[own >= 0] = roots[own[own >= 0]]
+        return free, passable
 
     def chain(self, start: Ints, goal: Ints) -> tuple[list[Index], Ints]:
         """The fewest tiles that lead from a cell to another through FREE ones, and where one crosses into the next.
@@ -243,7 +242,7 @@ class Joined:
         from scipy.sparse.csgraph import dijkstra
 
         first, pairs = self.first[FREE_ONES], self.pairs[FREE_ONES]
-        nodes = self.nodes_of(np.stack([start, goal]), FREE_ONES)
+        nodes = self.nodes_of(np.stack([start, goal]))[FREE_ONES]
         tiles = [tuple((cell[1:] // self.store.tile).tolist()) for cell in (start, goal)]
         if nodes[0] == nodes[1] != -1:
             return tiles[:1], np.empty((0, 2, len(start)), dtype=np.int64)

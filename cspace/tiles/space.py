@@ -5,25 +5,26 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final, TypeVar, overload
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cspace.configuration_map import ConfigurationMap, Result
 from cspace.correlation import Progress
 from cspace.errors import ConfigurationError, FileError, InputError
 from cspace.grid import Grid
-from cspace.map.batches import EDGES_A_THREAD, Many, One, as_pairs, as_points, not_usable
+from cspace.map.batches import EDGES_A_THREAD, Ask, Kernel, as_points, own
 from cspace.map.exterior import Exterior
 from cspace.map.kept import Lock
 from cspace.map.record import Map
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.space import CSpace
-from cspace.states import BLOCKED, FREE
+from cspace.states import FREE, NAMES
 from cspace.threads import LEAST, in_chunks
 from cspace.tiles.cache import Cache
-from cspace.tiles.labels import FREE_ONES, OPEN_ONES, Joined, label_all
+from cspace.tiles.labels import Joined, label_all
 from cspace.tiles.overview import overview_of
 from cspace.tiles.sources import Held
 from cspace.tiles.store import Record, Store
@@ -35,17 +36,16 @@ from cspace.update import Patch, Update
 if TYPE_CHECKING:
     from distributed import Client
 
+    from cspace.exact.queries import Exact
+
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 CACHE_BYTES: Final = 2**29
 """Memory for decoded tiles, unless a map is told otherwise: 2 x 10^9 states."""
 
-Kernel = Callable[..., int]
-Result = TypeVar("Result")
 
-
-class TiledCSpace:
+class TiledCSpace(ConfigurationMap):
     """A certified map that stays in its store; what is looked up of it is read tile by tile.
 
     :func:`cspace.build` makes it with a ``store``, and :func:`cspace.open` opens it. Its answers are those of the same
@@ -108,16 +108,6 @@ class TiledCSpace:
         return float(self._store.metadata["margin"])
 
     @property
-    def axes(self) -> tuple[str, ...]:
-        """Names of the numbers in a configuration."""
-        return (*"xyz"[: self.grid.dim], *self.rotations.names)
-
-    @property
-    def dof(self) -> int:
-        """How many numbers a configuration has."""
-        return len(self.axes)
-
-    @property
     def path(self) -> str:
         """The store's folder."""
         return str(self._store.path)
@@ -145,12 +135,15 @@ class TiledCSpace:
         free, mixed, blocked = np.array(self._now.metadata["counts"])[slice_of].sum(axis=0).tolist()
         return free, mixed, blocked
 
-    def __repr__(self) -> str:
-        cells = " x ".join(map(str, self.grid.shape))
-        turns = f" x {self.rotations}" if self.rotations.names else ""
-        tiles = f"{len(self._store)} tiles of {' x '.join(map(str, self.tile))}"
+    @property
+    def _summary(self) -> str:
         share = "" if self.done == 1.0 else f", {self.done:.1%} of them done"
-        return f"TiledCSpace({cells} cells of {self.grid.spacing:g} m{turns}, {self.robot.name}: {tiles}{share})"
+        return f"{len(self._store)} tiles of {' x '.join(map(str, self.tile))}{share}"
+
+    @property
+    def _facts(self) -> dict[str, Any]:
+        cells = {"cells": dict(zip(NAMES, self.count(), strict=True))} if self.done == 1.0 else {}
+        return {"tile": list(self.tile), "done_percent": round(100.0 * self.done, 4), **cells, "version": self.version}
 
     def __reduce__(self) -> tuple[Callable[..., TiledCSpace], tuple[str, int]]:
         return TiledCSpace.open, (self.path, self._limit)
@@ -158,64 +151,12 @@ class TiledCSpace:
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_") or not hasattr(CSpace, name):
             raise AttributeError(f"'TiledCSpace' object has no attribute {name!r}")
+        raise self._elsewhere(name)
+
+    @staticmethod
+    def _elsewhere(name: str) -> ConfigurationError:
         mend = "ask a part of it: space.window(lower, upper)"
-        raise ConfigurationError(name, "needs a map in memory", "this one stays in its store", mend)
-
-    # ---- look-ups ----------------------------------------------------------------------------------------------------
-
-    @overload
-    def classify(self, q: One) -> int: ...  # type: ignore[overload-overlap]
-    @overload
-    def classify(self, q: Many) -> NDArray[np.uint8]: ...
-    def classify(self, q: ArrayLike) -> int | NDArray[np.uint8]:
-        """State of configurations, as :meth:`cspace.CSpace.classify`."""
-        from cspace.map.points import classify_few
-
-        points = as_points(q, "q", self.dof)
-        states = self._ask(classify_few, [points.reshape(-1, self.dof)], "q", np.uint8, FREE, LEAST)
-        return states.reshape(points.shape[:-1]) if points.ndim > 1 else int(states[0])
-
-    @overload
-    def is_free(self, q: One) -> bool: ...  # type: ignore[overload-overlap]
-    @overload
-    def is_free(self, q: Many) -> Bools: ...
-    def is_free(self, q: ArrayLike) -> bool | Bools:
-        """Whether configurations are proven collision-free, as :meth:`cspace.CSpace.is_free`."""
-        states: Any = self.classify(q)  # type: ignore[arg-type]
-        free: bool | Bools = states == FREE
-        return free
-
-    @overload
-    def motion_is_free(self, q0: One, q1: One) -> bool: ...  # type: ignore[overload-overlap]
-    @overload
-    def motion_is_free(self, q0: Many, q1: ArrayLike) -> Bools: ...
-    @overload
-    def motion_is_free(self, q0: ArrayLike, q1: Many) -> Bools: ...
-    def motion_is_free(self, q0: ArrayLike, q1: ArrayLike) -> bool | Bools:
-        """Whether straight edges are proven collision-free all along, as :meth:`cspace.CSpace.motion_is_free`."""
-        starts, ends = as_points(q0, "q0", self.dof), as_points(q1, "q1", self.dof)
-        try:
-            starts, ends = np.broadcast_arrays(starts, ends)
-        except ValueError as error:
-            found = f"has shape {starts.shape} and q1 {ends.shape}"
-            raise InputError("q0", found, "they must broadcast", "pass batches of equal shape") from error
-        free = self._edges(starts.reshape(-1, self.dof), ends.reshape(-1, self.dof))
-        return free.reshape(starts.shape[:-1]) if starts.ndim > 1 else bool(free[0])
-
-    def certify_path(self, path: ArrayLike, edges: ArrayLike | None = None) -> Bools:
-        """Whether each edge of a path, of paths, or of a roadmap is proven, as :meth:`cspace.CSpace.certify_path`."""
-        points = as_points(path, "path", self.dof)
-        self.classify(points[..., :0, :] if points.ndim > 1 else points)
-        if edges is not None:
-            pairs = as_pairs(edges, points)
-            return self._edges(points[pairs[:, 0]], points[pairs[:, 1]])
-        if points.ndim < 2 or points.shape[-2] == 0:
-            rule = "it must hold at least one configuration in a row"
-            raise InputError("path", f"has shape {points.shape}", rule, f"pass an array of shape (n, {self.dof})")
-        starts, ends = points[..., :-1, :], points[..., 1:, :]
-        if not starts.size:
-            self.classify(points)  # raises where one is not finite
-        return self._edges(starts.reshape(-1, self.dof), ends.reshape(-1, self.dof)).reshape(starts.shape[:-1])
+        return ConfigurationError(name, "needs a map in memory", "this one stays in its store", mend)
 
     # ---- what FREE cells join ----------------------------------------------------------------------------------------
 
@@ -245,23 +186,9 @@ class TiledCSpace:
             self._parts = Joined(self._store, Exterior(self._exterior))
         return self._parts
 
-    @overload
-    def path_exists(self, q0: One, q1: One) -> bool | None: ...  # type: ignore[overload-overlap]
-    @overload
-    def path_exists(self, q0: Many, q1: ArrayLike) -> NDArray[np.object_]: ...
-    @overload
-    def path_exists(self, q0: ArrayLike, q1: Many) -> NDArray[np.object_]: ...
-    def path_exists(self, q0: ArrayLike, q1: ArrayLike) -> bool | NDArray[np.object_] | None:
-        """Whether a collision-free path joins configurations, as :meth:`cspace.CSpace.path_exists`.
-
-        The first call labels the components of all tiles, and keeps them in the store; see :meth:`label`.
-        """
-        ends = [as_points(q, name, self.dof) for q, name in ((q0, "q0"), (q1, "q1"))]
-        (free0, open0), (free1, open1) = self._at_one_moment(lambda: [self._components_of(points) for points in ends])
-        joined, apart = (free0 == free1) & (free0 != -1), (open0 != open1) | (open0 == -1)
-        answers = np.array([None, True, False], dtype=object)[np.where(apart, 2, joined), ...]
-        told: bool | NDArray[np.object_] | None = answers if answers.ndim else answers[()]
-        return told
+    @property
+    def _components(self) -> Joined:
+        return self._join()
 
     def chain(self, q0: ArrayLike, q1: ArrayLike) -> list[tuple[Callable[[], CSpace], Floats, Floats]]:
         """The tiles that lead from a configuration to another through FREE cells, for planners.
@@ -302,18 +229,6 @@ class TiledCSpace:
         return self._at_one_moment(
             lambda: window_of(self._store, self._record, self._job.reach, self._exterior, first, stop)
         )
-
-    def _components_of(self, points: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Components of both kinds that configurations belong to."""
-        cells = self._cells_of(points)
-        flat, joined = cells.reshape(-1, cells.shape[-1]), self._join()
-        free, passable = (joined.of(flat, kind).reshape(cells.shape[:-1]) for kind in (FREE_ONES, OPEN_ONES))
-        passable[np.asarray(self.classify(points)) == BLOCKED] = -1
-        return free, passable
-
-    def _cells_of(self, points: Floats) -> NDArray[np.int64]:
-        cells = self.grid.cell_of(points[..., : self.grid.dim])
-        return np.concatenate([self.rotations.cells_of(points)[..., None], cells], axis=-1)
 
     # ---- parts, and changes ------------------------------------------------------------------------------------------
 
@@ -399,25 +314,32 @@ class TiledCSpace:
             self._check_done()
             return update_store(self._now, patch, client, self._job.reach)
 
-    def _edges(self, starts: Floats, ends: Floats) -> Bools:
+    # ---- who answers -------------------------------------------------------------------------------------------------
+
+    def _classify(self) -> Ask:
+        from cspace.map.points import classify_few
+
+        return partial(self._ask, classify_few, FREE, LEAST)
+
+    def _edges(self, number: int, exact: bool) -> Ask:
         from cspace.map.edges import edges_are_free
+
+        if exact:
+            raise self._elsewhere("exact")
 
         def kernel(map_: Map, first: Floats, last: Floats, out: Bools) -> int:
             return edges_are_free(map_, None, first, last, out)
 
-        free: Bools = self._ask(kernel, [starts, ends], "edge", np.bool_, True, EDGES_A_THREAD)
-        return free
+        return partial(self._ask, kernel, True, EDGES_A_THREAD)
 
-    def _ask(
-        self, kernel: Kernel, parts: list[Floats], name: str, dtype: type[np.generic], passed: int, least: int
-    ) -> NDArray[Any]:
-        """What a kernel tells of rows, shape (n, dof); ``passed`` is what it tells where all that it reads is FREE."""
-        rows = [np.array(part, dtype=np.float64, order="C") for part in parts]
-        out = np.empty(len(rows[0]), dtype=dtype)
-        bad = self._at_one_moment(lambda: self._in_turns(kernel, rows, out, passed, least))
-        if bad >= 0:
-            raise not_usable(np.concatenate([part[bad] for part in rows]), name, bad)
-        return out
+    @property
+    def _exact(self) -> Exact:
+        raise self._elsewhere("exact")
+
+    def _ask(self, kernel: Kernel, passed: int, least: int, parts: Sequence[Any], out: NDArray[Any]) -> int:
+        """Fill ``out`` by a kernel of rows, shape (n, dof); ``passed`` is what it tells where all it reads is FREE."""
+        rows = [own(part) for part in parts]
+        return self._at_one_moment(lambda: self._in_turns(kernel, rows, out, passed, least))
 
     @property
     def _now(self) -> Store:

@@ -86,6 +86,10 @@ def test_what_is_opened(tmp_path):
     for name in ("sample_free", "clearance", "plot", "state"):
         with pytest.raises(ConfigurationError, match="window"):
             getattr(opened, name)
+    q = np.zeros(3)
+    for look_up in (opened.is_free, lambda q, **exact: opened.motion_is_free(q, q, **exact)):
+        with pytest.raises(ConfigurationError, match=r"exact needs a map in memory.*window"):
+            look_up(q, exact=True)
     with pytest.raises(AttributeError):
         opened.nothing_of_this_name  # noqa: B018
 
