@@ -19,8 +19,10 @@ from cspace.memory import MESH_BYTES, WORKSPACE_BYTES, check_memory
 from cspace.shapes import Balls, Mesh, Polygons, Shape, Voxels
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from shapely.geometry.base import BaseGeometry
 
+    from cspace.plot.picture import WorkspaceOptions
     from cspace.shapes.balls import BallSet
     from cspace.shapes.mesh import MeshLike, Solid
     from cspace.tiles.sources import Source
@@ -61,6 +63,9 @@ class Workspace:
         Cells that lie in obstacles; the same object as ``outer`` for a map that is itself a grid.
     source : str
         What it was read from.
+    unknown : ndarray of bool, shape grid.shape, or None
+        Cells of a sensor map that nothing is known of, which count as free or as occupied as ``outer`` says; pictures
+        draw them apart. None where there are none.
     shapes : tuple or None
         The obstacles themselves, metres, also where they reach beyond the grid. None for a map that is itself a grid,
         whose outer cells are the obstacles. Exact look-ups ask them.
@@ -78,14 +83,16 @@ class Workspace:
     outer: NDArray[np.bool_] = field(repr=False)
     inner: NDArray[np.bool_] = field(repr=False)
     source: str = "array"
+    unknown: NDArray[np.bool_] | None = field(default=None, repr=False)
     shapes: tuple[Shape, ...] | None = field(default=None, repr=False)
     live: bool = field(default=False, repr=False)
 
     def __post_init__(self) -> None:
         outer = check_cells(self.outer, "outer")
         inner = outer if self.inner is self.outer else check_cells(self.inner, "inner")
-        for name, cells in (("outer", outer), ("inner", inner)):
-            if cells.shape != self.grid.shape:
+        unknown = None if self.unknown is None else check_cells(self.unknown, "unknown")
+        for name, cells in (("outer", outer), ("inner", inner), ("unknown", unknown)):
+            if cells is not None and cells.shape != self.grid.shape:
                 raise InputError(
                     name,
                     f"has shape {cells.shape} on a grid of {self.grid.shape}",
@@ -101,6 +108,7 @@ class Workspace:
                 "add it to outer",
             )
         object.__setattr__(self, "shapes", None if self.shapes is None else tuple(self.shapes))
+        object.__setattr__(self, "unknown", unknown if unknown is not None and unknown.any() else None)
         object.__setattr__(self, "outer", outer)
         object.__setattr__(self, "inner", outer if np.array_equal(inner, outer) else inner)
 
@@ -114,6 +122,29 @@ class Workspace:
         from cspace.plot import as_html
 
         return as_html(self, [repr(self)])
+
+    def plot(self, **options: Unpack[WorkspaceOptions]) -> Axes:
+        """Draw the obstacles; no window is opened.
+
+        Parameters
+        ----------
+        **options
+            Of :func:`cspace.plot.plot`: ``view``, ``at``, ``zoom``, ``cut``, ``camera``, ``ax``, ``legend`` and
+            ``title``, by default the source and the side of a cell.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+            The axes, which a notebook shows as the picture; ``ax.figure`` is the figure.
+
+        Raises
+        ------
+        InputError
+            As :func:`cspace.plot.plot`.
+        """
+        from cspace.plot import plot_workspace
+
+        return plot_workspace(self, **options)
 
     @classmethod
     def from_array(
@@ -198,7 +229,8 @@ class Workspace:
         """
         from cspace.io.rosmap import read_ros_map
 
-        return cls(*read_ros_map(path, unknown), source=str(path))
+        grid, outer, inner, unseen = read_ros_map(path, unknown)
+        return cls(grid, outer, inner, source=str(path), unknown=unseen)
 
     @classmethod
     def from_image(
@@ -487,8 +519,8 @@ class Workspace:
         """
         from cspace.io.octomap import read_octomap
 
-        grid, cells = read_octomap(path, unknown)
-        return cls(grid, cells, cells, source=str(path))
+        grid, cells, unseen = read_octomap(path, unknown)
+        return cls(grid, cells, cells, source=str(path), unknown=unseen)
 
     @classmethod
     def open(cls, path: Named, **options: Unpack[OpenOptions]) -> Workspace:

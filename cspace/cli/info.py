@@ -219,26 +219,26 @@ _SHAPES: Final[dict[str, tuple[str, Callable[..., tuple[Any, dict[str, Any]]]]]]
 
 
 def _grid(cells: _Cells, read: Callable[..., Any], reader: Callable[..., Any]) -> dict[str, Any]:
-    """A file that is itself a grid; of a sensor map, what is unknown is what the two ways to take it differ in."""
+    """A file that is itself a grid; of a sensor map, what is unknown is told apart."""
     import numpy as np
 
     from cspace.memory import FIXED_CELLS, WORKSPACE_BYTES
 
-    found: dict[str, int] = {}
-    if "unknown" in inspect.signature(reader).parameters:
-        taken = int(np.count_nonzero(read(unknown="occupied").outer))
-        workspace = read(unknown="free")
-        occupied = int(np.count_nonzero(workspace.outer))
-        found["unknown"] = taken - occupied
-    else:
-        workspace = read()
-        taken = occupied = int(np.count_nonzero(workspace.outer))
+    senses = "unknown" in inspect.signature(reader).parameters
+    workspace = read(unknown="free") if senses else read()
+    occupied, unseen = int(np.count_nonzero(workspace.outer)), workspace.unknown
+    found = {"unknown": 0 if unseen is None else int(np.count_nonzero(unseen))} if senses else {}
     grid = workspace.grid
     return {
         **describe_box(np.array([grid.lower, grid.upper])),
         "spacing_m": grid.spacing,
         "shape": list(grid.shape),
-        "cells": {"occupied": occupied, **found, "free": grid.size - taken, "total": grid.size},
+        "cells": {
+            "occupied": occupied,
+            **found,
+            "free": grid.size - occupied - sum(found.values()),
+            "total": grid.size,
+        },
         **cells.memory(grid.shape, grid.spacing, WORKSPACE_BYTES, mend=FIXED_CELLS),
     }
 

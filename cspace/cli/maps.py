@@ -174,6 +174,9 @@ def picture(
         str | None,
         typer.Option(metavar="X,Y[,Z]", help="The point of sections, and of rotations, metres  [default: chosen]."),
     ] = None,
+    zoom: Annotated[
+        float | None, typer.Option(metavar="TIMES", help="Show a part only, so many times larger, around --at.")
+    ] = None,
     surface: Annotated[
         Literal["obstacles", "free"] | None,
         typer.Option(help="What 3d shows: obstacles, or the border of the free space  [default: obstacles]."),
@@ -198,6 +201,7 @@ def picture(
     options = given(
         rotation=None if rotation is None else rotation_of(rotation, "--rotation", axes),
         at=None if at is None else configuration(at, "--at", [axis for axis in axes if axis in ("x", "y", "z")]),
+        zoom=zoom,
         surface=surface,
         cut=cut,
     )

@@ -42,7 +42,7 @@ class _Header:
     resolution: float
 
 
-def read_octomap(path: str | os.PathLike[str], unknown: str = "occupied") -> tuple[Grid, NDArray[np.bool_]]:
+def read_octomap(path: str | os.PathLike[str], unknown: str = "occupied") -> tuple[Grid, Bools, Bools]:
     """Occupied cells of an OctoMap, over the box of its known space.
 
     Coarse leaves are expanded to the finest cells. A leaf of a full tree (``.ot``) is occupied from a probability of
@@ -59,7 +59,8 @@ def read_octomap(path: str | os.PathLike[str], unknown: str = "occupied") -> tup
     -------
     grid : Grid
         Of the tree's resolution; its corner lies a whole number of cells from the origin.
-    occupied : ndarray of bool, shape grid.shape
+    occupied, unknown : ndarray of bool, shape grid.shape
+        What is occupied, with what counts as such, and the cells without a leaf.
 
     Raises
     ------
@@ -78,15 +79,15 @@ def read_octomap(path: str | os.PathLike[str], unknown: str = "occupied") -> tup
     first = leaves[:, :3].min(axis=0)
     shape = (leaves[:, :3] + leaves[:, 3:4]).max(axis=0) - first
     across = tuple(int(n) for n in shape)
-    check_cells(path, across)
+    check_cells(path, across, memory=2.0)
     grid = Grid((first - _HALF) * header.resolution, header.resolution, across)
     leaves[:, :3] -= first
-    is_occupied = leaves[:, 4] == 1
-    # Only what differs from the unknown is painted.
-    occupied = np.full(across, unknown == "occupied", dtype=np.bool_)
-    painted = ~is_occupied if unknown == "occupied" else is_occupied
-    paint_cubes(occupied, np.ascontiguousarray(leaves[painted, :4]), unknown == "free")
-    return grid, occupied
+    unseen, occupied = np.ones(across, dtype=np.bool_), np.zeros(across, dtype=np.bool_)
+    paint_cubes(unseen, np.ascontiguousarray(leaves[:, :4]), False)
+    paint_cubes(occupied, np.ascontiguousarray(leaves[leaves[:, 4] == 1, :4]), True)
+    if unknown == "occupied":
+        occupied |= unseen
+    return grid, occupied, unseen
 
 
 def _split(content: bytes) -> tuple[_Header, int]:

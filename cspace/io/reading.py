@@ -99,6 +99,7 @@ def _restored(metadata: Mapping[str, Any], arrays: Mapping[str, Any]) -> CSpace:
         outer=arrays["outer"],
         inner=arrays.get("inner", arrays["outer"]),
         source=metadata["workspace_source"],
+        unknown=arrays.get("unknown"),
         shapes=shapes_from(arrays),
     )
     rotations = Rotations.from_coordinates(arrays)

@@ -86,6 +86,7 @@ ARRAYS: Final[dict[str, Stored]] = {
     ),
     "outer": _stored("cells", "bool", True, "workspace cells that meet an obstacle"),
     "inner": _stored("cells", "bool", True, "workspace cells that lie in obstacles"),
+    "unknown": _stored("cells", "bool", True, "workspace cells that nothing is known of"),
     "overlap": _stored(
         "slice cells", "int32", -1, "number of coinciding pairs of obstacle cell and robot offset", units="1"
     ),
@@ -162,9 +163,9 @@ def metadata_of(contents: Contents) -> dict[str, Any]:
 def arrays_of(contents: Contents) -> dict[str, Any]:
     """The arrays of a map, by the names of :data:`ARRAYS`. No cells are copied; states may be in two bits each.
 
-    ``inner`` is there only if it differs from ``outer``, ``overlap`` only if the map was built with it, :data:`FIELDS`
-    only if it carries an overlap field, :data:`TURNS` only if the robot turns, and ``shapes`` only if the obstacles
-    are known as such.
+    ``inner`` is there only if it differs from ``outer``, ``unknown`` only if there are such cells, ``overlap`` only if
+    the map was built with it, :data:`FIELDS` only if it carries an overlap field, :data:`TURNS` only if the robot
+    turns, and ``shapes`` only if the obstacles are known as such.
     """
     workspace, grid = contents.workspace, contents.grid
     arrays: dict[str, Any] = {
@@ -174,6 +175,8 @@ def arrays_of(contents: Contents) -> dict[str, Any]:
     }
     if workspace.inner is not workspace.outer:
         arrays["inner"] = workspace.inner
+    if workspace.unknown is not None:
+        arrays["unknown"] = workspace.unknown
     if contents.exterior is not None:
         arrays["exterior"] = contents.exterior.table
     stacked: dict[str, NDArray[Any]] = dict(contents.fields)

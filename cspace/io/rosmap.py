@@ -38,7 +38,7 @@ LEVELS: Final = {FREE: 254, MIXED: 205, BLOCKED: 0}
 """Grey of each state in a written map, as the ROS tools write free, unknown and occupied."""
 
 
-def read_ros_map(path: str | os.PathLike[str], unknown: str = "occupied") -> tuple[Grid, Bools, Bools]:
+def read_ros_map(path: str | os.PathLike[str], unknown: str = "occupied") -> tuple[Grid, Bools, Bools, Bools]:
     """Read a ROS map.
 
     The image becomes cells as in map_server of ROS 1 and Navigation2. With *shade* the mean of the colour channels
@@ -70,6 +70,8 @@ def read_ros_map(path: str | os.PathLike[str], unknown: str = "occupied") -> tup
     grid : Grid
     outer, inner : ndarray of bool, shape grid.shape
         Cells that meet an obstacle and cells that lie in obstacles; the same array unless the map is turned.
+    unknown : ndarray of bool, shape grid.shape
+        Cells that the map says nothing of; of a turned map, those whose middle lies in such a cell or beyond the map.
 
     Raises
     ------
@@ -84,10 +86,10 @@ def read_ros_map(path: str | os.PathLike[str], unknown: str = "occupied") -> tup
     solid = ~free if unknown == "occupied" else occupied
     turns = _quarter_turns(header.yaw, solid.shape)
     if turns is None:
-        return _turned(header, solid, beyond=unknown == "occupied")
+        return _turned(header, solid, ~(free | occupied), beyond=unknown == "occupied")
     lower, _ = _extent(header, solid.shape, *QUARTERS[turns])
     cells = np.rot90(solid, turns)
-    return _grid(header, lower, cells.shape), cells, cells
+    return _grid(header, lower, cells.shape), cells, cells, np.rot90(~(free | occupied), turns)
 
 
 def write_ros_map(state: ArrayLike, grid: Grid, path: str | os.PathLike[str], overwrite: bool = False) -> None:
@@ -277,7 +279,7 @@ def _extent(header: _Header, shape: tuple[int, ...], cos: float, sin: float) -> 
     )
 
 
-def _turned(header: _Header, solid: Bools, beyond: bool) -> tuple[Grid, Bools, Bools]:
+def _turned(header: _Header, solid: Bools, unknown: Bools, beyond: bool) -> tuple[Grid, Bools, Bools, Bools]:
     """The map turned by its yaw, on an upright grid; ``beyond`` tells whether the ground around it is solid."""
     from cspace.raster.bitmaps import boundary_segments
     from cspace.raster.segments import cells_touched_and_inside
@@ -299,7 +301,20 @@ def _turned(header: _Header, solid: Bools, beyond: bool) -> tuple[Grid, Bools, B
         touched, inside = cells_touched_and_inside(turned.reshape(-1, 4), grid)
     if beyond:
         inside = ~inside
-    return grid, touched | inside, inside & ~touched
+    return grid, touched | inside, inside & ~touched, _sampled(header, unknown, grid)
+
+
+def _sampled(header: _Header, cells: Bools, grid: Grid) -> Bools:
+    """Cells of a grid whose middle lies in a given cell of the turned map, or beyond it."""
+    cos, sin = math.cos(header.yaw), math.sin(header.yaw)
+    x, y = (grid.centers(axis) - header.origin[axis] for axis in range(2))
+    found = np.ones(grid.shape, dtype=np.bool_)
+    for column, along in enumerate(x):  # a column at a time: places of all cells would take 32 bytes each
+        places = np.stack([cos * along + sin * y, cos * y - sin * along], axis=-1) / header.resolution
+        cell = np.floor(places).astype(np.int64)
+        within = ((cell >= 0) & (cell < cells.shape)).all(axis=-1)
+        found[column, within] = cells[tuple(cell[within].T)]
+    return found
 
 
 def _grid(header: _Header, lower: ArrayLike, shape: tuple[int, ...]) -> Grid:

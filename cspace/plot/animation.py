@@ -27,8 +27,6 @@ _DPI = 72.0
 _MOST_FRAMES: Final = 1000
 _COLORS: Final = 96
 """Colours of the animation; few keep the file small, and the pictures are flat."""
-_DARK: Final = "#00614a"
-"""The robot's edge and nose."""
 _REST: Final = 1200
 """Milliseconds that the last frame stands."""
 
@@ -143,20 +141,20 @@ class _Stage:
         box = Route(route.points, route.marks, stops, route.figurine).box(space)
         stretch = artists.stretches(box)
         self._figure, (world, plane) = _panels(box)
-        solid = np.where(space.workspace.outer, np.uint8(artists.OBSTACLE), np.uint8(artists.OPEN))
-        artists.draw_cells(world, space.grid, solid)
+        ground = artists.ground_of(space.workspace)
+        artists.draw_cells(world, space.grid, ground)
         slices = [self._classes(q) for q in stops]
         self._image = artists.draw_cells(plane, space.grid, slices[0])
-        handles = artists.cell_legend([np.unique(part) for part in slices], space, box)
+        handles = artists.cell_legend([np.unique(part) for part in (ground, *slices)], space, box)
         for ax in (world, plane):
             drawn = artists.draw_route(ax, route, 0.7, robots=False)
             artists.frame(ax, box, stretch, labels=False)
         self._trail = world.plot([], [], color=artists.ROBOT, linewidth=2.2, zorder=4.5)[0]
         first = route.points[0]
-        body: dict[str, Any] = {"facecolor": artists.BODY, "edgecolor": _DARK, "zorder": 6}
+        body: dict[str, Any] = {"facecolor": artists.BODY, "edgecolor": artists.DARK, "zorder": 6}
         self._robot = PathPatch(artists.outline(self._figurine, first), **body)
         world.add_patch(self._robot)
-        self._nose = PathPatch(artists.nose(self._figurine, first), facecolor=_DARK, linewidth=0.0, zorder=6.1)
+        self._nose = PathPatch(artists.nose(self._figurine, first), facecolor=artists.DARK, linewidth=0.0, zorder=6.1)
         world.add_patch(self._nose)
         self._point = plane.plot([], [], marker="o", markersize=6.0, color=artists.ROBOT, mec="black", zorder=6)[0]
         heads: dict[str, Any] = {"loc": "left", "fontsize": 9}

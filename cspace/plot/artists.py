@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cspace.grid import Grid
 from cspace.orientation import Orientation
-from cspace.plot.route import Figurine, Floats, Look, MapLike, Route
+from cspace.plot.route import Figurine, Floats, Look, MapLike, Route, WorkspaceLike
 from cspace.states import BLOCKED, FREE, MIXED
 
 if TYPE_CHECKING:
@@ -28,12 +28,14 @@ Classes = NDArray[np.uint8]
 CLASSES: Final = (
     ("free", "#ffffff"),
     ("free at some rotations", "#f3e79b"),
+    ("unknown, taken as free", "#a6b6b0"),
     ("obstacle, free for the reference point", "#999999"),
     ("undecided (MIXED)", "#d55e00"),
     ("C-obstacle (BLOCKED)", "#a6d3ee"),
+    ("unknown, taken as obstacle", "#475955"),
     ("obstacle", "#262626"),
 )
-OPEN, SOME, HOLLOW, UNDECIDED, COLLIDES, OBSTACLE = range(len(CLASSES))
+OPEN, SOME, ASSUMED, HOLLOW, UNDECIDED, COLLIDES, UNSEEN, OBSTACLE = range(len(CLASSES))
 OVER_ALL: Final = {OPEN: "free at every rotation", COLLIDES: "C-obstacle at every rotation"}
 """What classes are called where all rotations are shown at once."""
 
@@ -41,6 +43,8 @@ PATH: Final = "#0072b2"
 ROBOT: Final = "#009e73"
 BODY: Final = "#3fb795"
 """A robot that is drawn filled."""
+DARK: Final = "#00614a"
+"""Its edge and nose."""
 GOAL: Final = "#cc79a7"
 OUTSIDE: Final = ("outside the grid", "#f2f2f2", "#c4c4c4")
 """Name, ground and hatching of what the map does not show."""
@@ -55,23 +59,38 @@ def classes_of(space: MapLike, rotation: Floats | None, layer: tuple[Any, ...] =
 
     At a rotation, shape (dof,), or over all of them where none is given.
     """
-    occupied = space.workspace.outer[layer]
+    ground = ground_of(space.workspace, layer)
     if rotation is not None:
-        return classes_at(occupied, space.slice_at(rotation)[layer])
-    least = most = space._seen[0][layer]
-    for states in space._seen:
+        return classes_at(ground, space.slice_at(rotation)[layer])
+    stack = iter(space._seen)
+    least = most = next(stack)[layer]
+    for states in stack:
         least, most = np.minimum(least, states[layer]), np.maximum(most, states[layer])
-    classes = classes_at(occupied, least)
-    classes[(classes == OPEN) & (most != FREE)] = SOME
+    classes = classes_at(ground, least)
+    classes[(classes <= ASSUMED) & (most != FREE)] = SOME
     return classes
 
 
-def classes_at(occupied: NDArray[np.bool_], state: NDArray[np.uint8]) -> Classes:
-    """Classes of cells of one slice, of any shape, from whether they meet an obstacle, and from their states."""
-    table = np.empty((2, 3), np.uint8)
-    table[0, [FREE, MIXED, BLOCKED]] = OPEN, UNDECIDED, COLLIDES
-    table[1, [FREE, MIXED, BLOCKED]] = HOLLOW, OBSTACLE, OBSTACLE
-    return np.asarray(np.where(occupied, table[1][state], table[0][state]))
+def ground_of(workspace: WorkspaceLike, layer: tuple[Any, ...] = ()) -> Classes:
+    """Classes of the cells of a workspace alone: open or obstacle, and known or not."""
+    occupied = workspace.outer[layer]
+    known = np.where(occupied, np.uint8(OBSTACLE), np.uint8(OPEN))
+    if workspace.unknown is None:
+        return known
+    return np.asarray(
+        np.where(workspace.unknown[layer], np.where(occupied, np.uint8(UNSEEN), np.uint8(ASSUMED)), known)
+    )
+
+
+def classes_at(ground: Classes, state: NDArray[np.uint8]) -> Classes:
+    """Classes of cells of one slice, of any shape, from those of the workspace alone, and from their states."""
+    table = np.empty((len(CLASSES), 3), np.uint8)
+    table[:, FREE], table[:, MIXED], table[:, BLOCKED] = HOLLOW, UNDECIDED, COLLIDES
+    for number in (UNSEEN, OBSTACLE):
+        table[number, [MIXED, BLOCKED]] = number
+    for number in (OPEN, ASSUMED):
+        table[number, FREE] = number
+    return np.asarray(table[ground, state])
 
 
 def section(grid: Grid, point: Floats, pair: Sequence[int] = (0, 1)) -> tuple[Grid, tuple[Any, ...]]:
@@ -143,15 +162,17 @@ def draw_robots(ax: Axes, figurine: Figurine, at: Floats, pair: Sequence[int] = 
     In the plane its nose shows where it looks.
     """
     from matplotlib.collections import PathCollection
+    from matplotlib.colors import to_rgb
     from matplotlib.patches import Patch
 
     if not len(at):
         return []
-    style: dict[str, Any] = {"facecolor": (0.0, 0.62, 0.45, 0.12), "edgecolor": ROBOT, "linestyle": (0, (4, 1.2))}
-    robots = PathCollection([outline(figurine, q, pair) for q in at], linewidths=0.9, zorder=3, **style)
+    style: dict[str, Any] = {"facecolor": (*to_rgb(BODY), 0.55), "edgecolor": DARK}
+    robots = PathCollection([outline(figurine, q, pair) for q in at], linewidths=0.9, zorder=3.0, **style)
     robots.set_transform(ax.transData)
+    robots.set_path_effects([halo(2.1, 0.8)])
     ax.add_collection(robots, autolim=False)
-    noses = PathCollection([nose(figurine, q) for q in at], linewidths=0.0, zorder=3.1, facecolor=(0, 0.62, 0.45, 0.6))
+    noses = PathCollection([nose(figurine, q) for q in at], linewidths=0.0, zorder=3.1, facecolor=DARK)
     noses.set_transform(ax.transData)
     ax.add_collection(noses, autolim=False)
     return [Patch(linewidth=0.9, label="robot", **style)]

@@ -58,8 +58,8 @@ def draw_dials(space: MapLike, route: Route, look: Look) -> Axes:
 
     point, grid = section_point(space, look.at, route), space.grid
     cell = tuple(grid.cell_of(point).tolist())
-    states = np.array([states[cell] for states in space._seen])[space._map.rotations.slice_of]
-    occupied, shown = np.array(space.workspace.outer[cell]), []
+    states = np.array([states[cell] for states in space._seen])[space._slice_of]
+    ground, shown = artists.ground_of(space.workspace, cell), []
     dials = _DIALS[space.rotations.names]()
     rows = -(-len(dials) // _COLUMNS)
     columns = -(-len(dials) // rows)
@@ -67,7 +67,7 @@ def draw_dials(space: MapLike, route: Route, look: Look) -> Axes:
     colors = ListedColormap([color for _, color in artists.CLASSES])
     for ax, dial in zip(panels.flat, dials, strict=True):
         one, other = states[space.rotations.cells_of(dial.rotations)]
-        shown.append(artists.classes_at(occupied, np.where(one == MIXED, other, one)))
+        shown.append(artists.classes_at(ground, np.where(one == MIXED, other, one)))
         picture = np.zeros(dial.inside.shape, np.uint8)
         picture[dial.inside] = shown[-1]
         most, seen = len(artists.CLASSES) - 1, dial.inside.astype(float)

@@ -6,9 +6,10 @@ import base64
 import io
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TypedDict
+from typing import TYPE_CHECKING, Any, Final, TypedDict, Unpack
 
 import numpy as np
 
@@ -18,8 +19,8 @@ from cspace.io.output import replacing
 from cspace.orientation import Unturned
 from cspace.plot import artists
 from cspace.plot.dials import draw_dials
-from cspace.plot.route import Figurine, Floats, HasPath, Look, MapLike, Route
-from cspace.plot.sections import draw_panels, draw_sections
+from cspace.plot.route import Bare, Figurine, Floats, HasPath, Look, MapLike, Part, Route
+from cspace.plot.sections import draw_panels, draw_sections, section_point
 from cspace.plot.surface import draw_surface
 
 if TYPE_CHECKING:
@@ -31,10 +32,10 @@ SUFFIXES: Final = (".png", ".pdf", ".svg", ".jpg")
 """Kinds of picture that can be written."""
 
 VIEWS: Final = {
-    "plane": ("rotation", "ax"),
-    "sections": ("rotation", "at"),
-    "3d": ("rotation", "surface", "cut", "camera", "ax"),
-    "panels": ("rotation", "at"),
+    "plane": ("rotation", "zoom", "at", "ax"),
+    "sections": ("rotation", "zoom", "at"),
+    "3d": ("rotation", "zoom", "at", "surface", "cut", "camera", "ax"),
+    "panels": ("rotation", "zoom", "at"),
     "rotations": ("at",),
 }
 """Pictures that there are, and the options that go with some of them only."""
@@ -48,22 +49,28 @@ _DPI: Final = 100.0
 """And its pixels per inch."""
 
 
-class PlotOptions(TypedDict, total=False):
+class WorkspaceOptions(TypedDict, total=False):
+    """What :func:`plot_workspace` takes beside the workspace."""
+
+    ax: Axes
+    legend: bool
+    title: str
+    view: str
+    at: ArrayLike
+    zoom: float
+    cut: float
+    camera: ArrayLike
+
+
+class PlotOptions(WorkspaceOptions, total=False):
     """What :func:`plot` takes beside the map."""
 
     rotation: ArrayLike
     path: ArrayLike | HasPath
     start: ArrayLike
     goal: ArrayLike
-    ax: Axes
     robot_every: float
-    legend: bool
-    title: str
-    view: str
-    at: ArrayLike
     surface: str
-    cut: float
-    camera: ArrayLike
 
 
 def plot(
@@ -79,6 +86,7 @@ def plot(
     title: str | None = None,
     view: str | None = None,
     at: ArrayLike | None = None,
+    zoom: float | None = None,
     surface: str | None = None,
     cut: float | None = None,
     camera: ArrayLike | None = None,
@@ -127,8 +135,12 @@ def plot(
         Which picture; by default the only one that shows all rotations of a plane, and of space sections. Panels and
         rotations need a map with rotations.
     at : array-like, shape (d,), optional
-        The point, in the grid, whose rotations are drawn; in space also that sections go through, and panels at its
-        height. By default half the way along the path; without a path the start, the goal, or the middle of the grid.
+        The point, in the grid, that ``zoom`` goes to, or whose rotations are drawn; in space also that sections go
+        through, and panels at its height. By default half the way along the path; without a path the start, the goal,
+        or the middle of the grid.
+    zoom : float, optional
+        Draw only a square, or a cube, around the point, whose sides are so many times shorter than the longest of the
+        map. By default all of the map is drawn.
     surface : {"obstacles", "free"}, optional
         For ``view="3d"``: draw the obstacles, with the robot along the path; or the border of the free space, in which
         the robot's reference point moves. Obstacles by default.
@@ -143,14 +155,15 @@ def plot(
     Returns
     -------
     matplotlib.axes.Axes
-        The axes; ``ax.figure`` is the figure. Show it in a notebook by naming ``ax.figure``. Of sections, the one seen
+        The axes, which a notebook shows as the picture; ``ax.figure`` is the figure. Of sections, the one seen
         from above, and ``ax.figure.axes`` are those across z, y and x; of panels and of rotations, the first.
 
     Raises
     ------
     InputError
-        If the path or a configuration has the wrong shape or is not finite, ``robot_every`` is not above zero, a
-        rotation is given for a map without them, an option for another kind of picture, or ``ax`` is no axes.
+        If the path or a configuration has the wrong shape or is not finite, ``robot_every`` is not above zero, ``zoom``
+        below 1, a rotation is given for a map without them, an option for another kind of picture, or ``ax`` is no
+        axes.
     """
     from matplotlib.axes import Axes
 
@@ -158,12 +171,33 @@ def plot(
     if given is not None and not isinstance(given, Axes):
         rule, mend = "it must be axes of matplotlib", "pass e.g. figure.add_subplot()"
         raise InputError("ax", f"is a {type(given).__name__}", rule, mend, value=given)
-    look = Look(rotation, ax, at, surface, cut, camera, legend, title)
-    kind = view_of(space.axes, view, {name: getattr(look, name) for name in look._fields[:6]})
+    look = Look(rotation, ax, at, zoom, surface, cut, camera, legend, title)
+    kind = view_of(space.axes, view, {name: getattr(look, name) for name in look._fields[:7]})
     if kind != "panels":
         one = space.rotations.only if rotation is None else space.rotations.checked(rotation)
         look = look._replace(rotation=one)
-    return _DRAW[kind](space, Route.of(space, path, start, goal, robot_every), look)
+    route = Route.of(space, path, start, goal, robot_every, zoom)
+    if zoom is not None:
+        point = section_point(space, at, route)
+        space = Part(space, point, zoom)
+        route, look = route.within(space.grid), look._replace(at=point)
+    drawn = _DRAW[kind](space, route, look)
+    if ax is None:
+        # The figure belongs to no window that a notebook would show, and axes have no picture of their own there.
+        vars(drawn)["_repr_html_"] = partial(_html_of, drawn.figure)
+    return drawn
+
+
+def plot_workspace(workspace: Any, **options: Unpack[WorkspaceOptions]) -> Axes:
+    """Draw the obstacles alone; as :func:`plot`, with those of its options that need no robot.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    **options
+        ``view``, ``at``, ``zoom``, ``cut``, ``camera``, ``ax``, ``legend`` and ``title`` of :func:`plot`.
+    """
+    return plot(Bare(workspace), **options)
 
 
 def view_of(axes: Sequence[str], view: str | None, options: Mapping[str, Any]) -> str:
@@ -192,6 +226,12 @@ def view_of(axes: Sequence[str], view: str | None, options: Mapping[str, Any]) -
             others = " or ".join(other for other, names in VIEWS.items() if name in names)
             rule = f"it goes with the view {others}, and this one is {kind}"
             raise InputError(name, "is given", rule, "leave it out", value=value)
+    zoom, at = options.get("zoom"), options.get("at")
+    if zoom is not None and positive(zoom, "zoom", "the map's longest side over that of the picture") < 1.0:
+        raise InputError("zoom", f"is {zoom!r}", "it must be at least 1, all of the map", "pass e.g. 8", value=zoom)
+    if kind in ("plane", "3d") and at is not None and zoom is None:
+        rule = "all of the map is drawn"
+        raise InputError("at", "is given without zoom", rule, "add e.g. zoom=8, or leave it out", value=at)
     return kind
 
 
@@ -291,16 +331,24 @@ def thumbnail(subject: Any) -> bytes:
 
 def as_html(subject: Any, lines: Iterable[str]) -> str:
     """The thumbnail of a map, a workspace, a robot or a plan and some lines of text below it, for notebooks."""
-    picture = base64.b64encode(thumbnail(subject)).decode("ascii")
-    words = "<br>".join(map(escape, lines))
-    return f'<img src="data:image/png;base64,{picture}" alt=""><p>{words}</p>'
+    return f"{_image(thumbnail(subject))}<p>{'<br>'.join(map(escape, lines))}</p>"
+
+
+def _html_of(figure: Any) -> str:
+    file = io.BytesIO()
+    figure.canvas.print_figure(file, format="png", dpi=_DPI)
+    return _image(file.getvalue())
+
+
+def _image(png: bytes) -> str:
+    return f'<img src="data:image/png;base64,{base64.b64encode(png).decode("ascii")}" alt="">'
 
 
 def _draw_plane(space: MapLike, route: Route, look: Look) -> Axes:
     """Draw a map in the plane."""
     box = route.box(space)
     stretch, size = artists.stretches(box), artists.drawn_size(box)
-    tall = size[0] < size[1]
+    tall = size[0] < 0.9 * size[1]
     room = (2.9, 0.9) if tall else (0.9, 1.5)
     ax: Axes = look.ax or artists.new_figure(max(size[0] + room[0], 4.2), size[1] + room[1]).add_subplot()
     classes = artists.classes_of(space, look.rotation)
@@ -326,7 +374,7 @@ def _cells(subject: Any) -> tuple[Floats, Any]:
     grid = subject.grid
     plane, layer = artists.section(grid, np.add(grid.lower, grid.upper) / 2)
     if hasattr(subject, "outer"):
-        classes = np.where(subject.outer[layer], np.uint8(artists.OBSTACLE), np.uint8(artists.OPEN))
+        classes = artists.ground_of(subject, layer)
     else:
         classes = artists.classes_of(subject, None, layer)
     return np.array([plane.lower, plane.upper]), lambda ax: artists.draw_cells(ax, plane, classes)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
@@ -12,16 +13,17 @@ from numpy.typing import NDArray
 
 from cspace.errors import InputError
 from cspace.grid import Grid, finite, positive
-from cspace.map.record import Map
-from cspace.map.storage import Stack
 from cspace.orientation import Orientation
 from cspace.rotations import Rotations
-from cspace.shapes import Shape
+from cspace.shapes import Balls, Shape
+from cspace.states import BLOCKED, FREE
 
 Floats = NDArray[np.float64]
 
 MANY: Final = 12
 """About how many robots are drawn along a path when the caller does not say."""
+_CLOSEST: Final = 50.0
+"""How many times more of them are drawn at most, where a part of the map is seen."""
 _FACES: Final = 2000
 """Triangles of a robot that are drawn at most."""
 
@@ -49,6 +51,8 @@ class WorkspaceLike(Protocol):
 
     @property
     def outer(self) -> NDArray[np.bool_]: ...
+    @property
+    def unknown(self) -> NDArray[np.bool_] | None: ...
 
 
 class MapLike(Protocol):
@@ -65,9 +69,9 @@ class MapLike(Protocol):
     @property
     def workspace(self) -> WorkspaceLike: ...
     @property
-    def _map(self) -> Map: ...
+    def _slice_of(self) -> NDArray[np.int64]: ...
     @property
-    def _seen(self) -> Stack: ...
+    def _seen(self) -> Iterable[NDArray[np.uint8]]: ...
     def slice_at(self, rotation: Floats, /) -> NDArray[np.uint8]: ...
 
 
@@ -143,12 +147,99 @@ class Figurine:
         return self.rotations.moved(points[first], (place - first)[:, np.newaxis] * steps)
 
 
+class Part:
+    """A part of a map, as pictures see it: the cells of a box around a point.
+
+    Parameters
+    ----------
+    space : CSpace
+        The whole.
+    point : ndarray of float64, shape (d,)
+        In its grid, metres.
+    zoom : float
+        The longest side of the whole over that of the box; the box is a square or a cube, cut off where the map ends.
+    """
+
+    def __init__(self, space: MapLike, point: Floats, zoom: float) -> None:
+        whole = space.grid
+        side = math.ceil(max(whole.shape) / zoom)
+        begin = np.rint((point - whole.lower) / whole.spacing - 0.5 * side).astype(np.int64)
+        first = np.clip(begin, 0, np.array(whole.shape) - 1)
+        stop = np.clip(begin + side, first + 1, whole.shape)
+        self._space, self._box = space, tuple(map(slice, first.tolist(), stop.tolist()))
+        self.grid = Grid(whole.lower + whole.spacing * first, whole.spacing, (stop - first).tolist())
+        self.axes, self.rotations, self.robot = space.axes, space.rotations, space.robot
+
+    @property
+    def workspace(self) -> WorkspaceLike:
+        """Its cells."""
+        workspace = self._space.workspace
+        return Ground(workspace.outer[self._box], None if workspace.unknown is None else workspace.unknown[self._box])
+
+    @property
+    def _seen(self) -> Iterable[NDArray[np.uint8]]:
+        return (states[self._box] for states in self._space._seen)
+
+    @property
+    def _slice_of(self) -> NDArray[np.int64]:
+        return self._space._slice_of
+
+    def slice_at(self, rotation: Floats, /) -> NDArray[np.uint8]:
+        """States of its cells at a rotation."""
+        return self._space.slice_at(rotation)[self._box]
+
+
+class Bare:
+    """A workspace as pictures of maps see it: without a robot, FREE where it is open and BLOCKED in obstacles.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    """
+
+    def __init__(self, workspace: Any) -> None:
+        self.workspace: WorkspaceLike = workspace
+        self.grid: Grid = workspace.grid
+        self.axes = ("x", "y", "z")[: self.grid.dim]
+        self.rotations = Rotations.of(None)
+        dot = Balls(np.zeros((1, self.grid.dim)), np.ones(1))
+        self.robot = Nobody(Path(workspace.source).name, self.grid.dim, dot)
+
+    @property
+    def _seen(self) -> Iterable[NDArray[np.uint8]]:
+        return iter([self.slice_at(np.empty(0))])
+
+    def slice_at(self, rotation: Floats, /) -> NDArray[np.uint8]:
+        """States of a robot that is a point, at the middle of a cell."""
+        return np.where(self.workspace.outer, np.uint8(BLOCKED), np.uint8(FREE))
+
+    @property
+    def _slice_of(self) -> NDArray[np.int64]:
+        return np.zeros(1, dtype=np.int64)
+
+
+class Nobody(NamedTuple):
+    """What stands for the robot where there is none: it is drawn nowhere, and its name tells of the obstacles."""
+
+    name: str
+    dim: int
+    shape: Shape
+
+
+class Ground(NamedTuple):
+    """Cells of a workspace, or of a part of one."""
+
+    outer: NDArray[np.bool_]
+    unknown: NDArray[np.bool_] | None
+
+
 class Look(NamedTuple):
     """How a picture is drawn: options of :func:`cspace.plot.plot`."""
 
     rotation: Any = None
     ax: Any = None
     at: Any = None
+    zoom: float | None = None
     surface: str | None = None
     cut: float | None = None
     camera: Any = None
@@ -169,16 +260,21 @@ class Route:
     stations : ndarray of float64, shape (m, dof)
         Where the robot is drawn: along the path, then at the marks, which lie over the others.
     figurine : Figurine
+    cut : bool
+        Whether what leaves the grid is not shown.
     """
 
     points: Floats
     marks: dict[str, Floats]
     stations: Floats
     figurine: Figurine
+    cut: bool = False
 
     @classmethod
-    def of(cls, space: MapLike, path: Any, start: Any, goal: Any, every: float | None = None) -> Route:
-        """Check what the caller gave; ``every`` as ``robot_every`` of :func:`cspace.plot.plot`.
+    def of(
+        cls, space: MapLike, path: Any, start: Any, goal: Any, every: float | None = None, zoom: float | None = None
+    ) -> Route:
+        """Check what the caller gave; ``every`` as ``robot_every`` and ``zoom`` of :func:`cspace.plot.plot`.
 
         Raises
         ------
@@ -191,13 +287,24 @@ class Route:
         return cls(
             points,
             marks,
-            np.concatenate([_stations(points, every, figurine), *(q[np.newaxis] for q in marks.values())]),
+            np.concatenate([_stations(points, every, figurine, zoom or 1.0), *(q[np.newaxis] for q in marks.values())]),
             figurine,
         )
+
+    def within(self, grid: Grid) -> Route:
+        """What of it is seen in a picture of that grid only: marks that lie in it, and robots that reach into it."""
+        seen = []
+        for q in self.stations:
+            low, high = self.figurine.extent(q)
+            seen.append(bool((low < grid.upper).all() and (high > grid.lower).all()))
+        marks = {name: q for name, q in self.marks.items() if grid.contains(q[: grid.dim])}
+        return replace(self, marks=marks, stations=self.stations[np.array(seen, dtype=np.bool_)], cut=True)
 
     def box(self, space: MapLike, robots: bool = True) -> Floats:
         """Lower and upper corner of what is in view, shape (2, d): the grid, and what is drawn beyond it."""
         dim = space.grid.dim
+        if self.cut:
+            return np.array([space.grid.lower, space.grid.upper])
         shown = [self.figurine.extent(q) for q in self.stations] if robots else [self.stations[:, :dim]]
         points = np.concatenate([[space.grid.lower, space.grid.upper], self.points[:, :dim], *shown])
         return np.stack([points.min(axis=0), points.max(axis=0)])
@@ -242,7 +349,7 @@ def _marks(space: MapLike, points: Floats, start: Any, goal: Any) -> dict[str, F
     return found
 
 
-def _stations(points: Floats, every: float | None, figurine: Figurine) -> Floats:
+def _stations(points: Floats, every: float | None, figurine: Figurine, zoom: float) -> Floats:
     """Configurations along the path at which the robot is drawn, the ends left out, shape (n, dof)."""
     if every is not None and every != math.inf:
         every = positive(every, "robot_every")
@@ -250,7 +357,7 @@ def _stations(points: Floats, every: float | None, figurine: Figurine) -> Floats
         return points[:0]
     length = float(figurine.travelled(points)[-1])
     if every is None:
-        every = max(length / MANY, 0.75 * figurine.size)
+        every = max(length / (MANY * min(zoom, _CLOSEST)), 0.75 * figurine.size)
     count = math.ceil(length / every)
     return figurine.along(points, np.arange(1, count) / max(count, 1))
 

@@ -197,7 +197,7 @@ def _spread(route: Route) -> Floats:
 
 def _distinct(space: MapLike) -> Floats:
     """Representatives of at most so many rotation cells whose slices differ, spread evenly, shape (n, dof)."""
-    first = np.sort(np.unique(space._map.slice_of, return_index=True)[1])
+    first = np.sort(np.unique(space._slice_of, return_index=True)[1])
     count = min(PANELS, len(first))
     return np.asarray(space.rotations.centers[first[np.arange(count) * len(first) // count]])
 

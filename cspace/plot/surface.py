@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
@@ -12,12 +13,15 @@ from cspace.errors import InputError
 from cspace.grid import Grid, finite
 from cspace.plot import artists
 from cspace.plot.route import Floats, Look, MapLike, Route
+from cspace.plot.sections import within
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-SURFACES: Final = {"obstacles": ("obstacle", "#8c8c8c"), "free": ("border of the free space", "#ffffff")}
+SURFACES: Final = {"obstacles": ("obstacle", "#7a7a7a"), "free": ("border of the free space", "#ffffff")}
 """What may be drawn, its name in the legend and its colour in full light: dark as obstacles, white as free space."""
+UNSEEN: Final = (artists.CLASSES[artists.UNSEEN][0], "#93b5b0")
+"""The same of obstacles that nothing is known of."""
 CAMERA: Final = (40.0, -62.0)
 """Elevation and azimuth in degrees where the caller does not say."""
 MOST: Final = 20_000
@@ -34,10 +38,21 @@ _ROOM: Final = (6.5, 5.5)
 
 
 class Faces(NamedTuple):
-    """Faces of blocks of cells: corners, shape (n, 4, 3), metres, and the axis that each is normal to, shape (n,)."""
+    """Faces of blocks of cells.
+
+    Attributes
+    ----------
+    corners : ndarray of float64, shape (n, 4, 3)
+        Metres.
+    axes : ndarray of int64, shape (n,)
+        The axis that each is normal to.
+    marked : ndarray of bool, shape (n,)
+        Whether all solid cells of its block are marked.
+    """
 
     corners: Floats
     axes: NDArray[np.int64]
+    marked: NDArray[np.bool_]
 
 
 def draw_surface(space: MapLike, route: Route, look: Look) -> Axes:
@@ -56,19 +71,28 @@ def draw_surface(space: MapLike, route: Route, look: Look) -> Axes:
     stretch = artists.stretches(box, _THIN)
     towards = _direction(angles) / stretch
     top = _top(space, route, look.cut)
-    faces = border_faces(space.grid, _solid(space, surface, look.rotation), towards, top)
-    polygons, colors = [faces.corners], [_shaded(faces, SURFACES[surface][1], box)]
-    handles = [_patch(*SURFACES[surface])] if len(faces.corners) else []
+    solid = _solid(space, surface, look.rotation)
+    faces = border_faces(space.grid, solid, towards, top, space.workspace.unknown if surface == "obstacles" else None)
+    looks = (SURFACES[surface], UNSEEN)
+    polygons, colors = [faces.corners], [_shaded(faces, [color for _, color in looks], box)]
+    handles = [_patch(*looks[number]) for number in np.unique(faces.marked).tolist()]
     if surface == "obstacles" and len(route.stations):
         polygons.append(_triangles(route))
         colors.append(_lit(polygons[-1], towards))
         handles.append(_patch("robot", artists.BODY))
     ax = look.ax or artists.new_figure(1.0, 1.0, layout=None).add_subplot(projection="3d", computed_zorder=False)
     if len(route.points) > 1:
-        polygons.append(_ribbon(route, towards, 0.004 * float(np.ptp(box, axis=0).max())))
+        strips = _ribbon(route, towards, 0.004 * float(np.ptp(box, axis=0).max()))
+        inside = ((strips >= box[0]) & (strips <= box[1])).all(
+            axis=(1, 2)
+        )  # pictures in space are not cut by matplotlib
+        polygons.append(strips[inside])
         colors.append(np.tile(_rgb(artists.PATH), (len(polygons[-1]), 1)))
+        line = route.points[:, :3]
+        for axis in range(3) if route.cut else ():
+            line = within(line, axis, box[0, axis], box[1, axis])
         dotted: dict[str, Any] = {"color": artists.PATH, "linewidth": 1.0, "linestyle": (0, (1, 1.5)), "zorder": 4}
-        handles += ax.plot(*route.points[:, :3].T, label="path, dotted behind something", **dotted)
+        handles += ax.plot(*line.T, label="path, dotted behind something", **dotted)
     # One collection, so that matplotlib sorts robots, path and faces together by how far they are.
     paint = np.concatenate(colors)
     style: dict[str, Any] = {"facecolors": paint, "edgecolors": paint, "linewidths": 0.5, "rasterized": True}
@@ -83,7 +107,13 @@ def draw_surface(space: MapLike, route: Route, look: Look) -> Axes:
     return axes
 
 
-def border_faces(grid: Grid, solid: NDArray[np.bool_], towards: Floats, top: float = math.inf) -> Faces:
+def border_faces(
+    grid: Grid,
+    solid: NDArray[np.bool_],
+    towards: Floats,
+    top: float = math.inf,
+    marked: NDArray[np.bool_] | None = None,
+) -> Faces:
     """The faces of solid cells that look at a camera far away, of blocks that are no larger than they must be.
 
     A block is solid where one of its cells is. Layers at an end of the grid that are mostly solid, walls before the
@@ -97,6 +127,8 @@ def border_faces(grid: Grid, solid: NDArray[np.bool_], towards: Floats, top: flo
         Direction to the camera, in metres.
     top : float
         Metres.
+    marked : ndarray of bool, shape grid.shape, optional
+        Cells that are told apart.
     """
     first, stop = np.zeros(3, dtype=np.int64), np.array(grid.shape)
     if top < grid.upper[2]:
@@ -106,17 +138,18 @@ def border_faces(grid: Grid, solid: NDArray[np.bool_], towards: Floats, top: flo
             peeled = _peeled(np.moveaxis(solid[tuple(map(slice, first, stop))], axis, 0), towards[axis])
             first[axis] += peeled * (towards[axis] < 0.0)
             stop[axis] -= peeled * (towards[axis] > 0.0)
-    cells = solid[tuple(map(slice, first, stop))]
+    window = tuple(map(slice, first, stop))
+    cells = solid[window]
+    plain = cells if marked is None else cells & ~marked[window]
     side = math.ceil(max(cells.shape) / 200)  # more blocks would be smaller than a picture shows
     while True:
-        blocks = cells
-        for axis in range(3) if side > 1 else ():
-            blocks = np.logical_or.reduceat(blocks, np.arange(0, blocks.shape[axis], side), axis=axis)
+        blocks = _joined(cells, side)
         seen = [_seen(blocks, axis, towards[axis]) for axis in range(3)]
         count = sum(int(np.count_nonzero(part)) for part in seen)
         if count <= MOST:
             break
         side = max(side + 1, math.floor(side * math.sqrt(count / MOST)))
+    plain = _joined(plain, side)
     corners, axes = [], []
     for axis, part in enumerate(seen):
         rim = np.zeros((4, 3), dtype=np.int64)
@@ -126,7 +159,14 @@ def border_faces(grid: Grid, solid: NDArray[np.bool_], towards: Floats, top: flo
         lattice = np.minimum((np.argwhere(part)[:, np.newaxis] + rim) * side, cells.shape)
         corners.append(grid.lower + grid.spacing * (first + lattice))
         axes.append(np.full(len(lattice), axis))
-    return Faces(np.concatenate(corners), np.concatenate(axes))
+    return Faces(np.concatenate(corners), np.concatenate(axes), ~np.concatenate([plain[part] for part in seen]))
+
+
+def _joined(cells: NDArray[np.bool_], side: int) -> NDArray[np.bool_]:
+    """Whether any cell is set, of blocks of so many cells along each axis."""
+    for axis in range(3) if side > 1 else ():
+        cells = np.logical_or.reduceat(cells, np.arange(0, cells.shape[axis], side), axis=axis)
+    return cells
 
 
 def _peeled(layers: NDArray[np.bool_], towards: float) -> int:
@@ -164,7 +204,9 @@ def _top(space: MapLike, route: Route, cut: float | None) -> float:
         return float(height)
     if not len(route.points):
         return float(high)
-    return float(min(high, max(route.figurine.extent(q)[1, 2] for q in (*route.stations, *route.points))))
+    points = route.points[space.grid.contains(route.points[:, :3])] if route.cut else route.points
+    tops = [route.figurine.extent(q)[1, 2] for q in (*route.stations, *points)]
+    return float(np.clip(max(tops, default=high), low + space.grid.spacing, high))
 
 
 def _angles(camera: Any) -> Floats:
@@ -185,11 +227,11 @@ def _direction(angles: Floats) -> Floats:
     return np.asarray(np.round(direction, 12))  # what is zero but for rounding is zero
 
 
-def _shaded(faces: Faces, color: str, box: Floats) -> Floats:
-    """Colours of faces, shape (n, 3)."""
+def _shaded(faces: Faces, colors: Sequence[str], box: Floats) -> Floats:
+    """Colours of faces, shape (n, 3), from those of faces that are not marked and that are."""
     height = (faces.corners[..., 2].mean(axis=1) - box[0, 2]) / (box[1, 2] - box[0, 2])
     bright = np.array(_SHARES)[faces.axes] * (1.0 - _DARKER + _DARKER * height)
-    return np.asarray(bright[:, np.newaxis] * _rgb(color))
+    return np.asarray(bright[:, np.newaxis] * np.array([_rgb(color) for color in colors])[faces.marked.astype(int)])
 
 
 def _triangles(route: Route) -> Floats:

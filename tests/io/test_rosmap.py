@@ -50,6 +50,8 @@ def test_tiny_map_by_hand(tmp_path: Path, unknown: str, count: int) -> None:
     workspace = Workspace.from_ros_map(path, unknown)
     assert workspace.grid == Grid((-1.0, 2.0), 0.5, (3, 2))
     assert workspace.outer.tolist() == [[True, True], [count == 3, False], [False, False]]
+    assert workspace.unknown is not None
+    assert workspace.unknown.tolist() == [[False, False], [True, False], [False, False]]
     assert workspace.inner is workspace.outer
     assert workspace.source == str(path)
 
@@ -193,6 +195,13 @@ def test_turned_maps_against_shapely(
     i, j = grid.cell_of(points).T
     assert not (solid_at & ~workspace.outer[i, j]).any()
     assert not (workspace.inner[i, j] & ~solid_at).any()
+    seen = np.zeros(grid.shape, dtype=bool) if workspace.unknown is None else workspace.unknown
+    for cell in np.ndindex(grid.shape):
+        back = (complex(*grid.center_of(cell)) - (-1 + 2j)) * complex(math.cos(yaw), -math.sin(yaw)) / 0.5
+        across, up = back.real, back.imag
+        if min(abs(across - round(across)), abs(up - round(up))) > 1e-9:
+            within = 0.0 <= across < width and 0.0 <= up < height
+            assert seen[cell] == (not within or pixels[height - 1 - math.floor(up), math.floor(across)] == 205)
     everything = shapely.union_all(list(turned.values()))
     assert shapely.box(*grid.lower, *grid.upper).buffer(1e-9).covers(everything)
 

@@ -105,6 +105,16 @@ def test_a_map_of_every_kind_comes_back_and_makes_itself_again(
         np.testing.assert_array_equal(cspace.open_slice(path, turn), space.slice_at(turn))
 
 
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_what_is_unknown_comes_back(tmp_path: Path, suffix: str) -> None:
+    cells = np.eye(9, dtype=bool)
+    workspace = cspace.Workspace(cspace.Grid((0.0, 0.0), 0.1, (9, 9)), cells, cells, unknown=cells[::-1])
+    cspace.build(workspace, cspace.Robot.disc(0.1)).save(tmp_path / f"map{suffix}")
+    again = cspace.open(tmp_path / f"map{suffix}").workspace.unknown
+    assert again is not None
+    np.testing.assert_array_equal(again, cells[::-1])
+
+
 def test_only_what_is_there_is_stored(tmp_path: Path) -> None:
     space = SPACES["grid"]()
     for suffix in SUFFIXES:
@@ -112,7 +122,7 @@ def test_only_what_is_there_is_stored(tmp_path: Path) -> None:
         path = tmp_path / f"map{suffix}"
         held = np.load(path).files if suffix == ".npz" else [entry.name for entry in path.iterdir()]
         assert {"state", "outer", "x"} <= set(held)
-        assert not set(held) & {"inner", "overlap", "shapes", "z", "yaw", "penetration"}
+        assert not set(held) & {"inner", "unknown", "overlap", "shapes", "z", "yaw", "penetration"}
 
 
 def test_arrays_of_several_chunks_come_back(

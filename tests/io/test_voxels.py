@@ -96,8 +96,8 @@ def leaves_of(tree):
 
 def agrees(path, tree):
     """Whether what is read of a file is what the library says of its tree."""
-    grid, solid = read_octomap(path)
-    free_grid, occupied = read_octomap(path, "free")
+    grid, solid, unknown = read_octomap(path)
+    free_grid, occupied, _ = read_octomap(path, "free")
     assert grid == free_grid
     assert grid.spacing == tree.getResolution()
     first = np.round(np.array(grid.lower) / grid.spacing).astype(int)
@@ -112,6 +112,7 @@ def agrees(path, tree):
     assert np.allclose(grid.upper, tree.getMetricMax())
     assert (solid == (expected != 0)).all()
     assert (occupied == (expected == 1)).all()
+    assert (unknown == (expected == -1)).all()
     return expected
 
 
@@ -162,10 +163,10 @@ def test_coarse_leaves_are_expanded(tmp_path):
 def test_real_octomap(data):
     octomap = pytest.importorskip("octomap")
     path = data / "voxels" / "geb079.bt"
-    grid, solid = read_octomap(path)
+    grid, solid, _ = read_octomap(path)
     assert grid.shape == (487, 187, 39)
     assert grid.spacing == 0.08
-    _, occupied = read_octomap(path, "free")
+    _, occupied, _ = read_octomap(path, "free")
     assert (occupied <= solid).all()
     assert 0.67 < (solid & ~occupied).mean() < 0.69
     tree = octomap.OcTree(0.1)
@@ -192,7 +193,7 @@ def chain(length=16):
 
 def test_one_cell_by_hand(tmp_path):
     (tmp_path / "one.bt").write_bytes(BINARY.format(17).encode() + chain())
-    grid, occupied = read_octomap(tmp_path / "one.bt")
+    grid, occupied, _ = read_octomap(tmp_path / "one.bt")
     assert grid.shape == (1, 1, 1)
     assert grid.lower == pytest.approx((-3276.8,) * 3)
     assert occupied.all()
@@ -202,7 +203,7 @@ def test_a_leaf_is_occupied_from_even_odds_on(tmp_path):
     nodes = b"".join(struct.pack("<fB", 0.0, 1) for _ in range(15)) + struct.pack("<fB", 0.0, 7)
     nodes += b"".join(struct.pack("<fB", odds, 0) for odds in (0.0, 1e-3, -1e-3))
     (tmp_path / "odds.ot").write_bytes(FULL.format(19).encode() + nodes)
-    _, occupied = read_octomap(tmp_path / "odds.ot", "free")
+    _, occupied, _ = read_octomap(tmp_path / "odds.ot", "free")
     assert occupied[:, :, 0].tolist() == [[True, False], [True, False]]
 
 
@@ -251,7 +252,7 @@ def test_no_bytes_crash_the_reader(tmp_path_factory, nodes, header, size):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("cspace.memory.free_bytes", lambda: 10**7)
         try:
-            _, occupied = read_octomap(path)
+            _, occupied, _ = read_octomap(path)
         except (FileError, InputError):
             return
     assert occupied.ndim == 3

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import io
 import math
 import subprocess
 import sys
@@ -14,6 +16,7 @@ import pytest
 import shapely
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
+from PIL import Image
 
 import cspace
 from cspace import FREE, CSpace, Robot, Workspace, build
@@ -124,11 +127,64 @@ def test_colors_part_in_grey_print_and_mean_one_thing() -> None:
         linear = [part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in to_rgb(name)]
         lightness[label] = 116 * float(np.dot([0.2126, 0.7152, 0.0722], linear)) ** (1 / 3) - 16
     assert np.diff(sorted(lightness.values())).min() > 7
-    main = sorted(value for label, value in lightness.items() if "reference" not in label and "some" not in label)
+    rare = ("reference", "some", "taken as free")
+    main = sorted(value for label, value in lightness.items() if not any(word in label for word in rare))
     assert np.diff(main).min() > 15
     colors = [color for _, color in CLASSES] + [artists.PATH, artists.ROBOT, artists.GOAL, artists.OUTSIDE[1]]
     apart = [np.abs(np.subtract(to_rgb(one), to_rgb(two))).max() for i, one in enumerate(colors) for two in colors[:i]]
     assert min(apart) > 0.04
+
+
+@pytest.mark.parametrize("taken", ["free", "occupied"])
+def test_what_is_unknown_is_drawn_apart(taken: str) -> None:
+    """Unknown cells in their colours, but where the state says more, alone and in a map, and named in the legend."""
+    rng = np.random.default_rng(5)
+    outer, unknown = rng.random((2, 30, 20)) < 0.06
+    outer = outer | unknown if taken == "occupied" else outer & ~unknown
+    workspace = Workspace(cspace.Grid((0.0, 0.0), 0.1, (30, 20)), outer, outer, unknown=unknown)
+    space = build(workspace, Robot.disc(0.11))
+    word = {"free": "unknown, taken as free", "occupied": "unknown, taken as obstacle"}[taken]
+    for ax, mapped in ((workspace.plot(), False), (space.plot(), True)):
+        image, count = rendered(ax), 0
+        for cell in np.ndindex(30, 20):
+            state = int(space.state[cell]) if mapped else FREE
+            plain = class_of(space, {state}, bool(outer[cell])) if mapped else ["free", "obstacle"][int(outer[cell])]
+            apart = bool(unknown[cell]) and plain in ("free", "obstacle")
+            assert pixel(ax, image, *space.grid.center_of(cell)) == COLORS[word if apart else plain]
+            count += apart
+        assert count
+        assert word in labels(ax)
+
+
+# ----------------------------------------------------------------------------------------------- a part, and notebooks
+
+
+def test_zoom_shows_a_part(turning: CSpace) -> None:
+    """A square around the point, a quarter as long as the map, with its cells and what of the path is in there."""
+    path = [(1.0, 3.0, 0.0), (4.0, 3.0, 0.0), (7.0, 4.0, 1.0)]
+    ax = plot(turning, rotation=0.0, zoom=4.0, at=(4.5, 2.5), path=path)
+    assert (*ax.get_xlim(), *ax.get_ylim()) == pytest.approx((3.5, 5.5, 1.5, 3.5))
+    image = rendered(ax)
+    grid = turning.grid
+    for cell in np.random.default_rng(2).integers((36, 16), (54, 27), (100, 2)):
+        x, y = grid.center_of(cell)
+        name = class_of(turning, {int(turning.classify((x, y, 0.0)))}, bool(turning.workspace.outer[tuple(cell)]))
+        assert pixel(ax, image, x, y) == COLORS[name]
+    assert "start" not in labels(ax)
+    assert "outside the grid" not in labels(ax)
+    assert {"path", "robot"} <= set(labels(ax))
+    # It goes to the middle of the path by itself, and ends where the map does.
+    assert np.mean(plot(turning, zoom=4.0, path=[(2, 1, 0), (2, 4, 0)]).get_xlim()) == pytest.approx(2.0)
+    assert plot(turning, zoom=4.0, at=(0.2, 0.1)).get_xlim() == pytest.approx((0.0, 1.2))
+    assert len(plot(turning, zoom=1e9, at=(4.51, 2.51)).images[0].get_extent()) == 4
+
+
+def test_a_notebook_shows_the_figure(space: CSpace) -> None:
+    """As a picture, where the figure is its own; axes of the caller are shown by whoever made them."""
+    html = vars(space.plot())["_repr_html_"]()
+    png = base64.b64decode(html.split("base64,")[1].split('"')[0])
+    assert Image.open(io.BytesIO(png)).size[0] > 400
+    assert not hasattr(space.plot(ax=Figure().add_subplot()), "_repr_html_")
 
 
 # ----------------------------------------------------------------------------------------------- path, robots, marks
@@ -283,7 +339,11 @@ def test_files(space: CSpace, tmp_path: Path, suffix: str) -> None:
         ({"rotation": 0.5}, "rotation is 0.5; the map has no rotations"),
         ({"view": "3d"}, "view is '3d'"),
         ({"view": "panels"}, "it must be plane"),
-        ({"at": (1, 1, 1)}, "at is given; it goes with the view sections or panels"),
+        ({"at": (1, 1, 1), "zoom": 2.0}, "at has shape (3,); it must be (2,)"),
+        ({"at": (1, 1)}, "at is given without zoom; all of the map is drawn; add e.g. zoom=8"),
+        ({"zoom": 0.5}, "zoom is 0.5; it must be at least 1, all of the map"),
+        ({"zoom": math.nan}, "zoom is nan"),
+        ({"zoom": 2.0, "at": (9.0, 1.0)}, "at is (9, 1); it must lie in the grid"),
         ({"cut": 1.0}, "cut is given; it goes with the view 3d"),
         ({"file": "map.xyz"}, "suffix is one of .png, .pdf, .svg, .jpg; name it e.g. map.png"),
     ],

@@ -51,6 +51,23 @@ def pairs(figure: Any) -> list[tuple[int, int]]:
     return found
 
 
+def test_zoom_shows_a_part_of_each(space: CSpace) -> None:
+    figure = plot(space, zoom=3.0, at=(3.0, 1.2, 1.0), path=PATH).figure
+    boxes = [(2.0, 4.0), (0.2, 2.2), (0.0, 2.0)]
+    for ax, (right, up) in zip(figure.axes, pairs(figure), strict=True):
+        assert ax.get_xlim() == pytest.approx(boxes[right])
+        assert ax.get_ylim() == pytest.approx(boxes[up])
+
+
+def test_a_workspace_draws_itself(space: CSpace) -> None:
+    """As the map does, without a robot: obstacles and what is free, by the same sections."""
+    ax = space.workspace.plot(at=(3.0, 1.2, 1.0))
+    assert labels(ax) == ["obstacle", "free"]
+    assert heading(ax) == "array, cells of 0.1 m"
+    with pytest.raises(InputError, match="view is 'panels'"):
+        space.workspace.plot(view="panels")
+
+
 @pytest.mark.parametrize("order", [(0, 1, 2), (2, 1, 0), (1, 2, 0)])
 def test_sections_show_the_map(order: tuple[int, ...]) -> None:
     """Every panel, in both arrangements, shows the cells of the layer that its section runs through."""

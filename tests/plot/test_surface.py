@@ -149,6 +149,37 @@ def test_path_and_robots_are_sorted_with_the_faces(space: CSpace) -> None:
     assert labels(ax) == ["obstacle", "robot", "path, dotted behind something", "start", "goal"]
 
 
+def test_zoom_shows_a_part(space: CSpace) -> None:
+    """Cells, path and robots of a cube around the middle of the path, and nothing beyond it."""
+    ax = plot(space, view="3d", path=PATH, zoom=3.0, at=(3.0, 1.2, 1.0))
+    limits = np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()])
+    np.testing.assert_allclose(limits, [(2.0, 4.0), (0.2, 2.2), (0.0, 2.0)])
+    corners, colors = polygons(ax)
+    robots = colors[:, 1] > colors[:, 0] + 0.1  # those at the border are drawn whole
+    shown = corners[~robots].reshape(-1, 3)
+    assert (shown >= limits[:, 0] - 1e-9).all()
+    assert (shown <= limits[:, 1] + 1e-9).all()
+    line = next(np.transpose(one.get_data_3d()) for one in ax.lines if one.get_label().startswith("path"))
+    assert np.nanmin(line, axis=0)[0] == pytest.approx(2.0)
+    assert np.nanmax(line, axis=0)[0] == pytest.approx(4.0)
+    assert "goal" not in labels(ax)
+
+
+def test_what_is_unknown_has_its_own_colour() -> None:
+    """Blocks of cells that are all unknown, whether cells are joined or not."""
+    outer = np.zeros((12, 12, 6), bool)
+    outer[2:5, 2:5, :3] = outer[7:10, 7:10, :3] = True
+    unknown = np.zeros_like(outer)
+    unknown[:6] = True
+    grid = Grid((0.0, 0.0, 0.0), 0.5, outer.shape)
+    ax = Workspace(grid, outer, outer, unknown=unknown).plot(view="3d")
+    corners, colors = polygons(ax)
+    green = colors[:, 1] > colors[:, 0] + 0.02
+    assert green.any()
+    assert (corners.mean(axis=1)[:, 0] < 3.0).tolist() == green.tolist()
+    assert labels(ax) == ["obstacle", "unknown, taken as obstacle"]
+
+
 def test_the_cut_is_above_the_path(space: CSpace) -> None:
     assert "cut at z = 1.35 m" in heading(plot(space, view="3d", path=PATH))
     corners, _ = polygons(plot(space, view="3d", path=PATH))
@@ -194,7 +225,7 @@ def test_axes_of_the_caller_and_nothing_to_draw(space: CSpace) -> None:
         ({"camera": 30.0}, "the elevation from -90 to 90"),
         ({"cut": 0.0}, "cut is 0.0; it must be one height in the grid, above 0 and up to 2.4"),
         ({"cut": 9.0}, "cut is 9.0"),
-        ({"at": (1, 1, 1)}, "at is given; it goes with the view sections or panels"),
+        ({"at": (1, 1, 1)}, "at is given without zoom"),
         ({"ax": Figure().add_subplot()}, "ax has two dimensions"),
     ],
 )
