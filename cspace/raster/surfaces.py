@@ -67,13 +67,16 @@ class Skin(NamedTuple):
     source: str = "robot"
 
 
-def surface_cells(skin: Skin, grid: Grid) -> tuple[Bools, Bools]:
+def surface_cells(skin: Skin, bounds: tuple[Floats, Floats], grid: Grid) -> tuple[Bools, Bools]:
     """Cells that a solid meets, and cells that lie in it.
 
     Parameters
     ----------
     skin : Skin
-        What lies beyond the grid is clipped; what is filled is found on the cells of the whole surface.
+        What lies beyond the grid is clipped; what is filled is found on the cells of the whole surface. Otherwise
+        triangles that do not meet the grid may be missing.
+    bounds : tuple of ndarray of float64, shape (3,)
+        Lower and upper corner of the whole surface's bounding box, metres.
     grid : Grid
 
     Returns
@@ -86,9 +89,7 @@ def surface_cells(skin: Skin, grid: Grid) -> tuple[Bools, Bools]:
         If a vertex is so far from the grid that rounding could reach the certificate's slack, or a surface to be filled
         reaches far beyond the grid.
     """
-    local = (skin.vertices - np.asarray(grid.lower)) / grid.spacing
-    used = local[skin.faces].reshape(-1, 3)
-    lower, upper = used.min(axis=0), used.max(axis=0)
+    lower, upper = ((corner - np.asarray(grid.lower)) / grid.spacing for corner in bounds)
     far = float(max(np.abs(lower).max(), np.abs(upper).max()))
     if far > MAX_COORDINATE:
         raise InputError(
@@ -113,7 +114,7 @@ def surface_cells(skin: Skin, grid: Grid) -> tuple[Bools, Bools]:
     if (first >= stop).any() or (first >= shape).any() or (stop <= 0).any():
         return outer, inner
     touched = np.zeros(tuple((stop - first).tolist()), dtype=np.bool_)
-    mark_touched(touched, (local - first)[skin.faces], 0.0, 1.0)
+    mark_touched(touched, (skin.vertices[skin.faces] - np.asarray(grid.lower)) / grid.spacing - first, 0.0, 1.0)
     enclosed = np.zeros_like(touched)
     _fill_inside(skin, touched, enclosed, lambda boxes: grid.center_of(boxes + first))
     touched |= enclosed

@@ -28,8 +28,8 @@ _ENTRIES_A_TRIANGLE: Final = 12
 _POINTS_A_THREAD: Final = 512
 
 
-class _Buckets(NamedTuple):
-    """Triangles by the rectangles of the plane (x, y) that their bounding boxes meet.
+class Buckets(NamedTuple):
+    """Which triangles are near: they are sorted by the rectangles of the plane (x, y) that their bounding boxes meet.
 
     Attributes
     ----------
@@ -45,6 +45,39 @@ class _Buckets(NamedTuple):
     starts: Integers
     entries: Integers
 
+    @classmethod
+    def of(cls, triangles: Floats) -> Buckets:
+        """Triangles, shape (n, 3, 3), n >= 1, in buckets; each bucket holds them in order."""
+        lows, highs = triangles[..., :2].min(axis=1), triangles[..., :2].max(axis=1)
+        low = lows.min(axis=0)
+        extent = highs.max(axis=0) - low
+        count = min(_MOST_BUCKETS, max(1, int(np.sqrt(len(triangles)))))
+        while True:
+            scale = np.divide(count, extent, out=np.zeros(2), where=extent > 0.0)
+            # As the compiled rays find their bucket; it never falls as the coordinate grows, whatever the rounding.
+            first, last = (
+                np.clip(np.floor((ends - low) * scale), 0, count - 1).astype(np.int64) for ends in (lows, highs)
+            )
+            rows, columns = (last - first + 1).T
+            numbers = rows * columns
+            # Large triangles meet many buckets: rather few buckets than long lists of them.
+            if count == 1 or numbers.sum() <= _ENTRIES_A_TRIANGLE * len(triangles):
+                break
+            count //= 2
+        which = np.repeat(np.arange(len(triangles)), numbers)
+        rank = np.arange(len(which)) - np.repeat(np.cumsum(numbers) - numbers, numbers)
+        bucket = (first[which, 0] + rank // columns[which]) * count + first[which, 1] + rank % columns[which]
+        starts = np.concatenate([[0], np.cumsum(np.bincount(bucket, minlength=count * count))])
+        return cls(low, scale, np.full(2, count, dtype=np.int64), starts, which[np.argsort(bucket, kind="stable")])
+
+    def near(self, lower: Floats, upper: Floats) -> Integers:
+        """Numbers, ascending, of all triangles that meet a box of space, and of some that are near it."""
+        ends = ((np.stack([lower, upper])[:, :2] - self.low) * self.scale, 0, self.shape - 1)
+        (first, left), (last, right) = np.clip(np.floor(ends[0]), *ends[1:]).astype(np.int64)
+        rows = np.arange(first, last + 1) * self.shape[1]
+        runs = zip(self.starts[rows + left].tolist(), self.starts[rows + right + 1].tolist(), strict=True)
+        return np.unique(np.concatenate([self.entries[start:stop] for start, stop in runs]))
+
 
 class Winding:
     """The winding number of closed surfaces, at any point.
@@ -59,7 +92,7 @@ class Winding:
 
     def __init__(self, triangles: Floats, turns: Integers) -> None:
         self._triangles, self._turns = np.ascontiguousarray(triangles), turns
-        self._buckets = _sorted(self._triangles) if len(triangles) else None
+        self._buckets = Buckets.of(self._triangles) if len(triangles) else None
 
     def numbers(self, points: Floats) -> Integers:
         """Winding numbers of points, shape (n, 3), that are farther from the surfaces than rounding; shape (n,)."""
@@ -75,29 +108,6 @@ class Winding:
 
         in_chunks(work, len(points), _POINTS_A_THREAD)
         return out
-
-
-def _sorted(triangles: Floats) -> _Buckets:
-    """Triangles in buckets; each bucket holds them in order."""
-    lows, highs = triangles[..., :2].min(axis=1), triangles[..., :2].max(axis=1)
-    low = lows.min(axis=0)
-    extent = highs.max(axis=0) - low
-    count = min(_MOST_BUCKETS, max(1, int(np.sqrt(len(triangles)))))
-    while True:
-        scale = np.divide(count, extent, out=np.zeros(2), where=extent > 0.0)
-        # As the compiled rays find their bucket; it never falls as the coordinate grows, whatever the rounding.
-        first, last = (np.clip(np.floor((ends - low) * scale), 0, count - 1).astype(np.int64) for ends in (lows, highs))
-        rows, columns = (last - first + 1).T
-        numbers = rows * columns
-        # Large triangles meet many buckets: rather few buckets than long lists of them.
-        if count == 1 or numbers.sum() <= _ENTRIES_A_TRIANGLE * len(triangles):
-            break
-        count //= 2
-    which = np.repeat(np.arange(len(triangles)), numbers)
-    rank = np.arange(len(which)) - np.repeat(np.cumsum(numbers) - numbers, numbers)
-    bucket = (first[which, 0] + rank // columns[which]) * count + first[which, 1] + rank % columns[which]
-    starts = np.concatenate([[0], np.cumsum(np.bincount(bucket, minlength=count * count))])
-    return _Buckets(low, scale, np.full(2, count, dtype=np.int64), starts, which[np.argsort(bucket, kind="stable")])
 
 
 @jit
@@ -145,7 +155,7 @@ def _crossing(triangle: Floats, x: float, y: float) -> tuple[int, float]:
 
 
 @jit
-def _count(points: Floats, out: Integers, triangles: Floats, turns: Integers, buckets: _Buckets) -> None:
+def _count(points: Floats, out: Integers, triangles: Floats, turns: Integers, buckets: Buckets) -> None:
     """Set ``out`` to the winding number of each point."""
     low, scale, shape, starts, entries = buckets
     for p in range(len(points)):

@@ -23,7 +23,7 @@ from cspace.shapes.shape import Bools, Floats, Pieces, Shape, Surface
 
 if TYPE_CHECKING:
     from cspace.raster.surfaces import Skin
-    from cspace.raster.winding import Winding
+    from cspace.raster.winding import Buckets, Winding
 
 
 MOST_OFF: Final = 100.0
@@ -46,6 +46,9 @@ class MeshScene(Protocol):
     @property
     def geometry(self) -> Mapping[str, object]: ...
 
+
+SMALL: Final = 0.25
+"""Share of a mesh, seen from above, up to which an index of its triangles pays for a grid."""
 
 Solid = Literal["auto", "surface", "fill"]
 MeshLike: TypeAlias = "Mesh | TriangleMesh | MeshScene | str | os.PathLike[str] | tuple[ArrayLike, ArrayLike]"
@@ -246,7 +249,25 @@ class Mesh(Shape):
     def cells(self, grid: Grid) -> tuple[Bools, Bools]:
         from cspace.raster.surfaces import surface_cells
 
-        return surface_cells(self._skin, grid)
+        return surface_cells(self._skin._replace(faces=self.faces[self._near(grid)]), self.bounds, grid)
+
+    def _near(self, grid: Grid) -> NDArray[np.int64] | slice:
+        """The triangles that may meet a grid: all of them, or, where it is small, those that an index finds."""
+        lower, upper = np.asarray(grid.lower) - grid.spacing, np.asarray(grid.upper) + grid.spacing
+        shared = np.maximum(np.minimum(upper, self.bounds[1]) - np.maximum(lower, self.bounds[0]), 0.0)
+        whole = self.bounds[1] - self.bounds[0]
+        if self.solid == "fill" or shared[0] * shared[1] > SMALL * whole[0] * whole[1]:
+            return slice(None)
+        found = self._index.near(lower, upper)
+        corners = self.vertices[self.faces[found]]
+        meets = (corners.min(axis=1) <= upper).all(axis=1) & (corners.max(axis=1) >= lower).all(axis=1)
+        return found[meets]
+
+    @cached_property
+    def _index(self) -> Buckets:
+        from cspace.raster.winding import Buckets
+
+        return Buckets.of(self.triangles)
 
     def boundary(self) -> Pieces:
         if self.solid == "fill":

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final
 
@@ -17,6 +17,7 @@ from cspace.rotations import STILL, Turn
 from cspace.shapes.shape import Bools, Floats, Pieces, Shape
 
 if TYPE_CHECKING:
+    from shapely import STRtree
     from shapely.geometry.base import BaseGeometry
 
 _NOUGHT: Final = 1e-200
@@ -140,7 +141,23 @@ class Polygons(Shape):
     def cells(self, grid: Grid) -> tuple[Bools, Bools]:
         from cspace.raster.segments import outline_cells
 
-        return outline_cells(self.parts, grid)
+        return outline_cells(self._near(grid), grid)
+
+    def _near(self, grid: Grid) -> list[tuple[Floats, bool]]:
+        """The parts that may meet a grid."""
+        import shapely
+
+        lower, upper = np.asarray(grid.lower) - grid.spacing, np.asarray(grid.upper) + grid.spacing
+        if (lower <= self.bounds[0]).all() and (self.bounds[1] <= upper).all():
+            return self.parts
+        found = np.sort(self._index.query(shapely.box(*lower, *upper)))
+        return list(_parts(self._index.geometries[found]))
+
+    @cached_property
+    def _index(self) -> STRtree:
+        import shapely
+
+        return shapely.STRtree(shapely.get_parts(list(self.geometries)))
 
     def contains(self, points: ArrayLike) -> Bools:
         import shapely
@@ -185,7 +202,7 @@ class Polygons(Shape):
         return cls(parts) if any(part.geom_type != "Polygon" for part in parts) else cls.of(parts)
 
 
-def _parts(geometries: Sequence[BaseGeometry]) -> Iterator[tuple[Floats, bool]]:
+def _parts(geometries: Iterable[BaseGeometry]) -> Iterator[tuple[Floats, bool]]:
     import shapely
 
     from cspace.raster.bitmaps import point_segments, polygon_outline

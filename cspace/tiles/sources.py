@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from cspace.covering import check_cells
 from cspace.errors import FileError, InputError
 from cspace.grid import Grid
-from cspace.shapes import Polygons, Shape
+from cspace.shapes import Shape
 
 Bools = NDArray[np.bool_]
 Box = tuple[slice, ...]
@@ -83,8 +83,8 @@ class Lazy:
         check_cells(np.zeros((1,) * len(self.shape), dtype=array.dtype), "occupied")
         if 0 in self.shape:
             check_cells(np.zeros(self.shape, dtype=np.bool_), "occupied")
-        dims = getattr(array, "dims", None)
-        if dims is not None and tuple(dims) != ("x", "y", "z")[: len(dims)]:
+        dims = getattr(getattr(array, "variable", None), "dims", None)  # of xarray
+        if dims is not None and dims != ("x", "y", "z")[: len(dims)]:
             rule, mend = (
                 "they must be named x, y (and z), in this order",
                 'transpose it, e.g. array.transpose("x", "y")',
@@ -173,7 +173,7 @@ def _mapped(
 
 def _opened(file: str, name: str) -> Lazy:
     """An array of an HDF5 file."""
-    import h5py  # type: ignore[import-untyped,import-not-found,unused-ignore]
+    import h5py
 
     return Lazy(h5py.File(file, "r")[name])
 
@@ -189,7 +189,7 @@ def _watched(file: Path) -> Iterable[Path]:
 
 
 class Drawn:
-    """Obstacles that are cut into cells a box at a time; only those near a box are looked at for it.
+    """Obstacles that are cut into cells a box at a time; their index tells which ones are near it.
 
     Parameters
     ----------
@@ -206,35 +206,11 @@ class Drawn:
         first, last = np.array([[part.start, part.stop] for part in box]).T
         lower = self.grid.lower + self.grid.spacing * first
         grid = Grid(tuple(lower.tolist()), self.grid.spacing, tuple((last - first).tolist()))
-        shape = self._near(grid)
-        if shape is None:
-            nothing = np.zeros(grid.shape, dtype=np.bool_)
-            return nothing, nothing
-        return shape.cells(grid)
+        return self.shape.cells(grid)
 
     @cached_property
     def stamp(self) -> str:
         return hashlib.sha256(json.dumps(self.shape.spec, sort_keys=True).encode()).hexdigest()
-
-    def _near(self, grid: Grid) -> Shape | None:
-        """What of the shape may meet a grid; None where nothing does."""
-        lower, upper = np.array(grid.lower) - grid.spacing, np.array(grid.upper) + grid.spacing
-        if isinstance(self.shape, Polygons):
-            import shapely
-
-            found = np.sort(self._index.query(shapely.box(*lower, *upper)))
-            return Polygons([self.shape.geometries[k] for k in found]) if len(found) else None
-        least, most = self.shape.bounds
-        return self.shape if (least <= upper).all() and (most >= lower).all() else None
-
-    @cached_property
-    def _index(self) -> Any:
-        import shapely
-
-        return shapely.STRtree(list(self.shape.geometries)) if isinstance(self.shape, Polygons) else None
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return Drawn, (self.shape, self.grid)
 
 
 def is_away(array: Any) -> bool:

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-import pickle
 import signal
 import time
 from pathlib import Path
 
 import numpy as np
 import pytest
-import shapely
 import zarr
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -90,98 +88,6 @@ def test_a_real_map_with_unknown_cells(data, tmp_path):
         robot = cspace.Robot.disc(4.0 * workspace.grid.spacing)
         cspace.build(workspace, robot, store=tmp_path / unknown, tile=100)
         same_states(tmp_path / unknown, cspace.build(workspace, robot))
-
-
-# ---- sources ---------------------------------------------------------------------------------------------------------
-
-
-def lazy_arrays(cells, folder):
-    """The same cells as arrays of every kind that is not read before it is indexed."""
-    da, xarray = pytest.importorskip("dask.array"), pytest.importorskip("xarray")
-    np.save(folder / "a.npy", cells)
-    mapped = np.load(folder / "a.npy", mmap_mode="r")
-    stored = zarr.create_array(str(folder / "a.zarr"), data=cells.astype(np.uint8), chunks=(10, 10))
-    lazily = da.from_array(cells, chunks=(13, 7))
-    return {
-        "memmap": mapped,
-        "view": np.load(folder / "a.npy", mmap_mode="r").T[::-1].T[:, ::-1],
-        "zarr": stored,
-        "dask": lazily,
-        "xarray": xarray.DataArray(lazily, dims=("x", "y")),
-    }
-
-
-@pytest.mark.filterwarnings("ignore::DeprecationWarning")
-def test_arrays_are_read_tile_by_tile(tmp_path):
-    cells = random_workspace((40, 33)).outer
-    for name, array in lazy_arrays(cells, tmp_path).items():
-        workspace = cspace.Workspace.from_array(array, 0.1)
-        assert isinstance(workspace, cspace.workspace.LazyWorkspace), name
-        assert "read at need" in repr(workspace)
-        workspace = pickle.loads(pickle.dumps(workspace))  # as a worker gets it
-        cspace.build(workspace, CAR, store=tmp_path / f"{name}.map", tile=16)
-        assert not workspace._whole, name
-        own = cells if name != "view" else np.ascontiguousarray(cells.T[::-1].T[:, ::-1])
-        same_states(tmp_path / f"{name}.map", cspace.build(cspace.Workspace.from_array(own, 0.1), CAR))
-        np.testing.assert_array_equal(workspace.outer, own)
-
-
-def test_shapes_are_cut_tile_by_tile(tmp_path):
-    rng = np.random.default_rng(0)
-    boxes = [
-        shapely.box(x, y, x + w, y + h) for x, y, w, h in rng.integers(0, 40, (30, 4)) * [0.1, 0.1, 0.02, 0.02] + 0.1
-    ]
-    boxes.append(shapely.LineString([(0.3, 0.1), (3.9, 4.1)]))
-    bounds = (0.1, 0.1, 4.4, 4.0)
-    lazy = cspace.Workspace.from_polygons(boxes, 0.1, bounds, lazy=True)
-    cspace.build(lazy, CAR, store=tmp_path / "a", tile=9)
-    assert not lazy._whole
-    same_states(tmp_path / "a", cspace.build(cspace.Workspace.from_polygons(boxes, 0.1, bounds), CAR))
-    trimesh = pytest.importorskip("trimesh")
-    ball = trimesh.creation.icosphere(subdivisions=2, radius=0.7)
-    lazy = cspace.Workspace.from_mesh(ball, 0.1, lazy=True)
-    cspace.build(lazy, ARM, store=tmp_path / "b", tile=4)
-    assert not lazy._whole
-    same_states(tmp_path / "b", cspace.build(cspace.Workspace.from_mesh(ball, 0.1), ARM))
-
-
-@settings(max_examples=10)
-@given(seed=st.integers(0, 2**16), spacing=st.sampled_from([0.05, 0.07, 1 / 3]), tile=st.integers(3, 40))
-def test_shapes_with_borders_on_cell_borders(seed, spacing, tile, tmp_path_factory):
-    """A tile has a lower corner of its own, which is rounded: no cell is told otherwise for that."""
-    rng = np.random.default_rng(seed)
-    shape = rng.integers(8, 40, 2)
-    lower = spacing * rng.integers(-1000, 1000, 2)
-    corners = lower + spacing * rng.integers(0, shape, (6, 2))
-    parts = [shapely.box(*corner, *(corner + spacing * rng.integers(1, 9, 2))) for corner in corners]
-    parts += [shapely.Point(corners[0]), shapely.LineString([corners[0], corners[0] + [3 * spacing, 2 * spacing]])]
-    bounds = (*lower, *(lower + spacing * shape))
-    whole = cspace.Workspace.from_polygons(parts, spacing, bounds)
-    lazy = cspace.Workspace.from_polygons(parts, spacing, bounds, lazy=True)
-    path = tmp_path_factory.mktemp("aligned") / "m"
-    robot = cspace.Robot.disc(1.3 * spacing)
-    cspace.build(lazy, robot, store=path, tile=tile)
-    same_states(path, cspace.build(whole, robot))
-    group = zarr.open_group(str(path), mode="r")
-    np.testing.assert_array_equal(group["outer"][...], whole.outer)
-    np.testing.assert_array_equal(group["inner"][...], whole.inner)
-
-
-def test_a_source_that_changes(tmp_path):
-    np.save(tmp_path / "a.npy", np.zeros((30, 30), dtype=bool))
-
-    def change(done, total):
-        if done == 2:
-            np.save(tmp_path / "a.npy", np.ones((30, 30), dtype=bool))
-            os.utime(tmp_path / "a.npy", ns=(1, 1))
-
-    workspace = cspace.Workspace.from_array(tmp_path / "a.npy", 0.1, lazy=True)
-    with pytest.raises(FileError, match="has changed"):
-        cspace.build(workspace, CAR, store=tmp_path / "m", tile=5, workers=1, progress=change)
-    assert 0.0 < cspace.open(tmp_path / "m").done < 1.0
-    changed = cspace.Workspace.from_array(tmp_path / "a.npy", 0.1, lazy=True)
-    with pytest.raises(FileError, match="was another one"):
-        cspace.build(changed, CAR, store=tmp_path / "m", tile=5)
 
 
 # ---- faults ----------------------------------------------------------------------------------------------------------

@@ -1,0 +1,188 @@
+"""What a map in tiles is made from: arrays that stay in their files, and shapes, of which a tile asks those near it."""
+
+from __future__ import annotations
+
+import os
+import pickle
+
+import numpy as np
+import pytest
+import shapely
+import zarr
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import cspace
+from cspace.errors import FileError, InputError
+from cspace.grid import Grid
+from cspace.shapes import Mesh
+from tiles.test_build import ARM, CAR, random_workspace, same_states
+
+
+def lazy_arrays(cells, folder):
+    """The same cells as arrays of every kind that is not read before it is indexed."""
+    da, xarray = pytest.importorskip("dask.array"), pytest.importorskip("xarray")
+    np.save(folder / "a.npy", cells)
+    mapped = np.load(folder / "a.npy", mmap_mode="r")
+    stored = zarr.create_array(str(folder / "a.zarr"), data=cells.astype(np.uint8), chunks=(10, 10))
+    lazily = da.from_array(cells, chunks=(13, 7))
+    return {
+        "memmap": mapped,
+        "view": np.load(folder / "a.npy", mmap_mode="r").T[::-1].T[:, ::-1],
+        "zarr": stored,
+        "dask": lazily,
+        "xarray": xarray.DataArray(lazily, dims=("x", "y")),
+        "h5py": in_hdf5(cells, folder / "a.h5"),
+        "rioxarray": in_geotiff(cells, folder / "a.tif"),
+    }
+
+
+def in_hdf5(cells, path):
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(path, "w") as file:
+        file.create_dataset("site/occupied", data=cells, chunks=(10, 10), compression="gzip")
+    return h5py.File(path, "r")["site/occupied"]
+
+
+def in_geotiff(cells, path):
+    """As a GeoTIFF has it: rows from the north, of shades."""
+    rasterio, rioxarray = pytest.importorskip("rasterio"), pytest.importorskip("rioxarray")
+    about = {"width": cells.shape[0], "height": cells.shape[1], "count": 1, "dtype": "uint8", "crs": "EPSG:32633"}
+    north_west = rasterio.Affine(0.1, 0.0, 0.0, 0.0, -0.1, 0.1 * cells.shape[1])
+    with rasterio.open(path, "w", **about, transform=north_west, tiled=True, blockxsize=16, blockysize=16) as file:
+        file.write(np.where(cells, 200, 50).astype(np.uint8).T[::-1], 1)
+    shades = rioxarray.open_rasterio(path, chunks=16).squeeze("band", drop=True)
+    return (shades > 127).transpose("x", "y")[:, ::-1]
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::PendingDeprecationWarning")
+def test_arrays_are_read_tile_by_tile(tmp_path):
+    cells = random_workspace((40, 33)).outer
+    for name, array in lazy_arrays(cells, tmp_path).items():
+        workspace = cspace.Workspace.from_array(array, 0.1)
+        assert isinstance(workspace, cspace.workspace.LazyWorkspace), name
+        assert "read at need" in repr(workspace)
+        workspace = pickle.loads(pickle.dumps(workspace))  # as a worker gets it
+        cspace.build(workspace, CAR, store=tmp_path / f"{name}.map", tile=16)
+        assert not workspace._whole, name
+        own = cells if name != "view" else np.ascontiguousarray(cells.T[::-1].T[:, ::-1])
+        same_states(tmp_path / f"{name}.map", cspace.build(cspace.Workspace.from_array(own, 0.1), CAR))
+        np.testing.assert_array_equal(workspace.outer, own)
+
+
+def test_shapes_are_cut_tile_by_tile(tmp_path):
+    rng = np.random.default_rng(0)
+    boxes = [
+        shapely.box(x, y, x + w, y + h) for x, y, w, h in rng.integers(0, 40, (30, 4)) * [0.1, 0.1, 0.02, 0.02] + 0.1
+    ]
+    boxes.append(shapely.LineString([(0.3, 0.1), (3.9, 4.1)]))
+    bounds = (0.1, 0.1, 4.4, 4.0)
+    lazy = cspace.Workspace.from_polygons(boxes, 0.1, bounds, lazy=True)
+    cspace.build(lazy, CAR, store=tmp_path / "a", tile=9)
+    assert not lazy._whole
+    same_states(tmp_path / "a", cspace.build(cspace.Workspace.from_polygons(boxes, 0.1, bounds), CAR))
+    trimesh = pytest.importorskip("trimesh")
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=0.7)
+    lazy = cspace.Workspace.from_mesh(ball, 0.1, lazy=True)
+    cspace.build(lazy, ARM, store=tmp_path / "b", tile=4)
+    assert not lazy._whole
+    same_states(tmp_path / "b", cspace.build(cspace.Workspace.from_mesh(ball, 0.1), ARM))
+
+
+@settings(max_examples=10)
+@given(seed=st.integers(0, 2**16), spacing=st.sampled_from([0.05, 0.07, 1 / 3]), tile=st.integers(3, 40))
+def test_shapes_with_borders_on_cell_borders(seed, spacing, tile, tmp_path_factory):
+    """A tile has a lower corner of its own, which is rounded: no cell is told otherwise for that."""
+    rng = np.random.default_rng(seed)
+    shape = rng.integers(8, 40, 2)
+    lower = spacing * rng.integers(-1000, 1000, 2)
+    corners = lower + spacing * rng.integers(0, shape, (6, 2))
+    parts = [shapely.box(*corner, *(corner + spacing * rng.integers(1, 9, 2))) for corner in corners]
+    parts += [shapely.Point(corners[0]), shapely.LineString([corners[0], corners[0] + [3 * spacing, 2 * spacing]])]
+    bounds = (*lower, *(lower + spacing * shape))
+    whole = cspace.Workspace.from_polygons(parts, spacing, bounds)
+    lazy = cspace.Workspace.from_polygons(parts, spacing, bounds, lazy=True)
+    path = tmp_path_factory.mktemp("aligned") / "m"
+    robot = cspace.Robot.disc(1.3 * spacing)
+    cspace.build(lazy, robot, store=path, tile=tile)
+    same_states(path, cspace.build(whole, robot))
+    group = zarr.open_group(str(path), mode="r")
+    np.testing.assert_array_equal(group["outer"][...], whole.outer)
+    np.testing.assert_array_equal(group["inner"][...], whole.inner)
+
+
+def test_a_source_that_changes(tmp_path):
+    np.save(tmp_path / "a.npy", np.zeros((30, 30), dtype=bool))
+
+    def change(done, total):
+        if done == 2:
+            np.save(tmp_path / "a.npy", np.ones((30, 30), dtype=bool))
+            os.utime(tmp_path / "a.npy", ns=(1, 1))
+
+    workspace = cspace.Workspace.from_array(tmp_path / "a.npy", 0.1, lazy=True)
+    with pytest.raises(FileError, match="has changed"):
+        cspace.build(workspace, CAR, store=tmp_path / "m", tile=5, workers=1, progress=change)
+    assert 0.0 < cspace.open(tmp_path / "m").done < 1.0
+    changed = cspace.Workspace.from_array(tmp_path / "a.npy", 0.1, lazy=True)
+    with pytest.raises(FileError, match="was another one"):
+        cspace.build(changed, CAR, store=tmp_path / "m", tile=5)
+
+
+def test_dimensions_in_another_order():
+    xarray, da = pytest.importorskip("xarray"), pytest.importorskip("dask.array")
+    with pytest.raises(InputError, match="transpose"):
+        cspace.Workspace.from_array(xarray.DataArray(da.zeros((4, 5), dtype=bool), dims=("y", "x")), 0.1)
+
+
+def boxes_in_the_plane(rng):
+    """Many polygons, some in collections of collections, a line and a point."""
+    corners = rng.uniform(0, 4, (60, 2))
+    parts = [shapely.box(*corner, *(corner + rng.uniform(0.02, 0.5, 2))) for corner in corners]
+    nested = shapely.GeometryCollection(
+        [shapely.MultiPoint(rng.uniform(0, 4, (5, 2))), shapely.GeometryCollection(parts[40:])]
+    )
+    lines = shapely.LineString(rng.uniform(0, 4, (4, 2)))
+    return cspace.Workspace.from_polygons([*parts[:40], nested, lines], 0.1, (0.3, 0.2, 4.2, 4.6), lazy=True)
+
+
+def balls_in_space(rng):
+    """Closed bodies, some in others, and triangles that hang on nothing."""
+    trimesh = pytest.importorskip("trimesh")
+    balls = [
+        trimesh.creation.icosphere(2, radius).apply_translation(at)
+        for radius, at in zip(rng.uniform(0.1, 0.8, 12), rng.uniform(0, 3, (12, 3)), strict=True)
+    ]
+    flat = trimesh.Trimesh(rng.uniform(0, 3, (30, 3)), np.arange(30).reshape(10, 3), process=False)
+    return cspace.Workspace.from_mesh(trimesh.util.concatenate([*balls, flat]), 0.1, lazy=True)
+
+
+@pytest.mark.filterwarnings("ignore::cspace.shapes.MeshWarning")
+@pytest.mark.parametrize("make", [boxes_in_the_plane, balls_in_space])
+def test_a_part_is_that_of_the_whole(make):
+    """Whatever part is asked for, found by an index or not, its cells are those of the whole."""
+    rng = np.random.default_rng(0)
+    workspace = make(rng)
+    shape = np.array(workspace.grid.shape)
+    whole = workspace.cells.read(tuple(slice(0, n) for n in shape))
+    for _ in range(40):
+        first = rng.integers(0, shape)
+        box = tuple(
+            slice(low, high)
+            for low, high in zip(first, np.minimum(first + rng.integers(1, 16, len(shape)), shape), strict=True)
+        )
+        for own, all_of_it in zip(workspace.cells.read(box), whole, strict=True):
+            np.testing.assert_array_equal(own, all_of_it[box])
+
+
+def test_an_index_finds_what_is_near():
+    """Few of many triangles are looked at for a tile, and those that meet it are among them."""
+    rng = np.random.default_rng(1)
+    triangles = rng.uniform(0, 50, (3000, 1, 3)) + rng.normal(size=(3000, 3, 3)) * rng.choice([0.1, 5.0], (3000, 1, 1))
+    mesh = Mesh(triangles.reshape(-1, 3), np.arange(9000).reshape(-1, 3), "surface")
+    low, high = triangles.min(axis=1), triangles.max(axis=1)
+    for corner in rng.uniform(-5, 50, (50, 3)):
+        grid = Grid(corner, 0.5, (8, 8, 8))
+        meets = ((low <= np.array(grid.upper)) & (high >= np.array(grid.lower))).all(axis=1)
+        found = mesh._near(grid)
+        assert set(np.flatnonzero(meets)) <= set(found)
+        assert len(found) < 600
