@@ -11,13 +11,15 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.errors import FileError, InputError
 from cspace.grid import MAX_COORDINATE, finite, positive
 from cspace.raster.raster import Raster
 from cspace.rotations import STILL, Turn
-from cspace.shapes import Balls, Box, Mesh, Polygons, Shape, Voxels, shape_from_spec
+from cspace.shapes import Balls, Box, Bracketed, Mesh, Polygons, Shape, Voxels, shape_from_spec
+from cspace.shapes.bracketed import Pair, capsule, cylinder
 from cspace.shapes.shape import Surface, check_point
 
 if TYPE_CHECKING:
@@ -31,9 +33,10 @@ if TYPE_CHECKING:
 class Robot:
     """A rigid robot in the plane or in space.
 
-    Make one with :meth:`polygon`, :meth:`rectangle` or :meth:`disc` in the plane, :meth:`mesh`, :meth:`box` or
-    :meth:`ball` in space, and :meth:`balls`, :meth:`cells` or :meth:`open` in either. The reference point, whose
-    position is the configuration, is the origin; it may lie anywhere, also outside the shape.
+    Make one with :meth:`polygon`, :meth:`rectangle`, :meth:`disc`, :meth:`from_footprint` or :meth:`from_nav2` in the
+    plane, :meth:`mesh`, :meth:`box`, :meth:`ball`, :meth:`cylinder`, :meth:`capsule` or :meth:`from_urdf` in space, and
+    :meth:`balls`, :meth:`cells` or :meth:`open` in either. The reference point, whose position is the configuration, is
+    the origin; it may lie anywhere, also outside the shape.
 
     Attributes
     ----------
@@ -157,6 +160,33 @@ class Robot:
         return cls(f"box {' m x '.join(f'{side:g}' for side in box.extents)} m", box)
 
     @classmethod
+    def cylinder(cls, radius: float, height: float, center: ArrayLike = (0.0, 0.0, 0.0)) -> Robot:
+        """An upright cylinder, around the direction of z through ``center``, its middle (metres).
+
+        It is held between two prisms of 64 sides, one around it, whose radius is 0.12 % larger, and one within: FREE is
+        proven for the first and BLOCKED for the second, so that both hold for the cylinder.
+        """
+        sizes = positive(radius, "radius"), positive(height, "height")
+        return cls._revolved(cylinder(*sizes), center, f"cylinder {radius:g} m, {height:g} m high")
+
+    @classmethod
+    def capsule(cls, radius: float, length: float, center: ArrayLike = (0.0, 0.0, 0.0)) -> Robot:
+        """An upright capsule, all within ``radius`` of a segment ``length`` long, whose middle is ``center`` (metres).
+
+        It is ``length + 2 * radius`` high. It is held between two polyhedra, as a :meth:`cylinder` is; the outer one
+        reaches 0.24 % of the radius farther.
+        """
+        sizes = positive(radius, "radius"), positive(length, "length")
+        return cls._revolved(capsule(*sizes), center, f"capsule {radius:g} m, {length:g} m long")
+
+    @classmethod
+    def _revolved(cls, sides: Pair, center: ArrayLike, name: str) -> Robot:
+        """The robot between two solids of revolution, moved."""
+        shift = check_point(center, dim=3)
+        outer, inner = (Mesh.of((vertices + shift, faces)) for vertices, faces in sides)
+        return cls(name, Bracketed(outer, inner, is_round_about_z=not shift[:2].any()))
+
+    @classmethod
     def mesh(cls, shape: MeshLike, *, solid: Solid = "auto", name: str | None = None) -> Robot:
         """A triangle mesh.
 
@@ -206,6 +236,104 @@ class Robot:
         return cls(f"bitmap {' x '.join(map(str, voxels.occupied.shape))} cells of {voxels.side:g} m", voxels)
 
     @classmethod
+    def from_footprint(cls, footprint: str | ArrayLike, *, padding: float = 0.0, name: str | None = None) -> Robot:
+        """A polygon in the plane, given as Nav2's ``footprint`` is.
+
+        Parameters
+        ----------
+        footprint : str or array-like, shape (n, 2)
+            Corners in order, metres; a text is ``"[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]"``.
+        padding : float
+            Metres by which each coordinate of a corner is moved away from zero, as by ``footprint_padding``.
+
+        Raises
+        ------
+        GeometryError
+            If it is no list of points, or they make no polygon.
+        InputError
+            If the padding is negative.
+        """
+        from cspace.io.nav2 import check_padding, corners_of
+
+        corners = corners_of(footprint)
+        return cls.polygon(corners + check_padding(padding) * np.sign(corners), name=name)
+
+    @classmethod
+    def from_nav2(cls, path: str | os.PathLike[str], costmap: str | None = None) -> Robot:
+        """The robot of a YAML file of Nav2's parameters, or of a ``costmap_common_params.yaml`` of ROS 1.
+
+        A ``footprint`` is the polygon of :meth:`from_footprint`; without one, ``robot_radius`` is that of a disc. Both
+        are padded by ``footprint_padding``, 0.01 m where the file does not say, as in Nav2; a disc all around.
+
+        Parameters
+        ----------
+        path : path-like
+        costmap : str, optional
+            Whose robot, such as "local_costmap"; needed where the costmaps of the file differ in it.
+
+        Raises
+        ------
+        FileError
+            If the file is missing or malformed, tells of no robot, or of several, or not of that costmap.
+        GeometryError
+            If the corners make no polygon.
+        """
+        from cspace.io.nav2 import read_nav2
+
+        base = read_nav2(path, costmap)
+        if base.corners:
+            return cls.from_footprint(base.corners, padding=base.padding, name=f"footprint of {Path(path).name}")
+        return cls.disc(base.radius + base.padding)
+
+    @classmethod
+    def from_urdf(
+        cls, path: str | os.PathLike[str], link: str | Sequence[str] | None = None, *, solid: Solid = "auto"
+    ) -> Robot:
+        """The collision geometry of a URDF: of a link, of several, or of all that is fixed to the root.
+
+        Boxes and meshes are taken as they are; cylinders and spheres are held between two polyhedra, as
+        :meth:`cylinder` is. Names of meshes may begin with ``package://``: they are looked for around the file.
+
+        Parameters
+        ----------
+        path : path-like
+        link : str or sequence of str, optional
+            Whose geometry to take, with the joints at zero; its reference point is the origin of the (first) link. If
+            left out, that of the root and of the links that fixed joints join to it, in the frame of the root; a
+            warning names those that have geometry and are left out because they move, such as wheels.
+        solid : {"auto", "surface", "fill"}
+            What of the meshes has an inside, as for :meth:`mesh`.
+
+        Raises
+        ------
+        FileError
+            If the file or a mesh is missing or malformed.
+        InputError
+            If there is no such link, the links have no collision geometry, or a size is not above zero.
+        MissingPackageError
+            If yourdfpy is not installed.
+        """
+        from cspace.io.urdf import read_urdf
+
+        outer, *inner = (Mesh(*surface, solid, Path(path).name) for surface in read_urdf(path, link))
+        outer.check_origin()
+        names = "" if link is None else f" {link if isinstance(link, str) else ', '.join(link)}"
+        return cls(f"{Path(path).name}{names}", Bracketed(Mesh.of(outer), inner[0]) if inner else Mesh.of(outer))
+
+    def footprint(self) -> Robot:
+        """The robot in the plane that this one casts on the ground, for maps that are plane.
+
+        What is proven FREE or BLOCKED for it is so for the shadow of the robot: it is held between the shadow's union
+        grown by a micrometre, which covers rounding, and that shrunk by as much. A robot in the plane is its own.
+
+        Raises
+        ------
+        GeometryError
+            If it has no area, seen from above.
+        """
+        return Robot(f"footprint of {self.name}", self.shape.flattened()) if self.dim == 3 else self
+
+    @classmethod
     def from_spec(cls, spec: Mapping[str, Any]) -> Robot:
         """The robot that :attr:`spec` describes.
 
@@ -230,25 +358,24 @@ class Robot:
         Parameters
         ----------
         source : str or Path
-            ``disc:RADIUS``, ``rect:LENGTHxWIDTH``, ``ball:RADIUS``, ``box:XxYxZ`` (metres); a file of polygons:
-            ``.geojson``, ``.json`` or ``.wkt``; or a mesh: ``.stl``, ``.obj``, ``.ply``, ``.off``, ``.glb``, ``.gltf``,
-            ``.dae``.
+            ``disc:RADIUS``, ``rect:LENGTHxWIDTH``, ``ball:RADIUS``, ``box:XxYxZ``, ``cylinder:RADIUSxHEIGHT``,
+            ``capsule:RADIUSxLENGTH`` (metres), each with its middle behind it where that is not the origin, as in
+            ``rect:4.5x1.9@1.3,0``; ``footprint:[[X,Y],...]``, or ``footprint:`` and a robot in space, whose shadow that
+            is; a file of polygons: ``.geojson``, ``.json`` or ``.wkt``; a mesh: ``.stl``, ``.obj``, ``.ply``, ``.off``,
+            ``.glb``, ``.gltf``, ``.dae``; a robot's description: ``.urdf``, links of it as ``FILE.urdf#LINK,LINK``;
+            or Nav2's parameters: ``.yaml``, those of one costmap as ``FILE.yaml#COSTMAP``.
         solid : {"auto", "surface", "fill"}, optional
-            For a mesh: what has an inside; "auto" if left out.
+            For a mesh, or those of a URDF: what has an inside; "auto" if left out.
 
         Raises
         ------
         InputError
-            If the text is none of these, or ``solid`` is given for what is no mesh.
+            If the text is none of these, or ``solid`` is given for what has no mesh.
         FileError
             If the file cannot be read.
         """
-        from cspace.io.meshes import SUFFIXES as MESHES
-        from cspace.io.vector import SUFFIXES as POLYGONS
-        from cspace.io.vector import read_shapes
-
         try:
-            path = Path(source)
+            text = os.fspath(source)
         except TypeError as error:
             raise InputError(
                 "robot",
@@ -256,23 +383,27 @@ class Robot:
                 "it must be a short text such as 'ball:0.3' (metres), or a file name",
                 "pass a string or a pathlib.Path",
             ) from error
-        suffix = path.suffix.lower()
-        if suffix in MESHES:
-            return cls.mesh(path, solid=solid or "auto", name=f"mesh {path.name}")
-        if solid is not None:
-            raise InputError("solid", f"is {solid!r} for {source}", f"it is for {', '.join(MESHES)}", "leave it out")
-        kind, colon, _ = str(source).partition(":")
+        kind, colon, rest = text.partition(":")
+        if colon and kind == "footprint" and not rest.lstrip().startswith("["):
+            return cls.open(rest, solid=solid).footprint()
+        files = _files()
+        path, mark, part = text.rpartition("#")
+        if not mark or Path(text).suffix.lower() in files:
+            path, part = text, ""
+        suffix = Path(path).suffix.lower()
+        reader, takes_solid = files.get(suffix, (None, False))
+        if solid is not None and not takes_solid:
+            taken = ", ".join(known for known, (_, meshes) in files.items() if meshes)
+            raise InputError("solid", f"is {solid!r} for {source}", f"it is for {taken}", "leave it out")
         if colon and kind in _SHORT:
-            return _from_text(str(source))
-        if suffix in POLYGONS:
-            return cls.polygon(read_shapes(path), name=f"polygon {path.name}")
-        forms = ", ".join(f"{kind}:{_form(names)}" for kind, (names, _) in _SHORT.items())
-        files = ", ".join((*POLYGONS, *MESHES))
-        if path.exists():
-            raise FileError(str(path), f"has the suffix {path.suffix!r}", f"a robot's are {files}", f"or pass {forms}")
-        raise InputError(
-            "robot", f"is {str(source)!r}", "it must be a short text or a file", f"pass {forms} (metres), or {files}"
-        )
+            return _from_text(text)
+        if reader is not None:
+            options = {"solid": solid} if solid else {}
+            return reader(Path(path), *[part] if part else [], **options)
+        forms, known = ", ".join(f"{kind}:{form}" for kind, (form, _) in _SHORT.items()), ", ".join(files)
+        if path and Path(path).exists():
+            raise FileError(path, f"has the suffix {suffix!r}", f"a robot's are {known}", f"or pass {forms}")
+        raise InputError("robot", f"is {text!r}", "it must be a short text or a file", f"pass {forms}, or {known}")
 
     @property
     def geometry(self) -> BaseGeometry:
@@ -370,33 +501,66 @@ def check_margin(margin: float) -> float:
     return float(value)
 
 
-_SHORT: Final[dict[str, tuple[tuple[str, ...], Callable[..., Robot]]]] = {
-    "disc": (("radius",), Robot.disc),
-    "rect": (("length", "width"), Robot.rectangle),
-    "ball": (("radius",), Robot.ball),
-    "box": (("x", "y", "z"), lambda x, y, z: Robot.box((x, y, z))),
+_SHORT: Final[dict[str, tuple[str, Callable[..., Robot]]]] = {
+    "disc": ("RADIUS", Robot.disc),
+    "rect": ("LENGTHxWIDTH", Robot.rectangle),
+    "ball": ("RADIUS", Robot.ball),
+    "box": ("XxYxZ", lambda x, y, z, *center: Robot.box((x, y, z), *center)),
+    "cylinder": ("RADIUSxHEIGHT", Robot.cylinder),
+    "capsule": ("RADIUSxLENGTH", Robot.capsule),
+    "footprint": ("[[X,Y],...]", Robot.from_footprint),
 }
-"""Short texts: the lengths that follow the colon, and what makes the robot."""
+"""Short texts: what follows the colon, and what makes the robot."""
 
 
 def _from_text(source: str) -> Robot:
-    """The robot of a short text such as ``rect:0.9x0.6``."""
-    kind, _, sizes = source.partition(":")
-    names, make = _SHORT[kind]
-    try:
-        values = [float(word) for word in sizes.split("x")]
-    except ValueError:
-        values = []
-    if len(values) != len(names) or not all(math.isfinite(value) and value > 0.0 for value in values):
+    """The robot of a short text such as ``rect:0.9x0.6`` or ``disc:0.3@0.1,0``."""
+    kind, _, rest = source.partition(":")
+    form, make = _SHORT[kind]
+    if form.startswith("["):
+        return make(rest)
+    sizes, at, place = rest.partition("@")
+    values, center = _numbers(sizes, "x"), _numbers(place, ",")
+    count = form.count("x") + 1
+    if len(values) != count or min(values) <= 0.0 or bool(at) != bool(center):
         raise InputError(
             "robot",
             f"is {source!r}",
-            f"after the colon must stand {_form(names)}, each above zero, in metres",
-            f"write e.g. {kind}:{'x'.join(['0.3'] * len(names))}",
+            f"after the colon must stand {form}, each above zero, in metres, and @X,Y or @X,Y,Z where its middle is "
+            "not the origin",
+            f"write e.g. {kind}:{'x'.join(['0.3'] * count)}",
         )
-    return make(*values)
+    return make(*values, *[center] if at else [])
 
 
-def _form(names: Sequence[str]) -> str:
-    """How the lengths of a short text are written, as ``LENGTHxWIDTH``."""
-    return "x".join(name.upper() for name in names)
+def _numbers(text: str, mark: str) -> list[float]:
+    """Finite numbers with a mark between them; none where the text holds anything else."""
+    try:
+        values = [float(word) for word in text.split(mark)]
+    except ValueError:
+        return []
+    return values if all(map(math.isfinite, values)) else []
+
+
+def _files() -> dict[str, tuple[Callable[..., Robot], bool]]:
+    """What makes a robot of a file, by its suffix, from its path and, where it tells of several, the name of one; and
+    whether it takes ``solid``, for meshes."""
+    from cspace.io.meshes import SUFFIXES as MESHES
+    from cspace.io.vector import SUFFIXES as POLYGONS
+    from cspace.io.vector import read_shapes
+
+    def mesh(path: Path, *part: str, solid: Solid = "auto") -> Robot:
+        return Robot.mesh(path, solid=solid, name=f"mesh {path.name}")
+
+    def polygon(path: Path, *part: str) -> Robot:
+        return Robot.polygon(read_shapes(path), name=f"polygon {path.name}")
+
+    def urdf(path: Path, *links: str, solid: Solid = "auto") -> Robot:
+        return Robot.from_urdf(path, links[0].split(",") if links else None, solid=solid)
+
+    return {
+        **dict.fromkeys(POLYGONS, (polygon, False)),
+        **dict.fromkeys(MESHES, (mesh, True)),
+        ".urdf": (urdf, True),
+        **dict.fromkeys((".yaml", ".yml"), (Robot.from_nav2, False)),
+    }

@@ -6,14 +6,13 @@ import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Final
-from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
-from xml.parsers.expat import ExpatError, ParserCreate
 
 import numpy as np
 
 from cspace.io.input import Fault, read_bytes
 from cspace.io.limits import check_bytes
+from cspace.io.plain import parse_xml
 from cspace.io.polygons import Floats, Integers, Surface, joined, placed, triangulated, unfolded, unread
 
 Named = dict[str, Element | None]
@@ -41,10 +40,7 @@ def read_collada(file: Path) -> Surface:
     GeometryError
         If there is a surface that is not read, or a polygon can be cut in several ways.
     """
-    try:
-        root = _parsed(read_bytes(file, "mesh", memory=20.0))
-    except (ElementTree.ParseError, ExpatError) as error:
-        raise Fault(f"is no XML ({error})") from error
+    root = parse_xml(read_bytes(file, "mesh", memory=20.0))
     for element in root.iter():
         element.tag = str(element.tag).rpartition("}")[2]
     if root.tag != "COLLADA":
@@ -144,29 +140,6 @@ _TRANSFORMS: Final[dict[str, tuple[int, Callable[[Floats], Floats]]]] = {
     "scale": (3, lambda values: np.diag([*values, 1.0])),
 }
 """How many numbers each transform of a node has, and its matrix."""
-
-
-def _parsed(data: bytes) -> Element:
-    """The tree of a text without entities, by which a small file unfolds into a huge one, nested in bounds."""
-    depth = 0
-
-    def opened(name: str, attributes: dict[str, str]) -> None:
-        nonlocal depth
-        depth += 1
-        if depth > _DEEPEST:
-            raise Fault(f"has more than {_DEEPEST} elements within each other")
-
-    def closed(name: str) -> None:
-        nonlocal depth
-        depth -= 1
-
-    def entity(*about: object) -> None:
-        raise Fault("declares an entity, which COLLADA has no use for")
-
-    scan = ParserCreate()
-    scan.StartElementHandler, scan.EndElementHandler, scan.EntityDeclHandler = opened, closed, entity
-    scan.Parse(data, True)
-    return ElementTree.fromstring(data)
 
 
 def _surfaces(geometry: Element, named: Named, arrays: dict[Element, Floats]) -> list[Surface]:

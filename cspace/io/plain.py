@@ -1,7 +1,7 @@
-"""YAML and JSON as plain values: text, numbers, true and false, lists, and tables with text for keys.
+"""YAML and JSON as plain values: text, numbers, true and false, lists, and tables with text for keys; and XML.
 
-Nothing else of YAML is read: no tags, which make objects, no anchors, by which a small file unfolds into a huge one.
-Whatever is wrong becomes one error that names the file.
+Nothing else of YAML is read: no tags, which make objects, no anchors, by which a small file unfolds into a huge one. No
+more are entities of XML, which do so too. Whatever is wrong becomes one error that names the file.
 """
 
 from __future__ import annotations
@@ -10,15 +10,21 @@ import json
 import os
 import re
 from typing import Any, Final
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+from xml.parsers.expat import ExpatError, ParserCreate
 
 import numpy as np
 
 from cspace.errors import FileError
-from cspace.io.input import read_text
+from cspace.io.input import Fault, read_text
 from cspace.io.limits import check_memory
 
 DEEPEST: Final = 64
 """Levels of lists, tables and brackets, at most."""
+
+_ELEMENTS: Final = 256
+"""Levels of elements of XML, at most."""
 
 _BLOCK: Final = 2**22
 """Characters whose brackets are counted at once."""
@@ -98,6 +104,38 @@ def read_json(path: str | os.PathLike[str], kind: str, each_list: float = 0.0) -
         return json.loads(text, parse_int=_integer)
     except (ValueError, RecursionError) as error:
         raise FileError(file, f"is not JSON: {error}", f"{kind} is a JSON file", "mend that place") from error
+
+
+def parse_xml(data: bytes) -> Element:
+    """The tree of a text without entities, by which a small file unfolds into a huge one, nested in bounds.
+
+    Raises
+    ------
+    Fault
+        If it is no XML, or more than that.
+    """
+    depth = 0
+
+    def opened(name: str, attributes: dict[str, str]) -> None:
+        nonlocal depth
+        depth += 1
+        if depth > _ELEMENTS:
+            raise Fault(f"has more than {_ELEMENTS} elements within each other")
+
+    def closed(name: str) -> None:
+        nonlocal depth
+        depth -= 1
+
+    def entity(*about: object) -> None:
+        raise Fault("declares an entity of XML, which is not read")
+
+    scan = ParserCreate()
+    scan.StartElementHandler, scan.EndElementHandler, scan.EntityDeclHandler = opened, closed, entity
+    try:
+        scan.Parse(data, True)
+        return ElementTree.fromstring(data)
+    except (ElementTree.ParseError, ExpatError) as error:
+        raise Fault(f"is no XML ({error})") from error
 
 
 def check_nesting(text: str, file: str, opening: str, closing: str) -> None:

@@ -7,6 +7,7 @@ from typing import Any, Final
 
 from cspace.shapes.balls import Balls as Balls
 from cspace.shapes.balls import check_balls as check_balls
+from cspace.shapes.bracketed import Bracketed as Bracketed
 from cspace.shapes.mesh import Mesh as Mesh
 from cspace.shapes.mesh import MeshWarning as MeshWarning
 from cspace.shapes.polygon import Polygons as Polygons
@@ -18,6 +19,7 @@ from cspace.shapes.voxels import Voxels as Voxels
 _FROM_SPEC: Final[dict[str, Callable[[Mapping[str, Any]], Shape]]] = {
     "balls": Balls.from_spec,
     "box": Box.from_spec,
+    "bracketed": lambda spec: Bracketed.from_spec(spec, shape_from_spec),
     "cells": Voxels.from_spec,
     "mesh": Mesh.from_spec,
     "polygon": Polygons.from_spec,

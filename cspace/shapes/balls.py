@@ -133,6 +133,9 @@ class Balls(Shape):
         shifts = len(corners) * np.arange(len(self.radii))
         return vertices.reshape(-1, 3), (faces + shifts[:, None, None]).reshape(-1, 3)
 
+    def flattened(self) -> Balls:
+        return Balls(self.centers[:, :2].copy(), self.radii)
+
     @property
     def is_round(self) -> bool:
         return not self.centers.any()

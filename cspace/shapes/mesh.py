@@ -19,6 +19,8 @@ from cspace.grid import Grid, finite, unmasked
 from cspace.raster.raster import Raster
 from cspace.rotations import STILL, Turn
 from cspace.shapes.bodies import Body, find_bodies
+from cspace.shapes.bracketed import Bracketed
+from cspace.shapes.polygon import Polygons
 from cspace.shapes.shape import Bools, Floats, Pieces, Shape, Surface
 
 if TYPE_CHECKING:
@@ -57,6 +59,9 @@ SOLIDS: Final = ("auto", "surface", "fill")
 """What of a mesh is solid: its closed bodies, nothing but the surface, or whatever its raster encloses."""
 
 _LARGEST: Final = 1e100
+
+_HAIR: Final = 1e-6
+"""By how much what holds a mesh's shadow is larger than that, metres."""
 
 
 class MeshWarning(UserWarning):
@@ -283,6 +288,19 @@ class Mesh(Shape):
     def surface(self) -> Surface:
         return self.vertices, self.faces
 
+    def flattened(self) -> Shape:
+        """What lies between the union of the triangles' shadows grown by a micrometre, and shrunk by as much.
+
+        That covers the rounding of the union.
+        """
+        import shapely
+
+        shadow = shapely.union_all(shapely.polygons(self.boundary().simplices[..., :2]))
+        around, within = (shadow.buffer(by, join_style="mitre") for by in (_HAIR, -_HAIR))
+        if within.is_empty:
+            raise GeometryError(self.source, "is flat, seen from above", "it must have an area there", "check its axes")
+        return Bracketed(Polygons.of(around), Polygons.of(within))
+
     def check_origin(self, warn: bool = False) -> None:
         lower, upper = self.bounds
         size = float(np.linalg.norm(upper - lower))
@@ -304,10 +322,10 @@ class Mesh(Shape):
             )
 
     def _features(self, matrix: Floats) -> Floats:
-        corners = (self.vertices @ matrix.T + 0.0)[self.faces]
+        turned = self.vertices @ matrix.T + 0.0
+        corners, rank = turned[self.faces], np.unique(turned, axis=0, return_inverse=True)[1]
         # Each triangle begins with its smallest corner and keeps its direction.
-        first = [min(range(3), key=lambda k: triangle[k]) for triangle in corners.tolist()]
-        order = (np.array(first)[:, None] + np.arange(3)) % 3
+        order = (rank[self.faces].argmin(axis=1)[:, None] + np.arange(3)) % 3
         return np.take_along_axis(corners, order[..., None], axis=1).reshape(-1, 9)
 
     def contains(self, points: ArrayLike) -> Bools:

@@ -167,6 +167,15 @@ class Shape(ABC):
         raise GeometryError("shape", "is in the plane", "a surface needs one in space", "ask for its outline")
 
     @property
+    def sides(self) -> tuple[Shape, Shape]:
+        """A shape that holds this one, and one that it holds; both itself, unless it is known by others only."""
+        return self, self
+
+    def flattened(self) -> Shape:
+        """The shape that this one casts on the plane of x and y; itself, of a shape in the plane."""
+        return self
+
+    @property
     def is_round(self) -> bool:
         """Whether every rotation about the origin maps the shape to itself."""
         return False

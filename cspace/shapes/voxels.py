@@ -15,6 +15,7 @@ from cspace.errors import GeometryError, InputError
 from cspace.grid import Grid, positive, unmasked
 from cspace.raster.raster import Raster
 from cspace.rotations import STILL, Turn
+from cspace.shapes.polygon import Polygons
 from cspace.shapes.shape import Bools, Floats, Pieces, Shape, Surface, check_point, frozen
 
 if TYPE_CHECKING:
@@ -96,6 +97,11 @@ class Box(Shape):
     @property
     def surface(self) -> Surface:
         return self.lower + _CORNERS * (self.upper - self.lower), _FACES.copy()
+
+    def flattened(self) -> Polygons:
+        import shapely
+
+        return Polygons([shapely.box(*self.lower[:2], *self.upper[:2])])
 
     def _features(self, matrix: Floats) -> Floats:
         ends = np.array([self.lower, self.upper]) @ matrix.T
@@ -258,6 +264,11 @@ class Voxels(Shape):
             return super().surface
         triangles = self.boundary().simplices
         return triangles.reshape(-1, 3), np.arange(3 * len(triangles), dtype=np.int64).reshape(-1, 3)
+
+    def flattened(self) -> Voxels:
+        return (
+            self if self.dim == 2 else Voxels(np.asarray(self.occupied.any(axis=2)), self.side, self.lower[:2].copy())
+        )
 
     def _features(self, matrix: Floats) -> Floats:
         if self.dim == 2:

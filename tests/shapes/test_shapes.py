@@ -7,11 +7,12 @@ import pytest
 import shapely
 import trimesh
 
-from cspace import GeometryError, Grid, InputError, Mesh, Workspace
+from cspace import GeometryError, Grid, InputError, Mesh, Robot, Workspace
 from cspace.rotations import Turn
 from cspace.shapes import Balls, Box, Polygons, Voxels, shape_from_spec
 
 TORUS = trimesh.creation.torus(0.5, 0.2, major_sections=12, minor_sections=8)
+CYLINDER = Robot.cylinder(0.4, 0.7, (0.1, 0.0, 0.2)).shape
 BITS = np.random.default_rng(0).random((5, 4, 3)) < 0.6
 
 SHAPES = {
@@ -32,6 +33,8 @@ SHAPES = {
     "box": lambda: Box.of((1.1, 0.7, 0.5), (0.2, -0.1, 0.15)),
     "voxels": lambda: Voxels.of(BITS, 0.29, (-0.7, -0.6, -0.4)),
     "mesh": lambda: Mesh.of((TORUS.vertices, TORUS.faces)),
+    "cylinder": lambda: CYLINDER,
+    "shadow of a cylinder": lambda: CYLINDER.flattened(),
     "surface": lambda: Mesh.of((TORUS.vertices, TORUS.faces), "surface"),
 }
 

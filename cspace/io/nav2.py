@@ -1,0 +1,133 @@
+"""Robots as Nav2 is told of them: footprints as text, and the YAML files of its parameters."""
+
+from __future__ import annotations
+
+import ast
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cspace.errors import FileError, GeometryError, InputError
+from cspace.grid import finite, positive
+from cspace.io.plain import read_yaml
+
+Floats = NDArray[np.float64]
+
+PADDING: Final = 0.01
+"""Metres of ``footprint_padding`` where a file does not say."""
+
+_NONE: Final[tuple[object, ...]] = (None, "", "[]", [])
+"""Footprints that are none, for which the radius counts."""
+
+
+class Base(NamedTuple):
+    """What a costmap says of a robot: the corners of its footprint, or else its radius; and by how much to pad it."""
+
+    corners: tuple[tuple[float, float], ...]
+    radius: float
+    padding: float
+
+    def __str__(self) -> str:
+        size = f"a footprint of {len(self.corners)} corners" if self.corners else f"a robot_radius of {self.radius:g} m"
+        return f"{size}, footprint_padding {self.padding:g} m"
+
+
+def corners_of(footprint: str | ArrayLike, name: str = "footprint") -> Floats:
+    """The corners that a footprint tells, shape (n, 2), metres.
+
+    Parameters
+    ----------
+    footprint : str or array-like, shape (n, 2)
+        A text is Nav2's, ``"[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]"``.
+    name : str
+        What to call it in messages.
+
+    Raises
+    ------
+    GeometryError
+        If it is not a list of three points or more.
+    InputError
+        If a number is not finite.
+    """
+    rule = "it must be three points or more, each of two numbers, x and y in metres"
+    found, mend = f"is {footprint!r:.80}", "write e.g. [[0.3, 0.2], [0.3, -0.2], [-0.3, 0]]"
+    try:
+        value = ast.literal_eval(footprint.strip()) if isinstance(footprint, str) else footprint
+        corners = finite(value, name)
+    except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError) as error:
+        raise GeometryError(name, found, rule, mend, value=footprint) from error
+    if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 3:
+        raise GeometryError(name, found, rule, mend, value=footprint)
+    return corners
+
+
+def check_padding(padding: float, name: str = "padding") -> float:
+    """``padding`` as a float, zero or above (metres).
+
+    Raises
+    ------
+    InputError
+        If it is no such number.
+    """
+    value = finite(padding, name)
+    if value.ndim or value < 0.0:
+        raise InputError(
+            name, f"is {padding!r}", "it must be one number, zero or above", "pass it in metres, e.g. 0.01"
+        )
+    return float(value)
+
+
+def read_nav2(path: str | os.PathLike[str], costmap: str | None = None) -> Base:
+    """What a file of parameters says of the robot.
+
+    Every table that holds ``footprint`` or ``robot_radius`` is looked at, at whatever depth: those of the local and of
+    the global costmap in a file of Nav2, or the top of a ``costmap_common_params.yaml`` of ROS 1.
+
+    Parameters
+    ----------
+    path : path-like
+    costmap : str, optional
+        Whose robot it is to be, such as "local_costmap"; needed where the costmaps of a file differ in it.
+
+    Raises
+    ------
+    FileError
+        If the file is missing or malformed, tells of no robot, or of several, or not of that costmap.
+    """
+    file = os.fspath(path)
+    tables = dict(_tables(read_yaml(path, "file of Nav2's parameters"), ()))
+    if not tables:
+        mend = "write e.g. 'robot_radius: 0.22' in its local_costmap and global_costmap"
+        raise FileError(file, "holds neither footprint nor robot_radius", "a costmap has one of them", mend)
+    bases = {name: _base(table, f"{file}: {name or 'the file'}") for name, table in tables.items()}
+    chosen = {name: base for name, base in bases.items() if costmap is None or name.endswith(costmap)}
+    if not chosen:
+        raise FileError(file, f"has no costmap {costmap!r}", f"it has {', '.join(bases)}", "name one of these")
+    if len(set(chosen.values())) > 1:
+        told = "; ".join(f"{name} has {base}" for name, base in chosen.items())
+        names = " or ".join(f"costmap={name!r}" for name in chosen)
+        raise FileError(file, f"tells of more than one robot: {told}", "one is mapped at a time", f"pass {names}")
+    return next(iter(chosen.values()))
+
+
+def _tables(value: Any, path: tuple[str, ...]) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """Tables that tell of a robot, each with the names of those that it is in; a repeated name is said once."""
+    if not isinstance(value, dict):
+        return
+    if value.get("footprint") not in _NONE or "robot_radius" in value:
+        names = [name for name in path if name != "ros__parameters"]
+        yield "/".join(name for k, name in enumerate(names) if name not in names[k - 1 : k]), value
+    for name, part in value.items():
+        yield from _tables(part, (*path, name))
+
+
+def _base(table: Mapping[str, Any], place: str) -> Base:
+    footprint: Any = table.get("footprint")
+    padding = check_padding(table.get("footprint_padding", PADDING), f"{place}: footprint_padding")
+    if footprint in _NONE:
+        return Base((), positive(table["robot_radius"], f"{place}: robot_radius"), padding)
+    corners: Sequence[Sequence[float]] = corners_of(footprint, f"{place}: footprint").tolist()
+    return Base(tuple((x, y) for x, y in corners), 0.0, padding)

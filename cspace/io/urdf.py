@@ -1,0 +1,203 @@
+"""Robots from URDF files: the collision geometry of links, placed where their joints are at zero."""
+
+from __future__ import annotations
+
+import io
+import logging
+import os
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from cspace.errors import FileError, InputError, MissingPackageError
+from cspace.grid import finite, positive
+from cspace.io.input import Fault, decoding, read_bytes
+from cspace.io.meshes import read_mesh
+from cspace.io.plain import parse_xml
+from cspace.io.polygons import Surface, joined, placed
+from cspace.shapes import Box
+from cspace.shapes.bracketed import Pair, capsule, cylinder
+from cspace.shapes.shape import check_point
+
+if TYPE_CHECKING:
+    from yourdfpy import URDF
+
+_KIND: Final = "URDF"
+
+_NEEDED: Final[Mapping[str, tuple[str, ...]]] = {
+    "box": ("size",),
+    "cylinder": ("radius", "length"),
+    "sphere": ("radius",),
+    "mesh": ("filename",),
+}
+"""Shapes of collision geometry, and the attributes that each must have."""
+
+
+def read_urdf(path: str | os.PathLike[str], link: str | Sequence[str] | None = None) -> list[Surface]:
+    """The surface of a robot's collision geometry.
+
+    Parameters
+    ----------
+    path : path-like
+    link : str or sequence of str, optional
+        As for :meth:`cspace.Robot.from_urdf`.
+
+    Returns
+    -------
+    list of Surface
+        Metres, in the frame of the first link: the surface itself; or, where something is curved, one around it and one
+        within.
+
+    Raises
+    ------
+    FileError
+        If the file or a mesh is missing or malformed.
+    InputError
+        If there is no such link, the links have no collision geometry, or a size is not above zero.
+    MissingPackageError
+        If yourdfpy is not installed.
+    """
+    file = os.fspath(path)
+    urdf = _loaded(path)
+    base, rigid = urdf.base_link, _fixed(urdf)
+    links = rigid if link is None else [link] if isinstance(link, str) else list(link)
+    for name in links:
+        if name not in urdf.link_map:
+            raise InputError("link", f"is {name!r}", f"{file} has {', '.join(urdf.link_map)}", "name one of these")
+    pairs = []
+    for name in links:
+        pose = urdf.get_transform(name, links[0])
+        for number, collision in enumerate(urdf.link_map[name].collisions):
+            place = f"{file}: link {name!r}, collision {number}"
+            transform = pose if collision.origin is None else pose @ finite(collision.origin, f"{place}: origin")
+            pairs.append([placed(surface, transform) for surface in _sides(collision.geometry, path, place)])
+    has_shape = [name for name in urdf.link_map if urdf.link_map[name].collisions]
+    if not pairs:
+        mend = f"name links that have: {', '.join(has_shape)}" if has_shape else "add <collision> to its links"
+        raise InputError("link", f"is {', '.join(links) or 'not there'}", "no such link has collision geometry", mend)
+    if link is None and (left := [name for name in has_shape if name not in rigid]):
+        warnings.warn(
+            f"{file}: {', '.join(left)} move against {base} and are left out; name all the links that you want, and "
+            "they are put where their joints are at zero",
+            stacklevel=3,
+        )
+    curved = any(outer is not inner for outer, inner in pairs)
+    return [joined(side) for side in list(zip(*pairs, strict=True))[: 1 + curved]]
+
+
+def _loaded(path: str | os.PathLike[str]) -> URDF:
+    """The file as yourdfpy reads it, once it is known to hold what that takes for granted."""
+    try:
+        import yourdfpy
+    except ImportError as error:
+        mend = "install it with: pip install 'cspace[urdf]'"
+        raise MissingPackageError("yourdfpy", "is not installed", "URDF files are read with it", mend) from error
+    # What it logs is said by the errors here.
+    logging.getLogger("yourdfpy").addHandler(logging.NullHandler())
+    data = read_bytes(path, _KIND, memory=20.0)
+    with decoding(path, _KIND):
+        root = parse_xml(data)
+        _check(root, b"http://www.ros.org/wiki/xacro" in data or b"http://ros.org/wiki/xacro" in data)
+        plain = io.BytesIO(ElementTree.tostring(root))
+        return yourdfpy.URDF.load(plain, load_meshes=False, build_collision_scene_graph=False)
+
+
+def _check(root: Element, macros: bool) -> None:
+    """Refuse what would be read in part, or misread."""
+    if root.tag != "robot":
+        raise Fault(f"holds <{root.tag:.60}>, not <robot>", "a URDF file describes a robot", "pass the right file")
+    if macros and any("}" in str(element.tag) for element in root.iter()):
+        raise Fault("holds macros of xacro", "they are expanded first", "run xacro robot.urdf.xacro > robot.urdf")
+    names = [str(element.get("name")) for element in root.findall("link")]
+    if not names:
+        raise Fault("has no <link>", "a robot has one at least", "pass the right file")
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise Fault(f"has more than one link {twice[0]!r}", "each has a name of its own", "rename one")
+    parents: dict[str, str] = {}
+    for joint in root.findall("joint"):
+        ends = [getattr(joint.find(end), "attrib", {}).get("link") for end in ("parent", "child")]
+        if not all(end in names for end in ends):
+            found = f"joins {ends[0]!r} to {ends[1]!r} by the joint {joint.get('name')!r}"
+            raise Fault(found, "both must be links of it", "correct the names")
+        parent, child = map(str, ends)
+        if child in parents:
+            raise Fault(
+                f"joins {child!r} to {parents[child]!r} and {parent!r}", "a link has one parent", "drop a joint"
+            )
+        parents[child] = parent
+    if len(names) - len(parents) != 1:
+        loose = ", ".join(name for name in names if name not in parents) or "none"
+        raise Fault(f"has these links without a parent: {loose}", "one is the root of all others", "join them")
+    for link in root.findall("link"):
+        for number, collision in enumerate(link.findall("collision")):
+            _check_geometry(collision.find("geometry"), f"link {link.get('name')!r}, collision {number}")
+
+
+def _check_geometry(geometry: Element | None, place: str) -> None:
+    shapes = [] if geometry is None else list(geometry)
+    if len(shapes) != 1 or shapes[0].tag not in _NEEDED:
+        told = ", ".join(f"<{shape.tag:.40}>" for shape in shapes) or "nothing"
+        raise Fault(f"has {told} as the geometry of {place}", f"it is one of {', '.join(_NEEDED)}", "correct it")
+    for name in _NEEDED[shapes[0].tag]:
+        if name not in shapes[0].attrib:
+            raise Fault(f"lacks the {name} of the {shapes[0].tag} of {place}", "it must be there", "add it")
+
+
+def _fixed(urdf: URDF) -> list[str]:
+    """The root and the links that only fixed joints part from it."""
+    rigid = [urdf.base_link]
+    for name in rigid:  # which grows meanwhile
+        rigid += [joint.child for joint in urdf.robot.joints if joint.parent == name and joint.type == "fixed"]
+    return rigid
+
+
+def _sides(geometry: Any, path: str | os.PathLike[str], place: str) -> Pair:
+    """A surface around a collision geometry, and one within; the same one where it is not curved."""
+    kind = next(name for name in _NEEDED if getattr(geometry, name) is not None)
+    return _SHAPES[kind](getattr(geometry, kind), path, f"{place}: {kind}")
+
+
+def _box(box: Any, path: str | os.PathLike[str], place: str) -> Pair:
+    sides = check_point(box.size, f"{place}: size", 3).tolist()
+    surface = Box.of([positive(side, f"{place}: size") for side in sides]).surface
+    return surface, surface
+
+
+def _mesh(mesh: Any, path: str | os.PathLike[str], place: str) -> Pair:
+    scale = finite(np.broadcast_to(1.0 if mesh.scale is None else mesh.scale, 3), f"{place}: scale")
+    if not scale.all():
+        raise InputError(f"{place}: scale", f"is {scale.tolist()}", "no factor may be zero", "correct it")
+    surface = placed(read_mesh(_found(str(mesh.filename), Path(path), place)), np.diag([*scale, 1.0]))
+    return surface, surface
+
+
+def _found(name: str, path: Path, place: str) -> Path:
+    """The file that a URDF names; one of a package is in a folder of that name, or beside the folder of the URDF."""
+    kind, _, rest = name.rpartition("://")
+    tails = [rest, rest.partition("/")[2]] if kind == "package" else [rest]
+    folder = path.resolve().parent
+    for place_of in (folder, *folder.parents):
+        for tail in tails:
+            if (file := place_of / tail).is_file():
+                return file
+    rule = f"it is looked for in {folder} and the folders above it"
+    raise FileError(f"{place} {name}", "does not exist", rule, "put it there, or correct its name")
+
+
+def _round(make: Callable[..., Pair], names: Sequence[str], shape: Any, path: Any, place: str) -> Pair:
+    return make(*(positive(getattr(shape, name), f"{place}: {name}") for name in names))
+
+
+_SHAPES: Final[Mapping[str, Callable[[Any, str | os.PathLike[str], str], Pair]]] = {
+    "box": _box,
+    "cylinder": partial(_round, cylinder, ("radius", "length")),
+    "sphere": partial(_round, partial(capsule, length=0.0), ("radius",)),
+    "mesh": _mesh,
+}
+"""What makes the surfaces of a geometry, by its name."""

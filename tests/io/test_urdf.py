@@ -1,0 +1,218 @@
+"""URDF against formulas of its primitives, placed by scipy."""
+
+import numpy as np
+import pytest
+import shapely
+import trimesh
+from scipy.spatial.transform import Rotation
+
+from cspace import FileError, InputError, Robot
+from missing import told_without
+
+BASE = """
+<link name="base">
+  <collision><origin xyz="0.1 0 0.2" rpy="0.3 -0.2 0.5"/><geometry><box size="0.6 0.4 0.2"/></geometry></collision>
+  <collision><origin xyz="-0.2 0 0.1" rpy="1.2 0 0"/>
+    <geometry><cylinder radius="0.15" length="0.5"/></geometry></collision>
+</link>
+<link name="plate"/>
+<link name="head"><collision><geometry><sphere radius="0.25"/></geometry></collision></link>
+<link name="wheel"><collision><origin rpy="1.57079632679 0 0"/>
+    <geometry><cylinder radius="0.1" length="0.05"/></geometry></collision></link>
+<joint name="a" type="fixed"><parent link="base"/><child link="plate"/><origin xyz="0 0 0.3" rpy="0 0 1"/></joint>
+<joint name="b" type="fixed"><parent link="plate"/><child link="head"/><origin xyz="0.2 0.1 0.1" rpy="0 0.4 0"/></joint>
+<joint name="c" type="continuous"><parent link="base"/><child link="wheel"/><origin xyz="0 0.4 0"/><axis xyz="0 1 0"/>
+</joint>
+"""
+
+
+def written(folder, body=BASE, name="robot.urdf"):
+    path = folder / name
+    path.write_text(f'<?xml version="1.0"?><robot name="r">{body}</robot>')
+    return path
+
+
+def pose(xyz, rpy):
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = Rotation.from_euler("xyz", rpy).as_matrix(), xyz
+    return matrix
+
+
+def in_box(size):
+    return lambda p: (np.abs(p) <= np.array(size) / 2).all(axis=-1)
+
+
+def in_cylinder(radius, length):
+    return lambda p: (np.hypot(p[..., 0], p[..., 1]) <= radius) & (np.abs(p[..., 2]) <= length / 2)
+
+
+def in_ball(radius):
+    return lambda p: np.linalg.norm(p, axis=-1) <= radius
+
+
+PARTS = [
+    (pose((0.1, 0, 0.2), (0.3, -0.2, 0.5)), in_box((0.6, 0.4, 0.2))),
+    (pose((-0.2, 0, 0.1), (1.2, 0, 0)), in_cylinder(0.15, 0.5)),
+    (pose((0, 0, 0.3), (0, 0, 1)) @ pose((0.2, 0.1, 0.1), (0, 0.4, 0)), in_ball(0.25)),
+]
+
+
+def in_parts(points, parts):
+    found = np.zeros(len(points), dtype=bool)
+    for matrix, inside in parts:
+        found |= inside((points - matrix[:3, 3]) @ matrix[:3, :3])
+    return found
+
+
+def test_the_fixed_base_is_its_primitives(tmp_path):
+    with pytest.warns(UserWarning, match="wheel move against base and are left out; name all the links"):
+        robot = Robot.from_urdf(written(tmp_path))
+    points = np.random.default_rng(0).uniform(-0.8, 0.9, (30_000, 3))
+    truth, (outer, inner) = in_parts(points, PARTS), robot.shape.sides
+    assert truth.sum() > 800
+    assert outer.contains(points[truth]).all()
+    assert truth[inner.contains(points)].all()
+    assert np.mean(outer.contains(points) != truth) < 0.001
+    assert np.mean(inner.contains(points) != truth) < 0.001
+    assert Robot.from_spec(robot.spec).spec == robot.spec
+
+
+def test_links_are_placed_in_the_frame_of_the_first(tmp_path):
+    path = written(tmp_path)
+    wheels = Robot.from_urdf(path, ["base", "wheel"])
+    assert wheels.shape.bounds[1][1] == pytest.approx(0.425)
+    assert Robot.open(f"{path}#base,wheel").shape.bounds[1][1] == pytest.approx(0.425)
+    head = Robot.from_urdf(path, "head")
+    assert np.allclose(head.shape.bounds, [[-0.25] * 3, [0.25] * 3], atol=0.001)
+    turned = Robot.from_urdf(path, ["head", "base"]).shape.sides[0]
+    matrix = np.linalg.inv(PARTS[2][0])
+    points = np.random.default_rng(1).uniform(-0.8, 0.8, (5000, 3))
+    truth = in_parts(points, [(matrix @ PARTS[0][0], PARTS[0][1])])
+    assert turned.contains(points[truth]).all()
+
+
+def test_boxes_and_meshes_alone_stay_what_they_are(tmp_path):
+    (tmp_path / "my_robot" / "meshes").mkdir(parents=True)
+    (tmp_path / "my_robot" / "urdf").mkdir()
+    torus = trimesh.creation.torus(0.5, 0.2)
+    torus.export(tmp_path / "my_robot" / "meshes" / "part.stl")
+    body = '<link name="l"><collision><geometry><mesh filename="NAME" scale="1 -2 0.5"/></geometry></collision></link>'
+    for name in (
+        "package://my_robot/meshes/part.stl",
+        "../meshes/part.stl",
+        f"file://{tmp_path}/my_robot/meshes/part.stl",
+    ):
+        robot = Robot.from_urdf(written(tmp_path / "my_robot" / "urdf", body.replace("NAME", name)))
+        assert np.allclose(robot.shape.bounds, [[-0.7, -1.4, -0.1], [0.7, 1.4, 0.1]], atol=1e-6)
+        assert robot.shape.sides == (robot.shape, robot.shape)
+        assert robot.shape.volume == pytest.approx(torus.volume, rel=1e-5)
+    with pytest.raises(FileError, match=r"link 'l', collision 0: mesh package://no/part.stl: does not exist"):
+        Robot.from_urdf(written(tmp_path, body.replace("NAME", "package://no/part.stl")))
+
+
+def test_reads_the_arms_of_others(data):
+    hand = ["panda_hand", "panda_leftfinger", "panda_rightfinger"]
+    gripper = Robot.from_urdf(data / "arms" / "panda" / "panda.urdf", hand)
+    # The hand is 0.204 m wide, and its fingers end 0.112 m above its frame (measured in the meshes of the folder).
+    assert np.ptp(gripper.shape.bounds, axis=0).tolist() == pytest.approx([0.0632, 0.2045, 0.1381], abs=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("make", "area"),
+    [
+        (lambda: Robot.box((2, 1, 5), (3, 0, 0)), 2.0),
+        (lambda: Robot.ball(0.5, (1, 2, 3)), np.pi / 4),
+        (lambda: Robot.cylinder(0.5, 3), np.pi / 4),
+        (lambda: Robot.mesh(trimesh.creation.torus(2.0, 0.5)), np.pi * (2.5**2 - 1.5**2)),
+        (lambda: Robot.cells(np.ones((2, 3, 4), bool), 0.5), 1.5),
+        (lambda: Robot.disc(0.5), np.pi / 4),
+    ],
+)
+def test_a_footprint_is_the_shadow(make, area):
+    robot = make()
+    footprint = robot.footprint()
+    assert footprint.dim == 2
+    assert footprint.shape.measure == pytest.approx(area, rel=0.02)
+    lower, upper = robot.shape.bounds
+    assert np.allclose(footprint.shape.bounds, [lower[:2], upper[:2]], atol=2e-6)
+    assert Robot.from_spec(footprint.spec).spec == footprint.spec
+    assert footprint.symmetry == robot.symmetry
+
+
+def test_the_shadow_of_a_mesh_lies_between_its_two_sides():
+    mesh = trimesh.creation.icosphere(1).apply_translation((0.3, 0.2, 0))
+    outer, inner = Robot.mesh(mesh).footprint().shape.sides
+    hull = shapely.convex_hull(shapely.multipoints(mesh.vertices[:, :2]))
+    assert shapely.covers(outer.outline, hull)
+    assert shapely.covers(hull, inner.outline)
+    assert shapely.hausdorff_distance(outer.outline.boundary, inner.outline.boundary) < 1e-5
+
+
+JOINT = '<joint name="j" type="fixed"><parent link="{}"/><child link="{}"/></joint>'
+GEOMETRY = '<link name="l"><collision><geometry>{}</geometry></collision></link>'
+
+
+@pytest.mark.parametrize(
+    ("body", "error", "words"),
+    [
+        ("", FileError, "has no <link>"),
+        ('<link name="l"/>', InputError, r"no such link has collision geometry; add <collision>"),
+        ('<link name="l"/><link name="m"/>', FileError, "without a parent: l, m"),
+        ('<link name="l"/><link name="l"/>', FileError, "more than one link 'l'"),
+        ('<link name="l"/>' + JOINT.format("l", "n"), FileError, "joins 'l' to 'n' by the joint 'j'"),
+        ('<link name="l"/><link name="m"/>' + JOINT.format("l", "m") * 2, FileError, "a link has one parent"),
+        (
+            '<link name="l"/><link name="m"/>' + JOINT.format("m", "l") + JOINT.format("l", "m"),
+            FileError,
+            "parent: none",
+        ),
+        ('<link name="l"><collision/></link>', FileError, "nothing as the geometry of link 'l', collision 0"),
+        (GEOMETRY.format("<cone/>"), FileError, "<cone> as the geometry of link 'l', collision 0; it is one of box"),
+        (GEOMETRY.format('<cylinder radius="1"/>'), FileError, "lacks the length of the cylinder of link 'l'"),
+        (
+            GEOMETRY.format('<cylinder radius="1" length="0"/>'),
+            InputError,
+            "link 'l', collision 0: cylinder: length is 0",
+        ),
+        (GEOMETRY.format('<sphere radius="nan"/>'), InputError, "sphere: radius is nan"),
+        (GEOMETRY.format('<box size="1 2"/>'), InputError, "size has shape"),
+        (GEOMETRY.format('<box size="1 2 -3"/>'), InputError, "size is -3"),
+        (GEOMETRY.format('<box size="a b c"/>'), FileError, "cannot be read as a URDF .*'a'"),
+        (GEOMETRY.format('<mesh filename="x.stl" scale="0 1 1"/>'), InputError, "scale is .* no factor may be zero"),
+        (GEOMETRY.format('<mesh filename="x.stl"/>'), FileError, "mesh x.stl: does not exist"),
+        ('<link name="l"', FileError, "is no XML"),
+        ('<x:if xmlns:x="http://www.ros.org/wiki/xacro"/><link name="l"/>', FileError, "macros of xacro"),
+    ],
+)
+def test_bad_files_are_told_in_a_line(tmp_path, body, error, words):
+    with pytest.raises(error, match=words) as told:
+        Robot.from_urdf(written(tmp_path, body))
+    assert "\n" not in str(told.value)
+
+
+def test_bad_names(tmp_path):
+    path = written(tmp_path)
+    with pytest.raises(InputError, match=r"link is 'arm'; .*robot\.urdf has base, plate, head, wheel"):
+        Robot.from_urdf(path, "arm")
+    with pytest.raises(
+        InputError, match="link is plate; no such link has collision geometry; name links that have: base"
+    ):
+        Robot.from_urdf(path, "plate")
+    with pytest.raises(FileError, match=r"none\.urdf: does not exist"):
+        Robot.from_urdf(tmp_path / "none.urdf")
+    path.write_text("<html/>")
+    with pytest.raises(FileError, match="holds <html>, not <robot>"):
+        Robot.open(path)
+    path.write_text('<!DOCTYPE robot [<!ENTITY a "b">]><robot name="&a;"/>')
+    with pytest.raises(FileError, match="declares an entity"):
+        Robot.open(path)
+
+
+def test_without_yourdfpy_the_error_names_the_extra(tmp_path):
+    code = f"""
+try:
+    cspace.Robot.from_urdf({str(written(tmp_path))!r})
+except cspace.MissingPackageError as error:
+    print(error)
+"""
+    assert "pip install 'cspace[urdf]'" in told_without("yourdfpy", code)

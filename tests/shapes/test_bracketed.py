@@ -1,0 +1,131 @@
+"""Cylinders and capsules against their formulas: what is proven for the shapes around and within holds for them."""
+
+import fcl
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial.transform import Rotation
+
+import cspace
+from cspace import InputError, Robot, Rotations, Workspace
+from cspace.rotations import Turn
+
+RADIUS, LENGTH = 0.31, 0.57
+
+
+def in_cylinder(points, wider=0.0):
+    axis, height = np.linalg.norm(points[..., :2], axis=-1), np.abs(points[..., 2])
+    return (axis <= RADIUS + wider) & (height <= LENGTH / 2 + wider)
+
+
+def in_capsule(points, wider=0.0):
+    height = np.clip(points[..., 2], -LENGTH / 2, LENGTH / 2)
+    return np.linalg.norm(points - np.stack([0 * height, 0 * height, height], axis=-1), axis=-1) <= RADIUS + wider
+
+
+KINDS = {"cylinder": (Robot.cylinder, in_cylinder), "capsule": (Robot.capsule, in_capsule)}
+
+
+@pytest.fixture(params=KINDS)
+def kind(request):
+    return KINDS[request.param]
+
+
+def points_within(inside, rng, count=3000):
+    points = rng.uniform(-1, 1, (20 * count, 3)) * (RADIUS, RADIUS, LENGTH / 2 + RADIUS)
+    return points[inside(points)][:count]
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.2])
+@pytest.mark.parametrize("spacing", [0.05, 0.11])
+def test_rasters_hold_for_the_shape_itself(kind, angle, spacing):
+    make, inside = kind
+    rng = np.random.default_rng(3)
+    middle = Rotation.random(rng=rng)
+    outer, inner = make(RADIUS, LENGTH).rasters(spacing, 0.0, Turn(middle.as_matrix(), angle))
+    for _ in range(4):
+        axis = rng.normal(size=3)
+        turn = Rotation.from_rotvec(axis / np.linalg.norm(axis) * rng.choice([angle, angle * rng.random()])) * middle
+        points = turn.apply(points_within(inside, rng)) / spacing
+        for corner in np.ndindex(2, 2, 2):
+            offsets = np.floor(points).astype(int) + corner - outer.lower
+            assert outer.cells[tuple(offsets.T)].all()
+        lattice = spacing * (np.argwhere(inner.cells) + inner.lower)
+        assert len(lattice) > 10
+        assert inside(turn.inv().apply(lattice)).all()
+
+
+def test_the_two_sides_are_as_near_as_stated(kind):
+    make, inside = kind
+    shape, rng = make(RADIUS, LENGTH).shape, np.random.default_rng(4)
+    outer, inner = shape.sides
+    points = rng.uniform(-1, 1, (20_000, 3)) * (0.4, 0.4, 0.7)
+    assert inside(points[outer.contains(points)], 0.0025 * RADIUS).all()
+    assert outer.contains(points[inside(points)]).all()
+    assert inside(points[inner.contains(points)]).all()
+    assert inner.contains(points[inside(points, -0.0025 * RADIUS)]).all()
+
+
+BOXES = (((1.0, 0.8, 0.6), (0.9, 0.8, 0.4)), ((0.3, 1.2, 1.5), (2.0, 1.2, 1.0)))
+
+
+def workspace():
+    mesh = trimesh.util.concatenate([trimesh.creation.box(size).apply_translation(at) for size, at in BOXES])
+    return Workspace.from_mesh(mesh, 0.08, bounds=(0, 0, 0, 2.6, 2.2, 2.0))
+
+
+@pytest.mark.parametrize("rotations", [None, 8, Rotations.quaternions(1)], ids=["still", "yaw", "quaternions"])
+def test_maps_agree_with_fcl(kind, rotations):
+    make, _ = kind
+    space = cspace.build(workspace(), make(RADIUS, LENGTH), rotations=rotations, outside="free")
+    rng = np.random.default_rng(5)
+    q = np.column_stack([rng.uniform(0, (2.6, 2.2, 2.0), (800, 3)), rng.normal(size=(800, space.dof - 3))])
+    if space.dof == 7:
+        q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1, keepdims=True)
+    solids = [fcl.CollisionObject(fcl.Box(*size), fcl.Transform(np.array(at))) for size, at in BOXES]
+    robot = {"cylinder": fcl.Cylinder, "capsule": fcl.Capsule}[make.__name__](RADIUS, LENGTH)
+    states = space.classify(q)
+    assert min(np.bincount(states, minlength=3)) > 40
+    for state, (x, y, z, *turned) in zip(states.tolist(), q.tolist(), strict=True):
+        yaw = Rotation.from_euler("z", (turned or [0.0])[0])
+        matrix = (Rotation.from_quat(turned) if len(turned) == 4 else yaw).as_matrix()
+        placed = fcl.CollisionObject(robot, fcl.Transform(matrix, np.array((x, y, z))))
+        hit = any(fcl.collide(placed, solid, fcl.CollisionRequest(), fcl.CollisionResult()) for solid in solids)
+        assert state == cspace.MIXED or hit == (state == cspace.BLOCKED)
+
+
+def test_an_upright_one_needs_one_slice_unless_it_is_off_its_axis(kind):
+    make, _ = kind
+    assert make(0.2, 0.3).symmetry == 0
+    assert make(0.2, 0.3).half_turns == (0, 1, 2)
+    assert make(0.2, 0.3, (0, 0, 0.4)).symmetry == 0
+    assert make(0.2, 0.3, (0, 0, 0.4)).half_turns == (2,)
+    assert make(0.2, 0.3, (0.1, 0, 0)).symmetry == 1
+    again = Robot.from_spec(make(0.2, 0.3).spec)
+    assert (again.symmetry, again.shape.bounds[0].tolist()) == (0, make(0.2, 0.3).shape.bounds[0].tolist())
+
+
+def test_exact_answers_are_those_of_the_shape_around(kind):
+    """Between a floor and a ceiling, or two walls, that are hardly farther apart than it is wide."""
+    make, _ = kind
+    walls = [trimesh.creation.box((0.2, 2, 2)).apply_translation((x, 0, 0)) for x in (-0.1 - 0.003, 2 * RADIUS + 0.103)]
+    around = Workspace.from_mesh(trimesh.util.concatenate(walls), 0.1, bounds=(-0.2, -1, -1, 0.8, 1, 1))
+    space = cspace.build(around, make(RADIUS, LENGTH), outside="free")
+    assert space.classify((RADIUS, 0.0, 0.0)) == cspace.MIXED
+    assert space.is_free((RADIUS, 0.0, 0.0), exact=True)
+    assert not space.is_free((RADIUS - 0.004, 0.0, 0.0), exact=True)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: Robot.cylinder(0, 1), "radius is 0; it must be one number above zero"),
+        (lambda: Robot.cylinder(1, -1), "height is -1"),
+        (lambda: Robot.capsule(1, 0), "length is 0"),
+        (lambda: Robot.capsule(float("nan"), 1), "radius is nan"),
+        (lambda: Robot.cylinder(1, 1, (0, 0)), "center has shape"),
+    ],
+)
+def test_refuses(make, words):
+    with pytest.raises(InputError, match=words):
+        make()
