@@ -9,17 +9,16 @@ from numpy.typing import NDArray
 
 from cspace.compiling import jit, reader
 from cspace.engines.packed import dilate_block
-from cspace.states import FREE
 
 Bytes = NDArray[np.uint8]
 Ints = NDArray[np.int64]
 Words = NDArray[np.uint64]
 
-LOOKED, CHANGED, FREED, COUNTS = 0, 6, 12, 18
-"""Where a row of what :func:`renew_states` tells of a slice has its boxes, first cells and then last ones, and from
-where on the number of cells that changed their state, and by how many more are FREE."""
+LOOKED, CHANGED, COUNT = 0, 6, 12
+"""Where a row of what :func:`renew_states` tells of a slice has its boxes, first cells and then last ones, and the
+number of cells that changed their state."""
 
-ROW = 20
+ROW = 13
 """Length of such a row."""
 
 _GATHER = np.uint64(0x0102040810204080)
@@ -169,7 +168,6 @@ def renew_states(map_: Followed, box: Ints) -> Ints:
         for axis in range(3):
             row[LOOKED + axis], row[LOOKED + 3 + axis] = part.shape[axis], -1
             row[CHANGED + axis], row[CHANGED + 3 + axis] = part.shape[axis], -1
-            row[FREED + axis], row[FREED + 3 + axis] = part.shape[axis], -1
         if len(far) + len(near) == 0:
             continue
         low, high = np.full(3, 2**62, np.int64), np.full(3, -(2**62), np.int64)
@@ -213,16 +211,15 @@ def renew_states(map_: Followed, box: Ints) -> Ints:
                     state = int((far_byte & np.uint64(1)) + (near_byte & np.uint64(1)))
                     _settle(line, k, state, x, y, first[2], row)
     whole = told[-1]
-    for k in range(COUNTS):
+    for k in range(COUNT):
         whole[k] = told[0, k]
     for s in range(stack.shape[0]):
         row = told[s]
-        for start in (LOOKED, CHANGED, FREED):
+        for start in (LOOKED, CHANGED):
             for axis in range(start, start + 3):
                 whole[axis] = min(whole[axis], row[axis])
                 whole[3 + axis] = max(whole[3 + axis], row[3 + axis])
-        whole[COUNTS] += map_.weights[s] * row[COUNTS]
-        whole[COUNTS + 1] += map_.weights[s] * row[COUNTS + 1]
+        whole[COUNT] += map_.weights[s] * row[COUNT]
     return told
 
 
@@ -246,11 +243,8 @@ def _settle(line: Bytes, at: int, state: int, x: int, y: int, z: int, row: Ints)
     if state == old:
         return
     line[at] = state
-    row[COUNTS] += 1
+    row[COUNT] += 1
     _include(row[CHANGED : CHANGED + 6], x, y, z + at)
-    if (state == FREE) != (old == FREE):
-        row[COUNTS + 1] += 1 if state == FREE else -1
-        _include(row[FREED : FREED + 6], x, y, z + at)
 
 
 @reader

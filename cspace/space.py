@@ -25,6 +25,7 @@ from cspace.memory import JOINED_BYTES, check_memory
 from cspace.raster.raster import Raster
 from cspace.robot import Robot
 from cspace.rotations import Rotations
+from cspace.shapes import Shape, shape_of
 from cspace.states import FREE, NAMES
 from cspace.workspace import Workspace
 
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
     from cspace.map.sampling import FreeCells
     from cspace.plot.picture import PlotOptions
     from cspace.spectral import FourierOverlap, OverlapField
-    from cspace.update import Subject, Update, Updater
+    from cspace.update import Update, Updater
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -576,25 +577,121 @@ class CSpace(ConfigurationMap):
         >>> space.is_free([2.0, 1.5])
         False
         """
-        from cspace.update import Patch, Updater
+        from cspace.update import Patch
 
+        self._check_whole()
+        patch = Patch.of(self.grid, cells, lower, inner)
+        with self._lock:
+            return self._follower.update(patch)
+
+    def place(self, name: str, obstacle: object, *, radius: ArrayLike | None = None) -> Update:
+        """Place an obstacle of a name, in metres, or move it there, and have this map follow.
+
+        The map is from then on what a build would give with these obstacles: what the workspace holds otherwise, and
+        all that was placed. An obstacle is placed in place of the one that had its name, and what that one hid is there
+        again. Obstacles may overlap; a cell is in the workspace if it is in any of them. Of one that sticks out of the
+        grid, what is in the grid counts; one that lies wholly beyond it keeps its name, and changes nothing.
+
+        Look-ups with ``exact=True`` ask the obstacle itself, and not its cells. :meth:`update` goes on to change what
+        the workspace holds otherwise, below all that was placed; from then on exact look-ups ask that by its cells.
+        All else is as for :meth:`update`. A move over a longer way than the robot reaches is two changes, new place
+        first, so that look-ups from other threads may see the obstacle at both, and never at neither.
+
+        Copies and pickles have the names too. A file has the obstacles, as :attr:`workspace` shows them, and not the
+        names: of a map that was opened again they are all there to stay.
+
+        Parameters
+        ----------
+        name : str
+        obstacle : shape, or array-like, shape (n, 2) or (n, 3)
+            Metres, in the map's frame. In the plane what :meth:`Workspace.from_polygons` takes, such as a shapely
+            geometry, or the corners of a polygon; in space a mesh, as :meth:`Workspace.from_mesh` takes; in both points
+            with ``radius``, a decomposition into balls, or a shape of :mod:`cspace.shapes`.
+        radius : array-like, shape () or (n,), optional
+            Of the balls around the points, metres, zero or above.
+
+        Returns
+        -------
+        Update
+
+        Raises
+        ------
+        InputError
+            If the name is no text, or empty, or the obstacle is none of these, or in another dimension than the map, or
+            so far from it that rounding could matter; nothing is changed then. A :class:`GeometryError` if it is empty,
+            not finite, or a polygon that crosses itself.
+
+        Examples
+        --------
+        >>> import numpy as np, shapely, cspace
+        >>> workspace = cspace.Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
+        >>> space = cspace.build(workspace, cspace.Robot.disc(0.3))
+        >>> space.place("cart", shapely.box(1.8, 1.3, 2.2, 1.7)).changed
+        176
+        >>> space.place("people", [(1.0, 1.0), (3.0, 2.0)], radius=0.25).changed
+        262
+        >>> space.remove("cart").changed
+        130
+        >>> list(space.placed)
+        ['people']
+        """
+        if not isinstance(name, str) or not name:
+            rule = "a text that is not empty tells obstacles apart"
+            raise InputError("name", f"is {name!r}", rule, 'pass e.g. "cart"', value=name)
+        self._check_whole()
+        shape = shape_of(obstacle, radius)
+        if shape.dim != self.grid.dim:
+            found, place = f"is in {shape.place}", ("the plane", "space")[self.grid.dim - 2]
+            raise InputError("obstacle", found, f"the map is in {place}", "pass one of as many coordinates")
+        with self._lock:
+            return self._follower.place(name, shape)
+
+    def remove(self, name: str) -> Update:
+        """Take away what :meth:`place` has placed; what it hid is there again.
+
+        Parameters
+        ----------
+        name : str
+
+        Returns
+        -------
+        Update
+
+        Raises
+        ------
+        InputError
+            If there is no obstacle of that name.
+        """
+        with self._lock:
+            placed = self.placed
+            if name not in placed:
+                there = f"there are {', '.join(map(repr, placed))}" if placed else "nothing was placed"
+                raise InputError("name", f"is {name!r}", there, "ask space.placed for the names", value=name)
+            return self._follower.place(name, None)
+
+    @property
+    def placed(self) -> dict[str, Shape]:
+        """The obstacles that were placed, by name, where they are now; a copy."""
+        with self._lock:
+            scene = self._contents.scene
+            return {} if scene is None else {name: each.shape for name, each in scene.placed.items()}
+
+    @property
+    def _follower(self) -> Updater:
+        from cspace.update import Subject, Updater
+
+        return self._updater.get(lambda: Updater(Subject(self._contents, self._rasters, self._exterior, self._renew)))
+
+    def _check_whole(self) -> None:
         if self.outside == UNKNOWN:
             rule, mend = "what lies around it decides as well", "update that map, and take the part anew"
             raise ConfigurationError("the map", "is a part of a larger one", rule, mend)
 
-        patch = Patch.of(self.grid, cells, lower, inner)
-        with self._lock:
-            return self._updater.get(lambda: Updater(self._subject())).update(patch)
-
-    def _subject(self) -> Subject:
-        from cspace.update import Subject
-
-        return Subject(self._contents, self._rasters, self._exterior, self._renew)
-
     def _renew(self, change: Change) -> None:
         """Bring up to date what was made of the map, after its states and its exterior were changed in place."""
-        if self._contents.workspace is not change.workspace or self._contents.fields:  # as at the first update
-            self._contents = replace(self._contents, workspace=change.workspace, fields={})
+        contents = self._contents
+        if contents.workspace is not change.workspace or contents.scene is not change.scene or contents.fields:
+            self._contents = replace(contents, workspace=change.workspace, scene=change.scene, fields={})
         self._outer_sums.renew(change)
         self._inner_sums.renew(change)
         if change.changed:

@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.changes import (
     CHANGED,
-    COUNTS,
-    FREED,
+    COUNT,
     LOOKED,
     ROW,
     Followed,
@@ -31,9 +30,11 @@ from cspace.grid import Grid
 from cspace.map.contents import Contents
 from cspace.map.exterior import Exterior, reached
 from cspace.map.kept import Change
-from cspace.map.storage import PackedStates, counts_of
+from cspace.map.storage import PackedStates
+from cspace.placed import Box, Placed, Scene
 from cspace.raster.raster import Raster
-from cspace.states import BLOCKED, FREE
+from cspace.shapes import Shape
+from cspace.states import BLOCKED
 from cspace.workspace import Workspace
 
 Bytes = NDArray[np.uint8]
@@ -42,6 +43,7 @@ Ints = NDArray[np.int64]
 AT_ONCE: Final = 64
 """Slices of states in two bits that are made bytes together."""
 
+_NOWHERE: Final = np.array([1, 1, 1, 0, 0, 0])
 _NO_OVERLAPS: Final = np.empty((0, 0, 0, 0), dtype=np.int32)
 
 
@@ -65,6 +67,16 @@ class Update:
     upper: tuple[int, ...]
     changed: int
 
+    @classmethod
+    def of(cls, updates: Sequence[Update], dim: int) -> Update:
+        """Several in one, of cells of configurations that none has in common with another."""
+        looked = [each for each in updates if each.lower != each.upper]
+        nowhere = [cls(0, (0,) * dim, (0,) * dim, 0)]
+        lower = np.min([each.lower for each in looked or updates or nowhere], axis=0)
+        upper = np.max([each.upper for each in looked or updates or nowhere], axis=0)
+        occupied, changed = (sum(getattr(each, name) for each in updates) for name in ("occupied", "changed"))
+        return cls(occupied, tuple(lower.tolist()), tuple(upper.tolist()), changed)
+
 
 @dataclass(frozen=True, slots=True)
 class Patch:
@@ -81,6 +93,11 @@ class Patch:
     lower: tuple[int, ...]
     outer: NDArray[np.bool_]
     inner: NDArray[np.bool_]
+
+    @property
+    def window(self) -> tuple[slice, ...]:
+        """The box."""
+        return tuple(slice(low, low + size) for low, size in zip(self.lower, self.outer.shape, strict=True))
 
     @classmethod
     def of(cls, grid: Grid, cells: ArrayLike, lower: Sequence[int], inner: ArrayLike | None) -> Patch:
@@ -185,7 +202,9 @@ class Updater:
             self._packed = contents.states
         else:
             states = contents.states.reshape(-1, *self._shape)
-        own = Workspace(workspace.grid, workspace.outer, workspace.inner, source=workspace.source, live=True)
+        own = Workspace(
+            workspace.grid, workspace.outer, workspace.inner, workspace.source, shapes=workspace.shapes, live=True
+        )
         outer, inner = _writable(own, self._shape)
         self._map = Followed(
             states,
@@ -200,10 +219,56 @@ class Updater:
             _proves_blocked(subject) if blocked is None else blocked,
             walled,
         )
-        self._workspace = own
-        self._free = counts_of(contents.states)[:, FREE]
+        self._workspace, self._scene = own, contents.scene
+        self._reach = np.max([outer.cells.shape for outer, _ in subject.rasters], axis=0)
 
     def update(self, patch: Patch) -> Update:
+        """Write a patch into the cells that stay, and bring all that the map holds up to date."""
+        stays = self._workspace if self._scene is None else self._scene
+        same = zip((stays.outer, stays.inner), (patch.outer, patch.inner), strict=True)
+        if all(np.array_equal(old[patch.window], new) for old, new in same):
+            return Update(0, patch.lower, patch.lower, 0)
+        if self._scene is None:
+            self._show(None)
+            return self._write(patch)
+        self._scene.write(patch.window, patch.outer, patch.inner)
+        first = np.array(patch.lower)
+        return self._follow_scene(self._scene, [(first, first + patch.outer.shape)])
+
+    def place(self, name: str, shape: Shape | None) -> Update:
+        """Place an obstacle of a name, in place of the one that had it, or take that away; nothing else changes."""
+        placed = None if shape is None else Placed.of(shape, self._workspace.grid)
+        if self._scene is None:
+            self._scene = Scene.of(self._workspace)
+        boxes = self._scene.put(name, placed)
+        if len(boxes) == 2 and not self._are_apart(*boxes):
+            (one, two), (three, four) = boxes
+            boxes = [(np.minimum(one, three), np.maximum(two, four))]
+        return self._follow_scene(self._scene, boxes)
+
+    def _are_apart(self, box: Box, other: Box) -> bool:
+        """Whether no configuration can touch both boxes of cells, so that what changes in them are two changes."""
+        return bool((np.maximum(other[0] - box[1], box[0] - other[1]) >= self._reach).any())
+
+    def _follow_scene(self, scene: Scene, boxes: Sequence[Box]) -> Update:
+        """Have the map show boxes of cells as the scene has them, one after the other, and all the scene's shapes."""
+        self._show(scene.obstacles)
+        patches = [Patch(tuple(first.tolist()), *scene.cells(first, stop)) for first, stop in boxes]
+        try:
+            updates = [self._write(patch) for patch in patches]
+        except BaseException:  # Ctrl-C, too
+            for patch in patches:
+                self._write(patch)
+            raise
+        finally:  # shapes may have changed where no cell did
+            self._renew(_NOWHERE, np.tile(_NOWHERE, (len(self._map.weights), 1)), 0)
+        return Update.of(updates, len(scene.grid.shape))
+
+    def _show(self, shapes: tuple[Shape, ...] | None) -> None:
+        """Have the workspace, which follows all changes, tell other shapes."""
+        object.__setattr__(self._workspace, "shapes", shapes)
+
+    def _write(self, patch: Patch) -> Update:
         """Write a patch into the workspace, and bring all that the map holds up to date."""
         if self._map.one and patch.inner is not patch.outer:
             self._part(patch)
@@ -227,7 +292,7 @@ class Updater:
         first, last = whole[LOOKED + 3 - dim : LOOKED + 3], whole[LOOKED + 6 - dim : LOOKED + 6]
         if first[0] > last[0]:
             return Update(int(found[6]), patch.lower, patch.lower, 0)
-        return Update(int(found[6]), tuple(first), tuple(n + 1 for n in last), whole[COUNTS])
+        return Update(int(found[6]), tuple(first), tuple(n + 1 for n in last), whole[COUNT])
 
     def _renew_packed(self, packed: PackedStates, outer: Bytes, inner: Bytes, low: Ints) -> tuple[Ints, Ints]:
         """What :func:`cspace.changes.renew` does, with states in two bits: bytes are made of some slices at a time."""
@@ -239,59 +304,54 @@ class Updater:
             far, near = map_.far.of(start, stop), map_.near.of(start, stop)
             part = map_._replace(states=states, far=far, near=near, weights=map_.weights[start:stop])
             told = renew_states(part, found[:6])
-            for number in np.flatnonzero(told[:-1, COUNTS]).tolist():
+            for number in np.flatnonzero(told[:-1, COUNT]).tolist():
                 packed.write(start + number, states[number])
             rows.append(told[:-1])
             whole = np.concatenate([whole, told[-1:]])
         least, most = whole.min(axis=0, initial=2**62), whole.max(axis=0, initial=-1)
-        for first in (LOOKED, CHANGED, FREED):
+        for first in (LOOKED, CHANGED):
             least[first + 3 : first + 6] = most[first + 3 : first + 6]
-        least[COUNTS:] = whole[:, COUNTS:].sum(axis=0)
+        least[COUNT] = whole[:, COUNT].sum()
         return found, np.concatenate([*rows, least[None]])
 
     def _follow(self, found: Ints, told: Ints) -> None:
         """Have all that hangs on the map follow what was found of the cells, and told of the states."""
-        if not found[6]:
-            return
-        each, changed = told[:-1], int(told[-1, COUNTS])
-        self._free += each[:, COUNTS + 1]
+        if found[6]:
+            self._renew(found[:6], told[:-1, CHANGED : CHANGED + 6], int(told[-1, COUNT]))
+
+    def _renew(self, box: Ints, states: Ints, changed: int) -> None:
+        """Have all that hangs on the map follow the change."""
+        change = Change(self._workspace, self._scene, box, states, changed)
         try:
-            self._renew(found[:6], each, changed)
+            self._renew_parts(change)
         except BaseException:  # Ctrl-C, too: what was begun has to be done, and may be done again
-            self._renew(found[:6], each, changed, again=True)
+            self._renew_parts(change)
             raise
 
-    def _renew(self, box: Ints, told: Ints, changed: int, again: bool = False) -> None:
-        """Have all that hangs on the map follow the change."""
-        moved = not self._map.walled and (self._move_border() or again)
-        looked, states, freed = (told[:, first : first + 6] for first in (LOOKED, CHANGED, FREED))
-        change = Change(self._workspace, box, looked, states, freed, self._free.copy(), changed, moved)
+    def _renew_parts(self, change: Change) -> None:
+        if not self._map.walled:
+            self._move_border()
         self._subject.renew(change)
 
     def _part(self, patch: Patch) -> None:
         """Give the inner cells an array of their own, where a patch makes them differ from the outer ones."""
-        window = tuple(slice(low, low + size) for low, size in zip(patch.lower, patch.outer.shape, strict=True))
-        old = self._workspace
+        if np.array_equal(patch.outer, patch.inner):
+            return
+        window, old = patch.window, self._workspace
         outer, inner = old.outer.copy(), old.outer.copy()
         outer[window], inner[window] = patch.outer, patch.inner
-        if np.array_equal(outer[window], inner[window]):
-            return
-        self._workspace = Workspace(old.grid, outer, inner, source=old.source, live=True)
+        self._workspace = Workspace(old.grid, outer, inner, source=old.source, shapes=old.shapes, live=True)
         views = _writable(self._workspace, self._shape)
         for cells in views:  # the patch itself is still to come
             cells.reshape(old.grid.shape)[window] = old.outer[window]
         self._map = self._map._replace(outer=views[0], inner=views[1], one=False)
 
-    def _move_border(self) -> bool:
-        """What is known outside the grid, where all beyond the workspace is free; whether it is another now."""
+    def _move_border(self) -> None:
+        """Tell anew what is known outside the grid, where all beyond the workspace is free."""
         dim, exterior = 3 - len(self._flat), self._subject.exterior
         found = extents(self._map.tallies, np.array(self._shape, dtype=np.int64)).reshape(2, 3)[:, -dim:]
         obstacles = np.repeat([0, -1], dim) if (found[0] > found[1]).any() else found.ravel()
-        boxes = np.array([reached(obstacles, outer) for outer, _ in self._subject.rasters])
-        if np.array_equal(boxes, exterior.boxes):
-            return False
-        exterior.boxes[...] = boxes
-        return True
+        exterior.boxes[...] = [reached(obstacles, outer) for outer, _ in self._subject.rasters]
 
 
 def _writable(workspace: Workspace, shape: tuple[int, ...]) -> tuple[Bytes, Bytes]:

@@ -17,6 +17,7 @@ from cspace.rotations import Rotations
 from cspace.states import FIELDS
 
 if TYPE_CHECKING:
+    from cspace.placed import Scene
     from cspace.robot import Robot
     from cspace.workspace import Workspace
 
@@ -49,6 +50,8 @@ class Contents:
         What is known outside the grid; made from the robot's rasters, when it is needed, where there is none.
     tells_blocked : bool or None
         Whether BLOCKED is told from MIXED; None where that is not known, as of a map from a file.
+    scene : Scene or None
+        What the cells of the workspace come from, where obstacles were placed by name; no file holds it.
 
     Raises
     ------
@@ -68,6 +71,7 @@ class Contents:
     fields: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
     exterior: Exterior | None = None
     tells_blocked: bool | None = None
+    scene: Scene | None = None
 
     def __post_init__(self) -> None:
         shape = (int(self.slice_of.max()) + 1, *self.grid.shape)
@@ -104,6 +108,7 @@ class Contents:
             states=self.states.copy(),
             overlaps=None if self.overlaps is None else self.overlaps.copy(),
             exterior=None if self.exterior is None else Exterior(self.exterior.table.copy()),
+            scene=None if self.scene is None else self.scene.copy(),
         )
 
 

@@ -13,6 +13,7 @@ from weakref import ReferenceType, ref
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.placed import Scene
 from cspace.workspace import Workspace
 
 Ints = NDArray[np.int64]
@@ -29,30 +30,21 @@ class Change:
     ----------
     workspace : Workspace
         As it is now.
+    scene : Scene or None
+        What its cells come from, where obstacles were placed.
     cells : ndarray of int64, shape (6,)
         The box around the workspace cells that differ.
-    looked : ndarray of int64, shape (slices, 6)
-        Of each slice, the box of states that were decided afresh.
     states : ndarray of int64, shape (slices, 6)
         Of each slice, the box around the states that differ.
-    freed : ndarray of int64, shape (slices, 6)
-        Of each slice, the box around the cells that became FREE, or stopped being FREE.
-    free : ndarray of int64, shape (slices,)
-        Number of FREE cells of each slice, now.
     changed : int
         Number of states that differ, over all rotation cells.
-    exterior : bool
-        Whether what is known outside the grid differs.
     """
 
     workspace: Workspace
+    scene: Scene | None
     cells: Ints
-    looked: Ints
     states: Ints
-    freed: Ints
-    free: Ints
     changed: int
-    exterior: bool
 
 
 class Part(Protocol):

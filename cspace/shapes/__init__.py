@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cspace.errors import InputError
 from cspace.shapes.balls import Balls as Balls
 from cspace.shapes.balls import check_balls as check_balls
 from cspace.shapes.bracketed import Bracketed as Bracketed
@@ -35,3 +41,46 @@ def shape_from_spec(spec: Mapping[str, Any]) -> Shape:
         If it describes none.
     """
     return _FROM_SPEC[spec["kind"]](spec)
+
+
+def shape_of(source: Any, radius: ArrayLike | None = None) -> Shape:
+    """The shape that anything stands for.
+
+    Parameters
+    ----------
+    source : Shape, shapely geometry, GeoJSON mapping, or iterable of these; mesh; path-like or WKT; or array-like
+        What :meth:`Polygons.of`, :func:`cspace.io.vector.read_shapes` or :meth:`Mesh.of` take, metres.
+    radius : array-like, shape () or (n,), optional
+        Metres. With it, or where ``source`` is a decomposition, it is balls around points, shape (n, 2) or (n, 3).
+
+    Raises
+    ------
+    InputError
+        If it stands for none.
+    FileError
+        If it names a file that is missing or malformed.
+    """
+    import shapely
+
+    from cspace.io.meshes import SUFFIXES
+    from cspace.io.vector import read_shapes
+
+    if isinstance(source, Shape) and radius is None:
+        return source
+    if radius is not None or (hasattr(source, "centers") and hasattr(source, "radii")):
+        return Balls.of(source, radius)
+    if isinstance(source, str | os.PathLike):
+        solid = Path(source).suffix.lower() in SUFFIXES
+        return Mesh.of(source) if solid else Polygons(read_shapes(source))
+    if getattr(source, "dtype", None) == np.bool_:
+        mend = "pass cspace.shapes.Voxels.of(cells, spacing), in metres"
+        raise InputError("shape", "is an array of cells", "it must be told how large they are", mend)
+    several = isinstance(source, list | tuple) or (isinstance(source, np.ndarray) and source.ndim > 0)
+    first = next(iter(source), {}) if several else source
+    if isinstance(first, shapely.Geometry | Mapping):
+        return Polygons(read_shapes(source))
+    if several and np.shape(first) == (2,):
+        return Polygons.of(source)
+    if several and np.shape(first) == (3,):
+        raise InputError("shape", "is points", "they are balls around them", "pass their radius, 0.0 for points alone")
+    return Mesh.of(source)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from cspace.compiling import jit
 from cspace.errors import GeometryError, InputError
 from cspace.grid import positive
+from cspace.shapes import shape_of
 from cspace.spectral.inputs import check_count, check_kind
 from cspace.spectral.regions import (
     Lattice,
@@ -26,7 +27,6 @@ from cspace.spectral.regions import (
     balls_to_shape,
     distance,
     measure_of_balls,
-    shape_of,
     shape_to_balls,
 )
 from cspace.spectral.spheres import KINDS, Bounds, Kind, Spheres

@@ -18,10 +18,9 @@ from cspace.covering import check_cells
 from cspace.errors import InputError
 from cspace.grid import Grid, finite
 from cspace.raster.triangles import mark_touched
-from cspace.shapes import Balls, Mesh, Shape
+from cspace.shapes import Balls, Mesh, Shape, shape_of
 from cspace.spectral.bump import Bump, check_bump
 from cspace.spectral.inputs import check_axes, check_kind, check_solid_balls
-from cspace.spectral.regions import shape_of
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry

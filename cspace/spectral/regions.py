@@ -4,12 +4,9 @@ balls are from each other, and how much balls take up, each as two bounds."""
 from __future__ import annotations
 
 import math
-import os
-from collections.abc import Mapping
 from functools import cached_property
 from itertools import product
-from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +17,7 @@ from cspace.exact.triangles import trees_of
 from cspace.grid import Grid
 from cspace.memory import check_memory
 from cspace.raster.triangles import point_segment, point_triangle
-from cspace.shapes import Mesh, Pieces, Polygons, Shape
+from cspace.shapes import Pieces, Polygons, Shape
 from cspace.threads import in_chunks
 
 Bools = NDArray[np.bool_]
@@ -61,28 +58,6 @@ SMALL: Final = 1e-4  # part of the size of a shape by which the bounds of a dist
 LEVELS: Final = 14  # how often boxes are halved for a distance, at most
 BOXES: Final = 1_000_000  # boxes that are looked at together, at most
 DIRECTIONS: Final = 200  # points of each sphere that are asked how far they stick out
-
-
-def shape_of(source: Any) -> Shape:
-    """The shape that anything stands for: as it is, a mesh, or polygons, as :func:`cspace.spectral.decompose` tells."""
-    import shapely
-
-    from cspace.io.meshes import SUFFIXES
-    from cspace.io.vector import read_shapes
-
-    if isinstance(source, Shape):
-        return source
-    if isinstance(source, str | os.PathLike):
-        solid = Path(source).suffix.lower() in SUFFIXES
-        return Mesh.of(source) if solid else Polygons(read_shapes(source))
-    if getattr(source, "dtype", None) == np.bool_:
-        mend = "pass cspace.shapes.Voxels.of(cells, spacing), in metres"
-        raise InputError("shape", "is an array of cells", "it must be told how large they are", mend)
-    several = isinstance(source, list | tuple) or (isinstance(source, np.ndarray) and source.ndim > 0)
-    first = next(iter(source), {}) if several else source
-    if isinstance(first, shapely.Geometry | Mapping):
-        return Polygons(read_shapes(source))
-    return Polygons.of(source) if several and np.shape(first) == (2,) else Mesh.of(source)
 
 
 class Region:

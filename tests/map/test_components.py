@@ -41,7 +41,7 @@ def components(stack, slice_of=ALONE, rim=False, blocks="as they are"):
 
 def changed(boxes):
     none = np.zeros(0, dtype=np.int64)
-    return Change(None, none, none, np.asarray(boxes, dtype=np.int64), none, none, 1, False)
+    return Change(None, None, none, np.asarray(boxes, dtype=np.int64), 1)
 
 
 def random_stack(rng, dim, slices):

@@ -76,7 +76,7 @@ def test_marks_tell_what_is_not_free_and_follow_changes(dim, seed, changes, last
                 boxes.append(box)
             write()
             each = np.array(boxes)
-            mip.renew(Change(None, each[0], each, each, each, np.zeros(len(stack), dtype=np.int64), 1, False))
+            mip.renew(Change(None, None, each[0], each, 1))
         if lasting:  # what was handed out has followed by itself
             check(marks, stack, cells)
         check(mip.marks(cells), stack, cells)

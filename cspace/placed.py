@@ -1,0 +1,124 @@
+"""Obstacles that are placed by name, in metres, over cells that stay."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace.grid import Grid
+from cspace.shapes import Shape
+from cspace.workspace import Workspace
+
+Bools = NDArray[np.bool_]
+Ints = NDArray[np.int64]
+Box = tuple[Ints, Ints]
+"""First cell, and the first one beyond the last; with no cell in between where an obstacle lies beyond the grid."""
+
+
+class Placed(NamedTuple):
+    """An obstacle, and what it is in the cells of a box of the grid.
+
+    Attributes
+    ----------
+    shape : Shape
+    box : Box
+        All cells of the grid that the obstacle can meet.
+    outer, inner : ndarray of bool
+        The cells of the box that meet the obstacle, and those that lie in it.
+    """
+
+    shape: Shape
+    box: Box
+    outer: Bools
+    inner: Bools
+
+    @classmethod
+    def of(cls, shape: Shape, grid: Grid) -> Placed:
+        """An obstacle where it is; what lies beyond the grid is clipped, but for exact answers.
+
+        Raises
+        ------
+        InputError
+            If it is so far from the grid that rounding could reach the certificate's slack, or its inside depends on
+            the spacing.
+        """
+        shape.boundary()  # exact look-ups will ask for it
+        # Of all of the grid, though no more than the box is looked at: the cells are then those of a build, to the bit.
+        outer, inner = shape.cells(grid)
+        low, high = ((corner - grid.lower) / grid.spacing for corner in shape.bounds)
+        first, stop = (np.clip(np.floor(cell), 0, grid.shape).astype(np.int64) for cell in (low - 1.0, high + 2.0))
+        window = _window(first, stop)
+        return cls(shape, (first, stop), outer[window].copy(), inner[window].copy())
+
+
+@dataclass(slots=True, eq=False)
+class Scene:
+    """What the cells of a workspace come from: those that stay, and those of obstacles that have a name.
+
+    Attributes
+    ----------
+    outer, inner : ndarray of bool
+        The cells that stay; its own.
+    shapes : tuple or None
+        The obstacles that stay, where they are known otherwise than by their cells.
+    grid : Grid
+    placed : dict of str to Placed
+    """
+
+    grid: Grid
+    outer: Bools = field(repr=False)
+    inner: Bools = field(repr=False)
+    shapes: tuple[Shape, ...] | None
+    placed: dict[str, Placed] = field(default_factory=dict)
+    _still: tuple[Shape, ...] | None = field(default=None, repr=False)
+
+    @classmethod
+    def of(cls, workspace: Workspace) -> Scene:
+        """A workspace that stays, with nothing placed in it."""
+        return cls(workspace.grid, workspace.outer.copy(), workspace.inner.copy(), workspace.shapes)
+
+    def copy(self) -> Scene:
+        """The same, in arrays of its own."""
+        return replace(self, outer=self.outer.copy(), inner=self.inner.copy(), placed=dict(self.placed))
+
+    @property
+    def obstacles(self) -> tuple[Shape, ...] | None:
+        """All obstacles as shapes; None where only their cells are known."""
+        if not self.placed:
+            return self.shapes
+        if self._still is None:
+            self._still = Workspace(self.grid, self.outer, self.outer, shapes=self.shapes).obstacles
+        return (*self._still, *(each.shape for each in self.placed.values()))
+
+    def write(self, window: tuple[slice, ...], outer: Bools, inner: Bools) -> None:
+        """Change a box of the cells that stay, which from then on are all that is known of what stays."""
+        self.outer[window], self.inner[window] = outer, inner
+        self.shapes = self._still = None
+
+    def put(self, name: str, placed: Placed | None) -> list[Box]:
+        """Place an obstacle, or take it away; the boxes of the cells that may differ from then on."""
+        boxes = [each.box for each in (placed, self.placed.get(name)) if each is not None and each.outer.size]
+        if placed is None:
+            del self.placed[name]
+        else:
+            self.placed[name] = placed
+        return boxes
+
+    def cells(self, first: Ints, stop: Ints) -> tuple[Bools, Bools]:
+        """The cells of a box that meet an obstacle, and those that lie in one."""
+        window = _window(first, stop)
+        outer, inner = self.outer[window].copy(), self.inner[window].copy()
+        for each in self.placed.values():
+            low, high = np.maximum(first, each.box[0]), np.minimum(stop, each.box[1])
+            if (low < high).all():
+                here, there = _window(low - first, high - first), _window(low - each.box[0], high - each.box[0])
+                outer[here] |= each.outer[there]
+                inner[here] |= each.inner[there]
+        return outer, inner
+
+
+def _window(first: Ints, stop: Ints) -> tuple[slice, ...]:
+    return tuple(slice(low, high) for low, high in zip(first.tolist(), stop.tolist(), strict=True))

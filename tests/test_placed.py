@@ -1,0 +1,410 @@
+"""Obstacles that are placed by name: as a build with them, whatever was placed, moved and removed before."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+import threading
+from pathlib import Path
+from typing import Any
+
+import fcl
+import numpy as np
+import pytest
+import shapely
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+import cspace
+from cspace import BLOCKED, FREE, ConfigurationError, InputError, Robot, Workspace
+from cspace.map.components import Components
+from cspace.shapes import Box, Shape, shape_of
+from updates import SPACING, World, agree, check, checkers, worlds
+
+CART = shapely.box(1.83, 1.33, 2.21, 1.72)
+BLOCK = np.ones((4, 4), dtype=bool)
+
+
+def room(outside: str = "blocked", robot: Robot | None = None, rotations: int | None = None) -> cspace.CSpace:
+    """An empty room of 40 x 30 cells."""
+    workspace = Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
+    return cspace.build(workspace, robot or Robot.disc(0.3), outside=outside, rotations=rotations)
+
+
+class Stage:
+    """A world in which obstacles are placed, written down here too."""
+
+    def __init__(self, world: World) -> None:
+        self.world, self.placed = world, dict[str, Shape]()
+        self.low, self.size = np.array(world.lower), np.array(world.outer.shape) * SPACING
+
+    def obstacle(self) -> tuple[Any, Any]:
+        """Something of a kind, within the grid, half beyond it, or far away; and the radius of its points."""
+        rng, dim = self.world.rng, len(self.size)
+        middle = self.low + self.size * rng.uniform(-0.2, 1.2, dim) + rng.choice([0.0, 0.0, 0.0, 60.0])
+        sides = rng.uniform(0.1, 0.2 + 0.5 * self.size.max(), dim)
+        kind = int(rng.integers(3))
+        if kind == 0:  # on the borders of cells, too
+            points = np.round((middle + rng.normal(0.0, 1.0, (int(rng.integers(1, 5)), dim))) / SPACING) * SPACING
+            return points, rng.choice([0.0, 0.4])
+        turn = Rotation.random(random_state=int(rng.integers(2**31))).as_matrix() if kind == 1 else np.eye(3)
+        if dim == 2:
+            corners = (np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * sides / 2) @ turn[:2, :2] + middle
+            return (shapely.MultiPoint(corners).convex_hull if kind == 1 else corners), None
+        box = trimesh.creation.box(sides)
+        return (box.vertices @ turn + middle, box.faces), None
+
+    def step(self, space: cspace.CSpace) -> cspace.CSpace:
+        """Place, move or remove something, or change cells that stay; and the map that is built anew."""
+        rng = self.world.rng
+        name, way = str(rng.choice(["cart", "dog", "door"])), rng.random()
+        if way < 0.25 and name in self.placed:
+            space.remove(name)
+            del self.placed[name]
+        elif way < 0.4:
+            cells, lower, inner = self.world.patch()
+            space.update(cells, lower, inner=inner)
+        else:
+            obstacle, radius = self.obstacle()
+            space.place(name, obstacle, radius=radius)
+            self.placed[name] = shape_of(obstacle, radius)
+        assert list(space.placed) == list(self.placed)
+        return self.build()
+
+    def build(self) -> cspace.CSpace:
+        world, still = self.world, self.world.workspace()
+        outer, inner = still.outer.copy(), still.inner.copy()
+        for shape in self.placed.values():
+            for mine, theirs in zip((outer, inner), shape.cells(still.grid), strict=True):
+                mine |= theirs
+        shapes = (*still.obstacles, *self.placed.values()) if self.placed else None
+        return cspace.build(Workspace(still.grid, outer, inner, shapes=shapes), world.robot, **world.options)
+
+
+# ---- equal to a rebuild ----------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=30)
+@given(worlds(), st.booleans())
+def test_whatever_is_placed_and_moved_equals_a_rebuild(world: World, asked: bool) -> None:
+    stage, space = Stage(world), world.build()
+    if asked:
+        check(space, stage.build(), world)
+    for _ in range(4):
+        check(space, stage.step(space), world)
+    for name in list(space.placed):
+        space.remove(name)
+    check(space, world.build(), world)
+
+
+@settings(max_examples=16)
+@given(worlds())
+def test_checkers_and_exact_answers_follow(world: World) -> None:
+    stage, space = Stage(world), world.build()
+    ours, exactly = checkers(space), checkers(space, exact=True)
+    for _ in range(2):
+        fresh = stage.step(space)
+        agree(ours, checkers(fresh), world)
+        agree(exactly, checkers(fresh, exact=True), world)
+        q = world.points(20)
+        np.testing.assert_array_equal(space.is_free(q, exact=True), fresh.is_free(q, exact=True))
+
+
+@pytest.mark.parametrize("rotations", [None, 24])
+def test_a_move_across_the_map_is_told_as_what_it_changed(rotations: int | None) -> None:
+    space = room(robot=Robot.rectangle(0.5, 0.3, (0.1, 0.0)), rotations=rotations)
+    space.path_exists((1.0, 1.0), (2.0, 2.0)) if rotations is None else space.clearance((1.0, 1.0, 0.0))
+    space.place("cart", shapely.box(0.52, 0.52, 0.98, 0.98))
+    for corner in (0.62, 1.7, 2.31):  # overlapping, in reach of one robot, and not
+        before = space.state.copy()
+        found = space.place("cart", shapely.box(corner, corner, corner + 0.46, corner + 0.46))
+        changed = np.argwhere(space.state != before)
+        assert found.changed == len(changed) > 0
+        assert (changed[:, -2:] >= found.lower).all() and (changed[:, -2:] < found.upper).all()
+
+
+def test_polygons_of_a_workspace_stay_what_they_are() -> None:
+    """Static shapes and placed ones are asked together; what a wall hides and shows again is the wall itself."""
+    wall, bounds = shapely.Point(1.0, 1.0).buffer(0.32), (0.0, 0.0, 4.0, 3.0)
+    space = cspace.build(Workspace.from_polygons(wall, 0.1, bounds), Robot.disc(0.3))
+    q = np.random.default_rng(0).uniform((0.3, 0.3), (3.7, 2.7), (400, 2))
+    before = space.is_free(q, exact=True)
+    space.place("cart", CART)
+    both = cspace.build(Workspace.from_polygons([wall, CART], 0.1, bounds), Robot.disc(0.3))
+    np.testing.assert_array_equal(space.state, both.state)
+    np.testing.assert_array_equal(space.is_free(q, exact=True), both.is_free(q, exact=True))
+    space.remove("cart")
+    np.testing.assert_array_equal(space.is_free(q, exact=True), before)
+    assert space.workspace.shapes is not None and not space.placed
+
+
+def test_a_move_too_small_for_the_cells_is_seen_by_exact_answers() -> None:
+    space = room()
+    free = space.point_checker(exact=True)
+    space.place("cart", shapely.box(1.83, 1.33, 2.17, 1.67))
+    assert free(2.0, 1.98) and not free(2.0, 1.96)
+    assert space.place("cart", shapely.box(1.83, 1.33, 2.17, 1.69)).changed == 0
+    assert not free(2.0, 1.98) and free(2.0, 2.0)
+
+
+def test_updates_go_below_what_is_placed() -> None:
+    space, empty = room(), room()
+    space.place("cart", shapely.box(1.8, 1.3, 2.2, 1.7))
+    state = space.state.copy()
+    assert space.update(BLOCK & False, (18, 13)).changed == 0  # nothing was there to be cleared
+    np.testing.assert_array_equal(space.state, state)
+    space.update(BLOCK, (18, 13))
+    space.remove("cart")
+    empty.update(BLOCK, (18, 13))
+    np.testing.assert_array_equal(space.state, empty.state)
+
+
+# ---- against other people's geometry ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rotations", [None, 12])
+def test_exact_answers_agree_with_shapely(rotations: int | None) -> None:
+    rng, walls = np.random.default_rng(3), np.zeros((30, 30), dtype=bool)
+    walls[3:6, 4:20] = True
+    still = shapely.union_all(
+        [shapely.box(*(0.1 * c), *(0.1 * c + 0.1)) for c in np.argwhere(walls).astype(float)]
+        + [shapely.box(-9, -9, 9, 9).difference(shapely.box(0, 0, 3, 3))]
+    )
+    body = shapely.box(-0.25, -0.15, 0.25, 0.15)
+    space = cspace.build(Workspace.from_array(walls, 0.1), Robot.polygon(body), rotations=rotations)
+    for _ in range(4):
+        corner, spots = rng.uniform(0.0, 2.6, 2), rng.uniform(0.0, 3.0, (4, 2))
+        cart = shapely.affinity.rotate(shapely.box(*corner, *np.add(corner, (0.7, 0.4))), float(rng.uniform(0, 90)))
+        space.place("cart", cart)
+        space.place("legs", spots, radius=0.08)
+        blocked = shapely.union_all([still, cart])
+        q = np.column_stack([rng.uniform(0.0, 3.0, (400, 2)), rng.uniform(-3.0, 3.0, 400)])[:, : space.dof]
+        states = space.classify(q)
+        for one, free, state in zip(q, space.is_free(q, exact=True), states, strict=True):
+            angle = one[2] if rotations else 0.0
+            robot = shapely.affinity.rotate(body, angle, origin=(0, 0), use_radians=True)
+            robot = shapely.affinity.translate(robot, *one[:2])
+            spare = min(robot.distance(blocked), shapely.distance(robot, shapely.points(spots)).min() - 0.08)
+            if abs(spare) > 1e-6 or spare == 0.0:
+                assert free == (spare > 0.0 and state != BLOCKED)
+                assert state != FREE or spare > 0.0
+                assert state != BLOCKED or spare <= 0.0
+
+
+@pytest.mark.parametrize("rotations", [None, 6, cspace.Rotations.quaternions(2)])
+def test_exact_answers_agree_with_fcl(rotations: Any) -> None:
+    rng, size, sides = np.random.default_rng(1), np.array([0.5, 0.2, 0.3]), np.array([0.8, 0.4, 0.6])
+    space = cspace.build(
+        Workspace.from_array(np.zeros((16, 16, 16), dtype=bool), 0.15), Robot.box(size), rotations=rotations
+    )
+    for _ in range(3):
+        turn, middle, spots = Rotation.random(random_state=rng), rng.uniform(0.6, 1.8, 3), rng.uniform(0.4, 2.0, (5, 3))
+        box = trimesh.creation.box(sides)
+        space.place("box", (box.vertices @ turn.as_matrix().T + middle, box.faces))
+        space.place("balls", spots, radius=0.1)
+        there = [fcl.CollisionObject(fcl.Box(*sides), fcl.Transform(turn.as_matrix(), middle))]
+        there += [fcl.CollisionObject(fcl.Sphere(0.1), fcl.Transform(spot)) for spot in spots]
+        turns = (
+            Rotation.from_rotvec(rng.uniform(-3.0, 3.0, (300, 1)) * (0, 0, 1))
+            if space.dof == 4
+            else Rotation.random(300, rng)
+        )
+        numbers = {3: np.empty((300, 0)), 4: turns.as_rotvec()[:, 2:], 7: turns.as_quat()}[space.dof]
+        ways = turns.as_matrix() if space.dof > 3 else np.tile(np.eye(3), (300, 1, 1))
+        q = np.hstack([rng.uniform(0.5, 1.9, (300, 3)), numbers])
+        for one, way, free in zip(q, ways, space.is_free(q, exact=True), strict=True):
+            robot = fcl.CollisionObject(fcl.Box(*size), fcl.Transform(way, one[:3]))
+            spare = min(fcl.distance(robot, each, fcl.DistanceRequest(), fcl.DistanceResult()) for each in there)
+            corners = np.array([p * size / 2 for p in np.stack(np.meshgrid(*[(-1, 1)] * 3), -1).reshape(-1, 3)])
+            reach = corners @ way.T + one[:3]
+            spare = min(spare, reach.min(), (2.4 - reach).min())
+            if abs(spare) > 1e-4:
+                assert free == (spare > 0.0)
+
+
+# ---- what is taken ---------------------------------------------------------------------------------------------------
+
+
+def test_what_shapes_stand_for() -> None:
+    square = [(1.8, 1.3), (2.2, 1.3), (2.2, 1.7), (1.8, 1.7)]
+    ways: list[tuple[Any, Any]] = [
+        (shapely.Polygon(square), None),
+        ([shapely.Polygon(square)], None),
+        (square, None),
+        (np.array(square), None),
+        (shapely.Polygon(square).wkt, None),
+        (shapely.geometry.mapping(shapely.Polygon(square)), None),
+    ]
+    states = []
+    for obstacle, radius in ways:
+        space = room()
+        space.place("cart", obstacle, radius=radius)
+        states.append(space.state)
+    assert all((state == states[0]).all() for state in states)
+    solid = cspace.build(Workspace.from_array(np.zeros((8, 8, 8), dtype=bool), 0.2), Robot.ball(0.2))
+    box, states = trimesh.creation.box(bounds=[(0.5, 0.5, 0.5), (0.9, 1.1, 1.0)]), []
+    for obstacle in (box, (box.vertices, box.faces), cspace.Mesh.of(box), Box.of((0.4, 0.6, 0.5), (0.7, 0.8, 0.75))):
+        solid.place("box", obstacle)
+        states.append(solid.state.copy())
+    assert all((state == states[0]).all() for state in states)
+    balls = cspace.shapes.Balls.of([(0.8, 0.8, 0.8)], 0.3)
+    solid.place("box", balls)
+    states = [solid.state.copy()]
+    solid.place("box", balls.centers, radius=balls.radii)
+    assert (solid.state == states[0]).all() and list(solid.placed) == ["box"]
+
+
+@pytest.mark.parametrize(
+    ("name", "obstacle", "radius", "words"),
+    [
+        ("", CART, None, "not empty"),
+        (3, CART, None, "not empty"),
+        (None, CART, None, "not empty"),
+        ("cart", None, None, "a mesh is needed"),
+        ("cart", 5, None, "a mesh is needed"),
+        ("cart", BLOCK, None, "how large they are"),
+        ("cart", shapely.Polygon(), None, "is empty"),
+        ("cart", shapely.Polygon([(0, 0), (1, 1), (1, 0), (0, 1)]), None, "not simple|crosses|valid"),
+        ("cart", [(0.0, 0.0), (1.0, 1.0)], None, "at least 3"),
+        ("cart", [(0.0, 0.0), (1.0, np.nan), (1.0, 2.0)], None, "NaN"),
+        ("cart", [(0.0, 0.0, 1.0)], None, "pass their radius"),
+        ("cart", [(0.0, np.inf)], 0.1, "infinities"),
+        ("cart", [(0.0, 0.0)], -0.1, "below zero"),
+        ("cart", [(0.0, 0.0)], np.nan, "NaN"),
+        ("cart", [], 0.1, "n at least 1"),
+        ("cart", CART, 0.1, "must be numeric"),
+        ("cart", [(0.0, 0.0, 1.0)], 0.1, "is in space"),
+        ("cart", trimesh.creation.box((1, 1, 1)), None, "is in space"),
+        ("cart", [(1e9, 0.0)], 0.1, "reaches 1e\\+10 cells"),
+        ("cart", "no such file.stl", None, "does not exist"),
+    ],
+)
+def test_what_is_refused_changes_nothing(name: Any, obstacle: Any, radius: Any, words: str) -> None:
+    space = room()
+    space.place("cart", CART)
+    state, shape = space.state.copy(), space.placed["cart"]
+    with pytest.raises(cspace.CspaceError, match=words):
+        space.place(name, obstacle, radius=radius)
+    np.testing.assert_array_equal(space.state, state)
+    assert space.placed == {"cart": shape} and not space.is_free((2.0, 1.5), exact=True)
+
+
+def test_unknown_names_and_parts_of_maps_are_refused() -> None:
+    space = room()
+    with pytest.raises(InputError, match="nothing was placed"):
+        space.remove("cart")
+    space.place("cart", CART)
+    with pytest.raises(InputError, match="there are 'cart'"):
+        space.remove("dog")
+    fill = cspace.Mesh.of(trimesh.creation.box((1, 1, 1)), "fill")
+    solid = cspace.build(Workspace.from_array(np.zeros((8, 8, 8), dtype=bool), 0.2), Robot.ball(0.2))
+    with pytest.raises(InputError, match="solid='fill'"):
+        solid.place("box", fill)
+    assert not solid.placed
+
+
+def test_maps_in_tiles_refuse(tmp_path: Path) -> None:
+    workspace = Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
+    tiled = cspace.build(workspace, Robot.disc(0.3), store=tmp_path / "map.zarr", tile=16)
+    with pytest.raises(ConfigurationError, match="place needs a map in memory"):
+        tiled.place("cart", CART)
+    with pytest.raises(ConfigurationError, match="part of a larger one"):
+        tiled.window((0.0, 0.0), (2.0, 2.0)).place("cart", CART)
+
+
+# ---- copies, files, threads ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("again", [copy.copy, copy.deepcopy, lambda space: pickle.loads(pickle.dumps(space))])
+def test_copies_know_the_names_and_go_their_own_way(again: Any) -> None:
+    space, empty = room(), room()
+    space.place("cart", CART)
+    other = again(space)
+    assert list(other.placed) == ["cart"]
+    other.remove("cart")
+    np.testing.assert_array_equal(other.state, empty.state)
+    assert list(space.placed) == ["cart"] and not space.is_free((2.0, 1.5))
+    space.place("cart", shapely.box(0.5, 0.5, 0.6, 0.6))
+    np.testing.assert_array_equal(other.state, empty.state)
+    space.remove("cart")
+    np.testing.assert_array_equal(space.state, empty.state)
+
+
+def test_files_hold_obstacles_and_no_names(tmp_path: Path) -> None:
+    space = room()
+    space.place("cart", CART)
+    space.save(tmp_path / "map.zarr")
+    opened = cspace.open(tmp_path / "map.zarr")
+    assert not opened.placed
+    np.testing.assert_array_equal(opened.state, space.state)
+    q = np.random.default_rng(0).uniform((1.0, 1.0), (3.0, 2.0), (300, 2))
+    np.testing.assert_array_equal(opened.is_free(q, exact=True), space.is_free(q, exact=True))
+    opened.place("cart", shapely.box(0.5, 0.5, 0.6, 0.6))
+    assert not opened.is_free((2.0, 1.5))
+
+
+def test_obstacles_from_threads_wait_for_each_other() -> None:
+    space, stop, failures = room("free"), threading.Event(), []
+
+    def ask() -> None:
+        try:
+            while not stop.is_set():
+                q = np.random.default_rng(1).uniform(-1.0, 5.0, (50, 2))
+                space.clearance(q)
+                space.path_exists(q[:25], q[25:])
+                space.is_free(q, exact=True)
+                copy.copy(space)
+                list(space.placed)
+        except Exception as error:
+            failures.append(error)
+
+    def move(name: str) -> None:
+        rng = np.random.default_rng(ord(name))
+        for _ in range(15):
+            space.place(name, [rng.uniform(0.0, 4.0, 2)], radius=0.2)
+        space.remove(name) if name == "a" else None
+
+    readers = [threading.Thread(target=ask) for _ in range(2)]
+    writers = [threading.Thread(target=move, args=(name,)) for name in "abc"]
+    for thread in (*readers, *writers):
+        thread.start()
+    for thread in writers:
+        thread.join()
+    stop.set()
+    for thread in readers:
+        thread.join()
+    assert not failures and set(space.placed) == {"b", "c"}
+    fresh = cspace.build(space.workspace, space.robot, outside="free")
+    again = room("free")
+    for name, shape in space.placed.items():
+        again.place(name, shape)
+    q = np.random.default_rng(0).uniform(-1.0, 5.0, (300, 2))
+    for other in (fresh, again):
+        np.testing.assert_array_equal(space.state, other.state)
+        np.testing.assert_array_equal(space.clearance(q), other.clearance(q))
+        np.testing.assert_array_equal(space.is_free(q, exact=True), other.is_free(q, exact=True))
+        np.testing.assert_array_equal(space.path_exists(q[:150], q[150:]), other.path_exists(q[:150], q[150:]))
+
+
+def test_an_interrupted_move_leaves_a_map_that_is_right(monkeypatch: pytest.MonkeyPatch) -> None:
+    space, calls, real = room(), [], Components.renew
+    space.place("cart", shapely.box(0.5, 0.5, 0.9, 0.9))
+    space.path_exists((1.0, 1.0), (2.0, 2.0))
+
+    def interrupt(self: Components, change: Any) -> None:
+        calls.append(change)
+        if len(calls) == 1:
+            raise KeyboardInterrupt
+        real(self, change)
+
+    monkeypatch.setattr(Components, "renew", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        space.place("cart", shapely.box(3.0, 2.0, 3.4, 2.4))  # two changes
+    fresh = room()
+    fresh.place("cart", shapely.box(3.0, 2.0, 3.4, 2.4))
+    np.testing.assert_array_equal(space.state, fresh.state)
+    q = np.random.default_rng(0).uniform(0.0, 3.0, (100, 2))
+    np.testing.assert_array_equal(space.path_exists(q[:50], q[50:]), fresh.path_exists(q[:50], q[50:]))
+    np.testing.assert_array_equal(space.is_free(q, exact=True), fresh.is_free(q, exact=True))
