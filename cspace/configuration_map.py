@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar, overload
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar, Unpack, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +18,8 @@ from cspace.states import BLOCKED, FREE
 
 if TYPE_CHECKING:
     from cspace.exact.queries import Exact
+    from cspace.view import Viewer, ViewOptions
+    from cspace.view.cells import Cells
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -243,6 +245,43 @@ class ConfigurationMap(ABC):
         found: bool | NDArray[np.object_] | None = answers if answers.ndim else answers[()]
         return found
 
+    # ---- on a page ---------------------------------------------------------------------------------------------------
+
+    def view(self, *, block: bool = True, **options: Unpack[ViewOptions]) -> Viewer:
+        """Show the map on a page in the browser, and plan there; needs viser: ``pip install "cspace[view]"``.
+
+        The page shows obstacles, the border of the C-obstacle and the robot, lets one drag the start and the goal, plan
+        and play the path, and says what is proven. It is served on this machine alone, unless ``host`` says otherwise.
+
+        Parameters
+        ----------
+        block : bool
+            Whether to wait until Ctrl-C is pressed. If not, :meth:`cspace.view.Viewer.close` ends the page.
+        path : array-like, shape (n, dof), or Plan, optional
+            A path to show.
+        start, goal : array-like, shape (dof,), optional
+            Where the two are at first; by default the ends of the path, or FREE configurations far apart.
+        host : str
+            Address to serve on; by default "127.0.0.1". Who can reach it can plan on the map, and move the page.
+        port : int, optional
+            By default the first free one from 8080 on.
+
+        Returns
+        -------
+        cspace.view.Viewer
+            The page: its ``url``, its ``plan``, ``refresh()`` for a map that was updated, ``close()``.
+
+        Raises
+        ------
+        InputError
+            If the path or a configuration has the wrong shape, the port is taken, or the host is none of this machine.
+        MissingPackageError
+            If viser is not installed.
+        """
+        from cspace.view.viewer import opened
+
+        return opened(self, self._in_blocks(), block, options)
+
     # ---- what differs ------------------------------------------------------------------------------------------------
 
     @property
@@ -276,6 +315,10 @@ class ConfigurationMap(ABC):
     @abstractmethod
     def _at_one_moment(self, work: Callable[[], Result]) -> Result:
         """What some work comes to, all of which sees the map as it is at one moment."""
+
+    @abstractmethod
+    def _in_blocks(self) -> Cells:
+        """Its cells, to be drawn on a page."""
 
     # ---- checks ------------------------------------------------------------------------------------------------------
 

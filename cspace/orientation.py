@@ -89,6 +89,10 @@ class Orientation(ABC):
     def text(self, rotation: Floats) -> str:
         """A rotation, shape (dof,), in words."""
 
+    @abstractmethod
+    def of_matrix(self, matrix: Floats) -> Floats:
+        """The rotation, shape (dof,), that a rotation matrix of space is; of a yaw, that about z alone."""
+
     def heading(self, q: Floats) -> float | None:
         """The yaw of a configuration, where it is told as one."""
         return None
@@ -119,6 +123,9 @@ class Unturned(Orientation):
     def text(self, rotation: Floats) -> str:
         return ""
 
+    def of_matrix(self, matrix: Floats) -> Floats:
+        return np.empty(0)
+
     def near(self, rotation: Sequence[float], angle: float, numbers: Iterator[float]) -> Sequence[float]:
         return rotation
 
@@ -143,6 +150,9 @@ class Yaw(Orientation):
     def text(self, rotation: Floats) -> str:
         angle = round(180.0 - (180.0 - math.degrees(rotation[0])) % 360.0, 1)
         return f"yaw {angle + 0.0:g}°"  # no minus sign before zero
+
+    def of_matrix(self, matrix: Floats) -> Floats:
+        return np.arctan2(matrix[1, :1], matrix[0, :1])
 
     def heading(self, q: Floats) -> float | None:
         return float(q[-1])
@@ -184,6 +194,11 @@ class Quaternion(Orientation):
         axis = ", ".join(f"{x + 0.0:.2g}" for x in np.round(by / max(angle, 1e-9), 2).tolist())
         degrees = f"{round(math.degrees(angle), 1):g}°"
         return f"turned {degrees} about ({axis})" if angle > 1e-9 else "not turned"
+
+    def of_matrix(self, matrix: Floats) -> Floats:
+        from scipy.spatial.transform import Rotation
+
+        return np.asarray(Rotation.from_matrix(matrix).as_quat())
 
     def near(self, rotation: Sequence[float], angle: float, numbers: Iterator[float]) -> Sequence[float]:
         by = [(2.0 * next(numbers) - 1.0) * angle / math.sqrt(3.0) for _ in range(3)]

@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from cspace.plot.picture import PlotOptions
     from cspace.spectral import FourierOverlap, OverlapField
     from cspace.update import Update, Updater
+    from cspace.view.cells import Cells
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -765,6 +766,11 @@ class CSpace(ConfigurationMap):
         from cspace.plot import plot
 
         return plot(self, **options)
+
+    def _in_blocks(self) -> Cells:
+        from cspace.view.cells import CellsInMemory
+
+        return CellsInMemory(self)
 
     # ---- what is made at the first call ------------------------------------------------------------------------------
 

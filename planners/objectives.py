@@ -14,7 +14,7 @@ from cspace.grid import finite, positive
 from cspace.space import CSpace
 from cspace.spectral import OverlapField
 from cspace.states import FREE
-from planners.local_planner import DENSE_TURN, HOLONOMIC, local_planner, takes_curve
+from planners.local_planner import DENSE_TURN, local_planner
 from planners.states import Configuration, Floats, check_information, kind_of
 
 COMFORT: Final = 0.1
@@ -47,8 +47,8 @@ class WeightedLength(ob.OptimizationObjective):
         The same of configurations, shape (n, dof).
     offset, slope : float
     weight : float
-    drive : {"holonomic", "differential", "differential-reverse", "dubins", "reeds-shepp"}
-        As for :func:`planners.plan`.
+    curve : {"dubins", "reeds-shepp"}, optional
+        As for :func:`planners.state_space`.
     turning_radius : float, optional
         Metres; for curves, which need it.
 
@@ -60,7 +60,6 @@ class WeightedLength(ob.OptimizationObjective):
 
     # A StateCostIntegralObjective would do the integral, but the bindings never call a Python subclass of it.
 
-    @takes_curve
     def __init__(
         self,
         si: ob.SpaceInformation,
@@ -71,7 +70,7 @@ class WeightedLength(ob.OptimizationObjective):
         offset: float = 0.0,
         slope: float = 1.0,
         weight: float = 10.0,
-        drive: str = HOLONOMIC,
+        curve: str | None = None,
         turning_radius: float | None = None,
     ) -> None:
         check_information(si, space)
@@ -81,9 +80,9 @@ class WeightedLength(ob.OptimizationObjective):
             raise InputError("weight", f"is {weight!r}", rule, "pass 10.0", value=weight)
         self._value, self._values = value, values
         self._offset, self._slope, self._weight = offset, slope, float(weight)
-        self._edges = local_planner(space, False, drive, turning_radius)
+        self._edges = local_planner(space, False, curve, turning_radius)
         self._kind, self._step = kind_of(space), space.grid.spacing
-        self._straight, self._dim = drive == HOLONOMIC, space.grid.dim
+        self._straight, self._dim = curve is None, space.grid.dim
         self._answer: Callable[[Configuration, Configuration], float] | None = None
 
     def stateCost(self, state: ob.State) -> ob.Cost:  # noqa: N802 - OMPL's name
@@ -142,7 +141,7 @@ class ClearanceObjective(WeightedLength):
 
     Parameters
     ----------
-    si, space, drive, turning_radius
+    si, space, curve, turning_radius
         As for :class:`WeightedLength`.
     weight : float
         How many extra metres a metre at clearance zero is worth.
@@ -155,7 +154,6 @@ class ClearanceObjective(WeightedLength):
         If ``weight`` is negative or not finite, or ``comfort`` is not above zero; and as :func:`planners.state_space`.
     """
 
-    @takes_curve
     def __init__(
         self,
         si: ob.SpaceInformation,
@@ -163,7 +161,7 @@ class ClearanceObjective(WeightedLength):
         *,
         weight: float = 10.0,
         comfort: float | None = None,
-        drive: str = HOLONOMIC,
+        curve: str | None = None,
         turning_radius: float | None = None,
     ) -> None:
         check_information(si, space)
@@ -177,7 +175,7 @@ class ClearanceObjective(WeightedLength):
             offset=1.0,
             slope=-scale,
             weight=weight,
-            drive=drive,
+            curve=curve,
             turning_radius=turning_radius,
         )
 
@@ -190,7 +188,7 @@ class OverlapObjective(WeightedLength):
 
     Parameters
     ----------
-    si, space, drive, turning_radius
+    si, space, curve, turning_radius
         As for :class:`WeightedLength`.
     field : cspace.spectral.OverlapField, optional
         Of the same map; the one that the map carries (:meth:`cspace.CSpace.with_overlap_field`), if left out.
@@ -206,7 +204,6 @@ class OverlapObjective(WeightedLength):
         or ``full`` is not above zero; and as :func:`planners.state_space`.
     """
 
-    @takes_curve
     def __init__(
         self,
         si: ob.SpaceInformation,
@@ -215,7 +212,7 @@ class OverlapObjective(WeightedLength):
         *,
         weight: float = 10.0,
         full: float | None = None,
-        drive: str = HOLONOMIC,
+        curve: str | None = None,
         turning_radius: float | None = None,
     ) -> None:
         check_information(si, space)
@@ -228,7 +225,7 @@ class OverlapObjective(WeightedLength):
             known.at,
             slope=1.0 / whole,
             weight=weight,
-            drive=drive,
+            curve=curve,
             turning_radius=turning_radius,
         )
 

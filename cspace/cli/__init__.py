@@ -14,7 +14,7 @@ import typer
 from typer.core import TyperGroup
 
 from cspace.cli.info import info
-from cspace.cli.maps import export, make, picture
+from cspace.cli.maps import export, make, picture, view
 from cspace.cli.planning import demo, plan
 from cspace.cli.report import Options, in_options, options_of, worded
 from cspace.errors import CspaceError
@@ -92,6 +92,7 @@ _COMMANDS: dict[str, Callable[..., None]] = {
     "plan": plan,
     "info": info,
     "plot": picture,
+    "view": view,
     "export": export,
 }
 for _name, _command in _COMMANDS.items():

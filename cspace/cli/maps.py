@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from cspace.builder import BuildOptions
     from cspace.space import CSpace
     from cspace.tiles.space import TiledCSpace
+    from cspace.view import ViewOptions
 
 
 def make(
@@ -257,3 +258,34 @@ def export(
     with clock.step("write"):
         space.export(output, overwrite=overwrite, **options)
     show({"output": str(output), **describe_map(space), "seconds": clock.seconds}, as_json)
+
+
+def view(
+    file: MapFile,
+    path: Annotated[
+        Path | None, typer.Option(metavar="FILE", readable=False, help="A path to show: .csv or .json.")
+    ] = None,
+    start: Annotated[
+        str | None, typer.Option(metavar="X,Y[,Z][,TURN]", help="Where the start is at first  [default: chosen].")
+    ] = None,
+    goal: Annotated[
+        str | None, typer.Option(metavar="X,Y[,Z][,TURN]", help="Where the goal is at first  [default: chosen].")
+    ] = None,
+    host: Annotated[
+        str, typer.Option(metavar="ADDRESS", help="Where to serve the page; 0.0.0.0 lets all of the network in.")
+    ] = "127.0.0.1",
+    port: Annotated[
+        int | None, typer.Option(metavar="NUMBER", help="0 takes any  [default: the first free one from 8080 on].")
+    ] = None,
+) -> None:
+    """Show a map on a page in the browser, and plan there; Ctrl-C ends it."""
+    from cspace.io.reading import open_map
+
+    axes = axes_of_map(file)
+    marks = {name: configuration(text, f"--{name}", axes) for name, text in given(start=start, goal=goal).items()}
+    points = None if path is None else read_path(path, axes)
+    clock = Clock()
+    with clock.step("read"):
+        space = open_map(file)
+    options: ViewOptions = {"host": host, **given(path=points, port=port, **marks)}  # type: ignore[typeddict-item]
+    space.view(**options)

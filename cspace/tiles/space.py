@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from distributed import Client
 
     from cspace.exact.queries import Exact
+    from cspace.view.cells import Cells
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -288,6 +289,11 @@ class TiledCSpace(ConfigurationMap):
             rule = "it must be a whole number above zero"
             raise InputError("most", f"is {most!r}", rule, "pass e.g. 1024", value=most)
         return self._at_one_moment(lambda: overview_of(self._job, int(most), client))
+
+    def _in_blocks(self) -> Cells:
+        from cspace.view.cells import CellsInStore
+
+        return CellsInStore(self)
 
     def update(
         self, cells: ArrayLike, lower: Sequence[int], *, inner: ArrayLike | None = None, client: Client | None = None

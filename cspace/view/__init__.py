@@ -1,0 +1,5 @@
+"""A page in the browser that shows a map, served on this machine."""
+
+from cspace.view.viewer import Viewer, ViewOptions
+
+__all__ = ["ViewOptions", "Viewer"]

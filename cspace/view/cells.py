@@ -1,0 +1,168 @@
+"""The cells of a map in blocks: the whole map in large ones, the part that one looks at in small ones."""
+
+from __future__ import annotations
+
+import math
+from collections import OrderedDict
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any, Final, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace.grid import Grid
+from cspace.plot.artists import Classes, classes_of, ground_of
+from cspace.plot.route import Floats, MapLike
+
+MOST: Final = 2**21
+"""Blocks that are drawn at once, at most: of the whole map, and as many of a part of it."""
+_KEPT: Final = 24
+"""Pictures of the whole map that are kept, each of one slice."""
+_SLAB: Final = 2**24
+"""Cells whose classes are made at once."""
+
+
+class Blocks(NamedTuple):
+    """Blocks of cells, and the largest class in each, the most important to see.
+
+    Attributes
+    ----------
+    classes : ndarray of uint8
+        Indices into :data:`cspace.plot.artists.CLASSES`, by x, y and, in space, z.
+    first : ndarray of int64, shape (d,)
+        The first cell of the first block.
+    side : int
+        Cells along each axis of a block; at the upper border of the map there may be fewer.
+    """
+
+    classes: Classes
+    first: NDArray[np.int64]
+    side: int
+
+
+class Part(NamedTuple):
+    """A part of a map that is shown in smaller blocks: from one cell on to before another, along each axis."""
+
+    first: tuple[int, ...]
+    stop: tuple[int, ...]
+    side: int
+
+
+class Cells(Protocol):
+    """What the page asks of the cells of a map, wherever they are."""
+
+    grid: Grid
+    side: int
+    """Cells along an axis of a block of the whole map."""
+
+    @property
+    def near(self) -> Any:
+        """A map in memory, of the same configurations, to sample from."""
+
+    def whole(self, rotation: Floats | None) -> Blocks:
+        """The whole map at a rotation; without one, the workspace alone."""
+
+    def part(self, rotation: Floats | None, part: Part) -> Blocks:
+        """A part of it."""
+
+    def forget(self) -> None:
+        """Look at the map anew: it has changed."""
+
+
+class CellsInMemory:
+    """The cells of a :class:`cspace.CSpace`."""
+
+    def __init__(self, space: MapLike) -> None:
+        self.near, self.grid = space, space.grid
+        self.side = math.ceil((space.grid.size / MOST) ** (1.0 / space.grid.dim))
+        self._kept: OrderedDict[int, Blocks] = OrderedDict()
+
+    def whole(self, rotation: Floats | None) -> Blocks:
+        number = -1 if rotation is None else int(self.near.rotations.cells_of(rotation))
+        if number not in self._kept:
+            everything = Part((0,) * self.grid.dim, self.grid.shape, self.side)
+            self._kept[number] = self.part(rotation, everything)
+        self._kept.move_to_end(number)
+        while len(self._kept) > _KEPT:
+            self._kept.popitem(last=False)
+        return self._kept[number]
+
+    def part(self, rotation: Floats | None, part: Part) -> Blocks:
+        return blocks(lambda box: _classes(self.near, rotation, box), part)
+
+    def forget(self) -> None:
+        self._kept.clear()
+
+
+class CellsInStore:
+    """The cells of a :class:`cspace.TiledCSpace`: all of them from an overview, a part of them from a window."""
+
+    def __init__(self, space: Any) -> None:
+        self._space, self.grid = space, space.grid
+        slices = int(space.rotations.slice_of(space.robot).max()) + 1
+        self.side = math.ceil((space.grid.size * slices / (_KEPT * MOST)) ** (1.0 / space.grid.dim))
+        self.side = max(self.side, math.ceil((space.grid.size / MOST) ** (1.0 / space.grid.dim)))
+
+    @cached_property
+    def near(self) -> Any:
+        return self._space.overview(math.ceil(max(self.grid.shape) / self.side))
+
+    def whole(self, rotation: Floats | None) -> Blocks:
+        side = round(self.near.grid.spacing / self.grid.spacing)
+        return Blocks(_classes(self.near, rotation), np.zeros(self.grid.dim, dtype=np.int64), side)
+
+    def part(self, rotation: Floats | None, part: Part) -> Blocks:
+        first, stop = np.array(part.first), np.array(part.stop)
+        window = self._space.window(self.grid.center_of(first), self.grid.center_of(stop - 1))
+        begin = np.rint((np.array(window.grid.lower) - self.grid.lower) / self.grid.spacing).astype(np.int64)
+
+        def classes(box: tuple[slice, ...]) -> Classes:
+            own = tuple(slice(b.start - n, b.stop - n) for b, n in zip(box, begin.tolist(), strict=True))
+            return _classes(window, rotation, own)
+
+        return blocks(classes, part)
+
+    def forget(self) -> None:
+        self.__dict__.pop("near", None)
+
+
+def _classes(space: MapLike, rotation: Floats | None, box: tuple[slice, ...] = ()) -> Classes:
+    """Classes of a box of cells at a rotation; without one, those of the workspace alone."""
+    return ground_of(space.workspace, box) if rotation is None else classes_of(space, rotation, box)
+
+
+def blocks(classes: Callable[[tuple[slice, ...]], Classes], part: Part) -> Blocks:
+    """Blocks of a part of a map, from what tells the classes of a box of cells; made slab by slab."""
+    shape = np.subtract(part.stop, part.first)
+    rows = part.side * max(1, _SLAB // int(np.prod(shape[1:]) * part.side))
+    others = tuple(slice(low, high) for low, high in zip(part.first[1:], part.stop[1:], strict=True))
+    made = []
+    for low in range(part.first[0], part.stop[0], rows):
+        slab = classes((slice(low, min(low + rows, part.stop[0])), *others))
+        made.append(_reduced(slab, part.side))
+    return Blocks(np.concatenate(made), np.array(part.first), part.side)
+
+
+def _reduced(classes: Classes, side: int) -> Classes:
+    """The largest class in each block."""
+    for axis, n in enumerate(classes.shape) if side > 1 else ():
+        classes = np.maximum.reduceat(classes, np.arange(0, n, side), axis=axis)
+    return classes
+
+
+def part_around(grid: Grid, point: Floats, reach: float, coarsest: int) -> Part | None:
+    """The part of a map to show in smaller blocks where one looks at a point and sees so many metres around it.
+
+    It moves, and changes its size, in steps, so that it stays the same while one looks around a little. None where
+    blocks would not be smaller than ``coarsest``, those of the whole map.
+    """
+    reach = 2.0 ** (math.ceil(2.0 * math.log2(max(reach, grid.spacing))) / 2.0)
+    side = math.ceil(2.0 * reach / grid.spacing / MOST ** (1.0 / grid.dim))
+    if side >= coarsest:
+        return None
+    step = math.ceil(reach / grid.spacing / 2.0 / coarsest) * coarsest
+    middle = np.rint((point - grid.lower) / grid.spacing / step) * step
+    half = math.ceil(reach / grid.spacing / coarsest) * coarsest
+    first, stop = np.maximum(middle - half, 0).astype(int), np.minimum(middle + half, grid.shape).astype(int)
+    return Part(tuple(first.tolist()), tuple(stop.tolist()), side) if (first < stop).all() else None

@@ -1,0 +1,257 @@
+"""What the page draws, as plain arrays: solids of cells, a section through them, the robot and its path."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace.grid import Grid
+from cspace.plot.artists import BODY, CLASSES, COLLIDES, OBSTACLE, PATH, SOME, UNDECIDED, UNSEEN, Classes
+from cspace.plot.route import Floats, RobotLike
+from cspace.plot.surface import SURFACES
+from cspace.plot.surface import UNSEEN as DIM
+from cspace.view.cells import Blocks, Part
+
+Color = tuple[int, int, int]
+
+
+class Kind(NamedTuple):
+    """Cells that may be drawn as a solid.
+
+    Attributes
+    ----------
+    label, color : str
+    opacity : float
+    classes : tuple of int
+        Of the cells.
+    turns : bool
+        Whether they change with the rotation.
+    rim : bool
+        Whether their border is drawn also where the map ends.
+    """
+
+    label: str
+    color: str
+    opacity: float
+    classes: tuple[int, ...]
+    turns: bool
+    rim: bool
+
+
+KINDS: Final = {
+    "obstacles": Kind(*SURFACES["obstacles"], 1.0, (OBSTACLE,), False, True),
+    "unknown": Kind(*DIM, 1.0, (UNSEEN,), False, True),
+    "border": Kind("C-obstacle", CLASSES[COLLIDES][1], 0.5, (UNDECIDED, COLLIDES, UNSEEN, OBSTACLE), True, False),
+    "mixed": Kind("undecided (MIXED)", CLASSES[UNDECIDED][1], 0.7, (UNDECIDED,), True, True),
+}
+"""Solids that may be shown, by name."""
+SECTION: Final = "section"
+"""What is called so among them: the cells that a height cuts, or, of a map in the plane, the ground."""
+
+LOW: Final = "#d55e00"
+HIGH: Final = PATH
+"""Colours of a path where its clearance is zero, and where it is largest."""
+STATIONS: Final = 400
+"""Points of a path that are drawn."""
+PIXELS: Final = 1024
+"""A section of fewer cells is drawn in so many pixels at least, so that their borders are sharp."""
+
+
+class Solid(NamedTuple):
+    """Triangles: vertices, shape (V, 3), metres, and indices of their corners, shape (F, 3)."""
+
+    vertices: NDArray[np.float32]
+    faces: NDArray[np.uint32]
+
+
+class Section(NamedTuple):
+    """A picture in the plane: red, green, blue and opacity, shape (rows, columns, 4), the top row first.
+
+    Attributes
+    ----------
+    image : ndarray of uint8
+    lower, upper : ndarray of float64, shape (2,)
+        Corners, metres.
+    height : float
+        Along z, metres.
+    """
+
+    image: NDArray[np.uint8]
+    lower: Floats
+    upper: Floats
+    height: float
+
+
+class Stage:
+    """Where the cells of a grid stand in space: those of a plane are low walls on the ground.
+
+    Parameters
+    ----------
+    grid : Grid
+    wall : float
+        Height of the walls, metres.
+
+    Attributes
+    ----------
+    lower, upper : ndarray of float64, shape (3,)
+        Corners of all that is drawn, metres.
+    """
+
+    def __init__(self, grid: Grid, wall: float) -> None:
+        self.grid, self.has_height = grid, grid.dim == 3
+        self.shape = np.array([*grid.shape, 1][:3])
+        self.wall = wall
+        self._cell = np.array([grid.spacing, grid.spacing, grid.spacing if self.has_height else wall])
+        self.lower = np.array([*grid.lower, 0.0][:3])
+        self.upper = self.lower + self._cell * self.shape
+        # In space, one looks down through what is free.
+        self._colors = np.array([(*rgb(color), 255) for _, color in CLASSES], dtype=np.uint8)
+        self._colors[: SOME + 1, 3] = 0 if self.has_height else 255
+
+    def point(self, q: Floats) -> Floats:
+        """Where configurations lie, shape (..., 3)."""
+        place = q[..., : self.grid.dim]
+        return np.concatenate([place, np.zeros((*place.shape[:-1], 3 - self.grid.dim))], axis=-1)
+
+    def solid(self, blocks: Blocks, kind: Kind, cut: float, hole: Part | None = None, lid: bool = True) -> Solid:
+        """The border of the blocks of a kind that lie below a height, and not in a part that is drawn apart.
+
+        Without a ``lid``, what the height cuts open stays open: a section closes it.
+        """
+        classes, first = self._below(blocks, cut)
+        wanted = np.zeros(len(CLASSES), dtype=np.bool_)
+        wanted[list(kind.classes)] = True
+        solid = wanted[classes]
+        if hole is not None:
+            solid[_box(hole, blocks.side)] = False
+        lattice = np.minimum(first + blocks.side * rectangles(solid, kind.rim, lid), self.shape).reshape(-1, 3)
+        vertices = self.lower + self._cell * lattice
+        vertices[:, 2] = np.minimum(vertices[:, 2], cut)
+        corners = np.arange(len(vertices), dtype=np.uint32).reshape(-1, 4)
+        return Solid(vertices.astype(np.float32), corners[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3))
+
+    def section(self, blocks: Blocks, cut: float, hole: Part | None = None) -> Section:
+        """The classes of the blocks below a height, seen from there; of a plane, on the ground."""
+        layer = self._below(blocks, cut)[0][..., -1]
+        lower = self.lower[:2] + self.grid.spacing * blocks.first[:2]
+        upper = np.minimum(lower + self.grid.spacing * blocks.side * np.array(layer.shape), self.upper[:2])
+        image = self._colors[layer]
+        if hole is not None:
+            image[_box(hole, blocks.side)[:2]] = 0
+        image = image.transpose(1, 0, 2)[::-1]
+        repeat = max(1, PIXELS // max(layer.shape))
+        image = image.repeat(repeat, axis=0).repeat(repeat, axis=1)
+        return Section(image, lower, upper, cut if self.has_height else 0.0)
+
+    def _below(self, blocks: Blocks, cut: float) -> tuple[Classes, NDArray[np.int64]]:
+        """Classes of the blocks that lie below a height, in part at least, one layer or more; and their first cell."""
+        classes, first = np.atleast_3d(blocks.classes), np.array([*blocks.first, 0][:3])
+        count = (min(cut, self.upper[2]) - self.lower[2]) / self._cell[2] - first[2]
+        return classes[..., : max(1, math.ceil(count / blocks.side - 1e-9))], first
+
+
+def _box(part: Part, side: int) -> tuple[slice, ...]:
+    """The blocks of some side that make up a part of a map."""
+    return tuple(slice(low // side, -(-high // side)) for low, high in zip(part.first, part.stop, strict=True))
+
+
+def rectangles(solid: NDArray[np.bool_], rim: bool = True, lid: bool = True) -> NDArray[np.int64]:
+    """The border of cells as few rectangles: corners on the lattice of the cells, shape (n, 4, 3).
+
+    Counterclockwise where seen from outside. Squares in a row become one rectangle, and rows of the same length one
+    larger one. Corners are not shared and lie on sides of others: to be looked at, not to be computed with.
+
+    Parameters
+    ----------
+    solid : ndarray of bool, shape (nx, ny, nz)
+    rim : bool
+        Whether cells at the border of the array have one there.
+    lid : bool
+        Whether the topmost ones have one above them.
+    """
+    sides = ((axis, way) for axis in range(3) for way in (0, 1))
+    return np.concatenate([_facing(solid, axis, way, rim and (lid or (axis, way) != (2, 1))) for axis, way in sides])
+
+
+def _facing(solid: NDArray[np.bool_], axis: int, way: int, rim: bool) -> NDArray[np.int64]:
+    """The rectangles that face down an axis, or up it."""
+    one, two = (axis + 1) % 3, (axis + 2) % 3
+    cells = solid.transpose(axis, one, two)
+    if not cells.any():
+        return np.empty((0, 4, 3), dtype=np.int64)
+    seen = cells.copy()
+    inner = (slice(1, None), slice(None, -1)) if way == 0 else (slice(None, -1), slice(1, None))
+    seen[inner[0]] &= ~cells[inner[1]]
+    seen[-way] &= rim
+    # Runs of squares along the last axis begin and end where neighbours differ.
+    edges = np.zeros((*seen.shape[:2], seen.shape[2] + 1), dtype=np.bool_)
+    edges[..., :-1] = seen
+    edges[..., 1:] ^= seen
+    layer, row, place = np.nonzero(edges)
+    layer, row, begin, end = layer[::2], row[::2], place[::2], place[1::2]
+    order = np.lexsort((row, end, begin, layer))
+    layer, row, begin, end = layer[order], row[order], begin[order], end[order]
+    fresh = np.ones(len(row), dtype=np.bool_)
+    fresh[1:] = (np.diff(layer) != 0) | (np.diff(begin) != 0) | (np.diff(end) != 0) | (np.diff(row) != 1)
+    first = np.flatnonzero(fresh)
+    last = np.append(first[1:], len(row))[: len(first)] - 1
+    corners = np.empty((len(first), 4, 3), dtype=np.int64)
+    low, high = row[first], row[last] + 1
+    corners[..., axis] = (layer[first] + way)[:, np.newaxis]
+    corners[..., one] = np.stack([low, high, high, low], axis=1)
+    corners[..., two] = np.stack([begin[first], begin[first], end[first], end[first]], axis=1)
+    return corners if way else corners[:, ::-1]
+
+
+def robot_solid(robot: RobotLike, height: float) -> Solid:
+    """The surface of a robot in its frame; one in the plane becomes a slab of some height."""
+    vertices, faces = {2: _slab, 3: _surface}[robot.dim](robot, height)
+    return Solid(np.asarray(vertices, dtype=np.float32), np.asarray(faces, dtype=np.uint32))
+
+
+def _surface(robot: RobotLike, height: float) -> tuple[Floats, NDArray[np.int64]]:
+    return robot.shape.surface
+
+
+def _slab(robot: RobotLike, height: float) -> tuple[Floats, NDArray[np.int64]]:
+    """The outline of a robot in the plane, moved up from the ground."""
+    import shapely
+
+    outline = robot.shape.outline
+    top = shapely.get_parts(shapely.constrained_delaunay_triangles(outline))
+    corners = [np.asarray([part.exterior.coords[:3] for part in top]).reshape(-1, 3, 2)]
+    turned = np.cross(corners[0][:, 1] - corners[0][:, 0], corners[0][:, 2] - corners[0][:, 0]) < 0.0
+    corners[0][turned] = corners[0][turned][:, ::-1]
+    triangles = [np.concatenate([corners[0], np.full((*corners[0].shape[:2], 1), height)], axis=2)]
+    for ring in _rings(outline):
+        a, b = (np.concatenate([ring, np.zeros((len(ring), 1))], axis=1)[k] for k in (slice(-1), slice(1, None)))
+        up = np.array([0.0, 0.0, height])
+        triangles += [np.stack([a, b, b + up], axis=1), np.stack([a, b + up, a + up], axis=1)]
+    vertices = np.concatenate(triangles).reshape(-1, 3)
+    return vertices, np.arange(len(vertices)).reshape(-1, 3)
+
+
+def _rings(outline: object) -> Iterator[Floats]:
+    from cspace.plot.route import rings
+
+    yield from rings(outline)
+
+
+def path_colors(clearances: Floats) -> NDArray[np.uint8]:
+    """Colours of points of a path, shape (n, 3): :data:`LOW` at a clearance of zero, :data:`HIGH` at the largest."""
+    largest = float(np.nanmax(clearances, initial=0.0, where=np.isfinite(clearances)))
+    share = np.clip(np.nan_to_num(clearances, nan=0.0, posinf=largest) / max(largest, 1e-12), 0.0, 1.0)[:, np.newaxis]
+    return np.rint((1.0 - share) * rgb(LOW) + share * rgb(HIGH)).astype(np.uint8)
+
+
+def rgb(color: str) -> Color:
+    """A colour such as ``"#0072b2"`` as three numbers of a byte."""
+    red, green, blue = bytes.fromhex(color[1:])
+    return red, green, blue
+
+
+ROBOT: Final = BODY

@@ -1,0 +1,193 @@
+"""view: a map on a page in the browser."""
+
+from __future__ import annotations
+
+import errno
+import html
+import socket
+import threading
+from typing import TYPE_CHECKING, Any, Final, TypedDict
+
+import numpy as np
+
+from cspace.errors import ConfigurationError, InputError, MissingPackageError
+from cspace.plot.route import Floats, Route
+from cspace.view.cells import Cells
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from cspace.plot.route import HasPath
+    from planners import Plan
+
+PORT: Final = 8080
+"""The first port that is tried where none is asked for."""
+_TRIED: Final = 100
+_TAKEN: Final = (errno.EADDRINUSE, errno.EACCES)
+_DRAWN: Final = 64
+"""Configurations that are drawn to begin with two that are far apart."""
+
+
+class ViewOptions(TypedDict, total=False):
+    """What :meth:`cspace.CSpace.view` takes."""
+
+    path: ArrayLike | HasPath
+    start: ArrayLike
+    goal: ArrayLike
+    host: str
+    port: int
+
+
+class Viewer:
+    """A page in the browser that shows a map; :meth:`cspace.CSpace.view` opens it.
+
+    In a notebook it shows itself, where ``block=False``. All who open the page see, and move, the same things.
+
+    Parameters
+    ----------
+    space : CSpace or TiledCSpace
+    cells : Cells
+        Its cells, as they are to be drawn.
+    path, start, goal, host, port
+        As for :meth:`cspace.CSpace.view`.
+    """
+
+    def __init__(
+        self,
+        space: Any,
+        cells: Cells,
+        *,
+        path: ArrayLike | HasPath | None = None,
+        start: ArrayLike | None = None,
+        goal: ArrayLike | None = None,
+        host: str = "127.0.0.1",
+        port: int | None = None,
+    ) -> None:
+        try:
+            import viser
+        except ImportError as error:
+            mend = 'run: pip install "cspace[view]"'
+            raise MissingPackageError("viser", "is not installed", "it serves the page in the browser", mend) from error
+        from cspace.view.canvas import Canvas
+        from cspace.view.page import Page
+
+        route = Route.of(space, path, start, goal)
+        ends = _ends(space, cells) | {name: space.rotations.canonical(q, name) for name, q in route.marks.items()}
+        address = host, _free_port(host, port)
+        self._server = viser.ViserServer(*address, label="cspace")
+        self._closed = threading.Event()
+        try:
+            self.canvas = Canvas(self._server, space, cells, np.concatenate([[*ends.values()], route.points]))
+            self.page = Page(self._server, space, self.canvas, ends, route.points)
+        except BaseException:
+            self._server.stop()
+            raise
+
+    @property
+    def url(self) -> str:
+        """Where the page is."""
+        return f"http://{self._server.get_host()}:{self._server.get_port()}"
+
+    @property
+    def plan(self) -> Plan | None:
+        """What the last search found; None before there was one."""
+        return self.page.plan
+
+    def refresh(self) -> None:
+        """Show the map as it is now, after it was updated."""
+        self.page.refresh()
+
+    def close(self) -> None:
+        """End the page."""
+        if not self._closed.is_set():
+            self._closed.set()
+            self.page.close()
+            self._server.stop()
+
+    def wait(self) -> None:
+        """Wait until the page is closed, or Ctrl-C is pressed, which closes it."""
+        try:
+            self._closed.wait()
+        except KeyboardInterrupt:
+            pass
+        finally:
+            self.close()
+
+    def __enter__(self) -> Viewer:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        return f"Viewer({self.url}{', closed' if self._closed.is_set() else ''})"
+
+    def _repr_html_(self) -> str:
+        """The page itself, for notebooks."""
+        if self._closed.is_set():
+            return html.escape(repr(self))
+        return f'<iframe src="{html.escape(self.url)}" width="100%" height="640" style="border:0"></iframe>'
+
+
+def opened(space: Any, cells: Cells, block: bool, options: ViewOptions) -> Viewer:
+    """A page of a map, which is waited for if ``block`` is set."""
+    viewer = Viewer(space, cells, **options)
+    if block:
+        viewer.wait()
+    return viewer
+
+
+def _ends(space: Any, cells: Cells) -> dict[str, Floats]:
+    """Two FREE configurations far apart; of a map that has none, the middle of its grid."""
+    near = cells.near
+    try:
+        drawn = near.sample_free(_DRAWN, np.random.default_rng(0))
+    except ConfigurationError:
+        middle = (np.add(space.grid.lower, space.grid.upper)) / 2
+        drawn = np.concatenate([middle, space.rotations.centers[0]])[np.newaxis]
+    upright = drawn.copy()
+    upright[:, space.grid.dim :] = space.rotations.of_matrix(np.eye(3))
+    free = np.asarray(near.is_free(upright))
+    drawn = upright[free] if free.any() else drawn
+    places = drawn[:, : space.grid.dim]
+    apart = np.linalg.norm(places[:, np.newaxis] - places, axis=-1)
+    first, last = np.unravel_index(int(apart.argmax()), apart.shape)
+    return {"start": drawn[first], "goal": drawn[last]}
+
+
+def _free_port(host: str, port: int | None) -> int:
+    """The port to serve on: the one asked for, or the first free one from :data:`PORT` on.
+
+    Raises
+    ------
+    InputError
+        If the host is none of this machine, or the port is taken, or no port.
+    """
+    if port is not None and (isinstance(port, bool) or not isinstance(port, int | np.integer) or not 0 <= port < 2**16):
+        rule = "it must be a whole number from 0, which takes any free one, to 65535"
+        raise InputError("port", f"is {port!r}", rule, "or leave it out", value=port)
+    wanted = range(PORT, PORT + _TRIED) if port is None else [int(port)]
+    try:
+        kind, _, _, _, _ = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)[0]
+    except OSError as error:
+        raise _no_host(host) from error
+    for number in wanted:
+        with socket.socket(kind, socket.SOCK_STREAM) as trial:
+            trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                trial.bind((host, number))
+            except PermissionError as error:
+                mend = "choose one from 1024 on"
+                raise InputError("port", f"is {number}", "this user may not serve on it", mend, value=port) from error
+            except OSError as error:
+                if error.errno not in _TAKEN:
+                    raise _no_host(host) from error
+                continue
+            return int(trial.getsockname()[1])
+    found = f"{port} is taken" if port is not None else f"from {PORT} to {PORT + _TRIED - 1} are taken"
+    raise InputError("port", found, "another program serves there", "choose another, or 0 for any", value=port)
+
+
+def _no_host(host: str) -> InputError:
+    rule, mend = "it must be an address of this machine", 'pass "127.0.0.1", or "0.0.0.0" for all of its addresses'
+    return InputError("host", f"is {host!r}", rule, mend, value=host)
