@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 
 from cspace.grid import Grid
 from cspace.plot.artists import BODY, CLASSES, COLLIDES, OBSTACLE, PATH, SOME, UNDECIDED, UNSEEN, Classes
-from cspace.plot.route import Floats, RobotLike
+from cspace.plot.route import Floats, RobotLike, rings
 from cspace.plot.surface import SURFACES
 from cspace.plot.surface import UNSEEN as DIM
 from cspace.view.cells import Blocks, Part
@@ -218,27 +217,21 @@ def _surface(robot: RobotLike, height: float) -> tuple[Floats, NDArray[np.int64]
 
 
 def _slab(robot: RobotLike, height: float) -> tuple[Floats, NDArray[np.int64]]:
-    """The outline of a robot in the plane, moved up from the ground."""
+    """The outline of a robot in the plane, as high as a wall, with a top and no bottom."""
     import shapely
 
     outline = robot.shape.outline
-    top = shapely.get_parts(shapely.constrained_delaunay_triangles(outline))
-    corners = [np.asarray([part.exterior.coords[:3] for part in top]).reshape(-1, 3, 2)]
-    turned = np.cross(corners[0][:, 1] - corners[0][:, 0], corners[0][:, 2] - corners[0][:, 0]) < 0.0
-    corners[0][turned] = corners[0][turned][:, ::-1]
-    triangles = [np.concatenate([corners[0], np.full((*corners[0].shape[:2], 1), height)], axis=2)]
-    for ring in _rings(outline):
-        a, b = (np.concatenate([ring, np.zeros((len(ring), 1))], axis=1)[k] for k in (slice(-1), slice(1, None)))
-        up = np.array([0.0, 0.0, height])
-        triangles += [np.stack([a, b, b + up], axis=1), np.stack([a, b + up, a + up], axis=1)]
+    parts = shapely.get_parts(shapely.orient_polygons(shapely.constrained_delaunay_triangles(outline)))
+    top = shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, :3]
+    triangles = [np.concatenate([top, np.full((*top.shape[:2], 1), height)], axis=2)]
+    for ring in rings(outline):
+        low, high = (np.column_stack([ring, np.full(len(ring), z)]) for z in (0.0, height))
+        triangles += [
+            np.stack([low[:-1], low[1:], high[1:]], axis=1),
+            np.stack([low[:-1], high[1:], high[:-1]], axis=1),
+        ]
     vertices = np.concatenate(triangles).reshape(-1, 3)
     return vertices, np.arange(len(vertices)).reshape(-1, 3)
-
-
-def _rings(outline: object) -> Iterator[Floats]:
-    from cspace.plot.route import rings
-
-    yield from rings(outline)
 
 
 def path_colors(clearances: Floats) -> NDArray[np.uint8]:

@@ -139,16 +139,15 @@ def opened(space: Any, cells: Cells, block: bool, options: ViewOptions) -> Viewe
 
 def _ends(space: Any, cells: Cells) -> dict[str, Floats]:
     """Two FREE configurations far apart; of a map that has none, the middle of its grid."""
-    near = cells.near
+    near, upright = cells.near, space.rotations.of_matrix(np.eye(3))
     try:
         drawn = near.sample_free(_DRAWN, np.random.default_rng(0))
     except ConfigurationError:
-        middle = (np.add(space.grid.lower, space.grid.upper)) / 2
-        drawn = np.concatenate([middle, space.rotations.centers[0]])[np.newaxis]
-    upright = drawn.copy()
-    upright[:, space.grid.dim :] = space.rotations.of_matrix(np.eye(3))
-    free = np.asarray(near.is_free(upright))
-    drawn = upright[free] if free.any() else drawn
+        drawn = np.array([[*np.add(space.grid.lower, space.grid.upper) / 2, *upright]])
+    stood = drawn.copy()
+    stood[:, space.grid.dim :] = upright
+    free = np.asarray(near.is_free(stood))
+    drawn = stood[free] if free.any() else drawn
     places = drawn[:, : space.grid.dim]
     apart = np.linalg.norm(places[:, np.newaxis] - places, axis=-1)
     first, last = np.unravel_index(int(apart.argmax()), apart.shape)

@@ -1,0 +1,111 @@
+"""Blocks of cells: each shows the most important class in it, of a map in memory or in a store."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import cspace
+from cspace.plot.artists import OPEN, classes_of
+from cspace.view import cells
+from cspace.view.cells import Blocks, CellsInMemory, Part, part_around
+
+WHOLE = {2: (23, 17), 3: (11, 9, 7)}
+
+
+@pytest.fixture(
+    params=[(2, None), (2, 6), (3, None), (3, cspace.Rotations.quaternions(1))], ids=["R2", "SE2", "R3", "SE3"]
+)
+def parts(request: pytest.FixtureRequest) -> tuple[cspace.Workspace, cspace.Robot, Any]:
+    dim, rotations = request.param
+    occupied = np.random.default_rng(dim).random(WHOLE[dim]) < 0.04
+    robot = cspace.Robot.rectangle(0.3, 0.1) if dim == 2 else cspace.Robot.box((0.2, 0.1, 0.1))
+    return cspace.Workspace.from_array(occupied, 0.1), robot, rotations
+
+
+def brute(classes: Any, part: Part) -> Any:
+    """The largest class in each block of a part, block by block."""
+    starts = [range(low, high, part.side) for low, high in zip(part.first, part.stop, strict=True)]
+    found = np.empty([len(axis) for axis in starts], dtype=np.uint8)
+    for index, corner in zip(np.ndindex(found.shape), itertools.product(*starts), strict=True):
+        box = tuple(slice(low, min(low + part.side, stop)) for low, stop in zip(corner, part.stop, strict=True))
+        found[index] = classes[box].max()
+    return found
+
+
+@pytest.mark.parametrize("side", [1, 3])
+def test_blocks_show_the_largest_class(parts: Any, side: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    workspace, robot, rotations = parts
+    space = cspace.build(workspace, robot, rotations=rotations)
+    monkeypatch.setattr(cells, "MOST", space.grid.size // (side**space.grid.dim) + 1)
+    monkeypatch.setattr(cells, "_SLAB", 40)
+    held = CellsInMemory(space)
+    assert held.side == side
+    rotation = space.rotations.centers[-1]
+    everything = Part((0,) * space.grid.dim, space.grid.shape, side)
+    some = Part((2,) * space.grid.dim, tuple(n - 1 for n in space.grid.shape), 2)
+    for seen, classes in ((rotation, classes_of(space, rotation)), (None, 7 * workspace.outer)):
+        np.testing.assert_array_equal(held.whole(seen).classes, brute(classes, everything))
+        np.testing.assert_array_equal(held.part(seen, some).classes, brute(classes, some))
+
+
+def test_a_map_that_changed_is_looked_at_anew(parts: Any) -> None:
+    workspace, robot, rotations = parts
+    space = cspace.build(workspace, robot, rotations=rotations)
+    held, rotation = CellsInMemory(space), space.rotations.centers[0]
+    before = held.whole(rotation).classes
+    space.update(np.ones((1,) * space.grid.dim, dtype=bool), np.argwhere(before == OPEN)[0].tolist())
+    assert held.whole(rotation).classes is before
+    held.forget()
+    assert (held.whole(rotation).classes != before).any()
+
+
+def test_a_store_shows_the_same(parts: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    workspace, robot, rotations = parts
+    stored = cspace.build(workspace, robot, rotations=rotations, store=tmp_path / "map.zarr", tile=8)
+    held = CellsInMemory(cspace.build(workspace, robot, rotations=rotations))
+    rotation, part = stored.rotations.centers[-1], Part((3,) * stored.grid.dim, stored.grid.shape, 2)
+    whole = stored._in_blocks()
+    assert whole.side == 1
+    for seen in (rotation, None):
+        np.testing.assert_array_equal(whole.whole(seen).classes, held.whole(seen).classes)
+        np.testing.assert_array_equal(whole.part(seen, part).classes, held.part(seen, part).classes)
+    monkeypatch.setattr(cells, "MOST", stored.grid.size // 2**stored.grid.dim)
+    far = stored._in_blocks().whole(rotation)
+    exact = brute(held.whole(rotation).classes, Part((0,) * stored.grid.dim, stored.grid.shape, far.side))
+    assert far.side > 1
+    assert (far.classes[exact != OPEN] != OPEN).all()  # nothing but what is free looks free
+
+
+@pytest.mark.parametrize(("shape", "reach", "coarsest"), [((10_000, 8_000), 3.0, 8), ((464,) * 3, 4.0, 4)])
+def test_the_part_that_one_looks_at(shape: tuple[int, ...], reach: float, coarsest: int) -> None:
+    grid = cspace.Grid([-1.0] * len(shape), 0.05, shape)
+    rng = np.random.default_rng(0)
+    for point in rng.uniform(grid.lower, grid.upper, (20, grid.dim)):
+        part = part_around(grid, point, reach, coarsest)
+        assert part is not None
+        first, stop, cell = np.array(part.first), np.array(part.stop), grid.cell_of(point)
+        assert part.side < coarsest
+        assert not (first % coarsest).any()
+        assert not ((stop % coarsest) * (stop != grid.shape)).any()
+        assert ((first <= cell) & (cell < stop)).all()
+        assert np.prod(-(-(stop - first) // part.side)) <= 2 * cells.MOST
+        close = (np.maximum(first, 0) == 0) | (cell - first >= 0.5 * reach / grid.spacing)
+        assert close.all()
+    near = grid.lower + 0.4 * np.subtract(grid.upper, grid.lower)
+    found = {part_around(grid, near + 0.01 * k, reach * 1.001**k, coarsest) for k in range(8)}
+    assert len(found) <= 2  # who looks around a little sees the same part
+    assert part_around(grid, near, 1e4, coarsest) is None
+    assert part_around(grid, near, reach, 1) is None
+    assert part_around(grid, near + 1e5, reach, coarsest) is None
+
+
+def test_blocks_know_their_place() -> None:
+    held = CellsInMemory(cspace.build(cspace.Workspace.from_array(np.eye(9, dtype=bool), 0.1), cspace.Robot.disc(0.1)))
+    part = held.part(None, Part((3, 0), (9, 5), 2))
+    assert isinstance(part, Blocks)
+    assert (part.first.tolist(), part.side, part.classes.shape) == ([3, 0], 2, (3, 3))

@@ -1,0 +1,43 @@
+"""Configurations as numbers that people set, as poses in space, and back."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cspace.rotations import Rotations
+from cspace.view.poses import Poses
+
+SPACES = [(2, None), (2, 8), (3, None), (3, 8), (3, Rotations.quaternions(2))]
+
+
+@pytest.mark.parametrize(("dim", "cells"), SPACES, ids=["R2", "SE2", "R3", "R3xSO2", "SE3"])
+def test_there_and_back(dim: int, cells: object) -> None:
+    rotations, rng = Rotations.of(cells), np.random.default_rng(0)  # type: ignore[arg-type]
+    poses = Poses(dim, rotations)
+    assert poses.angles == {0: (), 1: ("yaw",), 4: ("roll", "pitch", "yaw")}[rotations.dof]
+    for _ in range(20):
+        q = np.concatenate([rng.normal(size=dim), rotations.sample(np.array([0]), 0.0, rng)[0]])
+        degrees = poses.degrees(q)
+        assert len(degrees) == len(poses.angles)
+        place, wxyz = poses.pose(q, height=0.7)
+        assert place.tolist() == [*q[:dim], 0.7][:3]
+        for again in (poses.of(poses.position(q), degrees), poses.of_pose(place, wxyz)):
+            np.testing.assert_allclose(rotations.steps(q, again), 0.0, atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("degrees", "point", "turned"),
+    [((90, 0, 0), (0, 1, 0), (0, 0, 1)), ((0, 90, 0), (1, 0, 0), (0, 0, -1)), ((0, 0, 90), (1, 0, 0), (0, 1, 0))],
+)
+def test_angles_mean_what_they_say(degrees: tuple[float, ...], point: object, turned: object) -> None:
+    rotations = Rotations.quaternions(1)
+    q = Poses(3, rotations).of((0.0, 0.0, 0.0), degrees)
+    np.testing.assert_allclose(rotations.matrices(q) @ point, turned, atol=1e-12)
+
+
+def test_a_robot_of_yaw_keeps_its_yaw_alone() -> None:
+    poses = Poses(3, Rotations.of(8))
+    tilted = Poses(3, Rotations.quaternions(1)).of((1.0, 2.0, 3.0), (20.0, 10.0, 30.0))
+    place, wxyz = Poses(3, Rotations.quaternions(1)).pose(tilted)
+    np.testing.assert_allclose(poses.degrees(poses.of_pose(place, wxyz)), [30.0], atol=1e-6)

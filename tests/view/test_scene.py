@@ -1,0 +1,139 @@
+"""What is drawn: every bit of a border once and from outside, sections in their place, robots of the right size."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import shapely
+import trimesh
+
+import cspace
+from cspace.plot.artists import CLASSES, OBSTACLE
+from cspace.view.cells import CellsInMemory, Part
+from cspace.view.scene import HIGH, KINDS, LOW, Stage, path_colors, rectangles, rgb, robot_solid
+
+
+def squares(corners: np.ndarray) -> list[tuple[int, ...]]:
+    """The unit squares of rectangles: axis, way of the normal, and place."""
+    found = []
+    for one in corners:
+        normal = np.cross(one[1] - one[0], one[2] - one[1])
+        (axis,) = np.flatnonzero(normal)
+        low, high = one.min(axis=0), one.max(axis=0)
+        high[axis] += 1
+        found += [
+            (int(axis), int(np.sign(normal[axis])), *place)
+            for place in np.ndindex(*(high - low))
+            for place in [tuple((low + place).tolist())]
+        ]
+    return found
+
+
+def brute(solid: np.ndarray, rim: bool, lid: bool) -> list[tuple[int, ...]]:
+    """The same of the border of cells, cell by cell."""
+    found = []
+    for cell in np.argwhere(solid):
+        for axis in range(3):
+            for way in (-1, 1):
+                other = cell.copy()
+                other[axis] += way
+                inside = 0 <= other[axis] < solid.shape[axis]
+                if solid[tuple(other)] if inside else not (rim and (lid or (axis, way) != (2, 1))):
+                    continue
+                place = cell.copy()
+                place[axis] += way > 0
+                found.append((axis, way, *place.tolist()))
+    return found
+
+
+@pytest.mark.parametrize(("rim", "lid"), [(True, True), (True, False), (False, True)])
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.8, 1.0])
+def test_rectangles_are_the_border(share: float, rim: bool, lid: bool) -> None:
+    solid = np.random.default_rng(0).random((7, 5, 6)) < share
+    found = squares(rectangles(solid, rim, lid))
+    assert sorted(found) == sorted(brute(solid, rim, lid))
+
+
+def test_a_box_has_six_rectangles() -> None:
+    solid = np.zeros((9, 8, 7), dtype=bool)
+    solid[2:6, 1:7, 3:5] = True
+    assert len(rectangles(solid)) == 6
+
+
+@pytest.fixture(scope="module")
+def room() -> cspace.CSpace:
+    occupied = np.zeros((12, 10, 8), dtype=bool)
+    occupied[:, :, 0] = occupied[3, 4:6, :] = True
+    return cspace.build(cspace.Workspace.from_array(occupied, 0.5, lower=(-1.0, 2.0, 0.5)), cspace.Robot.ball(0.4))
+
+
+def test_solids_end_at_the_cut(room: cspace.CSpace) -> None:
+    stage, blocks = Stage(room.grid, 1.0), CellsInMemory(room).whole(None)
+    for cut in (0.6, 1.75, 4.5, 9.0):
+        mesh = trimesh.Trimesh(*stage.solid(blocks, KINDS["obstacles"], cut))
+        assert mesh.bounds[1, 2] == pytest.approx(min(cut, 4.5))
+        low = room.workspace.outer * np.clip((cut - 0.5) / 0.5 - np.arange(8), 0.0, 1.0)
+        assert mesh.volume == pytest.approx(0.125 * low.sum())
+        assert stage.section(blocks, cut).height == cut
+
+
+def test_a_hole_is_left_for_a_part(room: cspace.CSpace) -> None:
+    stage, cells, part = Stage(room.grid, 1.0), CellsInMemory(room), Part((2, 2, 0), (6, 8, 8), 1)
+    rotation = room.rotations.centers[0]
+    for kind in (KINDS["obstacles"], KINDS["mixed"]):
+        whole = trimesh.Trimesh(*stage.solid(cells.whole(rotation), kind, 9.0))
+        around = trimesh.Trimesh(*stage.solid(cells.whole(rotation), kind, 9.0, part))
+        within = trimesh.Trimesh(*stage.solid(cells.part(rotation, part), kind, 9.0))
+        assert around.volume + within.volume == pytest.approx(whole.volume)
+        assert within.bounds[0] == pytest.approx(np.maximum(within.bounds[0], [0.0, 3.0, 0.5]))
+    image = stage.section(cells.whole(rotation), 1.0, part).image
+    assert not image[len(image) // 2, len(image[0]) // 3].any()
+
+
+def pixel(section: object, x: float, y: float) -> tuple[int, ...]:
+    image, lower, upper, _ = section  # type: ignore[misc]
+    column, row = ((np.array([x, y]) - lower) / (upper - lower) * [image.shape[1], -image.shape[0]]).astype(int)
+    return tuple(image[row - 1, column].tolist())
+
+
+def test_sections_show_the_cells_where_they_are() -> None:
+    occupied = np.zeros((9, 6), dtype=bool)
+    occupied[7, 1] = True
+    space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), cspace.Robot.disc(0.05))
+    section = Stage(space.grid, 0.2).section(CellsInMemory(space).whole(np.empty(0)), 0.2)
+    assert section.height == 0.0
+    assert pixel(section, 0.75, 0.15) == (*rgb(CLASSES[OBSTACLE][1]), 255)
+    assert pixel(section, 0.15, 0.45) == (255, 255, 255, 255)
+    high = np.zeros((9, 6, 4), dtype=bool)
+    high[7, 1, 2] = True
+    space = cspace.build(cspace.Workspace.from_array(high, 0.1), cspace.Robot.ball(0.05), outside="free")
+    stage, blocks = Stage(space.grid, 0.2), CellsInMemory(space).whole(np.empty(0))
+    assert pixel(stage.section(blocks, 0.25), 0.75, 0.15) == (*rgb(CLASSES[OBSTACLE][1]), 255)
+    assert pixel(stage.section(blocks, 0.05), 0.75, 0.15)[3] == 0  # what is free lets look down
+
+
+@pytest.mark.parametrize(
+    "robot",
+    [
+        cspace.Robot.disc(0.3),
+        cspace.Robot.polygon(shapely.box(0, 0, 2, 1) - shapely.box(0.5, 0.25, 1.0, 0.75)),
+        cspace.Robot.polygon([(0, 0), (2, 0), (2, 1), (1, 0.2), (0, 1)]),
+        cspace.Robot.box((0.5, 0.4, 0.3)),
+    ],
+    ids=["disc", "hole", "notch", "box"],
+)
+def test_robots_have_their_size(robot: cspace.Robot) -> None:
+    mesh = trimesh.Trimesh(*robot_solid(robot, 0.5))
+    size = 0.06 if robot.dim == 3 else 0.5 * robot.geometry.area
+    base = robot.dim == 2  # which has no bottom
+    mesh.merge_vertices()
+    assert mesh.volume == pytest.approx(size, rel=1e-6)
+    assert mesh.is_watertight != base
+
+
+def test_the_path_is_coloured_by_its_clearance() -> None:
+    colors = path_colors(np.array([0.0, 1.0, 2.0, np.nan, np.inf]))
+    np.testing.assert_array_equal(colors[[0, 3]], [rgb(LOW)] * 2)
+    np.testing.assert_array_equal(colors[[2, 4]], [rgb(HIGH)] * 2)
+    assert (np.abs(colors[1] - (np.array(rgb(LOW)) + rgb(HIGH)) / 2) <= 1).all()
+    np.testing.assert_array_equal(path_colors(np.zeros(2)), [rgb(LOW)] * 2)

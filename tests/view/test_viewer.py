@@ -1,0 +1,213 @@
+"""Pages of all kinds of maps, asked through the server: what is drawn, what is said, and what is refused."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import cspace
+from commands import run
+from cspace.errors import InputError
+from cspace.view import Viewer
+from missing import told_without
+
+pytest.importorskip("viser")
+pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning:websockets")
+
+SPACES = {
+    "R2": (2, cspace.Robot.disc(0.1), None),
+    "SE2": (2, cspace.Robot.polygon([(-0.1, -0.1), (0.2, 0.0), (-0.1, 0.1)]), 12),
+    "R3": (3, cspace.Robot.ball(0.1), None),
+    "R3xSO2": (3, cspace.Robot.box((0.3, 0.1, 0.1), center=(0.05, 0.0, 0.0)), 12),
+    "SE3": (3, cspace.Robot.box((0.2, 0.1, 0.1)), cspace.Rotations.quaternions(2)),
+}
+
+
+def room(kind: str) -> cspace.CSpace:
+    """A room with a column in it."""
+    dim, robot, rotations = SPACES[kind]
+    occupied = np.zeros((24, 20, 12)[:dim], dtype=bool)
+    occupied[11:13, 9:12] = True
+    return cspace.build(cspace.Workspace.from_array(occupied, 0.1), robot, rotations=rotations)
+
+
+@pytest.fixture(scope="module", params=SPACES)
+def viewer(request: pytest.FixtureRequest) -> Iterator[tuple[cspace.CSpace, Viewer]]:
+    space = room(request.param)
+    with space.view(block=False, port=0) as viewer:
+        yield space, viewer
+
+
+def names(viewer: Viewer) -> set[str]:
+    """Names of what stands in the scene."""
+    return set(viewer._server.scene._handle_from_node_name)
+
+
+def labels(viewer: Viewer) -> list[str]:
+    """Names of what the panel holds."""
+    return [getattr(handle, "label", "") for handle in viewer._server.gui._gui_input_handle_from_uuid.values()]
+
+
+def test_the_map_says_which_sliders_there_are(viewer: Any) -> None:
+    space, page = viewer
+    angles = {0: [], 1: ["yaw (°)"], 4: ["roll (°)", "pitch (°)", "yaw (°)"]}[space.rotations.dof]
+    sliders = [f"{axis} (m)" for axis in "xyz"[: space.grid.dim]] + angles
+    assert [slider.label for slider in page.page._sliders] == sliders
+    assert ("cut at height (m)" in labels(page)) == (space.grid.dim == 3)
+
+
+def test_what_is_drawn_follows_what_is_asked(viewer: Any) -> None:
+    space, page = viewer
+    assert page.page.wait(60.0)
+    assert {"/robot", "/start", "/goal", "/section/whole", "/obstacles/whole"} <= names(page)
+    canvas, sent = page.canvas, page.canvas.bytes
+    canvas.draw()
+    assert canvas.bytes == sent  # nothing is sent twice
+    free = space.sample_free(8, np.random.default_rng(0))
+    for q in free:
+        page.page.move(q)
+        assert page.page.wait(60.0)
+        assert page.page._state.content.startswith("**FREE**")
+        np.testing.assert_allclose(canvas._body.position[: space.grid.dim], q[: space.grid.dim])
+    turned = len({int(space.rotations.cells_of(q)) for q in free}) > 1
+    assert (canvas.bytes > sent) == turned  # the cells change with the rotation alone
+    canvas.shown.discard("obstacles")
+    canvas.shown.add("mixed")
+    canvas.draw()
+    assert "/obstacles/whole" not in names(page)
+    assert "/mixed/whole" in names(page)
+
+
+def test_who_looks_closely_sees_small_blocks(viewer: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    canvas = viewer[1].canvas
+    monkeypatch.setattr(canvas._cells, "side", 4)
+    middle = (canvas.stage.lower + canvas.stage.upper) / 2
+    near, far = (np.add(middle, (0.0, 0.0, distance)) for distance in (0.6, 1e5))
+    canvas.forget()
+    assert canvas.look(middle, near, 0.7, 1.0)
+    assert not canvas.look(middle, near, 0.7, 1.0)
+    canvas.draw()
+    assert "/section/part" in names(viewer[1])
+    assert canvas.look(middle, far, 0.7, 1.0)
+    canvas.draw()
+    assert "/section/part" not in names(viewer[1])
+
+
+def test_plans_and_proofs(viewer: Any) -> None:
+    space, page = viewer
+    start, goal = page.page.marks["start"], page.page.marks["goal"]
+    assert space.path_exists(start, goal)
+    page.page._planner.ask()
+    assert page.page.wait(60.0)
+    assert page.page._proof.content == "**A path exists: proven.**"
+    assert page.plan is not None
+    assert page.plan.solved
+    assert "certified" in page.page._answer.content
+    assert "/path" in names(page)
+    page.page._go(1.0)
+    np.testing.assert_allclose(space.rotations.steps(page.canvas.robot, goal), 0.0, atol=1e-6)
+    page.page.mark("goal", np.array([1e3, *goal[1:]]))
+    page.page._planner.ask()
+    assert page.page.wait(60.0)
+    assert "lies outside the map" in page.page._answer.content  # and the page goes on
+    page.page.mark("goal", goal)
+    assert page.page.wait(60.0)
+
+
+def test_no_path_exists_is_said_to_be_proven() -> None:
+    occupied = np.zeros((30, 20), dtype=bool)
+    occupied[14:16] = True
+    space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), cspace.Robot.disc(0.2))
+    with space.view(block=False, port=0, start=(0.7, 1.0), goal=(2.3, 1.0)) as viewer:
+        assert viewer.page.wait(60.0)
+        assert viewer.page._proof.content == "**No path exists: proven.**"
+        viewer.page._planner.ask()
+        assert viewer.page.wait(60.0)
+        assert viewer.page._answer.content == "**No path exists: proven.**"
+        space.update(np.zeros((2, 20), dtype=bool), (14, 0))
+        viewer.refresh()
+        assert viewer.page.wait(60.0)
+        assert viewer.page._proof.content == "**A path exists: proven.**"
+        assert "/obstacles/whole" not in names(viewer)
+        assert repr(viewer) == f"Viewer({viewer.url})"
+        assert viewer.url in viewer._repr_html_()
+    viewer.close()
+    assert "closed" in viewer._repr_html_()
+
+
+def test_a_map_in_a_store(tmp_path: Path) -> None:
+    occupied = np.zeros((40, 30), dtype=bool)
+    occupied[20, :15] = True
+    workspace = cspace.Workspace.from_array(occupied, 0.1)
+    stored = cspace.build(workspace, cspace.Robot.disc(0.2), store=tmp_path / "map.zarr", tile=16)
+    with stored.view(block=False, port=0, start=(0.6, 0.6), goal=(3.4, 0.6)) as viewer:
+        viewer.page._planner.ask()
+        assert viewer.page.wait(60.0)
+        assert viewer.plan is not None
+        assert viewer.plan.solved
+        assert "Not done" not in viewer.page._answer.content
+        assert {"/section/whole", "/path"} <= names(viewer)
+
+
+def test_bad_input(tmp_path: Path) -> None:
+    space = room("R2")
+    space.save(tmp_path / "map.zarr")
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        with pytest.raises(InputError, match=f"port {port} is taken; .*; choose another"):
+            space.view(block=False, port=port)
+        told = run("view", tmp_path / "map.zarr", "--port", port)
+        assert (told.exit_code, told.stderr.count("\n")) == (2, 1)
+        assert told.stderr.startswith(f"cspace: --port {port} is taken")
+    for options, words in (
+        ({"port": 70_000}, "port is 70000"),
+        ({"port": True}, "port is True"),
+        ({"host": "198.51.100.7", "port": 0}, "address of this machine"),
+        ({"path": np.zeros((3, 3))}, "path has shape"),
+        ({"start": (0.0,)}, "start has shape"),
+        ({"goal": (0.0, np.nan)}, "goal"),
+    ):
+        with pytest.raises(InputError, match=words):
+            space.view(block=False, **options)
+    (tmp_path / "path.csv").write_text("x,y,z\n0,0,0\n1,1,1\n")
+    told = run("view", tmp_path / "map.zarr", "--path", tmp_path / "path.csv")
+    assert told.exit_code == 2
+    assert "the configurations of the map are x, y" in told.stderr
+
+
+def test_the_command_opens_a_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    space = room("R2")
+    space.save(tmp_path / "map.zarr")
+    free = space.sample_free(2, np.random.default_rng(0))
+    (tmp_path / "path.csv").write_text("x,y\n" + "\n".join(f"{x},{y}" for x, y in free.tolist()) + "\n")
+    seen: list[Viewer] = []
+
+    def wait(viewer: Viewer) -> None:
+        seen.append(viewer)
+        viewer.page.wait(60.0)
+        assert "/path" in names(viewer)
+        viewer.close()
+
+    monkeypatch.setattr(Viewer, "wait", wait)
+    told = run("view", tmp_path / "map.zarr", "--path", tmp_path / "path.csv", "--port", 0)
+    assert told.exit_code == 0, told.stderr
+    assert seen[0].url.startswith("http://127.0.0.1:")
+    np.testing.assert_allclose(seen[0].page.marks["goal"], free[1])
+
+
+def test_without_viser_the_extra_is_named() -> None:
+    code = """
+space = cspace.build(cspace.Workspace.from_array(np.zeros((9, 9), bool), 0.1), cspace.Robot.disc(0.1))
+try:
+    space.view(block=False)
+except cspace.MissingPackageError as error:
+    print(error)
+"""
+    assert 'pip install "cspace[view]"' in told_without("viser", code)

@@ -1,0 +1,38 @@
+"""Work in a thread: once for many that ask, and on after an error."""
+
+from __future__ import annotations
+
+import threading
+
+from cspace.view.worker import Worker
+
+
+def test_work_is_done_once_for_many() -> None:
+    done, go = [], threading.Event()
+
+    def work() -> None:
+        go.wait(10.0)
+        done.append(len(done))
+        if len(done) == 2:
+            raise ValueError("once")
+
+    failed: list[Exception] = []
+    worker = Worker(work, failed.append)
+    worker.ask()
+    for _ in range(50):
+        worker.ask()
+    assert not worker.wait(0.01)
+    go.set()
+    assert worker.wait(10.0)
+    assert 1 <= len(done) <= 2
+    while not failed:
+        worker.ask()
+        assert worker.wait(10.0)
+    count = len(done)
+    worker.ask()
+    assert worker.wait(10.0)
+    assert len(done) == count + 1
+    assert [str(error) for error in failed] == ["once"]
+    worker.close()
+    worker._thread.join(10.0)
+    assert not worker._thread.is_alive()
