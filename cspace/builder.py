@@ -19,12 +19,13 @@ from numpy.typing import ArrayLike
 from cspace.correlation import Correlation, Progress, Sides, sides_of
 from cspace.engines import ENGINES, METHODS
 from cspace.errors import InputError
+from cspace.grid import not_negative
 from cspace.map.contents import Contents
 from cspace.map.exterior import Exterior, check_outside
 from cspace.map.slices import Pair, Rasters, raster_parts, slice_rasters
 from cspace.map.storage import PackedStates, Stack
 from cspace.memory import SCRATCH_BYTES, TRANSFORM_BYTES, build_seconds, check_memory, is_packed, map_bytes
-from cspace.robot import Robot, check_margin
+from cspace.robot import GROWN, Robot
 from cspace.rotations import Rotations
 from cspace.space import CSpace
 from cspace.threads import cores, in_threads
@@ -144,7 +145,7 @@ def build(
     >>> space.is_free([1.0, 1.5])
     True
     """
-    margin, cells = check_margin(margin), Rotations.of(rotations)
+    margin, cells = not_negative(margin, "margin", GROWN), Rotations.of(rotations)
     _check(workspace, robot, cells, method, overlap, outside, workers)
     if store is not None:
         from cspace.tiles.build import Means, Settings, build_tiles

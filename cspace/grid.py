@@ -85,6 +85,20 @@ def positive(value: Any, name: str, unit: str = "metres") -> float:
     return float(array)
 
 
+def not_negative(value: Any, name: str, mend: str = "pass it in metres") -> float:
+    """``value`` as a float, zero or above.
+
+    Raises
+    ------
+    InputError
+        If it is not one number, not finite, or negative.
+    """
+    array = finite(value, name)
+    if array.ndim or array < 0.0:
+        raise InputError(name, f"is {value!r}", "it must be one number, zero or above", mend, value=value)
+    return float(array)
+
+
 @dataclass(frozen=True, slots=True)
 class Grid:
     """A box of closed cubic cells; cell ``i`` is ``lower + spacing * (i + [0, 1]^d)``.

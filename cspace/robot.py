@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.errors import FileError, InputError
-from cspace.grid import MAX_COORDINATE, finite, positive
+from cspace.grid import MAX_COORDINATE, not_negative, positive
 from cspace.raster.raster import Raster
 from cspace.rotations import STILL, Turn
 from cspace.shapes import Balls, Box, Bracketed, Mesh, Polygons, Shape, Voxels, shape_from_spec
@@ -27,6 +27,10 @@ if TYPE_CHECKING:
 
     from cspace.shapes.balls import BallSet
     from cspace.shapes.mesh import MeshLike, Solid
+
+
+GROWN: Final = "it grows the robot, in metres"
+"""What a margin is, for messages."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,10 +257,10 @@ class Robot:
         InputError
             If the padding is negative.
         """
-        from cspace.io.nav2 import check_padding, corners_of
+        from cspace.io.nav2 import corners_of
 
         corners = corners_of(footprint)
-        return cls.polygon(corners + check_padding(padding) * np.sign(corners), name=name)
+        return cls.polygon(corners + not_negative(padding, "padding") * np.sign(corners), name=name)
 
     @classmethod
     def from_nav2(cls, path: str | os.PathLike[str], costmap: str | None = None) -> Robot:
@@ -442,6 +446,17 @@ class Robot:
         """Whether every rotation about the reference point maps the robot to itself."""
         return self.shape.is_round
 
+    @property
+    def inscribed_radius(self) -> float:
+        """Radius of the circle around the reference point that fits into a robot in the plane, metres; 0 outside of it.
+
+        Discs count as polygons of 128 corners.
+        """
+        import shapely
+
+        shape, origin = self.shape.outline, shapely.Point(0.0, 0.0)
+        return float(shapely.distance(shape.boundary, origin)) if shapely.covers(shape, origin) else 0.0
+
     def rasters(self, spacing: float, margin: float = 0.0, turn: Turn = STILL) -> tuple[Raster, Raster]:
         """The discrete robot at a spacing, as :meth:`cspace.shapes.Shape.rasters` tells.
 
@@ -468,7 +483,7 @@ class Robot:
             reference point at that spacing.
         """
         side = positive(spacing, "spacing")
-        grown = check_margin(margin)
+        grown = not_negative(margin, "margin", GROWN)
         # A corner of the box round the origin is farther away than its sides, and may be turned onto an axis.
         far = (self.span * (1.0 if turn.matrix is None else math.sqrt(self.dim)) + grown) / side
         if not far <= MAX_COORDINATE:
@@ -479,26 +494,6 @@ class Robot:
                 "use a larger spacing, or check the robot's units (metres) and origin",
             )
         return self.shape.rasters(side, grown, turn)
-
-
-def check_margin(margin: float) -> float:
-    """``margin`` as a float, zero or above (metres).
-
-    Raises
-    ------
-    InputError
-        If it is not one number, not finite, or negative.
-    """
-    value = finite(margin, "margin")
-    if value.ndim or value < 0.0:
-        raise InputError(
-            "margin",
-            f"is {margin!r}",
-            "it must be one number, zero or above",
-            "it grows the robot, in metres",
-            value=margin,
-        )
-    return float(value)
 
 
 _SHORT: Final[dict[str, tuple[str, Callable[..., Robot]]]] = {

@@ -6,14 +6,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Unpack, overload
+from typing import TYPE_CHECKING, Any, Literal, TypedDict, TypeVar, Unpack, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.configuration_map import ConfigurationMap, Result
 from cspace.errors import ConfigurationError, InputError
-from cspace.grid import Grid, finite
+from cspace.grid import Grid, not_negative
 from cspace.map.batches import EDGES_A_THREAD, Ask, Many, One, answer, check_rng, in_pieces
 from cspace.map.contents import Contents
 from cspace.map.exterior import UNKNOWN, Exterior
@@ -26,7 +26,7 @@ from cspace.raster.raster import Raster
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.shapes import Shape, shape_of
-from cspace.states import FREE, NAMES
+from cspace.states import FREE, MIXED, NAMES
 from cspace.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from cspace.exact.queries import Exact
+    from cspace.io.messages import Costmap, OccupancyGrid
     from cspace.map.components import Components
     from cspace.map.mip import Marks, Mip
     from cspace.map.overlaps import Runs, Sums
@@ -47,6 +48,16 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 States = NDArray[np.uint8]
 Bools = NDArray[np.bool_]
+Message = TypeVar("Message")
+
+
+class CostmapOptions(TypedDict, total=False):
+    """What :meth:`CSpace.to_costmap` takes beside a message."""
+
+    inflation_radius: float
+    cost_scaling_factor: float
+    rotation: ArrayLike | None
+    frame_id: str
 
 
 class CSpace(ConfigurationMap):
@@ -291,11 +302,8 @@ class CSpace(ConfigurationMap):
         """
         from cspace.map.points import boxes_are_free
 
-        for name, value, unit in (("distance", distance, "metres"), ("angle", angle, "radians")):
-            if finite(value, name).ndim or value < 0.0:
-                rule = "it must be one number, zero or above"
-                raise InputError(name, f"is {value!r}", rule, f"pass it in {unit}", value=value)
-        kernel = in_pieces(partial(boxes_are_free, self._map, float(distance), float(angle)))
+        reach = not_negative(distance, "distance"), not_negative(angle, "angle", "pass it in radians")
+        kernel = in_pieces(partial(boxes_are_free, self._map, *reach))
         return answer(q, self.dof, kernel, np.bool_, bool)
 
     @overload
@@ -760,6 +768,118 @@ class CSpace(ConfigurationMap):
 
         with self._lock:
             export(self._contents, path, overwrite=overwrite, rotation=rotation)
+
+    @overload
+    def to_occupancy_grid(
+        self, msg: None = None, *, rotation: ArrayLike | None = None, frame_id: str = "map"
+    ) -> OccupancyGrid: ...
+    @overload
+    def to_occupancy_grid(
+        self, msg: Message, *, rotation: ArrayLike | None = None, frame_id: str = "map"
+    ) -> Message: ...
+    def to_occupancy_grid(
+        self, msg: Message | None = None, *, rotation: ArrayLike | None = None, frame_id: str = "map"
+    ) -> Message | OccupancyGrid:
+        """A map of the plane as an occupancy grid of ROS: FREE is 0, BLOCKED 100 and MIXED -1, which is unknown.
+
+        :meth:`Workspace.from_occupancy_grid` reads it back as the cells that are not FREE, or with ``unknown="free"``
+        as those that are BLOCKED.
+
+        Parameters
+        ----------
+        msg : object, optional
+            A message to fill, of ROS 1 or 2: what has the fields of ``nav_msgs/OccupancyGrid``. A new
+            :class:`cspace.io.messages.OccupancyGrid` if left out.
+        rotation : array-like, shape (k,), optional
+            Of a robot that turns: the one to take. If left out, 0 is free, and 100 blocked, at every rotation.
+        frame_id : str
+            Of the header, whose stamp is left as it is.
+
+        Returns
+        -------
+        object
+            The message.
+
+        Raises
+        ------
+        InputError
+            If the map is one in space, the message lacks a field, or ``rotation`` is none of the map.
+        """
+        from cspace.io.messages import OccupancyGrid, fill_occupancy_grid
+
+        state = self._flat_state() if rotation is None else self.slice_at(rotation)
+        return fill_occupancy_grid(state, self.grid, OccupancyGrid() if msg is None else msg, frame_id)
+
+    @overload
+    def to_costmap(self, msg: None = None, **options: Unpack[CostmapOptions]) -> Costmap: ...
+    @overload
+    def to_costmap(self, msg: Message, **options: Unpack[CostmapOptions]) -> Message: ...
+    def to_costmap(
+        self,
+        msg: Message | None = None,
+        *,
+        inflation_radius: float = 0.55,
+        cost_scaling_factor: float = 10.0,
+        rotation: ArrayLike | None = None,
+        frame_id: str = "map",
+    ) -> Message | Costmap:
+        """A map of the plane as a costmap of Nav2, inflated by the robot itself instead of by a circle.
+
+        254 is an obstacle, 255 unknown, 253 not proven free for the robot; a FREE cell costs
+        ``252 * exp(-cost_scaling_factor * clearance)``, rounded down, with the clearance of its middle, which stands
+        for Nav2's distance less the inscribed radius; and 0 farther from obstacles than ``inflation_radius``.
+
+        Parameters
+        ----------
+        msg : object, optional
+            A message to fill: what has the fields of ``nav2_msgs/Costmap``. A new :class:`cspace.io.messages.Costmap`
+            if left out.
+        inflation_radius : float
+            Metres from the obstacles, zero or above; the clearance and the radius of the robot's inscribed circle,
+            margin included, are held against it. The defaults of this and the next are Nav2's.
+        cost_scaling_factor : float
+            Per metre, zero or above.
+        rotation : array-like, shape (k,), optional
+            Of a robot that turns: the one to take. If left out, that of the largest clearance is, cell by cell; that
+            takes a look-up of the clearance for each cell and slice.
+        frame_id : str
+            Of the header, whose stamp is left as it is.
+
+        Returns
+        -------
+        object
+            The message.
+
+        Raises
+        ------
+        InputError
+            If the map is one in space, the message lacks a field, or an argument is not usable.
+        """
+        from cspace.io.messages import Costmap, costs_of, fill_costmap
+
+        radius = not_negative(inflation_radius, "inflation_radius")
+        scaling = not_negative(cost_scaling_factor, "cost_scaling_factor", "pass it per metre")
+        if self.grid.dim == 3:
+            raise InputError("the map", "is one in space", "a costmap is plane", "build one of the plane")
+        turns = self.rotations.centers[np.unique(self._slice_of, return_index=True)[1]]
+        turns = turns if rotation is None else self.rotations.checked(rotation).reshape(1, -1)
+        middles = np.stack(np.meshgrid(*map(self.grid.centers, range(2)), indexing="ij"), axis=-1)
+        clearance = np.zeros(self.grid.shape)
+        for turn in turns:
+            q = np.concatenate([middles, np.broadcast_to(turn, (*self.grid.shape, len(turn)))], axis=-1)
+            np.maximum(clearance, self.clearance(q), out=clearance)
+        inscribed = self.robot.inscribed_radius + self.margin
+        costs = costs_of(clearance, self.workspace.outer, self.workspace.unknown, inscribed, scaling, radius)
+        return fill_costmap(costs, self.grid, Costmap() if msg is None else msg, frame_id)
+
+    def _flat_state(self) -> States:
+        """State of each cell at all rotations together."""
+        least = np.array(self._seen[0])
+        most = least.copy()
+        for number in range(1, len(self._seen)):
+            np.minimum(least, self._seen[number], out=least)
+            np.maximum(most, self._seen[number], out=most)
+        return np.where(least == most, least, MIXED).astype(np.uint8)
 
     def plot(self, **options: Unpack[PlotOptions]) -> Axes:
         """Draw the map; see :func:`cspace.plot.plot`, which takes the same. No window is opened."""

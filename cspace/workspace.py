@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from shapely.geometry.base import BaseGeometry
 
+    from cspace.io.messages import GridMessage
     from cspace.plot.picture import WorkspaceOptions
     from cspace.shapes.balls import BallSet
     from cspace.shapes.mesh import MeshLike, Solid
@@ -231,6 +232,38 @@ class Workspace:
 
         grid, outer, inner, unseen = read_ros_map(path, unknown)
         return cls(grid, outer, inner, source=str(path), unknown=unseen)
+
+    @classmethod
+    def from_occupancy_grid(
+        cls, msg: GridMessage, unknown: str = "occupied", *, free_thresh: float = 0.25, occupied_thresh: float = 0.65
+    ) -> Workspace:
+        """An occupancy grid of ROS, as a message; ROS itself is not needed.
+
+        Parameters
+        ----------
+        msg : object
+            With the fields of ``nav_msgs/OccupancyGrid``, of ROS 1 or 2 or :class:`cspace.io.messages.OccupancyGrid`:
+            ``info.resolution``, ``width``, ``height`` and ``origin``, and ``data``, row by row in per cent, -1 where
+            nothing is known. A yaw of the origin is honoured as that of a ROS map is. A resolution in single precision,
+            as messages keep it, is the shortest number that becomes it: 0.05, and not 0.0500000007.
+        unknown : {"occupied", "free"}
+            What unknown cells are: those of -1, and those between the thresholds.
+        free_thresh, occupied_thresh : float
+            From 0 to 1: below the first, a cell is free; from the second on, it is occupied. The defaults are those of
+            Nav2's map saver. A costmap that Nav2 publishes is inflated already: with 0.995 and 1.0 only its obstacles
+            are occupied.
+
+        Raises
+        ------
+        InputError
+            If a field is missing or not as it must be, the origin is tilted, or an argument is not usable.
+        FileError
+            If a turned map takes more cells than are read, or than fit into memory.
+        """
+        from cspace.io.messages import read_occupancy_grid
+
+        grid, outer, inner, unseen = read_occupancy_grid(msg, unknown, free_thresh, occupied_thresh)
+        return cls(grid, outer, inner, source="occupancy grid", unknown=unseen)
 
     @classmethod
     def from_image(

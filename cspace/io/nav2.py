@@ -10,8 +10,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.errors import FileError, GeometryError, InputError
-from cspace.grid import finite, positive
+from cspace.errors import FileError, GeometryError
+from cspace.grid import finite, not_negative, positive
 from cspace.io.plain import read_yaml
 
 Floats = NDArray[np.float64]
@@ -64,22 +64,6 @@ def corners_of(footprint: str | ArrayLike, name: str = "footprint") -> Floats:
     return corners
 
 
-def check_padding(padding: float, name: str = "padding") -> float:
-    """``padding`` as a float, zero or above (metres).
-
-    Raises
-    ------
-    InputError
-        If it is no such number.
-    """
-    value = finite(padding, name)
-    if value.ndim or value < 0.0:
-        raise InputError(
-            name, f"is {padding!r}", "it must be one number, zero or above", "pass it in metres, e.g. 0.01"
-        )
-    return float(value)
-
-
 def read_nav2(path: str | os.PathLike[str], costmap: str | None = None) -> Base:
     """What a file of parameters says of the robot.
 
@@ -126,7 +110,7 @@ def _tables(value: Any, path: tuple[str, ...]) -> Iterator[tuple[str, Mapping[st
 
 def _base(table: Mapping[str, Any], place: str) -> Base:
     footprint: Any = table.get("footprint")
-    padding = check_padding(table.get("footprint_padding", PADDING), f"{place}: footprint_padding")
+    padding = not_negative(table.get("footprint_padding", PADDING), f"{place}: footprint_padding")
     if footprint in _NONE:
         return Base((), positive(table["robot_radius"], f"{place}: robot_radius"), padding)
     corners: Sequence[Sequence[float]] = corners_of(footprint, f"{place}: footprint").tolist()

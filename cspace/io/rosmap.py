@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -83,13 +83,57 @@ def read_ros_map(path: str | os.PathLike[str], unknown: str = "occupied") -> tup
     check_unknown(unknown)
     header = _read_header(path)
     free, occupied = MODES[header.mode](header, read_shades(header.image, "ROS map's image"))
+    try:
+        return on_grid(header.frame, free, occupied, unknown)
+    except InputError as error:
+        raise FileError(header.frame.source, str(error)) from error
+
+
+class Frame(NamedTuple):
+    """Where the cells of a map lie.
+
+    Attributes
+    ----------
+    source : str
+        What the map is, for messages.
+    resolution : float
+        Side of a cell, metres.
+    origin : tuple of float
+        Lower left corner of the first cell, metres.
+    yaw : float
+        By which the map is turned about that corner, radians.
+    """
+
+    source: str
+    resolution: float
+    origin: tuple[float, float]
+    yaw: float
+
+
+def on_grid(frame: Frame, free: Bools, occupied: Bools, unknown: str) -> tuple[Grid, Bools, Bools, Bools]:
+    """The cells of a map on an upright grid, as :func:`read_ros_map` returns them.
+
+    Parameters
+    ----------
+    frame : Frame
+    free, occupied : ndarray of bool, shape (nx, ny)
+        All others are unknown.
+    unknown : {"occupied", "free"}
+
+    Raises
+    ------
+    InputError
+        If no grid can lie there.
+    FileError
+        If it has more cells than are read, or than fit into memory.
+    """
     solid = ~free if unknown == "occupied" else occupied
-    turns = _quarter_turns(header.yaw, solid.shape)
+    turns = _quarter_turns(frame.yaw, solid.shape)
     if turns is None:
-        return _turned(header, solid, ~(free | occupied), beyond=unknown == "occupied")
-    lower, _ = _extent(header, solid.shape, *QUARTERS[turns])
+        return _turned(frame, solid, ~(free | occupied), beyond=unknown == "occupied")
+    lower, _ = _extent(frame, solid.shape, *QUARTERS[turns])
     cells = np.rot90(solid, turns)
-    return _grid(header, lower, cells.shape), cells, cells, np.rot90(~(free | occupied), turns)
+    return Grid(lower, frame.resolution, cells.shape), cells, cells, np.rot90(~(free | occupied), turns)
 
 
 def write_ros_map(state: ArrayLike, grid: Grid, path: str | os.PathLike[str], overwrite: bool = False) -> None:
@@ -149,12 +193,9 @@ def write_ros_map(state: ArrayLike, grid: Grid, path: str | os.PathLike[str], ov
 class _Header:
     """What the YAML file says."""
 
-    path: str
+    frame: Frame
     image: Path
     mode: str
-    resolution: float
-    origin: tuple[float, float]
-    yaw: float
     negate: bool
     occupied_thresh: float
     free_thresh: float
@@ -195,7 +236,8 @@ def _read_header(path: str | os.PathLike[str]) -> _Header:
         raise _fault(
             path, f"free_thresh is {free} and occupied_thresh is {occupied}", "free below occupied", "exchange them"
         )
-    return _Header(os.fspath(path), _beside(path, image), mode, resolution, (x, y), yaw, bool(negate), occupied, free)
+    frame = Frame(os.fspath(path), resolution, (x, y), yaw)
+    return _Header(frame, _beside(path, image), mode, bool(negate), occupied, free)
 
 
 def _beside(path: str | os.PathLike[str], image: str) -> Path:
@@ -270,55 +312,48 @@ def _quarter_turns(yaw: float, shape: tuple[int, ...]) -> int | None:
     return turns % 4 if error * math.hypot(*shape) <= SLACK / 64 else None
 
 
-def _extent(header: _Header, shape: tuple[int, ...], cos: float, sin: float) -> tuple[Floats, Floats]:
+def _extent(frame: Frame, shape: tuple[int, ...], cos: float, sin: float) -> tuple[Floats, Floats]:
     """Lower and upper corner of the box around the turned map, in metres."""
     corners = np.array([(0, 0), (shape[0], 0), shape, (0, shape[1])]) @ np.array([(cos, sin), (-sin, cos)])
     return (
-        np.asarray(header.origin + header.resolution * corners.min(axis=0)),
-        np.asarray(header.origin + header.resolution * corners.max(axis=0)),
+        np.asarray(frame.origin + frame.resolution * corners.min(axis=0)),
+        np.asarray(frame.origin + frame.resolution * corners.max(axis=0)),
     )
 
 
-def _turned(header: _Header, solid: Bools, unknown: Bools, beyond: bool) -> tuple[Grid, Bools, Bools, Bools]:
+def _turned(frame: Frame, solid: Bools, unknown: Bools, beyond: bool) -> tuple[Grid, Bools, Bools, Bools]:
     """The map turned by its yaw, on an upright grid; ``beyond`` tells whether the ground around it is solid."""
     from cspace.raster.bitmaps import boundary_segments
     from cspace.raster.segments import cells_touched_and_inside
 
-    cos, sin = math.cos(header.yaw), math.sin(header.yaw)
-    lower, upper = _extent(header, solid.shape, cos, sin)
+    cos, sin = math.cos(frame.yaw), math.sin(frame.yaw)
+    lower, upper = _extent(frame, solid.shape, cos, sin)
     # The corners are rounded, so that the grid is wider than their box by more than that.
-    counts = np.ceil((upper - lower) / header.resolution + 2.0 * SLACK)
+    counts = np.ceil((upper - lower) / frame.resolution + 2.0 * SLACK)
     middle = 0.5 * (lower + upper)
     shape = tuple(int(n) for n in counts)
-    check_cells(header.path, shape, memory=8.0)
-    grid = _grid(header, middle - 0.5 * header.resolution * counts, shape)
+    check_cells(frame.source, shape, memory=8.0)
+    grid = Grid(middle - 0.5 * frame.resolution * counts, frame.resolution, shape)
     # The border of whichever set lies within the turned map: the ground around it then needs no border of its own.
     bounded = ~solid if beyond else solid
     segments = boundary_segments(bounded, 1.0, (0.0, 0.0)).reshape(-1, 2)
-    turned = header.origin + header.resolution * (segments @ np.array([(cos, sin), (-sin, cos)]))
+    turned = frame.origin + frame.resolution * (segments @ np.array([(cos, sin), (-sin, cos)]))
     touched = inside = np.zeros(shape, dtype=np.bool_)
     if len(segments):
         touched, inside = cells_touched_and_inside(turned.reshape(-1, 4), grid)
     if beyond:
         inside = ~inside
-    return grid, touched | inside, inside & ~touched, _sampled(header, unknown, grid)
+    return grid, touched | inside, inside & ~touched, _sampled(frame, unknown, grid)
 
 
-def _sampled(header: _Header, cells: Bools, grid: Grid) -> Bools:
+def _sampled(frame: Frame, cells: Bools, grid: Grid) -> Bools:
     """Cells of a grid whose middle lies in a given cell of the turned map, or beyond it."""
-    cos, sin = math.cos(header.yaw), math.sin(header.yaw)
-    x, y = (grid.centers(axis) - header.origin[axis] for axis in range(2))
+    cos, sin = math.cos(frame.yaw), math.sin(frame.yaw)
+    x, y = (grid.centers(axis) - frame.origin[axis] for axis in range(2))
     found = np.ones(grid.shape, dtype=np.bool_)
     for column, along in enumerate(x):  # a column at a time: places of all cells would take 32 bytes each
-        places = np.stack([cos * along + sin * y, cos * y - sin * along], axis=-1) / header.resolution
+        places = np.stack([cos * along + sin * y, cos * y - sin * along], axis=-1) / frame.resolution
         cell = np.floor(places).astype(np.int64)
         within = ((cell >= 0) & (cell < cells.shape)).all(axis=-1)
         found[column, within] = cells[tuple(cell[within].T)]
     return found
-
-
-def _grid(header: _Header, lower: ArrayLike, shape: tuple[int, ...]) -> Grid:
-    try:
-        return Grid(lower, header.resolution, shape)
-    except InputError as error:
-        raise FileError(header.path, str(error)) from error

@@ -1,0 +1,304 @@
+"""ROS messages without ROS: what has the fields of ``nav_msgs/OccupancyGrid`` is read, and filled; so is a costmap.
+
+The classes here have the fields of the messages of ROS 2 of the same names, for those who have no ROS at hand.
+"""
+
+from __future__ import annotations
+
+import math
+from array import array
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cspace.errors import InputError
+from cspace.grid import Grid, finite, not_negative, positive
+from cspace.io.input import check_unknown
+from cspace.io.rosmap import Frame, on_grid
+from cspace.states import BLOCKED, FREE, MIXED
+
+Bools = NDArray[np.bool_]
+Floats = NDArray[np.float64]
+Message = TypeVar("Message")
+
+LETHAL, INSCRIBED, NO_INFORMATION = 254, 253, 255
+"""Costs of Nav2: an obstacle is there; a robot there is in collision, however it is turned; nothing is known."""
+
+OCCUPANCY: Final = {FREE: 0, MIXED: -1, BLOCKED: 100}
+"""Value of each state in an occupancy grid, in per cent; -1 is unknown."""
+
+_TILT: Final = 1e-6
+"""Components of a quaternion, of norm 1, below which a map is taken to lie flat."""
+
+
+@dataclass
+class Time:
+    """builtin_interfaces/Time."""
+
+    sec: int = 0
+    nanosec: int = 0
+
+
+@dataclass
+class Header:
+    """std_msgs/Header."""
+
+    stamp: Time = field(default_factory=Time)
+    frame_id: str = ""
+
+
+@dataclass
+class Point:
+    """geometry_msgs/Point."""
+
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+
+
+@dataclass
+class Quaternion:
+    """geometry_msgs/Quaternion."""
+
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+    w: float = 1.0
+
+
+@dataclass
+class Pose:
+    """geometry_msgs/Pose."""
+
+    position: Point = field(default_factory=Point)
+    orientation: Quaternion = field(default_factory=Quaternion)
+
+
+@dataclass
+class MapMetaData:
+    """nav_msgs/MapMetaData."""
+
+    map_load_time: Time = field(default_factory=Time)
+    resolution: float = 0.0
+    width: int = 0
+    height: int = 0
+    origin: Pose = field(default_factory=Pose)
+
+
+@dataclass
+class OccupancyGrid:
+    """nav_msgs/OccupancyGrid: per cent of occupancy row by row, from the cell of the lowest x and y; -1 is unknown."""
+
+    header: Header = field(default_factory=Header)
+    info: MapMetaData = field(default_factory=MapMetaData)
+    data: array[int] = field(default_factory=lambda: array("b"), repr=False)
+
+
+@dataclass
+class CostmapMetaData:
+    """nav2_msgs/CostmapMetaData."""
+
+    map_load_time: Time = field(default_factory=Time)
+    update_time: Time = field(default_factory=Time)
+    layer: str = ""
+    resolution: float = 0.0
+    size_x: int = 0
+    size_y: int = 0
+    origin: Pose = field(default_factory=Pose)
+
+
+@dataclass
+class Costmap:
+    """nav2_msgs/Costmap: costs from 0 to 255 row by row, from the cell of the lowest x and y."""
+
+    header: Header = field(default_factory=Header)
+    metadata: CostmapMetaData = field(default_factory=CostmapMetaData)
+    data: array[int] = field(default_factory=lambda: array("B"), repr=False)
+
+
+class GridMessage(Protocol):
+    """What has the fields of ``nav_msgs/OccupancyGrid``; each is looked up by its name."""
+
+    @property
+    def info(self) -> object: ...
+    @property
+    def data(self) -> object: ...
+
+
+def read_occupancy_grid(
+    msg: GridMessage, unknown: str, free_thresh: float, occupied_thresh: float
+) -> tuple[Grid, Bools, Bools, Bools]:
+    """The cells of a message, as :func:`cspace.io.rosmap.read_ros_map` returns them.
+
+    Parameters
+    ----------
+    msg, unknown, free_thresh, occupied_thresh
+        As for :meth:`cspace.Workspace.from_occupancy_grid`.
+
+    Raises
+    ------
+    InputError
+        If a field is missing or not as it must be, or another argument is not usable.
+    """
+    check_unknown(unknown)
+    low, high = not_negative(free_thresh, "free_thresh", ""), not_negative(occupied_thresh, "occupied_thresh", "")
+    if not 0.0 <= low < high <= 1.0:
+        rule = "free_thresh must be below occupied_thresh, both from 0 to 1"
+        raise InputError("free_thresh", f"is {low:g} and occupied_thresh is {high:g}", rule, "pass e.g. 0.25 and 0.65")
+    width, height = (_size(msg, name) for name in ("width", "height"))
+    values = _values(_field(msg, "data"))
+    if values.shape != (width * height,):
+        rule = f"it must have one value for each of width x height = {width} x {height} cells"
+        raise InputError("msg.data", f"has shape {values.shape}", rule, "pass the message whole")
+    percent = values.reshape(height, width).T
+    known = (percent >= 0) & (percent <= 100)
+    free, occupied = known & (percent / 100.0 < low), known & (percent / 100.0 >= high)
+    x, y = (float(finite(_field(msg, f"info.origin.position.{k}"), f"msg.info.origin.position.{k}")) for k in "xy")
+    return on_grid(Frame("msg", _resolution(msg), (x, y), _yaw(msg)), free, occupied, unknown)
+
+
+def fill_occupancy_grid(state: NDArray[np.uint8], grid: Grid, msg: Message, frame_id: str) -> Message:
+    """The message with a map of states in it: free 0, undecided -1, blocked 100.
+
+    Parameters
+    ----------
+    state : ndarray of uint8, shape (nx, ny)
+    grid : Grid
+    msg : object
+        With the fields of ``nav_msgs/OccupancyGrid``; it is changed.
+    frame_id : str
+
+    Raises
+    ------
+    InputError
+        If the grid is not plane, or a field is missing.
+    """
+    values = np.array([OCCUPANCY[each] for each in sorted(OCCUPANCY)], dtype=np.int8)
+    fields = {"info.width": grid.shape[0], "info.height": grid.shape[1]}
+    return _filled(msg, "nav_msgs/OccupancyGrid", values[state], grid, "info", fields, frame_id)
+
+
+def fill_costmap(costs: NDArray[np.uint8], grid: Grid, msg: Message, frame_id: str) -> Message:
+    """The message with a map of costs in it; as :func:`fill_occupancy_grid`, of ``nav2_msgs/Costmap``."""
+    fields = {"metadata.size_x": grid.shape[0], "metadata.size_y": grid.shape[1]}
+    return _filled(msg, "nav2_msgs/Costmap", costs, grid, "metadata", fields, frame_id)
+
+
+def costs_of(
+    clearance: Floats, lethal: Bools, unknown: Bools | None, inscribed: float, scaling: float, radius: float
+) -> NDArray[np.uint8]:
+    """Costs of Nav2's inflation layer.
+
+    Parameters
+    ----------
+    clearance : ndarray of float64, shape (nx, ny)
+        Metres; zero where a robot may be in collision.
+    lethal : ndarray of bool, shape (nx, ny)
+        Cells that meet an obstacle.
+    unknown : ndarray of bool, shape (nx, ny), or None
+        Cells that nothing is known of.
+    inscribed : float
+        Radius of the robot's inscribed circle, metres.
+    scaling, radius : float
+        ``cost_scaling_factor``, per metre, and ``inflation_radius``, metres, from the obstacles.
+
+    Returns
+    -------
+    ndarray of uint8, shape (nx, ny)
+    """
+    costs = ((INSCRIBED - 1) * np.exp(-scaling * clearance)).astype(np.uint8)
+    costs[clearance + inscribed > radius] = 0
+    taken = clearance <= 0.0
+    costs[taken] = INSCRIBED
+    costs[taken & lethal] = LETHAL
+    if unknown is not None:
+        costs[taken & unknown] = NO_INFORMATION
+    return costs
+
+
+def _field(msg: object, path: str) -> Any:
+    """A field of a message, by the names on the way to it."""
+    value = msg
+    for name in path.split("."):
+        try:
+            value = getattr(value, name)
+        except AttributeError as error:
+            raise _lacking("msg", path, "nav_msgs/OccupancyGrid") from error
+    return value
+
+
+def _lacking(argument: str, path: str, kind: str) -> InputError:
+    return InputError(argument, f"has no {path}", f"it must have the fields of {kind}", "pass such a message")
+
+
+def _size(msg: object, name: str) -> int:
+    value = _field(msg, f"info.{name}")
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
+        raise InputError(f"msg.info.{name}", f"is {value!r}", "it must be a whole number above zero", "fill it")
+    return int(value)
+
+
+def _values(data: ArrayLike) -> NDArray[np.int64] | NDArray[np.int8]:
+    """The data of a message, whatever holds its whole numbers."""
+    try:
+        values = np.asarray(data)
+    except ValueError as error:
+        raise InputError("msg.data", "is not one list of numbers", "it must be", "pass the message whole") from error
+    if values.dtype.kind not in "iu":
+        found = f"holds values of type {values.dtype}"
+        raise InputError("msg.data", found, "they must be whole numbers, from -1 to 100", "round them")
+    return values
+
+
+def _resolution(msg: object) -> float:
+    """The side of a cell; a message keeps it in single precision, of which the shortest number is what was meant."""
+    value = positive(_field(msg, "info.resolution"), "msg.info.resolution")
+    single = np.float32(value)
+    return float(str(single)) if float(single) == value else value
+
+
+def _yaw(msg: object) -> float:
+    """By how much the map is turned; a quaternion of zeros, as messages have it that nobody filled, is none."""
+    place = "info.origin.orientation"
+    x, y, z, w = finite([_field(msg, f"{place}.{name}") for name in "xyzw"], f"msg.{place}").tolist()
+    norm = math.hypot(x, y, z, w)
+    if norm == 0.0:
+        return 0.0
+    if max(abs(x), abs(y)) > _TILT * norm:
+        rule = "a map lies flat, and is turned about z alone"
+        raise InputError(f"msg.{place}", f"is ({x:g}, {y:g}, {z:g}, {w:g}), which is tilted", rule, "set x and y to 0")
+    return 2.0 * math.atan2(z, w)
+
+
+def _filled(
+    msg: Message,
+    kind: str,
+    cells: NDArray[np.int8] | NDArray[np.uint8],
+    grid: Grid,
+    about: str,
+    fields: Mapping[str, object],
+    frame_id: str,
+) -> Message:
+    if cells.shape != grid.shape[:2]:
+        raise InputError("the map", "is one in space", f"{kind} is plane", "cut it, or export another format")
+    origin = f"{about}.origin"
+    every = {
+        "header.frame_id": frame_id,
+        f"{about}.resolution": grid.spacing,
+        **fields,
+        **{f"{origin}.position.{name}": x for name, x in zip("xyz", (*grid.lower, 0.0), strict=True)},
+        **{f"{origin}.orientation.{name}": x for name, x in zip("xyzw", (0.0, 0.0, 0.0, 1.0), strict=True)},
+        "data": array({"i": "b", "u": "B"}[cells.dtype.kind], cells.T.tobytes()),
+    }
+    for path, value in every.items():
+        *way, last = path.split(".")
+        target: object = msg
+        for name in way:
+            target = getattr(target, name, None)
+        if not hasattr(target, last):
+            raise _lacking("msg", path, kind)
+        setattr(target, last, value)
+    return msg

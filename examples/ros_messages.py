@@ -1,0 +1,59 @@
+"""From ROS messages to a plan and a costmap, without ROS: ``python examples/ros_messages.py [--output FOLDER]``.
+
+In a node, ``msg`` comes from a topic: ``self.create_subscription(OccupancyGrid, "map", self.on_map, 1)``.
+"""
+
+import argparse
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import cspace
+import planners
+from cspace.io.messages import OccupancyGrid
+from cspace.plot import plot
+
+FOOTPRINT = "[[0.45, 0.25], [0.45, -0.25], [-0.25, -0.25], [-0.25, 0.25]]"  # as in nav2_params.yaml
+
+
+def on_map() -> OccupancyGrid:
+    """Two rooms of 9 m by 6 m in all, and a corner that no sensor saw: 0 is free, 100 occupied, -1 unknown."""
+    cells = np.zeros((120, 180), dtype=np.int8)  # rows from the lowest y, 0.05 m each
+    cells[[0, -1], :] = cells[:, [0, -1]] = 100
+    cells[:80, 88:92] = cells[60:64, 120:150] = cells[30:44, 30:44] = 100
+    cells[95:, :35] = -1
+    msg = OccupancyGrid()
+    msg.info.resolution, (msg.info.height, msg.info.width) = 0.05, cells.shape
+    msg.info.origin.position.x, msg.info.origin.position.y = -4.5, -3.0
+    msg.data.frombytes(cells.tobytes())
+    return msg
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="From ROS messages to a plan and a costmap, without ROS.")
+    parser.add_argument("--output", type=Path, default=Path(__file__).parent / "output")
+    options = parser.parse_args()
+    options.output.mkdir(parents=True, exist_ok=True)
+
+    workspace = cspace.Workspace.from_occupancy_grid(on_map())
+    robot = cspace.Robot.from_footprint(FOOTPRINT, padding=0.01)
+    space = cspace.build(workspace, robot, rotations=36)
+    plan = planners.plan(space, (-3.5, -2.0, 0.0), (3.5, -2.0, 0.0), drive="differential", time_limit=5, seed=1)
+    print(f"{space}\n{plan}")
+
+    costmap = space.to_costmap(cost_scaling_factor=3.0, inflation_radius=0.8)  # or to_costmap(nav2_msgs.msg.Costmap())
+    costs = np.array(costmap.data).reshape(costmap.metadata.size_y, costmap.metadata.size_x)
+    figure, (left, right) = plt.subplots(1, 2, figsize=(13, 4.6), layout="constrained")
+    plot(space, ax=left, path=plan, rotation=0.0)
+    left.set_title("A footprint of Nav2, and a path that it can drive")
+    (x0, y0), (x1, y1) = space.grid.lower, space.grid.upper
+    shown = right.imshow(costs, origin="lower", extent=(x0, x1, y0, y1), cmap="viridis")
+    figure.colorbar(shown, ax=right, label="cost: 254 obstacle, 253 in collision, 255 unknown")
+    right.set(title="The costmap that it makes", xlabel="x [m]", ylabel="y [m]")
+    figure.savefig(options.output / "ros_messages.png", dpi=110)
+    print(options.output / "ros_messages.png")
+
+
+if __name__ == "__main__":
+    main()
