@@ -8,6 +8,8 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.colors import ListedColormap, to_rgba
+from matplotlib.patches import Patch
 
 import cspace
 import planners
@@ -44,13 +46,18 @@ def main() -> None:
 
     costmap = space.to_costmap(cost_scaling_factor=3.0, inflation_radius=0.8)  # or to_costmap(nav2_msgs.msg.Costmap())
     costs = np.array(costmap.data).reshape(costmap.metadata.size_y, costmap.metadata.size_x)
-    figure, (left, right) = plt.subplots(1, 2, figsize=(13, 4.6), layout="constrained")
+    colors = plt.get_cmap("YlOrBr")(np.linspace(0.0, 0.8, 256))
+    colors[253:] = [to_rgba(color) for color in ("#a6d3ee", "#262626", "#4a5a56")]
+    figure, (left, right) = plt.subplots(1, 2, figsize=(14, 3.9), layout="constrained", width_ratios=(1, 1.13))
     plot(space, ax=left, path=plan, rotation=0.0)
     left.set_title("A footprint of Nav2, and a path that it can drive")
     (x0, y0), (x1, y1) = space.grid.lower, space.grid.upper
-    shown = right.imshow(costs, origin="lower", extent=(x0, x1, y0, y1), cmap="viridis")
-    figure.colorbar(shown, ax=right, label="cost: 254 obstacle, 253 in collision, 255 unknown")
-    right.set(title="The costmap that it makes", xlabel="x [m]", ylabel="y [m]")
+    shown = right.imshow(costs, origin="lower", extent=(x0, x1, y0, y1), cmap=ListedColormap(colors), vmin=0, vmax=255)
+    figure.colorbar(shown, ax=right, label="cost")
+    special = {253: "253, in collision", 254: "254, obstacle", 255: "255, unknown"}
+    handles = [Patch(color=colors[cost], label=label) for cost, label in special.items()]
+    right.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=3, frameon=False)
+    right.set(title="The costmap of that robot", xlabel="x (m)", ylabel="y (m)")
     figure.savefig(options.output / "ros_messages.png", dpi=110)
     print(options.output / "ros_messages.png")
 
