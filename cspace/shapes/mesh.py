@@ -266,7 +266,7 @@ class Mesh(Shape):
         found = self._index.near(lower, upper)
         corners = self.vertices[self.faces[found]]
         meets = (corners.min(axis=1) <= upper).all(axis=1) & (corners.max(axis=1) >= lower).all(axis=1)
-        return found[meets]
+        return np.asarray(found[meets])
 
     @cached_property
     def _index(self) -> Buckets:
