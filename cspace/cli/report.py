@@ -81,7 +81,9 @@ def progress_line(words: str, cells: int = 0) -> Iterator[Callable[[int, int], N
                 # What was there before this run took none of its time.
                 began[:] = began if began[0] == began[0] else [time.perf_counter(), done]
                 seconds = max(time.perf_counter() - began[0], 1e-9)
-                said = f"{words}: {done} of {total} tiles, {(done - began[1]) / total * cells / seconds:.3g} cells/s"
+                said = f"{words}: {done} of {total} tiles"
+                if done > began[1]:
+                    said += f", {(done - began[1]) / total * cells / seconds:.3g} cells/s"
             bar.update(task, description=said, completed=done, total=total)
 
         level, listener = LOGGER.level, Listener()

@@ -130,9 +130,15 @@ class Lazy:
             getattr(getattr(array, "file", None), "filename", None),  # h5py
             encoding.get("source") if isinstance(encoding, dict) else None,  # xarray
         ]
-        if (root := getattr(getattr(array, "store", None), "root", None)) is not None:  # zarr, in a folder
-            named.append(Path(root) / getattr(array, "path", ""))
+        if self._root is not None:
+            named.append(self._root / getattr(array, "path", ""))
         return [Path(os.fspath(name)).absolute() for name in named if name and Path(os.fspath(name)).exists()]
+
+    @property
+    def _root(self) -> Path | None:
+        """The folder of an array of zarr."""
+        root = getattr(getattr(self.array, "store", None), "root", None)
+        return None if root is None else Path(root).absolute()
 
     def __reduce__(self) -> tuple[Any, ...]:
         array = self.array
@@ -151,7 +157,9 @@ class Lazy:
                 array.strides,
             )
         if type(array).__module__.startswith("h5py"):
-            return _opened, (array.file.filename, array.name)
+            return _opened, (str(Path(array.file.filename).absolute()), array.name)
+        if self._root is not None:
+            return _stored, (str(self._root), array.path)
         return Lazy, (array,)
 
 
@@ -176,6 +184,13 @@ def _opened(file: str, name: str) -> Lazy:
     import h5py
 
     return Lazy(h5py.File(file, "r")[name])
+
+
+def _stored(folder: str, path: str) -> Lazy:
+    """An array of a folder in the Zarr format."""
+    import zarr
+
+    return Lazy(zarr.open_array(folder, path=path, mode="r"))
 
 
 def _watched(file: Path) -> Iterable[Path]:

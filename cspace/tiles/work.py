@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import itertools
 import pickle
+import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from cspace import __version__
 from cspace.compiling import reader
 from cspace.correlation import Correlation, sides_of
-from cspace.errors import CspaceError, InputError, MissingPackageError
+from cspace.errors import CspaceError, FileError, InputError, MissingPackageError
 from cspace.map.slices import Pair, slice_rasters
 from cspace.memory import KEEP, free_bytes, in_words
 from cspace.states import BLOCKED, MIXED
@@ -41,6 +42,12 @@ SMALL: Final = 2**18
 
 AHEAD: Final = 1024
 """Tasks that a scheduler is told of at a time."""
+
+PATIENCE: Final = 60.0
+"""Seconds without any worker after which a cluster is given up."""
+
+PAUSE: Final = 0.02
+"""Seconds between two looks at what a cluster has done."""
 
 
 @reader
@@ -213,22 +220,48 @@ def _too_large(job: Job, needed: float, free: float) -> InputError:
 
 
 class _Task:
-    """A task as it is sent to a worker."""
+    """A task as a worker has it, which opens the store once.
 
-    def __init__(self, task: Callable[[Job, Index], Any], job: Job) -> None:
-        self.task, self.path, self.source = task, str(job.store.path.resolve()), job.source
-        self.version = __version__
-        self._job: Job | None = None
+    Parameters
+    ----------
+    task : callable
+    path : str
+        Of the store.
+    source : Source
+    """
+
+    def __init__(self, task: Callable[[Job, Index], Any], path: str, source: Source) -> None:
+        self._task, self._path, self._source = task, path, source
+
+    @cached_property
+    def job(self) -> Job:
+        return Job(Store.open(self._path), self._source)
 
     def __call__(self, index: Index) -> Any:
-        if self.version != __version__:
-            raise _other_version({__version__})
-        if self._job is None:
-            self._job = Job(Store.open(self.path), self.source)
-        return self.task(self._job, index)
+        return self._task(self.job, index)
 
-    def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_job": None}
+
+@lru_cache(1)
+def _task_of(content: bytes) -> _Task:
+    """The task that was sent."""
+    try:
+        task: _Task = pickle.loads(content)
+    except OSError as error:
+        rule = "all machines must see the folders of the workspace and of the store"
+        mend = "put them into a folder that is shared, or build without a client"
+        found = f"cannot be read where tiles are made: {error.strerror or error}"
+        raise FileError(str(error.filename or "the workspace"), found, rule, mend) from error
+    return task
+
+
+def perform(content: bytes, index: Index) -> Any:
+    """What a task that was sent gives for a tile; called where the version of cspace is that of the sender."""
+    try:
+        return _task_of(content)(index)
+    except CspaceError as error:
+        # What it came from may be anything, and cannot always be sent back.
+        error.__cause__ = error.__context__ = None
+        raise
 
 
 def _other_version(found: set[Any]) -> CspaceError:
@@ -239,6 +272,15 @@ def _other_version(found: set[Any]) -> CspaceError:
         f"all must have cspace {__version__}, as this process has",
         "install it where the workers run, and start them again",
         value=found,
+    )
+
+
+def _lost(what: str) -> CspaceError:
+    return InputError(
+        "client",
+        f"lost its scheduler or its workers ({what})",
+        "tiles are made on the workers of a cluster that runs",
+        "start it again, and run the same again: what is done is kept",
     )
 
 
@@ -257,28 +299,32 @@ def _on_cluster(
     except ImportError as error:
         raise MissingPackageError("dask", "distributed") from error
 
-    def ask(dask_worker: Any) -> tuple[Any, Any]:  # sent as it stands, for workers that have no cspace
+    # A worker goes down with what it cannot unpickle. So these two functions, which are sent as they stand, ask first
+    # whether there is a cspace, and which one; and all else is sent as bytes.
+
+    def version_there() -> str | None:
         try:
             import cspace
-
-            version = cspace.__version__
         except ImportError:
-            version = None
-        limit = getattr(dask_worker.memory_manager, "memory_limit", None)
-        return version, limit and limit / max(1, dask_worker.state.nthreads)
+            return None
+        return cspace.__version__
 
-    def gone(error: BaseException) -> CspaceError:
-        return InputError(
-            "client",
-            f"lost its scheduler or its workers ({type(error).__name__}: {error})",
-            "tiles are made on the workers of a cluster that runs",
-            "start it again, and run the same again: what is done is kept",
-        )
+    def room(dask_worker: Any) -> tuple[str | None, Any]:
+        limit = getattr(dask_worker.memory_manager, "memory_limit", None)
+        return version_there(), limit and limit / max(1, dask_worker.state.nthreads)
+
+    def call(content: bytes, version: str, index: Index) -> tuple[str | None, Any]:
+        found = version_there()
+        if found != version:
+            return found, None
+        from cspace.tiles.work import perform
+
+        return found, perform(content, index)
 
     futures: dict[Any, int] = {}
     results: list[Any] = [None] * len(todo)
     try:
-        told = client.run(ask).values()
+        told = client.run(room).values()
         if not told:
             raise InputError(
                 "client", "has no workers", "tiles are made on them", "start some, e.g. dask worker ADDRESS"
@@ -288,38 +334,42 @@ def _on_cluster(
         free, needed = min((limit for _, limit in told if limit), default=0), job.bytes_needed()
         if free and needed > free:
             raise _too_large(job, needed, free)
-        sent: Any = _Task(task, job)
-        if len(pickle.dumps(sent)) > SMALL:
+        sent: Any = pickle.dumps(_Task(task, str(job.store.path.resolve()), job.source))
+        if len(sent) > SMALL:
             # To all workers: what a single one has is lost with it.
             sent = client.scatter(sent, hash=False, broadcast=True)
         waiting = iter(enumerate(todo))
         running: Any = distributed.as_completed([])  # type: ignore[no-untyped-call]
 
-        def submit() -> None:
-            for number, index in itertools.islice(waiting, 1):
-                future = client.submit(_call, sent, index, pure=False, retries=3)
+        def submit(count: int) -> None:
+            for number, index in itertools.islice(waiting, count):
+                future = client.submit(call, sent, __version__, index, pure=False, retries=3)
                 futures[future] = number
                 running.add(future)
 
-        for _ in range(AHEAD):
-            submit()
-        for done, future in enumerate(running, start=1):
-            results[futures.pop(future)] = future.result()
-            submit()
-            if progress is not None:
-                progress(done)
+        submit(AHEAD)
+        done, since = 0, time.monotonic()
+        while futures:
+            for future in running.next_batch(block=False):
+                number = futures.pop(future)
+                version, results[number] = future.result()
+                if version != __version__:  # of one that came later
+                    raise _other_version({version})
+                submit(1)
+                done, since = done + 1, time.monotonic()
+                if progress is not None:
+                    progress(done)
+            if time.monotonic() - since > PATIENCE and not client.scheduler_info()["workers"]:
+                raise _lost(f"none for {PATIENCE:g} s")
+            time.sleep(PAUSE)
         return results
     except CspaceError:
         raise
     except Exception as error:
         # What a client says of a scheduler that went away in the midst of its work may be anything.
         if isinstance(error, KilledWorker | CancelledError | OSError | TimeoutError) or client.status != "running":
-            raise gone(error) from error
+            raise _lost(f"{type(error).__name__}: {error}") from error
         raise
     finally:
         with suppress(Exception):  # the scheduler may be gone
             client.cancel(list(futures))
-
-
-def _call(task: _Task, index: Index) -> Any:
-    return task(index)

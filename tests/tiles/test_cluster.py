@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
-import multiprocessing
+import json
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
+from contextlib import suppress
+from pathlib import Path
 
 import numpy as np
 import pytest
+import zarr
 
 import cspace
+from commands import run
 from cspace.errors import CspaceError, InputError
 from tiles.test_build import CAR, check_half_done, random_workspace, same_states
 
 dask = pytest.importorskip("dask")
 distributed = pytest.importorskip("distributed")
+ROOT = Path(cspace.__file__).parents[1]
 pytestmark = [
     pytest.mark.filterwarnings("ignore::DeprecationWarning"),
     pytest.mark.filterwarnings("ignore::ResourceWarning"),
@@ -59,42 +66,125 @@ def test_a_worker_is_killed(client, tmp_path):
     same_states(tmp_path / "m", cspace.build(workspace, CAR, rotations=8))
 
 
-def test_other_versions_and_too_little_memory(client, tmp_path, monkeypatch):
-    workspace = random_workspace((90, 90))
+def test_too_little_memory(client, tmp_path):
     large = cspace.Workspace.from_array(pytest.importorskip("dask.array").zeros((20_000, 20_000), dtype=bool), 0.1)
     with pytest.raises(InputError, match="use a smaller tile"):
         cspace.build(large, CAR, store=tmp_path / "b", tile=20_000, client=client)
-    monkeypatch.setattr("cspace.tiles.work.__version__", "0.0.9")
-    with pytest.raises(InputError, match=r"workers with cspace 0\.1\.0; all must have cspace 0\.0\.9"):
-        cspace.build(workspace, CAR, store=tmp_path / "m", client=client)
 
 
-def run_cluster(addresses):
-    """A scheduler and a worker in this process, until it is killed."""
-    options = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": None, "processes": False}
-    with distributed.LocalCluster(**options, protocol="tcp") as cluster:
-        addresses.put(cluster.scheduler_address)
-        threading.Event().wait()
+# ---- as it is started from the command line --------------------------------------------------------------------------
 
 
-def test_the_scheduler_is_killed(tmp_path):
+class Live:
+    """A scheduler and workers, each of them a process of its own."""
+
+    def __init__(self, folder):
+        self.folder, self.processes = folder, []
+        self.start("scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(folder / "scheduler"))
+        while not (folder / "scheduler").exists():
+            time.sleep(0.05)
+        self.address = json.loads((folder / "scheduler").read_text())["address"]
+
+    def start(self, *words, code=ROOT):
+        """Run ``dask``, somewhere else than here, with a folder of code."""
+        command = [sys.executable, "-m", "dask", *words, "--no-dashboard"]
+        with (self.folder / "log").open("a") as log:
+            environment = {**os.environ, "PYTHONPATH": str(code)}
+            self.processes.append(subprocess.Popen(command, cwd="/", env=environment, stdout=log, stderr=log))
+        return self.processes[-1]
+
+    def worker(self, code=ROOT):
+        options = ("--nthreads", "1", "--memory-limit", "2GB", "--no-nanny", "--local-directory", str(self.folder))
+        return self.start("worker", self.address, *options, code=code)
+
+    def client(self, workers):
+        made = distributed.Client(self.address)
+        made.wait_for_workers(workers, timeout=60)
+        return made
+
+
+@pytest.fixture(scope="module")
+def live(tmp_path_factory):
+    made = Live(tmp_path_factory.mktemp("live"))
+    yield made
+    for process in made.processes:
+        process.kill()
+        process.wait()
+
+
+@pytest.mark.parametrize(
+    ("code", "version"), [('__version__ = "0.0.9"', r"0\.0\.9"), ("raise ImportError", "none")], ids=["older", "none"]
+)
+def test_a_worker_with_another_cspace(live, code, version, tmp_path):
+    """One that is there is told of before any work; one that comes later, when it is given a tile."""
+    (tmp_path / "cspace").mkdir()
+    (tmp_path / "cspace" / "__init__.py").write_text(code)
+    workspace, told = random_workspace((90, 90)), rf"workers with cspace {version}; all must have cspace 0\.1\.0"
+    other = live.worker(tmp_path)
+    with live.client(1) as client:
+        with pytest.raises(InputError, match=told):
+            cspace.build(workspace, CAR, store=tmp_path / "m", client=client)
+        with pytest.MonkeyPatch.context() as patch, pytest.raises(InputError, match=told):
+            patch.setattr(client, "run", lambda function: {"tcp://there-before": (cspace.__version__, None)})
+            cspace.build(workspace, CAR, store=tmp_path / "m", client=client)
+        assert client.scheduler_info()["workers"]  # it has not gone down with what it was sent
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("cspace.tiles.work.PATIENCE", 0.5)
+            patch.setattr(client, "run", lambda function: {"tcp://there-before": (cspace.__version__, None)})
+            other.kill()
+            other.wait()
+            with pytest.raises(InputError, match="lost its scheduler or its workers"):
+                cspace.build(workspace, CAR, store=tmp_path / "m", client=client)
+
+
+def press_control_c(command, cwd, told):
+    """Run a command on a terminal and interrupt it once it has told something; what it told, and its exit code."""
+    process, terminal = pytest.importorskip("pty").fork()
+    if process == 0:
+        os.chdir(cwd)
+        os.execve(command[0], command, {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "120", "TERM": "xterm"})
+    seen, pressed = "", False
+    with suppress(OSError):  # on Linux, what the end of a terminal is
+        while part := os.read(terminal, 65536):
+            seen += part.decode(errors="replace")
+            if not pressed and told in seen:
+                pressed = os.write(terminal, b"\x03") > 0
+    return seen, os.waitstatus_to_exitcode(os.waitpid(process, 0)[1])
+
+
+def test_the_command_on_a_live_cluster(live, tmp_path, monkeypatch):
+    """With a bar of tiles and cells; interrupted, and gone on with; from a folder that is not the workers' own."""
+    workspace = random_workspace((500, 400))
+    zarr.save_array(tmp_path / "site.zarr", workspace.outer)
+    live.worker()
+    words = ["map", "site.zarr", "--spacing", "0.1", "--robot", "rect:0.5x0.2", "--rotations", "8", "--tile", "25"]
+    words += ["--scheduler", live.address, "-o", "m.zarr"]
+    with live.client(1):
+        seen, code = press_control_c([sys.executable, "-m", "cspace", *words], tmp_path, " of 320 tiles, ")
+        assert code == 130
+        assert "cells/s" in seen
+        assert "interrupted" in seen
+        assert 0.0 < cspace.open(tmp_path / "m.zarr").done < 1.0
+        monkeypatch.chdir(tmp_path)
+        result = run(*words)
+    assert result.exit_code == 0
+    robot, cells = cspace.Robot.rectangle(0.5, 0.2), cspace.Workspace.from_array(workspace.outer, 0.1)
+    same_states(tmp_path / "m.zarr", cspace.build(cells, robot, rotations=8))
+
+
+def test_the_scheduler_is_killed(live, tmp_path):
     """The cluster goes while tiles are made: one clear error, and the rest is made without it."""
     workspace = random_workspace((600, 500))
-    context = multiprocessing.get_context("spawn")
-    addresses = context.Queue()
-    process = context.Process(target=run_cluster, args=(addresses,), daemon=True)
-    process.start()
 
     def kill(done, total):
         if done == 2:
-            process.kill()
+            live.processes[0].kill()
 
     with dask.config.set({"distributed.comm.timeouts.connect": "2s"}):
-        client = distributed.Client(addresses.get(timeout=60))
+        client = live.client(1)
         with pytest.raises(CspaceError, match="run the same again"):
             cspace.build(workspace, CAR, rotations=8, store=tmp_path / "m", tile=30, client=client, progress=kill)
         client.close()
-    process.join()
     assert 0.0 < cspace.open(tmp_path / "m").done < 1.0
     space = cspace.build(workspace, CAR, rotations=8)
     check_half_done(tmp_path / "m", space)
