@@ -50,7 +50,7 @@ def main() -> None:
     space = cspace.build(workspace, car, rotations=72)
     # Of OMPL's planners, those that cover the map from both ends get out of a gap and into another soonest.
     plan = planners.plan(
-        space, start, goal, planner="BKPIECE1", curve="reeds-shepp", turning_radius=2.5, time_limit=15, seed=3
+        space, start, goal, planner="BKPIECE1", drive="reeds-shepp", turning_radius=2.5, time_limit=15, seed=3
     )
     print(f"{space}\n{plan.status}: {plan.length:.2f} m, certified: {plan.certified}")
     if not plan.solved:

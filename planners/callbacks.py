@@ -12,7 +12,7 @@ from ompl import util as ou
 
 from cspace.map.batches import check_rng
 from cspace.space import CSpace
-from planners.local_planner import local_planner
+from planners.local_planner import HOLONOMIC, local_planner, takes_curve
 from planners.states import check_information, kind_of
 
 _BATCH: Final = 256
@@ -60,9 +60,9 @@ class StateValidityChecker(ob.StateValidityChecker):
 class MotionValidator(ob.MotionValidator):
     """OMPL's question "is this motion valid?", answered exactly: every cell that the edge touches is FREE.
 
-    Nothing is stepped over, at any length, so OMPL's checking resolution plays no part in it. With a curve, the edge is
-    the real curve, not a chain of samples on it. OMPL now and then takes a curve for the shortest that is not; such an
-    edge is not proven, and is refused.
+    Nothing is stepped over, at any length, so OMPL's checking resolution plays no part in it. With a drive, the edge is
+    what is driven, turn, line and turn, or the real curve, not a chain of samples on it. OMPL now and then takes a
+    curve for the shortest that is not; such an edge is not proven, and is refused.
 
     OMPL can also ask for the last valid state of a motion. Its Python bindings have no way to answer that, so
     ``ompl.base.ObstacleBasedValidStateSampler``, which relies on it, returns invalid states next to any motion
@@ -75,9 +75,13 @@ class MotionValidator(ob.MotionValidator):
     space : CSpace
     exact : bool
         Whether the geometry itself is asked where the map cannot decide.
-    curve : {"dubins", "reeds-shepp"}, optional
+    drive : {"holonomic", "differential", "differential-reverse", "dubins", "reeds-shepp"}
+        As for :func:`planners.plan`.
     turning_radius : float, optional
         Metres; for curves, which need it.
+    both_ways : bool
+        Whether an edge must also be free from its end to its start. The planners need it that take edges both ways
+        (BFMT, BKPIECE1, LBKPIECE1, PRM, PRMstar), where the robot does not drive backwards.
 
     Raises
     ------
@@ -85,18 +89,21 @@ class MotionValidator(ob.MotionValidator):
         As :func:`planners.state_space`.
     """
 
+    @takes_curve
     def __init__(
         self,
         si: ob.SpaceInformation,
         space: CSpace,
         *,
         exact: bool = False,
-        curve: str | None = None,
+        drive: str = HOLONOMIC,
         turning_radius: float | None = None,
+        both_ways: bool = False,
     ) -> None:
         check_information(si, space)
         super().__init__(si)
-        self._is_free = self._ask_map = local_planner(space, exact, curve, turning_radius).motion_checker()
+        edges = local_planner(space, exact, drive, turning_radius, both_ways)
+        self._is_free = self._ask_map = edges.motion_checker()
 
     def checkMotion(self, first: ob.State, second: ob.State) -> bool:  # noqa: N802 - OMPL's name
         """Whether the edge between two states is free all along."""

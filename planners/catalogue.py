@@ -30,7 +30,11 @@ NO_CURVES: Final[dict[str, dict[str, str]]] = {
         **dict.fromkeys(("BFMT", "BKPIECE1", "LBKPIECE1", "PRM", "PRMstar"), _BOTH_WAYS),
     }
 }
-"""For each curve, the planners that cannot plan along it, and why: their paths were found not to be proven."""
+"""For each drive, the planners that cannot plan with it, and why: their paths were found not to be proven."""
+
+ASK_BOTH_WAYS: Final = {"differential": frozenset(NO_CURVES["dubins"])}
+"""For each drive, the planners for which edges must be free from end to start too, since they take them so. A car's
+way back is a loop, which is hardly ever free; a robot that turns on the spot has only to turn around."""
 
 
 def planner_names() -> tuple[str, ...]:
@@ -43,24 +47,24 @@ def planner_names() -> tuple[str, ...]:
     return tuple(sorted(_planners(), key=str.lower))
 
 
-def planner_named(name: str | None, curve: str | None = None) -> str:
+def planner_named(name: str | None, drive: str = "holonomic") -> str:
     """A planner's name as it is written, from one in upper or lower case.
 
     Parameters
     ----------
     name : str, optional
         If left out, the planner that mostly finds a path soonest.
-    curve : str, optional
-        The curve that it is to plan along.
+    drive : str
+        The drive that it is to plan with.
 
     Raises
     ------
     InputError
-        If there is none of that name; the message lists them all. Or if it cannot plan along the curve.
+        If there is none of that name; the message lists them all. Or if it cannot plan with the drive.
     """
     if name is None:
         # RRTConnect's tree at the goal grows by curves that leave the goal, where Dubins' car needs those that arrive.
-        return "RRT" if curve == "dubins" else "RRTConnect"
+        return "RRT" if drive == "dubins" else "RRTConnect"
     known = {each.lower(): each for each in (*_planners(), CUBES)}
     if not isinstance(name, str) or name.lower() not in known:
         close = difflib.get_close_matches(str(name).lower().replace("*", "star"), known, n=1)
@@ -69,10 +73,10 @@ def planner_named(name: str | None, curve: str | None = None) -> str:
         rule = f"it must be a geometric planner of the installed OMPL, or {CUBES}"
         raise InputError("planner", f"is {name!r}", rule, mend, value=name)
     found = known[name.lower()]
-    reason = NO_CURVES.get(curve or "", {}).get(found)
+    reason = NO_CURVES.get(drive, {}).get(found) if isinstance(drive, str) else None
     if reason:
         mend = "choose another planner, e.g. planner='RRT'"
-        raise InputError("planner", f"is {found!r} and curve is {curve!r}", f"{found} {reason}", mend, value=name)
+        raise InputError("planner", f"is {found!r} and drive is {drive!r}", f"{found} {reason}", mend, value=name)
     return found
 
 

@@ -1,4 +1,7 @@
-"""The local planner: how two configurations are joined, by a straight edge or along the curve of a car.
+"""The local planner: how two configurations are joined, as the drive of the robot has it.
+
+A robot that goes to all sides takes the straight edge; one on two driven wheels turns on the spot, drives straight on
+and turns again; a car follows a curve.
 
 References
 ----------
@@ -13,7 +16,8 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final
+from functools import wraps
+from typing import Any, Final, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,22 +25,36 @@ from ompl import base as ob
 
 from cspace.errors import InputError
 from cspace.grid import positive
-from cspace.orientation import wrapped
+from cspace.orientation import TURN, wrapped
 from cspace.space import CSpace
 from planners.states import TURN_WEIGHT, Floats, check_space, kind_of
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 DENSE_TURN: Final = math.radians(5.0)
 """Largest turn, in radians, between two rows of a dense path."""
 
 CAR_AXES: Final = ("x", "y", "yaw")
 
+HOLONOMIC: Final = "holonomic"
+"""The drive of a robot that moves to all sides, and turns as it does so."""
+
 _SPACES: Final[dict[str, Callable[[float], ob.StateSpace]]] = {
     "dubins": ob.DubinsStateSpace,
     "reeds-shepp": ob.ReedsSheppStateSpace,
+    "differential": ob.DubinsStateSpace,
+    "differential-reverse": ob.ReedsSheppStateSpace,
 }
 
-CURVES: Final = tuple(_SPACES)
-"""Names of the curves, in the order of their numbers in the kernels."""
+CURVES: Final = ("dubins", "reeds-shepp")
+"""Drives that are curves of a car, in the order of their numbers in the kernels."""
+
+DRIVES: Final = (HOLONOMIC, *(name for name in _SPACES if name not in CURVES), *CURVES)
+
+POINT: Final = 1e-9
+"""Turning radius, in sides of the map, of curves that OMPL is given for turning on the spot. They leave what is driven
+by two of them at most, and with radii a hundred times smaller rounding would choose the way to turn."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,21 +85,26 @@ class LocalPlanner(ABC):
         The map.
     exact : bool
         Whether the geometry itself is asked where the map cannot decide.
-    curve : str or None
-        Name of the curves; None for straight edges.
+    drive : str
+        One of :data:`DRIVES`.
     turning_radius : float or None
         Of the curves, metres.
+    both_ways : bool
+        Whether an edge that OMPL asks for must also be free from its end to its start, which is another one where the
+        robot does not reverse.
     """
 
     space: CSpace
     exact: bool = False
-    curve: str | None = None
+    drive: str = HOLONOMIC
     turning_radius: float | None = None
+    both_ways: bool = False
 
     @property
     def options(self) -> dict[str, Any]:
         """What :func:`local_planner` makes it of again, beside the map."""
-        return {"exact": self.exact, "curve": self.curve, "turning_radius": self.turning_radius}
+        names = ("exact", "drive", "turning_radius", "both_ways")
+        return {name: getattr(self, name) for name in names}
 
     @property
     @abstractmethod
@@ -98,7 +121,16 @@ class LocalPlanner(ABC):
 
     def motion_checker(self) -> Callable[[ob.State, ob.State], bool]:
         """The same of two states of OMPL, of the edge that OMPL means."""
-        return kind_of(self.space).of_states(self.edge_checker())
+        check = kind_of(self.space).of_states(self.edge_checker())
+        return (lambda first, second: check(first, second) and check(second, first)) if self.both_ways else check
+
+    def corners(self, path: Floats) -> Floats:
+        """A path that straight edges join: the configurations of one, and those between which it changes its motion."""
+        return path
+
+    def settled(self, path: Floats) -> Floats:
+        """A path without the turns that it does not need, where that is proven too."""
+        return path
 
     @abstractmethod
     def are_free(self, path: Floats) -> bool:
@@ -110,7 +142,7 @@ class LocalPlanner(ABC):
 
     @abstractmethod
     def dense(self, path: Floats) -> tuple[Floats, NDArray[np.int8] | None]:
-        """A path with rows at most a cell and DENSE_TURN apart; and 1 or -1, ahead or back, where the edges tell."""
+        """A path with rows at most a cell and DENSE_TURN apart; and 1, -1 or 0, ahead, back or on the spot, if told."""
 
 
 class StraightEdges(LocalPlanner):
@@ -156,6 +188,71 @@ class StraightEdges(LocalPlanner):
         return steps, lengths, turns, counts
 
 
+class TurnDriveTurn(StraightEdges):
+    """Edges of a robot on two driven wheels: it turns on the spot, drives straight on, and turns on the spot.
+
+    It turns the shorter way, and drives with its x axis ahead; one that reverses drives backwards where that takes less
+    turning. Each of the three parts is a straight edge of the map, and proven as one: ``corners`` are their ends.
+
+    OMPL is given curves of a car that turns on a point (:data:`POINT`): its interpolation gives configurations on the
+    way, straight on the line but for a hundred-millionth, and its distance counts metres alone.
+    """
+
+    def states(self) -> ob.StateSpace:
+        return _SPACES[self.drive](POINT * self.space.grid.spacing * max(self.space.grid.shape))
+
+    def edge_checker(self) -> Callable[..., bool]:
+        free, heading = self.space.edge_checker(exact=self.exact), self.heading
+
+        def check(x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float) -> bool:
+            yaw = heading(x0, y0, yaw0, x1, y1, yaw1)
+            # The way between is the longest, and the likeliest to meet an obstacle.
+            between = free(x0, y0, yaw, x1, y1, yaw)
+            return between and free(x0, y0, yaw0, x0, y0, yaw) and free(x1, y1, yaw, x1, y1, yaw1)
+
+        return check
+
+    def heading(self, x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float) -> float:
+        """The yaw at which the robot drives from one configuration to another; the first one's, if it only turns."""
+        if x0 == x1 and y0 == y1:
+            return yaw0
+        ahead = _canonical(math.atan2(y1 - y0, x1 - x0))
+        if self.drive == "differential":
+            return ahead
+        back = _canonical(ahead + math.pi)
+        return min(ahead, back, key=lambda yaw: abs(_turn(yaw0, yaw)) + abs(_turn(yaw, yaw1)))
+
+    def are_free(self, path: Floats) -> bool:
+        return super().are_free(self.corners(path))
+
+    def corners(self, path: Floats) -> Floats:
+        rows = path.tolist()
+        found = rows[:1]
+        for first, last in itertools.pairwise(rows):
+            yaw = self.heading(*first, *last)
+            found += [[*q[:2], yaw] for q in (first, last) if q[2] != yaw and first[:2] != last[:2]]
+            found.append(last)
+        return np.array(found).reshape(-1, 3)
+
+    def settled(self, path: Floats) -> Floats:
+        """The path, on which the robot leaves each waypoint as it came, where that is proven: it turns once."""
+        check, rows = self.edge_checker(), path.tolist()
+        for k in range(1, len(rows) - 1):
+            came = [*rows[k][:2], self.heading(*rows[k - 1], *rows[k])]
+            if check(*rows[k - 1], *came) and check(*came, *rows[k + 1]):
+                rows[k] = came
+        return np.array(rows).reshape(-1, 3)
+
+    def pieces(self, path: Floats, step: float, turn: float) -> Pieces:
+        return super().pieces(self.corners(path), step, turn)
+
+    def dense(self, path: Floats) -> tuple[Floats, NDArray[np.int8] | None]:
+        rows, _ = super().dense(self.corners(path))
+        ahead = np.stack([np.cos(rows[1:, 2]), np.sin(rows[1:, 2])], axis=-1)
+        signs = np.sign((np.diff(rows[:, :2], axis=0) * ahead).sum(axis=1)).astype(np.int8)
+        return rows, np.concatenate([signs[:1] if len(signs) else np.ones(len(rows), dtype=np.int8), signs])
+
+
 class CarCurves(LocalPlanner):
     """Edges along the shortest curve of a car, of a map of a robot that turns in the plane.
 
@@ -172,7 +269,7 @@ class CarCurves(LocalPlanner):
         return float(self.turning_radius or math.nan)
 
     def states(self) -> ob.StateSpace:
-        return _SPACES[str(self.curve)](self.radius)
+        return _SPACES[self.drive](self.radius)
 
     def edge_checker(self) -> Callable[..., bool]:
         prove = self.length_prover()
@@ -247,7 +344,7 @@ class CarCurves(LocalPlanner):
     @property
     def kind(self) -> int:
         """Index into :data:`CURVES`."""
-        return CURVES.index(str(self.curve))
+        return CURVES.index(self.drive)
 
     def _word(self, first: Floats, last: Floats) -> tuple[Floats, Floats]:
         """The turns of the parts of a curve, 1, -1 or 0, and their lengths in radii, below zero in reverse."""
@@ -276,7 +373,11 @@ class CarCurves(LocalPlanner):
 
 
 def local_planner(
-    space: CSpace, exact: bool = False, curve: str | None = None, turning_radius: float | None = None
+    space: CSpace,
+    exact: bool = False,
+    drive: str = HOLONOMIC,
+    turning_radius: float | None = None,
+    both_ways: bool = False,
 ) -> LocalPlanner:
     """How configurations of a map are joined.
 
@@ -284,63 +385,76 @@ def local_planner(
     ----------
     space : CSpace
     exact : bool
-    curve : {"dubins", "reeds-shepp"}, optional
-        Straight edges, if left out.
+    drive : str
+        One of :data:`DRIVES`.
     turning_radius : float, optional
         Metres; for curves, which need it.
+    both_ways : bool
+        As :attr:`LocalPlanner.both_ways`.
 
     Raises
     ------
     InputError
-        If ``space`` is no map; or it is not one of a robot that turns in the plane and a curve is asked for, the
-        turning radius is missing, unwanted, or not above zero, the curve is unknown, or ``exact`` is wanted along a
+        If ``space`` is no map; or it is not one of a robot that turns in the plane and a drive is asked for, the
+        turning radius is missing, unwanted, or not above zero, the drive is unknown, or ``exact`` is wanted along a
         curve.
     """
     check_space(space)
     check_flag(exact, "exact")
-    radius = check_curve(space.axes, curve, turning_radius, exact)
+    radius = check_drive(space.axes, drive, turning_radius, exact)
     if radius is None:
-        return StraightEdges(space, bool(exact))
+        made = StraightEdges if drive == HOLONOMIC else TurnDriveTurn
+        return made(space, bool(exact), drive, None, both_ways)
     least, most = 1e-3 * space.grid.spacing, 1e3 * space.grid.spacing
     if not least <= radius <= most:
         rule = f"it must be {least:g} to {most:g} m, so that rounding does not count"
-        mend = "for a robot that turns on the spot, leave curve out"
+        mend = "for a robot that turns on the spot, use drive='differential'"
         raise InputError("turning_radius", f"is {radius!r}", rule, mend, value=radius)
-    return CarCurves(space, False, curve, radius)
+    return CarCurves(space, False, drive, radius, both_ways)
 
 
-def check_curve(
-    axes: tuple[str, ...], curve: str | None, turning_radius: float | None, exact: bool = False
-) -> float | None:
-    """The turning radius of a curve that goes with a map of configurations with some axes; None for straight edges.
+def check_drive(axes: tuple[str, ...], drive: str, turning_radius: float | None, exact: bool = False) -> float | None:
+    """The turning radius of a drive that goes with a map of configurations with some axes; None if it has none.
 
     Raises
     ------
     InputError
         As :func:`local_planner`, which tells of a map's spacing besides.
     """
-    if curve is None:
+    if drive not in DRIVES:
+        rule = f"it must be {', '.join(map(repr, DRIVES[:-1]))} or {DRIVES[-1]!r}"
+        raise InputError("drive", f"is {drive!r}", rule, "pass one of them", value=drive)
+    if drive != HOLONOMIC and axes != CAR_AXES:
+        found = f"is {drive!r} and the map's configurations are ({', '.join(axes)})"
+        rule = f"it is for a robot that drives and turns in the plane: ({', '.join(CAR_AXES)})"
+        mend = "build a map of a plane with rotations=72, or leave drive out"
+        raise InputError("drive", found, rule, mend, value=drive)
+    if drive not in CURVES:
         if turning_radius is not None:
-            found = f"is {turning_radius!r} and curve is None"
-            mend = f"add {' or '.join(f'curve={name!r}' for name in CURVES)}, or leave the radius out"
+            found = f"is {turning_radius!r} and drive is {drive!r}"
+            mend = f"add {' or '.join(f'drive={name!r}' for name in CURVES)}, or leave the radius out"
             raise InputError("turning_radius", found, "a radius is for curves", mend, value=turning_radius)
         return None
-    if curve not in CURVES:
-        rule = f"it must be {' or '.join(map(repr, CURVES))}, or None for straight edges"
-        raise InputError("curve", f"is {curve!r}", rule, "pass one of them", value=curve)
-    if axes != CAR_AXES:
-        found = f"is {curve!r} and the map's configurations are ({', '.join(axes)})"
-        rule = f"a car turns as it drives in the plane: ({', '.join(CAR_AXES)})"
-        mend = "build a map of a plane with rotations=72, or leave curve out"
-        raise InputError("curve", found, rule, mend, value=curve)
     if turning_radius is None:
-        rule, mend = f"curve={curve!r} needs the radius of its tightest turn", "pass it in metres, e.g. 0.5"
+        rule, mend = f"drive={drive!r} needs the radius of its tightest turn", "pass it in metres, e.g. 0.5"
         raise InputError("turning_radius", "is None", rule, mend)
     radius = positive(turning_radius, "turning_radius")
     if exact:
         mend = "leave exact out, or build the map with a finer spacing or more rotations"
-        raise InputError("exact", f"is True and curve is {curve!r}", "curves are proven by FREE cells alone", mend)
+        raise InputError("exact", f"is True and drive is {drive!r}", "curves are proven by FREE cells alone", mend)
     return radius
+
+
+def takes_curve(door: Callable[P, T]) -> Callable[P, T]:
+    """A function that still takes ``drive`` by its first name, ``curve``, of which None was the straight edge."""
+
+    @wraps(door)
+    def call(*args: P.args, **options: P.kwargs) -> T:
+        if "curve" in options:
+            options["drive"] = options.pop("curve") or HOLONOMIC
+        return door(*args, **options)
+
+    return call
 
 
 def check_flag(value: bool, name: str) -> None:
@@ -359,3 +473,13 @@ def _numbered(counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.
     """For ``counts[k]`` pieces of each edge k: the edge of each piece, and the piece's number on it."""
     edge = np.repeat(np.arange(len(counts)), counts)
     return edge, np.arange(len(edge)) - np.repeat(np.cumsum(counts) - counts, counts)
+
+
+def _canonical(yaw: float) -> float:
+    """A yaw from (-2 pi, 2 pi) in [-pi, pi)."""
+    return yaw - TURN if yaw >= math.pi else yaw + TURN if yaw < -math.pi else yaw
+
+
+def _turn(first: float, second: float) -> float:
+    """The angle from one yaw to another, the shorter way."""
+    return math.remainder(second - first, TURN)

@@ -14,7 +14,7 @@ from cspace.grid import finite, positive
 from cspace.space import CSpace
 from cspace.spectral import OverlapField
 from cspace.states import FREE
-from planners.local_planner import DENSE_TURN, local_planner
+from planners.local_planner import DENSE_TURN, HOLONOMIC, local_planner, takes_curve
 from planners.states import Configuration, Floats, check_information, kind_of
 
 COMFORT: Final = 0.1
@@ -47,8 +47,8 @@ class WeightedLength(ob.OptimizationObjective):
         The same of configurations, shape (n, dof).
     offset, slope : float
     weight : float
-    curve : {"dubins", "reeds-shepp"}, optional
-        As for :func:`planners.state_space`.
+    drive : {"holonomic", "differential", "differential-reverse", "dubins", "reeds-shepp"}
+        As for :func:`planners.plan`.
     turning_radius : float, optional
         Metres; for curves, which need it.
 
@@ -60,6 +60,7 @@ class WeightedLength(ob.OptimizationObjective):
 
     # A StateCostIntegralObjective would do the integral, but the bindings never call a Python subclass of it.
 
+    @takes_curve
     def __init__(
         self,
         si: ob.SpaceInformation,
@@ -70,7 +71,7 @@ class WeightedLength(ob.OptimizationObjective):
         offset: float = 0.0,
         slope: float = 1.0,
         weight: float = 10.0,
-        curve: str | None = None,
+        drive: str = HOLONOMIC,
         turning_radius: float | None = None,
     ) -> None:
         check_information(si, space)
@@ -80,9 +81,9 @@ class WeightedLength(ob.OptimizationObjective):
             raise InputError("weight", f"is {weight!r}", rule, "pass 10.0", value=weight)
         self._value, self._values = value, values
         self._offset, self._slope, self._weight = offset, slope, float(weight)
-        self._edges = local_planner(space, False, curve, turning_radius)
+        self._edges = local_planner(space, False, drive, turning_radius)
         self._kind, self._step = kind_of(space), space.grid.spacing
-        self._straight, self._dim = curve is None, space.grid.dim
+        self._straight, self._dim = drive == HOLONOMIC, space.grid.dim
         self._answer: Callable[[Configuration, Configuration], float] | None = None
 
     def stateCost(self, state: ob.State) -> ob.Cost:  # noqa: N802 - OMPL's name
@@ -141,7 +142,7 @@ class ClearanceObjective(WeightedLength):
 
     Parameters
     ----------
-    si, space, curve, turning_radius
+    si, space, drive, turning_radius
         As for :class:`WeightedLength`.
     weight : float
         How many extra metres a metre at clearance zero is worth.
@@ -154,6 +155,7 @@ class ClearanceObjective(WeightedLength):
         If ``weight`` is negative or not finite, or ``comfort`` is not above zero; and as :func:`planners.state_space`.
     """
 
+    @takes_curve
     def __init__(
         self,
         si: ob.SpaceInformation,
@@ -161,7 +163,7 @@ class ClearanceObjective(WeightedLength):
         *,
         weight: float = 10.0,
         comfort: float | None = None,
-        curve: str | None = None,
+        drive: str = HOLONOMIC,
         turning_radius: float | None = None,
     ) -> None:
         check_information(si, space)
@@ -175,7 +177,7 @@ class ClearanceObjective(WeightedLength):
             offset=1.0,
             slope=-scale,
             weight=weight,
-            curve=curve,
+            drive=drive,
             turning_radius=turning_radius,
         )
 
@@ -188,7 +190,7 @@ class OverlapObjective(WeightedLength):
 
     Parameters
     ----------
-    si, space, curve, turning_radius
+    si, space, drive, turning_radius
         As for :class:`WeightedLength`.
     field : cspace.spectral.OverlapField, optional
         Of the same map; the one that the map carries (:meth:`cspace.CSpace.with_overlap_field`), if left out.
@@ -204,6 +206,7 @@ class OverlapObjective(WeightedLength):
         or ``full`` is not above zero; and as :func:`planners.state_space`.
     """
 
+    @takes_curve
     def __init__(
         self,
         si: ob.SpaceInformation,
@@ -212,7 +215,7 @@ class OverlapObjective(WeightedLength):
         *,
         weight: float = 10.0,
         full: float | None = None,
-        curve: str | None = None,
+        drive: str = HOLONOMIC,
         turning_radius: float | None = None,
     ) -> None:
         check_information(si, space)
@@ -225,7 +228,7 @@ class OverlapObjective(WeightedLength):
             known.at,
             slope=1.0 / whole,
             weight=weight,
-            curve=curve,
+            drive=drive,
             turning_radius=turning_radius,
         )
 

@@ -16,7 +16,7 @@ from cspace.space import CSpace
 from cspace.states import BLOCKED, FREE, NAMES
 from cspace.tiles.space import TiledCSpace
 from planners.catalogue import CUBES, IGNORE_OBJECTIVES, SECOND_THREAD, planner_named
-from planners.local_planner import LocalPlanner, check_flag, local_planner
+from planners.local_planner import CURVES, HOLONOMIC, LocalPlanner, check_flag, local_planner, takes_curve
 from planners.objectives import ClearanceObjective, OverlapObjective, overlap_field
 from planners.passages import Passages
 from planners.result import Plan, Times, least_clearance
@@ -35,6 +35,7 @@ _BY_NAME: Final[dict[str, type[ClearanceObjective | OverlapObjective]]] = {
 """What can be optimised beside the length."""
 
 
+@takes_curve
 def plan(
     space: CSpace | TiledCSpace,
     start: ArrayLike,
@@ -47,10 +48,14 @@ def plan(
     seed: int | None = None,
     objective: str | MakeObjective = "length",
     exact: bool = False,
-    curve: str | None = None,
+    drive: str = HOLONOMIC,
     turning_radius: float | None = None,
 ) -> Plan:
-    """Find a path on a map, with any geometric planner of OMPL, and check it.
+    """Find a path on a map, with any geometric planner of OMPL, and check it; in SE(2) for any ``drive``.
+
+    Where the robot turns, on a map of (x, y, yaw), paths are those of a robot that also moves sideways, unless
+    ``drive`` says otherwise: "differential" for one that turns on the spot and drives straight on, as most mobile
+    robots do.
 
     No search is run where the map proves that no path exists, or where the shortest path is wanted and is the single
     edge from start to goal. OMPL's messages are held back while it runs.
@@ -60,11 +65,18 @@ def plan(
     the first plan, comes on top (which FREE cells are joined, distances, compiled functions) and is told apart, in
     :attr:`Plan.times`.
 
-    *Robots that turn.* On a map with rotations, an edge is straight, and the robot turns evenly along it, the shorter
-    way, as in OMPL's SE(2) and SE(3). With ``curve``, on a map of SE(2), edges are the shortest curves of a car:
-    Dubins' for one that drives forwards alone, Reeds and Shepp's for one that reverses too. They are proven along the
-    real curve. The start and the goal of the car are those of the robot's reference point, which therefore belongs in
-    the middle of the axle that does not steer.
+    *Robots that turn.* On a map with rotations, a holonomic robot's edge is straight, and the robot turns evenly along
+    it, the shorter way, as in OMPL's SE(2) and SE(3). On a map of SE(2) there are other drives:
+
+    - "differential", of two driven wheels: it turns on the spot, drives straight ahead along its x axis, and turns on
+      the spot again, each time the shorter way, and not the longer one where the shorter is blocked. Waypoints are the
+      ends of these three.
+    - "differential-reverse" also drives backwards, where that takes less turning.
+    - "dubins" and "reeds-shepp" are the shortest curves of a car, with a ``turning_radius``: Dubins' drives ahead
+      alone, Reeds and Shepp's reverses too.
+
+    All are proven along what is really driven. Start and goal are those of the robot's reference point, which therefore
+    belongs in the middle of the axle that does not steer.
 
     *Maps in a store.* On a :class:`cspace.TiledCSpace` the path goes from tile to tile; only those on the way are
     opened, and the planner has the time limit in each of them. Edges are straight, and the length is what counts. The
@@ -90,9 +102,9 @@ def plan(
         Name of a planner, in upper or lower case; :func:`planners.planner_names` lists them. RRTConnect, if left out,
         but RRT for Dubins curves: RRTConnect's tree at the goal grows by curves that leave the goal, where a car that
         cannot reverse needs those that arrive, so it often fails among obstacles. Planners that take edges from their
-        ends are refused for Dubins curves. Or "Cubes", which is the map's own search, :meth:`cspace.CSpace.free_path`:
-        it moves the robot without turning it, finds a path in milliseconds wherever FREE cells join start and goal so,
-        and the same one every time.
+        ends are refused for Dubins curves, and for "differential" get edges that are free both ways. Or "Cubes", which
+        is the map's own search, :meth:`cspace.CSpace.free_path`: it moves the robot to any side without turning it,
+        finds a path in milliseconds wherever FREE cells join start and goal so, and the same one every time.
     time_limit : float
         Seconds after which the search gives up. Where it uses them up, a tenth of a second more goes to simplification.
     iterations : int, optional
@@ -115,9 +127,10 @@ def plan(
         Ask the geometry itself in cells that the map leaves MIXED, so that passages are solved which are a hair wider
         than the robot. Slower there; edges are no less proven. Where the map cannot decide whether a path exists, the
         planner joins the FREE stretches of a chain of undecided cells, and the others are crossed by samples of their
-        own; that can take seconds, so give it time. Not for curves.
-    curve : {"dubins", "reeds-shepp"}, optional
-        Curves of a car, on a map with rotations.
+        own, if the robot is holonomic; that can take seconds, so give it time. Not for curves.
+    drive : {"holonomic", "differential", "differential-reverse", "dubins", "reeds-shepp"}
+        How the robot gets along an edge, see above; all but the first are for maps of (x, y, yaw). Its first name,
+        ``curve``, is still taken, here and elsewhere.
     turning_radius : float, optional
         Of the car, in metres; for curves, which need it.
 
@@ -133,25 +146,25 @@ def plan(
         message says which, and names the nearest FREE configuration, which is also its ``nearest``.
     InputError
         If a number is NaN, infinite or out of range, start or goal has the wrong dimension, a name is unknown, or the
-        planner does not go together with ``objective``, ``iterations`` or ``curve``, or the objective is "overlap" and
-        the map carries no overlap field. As well where a curve is unknown,
-        the map has no rotations for it, the turning radius is missing or not above zero, or ``exact`` is wanted too.
+        planner does not go together with ``objective``, ``iterations`` or ``drive``, or the objective is "overlap" and
+        the map carries no overlap field. As well where a drive is unknown, the map is not one of (x, y, yaw), the
+        turning radius is missing or not above zero, or ``exact`` is wanted along a curve.
     """
     if isinstance(space, TiledCSpace):
         check_flag(simplify, "simplify")
         check_options(
-            iterations=iterations, objective=objective, exact=exact, curve=curve, turning_radius=turning_radius
+            iterations=iterations, objective=objective, exact=exact, drive=drive, turning_radius=turning_radius
         )
         limit = positive(time_limit, "time_limit", "seconds")
         own: Options = {"planner": planner, "time_limit": limit, "simplify": simplify, "seed": seed}
         return plan_in_tiles(space, start, goal, plan, **own)
     began = time.perf_counter()
-    name = planner_named(planner, curve)
-    edges = local_planner(space, exact, curve, turning_radius)
+    name = planner_named(planner, drive)
+    edges = local_planner(space, exact, drive, turning_radius)
     check_flag(simplify, "simplify")
     search = Search(
         planner=name,
-        objective=_objective(space, objective, name, curve, turning_radius),
+        objective=_objective(space, objective, name, drive, turning_radius),
         iterations=_iterations(iterations, name),
         simplify=simplify,
         seed=None if seed is None else _whole(seed, "seed", 0, MAX_SEED),
@@ -159,11 +172,11 @@ def plan(
     limit = positive(time_limit, "time_limit", "seconds")
     ends = _endpoint(space, start, "start", exact), _endpoint(space, goal, "goal", exact)
     if name == CUBES:
-        _check_cubes(space, ends, objective=objective, exact=exact, curve=curve, iterations=iterations)
+        _check_cubes(space, ends, objective=objective, exact=exact, drive=drive, iterations=iterations)
     exists: bool | None = space.path_exists(*ends)
     found = _found(search, edges, ends, exists, limit)
     searched = time.perf_counter()
-    waypoints = found.path
+    waypoints = edges.corners(found.path)
     solved = len(waypoints) > 0
     path, direction = edges.dense(waypoints)
     for array in (path, waypoints, direction):
@@ -187,7 +200,7 @@ def plan(
         path_exists=exists,
         planner=name,
         objective=objective if isinstance(objective, str) else "custom",
-        curve=curve,
+        drive=drive,
         turning_radius=None if turning_radius is None else float(turning_radius),
         exact=edges.exact,
         seed=search.seed,
@@ -254,7 +267,7 @@ def _found(
         began = time.perf_counter()
         path = edges.space.free_path(*ends, straight=search.simplify)
         return Found(path, "", time.perf_counter() - began)
-    if edges.exact and exists is None:
+    if edges.exact and exists is None and edges.drive == HOLONOMIC:
         return Passages(search, edges, limit).run(*ends)
     return search.run(edges, *ends, limit)
 
@@ -276,10 +289,10 @@ def _status(found: Found, search: Search, edges: LocalPlanner, exists: bool | No
     finer = "a finer spacing" + " or more rotations" * turning
     if exists is None:
         known = "undecided whether one exists"
-        more = [*([] if edges.exact or edges.curve else ["exact=True"]), finer, *more]
-    elif edges.curve:
-        known = "one exists for a robot that turns on the spot"
-        more += ["a smaller turning_radius", "another planner"]
+        more = [*([] if edges.exact or edges.drive in CURVES else ["exact=True"]), finer, *more]
+    elif edges.drive != HOLONOMIC:
+        known = "one exists for a robot that also moves sideways"
+        more += [*(["a smaller turning_radius"] if edges.drive in CURVES else []), "another planner"]
     else:
         known = "a path exists"
         more += ["another planner" if turning else "planner='Cubes'"]
@@ -295,7 +308,7 @@ def _is_certified(edges: LocalPlanner, path: Floats, ends: tuple[Configuration, 
 
 
 def _objective(
-    space: CSpace, objective: str | MakeObjective, planner: str, curve: str | None, turning_radius: float | None
+    space: CSpace, objective: str | MakeObjective, planner: str, drive: str, turning_radius: float | None
 ) -> MakeObjective | None:
     """What makes the objective; None for OMPL's own, the length."""
     if objective == "length":
@@ -315,19 +328,19 @@ def _objective(
         raise InputError("objective", found, f"{planner} {why}", mend, value=objective)
     if kind is None:
         return objective  # type: ignore[return-value]  # a string was refused above
-    return lambda si: kind(si, space, curve=curve, turning_radius=turning_radius)
+    return lambda si: kind(si, space, drive=drive, turning_radius=turning_radius)
 
 
 def _check_cubes(space: CSpace, ends: tuple[Configuration, Configuration], **options: object) -> None:
     """Refuse what the map's own search cannot do."""
+    for name, value in options.items():
+        if value not in (None, False, "length", HOLONOMIC):
+            found = f"is {value!r} and planner is {CUBES!r}"
+            rule = f"{CUBES} joins FREE cells along straight edges, to any side, by length, in one go"
+            raise InputError(name, found, rule, f"leave {name} out, or use planner='RRTConnect'", value=value)
     if space.rotations.steps(*np.array(ends))[space.grid.dim :].any():
         rule = f"{CUBES} moves the robot without turning it"
         raise InputError("goal", "is turned otherwise than the start", rule, "use planner='RRTConnect'", value=ends[1])
-    for name, value in options.items():
-        if value not in (None, False, "length"):
-            found = f"is {value!r} and planner is {CUBES!r}"
-            rule = f"{CUBES} joins FREE cells along straight edges, by length, in one go"
-            raise InputError(name, found, rule, f"leave {name} out, or use planner='RRTConnect'", value=value)
 
 
 def _iterations(value: int | None, planner: str) -> int | None:

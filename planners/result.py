@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from cspace.io.output import replacing
 from cspace.rotations import YAW_SLACK
-from planners.local_planner import DENSE_TURN, LocalPlanner
+from planners.local_planner import CURVES, DENSE_TURN, HOLONOMIC, LocalPlanner
 from planners.states import Floats
 
 
@@ -56,12 +56,14 @@ class Plan:
         they are dense enough to drive and to draw: rows lie at most a cell and 5 degrees apart, on the edges between
         the waypoints. Yaw is in radians, in [-pi, pi): it jumps by a turn where it passes pi.
     waypoints : ndarray of float64, shape (m, dof), read-only
-        The configurations that edges join, which are rows of the path: all of them, where the robot does not turn.
+        The configurations that edges join, which are rows of the path: all of them, where the robot does not turn. Of a
+        differential drive, those where it begins to turn or to drive: straight edges join them, so that
+        :meth:`cspace.CSpace.certify_path` proves waypoints and path alike.
     axes : tuple of str
         Names of the columns of the path, those of :attr:`cspace.CSpace.axes`.
     direction : ndarray of int8, shape (n,), read-only, or None
-        For curves, how the car gets to each row from the one before: 1 ahead, -1 in reverse; the first row has that of
-        the second. None for straight edges.
+        How the robot gets to each row from the one before: 1 ahead, -1 in reverse, 0 turning on the spot; the first row
+        has that of the second. None of a holonomic robot.
     solved : bool
         Whether the path reaches the goal. What OMPL calls an approximate solution does not, and is not kept.
     certified : bool
@@ -79,14 +81,14 @@ class Plan:
         FREE; NaN where not solved, and of a path over tiles. Of a robot that turns, the distance is that of its
         position, at the rotation it has there. Zero along a path through MIXED cells. See :func:`least_clearance`.
     path_exists : bool or None
-        What the map proves of these ends: a path exists, none does, or None for undecided at this resolution. Of a car
-        on curves, True is only said of a robot that may turn on the spot.
+        What the map proves of these ends: a path exists, none does, or None for undecided at this resolution. True is
+        said of a holonomic robot, whatever the drive.
     planner : str
         Name of the planner.
     objective : str
         What was optimised: ``"length"``, ``"clearance"``, ``"overlap"`` or ``"custom"``.
-    curve : str or None
-        Name of the curves that the edges are; None for straight ones.
+    drive : str
+        How the robot moves along edges; see :func:`planners.plan`.
     turning_radius : float or None
         Of the curves, in metres.
     exact : bool
@@ -110,12 +112,17 @@ class Plan:
     path_exists: bool | None
     planner: str
     objective: str
-    curve: str | None
+    drive: str
     turning_radius: float | None
     exact: bool
     seed: int | None
     time_limit: float
     times: Times
+
+    @property
+    def curve(self) -> str | None:
+        """The drive by its first name: the curves that edges are, None for others."""
+        return self.drive if self.drive in CURVES else None
 
     def __repr__(self) -> str:
         return "Plan(" + "\n     ".join(self._lines()) + ")"
@@ -133,7 +140,8 @@ class Plan:
         if not self.solved:
             return [f"{self.planner}: {self.status}", *([f"try {self.advice}"] if self.advice else [])]
         proof = "certified" if self.certified else "not certified"
-        edges = f"{self.curve} curves of {self.turning_radius:g} m" if self.curve else "straight edges"
+        radius = f" of {self.turning_radius:g} m" if self.turning_radius else ""
+        edges = "straight edges" if self.drive == HOLONOMIC else f"drive: {self.drive}{radius}"
         ends = " to ".join(f"({', '.join(f'{x:.4g}' for x in q)})" for q in self.waypoints[[0, -1]])
         room = "" if math.isnan(self.clearance) else f", clearance {self.clearance:.3f} m"
         return [
@@ -146,7 +154,7 @@ class Plan:
     def to_csv(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
         """Write the path as CSV: a row of names, then a row for each configuration, in full precision.
 
-        The columns are the :attr:`axes`, metres and radians, and for curves direction, 1 or -1.
+        The columns are the :attr:`axes`, metres and radians, and, but for a holonomic robot, direction, 1, -1 or 0.
 
         Parameters
         ----------

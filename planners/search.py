@@ -6,7 +6,7 @@ import itertools
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -14,7 +14,7 @@ from ompl import base as ob
 from ompl import geometric as og
 from ompl import util as ou
 
-from planners.catalogue import SECOND_THREAD, make_planner
+from planners.catalogue import ASK_BOTH_WAYS, SECOND_THREAD, make_planner
 from planners.deadline import GRACE, Callbacks, Deadline, OutOfTime
 from planners.local_planner import LocalPlanner
 from planners.setup import MakeObjective, narrow, set_up
@@ -75,10 +75,11 @@ class Search:
             if self.seed is not None:
                 # OMPL calls this an error once numbers have been drawn, but what is made from here on obeys it.
                 ou.RNG.setSeed(self.seed + 1)
+            if self.planner in ASK_BOTH_WAYS.get(edges.drive, ()):
+                edges = replace(edges, both_ways=True)
             setup = set_up(edges, self.objective)
             if self._is_shortest(edges, setup, start, goal):
-                what = "shortest curve" if edges.curve else "straight edge"
-                return Found(np.array([start, goal]), f"the {what} is free; no search needed")
+                return Found(np.array([start, goal]), "a single edge is free; no search needed")
             if not edges.exact and edges.space.path_exists(start, goal):
                 narrow(setup, edges.space, start)
             return _Run(self, edges, setup).solve(start, goal, time_limit)
@@ -132,7 +133,7 @@ class _Run:
         if not self._search.simplify:
             return Found(path, "", planning)
         began = time.perf_counter()
-        path = self._simplified(path, max(left, GRACE))
+        path = self._edges.settled(self._simplified(path, max(left, GRACE)))
         return Found(path, "", planning, time.perf_counter() - began)
 
     def _stop(self, seconds: float) -> ob.PlannerTerminationCondition:

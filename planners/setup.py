@@ -12,21 +12,22 @@ from cspace.errors import InputError
 from cspace.map.batches import check_rng
 from cspace.space import CSpace
 from planners.callbacks import FreeStateSampler, MotionValidator, StateValidityChecker
-from planners.local_planner import LocalPlanner, local_planner
+from planners.local_planner import HOLONOMIC, LocalPlanner, local_planner, takes_curve
 from planners.states import Configuration, kind_of
 
 MakeObjective = Callable[[ob.SpaceInformation], ob.OptimizationObjective]
 MakeSampler = Callable[[ob.SpaceInformation], ob.ValidStateSampler]
 
 
-def state_space(space: CSpace, *, curve: str | None = None, turning_radius: float | None = None) -> ob.StateSpace:
+@takes_curve
+def state_space(space: CSpace, *, drive: str = HOLONOMIC, turning_radius: float | None = None) -> ob.StateSpace:
     """OMPL's state space of a map, R^2, R^3, SE(2), R^3 x SO(2) or SE(3): the box of its grid, and every rotation.
 
     Parameters
     ----------
     space : CSpace
-    curve : {"dubins", "reeds-shepp"}, optional
-        Curves of a car that drives forwards alone, or in both directions; straight edges, if left out.
+    drive : {"holonomic", "differential", "differential-reverse", "dubins", "reeds-shepp"}
+        As for :func:`planners.plan`.
     turning_radius : float, optional
         Metres; for curves, which need it.
 
@@ -34,17 +35,19 @@ def state_space(space: CSpace, *, curve: str | None = None, turning_radius: floa
     -------
     ompl.base.StateSpace
         ``RealVectorStateSpace`` of x and y, and in space z, in metres. For a robot that turns in the plane,
-        ``SE2StateSpace``, ``DubinsStateSpace`` or ``ReedsSheppStateSpace``; for one that turns freely in space,
-        ``SE3StateSpace``, and about z alone, a ``CompoundStateSpace`` of a ``RealVectorStateSpace``, of weight 1, and
-        an ``SO2StateSpace``, of weight 0.5. In each of them a radian counts as half a metre.
+        ``SE2StateSpace``; for one that turns freely in space ``SE3StateSpace``, and about z alone a
+        ``CompoundStateSpace`` of a ``RealVectorStateSpace``, of weight 1, and an ``SO2StateSpace``, of weight 0.5. In
+        each of these a radian counts as half a metre. For a drive ``DubinsStateSpace``, or, where it reverses,
+        ``ReedsSheppStateSpace``. Those of a differential drive turn on a point: what they interpolate lies on the edge
+        that is proven, but for a hundred-millionth of the map's side, and their distance is in metres alone.
 
     Raises
     ------
     InputError
-        If a curve is unknown, or asked for on a map without rotations, or the turning radius is missing, unwanted, or
-        not above zero.
+        If a drive is unknown, or asked for on a map that is not one of x, y and yaw, or the turning radius is missing,
+        unwanted, or not above zero.
     """
-    return _bounded(local_planner(space, False, curve, turning_radius))
+    return _bounded(local_planner(space, False, drive, turning_radius))
 
 
 def _bounded(edges: LocalPlanner) -> ob.StateSpace:
@@ -71,6 +74,7 @@ def narrow(setup: og.SimpleSetup, space: CSpace, start: Configuration) -> None:
     _set_resolution(setup.getSpaceInformation(), space)
 
 
+@takes_curve
 def simple_setup(
     space: CSpace,
     *,
@@ -78,8 +82,9 @@ def simple_setup(
     rng: np.random.Generator | None = None,
     valid_state_sampler: MakeSampler | None = None,
     exact: bool = False,
-    curve: str | None = None,
+    drive: str = HOLONOMIC,
     turning_radius: float | None = None,
+    both_ways: bool = False,
 ) -> og.SimpleSetup:
     """OMPL's set-up with everything that the map can answer: states, motions, samples and checking resolution.
 
@@ -101,10 +106,12 @@ def simple_setup(
     exact : bool
         Whether the geometry itself is asked where the map cannot decide. Valid states are then drawn from the whole
         map and tried, since they need not lie in FREE cells.
-    curve : {"dubins", "reeds-shepp"}, optional
-        Curves of a car that drives forwards alone, or in both directions; straight edges, if left out.
+    drive : {"holonomic", "differential", "differential-reverse", "dubins", "reeds-shepp"}
+        As for :func:`planners.plan`.
     turning_radius : float, optional
         Metres; for curves, which need it.
+    both_ways : bool
+        As for :class:`MotionValidator`.
 
     Returns
     -------
@@ -119,7 +126,7 @@ def simple_setup(
         of another type than OMPL's, or both ``rng`` and a sampler are given, or ``rng`` and ``exact``. And as
         :func:`state_space`.
     """
-    return set_up(local_planner(space, exact, curve, turning_radius), objective, rng, valid_state_sampler)
+    return set_up(local_planner(space, exact, drive, turning_radius, both_ways), objective, rng, valid_state_sampler)
 
 
 def set_up(

@@ -15,7 +15,7 @@ from cspace.grid import finite
 from cspace.space import CSpace
 from cspace.tiles.space import TiledCSpace
 from planners.catalogue import CUBES, planner_named
-from planners.local_planner import StraightEdges
+from planners.local_planner import HOLONOMIC, StraightEdges
 from planners.result import Plan, Times
 from planners.states import Floats
 
@@ -49,7 +49,7 @@ def plan_in_tiles(
     is entered and left, or, where it finds no way in its time, the map's own search. What is left out of the path
     because its neighbours can be joined straight, and then every edge, is proven on the stored map.
     """
-    began, name, simplify = time.perf_counter(), planner_named(options["planner"], None), options["simplify"]
+    began, name, simplify = time.perf_counter(), planner_named(options["planner"]), options["simplify"]
     ends = [_endpoint(space, q, which, leg) for q, which in ((start, "start"), (goal, "goal"))]
     exists = space.path_exists(*ends)
     chain = space.chain(*ends) if exists else []
@@ -95,7 +95,7 @@ def plan_in_tiles(
         path_exists=exists,
         planner=name,
         objective="length",
-        curve=None,
+        drive=HOLONOMIC,
         turning_radius=None,
         exact=False,
         seed=options["seed"],
@@ -113,7 +113,7 @@ def check_options(**options: object) -> None:
         If an option is not as it is if left out.
     """
     for name, value in options.items():
-        if value not in (None, False, "length"):
+        if value not in (None, False, "length", HOLONOMIC):
             found, rule = f"is {value!r}, on a map in a store", "a path there is straight edges, and goes by length"
             raise InputError(name, found, rule, "leave it out, or plan on space.window(lower, upper)", value=value)
 

@@ -61,7 +61,7 @@ def _check_curves(tally: Tally, others: Counter[str], case: Case, name: str, rng
     radius = space.grid.spacing * float(np.exp(rng.uniform(*np.log(RADII))))
     if rng.random() < 0.3:
         radius = space.grid.spacing * float(rng.integers(2, 31))
-    way = local_planner(space, curve=name, turning_radius=radius)
+    way = local_planner(space, drive=name, turning_radius=radius)
     if not isinstance(way, CarCurves):
         raise TypeError(f"local_planner made {way!r} for curve={name!r}; the soak is for curves")
     starts, ends = _drawn(case, name, radius, rng)

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 _PATHS = (".csv", ".json")
 
 
-Curve = Literal["dubins", "reeds-shepp"]
-"""Which curves a car may drive."""
+Drive = Literal["holonomic", "differential", "differential-reverse", "dubins", "reeds-shepp"]
+"""How a robot that turns in the plane may move."""
 
 
 def plan(
@@ -54,7 +54,10 @@ def plan(
     exact: Annotated[
         bool, typer.Option("--exact", help="Ask the geometry itself where the grid cannot decide.")
     ] = False,
-    curve: Annotated[Curve | None, typer.Option(help="Drive like a car, on curves of this kind.")] = None,
+    drive: Annotated[
+        Drive,
+        typer.Option("--drive", "--curve", help="How a robot with a yaw moves: to all sides, on two wheels, a car."),
+    ] = "holonomic",
     turning_radius: Annotated[
         float | None, typer.Option(metavar="METRES", help="Of the tightest curve, at the reference point.")
     ] = None,
@@ -72,20 +75,20 @@ def plan(
     from cspace.plot import SUFFIXES, save_plot
     from cspace.plot import animate as save_animation
     from cspace.plot.animation import check_animated
-    from planners.local_planner import check_curve
+    from planners.local_planner import check_drive
 
     check_outputs(output or [], _PATHS, overwrite)
     check_outputs([picture] if picture else [], SUFFIXES, overwrite)
     check_outputs([animate] if animate else [], (".gif",), overwrite)
     axes = axes_of_map(file)
     ends = configuration(start, "--start", axes), configuration(goal, "--goal", axes)
-    check_curve(axes, curve, turning_radius, exact)
+    check_drive(axes, drive, turning_radius, exact)
     if animate:
         check_animated(axes, "--animate")
     clock = Clock()
     with clock.step("read"):
         space: Any = open_map(file)
-    options = given(objective=objective, exact=exact or None, curve=curve, turning_radius=turning_radius)
+    options = given(objective=objective, exact=exact or None, drive=drive, turning_radius=turning_radius)
     with clock.step("plan"):
         found = planners.plan(
             space, *ends, planner=planner, time_limit=time_limit, simplify=simplify, seed=seed, **options

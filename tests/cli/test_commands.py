@@ -306,13 +306,13 @@ def test_options_go_to_the_planner(room: Path, monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(planners, "plan", plan)
     ends = ["plan", "turning.npz", "--start", "1,1,90deg", "--goal=-1,1,-1.5"]
     assert run(*ends, "--curve", "reeds-shepp", "--turning-radius", "0.5").stderr == "cspace: enough\n"
-    assert (heard["curve"], heard["turning_radius"]) == ("reeds-shepp", 0.5)
+    assert (heard["drive"], heard["turning_radius"]) == ("reeds-shepp", 0.5)
     run(*ends, "--exact")
     assert heard["exact"] is True
     assert (heard["start"], heard["goal"]) == ((1.0, 1.0, math.pi / 2), (-1.0, 1.0, -1.5))
     heard.clear()
     run(*ends, "--objective", "clearance", "--planner", "PRM", "--no-simplify", "--seed", 3)
-    assert not {"exact", "curve", "turning_radius"} & set(heard)
+    assert not {"exact", "turning_radius"} & set(heard)
     assert [heard[name] for name in ("objective", "planner", "simplify", "seed")] == ["clearance", "PRM", False, 3]
     for start in (["--start=-0.5,-0.25"], ["--start", "-0.5,-0.25"]):
         run("plan", "plane.zarr", *start, "--goal", "0.5,-.5")

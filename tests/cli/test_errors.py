@@ -71,12 +71,12 @@ BAD: dict[str, tuple[list[str], list[str]]] = {
     "yaw that is infinite": ([*_TURN, "--start", "1,1,infdeg"], ["start", "inf"]),
     "time limit": ([*_PLAN, "--time-limit", "-1"], ["--time-limit is -1"]),
     "objective": ([*_PLAN, "--objective", "beauty"], ["--objective", "beauty", "length"]),
-    "negative turning radius": ([*_TURN, "--curve", "dubins", "--turning-radius", "-1"], ["turning-radius is -1"]),
-    "curve without a radius": ([*_TURN, "--curve", "dubins"], ["--turning-radius is None", "--curve dubins"]),
-    "radius without a curve": ([*_TURN, "--turning-radius", "1"], ["--turning-radius is 1", "--curve dubins"]),
+    "negative turning radius": ([*_TURN, "--drive", "dubins", "--turning-radius", "-1"], ["turning-radius is -1"]),
+    "curve without a radius": ([*_TURN, "--drive", "dubins"], ["--turning-radius is None", "--drive dubins"]),
+    "radius without a curve": ([*_TURN, "--turning-radius", "1"], ["--turning-radius is 1", "--drive dubins"]),
     "curve without rotations": (
-        [*_PLAN, "--curve", "dubins", "--turning-radius", "1"],
-        ["--curve is 'dubins'", "(x, y)", "in the plane"],
+        [*_PLAN, "--drive", "dubins", "--turning-radius", "1"],
+        ["--drive is 'dubins'", "(x, y)", "in the plane"],
     ),
     "animation suffix": ([*_TURN, "--animate", "path.mp4"], ["path.mp4", ".gif"]),
     "animation in space": ([*_FLY, "--animate", "new.gif"], ["--animate", "in space"]),
@@ -204,7 +204,7 @@ def test_folder_that_may_not_be_written(room: Path, monkeypatch: pytest.MonkeyPa
     "arguments",
     [
         *(["fly"], ["map"], ["map", "a.yaml", "--robt", "disc:1"], [*_FLAT, "--outside", "wet"], [*_FLAT, "-x"]),
-        *([*_FLAT, "--rotations", "7.5"], [*_TURN, "--curve", "spline"]),
+        *([*_FLAT, "--rotations", "7.5"], [*_TURN, "--drive", "spline"]),
     ],
 )
 def test_usage_errors(arguments: list[str]) -> None:

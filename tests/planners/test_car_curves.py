@@ -176,7 +176,7 @@ def test_a_curve_with_a_little_room_around_it_is_proven(space: CSpace, name: str
 @pytest.mark.parametrize("name", CURVES)
 def test_the_curve_that_ompl_drives_is_free_too(space: CSpace, name: str) -> None:
     """Also where several curves are equally short, or OMPL takes one that is not the shortest."""
-    setup = planners.simple_setup(space, curve=name, turning_radius=0.5)
+    setup = planners.simple_setup(space, drive=name, turning_radius=0.5)
     info, states = setup.getSpaceInformation(), setup.getStateSpace()
     out, own, others, free = states.allocState(), curve(name, 0.5, space), 0, 0
     for a, b in edges(space, 1500, 2):
@@ -210,7 +210,7 @@ def test_of_two_equally_short_curves_both_must_be_free() -> None:
 @pytest.mark.parametrize("hair", [(0.0, 0.0, 1e-12), (0.0, 1e-7, 0.0), (5e-10, 0.0, 0.0)])
 def test_a_goal_a_hair_from_the_start(space: CSpace, name: str, hair: Any) -> None:
     start = np.array([1.05, 1.05, 0.1])
-    found = planners.plan(space, start, start + hair, curve=name, turning_radius=0.5, time_limit=2.0, seed=1)
+    found = planners.plan(space, start, start + hair, drive=name, turning_radius=0.5, time_limit=2.0, seed=1)
     assert found.solved and found.certified and found.clearance >= 0.0
 
 
@@ -306,5 +306,5 @@ def test_a_robot_that_is_there_has_a_path_of_itself(space: CSpace) -> None:
 def test_the_names_of_the_curves_are_public_words() -> None:
     space = room("turning")
     for name in CURVES:
-        states = planners.state_space(space, curve=name, turning_radius=0.5)
+        states = planners.state_space(space, drive=name, turning_radius=0.5)
         assert isinstance(states, SPACES[name])

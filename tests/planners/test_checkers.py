@@ -103,10 +103,10 @@ def test_answers_can_be_taken_over_and_given_back(space: CSpace) -> None:
 
 
 def test_curves_need_a_robot_that_turns_in_the_plane() -> None:
-    for name, words in (("plane", "are .x, y.;.*rotations=72"), ("floating", "qx.*leave curve out")):
+    for name, words in (("plane", "are .x, y.;.*rotations=72"), ("floating", "qx.*leave drive out")):
         space = room(name)
         si = planners.simple_setup(space).getSpaceInformation()
-        options: dict[str, Any] = {"curve": "dubins", **CAR}
+        options: dict[str, Any] = {"drive": "dubins", **CAR}
         for make in (
             lambda space=space, options=options: planners.state_space(space, **options),
             lambda space=space, options=options: planners.simple_setup(space, **options),

@@ -21,7 +21,7 @@ EDGES = [*((name, None) for name in SPACES), *(("turning", curve) for curve in C
 @pytest.mark.parametrize("reach", [0.4, 2.5])
 def test_the_cost_of_an_edge_is_the_integral_along_it(name: str, curve: str | None, reach: float) -> None:
     space, read = room(name), kind_of(room(name)).read
-    options: dict[str, Any] = {} if curve is None else {"curve": curve, **CAR}
+    options: dict[str, Any] = {} if curve is None else {"drive": curve, **CAR}
     setup = planners.simple_setup(space, **options)
     si, states = setup.getSpaceInformation(), setup.getStateSpace()
     objective = planners.ClearanceObjective(si, space, weight=6.0, comfort=0.4, **options)

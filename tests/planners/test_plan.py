@@ -45,7 +45,7 @@ HEEDING = sorted(set(NAMES) - IGNORE_OBJECTIVES - SECOND_THREAD - {"FMT", "BFMT"
 
 
 def options_for(curve: str | None) -> dict[str, Any]:
-    return {} if curve is None else {"curve": curve, **CAR}
+    return {} if curve is None else {"drive": curve, **CAR}
 
 
 def ends_in(name: str, curve: str | None) -> tuple[Any, Any]:
@@ -273,7 +273,7 @@ def test_where_a_path_exists_the_status_says_so() -> None:
         options = {"time_limit": 1e-6, "planner": "RRT", **options_for(curve)}
         found = planners.plan(room(name), *ends_in(name, curve), **options)
         check_none(room(name), found)
-        known = "one exists for a robot that turns on the spot" if curve else "a path exists"
+        known = "one exists for a robot that also moves sideways" if curve else "a path exists"
         assert found.status == f"no path found within 1e-06 s; {known}" and found.path_exists is True
         assert "time_limit=1e-05" in found.advice and ("Cubes" in found.advice) == (name in ("plane", "space"))
 
@@ -365,24 +365,33 @@ def test_a_map_without_free_cells_has_no_nearest_one() -> None:
         ("plane", {"planner": "Cubes", "iterations": 3}, "iterations is 3 and planner is 'Cubes'"),
         (
             "yawing",
-            {"curve": "dubins", "turning_radius": 1.0},
-            "curve is 'dubins' and the map.s configurations are .x, y, z, yaw.*leave curve",
+            {"drive": "dubins", "turning_radius": 1.0},
+            "drive is 'dubins' and the map.s configurations are .x, y, z, yaw.*leave drive",
         ),
         ("yawing", {"start": (1.0, 2.0, 3.0)}, r"4 numbers; pass \(x, y, z, yaw\), in metres"),
         ("plane", {"planner": "Cubes", "objective": "clearance"}, "objective is 'clearance'"),
         ("floating", {"start": (1.0, 2.0, 3.0)}, r"7 numbers; pass \(x, y, z, qx, qy, qz, qw\)"),
         ("floating", {"start": (0.5, 0.5, 0.5, 0, 0, 0, 2)}, "start has a quaternion of norm 2; it must be 1"),
-        ("turning", {"curve": "dubins"}, "turning_radius is None.*metres"),
-        ("turning", {"curve": "dubins", "turning_radius": 0.0}, "turning_radius is 0.0"),
-        ("turning", {"curve": "dubins", "turning_radius": math.nan}, "turning_radius is nan"),
-        ("turning", {"curve": "reeds-shepp", "turning_radius": 1e-9}, "turning_radius is 1e-09.*on the spot"),
-        ("turning", {"curve": "reeds-shepp", "turning_radius": "1m"}, "turning_radius is '1m'"),
-        ("turning", {"curve": "clothoid", "turning_radius": 1.0}, "curve is 'clothoid'.*'dubins' or 'reeds-shepp'"),
-        ("turning", {"curve": ["dubins"], "turning_radius": 1.0}, r"curve is \['dubins'\]"),
-        ("turning", {"turning_radius": 1.0}, "turning_radius is 1.0 and curve is None"),
-        ("turning", {"curve": "dubins", "turning_radius": 1.0, "exact": True}, "exact is True and curve is 'dubins'"),
+        ("turning", {"drive": "dubins"}, "turning_radius is None.*metres"),
+        ("turning", {"drive": "dubins", "turning_radius": 0.0}, "turning_radius is 0.0"),
+        ("turning", {"drive": "dubins", "turning_radius": math.nan}, "turning_radius is nan"),
+        ("turning", {"drive": "reeds-shepp", "turning_radius": 1e-9}, "turning_radius is 1e-09.*on the spot"),
+        ("turning", {"drive": "reeds-shepp", "turning_radius": "1m"}, "turning_radius is '1m'"),
+        (
+            "turning",
+            {"drive": "clothoid", "turning_radius": 1.0},
+            "drive is 'clothoid'.*'differential', .*'dubins' or 'reeds-shepp'",
+        ),
+        ("turning", {"drive": ["dubins"], "turning_radius": 1.0}, r"drive is \['dubins'\]"),
+        ("turning", {"turning_radius": 1.0}, "turning_radius is 1.0 and drive is 'holonomic'"),
+        ("turning", {"drive": "dubins", "turning_radius": 1.0, "exact": True}, "exact is True and drive is 'dubins'"),
         ("turning", {"exact": 3}, "exact is 3"),
-        ("space", {"curve": "reeds-shepp", "turning_radius": 1.0}, "curve is 'reeds-shepp'.*are .x, y, z."),
+        ("turning", {"drive": "differential", "turning_radius": 1.0}, "1.0 and drive is 'differential'"),
+        ("turning", {"drive": "differential", "planner": "Cubes"}, "drive is 'differential' and planner is 'Cubes'"),
+        ("yawing", {"drive": "differential"}, "drive is 'differential' and .* .x, y, z, yaw.*leave drive"),
+        ("plane", {"drive": "differential-reverse"}, "are .x, y.;.*rotations=72"),
+        ("turning", {"drive": None}, "drive is None"),
+        ("space", {"drive": "reeds-shepp", "turning_radius": 1.0}, "drive is 'reeds-shepp'.*are .x, y, z."),
     ],
 )
 def test_wrong_input_is_named(name: str, wrong: dict[str, Any], words: str) -> None:

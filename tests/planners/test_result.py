@@ -13,7 +13,7 @@ import pytest
 
 import planners
 from cspace import BLOCKED, FileError
-from planners.local_planner import CURVES, local_planner
+from planners.local_planner import CURVES, HOLONOMIC, local_planner
 from planners.result import least_clearance
 from planning import CAR, ENDS, SPACES, distances, halves, open_map, room, turn_between, usable
 
@@ -23,7 +23,7 @@ CASES = [*((name, None) for name in SPACES), *(("turning", curve) for curve in C
 @pytest.fixture(scope="module", params=CASES, ids=lambda case: case[1] or case[0])
 def found(request: pytest.FixtureRequest) -> planners.Plan:
     name, curve = request.param
-    options = {"curve": curve, **CAR} if curve else {}
+    options = {"drive": curve, **CAR} if curve else {}
     return planners.plan(room(name), *ENDS[name], seed=4, time_limit=20.0, **options)
 
 
@@ -33,7 +33,7 @@ def found(request: pytest.FixtureRequest) -> planners.Plan:
 @pytest.mark.parametrize(("name", "curve"), CASES)
 def test_the_clearance_of_a_path_is_a_bound_for_each_of_its_points(name: str, curve: str | None) -> None:
     space, dim = room(name), room(name).grid.dim
-    edges = local_planner(space, False, curve, 0.4 if curve else None)
+    edges = local_planner(space, False, curve or HOLONOMIC, 0.4 if curve else None)
     rng, some = np.random.default_rng(0), 0
     for a in space.sample_free(40, rng):
         path = usable(space, np.array([a, *(a + rng.uniform(-0.3, 0.3, (2, len(a))))]))

@@ -121,7 +121,7 @@ def test_what_is_no_planner_is_refused(wrong: Any) -> None:
 
 @pytest.mark.parametrize(("curve", "name"), [(c, n) for c, names in NO_CURVES.items() for n in names])
 def test_planners_that_take_edges_from_their_ends_are_refused(curve: str, name: str) -> None:
-    with pytest.raises(InputError, match=rf"planner is '{name}' and curve is '{curve}'.*RRT"):
+    with pytest.raises(InputError, match=rf"planner is '{name}' and drive is '{curve}'.*RRT"):
         planner_named(name.lower(), curve)
 
 

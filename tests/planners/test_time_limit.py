@@ -35,7 +35,7 @@ def in_time(space: Any, ends: Any, **options: Any) -> planners.Plan:
 def test_every_planner_ends_in_time(planner: str, name: str, curve: str | None) -> None:
     if planner in NO_CURVES.get(curve or "", {}):
         return
-    options: dict[str, Any] = {"planner": planner} | ({"curve": curve, **CAR} if curve else {})
+    options: dict[str, Any] = {"planner": planner} | ({"drive": curve, **CAR} if curve else {})
     space, start, goal = halves(name, MIXED)
     for each in (room(name), space):  # what is made at the first plan on a map is not counted
         planners.plan(each, start if each is space else ENDS[name][0], ENDS[name][0], time_limit=0.01)

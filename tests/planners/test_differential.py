@@ -1,0 +1,218 @@
+"""Differential drives turn on the spot and drive straight on, and are proven along what they really do."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+from shapely import affinity
+
+import planners
+from cspace import MIXED, CSpace, InputError, Robot, Workspace, build
+from planners.local_planner import TurnDriveTurn, local_planner
+from planning import ENDS, check, open_map, room, state_at, turn_between, with_state
+
+DRIVES = ("differential", "differential-reverse")
+
+
+def driven(first: np.ndarray, last: np.ndarray, drive: str, each: int = 60) -> np.ndarray:
+    """Configurations of a robot that turns to where it goes, goes there, and turns; of the ways, the one with least
+    turning. Written down without the planners' own arithmetic."""
+    way, best = complex(*(last[:2] - first[:2])), None
+    for sign in (1.0, -1.0) if drive == "differential-reverse" else (1.0,):
+        heading = sign * way / abs(way) if way else np.exp(1j * first[2])
+        turns = [np.angle(heading / np.exp(1j * first[2])), np.angle(np.exp(1j * last[2]) / heading)]
+        if best is None or np.abs(turns).sum() < np.abs(best[1]).sum() - 1e-12:
+            best = heading, turns
+    assert best is not None
+    (heading, (begin, end)), t = best, np.linspace(0.0, 1.0, each)[:, None]
+    rows = [
+        np.hstack([np.repeat(first[None, :2], each, axis=0), first[2] + t * begin]),
+        np.hstack([first[:2] + t * (last - first)[:2], np.full((each, 1), np.angle(heading))]),
+        np.hstack([np.repeat(last[None, :2], each, axis=0), np.angle(heading) + t * end]),
+    ]
+    return np.concatenate(rows)
+
+
+def pairs(space: CSpace, n: int, seed: int) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Pairs of FREE configurations, mostly near each other; of some the second is straight ahead, or turned alone."""
+    rng = np.random.default_rng(seed)
+    first, last = space.sample_free(n, rng), space.sample_free(n, rng)
+    near = rng.random(n) < 0.8
+    last[near, :2] = first[near, :2] + rng.uniform(-0.7, 0.7, (near.sum(), 2))
+    last[::7, :2] = first[::7, :2]
+    last[3::7, 2] = first[3::7, 2]
+    return list(zip(first, last, strict=True))
+
+
+def check_driven(found: planners.Plan, drive: str) -> None:
+    """What a robot on two wheels cannot do is not in a path: move to a side, or turn as it moves."""
+    path = found.path
+    steps, turns = np.diff(path[:, :2], axis=0), turn_between(path[:-1, 2], path[1:, 2])
+    metres = np.linalg.norm(steps, axis=1)
+    heading = np.stack([np.cos(path[:-1, 2]), np.sin(path[:-1, 2])], axis=-1)
+    along, across = (steps * heading).sum(axis=1), steps[:, 0] * heading[:, 1] - steps[:, 1] * heading[:, 0]
+    assert np.abs(across).max() < 1e-9 and (np.minimum(metres, np.abs(turns)) == 0.0).all()
+    assert found.direction is not None and found.drive == drive and found.curve is None
+    assert np.array_equal(found.direction[1:], np.sign(np.round(along, 12)))
+    assert drive == "differential-reverse" or along.min() >= 0.0
+    assert found.length == pytest.approx(metres.sum())
+
+
+# ---- edges -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("drive", DRIVES)
+def test_an_edge_is_free_where_all_that_is_driven_is(drive: str) -> None:
+    space = room("turning")
+    check_edge, answers = local_planner(space, drive=drive).edge_checker(), set()
+    for first, last in pairs(space, 400, 0):
+        points = driven(first, last, drive)
+        proven, free = check_edge(*first, *last), bool(space.is_free(points).all())
+        assert free or not proven
+        # What all has a little room around it is proven.
+        assert proven or not space.is_free_around(points, 0.04, 0.06).all()
+        answers.add(proven)
+    assert answers == {True, False}
+
+
+@pytest.mark.parametrize("exact", [False, True])
+@pytest.mark.parametrize("drive", DRIVES)
+def test_a_path_is_proven_by_the_map_itself(drive: str, exact: bool) -> None:
+    space = room("turning")
+    edges = local_planner(space, exact, drive)
+    assert isinstance(edges, TurnDriveTurn)
+    for first, last in pairs(space, 60, 1):
+        corners = edges.corners(np.array([first, last]))
+        assert corners[0].tolist() == first.tolist() and corners[-1].tolist() == last.tolist() and len(corners) <= 4
+        assert np.array_equal(edges.corners(corners), corners)
+        proven = bool(space.certify_path(corners, exact=exact).all())
+        assert proven == edges.are_free(corners) == edges.edge_checker()(*first, *last)
+        dense, direction = edges.dense(corners)
+        assert direction is not None and len(direction) == len(dense)
+        steps = edges.pieces(corners, math.inf, math.inf)
+        turned = np.abs(np.diff(driven(first, last, drive)[:, 2])).reshape(-1)
+        assert steps.lengths.sum() == pytest.approx(np.hypot(*(last - first)[:2]))
+        inside = np.r_[turned[:59], turned[60:119], turned[120:]]
+        assert steps.turns.sum() == pytest.approx(inside.sum(), abs=1e-9)
+
+
+@pytest.mark.parametrize("drive", DRIVES)
+def test_what_ompl_interpolates_lies_on_the_edge(drive: str) -> None:
+    space = room("turning")
+    states = planners.state_space(space, drive=drive)
+    si = planners.simple_setup(space, drive=drive).getSpaceInformation()
+    out = states.allocState()
+    for first, last in pairs(space, 200, 2):
+        a, b = state_at(space, si, first), state_at(space, si, last)
+        assert states.distance(a, b) == pytest.approx(math.dist(first[:2], last[:2]), abs=1e-6)
+        if math.dist(first[:2], last[:2]) == 0.0:
+            continue
+        heading = driven(first, last, drive)[90, 2]
+        for share in (0.01, 0.3, 0.99):
+            states.interpolate(a, b, share, out)
+            place = first[:2] + share * (last - first)[:2]
+            assert (out.getX(), out.getY()) == pytest.approx(place, abs=1e-6)
+            assert abs(turn_between(out.getYaw(), heading)) < 1e-6
+
+
+def test_a_robot_that_reverses_backs_out_where_it_cannot_turn_around() -> None:
+    occupied = np.ones((60, 60), dtype=bool)
+    occupied[5:55, 26:34] = False  # a corridor of 0.8 m
+    space = build(Workspace.from_array(occupied, 0.1), Robot.rectangle(1.2, 0.4), rotations=72)
+    ends = (4.0, 3.0, 0.0), (2.0, 3.0, 0.0)
+    assert not local_planner(space, drive="differential").edge_checker()(*ends[0], *ends[1])
+    found = planners.plan(space, *ends, drive="differential-reverse")
+    check(space, found, *ends)
+    assert found.length == 2.0 and set(found.direction.tolist()) == {-1}  # type: ignore[union-attr]
+    for drive, both_ways, free in (("differential", False, True), ("differential", True, False)):
+        validator = planners.MotionValidator(
+            planners.simple_setup(space, drive=drive).getSpaceInformation(), space, drive=drive, both_ways=both_ways
+        )
+        si = planners.simple_setup(space, drive=drive).getSpaceInformation()
+        assert validator.checkMotion(*(state_at(space, si, q) for q in ends[::-1])) == free
+
+
+def test_a_turn_goes_the_shorter_way_alone() -> None:
+    """A post beside the robot stands in the way of a turn to the left; the longer one, to the right, is not taken."""
+    state = np.zeros((36, 5, 5), np.uint8)
+    state[int(with_state(state, 36).rotations.cell_of(0.5))] = MIXED
+    check_edge = local_planner(with_state(state, 36), drive="differential").edge_checker()
+    assert not check_edge(2.5, 2.5, 0.1, 2.5, 2.5, 1.0)
+    assert check_edge(2.5, 2.5, 0.1, 2.5, 2.5, -1.5) and check_edge(2.5, 2.5, -2.8, 2.5, 2.5, 1.0)
+
+
+# ---- plans -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("planner", planners.planner_names())
+def test_every_planner_finds_what_can_be_driven(planner: str) -> None:
+    space = room("turning")
+    for drive in DRIVES if planner in {"PRM", "RRTConnect"} else DRIVES[:1]:  # the others take seconds
+        for limit in (0.1, 0.5, 20.0):
+            found = planners.plan(space, *ENDS["turning"], planner=planner, drive=drive, seed=1, time_limit=limit)
+            if found.solved:
+                break
+        check(space, found, *ENDS["turning"])
+        check_driven(found, drive)
+
+
+@pytest.mark.parametrize("drive", DRIVES)
+def test_no_point_of_a_path_collides(drive: str) -> None:
+    """The robot's own rectangle, placed along what is driven, against every obstacle."""
+    space = room("turning")
+    x, y = np.nonzero(space.workspace.outer)
+    walls = shapely.union_all(shapely.box(x * 0.1, y * 0.1, (x + 1) * 0.1, (y + 1) * 0.1))
+    body, lengths = shapely.box(-0.3, -0.15, 0.3, 0.15), []
+    for seed in range(4):
+        found = planners.plan(space, *ENDS["turning"], drive=drive, seed=seed, time_limit=20.0)
+        check(space, found, *ENDS["turning"])
+        check_driven(found, drive)
+        assert space.certify_path(found.path).all() and space.certify_path(found.waypoints).all()
+        for first, last in itertools.pairwise(found.waypoints):
+            for px, py, yaw in driven(first, last, drive, 20).tolist():
+                placed = affinity.translate(affinity.rotate(body, yaw, (0, 0), use_radians=True), px, py)
+                assert not placed.intersects(walls)
+        rough = planners.plan(space, *ENDS["turning"], drive=drive, seed=seed, time_limit=20.0, simplify=False)
+        check(space, rough, *ENDS["turning"])
+        lengths.append(rough.length / found.length)
+    assert min(lengths) >= 1 - 1e-9 and max(lengths) > 1.02
+
+
+@pytest.mark.parametrize("drive", DRIVES)
+def test_waypoints_are_left_as_they_are_come_to(drive: str) -> None:
+    edges = local_planner(open_map("turning"), drive=drive)
+    path = np.array([(1.0, 1.0, 0.5), (3.0, 1.5, -2.0), (5.0, 4.0, 1.0), (5.0, 6.0, 0.0)])
+    settled = edges.settled(path)
+    assert np.array_equal(settled[[0, -1]], path[[0, -1]]) and np.array_equal(settled[:, :2], path[:, :2])
+    turns = [edges.pieces(rows, math.inf, math.inf).turns.sum() for rows in (settled, path)]
+    assert turns[0] < turns[1] - 1.0
+    corners = edges.corners(settled)
+    assert len(corners) == 8 and edges.are_free(settled)  # three lines, and a turn at each of the four places
+
+
+def test_exact_geometry_proves_what_the_grid_cannot() -> None:
+    occupied = np.zeros((40, 40), dtype=bool)
+    occupied[18:22] = True
+    occupied[18:22, 18:22] = False  # a gap of 0.4 m in a wall
+    space = build(Workspace.from_array(occupied, 0.1), Robot.rectangle(0.5, 0.36), rotations=72)
+    ends = (1.0, 2.0, 0.0), (3.0, 2.0, 0.0)
+    assert space.path_exists(*ends) is None
+    found = planners.plan(space, *ends, drive="differential", exact=True)
+    assert found.solved and found.certified and found.exact and space.certify_path(found.path, exact=True).all()
+    check_driven(found, "differential")
+
+
+def test_the_first_name_of_drive_is_still_taken() -> None:
+    space, options = room("turning"), {"turning_radius": 0.4, "seed": 1, "time_limit": 20.0}
+    older: dict[str, Any] = {"curve": "reeds-shepp"}
+    old = planners.plan(space, *ENDS["turning"], **older, **options)
+    new = planners.plan(space, *ENDS["turning"], drive="reeds-shepp", **options)
+    assert np.array_equal(old.path, new.path) and old.drive == old.curve == "reeds-shepp"
+    assert planners.plan(space, *ENDS["turning"], curve=None, seed=1).drive == "holonomic"
+    with pytest.raises(InputError, match=r"drive is 'sideways'.*'holonomic', 'differential'"):
+        planners.state_space(space, curve="sideways")
