@@ -20,6 +20,7 @@ from cspace.map.record import Map
 from cspace.rotations import TURN
 from cspace.space import CSpace
 from cspace.states import MIXED
+from planners.integrals import LONGEST_TURN, Field, Law, metre_cost
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -66,6 +67,13 @@ def prover(space: CSpace, kind: int, radius: float) -> Callable[..., float]:
     return entry(proven_length, (map_, kind, radius), 6)
 
 
+def cost(space: CSpace, kind: int, radius: float, field: Field, law: Law) -> Callable[..., float]:
+    """:func:`curve_cost` of the floats of two configurations."""
+    fixed = (space._map, field, law, (kind, radius))
+    ask = entry(curve_cost, (*fixed, (0.0,) * 6), 0).func  # type: ignore[attr-defined]
+    return lambda *ends: ask(*fixed, ends)
+
+
 @jit
 def proven_length(
     map_: Map, kind: int, radius: float, x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float
@@ -99,6 +107,27 @@ def proven_length(
         if not _word_is_free(map_, radius, q0, turns[row], lengths[row], spare):
             return -1.0
     return radius * shortest
+
+
+@jit
+def curve_cost(map_: Map, field: Field, law: Law, curve: tuple[int, float], both: tuple[float, ...]) -> float:
+    """Cost of the shortest curve, of a kind and a turning radius, by its ends in a row.
+
+    It is that of the middles of its steps, of at most a cell and 5 degrees.
+    """
+    (kind, radius), (x0, y0, yaw0, x1, y1, yaw1) = curve, both
+    turns, lengths, _ = shortest(kind, radius, (x0, y0, yaw0), (x1, y1, yaw1))
+    pose, total = (0.0, 0.0, yaw0), 0.0
+    for k in range(5):
+        length = lengths[k]
+        longest = map_.spacing if turns[k] == 0 else min(map_.spacing, LONGEST_TURN * radius)
+        steps = math.ceil(radius * abs(length) / longest)
+        for number in range(steps):
+            u, v, yaw = onwards(pose, turns[k], length * (number + 0.5) / steps)
+            cost = metre_cost(map_, field, law, (x0 + radius * u, y0 + radius * v, yaw))
+            total += cost * radius * abs(length) / steps
+        pose = onwards(pose, turns[k], length)
+    return total
 
 
 @jit

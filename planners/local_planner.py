@@ -17,7 +17,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import wraps
-from typing import Any, Final, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, Final, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,9 @@ from cspace.grid import positive
 from cspace.orientation import TURN, wrapped
 from cspace.space import CSpace
 from planners.states import TURN_WEIGHT, Floats, check_space, kind_of
+
+if TYPE_CHECKING:
+    from planners.integrals import Field, Law
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -133,6 +136,10 @@ class LocalPlanner(ABC):
         return path
 
     @abstractmethod
+    def edge_cost(self, field: Field, law: Law) -> Callable[..., float]:
+        """``cost`` of the floats of two configurations: that of the edge between them, by a law for each metre."""
+
+    @abstractmethod
     def are_free(self, path: Floats) -> bool:
         """Whether every edge of a path is proven free; of a path of one configuration, whether that is."""
 
@@ -155,6 +162,11 @@ class StraightEdges(LocalPlanner):
 
     def edge_checker(self) -> Callable[..., bool]:
         return self.space.edge_checker(exact=self.exact)
+
+    def edge_cost(self, field: Field, law: Law) -> Callable[..., float]:
+        from planners.integrals import edge_cost
+
+        return edge_cost(self.space, field, law)
 
     def are_free(self, path: Floats) -> bool:
         firsts, lasts = (path[:-1], path[1:]) if len(path) > 1 else (path, path)
@@ -211,6 +223,16 @@ class TurnDriveTurn(StraightEdges):
             return between and free(x0, y0, yaw0, x0, y0, yaw) and free(x1, y1, yaw, x1, y1, yaw1)
 
         return check
+
+    def edge_cost(self, field: Field, law: Law) -> Callable[..., float]:
+        cost, heading = super().edge_cost(field, law), self.heading
+
+        def total(x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float) -> float:
+            yaw = heading(x0, y0, yaw0, x1, y1, yaw1)
+            turns = cost(x0, y0, yaw0, x0, y0, yaw) + cost(x1, y1, yaw, x1, y1, yaw1)
+            return turns + cost(x0, y0, yaw, x1, y1, yaw)
+
+        return total
 
     def heading(self, x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float) -> float:
         """The yaw at which the robot drives from one configuration to another; the first one's, if it only turns."""
@@ -274,6 +296,11 @@ class CarCurves(LocalPlanner):
     def edge_checker(self) -> Callable[..., bool]:
         prove = self.length_prover()
         return lambda *q: prove(*q) >= 0.0
+
+    def edge_cost(self, field: Field, law: Law) -> Callable[..., float]:
+        from planners.car_curves import cost
+
+        return cost(self.space, self.kind, self.radius, field, law)
 
     def motion_checker(self) -> Callable[[ob.State, ob.State], bool]:
         """Whether a curve is proven free, and is no longer than OMPL's, so that it is the one that OMPL means."""

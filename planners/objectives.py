@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable
 from typing import Final
 
-import numpy as np
 from ompl import base as ob
 
 from cspace.errors import InputError
@@ -14,20 +13,18 @@ from cspace.grid import finite, positive
 from cspace.space import CSpace
 from cspace.spectral import OverlapField
 from cspace.states import FREE
-from planners.local_planner import DENSE_TURN, HOLONOMIC, local_planner, takes_curve
-from planners.states import Configuration, Floats, check_information, kind_of
+from planners.integrals import Field, Law, metre_cost
+from planners.local_planner import HOLONOMIC, local_planner, takes_curve
+from planners.states import check_information, kind_of
 
 COMFORT: Final = 0.1
 """Clearance beyond which more is not worth a detour, as a share of the map's longer side, where none is given."""
-
-_FEW: Final = 20
-"""Steps up to which one look-up at a time is quicker than the way in and out of numpy."""
 
 
 class WeightedLength(ob.OptimizationObjective):
     """Length, in which a metre of path costs ``1 + weight * max(0, penalty)**2``, integrated along each edge.
 
-    The penalty of a configuration is ``offset + slope * value``, of a value that is looked up.
+    The penalty of a configuration is ``offset + slope * value``, of a value that a field has there.
 
     The integral takes the middles of steps of at most one cell and 5 degrees. The cost is never below the length, which
     OMPL may use as a bound. A radian of turn counts as half a metre, as in OMPL's SE(2) and SE(3); but for curves,
@@ -41,10 +38,9 @@ class WeightedLength(ob.OptimizationObjective):
     si : ompl.base.SpaceInformation
         Of a :func:`planners.state_space`.
     space : CSpace
-    value : callable
-        ``value(*q) -> float`` of one configuration.
-    values : callable
-        The same of configurations, shape (n, dof).
+    field : Marks or ndarray of float64, optional
+        What has the value: the clearance, by the marks of the map, or cells of the shape of the map's states. Nothing,
+        for the bare length, if left out.
     offset, slope : float
     weight : float
     drive : {"holonomic", "differential", "differential-reverse", "dubins", "reeds-shepp"}
@@ -65,8 +61,7 @@ class WeightedLength(ob.OptimizationObjective):
         self,
         si: ob.SpaceInformation,
         space: CSpace,
-        value: Callable[..., float],
-        values: Callable[[Floats], Floats],
+        field: Field = None,
         *,
         offset: float = 0.0,
         slope: float = 1.0,
@@ -79,59 +74,32 @@ class WeightedLength(ob.OptimizationObjective):
         if finite(weight, "weight").ndim or weight < 0.0:
             rule = "it must be one number, zero or above"
             raise InputError("weight", f"is {weight!r}", rule, "pass 10.0", value=weight)
-        self._value, self._values = value, values
-        self._offset, self._slope, self._weight = offset, slope, float(weight)
-        self._edges = local_planner(space, False, drive, turning_radius)
-        self._kind, self._step = kind_of(space), space.grid.spacing
-        self._straight, self._dim = drive == HOLONOMIC, space.grid.dim
-        self._answer: Callable[[Configuration, Configuration], float] | None = None
+        edges = local_planner(space, False, drive, turning_radius)
+        self._field, self._law = field, Law(offset, slope, float(weight), edges.turn_weight)
+        self._kind, self._map, self._dim = kind_of(space), space._map, space.grid.dim
+        self._cost = self._own_cost = self._kind.of_states(edges.edge_cost(field, self._law))
+
+    @property
+    def is_length(self) -> bool:
+        """Whether a metre costs the same everywhere."""
+        return self._field is None or self._law.weight == 0.0
 
     def stateCost(self, state: ob.State) -> ob.Cost:  # noqa: N802 - OMPL's name
         """Cost of a metre of path at a state."""
-        penalty = self._offset + self._slope * self._value(*self._kind.read(state))
-        return ob.Cost(1.0 + self._weight * max(0.0, penalty) ** 2)
+        return ob.Cost(metre_cost(self._map, self._field, self._law, self._kind.read(state)))
 
     def motionCost(self, first: ob.State, second: ob.State) -> ob.Cost:  # noqa: N802 - OMPL's name
         """Cost of an edge: the costs of a metre at the middles of its steps times their lengths."""
-        ends = self._kind.read(first), self._kind.read(second)
-        return ob.Cost(self._answer(*ends) if self._answer else self._cost_of_edge(*ends))
+        return ob.Cost(self._cost(first, second))
 
     def motionCostHeuristic(self, first: ob.State, second: ob.State) -> ob.Cost:  # noqa: N802 - OMPL's name
         """Length of the straight line, which the cost is never below."""
         read, dim = self._kind.read, self._dim
         return ob.Cost(math.dist(read(first)[:dim], read(second)[:dim]))
 
-    def answer_with(self, answer: Callable[[Configuration, Configuration], float] | None) -> None:
+    def answer_with(self, answer: Callable[[ob.State, ob.State], float] | None) -> None:
         """Give the cost of edges by a function from now on, or as before; so a plan out of time ends a search."""
-        self._answer = answer
-
-    def _cost_of_edge(self, first: Configuration, second: Configuration) -> float:
-        if self._straight and first[self._dim :] == second[self._dim :]:
-            return self._straight_cost(first, second)
-        pieces = self._edges.pieces(np.array([first, second]), self._step, DENSE_TURN)
-        lengths = pieces.lengths + self._edges.turn_weight * pieces.turns
-        penalties = np.maximum(0.0, self._offset + self._slope * self._values(pieces.middles))
-        return float(lengths.sum() + self._weight * (lengths @ (penalties * penalties)))
-
-    def _straight_cost(self, first: Configuration, second: Configuration) -> float:
-        """The same of a straight edge along which nothing turns: few steps are looked up one by one."""
-        length = math.dist(first, second)  # the rotations are the same
-        steps = math.ceil(length / self._step)
-        if not steps:
-            return 0.0
-        if steps > _FEW:
-            share = (np.arange(0.5, steps) / steps)[:, None]
-            points = np.array(first) + share * np.subtract(second, first)
-            penalties = np.maximum(0.0, self._offset + self._slope * self._values(points))
-            total = float(penalties @ penalties)
-        else:
-            value, offset, slope, total = self._value, self._offset, self._slope, 0.0
-            moves = [(a, (b - a) / steps) for a, b in zip(first, second, strict=True)]
-            for k in range(steps):
-                penalty = offset + slope * value(*[a + (k + 0.5) * move for a, move in moves])
-                if penalty > 0.0:
-                    total += penalty * penalty
-        return length * (1.0 + self._weight * total / steps)
+        self._cost = answer or self._own_cost
 
 
 class ClearanceObjective(WeightedLength):
@@ -172,8 +140,7 @@ class ClearanceObjective(WeightedLength):
         super().__init__(
             si,
             space,
-            space.clearance_checker(),
-            space.clearance,
+            space._marks(cells=True, lasting=True),
             offset=1.0,
             slope=-scale,
             weight=weight,
@@ -224,8 +191,7 @@ class OverlapObjective(WeightedLength):
         super().__init__(
             si,
             space,
-            known.checker(),
-            known.at,
+            known.cells,
             slope=1.0 / whole,
             weight=weight,
             drive=drive,

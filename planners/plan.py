@@ -17,7 +17,7 @@ from cspace.states import BLOCKED, FREE, NAMES
 from cspace.tiles.space import TiledCSpace
 from planners.catalogue import CUBES, IGNORE_OBJECTIVES, SECOND_THREAD, planner_named
 from planners.local_planner import CURVES, HOLONOMIC, LocalPlanner, check_flag, local_planner, takes_curve
-from planners.objectives import ClearanceObjective, OverlapObjective, overlap_field
+from planners.objectives import ClearanceObjective, OverlapObjective, WeightedLength, overlap_field
 from planners.passages import Passages
 from planners.result import Plan, Times, least_clearance
 from planners.search import Found, Search
@@ -120,9 +120,11 @@ def plan(
         :class:`planners.OverlapObjective` with the field that the map carries. A callable is given the space
         information and returns an ``ompl.base.OptimizationObjective``. Anything but the length is for planners that
         heed it: BITstar, InformedRRTstar, RRTstar, SORRTstar, and, with a time limit of many seconds, FMT and
-        BFMT, which ask for the cost between all pairs of near samples. AORRTC optimises the length whatever it is told;
-        BKPIECE1, KPIECE1, LBKPIECE1, RRT and RRTConnect stop at the first path; PRM and PRMstar cannot call Python from
-        their second thread.
+        BFMT, which ask for the cost between all pairs of near samples. They have to beat the cheapest of a few paths
+        that RRTConnect finds in a tenth of the time, so that there is one where it finds any. AORRTC optimises the
+        length whatever it is told; BKPIECE1, KPIECE1, LBKPIECE1, RRT and RRTConnect stop at the first path; PRM and
+        PRMstar cannot call Python from their second thread. The length counts a radian of turn as half a metre, but
+        for curves, and for a differential drive with AORRTC, PRM and PRMstar, which count metres alone.
     exact : bool
         Ask the geometry itself in cells that the map leaves MIXED, so that passages are solved which are a hair wider
         than the robot. Slower there; edges are no less proven. Where the map cannot decide whether a path exists, the
@@ -312,7 +314,9 @@ def _objective(
 ) -> MakeObjective | None:
     """What makes the objective; None for OMPL's own, the length."""
     if objective == "length":
-        return None
+        # OMPL's own length is in metres alone where turns are on a point; it is what a second thread can ask.
+        weighs = drive.startswith("differential") and planner not in SECOND_THREAD
+        return (lambda si: WeightedLength(si, space, drive=drive)) if weighs else None
     kind = _BY_NAME.get(objective) if isinstance(objective, str) else None
     if kind is None and not callable(objective):
         rule = (

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -14,14 +14,27 @@ from ompl import base as ob
 from ompl import geometric as og
 from ompl import util as ou
 
-from planners.catalogue import ASK_BOTH_WAYS, SECOND_THREAD, make_planner
+from planners.catalogue import ASK_BOTH_WAYS, IGNORE_OBJECTIVES, SECOND_THREAD, make_planner, planner_named
 from planners.deadline import GRACE, Callbacks, Deadline, OutOfTime
 from planners.local_planner import LocalPlanner
+from planners.objectives import WeightedLength
 from planners.setup import MakeObjective, narrow, set_up
 from planners.states import Configuration, Floats, StateKind, kind_of
 
 _ORDINARY: Final = ("Timeout", "Exact solution", "Approximate solution", "Unknown status")
 """What OMPL's planners report where nothing is wrong."""
+
+TRIES: Final = 8
+"""Paths that are found quickly, of which the cheapest is what an optimising planner has to beat."""
+
+SHARE: Final = 0.1
+"""Part of the time after which no more of them are looked for."""
+
+STEP: Final = 0.05
+"""How far waypoints are moved to make a path cheaper, as a share of the state space's extent."""
+
+ROUNDS: Final = 100
+"""How often that is tried between two looks at the clock."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,9 +105,9 @@ class Search:
         This is more than a short cut: OMPL's SORRTstar never returns once it has found a path of the least conceivable
         length, and its AORRTC reports such a path as an invalid goal.
         """
-        wanted = self.objective is None or isinstance(
-            setup.getOptimizationObjective(), ob.PathLengthOptimizationObjective
-        )
+        objective = setup.getOptimizationObjective()
+        wanted = self.objective is None or isinstance(objective, ob.PathLengthOptimizationObjective)
+        wanted |= isinstance(objective, WeightedLength) and objective.is_length
         return wanted and edges.edge_checker()(*start, *goal)
 
 
@@ -116,25 +129,75 @@ class _Run:
             states.append(setup.getStateSpace().allocState())
             self._kind.write(states[-1], *end)
         setup.setStartAndGoalStates(*states)
-        setup.setPlanner(make_planner(self._search.planner, setup.getSpaceInformation()))
         setup.getStateValidityChecker().isValid(states[0])  # compiled here, and not within the limit
-        began, note = time.perf_counter(), ""
+        began, note, objective = time.perf_counter(), "", setup.getOptimizationObjective()
         with Deadline(time_limit, self._refusing, self._raising) as deadline:
+            first = self._first(deadline)
             try:
-                status = setup.solve(self._stop(deadline.left)).asString()
-                note = "" if status in _ORDINARY else f"OMPL reports {status!r}"
+                setup.setPlanner(make_planner(self._search.planner, setup.getSpaceInformation()))
+                if first is None or deadline.left > 0.0:
+                    status = setup.solve(self._stop(deadline.left)).asString()
+                    note = "" if status in _ORDINARY else f"OMPL reports {status!r}"
             except OutOfTime:
                 pass
-            left = deadline.left
+        if first is not None and not (
+            setup.haveExactSolutionPath()
+            and objective.isCostBetterThan(setup.getSolutionPath().cost(objective), first.cost(objective))
+        ):
+            # No path that is as good was found, so the first one is what there is to improve.
+            setup.getProblemDefinition().clearSolutionPaths()
+            setup.getProblemDefinition().addSolutionPath(first)
+            note = f"the first one, by {self._quickest}, as {self._search.planner} found none better"
         planning = time.perf_counter() - began
+        left = time_limit + GRACE - planning
         if not setup.haveExactSolutionPath():
             return Found(np.empty((0, len(start))), note, planning)
-        path = self._path()
+        path = self._rows(setup.getSolutionPath())
         if not self._search.simplify:
-            return Found(path, "", planning)
+            return Found(path, note, planning)
         began = time.perf_counter()
-        path = self._edges.settled(self._simplified(path, max(left, GRACE)))
-        return Found(path, "", planning, time.perf_counter() - began)
+        path = self._edges.settled(self._simplified(path, max(left, 1e-3)))
+        return Found(path, note, planning, time.perf_counter() - began)
+
+    @property
+    def _quickest(self) -> str:
+        """The planner that mostly finds a path soonest."""
+        return planner_named(None, self._edges.drive)
+
+    def _first(self, deadline: Deadline) -> og.PathGeometric | None:
+        """A path to begin with, for a planner that optimises what is not the length: it may find its own too late.
+
+        It is the cheapest of several, which often pass obstacles on other sides.
+        """
+        setup, best, limit = self._setup, None, deadline.left
+        if self._search.objective is None or self._search.planner in IGNORE_OBJECTIVES | SECOND_THREAD:
+            return None
+        objective = setup.getOptimizationObjective()
+        for _ in range(TRIES):
+            setup.setPlanner(make_planner(self._quickest, setup.getSpaceInformation()))
+            with suppress(OutOfTime):
+                setup.solve(ob.timedPlannerTerminationCondition(deadline.left))
+                if setup.haveExactSolutionPath():
+                    found = og.PathGeometric(setup.getSolutionPath())
+                    best = best or og.PathGeometric(found)
+                    self._improve(found, deadline)
+                    cheaper = objective.isCostBetterThan(found.cost(objective), best.cost(objective))
+                    if cheaper and self._edges.are_free(self._rows(found)):
+                        best = found
+            setup.getProblemDefinition().clearSolutionPaths()
+            if deadline.left < (1.0 - SHARE) * limit:
+                break
+        return best
+
+    def _improve(self, path: og.PathGeometric, deadline: Deadline) -> None:
+        """Cut corners, and move waypoints, as long as that makes a path cheaper and time is left."""
+        setup, objective = self._setup, self._setup.getOptimizationObjective()
+        simplifier = og.PathSimplifier(setup.getSpaceInformation(), setup.getGoal(), objective)
+        step, cost = STEP * setup.getStateSpace().getMaximumExtent(), objective.infiniteCost()
+        while deadline.left > 0.0 and objective.isCostBetterThan(path.cost(objective), cost):
+            cost = path.cost(objective)
+            simplifier.partialShortcutPath(path, ROUNDS, ROUNDS)
+            simplifier.perturbPath(path, step, ROUNDS, ROUNDS)
 
     def _stop(self, seconds: float) -> ob.PlannerTerminationCondition:
         """OMPL's rule for when to give up."""
@@ -151,12 +214,15 @@ class _Run:
         solution = setup.getSolutionPath()
         length, cost = solution.length(), None if objective is None else solution.cost(objective)
         try:
-            with Deadline(seconds, self._refusing, self._raising):
-                setup.simplifySolution(ob.timedPlannerTerminationCondition(seconds))
+            with Deadline(seconds, self._refusing, self._raising) as deadline:
+                if isinstance(objective, WeightedLength) and not objective.is_length:
+                    self._improve(solution, deadline)
+                else:
+                    setup.simplifySolution(ob.timedPlannerTerminationCondition(seconds))
         except OutOfTime:
             return path
         solution = setup.getSolutionPath()
-        simple = self._path()
+        simple = self._rows(solution)
         if objective is None:
             # OMPL's simplifier takes curves for straight where it cuts corners.
             worse = solution.length() > length * (1.0 + 1e-12)
@@ -165,9 +231,9 @@ class _Run:
         ends = np.array_equal(simple[[0, -1]], path[[0, -1]])
         return simple if ends and not worse and self._edges.are_free(simple) else path
 
-    def _path(self) -> Floats:
-        """The solution path, shape (n, dof)."""
-        return np.array([self._kind.read(state) for state in self._setup.getSolutionPath().getStates()])
+    def _rows(self, path: og.PathGeometric) -> Floats:
+        """The configurations of a path, shape (n, dof)."""
+        return np.array([self._kind.read(state) for state in path.getStates()])
 
 
 @contextmanager

@@ -103,6 +103,11 @@ class OverlapField:
         """The overlap at the middle of each cell, shape (nx, ny(, nz)), or (slices, ...) of a robot that turns."""
         return self.arrays[FIELDS[0]]
 
+    @property
+    def cells(self) -> Floats:
+        """The same by slice, shape (slices, nx, ny(, nz)), as :func:`field_at` takes it."""
+        return np.ascontiguousarray(self.values).reshape(self.space._map.states.shape)
+
     @overload
     def at(self, q: One) -> float: ...  # type: ignore[overload-overlap]
     @overload
@@ -132,7 +137,7 @@ class OverlapField:
 
     def _fixed(self) -> tuple[Any, ...]:
         map_ = self.space._map
-        return map_, np.ascontiguousarray(self.values).reshape(map_.states.shape)
+        return map_, self.cells
 
 
 def _shape(space: Space) -> tuple[int, ...]:

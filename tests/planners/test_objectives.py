@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import Any
 
@@ -10,7 +11,7 @@ import pytest
 
 import planners
 from cspace import InputError
-from planners.local_planner import CURVES
+from planners.local_planner import CURVES, local_planner
 from planners.states import kind_of
 from planning import CAR, SPACES, edges_from, room, state_at
 
@@ -65,3 +66,24 @@ def test_wrong_weights_are_refused(options: dict[str, Any]) -> None:
     space = room("plane")
     with pytest.raises(InputError, match=next(iter(options))):
         planners.ClearanceObjective(planners.simple_setup(space).getSpaceInformation(), space, **options)
+
+
+@pytest.mark.parametrize("drive", ["differential", "differential-reverse"])
+def test_a_differential_drive_pays_for_each_turn_and_each_straight(drive: str) -> None:
+    space = room("turning")
+    si = planners.simple_setup(space, drive=drive).getSpaceInformation()
+    length = planners.WeightedLength(si, space, drive=drive)
+    driven = planners.ClearanceObjective(si, space, weight=6.0, comfort=0.4, drive=drive)
+    parts = planners.ClearanceObjective(
+        planners.simple_setup(space).getSpaceInformation(), space, weight=6, comfort=0.4
+    )
+    edges = local_planner(space, drive=drive)
+    for a, b in zip(*edges_from(space, 25, 5, 1.0), strict=True):
+        first, second = state_at(space, si, a), state_at(space, si, b)
+        way = complex(*(b - a)[:2])
+        headings = [way, -way] if drive == "differential-reverse" else [way]
+        turns = [abs(np.angle(h / np.exp(1j * a[2]))) + abs(np.angle(np.exp(1j * b[2]) / h)) for h in headings]
+        assert length.motionCost(first, second).value() == pytest.approx(abs(way) + 0.5 * min(turns))
+        rows = [state_at(space, si, q) for q in edges.corners(np.array([a, b]))]
+        total = sum(parts.motionCost(p, q).value() for p, q in itertools.pairwise(rows))
+        assert driven.motionCost(first, second).value() == pytest.approx(total) and total > abs(way)

@@ -507,6 +507,21 @@ def test_the_planners_that_heed_an_objective_find_a_cheaper_path(planner: str, n
         assert cost(wide) <= cost(rough) * (1 + 1e-12)
 
 
+@pytest.mark.parametrize(("name", "curve"), JOINED)
+def test_a_planner_that_finds_nothing_has_a_quick_path_to_improve(name: str, curve: str | None) -> None:
+    space, ends, drive = room(name), ends_in(name, curve), options_for(curve)
+    si = planners.simple_setup(space, **drive).getSpaceInformation()
+    objective, costs = planners.ClearanceObjective(si, space, **drive), []
+    options: dict[str, Any] = {"planner": "RRTstar", "iterations": 1, "time_limit": 60.0, "seed": 1, **drive}
+    assert not planners.plan(space, *ends, **options).solved
+    quick = planners.plan(space, *ends, simplify=False, **options | {"planner": None, "iterations": None})
+    for found in (quick, planners.plan(space, *ends, objective="clearance", **options)):
+        check(space, found, *ends)
+        states = [state_at(space, si, q) for q in found.waypoints]
+        costs.append(sum(objective.motionCost(a, b).value() for a, b in itertools.pairwise(states)))
+    assert "the first one" in found.status and costs[1] < 0.9 * costs[0]
+
+
 @pytest.mark.parametrize("planner", HEEDING)
 @pytest.mark.parametrize("curve", [None, *CURVES])
 def test_an_objective_goes_with_turns_and_curves(curve: str | None, planner: str) -> None:

@@ -60,7 +60,7 @@ def test_a_step_that_asks_for_ever_is_cut_off() -> None:
 
     space = room("plane")
     found = in_time(space, ENDS["plane"], planner="FMT", objective=lambda si: Slow(si, space))
-    assert slow and not found.solved and found.status == f"no path found within {LIMIT:g} s; a path exists"
+    assert slow and found.solved and found.status.startswith("path found: the first one, by RRTConnect")
 
 
 def test_a_simplification_that_takes_for_ever_is_cut_off(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,102 @@
+"""Compiled: the cost of an edge, which is that of each metre of it, integrated along the whole."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numba import types
+from numba.extending import overload
+from numpy.typing import NDArray
+
+from cspace.compiling import entry, jit
+from cspace.map import turning
+from cspace.map.clearance import clearance_at
+from cspace.map.edges import between
+from cspace.map.mip import Marks
+from cspace.map.points import Numbers, replaced
+from cspace.map.record import Map
+from cspace.space import CSpace
+from cspace.spectral.field import field_at
+
+Field = Marks | NDArray[np.float64] | None
+"""What has a value at each configuration: the clearance, by the marks of a map; an array of cells; or nothing."""
+
+LONGEST_TURN: Final = math.radians(5.0)
+"""Largest turn, in radians, of a step."""
+
+
+class Law(NamedTuple):
+    """What a metre costs where a field has a value: ``1 + weight * max(0, offset + slope * value)**2``.
+
+    A radian of turn counts as ``turn_weight`` metres.
+    """
+
+    offset: float
+    slope: float
+    weight: float
+    turn_weight: float
+
+
+def value_at(map_: Map, field: Field, q: Numbers) -> float:
+    """The value of a field at a configuration; numba takes the implementation for the field that it is given."""
+    raise NotImplementedError
+
+
+def _no_value(map_: Map, field: Field, q: Numbers) -> float:
+    return 0.0
+
+
+def _clearance(map_: Map, field: Any, q: Numbers) -> float:
+    return clearance_at(map_, field, q, math.inf) * map_.spacing
+
+
+def _overlap(map_: Map, field: Any, q: Numbers) -> float:
+    return field_at(map_, field, q)
+
+
+_VALUES: Final[dict[type, Callable[..., float]]] = {
+    types.NoneType: _no_value,
+    types.NamedTuple: _clearance,
+    types.Array: _overlap,
+}
+overload(value_at, strict=False)(lambda map_, field, q: _VALUES.get(type(field), _clearance))
+
+
+@jit
+def metre_cost(map_: Map, field: Field, law: Law, q: Numbers) -> float:
+    """Cost of a metre at a configuration."""
+    penalty = max(0.0, law.offset + law.slope * value_at(map_, field, q))
+    return 1.0 + law.weight * penalty * penalty
+
+
+@jit
+def cost_of_one(map_: Map, field: Field, law: Law, both: Numbers) -> float:
+    """Cost of a straight edge, by its ends in a row: those of the middles of its steps.
+
+    Steps are at most a cell long, and of at most 5 degrees.
+    """
+    q0 = map_.lower + turning.blank(map_.rotations)
+    q1, dof, dim, square = q0, len(q0), len(map_.lower), 0.0
+    for axis in range(dof):
+        q0, q1 = replaced(q0, axis, both[axis]), replaced(q1, axis, both[dof + axis])
+    for axis in range(dim):
+        square += (q1[axis] - q0[axis]) ** 2
+    metres, angle = math.sqrt(square), turning.turn_of(map_.rotations, q0, q1, 0)[0]
+    steps, total = math.ceil(max(metres / map_.spacing, angle / LONGEST_TURN)), 0.0
+    for k in range(steps):
+        t = (k + 0.5) / steps
+        q = turning.turned(map_.rotations, q0, q1, 0, t)
+        for axis in range(dim):
+            q = replaced(q, axis, between(q0[axis], q1[axis], t))
+        total += metre_cost(map_, field, law, q)
+    return (metres + law.turn_weight * angle) * total / max(steps, 1)
+
+
+def edge_cost(space: CSpace, field: Field, law: Law) -> Callable[..., float]:
+    """``cost(*q0, *q1)`` of straight edges of a map."""
+    fixed = (space._map, field, law)
+    ask = entry(cost_of_one, (*fixed, (0.0,) * (2 * space.dof)), 0).func  # type: ignore[attr-defined]
+    return lambda *ends: ask(*fixed, ends)
