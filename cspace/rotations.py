@@ -62,8 +62,11 @@ class Turn:
     about_z: bool = False
 
     def apply(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Points, shape (..., d), turned about the origin by the representative rotation."""
-        return points if self.matrix is None else np.ascontiguousarray(points @ self.matrix.T)
+        """Points, shape (..., d), turned about the origin by the representative rotation; equal ones stay so."""
+        if self.matrix is None:
+            return points
+        # A product of matrices may round the same point differently in another row.
+        return sum((points[..., k, None] * column for k, column in enumerate(self.matrix.T)), start=np.zeros(()))
 
     def displacement(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """How far each of some points, shape (..., d), can come from its place within the cell, shape (...)."""

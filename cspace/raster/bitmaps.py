@@ -128,6 +128,40 @@ def rectangle_triangles(sides: Bools, axis: int, spacing: float, lower: Any) -> 
     return np.asarray(points[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3, 3))
 
 
+def cell_squares(cells: Bools, spacing: float, lower: Any) -> tuple[Floats, Integers, Integers]:
+    """The sides of closed cells that lie on the border of their union, as triangles that share edges whole.
+
+    Parameters
+    ----------
+    cells : ndarray of bool, shape (nx, ny, nz)
+    spacing : float
+        Side of a cell, metres.
+    lower : array-like, shape (3,)
+        Lower corner of the first cell, metres.
+
+    Returns
+    -------
+    vertices : ndarray of float64, shape (V, 3)
+        Metres; the corners of all cells.
+    faces : ndarray of int64, shape (F, 3)
+    turns : ndarray of int64, shape (F,)
+        1 for those that face outward, -1 for the others.
+    """
+    corners = tuple(n + 1 for n in cells.shape)
+    vertices = np.asarray(lower, dtype=np.float64) + spacing * np.indices(corners).reshape(3, -1).T
+    faces, turns = [], []
+    for axis in range(3):
+        first, second = (int(np.prod(corners[other + 1 :])) for other in range(3) if other != axis)
+        padded = np.pad(cells.view(np.int8), [(1, 1) if other == axis else (0, 0) for other in range(3)])
+        change = np.diff(padded, axis=axis)
+        where = np.argwhere(change)
+        start = np.ravel_multi_index(tuple(where.T), corners)
+        squares = start[:, None] + np.array([0, first, first + second, 0, first + second, second])
+        faces.append(squares.reshape(-1, 3))
+        turns.append(np.repeat((1 if axis == 1 else -1) * change[tuple(where.T)], 2))
+    return vertices, np.concatenate(faces), np.concatenate(turns).astype(np.int64)
+
+
 def cell_boxes(cells: Bools, spacing: float, lower: Any) -> tuple[Floats, Floats]:
     """Boxes whose union is that of closed cells, as few as runs along two axes leave.
 

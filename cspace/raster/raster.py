@@ -37,12 +37,13 @@ class Raster:
     @classmethod
     def trimmed(cls, cells: NDArray[np.bool_], lower: tuple[int, ...]) -> Raster:
         """The set of the True entries of ``cells``, whose first entry is the offset ``lower``."""
-        window = []
-        for axis in range(cells.ndim):
-            used = np.flatnonzero(cells.any(axis=tuple(a for a in range(cells.ndim) if a != axis)))
+        window, left = [], cells
+        for _ in range(cells.ndim):
+            used = np.flatnonzero(left.reshape(len(left), -1).any(axis=1))
             if not len(used):
                 return cls(np.zeros((0,) * cells.ndim, dtype=np.bool_), (0,) * cells.ndim)
             window.append(slice(int(used[0]), int(used[-1]) + 1))
+            left = left.any(axis=0)
         tight = np.ascontiguousarray(cells[tuple(window)])
         tight.setflags(write=False)
         return cls(tight, tuple(low + part.start for low, part in zip(lower, window, strict=True)))

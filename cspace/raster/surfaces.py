@@ -1,8 +1,9 @@
 """Surfaces in space, and what they enclose: robots and obstacles, outer and inner.
 
-The surface is marked exactly (see :mod:`cspace.raster.triangles`). A connected set of boxes that no triangle touches
-lies on one side of it, so that one inside test at the middle of one of its boxes, half a cell or more from the surface,
-tells for all.
+The surface is marked exactly (see :mod:`cspace.raster.triangles`). A box that no triangle touches lies on one side of
+it, so that its middle, half a cell or more from the surface, tells whether it lies inside. That the winding number says
+(see :mod:`cspace.raster.winding`), or, of a surface to be filled, whether the boxes around the surface are joined to it
+by untouched ones.
 
 *Turning.* A rotation cell holds the rotations within an angle a of its representative R. A point p of the robot A is
 at most ``2 |p| sin(a / 2)`` from ``R p`` at all of them (about the z axis, ``|p|`` is the distance from it). Cut the
@@ -22,7 +23,6 @@ and what comes to a place q was at most ``2 |q| sin(a / 2)`` away, so that g may
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -33,6 +33,7 @@ from cspace.grid import MAX_COORDINATE, SLACK, Grid
 from cspace.raster.components import Components
 from cspace.raster.raster import Raster, blank
 from cspace.raster.triangles import mark_touched, mark_within, swept
+from cspace.raster.winding import mark_enclosed
 from cspace.rotations import STILL, Turn
 
 Bools = NDArray[np.bool_]
@@ -43,6 +44,24 @@ _MOST_FILLED: Final = 2**30
 """Cells of the bounding box of a surface up to which it is filled."""
 
 
+class Shell(NamedTuple):
+    """Closed surfaces that go round an inside: wherever their winding number is not zero.
+
+    Attributes
+    ----------
+    vertices : ndarray of float64, shape (V, 3)
+        Metres.
+    faces : ndarray of int64, shape (F, 3)
+        They share edges whole, and vertices to the last bit.
+    turns : ndarray of int64, shape (F,)
+        How often each counts; -1 against its own direction.
+    """
+
+    vertices: Floats
+    faces: Integers
+    turns: Integers
+
+
 class Skin(NamedTuple):
     """A surface, and what it encloses.
 
@@ -51,9 +70,8 @@ class Skin(NamedTuple):
     vertices : ndarray of float64, shape (V, 3)
         Metres.
     faces : ndarray of int64, shape (F, 3)
-    contains : callable or None
-        Whether points, shape (n, 3), metres, lie inside, for points farther from the surface than rounding. None for a
-        surface without an inside.
+    shell : Shell or None
+        What has the same inside, and lies on the surface; None for a surface without an inside.
     fill : bool
         Whether its inside is instead whatever its raster encloses.
     source : str
@@ -62,7 +80,7 @@ class Skin(NamedTuple):
 
     vertices: Floats
     faces: Integers
-    contains: Callable[[Floats], Bools] | None = None
+    shell: Shell | None = None
     fill: bool = False
     source: str = "robot"
 
@@ -116,7 +134,12 @@ def surface_cells(skin: Skin, bounds: tuple[Floats, Floats], grid: Grid) -> tupl
     touched = np.zeros(tuple((stop - first).tolist()), dtype=np.bool_)
     mark_touched(touched, (skin.vertices[skin.faces] - np.asarray(grid.lower)) / grid.spacing - first, 0.0, 1.0)
     enclosed = np.zeros_like(touched)
-    _fill_inside(skin, touched, enclosed, lambda boxes: grid.center_of(boxes + first))
+    if skin.shell is not None:
+        points = (skin.shell.vertices - np.asarray(grid.lower)) / grid.spacing - first - 0.5
+        mark_enclosed(enclosed, points[skin.shell.faces], skin.shell.turns)
+        enclosed &= ~touched
+    elif skin.fill:
+        _fill(enclosed, touched)
     touched |= enclosed
     # The window may reach beyond the grid where the surface is filled.
     low, high = np.maximum(first, 0), np.minimum(stop, shape)
@@ -165,53 +188,32 @@ def surface_rasters(skin: Skin, spacing: float, margin: float = 0.0, turn: Turn 
     for axis in range(3):
         upper, below = np.moveaxis(outer, axis, 0)[:0:-1], np.moveaxis(outer, axis, 0)[-2::-1]
         upper |= below
-    if skin.fill or skin.contains is not None:
+    if skin.shell is not None:
+        mark_enclosed(inner, turn.apply(skin.shell.vertices)[skin.shell.faces] / spacing - shift, skin.shell.turns)
+        outer |= inner
+        # Where a point is so near to the surface that rounding could matter, nothing is said.
+        border = np.zeros_like(inner)
+        mark_touched(border, local, 0.0, 0.0, 2.0 * SLACK)
+        inner &= ~border
+        within = Raster.trimmed(inner, lower)
+        if widest > 0.0 and within.cells.size:
+            border = ~within.cells  # no other point is asked for
+            mark_within(border, parts.moved(-np.array(within.lower, dtype=np.float64)), 0.0, 0.0)
+            within = Raster.trimmed(~border, within.lower)
+        return Raster.trimmed(outer, lower), within
+    if skin.fill:
         near = np.zeros_like(outer)
         mark_touched(near, local, -0.5, 0.5)
-
-        def places(boxes: Integers) -> Floats:
-            points = (boxes + shift) * spacing
-            return points if turn.matrix is None else points @ turn.matrix
-
-        _fill_inside(skin, near, inner, places)
-        if skin.contains is not None:
-            outer |= inner
-            _add_inside_near(skin.contains, local, near, inner, places)
-            within = Raster.trimmed(inner, lower)
-            if widest > 0.0 and within.cells.size:
-                border = ~within.cells  # no other point is asked for
-                mark_within(border, parts.moved(-np.array(within.lower, dtype=np.float64)), 0.0, 0.0)
-                within = Raster.trimmed(~border, within.lower)
-            return Raster.trimmed(outer, lower), within
+        _fill(inner, near)
         outer |= _grown(inner, radius + widest)
         inner &= widest == 0.0
     return Raster.trimmed(outer, lower), Raster.trimmed(inner, lower)
 
 
-def _fill_inside(skin: Skin, touched: Bools, inside: Bools, places: Callable[[Integers], Floats]) -> None:
-    """Set ``inside`` on the components of untouched boxes that lie inside.
-
-    ``places`` gives the middles of boxes in the frame of the solid, metres.
-    """
-    if skin.fill:
-        components = Components.of(touched)
-        components.fill(inside, ~components.at_border())
-    elif skin.contains is not None:
-        components = Components.of(touched)
-        components.fill(inside, skin.contains(places(components.members())))
-
-
-def _add_inside_near(
-    contains: Callable[[Floats], Bools], local: Floats, near: Bools, inner: Bools, places: Callable[[Integers], Floats]
-) -> None:
-    """Add the lattice points inside that are within half a cell of the surface; they are asked one by one.
-
-    Those that are so near to it that rounding could matter are left out.
-    """
-    border = np.zeros_like(near)
-    mark_touched(border, local, 0.0, 0.0, 2.0 * SLACK)
-    points = np.argwhere(near & ~border)
-    inner[tuple(points[contains(places(points))].T)] = True
+def _fill(inside: Bools, touched: Bools) -> None:
+    """Set ``inside`` on the untouched boxes that no untouched ones join to the border of the array."""
+    components = Components.of(touched)
+    components.fill(inside, ~components.at_border())
 
 
 def _grown(cells: Bools, radius: float) -> Bools:

@@ -21,11 +21,13 @@ from cspace.compiling import jit
 from cspace.threads import in_chunks
 
 Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 Integers = NDArray[np.int64]
 
 _MOST_BUCKETS: Final = 1024
 _ENTRIES_A_TRIANGLE: Final = 12
 _POINTS_A_THREAD: Final = 512
+_SLABS_A_THREAD: Final = 32
 
 
 class Buckets(NamedTuple):
@@ -110,6 +112,24 @@ class Winding:
         return out
 
 
+def mark_enclosed(out: Bools, triangles: Floats, turns: Integers) -> None:
+    """Set ``out[i]`` where closed surfaces go round the lattice point ``i``: their winding number there is not zero.
+
+    Parameters
+    ----------
+    out : ndarray of bool, shape (nx, ny, nz)
+    triangles : ndarray of float64, shape (n, 3, 3)
+        In cells, in the index frame of ``out``; they may reach beyond it. As those of :class:`Winding`.
+    turns : ndarray of int64, shape (n,)
+    """
+
+    def work(start: int, stop: int) -> int:
+        _mark_enclosed(out, triangles, turns, start, stop)
+        return -1
+
+    in_chunks(work, len(out), _SLABS_A_THREAD)
+
+
 @jit
 def _bucket_of(value: float, low: float, scale: float, count: int) -> int:
     """Bucket of a coordinate."""
@@ -117,41 +137,48 @@ def _bucket_of(value: float, low: float, scale: float, count: int) -> int:
 
 
 @jit
-def _crossing(triangle: Floats, x: float, y: float) -> tuple[int, float]:
-    """How a line along z at (x, y) crosses a triangle: 1 where its normal points up, -1 down, 0 not; and at which z.
+def _chord(triangle: Floats, x: float) -> tuple[int, float, float, float, float]:
+    """The part of a triangle that a plane across x cuts: which way it faces, and (y, z) of its lower and upper end.
 
-    An edge is met where ``x`` lies in the half-open interval of its ends, and its point there is computed from its end
-    with the smaller x or from the other one, whichever is nearer, so that all triangles at an edge find the same point.
+    It faces up with 1 and down with -1, and is not there with 0. An edge is met where ``x`` lies in the half-open
+    interval of its ends, and its point there is computed from its end with the smaller x or from the other one,
+    whichever is nearer, so that all triangles at an edge find the same point.
     """
-    sign = 0
-    above_y, above_z, below_y, below_z = 0.0, 0.0, 0.0, 0.0
+    turn, number = 0, 0
+    low_y, low_z, high_y, high_z = 0.0, 0.0, 0.0, 0.0
     for e in range(3):
         px, py, pz = triangle[e]
         qx, qy, qz = triangle[e + 1 if e < 2 else 0]
         if (px <= x) == (qx <= x):
             continue
-        turn = 1
+        way = 1
         if px <= x:
-            turn = -1
+            way = -1
         else:
             px, py, pz, qx, qy, qz = qx, qy, qz, px, py, pz
         t = (x - px) / (qx - px)
         if t <= 0.5:
-            ey, ez = py + t * (qy - py), pz + t * (qz - pz)
+            y, z = py + t * (qy - py), pz + t * (qz - pz)
         else:
             t = (x - qx) / (px - qx)
-            ey, ez = qy + t * (py - qy), qz + t * (pz - qz)
-        if ey > y:
-            sign += turn
-            above_y, above_z = ey, ez
+            y, z = qy + t * (py - qy), qz + t * (pz - qz)
+        if number == 0 or y > high_y:
+            if number == 0:
+                low_y, low_z = y, z
+            turn, high_y, high_z = way, y, z
         else:
-            below_y, below_z = ey, ez
-    if sign == 0:
-        return 0, 0.0
-    t = (y - below_y) / (above_y - below_y)
+            low_y, low_z = y, z
+        number += 1
+    return turn, low_y, low_z, high_y, high_z
+
+
+@jit
+def _height(y: float, low_y: float, low_z: float, high_y: float, high_z: float) -> float:
+    """Where the line from one point to another is at y, from the nearer end."""
+    t = (y - low_y) / (high_y - low_y)
     if t <= 0.5:
-        return sign, below_z + t * (above_z - below_z)
-    return sign, above_z + (y - above_y) / (below_y - above_y) * (below_z - above_z)
+        return low_z + t * (high_z - low_z)
+    return high_z + (y - high_y) / (low_y - high_y) * (low_z - high_z)
 
 
 @jit
@@ -164,7 +191,59 @@ def _count(points: Floats, out: Integers, triangles: Floats, turns: Integers, bu
         number = 0
         for entry in range(starts[b], starts[b + 1]):
             t = entries[entry]
-            sign, height = _crossing(triangles[t], x, y)
-            if sign != 0 and height > z:
-                number += sign * turns[t]
+            turn, low_y, low_z, high_y, high_z = _chord(triangles[t], x)
+            if turn != 0 and low_y <= y < high_y and _height(y, low_y, low_z, high_y, high_z) > z:
+                number += turn * turns[t]
         out[p] = number
+
+
+@jit
+def _mark_enclosed(out: Bools, triangles: Floats, turns: Integers, start: int, stop: int) -> None:
+    """Set ``out[i]`` where surfaces go round the lattice point ``i``, for first indices in ``[start, stop)``.
+
+    First the crossings of each column of points are counted, then they are listed: the first point above each.
+    """
+    _, ny, nz = out.shape
+    begins, points = np.zeros((stop - start) * ny + 2, np.int64), np.empty(0, np.int64)
+    counts = points
+    for listing in range(2):
+        if listing:
+            for column in range(2, len(begins)):
+                begins[column] += begins[column - 1]
+            points, counts = np.empty(begins[-1], np.int64), np.empty(begins[-1], np.int64)
+        for t in range(len(triangles)):
+            triangle = triangles[t]
+            low_x = min(triangle[0, 0], triangle[1, 0], triangle[2, 0])
+            high_x = max(triangle[0, 0], triangle[1, 0], triangle[2, 0])
+            for i in range(max(start, math.ceil(low_x)), min(stop - 1, math.floor(high_x)) + 1):
+                turn, low_y, low_z, high_y, high_z = _chord(triangle, i)
+                if turn == 0:
+                    continue
+                for j in range(max(0, math.ceil(low_y)), min(ny, math.ceil(high_y))):
+                    # While a column is listed, its number in ``begins`` moves from where its list begins to its end.
+                    column = (i - start) * ny + j
+                    if not listing:
+                        begins[column + 2] += 1
+                        continue
+                    place = begins[column + 1]
+                    height = _height(j, low_y, low_z, high_y, high_z)
+                    points[place], counts[place] = min(max(math.ceil(height), 0), nz), turn * turns[t]
+                    begins[column + 1] += 1
+    # From below: what faces down is entered.
+    entered = np.zeros(nz + 1, np.int64)
+    for column in range((stop - start) * ny):
+        first, last = begins[column], begins[column + 1]
+        if first == last:
+            continue
+        low, high = nz, 0
+        for place in range(first, last):
+            point = points[place]
+            entered[point] -= counts[place]
+            low, high = min(low, point), max(high, point)
+        number, row = 0, out[start + column // ny, column % ny]
+        for k in range(low, high):
+            number += entered[k]
+            entered[k] = 0
+            if number != 0:
+                row[k] = True
+        entered[high] = 0

@@ -413,11 +413,11 @@ class Mesh(Shape):
 
     @property
     def _skin(self) -> Skin:
-        from cspace.raster.surfaces import Skin
+        from cspace.raster.surfaces import Shell, Skin
 
-        return Skin(
-            self.vertices, self.faces, self.contains if self.encloses else None, self.solid == "fill", self.source
-        )
+        faces, turns = self._closed
+        shell = Shell(self.vertices, self.faces[faces], turns) if self.encloses else None
+        return Skin(self.vertices, self.faces, shell, self.solid == "fill", self.source)
 
     def _doubts(self) -> Iterator[str]:
         """What there is to warn of where closed bodies are taken as solid."""

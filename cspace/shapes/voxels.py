@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
     from cspace.raster.boxes import Rounded
+    from cspace.raster.surfaces import Shell
 
 _CORNERS = np.array([[i >> 2 & 1, i >> 1 & 1, i & 1] for i in range(8)], dtype=np.float64)
 _QUADS = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
@@ -73,9 +74,10 @@ class Box(Shape):
 
     def rasters(self, spacing: float, margin: float = 0.0, turn: Turn = STILL) -> tuple[Raster, Raster]:
         if turn.matrix is not None:
-            from cspace.raster.surfaces import Skin, surface_rasters
+            from cspace.raster.surfaces import Shell, Skin, surface_rasters
 
-            return surface_rasters(Skin(*self.surface, self.contains, source="box"), spacing, margin, turn)
+            shell = Shell(*self.surface, np.ones(len(_FACES), dtype=np.int64))
+            return surface_rasters(Skin(*self.surface, shell, source="box"), spacing, margin, turn)
         from cspace.raster.boxes import Rounded, rounded_rasters
 
         box = Rounded(self.lower[None], self.upper[None], np.zeros(1))
@@ -190,7 +192,7 @@ class Voxels(Shape):
         if turn.matrix is not None:
             from cspace.raster.surfaces import Skin, surface_rasters
 
-            return surface_rasters(Skin(*self.surface, self.contains, source="bitmap"), spacing, margin, turn)
+            return surface_rasters(Skin(*self.surface, self._shell, source="bitmap"), spacing, margin, turn)
         from cspace.raster.bitmaps import held_by_cells
         from cspace.raster.boxes import rounded_rasters
 
@@ -249,6 +251,13 @@ class Voxels(Shape):
 
         lows, highs = cell_boxes(self.occupied, self.side, self.lower)
         return Rounded(lows, highs, np.zeros(len(lows)))
+
+    @cached_property
+    def _shell(self) -> Shell:
+        from cspace.raster.bitmaps import cell_squares
+        from cspace.raster.surfaces import Shell
+
+        return Shell(*cell_squares(self.occupied, self.side, self.lower))
 
     @cached_property
     def outline(self) -> BaseGeometry:
