@@ -51,10 +51,14 @@ from cspace.grid import SLACK
 from cspace.threads import in_chunks
 
 Bools = NDArray[np.bool_]
+Octets = NDArray[np.uint8]
 Floats = NDArray[np.float64]
 
 THIN: Final = 2.0**-12
 """Height of a triangle over its longest side below which its plane is not used."""
+
+STEEP: Final = 2.0**-5
+"""Upward part of a plane's normal below which its heights are not used."""
 
 _VARIATION: Final = 0.35
 """Cells by which the displacement within a turn may vary along the side of a piece,"""
@@ -179,7 +183,7 @@ def mark_within(out: Bools, parts: Swept, half: float, radius: float) -> None:
     slack = _ROUNDING + 2.0**-34 * size
 
     def work(start: int, stop: int) -> int:
-        _mark_within(out, parts, half, radius, slack, start, stop)
+        _mark_within(out.view(np.uint8), parts, half, radius, slack, start, stop)
         return -1
 
     in_chunks(work, len(out), _SLABS_A_THREAD)
@@ -456,14 +460,20 @@ def _is_near(triangle: Floats, center: Floats, half: float, most: float, slack: 
 
 
 @jit
-def _mark_within(out: Bools, parts: Swept, half: float, radius: float, slack: float, start: int, stop: int) -> None:
+def _mark_within(out: Octets, parts: Swept, half: float, radius: float, slack: float, start: int, stop: int) -> None:
     """Set ``out[i]`` where the cube ``i + [-half, half]^3`` comes within a radius of where triangles come.
 
-    For first indices in ``[start, stop)``; the cubes that meet a triangle must be set already.
+    For first indices in ``[start, stop)``; the cubes that meet a triangle must be set already. Most cubes within reach
+    of a triangle are set, some by many; so meanwhile a number above zero in ``out`` is how many from there on are.
     """
     _, ny, nz = out.shape
     center = np.empty(3)
-    ox, oy, oz = parts.origin
+    # Squares, along each axis, of the nearest and farthest of a cube from the origin, and of its distance from a triangle.
+    lows, highs, gaps = np.empty((3, max(out.shape))), np.empty((3, max(out.shape))), np.empty((3, max(out.shape)))
+    for axis in range(3):
+        for k in range(out.shape[axis]):
+            from_origin = abs(k - parts.origin[axis])
+            lows[axis, k], highs[axis, k] = max(0.0, from_origin - half) ** 2, (from_origin + half) ** 2
     for t in range(len(parts.triangles)):
         triangle, near = parts.triangles[t], parts.growth[t] + radius
         a, b, c = triangle[0], triangle[1], triangle[2]
@@ -487,20 +497,31 @@ def _mark_within(out: Bools, parts: Swept, half: float, radius: float, slack: fl
         last_y = min(ny - 1, math.floor(max(a[1], b[1], c[1]) + reach))
         first_z = max(0, math.ceil(min(a[2], b[2], c[2]) - rise))
         last_z = min(nz - 1, math.floor(max(a[2], b[2], c[2]) + rise))
+        # Nor does it come near where the plane of the triangle is too far: in each column, beyond a stretch of it.
+        along_x, along_y, middle, stretch = _slope(triangle, near + slack, half)
+        for axis, (begin, end, place) in enumerate(((first, last, mx), (first_y, last_y, my), (first_z, last_z, mz))):
+            for k in range(begin, end + 1):
+                gaps[axis, k] = max(0.0, abs(k - place) - half) ** 2
         for i in range(first, last + 1):
-            gap_x, low_x, high_x = _gaps(i, mx, ox, half)
             for j in range(first_y, last_y + 1):
-                gap_y, low_y, high_y = _gaps(j, my, oy, half)
-                across, low_flat, high_flat = gap_x + gap_y, low_x + low_y, high_x + high_y
+                across, low_flat, high_flat = gaps[0, i] + gaps[1, j], lows[0, i] + lows[1, j], highs[0, i] + highs[1, j]
                 if across > beyond or low_flat > outside or (parts.about_z and high_flat < within):
                     continue
-                for k in range(first_z, last_z + 1):
-                    if out[i, j, k]:
+                level = middle + along_x * (i - mx) + along_y * (j - my)
+                row, k = out[i, j], max(first_z, math.ceil(level - stretch)) - 1
+                last_k = min(last_z, math.floor(level + stretch))
+                while k < last_k:
+                    k += 1
+                    step = row[k]
+                    if step > 0:
+                        after = k + step
+                        if after <= last_k and row[after] > 0:
+                            row[k] = min(step + row[after], 255)
+                        k += step - 1
                         continue
-                    gap_z, low_z, high_z = _gaps(k, mz, oz, half)
-                    gap, low, high = across + gap_z, low_flat, high_flat
+                    gap, low, high = across + gaps[2, k], low_flat, high_flat
                     if not parts.about_z:
-                        low, high = low + low_z, high + high_z
+                        low, high = low + lows[2, k], high + highs[2, k]
                     if gap > beyond or low > outside or high < within:
                         continue
                     # What comes into the cube is no farther from the origin than that, and came no farther than this.
@@ -509,15 +530,27 @@ def _mark_within(out: Bools, parts: Swept, half: float, radius: float, slack: fl
                         center[0], center[1], center[2] = i, j, k
                         if not _is_near(triangle, center, half, most, slack):
                             continue
-                    out[i, j, k] = True
+                    row[k] = 1
+    for i in range(start, stop):
+        for j in range(ny):
+            row = out[i, j]
+            for k in range(nz):
+                row[k] = row[k] > 0
 
 
 @inner
-def _gaps(place: float, middle: float, origin: float, half: float) -> tuple[float, float, float]:
-    """Squares, along one axis, of the distance of a cube from a point, and of its nearest and farthest from another."""
-    gap, low, high = (
-        max(0.0, abs(place - middle) - half),
-        max(0.0, abs(place - origin) - half),
-        abs(place - origin) + half,
-    )
-    return gap * gap, low * low, high * high
+def _slope(triangle: Floats, near: float, half: float) -> tuple[float, float, float, float]:
+    """The plane of a triangle as heights: how they grow with x and y, the one at its middle, and how far from it to look.
+
+    So far are cubes that come within ``near`` of the plane; where it is steep, or the triangle thin, any distance.
+    """
+    a, b, c = triangle[0], triangle[1], triangle[2]
+    middle = (a[2] + b[2] + c[2]) / 3.0
+    x, y, z = cross(a, b, c)
+    longest = 0.0
+    for axis in range(3):
+        longest = max(longest, (b[axis] - a[axis]) ** 2, (c[axis] - a[axis]) ** 2, (c[axis] - b[axis]) ** 2)
+    if z * z <= STEEP * STEEP * (x * x + y * y + z * z) or abs(z) <= THIN * longest:
+        return 0.0, 0.0, middle, 2.0**31
+    normal = math.sqrt(x * x + y * y + z * z)
+    return -x / z, -y / z, middle, (near * normal + half * (abs(x) + abs(y) + abs(z))) / abs(z)
