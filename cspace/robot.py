@@ -425,7 +425,12 @@ class Robot:
         """
         return self.shape.surface
 
-    @cached_property
+    @property
+    def symmetries(self) -> list[NDArray[np.float64]]:
+        """The matrices of one 1 or -1 in each row and column that map the robot to itself, to the last bit."""
+        return self.shape.symmetries
+
+    @property
     def symmetry(self) -> int:
         """How many turns about the z axis in a circle map the robot to itself: 1, 2 or 4, or 0 for all turns.
 
@@ -433,7 +438,7 @@ class Robot:
         """
         return self.shape.symmetry
 
-    @cached_property
+    @property
     def half_turns(self) -> tuple[int, ...]:
         """The axes in space, 0 for x, about which a half turn maps the robot to itself, to the last bit.
 

@@ -11,7 +11,7 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import combinations
+from itertools import combinations, permutations, product
 from typing import Any, ClassVar, Final, NamedTuple, Protocol
 
 import numpy as np
@@ -109,8 +109,8 @@ class Symmetric(Protocol):
         """The number of turns about the z axis that map it to itself in each whole turn; 0 for all."""
 
     @property
-    def half_turns(self) -> tuple[int, ...]:
-        """The axes, 0 for x, about which a half turn maps it to itself."""
+    def symmetries(self) -> list[Floats]:
+        """The matrices of one 1 or -1 in each row and column that map it to itself, the unit matrix among them."""
 
     @property
     def is_round(self) -> bool:
@@ -308,13 +308,16 @@ class Rotations(Orientation):
     def neighbors(self) -> Ints:
         """The cells that each one shares a border with, shape (count, n); -1 fills up."""
 
-    def images(self, dim: int) -> list[tuple[Ints, Ints]]:
-        """Rotations of the world that permute its axes, up to signs, and the cells of rotations as well.
+    def images(self, robot: Symmetric) -> list[tuple[Floats, Ints]]:
+        """What turns or mirrors the world so that it maps cells of rotations to cells, for a robot.
+
+        Let S and M be matrices of one 1 or -1 in each row and column, and M map the robot A to itself. Then S R A is
+        S R M A for every rotation R, so that S makes the raster for S R M from that for R.
 
         Returns
         -------
-        list of pairs of ndarray of int64
-            The matrix, shape (d, d), and the cell that each one becomes, shape (count,).
+        list of pairs of ndarray
+            S, shape (d, d), and the cell that each one becomes, shape (count,).
         """
         return []
 
@@ -628,14 +631,24 @@ class YawRotations(Yaw, Rotations):
         ways = [[], [1], [-1, 1]][min(self.count - 1, 2)]
         return (np.arange(self.count)[:, None] + np.array(ways, dtype=np.int64)) % self.count
 
-    def images(self, dim: int) -> list[tuple[Ints, Ints]]:
-        """Quarter turns about the z axis, where all cells are equally wide and a fourth of them is a whole number."""
-        if self.count % 4 or not self.is_uniform():
-            return []
-        quarter = np.eye(dim, dtype=np.int64)
-        quarter[:2, :2] = [[0, -1], [1, 0]]
-        cells = np.arange(self.count)
-        return [(np.linalg.matrix_power(quarter, k), (cells + k * (self.count // 4)) % self.count) for k in (1, 2, 3)]
+    def images(self, robot: Symmetric) -> list[tuple[Floats, Ints]]:
+        """Of quarter turns about the z axis, and of mirrors along it, those that map the middles of cells to such."""
+        found: dict[bytes, tuple[Floats, Ints]] = {}
+        upright = [each for each in robot.symmetries if (each[2:, 2:] == 1.0).all()]
+        for mirror, quarters in product((1.0, -1.0), range(4)):
+            matrix = np.eye(len(upright[0]))
+            cosine, sine = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[quarters]
+            matrix[:2, :2] = [[cosine, -mirror * sine], [sine, mirror * cosine]]
+            for own in upright if self.is_uniform() else ():
+                if own[0, 0] * own[1, 1] - own[0, 1] * own[1, 0] != mirror:
+                    continue
+                both = matrix[:2, :2] @ own[:2, :2]
+                # Of a mirror and a turn, either may come first, if the turn is the other way.
+                yaws = mirror * self.representatives + math.atan2(both[1, 0], both[0, 0])
+                cells = self.cell_of(yaws)
+                if np.abs(np.sin((yaws - self.representatives[cells]) / 2.0)).max() < YAW_SLACK / 8.0:
+                    found.setdefault(cells.tobytes(), (matrix, cells))
+        return list(found.values())
 
     def compiled(self, slice_of: Ints) -> YawCells:
         """What compiled look-ups get."""
@@ -722,25 +735,30 @@ class QuaternionRotations(Quaternion, Rotations):
     def slice_of(self, robot: Symmetric) -> Ints:
         """Cells that a half turn of the robot, about one of its axes, maps to each other share a slice.
 
-        In quaternions such a turn is a change of places and signs, and so maps cells to cells.
+        In quaternions such a turn is a change of places and signs, and so maps cells to cells; a quarter turn is not.
         """
         if robot.is_round:
             return np.zeros(self.count, dtype=np.int64)
-        cells = np.arange(self.count)
-        least = cells.copy()
-        for axis in robot.half_turns:
-            least = np.minimum(least, least[self.cell_of(_with_half_turn(self.centers, axis, 1.0))])
+        least = np.arange(self.count)
+        for matrix, cells in self.images(robot):
+            if (matrix == np.eye(3)).all():
+                least = np.minimum(least, least[cells])
         return np.unique(least, return_inverse=True)[1].astype(np.int64)
 
-    def images(self, dim: int) -> list[tuple[Ints, Ints]]:
-        """Half turns about the axes."""
-        return [
-            (
-                np.diag(np.where(np.arange(3) == axis, 1, -1)),
-                self.cell_of(_with_half_turn(self.centers, axis, -1.0)),
-            )
-            for axis in range(3)
-        ]
+    def images(self, robot: Symmetric) -> list[tuple[Floats, Ints]]:
+        """Of turns and mirrors, those that change places and signs of a quaternion's numbers, and so map cells to cells.
+
+        These are all where M puts the axes back that S permutes, whatever their signs.
+        """
+        found: dict[bytes, tuple[Floats, Floats]] = {}
+        for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
+            matrix = np.array(signs)[:, None] * np.eye(3)[list(order)]
+            for own in robot.symmetries:
+                if (np.abs(matrix @ own) == np.eye(3)).all() and np.linalg.det(own) * np.linalg.det(matrix) > 0.0:
+                    # Two mirrors are two turns, each with the mirror of all three axes.
+                    change = np.round(_times(_times(_quaternion_of(matrix), np.eye(4)), _quaternion_of(own)))
+                    found.setdefault(change.tobytes(), (matrix, change))
+        return [(matrix, self.cell_of(self.centers @ change)) for matrix, change in found.values()]
 
     def turns(self, dim: int) -> list[Turn]:
         """Rotations about the origin of space."""
@@ -902,8 +920,20 @@ def _quaternions(charts: Ints, quotients: Floats) -> Floats:
     return np.asarray(made / np.linalg.norm(made, axis=1, keepdims=True))
 
 
-def _with_half_turn(q: Floats, axis: int, side: float) -> Floats:
-    """Quaternions, shape (n, 4), of rotations that come after a half turn about an axis, or before it if side is -1."""
-    x, y, z, w = q.T
-    s = side
-    return np.stack([(w, s * z, -s * y, -x), (-s * z, w, s * x, -y), (s * y, -s * x, w, -z)][axis], axis=1)
+def _quaternion_of(matrix: Floats) -> Floats:
+    """The quaternion of the turn by an orthogonal matrix, or by its negative if the matrix is a mirror."""
+    turn = matrix * np.linalg.det(matrix)
+    # Every column of this is the quaternion times one of its numbers (Bar-Itzhack, 2000).
+    (a, b, c), (d, e, f), (g, h, k) = turn
+    rows = [(1 + a - e - k, b + d, c + g, h - f), (b + d, 1 - a + e - k, f + h, c - g)]
+    rows += [(c + g, f + h, 1 - a - e + k, d - b), (h - f, c - g, d - b, 1 + a + e + k)]
+    column = max(rows, key=lambda row: max(np.abs(row)))
+    return np.asarray(column) / np.linalg.norm(column)
+
+
+def _times(p: Floats, q: Floats) -> Floats:
+    """Products of quaternions, shapes (..., 4): the rotation of p after that of q."""
+    px, py, pz, pw = np.moveaxis(p, -1, 0)
+    qx, qy, qz, qw = np.moveaxis(q, -1, 0)
+    x, y = pw * qx + px * qw + py * qz - pz * qy, pw * qy - px * qz + py * qw + pz * qx
+    return np.stack([x, y, pw * qz + px * qy - py * qx + pz * qw, pw * qw - px * qx - py * qy - pz * qz], axis=-1)

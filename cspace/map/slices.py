@@ -33,8 +33,8 @@ def slice_rasters(robot: Robot, spacing: float, margin: float, rotations: Rotati
 def raster_parts(robot: Robot, spacing: float, margin: float, rotations: Rotations) -> list[Rasters]:
     """What makes the rasters of the robot for all slices.
 
-    Each is rasterised afresh from the turned geometry, but for those that are another one with the world's axes
-    permuted, which come in the same part as that.
+    Each is rasterised afresh from the turned geometry, but for those that are another one turned by quarters or
+    mirrored, which come in the same part as that.
     """
     if rotations.keep(robot):
         return [lambda: [(0, robot.rasters(spacing, margin))]]
@@ -42,7 +42,7 @@ def raster_parts(robot: Robot, spacing: float, margin: float, rotations: Rotatio
     first, turns = np.unique(slice_of, return_index=True)[1], rotations.turns(robot.dim)
     # For each slice the least one of which it is an image, and the matrix that makes it so.
     source, made_by = np.arange(len(first)), np.full(len(first), -1)
-    images = rotations.images(robot.dim)
+    images = rotations.images(robot)
     for number, (_, cells) in enumerate(images):
         image = slice_of[cells[first]]
         less = np.flatnonzero(np.arange(len(first)) < source[image])

@@ -48,7 +48,7 @@ class Raster:
         tight.setflags(write=False)
         return cls(tight, tuple(low + part.start for low, part in zip(lower, window, strict=True)))
 
-    def turned(self, matrix: NDArray[np.int64]) -> Raster:
+    def turned(self, matrix: NDArray[np.float64]) -> Raster:
         """The set turned by a matrix with one 1 or -1 in each row and column: an exact permutation of the lattice."""
         if not self.cells.size:
             return self

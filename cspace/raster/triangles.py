@@ -504,7 +504,11 @@ def _mark_within(out: Octets, parts: Swept, half: float, radius: float, slack: f
                 gaps[axis, k] = max(0.0, abs(k - place) - half) ** 2
         for i in range(first, last + 1):
             for j in range(first_y, last_y + 1):
-                across, low_flat, high_flat = gaps[0, i] + gaps[1, j], lows[0, i] + lows[1, j], highs[0, i] + highs[1, j]
+                across, low_flat, high_flat = (
+                    gaps[0, i] + gaps[1, j],
+                    lows[0, i] + lows[1, j],
+                    highs[0, i] + highs[1, j],
+                )
                 if across > beyond or low_flat > outside or (parts.about_z and high_flat < within):
                     continue
                 level = middle + along_x * (i - mx) + along_y * (j - my)

@@ -212,6 +212,8 @@ def _mark_enclosed(out: Bools, triangles: Floats, turns: Integers, start: int, s
                 begins[column] += begins[column - 1]
             points, counts = np.empty(begins[-1], np.int64), np.empty(begins[-1], np.int64)
         for t in range(len(triangles)):
+            if turns[t] == 0:
+                continue
             triangle = triangles[t]
             low_x = min(triangle[0, 0], triangle[1, 0], triangle[2, 0])
             high_x = max(triangle[0, 0], triangle[1, 0], triangle[2, 0])

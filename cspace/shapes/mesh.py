@@ -21,7 +21,7 @@ from cspace.rotations import STILL, Turn
 from cspace.shapes.bodies import Body, find_bodies
 from cspace.shapes.bracketed import Bracketed
 from cspace.shapes.polygon import Polygons
-from cspace.shapes.shape import Bools, Floats, Pieces, Shape, Surface
+from cspace.shapes.shape import Bools, Floats, Pieces, Shape, Surface, ordered_rows
 
 if TYPE_CHECKING:
     from cspace.raster.surfaces import Skin
@@ -54,6 +54,9 @@ SMALL: Final = 0.25
 
 Solid = Literal["auto", "surface", "fill"]
 MeshLike: TypeAlias = "Mesh | TriangleMesh | MeshScene | str | os.PathLike[str] | tuple[ArrayLike, ArrayLike]"
+
+Chosen: TypeAlias = "NDArray[np.int64] | slice"
+"""Numbers of some triangles."""
 
 SOLIDS: Final = ("auto", "surface", "fill")
 """What of a mesh is solid: its closed bodies, nothing but the surface, or whatever its raster encloses."""
@@ -236,7 +239,7 @@ class Mesh(Shape):
     @property
     def encloses(self) -> bool:  # type: ignore[override]
         """Whether the mesh has an inside that does not depend on a spacing: closed bodies, which are solid."""
-        return self.solid == "auto" and bool(len(self._closed[0]))
+        return self.solid == "auto" and bool(self._turns.any())
 
     @cached_property
     def volume(self) -> float:
@@ -249,24 +252,21 @@ class Mesh(Shape):
     def rasters(self, spacing: float, margin: float = 0.0, turn: Turn = STILL) -> tuple[Raster, Raster]:
         from cspace.raster.surfaces import surface_rasters
 
-        return surface_rasters(self._skin, spacing, margin, turn)
+        return surface_rasters(self._skin(), spacing, margin, turn)
 
     def cells(self, grid: Grid) -> tuple[Bools, Bools]:
         from cspace.raster.surfaces import surface_cells
 
-        return surface_cells(self._skin._replace(faces=self.faces[self._near(grid)]), self.bounds, grid)
-
-    def _near(self, grid: Grid) -> NDArray[np.int64] | slice:
-        """The triangles that may meet a grid: all of them, or, where it is small, those that an index finds."""
         lower, upper = np.asarray(grid.lower) - grid.spacing, np.asarray(grid.upper) + grid.spacing
         shared = np.maximum(np.minimum(upper, self.bounds[1]) - np.maximum(lower, self.bounds[0]), 0.0)
         whole = self.bounds[1] - self.bounds[0]
         if self.solid == "fill" or shared[0] * shared[1] > SMALL * whole[0] * whole[1]:
-            return slice(None)
+            return surface_cells(self._skin(), self.bounds, grid)
+        # Where the grid is small, an index finds the triangles above, within and below it.
         found = self._index.near(lower, upper)
         corners = self.vertices[self.faces[found]]
         meets = (corners.min(axis=1) <= upper).all(axis=1) & (corners.max(axis=1) >= lower).all(axis=1)
-        return np.asarray(found[meets])
+        return surface_cells(self._skin(found[meets], found), self.bounds, grid)
 
     @cached_property
     def _index(self) -> Buckets:
@@ -321,11 +321,25 @@ class Mesh(Shape):
                 stacklevel=3,
             )
 
+    def is_same(self, matrix: Floats) -> bool:
+        # Sums of whole numbers, those of the bits, are the same in any order; few other matrices leave them.
+        sums = [(self._corners @ turn.T + 0.0).view(np.int64).sum(axis=0) for turn in (np.eye(3), matrix)]
+        return np.array_equal(*sums) and super().is_same(matrix)
+
+    @cached_property
+    def _corners(self) -> Floats:
+        return ordered_rows(self.triangles.reshape(-1, 3))[0]
+
     def _features(self, matrix: Floats) -> Floats:
-        turned = self.vertices @ matrix.T + 0.0
-        corners, rank = turned[self.faces], np.unique(turned, axis=0, return_inverse=True)[1]
-        # Each triangle begins with its smallest corner and keeps its direction.
-        order = (rank[self.faces].argmin(axis=1)[:, None] + np.arange(3)) % 3
+        """The triangles, each from its smallest corner on; see :func:`_merged_faces` for those of closed bodies."""
+        corners = (self.vertices @ matrix.T + 0.0)[self.faces]
+        if np.linalg.det(matrix) < 0.0:
+            corners = corners[:, ::-1]
+        points, ranks = ordered_rows(corners.reshape(-1, 3))
+        ranks = ranks.reshape(-1, 3)
+        if self.solid == "auto" and (self._turns == 1).all():
+            return _merged_faces(points, ranks)
+        order = (ranks.argmin(axis=1)[:, None] + np.arange(3)) % 3
         return np.take_along_axis(corners, order[..., None], axis=1).reshape(-1, 9)
 
     def contains(self, points: ArrayLike) -> Bools:
@@ -396,28 +410,27 @@ class Mesh(Shape):
         return mesh
 
     @cached_property
-    def _closed(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Triangles that enclose something, and how often each counts."""
-        none = np.empty(0, dtype=np.int64)
-        closed = [body for body in self.bodies if body.closed]
-        faces = np.concatenate([none, *(body.faces for body in closed)])
-        turns = np.concatenate([none, *(body.turns for body in closed)])
-        return faces[turns != 0], turns[turns != 0]
+    def _turns(self) -> NDArray[np.int64]:
+        """How often each triangle counts as part of what encloses something, shape (F,)."""
+        turns = np.zeros(len(self.faces), dtype=np.int64)
+        for body in self.bodies:
+            if body.closed:
+                turns[body.faces] = body.turns
+        return turns
 
     @cached_property
     def _winding(self) -> Winding:
         from cspace.raster.winding import Winding
 
-        faces, turns = self._closed
-        return Winding(self.vertices[self.faces[faces]] - self.bounds[0], turns)
+        counted = np.flatnonzero(self._turns)
+        return Winding(self.vertices[self.faces[counted]] - self.bounds[0], self._turns[counted])
 
-    @property
-    def _skin(self) -> Skin:
+    def _skin(self, near: Chosen = slice(None), columns: Chosen = slice(None)) -> Skin:
+        """Some of the triangles, and those of the enclosing ones that may be above or below them."""
         from cspace.raster.surfaces import Shell, Skin
 
-        faces, turns = self._closed
-        shell = Shell(self.vertices, self.faces[faces], turns) if self.encloses else None
-        return Skin(self.vertices, self.faces, shell, self.solid == "fill", self.source)
+        shell = Shell(self.vertices, self.faces[columns], self._turns[columns]) if self.encloses else None
+        return Skin(self.vertices, self.faces[near], shell, self.solid == "fill", self.source)
 
     def _doubts(self) -> Iterator[str]:
         """What there is to warn of where closed bodies are taken as solid."""
@@ -441,6 +454,29 @@ class Mesh(Shape):
                 "windings do, as where a surface is drawn once for each side, a body is hollow; pass solid='fill' to "
                 "fill what the cells enclose"
             )
+
+
+def _merged_faces(points: Floats, faces: NDArray[np.int64]) -> Floats:
+    """Rows that tell the surface of closed bodies apart, whatever the diagonals by which flat faces became triangles.
+
+    Triangles across an axis that lie in one plane and face the same way are told by the sides that do not cancel
+    between them, with how often each counts; others by themselves. Points are in order, and named by faces.
+    """
+    corners = points[faces]
+    level = (corners == corners[:, :1]).all(axis=1)
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    plane = np.where(level.any(axis=1), (1 + level.argmax(axis=1)) * np.sign((level * normal).sum(axis=1)), 0.0)
+    # A triangle that is told by itself has all of its corners in each of its rows.
+    sides = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1)
+    forth = sides[..., 0] < sides[..., 1]
+    third = np.where(plane[:, None] == 0.0, np.roll(faces, -2, axis=1), -1)
+    rows = np.column_stack([np.repeat(plane, 3), np.sort(sides, axis=-1).reshape(-1, 2), third.ravel()])
+    kinds, kind = ordered_rows(rows)
+    counts = np.bincount(kind, weights=np.where(forth, 1.0, -1.0).ravel())
+    kinds, counts = kinds[counts != 0.0], counts[counts != 0.0]
+    named = kinds[:, 1:].astype(np.int64)
+    last = np.where(named[:, 2:] < 0, 0.0, points[named[:, 2]])
+    return np.column_stack([kinds[:, 0], counts, points[named[:, 0]], points[named[:, 1]], last])
 
 
 def _arrays_of(shape: Any) -> tuple[Any, Any, str]:

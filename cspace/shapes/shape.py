@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from functools import cached_property
+from itertools import permutations, product
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -185,23 +187,32 @@ class Shape(ABC):
         """Whether every rotation about the z axis maps the shape to itself; in the plane, every rotation."""
         return self.is_round
 
+    @cached_property
+    def symmetries(self) -> list[Floats]:
+        """The matrices, shape (dim, dim), of one 1 or -1 in each row and column that map the shape to itself."""
+        lower, upper = self.bounds
+        found = []
+        for order in permutations(range(self.dim)):
+            for signs in product((1.0, -1.0), repeat=self.dim):
+                matrix = np.array(signs)[:, None] * np.eye(self.dim)[list(order)]
+                ends = np.sort([matrix @ lower, matrix @ upper], axis=0)
+                if (ends == [lower, upper]).all() and self.is_same(matrix):
+                    found.append(matrix)
+        return found
+
     @property
     def symmetry(self) -> int:
         """How many turns about the z axis in a circle map the shape to itself: 1, 2 or 4, or 0 for all turns."""
         if self.is_round_about_z:
             return 0
-        for order, (cosine, sine) in ((4, (0.0, 1.0)), (2, (-1.0, 0.0))):
-            matrix = np.eye(self.dim)
-            matrix[:2, :2] = [[cosine, -sine], [sine, cosine]]
-            if self.is_same(matrix):
-                return order
-        return 1
+        turns = (each for each in self.symmetries if (each[2:, 2:] == 1.0).all())
+        return sum(each[0, 0] * each[1, 1] - each[0, 1] * each[1, 0] == 1.0 for each in turns)
 
     @property
     def half_turns(self) -> tuple[int, ...]:
         """The axes in space about which a half turn maps the shape to itself; none of a shape in the plane."""
-        axes = range(3) if self.dim == 3 else ()
-        return tuple(axis for axis in axes if self.is_same(np.diag(np.where(np.arange(3) == axis, 1.0, -1.0))))
+        turns = (2.0 * np.outer(axis, axis) - np.eye(3) for axis in np.eye(3) if self.dim == 3)
+        return tuple(k for k, turn in enumerate(turns) if any((turn == each).all() for each in self.symmetries))
 
     def check_origin(self, warn: bool = False) -> None:  # noqa: B027 - most shapes have nothing to refuse
         """Refuse a robot whose origin, its reference point, can hardly be meant; warn of one that may not, if told to.
@@ -215,11 +226,14 @@ class Shape(ABC):
         """
 
     def is_same(self, matrix: Floats) -> bool:
-        """Whether a rotation about the origin, shape (dim, dim), maps the shape to itself, to the last bit."""
+        """Whether a matrix, shape (dim, dim), maps the shape to itself, to the last bit."""
         if not np.isin(matrix, (-1.0, 0.0, 1.0)).all():
             return False
-        own, turned = (np.unique(self._features(turn) + 0.0, axis=0) for turn in (np.eye(self.dim), matrix))
-        return np.array_equal(own, turned)
+        return np.array_equal(self._own_features, ordered_rows(self._features(matrix) + 0.0)[0])
+
+    @cached_property
+    def _own_features(self) -> Floats:
+        return ordered_rows(self._features(np.eye(self.dim)) + 0.0)[0]
 
     @abstractmethod
     def _features(self, matrix: Floats) -> Floats:
@@ -241,6 +255,16 @@ class Shape(ABC):
                 "pass one point or a batch of them",
             )
         return array
+
+
+def ordered_rows(rows: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.int64]]:
+    """The different rows of an array, shape (n, k), in order, and the number of each one among them, shape (n,)."""
+    order = np.lexsort(rows.T[::-1])
+    rows = rows[order]
+    fresh = np.append(True, (rows[1:] != rows[:-1]).any(axis=1))[: len(rows)]
+    numbers = np.empty(len(rows), dtype=np.int64)
+    numbers[order] = np.cumsum(fresh) - 1
+    return rows[fresh], numbers
 
 
 def frozen(array: NDArray[Any]) -> NDArray[Any]:

@@ -151,12 +151,14 @@ def test_a_shape_is_the_same_under_no_rotation_and_seldom_under_others(shape):
         (Voxels.of(np.ones((2, 2, 1), bool), 0.5, (-0.5, -0.5, 0.25)), 2, True),
         (Balls.of([(0, 0, 0.5), (0, 0, -0.5)], 0.2), 2, True),
         (Balls.of([(0, 0, 0.5), (0, 0, -0.5)], 0.2), 1, False),
-        (Mesh.of(trimesh.creation.box((1, 1, 1))), 1, False),
+        (Mesh.of(trimesh.creation.box((1, 1, 1))), 1, True),
+        (Mesh.of(trimesh.creation.box((1, 1, 1)), "surface"), 1, False),
+        (Mesh.of(trimesh.creation.box((1, 0.5, 1))), 2, False),
         (Mesh.of((trimesh.creation.icosahedron().vertices, trimesh.creation.icosahedron().faces)), 1, False),
     ],
 )
 def test_quarter_turns_that_map_a_solid_to_itself(shape, axis, same):
-    """The diagonals of a box's triangles do not turn with it."""
+    """The diagonals of a box's triangles do not turn with it, and do not matter to what they enclose."""
     quarter = np.roll([[0, -1, 0], [1, 0, 0], [0, 0, 1]], axis - 2, axis=(0, 1)).astype(float)
     assert shape.is_same(quarter) is same
 
