@@ -746,7 +746,7 @@ class QuaternionRotations(Quaternion, Rotations):
         return np.unique(least, return_inverse=True)[1].astype(np.int64)
 
     def images(self, robot: Symmetric) -> list[tuple[Floats, Ints]]:
-        """Of turns and mirrors, those that change places and signs of a quaternion's numbers, and so map cells to cells.
+        """Of turns and mirrors, those that change places and signs in quaternions, and so map cells to cells.
 
         These are all where M puts the axes back that S permutes, whatever their signs.
         """
@@ -927,8 +927,8 @@ def _quaternion_of(matrix: Floats) -> Floats:
     (a, b, c), (d, e, f), (g, h, k) = turn
     rows = [(1 + a - e - k, b + d, c + g, h - f), (b + d, 1 - a + e - k, f + h, c - g)]
     rows += [(c + g, f + h, 1 - a - e + k, d - b), (h - f, c - g, d - b, 1 + a + e + k)]
-    column = max(rows, key=lambda row: max(np.abs(row)))
-    return np.asarray(column) / np.linalg.norm(column)
+    column = np.array(max(rows, key=lambda row: max(np.abs(row))))
+    return np.asarray(column / np.linalg.norm(column))
 
 
 def _times(p: Floats, q: Floats) -> Floats:

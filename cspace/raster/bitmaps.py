@@ -153,9 +153,9 @@ def cell_squares(cells: Bools, spacing: float, lower: Any) -> tuple[Floats, Inte
     for axis in range(3):
         first, second = (int(np.prod(corners[other + 1 :])) for other in range(3) if other != axis)
         padded = np.pad(cells.view(np.int8), [(1, 1) if other == axis else (0, 0) for other in range(3)])
-        change = np.diff(padded, axis=axis)
+        change = np.asarray(np.diff(padded, axis=axis))
         where = np.argwhere(change)
-        start = np.ravel_multi_index(tuple(where.T), corners)
+        start = np.asarray(np.ravel_multi_index(tuple(where.T), corners))
         squares = start[:, None] + np.array([0, first, first + second, 0, first + second, second])
         faces.append(squares.reshape(-1, 3))
         turns.append(np.repeat((1 if axis == 1 else -1) * change[tuple(where.T)], 2))

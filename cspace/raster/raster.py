@@ -43,7 +43,7 @@ class Raster:
             if not len(used):
                 return cls(np.zeros((0,) * cells.ndim, dtype=np.bool_), (0,) * cells.ndim)
             window.append(slice(int(used[0]), int(used[-1]) + 1))
-            left = left.any(axis=0)
+            left = np.asarray(left.any(axis=0))
         tight = np.ascontiguousarray(cells[tuple(window)])
         tight.setflags(write=False)
         return cls(tight, tuple(low + part.start for low, part in zip(lower, window, strict=True)))

@@ -468,7 +468,7 @@ def _mark_within(out: Octets, parts: Swept, half: float, radius: float, slack: f
     """
     _, ny, nz = out.shape
     center = np.empty(3)
-    # Squares, along each axis, of the nearest and farthest of a cube from the origin, and of its distance from a triangle.
+    # Along each axis, squares: of the nearest and farthest of a cube from the origin, and of its gap to a triangle.
     lows, highs, gaps = np.empty((3, max(out.shape))), np.empty((3, max(out.shape))), np.empty((3, max(out.shape)))
     for axis in range(3):
         for k in range(out.shape[axis]):
@@ -544,7 +544,7 @@ def _mark_within(out: Octets, parts: Swept, half: float, radius: float, slack: f
 
 @inner
 def _slope(triangle: Floats, near: float, half: float) -> tuple[float, float, float, float]:
-    """The plane of a triangle as heights: how they grow with x and y, the one at its middle, and how far from it to look.
+    """The plane of a triangle as heights: how they grow with x and y, the one at its middle, how far from it to look.
 
     So far are cubes that come within ``near`` of the plane; where it is steep, or the triangle thin, any distance.
     """

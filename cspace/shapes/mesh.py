@@ -257,16 +257,19 @@ class Mesh(Shape):
     def cells(self, grid: Grid) -> tuple[Bools, Bools]:
         from cspace.raster.surfaces import surface_cells
 
+        return surface_cells(self._skin(*self._near(grid)), self.bounds, grid)
+
+    def _near(self, grid: Grid) -> tuple[Chosen, Chosen]:
+        """The triangles that may meet a grid, and with those above and below it: all, or what an index finds."""
         lower, upper = np.asarray(grid.lower) - grid.spacing, np.asarray(grid.upper) + grid.spacing
         shared = np.maximum(np.minimum(upper, self.bounds[1]) - np.maximum(lower, self.bounds[0]), 0.0)
         whole = self.bounds[1] - self.bounds[0]
         if self.solid == "fill" or shared[0] * shared[1] > SMALL * whole[0] * whole[1]:
-            return surface_cells(self._skin(), self.bounds, grid)
-        # Where the grid is small, an index finds the triangles above, within and below it.
+            return slice(None), slice(None)
         found = self._index.near(lower, upper)
         corners = self.vertices[self.faces[found]]
         meets = (corners.min(axis=1) <= upper).all(axis=1) & (corners.max(axis=1) >= lower).all(axis=1)
-        return surface_cells(self._skin(found[meets], found), self.bounds, grid)
+        return found[meets], found
 
     @cached_property
     def _index(self) -> Buckets:

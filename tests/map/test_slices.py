@@ -51,7 +51,7 @@ L_SHAPE = np.array([[[1], [1]], [[1], [0]], [[1], [0]]], dtype=bool)
     ids=["box", "square", "cube", "cells", "mirrored cells", "drone", "triangle"],
 )
 def test_what_turns_and_mirrors_of_the_world_make_are_fresh_rasters(robot, rotations, fresh):
-    """Of a box, 16 cells need one raster; a cube's quarter turns, and mirrors of what looks left and right, add to it."""
+    """Of a box, 16 cells need one raster; a cube's quarter turns, and mirrors of what has two like sides, add to it."""
     assert len(raster_parts(robot, 0.17, 0.02, rotations)) == fresh
     made, turns = slice_rasters(robot, 0.17, 0.02, rotations), rotations.turns(robot.dim)
     for number, cell in zip(*np.unique(rotations.slice_of(robot), return_index=True), strict=True):
