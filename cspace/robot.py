@@ -462,7 +462,7 @@ class Robot:
         return float(shapely.distance(shape.boundary, origin)) if shapely.covers(shape, origin) else 0.0
 
     def rasters(self, spacing: float, margin: float = 0.0, turn: Turn = STILL) -> tuple[Raster, Raster]:
-        """The discrete robot at a spacing, as :meth:`cspace.shapes.Shape.rasters` tells.
+        """The discrete robot at a spacing, as two sets of offsets.
 
         Parameters
         ----------

@@ -120,8 +120,8 @@ class Symmetric(Protocol):
 class Rotations(Orientation):
     """The rotation cells of a map; each has one slice, and cells may share theirs.
 
-    There are three kinds: :class:`OneRotation` of a robot that only translates, :class:`YawRotations` in SE(2) and
-    R^3 x SO(2), and :class:`QuaternionRotations` in SE(3). :meth:`of` and :meth:`quaternions` make them.
+    There are three kinds: ``OneRotation`` of a robot that only translates, ``YawRotations`` in SE(2) and
+    R^3 x SO(2), and ``QuaternionRotations`` in SE(3). :meth:`of` and :meth:`quaternions` make them.
 
     Attributes
     ----------

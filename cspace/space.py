@@ -615,7 +615,7 @@ class CSpace(ConfigurationMap):
         obstacle : shape, or array-like, shape (n, 2) or (n, 3)
             Metres, in the map's frame. In the plane what :meth:`Workspace.from_polygons` takes, such as a shapely
             geometry, or the corners of a polygon; in space a mesh, as :meth:`Workspace.from_mesh` takes; in both points
-            with ``radius``, a decomposition into balls, or a shape of :mod:`cspace.shapes`.
+            with ``radius``, a decomposition into balls, or a shape of ``cspace.shapes``.
         radius : array-like, shape () or (n,), optional
             Of the balls around the points, metres, zero or above.
 

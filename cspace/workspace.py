@@ -160,7 +160,7 @@ class Workspace:
         """A map that is already a grid.
 
         An array that is read when it is indexed, of zarr, dask, h5py, xarray with dask behind it, or a
-        ``numpy.memmap``, is not read: see :class:`LazyWorkspace`.
+        ``numpy.memmap``, is not read: see :class:`cspace.workspace.LazyWorkspace`.
 
         Parameters
         ----------
@@ -396,7 +396,7 @@ class Workspace:
             begins at the lower corner and has as many cells as reach the upper one, less a strip of up to 1e-9 cells
             from rounding. **What lies beyond it is clipped.**
         lazy : bool
-            Cut them into cells where these are asked for, and not now: see :class:`LazyWorkspace`.
+            Cut them into cells where these are asked for, and not now: see :class:`cspace.workspace.LazyWorkspace`.
 
         Raises
         ------

@@ -1,27 +1,35 @@
-"""Export for analysis: maps as labelled xarray arrays, to see how much room is left as a robot grows."""
+"""
+How much room is left as a robot grows
+======================================
 
+Maps become labelled arrays of xarray, for analysis with its tools. FREE cells are a lower bound of the room that is
+left, and cells that are not BLOCKED an upper one.
+"""
+
+import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
 
 import cspace
 from cspace.demo import demo_workspace
 
+workspace = demo_workspace(spacing=0.05)
+radii = xr.DataArray(np.arange(0.1, 0.8, 0.1), dims="radius", name="radius")
+maps = [cspace.build(workspace, cspace.Robot.disc(radius)).to_xarray() for radius in radii.values]
+state = xr.concat([each["state"] for each in maps], radii)
+cell = workspace.grid.spacing**2
+room = xr.Dataset(
+    {
+        "at least": cell * (state == cspace.FREE).sum(["x", "y"]),
+        "at most": cell * (state != cspace.BLOCKED).sum(["x", "y"]),
+    }
+)
+print(room.to_dataframe().round(2).to_string())
 
-def main() -> None:
-    workspace = demo_workspace(spacing=0.05)
-    radii = np.arange(0.1, 0.8, 0.1)
-    maps = [cspace.build(workspace, cspace.Robot.disc(radius)).to_xarray() for radius in radii]
-    state = xr.concat([each["state"] for each in maps], xr.DataArray(radii, dims="radius", name="radius"))
-    cell = workspace.grid.spacing**2
-    table = xr.Dataset(
-        {
-            "at least": cell * (state == cspace.FREE).sum(["x", "y"]),
-            "at most": cell * (state != cspace.BLOCKED).sum(["x", "y"]),
-        }
-    )
-    print("Room that is left, in square metres, by the radius of a disc in metres:")
-    print(table.to_dataframe().round(2).to_string())
+# %%
+# The room lies between the two curves.
 
-
-if __name__ == "__main__":
-    main()
+figure, ax = plt.subplots(figsize=(6, 3.5), layout="constrained")
+ax.fill_between(radii, room["at least"], room["at most"], color="#d55e00", alpha=0.6)
+ax.set(xlabel="radius of the robot (m)", ylabel="room (m²)", ylim=(0, None))
+plt.show()

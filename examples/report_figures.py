@@ -1,21 +1,22 @@
-"""Figures of collision in the frequency domain, from our own runs: ``python examples/report_figures.py [FOLDER]``.
+"""
+Collision in the frequency domain, in seven figures
+===================================================
 
-They follow those of Lysenko (2013) and of Behandish and Ilies (2016); ``docs/frequency.md`` tells what they show. Times
-are medians of a few runs on this machine. Needs ``pip install "cspace[spectral]"``.
+They follow those of Lysenko (2013) and of Behandish and Ilies (2016), from our own runs; ``docs/frequency.md`` tells
+what they show. Times are medians of a few runs on the machine that built this page. It needs
+``pip install "cspace[spectral]"``.
 """
 
 import math
-import sys
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
-from pathlib import Path
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
 import shapely
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_simpson
@@ -43,11 +44,126 @@ PERIOD = 4.0  # metres; no shape here is longer
 FREQUENCIES = 128  # along an axis, so up to 16 cycles per metre
 
 
-def in_turns(works: Sequence[Callable[[], Any]], most: float = 0.4) -> tuple[list[float], list[Any]]:
-    """Median times in seconds of up to 31 rounds that together take about ``most`` seconds, and what the works give.
+def plain(ax: Axes, title: str, x: str, y: str) -> None:
+    """What all axes have."""
+    ax.set_title(title, fontsize=10)
+    ax.set(xlabel=x, ylabel=y)
 
-    What disturbs the machine disturbs all alike. A first run of each, which imports and compiles, is not counted.
-    """
+
+# %%
+# 1. An obstacle and its spectrum
+# -------------------------------
+#
+# The modulus of the spectrum of its indicator, with a logarithmic scale.
+
+
+def draw_modulus(ax: Axes, spectrum: Complexes, title: str) -> Any:
+    """Modulus of a spectrum over its largest value, as an image with a logarithmic scale."""
+    levels = np.log10(np.maximum(np.abs(np.fft.fftshift(spectrum)) / np.abs(spectrum).max(), 1e-30))
+    reach = (FREQUENCIES // 2 + 0.5) / PERIOD
+    extent = (-reach, reach - 1.0 / PERIOD, -reach, reach - 1.0 / PERIOD)
+    plain(ax, title, "frequency along x [cycles/m]", "frequency along y [cycles/m]")
+    return ax.imshow(levels.T, origin="lower", extent=extent, cmap="cividis", vmin=-5.0, vmax=0.0)
+
+
+def add_scale(image: Any, axes: Any) -> None:
+    scale = plt.colorbar(image, ax=axes, shrink=0.8, extend="min", ticks=range(-5, 1))
+    scale.ax.set_yticklabels([f"$10^{{{level}}}$" for level in range(-5, 1)])
+    scale.set_label("modulus over its largest value")
+
+
+def sampled_spectrum(descriptor: Descriptor, period: float, count: int) -> Complexes:
+    """By FFT, of the values at the middles of cells; the period is a whole number of cells."""
+    grid, k = descriptor.grid, np.fft.fftfreq(count, 1.0 / count).astype(int)
+    cells = round(period / grid.spacing)
+    spectrum = np.fft.fft2(descriptor.values * grid.spacing**2, (cells, cells))[np.ix_(k % cells, k % cells)]
+    x, y = (np.exp(-2j * math.pi * k * (low + 0.5 * grid.spacing) / period) for low in grid.lower)
+    return np.asarray(spectrum * x[:, None] * y)
+
+
+_, (left, right) = plt.subplots(1, 2, figsize=(9.5, 4.2), layout="constrained")
+obstacle = indicator(SHAPE, cspace.Grid((0.0, 0.0), 2.0 / 512, (512, 512)))
+left.imshow(obstacle.values.T, origin="lower", extent=(0.0, 2.0, 0.0, 2.0), cmap="Greys", vmax=1.3)
+left.set(xticks=np.arange(0.0, 2.1, 0.5), yticks=np.arange(0.0, 2.1, 0.5))
+plain(left, "an obstacle", "x [m]", "y [m]")
+image = draw_modulus(right, sampled_spectrum(obstacle, PERIOD, FREQUENCIES), "spectrum of its indicator")
+add_scale(image, right)
+plt.show()
+
+# %%
+# 2. The bump
+# -----------
+#
+# For several alpha, and the share of its energy beyond a frequency, in the plane.
+
+figure, (left, right) = plt.subplots(1, 2, figsize=(9.5, 4.0), layout="constrained")
+s, k = np.linspace(-1.2, 1.2, 961), np.linspace(0.0, 32.0, 6401)
+for alpha, color in zip((0.5, 1.0, 2.0, 4.0, 16.0, math.inf), COLORS, strict=True):
+    bump = Bump(alpha)
+    label = rf"$\alpha$ = {alpha:g}" if math.isfinite(alpha) else r"$\alpha = \infty$: the indicator"
+    left.plot(s, bump.profile(np.abs(s)), color=color, label=label)
+    density = 2.0 * math.pi * k * bump.radial_spectrum(k, 2) ** 2
+    below = cumulative_simpson(density, x=k, initial=0.0)
+    right.loglog(k, 1.0 - below / bump.pair_integral(1.0, 1.0, 0.0, 2), color=color)
+left.set(ylim=(-0.03, 1.08))
+right.set(xlim=(0.1, 30.0), ylim=(1e-6, 1.5))
+plain(left, "the bump", "distance from the centre [radii]", r"$\psi$")
+plain(right, "how much lies in high frequencies", "frequency [cycles/radius]", "share of the energy beyond it")
+figure.legend(loc="outside right center", frameon=False)
+plt.show()
+
+# %%
+# 3. Balls inside a shape
+# -----------------------
+#
+# And their descriptor, the sum of their bumps.
+
+_, (left, right) = plt.subplots(1, 2, figsize=(9.5, 4.4), layout="constrained", sharex=True, sharey=True)
+spheres = decompose(SHAPE, kind="inner", number=48)
+spheres.plot(left, title=f"48 inner discs, {100.0 * spheres.volume_ratio:.1f} % of the area")
+grid = cspace.Grid((0.2, 0.2), 0.004, (400, 400))
+values = BallDescriptor(spheres.centers, spheres.radii, Bump(2.0)).sample(grid).values
+extent = (grid.lower[0], grid.upper[0], grid.lower[1], grid.upper[1])
+image = right.imshow(np.where(values > 0.0, values, np.nan).T, origin="lower", extent=extent, cmap="cividis")
+right.plot(*SHAPE.exterior.xy, color="#262626", linewidth=1.2)
+plain(right, r"the sum of their bumps, $\alpha$ = 2", "x [m]", "y [m]")
+plt.colorbar(image, ax=right, shrink=0.8, label="descriptor")
+plt.show()
+
+# %%
+# 4. One ball, and a shape of such balls
+# --------------------------------------
+#
+# Their spectra as images and along an axis.
+
+_, axes = plt.subplots(1, 3, figsize=(13.0, 4.0), layout="constrained", width_ratios=(1.0, 1.0, 1.1))
+radius, bump = 0.08, Bump(2.0)
+ticks = np.arange(0.0, 2.0, 1.25 * radius)
+centers = np.stack(np.meshgrid(ticks, ticks, indexing="ij"), axis=-1).reshape(-1, 2)
+centers = centers[shapely.contains_xy(SHAPE.buffer(-radius), *centers.T)]
+ball = ball_spectrum([[0.0, 0.0]], radius, bump, PERIOD, FREQUENCIES)
+shape = ball_spectrum(centers, radius, bump, PERIOD, FREQUENCIES)
+draw_modulus(axes[0], ball, f"one disc B0 of {100.0 * radius:g} cm")
+image = draw_modulus(axes[1], shape, f"{len(centers)} such discs in a shape")
+axes[1].set_ylabel("")
+add_scale(image, axes[:2])
+k = np.arange(FREQUENCIES // 2)
+for spectrum, color, label in ((ball, COLORS[1], "one disc"), (shape, COLORS[0], "shape")):
+    axes[2].semilogy(k / PERIOD, np.abs(spectrum[k, 0]) / abs(spectrum[0, 0]), color=color, label=label)
+plain(axes[2], "both along x", "frequency along x [cycles/m]", "modulus over its value at 0")
+axes[2].legend(frameon=False)
+plt.show()
+
+# %%
+# 5. Minkowski sums of bitmaps
+# ----------------------------
+#
+# Direct and by FFT, and the sizes from which on the FFT is faster. What disturbs the machine disturbs all alike, since
+# they run in turns; the first run of each, which imports and compiles, is not counted.
+
+
+def in_turns(works: Sequence[Callable[[], Any]], most: float = 0.2) -> tuple[list[float], list[Any]]:
+    """Median times in seconds of up to 31 rounds that together take about ``most`` seconds, and what the works give."""
     for work in works:
         work()
     rounds: list[list[float]] = []
@@ -69,184 +185,93 @@ def crossover(sizes: list[int], slow: Floats, fast: Floats) -> float | None:
     return float(np.exp(np.interp(0.0, ratio[i : i + 2], np.log(sizes[i : i + 2]))))
 
 
-def plain(ax: Axes, title: str, x: str, y: str) -> None:
-    """What all axes have."""
-    ax.set_title(title, fontsize=10)
-    ax.set(xlabel=x, ylabel=y)
+_, both = plt.subplots(1, 2, figsize=(9.5, 4.2), layout="constrained")
+rng = np.random.default_rng(5)
+small, large = [2, 3, 4, 6, 8, 12, 16, 24, 32, 48], [2, 3, 4, 6, 8, 12, 16]
+panels = (("n x n cells and n x n cells", small, small), ("256 x 256 cells and n x n cells", [256] * 7, large))
+for ax, (title, firsts, sizes) in zip(both, panels, strict=True):
+    rounds = []
+    for sides in zip(firsts, sizes, strict=True):
+        f, g = (indicator(rng.random((n, n)) < 0.5, cspace.Grid((0.0, 0.0), 0.1, (n, n))) for n in sides)
+        rounds.append(in_turns([partial(minkowski_sum, f, g, method) for method in ("direct", "fft")])[0])
+    direct, fft = np.transpose(rounds)
+    n = crossover(sizes, direct, fft)
+    faster = "slower" if direct[-1] > fft[-1] else "faster"
+    label = f"direct: slower from n = {n:.0f} on" if n else f"direct: {faster} here"
+    print(f"{title}: {label}")
+    ax.axvline(n or math.nan, color=COLORS[0], linestyle=":")
+    ax.loglog(sizes, direct, "o-", color=COLORS[0], markersize=4.0, label=label)
+    ax.loglog(sizes, fft, "o-", color=COLORS[1], markersize=4.0, label="FFT")
+    plain(ax, title, "n", "time [s]")
+    ax.set_xticks([n for n in (2, 4, 8, 16, 32) if n <= sizes[-1]])
+    ax.xaxis.set_major_formatter("{x:g}")
+    ax.xaxis.set_minor_formatter(NullFormatter())
+    ax.legend(fontsize=9, loc="upper left", framealpha=1.0)
+    ax.set_ylim(top=10.0 * ax.get_ylim()[1])
+plt.show()
+
+# %%
+# 6. Ways to the spectrum of discs
+# --------------------------------
+#
+# The time to make it over how many discs there are: sampled, summed, and by a non-uniform FFT.
+
+count, bump, rng = 64, Bump(2.0), np.random.default_rng(6)
+period, radius = 1.0, 4.0 / count
+k = np.fft.fftfreq(count, 1.0 / count) / period
+waves = np.stack(np.meshgrid(k, k, indexing="ij"), axis=-1).reshape(-1, 2)
+radial = radius**2 * bump.radial_spectrum(radius * np.linalg.norm(waves, axis=1), 2).reshape(count, count)
 
 
-def draw_modulus(ax: Axes, spectrum: Complexes, title: str) -> Any:
-    """Modulus of a spectrum over its largest value, as an image with a logarithmic scale."""
-    levels = np.log10(np.maximum(np.abs(np.fft.fftshift(spectrum)) / np.abs(spectrum).max(), 1e-30))
-    reach = (FREQUENCIES // 2 + 0.5) / PERIOD
-    extent = (-reach, reach - 1.0 / PERIOD, -reach, reach - 1.0 / PERIOD)
-    plain(ax, title, "frequency along x [cycles/m]", "frequency along y [cycles/m]")
-    return ax.imshow(levels.T, origin="lower", extent=extent, cmap="cividis", vmin=-5.0, vmax=0.0)
+def summed(points: Floats) -> Complexes:
+    parts = np.array_split(waves, math.ceil(len(waves) * len(points) / 2**20))
+    sums = np.concatenate([np.exp(-2j * math.pi * (part @ points.T)).sum(axis=1) for part in parts])
+    return np.asarray(radial * sums.reshape(count, count))
 
 
-def sampled_spectrum(descriptor: Descriptor, period: float, count: int) -> Complexes:
-    """By FFT, of the values at the middles of cells; the period is a whole number of cells."""
-    grid, k = descriptor.grid, np.fft.fftfreq(count, 1.0 / count).astype(int)
-    cells = round(period / grid.spacing)
-    spectrum = np.fft.fft2(descriptor.values * grid.spacing**2, (cells, cells))[np.ix_(k % cells, k % cells)]
-    x, y = (np.exp(-2j * math.pi * k * (low + 0.5 * grid.spacing) / period) for low in grid.lower)
-    return np.asarray(spectrum * x[:, None] * y)
+def factored(points: Floats) -> Complexes:
+    x, y = (np.exp(-2j * math.pi * k[:, None] * column) for column in points.T)
+    return np.asarray(radial * (x @ y.T))
 
 
-def add_scale(figure: Figure, image: Any, axes: Any) -> None:
-    scale = figure.colorbar(image, ax=axes, shrink=0.8, extend="min", ticks=range(-5, 1))
-    scale.ax.set_yticklabels([f"$10^{{{level}}}$" for level in range(-5, 1)])
-    scale.set_label("modulus over its largest value")
+def sampled(cells: int, points: Floats) -> Complexes:
+    grid = cspace.Grid((0.0, 0.0), period / cells, (cells, cells))
+    return sampled_spectrum(BallDescriptor(points, radius, bump).sample(grid), period, count)
 
 
-def obstacle_and_spectrum() -> Figure:
-    """Figure 1: an obstacle, and the modulus of the spectrum of its indicator."""
-    figure = Figure(figsize=(9.5, 4.2), layout="constrained")
-    left, right = figure.subplots(1, 2)
-    grid = cspace.Grid((0.0, 0.0), 2.0 / 512, (512, 512))
-    obstacle = indicator(SHAPE, grid)
-    left.imshow(obstacle.values.T, origin="lower", extent=(0.0, 2.0, 0.0, 2.0), cmap="Greys", vmax=1.3)
-    left.set(xticks=np.arange(0.0, 2.1, 0.5), yticks=np.arange(0.0, 2.1, 0.5))
-    plain(left, "an obstacle", "x [m]", "y [m]")
-    image = draw_modulus(right, sampled_spectrum(obstacle, PERIOD, FREQUENCIES), "spectrum of its indicator")
-    add_scale(figure, image, right)
-    return figure
+def transformed(points: Floats) -> Complexes:
+    return ball_spectrum(points, radius, bump, period, count, 1e-9)
 
 
-def bumps() -> Figure:
-    """Figure 2: the bump for several alpha, and the share of its energy beyond a frequency, in the plane."""
-    figure = Figure(figsize=(9.5, 4.0), layout="constrained")
-    left, right = figure.subplots(1, 2)
-    s, k = np.linspace(-1.2, 1.2, 961), np.linspace(0.0, 32.0, 6401)
-    for alpha, color in zip((0.5, 1.0, 2.0, 4.0, 16.0, math.inf), COLORS, strict=True):
-        bump = Bump(alpha)
-        label = rf"$\alpha$ = {alpha:g}" if math.isfinite(alpha) else r"$\alpha = \infty$: the indicator"
-        left.plot(s, bump.profile(np.abs(s)), color=color, label=label)
-        density = 2.0 * math.pi * k * bump.radial_spectrum(k, 2) ** 2
-        below = cumulative_simpson(density, x=k, initial=0.0)
-        right.loglog(k, 1.0 - below / bump.pair_integral(1.0, 1.0, 0.0, 2), color=color)
-    left.set(ylim=(-0.03, 1.08))
-    right.set(xlim=(0.1, 30.0), ylim=(1e-6, 1.5))
-    plain(left, "the bump", "distance from the centre [radii]", r"$\psi$")
-    plain(right, "how much lies in high frequencies", "frequency [cycles/radius]", "share of the energy beyond it")
-    figure.legend(loc="outside right center", frameon=False)
-    return figure
+ways: dict[str, Callable[[Floats], Complexes]] = {
+    "direct sum": summed,
+    "direct sum, a factor for each axis": factored,
+    f"sampled on {count} x {count} cells, FFT": partial(sampled, count),
+    f"sampled on {8 * count} x {8 * count} cells, FFT": partial(sampled, 8 * count),
+    "ball_spectrum: NUFFT, or sums of few": transformed,
+}
+numbers = [1, 10, 100, 1000, 10_000]
+sets = [rng.uniform(radius, period - radius, (number, 2)) for number in numbers]
+rounds = [in_turns([partial(way, points) for way in ways.values()]) for points in sets]
+times = np.transpose([each for each, _ in rounds])
+errors = [
+    max(np.abs(results[i] - results[1]).max() / np.abs(results[1]).max() for _, results in rounds)
+    for i in range(len(ways))
+]
+figure, ax = plt.subplots(figsize=(9.5, 4.4), layout="constrained")
+for name, each, error, color in zip(ways, times, errors, COLORS, strict=False):
+    tells = f"\n  (error up to {error:.0e})" if error > 0.0 else ""
+    print(f"{name}: {1e3 * each[-1]:.3g} ms for {numbers[-1]} discs")
+    ax.loglog(numbers, each, "o-", color=color, markersize=4.0, label=name + tells)
+plain(ax, f"the spectrum of discs at {count} x {count} frequencies", "number of discs", "time [s]")
+figure.legend(loc="outside right center", frameon=False)
+plt.show()
 
-
-def decomposition() -> Figure:
-    """Figure 3: balls inside a shape, and their descriptor."""
-    figure = Figure(figsize=(9.5, 4.4), layout="constrained")
-    left, right = figure.subplots(1, 2, sharex=True, sharey=True)
-    spheres = decompose(SHAPE, kind="inner", number=48)
-    spheres.plot(left, title=f"48 inner discs, {100.0 * spheres.volume_ratio:.1f} % of the area")
-    grid = cspace.Grid((0.2, 0.2), 0.004, (400, 400))
-    values = BallDescriptor(spheres.centers, spheres.radii, Bump(2.0)).sample(grid).values
-    extent = (grid.lower[0], grid.upper[0], grid.lower[1], grid.upper[1])
-    image = right.imshow(np.where(values > 0.0, values, np.nan).T, origin="lower", extent=extent, cmap="cividis")
-    right.plot(*SHAPE.exterior.xy, color="#262626", linewidth=1.2)
-    plain(right, r"the sum of their bumps, $\alpha$ = 2", "x [m]", "y [m]")
-    figure.colorbar(image, ax=right, shrink=0.8, label="descriptor")
-    return figure
-
-
-def ball_and_shape() -> Figure:
-    """Figure 4: the spectra of one ball B0 and of a shape of such balls, as images and along an axis."""
-    figure = Figure(figsize=(13.0, 4.0), layout="constrained")
-    axes = figure.subplots(1, 3, width_ratios=(1.0, 1.0, 1.1))
-    radius, bump = 0.08, Bump(2.0)
-    ticks = np.arange(0.0, 2.0, 1.25 * radius)
-    centers = np.stack(np.meshgrid(ticks, ticks, indexing="ij"), axis=-1).reshape(-1, 2)
-    centers = centers[shapely.contains_xy(SHAPE.buffer(-radius), *centers.T)]
-    ball = ball_spectrum([[0.0, 0.0]], radius, bump, PERIOD, FREQUENCIES)
-    shape = ball_spectrum(centers, radius, bump, PERIOD, FREQUENCIES)
-    draw_modulus(axes[0], ball, f"one disc B0 of {100.0 * radius:g} cm")
-    image = draw_modulus(axes[1], shape, f"{len(centers)} such discs in a shape")
-    axes[1].set_ylabel("")
-    add_scale(figure, image, axes[:2])
-    k = np.arange(FREQUENCIES // 2)
-    for spectrum, color, label in ((ball, COLORS[1], "one disc"), (shape, COLORS[0], "shape")):
-        axes[2].semilogy(k / PERIOD, np.abs(spectrum[k, 0]) / abs(spectrum[0, 0]), color=color, label=label)
-    plain(axes[2], "both along x", "frequency along x [cycles/m]", "modulus over its value at 0")
-    axes[2].legend(frameon=False)
-    return figure
-
-
-def sums_by_fft() -> Figure:
-    """Figure 5: Minkowski sums of bitmaps, direct and by FFT, and the sizes from which on the FFT is faster."""
-    figure = Figure(figsize=(9.5, 4.2), layout="constrained")
-    rng = np.random.default_rng(5)
-    small, large = [2, 3, 4, 6, 8, 12, 16, 24, 32, 48], [2, 3, 4, 6, 8, 12, 16]
-    panels = (("n x n cells and n x n cells", small, small), ("256 x 256 cells and n x n cells", [256] * 7, large))
-    for ax, (title, firsts, sizes) in zip(figure.subplots(1, 2), panels, strict=True):
-        rounds = []
-        for sides in zip(firsts, sizes, strict=True):
-            f, g = (indicator(rng.random((n, n)) < 0.5, cspace.Grid((0.0, 0.0), 0.1, (n, n))) for n in sides)
-            rounds.append(in_turns([partial(minkowski_sum, f, g, method) for method in ("direct", "fft")])[0])
-        direct, fft = np.transpose(rounds)
-        n = crossover(sizes, direct, fft)
-        label = (
-            f"direct: slower from n = {n:.0f} on"
-            if n
-            else f"direct: {'slower' if direct[-1] > fft[-1] else 'faster'} here"
-        )
-        print(f"  {title}: {label}")
-        ax.axvline(n or math.nan, color=COLORS[0], linestyle=":")
-        ax.loglog(sizes, direct, "o-", color=COLORS[0], markersize=4.0, label=label)
-        ax.loglog(sizes, fft, "o-", color=COLORS[1], markersize=4.0, label="FFT")
-        plain(ax, title, "n", "time [s]")
-        ax.set_xticks([n for n in (2, 4, 8, 16, 32) if n <= sizes[-1]])
-        ax.xaxis.set_major_formatter("{x:g}")
-        ax.xaxis.set_minor_formatter(NullFormatter())
-        ax.legend(fontsize=9, loc="upper left", framealpha=1.0)
-        ax.set_ylim(top=10.0 * ax.get_ylim()[1])
-    return figure
-
-
-def ways_to_spectra() -> Figure:
-    """Figure 6: time to make a spectrum of discs over how many there are: sampled, summed, and by NUFFT."""
-    count, bump, rng = 64, Bump(2.0), np.random.default_rng(6)
-    period, radius = 1.0, 4.0 / count
-    k = np.fft.fftfreq(count, 1.0 / count) / period
-    waves = np.stack(np.meshgrid(k, k, indexing="ij"), axis=-1).reshape(-1, 2)
-    radial = radius**2 * bump.radial_spectrum(radius * np.linalg.norm(waves, axis=1), 2).reshape(count, count)
-
-    def summed(points: Floats) -> Complexes:
-        parts = np.array_split(waves, math.ceil(len(waves) * len(points) / 2**20))
-        sums = np.concatenate([np.exp(-2j * math.pi * (part @ points.T)).sum(axis=1) for part in parts])
-        return np.asarray(radial * sums.reshape(count, count))
-
-    def factored(points: Floats) -> Complexes:
-        x, y = (np.exp(-2j * math.pi * k[:, None] * column) for column in points.T)
-        return np.asarray(radial * (x @ y.T))
-
-    def sampled(cells: int, points: Floats) -> Complexes:
-        grid = cspace.Grid((0.0, 0.0), period / cells, (cells, cells))
-        return sampled_spectrum(BallDescriptor(points, radius, bump).sample(grid), period, count)
-
-    ways: dict[str, Callable[[Floats], Complexes]] = {
-        "direct sum": summed,
-        "direct sum, a factor for each axis": factored,
-        f"sampled on {count} x {count} cells, FFT": partial(sampled, count),
-        f"sampled on {8 * count} x {8 * count} cells, FFT": partial(sampled, 8 * count),
-        "ball_spectrum: NUFFT, or sums of few": lambda points: ball_spectrum(points, radius, bump, period, count, 1e-9),
-    }
-    numbers = [1, 10, 100, 1000, 10_000]
-    sets = [rng.uniform(radius, period - radius, (number, 2)) for number in numbers]
-    rounds = [in_turns([partial(way, points) for way in ways.values()]) for points in sets]
-    times = np.transpose([each for each, _ in rounds])
-    errors = [
-        max(np.abs(results[i] - results[1]).max() / np.abs(results[1]).max() for _, results in rounds)
-        for i in range(len(ways))
-    ]
-    figure = Figure(figsize=(9.5, 4.4), layout="constrained")
-    ax = figure.subplots()
-    for name, each, error, color in zip(ways, times, errors, COLORS, strict=False):
-        tells = f"\n  (error up to {error:.0e})" if error > 0.0 else ""
-        print(f"  {name}: {1e3 * each[-1]:.3g} ms for {numbers[-1]} discs")
-        ax.loglog(numbers, each, "o-", color=color, markersize=4.0, label=name + tells)
-    plain(ax, f"the spectrum of discs at {count} x {count} frequencies", "number of discs", "time [s]")
-    figure.legend(loc="outside right center", frameon=False)
-    return figure
+# %%
+# 7. Early misses
+# ---------------
+#
+# How many frequencies a proof takes that two shapes are apart, over their distance; swelling is off.
 
 
 def draw_misses(ax: Axes, overlaps: dict[str, FourierOverlap], places: Floats, distances: Floats) -> None:
@@ -260,50 +285,23 @@ def draw_misses(ax: Axes, overlaps: dict[str, FourierOverlap], places: Floats, d
         ax.semilogy(distances[miss], taken[miss], ".", color=color, markersize=4.0, label=f"{name}: {median}")
         ax.semilogy(distances[asked & ~miss], taken[asked & ~miss], "x", color=color, markersize=4.0, alpha=0.3)
         nearest, last = distances[miss].min(initial=math.inf), distances[asked & ~miss].max(initial=0.0)
-        print(f"  {name}: {median} frequencies; none nearer than {nearest:.2f} m, all from {last:.2f} m on")
+        print(f"{name}: {median} frequencies; none nearer than {nearest:.2f} m, all from {last:.2f} m on")
     ax.plot([], [], "x", color="0.4", label="undecided")
     plain(ax, "proofs that two shapes are apart", "distance of the shapes [m]", "frequencies summed")
     ax.set_ylim(10.0, 5e7)
     ax.legend(fontsize=9, loc="upper right", markerscale=1.5, framealpha=1.0)
 
 
-def early_misses() -> Figure:
-    """Figure 7: how many frequencies a proof takes that two shapes are apart, over their distance; swelling is off."""
-    part = shapely.Polygon([(-0.3, -0.2), (0.3, -0.2), (0.3, 0.0), (0.0, 0.0), (0.0, 0.3), (-0.3, 0.3)])
-    a, b = (decompose(shape, kind="outer", number=32) for shape in (part, SHAPE))
-    places = np.random.default_rng(7).uniform(-0.4, 2.4, (1500, 2))
-    distances = np.array([SHAPE.distance(affinity.translate(part, x, y)) for x, y in places])
-    grown = {swell: FourierOverlap.of_shapes(a, b, swell=swell, bump=Bump(2.0)) for swell in (0.05, 0.1, 0.2)}
-    flat = {alpha: FourierOverlap.of_shapes(a, b, swell=0.1, bump=Bump(alpha)) for alpha in (8.0, math.inf)}
-    figure = Figure(figsize=(11.0, 4.6), layout="constrained")
-    left, right = figure.subplots(1, 2, sharex=True, sharey=True)
-    draw_misses(left, {f"grown by {swell:g} m": each for swell, each in grown.items()}, places, distances)
-    kinds = {2.0: grown[0.1], **flat}
-    draw_misses(right, {f"alpha = {alpha:g}": each for alpha, each in kinds.items()}, places, distances)
-    left.set_title("discs grown by several lengths, alpha = 2", fontsize=10)
-    right.set_title("bumps of several alpha, discs grown by 0.1 m", fontsize=10)
-    return figure
-
-
-FIGURES: dict[str, Callable[[], Figure]] = {
-    "1-obstacle-and-spectrum": obstacle_and_spectrum,
-    "2-bumps": bumps,
-    "3-decomposition": decomposition,
-    "4-ball-and-shape": ball_and_shape,
-    "5-sums-by-fft": sums_by_fft,
-    "6-ways-to-spectra": ways_to_spectra,
-    "7-early-misses": early_misses,
-}
-
-
-def main(arguments: list[str]) -> None:
-    folder = Path(arguments[0]) if arguments else Path(__file__).parent / "output" / "report-figures"
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, draw in FIGURES.items():
-        file = folder / f"{name}.png"
-        draw().savefig(file, dpi=120)
-        print(f"picture: {file}")
-
-
-if __name__ == "__main__":
-    main(sys.argv[1:])
+part = shapely.Polygon([(-0.3, -0.2), (0.3, -0.2), (0.3, 0.0), (0.0, 0.0), (0.0, 0.3), (-0.3, 0.3)])
+a, b = (decompose(shape, kind="outer", number=32) for shape in (part, SHAPE))
+places = np.random.default_rng(7).uniform(-0.4, 2.4, (1500, 2))
+distances = np.array([SHAPE.distance(affinity.translate(part, x, y)) for x, y in places])
+grown = {swell: FourierOverlap.of_shapes(a, b, swell=swell, bump=Bump(2.0)) for swell in (0.05, 0.1, 0.2)}
+flat = {alpha: FourierOverlap.of_shapes(a, b, swell=0.1, bump=Bump(alpha)) for alpha in (8.0, math.inf)}
+_, (left, right) = plt.subplots(1, 2, figsize=(11.0, 4.6), layout="constrained", sharex=True, sharey=True)
+draw_misses(left, {f"grown by {swell:g} m": each for swell, each in grown.items()}, places, distances)
+kinds = {2.0: grown[0.1], **flat}
+draw_misses(right, {f"alpha = {alpha:g}": each for alpha, each in kinds.items()}, places, distances)
+left.set_title("discs grown by several lengths, alpha = 2", fontsize=10)
+right.set_title("bumps of several alpha, discs grown by 0.1 m", fontsize=10)
+plt.show()

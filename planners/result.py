@@ -79,7 +79,7 @@ class Plan:
     clearance : float
         Lower bound, proven, of the distance in metres from any configuration on the path to the nearest one that is not
         FREE; NaN where not solved, and of a path over tiles. Of a robot that turns, the distance is that of its
-        position, at the rotation it has there. Zero along a path through MIXED cells. See :func:`least_clearance`.
+        position, at the rotation it has there. Zero along a path through MIXED cells.
     path_exists : bool or None
         What the map proves of these ends: a path exists, none does, or None for undecided at this resolution. True is
         said of a holonomic robot, whatever the drive.

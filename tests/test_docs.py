@@ -1,12 +1,15 @@
-"""The code of the README and of the documentation's pages runs as it stands, each page in a folder of its own.
+"""The code of the README, of the documentation's pages and of docstrings runs as it stands.
 
-Blocks marked ``python`` and ``console`` run; ``sh`` and ``py`` mark what needs a network or other machines.
+Each page has a folder of its own. Blocks marked ``python`` and ``console`` run; ``sh`` and ``py`` mark what needs a
+network or other machines.
 """
 
 from __future__ import annotations
 
+import doctest
 import re
 import shlex
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +28,12 @@ PAGES = {
     for page in [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 }
 WITH_CODE = [name for name, blocks in PAGES.items() if blocks]
+WITH_EXAMPLES = [
+    ".".join(file.relative_to(ROOT).with_suffix("").parts)
+    for package in ("cspace", "planners")
+    for file in sorted((ROOT / package).rglob("*.py"))
+    if ">>> " in file.read_text(encoding="utf-8")
+]
 
 
 def write_files(folder: Path) -> None:
@@ -67,3 +76,11 @@ def call(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in arguments:
         if name.endswith((".csv", ".png", ".gif", ".vti", ".zarr", ".yaml", ".json")):
             assert Path(name).exists(), f"{command} did not write {name}"
+
+
+@pytest.mark.parametrize("module", WITH_EXAMPLES)
+def test_the_examples_of_docstrings_run(module: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    failed, tried = doctest.testmod(import_module(module.removesuffix(".__init__")))
+    assert tried
+    assert not failed

@@ -82,7 +82,7 @@ def open_slice(path: str | os.PathLike[str], rotation: ArrayLike = ()) -> NDArra
     InputError
         If it is not one rotation of the map.
     FileError
-        As :func:`open_map`, of what is read.
+        As :func:`cspace.open`, of what is read.
     """
     if not _is_folder(path):
         return open_map(path).slice_at(rotation)

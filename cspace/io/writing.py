@@ -94,9 +94,8 @@ def export(
     path : path-like
         ``.npz``: one NumPy file. ``.zarr`` or no suffix: a Zarr folder. ``.vti``: cells for ParaView, with the arrays
         ``state``, ``outer``, and where the map has them ``inner``, ``overlap`` and those of its overlap field
-        (:data:`cspace.states.FIELDS`). ``.yaml``: a map of the plane as a ROS map, with its image beside it.
-        ``.ply``, ``.obj``, ``.stl``: the border of the free space, of a map in space
-        (:func:`cspace.io.exports.free_border`); STL in single precision.
+        (``penetration`` and its derivatives). ``.yaml``: a map of the plane as a ROS map, with its image beside it.
+        ``.ply``, ``.obj``, ``.stl``: the border of the free space, of a map in space; STL in single precision.
     overwrite : bool
         Whether an existing output may be replaced.
     rotation : array-like, shape (k,), optional
@@ -167,10 +166,16 @@ def to_xarray(contents: Contents) -> xarray.Dataset:
 
     Examples
     --------
-    >>> free = (space.to_xarray().state == cspace.FREE).mean("y")  # doctest: +SKIP
-    >>> dataset = space.to_xarray()  # doctest: +SKIP
-    >>> dataset.state.isel(rotation=int(space.rotations.cell_of(0.3)))  # doctest: +SKIP
-    >>> borders = [*dataset.yaw_bounds.values[:, 0], dataset.yaw_bounds.values[-1, 1]]  # doctest: +SKIP
+    >>> import numpy as np, cspace
+    >>> workspace = cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1)
+    >>> space = cspace.build(workspace, cspace.Robot.rectangle(0.4, 0.2), rotations=8)
+    >>> dataset = space.to_xarray()
+    >>> free = (dataset.state == cspace.FREE).mean("y")
+    >>> free.sizes
+    Frozen({'rotation': 8, 'x': 30})
+    >>> one = dataset.state.isel(rotation=int(space.rotations.cell_of(0.3)))
+    >>> float(one.yaw)
+    0.0
     """
     import xarray
 

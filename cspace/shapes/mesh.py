@@ -165,7 +165,7 @@ class Mesh(Shape):
         Parameters
         ----------
         shape : Mesh, trimesh.Trimesh, trimesh.Scene, path-like, or pair of array-like
-            A file is read (see :func:`cspace.io.meshes.read_mesh`); a pair is vertices (V, 3), in metres, and faces
+            A file is read; a pair is vertices (V, 3), in metres, and faces
             (F, 3).
         solid : {"auto", "surface", "fill"}
             Under ``"auto"``, a Mesh is taken as it is.

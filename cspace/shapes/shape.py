@@ -242,7 +242,7 @@ class Shape(ABC):
     @property
     @abstractmethod
     def spec(self) -> dict[str, Any]:
-        """Plain numbers, strings and lists from which :func:`cspace.shapes.shape_from_spec` makes it again."""
+        """Plain numbers, strings and lists from which ``cspace.shapes.shape_from_spec`` makes it again."""
 
     def _checked(self, points: ArrayLike) -> Floats:
         """Points that were asked for, as an array."""

@@ -39,7 +39,7 @@ class OverlapField:
     ----------
     space : CSpace
     arrays : mapping of str to ndarray of float64, shape (nx, ny(, nz)), or (slices, ...) of a robot that turns
-        By the names in :data:`cspace.states.FIELDS`: the overlap, metres to the power of the dimension, and its
+        By the names in ``cspace.states.FIELDS``: the overlap, metres to the power of the dimension, and its
         derivatives along the axes, one power less.
 
     Raises

@@ -70,7 +70,7 @@ def ball_spectrum(
 ) -> Complexes:
     """Spectrum of the sum of balls' bumps on a lattice of frequencies.
 
-    ``F(w) = integral f(x) exp(-2 pi i w.x) dx`` at ``w = k / lengths``, in the order of :func:`numpy.fft.fftfreq`: the
+    ``F(w) = integral f(x) exp(-2 pi i w.x) dx`` at ``w = k / lengths``, in the order of ``numpy.fft.fftfreq``: the
     coefficients, times the product of ``lengths``, of the Fourier series of ``f`` repeated with these periods.
 
     Parameters

@@ -1,0 +1,116 @@
+"""How Sphinx builds the documentation and runs the examples: ``sphinx-build -W --keep-going docs docs/_build``."""
+
+import re
+import shutil
+import warnings
+from pathlib import Path
+from typing import Any
+
+from sphinx_gallery.scrapers import figure_rst
+from sphinx_gallery.sorting import FunctionSortKey
+
+import cspace
+
+project = "cspace"
+author = "The cspace developers"
+copyright = "The cspace developers"  # noqa: A001 - Sphinx asks for this name
+version = release = cspace.__version__
+
+extensions = [
+    "myst_parser",
+    "numpydoc",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.mathjax",
+    "sphinx_design",
+    "sphinx_gallery.gen_gallery",
+]
+exclude_patterns = ["_build", "**/GALLERY_HEADER.rst"]
+templates_path = ["_templates"]
+myst_enable_extensions = ["colon_fence"]
+myst_heading_anchors = 3
+autodoc_typehints = "none"  # docstrings tell types, with shapes and units
+autodoc_member_order = "groupwise"
+numpydoc_show_class_members = False
+toc_object_entries_show_parents = "hide"
+
+nitpicky = True
+nitpick_ignore_regex = [("py:attr", ".*")]  # those of records are told where the class is, and are no targets
+suppress_warnings = ["config.cache"]  # the two functions below are not kept between builds
+
+html_theme = "pydata_sphinx_theme"
+html_title = "cspace"
+html_static_path = ["_static"]
+html_css_files = ["cspace.css"]
+html_show_sourcelink = False
+html_theme_options = {
+    "show_nav_level": 2,
+    "secondary_sidebar_items": ["page-toc"],
+    "footer_start": ["copyright"],
+    "footer_end": [],
+    "navigation_with_keys": False,
+}
+
+
+def written_pictures(block: Any, names: dict[str, Any], gallery: dict[str, Any]) -> str:
+    """Show the pictures that an example wrote into its folder, which is where it runs."""
+    taken = []
+    for file in sorted(Path().glob("*.[pg][ni][gf]"), key=lambda file: file.stat().st_mtime_ns):
+        target = Path(next(names["image_path_iterator"])).with_suffix(file.suffix)
+        shutil.move(file, target)
+        taken.append(str(target))
+    return figure_rst(taken, gallery["src_dir"])
+
+
+def strict(gallery: dict[str, Any], name: str, when: str) -> None:
+    """An example that warns fails."""
+    if when == "before":
+        warnings.simplefilter("error")
+    else:
+        warnings.filters.remove(("error", None, Warning, None, 0))
+
+
+ORDER = (
+    "mobile_robots cars drones "
+    "ros_map doors warehouse_robot parking moving_obstacles corridor_proof drone_building drone_slit window_proof "
+    "drawn_out z_tunnel compare_planners bare_ompl export_analysis report_figures"
+)
+"""Of tutorials and examples; what is not named here comes last."""
+
+
+def place(file: str) -> int:
+    """Where a script stands in that order."""
+    return f"{ORDER} {Path(file).stem}".index(Path(file).stem)
+
+
+sphinx_gallery_conf = {
+    "examples_dirs": ["../tutorials", "../examples"],
+    "gallery_dirs": ["tutorials", "gallery"],
+    "copyfile_regex": "",
+    "capture_repr": (),
+    "within_subsection_order": FunctionSortKey(place),
+    "filename_pattern": r"\.py$",
+    "image_scrapers": ("matplotlib", written_pictures),
+    "reset_modules": ("matplotlib", strict),
+    "reset_modules_order": "both",
+    "doc_module": ("cspace", "planners"),
+    "backreferences_dir": "gallery/uses",
+    "inspect_global_variables": True,
+    "min_reported_time": 1,
+    "show_memory": False,
+    "remove_config_comments": True,
+    "plot_gallery": "True",
+    "abort_on_example_error": False,
+}
+
+
+def at_home(app: Any, page: str, source: list[str]) -> None:
+    """Links that lead out of this folder, as they do where the pages are read as files, lead to pages of the site."""
+    up = "../" * page.count("/")
+    source[0] = re.sub(r"\]\((?:\.\./)+examples/(\w+)\.py\)", rf"]({up}gallery/\1.rst)", source[0])
+    source[0] = re.sub(r"\]\((?:\.\./)+tutorials/(\w+)\.py\)", rf"]({up}tutorials/\1.rst)", source[0])
+    source[0] = re.sub(r"\]\((?:\.\./)+(SECURITY|CHANGELOG)\.md\)", lambda m: f"]({up}{m[1].lower()}.md)", source[0])
+
+
+def setup(app: Any) -> None:
+    app.connect("source-read", at_home)

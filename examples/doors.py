@@ -1,0 +1,41 @@
+"""
+A robot that must turn to fit
+=============================
+
+Two rooms are joined by a passage of 1 m. The robot, 0.9 m by 0.6 m, fits into it lengthwise and cannot turn there.
+"""
+
+import math
+
+import numpy as np
+from shapely import box
+
+import cspace
+import planners
+from cspace.plot import animate, save_plot
+
+walls = [box(0, 0, 13, 6) - box(0.2, 0.2, 12.8, 5.8), box(6, 0, 7, 3.8), box(6, 4.8, 7, 6)]
+furniture = [box(2.5, 2, 3.5, 4), box(9.5, 3, 10.3, 6)]
+workspace = cspace.Workspace.from_polygons([*walls, *furniture], spacing=0.05)
+space = cspace.build(workspace, cspace.Robot.rectangle(0.9, 0.6), rotations=72)
+print(space)
+
+# %%
+# A batch of configurations is asked like one. At which yaws does the robot fit into the middle of the passage?
+
+yaws = np.arange(0, 180, 5)
+fits = space.is_free([(6.5, 4.3, yaw) for yaw in np.radians(yaws)])
+print(f"it fits at {yaws[fits].tolist()} degrees")
+
+# %%
+# A path from one room into the other. Grey is where the robot is free at some yaws and not at others.
+
+plan = planners.plan(space, (1, 5, math.pi / 2), (12, 5, 0), time_limit=10, seed=1)
+print(plan)
+save_plot(space, "doors.png", True, path=plan)
+
+# %%
+# The same as slices, one for each of a few yaws, and as an animation.
+
+save_plot(space, "doors_slices.png", True, path=plan, view="panels")
+animate(space, plan, "doors_film.gif", True)

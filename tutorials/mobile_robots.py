@@ -1,0 +1,118 @@
+"""
+Mobile robots
+=============
+
+From a floor plan to a path whose every edge is proven free, and to the proof that some rooms cannot be reached.
+"""
+
+import math
+
+from shapely import box
+
+import cspace
+import planners
+from cspace.demo import demo_workspace
+from cspace.plot import save_plot
+
+# %%
+# The map
+# -------
+#
+# A workspace is what stands in the way: here the floor plan of a flat, 16 m by 10 m, as polygons. With a map of your
+# own, write ``cspace.Workspace.from_ros_map("map.yaml")``, or ``Workspace.open`` for any file that can be read. A robot
+# is a shape whose reference point is the origin. ``build`` gives the map of its configurations.
+
+workspace = demo_workspace(spacing=0.025)
+space = cspace.build(workspace, cspace.Robot.disc(0.3))
+print(space)
+save_plot(space, "mobile_robots_1.png", True)
+
+# %%
+# White cells are FREE: wherever in such a cell the robot's reference point stands, nothing is touched. Blue ones are
+# BLOCKED: wherever it stands, the robot collides. In the thin orange band, MIXED, the cells do not decide. It becomes
+# thinner with the spacing, and planners keep out of it unless you ask the geometry itself (``exact=True``).
+#
+# Ask the map
+# -----------
+#
+# All look-ups take one configuration, or an array of them, metres and radians.
+
+print(space.is_free((3.0, 8.0)))
+print(space.is_free([(3.0, 8.0), (8.0, 6.6)]))
+
+# %%
+# An edge is asked as a whole, and not at samples of it. ``clearance`` tells how far the nearest configuration is that
+# is not FREE.
+
+print(space.motion_is_free((3.0, 8.0), (3.0, 6.0)))
+print(space.clearance((3.0, 8.0)))
+
+# %%
+# Whether a path exists at all is known before any search: ``True`` and ``False`` are proven, ``None`` means that cells
+# of this size cannot decide. The store room, upper right, has a door of 0.45 m, and the robot is 0.6 m wide.
+
+start, goal, store_room = (1.4, 8.6), (14.6, 1.2), (13.5, 8.4)
+print(space.path_exists(start, goal))
+print(space.path_exists(start, store_room))
+
+# %%
+# Plan
+# ----
+#
+# Any geometric planner of OMPL, by its name. A plan is checked again when it is there: ``certified`` means that each
+# edge was proven free by the map.
+
+plan = planners.plan(space, start, goal, planner="RRTConnect", seed=4)
+print(plan)
+save_plot(space, "mobile_robots_2.png", True, path=plan)
+
+# %%
+# ``plan.path`` is an array of configurations, and ``plan.to_csv`` writes it. A path along the border of the C-obstacle
+# is free, but close. ``margin`` grows the robot, so that FREE means free by that much:
+
+roomy = cspace.build(workspace, cspace.Robot.disc(0.3), margin=0.1)
+plan = planners.plan(roomy, start, goal, seed=1)
+print(plan.status, "- no obstacle is nearer than 0.1 m")
+
+# %%
+# A robot that is not round
+# -------------------------
+#
+# It turns: ``rotations=72`` divides the turn into cells of 5 degrees, and configurations are ``(x, y, yaw)``. FREE then
+# means free at every position and every yaw of the cell. **A path in SE(2) is holonomic unless you say** ``drive=``:
+# the robot may move sideways, and turns evenly on its way. A robot on two wheels turns on the spot and drives straight
+# on, which is ``drive="differential"``. For cars, read the next tutorial.
+
+space = cspace.build(workspace, cspace.Robot.rectangle(1.1, 0.5), rotations=72)
+plan = planners.plan(space, (1.4, 8.6, 0.0), (14.6, 1.2, math.pi / 2), drive="differential", time_limit=5, seed=3)
+print(plan)
+save_plot(space, "mobile_robots_3.png", True, path=plan)
+
+# %%
+# Yellow is where the robot fits at some yaws only. One slice for each of a few yaws:
+
+save_plot(space, "mobile_robots_4.png", True, view="panels")
+
+# %%
+# The world moves
+# ---------------
+#
+# Obstacles are placed by name, moved by placing them again, and removed. The map follows, and so does everything that
+# was handed to a planner.
+
+space = cspace.build(workspace, cspace.Robot.disc(0.3))
+before = planners.plan(space, start, goal, seed=4)
+x, y = before.path[len(before.path) // 2]
+print(space.place("crate", box(x - 0.4, y - 0.4, x + 0.4, y + 0.4)))
+print("still free:", space.certify_path(before.path).all())
+after = planners.plan(space, start, goal, seed=4)
+save_plot(space, "mobile_robots_5.png", True, path=after)
+space.remove("crate")
+print("free again:", space.certify_path(before.path).all())
+
+# %%
+# Keep it
+# -------
+#
+# ``space.save("flat.zarr")`` writes the map, and ``cspace.open("flat.zarr")`` reads it. On the command line the same is
+# ``cspace map flat.geojson --spacing 0.025 --robot disc:0.3`` and ``cspace plan flat.zarr --start ... --goal ...``.
