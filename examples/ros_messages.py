@@ -1,10 +1,10 @@
-"""From ROS messages to a plan and a costmap, without ROS: ``python examples/ros_messages.py [--output FOLDER]``.
-
-In a node, ``msg`` comes from a topic: ``self.create_subscription(OccupancyGrid, "map", self.on_map, 1)``.
 """
+From ROS messages to a plan and a costmap, without ROS
+======================================================
 
-import argparse
-from pathlib import Path
+Messages are taken by their fields, so that nothing of ROS is needed. In a node, ``msg`` comes from a topic:
+``self.create_subscription(OccupancyGrid, "map", self.on_map, 1)``.
+"""
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -14,53 +14,43 @@ from matplotlib.patches import Patch
 import cspace
 import planners
 from cspace.io.messages import OccupancyGrid
-from cspace.plot import plot
+from cspace.plot import save_plot
 
-FOOTPRINT = "[[0.45, 0.25], [0.45, -0.25], [-0.25, -0.25], [-0.25, 0.25]]"  # as in nav2_params.yaml
+# %%
+# Two rooms of 9 m by 6 m in all, and a corner that no sensor saw: 0 is free, 100 occupied, -1 unknown.
 
+cells = np.zeros((120, 180), dtype=np.int8)  # rows from the lowest y, 0.05 m each
+cells[[0, -1], :] = cells[:, [0, -1]] = 100
+cells[:80, 88:92] = cells[60:64, 120:150] = cells[30:44, 30:44] = 100
+cells[95:, :35] = -1
+msg = OccupancyGrid()
+msg.info.resolution, (msg.info.height, msg.info.width) = 0.05, cells.shape
+msg.info.origin.position.x, msg.info.origin.position.y = -4.5, -3.0
+msg.data.frombytes(cells.tobytes())
 
-def on_map() -> OccupancyGrid:
-    """Two rooms of 9 m by 6 m in all, and a corner that no sensor saw: 0 is free, 100 occupied, -1 unknown."""
-    cells = np.zeros((120, 180), dtype=np.int8)  # rows from the lowest y, 0.05 m each
-    cells[[0, -1], :] = cells[:, [0, -1]] = 100
-    cells[:80, 88:92] = cells[60:64, 120:150] = cells[30:44, 30:44] = 100
-    cells[95:, :35] = -1
-    msg = OccupancyGrid()
-    msg.info.resolution, (msg.info.height, msg.info.width) = 0.05, cells.shape
-    msg.info.origin.position.x, msg.info.origin.position.y = -4.5, -3.0
-    msg.data.frombytes(cells.tobytes())
-    return msg
+# %%
+# The footprint is a line of ``nav2_params.yaml``, and the path one that a robot on two wheels can drive.
 
+workspace = cspace.Workspace.from_occupancy_grid(msg)
+footprint = "[[0.45, 0.25], [0.45, -0.25], [-0.25, -0.25], [-0.25, 0.25]]"
+space = cspace.build(workspace, cspace.Robot.from_footprint(footprint, padding=0.01), rotations=36)
+plan = planners.plan(space, (-3.5, -2.0, 0.0), (3.5, -2.0, 0.0), drive="differential", time_limit=5, seed=1)
+print(plan)
+save_plot(space, "ros_messages.png", True, path=plan, rotation=0.0)
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description="From ROS messages to a plan and a costmap, without ROS.")
-    parser.add_argument("--output", type=Path, default=Path(__file__).parent / "output")
-    options = parser.parse_args()
-    options.output.mkdir(parents=True, exist_ok=True)
+# %%
+# The costmap of that robot, in the convention of Nav2.
 
-    workspace = cspace.Workspace.from_occupancy_grid(on_map())
-    robot = cspace.Robot.from_footprint(FOOTPRINT, padding=0.01)
-    space = cspace.build(workspace, robot, rotations=36)
-    plan = planners.plan(space, (-3.5, -2.0, 0.0), (3.5, -2.0, 0.0), drive="differential", time_limit=5, seed=1)
-    print(f"{space}\n{plan}")
-
-    costmap = space.to_costmap(cost_scaling_factor=3.0, inflation_radius=0.8)  # or to_costmap(nav2_msgs.msg.Costmap())
-    costs = np.array(costmap.data).reshape(costmap.metadata.size_y, costmap.metadata.size_x)
-    colors = plt.get_cmap("YlOrBr")(np.linspace(0.0, 0.8, 256))
-    colors[253:] = [to_rgba(color) for color in ("#a6d3ee", "#262626", "#4a5a56")]
-    figure, (left, right) = plt.subplots(1, 2, figsize=(14, 3.9), layout="constrained", width_ratios=(1, 1.13))
-    plot(space, ax=left, path=plan, rotation=0.0)
-    left.set_title("A footprint of Nav2, and a path that it can drive")
-    (x0, y0), (x1, y1) = space.grid.lower, space.grid.upper
-    shown = right.imshow(costs, origin="lower", extent=(x0, x1, y0, y1), cmap=ListedColormap(colors), vmin=0, vmax=255)
-    figure.colorbar(shown, ax=right, label="cost")
-    special = {253: "253, in collision", 254: "254, obstacle", 255: "255, unknown"}
-    handles = [Patch(color=colors[cost], label=label) for cost, label in special.items()]
-    right.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=3, frameon=False)
-    right.set(title="The costmap of that robot", xlabel="x (m)", ylabel="y (m)")
-    figure.savefig(options.output / "ros_messages.png", dpi=110)
-    print(options.output / "ros_messages.png")
-
-
-if __name__ == "__main__":
-    main()
+costmap = space.to_costmap(cost_scaling_factor=3.0, inflation_radius=0.8)  # or to_costmap(nav2_msgs.msg.Costmap())
+costs = np.array(costmap.data).reshape(costmap.metadata.size_y, costmap.metadata.size_x)
+colors = plt.get_cmap("YlOrBr")(np.linspace(0.0, 0.8, 256))
+colors[253:] = [to_rgba(color) for color in ("#a6d3ee", "#262626", "#4a5a56")]
+figure, ax = plt.subplots(figsize=(7.5, 5), layout="constrained")
+(x0, y0), (x1, y1) = space.grid.lower, space.grid.upper
+image = ax.imshow(costs, origin="lower", extent=(x0, x1, y0, y1), cmap=ListedColormap(colors), vmin=0, vmax=255)
+figure.colorbar(image, label="cost")
+special = {253: "253, in collision", 254: "254, obstacle", 255: "255, unknown"}
+handles = [Patch(color=colors[cost], label=label) for cost, label in special.items()]
+figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False)
+ax.set(xlabel="x (m)", ylabel="y (m)")
+plt.show()
