@@ -24,7 +24,7 @@ from cspace.changes import (
     renew_states,
 )
 from cspace.covering import check_cells
-from cspace.engines.dilation import Runs, collide
+from cspace.engines.dilation import Runs, collide, in_space
 from cspace.errors import InputError
 from cspace.grid import Grid
 from cspace.map.contents import Contents
@@ -375,8 +375,8 @@ def _tallies(outer: Bytes) -> Ints:
 
 def _robots(rasters: Sequence[Raster], shape: tuple[int, ...], walled: bool) -> Robots:
     """The offsets of rasters, one for each slice, on a map of a shape of three axes."""
-    runs = [Runs.of(raster, shape) for raster in rasters]
-    rows, fours = [each.once for each in runs], [each.table for each in runs]
+    runs = Runs.of(rasters, in_space(shape))
+    rows, fours = [each.table[each.news] for each in runs], [each.table for each in runs]
     return Robots(
         np.concatenate(rows),
         np.cumsum([len(part) for part in rows]),

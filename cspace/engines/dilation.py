@@ -11,15 +11,14 @@ from __future__ import annotations
 import itertools
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
-from typing import Any, Final, TypeAlias
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.engines.packed import Packed, Scratch, runs_of, settle_block
-from cspace.raster.raster import Raster
+from cspace.engines.packed import Packed, Scratch, settle_block
+from cspace.raster.raster import Raster, runs_of
 from cspace.threads import cores, in_threads
 
 Bools = NDArray[np.bool_]
@@ -61,20 +60,21 @@ def collide(
 ) -> str:
     """Dilate one bitmap by several rasters; see :class:`cspace.engines.Engine`. Small work takes one thread."""
     shape = in_space(occupied.shape)
-    live: list[tuple[Runs, Cells]] = []
-    for raster, result in zip(rasters, out, strict=True):
-        runs = Runs.of(raster, shape)
-        if len(runs) and not (outside and runs.clipped):
-            live.append((runs, result.reshape(shape).view(np.uint8)))
+    live: list[tuple[Raster, Ints, Cells]] = []
+    for raster, runs, result in zip(rasters, Runs.of(rasters, shape), out, strict=True):
+        if len(runs.table) and not (outside and runs.clipped):
+            live.append((raster, runs.table, result.reshape(shape).view(np.uint8)))
         elif add:
             result += np.uint8(outside and runs.clipped)
         else:
             result[...] = outside and runs.clipped
     if not live:
         return "integer"
-    board = Board(np.ascontiguousarray(occupied).reshape(shape).view(np.uint8), [runs for runs, _ in live], outside)
+    longest = max(int(table[-1, 3]) for _, table, _ in live)
+    cells = np.ascontiguousarray(occupied).reshape(shape).view(np.uint8)
+    board = Board(cells, [raster for raster, _, _ in live], longest, outside)
     tasks: list[Task] = []
-    for runs, view in live:
+    for _, runs, view in live:
         table = board.placed(runs)
         tasks += [(table, view, block) for block in board.blocks(table)]
     work = sum(len(table) * (last - first) * board.cells for table, _, (first, last) in tasks) // WORD
@@ -91,17 +91,11 @@ def bytes_needed(shape: Sequence[int], rasters: Sequence[Raster], workers: int |
     live = [raster for raster in rasters if raster.cells.size]
     if not live:
         return 0
-    far = np.array(in_space(shape)) - 1  # offsets beyond this cannot fall on the map
-    front = ((0, 0), (3 - len(shape), 0))
-    lower = np.pad([raster.lower for raster in live], front)
-    upper = lower + np.pad([raster.cells.shape for raster in live], front, constant_values=1) - 1
-    lower, upper = np.clip(lower, -far, far), np.clip(upper, -far, far)
-    _, (rows, _, cells) = padded(in_space(shape), lower, upper)
+    _, (rows, _, cells) = padded(in_space(shape), live)
     return int(rows * cells) // OCTET
 
 
-@dataclass(frozen=True, slots=True)
-class Runs:
+class Runs(NamedTuple):
     """The offsets of a raster that can fall on a map, as rows of consecutive ones along the last axis.
 
     Attributes
@@ -109,38 +103,36 @@ class Runs:
     table : ndarray of int64, shape (n, 4)
         The first offset of each, with 0 along the first axis in the plane, and how many offsets it has; ascending in
         this number. The last one of each length is told again until their number is a multiple of four.
-    lower, upper : ndarray of int64, shape (3,)
-        The least and the greatest offset along each axis.
+    news : ndarray of bool, shape (n,)
+        Whether a row is told for the first time.
     clipped : bool
         Whether there are other offsets, which always fall beyond the map.
     """
 
     table: Ints
-    lower: Ints
-    upper: Ints
+    news: Bools
     clipped: bool
 
     @classmethod
-    def of(cls, raster: Raster, shape: Sequence[int]) -> Runs:
-        """The runs of a raster on a map of a shape of two or three axes."""
-        cells = raster.cells.view(np.uint8).reshape(in_space(raster.cells.shape))
-        cells.setflags(write=False)
-        table, (lower, upper), clipped = runs_of(cells, in_space(raster.lower, 0), in_space(shape))
-        return cls(table, lower, upper, clipped)
-
-    def __len__(self) -> int:
-        return len(self.table)
-
-    @property
-    def once(self) -> Ints:
-        """The table with each run once."""
-        again: NDArray[np.bool_] = (np.diff(self.table, axis=0, prepend=-1) == 0).all(axis=1)
-        return self.table[~again]
-
-    @property
-    def longest(self) -> int:
-        """The greatest number of offsets in a row."""
-        return int(self.table[-1, 3])
+    def of(cls, rasters: Sequence[Raster], shape: tuple[int, int, int]) -> list[Runs]:
+        """The runs of rasters on a map of a shape; all at once, for many are small."""
+        table, owner = runs_of(rasters)
+        before = np.bincount(owner, table[:, 3], len(rasters))
+        first, stop = np.maximum(table[:, 2], 1 - shape[2]), np.minimum(table[:, 2] + table[:, 3], shape[2])
+        near = (np.abs(table[:, :2]) < shape[:2]).all(axis=1) & (first < stop)
+        table[:, 2], table[:, 3] = first, stop - first
+        table, owner = table[near], owner[near]
+        clipped = np.bincount(owner, table[:, 3], len(rasters)) < before
+        order = np.lexsort((table[:, 3], owner))
+        table, owner = table[order], owner[order]
+        last = np.flatnonzero(np.diff(table[:, 3], append=0) | np.diff(owner, append=-1))  # of each length
+        times = np.ones(len(table), dtype=np.int64)
+        times[last] += -np.diff(last, prepend=-1) % 4
+        news = np.zeros(times.sum(), dtype=np.bool_)
+        news[np.cumsum(times) - times] = True
+        table, ends = np.repeat(table, times, axis=0), np.cumsum(np.bincount(owner, times, len(rasters)).astype(int))
+        parts = itertools.pairwise([0, *ends.tolist()])
+        return [cls(table[a:b], news[a:b], far) for (a, b), far in zip(parts, clipped.tolist(), strict=True)]
 
 
 def in_space(numbers: Sequence[int], front: int = 1) -> tuple[int, int, int]:
@@ -149,16 +141,16 @@ def in_space(numbers: Sequence[int], front: int = 1) -> tuple[int, int, int]:
     return layers, rows, cells
 
 
-def padded(shape: Sequence[int], lower: Ints, upper: Ints) -> tuple[Ints, Ints]:
+def padded(shape: Sequence[int], rasters: Sequence[Raster]) -> tuple[Ints, Ints]:
     """How much before a map's first cells robots reach, shape (3,), and rows, rows of a layer, and cells of a row.
 
     What is around the map is the same everywhere, so that the end of a row is the beginning of the next one, and the
     last rows of a layer are the first ones of the next. Rows begin with a byte.
-
-    ``lower`` and ``upper``, shape (robots, 3), are their least and greatest offsets.
     """
-    below: Ints = np.maximum(0, -lower.min(axis=0))
-    above = np.maximum(0, upper.max(axis=0))
+    far = np.array(shape) - 1  # offsets beyond this cannot fall on the map
+    lower = np.min([in_space(raster.lower, 0) for raster in rasters], axis=0)
+    upper = np.max([in_space(raster.upper, 0) for raster in rasters], axis=0)
+    below, above = np.clip(-lower, 0, far), np.clip(upper, 0, far)
     _, rows, cells = shape + np.maximum(below, above)
     layers = below[0] + shape[0] + above[0]
     return below, np.array([(layers - 1) * rows + below[1] + shape[1] + above[1], rows, -(-cells // OCTET) * OCTET])
@@ -175,18 +167,19 @@ class Board:
     ----------
     occupied : ndarray of uint8, shape (layers, rows, cells)
         0 or 1.
-    runs : sequence of Runs
+    rasters : sequence of Raster
         Of the robots.
+    longest : int
+        The greatest number of their offsets in a row.
     outside : bool
         What lies around the map.
     """
 
-    def __init__(self, occupied: Cells, runs: Sequence[Runs], outside: bool) -> None:
+    def __init__(self, occupied: Cells, rasters: Sequence[Raster], longest: int, outside: bool) -> None:
         self.shape = in_space(occupied.shape)
-        lower, upper = np.array([each.lower for each in runs]), np.array([each.upper for each in runs])
-        self.pads, (total, self.rows, self.cells) = padded(self.shape, lower, upper)
+        self.pads, (total, self.rows, self.cells) = padded(self.shape, rasters)
         # A block is read beyond the last run's place, as far as the longest run reaches, and one word more.
-        self.beyond = max(each.longest for each in runs) // WORD + 2
+        self.beyond = longest // WORD + 2
         words = np.full(total * self.cells // WORD + 2 + self.beyond, ~np.uint64(0) if outside else np.uint64(0))
         before, above, left = self.pads.tolist()
         each = max(1, PACKED // self.cells)
@@ -200,11 +193,11 @@ class Board:
         self.packed = Packed(words, int(self.cells) // OCTET, int(self.rows))
         self._buffers = threading.local()
 
-    def placed(self, runs: Runs) -> Ints:
-        """Length, word and shift of each run."""
+    def placed(self, runs: Ints) -> Ints:
+        """Length, word and shift of each run of a table."""
         row = self.rows * self.cells
-        bits = runs.table[:, :3] @ (row, self.cells, 1) + self.pads @ (row, self.cells, 1)
-        return np.stack([runs.table[:, 3], bits // WORD, bits % WORD], axis=1)
+        bits = (runs[:, :3] + self.pads) @ (row, self.cells, 1)
+        return np.stack([runs[:, 3], bits // WORD, bits % WORD], axis=1)
 
     def blocks(self, table: Ints) -> list[tuple[int, int]]:
         """First row, and the one after the last, of the parts in which results are made; the first begins a word."""

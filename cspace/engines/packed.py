@@ -7,12 +7,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.compiling import inner, jit, reader
+from cspace.compiling import inner, reader
 
 Octets = NDArray[np.uint8]
 Words = NDArray[np.uint64]
 Ints = NDArray[np.int64]
-Place = tuple[int, int, int]
 
 
 class Packed(NamedTuple):
@@ -36,74 +35,6 @@ _REPEAT = np.uint64(0x0101010101010101)
 _SELECT = np.uint64(0x8040201008040201)
 _CARRY = np.uint64(0x7F7F7F7F7F7F7F7F)
 _ONE, _EVERY = np.uint64(1), ~np.uint64(0)
-
-
-@jit
-def runs_of(cells: NDArray[np.uint8], lower: Place, shape: Place) -> tuple[Ints, Ints, bool]:
-    """The runs of the set entries of ``cells`` along its last axis, without offsets that always fall beyond a map.
-
-    Parameters
-    ----------
-    cells : ndarray of uint8, shape (nx, ny, nz)
-        0 or 1.
-    lower : tuple of int
-        Offset of the first entry.
-    shape : tuple of int
-        Of the map: an offset of as many cells, along any axis, falls beyond it from everywhere.
-
-    Returns
-    -------
-    table : ndarray of int64, shape (n, 4)
-        First offset and length of each run, by ascending length; the last one of each length again until their number
-        is a multiple of four.
-    box : ndarray of int64, shape (2, 3)
-        The least and the greatest offset along each axis; 0 where there are none.
-    clipped : bool
-        Whether offsets were left out.
-    """
-    begin, end, box = np.empty(3, np.int64), np.empty(3, np.int64), np.zeros((2, 3), np.int64)
-    for axis in range(3):
-        begin[axis] = min(max(1 - shape[axis] - lower[axis], 0), cells.shape[axis])
-        end[axis] = max(min(shape[axis] - lower[axis], cells.shape[axis]), begin[axis])
-    starts = np.zeros(end[2] - begin[2] + 2, np.int64)  # of each length: first how many there are, then the next row
-    size = 0
-    for sort in range(2):
-        if sort:
-            for length in range(len(starts)):
-                number = starts[length]
-                starts[length] = size
-                size += (number + 3) // 4 * 4
-            table = np.empty((size, 4), np.int64)
-        kept, left = 0, 0
-        for x in range(cells.shape[0]):
-            for y in range(cells.shape[1]):
-                row, length = cells[x, y], 0
-                there = begin[0] <= x < end[0] and begin[1] <= y < end[1]
-                for z in range(cells.shape[2] + 1):
-                    if z < cells.shape[2] and row[z]:
-                        if there and begin[2] <= z < end[2]:
-                            length += 1
-                            continue
-                        left += 1
-                    if length == 0:
-                        continue
-                    if sort:
-                        first = (x + lower[0], y + lower[1], z - length + lower[2])
-                        told = table[starts[length]]
-                        told[0], told[1], told[2], told[3] = first[0], first[1], first[2], length
-                        for axis in range(3):
-                            last = first[axis] + (length - 1 if axis == 2 else 0)
-                            box[0, axis] = min(box[0, axis], first[axis]) if kept else first[axis]
-                            box[1, axis] = max(box[1, axis], last) if kept else last
-                    starts[length] += 1
-                    kept, length = kept + 1, 0
-    if not size:
-        return np.empty((0, 4), np.int64), box, left > 0
-    for length in range(len(starts)):
-        for row in range(starts[length], (starts[length] + 3) // 4 * 4):
-            for k in range(4):  # numba takes a second to compile the assignment of one row to another
-                table[row, k] = table[row - 1, k]
-    return table, box, left > 0
 
 
 @inner

@@ -13,7 +13,7 @@ from cspace.map import turning
 from cspace.map.kept import Change
 from cspace.map.points import Numbers, cell_of, configuration, is_usable, layered
 from cspace.map.record import Map
-from cspace.raster.raster import Raster
+from cspace.raster.raster import Raster, runs_of
 from cspace.workspace import Workspace
 
 Ints = NDArray[np.int64]
@@ -60,7 +60,7 @@ class Runs(NamedTuple):
     Attributes
     ----------
     rows : ndarray of int64, shape (n, 4)
-        ``(dx, dy, first dz, last dz)``; in the plane dx is 0, and the others stand for the two axes.
+        ``(dx, dy, first dz, number of dz)``; in the plane dx is 0, and the others stand for the two axes.
     ends : ndarray of int64, shape (slices,)
         Where the rows of each slice end.
     """
@@ -71,17 +71,8 @@ class Runs(NamedTuple):
     @classmethod
     def of(cls, rasters: Sequence[Raster]) -> Runs:
         """Those of rasters, one for each slice."""
-        rows = [_rows_of(raster) for raster in rasters]
-        return cls(np.concatenate(rows), np.cumsum([len(part) for part in rows]))
-
-
-def _rows_of(raster: Raster) -> Ints:
-    steps = np.diff(raster.cells.astype(np.int8), axis=-1, prepend=0, append=0)
-    *columns, first = np.nonzero(steps == 1)
-    last = np.nonzero(steps == -1)[-1] - 1
-    rows: Ints = np.stack([*columns, first, last], axis=-1)
-    rows += [*raster.lower, raster.lower[-1]]
-    return np.pad(rows, ((0, 0), (4 - rows.shape[1], 0)))
+        rows, owner = runs_of(rasters)
+        return cls(rows, np.searchsorted(owner, np.arange(len(rasters)), side="right"))
 
 
 @reader
@@ -108,11 +99,10 @@ def overlap_at(map_: Map, counts: Counts, runs: Runs, outside: int, q: Numbers) 
     total = 0
     for r in range(runs.ends[number - 1] if number > 0 else 0, runs.ends[number]):
         a, b = i + runs.rows[r, 0], j + runs.rows[r, 1]
-        first, last = k + runs.rows[r, 2], k + runs.rows[r, 3]
-        hidden = last - first + 1
+        first, hidden = k + runs.rows[r, 2], runs.rows[r, 3]
         if 0 <= a < nx and 0 <= b < ny:
             begin = min(max(first, 0), nz)
-            end = min(max(last + 1, 0), nz)
+            end = min(max(first + hidden, 0), nz)
             total += counts[a, b, end] - counts[a, b, begin]
             hidden -= end - begin
         total += hidden * outside

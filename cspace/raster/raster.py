@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +11,8 @@ from numpy.typing import NDArray
 
 from cspace.errors import InputError
 from cspace.memory import free_bytes
+
+Ints = NDArray[np.int64]
 
 MAX_CELLS = 2**28
 
@@ -66,6 +70,26 @@ class Raster:
     def count(self) -> int:
         """Number of offsets in the set."""
         return int(np.count_nonzero(self.cells))
+
+
+def runs_of(rasters: Sequence[Raster]) -> tuple[Ints, Ints]:
+    """The offsets of rasters as runs along the last axis, shape (n, 4), and which raster each is of, shape (n,).
+
+    A run is its first offset, with 0 before it in the plane, and its length. Those of a raster follow each other.
+    """
+    places: list[Ints] = []
+    for raster in rasters:
+        lines, n = math.prod(raster.cells.shape[:-1]), raster.cells.shape[-1]
+        # With a gap before the first line and behind each: a run begins, or has ended, where two that follow differ.
+        bits = np.zeros(1 + lines * (n + 1), dtype=np.bool_)
+        bits[1:].reshape(lines, n + 1)[:, :n] = raster.cells.reshape(lines, n)
+        places.append(np.flatnonzero(bits[1:] != bits[:-1]))
+    owner = np.repeat(np.arange(len(rasters)), [len(each) // 2 for each in places])
+    shapes = np.array([(1, *raster.cells.shape)[-3:] for raster in rasters])[owner]
+    lower = np.array([(0, *raster.lower)[-3:] for raster in rasters])[owner]
+    first, stop = np.concatenate(places).reshape(-1, 2).T
+    line, last = np.divmod(first, shapes[:, 2] + 1)
+    return np.column_stack([lower + np.column_stack([*np.divmod(line, shapes[:, 1]), last]), stop - first]), owner
 
 
 def blank(low: NDArray[np.float64], high: NDArray[np.float64]) -> tuple[NDArray[np.bool_], tuple[int, ...]]:

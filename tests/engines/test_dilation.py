@@ -33,8 +33,9 @@ def test_a_run_does_not_see_the_next_row():
 @given(bitmaps(12), st.tuples(st.integers(-9, 9), st.integers(-9, 9)), st.integers(1, 9), st.integers(1, 9))
 def test_runs_are_the_offsets_that_can_fall_on_the_map(cells, lower, nx, ny):
     raster = Raster.trimmed(cells, lower)
-    runs = Runs.of(raster, (1, nx, ny))
-    table = runs.once
+    other = Raster.trimmed(np.ones((2, 3), bool), (0, 0))
+    _, runs, _ = Runs.of([other, raster, other], (1, nx, ny))
+    table = runs.table[runs.news]
     told = {(x, y + k) for _, x, y, n in table.tolist() for k in range(n)}
     offsets = set(raster_offsets(raster))
     assert told == {(x, y) for x, y in offsets if abs(x) < nx and abs(y) < ny}
