@@ -250,7 +250,7 @@ def ask_edge(world: World, q0: Numbers, q1: Numbers, work: Work) -> int:
     return asked
 
 
-@inner(error_model="numpy")
+@inner
 def ask_way(world: World, q0: Numbers, q1: Numbers, way: int, work: Work) -> int:
     """The same of one way.
 
@@ -331,7 +331,7 @@ def at(map_: Map, q0: Numbers, q1: Numbers, way: int, t: float) -> Numbers:
     return q
 
 
-@inner(error_model="numpy")
+@inner
 def nested_at(nesting: Nesting, map_: Map, q: Numbers, matrix: Matrix) -> int:
     """Whether a part of one side lies in the other, where no borders meet: FREE, BLOCKED, or MIXED for unknown."""
     place, found, k = (q[0], q[1], q[2]), FREE, 0

@@ -128,7 +128,7 @@ def _boxes(border: Pieces, about_z: bool) -> tuple[Floats, Ints]:
     return boxes, order
 
 
-@inner(error_model="numpy")
+@inner
 def share_apart(trees: Trees, robot: Node, still: Node, motion: Motion, enough: float, work: Ints) -> float:
     """The part of a motion, ``enough`` at most, that no triangle of a robot can come to others in, whichever way.
 
@@ -190,7 +190,7 @@ def share_apart(trees: Trees, robot: Node, still: Node, motion: Motion, enough: 
     return best
 
 
-@inner(error_model="numpy")
+@inner
 def share_of_pair(trees: Trees, i: int, j: int, motion: Motion, turn: float, enough: float) -> float:
     """:func:`share_apart` of two triangles, of which the first moves by ``turn`` at most as the robot turns."""
     p, q = trees.triangles[i], trees.triangles[j]
@@ -223,7 +223,7 @@ def share_of_pair(trees: Trees, i: int, j: int, motion: Motion, turn: float, eno
     return min(best, enough)
 
 
-@inner(error_model="numpy")
+@inner
 def share_along(n: Row, a: Corners, b: Corners, step: Row, turn: float, least: float) -> float:
     """:func:`share_apart` of two triangles, by their shadows on a line; -1 where those are too near, or n too short."""
     square = dot(n, n)
@@ -238,7 +238,7 @@ def share_along(n: Row, a: Corners, b: Corners, step: Row, turn: float, least: f
     return spare / (abs(dot(n, step)) / length + turn)
 
 
-@inner(error_model="numpy")
+@inner
 def way_between(p: Row, u: Row, q: Row, v: Row) -> Row:
     """The shortest way between two segments, from p along u and from q along v, as well as rounding lets it be found.
 

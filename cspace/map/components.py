@@ -27,7 +27,8 @@ KINDS: Final = 2
 """Kind 0 are the FREE cells, and kind 1 those that are not BLOCKED."""
 
 ASK: Final = -2
-"""Said of cells whose component only the labels of their block tell."""
+"""Less the number of a block, and of the cell's row in it and place in the row, 6 bits each: said of cells whose
+component only the labels of their block tell."""
 
 TASK: Final = 2048
 """Blocks that a thread takes at a time."""
@@ -342,8 +343,8 @@ def join_nodes(roots: Nodes, base: Nodes, faces: Nodes, pairs: Nodes, starts: In
 def look_up(blocks: Blocks, joined: Joined, cells: Ints, found: Ints) -> int:
     """Components of cells ``(rotation, x, y)`` or ``(rotation, x, y, z)``, where their states are enough to tell.
 
-    They are, where all components of a block are one over the whole map; cells of other blocks get ASK, and what has no
-    component -1. Gives how many got ASK.
+    They are, where all components of a block are one over the whole map; cells of other blocks are left to ASK, and
+    what has no component gets -1. Gives how many are left.
     """
     _, nx, ny, nz = blocks.grid
     asked, solid = 0, cells.shape[1] == 4
@@ -358,6 +359,7 @@ def look_up(blocks: Blocks, joined: Joined, cells: Ints, found: Ints) -> int:
             x, y, z = nx if solid else 0, ny, nz
         i, j, k = x >> blocks.shifts[0], y >> blocks.shifts[1], z >> blocks.shifts[2]
         segment = ((s * blocks.shape[0] + i) * blocks.shape[1] + j) * blocks.shape[2] + k
+        x, y, z = x - (i << blocks.shifts[0]), y - (j << blocks.shifts[1]), z - (k << blocks.shifts[2])
         for kind in range(KINDS):
             found[kind, n] = -1
             # FREE, MIXED and BLOCKED count up.
@@ -369,13 +371,35 @@ def look_up(blocks: Blocks, joined: Joined, cells: Ints, found: Ints) -> int:
                 if node == first:
                     found[kind, n] = joined.roots[first]
                 elif joined.roots[node] != joined.roots[first]:
-                    found[kind, n] = ASK
+                    found[kind, n] = ASK - ((segment << 12) | (((x << blocks.shifts[1]) + y) << 6) | z)
                     asked += 1
                     break
     return asked
 
 
-_NOTHING = np.empty(0, dtype=np.int64), Labels(*(np.zeros(1, dtype=np.int32) for _ in range(3)))
+@reader
+def look_into(joined: Joined, cells: Ints, places: Nodes, labels: Labels, found: Ints) -> None:
+    """Components of the cells that :func:`look_up` left, in blocks that have labels.
+
+    ``places`` has the place of each block among the labels, or -1.
+    """
+    rows = (len(labels.ends) - 1) // len(labels.counts)
+    for kind in range(KINDS):
+        for n in range(len(cells)):
+            left = ASK - found[kind, n]
+            segment, row, z = left >> 12, (left >> 6) & 63, left & 63
+            if left < 0 or places[segment] < 0:
+                continue
+            layer = KINDS * segment + kind
+            first = joined.turns[cells[n, 0], 0] + joined.base[layer]
+            line = (KINDS * places[segment] + kind) * rows + row
+            found[kind, n] = -1
+            for run in labels.runs[labels.ends[line] : labels.ends[line + 1]]:
+                if (run >> 6) & 63 <= z and z <= run & 63:
+                    found[kind, n] = joined.roots[first + (run >> 12)]
+
+
+_NOTHING = np.empty(0, dtype=np.int32), Labels(*(np.zeros(1, dtype=np.int32) for _ in range(3)))
 
 # ---- the part of a map -----------------------------------------------------------------------------------------------
 
@@ -488,39 +512,28 @@ class Components:
 
     def _ask(self, joined: Joined, cells: Ints, found: Ints) -> None:
         """Look cells up in the labels of their blocks, where these were left to ask."""
-        kinds, asked = np.nonzero(found == ASK)
-        found[kinds, asked] = -1
-        shifts, grid, flat = np.array(self._blocks.shifts), np.array(self._blocks.grid[1:]), 3 - self._dim
-        places, beyond = np.zeros((len(asked), 3), dtype=np.int64), np.where(np.arange(3) < flat, 0, grid)
-        places[:, flat:] = cells[asked, 1:]
-        places[((places < 0) | (places >= grid)).any(axis=1)] = beyond
-        starts, slices = joined.turns[cells[asked, 0]].T
-        blocks = np.ravel_multi_index((slices, *(places >> shifts).T), self._changed.shape)
-        segments, index = np.unique(blocks, return_inverse=True)
-        places &= (1 << shifts) - 1
-        rows = (places[:, 0] << shifts[1]) + places[:, 1]
-        for first in range(0, len(segments), TASK):
-            part = np.flatnonzero((index >= first) & (index < first + TASK))
-            known, labels = self._remembered(segments[first : first + TASK])
-            layer = KINDS * np.searchsorted(known, blocks[part]) + kinds[part]
-            row = (layer << (shifts[0] + shifts[1])) + rows[part]
-            begins, counts = labels.ends[row], labels.ends[row + 1] - labels.ends[row]
-            n = np.repeat(part, counts)
-            runs = labels.runs[np.arange(len(n)) + np.repeat(begins - np.cumsum(counts) + counts, counts)]
-            hit = ((runs >> 6) & 63 <= places[n, 2]) & (places[n, 2] <= runs & 63)
-            n, runs = n[hit], runs[hit]
-            nodes = starts[n] + joined.base[KINDS * blocks[n] + kinds[n]] + (runs >> 12)
-            found[kinds[n], asked[n]] = joined.roots[nodes]
+        wanted = np.unique((ASK - found[found <= ASK]) >> 12)
+        for first in range(0, len(wanted), TASK):
+            look_into(joined, cells, *self._remembered(wanted[first : first + TASK]), found)
 
-    def _remembered(self, segments: Ints) -> tuple[Ints, Labels]:
-        """Blocks, these among them, and their labels; what was asked for before is kept where that takes little."""
-        if np.isin(segments, self._asked[0]).all():
+    def _remembered(self, segments: Ints) -> tuple[Nodes, Labels]:
+        """Where the labels of blocks, these among them, are, and the labels.
+
+        They are kept for the next ones who ask. Where those of all blocks in doubt may be kept, each time twice as many
+        are made.
+        """
+        places, labels = self._asked
+        if len(places) and (places[segments] >= 0).all():
             return self._asked
-        both = np.union1d(self._asked[0], segments)
-        if len(both) > min(TASK, 2 * len(segments)):
-            return segments, self._label(segments)
-        labels = self._label(both)
-        self._asked = both, labels._replace(runs=labels.runs[: labels.ends[-1]].copy())
+        known = np.flatnonzero(places >= 0)
+        both, doubtful = np.union1d(known, segments), np.flatnonzero((self._counts > 1).any(axis=1))
+        if len(doubtful) <= TASK:
+            both = np.union1d(both, doubtful[: 2 * len(both)])
+        elif len(both) > min(TASK, 2 * len(segments)):
+            both = segments
+        places, labels = np.full(len(self._counts), -1, dtype=np.int32), self._label(both)
+        places[both] = np.arange(len(both))
+        self._asked = places, labels._replace(runs=labels.runs[: labels.ends[-1]].copy())
         return self._asked
 
     def _join(self) -> Joined:

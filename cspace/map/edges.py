@@ -83,7 +83,7 @@ def between(first: float, second: float, t: float) -> float:
     return min(max(value, min(first, second)), max(first, second))
 
 
-@inner(error_model="numpy", forceinline=True)
+@inner(forceinline=True)
 def segment_is_free(map_: Map, blocks: Words | None, number: int, first: Numbers, last: Numbers) -> bool:
     """The same of a segment in one slice, by its ends' positions."""
     dim, inside, total = len(map_.lower), True, 0.0
@@ -138,7 +138,7 @@ def probes_are_free(part: Slice, p: Numbers, q: Numbers) -> bool:
     return True
 
 
-@inner(error_model="numpy", forceinline=True)
+@inner(forceinline=True)
 def slab_times(p: float, q: float, first: int, last: int) -> tuple[float, float]:
     """The first and last t in [0, 1] at which ``p + t (q - p)`` lies in some cells of a line, widened by SLACK.
 

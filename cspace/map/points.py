@@ -72,7 +72,7 @@ def is_usable(map_: Map, q: Numbers) -> bool:
     return usable
 
 
-@inner(error_model="numpy")
+@inner
 def cell_at(value: float, lower: float, spacing: float, upper: float, n: int) -> int:
     """Cell of a coordinate, as ``Grid.cell_of`` defines it."""
     i = math.floor(min(max((value - lower) / spacing, -FAR), FAR))
@@ -121,7 +121,7 @@ def state_at(map_: Map, q: Numbers) -> int:
 # ---- batches ---------------------------------------------------------------------------------------------------------
 
 
-@inner(error_model="numpy")
+@inner
 def scaled(numbers: Floats, lows: Floats, scales: Floats, out: Floats) -> None:
     """``(numbers - lows) / scales``; one loop over plain numbers, which the compiler turns into wide instructions."""
     for m in range(numbers.shape[0]):
@@ -296,7 +296,7 @@ def run_is_free(part: Slice, i: int, j: int, first: int, last: int) -> bool:
     return in_grid and low >= 0 and high < nz
 
 
-@inner(error_model="numpy")
+@inner
 def box_is_free(map_: Map, number: int, q: Numbers, distance: float) -> bool:
     """Whether every closed cell within SLACK of all positions within ``distance`` along each axis is FREE."""
     dim, reach, total, inside = len(map_.lower), distance / map_.spacing + SLACK, 0.0, True

@@ -198,7 +198,14 @@ def _row_of_bits(cells: TwoBits, number: int, count: int) -> Halves:
     return taken | beyond, blocked | beyond
 
 
-COMPILED: Final[Any] = {"_nrt": False, "forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+COMPILED: Final[Any] = {
+    "_nrt": False,
+    "error_model": "numpy",
+    "forceinline": True,
+    "no_cfunc_wrapper": True,
+    "no_cpython_wrapper": True,
+    "nogil": True,
+}
 """How what follows is compiled; other ways to keep states may add theirs."""
 
 

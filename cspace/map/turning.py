@@ -15,6 +15,7 @@ from numba.extending import overload
 from numpy.typing import NDArray
 
 from cspace.compiling import inner
+from cspace.map.storage import COMPILED
 from cspace.rotations import (
     MAX_YAW,
     NORM_SLACK,
@@ -369,7 +370,7 @@ def split(q: Numbers, chart: int) -> tuple[float, float, float, float]:
     return w, x, y, z
 
 
-@inner(error_model="numpy")
+@inner
 def parts_of(borders: Floats, q: Numbers) -> tuple[int, int, int, int]:
     """Chart of a quaternion, and the parts that hold its quotients there."""
     chart = chart_of(q[0], q[1], q[2], q[3])
@@ -416,14 +417,14 @@ def _quaternion_slice_among(rotations: QuaternionCells, slices: Ints, k: int) ->
     return int(slices[k])
 
 
-@inner(error_model="numpy")
+@inner
 def normalised(q: Numbers, scale: float) -> Numbers:
     """A quaternion as long as a scale."""
     scale /= math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     return q[0] * scale, q[1] * scale, q[2] * scale, q[3] * scale
 
 
-@inner(error_model="numpy")
+@inner
 def begin_arc(a: Numbers, b: Numbers, other: bool) -> Walk:
     """A walk from one unit quaternion to another, no farther than a right angle and a rounding error.
 
@@ -460,7 +461,7 @@ def _quaternion_first_piece(rotations: QuaternionCells, q0: Numbers, q1: Numbers
     return begin_arc(a, b, both_arcs(a, b))
 
 
-@inner(error_model="numpy")
+@inner
 def leaving(
     share: float, largest: float, largest1: float, other: float, other1: float, low: float, high: float
 ) -> float:
@@ -477,7 +478,7 @@ def leaving(
     return share
 
 
-@inner(error_model="numpy")
+@inner
 def next_part(borders: Floats, walk: Walk) -> tuple[int, float, float, Walk]:
     """The next cell of a walk, where the walk is in it, widened by QUOTIENT_SLACK, and the rest of the walk.
 
@@ -518,7 +519,7 @@ def _quaternion_next_piece(rotations: QuaternionCells, cursor: Walk) -> tuple[bo
     return True, rotations.slice_of[cell], start, stop, rest
 
 
-@inner(error_model="numpy")
+@inner
 def parts_around(borders: Floats, largest: float, other: float, reach: float) -> tuple[int, int]:
     """First and last part of an axis that the quaternions near one may be in; the first beyond the last if none.
 
@@ -584,7 +585,7 @@ def _quaternion_turn_of(rotations: QuaternionCells, q0: Numbers, q1: Numbers, wa
     return 2.0 * angle, 2.0 * angle if begin_arc(a, b, False)[7] else 0.0
 
 
-@inner(error_model="numpy")
+@inner
 def slerp(q0: Numbers, q1: Numbers, way: int, t: float) -> Numbers:
     """The unit quaternion at t."""
     a, b, angle = arc_ends(q0, q1, way)
@@ -633,7 +634,8 @@ _MADE = {
 
 
 def _register(function: Any, made: dict[type, Any]) -> None:
-    overload(function, strict=False)(lambda rotations, *others: made[rotations.instance_class])
+    options = {name: value for name, value in COMPILED.items() if name != "_nrt"}  # some make arrays
+    overload(function, jit_options=options, strict=False)(lambda rotations, *others: made[rotations.instance_class])
 
 
 for _function, _made in _MADE.items():
