@@ -74,8 +74,8 @@ def collide(
     cells = np.ascontiguousarray(occupied).reshape(shape).view(np.uint8)
     board = Board(cells, [raster for raster, _, _ in live], longest, outside)
     tasks: list[Task] = []
-    for _, runs, view in live:
-        table = board.placed(runs)
+    for _, offsets, view in live:
+        table = board.placed(offsets)
         tasks += [(table, view, block) for block in board.blocks(table)]
     work = sum(len(table) * (last - first) * board.cells for table, _, (first, last) in tasks) // WORD
     threads = (workers or cores()) if work >= LEAST else 1

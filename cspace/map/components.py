@@ -490,8 +490,7 @@ class Components:
         for start, s in np.unique(joined.turns, axis=0).tolist():
             nodes = slice(*joined.base[[s * per, (s + 1) * per]].tolist())
             ours[nodes] |= joined.roots[start + nodes.start : start + nodes.stop] == number
-        has = np.zeros(len(joined.base) - 1, dtype=np.bool_)
-        has[np.repeat(np.arange(has.size), np.diff(joined.base))[ours]] = True
+        has = np.diff(np.append(0, np.cumsum(ours))[joined.base]) > 0
         segments = np.random.default_rng(0).permutation(np.flatnonzero(has[::KINDS]))
         low, high, size = np.array(self._blocks.grid[1:]), np.full(3, -1), FEW
         while len(segments):

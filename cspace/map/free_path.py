@@ -46,9 +46,10 @@ def _is_run_free(state: States, i: int, j: int, first: int, last: int, step: int
 
 
 @jit
-def _is_shell_free(state: States, i: int, j: int, k: int, r: int, flat: bool) -> bool:
+def _is_shell_free(state: States, i: int, j: int, k: int, r: int) -> bool:
     """Whether the cells at a distance of exactly r along some axis, and at most r along the others, are FREE."""
     nx, ny, nz = state.shape
+    flat = state.shape[2] == 1
     rz = 0 if flat else r
     if i < r or j < r or k < rz or i + r >= nx or j + r >= ny or k + rz >= nz:
         return False
@@ -63,17 +64,19 @@ def _is_shell_free(state: States, i: int, j: int, k: int, r: int, flat: bool) ->
 
 
 @jit
-def free_radius(state: States, i: int, j: int, k: int, most: int, flat: bool) -> int:
+def free_radius(state: States, i: int, j: int, k: int, most: int) -> int:
     """Largest r, at most ``most``, for which all cells within r of a FREE cell along each axis are FREE."""
     r = 0
-    while r < most and _is_shell_free(state, i, j, k, r + 1, flat):
+    while r < most and _is_shell_free(state, i, j, k, r + 1):
         r += 1
     return r
 
 
 @jit
-def trace_cubes(state: States, start: Ints, goal: Ints, most: int, flat: bool) -> Ints:
+def trace_cubes(state: States, start: Ints, goal: Ints, most: int) -> Ints:
     """Middles of cubes of FREE cells, each in the cube before it, from a cell to one whose cube holds another cell.
+
+    Of a single layer of cells, as in the plane, the cubes are squares.
 
     Cells wait by the length of the way to them, from middle to middle, and :data:`GREED` times the distance to the
     goal; all that is joined to the start is looked at before the search gives up.
@@ -85,8 +88,6 @@ def trace_cubes(state: States, start: Ints, goal: Ints, most: int, flat: bool) -
         FREE cells.
     most : int
         Largest distance, in cells, from the middle of a cube to its sides.
-    flat : bool
-        Whether the map is one layer of cells, and its cubes are squares.
 
     Returns
     -------
@@ -124,7 +125,7 @@ def trace_cubes(state: States, start: Ints, goal: Ints, most: int, flat: bool) -
         if before >= 0:
             u, v, w = i - nodes[before, 0], j - nodes[before, 1], k - nodes[before, 2]
             far[node] = far[before] + math.sqrt(float(u * u + v * v + w * w))
-        r = free_radius(state, i, j, k, most, flat)
+        r = free_radius(state, i, j, k, most)
         if max(abs(goal[0] - i), abs(goal[1] - j), abs(goal[2] - k)) <= r:
             length = 0
             step = node
@@ -139,7 +140,7 @@ def trace_cubes(state: States, start: Ints, goal: Ints, most: int, flat: bool) -
             return path
         # Inside the cube nothing is left to be found; on its sides, or beside a lone cell, the search goes on.
         reach = max(r, 1)
-        rz = 0 if flat else reach
+        rz = 0 if nz == 1 else reach
         for a in range(max(i - reach, 0), min(i + reach, nx - 1) + 1):
             for b in range(max(j - reach, 0), min(j + reach, ny - 1) + 1):
                 for c in range(max(k - rz, 0), min(k + rz, nz - 1) + 1):
@@ -192,7 +193,7 @@ def cube_path(state: NDArray[np.uint8], start: NDArray[np.int64], goal: NDArray[
     dim = state.ndim
     layered = state.reshape(*state.shape, *[1] * (3 - dim))
     first, last = (np.pad(cell, (0, 3 - dim)) for cell in (start, goal))
-    middles = trace_cubes(layered, first, last, LARGEST, dim == 2)[:, :dim]
+    middles = trace_cubes(layered, first, last, LARGEST)[:, :dim]
     if not len(middles) or (middles[-1] == goal).all():
         return np.asarray(middles)
     return np.vstack([middles, goal])

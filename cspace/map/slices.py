@@ -13,9 +13,8 @@ from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.threads import cores, in_threads
 
-FEW = 16
-"""Slices that are made in one thread; and those of outlines in the plane, which take more of Python than of compiled
-code."""
+CELLS_A_THREAD = 50_000
+"""Cells of the robot's box, over all slices, below which a second thread costs more than it saves."""
 
 Pair = tuple[Raster, Raster]
 Rasters = Callable[[], list[tuple[int, Pair]]]
@@ -25,7 +24,8 @@ Rasters = Callable[[], list[tuple[int, Pair]]]
 def slice_rasters(robot: Robot, spacing: float, margin: float, rotations: Rotations) -> list[Pair]:
     """Outer and inner raster of the robot for each slice."""
     parts = raster_parts(robot, spacing, margin, rotations)
-    threads = cores() if len(parts) > FEW and robot.dim == 3 else 1
+    cells = float(np.prod(np.ptp(robot.shape.bounds, axis=0) / spacing + 1.0))
+    threads = cores() if len(parts) * cells > CELLS_A_THREAD else 1
     made = dict(itertools.chain.from_iterable(in_threads(lambda part: part(), parts, threads)))
     return [made[number] for number in range(len(made))]
 

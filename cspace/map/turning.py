@@ -634,7 +634,7 @@ _MADE = {
 
 
 def _register(function: Any, made: dict[type, Any]) -> None:
-    options = {name: value for name, value in COMPILED.items() if name != "_nrt"}  # some make arrays
+    options: Any = {name: value for name, value in COMPILED.items() if name != "_nrt"}  # some make arrays
     overload(function, jit_options=options, strict=False)(lambda rotations, *others: made[rotations.instance_class])
 
 

@@ -157,10 +157,10 @@ def mark_inside(out: Bools, boxes: Rounded, b0: float, b1: float) -> None:
 
 def _in_slabs(out: Bools, boxes: Rounded, b0: float, b1: float) -> None:
     """Run the kernel in threads, each of which writes a slab of ``out`` of its own."""
-    lows, highs, radii = boxes
-    if out.ndim == 2:
-        lows, highs, out = np.insert(lows, 1, -2.0, axis=1), np.insert(highs, 1, 3.0, axis=1), out[:, None]
-    lows, highs, radii = (np.ascontiguousarray(part) for part in (lows, highs, radii))
+    missing = [1] * (3 - out.ndim)  # an axis along which all are as long as the single layer of cells, and longer
+    lows, highs = np.insert(boxes.lows, missing, -2.0, axis=1), np.insert(boxes.highs, missing, 3.0, axis=1)
+    lows, highs, radii = (np.ascontiguousarray(part) for part in (lows, highs, boxes.radii))
+    out = np.expand_dims(out, missing)
 
     def work(start: int, stop: int) -> int:
         _mark(out, Rounded(lows, highs, radii), b0, b1, start, stop)

@@ -16,6 +16,7 @@ from cspace.spectral.bump import (
     PAIR_TOLERANCE,
     SAFETY,
     Bump,
+    around,
     chebyshev_coefficients,
     chebyshev_nodes,
     pair_integrals,
@@ -47,8 +48,7 @@ def highest_frequency(a: BallDescriptor, b: BallDescriptor, bound: float) -> flo
     is the sum of those of its bumps. At most :data:`TOP` per radius of the smallest ball.
     """
     k = np.linspace(0.0, TOP, SAMPLES)
-    around = 2.0 * math.pi * k if a.dim == 2 else 4.0 * math.pi * k * k
-    energy = a.bump.table(a.dim, TOP, 1e-9)(k) ** 2 * around
+    energy = a.bump.table(a.dim, TOP, 1e-9)(k) ** 2 * around(k, a.dim)
     beyond = np.cumsum(energy[::-1])[::-1] * k[1]
     every = np.concatenate([a.radii, b.radii])
     frequencies = np.geomspace(0.1 / every.max(), TOP / every.min(), 400)
@@ -240,17 +240,10 @@ def add_terms(terms: Terms, phases: Complexes, start: int, stop: int) -> float:
 
 
 @jit
-def sum_of_terms(shares: Floats, terms: Terms) -> float:
-    """The sum over all frequencies, for a placement in periods."""
-    reaches = terms.reaches[-1]
-    phases = np.empty((len(shares), 2 * reaches.max() + 1), np.complex128)
-    add_phases(shares, np.zeros_like(reaches), reaches, phases)
-    return float(add_terms(terms, phases, 0, len(terms.products)))
-
-
-@jit
 def separate(place: Floats, terms: Terms, threshold: float, phases: Complexes) -> tuple[int, int, float, float]:
     """Sum ring after ring until the sum decides: the verdict, the number of frequencies, the sum and its bound.
+
+    It never does where the threshold is NaN.
 
     ``place`` is relative to the middles, in metres; ``phases``, of shape (d, 2 m + 1) with the highest frequency m of
     an axis, is room for them.

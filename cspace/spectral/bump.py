@@ -24,6 +24,8 @@ from cspace.spectral.inputs import check_kind, check_not_negative, check_number,
 Floats = NDArray[np.float64]
 Radial = Callable[[Floats], Floats]
 
+VOLUME: Final = {2: math.pi, 3: 4.0 / 3.0 * math.pi}  # of the unit ball
+
 LEAST_ALPHA: Final = 0.01
 MOST_ALPHA: Final = 1e4
 
@@ -202,6 +204,11 @@ def pair_integrals(bump: Bump, first: Floats, second: Floats, distances: Floats,
     return values, worst * sizes + 2.0**-46 * values
 
 
+def around(radius: Floats, dim: int) -> Floats:
+    """Length of a circle, or area of a sphere."""
+    return np.asarray(dim * VOLUME[dim] * radius ** (dim - 1))
+
+
 # ---- transforms ------------------------------------------------------------------------------------------------------
 
 
@@ -214,6 +221,7 @@ def radial_transform(function: Radial, frequencies: Floats, dim: int) -> Floats:
     """
     from scipy.special import j0
 
+    kernel = {2: lambda x: j0(math.pi * x), 3: np.sinc}[dim]
     flat = np.ravel(frequencies)
     result = np.empty(flat.shape)
     octaves = np.ceil(np.log2(np.maximum(flat, 1.0)))
@@ -221,10 +229,9 @@ def radial_transform(function: Radial, frequencies: Floats, dim: int) -> Floats:
         some = np.flatnonzero(octaves == octave)
         # A kernel that turns by 2 pi k ds/du, at most pi / 4 of that, asks for as many samples more.
         s, weights = double_exponential(math.ceil(NODES + REACH * math.pi / 4.0 * 2.0**octave))
-        measure = weights * function(s) * (2.0 * math.pi * s if dim == 2 else 4.0 * math.pi * s * s)
+        measure = weights * function(s) * around(s, dim)
         for part in np.array_split(some, math.ceil(len(some) * len(s) / CHUNK)):
-            waves = flat[part][:, None] * s
-            result[part] = (j0(2.0 * math.pi * waves) if dim == 2 else np.sinc(2.0 * waves)) @ measure
+            result[part] = kernel(2.0 * flat[part][:, None] * s) @ measure
     return result.reshape(np.shape(frequencies))
 
 
@@ -323,8 +330,7 @@ def product_integrals(function: Radial, a: Floats, b: Floats, distance: Floats, 
         theta = most[:, None] * x
         square = ((s - gap) ** 2)[:, None] + 4.0 * (s * gap)[:, None] * np.sin(0.5 * theta) ** 2
         values = function(np.sqrt(square) / radius[:, None])
-        if dim == 3:
-            values *= math.pi * np.sin(theta)
+        values *= (math.pi * np.sin(theta)) ** (dim - 2)
         totals += np.bincount(pairs[part], mass[part] * 2.0 * most * (values @ weights), len(gaps))
     return np.asarray(totals * small**dim)
 
@@ -335,14 +341,19 @@ def lens_measure(a: Floats, b: Floats, distance: Floats, dim: int) -> Floats:
     # Differences of like lengths first: they are exact, and what is left of them is all that counts.
     depth = (np.maximum(a, b) - distance) + least
     with np.errstate(all="ignore"):  # of values that are not taken
-        if dim == 3:
-            spread = distance * (distance + 2.0 * (a + b)) - 3.0 * (a - b) ** 2
-            lens = math.pi * depth**2 * spread / (12.0 * distance)
-        else:  # halves of quotients, for the product may underflow
-            share = (b - a) / distance
-            lens = _segment(a, 0.5 * depth * (1.0 + share)) + _segment(b, 0.5 * depth * (1.0 - share))
-    whole = math.pi * least**2 if dim == 2 else 4.0 / 3.0 * math.pi * least**3
+        lens = {2: _lens_area, 3: _lens_volume}[dim](a, b, distance, depth)
+    whole = VOLUME[dim] * least**dim
     return np.where(distance >= a + b, 0.0, np.where(distance <= np.abs(a - b), whole, lens))
+
+
+def _lens_volume(a: Floats, b: Floats, distance: Floats, depth: Floats) -> Floats:
+    spread = distance * (distance + 2.0 * (a + b)) - 3.0 * (a - b) ** 2
+    return np.asarray(math.pi * depth**2 * spread / (12.0 * distance))
+
+
+def _lens_area(a: Floats, b: Floats, distance: Floats, depth: Floats) -> Floats:
+    share = (b - a) / distance  # halves of quotients, for the product may underflow
+    return _segment(a, 0.5 * depth * (1.0 + share)) + _segment(b, 0.5 * depth * (1.0 - share))
 
 
 def _segment(radius: Floats, height: Floats) -> Floats:

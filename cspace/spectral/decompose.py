@@ -19,6 +19,7 @@ from cspace.compiling import jit
 from cspace.errors import GeometryError, InputError
 from cspace.grid import positive
 from cspace.shapes import shape_of
+from cspace.spectral.bump import VOLUME
 from cspace.spectral.inputs import check_count, check_kind
 from cspace.spectral.regions import (
     Lattice,
@@ -44,7 +45,6 @@ CUTS: Final = (1, 2, 4, 8, 16)  # into how many parts a cell's sides are cut whe
 ANY: Final = 2**40  # more balls than there are
 EPS: Final = 2.0**-20  # rounding allowance, in sides of a cell: by this, a ball that holds a cell reaches beyond it
 ROUNDS: Final = 6  # how often every ball is moved, at most
-VOLUME: Final = {2: math.pi, 3: 4.0 / 3.0 * math.pi}
 
 
 def decompose(

@@ -20,7 +20,7 @@ from cspace.grid import Grid, finite
 from cspace.raster.triangles import mark_touched
 from cspace.shapes import Balls, Mesh, Shape, shape_of
 from cspace.spectral.bump import Bump, check_bump
-from cspace.spectral.inputs import check_axes, check_kind, check_solid_balls
+from cspace.spectral.inputs import check_dims, check_kind, check_solid_balls
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -108,7 +108,7 @@ class BallDescriptor(Balls):
 
     def sample(self, grid: Grid) -> Descriptor:
         """Values at the middles of the cells of a grid, which must have as many axes as the balls, or InputError."""
-        check_axes(grid, self.dim, "set of balls")
+        check_dims("set of balls", self.dim, grid.dim)
         values = np.zeros(grid.shape)
         for window, squares in _near_balls(self.centers, self.radii, grid):
             values[window] += self.bump.values(np.sqrt(squares))
@@ -178,7 +178,7 @@ def _inside(shape: Any, grid: Grid) -> Bools:
     known: Any = shape_of(shape) if isinstance(shape, Geometry) else shape
     if not balls and not isinstance(known, Shape):
         return check_cells(shape, "shape")
-    check_axes(grid, known.centers.shape[1] if balls else known.dim, "shape")
+    check_dims("shape", known.centers.shape[1] if balls else known.dim, grid.dim)
     if balls:
         inside = np.zeros(grid.shape, dtype=bool)
         for window, squares in _near_balls(known.centers, np.maximum(known.radii, _TINY), grid):

@@ -20,6 +20,7 @@ from cspace.map.contents import checked_fields
 from cspace.map.points import configuration, is_usable, replaced
 from cspace.map.record import Map
 from cspace.memory import check_memory
+from cspace.spectral.inputs import check_dims
 from cspace.spectral.overlap import FourierOverlap
 from cspace.states import FIELDS
 
@@ -81,8 +82,7 @@ class OverlapField:
             rule, mend = "it must be a FourierOverlap", "make it with e.g. FourierOverlap.of_shapes"
             raise InputError("overlap", f"is a {type(given).__name__}", rule, mend, value=given)
         grid, map_ = space.grid, space._map
-        if overlap.dim != grid.dim:
-            raise InputError("overlap", f"has {overlap.dim} coordinates, the map {grid.dim}", "both must have as many")
+        check_dims("overlap", overlap.dim, grid.dim)
         shape, count = map_.states.shape, 1 + grid.dim
         check_memory(8.0 * count * math.prod(shape), "the overlap field", grid.shape, grid.spacing)
         arrays = {name: np.empty(shape) for name in FIELDS[:count]}

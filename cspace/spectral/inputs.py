@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.errors import InputError
-from cspace.grid import Grid, finite
+from cspace.grid import finite
 from cspace.shapes import check_balls
 
 Floats = NDArray[np.float64]
@@ -53,11 +53,11 @@ def check_vectors(vectors: ArrayLike, name: str, dim: int) -> Floats:
     return array
 
 
-def check_axes(grid: Grid, dim: int, name: str) -> None:
-    """Refuse a grid in the plane for what is in space, or the other way around."""
-    if dim != grid.dim:
-        found = f"has {dim} coordinates and the grid has {grid.dim} axes"
-        raise InputError(name, found, "both must have as many", "pass a grid of as many axes")
+def check_dims(name: str, dim: int, other: int) -> None:
+    """Refuse what is in the plane beside what is in space, or the other way around."""
+    if dim != other:
+        found, rule = f"has {dim} coordinates and what it goes with {other}", "both must have as many"
+        raise InputError(name, found, rule, "pass all in the plane or all in space", value=dim)
 
 
 def check_kind(value: Any, name: str, kinds: tuple[Any, ...]) -> None:

@@ -22,15 +22,15 @@ from cspace.spectral.bands import (
     highest_frequency,
     norm_square,
     separate_all,
-    sum_of_terms,
     touching_overlap,
 )
 from cspace.spectral.bump import Bump, pair_integrals
 from cspace.spectral.descriptors import ROUNDING, BallDescriptor, balls_of, bump_of
-from cspace.spectral.inputs import check_count, check_number, check_vectors
+from cspace.spectral.inputs import check_count, check_dims, check_number, check_vectors
 from cspace.spectral.regions import gaps
 from cspace.spectral.spectra import nufft
 
+Bools = NDArray[np.bool_]
 Bytes = NDArray[np.uint8]
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -128,7 +128,7 @@ class FourierOverlap:
     ) -> None:
         kind = bump_of(bump, a, b)
         first, second = balls_of(a, "a", kind), balls_of(b, "b", kind)
-        _check_dims("b", second, first)
+        check_dims("b", second.dim, first.dim)
         self.threshold = check_number(threshold, "threshold")
         self._accuracy = accuracy
         self._swell = 0.0  # by how much the balls are grown beyond those whose shapes the verdicts are about
@@ -210,7 +210,7 @@ class FourierOverlap:
         ]
         a, b, *inner = sets
         for name, balls in zip(given, sets, strict=False):
-            _check_dims(name, balls, a)
+            check_dims(name, balls.dim, a.dim)
         level = touching_overlap(a, b, more, ROUNDING * (a.span + b.span))
         if level <= 0.0:
             rule = f"grown balls that touched must share more than can be computed with alpha = {chosen.alpha:g}"
@@ -330,9 +330,7 @@ class FourierOverlap:
             # Balls that were grown for the threshold are taken as they were: where those are apart, so are the shapes.
             near, _ = gaps(places, 0.0, balls.centers - self._middle_b, balls.radii - self._swell)
             asked &= near <= self._reach - self._swell + 4.0 * self._far
-        verdicts, counts = np.full(len(ts), Verdict.MISS, np.uint8), np.zeros(len(ts), np.int64)
-        sums = np.tile([0.0, self._terms.bounds[0]], (len(ts), 1))
-        separate_all(places, asked, self._terms, self.threshold, (verdicts, counts, sums))
+        verdicts, counts, sums = self._summed(places, asked, self._terms, self.threshold)
         if self._swell:  # what grown balls do not prove a miss, only inner ones prove a hit
             rest = np.flatnonzero(verdicts != Verdict.MISS)
             verdicts[rest] = Verdict.UNDECIDED
@@ -379,24 +377,23 @@ class FourierOverlap:
     def _sums(self, t: ArrayLike, sums: list[Terms]) -> Floats:
         """Several sums of terms at placements, shape (..., sums)."""
         places = check_vectors(t, "t", self.dim)
-        relative = self._relative(places)
+        relative = self._relative(places.reshape(-1, self.dim))
         inside = (np.abs(relative) <= self._limits).all(axis=-1)
-        shares = relative / self._rings.lengths
-        if places.ndim == 1:
-            return np.array([sum_of_terms(shares, terms) if inside else 0.0 for terms in sums])
-        out, near = np.zeros((*inside.shape, len(sums))), shares[inside]
-        if len(near) > FEW:
+        out = np.zeros((len(relative), len(sums)))
+        if np.count_nonzero(inside) > FEW:
             boxes = np.stack([self._rings.box_of(terms.products / self._rings.twice) for terms in sums])
-            out[inside] = nufft(2.0 * math.pi * near, boxes, ACCURACY).real.T
-        elif len(near):
-            out[inside] = [[sum_of_terms(share, terms) for terms in sums] for share in near]
-        return out
+            out[inside] = nufft(2.0 * math.pi * relative[inside] / self._rings.lengths, boxes, ACCURACY).real.T
+        else:
+            for column, terms in zip(out.T, sums, strict=True):
+                column[:] = self._summed(relative, inside, terms, math.nan)[2][:, 0]
+        return out.reshape(*places.shape[:-1], len(sums))
 
-
-def _check_dims(name: str, balls: BallDescriptor, others: BallDescriptor) -> None:
-    if balls.dim != others.dim:
-        rule = "all must lie in the plane or all in space"
-        raise InputError(name, f"has {balls.dim} coordinates and the other balls {others.dim}", rule)
+    def _summed(self, places: Floats, asked: Bools, terms: Terms, threshold: float) -> tuple[Bytes, Ints, Floats]:
+        """Verdicts, numbers of frequencies, and sums with their bounds, at placements that are asked for."""
+        verdicts, counts = np.full(len(places), Verdict.MISS, np.uint8), np.zeros(len(places), np.int64)
+        sums = np.tile([0.0, terms.bounds[0]], (len(places), 1))
+        separate_all(places, asked, terms, threshold, (verdicts, counts, sums))
+        return verdicts, counts, sums
 
 
 def _rotation_matrix(rotation: Any, dim: int) -> Floats:

@@ -17,7 +17,7 @@ from cspace.exact.triangles import trees_of
 from cspace.grid import Grid
 from cspace.memory import check_memory
 from cspace.raster.triangles import point_segment, point_triangle
-from cspace.shapes import Pieces, Polygons, Shape
+from cspace.shapes import Balls, Pieces, Polygons, Shape
 from cspace.threads import in_chunks
 
 Bools = NDArray[np.bool_]
@@ -40,7 +40,7 @@ BYTES: Final = 64  # memory for each of them, at most
 FINEST: Final = {2: 12.0, 3: 6.0}  # cells of the lattice that a tolerance is long, at most
 COARSEST: Final = 2.6  # the same, at least: a cell's diagonal must be well below it
 USUAL: Final = {2: 150_000, 3: 120_000}  # cells of the box round a shape up to which it may be FINEST cells long
-MEASURED: Final = 2**21  # cells of the box of a mesh by which its volume is bounded where bodies may overlap
+MEASURED: Final = 2**23  # cells of a box by which the volume of what is in it is bounded
 FEW: Final = 2**20  # cells of the box up to which a shape that fills little of it gets a finer lattice
 
 BOX: Final = {2: 40_000, 3: 80_000}
@@ -51,8 +51,6 @@ A_BALL: Final = {2: 100, 3: 60}
 ROUNDED: Final = 2.0**-40  # rounding of a length or an area, in the size of the whole, with room to spare
 SNAPPED: Final = 1e-9  # part of an area that the union of polygons may add or lose, where it snaps corners
 CORNERS: Final = 2**16  # of the polygons that stand for discs, together, if that leaves each from 64 to 1024
-HALVINGS: Final = (7, 8, 9, 10)  # how often the box round balls in space is halved: on, while bounds are APART
-APART: Final = 0.01  # part of a volume by which its bounds may be apart
 CLOSE: Final = 0.02  # part of a distance by which its bounds may be apart, once that can be had
 SMALL: Final = 1e-4  # part of the size of a shape by which the bounds of a distance may be apart in any case
 LEVELS: Final = 14  # how often boxes are halved for a distance, at most
@@ -93,9 +91,7 @@ class Region:
         closed = [body for body in getattr(self.shape, "bodies", ()) if body.closed]
         if not closed or (len(closed) == 1 and (np.abs(closed[0].turns) == 1).all()):
             return abs(self.shape.measure), abs(self.shape.measure)
-        grid = self.grid_at(float(np.cbrt(np.prod(self.bounds[1] - self.bounds[0]) / MEASURED)))
-        outer, inner = self.shape.cells(grid)
-        return float(np.count_nonzero(inner)) * grid.spacing**3, float(np.count_nonzero(outer)) * grid.spacing**3
+        return _volume(self.shape)
 
     @property
     def box_volume(self) -> float:
@@ -286,32 +282,29 @@ def distances(tree: Tree, points: Floats, near: Floats, far: Floats) -> None:
 
 def measure_of_balls(centers: Floats, radii: Floats) -> tuple[float, float]:
     """Bounds of the area (d = 2) or volume (d = 3) of a union of balls, centers (n, d) and radii (n,) in metres."""
-    reach = radii[:, None]
-    lower, upper = (centers - reach).min(axis=0), (centers + reach).max(axis=0)
-    if centers.shape[1] == 2:
-        return _area(centers - lower, radii, float((upper - lower).max()))
-    side = float((upper - lower).max())
-    for cuts in HALVINGS:
-        low, high = split_volume(side, cuts, np.ascontiguousarray(centers - lower), radii, ROUNDED * side)
-        if high - low <= APART * low:
-            break
-    return low, high
-
-
-def _area(centers: Floats, radii: Floats, size: float) -> tuple[float, float]:
-    """By polygons in the discs, and around them."""
+    if centers.shape[1] == 3:
+        return _volume(Balls(centers, radii))
     import shapely
 
-    corners = int(np.clip(CORNERS // len(radii), 64, 1024))
-    angles = 2.0 * math.pi * np.arange(corners) / corners
-    circle = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    wider = 1.0 / math.cos(math.pi / corners)
+    # By polygons in the discs, and around them.
+    quarter = int(np.clip(CORNERS // len(radii), 64, 1024)) // 4
+    lower, upper = Balls(centers, radii).bounds
+    middles = shapely.points(centers - lower)
     inner, outer = (
-        float(shapely.union_all(shapely.polygons(centers[:, None] + (scale * radii)[:, None, None] * circle)).area)
-        for scale in (1.0, wider)
+        float(shapely.union_all(shapely.buffer(middles, scale * radii, quad_segs=quarter)).area)
+        for scale in (1.0, 1.0 / math.cos(math.pi / (4 * quarter)))
     )
-    slack = ROUNDED * size * size
+    slack = ROUNDED * float(np.subtract(upper, lower).max()) ** 2
     return max(0.0, inner * (1.0 - SNAPPED) - slack), outer * (1.0 + SNAPPED) + slack
+
+
+def _volume(shape: Shape) -> tuple[float, float]:
+    """Bounds of the volume of a shape in space: by its inner and its outer cells."""
+    lower, upper = np.array(shape.bounds)
+    spacing = float(np.cbrt(np.prod(np.maximum(upper - lower, 1e-3 * (upper - lower).max())) / MEASURED))
+    counts = np.ceil((upper - lower) / spacing) + 1.0
+    outer, inner = shape.cells(Grid(0.5 * (lower + upper - spacing * counts), spacing, counts.astype(np.int64)))
+    return float(np.count_nonzero(inner)) * spacing**3, float(np.count_nonzero(outer)) * spacing**3
 
 
 def shape_to_balls(lattice: Lattice, centers: Floats, radii: Floats) -> tuple[float, float]:
@@ -373,51 +366,3 @@ def gaps(points: Floats, half: float, centers: Floats, radii: Floats) -> tuple[F
             most = min(most, math.sqrt(corner) - radii[m])
         near[n], far[n] = least, most
     return near, far
-
-
-@jit
-def split_volume(side: float, levels: int, centers: Floats, radii: Floats, slack: float) -> tuple[float, float]:
-    """Volume of the cubes, of one at the origin cut in two ``levels`` times, that lie in one ball, and of those that
-    meet some.
-
-    A cube that one ball holds, or that none meets, is not cut.
-    """
-    inner, outer = 0.0, 0.0
-    corners = np.zeros((8 * levels + 8, 3))
-    depth = np.zeros(8 * levels + 8, dtype=np.int64)
-    # Balls that meet a cube and do not hold it are all that its parts are asked of: one list for each level.
-    lists = np.empty((levels + 2, len(radii)), dtype=np.int64)
-    counts = np.zeros(levels + 2, dtype=np.int64)
-    lists[0] = np.arange(len(radii))
-    counts[0] = len(radii)
-    waiting = 1
-    while waiting > 0:
-        waiting -= 1
-        (x, y, z), level = corners[waiting], depth[waiting]
-        s = side / (1 << level)
-        held, meeting = False, 0
-        for index in range(counts[level]):
-            m = lists[level, index]
-            a, b, c = centers[m]
-            dx, dy, dz = max(0.0, x - a, a - x - s), max(0.0, y - b, b - y - s), max(0.0, z - c, c - z - s)
-            if dx * dx + dy * dy + dz * dz > (radii[m] + slack) ** 2:
-                continue
-            dx, dy, dz = max(a - x, x + s - a), max(b - y, y + s - b), max(c - z, z + s - c)
-            if radii[m] > slack and dx * dx + dy * dy + dz * dz <= (radii[m] - slack) ** 2:
-                held = True
-                break
-            lists[level + 1, meeting] = m
-            meeting += 1
-        if held:
-            inner += s * s * s
-        if held or (meeting > 0 and level == levels):
-            outer += s * s * s
-        elif meeting > 0:
-            counts[level + 1] = meeting
-            for part in range(8):
-                corners[waiting, 0] = x + 0.5 * s * (part & 1)
-                corners[waiting, 1] = y + 0.5 * s * ((part >> 1) & 1)
-                corners[waiting, 2] = z + 0.5 * s * (part >> 2)
-                depth[waiting] = level + 1
-                waiting += 1
-    return inner, outer

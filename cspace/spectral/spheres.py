@@ -6,7 +6,6 @@ import json
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 
@@ -15,6 +14,8 @@ from numpy.typing import NDArray
 
 from cspace.errors import FileError, InputError
 from cspace.grid import finite
+from cspace.io.input import suffix_of
+from cspace.io.plain import read_json, read_yaml
 from cspace.shapes import Balls, Shape
 from cspace.spectral.inputs import check_kind, check_solid_balls
 
@@ -30,6 +31,9 @@ VERSIONS: Final = (1, 2)  # that are read; the last one is written. The first al
 
 COLORS: Final = {"inner": "#0072b2", "outer": "#d55e00"}
 """Of balls, from Okabe and Ito (2008)."""
+
+READERS: Final[dict[str, Callable[[Any, str], Any]]] = {".json": read_json, ".yaml": read_yaml, ".yml": read_yaml}
+RULE: Final = "balls go into .yaml, .yml or .json"
 
 _BOUNDS: Final = ("measure", "shape_measure", "hausdorff")
 
@@ -157,12 +161,12 @@ class Spheres:
         """
         from cspace.io.output import replacing
 
-        dump, _ = _format_of(path)
+        suffix_of(path, READERS, RULE)
         record: dict[str, Any] = {"format": FORMAT, "version": VERSIONS[-1], "kind": self.kind}
         record |= {name: list(getattr(self, name)) for name in _BOUNDS}
         record |= {"centers": self.centers.tolist(), "radii": self.radii.tolist()}
         with replacing(path, overwrite) as temporary:
-            temporary.write_text(dump(record), encoding="utf-8")
+            temporary.write_text(json.dumps(record), encoding="utf-8")  # which is YAML as well
         return Path(path)
 
     @classmethod
@@ -176,7 +180,7 @@ class Spheres:
         FileError
             If the file is missing, malformed, or of another version.
         """
-        _, load = _format_of(path)
+        load = READERS[suffix_of(path, READERS, RULE)]
         record, name = load(path, "file of balls"), os.fspath(path)
         if not isinstance(record, Mapping) or record.get("format") != FORMAT:
             raise FileError(name, "holds no balls", f"its format must be {FORMAT!r}", "pass a file of Spheres.save")
@@ -189,16 +193,3 @@ class Spheres:
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             what = f"lacks {error}" if isinstance(error, KeyError) else f"is malformed: {error}"
             raise FileError(name, what, "it must be as Spheres.save writes it", "mend or write it again") from error
-
-
-def _format_of(path: str | os.PathLike[str]) -> tuple[Callable[[Any], str], Callable[[Any, str], Any]]:
-    """How records are written, and how they are read from a file."""
-    import yaml
-
-    from cspace.io.input import suffix_of
-    from cspace.io.plain import read_json, read_yaml
-
-    dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
-    to_yaml: Any = partial(yaml.dump, Dumper=dumper, sort_keys=False, default_flow_style=None, width=120)
-    formats: Any = {".json": (json.dumps, read_json)} | dict.fromkeys((".yaml", ".yml"), (to_yaml, read_yaml))
-    return formats[suffix_of(path, formats, "balls go into .yaml, .yml or .json")]  # type: ignore[no-any-return]

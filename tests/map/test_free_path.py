@@ -87,8 +87,8 @@ def test_radius_of_the_largest_free_cube(state, random):
     wanted = next(
         r - 1 for r in itertools.count(1) if (padded[tuple(slice(c + 8 - r, c + 9 + r) for c in cell)] != FREE).any()
     )
-    assert free_radius(layered, i, j, k, 8, state.ndim == 2) == wanted
-    assert free_radius(layered, i, j, k, 1, state.ndim == 2) == min(wanted, 1)
+    assert free_radius(layered, i, j, k, 8) == wanted
+    assert free_radius(layered, i, j, k, 1) == min(wanted, 1)
 
 
 def test_a_maze_is_solved_and_pulled_straight():

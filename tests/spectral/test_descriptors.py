@@ -262,7 +262,7 @@ PLANE = on_grid(np.ones((3, 3)))
         (lambda: BallDescriptor([[0.0, math.nan]], 1.0), "NaN"),
         (lambda: BallDescriptor([[0.0, 0.0]], 1.0, 2.0), "must be a Bump"),
         (lambda: BallDescriptor(np.empty((0, 2)), 1.0), "at least 1"),
-        (lambda: BallDescriptor([[0.0, 0.0]], 1.0).sample(Grid((0, 0, 0), 1.0, (2, 2, 2))), "3 axes"),
+        (lambda: BallDescriptor([[0.0, 0.0]], 1.0).sample(Grid((0, 0, 0), 1.0, (2, 2, 2))), "2 coordinates and"),
     ],
 )
 def test_unusable_input_is_refused(ask, match):
