@@ -247,7 +247,7 @@ class Updater:
         return self._follow_scene(self._scene, boxes)
 
     def _are_apart(self, box: Box, other: Box) -> bool:
-        """Whether no configuration can touch both boxes of cells, so that what changes in them are two changes."""
+        """Whether no configuration can touch both boxes of cells, so that two changes look at less than one."""
         return bool((np.maximum(other[0] - box[1], box[0] - other[1]) >= self._reach).any())
 
     def _follow_scene(self, scene: Scene, boxes: Sequence[Box]) -> Update:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 
 from cspace.compiling import inner, reader
 from cspace.map.kept import Change
-from cspace.map.storage import Cells, Stack, cells_of, row_in, state_in
+from cspace.map.storage import Cells, Stack, cells_of, expect, row_in, state_in
 from cspace.threads import cores, in_threads
 
 Bytes = NDArray[np.uint8]
@@ -33,8 +34,20 @@ component only the labels of their block tell."""
 TASK: Final = 2048
 """Blocks that a thread takes at a time."""
 
+LEAST: Final = 256
+"""Blocks for which a thread of their own pays."""
+
 TALL: Final = 8
 """Slices among them, where there are so many."""
+
+STRUCK: Final = -1
+"""Said of a face that is no more."""
+
+FEW_STRUCK: Final = 4
+"""Part of the faces, its reciprocal, that may be struck out and still be there."""
+
+AHEAD: Final = 12
+"""Rows of a block that are fetched ahead of the one that is read."""
 
 FEW: Final = 16
 """Blocks that are looked at first for the box around a component."""
@@ -174,12 +187,18 @@ def unite(parent: Nodes, a: int, b: int) -> bool:
 def pack(blocks: Blocks, corner: Ints, words: Words) -> None:
     """Pack the cells of blocks that follow each other along the last axis, a word for each kind and row.
 
-    Row by row through all of them, as they lie in memory, which is several times quicker than block by block.
+    Row by row through all of them, as they lie in memory, which is several times quicker than block by block; and what
+    is to come is fetched meanwhile, or each row would be waited for.
     """
     (_, nx, ny, nz), (_, wide, long) = blocks.grid, blocks.shifts
     s, z = corner[1], corner[4]
     whole, rim = _ONES >> np.uint64(64 - (1 << long)), _ONES if blocks.rim_is_open[s] else np.uint64(0)
-    for row in range(words.shape[2]):
+    for row in range(-AHEAD, words.shape[2]):
+        x, y = corner[2] + ((row + AHEAD) >> wide), corner[3] + ((row + AHEAD) & ((1 << wide) - 1))
+        for n in range(len(words) + 1):
+            expect(blocks.cells, ((s * nx + x) * ny + y) * nz + z + (n << long))
+        if row < 0:
+            continue
         x, y = corner[2] + (row >> wide), corner[3] + (row & ((1 << wide) - 1))
         for n in range(len(words)):
             first = z + (n << long)
@@ -312,31 +331,81 @@ def meet_blocks(
     return filled
 
 
+class Faces(NamedTuple):
+    """What meets where two layers share a side, or a place in neighbouring rotation cells, face after face.
+
+    Attributes
+    ----------
+    rows : ndarray of int32, shape (n, 4)
+        Layer, other layer, which of :attr:`Turns.ends` is meant, or STRUCK, and number of pairs.
+    pairs : ndarray of int32
+        Those of the faces, one after the other, ``component * MOST + other component``.
+    """
+
+    rows: Nodes
+    pairs: Nodes
+
+
 @reader
-def join_nodes(roots: Nodes, base: Nodes, faces: Nodes, pairs: Nodes, starts: Ints, ends: Ints) -> None:
-    """Join the nodes of components that meet.
+def drop_struck(faces: Faces) -> tuple[int, int]:
+    """Move the faces that were not struck out to the front; how many rows and pairs there are of them."""
+    rows, pairs = faces
+    kept: int = np.int64(0)  # type: ignore[assignment]  # of one type for the compiler from the start
+    begin = filled = kept
+    for n in range(len(rows)):
+        count = rows[n, 3]
+        if rows[n, 2] != STRUCK:
+            for k in range(4):
+                rows[kept, k] = rows[n, k]
+            for k in range(count):
+                pairs[filled + k] = pairs[begin + k]
+            kept, filled = kept + 1, filled + count
+        begin += count
+    return kept, filled
+
+
+@reader
+def join_nodes(
+    roots: Nodes, base: Nodes, faces: Faces, fresh: int, changed: NDArray[np.bool_], starts: Ints, ends: Ints
+) -> int:
+    """Join the nodes of components that meet: each becomes the lowest one of those that it is joined to.
+
+    Faces of blocks that have changed are struck out, but for those from number ``fresh`` on, which were read since; how
+    many are struck out by then.
 
     Parameters
     ----------
     roots : ndarray of int32
-        For union-find.
+        For union-find; all nodes, in order.
     base : ndarray of int32
         As in :class:`Joined`.
-    faces : ndarray of int32, shape (n, 4)
-        Layer, other layer, what of ``ends`` is meant, and number of pairs.
-    pairs : ndarray of int32
-        Those of the faces, one after the other.
+    faces : Faces
+    changed : ndarray of bool
+        By block.
     starts, ends : ndarray of int64, shapes (m, 2) and (k + 1,)
         Where nodes start, of one rotation cell and of the other, for all of them that have these slices.
     """
-    begin = 0
-    for n in range(len(faces)):
-        ours, theirs, group = base[faces[n, 0]], base[faces[n, 1]], faces[n, 2]
-        for k in range(begin, begin + faces[n, 3]):
+    rows, pairs = faces
+    begin: int = np.int64(0)  # type: ignore[assignment]  # of one type for the compiler from the start
+    struck = begin
+    for n in range(len(rows)):
+        if n < fresh and (changed[rows[n, 0] // KINDS] or changed[rows[n, 1] // KINDS]):
+            rows[n, 2] = STRUCK
+        group, last = rows[n, 2], begin + rows[n, 3]
+        if group == STRUCK:
+            struck += 1
+        else:
+            ours, theirs = base[rows[n, 0]], base[rows[n, 1]]
             for use in range(ends[group], ends[group + 1]):
-                one, two = starts[use, 0] + ours + pairs[k] // MOST, starts[use, 1] + theirs + pairs[k] % MOST
-                unite(roots, one, two)
-        begin += faces[n, 3]
+                own, other = starts[use, 0] + ours, starts[use, 1] + theirs
+                for k in range(begin, last):
+                    one, two = own + pairs[k] // MOST, other + pairs[k] % MOST
+                    if roots[one] != roots[two]:  # most are joined by now
+                        unite(roots, one, two)
+        begin = last
+    for node in range(len(roots)):
+        roots[node] = roots[roots[node]]  # which is no higher, and is a root by now
+    return struck
 
 
 @reader
@@ -437,7 +506,8 @@ class Components:
         self._turns = Turns.of(slice_of, neighbors, slices)
         self._changed = np.ones((slices, *shape), dtype=np.bool_)
         self._counts = np.zeros((self._changed.size, KINDS), dtype=np.int32)
-        self._faces: dict[int, tuple[Nodes, Nodes]] = {}
+        self._faces: Faces | None = None
+        self._struck = 0
         self._joined: Joined | None = None
         self._boxes: dict[int, Ints] = {}
         self._asked = _NOTHING
@@ -543,23 +613,33 @@ class Components:
                 stale |= np.roll(self._changed, -1, axis)  # the block before has the face that it shares with this one
             for later in self._turns.links.T:
                 stale[later >= 0] |= self._changed[later[later >= 0]]
-            own = np.flatnonzero(stale)
-            slices, strip, each = len(stale), stale.shape[3], stale[0].size
-            tall = max(TALL, TASK // each)
-            wide = max(1, TASK // min(tall, slices) // strip) * strip
-            tiles = own // each // tall * each + own % each // wide
-            order = np.argsort(tiles, kind="stable")
-            tiles, begins = np.unique(tiles[order], return_index=True)
-            parts = list(zip(tiles.tolist(), np.split(own[order], begins[1:]), strict=True))
-            self._faces.update(
-                zip(tiles.tolist(), in_threads(lambda part: self._read(*part), parts, cores()), strict=True)
-            )
+            faces, self._faces = self._faces, None  # none are right while some are made
+            if faces is None:
+                self._changed[...], stale[...], self._struck = True, True, 0
+                faces = Faces(np.empty((0, 4), dtype=np.int32), np.empty(0, dtype=np.int32))
+            sizes = len(faces.rows), len(faces.pairs)
+            if self._struck * FEW_STRUCK > sizes[0]:
+                sizes = drop_struck(faces)
+            made = in_threads(self._read, self._parts(np.flatnonzero(stale)), cores())
+            faces = Faces(*map(_followed, faces, sizes, zip(*made, strict=True)))
+            joined = self._nodes(faces, sizes[0])
             self._changed[...] = False
-            self._joined = self._nodes()
+            self._faces, self._joined = faces, joined
         return self._joined
 
-    def _read(self, tile: int, own: Ints) -> tuple[Nodes, Nodes]:
-        """The faces of blocks of a tile, and the pairs of components that meet there."""
+    def _parts(self, own: Ints) -> list[Ints]:
+        """Blocks in parts for a thread each; those of a part lie together, where there are more than a few."""
+        if len(own) <= min(TASK, self._changed.size // 2):
+            return np.array_split(own, max(1, min(cores(), len(own) // LEAST)))
+        slices, strip, each = len(self._changed), self._changed.shape[3], self._changed[0].size
+        tall = max(TALL, TASK // each)
+        wide = max(1, TASK // min(tall, slices) // strip) * strip
+        tiles = own // each // tall * each + own % each // wide
+        order = np.argsort(tiles, kind="stable")
+        return np.split(own[order], np.flatnonzero(np.diff(tiles[order])) + 1)
+
+    def _read(self, own: Ints) -> Faces:
+        """The faces of blocks, where they or those beside them have changed."""
         others, changed = self._beside(own), self._changed.reshape(-1)
         n, face = np.nonzero((others >= 0) & (changed[own][:, None] | changed[others]))
         both = np.stack([own[n], others[n, face]])
@@ -574,13 +654,8 @@ class Components:
         sizes, pairs = np.empty(len(local), np.int32), np.empty(labels.counts[local[:, :2]].sum(), np.int32)
         pairs = pairs[: meet_blocks(labels, self._blocks.shifts, local, np.empty(2 * MOST, np.int32), sizes, pairs)]
         layers = np.hstack([KINDS * both + kind for kind in range(KINDS)])[:, meet]
-        faces = np.stack([*layers, np.tile(groups, KINDS)[meet], sizes], axis=1)[sizes > 0].astype(np.int32)
-        if tile in self._faces:
-            known, joined = self._faces[tile]
-            keep = ~changed[known[:, :2] // KINDS].any(axis=1)
-            faces = np.concatenate([known[keep], faces])
-            pairs = np.concatenate([joined[np.repeat(keep, known[:, 3])], pairs])
-        return faces, pairs.copy()
+        rows = np.stack([*layers, np.tile(groups, KINDS)[meet], sizes], axis=1)[sizes > 0].astype(np.int32)
+        return Faces(rows, pairs.copy())
 
     def _beside(self, own: Ints) -> Ints:
         """The block that follows each of some along each axis, and those in its place in later slices; -1 fills up."""
@@ -613,16 +688,29 @@ class Components:
         label_blocks(self._blocks, corners, labels, words, room)
         return labels
 
-    def _nodes(self) -> Joined:
-        """Join the components of blocks over the whole map."""
+    def _nodes(self, faces: Faces, fresh: int) -> Joined:
+        """Join the components of blocks over the whole map; faces are as they are now from number ``fresh`` on."""
         turns, per = self._turns, KINDS * self._changed[0].size
         base = np.append(np.int32(0), np.cumsum(self._counts, dtype=np.int32))
         begins = base[::per].astype(np.int64)
         ends = np.cumsum(np.diff(begins)[turns.slice_of])
         starts = np.append(0, ends[:-1]) - begins[turns.slice_of]
         roots = np.arange(ends[-1], dtype=np.int32)
-        for faces, pairs in self._faces.values():
-            join_nodes(roots, base, faces, pairs, starts[turns.uses], turns.ends)
-        while ((over := roots[roots]) != roots).any():
-            roots = over
+        uses, changed = starts[turns.uses], self._changed.reshape(-1)
+        self._struck = join_nodes(roots, base, faces, fresh, changed, uses, turns.ends)
         return Joined(base, np.stack([starts, turns.slice_of], axis=1)[turns.copy_of], roots)
+
+
+def _followed(array: Nodes, kept: int, parts: Sequence[Nodes]) -> Nodes:
+    """The first rows of an array and, behind them, others; in its own memory, where there is room."""
+    size = kept + sum(map(len, parts))
+    if size == len(parts[0]):
+        return parts[0]
+    room = array if array.base is None else array.base
+    if size > len(room):
+        room = np.empty((size + size // 8, *array.shape[1:]), dtype=array.dtype)
+        room[:kept] = array[:kept]
+    for part in parts:
+        room[kept : kept + len(part)] = part
+        kept += len(part)
+    return room[:size]

@@ -12,6 +12,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from llvmlite import ir
 from numba import types
+from numba.core import cgutils
 from numba.extending import intrinsic, overload
 from numpy.typing import DTypeLike, NDArray
 
@@ -97,6 +98,25 @@ def _load(context: Any, cells: Any, number: Any) -> Any:
 load: Any = intrinsic(_load)
 
 
+def _fetch(context: Any, cells: Any, number: Any) -> Any:
+    """Have the memory around a byte of an array come near, for it is read soon; it need not lie in the array."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+        octet, whole = ir.IntType(8).as_pointer(), ir.IntType(32)
+        kind = ir.FunctionType(ir.VoidType(), [octet, whole, whole, whole])
+        prefetch = declare(builder.module, kind, "llvm.prefetch.p0i8")
+        # To be read, into the caches of this core, as data.
+        builder.call(prefetch, [builder.gep(data, [arguments[1]]), whole(0), whole(3), whole(1)])
+        return context.get_dummy_value()
+
+    return types.void(cells, types.int64), generate
+
+
+declare: Any = cgutils.get_or_insert_function
+fetch: Any = intrinsic(_fetch)
+
+
 @inner(forceinline=True)
 def word_at(packed: Bytes, number: int) -> np.uint64:
     """The word that begins with a cell, of which the last three may be missing."""
@@ -131,9 +151,22 @@ def state_in(cells: Cells, number: int) -> int:
     raise NotImplementedError
 
 
+def expect(cells: Cells, number: int) -> None:
+    """Have what surrounds a cell come near, for it is read soon; it need not be in the map."""
+    raise NotImplementedError
+
+
 def row_in(cells: Cells, number: int, count: int) -> Halves:
     """Which of up to 64 cells from one on are not FREE, and which are BLOCKED, by bits; those beyond are set."""
     raise NotImplementedError
+
+
+def _byte_soon(cells: Bytes, number: int) -> None:
+    fetch(cells, number)
+
+
+def _bits_soon(cells: TwoBits, number: int) -> None:
+    fetch(cells.packed, number >> 2)
 
 
 def _byte_in(cells: Bytes, number: int) -> int:
@@ -171,8 +204,24 @@ def _tiled_in(cells: TileCells, number: int) -> int:
     return int((np.uint64(cells.packed[place >> _TWO]) >> (_TWO * (place & _THREE))) & _THREE)
 
 
+@inner(forceinline=True)
+def flipped(word: np.uint64) -> np.uint64:
+    """The bits of eight bytes, bit i of byte k as bit k of byte i (Warren, Hacker's Delight, 2012)."""
+    for shift, mask in ((7, 0x00AA00AA00AA00AA), (14, 0x0000CCCC0000CCCC), (28, 0x00000000F0F0F0F0)):
+        swap = (word ^ (word >> np.uint64(shift))) & np.uint64(mask)
+        word ^= swap ^ (swap << np.uint64(shift))
+    return word
+
+
 def _row_of_bytes(cells: Bytes, number: int, count: int) -> Halves:
     taken, blocked = np.uint64(0), np.uint64(0)
+    if count == 64:  # for which the compiler takes all bytes at once
+        for k in range(8):
+            word = load(cells, number + 8 * k)
+            above = word >> _ONE  # BLOCKED has the second bit, and MIXED the first
+            taken |= ((word | above) & _ONES) << np.uint64(k)
+            blocked |= (above & _ONES) << np.uint64(k)
+        return flipped(taken), flipped(blocked)
     for first in range(0, count, 8):
         word, place = np.uint64(0), np.uint64(first)
         if first + 8 <= count:
@@ -219,6 +268,7 @@ def _register(function: Any, bytes_: Any, bits: Any, tiles: Any = None) -> None:
 
 _register(state_in, _byte_in, _bits_in, _tiled_in)
 _register(row_in, _row_of_bytes, _row_of_bits)
+_register(expect, _byte_soon, _bits_soon)
 
 
 # ---- packing ---------------------------------------------------------------------------------------------------------
