@@ -417,13 +417,14 @@ class CSpace(ConfigurationMap):
     def free_path(self, q0: ArrayLike, q1: ArrayLike, *, straight: bool = True) -> Floats:
         """A collision-free path, proven all along, found by the map itself: from cube to cube of FREE cells.
 
-        There is one wherever FREE cells join the two without a turn, and so, for robots that only translate, wherever
-        :meth:`path_exists` is True. It is the same every time, and not the shortest.
+        There is one wherever FREE cells join the two, that is, where :meth:`path_exists` is True without going beyond
+        the grid. It turns the robot on the spot, and only where it must. It is the same every time, and not the
+        shortest.
 
         Parameters
         ----------
         q0, q1 : array-like, shape (dof,)
-            FREE configurations in the grid, of the same rotation.
+            FREE configurations in the grid.
         straight : bool
             Whether to leave out what the straight edges do not need.
 
@@ -438,25 +439,29 @@ class CSpace(ConfigurationMap):
         ConfigurationError
             If a configuration is not FREE, or not in the grid.
         InputError
-            If the two are turned differently, or a configuration is not one of finite numbers.
+            If a configuration is not one of finite numbers.
         """
         from cspace.map.free_path import cube_path, pulled_straight
 
         ends = [self._one_free(q, name) for q, name in ((q0, "q0"), (q1, "q1"))]
-        dim = self.grid.dim
-        if self.rotations.steps(*ends)[dim:].any():
-            rule = "the robot does not turn along such a path"
-            raise InputError("q1", f"is turned otherwise than {q0!r}", rule, "use a planner that turns it", value=q1)
-        (number, *first), (_, *last) = (self._cells_of(q) for q in ends)
-        cells = cube_path(self._seen[self._slice_of[number]], np.array(first), np.array(last))
+        dim, (first, last) = self.grid.dim, (self._cells_of(q) for q in ends)
+        still, neighbors = not self.rotations.steps(*ends)[dim:].any(), self.rotations.neighbors
+        cells = np.empty((0, 1 + dim), dtype=np.int64)
+        if still:
+            cells = cube_path(self._seen, self._slice_of, neighbors[:, :0], first, last)
+        turning = not len(cells) and neighbors.shape[1] > 0
+        if turning:
+            cells = cube_path(self._seen, self._slice_of, neighbors, first, last)
         if not len(cells):
             return np.empty((0, self.dof))
-        path = np.repeat(ends[0][None], len(cells) + 2, axis=0)
-        # The rotation stays as q0 tells it, where q1 tells the same in other numbers.
-        path[1:-1, :dim], path[-1, :dim] = self.grid.center_of(cells), ends[1][:dim]
+        # Where it does not turn, the rotation stays as q0 tells it, also if q1 tells the same in other numbers.
+        last_turn = ends[1][dim:] if turning else ends[0][dim:]
+        turns = self.rotations.centers[cells[:, 0]] if turning else np.repeat(last_turn[None], len(cells), axis=0)
+        middles = np.concatenate([self.grid.center_of(cells[:, 1:]), turns], axis=1)
+        path = np.vstack([ends[0], middles, [*ends[1][:dim], *last_turn]])
         if not self.certify_path(path).all():
             return np.empty((0, self.dof))
-        return pulled_straight(path, self.edge_checker(), 2.0 * self.grid.spacing) if straight else path
+        return pulled_straight(path, dim, self.edge_checker(), 2.0 * self.grid.spacing) if straight else path
 
     # ---- the set of FREE configurations ------------------------------------------------------------------------------
 

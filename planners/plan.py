@@ -103,8 +103,8 @@ def plan(
         but RRT for Dubins curves: RRTConnect's tree at the goal grows by curves that leave the goal, where a car that
         cannot reverse needs those that arrive, so it often fails among obstacles. Planners that take edges from their
         ends are refused for Dubins curves, and for "differential" get edges that are free both ways. Or "Cubes", which
-        is the map's own search, :meth:`cspace.CSpace.free_path`: it moves the robot to any side without turning it,
-        finds a path in milliseconds wherever FREE cells join start and goal so, and the same one every time.
+        is the map's own search, :meth:`cspace.CSpace.free_path`: it moves the robot to any side and turns it on the
+        spot, finds a path in milliseconds wherever FREE cells join start and goal, and the same one every time.
     time_limit : float
         Seconds after which the search gives up. Where it uses them up, a tenth of a second more goes to simplification.
     iterations : int, optional
@@ -174,7 +174,7 @@ def plan(
     limit = positive(time_limit, "time_limit", "seconds")
     ends = _endpoint(space, start, "start", exact), _endpoint(space, goal, "goal", exact)
     if name == CUBES:
-        _check_cubes(space, ends, objective=objective, exact=exact, drive=drive, iterations=iterations)
+        _check_cubes(objective=objective, exact=exact, drive=drive, iterations=iterations)
     exists: bool | None = space.path_exists(*ends)
     found = _found(search, edges, ends, exists, limit)
     searched = time.perf_counter()
@@ -297,7 +297,7 @@ def _status(found: Found, search: Search, edges: LocalPlanner, exists: bool | No
         more += [*(["a smaller turning_radius"] if edges.drive in CURVES else []), "another planner"]
     else:
         known = "a path exists"
-        more += ["another planner" if turning else "planner='Cubes'"]
+        more += ["planner='Cubes'"]
     if search.planner == CUBES:
         # It has looked everywhere that it can, and asks no geometry.
         more = ["planner='RRTConnect'" + " with exact=True" * (exists is None), finer]
@@ -335,16 +335,13 @@ def _objective(
     return lambda si: kind(si, space, drive=drive, turning_radius=turning_radius)
 
 
-def _check_cubes(space: CSpace, ends: tuple[Configuration, Configuration], **options: object) -> None:
+def _check_cubes(**options: object) -> None:
     """Refuse what the map's own search cannot do."""
     for name, value in options.items():
         if value not in (None, False, "length", HOLONOMIC):
             found = f"is {value!r} and planner is {CUBES!r}"
             rule = f"{CUBES} joins FREE cells along straight edges, to any side, by length, in one go"
             raise InputError(name, found, rule, f"leave {name} out, or use planner='RRTConnect'", value=value)
-    if space.rotations.steps(*np.array(ends))[space.grid.dim :].any():
-        rule = f"{CUBES} moves the robot without turning it"
-        raise InputError("goal", "is turned otherwise than the start", rule, "use planner='RRTConnect'", value=ends[1])
 
 
 def _iterations(value: int | None, planner: str) -> int | None:

@@ -5,17 +5,17 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.compiling import jit
+from cspace.compiling import inner, jit, reader
+from cspace.map.storage import Cells, Stack, cells_of, state_in
 from cspace.states import FREE
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-States = NDArray[np.uint8]
 Check = Callable[..., bool]
 
 LARGEST: Final = 8
@@ -23,6 +23,9 @@ LARGEST: Final = 8
 
 ROUNDS: Final = 2
 """How often a path is pulled straight, from either end."""
+
+TURN = 4.0
+"""Cells of way that a turn into the next rotation cell counts as: straight on is tried first."""
 
 UNSEEN, QUEUED, DONE = 0, 1, 2
 
@@ -36,20 +39,40 @@ LISTS = 40.0
 # ---- the search ------------------------------------------------------------------------------------------------------
 
 
-@jit
-def _is_run_free(state: States, i: int, j: int, first: int, last: int, step: int) -> bool:
+class Field(NamedTuple):
+    """The states of a map along three axes, and the rotation cells that the robot may turn through.
+
+    Attributes
+    ----------
+    cells : ndarray of uint8, shape (n,), or TwoBits
+        States of all slices in a row.
+    shape : tuple of int, length 3
+        Of a slice; in the plane the last one is 1.
+    slice_of : ndarray of int64, shape (rotations,)
+    neighbors : ndarray of int64, shape (rotations, n)
+        The rotation cells that each one shares a border with; -1 fills up.
+    """
+
+    cells: Cells
+    shape: tuple[int, int, int]
+    slice_of: Ints
+    neighbors: Ints
+
+
+@inner
+def _is_run_free(cells: Cells, first: int, last: int, step: int) -> bool:
     # numba compiles no all() of a generator.
     for k in range(first, last + 1, step):  # noqa: SIM110
-        if state[i, j, k] != FREE:
+        if state_in(cells, k) != FREE:
             return False
     return True
 
 
-@jit
-def _is_shell_free(state: States, i: int, j: int, k: int, r: int) -> bool:
+@inner
+def _is_shell_free(field: Field, start: int, at: tuple[int, int, int], r: int) -> bool:
     """Whether the cells at a distance of exactly r along some axis, and at most r along the others, are FREE."""
-    nx, ny, nz = state.shape
-    flat = state.shape[2] == 1
+    (nx, ny, nz), (i, j, k) = field.shape, at
+    flat = nz == 1
     rz = 0 if flat else r
     if i < r or j < r or k < rz or i + r >= nx or j + r >= ny or k + rz >= nz:
         return False
@@ -58,51 +81,56 @@ def _is_shell_free(state: States, i: int, j: int, k: int, r: int) -> bool:
             whole = flat or abs(a - i) == r or abs(b - j) == r
             if flat and abs(a - i) < r and abs(b - j) < r:
                 continue
-            if not _is_run_free(state, a, b, k - rz, k + rz, 1 if whole else 2 * r):
+            middle = start + (a * ny + b) * nz + k
+            if not _is_run_free(field.cells, middle - rz, middle + rz, 1 if whole else 2 * r):
                 return False
     return True
 
 
-@jit
-def free_radius(state: States, i: int, j: int, k: int, most: int) -> int:
+@reader
+def free_radius(field: Field, turn: int, at: tuple[int, int, int], most: int) -> int:
     """Largest r, at most ``most``, for which all cells within r of a FREE cell along each axis are FREE."""
-    r = 0
-    while r < most and _is_shell_free(state, i, j, k, r + 1):
+    start, r = field.slice_of[turn] * (field.shape[0] * field.shape[1] * field.shape[2]), 0
+    while r < most and _is_shell_free(field, start, at, r + 1):
         r += 1
     return r
 
 
 @jit
-def trace_cubes(state: States, start: Ints, goal: Ints, most: int) -> Ints:
+def trace_cubes(field: Field, first: Ints, last: Ints, most: int) -> Ints:
     """Middles of cubes of FREE cells, each in the cube before it, from a cell to one whose cube holds another cell.
 
-    Of a single layer of cells, as in the plane, the cubes are squares.
-
-    Cells wait by the length of the way to them, from middle to middle, and :data:`GREED` times the distance to the
-    goal; all that is joined to the start is looked at before the search gives up.
+    Of a single layer of cells, as in the plane, the cubes are squares. A cube has one rotation, and from each of its
+    cells the search turns on the spot into the neighbouring ones. Cells wait by the length of the way to them, from
+    middle to middle, and :data:`GREED` times the distance to the goal; all that is joined to the start is looked at
+    before the search gives up.
 
     Parameters
     ----------
-    state : ndarray of uint8, shape (nx, ny, nz)
-    start, goal : ndarray of int64, shape (3,)
-        FREE cells.
+    field : Field
+    first, last : ndarray of int64, shape (4,)
+        FREE cells ``(rotation, x, y, z)``.
     most : int
         Largest distance, in cells, from the middle of a cube to its sides.
 
     Returns
     -------
-    ndarray of int64, shape (n, 3)
-        Of length 0 where there is no such path.
+    ndarray of int64, shape (n, 4)
+        Of length 0 where there is no such path. Where the rotation changes, it does in the place of the later cell,
+        which lies in the cube of the one before.
     """
-    nx, ny, nz = state.shape
-    seen = np.zeros(state.shape, np.uint8)
+    nx, ny, nz = field.shape
+    volume, goal = nx * ny * nz, (last[1], last[2], last[3])
+    seen = np.zeros(len(field.slice_of) * volume, np.uint8)
     # What waits, in lists by its rounded cost; a list that is not empty has its first entry in ``heads``.
     heads = np.full(int(LISTS * math.sqrt(float(nx * nx + ny * ny + nz * nz))) + 8, -1, np.int64)
     size, room = 0, 1024
     after, cell, parent = np.empty(room, np.int64), np.empty(room, np.int64), np.empty(room, np.int64)
     nodes, came, far = np.empty((256, 3), np.int64), np.empty(256, np.int64), np.empty(256)
+    turns = np.empty(256, np.int64)
     count, lowest = 0, 0
-    after[0], cell[0], parent[0] = -1, (start[0] * ny + start[1]) * nz + start[2], -1
+    after[0], parent[0] = -1, -1
+    cell[0] = ((first[0] * nx + first[1]) * ny + first[2]) * nz + first[3]
     size, heads[0] = 1, 0
     while lowest < len(heads):
         entry = heads[lowest]
@@ -110,102 +138,127 @@ def trace_cubes(state: States, start: Ints, goal: Ints, most: int) -> Ints:
             lowest += 1
             continue
         heads[lowest] = after[entry]
-        k = cell[entry] % nz
+        turn, k = cell[entry] // volume, cell[entry] % nz
         j = cell[entry] // nz % ny
-        i = cell[entry] // nz // ny
-        if seen[i, j, k] == DONE:
+        i = cell[entry] // nz // ny % nx
+        if seen[cell[entry]] == DONE:
             continue
         if count == len(came):
-            nodes = np.concatenate((nodes, np.empty_like(nodes)))
+            nodes, turns = np.concatenate((nodes, np.empty_like(nodes))), np.concatenate((turns, np.empty_like(turns)))
             came, far = np.concatenate((came, np.empty_like(came))), np.concatenate((far, np.empty_like(far)))
         node, before = count, parent[entry]
         count += 1
-        nodes[node, 0], nodes[node, 1], nodes[node, 2] = i, j, k
+        nodes[node, 0], nodes[node, 1], nodes[node, 2], turns[node] = i, j, k, turn
         came[node], far[node] = before, 0.0
         if before >= 0:
             u, v, w = i - nodes[before, 0], j - nodes[before, 1], k - nodes[before, 2]
             far[node] = far[before] + math.sqrt(float(u * u + v * v + w * w))
-        r = free_radius(state, i, j, k, most)
-        if max(abs(goal[0] - i), abs(goal[1] - j), abs(goal[2] - k)) <= r:
+            far[node] += TURN * (turn != turns[before])
+        r = free_radius(field, turn, (i, j, k), most)
+        if turn == last[0] and max(abs(goal[0] - i), abs(goal[1] - j), abs(goal[2] - k)) <= r:
             length = 0
             step = node
             while step >= 0:
                 length, step = length + 1, came[step]
-            path = np.empty((length, 3), np.int64)
+            path = np.empty((length, 4), np.int64)
             step = node
             while step >= 0:
                 length -= 1
-                path[length] = nodes[step]
+                path[length, 0] = turns[step]
+                for axis in range(3):
+                    path[length, 1 + axis] = nodes[step, axis]
                 step = came[step]
             return path
-        # Inside the cube nothing is left to be found; on its sides, or beside a lone cell, the search goes on.
+        # Inside the cube nothing is left but turns; on its sides, or beside a lone cell, the search goes on.
         reach = max(r, 1)
         rz = 0 if nz == 1 else reach
         for a in range(max(i - reach, 0), min(i + reach, nx - 1) + 1):
             for b in range(max(j - reach, 0), min(j + reach, ny - 1) + 1):
+                row = (a * ny + b) * nz
                 for c in range(max(k - rz, 0), min(k + rz, nz - 1) + 1):
-                    if seen[a, b, c] == DONE:
+                    if seen[turn * volume + row + c] == DONE:
                         continue
                     u, v, w = abs(a - i), abs(b - j), abs(c - k)
+                    inside = r > 0 or u + v + w == 0
+                    if not inside and u + v + w > 1:
+                        continue
                     if max(u, v, w) < r or u + v + w == 0:
-                        seen[a, b, c] = DONE
-                        continue
-                    if seen[a, b, c] != UNSEEN or (r == 0 and (u + v + w != 1 or state[a, b, c] != FREE)):
-                        continue
-                    seen[a, b, c] = QUEUED
-                    if size == room:
-                        room *= 2
-                        after = np.concatenate((after, np.empty_like(after)))
-                        cell = np.concatenate((cell, np.empty_like(cell)))
-                        parent = np.concatenate((parent, np.empty_like(parent)))
-                    gx, gy, gz = float(goal[0] - a), float(goal[1] - b), float(goal[2] - c)
-                    cost = far[node] + math.sqrt(float(u * u + v * v + w * w))
-                    cost += GREED * math.sqrt(gx * gx + gy * gy + gz * gz)
-                    bucket = min(int(cost), len(heads) - 1)
-                    after[size], cell[size], parent[size] = heads[bucket], (a * ny + b) * nz + c, node
-                    heads[bucket] = size
-                    lowest = min(lowest, bucket)
-                    size += 1
-    return np.empty((0, 3), np.int64)
+                        seen[turn * volume + row + c] = DONE
+                    for way in range(-1, field.neighbors.shape[1] if inside else 0):
+                        there = turn if way < 0 else field.neighbors[turn, way]
+                        number = there * volume + row + c
+                        if there < 0 or seen[number] != UNSEEN:
+                            continue
+                        if (way >= 0 or not inside) and state_in(
+                            field.cells, field.slice_of[there] * volume + row + c
+                        ) != FREE:
+                            continue
+                        seen[number] = QUEUED
+                        if size == room:
+                            room *= 2
+                            after = np.concatenate((after, np.empty_like(after)))
+                            cell = np.concatenate((cell, np.empty_like(cell)))
+                            parent = np.concatenate((parent, np.empty_like(parent)))
+                        gx, gy, gz = float(goal[0] - a), float(goal[1] - b), float(goal[2] - c)
+                        cost = far[node] + math.sqrt(float(u * u + v * v + w * w)) + TURN * (way >= 0)
+                        cost += GREED * math.sqrt(gx * gx + gy * gy + gz * gz)
+                        bucket = min(int(cost), len(heads) - 1)
+                        after[size], cell[size], parent[size] = heads[bucket], number, node
+                        heads[bucket] = size
+                        lowest = min(lowest, bucket)
+                        size += 1
+    return np.empty((0, 4), np.int64)
 
 
 # ---- paths -----------------------------------------------------------------------------------------------------------
 
 
-def cube_path(state: NDArray[np.uint8], start: NDArray[np.int64], goal: NDArray[np.int64]) -> NDArray[np.int64]:
+def cube_path(states: Stack, slice_of: Ints, neighbors: Ints, start: Ints, goal: Ints) -> Ints:
     """A chain of FREE cells from one to another, the straight edge from each to the next touching none but FREE ones.
 
     Every cell of the chain lies in the largest cube of FREE cells around the one before it, as far as such cubes are
-    looked at, so that both middles and the edge between them lie inside that cube, or the two share a side. The search
-    prefers the direction of the goal, finds a path wherever there is one, and the same one every time.
+    looked at, so that both middles and the edge between them lie inside that cube, or the two share a side; or it has
+    the place of the one before it, in a neighbouring rotation cell. The search prefers the direction of the goal, finds
+    a path wherever there is one, and the same one every time.
 
     Parameters
     ----------
-    state : ndarray of uint8, shape (nx, ny) or (nx, ny, nz)
-    start, goal : ndarray of int64, shape (d,)
-        FREE cells.
+    states : ndarray of uint8, or PackedStates, shape (slices, nx, ny) or (slices, nx, ny, nz)
+        Read-only.
+    slice_of : ndarray of int64, shape (rotations,)
+    neighbors : ndarray of int64, shape (rotations, n)
+        The rotation cells into which each one may be left; none, where n is 0.
+    start, goal : ndarray of int64, shape (1 + d,)
+        FREE cells ``(rotation, x, y)`` or ``(rotation, x, y, z)``.
 
     Returns
     -------
-    ndarray of int64, shape (n, d)
+    ndarray of int64, shape (n, 1 + d)
         From start to goal; of length 0 where no chain of FREE cells joins them.
     """
-    dim = state.ndim
-    layered = state.reshape(*state.shape, *[1] * (3 - dim))
+    dim = states.ndim - 1
+    nx, ny, nz = (*states.shape[1:], *[1] * (3 - dim))
     first, last = (np.pad(cell, (0, 3 - dim)) for cell in (start, goal))
-    middles = trace_cubes(layered, first, last, LARGEST)[:, :dim]
-    if not len(middles) or (middles[-1] == goal).all():
+    field = Field(cells_of(states), (nx, ny, nz), slice_of, neighbors)
+    middles = trace_cubes(field, first, last, LARGEST)[:, : 1 + dim]
+    if not len(middles):
         return np.asarray(middles)
-    return np.vstack([middles, goal])
+    # Where the robot turns, it first goes there as it is turned.
+    turns = np.flatnonzero(middles[1:, 0] != middles[:-1, 0])
+    between = np.column_stack([middles[turns, :1], middles[turns + 1, 1:]])
+    cells = np.vstack([np.insert(middles, turns + 1, between, axis=0), goal])
+    return cells[np.append(True, (cells[1:] != cells[:-1]).any(axis=1))]
 
 
-def pulled_straight(points: Floats, check: Check, step: float) -> Floats:
+def pulled_straight(points: Floats, dim: int, check: Check, step: float) -> Floats:
     """A shorter path with the same ends, by leaving out points between which the straight edge is free.
 
     Parameters
     ----------
-    points : ndarray, shape (n, d)
+    points : ndarray, shape (n, dof)
         A path, each edge of which is free.
+    dim : int
+        How many of the numbers of a configuration are its position.
     check : callable
         Whether the straight edge between two configurations, given by their numbers, is free.
     step : float
@@ -213,7 +266,7 @@ def pulled_straight(points: Floats, check: Check, step: float) -> Floats:
 
     Returns
     -------
-    ndarray, shape (m, d)
+    ndarray, shape (m, dof)
     """
     dof = points.shape[1]
 
@@ -222,7 +275,7 @@ def pulled_straight(points: Floats, check: Check, step: float) -> Floats:
 
     path = points
     for number in range(ROUNDS):
-        path = _dense(path, step, check) if number else path
+        path = _dense(path, dim, step, check) if number else path
         path = _pulled(_pulled(path, check)[::-1], backwards)[::-1]
     return np.ascontiguousarray(path)
 
@@ -252,10 +305,13 @@ def _pulled(points: Floats, check: Check) -> Floats:
     return points[kept]
 
 
-def _dense(points: Floats, step: float, check: Check) -> Floats:
-    """The path with points on its edges, but for edges of which rounding would make pieces that are not proven."""
+def _dense(points: Floats, dim: int, step: float, check: Check) -> Floats:
+    """The path with points on edges that do not turn, unless rounding would make pieces of them that are not proven."""
     rows = [points[:1]]
     for a, b in itertools.pairwise(points):
+        if (a[dim:] != b[dim:]).any():
+            rows.append(b[None])
+            continue
         number = max(1, int(np.linalg.norm(b - a) / step))
         pieces = a + np.arange(1, number + 1)[:, None] / number * (b - a)
         pieces[-1] = b

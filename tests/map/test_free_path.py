@@ -11,8 +11,8 @@ from hypothesis.extra import numpy as hnp
 
 import handmade
 from cspace import BLOCKED, FREE, MIXED, ConfigurationError, InputError, Rotations
-from cspace.map.free_path import cube_path, free_radius, pulled_straight
-from cspace.map.storage import read_only
+from cspace.map.free_path import Field, cube_path, free_radius, pulled_straight
+from cspace.map.storage import cells_of, read_only
 from handmade import map_of
 from strategies import seeds
 
@@ -25,31 +25,35 @@ def states(dims=(2, 3), side=9):
 @settings(max_examples=60)
 @given(seeds, st.sampled_from(handmade.KINDS))
 def test_a_path_is_found_wherever_free_cells_join_two(seed, kind):
-    """Among cells of one rotation, of which a quaternion tells with either sign."""
+    """Of which it turns none where it need not; a quaternion tells of a rotation with either sign."""
     rng = np.random.default_rng(seed)
     states = handmade.random_states(rng, kind, 9, (FREE, FREE, FREE, MIXED, BLOCKED))
     free = np.argwhere(states == FREE)
     if not len(free):
         return
-    turn = rng.choice(free)[0]
-    space, numbers = handmade.made(states, kind, "blocked"), handmade.components(states[turn][None] == FREE)
-    cells = rng.choice(free[free[:, 0] == turn], 2)
-    joined = np.ptp(numbers[(0, *cells[:, 1:].T)]) == 0
+    space, numbers = handmade.made(states, kind, "blocked"), handmade.components(states == FREE, kind)
+    cells = rng.choice(free if rng.random() < 0.5 else free[free[:, 0] == rng.choice(free)[0]], 2)
     q0, q1 = handmade.middles(space, cells)
     for q in (q0, q1):
         q[: space.grid.dim] += space.grid.spacing * rng.uniform(-0.4, 0.4, space.grid.dim)
         q[space.grid.dim :] *= rng.choice([-1.0, 1.0]) if space.rotations.dof == 4 else 1.0
+    alone = handmade.components(states[cells[0, 0]][None] == FREE)
+    still = cells[0, 0] == cells[1, 0] and np.ptp(alone[(0, *cells[:, 1:].T)]) == 0
+    joined = np.ptp(numbers[tuple(cells.T)]) == 0
     for straight in (False, True):
         path = space.free_path(q0, q1, straight=straight)
         assert (len(path) > 0) == joined
         if joined:
-            assert (path[0] == q0).all() and (path[-1] == [*q1[: space.grid.dim], *q0[space.grid.dim :]]).all()
+            turn = q0 if still else q1
+            assert (path[0] == q0).all() and (path[-1] == [*q1[: space.grid.dim], *turn[space.grid.dim :]]).all()
+            assert not still or (path[:, space.grid.dim :] == q0[space.grid.dim :]).all()
             assert space.motion_is_free(path[:-1], path[1:]).all()
-            along = np.linspace(path[:-1], path[1:], 99, axis=1)[..., : space.grid.dim]
-            turned = np.broadcast_to(q0[space.grid.dim :], (*along.shape[:2], space.rotations.dof))
-            assert space.is_free(np.concatenate([along, turned], axis=2)).all()
+            steps = space.rotations.steps(path[:-1], path[1:])
+            for share in np.linspace(0.0, 1.0, 50):
+                assert space.is_free(space.rotations.moved(path[:-1], share * steps)).all()
     rough, smooth = space.free_path(q0, q1, straight=False), space.free_path(q0, q1)
-    assert length(smooth[:, : space.grid.dim]) <= length(rough[:, : space.grid.dim]) * (1 + 1e-12)
+    if still:
+        assert length(smooth[:, : space.grid.dim]) <= length(rough[:, : space.grid.dim]) * (1 + 1e-12)
     assert (space.free_path(q0, q1) == smooth).all()
 
 
@@ -64,7 +68,8 @@ def test_consecutive_cells_share_a_cube_or_a_side(state, random):
     if not len(free):
         return
     first, last = (free[random.randrange(len(free))] for _ in range(2))
-    cells = cube_path(read_only(state), first, last)
+    still = np.zeros(1, dtype=np.int64), np.zeros((1, 0), dtype=np.int64)
+    cells = cube_path(read_only(state[None]), *still, np.append(0, first), np.append(0, last))[:, 1:]
     for a, b in itertools.pairwise(cells):
         reach = int(np.abs(a - b).max())
         low = a - reach
@@ -81,14 +86,17 @@ def test_radius_of_the_largest_free_cube(state, random):
     if not len(free):
         return
     cell = free[random.randrange(len(free))]
-    layered = read_only(state).reshape(*state.shape, *[1] * (3 - state.ndim))
-    i, j, k = np.pad(cell, (0, 3 - state.ndim)).tolist()
+    shape = (*state.shape, *[1] * (3 - state.ndim))
+    field = Field(
+        cells_of(read_only(state[None])), shape, np.zeros(1, dtype=np.int64), np.zeros((1, 0), dtype=np.int64)
+    )
+    at = tuple(np.pad(cell, (0, 3 - state.ndim)).tolist())
     padded = np.pad(state, 8, constant_values=BLOCKED)
     wanted = next(
         r - 1 for r in itertools.count(1) if (padded[tuple(slice(c + 8 - r, c + 9 + r) for c in cell)] != FREE).any()
     )
-    assert free_radius(layered, i, j, k, 8) == wanted
-    assert free_radius(layered, i, j, k, 1) == min(wanted, 1)
+    assert free_radius(field, 0, at, 8) == wanted
+    assert free_radius(field, 0, at, 1) == min(wanted, 1)
 
 
 def test_a_maze_is_solved_and_pulled_straight():
@@ -106,11 +114,11 @@ def test_a_maze_is_solved_and_pulled_straight():
 
 def test_pulling_keeps_the_ends_and_never_lengthens():
     turns = np.array([(0.0, 0.0), (0.0, 3.0), (4.0, 3.0), (4.0, 0.0)])
-    whole = pulled_straight(turns, lambda *q: True, 0.5)
+    whole = pulled_straight(turns, 2, lambda *q: True, 0.5)
     assert whole.tolist() == [[0.0, 0.0], [4.0, 0.0]]
     steps = {tuple(p) for p in turns.tolist()}
     kept = pulled_straight(
-        turns, lambda a, b, c, d: math.dist((a, b), (c, d)) <= 4.0 and {(a, b), (c, d)} <= steps, 9.0
+        turns, 2, lambda a, b, c, d: math.dist((a, b), (c, d)) <= 4.0 and {(a, b), (c, d)} <= steps, 9.0
     )
     assert kept.tolist() in ([[0.0, 0.0], [4.0, 0.0]], turns.tolist())
 
@@ -129,8 +137,8 @@ def test_what_is_refused():
         space.free_path((0.5, 0.5), (0.5, 1.5))
     with pytest.raises(ConfigurationError, match="q0"):
         space.free_path((-3.0, 0.5), (0.5, 0.5))
-    with pytest.raises(InputError, match="turned otherwise"):
-        map_of(np.zeros((4, 3, 3)), 4, "blocked").free_path((0.1, 0.1, 0.0), (0.5, 0.5, 0.1))
+    with pytest.raises(InputError, match="q1"):
+        space.free_path((0.5, 0.5), (np.nan, 1.5))
 
 
 @pytest.mark.parametrize(
