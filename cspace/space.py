@@ -767,7 +767,8 @@ class CSpace(ConfigurationMap):
         """Write for other programs, by suffix; see :func:`cspace.io.writing.export`.
 
         ``.npz``; in the plane ``.yaml``, a ROS map; ``.vti`` for ParaView; in space ``.ply``, ``.obj`` and ``.stl``,
-        the border of the FREE cells. What holds one slice needs, of a robot that turns, its ``rotation``.
+        the border of the FREE cells. What holds one slice needs, of a robot that turns, its ``rotation``; ``.vti``
+        holds that one or all of them.
         """
         from cspace.io.writing import export
 

@@ -48,7 +48,11 @@ _SLAB: Final = 2**24
 
 
 def write_vti(
-    arrays: Mapping[str, NDArray[Any]], grid: Grid, path: str | os.PathLike[str], overwrite: bool = False
+    arrays: Mapping[str, NDArray[Any]],
+    grid: Grid,
+    path: str | os.PathLike[str],
+    overwrite: bool = False,
+    about: Mapping[str, Floats] | None = None,
 ) -> None:
     """Write arrays over the cells of a grid as a ``.vti`` file.
 
@@ -61,6 +65,8 @@ def write_vti(
     grid : Grid
     path, overwrite
         As for :func:`cspace.io.output.replacing`.
+    about : mapping of str to ndarray of float64, shape (n,), optional
+        Field data: numbers about the whole.
 
     Raises
     ------
@@ -78,7 +84,9 @@ def write_vti(
                 "convert it",
             )
     with replacing(path, overwrite) as temporary, temporary.open("wb") as file:
-        file.write(_vti_header(arrays, grid).encode())
+        file.write(_vti_header(arrays, grid, about or {}).encode())
+        for numbers in (about or {}).values():
+            file.write(np.array(8 * numbers.size, dtype="<u8").tobytes() + numbers.astype("<f8").tobytes())
         for array in arrays.values():
             kind = np.dtype(_TYPES[str(array.dtype)][1])
             file.write(np.array(array.size * kind.itemsize, dtype="<u8").tobytes())
@@ -87,23 +95,32 @@ def write_vti(
         file.write(b"\n  </AppendedData>\n</VTKFile>\n")
 
 
-def _vti_header(arrays: Mapping[str, NDArray[Any]], grid: Grid) -> str:
+def _vti_header(arrays: Mapping[str, NDArray[Any]], grid: Grid, about: Mapping[str, Floats]) -> str:
     """Everything before the first array."""
     missing = 3 - grid.dim
     extent = " ".join(f"0 {count}" for count in (*grid.shape, *[0] * missing))
     origin = " ".join(map(repr, (*grid.lower, *[0.0] * missing)))
-    lines, offset = [], 0
-    for name, array in arrays.items():
-        kind, stored = _TYPES[str(array.dtype)]
-        lines.append(f'        <DataArray type="{kind}" Name={quoteattr(name)} format="appended" offset="{offset}"/>\n')
-        offset += 8 + array.size * np.dtype(stored).itemsize
+    offset = 0
+
+    def declared(parts: Mapping[str, NDArray[Any]], counted: bool) -> str:
+        nonlocal offset
+        lines = []
+        for name, array in parts.items():
+            kind, stored = _TYPES[str(array.dtype)]
+            count = f' NumberOfTuples="{array.size}"' * counted
+            place = f'{count} format="appended" offset="{offset}"'
+            lines.append(f'        <DataArray type="{kind}" Name={quoteattr(name)}{place}/>\n')
+            offset += 8 + array.size * np.dtype(stored).itemsize
+        return "".join(lines)
+
+    fields = f"      <FieldData>\n{declared(about, True)}      </FieldData>\n" if about else ""
     return (
         '<?xml version="1.0"?>\n'
         '<VTKFile type="ImageData" version="1.0" byte_order="LittleEndian" header_type="UInt64">\n'
         f'  <ImageData WholeExtent="{extent}" Origin="{origin}" '
         f'Spacing="{" ".join([repr(grid.spacing)] * 3)}">\n'
-        f'    <Piece Extent="{extent}">\n'
-        f"      <CellData Scalars={quoteattr(next(iter(arrays)))}>\n{''.join(lines)}      </CellData>\n"
+        f'{fields}    <Piece Extent="{extent}">\n'
+        f"      <CellData Scalars={quoteattr(next(iter(arrays)))}>\n{declared(arrays, False)}      </CellData>\n"
         '    </Piece>\n  </ImageData>\n  <AppendedData encoding="raw">\n   _'
     )
 

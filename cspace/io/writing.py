@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -32,29 +32,56 @@ SAVES: Final[Mapping[str, Callable[[Contents, Named, bool], None]]] = {
 """Formats that :func:`cspace.open` reads again, by suffix."""
 
 
-def _ros_map(contents: Contents, number: int, path: Named, overwrite: bool) -> None:
-    write_ros_map(contents.states[number], contents.grid, path, overwrite)
+class _Layers(Mapping[str, NDArray[Any]]):
+    """The arrays of some rotation cells of a map, each taken from its stack when it is asked for.
+
+    Those of one cell keep their names; those of several have the number of the cell behind them.
+    """
+
+    def __init__(self, contents: Contents, cells: Sequence[int]) -> None:
+        self._arrays = arrays_of(contents)
+        last = "" if len(cells) == 1 else f"_{{:0{len(str(cells[-1]))}d}}"
+        self._places: dict[str, tuple[str, int | None]] = {}
+        for name in STACKED:
+            if name in self._arrays:
+                self._places |= {name + last.format(k): (name, int(contents.slice_of[k])) for k in cells}
+        self._places |= {name: (name, None) for name in ("outer", "inner", "unknown") if name in self._arrays}
+
+    def __getitem__(self, key: str) -> NDArray[Any]:
+        name, number = self._places[key]
+        array: NDArray[Any] = self._arrays[name] if number is None else self._arrays[name][number]
+        return array
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._places)
+
+    def __len__(self) -> int:
+        return len(self._places)
 
 
-def _vti(contents: Contents, number: int, path: Named, overwrite: bool) -> None:
-    cells = {
-        name: array[number] if name in STACKED else array
-        for name, array in arrays_of(contents).items()
-        if name in (*STACKED, "outer", "inner")
-    }
-    write_vti(cells, contents.grid, path, overwrite)
+def _ros_map(contents: Contents, cells: Sequence[int], path: Named, overwrite: bool) -> None:
+    write_ros_map(contents.states[int(contents.slice_of[cells[0]])], contents.grid, path, overwrite)
 
 
-def _border(contents: Contents, number: int, path: Named, overwrite: bool) -> None:
-    write_border(contents.states[number], contents.grid, path, overwrite)
+def _vti(contents: Contents, cells: Sequence[int], path: Named, overwrite: bool) -> None:
+    rotations = contents.rotations
+    about = dict(zip(rotations.names, rotations.centers[cells].T, strict=True))
+    write_vti(_Layers(contents, cells), contents.grid, path, overwrite, about)
 
 
-_SLICES: Final[Mapping[str, tuple[Callable[[Contents, int, Named, bool], None], Mapping[int, str]]]] = {
+def _border(contents: Contents, cells: Sequence[int], path: Named, overwrite: bool) -> None:
+    write_border(contents.states[int(contents.slice_of[cells[0]])], contents.grid, path, overwrite)
+
+
+_SLICES: Final[Mapping[str, tuple[Callable[[Contents, Sequence[int], Named, bool], None], Mapping[int, str]]]] = {
     ".vti": (_vti, {}),
     **dict.fromkeys((".yaml", ".yml"), (_ros_map, {3: "a ROS map is plane, and the map is one in space"})),
     **dict.fromkeys(WRITERS, (_border, {2: "a border is a mesh in space, and the map is one of the plane"})),
 }
-"""What writes one slice of a map, by suffix; and why it does not in one of the dimensions."""
+"""What writes rotation cells of a map, by suffix; and why it does not in one of the dimensions."""
+
+_MANY: Final = (".vti",)
+"""Formats that hold more than one rotation cell."""
 
 EXPORTS: Final = (*SAVES, *_SLICES)
 """All formats, by suffix."""
@@ -93,14 +120,17 @@ def export(
     contents : Contents
     path : path-like
         ``.npz``: one NumPy file. ``.zarr`` or no suffix: a Zarr folder. ``.vti``: cells for ParaView, with the arrays
-        ``state``, ``outer``, and where the map has them ``inner``, ``overlap`` and those of its overlap field
-        (``penetration`` and its derivatives). ``.yaml``: a map of the plane as a ROS map, with its image beside it.
-        ``.ply``, ``.obj``, ``.stl``: the border of the free space, of a map in space; STL in single precision.
+        ``state``, ``outer``, and where the map has them ``inner``, ``unknown``, ``overlap`` and those of its overlap
+        field (``penetration`` and its derivatives); of a robot that turns one for each rotation cell, ``state_00`` and
+        so on, whose rotations are the field data ``yaw``, or ``qx`` to ``qw``. ``.yaml``: a map of the plane as a ROS
+        map, with its image beside it. ``.ply``, ``.obj``, ``.stl``: the border of the free space, of a map in space;
+        STL in single precision.
     overwrite : bool
         Whether an existing output may be replaced.
     rotation : array-like, shape (k,), optional
-        For what holds one slice of a robot that turns, and needed there: the rotation to write, as a configuration
-        tells it. What the map calls free is proven for all of the rotation cell that holds it, and for no other.
+        Of a robot that turns, the rotation to write, as a configuration tells it: needed for what holds one slice, and
+        for ``.vti``, if not all are wanted. What the map calls free is proven for all of the rotation cell that holds
+        it, and for no other.
 
     Raises
     ------
@@ -111,9 +141,10 @@ def export(
     """
     suffix = check_export(path, contents.grid.dim)
     if suffix in _SLICES:
-        rule = f"{Path(path)} holds one slice"
-        number = contents.slice_of[contents.rotations.one_cell(rotation, "rotation", rule)]
-        _SLICES[suffix][0](contents, int(number), path, overwrite)
+        cells: Sequence[int] = range(contents.rotations.count)
+        if rotation is not None or suffix not in _MANY:
+            cells = [contents.rotations.one_cell(rotation, "rotation", f"{Path(path)} holds one slice")]
+        _SLICES[suffix][0](contents, cells, path, overwrite)
         return
     if rotation is not None:
         rule = f"a {suffix or 'Zarr'} map holds every slice"

@@ -225,11 +225,6 @@ def test_a_map_of_every_kind_in_vtk_is_the_slice_at_a_rotation(
 ) -> None:
     space = make()
     turn = space.rotations.centers[-1]
-    if len(turn):
-        with pytest.raises(
-            InputError, match=r"rotation is missing; .*map.vti holds one .* cells; pass the one to take, by "
-        ):
-            space.export(tmp_path / "map.vti")
     space.export(tmp_path / "map.vti", rotation=turn if len(turn) else None)
     image, found = read(tmp_path / "map.vti")
     expected = space.to_xarray()
@@ -246,6 +241,22 @@ def test_a_map_of_every_kind_in_vtk_is_the_slice_at_a_rotation(
     cells = [image.ComputeCellId(np.floor((point - origin) / spacing).astype(int)) for point in flat]
     q = np.hstack([points, np.tile(turn, (50, 1))])
     np.testing.assert_array_equal(found["state"].ravel(order="F")[cells], space.classify(q))
+
+
+@pytest.mark.parametrize("name", ["turning", "symmetric", "round", "solid_turning", "field"])
+def test_vtk_finds_every_rotation_in_one_file(tmp_path: Path, name: str) -> None:
+    space = SPACES[name]()
+    space.export(tmp_path / "map.vti")
+    image, found = read(tmp_path / "map.vti")
+    cells, told = space.to_xarray(), image.GetFieldData()
+    count = space.rotations.count
+    for number in range(count):
+        key = f"state_{number:0{len(str(count - 1))}d}"
+        np.testing.assert_array_equal(found[key].reshape(space.grid.shape), cells.state.isel(rotation=number))
+    turns = np.array([[told.GetArray(axis).GetValue(k) for axis in space.rotations.names] for k in range(count)])
+    np.testing.assert_array_equal(turns, space.rotations.centers)
+    assert len([key for key in found if key.startswith("state")]) == count
+    assert image.GetCellData().GetScalars().GetName() == min(key for key in found if key.startswith("state"))
 
 
 @pytest.mark.parametrize("array", [np.zeros((3, 3), np.uint8), np.zeros((3, 2), np.float32), np.zeros((3, 2, 1), bool)])
