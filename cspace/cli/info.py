@@ -55,9 +55,11 @@ def info(
     as_json: Json = False,
 ) -> None:
     """Tell what a saved map, a workspace or a robot holds, and what a map would take, before any work."""
+    from cspace.cli.sketch import sketch
     from cspace.io.reading import open_map
     from cspace.robot import Robot
 
+    drawn: Robot | None
     kind = kind or _kind(file)
     options = workspace_options(spacing, unknown, bounds, solid, radius)
     if robot_solid is not None and robot is None:
@@ -66,14 +68,18 @@ def info(
     others = given(robot=robot, rotations=rotations)
     if kind == "map":
         _refuse({**options, **others}, (), f"{file} is a saved map")
-        document = describe_map(open_map(file))
+        space = open_map(file)
+        document, drawn = describe_map(space), space.robot
     elif kind == "robot":
         _refuse({**options, **others}, ("spacing", "solid"), f"{file} is a robot")
-        document = describe_robot(Robot.open(file, **given(solid=solid)), spacing)
+        drawn = Robot.open(file, **given(solid=solid))
+        document = describe_robot(drawn, spacing)
     else:
-        beside = None if robot is None else read_robot(robot, robot_solid)
-        document = survey(Path(file), options, options_of(context.command), beside, rotations)
+        drawn = None if robot is None else read_robot(robot, robot_solid)
+        document = survey(Path(file), options, options_of(context.command), drawn, rotations)
     show({"kind": kind, **document}, as_json)
+    if drawn is not None and not as_json:
+        typer.echo(sketch(drawn))
 
 
 def _refuse(options: dict[str, object], taken: tuple[str, ...], what: str) -> None:
@@ -88,7 +94,8 @@ def _kind(file: str) -> Kind:
     path = Path(file)
     if path.suffix.lower() in (".zarr", ".npz") or path.is_dir():
         return "map"
-    return "robot" if ":" in file and not path.exists() else "workspace"
+    described = Path(file.partition("#")[0]).suffix.lower() == ".urdf"
+    return "robot" if described or (":" in file and not path.exists()) else "workspace"
 
 
 def describe_map(space: ConfigurationMap) -> dict[str, Any]:

@@ -1,0 +1,70 @@
+"""Robots in text: what is drawn is where the robot is."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+import pytest
+import shapely
+
+from commands import run
+from cspace import Robot
+from cspace.cli.sketch import sketch
+
+RING = shapely.box(-2, -1, 2, 2).difference(shapely.box(-1, 0, 0, 1)).difference(shapely.box(1, 1, 2, 2))
+
+
+def pixels(text: str) -> tuple[np.ndarray, tuple[int, int]]:
+    """The last drawing of a text, as [x, y] from below, and where its + is; that counts as two pixels of nothing."""
+    lines = text.split("\n\n")[-1].split("\n")
+    lines = [line for line in lines if " wide; " not in line]
+    width = max(map(len, lines)) - 2
+    rows = [line[2:].ljust(width) for line in lines]
+    fine = [[c in which for c in row] for row in rows for which in ("█▀#'", "█▄#.")]
+    [(column, row)] = [(row.index("+"), k) for k, row in enumerate(rows) if "+" in row]
+    return np.array(fine)[::-1].T, (column, 2 * (len(rows) - 1 - row))
+
+
+@pytest.mark.parametrize(
+    ("robot", "inside"),
+    [
+        (Robot.polygon(RING), lambda x, y: shapely.contains_xy(RING, x, y)),
+        (Robot.disc(0.7, (0.9, 0.2)), lambda x, y: np.hypot(x - 0.9, y - 0.2) < 0.7),
+        (Robot.cylinder(0.3, 1.2), lambda x, z: (abs(x) < 0.3) & (abs(z) < 0.6)),
+        (Robot.box((2, 9, 1), (0.5, 0, 0.7)), lambda x, z: (abs(x - 0.5) < 1) & (abs(z - 0.7) < 0.5)),
+    ],
+)
+def test_the_drawing_is_the_robot(robot, inside):
+    text = sketch(robot)
+    drawn, at = pixels(text)
+    side = float(text.rpartition("a character is ")[2].split(" m")[0])
+    x, y = ((np.arange(count) - k + 0.5) * side for count, k in zip(drawn.shape, at, strict=True))
+    true = np.array(inside(*np.meshgrid(x, y, indexing="ij")))
+    true[at[0], at[1] : at[1] + 2] = drawn[at[0], at[1] : at[1] + 2]
+    # The frame is shifted by less than a pixel and a half against the reference point, so borders may differ.
+    assert (drawn != true).mean() < 0.13
+    assert 0.85 < drawn.sum() / true.sum() < 1.2
+    assert text.count(" wide; ") == robot.dim - 1
+
+
+def test_thin_robots_are_seen_and_far_ones_said():
+    drawn, _ = pixels(sketch(Robot.rectangle(10, 0.01)))
+    assert drawn.any(axis=1).sum() >= 43
+    assert "the reference point lies far outside" in sketch(Robot.disc(0.1, (5, 5)))
+
+
+def test_terminals_without_blocks_get_plain_characters(monkeypatch):
+    monkeypatch.setattr("sys.stdout", io.TextIOWrapper(io.BytesIO(), encoding="ascii"))
+    assert set(sketch(Robot.disc(0.3)).split("from above")[0]) == set(" #'.+\n")
+
+
+def test_info_draws_the_robot_unless_a_machine_asks(tmp_path):
+    told = run("info", "rect:4.5x1.9@1.3,0")
+    assert "+ is the reference point" in told.stdout
+    assert "from above" not in run("info", "disc:0.3", "--json").stdout
+    (tmp_path / "robot.urdf").write_text(
+        '<robot name="r"><link name="l"><collision><geometry><sphere radius="1"/></geometry></collision></link></robot>'
+    )
+    assert "from the side" in run("info", tmp_path / "robot.urdf").stdout
+    assert "from the side" in run("info", f"{tmp_path / 'robot.urdf'}#l").stdout
