@@ -252,8 +252,8 @@ def _check(
 ) -> None:
     """Refuse arguments that break their rules, before any work."""
     for name, given, kind, mend in (
-        ("workspace", workspace, Workspace, "use Workspace.from_array"),
-        ("robot", robot, Robot, "use e.g. Robot.disc(0.3)"),
+        ("workspace", workspace, Workspace, "call build(workspace, robot), with e.g. Workspace.from_array(...) first"),
+        ("robot", robot, Robot, "call build(workspace, robot), with e.g. Robot.open('disc:0.3') second"),
     ):
         if not isinstance(given, kind):
             raise InputError(name, f"is a {type(given).__name__}", f"it must be a {kind.__name__}", mend, value=given)

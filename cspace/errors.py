@@ -6,7 +6,10 @@ message is made of them, and so is what the command line says in its own words.
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import ClassVar, Final
+
+LONGEST: Final = 240
+"""Characters of what was found, at most, in a message."""
 
 
 class CspaceError(Exception):
@@ -39,6 +42,8 @@ class CspaceError(Exception):
     ) -> None:
         text = argument
         if found is not None:
+            found = " ".join(found.split())  # arrays print themselves in many lines
+            found = found if len(found) <= LONGEST else f"{found[:LONGEST]} ..."
             text = "; ".join(part for part in (f"{argument}{self.gap}{found}", rule, mend) if part)
         super().__init__(text)
         self.argument = argument

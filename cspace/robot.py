@@ -116,12 +116,14 @@ class Robot:
     @classmethod
     def disc(cls, radius: float, center: ArrayLike = (0.0, 0.0)) -> Robot:
         """A disc of ``radius`` around ``center`` in the robot's frame (metres)."""
-        return cls.balls([check_point(center)], [positive(radius, "radius")])
+        size = positive(radius, "radius")
+        return cls.balls([check_point(center)], [size])
 
     @classmethod
     def ball(cls, radius: float, center: ArrayLike = (0.0, 0.0, 0.0)) -> Robot:
         """A ball of ``radius`` around ``center`` in the robot's frame (metres)."""
-        return cls.balls([check_point(center, dim=3)], [positive(radius, "radius")])
+        size = positive(radius, "radius")
+        return cls.balls([check_point(center, dim=3)], [size])
 
     @classmethod
     def balls(cls, centers: ArrayLike | BallSet, radii: ArrayLike | None = None) -> Robot:

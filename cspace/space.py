@@ -493,10 +493,10 @@ class CSpace(ConfigurationMap):
         """
         from cspace.map.sampling import FreeCells, sample
 
-        generator = check_rng(rng)
         if n is not None and (not isinstance(n, int | np.integer) or n < 0):
             rule = "it must be a whole number, zero or above, or None for one sample"
-            raise InputError("n", f"is {n!r}", rule, "pass e.g. 100", value=n)
+            raise InputError("n", f"is {n!r}", rule, "pass e.g. 100, and rng=numpy.random.default_rng(0)", value=n)
+        generator = check_rng(rng)
         free = self._free_cells.get(lambda: FreeCells(self._seen))
         if not free.counts.any():
             raise self._nothing_free()

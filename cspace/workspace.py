@@ -184,6 +184,7 @@ class Workspace:
         from cspace.io.formats import read_cells, read_zarr_array
         from cspace.tiles.sources import Lazy, is_away
 
+        positive(spacing, "spacing", "metres, after the array of cells")
         source, array = "array", occupied
         if isinstance(array, str | os.PathLike):
             source = str(array)
