@@ -121,7 +121,6 @@ def export(
     path : path-like
         ``.npz``: one NumPy file. ``.zarr`` or no suffix: a Zarr folder. ``.vti``: cells for ParaView, with the arrays
         ``state``, ``outer``, and where the map has them ``inner``, ``unknown``, ``overlap`` and those of its overlap
-        ``state``, ``outer``, and where the map has them ``inner``, ``unknown``, ``overlap`` and those of its overlap
         field (``penetration`` and its derivatives); of a robot that turns one for each rotation cell, ``state_00`` and
         so on, whose rotations are the field data ``yaw``, or ``qx`` to ``qw``. ``.yaml``: a map of the plane as a ROS
         map, with its image beside it. ``.ply``, ``.obj``, ``.stl``: the border of the free space, of a map in space;
