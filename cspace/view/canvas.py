@@ -52,8 +52,10 @@ class Canvas:
 
     Attributes
     ----------
+    kinds : list of str
+        Those of :data:`cspace.view.scene.KINDS` that there can be.
     shown : set of str
-        Those of :data:`cspace.view.scene.KINDS` that are drawn, and SECTION; :meth:`draw` follows, as of the others.
+        Those of them that are drawn, and SECTION; :meth:`draw` follows, as of the others.
     cut : float
         Metres above which cells are left out.
     robot : ndarray of float64, shape (dof,)
@@ -71,7 +73,8 @@ class Canvas:
         longest = cells.grid.spacing * max(cells.grid.shape)
         self.size = max(self.figurine.size, 0.004 * longest)
         self.stage = Stage(cells.grid, wall=min(0.5 * self.size, 0.03 * longest))
-        self.shown = {"obstacles", "unknown", SECTION} | ({"border"} if self.stage.has_height else set())
+        self.kinds = [name for name in KINDS if name != "unknown" or cells.near.workspace.unknown is not None]
+        self.shown = {*self.kinds, SECTION} - ({"mixed"} if self.stage.has_height else {"border", "mixed"})
         self.cut = float(self.stage.upper[2])
         if self.stage.has_height:
             self.cut = min(self.cut, max(float(self.figurine.extent(q)[1, 2]) for q in about))

@@ -221,8 +221,9 @@ class Page:
     def _add_show(self, step: float) -> None:
         gui, canvas = self._gui, self._canvas
         if canvas.stage.has_height:
-            low, high = _down(canvas.stage.lower[2], step), _up(canvas.stage.upper[2], step)
-            canvas.cut = min(high, _up(canvas.cut, step))
+            low, high = canvas.stage.lower[2] + self._space.grid.spacing, canvas.stage.upper[2]
+            low, high = _up(low, step), _up(high, step)
+            canvas.cut = min(max(_up(canvas.cut, step), low), high)
             cut = gui.add_slider("cut at height (m)", low, high, step, canvas.cut)
 
             def pulled(event: Any) -> None:

@@ -1,0 +1,143 @@
+"""The page in a real browser: it is drawn, its sliders move the robot, it plans, and it says what is proven."""
+
+from __future__ import annotations
+
+import io
+import shutil
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import cspace
+from cspace.plot.artists import CLASSES, COLLIDES, OBSTACLE, UNDECIDED
+from cspace.view import Viewer
+from cspace.view.scene import rgb
+
+pytest.importorskip("viser")
+webdriver = pytest.importorskip("selenium.webdriver")
+
+FLAGS = (
+    "--headless=new --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking "
+    "--disable-component-update --disable-sync --use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader "
+    "--window-size=1000,700"
+)
+"""A browser without a screen, which asks nobody for anything, and draws without a graphics card."""
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    """Chromium, as Debian has it."""
+    from selenium.webdriver.chrome.service import Service
+
+    program, driver = shutil.which("chromium"), shutil.which("chromedriver")
+    if not program or not driver:
+        pytest.skip("there is no chromium, or no chromedriver, on the PATH: apt-get install chromium chromium-driver")
+    options = webdriver.ChromeOptions()
+    options.binary_location = program
+    for flag in (*FLAGS.split(), f"--user-data-dir={tmp_path_factory.mktemp('profile')}"):
+        options.add_argument(flag)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    made = webdriver.Chrome(options=options, service=Service(driver))
+    yield made
+    made.quit()
+
+
+def until(true: Callable[[], Any], seconds: float = 20.0) -> Any:
+    """What something comes to, once it is true."""
+    end = time.monotonic() + seconds
+    while not (found := true()):
+        assert time.monotonic() < end, "the page did not get there"
+        time.sleep(0.05)
+    return found
+
+
+def text(browser: Any) -> str:
+    """All that the page says."""
+    return str(browser.execute_script("return document.body.innerText"))
+
+
+def shares(browser: Any) -> dict[int, float]:
+    """Which share of the page shows the colours of classes of cells."""
+    with Image.open(io.BytesIO(browser.get_screenshot_as_png())) as picture:
+        pixels = np.asarray(picture.convert("RGB")).astype(int)
+    colors = {number: np.array(rgb(CLASSES[number][1])) for number in (UNDECIDED, COLLIDES, OBSTACLE)}
+    return {number: float((np.abs(pixels - color).max(axis=-1) < 12).mean()) for number, color in colors.items()}
+
+
+def press(browser: Any, label: str) -> None:
+    """Click a button."""
+    browser.find_element("xpath", f"//button[.//text()='{label}']").click()
+
+
+def slide(browser: Any, label: str, *keys: str) -> None:
+    """Move the slider with a label, by keys."""
+    thumb = browser.find_element("xpath", f"(//*[text()='{label}']/following::*[@role='slider'])[1]")
+    thumb.send_keys(*keys)
+
+
+@pytest.fixture(scope="module")
+def flat() -> Iterator[tuple[cspace.CSpace, Viewer]]:
+    """Two rooms, and a third one that cannot be reached, for a robot that turns."""
+    occupied = np.zeros((80, 60), dtype=bool)
+    occupied[40:42, :25] = occupied[40:42, 46:] = occupied[40:, 46:48] = True
+    space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), cspace.Robot.rectangle(0.8, 0.4), rotations=24)
+    with space.view(block=False, port=0, start=(1.0, 1.0, 0.0), goal=(6.5, 1.0, 0.0)) as viewer:
+        yield space, viewer
+
+
+def test_a_page_in_the_plane(browser: Any, flat: tuple[cspace.CSpace, Viewer]) -> None:
+    from selenium.webdriver.common.keys import Keys
+
+    space, viewer = flat
+    browser.get(viewer.url)
+    until(lambda: "A path exists: proven." in text(browser))
+    drawn = until(lambda: (found := shares(browser))[COLLIDES] > 0.01 and found)
+    assert drawn[UNDECIDED] > 0.005
+
+    slide(browser, "yaw (°)", Keys.END, Keys.ARROW_LEFT, Keys.ARROW_LEFT)
+    until(lambda: viewer.page._sliders[2].value == 178.0)
+    until(lambda: "yaw 178°, in a rotation cell of 15°" in text(browser))  # as the panel says
+    np.testing.assert_allclose(viewer.canvas.robot, [1.0, 1.0, np.radians(178.0)], atol=1e-6)
+    assert viewer.page.wait(20.0)
+    assert viewer.canvas._drawn["/section/whole"][0] == int(space.rotations.cell_of(np.pi))  # type: ignore[index]
+
+    press(browser, "Plan")
+    until(lambda: "Path found, certified: every edge is proven free." in text(browser))
+    assert viewer.plan is not None
+    assert viewer.plan.certified
+    press(browser, "Play")
+    until(lambda: np.linalg.norm(viewer.canvas.robot[:2] - [1.0, 1.0]) > 1.0)
+    press(browser, "Stop")
+
+    viewer.page.mark("goal", np.array([6.5, 5.3, 0.0]))
+    until(lambda: "No path exists: proven." in text(browser))
+    press(browser, "Plan")
+    until(lambda: text(browser).count("No path exists: proven.") == 2)
+
+
+def test_nothing_comes_from_elsewhere(browser: Any, flat: tuple[cspace.CSpace, Viewer]) -> None:
+    asked = browser.execute_script("return performance.getEntries().map(entry => entry.name)")
+    assert asked
+    assert all(name.startswith((flat[1].url, "blob:" + flat[1].url)) for name in asked if "://" in name)
+    said = [entry["message"] for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]
+    assert not said
+
+
+def test_a_page_in_space(browser: Any) -> None:
+    from selenium.webdriver.common.keys import Keys
+
+    occupied = np.zeros((40, 30, 16), dtype=bool)
+    occupied[18:22, :20] = occupied[:, :, 0] = True
+    space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), cspace.Robot.ball(0.2))
+    with space.view(block=False, port=0, start=(0.6, 0.6, 0.8), goal=(3.4, 0.6, 0.8)) as viewer:
+        browser.get(viewer.url)
+        until(lambda: "A path exists: proven." in text(browser))
+        drawn = until(lambda: (found := shares(browser))[OBSTACLE] > 0.01 and found)
+        assert drawn[UNDECIDED] > 0.003
+        slide(browser, "cut at height (m)", Keys.HOME)
+        until(lambda: viewer.canvas.cut == 0.1)
+        until(lambda: shares(browser)[OBSTACLE] > max(0.1, 2.0 * drawn[OBSTACLE]))  # the floor
