@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.plot.artists import GOAL
+from cspace.plot.artists import DARK, GOAL
 from cspace.plot.route import Figurine, Floats
 from cspace.view.cells import Blocks, Cells, Part, part_around
 from cspace.view.poses import Poses
@@ -89,7 +89,8 @@ class Canvas:
         for place, intensity in (((-0.4, -0.7, 1.0), 1.3), ((0.8, 0.3, 0.6), 0.5)):
             scene.add_light_directional(f"/light/{intensity}", intensity=intensity, position=place)
         self._solid = robot_solid(space.robot, self.stage.wall)
-        self._body = self._mesh("/robot", self._solid, ROBOT)
+        self._body = server.scene.add_frame("/robot", show_axes=False)
+        self._figure("/robot", ROBOT)
         self._gizmos = {name: self._gizmo(name, color) for name, color in MARKS.items()}
         self._aim()
 
@@ -231,9 +232,16 @@ class Canvas:
             disable_rotations=not self.poses.angles,
             depth_test=False,
         )
-        self._mesh(f"/{name}/robot", self._solid, color, 0.85)
+        self._figure(f"/{name}", color)
         self._server.scene.add_label(f"/{name}/label", name, position=(0.0, 0.0, self.stage.wall + 0.5 * self.size))
         return controls
+
+    def _figure(self, name: str, color: str) -> None:
+        """The robot, at a node; in the plane its nose shows where it looks, if it turns."""
+        self._mesh(f"{name}/figure", self._solid, color)
+        if len(self.figurine.nose) and self.poses.angles:
+            corners = np.column_stack([self.figurine.nose[:3], np.full(3, 1.01 * self.stage.wall)])
+            self._mesh(f"{name}/nose", Solid(corners.astype(np.float32), np.array([[0, 1, 2]], dtype=np.uint32)), DARK)
 
     def _aim(self) -> None:
         """Have cameras begin where all of the map is in view."""

@@ -348,10 +348,10 @@ def _in_words(found: Plan) -> str:
         return f"**{found.status[:1].upper()}{found.status[1:]}.**{advice}"
     proof = "certified: every edge is proven free" if found.certified else "not certified"
     room = "" if math.isnan(found.clearance) else f", clearance at least {found.clearance:.3f} m"
-    return (
-        f"**{found.status[:1].upper()}{found.status[1:]}**, {proof}.  \n{found.length:.3f} m{room}  \n"
-        f"{found.planner}, {1e3 * (found.times.planning + found.times.simplification):.3g} ms"
-    )
+    seconds = found.times.planning + found.times.simplification
+    took = f"{1e3 * seconds:.3g} ms" if seconds < 1.0 else f"{seconds:.3g} s"
+    words = f"**{found.status[:1].upper()}{found.status[1:]}**, {proof}."
+    return f"{words}  \n{found.length:.3f} m{room}  \n{found.planner}, {took}"
 
 
 def _planner_names() -> tuple[tuple[str, ...], str]:
