@@ -34,6 +34,9 @@ nanosecond for each cell, and they save a few hundred nanoseconds for each edge.
 CELLS_A_THREAD: Final = 10_000_000
 """Cells below which a second thread costs more than it saves."""
 
+PIECES: Final = 64
+"""Parts that a map is marked in by threads, at least."""
+
 LAST: Final = SIDE - 1
 
 ONE: Final = np.uint64(1)
@@ -125,69 +128,65 @@ class Mip:
 
     def _mark_of(self, states: States, part: slice, boxes: Ints) -> None:
         """Mark a part of the slices, in threads where that pays."""
-        states, its = read_only(states.reshape(-1, *self._shape)), boxes[part]
-        marks = self._cells[part], self._blocks[part], self._nodes[part]
-        sides = (its[:, 3:] - its[:, :3] + SIDE).clip(0)
-        rows = int((sides[:, :2] // SIDE**2 + 2).prod(axis=1).max())
+        states, cells, blocks = read_only(states.reshape(-1, *self._shape)), self._cells[part], self._blocks[part]
+        some = np.flatnonzero((boxes[part, :3] <= boxes[part, 3:]).all(axis=1))
+        if not len(some):
+            return
+        its = boxes[part][some]
+        size = float(np.prod(its[:, 3:] - its[:, :3] + SIDE, axis=1).sum())
+        # Each box is cut along y, between nodes, into as many pieces as threads may want.
+        cuts = 1 if size < CELLS_A_THREAD else -(-PIECES // len(some))
+        its, number = np.repeat(np.column_stack([some, its]), cuts, axis=0), np.tile(np.arange(cuts), len(some))
+        first, last = its[:, 2] >> 2 * SHIFT, its[:, 5] >> 2 * SHIFT
+        low, stop = (first + (last + 1 - first) * (number + end) // cuts << 2 * SHIFT for end in (0, 1))
+        its[:, 2], its[:, 5] = np.maximum(its[:, 2], low), np.minimum(its[:, 5], stop - 1)
 
         def work(start: int, stop: int) -> int:
             line = np.zeros(self._blocks_shape[2], dtype=np.uint64)
-            mark(states, marks, (line.view(np.uint8), line, line.copy()), its, start, stop)
+            mark(states, cells, blocks, (line.view(np.uint8), line, line.copy()), its[start:stop])
             return -1
 
-        in_chunks(work, rows, least=1 + rows * CELLS_A_THREAD // int(sides.prod(axis=1).sum() + 1))
+        in_chunks(work, len(its), least=1 + int(len(its) * CELLS_A_THREAD / max(size, 1.0)))
+        every = (
+            slice(None),
+            *map(slice, its[:, 1:4].min(axis=0) >> 2 * SHIFT, (its[:, 4:].max(axis=0) >> 2 * SHIFT) + 1),
+        )
+        self._nodes[part][every] = blocks[every].any(axis=-1)
 
 
 @reader
-def mark(
-    states: States,
-    marks: tuple[Words, Words, States],
-    room: tuple[States, Words, Words],
-    boxes: Ints,
-    start: int,
-    stop: int,
-) -> None:
-    """Mark what a box of cells in each slice touches; see :class:`Marks`, but for nodes, which are bytes here.
+def mark(states: States, cells: Words, blocks: Words, room: tuple[States, Words, Words], boxes: Ints) -> None:
+    """Mark what boxes of cells touch; see :class:`Marks`.
 
     ``room`` is for its own use: a row of blocks along z, as bytes and as the same words, and as many words again.
 
-    A box is given by its first cell and its last one, along three axes; there is none where one is beyond the other.
-    Its rows of nodes along the last axis are numbered, and those from ``start`` to before ``stop`` are marked. All else
-    is left alone, so that threads may do others. Each mark is written once, those of cells first.
+    A box, shape (7,), is given by its slice, its first cell and its last one, along three axes; there is none where one
+    is beyond the other. Each mark is written once, those of cells first; threads may take boxes that share no node.
     """
-    _, nx, ny, nz = states.shape
-    (cells, blocks, nodes), (line, eights, some) = marks, room
-    for s in range(len(boxes)):
-        box = boxes[s]
-        if box[0] > box[3] or box[1] > box[4] or box[2] > box[5]:
-            continue
-        first_x, first_y = box[0] >> 2 * SHIFT, box[1] >> 2 * SHIFT
-        columns = (box[4] >> 2 * SHIFT) - first_y + 1
-        rows = ((box[3] >> 2 * SHIFT) - first_x + 1) * columns
-        first_z, depth = box[2] >> SHIFT, (box[5] >> SHIFT) - (box[2] >> SHIFT) + 1
-        low, high = first_z << SHIFT, min((first_z + depth) << SHIFT, nz)
-        for row in range(start, min(stop, rows)):
-            x, y = first_x + row // columns, first_y + row % columns
-            for a in range(max(box[0] >> SHIFT, x << SHIFT), min(box[3] >> SHIFT, (x << SHIFT) + LAST) + 1):
-                for b in range(max(box[1] >> SHIFT, y << SHIFT), min(box[4] >> SHIFT, (y << SHIFT) + LAST) + 1):
-                    some[:] = 0
-                    for i in range(a << SHIFT, min((a + 1) << SHIFT, nx)):
-                        line[:] = 0
-                        for j in range(b << SHIFT, min((b + 1) << SHIFT, ny)):
-                            add_bit(line, states[s, i, j, low:high], np.uint8(1 << (j & LAST)))
-                        for c in range(depth):
-                            some[c] |= eights[c]
-                            if len(cells) > 0:
-                                cells[s, a, b, first_z + c, i & LAST] = eights[c]
-                    for c in range(first_z, first_z + depth):
-                        layers, bit = blocks[s, x, y, c >> SHIFT], ONE << np.uint64(((c & LAST) << SHIFT) + (b & LAST))
-                        others = layers[a & LAST] & ~bit
-                        layers[a & LAST] = others | bit if some[c - first_z] != 0 else others
-            for z in range(first_z >> SHIFT, (box[5] >> 2 * SHIFT) + 1):
-                marked = np.uint64(0)
-                for layer in blocks[s, x, y, z]:
-                    marked |= layer
-                nodes[s, x, y, z] = np.uint8(marked != 0)
+    nx, ny, nz = states.shape[1], states.shape[2], states.shape[3]
+    line, eights, some = room
+    for n in range(len(boxes)):
+        box = boxes[n]
+        s, first, depth = box[0], box[3] >> SHIFT, (box[6] >> SHIFT) - (box[3] >> SHIFT) + 1
+        low, high = first << SHIFT, min((first + depth) << SHIFT, nz)
+        for a in range(box[1] >> SHIFT, (box[4] >> SHIFT) + 1):
+            for b in range(box[2] >> SHIFT, (box[5] >> SHIFT) + 1):
+                some[:] = 0
+                for i in range(a << SHIFT, min((a + 1) << SHIFT, nx)):
+                    line[:] = 0
+                    for j in range(b << SHIFT, min((b + 1) << SHIFT, ny)):
+                        add_bit(line, states[s, i, j, low:high], np.uint8(1 << (j & LAST)))
+                    for c in range(depth):
+                        some[c] |= eights[c]
+                        if len(cells) > 0:
+                            cells[s, a, b, first + c, i & LAST] = eights[c]
+                for c in range(depth):
+                    z = first + c
+                    bit = ONE << np.uint64(((z & LAST) << SHIFT) + (b & LAST))
+                    word = blocks[s, a >> SHIFT, b >> SHIFT, z >> SHIFT, a & LAST] & ~bit
+                    if some[c] != 0:
+                        word |= bit
+                    blocks[s, a >> SHIFT, b >> SHIFT, z >> SHIFT, a & LAST] = word
 
 
 @inner
