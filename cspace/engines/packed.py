@@ -34,7 +34,7 @@ class Scratch(NamedTuple):
 _REPEAT = np.uint64(0x0101010101010101)
 _SELECT = np.uint64(0x8040201008040201)
 _CARRY = np.uint64(0x7F7F7F7F7F7F7F7F)
-_ONE, _EVERY = np.uint64(1), ~np.uint64(0)
+_ONE, _LAST, _EVERY = np.uint64(1), np.uint64(63), ~np.uint64(0)
 
 
 @inner
@@ -67,15 +67,19 @@ def dilate_block(bits: Words, start: int, runs: Ints, spare: Words, more: Words,
     return True
 
 
+@inner(forceinline=True)
+def _shifted(words: Words, k: int, shift: np.uint64) -> np.uint64:
+    """The word that begins so many bits after the beginning of word k."""
+    return (words[k] >> shift) | ((words[k + 1] << _ONE) << (_LAST - shift))
+
+
 @inner
 def _widen(now: Words, step: int, then: Words) -> None:
     """``then[k] = now[k] | now[k + step]``, bit by bit, with nothing beyond the end."""
     jump, shift = step // 64, np.uint64(step % 64)
-    back = np.uint64(63) - shift
-    inner = max(0, now.size - jump - 1)
-    near, low, high, out = now[:inner], now[jump : jump + inner], now[jump + 1 : jump + 1 + inner], then[:inner]
+    inner, ahead = max(0, now.size - jump - 1), now[jump:]
     for k in range(inner):
-        out[k] = near[k] | (low[k] >> shift) | ((high[k] << _ONE) << back)
+        then[k] = now[k] | _shifted(ahead, k, shift)
     for k in range(inner, now.size):
         then[k] = now[k]
         if k + jump < now.size:
@@ -85,16 +89,10 @@ def _widen(now: Words, step: int, then: Words) -> None:
 @inner
 def _unite(now: Words, runs: Ints, result: Words) -> None:
     """Add four runs to a result."""
-    n = result.size
-    a, b, c, d = runs[0, 1], runs[1, 1], runs[2, 1], runs[3, 1]
+    a, b, c, d = now[runs[0, 1] :], now[runs[1, 1] :], now[runs[2, 1] :], now[runs[3, 1] :]
     s, t, u, v = np.uint64(runs[0, 2]), np.uint64(runs[1, 2]), np.uint64(runs[2, 2]), np.uint64(runs[3, 2])
-    s_, t_, u_, v_ = np.uint64(63) - s, np.uint64(63) - t, np.uint64(63) - u, np.uint64(63) - v
-    a0, b0, c0, d0 = now[a : a + n], now[b : b + n], now[c : c + n], now[d : d + n]
-    a1, b1, c1, d1 = now[a + 1 : a + 1 + n], now[b + 1 : b + 1 + n], now[c + 1 : c + 1 + n], now[d + 1 : d + 1 + n]
-    for k in range(n):
-        one = (a0[k] >> s) | ((a1[k] << _ONE) << s_) | (b0[k] >> t) | ((b1[k] << _ONE) << t_)
-        two = (c0[k] >> u) | ((c1[k] << _ONE) << u_) | (d0[k] >> v) | ((d1[k] << _ONE) << v_)
-        result[k] |= one | two
+    for k in range(result.size):
+        result[k] |= _shifted(a, k, s) | _shifted(b, k, t) | _shifted(c, k, u) | _shifted(d, k, v)
 
 
 @inner
