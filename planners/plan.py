@@ -82,6 +82,10 @@ def plan(
     opened, and the planner has the time limit in each of them. Edges are straight, and the length is what counts. The
     clearance of such a path is not told.
 
+    *Long tails.* Where the robot turns and FREE cells join start and goal, RRTConnect is mostly through at once, and
+    sometimes not for long. So unless ``iterations``, an objective or another planner is asked for, it has ten thousand
+    iterations; then the path goes from FREE cell to FREE cell, and is shortened.
+
     Planners that go on improving their path (AORRTC, BITstar, InformedRRTstar, PRMstar, RRTstar, SORRTstar) use up the
     time limit.
 
@@ -269,8 +273,12 @@ def _found(
         began = time.perf_counter()
         path = edges.space.free_path(*ends, straight=search.simplify)
         return Found(path, "", time.perf_counter() - began)
-    if edges.exact and exists is None and edges.drive == HOLONOMIC:
-        return Passages(search, edges, limit).run(*ends)
+    if edges.drive == HOLONOMIC:
+        passages = Passages(search, edges, limit)
+        if edges.exact and exists is None:
+            return passages.run(*ends)
+        if exists and edges.space.rotations.names and search.may_stop:
+            return passages.run_free(*ends)
     return search.run(edges, *ends, limit)
 
 

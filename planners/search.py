@@ -79,6 +79,11 @@ class Search:
     simplify: bool = True
     seed: int | None = None
 
+    @property
+    def may_stop(self) -> bool:
+        """Whether any path will do, and the planner may be asked for how long it looks."""
+        return self.objective is None and self.iterations is None and self.planner == planner_named(None)
+
     def run(self, edges: LocalPlanner, start: Configuration, goal: Configuration, time_limit: float) -> Found:
         """Search a path between two configurations at which motions can be proven free.
 

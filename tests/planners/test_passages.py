@@ -80,6 +80,40 @@ def test_what_the_map_decides_needs_no_passages():
     assert (space.classify(found.path) == FREE).any()
 
 
+def doors(robot, rotations):
+    """Three rooms whose doors are not opposite each other."""
+    dim = robot.dim
+    occupied = np.zeros((40, 16, 6)[:dim], dtype=bool)
+    occupied[[12, 26]] = True
+    occupied[12, 2:6] = occupied[26, 9:13] = False
+    return cspace.build(Workspace.from_array(occupied, 0.1), robot, rotations=rotations)
+
+
+@pytest.mark.parametrize("exact", [False, True])
+@pytest.mark.parametrize(
+    ("robot", "rotations", "turn"),
+    [
+        (Robot.rectangle(0.5, 0.15), 36, (1.5,)),
+        (Robot.box((0.5, 0.15, 0.1)), 36, (1.5,)),
+        (Robot.box((0.12, 0.05, 0.05)), cspace.Rotations.quaternions(4), (0, 0, 0.6, 0.8)),
+    ],
+    ids=["SE(2)", "R^3 x yaw", "SE(3)"],
+)
+def test_what_a_planner_does_not_soon_find_goes_along_free_cells(monkeypatch, robot, rotations, turn, exact):
+    space = doors(robot, rotations)
+    ends = (*np.full(robot.dim, 0.35), *turn), (3.6, *np.full(robot.dim - 1, 0.35), *turn)
+    assert space.path_exists(*ends)
+    monkeypatch.setattr(planners.passages, "SOON", 1)
+    found = planners.plan(space, *ends, exact=exact, seed=0, time_limit=20)
+    assert found.solved and found.certified and found.status == "path found: along FREE cells"
+    assert found.path[[0, -1]] == pytest.approx(np.array(ends)) and space.certify_path(found.path, exact=exact).all()
+    assert len(found.waypoints) < 30
+    long = planners.plan(space, *ends, exact=exact, seed=1, time_limit=20, simplify=False)
+    assert long.certified and len(long.waypoints) > len(found.waypoints)
+    monkeypatch.setattr(planners.passages, "free_bytes", lambda: 0)  # no room to look for cells
+    assert "along" not in planners.plan(space, *ends, exact=exact, seed=0, time_limit=0.3).status
+
+
 # ---- in space --------------------------------------------------------------------------------------------------------
 
 
