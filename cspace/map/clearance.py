@@ -125,7 +125,7 @@ def nearest_in_node(marks: Marks, s: int, node: Cell, place: Place, best: float)
     layers = marks.blocks[s, node[0], node[1], node[2]]
     first_x, first_y, first_z = node[0] * layers.shape[0], node[1] << SHIFT, node[2] << SHIFT
     last_x, seen, known = first_x + layers.shape[0], EVERY, math.inf
-    y_least, z_least = gap(place[1], node[1], NODE) ** 2, gap(place[2], node[2], NODE) ** 2
+    y_least, z_least = least_squares(layers, place, SIZE, first_y, first_z)
     below_x, above_x = around(place[0], SIZE, first_x, last_x)
     while True:
         i, x_gap, below_x, above_x = nearer(place[0], SIZE, first_x, last_x, below_x, above_x)
@@ -160,7 +160,7 @@ def nearest_in_block(marks: Marks, s: int, block: Cell, place: Place, best: floa
     layers = marks.cells[s, block[0], block[1], block[2]]
     first_x, first_y, first_z = block[0] * layers.shape[0], block[1] << SHIFT, block[2] << SHIFT
     last_x, seen = first_x + layers.shape[0], np.uint64(0)
-    y_least, z_least = gap(place[1], block[1], SIZE) ** 2, gap(place[2], block[2], SIZE) ** 2
+    y_least, z_least = least_squares(layers, place, 1.0, first_y, first_z)
     below_x, above_x = around(place[0], 1.0, first_x, last_x)
     while True:
         i, x_gap, below_x, above_x = nearer(place[0], 1.0, first_x, last_x, below_x, above_x)
@@ -181,6 +181,22 @@ def nearest_in_block(marks: Marks, s: int, block: Cell, place: Place, best: floa
             _, y_gap = nearest_part(column, BIT, place[1], 1.0, first_y)
             best = min(best, square + y_gap * y_gap)
             word &= ~(ALL << np.uint64(8 * n))
+
+
+@inner(forceinline=True)
+def least_squares(layers: Words, place: Place, size: float, first_y: int, first_z: int) -> tuple[float, float]:
+    """Squared distances along y, and along z, to the nearest block of a size that any of some layers marks."""
+    every = np.uint64(0)
+    for layer in layers:
+        every |= layer
+    if every == 0:
+        return math.inf, math.inf
+    _, z_gap = nearest_part(every, BYTE, place[2], size, first_z)
+    every |= every >> np.uint64(32)
+    every |= every >> np.uint64(16)
+    every |= every >> np.uint64(8)
+    _, y_gap = nearest_part(every & ALL, BIT, place[1], size, first_y)
+    return y_gap * y_gap, z_gap * z_gap
 
 
 @inner(forceinline=True)
