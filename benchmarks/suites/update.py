@@ -8,11 +8,13 @@ from itertools import count
 from typing import Any
 
 import numpy as np
+import shapely
+from shapely import affinity
 
 import cspace
 from benchmarks import inputs
 from benchmarks.report import Report
-from benchmarks.timing import interleave
+from benchmarks.timing import Timing, interleave
 from cspace import CSpace, Robot, Workspace
 from cspace.engines import ENGINES
 
@@ -24,6 +26,13 @@ LEAST = 200.0
 
 UPDATES = 200
 """Updates of one timed run."""
+
+MOVES = 40
+"""Moves of one obstacle."""
+
+FLOORS = ("maps/depot.yaml", "maps/willow-full-0.05.yaml", "maps/100by100_10.yaml")
+MOST = 20.0
+"""Milliseconds that a move may take on the largest of these floors, with the questions that follow it."""
 
 
 def run(report: Report, seed: int) -> None:
@@ -41,6 +50,48 @@ def run(report: Report, seed: int) -> None:
     space = Workspace.from_array(inputs.boxes(size, 0.06, rng, 3), 1.0)
     report.section(f"{size}^3 cells, ball 21 cells across; boxes of 16^3 cells")
     _compare(report, space, Robot.ball(10.5), rng, {}, judged=False)
+    if inputs.data_folder() is None:
+        report.note(inputs.NO_DATA)
+        return
+    for name in FLOORS[:1] if report.quick else FLOORS:
+        floor = inputs.real_map(name)
+        if floor is not None:
+            _moves(report, floor, name)
+
+
+def _moves(report: Report, floor: Workspace, name: str) -> None:
+    """An obstacle that moves in a real map with 72 yaw cells, by 0.16 m a step and from end to end.
+
+    Components and distances were asked for before. A move is one call and the first question of each kind after it, so
+    that nothing is put off; the robot is not symmetric, and no two yaw cells share a slice.
+    """
+    report.section(f"{name}, {' x '.join(map(str, floor.grid.shape))} cells x 72 yaws; trolley of 1.2 m x 0.8 m")
+    space = cspace.build(floor, Robot.rectangle(0.9, 0.6, (0.15, 0.0)), rotations=72)
+    q = space.sample_free(MOVES + 3, np.random.default_rng(1))
+    space.path_exists(q[-1], q[-2])
+    space.clearance(q[-3])
+    trolley, turns = shapely.box(-0.6, -0.4, 0.6, 0.4), list(enumerate(np.arange(MOVES) * 0.08))
+    ways = {
+        "steps round a circle": [(*(q[0, :2] + 2.0 * np.array([np.cos(a), np.sin(a)])), 9.0 * k) for k, a in turns],
+        "leaps across the map": [(*q[k, :2], 9.0 * k) for k in range(MOVES)],
+    }
+    for way, places in ways.items():
+        move, asked, distance = Timing(None), Timing(None), Timing(None)
+        for x, y, angle in places:
+            moved = affinity.translate(affinity.rotate(trolley, angle, origin=(0, 0)), x, y)
+            move.take(lambda moved=moved: space.place("trolley", moved))
+            asked.take(lambda: space.path_exists(q[-1], q[-2]))
+            distance.take(lambda: space.clearance(q[-3]))
+        report.timing(f"{way}: place", move)
+        report.timing(f"{way}: path_exists after it", asked)
+        report.timing(f"{way}: clearance after that", distance)
+        each = [sum(taken) for taken in zip(move.cpu, asked.cpu, distance.cpu, strict=True)]
+        most = MOST if name == FLOORS[-1] else None
+        report.figure(f"{way}: all three, CPU time in the median", 1e3 * float(np.median(each)), "ms", most=most)
+    fresh = cspace.build(space.workspace, space.robot, rotations=72)
+    report.check(bool((space.state == fresh.state).all()), "states equal those of a build")
+    answers = [one.path_exists(q[:20], q[20:40]) for one in (space, fresh)]
+    report.check(np.array_equal(*answers), "path_exists equals that of a build")
 
 
 def _compare(

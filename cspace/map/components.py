@@ -21,7 +21,8 @@ Words = NDArray[np.uint64]
 SHIFTS: Final = {2: (0, 6, 6), 3: (3, 3, 6)}
 """Cells of a block along each axis, as powers of two, by dimension: 64 rows of 64 cells. A plane has one layer."""
 
-MOST: Final = 2048
+BITS: Final = 11
+MOST: Final = 1 << BITS
 """Runs in a block, at most, and so components: 64 rows of 32."""
 
 KINDS: Final = 2
@@ -264,14 +265,22 @@ def label_blocks(blocks: Blocks, corners: Ints, labels: Labels, words: Words, ro
             word_of, begin, first_row = words[k // kinds, k % kinds], stop, layer * rows
             for row in range(rows):
                 word, at = word_of[row], first_row + row
-                starts, stops = word & ~(word << _ONE), word & ~(word >> _ONE)
-                while starts != 0:
-                    first, last = lowest(starts), lowest(stops)
-                    parent[stop - begin] = stop - begin
-                    runs[stop] = ((stop - begin) << 12) | (place_of(first) << 6) | place_of(last)
-                    starts, stops, stop = starts ^ first, stops ^ last, stop + 1
+                follows = row % wide > 0
+                again = follows and word == word_of[row - 1]
+                if again:  # the same runs, each joined to the one beside it
+                    for m in range(ends[at - 1], ends[at]):
+                        parent[stop - begin] = m - begin
+                        runs[stop] = ((stop - begin) << 12) | (runs[m] & 4095)
+                        stop += 1
+                else:
+                    starts, stops = word & ~(word << _ONE), word & ~(word >> _ONE)
+                    while starts != 0:
+                        first, last = lowest(starts), lowest(stops)
+                        parent[stop - begin] = stop - begin
+                        runs[stop] = ((stop - begin) << 12) | (place_of(first) << 6) | place_of(last)
+                        starts, stops, stop = starts ^ first, stops ^ last, stop + 1
                 ends[at + 1] = stop
-                for step, beside in ((1, row % wide > 0), (wide, row >= wide)):
+                for step, beside in ((1, follows and not again), (wide, row >= wide)):
                     if beside and (word & word_of[row - step]) != 0:
                         join_rows(labels, at, at - step, zero, parent, scratch, zero)
             components = zero
@@ -399,7 +408,7 @@ def join_nodes(
             for use in range(ends[group], ends[group + 1]):
                 own, other = starts[use, 0] + ours, starts[use, 1] + theirs
                 for k in range(begin, last):
-                    one, two = own + pairs[k] // MOST, other + pairs[k] % MOST
+                    one, two = own + (pairs[k] >> BITS), other + (pairs[k] & (MOST - 1))
                     if roots[one] != roots[two]:  # most are joined by now
                         unite(roots, one, two)
         begin = last
