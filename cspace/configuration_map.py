@@ -26,6 +26,8 @@ Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 States = NDArray[np.uint8]
 Result = TypeVar("Result")
+Leg = tuple[Callable[[], "ConfigurationMap"], Floats, Floats]
+"""What opens a part of a map in memory, and two configurations in it."""
 
 
 _ANSWERS = np.array([None, True, False], dtype=object)
@@ -311,6 +313,18 @@ class ConfigurationMap(ABC):
     @abstractmethod
     def _components(self) -> Joined:
         """What chains of cells join."""
+
+    @abstractmethod
+    def _legs(self, q0: Floats, q1: Floats) -> list[Leg]:
+        """The parts of the map, in memory, that a path from a configuration to another leads through, in turn.
+
+        Each is told with the configurations between which it leads through that part; the last one is the first one of
+        the next. None, where the map is in parts and FREE cells do not join the two.
+        """
+
+    @abstractmethod
+    def _around(self, q: Floats) -> ConfigurationMap:
+        """The map, or of one that is not in memory what lies around a configuration."""
 
     @abstractmethod
     def _at_one_moment(self, work: Callable[[], Result]) -> Result:

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
-from typing import Final
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Final, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cspace.configuration_map import ConfigurationMap, Leg
 from cspace.errors import ConfigurationError, InputError
 from cspace.grid import finite, positive
 from cspace.space import CSpace
 from cspace.states import BLOCKED, FREE, NAMES
-from cspace.tiles.space import TiledCSpace
 from planners.catalogue import CUBES, IGNORE_OBJECTIVES, SECOND_THREAD, planner_named
 from planners.local_planner import CURVES, HOLONOMIC, LocalPlanner, check_flag, local_planner, takes_curve
 from planners.objectives import ClearanceObjective, OverlapObjective, WeightedLength, overlap_field
@@ -23,10 +24,12 @@ from planners.result import Plan, Times, least_clearance
 from planners.search import Found, Search
 from planners.setup import MakeObjective
 from planners.states import Configuration, Floats
-from planners.tiled import Options, check_options, plan_in_tiles
 
 MAX_SEED: Final = 2**32 - 2
 """Largest seed: OMPL's generator takes 32 bits, and refuses zero."""
+
+AHEAD: Final = 32
+"""Waypoints that a shorter way may pass by at once."""
 
 _BY_NAME: Final[dict[str, type[ClearanceObjective | OverlapObjective]]] = {
     "clearance": ClearanceObjective,
@@ -37,7 +40,7 @@ _BY_NAME: Final[dict[str, type[ClearanceObjective | OverlapObjective]]] = {
 
 @takes_curve
 def plan(
-    space: CSpace | TiledCSpace,
+    space: ConfigurationMap,
     start: ArrayLike,
     goal: ArrayLike,
     *,
@@ -78,9 +81,11 @@ def plan(
     All are proven along what is really driven. Start and goal are those of the robot's reference point, which therefore
     belongs in the middle of the axle that does not steer.
 
-    *Maps in a store.* On a :class:`cspace.TiledCSpace` the path goes from tile to tile; only those on the way are
-    opened, and the planner has the time limit in each of them. Edges are straight, and the length is what counts. The
-    clearance of such a path is not told.
+    *Maps in a store.* On a :class:`cspace.TiledCSpace` the path goes from tile to tile, of which only those on the way
+    are opened, through the middle of what is FREE of their common faces. In each of them the planner has the time
+    limit; where it finds no way, and where none is named and the length counts, the map's own search takes its place,
+    but for drives. A path through several tiles by straight edges is shortened once more as a whole. Objectives, and
+    curves, are those of each tile; ``exact``, and "overlap", need a map in memory.
 
     *Long tails.* Where the robot turns and FREE cells join start and goal, RRTConnect is mostly through at once, and
     sometimes not for long. So unless ``iterations``, an objective or another planner is asked for, it has ten thousand
@@ -156,31 +161,31 @@ def plan(
         the map carries no overlap field. As well where a drive is unknown, the map is not one of (x, y, yaw), the
         turning radius is missing or not above zero, or ``exact`` is wanted along a curve.
     """
-    if isinstance(space, TiledCSpace):
-        check_flag(simplify, "simplify")
-        check_options(
-            iterations=iterations, objective=objective, exact=exact, drive=drive, turning_radius=turning_radius
-        )
-        limit = positive(time_limit, "time_limit", "seconds")
-        own: Options = {"planner": planner, "time_limit": limit, "simplify": simplify, "seed": seed}
-        return plan_in_tiles(space, start, goal, plan, **own)
     began = time.perf_counter()
     name = planner_named(planner, drive)
-    edges = local_planner(space, exact, drive, turning_radius)
+    # Of a map in a store, what all maps have is asked; the search and its proofs go by parts of it, in memory.
+    edges = local_planner(cast(CSpace, space), exact, drive, turning_radius)
     check_flag(simplify, "simplify")
-    search = Search(
-        planner=name,
-        objective=_objective(space, objective, name, drive, turning_radius),
-        iterations=_iterations(iterations, name),
-        simplify=simplify,
-        seed=None if seed is None else _whole(seed, "seed", 0, MAX_SEED),
-    )
+
+    def search_on(part: CSpace) -> Search:
+        return Search(
+            planner=name,
+            objective=_objective(part, objective, name, drive, turning_radius),
+            iterations=_iterations(iterations, name),
+            simplify=simplify,
+            seed=None if seed is None else _whole(seed, "seed", 0, MAX_SEED),
+        )
+
+    search = search_on(edges.space)
     limit = positive(time_limit, "time_limit", "seconds")
-    ends = _endpoint(space, start, "start", exact), _endpoint(space, goal, "goal", exact)
+    ends = _endpoint(edges.space, start, "start", exact), _endpoint(edges.space, goal, "goal", exact)
     if name == CUBES:
         _check_cubes(objective=objective, exact=exact, drive=drive, iterations=iterations)
     exists: bool | None = space.path_exists(*ends)
-    found = _found(search, edges, ends, exists, limit)
+    legs = [] if exists is False else space._legs(*map(np.array, ends))
+    if planner is None and len(legs) > 1 and (objective, drive, iterations) == ("length", HOLONOMIC, None):
+        name = CUBES
+    found = _found(search_on, edges, legs, exists, limit)
     searched = time.perf_counter()
     waypoints = edges.corners(found.path)
     solved = len(waypoints) > 0
@@ -188,8 +193,8 @@ def plan(
     for array in (path, waypoints, direction):
         if array is not None:
             array.flags.writeable = False
-    status, advice = _status(found, search, edges, exists, limit)
-    certified = solved and _is_certified(edges, waypoints, ends)
+    status, advice = _status(found, name, edges, exists, limit)
+    certified = solved and found.proven and np.array_equal(waypoints[[0, -1]], ends)
     clearance = least_clearance(edges, waypoints) if solved else math.nan
     setup = searched - began - found.planning - found.simplification
     return Plan(
@@ -245,11 +250,13 @@ def _unusable(space: CSpace, end: Configuration, name: str, inside: bool, exact:
         reason = "is FREE but lies on the border of a cell that is not"
         rule = f"a motion from or to it would touch that cell too, so the {name} must lie inside"
     nearest: Configuration | None = None
+    near = space._around(np.array(end))
     try:
-        nearest = tuple(space.rotations.canonical(space.nearest_free(end)).tolist())
+        nearest = tuple(space.rotations.canonical(near.nearest_free(end)).tolist())
         mend = f"the nearest is {_text(nearest)}"
     except ConfigurationError:
-        mend = "the map has no FREE configuration at all; use a smaller robot, margin or spacing"
+        where = "at all" if near is space else "near there"
+        mend = f"the map has no FREE configuration {where}; use a smaller robot, margin or spacing"
     return ConfigurationError(name, f"{_text(end)} {reason}", rule, mend, value=end, nearest=nearest)
 
 
@@ -258,15 +265,44 @@ def _text(point: Sequence[float]) -> str:
 
 
 def _found(
+    search_on: Callable[[CSpace], Search],
+    edges: LocalPlanner,
+    legs: Sequence[Leg],
+    exists: bool | None,
+    limit: float,
+) -> Found:
+    """What the search finds, part by part of the map, or what is known without one."""
+    path, planning, simplification = np.empty((0, edges.space.dof)), 0.0, 0.0
+    for opened, first, last in legs:
+        part = replace(edges, space=cast(CSpace, opened()))
+        ends = tuple(first.tolist()), tuple(last.tolist())
+        found = _leg(search_on(part.space), part, ends, exists, limit)
+        if len(legs) > 1 and not len(found.path) and edges.drive == HOLONOMIC:
+            found = _leg(replace(search_on(part.space), planner=CUBES), part, ends, exists, limit)
+        planning, simplification = planning + found.planning, simplification + found.simplification
+        waypoints = edges.corners(found.path)
+        found = replace(found, proven=len(waypoints) > 0 and part.are_free(waypoints))
+        if len(legs) == 1 or not found.proven:
+            where = f" from {_text(ends[0])} to {_text(ends[1])}" if len(legs) > 1 else ""
+            return replace(found, where=where, planning=planning, simplification=simplification)
+        path = np.concatenate([path[:-1], found.path])
+    if not legs:
+        return Found(path)
+    began = time.perf_counter()
+    search = search_on(edges.space)
+    if search.simplify and search.objective is None and edges.drive == HOLONOMIC:
+        path = _shortened(edges, path)
+    return Found(path, f"through {len(legs)} tiles", planning, simplification + time.perf_counter() - began, True)
+
+
+def _leg(
     search: Search,
     edges: LocalPlanner,
     ends: tuple[Configuration, Configuration],
     exists: bool | None,
     limit: float,
 ) -> Found:
-    """What the search finds, or what is known without one."""
-    if exists is False:
-        return Found(np.empty((0, edges.space.dof)))
+    """What the search finds on one map in memory."""
     if ends[0] == ends[1]:
         return Found(np.array(ends[:1]), "the start is the goal")
     if search.planner == CUBES:
@@ -282,13 +318,24 @@ def _found(
     return search.run(edges, *ends, limit)
 
 
-def _status(found: Found, search: Search, edges: LocalPlanner, exists: bool | None, limit: float) -> tuple[str, str]:
+def _shortened(edges: LocalPlanner, path: Floats) -> Floats:
+    """A path without the waypoints that a free straight edge passes by."""
+    kept, at = [0], 0
+    while at < len(path) - 1:
+        ahead = np.arange(at + 1, min(at + 1 + AHEAD, len(path)))
+        free = np.asarray(edges.space.motion_is_free(path[at], path[ahead]))
+        at = int(ahead[np.flatnonzero(free)[-1]]) if free.any() else at + 1
+        kept.append(at)
+    return path[kept]
+
+
+def _status(found: Found, planner: str, edges: LocalPlanner, exists: bool | None, limit: float) -> tuple[str, str]:
     """What came out in a line, and what to try where no path was found though there may be one."""
     if len(found.path):
         return "path found" + (f": {found.note}" if found.note else ""), ""
     if exists is False:
         return "no path exists: proven", ""
-    if search.planner == CUBES:
+    if planner == CUBES:
         within = "no chain of FREE cells joins start and goal"
     elif found.planning >= 0.95 * limit:
         within = f"no path found within {limit:g} s"
@@ -306,15 +353,10 @@ def _status(found: Found, search: Search, edges: LocalPlanner, exists: bool | No
     else:
         known = "a path exists"
         more += ["planner='Cubes'"]
-    if search.planner == CUBES:
+    if planner == CUBES:
         # It has looked everywhere that it can, and asks no geometry.
         more = ["planner='RRTConnect'" + " with exact=True" * (exists is None), finer]
-    return f"{within}; {known}", f"{', '.join(more[:-1])}, or {more[-1]}"
-
-
-def _is_certified(edges: LocalPlanner, path: Floats, ends: tuple[Configuration, Configuration]) -> bool:
-    """Whether the path joins start and goal and every edge is proven free, asked of the map itself."""
-    return (tuple(path[0].tolist()), tuple(path[-1].tolist())) == ends and edges.are_free(path)
+    return f"{within}{found.where}; {known}", f"{', '.join(more[:-1])}, or {more[-1]}"
 
 
 def _objective(

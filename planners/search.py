@@ -49,12 +49,18 @@ class Found:
         How it was found, or why not, where there is more to say than that.
     planning, simplification : float
         Seconds.
+    proven : bool
+        Whether all edges were proven free, asked again of the map.
+    where : str
+        On which part of the way none was found, if it has several.
     """
 
     path: Floats
     note: str = ""
     planning: float = 0.0
     simplification: float = 0.0
+    proven: bool = False
+    where: str = ""
 
 
 @dataclass(frozen=True, slots=True)

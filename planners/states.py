@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from ompl import base as ob
 
+from cspace.configuration_map import ConfigurationMap
 from cspace.errors import InputError
 from cspace.space import CSpace
 
@@ -69,7 +70,7 @@ def check_space(space: object) -> None:
     InputError
         If it is not a CSpace.
     """
-    if not isinstance(space, CSpace):
+    if not isinstance(space, ConfigurationMap):
         mend = "pass what cspace.build or cspace.open returns, and mind the order of the arguments"
         raise InputError("space", f"is a {type(space).__name__}", "it must be a CSpace", mend, value=space)
 

@@ -237,7 +237,7 @@ def cube_path(states: Stack, slice_of: Ints, neighbors: Ints, start: Ints, goal:
         From start to goal; of length 0 where no chain of FREE cells joins them.
     """
     dim = states.ndim - 1
-    nx, ny, nz = (*states.shape[1:], *[1] * (3 - dim))
+    nx, ny, nz = np.pad(states.shape[1:], (0, 3 - dim), constant_values=1).tolist()
     first, last = (np.pad(cell, (0, 3 - dim)) for cell in (start, goal))
     field = Field(cells_of(states), (nx, ny, nz), slice_of, neighbors)
     middles = trace_cubes(field, first, last, LARGEST)[:, : 1 + dim]
@@ -247,7 +247,7 @@ def cube_path(states: Stack, slice_of: Ints, neighbors: Ints, start: Ints, goal:
     turns = np.flatnonzero(middles[1:, 0] != middles[:-1, 0])
     between = np.column_stack([middles[turns, :1], middles[turns + 1, 1:]])
     cells = np.vstack([np.insert(middles, turns + 1, between, axis=0), goal])
-    return cells[np.append(True, (cells[1:] != cells[:-1]).any(axis=1))]
+    return np.asarray(cells[np.append(True, (cells[1:] != cells[:-1]).any(axis=1))])
 
 
 def pulled_straight(points: Floats, dim: int, check: Check, step: float) -> Floats:

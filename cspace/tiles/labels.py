@@ -235,8 +235,8 @@ class Joined:
         -------
         tiles : list of tuple of int
             Empty where nothing leads there.
-        crossings : ndarray of int64, shape (len(tiles) - 1, 2, 1 + d)
-            The cells on either side of each common face.
+        crossings : ndarray of int64, shape (len(tiles) - 1, 1 + d)
+            The first cell of each tile but the first one, beside a FREE one of the tile before.
         """
         from scipy.sparse import coo_matrix
         from scipy.sparse.csgraph import dijkstra
@@ -245,9 +245,9 @@ class Joined:
         nodes = self.nodes_of(np.stack([start, goal]))[FREE_ONES]
         tiles = [tuple((cell[1:] // self.store.tile).tolist()) for cell in (start, goal)]
         if nodes[0] == nodes[1] != -1:
-            return tiles[:1], np.empty((0, 2, len(start)), dtype=np.int64)
+            return tiles[:1], np.empty((0, len(start)), dtype=np.int64)
         if (nodes < 0).any():
-            return [], np.empty((0, 2, len(start)), dtype=np.int64)
+            return [], np.empty((0, len(start)), dtype=np.int64)
         count = int(first[-1]) + len(self._slice_of)
         graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
         before = dijkstra(graph, directed=False, indices=nodes[0], unweighted=True, return_predecessors=True)[1]
@@ -255,19 +255,19 @@ class Joined:
         while chain[-1] != nodes[0] and before[chain[-1]] >= 0:
             chain.append(int(before[chain[-1]]))
         if chain[-1] != nodes[0]:
-            return [], np.empty((0, 2, len(start)), dtype=np.int64)
+            return [], np.empty((0, len(start)), dtype=np.int64)
         chain.reverse()
         numbers = np.searchsorted(first, chain, side="right") - 1
         way = [tuple(int(i) for i in np.unravel_index(number, self.store.counts)) for number in numbers]
         crossings, at = [], start
         for k in range(len(way) - 1):
             labels = [chain[k] - int(first[numbers[k]]), chain[k + 1] - int(first[numbers[k + 1]])]
-            crossings.append(self._crossing(way[k], way[k + 1], labels, at, goal))
-            at = crossings[-1][1]
-        return way, np.array(crossings).reshape(-1, 2, len(start))
+            at = self._crossing(way[k], way[k + 1], labels, at, goal)
+            crossings.append(at)
+        return way, np.array(crossings).reshape(-1, len(start))
 
     def _crossing(self, one: Index, other: Index, labels: list[int], at: Ints, goal: Ints) -> Ints:
-        """Cells on either side of the face of two tiles, in the middle of those of two components, on a short way."""
+        """The first cell behind the face of two tiles, in the middle of those of two components, on a short way."""
         from scipy.ndimage import distance_transform_edt
 
         axis = next(k for k in range(len(one)) if one[k] != other[k])
@@ -283,11 +283,10 @@ class Joined:
         for k, part in enumerate(cells):
             if k != axis:
                 cells_here[:, 1 + k] += part.start
-        cells_there = cells_here.copy()
-        cells_there[:, 1 + axis] += 1 if far else -1
         detour = sum(np.linalg.norm((cells_here - end)[:, 1:].astype(float), axis=1) for end in (at, goal))
-        best = int(np.argmin(detour))
-        return np.stack([cells_here[best], cells_there[best]])
+        best: Ints = cells_here[int(np.argmin(detour))]
+        best[1 + axis] += 1 if far else -1
+        return best
 
     def _tile(self, index: Index) -> tuple[Tile, list[Ints]]:
         """A tile, and of each kind the components on its faces, ascending, with the label of each."""

@@ -5,16 +5,17 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.configuration_map import ConfigurationMap, Result
+from cspace.configuration_map import ConfigurationMap, Leg, Result
 from cspace.correlation import Progress
 from cspace.errors import ConfigurationError, FileError, InputError
 from cspace.grid import Grid
-from cspace.map.batches import EDGES_A_THREAD, Ask, Kernel, as_points, own
+from cspace.map.batches import EDGES_A_THREAD, Ask, Kernel, Many, One
+from cspace.map.batches import own as owned
 from cspace.map.exterior import Exterior
 from cspace.map.kept import Lock
 from cspace.map.record import Map
@@ -41,6 +42,10 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+Ints = NDArray[np.int64]
+
+AROUND: Final = {2: 1024, 3: 256}
+"""Cells along an axis of what is opened around configurations, by the number of axes."""
 
 CACHE_BYTES: Final = 2**29
 """Memory for decoded tiles, unless a map is told otherwise: 2 x 10^9 states."""
@@ -191,45 +196,30 @@ class TiledCSpace(ConfigurationMap):
     def _components(self) -> Joined:
         return self._join()
 
-    def chain(self, q0: ArrayLike, q1: ArrayLike) -> list[tuple[Callable[[], CSpace], Floats, Floats]]:
-        """The tiles that lead from a configuration to another through FREE cells, for planners.
-
-        Parameters
-        ----------
-        q0, q1 : array-like, shape (dof,)
-            In the map.
-
-        Returns
-        -------
-        list of (callable, ndarray, ndarray)
-            What opens a tile as a map in memory, and the FREE configurations in it where one enters and leaves it.
-            It is left and the next one entered through two cells that share a face. Empty where FREE cells do not join
-            the two.
-        """
-        ends = [as_points(q, name, self.dof) for q, name in ((q0, "q0"), (q1, "q1"))]
-        cells = [self._cells_of(point) for point in ends]
+    def _legs(self, q0: Floats, q1: Floats) -> list[Leg]:
+        cells = [self._cells_of(q) for q in (q0, q1)]
         tiles, crossings = self._at_one_moment(lambda: self._join().chain(*cells))
-        centers = self.rotations.centers[crossings[..., 0]]
-        points = np.concatenate([self.grid.center_of(crossings[..., 1:]), centers], axis=-1)
+        turns = self.rotations.centers[crossings[:, 0]]
+        points = [q0, *np.concatenate([self.grid.center_of(crossings[:, 1:]), turns], axis=1), q1]
+        beyond = [*crossings[:, 1:], cells[1][1:]]
         return [
-            (
-                partial(self._opened, tile),
-                ends[0] if k == 0 else points[k - 1, 1],
-                ends[1] if k == len(tiles) - 1 else points[k, 0],
-            )
-            for k, tile in enumerate(tiles)
+            (partial(self._opened, tile, cell), points[k], points[k + 1])
+            for k, (tile, cell) in enumerate(zip(tiles, beyond, strict=True))
         ]
 
-    def _opened(self, tile: tuple[int, ...]) -> CSpace:
-        """A tile as a map in memory, of which the robot's reach is a part where it is wide enough."""
-        cells = self._store.cells(tile)
-        first, stop = (np.array([getattr(part, end) for part in cells]) for end in ("start", "stop"))
-        reach = self._job.reach
-        if (first - reach[0] < stop - reach[1]).all():
-            first, stop = first - reach[0], stop - reach[1]
-        return self._at_one_moment(
-            lambda: window_of(self._store, self._record, self._job.reach, self._exterior, first, stop)
-        )
+    def _opened(self, tile: tuple[int, ...], cell: Ints) -> CSpace:
+        """A tile as a map in memory, with a cell that lies in it or beside it."""
+        low, high = np.array([[part.start, part.stop] for part in self._store.cells(tile)]).T
+        return self._part(np.minimum(low, cell), np.maximum(high, cell + 1))
+
+    def _around(self, q: Floats) -> CSpace:
+        middle = np.clip(q[: self.grid.dim], self.grid.lower, self.grid.upper)
+        around = 0.5 * self.grid.spacing * np.minimum(self.tile, AROUND[self.grid.dim])
+        return self.window(middle - around, middle + around)
+
+    def _part(self, first: Ints, stop: Ints) -> CSpace:
+        """The cells from a first one up to the one before another, in memory."""
+        return self._at_one_moment(lambda: window_of(self._store, self._record, self._exterior, first, stop))
 
     # ---- parts, and changes ------------------------------------------------------------------------------------------
 
@@ -268,9 +258,7 @@ class TiledCSpace(ConfigurationMap):
             raise InputError(
                 "window", f"from {lower!r} to {upper!r} holds no cell of the map", rule, "pass a part of that"
             )
-        return self._at_one_moment(
-            lambda: window_of(self._store, self._record, self._job.reach, self._exterior, first, stop)
-        )
+        return self._part(first + self._job.reach[0], stop + self._job.reach[1])
 
     def overview(self, most: int = 1024, client: Client | None = None) -> CSpace:
         """The whole map in larger cells, in memory: to be drawn, and to be looked up roughly.
@@ -320,6 +308,36 @@ class TiledCSpace(ConfigurationMap):
             self._check_done()
             return update_store(self._now, patch, client, self._job.reach)
 
+    @overload
+    def clearance(self, q: One) -> float: ...  # type: ignore[overload-overlap]
+    @overload
+    def clearance(self, q: Many) -> Floats: ...
+    def clearance(self, q: ArrayLike) -> float | Floats:
+        """Lower bound of the distance to what is not FREE, as :meth:`cspace.CSpace.clearance`, up to some cells.
+
+        It is looked for up to 64 cells away in the plane, and 16 in space; where all is FREE up to there, that is the
+        bound. Windows are opened around the configurations, one after the other.
+
+        Parameters
+        ----------
+        q : array-like, shape (dof,) or (..., dof)
+            Metres, and radians.
+
+        Returns
+        -------
+        float or ndarray of float64, shape (...)
+            Metres.
+        """
+        points = self._checked(q, "q")
+        rows, near = points.reshape(-1, self.dof), AROUND[self.grid.dim] // 16
+        cells, found = self.grid.cell_of(rows[:, : self.grid.dim]), np.empty(len(rows))
+        blocks, block = np.unique(cells // AROUND[self.grid.dim], axis=0, return_inverse=True)
+        for number in range(len(blocks)):
+            own = np.flatnonzero(block.reshape(-1) == number)
+            part = self._part(cells[own].min(axis=0) - near, cells[own].max(axis=0) + near + 1)
+            found[own] = np.minimum(part.clearance(rows[own]), near * self.grid.spacing)
+        return found.reshape(points.shape[:-1]) if points.ndim > 1 else float(found[0])
+
     # ---- who answers -------------------------------------------------------------------------------------------------
 
     def _classify(self) -> Ask:
@@ -344,7 +362,7 @@ class TiledCSpace(ConfigurationMap):
 
     def _ask(self, kernel: Kernel, passed: int, least: int, parts: Sequence[Any], out: NDArray[Any]) -> int:
         """Fill ``out`` by a kernel of rows, shape (n, dof); ``passed`` is what it tells where all it reads is FREE."""
-        rows = [own(part) for part in parts]
+        rows = [owned(part) for part in parts]
         return self._at_one_moment(lambda: self._in_turns(kernel, rows, out, passed, least))
 
     @property

@@ -144,10 +144,11 @@ class Store:
 
     def tiles_in(self, box: Sequence[slice]) -> Iterator[Index]:
         """Those that share a cell with a box of cells, which may reach beyond the grid."""
-        spans = [
-            range(max(part.start, 0) // t, min(-(-part.stop // t), count))
-            for part, t, count in zip(box, self.tile, self.counts, strict=True)
+        cut = [
+            (max(part.start, 0), min(part.stop, n), t)
+            for part, n, t in zip(box, self.grid.shape, self.tile, strict=True)
         ]
+        spans = [range(first // t, -(-stop // t)) if first < stop else range(0) for first, stop, t in cut]
         return itertools.product(*spans)
 
     # ---- made and opened ---------------------------------------------------------------------------------------------

@@ -26,16 +26,14 @@ Known = Callable[[Index], Record]
 _MEND: Final = "ask for a smaller window"
 
 
-def window_of(store: Store, known: Known, reach: Ints, table: Ints, first: Ints, stop: Ints) -> CSpace:
-    """The part of a map from a first cell up to the one before another, with as much around it as the robot reaches.
+def window_of(store: Store, known: Known, table: Ints, first: Ints, stop: Ints) -> CSpace:
+    """The part of a map from a first cell up to the one before another; all of it, if it has no cell beyond.
 
     Parameters
     ----------
     store : Store
     known : callable
         The record of a tile.
-    reach : ndarray of int64, shape (2, d)
-        How far before and after a cell the robot reaches.
     table : ndarray of int64, shape (slices, 2 d + 1)
         What is known outside the whole map: :attr:`cspace.map.exterior.Exterior.table`.
     first, stop : ndarray of int64, shape (d,)
@@ -46,9 +44,9 @@ def window_of(store: Store, known: Known, reach: Ints, table: Ints, first: Ints,
         If it does not fit into memory.
     """
     whole, outside = store.grid, str(store.metadata["outside"])
-    if (first + reach[0] > 0).any() or (stop + reach[1] < whole.shape).any():
+    if (first > 0).any() or (stop < whole.shape).any():
         # What the map is beyond its border is told by cells of the window; what lies farther is not known.
-        outside, first, stop = UNKNOWN, first + reach[0], stop + reach[1]
+        outside = UNKNOWN
     else:
         first, stop = np.zeros_like(first), np.array(whole.shape)
     lower = np.array(whole.lower) + whole.spacing * first

@@ -8,6 +8,8 @@ import pytest
 import cspace
 import planners
 from cspace.errors import ConfigurationError, InputError
+from planners.local_planner import local_planner
+from planners.result import least_clearance
 
 CAR = cspace.Robot.rectangle(0.5, 0.2)
 
@@ -61,8 +63,49 @@ def test_what_is_refused(tmp_path):
     with pytest.raises(ConfigurationError, match=r"goal .*BLOCKED.*the nearest is") as caught:
         planners.plan(tiled, [0.7, 0.7], [1.55, 4.0])
     assert tiled.is_free(caught.value.nearest)
-    with pytest.raises(ConfigurationError, match="start lies outside"):
+    with pytest.raises(ConfigurationError, match=r"start .* lies outside"):
         planners.plan(tiled, [-0.7, 0.7], [0.7, 0.7])
-    for option in ({"exact": True}, {"curve": "dubins", "turning_radius": 1.0}, {"objective": "clearance"}):
-        with pytest.raises(InputError, match="in a store"):
-            planners.plan(tiled, [0.7, 0.7], [0.7, 5.0], **option)
+    with pytest.raises(ConfigurationError, match="exact needs a map in memory"):
+        planners.plan(tiled, [0.7, 0.7], [0.7, 5.0], exact=True)
+    with pytest.raises(ConfigurationError, match="overlap_field needs a map in memory"):
+        planners.plan(tiled, [0.7, 0.7], [0.7, 5.0], objective="overlap", planner="RRTstar")
+    with pytest.raises(InputError, match="turns in the plane"):
+        planners.plan(tiled, [0.7, 0.7], [0.7, 5.0], drive="dubins", turning_radius=1.0)
+    with pytest.raises(ConfigurationError, match="needs a map in memory"):
+        planners.simple_setup(tiled)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"drive": "reeds-shepp", "turning_radius": 0.3},
+        {"drive": "differential"},
+        {"objective": "clearance", "planner": "RRTstar", "time_limit": 0.3},
+        {"planner": "RRTConnect"},
+    ],
+    ids=["reeds-shepp", "differential", "clearance", "planner"],
+)
+def test_what_a_plan_in_memory_takes(options, tmp_path):
+    """Each tile is planned as a map in memory; what comes out is proven on the whole map in memory."""
+    workspace = maze(60)
+    tiled = cspace.build(workspace, CAR, rotations=16, store=tmp_path / "m", tile=30)
+    space = cspace.build(workspace, CAR, rotations=16)
+    start, goal = [0.7, 0.9, 0.1], [5.3, 4.9, 0.1]
+    found = planners.plan(tiled, start, goal, seed=1, **{"time_limit": 3.0, **options})
+    assert found.certified
+    assert "through" in found.status
+    np.testing.assert_allclose(found.waypoints[[0, -1]], [start, goal])
+    edges = local_planner(space, False, options.get("drive", "holonomic"), options.get("turning_radius"))
+    assert edges.are_free(found.waypoints)
+    assert found.clearance == pytest.approx(least_clearance(edges, found.waypoints))
+
+
+def test_a_robot_that_turns_finds_its_way(tmp_path):
+    """A car that fits between walls only lengthwise, and must turn in a bay; also within no time for a planner."""
+    walls = np.ones((120, 120), dtype=bool)
+    walls[10:20, 10:110] = walls[10:110, 100:110] = walls[5:25, 90:115] = False
+    workspace = cspace.Workspace.from_array(walls, 0.1)
+    tiled = cspace.build(workspace, cspace.Robot.rectangle(1.2, 0.4), rotations=16, store=tmp_path / "m", tile=40)
+    for options in ({}, {"planner": "RRTConnect", "time_limit": 1e-4}):
+        found = planners.plan(tiled, [1.5, 2.0, np.pi / 2], [10.0, 10.5, 0.0], **options)
+        assert found.certified

@@ -58,6 +58,17 @@ def test_answers_are_those_of_the_map_in_memory(name, outside, tmp_path):
     assert tiled.motion_is_free(q[0], near[0]) is space.motion_is_free(q[0], near[0])
 
 
+@pytest.mark.parametrize("name", SPACES)
+def test_clearance_as_far_as_it_is_looked_for(name, tmp_path, monkeypatch):
+    space, tiled = pair(name, tmp_path, "free")
+    q = configurations(space, 60, np.random.default_rng(2))
+    monkeypatch.setattr("cspace.tiles.space.AROUND", {2: 48, 3: 48})
+    expected = np.minimum(space.clearance(q), 3 * space.grid.spacing)
+    np.testing.assert_allclose(tiled.clearance(q), expected, atol=1e-12)
+    assert 0.0 < np.mean(expected > 0.0) < 1.0
+    assert tiled.clearance(q[0]) == pytest.approx(expected[0])
+
+
 def test_an_edge_reads_the_tiles_that_it_passes(tmp_path):
     workspace = cspace.Workspace.from_array(np.zeros((100, 100), dtype=bool), 0.1)
     tiled = cspace.build(workspace, cspace.Robot.disc(0.1), store=tmp_path / "m", tile=10)
@@ -83,7 +94,7 @@ def test_what_is_opened(tmp_path):
     assert "tiles of 7 x 7" in repr(opened)
     space.save(tmp_path / "saved.zarr")
     assert isinstance(cspace.open(tmp_path / "saved.zarr"), cspace.CSpace)
-    for name in ("sample_free", "clearance", "plot", "state"):
+    for name in ("sample_free", "free_reach", "plot", "state"):
         with pytest.raises(ConfigurationError, match="window"):
             getattr(opened, name)
     q = np.zeros(3)
