@@ -99,6 +99,18 @@ def families(folder: Path) -> dict[str, Path]:
         '<library_visual_scenes><visual_scene id="w"><node><instance_geometry url="#g"/></node></visual_scene>'
         '</library_visual_scenes><scene><instance_visual_scene url="#w"/></scene></COLLADA>',
     )
+    solids = (
+        '<box size="1 2 3"/>',
+        '<cylinder radius="0.5" length="2"/>',
+        '<mesh filename="box.stl" scale="1 1 0.5"/>',
+    )
+    parts = "".join(
+        f'<collision><origin xyz="0.5 0 0" rpy="0 0.3 0"/><geometry>{solid}</geometry></collision>' for solid in solids
+    )
+    joint = '<joint name="j" type="fixed"><origin xyz="0 0 1"/><parent link="base"/><child link="top"/></joint>'
+    put("robot.urdf", f'<robot name="r"><link name="base">{parts}</link><link name="top"/>{joint}</robot>')
+    costmap = '  ros__parameters:\n    footprint: "[[0.3, 0.2], [0.3, -0.2], [-0.3, 0]]"\n    footprint_padding: 0.02\n'
+    put("robot.yaml", f"local_costmap:\n{costmap}global_costmap:\n{costmap}")
     put("tree.bt", b"# Octomap OcTree binary file\nid OcTree\nsize 24\nres 0.1\ndata\n" + b"\3\0" * 15 + b"\x55\xaa")
     inner, taken, free = (np.float32(value).tobytes() for value in (0.8, 0.8, -0.4))
     nodes = (inner + b"\1") * 15 + inner + b"\x11" + taken + b"\0" + free + b"\0"
@@ -128,6 +140,8 @@ def open_file(path: Path) -> object:
         return Spheres.open(path)
     if path.name.startswith(("saved", "forged")):
         return cspace.open(path)
+    if path.name.startswith("robot"):
+        return Robot.open(path)
     path = path.with_name("map.yaml") if path.name == "map.pgm" else path
     spaced = path.suffix not in (".yaml", ".bt", ".ot")
     return Workspace.open(path, **({"spacing": 0.5} if spaced else {}))

@@ -117,7 +117,8 @@ def check_dimensions(path: Path, dim: int, robot: Robot) -> None:
     """
     if robot.dim != dim:
         found = f"is a {robot.name}, which has {robot.dim} dimensions, and the workspace {path} has {dim}"
-        raise InputError("--robot", found, "they must agree", "take both in the plane or both in space")
+        mend = "take both in the plane or both in space" + ", or its shadow, as footprint:ROBOT" * (robot.dim == 3)
+        raise InputError("--robot", found, "they must agree", mend)
 
 
 def rotation_cells(text: str | None) -> Rotations:

@@ -7,6 +7,7 @@ import logging
 import os
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -182,9 +183,9 @@ def _found(name: str, path: Path, place: str) -> Path:
     kind, _, rest = name.rpartition("://")
     tails = [rest, rest.partition("/")[2]] if kind == "package" else [rest]
     folder = path.resolve().parent
-    for place_of in (folder, *folder.parents):
-        for tail in tails:
-            if (file := place_of / tail).is_file():
+    for file in (above / tail for above in (folder, *folder.parents) for tail in tails):
+        with suppress(OSError):  # of a name that no file can have
+            if file.is_file():
                 return file
     rule = f"it is looked for in {folder} and the folders above it"
     raise FileError(f"{place} {name}", "does not exist", rule, "put it there, or correct its name")
