@@ -119,6 +119,15 @@ class Grid:
     InputError
         If a value is not finite, the spacing or a count is not above zero, or the lengths differ; or if the grid lies
         so far from the origin (over 2^22 cells) that floating-point rounding could reach the certificate's slack.
+
+    Examples
+    --------
+    >>> import cspace
+    >>> grid = cspace.Grid((0.0, 0.0), 0.5, (10, 8))
+    >>> grid.cell_of((1.2, 3.9))
+    array([2, 7])
+    >>> grid.center_of((2, 7))
+    array([1.25, 3.75])
     """
 
     lower: tuple[float, ...]

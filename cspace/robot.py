@@ -47,6 +47,14 @@ class Robot:
         A short text for people, such as ``"disc 0.3 m"``.
     shape : Shape
         In the robot's frame.
+
+    Examples
+    --------
+    >>> import cspace
+    >>> cspace.Robot.rectangle(0.7, 0.5)
+    Robot(rectangle 0.7 m x 0.5 m, in the plane)
+    >>> cspace.Robot.open("disc:0.3").span
+    0.3
     """
 
     name: str

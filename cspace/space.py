@@ -83,6 +83,21 @@ class CSpace(ConfigurationMap):
         All that the map is.
     rasters : sequence of (outer, inner) Raster, optional
         The robot's, for each slice; made again, when they are needed, if left out.
+
+    Examples
+    --------
+    >>> import numpy as np, cspace
+    >>> occupied = np.zeros((80, 60), dtype=bool)
+    >>> occupied[40:42, :45] = True
+    >>> space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), cspace.Robot.disc(0.2))
+    >>> space.is_free([(1.0, 1.0), (4.1, 1.0)])
+    array([ True, False])
+    >>> space.motion_is_free((1.0, 1.0), (7.0, 1.0))
+    False
+    >>> space.path_exists((1.0, 1.0), (7.0, 1.0))
+    True
+    >>> round(space.clearance((2.0, 3.0)), 3)
+    1.7
     """
 
     def __init__(

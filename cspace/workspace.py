@@ -78,6 +78,12 @@ class Workspace:
     InputError
         If an array is not boolean (0 and 1 are accepted), does not have the grid's shape, or a cell is in ``inner``
         and not in ``outer``.
+
+    Examples
+    --------
+    >>> import shapely, cspace
+    >>> cspace.Workspace.from_polygons([shapely.box(1, 1, 2, 3)], spacing=0.1, bounds=(0, 0, 5, 4))
+    Workspace(1 polygon: 50 x 40 cells of 0.1 m, 0.132 of them occupied)
     """
 
     grid: Grid

@@ -34,5 +34,4 @@ print(plan)
 # Three sections through the middle of the path, and a view from the front.
 
 save_plot(space, "z_tunnel.png", True, path=plan)
-# sphinx_gallery_thumbnail_number = 2
 save_plot(space, "z_tunnel_3d.png", True, path=plan, view="3d")

@@ -87,6 +87,22 @@ class MotionValidator(ob.MotionValidator):
     ------
     InputError
         As :func:`planners.state_space`.
+
+    Examples
+    --------
+    >>> import numpy as np, cspace, planners
+    >>> from ompl import base as ob
+    >>> space = cspace.build(cspace.Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1), cspace.Robot.disc(0.2))
+    >>> def is_free(space, q0, q1):  # OMPL's objects are gone when it ends
+    ...     si = ob.SpaceInformation(planners.state_space(space))
+    ...     si.setStateValidityChecker(planners.StateValidityChecker(si, space))
+    ...     si.setMotionValidator(planners.MotionValidator(si, space))
+    ...     ends = si.allocState(), si.allocState()
+    ...     for state, q in zip(ends, (q0, q1)):
+    ...         state[0], state[1] = q
+    ...     return si.checkMotion(*ends)
+    >>> is_free(space, (1.0, 1.0), (3.0, 2.0)), is_free(space, (1.0, 1.0), (3.95, 2.0))
+    (True, False)
     """
 
     @takes_curve

@@ -43,6 +43,12 @@ def planner_names() -> tuple[str, ...]:
     Returns
     -------
     tuple of str
+
+    Examples
+    --------
+    >>> import planners
+    >>> "RRTConnect" in planners.planner_names()
+    True
     """
     return tuple(sorted(_planners(), key=str.lower))
 

@@ -160,6 +160,18 @@ def plan(
         planner does not go together with ``objective``, ``iterations`` or ``drive``, or the objective is "overlap" and
         the map carries no overlap field. As well where a drive is unknown, the map is not one of (x, y, yaw), the
         turning radius is missing or not above zero, or ``exact`` is wanted along a curve.
+
+    Examples
+    --------
+    >>> import numpy as np, cspace, planners
+    >>> occupied = np.zeros((80, 60), dtype=bool)
+    >>> occupied[40:42, :45] = True
+    >>> space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), cspace.Robot.disc(0.2))
+    >>> plan = planners.plan(space, (1.0, 1.0), (7.0, 1.0), planner="RRTConnect", seed=1)
+    >>> plan.status, plan.certified
+    ('path found', True)
+    >>> planners.plan(space, (1.0, 1.0), (1.0, 5.0)).length
+    4.0
     """
     began = time.perf_counter()
     name = planner_named(planner, drive)

@@ -48,6 +48,14 @@ def open_map(path: str | os.PathLike[str]) -> CSpace | TiledCSpace:
     ------
     FileError
         If there is nothing, or nothing that can be read, or not a map, or a map that is truncated or changed.
+
+    Examples
+    --------
+    >>> import numpy as np, cspace
+    >>> space = cspace.build(cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1), cspace.Robot.disc(0.2))
+    >>> space.save("map.zarr")
+    >>> cspace.open("map.zarr").count() == space.count()
+    True
     """
     if (folder := _is_folder(path)) and is_tiled(path):
         return TiledCSpace.open(path)

@@ -264,6 +264,13 @@ def save_plot(
         If the suffix is none of these, or as for :func:`plot`.
     FileError
         If the file exists and ``overwrite`` is not set, or cannot be written.
+
+    Examples
+    --------
+    >>> import numpy as np, cspace
+    >>> space = cspace.build(cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1), cspace.Robot.disc(0.2))
+    >>> save_plot(space, "map.png", overwrite=True).name
+    'map.png'
     """
     if "ax" in options:
         rule = "save_plot draws a figure of its own"

@@ -80,6 +80,14 @@ def decompose(
         the tolerance, or the lattice does not fit into memory.
     FileError
         If a file is missing or malformed.
+
+    Examples
+    --------
+    >>> import shapely
+    >>> from cspace.spectral import decompose
+    >>> discs = decompose(shapely.box(0, 0, 2, 1), kind="outer", number=8)
+    >>> len(discs.radii) <= 8
+    True
     """
     check_kind(kind, "kind", KINDS)
     if (number is None) == (tolerance is None):

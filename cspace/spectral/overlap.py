@@ -113,6 +113,14 @@ class FourierOverlap:
         If a value is not as stated.
     MissingPackageError
         If finufft is not installed.
+
+    Examples
+    --------
+    >>> import shapely
+    >>> from cspace.spectral import FourierOverlap, decompose
+    >>> a, b = (decompose(shapely.box(0, 0, 2, 1), kind="outer", number=8) for _ in range(2))
+    >>> FourierOverlap.of_shapes(a, b, swell=0.2).separated((5.0, 0.0)).verdict.name
+    'MISS'
     """
 
     def __init__(

@@ -66,6 +66,16 @@ class TiledCSpace(ConfigurationMap):
     store : cspace.tiles.store.Store
     cache_bytes : int
         Memory for decoded tiles, of which there is always one; a state takes two bits.
+
+    Examples
+    --------
+    >>> import numpy as np, cspace
+    >>> field = cspace.Workspace.from_array(np.eye(300, dtype=bool), 0.1)
+    >>> space = cspace.build(field, cspace.Robot.disc(0.2), store="tiles.zarr", tile=128)
+    >>> space.is_free([(5.0, 20.0), (5.0, 5.0)])
+    array([ True, False])
+    >>> space.window((0.0, 15.0), (10.0, 25.0)).clearance((5.0, 20.0)) > 1.0
+    True
     """
 
     def __init__(self, store: Store, cache_bytes: int = CACHE_BYTES) -> None:
