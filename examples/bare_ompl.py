@@ -12,6 +12,7 @@ from ompl import geometric as og
 from ompl import util as ou
 
 import cspace
+import planners
 from cspace.plot import save_plot
 
 # %%
@@ -62,3 +63,21 @@ print(np.array2string(path, precision=2, suppress_small=True))
 proven = space.certify_path(path)
 print(f"edges proven free all along: {proven.sum()} of {len(proven)}")
 save_plot(space, "bare_ompl.png", True, path=path)
+
+# %%
+# The same with all that the map can answer: ``simple_setup`` brings the states and their bounds, a checker of whole
+# motions, a sampler of FREE states, and a resolution that fits the cells.
+
+
+def solve_with_parts(space: cspace.CSpace) -> np.ndarray:
+    """As before, with :class:`planners.MotionValidator` and the other parts."""
+    setup = planners.simple_setup(space)
+    start, goal = setup.getStateSpace().allocState(), setup.getStateSpace().allocState()
+    start[0], start[1], goal[0], goal[1] = 1.0, 1.0, 9.0, 5.0
+    setup.setStartAndGoalStates(start, goal)
+    setup.setPlanner(og.RRTConnect(setup.getSpaceInformation()))
+    setup.solve(1.0)
+    return np.array([[state[0], state[1]] for state in setup.getSolutionPath().getStates()])
+
+
+print("every edge proven:", space.certify_path(solve_with_parts(space)).all())

@@ -105,7 +105,7 @@ class OverlapField:
 
     @property
     def cells(self) -> Floats:
-        """The same by slice, shape (slices, nx, ny(, nz)), as :func:`field_at` takes it."""
+        """The same by slice, shape (slices, nx, ny(, nz)), as ``field_at`` takes it."""
         return np.ascontiguousarray(self.values).reshape(self.space._map.states.shape)
 
     @overload
@@ -192,7 +192,7 @@ _FIELDS: Final = {2: _field_2, 3: _field_3, 4: _field_4, 7: _field_7}
 
 @jit
 def fields_at(map_: Map, values: Floats, points: Floats, out: Floats) -> int:
-    """:func:`field_at` for many configurations; the index of the first that is not usable, or -1."""
+    """``field_at`` for many configurations; the index of the first that is not usable, or -1."""
     for k in range(len(points)):
         q = configuration(map_, points, k)
         if not is_usable(map_, q):

@@ -1,0 +1,51 @@
+"""
+A roadmap of your own
+=====================
+
+The map draws FREE configurations, and proves thousands of edges in one call. That is all that a probabilistic roadmap
+(Kavraki and others, 1996) needs; the shortest path in it comes from scipy, and no planner is run.
+"""
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.collections import LineCollection
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra
+from scipy.spatial import cKDTree
+
+import cspace
+from cspace.demo import demo_workspace
+
+space = cspace.build(demo_workspace(spacing=0.05), cspace.Robot.disc(0.3))
+
+# %%
+# Vertices are drawn evenly from the FREE cells. The first and the last are the ends; the start that is asked for is in
+# a table, so the nearest FREE configuration is taken.
+
+start, goal = space.nearest_free((13.2, 3.4)), (1.4, 8.6)
+vertices = np.vstack([start, space.sample_free(800, np.random.default_rng(1)), goal])
+print(f"start: {start}")
+
+# %%
+# Each vertex is joined to its twenty nearest, if the edge is proven free.
+
+_, near = cKDTree(vertices).query(vertices, k=21)
+edges = np.column_stack([np.repeat(np.arange(len(vertices)), 20), near[:, 1:].ravel()])
+edges = edges[space.certify_path(vertices, edges)]
+print(f"{len(edges)} of {20 * len(vertices)} edges are free all along")
+
+# %%
+# The shortest path in the roadmap, from its tree of shortest paths.
+
+lengths = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
+graph = coo_array((lengths, edges.T), shape=2 * (len(vertices),)).tocsr()
+distances, before = dijkstra(graph, directed=False, indices=0, return_predecessors=True)
+path = [len(vertices) - 1]
+while path[-1] != 0:
+    path.append(before[path[-1]])
+print(f"{distances[-1]:.2f} m, certified: {space.certify_path(vertices[path]).all()}")
+
+figure, ax = plt.subplots(figsize=(8, 5.5), layout="constrained")
+space.plot(ax=ax, path=vertices[path[::-1]], legend=False)
+ax.add_collection(LineCollection(vertices[edges], colors="0.6", linewidths=0.5))
+plt.show()

@@ -1,0 +1,48 @@
+"""
+Robots of many kinds
+====================
+
+A robot is a short text, a file, or a shape in code. ``Robot.open`` takes what the command line takes.
+"""
+
+import tempfile
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+from shapely.plotting import plot_polygon
+
+import cspace
+
+# %%
+# A URDF of a cart with a mast. Its collision geometry is what counts; wheels turn, and are left out with a warning
+# unless you name the links that you want.
+
+URDF = """<robot name="cart">
+  <link name="base"><collision><geometry><box size="0.8 0.5 0.3"/></geometry></collision></link>
+  <link name="mast"><collision><geometry><cylinder radius="0.1" length="1.0"/></geometry></collision></link>
+  <joint name="fixed" type="fixed"><parent link="base"/><child link="mast"/><origin xyz="-0.45 0 0.5"/></joint>
+</robot>"""
+folder = tempfile.TemporaryDirectory()
+urdf = Path(folder.name, "cart.urdf")
+urdf.write_text(URDF)
+
+# %%
+# The same door for all of them. Robots in space are known on a plane map by their shadow, ``footprint``.
+
+texts = ["disc:0.3", "rect:0.9x0.5@0.2,0", "footprint:[[0.4,0.3],[0.4,-0.3],[-0.2,-0.2],[-0.2,0.2]]"]
+texts += ["cylinder:0.3x1.2", "capsule:0.2x0.8", str(urdf)]
+robots = [cspace.Robot.open(text) for text in texts]
+robots.append(cspace.Robot.cells(np.tri(5, dtype=bool), spacing=0.1, lower=(-0.2, -0.2)))
+folder.cleanup()
+
+figure, axes = plt.subplots(2, 4, figsize=(11, 4), layout="constrained", sharex=True, sharey=True)
+for ax, robot in zip(axes.flat, robots, strict=False):
+    print(robot)
+    flat = robot if robot.dim == 2 else robot.footprint()
+    plot_polygon(flat.geometry, ax, add_points=False, color="#009e73")
+    ax.plot(0, 0, "k+", markersize=10)
+    ax.set_aspect("equal")
+    ax.set_title(robot.name.replace(folder.name, "")[:28], fontsize=9)
+axes.flat[-1].set_visible(False)
+plt.show()

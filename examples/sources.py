@@ -1,0 +1,49 @@
+"""
+Obstacles from what you have
+============================
+
+A picture, a map of a game, a cloud of points, an array: ``Workspace.open`` reads files by their suffix, and each kind
+has a method of its own.
+"""
+
+import tempfile
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+from PIL import Image, ImageDraw
+
+import cspace
+
+folder = tempfile.TemporaryDirectory()
+here = Path(folder.name)
+
+# %%
+# An image, whose dark pixels are occupied; a map in the format of MovingAI; points of a laser, each with a radius; and
+# an array that somebody saved.
+
+image = Image.new("L", (160, 120), 255)
+ImageDraw.Draw(image).ellipse((40, 30, 120, 90), fill=0)
+image.save(here / "floor.png")
+rows = ["." * 16, ".@@@@@@@@@@@@@@.", *6 * ["." * 16], ".@@@@@@..@@@@@@.", *3 * ["." * 16]]
+(here / "arena.map").write_text("type octile\nheight 12\nwidth 16\nmap\n" + "\n".join(rows) + "\n")
+angle = np.linspace(0, np.pi, 90)
+np.save(here / "scan.npy", np.column_stack([4 + 3 * np.cos(angle), 1 + 3 * np.sin(angle)]))
+np.save(here / "cells.npy", np.indices((80, 60)).sum(axis=0) % 40 == 0)
+
+workspaces = [
+    cspace.Workspace.from_image(here / "floor.png", spacing=0.05),
+    cspace.Workspace.from_movingai(here / "arena.map", spacing=0.5),
+    cspace.Workspace.from_points(np.load(here / "scan.npy"), radius=0.1, spacing=0.05, bounds=(0, 0, 8, 6)),
+    cspace.Workspace.from_array(here / "cells.npy", spacing=0.1),
+]
+folder.cleanup()
+
+# %%
+# Each becomes the same: cells that meet an obstacle, and cells that lie in one.
+
+figure, axes = plt.subplots(2, 2, figsize=(9, 7), layout="constrained", sharex=True, sharey=True)
+for ax, workspace in zip(axes.flat, workspaces, strict=True):
+    workspace.plot(ax=ax, legend=False, title=Path(workspace.source).name)
+    print(repr(workspace).replace(folder.name + "/", ""))
+plt.show()
