@@ -74,7 +74,7 @@ ORDER = (
     "mobile_robots cars drones "
     "ros_map ros_messages sources robots doors warehouse_robot parking moving_obstacles roadmap corridor_proof "
     "drone_building drone_slit window_proof drawn_out packing z_tunnel large_map "
-    "compare_planners bare_ompl export_analysis report_figures"
+    "compare_planners keep_away bare_ompl export_analysis report_figures"
 )
 """Of tutorials and examples; what is not named here comes last."""
 
@@ -99,6 +99,8 @@ sphinx_gallery_conf = {
     "inspect_global_variables": True,
     "min_reported_time": 1,
     "show_memory": False,
+    "show_signature": False,
+    "write_computation_times": False,
     "remove_config_comments": True,
     "plot_gallery": "True",
     "abort_on_example_error": False,

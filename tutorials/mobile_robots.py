@@ -6,6 +6,7 @@ From a floor plan to a path whose every edge is proven free, and to the proof th
 """
 
 import math
+import tempfile
 
 from shapely import box
 
@@ -114,5 +115,10 @@ print("free again:", space.certify_path(before.path).all())
 # Keep it
 # -------
 #
-# ``space.save("flat.zarr")`` writes the map, and ``cspace.open("flat.zarr")`` reads it. On the command line the same is
+# A map is saved as a folder, and checked by digest when it is opened. On the command line the same is
 # ``cspace map flat.geojson --spacing 0.025 --robot disc:0.3`` and ``cspace plan flat.zarr --start ... --goal ...``.
+
+with tempfile.TemporaryDirectory() as folder:
+    space.save(f"{folder}/flat.zarr")
+    again = cspace.open(f"{folder}/flat.zarr")
+print(again.count() == space.count())

@@ -1,0 +1,39 @@
+"""
+Paths that keep away
+====================
+
+The shortest path runs along the border of the C-obstacle. Two other objectives leave room: the clearance in the map,
+and the overlap of swollen balls that stand for robot and obstacles, which is smooth. The second needs
+``pip install "cspace[spectral]"``.
+"""
+
+import shapely
+
+import cspace
+import planners
+from cspace.plot import save_plot
+from cspace.spectral import FourierOverlap, decompose
+
+# %%
+# A shelf, a pillar, and a cart that does not turn.
+
+shelf = shapely.Polygon([(2, 1), (6, 1), (6, 2), (3, 2), (3, 4), (2, 4)])
+pillar = shapely.Point(6.2, 3.6).buffer(0.4)
+cart = shapely.box(-0.3, -0.2, 0.3, 0.2)
+workspace = cspace.Workspace.from_polygons([shelf, pillar], spacing=0.05, bounds=(0, 0, 8, 5))
+space = cspace.build(workspace, cspace.Robot.polygon(cart))
+
+# %%
+# The overlap is a field on the map; what is FREE is still told by the map.
+
+balls = [decompose(shape, kind="outer", number=48) for shape in (cart, shapely.union_all([shelf, pillar]))]
+space = space.with_overlap_field(FourierOverlap.of_shapes(*balls, swell=0.3))
+
+# %%
+# Planners that heed an objective use up their time limit.
+
+start, goal = (1.0, 4.3), (7.3, 0.6)
+for objective in ("length", "clearance", "overlap"):
+    plan = planners.plan(space, start, goal, planner="RRTstar", objective=objective, time_limit=2, seed=1)
+    print(f"{objective:10} {plan.length:6.2f} m, clearance {plan.clearance:.2f} m, certified: {plan.certified}")
+    save_plot(space, f"keep_away_{objective}.png", True, path=plan, title=f"objective: {objective}")
