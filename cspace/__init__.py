@@ -11,6 +11,9 @@ from cspace.states import FREE as FREE
 from cspace.states import MIXED as MIXED
 
 if TYPE_CHECKING:
+    from cspace.arms import Arm as Arm
+    from cspace.arms import ArmSpace as ArmSpace
+    from cspace.arms import build_arm as build_arm
     from cspace.builder import build as build
     from cspace.errors import ConfigurationError as ConfigurationError
     from cspace.errors import CspaceError as CspaceError
@@ -35,6 +38,9 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _HOME = {
+    "Arm": ("cspace.arms", "Arm"),
+    "ArmSpace": ("cspace.arms", "ArmSpace"),
+    "build_arm": ("cspace.arms", "build_arm"),
     "build": ("cspace.builder", "build"),
     "ConfigurationError": ("cspace.errors", "ConfigurationError"),
     "CspaceError": ("cspace.errors", "CspaceError"),

@@ -80,6 +80,8 @@ class Motion(NamedTuple):
         By how much it turns, at most either way, about its reference point.
     least : float
         What a distance has to exceed.
+    slide : float
+        By how much its reference point moves besides, at most, in whatever direction.
     """
 
     matrix: Matrix
@@ -87,6 +89,7 @@ class Motion(NamedTuple):
     step: Row
     angle: float
     least: float
+    slide: float = 0.0
 
 
 def trees_of(borders: Sequence[Pieces], about_z: bool) -> tuple[Trees, list[Node]]:
@@ -139,8 +142,9 @@ def share_apart(trees: Trees, robot: Node, still: Node, motion: Motion, enough: 
     mx, my, mz, hx, hy, hz, turn = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     ((rxx, rxy, rxz), (ryx, ryy, ryz), (rzx, rzy, rzz)), (px, py, pz) = motion.matrix, motion.place
     sx, sy, sz, angle, least = abs(motion.step[0]), abs(motion.step[1]), abs(motion.step[2]), motion.angle, motion.least
+    slide = motion.slide
     if work[0, 0] >= 0:
-        turn = angle * trees.boxes[work[0, 2], 6]
+        turn = angle * trees.boxes[work[0, 2], 6] + slide
         best = share_of_pair(trees, work[0, 0], work[0, 1], motion, turn, best)
     if still[2] > 0 and best >= 0.0:
         work[1, 0], work[1, 1], work[1, 2], work[1, 3], work[1, 4], work[1, 5] = robot + still
@@ -156,7 +160,7 @@ def share_apart(trees: Trees, robot: Node, still: Node, motion: Motion, enough: 
             hx = abs(rxx) * box[3] + abs(rxy) * box[4] + abs(rxz) * box[5] + least
             hy = abs(ryx) * box[3] + abs(ryy) * box[4] + abs(ryz) * box[5] + least
             hz = abs(rzx) * box[3] + abs(rzy) * box[4] + abs(rzz) * box[5] + least
-            turn = box[6] * angle
+            turn = box[6] * angle + slide
         box = trees.boxes[b]
         # Boxes that stay apart along one axis: so do all triangles in them.
         if abs(mx - box[0]) - hx - box[3] > best * (sx + turn) or abs(my - box[1]) - hy - box[4] > best * (sy + turn):

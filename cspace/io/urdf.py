@@ -6,7 +6,7 @@ import io
 import logging
 import os
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -15,6 +15,7 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cspace.errors import FileError, InputError, MissingPackageError
 from cspace.grid import finite, positive
@@ -22,8 +23,8 @@ from cspace.io.input import Fault, decoding, read_bytes
 from cspace.io.meshes import read_mesh
 from cspace.io.plain import parse_xml
 from cspace.io.polygons import Surface, joined, placed
-from cspace.shapes import Box
-from cspace.shapes.bracketed import Pair, capsule, cylinder
+from cspace.shapes import Box, Mesh, Shape
+from cspace.shapes.bracketed import Bracketed, Pair, capsule, cylinder
 from cspace.shapes.shape import check_point
 
 if TYPE_CHECKING:
@@ -65,7 +66,7 @@ def read_urdf(path: str | os.PathLike[str], link: str | Sequence[str] | None = N
         If yourdfpy is not installed.
     """
     file = os.fspath(path)
-    urdf = _loaded(path)
+    urdf = load_urdf(path)
     base, rigid = urdf.base_link, _fixed(urdf)
     links = rigid if link is None else [link] if isinstance(link, str) else list(link)
     for name in links:
@@ -92,7 +93,7 @@ def read_urdf(path: str | os.PathLike[str], link: str | Sequence[str] | None = N
     return [joined(side) for side in list(zip(*pairs, strict=True))[: 1 + curved]]
 
 
-def _loaded(path: str | os.PathLike[str]) -> URDF:
+def load_urdf(path: str | os.PathLike[str]) -> URDF:
     """The file as yourdfpy reads it, once it is known to hold what that takes for granted."""
     try:
         import yourdfpy
@@ -107,6 +108,23 @@ def _loaded(path: str | os.PathLike[str]) -> URDF:
         _check(root, b"http://www.ros.org/wiki/xacro" in data or b"http://ros.org/wiki/xacro" in data)
         plain = io.BytesIO(ElementTree.tostring(root))
         return yourdfpy.URDF.load(plain, load_meshes=False, build_collision_scene_graph=False)
+
+
+def shapes_of(urdf: URDF, link: str, path: str | os.PathLike[str]) -> Iterator[tuple[Shape, NDArray[np.float64]]]:
+    """The shapes of a link's collision geometry, and from the frame of each to that of the link, shape (4, 4).
+
+    Raises
+    ------
+    FileError
+        If a mesh is missing or malformed.
+    InputError
+        If a size is not above zero.
+    """
+    for number, collision in enumerate(urdf.link_map[link].collisions):
+        place = f"{os.fspath(path)}: link {link!r}, collision {number}"
+        outer, inner = (Mesh.of(surface) for surface in _sides(collision.geometry, path, place))
+        pose = np.eye(4) if collision.origin is None else finite(collision.origin, f"{place}: origin")
+        yield Bracketed(outer, inner), pose
 
 
 def _check(root: Element, macros: bool) -> None:
@@ -126,6 +144,9 @@ def _check(root: Element, macros: bool) -> None:
         if not all(end in names for end in ends):
             found = f"joins {ends[0]!r} to {ends[1]!r} by the joint {joint.get('name')!r}"
             raise Fault(found, "both must be links of it", "correct the names")
+        axis = getattr(joint.find("axis"), "attrib", {}).get("xyz", "1")
+        if joint.get("type") != "fixed" and not any(word.strip("+-0.eE") for word in axis.split()):
+            raise Fault(f"has the axis {axis!r} at the joint {joint.get('name')!r}", "it is not zero", "correct it")
         parent, child = map(str, ends)
         if child in parents:
             raise Fault(

@@ -182,6 +182,13 @@ def _height(y: float, low_y: float, low_z: float, high_y: float, high_z: float) 
 
 
 @jit
+def turn_above(triangle: Floats, x: float, y: float, z: float) -> int:
+    """1 where a triangle lies above a point and faces up, -1 where it faces down, 0 where it does not lie there."""
+    turn, low_y, low_z, high_y, high_z = _chord(triangle, x)
+    return turn if turn != 0 and low_y <= y < high_y and _height(y, low_y, low_z, high_y, high_z) > z else 0
+
+
+@jit
 def _count(points: Floats, out: Integers, triangles: Floats, turns: Integers, buckets: Buckets) -> None:
     """Set ``out`` to the winding number of each point."""
     low, scale, shape, starts, entries = buckets
@@ -191,9 +198,7 @@ def _count(points: Floats, out: Integers, triangles: Floats, turns: Integers, bu
         number = 0
         for entry in range(starts[b], starts[b + 1]):
             t = entries[entry]
-            turn, low_y, low_z, high_y, high_z = _chord(triangles[t], x)
-            if turn != 0 and low_y <= y < high_y and _height(y, low_y, low_z, high_y, high_z) > z:
-                number += turn * turns[t]
+            number += turn_above(triangles[t], x, y, z) * turns[t]
         out[p] = number
 
 

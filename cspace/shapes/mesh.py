@@ -428,6 +428,12 @@ class Mesh(Shape):
         counted = np.flatnonzero(self._turns)
         return Winding(self.vertices[self.faces[counted]] - self.bounds[0], self._turns[counted])
 
+    @property
+    def closed(self) -> tuple[Floats, NDArray[np.int64]]:
+        """Triangles that enclose something, metres, shape (n, 3, 3), and how often each counts for winding numbers."""
+        counted = np.flatnonzero(self._turns)
+        return self.vertices[self.faces[counted]], self._turns[counted]
+
     def _skin(self, near: Chosen = slice(None), columns: Chosen = slice(None)) -> Skin:
         """Some of the triangles, and those of the enclosing ones that may be above or below them."""
         from cspace.raster.surfaces import Shell, Skin

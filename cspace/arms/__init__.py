@@ -1,0 +1,7 @@
+"""Arms: robots with joints, whose configurations and motions are proven free of collisions."""
+
+from cspace.arms.model import Arm
+from cspace.arms.solids import Placed
+from cspace.arms.space import ArmSpace, Contact, build_arm
+
+__all__ = ["Arm", "ArmSpace", "Contact", "Placed", "build_arm"]

@@ -1,0 +1,400 @@
+"""Arm: links and joints, read from a URDF."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cspace.arms.chain import MOST_BODIES, SLIDES, STILL, TURNS, Chain, place_bodies
+from cspace.arms.solids import Placed, Solid
+from cspace.errors import InputError
+from cspace.grid import finite
+from cspace.shapes import Shape
+
+Floats = NDArray[np.float64]
+
+_KINDS: Final = {"fixed": STILL, "revolute": TURNS, "continuous": TURNS, "prismatic": SLIDES}
+"""What joints do, by their type in a URDF."""
+
+
+class Joint(NamedTuple):
+    """A joint of a URDF.
+
+    Attributes
+    ----------
+    name : str
+    kind : int
+        STILL, TURNS or SLIDES.
+    parent, child : str
+        Links.
+    frame : ndarray of float64, shape (4, 4)
+        Of the joint in the frame of the parent link.
+    axis : ndarray of float64, shape (3,)
+        Unit vector, in the joint's frame.
+    lower, upper : float
+        Limits, radians or metres; infinite for a joint that turns for ever.
+    leader : str
+        The joint that it follows; its own name if it follows none.
+    factor, offset : float
+        It is at ``factor * leader + offset``.
+    """
+
+    name: str
+    kind: int
+    parent: str
+    child: str
+    frame: Floats
+    axis: Floats
+    lower: float
+    upper: float
+    leader: str
+    factor: float
+    offset: float
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Arm:
+    """A robot with joints: a tree of links, of which the joints are moved by the numbers of a configuration.
+
+    Read one with :meth:`from_urdf`. A configuration has one number for each of :attr:`joints`, radians or metres.
+
+    Attributes
+    ----------
+    name : str
+    joints : tuple of str
+        Those that a configuration moves, in its order.
+    lower, upper : ndarray of float64, shape (dof,)
+        Their limits; infinite where a joint turns for ever.
+    links : tuple of Solid
+        Links that have a collision geometry, each on the body that it moves with.
+    allowed : frozenset of pairs of str
+        Links that may touch each other.
+    frames : dict of str to ndarray of float64, shape (4, 4)
+        From the frame of each link to that of its body.
+    chain : Chain
+    """
+
+    name: str
+    joints: tuple[str, ...]
+    lower: Floats
+    upper: Floats
+    links: tuple[Solid, ...]
+    allowed: frozenset[tuple[str, str]]
+    frames: dict[str, Floats]
+    chain: Chain
+
+    @classmethod
+    def from_urdf(
+        cls,
+        path: str | os.PathLike[str],
+        srdf: str | os.PathLike[str] | None = None,
+        tip: str | None = None,
+        base: str | None = None,
+    ) -> Arm:
+        """An arm from a URDF file, with the collision geometry of its links.
+
+        Revolute, continuous and prismatic joints move, those that mimic another one with it; fixed joints make one body
+        of their links.
+
+        Parameters
+        ----------
+        path : path-like
+            The URDF. Meshes are looked for as :meth:`cspace.Robot.from_urdf` tells.
+        srdf : path-like, optional
+            An SRDF file that says which links may touch. By default these are links joined by a joint, and those that
+            touch in each of 100 random configurations.
+        tip : str, optional
+            Only the joints between the base and this link move; the others are held at zero, or at their limit next to
+            it. By default all move.
+        base : str, optional
+            The link in whose frame obstacles are given; only links below it are taken. By default the root of all.
+
+        Raises
+        ------
+        FileError
+            If a file is missing or malformed.
+        InputError
+            If there is no such link, no joint moves, limits are missing or upside down, an axis is zero, a joint is of
+            another type, or no link has a collision geometry.
+        MissingPackageError
+            If yourdfpy is not installed.
+        """
+        from cspace.io.urdf import load_urdf
+
+        urdf = load_urdf(path)
+        file = os.fspath(path)
+        for name, link in (("tip", tip), ("base", base)):
+            if link is not None and link not in urdf.link_map:
+                raise InputError(name, f"is {link!r}", f"{file} has {', '.join(urdf.link_map)}", "name one of these")
+        joints = {joint.name: _joint(joint, file) for joint in urdf.robot.joints}
+        return _Assembly(file, urdf, joints, base or urdf.base_link, tip).arm(srdf)
+
+    @property
+    def dof(self) -> int:
+        """Numbers of a configuration."""
+        return len(self.joints)
+
+    def __repr__(self) -> str:
+        return f"Arm({self.name}: {self.dof} joints, {len(self.links)} links with geometry)"
+
+    def poses(self, q: ArrayLike) -> dict[str, Floats]:
+        """Where the links with a geometry are: from the frame of each to that of the base, shape (4, 4), by name.
+
+        Parameters
+        ----------
+        q : array-like, shape (dof,)
+        """
+        point = self.checked(q, "q")
+        placed = place_bodies(self.chain, point)
+        whole = np.concatenate([placed, np.broadcast_to([[[0.0, 0.0, 0.0, 1.0]]], (len(placed), 1, 4))], axis=1)
+        return {link.name: whole[link.body] @ self.frames.get(link.name, np.eye(4)) for link in self.links}
+
+    def attach(
+        self, name: str, shape: Shape, link: str, pose: ArrayLike | None = None, touch: Iterable[str] = ()
+    ) -> Arm:
+        """The arm with an object that a link carries, such as a tool, or a box that was grasped.
+
+        Parameters
+        ----------
+        name : str
+            A name that no link has.
+        shape : Shape
+            In space, e.g. ``Robot.box((0.1, 0.1, 0.2)).shape``.
+        link : str
+            It moves with this one, and may touch it.
+        pose : array-like, shape (4, 4), optional
+            From the object's frame to that of the link; by default they are the same.
+        touch : iterable of str
+            Other links that it may touch.
+
+        Raises
+        ------
+        InputError
+            If the name is taken, a link is unknown, or the pose is no rigid motion.
+        """
+        names = [each.name for each in self.links]
+        if name in names:
+            raise InputError("name", f"is {name!r}", "a link has it", "choose another one", value=name)
+        for each in (link, *touch):
+            if each not in names:
+                raise InputError("link", f"is {each!r}", f"there are {', '.join(names)}", "name one of these")
+        body = self.links[names.index(link)].body
+        place = np.eye(4) if pose is None else rigid(pose, "pose")
+        held = Solid(name, body, (Placed(shape, self.frames[link] @ place),))
+        allowed = self.allowed | {pair_of(name, each) for each in (link, *touch)}
+        return replace(self, links=(*self.links, held), allowed=allowed)
+
+    def checked(self, q: ArrayLike, name: str) -> Floats:
+        """Configurations, shape (..., dof).
+
+        Raises
+        ------
+        InputError
+            If the last axis is not dof long, or a value is not finite.
+        """
+        array = finite(q, name)
+        if array.ndim == 0 or array.shape[-1] != self.dof:
+            rule = f"the last axis must hold one number for each of {', '.join(self.joints)}"
+            raise InputError(name, f"has shape {array.shape}", rule, f"pass {self.dof} numbers", value=q)
+        return array
+
+
+def pair_of(one: str, other: str) -> tuple[str, str]:
+    """Two names in order."""
+    return (one, other) if one < other else (other, one)
+
+
+def rigid(pose: ArrayLike, name: str) -> Floats:
+    """A rigid motion, shape (4, 4).
+
+    Raises
+    ------
+    InputError
+        If it is none.
+    """
+    matrix = finite(pose, name)
+    good = matrix.shape == (4, 4) and bool((matrix[3] == (0.0, 0.0, 0.0, 1.0)).all())
+    if good:
+        turn = matrix[:3, :3]
+        good = bool(np.abs(turn @ turn.T - np.eye(3)).max() < 1e-6) and bool(np.linalg.det(turn) > 0.0)
+    if not good:
+        mend = "pass [[R, t], [0, 0, 0, 1]], with the rotation matrix R"
+        raise InputError(name, f"has shape {matrix.shape}", "it must be a rigid motion, shape (4, 4)", mend, value=pose)
+    return matrix
+
+
+def _joint(joint: Any, file: str) -> Joint:
+    """A joint as yourdfpy gives it."""
+    where = f"{file}: joint {joint.name!r}"
+    if joint.type not in _KINDS:
+        rule = f"it must be one of {', '.join(_KINDS)}"
+        raise InputError(where, f"is {joint.type}", rule, "replace it by joints of these types")
+    kind = _KINDS[joint.type]
+    frame = np.eye(4) if joint.origin is None else rigid(joint.origin, f"{where}: origin")
+    axis = finite([1.0, 0.0, 0.0] if joint.axis is None else joint.axis, f"{where}: axis")
+    length = float(np.linalg.norm(axis))
+    if kind != STILL and not length > 0.0:
+        raise InputError(f"{where}: axis", "is zero", "a joint turns about it or slides along it", "correct it")
+    lower, upper = -math.inf, math.inf
+    if kind != STILL and joint.type != "continuous":
+        ends = (getattr(joint.limit, "lower", None), getattr(joint.limit, "upper", None))
+        if None in ends:
+            raise InputError(where, "has no limits", "revolute and prismatic joints have", "add <limit lower= upper=>")
+        lower, upper = (float(finite(float(end), f"{where}: limit")) for end in ends if end is not None)
+        if lower > upper:
+            rule = "the lower one must not be above the upper one"
+            raise InputError(f"{where}: limits", f"are {lower:g} and {upper:g}", rule, "exchange them")
+    mimic = joint.mimic
+    leader, factor, offset = joint.name, 1.0, 0.0
+    if mimic is not None and kind != STILL:
+        leader = mimic.joint
+        factor = 1.0 if mimic.multiplier is None else float(finite(mimic.multiplier, f"{where}: multiplier"))
+        offset = 0.0 if mimic.offset is None else float(finite(mimic.offset, f"{where}: offset"))
+    unit = axis / length if length > 0.0 else axis
+    return Joint(joint.name, kind, joint.parent, joint.child, frame, unit, lower, upper, leader, factor, offset)
+
+
+class _Assembly:
+    """Bodies out of links and joints."""
+
+    def __init__(self, file: str, urdf: Any, joints: Mapping[str, Joint], base: str, tip: str | None) -> None:
+        self._file, self._urdf, self._joints, self._base = file, urdf, joints, base
+        below: dict[str, list[Joint]] = {}
+        for joint in joints.values():
+            below.setdefault(joint.parent, []).append(joint)
+        # In breadth, so that a body comes after the one that it hangs on.
+        self._order: list[Joint] = list(below.get(base, ()))
+        for joint in self._order:
+            self._order += below.get(joint.child, ())
+        above = {joint.child: joint for joint in self._order}
+        way = set(above)
+        if tip is not None:
+            way, link = set(), tip
+            while link != base:
+                if link not in above:
+                    raise InputError("tip", f"is {tip!r}", f"it is not below {base!r}", "name a link that is")
+                way.add(link)
+                link = above[link].parent
+        kept = {joint.name for joint in self._order}
+        self._moving = [
+            joint.name
+            for joint in self._order
+            if joint.kind != STILL and joint.leader == joint.name and joint.child in way
+        ]
+        if not self._moving:
+            raise InputError(
+                file, "has no joint that moves there", "an arm has one at least", "name another base or tip"
+            )
+        for joint in self._order:
+            if joint.leader not in kept or joints[joint.leader].leader != joint.leader:
+                rule = "it must be a joint of the arm that mimics none itself"
+                raise InputError(f"{file}: joint {joint.name!r}", f"mimics {joint.leader!r}", rule, "correct it")
+
+    def arm(self, srdf: str | os.PathLike[str] | None) -> Arm:
+        bodies = {self._base: (0, np.eye(4))}
+        rows: list[tuple[int, Floats, Joint | None]] = [(0, np.eye(4), None)]
+        for joint in self._order:
+            body, pose = bodies[joint.parent]
+            frame = pose @ joint.frame
+            if joint.leader in self._moving and joint.kind != STILL:
+                bodies[joint.child] = (len(rows), np.eye(4))
+                rows.append((body, frame, joint))
+            else:
+                bodies[joint.child] = (body, frame @ self._held(joint))
+        if len(rows) > MOST_BODIES:
+            found = f"has {len(rows)} bodies that move against each other"
+            raise InputError(self._file, found, f"at most {MOST_BODIES} are taken", "name a base or a tip")
+        links = tuple(self._links(bodies))
+        if not links:
+            raise InputError(self._file, "has no collision geometry", "an arm's links need some", "add <collision>")
+        ends = np.array([(self._joints[name].lower, self._joints[name].upper) for name in self._moving])
+        arm = Arm(
+            str(self._urdf.robot.name),
+            tuple(self._moving),
+            ends[:, 0],
+            ends[:, 1],
+            links,
+            frozenset(),
+            {name: pose for name, (_, pose) in bodies.items()},
+            self._chain(rows),
+        )
+        return replace(arm, allowed=_adjacent(arm) if srdf is None else _disabled(srdf, set(self._urdf.link_map)))
+
+    def _held(self, joint: Joint) -> Floats:
+        """The motion of a joint that no number moves."""
+        from scipy.spatial.transform import Rotation
+
+        leader = self._joints[joint.leader]
+        value = joint.factor * float(np.clip(0.0, leader.lower, leader.upper)) + joint.offset
+        pose = np.eye(4)
+        if joint.kind == TURNS:
+            pose[:3, :3] = Rotation.from_rotvec(value * joint.axis).as_matrix()
+        elif joint.kind == SLIDES:
+            pose[:3, 3] = value * joint.axis
+        return pose
+
+    def _links(self, bodies: Mapping[str, tuple[int, Floats]]) -> Iterable[Solid]:
+        from cspace.io.urdf import shapes_of
+
+        for name, (body, pose) in bodies.items():
+            parts = [Placed(shape, pose @ place) for shape, place in shapes_of(self._urdf, name, self._file)]
+            if parts:
+                yield Solid(name, body, tuple(parts))
+
+    def _chain(self, rows: Sequence[tuple[int, Floats, Joint | None]]) -> Chain:
+        count = len(rows)
+        parents = np.array([row[0] for row in rows], dtype=np.int64)
+        frames = np.stack([row[1][:3] for row in rows])
+        axes, kinds, numbers = np.zeros((count, 3)), np.zeros(count, np.int64), np.zeros(count, np.int64)
+        factors, offsets, own = np.zeros(count), np.zeros(count), np.linalg.norm(frames[..., 3], axis=1)
+        above = np.zeros((count, count), dtype=np.bool_)
+        for b, (parent, _, joint) in enumerate(rows):
+            if joint is None:
+                continue
+            leader = self._joints[joint.leader]
+            axes[b], kinds[b], numbers[b] = joint.axis, joint.kind, self._moving.index(joint.leader)
+            factors[b], offsets[b] = joint.factor, joint.offset
+            if joint.kind == SLIDES:
+                own[b] += np.abs(joint.factor * np.array([leader.lower, leader.upper]) + joint.offset).max()
+            above[b], above[b, b] = above[parent], True
+        between = above[:, np.newaxis] ^ above[np.newaxis]
+        return Chain(parents, frames, axes, kinds, numbers, factors, offsets, between, (between * own).sum(axis=2))
+
+
+def _adjacent(arm: Arm) -> frozenset[tuple[str, str]]:
+    """Links of which one is the next with a geometry above the other, or that move with each other."""
+    above = {0: -1} | {body: int(arm.chain.parents[body]) for body in range(1, len(arm.chain.parents))}
+    filled = {link.body for link in arm.links}
+    found = set()
+    for one, other in combinations(arm.links, 2):
+        low, high = sorted((one.body, other.body))
+        body = above[high] if high else -1
+        while body >= 0 and body not in filled:
+            body = above[body]
+        if low == high or body == low:
+            found.add(pair_of(one.name, other.name))
+    return frozenset(found)
+
+
+def _disabled(path: str | os.PathLike[str], links: set[str]) -> frozenset[tuple[str, str]]:
+    """Pairs that an SRDF lets touch."""
+    from cspace.io.input import Fault, decoding, read_bytes
+    from cspace.io.plain import parse_xml
+
+    data = read_bytes(path, "SRDF", memory=20.0)
+    found = set()
+    with decoding(path, "SRDF"):
+        for element in parse_xml(data).iter("disable_collisions"):
+            names = element.get("link1"), element.get("link2")
+            for name in names:
+                if name not in links:
+                    raise Fault(f"names link {name!r}", "it must be one of the URDF", "pass the SRDF of this robot")
+            found.add(pair_of(str(names[0]), str(names[1])))
+    return frozenset(found)

@@ -1,0 +1,412 @@
+"""ArmSpace: an arm among obstacles, and what is proven of its configurations and motions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import combinations
+from typing import Final, NamedTuple, overload
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cspace.arms.model import Arm, pair_of
+from cspace.arms.proofs import Scene, ask_blocked, ask_motions, distances
+from cspace.arms.solids import Placed, Solid, solids_of
+from cspace.errors import ConfigurationError, InputError
+from cspace.exact import ROUNDING
+from cspace.grid import finite
+from cspace.map.batches import check_rng
+from cspace.shapes import Shape
+from cspace.states import BLOCKED, FREE, MIXED
+from cspace.threads import in_chunks
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+States = NDArray[np.uint8]
+
+THREAD: Final = 20
+"""Motions below which a second thread costs more than it saves."""
+
+_TRIES: Final = 100_000
+"""Samples of which none is free, after which sampling is given up."""
+
+
+class Contact(NamedTuple):
+    """What is nearest to touching at a configuration.
+
+    Attributes
+    ----------
+    link, other : str
+        A link, and the obstacle or link that it may not touch.
+    distance : float
+        How far apart they are at least, metres; zero where that is not proven to be more.
+    """
+
+    link: str
+    other: str
+    distance: float
+
+
+class Group(NamedTuple):
+    """Links of one body, or obstacles, that may touch the same others."""
+
+    members: list[Solid]
+    is_obstacle: bool
+
+    @property
+    def solid(self) -> Solid:
+        """All of them as one."""
+        parts = tuple(part for member in self.members for part in member.parts)
+        return Solid(", ".join(member.name for member in self.members), self.members[0].body, parts)
+
+
+class ArmSpace:
+    """The configurations of an arm among obstacles; :func:`build_arm` makes one.
+
+    A configuration is FREE where no link touches an obstacle, or another link that it may not touch, by the collision
+    geometry as given; all sets are closed, so that touching is a collision. It is BLOCKED where a point of one is found
+    in the other, and MIXED where neither is proven. A motion moves all joints in step, along the straight line between
+    two configurations, and is proven all along.
+
+    Attributes
+    ----------
+    arm : Arm
+    obstacles : dict of str to Placed
+    margin : float
+        Metres by which FREE stays clear of obstacles, and links of each other.
+    """
+
+    def __init__(
+        self, arm: Arm, obstacles: Mapping[str, Placed], allowed: Iterable[tuple[str, str]], margin: float
+    ) -> None:
+        self.arm, self.obstacles, self.margin = arm, dict(obstacles), margin
+        may_touch = arm.allowed | {pair_of(*pair) for pair in allowed}
+        placed = [Solid(name, 0, (each,)) for name, each in obstacles.items()]
+        self._groups = _grouped(arm.links, placed, may_touch)
+        solids = [group.solid for group in self._groups]
+        pairs, fixed = [], []
+        for (i, one), (j, other) in combinations(enumerate(self._groups), 2):
+            if pair_of(one.members[0].name, other.members[0].name) not in may_touch:
+                if one.solid.body != other.solid.body:
+                    pairs.append((i, j) if one.solid.body > other.solid.body else (j, i))
+                elif one.is_obstacle != other.is_obstacle:
+                    fixed.append((i, j))
+        borders = [part.sides[0].border for solid in solids for part in solid.parts]
+        far = max((float(np.abs(b.simplices).max() + b.radii.max()) for b in borders), default=0.0)
+        far += float(arm.chain.lengths.max())
+        least = margin + 2.0 * ROUNDING * far
+        chosen = np.array(pairs, dtype=np.int64).reshape(-1, 2)
+        self._scene = Scene(arm.chain, solids_of(solids, 0), chosen, least)
+        self._within = Scene(arm.chain, solids_of(solids, 1), chosen, 2.0 * ROUNDING * far)
+        for pair in fixed:
+            self._refuse_fixed(np.array([pair]))
+
+    def _refuse_fixed(self, pair: NDArray[np.int64]) -> None:
+        """Refuse an obstacle that a link touches which no joint moves."""
+        scene, q = self._scene._replace(pairs=pair), np.zeros((1, self.arm.dof))
+        free = np.empty(1, dtype=np.bool_)
+        ask_motions(scene, q, q, free)
+        if not free[0]:
+            link, obstacle, _ = self._contact(scene, q)
+            raise ConfigurationError(
+                link,
+                f"touches obstacle {obstacle!r}, or comes nearer than the margin, at every configuration",
+                "no joint moves it",
+                f"move the obstacle, or pass allowed=[({link!r}, {obstacle!r})]",
+            )
+
+    def __repr__(self) -> str:
+        return f"ArmSpace({self.arm.name}: {self.arm.dof} joints, {len(self.obstacles)} obstacles)"
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Names of the numbers of a configuration."""
+        return self.arm.joints
+
+    @overload
+    def is_free(self, q: list[float] | tuple[float, ...]) -> bool: ...
+    @overload
+    def is_free(self, q: ArrayLike) -> bool | Bools: ...
+    def is_free(self, q: ArrayLike) -> bool | Bools:
+        """Whether configurations are proven free of collisions.
+
+        Parameters
+        ----------
+        q : array-like, shape (..., dof)
+            Radians, or metres of joints that slide.
+
+        Returns
+        -------
+        bool, or ndarray of bool, shape (...)
+
+        Raises
+        ------
+        ConfigurationError
+            If one is outside the limits of a joint.
+        InputError
+            If the last axis is not dof long, or a value is not finite.
+        """
+        return self.motion_is_free(q, q)
+
+    def motion_is_free(self, q0: ArrayLike, q1: ArrayLike) -> bool | Bools:
+        """Whether motions are proven free of collisions, everywhere on the straight line between two configurations.
+
+        Parameters
+        ----------
+        q0, q1 : array-like, shape (..., dof)
+            Their shapes are broadcast.
+
+        Returns
+        -------
+        bool, or ndarray of bool, shape (...)
+
+        Raises
+        ------
+        ConfigurationError, InputError
+            As :meth:`is_free`.
+        """
+        starts, ends = np.broadcast_arrays(self._checked(q0, "q0"), self._checked(q1, "q1"))
+        shape = starts.shape[:-1]
+        rows = [np.ascontiguousarray(each.reshape(-1, self.arm.dof)) for each in (starts, ends)]
+        out = np.empty(len(rows[0]), dtype=np.bool_)
+
+        def work(first: int, stop: int) -> int:
+            ask_motions(self._scene, rows[0][first:stop], rows[1][first:stop], out[first:stop])
+            return -1
+
+        in_chunks(work, len(out), THREAD)
+        return out.reshape(shape) if shape else bool(out[0])
+
+    def classify(self, q: ArrayLike) -> int | States:
+        """The state of configurations: FREE, BLOCKED, or MIXED where neither is proven.
+
+        Parameters
+        ----------
+        q : array-like, shape (..., dof)
+
+        Returns
+        -------
+        int, or ndarray of uint8, shape (...)
+
+        Raises
+        ------
+        ConfigurationError, InputError
+            As :meth:`is_free`.
+        """
+        points = self._checked(q, "q")
+        rows = np.ascontiguousarray(points.reshape(-1, self.arm.dof))
+        free, blocked = np.atleast_1d(self.is_free(rows)), np.zeros(len(rows), dtype=np.bool_)
+        left = np.flatnonzero(~free)
+
+        def work(first: int, stop: int) -> int:
+            found = np.empty(stop - first, dtype=np.bool_)
+            ask_blocked(self._within, rows[left[first:stop]], found)
+            blocked[left[first:stop]] = found
+            return -1
+
+        in_chunks(work, len(left), THREAD)
+        states = np.where(free, np.uint8(FREE), np.where(blocked, np.uint8(BLOCKED), np.uint8(MIXED)))
+        return states.reshape(points.shape[:-1]) if points.ndim > 1 else int(states[0])
+
+    def certify_path(self, path: ArrayLike) -> bool:
+        """Whether all motions between the rows of a path, shape (n, dof), are proven free.
+
+        Raises
+        ------
+        ConfigurationError, InputError
+            As :meth:`is_free`; also if the path is empty.
+        """
+        points = self._checked(path, "path")
+        if points.ndim != 2 or not len(points):
+            rule, mend = f"it must be (n, {self.arm.dof}), n above zero", "pass one configuration in a row"
+            raise InputError("path", f"has shape {points.shape}", rule, mend, value=path)
+        return bool(np.all(self.motion_is_free(points[:-1], points[1:]) if len(points) > 1 else self.is_free(points)))
+
+    def clearance(self, q: ArrayLike) -> float | Floats:
+        """How far the links are from obstacles, and from each other, at least, metres.
+
+        Zero where they are nearer than the margin, or that is not proven.
+
+        Parameters
+        ----------
+        q : array-like, shape (..., dof)
+
+        Returns
+        -------
+        float, or ndarray of float64, shape (...)
+
+        Raises
+        ------
+        ConfigurationError, InputError
+            As :meth:`is_free`.
+        """
+        points = self._checked(q, "q")
+        out, _ = self._distances(self._scene, points.reshape(-1, self.arm.dof))
+        return out.reshape(points.shape[:-1]) if points.ndim > 1 else float(out[0])
+
+    def closest(self, q: ArrayLike) -> Contact:
+        """What is nearest to touching at a configuration, shape (dof,).
+
+        Raises
+        ------
+        ConfigurationError, InputError
+            As :meth:`is_free`; also if there is nothing to touch.
+        """
+        point = self._checked(q, "q")
+        if point.ndim != 1:
+            raise InputError("q", f"has shape {point.shape}", "one configuration is asked for", "pass one", value=q)
+        if not len(self._scene.pairs):
+            raise InputError("obstacles", "are none", "there is nothing to touch", "add an obstacle")
+        return self._contact(self._scene, point[np.newaxis])
+
+    def _contact(self, scene: Scene, points: Floats) -> Contact:
+        """What is nearest to touching at a configuration, shape (1, dof)."""
+        out, nearest = self._distances(scene, points)
+        pair, *triangles = nearest[0].tolist()
+        names = []
+        for number, row in zip(scene.pairs[pair].tolist(), triangles, strict=True):
+            corners = scene.solids.trees.triangles[row, :9]
+            group = self._groups[number].members
+            found = (each.name for each in group if any(_holds(part, corners) for part in each.parts))
+            names.append(next(found, group[0].name))
+        return Contact(names[0], names[1], float(out[0]))
+
+    def _distances(self, scene: Scene, points: Floats) -> tuple[Floats, NDArray[np.int64]]:
+        rows = np.ascontiguousarray(points)
+        out, nearest = np.empty(len(rows)), np.zeros((len(rows), 3), dtype=np.int64)
+
+        def work(first: int, stop: int) -> int:
+            distances(scene, rows[first:stop], out[first:stop], nearest[first:stop])
+            return -1
+
+        in_chunks(work, len(rows), THREAD)
+        return np.maximum(out, 0.0), nearest
+
+    def sample_free(self, n: int | None, rng: np.random.Generator) -> Floats:
+        """Free configurations, uniform within the limits of the joints; of one that turns for ever, within a turn.
+
+        Parameters
+        ----------
+        n : int or None
+            How many; None for one, without an axis of its own.
+        rng : numpy.random.Generator
+
+        Returns
+        -------
+        ndarray of float64, shape (n, dof), or (dof,)
+
+        Raises
+        ------
+        ConfigurationError
+            If none was free of very many.
+        InputError
+            If ``n`` is negative or ``rng`` is not a Generator.
+        """
+        generator = check_rng(rng)
+        if n is not None and (not isinstance(n, int | np.integer) or n < 0):
+            rule = "it must be a whole number, zero or above, or None for one sample"
+            raise InputError("n", f"is {n!r}", rule, "pass e.g. 100", value=n)
+        lower = np.where(np.isfinite(self.arm.lower), self.arm.lower, -np.pi)
+        upper = np.where(np.isfinite(self.arm.upper), self.arm.upper, np.pi)
+        count, found, tried = 1 if n is None else int(n), [np.empty((0, self.arm.dof))], 0
+        while (kept := sum(map(len, found))) < count:
+            some = generator.uniform(lower, upper, (min(max(2 * (count - kept), 16), 10_000), self.arm.dof))
+            found.append(some[np.asarray(self.is_free(some))])
+            tried += len(some)
+            if tried >= _TRIES and not kept:
+                raise ConfigurationError(
+                    self.arm.name,
+                    f"was free in none of {tried} configurations",
+                    "sampling needs some that are",
+                    "look at space.closest(q), and at the pairs that may touch",
+                )
+        samples = np.concatenate(found)[:count]
+        return samples[0] if n is None else samples
+
+    def _checked(self, q: ArrayLike, name: str) -> Floats:
+        points = self.arm.checked(q, name)
+        beyond = (points < self.arm.lower) | (points > self.arm.upper)
+        if beyond.any():
+            *_, number = np.argwhere(beyond)[0]
+            value = float(points[beyond][0])
+            joint, low, high = self.arm.joints[number], self.arm.lower[number], self.arm.upper[number]
+            raise ConfigurationError(
+                name,
+                f"has {joint} at {value:g}",
+                f"its limits are {low:g} and {high:g}",
+                "stay within them",
+                value=value,
+            )
+        return points
+
+
+def build_arm(
+    obstacles: Mapping[str, Placed | Shape],
+    arm: Arm,
+    *,
+    allowed: Iterable[tuple[str, str]] = (),
+    margin: float = 0.0,
+) -> ArmSpace:
+    """The space of an arm among obstacles.
+
+    Parameters
+    ----------
+    obstacles : mapping of str to Placed or Shape
+        Shapes in space by name, in the frame of the arm's base or placed there, metres.
+    arm : Arm
+    allowed : iterable of pairs of str
+        A link, and an obstacle or link that it may touch, besides those that :attr:`Arm.allowed` holds.
+    margin : float
+        Metres by which FREE stays clear.
+
+    Raises
+    ------
+    InputError
+        If a name is taken by a link or unknown, a shape is one of the plane, or the margin is below zero.
+    ConfigurationError
+        If an obstacle touches a link that no joint moves.
+    """
+    placed = {name: each if isinstance(each, Placed) else Placed(each, np.eye(4)) for name, each in obstacles.items()}
+    links = {link.name for link in arm.links}
+    for name, each in placed.items():
+        if name in links:
+            raise InputError(
+                "obstacles", f"name one {name!r}", "a link has that name", "choose another one", value=name
+            )
+        if each.shape.dim != 3:
+            raise InputError("obstacles", f"hold {name!r}, a shape of the plane", "arms are in space", "pass a solid")
+    pairs = list(allowed)
+    for pair in pairs:
+        for name in pair:
+            if name not in links and name not in placed:
+                known = ", ".join((*links, *placed))
+                raise InputError("allowed", f"names {name!r}", f"there are {known}", "name two of these", value=name)
+    return ArmSpace(arm, placed, pairs, _margin(margin))
+
+
+def _margin(value: float) -> float:
+    number = finite(value, "margin")
+    if number.ndim or number < 0.0:
+        raise InputError("margin", f"is {value!r}", "it must be zero or above", "pass it in metres", value=value)
+    return float(number)
+
+
+def _grouped(links: Sequence[Solid], obstacles: Sequence[Solid], may_touch: frozenset[tuple[str, str]]) -> list[Group]:
+    """Links of one body, and obstacles, that may touch the same others: what is far from all is so at one look."""
+    partners: dict[str, set[str]] = {}
+    for one, other in may_touch:
+        partners.setdefault(one, set()).add(other)
+        partners.setdefault(other, set()).add(one)
+    groups: dict[tuple[int, frozenset[str]], list[Solid]] = {}
+    for link in links:
+        fellows = {each.name for each in links if each.body == link.body}
+        key = link.body, frozenset(partners.get(link.name, set()) - fellows)
+        groups.setdefault(key, []).append(link)
+    for obstacle in obstacles:
+        groups.setdefault((-1, frozenset(partners.get(obstacle.name, ()))), []).append(obstacle)
+    return [Group(each, body < 0) for (body, _), each in groups.items()]
+
+
+def _holds(part: Placed, corners: Floats) -> bool:
+    """Whether a triangle, shape (9,), is of the border of a part."""
+    return bool((part.sides[0].border.simplices.reshape(-1, 9) == corners).all(axis=1).any())

@@ -1,0 +1,235 @@
+"""Arms among obstacles: FREE, BLOCKED and motions against FCL, which shares no code."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import fcl
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from cspace import BLOCKED, FREE, MIXED, Robot
+from cspace.arms import Arm, ArmSpace, Placed, build_arm
+from cspace.errors import ConfigurationError, InputError
+from urdfs import joint, link, planar, random_arm, written
+
+
+def at(x: float, y: float, z: float, turn: Any = (0.0, 0.0, 0.0)) -> Any:
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = Rotation.from_rotvec(turn).as_matrix(), (x, y, z)
+    return pose
+
+
+class Oracle:
+    """Boxes of links and of obstacles, placed by yourdfpy and asked of FCL."""
+
+    def __init__(self, path: Path, arm: Arm, obstacles: dict[str, tuple[Any, Any]]) -> None:
+        import yourdfpy
+
+        self._urdf = yourdfpy.URDF.load(str(path), load_meshes=False, build_collision_scene_graph=False)
+        self._arm = arm
+        self._still = [(name, self._box(size, pose)) for name, (size, pose) in obstacles.items()]
+
+    def _box(self, size: Any, pose: Any) -> Any:
+        return fcl.CollisionObject(fcl.Box(*np.asarray(size, float)), fcl.Transform(pose[:3, :3], pose[:3, 3]))
+
+    def apart(self, q: Any) -> float:
+        """The least distance of any pair that may not touch; zero in collision."""
+        names = {joint.name: joint for joint in self._urdf.robot.joints}
+        values = dict(zip(self._arm.joints, np.asarray(q, float), strict=True))
+        self._urdf.update_cfg(np.array([values[name] for name in self._urdf.actuated_joint_names]))
+        assert set(values) <= set(names)
+        objects = []
+        for each in self._arm.links:
+            for part in self._urdf.link_map[each.name].collisions:
+                pose = self._urdf.get_transform(each.name) @ part.origin
+                objects.append((each.name, self._box(part.geometry.box.size, pose)))
+        found = np.inf
+        for i, (one, first) in enumerate(objects):
+            for other, second in [*objects[i + 1 :], *self._still]:
+                same = one == other or (min(one, other), max(one, other)) in self._arm.allowed
+                if not same and not (one == "l0" and other.startswith("block")):
+                    hit = fcl.collide(first, second, fcl.CollisionRequest(), fcl.CollisionResult())
+                    found = min(found, 0.0 if hit else fcl.distance(first, second))
+        return float(max(found, 0.0))
+
+
+def scene(tmp_path: Path, seed: int) -> tuple[ArmSpace, Oracle, np.random.Generator]:
+    rng = np.random.default_rng(seed)
+    path = random_arm(tmp_path, seed)
+    arm = Arm.from_urdf(path)
+    blocks = {
+        f"block{n}": (
+            rng.uniform(0.05, 0.4, 3),
+            at(*(rng.choice([-1, 1], 3) * rng.uniform(0.35, 1.0, 3)), rng.normal(size=3)),
+        )
+        for n in range(4)
+    }
+    shapes = {name: Placed(Robot.box(size).shape, pose) for name, (size, pose) in blocks.items()}
+    space = build_arm(shapes, arm, allowed=[("l0", name) for name in shapes])
+    return space, Oracle(path, arm, blocks), rng
+
+
+def sampled(arm: Arm, rng: np.random.Generator, count: int) -> Any:
+    lower, upper = np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi)
+    return rng.uniform(lower, upper, (count, arm.dof))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_states_against_fcl(tmp_path: Path, seed: int) -> None:
+    space, oracle, rng = scene(tmp_path, seed)
+    points = sampled(space.arm, rng, 60)
+    apart = np.array([oracle.apart(q) for q in points])
+    states = np.asarray(space.classify(points))
+    assert (apart[states == FREE] > 0.0).all()
+    assert (apart[states == BLOCKED] < 1e-6).all()
+    assert (states[apart > 1e-6] == FREE).all()
+    near = np.asarray(space.clearance(points))
+    np.testing.assert_allclose(near[apart > 1e-3], apart[apart > 1e-3], rtol=1e-3, atol=1e-5)
+    assert (near[apart > 0.0] <= apart[apart > 0.0] + 1e-6).all()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_motions_against_fcl(tmp_path: Path, seed: int) -> None:
+    """What is proven is free wherever it is looked at; what is not has a place that is not, or all but touches."""
+    space, oracle, rng = scene(tmp_path, seed)
+    free = space.sample_free(24, rng)
+    ends = np.clip(free + rng.normal(scale=0.5, size=free.shape), space.arm.lower, space.arm.upper)
+    proven = np.asarray(space.motion_is_free(free, ends))
+    for q0, q1, is_free in zip(free, ends, proven, strict=True):
+        least = min(oracle.apart(q0 + t * (q1 - q0)) for t in np.linspace(0.0, 1.0, 60))
+        assert least > 0.0 or not is_free
+        assert is_free or least < 0.02
+    assert 0 < proven.sum() < len(proven)
+    np.testing.assert_array_equal(proven, space.motion_is_free(ends, free))
+
+
+def test_by_hand(tmp_path: Path) -> None:
+    """A bar of two links and a post: just beside it, just in it, and a motion that sweeps over it."""
+    arm = Arm.from_urdf(planar(tmp_path))
+    post = {"post": Placed(Robot.box((0.1, 0.1, 1.0)).shape, at(1.5, 1.0, 0.0))}
+    space = build_arm(post, arm)
+    assert space.classify((0.0, 0.0)) == FREE
+    assert space.clearance((0.0, 0.0)) == pytest.approx(0.9, abs=1e-6)
+    assert space.classify((0.0, np.pi / 2 - 0.3)) == FREE
+    angle = np.arctan2(1.0, 1.5)
+    assert space.classify((angle, 0.0)) == BLOCKED
+    assert space.motion_is_free((0.0, 0.0), (0.4, 0.0))
+    assert not space.motion_is_free((0.0, 0.0), (1.2, 0.0))
+    assert space.is_free((1.2, 0.0))
+    contact = space.closest((0.4, 0.0))
+    assert (contact.link, contact.other) == ("fore", "post")
+    # The margin is kept.
+    close = build_arm(post, arm, margin=0.95)
+    assert not close.is_free((0.0, 0.0))
+    assert close.is_free((-1.0, 0.0))
+
+
+def test_links_that_fold_onto_each_other(tmp_path: Path) -> None:
+    """Three links, of which the first and the last may not touch; the next ones may."""
+    bar = ((0.8, 0.1, 0.1), (0.5, 0, 0))
+    path = written(
+        tmp_path,
+        *(link(name, bar) for name in ("a", "b", "c")),
+        joint("one", "a", "b", at=(1, 0, 0)),
+        joint("two", "b", "c", at=(1, 0, 0)),
+    )
+    space = build_arm({}, Arm.from_urdf(path))
+    assert space.is_free((0.0, 0.0))
+    assert space.is_free((2.0, -1.0))
+    assert not space.is_free((2.2, 2.2))
+    assert space.closest((2.0, 1.0))[:2] == ("c", "a")
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+def test_what_lies_within_the_other_is_no_free_configuration(tmp_path: Path, swapped: bool) -> None:
+    """Borders that do not meet: a small obstacle in a large link, and a small link in a large obstacle."""
+    size = 0.1 if swapped else 2.0
+    path = written(tmp_path, link("base"), link("tip", ((size, size, size), (5, 0, 0))), joint("turn", "base", "tip"))
+    other = 2.1 - size
+    space = build_arm({"thing": Placed(Robot.box((other,) * 3).shape, at(5, 0, 0))}, Arm.from_urdf(path))
+    assert space.classify((0.0,)) == BLOCKED
+    assert space.clearance((0.0,)) == 0.0
+    assert space.is_free((1.5,))
+    assert not space.motion_is_free((0.0,), (1e-3,))
+
+
+def test_round_obstacles_and_things_that_are_held(tmp_path: Path) -> None:
+    arm = Arm.from_urdf(planar(tmp_path))
+    solids = {
+        "ball": Placed(Robot.ball(0.3).shape, at(2.5, 0.0, 0.0)),
+        "can": Placed(Robot.cylinder(0.2, 1.0).shape, at(0.0, 2.5, 0.0)),
+    }
+    space = build_arm(solids, arm)
+    assert space.clearance((0.0, 0.0)) == pytest.approx(0.2, abs=1e-6)
+    assert space.clearance((np.pi / 2, 0.0)) == pytest.approx(0.3, abs=2e-3)
+    longer = arm.attach("tool", Robot.box((0.3, 0.02, 0.02)).shape, "fore", at(1.1, 0.0, 0.0))
+    held = build_arm(solids, longer)
+    assert held.clearance((np.pi / 2, 0.0)) == pytest.approx(0.05, abs=2e-3)
+    assert not held.is_free((0.0, 0.0))
+
+
+def test_obstacles_that_touch_what_does_not_move_are_refused_unless_they_may(tmp_path: Path) -> None:
+    arm = Arm.from_urdf(planar(tmp_path))
+    floor = {"floor": Placed(Robot.box((4.0, 4.0, 0.1)).shape, at(0, 0, -0.25))}
+    with pytest.raises(ConfigurationError, match=r"foot touches obstacle 'floor'.*allowed="):
+        build_arm(floor, arm)
+    assert build_arm(floor, arm, allowed=[("foot", "floor")]).is_free((0.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda s: s.is_free((0.0, 9.0)), "has elbow at 9; its limits are -3 and 3"),
+        (lambda s: s.is_free((0.0, np.nan)), "is nan"),
+        (lambda s: s.is_free((0.0,)), r"has shape \(1,\)"),
+        (lambda s: s.certify_path(np.empty((0, 2))), "path has shape"),
+        (lambda s: s.sample_free(-1, np.random.default_rng(1)), "n is -1"),
+        (lambda s: s.closest([(0.0, 0.0)]), "one configuration is asked for"),
+        (lambda s: build_arm({}, s.arm, allowed=[("fore", "foot")]).closest((0.0, 0.0)), "there is nothing to touch"),
+        (lambda s: build_arm({"foot": Robot.ball(1.0).shape}, s.arm), "a link has that name"),
+        (lambda s: build_arm({"disc": Robot.disc(1.0).shape}, s.arm), "arms are in space"),
+        (lambda s: build_arm({}, s.arm, allowed=[("foot", "sky")]), "names 'sky'"),
+        (lambda s: build_arm({}, s.arm, margin=-1.0), "margin is -1.0"),
+    ],
+)
+def test_bad_input(tmp_path: Path, call: Any, words: str) -> None:
+    space = build_arm({"post": Placed(Robot.ball(0.1).shape, at(3, 3, 0))}, Arm.from_urdf(planar(tmp_path)))
+    with pytest.raises(InputError, match=words):
+        call(space)
+
+
+def test_shapes_and_paths(tmp_path: Path) -> None:
+    space = build_arm({"post": Placed(Robot.ball(0.1).shape, at(1.5, 1.0, 0))}, Arm.from_urdf(planar(tmp_path)))
+    points = np.zeros((2, 3, 2))
+    assert np.shape(space.is_free(points)) == np.shape(space.classify(points)) == (2, 3)
+    assert np.shape(space.clearance(points)) == (2, 3)
+    assert space.certify_path([(0.0, 0.0), (0.2, 0.0), (-1.0, 0.5)]) is True
+    assert space.certify_path([(0.0, 0.0), (1.2, 0.0)]) is False
+    assert space.certify_path([(0.0, 0.0)]) is True
+    assert space.sample_free(None, np.random.default_rng(1)).shape == (2,)
+    assert MIXED not in {space.classify((0.0, 0.0))}
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_no_thin_obstacle_on_the_way_is_missed(tmp_path: Path, seed: int) -> None:
+    """Small balls put where a point within a link is at some moment of a motion: it is never proven."""
+    path = random_arm(tmp_path, seed)
+    arm = Arm.from_urdf(path)
+    touch = [("l0", "seed"), *((a.name, b.name) for a in arm.links for b in arm.links if a.name < b.name)]
+    rng = np.random.default_rng(seed)
+    for each in arm.links[1:]:
+        for _ in range(12):
+            q0, q1 = sampled(arm, rng, 2)
+            part = each.parts[int(rng.integers(len(each.parts)))]
+            low, high = part.shape.bounds
+            point = part.pose[:3, :3] @ rng.uniform(low, high) + part.pose[:3, 3]
+            pose = arm.poses(q0 + rng.uniform() * (q1 - q0))[each.name]
+            there = pose[:3, :3] @ point + pose[:3, 3]
+            assert not build_arm(
+                {"seed": Placed(Robot.ball(1e-3).shape, at(*there))}, arm, allowed=touch
+            ).motion_is_free(q0, q1)
+            away = {"seed": Placed(Robot.ball(1e-3).shape, at(20.0, 0.0, 0.0))}
+            assert build_arm(away, arm, allowed=touch).motion_is_free(q0, q1)

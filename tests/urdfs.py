@@ -1,0 +1,77 @@
+"""Small arms, written as URDF files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+
+def link(name: str, *boxes: tuple[Any, Any], extra: str = "") -> str:
+    """A link of boxes, each given by its sides and its middle."""
+    parts = [
+        f'<collision><origin xyz="{_text(at)}"/><geometry><box size="{_text(size)}"/></geometry></collision>'
+        for size, at in boxes
+    ]
+    return f'<link name="{name}">{"".join(parts)}{extra}</link>'
+
+
+def joint(
+    name: str,
+    parent: str,
+    child: str,
+    at: Any = (0, 0, 0),
+    axis: Any = (0, 0, 1),
+    kind: str = "revolute",
+    limits: Any = (-3.0, 3.0),
+    rpy: Any = (0, 0, 0),
+    extra: str = "",
+) -> str:
+    ends = "" if limits is None else f'<limit lower="{limits[0]}" upper="{limits[1]}" effort="1" velocity="1"/>'
+    return (
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="{_text(at)}" rpy="{_text(rpy)}"/><axis xyz="{_text(axis)}"/>{ends}{extra}</joint>'
+    )
+
+
+def written(folder: Path, *parts: str) -> Path:
+    """A URDF file of links and joints."""
+    path = folder / "arm.urdf"
+    path.write_text(f'<robot name="small">{"".join(parts)}</robot>')
+    return path
+
+
+def planar(folder: Path, **changes: Any) -> Path:
+    """Two links of 1 m by 0.1 m in the plane z = 0, on a small foot."""
+    bar = ((1.0, 0.1, 0.1), (0.5, 0, 0))
+    return written(
+        folder,
+        link("foot", ((0.05, 0.05, 0.05), (0, 0, -0.2))),
+        link("upper", bar),
+        link("fore", bar),
+        joint("shoulder", "foot", "upper", **changes),
+        joint("elbow", "upper", "fore", at=(1, 0, 0)),
+    )
+
+
+def random_arm(folder: Path, seed: int) -> Path:
+    """Four links of one or two boxes at random places, on joints of all kinds with random axes; the last one mimics."""
+    rng = np.random.default_rng(seed)
+    parts = [link("l0", ((0.3, 0.3, 0.1), (0, 0, -0.1)))]
+    kinds = rng.choice(["revolute", "prismatic", "continuous"], 4)
+    kinds[0] = "revolute"
+    for n in range(4):
+        boxes = [(rng.uniform(0.05, 0.5, 3).round(3), rng.uniform(-0.3, 0.3, 3).round(3)) for _ in range(1 + n % 2)]
+        parts.append(link(f"l{n + 1}", *boxes))
+        mimic = '<mimic joint="j0" multiplier="-0.5" offset="0.2"/>' if n == 3 else ""
+        limits = None if kinds[n] == "continuous" else (-0.4, 0.7) if kinds[n] == "prismatic" else (-2.5, 2.0)
+        axis = rng.normal(size=3)
+        axis /= np.linalg.norm(axis)
+        at, rpy = rng.uniform(-0.6, 0.6, 3).round(3), rng.uniform(-2, 2, 3).round(3)
+        parts.append(joint(f"j{n}", f"l{n}", f"l{n + 1}", at, axis, str(kinds[n]), limits, rpy, mimic))
+    return written(folder, *parts)
+
+
+def _text(numbers: Any) -> str:
+    return " ".join(str(float(number)) for number in numbers)
