@@ -46,10 +46,10 @@ class Placed(NamedTuple):
             the spacing.
         """
         shape.boundary()  # exact look-ups will ask for it
-        # Of all of the grid, though no more than the box is looked at: the cells are then those of a build, to the bit.
-        outer, inner = shape.cells(grid)
         low, high = ((corner - grid.lower) / grid.spacing for corner in shape.bounds)
         first, stop = (np.clip(np.floor(cell), 0, grid.shape).astype(np.int64) for cell in (low - 1.0, high + 2.0))
+        # The cells are those of a build to the bit, as they are counted from the same corner, and fewer.
+        outer, inner = shape.cells(Grid(grid.lower, grid.spacing, np.maximum(stop, 1).tolist()))
         window = _window(first, stop)
         return cls(shape, (first, stop), outer[window].copy(), inner[window].copy())
 
@@ -62,6 +62,8 @@ class Scene:
     ----------
     outer, inner : ndarray of bool
         The cells that stay; its own.
+    unknown : ndarray of bool, or None
+        Which of them nothing is known of; its own, too.
     shapes : tuple or None
         The obstacles that stay, where they are known otherwise than by their cells.
     grid : Grid
@@ -71,6 +73,7 @@ class Scene:
     grid: Grid
     outer: Bools = field(repr=False)
     inner: Bools = field(repr=False)
+    unknown: Bools | None = field(repr=False)
     shapes: tuple[Shape, ...] | None
     placed: dict[str, Placed] = field(default_factory=dict)
     _still: tuple[Shape, ...] | None = field(default=None, repr=False)
@@ -78,11 +81,14 @@ class Scene:
     @classmethod
     def of(cls, workspace: Workspace) -> Scene:
         """A workspace that stays, with nothing placed in it."""
-        return cls(workspace.grid, workspace.outer.copy(), workspace.inner.copy(), workspace.shapes)
+        unknown = None if workspace.unknown is None else workspace.unknown.copy()
+        return cls(workspace.grid, workspace.outer.copy(), workspace.inner.copy(), unknown, workspace.shapes)
 
     def copy(self) -> Scene:
         """The same, in arrays of its own."""
-        return replace(self, outer=self.outer.copy(), inner=self.inner.copy(), placed=dict(self.placed))
+        outer, inner = self.outer.copy(), self.inner.copy()
+        unknown = None if self.unknown is None else self.unknown.copy()
+        return replace(self, outer=outer, inner=inner, unknown=unknown, placed=dict(self.placed))
 
     @property
     def obstacles(self) -> tuple[Shape, ...] | None:
@@ -96,6 +102,8 @@ class Scene:
     def write(self, window: tuple[slice, ...], outer: Bools, inner: Bools) -> None:
         """Change a box of the cells that stay, which from then on are all that is known of what stays."""
         self.outer[window], self.inner[window] = outer, inner
+        if self.unknown is not None:
+            self.unknown[window] = False
         self.shapes = self._still = None
 
     def put(self, name: str, placed: Placed | None) -> list[Box]:
@@ -107,17 +115,19 @@ class Scene:
             self.placed[name] = placed
         return boxes
 
-    def cells(self, first: Ints, stop: Ints) -> tuple[Bools, Bools]:
-        """The cells of a box that meet an obstacle, and those that lie in one."""
+    def cells(self, first: Ints, stop: Ints) -> tuple[Bools, Bools, Bools]:
+        """The cells of a box that meet an obstacle, those that lie in one, and those that nothing is known of."""
         window = _window(first, stop)
         outer, inner = self.outer[window].copy(), self.inner[window].copy()
+        unknown = np.zeros_like(outer) if self.unknown is None else self.unknown[window].copy()
         for each in self.placed.values():
             low, high = np.maximum(first, each.box[0]), np.minimum(stop, each.box[1])
             if (low < high).all():
                 here, there = _window(low - first, high - first), _window(low - each.box[0], high - each.box[0])
                 outer[here] |= each.outer[there]
                 inner[here] |= each.inner[there]
-        return outer, inner
+                unknown[here] &= ~each.outer[there]
+        return outer, inner, unknown
 
 
 def _window(first: Ints, stop: Ints) -> tuple[slice, ...]:

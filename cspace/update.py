@@ -88,11 +88,14 @@ class Patch:
         Its first cell.
     outer, inner : ndarray of bool
         Its cells that meet an obstacle, and those that lie in obstacles; the same object where both are the same.
+    unknown : ndarray of bool, or False
+        Its cells that nothing is known of.
     """
 
     lower: tuple[int, ...]
     outer: NDArray[np.bool_]
     inner: NDArray[np.bool_]
+    unknown: NDArray[np.bool_] | bool = False
 
     @property
     def window(self) -> tuple[slice, ...]:
@@ -203,7 +206,8 @@ class Updater:
         else:
             states = contents.states.reshape(-1, *self._shape)
         own = Workspace(
-            workspace.grid, workspace.outer, workspace.inner, workspace.source, shapes=workspace.shapes, live=True
+            *(workspace.grid, workspace.outer, workspace.inner, workspace.source, workspace.unknown, workspace.shapes),
+            live=True,
         )
         outer, inner = _writable(own, self._shape)
         self._map = Followed(
@@ -226,14 +230,18 @@ class Updater:
         """Write a patch into the cells that stay, and bring all that the map holds up to date."""
         stays = self._workspace if self._scene is None else self._scene
         same = zip((stays.outer, stays.inner), (patch.outer, patch.inner), strict=True)
-        if all(np.array_equal(old[patch.window], new) for old, new in same):
+        known = stays.unknown is None or not stays.unknown[patch.window].any()
+        if known and all(np.array_equal(old[patch.window], new) for old, new in same):
             return Update(0, patch.lower, patch.lower, 0)
-        if self._scene is None:
-            self._show(None)
-            return self._write(patch)
-        self._scene.write(patch.window, patch.outer, patch.inner)
-        first = np.array(patch.lower)
-        return self._follow_scene(self._scene, [(first, first + patch.outer.shape)])
+        if self._scene is not None:
+            self._scene.write(patch.window, patch.outer, patch.inner)
+            first = np.array(patch.lower)
+            return self._follow_scene(self._scene, [(first, first + patch.outer.shape)])
+        self._show(None)
+        update = self._write(patch)
+        if not known:
+            self._renew_shown()
+        return update
 
     def place(self, name: str, shape: Shape | None) -> Update:
         """Place an obstacle of a name, in place of the one that had it, or take that away; nothing else changes."""
@@ -260,8 +268,8 @@ class Updater:
             for patch in patches:
                 self._write(patch)
             raise
-        finally:  # shapes may have changed where no cell did
-            self._renew(_NOWHERE, np.tile(_NOWHERE, (len(self._map.weights), 1)), 0)
+        finally:
+            self._renew_shown()
         return Update.of(updates, len(scene.grid.shape))
 
     def _show(self, shapes: tuple[Shape, ...] | None) -> None:
@@ -272,6 +280,10 @@ class Updater:
         """Write a patch into the workspace, and bring all that the map holds up to date."""
         if self._map.one and patch.inner is not patch.outer:
             self._part(patch)
+        if (unknown := self._workspace.unknown) is not None:
+            unknown.setflags(write=True)
+            unknown[patch.window] = patch.unknown
+            unknown.setflags(write=False)
         low = np.array([*(0,) * len(self._flat), *patch.lower], dtype=np.int64)
         outer = patch.outer.view(np.uint8).reshape(*self._flat, *patch.outer.shape)
         inner = patch.inner.view(np.uint8).reshape(outer.shape)
@@ -328,6 +340,10 @@ class Updater:
             self._renew_parts(change)
             raise
 
+    def _renew_shown(self) -> None:
+        """The same of what the workspace shows, which may be another where no cell is."""
+        self._renew(_NOWHERE, np.tile(_NOWHERE, (len(self._map.weights), 1)), 0)
+
     def _renew_parts(self, change: Change) -> None:
         if not self._map.walled:
             self._move_border()
@@ -340,7 +356,7 @@ class Updater:
         window, old = patch.window, self._workspace
         outer, inner = old.outer.copy(), old.outer.copy()
         outer[window], inner[window] = patch.outer, patch.inner
-        self._workspace = Workspace(old.grid, outer, inner, source=old.source, shapes=old.shapes, live=True)
+        self._workspace = Workspace(old.grid, outer, inner, old.source, old.unknown, old.shapes, live=True)
         views = _writable(self._workspace, self._shape)
         for cells in views:  # the patch itself is still to come
             cells.reshape(old.grid.shape)[window] = old.outer[window]

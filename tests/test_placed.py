@@ -161,6 +161,22 @@ def test_updates_go_below_what_is_placed() -> None:
     np.testing.assert_array_equal(space.state, empty.state)
 
 
+def test_what_is_unknown_is_known_where_something_is_placed_or_told() -> None:
+    unknown = np.zeros((40, 30), dtype=bool)
+    unknown[:, 10:] = True
+    workspace = Workspace(cspace.Grid((0, 0), 0.1, (40, 30)), unknown, unknown, unknown=unknown)
+    space = cspace.build(workspace, Robot.disc(0.1))
+    space.place("cart", CART)
+    cart = shape_of(CART).cells(workspace.grid)[0]
+    np.testing.assert_array_equal(space.workspace.unknown, unknown & ~cart)
+    space.update(BLOCK, (0, 20))
+    unknown[:4, 20:24] = False
+    np.testing.assert_array_equal(space.workspace.unknown, unknown & ~cart)
+    space.remove("cart")
+    np.testing.assert_array_equal(space.workspace.unknown, unknown)
+    assert workspace.unknown is not None and workspace.unknown[:4, 20:24].all()
+
+
 # ---- against other people's geometry ---------------------------------------------------------------------------------
 
 
