@@ -6,6 +6,7 @@ import math
 import threading
 from collections.abc import Callable, Hashable
 from functools import partial
+from itertools import product
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -52,6 +53,7 @@ class Canvas:
 
     Attributes
     ----------
+    cells : Cells
     kinds : list of str
         Those of :data:`cspace.view.scene.KINDS` that there can be.
     shown : set of str
@@ -67,12 +69,12 @@ class Canvas:
     """
 
     def __init__(self, server: ViserServer, space: Any, cells: Cells, about: Floats) -> None:
-        self._server, self._space, self._cells = server, space, cells
+        self._server, self._space, self.cells = server, space, cells
         self.figurine = Figurine(space.robot, space.rotations)
         self.poses = Poses(space.grid.dim, space.rotations)
         longest = cells.grid.spacing * max(cells.grid.shape)
-        self.size = max(self.figurine.size, 0.004 * longest)
-        self.stage = Stage(cells.grid, wall=min(0.5 * self.size, 0.03 * longest))
+        self.size = max(self.figurine.size, 0.012 * longest)
+        self.stage = Stage(cells.grid, wall=min(0.5 * max(self.figurine.size, 0.002 * longest), 0.03 * longest))
         self.kinds = [name for name in KINDS if name != "unknown" or cells.near.workspace.unknown is not None]
         self.shown = {*self.kinds, SECTION} - ({"mixed"} if self.stage.has_height else {"border", "mixed"})
         self.cut = float(self.stage.upper[2])
@@ -139,8 +141,8 @@ class Canvas:
     def look(self, look_at: Floats, position: Floats, field: float, aspect: float) -> bool:
         """Take note of where a camera looks; whether something is to be drawn for it."""
         reach = float(np.linalg.norm(position - look_at)) * math.tan(field / 2.0) * max(1.0, aspect)
-        grid = self._cells.grid
-        part = part_around(grid, look_at[: grid.dim], reach, self._cells.side)
+        grid = self.cells.grid
+        part = part_around(grid, look_at[: grid.dim], reach, self.cells.side)
         changed = part != self.part
         self.part = part
         return changed
@@ -164,9 +166,9 @@ class Canvas:
         q, cut, part, shown, stage = self.robot, self.cut, self.part, set(self.shown), self.stage
         rotation, number = q[self._space.grid.dim :], int(self._space.rotations.cells_of(q))
         lid = not (stage.has_height and SECTION in shown)
-        looks: list[tuple[str, Part | None, Callable[[Floats | None], Blocks]]] = [("whole", part, self._cells.whole)]
+        looks: list[tuple[str, Part | None, Callable[[Floats | None], Blocks]]] = [("whole", part, self.cells.whole)]
         if part is not None:
-            looks.append(("part", None, partial(self._cells.part, part=part)))
+            looks.append(("part", None, partial(self.cells.part, part=part)))
         wanted: dict[str, tuple[Hashable, Callable[[str], None]]] = {}
         for where, hole, blocks in looks:
 
@@ -177,8 +179,10 @@ class Canvas:
                 else:
                     self._server.scene.remove_by_name(name)
 
-            def draw_section(name: str, look: Any = blocks, hole: Part | None = hole) -> None:
-                self._picture(name, stage.section(look(rotation), cut, hole))
+            def draw_section(
+                name: str, look: Any = blocks, hole: Part | None = hole, above: bool = where == "part"
+            ) -> None:
+                self._picture(name, stage.section(look(rotation), cut, hole), above)
 
             for name in shown - {SECTION}:
                 key = number if KINDS[name].turns else -1, cut, part, lid
@@ -190,7 +194,7 @@ class Canvas:
     def forget(self) -> None:
         """Draw all cells anew at the next call: the map has changed."""
         with self._drawing:
-            self._cells.forget()
+            self.cells.forget()
             self._drawn.clear()
 
     def _mesh(self, name: str, solid: Solid, color: str, opacity: float = 1.0) -> Any:
@@ -207,8 +211,9 @@ class Canvas:
             receive_shadow=False,
         )
 
-    def _picture(self, name: str, section: Section) -> None:
+    def _picture(self, name: str, section: Section, above: bool) -> None:
         width, depth = section.upper - section.lower
+        height = section.height + 1e-3 * width * above  # over the picture in whose hole it lies, which hides it else
         handle = self._server.scene.add_image(
             name,
             section.image,
@@ -216,7 +221,7 @@ class Canvas:
             float(depth),
             format="png",
             wxyz=(0.0, 1.0, 0.0, 0.0),
-            position=(*((section.lower + section.upper) / 2).tolist(), section.height),
+            position=(*((section.lower + section.upper) / 2).tolist(), height),
             cast_shadow=False,
             receive_shadow=False,
         )
@@ -247,15 +252,19 @@ class Canvas:
         """Have cameras begin where all of the map is in view."""
         lower, upper = self.stage.lower, self.stage.upper
         middle, half = (lower + upper) / 2, (upper - lower) / 2
-        towards = np.array([-0.5, -1.0, 0.9] if self.stage.has_height else [0.0, -0.45, 1.0])
-        wide, deep = (np.linalg.norm(half[:2]), 0.8 * np.linalg.norm(half)) if self.stage.has_height else half[:2]
-        distance = 1.2 * float(max(wide / 1.2, deep)) / math.tan(FIELD / 2.0)
+        back = np.array([-0.5, -1.0, 0.9] if self.stage.has_height else [0.0, -0.45, 1.0])
+        back /= np.linalg.norm(back)
+        right = np.cross([0.0, 0.0, 1.0], back)
+        right /= np.linalg.norm(right)
+        corners = half * np.array(list(product((-1.0, 1.0), repeat=3)))
+        across = np.maximum(np.abs(corners @ right) / 1.2, np.abs(corners @ np.cross(back, right)))
+        distance = 1.1 * float(np.max(across / math.tan(FIELD / 2.0) + corners @ back))
         camera = self._server.initial_camera
         camera.fov = FIELD
         camera.near, camera.far = 1e-3 * distance, 1e2 * distance
         camera.up = (0.0, 0.0, 1.0)
         camera.look_at = middle
-        camera.position = middle + distance * towards / np.linalg.norm(towards)
+        camera.position = middle + distance * back
 
 
 def _as_light(colors: NDArray[np.uint8]) -> NDArray[np.uint8]:

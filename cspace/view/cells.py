@@ -55,6 +55,8 @@ class Cells(Protocol):
     grid: Grid
     side: int
     """Cells along an axis of a block of the whole map."""
+    quick: bool
+    """Whether what the cells join is soon known; of a map in a store it takes long, and is written there."""
 
     @property
     def near(self) -> Any:
@@ -72,6 +74,8 @@ class Cells(Protocol):
 
 class CellsInMemory:
     """The cells of a :class:`cspace.CSpace`."""
+
+    quick = True
 
     def __init__(self, space: MapLike) -> None:
         self.near, self.grid = space, space.grid
@@ -97,6 +101,8 @@ class CellsInMemory:
 
 class CellsInStore:
     """The cells of a :class:`cspace.TiledCSpace`: all of them from an overview, a part of them from a window."""
+
+    quick = False
 
     def __init__(self, space: Any) -> None:
         self._space, self.grid = space, space.grid
@@ -154,15 +160,16 @@ def _reduced(classes: Classes, side: int) -> Classes:
 def part_around(grid: Grid, point: Floats, reach: float, coarsest: int) -> Part | None:
     """The part of a map to show in smaller blocks where one looks at a point and sees so many metres around it.
 
-    It moves, and changes its size, in steps, so that it stays the same while one looks around a little. None where
-    blocks would not be smaller than ``coarsest``, those of the whole map.
+    It has about as many blocks as the whole map, and moves in steps, so that it stays the same while one looks around a
+    little. None where its blocks would not be smaller than ``coarsest``, those of the whole map.
     """
     reach = 2.0 ** (math.ceil(2.0 * math.log2(max(reach, grid.spacing))) / 2.0)
-    side = math.ceil(2.0 * reach / grid.spacing / MOST ** (1.0 / grid.dim))
+    along = MOST ** (1.0 / grid.dim)
+    side = math.ceil(2.0 * reach / grid.spacing / along)
     if side >= coarsest:
         return None
-    step = math.ceil(reach / grid.spacing / 2.0 / coarsest) * coarsest
+    half = math.ceil(side * along / 2.0 / coarsest) * coarsest
+    step = max(1, half // (4 * coarsest)) * coarsest
     middle = np.rint((point - grid.lower) / grid.spacing / step) * step
-    half = math.ceil(reach / grid.spacing / coarsest) * coarsest
     first, stop = np.maximum(middle - half, 0).astype(int), np.minimum(middle + half, grid.shape).astype(int)
     return Part(tuple(first.tolist()), tuple(stop.tolist()), side) if (first < stop).all() else None

@@ -69,9 +69,8 @@ class Page:
     def __init__(self, server: ViserServer, space: Any, canvas: Canvas, ends: dict[str, Floats], path: Floats) -> None:
         self._space, self._canvas, self._gui = space, canvas, server.gui
         self.marks, self.plan = dict(ends), None  # type: dict[str, Floats], Plan | None
-        self._path = path
+        self._path, self._proves = path, canvas.cells.quick
         self._playing = threading.Event()
-        self._joined: bool | str | None = None
         self._drawer = Worker(canvas.draw, self._fail)
         self._teller = Worker(self._tell, self._fail)
         self._prover = Worker(self._prove, self._fail)
@@ -121,6 +120,7 @@ class Page:
         position.value = tuple(np.round(self._canvas.poses.position(q), 3).tolist())
         if degrees is not None:
             degrees.value = _as_value(tuple(np.round(self._canvas.poses.degrees(q), 2).tolist()))
+        self._answer.content = ""  # it was about other ones
         self._prover.ask()
 
     def refresh(self) -> None:
@@ -169,7 +169,7 @@ class Page:
         )
         self._button = gui.add_button("Plan")
         self._button.on_click(lambda _: self._planner.ask())
-        self._proof = gui.add_markdown("")
+        self._proof = gui.add_markdown("Finding out which cells are joined …" if self._proves else "")
         self._answer = gui.add_markdown("")
 
     def _add_path(self) -> None:
@@ -257,10 +257,8 @@ class Page:
 
     def _prove(self) -> None:
         """Say whether a path joins start and goal."""
-        if self._joined is None:
-            self._proof.content = "Finding out which cells are joined …"
-        self._joined = True
-        self._proof.content = EXISTS[self._space.path_exists(self.marks["start"], self.marks["goal"])]
+        if self._proves:
+            self._proof.content = EXISTS[self._space.path_exists(self.marks["start"], self.marks["goal"])]
 
     def _search(self) -> None:
         """Plan, and say what came out."""
@@ -279,6 +277,8 @@ class Page:
             )
         finally:
             self._button.disabled = False
+        self._proves = True  # what the cells join is known from here on
+        self._prover.ask()
         self._answer.content = _in_words(found)
         self._follow(found.path)
         if found.solved:

@@ -119,6 +119,17 @@ def test_a_page_in_the_plane(browser: Any, flat: tuple[cspace.CSpace, Viewer]) -
     until(lambda: text(browser).count("No path exists: proven.") == 2)
 
 
+def test_who_comes_close_sees_small_cells(browser: Any, flat: tuple[cspace.CSpace, Viewer]) -> None:
+    _, viewer = flat
+    viewer.canvas.cells.side = 4
+    viewer.canvas.forget()
+    (client,) = viewer._server.get_clients().values()
+    client.camera.position = (4.0, 1.0, 2.5)
+    client.camera.look_at = (4.0, 1.2, 0.0)
+    until(lambda: "/section/part" in viewer.canvas._drawn)
+    until(lambda: shares(browser)[UNDECIDED] > 0.02)
+
+
 def test_nothing_comes_from_elsewhere(browser: Any, flat: tuple[cspace.CSpace, Viewer]) -> None:
     asked = browser.execute_script("return performance.getEntries().map(entry => entry.name)")
     assert asked

@@ -85,7 +85,7 @@ def test_what_is_drawn_follows_what_is_asked(viewer: Any) -> None:
 
 def test_who_looks_closely_sees_small_blocks(viewer: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     canvas = viewer[1].canvas
-    monkeypatch.setattr(canvas._cells, "side", 4)
+    monkeypatch.setattr(canvas.cells, "side", 4)
     middle = (canvas.stage.lower + canvas.stage.upper) / 2
     near, far = (np.add(middle, (0.0, 0.0, distance)) for distance in (0.6, 1e5))
     canvas.forget()
@@ -146,8 +146,11 @@ def test_a_map_in_a_store(tmp_path: Path) -> None:
     workspace = cspace.Workspace.from_array(occupied, 0.1)
     stored = cspace.build(workspace, cspace.Robot.disc(0.2), store=tmp_path / "map.zarr", tile=16)
     with stored.view(block=False, port=0, start=(0.6, 0.6), goal=(3.4, 0.6)) as viewer:
+        assert viewer.page.wait(60.0)
+        assert viewer.page._proof.content == ""  # to find out takes long in a store, and is left until it is asked for
         viewer.page._planner.ask()
         assert viewer.page.wait(60.0)
+        assert viewer.page._proof.content == "**A path exists: proven.**"
         assert viewer.plan is not None
         assert viewer.plan.solved
         assert "Not done" not in viewer.page._answer.content
