@@ -117,12 +117,14 @@ class Runs(NamedTuple):
     def of(cls, rasters: Sequence[Raster], shape: tuple[int, int, int]) -> list[Runs]:
         """The runs of rasters on a map of a shape; all at once, for many are small."""
         table, owner = runs_of(rasters)
-        before = np.bincount(owner, table[:, 3], len(rasters))
-        first, stop = np.maximum(table[:, 2], 1 - shape[2]), np.minimum(table[:, 2] + table[:, 3], shape[2])
-        near = (np.abs(table[:, :2]) < shape[:2]).all(axis=1) & (first < stop)
-        table[:, 2], table[:, 3] = first, stop - first
-        table, owner = table[near], owner[near]
-        clipped = np.bincount(owner, table[:, 3], len(rasters)) < before
+        clipped = np.zeros(len(rasters), dtype=np.bool_)
+        *far, longest = np.abs(table).max(axis=0, initial=0).tolist()
+        if far[0] >= shape[0] or far[1] >= shape[1] or far[2] + longest >= shape[2]:
+            before = np.bincount(owner, table[:, 3], len(rasters))
+            first, stop = np.maximum(table[:, 2], 1 - shape[2]), np.minimum(table[:, 2] + table[:, 3], shape[2])
+            near = (np.abs(table[:, :2]) < shape[:2]).all(axis=1) & (first < stop)
+            table, owner = np.column_stack([table[:, :2], first, stop - first])[near], owner[near]
+            clipped = np.bincount(owner, table[:, 3], len(rasters)) < before
         order = np.lexsort((table[:, 3], owner))
         table, owner = table[order], owner[order]
         last = np.flatnonzero(np.diff(table[:, 3], append=0) | np.diff(owner, append=-1))  # of each length

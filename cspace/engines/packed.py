@@ -70,7 +70,8 @@ def dilate_block(bits: Words, start: int, runs: Ints, spare: Words, more: Words,
 @inner(forceinline=True)
 def _shifted(words: Words, k: int, shift: np.uint64) -> np.uint64:
     """The word that begins so many bits after the beginning of word k."""
-    return (words[k] >> shift) | ((words[k + 1] << _ONE) << (_LAST - shift))
+    word: np.uint64 = (words[k] >> shift) | ((words[k + 1] << _ONE) << (_LAST - shift))
+    return word
 
 
 @inner
