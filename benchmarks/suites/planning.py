@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 import statistics
 import time
 from collections.abc import Callable, Sequence
@@ -85,20 +87,29 @@ def _ours(space: CSpace) -> dict[str, Solver]:
     return {f"ours, planners.plan, {name}": partial(solve_by_plan, space, name) for name in names} | setup
 
 
-def race(solvers: Sequence[Solver], queries: Sequence[Query], seeds: int) -> list[Timing]:
-    """All solve all queries with the same seeds, in turns; the paths, or None, are the timings' values."""
+LONG = 10.0
+"""Seconds beside which what is made at the first call does not count."""
+
+
+def race(solvers: Sequence[Solver], queries: Sequence[Query], seeds: int, budget: float = math.inf) -> list[Timing]:
+    """All solve all queries with the same seeds, in turns; the paths, or None, are the timings' values.
+
+    One that has searched for longer than ``budget``, in seconds, is asked no more.
+    """
     timings = [Timing([]) for _ in solvers]
-    for query in queries:
-        for seed in range(seeds):
-            # A first search that is not timed, so that neither pays for what is made at the first call.
-            for timing, solver in zip(timings, solvers, strict=True):
-                if not timing.seconds:
-                    solver(query, seed)
+    for query, seed in itertools.product(queries, range(seeds)):
+        for timing, solver in zip(timings, solvers, strict=True):
+            if sum(timing.seconds) > budget:
+                continue
+            for again in (True, False):
                 cpu = time.process_time()
                 taken, path = solver(query, seed)
-                timing.cpu.append(time.process_time() - cpu)
-                timing.seconds.append(taken)
-                timing.value.append(path)
+                # A short first search is made anew, so that none pays for what is made at the first call.
+                if not (again and not timing.seconds and taken < LONG):
+                    break
+            timing.cpu.append(time.process_time() - cpu)
+            timing.seconds.append(taken)
+            timing.value.append(path)
     return timings
 
 
