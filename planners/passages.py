@@ -1,6 +1,6 @@
 """Passages: paths along chains of cells, where sampling all space takes long or would hardly ever find one.
 
-Where FREE cells join start and goal, a chain of them is a path, and is proven as any other.
+Where FREE cells join start and goal, the map's own search finds a path along them, if the planner is not soon through.
 
 Where the map cannot decide whether a path exists, a chain of FREE and MIXED cells leads from start to goal, if any path
 does. The planner joins the FREE stretches of the chain; the MIXED ones are crossed by samples, taken in and around the
@@ -33,8 +33,8 @@ THROUGH: Final = "through undecided passages"
 ALONG: Final = "along FREE cells"
 
 SOON: Final = 10_000
-"""Iterations that the planner has to itself where FREE cells join start and goal. Its times have a long tail, where a
-chain of cells takes about as long as so many iterations; a count, and not the clock, keeps plans repeatable."""
+"""Iterations that the planner has to itself where FREE cells join start and goal: a fiftieth of a second. Its times
+have a long tail, and the map's own search has none; a count, and not the clock, keeps plans repeatable."""
 
 DRAWN: Final = 2000
 """Configurations that are drawn for each cell of a passage."""
@@ -80,8 +80,10 @@ class Passages:
         found = replace(self.search, iterations=SOON).run(self.edges, start, goal, self.time_limit)
         if len(found.path):
             return found
-        along = self._along_free(start, goal)
-        return along or self.search.run(self.edges, start, goal, max(self._left(), 1e-3))
+        path = self.edges.space.free_path(start, goal, straight=self.search.simplify)
+        if len(path):
+            return Found(path, ALONG, time.perf_counter() - self.began)
+        return self.search.run(self.edges, start, goal, max(self._left(), 1e-3))
 
     def run(self, start: Configuration, goal: Configuration) -> Found:
         """A path between two configurations: by the planner alone, or else along a chain that can be walked."""
@@ -241,31 +243,15 @@ class Passages:
         steps[space.grid.dim :] = 2.0 * space.rotations.covering_angles[cell[0]]
         return steps
 
-    def _along_free(self, start: Configuration, goal: Configuration) -> Found | None:
-        """A path through the middles of FREE cells; None where there is none, or too little memory to look for it."""
-        space = self.edges.space
-        if space.rotations.count * space.grid.size > KEEP * free_bytes():
-            return None
-        cells = open_chain(space, start, goal)
-        path = np.concatenate([[start], self._centers(cells), [goal]])
-        if not self.edges.are_free(path):
-            return None
-        planned = time.perf_counter()
-        if self.search.simplify:
-            path = self._shortened(path)
-            back = self._shortened(path[::-1])[::-1]
-            path = back if self.edges.are_free(back) else path
-        return Found(path, ALONG, planned - self.began, time.perf_counter() - planned)
-
     def _shortened(self, path: Floats) -> Floats:
-        """The path without the configurations that edges can leave out."""
+        """The path without the configurations that exact edges can leave out."""
         kept, at = [0], 0
         while at < len(path) - 1:
             ahead = np.arange(at + 1, len(path))
             if self._left() < 0.0:
                 kept += ahead.tolist()
                 break
-            free = np.asarray(self.edges.space.motion_is_free(path[at], path[ahead], exact=self.edges.exact))
+            free = np.asarray(self.edges.space.motion_is_free(path[at], path[ahead], exact=True))
             free[0] = True
             at = int(ahead[np.flatnonzero(free)[-1]])
             kept.append(at)

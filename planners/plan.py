@@ -89,7 +89,7 @@ def plan(
 
     *Long tails.* Where the robot turns and FREE cells join start and goal, RRTConnect is mostly through at once, and
     sometimes not for long. So unless ``iterations``, an objective or another planner is asked for, it has ten thousand
-    iterations; then the path goes from FREE cell to FREE cell, and is shortened.
+    iterations; then the map's own search is taken, see "Cubes".
 
     Planners that go on improving their path (AORRTC, BITstar, InformedRRTstar, PRMstar, RRTstar, SORRTstar) use up the
     time limit.

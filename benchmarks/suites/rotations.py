@@ -233,8 +233,8 @@ def _plan(report: Report, space: CSpace, scene: Scene, built: Timing, fcl: Fcl, 
     }
     timings = dict(zip(solvers, planning.race(list(solvers.values()), queries, scene.seeds, BUDGET), strict=True))
     report.note(
-        f"plans: {len(queries)} queries, {scene.seeds} seeds each; a search that fails counts with {LIMIT:g} s, and one "
-        f"that has searched for {BUDGET:g} s is asked no more"
+        f"plans: {len(queries)} queries, {scene.seeds} seeds each; a search that fails counts with {LIMIT:g} s, and "
+        f"what has searched for {BUDGET:g} s is asked no more"
     )
     for name, timing in timings.items():
         paths = [path for path in timing.value if path is not None]

@@ -30,43 +30,22 @@ TURNS = 7
 def trace_chain(cells: Cells, slice_of: Ints, neighbors: Ints, start: Ints, goal: Ints, came: Bytes) -> bool:
     """Search a chain of cells ``(rotation, x, y, z)`` from start to goal, none BLOCKED, with the fewest MIXED ones.
 
-    The nearest to the goal first, but all FREE cells that can be reached before the next MIXED ones; only the front is
-    held, in lists by the steps that are left. ``came`` is 0, or CLOSED where a cell is left out, and is given the step
-    by which each cell was reached. In the plane x has a single cell.
+    Breadth first, all FREE cells that can be reached before the next MIXED ones; only the front is held. ``came`` is 0,
+    or CLOSED where a cell is left out, and is given the step by which each cell was reached. In the plane x has a
+    single cell.
     """
     _, nx, ny, nz = came.shape
     size, most = nx * ny * nz, neighbors.shape[1]
     reached = came.reshape(-1)
     origin = ((start[0] * nx + start[1]) * ny + start[2]) * nz + start[3]
     target = ((goal[0] * nx + goal[1]) * ny + goal[2]) * nz + goal[3]
-    found, later = [origin], [origin]
+    front, ahead, later = [origin], [origin], [origin]
+    ahead.clear()
     later.clear()
     reached[origin] = START
     strides = (ny * nz, nz, 1)
-    # A list that is not empty has its first entry in ``heads``; entries that were left are linked for others to take.
-    heads, lowest, spare, number = np.full(nx + ny + nz, -1, np.int64), 0, -1, 0
-    after, waiting = np.empty(1024, np.int64), np.empty(1024, np.int64)
-    while True:
-        for cell in found:
-            place = cell % size
-            left = abs(place // (ny * nz) - goal[1]) + abs(place // nz % ny - goal[2]) + abs(place % nz - goal[3])
-            entry = spare
-            if entry >= 0:
-                spare = after[entry]
-            else:
-                if number == len(after):
-                    after, waiting = np.concatenate((after, after)), np.concatenate((waiting, waiting))
-                entry = number
-                number += 1
-            after[entry], waiting[entry], heads[left] = heads[left], cell, entry
-            lowest = min(lowest, left)
-        found.clear()
-        while lowest < len(heads) and heads[lowest] < 0:
-            lowest += 1
-        if lowest < len(heads):
-            entry = heads[lowest]
-            cell = waiting[entry]
-            heads[lowest], after[entry], spare = after[entry], spare, entry
+    while len(front) > 0:
+        for cell in front:
             if cell == target:
                 return True
             r, place = cell // size, cell % size
@@ -95,13 +74,14 @@ def trace_chain(cells: Cells, slice_of: Ints, neighbors: Ints, start: Ints, goal
                         if neighbors[a, back] == r:
                             reached[there] = TURNS + back
                 if state == FREE:
-                    found.append(there)
+                    ahead.append(there)
                 else:
                     later.append(there)
-        elif len(later) > 0:
-            found, later = later, found
-        else:
-            return False
+        front, ahead = ahead, front
+        ahead.clear()
+        if len(front) == 0:
+            front, later = later, front
+    return False
 
 
 def chain(
