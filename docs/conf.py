@@ -43,6 +43,7 @@ html_title = "cspace"
 html_static_path = ["_static"]
 html_css_files = ["cspace.css"]
 html_show_sourcelink = False
+html_sidebars = {"install": []}
 html_theme_options = {
     "show_nav_level": 2,
     "secondary_sidebar_items": ["page-toc"],
@@ -81,7 +82,7 @@ ORDER = (
 
 def place(file: str) -> int:
     """Where a script stands in that order."""
-    return f"{ORDER} {Path(file).stem}".index(Path(file).stem)
+    return f"{ORDER} {Path(file).stem}".split().index(Path(file).stem)
 
 
 sphinx_gallery_conf = {
