@@ -635,19 +635,24 @@ class YawRotations(Yaw, Rotations):
         """Of quarter turns about the z axis, and of mirrors along it, those that map the middles of cells to such."""
         found: dict[bytes, tuple[Floats, Ints]] = {}
         upright = [each for each in robot.symmetries if (each[2:, 2:] == 1.0).all()]
+        matrices, mirrors, turns = [], [], []
         for mirror, quarters in product((1.0, -1.0), range(4)):
             matrix = np.eye(len(upright[0]))
             cosine, sine = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[quarters]
             matrix[:2, :2] = [[cosine, -mirror * sine], [sine, mirror * cosine]]
             for own in upright if self.is_uniform() else ():
-                if own[0, 0] * own[1, 1] - own[0, 1] * own[1, 0] != mirror:
-                    continue
-                both = matrix[:2, :2] @ own[:2, :2]
-                # Of a mirror and a turn, either may come first, if the turn is the other way.
-                yaws = mirror * self.representatives + math.atan2(both[1, 0], both[0, 0])
-                cells = self.cell_of(yaws)
-                if np.abs(np.sin((yaws - self.representatives[cells]) / 2.0)).max() < YAW_SLACK / 8.0:
-                    found.setdefault(cells.tobytes(), (matrix, cells))
+                if own[0, 0] * own[1, 1] - own[0, 1] * own[1, 0] == mirror:
+                    both = matrix[:2, :2] @ own[:2, :2]
+                    matrices.append(matrix)
+                    mirrors.append(mirror)
+                    turns.append(math.atan2(both[1, 0], both[0, 0]))
+        # Of a mirror and a turn, either may come first, if the turn is the other way.
+        yaws = np.outer(mirrors, self.representatives) + np.reshape(turns, (-1, 1))
+        cells = self.cell_of(yaws)
+        off = np.abs(np.sin((yaws - self.representatives[cells]) / 2.0)).max(axis=1)
+        for matrix, image, far in zip(matrices, cells, off.tolist(), strict=True):
+            if far < YAW_SLACK / 8.0:
+                found.setdefault(image.tobytes(), (matrix, image))
         return list(found.values())
 
     def compiled(self, slice_of: Ints) -> YawCells:
