@@ -17,7 +17,6 @@ from cspace.view import Viewer
 from missing import told_without
 
 pytest.importorskip("viser")
-pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning:websockets")
 
 SPACES = {
     "R2": (2, cspace.Robot.disc(0.1), None),
