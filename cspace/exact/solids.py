@@ -291,7 +291,7 @@ def ask_way(world: World, q0: Numbers, q1: Numbers, way: int, work: Work) -> int
             return -1 - asked
         if reach <= (spacing if state == FREE else SLIDE * spacing):
             place = (scale * q[0], scale * q[1], scale * q[2])
-            motion = Motion(turning.matrix_of(map_.rotations, q), place, step, angle, least)
+            motion = Motion(turning.matrix_of(map_.rotations, q), place, step, angle, least, 0.0)
             part = share_apart(world.trees, world.robot, world.walls, motion, half / ADVANCE, work.walls)
             if part >= 0.0:
                 part = share_apart(world.trees, world.robot, world.obstacles, motion, part, work.obstacles)
@@ -335,7 +335,7 @@ def at(map_: Map, q0: Numbers, q1: Numbers, way: int, t: float) -> Numbers:
 def nested_at(nesting: Nesting, map_: Map, q: Numbers, matrix: Matrix) -> int:
     """Whether a part of one side lies in the other, where no borders meet: FREE, BLOCKED, or MIXED for unknown."""
     place, found, k = (q[0], q[1], q[2]), FREE, 0
-    motion = Motion(matrix, place, place, 0.0, 0.0)
+    motion = Motion(matrix, place, place, 0.0, 0.0, 0.0)
     (nx, ny, nz), count = nesting.outer.shape, nesting.corners.shape[0]
     while k < count:
         corner = nesting.corners[k]

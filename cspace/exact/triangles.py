@@ -89,7 +89,7 @@ class Motion(NamedTuple):
     step: Row
     angle: float
     least: float
-    slide: float = 0.0
+    slide: float
 
 
 def trees_of(borders: Sequence[Pieces], about_z: bool) -> tuple[Trees, list[Node]]:

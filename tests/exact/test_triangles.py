@@ -132,7 +132,7 @@ class Pair:
 
     def share(self, place=HERE, turn=STILL, step=HERE, angle=0.0, least=0.0, enough=np.inf):
         matrix = tuple(tuple(row) for row in turn.tolist())
-        motion = Motion(matrix, tuple(place), tuple(step), float(angle), float(least))
+        motion = Motion(matrix, tuple(place), tuple(step), float(angle), float(least), 0.0)
         return share(self.trees, self.roots, motion, float(enough), self.work)
 
     def distance(self, place=HERE, turn=STILL, enough=np.inf):
