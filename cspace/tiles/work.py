@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import itertools
+import math
 import pickle
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
+from threading import get_ident
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -129,6 +131,17 @@ class Job:
             raise changed(self.store.metadata["workspace_source"], "its size, its time or its digest is another")
         return outer, inner
 
+    @cached_property
+    def _rooms(self) -> dict[int, NDArray[np.uint8]]:
+        return {}
+
+    def _room(self, size: int) -> NDArray[np.uint8]:
+        """Bytes of this thread's own, which one task after another uses: new ones would cost as much as the engine."""
+        room = self._rooms.get(get_ident())
+        if room is None or len(room) < size:
+            room = self._rooms[get_ident()] = np.empty(size, dtype=np.uint8)
+        return room[:size]
+
     def make(self, index: Index, read: Read | None = None, aside: str = "") -> Record:
         """Make a tile and write it, its record last."""
         store, box = self.store, self.store.cells(index)
@@ -138,11 +151,13 @@ class Job:
         inner = outer if same else np.ascontiguousarray(inner)
         own = box_of(*np.array([[b.start - w.start, b.stop - w.start] for b, w in zip(box, window, strict=True)]).T)
         shape, size = tuple(part.stop - part.start for part in own), outer.size
-        scratch = np.empty((max(1, min(store.slices, SCRATCH_CELLS // size)), *outer.shape), dtype=np.uint8)
+        at_once, cells = max(1, min(store.slices, SCRATCH_CELLS // size)), math.prod(shape)
+        room = self._room(at_once * size + store.depth * cells)
+        scratch = room[: at_once * size].reshape(at_once, *outer.shape)
         counts, digests = np.empty((store.slices, 3), dtype=np.int64), []
         for layer in range(store.layers):
             numbers = store.numbers(layer)
-            block = np.empty((len(numbers), *shape), dtype=np.uint8)
+            block = room[at_once * size :][: len(numbers) * cells].reshape(len(numbers), *shape)
             for first in range(0, len(numbers), len(scratch)):
                 some = numbers[first : first + len(scratch)]
                 sides = sides_of([self.pairs[number] for number in some], store.metadata["inner"])
