@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.grid import Grid
-from cspace.shapes import Shape
+from cspace.shapes import Shape, Voxels
 from cspace.workspace import Workspace
 
 Bools = NDArray[np.bool_]
@@ -95,9 +95,10 @@ class Scene:
         """All obstacles as shapes; None where only their cells are known."""
         if not self.placed:
             return self.shapes
-        if self._still is None:
-            self._still = Workspace(self.grid, self.outer, self.outer, shapes=self.shapes).obstacles
-        return (*self._still, *(each.shape for each in self.placed.values()))
+        if self._still is None and self.shapes is None:
+            cells = Voxels(self.outer.copy(), self.grid.spacing, np.array(self.grid.lower))
+            self._still = (cells,) if self.outer.any() else ()
+        return (*(self._still or self.shapes or ()), *(each.shape for each in self.placed.values()))
 
     def write(self, window: tuple[slice, ...], outer: Bools, inner: Bools) -> None:
         """Change a box of the cells that stay, which from then on are all that is known of what stays."""

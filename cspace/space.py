@@ -562,7 +562,8 @@ class CSpace(ConfigurationMap):
 
         The :class:`Workspace` that was passed to the build, and other maps of it, stay as they are: the first update
         copies its cells, once. Then :attr:`workspace` shows the current ones, which are the obstacles from then on;
-        its ``shapes`` are None, and look-ups with ``exact=True`` ask the outer cells instead.
+        its ``shapes`` are None, and look-ups with ``exact=True`` ask the outer cells instead. What :meth:`place` has
+        placed stays on top.
 
         Kept up to date, if they were asked for before: the state, stored overlaps, running counts for
         :meth:`overlap` and :meth:`contains_robot`, what is known outside the grid, and the blocks of
