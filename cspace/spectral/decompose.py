@@ -96,7 +96,7 @@ def decompose(
         raise InputError("number", found, "balls are chosen by one of them", mend)
     length = None if tolerance is None else positive(tolerance, "tolerance")
     count = None if number is None else check_count(number, "number", "pass e.g. 64")
-    region = Region(shape_of(shape))
+    region = Region(shape_of(shape).sides[kind == "inner"])
     if kind == "inner" and not region.measure[1] > 0.0:
         mend = "pass kind='outer', or a shape with an area or volume"
         raise GeometryError("shape", "has no inside", "inner balls lie inside", mend)

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 import cspace
 from cspace import InputError, Robot, Rotations, Workspace
 from cspace.rotations import Turn
+from cspace.spectral import decompose
 
 RADIUS, LENGTH = 0.31, 0.57
 
@@ -103,6 +104,14 @@ def test_an_upright_one_needs_one_slice_unless_it_is_off_its_axis(kind):
     assert make(0.2, 0.3, (0.1, 0, 0)).symmetry == 1
     again = Robot.from_spec(make(0.2, 0.3).spec)
     assert (again.symmetry, again.shape.bounds[0].tolist()) == (0, make(0.2, 0.3).shape.bounds[0].tolist())
+
+
+def test_balls_within_are_within_the_shape_itself(kind):
+    make, inside = kind
+    balls = decompose(make(RADIUS, LENGTH).shape, kind="inner", number=8)
+    way = np.random.default_rng(6).normal(size=(500, 3))
+    for center, radius in zip(balls.centers, balls.radii, strict=True):
+        assert inside(center + radius * way / np.linalg.norm(way, axis=1, keepdims=True)).all()
 
 
 def test_exact_answers_are_those_of_the_shape_around(kind):
