@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import os
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -92,8 +93,9 @@ def read_nav2(path: str | os.PathLike[str], costmap: str | None = None) -> Base:
         raise FileError(file, f"has no costmap {costmap!r}", f"it has {', '.join(bases)}", "name one of these")
     if len(set(chosen.values())) > 1:
         told = "; ".join(f"{name} has {base}" for name, base in chosen.items())
-        names = " or ".join(f"costmap={name!r}" for name in chosen)
-        raise FileError(file, f"tells of more than one robot: {told}", "one is mapped at a time", f"pass {names}")
+        first = next(iter(chosen))
+        mend = f"pass e.g. costmap={first!r}, or {Path(file).name}#{first}"
+        raise FileError(file, f"tells of more than one robot: {told}", "one is mapped at a time", mend)
     return next(iter(chosen.values()))
 
 
