@@ -478,6 +478,48 @@ class CSpace(ConfigurationMap):
             return np.empty((0, self.dof))
         return pulled_straight(path, dim, self.edge_checker(), 2.0 * self.grid.spacing) if straight else path
 
+    def widest_path(self, q0: ArrayLike, q1: ArrayLike, *, straight: bool = True) -> Floats:
+        """A collision-free path with as much room as there is, and then the shortest, found by the map itself.
+
+        Of all chains of FREE cells that join the two, turning on the spot from one rotation cell to the next, it takes
+        those whose smallest clearance is the largest. Where start and goal lie nearer to obstacles than that, they are
+        left the steepest way, so that they alone do not make all of the path narrow. Of the chains between, it is the
+        shortest, with a radian as half a metre; straight edges then leave out what they can within the same room. It is
+        the same every time.
+
+        Room is counted at the middles of cells: no cell on the way has less than any other chain must have somewhere.
+        Between them, :meth:`clearance` may be less by the half of a cell's diagonal.
+
+        Parameters
+        ----------
+        q0, q1 : array-like, shape (dof,)
+            FREE configurations in the grid.
+        straight : bool
+            Whether to leave out what straight edges do not need.
+
+        Returns
+        -------
+        ndarray of float64, shape (n, dof)
+            Waypoints, from q0 to q1, each edge between two proven free; of length 0 where chains of FREE cells of the
+            grid do not join them, or one of them lies on the border of a cell that is not FREE.
+
+        Raises
+        ------
+        ConfigurationError
+            If a configuration is not FREE, or not in the grid.
+        InputError
+            If a configuration is not one of finite numbers, or memory is too small.
+        """
+        from cspace.map.widest import BYTES, widest_path
+
+        ends = [self._one_free(q, name) for q, name in ((q0, "q0"), (q1, "q1"))]
+        needed, shape, fewer = BYTES * self.grid.size * self.rotations.count, self.grid.shape, self.rotations.fewer
+        check_memory(needed, "the map, to find its widest path,", shape, self.grid.spacing, fewer=fewer)
+        cells = [self._cells_of(q) for q in ends]
+        return widest_path(
+            self._map, self._seen, self.rotations, self.grid, list(zip(ends, cells, strict=True)), straight
+        )
+
     # ---- the set of FREE configurations ------------------------------------------------------------------------------
 
     @overload

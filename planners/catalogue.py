@@ -14,6 +14,12 @@ from cspace.errors import InputError
 CUBES: Final = "Cubes"
 """What :func:`planners.plan` calls the map's own search, :meth:`cspace.CSpace.free_path`."""
 
+WIDEST: Final = "Widest"
+"""What it calls :meth:`cspace.CSpace.widest_path`."""
+
+OWN: Final = (CUBES, WIDEST)
+"""The map's own searches."""
+
 IGNORE_OBJECTIVES: Final = frozenset({"AORRTC", "BKPIECE1", "KPIECE1", "LBKPIECE1", "RRT", "RRTConnect"})
 """Planners that heed no objective: they stop at the first path, or optimise the length whatever they are told."""
 
@@ -71,12 +77,12 @@ def planner_named(name: str | None, drive: str = "holonomic") -> str:
     if name is None:
         # RRTConnect's tree at the goal grows by curves that leave the goal, where Dubins' car needs those that arrive.
         return "RRT" if drive == "dubins" else "RRTConnect"
-    known = {each.lower(): each for each in (*_planners(), CUBES)}
+    known = {each.lower(): each for each in (*_planners(), *OWN)}
     if not isinstance(name, str) or name.lower() not in known:
         close = difflib.get_close_matches(str(name).lower().replace("*", "star"), known, n=1)
         mend = f"choose one of {', '.join(planner_names())}"
         mend = f"did you mean {known[close[0]]}? {mend}" if close else mend
-        rule = f"it must be a geometric planner of the installed OMPL, or {CUBES}"
+        rule = f"it must be a geometric planner of the installed OMPL, or {CUBES} or {WIDEST}"
         raise InputError("planner", f"is {name!r}", rule, mend, value=name)
     found = known[name.lower()]
     reason = NO_CURVES.get(drive, {}).get(found) if isinstance(drive, str) else None

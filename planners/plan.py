@@ -16,7 +16,7 @@ from cspace.errors import ConfigurationError, InputError
 from cspace.grid import finite, positive
 from cspace.space import CSpace
 from cspace.states import BLOCKED, FREE, NAMES
-from planners.catalogue import CUBES, IGNORE_OBJECTIVES, SECOND_THREAD, planner_named
+from planners.catalogue import CUBES, IGNORE_OBJECTIVES, OWN, SECOND_THREAD, WIDEST, planner_named
 from planners.local_planner import CURVES, HOLONOMIC, LocalPlanner, check_flag, local_planner, takes_curve
 from planners.objectives import ClearanceObjective, OverlapObjective, WeightedLength, overlap_field
 from planners.passages import Passages
@@ -113,7 +113,9 @@ def plan(
         cannot reverse needs those that arrive, so it often fails among obstacles. Planners that take edges from their
         ends are refused for Dubins curves, and for "differential" get edges that are free both ways. Or "Cubes", which
         is the map's own search, :meth:`cspace.CSpace.free_path`: it moves the robot to any side and turns it on the
-        spot, finds a path in milliseconds wherever FREE cells join start and goal, and the same one every time.
+        spot, finds a path in milliseconds wherever FREE cells join start and goal, and the same one every time. Or
+        "Widest", :meth:`cspace.CSpace.widest_path`: the path with the most room, and then the shortest; also the same
+        every time, and whatever the time limit. Not on a map in a store.
     time_limit : float
         Seconds after which the search gives up. Where it uses them up, a tenth of a second more goes to simplification.
     iterations : int, optional
@@ -191,8 +193,11 @@ def plan(
     search = search_on(edges.space)
     limit = positive(time_limit, "time_limit", "seconds")
     ends = _endpoint(edges.space, start, "start", exact), _endpoint(edges.space, goal, "goal", exact)
-    if name == CUBES:
-        _check_cubes(objective=objective, exact=exact, drive=drive, iterations=iterations)
+    if name in OWN:
+        _check_own(name, objective=objective, exact=exact, drive=drive, iterations=iterations)
+    if name == WIDEST and not isinstance(space, CSpace):
+        rule, mend = "a path there is found part by part", "choose another, or plan on space.window(lower, upper)"
+        raise InputError("planner", f"is {name!r}, on a map in a store", rule, mend, value=name)
     exists: bool | None = space.path_exists(*ends)
     legs = [] if exists is False else space._legs(*map(np.array, ends))
     if planner is None and len(legs) > 1 and (objective, drive, iterations) == ("length", HOLONOMIC, None):
@@ -317,9 +322,10 @@ def _leg(
     """What the search finds on one map in memory."""
     if ends[0] == ends[1]:
         return Found(np.array(ends[:1]), "the start is the goal")
-    if search.planner == CUBES:
-        began = time.perf_counter()
-        path = edges.space.free_path(*ends, straight=search.simplify)
+    if search.planner in OWN:
+        began, space = time.perf_counter(), edges.space
+        find = space.free_path if search.planner == CUBES else space.widest_path
+        path = find(*ends, straight=search.simplify)
         return Found(path, "", time.perf_counter() - began)
     if edges.drive == HOLONOMIC:
         passages = Passages(search, edges, limit)
@@ -347,7 +353,7 @@ def _status(found: Found, planner: str, edges: LocalPlanner, exists: bool | None
         return "path found" + (f": {found.note}" if found.note else ""), ""
     if exists is False:
         return "no path exists: proven", ""
-    if planner == CUBES:
+    if planner in OWN:
         within = "no chain of FREE cells joins start and goal"
     elif found.planning >= 0.95 * limit:
         within = f"no path found within {limit:g} s"
@@ -365,7 +371,7 @@ def _status(found: Found, planner: str, edges: LocalPlanner, exists: bool | None
     else:
         known = "a path exists"
         more += ["planner='Cubes'"]
-    if planner == CUBES:
+    if planner in OWN:
         # It has looked everywhere that it can, and asks no geometry.
         more = ["planner='RRTConnect'" + " with exact=True" * (exists is None), finer]
     return f"{within}{found.where}; {known}", f"{', '.join(more[:-1])}, or {more[-1]}"
@@ -397,12 +403,12 @@ def _objective(
     return lambda si: kind(si, space, drive=drive, turning_radius=turning_radius)
 
 
-def _check_cubes(**options: object) -> None:
-    """Refuse what the map's own search cannot do."""
+def _check_own(planner: str, **options: object) -> None:
+    """Refuse what a search of the map's own cannot do."""
     for name, value in options.items():
         if value not in (None, False, "length", HOLONOMIC):
-            found = f"is {value!r} and planner is {CUBES!r}"
-            rule = f"{CUBES} joins FREE cells along straight edges, to any side, by length, in one go"
+            found = f"is {value!r} and planner is {planner!r}"
+            rule = f"{planner} joins FREE cells along straight edges, to any side, in one go"
             raise InputError(name, found, rule, f"leave {name} out, or use planner='RRTConnect'", value=value)
 
 

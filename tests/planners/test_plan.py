@@ -232,6 +232,18 @@ def test_cubes_turns_where_it_must() -> None:
     assert found.certified and found.path[-1].tolist() == [2.5, 2.5, 1.6]
 
 
+@pytest.mark.parametrize("name", SPACES)
+def test_the_widest_path_has_more_room_than_others(name: str) -> None:
+    space, ends = room(name), ENDS[name]
+    found, other = (planners.plan(space, *ends, planner=each, seed=1, time_limit=20.0) for each in ("widest", None))
+    check(space, found, *ends)
+    assert found.planner == "Widest" and found.clearance >= other.clearance
+    assert np.array_equal(found.path, planners.plan(space, *ends, planner="Widest", seed=2, time_limit=1e-9).path)
+    rough = planners.plan(space, *ends, planner="Widest", simplify=False)
+    check(space, rough, *ends)
+    assert len(rough.waypoints) > len(found.waypoints)
+
+
 # ---- no path ---------------------------------------------------------------------------------------------------------
 
 
@@ -384,6 +396,7 @@ def test_a_map_without_free_cells_has_no_nearest_one() -> None:
         ("turning", {"drive": "dubins", "turning_radius": 1.0, "exact": True}, "exact is True and drive is 'dubins'"),
         ("turning", {"exact": 3}, "exact is 3"),
         ("turning", {"drive": "differential", "turning_radius": 1.0}, "1.0 and drive is 'differential'"),
+        ("turning", {"drive": "differential", "planner": "Widest"}, "drive is 'differential' and planner is 'Widest'"),
         ("turning", {"drive": "differential", "planner": "Cubes"}, "drive is 'differential' and planner is 'Cubes'"),
         ("yawing", {"drive": "differential"}, "drive is 'differential' and .* .x, y, z, yaw.*leave drive"),
         ("plane", {"drive": "differential-reverse"}, "are .x, y.;.*rotations=72"),

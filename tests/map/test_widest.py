@@ -1,0 +1,170 @@
+"""The widest path: as wide as any can be, then the shortest, told by graphs that share no code with it."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components, dijkstra
+
+from cspace import FREE, MIXED, ConfigurationError, CSpace, InputError, Robot, Workspace, build
+from cspace.map import widest
+from planning import ENDS, room, turn_between, with_state
+from strategies import seeds
+
+SPACES = ("plane", "space", "turning", "yawing")
+TURNS = {"turning": 5, "yawing": 4}
+
+
+def random_map(name: str, rng: np.random.Generator) -> CSpace:
+    """A small map with scattered cells that are not FREE."""
+    cells = tuple((rng.integers(3, 9, 2) if name in ("plane", "turning") else rng.integers(2, 5, 3)).tolist())
+    shape = (TURNS[name], *cells) if name in TURNS else cells
+    state = np.where(rng.random(shape) < rng.uniform(0.02, 0.3), MIXED, FREE).astype(np.uint8)
+    return with_state(state, TURNS.get(name), spacing=0.5)
+
+
+def middles(space: CSpace) -> np.ndarray:
+    """Middles of all cells, in a row, rotation cell by rotation cell."""
+    grid = space.grid
+    places = grid.center_of(np.stack(np.meshgrid(*map(np.arange, grid.shape), indexing="ij"), axis=-1))
+    places = places.reshape(-1, grid.dim)
+    turns = np.repeat(space.rotations.centers, len(places), axis=0)
+    return np.column_stack([np.tile(places, (space.rotations.count, 1)), turns])
+
+
+def links(space: CSpace, wide: np.ndarray, corners: bool) -> coo_array:
+    """The cells of a map that are wide enough, linked where a robot can go from one to the next, with lengths."""
+    shape = (space.rotations.count, *space.grid.shape)
+    wide, rows = wide.reshape(shape), []
+    for step in itertools.product((-1, 0, 1), repeat=space.grid.dim):
+        if not any(step) or (not corners and np.abs(step).sum() > 1):
+            continue
+        for cell in np.argwhere(wide):
+            other = cell + np.array([0, *step])
+            if (other < 0).any() or (other >= shape).any():
+                continue
+            block = itertools.product(*({int(a), int(b)} for a, b in zip(cell, other, strict=True)))
+            if all(wide[each] for each in block):
+                rows.append((np.ravel_multi_index(tuple(cell), shape), np.ravel_multi_index(tuple(other), shape),
+                             0.5 * math.hypot(*step)))  # fmt: skip
+    if space.dof > space.grid.dim:
+        angle = 2 * math.pi / shape[0]
+        for cell in np.argwhere(wide):
+            other = ((cell[0] + 1) % shape[0], *cell[1:])
+            if wide[other]:
+                ends = [int(np.ravel_multi_index(tuple(each), shape)) for each in (cell, other)]
+                rows += [(*ends, 0.5 * angle), (*ends[::-1], 0.5 * angle)]
+    first, last, length = np.array(rows).reshape(-1, 3).T
+    return coo_array((length, (first.astype(int), last.astype(int))), shape=(wide.size, wide.size)).tocsr()
+
+
+def widest_of_all(space: CSpace, start: int, goal: int) -> float:
+    """The largest clearance that the narrowest cell of a chain can have, by trying them all; 0 where there is none."""
+    room = np.asarray(space.clearance(middles(space)))
+    for least in np.unique(room[room > 0.0])[::-1]:
+        wide = room >= least
+        labels = connected_components(links(space, wide, False))[1]
+        if wide[start] and wide[goal] and labels[start] == labels[goal]:
+            return float(least)
+    return 0.0
+
+
+def length_of(space: CSpace, path: np.ndarray) -> float:
+    """Metres, and half a metre for each radian of yaw."""
+    dim = space.grid.dim
+    turns = np.abs(turn_between(path[:-1, dim:], path[1:, dim:])).sum()
+    return float(np.linalg.norm(np.diff(path[:, :dim], axis=0), axis=1).sum() + 0.5 * turns)
+
+
+@pytest.mark.parametrize("name", SPACES)
+@settings(max_examples=8)
+@given(seeds)
+def test_a_path_is_as_wide_as_any_and_no_longer_than_it_must_be(name: str, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    space = random_map(name, rng)
+    points, graph = middles(space), widest.graph_of(space._map, space._seen, space.rotations)
+    room = np.asarray(space.clearance(points))
+    levels = graph.levels[graph.slice_of].ravel()
+    assert np.array_equal(levels > 0, room > 0.0) and (np.abs(levels / 128 - room) <= 1 / 128 + 1e-6).all()
+    free = np.flatnonzero(room > 0.0)
+    if not len(free):
+        return
+    for start, goal in rng.choice(free, (2, 2)):
+        best = widest_of_all(space, start, goal)
+        level = widest.bottleneck(graph, start, goal)
+        assert abs(level / 128 - best) <= 1 / 128 + 1e-6
+        path = space.widest_path(points[start], points[goal], straight=False)
+        assert (len(path) > 0) == (best > 0.0)
+        if not len(path):
+            continue
+        assert np.asarray(space.clearance(path)).min() == pytest.approx(best, abs=1e-6)
+        assert space.certify_path(path).all()
+        shortest = dijkstra(links(space, levels >= level, True), indices=start)[goal]
+        chain = points[widest.shortest(graph, start, goal, level)]
+        assert length_of(space, chain) == pytest.approx(shortest, rel=1e-5)
+        pulled = space.widest_path(points[start], points[goal])
+        assert np.array_equal(pulled[[0, -1]], path[[0, -1]]) and space.certify_path(pulled).all()
+        assert length_of(space, pulled) <= length_of(space, path) + 1e-9
+        shares = np.linspace(0.0, 1.0, 30)[:, None]
+        parts = [
+            space.rotations.moved(np.repeat(a[None], 30, axis=0), shares * space.rotations.steps(a, b))
+            for a, b in itertools.pairwise(pulled)
+        ]
+        along = np.concatenate([*parts, pulled])
+        # Between the middles of cells there may be less room, by half a diagonal.
+        assert np.asarray(space.clearance(along)).min() >= best - 0.25 * math.sqrt(space.grid.dim) - 1e-6
+
+
+@settings(max_examples=30)
+@given(seeds, st.booleans(), st.sampled_from([(1, 40), (7, 9), (3, 4, 5)]))
+def test_levels_are_distances_to_what_is_not_free(seed: int, open_all_around: bool, shape: tuple[int, ...]) -> None:
+    rng = np.random.default_rng(seed)
+    state = np.where(rng.random(shape) < rng.choice([0.0, 0.02, 0.3]), MIXED, FREE).astype(np.uint8)
+    space = with_state(state)
+    table = np.array([[*np.repeat([0, -1], len(shape)), FREE if open_all_around else MIXED]])
+    map_ = space._map._replace(exterior=table)
+    levels = widest.graph_of(map_, space._seen, space.rotations).levels.reshape(shape)
+    shut = np.argwhere(state != FREE)
+    if not open_all_around:
+        rim = np.argwhere(np.pad(np.zeros(shape, dtype=bool), 1, constant_values=True)) - 1
+        shut = np.concatenate([shut, rim])
+    for cell in np.argwhere(state == FREE):
+        apart = np.maximum(np.abs(shut - cell) - 0.5, 0.0)
+        least = np.linalg.norm(apart, axis=1).min(initial=1024.0)
+        assert levels[tuple(cell)] == min(int(64 * least + 1e-4), 65535)
+
+
+def test_start_and_goal_beside_a_wall_do_not_make_the_path_narrow() -> None:
+    space = build(Workspace.from_array(np.zeros((60, 40), dtype=bool), 0.1), Robot.disc(0.2))
+    path = space.widest_path((0.45, 0.45), (5.55, 0.45))
+    assert space.certify_path(path).all() and np.asarray(space.clearance(path[1:-1])).min() > 1.4
+    assert np.asarray(space.clearance(path)).min() == space.clearance((0.45, 0.45))
+
+
+@pytest.mark.parametrize("name", [*SPACES, "floating"])
+def test_it_finds_the_wide_way_in_every_space(name: str) -> None:
+    space = room(name)
+    path = space.widest_path(*ENDS[name])
+    assert len(path) > 2 and space.certify_path(path).all()
+    assert np.array_equal(path[[0, -1]], space.rotations.canonical(np.array(ENDS[name])))
+    assert np.array_equal(path, space.widest_path(*ENDS[name]))
+    back = space.widest_path(*ENDS[name][::-1], straight=False)
+    there = space.widest_path(*ENDS[name], straight=False)
+    assert np.asarray(space.clearance(back)).min() == pytest.approx(np.asarray(space.clearance(there)).min(), abs=2e-3)
+
+
+def test_wrong_ends_and_little_memory_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    space = room("plane")
+    with pytest.raises(ConfigurationError, match="one FREE configuration in the grid"):
+        space.widest_path((3.1, 1.0), (9.0, 5.0))
+    with pytest.raises(InputError, match="q1 has shape"):
+        space.widest_path((1.0, 1.0), (9.0, 5.0, 1.0))
+    monkeypatch.setattr("cspace.memory.free_bytes", lambda: 1000)
+    with pytest.raises(InputError, match=r"to find its widest path.* needs about .* of memory.*at most 950 bytes"):
+        space.widest_path(*ENDS["plane"])
