@@ -137,7 +137,7 @@ def begin(states: Bytes, squares: Squares, walled: bool, start: int, stop: int) 
                     last = step
                 apart = np.int64(step - last)
                 square = 0 if apart == 0 else min((2 * apart - 1) ** 2, FAR) if apart < 2**14 else FAR
-                squares[row, k] = square if way == 0 else min(square, squares[row, k])
+                squares[row, k] = square if way == 0 else min(square, squares[row, k])  # type: ignore[assignment]
     return -1
 
 
@@ -259,7 +259,7 @@ def bottleneck(graph: Graph, start: int, goal: int) -> int:
         if heads[level] == LAST:
             level -= 1
             continue
-        cell = np.int64(heads[level])
+        cell: int = np.int64(heads[level])  # type: ignore[assignment]  # one type, for the compiler
         heads[level] = after[cell]
         if cell == goal:
             return level
@@ -299,7 +299,8 @@ def shortest(graph: Graph, start: int, goal: int, least: int) -> Ints:
             if far[goal] < base + bucket:
                 break
             continue
-        heads[bucket], cell = after[entry], np.int64(cells[entry])
+        heads[bucket] = after[entry]
+        cell: int = np.int64(cells[entry])  # type: ignore[assignment]  # one type, for the compiler
         if costs[entry] > far[cell]:
             continue
         for way in range(straight + graph.neighbors.shape[1]):
@@ -330,10 +331,13 @@ def shortest(graph: Graph, start: int, goal: int, least: int) -> Ints:
     if far[goal] < np.inf:
         length = 1
         while cell != start:
-            cell, length = np.int64(came[cell]), length + 1
+            cell = np.int64(came[cell])  # type: ignore[assignment]
+            length += 1
     path, cell = np.empty(length, np.int64), goal
     for row in range(length - 1, -1, -1):
-        path[row], cell = cell, np.int64(came[cell]) if row else cell
+        path[row] = cell
+        if row:
+            cell = np.int64(came[cell])  # type: ignore[assignment]
     return path
 
 
