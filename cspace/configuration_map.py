@@ -17,7 +17,11 @@ from cspace.rotations import Rotations
 from cspace.states import BLOCKED, FREE
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from cspace.exact.queries import Exact
+    from cspace.plot.picture import PlotOptions
+    from cspace.plot.route import MapLike
     from cspace.view import Viewer, ViewOptions
     from cspace.view.cells import Cells
 
@@ -247,7 +251,16 @@ class ConfigurationMap(ABC):
         found: bool | NDArray[np.object_] | None = answers if answers.ndim else answers[()]
         return found
 
-    # ---- on a page ---------------------------------------------------------------------------------------------------
+    # ---- seen --------------------------------------------------------------------------------------------------------
+
+    def plot(self, **options: Unpack[PlotOptions]) -> Axes:
+        """Draw the map, of one in tiles an overview; see :func:`cspace.plot.plot`, which takes the same.
+
+        No window is opened; a notebook shows the axes as the picture.
+        """
+        from cspace.plot import plot
+
+        return plot(self._drawn(), **options)
 
     def view(self, *, block: bool = True, **options: Unpack[ViewOptions]) -> Viewer:
         """Show the map on a page in the browser, and plan there; needs viser: ``pip install "cspace[view]"``.
@@ -295,6 +308,10 @@ class ConfigurationMap(ABC):
     @abstractmethod
     def _facts(self) -> dict[str, Any]:
         """What there is to say of it beside its grid, for people: plain values by what they are."""
+
+    @abstractmethod
+    def _drawn(self) -> MapLike:
+        """What is drawn of it."""
 
     @abstractmethod
     def _classify(self) -> Ask:

@@ -31,7 +31,6 @@ from cspace.workspace import Workspace
 
 if TYPE_CHECKING:
     import xarray
-    from matplotlib.axes import Axes
 
     from cspace.exact.queries import Exact
     from cspace.io.messages import Costmap, OccupancyGrid
@@ -39,7 +38,6 @@ if TYPE_CHECKING:
     from cspace.map.mip import Marks, Mip
     from cspace.map.overlaps import Runs, Sums
     from cspace.map.sampling import FreeCells
-    from cspace.plot.picture import PlotOptions
     from cspace.spectral import FourierOverlap, OverlapField
     from cspace.update import Update, Updater
     from cspace.view.cells import Cells
@@ -945,11 +943,8 @@ class CSpace(ConfigurationMap):
             np.maximum(most, self._seen[number], out=most)
         return np.where(least == most, least, MIXED).astype(np.uint8)
 
-    def plot(self, **options: Unpack[PlotOptions]) -> Axes:
-        """Draw the map; see :func:`cspace.plot.plot`, which takes the same. No window is opened."""
-        from cspace.plot import plot
-
-        return plot(self, **options)
+    def _drawn(self) -> CSpace:
+        return self
 
     def _in_blocks(self) -> Cells:
         from cspace.view.cells import CellsInMemory

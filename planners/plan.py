@@ -234,6 +234,7 @@ def plan(
         seed=search.seed,
         time_limit=limit,
         times=Times(setup, found.planning, found.simplification, time.perf_counter() - searched),
+        space=space,
     )
 
 

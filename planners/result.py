@@ -9,15 +9,22 @@ import math
 import os
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields
-from typing import IO
+from typing import IO, TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.configuration_map import ConfigurationMap
+from cspace.errors import InputError
 from cspace.io.output import replacing
 from cspace.rotations import YAW_SLACK
 from planners.local_planner import CURVES, DENSE_TURN, HOLONOMIC, LocalPlanner
 from planners.states import Floats
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from cspace.plot.picture import PlotOptions
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +104,8 @@ class Plan:
     time_limit : float
         Seconds that the search was given.
     times : Times
+    space : CSpace, TiledCSpace or None
+        The map that it was planned on; None of a plan that was pickled, which leaves the map behind.
     """
 
     path: Floats
@@ -118,6 +127,10 @@ class Plan:
     seed: int | None
     time_limit: float
     times: Times
+    space: ConfigurationMap | None = None
+
+    def __getstate__(self) -> list[Any]:
+        return [None if each.name == "space" else getattr(self, each.name) for each in fields(self)]
 
     @property
     def curve(self) -> str | None:
@@ -151,6 +164,29 @@ class Plan:
             f"set up in {_text(self.times.setup)}, checked in {_text(self.times.checking)}",
         ]
 
+    def plot(self, **options: Unpack[PlotOptions]) -> Axes:
+        """Draw the map with the path and the robot along it; an overview of a map in tiles.
+
+        Parameters
+        ----------
+        **options
+            Of :func:`cspace.plot.plot`, e.g. ``zoom=8`` for a part.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+            The axes, which a notebook shows as the picture; ``ax.figure`` is the figure.
+
+        Raises
+        ------
+        InputError
+            If the plan was pickled, which leaves the map behind; or as :func:`cspace.plot.plot`.
+        """
+        if self.space is None:
+            mend = "draw it with space.plot(path=plan)"
+            raise InputError("plan", "has no map", "pickling leaves the map behind", mend)
+        return self.space.plot(**{"path": self, **options})
+
     def to_csv(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
         """Write the path as CSV: a row of names, then a row for each configuration, in full precision.
 
@@ -180,7 +216,7 @@ class Plan:
         _write(path, overwrite, write)
 
     def to_json(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
-        """Write everything as JSON, one key for each attribute; NaN and infinity become null.
+        """Write everything but the map as JSON, one key for each attribute; NaN and infinity become null.
 
         Parameters
         ----------
@@ -193,7 +229,7 @@ class Plan:
         FileError
             If the file exists and may not be replaced, or cannot be written.
         """
-        record = {each.name: _plain(getattr(self, each.name)) for each in fields(self)}
+        record = {each.name: _plain(getattr(self, each.name)) for each in fields(self) if each.name != "space"}
         _write(path, overwrite, lambda file: file.write(json.dumps(record, indent=2, allow_nan=False) + "\n"))
 
 

@@ -288,6 +288,9 @@ class TiledCSpace(ConfigurationMap):
             raise InputError("most", f"is {most!r}", rule, "pass e.g. 1024", value=most)
         return self._at_one_moment(lambda: overview_of(self._job, int(most), client))
 
+    def _drawn(self) -> CSpace:
+        return self.overview()
+
     def _in_blocks(self) -> Cells:
         from cspace.view.cells import CellsInStore
 
