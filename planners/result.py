@@ -185,7 +185,8 @@ class Plan:
         if self.space is None:
             mend = "draw it with space.plot(path=plan)"
             raise InputError("plan", "has no map", "pickling leaves the map behind", mend)
-        return self.space.plot(**{"path": self, **options})
+        options.setdefault("path", self)
+        return self.space.plot(**options)
 
     def to_csv(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
         """Write the path as CSV: a row of names, then a row for each configuration, in full precision.

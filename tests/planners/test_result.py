@@ -6,6 +6,7 @@ import csv
 import dataclasses
 import json
 import math
+import pickle
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ import pytest
 
 import planners
 from cspace import BLOCKED, FileError
+from cspace.errors import InputError
 from planners.local_planner import CURVES, HOLONOMIC, local_planner
 from planners.result import least_clearance
 from planning import CAR, ENDS, SPACES, distances, halves, open_map, room, turn_between, usable
@@ -108,7 +110,7 @@ def test_a_path_is_read_back_from_csv_to_the_last_bit(found: planners.Plan, tmp_
 def test_a_plan_is_read_back_from_json(found: planners.Plan, tmp_path: Path) -> None:
     found.to_json(tmp_path / "plan.json")
     record = json.loads((tmp_path / "plan.json").read_text())
-    assert set(record) == {field.name for field in dataclasses.fields(planners.Plan)}
+    assert set(record) == {field.name for field in dataclasses.fields(planners.Plan)} - {"space"}
     times = planners.Times(**record.pop("times"))
     arrays = {name: np.array(record.pop(name)) for name in ("path", "waypoints")}
     direction, axes = record.pop("direction"), tuple(record.pop("axes"))
@@ -142,6 +144,18 @@ def test_an_existing_file_is_kept_unless_told_otherwise(found: planners.Plan, tm
     with pytest.raises(FileError, match="not a folder"):
         getattr(found, write)(tmp_path / "missing" / "plan")
     assert [each.name for each in tmp_path.iterdir()] == ["plan"]
+
+
+def test_a_plan_draws_itself_on_its_map(found: planners.Plan) -> None:
+    """With its ends; a copy from a pickle has left the map behind, and says so."""
+    lines = {line.get_label(): line for line in found.plot().lines}
+    assert {"path", "start", "goal"} <= set(lines)
+    np.testing.assert_array_equal(np.transpose(lines["start"].get_data())[0], found.path[0, :2])
+    again = pickle.loads(pickle.dumps(found))
+    np.testing.assert_array_equal(again.path, found.path)
+    assert (again.times, again.space) == (found.times, None)
+    with pytest.raises(InputError, match=r"plan has no map.*space.plot\(path=plan\)"):
+        again.plot()
 
 
 def test_a_plan_cannot_be_changed(found: planners.Plan) -> None:

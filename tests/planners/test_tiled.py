@@ -37,6 +37,7 @@ def test_a_path_through_many_tiles(robot, rotations, tmp_path):
     np.testing.assert_allclose(found.waypoints[[0, -1]], [start, goal])
     assert space.certify_path(found.waypoints).all()
     assert found.length > 30.0
+    assert any(line.get_label() == "path" for line in found.plot().lines)  # over an overview
     again = planners.plan(tiled, start, goal, seed=1)
     np.testing.assert_array_equal(found.waypoints, again.waypoints)
 
