@@ -75,7 +75,7 @@ ORDER = (
     "mobile_robots cars drones "
     "ros_map ros_messages sources robots doors warehouse_robot parking moving_obstacles roadmap corridor_proof "
     "drone_building drone_slit window_proof drawn_out packing z_tunnel large_map "
-    "compare_planners keep_away bare_ompl export_analysis report_figures"
+    "arm compare_planners keep_away bare_ompl export_analysis report_figures"
 )
 """Of tutorials and examples; what is not named here comes last."""
 
