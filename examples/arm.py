@@ -2,9 +2,9 @@
 An arm of two links: what it may do, and a path that is proven
 ==============================================================
 
-``cspace.Arm`` reads a robot with joints from a URDF, and ``cspace.build_arm`` puts it among obstacles. Configurations are
-then FREE, BLOCKED or MIXED, and a whole motion of the joints is proven free in one call. Here a roadmap of proven motions
-gives the way around a post.
+``cspace.Arm`` reads a robot with joints from a URDF, and ``cspace.build_arm`` puts it among obstacles. Configurations
+are then FREE, BLOCKED or MIXED, and a whole motion of the joints is proven free in one call. Here a roadmap of proven
+motions gives the way around a post.
 """
 
 from pathlib import Path
