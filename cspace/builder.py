@@ -183,8 +183,9 @@ def build(
         sides = sides_of(pairs, inner)
         correlation = Correlation.by(method, sides, outside, workers, tell, overlap)
         own = at_once * max(correlation.engine.bytes_needed(grid.shape, side, workers) for side in sides)
-        what = "the map, with what its engine needs for this robot,"
-        check_memory(needed + own - TRANSFORM_BYTES, what, grid.shape, grid.spacing, fewer=cells.fewer)
+        if own > TRANSFORM_BYTES:  # what every build may take was looked at
+            what = "the map, with what its engine needs for this robot,"
+            check_memory(needed + own - TRANSFORM_BYTES, what, grid.shape, grid.spacing, fewer=cells.fewer)
         return correlation, sides
 
     if is_packed(grid.shape, slices, overlap):

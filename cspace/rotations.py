@@ -11,7 +11,7 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import combinations, permutations, product
+from itertools import combinations
 from typing import Any, ClassVar, Final, NamedTuple, Protocol
 
 import numpy as np
@@ -41,6 +41,10 @@ MAX_CUTS: Final = 64
 
 OTHERS: Final = ((1, 2, 3), (0, 2, 3), (0, 1, 3), (0, 1, 2))
 """Of each component of a quaternion, the other ones."""
+
+_QUARTERS: Final = np.array([[[1, 0], [0, 1]], [[0, -1], [1, 0]], [[-1, 0], [0, -1]], [[0, 1], [-1, 0]]], dtype=float)
+_HALF_TURNS: Final = np.array([np.diag(signs) for signs in ((1, -1, -1), (-1, 1, -1), (-1, -1, 1), (1, 1, 1))], float)
+"""About x, y and z, and none at all: those by the quaternions of the unit matrix."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -317,9 +321,9 @@ class Rotations(Orientation):
         Returns
         -------
         list of pairs of ndarray
-            S, shape (d, d), and the cell that each one becomes, shape (count,).
+            S, shape (d, d), and the cell that each one becomes, shape (count,); the unit matrix among them.
         """
-        return []
+        return [(np.eye(len(robot.symmetries[0])), np.arange(self.count))]
 
     @abstractmethod
     def compiled(self, slice_of: Ints) -> CompiledRotations:
@@ -633,27 +637,26 @@ class YawRotations(Yaw, Rotations):
 
     def images(self, robot: Symmetric) -> list[tuple[Floats, Ints]]:
         """Of quarter turns about the z axis, and of mirrors along it, those that map the middles of cells to such."""
-        found: dict[bytes, tuple[Floats, Ints]] = {}
-        upright = [each for each in robot.symmetries if (each[2:, 2:] == 1.0).all()]
-        matrices, mirrors, turns = [], [], []
-        for mirror, quarters in product((1.0, -1.0), range(4)):
-            matrix = np.eye(len(upright[0]))
-            cosine, sine = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[quarters]
-            matrix[:2, :2] = [[cosine, -mirror * sine], [sine, mirror * cosine]]
-            for own in upright if self.is_uniform() else ():
-                if own[0, 0] * own[1, 1] - own[0, 1] * own[1, 0] == mirror:
-                    both = matrix[:2, :2] @ own[:2, :2]
-                    matrices.append(matrix)
-                    mirrors.append(mirror)
-                    turns.append(math.atan2(both[1, 0], both[0, 0]))
-        # Of a mirror and a turn, either may come first, if the turn is the other way.
-        yaws = np.outer(mirrors, self.representatives) + np.reshape(turns, (-1, 1))
-        cells = self.cell_of(yaws)
-        off = np.abs(np.sin((yaws - self.representatives[cells]) / 2.0)).max(axis=1)
-        for matrix, image, far in zip(matrices, cells, off.tolist(), strict=True):
-            if far < YAW_SLACK / 8.0:
-                found.setdefault(image.tobytes(), (matrix, image))
-        return list(found.values())
+        if not self.is_uniform():
+            return Rotations.images(self, robot)
+        found: list[tuple[Floats, Ints]] = []
+        for mirror in (1.0, -1.0):
+            for own in robot.symmetries:
+                (a, b), (c, d) = own[:2, :2].tolist()
+                if a * d - b * c == mirror and (own[2:, 2:] == 1.0).all():
+                    break
+            else:
+                continue
+            # Another symmetry of the robot would give the same ones in another order.
+            matrices = np.tile(np.eye(len(own)), (4, 1, 1))
+            matrices[:, :2, :2] = _QUARTERS * (1.0, mirror)
+            turns = np.arctan2(*(matrices[:, 1::-1, :2] @ own[:2, 0]).T)
+            # Of a mirror and a turn, either may come first, if the turn is the other way.
+            yaws = mirror * self.representatives + turns[:, None]
+            cells = self.cell_of(yaws)
+            off = np.abs(np.sin((yaws - self.representatives[cells]) / 2.0)).max(axis=1)
+            found += [(matrices[k], cells[k]) for k in np.flatnonzero(off < YAW_SLACK / 8.0)]
+        return found
 
     def compiled(self, slice_of: Ints) -> YawCells:
         """What compiled look-ups get."""
@@ -756,13 +759,14 @@ class QuaternionRotations(Quaternion, Rotations):
         These are all where M puts the axes back that S permutes, whatever their signs.
         """
         found: dict[bytes, tuple[Floats, Floats]] = {}
-        for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
-            matrix = np.array(signs)[:, None] * np.eye(3)[list(order)]
-            for own in robot.symmetries:
-                if (np.abs(matrix @ own) == np.eye(3)).all() and np.linalg.det(own) * np.linalg.det(matrix) > 0.0:
-                    # Two mirrors are two turns, each with the mirror of all three axes.
-                    change = np.round(_times(_times(_quaternion_of(matrix), np.eye(4)), _quaternion_of(own)))
-                    found.setdefault(change.tobytes(), (matrix, change))
+        owns = np.array(robot.symmetries)
+        for own in owns[np.argsort(-np.linalg.det(owns), kind="stable")]:
+            # Two mirrors are two turns, each with the mirror of all three axes; the turns come first.
+            turn = _quaternion_of(own)
+            turns_back = _times(np.eye(4), turn * (-1.0, -1.0, -1.0, 1.0))
+            changes = np.round(_times(_times(turns_back[:, None], np.eye(4)), turn))
+            for matrix, change in zip(_HALF_TURNS @ own.T, changes, strict=True):
+                found.setdefault(change.tobytes(), (matrix, change))
         return [(matrix, self.cell_of(self.centers @ change)) for matrix, change in found.values()]
 
     def turns(self, dim: int) -> list[Turn]:

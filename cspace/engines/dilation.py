@@ -103,15 +103,17 @@ class Runs(NamedTuple):
     table : ndarray of int64, shape (n, 4)
         The first offset of each, with 0 along the first axis in the plane, and how many offsets it has; ascending in
         this number. The last one of each length is told again until their number is a multiple of four.
-    news : ndarray of bool, shape (n,)
-        Whether a row is told for the first time.
     clipped : bool
         Whether there are other offsets, which always fall beyond the map.
     """
 
     table: Ints
-    news: Bools
     clipped: bool
+
+    @property
+    def news(self) -> Bools:
+        """Whether a row is told for the first time, shape (n,)."""
+        return np.append(True, (self.table[1:] != self.table[:-1]).any(axis=1))[: len(self.table)]
 
     @classmethod
     def of(cls, rasters: Sequence[Raster], shape: tuple[int, int, int]) -> list[Runs]:
@@ -125,16 +127,16 @@ class Runs(NamedTuple):
             near = (np.abs(table[:, :2]) < shape[:2]).all(axis=1) & (first < stop)
             table, owner = np.column_stack([table[:, :2], first, stop - first])[near], owner[near]
             clipped = np.bincount(owner, table[:, 3], len(rasters)) < before
-        order = np.lexsort((table[:, 3], owner))
-        table, owner = table[order], owner[order]
-        last = np.flatnonzero(np.diff(table[:, 3], append=0) | np.diff(owner, append=-1))  # of each length
+        kind = (longest + 1) * owner + table[:, 3]
+        order = np.argsort(kind, kind="stable")
+        table, owner, kind = table[order], owner[order], kind[order]
+        last = np.flatnonzero(np.append(kind[1:] != kind[:-1], len(kind) > 0))  # of each length
         times = np.ones(len(table), dtype=np.int64)
         times[last] += -np.diff(last, prepend=-1) % 4
-        news = np.zeros(times.sum(), dtype=np.bool_)
-        news[np.cumsum(times) - times] = True
-        table, ends = np.repeat(table, times, axis=0), np.cumsum(np.bincount(owner, times, len(rasters)).astype(int))
-        parts = itertools.pairwise([0, *ends.tolist()])
-        return [cls(table[a:b], news[a:b], far) for (a, b), far in zip(parts, clipped.tolist(), strict=True)]
+        ends = np.append(0, np.cumsum(times))[np.searchsorted(owner, np.arange(len(rasters) + 1))].tolist()
+        table = np.repeat(table, times, axis=0)
+        parts = itertools.pairwise(ends)
+        return [cls(table[a:b], far) for (a, b), far in zip(parts, clipped.tolist(), strict=True)]
 
 
 def in_space(numbers: Sequence[int], front: int = 1) -> tuple[int, int, int]:
@@ -150,9 +152,10 @@ def padded(shape: Sequence[int], rasters: Sequence[Raster]) -> tuple[Ints, Ints]
     last rows of a layer are the first ones of the next. Rows begin with a byte.
     """
     far = np.array(shape) - 1  # offsets beyond this cannot fall on the map
-    lower = np.min([in_space(raster.lower, 0) for raster in rasters], axis=0)
-    upper = np.max([in_space(raster.upper, 0) for raster in rasters], axis=0)
-    below, above = np.clip(-lower, 0, far), np.clip(upper, 0, far)
+    first = np.array([raster.lower for raster in rasters])
+    last = first + [raster.cells.shape for raster in rasters] - 1
+    before, after = (np.array(in_space(reach.max(axis=0).tolist(), 0)) for reach in (-first, last))
+    below, above = np.minimum(np.maximum(before, 0), far), np.minimum(np.maximum(after, 0), far)
     _, rows, cells = shape + np.maximum(below, above)
     layers = below[0] + shape[0] + above[0]
     return below, np.array([(layers - 1) * rows + below[1] + shape[1] + above[1], rows, -(-cells // OCTET) * OCTET])
@@ -197,9 +200,10 @@ class Board:
 
     def placed(self, runs: Ints) -> Ints:
         """Length, word and shift of each run of a table."""
-        row = self.rows * self.cells
-        bits = (runs[:, :3] + self.pads) @ (row, self.cells, 1)
-        return np.stack([runs[:, 3], bits // WORD, bits % WORD], axis=1)
+        placed, steps = np.empty((len(runs), 3), dtype=np.int64), np.array([self.rows * self.cells, self.cells, 1])
+        placed[:, 0] = runs[:, 3]
+        placed[:, 1], placed[:, 2] = np.divmod((runs[:, :3] + self.pads) @ steps, WORD)
+        return placed
 
     def blocks(self, table: Ints) -> list[tuple[int, int]]:
         """First row, and the one after the last, of the parts in which results are made; the first begins a word."""

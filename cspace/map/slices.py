@@ -40,23 +40,20 @@ def raster_parts(robot: Robot, spacing: float, margin: float, rotations: Rotatio
         return [lambda: [(0, robot.rasters(spacing, margin))]]
     slice_of = rotations.slice_of(robot)
     first, turns = np.unique(slice_of, return_index=True)[1], rotations.turns(robot.dim)
-    # For each slice the least one of which it is an image, and the matrix that makes it so.
-    source, made_by = np.arange(len(first)), np.full(len(first), -1)
+    # Of the slices that each one becomes, the least, and what makes it so; the way back is the transposed matrix.
     images = rotations.images(robot)
-    for number, (_, cells) in enumerate(images):
-        image = slice_of[cells[first]]
-        less = np.flatnonzero(np.arange(len(first)) < source[image])
-        source[image[less]], made_by[image[less]] = less, number
+    becomes = np.array([slice_of[cells[first]] for _, cells in images])
+    made_by, source, own = becomes.argmin(axis=0), becomes.min(axis=0), np.arange(len(first))
     alike: dict[int, list[int]] = {}
-    for number in np.flatnonzero(made_by >= 0).tolist():
+    for number in np.flatnonzero(source < own).tolist():
         alike.setdefault(int(source[number]), []).append(number)
 
     def make(number: int) -> list[tuple[int, Pair]]:
         made = [(number, robot.rasters(spacing, margin, turns[first[number]]))]
         for known, (outer, inner) in made:  # which grows meanwhile
             for other in alike.get(known, ()):
-                matrix = images[made_by[other]][0]
+                matrix = images[made_by[other]][0].T
                 made.append((other, (outer.turned(matrix), inner.turned(matrix))))
         return made
 
-    return [partial(make, number) for number in np.flatnonzero(made_by < 0).tolist()]
+    return [partial(make, number) for number in np.flatnonzero(source == own).tolist()]

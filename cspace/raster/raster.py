@@ -89,7 +89,11 @@ def runs_of(rasters: Sequence[Raster]) -> tuple[Ints, Ints]:
     lower = np.array([(0, *raster.lower)[-3:] for raster in rasters])[owner]
     first, stop = np.concatenate(places).reshape(-1, 2).T
     line, last = np.divmod(first, shapes[:, 2] + 1)
-    return np.column_stack([lower + np.column_stack([*np.divmod(line, shapes[:, 1]), last]), stop - first]), owner
+    table = np.empty((len(first), 4), dtype=np.int64)
+    table[:, 0], table[:, 1] = np.divmod(line, shapes[:, 1])
+    table[:, 2], table[:, 3] = last, stop - first
+    table[:, :3] += lower
+    return table, owner
 
 
 def blank(low: NDArray[np.float64], high: NDArray[np.float64]) -> tuple[NDArray[np.bool_], tuple[int, ...]]:

@@ -200,7 +200,7 @@ class Shape(ABC):
                     found.append(matrix)
         return found
 
-    @property
+    @cached_property
     def symmetry(self) -> int:
         """How many turns about the z axis in a circle map the shape to itself: 1, 2 or 4, or 0 for all turns."""
         if self.is_round_about_z:

@@ -87,7 +87,7 @@ def test_rotations_in_space_share_slices_as_those_made_without_sharing(monkeypat
     robot, turns = Robot.box((0.33, 0.21, 0.13)), Rotations.quaternions(2)
     shared = cspace.build(workspace, robot, rotations=turns, overlap=True)
     monkeypatch.setattr(Robot, "symmetries", property(lambda self: [np.eye(3)]))
-    monkeypatch.setattr(type(turns), "images", lambda self, robot: [])
+    monkeypatch.setattr(type(turns), "images", Rotations.images)
     alone = cspace.build(workspace, robot, rotations=turns, overlap=True)
     assert (len(shared._map.states), len(alone._map.states)) == (8, 32)
     assert (shared.state == alone.state).all() and shared.count() == alone.count()
