@@ -9,7 +9,7 @@ import math
 import os
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields
-from typing import IO, TYPE_CHECKING, Any, Unpack
+from typing import IO, TYPE_CHECKING, Any, Unpack, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,8 @@ from cspace.configuration_map import ConfigurationMap
 from cspace.errors import InputError
 from cspace.io.output import replacing
 from cspace.rotations import YAW_SLACK
-from planners.local_planner import CURVES, DENSE_TURN, HOLONOMIC, LocalPlanner
+from cspace.space import CSpace
+from planners.local_planner import CURVES, DENSE_TURN, HOLONOMIC, LocalPlanner, Pieces, local_planner
 from planners.states import Floats
 
 if TYPE_CHECKING:
@@ -84,9 +85,10 @@ class Plan:
         Metres that the reference point moves, along curves too; turning on the spot counts nothing. NaN where not
         solved.
     clearance : float
-        Lower bound, proven, of the distance in metres from any configuration on the path to the nearest one that is not
-        FREE; NaN where not solved, and of a path over tiles. Of a robot that turns, the distance is that of its
-        position, at the rotation it has there. Zero along a path through MIXED cells.
+        Room in the map: lower bound, proven, of the distance in metres from any configuration on the path to the
+        nearest one that is not FREE, be it in collision or undecided; :attr:`obstacle_distance` is that of the robot
+        from the obstacles. NaN where not solved, and of a path over tiles. Of a robot that turns, the distance is that
+        of its position, at the rotation it has there. Zero along a path through MIXED cells.
     path_exists : bool or None
         What the map proves of these ends: a path exists, none does, or None for undecided at this resolution. True is
         said of a holonomic robot, whatever the drive.
@@ -137,6 +139,21 @@ class Plan:
         """The drive by its first name: the curves that edges are, None for others."""
         return self.drive if self.drive in CURVES else None
 
+    @property
+    def obstacle_distance(self) -> float:
+        """Room in the workspace: lower bound, proven, of the robot's distance from the obstacles all along the path.
+
+        Metres between the robot itself, without margin, and the obstacles as they are now: their shapes where the map
+        has them, else the outer cells; and, unless the map is open, its border. It is a quarter of a cell below the
+        true least distance at most, but the margin at least; infinite where there is nothing, and zero where the path
+        is no longer proven free. NaN where not solved, where the map was left behind or lies in a store, and where what
+        fills a mesh depends on the spacing. Worked out at each access; the first one on a map takes longer.
+        """
+        if not self.solved or self.space is None:
+            return math.nan
+        edges = local_planner(cast(CSpace, self.space), self.exact, self.drive, self.turning_radius)
+        return least_distance(edges, self.waypoints)
+
     def __repr__(self) -> str:
         return "Plan(" + "\n     ".join(self._lines()) + ")"
 
@@ -156,7 +173,8 @@ class Plan:
         radius = f" of {self.turning_radius:g} m" if self.turning_radius else ""
         edges = "straight edges" if self.drive == HOLONOMIC else f"drive: {self.drive}{radius}"
         ends = " to ".join(f"({', '.join(f'{x:.4g}' for x in q)})" for q in self.waypoints[[0, -1]])
-        room = "" if math.isnan(self.clearance) else f", clearance {self.clearance:.3f} m"
+        named = {"clearance": self.clearance, "from obstacles": self.obstacle_distance}
+        room = "".join(f", {name} {metres:.3f} m" for name, metres in named.items() if not math.isnan(metres))
         return [
             f"{self.planner}: {self.status}, {proof}; {self.length:.3f} m{room}",
             f"{len(self.waypoints)} waypoints ({', '.join(self.axes)}) from {ends}, {edges}",
@@ -230,7 +248,8 @@ class Plan:
         FileError
             If the file exists and may not be replaced, or cannot be written.
         """
-        record = {each.name: _plain(getattr(self, each.name)) for each in fields(self) if each.name != "space"}
+        names = [each.name for each in fields(self) if each.name != "space"] + ["obstacle_distance"]
+        record = {name: _plain(getattr(self, name)) for name in names}
         _write(path, overwrite, lambda file: file.write(json.dumps(record, indent=2, allow_nan=False) + "\n"))
 
 
@@ -262,6 +281,35 @@ def least_clearance(edges: LocalPlanner, path: Floats) -> float:
     q = pieces.middles[rows]
     q[:, dim:] = space.rotations.centers[cells]  # clearance is one of the rotation cell
     return max(0.0, float(np.min(space.clearance(q) - 0.5 * pieces.lengths[rows])))
+
+
+def least_distance(edges: LocalPlanner, path: Floats) -> float:
+    """Lower bound of the robot's distance from the obstacles all along a path, in metres.
+
+    Each edge is cut into pieces on which no point of the robot moves by more than half a cell: none is more than a
+    quarter from where it is in the middle of the piece, so that the distance there, less as much, holds for all of it.
+
+    Parameters
+    ----------
+    edges : LocalPlanner
+        How the rows are joined.
+    path : ndarray, shape (n, dof), n >= 1
+        Waypoints.
+
+    Returns
+    -------
+    float
+        As :attr:`Plan.obstacle_distance`.
+    """
+    space, step = edges.space, 0.25 * edges.space.grid.spacing
+    pieces = edges.pieces(path, step, step / max(space.robot.span, step))
+    if len(path) < 2:
+        pieces = Pieces(path, np.zeros(1), np.zeros(1))
+    try:
+        distance = space._exact.distance(pieces.middles, pieces.lengths, pieces.turns)
+    except InputError:  # there is no geometry to be asked
+        return math.nan
+    return distance if edges.are_free(path) else 0.0
 
 
 def _plain(value: object) -> object:

@@ -184,10 +184,11 @@ def _describe(found: Plan) -> dict[str, Any]:
         "path_exists": found.path_exists,
     }
     if found.solved:
+        room = {"clearance_m": found.clearance, "obstacle_distance_m": found.obstacle_distance}
         described |= {
             "configurations": len(found.path),
             "length_m": found.length,
-            **({} if math.isnan(found.clearance) else {"clearance_m": found.clearance}),
+            **{name: metres for name, metres in room.items() if not math.isnan(metres)},
             "certified": found.certified,
             "path": found.path.tolist(),
         }

@@ -56,6 +56,9 @@ class PlaneProofs:
     def edges(self) -> Kernel:
         return partial(plane.ask_edges, self._world)
 
+    def spare(self, points: Floats, lengths: Floats, turns: Floats) -> float:
+        return float(plane.least_spare(self._world, points, lengths, turns))
+
 
 def _body(shape: Shape) -> Body:
     """The robot's border: the segments of its regions, or the middles of its discs, each grown by a radius."""

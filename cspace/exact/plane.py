@@ -83,7 +83,7 @@ def ask_point(world: World, x: float, y: float, yaw: float) -> int:
     scene, body = world.scene, world.body
     placed = place(body, x, y, yaw, (0.0, 0.0))
     least = scene.least + ROUNDING * (abs(x) + abs(y))
-    if gap(scene, body, placed, least) <= least or is_nested(scene, body, placed):
+    if gap(scene, body, placed, least, scene.reach) <= least or is_nested(scene, body, placed):
         return -2
     return 1
 
@@ -129,7 +129,7 @@ def _ask_stretch(world: World, way: Stretch) -> int:
         asked += 1
         stop = min(at + SLIDE * shortest_walk, 1.0) if slides else at
         placed = place(body, x, y, yaw, ((stop - at) * dx, (stop - at) * dy))
-        spare = gap(scene, body, placed, least) - least
+        spare = gap(scene, body, placed, least, scene.reach) - least
         if spare <= 0.0:
             return -1 - asked
         # As long as no borders meet, whether one lies within the other stays as it is.
@@ -197,3 +197,21 @@ def ask_edges(world: World, starts: Floats, ends: Floats, out: Bools, counts: In
         counts[0] += number > 0
         counts[1] += number
     return -1
+
+
+@jit
+def least_spare(world: World, points: Floats, lengths: Floats, turns: Floats) -> float:
+    """By how much the least distance on pieces of a path exceeds what it has to, metres; zero if not proven to.
+
+    The pieces are given by their middles, shape (n, 2) or (n, 3), metres and radians; no borders may lie nested there.
+    """
+    scene, body, best = world.scene, world.body, math.inf
+    for k in range(points.shape[0]):
+        x, y, yaw = points[k, 0], points[k, 1], points[k, 2] if points.shape[1] == 3 else 0.0
+        least, half = scene.least + ROUNDING * (abs(x) + abs(y)), 0.5 * (lengths[k] + body.rho * turns[k])
+        # What is farther away than elsewhere on the path is not looked for.
+        apart = gap(scene, body, place(body, x, y, yaw, (0.0, 0.0)), least, best + half)
+        best = min(best, apart - least - half)
+        if best <= 0.0:
+            return 0.0
+    return best

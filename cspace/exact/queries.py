@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from cspace.exact.boundaries import Problem
 from cspace.map.kept import Change
 
+Floats = NDArray[np.float64]
 Kernel = Callable[..., int]
 
 
@@ -20,6 +21,8 @@ class Proofs(Protocol):
 
     ``point(*q)`` and ``edge(*q0, *q1)`` tell whether all is free: how many distances that took, zero or above; or -1
     less that number. ``points(q, out, counts)`` and ``edges(q0, q1, out, counts)`` do so for arrays of shape (n, dof).
+    ``spare(points, lengths, turns)``: by how much the robot is farther from obstacles than it has to be, metres, on
+    pieces of a path that is free, by their middles, shape (n, dof), how far they lead and how much they turn; or zero.
     """
 
     @property
@@ -30,6 +33,7 @@ class Proofs(Protocol):
     def points(self) -> Kernel: ...
     @property
     def edges(self) -> Kernel: ...
+    def spare(self, points: Floats, lengths: Floats, turns: Floats) -> float: ...
 
 
 def _in_plane(problem: Problem) -> Proofs:
@@ -69,6 +73,15 @@ class Exact:
     def edges(self) -> Kernel:
         """Kernel of edges, along the shorter arc: whether they are free."""
         return self._counting("edge", self._made().edges)
+
+    def distance(self, points: Floats, lengths: Floats, turns: Floats) -> float:
+        """Lower bound, proven, of the distance between robot and obstacles on a path that is free, metres.
+
+        The path is given in pieces: by their middles, shape (n, dof), in metres and radians, and by the metres and the
+        radians along each of them, shape (n,). No point of the robot is farther than half of both from where it is in
+        the middle. Where all beyond the grid is obstacle, that counts too. Infinite where there is none.
+        """
+        return self._problem.margin + self._made().spare(points, lengths, turns)
 
     def point_checker(self, quick: Callable[..., bool]) -> Callable[..., bool]:
         """``check(*q)``; ``quick`` tells whether a point is FREE."""

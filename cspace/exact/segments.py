@@ -101,12 +101,12 @@ def place(body: Body, x: float, y: float, yaw: float, along: Point) -> Placed:
 
 
 @jit
-def gap(scene: Scene, body: Body, placed: Placed, least: float) -> float:
+def gap(scene: Scene, body: Body, placed: Placed, least: float, reach: float) -> float:
     """Least distance between the borders of the placed robot, all along its vector, and of the obstacles.
 
     At most ``least + reach``; a distance of ``least`` or below may be given too large, but never above ``least``.
     """
-    best, box, rows = float(least + scene.reach), placed.box, placed.rows
+    best, box, rows = float(least + reach), placed.box, placed.rows
     (left, low), (right, high) = scene.lower, scene.upper
     if scene.walled:
         best = min(best, min(min(box[0] - left, box[1] - low), min(right - box[2], high - box[3])))

@@ -189,6 +189,9 @@ class SolidProofs:
             counts += np.count_nonzero(numbers), numbers.sum()
         return bad
 
+    def spare(self, points: Floats, lengths: Floats, turns: Floats) -> float:
+        return float(least_spare(self._world, points, lengths, turns))
+
     def _resolved(self, asked: int, q: Floats) -> int:
         """What is in doubt, decided: whether a part of one side lies in the other, where no borders meet."""
         nesting, number = self._world.nesting, asked % DOUBT
@@ -314,6 +317,31 @@ def ask_way(world: World, q0: Numbers, q1: Numbers, way: int, work: Work) -> int
             parts[row, 0], parts[row, 1] = middle + part, last
             waiting += 2
     return asked + doubt
+
+
+@jit
+def least_spare(world: World, points: Floats, lengths: Floats, turns: Floats) -> float:
+    """By how much the least distance on pieces of a path exceeds what it has to, metres; zero if not proven to.
+
+    The pieces are given by their middles, shape (n, dof), metres and radians; no borders may lie nested there.
+    """
+    map_, scale, best, still = world.map, world.scale, math.inf, (0.0, 0.0, 0.0)
+    work = Work(np.empty((0, 2)), np.empty((DEPTH, 6), np.int64), np.empty((DEPTH, 6), np.int64))
+    work.obstacles[0, 0] = work.walls[0, 0] = -1
+    for k in range(points.shape[0]):
+        q = configuration(map_, points, k)
+        least = world.least + 2.0 * ROUNDING * scale * (abs(q[0]) + abs(q[1]) + abs(q[2]))
+        half = 0.5 * (scale * lengths[k] + world.rho * turns[k])
+        # What moves by a metre to whatever side comes as far as the distance; what is farther is not looked for.
+        place = (scale * q[0], scale * q[1], scale * q[2])
+        motion = Motion(turning.matrix_of(map_.rotations, q), place, still, 0.0, least, 1.0)
+        apart = share_apart(world.trees, world.robot, world.walls, motion, best + half, work.walls)
+        if apart >= 0.0:
+            apart = share_apart(world.trees, world.robot, world.obstacles, motion, apart, work.obstacles)
+        best = min(best, apart - half)
+        if best <= 0.0:
+            return 0.0
+    return best / scale
 
 
 @inner

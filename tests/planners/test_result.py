@@ -4,16 +4,23 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import itertools
 import json
 import math
 import pickle
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import fcl
 import numpy as np
 import pytest
+import shapely
+from scipy.spatial.transform import Rotation
+from shapely import affinity
 
 import planners
-from cspace import BLOCKED, FileError
+from cspace import BLOCKED, CSpace, FileError, Robot, Workspace, build
 from cspace.errors import InputError
 from planners.local_planner import CURVES, HOLONOMIC, local_planner
 from planners.result import least_clearance
@@ -73,6 +80,85 @@ def test_clearance_is_infinite_where_every_configuration_is_free(tmp_path: Path)
         assert json.loads((tmp_path / "plan.json").read_text())["clearance"] is None
 
 
+# ---- distance from obstacles -----------------------------------------------------------------------------------------
+
+SIZES = {"space": (0.3, 0.3, 0.1), "yawing": (0.4, 0.2, 0.1), "floating": (0.3, 0.1, 0.2)}
+"""The robots of rooms in space."""
+
+
+def apart_in_the_plane(obstacles: shapely.Geometry, robot: shapely.Geometry, radius: float, q: np.ndarray) -> float:
+    """Distance from obstacles, by shapely; the robot is grown by a radius."""
+    yaw = q[2] if len(q) > 2 else 0.0
+    placed = affinity.translate(affinity.rotate(robot, yaw, origin=(0, 0), use_radians=True), *q[:2])
+    return float(placed.distance(obstacles)) - radius
+
+
+def apart_in_space(space: CSpace, boxes: fcl.DynamicAABBTreeCollisionManager, size: Any, q: np.ndarray) -> float:
+    """Distance of a box from others, by FCL, and of its corners from the sides of the grid."""
+    turn = {
+        3: lambda: Rotation.identity(),
+        4: lambda: Rotation.from_euler("z", q[3]),
+        7: lambda: Rotation.from_quat(q[3:]),
+    }
+    matrix = turn[len(q)]().as_matrix()
+    robot = fcl.CollisionObject(fcl.Box(*size), fcl.Transform(matrix, q[:3]))
+    data = fcl.DistanceData()
+    boxes.distance(robot, data, fcl.defaultDistanceCallback)
+    corners = q[:3] + np.array(list(itertools.product((-0.5, 0.5), repeat=3))) * size @ matrix.T
+    walls = np.minimum(corners - space.grid.lower, np.array(space.grid.upper) - corners).min()
+    return min(float(data.result.min_distance), float(walls))
+
+
+def oracle(name: str) -> Callable[[np.ndarray], float]:
+    """How far the robot of a room is from its obstacles and its border, by other libraries."""
+    space, h = room(name), room(name).grid.spacing
+    cells = space.grid.lower + h * np.argwhere(space.workspace.outer)
+    if space.grid.dim == 2:
+        sides = shapely.box(*space.grid.lower, *space.grid.upper).exterior
+        everything = shapely.union_all([shapely.box(*low, *(low + h)) for low in cells] + [sides])
+        robot, radius = {
+            "plane": (shapely.Point(0, 0), 0.2),
+            "turning": (shapely.box(-0.3, -0.15, 0.3, 0.15), 0.0),
+        }[name]
+        return lambda q: apart_in_the_plane(everything, robot, radius, q)
+    manager = fcl.DynamicAABBTreeCollisionManager()
+    objects = [fcl.CollisionObject(fcl.Box(h, h, h), fcl.Transform(low + 0.5 * h)) for low in cells]
+    manager.registerObjects(objects)
+    manager.setup()
+    return lambda q: apart_in_space(space, manager, SIZES[name], q)
+
+
+@pytest.mark.parametrize(("name", "curve"), CASES)
+def test_the_distance_from_obstacles_is_the_least_along_the_path(name: str, curve: str | None) -> None:
+    space = room(name)
+    found = planners.plan(space, *ENDS[name], seed=4, time_limit=20.0, **({"drive": curve, **CAR} if curve else {}))
+    edges = local_planner(space, False, found.drive, found.turning_radius)
+    dense = edges.pieces(found.waypoints, 0.02, 0.05)
+    least = min(map(oracle(name), dense.middles))
+    between = 0.5 * float((dense.lengths + 0.4 * dense.turns).max())  # by how much it may be less between them
+    assert least - between - 0.25 * space.grid.spacing - 1e-6 <= found.obstacle_distance <= least + 1e-6
+    assert found.obstacle_distance > found.clearance or found.clearance == 0.0
+
+
+def test_the_distance_from_obstacles_is_that_of_their_shapes_as_they_are_now() -> None:
+    pillar = shapely.Point(4.03, 2.51).buffer(0.5)
+    workspace = Workspace.from_polygons([pillar], 0.1, bounds=(0, 0, 8, 8))
+    space = build(workspace, Robot.polygon(shapely.box(-0.5, -0.2, 0.5, 0.2)), outside="free", margin=0.05)
+    found = planners.plan(space, (1.0, 3.6), (7.0, 3.6))
+    least = float(shapely.box(0.5, 3.4, 7.5, 3.8).distance(pillar))
+    assert least - 0.025 - 1e-6 <= found.obstacle_distance <= least
+    assert f"clearance {found.clearance:.3f} m, from obstacles {found.obstacle_distance:.3f} m" in repr(found)
+    assert planners.plan(space, (1.0, 3.6), (1.0, 3.6)).obstacle_distance > 2.0
+    space.place("ball", shapely.Point(4.0, 4.35).buffer(0.2))
+    assert found.obstacle_distance == pytest.approx(0.35, abs=0.03)
+    space.place("ball", shapely.Point(4.0, 3.9).buffer(0.08))
+    assert found.obstacle_distance == 0.0
+    space.remove("ball")
+    assert found.obstacle_distance == pytest.approx(least, abs=0.03)
+    assert math.isnan(pickle.loads(pickle.dumps(found)).obstacle_distance)
+    assert planners.plan(open_map("plane"), (2, 2), (5, 5)).obstacle_distance == math.inf
+
+
 # ---- what it says ----------------------------------------------------------------------------------------------------
 
 
@@ -110,7 +196,10 @@ def test_a_path_is_read_back_from_csv_to_the_last_bit(found: planners.Plan, tmp_
 def test_a_plan_is_read_back_from_json(found: planners.Plan, tmp_path: Path) -> None:
     found.to_json(tmp_path / "plan.json")
     record = json.loads((tmp_path / "plan.json").read_text())
-    assert set(record) == {field.name for field in dataclasses.fields(planners.Plan)} - {"space"}
+    assert set(record) == {field.name for field in dataclasses.fields(planners.Plan)} - {"space"} | {
+        "obstacle_distance"
+    }
+    assert record.pop("obstacle_distance") == found.obstacle_distance
     times = planners.Times(**record.pop("times"))
     arrays = {name: np.array(record.pop(name)) for name in ("path", "waypoints")}
     direction, axes = record.pop("direction"), tuple(record.pop("axes"))
