@@ -94,7 +94,7 @@ def test_what_is_opened(tmp_path):
     assert "tiles of 7 x 7" in repr(opened)
     space.save(tmp_path / "saved.zarr")
     assert isinstance(cspace.open(tmp_path / "saved.zarr"), cspace.CSpace)
-    for name in ("sample_free", "free_reach", "plot", "state"):
+    for name in ("sample_free", "free_reach", "state"):
         with pytest.raises(ConfigurationError, match="window"):
             getattr(opened, name)
     q = np.zeros(3)
