@@ -477,8 +477,6 @@ def look_into(joined: Joined, cells: Ints, places: Nodes, labels: Labels, found:
                     found[kind, n] = joined.roots[first + (run >> 12)]
 
 
-_NOTHING = np.empty(0, dtype=np.int32), Labels(*(np.zeros(1, dtype=np.int32) for _ in range(3)))
-
 # ---- the part of a map -----------------------------------------------------------------------------------------------
 
 
@@ -519,7 +517,7 @@ class Components:
         self._struck = 0
         self._joined: Joined | None = None
         self._boxes: dict[int, Ints] = {}
-        self._asked = _NOTHING
+        self._asked = self._nothing()
 
     def renew(self, change: Change) -> None:
         """Note which blocks have to be joined anew at the next call."""
@@ -528,9 +526,9 @@ class Components:
                 first, last = (box.reshape(2, 3) >> self._blocks.shifts).tolist()
                 own = [slice(low, high + 1) for low, high in zip(first, last, strict=True)]
                 self._changed[s][tuple(own)] = True
+                self._asked[0].reshape(self._changed.shape)[s][tuple(own)] = -1
                 self._joined = None
                 self._boxes.clear()
-                self._asked = _NOTHING
 
     def of(self, cells: Ints) -> tuple[Ints, Ints]:
         """Numbers of the components of FREE cells, and of cells that are not BLOCKED, that cells belong to.
@@ -592,27 +590,28 @@ class Components:
         """Look cells up in the labels of their blocks, where these were left to ask."""
         wanted = np.unique((ASK - found[found <= ASK]) >> 12)
         for first in range(0, len(wanted), TASK):
-            look_into(joined, cells, *self._remembered(wanted[first : first + TASK]), found)
+            self._remember(wanted[first : first + TASK])
+            look_into(joined, cells, *self._asked, found)
 
-    def _remembered(self, segments: Ints) -> tuple[Nodes, Labels]:
-        """Where the labels of blocks, these among them, are, and the labels.
-
-        They are kept for the next ones who ask. Where those of all blocks in doubt may be kept, each time twice as many
-        are made.
-        """
+    def _remember(self, segments: Ints) -> None:
+        """Label blocks, but for those that have not changed since they were; others are kept while these are few."""
         places, labels = self._asked
-        if len(places) and (places[segments] >= 0).all():
-            return self._asked
-        known = np.flatnonzero(places >= 0)
-        both, doubtful = np.union1d(known, segments), np.flatnonzero((self._counts > 1).any(axis=1))
-        if len(doubtful) <= TASK:
-            both = np.union1d(both, doubtful[: 2 * len(both)])
-        elif len(both) > min(TASK, 2 * len(segments)):
-            both = segments
-        places, labels = np.full(len(self._counts), -1, dtype=np.int32), self._label(both)
-        places[both] = np.arange(len(both))
-        self._asked = places, labels._replace(runs=labels.runs[: labels.ends[-1]].copy())
-        return self._asked
+        missing = segments[places[segments] < 0]
+        if not len(missing):
+            return
+        known = len(labels.counts) // KINDS
+        if known + len(missing) > TASK:
+            known, missing, (places, labels) = 0, segments, self._nothing()
+        made = self._label(missing)
+        more = made.runs[: made.ends[-1]].copy(), made.ends[1:] + labels.ends[-1], made.counts
+        labels = Labels(*(_followed(old, len(old), [new]) for old, new in zip(labels, more, strict=True)))
+        self._asked = places, labels
+        places[missing] = np.arange(known, known + len(missing))  # last, so that no interrupt leaves one without labels
+
+    def _nothing(self) -> tuple[Nodes, Labels]:
+        """No labels of any block."""
+        none, ends = np.empty(0, dtype=np.int32), np.zeros(1, dtype=np.int32)
+        return np.full(self._changed.size, -1, dtype=np.int32), Labels(none, ends, none)
 
     def _join(self) -> Joined:
         """What all blocks come to; those that changed are read again."""
