@@ -20,7 +20,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.compiling import jit, reader
+from cspace.compiling import inner, jit, reader
 from cspace.grid import Grid
 from cspace.map.callbacks import edge_checker
 from cspace.map.free_path import pulled_straight
@@ -54,6 +54,9 @@ METRES_A_RADIAN: Final = 0.5
 
 UNSEEN, LAST = np.uint32(2**32 - 1), np.uint32(2**32 - 2)
 """What stands in a list in place of the next cell."""
+
+LISTS: Final = 8
+"""Lists of what waits for each cell of way: within one of them, order does not count."""
 
 LINES: Final = 64
 """Lines of cells below which a second thread costs more than it saves."""
@@ -279,52 +282,73 @@ def bottleneck(graph: Graph, start: int, goal: int) -> int:
 def shortest(graph: Graph, start: int, goal: int, least: int) -> Ints:
     """The shortest chain of cells of a level or above from one to another; empty where there is none.
 
-    What waits lies in lists by its rounded cost; a cell that is reached anew, sooner, waits again, and the search ends
-    when all that could be cheaper is done.
+    What waits lies in lists by its cost, of :data:`LISTS` to a cell; a cell that is reached anew, sooner, waits again,
+    and the search ends when all that could be cheaper is done. Moves and turns add up, so that the shortest chain on an
+    empty grid and the turns to the goal's rotation are a bound of what is still to come.
     """
     _, nx, ny, nz = graph.levels.shape
-    size, straight = nx * ny * nz, graph.moves.shape[0]
+    size, straight, levels = nx * ny * nz, graph.moves.shape[0], graph.levels.ravel()
     far, came = np.full(size * len(graph.slice_of), np.inf, np.float32), np.empty(size * len(graph.slice_of), np.uint32)
-    heads = np.full(4 * (nx + ny + nz) + 64, LAST, np.uint32)
+    ahead = _turns_to(graph, goal // size)
+    heads = np.full(LISTS * (4 * (nx + ny + nz) + 64), LAST, np.uint32)
     cells, costs, after = np.empty(4096, np.uint32), np.empty(4096, np.float32), np.empty(4096, np.uint32)
+    moves, steps, lengths = graph.moves, np.empty(straight, np.int64), np.empty(straight)
+    for way in range(straight):
+        steps[way] = (moves[way, 0] * ny + moves[way, 1]) * nz + moves[way, 2]
+        lengths[way] = math.sqrt(float((moves[way] ** 2).sum()))
     gi, gj, gk = goal % size // (ny * nz), goal % size // nz % ny, goal % size % nz
-    i, j, k = start % size // (ny * nz) - gi, start % size // nz % ny - gj, start % size % nz - gk
-    base = math.sqrt(float(i * i + j * j + k * k))
+    i, j, k = start % size // (ny * nz), start % size // nz % ny, start % size % nz
+    base = _on_empty_grid(i - gi, j - gj, k - gk) + ahead[start // size]
     cells[0], costs[0], after[0], far[start], heads[0] = start, 0.0, LAST, 0.0, 0
     count, bucket = 1, 0
     while bucket < len(heads):
         entry = np.int64(heads[bucket])
         if entry == LAST:
             bucket += 1
-            if far[goal] < base + bucket:
+            if far[goal] < base + bucket / LISTS:
                 break
             continue
         heads[bucket] = after[entry]
         cell: int = np.int64(cells[entry])  # type: ignore[assignment]  # one type, for the compiler
         if costs[entry] > far[cell]:
             continue
+        rotation, place = cell // size, cell % size
+        rest, first = place // nz, graph.slice_of[rotation] * size + place
+        i, j, k = rest // ny, rest % ny, place % nz
         for way in range(straight + graph.neighbors.shape[1]):
-            other = next_cell(graph, cell, way, least)
-            if other < 0:
-                continue
+            turn, u, v, w = rotation, 0, 0, 0
             if way < straight:
-                u, v, w = graph.moves[way, 0], graph.moves[way, 1], graph.moves[way, 2]
-                cost = far[cell] + math.sqrt(float(u * u + v * v + w * w))
+                u, v, w = moves[way, 0], moves[way, 1], moves[way, 2]
+                if not (0 <= i + u < nx and 0 <= j + v < ny and 0 <= k + w < nz):
+                    continue
+                other, cost = cell + steps[way], np.float32(far[cell] + lengths[way])
+                if cost >= far[other]:
+                    continue
+                wide = levels[first + steps[way]] >= least
+                if way >= graph.faces:
+                    # It touches all cells of the block of two along each axis.
+                    x, y = u * ny * nz, v * nz
+                    wide = wide and levels[first + x] >= least and levels[first + y] >= least
+                    wide = wide and levels[first + w] >= least and levels[first + x + y] >= least
+                    wide = wide and levels[first + x + w] >= least and levels[first + y + w] >= least
             else:
-                cost = far[cell] + graph.turns[cell // size, way - straight]
-            cost = np.float32(cost)
-            if cost >= far[other]:
+                turn = graph.neighbors[rotation, way - straight]
+                if turn < 0:
+                    continue
+                other = turn * size + place
+                cost = np.float32(far[cell] + graph.turns[rotation, way - straight])
+                wide = cost < far[other] and levels[graph.slice_of[turn] * size + place] >= least
+            if not wide:
                 continue
             far[other], came[other] = cost, np.uint32(cell)
-            i, j, k = other % size // (ny * nz) - gi, other % size // nz % ny - gj, other % size % nz - gk
-            place = cost + math.sqrt(float(i * i + j * j + k * k)) - base
+            estimate = cost + _on_empty_grid(i + u - gi, j + v - gj, k + w - gk) + ahead[turn] - base
             if count == len(cells):
                 cells, costs = (
                     np.concatenate((cells, np.empty_like(cells))),
                     np.concatenate((costs, np.empty_like(costs))),
                 )
                 after = np.concatenate((after, np.empty_like(after)))
-            number = min(max(int(place), bucket), len(heads) - 1)
+            number = min(max(int(LISTS * estimate), bucket), len(heads) - 1)
             cells[count], costs[count], after[count], heads[number] = other, cost, heads[number], np.uint32(count)
             count += 1
     length, cell = 0, goal
@@ -339,6 +363,30 @@ def shortest(graph: Graph, start: int, goal: int, least: int) -> Ints:
         if row:
             cell = np.int64(came[cell])  # type: ignore[assignment]
     return path
+
+
+@inner
+def _on_empty_grid(i: int, j: int, k: int) -> float:
+    """Length of the shortest chain from a cell to one that many cells away, with nothing between."""
+    i, j, k = abs(i), abs(j), abs(k)
+    most, least = max(i, j, k), min(i, j, k)
+    middle = i + j + k - most - least
+    return most + (math.sqrt(2.0) - 1.0) * middle + (math.sqrt(3.0) - math.sqrt(2.0)) * least
+
+
+@jit
+def _turns_to(graph: Graph, goal: int) -> Floats:
+    """The least cost of turns from each rotation cell to one of them."""
+    costs = np.full(len(graph.slice_of), np.inf)
+    costs[goal], changed = 0.0, True
+    while changed:
+        changed = False
+        for rotation in range(len(costs)):
+            for way in range(graph.neighbors.shape[1]):
+                other = graph.neighbors[rotation, way]
+                if other >= 0 and costs[other] + graph.turns[rotation, way] < costs[rotation]:
+                    costs[rotation], changed = costs[other] + graph.turns[rotation, way], True
+    return costs
 
 
 # ---- paths -----------------------------------------------------------------------------------------------------------
