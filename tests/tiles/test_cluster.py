@@ -93,9 +93,9 @@ class Live:
             self.processes.append(subprocess.Popen(command, cwd="/", env=environment, stdout=log, stderr=log))
         return self.processes[-1]
 
-    def worker(self, code=ROOT):
+    def worker(self, *more, code=ROOT):
         options = ("--nthreads", "1", "--memory-limit", "2GB", "--no-nanny", "--local-directory", str(self.folder))
-        return self.start("worker", self.address, *options, code=code)
+        return self.start("worker", self.address, *options, *more, code=code)
 
     def client(self, workers):
         made = distributed.Client(self.address)
@@ -120,7 +120,7 @@ def test_a_worker_with_another_cspace(live, code, version, tmp_path):
     (tmp_path / "cspace").mkdir()
     (tmp_path / "cspace" / "__init__.py").write_text(code)
     workspace, told = random_workspace((90, 90)), rf"workers with cspace {version}; all must have cspace 0\.1\.0"
-    other = live.worker(tmp_path)
+    other = live.worker(code=tmp_path)
     with live.client(1) as client:
         with pytest.raises(InputError, match=told):
             cspace.build(workspace, CAR, store=tmp_path / "m", client=client)
@@ -152,11 +152,30 @@ def press_control_c(command, cwd, told):
     return seen, os.waitstatus_to_exitcode(os.waitpid(process, 0)[1])
 
 
+WAITS = """
+import pathlib, time
+import cspace.tiles.work as work
+
+def dask_setup(worker):
+    made, perform = [], work.perform
+
+    def wait(content, index):
+        while len(made) == 20 and not pathlib.Path({!r}).exists():
+            time.sleep(0.05)
+        made.append(index)
+        return perform(content, index)
+
+    work.perform = wait
+"""
+"""Told to a worker: make some tiles, and no more until there is a file; an interrupt comes before the end."""
+
+
 def test_the_command_on_a_live_cluster(live, tmp_path, monkeypatch):
     """With a bar of tiles and cells; interrupted, and gone on with; from a folder that is not the workers' own."""
     workspace = random_workspace((500, 400))
     zarr.save_array(tmp_path / "site.zarr", workspace.outer)
-    live.worker()
+    (tmp_path / "waits.py").write_text(WAITS.format(str(tmp_path / "go on")))
+    live.worker("--preload", str(tmp_path / "waits.py"))
     words = ["map", "site.zarr", "--spacing", "0.1", "--robot", "rect:0.5x0.2", "--rotations", "8", "--tile", "25"]
     words += ["--scheduler", live.address, "-o", "m.zarr"]
     with live.client(1):
@@ -165,6 +184,7 @@ def test_the_command_on_a_live_cluster(live, tmp_path, monkeypatch):
         assert "cells/s" in seen
         assert "interrupted" in seen
         assert 0.0 < cspace.open(tmp_path / "m.zarr").done < 1.0
+        (tmp_path / "go on").touch()
         monkeypatch.chdir(tmp_path)
         result = run(*words)
     assert result.exit_code == 0
