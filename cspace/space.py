@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from cspace.map.mip import Marks, Mip
     from cspace.map.overlaps import Runs, Sums
     from cspace.map.sampling import FreeCells
+    from cspace.map.widest import Graph
     from cspace.spectral import FourierOverlap, OverlapField
     from cspace.update import Update, Updater
     from cspace.view.cells import Cells
@@ -128,6 +129,7 @@ class CSpace(ConfigurationMap):
         self._inner_sums: Kept[Sums] = Kept(self._lock)
         self._components_kept: Kept[Components] = Kept(self._lock)
         self._free_cells: Kept[FreeCells] = Kept(self._lock)
+        self._widest: Kept[Graph] = Kept(self._lock)
         self._exact_kept: Kept[Exact] = Kept(self._lock)
         self._updater: Kept[Updater] = Kept(self._lock)
 
@@ -508,15 +510,14 @@ class CSpace(ConfigurationMap):
         InputError
             If a configuration is not one of finite numbers, or memory is too small.
         """
-        from cspace.map.widest import BYTES, widest_path
+        from cspace.map.widest import BYTES, graph_of, widest_path
 
         ends = [self._one_free(q, name) for q, name in ((q0, "q0"), (q1, "q1"))]
         needed, shape, fewer = BYTES * self.grid.size * self.rotations.count, self.grid.shape, self.rotations.fewer
         check_memory(needed, "the map, to find its widest path,", shape, self.grid.spacing, fewer=fewer)
         cells = [self._cells_of(q) for q in ends]
-        return widest_path(
-            self._map, self._seen, self.rotations, self.grid, list(zip(ends, cells, strict=True)), straight
-        )
+        graph = self._widest.get(lambda: graph_of(self._map, self._seen, self.rotations))
+        return widest_path(graph, self._map, self.rotations, self.grid, list(zip(ends, cells, strict=True)), straight)
 
     # ---- the set of FREE configurations ------------------------------------------------------------------------------
 
@@ -767,6 +768,7 @@ class CSpace(ConfigurationMap):
         if change.changed:
             self._mip.renew(change)
             self._free_cells.drop()
+            self._widest.drop()
             self._components_kept.renew(change)
         self._exact_kept.renew(change)
 

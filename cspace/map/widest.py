@@ -1,9 +1,8 @@
 """The widest path between two configurations: the one whose smallest clearance is the largest, and then the shortest.
 
-Each FREE cell has a *level*, the distance from its middle to the nearest cell that is not FREE, in parts of a cell. A
-flood from one cell, ever on from the highest level that it has reached (R. Barnes, C. Lehman, D. Mulla,
-"Priority-flood", 2014), meets the other at the largest level that the smallest one of a path can have, its
-*bottleneck*. Among the cells of that level or above, A* finds the shortest chain.
+Each FREE cell has a *level*, the distance from its middle to the nearest cell that is not FREE, in parts of a cell. The
+largest level that the smallest one of a path can have is the *bottleneck* of its ends; a tree that is kept tells it.
+Among the cells of that level or above, A* finds the shortest chain.
 
 Where the start or the goal itself is the narrowest place, as beside a wall, all paths are as narrow as that. So both
 are left the steepest way up, and the bottleneck is that between the tops; the path is among the widest all the same.
@@ -25,7 +24,6 @@ from cspace.grid import Grid
 from cspace.map.callbacks import edge_checker
 from cspace.map.free_path import pulled_straight
 from cspace.map.record import Map
-from cspace.map.storage import Stack
 from cspace.rotations import Rotations
 from cspace.states import FREE, MIXED
 from cspace.threads import cores, in_chunks, in_threads
@@ -35,6 +33,10 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Levels = NDArray[np.uint16]
 Squares = NDArray[np.int32]
+Cells = NDArray[np.uint32]
+Borders = NDArray[np.uint32]
+Spot = tuple[int, int, int, int]
+"""Rotation cell, and place along three axes."""
 
 LEVELS: Final = 64
 """Levels to a cell."""
@@ -46,8 +48,8 @@ FAR: Final = 2**30
 """Square of a distance, in half cells, that stands for infinity."""
 
 BYTES: Final = 24
-"""For each cell, while a path is looked for: its level, what came before it, its distance, and what waits;
-measured, 15 to 17 at most at a time, and more where the search goes far."""
+"""For each cell: its level, which is kept, what came before it, its distance, and what waits; at the first path also
+the cell above it and the borders between tops. Measured: 16 to 20 at most at a time, 2 of them kept."""
 
 METRES_A_RADIAN: Final = 0.5
 """What a turn counts as in the length, as in OMPL's SE(2)."""
@@ -79,6 +81,8 @@ class Graph(NamedTuple):
         Steps from cell to cell: across sides, and then across edges and corners.
     faces : int
         How many of them lead across sides.
+    tops, parents, joints : ndarray of int64, shape (t,)
+        Cells that none beside is higher than, in order; which of them each is joined to, or itself; and at what level.
     """
 
     levels: Levels
@@ -87,6 +91,9 @@ class Graph(NamedTuple):
     turns: Floats
     moves: Ints
     faces: int
+    tops: Ints
+    parents: Ints
+    joints: Ints
 
 
 def graph_of(map_: Map, states: Iterable[Bytes], rotations: Rotations) -> Graph:
@@ -117,7 +124,9 @@ def graph_of(map_: Map, states: Iterable[Bytes], rotations: Rotations) -> Graph:
     middles = np.column_stack([np.zeros((rotations.count, dim)), turning])
     turns = rotations.steps(middles[:, None], middles[rotations.neighbors])
     costs = METRES_A_RADIAN / map_.spacing * np.linalg.norm(turns, axis=-1)
-    return Graph(levels, map_.slice_of, rotations.neighbors, costs, moves, int(np.count_nonzero(number == 1)))
+    none = np.empty(0, dtype=np.int64)
+    faces = int(np.count_nonzero(number == 1))
+    return joined(Graph(levels, map_.slice_of, rotations.neighbors, costs, moves, faces, none, none, none))
 
 
 # ---- distances -------------------------------------------------------------------------------------------------------
@@ -198,84 +207,182 @@ def _last_of(u: int, v: int, more: int) -> int:
 
 
 @jit
-def next_cell(graph: Graph, cell: int, way: int, least: int) -> int:
-    """The cell to which a move or a turn leads, if all that it touches is of a level or above, else -1."""
-    _, nx, ny, nz = graph.levels.shape
-    size = nx * ny * nz
-    rotation, place = cell // size, cell % size
-    if way >= graph.moves.shape[0]:
-        other = graph.neighbors[rotation, way - graph.moves.shape[0]]
-        if other < 0:
-            return -1
-        i, j, k = place // (ny * nz), place // nz % ny, place % nz
-        return int(other * size + place) if graph.levels[graph.slice_of[other], i, j, k] >= least else -1
-    u, v, w = graph.moves[way, 0], graph.moves[way, 1], graph.moves[way, 2]
-    i, j, k, part = place // (ny * nz), place // nz % ny, place % nz, graph.slice_of[rotation]
-    if not (0 <= i + u < nx and 0 <= j + v < ny and 0 <= k + w < nz):
-        return -1
-    # A diagonal step touches all cells of the block of two along each axis.
-    for a in range(2 if u != 0 else 1):
-        for b in range(2 if v != 0 else 1):
-            for c in range(2 if w != 0 else 1):
-                if graph.levels[part, i + a * u, j + b * v, k + c * w] < least:
-                    return -1
-    return int(cell + (u * ny + v) * nz + w)
-
-
-@jit
 def level_of(graph: Graph, cell: int) -> int:
     """Level of a cell, by its number."""
     size = graph.levels.shape[1] * graph.levels.shape[2] * graph.levels.shape[3]
     return int(graph.levels.ravel()[graph.slice_of[cell // size] * size + cell % size])
 
 
+# ---- bottlenecks -----------------------------------------------------------------------------------------------------
+#
+# From each cell the steepest way up ends at a top. Within the cells of one top, all is joined at the level of the lower
+# of two; a border between two tops' cells joins them at the level of the lower one of its cells. So the widest borders
+# that join all tops, a spanning tree (J. B. Kruskal, 1956), tell the bottleneck between any two cells.
+
+
+@inner
+def _beside(graph: Graph, at: Spot, way: int) -> tuple[int, int]:
+    """The cell that a step across a side, or past those a turn, leads to, and its level; -1 and 0 where there is none.
+
+    What a step across a corner joins is joined by steps across sides that touch no other cells.
+    """
+    _, nx, ny, nz = graph.levels.shape
+    rotation, i, j, k = at
+    if way < graph.faces:
+        i, j, k = i + graph.moves[way, 0], j + graph.moves[way, 1], k + graph.moves[way, 2]
+        if not (0 <= i < nx and 0 <= j < ny and 0 <= k < nz):
+            return -1, 0
+    else:
+        rotation = graph.neighbors[rotation, way - graph.faces]
+        if rotation < 0:
+            return -1, 0
+    return int(((rotation * nx + i) * ny + j) * nz + k), int(graph.levels[graph.slice_of[rotation], i, j, k])
+
+
+@inner
+def _spot(graph: Graph, cell: int) -> Spot:
+    _, nx, ny, nz = graph.levels.shape
+    return cell // (nx * ny * nz), cell // (ny * nz) % nx, cell // nz % ny, cell % nz
+
+
+@inner
+def _above(graph: Graph, at: Spot, cell: int) -> int:
+    """The highest cell beside one, or itself where none is higher; of one level, larger numbers count as higher."""
+    best, highest = cell, int(graph.levels[graph.slice_of[at[0]], at[1], at[2], at[3]])
+    for way in range(graph.faces + graph.neighbors.shape[1]):
+        other, level = _beside(graph, at, way)
+        if level > highest or (level == highest and other > best):
+            best, highest = other, level
+    return best
+
+
 @jit
-def climb(graph: Graph, cell: int) -> Ints:
-    """Cells from one up to where none beside it is of a higher level, each the highest beside the one before."""
-    path, count, ways = np.empty(256, np.int64), 1, graph.moves.shape[0] + graph.neighbors.shape[1]
-    path[0] = cell
-    while True:
-        here = path[count - 1]
-        best, highest = here, level_of(graph, here)
-        for way in range(ways):
-            other = next_cell(graph, here, way, 1)
-            if other >= 0 and level_of(graph, other) > highest:
-                best, highest = other, level_of(graph, other)
-        if best == here:
-            return path[:count]
-        if count == len(path):
-            path = np.concatenate((path, np.empty_like(path)))
-        path[count] = best
-        count += 1
+def ascend(graph: Graph, above: Cells, start: int, stop: int) -> int:
+    """Write the highest cell beside each of some rows of cells; UNSEEN for those of level zero."""
+    nz = graph.levels.shape[3]
+    for row in range(start, stop):
+        rotation, i, j, _ = _spot(graph, row * nz)
+        for k in range(nz):
+            at = (rotation, i, j, k)
+            low = graph.levels[graph.slice_of[rotation], i, j, k] == 0
+            above[row * nz + k] = UNSEEN if low else _above(graph, at, row * nz + k)
+    return -1
+
+
+@jit
+def number_tops(above: Cells) -> Ints:
+    """The cells that are tops, in order; each cell is given the number of the top that its way up ends at."""
+    is_top = np.zeros(len(above), np.bool_)
+    for cell in range(len(above)):
+        is_top[cell] = above[cell] == cell
+        top: int = cell
+        while above[cell] != UNSEEN and np.int64(above[top]) != top:
+            top = np.int64(above[top])  # type: ignore[assignment]
+        # The way is not gone again.
+        at: int = cell
+        while above[cell] != UNSEEN and at != top:
+            after: int = np.int64(above[at])  # type: ignore[assignment]
+            above[at], at = top, after
+    tops = np.flatnonzero(is_top)
+    for number in range(len(tops)):
+        above[tops[number]] = number
+    for cell in range(len(above)):
+        if above[cell] != UNSEEN and not is_top[cell]:
+            above[cell] = above[np.int64(above[cell])]
+    return tops
+
+
+@jit
+def borders_of(graph: Graph, numbers: Cells, firsts: Ints, borders: Borders) -> None:
+    """Write the tops on either side of each border between their cells, from the widest border on.
+
+    Without room for any, count how many are how wide: those of the n highest levels end before ``firsts[n]``.
+    """
+    rotations, (_, nx, ny, nz) = len(graph.slice_of), graph.levels.shape
+    for row in range(rotations * nx * ny):
+        rotation, i, j, _ = _spot(graph, row * nz)
+        for k in range(nz):
+            cell = row * nz + k
+            if numbers[cell] == UNSEEN:
+                continue
+            own = int(graph.levels[graph.slice_of[rotation], i, j, k])
+            for way in range(graph.faces + graph.neighbors.shape[1]):
+                other, level = _beside(graph, (rotation, i, j, k), way)
+                if other <= cell or level == 0 or numbers[other] == numbers[cell]:
+                    continue
+                below = TOP - min(own, level)
+                if len(borders):
+                    borders[firsts[below], 0], borders[firsts[below], 1] = numbers[cell], numbers[other]
+                firsts[below] += 1
+
+
+@jit
+def join(count: int, lasts: Ints, borders: Borders) -> tuple[Ints, Ints]:
+    """To which top each is joined, or itself, and at which level; the smaller of two trees is joined to the larger."""
+    parents, joints, sizes, below = np.arange(count), np.zeros(count, np.int64), np.ones(count, np.int64), 0
+    for row in range(len(borders)):
+        while lasts[below] <= row:
+            below += 1
+        one, other = np.int64(borders[row, 0]), np.int64(borders[row, 1])
+        while parents[one] != one:
+            one = parents[one]
+        while parents[other] != other:
+            other = parents[other]
+        if one == other:
+            continue
+        if sizes[one] > sizes[other]:
+            one, other = other, one
+        parents[one], joints[one] = other, TOP - below
+        sizes[other] += sizes[one]
+    return parents, joints
+
+
+def joined(graph: Graph) -> Graph:
+    """A graph with its tops, and how they are joined."""
+    above = np.empty(graph.levels[0].size * len(graph.slice_of), dtype=np.uint32)
+    in_chunks(partial(ascend, graph, above), above.size // graph.levels.shape[3], LINES)
+    tops = number_tops(above)
+    counts, borders = np.zeros(TOP + 1, dtype=np.int64), np.empty((0, 2), dtype=np.uint32)
+    borders_of(graph, above, counts, borders)
+    firsts = np.cumsum(counts) - counts
+    borders = np.empty((counts.sum(), 2), dtype=np.uint32)
+    if len(borders):
+        borders_of(graph, above, firsts, borders)
+    parents, joints = join(len(tops), firsts, borders)
+    return graph._replace(tops=tops, parents=parents, joints=joints)
 
 
 @jit
 def bottleneck(graph: Graph, start: int, goal: int) -> int:
     """The largest level that the lowest cell of a chain from one cell to another can have; 0 where there is none."""
-    straight, ways = graph.moves.shape[0], graph.moves.shape[0] + graph.neighbors.shape[1]
-    cells = graph.levels.shape[1] * graph.levels.shape[2] * graph.levels.shape[3] * len(graph.slice_of)
-    # What waits, in lists by level; each cell once, as it is never reached from a higher level than at first.
-    after, heads = np.full(cells, UNSEEN, np.uint32), np.full(TOP + 1, LAST, np.uint32)
-    level = level_of(graph, start)
-    after[start], heads[level] = LAST, np.uint32(start)
-    while level > 0:
-        if heads[level] == LAST:
-            level -= 1
-            continue
-        cell: int = np.int64(heads[level])  # type: ignore[assignment]  # one type, for the compiler
-        heads[level] = after[cell]
-        if cell == goal:
-            return level
-        for way in range(ways):
-            # What a step across a corner joins is joined by steps across sides that touch no other cells.
-            if graph.faces <= way < straight:
-                continue
-            other = next_cell(graph, cell, way, 1)
-            if other < 0 or after[other] != UNSEEN:
-                continue
-            reached = min(level, level_of(graph, other))
-            after[other], heads[reached] = heads[reached], np.uint32(other)
-    return 0
+    level = min(level_of(graph, start), level_of(graph, goal))
+    if level == 0:
+        return 0
+    one, other = (
+        np.searchsorted(graph.tops, climb(graph, start)[-1]),
+        np.searchsorted(graph.tops, climb(graph, goal)[-1]),
+    )
+    # Towards the root of a tree joints are ever lower, so that the one with the higher joint is taken on.
+    while one != other:
+        if graph.joints[one] < graph.joints[other]:
+            one, other = other, one
+        level, one = min(level, graph.joints[one]), graph.parents[one]
+        if level == 0:
+            return 0
+    return int(level)
+
+
+@jit
+def climb(graph: Graph, cell: int) -> Ints:
+    """Cells from one up to a top, each the highest beside the one before."""
+    path, count, after = np.empty(256, np.int64), 1, _above(graph, _spot(graph, cell), cell)
+    path[0] = cell
+    while after != path[count - 1]:
+        if count == len(path):
+            path = np.concatenate((path, np.empty_like(path)))
+        path[count], count = after, count + 1
+        after = _above(graph, _spot(graph, after), after)
+    return path[:count]
 
 
 @jit
@@ -393,14 +500,14 @@ def _turns_to(graph: Graph, goal: int) -> Floats:
 
 
 def widest_path(
-    map_: Map, states: Stack, rotations: Rotations, grid: Grid, ends: Sequence[tuple[Floats, Ints]], straight: bool
+    graph: Graph, map_: Map, rotations: Rotations, grid: Grid, ends: Sequence[tuple[Floats, Ints]], straight: bool
 ) -> Floats:
     """Waypoints of the widest path between two configurations, each given with its cell, shape (n, dof).
 
     Of length 0 where there is none, or an edge of it is not proven free. If not ``straight``, they are all the middles
     of cells that it passes.
     """
-    graph, shape = graph_of(map_, states, rotations), (rotations.count, *grid.shape)
+    shape = (rotations.count, *grid.shape)
     start, goal = (int(np.ravel_multi_index(tuple(cell), shape)) for _, cell in ends)
     tops = [climb(graph, start), climb(graph, goal)]
     level = bottleneck(graph, int(tops[0][-1]), int(tops[1][-1]))

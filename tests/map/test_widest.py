@@ -7,7 +7,8 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+import shapely
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components, dijkstra
@@ -84,6 +85,7 @@ def length_of(space: CSpace, path: np.ndarray) -> float:
 
 @pytest.mark.parametrize("name", SPACES)
 @settings(max_examples=8)
+@example(65537)  # the way up must not cut a corner
 @given(seeds)
 def test_a_path_is_as_wide_as_any_and_no_longer_than_it_must_be(name: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -157,6 +159,18 @@ def test_it_finds_the_wide_way_in_every_space(name: str) -> None:
     back = space.widest_path(*ENDS[name][::-1], straight=False)
     there = space.widest_path(*ENDS[name], straight=False)
     assert np.asarray(space.clearance(back)).min() == pytest.approx(np.asarray(space.clearance(there)).min(), abs=2e-3)
+
+
+def test_it_goes_by_the_obstacles_as_they_are_now() -> None:
+    space = build(Workspace.from_array(np.zeros((60, 40), dtype=bool), 0.1), Robot.disc(0.2))
+    ends = (1.0, 2.0), (5.0, 2.0)
+    before = space.widest_path(*ends)
+    space.place("pillar", shapely.box(2.5, 1.2, 3.5, 4.0))
+    after = space.widest_path(*ends)
+    assert space.certify_path(after).all() and not space.certify_path(before).all()
+    assert np.array_equal(after, build(space.workspace, space.robot).widest_path(*ends))
+    space.remove("pillar")
+    assert np.array_equal(space.widest_path(*ends), before)
 
 
 def test_wrong_ends_and_little_memory_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
