@@ -2,7 +2,8 @@
 
 Each FREE cell has a *level*, the distance from its middle to the nearest cell that is not FREE, in parts of a cell. The
 largest level that the smallest one of a path can have is the *bottleneck* of its ends; a tree that is kept tells it.
-Among the cells of that level or above, A* finds the shortest chain.
+Among the cells of that level or above, A* finds the shortest chain; where the robot turns, led by the lengths of the
+shortest ways over places that are as wide at any rotation.
 
 Where the start or the goal itself is the narrowest place, as beside a wall, all paths are as narrow as that. So both
 are left the steepest way up, and the bottleneck is that between the tops; the path is among the widest all the same.
@@ -385,13 +386,63 @@ def climb(graph: Graph, cell: int) -> Ints:
     return path[:count]
 
 
-@jit
 def shortest(graph: Graph, start: int, goal: int, least: int) -> Ints:
-    """The shortest chain of cells of a level or above from one to another; empty where there is none.
+    """The shortest chain of cells of a level or above from one to another; empty where there is none."""
+    flat, size = np.empty(0), graph.levels[0].size
+    if len(graph.slice_of) > 1:
+        flat = flat_distances(graph, graph.levels.max(axis=0) >= least, goal % size)
+    chain: Ints = chain_of(graph, start, goal, least, flat)
+    return chain
+
+
+@jit
+def flat_distances(graph: Graph, wide: NDArray[np.bool_], goal: int) -> Floats:
+    """From each place, the length of the shortest chain to one, over places that are wide at any rotation, in cells.
+
+    Cells of one rotation allow no shorter way (E. W. Dijkstra, "A note on two problems in connexion with graphs",
+    1959). Infinite where there is none.
+    """
+    nx, ny, nz = wide.shape
+    far = np.full(wide.size, np.inf)
+    heads = np.full(4 * LISTS * (nx + ny + nz) + 2, -1, np.int64)
+    cells, after = np.empty(4096, np.int64), np.empty(4096, np.int64)
+    cells[0], after[0], far[goal], heads[0] = goal, -1, 0.0, 0
+    count, bucket = 1, 0
+    while bucket < len(heads):
+        entry = heads[bucket]
+        if entry < 0:
+            bucket += 1
+            continue
+        heads[bucket] = after[entry]
+        cell = cells[entry]
+        i, j, k = cell // (ny * nz), cell // nz % ny, cell % nz
+        for way in range(len(graph.moves)):
+            u, v, w = graph.moves[way, 0], graph.moves[way, 1], graph.moves[way, 2]
+            if not (0 <= i + u < nx and 0 <= j + v < ny and 0 <= k + w < nz):
+                continue
+            other = ((i + u) * ny + j + v) * nz + k + w
+            cost = far[cell] + math.sqrt(float(u * u + v * v + w * w))
+            if cost >= far[other] or not wide[i + u, j + v, k + w]:
+                continue
+            far[other] = cost
+            if count == len(cells):
+                cells, after = (
+                    np.concatenate((cells, np.empty_like(cells))),
+                    np.concatenate((after, np.empty_like(after))),
+                )
+            number = min(max(int(LISTS * cost), bucket), len(heads) - 1)
+            cells[count], after[count], heads[number] = other, heads[number], count
+            count += 1
+    return far
+
+
+@jit
+def chain_of(graph: Graph, start: int, goal: int, least: int, flat: Floats) -> Ints:
+    """:func:`shortest`, given the :func:`flat_distances` to the goal's place, or none where there is one rotation.
 
     What waits lies in lists by its cost, of :data:`LISTS` to a cell; a cell that is reached anew, sooner, waits again,
-    and the search ends when all that could be cheaper is done. Moves and turns add up, so that the shortest chain on an
-    empty grid and the turns to the goal's rotation are a bound of what is still to come.
+    and the search ends when all that could be cheaper is done. Moves and turns add up, so that the shortest way without
+    turns and the turns to the goal's rotation are a bound of what is still to come.
     """
     _, nx, ny, nz = graph.levels.shape
     size, straight, levels = nx * ny * nz, graph.moves.shape[0], graph.levels.ravel()
@@ -405,7 +456,7 @@ def shortest(graph: Graph, start: int, goal: int, least: int) -> Ints:
         lengths[way] = math.sqrt(float((moves[way] ** 2).sum()))
     gi, gj, gk = goal % size // (ny * nz), goal % size // nz % ny, goal % size % nz
     i, j, k = start % size // (ny * nz), start % size // nz % ny, start % size % nz
-    base = _on_empty_grid(i - gi, j - gj, k - gk) + ahead[start // size]
+    base = ahead[start // size] + (flat[start % size] if len(flat) else _on_empty_grid(i - gi, j - gj, k - gk))
     cells[0], costs[0], after[0], far[start], heads[0] = start, 0.0, LAST, 0.0, 0
     count, bucket = 1, 0
     while bucket < len(heads):
@@ -448,7 +499,8 @@ def shortest(graph: Graph, start: int, goal: int, least: int) -> Ints:
             if not wide:
                 continue
             far[other], came[other] = cost, np.uint32(cell)
-            estimate = cost + _on_empty_grid(i + u - gi, j + v - gj, k + w - gk) + ahead[turn] - base
+            to_come = flat[other % size] if len(flat) else _on_empty_grid(i + u - gi, j + v - gj, k + w - gk)
+            estimate = cost + to_come + ahead[turn] - base
             if count == len(cells):
                 cells, costs = (
                     np.concatenate((cells, np.empty_like(cells))),
