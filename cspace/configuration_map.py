@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Callable
+from abc import abstractmethod
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar, Unpack, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.errors import InputError
+from cspace.configuration_space import ConfigurationSpace
 from cspace.grid import Grid
-from cspace.map.batches import Ask, Many, One, answer, answer_edges, answer_pairs, as_pairs, as_points, in_pieces
+from cspace.map.batches import Ask, Many, One, answer, as_points, in_pieces
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.states import BLOCKED, FREE
@@ -30,9 +31,6 @@ Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 States = NDArray[np.uint8]
 Result = TypeVar("Result")
-Leg = tuple[Callable[[], "ConfigurationMap"], Floats, Floats]
-"""What opens a part of a map in memory, and two configurations in it."""
-
 
 _ANSWERS = np.array([None, True, False], dtype=object)
 
@@ -44,7 +42,7 @@ class Joined(Protocol):
         """Numbers of the components of FREE cells, and of cells that are not BLOCKED; -1 where there is none."""
 
 
-class ConfigurationMap(ABC):
+class ConfigurationMap(ConfigurationSpace):
     """A certified map of a robot's configurations: what it is of, and the look-ups that all maps have.
 
     :class:`cspace.CSpace` has all of it in memory, :class:`cspace.TiledCSpace` leaves it in a store. They differ in who
@@ -79,11 +77,6 @@ class ConfigurationMap(ABC):
         """Metres by which the robot was grown for FREE."""
 
     @property
-    def dof(self) -> int:
-        """How many numbers a configuration has."""
-        return len(self.axes)
-
-    @property
     def axes(self) -> tuple[str, ...]:
         """Names of the numbers in a configuration: x and y, in space z, then yaw or qx, qy, qz and qw."""
         return (*"xyz"[: self.grid.dim], *self.rotations.names)
@@ -99,118 +92,6 @@ class ConfigurationMap(ABC):
         return f"{type(self).__name__}({size}, {self.robot.name}: {self._summary})"
 
     # ---- look-ups ----------------------------------------------------------------------------------------------------
-
-    @overload
-    def classify(self, q: One) -> int: ...  # type: ignore[overload-overlap]
-    @overload
-    def classify(self, q: Many) -> NDArray[np.uint8]: ...
-    def classify(self, q: ArrayLike) -> int | NDArray[np.uint8]:
-        """State of configurations.
-
-        Parameters
-        ----------
-        q : array-like, shape (dof,) or (..., dof)
-            Metres, and radians.
-
-        Returns
-        -------
-        int or ndarray of uint8, shape (...)
-            FREE (0), MIXED (1) or BLOCKED (2).
-
-        Raises
-        ------
-        InputError
-            If the last axis is not dof long, or a value is NaN or infinite.
-        """
-        return answer(q, self.dof, self._classify(), np.uint8, int)
-
-    @overload
-    def is_free(self, q: One, *, exact: bool = False) -> bool: ...  # type: ignore[overload-overlap]
-    @overload
-    def is_free(self, q: Many, *, exact: bool = False) -> Bools: ...
-    def is_free(self, q: ArrayLike, *, exact: bool = False) -> bool | Bools:
-        """Whether configurations are proven collision-free; as :meth:`classify`, with bool for an answer.
-
-        With ``exact``, the geometry itself decides in MIXED cells; see :mod:`cspace.exact`.
-        """
-        if exact:
-            return answer(q, self.dof, in_pieces(self._exact.points()), np.bool_, bool)
-        free: bool | Bools = answer(q, self.dof, self._classify(), np.uint8, int) == FREE
-        return free
-
-    @overload
-    def motion_is_free(self, q0: One, q1: One, *, exact: bool = False) -> bool: ...  # type: ignore[overload-overlap]
-    @overload
-    def motion_is_free(self, q0: Many, q1: ArrayLike, *, exact: bool = False) -> Bools: ...
-    @overload
-    def motion_is_free(self, q0: ArrayLike, q1: Many, *, exact: bool = False) -> Bools: ...
-    def motion_is_free(self, q0: ArrayLike, q1: ArrayLike, *, exact: bool = False) -> bool | Bools:
-        """Whether straight edges are proven collision-free all along.
-
-        True where every closed cell that the edge touches, be it in a corner, is FREE. An edge that lies on the border
-        of two cells touches both; so an edge that starts on the border of a cell that is not FREE is not proven.
-
-        Parameters
-        ----------
-        q0, q1 : array-like, shape (dof,) or (..., dof)
-            Ends of the edges, metres and radians; broadcast against each other.
-        exact : bool
-            Where cells are MIXED, let the geometry itself prove the edge; see :mod:`cspace.exact`.
-
-        Returns
-        -------
-        bool or ndarray of bool, shape (...)
-        """
-        return answer_edges(q0, q1, self.dof, lambda number: self._edges(number, exact))
-
-    def certify_path(self, path: ArrayLike, edges: ArrayLike | None = None, *, exact: bool = False) -> Bools:
-        """Whether each edge of a path, of paths, or of a roadmap is proven collision-free all along.
-
-        The edges are those of :meth:`motion_is_free`, answered alike: straight, with yaw along the shorter arc, as
-        OMPL interpolates. Where there are many, they are proven in threads and with marks of blocks of cells that
-        pass over free space in larger steps; the answers are the same.
-
-        Parameters
-        ----------
-        path : array-like, shape (n, dof) or (..., n, dof)
-            Configurations, metres and radians: a path's in turn, those of paths of one length, or a roadmap's vertices.
-        edges : array-like of int, shape (m, 2), optional
-            Indices, from 0, of the two vertices of each edge; ``path`` must then have shape (n, dof). Left out, each
-            configuration is joined to the next.
-        exact : bool
-            As for :meth:`motion_is_free`.
-
-        Returns
-        -------
-        ndarray of bool, shape (n - 1,), (..., n - 1) or (m,)
-            A path of one configuration has no edges, and nothing is proven of it.
-
-        Raises
-        ------
-        InputError
-            If a configuration is not as for :meth:`motion_is_free`, be it on an edge or not; a path has none; or an
-            edge is not a pair of indices of vertices.
-
-        Examples
-        --------
-        >>> import numpy as np, cspace
-        >>> workspace = cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1)
-        >>> space = cspace.build(workspace, cspace.Robot.disc(0.2))
-        >>> corners = [(0.5, 1.5), (0.5, 2.5), (1.5, 2.5), (1.5, 0.5)]
-        >>> space.certify_path(corners)
-        array([ True,  True, False])
-        >>> space.certify_path(corners, [(0, 2), (2, 3)])
-        array([ True, False])
-        """
-        points = self._checked(path, "path")
-        if edges is not None:
-            pairs = as_pairs(edges, points)
-            return answer_pairs(np.ascontiguousarray(points), pairs, self._edges(len(pairs), exact))
-        if points.ndim < 2 or points.shape[-2] == 0:
-            rule = "it must hold at least one configuration in a row"
-            raise InputError("path", f"has shape {points.shape}", rule, f"pass an array of shape (n, {self.dof})")
-        starts, ends = points[..., :-1, :], points[..., 1:, :]
-        return np.asarray(answer_edges(starts, ends, self.dof, lambda number: self._edges(number, exact)))
 
     @overload
     def path_exists(self, q0: One, q1: One) -> bool | None: ...  # type: ignore[overload-overlap]
@@ -313,13 +194,12 @@ class ConfigurationMap(ABC):
     def _drawn(self) -> MapLike:
         """What is drawn of it."""
 
-    @abstractmethod
-    def _classify(self) -> Ask:
-        """What tells the states of configurations."""
+    def _frees(self, exact: bool) -> Ask:
+        return in_pieces(self._exact.points()) if exact else partial(_are_free, self._classify())
 
-    @abstractmethod
-    def _edges(self, number: int, exact: bool) -> Ask:
-        """What tells whether edges are free, of which there are some ``number`` to come."""
+    def _known(self, q0: Floats, q1: Floats) -> bool | None:
+        known: bool | None = self.path_exists(q0, q1)
+        return known
 
     @property
     @abstractmethod
@@ -330,14 +210,6 @@ class ConfigurationMap(ABC):
     @abstractmethod
     def _components(self) -> Joined:
         """What chains of cells join."""
-
-    @abstractmethod
-    def _legs(self, q0: Floats, q1: Floats) -> list[Leg]:
-        """The parts of the map, in memory, that a path from a configuration to another leads through, in turn.
-
-        Each is told with the configurations between which it leads through that part; the last one is the first one of
-        the next. None, where the map is in parts and FREE cells do not join the two.
-        """
 
     @abstractmethod
     def _around(self, q: Floats) -> ConfigurationMap:
@@ -351,10 +223,7 @@ class ConfigurationMap(ABC):
     def _in_blocks(self) -> Cells:
         """Its cells, to be drawn on a page."""
 
-    # ---- checks ------------------------------------------------------------------------------------------------------
-
     def _checked(self, q: ArrayLike, name: str) -> Floats:
-        """Configurations as float64, all finite and of the right length."""
         points = as_points(q, name, self.dof)
         answer(points, self.dof, self._classify(), np.uint8, int, name)  # raises where one is not finite
         return points
@@ -363,3 +232,11 @@ class ConfigurationMap(ABC):
         """Cells ``(rotation, x, y)`` or ``(rotation, x, y, z)`` of configurations, in the grid or not."""
         cells = self.grid.cell_of(points[..., : self.grid.dim])
         return np.concatenate([self.rotations.cells_of(points)[..., None], cells], axis=-1)
+
+
+def _are_free(classify: Ask, parts: Sequence[Any], out: NDArray[Any]) -> int:
+    """Fill ``out`` with whether configurations are FREE, by what tells their states; the index of a bad one, or -1."""
+    states = out.view(np.uint8)
+    bad = classify(parts, states)
+    np.equal(states, FREE, out=out)
+    return bad

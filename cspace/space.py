@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict, TypeVar, Unpack, over
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.configuration_map import ConfigurationMap, Leg, Result
+from cspace.configuration_map import ConfigurationMap, Result
 from cspace.errors import ConfigurationError, InputError
 from cspace.grid import Grid, not_negative
 from cspace.map.batches import EDGES_A_THREAD, Ask, Many, One, answer, check_rng, in_pieces
@@ -1006,9 +1006,6 @@ class CSpace(ConfigurationMap):
         from cspace.map.mip import Mip
 
         return self._mip.get(lambda: Mip(self._seen, self._lock)).marks(cells, lasting)
-
-    def _legs(self, q0: Floats, q1: Floats) -> list[Leg]:
-        return [(lambda: self, q0, q1)]
 
     def _around(self, q: Floats) -> CSpace:
         return self

@@ -78,7 +78,7 @@ way = [1]
 while way[-1] != 0:
     way.append(int(before[way[-1]]))
 path = nodes[way[::-1]]
-print(f"a path of {len(path)} waypoints, certified: {space.certify_path(path)}")
+print(f"a path of {len(path)} waypoints, certified: {space.certify_path(path).all()}")
 
 # %%
 # Left the arm along its path, right the same path in the configuration space.

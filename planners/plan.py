@@ -11,7 +11,8 @@ from typing import Final, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.configuration_map import ConfigurationMap, Leg
+from cspace.configuration_map import ConfigurationMap
+from cspace.configuration_space import Leg
 from cspace.errors import ConfigurationError, InputError
 from cspace.grid import finite, positive
 from cspace.space import CSpace

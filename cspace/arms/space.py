@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import combinations
-from typing import Final, NamedTuple, overload
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,10 +12,11 @@ from numpy.typing import ArrayLike, NDArray
 from cspace.arms.model import Arm, pair_of
 from cspace.arms.proofs import Scene, ask_blocked, ask_motions, distances
 from cspace.arms.solids import Placed, Solid, solids_of
+from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import ConfigurationError, InputError
 from cspace.exact import ROUNDING
 from cspace.grid import finite
-from cspace.map.batches import check_rng
+from cspace.map.batches import Ask, check_rng, own
 from cspace.shapes import Shape
 from cspace.states import BLOCKED, FREE, MIXED
 from cspace.threads import in_chunks
@@ -60,7 +61,7 @@ class Group(NamedTuple):
         return Solid(", ".join(member.name for member in self.members), self.members[0].body, parts)
 
 
-class ArmSpace:
+class ArmSpace(ConfigurationSpace):
     """The configurations of an arm among obstacles; :func:`build_arm` makes one.
 
     A configuration is FREE where no link touches an obstacle, or another link that it may not touch, by the collision
@@ -123,104 +124,21 @@ class ArmSpace:
         """Names of the numbers of a configuration."""
         return self.arm.joints
 
-    @overload
-    def is_free(self, q: list[float] | tuple[float, ...]) -> bool: ...
-    @overload
-    def is_free(self, q: ArrayLike) -> bool | Bools: ...
-    def is_free(self, q: ArrayLike) -> bool | Bools:
-        """Whether configurations are proven free of collisions.
+    def point_checker(self, *, exact: bool = False) -> Callable[..., bool]:
+        """A quick ``is_free`` of floats, ``check(*q)``, as :meth:`cspace.CSpace.point_checker`."""
+        check = self.edge_checker()
+        return lambda *q: check(*q, *q)
 
-        Parameters
-        ----------
-        q : array-like, shape (..., dof)
-            Radians, or metres of joints that slide.
+    def edge_checker(self, *, exact: bool = False) -> Callable[..., bool]:
+        """A quick ``motion_is_free`` of floats, ``check(*q0, *q1)``, as :meth:`cspace.CSpace.edge_checker`."""
+        scene, dof = self._scene, self.dof
 
-        Returns
-        -------
-        bool, or ndarray of bool, shape (...)
+        def check(*ends: float) -> bool:
+            rows, out = np.array(ends).reshape(2, 1, dof), np.empty(1, dtype=np.bool_)
+            ask_motions(scene, rows[0], rows[1], out)
+            return bool(out[0])
 
-        Raises
-        ------
-        ConfigurationError
-            If one is outside the limits of a joint.
-        InputError
-            If the last axis is not dof long, or a value is not finite.
-        """
-        return self.motion_is_free(q, q)
-
-    def motion_is_free(self, q0: ArrayLike, q1: ArrayLike) -> bool | Bools:
-        """Whether motions are proven free of collisions, everywhere on the straight line between two configurations.
-
-        Parameters
-        ----------
-        q0, q1 : array-like, shape (..., dof)
-            Their shapes are broadcast.
-
-        Returns
-        -------
-        bool, or ndarray of bool, shape (...)
-
-        Raises
-        ------
-        ConfigurationError, InputError
-            As :meth:`is_free`.
-        """
-        starts, ends = np.broadcast_arrays(self._checked(q0, "q0"), self._checked(q1, "q1"))
-        shape = starts.shape[:-1]
-        rows = [np.ascontiguousarray(each.reshape(-1, self.arm.dof)) for each in (starts, ends)]
-        out = np.empty(len(rows[0]), dtype=np.bool_)
-
-        def work(first: int, stop: int) -> int:
-            ask_motions(self._scene, rows[0][first:stop], rows[1][first:stop], out[first:stop])
-            return -1
-
-        in_chunks(work, len(out), THREAD)
-        return out.reshape(shape) if shape else bool(out[0])
-
-    def classify(self, q: ArrayLike) -> int | States:
-        """The state of configurations: FREE, BLOCKED, or MIXED where neither is proven.
-
-        Parameters
-        ----------
-        q : array-like, shape (..., dof)
-
-        Returns
-        -------
-        int, or ndarray of uint8, shape (...)
-
-        Raises
-        ------
-        ConfigurationError, InputError
-            As :meth:`is_free`.
-        """
-        points = self._checked(q, "q")
-        rows = np.ascontiguousarray(points.reshape(-1, self.arm.dof))
-        free, blocked = np.atleast_1d(self.is_free(rows)), np.zeros(len(rows), dtype=np.bool_)
-        left = np.flatnonzero(~free)
-
-        def work(first: int, stop: int) -> int:
-            found = np.empty(stop - first, dtype=np.bool_)
-            ask_blocked(self._within, rows[left[first:stop]], found)
-            blocked[left[first:stop]] = found
-            return -1
-
-        in_chunks(work, len(left), THREAD)
-        states = np.where(free, np.uint8(FREE), np.where(blocked, np.uint8(BLOCKED), np.uint8(MIXED)))
-        return states.reshape(points.shape[:-1]) if points.ndim > 1 else int(states[0])
-
-    def certify_path(self, path: ArrayLike) -> bool:
-        """Whether all motions between the rows of a path, shape (n, dof), are proven free.
-
-        Raises
-        ------
-        ConfigurationError, InputError
-            As :meth:`is_free`; also if the path is empty.
-        """
-        points = self._checked(path, "path")
-        if points.ndim != 2 or not len(points):
-            rule, mend = f"it must be (n, {self.arm.dof}), n above zero", "pass one configuration in a row"
-            raise InputError("path", f"has shape {points.shape}", rule, mend, value=path)
-        return bool(np.all(self.motion_is_free(points[:-1], points[1:]) if len(points) > 1 else self.is_free(points)))
+        return check
 
     def clearance(self, q: ArrayLike) -> float | Floats:
         """How far the links are from obstacles, and from each other, at least, metres.
@@ -322,6 +240,51 @@ class ArmSpace:
                 )
         samples = np.concatenate(found)[:count]
         return samples[0] if n is None else samples
+
+    def _classify(self) -> Ask:
+        def ask(parts: Sequence[Any], out: States) -> int:
+            (rows,) = self._rows(parts, ("q",))
+            free = np.empty(len(out), dtype=np.bool_)
+            self._prove(rows, rows, free)
+            out[:] = np.where(free, np.uint8(FREE), np.uint8(MIXED))
+            left = np.flatnonzero(~free)
+
+            def work(first: int, stop: int) -> int:
+                found, some = np.empty(stop - first, dtype=np.bool_), left[first:stop]
+                ask_blocked(self._within, rows[some], found)
+                out[some[found]] = BLOCKED
+                return -1
+
+            return in_chunks(work, len(left), THREAD)
+
+        return ask
+
+    def _frees(self, exact: bool) -> Ask:
+        def ask(parts: Sequence[Any], out: Bools) -> int:
+            (rows,) = self._rows(parts, ("q",))
+            return self._prove(rows, rows, out)
+
+        return ask
+
+    def _edges(self, number: int, exact: bool) -> Ask:
+        def ask(parts: Sequence[Any], out: Bools) -> int:
+            starts, ends = self._rows(parts, ("q0", "q1"))
+            return self._prove(starts, ends, out)
+
+        return ask
+
+    def _prove(self, starts: Floats, ends: Floats, out: Bools) -> int:
+        """Whether motions are proven free, in threads."""
+
+        def work(first: int, stop: int) -> int:
+            ask_motions(self._scene, starts[first:stop], ends[first:stop], out[first:stop])
+            return -1
+
+        return in_chunks(work, len(out), THREAD)
+
+    def _rows(self, parts: Sequence[Any], names: Sequence[str]) -> list[Floats]:
+        """Batches, shape (n, dof), as kernels take them."""
+        return [own(self._checked(part, name)) for part, name in zip(parts, names, strict=True)]
 
     def _checked(self, q: ArrayLike, name: str) -> Floats:
         points = self.arm.checked(q, name)

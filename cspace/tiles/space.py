@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any, Final, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.configuration_map import ConfigurationMap, Leg, Result
+from cspace.configuration_map import ConfigurationMap, Result
+from cspace.configuration_space import Leg
 from cspace.correlation import Progress
 from cspace.errors import ConfigurationError, FileError, InputError
 from cspace.grid import Grid

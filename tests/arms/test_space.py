@@ -206,9 +206,9 @@ def test_shapes_and_paths(tmp_path: Path) -> None:
     points = np.zeros((2, 3, 2))
     assert np.shape(space.is_free(points)) == np.shape(space.classify(points)) == (2, 3)
     assert np.shape(space.clearance(points)) == (2, 3)
-    assert space.certify_path([(0.0, 0.0), (0.2, 0.0), (-1.0, 0.5)]) is True
-    assert space.certify_path([(0.0, 0.0), (1.2, 0.0)]) is False
-    assert space.certify_path([(0.0, 0.0)]) is True
+    assert space.certify_path([(0.0, 0.0), (0.2, 0.0), (-1.0, 0.5)]).all()
+    assert not space.certify_path([(0.0, 0.0), (1.2, 0.0)]).any()
+    assert space.certify_path([(0.0, 0.0)]).shape == (0,)
     assert space.sample_free(None, np.random.default_rng(1)).shape == (2,)
     assert MIXED not in {space.classify((0.0, 0.0))}
 

@@ -1,0 +1,187 @@
+"""ConfigurationSpace: what is told of configurations and motions, be it by a map of cells or by the geometry itself."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import overload
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cspace.errors import InputError
+from cspace.map.batches import Ask, Many, One, answer, answer_edges, answer_pairs, as_pairs
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Leg = tuple[Callable[[], "ConfigurationSpace"], Floats, Floats]
+"""What opens a part of a space in memory, and two configurations in it."""
+
+
+class ConfigurationSpace(ABC):
+    """The configurations of a robot, and the look-ups that are the same for all robots.
+
+    :class:`cspace.CSpace` and :class:`cspace.TiledCSpace` look at cells, :class:`cspace.ArmSpace` asks the geometry.
+    They differ in who answers for a batch of configurations.
+    """
+
+    @property
+    @abstractmethod
+    def axes(self) -> tuple[str, ...]:
+        """Names of the numbers in a configuration."""
+
+    @property
+    def dof(self) -> int:
+        """How many numbers a configuration has."""
+        return len(self.axes)
+
+    @overload
+    def classify(self, q: One) -> int: ...  # type: ignore[overload-overlap]
+    @overload
+    def classify(self, q: Many) -> NDArray[np.uint8]: ...
+    def classify(self, q: ArrayLike) -> int | NDArray[np.uint8]:
+        """State of configurations.
+
+        Parameters
+        ----------
+        q : array-like, shape (dof,) or (..., dof)
+            Metres, and radians.
+
+        Returns
+        -------
+        int or ndarray of uint8, shape (...)
+            FREE (0), MIXED (1) or BLOCKED (2).
+
+        Raises
+        ------
+        InputError
+            If the last axis is not dof long, or a value is NaN or infinite.
+        ConfigurationError
+            If one is outside the limits of an arm's joint.
+        """
+        return answer(q, self.dof, self._classify(), np.uint8, int)
+
+    @overload
+    def is_free(self, q: One, *, exact: bool = False) -> bool: ...  # type: ignore[overload-overlap]
+    @overload
+    def is_free(self, q: Many, *, exact: bool = False) -> Bools: ...
+    def is_free(self, q: ArrayLike, *, exact: bool = False) -> bool | Bools:
+        """Whether configurations are proven collision-free; as :meth:`classify`, with bool for an answer.
+
+        With ``exact``, the geometry itself decides in MIXED cells of a map; see :mod:`cspace.exact`. For an arm it
+        always does.
+        """
+        return answer(q, self.dof, self._frees(exact), np.bool_, bool)
+
+    @overload
+    def motion_is_free(self, q0: One, q1: One, *, exact: bool = False) -> bool: ...  # type: ignore[overload-overlap]
+    @overload
+    def motion_is_free(self, q0: Many, q1: ArrayLike, *, exact: bool = False) -> Bools: ...
+    @overload
+    def motion_is_free(self, q0: ArrayLike, q1: Many, *, exact: bool = False) -> Bools: ...
+    def motion_is_free(self, q0: ArrayLike, q1: ArrayLike, *, exact: bool = False) -> bool | Bools:
+        """Whether straight edges are proven collision-free all along.
+
+        On a map, True where every closed cell that the edge touches, be it in a corner, is FREE. An edge that lies on
+        the border of two cells touches both; so an edge that starts on the border of a cell that is not FREE is not
+        proven. The joints of an arm move in step, each from its number to the other.
+
+        Parameters
+        ----------
+        q0, q1 : array-like, shape (dof,) or (..., dof)
+            Ends of the edges, metres and radians; broadcast against each other.
+        exact : bool
+            Where cells are MIXED, let the geometry itself prove the edge; see :mod:`cspace.exact`. For an arm it
+            always does.
+
+        Returns
+        -------
+        bool or ndarray of bool, shape (...)
+
+        Raises
+        ------
+        InputError, ConfigurationError
+            As :meth:`classify`.
+        """
+        return answer_edges(q0, q1, self.dof, lambda number: self._edges(number, exact))
+
+    def certify_path(self, path: ArrayLike, edges: ArrayLike | None = None, *, exact: bool = False) -> Bools:
+        """Whether each edge of a path, of paths, or of a roadmap is proven collision-free all along.
+
+        The edges are those of :meth:`motion_is_free`, answered alike: straight, with yaw along the shorter arc, as
+        OMPL interpolates. Where there are many, they are proven in threads, and on a map with marks of blocks of cells
+        that pass over free space in larger steps; the answers are the same.
+
+        Parameters
+        ----------
+        path : array-like, shape (n, dof) or (..., n, dof)
+            Configurations, metres and radians: a path's in turn, those of paths of one length, or a roadmap's vertices.
+        edges : array-like of int, shape (m, 2), optional
+            Indices, from 0, of the two vertices of each edge; ``path`` must then have shape (n, dof). Left out, each
+            configuration is joined to the next.
+        exact : bool
+            As for :meth:`motion_is_free`.
+
+        Returns
+        -------
+        ndarray of bool, shape (n - 1,), (..., n - 1) or (m,)
+            A path of one configuration has no edges, and nothing is proven of it.
+
+        Raises
+        ------
+        InputError
+            If a configuration is not as for :meth:`motion_is_free`, be it on an edge or not; a path has none; or an
+            edge is not a pair of indices of vertices.
+        ConfigurationError
+            As :meth:`classify`.
+
+        Examples
+        --------
+        >>> import numpy as np, cspace
+        >>> workspace = cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1)
+        >>> space = cspace.build(workspace, cspace.Robot.disc(0.2))
+        >>> corners = [(0.5, 1.5), (0.5, 2.5), (1.5, 2.5), (1.5, 0.5)]
+        >>> space.certify_path(corners)
+        array([ True,  True, False])
+        >>> space.certify_path(corners, [(0, 2), (2, 3)])
+        array([ True, False])
+        """
+        points = self._checked(path, "path")
+        if edges is not None:
+            pairs = as_pairs(edges, points)
+            return answer_pairs(np.ascontiguousarray(points), pairs, self._edges(len(pairs), exact))
+        if points.ndim < 2 or points.shape[-2] == 0:
+            rule = "it must hold at least one configuration in a row"
+            raise InputError("path", f"has shape {points.shape}", rule, f"pass an array of shape (n, {self.dof})")
+        starts, ends = points[..., :-1, :], points[..., 1:, :]
+        return np.asarray(answer_edges(starts, ends, self.dof, lambda number: self._edges(number, exact)))
+
+    # ---- what differs ------------------------------------------------------------------------------------------------
+
+    @abstractmethod
+    def _classify(self) -> Ask:
+        """What tells the states of configurations."""
+
+    @abstractmethod
+    def _frees(self, exact: bool) -> Ask:
+        """What tells whether configurations are free."""
+
+    @abstractmethod
+    def _edges(self, number: int, exact: bool) -> Ask:
+        """What tells whether edges are free, of which there are some ``number`` to come."""
+
+    @abstractmethod
+    def _checked(self, q: ArrayLike, name: str) -> Floats:
+        """Configurations as float64, all finite, of the right length and within limits."""
+
+    def _known(self, q0: Floats, q1: Floats) -> bool | None:
+        """What is proven of a path between two configurations before one is searched: that there is one, or none."""
+        return None
+
+    def _legs(self, q0: Floats, q1: Floats) -> list[Leg]:
+        """The parts of the space, in memory, that a path from a configuration to another leads through, in turn.
+
+        Each is told with the configurations between which it leads through that part; the last one is the first one of
+        the next. None, where a map is in parts and FREE cells do not join the two.
+        """
+        return [(lambda: self, q0, q1)]
