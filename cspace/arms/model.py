@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import combinations
 from typing import Any, Final, NamedTuple
 
@@ -13,12 +14,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.arms.chain import MOST_BODIES, SLIDES, STILL, TURNS, Chain, place_bodies
-from cspace.arms.solids import Placed, Solid
+from cspace.arms.pairs import LOOKS, always_touch, apart, random_points
+from cspace.arms.solids import Placed, Solid, scene_of
 from cspace.errors import InputError
 from cspace.grid import finite
 from cspace.shapes import Shape
 
 Floats = NDArray[np.float64]
+Names = tuple[str, str]
+"""Of two links, in order."""
 
 _KINDS: Final = {"fixed": STILL, "revolute": TURNS, "continuous": TURNS, "prismatic": SLIDES}
 """What joints do, by their type in a URDF."""
@@ -74,8 +78,9 @@ class Arm:
         Their limits; infinite where a joint turns for ever.
     links : tuple of Solid
         Links that have a collision geometry, each on the body that it moves with.
-    allowed : frozenset of pairs of str
-        Links that may touch each other.
+    allowed : dict of pairs of str to str
+        Links that may touch each other, in the order of the alphabet, and why: ``"adjacent"``, ``"one body"``,
+        ``"always"`` for those that touch in each of 100 random configurations, ``"held"``, or what the SRDF says.
     frames : dict of str to ndarray of float64, shape (4, 4)
         From the frame of each link to that of its body.
     chain : Chain
@@ -86,7 +91,7 @@ class Arm:
     lower: Floats
     upper: Floats
     links: tuple[Solid, ...]
-    allowed: frozenset[tuple[str, str]]
+    allowed: dict[Names, str]
     frames: dict[str, Floats]
     chain: Chain
 
@@ -108,8 +113,10 @@ class Arm:
         path : path-like
             The URDF. Meshes are looked for as :meth:`cspace.Robot.from_urdf` tells.
         srdf : path-like, optional
-            An SRDF file that says which links may touch. By default these are links joined by a joint, and those that
-            touch in each of 100 random configurations.
+            An SRDF file that says which links may touch: pairs of ``disable_collisions``, and all of a link of
+            ``disable_default_collisions`` but those of ``enable_collisions``. By default these are links joined by a
+            joint or over links without a geometry, those of one body, and those that touch in each of 100 random
+            configurations, which are always the same.
         tip : str, optional
             Only the joints between the base and this link move; the others are held at zero, or at their limit next to
             it. By default all move.
@@ -188,8 +195,27 @@ class Arm:
         body = self.links[names.index(link)].body
         place = np.eye(4) if pose is None else rigid(pose, "pose")
         held = Solid(name, body, (Placed(shape, self.frames[link] @ place),))
-        allowed = self.allowed | {pair_of(name, each) for each in (link, *touch)}
+        allowed = self.allowed | {pair_of(name, each): "held" for each in (link, *touch)}
         return replace(self, links=(*self.links, held), allowed=allowed)
+
+    @cached_property
+    def pairs(self) -> dict[Names, str]:
+        """Every two links with a geometry, and what is known of them.
+
+        Why they may touch, as :attr:`allowed` tells, or how often they touch in 1000 random configurations, which are
+        always the same: ``"never"``, ``"sometimes"`` or ``"always"``. All of these are looked at in every proof:
+        sampling proves nothing.
+        """
+        moving = _moving(self.links)
+        scene = scene_of(self.chain, self.links, moving, 0)
+        shares = apart(scene, random_points(self.lower, self.upper, LOOKS)).mean(axis=1)
+        words = ["never" if share == 1.0 else "sometimes" if share else "always" for share in shares.tolist()]
+        found = {pair_of(a.name, b.name): "one body" for a, b in combinations(self.links, 2)}
+        found |= {self._names(pair): word for pair, word in zip(moving, words, strict=True)}
+        return found | {pair: why for pair, why in self.allowed.items() if pair in found}
+
+    def _names(self, pair: tuple[int, int]) -> Names:
+        return pair_of(self.links[pair[0]].name, self.links[pair[1]].name)
 
     def checked(self, q: ArrayLike, name: str) -> Floats:
         """Configurations, shape (..., dof).
@@ -206,7 +232,7 @@ class Arm:
         return array
 
 
-def pair_of(one: str, other: str) -> tuple[str, str]:
+def pair_of(one: str, other: str) -> Names:
     """Two names in order."""
     return (one, other) if one < other else (other, one)
 
@@ -321,11 +347,30 @@ class _Assembly:
             ends[:, 0],
             ends[:, 1],
             links,
-            frozenset(),
+            {},
             {name: pose for name, (_, pose) in bodies.items()},
             self._chain(rows),
         )
-        return replace(arm, allowed=_adjacent(arm) if srdf is None else _disabled(srdf, set(self._urdf.link_map)))
+        return replace(arm, allowed=self._found(arm) if srdf is None else _disabled(srdf, list(self._urdf.link_map)))
+
+    def _found(self, arm: Arm) -> dict[Names, str]:
+        """Pairs that may touch, where no SRDF tells: neighbours, links of one body, and those that always touch."""
+        found = {
+            pair_of(one.name, other.name): "one body"
+            for one, other in combinations(arm.links, 2)
+            if one.body == other.body
+        }
+        above, filled = {joint.child: joint.parent for joint in self._order}, {link.name for link in arm.links}
+        for link in arm.links:
+            other = above.get(link.name)
+            while other is not None and other not in filled:
+                other = above.get(other)
+            if other is not None:
+                found.setdefault(pair_of(link.name, other), "adjacent")
+        pairs = [pair for pair in _moving(arm.links) if arm._names(pair) not in found]
+        scene = scene_of(arm.chain, arm.links, pairs, 0)
+        touching = always_touch(scene, random_points(arm.lower, arm.upper, 100))
+        return found | {arm._names(pair): "always" for pair, always in zip(pairs, touching, strict=True) if always}
 
     def _held(self, joint: Joint) -> Floats:
         """The motion of a joint that no number moves."""
@@ -368,33 +413,34 @@ class _Assembly:
         return Chain(parents, frames, axes, kinds, numbers, factors, offsets, between, (between * own).sum(axis=2))
 
 
-def _adjacent(arm: Arm) -> frozenset[tuple[str, str]]:
-    """Links of which one is the next with a geometry above the other, or that move with each other."""
-    above = {0: -1} | {body: int(arm.chain.parents[body]) for body in range(1, len(arm.chain.parents))}
-    filled = {link.body for link in arm.links}
-    found = set()
-    for one, other in combinations(arm.links, 2):
-        low, high = sorted((one.body, other.body))
-        body = above[high] if high else -1
-        while body >= 0 and body not in filled:
-            body = above[body]
-        if low == high or body == low:
-            found.add(pair_of(one.name, other.name))
-    return frozenset(found)
+def _moving(links: Sequence[Solid]) -> list[tuple[int, int]]:
+    """Numbers of links that move against each other; the body of the second comes first in the chain."""
+    rows = combinations(range(len(links)), 2)
+    pairs = [(i, j) if links[i].body > links[j].body else (j, i) for i, j in rows]
+    return [(i, j) for i, j in pairs if links[i].body != links[j].body]
 
 
-def _disabled(path: str | os.PathLike[str], links: set[str]) -> frozenset[tuple[str, str]]:
-    """Pairs that an SRDF lets touch."""
+def _disabled(path: str | os.PathLike[str], links: Sequence[str]) -> dict[Names, str]:
+    """Pairs that an SRDF lets touch, and why; as MoveIt, it takes what is enabled before what is disabled."""
     from cspace.io.input import Fault, decoding, read_bytes
     from cspace.io.plain import parse_xml
 
     data = read_bytes(path, "SRDF", memory=20.0)
-    found = set()
     with decoding(path, "SRDF"):
-        for element in parse_xml(data).iter("disable_collisions"):
-            names = element.get("link1"), element.get("link2")
-            for name in names:
-                if name not in links:
-                    raise Fault(f"names link {name!r}", "it must be one of the URDF", "pass the SRDF of this robot")
-            found.add(pair_of(str(names[0]), str(names[1])))
-    return frozenset(found)
+        root = parse_xml(data)
+        if root.tag != "robot":
+            raise Fault(f"holds <{root.tag:.60}>, not <robot>", "an SRDF file describes a robot", "pass the right file")
+
+        def named(tag: str, *keys: str) -> Iterator[tuple[tuple[str, ...], str]]:
+            for element in root.iter(tag):
+                names = tuple(str(element.get(key)) for key in keys)
+                for name in names:
+                    if name not in links:
+                        raise Fault(f"names link {name!r}", "it must be one of the URDF", "pass the SRDF of this robot")
+                yield names, element.get("reason") or "SRDF"
+
+        defaults = named("disable_default_collisions", "link")
+        found = {pair_of(name, other): why for (name,), why in defaults for other in links if other != name}
+        for (one, other), _ in named("enable_collisions", "link1", "link2"):
+            found.pop(pair_of(one, other), None)
+        return found | {pair_of(one, other): why for (one, other), why in named("disable_collisions", "link1", "link2")}

@@ -10,7 +10,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arms.proofs import Solids
+from cspace.arms.chain import Chain
+from cspace.arms.proofs import Scene, Solids
+from cspace.exact import ROUNDING
 from cspace.exact.boundaries import anchors_of, joined
 from cspace.exact.triangles import trees_of
 from cspace.shapes import Mesh, Pieces, Shape
@@ -123,3 +125,14 @@ def solids_of(solids: Sequence[Solid], side: int) -> Solids:
 
 def _starts(counts: Iterable[int]) -> Ints:
     return np.cumsum([0, *counts], dtype=np.int64)
+
+
+def scene_of(
+    chain: Chain, solids: Sequence[Solid], pairs: Sequence[tuple[int, int]], side: int, margin: float = 0.0
+) -> Scene:
+    """Solids from outside, 0, or from within, 1, of which those of some pairs, by their numbers, may not touch."""
+    borders = [part.sides[0].border for solid in solids for part in solid.parts]
+    far = max((float(np.abs(b.simplices).max() + b.radii.max()) for b in borders), default=0.0)
+    far += float(chain.lengths.max())
+    chosen = np.array(pairs, dtype=np.int64).reshape(-1, 2)
+    return Scene(chain, solids_of(solids, side), chosen, margin + 2.0 * ROUNDING * far)

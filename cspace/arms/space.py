@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from itertools import combinations
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cspace.arms.chain import STILL
 from cspace.arms.model import Arm, pair_of
+from cspace.arms.pairs import LOOKS, always_touch, random_points
 from cspace.arms.proofs import Scene, ask_blocked, ask_motions, distances
-from cspace.arms.solids import Placed, Solid, solids_of
+from cspace.arms.solids import Placed, Solid, scene_of
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import ConfigurationError, InputError
-from cspace.exact import ROUNDING
 from cspace.grid import finite
 from cspace.map.batches import Ask, check_rng, own
 from cspace.shapes import Shape
@@ -81,7 +82,7 @@ class ArmSpace(ConfigurationSpace):
         self, arm: Arm, obstacles: Mapping[str, Placed], allowed: Iterable[tuple[str, str]], margin: float
     ) -> None:
         self.arm, self.obstacles, self.margin = arm, dict(obstacles), margin
-        may_touch = arm.allowed | {pair_of(*pair) for pair in allowed}
+        may_touch = arm.allowed.keys() | {pair_of(*pair) for pair in allowed}
         placed = [Solid(name, 0, (each,)) for name, each in obstacles.items()]
         self._groups = _grouped(arm.links, placed, may_touch)
         solids = [group.solid for group in self._groups]
@@ -92,15 +93,11 @@ class ArmSpace(ConfigurationSpace):
                     pairs.append((i, j) if one.solid.body > other.solid.body else (j, i))
                 elif one.is_obstacle != other.is_obstacle:
                     fixed.append((i, j))
-        borders = [part.sides[0].border for solid in solids for part in solid.parts]
-        far = max((float(np.abs(b.simplices).max() + b.radii.max()) for b in borders), default=0.0)
-        far += float(arm.chain.lengths.max())
-        least = margin + 2.0 * ROUNDING * far
-        chosen = np.array(pairs, dtype=np.int64).reshape(-1, 2)
-        self._scene = Scene(arm.chain, solids_of(solids, 0), chosen, least)
-        self._within = Scene(arm.chain, solids_of(solids, 1), chosen, 2.0 * ROUNDING * far)
+        self._scene = scene_of(arm.chain, solids, pairs, 0, margin)
+        self._within = scene_of(arm.chain, solids, pairs, 1)
         for pair in fixed:
             self._refuse_fixed(np.array([pair]))
+        self._refuse_always()
 
     def _refuse_fixed(self, pair: NDArray[np.int64]) -> None:
         """Refuse an obstacle that a link touches which no joint moves."""
@@ -114,6 +111,24 @@ class ArmSpace(ConfigurationSpace):
                 f"touches obstacle {obstacle!r}, or comes nearer than the margin, at every configuration",
                 "no joint moves it",
                 f"move the obstacle, or pass allowed=[({link!r}, {obstacle!r})]",
+            )
+
+    def _refuse_always(self) -> None:
+        """Refuse what one or two joints move, and no configuration of theirs brings apart."""
+        chain, bodies = self.arm.chain, self._scene.solids.bodies
+        between = chain.between[tuple(bodies[self._scene.pairs].T)] & (chain.kinds != STILL)
+        few = [len(np.unique(chain.numbers[row])) <= 2 for row in between]
+        scene, points = (
+            self._scene._replace(pairs=self._scene.pairs[few]),
+            random_points(self.arm.lower, self.arm.upper, LOOKS),
+        )
+        for pair in np.flatnonzero(always_touch(scene, points))[:1].tolist():
+            link, other, _ = self._contact(scene._replace(pairs=scene.pairs[pair : pair + 1]), points[:1])
+            raise ConfigurationError(
+                link,
+                f"touches {other!r}, or comes nearer than the margin, at each of {LOOKS} random configurations",
+                "they may not, and no configuration would be free",
+                f"mend the robot or its SRDF, move the obstacle, or pass allowed=[({link!r}, {other!r})]",
             )
 
     def __repr__(self) -> str:
@@ -327,7 +342,8 @@ def build_arm(
     InputError
         If a name is taken by a link or unknown, a shape is one of the plane, or the margin is below zero.
     ConfigurationError
-        If an obstacle touches a link that no joint moves.
+        If an obstacle touches a link that no joint moves, or a link that one or two joints move touches something at
+        each of 1000 random configurations.
     """
     placed = {name: each if isinstance(each, Placed) else Placed(each, np.eye(4)) for name, each in obstacles.items()}
     links = {link.name for link in arm.links}
@@ -354,7 +370,7 @@ def _margin(value: float) -> float:
     return float(number)
 
 
-def _grouped(links: Sequence[Solid], obstacles: Sequence[Solid], may_touch: frozenset[tuple[str, str]]) -> list[Group]:
+def _grouped(links: Sequence[Solid], obstacles: Sequence[Solid], may_touch: Set[tuple[str, str]]) -> list[Group]:
     """Links of one body, and obstacles, that may touch the same others: what is far from all is so at one look."""
     partners: dict[str, set[str]] = {}
     for one, other in may_touch:

@@ -122,9 +122,10 @@ def shapes_of(urdf: URDF, link: str, path: str | os.PathLike[str]) -> Iterator[t
     """
     for number, collision in enumerate(urdf.link_map[link].collisions):
         place = f"{os.fspath(path)}: link {link!r}, collision {number}"
-        outer, inner = (Mesh.of(surface) for surface in _sides(collision.geometry, path, place))
-        pose = np.eye(4) if collision.origin is None else finite(collision.origin, f"{place}: origin")
-        yield Bracketed(outer, inner), pose
+        surface, within = _sides(collision.geometry, path, place)
+        outer = Mesh.of(Mesh(*surface, source=place))
+        shape = outer if within is surface else Bracketed(outer, Mesh.of(within))
+        yield shape, np.eye(4) if collision.origin is None else finite(collision.origin, f"{place}: origin")
 
 
 def _check(root: Element, macros: bool) -> None:

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import yourdfpy
 
-from cspace.arms import Arm
-from cspace.errors import FileError, InputError
+from cspace.arms import Arm, build_arm
+from cspace.errors import ConfigurationError, FileError, InputError
 from urdfs import joint, link, planar, random_arm, written
 
 BAR = ((1.0, 0.1, 0.1), (0.5, 0, 0))
@@ -61,13 +61,75 @@ def test_which_links_may_touch(tmp_path: Path) -> None:
         joint("two", "bare", "b", axis=(1, 0, 0)),
         joint("three", "b", "c", at=(1, 0, 0)),
     )
-    assert Arm.from_urdf(path).allowed == {("a", "b"), ("b", "c")}
+    assert Arm.from_urdf(path).allowed == {("a", "b"): "adjacent", ("b", "c"): "adjacent"}
     srdf = tmp_path / "arm.srdf"
     srdf.write_text('<robot name="small"><disable_collisions link1="c" link2="a" reason="Never"/></robot>')
-    assert Arm.from_urdf(path, srdf).allowed == {("a", "c")}
-    srdf.write_text('<robot name="small"><disable_collisions link1="c" link2="z"/></robot>')
-    with pytest.raises(FileError, match="names link 'z'"):
-        Arm.from_urdf(path, srdf)
+    assert Arm.from_urdf(path, srdf).allowed == {("a", "c"): "Never"}
+    srdf.write_text(
+        '<robot name="small"><group name="all"><chain base_link="a" tip_link="c"/></group>'
+        '<disable_default_collisions link="b"/><enable_collisions link1="b" link2="c"/></robot>'
+    )
+    assert Arm.from_urdf(path, srdf).allowed.keys() == {("a", "b"), ("b", "bare")}
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('<robot name="small"><disable_collisions link1="foot" link2="z"/></robot>', "names link 'z'"),
+        ('<robot name="small"><disable_collisions link1="foot"/></robot>', "names link 'None'"),
+        ("<html/>", "holds <html>, not <robot>"),
+        ("<robot", "arm.srdf"),
+    ],
+    ids=["unknown", "missing", "other", "broken"],
+)
+def test_bad_srdf(tmp_path: Path, text: str, words: str) -> None:
+    srdf = tmp_path / "arm.srdf"
+    srdf.write_text(text)
+    with pytest.raises(FileError, match=words):
+        Arm.from_urdf(planar(tmp_path), srdf)
+
+
+def test_what_is_known_of_pairs(tmp_path: Path) -> None:
+    """Links beyond the next one are looked at, though their bodies are next to each other."""
+    path = written(
+        tmp_path,
+        link("base", BAR),
+        link("sleeve", ((1.0, 0.3, 0.3), (0.5, 0, 0))),
+        link("core", ((3.5, 0.05, 0.05), (0, 0, 0))),
+        link("lamp", ((0.1, 0.1, 0.1), (0, 0, 5))),
+        link("hook", ((0.1, 0.1, 0.1), (-0.5, 0.3, 0))),
+        joint("swing", "base", "sleeve", at=(1, 0, 0)),
+        joint("spin", "sleeve", "core", at=(0, 0, 0), axis=(1, 0, 0)),
+        joint("mount", "core", "lamp", kind="fixed"),
+        joint("other", "sleeve", "hook", kind="fixed"),
+    )
+    arm = Arm.from_urdf(path)
+    assert arm.allowed == {
+        ("base", "sleeve"): "adjacent",
+        ("core", "sleeve"): "adjacent",
+        ("hook", "sleeve"): "one body",
+        ("core", "lamp"): "one body",
+        ("base", "core"): "always",
+    }
+    assert arm.pairs == arm.allowed | {
+        ("base", "hook"): "sometimes",
+        ("base", "lamp"): "never",
+        ("core", "hook"): "never",
+        ("hook", "lamp"): "never",
+        ("lamp", "sleeve"): "never",
+    }
+    # Where the SRDF forgets one, no configuration would be free.
+    srdf = tmp_path / "arm.srdf"
+    srdf.write_text('<robot name="small"><disable_collisions link1="base" link2="core"/></robot>')
+    forgotten = Arm.from_urdf(path, srdf)
+    assert forgotten.pairs["core", "sleeve"] == "always"
+    with pytest.raises(
+        ConfigurationError, match=r"touches 'sleeve'.*at each of 1000.*allowed=\[\('core', 'sleeve'\)\]"
+    ):
+        build_arm({}, forgotten, allowed=[("base", "sleeve")])
+    known = build_arm({}, forgotten, allowed=[("base", "sleeve"), ("core", "sleeve")])
+    assert known.is_free((0.0, 0.0))
+    assert not known.is_free((0.54, 0.0))
 
 
 @pytest.mark.parametrize(
