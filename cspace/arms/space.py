@@ -16,7 +16,7 @@ from cspace.arms.proofs import Scene, ask_blocked, ask_motions, distances
 from cspace.arms.solids import Placed, Solid, scene_of
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import ConfigurationError, InputError
-from cspace.grid import finite
+from cspace.grid import finite, positive
 from cspace.map.batches import Ask, check_rng, own
 from cspace.shapes import Shape
 from cspace.states import BLOCKED, FREE, MIXED
@@ -255,6 +255,64 @@ class ArmSpace(ConfigurationSpace):
                 )
         samples = np.concatenate(found)[:count]
         return samples[0] if n is None else samples
+
+    def free_path(
+        self,
+        q0: ArrayLike,
+        q1: ArrayLike,
+        *,
+        straight: bool = True,
+        seed: int | None = None,
+        time_limit: float = 5.0,
+    ) -> Floats:
+        """A collision-free path, proven all along, found by two trees of motions that grow towards each other.
+
+        It is the same every time for a seed, unless the time limit cuts the search off, and not the shortest.
+
+        Parameters
+        ----------
+        q0 : array-like, shape (dof,)
+            A FREE configuration.
+        q1 : array-like, shape (dof,) or (n, dof)
+            A FREE configuration; or several, any FREE one of which will do.
+        straight : bool
+            Whether to leave out what straight motions do not need.
+        seed : int, optional
+        time_limit : float
+            Seconds after which the search gives up.
+
+        Returns
+        -------
+        ndarray of float64, shape (n, dof)
+            Waypoints, each motion between two proven free; of length 0 where none was found in time.
+
+        Raises
+        ------
+        ConfigurationError
+            If the start, or each goal, is not FREE, or outside the limits of a joint.
+        InputError
+            If a configuration is not one of finite numbers, or the time limit is not above zero.
+        """
+        from cspace.arms.search import search_path
+
+        start, goals = self._checked(q0, "q0"), np.atleast_2d(self._checked(q1, "q1"))
+        for name, ends, dims in (("q0", start, (1,)), ("q1", goals, (2,))):
+            if ends.ndim not in dims or not len(ends):
+                rule = f"it must be one configuration of {self.dof} numbers" + " or rows of them" * (name == "q1")
+                raise InputError(name, f"has shape {ends.shape}", rule, f"pass ({', '.join(self.axes)})")
+        seconds = positive(time_limit, "time_limit", "seconds")
+        free = np.asarray(self.is_free(np.vstack([start, goals])))
+        for name, q, good in (("q0", start, free[0]), ("q1", goals[0], free[1:].any())):
+            if not good:
+                contact = self.closest(q)
+                found = f"is not FREE: {contact.link} and {contact.other} touch, or cannot be told apart"
+                raise ConfigurationError(name, found, "a path starts and ends where it is proven", "choose another one")
+        ends = np.vstack([start, goals])
+        # A joint that turns for ever is at the same place again after a turn.
+        lower = np.where(np.isfinite(self.arm.lower), self.arm.lower, ends.min(axis=0) - np.pi)
+        upper = np.where(np.isfinite(self.arm.upper), self.arm.upper, ends.max(axis=0) + np.pi)
+        rng = np.random.default_rng(seed)
+        return search_path(self._scene, (lower, upper), start, goals[free[1:]], rng, seconds, straight)
 
     def _classify(self) -> Ask:
         def ask(parts: Sequence[Any], out: States) -> int:

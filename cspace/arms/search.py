@@ -1,0 +1,253 @@
+"""Compiled search of a path for an arm: two trees that grow towards each other (J. J. Kuffner and S. M. LaValle,
+"RRT-Connect", 2000), along motions that are looked at first and proven last.
+
+A proof of a motion costs as much as looks at many of its points, and most motions of a search end in no path. So trees
+grow along motions of which some points are free; only when they meet, the motions on the way are proven. One that
+cannot be is cut off, with all that hangs on it, and the search goes on.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace.arms.proofs import Scene, Work, ask_motion, work_of
+from cspace.compiling import inner, jit
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+STRIDE: Final = 1.0
+"""Longest motion that a tree grows by, radians or metres."""
+
+SPACING: Final = 0.1
+"""How far apart the points of a motion are that are looked at before it is proven, radians or metres."""
+
+NEAR: Final = 2.0 * STRIDE
+"""How far off samples may be for a node from which a motion was once blocked (A. Yershova and others, "Dynamic-domain
+RRTs", 2005)."""
+
+
+SLICE: Final = 16
+"""Samples between two looks at the clock."""
+
+ROOM: Final = 1000
+"""Nodes that there is room for in the beginning."""
+
+
+class Forest(NamedTuple):
+    """Two trees, one from the start and one from the goals, each of which is a root.
+
+    Attributes
+    ----------
+    nodes : ndarray of float64, shape (2, n, dof)
+    parents : ndarray of int64, shape (2, n)
+        -1 for a root, and less for what was cut off.
+    reaches : ndarray of float64, shape (2, n)
+        How far off a sample may be for a node to grow towards it.
+    counts : ndarray of int64, shape (2,)
+    joined : ndarray of int64, shape (2,)
+        The nodes of both trees that are the same configuration.
+    """
+
+    nodes: Floats
+    parents: Ints
+    reaches: Floats
+    counts: Ints
+    joined: Ints
+
+
+@inner(error_model="numpy")
+def looks_free(scene: Scene, q0: Floats, q1: Floats, work: Work, point: Floats) -> bool:
+    """Whether points of a motion from a free configuration are free: first its end, then the middle of what is left."""
+    square = 0.0
+    for d in range(len(q0)):
+        square += (q1[d] - q0[d]) ** 2
+    pieces = max(1, math.ceil(math.sqrt(square) / SPACING))
+    stride = 1
+    while stride < pieces:
+        stride *= 2
+    if not proves(scene, q1, q1, work):
+        return False
+    while stride > 1:
+        for k in range(stride // 2, pieces, stride):
+            for d in range(len(q0)):
+                point[d] = q0[d] + (k / pieces) * (q1[d] - q0[d])
+            if not proves(scene, point, point, work):
+                return False
+        stride //= 2
+    return True
+
+
+@inner(error_model="numpy")
+def nearest_to(forest: Forest, side: int, q: Floats) -> tuple[int, float]:
+    """The node of a tree nearest to a configuration, and how far off it is."""
+    nodes, best, at = forest.nodes[side], np.inf, -1
+    for n in range(forest.counts[side]):
+        if forest.parents[side, n] < -1:
+            continue
+        square = 0.0
+        for d in range(len(q)):
+            square += (nodes[n, d] - q[d]) ** 2
+        if square < best:
+            best, at = square, n
+    return at, math.sqrt(best)
+
+
+@inner(error_model="numpy")
+def stepped(forest: Forest, scene: Scene, side: int, near: int, q: Floats, work: Work, point: Floats) -> int:
+    """Grow a tree from a node towards a configuration, by a stride at most: the new node, or -1 where that is blocked.
+
+    Its reach is zero where it has arrived.
+    """
+    new, nodes, square = forest.counts[side], forest.nodes[side], 0.0
+    for d in range(len(q)):
+        square += (nodes[near, d] - q[d]) ** 2
+    share = STRIDE / math.sqrt(square) if square > STRIDE**2 else 1.0
+    for d in range(len(q)):
+        nodes[new, d] = nodes[near, d] + share * (q[d] - nodes[near, d]) if share < 1.0 else q[d]
+    if not looks_free(scene, nodes[near], nodes[new], work, point):
+        forest.reaches[side, near] = NEAR
+        return -1
+    forest.parents[side, new], forest.reaches[side, new] = near, np.inf
+    forest.counts[side] = new + 1
+    return int(new)
+
+
+@jit
+def grow(scene: Scene, forest: Forest, samples: Floats, work: Work) -> int:
+    """Grow both trees, by turns that keep them alike, towards samples, shape (n, dof): how many that took.
+
+    The search ends early where the trees meet, which ``forest.joined`` then tells, or where there is no more room.
+    """
+    point, room = np.empty(samples.shape[1]), forest.nodes.shape[1]
+    forest.joined[0] = -1
+    for k in range(len(samples)):
+        side = 0 if forest.counts[0] <= forest.counts[1] else 1
+        if max(forest.counts[0], forest.counts[1]) + 2 >= room:
+            return k
+        near, far = nearest_to(forest, side, samples[k])
+        if far > forest.reaches[side, near]:
+            continue
+        new = stepped(forest, scene, side, near, samples[k], work, point)
+        if new < 0:
+            continue
+        # The other tree comes as far as it can.
+        aim, other = forest.nodes[side, new], 1 - side
+        at, far = nearest_to(forest, other, aim)
+        while at >= 0 and far > 0.0 and forest.counts[other] + 1 < room:
+            at, far = stepped(forest, scene, other, at, aim, work, point), far - STRIDE
+        if at >= 0 and far <= 0.0:
+            forest.joined[side], forest.joined[other] = new, at
+            return k + 1
+    return len(samples)
+
+
+@jit
+def joined_path(scene: Scene, forest: Forest, work: Work, straight: bool) -> Floats:
+    """A proven way from the first tree's root to one of the second's where they have met; shape (n, dof).
+
+    It leaves out nodes that straight motions do not need, if it may. Empty where a motion of the trees cannot be
+    proven; what hangs on that one is then cut off.
+    """
+    # The nodes on the way: those of the first tree from its root on, then the second's up to its root.
+    on_way, length = np.empty((forest.counts.sum(), 2), np.int64), 0
+    for side in range(2):
+        at, first = forest.joined[side], length
+        while at >= 0:
+            on_way[length, 0], on_way[length, 1] = side, at
+            at, length = forest.parents[side, at], length + 1
+        if side == 0:
+            # Where they meet, the node of the second tree stands for both.
+            on_way[first:length] = on_way[first:length][::-1].copy()
+            length -= 1
+    path, point = np.empty((length, forest.nodes.shape[2])), np.empty(forest.nodes.shape[2])
+    for row in range(length):
+        for d in range(path.shape[1]):
+            path[row, d] = forest.nodes[on_way[row, 0], on_way[row, 1], d]
+    here, rows = 0, 1
+    while here < length - 1:
+        start, ahead = path[rows - 1], length - 1 if straight else here + 1
+        while ahead > here:
+            near = ahead == here + 1
+            if (near or looks_free(scene, start, path[ahead], work, point)) and proves(scene, start, path[ahead], work):
+                break
+            ahead = here + (ahead - here) // 2
+        if ahead == here:
+            # Of the two nodes the one that hangs on the other.
+            side, child = 0, forest.joined[0]
+            if on_way[here, 0] == on_way[here + 1, 0]:
+                side, child = on_way[here + 1] if on_way[here, 0] == 0 else on_way[here]
+            forest.reaches[side, forest.parents[side, child]] = NEAR
+            cut(forest, side, child)
+            return path[:0]
+        for d in range(path.shape[1]):
+            path[rows, d] = path[ahead, d]
+        here, rows = ahead, rows + 1
+    return path[:rows]
+
+
+@inner(error_model="numpy")
+def proves(scene: Scene, q0: Floats, q1: Floats, work: Work) -> bool:
+    return bool(ask_motion(scene, q0, q1, work) >= 0)
+
+
+@inner
+def cut(forest: Forest, side: int, node: int) -> None:
+    """Cut off a node with all that hangs on it: those come later."""
+    parents = forest.parents[side]
+    parents[node] = -2
+    for n in range(node + 1, forest.counts[side]):
+        if parents[n] >= 0 and parents[parents[n]] == -2:
+            parents[n] = -2
+
+
+def search_path(
+    scene: Scene,
+    bounds: tuple[Floats, Floats],
+    start: Floats,
+    goals: Floats,
+    rng: np.random.Generator,
+    seconds: float,
+    straight: bool,
+) -> Floats:
+    """A proven path from a free configuration to one of some free goals, shape (n, dof); empty where none was found.
+
+    Samples are uniform within the bounds, after the ends themselves.
+    """
+    end = time.perf_counter() + seconds
+    work, forest = work_of(scene), _planted(start, goals)
+    ends = np.concatenate([goals[np.argsort(((goals - start) ** 2).sum(axis=1))], start[np.newaxis]])
+    samples, used = ends, 0
+    while time.perf_counter() < end:
+        if used == len(samples):
+            samples, used = rng.uniform(*bounds, (SLICE, len(start))), 0
+        used += grow(scene, forest, samples[used:], work)
+        if forest.joined[0] >= 0:
+            path = joined_path(scene, forest, work, straight)
+            if len(path):
+                return path
+        elif used < len(samples):
+            forest = _doubled(forest)
+    return np.empty((0, len(start)))
+
+
+def _planted(start: Floats, goals: Floats) -> Forest:
+    """Trees that are nothing but roots."""
+    room, counts = ROOM + len(goals), np.array([1, len(goals)])
+    nodes, parents = np.empty((2, room, len(start))), np.full((2, room), -1)
+    nodes[0, 0], nodes[1, : len(goals)] = start, goals
+    return Forest(nodes, parents, np.full((2, room), np.inf), counts, np.full(2, -1))
+
+
+def _doubled(forest: Forest) -> Forest:
+    """The same trees with twice the room."""
+    return forest._replace(
+        nodes=np.concatenate([forest.nodes] * 2, axis=1),
+        parents=np.concatenate([forest.parents] * 2, axis=1),
+        reaches=np.concatenate([forest.reaches] * 2, axis=1),
+    )

@@ -1,0 +1,85 @@
+"""Paths of arms: proven all along, the same for a seed, to any of several goals."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cspace import Robot
+from cspace.arms import Arm, ArmSpace, Placed, build_arm
+from cspace.errors import ConfigurationError, InputError
+from urdfs import planar, random_arm
+
+START, GOAL = (-1.2, 0.4), (1.2, -0.4)
+IN_WALL = (0.0, 0.0)
+
+
+def box(size: Any, *at: float) -> Placed:
+    pose = np.eye(4)
+    pose[:3, 3] = at
+    return Placed(Robot.box(size).shape, pose)
+
+
+@pytest.fixture(scope="module", params=[0.1, 0.001], ids=["wall", "sheet"])
+def space(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> ArmSpace:
+    """Two links of a metre in the plane, and a wall or a sheet straight ahead that only the folded arm passes.
+
+    The sheet is so thin that looks at points of a motion miss it.
+    """
+    arm = Arm.from_urdf(planar(tmp_path_factory.mktemp("arm")))
+    return build_arm({"wall": box((0.9, request.param, 1.0), 1.55, 0.0, 0.0)}, arm)
+
+
+@pytest.mark.parametrize("straight", [True, False])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_path_around_a_wall_is_proven_and_the_same_for_a_seed(space: ArmSpace, straight: bool, seed: int) -> None:
+    path = space.free_path(START, GOAL, seed=seed, straight=straight)
+    assert not space.motion_is_free(START, GOAL)
+    np.testing.assert_array_equal(path[[0, -1]], [START, GOAL])
+    assert space.certify_path(path).all()
+    assert np.abs(path[np.abs(path[:, 0]).argmin(), 1]) > 1.5  # it folds where it passes
+    np.testing.assert_array_equal(path, space.free_path(START, GOAL, seed=seed, straight=straight))
+
+
+def test_any_goal_that_is_free_will_do(space: ArmSpace) -> None:
+    near = (-1.0, 0.3)
+    path = space.free_path(START, [IN_WALL, GOAL, near], seed=1)
+    np.testing.assert_array_equal(path, [START, near])
+    np.testing.assert_array_equal(space.free_path(START, [IN_WALL, GOAL], seed=1)[-1], GOAL)
+
+
+def test_where_there_is_no_path_the_search_ends_in_time(tmp_path: Any) -> None:
+    """A wall that the upper link cannot pass, and limits that keep it from going around."""
+    space = build_arm({"wall": box((1.0, 0.1, 1.0), 0.8, 0.0, 0.0)}, Arm.from_urdf(planar(tmp_path)))
+    began = time.perf_counter()
+    assert space.free_path(START, GOAL, seed=1, time_limit=0.2).shape == (0, 2)
+    assert time.perf_counter() - began < 2.0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_arms_of_all_kinds_of_joints(tmp_path: Any, seed: int) -> None:
+    arm = Arm.from_urdf(random_arm(tmp_path, seed))
+    space = build_arm({"post": box((0.2, 0.2, 2.0), 0.8, 0.0, 0.0)}, arm, allowed=[("l0", "post")])
+    q0, q1 = space.sample_free(2, np.random.default_rng(seed))
+    path = space.free_path(q0, q1, seed=seed, time_limit=0.5)
+    assert not len(path) or space.certify_path(path).all()
+    assert len(path) or not space.motion_is_free(q0, q1)
+
+
+@pytest.mark.parametrize(
+    ("ends", "options", "error", "words"),
+    [
+        ((START, IN_WALL), {}, ConfigurationError, "q1 is not FREE: fore and wall touch"),
+        ((IN_WALL, [START, GOAL]), {}, ConfigurationError, "q0 is not FREE"),
+        ((START, (0.0, 9.0)), {}, ConfigurationError, "its limits are"),
+        (([START, GOAL], GOAL), {}, InputError, r"q0 has shape \(2, 2\)"),
+        ((START, np.empty((0, 2))), {}, InputError, r"q1 has shape \(0, 2\)"),
+        ((START, GOAL), {"time_limit": 0.0}, InputError, "time_limit is 0"),
+    ],
+)
+def test_bad_input(space: ArmSpace, ends: Any, options: Any, error: type[Exception], words: str) -> None:
+    with pytest.raises(error, match=words):
+        space.free_path(*ends, **options)
