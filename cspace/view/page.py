@@ -39,6 +39,8 @@ EXISTS: Final = {
 }
 """What a map can say, in words."""
 
+AUTOMATIC: Final = "automatic"
+"""What a page calls the planner that is taken where none is named."""
 SECONDS: Final = 8.0
 """How long a path is played."""
 FRAMES: Final = 25.0
@@ -161,8 +163,15 @@ class Page:
             for handle in self._inputs[name]:
                 if handle is not None:
                     handle.on_update(typed)
-        names, best = _planner_names()
-        self._planner_name = gui.add_dropdown("planner", names, initial_value=best, hint="Of OMPL; Cubes is the map's.")
+        names, drives, curves = _choices(self._space)
+        self._planner_name = gui.add_dropdown("planner", names, hint="Of OMPL; Cubes and Widest are the map's.")
+        self._drive = gui.add_dropdown("drive", drives, hint="How the robot moves.", visible=len(drives) > 1)
+        self._radius = gui.add_number("turning radius (m)", 1.0, min=0.01, step=0.05, visible=False)
+
+        def chosen(_: Any) -> None:
+            self._radius.visible = self._drive.value in curves
+
+        self._drive.on_update(chosen)
         self._limit = gui.add_number("time limit (s)", 1.0, min=0.1, max=3600.0, step=0.5)
         self._exact = gui.add_checkbox(
             "exact", False, hint="Ask the geometry itself where the grid cannot decide; slower."
@@ -271,9 +280,11 @@ class Page:
                 self._space,
                 self.marks["start"],
                 self.marks["goal"],
-                planner=self._planner_name.value,
+                planner=None if self._planner_name.value == AUTOMATIC else self._planner_name.value,
                 time_limit=float(self._limit.value),
                 exact=bool(self._exact.value),
+                drive=self._drive.value,
+                turning_radius=float(self._radius.value) if self._radius.visible else None,
             )
         finally:
             self._button.disabled = False
@@ -354,13 +365,15 @@ def _in_words(found: Plan) -> str:
     return f"{words}  \n{found.length:.3f} m{room}  \n{found.planner}, {took}"
 
 
-def _planner_names() -> tuple[tuple[str, ...], str]:
-    """Names of planners, and the one to begin with."""
+def _choices(space: Any) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
+    """Names of planners, of drives, and of drives with a turning radius; the first ones are those to begin with."""
     try:
         import planners
     except MissingPackageError:
-        return ("RRTConnect",), "RRTConnect"
-    return (*planners.planner_names(), "Cubes"), "RRTConnect"
+        return (AUTOMATIC,), ("holonomic",), ()
+    names = (AUTOMATIC, *planners.planner_names(), *planners.catalogue.OWN)
+    known = planners.local_planner
+    return names, known.DRIVES if space.axes == known.CAR_AXES else known.DRIVES[:1], known.CURVES
 
 
 def _legend() -> str:

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import errno
 import html
-import socket
+import sys
 import threading
 from typing import TYPE_CHECKING, Any, Final, TypedDict
 
 import numpy as np
 
-from cspace.errors import ConfigurationError, InputError, MissingPackageError
+from cspace.errors import ConfigurationError
 from cspace.plot.route import Floats, Route
 from cspace.view.cells import Cells
+from cspace.view.server import serve, stop
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -20,10 +20,6 @@ if TYPE_CHECKING:
     from cspace.plot.route import HasPath
     from planners import Plan
 
-PORT: Final = 8080
-"""The first port that is tried where none is asked for."""
-_TRIED: Final = 100
-_TAKEN: Final = (errno.EADDRINUSE, errno.EACCES)
 _DRAWN: Final = 64
 """Configurations that are drawn to begin with two that are far apart."""
 
@@ -63,24 +59,18 @@ class Viewer:
         host: str = "127.0.0.1",
         port: int | None = None,
     ) -> None:
-        try:
-            import viser
-        except ImportError as error:
-            mend = 'run: pip install "cspace[view]"'
-            raise MissingPackageError("viser", "is not installed", "it serves the page in the browser", mend) from error
         from cspace.view.canvas import Canvas
         from cspace.view.page import Page
 
         route = Route.of(space, path, start, goal)
         ends = _ends(space, cells) | {name: space.rotations.canonical(q, name) for name, q in route.marks.items()}
-        address = host, _free_port(host, port)
-        self._server = viser.ViserServer(*address, label="cspace")
+        self._server = serve(host, port)
         self._closed = threading.Event()
         try:
             self.canvas = Canvas(self._server, space, cells, np.concatenate([[*ends.values()], route.points]))
             self.page = Page(self._server, space, self.canvas, ends, route.points)
         except BaseException:
-            self._server.stop()
+            stop(self._server)
             raise
 
     @property
@@ -102,7 +92,7 @@ class Viewer:
         if not self._closed.is_set():
             self._closed.set()
             self.page.close()
-            self._server.stop()
+            stop(self._server)
 
     def wait(self) -> None:
         """Wait until the page is closed, or Ctrl-C is pressed, which closes it."""
@@ -133,6 +123,8 @@ def opened(space: Any, cells: Cells, block: bool, options: ViewOptions) -> Viewe
     """A page of a map, which is waited for if ``block`` is set."""
     viewer = Viewer(space, cells, **options)
     if block:
+        sys.stdout.write(f"{viewer.url}  Ctrl-C ends it\n")
+        sys.stdout.flush()
         viewer.wait()
     return viewer
 
@@ -152,41 +144,3 @@ def _ends(space: Any, cells: Cells) -> dict[str, Floats]:
     apart = np.linalg.norm(places[:, np.newaxis] - places, axis=-1)
     first, last = np.unravel_index(int(apart.argmax()), apart.shape)
     return {"start": drawn[first], "goal": drawn[last]}
-
-
-def _free_port(host: str, port: int | None) -> int:
-    """The port to serve on: the one asked for, or the first free one from :data:`PORT` on.
-
-    Raises
-    ------
-    InputError
-        If the host is none of this machine, or the port is taken, or no port.
-    """
-    if port is not None and (isinstance(port, bool) or not isinstance(port, int | np.integer) or not 0 <= port < 2**16):
-        rule = "it must be a whole number from 0, which takes any free one, to 65535"
-        raise InputError("port", f"is {port!r}", rule, "or leave it out", value=port)
-    wanted = range(PORT, PORT + _TRIED) if port is None else [int(port)]
-    try:
-        kind, _, _, _, _ = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)[0]
-    except OSError as error:
-        raise _no_host(host) from error
-    for number in wanted:
-        with socket.socket(kind, socket.SOCK_STREAM) as trial:
-            trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            try:
-                trial.bind((host, number))
-            except PermissionError as error:
-                mend = "choose one from 1024 on"
-                raise InputError("port", f"is {number}", "this user may not serve on it", mend, value=port) from error
-            except OSError as error:
-                if error.errno not in _TAKEN:
-                    raise _no_host(host) from error
-                continue
-            return int(trial.getsockname()[1])
-    found = f"{port} is taken" if port is not None else f"from {PORT} to {PORT + _TRIED - 1} are taken"
-    raise InputError("port", found, "another program serves there", "choose another, or 0 for any", value=port)
-
-
-def _no_host(host: str) -> InputError:
-    rule, mend = "it must be an address of this machine", 'pass "127.0.0.1", or "0.0.0.0" for all of its addresses'
-    return InputError("host", f"is {host!r}", rule, mend, value=host)

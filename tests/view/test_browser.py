@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import io
 import shutil
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -16,6 +15,7 @@ import cspace
 from cspace.plot.artists import CLASSES, COLLIDES, OBSTACLE, UNDECIDED
 from cspace.view import Viewer
 from cspace.view.scene import rgb
+from waiting import until
 
 pytest.importorskip("viser")
 webdriver = pytest.importorskip("selenium.webdriver")
@@ -44,15 +44,6 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     made = webdriver.Chrome(options=options, service=Service(driver))
     yield made
     made.quit()
-
-
-def until(true: Callable[[], Any], seconds: float = 20.0) -> Any:
-    """What something comes to, once it is true."""
-    end = time.monotonic() + seconds
-    while not (found := true()):
-        assert time.monotonic() < end, "the page did not get there"
-        time.sleep(0.05)
-    return found
 
 
 def text(browser: Any) -> str:

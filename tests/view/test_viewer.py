@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import socket
 from collections.abc import Iterator
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from commands import run
 from cspace.errors import InputError
 from cspace.view import Viewer
 from missing import told_without
+from waiting import until
 
 pytest.importorskip("viser")
 
@@ -118,6 +120,22 @@ def test_plans_and_proofs(viewer: Any) -> None:
     assert page.page.wait(60.0)
 
 
+@pytest.mark.parametrize("drive", ["differential", "dubins"])
+def test_drives_of_robots_that_turn_in_the_plane(viewer: Any, drive: str) -> None:
+    space, page = viewer
+    handles = {handle.label: handle for handle in page._server.gui._gui_input_handle_from_uuid.values()}
+    chosen, radius = handles["drive"], handles["turning radius (m)"]
+    assert chosen.visible == (space.axes == ("x", "y", "yaw"))
+    if chosen.visible:
+        chosen.value, radius.value = drive, 0.2
+        until(lambda: radius.visible == (drive == "dubins"))
+        page.page._planner.ask()
+        assert page.page.wait(60.0)
+        assert (page.plan.drive, page.plan.turning_radius) == (drive, 0.2 if radius.visible else None)
+        assert page.plan.certified
+        chosen.value = "holonomic"
+
+
 def test_no_path_exists_is_said_to_be_proven() -> None:
     occupied = np.zeros((30, 20), dtype=bool)
     occupied[14:16] = True
@@ -184,7 +202,9 @@ def test_bad_input(tmp_path: Path) -> None:
     assert "the configurations of the map are x, y" in told.stderr
 
 
-def test_the_command_opens_a_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_command_opens_a_page(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
     space = room("R2")
     space.save(tmp_path / "map.zarr")
     free = space.sample_free(2, np.random.default_rng(0))
@@ -201,6 +221,8 @@ def test_the_command_opens_a_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     told = run("view", tmp_path / "map.zarr", "--path", tmp_path / "path.csv", "--port", 0)
     assert told.exit_code == 0, told.stderr
     assert seen[0].url.startswith("http://127.0.0.1:")
+    assert f"{seen[0].url}  Ctrl-C ends it\n" in told.stdout
+    assert "viser" not in told.stdout + "".join(capfd.readouterr())
     np.testing.assert_allclose(seen[0].page.marks["goal"], free[1])
 
 
@@ -213,3 +235,55 @@ except cspace.MissingPackageError as error:
     print(error)
 """
     assert 'pip install "cspace[view]"' in told_without("viser", code)
+
+
+@pytest.mark.parametrize(
+    ("origin", "host", "moves"),
+    [
+        (None, "127.0.0.1", True),
+        ("http://{}", "127.0.0.1", True),
+        ("http://{}", "localhost", True),
+        ("http://example.org", "127.0.0.1", False),
+        ("http://localhost:1", "localhost", False),
+        ("http://{}", "example.org", False),  # whose owner says for a while that it is 127.0.0.1
+        ("null", "127.0.0.1", False),
+    ],
+)
+def test_other_pages_move_nothing(served: Viewer, origin: str | None, host: str, moves: bool) -> None:
+    import msgspec
+    import viser
+    from websockets.exceptions import ConnectionClosedError
+    from websockets.sync.client import connect
+
+    page, port = served.page, served._server.get_port()
+    q = page.marks["start"] + [0.3, 0.3]
+    page.move(page.marks["start"])
+    camera = dict.fromkeys(("image_height", "image_width", "fov", "near", "far"), 1)
+    camera |= dict.fromkeys(("position", "look_at", "up_direction"), (0.0, 0.0, 1.0)) | {"wxyz": (1.0, 0.0, 0.0, 0.0)}
+    sent = [{"type": "ViewerCameraMessage", **camera}]
+    sent += [
+        {"type": "GuiUpdateMessage", "uuid": slider._impl.uuid, "updates": {"value": float(value)}}
+        for slider, value in zip(page._sliders, q, strict=True)
+    ]
+    with (
+        socket.create_connection(("127.0.0.1", port)) as plug,
+        connect(
+            f"ws://{host}:{port}",
+            sock=plug,
+            origin=origin and origin.format(f"{host}:{port}"),  # type: ignore[arg-type]
+            subprotocols=[f"viser-v{viser.__version__}"],  # type: ignore[list-item]
+        ) as client,
+    ):
+        with nullcontext() if moves else pytest.raises(ConnectionClosedError, match="1008"):
+            for message in sent:
+                client.send(msgspec.msgpack.encode(message))
+            while not moves:
+                client.recv(timeout=20.0)
+        until(lambda: not moves or np.allclose(served.canvas.robot, q, atol=0.05))
+    np.testing.assert_allclose(served.canvas.robot, q if moves else page.marks["start"], atol=0.05)
+
+
+@pytest.fixture(scope="module")
+def served() -> Iterator[Viewer]:
+    with room("R2").view(block=False, port=0, start=(0.5, 0.5), goal=(2.0, 0.5)) as viewer:
+        yield viewer
