@@ -35,6 +35,11 @@ class ConfigurationSpace(ABC):
         """How many numbers a configuration has."""
         return len(self.axes)
 
+    @property
+    def endless(self) -> tuple[bool, ...]:
+        """Which numbers are of joints that turn for ever, so that a whole turn more is the same configuration."""
+        return (False,) * self.dof
+
     @overload
     def classify(self, q: One) -> int: ...  # type: ignore[overload-overlap]
     @overload

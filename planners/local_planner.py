@@ -14,20 +14,24 @@ from __future__ import annotations
 import itertools
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import wraps
 from typing import TYPE_CHECKING, Any, Final, ParamSpec, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from ompl import base as ob
 
-from cspace.errors import InputError
-from cspace.grid import positive
+from cspace.arms import ArmSpace
+from cspace.errors import ConfigurationError, InputError
+from cspace.grid import finite, positive
 from cspace.orientation import TURN, wrapped
+from cspace.rotations import YAW_SLACK
 from cspace.space import CSpace
-from planners.states import TURN_WEIGHT, Floats, check_space, kind_of
+from cspace.states import BLOCKED, FREE, NAMES
+from planners.catalogue import OWN
+from planners.states import TURN_WEIGHT, Configuration, Floats, check_space, kind_of
 
 if TYPE_CHECKING:
     from planners.integrals import Field, Law
@@ -54,6 +58,9 @@ CURVES: Final = ("dubins", "reeds-shepp")
 """Drives that are curves of a car, in the order of their numbers in the kernels."""
 
 DRIVES: Final = (HOLONOMIC, *(name for name in _SPACES if name not in CURVES), *CURVES)
+
+ARM_STEP: Final = 0.01
+"""How far apart OMPL looks at configurations of an arm where it steps along a motion by itself."""
 
 POINT: Final = 1e-9
 """Turning radius, in sides of the map, of curves that OMPL is given for turning on the spot. They leave what is driven
@@ -84,10 +91,10 @@ class LocalPlanner(ABC):
 
     Attributes
     ----------
-    space : CSpace
-        The map.
+    space : CSpace or ArmSpace
+        What tells of edges whether they are free.
     exact : bool
-        Whether the geometry itself is asked where the map cannot decide.
+        Whether the geometry itself is asked where a map cannot decide.
     drive : str
         One of :data:`DRIVES`.
     turning_radius : float or None
@@ -97,22 +104,20 @@ class LocalPlanner(ABC):
         robot does not reverse.
     """
 
-    space: CSpace
+    space: Any  # a CSpace or an ArmSpace, as the classes below say
     exact: bool = False
     drive: str = HOLONOMIC
     turning_radius: float | None = None
     both_ways: bool = False
+
+    follows_cells = False
+    """Whether a chain of cells of the map tells a way that such edges can take."""
 
     @property
     def options(self) -> dict[str, Any]:
         """What :func:`local_planner` makes it of again, beside the map."""
         names = ("exact", "drive", "turning_radius", "both_ways")
         return {name: getattr(self, name) for name in names}
-
-    @property
-    @abstractmethod
-    def turn_weight(self) -> float:
-        """Metres that a radian of turn counts as in the length of an edge."""
 
     @abstractmethod
     def states(self) -> ob.StateSpace:
@@ -136,26 +141,181 @@ class LocalPlanner(ABC):
         return path
 
     @abstractmethod
-    def edge_cost(self, field: Field, law: Law) -> Callable[..., float]:
-        """``cost`` of the floats of two configurations: that of the edge between them, by a law for each metre."""
-
-    @abstractmethod
     def are_free(self, path: Floats) -> bool:
         """Whether every edge of a path is proven free; of a path of one configuration, whether that is."""
+
+    @abstractmethod
+    def length(self, path: Floats) -> float:
+        """The length of a path, as :attr:`planners.Plan.length`."""
+
+    @abstractmethod
+    def clearance(self, path: Floats) -> float:
+        """Room along a path, as :attr:`planners.Plan.clearance`."""
+
+    @abstractmethod
+    def distance(self, path: Floats) -> float:
+        """The robot's distance from obstacles along a path, as :attr:`planners.Plan.obstacle_distance`."""
+
+    @abstractmethod
+    def dense(self, path: Floats) -> tuple[Floats, NDArray[np.int8] | None]:
+        """A path with rows near enough to drive and to draw; and 1, -1 or 0, ahead, back or on the spot, if told."""
+
+    # ---- what a plan asks before and after its search ----------------------------------------------------------------
+
+    @property
+    @abstractmethod
+    def bounds(self) -> tuple[Floats, Floats]:
+        """The lowest and the highest numbers that configurations may have, where OMPL wants to know."""
+
+    @property
+    @abstractmethod
+    def step(self) -> float:
+        """How far apart OMPL looks at states where it steps along a motion by itself, as a share of the whole."""
+
+    @abstractmethod
+    def end(self, q: ArrayLike, name: str) -> Configuration:
+        """A start or goal as OMPL holds it (yaw wrapped, quaternion of norm 1), if a motion can be proven free there.
+
+        Raises
+        ------
+        ConfigurationError, InputError
+            If it cannot, or is no configuration.
+        """
+
+    @abstractmethod
+    def outlook(self, exists: bool | None, planner: str, more_time: str) -> tuple[str, list[str]]:
+        """What is known where a planner found no path, and what to try; one of it, mostly, is to give it more time."""
+
+    def _point(self, q: ArrayLike, name: str) -> Floats:
+        """One configuration, its length checked."""
+        point = finite(q, name)
+        if point.shape != (self.space.dof,):
+            rule = f"it must be one configuration of {self.space.dof} numbers"
+            mend = f"pass ({', '.join(self.space.axes)}), in metres and radians"
+            raise InputError(name, f"has shape {point.shape}", rule, mend, value=q)
+        return point
+
+
+class EdgesOnMap(LocalPlanner):
+    """Edges between configurations of a map."""
+
+    space: CSpace
+
+    @property
+    @abstractmethod
+    def turn_weight(self) -> float:
+        """Metres that a radian of turn counts as in the length of an edge."""
+
+    @abstractmethod
+    def edge_cost(self, field: Field, law: Law) -> Callable[..., float]:
+        """``cost`` of the floats of two configurations: that of the edge between them, by a law for each metre."""
 
     @abstractmethod
     def pieces(self, path: Floats, step: float, turn: float) -> Pieces:
         """A path in pieces of at most ``step`` metres and ``turn`` radians."""
 
-    @abstractmethod
-    def dense(self, path: Floats) -> tuple[Floats, NDArray[np.int8] | None]:
-        """A path with rows at most a cell and DENSE_TURN apart; and 1, -1 or 0, ahead, back or on the spot, if told."""
+    def length(self, path: Floats) -> float:
+        return math.fsum(self.pieces(path, math.inf, math.inf).lengths)
+
+    def clearance(self, path: Floats) -> float:
+        """Lower bound of the clearance all along a path.
+
+        Each edge is cut into pieces of at most half a cell and 5 degrees. No point of a piece is further than half a
+        piece from its middle, and distance changes by no more than the way moved; so the clearance at the middle less
+        half the piece holds for the whole piece, in each rotation cell that the robot can come to within half the
+        piece's turn; the smallest of them counts.
+        """
+        space, dim = self.space, self.space.grid.dim
+        if len(path) < 2:
+            return float(space.clearance(path[0]))
+        pieces = self.pieces(path, 0.5 * space.grid.spacing, DENSE_TURN)
+        rows, cells = space.rotations.cells_within(pieces.middles, 0.5 * pieces.turns + 2.0 * YAW_SLACK)
+        q = pieces.middles[rows]
+        q[:, dim:] = space.rotations.centers[cells]  # clearance is one of the rotation cell
+        return max(0.0, float(np.min(space.clearance(q) - 0.5 * pieces.lengths[rows])))
+
+    def distance(self, path: Floats) -> float:
+        """Lower bound of the robot's distance from the obstacles all along a path.
+
+        Each edge is cut into pieces on which no point of the robot moves by more than half a cell: none is more than a
+        quarter from where it is in the middle of the piece, so that the distance there, less as much, holds for all of
+        it.
+        """
+        space, step = self.space, 0.25 * self.space.grid.spacing
+        pieces = self.pieces(path, step, step / max(space.robot.span, step))
+        if len(path) < 2:
+            pieces = Pieces(path, np.zeros(1), np.zeros(1))
+        try:
+            distance = space._exact.distance(pieces.middles, pieces.lengths, pieces.turns)
+        except InputError:  # there is no geometry to be asked
+            return math.nan
+        return distance if self.are_free(path) else 0.0
+
+    @property
+    def bounds(self) -> tuple[Floats, Floats]:
+        grid = self.space.grid
+        return np.asarray(grid.lower), np.asarray(grid.upper)
+
+    @property
+    def step(self) -> float:
+        return 0.5 * self.space.grid.spacing
+
+    def end(self, q: ArrayLike, name: str) -> Configuration:
+        space = self.space
+        end: Configuration = tuple(space.rotations.canonical(self._point(q, name), name).tolist())
+        inside = all(low <= x <= high for low, x, high in zip(space.grid.lower, end, space.grid.upper, strict=False))
+        if inside and space.motion_is_free(end, end, exact=self.exact):
+            return end
+        raise self._unusable(end, name, inside)
+
+    def _unusable(self, end: Configuration, name: str, inside: bool) -> ConfigurationError:
+        """The error that says what is wrong with a configuration, and which one is near and right."""
+        space = self.space
+        state = space.classify(end)
+        if not inside:
+            reason = f"lies outside the map, which reaches from {text(space.grid.lower)} to {text(space.grid.upper)}"
+            rule = "a path stays within the map"
+        elif self.exact and state != BLOCKED:
+            reason = "is in collision, or cannot be told from it"
+            rule = f"the {name} must be proven collision-free, by the map or by the geometry"
+        elif state != FREE:
+            reason = f"lies in a {NAMES[state].upper()} cell"
+            rule = f"the {name} must be FREE, which is to say proven collision-free"
+        else:
+            reason = "is FREE but lies on the border of a cell that is not"
+            rule = f"a motion from or to it would touch that cell too, so the {name} must lie inside"
+        nearest: Configuration | None = None
+        near = space._around(np.array(end))
+        try:
+            nearest = tuple(space.rotations.canonical(near.nearest_free(end)).tolist())
+            mend = f"the nearest is {text(nearest)}"
+        except ConfigurationError:
+            where = "at all" if near is space else "near there"
+            mend = f"the map has no FREE configuration {where}; use a smaller robot, margin or spacing"
+        return ConfigurationError(name, f"{text(end)} {reason}", rule, mend, value=end, nearest=nearest)
+
+    def outlook(self, exists: bool | None, planner: str, more_time: str) -> tuple[str, list[str]]:
+        space = self.space
+        finer = "a finer spacing" + " or more rotations" * bool(space.rotations.names)
+        if exists is None:
+            known = "undecided whether one exists"
+            more = [*([] if self.exact or self.drive in CURVES else ["exact=True"]), finer, more_time]
+        elif self.drive != HOLONOMIC:
+            known = "one exists for a robot that also moves sideways"
+            more = [more_time, *(["a smaller turning_radius"] if self.drive in CURVES else []), "another planner"]
+        else:
+            known, more = "a path exists", [more_time, "planner='Cubes'"]
+        if planner in OWN:
+            # It has looked everywhere that it can, and asks no geometry.
+            more = ["planner='RRTConnect'" + " with exact=True" * (exists is None), finer]
+        return known, more
 
 
-class StraightEdges(LocalPlanner):
+class StraightEdges(EdgesOnMap):
     """Straight edges, along which the robot turns evenly and the shorter way, as in OMPL's SE(2) and SE(3)."""
 
     turn_weight = TURN_WEIGHT
+    follows_cells = True
 
     def states(self) -> ob.StateSpace:
         return kind_of(self.space).make()
@@ -209,6 +369,8 @@ class TurnDriveTurn(StraightEdges):
     OMPL is given curves of a car that turns on a point (:data:`POINT`): its interpolation gives configurations on the
     way, straight on the line but for a hundred-millionth, and its distance counts metres alone.
     """
+
+    follows_cells = False
 
     def states(self) -> ob.StateSpace:
         return _SPACES[self.drive](POINT * self.space.grid.spacing * max(self.space.grid.shape))
@@ -275,7 +437,75 @@ class TurnDriveTurn(StraightEdges):
         return rows, np.concatenate([signs[:1] if len(signs) else np.ones(len(rows), dtype=np.int8), signs])
 
 
-class CarCurves(LocalPlanner):
+class JointMotions(LocalPlanner):
+    """Motions of an arm: all joints move in step, those that turn for ever the shorter way."""
+
+    space: ArmSpace
+
+    def states(self) -> ob.StateSpace:
+        return kind_of(self.space).make()
+
+    def edge_checker(self) -> Callable[..., bool]:
+        check, dof, circles = self.space.edge_checker(), self.space.dof, np.flatnonzero(self.space.endless).tolist()
+        if not circles:
+            return check
+
+        def shorter(*ends: float) -> bool:
+            numbers = list(ends)
+            for k in circles:
+                numbers[dof + k] = ends[k] + _turn(ends[k], ends[dof + k])
+            return check(*numbers)
+
+        return shorter
+
+    def are_free(self, path: Floats) -> bool:
+        firsts, lasts = (path[:-1], path[1:]) if len(path) > 1 else (path, path)
+        return bool(np.all(self.space.motion_is_free(firsts, lasts)))
+
+    def corners(self, path: Floats) -> Floats:
+        """A path on which joints that turn for ever count whole turns, so that its rows are joined as they are."""
+        circles, found = np.array(self.space.endless), path.copy()
+        for k in range(1, len(path)):
+            step = path[k] - found[k - 1]
+            found[k, circles] -= TURN * np.rint(step[circles] / TURN)
+        return found
+
+    def length(self, path: Floats) -> float:
+        return math.fsum(np.linalg.norm(np.diff(path, axis=0), axis=1))
+
+    def clearance(self, path: Floats) -> float:
+        return self.space._path_clearance(path)
+
+    def distance(self, path: Floats) -> float:
+        return self.space.margin + self.clearance(path)
+
+    def dense(self, path: Floats) -> tuple[Floats, NDArray[np.int8] | None]:
+        return path, None
+
+    @property
+    def bounds(self) -> tuple[Floats, Floats]:
+        return self.space.arm.lower, self.space.arm.upper
+
+    @property
+    def step(self) -> float:
+        return ARM_STEP
+
+    def end(self, q: ArrayLike, name: str) -> Configuration:
+        space, point = self.space, self._point(q, name)
+        if space.classify(space._checked(point, name)) != FREE:
+            contact = space.closest(point)
+            found = f"{text(point)} is not proven free: {contact.link} is in collision with {contact.other}, or all but"
+            mend = f"choose another, or pass allowed=[({contact.link!r}, {contact.other!r})] where they may touch"
+            raise ConfigurationError(name, found, "an arm starts and ends clear of obstacles", mend, value=tuple(point))
+        circles = np.array(space.endless)
+        point[circles] = wrapped(point[circles])
+        return tuple(point.tolist())
+
+    def outlook(self, exists: bool | None, planner: str, more_time: str) -> tuple[str, list[str]]:
+        return "unknown whether one exists", [more_time, "another planner"]
+
+
+class CarCurves(EdgesOnMap):
     """Edges along the shortest curve of a car, of a map of a robot that turns in the plane.
 
     Every edge is proven along the real curve: it is cut into pieces, and all cells are FREE that meet the box of
@@ -325,7 +555,7 @@ class CarCurves(LocalPlanner):
         lasts = rows[1:] if len(rows) > 1 else rows
         return all(check(*a, *b) for a, b in zip(rows, lasts, strict=False))
 
-    def length(self, first: Floats, last: Floats) -> float:
+    def metres(self, first: Floats, last: Floats) -> float:
         """Metres of the curve between two configurations."""
         return self.radius * float(np.abs(self._word(first, last)[1]).sum())
 
@@ -400,17 +630,17 @@ class CarCurves(LocalPlanner):
 
 
 def local_planner(
-    space: CSpace,
+    space: CSpace | ArmSpace,
     exact: bool = False,
     drive: str = HOLONOMIC,
     turning_radius: float | None = None,
     both_ways: bool = False,
 ) -> LocalPlanner:
-    """How configurations of a map are joined.
+    """How configurations are joined.
 
     Parameters
     ----------
-    space : CSpace
+    space : CSpace or ArmSpace
     exact : bool
     drive : str
         One of :data:`DRIVES`.
@@ -429,6 +659,8 @@ def local_planner(
     check_space(space)
     check_flag(exact, "exact")
     radius = check_drive(space.axes, drive, turning_radius, exact)
+    if isinstance(space, ArmSpace):
+        return JointMotions(space, True)  # there are no cells to be asked first
     if radius is None:
         made = StraightEdges if drive == HOLONOMIC else TurnDriveTurn
         return made(space, bool(exact), drive, None, both_ways)
@@ -494,6 +726,11 @@ def check_flag(value: bool, name: str) -> None:
     """
     if not isinstance(value, bool | np.bool_):
         raise InputError(name, f"is {value!r}", "it must be True or False", "pass one of them", value=value)
+
+
+def text(point: Iterable[float]) -> str:
+    """A configuration for messages."""
+    return "(" + ", ".join(f"{x:.6g}" for x in point) + ")"
 
 
 def _numbered(counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

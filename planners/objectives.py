@@ -14,7 +14,7 @@ from cspace.space import CSpace
 from cspace.spectral import OverlapField
 from cspace.states import FREE
 from planners.integrals import Field, Law, metre_cost
-from planners.local_planner import HOLONOMIC, local_planner, takes_curve
+from planners.local_planner import HOLONOMIC, EdgesOnMap, local_planner, takes_curve
 from planners.states import check_information, kind_of
 
 COMFORT: Final = 0.1
@@ -74,7 +74,7 @@ class WeightedLength(ob.OptimizationObjective):
         if finite(weight, "weight").ndim or weight < 0.0:
             rule = "it must be one number, zero or above"
             raise InputError("weight", f"is {weight!r}", rule, "pass 10.0", value=weight)
-        edges = local_planner(space, False, drive, turning_radius)
+        edges = edges_on_map(space, drive, turning_radius)
         self._field, self._law = field, Law(offset, slope, float(weight), edges.turn_weight)
         self._kind, self._map, self._dim = kind_of(space), space._map, space.grid.dim
         self._cost = self._own_cost = self._kind.of_states(edges.edge_cost(field, self._law))
@@ -197,6 +197,21 @@ class OverlapObjective(WeightedLength):
             drive=drive,
             turning_radius=turning_radius,
         )
+
+
+def edges_on_map(space: CSpace, drive: str, turning_radius: float | None) -> EdgesOnMap:
+    """How configurations of a map are joined, where cells have costs.
+
+    Raises
+    ------
+    InputError
+        If there are no cells; and as :func:`planners.state_space`.
+    """
+    edges = local_planner(space, False, drive, turning_radius)
+    if not isinstance(edges, EdgesOnMap):
+        rule, mend = "the objective weighs the cells of a map", "optimise the length of an arm's path, or a function"
+        raise InputError("objective", f"is for maps, and space is {space!r}", rule, mend)
+    return edges
 
 
 def overlap_field(space: CSpace, field: OverlapField | None = None) -> OverlapField:

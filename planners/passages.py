@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from cspace.map.chain import open_chain
 from cspace.map.points import FEW
 from cspace.memory import KEEP, free_bytes
+from cspace.space import CSpace
 from cspace.states import FREE
 from planners.local_planner import LocalPlanner
 from planners.search import Found, Search
@@ -236,7 +237,7 @@ class Passages:
 
     def _size(self, cell: Cells) -> Floats:
         """Sides of a cell, metres and radians."""
-        space = self.edges.space
+        space: CSpace = self.edges.space
         center = self._centers(cell)
         steps = space.rotations.steps(center, center)
         steps[: space.grid.dim] = space.grid.spacing

@@ -11,17 +11,15 @@ from typing import Final, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.configuration_map import ConfigurationMap
-from cspace.configuration_space import Leg
-from cspace.errors import ConfigurationError, InputError
-from cspace.grid import finite, positive
+from cspace.configuration_space import ConfigurationSpace, Leg
+from cspace.errors import InputError
+from cspace.grid import positive
 from cspace.space import CSpace
-from cspace.states import BLOCKED, FREE, NAMES
 from planners.catalogue import CUBES, IGNORE_OBJECTIVES, OWN, SECOND_THREAD, WIDEST, planner_named
-from planners.local_planner import CURVES, HOLONOMIC, LocalPlanner, check_flag, local_planner, takes_curve
-from planners.objectives import ClearanceObjective, OverlapObjective, WeightedLength, overlap_field
+from planners.local_planner import HOLONOMIC, LocalPlanner, check_flag, local_planner, takes_curve, text
+from planners.objectives import ClearanceObjective, OverlapObjective, WeightedLength, edges_on_map, overlap_field
 from planners.passages import Passages
-from planners.result import Plan, Times, least_clearance
+from planners.result import Plan, Times
 from planners.search import Found, Search
 from planners.setup import MakeObjective
 from planners.states import Configuration, Floats
@@ -41,7 +39,7 @@ _BY_NAME: Final[dict[str, type[ClearanceObjective | OverlapObjective]]] = {
 
 @takes_curve
 def plan(
-    space: ConfigurationMap,
+    space: ConfigurationSpace,
     start: ArrayLike,
     goal: ArrayLike,
     *,
@@ -88,6 +86,11 @@ def plan(
     but for drives. A path through several tiles by straight edges is shortened once more as a whole. Objectives, and
     curves, are those of each tile; ``exact``, and "overlap", need a map in memory.
 
+    *Arms.* In the space of an arm (:func:`cspace.build_arm`), an edge moves all joints in step, those that turn for
+    ever the shorter way, and is proven all along by the geometry itself, so that ``exact`` changes nothing. On its path
+    whole turns are counted: rows are joined by straight motions as they are. Drives, "Cubes", "Widest", and objectives
+    but the length and one's own are for maps.
+
     *Long tails.* Where the robot turns and FREE cells join start and goal, RRTConnect is mostly through at once, and
     sometimes not for long. So unless ``iterations``, an objective or another planner is asked for, it has ten thousand
     iterations; then the map's own search is taken, see "Cubes".
@@ -104,10 +107,10 @@ def plan(
 
     Parameters
     ----------
-    space : CSpace or TiledCSpace
+    space : CSpace, TiledCSpace or ArmSpace
     start, goal : array-like, shape (dof,)
-        Configurations, in metres: ``(x, y)``, ``(x, y, yaw)``, ``(x, y, z)``, ``(x, y, z, yaw)`` or
-        ``(x, y, z, qx, qy, qz, qw)``; yaw in radians, wrapped.
+        Configurations, of an arm one number for each joint, or in metres: ``(x, y)``, ``(x, y, yaw)``, ``(x, y, z)``,
+        ``(x, y, z, yaw)`` or ``(x, y, z, qx, qy, qz, qw)``; yaw in radians, wrapped.
     planner : str, optional
         Name of a planner, in upper or lower case; :func:`planners.planner_names` lists them. RRTConnect, if left out,
         but RRT for Dubins curves: RRTConnect's tree at the goal grows by curves that leave the goal, where a car that
@@ -193,13 +196,16 @@ def plan(
 
     search = search_on(edges.space)
     limit = positive(time_limit, "time_limit", "seconds")
-    ends = _endpoint(edges.space, start, "start", exact), _endpoint(edges.space, goal, "goal", exact)
+    ends = edges.end(start, "start"), edges.end(goal, "goal")
     if name in OWN:
         _check_own(name, objective=objective, exact=exact, drive=drive, iterations=iterations)
+        if not edges.follows_cells:
+            rule, mend = f"{name} follows the cells of a map", "leave planner out, or choose e.g. planner='RRTConnect'"
+            raise InputError("planner", f"is {name!r}, and there is no map of the arm", rule, mend, value=name)
     if name == WIDEST and not isinstance(space, CSpace):
         rule, mend = "a path there is found part by part", "choose another, or plan on space.window(lower, upper)"
         raise InputError("planner", f"is {name!r}, on a map in a store", rule, mend, value=name)
-    exists: bool | None = space.path_exists(*ends)
+    exists: bool | None = space._known(*map(np.array, ends))
     legs = [] if exists is False else space._legs(*map(np.array, ends))
     if planner is None and len(legs) > 1 and (objective, drive, iterations) == ("length", HOLONOMIC, None):
         name = CUBES
@@ -212,8 +218,8 @@ def plan(
         if array is not None:
             array.flags.writeable = False
     status, advice = _status(found, name, edges, exists, limit)
-    certified = solved and found.proven and np.array_equal(waypoints[[0, -1]], ends)
-    clearance = least_clearance(edges, waypoints) if solved else math.nan
+    certified = solved and found.proven and np.array_equal(found.path[[0, -1]], ends)
+    clearance = edges.clearance(waypoints) if solved else math.nan
     setup = searched - began - found.planning - found.simplification
     return Plan(
         path=path,
@@ -224,7 +230,7 @@ def plan(
         certified=certified,
         status=status,
         advice=advice,
-        length=math.fsum(edges.pieces(waypoints, math.inf, math.inf).lengths) if solved else math.nan,
+        length=edges.length(waypoints) if solved else math.nan,
         clearance=clearance,
         path_exists=exists,
         planner=name,
@@ -237,50 +243,6 @@ def plan(
         times=Times(setup, found.planning, found.simplification, time.perf_counter() - searched),
         space=space,
     )
-
-
-def _endpoint(space: CSpace, q: ArrayLike, name: str, exact: bool = False) -> Configuration:
-    """A start or goal as OMPL holds it (yaw wrapped, quaternion of norm 1), if a motion can be proven free there."""
-    point = finite(q, name)
-    if point.shape != (space.dof,):
-        rule = f"it must be one configuration of {space.dof} numbers"
-        mend = f"pass ({', '.join(space.axes)}), in metres and radians"
-        raise InputError(name, f"has shape {point.shape}", rule, mend, value=q)
-    end: Configuration = tuple(space.rotations.canonical(point, name).tolist())
-    inside = all(low <= x <= high for low, x, high in zip(space.grid.lower, end, space.grid.upper, strict=False))
-    if inside and space.motion_is_free(end, end, exact=exact):
-        return end
-    raise _unusable(space, end, name, inside, exact)
-
-
-def _unusable(space: CSpace, end: Configuration, name: str, inside: bool, exact: bool) -> ConfigurationError:
-    """The error that says what is wrong with a configuration, and which one is near and right."""
-    state = space.classify(end)
-    if not inside:
-        reason = f"lies outside the map, which reaches from {_text(space.grid.lower)} to {_text(space.grid.upper)}"
-        rule = "a path stays within the map"
-    elif exact and state != BLOCKED:
-        reason = "is in collision, or cannot be told from it"
-        rule = f"the {name} must be proven collision-free, by the map or by the geometry"
-    elif state != FREE:
-        reason = f"lies in a {NAMES[state].upper()} cell"
-        rule = f"the {name} must be FREE, which is to say proven collision-free"
-    else:
-        reason = "is FREE but lies on the border of a cell that is not"
-        rule = f"a motion from or to it would touch that cell too, so the {name} must lie inside"
-    nearest: Configuration | None = None
-    near = space._around(np.array(end))
-    try:
-        nearest = tuple(space.rotations.canonical(near.nearest_free(end)).tolist())
-        mend = f"the nearest is {_text(nearest)}"
-    except ConfigurationError:
-        where = "at all" if near is space else "near there"
-        mend = f"the map has no FREE configuration {where}; use a smaller robot, margin or spacing"
-    return ConfigurationError(name, f"{_text(end)} {reason}", rule, mend, value=end, nearest=nearest)
-
-
-def _text(point: Sequence[float]) -> str:
-    return "(" + ", ".join(f"{x:.6g}" for x in point) + ")"
 
 
 def _found(
@@ -302,7 +264,7 @@ def _found(
         waypoints = edges.corners(found.path)
         found = replace(found, proven=len(waypoints) > 0 and part.are_free(waypoints))
         if len(legs) == 1 or not found.proven:
-            where = f" from {_text(ends[0])} to {_text(ends[1])}" if len(legs) > 1 else ""
+            where = f" from {text(ends[0])} to {text(ends[1])}" if len(legs) > 1 else ""
             return replace(found, where=where, planning=planning, simplification=simplification)
         path = np.concatenate([path[:-1], found.path])
     if not legs:
@@ -329,7 +291,7 @@ def _leg(
         find = space.free_path if search.planner == CUBES else space.widest_path
         path = find(*ends, straight=search.simplify)
         return Found(path, "", time.perf_counter() - began)
-    if edges.drive == HOLONOMIC:
+    if edges.follows_cells:
         passages = Passages(search, edges, limit)
         if edges.exact and exists is None:
             return passages.run(*ends)
@@ -361,21 +323,7 @@ def _status(found: Found, planner: str, edges: LocalPlanner, exists: bool | None
         within = f"no path found within {limit:g} s"
     else:
         within = f"no path found: {found.note or 'the planner gave up'} after {found.planning:.2g} s"
-    more = [f"more time (time_limit={10 * limit:g})"]
-    turning = bool(edges.space.rotations.names)
-    finer = "a finer spacing" + " or more rotations" * turning
-    if exists is None:
-        known = "undecided whether one exists"
-        more = [*([] if edges.exact or edges.drive in CURVES else ["exact=True"]), finer, *more]
-    elif edges.drive != HOLONOMIC:
-        known = "one exists for a robot that also moves sideways"
-        more += [*(["a smaller turning_radius"] if edges.drive in CURVES else []), "another planner"]
-    else:
-        known = "a path exists"
-        more += ["planner='Cubes'"]
-    if planner in OWN:
-        # It has looked everywhere that it can, and asks no geometry.
-        more = ["planner='RRTConnect'" + " with exact=True" * (exists is None), finer]
+    known, more = edges.outlook(exists, planner, f"more time (time_limit={10 * limit:g})")
     return f"{within}{found.where}; {known}", f"{', '.join(more[:-1])}, or {more[-1]}"
 
 
@@ -394,6 +342,8 @@ def _objective(
             "ompl.base.OptimizationObjective"
         )
         raise InputError("objective", f"is {objective!r}", rule, "choose one of them", value=objective)
+    if kind is not None:
+        edges_on_map(space, drive, turning_radius)
     if kind is OverlapObjective:
         overlap_field(space)
     if planner in IGNORE_OBJECTIVES | SECOND_THREAD:

@@ -14,12 +14,11 @@ from typing import IO, TYPE_CHECKING, Any, Unpack, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.configuration_map import ConfigurationMap
+from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import InputError
 from cspace.io.output import replacing
-from cspace.rotations import YAW_SLACK
 from cspace.space import CSpace
-from planners.local_planner import CURVES, DENSE_TURN, HOLONOMIC, LocalPlanner, Pieces, local_planner
+from planners.local_planner import CURVES, HOLONOMIC, local_planner
 from planners.states import Floats
 
 if TYPE_CHECKING:
@@ -82,13 +81,14 @@ class Plan:
     advice : str
         What to try where the search found no path though there may be one; otherwise empty.
     length : float
-        Metres that the reference point moves, along curves too; turning on the spot counts nothing. NaN where not
-        solved.
+        Metres that the reference point moves, along curves too; turning on the spot counts nothing. Of an arm, the
+        length in its joints, a radian counting as a metre. NaN where not solved.
     clearance : float
         Room in the map: lower bound, proven, of the distance in metres from any configuration on the path to the
         nearest one that is not FREE, be it in collision or undecided; :attr:`obstacle_distance` is that of the robot
         from the obstacles. NaN where not solved, and of a path over tiles. Of a robot that turns, the distance is that
-        of its position, at the rotation it has there. Zero along a path through MIXED cells.
+        of its position, at the rotation it has there. Zero along a path through MIXED cells. Of an arm, by how much
+        links are farther from obstacles, and from each other, than the margin.
     path_exists : bool or None
         What the map proves of these ends: a path exists, none does, or None for undecided at this resolution. True is
         said of a holonomic robot, whatever the drive.
@@ -101,12 +101,12 @@ class Plan:
     turning_radius : float or None
         Of the curves, in metres.
     exact : bool
-        Whether the geometry itself was asked where the map cannot decide.
+        Whether the geometry itself was asked where the map cannot decide; of an arm it always is.
     seed : int or None
     time_limit : float
         Seconds that the search was given.
     times : Times
-    space : CSpace, TiledCSpace or None
+    space : CSpace, TiledCSpace, ArmSpace or None
         The map that it was planned on; None of a plan that was pickled, which leaves the map behind.
     """
 
@@ -129,7 +129,7 @@ class Plan:
     seed: int | None
     time_limit: float
     times: Times
-    space: ConfigurationMap | None = None
+    space: ConfigurationSpace | None = None
 
     def __getstate__(self) -> list[Any]:
         return [None if each.name == "space" else getattr(self, each.name) for each in fields(self)]
@@ -152,7 +152,7 @@ class Plan:
         if not self.solved or self.space is None:
             return math.nan
         edges = local_planner(cast(CSpace, self.space), self.exact, self.drive, self.turning_radius)
-        return least_distance(edges, self.waypoints)
+        return edges.distance(self.waypoints)
 
     def __repr__(self) -> str:
         return "Plan(" + "\n     ".join(self._lines()) + ")"
@@ -204,7 +204,7 @@ class Plan:
             mend = "draw it with space.plot(path=plan)"
             raise InputError("plan", "has no map", "pickling leaves the map behind", mend)
         options.setdefault("path", self)
-        return self.space.plot(**options)
+        return cast(CSpace, self.space).plot(**options)
 
     def to_csv(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
         """Write the path as CSV: a row of names, then a row for each configuration, in full precision.
@@ -251,65 +251,6 @@ class Plan:
         names = [each.name for each in fields(self) if each.name != "space"] + ["obstacle_distance"]
         record = {name: _plain(getattr(self, name)) for name in names}
         _write(path, overwrite, lambda file: file.write(json.dumps(record, indent=2, allow_nan=False) + "\n"))
-
-
-def least_clearance(edges: LocalPlanner, path: Floats) -> float:
-    """Lower bound of the clearance all along a path.
-
-    Each edge is cut into pieces of at most half a cell and 5 degrees. No point of a piece is further than half a piece
-    from its middle, and distance changes by no more than the way moved; so the clearance at the middle less half the
-    piece holds for the whole piece, in each rotation cell that the robot can come to within half the piece's turn; the
-    smallest of them counts.
-
-    Parameters
-    ----------
-    edges : LocalPlanner
-        How the rows are joined.
-    path : ndarray, shape (n, dof), n >= 1
-        Waypoints.
-
-    Returns
-    -------
-    float
-        Metres; never below zero, infinite where every configuration is FREE.
-    """
-    space, dim = edges.space, edges.space.grid.dim
-    if len(path) < 2:
-        return float(space.clearance(path[0]))
-    pieces = edges.pieces(path, 0.5 * space.grid.spacing, DENSE_TURN)
-    rows, cells = space.rotations.cells_within(pieces.middles, 0.5 * pieces.turns + 2.0 * YAW_SLACK)
-    q = pieces.middles[rows]
-    q[:, dim:] = space.rotations.centers[cells]  # clearance is one of the rotation cell
-    return max(0.0, float(np.min(space.clearance(q) - 0.5 * pieces.lengths[rows])))
-
-
-def least_distance(edges: LocalPlanner, path: Floats) -> float:
-    """Lower bound of the robot's distance from the obstacles all along a path, in metres.
-
-    Each edge is cut into pieces on which no point of the robot moves by more than half a cell: none is more than a
-    quarter from where it is in the middle of the piece, so that the distance there, less as much, holds for all of it.
-
-    Parameters
-    ----------
-    edges : LocalPlanner
-        How the rows are joined.
-    path : ndarray, shape (n, dof), n >= 1
-        Waypoints.
-
-    Returns
-    -------
-    float
-        As :attr:`Plan.obstacle_distance`.
-    """
-    space, step = edges.space, 0.25 * edges.space.grid.spacing
-    pieces = edges.pieces(path, step, step / max(space.robot.span, step))
-    if len(path) < 2:
-        pieces = Pieces(path, np.zeros(1), np.zeros(1))
-    try:
-        distance = space._exact.distance(pieces.middles, pieces.lengths, pieces.turns)
-    except InputError:  # there is no geometry to be asked
-        return math.nan
-    return distance if edges.are_free(path) else 0.0
 
 
 def _plain(value: object) -> object:

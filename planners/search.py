@@ -104,8 +104,8 @@ class Search:
             setup = set_up(edges, self.objective)
             if self._is_shortest(edges, setup, start, goal):
                 return Found(np.array([start, goal]), "a single edge is free; no search needed")
-            if not edges.exact and edges.space.path_exists(start, goal):
-                narrow(setup, edges.space, start)
+            if not edges.exact and edges.space._known(np.array(start), np.array(goal)):
+                narrow(setup, edges, start)
             return _Run(self, edges, setup).solve(start, goal, time_limit)
 
     def _is_shortest(

@@ -8,6 +8,7 @@ import numpy as np
 from ompl import base as ob
 from ompl import geometric as og
 
+from cspace.arms import ArmSpace
 from cspace.errors import InputError
 from cspace.map.batches import check_rng
 from cspace.space import CSpace
@@ -20,12 +21,16 @@ MakeSampler = Callable[[ob.SpaceInformation], ob.ValidStateSampler]
 
 
 @takes_curve
-def state_space(space: CSpace, *, drive: str = HOLONOMIC, turning_radius: float | None = None) -> ob.StateSpace:
+def state_space(
+    space: CSpace | ArmSpace, *, drive: str = HOLONOMIC, turning_radius: float | None = None
+) -> ob.StateSpace:
     """OMPL's state space of a map, R^2, R^3, SE(2), R^3 x SO(2) or SE(3): the box of its grid, and every rotation.
+
+    Of an arm, all joints within their limits.
 
     Parameters
     ----------
-    space : CSpace
+    space : CSpace or ArmSpace
     drive : {"holonomic", "differential", "differential-reverse", "dubins", "reeds-shepp"}
         As for :func:`planners.plan`.
     turning_radius : float, optional
@@ -41,6 +46,9 @@ def state_space(space: CSpace, *, drive: str = HOLONOMIC, turning_radius: float 
         ``ReedsSheppStateSpace``. Those of a differential drive turn on a point: what they interpolate lies on the edge
         that is proven, but for a hundred-millionth of the map's side, and their distance is in metres alone.
 
+        Of an arm ``RealVectorStateSpace``, or, where joints turn for ever, a ``CompoundStateSpace`` of one of the
+        others and an ``SO2StateSpace`` for each of them, all of weight 1.
+
     Raises
     ------
     InputError
@@ -51,32 +59,34 @@ def state_space(space: CSpace, *, drive: str = HOLONOMIC, turning_radius: float 
 
 
 def _bounded(edges: LocalPlanner) -> ob.StateSpace:
-    states, grid = edges.states(), edges.space.grid
-    kind_of(edges.space).set_bounds(states, grid.lower, grid.upper)
+    states = edges.states()
+    lower, upper = edges.bounds
+    kind_of(edges.space).set_bounds(states, lower.tolist(), upper.tolist())
     return states
 
 
-def _set_resolution(si: ob.SpaceInformation, space: CSpace) -> None:
-    """Have OMPL look at states half a cell apart, where it steps along a motion by itself."""
-    si.setStateValidityCheckingResolution(0.5 * space.grid.spacing / si.getStateSpace().getMaximumExtent())
+def _set_resolution(si: ob.SpaceInformation, edges: LocalPlanner) -> None:
+    """Say how far apart OMPL looks at states, where it steps along a motion by itself."""
+    si.setStateValidityCheckingResolution(edges.step / si.getStateSpace().getMaximumExtent())
 
 
-def narrow(setup: og.SimpleSetup, space: CSpace, start: Configuration) -> None:
+def narrow(setup: og.SimpleSetup, edges: LocalPlanner, start: Configuration) -> None:
     """Keep the states of a set-up to the box around all that FREE cells join to the start.
 
     Nothing is lost: a path through FREE cells of the grid does not leave it.
     """
+    space = edges.space
     lower, upper = space.free_reach(start)
     place = start[: len(lower)]
     # The rounding of a cell's corner must not put the start outside.
     box = np.minimum(lower, place).tolist(), np.maximum(upper, place).tolist()
     kind_of(space).set_bounds(setup.getStateSpace(), *box)
-    _set_resolution(setup.getSpaceInformation(), space)
+    _set_resolution(setup.getSpaceInformation(), edges)
 
 
 @takes_curve
 def simple_setup(
-    space: CSpace,
+    space: CSpace | ArmSpace,
     *,
     objective: MakeObjective | None = None,
     rng: np.random.Generator | None = None,
@@ -86,7 +96,7 @@ def simple_setup(
     turning_radius: float | None = None,
     both_ways: bool = False,
 ) -> og.SimpleSetup:
-    """OMPL's set-up with everything that the map can answer: states, motions, samples and checking resolution.
+    """OMPL's set-up with everything that a map, or an arm, can answer: states, motions, samples, checking resolution.
 
     Choose a planner, set start and goal, and solve::
 
@@ -95,7 +105,7 @@ def simple_setup(
 
     Parameters
     ----------
-    space : CSpace
+    space : CSpace or ArmSpace
     objective : callable, optional
         Given the space information, returns an ``ompl.base.OptimizationObjective``. OMPL's default is the length.
     rng : numpy.random.Generator, optional
@@ -116,7 +126,7 @@ def simple_setup(
     Returns
     -------
     ompl.geometric.SimpleSetup
-        States are checked at half a cell where OMPL steps along a motion by itself.
+        States are checked at half a cell, or a hundredth of a radian, where OMPL steps along a motion by itself.
 
     Raises
     ------
@@ -140,8 +150,8 @@ def set_up(
     si = setup.getSpaceInformation()
     setup.setStateValidityChecker(StateValidityChecker(si, space, exact=edges.exact))
     si.setMotionValidator(MotionValidator(si, space, **edges.options))
-    _set_resolution(si, space)
-    si.setValidStateSamplerAllocator(_sampler_maker(si, space, rng, sampler, edges.exact))
+    _set_resolution(si, edges)
+    si.setValidStateSamplerAllocator(_sampler_maker(si, edges, rng, sampler))
     if objective is not None:
         setup.setOptimizationObjective(_made(objective, si, ob.OptimizationObjective, "objective"))
     elif not setup.getStateSpace().getType():
@@ -153,9 +163,10 @@ def set_up(
 
 
 def _sampler_maker(
-    si: ob.SpaceInformation, space: CSpace, rng: np.random.Generator | None, sampler: MakeSampler | None, exact: bool
+    si: ob.SpaceInformation, edges: LocalPlanner, rng: np.random.Generator | None, sampler: MakeSampler | None
 ) -> MakeSampler:
     """What makes the valid state samplers. It must not hold ``si``, which holds it."""
+    space, exact = edges.space, edges.exact
     if rng is not None:
         check_rng(rng)
         if sampler is not None or exact:

@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from ompl import base as ob
 
-from cspace.configuration_map import ConfigurationMap
+from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import InputError
-from cspace.space import CSpace
 
 Floats = NDArray[np.float64]
 Configuration = tuple[float, ...]
@@ -30,8 +29,8 @@ class StateKind:
     ----------
     make : callable
         Makes OMPL's state space for straight edges, without bounds.
-    positions : callable
-        The part of such a space that the bounds belong to.
+    set_bounds : callable
+        Keeps the positions in such a space, which must be bounded, to a box, given by its lowest and highest numbers.
     read : callable
         Reads a configuration off a state.
     write : callable
@@ -42,37 +41,30 @@ class StateKind:
     """
 
     make: Callable[[], ob.StateSpace]
-    positions: Callable[[ob.StateSpace], ob.StateSpace]
+    set_bounds: Callable[[ob.StateSpace, Sequence[float], Sequence[float]], None]
     read: Callable[[ob.State], Configuration]
     write: Callable[..., None]
     of_state: Callable[[Callable[..., T]], Callable[[ob.State], T]]
     of_states: Callable[[Callable[..., T]], Callable[[ob.State, ob.State], T]]
 
-    def set_bounds(self, states: ob.StateSpace, lower: Sequence[float], upper: Sequence[float]) -> None:
-        """Keep the positions of a state space to a box."""
-        bounds = ob.RealVectorBounds(len(lower))
-        for axis, (low, high) in enumerate(zip(lower, upper, strict=True)):
-            bounds.setLow(axis, float(low))
-            bounds.setHigh(axis, float(high))
-        self.positions(states).setBounds(bounds)
 
-
-def kind_of(space: CSpace) -> StateKind:
-    """The kind of states that a map has."""
-    return _KINDS[space.axes]
+def kind_of(space: ConfigurationSpace) -> StateKind:
+    """The kind of states that a space has."""
+    return _KINDS.get(space.axes) or _joints(space.endless)
 
 
 def check_space(space: object) -> None:
-    """Refuse what is no map, as where arguments are swapped.
+    """Refuse what is no map and no space of an arm, as where arguments are swapped.
 
     Raises
     ------
     InputError
-        If it is not a CSpace.
+        If it is neither.
     """
-    if not isinstance(space, ConfigurationMap):
-        mend = "pass what cspace.build or cspace.open returns, and mind the order of the arguments"
-        raise InputError("space", f"is a {type(space).__name__}", "it must be a CSpace", mend, value=space)
+    if not isinstance(space, ConfigurationSpace):
+        rule = "it must be a CSpace, or the ArmSpace of an arm"
+        mend = "pass what cspace.build, cspace.open or cspace.build_arm returns, and mind the order of the arguments"
+        raise InputError("space", f"is a {type(space).__name__}", rule, mend, value=space)
 
 
 def check_information(si: object, space: object) -> None:
@@ -89,8 +81,12 @@ def check_information(si: object, space: object) -> None:
     check_space(space)
 
 
-def _whole(states: ob.StateSpace) -> ob.StateSpace:
-    return states
+def _bound(states: ob.StateSpace, lower: Sequence[float], upper: Sequence[float]) -> None:
+    bounds = ob.RealVectorBounds(len(lower))
+    for axis, (low, high) in enumerate(zip(lower, upper, strict=True)):
+        bounds.setLow(axis, float(low))
+        bounds.setHigh(axis, float(high))
+    states.setBounds(bounds)
 
 
 def _write_vector(state: ob.State, *q: float) -> None:
@@ -152,7 +148,7 @@ def _of_se3(ask: Callable[..., T]) -> Callable[[ob.State], T]:
 _KINDS: Final[dict[tuple[str, ...], StateKind]] = {
     ("x", "y"): StateKind(
         make=lambda: ob.RealVectorStateSpace(2),
-        positions=_whole,
+        set_bounds=_bound,
         read=lambda s: (s[0], s[1]),
         write=_write_vector,
         of_state=lambda ask: lambda s: ask(s[0], s[1]),
@@ -160,7 +156,7 @@ _KINDS: Final[dict[tuple[str, ...], StateKind]] = {
     ),
     ("x", "y", "yaw"): StateKind(
         make=lambda: ob.SE2StateSpace(),
-        positions=_whole,
+        set_bounds=_bound,
         read=lambda s: (s.getX(), s.getY(), s.getYaw()),
         write=_write_se2,
         of_state=lambda ask: lambda s: ask(s.getX(), s.getY(), s.getYaw()),
@@ -168,7 +164,7 @@ _KINDS: Final[dict[tuple[str, ...], StateKind]] = {
     ),
     ("x", "y", "z"): StateKind(
         make=lambda: ob.RealVectorStateSpace(3),
-        positions=_whole,
+        set_bounds=_bound,
         read=lambda s: (s[0], s[1], s[2]),
         write=_write_vector,
         of_state=lambda ask: lambda s: ask(s[0], s[1], s[2]),
@@ -176,7 +172,7 @@ _KINDS: Final[dict[tuple[str, ...], StateKind]] = {
     ),
     ("x", "y", "z", "yaw"): StateKind(
         make=_make_r3_so2,
-        positions=lambda states: states.getSubspace(0),
+        set_bounds=lambda states, lower, upper: _bound(states.getSubspace(0), lower, upper),
         read=_read_r3_so2,
         write=_write_r3_so2,
         of_state=_of_r3_so2,
@@ -184,7 +180,7 @@ _KINDS: Final[dict[tuple[str, ...], StateKind]] = {
     ),
     ("x", "y", "z", "qx", "qy", "qz", "qw"): StateKind(
         make=lambda: ob.SE3StateSpace(),
-        positions=_whole,
+        set_bounds=_bound,
         read=_read_se3,
         write=_write_se3,
         of_state=_of_se3,
@@ -192,3 +188,68 @@ _KINDS: Final[dict[tuple[str, ...], StateKind]] = {
     ),
 }
 """By the names of the numbers of a configuration."""
+
+
+def _joints(endless: tuple[bool, ...]) -> StateKind:
+    """States of joints, of which some turn for ever: a vector, or what is composed of one and of circles.
+
+    All count alike: a radian as much as a metre.
+    """
+    dof, circles = len(endless), np.flatnonzero(endless).tolist()
+    if not circles:
+        numbers = range(dof)
+
+        def read_vector(state: ob.State) -> Configuration:
+            return tuple([state[k] for k in numbers])
+
+        return _by_reading(lambda: ob.RealVectorStateSpace(dof), _bound, read_vector, _write_vector)
+    limited = np.flatnonzero(~np.array(endless)).tolist()
+    first = bool(limited)  # the subspace of those that have limits comes first, if there are any
+
+    def make() -> ob.StateSpace:
+        states = ob.CompoundStateSpace()
+        if limited:
+            states.addSubspace(ob.RealVectorStateSpace(len(limited)), 1.0)
+        for _ in circles:
+            states.addSubspace(ob.SO2StateSpace(), 1.0)
+        states.registerDefaultProjection(ob.SubspaceProjectionEvaluator(states, 0))
+        return states
+
+    def set_bounds(states: ob.StateSpace, lower: Sequence[float], upper: Sequence[float]) -> None:
+        if limited:
+            _bound(states.getSubspace(0), [lower[k] for k in limited], [upper[k] for k in limited])
+
+    def read(state: ob.State) -> Configuration:
+        q = [0.0] * dof
+        if limited:
+            vector = state[0]
+            for n, k in enumerate(limited):
+                q[k] = vector[n]
+        for n, k in enumerate(circles):
+            q[k] = state[first + n].value
+        return tuple(q)
+
+    def write(state: ob.State, *q: float) -> None:
+        if limited:
+            _write_vector(state[0], *(q[k] for k in limited))
+        for n, k in enumerate(circles):
+            state[first + n].value = q[k]
+
+    return _by_reading(make, set_bounds, read, write)
+
+
+def _by_reading(
+    make: Callable[[], ob.StateSpace],
+    set_bounds: Callable[[ob.StateSpace, Sequence[float], Sequence[float]], None],
+    read: Callable[[ob.State], Configuration],
+    write: Callable[..., None],
+) -> StateKind:
+    """A kind of states of which questions cost far more than the reading of a state."""
+    return StateKind(
+        make=make,
+        set_bounds=set_bounds,
+        read=read,
+        write=write,
+        of_state=lambda ask: lambda s: ask(*read(s)),
+        of_states=lambda ask: lambda a, b: ask(*read(a), *read(b)),
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from itertools import combinations
 from typing import Any, Final, NamedTuple
@@ -31,6 +32,11 @@ THREAD: Final = 20
 
 _TRIES: Final = 100_000
 """Samples of which none is free, after which sampling is given up."""
+
+
+_CLOSE: Final = 1e-4
+_CLOSER: Final = 0.01
+"""Metres, and part of the whole, by which the clearance along a path is bounded too low."""
 
 
 class Contact(NamedTuple):
@@ -139,6 +145,11 @@ class ArmSpace(ConfigurationSpace):
         """Names of the numbers of a configuration."""
         return self.arm.joints
 
+    @property
+    def endless(self) -> tuple[bool, ...]:
+        """Which joints turn for ever, so that a whole turn more is the same configuration."""
+        return tuple(np.isinf(self.arm.upper).tolist())
+
     def point_checker(self, *, exact: bool = False) -> Callable[..., bool]:
         """A quick ``is_free`` of floats, ``check(*q)``, as :meth:`cspace.CSpace.point_checker`."""
         check = self.edge_checker()
@@ -156,9 +167,9 @@ class ArmSpace(ConfigurationSpace):
         return check
 
     def clearance(self, q: ArrayLike) -> float | Floats:
-        """How far the links are from obstacles, and from each other, at least, metres.
+        """By how much links are farther from obstacles, and from each other, than the margin, at least, metres.
 
-        Zero where they are nearer than the margin, or that is not proven.
+        Zero where they are nearer than that, or it is not proven.
 
         Parameters
         ----------
@@ -176,6 +187,20 @@ class ArmSpace(ConfigurationSpace):
         points = self._checked(q, "q")
         out, _ = self._distances(self._scene, points.reshape(-1, self.arm.dof))
         return out.reshape(points.shape[:-1]) if points.ndim > 1 else float(out[0])
+
+    def _path_clearance(self, path: Floats) -> float:
+        """A lower bound of the clearance all along a path that is free, shape (n, dof); short of the best by a bit."""
+        middles = 0.5 * (path[:-1] + path[1:])
+        most = float(np.min(self.clearance(np.concatenate([path, middles]))))
+        if len(path) < 2 or math.isinf(most):
+            return most
+        proven, beyond = 0.0, most
+        while beyond - proven > max(_CLOSE, _CLOSER * most):
+            wanted = beyond if beyond == most and proven == 0.0 else 0.5 * (proven + beyond)
+            scene, free = self._scene._replace(least=self._scene.least + wanted), np.empty(len(middles), dtype=np.bool_)
+            ask_motions(scene, own(path[:-1]), own(path[1:]), free)
+            proven, beyond = (wanted, beyond) if free.all() else (proven, min(wanted, 0.999 * beyond))
+        return proven
 
     def closest(self, q: ArrayLike) -> Contact:
         """What is nearest to touching at a configuration, shape (dof,).

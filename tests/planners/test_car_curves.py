@@ -69,7 +69,7 @@ def drive(first: Any, word: Any, radius: float, steps: int = 4000) -> np.ndarray
 def test_curves_are_as_short_as_ompls(name: str, radius: float) -> None:
     states, own, longer = SPACES[name](radius), curve(name, radius), 0
     for a, b in pairs(3000, radius):
-        length = own.length(a, b)
+        length = own.metres(a, b)
         theirs = states.distance(*as_states(states, a, b))
         assert length <= theirs + 2e-6 * radius
         longer += length < theirs - 2e-6 * radius
@@ -93,7 +93,7 @@ def test_points_on_a_curve_are_those_of_ompl(name: str) -> None:
     same = 0
     for a, b in some:
         first, second = as_states(states, a, b)
-        length, between = own.length(a, b), states.allocState()
+        length, between = own.metres(a, b), states.allocState()
         shares = np.linspace(0.0, 1.0, 9)
         theirs = []
         for share in shares:
@@ -112,16 +112,16 @@ def test_part_of_a_curve_is_no_detour(name: str) -> None:
     own = curve(name, 0.5)
     rng = np.random.default_rng(3)
     for a, b in pairs(500, 0.5, seed=3):
-        length = own.length(a, b)
+        length = own.metres(a, b)
         s, t = sorted(rng.uniform(0.0, length, 2))
         part = own.points(a, b, np.array([s, t]))
-        assert own.length(*part) <= (t - s) + 1e-6
+        assert own.metres(*part) <= (t - s) + 1e-6
 
 
 def test_curves_in_both_directions_are_the_same_both_ways() -> None:
     own = curve("reeds-shepp", 0.5)
     for a, b in pairs(500, 0.5, seed=4):
-        length = own.length(a, b)
+        length = own.metres(a, b)
         there = own.points(a, b, np.linspace(0.0, length, 7))
         back = own.points(b, a, np.linspace(0.0, length, 7))[::-1]
         assert np.abs(there[:, :2] - back[:, :2]).max() < 1e-6
@@ -131,7 +131,7 @@ def test_curves_in_both_directions_are_the_same_both_ways() -> None:
 @pytest.mark.parametrize("name", CURVES)
 def test_no_way_is_no_length(name: str) -> None:
     q = np.array([1.0, 2.0, 3.0])
-    assert curve(name, 0.5).length(q, q) == 0.0
+    assert curve(name, 0.5).metres(q, q) == 0.0
 
 
 # ---- proofs ----------------------------------------------------------------------------------------------------------
@@ -152,7 +152,7 @@ def test_a_curve_called_free_is_free_at_a_thousand_points(space: CSpace, name: s
     check, kinds, own = way.edge_checker(), set(), curve(name, radius, space)
     for a, b in edges(space, 400, 0):
         proven = check(*a, *b)
-        points = own.points(a, b, np.linspace(0.0, own.length(a, b), 1000))
+        points = own.points(a, b, np.linspace(0.0, own.metres(a, b), 1000))
         inside = ((points[:, :2] >= space.grid.lower) & (points[:, :2] <= space.grid.upper)).all()
         assert not proven or (inside and space.is_free(points).all())
         kinds.add(proven)
@@ -165,7 +165,7 @@ def test_a_curve_with_a_little_room_around_it_is_proven(space: CSpace, name: str
     check, some, tied = way.edge_checker(), 0, 0
     room = 0.1 * space.grid.spacing
     for a, b in edges(space, 800, 1):
-        points = own.points(a, b, np.linspace(0.0, own.length(a, b), 3000))
+        points = own.points(a, b, np.linspace(0.0, own.metres(a, b), 3000))
         if space.is_free_around(points, room, room / 0.5).all():
             some += 1
             tied += not check(*a, *b)
@@ -228,7 +228,7 @@ def test_a_single_cell_on_a_curve_is_not_stepped_over(name: str) -> None:
     free = walled((0, 0, 0), FREE)
     hits = tied = 0
     for a, b in edges(free, 120, 2):
-        length = own.length(a, b)
+        length = own.metres(a, b)
         points = own.points(a, b, np.linspace(0.0, length, 500))
         if not local_planner(free, False, name, 0.6).edge_checker()(*a, *b):
             # Another curve as short may leave the map, of a car that reverses.
@@ -283,7 +283,7 @@ def test_a_dense_path_lies_on_the_curve_and_holds_the_waypoints(space: CSpace, n
     steps, turns = np.hypot(*np.diff(path[:, :2], axis=0).T), turn_between(path[:-1, 2], path[1:, 2])
     assert steps.max() <= space.grid.spacing + 1e-9 and np.abs(turns).max() <= math.radians(5) + 1e-9
     for (a, b), (i, j) in zip(itertools.pairwise(waypoints), itertools.pairwise(places), strict=True):
-        length = own.length(a, b)
+        length = own.metres(a, b)
         fine = own.points(a, b, np.linspace(0.0, length, 5000))
         for row in path[i : j + 1]:
             assert np.hypot(*(fine[:, :2] - row[:2]).T).min() < length / 5000 + 1e-6

@@ -23,7 +23,6 @@ import planners
 from cspace import BLOCKED, CSpace, FileError, Robot, Workspace, build
 from cspace.errors import InputError
 from planners.local_planner import CURVES, HOLONOMIC, local_planner
-from planners.result import least_clearance
 from planning import CAR, ENDS, SPACES, distances, halves, open_map, room, turn_between, usable
 
 CASES = [*((name, None) for name in SPACES), *(("turning", curve) for curve in CURVES)]
@@ -46,7 +45,7 @@ def test_the_clearance_of_a_path_is_a_bound_for_each_of_its_points(name: str, cu
     rng, some = np.random.default_rng(0), 0
     for a in space.sample_free(40, rng):
         path = usable(space, np.array([a, *(a + rng.uniform(-0.3, 0.3, (2, len(a))))]))
-        bound = least_clearance(edges, path)
+        bound = edges.clearance(path)
         points = edges.pieces(path, 0.01, 0.01).middles
         if not space.grid.contains(points[:, :dim]).all():
             assert bound == 0.0
@@ -67,7 +66,7 @@ def test_the_clearance_of_a_path_is_the_least_one_of_its_pieces() -> None:
     count = math.ceil(length / 0.5)
     middles = path[0] + (np.arange(count) + 0.5)[:, None] / count * (path[1] - path[0])
     expected = space.clearance(middles).min() - 0.5 * length / count
-    assert least_clearance(local_planner(space), path) == pytest.approx(expected, abs=1e-12) and expected > 0.0
+    assert local_planner(space).clearance(path) == pytest.approx(expected, abs=1e-12) and expected > 0.0
 
 
 def test_clearance_is_infinite_where_every_configuration_is_free(tmp_path: Path) -> None:

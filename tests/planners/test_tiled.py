@@ -9,7 +9,6 @@ import cspace
 import planners
 from cspace.errors import ConfigurationError, InputError
 from planners.local_planner import local_planner
-from planners.result import least_clearance
 
 CAR = cspace.Robot.rectangle(0.5, 0.2)
 
@@ -98,7 +97,7 @@ def test_what_a_plan_in_memory_takes(options, tmp_path):
     np.testing.assert_allclose(found.waypoints[[0, -1]], [start, goal])
     edges = local_planner(space, False, options.get("drive", "holonomic"), options.get("turning_radius"))
     assert edges.are_free(found.waypoints)
-    assert found.clearance == pytest.approx(least_clearance(edges, found.waypoints))
+    assert found.clearance == pytest.approx(edges.clearance(found.waypoints))
 
 
 def test_a_robot_that_turns_finds_its_way(tmp_path):

@@ -1,0 +1,106 @@
+"""Plans of arms: every planner of OMPL, proven motions, joints that turn for ever, and errors."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from ompl import base as ob
+
+import planners
+from cspace import ArmSpace, InputError, Robot
+from cspace.arms import Arm, Placed, build_arm
+from tests.urdfs import planar
+
+pytest.importorskip("yourdfpy")
+
+START, GOAL = (-0.6, 0.3), (1.4, -0.2)
+
+
+def at(x: float, y: float) -> np.ndarray:
+    pose = np.eye(4)
+    pose[:2, 3] = x, y
+    return pose
+
+
+def space_of(folder: Path, **changes: Any) -> ArmSpace:
+    """Two links of 1 m, and a post at 1.6 m that only the folded arm passes."""
+    post = Placed(Robot.box((0.2, 0.2, 1.0)).shape, at(1.55, 0.6))
+    return build_arm({"post": post}, Arm.from_urdf(planar(folder, **changes)))
+
+
+@pytest.mark.parametrize("name", planners.planner_names())
+def test_every_planner_finds_a_path_that_is_proven(tmp_path: Path, name: str) -> None:
+    space = space_of(tmp_path)
+    plan = planners.plan(space, START, GOAL, planner=name, time_limit=0.4, seed=1)
+    if not plan.solved:  # those that search for long may find none in so short a time
+        assert "unknown whether one exists" in plan.status and "more time" in plan.advice
+        assert name not in ("RRTConnect", "RRT", "PRM", "KPIECE1", "SBL", "BKPIECE1")
+        return
+    assert plan.certified and plan.path_exists is None and plan.exact
+    assert np.array_equal(plan.path[[0, -1]], [START, GOAL]) and plan.axes == ("shoulder", "elbow")
+    between = np.concatenate([np.linspace(a, b, 60) for a, b in zip(plan.path[:-1], plan.path[1:], strict=True)])
+    assert np.asarray(space.is_free(between)).all()
+    assert plan.length == pytest.approx(np.linalg.norm(np.diff(plan.path, axis=0), axis=1).sum())
+    room = np.asarray(space.clearance(between)).min()
+    assert 0.0 <= plan.clearance <= room + 1e-9
+    assert plan.obstacle_distance == plan.clearance
+
+
+def test_clearance_along_a_path_is_close_to_the_least(tmp_path: Path) -> None:
+    space = space_of(tmp_path)
+    plan = planners.plan(space, (-0.5, 0.0), (-1.5, 0.5))
+    between = np.linspace(plan.path[0], plan.path[-1], 400)
+    least = np.asarray(space.clearance(between)).min()
+    assert len(plan.path) == 2 and 0.97 * least < plan.clearance <= least
+
+
+def test_a_joint_that_turns_for_ever_goes_the_shorter_way(tmp_path: Path) -> None:
+    space = space_of(tmp_path, kind="continuous", limits=None)
+    assert space.endless == (True, False)
+    plan = planners.plan(space, (3.0, 0.4), (-3.0 + 4 * np.pi, 0.4))
+    assert plan.certified and plan.length == pytest.approx(2 * np.pi - 6.0)
+    # The rows are joined as they are: the second one has turned past half a turn.
+    np.testing.assert_allclose(plan.path, [(3.0, 0.4), (2 * np.pi - 3.0, 0.4)])
+    assert space.certify_path(plan.path).all()
+    around = planners.plan(space, START, GOAL, time_limit=5.0, seed=2)
+    assert around.certified and space.certify_path(around.path).all()
+
+
+def test_setup_of_ones_own(tmp_path: Path) -> None:
+    for changes, kind in (
+        ({}, ob.RealVectorStateSpace),
+        ({"kind": "continuous", "limits": None}, ob.CompoundStateSpace),
+    ):
+        space = space_of(tmp_path, **changes)
+        setup = planners.simple_setup(space)
+        assert isinstance(setup.getStateSpace(), kind)
+        states = [setup.getStateSpace().allocState() for _ in range(2)]
+        sampler = setup.getSpaceInformation().allocValidStateSampler()
+        assert all(sampler.sample(state) for state in states)
+        assert all(setup.getSpaceInformation().isValid(state) for state in states)
+        setup.setStartAndGoalStates(*states)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"start": (0.0, 9.0)}, "start has elbow at 9; its limits are -3 and 3"),
+        ({"start": (0.37, 0.0)}, r"start \(0.37, 0\) is not proven free: fore is in collision with post.*allowed="),
+        ({"goal": (0.0,)}, r"goal has shape \(1,\)"),
+        ({"goal": (0.0, np.nan)}, "nan"),
+        ({"planner": "Cubes"}, "Cubes follows the cells of a map"),
+        ({"planner": "Widest"}, "Widest follows the cells of a map"),
+        ({"objective": "clearance"}, "the objective weighs the cells of a map"),
+        ({"objective": "overlap"}, "the objective weighs the cells of a map"),
+        ({"drive": "differential"}, "drives and turns in the plane"),
+        ({"turning_radius": 1.0}, "a radius is for curves"),
+        ({"time_limit": 0.0}, "time_limit"),
+    ],
+)
+def test_bad_input(tmp_path: Path, options: dict[str, Any], words: str) -> None:
+    given = {"start": START, "goal": GOAL, **options}
+    with pytest.raises(InputError, match=words):
+        planners.plan(space_of(tmp_path), given.pop("start"), given.pop("goal"), **given)
