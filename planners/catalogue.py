@@ -17,8 +17,11 @@ CUBES: Final = "Cubes"
 WIDEST: Final = "Widest"
 """What it calls :meth:`cspace.CSpace.widest_path`."""
 
-OWN: Final = (CUBES, WIDEST)
-"""The map's own searches."""
+BIRRT: Final = "BiRRT"
+"""What it calls the arm's own search, :meth:`cspace.ArmSpace.free_path`."""
+
+OWN: Final = (CUBES, WIDEST, BIRRT)
+"""Searches of our own."""
 
 IGNORE_OBJECTIVES: Final = frozenset({"AORRTC", "BKPIECE1", "KPIECE1", "LBKPIECE1", "RRT", "RRTConnect"})
 """Planners that heed no objective: they stop at the first path, or optimise the length whatever they are told."""
@@ -82,7 +85,7 @@ def planner_named(name: str | None, drive: str = "holonomic") -> str:
         close = difflib.get_close_matches(str(name).lower().replace("*", "star"), known, n=1)
         mend = f"choose one of {', '.join(planner_names())}"
         mend = f"did you mean {known[close[0]]}? {mend}" if close else mend
-        rule = f"it must be a geometric planner of the installed OMPL, or {CUBES} or {WIDEST}"
+        rule = f"it must be a geometric planner of the installed OMPL, {CUBES} or {WIDEST}, or for an arm {BIRRT}"
         raise InputError("planner", f"is {name!r}", rule, mend, value=name)
     found = known[name.lower()]
     reason = NO_CURVES.get(drive, {}).get(found) if isinstance(drive, str) else None

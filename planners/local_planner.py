@@ -17,7 +17,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import wraps
-from typing import TYPE_CHECKING, Any, Final, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Final, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,12 +30,13 @@ from cspace.orientation import TURN, wrapped
 from cspace.rotations import YAW_SLACK
 from cspace.space import CSpace
 from cspace.states import BLOCKED, FREE, NAMES
-from planners.catalogue import OWN
+from planners.catalogue import BIRRT, CUBES, OWN, WIDEST, planner_named
 from planners.states import TURN_WEIGHT, Configuration, Floats, check_space, kind_of
 
 if TYPE_CHECKING:
     from planners.integrals import Field, Law
 
+Ends = tuple[Configuration, Configuration]
 P = ParamSpec("P")
 T = TypeVar("T")
 
@@ -58,6 +59,9 @@ CURVES: Final = ("dubins", "reeds-shepp")
 """Drives that are curves of a car, in the order of their numbers in the kernels."""
 
 DRIVES: Final = (HOLONOMIC, *(name for name in _SPACES if name not in CURVES), *CURVES)
+
+SAME: Final = 1e-12
+"""Radians that whole turns, added or taken, may cost."""
 
 ARM_STEP: Final = 0.01
 """How far apart OMPL looks at configurations of an arm where it steps along a motion by itself."""
@@ -110,8 +114,16 @@ class LocalPlanner(ABC):
     turning_radius: float | None = None
     both_ways: bool = False
 
+    own: ClassVar[tuple[str, ...]] = ()
+    """Searches of our own that go along such edges."""
+
     follows_cells = False
     """Whether a chain of cells of the map tells a way that such edges can take."""
+
+    @property
+    def quickest(self) -> str:
+        """The planner that mostly finds a path soonest."""
+        return planner_named(None, self.drive)
 
     @property
     def options(self) -> dict[str, Any]:
@@ -143,6 +155,18 @@ class LocalPlanner(ABC):
     @abstractmethod
     def are_free(self, path: Floats) -> bool:
         """Whether every edge of a path is proven free; of a path of one configuration, whether that is."""
+
+    @abstractmethod
+    def search(self, planner: str, ends: Ends, straight: bool, seed: int | None, seconds: float) -> Floats:
+        """A path by one of our own searches, shape (n, dof); of none if it finds none."""
+
+    def unwound(self, path: Floats) -> Floats:
+        """A path of OMPL's as edges join its rows, where whole turns count."""
+        return path
+
+    def same(self, one: Floats, other: Floats) -> bool:
+        """Whether configurations are the same."""
+        return np.array_equal(one, other)
 
     @abstractmethod
     def length(self, path: Floats) -> float:
@@ -200,6 +224,7 @@ class EdgesOnMap(LocalPlanner):
     """Edges between configurations of a map."""
 
     space: CSpace
+    own = (CUBES, WIDEST)
 
     @property
     @abstractmethod
@@ -213,6 +238,10 @@ class EdgesOnMap(LocalPlanner):
     @abstractmethod
     def pieces(self, path: Floats, step: float, turn: float) -> Pieces:
         """A path in pieces of at most ``step`` metres and ``turn`` radians."""
+
+    def search(self, planner: str, ends: Ends, straight: bool, seed: int | None, seconds: float) -> Floats:
+        find = self.space.free_path if planner == CUBES else self.space.widest_path
+        return find(*ends, straight=straight)
 
     def length(self, path: Floats) -> float:
         return math.fsum(self.pieces(path, math.inf, math.inf).lengths)
@@ -441,6 +470,8 @@ class JointMotions(LocalPlanner):
     """Motions of an arm: all joints move in step, those that turn for ever the shorter way."""
 
     space: ArmSpace
+    own = (BIRRT,)
+    quickest = BIRRT
 
     def states(self) -> ob.StateSpace:
         return kind_of(self.space).make()
@@ -462,13 +493,23 @@ class JointMotions(LocalPlanner):
         firsts, lasts = (path[:-1], path[1:]) if len(path) > 1 else (path, path)
         return bool(np.all(self.space.motion_is_free(firsts, lasts)))
 
-    def corners(self, path: Floats) -> Floats:
-        """A path on which joints that turn for ever count whole turns, so that its rows are joined as they are."""
+    def search(self, planner: str, ends: Ends, straight: bool, seed: int | None, seconds: float) -> Floats:
+        turns = [(-TURN, 0.0, TURN) if circle else (0.0,) for circle in self.space.endless]
+        goals = np.array(ends[1]) + np.array(list(itertools.product(*turns)))
+        return self.space.free_path(ends[0], goals, straight=straight, seed=seed, time_limit=seconds)
+
+    def unwound(self, path: Floats) -> Floats:
         circles, found = np.array(self.space.endless), path.copy()
         for k in range(1, len(path)):
             step = path[k] - found[k - 1]
             found[k, circles] -= TURN * np.rint(step[circles] / TURN)
         return found
+
+    def same(self, one: Floats, other: Floats) -> bool:
+        step = np.asarray(one) - other
+        circles = np.array(self.space.endless)
+        step[:, circles] -= TURN * np.rint(step[:, circles] / TURN)
+        return bool((np.abs(step) <= SAME).all())
 
     def length(self, path: Floats) -> float:
         return math.fsum(np.linalg.norm(np.diff(path, axis=0), axis=1))
@@ -502,7 +543,7 @@ class JointMotions(LocalPlanner):
         return tuple(point.tolist())
 
     def outlook(self, exists: bool | None, planner: str, more_time: str) -> tuple[str, list[str]]:
-        return "unknown whether one exists", [more_time, "another planner"]
+        return "unknown whether one exists", [more_time, "another seed", "another planner"]
 
 
 class CarCurves(EdgesOnMap):

@@ -15,7 +15,7 @@ from cspace.configuration_space import ConfigurationSpace, Leg
 from cspace.errors import InputError
 from cspace.grid import positive
 from cspace.space import CSpace
-from planners.catalogue import CUBES, IGNORE_OBJECTIVES, OWN, SECOND_THREAD, WIDEST, planner_named
+from planners.catalogue import BIRRT, CUBES, IGNORE_OBJECTIVES, OWN, SECOND_THREAD, WIDEST, planner_named
 from planners.local_planner import HOLONOMIC, LocalPlanner, check_flag, local_planner, takes_curve, text
 from planners.objectives import ClearanceObjective, OverlapObjective, WeightedLength, edges_on_map, overlap_field
 from planners.passages import Passages
@@ -112,14 +112,16 @@ def plan(
         Configurations, of an arm one number for each joint, or in metres: ``(x, y)``, ``(x, y, yaw)``, ``(x, y, z)``,
         ``(x, y, z, yaw)`` or ``(x, y, z, qx, qy, qz, qw)``; yaw in radians, wrapped.
     planner : str, optional
-        Name of a planner, in upper or lower case; :func:`planners.planner_names` lists them. RRTConnect, if left out,
-        but RRT for Dubins curves: RRTConnect's tree at the goal grows by curves that leave the goal, where a car that
-        cannot reverse needs those that arrive, so it often fails among obstacles. Planners that take edges from their
-        ends are refused for Dubins curves, and for "differential" get edges that are free both ways. Or "Cubes", which
-        is the map's own search, :meth:`cspace.CSpace.free_path`: it moves the robot to any side and turns it on the
-        spot, finds a path in milliseconds wherever FREE cells join start and goal, and the same one every time. Or
-        "Widest", :meth:`cspace.CSpace.widest_path`: the path with the most room, and then the shortest; also the same
-        every time, and whatever the time limit. Not on a map in a store.
+        Name of a planner, in upper or lower case; :func:`planners.planner_names` lists OMPL's. If left out, RRTConnect;
+        but for Dubins curves RRT, for RRTConnect's tree at the goal grows by curves that leave the goal, where a car
+        that cannot reverse needs those that arrive, so it often fails among obstacles. Planners that take edges from
+        their ends are refused for Dubins curves, and for "differential" get edges that are free both ways.
+        Or a search of our own. "Cubes", :meth:`cspace.CSpace.free_path` of a map, moves the robot to any side and turns
+        it on the spot, finds a path in milliseconds wherever FREE cells join start and goal, and the same one every
+        time. "Widest", :meth:`cspace.CSpace.widest_path`, gives the path with the most room, and then the shortest;
+        also the same every time, and whatever the time limit; not on a map in a store. "BiRRT",
+        :meth:`cspace.ArmSpace.free_path`, is what an arm gets if the planner is left out: two trees in compiled code,
+        of which motions are proven only where a path may be.
     time_limit : float
         Seconds after which the search gives up. Where it uses them up, a tenth of a second more goes to simplification.
     iterations : int, optional
@@ -183,6 +185,7 @@ def plan(
     name = planner_named(planner, drive)
     # Of a map in a store, what all maps have is asked; the search and its proofs go by parts of it, in memory.
     edges = local_planner(cast(CSpace, space), exact, drive, turning_radius)
+    name = edges.quickest if planner is None else name
     check_flag(simplify, "simplify")
 
     def search_on(part: CSpace) -> Search:
@@ -198,10 +201,12 @@ def plan(
     limit = positive(time_limit, "time_limit", "seconds")
     ends = edges.end(start, "start"), edges.end(goal, "goal")
     if name in OWN:
-        _check_own(name, objective=objective, exact=exact, drive=drive, iterations=iterations)
-        if not edges.follows_cells:
-            rule, mend = f"{name} follows the cells of a map", "leave planner out, or choose e.g. planner='RRTConnect'"
-            raise InputError("planner", f"is {name!r}, and there is no map of the arm", rule, mend, value=name)
+        if name not in edges.own:
+            rule = f"{BIRRT} is for arms, {CUBES} and {WIDEST} follow the cells of a map"
+            mend = "leave planner out, or choose e.g. planner='RRTConnect'"
+            raise InputError("planner", f"is {name!r}, and space is {space!r}", rule, mend, value=name)
+        asks = exact and edges.follows_cells  # without cells, the geometry is asked anyway
+        _check_own(name, objective=objective, exact=asks, drive=drive, iterations=iterations)
     if name == WIDEST and not isinstance(space, CSpace):
         rule, mend = "a path there is found part by part", "choose another, or plan on space.window(lower, upper)"
         raise InputError("planner", f"is {name!r}, on a map in a store", rule, mend, value=name)
@@ -218,7 +223,7 @@ def plan(
         if array is not None:
             array.flags.writeable = False
     status, advice = _status(found, name, edges, exists, limit)
-    certified = solved and found.proven and np.array_equal(found.path[[0, -1]], ends)
+    certified = solved and found.proven and edges.same(found.path[[0, -1]], np.array(ends))
     clearance = edges.clearance(waypoints) if solved else math.nan
     setup = searched - began - found.planning - found.simplification
     return Plan(
@@ -287,9 +292,8 @@ def _leg(
     if ends[0] == ends[1]:
         return Found(np.array(ends[:1]), "the start is the goal")
     if search.planner in OWN:
-        began, space = time.perf_counter(), edges.space
-        find = space.free_path if search.planner == CUBES else space.widest_path
-        path = find(*ends, straight=search.simplify)
+        began = time.perf_counter()
+        path = edges.search(search.planner, ends, search.simplify, search.seed, limit)
         return Found(path, "", time.perf_counter() - began)
     if edges.follows_cells:
         passages = Passages(search, edges, limit)
@@ -317,7 +321,7 @@ def _status(found: Found, planner: str, edges: LocalPlanner, exists: bool | None
         return "path found" + (f": {found.note}" if found.note else ""), ""
     if exists is False:
         return "no path exists: proven", ""
-    if planner in OWN:
+    if planner in (CUBES, WIDEST):
         within = "no chain of FREE cells joins start and goal"
     elif found.planning >= 0.95 * limit:
         within = f"no path found within {limit:g} s"
@@ -360,7 +364,7 @@ def _check_own(planner: str, **options: object) -> None:
     for name, value in options.items():
         if value not in (None, False, "length", HOLONOMIC):
             found = f"is {value!r} and planner is {planner!r}"
-            rule = f"{planner} joins FREE cells along straight edges, to any side, in one go"
+            rule = f"{planner} looks for the shortest of straight edges, to any side, in its own way"
             raise InputError(name, found, rule, f"leave {name} out, or use planner='RRTConnect'", value=value)
 
 

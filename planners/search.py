@@ -103,7 +103,7 @@ class Search:
                 edges = replace(edges, both_ways=True)
             setup = set_up(edges, self.objective)
             if self._is_shortest(edges, setup, start, goal):
-                return Found(np.array([start, goal]), "a single edge is free; no search needed")
+                return Found(edges.unwound(np.array([start, goal])), "a single edge is free; no search needed")
             if not edges.exact and edges.space._known(np.array(start), np.array(goal)):
                 narrow(setup, edges, start)
             return _Run(self, edges, setup).solve(start, goal, time_limit)
@@ -239,12 +239,12 @@ class _Run:
             worse = solution.length() > length * (1.0 + 1e-12)
         else:
             worse = objective.isCostBetterThan(cost, solution.cost(objective))
-        ends = np.array_equal(simple[[0, -1]], path[[0, -1]])
+        ends = self._edges.same(simple[[0, -1]], path[[0, -1]])
         return simple if ends and not worse and self._edges.are_free(simple) else path
 
     def _rows(self, path: og.PathGeometric) -> Floats:
         """The configurations of a path, shape (n, dof)."""
-        return np.array([self._kind.read(state) for state in path.getStates()])
+        return self._edges.unwound(np.array([self._kind.read(state) for state in path.getStates()]))
 
 
 @contextmanager

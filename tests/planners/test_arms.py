@@ -31,7 +31,7 @@ def space_of(folder: Path, **changes: Any) -> ArmSpace:
     return build_arm({"post": post}, Arm.from_urdf(planar(folder, **changes)))
 
 
-@pytest.mark.parametrize("name", planners.planner_names())
+@pytest.mark.parametrize("name", ["BiRRT", *planners.planner_names()])
 def test_every_planner_finds_a_path_that_is_proven(tmp_path: Path, name: str) -> None:
     space = space_of(tmp_path)
     goes_on = name in ("AORRTC", "BITstar", "InformedRRTstar", "PRMstar", "RRTstar", "SORRTstar")
@@ -54,7 +54,7 @@ def test_clearance_along_a_path_is_close_to_the_least(tmp_path: Path) -> None:
     plan = planners.plan(space, (-0.5, 0.0), (-1.5, 0.5))
     between = np.linspace(plan.path[0], plan.path[-1], 400)
     least = np.asarray(space.clearance(between)).min()
-    assert len(plan.path) == 2 and 0.97 * least < plan.clearance <= least
+    assert len(plan.path) == 2 and 0.9 * least < plan.clearance <= least
 
 
 def test_a_joint_that_turns_for_ever_goes_the_shorter_way(tmp_path: Path) -> None:
@@ -65,8 +65,10 @@ def test_a_joint_that_turns_for_ever_goes_the_shorter_way(tmp_path: Path) -> Non
     # The rows are joined as they are: the second one has turned past half a turn.
     np.testing.assert_allclose(plan.path, [(3.0, 0.4), (2 * np.pi - 3.0, 0.4)])
     assert space.certify_path(plan.path).all()
-    around = planners.plan(space, START, GOAL, time_limit=5.0, seed=2)
-    assert around.certified and space.certify_path(around.path).all()
+    for planner in ("BiRRT", "RRTConnect"):
+        around = planners.plan(space, START, (2.8, 0.0), planner=planner, time_limit=20.0, seed=2)
+        assert around.certified and space.certify_path(around.path).all()
+        assert around.path[-1] == pytest.approx((2.8 - 2 * np.pi, 0.0))  # the other way there is the post
 
 
 def test_setup_of_ones_own(tmp_path: Path) -> None:
@@ -91,8 +93,8 @@ def test_setup_of_ones_own(tmp_path: Path) -> None:
         ({"start": (0.37, 0.0)}, r"start \(0.37, 0\) is not proven free: fore is in collision with post.*allowed="),
         ({"goal": (0.0,)}, r"goal has shape \(1,\)"),
         ({"goal": (0.0, np.nan)}, "nan"),
-        ({"planner": "Cubes"}, "Cubes follows the cells of a map"),
-        ({"planner": "Widest"}, "Widest follows the cells of a map"),
+        ({"planner": "Cubes"}, "BiRRT is for arms, Cubes"),
+        ({"planner": "Widest"}, "Widest follow the cells of a map"),
         ({"objective": "clearance"}, "the objective weighs the cells of a map"),
         ({"objective": "overlap"}, "the objective weighs the cells of a map"),
         ({"drive": "differential"}, "drives and turns in the plane"),
