@@ -71,13 +71,13 @@ class Correlation:
         """Fill all slices from the outer and, where there are any, the inner rasters; the arithmetic that it took.
 
         ``outer`` and ``inner`` are the cells that meet an obstacle, and those that lie in one; the same array where
-        both are the same.
+        both are the same. Slices that are smaller are of their first cells.
         """
         outers, inners = sides[0], [raster for side in sides[1:] for raster in side]
         collides = state.view(np.bool_)
         if inners and overlaps is None and len(outers) == 1 and inner is outer:
             # One slice and one workspace bitmap, which is read once for both rasters.
-            lies_in = np.empty(outer.shape, dtype=np.bool_)
+            lies_in = np.empty(state[0].shape, dtype=np.bool_)
             precision = self._collide(outer, [*outers, *inners], [collides[0], lies_in], (0, 1))
             state[0] += lies_in
             return precision

@@ -25,6 +25,8 @@ from benchmarks.timing import Timing, interleave
 from cspace import Robot, Workspace
 
 TILE = 4096
+CHUNK = 1024
+"""Cells of a chunk of the city along each axis: what is read of it around a tile is whole chunks."""
 SPACING = 0.1
 BLOCK = 128
 """Cells from one street of the city to the next."""
@@ -151,7 +153,7 @@ def _once(report: Report, name: str, call: Callable[[], Any], most: float | None
 
 def _city(path: Path, size: int, rng: np.random.Generator) -> Workspace:
     """Buildings between streets, in a Zarr array that is read tile by tile."""
-    side = min(size, TILE)
+    side = min(size, CHUNK)
     array = zarr.create_array(
         str(path),
         shape=(size, size),

@@ -46,9 +46,9 @@ class Engine(Protocol):
             Obstacle cells W.
         rasters : sequence of Raster
             Robot offsets.
-        out : sequence of ndarray, one for each raster, of the shape of ``occupied``
-            C-ordered. Booleans become whether there is any overlap; int32, with engines that count, how many there
-            are.
+        out : sequence of ndarray, one for each raster, all of the shape of ``occupied`` or of a smaller one
+            C-ordered; a smaller one is told the first cells. Booleans become whether there is any overlap; int32, with
+            engines that count, how many there are.
         outside : bool
             Whether the cells beyond the map are obstacle.
         add : bool

@@ -59,11 +59,11 @@ def collide(
     progress: Callable[[int, int], None] | None = None,
 ) -> str:
     """Dilate one bitmap by several rasters; see :class:`cspace.engines.Engine`. Small work takes one thread."""
-    shape = in_space(occupied.shape)
+    shape, results = in_space(occupied.shape), in_space(out[0].shape)
     live: list[tuple[Raster, Ints, Cells]] = []
     for raster, runs, result in zip(rasters, Runs.of(rasters, shape), out, strict=True):
         if len(runs.table) and not (outside and runs.clipped):
-            live.append((raster, runs.table, result.reshape(shape).view(np.uint8)))
+            live.append((raster, runs.table, result.reshape(results).view(np.uint8)))
         elif add:
             result += np.uint8(outside and runs.clipped)
         else:
@@ -71,8 +71,8 @@ def collide(
     if not live:
         return "integer"
     longest = max(int(table[-1, 3]) for _, table, _ in live)
-    cells = np.ascontiguousarray(occupied).reshape(shape).view(np.uint8)
-    board = Board(cells, [raster for raster, _, _ in live], longest, outside)
+    cells = occupied.view(np.uint8).reshape(shape)
+    board = Board(cells, results, [raster for raster, _, _ in live], longest, outside)
     tasks: list[Task] = []
     for _, offsets, view in live:
         table = board.placed(offsets)
@@ -91,7 +91,7 @@ def bytes_needed(shape: Sequence[int], rasters: Sequence[Raster], workers: int |
     live = [raster for raster in rasters if raster.cells.size]
     if not live:
         return 0
-    _, (rows, _, cells) = padded(in_space(shape), live)
+    _, (rows, _, cells) = padded(in_space(shape), in_space(shape), live)
     return int(rows * cells) // OCTET
 
 
@@ -145,20 +145,22 @@ def in_space(numbers: Sequence[int], front: int = 1) -> tuple[int, int, int]:
     return layers, rows, cells
 
 
-def padded(shape: Sequence[int], rasters: Sequence[Raster]) -> tuple[Ints, Ints]:
+def padded(shape: Sequence[int], results: Sequence[int], rasters: Sequence[Raster]) -> tuple[Ints, Ints]:
     """How much before a map's first cells robots reach, shape (3,), and rows, rows of a layer, and cells of a row.
 
-    What is around the map is the same everywhere, so that the end of a row is the beginning of the next one, and the
-    last rows of a layer are the first ones of the next. Rows begin with a byte.
+    ``results`` are the first cells, as many along each axis, that robots are placed at. What is around the map is the
+    same everywhere, so that the end of a row is the beginning of the next one, and the last rows of a layer are the
+    first ones of the next. Rows begin with a byte, and one more is read from than robots reach.
     """
     far = np.array(shape) - 1  # offsets beyond this cannot fall on the map
     first = np.array([raster.lower for raster in rasters])
     last = first + [raster.cells.shape for raster in rasters] - 1
     before, after = (np.array(in_space(reach.max(axis=0).tolist(), 0)) for reach in (-first, last))
+    after -= np.subtract(shape, results)
     below, above = np.minimum(np.maximum(before, 0), far), np.minimum(np.maximum(after, 0), far)
     _, rows, cells = shape + np.maximum(below, above)
     layers = below[0] + shape[0] + above[0]
-    return below, np.array([(layers - 1) * rows + below[1] + shape[1] + above[1], rows, -(-cells // OCTET) * OCTET])
+    return below, np.array([(layers - 1) * rows + below[1] + shape[1] + above[1] + 1, rows, -(-cells // OCTET) * OCTET])
 
 
 def _advance(progress: Callable[[int, int], None], total: int, done: int) -> None:
@@ -172,6 +174,8 @@ class Board:
     ----------
     occupied : ndarray of uint8, shape (layers, rows, cells)
         0 or 1.
+    results : tuple of int
+        Its first layers, rows and cells, that robots are placed at.
     rasters : sequence of Raster
         Of the robots.
     longest : int
@@ -180,19 +184,29 @@ class Board:
         What lies around the map.
     """
 
-    def __init__(self, occupied: Cells, rasters: Sequence[Raster], longest: int, outside: bool) -> None:
-        self.shape = in_space(occupied.shape)
-        self.pads, (total, self.rows, self.cells) = padded(self.shape, rasters)
+    def __init__(
+        self,
+        occupied: Cells,
+        results: tuple[int, int, int],
+        rasters: Sequence[Raster],
+        longest: int,
+        outside: bool,
+    ) -> None:
+        self.results = results
+        self.pads, (total, self.rows, self.cells) = padded(occupied.shape, results, rasters)
         # A block is read beyond the last run's place, as far as the longest run reaches, and one word more.
         self.beyond = longest // WORD + 2
         words = np.full(total * self.cells // WORD + 2 + self.beyond, ~np.uint64(0) if outside else np.uint64(0))
         before, above, left = self.pads.tolist()
         each = max(1, PACKED // self.cells)
-        slab, octets = np.full((min(each, self.shape[1]), self.cells), outside, dtype=np.uint8), words.view(np.uint8)
+        slab, octets = (
+            np.full((min(each, occupied.shape[1]), self.cells), outside, dtype=np.uint8),
+            words.view(np.uint8),
+        )
         for layer, own in enumerate(occupied, start=before):
             for row in range(0, len(own), each):
                 part = slab[: len(own) - row]
-                part[:, left : left + self.shape[2]] = own[row : row + each]
+                part[:, left : left + own.shape[1]] = own[row : row + each]
                 first = (layer * self.rows + above + row) * self.cells // OCTET
                 octets[first : first + part.size // OCTET] = np.packbits(part, bitorder="little")
         self.packed = Packed(words, int(self.cells) // OCTET, int(self.rows))
@@ -207,7 +221,7 @@ class Board:
 
     def blocks(self, table: Ints) -> list[tuple[int, int]]:
         """First row, and the one after the last, of the parts in which results are made; the first begins a word."""
-        rows = (self.shape[0] - 1) * self.rows + self.shape[1]
+        rows = (self.results[0] - 1) * self.rows + self.results[1]
         each = max(BLOCK, int(table[:, 1].max())) * WORD / self.cells
         number = max(1, round(rows / each))
         return list(itertools.pairwise([*(rows * k // number // OCTET * OCTET for k in range(number)), rows]))

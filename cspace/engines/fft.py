@@ -67,7 +67,7 @@ def collide(
 
     threads = workers or cores()
     lower, tiling = _tiling([part for part, _ in live], shape, threads)
-    corners = list(itertools.product(*(range(0, n, s) for n, s in zip(shape, tiling.step, strict=True))))
+    corners = list(itertools.product(*(range(0, n, s) for n, s in zip(out[0].shape, tiling.step, strict=True))))
     stacks = [corners[first : first + tiling.stack] for first in range(0, len(corners), tiling.stack)]
     groups = [live[first : first + tiling.digits] for first in range(0, len(live), tiling.digits)]
     turns = min(len(groups), math.ceil(len(groups) * tiling.spectrum_bytes / SPECTRA_BYTES))

@@ -61,6 +61,10 @@ class Raster:
         lower = tuple(self.lower[a] if sign > 0 else -self.upper[a] for a, sign in zip(axes, signs, strict=True))
         return Raster(np.ascontiguousarray(cells), lower)
 
+    def moved(self, by: Sequence[int]) -> Raster:
+        """The set with so much added to each offset."""
+        return Raster(self.cells, tuple(low + int(more) for low, more in zip(self.lower, by, strict=True)))
+
     @property
     def upper(self) -> tuple[int, ...]:
         """The largest offset along each axis, inclusive."""

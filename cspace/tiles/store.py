@@ -36,6 +36,7 @@ from cspace.io.output import replacing
 from cspace.io.record import (
     ARRAYS,
     AXES,
+    TURNS,
     VERSION,
     attributes_of,
     axes_of,
@@ -54,8 +55,11 @@ ROOT: Final = "zarr.json"
 CHUNK_CELLS: Final = 2**24
 """States that a chunk holds at most, unless a single slice of a tile has more."""
 
-LEVEL: Final = 3
-"""Of zstd: higher ones take more time and save little."""
+LEVEL: Final = 1
+"""Of zstd: higher ones take more time and save little; slices of turned robots even grow."""
+
+DIGESTED: Final = ("state", "outer", "inner")
+"""Arrays whose chunks have digests in the records of their tiles."""
 
 _DIGEST: Final = 4
 """Whole numbers of 64 bits in a digest."""
@@ -188,8 +192,7 @@ class Store:
                 raise unusable(path, f"its newer files are in {metadata['aside']!r}")
             if min(*metadata["tile"], metadata["depth"], metadata["slices"]) < 1:
                 raise unusable(path, "its tiles hold nothing")
-            arrays = {name: _small(Path(path), name, digests) for name in {part.split("/")[0] for part in digests}}
-            return cls(Path(path), metadata, Rotations.from_coordinates(arrays), moment)
+            return cls(Path(path), metadata, _rotations(Path(path), digests), moment)
 
     def sealed(self, **changes: Any) -> None:
         """Write the metadata anew, with some of it changed."""
@@ -218,7 +221,7 @@ class Store:
             whole = np.full(shape, lost, dtype=dtype)
             whole[tuple(slice(0, n) for n in block.shape)] = block
             block = whole
-        content = _codec().encode(np.ascontiguousarray(block, dtype=dtype))
+        content = _codec(name).encode(np.ascontiguousarray(block, dtype=dtype))
         _write(self.path / aside / _name(name, index), content)
         return digest_of_bytes(content)
 
@@ -238,7 +241,7 @@ class Store:
             raise unusable(self.path, f"its file {file!r} differs from its digest")
         shape, dtype, _ = self._chunk(name)
         with decoding_map(self.path / file):
-            return np.frombuffer(_codec().decode(content), dtype=dtype).reshape(shape)
+            return np.frombuffer(_codec(name).decode(content), dtype=dtype).reshape(shape)
 
     def optional(self, name: str, index: Sequence[int]) -> NDArray[Any] | None:
         """A chunk of what may be missing, or damaged, and is made again then."""
@@ -348,7 +351,7 @@ class Store:
                     shape=(*self.counts, width),
                     dtype="int32",
                     chunks=(*(1,) * self.grid.dim, width),
-                    compressors=[_zarr_codec()],
+                    compressors=[_zarr_codec(f"labels_{kind}")],
                     fill_value=-1,
                     attributes={
                         "long_name": f"components of {what} within a tile, of the cells on its faces",
@@ -449,18 +452,21 @@ def _name(array: str, index: Sequence[int]) -> str:
     return f"{array}/c/{'/'.join(map(str, index))}"
 
 
-def _codec() -> Any:
-    """What chunks are encoded with: as Zarr does it, which takes several times as long to come to it."""
+def _codec(name: str) -> Any:
+    """What chunks of an array are encoded with: as Zarr does it, which takes several times as long to come to it.
+
+    A checksum takes as long as all else. What has a digest in a record needs none.
+    """
     from numcodecs import Zstd
 
-    return Zstd(LEVEL, checksum=True)
+    return Zstd(LEVEL, checksum=name not in DIGESTED)
 
 
-def _zarr_codec() -> Any:
+def _zarr_codec(name: str) -> Any:
     """The same, for Zarr."""
     from zarr.codecs import ZstdCodec
 
-    return ZstdCodec(level=LEVEL, checksum=True)
+    return ZstdCodec(level=LEVEL, checksum=name not in DIGESTED)
 
 
 def _write(file: Path, content: bytes) -> None:
@@ -502,7 +508,7 @@ def _write_frame(folder: Path, metadata: Mapping[str, Any], slice_of: NDArray[np
             shape=shape,
             dtype=ARRAYS[name].dtype,
             chunks=chunks,
-            compressors=[_zarr_codec()],
+            compressors=[_zarr_codec(name)],
             fill_value=ARRAYS[name].lost,
             attributes=attributes_of(name, dim),
             dimension_names=axes_of(name, dim),
@@ -515,7 +521,7 @@ def _write_frame(folder: Path, metadata: Mapping[str, Any], slice_of: NDArray[np
         shape=(*counts, width),
         dtype="int64",
         chunks=(*(1,) * dim, width),
-        compressors=[_zarr_codec()],
+        compressors=[_zarr_codec("record")],
         fill_value=-1,
         attributes={
             "long_name": "what is known of a tile that is done",
@@ -532,11 +538,15 @@ def _write_frame(folder: Path, metadata: Mapping[str, Any], slice_of: NDArray[np
     (folder / ROOT).write_bytes(json.dumps(document, indent=2).encode())
 
 
-def _small(path: Path, name: str, digests: Mapping[str, str]) -> NDArray[Any]:
-    """A small array, whose files have their digests."""
+def _rotations(path: Path, digests: Mapping[str, str]) -> Rotations:
+    """Those that the small arrays of a store tell of, all of whose files have their digests."""
+    for file, digest in digests.items():
+        if ".." in file or digest_of((path / file).read_bytes()) != digest:
+            raise unusable(path, f"its file {file!r} differs from its digest")
+    told = {file.split("/")[0] for file in digests}.intersection(TURNS)
+    if not told:
+        return Rotations.from_coordinates({})
     import zarr
 
-    for file, digest in digests.items():
-        if file.split("/")[0] == name and (".." in file or digest_of((path / file).read_bytes()) != digest):
-            raise unusable(path, f"its file {file!r} differs from its digest")
-    return np.asarray(zarr.open_array(str(path / name), mode="r")[...])
+    arrays = {name: np.asarray(zarr.open_array(str(path / name), mode="r")[...]) for name in told}
+    return Rotations.from_coordinates(arrays)

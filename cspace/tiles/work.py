@@ -34,22 +34,20 @@ Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
 Read = Callable[[tuple[slice, ...]], tuple[Bools, Bools]]
 
-SCRATCH_CELLS: Final = 2**25
-"""States that a task makes at a time, unless a single slice of its window has more."""
-
 _ONES: Final = np.uint64(0x0101010101010101)
 
 SMALL: Final = 2**18
 """Bytes up to which what a task needs is sent with each of them."""
 
 AHEAD: Final = 1024
-"""Tasks that a scheduler is told of at a time."""
+"""Tasks that a scheduler is told of at a time, at least."""
 
 PATIENCE: Final = 60.0
 """Seconds without any worker after which a cluster is given up."""
 
-PAUSE: Final = 0.02
-"""Seconds between two looks at what a cluster has done."""
+PAUSE: Final = (0.01, 0.02, 0.2)
+"""Part of the time so far between two looks at what a cluster has done, and seconds at least and at most: what has been
+done until then is fetched at once, since a message for each tile would take a tenth of the time."""
 
 
 @reader
@@ -112,11 +110,14 @@ class Job:
         """Memory that a task takes at most, in bytes, but for the rasters of the robot."""
         store, grid = self.store, self.store.grid
         sides = np.minimum(np.array(store.tile) + self.reach[1] - self.reach[0], grid.shape)
-        cells = int(np.prod(sides))
-        states = max(cells, min(SCRATCH_CELLS, cells * store.slices)) + store.depth * int(np.prod(store.tile))
+        states = store.depth * int(np.prod(store.tile))
         part = sides_of(self.pairs[:: max(1, len(self.pairs) // 8)], store.metadata["inner"])
         engine = Correlation.by(store.metadata["method"], part, "blocked", 1).engine
-        return 3 * cells + 2 * states + max(engine.bytes_needed(sides.tolist(), side, self.threads) for side in part)
+        return (
+            3 * int(np.prod(sides))
+            + 2 * states
+            + max(engine.bytes_needed(sides.tolist(), side, self.threads) for side in part)
+        )
 
     def read(self, box: tuple[slice, ...]) -> tuple[Bools, Bools]:
         """Cells of the workspace, which is as it was when the build began.
@@ -147,30 +148,29 @@ class Job:
         store, box = self.store, self.store.cells(index)
         window = self.window(box)
         outer, inner = (read or self.read)(window)
-        same, outer = inner is outer, np.ascontiguousarray(outer)
-        inner = outer if same else np.ascontiguousarray(inner)
-        own = box_of(*np.array([[b.start - w.start, b.stop - w.start] for b, w in zip(box, window, strict=True)]).T)
-        shape, size = tuple(part.stop - part.start for part in own), outer.size
-        at_once, cells = max(1, min(store.slices, SCRATCH_CELLS // size)), math.prod(shape)
-        room = self._room(at_once * size + store.depth * cells)
-        scratch = room[: at_once * size].reshape(at_once, *outer.shape)
+        before = [part.start - around.start for part, around in zip(box, window, strict=True)]
+        shape = tuple(part.stop - part.start for part in box)
+        own = box_of(before, np.add(before, shape).tolist())
+        room = self._room(store.depth * math.prod(shape)).reshape(-1, *shape)
         counts, digests = np.empty((store.slices, 3), dtype=np.int64), []
         for layer in range(store.layers):
             numbers = store.numbers(layer)
-            block = room[at_once * size :][: len(numbers) * cells].reshape(len(numbers), *shape)
-            for first in range(0, len(numbers), len(scratch)):
-                some = numbers[first : first + len(scratch)]
-                sides = sides_of([self.pairs[number] for number in some], store.metadata["inner"])
-                engine = Correlation.by(store.metadata["method"], sides, store.metadata["outside"], self.threads)
-                engine.fill(outer, inner, sides, scratch[: len(some)], None)
-                for k, number in enumerate(some):
-                    block[first + k] = scratch[k][own]
-                    mixed, blocked = tally(block[first + k].reshape(-1))
-                    counts[number] = block[0].size - mixed - blocked, mixed, blocked
+            block = room[: len(numbers)]
+            # From a tile's first cell on, the cells of its window are as much farther.
+            pairs = [(a.moved(before), b.moved(before)) for a, b in (self.pairs[number] for number in numbers)]
+            sides = sides_of(pairs, store.metadata["inner"])
+            engine = Correlation.by(store.metadata["method"], sides, store.metadata["outside"], self.threads)
+            engine.fill(outer, inner, sides, block, None)
+            for number, states in zip(numbers, block, strict=True):
+                mixed, blocked = tally(states.reshape(-1))
+                counts[number] = states.size - mixed - blocked, mixed, blocked
             digests.append(store.write("state", (layer, *index), block, aside))
-        digests.append(store.write("outer", index, outer[own], aside))
-        digests.append(digests[-1] if store.metadata["same"] else store.write("inner", index, inner[own], aside))
-        extent = np.array([[0] * len(own), [part.stop - 1 for part in own]])
+        kept = {"outer": outer} if store.metadata["same"] else {"outer": outer, "inner": inner}
+        for name, cells in kept.items():
+            room[0] = cells[own]
+            digests.append(store.write(name, index, room[0].view(np.bool_), aside))
+        digests += digests[-1:] * (2 - len(kept))
+        extent = np.array([np.zeros_like(shape), np.subtract(shape, 1)])
         if store.metadata["outside"] == "free":  # which alone asks for it
             extent = _extent(outer[own])
         record = Record(counts, extent + [part.start for part in box], tuple(digests))
@@ -328,7 +328,7 @@ def _on_cluster(
         limit = getattr(dask_worker.memory_manager, "memory_limit", None)
         return version_there(), limit and limit / max(1, dask_worker.state.nthreads)
 
-    def call(content: bytes, version: str, index: Index) -> tuple[str | None, Any]:
+    def call(index: Index, content: bytes, version: str) -> tuple[str | None, Any]:
         found = version_there()
         if found != version:
             return found, None
@@ -355,28 +355,24 @@ def _on_cluster(
             sent = client.scatter(sent, hash=False, broadcast=True)
         waiting = iter(enumerate(todo))
         running: Any = distributed.as_completed([])  # type: ignore[no-untyped-call]
-
-        def submit(count: int) -> None:
-            for number, index in itertools.islice(waiting, count):
-                future = client.submit(call, sent, __version__, index, pure=False, retries=3)
-                futures[future] = number
-                running.add(future)
-
-        submit(AHEAD)
-        done, since = 0, time.monotonic()
-        while futures:
-            for future in running.next_batch(block=False):
-                number = futures.pop(future)
-                version, results[number] = future.result()
+        done, since = 0, (began := time.monotonic())
+        while done < len(todo):
+            if len(futures) < AHEAD and (more := dict(itertools.islice(waiting, AHEAD))):
+                new = client.map(call, list(more.values()), content=sent, version=__version__, pure=False, retries=3)
+                futures.update(zip(new, more, strict=True))
+                running.update(new)
+            batch = running.next_batch(block=False)
+            for future, (version, result) in zip(batch, client.gather(batch) if batch else (), strict=True):
                 if version != __version__:  # of one that came later
                     raise _other_version({version})
-                submit(1)
+                results[futures.pop(future)] = result
                 done, since = done + 1, time.monotonic()
                 if progress is not None:
                     progress(done)
             if time.monotonic() - since > PATIENCE and not client.scheduler_info()["workers"]:
                 raise _lost(f"none for {PATIENCE:g} s")
-            time.sleep(PAUSE)
+            share, least, most = PAUSE
+            time.sleep(min(max(share * (time.monotonic() - began), least), most))
         return results
     except CspaceError:
         raise

@@ -48,5 +48,7 @@ def test_runs_are_the_offsets_that_can_fall_on_the_map(cells, lower, nx, ny):
 
 def test_memory_is_that_of_the_map_with_what_is_around_it():
     raster = Raster.trimmed(np.ones((21, 65), bool), (-10, -32))
-    assert dilation.bytes_needed((1000, 640), [raster]) == 1020 * 84  # rows share the 32 cells between them
+    assert (
+        dilation.bytes_needed((1000, 640), [raster]) == 1021 * 84
+    )  # rows share 32 cells between them, and one more is read
     assert dilation.bytes_needed((1000, 640), [Raster.trimmed(np.zeros((1, 1), bool), (0, 0))]) == 0

@@ -63,6 +63,10 @@ def test_equal_to_each_other(seed, dim):
         hits, _ = collide(engine, occupied, rasters, outside, workers=2)
         marks, _ = collide(engine, occupied, rasters, outside, np.uint8, add=True, workers=1)
         assert all((mark == 7 + hit.astype(int)).all() for hit, mark in zip(hits, marks, strict=True))
+        corner = tuple(slice(n) for n in rng.integers(1, np.add(occupied.shape, 1)))
+        some = [np.empty_like(hit[corner]) for hit in hits]
+        engine.collide(occupied, rasters, some, outside=outside, workers=2)
+        assert all((part == hit[corner]).all() for part, hit in zip(some, hits, strict=True))
         found.append(hits)
     assert all((first == second).all() for first, second in zip(*found, strict=True))
 
