@@ -371,8 +371,8 @@ def _choices(space: Any) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, .
         import planners
     except MissingPackageError:
         return (AUTOMATIC,), ("holonomic",), ()
-    names = (AUTOMATIC, *planners.planner_names(), *planners.catalogue.OWN)
     known = planners.local_planner
+    names = (AUTOMATIC, *planners.planner_names(), *known.local_planner(space).own)
     return names, known.DRIVES if space.axes == known.CAR_AXES else known.DRIVES[:1], known.CURVES
 
 
