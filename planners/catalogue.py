@@ -33,15 +33,19 @@ callback raise in them, which would end the process."""
 
 _BOTH_WAYS: Final = "takes edges from their ends too, which a car that cannot reverse does not drive"
 
-NO_CURVES: Final[dict[str, dict[str, str]]] = {
+_METRES: Final = "holds down metres alone, and turns count"
+
+REFUSED: Final[dict[str, dict[str, str]]] = {
     "dubins": {
         "AORRTC": "crashes where the way back is another",
         **dict.fromkeys(("BFMT", "BKPIECE1", "LBKPIECE1", "PRM", "PRMstar"), _BOTH_WAYS),
-    }
+    },
+    "differential": {"AORRTC": _METRES},
+    "differential-reverse": {"AORRTC": _METRES},
 }
-"""For each drive, the planners that cannot plan with it, and why: their paths were found not to be proven."""
+"""For each drive, the planners that cannot plan with it, and why."""
 
-ASK_BOTH_WAYS: Final = {"differential": frozenset(NO_CURVES["dubins"])}
+ASK_BOTH_WAYS: Final = {"differential": frozenset(REFUSED["dubins"])}
 """For each drive, the planners for which edges must be free from end to start too, since they take them so. A car's
 way back is a loop, which is hardly ever free; a robot that turns on the spot has only to turn around."""
 
@@ -88,9 +92,9 @@ def planner_named(name: str | None, drive: str = "holonomic") -> str:
         rule = f"it must be a geometric planner of the installed OMPL, {CUBES} or {WIDEST}, or for an arm {BIRRT}"
         raise InputError("planner", f"is {name!r}", rule, mend, value=name)
     found = known[name.lower()]
-    reason = NO_CURVES.get(drive, {}).get(found) if isinstance(drive, str) else None
+    reason = REFUSED.get(drive, {}).get(found) if isinstance(drive, str) else None
     if reason:
-        mend = "choose another planner, e.g. planner='RRT'"
+        mend = "choose another planner, e.g. planner='RRT' or 'RRTstar'"
         raise InputError("planner", f"is {found!r} and drive is {drive!r}", f"{found} {reason}", mend, value=name)
     return found
 

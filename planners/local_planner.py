@@ -58,7 +58,10 @@ _SPACES: Final[dict[str, Callable[[float], ob.StateSpace]]] = {
 CURVES: Final = ("dubins", "reeds-shepp")
 """Drives that are curves of a car, in the order of their numbers in the kernels."""
 
-DRIVES: Final = (HOLONOMIC, *(name for name in _SPACES if name not in CURVES), *CURVES)
+ON_THE_SPOT: Final = tuple(name for name in _SPACES if name not in CURVES)
+"""Drives that turn on the spot: OMPL's own length of their edges is in metres alone."""
+
+DRIVES: Final = (HOLONOMIC, *ON_THE_SPOT, *CURVES)
 
 SAME: Final = 1e-12
 """Radians that whole turns, added or taken, may cost."""
@@ -169,8 +172,16 @@ class LocalPlanner(ABC):
         return np.array_equal(one, other)
 
     @abstractmethod
+    def lengths(self, firsts: Floats, lasts: Floats) -> Floats:
+        """Lengths of the edges from some configurations to others, with what their turns count as, shape (n,)."""
+
+    @abstractmethod
     def length(self, path: Floats) -> float:
         """The length of a path, as :attr:`planners.Plan.length`."""
+
+    def turning(self, path: Floats) -> float:
+        """The turns of a path, as :attr:`planners.Plan.turning`."""
+        return 0.0
 
     @abstractmethod
     def clearance(self, path: Floats) -> float:
@@ -246,6 +257,9 @@ class EdgesOnMap(LocalPlanner):
     def length(self, path: Floats) -> float:
         return math.fsum(self.pieces(path, math.inf, math.inf).lengths)
 
+    def turning(self, path: Floats) -> float:
+        return math.fsum(self.pieces(path, math.inf, math.inf).turns)
+
     def clearance(self, path: Floats) -> float:
         """Lower bound of the clearance all along a path.
 
@@ -255,9 +269,7 @@ class EdgesOnMap(LocalPlanner):
         piece's turn; the smallest of them counts.
         """
         space, dim = self.space, self.space.grid.dim
-        if len(path) < 2:
-            return float(space.clearance(path[0]))
-        pieces = self.pieces(path, 0.5 * space.grid.spacing, DENSE_TURN)
+        pieces = self._pieces(path, 0.5 * space.grid.spacing, DENSE_TURN)
         rows, cells = space.rotations.cells_within(pieces.middles, 0.5 * pieces.turns + 2.0 * YAW_SLACK)
         q = pieces.middles[rows]
         q[:, dim:] = space.rotations.centers[cells]  # clearance is one of the rotation cell
@@ -271,14 +283,16 @@ class EdgesOnMap(LocalPlanner):
         it.
         """
         space, step = self.space, 0.25 * self.space.grid.spacing
-        pieces = self.pieces(path, step, step / max(space.robot.span, step))
-        if len(path) < 2:
-            pieces = Pieces(path, np.zeros(1), np.zeros(1))
+        pieces = self._pieces(path, step, step / max(space.robot.span, step))
         try:
             distance = space._exact.distance(pieces.middles, pieces.lengths, pieces.turns)
         except InputError:  # there is no geometry to be asked
             return math.nan
         return distance if self.are_free(path) else 0.0
+
+    def _pieces(self, path: Floats, step: float, turn: float) -> Pieces:
+        """The same, where one configuration is a piece by itself."""
+        return self.pieces(path, step, turn) if len(path) > 1 else Pieces(path, np.zeros(1), np.zeros(1))
 
     @property
     def bounds(self) -> tuple[Floats, Floats]:
@@ -357,6 +371,10 @@ class StraightEdges(EdgesOnMap):
 
         return edge_cost(self.space, field, law)
 
+    def lengths(self, firsts: Floats, lasts: Floats) -> Floats:
+        metres, turns = self._moved(firsts, lasts)[1:]
+        return metres + self.turn_weight * turns
+
     def are_free(self, path: Floats) -> bool:
         firsts, lasts = (path[:-1], path[1:]) if len(path) > 1 else (path, path)
         return bool(np.all(self.space.motion_is_free(firsts, lasts, exact=self.exact)))
@@ -382,11 +400,14 @@ class StraightEdges(EdgesOnMap):
 
     def _measured(self, path: Floats, step: float, turn: float) -> tuple[Floats, Floats, Floats, NDArray[np.int64]]:
         """What leads along each edge, its metres and radians, and the number of pieces that it is cut into."""
-        dim = self.space.grid.dim
-        steps = self.space.rotations.steps(path[:-1], path[1:])
-        lengths, turns = np.linalg.norm(steps[:, :dim], axis=1), np.linalg.norm(steps[:, dim:], axis=1)
+        steps, lengths, turns = self._moved(path[:-1], path[1:])
         counts = np.maximum(np.ceil(np.maximum(lengths / step, turns / turn)), 1.0).astype(np.int64)
         return steps, lengths, turns, counts
+
+    def _moved(self, firsts: Floats, lasts: Floats) -> tuple[Floats, Floats, Floats]:
+        """What leads along straight edges, and its metres and radians."""
+        dim, steps = self.space.grid.dim, self.space.rotations.steps(firsts, lasts)
+        return steps, np.linalg.norm(steps[:, :dim], axis=1), np.linalg.norm(steps[:, dim:], axis=1)
 
 
 class TurnDriveTurn(StraightEdges):
@@ -424,6 +445,14 @@ class TurnDriveTurn(StraightEdges):
             return turns + cost(x0, y0, yaw, x1, y1, yaw)
 
         return total
+
+    def lengths(self, firsts: Floats, lasts: Floats) -> Floats:
+        way = lasts[:, :2] - firsts[:, :2]
+        ahead, here = np.arctan2(way[:, 1], way[:, 0]), (way == 0.0).all(axis=1)
+        yaws = np.where(here, firsts[:, 2], ahead), np.where(here, firsts[:, 2], ahead + math.pi)
+        turns = [np.abs(wrapped(yaw - firsts[:, 2])) + np.abs(wrapped(lasts[:, 2] - yaw)) for yaw in yaws]
+        fewest = turns[0] if self.drive == "differential" else np.minimum(*turns)
+        return np.asarray(np.linalg.norm(way, axis=1) + self.turn_weight * fewest)
 
     def heading(self, x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float) -> float:
         """The yaw at which the robot drives from one configuration to another; the first one's, if it only turns."""
@@ -511,6 +540,11 @@ class JointMotions(LocalPlanner):
         step[:, circles] -= TURN * np.rint(step[:, circles] / TURN)
         return bool((np.abs(step) <= SAME).all())
 
+    def lengths(self, firsts: Floats, lasts: Floats) -> Floats:
+        steps, circles = lasts - firsts, np.array(self.space.endless)
+        steps[:, circles] = wrapped(steps[:, circles])
+        return np.asarray(np.linalg.norm(steps, axis=1))
+
     def length(self, path: Floats) -> float:
         return math.fsum(np.linalg.norm(np.diff(path, axis=0), axis=1))
 
@@ -595,6 +629,9 @@ class CarCurves(EdgesOnMap):
         rows = path.tolist()
         lasts = rows[1:] if len(rows) > 1 else rows
         return all(check(*a, *b) for a, b in zip(rows, lasts, strict=False))
+
+    def lengths(self, firsts: Floats, lasts: Floats) -> Floats:
+        return np.array([self.metres(*ends) for ends in zip(firsts, lasts, strict=True)])
 
     def metres(self, first: Floats, last: Floats) -> float:
         """Metres of the curve between two configurations."""

@@ -16,7 +16,7 @@ from cspace.errors import InputError
 from cspace.grid import positive
 from cspace.space import CSpace
 from planners.catalogue import BIRRT, CUBES, IGNORE_OBJECTIVES, OWN, SECOND_THREAD, WIDEST, planner_named
-from planners.local_planner import HOLONOMIC, LocalPlanner, check_flag, local_planner, takes_curve, text
+from planners.local_planner import HOLONOMIC, ON_THE_SPOT, LocalPlanner, check_flag, local_planner, takes_curve, text
 from planners.objectives import ClearanceObjective, OverlapObjective, WeightedLength, edges_on_map, overlap_field
 from planners.passages import Passages
 from planners.result import Plan, Times
@@ -141,7 +141,7 @@ def plan(
         that RRTConnect finds in a tenth of the time, so that there is one where it finds any. AORRTC optimises the
         length whatever it is told; BKPIECE1, KPIECE1, LBKPIECE1, RRT and RRTConnect stop at the first path; PRM and
         PRMstar cannot call Python from their second thread. The length counts a radian of turn as half a metre, but
-        for curves, and for a differential drive with AORRTC, PRM and PRMstar, which count metres alone.
+        for curves; see :attr:`Plan.turning`.
     exact : bool
         Ask the geometry itself in cells that the map leaves MIXED, so that passages are solved which are a hair wider
         than the robot. Slower there; edges are no less proven. Where the map cannot decide whether a path exists, the
@@ -236,6 +236,7 @@ def plan(
         status=status,
         advice=advice,
         length=edges.length(waypoints) if solved else math.nan,
+        turning=edges.turning(waypoints) if solved else math.nan,
         clearance=clearance,
         path_exists=exists,
         planner=name,
@@ -336,9 +337,7 @@ def _objective(
 ) -> MakeObjective | None:
     """What makes the objective; None for OMPL's own, the length."""
     if objective == "length":
-        # OMPL's own length is in metres alone where turns are on a point; it is what a second thread can ask.
-        weighs = drive.startswith("differential") and planner not in SECOND_THREAD
-        return (lambda si: WeightedLength(si, space, drive=drive)) if weighs else None
+        return (lambda si: WeightedLength(si, space, drive=drive)) if drive in ON_THE_SPOT else None
     kind = _BY_NAME.get(objective) if isinstance(objective, str) else None
     if kind is None and not callable(objective):
         rule = (

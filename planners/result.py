@@ -83,6 +83,9 @@ class Plan:
     length : float
         Metres that the reference point moves, along curves too; turning on the spot counts nothing. Of an arm, the
         length in its joints, a radian counting as a metre. NaN where not solved.
+    turning : float
+        Radians that the robot turns, all turns added up. What planners hold down is the length and half a metre for
+        each of these; but along curves the length alone. Zero of an arm, and NaN where not solved.
     clearance : float
         Room in the map: lower bound, proven, of the distance in metres from any configuration on the path to the
         nearest one that is not FREE, be it in collision or undecided; :attr:`obstacle_distance` is that of the robot
@@ -119,6 +122,7 @@ class Plan:
     status: str
     advice: str
     length: float
+    turning: float
     clearance: float
     path_exists: bool | None
     planner: str
@@ -175,8 +179,9 @@ class Plan:
         ends = " to ".join(f"({', '.join(f'{x:.4g}' for x in q)})" for q in self.waypoints[[0, -1]])
         named = {"clearance": self.clearance, "from obstacles": self.obstacle_distance}
         room = "".join(f", {name} {metres:.3f} m" for name, metres in named.items() if not math.isnan(metres))
+        turning = f", turning {self.turning:.2f} rad" if self.turning else ""
         return [
-            f"{self.planner}: {self.status}, {proof}; {self.length:.3f} m{room}",
+            f"{self.planner}: {self.status}, {proof}; {self.length:.3f} m{turning}{room}",
             f"{len(self.waypoints)} waypoints ({', '.join(self.axes)}) from {ends}, {edges}",
             f"planned in {_text(self.times.planning + self.times.simplification)}, "
             f"set up in {_text(self.times.setup)}, checked in {_text(self.times.checking)}",

@@ -183,6 +183,7 @@ def check(space: CSpace, found: planners.Plan, start: Any, goal: Any) -> None:
     steps, angles = np.linalg.norm(np.diff(path[:, :dim], axis=0), axis=1), np.array([angle for _, angle in edges])
     if found.curve is None:
         assert (found.direction is None) == (found.drive == "holonomic") and found.length == pytest.approx(steps.sum())
+        assert found.turning == pytest.approx(angles.sum(), abs=1e-6)
         dense = [points for points, _ in edges]
     else:
         assert found.turning_radius is not None and found.direction is not None
@@ -210,7 +211,7 @@ def check(space: CSpace, found: planners.Plan, start: Any, goal: Any) -> None:
 def check_none(space: CSpace, found: planners.Plan) -> None:
     """What holds of every plan that found nothing."""
     assert not found.solved and not found.certified and found.path.shape == found.waypoints.shape == (0, space.dof)
-    assert math.isnan(found.length) and math.isnan(found.clearance)
+    assert all(math.isnan(value) for value in (found.length, found.turning, found.clearance))
 
 
 def values(states: Any) -> list[float]:

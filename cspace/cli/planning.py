@@ -188,6 +188,7 @@ def _describe(found: Plan) -> dict[str, Any]:
         described |= {
             "configurations": len(found.path),
             "length_m": found.length,
+            **({"turning_rad": found.turning} if found.turning else {}),
             **{name: metres for name, metres in room.items() if not math.isnan(metres)},
             "certified": found.certified,
             "path": found.path.tolist(),

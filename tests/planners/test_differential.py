@@ -9,10 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
+from ompl import base as ob
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra
 from shapely import affinity
 
 import planners
 from cspace import MIXED, CSpace, InputError, Robot, Workspace, build
+from planners import search
 from planners.local_planner import TurnDriveTurn, local_planner
 from planning import ENDS, check, open_map, room, state_at, turn_between, with_state
 
@@ -99,6 +103,8 @@ def test_a_path_is_proven_by_the_map_itself(drive: str, exact: bool) -> None:
         assert steps.lengths.sum() == pytest.approx(np.hypot(*(last - first)[:2]))
         inside = np.r_[turned[:59], turned[60:119], turned[120:]]
         assert steps.turns.sum() == pytest.approx(inside.sum(), abs=1e-9)
+        length = edges.lengths(first[None], last[None])[0]
+        assert length == pytest.approx(steps.lengths.sum() + 0.5 * inside.sum(), abs=1e-9)
 
 
 @pytest.mark.parametrize("drive", DRIVES)
@@ -152,6 +158,10 @@ def test_a_turn_goes_the_shorter_way_alone() -> None:
 @pytest.mark.parametrize("planner", planners.planner_names())
 def test_every_planner_finds_what_can_be_driven(planner: str) -> None:
     space = room("turning")
+    if planner == "AORRTC":
+        with pytest.raises(InputError, match=r"AORRTC holds down metres alone, and turns count; .* 'RRTstar'"):
+            planners.plan(space, *ENDS["turning"], planner=planner, drive="differential")
+        return
     for drive in DRIVES if planner in {"PRM", "RRTConnect"} else DRIVES[:1]:  # the others take seconds
         for limit in (0.1, 0.5, 20.0):
             found = planners.plan(space, *ENDS["turning"], planner=planner, drive=drive, seed=1, time_limit=limit)
@@ -159,6 +169,28 @@ def test_every_planner_finds_what_can_be_driven(planner: str) -> None:
                 break
         check(space, found, *ENDS["turning"])
         check_driven(found, drive)
+
+
+@pytest.mark.parametrize("drive", DRIVES)
+def test_on_a_roadmap_the_path_is_taken_that_is_shortest_with_its_turns(
+    drive: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    space, made, real = room("turning"), list[ob.Planner](), search.make_planner
+    monkeypatch.setattr(search, "make_planner", lambda *of: made.append(real(*of)) or made[-1])
+    found = planners.plan(
+        space, *ENDS["turning"], planner="PRMstar", drive=drive, time_limit=0.3, seed=1, simplify=False
+    )
+    check(space, found, *ENDS["turning"])
+    roadmap = ob.PlannerData(made[-1].getSpaceInformation())
+    made[-1].getPlannerData(roadmap)
+    states = [roadmap.getVertex(v).getState() for v in range(roadmap.numVertices())]
+    rows = np.array([(state.getX(), state.getY(), state.getYaw()) for state in states])
+    edges = np.array([(a, b) for a in range(len(rows)) for b in roadmap.getEdges(a)])
+    turned = [np.abs(np.diff(driven(rows[a], rows[b], drive, 2)[:, 2]))[[0, 2, 4]].sum() for a, b in edges]
+    lengths = np.linalg.norm(np.diff(rows[edges][..., :2], axis=1)[:, 0], axis=1) + 0.5 * np.array(turned)
+    graph = coo_array((lengths, tuple(edges.T)), shape=(len(rows), len(rows))).tocsr()
+    least = dijkstra(graph, indices=roadmap.getStartIndex(0))[roadmap.getGoalIndex(0)]
+    assert found.length + 0.5 * found.turning == pytest.approx(least, abs=1e-6)
 
 
 @pytest.mark.parametrize("drive", DRIVES)

@@ -19,7 +19,7 @@ from ompl import util as ou
 
 import planners
 from cspace import BLOCKED, FREE, MIXED, ConfigurationError, CSpace, InputError, Robot, Workspace, build
-from planners.catalogue import IGNORE_OBJECTIVES, NO_CURVES, SECOND_THREAD
+from planners.catalogue import IGNORE_OBJECTIVES, REFUSED, SECOND_THREAD
 from planners.local_planner import CURVES
 from planning import (
     ANYTIME,
@@ -68,7 +68,7 @@ def patient(space: CSpace, ends: Any, limits: tuple[float, ...], **options: Any)
 @pytest.mark.parametrize(("name", "curve"), JOINED)
 @pytest.mark.parametrize("planner", NAMES)
 def test_every_planner_finds_a_certified_path(planner: str, name: str, curve: str | None) -> None:
-    if planner in NO_CURVES.get(curve or "", {}):
+    if planner in REFUSED.get(curve or "", {}):
         with pytest.raises(InputError, match="choose another planner"):
             planners.plan(room(name), *ENDS[name], planner=planner, **options_for(curve))
         return
@@ -252,7 +252,7 @@ def test_the_widest_path_has_more_room_than_others(name: str) -> None:
 def test_a_proof_that_no_path_exists_spares_the_search(
     name: str, curve: str | None, planner: str | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    if planner in NO_CURVES.get(curve or "", {}):
+    if planner in REFUSED.get(curve or "", {}):
         return
     space, start, goal = halves(name, BLOCKED)
     monkeypatch.setattr(og.SimpleSetup, "solve", lambda *_: pytest.fail("OMPL was run"))
@@ -428,7 +428,7 @@ def test_a_seed_repeats_a_run_with_others_in_between(planner: str) -> None:
             path: list[list[float]] = found.path.tolist()
             return path
 
-        if planner in NO_CURVES.get(curve or "", {}):
+        if planner in REFUSED.get(curve or "", {}):
             continue
         first = run(7)
         planners.plan(room("plane"), ENDS["plane"][0], (5.0, 3.0), planner="RRT")

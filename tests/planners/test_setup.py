@@ -13,7 +13,7 @@ from ompl import geometric as og
 import planners
 from cspace import InputError
 from missing import told_without
-from planners.catalogue import NO_CURVES, make_planner, planner_named
+from planners.catalogue import REFUSED, make_planner, planner_named
 from planning import SPACES, room
 
 
@@ -119,8 +119,8 @@ def test_what_is_no_planner_is_refused(wrong: Any) -> None:
         planner_named(wrong)
 
 
-@pytest.mark.parametrize(("curve", "name"), [(c, n) for c, names in NO_CURVES.items() for n in names])
-def test_planners_that_take_edges_from_their_ends_are_refused(curve: str, name: str) -> None:
+@pytest.mark.parametrize(("curve", "name"), [(c, n) for c, names in REFUSED.items() for n in names])
+def test_planners_that_cannot_plan_with_a_drive_are_refused(curve: str, name: str) -> None:
     with pytest.raises(InputError, match=rf"planner is '{name}' and drive is '{curve}'.*RRT"):
         planner_named(name.lower(), curve)
 

@@ -9,7 +9,7 @@ import pytest
 
 import planners
 from cspace import MIXED
-from planners.catalogue import IGNORE_OBJECTIVES, NO_CURVES, SECOND_THREAD
+from planners.catalogue import IGNORE_OBJECTIVES, REFUSED, SECOND_THREAD
 from planners.deadline import Deadline, OutOfTime
 from planners.local_planner import CURVES
 from planning import ANYTIME, CAR, ENDS, SPACES, halves, room
@@ -33,7 +33,7 @@ def in_time(space: Any, ends: Any, **options: Any) -> planners.Plan:
 @pytest.mark.parametrize(("name", "curve"), [*((n, None) for n in SPACES), *(("turning", c) for c in CURVES)])
 @pytest.mark.parametrize("planner", planners.planner_names())
 def test_every_planner_ends_in_time(planner: str, name: str, curve: str | None) -> None:
-    if planner in NO_CURVES.get(curve or "", {}):
+    if planner in REFUSED.get(curve or "", {}):
         return
     options: dict[str, Any] = {"planner": planner} | ({"drive": curve, **CAR} if curve else {})
     space, start, goal = halves(name, MIXED)
