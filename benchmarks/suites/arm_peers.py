@@ -1,0 +1,290 @@
+"""Problems of planning for arms, and how others decide them: pinocchio with coal, and VAMP."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from cspace import Arm, Robot, build_arm
+from cspace.arms import ArmSpace, Placed
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+NO_COAL = "pinocchio and coal are not installed; pip install pin"
+NO_VAMP = "VAMP is not installed; pip install vamp-planner"
+
+RESOLUTION = 0.01
+"""OMPL's default: its longest step, as a share of the space's extent."""
+
+CLOSE = 1e-6
+"""Metres: what coal takes for a collision may be apart by its tolerance."""
+
+
+def is_here(name: str) -> bool:
+    """Whether a package can be imported."""
+    try:
+        __import__(name)
+    except ImportError:
+        return False
+    return True
+
+
+@dataclass(frozen=True)
+class Folder:
+    """A robot's URDF and SRDF, and problems for it.
+
+    Attributes
+    ----------
+    path : Path
+        Its name is the robot's.
+    """
+
+    path: Path
+
+    @property
+    def robot(self) -> str:
+        return self.path.name
+
+    @property
+    def urdf(self) -> Path:
+        return self.path / f"{self.robot}.urdf"
+
+    @property
+    def srdf(self) -> Path:
+        return self.path / f"{self.robot}.srdf"
+
+    @cached_property
+    def arm(self) -> Arm:
+        return Arm.from_urdf(self.urdf, self.srdf)
+
+    def problems(self, number: int) -> Iterator[Problem]:
+        """Some of each set, evenly taken from it."""
+        listed = json.loads((self.path / "problems.json").read_text(encoding="utf-8"))
+        order = [listed["joints"].index(name) for name in self.arm.joints]
+        for name, problems in listed["problems"].items():
+            for row in problems[:: max(1, len(problems) // number)][:number]:
+                # They are written with fewer digits than the limits that some of them stand at.
+                ends = np.array([row["start"], *row["goals"]])[:, order].clip(self.arm.lower, self.arm.upper)
+                yield Problem(self, name, row, ends[0], ends[1:])
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A start and goals of an arm among obstacles.
+
+    Attributes
+    ----------
+    folder : Folder
+    name : str
+        Of the set.
+    row : mapping
+        As the file has it.
+    start : ndarray of float64, shape (dof,)
+    goals : ndarray of float64, shape (n, dof)
+    """
+
+    folder: Folder
+    name: str
+    row: Mapping[str, Any]
+    start: Floats
+    goals: Floats
+
+    @property
+    def solids(self) -> Iterator[tuple[str, str, Floats, tuple[float, ...]]]:
+        """Name, kind, pose and measures of each obstacle: sides, radius and length, or radius."""
+        for kind, names in (("box", ["half_extents"]), ("cylinder", ["radius", "length"]), ("sphere", ["radius"])):
+            for each in self.row[kind]:
+                pose = np.eye(4)
+                pose[:3, 3] = each["position"]
+                pose[:3, :3] = Rotation.from_quat(each.get("orientation_quat_xyzw", (0, 0, 0, 1))).as_matrix()
+                measures = np.concatenate([np.atleast_1d(each[name]) for name in names])
+                yield each["name"], kind, pose, tuple((measures * (2.0 if kind == "box" else 1.0)).tolist())
+
+    def space(self) -> ArmSpace:
+        """Ours."""
+        make = {"box": lambda *sides: Robot.box(sides), "cylinder": Robot.cylinder, "sphere": Robot.ball}
+        obstacles = {name: Placed(make[kind](*sizes).shape, pose) for name, kind, pose, sizes in self.solids}
+        return build_arm(obstacles, self.folder.arm)
+
+    def meshes(self) -> Meshes:
+        """Coal's."""
+        import coal
+
+        make = {"box": coal.Box, "cylinder": coal.Cylinder, "sphere": coal.Sphere}
+        solids = [(name, make[kind](*sizes), pose) for name, kind, pose, sizes in self.solids]
+        return Meshes(self.folder.urdf, self.folder.arm.joints, solids, self.folder.srdf)
+
+
+class Meshes:
+    """An arm among obstacles by its collision geometry itself, placed by pinocchio and asked of coal.
+
+    Parameters
+    ----------
+    urdf : Path
+    joints : sequence of str
+        Those that a configuration moves, in its order.
+    solids : sequence of tuple
+        Name, coal's geometry and pose of each obstacle.
+    srdf : Path, optional
+    allowed : set of pairs of str
+        Links that may touch, if there is no SRDF.
+    """
+
+    def __init__(
+        self,
+        urdf: Path,
+        joints: Sequence[str],
+        solids: Sequence[tuple[str, Any, Floats]],
+        srdf: Path | None = None,
+        allowed: frozenset[tuple[str, str]] = frozenset(),
+    ) -> None:
+        import pinocchio as pin
+
+        self._pin, self._model = pin, pin.buildModelFromUrdf(str(urdf), mimic=True)
+        model = self._model
+        geometry = pin.buildGeomFromUrdf(model, str(urdf), pin.GeometryType.COLLISION, package_dirs=[str(urdf.parent)])
+        links = list(geometry.geometryObjects)
+        geometry.addAllCollisionPairs()
+        if srdf is not None:
+            pin.removeCollisionPairs(model, geometry, str(srdf))
+        for i, one in enumerate(links):
+            for j, other in enumerate(links[:i]):
+                names = sorted(model.frames[each.parentFrame].name for each in (one, other))
+                if tuple(names) in allowed:
+                    geometry.removeCollisionPair(pin.CollisionPair(j, i))
+        for name, shape, pose in solids:
+            placed = pin.GeometryObject(name, 0, pin.SE3(pose[:3, :3], pose[:3, 3]), shape)
+            number = geometry.addGeometryObject(placed)
+            for i, each in enumerate(links):
+                if each.parentJoint:
+                    geometry.addCollisionPair(pin.CollisionPair(i, number))
+        self._geometry, self._data, self._placed = geometry, model.createData(), geometry.createData()
+        self._joints = [(model.joints[n].idx_q, model.joints[n].nq) for n in map(model.getJointId, joints)]
+
+    def collides(self, q: Floats) -> bool:
+        """Whether anything that may not meets anything at a configuration, shape (dof,)."""
+        arguments = (self._model, self._data, self._geometry, self._placed, self._of(q))
+        return bool(self._pin.computeCollisions(*arguments, True))
+
+    def distance(self, q: Floats) -> float:
+        """How far apart the nearest two are, metres; below zero where they meet."""
+        self._pin.computeDistances(self._model, self._data, self._geometry, self._placed, self._of(q))
+        return min((each.min_distance for each in self._placed.distanceResults), default=np.inf)
+
+    def is_wrong(self, q: Floats) -> bool:
+        """Whether it is certain that a configuration which was called free collides."""
+        return self.collides(q) and self.distance(q) < CLOSE
+
+    def first_collision(self, q0: Floats, q1: Floats, step: float) -> float | None:
+        """How far along a motion something meets, looked at in steps that no joint exceeds; None if nowhere."""
+        count = max(1, int(np.ceil(np.abs(q1 - q0).max() / step)))
+        for part in np.linspace(0.0, 1.0, count + 1):
+            if self.is_wrong(q0 + part * (q1 - q0)):
+                return float(part)
+        return None
+
+    def _of(self, q: Floats) -> Floats:
+        """A configuration as pinocchio has it: of a joint that turns for ever the cosine and the sine."""
+        found = np.zeros(self._model.nq)
+        for value, (first, size) in zip(q, self._joints, strict=True):
+            found[first : first + size] = value if size == 1 else (np.cos(value), np.sin(value))
+        return found
+
+
+def discrete(meshes: Meshes, arm: Arm, q0: Floats, q1: Floats) -> bool:
+    """Whether a motion is free where OMPL looks by default: in steps of a hundredth of the extent of the space."""
+    extent = float(np.linalg.norm(arm.upper - arm.lower))
+    count = max(1, int(np.ceil(np.linalg.norm(q1 - q0) / (RESOLUTION * extent))))
+    return not any(meshes.collides(q0 + part * (q1 - q0)) for part in np.linspace(0.0, 1.0, count + 1))
+
+
+class Vamp:
+    """VAMP's checks and planner of one of its robots.
+
+    Parameters
+    ----------
+    problem : Problem
+
+    Attributes
+    ----------
+    own_seconds : float
+        What the last search took by VAMP's own clock, which leaves out how arguments get there.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        import vamp
+
+        self.own_seconds = 0.0
+
+        self._module, self._plan, self._settings, self._simplify = vamp.configure_robot_and_planner_with_kwargs(
+            problem.folder.robot, "rrtc"
+        )
+        self._environment = vamp.problem_dict_to_vamp(problem.row)
+        self._order = [problem.folder.arm.joints.index(name) for name in self._module.joint_names()]
+        self._back = np.argsort(self._order)
+
+    def is_free(self, q: Floats) -> bool:
+        return bool(self._module.validate(q[self._order].tolist(), self._environment))
+
+    def motion_is_free(self, q0: Floats, q1: Floats) -> bool:
+        return bool(self._module.validate_motion(q0[self._order], q1[self._order], self._environment))
+
+    def solve(self, start: Floats, goals: Floats) -> Floats | None:
+        """A path after VAMP's simplification."""
+        sampler = self._module.halton()
+        found = self._plan(
+            start[self._order].tolist(), goals[:, self._order].tolist(), self._environment, self._settings, sampler
+        )
+        if not found.solved:
+            return None
+        simple = self._module.simplify(found.path, self._environment, self._simplify, sampler)
+        self.own_seconds = 1e-9 * (found.nanoseconds + simple.nanoseconds)
+        return np.asarray(simple.path.numpy(), dtype=np.float64)[:, self._back]
+
+
+def solve_by_ompl(meshes: Meshes, arm: Arm, start: Floats, goals: Floats, seed: int, seconds: float) -> Floats | None:
+    """A path by OMPL's RRTConnect, with a callback that asks coal, and motions looked at as OMPL does by default."""
+    from ompl import base as ob
+    from ompl import geometric as og
+    from ompl import util as ou
+
+    class Checker(ob.StateValidityChecker):
+        def isValid(self, state: Any) -> bool:  # noqa: N802 - OMPL's name
+            return not meshes.collides(np.array([state[k] for k in range(arm.dof)]))
+
+    ou.setLogLevel(ou.LOG_NONE)
+    ou.RNG.setSeed(seed + 1)
+    states, bounds = ob.RealVectorStateSpace(arm.dof), ob.RealVectorBounds(arm.dof)
+    for k in range(arm.dof):
+        bounds.setLow(k, float(arm.lower[k]))
+        bounds.setHigh(k, float(arm.upper[k]))
+    states.setBounds(bounds)
+    setup = og.SimpleSetup(states)
+    si = setup.getSpaceInformation()
+    setup.setStateValidityChecker(Checker(si))
+
+    def state_of(q: Floats) -> Any:
+        state = si.allocState()
+        for k in range(arm.dof):
+            state[k] = float(q[k])
+        return state
+
+    setup.setStartState(state_of(start))
+    goal = ob.GoalStates(si)
+    for each in goals:
+        goal.addState(state_of(each))
+    setup.setGoal(goal)
+    setup.setPlanner(og.RRTConnect(si))
+    setup.solve(seconds)
+    if not setup.haveExactSolutionPath():
+        return None
+    return np.array([[state[k] for k in range(arm.dof)] for state in setup.getSolutionPath().getStates()])

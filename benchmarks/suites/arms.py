@@ -1,0 +1,169 @@
+"""Arms: problems of a public benchmark solved with proofs, beside OMPL that asks coal, and VAMP.
+
+What each of them calls free is looked at closely, by the meshes themselves.
+"""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections import Counter
+from collections.abc import Callable
+from functools import partial
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks import inputs, motions
+from benchmarks.report import Report
+from benchmarks.suites.arm_peers import (
+    NO_COAL,
+    NO_VAMP,
+    Folder,
+    Problem,
+    Vamp,
+    discrete,
+    is_here,
+    solve_by_ompl,
+)
+from benchmarks.timing import Timing
+from cspace.arms import Arm, ArmSpace
+
+Floats = NDArray[np.float64]
+
+ROBOTS = {"panda": 0.95, "ur5": 0.9}
+"""Arms in the folder of data, and which share of their problems is to be solved."""
+
+LIMIT = 5.0
+"""Seconds that a search may take."""
+
+QUICKER = 20.0
+"""How many times longer OMPL is to take."""
+
+STEP = 0.005
+"""Radians between two close looks that no joint exceeds."""
+
+MOTIONS = 20
+"""Motions of each problem that are asked about."""
+
+OURS, OMPL, VAMP = "ours, free_path", "RRTConnect of OMPL, coal in the callback", "RRTConnect of VAMP"
+
+
+def run(report: Report, seed: int) -> None:
+    """Paths, then motions, of each arm."""
+    folder = inputs.data_folder()
+    if folder is None or not (folder / "arms").is_dir():
+        report.note(inputs.NO_DATA)
+        return
+    if not motions.ompl_is_here(report):
+        return
+    if not is_here("pinocchio"):
+        report.note(f"skipped: {NO_COAL}")
+        return
+    if not is_here("vamp"):
+        report.note(f"VAMP skipped: {NO_VAMP}")
+    for robot, least in ROBOTS.items():
+        files = Folder(folder / "arms" / robot)
+        if not files.path.is_dir():
+            report.note(f"{robot} skipped: not in the folder of data")
+            continue
+        problems = list(files.problems(1 if report.quick else 10))
+        report.section(
+            f"{robot}, {files.arm.dof} joints: {len(problems)} problems of MotionBenchMaker, {LIMIT:g} s each"
+        )
+        _plan(report, problems, least, seed)
+        _judge(report, problems[:: 1 if report.quick else 5], np.random.default_rng(seed))
+
+
+def _plan(report: Report, problems: list[Problem], least: float, seed: int) -> None:
+    """Which problems each one solves, how soon, and which of the paths collide."""
+    timings: dict[str, Timing] = {}
+    solved, colliding, sets = Counter[str](), Counter[str](), list[str]()
+    made, own, proven = list[float](), list[float](), True
+    for problem in problems:
+        began = time.perf_counter()
+        space = problem.space()
+        made.append(time.perf_counter() - began)
+        meshes = problem.meshes()
+        goals = problem.goals[[not meshes.collides(goal) for goal in problem.goals]]
+        if meshes.collides(problem.start) or not len(goals):
+            continue
+        sets.append(problem.name)
+        solvers: dict[str, Callable[[], Floats | None]] = {
+            OURS: partial(_solve, space, problem.start, goals, seed),
+            OMPL: partial(solve_by_ompl, meshes, problem.folder.arm, problem.start, goals, seed, LIMIT),
+        }
+        if is_here("vamp"):
+            vamp = Vamp(problem)
+            solvers[VAMP] = partial(vamp.solve, problem.start, goals)
+        for name, solve in solvers.items():
+            timing = timings.setdefault(name, Timing(None))
+            if not timing.seconds:
+                solve()  # compiles and loads
+            path = timing.take(solve)
+            if path is None or not len(path):
+                continue
+            solved[name] += 1
+            colliding[name] += any(meshes.first_collision(*ends, STEP) is not None for ends in pairwise(path))
+            if name == OURS:
+                proven &= bool(space.certify_path(path).all()) and bool((path[0] == problem.start).all())
+            elif name == VAMP:
+                own.append(vamp.own_seconds)
+    report.note(f"{len(sets)} of {len(problems)} have a start and a goal that are free by the meshes")
+    for name, timing in timings.items():
+        report.timing(name, timing, solved=f"{solved[name]} of {len(sets)}", colliding=colliding[name])
+    if own:
+        report.note(f"VAMP by its own clock, without what passes arguments on: {statistics.median(own) * 1e3:.3g} ms")
+    report.figure("share of the problems that ours solves", solved[OURS] / len(sets), "", least=least)
+    report.check(proven, f"ours: all {solved[OURS]} paths are proven, from the start on")
+    words = f"ours: {colliding[OURS]} of {solved[OURS]} paths collide, looked at every {STEP:g} rad"
+    report.check(not colliding[OURS], words)
+    for name, timing in timings.items():
+        if name != OURS:
+            report.ratio(f"{name} / ours", timing, timings[OURS], least=QUICKER if name == OMPL else None)
+    for each in dict.fromkeys(sets):
+        of_set = [number for number, name in enumerate(sets) if name == each]
+        medians = (statistics.median(timing.seconds[number] for number in of_set) for timing in timings.values())
+        report.note(f"{each}: {', '.join(f'{median * 1e3:.3g} ms' for median in medians)}")
+    report.note(f"made once for each scene and not in these times: ours {statistics.median(made) * 1e3:.3g} ms")
+
+
+def _solve(space: ArmSpace, start: Floats, goals: Floats, seed: int) -> Floats | None:
+    if not space.is_free(start) or not np.asarray(space.is_free(goals)).any():
+        return None
+    return space.free_path(start, goals, seed=seed, time_limit=LIMIT)
+
+
+def _judge(report: Report, problems: list[Problem], rng: np.random.Generator) -> None:
+    """Motions about starts and goals that each one calls free, and how many of them collide by the meshes."""
+    asked, free, colliding, lost = 0, Counter[str](), Counter[str](), 0
+    for problem in problems:
+        space, meshes, arm = problem.space(), problem.meshes(), problem.folder.arm
+        checks: dict[str, Callable[[Floats, Floats], bool]] = {
+            "ours": lambda a, b, space=space: bool(space.motion_is_free(a, b)),
+            "OMPL, coal at its usual resolution": partial(discrete, meshes, arm),
+        }
+        if is_here("vamp"):
+            checks["VAMP"] = Vamp(problem).motion_is_free
+        ends = np.vstack([problem.start, problem.goals])
+        for _ in range(MOTIONS):
+            q0 = _near(ends[rng.integers(len(ends))], rng.choice([0.05, 0.2]), arm, rng)
+            q1 = _near(q0, rng.choice([0.1, 0.3, 1.0]), arm, rng)
+            asked += 1
+            answers = {name: check(q0, q1) for name, check in checks.items()}
+            truth = meshes.first_collision(q0, q1, STEP) is not None
+            lost += not truth and not answers["ours"]
+            for name, answer in answers.items():
+                free[name] += answer
+                colliding[name] += answer and truth
+    report.note(f"{asked} motions about starts and goals, looked at every {STEP:g} rad:")
+    for name in free:
+        share = f"{colliding[name] / max(free[name], 1):.1%}"
+        claim = f"{name}: {free[name]} motions called free, of which {colliding[name]} collide ({share})"
+        report.check(not colliding[name], claim) if name == "ours" else report.note(claim)
+    report.note(f"ours proves {free['ours']} of {free['ours'] + lost} that do not collide")
+
+
+def _near(q: Floats, size: float, arm: Arm, rng: np.random.Generator) -> Floats:
+    return np.clip(q + rng.normal(scale=size, size=len(q)), arm.lower, arm.upper)
