@@ -207,7 +207,7 @@ class Arm:
         sampling proves nothing.
         """
         moving = _moving(self.links)
-        scene = scene_of(self.chain, self.links, moving, 0)
+        scene = scene_of(self.chain, self.links, moving)
         shares = apart(scene, random_points(self.lower, self.upper, LOOKS)).mean(axis=1)
         words = ["never" if share == 1.0 else "sometimes" if share else "always" for share in shares.tolist()]
         found = {pair_of(a.name, b.name): "one body" for a, b in combinations(self.links, 2)}
@@ -253,6 +253,9 @@ def rigid(pose: ArrayLike, name: str) -> Floats:
     if not good:
         mend = "pass [[R, t], [0, 0, 0, 1]], with the rotation matrix R"
         raise InputError(name, f"has shape {matrix.shape}", "it must be a rigid motion, shape (4, 4)", mend, value=pose)
+    left, _, right = np.linalg.svd(matrix[:3, :3])
+    matrix = matrix.copy()
+    matrix[:3, :3] = left @ right  # the nearest rotation: digits of a file are few
     return matrix
 
 
@@ -368,7 +371,7 @@ class _Assembly:
             if other is not None:
                 found.setdefault(pair_of(link.name, other), "adjacent")
         pairs = [pair for pair in _moving(arm.links) if arm._names(pair) not in found]
-        scene = scene_of(arm.chain, arm.links, pairs, 0)
+        scene = scene_of(arm.chain, arm.links, pairs)
         touching = always_touch(scene, random_points(arm.lower, arm.upper, 100))
         return found | {arm._names(pair): "always" for pair, always in zip(pairs, touching, strict=True) if always}
 

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from cspace.arms.chain import Chain, motion_of, place
 from cspace.compiling import inner, jit
 from cspace.exact import ADVANCE, MOST_DISTANCES, SHORTEST
-from cspace.exact.triangles import DEPTH, Motion, Trees, share_apart
+from cspace.exact.triangles import DEPTH, Motion, Trees, pierces, share_apart
+from cspace.map.turning import Row
 from cspace.raster.triangles import point_triangle
 from cspace.raster.winding import turn_above
 
@@ -44,6 +45,8 @@ class Solids(NamedTuple):
         Of all of them, each in the frame of its body.
     nodes : ndarray of int64, shape (s, 3)
         Roots.
+    numbers : ndarray of int64
+        Which of its solid's parts each row of the trees is of.
     triangles : ndarray of float64, shape (n, 3, 3)
         Of closed surfaces.
     turns : ndarray of int64, shape (n,)
@@ -54,6 +57,9 @@ class Solids(NamedTuple):
         The first triangle of each surface.
     anchors : ndarray of float64, shape (m, 3)
         A point of each part that hangs together.
+    filled : ndarray of bool, shape (s,)
+        Whether there are boxes or balls in its tree, which are solid; their levers are 1 where they could lie in others
+        as a whole, and 0 for all else.
     starts : ndarray of int64, shape (s + 1, 2)
         The first surface and the first anchor of each solid.
     """
@@ -61,11 +67,13 @@ class Solids(NamedTuple):
     bodies: Ints
     trees: Trees
     nodes: Ints
+    numbers: Ints
     triangles: Floats
     turns: Ints
     boxes: Floats
     firsts: Ints
     anchors: Floats
+    filled: Bools
     starts: Ints
 
 
@@ -155,7 +163,7 @@ def ask_motion(scene: Scene, q0: Floats, q1: Floats, work: Work) -> int:
             if found < part:
                 part, nearest = found, n
             # As long as no borders meet, whether one lies within the other stays as it is.
-            if found < 0.0 or (looks == 0 and nests(scene, n, work.poses, -1.0)):
+            if found < 0.0 or (looks == 0 and nests(scene, n, work, -1.0)):
                 return -1 - looks
         looks += 1
         part *= ADVANCE
@@ -184,40 +192,146 @@ def share_of(scene: Scene, n: int, enough: float, work: Work) -> float:
 
 
 @inner(error_model="numpy")
-def nests(scene: Scene, n: int, poses: Floats, deep: float) -> bool:
+def nests(scene: Scene, n: int, work: Work, deep: float) -> bool:
     """Whether an anchor of one solid of a pair lies in a closed surface of the other, so far from its triangles.
 
     Where no borders meet, an anchor tells of all that hangs together with it, and ``deep`` is -1.
     """
     i, j = scene.pairs[n]
-    return bool(holds(scene, i, j, poses, deep) or holds(scene, j, i, poses, deep))
+    if holds(scene, i, j, work, deep) or holds(scene, j, i, work, deep):
+        return True
+    return bool(scene.solids.filled[j] and holds_piece(scene, j, i, work, deep))
 
 
 @inner(error_model="numpy")
-def holds(scene: Scene, i: int, j: int, poses: Floats, deep: float) -> bool:
-    """Whether an anchor of solid i lies in solid j, as :func:`nested`."""
+def holds(scene: Scene, i: int, j: int, work: Work, deep: float) -> bool:
+    """Whether an anchor of solid i lies in a closed surface of solid j, as :func:`nests`."""
     solids = scene.solids
-    one, other = poses[solids.bodies[i]], poses[solids.bodies[j]]
+    one, other = work.poses[solids.bodies[i]], work.poses[solids.bodies[j]]
     for surface in range(solids.starts[j, 0], solids.starts[j + 1, 0]):
-        box = solids.boxes[surface]
         for n in range(solids.starts[i, 1], solids.starts[i + 1, 1]):
-            anchor = solids.anchors[n]
-            x = one[0, 0] * anchor[0] + one[0, 1] * anchor[1] + one[0, 2] * anchor[2] + one[0, 3] - other[0, 3]
-            y = one[1, 0] * anchor[0] + one[1, 1] * anchor[1] + one[1, 2] * anchor[2] + one[1, 3] - other[1, 3]
-            z = one[2, 0] * anchor[0] + one[2, 1] * anchor[1] + one[2, 2] * anchor[2] + one[2, 3] - other[2, 3]
-            px = other[0, 0] * x + other[1, 0] * y + other[2, 0] * z
-            py = other[0, 1] * x + other[1, 1] * y + other[2, 1] * z
-            pz = other[0, 2] * x + other[1, 2] * y + other[2, 2] * z
-            if not (box[0] <= px <= box[3] and box[1] <= py <= box[4] and box[2] <= pz <= box[5]):
-                continue
-            turns, near = 0, np.inf
-            for t in range(solids.firsts[surface], solids.firsts[surface + 1]):
-                turns += turn_above(solids.triangles[t], px, py, pz) * solids.turns[t]
-                if deep >= 0.0:
-                    near = min(near, point_triangle(px, py, pz, solids.triangles[t]))
-            if turns != 0 and near > deep:
+            if encloses(solids, surface, seen(one, other, row_of(solids.anchors[n], 0)), deep):
                 return True
     return False
+
+
+@inner(error_model="numpy")
+def holds_piece(scene: Scene, i: int, j: int, work: Work, deep: float) -> bool:
+    """The same of the middles of boxes and balls of solid i that could lie in solid j as a whole."""
+    solids, nodes = scene.solids, work.nodes
+    boxes, one, other = solids.trees.boxes, work.poses[solids.bodies[i]], work.poses[solids.bodies[j]]
+    for surface in range(solids.starts[j, 0], solids.starts[j + 1, 0]):
+        whole = solids.boxes[surface]
+        # The box around the surface, as it is placed in the frame of what does not move: what is near is looked for.
+        middle = 0.5 * (whole[0] + whole[3]), 0.5 * (whole[1] + whole[4]), 0.5 * (whole[2] + whole[5])
+        half = 0.5 * (whole[3] - whole[0]), 0.5 * (whole[4] - whole[1]), 0.5 * (whole[5] - whole[2])
+        (x, y, z), (hx, hy, hz) = seen(other, one, middle), spread(other, one, half)
+        nodes[1, 0], nodes[1, 1], nodes[1, 2], top = solids.nodes[i, 0], solids.nodes[i, 1], solids.nodes[i, 2], 2
+        while top > 1:
+            top -= 1
+            b, row, m = nodes[top, 0], nodes[top, 1], nodes[top, 2]
+            box = boxes[b]
+            if box[6] == 0.0 or abs(x - box[0]) > hx + box[3]:
+                continue
+            if abs(y - box[1]) > hy + box[4] or abs(z - box[2]) > hz + box[5]:
+                continue
+            if m == 1:
+                if encloses(solids, surface, seen(one, other, row_of(solids.trees.triangles[row], 0)), deep):
+                    return True
+                continue
+            few = m // 2
+            nodes[top, 0], nodes[top, 1], nodes[top, 2] = b + 1, row, few
+            nodes[top + 1, 0], nodes[top + 1, 1], nodes[top + 1, 2] = b + 2 * few, row + few, m - few
+            top += 2
+    return False
+
+
+@inner(error_model="numpy")
+def encloses(solids: Solids, surface: int, point: Row, deep: float) -> bool:
+    """Whether a point lies in a closed surface, so far from its triangles."""
+    x, y, z = point
+    box = solids.boxes[surface]
+    if not (box[0] <= x <= box[3] and box[1] <= y <= box[4] and box[2] <= z <= box[5]):
+        return False
+    turns, near = 0, np.inf
+    for t in range(solids.firsts[surface], solids.firsts[surface + 1]):
+        turns += turn_above(solids.triangles[t], x, y, z) * solids.turns[t]
+        if deep >= 0.0:
+            near = min(near, point_triangle(x, y, z, solids.triangles[t]))
+    return turns != 0 and near > deep
+
+
+@inner(error_model="numpy")
+def strikes(scene: Scene, n: int, work: Work) -> bool:
+    """Whether a point of the first solid's border lies in a box or ball of the second one, deeper than ``least``."""
+    solids, trees, nodes = scene.solids, scene.solids.trees, work.nodes
+    i, j = scene.pairs[n]
+    if not solids.filled[j]:
+        return False
+    one, other, still = work.poses[solids.bodies[i]], work.poses[solids.bodies[j]], solids.nodes[j]
+    nodes[1, 0], nodes[1, 1], nodes[1, 2] = solids.nodes[i, 0], solids.nodes[i, 1], solids.nodes[i, 2]
+    nodes[1, 3], nodes[1, 4], nodes[1, 5], top = still[0], still[1], still[2], 2
+    while top > 1:
+        top -= 1
+        a, row, m = nodes[top, 0], nodes[top, 1], nodes[top, 2]
+        b, piece, k = nodes[top, 3], nodes[top, 4], nodes[top, 5]
+        box, against = trees.boxes[a], trees.boxes[b]
+        (x, y, z), (hx, hy, hz) = seen(one, other, row_of(box, 0)), spread(one, other, row_of(box, 3))
+        if abs(x - against[0]) > hx + against[3] or abs(y - against[1]) > hy + against[4]:
+            continue
+        if abs(z - against[2]) > hz + against[5]:
+            continue
+        if m == 1 and k == 1:
+            p, q = trees.triangles[row], trees.triangles[piece]
+            corners = seen(one, other, row_of(p, 0)), seen(one, other, row_of(p, 3)), seen(one, other, row_of(p, 6))
+            if pierces(corners, q, scene.least):
+                return True
+        elif m == 1 or (k > 1 and against[3] + against[4] + against[5] > hx + hy + hz):
+            half = k // 2
+            nodes[top, 3], nodes[top, 4], nodes[top, 5] = b + 1, piece, half
+            nodes[top + 1, 0], nodes[top + 1, 1], nodes[top + 1, 2] = a, row, m
+            nodes[top + 1, 3], nodes[top + 1, 4], nodes[top + 1, 5] = b + 2 * half, piece + half, k - half
+            top += 2
+        else:
+            half = m // 2
+            nodes[top, 0], nodes[top, 1], nodes[top, 2] = a + 1, row, half
+            nodes[top + 1, 0], nodes[top + 1, 1], nodes[top + 1, 2] = a + 2 * half, row + half, m - half
+            nodes[top + 1, 3], nodes[top + 1, 4], nodes[top + 1, 5] = b, piece, k
+            top += 2
+    return False
+
+
+@inner(forceinline=True)
+def row_of(numbers: Floats, first: int) -> Row:
+    """Three of some numbers."""
+    return numbers[first], numbers[first + 1], numbers[first + 2]
+
+
+@inner(forceinline=True)
+def seen(one: Floats, other: Floats, p: Row) -> Row:
+    """A point of the frame that one pose places, in that of another."""
+    x = one[0, 0] * p[0] + one[0, 1] * p[1] + one[0, 2] * p[2] + one[0, 3] - other[0, 3]
+    y = one[1, 0] * p[0] + one[1, 1] * p[1] + one[1, 2] * p[2] + one[1, 3] - other[1, 3]
+    z = one[2, 0] * p[0] + one[2, 1] * p[1] + one[2, 2] * p[2] + one[2, 3] - other[2, 3]
+    return (
+        other[0, 0] * x + other[1, 0] * y + other[2, 0] * z,
+        other[0, 1] * x + other[1, 1] * y + other[2, 1] * z,
+        other[0, 2] * x + other[1, 2] * y + other[2, 2] * z,
+    )
+
+
+@inner(error_model="numpy")
+def spread(one: Floats, other: Floats, h: Row) -> Row:
+    """Half the sides of what holds a box of one frame, in another, by half its own."""
+    found = (0.0, 0.0, 0.0)
+    for k in range(3):
+        ax, ay, az = one[0, k] * h[k], one[1, k] * h[k], one[2, k] * h[k]
+        found = (
+            found[0] + abs(other[0, 0] * ax + other[1, 0] * ay + other[2, 0] * az),
+            found[1] + abs(other[0, 1] * ax + other[1, 1] * ay + other[2, 1] * az),
+            found[2] + abs(other[0, 2] * ax + other[1, 2] * ay + other[2, 2] * az),
+        )
+    return found
 
 
 @jit
@@ -240,7 +354,7 @@ def distances(scene: Scene, points: Floats, out: Floats, nearest: Ints) -> None:
             found = share_apart(
                 solids.trees, (one[0], one[1], one[2]), (other[0], other[1], other[2]), motion, out[k], nodes
             )
-            if found >= 0.0 and nests(scene, n, work.poses, -1.0):
+            if found >= 0.0 and nests(scene, n, work, -1.0):
                 found = -1.0
             if found < out[k]:
                 out[k] = found
@@ -249,10 +363,10 @@ def distances(scene: Scene, points: Floats, out: Floats, nearest: Ints) -> None:
 
 @jit
 def ask_blocked(scene: Scene, points: Floats, out: Bools) -> None:
-    """Whether an anchor of one solid lies in another one of its pair, farther from its surface than ``scene.least``."""
+    """Whether a point of one solid lies in another one of its pair, farther from its surface than ``scene.least``."""
     work = work_of(scene)
     for k in range(len(points)):
         place(scene.chain, points[k], points[k], 0.0, work.poses)
         out[k] = False
         for n in range(len(scene.pairs)):
-            out[k] = out[k] or nests(scene, n, work.poses, scene.least)
+            out[k] = out[k] or strikes(scene, n, work) or nests(scene, n, work, scene.least)

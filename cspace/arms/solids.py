@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final, NamedTuple
+from typing import ClassVar, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from cspace.arms.chain import Chain
 from cspace.arms.proofs import Scene, Solids
 from cspace.exact import ROUNDING
 from cspace.exact.boundaries import anchors_of, joined
-from cspace.exact.triangles import trees_of
+from cspace.exact.triangles import Trees, box_rows, trees_of_rows, triangle_rows
 from cspace.shapes import Mesh, Pieces, Shape
 
 Floats = NDArray[np.float64]
@@ -39,6 +39,7 @@ class Placed:
 
     shape: Shape
     pose: Floats
+    is_filled: ClassVar[bool] = False
 
     @cached_property
     def sides(self) -> tuple[Placed, Placed]:
@@ -56,6 +57,11 @@ class Placed:
         """Its border, as triangles."""
         simplices, radii = self.shape.boundary()
         return joined([Pieces(self.moved(simplices), radii)], 3, 3)
+
+    @property
+    def rows(self) -> tuple[Floats, Floats]:
+        """Its border as rows of a tree, shape (n, 10), and their levers about the origin."""
+        return triangle_rows(self.border), np.linalg.norm(self.border.simplices, axis=-1).max(axis=1)
 
     @cached_property
     def surface(self) -> tuple[Floats, Ints]:
@@ -85,6 +91,51 @@ class Placed:
         return np.concatenate([some, self.moved(lattice[self.shape.contains(lattice)])])
 
 
+@dataclass(frozen=True, eq=False)
+class Still(Placed):
+    """A shape that never moves. Boxes, cells and balls are asked as the solids that they are, all others by a border.
+
+    Attributes
+    ----------
+    reach : float
+        What hangs together and is longer lies in no link.
+    """
+
+    reach: float
+
+    @cached_property
+    def sides(self) -> tuple[Placed, Placed]:
+        outer, inner = self.shape.sides
+        placed = Still(outer, self.pose, self.reach)
+        return placed, placed if inner is outer else Still(inner, self.pose, self.reach)
+
+    @cached_property
+    def is_filled(self) -> bool:  # type: ignore[override]
+        """Whether its rows are solids."""
+        return self.shape.is_boxes or self.shape.boundary().simplices.shape[1] == 1
+
+    @property
+    def rows(self) -> tuple[Floats, Floats]:
+        """Rows of a tree, and 1 for those that could lie in a link as a whole, else 0."""
+        if self.shape.is_boxes:
+            lows, highs, sizes = self.shape.boxes
+            return box_rows(lows, highs, self.pose), (sizes <= self.reach).astype(np.float64)
+        rows = triangle_rows(self.border)
+        return rows, np.full(len(rows), float(self.is_filled))
+
+    @cached_property
+    def surface(self) -> tuple[Floats, Ints]:
+        return (np.empty((0, 3, 3)), np.empty(0, dtype=np.int64)) if self.is_filled else super().surface
+
+    @cached_property
+    def anchors(self) -> Floats:
+        return np.empty((0, 3)) if self.is_filled else super().anchors
+
+    @cached_property
+    def probes(self) -> Floats:
+        return np.empty((0, 3)) if self.is_filled else super().probes
+
+
 class Solid(NamedTuple):
     """What moves as one and is asked about as one: a link, or an obstacle.
 
@@ -100,27 +151,45 @@ class Solid(NamedTuple):
     parts: tuple[Placed, ...]
 
 
-def solids_of(solids: Sequence[Solid], side: int) -> Solids:
+def solids_of(solids: Sequence[Solid], side: int, outer: Solids | None = None) -> Solids:
     """The solids from outside, 0, or from within, 1, as compiled code takes them.
 
-    From outside, their anchors are one point of each part that hangs together, from within :attr:`Placed.probes`.
+    From outside, their anchors are one point of each part that hangs together, from within :attr:`Placed.probes`. Where
+    both sides are the same, the trees of the outer one are taken.
     """
     parts = [[part.sides[side] for part in solid.parts] for solid in solids]
     surfaces = [[part.surface for part in each if len(part.surface[0])] for each in parts]
     points = [[part.probes if side else part.anchors for part in each] for each in parts]
-    trees, roots = trees_of([joined([part.border for part in each], 3, 3) for each in parts], about_z=False)
     closed = [surface for each in surfaces for surface in each]
+    if outer is None or any(part.sides[0] is not part.sides[1] for solid in solids for part in solid.parts):
+        trees, nodes, numbers = _trees(parts)
+    else:
+        trees, nodes, numbers = outer.trees, outer.nodes, outer.numbers
     return Solids(
         bodies=np.array([solid.body for solid in solids], dtype=np.int64),
         trees=trees,
-        nodes=np.array(roots, dtype=np.int64).reshape(-1, 3),
+        nodes=nodes,
+        numbers=numbers,
         triangles=np.concatenate([np.empty((0, 3, 3)), *(corners for corners, _ in closed)]),
         turns=np.concatenate([np.empty(0, np.int64), *(turns for _, turns in closed)]),
         boxes=np.array([[*c.min((0, 1)), *c.max((0, 1))] for c, _ in closed]).reshape(-1, 6),
         firsts=_starts(len(corners) for corners, _ in closed),
         anchors=np.concatenate([np.empty((0, 3)), *(part for each in points for part in each)]),
+        filled=np.array([any(part.is_filled for part in each) for each in parts], np.bool_) & (nodes[:, 2] > 0),
         starts=np.stack([_starts(map(len, surfaces)), _starts(sum(map(len, each)) for each in points)], axis=1),
     )
+
+
+def _trees(parts: Sequence[Sequence[Placed]]) -> tuple[Trees, Ints, Ints]:
+    """A tree for each of some sets of parts, their roots, and which part of its set each row is of."""
+    rows, numbers = [], []
+    for each in parts:
+        made = [part.rows for part in each]
+        rows.append((np.concatenate([row for row, _ in made]), np.concatenate([levers for _, levers in made])))
+        numbers.append(np.repeat(np.arange(len(made)), [len(row) for row, _ in made]))
+    trees, roots, orders = trees_of_rows(rows)
+    found = [number[order] for number, order in zip(numbers, orders, strict=True)]
+    return trees, np.array(roots, dtype=np.int64).reshape(-1, 3), np.concatenate(found)
 
 
 def _starts(counts: Iterable[int]) -> Ints:
@@ -128,11 +197,23 @@ def _starts(counts: Iterable[int]) -> Ints:
 
 
 def scene_of(
-    chain: Chain, solids: Sequence[Solid], pairs: Sequence[tuple[int, int]], side: int, margin: float = 0.0
+    chain: Chain,
+    solids: Sequence[Solid],
+    pairs: Sequence[tuple[int, int]],
+    margin: float = 0.0,
 ) -> Scene:
-    """Solids from outside, 0, or from within, 1, of which those of some pairs, by their numbers, may not touch."""
-    borders = [part.sides[0].border for solid in solids for part in solid.parts]
-    far = max((float(np.abs(b.simplices).max() + b.radii.max()) for b in borders), default=0.0)
-    far += float(chain.lengths.max())
-    chosen = np.array(pairs, dtype=np.int64).reshape(-1, 2)
-    return Scene(chain, solids_of(solids, side), chosen, margin + 2.0 * ROUNDING * far)
+    """Solids from outside, of which those of some pairs, by their numbers, may not touch."""
+    made = solids_of(solids, 0)
+    return Scene(chain, made, np.array(pairs, dtype=np.int64).reshape(-1, 2), margin + _rounding(chain, made))
+
+
+def scene_within(scene: Scene, solids: Sequence[Solid]) -> Scene:
+    """The same from within, where what touches collides."""
+    made = solids_of(solids, 1, scene.solids)
+    return Scene(scene.chain, made, scene.pairs, _rounding(scene.chain, made))
+
+
+def _rounding(chain: Chain, solids: Solids) -> float:
+    roots = solids.trees.boxes[solids.nodes[solids.nodes[:, 2] > 0, 0]]
+    far = float((np.abs(roots[:, :3]) + roots[:, 3:6]).max(initial=0.0)) + float(chain.lengths.max())
+    return 2.0 * ROUNDING * far

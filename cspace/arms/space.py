@@ -12,9 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.arms.chain import STILL
 from cspace.arms.model import Arm, pair_of
+from cspace.arms.obstacles import placed_obstacle
 from cspace.arms.pairs import LOOKS, always_touch, random_points
 from cspace.arms.proofs import Scene, ask_blocked, ask_motions, distances
-from cspace.arms.solids import Placed, Solid, scene_of
+from cspace.arms.solids import Placed, Solid, Still, scene_of, scene_within
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import ConfigurationError, InputError
 from cspace.grid import finite, positive
@@ -22,6 +23,7 @@ from cspace.map.batches import Ask, check_rng, own
 from cspace.shapes import Shape
 from cspace.states import BLOCKED, FREE, MIXED
 from cspace.threads import in_chunks
+from cspace.workspace import Workspace
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -88,7 +90,9 @@ class ArmSpace(ConfigurationSpace):
     ) -> None:
         self.arm, self.obstacles, self.margin = arm, dict(obstacles), margin
         may_touch = arm.allowed.keys() | {pair_of(*pair) for pair in allowed}
-        placed = [Solid(name, 0, (each,)) for name, each in obstacles.items()]
+        sizes = [np.subtract(*part.shape.bounds) for link in arm.links for part in link.parts]
+        reach = max(float(np.linalg.norm(size)) for size in sizes)
+        placed = [Solid(name, 0, (Still(each.shape, each.pose, reach),)) for name, each in obstacles.items()]
         self._groups = _grouped(arm.links, placed, may_touch)
         solids = [group.solid for group in self._groups]
         pairs, fixed = [], []
@@ -98,8 +102,8 @@ class ArmSpace(ConfigurationSpace):
                     pairs.append((i, j) if one.solid.body > other.solid.body else (j, i))
                 elif one.is_obstacle != other.is_obstacle:
                     fixed.append((i, j))
-        self._scene = scene_of(arm.chain, solids, pairs, 0, margin)
-        self._within = scene_of(arm.chain, solids, pairs, 1)
+        self._scene = scene_of(arm.chain, solids, pairs, margin)
+        self._within = scene_within(self._scene, solids)
         for pair in fixed:
             self._refuse_fixed(np.array([pair]))
         self._refuse_always()
@@ -225,10 +229,8 @@ class ArmSpace(ConfigurationSpace):
         pair, *triangles = nearest[0].tolist()
         names = []
         for number, row in zip(scene.pairs[pair].tolist(), triangles, strict=True):
-            corners = scene.solids.trees.triangles[row, :9]
-            group = self._groups[number].members
-            found = (each.name for each in group if any(_holds(part, corners) for part in each.parts))
-            names.append(next(found, group[0].name))
+            owners = [each.name for each in self._groups[number].members for _ in each.parts]
+            names.append(owners[scene.solids.numbers[row]])
         return Contact(names[0], names[1], float(out[0]))
 
     def _distances(self, scene: Scene, points: Floats) -> tuple[Floats, NDArray[np.int64]]:
@@ -404,7 +406,7 @@ class ArmSpace(ConfigurationSpace):
 
 
 def build_arm(
-    obstacles: Mapping[str, Placed | Shape],
+    obstacles: Workspace | Mapping[str, Workspace | Placed | Shape],
     arm: Arm,
     *,
     allowed: Iterable[tuple[str, str]] = (),
@@ -414,8 +416,10 @@ def build_arm(
 
     Parameters
     ----------
-    obstacles : mapping of str to Placed or Shape
-        Shapes in space by name, in the frame of the arm's base or placed there, metres.
+    obstacles : Workspace, or mapping of str to Workspace, Placed or Shape
+        In space by name, in the frame of the arm's base or placed there, metres. A workspace alone is called
+        ``"workspace"``: a mesh or a cloud is asked itself, of all others the cells; what lies beyond its grid is free.
+        Cells that nothing is known of prove no configuration BLOCKED.
     arm : Arm
     allowed : iterable of pairs of str
         A link, and an obstacle or link that it may touch, besides those that :attr:`Arm.allowed` holds.
@@ -425,27 +429,31 @@ def build_arm(
     Raises
     ------
     InputError
-        If a name is taken by a link or unknown, a shape is one of the plane, or the margin is below zero.
+        If a name is taken by a link or unknown, an obstacle is in the plane, a pose is no rigid motion, the margin is
+        below zero, or cells do not fit into memory.
     ConfigurationError
         If an obstacle touches a link that no joint moves, or a link that one or two joints move touches something at
         each of 1000 random configurations.
     """
-    placed = {name: each if isinstance(each, Placed) else Placed(each, np.eye(4)) for name, each in obstacles.items()}
+    named = {"workspace": obstacles} if isinstance(obstacles, Workspace) else obstacles
+    if not isinstance(named, Mapping):
+        rule = "it must be a workspace, or name each obstacle"
+        raise InputError("obstacles", f"is a {type(obstacles).__name__}", rule, "pass e.g. {'table': shape}")
     links = {link.name for link in arm.links}
-    for name, each in placed.items():
+    for name in named:
         if name in links:
             raise InputError(
                 "obstacles", f"name one {name!r}", "a link has that name", "choose another one", value=name
             )
-        if each.shape.dim != 3:
-            raise InputError("obstacles", f"hold {name!r}, a shape of the plane", "arms are in space", "pass a solid")
     pairs = list(allowed)
     for pair in pairs:
         for name in pair:
-            if name not in links and name not in placed:
-                known = ", ".join((*links, *placed))
+            if name not in links and name not in named:
+                known = ", ".join((*links, *named))
                 raise InputError("allowed", f"names {name!r}", f"there are {known}", "name two of these", value=name)
-    return ArmSpace(arm, placed, pairs, _margin(margin))
+    least = _margin(margin)
+    placed = {name: placed_obstacle(each, name) for name, each in named.items()}
+    return ArmSpace(arm, {name: each for name, each in placed.items() if each is not None}, pairs, least)
 
 
 def _margin(value: float) -> float:
@@ -469,8 +477,3 @@ def _grouped(links: Sequence[Solid], obstacles: Sequence[Solid], may_touch: Set[
     for obstacle in obstacles:
         groups.setdefault((-1, frozenset(partners.get(obstacle.name, ()))), []).append(obstacle)
     return [Group(each, body < 0) for (body, _), each in groups.items()]
-
-
-def _holds(part: Placed, corners: Floats) -> bool:
-    """Whether a triangle, shape (9,), is of the border of a part."""
-    return bool((part.sides[0].border.simplices.reshape(-1, 9) == corners).all(axis=1).any())

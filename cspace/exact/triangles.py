@@ -1,6 +1,7 @@
 """Compiled proofs that the triangles of a robot that moves stay apart from those that do not, in trees of boxes.
 
-A ball is a triangle without size, its middle, grown by its radius; a segment has one corner twice.
+A ball is a triangle without size, its middle, grown by its radius; a segment has one corner twice. What does not move
+may also be of boxes, which are solid.
 
 *What is proven.* For any vector n, two triangles are at least as far apart as their shadows on a line along n::
 
@@ -9,7 +10,9 @@ A ball is a triangle without size, its middle, grown by its radius; a segment ha
 and where one moves by less than that, along n, they stay apart. So n may come from anywhere: whatever rounding does to
 it, the bound holds for the n that was found, and of triangles without height or length as of all others. It is taken
 from what is nearest: the normals of the faces, the way between the nearest points of two edges, and the normal of both;
-one of these is along the shortest way from one triangle to the other, so that little is lost.
+one of these is along the shortest way from one triangle to the other, so that little is lost. Of a triangle and a box,
+the nearest points are found by going from one to the other and back; the normals of faces and of edges tell the rest
+(S. Gottschalk, M. C. Lin and D. Manocha, 1996).
 
 *Rounding.* With u = 2^-53 and D the largest distance of any corner from a_0, each ``n.(x - a_0)`` is wrong by at most
 4 u |n| D (a difference, a product, two sums), the length of n by 4 u of itself, and the difference, the quotient and
@@ -38,6 +41,8 @@ from cspace.shapes import Pieces
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Corners = tuple[Row, Row, Row]
+Box = tuple[Row, Row, Row, Row]
+"""The middle of a box and its half axes."""
 Node = tuple[int, int, int]
 """A node of a tree: its number, its first triangle and how many it has."""
 
@@ -59,7 +64,7 @@ class Trees(NamedTuple):
     boxes : ndarray of float64, shape (m, 7)
         The middle and half the sides of each node's box, radii included, and the triangles' longest lever.
     triangles : ndarray of float64, shape (n, 10)
-        Three corners and a radius.
+        Three corners and a radius; of a box its middle, two half axes, and the length of the third one, below zero.
     """
 
     boxes: Floats
@@ -94,25 +99,58 @@ class Motion(NamedTuple):
 
 def trees_of(borders: Sequence[Pieces], about_z: bool) -> tuple[Trees, list[Node]]:
     """A tree for each of some sets of triangles, and their roots; levers are about the z axis, or about the origin."""
-    boxes, triangles, roots = [], [], []
+    levers = [np.linalg.norm(b.simplices[..., : 2 if about_z else 3], axis=-1).max(axis=1) for b in borders]
+    trees, roots, _ = trees_of_rows([(triangle_rows(b), each) for b, each in zip(borders, levers, strict=True)])
+    return trees, roots
+
+
+def trees_of_rows(parts: Sequence[tuple[Floats, Floats]]) -> tuple[Trees, list[Node], list[Ints]]:
+    """The same of rows of :attr:`Trees.triangles`, and what is kept of each as its lever; also the order of each."""
+    boxes, triangles, roots, orders = [], [], [], []
     nodes, rows = 0, 0
-    for border in borders:
-        box, order = _boxes(border, about_z)
+    for part, levers in parts:
+        box, order = _boxes(*_bounds(part), levers)
         roots.append((nodes, rows, len(order)))
         boxes.append(box)
-        triangles.append(np.hstack([border.simplices.reshape(-1, 9), border.radii[:, None]])[order])
+        triangles.append(part[order])
+        orders.append(order)
         nodes, rows = nodes + len(box), rows + len(order)
-    return Trees(np.concatenate(boxes), np.concatenate(triangles)), roots
+    return Trees(np.concatenate(boxes), np.concatenate(triangles)), roots, orders
 
 
-def _boxes(border: Pieces, about_z: bool) -> tuple[Floats, Ints]:
-    """The boxes of a tree of triangles, and the order in which it has them."""
-    corners, grown = border.simplices, border.radii[:, None]
+def triangle_rows(border: Pieces) -> Floats:
+    """Triangles as the rows of a tree, shape (n, 10)."""
+    return np.hstack([border.simplices.reshape(-1, 9), border.radii[:, None]])
+
+
+def box_rows(lows: Floats, highs: Floats, pose: Floats) -> Floats:
+    """Boxes along the axes, shapes (n, 3), placed by a pose, shape (4, 4), as the rows of a tree."""
+    turn, half = pose[:3, :3], 0.5 * (highs - lows)
+    rows = np.empty((len(lows), 10))
+    rows[:, :3] = 0.5 * (lows + highs) @ turn.T + pose[:3, 3]
+    rows[:, 3:6], rows[:, 6:9], rows[:, 9] = half[:, :1] * turn[:, 0], half[:, 1:2] * turn[:, 1], -half[:, 2]
+    return rows
+
+
+def _bounds(rows: Floats) -> tuple[Floats, Floats]:
+    """The lower and upper corners of what holds each row, shape (n, 3)."""
+    is_box = rows[:, 9] < 0.0
+    corners, grown = rows[:, :9].reshape(-1, 3, 3), np.maximum(rows[:, 9:], 0.0)
     low, high = corners.min(axis=1) - grown, corners.max(axis=1) + grown
-    levers = np.linalg.norm(corners[..., : 2 if about_z else 3], axis=-1).max(axis=1)
-    n = len(corners)
+    middle, first, second = np.moveaxis(corners[is_box], 1, 0)
+    third = np.cross(first, second)
+    third *= (rows[is_box, 9] / np.linalg.norm(third, axis=1))[:, None]
+    half = np.abs(first) + np.abs(second) + np.abs(third)
+    low[is_box], high[is_box] = middle - half, middle + half
+    return low, high
+
+
+def _boxes(low: Floats, high: Floats, levers: Floats) -> tuple[Floats, Ints]:
+    """The boxes of a tree of what lies between corners, and the order in which it has them."""
+    n = len(low)
     boxes, order = np.empty((max(2 * n - 1, 0), 7)), np.arange(n)
     nodes, starts, counts = np.zeros(1, np.int64), np.zeros(1, np.int64), np.full(1, n)
+    ranks = np.argsort(np.argsort(low + high, axis=0), axis=0).ravel()
     while n:
         lower, upper = np.minimum.reduceat(low[order], starts), np.maximum.reduceat(high[order], starts)
         boxes[nodes, :3], boxes[nodes, 3:6] = 0.5 * (lower + upper), 0.5 * (upper - lower)
@@ -121,8 +159,8 @@ def _boxes(border: Pieces, about_z: bool) -> tuple[Floats, Ints]:
             break
         # Each node's triangles in order along its box's longest side; the first half of them go one way.
         which = np.repeat(np.arange(len(nodes)), counts)
-        axis = (upper - lower).argmax(axis=1)[which, None]
-        order = order[np.lexsort((np.take_along_axis((low + high)[order], axis, 1)[:, 0], which))]
+        axis = (upper - lower).argmax(axis=1)[which]
+        order = order[np.argsort(which * n + ranks[3 * order + axis])]
         first, split = counts // 2, counts > 1
         kept = np.stack([np.ones_like(split), split], axis=1)
         nodes = np.stack([nodes + split, nodes + 2 * first], axis=1)[kept]
@@ -198,6 +236,8 @@ def share_apart(trees: Trees, robot: Node, still: Node, motion: Motion, enough: 
 def share_of_pair(trees: Trees, i: int, j: int, motion: Motion, turn: float, enough: float) -> float:
     """:func:`share_apart` of two triangles, of which the first moves by ``turn`` at most as the robot turns."""
     p, q = trees.triangles[i], trees.triangles[j]
+    if q[9] < 0.0:
+        return share_of_box(p, q, motion, turn, enough)
     least, step = motion.least + p[9] + q[9], motion.step
     # All from the first corner of the robot's triangle: it is at the origin.
     a0 = placed(motion, (p[0], p[1], p[2]))
@@ -228,18 +268,129 @@ def share_of_pair(trees: Trees, i: int, j: int, motion: Motion, turn: float, eno
 
 
 @inner
+def share_of_box(p: Floats, q: Floats, motion: Motion, turn: float, enough: float) -> float:
+    """:func:`share_of_pair` of a triangle and a box."""
+    least = motion.least + p[9]
+    a0 = placed(motion, (p[0], p[1], p[2]))
+    a1, a2 = minus(placed(motion, (p[3], p[4], p[5])), a0), minus(placed(motion, (p[6], p[7], p[8])), a0)
+    a, box = ((0.0, 0.0, 0.0), a1, a2), box_of(q, a0)
+    u, v = (a1, minus(a2, a1), minus((0.0, 0.0, 0.0), a2)), (box[1], box[2], box[3])
+    best, near = -1.0, nearest_of_triangle(box[0], a1, a2)
+    for _ in range(3):
+        other = nearest_of_box(near, box, 1.0)
+        near = nearest_of_triangle(other, a1, a2)
+        best = max(best, share_along_box(minus(near, other), a, box, motion, turn, least))
+        if best >= enough:
+            return enough
+    best = max(best, share_along_box(cross(u[0], u[1]), a, box, motion, turn, least))
+    for k in range(3):
+        best = max(best, share_along_box(v[k], a, box, motion, turn, least))
+        for m in range(3):
+            if best < enough:
+                best = max(best, share_along_box(cross(u[k], v[m]), a, box, motion, turn, least))
+    return min(best, enough)
+
+
+@inner
+def share_along_box(n: Row, a: Corners, box: Box, motion: Motion, turn: float, least: float) -> float:
+    """:func:`share_along` of a triangle and a box."""
+    middle = dot(n, box[0])
+    half = abs(dot(n, box[1])) + abs(dot(n, box[2])) + abs(dot(n, box[3]))
+    return share_beyond(n, a, middle - half, middle + half, motion.step, turn, least)
+
+
+@inner
 def share_along(n: Row, a: Corners, b: Corners, step: Row, turn: float, least: float) -> float:
     """:func:`share_apart` of two triangles, by their shadows on a line; -1 where those are too near, or n too short."""
+    b0, b1, b2 = dot(n, b[0]), dot(n, b[1]), dot(n, b[2])
+    return share_beyond(n, a, min(b0, b1, b2), max(b0, b1, b2), step, turn, least)
+
+
+@inner
+def share_beyond(n: Row, a: Corners, low: float, high: float, step: Row, turn: float, least: float) -> float:
+    """:func:`share_apart` of a triangle and what has its shadow between two numbers."""
     square = dot(n, n)
     if not LEAST_SQUARE < square < math.inf:
         return -1.0
     length = math.sqrt(square)
-    a1, a2, b0, b1, b2 = dot(n, a[1]), dot(n, a[2]), dot(n, b[0]), dot(n, b[1]), dot(n, b[2])
-    above, below = min(b0, b1, b2) - max(0.0, a1, a2), min(0.0, a1, a2) - max(b0, b1, b2)
-    spare = max(above, below) / length - least
+    a1, a2 = dot(n, a[1]), dot(n, a[2])
+    spare = max(low - max(0.0, a1, a2), min(0.0, a1, a2) - high) / length - least
     if not spare > 0.0:
         return -1.0
     return spare / (abs(dot(n, step)) / length + turn)
+
+
+@inner
+def box_of(q: Floats, origin: Row) -> Box:
+    """A box of a tree, seen from a point."""
+    u, v = (q[3], q[4], q[5]), (q[6], q[7], q[8])
+    w = cross(u, v)
+    factor = q[9] / math.sqrt(dot(w, w))
+    return minus((q[0], q[1], q[2]), origin), u, v, (factor * w[0], factor * w[1], factor * w[2])
+
+
+@inner
+def pierces(corners: Corners, q: Floats, deep: float) -> bool:
+    """Whether a point of a triangle is found in a box or ball of a tree, farther from its border than ``deep``."""
+    a0 = corners[0]
+    a1, a2, middle = minus(corners[1], a0), minus(corners[2], a0), minus((q[0], q[1], q[2]), a0)
+    near = nearest_of_triangle(middle, a1, a2)
+    if q[9] >= 0.0:
+        way = minus(near, middle)
+        return q[9] > deep and dot(way, way) < (q[9] - deep) ** 2
+    box = box_of(q, a0)
+    part = 0.5
+    for _ in range(16):
+        way, within = minus(near, box[0]), True
+        for k in range(1, 4):
+            length = math.sqrt(dot(box[k], box[k]))
+            within = within and abs(dot(way, box[k])) < length * (length - deep)
+        if within:
+            return True
+        # To and fro between the triangle and a smaller box, so that it ends within; one that grows to all but the box.
+        near = nearest_of_triangle(nearest_of_box(near, box, part), a1, a2)
+        part = 0.5 + 0.5 * part
+    return False
+
+
+@inner
+def nearest_of_box(p: Row, box: Box, part: float) -> Row:
+    """The point that is nearest to another one, of a part of a box about its middle, as well as rounding allows."""
+    x, y, z = box[0]
+    way = minus(p, box[0])
+    for k in range(1, 4):
+        axis = box[k]
+        t = min(max(dot(way, axis) / dot(axis, axis), -part), part)
+        x, y, z = x + t * axis[0], y + t * axis[1], z + t * axis[2]
+    return x, y, z
+
+
+@inner
+def nearest_of_triangle(p: Row, a1: Row, a2: Row) -> Row:
+    """The point of a triangle with one corner in the origin that is nearest to p, as well as rounding allows.
+
+    C. Ericson, "Real-Time Collision Detection", 2005, section 5.1.5.
+    """
+    b, c = minus(p, a1), minus(p, a2)
+    d1, d2, d3, d4, d5, d6 = dot(a1, p), dot(a2, p), dot(a1, b), dot(a2, b), dot(a1, c), dot(a2, c)
+    if d1 <= 0.0 and d2 <= 0.0:
+        return 0.0, 0.0, 0.0
+    if d3 >= 0.0 and d4 <= d3:
+        return a1
+    if d6 >= 0.0 and d5 <= d6:
+        return a2
+    va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
+    s, t = 0.0, 0.0
+    if vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
+        s = d1 / (d1 - d3)
+    elif vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
+        t = d2 / (d2 - d6)
+    elif va <= 0.0 and d4 >= d3 and d5 >= d6:
+        t = (d4 - d3) / ((d4 - d3) + (d5 - d6))
+        s = 1.0 - t
+    else:
+        s, t = vb / (va + vb + vc), vc / (va + vb + vc)
+    return s * a1[0] + t * a2[0], s * a1[1] + t * a2[1], s * a1[2] + t * a2[2]
 
 
 @inner

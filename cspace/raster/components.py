@@ -72,6 +72,24 @@ class Components:
         column = np.searchsorted(self.offsets, runs, side="right") - 1
         return np.stack([column // self.shape[1], column % self.shape[1], self.lows[runs]], axis=1).astype(np.int64)
 
+    def at(self, boxes: Integers) -> Labels:
+        """The component of untouched boxes, numbered in the order of the array, shape (n,)."""
+        column = np.repeat(np.arange(len(self.offsets) - 1), np.diff(self.offsets))
+        starts = column * self.shape[2] + self.lows
+        return np.asarray(self.labels[np.searchsorted(starts, boxes, side="right") - 1])
+
+    def lengths(self) -> Integers:
+        """How many boxes each component is long, along the axis along which that is most, shape (count,)."""
+        column = np.repeat(np.arange(len(self.offsets) - 1), np.diff(self.offsets))
+        longest = np.zeros(self.count, dtype=np.int64)
+        i, j = column // self.shape[1], column % self.shape[1]
+        for low, high in ((i, i), (j, j), (self.lows, self.highs)):
+            first, last = np.full(self.count, max(self.shape)), np.zeros(self.count, dtype=np.int64)
+            np.minimum.at(first, self.labels, low)
+            np.maximum.at(last, self.labels, high)
+            longest = np.maximum(longest, last - first + 1)
+        return longest
+
     def at_border(self) -> Bools:
         """Whether each component reaches the border of the array, shape (count,)."""
         nx, ny, nz = self.shape

@@ -39,6 +39,22 @@ class Pieces(NamedTuple):
     radii: Floats
 
 
+class Boxes(NamedTuple):
+    """Boxes along the axes.
+
+    Attributes
+    ----------
+    lows, highs : ndarray of float64, shape (n, d)
+        Their corners, metres.
+    sizes : ndarray of float64, shape (n,)
+        How long, along some axis, what each of them hangs together with is at least, metres.
+    """
+
+    lows: Floats
+    highs: Floats
+    sizes: Floats
+
+
 class Shape(ABC):
     """A rigid, closed, bounded set of points in the plane or in space, metres.
 
@@ -50,10 +66,13 @@ class Shape(ABC):
         2 in the plane, 3 in space.
     encloses : bool
         Whether it has an inside, that is, more than its boundary.
+    is_boxes : bool
+        Whether it is a union of boxes along the axes in space.
     """
 
     dim: int
     encloses: bool = True
+    is_boxes: bool = False
 
     @property
     @abstractmethod
@@ -148,6 +167,11 @@ class Shape(ABC):
     @abstractmethod
     def boundary(self) -> Pieces:
         """The border, for exact tests; parts of it that lie within the shape may be among its pieces."""
+
+    @property
+    def boxes(self) -> Boxes:
+        """A shape that :attr:`is_boxes`, as boxes along the axes."""
+        raise GeometryError("shape", "is no union of boxes", "boxes and cells in space are", "ask for its boundary")
 
     @property
     def regions(self) -> list[Floats]:

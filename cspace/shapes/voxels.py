@@ -16,7 +16,7 @@ from cspace.grid import Grid, positive, unmasked
 from cspace.raster.raster import Raster
 from cspace.rotations import STILL, Turn
 from cspace.shapes.polygon import Polygons
-from cspace.shapes.shape import Bools, Floats, Pieces, Shape, Surface, check_point, frozen
+from cspace.shapes.shape import Bools, Boxes, Floats, Pieces, Shape, Surface, check_point, frozen
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -41,6 +41,7 @@ class Box(Shape):
     """
 
     dim = 3
+    is_boxes = True
 
     def __init__(self, extents: Floats, center: Floats) -> None:
         self.extents, self.center = frozen(extents), frozen(center)
@@ -97,6 +98,10 @@ class Box(Shape):
         return Pieces(vertices[faces], np.zeros(len(faces)))
 
     @property
+    def boxes(self) -> Boxes:
+        return Boxes(self.lower[None], self.upper[None], (self.upper - self.lower).max(keepdims=True))
+
+    @property
     def surface(self) -> Surface:
         return self.lower + _CORNERS * (self.upper - self.lower), _FACES.copy()
 
@@ -134,7 +139,7 @@ class Voxels(Shape):
 
     def __init__(self, occupied: NDArray[np.bool_], side: float, lower: Floats) -> None:
         self.occupied, self.side, self.lower = frozen(occupied), side, frozen(lower)
-        self.dim = occupied.ndim
+        self.dim, self.is_boxes = occupied.ndim, occupied.ndim == 3
 
     @classmethod
     def of(cls, occupied: ArrayLike, spacing: float, lower: ArrayLike | None = None) -> Voxels:
@@ -237,6 +242,19 @@ class Voxels(Shape):
 
         triangles = cell_faces(self.occupied, self.side, self.lower)
         return Pieces(triangles, np.zeros(len(triangles)))
+
+    @property
+    def boxes(self) -> Boxes:
+        if self.dim == 2:
+            return super().boxes
+        from cspace.raster.bitmaps import cell_boxes
+        from cspace.raster.components import Components
+
+        cells, found = self.occupied, Components.of(~self.occupied)
+        lows, highs = cell_boxes(cells, 1.0, np.zeros(3))
+        firsts = lows.astype(np.int64) @ (cells.shape[1] * cells.shape[2], cells.shape[2], 1)
+        sizes = self.side * found.lengths()[found.at(firsts)]
+        return Boxes(self.lower + self.side * lows, self.lower + self.side * highs, sizes)
 
     @cached_property
     def _segments(self) -> Floats:

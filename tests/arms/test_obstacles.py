@@ -1,0 +1,213 @@
+"""Workspaces, cells and clouds as obstacles of arms, against FCL and by hand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import fcl
+import numpy as np
+import pytest
+import yourdfpy
+from scipy.spatial.transform import Rotation
+
+from cspace import BLOCKED, FREE, MIXED, Grid, Robot, Workspace
+from cspace.arms import Arm, ArmSpace, Placed, build_arm
+from cspace.errors import InputError
+from cspace.shapes import Voxels
+from urdfs import joint, link, planar, random_arm, written
+
+H = 0.2
+SIDE = 10
+LOWER = (-1.0, -1.0, -1.0)
+
+
+class Oracle:
+    """The boxes of links, placed by yourdfpy, against boxes or balls that stay, asked of FCL."""
+
+    def __init__(self, path: Path, arm: Arm, still: list[Any]) -> None:
+        self._urdf = yourdfpy.URDF.load(str(path), load_meshes=False, build_collision_scene_graph=False)
+        self._arm, self._still = arm, still
+
+    def apart(self, q: Any) -> float:
+        values = dict(zip(self._arm.joints, q, strict=True))
+        self._urdf.update_cfg(np.array([values[name] for name in self._urdf.actuated_joint_names]))
+        found = np.inf
+        for each in self._arm.links[1:]:
+            for part in self._urdf.link_map[each.name].collisions:
+                pose = self._urdf.get_transform(each.name) @ part.origin
+                place = fcl.Transform(pose[:3, :3], pose[:3, 3])
+                box = fcl.CollisionObject(fcl.Box(*part.geometry.box.size), place)
+                for other in self._still:
+                    hit = fcl.collide(box, other, fcl.CollisionRequest(), fcl.CollisionResult())
+                    found = min(found, 0.0 if hit else fcl.distance(box, other))
+        return float(found)
+
+
+def cubes(cells: Any, pose: Any = None) -> list[Any]:
+    pose = np.eye(4) if pose is None else pose
+    middles = (np.argwhere(cells) + 0.5) * H + LOWER
+    return [
+        fcl.CollisionObject(fcl.Box(H, H, H), fcl.Transform(pose[:3, :3], pose[:3, :3] @ middle + pose[:3, 3]))
+        for middle in middles
+    ]
+
+
+def only_obstacles(obstacles: Any, arm: Arm, name: str = "workspace") -> ArmSpace:
+    """A space in which links may touch each other, and the first one anything."""
+    names = [each.name for each in arm.links]
+    pairs = [(one, other) for one in names for other in names if one < other]
+    return build_arm(obstacles, arm, allowed=[*pairs, (names[0], name)])
+
+
+def sampled(arm: Arm, rng: np.random.Generator, count: int) -> Any:
+    return rng.uniform(np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi), (count, arm.dof))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_cells_against_fcl(tmp_path: Path, seed: int) -> None:
+    """FREE by the outer cells, BLOCKED by the inner ones, decided but for touching; motions hit nothing on the way."""
+    path, rng = random_arm(tmp_path, seed), np.random.default_rng(seed)
+    arm = Arm.from_urdf(path)
+    outer = rng.random((SIDE,) * 3) < 0.03
+    inner = outer & (rng.random(outer.shape) < 0.5)
+    space = only_obstacles(Workspace.from_array(outer, H, LOWER, inner=inner), arm)
+    around, within = Oracle(path, arm, cubes(outer)), Oracle(path, arm, cubes(inner))
+    points = sampled(arm, rng, 40)
+    states = np.asarray(space.classify(points))
+    assert set(states.tolist()) >= {FREE, BLOCKED}
+    for q, state in zip(points, states.tolist(), strict=True):
+        apart = around.apart(q)
+        assert (state == FREE) == (apart > 1e-6)
+        assert state != BLOCKED or within.apart(q) == 0.0
+        if state == FREE:
+            assert space.clearance(q) == pytest.approx(apart, rel=0.05, abs=1e-6)
+            assert space.clearance(q) <= apart + 1e-6
+    starts = points[states == FREE][:8]
+    ends = np.clip(starts + rng.normal(scale=0.4, size=starts.shape), arm.lower, arm.upper)
+    proven = np.asarray(space.motion_is_free(starts, ends))
+    for q0, q1, is_free in zip(starts, ends, proven, strict=True):
+        least = min(around.apart(q0 + t * (q1 - q0)) for t in np.linspace(0.0, 1.0, 20))
+        assert least > 0.0 or not is_free
+
+
+def test_cells_that_are_turned_against_fcl(tmp_path: Path) -> None:
+    path, rng = random_arm(tmp_path, 7), np.random.default_rng(7)
+    arm = Arm.from_urdf(path)
+    cells, pose = rng.random((SIDE,) * 3) < 0.03, np.eye(4)
+    pose[:3, :3], pose[:3, 3] = Rotation.from_rotvec((0.3, -0.7, 1.1)).as_matrix(), (0.1, 0.2, -0.1)
+    shape = Voxels.of(cells, H, LOWER)
+    space = only_obstacles({"cells": Placed(shape, pose)}, arm, "cells")
+    oracle = Oracle(path, arm, cubes(cells, pose))
+    points = sampled(arm, rng, 40)
+    free = np.asarray(space.is_free(points))
+    np.testing.assert_array_equal(free, [oracle.apart(q) > 1e-6 for q in points])
+    np.testing.assert_array_equal(np.asarray(space.classify(points)) == BLOCKED, ~free)
+
+
+@pytest.mark.parametrize("radius", [0.05, 0.0])
+def test_clouds_against_fcl(tmp_path: Path, radius: float) -> None:
+    """The points themselves are asked, and not the cells of their grid."""
+    path, rng = random_arm(tmp_path, 2), np.random.default_rng(2)
+    arm = Arm.from_urdf(path)
+    points = rng.uniform(-1.0, 1.0, (60, 3))
+    space = only_obstacles(Workspace.from_points(points, 0.5, radius=radius), arm)
+    balls = [fcl.CollisionObject(fcl.Sphere(max(radius, 1e-9)), fcl.Transform(np.eye(3), p)) for p in points]
+    oracle = Oracle(path, arm, balls)
+    for q in sampled(arm, rng, 40):
+        apart, state = oracle.apart(q), space.classify(q)
+        assert (state == FREE) == (apart > 1e-6)
+        assert state != BLOCKED or apart == 0.0
+        if state == FREE:
+            assert space.clearance(q) == pytest.approx(apart, rel=0.05, abs=1e-6)
+
+
+def within_each_other(folder: Path, size: float) -> Arm:
+    return Arm.from_urdf(
+        written(folder, link("base"), link("tip", ((size,) * 3, (5, 0, 0))), joint("turn", "base", "tip"))
+    )
+
+
+@pytest.mark.parametrize(("size", "kept"), [(2.0, 1), (0.1, 20)])
+def test_what_lies_within_the_other(tmp_path: Path, size: float, kept: int) -> None:
+    """A lone cell in a large link, and a small link in a block of cells, where no borders meet."""
+    cells = np.zeros((40, 40, 40), dtype=bool)
+    block = slice(20 - kept // 2, 20 - kept // 2 + kept)
+    cells[block, block, block] = True
+    arm, lower = within_each_other(tmp_path, size), (5 - 20.5 * 0.1, -20.5 * 0.1, -20.5 * 0.1)
+    space = build_arm(Workspace.from_array(cells, 0.1, lower), arm)
+    assert space.classify((0.0,)) == BLOCKED
+    assert space.clearance((0.0,)) == 0.0
+    assert space.is_free((1.5,))
+    assert not space.motion_is_free((0.0,), (1e-3,))
+    outer = build_arm(Workspace.from_array(cells, 0.1, lower, inner=np.zeros_like(cells)), arm)
+    assert outer.classify((0.0,)) == MIXED
+
+
+def test_what_is_too_large_to_lie_in_a_link_is_still_seen(tmp_path: Path) -> None:
+    """Cells that hang together only by edges, in a link that holds some of them."""
+    cells = np.zeros((40, 40, 40), dtype=bool)
+    cells[range(40), range(40), 20] = True
+    space = build_arm(Workspace.from_array(cells, 0.1, (3.0, -2.0, -2.0)), within_each_other(tmp_path, 2.0))
+    assert space.classify((0.0,)) == BLOCKED
+
+
+def test_what_is_unknown_is_neither(tmp_path: Path) -> None:
+    """Cells that nothing is known of are in the way, and prove no collision."""
+    cells, unknown = np.zeros((2, 20, 20, 20), dtype=bool)
+    cells[13:15, :, :], unknown[13, :, :] = True, True
+    grid = Grid((0.0, -1.0, -1.0), 0.1, cells.shape)
+    arm = Arm.from_urdf(planar(tmp_path))
+    space = build_arm(Workspace(grid, cells, cells, unknown=unknown), arm)
+    # The arm of two links of 1 m reaches the layers of x from 1.3 to 1.4 m, and to 1.5 m.
+    assert space.is_free((0.0, 2.9))
+    assert space.classify((0.0, np.arccos(0.34))) == MIXED
+    assert space.classify((0.0, 0.5)) == BLOCKED
+    contact = space.closest((0.0, 2.0))
+    assert (contact.link, contact.other) in {("fore", "workspace"), ("upper", "workspace")}
+
+
+def test_obstacles_of_all_kinds_have_their_names(tmp_path: Path) -> None:
+    arm = Arm.from_urdf(planar(tmp_path))
+    cells = np.zeros((3, 3, 3), dtype=bool)
+    cells[1, 1, 1] = True
+    many = {
+        "cells": Workspace.from_array(cells, 0.1, (2.5, -0.15, -0.15)),
+        "cloud": Workspace.from_points([(0.0, 2.5, 0.0)], 0.1),
+        "mesh": Workspace.from_mesh(Robot.box((0.1, 0.1, 0.1), center=(-1.0, -2.0, 0.0)).shape.surface, 0.1),
+        "none": Workspace.from_array(np.zeros((2, 2, 2), dtype=bool), 1.0),
+        "ball": Robot.ball(0.1, center=(-2.5, 0.0, 0.0)).shape,
+    }
+    space = build_arm(many, arm)
+    for angle, name in ((0.0, "cells"), (np.pi / 2, "cloud"), (-2.0, "mesh"), (3.0, "ball")):
+        assert space.closest((angle, 0.0)).other == name
+    assert space.clearance((0.0, 0.0)) == pytest.approx(0.6, abs=1e-6)
+    assert space.clearance((np.pi / 2, 0.0)) == pytest.approx(0.5, abs=1e-6)
+
+
+def test_a_map_that_is_updated_later_stays_as_it_was(tmp_path: Path) -> None:
+    arm = Arm.from_urdf(planar(tmp_path))
+    cells = np.zeros((20, 20, 20), dtype=bool)
+    cells[19] = True
+    workspace = Workspace(Grid((0.6, -1.0, -1.0), 0.1, cells.shape), cells, cells, live=True)
+    space = build_arm(workspace, arm)
+    assert space.is_free((0.0, 0.0))
+    assert space.classify((0.0, 0.0)) == FREE
+
+
+@pytest.mark.parametrize(
+    ("obstacles", "words"),
+    [
+        (lambda: Workspace.from_array(np.ones((2, 2), dtype=bool), 1.0), "hold 'workspace', a map of the plane"),
+        (lambda: {"disc": Robot.disc(1.0).shape}, "hold 'disc', a shape of the plane"),
+        (lambda: {"foot": Robot.ball(1.0).shape}, "name one 'foot'; a link has that name"),
+        (lambda: {"cat": "meow"}, "hold 'cat', a str"),
+        (lambda: {"bent": Placed(Robot.ball(1.0).shape, 2.0 * np.eye(4))}, "pose of bent has shape"),
+        (lambda: [Robot.ball(1.0).shape], "obstacles is a list"),
+    ],
+    ids=["plane", "disc", "taken", "kind", "pose", "list"],
+)
+def test_bad_obstacles(tmp_path: Path, obstacles: Any, words: str) -> None:
+    arm = Arm.from_urdf(planar(tmp_path))
+    with pytest.raises(InputError, match=words):
+        build_arm(obstacles(), arm)
