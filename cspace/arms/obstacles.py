@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import singledispatch
 
 import numpy as np
@@ -15,6 +16,21 @@ from cspace.workspace import Workspace
 
 _CELL_BYTES = 4
 """For each cell of a workspace, while its cells become boxes."""
+
+
+def named_obstacles(obstacles: object) -> Mapping[str, object]:
+    """Obstacles by their names.
+
+    Raises
+    ------
+    InputError
+        If they are neither a workspace nor named.
+    """
+    named = {"workspace": obstacles} if isinstance(obstacles, Workspace) else obstacles
+    if not isinstance(named, Mapping):
+        rule = "it must be a workspace, or name each obstacle"
+        raise InputError("obstacles", f"is a {type(obstacles).__name__}", rule, "pass e.g. {'table': shape}")
+    return named
 
 
 @singledispatch
@@ -31,7 +47,7 @@ def placed_obstacle(obstacle: object, name: str) -> Placed | None:
 
 
 @placed_obstacle.register
-def _(obstacle: Shape, name: str) -> Placed:
+def _(obstacle: Shape, name: str) -> Placed | None:
     return placed_obstacle(Placed(obstacle, np.eye(4)), name)
 
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.arms.chain import STILL
 from cspace.arms.model import Arm, pair_of
-from cspace.arms.obstacles import placed_obstacle
+from cspace.arms.obstacles import named_obstacles, placed_obstacle
 from cspace.arms.pairs import LOOKS, always_touch, random_points
 from cspace.arms.proofs import Scene, ask_blocked, ask_motions, distances
 from cspace.arms.solids import Placed, Solid, Still, scene_of, scene_within
@@ -435,10 +435,7 @@ def build_arm(
         If an obstacle touches a link that no joint moves, or a link that one or two joints move touches something at
         each of 1000 random configurations.
     """
-    named = {"workspace": obstacles} if isinstance(obstacles, Workspace) else obstacles
-    if not isinstance(named, Mapping):
-        rule = "it must be a workspace, or name each obstacle"
-        raise InputError("obstacles", f"is a {type(obstacles).__name__}", rule, "pass e.g. {'table': shape}")
+    named = named_obstacles(obstacles)
     links = {link.name for link in arm.links}
     for name in named:
         if name in links:

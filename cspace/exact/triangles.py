@@ -337,7 +337,7 @@ def pierces(corners: Corners, q: Floats, deep: float) -> bool:
     near = nearest_of_triangle(middle, a1, a2)
     if q[9] >= 0.0:
         way = minus(near, middle)
-        return q[9] > deep and dot(way, way) < (q[9] - deep) ** 2
+        return bool(q[9] > deep and dot(way, way) < (q[9] - deep) ** 2)
     box = box_of(q, a0)
     part = 0.5
     for _ in range(16):

@@ -253,7 +253,7 @@ class Voxels(Shape):
         cells, found = self.occupied, Components.of(~self.occupied)
         lows, highs = cell_boxes(cells, 1.0, np.zeros(3))
         firsts = lows.astype(np.int64) @ (cells.shape[1] * cells.shape[2], cells.shape[2], 1)
-        sizes = self.side * found.lengths()[found.at(firsts)]
+        sizes = np.asarray(self.side * found.lengths()[found.at(firsts)], dtype=np.float64)
         return Boxes(self.lower + self.side * lows, self.lower + self.side * highs, sizes)
 
     @cached_property
