@@ -217,10 +217,14 @@ def inner(function: F, /) -> F: ...
 @overload
 def inner(**options: Any) -> Callable[[F], F]: ...
 def inner(function: F | None = None, /, **options: Any) -> Any:
-    """:func:`reader` for what only compiled code calls; without a door for Python it is compiled sooner."""
+    """:func:`reader` for what only compiled code calls; without a door for Python it is compiled sooner.
+
+    What makes arrays says ``_nrt=True``.
+    """
     if function is None:
         return lambda decorated: inner(decorated, **options)
-    made = cast(Any, jit(function, _nrt=False, no_cpython_wrapper=True, pipeline_class=_part_compiler(), **options))
+    options = {"_nrt": False, "no_cpython_wrapper": True, "pipeline_class": _part_compiler(), **options}
+    made = cast(Any, jit(function, **options))
 
     def add(compiled: Any) -> None:
         made.overloads[tuple(compiled.signature.args)] = compiled

@@ -8,12 +8,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.compiling import jit
+from cspace.compiling import inner, jit
 from cspace.exact import ADVANCE, MOST_DISTANCES, ROUNDING, SHORTEST
 from cspace.exact.segments import Body, Scene, gap, is_nested, place
 from cspace.grid import MAX_COORDINATE
 from cspace.map import turning
-from cspace.map.edges import edge_is_free
+from cspace.map.edges import NO_BLOCKS, edge_is_free
 from cspace.map.points import Numbers, is_usable, replaced, state_at
 from cspace.map.record import Map
 from cspace.map.turning import shorter_turn
@@ -47,7 +47,7 @@ class Stretch(NamedTuple):
     turn: float
 
 
-@jit(forceinline=True)
+@inner(forceinline=True)
 def _configuration(map_: Map, x: float, y: float, yaw: float) -> Numbers:
     """What the map is asked about: without the yaw, if the robot does not turn."""
     q: Numbers = map_.lower + turning.blank(map_.rotations)
@@ -56,20 +56,20 @@ def _configuration(map_: Map, x: float, y: float, yaw: float) -> Numbers:
     return replaced(replaced(q, 0, x), 1, y)
 
 
-@jit
+@inner
 def _state(map_: Map, x: float, y: float, yaw: float) -> int:
     """State of one configuration."""
     return state_at(map_, _configuration(map_, x, y, yaw))
 
 
-@jit
+@inner
 def _walk(map_: Map, way: Stretch, start: float, stop: float) -> bool:
     """Whether every closed cell that meets a part of a stretch is FREE."""
     dx, dy = way.end_x - way.x, way.end_y - way.y
     q0 = _configuration(map_, way.x + start * dx, way.y + start * dy, way.yaw + start * way.turn)
     x1, y1 = (way.end_x, way.end_y) if stop == 1.0 else (way.x + stop * dx, way.y + stop * dy)
     q1 = _configuration(map_, x1, y1, way.yaw + stop * way.turn)
-    return bool(edge_is_free(map_, None, q0, q1))
+    return bool(edge_is_free(map_, NO_BLOCKS, q0, q1))
 
 
 @jit
@@ -88,7 +88,7 @@ def ask_point(world: World, x: float, y: float, yaw: float) -> int:
     return 1
 
 
-@jit
+@inner(_nrt=True)
 def _ask_stretch(world: World, way: Stretch) -> int:
     """As :func:`ask_point`, for all configurations of a stretch.
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.compiling import jit
+from cspace.compiling import inner
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -81,7 +81,7 @@ class Placed(NamedTuple):
     along: Point
 
 
-@jit
+@inner(_nrt=True)  # it makes arrays
 def place(body: Body, x: float, y: float, yaw: float, along: Point) -> Placed:
     """The robot at a configuration and all along a vector."""
     cosine, sine = math.cos(yaw), math.sin(yaw)
@@ -100,7 +100,7 @@ def place(body: Body, x: float, y: float, yaw: float, along: Point) -> Placed:
     return Placed(rows, box, x, y, cosine, sine, along)
 
 
-@jit
+@inner
 def gap(scene: Scene, body: Body, placed: Placed, least: float, reach: float) -> float:
     """Least distance between the borders of the placed robot, all along its vector, and of the obstacles.
 
@@ -136,7 +136,7 @@ def gap(scene: Scene, body: Body, placed: Placed, least: float, reach: float) ->
     return float(best)
 
 
-@jit
+@inner
 def is_nested(scene: Scene, body: Body, placed: Placed) -> bool:
     """Whether the robot or a part of it lies in an obstacle, or one in the robot, of borders that do not meet."""
     cosine, sine, box = placed.cosine, placed.sine, placed.box
@@ -162,7 +162,7 @@ def is_nested(scene: Scene, body: Body, placed: Placed) -> bool:
     return False
 
 
-@jit
+@inner
 def segment_distance(a: Point, b: Point, c: Point, d: Point) -> float:
     """Distance between the segments from a to b and from c to d.
 
@@ -178,7 +178,7 @@ def segment_distance(a: Point, b: Point, c: Point, d: Point) -> float:
     return math.sqrt(square)
 
 
-@jit
+@inner
 def _swept_distance(a: Point, b: Point, along: Point, c: Point, d: Point) -> float:
     """Distance between a segment from a to b that moves along a vector, and one from c to d that stays."""
     vx, vy = along
@@ -194,7 +194,7 @@ def _swept_distance(a: Point, b: Point, along: Point, c: Point, d: Point) -> flo
     return float(min(ends, min(segment_distance(a, e, c, d), segment_distance(b, f, c, d))))
 
 
-@jit
+@inner
 def _square_to_segment(p: Point, a: Point, b: Point) -> float:
     """Squared distance of a point from a segment, which may be a point."""
     dx, dy = b[0] - a[0], b[1] - a[1]
@@ -206,13 +206,13 @@ def _square_to_segment(p: Point, a: Point, b: Point) -> float:
     return gap_x * gap_x + gap_y * gap_y
 
 
-@jit
+@inner
 def _is_left(a: Point, b: Point, p: Point) -> bool:
     """Whether a point lies to the left of a line."""
     return (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0]) > 0.0
 
 
-@jit
+@inner
 def _bins(scene: Scene, box: Floats, grow: float) -> tuple[int, int, int, int]:
     """Bins ``(x first, y first, x last, y last)`` of all segments that come within ``grow`` of a box."""
     wide, (left, low) = grow + 0.51 * scene.side, scene.lower
@@ -223,7 +223,7 @@ def _bins(scene: Scene, box: Floats, grow: float) -> tuple[int, int, int, int]:
     return first_x, first_y, last_x, last_y
 
 
-@jit
+@inner
 def _in_obstacle(scene: Scene, x: float, y: float) -> bool:
     """Whether a point that is not on an obstacle's border lies in an obstacle."""
     u, v = (x - scene.lower[0]) / scene.spacing, (y - scene.lower[1]) / scene.spacing
@@ -244,7 +244,7 @@ def _in_obstacle(scene: Scene, x: float, y: float) -> bool:
     return False
 
 
-@jit
+@inner
 def _encloses(segments: Floats, first: int, stop: int, x: float, y: float) -> bool:
     """Even-odd parity of a ray to the right, for a point that is not on the border."""
     inside = False

@@ -16,7 +16,7 @@ from cspace.exact.boundaries import Problem, anchors_of, joined, obstacle_border
 from cspace.exact.triangles import DEPTH, Motion, Node, Trees, dot, minus, placed, share_apart, trees_of
 from cspace.grid import MAX_COORDINATE
 from cspace.map import turning
-from cspace.map.edges import between, edge_is_free
+from cspace.map.edges import NO_BLOCKS, between, edge_is_free
 from cspace.map.points import Numbers, classify, configuration, is_usable, replaced, state_at
 from cspace.map.record import Map
 from cspace.map.turning import Matrix, Row
@@ -347,7 +347,7 @@ def least_spare(world: World, points: Floats, lengths: Floats, turns: Floats) ->
 @inner
 def walk(map_: Map, q0: Numbers, q1: Numbers) -> bool:
     """Whether every closed cell that meets an edge is FREE."""
-    return edge_is_free(map_, None, q0, q1)
+    return edge_is_free(map_, NO_BLOCKS, q0, q1)
 
 
 @inner

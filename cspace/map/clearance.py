@@ -27,7 +27,7 @@ Floats = NDArray[np.float64]
 Words = NDArray[np.uint64]
 Place = tuple[float, float, float]
 
-ALL, LAST, ONE = np.uint64(255), np.uint64(63), np.uint64(1)
+ALL, LAST, ONE, EIGHT, SEVEN = np.uint64(255), np.uint64(63), np.uint64(1), np.uint64(8), np.uint64(7)
 
 EVERY, COLUMN = ~np.uint64(0), np.uint64(0x0101010101010101)
 BIT, BYTE = np.uint64(0), np.uint64(3)
@@ -39,6 +39,12 @@ zeros_above: Callable[[np.uint64], np.uint64] = leading_zeros  # type: ignore[as
 SIZE: Final = float(SIDE)
 NODE: Final = SIZE * SIZE
 """Cells along each side of a block, and of a block of blocks."""
+
+AHEAD: Final = 4
+"""Cells before the one of a place that are looked at first."""
+
+NEAR: Final = (SIZE - AHEAD - 1.0) ** 2
+"""Squared distance below which these, and as many behind them, are all."""
 
 ROUNDING: Final = 2.0**-40
 """Share by which a distance is raised that must not be below the true one, whatever was rounded."""
@@ -53,11 +59,20 @@ def clearance_at(map_: Map, marks: Marks, q: Numbers, most: float) -> float:
     if state_at(map_, q) != FREE:
         return 0.0
     s, dim, place = turning.slice_at(map_.rotations, q), len(map_.lower), (0.5, 0.5, 0.5)
+    border = math.inf
     for axis in range(dim):
         # What is farther away is no nearer to anything.
         cells = min(max((q[axis] - map_.lower[axis]) / map_.spacing, -FAR), FAR)
+        border = min(border, cells, map_.states.shape[axis + 1] - cells)
         place = replaced(place, 3 - dim + axis, cells)
-    best = nearest_square(marks, s, place, min(most * most, square_outside(map_, s, place)))
+    # Where much is not FREE, the nearest cells are enough.
+    best, close = most * most, is_marked(marks, s, place)
+    if close:
+        best = nearest_around(marks, s, place, best)
+    if not best < border * abs(border):
+        best = min(best, square_outside(map_, s, place))
+    if best > NEAR or not close:
+        best = nearest_square(marks, s, place, best)
     return max(0.0, math.sqrt(best) * (1.0 - 2.0**-48) - 4.0 * SLACK)
 
 
@@ -91,6 +106,45 @@ def square_outside(map_: Map, s: int, place: Place) -> float:
 
 
 @inner(forceinline=True)
+def is_marked(marks: Marks, s: int, place: Place) -> bool:
+    """Whether a place in the grid lies in a block of which something is not FREE."""
+    _, count, wide, long, layers = marks.cells.shape
+    if not (0.0 <= place[0] < layers * count and 0.0 <= place[1] < SIZE * wide and 0.0 <= place[2] < SIZE * long):
+        return False
+    i, j, k = int(place[0]) >> SHIFT, int(place[1]) >> SHIFT, int(place[2]) >> SHIFT
+    word = marks.blocks[s, i >> SHIFT, j >> SHIFT, k >> SHIFT, i & (marks.blocks.shape[4] - 1)]
+    return (word >> np.uint64(((k & (SIDE - 1)) << SHIFT) + (j & (SIDE - 1)))) & ONE != 0
+
+
+@inner
+def nearest_around(marks: Marks, s: int, place: Place, best: float) -> float:
+    """The same of the eight cells, along each axis, around a place in the grid."""
+    _, count, wide, long, layers = marks.cells.shape
+    first_x, first_y, first_z = int(place[0]) - AHEAD, int(place[1]) - AHEAD, int(place[2]) - AHEAD
+    stop_x, first_x, b, c = min(first_x + SIDE, layers * count), max(first_x, 0), first_y >> SHIFT, first_z >> SHIFT
+    # Of four words, what lies in the eight by eight cells.
+    low_y, low_z = np.uint64(first_y & (SIDE - 1)), np.uint64((first_z & (SIDE - 1)) << SHIFT)
+    kept = (ALL >> low_y) * COLUMN
+    below_x, above_x = around(place[0], 1.0, first_x, stop_x)
+    while True:
+        i, x_gap, below_x, above_x = nearer(place[0], 1.0, first_x, stop_x, below_x, above_x)
+        if not x_gap * x_gap < best:
+            return best
+        word = np.uint64(0)
+        for n in range(max(b, 0), min(b + 2, wide)):
+            column = np.uint64(0)
+            if c >= 0:
+                column |= marks.cells[s, i >> SHIFT, n, c, i & (layers - 1)] >> low_z
+            if c + 1 < long:
+                column |= (marks.cells[s, i >> SHIFT, n, c + 1, i & (layers - 1)] << EIGHT) << (LAST - SEVEN - low_z)
+            if n == b:
+                word |= (column >> low_y) & kept
+            else:
+                word |= (column << (EIGHT - low_y)) & ~kept
+        best = nearest_in_word(word, place, (first_y, first_z), x_gap * x_gap, 0.0, best)
+
+
+@inner(forceinline=True)
 def nearest_square(marks: Marks, s: int, place: Place, best: float) -> float:
     """Squared distance to the nearest cell of a slice that is not FREE; ``best``, if that is less."""
     _, nx, ny, nz = marks.nodes.shape
@@ -115,17 +169,18 @@ def nearest_square(marks: Marks, s: int, place: Place, best: float) -> float:
                     n, apart = nearest_part(word, BYTE, place[2], NODE, SIDE * k)
                     if not square + apart * apart < best:
                         break
-                    best = nearest_in_node(marks, s, (i, j, SIDE * k + n), place, best)
+                    gaps = y_gap * y_gap, apart * apart
+                    best = nearest_in_node(marks, s, (i, j, SIDE * k + n), place, gaps, best)
                     word &= ~(ALL << np.uint64(8 * n))
 
 
 @inner(forceinline=True)
-def nearest_in_node(marks: Marks, s: int, node: Cell, place: Place, best: float) -> float:
+def nearest_in_node(marks: Marks, s: int, node: Cell, place: Place, gaps: tuple[float, float], best: float) -> float:
     """The same of a block of blocks."""
     layers = marks.blocks[s, node[0], node[1], node[2]]
     first_x, first_y, first_z = node[0] * layers.shape[0], node[1] << SHIFT, node[2] << SHIFT
     last_x, seen, known = first_x + layers.shape[0], EVERY, math.inf
-    y_least, z_least = least_squares(layers, place, SIZE, first_y, first_z)
+    y_least, z_least = gaps
     below_x, above_x = around(place[0], SIZE, first_x, last_x)
     while True:
         i, x_gap, below_x, above_x = nearer(place[0], SIZE, first_x, last_x, below_x, above_x)
@@ -172,15 +227,24 @@ def nearest_in_block(marks: Marks, s: int, block: Cell, place: Place, best: floa
             if seen == 0:  # once, which is enough for cells
                 seen = window(place, 1.0, first_y, first_z, best, x_square + z_least, x_square + y_least)
             word &= seen
-        while word != 0:
-            n, z_gap = nearest_part(word, BYTE, place[2], 1.0, first_z)
-            square = x_square + z_gap * z_gap
-            if not square + y_least < best:
-                break
-            column = (word >> np.uint64(8 * n)) & ALL
-            _, y_gap = nearest_part(column, BIT, place[1], 1.0, first_y)
-            best = min(best, square + y_gap * y_gap)
-            word &= ~(ALL << np.uint64(8 * n))
+        best = nearest_in_word(word, place, (first_y, first_z), x_square, y_least, best)
+
+
+@inner(forceinline=True)
+def nearest_in_word(
+    word: np.uint64, place: Place, first: tuple[int, int], x_square: float, y_least: float, best: float
+) -> float:
+    """The same of a word of cells, from ``first`` on along y and z."""
+    while word != 0:
+        n, z_gap = nearest_part(word, BYTE, place[2], 1.0, first[1])
+        square = x_square + z_gap * z_gap
+        if not square + y_least < best:
+            return best
+        column = (word >> np.uint64(8 * n)) & ALL
+        _, y_gap = nearest_part(column, BIT, place[1], 1.0, first[0])
+        best = min(best, square + y_gap * y_gap)
+        word &= ~(ALL << np.uint64(8 * n))
+    return best
 
 
 @inner(forceinline=True)

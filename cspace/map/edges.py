@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from cspace.compiling import inner, reader
 from cspace.grid import SLACK
 from cspace.map import turning
+from cspace.map.mip import NO_BLOCKS as NO_BLOCKS
 from cspace.map.mip import ONE, SHIFT, SIDE
 from cspace.map.points import (
     MAX_PLACE,
@@ -42,7 +43,7 @@ NEAREST = 2.0
 
 
 @reader
-def edges_are_free(map_: Map, blocks: Words | None, starts: Floats, ends: Floats, out: NDArray[np.bool_]) -> int:
+def edges_are_free(map_: Map, blocks: Words, starts: Floats, ends: Floats, out: NDArray[np.bool_]) -> int:
     """``edge_is_free`` of edges, shapes (n, dof); the index of the first edge that is not usable, or -1."""
     for k in range(starts.shape[0]):
         q0, q1 = configuration(map_, starts, k), configuration(map_, ends, k)
@@ -53,11 +54,11 @@ def edges_are_free(map_: Map, blocks: Words | None, starts: Floats, ends: Floats
 
 
 @inner(forceinline=True)
-def edge_is_free(map_: Map, blocks: Words | None, q0: Numbers, q1: Numbers) -> bool:
+def edge_is_free(map_: Map, blocks: Words, q0: Numbers, q1: Numbers) -> bool:
     """Whether every closed cell within SLACK of an edge is FREE.
 
     Along an edge the position goes straight, and the rotation the shortest way. ``blocks`` are those of
-    :class:`cspace.map.mip.Marks`, or None: then what walks over them is not compiled.
+    :class:`cspace.map.mip.Marks`, or NO_BLOCKS.
     """
     cursor = turning.first_piece(map_.rotations, q0, q1)
     while True:
@@ -84,7 +85,7 @@ def between(first: float, second: float, t: float) -> float:
 
 
 @inner(forceinline=True)
-def segment_is_free(map_: Map, blocks: Words | None, number: int, first: Numbers, last: Numbers) -> bool:
+def segment_is_free(map_: Map, blocks: Words, number: int, first: Numbers, last: Numbers) -> bool:
     """The same of a segment in one slice, by its ends' positions."""
     dim, inside, total = len(map_.lower), True, 0.0
     p, q = (0.5, 0.5, 0.5), (0.5, 0.5, 0.5)
@@ -111,7 +112,7 @@ def segment_is_free(map_: Map, blocks: Words | None, number: int, first: Numbers
         return slabs_are_free(part, p, q, low, high)
     if part.shape[0] > 1 and not probes_are_free(part, p, q):
         return False
-    if blocks is None:  # known as this is compiled
+    if blocks.size == 0:
         return slabs_are_free(part, p, q, low, high)
     return blocks_are_free(part, blocks, number, p, q)
 
@@ -186,7 +187,7 @@ def slabs_are_free(part: Slice, p: Numbers, q: Numbers, low: Cell, high: Cell) -
     return True
 
 
-@inner(forceinline=True)
+@inner
 def blocks_are_free(part: Slice, blocks: Words, number: int, p: Numbers, q: Numbers) -> bool:
     """The same of a segment in the grid: it is cut into slabs of blocks, and walked only in those that are not FREE."""
     ground: int = np.int64(0)  # type: ignore[assignment]  # the compiler gets one type for all three
