@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from cspace.exact.queries import Exact
     from cspace.plot.picture import PlotOptions
     from cspace.plot.route import MapLike
-    from cspace.view import Viewer, ViewOptions
     from cspace.view.cells import Cells
+    from cspace.view.viewer import MakeCanvas
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -143,40 +143,10 @@ class ConfigurationMap(ConfigurationSpace):
 
         return plot(self._drawn(), **options)
 
-    def view(self, *, block: bool = True, **options: Unpack[ViewOptions]) -> Viewer:
-        """Show the map on a page in the browser, and plan there; needs viser: ``pip install "cspace[view]"``.
+    def _canvas(self) -> MakeCanvas:
+        from cspace.view.map_canvas import MapCanvas
 
-        The page shows obstacles, the border of the C-obstacle and the robot, lets one drag the start and the goal, plan
-        and play the path, and says what is proven. It is served on this machine alone, unless ``host`` says otherwise.
-
-        Parameters
-        ----------
-        block : bool
-            Whether to wait until Ctrl-C is pressed. If not, :meth:`cspace.view.Viewer.close` ends the page.
-        path : array-like, shape (n, dof), or Plan, optional
-            A path to show.
-        start, goal : array-like, shape (dof,), optional
-            Where the two are at first; by default the ends of the path, or FREE configurations far apart.
-        host : str
-            Address to serve on; by default "127.0.0.1". Who can reach it can plan on the map, and move the page.
-        port : int, optional
-            By default the first free one from 8080 on.
-
-        Returns
-        -------
-        cspace.view.Viewer
-            The page: its ``url``, its ``plan``, ``refresh()`` for a map that was updated, ``close()``.
-
-        Raises
-        ------
-        InputError
-            If the path or a configuration has the wrong shape, the port is taken, or the host is none of this machine.
-        MissingPackageError
-            If viser is not installed.
-        """
-        from cspace.view.viewer import opened
-
-        return opened(self, self._in_blocks(), block, options)
+        return partial(MapCanvas, self, self._in_blocks())
 
     # ---- what differs ------------------------------------------------------------------------------------------------
 

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import overload
+from typing import TYPE_CHECKING, Unpack, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.errors import InputError
 from cspace.map.batches import Ask, Many, One, answer, answer_edges, answer_pairs, as_pairs
+
+if TYPE_CHECKING:
+    from cspace.view.viewer import MakeCanvas, Viewer, ViewOptions
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -161,6 +164,42 @@ class ConfigurationSpace(ABC):
         starts, ends = points[..., :-1, :], points[..., 1:, :]
         return np.asarray(answer_edges(starts, ends, self.dof, lambda number: self._edges(number, exact)))
 
+    def view(self, *, block: bool = True, **options: Unpack[ViewOptions]) -> Viewer:
+        """Show the space on a page in the browser, and plan there; needs viser: ``pip install "cspace[view]"``.
+
+        The page shows obstacles and the robot, of a map the border of the C-obstacle, of an arm what is nearest to
+        touching. One sets the start and the goal there, plans and plays the path, and it says what is proven. It is
+        served on this machine alone, unless ``host`` says otherwise, and told on standard output if ``block`` is set.
+
+        Parameters
+        ----------
+        block : bool
+            Whether to wait until Ctrl-C is pressed. If not, :meth:`cspace.view.Viewer.close` ends the page.
+        path : array-like, shape (n, dof), or Plan, optional
+            A path to show.
+        start, goal : array-like, shape (dof,), optional
+            Where the two are at first; by default the ends of the path, or FREE configurations far apart.
+        host : str
+            Address to serve on; by default "127.0.0.1". Who can reach it can plan there, and move the page.
+        port : int, optional
+            By default the first free one from 8080 on.
+
+        Returns
+        -------
+        cspace.view.Viewer
+            The page: its ``url``, its ``plan``, ``refresh()`` for a map that was updated, ``close()``.
+
+        Raises
+        ------
+        InputError
+            If the path or a configuration has the wrong shape, the port is taken, or the host is none of this machine.
+        MissingPackageError
+            If viser is not installed.
+        """
+        from cspace.view.viewer import opened
+
+        return opened(self, self._canvas(), block, options)
+
     # ---- what differs ------------------------------------------------------------------------------------------------
 
     @abstractmethod
@@ -178,6 +217,10 @@ class ConfigurationSpace(ABC):
     @abstractmethod
     def _checked(self, q: ArrayLike, name: str) -> Floats:
         """Configurations as float64, all finite, of the right length and within limits."""
+
+    @abstractmethod
+    def _canvas(self) -> MakeCanvas:
+        """What draws it on a page."""
 
     def _known(self, q0: Floats, q1: Floats) -> bool | None:
         """What is proven of a path between two configurations before one is searched: that there is one, or none."""

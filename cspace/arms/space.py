@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
+from functools import partial
 from itertools import combinations
-from typing import Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import nnls
 
-from cspace.arms.chain import STILL
+from cspace.arms.chain import STILL, place_bodies
 from cspace.arms.model import Arm, pair_of
 from cspace.arms.obstacles import named_obstacles, placed_obstacle
 from cspace.arms.pairs import LOOKS, always_touch, random_points
@@ -18,12 +20,16 @@ from cspace.arms.proofs import Scene, ask_blocked, ask_motions, distances
 from cspace.arms.solids import Placed, Solid, Still, scene_of, scene_within
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import ConfigurationError, InputError
+from cspace.exact.triangles import corners_of
 from cspace.grid import finite, positive
 from cspace.map.batches import Ask, check_rng, own
 from cspace.shapes import Shape
 from cspace.states import BLOCKED, FREE, MIXED
 from cspace.threads import in_chunks
 from cspace.workspace import Workspace
+
+if TYPE_CHECKING:
+    from cspace.view.viewer import MakeCanvas
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -49,11 +55,14 @@ class Contact(NamedTuple):
         A link, and the obstacle or link that it may not touch.
     distance : float
         How far apart they are at least, metres; zero where that is not proven to be more.
+    points : ndarray of float64, shape (2, 3)
+        The nearest points of the two, in the frame of the base, as well as rounding tells.
     """
 
     link: str
     other: str
     distance: float
+    points: Floats
 
 
 class Group(NamedTuple):
@@ -114,7 +123,7 @@ class ArmSpace(ConfigurationSpace):
         free = np.empty(1, dtype=np.bool_)
         ask_motions(scene, q, q, free)
         if not free[0]:
-            link, obstacle, _ = self._contact(scene, q)
+            link, obstacle, *_ = self._contact(scene, q)
             raise ConfigurationError(
                 link,
                 f"touches obstacle {obstacle!r}, or comes nearer than the margin, at every configuration",
@@ -132,7 +141,7 @@ class ArmSpace(ConfigurationSpace):
             random_points(self.arm.lower, self.arm.upper, LOOKS),
         )
         for pair in np.flatnonzero(always_touch(scene, points))[:1].tolist():
-            link, other, _ = self._contact(scene._replace(pairs=scene.pairs[pair : pair + 1]), points[:1])
+            link, other, *_ = self._contact(scene._replace(pairs=scene.pairs[pair : pair + 1]), points[:1])
             raise ConfigurationError(
                 link,
                 f"touches {other!r}, or comes nearer than the margin, at each of {LOOKS} random configurations",
@@ -152,6 +161,11 @@ class ArmSpace(ConfigurationSpace):
     def endless(self) -> tuple[bool, ...]:
         """Which joints turn for ever, so that a whole turn more is the same configuration."""
         return tuple(np.isinf(self.arm.upper).tolist())
+
+    def _canvas(self) -> MakeCanvas:
+        from cspace.view.arm_canvas import ArmCanvas
+
+        return partial(ArmCanvas, self)
 
     def point_checker(self, *, exact: bool = False) -> Callable[..., bool]:
         """A quick ``is_free`` of floats, ``check(*q)``, as :meth:`cspace.CSpace.point_checker`."""
@@ -226,12 +240,16 @@ class ArmSpace(ConfigurationSpace):
     def _contact(self, scene: Scene, points: Floats) -> Contact:
         """What is nearest to touching at a configuration, shape (1, dof)."""
         out, nearest = self._distances(scene, points)
-        pair, *triangles = nearest[0].tolist()
-        names = []
-        for number, row in zip(scene.pairs[pair].tolist(), triangles, strict=True):
+        pair, *rows = nearest[0].tolist()
+        names, hulls, radii, poses = [], [], [], place_bodies(self.arm.chain, points[0])
+        for number, row in zip(scene.pairs[pair].tolist(), rows, strict=True):
             owners = [each.name for each in self._groups[number].members for _ in each.parts]
             names.append(owners[scene.solids.numbers[row]])
-        return Contact(names[0], names[1], float(out[0]))
+            corners, radius = corners_of(scene.solids.trees.triangles[row])
+            pose = poses[scene.solids.bodies[number]]
+            hulls.append(corners @ pose[:, :3].T + pose[:, 3])
+            radii.append([radius])
+        return Contact(names[0], names[1], float(out[0]), _nearest(hulls[0], hulls[1], radii))
 
     def _distances(self, scene: Scene, points: Floats) -> tuple[Floats, NDArray[np.int64]]:
         rows = np.ascontiguousarray(points)
@@ -474,3 +492,19 @@ def _grouped(links: Sequence[Solid], obstacles: Sequence[Solid], may_touch: Set[
     for obstacle in obstacles:
         groups.setdefault((-1, frozenset(partners.get(obstacle.name, ()))), []).append(obstacle)
     return [Group(each, body < 0) for (body, _), each in groups.items()]
+
+
+def _nearest(one: Floats, other: Floats, radii: ArrayLike) -> Floats:
+    """The nearest points of the convex hulls of two sets of points, grown by radii, shape (2, 3).
+
+    Their difference is the point of all differences' hull that is nearest to zero (C. L. Lawson and R. J. Hanson,
+    "Solving Least Squares Problems", 1974, chapter 23).
+    """
+    differences = (one[:, np.newaxis] - other).reshape(-1, 3)
+    weights, _ = nnls(np.vstack([differences.T, np.ones(len(differences))]), [0.0, 0.0, 0.0, 1.0])
+    shares = weights.reshape(len(one), len(other)) / weights.sum()
+    points = np.stack([shares.sum(axis=1) @ one, shares.sum(axis=0) @ other])
+    way = points[1] - points[0]
+    return np.asarray(
+        points + np.multiply(radii, [[1.0], [-1.0]]) * way / max(float(np.linalg.norm(way)), np.finfo(float).tiny)
+    )

@@ -27,6 +27,7 @@ below a ten-millionth of the edges' lengths may then count as none.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -130,6 +131,17 @@ def box_rows(lows: Floats, highs: Floats, pose: Floats) -> Floats:
     rows[:, :3] = 0.5 * (lows + highs) @ turn.T + pose[:3, 3]
     rows[:, 3:6], rows[:, 6:9], rows[:, 9] = half[:, :1] * turn[:, 0], half[:, 1:2] * turn[:, 1], -half[:, 2]
     return rows
+
+
+def corners_of(row: Floats) -> tuple[Floats, float]:
+    """The corners of a row of a tree, shape (n, 3), and its radius."""
+    if row[9] >= 0.0:
+        return row[:9].reshape(3, 3), float(row[9])
+    middle, first, second = row[:9].reshape(3, 3)
+    third = np.cross(first, second)
+    third *= row[9] / np.linalg.norm(third)
+    signs = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+    return middle + signs @ [first, second, third], 0.0
 
 
 def _bounds(rows: Floats) -> tuple[Floats, Floats]:

@@ -55,6 +55,13 @@ class WorkspaceLike(Protocol):
     def unknown(self) -> NDArray[np.bool_] | None: ...
 
 
+class HasAxes(Protocol):
+    """A space whose configurations have names for their numbers."""
+
+    @property
+    def axes(self) -> tuple[str, ...]: ...
+
+
 class MapLike(Protocol):
     """What pictures ask of a map; :class:`cspace.CSpace` has it all."""
 
@@ -281,8 +288,8 @@ class Route:
         InputError
             If something has the wrong shape or is not finite, or ``every`` is not above zero.
         """
-        points = _polyline(space, path)
-        marks = _marks(space, points, start, goal)
+        points = polyline(space, path)
+        marks = marked(space, points, start, goal)
         figurine = Figurine(space.robot, space.rotations)
         return cls(
             points,
@@ -323,7 +330,7 @@ def rings(geometry: Any) -> list[Floats]:
     return [np.asarray(ring.coords)[:, :2] for part in parts for ring in (part.exterior, *part.interiors)]
 
 
-def _polyline(space: MapLike, path: Any) -> Floats:
+def polyline(space: HasAxes, path: Any) -> Floats:
     """A path, or that of a plan, as an array, shape (n, dof)."""
     values = getattr(path, "path", path)
     points = np.empty(0) if values is None else finite(values, "path")
@@ -335,7 +342,7 @@ def _polyline(space: MapLike, path: Any) -> Floats:
     return points
 
 
-def _marks(space: MapLike, points: Floats, start: Any, goal: Any) -> dict[str, Floats]:
+def marked(space: HasAxes, points: Floats, start: Any, goal: Any) -> dict[str, Floats]:
     """Start and goal by name, those that there are; the ends of the path where not given."""
     found = {}
     for name, given, end in (("start", start, 0), ("goal", goal, -1)):

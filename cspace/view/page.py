@@ -12,12 +12,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from cspace.errors import ConfigurationError, CspaceError, MissingPackageError
-from cspace.plot.artists import CLASSES, COLLIDES, OBSTACLE, OPEN, UNDECIDED
+from cspace.errors import CspaceError, MissingPackageError
 from cspace.plot.route import Floats
-from cspace.states import BLOCKED, FREE, MIXED
 from cspace.view.canvas import MARKS, Canvas
-from cspace.view.scene import HIGH, KINDS, LOW, ROBOT, SECTION
+from cspace.view.scene import HIGH, LOW
 from cspace.view.worker import Worker
 
 if TYPE_CHECKING:
@@ -26,18 +24,6 @@ if TYPE_CHECKING:
     from planners import Plan
 
 LOGGER: Final = logging.getLogger(__name__)
-
-STATES: Final = {
-    FREE: "**FREE**: proven collision-free",
-    MIXED: "**MIXED**: not decided at this resolution",
-    BLOCKED: "**BLOCKED**: proven in collision",
-}
-EXISTS: Final = {
-    True: "**A path exists: proven.**",
-    False: "**No path exists: proven.**",
-    None: "Whether a path exists is not decided at this resolution.",
-}
-"""What a map can say, in words."""
 
 AUTOMATIC: Final = "automatic"
 """What a page calls the planner that is taken where none is named."""
@@ -53,10 +39,8 @@ class Page:
     Parameters
     ----------
     server : viser.ViserServer
-    space : CSpace or TiledCSpace
+    space : ConfigurationSpace
     canvas : Canvas
-    ends : dict of str to ndarray of float64, shape (dof,)
-        Where the start and the goal are at first.
     path : ndarray of float64, shape (n, dof)
         A path to show; n is 0 where there is none.
 
@@ -68,45 +52,47 @@ class Page:
         What the last search found.
     """
 
-    def __init__(self, server: ViserServer, space: Any, canvas: Canvas, ends: dict[str, Floats], path: Floats) -> None:
+    def __init__(self, server: ViserServer, space: Any, canvas: Canvas, path: Floats) -> None:
         self._space, self._canvas, self._gui = space, canvas, server.gui
-        self.marks, self.plan = dict(ends), None  # type: dict[str, Floats], Plan | None
-        self._path, self._proves = path, canvas.cells.quick
+        self.marks, self.plan = dict(canvas.ends), None  # type: dict[str, Floats], Plan | None
+        self._path, self._proves = path, canvas.is_quick
         self._playing = threading.Event()
         self._drawer = Worker(canvas.draw, self._fail)
         self._teller = Worker(self._tell, self._fail)
         self._prover = Worker(self._prove, self._fail)
         self._planner = Worker(self._search, self._fail)
         self._player = Worker(self._play, self._fail)
-        step = 10.0 ** math.floor(math.log10(space.grid.spacing))
         server.gui.configure_theme(
             show_logo=False, show_share_button=False, control_width="large", brand_color=(0, 114, 178)
         )
         server.gui.main_panel.dock_right()
-        self._gui.add_markdown(f"**{space.robot.name}**  \n{_about(space)}")
+        self._gui.add_markdown(f"**{canvas.title}**  \n{canvas.about}")
         with self._gui.add_folder("Plan"):
-            self._add_plan(step)
+            self._add_plan()
         with self._gui.add_folder("Path"):
             self._add_path()
         with self._gui.add_folder("Robot"):
-            self._add_robot(step)
+            self._add_robot()
         with self._gui.add_folder("Show"):
-            self._add_show(step)
-        for name in MARKS:
+            canvas.add_choices(self._gui, self._drawer.ask)
+            self._gui.add_html(_legend([*canvas.legend, *((color, name) for name, color in MARKS.items())]))
+        for name, q in canvas.ends.items():
             canvas.on_drag(name, partial(self._marked, name))
-            self.mark(name, ends[name])
+            self.mark(name, q)
         self._follow(path)
-        self.move(ends["start"])
+        self.move(canvas.ends["start"])
         server.on_client_connect(self._watch)
 
     # ---- what programs do --------------------------------------------------------------------------------------------
 
     def move(self, q: Floats) -> None:
-        """Bring the robot to a configuration, and show the cells at its rotation."""
-        self._canvas.place(q)
-        numbers = (*self._canvas.poses.position(q), *self._canvas.poses.degrees(q))
-        for slider, number in zip(self._sliders, numbers, strict=True):
+        """Bring the robot to a configuration, and show what hangs on that."""
+        for slider, number in zip(self._sliders, self._canvas.numbers(q), strict=True):
             slider.value = min(max(number, slider.min), slider.max)
+        self._place(q)
+
+    def _place(self, q: Floats) -> None:
+        self._canvas.place(q)
         self._drawer.ask()
         self._teller.ask()
 
@@ -118,10 +104,9 @@ class Page:
     def _marked(self, name: str, q: Floats) -> None:
         """Take note of where the start or the goal is."""
         self.marks[name] = q
-        position, degrees = self._inputs[name]
-        position.value = tuple(np.round(self._canvas.poses.position(q), 3).tolist())
-        if degrees is not None:
-            degrees.value = _as_value(tuple(np.round(self._canvas.poses.degrees(q), 2).tolist()))
+        numbers = self._canvas.numbers(q)
+        for (_, which), handle in zip(self._canvas.typed, self._inputs[name], strict=True):
+            handle.value = _as_value(tuple(np.round(numbers[which], 3).tolist()))
         self._answer.content = ""  # it was about other ones
         self._prover.ask()
 
@@ -143,28 +128,24 @@ class Page:
 
     # ---- the panel ---------------------------------------------------------------------------------------------------
 
-    def _add_plan(self, step: float) -> None:
-        gui, poses = self._gui, self._canvas.poses
-        self._inputs: dict[str, tuple[Any, Any]] = {}
-        axes = ", ".join("xyz"[: self._space.grid.dim])
+    def _add_plan(self) -> None:
+        gui, canvas = self._gui, self._canvas
+        self._inputs: dict[str, list[Any]] = {}
         for name, q in self.marks.items():
-            hint = f"Or drag the {name} in the scene."
-            position = _numbers(gui, f"{name}: {axes} (m)", poses.position(q), step, hint)
-            degrees = None
-            if poses.angles:
-                degrees = _numbers(gui, f"{name}: {', '.join(poses.angles)} (°)", poses.degrees(q), 1.0, hint)
-            self._inputs[name] = position, degrees
+            hint, numbers = f"Or drag the {name} in the scene.", canvas.numbers(q)
+            self._inputs[name] = [
+                _numbers(gui, f"{name}: {label}", numbers[which], canvas.dials[which][0].step, hint)
+                for label, which in canvas.typed
+            ]
 
             def typed(event: Any, name: str = name) -> None:
                 if event.client is not None:
-                    position, degrees = (() if each is None else _as_tuple(each.value) for each in self._inputs[name])
-                    self.mark(name, poses.of(position, degrees))
+                    self.mark(name, canvas.of(tuple(x for each in self._inputs[name] for x in _as_tuple(each.value))))
 
             for handle in self._inputs[name]:
-                if handle is not None:
-                    handle.on_update(typed)
+                handle.on_update(typed)
         names, drives, curves = _choices(self._space)
-        self._planner_name = gui.add_dropdown("planner", names, hint="Of OMPL; Cubes and Widest are the map's.")
+        self._planner_name = gui.add_dropdown("planner", names, hint="Of OMPL; Cubes and Widest are a map's own.")
         self._drive = gui.add_dropdown("drive", drives, hint="How the robot moves.", visible=len(drives) > 1)
         self._radius = gui.add_number("turning radius (m)", 1.0, min=0.01, step=0.05, visible=False)
 
@@ -174,11 +155,14 @@ class Page:
         self._drive.on_update(chosen)
         self._limit = gui.add_number("time limit (s)", 1.0, min=0.1, max=3600.0, step=0.5)
         self._exact = gui.add_checkbox(
-            "exact", False, hint="Ask the geometry itself where the grid cannot decide; slower."
+            "exact",
+            False,
+            hint="Ask the geometry itself where the grid cannot decide; slower.",
+            visible=canvas.has_cells,
         )
         self._button = gui.add_button("Plan")
         self._button.on_click(lambda _: self._planner.ask())
-        self._proof = gui.add_markdown("Finding out which cells are joined …" if self._proves else "")
+        self._proof = gui.add_markdown("Finding out what is joined …" if self._proves else "")
         self._answer = gui.add_markdown("")
 
     def _add_path(self) -> None:
@@ -202,72 +186,35 @@ class Page:
         self._share.on_update(pulled)
         self._play_button.on_click(pressed)
 
-    def _add_robot(self, step: float) -> None:
-        gui, grid, poses = self._gui, self._space.grid, self._canvas.poses
+    def _add_robot(self) -> None:
+        gui, canvas = self._gui, self._canvas
+        numbers = zip(canvas.dials, canvas.numbers(canvas.ends["start"]), strict=True)
         self._sliders: list[Any] = [
-            gui.add_slider(f"{axis} (m)", _down(low, step), _up(high, step), step, _down(low, step))
-            for axis, low, high in zip("xyz", grid.lower, grid.upper, strict=False)
-        ]
-        self._sliders += [
-            gui.add_slider(f"{angle} (°)", *((-90.0, 90.0) if angle == "pitch" else (-180.0, 180.0)), 1.0, 0.0)
-            for angle in poses.angles
+            gui.add_slider(dial.label, dial.low, dial.high, dial.step, min(max(number, dial.low), dial.high))
+            for dial, number in numbers
         ]
         self._state = gui.add_markdown("")
+        self._here = gui.add_button_group("make it the", tuple(self.marks))
 
         def pulled(event: Any) -> None:
-            if event.client is None:
-                return
-            self._playing.clear()
-            numbers = tuple(float(slider.value) for slider in self._sliders)
-            q = poses.of(numbers[: grid.dim], numbers[grid.dim :])
-            self._canvas.place(q)
-            self._drawer.ask()
-            self._teller.ask()
+            if event.client is not None:
+                self._playing.clear()
+                self._place(canvas.of(tuple(float(slider.value) for slider in self._sliders)))
 
         for slider in self._sliders:
             slider.on_update(pulled)
-
-    def _add_show(self, step: float) -> None:
-        gui, canvas = self._gui, self._canvas
-        if canvas.stage.has_height:
-            low, high = canvas.stage.lower[2] + self._space.grid.spacing, canvas.stage.upper[2]
-            low, high = _up(low, step), _up(high, step)
-            canvas.cut = min(max(_up(canvas.cut, step), low), high)
-            cut = gui.add_slider("cut at height (m)", low, high, step, canvas.cut)
-
-            def pulled(event: Any) -> None:
-                canvas.cut = float(event.target.value)
-                self._drawer.ask()
-
-            cut.on_update(pulled)
-        labels = {name: kind.label for name, kind in KINDS.items()} | {
-            SECTION: "section" if canvas.stage.has_height else "ground"
-        }
-        for name, label in labels.items():
-            box = gui.add_checkbox(label, name in canvas.shown)
-
-            def ticked(event: Any, name: str = name) -> None:
-                (canvas.shown.add if event.target.value else canvas.shown.discard)(name)
-                self._drawer.ask()
-
-            box.on_update(ticked)
-        gui.add_html(_legend())
+        self._here.on_click(lambda event: self.mark(event.target.value, canvas.robot))
 
     # ---- what is done in threads -------------------------------------------------------------------------------------
 
     def _tell(self) -> None:
         """Say what is known of where the robot is."""
-        q = self._canvas.robot
-        words = STATES[int(self._space.classify(q))]
-        clearance = self._clearance(q)
-        if np.isfinite(clearance) and clearance > 0.0:
-            words += f", clearance at least {clearance:.3f} m"
-        self._state.content = f"{words}  \n{self._space.rotations.about(q[self._space.grid.dim :])}"
+        self._state.content = self._canvas.tell(self._canvas.robot)
 
     def _prove(self) -> None:
-        """Say whether a path joins start and goal."""
+        """Say what is proven of start and goal."""
         if self._proves:
-            self._proof.content = EXISTS[self._space.path_exists(self.marks["start"], self.marks["goal"])]
+            self._proof.content = self._canvas.prove(self.marks["start"], self.marks["goal"])
 
     def _search(self) -> None:
         """Plan, and say what came out."""
@@ -290,7 +237,7 @@ class Page:
             self._button.disabled = False
         self._proves = True  # what the cells join is known from here on
         self._prover.ask()
-        self._answer.content = _in_words(found)
+        self._answer.content = _in_words(found, self._canvas.unit)
         self._follow(found.path)
         if found.solved:
             self.move(found.path[0])
@@ -311,22 +258,16 @@ class Page:
             self._play_button.label = "Play"
 
     def _go(self, share: float) -> None:
-        self.move(self._canvas.figurine.along(self._path, np.array([share]))[0])
+        self.move(self._canvas.along(self._path, np.array([share]))[0])
 
     def _follow(self, path: Floats) -> None:
         """Show a path."""
         self._playing.clear()
         self._path = path
-        most = self._canvas.follow(path, self._clearance)
+        most = self._canvas.follow(path)
         self._share.value = 0.0
         self._share.disabled = self._play_button.disabled = not len(path)
         self._scale.content = _scale(most) if len(path) else _note("Plan one, or open the page with a path.")
-
-    def _clearance(self, q: Floats) -> Any:
-        try:
-            return self._space.clearance(q)
-        except ConfigurationError:  # a map in a store does not tell
-            return np.full(q.shape[:-1], math.nan)
 
     def _watch(self, client: Any) -> None:
         """Draw what a client looks at in smaller blocks."""
@@ -345,14 +286,7 @@ class Page:
         self._answer.content = f"**Not done:** {words}"
 
 
-def _about(space: Any) -> str:
-    """A map in a line or two."""
-    cells = " x ".join(f"{n:,}" for n in space.grid.shape)
-    turns = f" x {space.rotations}" if space.rotations.names else ""
-    return f"{cells} cells of {space.grid.spacing:g} m{turns}"
-
-
-def _in_words(found: Plan) -> str:
+def _in_words(found: Plan, unit: str) -> str:
     """A plan, and what it proves."""
     if not found.solved:
         advice = f"  \nTry {found.advice}." if found.advice else ""
@@ -362,7 +296,7 @@ def _in_words(found: Plan) -> str:
     seconds = found.times.planning + found.times.simplification
     took = f"{1e3 * seconds:.3g} ms" if seconds < 1.0 else f"{seconds:.3g} s"
     words = f"**{found.status[:1].upper()}{found.status[1:]}**, {proof}."
-    return f"{words}  \n{found.length:.3f} m{room}  \n{found.planner}, {took}"
+    return f"{words}  \n{found.length:.3f} {unit}{room}  \n{found.planner}, {took}"
 
 
 def _choices(space: Any) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
@@ -376,11 +310,8 @@ def _choices(space: Any) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, .
     return names, known.DRIVES if space.axes == known.CAR_AXES else known.DRIVES[:1], known.CURVES
 
 
-def _legend() -> str:
+def _legend(rows: list[tuple[str, str]]) -> str:
     """Colours, and what they mean."""
-    cells = [(CLASSES[number][1], CLASSES[number][0]) for number in (OPEN, COLLIDES, UNDECIDED, OBSTACLE)]
-    rows = [*cells, (KINDS["obstacles"].color, "obstacle, in the light"), (ROBOT, "robot")]
-    rows += [(color, name) for name, color in MARKS.items()]
     square = "display:inline-block;width:0.9em;height:0.9em;margin-right:0.5em;border:1px solid #777;background:"
     items = "".join(
         f'<div style="margin:0.15em 0"><span style="{square}{color}"></span>{html.escape(name)}</div>'
@@ -403,14 +334,6 @@ def _scale(most: float) -> str:
 
 def _note(words: str) -> str:
     return f'<div style="font-size:0.8em;padding:0.2em 0.8em 0.6em;color:#777">{html.escape(words)}</div>'
-
-
-def _down(value: float, step: float) -> float:
-    return round(math.floor(value / step + 1e-9) * step, 9)
-
-
-def _up(value: float, step: float) -> float:
-    return round(math.ceil(value / step - 1e-9) * step, 9)
 
 
 def _numbers(gui: Any, label: str, values: tuple[float, ...], step: float, hint: str) -> Any:

@@ -54,8 +54,6 @@ SECTION: Final = "section"
 LOW: Final = "#d55e00"
 HIGH: Final = PATH
 """Colours of a path where its clearance is zero, and where it is largest."""
-STATIONS: Final = 400
-"""Points of a path that are drawn."""
 PIXELS: Final = 1024
 """A section of fewer cells is drawn in so many pixels at least, so that their borders are sharp."""
 

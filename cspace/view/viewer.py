@@ -1,27 +1,25 @@
-"""view: a map on a page in the browser."""
+"""view: a space on a page in the browser."""
 
 from __future__ import annotations
 
 import html
 import sys
 import threading
-from typing import TYPE_CHECKING, Any, Final, TypedDict
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, TypedDict
 
-import numpy as np
-
-from cspace.errors import ConfigurationError
-from cspace.plot.route import Floats, Route
-from cspace.view.cells import Cells
+from cspace.plot.route import Floats, marked, polyline
 from cspace.view.server import serve, stop
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
+    from viser import ViserServer
 
     from cspace.plot.route import HasPath
+    from cspace.view.canvas import Canvas
     from planners import Plan
 
-_DRAWN: Final = 64
-"""Configurations that are drawn to begin with two that are far apart."""
+    MakeCanvas = Callable[[ViserServer, Floats, dict[str, Floats]], Canvas]
 
 
 class ViewOptions(TypedDict, total=False):
@@ -35,15 +33,15 @@ class ViewOptions(TypedDict, total=False):
 
 
 class Viewer:
-    """A page in the browser that shows a map; :meth:`cspace.CSpace.view` opens it.
+    """A page in the browser that shows a map, or an arm; :meth:`cspace.CSpace.view` opens it.
 
     In a notebook it shows itself, where ``block=False``. All who open the page see, and move, the same things.
 
     Parameters
     ----------
-    space : CSpace or TiledCSpace
-    cells : Cells
-        Its cells, as they are to be drawn.
+    space : ConfigurationSpace
+    canvas : callable
+        What draws it: is given a server, a path, shape (n, dof), and the start and the goal that there are.
     path, start, goal, host, port
         As for :meth:`cspace.CSpace.view`.
     """
@@ -51,7 +49,7 @@ class Viewer:
     def __init__(
         self,
         space: Any,
-        cells: Cells,
+        canvas: MakeCanvas,
         *,
         path: ArrayLike | HasPath | None = None,
         start: ArrayLike | None = None,
@@ -59,16 +57,15 @@ class Viewer:
         host: str = "127.0.0.1",
         port: int | None = None,
     ) -> None:
-        from cspace.view.canvas import Canvas
         from cspace.view.page import Page
 
-        route = Route.of(space, path, start, goal)
-        ends = _ends(space, cells) | {name: space.rotations.canonical(q, name) for name, q in route.marks.items()}
+        points = polyline(space, path)
+        marks = marked(space, points, start, goal)
         self._server = serve(host, port)
         self._closed = threading.Event()
         try:
-            self.canvas = Canvas(self._server, space, cells, np.concatenate([[*ends.values()], route.points]))
-            self.page = Page(self._server, space, self.canvas, ends, route.points)
+            self.canvas = canvas(self._server, points, marks)
+            self.page = Page(self._server, space, self.canvas, points)
         except BaseException:
             stop(self._server)
             raise
@@ -84,7 +81,7 @@ class Viewer:
         return self.page.plan
 
     def refresh(self) -> None:
-        """Show the map as it is now, after it was updated."""
+        """Show the space as it is now, after it was updated."""
         self.page.refresh()
 
     def close(self) -> None:
@@ -119,28 +116,11 @@ class Viewer:
         return f'<iframe src="{html.escape(self.url)}" width="100%" height="640" style="border:0"></iframe>'
 
 
-def opened(space: Any, cells: Cells, block: bool, options: ViewOptions) -> Viewer:
-    """A page of a map, which is waited for if ``block`` is set."""
-    viewer = Viewer(space, cells, **options)
+def opened(space: Any, canvas: MakeCanvas, block: bool, options: ViewOptions) -> Viewer:
+    """A page of a space, which is waited for if ``block`` is set."""
+    viewer = Viewer(space, canvas, **options)
     if block:
         sys.stdout.write(f"{viewer.url}  Ctrl-C ends it\n")
         sys.stdout.flush()
         viewer.wait()
     return viewer
-
-
-def _ends(space: Any, cells: Cells) -> dict[str, Floats]:
-    """Two FREE configurations far apart; of a map that has none, the middle of its grid."""
-    near, upright = cells.near, space.rotations.of_matrix(np.eye(3))
-    try:
-        drawn = near.sample_free(_DRAWN, np.random.default_rng(0))
-    except ConfigurationError:
-        drawn = np.array([[*np.add(space.grid.lower, space.grid.upper) / 2, *upright]])
-    stood = drawn.copy()
-    stood[:, space.grid.dim :] = upright
-    free = np.asarray(near.is_free(stood))
-    drawn = stood[free] if free.any() else drawn
-    places = drawn[:, : space.grid.dim]
-    apart = np.linalg.norm(places[:, np.newaxis] - places, axis=-1)
-    first, last = np.unravel_index(int(apart.argmax()), apart.shape)
-    return {"start": drawn[first], "goal": drawn[last]}

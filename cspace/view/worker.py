@@ -52,4 +52,5 @@ class Worker:
             try:
                 self._work()
             except Exception as error:  # whatever it is, the page goes on
-                self._fail(error)
+                if self._open:
+                    self._fail(error)

@@ -121,10 +121,22 @@ def test_by_hand(tmp_path: Path) -> None:
     assert space.is_free((1.2, 0.0))
     contact = space.closest((0.4, 0.0))
     assert (contact.link, contact.other) == ("fore", "post")
+    np.testing.assert_allclose(contact.points[1][:2], (1.55, 0.95), atol=1e-9)  # a corner of the post
+    ball = build_arm({"ball": Placed(Robot.ball(0.2).shape, at(1.5, 1.0, 0.0))}, arm)
+    np.testing.assert_allclose(ball.closest((0.0, 0.0)).points, [(1.5, 0.05, 0.0), (1.5, 0.8, 0.0)], atol=1e-9)
     # The margin is kept.
     close = build_arm(post, arm, margin=0.95)
     assert not close.is_free((0.0, 0.0))
     assert close.is_free((-1.0, 0.0))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_nearest_points(tmp_path: Path, seed: int) -> None:
+    """They are as far apart as the two."""
+    space, oracle, rng = scene(tmp_path, seed)
+    for q in space.sample_free(5, rng):
+        contact = space.closest(q)
+        assert np.linalg.norm(np.subtract(*contact.points)) == pytest.approx(oracle.apart(q), rel=1e-3, abs=1e-5)
 
 
 def test_links_that_fold_onto_each_other(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import shutil
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,8 @@ from PIL import Image
 import cspace
 from cspace.plot.artists import CLASSES, COLLIDES, OBSTACLE, UNDECIDED
 from cspace.view import Viewer
-from cspace.view.scene import rgb
+from cspace.view.scene import ROBOT, rgb
+from urdfs import planar
 from waiting import until
 
 pytest.importorskip("viser")
@@ -51,12 +53,16 @@ def text(browser: Any) -> str:
     return str(browser.execute_script("return document.body.innerText"))
 
 
-def shares(browser: Any) -> dict[int, float]:
-    """Which share of the page shows the colours of classes of cells."""
+def share(browser: Any, color: str) -> float:
+    """Which share of the page shows a colour."""
     with Image.open(io.BytesIO(browser.get_screenshot_as_png())) as picture:
         pixels = np.asarray(picture.convert("RGB")).astype(int)
-    colors = {number: np.array(rgb(CLASSES[number][1])) for number in (UNDECIDED, COLLIDES, OBSTACLE)}
-    return {number: float((np.abs(pixels - color).max(axis=-1) < 12).mean()) for number, color in colors.items()}
+    return float((np.abs(pixels - rgb(color)).max(axis=-1) < 12).mean())
+
+
+def shares(browser: Any) -> dict[int, float]:
+    """Which share of the page shows the colours of classes of cells."""
+    return {number: share(browser, CLASSES[number][1]) for number in (UNDECIDED, COLLIDES, OBSTACLE)}
 
 
 def press(browser: Any, label: str) -> None:
@@ -143,3 +149,30 @@ def test_a_page_in_space(browser: Any) -> None:
         slide(browser, "cut at height (m)", Keys.HOME)
         until(lambda: viewer.canvas.cut == 0.1)
         until(lambda: shares(browser)[OBSTACLE] > max(0.1, 2.0 * drawn[OBSTACLE]))  # the floor
+
+
+def test_a_page_of_an_arm(browser: Any, tmp_path: Path) -> None:
+    from selenium.webdriver.common.keys import Keys
+
+    pytest.importorskip("yourdfpy")
+    arm = cspace.Arm.from_urdf(planar(tmp_path))
+    pose = np.eye(4)
+    pose[:2, 3] = 1.2, 1.2
+    space = cspace.build_arm({"post": cspace.arms.Placed(cspace.Robot.box((0.2, 0.2, 1.0)).shape, pose)}, arm)
+    with space.view(block=False, port=0, start=(-0.4, 0.3), goal=(2.0, -0.6)) as viewer:
+        browser.get(viewer.url)
+        until(lambda: "The straight motion is not proven free." in text(browser))
+        green = until(lambda: share(browser, ROBOT))
+        slide(browser, "shoulder (°)", Keys.HOME, Keys.ARROW_RIGHT)
+        until(lambda: viewer.page._sliders[0].value == -171.7)
+        np.testing.assert_allclose(viewer.canvas.robot, [np.radians(-171.7), 0.3], atol=1e-4)
+        viewer.page.move(np.array([np.pi / 4, 0.0]))
+        until(lambda: "BLOCKED: proven in collision" in text(browser))
+        until(lambda: share(browser, ROBOT) < 0.3 * green)  # it is light blue now
+        viewer.page._limit.value = 30.0
+        press(browser, "Plan")
+        until(lambda: "Path found, certified: every edge is proven free." in text(browser))
+        viewer.page.move(np.array([-0.3, 0.3]))
+        press(browser, "goal")
+        until(lambda: "The straight motion is free: proven." in text(browser))
+        np.testing.assert_allclose(viewer.page.marks["goal"], [-0.3, 0.3])

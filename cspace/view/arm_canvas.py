@@ -1,0 +1,188 @@
+"""The canvas of an arm: its links and the obstacles as they are, and what is nearest to touching."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from cspace.arms.chain import SLIDES
+from cspace.errors import ConfigurationError, InputError
+from cspace.orientation import wrapped
+from cspace.plot.arms import ArmFigure, Surface, along_joints
+from cspace.plot.artists import CLASSES, COLLIDES, UNDECIDED
+from cspace.plot.route import Floats
+from cspace.states import BLOCKED, FREE, MIXED
+from cspace.view.canvas import MARKS, Canvas, Dial, as_light, far_apart, in_words
+from cspace.view.scene import KINDS, ROBOT, Solid, rgb
+
+if TYPE_CHECKING:
+    from viser import ViserServer
+
+COLORS: Final = {FREE: ROBOT, MIXED: CLASSES[UNDECIDED][1], BLOCKED: CLASSES[COLLIDES][1]}
+"""Of the arm, by its state."""
+CONTACT: Final = "#262626"
+"""Colour of the way between what is nearest to touching."""
+FAINT: Final = 0.35
+"""Opacity of the arm at the start and the goal."""
+_DRAWN: Final = 64
+"""Configurations that are drawn to begin with two that are far apart."""
+_TENTH: Final = 0.1
+"""Degrees that a slider goes in a step."""
+_MILLIMETRE: Final = 1e-3
+_ASIDE: Final = math.radians(40.0)
+"""How far from straight on one looks at first."""
+
+
+class ArmCanvas(Canvas):
+    """Draws an arm among obstacles, its path, the start and the goal.
+
+    Parameters
+    ----------
+    space : ArmSpace
+    server : viser.ViserServer
+    points : ndarray of float64, shape (n, dof)
+        A path that is to be seen.
+    marks : dict of str to ndarray of float64, shape (dof,)
+        The start and the goal, where they are given.
+    """
+
+    has_cells = False
+    unit = "rad"
+    stations = 80
+
+    def __init__(self, space: Any, server: ViserServer, points: Floats, marks: dict[str, Floats]) -> None:
+        given = {name: space._checked(q, name) for name, q in marks.items()}
+        super().__init__(server, space, _ends(space) | given)
+        space._checked(points, "path")
+        arm = space.arm
+        self._figure = ArmFigure(space)
+        self.title = arm.name
+        self.about = f"{arm.dof} joints, {len(arm.links)} links, {len(space.obstacles)} obstacles"
+        sliding = set(arm.chain.numbers[arm.chain.kinds == SLIDES].tolist())
+        self._scale = np.array([1.0 if number in sliding else math.degrees(1.0) for number in range(arm.dof)])
+        steps = np.where(self._scale == 1.0, _MILLIMETRE, _TENTH)
+        lower = np.ceil(np.where(space.endless, -math.pi, arm.lower) * self._scale / steps - 1e-6) * steps
+        upper = np.floor(np.where(space.endless, math.pi, arm.upper) * self._scale / steps + 1e-6) * steps
+        units = np.where(self._scale == 1.0, "m", "°")
+        self.dials = [
+            Dial(f"{joint} ({unit})", *numbers)
+            for joint, unit, *numbers in zip(
+                arm.joints,
+                units.tolist(),
+                lower.round(3).tolist(),
+                upper.round(3).tolist(),
+                steps.tolist(),
+                strict=True,
+            )
+        ]
+        self.typed = []
+        self.legend = [(ROBOT, "arm, FREE"), (COLORS[MIXED], "arm, undecided (MIXED)")]
+        self.legend += [(COLORS[BLOCKED], "arm, BLOCKED"), (KINDS["obstacles"].color, "obstacle")]
+        self.legend += [(CONTACT, "nearest to touching")]
+        for name, surface in self._figure.obstacles.items():
+            self._mesh(f"/obstacles/{name}", _solid(surface), KINDS["obstacles"].color)
+        moving = [link.name for link in arm.links if link.body]
+        self._links = {"robot": self._meshes("robot", self._figure.links, ROBOT, 1.0)}
+        self._links |= {name: self._meshes(name, moving, color, FAINT) for name, color in MARKS.items()}
+        self._labels = {name: server.scene.add_label(f"/{name}/label", name) for name in MARKS}
+        self._look_from_afar()
+
+    # ---- configurations ----------------------------------------------------------------------------------------------
+
+    def numbers(self, q: Floats) -> tuple[float, ...]:
+        turned = np.where(self._space.endless, wrapped(q), q)
+        return tuple(np.round(turned * self._scale, 3).tolist())
+
+    def of(self, numbers: tuple[float, ...]) -> Floats:
+        arm = self._space.arm
+        return np.asarray(np.clip(np.array(numbers) / self._scale, arm.lower, arm.upper))
+
+    def along(self, points: Floats, shares: Floats) -> Floats:
+        return along_joints(points, shares)
+
+    def tell(self, q: Floats) -> str:
+        """As :meth:`Canvas.tell`; the arm is coloured by its state, and what is nearest to touching is drawn."""
+        state = int(self._space.classify(q))
+        for link in self._links["robot"].values():
+            link.color = rgb(COLORS[state])
+        try:
+            contact = self._space.closest(q)
+        except InputError:  # there is nothing to touch
+            return in_words(state, math.inf)
+        self._server.scene.add_line_segments(
+            "/contact",
+            contact.points[np.newaxis],
+            np.broadcast_to(as_light(np.array(rgb(CONTACT), dtype=np.uint8)), (1, 2, 3)),
+            thickness=4.0,
+            thickness_units="screen",
+        )
+        words = in_words(state, contact.distance)
+        return f"{words}  \nnearest to touching: {contact.link} and {contact.other}"
+
+    def prove(self, q0: Floats, q1: Floats) -> str:
+        free = self._space.motion_is_free(q0, q1)
+        return "**The straight motion is free: proven.**" if free else "The straight motion is not proven free."
+
+    # ---- what is drawn -----------------------------------------------------------------------------------------------
+
+    def place(self, q: Floats) -> None:
+        self.robot = q
+        self._put("robot", q)
+
+    def mark(self, name: str, q: Floats) -> None:
+        self._put(name, q)
+        self._labels[name].position = self._figure.tips(q[np.newaxis])[0]
+
+    def add_choices(self, gui: Any, changed: Callable[[], None]) -> None:
+        box = gui.add_checkbox("start and goal", True)
+
+        def ticked(event: Any) -> None:
+            for name in MARKS:
+                for link in (*self._links[name].values(), self._labels[name]):
+                    link.visible = event.target.value
+
+        box.on_update(ticked)
+
+    def _traced(self, q: Floats) -> Floats:
+        return self._figure.tips(q)
+
+    def _meshes(self, name: str, links: Iterable[str], color: str, opacity: float) -> dict[str, Any]:
+        return {link: self._mesh(f"/{name}/{link}", _solid(self._figure.links[link]), color, opacity) for link in links}
+
+    def _put(self, name: str, q: Floats) -> None:
+        poses = self._space.arm.poses(q)
+        with self._server.atomic():
+            for link, handle in self._links[name].items():
+                handle.position = poses[link][:3, 3]
+                handle.wxyz = Rotation.from_matrix(poses[link][:3, :3]).as_quat(scalar_first=True)
+
+    def _look_from_afar(self) -> None:
+        """Have cameras begin where the arm is in view, before the obstacles around it."""
+        arms = [surface.vertices for q in self.ends.values() for surface in self._figure.placed(q).values()]
+        lower, upper = np.min([points.min(axis=0) for points in arms], 0), np.max([p.max(axis=0) for p in arms], 0)
+        middle, room = (lower + upper) / 2, 0.5 * float(np.max(upper - lower))
+        near = [np.clip(each.vertices, lower - room, upper + room) for each in self._figure.obstacles.values()]
+        behind = np.mean([points.mean(axis=0) for points in near], axis=0) - middle if near else np.zeros(3)
+        turn = math.atan2(-behind[1], -behind[0]) + _ASIDE if np.hypot(*behind[:2]) > 0.1 * room else -_ASIDE
+        for points in near:
+            lower, upper = np.minimum(lower, points.min(axis=0)), np.maximum(upper, points.max(axis=0))
+        self._aim(lower, upper, np.array([math.cos(turn), math.sin(turn), 0.6]))
+
+
+def _solid(surface: Surface) -> Solid:
+    return Solid(surface.vertices.astype(np.float32), surface.faces.astype(np.uint32))
+
+
+def _ends(space: Any) -> dict[str, Floats]:
+    """Two FREE configurations far apart; of an arm that has none, the middle of its limits."""
+    arm = space.arm
+    try:
+        drawn = space.sample_free(_DRAWN, np.random.default_rng(0))
+    except ConfigurationError:
+        drawn = np.zeros((1, arm.dof)).clip(arm.lower, arm.upper)
+    first, last = far_apart(drawn)
+    return {"start": drawn[first], "goal": drawn[last]}

@@ -1,0 +1,132 @@
+"""The page of an arm, asked through the server: links where they are, states by colour, what is nearest, and plans."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+import cspace
+from cspace.errors import ConfigurationError, InputError
+from cspace.plot.artists import CLASSES, COLLIDES
+from cspace.view import Viewer
+from cspace.view.scene import ROBOT, rgb
+from urdfs import joint, link, planar, written
+
+pytest.importorskip("viser")
+pytest.importorskip("yourdfpy")
+
+START, GOAL = (-0.4, 0.3), (2.0, -0.6)
+
+
+def post(x: float, y: float) -> cspace.arms.Placed:
+    pose = np.eye(4)
+    pose[:2, 3] = x, y
+    return cspace.arms.Placed(cspace.Robot.cylinder(0.1, 1.0).shape, pose)
+
+
+@pytest.fixture(scope="module")
+def shown(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[cspace.ArmSpace, Viewer]]:
+    arm = cspace.Arm.from_urdf(planar(tmp_path_factory.mktemp("arm")))
+    space = cspace.build_arm({"post": post(1.2, 1.2)}, arm)
+    with space.view(block=False, port=0, start=START, goal=GOAL) as viewer:
+        assert viewer.page.wait(60.0)
+        yield space, viewer
+
+
+def corners(handle: Any) -> Any:
+    """The corners of a mesh of the scene, where it stands."""
+    from scipy.spatial.transform import Rotation
+
+    turn = Rotation.from_quat(handle.wxyz, scalar_first=True)
+    return turn.apply(handle.vertices) + handle.position
+
+
+def scene(viewer: Viewer) -> dict[str, Any]:
+    return dict(viewer._server.scene._handle_from_node_name)
+
+
+def test_links_stand_where_the_joints_take_them(shown: Any) -> None:
+    _, viewer = shown
+    for name, q in (("robot", (0.3, 0.7)), ("start", START), ("goal", GOAL)):
+        viewer.page.move(np.array([0.3, 0.7]))
+        elbow = np.array([math.cos(q[0]), math.sin(q[0]), 0.0])
+        middle = elbow + 0.5 * np.array([math.cos(sum(q)), math.sin(sum(q)), 0.0])
+        np.testing.assert_allclose(corners(scene(viewer)[f"/{name}/fore"]).mean(axis=0), middle, atol=1e-6)
+    assert "/robot/foot" in scene(viewer)
+    assert "/goal/foot" not in scene(viewer)  # it would lie in the other one
+    np.testing.assert_allclose(np.ptp(corners(scene(viewer)["/obstacles/post"]), axis=0), (0.2, 0.2, 1.0), atol=0.01)
+
+
+@pytest.mark.parametrize(
+    ("q", "words", "color"),
+    [((0.3, 0.7), "**FREE**", ROBOT), ((0.8, 0.0), "**BLOCKED**", CLASSES[COLLIDES][1])],
+)
+def test_the_state_is_said_and_seen(shown: Any, q: tuple[float, float], words: str, color: str) -> None:
+    space, viewer = shown
+    viewer.page.move(np.array(q))
+    assert viewer.page.wait(60.0)
+    contact = space.closest(q)
+    assert viewer.page._state.content.startswith(words)
+    assert f"{contact.link} and {contact.other}" in viewer.page._state.content
+    assert all(tuple(scene(viewer)[f"/robot/{name}"].color) == rgb(color) for name in ("foot", "upper", "fore"))
+    np.testing.assert_allclose(scene(viewer)["/contact"].points[0], contact.points, atol=1e-6)
+
+
+def test_plans_and_what_is_proven(shown: Any) -> None:
+    space, viewer = shown
+    page = viewer.page
+    assert page._proof.content == "The straight motion is not proven free."
+    page._limit.value = 30.0
+    page._planner.ask()
+    assert page.wait(60.0)
+    assert viewer.plan is not None
+    assert viewer.plan.certified
+    assert "certified" in page._answer.content
+    page._go(0.5)
+    first, last = viewer.plan.path[[0, -1]]
+    ahead = viewer.canvas.robot
+    assert min(np.linalg.norm(ahead - first), np.linalg.norm(ahead - last)) > 0.3  # and the middle of the way
+    tips = np.asarray(scene(viewer)["/path"].points)
+    for place, q in ((tips[0, 0], START), (tips[-1, 1], GOAL)):
+        viewer.page.move(np.array(q))
+        np.testing.assert_allclose(corners(scene(viewer)["/robot/fore"]).mean(axis=0), place, atol=1e-6)
+    page.mark("goal", np.array([-0.3, 0.4]))
+    assert page.wait(60.0)
+    assert page._proof.content == "**The straight motion is free: proven.**"
+    page.mark("goal", np.array(GOAL))
+    assert space.is_free(GOAL)
+
+
+def test_sliders_stay_within_the_limits(tmp_path: Any) -> None:
+    bar = ((0.3, 0.1, 0.1), (0.15, 0, 0))
+    arm = cspace.Arm.from_urdf(
+        written(
+            tmp_path,
+            link("base", bar),
+            link("lift", bar),
+            link("wrist", bar),
+            joint("up", "base", "lift", kind="prismatic", at=(0, 0, 1), limits=(-0.2501, 0.4)),
+            joint("round", "lift", "wrist", kind="continuous", at=(0.5, 0, 0), limits=None),
+        )
+    )
+    with cspace.build_arm({}, arm).view(block=False, port=0) as viewer:  # nothing to touch, but each other
+        assert viewer.page.wait(60.0)
+        assert [tuple(dial) for dial in viewer.canvas.dials] == [
+            ("up (m)", -0.25, 0.4, 0.001),
+            ("round (°)", -180.0, 180.0, 0.1),
+        ]
+        np.testing.assert_allclose(viewer.canvas.of((0.4, 90.0)), (0.4, math.pi / 2))
+        assert (viewer.canvas.of((0.4000001, 0.0)) <= arm.upper).all()
+
+
+def test_bad_input(shown: Any) -> None:
+    space, _ = shown
+    for options, words in (({"path": np.zeros((3, 3))}, "path has shape"), ({"start": (0.0,)}, "start has shape")):
+        with pytest.raises(InputError, match=words):
+            space.view(block=False, port=0, **options)
+    with pytest.raises(ConfigurationError, match="goal has elbow at 4"):
+        space.view(block=False, port=0, goal=(0.0, 4.0))
