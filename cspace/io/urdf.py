@@ -93,6 +93,10 @@ def read_urdf(path: str | os.PathLike[str], link: str | Sequence[str] | None = N
     return [joined(side) for side in list(zip(*pairs, strict=True))[: 1 + curved]]
 
 
+_XACRO: Final = ("{http://www.ros.org/wiki/xacro}", "{http://ros.org/wiki/xacro}")
+"""What the names of xacro's elements begin with. Files that it has expanded may still declare that they have some."""
+
+
 def load_urdf(path: str | os.PathLike[str]) -> URDF:
     """The file as yourdfpy reads it, once it is known to hold what that takes for granted."""
     try:
@@ -105,7 +109,7 @@ def load_urdf(path: str | os.PathLike[str]) -> URDF:
     data = read_bytes(path, _KIND, memory=20.0)
     with decoding(path, _KIND):
         root = parse_xml(data)
-        _check(root, b"http://www.ros.org/wiki/xacro" in data or b"http://ros.org/wiki/xacro" in data)
+        _check(root)
         plain = io.BytesIO(ElementTree.tostring(root))
         return yourdfpy.URDF.load(plain, load_meshes=False, build_collision_scene_graph=False)
 
@@ -128,11 +132,11 @@ def shapes_of(urdf: URDF, link: str, path: str | os.PathLike[str]) -> Iterator[t
         yield shape, np.eye(4) if collision.origin is None else finite(collision.origin, f"{place}: origin")
 
 
-def _check(root: Element, macros: bool) -> None:
+def _check(root: Element) -> None:
     """Refuse what would be read in part, or misread."""
     if root.tag != "robot":
         raise Fault(f"holds <{root.tag:.60}>, not <robot>", "a URDF file describes a robot", "pass the right file")
-    if macros and any("}" in str(element.tag) for element in root.iter()):
+    if any(str(element.tag).startswith(_XACRO) for element in root.iter()):
         raise Fault("holds macros of xacro", "they are expanded first", "run xacro robot.urdf.xacro > robot.urdf")
     names = [str(element.get("name")) for element in root.findall("link")]
     if not names:

@@ -217,3 +217,12 @@ except cspace.MissingPackageError as error:
     print(error)
 """
     assert "pip install 'cspace[urdf]'" in told_without("yourdfpy", code)
+
+
+def test_elements_of_others_do_not_matter_nor_does_a_namespace_that_xacro_left(tmp_path):
+    """As the files of old robots have them, for Gazebo."""
+    path = tmp_path / "robot.urdf"
+    names = 'xmlns:xacro="http://www.ros.org/wiki/xacro" xmlns:sensor="http://playerstage.sourceforge.net/gazebo"'
+    ball = GEOMETRY.format('<sphere radius="1"/>')
+    path.write_text(f'<robot name="r" {names}>{ball}<sensor:camera/></robot>')
+    assert Robot.from_urdf(path).shape.bounds[1][0] == pytest.approx(1.0, rel=0.05)
