@@ -11,7 +11,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import zarr
@@ -31,6 +31,13 @@ SPACING = 0.1
 BLOCK = 128
 """Cells from one street of the city to the next."""
 
+WORKERS: Final[dict[str, Any]] = {
+    "threads_per_worker": 1,
+    "env": {"ZARR_THREADING__MAX_WORKERS": "1"},
+    "dashboard_address": ":0",
+}
+"""Each is one thread, also where it reads the city."""
+
 CAR = Robot.rectangle(4.5, 1.9)
 
 
@@ -49,14 +56,14 @@ def run(report: Report, seed: int) -> None:
 
 
 def _throughput(report: Report, rng: np.random.Generator, folder: Path) -> None:
-    size = 2048 if report.quick else 8192
+    size, tile = (4096, 1024) if report.quick else (16_384, TILE)
     workspace = Workspace.from_array(inputs.boxes(size, 0.06, rng), SPACING)
     for name, robot, rotations in (("disc of 2 m", Robot.disc(1.0), None), ("car, 8 yaws", CAR, 8)):
-        report.section(f"{size} x {size} cells, {name}: one thread, in memory and into a store of tiles of {size // 2}")
+        report.section(f"{size} x {size} cells, {name}: one thread, in memory and into a store of tiles of {tile}")
         options: dict[str, Any] = {"rotations": rotations, "workers": 1}
         calls = {
             "build in memory": lambda options=options, robot=robot: cspace.build(workspace, robot, **options),
-            "build into a store": partial(_stored, workspace, robot, folder / "one", size // 2, options),
+            "build into a store": partial(_stored, workspace, robot, folder / "one", tile, options),
         }
         timings = interleave(calls, 3)
         for label, timing in timings.items():
@@ -83,8 +90,7 @@ def _workers(report: Report, rng: np.random.Generator, folder: Path) -> None:
     source = _city(folder / "small.zarr", size, rng)
     timings = []
     for workers in (1, 2):
-        options: dict[str, Any] = {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": ":0"}
-        with LocalCluster(**options) as cluster, Client(cluster) as client:
+        with LocalCluster(n_workers=workers, **WORKERS) as cluster, Client(cluster) as client:
             work = partial(_stored, source, CAR, folder / "two", size // 8, {"rotations": 8, "client": client})
             timing = Timing(None)
             work()  # compiles
@@ -105,13 +111,7 @@ def _large(
     report.section(f"a city of {size} x {size} cells{turns}, {robot.name}, tiles of {TILE}, two workers of 2 GB")
     source, path = _city(folder / "city.zarr", size, rng), folder / "map.zarr"
     shutil.rmtree(path, ignore_errors=True)
-    options: dict[str, Any] = {
-        "n_workers": 2,
-        "threads_per_worker": 1,
-        "memory_limit": "2GB",
-        "dashboard_address": ":0",
-    }
-    with LocalCluster(**options) as cluster, Client(cluster) as client, _peak() as peak:
+    with LocalCluster(n_workers=2, memory_limit="2GB", **WORKERS) as cluster, Client(cluster) as client, _peak() as peak:
         began = time.perf_counter()
         space = cspace.build(source, robot, rotations=rotations, store=path, tile=TILE, client=client)
         seconds = time.perf_counter() - began
