@@ -111,7 +111,11 @@ def _large(
     report.section(f"a city of {size} x {size} cells{turns}, {robot.name}, tiles of {TILE}, two workers of 2 GB")
     source, path = _city(folder / "city.zarr", size, rng), folder / "map.zarr"
     shutil.rmtree(path, ignore_errors=True)
-    with LocalCluster(n_workers=2, memory_limit="2GB", **WORKERS) as cluster, Client(cluster) as client, _peak() as peak:
+    with (
+        LocalCluster(n_workers=2, memory_limit="2GB", **WORKERS) as cluster,
+        Client(cluster) as client,
+        _peak() as peak,
+    ):
         began = time.perf_counter()
         space = cspace.build(source, robot, rotations=rotations, store=path, tile=TILE, client=client)
         seconds = time.perf_counter() - began

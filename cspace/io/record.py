@@ -184,11 +184,15 @@ def arrays_of(contents: Contents) -> dict[str, Any]:
         stacked["overlap"] = read_only(contents.overlaps)
     arrays |= {name: array.reshape(contents.states.shape) for name, array in stacked.items()}
     arrays |= {axis: grid.centers(i) for i, axis in enumerate(AXES[: grid.dim])}
-    arrays |= contents.rotations.coordinates
-    if workspace.shapes is not None:
-        specs = json.dumps([shape.spec for shape in workspace.shapes])
-        arrays["shapes"] = np.frombuffer(specs.encode(), dtype=np.int8)  # netCDF 3 knows no unsigned bytes
-    return arrays
+    return {**arrays, **contents.rotations.coordinates, **shapes_array(workspace.shapes)}
+
+
+def shapes_array(shapes: Sequence[Shape] | None) -> dict[str, NDArray[Any]]:
+    """The array ``shapes``, where obstacles are known as such."""
+    if shapes is None:
+        return {}
+    specs = json.dumps([shape.spec for shape in shapes])
+    return {"shapes": np.frombuffer(specs.encode(), dtype=np.int8)}  # netCDF 3 knows no unsigned bytes
 
 
 def shapes_from(arrays: Mapping[str, NDArray[Any]]) -> tuple[Shape, ...] | None:

@@ -13,6 +13,7 @@ import numpy as np
 from cspace.correlation import Progress
 from cspace.engines import choose
 from cspace.errors import FileError, InputError
+from cspace.io.record import digest_of_array, shapes_array
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.tiles.space import TiledCSpace
@@ -23,8 +24,14 @@ from cspace.workspace import Workspace
 if TYPE_CHECKING:
     from distributed import Client
 
-_OWN: Final = ("version", "aside", "box", "counts", "digest", "digests", "library_version", "stamp", "workspace_source")
+_OWN: Final = (
+    *("version", "aside", "box", "counts", "digest", "digests", "library_version"),
+    *("stamp", "shapes", "workspace_source"),
+)
 """Metadata that are no setting of a build."""
+
+_NEW: Final = {"version": 0, "aside": "", "box": None, "counts": None}
+"""Those of a store in which nothing is done yet."""
 
 
 class Settings(TypedDict):
@@ -84,15 +91,17 @@ def build_tiles(
         "same": cells.same,
     }
     stamp = cells.stamp
-    own = {"workspace_source": workspace.source, "stamp": stamp, "precision": "", "version": 0, "aside": ""}
+    shapes = shapes_array(workspace.shapes)
+    digest = "".join(map(digest_of_array, shapes.values()))
+    own = {"workspace_source": workspace.source, "stamp": stamp, "shapes": digest, "precision": ""}
     if is_tiled(store):
         made = Store.open(store)
-        _check_same(made, about, stamp)
+        _check_same(made, about, stamp, digest)
     elif Path(store).exists() and any(Path(store).iterdir() if Path(store).is_dir() else [1]):
         rule = "tiles go into a store of their own"
         raise FileError(str(store), "exists, and is no store of tiles", rule, "choose another name, or remove it")
     else:
-        made = Store.create(store, {**about, **own, "box": None, "counts": None}, robot, rotations)
+        made = Store.create(store, {**about, **own, **_NEW}, robot, rotations, shapes)
     if made.metadata["box"] is None:
         _fill(Job(made, cells), means)
         made = Store.open(store)
@@ -138,7 +147,7 @@ def tile_sides(tile: int | Sequence[int], shape: Sequence[int]) -> tuple[int, ..
     return tuple(min(int(side), n) for side, n in zip(np.broadcast_to(given, (len(shape),)), shape, strict=True))
 
 
-def _check_same(store: Store, settings: dict[str, Any], stamp: str) -> None:
+def _check_same(store: Store, settings: dict[str, Any], stamp: str, shapes: str) -> None:
     """Refuse to go on with the store of another map."""
     theirs = {name: value for name, value in store.metadata.items() if name not in _OWN}
     for name, value in settings.items():
@@ -146,7 +155,7 @@ def _check_same(store: Store, settings: dict[str, Any], stamp: str) -> None:
             found = f"exists, and is of another map: its {name} is {theirs.get(name)!s:.60} and not {value!s:.60}"
             mend = "choose another name, or remove it"
             raise FileError(str(store.path), found, "a build goes on with what was begun with the same settings", mend)
-    if store.metadata["stamp"] != stamp:
+    if store.metadata["stamp"] != stamp or store.metadata.get("shapes", "") not in ("", shapes):
         found = f"exists, and its workspace, {store.metadata['workspace_source']}, was another one"
         rule = "a build goes on with what was begun on the same obstacles, by their size, time or digest"
         raise FileError(str(store.path), found, rule, "choose another name, or remove it")

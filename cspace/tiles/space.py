@@ -51,6 +51,9 @@ AROUND: Final = {2: 1024, 3: 256}
 CACHE_BYTES: Final = 2**29
 """Memory for decoded tiles, unless a map is told otherwise: 2 x 10^9 states."""
 
+_OF_A_WHOLE: Final = ("place", "placed", "remove")
+"""What only a map answers that is whole, and in memory."""
+
 
 class TiledCSpace(ConfigurationMap):
     """A certified map that stays in its store; what is looked up of it is read tile by tile.
@@ -173,6 +176,8 @@ class TiledCSpace(ConfigurationMap):
     @staticmethod
     def _elsewhere(name: str) -> ConfigurationError:
         mend = "ask a part of it: space.window(lower, upper)"
+        if name in _OF_A_WHOLE:  # which parts refuse as well
+            mend = "change its cells: space.update(cells, lower)"
         return ConfigurationError(name, "needs a map in memory", "this one stays in its store", mend)
 
     # ---- what FREE cells join ----------------------------------------------------------------------------------------
@@ -240,7 +245,9 @@ class TiledCSpace(ConfigurationMap):
         It holds the cells of the box and as many around it as the robot reaches, also beyond the border of the map.
         Of what lies farther nothing is known: it is MIXED, and ``outside`` is "unknown". So a path is only proven not
         to exist where none does in the whole map, and a clearance ends at the window's border. A window of the whole
-        map is the map, with its own ``outside``. With ``exact=True``, the obstacles are the outer cells.
+        map is the map, with its own ``outside``. With ``exact=True`` it asks the obstacles that the map was built on,
+        where these are shapes, and else, as after an update, the outer cells; so it does at the border of a map that is
+        free around it, where a shape sticks out of it.
 
         Parameters
         ----------

@@ -43,11 +43,13 @@ from cspace.io.record import (
     decoding_map,
     digest_of,
     seal,
+    shapes_from,
     unseal,
     unusable,
 )
 from cspace.robot import Robot
 from cspace.rotations import Rotations
+from cspace.shapes import Shape
 from cspace.states import BLOCKED
 
 FORMAT: Final = "cspace-tiles"
@@ -81,7 +83,8 @@ class Store:
     metadata : dict
         Plain values: those of saved maps, and ``tile``, the cells of a tile along each axis, ``depth``, the slices of
         a chunk, ``inner`` and ``same``, whether BLOCKED is told and whether inner cells are the outer ones, ``method``,
-        ``stamp``, of the workspace, ``version``, how many changes it has seen, and ``aside``, a folder of newer files.
+        ``stamp``, of the workspace, ``shapes``, the digest of its obstacles where they are those of the array of that
+        name, ``version``, how many changes it has seen, and ``aside``, a folder of newer files.
     rotations : Rotations
     moment : tuple
         What is another after any change of the map.
@@ -103,6 +106,14 @@ class Store:
     def robot(self) -> Robot:
         """As it was given to the build."""
         return Robot.from_spec(json.loads(self.metadata["robot"]))
+
+    @cached_property
+    def shapes(self) -> tuple[Shape, ...] | None:
+        """The obstacles, where they are known otherwise than by their cells; not after an update."""
+        if not self.metadata.get("shapes"):
+            return None
+        with decoding_map(self.path):
+            return shapes_from({"shapes": _small(self.path, "shapes")})
 
     @property
     def tile(self) -> tuple[int, ...]:
@@ -159,9 +170,14 @@ class Store:
 
     @classmethod
     def create(
-        cls, path: str | os.PathLike[str], metadata: Mapping[str, Any], robot: Robot, rotations: Rotations
+        cls,
+        path: str | os.PathLike[str],
+        metadata: Mapping[str, Any],
+        robot: Robot,
+        rotations: Rotations,
+        shapes: Mapping[str, NDArray[Any]],
     ) -> Store:
-        """A store in which nothing is done yet.
+        """A store in which nothing is done yet; ``shapes`` is the array of obstacles that are known as such, if any.
 
         Raises
         ------
@@ -169,7 +185,9 @@ class Store:
             If there is something, or nothing can be written.
         """
         with replacing(path, folder=is_tiled) as temporary:
-            _write_frame(temporary, metadata, rotations.slice_of(robot), rotations)
+            _write_frame(
+                temporary, metadata, {"slice_of": rotations.slice_of(robot), **rotations.coordinates, **shapes}
+            )
         return cls.open(path)
 
     @classmethod
@@ -192,7 +210,11 @@ class Store:
                 raise unusable(path, f"its newer files are in {metadata['aside']!r}")
             if min(*metadata["tile"], metadata["depth"], metadata["slices"]) < 1:
                 raise unusable(path, "its tiles hold nothing")
-            return cls(Path(path), metadata, _rotations(Path(path), digests), moment)
+            for file, digest in digests.items():
+                if ".." in file or digest_of((Path(path) / file).read_bytes()) != digest:
+                    raise unusable(path, f"its file {file!r} differs from its digest")
+            turns = {name: _small(path, name) for name in {file.split("/")[0] for file in digests}.intersection(TURNS)}
+            return cls(Path(path), metadata, Rotations.from_coordinates(turns), moment)
 
     def sealed(self, **changes: Any) -> None:
         """Write the metadata anew, with some of it changed."""
@@ -488,16 +510,15 @@ def _write(file: Path, content: bytes) -> None:
             temporary.unlink(missing_ok=True)
 
 
-def _write_frame(folder: Path, metadata: Mapping[str, Any], slice_of: NDArray[np.int64], rotations: Rotations) -> None:
-    """All of a store but what is done of its tiles."""
+def _write_frame(folder: Path, metadata: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> None:
+    """All of a store but what is done of its tiles; ``arrays`` are the small ones that are told from the beginning."""
     import zarr
 
     grid = Grid(metadata["lower"], metadata["spacing"], tuple(metadata["shape"]))
     dim, slices, depth, tile = grid.dim, metadata["slices"], metadata["depth"], tuple(metadata["tile"])
     counts = tuple(-(-n // t) for n, t in zip(grid.shape, tile, strict=True))
     width = columns(slices, dim, -(-slices // depth))
-    arrays = {"slice_of": slice_of, **rotations.coordinates}
-    arrays |= {axis: grid.centers(k) for k, axis in enumerate(AXES[:dim])}
+    arrays = {**arrays, **{axis: grid.centers(k) for k, axis in enumerate(AXES[:dim])}}
     group = zarr.create_group(str(folder), zarr_format=3)
     large = {"state": ((slices, *grid.shape), (depth, *tile)), "outer": (grid.shape, tile)}
     large |= {} if metadata["same"] else {"inner": (grid.shape, tile)}
@@ -538,15 +559,8 @@ def _write_frame(folder: Path, metadata: Mapping[str, Any], slice_of: NDArray[np
     (folder / ROOT).write_bytes(json.dumps(document, indent=2).encode())
 
 
-def _rotations(path: Path, digests: Mapping[str, str]) -> Rotations:
-    """Those that the small arrays of a store tell of, all of whose files have their digests."""
-    for file, digest in digests.items():
-        if ".." in file or digest_of((path / file).read_bytes()) != digest:
-            raise unusable(path, f"its file {file!r} differs from its digest")
-    told = {file.split("/")[0] for file in digests}.intersection(TURNS)
-    if not told:
-        return Rotations.from_coordinates({})
+def _small(path: str | os.PathLike[str], name: str) -> NDArray[Any]:
+    """A small array."""
     import zarr
 
-    arrays = {name: np.asarray(zarr.open_array(str(path / name), mode="r")[...]) for name in told}
-    return Rotations.from_coordinates(arrays)
+    return np.asarray(zarr.open_array(str(Path(path) / name), mode="r")[...])

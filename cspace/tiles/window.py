@@ -13,6 +13,7 @@ from cspace.map.contents import Contents
 from cspace.map.exterior import UNKNOWN
 from cspace.map.storage import PackedStates, Stack
 from cspace.memory import WORKSPACE_BYTES, check_memory, is_packed, map_bytes
+from cspace.shapes import Shape, Voxels
 from cspace.space import CSpace
 from cspace.states import MIXED
 from cspace.tiles.sources import Box, box_of
@@ -55,7 +56,7 @@ def window_of(store: Store, known: Known, table: Ints, first: Ints, stop: Ints) 
     check_memory(needed, "the window", grid.shape, grid.spacing, mend=_MEND)
     box = box_of(first.tolist(), stop.tolist())
     outer, inner = obstacles_in(store, known, box)
-    workspace = Workspace(grid, outer, inner, source=f"a part of {store.path.name}")
+    workspace = Workspace(grid, outer, inner, source=f"a part of {store.path.name}", shapes=_shapes(store, grid, box))
     return CSpace(
         Contents(
             workspace,
@@ -69,6 +70,21 @@ def window_of(store: Store, known: Known, table: Ints, first: Ints, stop: Ints) 
             tells_blocked=bool(store.metadata["inner"]),
         )
     )
+
+
+def _shapes(store: Store, grid: Grid, box: Box) -> tuple[Shape, ...] | None:
+    """The obstacles on a grid of some cells, as shapes; None where only their cells are known."""
+    sides = list(zip(box, store.grid.shape, strict=True))
+    if store.shapes is None or all(part.start >= 0 and part.stop <= n for part, n in sides):
+        return store.shapes
+    if store.metadata["outside"] == "blocked":
+        beyond = np.ones(grid.shape, dtype=np.bool_)
+        beyond[tuple(slice(max(0, -part.start), n - part.start) for part, n in sides)] = False
+        return (*store.shapes, Voxels(beyond, grid.spacing, np.asarray(grid.lower)))
+    whole, bounds = store.grid, [shape.bounds for shape in store.shapes]
+    # What of them lies beyond a map that is free around it does not count.
+    inside = all((low >= whole.lower).all() and (high <= whole.upper).all() for low, high in bounds)
+    return store.shapes if inside else None
 
 
 def obstacles_in(store: Store, known: Known, box: Box) -> tuple[Bools, Bools]:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 import zarr
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -199,6 +200,13 @@ def test_stores_of_something_else(tmp_path):
             store=tmp_path / "m",
             tile=4,
         )
+    first, other = (
+        cspace.Workspace.from_polygons([shapely.box(0.2, 0.2, 0.5 + far, 0.5)], 0.1, (0, 0, 1, 1)) for far in (0, 1e-4)
+    )
+    assert (first.outer == other.outer).all()
+    cspace.build(first, CAR, store=tmp_path / "p", tile=4)
+    with pytest.raises(FileError, match="was another one"):
+        cspace.build(other, CAR, store=tmp_path / "p", tile=4)
     with pytest.raises(InputError, match="overlap"):
         cspace.build(workspace, CAR, store=tmp_path / "m", tile=4, overlap=True)
 

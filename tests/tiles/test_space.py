@@ -97,6 +97,8 @@ def test_what_is_opened(tmp_path):
     for name in ("sample_free", "free_reach", "state"):
         with pytest.raises(ConfigurationError, match="window"):
             getattr(opened, name)
+    with pytest.raises(ConfigurationError, match=r"place needs a map in memory.*update"):
+        opened.place("cart", [(0.0, 0.0)], radius=0.1)
     q = np.zeros(3)
     for look_up in (opened.is_free, lambda q, **exact: opened.motion_is_free(q, q, **exact)):
         with pytest.raises(ConfigurationError, match=r"exact needs a map in memory.*window"):

@@ -6,6 +6,8 @@ import pickle
 
 import numpy as np
 import pytest
+import shapely
+import trimesh
 
 import cspace
 from cspace.errors import ConfigurationError, InputError
@@ -59,6 +61,43 @@ def test_a_window_answers_as_the_whole(name, outside, tmp_path):
         low, high = np.maximum(first, 0), np.minimum(first + window.grid.shape, grid.shape)
         ours, theirs = (tuple(slice(a, b) for a, b in zip(low - by, high - by, strict=True)) for by in (first, 0))
         np.testing.assert_array_equal(np.asarray(window._seen)[(..., *ours)], np.asarray(space._seen)[(..., *theirs)])
+
+
+TRIANGLES = [
+    shapely.Polygon([(x, y), (x + 1.1, y + 0.07), (x + 0.31, y + 0.83)]) for x in (0.1, 1.7) for y in (0.4, 2.3)
+]
+BOX = trimesh.creation.box((0.7, 0.6, 0.5), trimesh.transformations.euler_matrix(0.3, 0.4, 0.5))
+BOX.apply_translation((0.7, 0.6, 0.5))
+
+
+@pytest.mark.parametrize("outside", ["blocked", "free"])
+@pytest.mark.parametrize(
+    ("workspace", "robot", "rotations"),
+    [
+        (cspace.Workspace.from_polygons(TRIANGLES, 0.1, (0, 0, 4, 4)), CAR, 6),
+        (cspace.Workspace.from_mesh(BOX, 0.1, (0, 0, 0, 1.6, 1.6, 1.6)), cspace.Robot.ball(0.13), None),
+    ],
+    ids=["plane", "space"],
+)
+def test_a_window_asks_the_obstacles_themselves(workspace, robot, rotations, outside, tmp_path):
+    """In cells that are MIXED, and until an update; from then on it asks the outer cells."""
+    space = cspace.build(workspace, robot, rotations=rotations, outside=outside)
+    tiled = cspace.build(workspace, robot, rotations=rotations, outside=outside, store=tmp_path / "m", tile=11)
+    rng, size = np.random.default_rng(0), np.asarray(space.grid.upper)
+    for low, high in ((0.3, 0.7), (0.0, 0.45)):
+        window = tiled.window(low * size, high * size)
+        q, p = (within(space, low * size, high * size, 400, rng) for _ in range(2))
+        p[:, : len(size)] = np.clip(
+            q[:, : len(size)] + rng.normal(size=(400, len(size))) * 0.1, low * size, high * size
+        )
+        free = space.is_free(q, exact=True)
+        np.testing.assert_array_equal(window.is_free(q, exact=True), free)
+        np.testing.assert_array_equal(window.motion_is_free(q, p, exact=True), space.motion_is_free(q, p, exact=True))
+        assert (free != space.is_free(q)).any()
+    tiled.update(np.ones((1,) * len(size), bool), (0,) * len(size))
+    after = tiled.window(low * size, high * size).is_free(q, exact=True)
+    assert not (after & ~free).any()
+    assert (after != free).any()
 
 
 def test_a_window_of_all_is_the_map(tmp_path):
