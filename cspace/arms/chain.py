@@ -25,8 +25,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.arms.hulls import Flight
 from cspace.compiling import inner, jit
-from cspace.exact.triangles import Motion
+from cspace.exact.triangles import cross, dot
 from cspace.map.turning import Row
 
 Floats = NDArray[np.float64]
@@ -73,13 +74,18 @@ class Chain(NamedTuple):
 
 @inner(error_model="numpy")
 def place(chain: Chain, q0: Floats, q1: Floats, t: float, poses: Floats) -> None:
-    """Rotation and translation of every body, shape (b, 3, 4), at a part of the way between two configurations."""
+    """Where every body is at a part of the way between two configurations, and how it moves, shape (b, 3, 6).
+
+    The columns are those of its rotation, its translation, how fast it turns, and how fast the point of it moves that
+    is at the base's origin.
+    """
     for b in range(len(chain.parents)):
         frame, out = chain.frames[b], poses[b]
         if b == 0:
             for i in range(3):
                 for j in range(4):
                     out[i, j] = frame[i, j]
+                out[i, 4] = out[i, 5] = 0.0
             continue
         number = chain.numbers[b]
         value = chain.factors[b] * (q0[number] + t * (q1[number] - q0[number])) + chain.offsets[b]
@@ -104,63 +110,80 @@ def place(chain: Chain, q0: Floats, q1: Floats, t: float, poses: Floats) -> None
             out[i, 1] = a0 * turn[0][1] + a1 * turn[1][1] + a2 * turn[2][1]
             out[i, 2] = a0 * turn[0][2] + a1 * turn[1][2] + a2 * turn[2][2]
             out[i, 3] = a3 + along * (a0 * x + a1 * y + a2 * z)
+            out[i, 4], out[i, 5] = parent[i, 4], parent[i, 5]
+        rate = chain.factors[b] * (q1[number] - q0[number])
+        u = (
+            out[0, 0] * x + out[0, 1] * y + out[0, 2] * z,
+            out[1, 0] * x + out[1, 1] * y + out[1, 2] * z,
+            out[2, 0] * x + out[2, 1] * y + out[2, 2] * z,
+        )
+        moment = cross((out[0, 3], out[1, 3], out[2, 3]), u)
+        for i in range(3):
+            if chain.kinds[b] == TURNS:
+                out[i, 4] += rate * u[i]
+                out[i, 5] += rate * moment[i]
+            elif chain.kinds[b] == SLIDES:
+                out[i, 5] += rate * u[i]
 
 
 @inner(error_model="numpy")
-def motion_of(chain: Chain, a: int, b: int, poses: Floats, rates: Floats, half: float, least: float) -> Motion:
-    """How body ``a`` is placed and moves as seen from body ``b``, over a part of a motion that is ``half`` either way.
-
-    ``rates`` says how far the joint of each body moves along all of the motion.
-    """
-    one, other, moving, lengths = poses[a], poses[b], chain.between[a, b], chain.lengths[a]
-    x, y, z = one[0, 3], one[1, 3], one[2, 3]
-    drift = 0.0
-    for j in range(len(rates)):
-        if moving[j]:
-            drift += abs(rates[j]) * (lengths[j] if chain.kinds[j] == TURNS else 1.0)
-    slide = angle = 0.0
-    for j in range(len(rates)):
-        rate = abs(rates[j])
-        if not moving[j] or rate == 0.0:
-            continue
-        if chain.kinds[j] == SLIDES:
-            slide += rate
-            continue
-        joint, axis = poses[j], chain.axes[j]
-        ux = joint[0, 0] * axis[0] + joint[0, 1] * axis[1] + joint[0, 2] * axis[2]
-        uy = joint[1, 0] * axis[0] + joint[1, 1] * axis[1] + joint[1, 2] * axis[2]
-        uz = joint[2, 0] * axis[0] + joint[2, 1] * axis[1] + joint[2, 2] * axis[2]
-        dx, dy, dz = x - joint[0, 3], y - joint[1, 3], z - joint[2, 3]
-        cx, cy, cz = uy * dz - uz * dy, uz * dx - ux * dz, ux * dy - uy * dx
-        now = math.sqrt(cx * cx + cy * cy + cz * cz) + least
-        slide += rate * min(lengths[j], now + half * (drift - rate * lengths[j]))
-        angle += rate
-    dx, dy, dz = x - other[0, 3], y - other[1, 3], z - other[2, 3]
+def flight_of(one: Floats, other: Floats, half: float, bend: float, most: float, least: float) -> Flight:
+    """How one of two placed bodies moves as seen from the other one."""
+    px, py, pz = other[0, 3], other[1, 3], other[2, 3]
+    spin = (one[0, 4] - other[0, 4], one[1, 4] - other[1, 4], one[2, 4] - other[2, 4])
+    x, y, z = cross(spin, (px, py, pz))
+    drift = (x + one[0, 5] - other[0, 5], y + one[1, 5] - other[1, 5], z + one[2, 5] - other[2, 5])
+    away = (one[0, 3] - px, one[1, 3] - py, one[2, 3] - pz)
     a0, a1 = (other[0, 0], other[1, 0], other[2, 0]), (other[0, 1], other[1, 1], other[2, 1])
     a2 = other[0, 2], other[1, 2], other[2, 2]
-    matrix = (_row(a0, one), _row(a1, one), _row(a2, one))
-    place = (_along(a0, dx, dy, dz), _along(a1, dx, dy, dz), _along(a2, dx, dy, dz))
-    return Motion(matrix, place, (0.0, 0.0, 0.0), angle, least, slide)
-
-
-@inner(forceinline=True)
-def _along(axis: Row, x: float, y: float, z: float) -> float:
-    return axis[0] * x + axis[1] * y + axis[2] * z
+    return Flight(
+        (_row(a0, one), _row(a1, one), _row(a2, one)),
+        (dot(a0, away), dot(a1, away), dot(a2, away)),
+        (dot(a0, spin), dot(a1, spin), dot(a2, spin)),
+        (dot(a0, drift), dot(a1, drift), dot(a2, drift)),
+        half,
+        bend,
+        most,
+        least,
+    )
 
 
 @inner(forceinline=True)
 def _row(axis: Row, pose: Floats) -> Row:
     """A row of the product of a transposed rotation, whose column is given, and another rotation."""
     return (
-        _along(axis, pose[0, 0], pose[1, 0], pose[2, 0]),
-        _along(axis, pose[0, 1], pose[1, 1], pose[2, 1]),
-        _along(axis, pose[0, 2], pose[1, 2], pose[2, 2]),
+        dot(axis, (pose[0, 0], pose[1, 0], pose[2, 0])),
+        dot(axis, (pose[0, 1], pose[1, 1], pose[2, 1])),
+        dot(axis, (pose[0, 2], pose[1, 2], pose[2, 2])),
     )
+
+
+@inner(error_model="numpy")
+def bounds_of(chain: Chain, a: int, b: int, rho: float, q0: Floats, q1: Floats) -> tuple[float, float, float]:
+    """Along all of a motion: how far points of a body, up to ``rho`` from its origin, move as seen from another one.
+
+    Besides half their largest acceleration, and how far all joints between turn.
+    """
+    far = bent = turned = 0.0
+    between, above, lengths = chain.between[a, b], chain.between[b, 0], chain.lengths[a]
+    count = len(chain.parents)
+    for k in range(2 * count):
+        # First those that move the other one, from it to what both hang on, then those of the body.
+        j = count - 1 - k if k < count else k - count
+        if not between[j] or above[j] != (k < count):
+            continue
+        rate = abs(chain.factors[j] * (q1[chain.numbers[j]] - q0[chain.numbers[j]]))
+        if chain.kinds[j] == TURNS:
+            reach = rate * (lengths[j] + rho)
+            far, bent, turned = far + reach, bent + (0.5 * rate + turned) * reach, turned + rate
+        elif chain.kinds[j] == SLIDES:
+            far, bent = far + rate, bent + turned * rate
+    return far, bent, turned
 
 
 @jit
 def place_bodies(chain: Chain, q: Floats) -> Floats:
     """Rotation and translation of every body at a configuration, shape (b, 3, 4)."""
-    poses = np.empty((len(chain.parents), 3, 4))
+    poses = np.empty((len(chain.parents), 3, 6))
     place(chain, q, q, 0.0, poses)
-    return poses
+    return poses[:, :, :4]

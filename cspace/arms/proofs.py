@@ -1,11 +1,14 @@
 """Compiled proofs that the links of an arm touch neither obstacles nor each other, anywhere on a motion of the joints.
 
-A motion is cut into parts. In the middle of each, every link is so far from what it may not touch; the most that it can
-move meanwhile (:mod:`cspace.arms.chain`) says how much of the part that proves, and the rest is looked at again. What
-was nearest last is asked first.
+A motion is cut into halves again and again. In the middle of a part, each pair of solids that may not touch is so far
+apart that it stays so for all of the part, or it is asked again in both halves of it: what is far from all else is
+asked once (F. Schwarzer, M. Saha and J.-C. Latombe, "Adaptive dynamic collision checking for single and multiple
+articulated robots in complex environments", 2005). Longer parts come first, so that a collision shows early, and in
+each the pair that was not proven last.
 
-Links and obstacles are triangles, grown by radii (:mod:`cspace.exact.triangles`). Where no borders meet, what hangs
-together lies in a closed surface as a whole or not at all, so one point of it tells, once for all of a motion.
+Links and obstacles are trees of convex hulls, grown by radii (:mod:`cspace.arms.hulls`). Where no borders meet, what
+hangs together lies in a closed surface as a whole or not at all, so one point of it tells, once for all of a motion;
+and where hulls that hold all of both sides are apart, none does.
 """
 
 from __future__ import annotations
@@ -15,10 +18,11 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arms.chain import Chain, motion_of, place
+from cspace.arms.chain import Chain, bounds_of, flight_of, place
+from cspace.arms.hulls import Hulls, least_spare
 from cspace.compiling import inner, jit
-from cspace.exact import ADVANCE, MOST_DISTANCES, SHORTEST
-from cspace.exact.triangles import DEPTH, Motion, Trees, pierces, share_apart
+from cspace.exact import ADVANCE, MOST_DISTANCES, ROUNDING, SHORTEST
+from cspace.exact.triangles import DEPTH, Trees, pierces
 from cspace.map.turning import Row
 from cspace.raster.triangles import point_triangle
 from cspace.raster.winding import turn_above
@@ -31,22 +35,24 @@ WAITING: Final = 1024
 """Parts of a motion that wait at a time, at most."""
 
 
-_BEYOND: Final = 1.000001 / ADVANCE
-"""How much farther than a part reaches is looked, so that what is used of it reaches all of it, rounding included."""
-
-
 class Solids(NamedTuple):
     """Links and obstacles: what hangs on which body, with its tree, its closed surface and points of it.
 
     Attributes
     ----------
     bodies : ndarray of int64, shape (s,)
-    trees : Trees
+    hulls : Hulls
         Of all of them, each in the frame of its body.
+    roots : ndarray of int64, shape (s,)
+        -1 where there is nothing.
+    trunks : ndarray of int64, shape (k,)
+        The first node of each part, solid by solid.
+    levers : ndarray of float64, shape (s,)
+        How far they reach from their body's origin.
+    trees : Trees
+        What BLOCKED is proven by: triangles, boxes and balls, each in the frame of its body.
     nodes : ndarray of int64, shape (s, 3)
-        Roots.
-    numbers : ndarray of int64
-        Which of its solid's parts each row of the trees is of.
+        Roots of these.
     triangles : ndarray of float64, shape (n, 3, 3)
         Of closed surfaces.
     turns : ndarray of int64, shape (n,)
@@ -65,9 +71,12 @@ class Solids(NamedTuple):
     """
 
     bodies: Ints
+    hulls: Hulls
+    roots: Ints
+    trunks: Ints
+    levers: Floats
     trees: Trees
     nodes: Ints
-    numbers: Ints
     triangles: Floats
     turns: Ints
     boxes: Floats
@@ -86,6 +95,8 @@ class Scene(NamedTuple):
     solids : Solids
     pairs : ndarray of int64, shape (p, 2)
         Solids that may not touch; the body of the second is the world, or moves too.
+    far : float
+        The largest coordinate of all, at any configuration, metres.
     least : float
         What a distance has to exceed.
     """
@@ -93,6 +104,7 @@ class Scene(NamedTuple):
     chain: Chain
     solids: Solids
     pairs: Ints
+    far: float
     least: float
 
 
@@ -103,16 +115,27 @@ class Work(NamedTuple):
     ----------
     parts : ndarray of float64, shape (WAITING, 2)
         Parts of a motion that wait.
-    poses, rates : ndarray of float64, shapes (b, 3, 4) and (b,)
-    nearest : ndarray of int64, shape (p, 3)
+    left : ndarray of bool, shape (WAITING, p)
+        Which pairs are to be proven in each.
+    poses : ndarray of float64, shape (b, 3, 6)
+    bounds : ndarray of float64, shape (p, 3)
+        Of pairs, along all of the motion: how far the first moves at most, half its acceleration, how far joints turn.
+    aside : ndarray of bool, shape (p,)
+        Pairs that are known not to lie in each other.
+    nearest : ndarray of int64, shape (p, 2)
         What was nearest to touching last, pair by pair.
+    ways : ndarray of float64, shape (p, 3)
+        Along what.
     nodes : ndarray of int64, shape (DEPTH, 6)
     """
 
     parts: Floats
+    left: Bools
     poses: Floats
-    rates: Floats
+    bounds: Floats
+    aside: Bools
     nearest: Ints
+    ways: Floats
     nodes: Ints
 
 
@@ -122,9 +145,12 @@ def work_of(scene: Scene) -> Work:
     bodies, pairs = len(scene.chain.parents), len(scene.pairs)
     return Work(
         np.empty((WAITING, 2)),
-        np.empty((bodies, 3, 4)),
-        np.zeros(bodies),
-        np.full((pairs, 3), -1, np.int64),
+        np.empty((WAITING, pairs), np.bool_),
+        np.empty((bodies, 3, 6)),
+        np.empty((pairs, 3)),
+        np.empty(pairs, np.bool_),
+        np.full((pairs, 2), -1, np.int64),
+        np.zeros((pairs, 3)),
         np.empty((DEPTH, 6), np.int64),
     )
 
@@ -140,10 +166,25 @@ def ask_motions(scene: Scene, starts: Floats, ends: Floats, out: Bools) -> None:
 @inner(error_model="numpy")
 def ask_motion(scene: Scene, q0: Floats, q1: Floats, work: Work) -> int:
     """Whether all configurations of a motion are free: how many looks that took, zero or above; or -1 less that."""
-    chain, parts, rates, pairs, nearest = scene.chain, work.parts, work.rates, len(scene.pairs), 0
-    for b in range(1, len(rates)):
-        number = chain.numbers[b]
-        rates[b] = chain.factors[b] * (q1[number] - q0[number]) if chain.kinds[b] else 0.0
+    chain, solids, parts, left = scene.chain, scene.solids, work.parts, work.left
+    pairs, nearest, far, size = len(scene.pairs), 0, 0.0, 0.0
+    for b in range(1, len(chain.parents)):
+        q, r = q0[chain.numbers[b]], q1[chain.numbers[b]]
+        size += abs(chain.factors[b]) * (abs(q) + abs(r)) + abs(chain.offsets[b])
+    for n in range(pairs):
+        i, j = scene.pairs[n]
+        most, bend, turned = bounds_of(chain, solids.bodies[i], solids.bodies[j], solids.levers[i], q0, q1)
+        work.bounds[n, 0], work.bounds[n, 1], work.bounds[n, 2] = most, bend, turned
+        work.aside[n], left[0, n] = False, True
+        far = max(far, most)
+    # What a joint's value is off by moves all that hangs on it.
+    least = scene.least + ROUNDING * 2.0**-9 * size * scene.far
+    if far > 0.0:
+        # Most motions that are not free end in a collision.
+        place(chain, q0, q1, 1.0, work.poses)
+        for n in range(pairs):
+            if spare_of(scene, n, 0.0, least, work) < 0.0:
+                return -1
     parts[0, 0], parts[0, 1] = 0.0, 1.0
     head, waiting, looks = 0, 1, 0
     while waiting > 0:
@@ -153,42 +194,50 @@ def ask_motion(scene: Scene, q0: Floats, q1: Floats, work: Work) -> int:
         head = (head + 1) % WAITING if row == head else head
         first, last = parts[row, 0], parts[row, 1]
         half, middle = 0.5 * (last - first), 0.5 * (first + last)
-        if looks == MOST_DISTANCES:
+        if looks == MOST_DISTANCES or half < SHORTEST:
             return -1 - looks
         place(chain, q0, q1, middle, work.poses)
-        part, begin = half * _BEYOND, nearest
+        looks += 1
+        begin, some = nearest, False
         for k in range(pairs):
             n = (begin + k) % pairs
-            found = share_of(scene, n, part, work)
-            if found < part:
-                part, nearest = found, n
-            # As long as no borders meet, whether one lies within the other stays as it is.
-            if found < 0.0 or (looks == 0 and nests(scene, n, work, -1.0)):
-                return -1 - looks
-        looks += 1
-        part *= ADVANCE
-        if part < min(half, SHORTEST):
-            return -1 - looks
-        if part < half:
-            row = (head + waiting) % WAITING
-            parts[row, 0], parts[row, 1] = first, middle - part
-            row = (row + 1) % WAITING
-            parts[row, 0], parts[row, 1] = middle + part, last
+            if not left[row, n]:
+                continue
+            spare = spare_of(scene, n, half, least, work)
+            left[row, n] = spare < 0.0
+            if spare < 0.0:
+                if spare == -np.inf or far == 0.0:
+                    return -1 - looks
+                nearest, some = n, True
+            elif work.nodes[1, 0] and not work.aside[n]:
+                # As long as no borders meet, whether one lies within the other stays as it is.
+                if nests(scene, n, work, -1.0):
+                    return -1 - looks
+                work.aside[n] = True
+        if some:
+            one, other = (head + waiting) % WAITING, (head + waiting + 1) % WAITING
+            parts[one, 0], parts[one, 1], parts[other, 0], parts[other, 1] = first, middle, middle, last
+            for n in range(pairs):
+                left[one, n] = left[other, n] = left[row, n]
             waiting += 2
     return looks
 
 
 @inner(error_model="numpy")
-def share_of(scene: Scene, n: int, enough: float, work: Work) -> float:
-    """The part of a motion, ``enough`` at most, either way, in which a pair does not come to touch; or below zero."""
+def spare_of(scene: Scene, n: int, half: float, least: float, work: Work) -> float:
+    """What is below zero unless a pair stays apart for so much of a motion either way; -inf where it touches now."""
     solids, nodes, nearest = scene.solids, work.nodes, work.nearest
     i, j = scene.pairs[n]
-    motion = motion_of(scene.chain, solids.bodies[i], solids.bodies[j], work.poses, work.rates, enough, scene.least)
-    one, other = solids.nodes[i], solids.nodes[j]
-    nodes[0, 0], nodes[0, 1], nodes[0, 2] = nearest[n, 0], nearest[n, 1], nearest[n, 2]
-    found = share_apart(solids.trees, (one[0], one[1], one[2]), (other[0], other[1], other[2]), motion, enough, nodes)
-    nearest[n, 0], nearest[n, 1], nearest[n, 2] = nodes[0, 0], nodes[0, 1], nodes[0, 2]
-    return found
+    if solids.roots[i] < 0 or solids.roots[j] < 0:
+        return 1.0
+    one, other = work.poses[solids.bodies[i]], work.poses[solids.bodies[j]]
+    # The rounding of what moves is a small part of all that does.
+    bend = half * (half * work.bounds[n, 1] + least * work.bounds[n, 2]) / ADVANCE
+    flight = flight_of(one, other, half / ADVANCE, bend, half * work.bounds[n, 0] / ADVANCE, least)
+    nodes[0, 0], nodes[0, 1] = nearest[n, 0], nearest[n, 1]
+    spare = least_spare(solids.hulls, solids.roots[i], solids.roots[j], flight, 0.0, nodes, work.ways[n])
+    nearest[n, 0], nearest[n, 1] = nodes[0, 0], nodes[0, 1]
+    return spare
 
 
 @inner(error_model="numpy")
@@ -338,23 +387,22 @@ def spread(one: Floats, other: Floats, h: Row) -> Row:
 def distances(scene: Scene, points: Floats, out: Floats, nearest: Ints) -> None:
     """How far apart, at least, all pairs are at configurations, shape (n, dof): below zero where that is not proven.
 
-    ``nearest``, shape (n, 3), is given the pair and the two triangles that set it.
+    ``nearest``, shape (n, 3), is given the pair and the two nodes that set it.
     """
-    work, solids, nodes = work_of(scene), scene.solids, np.empty((DEPTH, 6), np.int64)
+    work, solids = work_of(scene), scene.solids
+    nodes, way = work.nodes, np.zeros(3)
     for k in range(len(points)):
         place(scene.chain, points[k], points[k], 0.0, work.poses)
         out[k] = np.inf
         for n in range(len(scene.pairs)):
             i, j = scene.pairs[n]
-            one, other = solids.nodes[i], solids.nodes[j]
-            at = motion_of(scene.chain, solids.bodies[i], solids.bodies[j], work.poses, work.rates, 0.0, 0.0)
-            # What moves at the rate of one metre comes as far as the distance.
-            motion = Motion(at.matrix, at.place, at.step, 0.0, scene.least, 1.0)
+            if solids.roots[i] < 0 or solids.roots[j] < 0:
+                continue
+            one, other = work.poses[solids.bodies[i]], work.poses[solids.bodies[j]]
+            flight = flight_of(one, other, 0.0, 0.0, 0.0, scene.least)
             nodes[0, 0] = -1
-            found = share_apart(
-                solids.trees, (one[0], one[1], one[2]), (other[0], other[1], other[2]), motion, out[k], nodes
-            )
-            if found >= 0.0 and nests(scene, n, work, -1.0):
+            found = least_spare(solids.hulls, solids.roots[i], solids.roots[j], flight, out[k], nodes, way)
+            if found >= 0.0 and nodes[1, 0] and nests(scene, n, work, -1.0):
                 found = -1.0
             if found < out[k]:
                 out[k] = found

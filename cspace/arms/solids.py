@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.arms.chain import Chain
+from cspace.arms.hulls import Hulls, forest_of, hulls_of
 from cspace.arms.proofs import Scene, Solids
 from cspace.exact import ROUNDING
 from cspace.exact.boundaries import anchors_of, joined
@@ -62,6 +63,13 @@ class Placed:
     def rows(self) -> tuple[Floats, Floats]:
         """Its border as rows of a tree, shape (n, 10), and their levers about the origin."""
         return triangle_rows(self.border), np.linalg.norm(self.border.simplices, axis=-1).max(axis=1)
+
+    @cached_property
+    def hulls(self) -> Hulls:
+        """The tree of its border, or of the solids that it is."""
+        corners, turns = self.surface
+        volume = (np.einsum("ij,ij->i", np.cross(corners[:, 0], corners[:, 1]), corners[:, 2]) @ turns) / 6.0
+        return hulls_of(self.rows[0], float(volume))
 
     @cached_property
     def surface(self) -> tuple[Floats, Ints]:
@@ -162,14 +170,22 @@ def solids_of(solids: Sequence[Solid], side: int, outer: Solids | None = None) -
     points = [[part.probes if side else part.anchors for part in each] for each in parts]
     closed = [surface for each in surfaces for surface in each]
     if outer is None or any(part.sides[0] is not part.sides[1] for solid in solids for part in solid.parts):
-        trees, nodes, numbers = _trees(parts)
+        trees, nodes = _trees(parts)
     else:
-        trees, nodes, numbers = outer.trees, outer.nodes, outer.numbers
+        trees, nodes = outer.trees, outer.nodes
+    if outer is None:
+        hulls, roots, trunks = forest_of([[part.hulls for part in each] for each in parts])
+    else:
+        hulls, roots, trunks = outer.hulls, outer.roots, outer.trunks
+    boxes = hulls.boxes[roots] * (roots >= 0)[:, None]
     return Solids(
         bodies=np.array([solid.body for solid in solids], dtype=np.int64),
+        hulls=hulls,
+        roots=roots,
+        trunks=trunks,
+        levers=np.linalg.norm(np.abs(boxes[:, :3]) + boxes[:, 3:6], axis=1),
         trees=trees,
         nodes=nodes,
-        numbers=numbers,
         triangles=np.concatenate([np.empty((0, 3, 3)), *(corners for corners, _ in closed)]),
         turns=np.concatenate([np.empty(0, np.int64), *(turns for _, turns in closed)]),
         boxes=np.array([[*c.min((0, 1)), *c.max((0, 1))] for c, _ in closed]).reshape(-1, 6),
@@ -180,16 +196,14 @@ def solids_of(solids: Sequence[Solid], side: int, outer: Solids | None = None) -
     )
 
 
-def _trees(parts: Sequence[Sequence[Placed]]) -> tuple[Trees, Ints, Ints]:
-    """A tree for each of some sets of parts, their roots, and which part of its set each row is of."""
-    rows, numbers = [], []
+def _trees(parts: Sequence[Sequence[Placed]]) -> tuple[Trees, Ints]:
+    """A tree for each of some sets of parts, and their roots."""
+    rows = []
     for each in parts:
         made = [part.rows for part in each]
         rows.append((np.concatenate([row for row, _ in made]), np.concatenate([levers for _, levers in made])))
-        numbers.append(np.repeat(np.arange(len(made)), [len(row) for row, _ in made]))
-    trees, roots, orders = trees_of_rows(rows)
-    found = [number[order] for number, order in zip(numbers, orders, strict=True)]
-    return trees, np.array(roots, dtype=np.int64).reshape(-1, 3), np.concatenate(found)
+    trees, roots = trees_of_rows(rows)
+    return trees, np.array(roots, dtype=np.int64).reshape(-1, 3)
 
 
 def _starts(counts: Iterable[int]) -> Ints:
@@ -204,16 +218,18 @@ def scene_of(
 ) -> Scene:
     """Solids from outside, of which those of some pairs, by their numbers, may not touch."""
     made = solids_of(solids, 0)
-    return Scene(chain, made, np.array(pairs, dtype=np.int64).reshape(-1, 2), margin + _rounding(chain, made))
+    far = _far(chain, made)
+    return Scene(chain, made, np.array(pairs, dtype=np.int64).reshape(-1, 2), far, margin + 2.0 * ROUNDING * far)
 
 
 def scene_within(scene: Scene, solids: Sequence[Solid]) -> Scene:
     """The same from within, where what touches collides."""
     made = solids_of(solids, 1, scene.solids)
-    return Scene(scene.chain, made, scene.pairs, _rounding(scene.chain, made))
+    far = _far(scene.chain, made)
+    return Scene(scene.chain, made, scene.pairs, far, 2.0 * ROUNDING * far)
 
 
-def _rounding(chain: Chain, solids: Solids) -> float:
+def _far(chain: Chain, solids: Solids) -> float:
+    """The largest coordinate at any configuration, metres."""
     roots = solids.trees.boxes[solids.nodes[solids.nodes[:, 2] > 0, 0]]
-    far = float((np.abs(roots[:, :3]) + roots[:, 3:6]).max(initial=0.0)) + float(chain.lengths.max())
-    return 2.0 * ROUNDING * far
+    return float((np.abs(roots[:, :3]) + roots[:, 3:6]).max(initial=0.0)) + float(chain.lengths.max())

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import nnls
 
 from cspace.arms.chain import STILL, place_bodies
+from cspace.arms.hulls import corners_of
 from cspace.arms.model import Arm, pair_of
 from cspace.arms.obstacles import named_obstacles, placed_obstacle
 from cspace.arms.pairs import LOOKS, always_touch, random_points
@@ -20,7 +21,6 @@ from cspace.arms.proofs import Scene, ask_blocked, ask_motions, distances
 from cspace.arms.solids import Placed, Solid, Still, scene_of, scene_within
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import ConfigurationError, InputError
-from cspace.exact.triangles import corners_of
 from cspace.grid import finite, positive
 from cspace.map.batches import Ask, check_rng, own
 from cspace.shapes import Shape
@@ -240,13 +240,17 @@ class ArmSpace(ConfigurationSpace):
     def _contact(self, scene: Scene, points: Floats) -> Contact:
         """What is nearest to touching at a configuration, shape (1, dof)."""
         out, nearest = self._distances(scene, points)
-        pair, *rows = nearest[0].tolist()
+        pair, *nodes = nearest[0].tolist()
+        solids, owners = (
+            scene.solids,
+            [each.name for group in self._groups for each in group.members for _ in each.parts],
+        )
         names, hulls, radii, poses = [], [], [], place_bodies(self.arm.chain, points[0])
-        for number, row in zip(scene.pairs[pair].tolist(), rows, strict=True):
-            owners = [each.name for each in self._groups[number].members for _ in each.parts]
-            names.append(owners[scene.solids.numbers[row]])
-            corners, radius = corners_of(scene.solids.trees.triangles[row])
-            pose = poses[scene.solids.bodies[number]]
+        for number, node in zip(scene.pairs[pair].tolist(), nodes, strict=True):
+            at = max(node, int(solids.roots[number]))
+            names.append(owners[int(np.where(solids.trunks <= at, solids.trunks, -1).argmax())])
+            corners, radius = corners_of(solids.hulls, at)
+            pose = poses[solids.bodies[number]]
             hulls.append(corners @ pose[:, :3].T + pose[:, 3])
             radii.append([radius])
         return Contact(names[0], names[1], float(out[0]), _nearest(hulls[0], hulls[1], radii))

@@ -27,7 +27,6 @@ below a ten-millionth of the edges' lengths may then count as none.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -101,22 +100,20 @@ class Motion(NamedTuple):
 def trees_of(borders: Sequence[Pieces], about_z: bool) -> tuple[Trees, list[Node]]:
     """A tree for each of some sets of triangles, and their roots; levers are about the z axis, or about the origin."""
     levers = [np.linalg.norm(b.simplices[..., : 2 if about_z else 3], axis=-1).max(axis=1) for b in borders]
-    trees, roots, _ = trees_of_rows([(triangle_rows(b), each) for b, each in zip(borders, levers, strict=True)])
-    return trees, roots
+    return trees_of_rows([(triangle_rows(b), each) for b, each in zip(borders, levers, strict=True)])
 
 
-def trees_of_rows(parts: Sequence[tuple[Floats, Floats]]) -> tuple[Trees, list[Node], list[Ints]]:
-    """The same of rows of :attr:`Trees.triangles`, and what is kept of each as its lever; also the order of each."""
-    boxes, triangles, roots, orders = [], [], [], []
+def trees_of_rows(parts: Sequence[tuple[Floats, Floats]]) -> tuple[Trees, list[Node]]:
+    """The same of rows of :attr:`Trees.triangles`, and what is kept of each as its lever."""
+    boxes, triangles, roots = [], [], []
     nodes, rows = 0, 0
     for part, levers in parts:
-        box, order = _boxes(*_bounds(part), levers)
+        box, order, spans = boxes_of(*bounds_of_rows(part))
         roots.append((nodes, rows, len(order)))
-        boxes.append(box)
+        boxes.append(np.column_stack([box, most(levers[order], spans)]))
         triangles.append(part[order])
-        orders.append(order)
         nodes, rows = nodes + len(box), rows + len(order)
-    return Trees(np.concatenate(boxes), np.concatenate(triangles)), roots, orders
+    return Trees(np.concatenate(boxes), np.concatenate(triangles)), roots
 
 
 def triangle_rows(border: Pieces) -> Floats:
@@ -133,18 +130,7 @@ def box_rows(lows: Floats, highs: Floats, pose: Floats) -> Floats:
     return rows
 
 
-def corners_of(row: Floats) -> tuple[Floats, float]:
-    """The corners of a row of a tree, shape (n, 3), and its radius."""
-    if row[9] >= 0.0:
-        return row[:9].reshape(3, 3), float(row[9])
-    middle, first, second = row[:9].reshape(3, 3)
-    third = np.cross(first, second)
-    third *= row[9] / np.linalg.norm(third)
-    signs = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
-    return middle + signs @ [first, second, third], 0.0
-
-
-def _bounds(rows: Floats) -> tuple[Floats, Floats]:
+def bounds_of_rows(rows: Floats) -> tuple[Floats, Floats]:
     """The lower and upper corners of what holds each row, shape (n, 3)."""
     is_box = rows[:, 9] < 0.0
     corners, grown = rows[:, :9].reshape(-1, 3, 3), np.maximum(rows[:, 9:], 0.0)
@@ -157,16 +143,19 @@ def _bounds(rows: Floats) -> tuple[Floats, Floats]:
     return low, high
 
 
-def _boxes(low: Floats, high: Floats, levers: Floats) -> tuple[Floats, Ints]:
-    """The boxes of a tree of what lies between corners, and the order in which it has them."""
+def boxes_of(low: Floats, high: Floats) -> tuple[Floats, Ints, Ints]:
+    """The boxes of a tree of what lies between corners, shape (m, 6), the order in which it has them, and which.
+
+    The latter are the first one of each node and how many it has, shape (m, 2).
+    """
     n = len(low)
-    boxes, order = np.empty((max(2 * n - 1, 0), 7)), np.arange(n)
+    boxes, order, spans = np.empty((max(2 * n - 1, 0), 6)), np.arange(n), np.empty((max(2 * n - 1, 0), 2), np.int64)
     nodes, starts, counts = np.zeros(1, np.int64), np.zeros(1, np.int64), np.full(1, n)
     ranks = np.argsort(np.argsort(low + high, axis=0), axis=0).ravel()
     while n:
         lower, upper = np.minimum.reduceat(low[order], starts), np.maximum.reduceat(high[order], starts)
-        boxes[nodes, :3], boxes[nodes, 3:6] = 0.5 * (lower + upper), 0.5 * (upper - lower)
-        boxes[nodes, 6] = np.maximum.reduceat(levers[order], starts)
+        boxes[nodes, :3], boxes[nodes, 3:] = 0.5 * (lower + upper), 0.5 * (upper - lower)
+        spans[nodes, 0], spans[nodes, 1] = starts, counts
         if counts.max() == 1:
             break
         # Each node's triangles in order along its box's longest side; the first half of them go one way.
@@ -178,7 +167,13 @@ def _boxes(low: Floats, high: Floats, levers: Floats) -> tuple[Floats, Ints]:
         nodes = np.stack([nodes + split, nodes + 2 * first], axis=1)[kept]
         starts = np.stack([starts, starts + first], axis=1)[kept]
         counts = np.stack([np.where(split, first, 1), counts - first], axis=1)[kept]
-    return boxes, order
+    return boxes, order, spans
+
+
+def most(values: Floats, spans: Ints) -> Floats:
+    """The largest value of each node of a tree, by those of its triangles."""
+    ends = np.stack([spans[:, 0], spans.sum(axis=1)], axis=1).ravel()
+    return np.asarray(np.maximum.reduceat(np.append(values, 0.0), ends)[::2]) if len(spans) else np.empty(0)
 
 
 @inner
@@ -248,8 +243,6 @@ def share_apart(trees: Trees, robot: Node, still: Node, motion: Motion, enough: 
 def share_of_pair(trees: Trees, i: int, j: int, motion: Motion, turn: float, enough: float) -> float:
     """:func:`share_apart` of two triangles, of which the first moves by ``turn`` at most as the robot turns."""
     p, q = trees.triangles[i], trees.triangles[j]
-    if q[9] < 0.0:
-        return share_of_box(p, q, motion, turn, enough)
     least, step = motion.least + p[9] + q[9], motion.step
     # All from the first corner of the robot's triangle: it is at the origin.
     a0 = placed(motion, (p[0], p[1], p[2]))
@@ -280,53 +273,15 @@ def share_of_pair(trees: Trees, i: int, j: int, motion: Motion, turn: float, eno
 
 
 @inner
-def share_of_box(p: Floats, q: Floats, motion: Motion, turn: float, enough: float) -> float:
-    """:func:`share_of_pair` of a triangle and a box."""
-    least = motion.least + p[9]
-    a0 = placed(motion, (p[0], p[1], p[2]))
-    a1, a2 = minus(placed(motion, (p[3], p[4], p[5])), a0), minus(placed(motion, (p[6], p[7], p[8])), a0)
-    a, box = ((0.0, 0.0, 0.0), a1, a2), box_of(q, a0)
-    u, v = (a1, minus(a2, a1), minus((0.0, 0.0, 0.0), a2)), (box[1], box[2], box[3])
-    best, near = -1.0, nearest_of_triangle(box[0], a1, a2)
-    for _ in range(3):
-        other = nearest_of_box(near, box, 1.0)
-        near = nearest_of_triangle(other, a1, a2)
-        best = max(best, share_along_box(minus(near, other), a, box, motion, turn, least))
-        if best >= enough:
-            return enough
-    best = max(best, share_along_box(cross(u[0], u[1]), a, box, motion, turn, least))
-    for k in range(3):
-        best = max(best, share_along_box(v[k], a, box, motion, turn, least))
-        for m in range(3):
-            if best < enough:
-                best = max(best, share_along_box(cross(u[k], v[m]), a, box, motion, turn, least))
-    return min(best, enough)
-
-
-@inner
-def share_along_box(n: Row, a: Corners, box: Box, motion: Motion, turn: float, least: float) -> float:
-    """:func:`share_along` of a triangle and a box."""
-    middle = dot(n, box[0])
-    half = abs(dot(n, box[1])) + abs(dot(n, box[2])) + abs(dot(n, box[3]))
-    return share_beyond(n, a, middle - half, middle + half, motion.step, turn, least)
-
-
-@inner
 def share_along(n: Row, a: Corners, b: Corners, step: Row, turn: float, least: float) -> float:
     """:func:`share_apart` of two triangles, by their shadows on a line; -1 where those are too near, or n too short."""
-    b0, b1, b2 = dot(n, b[0]), dot(n, b[1]), dot(n, b[2])
-    return share_beyond(n, a, min(b0, b1, b2), max(b0, b1, b2), step, turn, least)
-
-
-@inner
-def share_beyond(n: Row, a: Corners, low: float, high: float, step: Row, turn: float, least: float) -> float:
-    """:func:`share_apart` of a triangle and what has its shadow between two numbers."""
     square = dot(n, n)
     if not LEAST_SQUARE < square < math.inf:
         return -1.0
     length = math.sqrt(square)
-    a1, a2 = dot(n, a[1]), dot(n, a[2])
-    spare = max(low - max(0.0, a1, a2), min(0.0, a1, a2) - high) / length - least
+    a1, a2, b0, b1, b2 = dot(n, a[1]), dot(n, a[2]), dot(n, b[0]), dot(n, b[1]), dot(n, b[2])
+    above, below = min(b0, b1, b2) - max(0.0, a1, a2), min(0.0, a1, a2) - max(b0, b1, b2)
+    spare = max(above, below) / length - least
     if not spare > 0.0:
         return -1.0
     return spare / (abs(dot(n, step)) / length + turn)
