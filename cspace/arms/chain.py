@@ -3,14 +3,16 @@
 A body is what moves as one: the links that fixed joints hold together. Each body but the base hangs on another one by a
 joint, whose axis runs through the body's own origin.
 
-*How fast a point moves.* While joint j moves at the rate r_j, a point of body b moves no faster than the sum, over the
-joints on its way to the base, of ``|r_j|`` times its distance from the axis of j, where j turns, or of ``|r_j|``, where
-j slides. With a lever rho, the distance of the point from the origin of b, the former is at most ``d_j + rho``, where
-d_j is that of the origin of b. Along a motion d_j is at most what it is in the middle plus what the joints between can
-have changed, and never more than the lengths between the two origins in all. Seen from another body, only the joints on
-the way between the two count (conservative advancement: B. Mirtich, 1996; for chains: F. Schwarzer, M. Saha and J.-C.
-Latombe, "Adaptive dynamic collision checking for single and multiple articulated robots in complex environments",
-2005).
+*How a body moves.* At a moment, each body turns and slides as the sum of what its joints do, and as seen from another
+one, as the difference of both: a rigid motion, so that the velocity of a point p is ``drift + spin x p``. Over a time
+h it leaves that by at most half the square of h times its largest acceleration. Of joints i and j, i nearer to the one
+that looks, the second derivative of p is ``u_i x (u_j x (p - o_j))`` where both turn, with u the axes and o points on
+them, ``u_i x u_j`` where j slides, and none where i slides. So the acceleration is at most the sum over the joints
+between, at the rates r, of ``r_j (r_j + 2 sum of the turning r_i) D_j``, or ``2 r_j sum of the turning r_i`` where j
+slides. D_j is the farthest that a point of the body can be from the origin of j: the lengths between the two origins in
+all, and the reach of the body from its own. Nor does a point move farther than the sum of ``r_j D_j`` and, where j
+slides, ``r_j`` (for chains: F. Schwarzer, M. Saha and J.-C. Latombe, "Adaptive dynamic collision checking for single
+and multiple articulated robots in complex environments", 2005).
 
 *Rounding.* A body's place is found by at most :data:`MOST_BODIES` products of a rotation and a translation. Each adds
 less than 2^-48 of the arm's reach, so that a point is off by less than 2^-42 of it: less than a quarter of
