@@ -32,8 +32,11 @@ NEAR: Final = 2.0 * STRIDE
 RRTs", 2005)."""
 
 
-SLICE: Final = 16
-"""Samples between two looks at the clock."""
+SLICE: Final = 32
+"""How often a tree tries to grow between two looks at the clock."""
+
+SAMPLES: Final = 1024
+"""Samples drawn at a time, most of which are too far off from where a narrow passage is."""
 
 ROOM: Final = 1000
 """Nodes that there is room for in the beginning."""
@@ -122,17 +125,18 @@ def stepped(forest: Forest, scene: Scene, side: int, near: int, q: Floats, work:
 def grow(scene: Scene, forest: Forest, samples: Floats, work: Work) -> int:
     """Grow both trees, by turns that keep them alike, towards samples, shape (n, dof): how many that took.
 
-    The search ends early where the trees meet, which ``forest.joined`` then tells, or where there is no more room.
+    It ends early after some tries, where the trees meet, which ``forest.joined`` then tells, or where room gets scarce.
     """
-    point, room = np.empty(samples.shape[1]), forest.nodes.shape[1]
+    point, room, tries = np.empty(samples.shape[1]), forest.nodes.shape[1], 0
     forest.joined[0] = -1
     for k in range(len(samples)):
         side = 0 if forest.counts[0] <= forest.counts[1] else 1
-        if max(forest.counts[0], forest.counts[1]) + 2 >= room:
+        if tries == SLICE or max(forest.counts[0], forest.counts[1]) + 2 >= room:
             return k
         near, far = nearest_to(forest, side, samples[k])
         if far > forest.reaches[side, near]:
             continue
+        tries += 1
         new = stepped(forest, scene, side, near, samples[k], work, point)
         if new < 0:
             continue
@@ -225,13 +229,13 @@ def search_path(
     samples, used = ends, 0
     while time.perf_counter() < end:
         if used == len(samples):
-            samples, used = rng.uniform(*bounds, (SLICE, len(start))), 0
+            samples, used = rng.uniform(*bounds, (SAMPLES, len(start))), 0
         used += grow(scene, forest, samples[used:], work)
         if forest.joined[0] >= 0:
             path = joined_path(scene, forest, work, straight)
             if len(path):
                 return path
-        elif used < len(samples):
+        elif forest.counts.max() + 2 >= forest.nodes.shape[1]:
             forest = _doubled(forest)
     return np.empty((0, len(start)))
 
