@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 from benchmarks.report import Report
-from benchmarks.soak import band, curves, exact, files, frequency, maps, use
+from benchmarks.soak import arms, band, curves, exact, files, frequency, maps, use
 from benchmarks.soak.plane_cases import draw_case
 from benchmarks.soak.space_cases import NO_FCL, draw_solid_case, fcl_is_here
 
@@ -33,6 +33,7 @@ def run(report: Report, seed: int, checks: int | None = None) -> None:
     few = edges // 5 if report.quick else edges
     curves.check(report, seed, few)
     exact.check(report, seed, few)
+    arms.check(report, seed, max(1000, wanted // 10), few)
     frequency.check(report, seed, PLACEMENTS // 50 if report.quick else PLACEMENTS)
     band.measure(report, seed, 20 if report.quick else 200)
     files.check(report, seed, 100 if report.quick else files.MUTANTS)
