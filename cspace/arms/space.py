@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from functools import partial
 from itertools import combinations
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,6 +29,9 @@ from cspace.threads import in_chunks
 from cspace.workspace import Workspace
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from cspace.plot.arms import ArmPlotOptions
     from cspace.view.viewer import MakeCanvas
 
 Floats = NDArray[np.float64]
@@ -161,6 +164,37 @@ class ArmSpace(ConfigurationSpace):
     def endless(self) -> tuple[bool, ...]:
         """Which joints turn for ever, so that a whole turn more is the same configuration."""
         return tuple(np.isinf(self.arm.upper).tolist())
+
+    def plot(self, **options: Unpack[ArmPlotOptions]) -> Axes:
+        """Draw the arm among its obstacles, in three dimensions, and a path as pale arms with the way of its end.
+
+        No window is opened; a notebook shows the axes as the picture.
+
+        Parameters
+        ----------
+        q : array-like, shape (dof,), optional
+            Where the arm is; by default at the end of the path, or at zero.
+        path : array-like, shape (n, dof), or Plan, optional
+        camera : array-like, shape (2,), optional
+            Elevation and azimuth in degrees.
+        ax : matplotlib.axes.Axes, optional
+            In three dimensions; by default of a new figure.
+        legend : bool
+        title : str, optional
+            By default the arm's name.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+
+        Raises
+        ------
+        InputError, ConfigurationError
+            If a configuration has the wrong shape or is outside the limits, or ``ax`` has two dimensions.
+        """
+        from cspace.plot.arms import draw_arm
+
+        return draw_arm(self, **options)
 
     def _canvas(self) -> MakeCanvas:
         from cspace.view.arm_canvas import ArmCanvas

@@ -1,13 +1,45 @@
-"""An arm as pictures show it: the surfaces of its links and of the obstacles, and where a path takes it."""
+"""Pictures of an arm: the surfaces of its links and of the obstacles, and where a path takes it."""
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+import math
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.plot.route import Floats
+from cspace.plot import artists
+from cspace.plot.route import Floats, Look, polyline, simplified
+from cspace.plot.surface import SURFACES, axes_in_space, direction_of, dotted, frame_in_space, lit, paint, patch, ribbon
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from numpy.typing import ArrayLike
+
+    from cspace.plot.route import HasPath
+
+GHOSTS: Final = 5
+"""Arms that are drawn along a path, besides the one at its end."""
+PALE: Final = "#c3e6da"
+"""Their colour."""
+ROOM: Final = 0.75
+"""How far beyond an arm the obstacles are looked at, as part of its longest side."""
+_ASIDE: Final = math.radians(40.0)
+_RISE: Final = 30.0
+"""Degrees above the ground from which one looks."""
+_FINE: Final = 0.05
+"""Longest side of a triangle that is drawn, as part of the picture: large ones are sorted wrongly among small ones."""
+
+
+class ArmPlotOptions(TypedDict, total=False):
+    """What :meth:`cspace.ArmSpace.plot` takes."""
+
+    q: ArrayLike
+    path: ArrayLike | HasPath
+    camera: ArrayLike
+    ax: Axes
+    legend: bool
+    title: str
 
 
 class Surface(NamedTuple):
@@ -30,8 +62,10 @@ class ArmFigure:
         Each in its own frame.
     obstacles : dict of str to Surface
         In the frame of the base.
+    moving : list of str
+        Links that a joint moves.
     tip : str
-        The link that most joints move.
+        The one that most of them move.
     """
 
     def __init__(self, space: Any) -> None:
@@ -45,11 +79,21 @@ class ArmFigure:
             name: Surface(each.moved(each.shape.surface[0]), each.shape.surface[1])
             for name, each in space.obstacles.items()
         }
+        self.moving = [link.name for link in arm.links if link.body]
         depth = [0]
         for parent in arm.chain.parents[1:].tolist():
             depth.append(depth[parent] + 1)
         self.tip = max(arm.links, key=lambda link: depth[link.body]).name
         self._middle = np.mean(self.links[self.tip].vertices, axis=0)
+
+    def front(self, low: Floats, high: Floats) -> float:
+        """From where to look at what lies in a box, radians about z: before the obstacles, and a little aside."""
+        room = ROOM * float(np.max(high - low))
+        near = [np.clip(each.vertices, low - room, high + room).mean(axis=0) for each in self.obstacles.values()]
+        behind = np.mean(near, axis=0) - (low + high) / 2 if near else np.zeros(3)
+        if np.hypot(*behind[:2]) < 0.2 * room:
+            return -_ASIDE
+        return math.atan2(-behind[1], -behind[0]) + _ASIDE
 
     def placed(self, q: Floats) -> dict[str, Surface]:
         """The surfaces of the links at a configuration, shape (dof,), by name."""
@@ -77,3 +121,69 @@ def along_joints(points: Floats, shares: Floats) -> Floats:
     """Configurations at shares, from 0 to 1, of the way along a path in the joints, shape (n, dof)."""
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     return np.stack([np.interp(shares * way[-1], way, column) for column in points.T], axis=-1)
+
+
+def draw_arm(
+    space: Any,
+    q: Any = None,
+    path: Any = None,
+    camera: Any = None,
+    ax: Any = None,
+    legend: bool = True,
+    title: str | None = None,
+) -> Axes:
+    """Draw an arm among obstacles; as :meth:`cspace.ArmSpace.plot` tells."""
+    points, figure = polyline(space, path), ArmFigure(space)
+    stand = points[-1] if q is None and len(points) else np.zeros(space.dof).clip(space.arm.lower, space.arm.upper)
+    stand = space._checked(stand if q is None else q, "q")
+    look = Look(ax=ax, camera=camera, legend=legend, title=title or space.arm.name)
+    ghosts = along_joints(points, np.linspace(0.0, 1.0, GHOSTS + 1)[:-1]) if len(points) > 1 else points[:0]
+    links = [(PALE, placed[name]) for placed in map(figure.placed, ghosts) for name in figure.moving]
+    links += [(artists.BODY, link) for link in figure.placed(stand).values()]
+    corners = np.concatenate([link.vertices for _, link in links])
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    room = ROOM * float(np.max(high - low))
+    azimuth = math.degrees(figure.front(low, high))
+    drawn, angles = axes_in_space(look._replace(camera=(_RISE, azimuth) if camera is None else camera))
+    blocks = [(SURFACES["obstacles"][1], _within(each, low - room, high + room)) for each in figure.obstacles.values()]
+    blocks = [(color, each) for color, each in blocks if len(each.faces)]
+    corners = np.concatenate([corners, *(each.vertices[each.faces].reshape(-1, 3) for _, each in blocks)])
+    box = np.stack([corners.min(axis=0), corners.max(axis=0)])
+    towards = direction_of(angles)
+    polygons = [_polygons(each, _FINE * float(np.ptp(box, axis=0).max())) for _, each in (*links, *blocks)]
+    colors = [lit(part, towards, color) for part, (color, _) in zip(polygons, (*links, *blocks), strict=True)]
+    handles = [patch("arm", artists.BODY)]
+    if len(points) > 1:
+        way = figure.tips(along_joints(points, np.linspace(0.0, 1.0, 200)))
+        polygons.append(ribbon(way, towards, box))
+        colors.append(np.tile(lit(polygons[-1][:1], towards, artists.PATH), (len(polygons[-1]), 1)))
+        handles += [
+            patch("arm along the path", PALE),
+            *dotted(drawn, way, f"path of {figure.tip}, dotted behind something"),
+        ]
+    if blocks:
+        handles.insert(0, patch(*SURFACES["obstacles"]))
+    paint(drawn, polygons, colors)
+    frame_in_space(drawn, box, angles, fit=ax is None)
+    artists.add_words(drawn, space, look, np.ones(3), "", handles)
+    axes: Axes = drawn
+    return axes
+
+
+def _within(surface: Surface, low: Floats, high: Floats) -> Surface:
+    """The part of a surface in a box, cut off where it leaves it."""
+    import trimesh
+
+    mesh = trimesh.Trimesh(surface.vertices, surface.faces, process=False)
+    for axis in range(3):
+        for way, end in ((1.0, low), (-1.0, high)):
+            mesh = mesh.slice_plane(end, way * np.eye(3)[axis]) if len(mesh.faces) else mesh
+    return Surface(np.asarray(mesh.vertices), np.asarray(mesh.faces))
+
+
+def _polygons(surface: Surface, longest: float) -> Floats:
+    """The triangles of a surface, none larger than that, each with its last corner twice, shape (n, 4, 3)."""
+    from trimesh.remesh import subdivide_to_size
+
+    vertices, faces = subdivide_to_size(*simplified(surface.vertices, surface.faces), longest)  # type: ignore[no-untyped-call]
+    return np.asarray(vertices[faces][:, [0, 1, 2, 2]])

@@ -381,14 +381,14 @@ def _plane_parts(shape: Shape) -> tuple[Floats, list[Floats], Floats, Floats]:
 
 def _solid_parts(shape: Shape) -> tuple[Floats, list[Floats], Floats, Floats]:
     """The same of a robot in space."""
-    points, faces = _simplified(*shape.surface)
+    points, faces = simplified(*shape.surface)
     return points, [], np.empty((0, 2)), points[faces]
 
 
 _DRAWN: Final = {2: _plane_parts, 3: _solid_parts}
 
 
-def _simplified(vertices: Floats, faces: NDArray[np.int64]) -> tuple[Floats, NDArray[np.int64]]:
+def simplified(vertices: Floats, faces: NDArray[np.int64]) -> tuple[Floats, NDArray[np.int64]]:
     """A surface of at most some thousands of triangles: corners that lie close are joined (Rossignac, Borrel 1993)."""
     steps = 64
     while len(faces) > _FACES and steps > 1:

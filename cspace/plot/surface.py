@@ -1,4 +1,4 @@
-"""A map in space drawn in three dimensions: the faces of its cells that look at the camera, as one surface."""
+"""Pictures in three dimensions, and of a map the faces of its cells that look at the camera, as one surface."""
 
 from __future__ import annotations
 
@@ -57,32 +57,28 @@ class Faces(NamedTuple):
 
 def draw_surface(space: MapLike, route: Route, look: Look) -> Axes:
     """Draw in three dimensions; as :func:`cspace.plot.plot` tells."""
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
-
     surface = look.surface or next(iter(SURFACES))
     if surface not in SURFACES:
         rule = f"it must be one of {', '.join(map(repr, SURFACES))}"
         raise InputError("surface", f"is {surface!r}", rule, "or leave it out", value=surface)
-    if look.ax is not None and getattr(look.ax, "name", None) != "3d":
-        mend = 'use figure.add_subplot(projection="3d")'
-        raise InputError("ax", "has two dimensions", "a picture in space needs three", mend)
-    angles = _angles(look.camera)
+    ax, angles = axes_in_space(look)
     box = route.box(space)
     stretch = artists.stretches(box, _THIN)
-    towards = _direction(angles) / stretch
+    towards = direction_of(angles) / stretch
     top = _top(space, route, look.cut)
     solid = _solid(space, surface, look.rotation)
     faces = border_faces(space.grid, solid, towards, top, space.workspace.unknown if surface == "obstacles" else None)
     looks = (SURFACES[surface], UNSEEN)
     polygons, colors = [faces.corners], [_shaded(faces, [color for _, color in looks], box)]
-    handles = [_patch(*looks[number]) for number in np.unique(faces.marked).tolist()]
+    handles = [patch(*looks[number]) for number in np.unique(faces.marked).tolist()]
     if surface == "obstacles" and len(route.stations):
         polygons.append(_triangles(route))
-        colors.append(_lit(polygons[-1], towards))
-        handles.append(_patch("robot", artists.BODY))
-    ax = look.ax or artists.new_figure(1.0, 1.0, layout=None).add_subplot(projection="3d", computed_zorder=False)
+        colors.append(lit(polygons[-1], towards, artists.BODY))
+        handles.append(patch("robot", artists.BODY))
     if len(route.points) > 1:
-        strips = _ribbon(route, towards, 0.004 * float(np.ptp(box, axis=0).max()))
+        way = route.figurine.travelled(route.points)
+        shares = np.union1d(np.linspace(0.0, 1.0, 400), way / max(way[-1], np.finfo(float).tiny))
+        strips = ribbon(route.along(shares)[:, :3], towards, box)
         inside = ((strips >= box[0]) & (strips <= box[1])).all(
             axis=(1, 2)
         )  # pictures in space are not cut by matplotlib
@@ -91,20 +87,46 @@ def draw_surface(space: MapLike, route: Route, look: Look) -> Axes:
         line = route.points[:, :3]
         for axis in range(3) if route.cut else ():
             line = within(line, axis, box[0, axis], box[1, axis])
-        dotted: dict[str, Any] = {"color": artists.PATH, "linewidth": 1.0, "linestyle": (0, (1, 1.5)), "zorder": 4}
-        handles += ax.plot(*line.T, label="path, dotted behind something", **dotted)
-    # One collection, so that matplotlib sorts robots, path and faces together by how far they are.
-    paint = np.concatenate(colors)
-    style: dict[str, Any] = {"facecolors": paint, "edgecolors": paint, "linewidths": 0.5, "rasterized": True}
-    ax.add_collection3d(Poly3DCollection(np.concatenate(polygons), zorder=1, **style), autolim=False)
+        handles += dotted(ax, line, "path, dotted behind something")
+    paint(ax, polygons, colors)
     handles += artists.draw_marks(ax, route.marks, pair=(0, 1, 2))
-    _frame(ax, box, stretch, angles)
-    if look.ax is None:
-        _fit(ax, box, stretch, angles)
+    frame_in_space(ax, box, angles, fit=look.ax is None)
     about = [f"cut at z = {top:.4g} m"] * (top < space.grid.upper[2]) + [space.rotations.about(look.rotation)]
     artists.add_words(ax, space, look, stretch, ", ".join(filter(None, about)), handles)
     axes: Axes = ax
     return axes
+
+
+def axes_in_space(look: Look) -> tuple[Any, Floats]:
+    """The axes to draw into, the caller's or new ones, and elevation and azimuth of the camera, degrees, shape (2,).
+
+    Raises
+    ------
+    InputError
+        If the caller's are none in space, or the camera is not two such angles.
+    """
+    if look.ax is not None and getattr(look.ax, "name", None) != "3d":
+        mend = 'use figure.add_subplot(projection="3d")'
+        raise InputError("ax", "has two dimensions", "a picture in space needs three", mend)
+    angles = _angles(look.camera)
+    made = look.ax or artists.new_figure(1.0, 1.0, layout=None).add_subplot(projection="3d", computed_zorder=False)
+    return made, angles
+
+
+def paint(ax: Any, polygons: Sequence[Floats], colors: Sequence[Floats]) -> None:
+    """Draw polygons of four corners, each of shape (n, 4, 3), in their colours, each of shape (n, 3)."""
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
+
+    # One collection, so that matplotlib sorts all of them together by how far they are.
+    paint = np.concatenate(colors)
+    style: dict[str, Any] = {"facecolors": paint, "edgecolors": paint, "linewidths": 0.5, "rasterized": True}
+    ax.add_collection3d(Poly3DCollection(np.concatenate(polygons), zorder=1, **style), autolim=False)
+
+
+def dotted(ax: Any, line: Floats, label: str) -> list[Any]:
+    """Draw a line, shape (n, 3), dotted over all else; gives its entry of the legend."""
+    style: dict[str, Any] = {"color": artists.PATH, "linewidth": 1.0, "linestyle": (0, (1, 1.5)), "zorder": 4}
+    return list(ax.plot(*line.T, label=label, **style))
 
 
 def border_faces(
@@ -220,7 +242,7 @@ def _angles(camera: Any) -> Floats:
     return angles
 
 
-def _direction(angles: Floats) -> Floats:
+def direction_of(angles: Floats) -> Floats:
     """Direction to the camera, shape (3,), where every axis is drawn to the same scale."""
     rise, turn = np.radians(angles)
     direction = np.array([math.cos(rise) * math.cos(turn), math.cos(rise) * math.sin(turn), math.sin(rise)])
@@ -246,20 +268,18 @@ def _triangles(route: Route) -> Floats:
     return np.concatenate([corners, corners[:, 2:]], axis=1)
 
 
-def _lit(polygons: Floats, towards: Floats) -> Floats:
-    """Colours of the robot's faces, lit as if each looked at the camera, shape (n, 3)."""
+def lit(polygons: Floats, towards: Floats, color: str) -> Floats:
+    """Colours of faces of one colour, lit as if each looked at the camera, shape (n, 3)."""
     normals = np.cross(polygons[:, 1] - polygons[:, 0], polygons[:, 2] - polygons[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)
     normals *= np.where(normals @ towards < 0.0, -1.0, 1.0)[:, np.newaxis]
     bright = 0.55 + 0.45 * np.clip(normals @ [0.3, -0.5, 0.81], 0.0, 1.0)
-    return np.asarray(bright[:, np.newaxis] * _rgb(artists.BODY))
+    return np.asarray(bright[:, np.newaxis] * _rgb(color))
 
 
-def _ribbon(route: Route, towards: Floats, half: float) -> Floats:
-    """The path as short strips that face the camera, shape (n, 4, 3)."""
-    way = route.figurine.travelled(route.points)
-    points = route.along(np.union1d(np.linspace(0.0, 1.0, 400), way / max(way[-1], np.finfo(float).tiny)))[:, :3]
-    steps = np.diff(points, axis=0)
+def ribbon(points: Floats, towards: Floats, box: Floats) -> Floats:
+    """A line through points, shape (n, 3), as short strips that face the camera, shape (n - 1, 4, 3)."""
+    steps, half = np.diff(points, axis=0), 0.004 * float(np.ptp(box, axis=0).max())
     aside = np.cross(steps, towards)
     aside *= half / np.maximum(np.linalg.norm(aside, axis=1, keepdims=True), np.finfo(float).tiny)
     return np.stack([points[:-1] - aside, points[:-1] + aside, points[1:] + aside, points[1:] - aside], axis=1)
@@ -271,16 +291,18 @@ def _rgb(color: str) -> Floats:
     return np.array(to_rgb(color))
 
 
-def _patch(label: str, color: str) -> Any:
+def patch(label: str, color: str) -> Any:
+    """An entry of a legend."""
     from matplotlib.patches import Patch
 
     return Patch(facecolor=color, edgecolor="#555555", linewidth=0.6, label=label)
 
 
-def _frame(ax: Any, box: Floats, stretch: Floats, angles: Floats) -> None:
-    """Limits, scale, labels and the camera."""
+def frame_in_space(ax: Any, box: Floats, angles: Floats, *, fit: bool) -> None:
+    """Limits, scale, labels and the camera; the figure gets the size of what is drawn, if it is to fit."""
     from matplotlib.ticker import MaxNLocator
 
+    stretch = artists.stretches(box, _THIN)
     lengths = (box[1] - box[0]) * stretch
     for axis, name in enumerate("xyz"):
         share = lengths[axis] / lengths.max()
@@ -294,6 +316,8 @@ def _frame(ax: Any, box: Floats, stretch: Floats, angles: Floats) -> None:
     ax.set_box_aspect(lengths)
     ax.set_proj_type("ortho")
     ax.view_init(*angles)
+    if fit:
+        _fit(ax, box, stretch, angles)
 
 
 def _fit(ax: Any, box: Floats, stretch: Floats, angles: Floats) -> None:

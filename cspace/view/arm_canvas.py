@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from cspace.arms.chain import SLIDES
 from cspace.errors import ConfigurationError, InputError
 from cspace.orientation import wrapped
-from cspace.plot.arms import ArmFigure, Surface, along_joints
+from cspace.plot.arms import ROOM, ArmFigure, Surface, along_joints
 from cspace.plot.artists import CLASSES, COLLIDES, UNDECIDED
 from cspace.plot.route import Floats
 from cspace.states import BLOCKED, FREE, MIXED
@@ -33,8 +33,6 @@ _DRAWN: Final = 64
 _TENTH: Final = 0.1
 """Degrees that a slider goes in a step."""
 _MILLIMETRE: Final = 1e-3
-_ASIDE: Final = math.radians(40.0)
-"""How far from straight on one looks at first."""
 
 
 class ArmCanvas(Canvas):
@@ -85,9 +83,8 @@ class ArmCanvas(Canvas):
         self.legend += [(CONTACT, "nearest to touching")]
         for name, surface in self._figure.obstacles.items():
             self._mesh(f"/obstacles/{name}", _solid(surface), KINDS["obstacles"].color)
-        moving = [link.name for link in arm.links if link.body]
         self._links = {"robot": self._meshes("robot", self._figure.links, ROBOT, 1.0)}
-        self._links |= {name: self._meshes(name, moving, color, FAINT) for name, color in MARKS.items()}
+        self._links |= {name: self._meshes(name, self._figure.moving, color, FAINT) for name, color in MARKS.items()}
         self._labels = {name: server.scene.add_label(f"/{name}/label", name) for name in MARKS}
         self._look_from_afar()
 
@@ -164,13 +161,10 @@ class ArmCanvas(Canvas):
         """Have cameras begin where the arm is in view, before the obstacles around it."""
         arms = [surface.vertices for q in self.ends.values() for surface in self._figure.placed(q).values()]
         lower, upper = np.min([points.min(axis=0) for points in arms], 0), np.max([p.max(axis=0) for p in arms], 0)
-        middle, room = (lower + upper) / 2, 0.5 * float(np.max(upper - lower))
-        near = [np.clip(each.vertices, lower - room, upper + room) for each in self._figure.obstacles.values()]
-        behind = np.mean([points.mean(axis=0) for points in near], axis=0) - middle if near else np.zeros(3)
-        turn = math.atan2(-behind[1], -behind[0]) + _ASIDE if np.hypot(*behind[:2]) > 0.1 * room else -_ASIDE
-        for points in near:
-            lower, upper = np.minimum(lower, points.min(axis=0)), np.maximum(upper, points.max(axis=0))
-        self._aim(lower, upper, np.array([math.cos(turn), math.sin(turn), 0.6]))
+        turn, room = self._figure.front(lower, upper), ROOM * float(np.max(upper - lower))
+        obstacles = self._figure.obstacles.values()
+        near = np.concatenate([[lower, upper], *(each.vertices.clip(lower - room, upper + room) for each in obstacles)])
+        self._aim(near.min(axis=0), near.max(axis=0), np.array([math.cos(turn), math.sin(turn), 0.6]))
 
 
 def _solid(surface: Surface) -> Solid:

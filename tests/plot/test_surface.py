@@ -116,7 +116,7 @@ def test_faces_border_what_is_shown(space: CSpace, shown: str) -> None:
     assert len(corners) > 500
     solid = space.workspace.outer if shown == "obstacles" else space.state != FREE
     normal = np.argmin(np.ptp(corners, axis=1), axis=1)
-    towards = surface._direction(np.array(surface.CAMERA))
+    towards = surface.direction_of(np.array(surface.CAMERA))
     step = 0.05 * np.sign(towards[normal])[:, np.newaxis] * (np.arange(3) == normal[:, np.newaxis])
     middles = corners.mean(axis=1)
     assert solid[tuple(space.grid.cell_of(middles - step).T)].all()

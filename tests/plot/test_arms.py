@@ -1,0 +1,94 @@
+"""Pictures of arms: links and obstacles where they are, pale arms along a path, and what cannot be drawn."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+
+import cspace
+from cspace.arms import Placed
+from cspace.errors import ConfigurationError, InputError
+from cspace.plot.arms import GHOSTS, PALE, along_joints
+from cspace.plot.artists import BODY, PATH
+from cspace.plot.surface import SURFACES
+from urdfs import planar
+
+pytest.importorskip("yourdfpy")
+PATH_OF_JOINTS = [(0.0, 0.0), (0.5, 0.5), (1.5, -0.5)]
+
+
+@pytest.fixture(scope="module")
+def space(tmp_path_factory: pytest.TempPathFactory) -> cspace.ArmSpace:
+    pose = np.eye(4)
+    pose[:2, 3] = -0.4, 1.0
+    blocks = {"block": Placed(cspace.Robot.box((0.4, 0.2, 1.0)).shape, pose)}
+    return cspace.build_arm(blocks, cspace.Arm.from_urdf(planar(tmp_path_factory.mktemp("arm"))))
+
+
+def painted(ax: Any, color: str) -> Any:
+    """Corners of what is drawn in shades of a colour, shape (n, 4, 3)."""
+    (collection,) = ax.collections
+    shades, hue = collection._facecolor3d[:, :3], np.array(to_rgb(color))
+    bright = shades @ hue / (hue @ hue)
+    return np.asarray(collection._faces)[np.abs(shades - bright[:, np.newaxis] * hue).max(axis=1) < 0.01]
+
+
+def test_links_and_obstacles_are_drawn_where_they_are(space: cspace.ArmSpace) -> None:
+    ax = space.plot(q=(0.0, np.pi / 2))
+    arm = painted(ax, BODY).reshape(-1, 3)
+    np.testing.assert_allclose(
+        [arm.min(axis=0), arm.max(axis=0)], [(-0.025, -0.05, -0.225), (1.05, 1.0, 0.05)], atol=1e-9
+    )
+    block = painted(ax, SURFACES["obstacles"][1]).reshape(-1, 3)
+    np.testing.assert_allclose([block.min(axis=0), block.max(axis=0)], [(-0.6, 0.9, -0.5), (-0.2, 1.1, 0.5)], atol=1e-9)
+    assert not len(painted(ax, PALE))
+    assert ax.get_figure().get_suptitle() == "small"
+
+
+def test_a_path_is_drawn_as_pale_arms_and_a_line(space: cspace.ArmSpace) -> None:
+    ax = space.plot(path=PATH_OF_JOINTS, title="on its way", legend=False)
+    shown, pale = painted(ax, BODY).reshape(-1, 3), painted(ax, PALE).reshape(-1, 3)
+    tips = [np.array([np.cos(a) + np.cos(a + b), np.sin(a) + np.sin(a + b), 0.0]) for a, b in PATH_OF_JOINTS]
+    assert np.linalg.norm(shown[:, np.newaxis] - tips[2], axis=-1).min() < 0.08
+    for q in along_joints(np.array(PATH_OF_JOINTS), np.arange(GHOSTS) / GHOSTS):
+        tip = [np.cos(q[0]) + np.cos(q.sum()), np.sin(q[0]) + np.sin(q.sum()), 0.0]
+        assert np.linalg.norm(pale - tip, axis=-1).min() < 0.08
+    (line,) = ax.lines
+    middle = np.array([np.cos(0.0) + 0.5, 0.0, 0.0])
+    np.testing.assert_allclose(np.array(line.get_data_3d())[:, 0], middle, atol=1e-9)
+    assert len(painted(ax, PATH))
+    assert ax.get_figure().get_suptitle() == "on its way"
+
+
+def test_a_floor_is_cut_where_the_arm_is_far(space: cspace.ArmSpace) -> None:
+    pose = np.eye(4)
+    pose[2, 3] = -1.0
+    floor = Placed(cspace.Robot.box((100.0, 100.0, 0.1)).shape, pose)
+    drawn = painted(cspace.build_arm({"floor": floor}, space.arm).plot(), SURFACES["obstacles"][1]).reshape(-1, 3)
+    assert np.ptp(drawn, axis=0).max() < 6.0
+    assert drawn[:, 2].max() == pytest.approx(-0.95)
+
+
+def test_plans_draw_themselves(space: cspace.ArmSpace) -> None:
+    planners = pytest.importorskip("planners")
+    plan = planners.plan(space, (0.0, 0.0), (0.5, 0.5), time_limit=30.0)
+    figure = Figure()
+    ax = figure.add_subplot(projection="3d")
+    assert plan.plot(ax=ax) is ax
+    assert len(painted(ax, PALE))
+
+
+def test_bad_input(space: cspace.ArmSpace) -> None:
+    for error, options, words in (
+        (InputError, {"path": np.zeros((3, 3))}, "path has shape"),
+        (InputError, {"q": (0.0,)}, "q has shape"),
+        (InputError, {"ax": Figure().add_subplot()}, "ax has two dimensions"),
+        (InputError, {"camera": (95.0, 0.0)}, "camera"),
+        (ConfigurationError, {"q": (0.0, 4.0)}, "q has elbow at 4"),
+    ):
+        with pytest.raises(error, match=words):
+            space.plot(**options)  # type: ignore[arg-type]
