@@ -3,8 +3,8 @@ An arm of two links: what it may do, and a path that is proven
 ==============================================================
 
 ``cspace.Arm`` reads a robot with joints from a URDF, and ``cspace.build_arm`` puts it among obstacles. Configurations
-are then FREE, BLOCKED or MIXED, and a whole motion of the joints is proven free in one call. Here a roadmap of proven
-motions gives the way around a post.
+are then FREE, BLOCKED or MIXED, and a whole motion of the joints is proven free in one call. Planners of OMPL take the
+space of an arm as they take a map. ``space.view()`` shows it in the browser, with a slider for each joint.
 """
 
 from pathlib import Path
@@ -12,10 +12,9 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.colors import ListedColormap
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import dijkstra
 
 import cspace
+import planners
 from cspace.arms import Placed
 
 # %%
@@ -63,38 +62,20 @@ angles = np.linspace(-3.0, 3.0, 240)
 states = np.asarray(space.classify(np.stack(np.meshgrid(angles, angles, indexing="ij"), axis=-1)))
 
 # %%
-# A roadmap: FREE configurations of a lattice, joined to their neighbours by motions that are proven all along.
+# A plan: every motion of its path is proven all along.
 
-lattice = np.stack(np.meshgrid(*[np.linspace(-3.0, 3.0, 41)] * 2, indexing="ij"), axis=-1).reshape(-1, 2)
-nodes = np.vstack([start, goal, lattice])
-near = np.abs(nodes[:, None] - nodes).max(axis=-1) < 0.16
-first, second = np.nonzero(np.triu(near, 1))
-proven = space.motion_is_free(nodes[first], nodes[second])
-first, second = first[proven], second[proven]
-lengths = np.linalg.norm(nodes[first] - nodes[second], axis=1)
-roadmap = coo_array((lengths, (first, second)), shape=(len(nodes), len(nodes)))
-_, before = dijkstra(roadmap, directed=False, indices=0, return_predecessors=True)
-way = [1]
-while way[-1] != 0:
-    way.append(int(before[way[-1]]))
-path = nodes[way[::-1]]
-print(f"a path of {len(path)} waypoints, certified: {space.certify_path(path).all()}")
+plan = planners.plan(space, start, goal, time_limit=5.0, seed=1)
+path = plan.path
+print(plan)
 
 # %%
 # Left the arm along its path, right the same path in the configuration space.
 
-figure, (world, joints) = plt.subplots(1, 2, figsize=(11, 5.2), layout="constrained")
-for x, y, radius in ((0.3, 1.3, 0.15), (1.3, 0.9, 0.2)):
-    world.add_patch(plt.Circle((x, y), radius, color="#262626"))
-world.add_patch(plt.Rectangle((-2.0, -1.45), 4.0, 0.1, color="#262626"))
-shown = np.linspace(0, len(path) - 1, 14).astype(int)
-for number, (shoulder, elbow) in enumerate(path[shown]):
-    tip = np.cumsum([[0, 0], *([[np.cos(a), np.sin(a)] for a in (shoulder, shoulder + elbow)])], axis=0)
-    last = number in (0, len(shown) - 1)
-    world.plot(*tip.T, "-o", color="#009e73", alpha=1.0 if last else 0.35, linewidth=3.0, markersize=4.0)
-world.set(
-    aspect="equal", xlabel="x (m)", ylabel="y (m)", title="the arm on its way", xlim=(-2.1, 2.1), ylim=(-1.6, 2.1)
+figure = plt.figure(figsize=(11, 5.2), layout="constrained")
+space.plot(
+    path=plan, ax=figure.add_subplot(1, 2, 1, projection="3d"), camera=(50, -70), legend=False, title="on its way"
 )
+joints = figure.add_subplot(1, 2, 2)
 colors = ListedColormap(["#ffffff", "#d55e00", "#a6d3ee"])  # FREE, MIXED, BLOCKED
 joints.pcolormesh(angles, angles, states.T, cmap=colors, vmin=0, vmax=2)
 joints.plot(*path.T, color="#0072b2", linewidth=2.0)
