@@ -321,31 +321,6 @@ class CSpace(ConfigurationMap):
         kernel = in_pieces(partial(boxes_are_free, self._map, *reach))
         return answer(q, self.dof, kernel, np.bool_, bool)
 
-    @overload
-    def clearance(self, q: One) -> float: ...  # type: ignore[overload-overlap]
-    @overload
-    def clearance(self, q: Many) -> Floats: ...
-    def clearance(self, q: ArrayLike) -> float | Floats:
-        """Lower bound of the distance, in the translation, to the nearest configuration that is not FREE.
-
-        The bound is proven, and but for rounding it is that distance, in the grid and outside. Zero where a
-        configuration is not FREE; infinite where every configuration is. Nothing of the size of the map is computed.
-
-        Parameters
-        ----------
-        q : array-like, shape (dof,) or (..., dof)
-            Metres, and radians.
-
-        Returns
-        -------
-        float or ndarray of float64, shape (...)
-            Metres.
-        """
-        from cspace.map.clearance import clearances
-
-        kernel = in_pieces(partial(clearances, self._map, self._marks(cells=True)))
-        return answer(q, self.dof, kernel, np.float64, float)
-
     # ---- edges -------------------------------------------------------------------------------------------------------
 
     # ---- for callbacks -----------------------------------------------------------------------------------------------
@@ -1015,6 +990,11 @@ class CSpace(ConfigurationMap):
             return work()
 
     # ---- kernels and checks ------------------------------------------------------------------------------------------
+
+    def _clearances(self) -> Ask:
+        from cspace.map.clearance import clearances
+
+        return in_pieces(partial(clearances, self._map, self._marks(cells=True)))
 
     def _classify(self) -> Ask:
         return self._classify_kept.get(self._make_classify)

@@ -191,7 +191,6 @@ def picture(
     as_json: Json = False,
 ) -> None:
     """Draw a map, and a path on it, into a picture."""
-    from cspace.cli.tiles import in_memory
     from cspace.io.reading import open_map
     from cspace.plot import SUFFIXES, save_plot
     from cspace.plot.picture import view_of
@@ -210,7 +209,7 @@ def picture(
     clock = Clock()
     with clock.step("read"):
         points = None if path is None else read_path(path, axes)
-        space = in_memory(open_map(file))
+        space = open_map(file)._drawn()
     with clock.step("draw"):
         options |= given(view=view, path=points, **marks)
         save_plot(space, output, overwrite, dpi=dpi, robot_every=robot_every, **options)

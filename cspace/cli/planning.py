@@ -70,7 +70,6 @@ def plan(
 ) -> None:
     """Plan a path on a saved map. The exit code is 1 where none is found."""
     import planners
-    from cspace.cli.tiles import in_memory
     from cspace.io.reading import open_map
     from cspace.plot import SUFFIXES, save_plot
     from cspace.plot import animate as save_animation
@@ -99,12 +98,11 @@ def plan(
             _write(found, output or [], overwrite)
     if picture:
         with clock.step("draw"):
-            save_plot(
-                in_memory(space), picture, overwrite, path=found if found.solved else None, start=ends[0], goal=ends[1]
-            )
+            drawn, path = space._drawn(), found if found.solved else None
+            save_plot(drawn, picture, overwrite, path=path, start=ends[0], goal=ends[1])
     if animate and found.solved:
         with clock.step("animate") as progress:
-            save_animation(in_memory(space), found.path, animate, overwrite, progress=progress)
+            save_animation(space._drawn(), found.path, animate, overwrite, progress=progress)
     show({**_describe(found), "seconds": clock.seconds}, as_json)
     if not found.solved:
         advice = f"; try {in_options(found.advice, options_of(context.command))}" if found.advice else ""

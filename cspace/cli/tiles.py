@@ -73,13 +73,6 @@ def cluster(address: str | None) -> Iterator[Any]:
         yield client
 
 
-def in_memory(space: CSpace | TiledCSpace) -> CSpace:
-    """The map itself; for one in tiles, an overview of it."""
-    from cspace.tiles.space import TiledCSpace
-
-    return space.overview() if isinstance(space, TiledCSpace) else space
-
-
 def part_of(space: CSpace | TiledCSpace, box: Sequence[float] | None) -> CSpace:
     """The map itself; of one in tiles, the window in a box.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final, overload
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,7 +15,7 @@ from cspace.configuration_space import Leg
 from cspace.correlation import Progress
 from cspace.errors import ConfigurationError, FileError, InputError
 from cspace.grid import Grid
-from cspace.map.batches import EDGES_A_THREAD, Ask, Kernel, Many, One
+from cspace.map.batches import EDGES_A_THREAD, Ask, Kernel
 from cspace.map.batches import own as owned
 from cspace.map.exterior import Exterior
 from cspace.map.kept import Lock
@@ -329,42 +329,29 @@ class TiledCSpace(ConfigurationMap):
             self._check_done()
             return update_store(self._now, patch, client, self._job.reach)
 
-    @overload
-    def clearance(self, q: One) -> float: ...  # type: ignore[overload-overlap]
-    @overload
-    def clearance(self, q: Many) -> Floats: ...
-    def clearance(self, q: ArrayLike) -> float | Floats:
-        """Lower bound of the distance to what is not FREE, as :meth:`cspace.CSpace.clearance`, up to some cells.
-
-        It is looked for up to 64 cells away in the plane, and 16 in space; where all is FREE up to there, that is the
-        bound. Windows are opened around the configurations, one after the other.
-
-        Parameters
-        ----------
-        q : array-like, shape (dof,) or (..., dof)
-            Metres, and radians.
-
-        Returns
-        -------
-        float or ndarray of float64, shape (...)
-            Metres.
-        """
-        points = self._checked(q, "q")
-        rows, near = points.reshape(-1, self.dof), AROUND[self.grid.dim] // 16
-        cells, found = self.grid.cell_of(rows[:, : self.grid.dim]), np.empty(len(rows))
-        blocks, block = np.unique(cells // AROUND[self.grid.dim], axis=0, return_inverse=True)
-        for number in range(len(blocks)):
-            own = np.flatnonzero(block.reshape(-1) == number)
-            part = self._part(cells[own].min(axis=0) - near, cells[own].max(axis=0) + near + 1)
-            found[own] = np.minimum(part.clearance(rows[own]), near * self.grid.spacing)
-        return found.reshape(points.shape[:-1]) if points.ndim > 1 else float(found[0])
-
     # ---- who answers -------------------------------------------------------------------------------------------------
 
     def _classify(self) -> Ask:
         from cspace.map.points import classify_few
 
         return partial(self._ask, classify_few, FREE, LEAST)
+
+    def _clearances(self) -> Ask:
+        return self._in_windows
+
+    def _in_windows(self, parts: Sequence[Any], out: NDArray[Any]) -> int:
+        """Fill ``out`` with the clearance of configurations, block by block of them."""
+        rows, near = owned(parts[0]), AROUND[self.grid.dim] // 16
+        bad = self._classify()([rows], np.empty(len(rows), dtype=np.uint8))
+        if bad >= 0:
+            return bad
+        cells = self.grid.cell_of(rows[:, : self.grid.dim])
+        blocks, block = np.unique(cells // AROUND[self.grid.dim], axis=0, return_inverse=True)
+        for number in range(len(blocks)):
+            own = np.flatnonzero(block.reshape(-1) == number)
+            part = self._part(cells[own].min(axis=0) - near, cells[own].max(axis=0) + near + 1)
+            out[own] = np.minimum(part.clearance(rows[own]), near * self.grid.spacing)
+        return -1
 
     def _edges(self, number: int, exact: bool) -> Ask:
         from cspace.map.edges import NO_BLOCKS, edges_are_free
