@@ -417,4 +417,6 @@ def ask_blocked(scene: Scene, points: Floats, out: Bools) -> None:
         place(scene.chain, points[k], points[k], 0.0, work.poses)
         out[k] = False
         for n in range(len(scene.pairs)):
-            out[k] = out[k] or strikes(scene, n, work) or nests(scene, n, work, scene.least)
+            out[k] = out[k] or strikes(scene, n, work)
+        for n in range(len(scene.pairs)):
+            out[k] = out[k] or nests(scene, n, work, scene.least)
