@@ -389,8 +389,9 @@ class _Assembly:
         return pose
 
     def _links(self, bodies: Mapping[str, tuple[int, Floats]]) -> Iterable[Solid]:
-        from cspace.io.urdf import shapes_of
+        from cspace.io.urdf import find_meshes, shapes_of
 
+        find_meshes(self._urdf, bodies, self._file)
         for name, (body, pose) in bodies.items():
             parts = [Placed(shape, pose @ place) for shape, place in shapes_of(self._urdf, name, self._file)]
             if parts:

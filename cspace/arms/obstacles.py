@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import singledispatch
+from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cspace.arms.model import rigid
 from cspace.arms.solids import Placed
@@ -14,7 +16,9 @@ from cspace.memory import check_memory
 from cspace.shapes import Bracketed, Shape, Voxels
 from cspace.workspace import Workspace
 
-_CELL_BYTES = 4
+Floats = NDArray[np.float64]
+
+_CELL_BYTES: Final = 4
 """For each cell of a workspace, while its cells become boxes."""
 
 
@@ -34,8 +38,8 @@ def named_obstacles(obstacles: object) -> Mapping[str, object]:
 
 
 @singledispatch
-def placed_obstacle(obstacle: object, name: str) -> Placed | None:
-    """An obstacle in the frame of the arm's base; None for a workspace without any.
+def placed_obstacle(obstacle: object, name: str, base: Floats) -> Placed | None:
+    """An obstacle, placed by a pose, shape (4, 4); None for a workspace without any.
 
     Raises
     ------
@@ -47,32 +51,31 @@ def placed_obstacle(obstacle: object, name: str) -> Placed | None:
 
 
 @placed_obstacle.register
-def _(obstacle: Shape, name: str) -> Placed | None:
-    return placed_obstacle(Placed(obstacle, np.eye(4)), name)
+def _(obstacle: Shape, name: str, base: Floats) -> Placed | None:
+    return placed_obstacle(Placed(obstacle, np.eye(4)), name, base)
 
 
 @placed_obstacle.register
-def _(obstacle: Placed, name: str) -> Placed:
+def _(obstacle: Placed, name: str, base: Floats) -> Placed:
     if obstacle.shape.dim != 3:
         raise InputError("obstacles", f"hold {name!r}, a shape of the plane", "arms are in space", "pass a solid")
-    return Placed(obstacle.shape, rigid(obstacle.pose, f"pose of {name}"))
+    return Placed(obstacle.shape, rigid(base @ rigid(obstacle.pose, f"pose of {name}"), name))
 
 
 @placed_obstacle.register
-def _(obstacle: Workspace, name: str) -> Placed | None:
+def _(obstacle: Workspace, name: str, base: Floats) -> Placed | None:
     grid = obstacle.grid
     if grid.dim != 3:
         raise InputError("obstacles", f"hold {name!r}, a map of the plane", "arms are in space", "pass one in space")
     if obstacle.shapes is not None and len(obstacle.shapes) == 1:
-        return placed_obstacle(obstacle.shapes[0], name)
+        return placed_obstacle(obstacle.shapes[0], name, base)
     check_memory(_CELL_BYTES * grid.size, name, grid.shape, grid.spacing, mend="cut it to what the arm reaches")
-    outer, lower = obstacle.outer, np.asarray(grid.lower)
-    if not outer.any():
+    if not obstacle.outer.any():
         return None
-    known = obstacle.inner if obstacle.unknown is None else obstacle.inner & ~obstacle.unknown
-    inner = known if obstacle.unknown is not None or obstacle.inner is not outer else outer
-    if obstacle.live:
-        outer = outer.copy()
-    cells = Voxels(outer, grid.spacing, lower)
-    within = cells if inner is obstacle.outer else Voxels(inner.copy(), grid.spacing, lower)
-    return Placed(cells if within is cells else Bracketed(cells, within), np.eye(4))
+    sides = [obstacle.outer, obstacle.inner]
+    if obstacle.unknown is not None:
+        sides[1] = obstacle.inner & ~obstacle.unknown
+    outer, inner = (
+        Voxels(side.copy() if obstacle.live else side, grid.spacing, np.asarray(grid.lower)) for side in sides
+    )
+    return Placed(outer if sides[0] is sides[1] else Bracketed(outer, inner), base)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence, Set
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from functools import partial
 from itertools import combinations
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, Unpack
@@ -14,7 +14,7 @@ from scipy.optimize import nnls
 
 from cspace.arms.chain import STILL, place_bodies
 from cspace.arms.hulls import corners_of
-from cspace.arms.model import Arm, pair_of
+from cspace.arms.model import Arm, pair_of, rigid
 from cspace.arms.obstacles import named_obstacles, placed_obstacle
 from cspace.arms.pairs import LOOKS, always_touch, random_points
 from cspace.arms.proofs import Scene, ask_blocked, ask_motions, distances
@@ -139,18 +139,19 @@ class ArmSpace(ConfigurationSpace):
         chain, bodies = self.arm.chain, self._scene.solids.bodies
         between = chain.between[tuple(bodies[self._scene.pairs].T)] & (chain.kinds != STILL)
         few = [len(np.unique(chain.numbers[row])) <= 2 for row in between]
-        scene, points = (
-            self._scene._replace(pairs=self._scene.pairs[few]),
-            random_points(self.arm.lower, self.arm.upper, LOOKS),
-        )
-        for pair in np.flatnonzero(always_touch(scene, points))[:1].tolist():
-            link, other, *_ = self._contact(scene._replace(pairs=scene.pairs[pair : pair + 1]), points[:1])
+        for link, other in self._always_touch(self._scene.pairs[few]):
             raise ConfigurationError(
                 link,
                 f"touches {other!r}, or comes nearer than the margin, at each of {LOOKS} random configurations",
                 "they may not, and no configuration would be free",
                 f"mend the robot or its SRDF, move the obstacle, or pass allowed=[({link!r}, {other!r})]",
             )
+
+    def _always_touch(self, pairs: NDArray[np.int64]) -> Iterator[tuple[str, str]]:
+        """Names of what is of pairs that are apart at none of some random configurations."""
+        scene, points = self._scene._replace(pairs=pairs), random_points(self.arm.lower, self.arm.upper, LOOKS)
+        for pair in pairs[always_touch(scene, points)]:
+            yield self._contact(scene._replace(pairs=pair[np.newaxis]), points[:1])[:2]
 
     def __repr__(self) -> str:
         return f"ArmSpace({self.arm.name}: {self.arm.dof} joints, {len(self.obstacles)} obstacles)"
@@ -332,10 +333,11 @@ class ArmSpace(ConfigurationSpace):
             found.append(some[np.asarray(self.is_free(some))])
             tried += len(some)
             if tried >= _TRIES and not kept:
+                always = [f"{link} touches {other}" for link, other in self._always_touch(self._scene.pairs)]
                 raise ConfigurationError(
                     self.arm.name,
                     f"was free in none of {tried} configurations",
-                    "sampling needs some that are",
+                    f"in each of {LOOKS} of them {', '.join(always)}" if always else "sampling needs some that are",
                     "look at space.closest(q), and at the pairs that may touch",
                 )
         samples = np.concatenate(found)[:count]
@@ -467,20 +469,23 @@ def build_arm(
     *,
     allowed: Iterable[tuple[str, str]] = (),
     margin: float = 0.0,
+    at: ArrayLike | None = None,
 ) -> ArmSpace:
     """The space of an arm among obstacles.
 
     Parameters
     ----------
     obstacles : Workspace, or mapping of str to Workspace, Placed or Shape
-        In space by name, in the frame of the arm's base or placed there, metres. A workspace alone is called
-        ``"workspace"``: a mesh or a cloud is asked itself, of all others the cells; what lies beyond its grid is free.
-        Cells that nothing is known of prove no configuration BLOCKED.
+        In space by name, metres. A workspace alone is called ``"workspace"``. Its mesh or its cloud is asked itself, of
+        all others the cells; what lies beyond the grid is free. Cells that nothing is known of are in the way as
+        ``outer`` says, and prove no configuration BLOCKED.
     arm : Arm
     allowed : iterable of pairs of str
         A link, and an obstacle or link that it may touch, besides those that :attr:`Arm.allowed` holds.
     margin : float
         Metres by which FREE stays clear.
+    at : array-like, shape (4, 4), optional
+        Where the arm's base stands, in the frame of the obstacles; by default the frames are the same.
 
     Raises
     ------
@@ -505,7 +510,8 @@ def build_arm(
                 known = ", ".join((*links, *named))
                 raise InputError("allowed", f"names {name!r}", f"there are {known}", "name two of these", value=name)
     least = _margin(margin)
-    placed = {name: placed_obstacle(each, name) for name, each in named.items()}
+    base = np.linalg.inv(np.eye(4) if at is None else rigid(at, "at")).astype(np.float64)
+    placed = {name: placed_obstacle(each, name, base) for name, each in named.items()}
     return ArmSpace(arm, {name: each for name, each in placed.items() if each is not None}, pairs, least)
 
 

@@ -6,7 +6,8 @@ import io
 import logging
 import os
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -39,6 +40,19 @@ _NEEDED: Final[Mapping[str, tuple[str, ...]]] = {
     "mesh": ("filename",),
 }
 """Shapes of collision geometry, and the attributes that each must have."""
+
+
+_NUMBERS: Final[Mapping[str, Mapping[str, int]]] = {
+    "origin": {"xyz": 3, "rpy": 3},
+    "axis": {"xyz": 3},
+    "limit": {"lower": 1, "upper": 1},
+    "mimic": {"multiplier": 1, "offset": 1},
+    "box": {"size": 3},
+    "cylinder": {"radius": 1, "length": 1},
+    "sphere": {"radius": 1},
+    "mesh": {"scale": 3},
+}
+"""Attributes that hold numbers, and how many."""
 
 
 def read_urdf(path: str | os.PathLike[str], link: str | Sequence[str] | None = None) -> list[Surface]:
@@ -132,6 +146,21 @@ def shapes_of(urdf: URDF, link: str, path: str | os.PathLike[str]) -> Iterator[t
         yield shape, np.eye(4) if collision.origin is None else finite(collision.origin, f"{place}: origin")
 
 
+def find_meshes(urdf: URDF, links: Iterable[str], path: str | os.PathLike[str]) -> None:
+    """Look for the meshes of some links, before any of them is read.
+
+    Raises
+    ------
+    FileError
+        If one is missing.
+    """
+    for link in links:
+        for number, collision in enumerate(urdf.link_map[link].collisions):
+            if collision.geometry.mesh is not None:
+                place = f"{os.fspath(path)}: link {link!r}, collision {number}: mesh"
+                _found(str(collision.geometry.mesh.filename), Path(path), place)
+
+
 def _check(root: Element) -> None:
     """Refuse what would be read in part, or misread."""
     if root.tag != "robot":
@@ -141,8 +170,11 @@ def _check(root: Element) -> None:
     names = [str(element.get("name")) for element in root.findall("link")]
     if not names:
         raise Fault("has no <link>", "a robot has one at least", "pass the right file")
-    if twice := [name for name in names if names.count(name) > 1]:
-        raise Fault(f"has more than one link {twice[0]!r}", "each has a name of its own", "rename one")
+    for kind, given in (("link", names), ("joint", [str(joint.get("name")) for joint in root.findall("joint")])):
+        if twice := [name for name, times in Counter(given).items() if times > 1]:
+            raise Fault(f"has more than one {kind} {twice[0]!r}", "each has a name of its own", "rename one")
+        for element in root.findall(kind):
+            _check_numbers(element, f"{kind} {element.get('name')!r}")
     parents: dict[str, str] = {}
     for joint in root.findall("joint"):
         ends = [getattr(joint.find(end), "attrib", {}).get("link") for end in ("parent", "child")]
@@ -158,12 +190,32 @@ def _check(root: Element) -> None:
                 f"joins {child!r} to {parents[child]!r} and {parent!r}", "a link has one parent", "drop a joint"
             )
         parents[child] = parent
+    for name in names:
+        above = [name]
+        while above[-1] in parents and len(above) <= len(names):
+            above.append(parents[above[-1]])
+        if len(above) > len(names):
+            raise Fault(f"joins {name!r} in a loop of joints", "links are a tree", "drop a joint")
     if len(names) - len(parents) != 1:
         loose = ", ".join(name for name in names if name not in parents) or "none"
         raise Fault(f"has these links without a parent: {loose}", "one is the root of all others", "join them")
     for link in root.findall("link"):
         for number, collision in enumerate(link.findall("collision")):
             _check_geometry(collision.find("geometry"), f"link {link.get('name')!r}, collision {number}")
+
+
+def _check_numbers(element: Element, place: str) -> None:
+    """Refuse what is no number, or not as many, in a link or a joint."""
+    for part in element.iter():
+        for name, count in _NUMBERS.get(str(part.tag), {}).items():
+            text = part.get(name, " ".join("0" * count))
+            try:
+                numbers = [float(word) for word in text.split()]
+            except ValueError:
+                numbers = []
+            if len(numbers) not in {count, 1 if name == "scale" else count}:
+                rule = "it must be one number" if count == 1 else f"it must be {count} numbers"
+                raise Fault(f"has {name}={text!r} at the {part.tag} of {place}", rule, "correct it")
 
 
 def _check_geometry(geometry: Element | None, place: str) -> None:

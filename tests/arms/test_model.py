@@ -171,6 +171,14 @@ def test_bad_input(tmp_path: Path) -> None:
         arm.attach("tool", ball, "fore", 2.0 * np.eye(4))
     with pytest.raises(FileError, match=r"axis '0.0 0.0 0.0' at the joint 'shoulder'"):
         Arm.from_urdf(planar(tmp_path, axis=(0, 0, 0)))
+    with pytest.raises(FileError, match=r"has xyz='0.0 1.0' at the axis of joint 'shoulder'; it must be 3 numbers"):
+        Arm.from_urdf(planar(tmp_path, axis=(0, 1)))
+    with pytest.raises(FileError, match=r"has lower='low' at the limit of joint 'shoulder'"):
+        Arm.from_urdf(planar(tmp_path, extra='<limit lower="low" upper="1"/>', limits=None))
+    mesh = '<collision><geometry><mesh filename="package://arm/meshes/lost.stl"/></geometry></collision>'
+    lost = written(tmp_path, link("a", BAR), link("b", extra=mesh), joint("one", "a", "b"))
+    with pytest.raises(FileError, match=r"link 'b', collision 0: mesh package://arm/meshes/lost.stl: does not exist"):
+        Arm.from_urdf(lost)
     bare = written(tmp_path, link("a"), link("b"), joint("one", "a", "b"))
     with pytest.raises(InputError, match="no collision geometry"):
         Arm.from_urdf(bare)

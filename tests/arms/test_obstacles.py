@@ -53,11 +53,11 @@ def cubes(cells: Any, pose: Any = None) -> list[Any]:
     ]
 
 
-def only_obstacles(obstacles: Any, arm: Arm, name: str = "workspace") -> ArmSpace:
+def only_obstacles(obstacles: Any, arm: Arm, name: str = "workspace", at: Any = None) -> ArmSpace:
     """A space in which links may touch each other, and the first one anything."""
     names = [each.name for each in arm.links]
     pairs = [(one, other) for one in names for other in names if one < other]
-    return build_arm(obstacles, arm, allowed=[*pairs, (names[0], name)])
+    return build_arm(obstacles, arm, allowed=[*pairs, (names[0], name)], at=at)
 
 
 def sampled(arm: Arm, rng: np.random.Generator, count: int) -> Any:
@@ -91,13 +91,17 @@ def test_cells_against_fcl(tmp_path: Path, seed: int) -> None:
         assert least > 0.0 or not is_free
 
 
-def test_cells_that_are_turned_against_fcl(tmp_path: Path) -> None:
+@pytest.mark.parametrize("moved", ["obstacles", "arm"])
+def test_cells_that_are_turned_against_fcl(tmp_path: Path, moved: str) -> None:
     path, rng = random_arm(tmp_path, 7), np.random.default_rng(7)
     arm = Arm.from_urdf(path)
     cells, pose = rng.random((SIDE,) * 3) < 0.03, np.eye(4)
     pose[:3, :3], pose[:3, 3] = Rotation.from_rotvec((0.3, -0.7, 1.1)).as_matrix(), (0.1, 0.2, -0.1)
     shape = Voxels.of(cells, H, LOWER)
-    space = only_obstacles({"cells": Placed(shape, pose)}, arm, "cells")
+    if moved == "obstacles":
+        space = only_obstacles({"cells": Placed(shape, pose)}, arm, "cells")
+    else:
+        space = only_obstacles({"cells": shape}, arm, "cells", at=np.linalg.inv(pose))
     oracle = Oracle(path, arm, cubes(cells, pose))
     points = sampled(arm, rng, 40)
     free = np.asarray(space.is_free(points))

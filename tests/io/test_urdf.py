@@ -160,11 +160,27 @@ GEOMETRY = '<link name="l"><collision><geometry>{}</geometry></collision></link>
         ('<link name="l"/><link name="m"/>', FileError, "without a parent: l, m"),
         ('<link name="l"/><link name="l"/>', FileError, "more than one link 'l'"),
         ('<link name="l"/>' + JOINT.format("l", "n"), FileError, "joins 'l' to 'n' by the joint 'j'"),
-        ('<link name="l"/><link name="m"/>' + JOINT.format("l", "m") * 2, FileError, "a link has one parent"),
         (
-            '<link name="l"/><link name="m"/>' + JOINT.format("m", "l") + JOINT.format("l", "m"),
+            '<link name="l"/><link name="m"/>' + JOINT.format("l", "m") + JOINT.replace('"j"', '"k"').format("l", "m"),
             FileError,
-            "parent: none",
+            "a link has one parent",
+        ),
+        (
+            '<link name="l"/><link name="m"/>' + JOINT.format("m", "l") + JOINT.replace('"j"', '"k"').format("l", "m"),
+            FileError,
+            "joins 'l' in a loop of joints",
+        ),
+        (
+            '<link name="l"/><link name="m"/><link name="n"/>'
+            + JOINT.format("m", "l")
+            + JOINT.replace('"j"', '"k"').format("l", "m"),
+            FileError,
+            "joins 'l' in a loop of joints",
+        ),
+        (
+            '<link name="l"/><link name="m"/><link name="n"/>' + JOINT.format("m", "l") + JOINT.format("l", "n"),
+            FileError,
+            "more than one joint 'j'",
         ),
         ('<link name="l"><collision/></link>', FileError, "nothing as the geometry of link 'l', collision 0"),
         (GEOMETRY.format("<cone/>"), FileError, "<cone> as the geometry of link 'l', collision 0; it is one of box"),
@@ -175,9 +191,9 @@ GEOMETRY = '<link name="l"><collision><geometry>{}</geometry></collision></link>
             "link 'l', collision 0: cylinder: length is 0",
         ),
         (GEOMETRY.format('<sphere radius="nan"/>'), InputError, "sphere: radius is nan"),
-        (GEOMETRY.format('<box size="1 2"/>'), InputError, "size has shape"),
+        (GEOMETRY.format('<box size="1 2"/>'), FileError, r"has size='1 2' at the box of link 'l'; it must be 3"),
         (GEOMETRY.format('<box size="1 2 -3"/>'), InputError, "size is -3"),
-        (GEOMETRY.format('<box size="a b c"/>'), FileError, "cannot be read as a URDF .*'a'"),
+        (GEOMETRY.format('<box size="a b c"/>'), FileError, "has size='a b c' at the box of link 'l'"),
         (GEOMETRY.format('<mesh filename="x.stl" scale="0 1 1"/>'), InputError, "scale is .* no factor may be zero"),
         (GEOMETRY.format('<mesh filename="x.stl"/>'), FileError, "mesh x.stl: does not exist"),
         (GEOMETRY.format(f'<mesh filename="{"x" * 5000}.stl"/>'), FileError, "does not exist"),
