@@ -149,6 +149,7 @@ def test_the_shadow_of_a_mesh_lies_between_its_two_sides():
 
 
 JOINT = '<joint name="j" type="fixed"><parent link="{}"/><child link="{}"/></joint>'
+OTHER = JOINT.replace('"j"', '"k"')
 GEOMETRY = '<link name="l"><collision><geometry>{}</geometry></collision></link>'
 
 
@@ -161,19 +162,17 @@ GEOMETRY = '<link name="l"><collision><geometry>{}</geometry></collision></link>
         ('<link name="l"/><link name="l"/>', FileError, "more than one link 'l'"),
         ('<link name="l"/>' + JOINT.format("l", "n"), FileError, "joins 'l' to 'n' by the joint 'j'"),
         (
-            '<link name="l"/><link name="m"/>' + JOINT.format("l", "m") + JOINT.replace('"j"', '"k"').format("l", "m"),
+            '<link name="l"/><link name="m"/>' + JOINT.format("l", "m") + OTHER.format("l", "m"),
             FileError,
             "a link has one parent",
         ),
         (
-            '<link name="l"/><link name="m"/>' + JOINT.format("m", "l") + JOINT.replace('"j"', '"k"').format("l", "m"),
+            '<link name="l"/><link name="m"/>' + JOINT.format("m", "l") + OTHER.format("l", "m"),
             FileError,
             "joins 'l' in a loop of joints",
         ),
         (
-            '<link name="l"/><link name="m"/><link name="n"/>'
-            + JOINT.format("m", "l")
-            + JOINT.replace('"j"', '"k"').format("l", "m"),
+            '<link name="l"/><link name="m"/><link name="n"/>' + JOINT.format("m", "l") + OTHER.format("l", "m"),
             FileError,
             "joins 'l' in a loop of joints",
         ),
