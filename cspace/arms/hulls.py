@@ -47,6 +47,9 @@ TILE: Final = 16
 FULL: Final = 192
 """Corners of a hull that stay as they are; of more, those that are farthest in so many directions, and a radius."""
 
+FLAT: Final = 1e-12
+"""By how much hulls from which corners were left out grow besides, relative to their size: for rounding."""
+
 STEPS: Final = 40
 """Corners of a difference after which the way between the nearest points is good enough."""
 
@@ -135,8 +138,8 @@ def hulls_of(rows: Floats, volume: float) -> Hulls:
     parts = [corners, points[owned % len(points)]]
     if not rows[:, 9].any():
         kept, grown, depth, whole = _hull_of(points)
-        if volume > (1.0 - 1e-9) * whole and not grown:
-            boxes[0, 8] = 0.0
+        if volume > (1.0 - 1e-9) * whole and grown <= 2.0 * FLAT * np.ptp(points, axis=0).max():
+            boxes[0, 7], boxes[0, 8] = grown, 0.0
             return Hulls(boxes[:1], np.array([[0, 0, len(kept), 1]]), np.ascontiguousarray(kept.T))
         boxes[0, 7], boxes[0, 8] = grown, grown + depth
         nodes[0, 1], nodes[0, 2] = stops[-1], stops[-1] + len(kept)
@@ -177,7 +180,6 @@ def _hull_of(points: Floats) -> tuple[Floats, float, float, float]:
         hull = ConvexHull(points)
     except QhullError:
         return points, 0.0, 0.0, math.inf
-    heights = (points @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1)
     kept, whole = points[hull.vertices], float(hull.volume)
     if len(kept) > FULL:
         # Directions spread evenly over a sphere, along Fibonacci's spiral.
@@ -188,15 +190,21 @@ def _hull_of(points: Floats) -> tuple[Floats, float, float, float]:
         hull = ConvexHull(kept)
     if len(kept) == len(points):
         return kept, 0.0, 0.0, whole
-    outside = points[(points @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1) > -1e-9]
+    heights = (points @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1)
     size = float(np.ptp(points, axis=0).max())
-    grown = farthest(outside, hull.points[hull.simplices]) + (THIN + 1e-9) * size
+    outside = points[heights > -1e-9 * size]
+    sides = hull.points[hull.simplices]
+    # Of thin triangles distances may be too small; without them they are too large at worst.
+    ways = np.roll(sides, -1, axis=1) - sides
+    areas = np.linalg.norm(np.cross(ways[:, 0], ways[:, 1]), axis=1)
+    thin = areas <= 2.0 * THIN * (ways**2).sum(axis=2).max(axis=1)
+    grown = farthest(outside, sides[~thin]) + FLAT * size
     return kept, grown, float(-heights.min()), whole
 
 
 @jit
 def farthest(points: Floats, triangles: Floats) -> float:
-    """How far the farthest point is from the nearest one of some triangles; up to ``THIN`` times their size less."""
+    """How far the farthest point is from the nearest one of some triangles, none of which is thin."""
     most = 0.0
     for p in range(len(points)):
         apart = math.inf

@@ -1,0 +1,129 @@
+"""Trees of hulls hold what they are of, and the bounds of motions what moves: against samples, which share no code."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+
+from cspace import Robot
+from cspace.arms import Arm, Placed, build_arm
+from cspace.arms.hulls import TILE, corners_of, forest_of
+from cspace.shapes import Mesh, Shape
+from urdfs import joint, link, random_arm, written
+
+TURN = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
+POSE = np.vstack([np.c_[TURN, (0.3, -0.2, 0.1)], [0, 0, 0, 1]])
+
+
+def mesh(made: Any) -> Shape:
+    return Mesh(made.vertices, made.faces)
+
+
+SHAPES = {
+    "box": lambda: Robot.box((0.2, 0.3, 0.4)).shape,
+    "cylinder": lambda: Robot.cylinder(0.1, 0.3).shape,
+    "ball": lambda: Robot.ball(0.1).shape,
+    "ring": lambda: mesh(trimesh.creation.annulus(0.1, 0.2, 0.1, sections=40)),
+    "globe": lambda: mesh(trimesh.creation.icosphere(subdivisions=4, radius=0.2)),
+    "flat": lambda: Mesh([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], [(0, 1, 2), (0, 2, 3)], solid="surface"),
+}
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_nodes_hold_what_is_below_them(name: str) -> None:
+    """Each node's box, ball and hull; the leaves together are the border, and what is convex is one of them."""
+    part = Placed(SHAPES[name](), POSE).sides[0]
+    border, radius = part.border.simplices, part.border.radii.max()
+    hulls = part.hulls
+    assert (len(hulls.nodes) == 1) == (name in {"box", "cylinder", "ball"})
+    ways = np.random.default_rng(1).normal(size=(100, 3))
+    ways /= np.linalg.norm(ways, axis=1)[:, None]
+    last = np.arange(1, len(hulls.nodes) + 1)
+    for node in range(len(hulls.nodes))[::-1]:
+        if hulls.nodes[node, 0]:
+            last[node] = last[hulls.nodes[node, 0]]
+    leaves = [k for k in range(len(hulls.nodes)) if hulls.nodes[k, 0] == 0]
+    if len(leaves) > 1:
+        found = np.array(sorted(corners_of(hulls, k)[0].ravel().tolist() for k in leaves))
+        np.testing.assert_array_equal(found, sorted(border.reshape(-1, 9).tolist()))
+    for node in range(0, len(hulls.nodes), 1 + len(hulls.nodes) // 200):
+        below = [k for k in leaves if node <= k < last[node]]
+        corners = (
+            border.reshape(-1, 3) if len(leaves) == 1 else np.concatenate([corners_of(hulls, k)[0] for k in below])
+        )
+        box = hulls.boxes[node]
+        assert (np.abs(corners - box[:3]).max(axis=0) + radius <= box[3:6] + 1e-12).all()
+        assert np.linalg.norm(corners - box[:3], axis=1).max() + radius <= box[6] + 1e-12
+        hull, grown = corners_of(hulls, node)
+        assert ((corners @ ways.T).max(axis=0) + radius <= (hull @ ways.T).max(axis=0) + grown + 1e-12).all()
+        assert len(below) <= TILE or len(hull) < 400
+
+
+def test_a_forest_is_its_parts() -> None:
+    parts = [Placed(SHAPES[name](), POSE).sides[0].hulls for name in ("ring", "box", "ball")]
+    hulls, roots, trunks = forest_of([parts[:2], [], parts[2:]])
+    assert roots[1] == -1
+    for part, trunk in zip(parts, trunks.tolist(), strict=True):
+        size = len(part.nodes)
+        np.testing.assert_array_equal(hulls.boxes[trunk : trunk + size], part.boxes)
+        for node in range(0, size, 7):
+            np.testing.assert_array_equal(corners_of(hulls, trunk + node)[0], corners_of(part, node)[0])
+    above = hulls.boxes[roots[0]]
+    for part in parts[:2]:
+        assert (np.abs(part.boxes[0, :3] - above[:3]) + part.boxes[0, 3:6] <= above[3:6] + 1e-12).all()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_no_ball_on_the_way_of_a_far_motion_is_missed(tmp_path: Path, seed: int) -> None:
+    """Motions as long as the joints allow, of one joint or of all; balls where a corner of a link is on the way."""
+    arm, rng = Arm.from_urdf(random_arm(tmp_path, seed)), np.random.default_rng(seed)
+    lower, upper = np.maximum(arm.lower, -3.0), np.minimum(arm.upper, 3.0)
+    names = [each.name for each in arm.links]
+    touch = [("l0", "seed"), *((a, b) for a in names for b in names if a < b)]
+    for k in range(60):
+        each = arm.links[1 + k % 4]
+        corners = np.concatenate([part.border.simplices.reshape(-1, 3) for part in each.parts])
+        q0, q1 = np.where(rng.random((2, arm.dof)) < 0.5, lower, upper)
+        if k % 3 == 0:
+            q1 = np.where(np.arange(arm.dof) == rng.integers(arm.dof), q1, q0)
+        t = rng.uniform()
+        pose = arm.poses(q0 + t * (q1 - q0))[each.name]
+        there = np.eye(4)
+        there[:3, 3] = pose[:3, :3] @ corners[rng.integers(len(corners))] + pose[:3, 3]
+        space = build_arm({"seed": Placed(Robot.ball(1e-4).shape, there)}, arm, allowed=touch)
+        assert not space.motion_is_free(q0, q1)
+
+
+@pytest.mark.parametrize("other", ["slides", "turns"])
+def test_the_nearest_that_a_swing_comes_is_told_to_a_micrometre(tmp_path: Path, other: str) -> None:
+    """A bar of 1 m that turns by 2 rad, past a wall: by hand, and so that neither bound is lost nor given away."""
+    kind = {"slides": "prismatic", "turns": "continuous"}[other]
+    path = written(
+        tmp_path,
+        link("base"),
+        link("arm", ((1.0, 0.02, 0.02), (0.5, 0, 0))),
+        link("tip", ((0.02, 0.02, 0.02), (0, 0, 0.1))),
+        joint("turn", "base", "arm"),
+        joint("more", "arm", "tip", at=(0.5, 0, 0), axis=(1, 0, 0), kind=kind, limits=(-0.1, 0.1)),
+    )
+    arm, wall = Arm.from_urdf(path), np.eye(4)
+    far = float(np.hypot(1.0, 0.01))
+    for gap, is_free in ((1e-6, True), (-1e-6, False)):
+        wall[0, 3] = far + gap + 0.05
+        space = build_arm({"wall": Placed(Robot.box((0.1, 4.0, 1.0)).shape, wall)}, arm)
+        assert space.motion_is_free((-1.0, 0.0), (1.0, 0.05)) is is_free
+
+
+def test_many_turns_round_the_values_of_joints(tmp_path: Path) -> None:
+    """After 10^9 turns an angle is only known to 10^-7 rad: what is nearer than that is not proven."""
+    bar = link("arm", ((1.0, 0.02, 0.02), (0.5, 0, 0)))
+    arm = Arm.from_urdf(written(tmp_path, link("base"), bar, joint("turn", "base", "arm", kind="continuous")))
+    wall = np.eye(4)
+    wall[:3, 3] = 0.5, 0.01 + 1e-8 + 0.05, 0.0
+    space = build_arm({"wall": Placed(Robot.box((0.4, 0.1, 1.0)).shape, wall)}, arm)
+    assert space.is_free((0.0,))
+    assert not space.is_free((2e9 * np.pi,))
