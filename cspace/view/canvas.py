@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 MARKS: Final = {"start": "#ffffff", "goal": GOAL}
 """Configurations that are marked, and their colours."""
+STATIONS: Final = 400
+"""Points of a path that are drawn."""
 FIELD: Final = math.radians(40.0)
 """Field of view of the camera, from top to bottom."""
 
@@ -77,8 +79,6 @@ class Canvas(ABC):
         Whether what is proven of a start and a goal is soon known.
     unit : str
         Of the length of a path.
-    stations : int
-        Points of a path that are drawn.
     bytes : int
         Of arrays, sent so far to each client.
     """
@@ -92,7 +92,6 @@ class Canvas(ABC):
     has_cells = True
     is_quick = True
     unit = "m"
-    stations = 400
 
     def __init__(self, server: ViserServer, space: Any, ends: dict[str, Floats]) -> None:
         self._server, self._space, self.ends = server, space, ends
@@ -151,7 +150,7 @@ class Canvas(ABC):
         if not len(points):
             self._server.scene.remove_by_name("/path")
             return math.nan
-        along = self.along(points, np.linspace(0.0, 1.0, self.stations))
+        along = self.along(points, np.linspace(0.0, 1.0, STATIONS))
         values = self.clearance(along)
         places, colors = self._traced(along), as_light(path_colors(values))
         self._server.scene.add_line_segments(
