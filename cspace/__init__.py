@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from cspace.arms import Arm as Arm
     from cspace.arms import ArmSpace as ArmSpace
     from cspace.arms import build_arm as build_arm
+    from cspace.arms import build_arm_map as build_arm_map
     from cspace.builder import build as build
     from cspace.errors import ConfigurationError as ConfigurationError
     from cspace.errors import CspaceError as CspaceError
@@ -41,6 +42,7 @@ _HOME = {
     "Arm": ("cspace.arms", "Arm"),
     "ArmSpace": ("cspace.arms", "ArmSpace"),
     "build_arm": ("cspace.arms", "build_arm"),
+    "build_arm_map": ("cspace.arms", "build_arm_map"),
     "build": ("cspace.builder", "build"),
     "ConfigurationError": ("cspace.errors", "ConfigurationError"),
     "CspaceError": ("cspace.errors", "CspaceError"),

@@ -79,7 +79,7 @@ class ConfigurationMap(ConfigurationSpace):
     @property
     def axes(self) -> tuple[str, ...]:
         """Names of the numbers in a configuration: x and y, in space z, then yaw or qx, qy, qz and qw."""
-        return (*"xyz"[: self.grid.dim], *self.rotations.names)
+        return (*self.grid.axes, *self.rotations.names)
 
     @abstractmethod
     def count(self) -> tuple[int, int, int]:
@@ -88,7 +88,7 @@ class ConfigurationMap(ConfigurationSpace):
     def __repr__(self) -> str:
         cells = " x ".join(map(str, self.grid.shape))
         turns = f" x {self.rotations}" if self.rotations.names else ""
-        size = f"{cells} cells of {self.grid.spacing:g} m{turns}"
+        size = f"{cells} cells of {self.grid.spacing:g} {self.grid.unit}{turns}"
         return f"{type(self).__name__}({size}, {self.robot.name}: {self._summary})"
 
     # ---- look-ups ----------------------------------------------------------------------------------------------------

@@ -113,6 +113,10 @@ class Grid:
         Side of a cell, in metres.
     shape : sequence of int, length d
         Number of cells along each axis.
+    axes : sequence of str, length d, optional
+        What the coordinates are called; by default x, y and, in space, z.
+    units : sequence of str, length d, optional
+        What they are told in, "m" by default; the joints of an arm may have "rad".
 
     Raises
     ------
@@ -133,8 +137,17 @@ class Grid:
     lower: tuple[float, ...]
     spacing: float
     shape: tuple[int, ...]
+    axes: tuple[str, ...]
+    units: tuple[str, ...]
 
-    def __init__(self, lower: ArrayLike, spacing: float, shape: Sequence[int]) -> None:
+    def __init__(
+        self,
+        lower: ArrayLike,
+        spacing: float,
+        shape: Sequence[int],
+        axes: Sequence[str] | None = None,
+        units: Sequence[str] | None = None,
+    ) -> None:
         corner = finite(lower, "lower")
         if corner.ndim != 1 or len(corner) not in (2, 3):
             raise InputError("lower", f"is {lower!r}", "it must hold 2 or 3 coordinates", "pass e.g. (0.0, 0.0)")
@@ -158,11 +171,27 @@ class Grid:
         object.__setattr__(self, "lower", tuple(corner.tolist()))
         object.__setattr__(self, "spacing", side)
         object.__setattr__(self, "shape", tuple(int(n) for n in counts))
+        object.__setattr__(self, "axes", tuple("xyz"[: self.dim] if axes is None else axes))
+        object.__setattr__(self, "units", ("m",) * self.dim if units is None else tuple(units))
+        for name, texts in (("axes", self.axes), ("units", self.units)):
+            if len(texts) != self.dim or (name == "axes" and len(set(texts)) < self.dim):
+                rule = f"there must be {self.dim}, each another one"
+                raise InputError(name, f"are {', '.join(texts)}", rule, "leave them out")
 
     @property
     def dim(self) -> int:
         """Number of axes, 2 or 3."""
         return len(self.shape)
+
+    @property
+    def unit(self) -> str:
+        """What the side of a cell is told in."""
+        return " or ".join(dict.fromkeys(self.units))
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """What stands at the axes of a picture: names and units."""
+        return tuple(f"{axis} ({unit})" for axis, unit in zip(self.axes, self.units, strict=True))
 
     @property
     def size(self) -> int:

@@ -102,6 +102,7 @@ def check_memory(
     mend: str | None = None,
     fewer: Callable[[float], str] | None = None,
     seconds: float = 0.0,
+    unit: str = "m",
 ) -> None:
     """Refuse work that does not fit into memory.
 
@@ -125,6 +126,8 @@ def check_memory(
         Names the rotation cells that take at most a share of the memory; an empty text where none do.
     seconds : float
         Of one core, for the message.
+    unit : str
+        Of the spacing, for the message.
 
     Raises
     ------
@@ -142,7 +145,7 @@ def check_memory(
         mend = (
             "no spacing helps; take a machine with more memory"
             if coarser is None
-            else f"use a spacing of at least {coarser:g} m, or smaller bounds, or check the units (metres)"
+            else f"use a spacing of at least {coarser:g} {unit}, or smaller bounds, or check the units (metres)"
         )
         rotations = fewer((_ROOM * free - fixed) / (needed - fixed)) if fewer else ""
         mend = f"use {rotations}, or {mend.removeprefix('use ')}" if rotations else mend
@@ -150,7 +153,7 @@ def check_memory(
     time = f", and very roughly {time_in_words(seconds)} of one core" if seconds else ""
     raise InputError(
         what,
-        f"has {cells} cells of {spacing:g} m and needs about {in_words(needed)} of memory{time}",
+        f"has {cells} cells of {spacing:g} {unit} and needs about {in_words(needed)} of memory{time}",
         f"at most {in_words(KEEP * free)} may be taken, which is {KEEP:.0%} of what is free",
         mend,
         value=needed,

@@ -24,6 +24,9 @@ TURN: Final = 2.0 * math.pi
 MAX_YAW: Final = 2.0**20
 """Largest yaw, in radians, that is wrapped."""
 
+ROTATION_NAMES: Final = ("yaw", "qx", "qy", "qz", "qw")
+"""What the numbers of a rotation are called, and no others of a configuration are."""
+
 NORM_SLACK: Final = 1e-6
 """How far the norm of a quaternion may be from 1."""
 

@@ -31,6 +31,7 @@ from cspace.cli.options import (
 )
 from cspace.cli.report import Clock, show
 from cspace.errors import InputError
+from cspace.orientation import ROTATION_NAMES
 
 if TYPE_CHECKING:
     from cspace.builder import BuildOptions
@@ -200,7 +201,7 @@ def picture(
     marks = {name: configuration(text, f"--{name}", axes) for name, text in given(start=start, goal=goal).items()}
     options = given(
         rotation=None if rotation is None else rotation_of(rotation, "--rotation", axes),
-        at=None if at is None else configuration(at, "--at", [axis for axis in axes if axis in ("x", "y", "z")]),
+        at=None if at is None else configuration(at, "--at", [axis for axis in axes if axis not in ROTATION_NAMES]),
         zoom=zoom,
         surface=surface,
         cut=cut,

@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.errors import FileError
-from cspace.grid import Grid
 from cspace.io.input import not_a_name, unreadable
-from cspace.io.record import shapes_from, unusable
+from cspace.io.record import grid_of, shapes_from, unusable
 from cspace.io.store import read_npz, read_parts, read_store
 from cspace.map.contents import Contents
 from cspace.map.exterior import Exterior
@@ -103,7 +102,7 @@ def open_slice(path: str | os.PathLike[str], rotation: ArrayLike = ()) -> NDArra
 def _restored(metadata: Mapping[str, Any], arrays: Mapping[str, Any]) -> CSpace:
     """The map of what was read and proven unchanged."""
     workspace = Workspace(
-        grid=Grid(metadata["lower"], metadata["spacing"], tuple(metadata["shape"])),
+        grid=grid_of(metadata),
         outer=arrays["outer"],
         inner=arrays.get("inner", arrays["outer"]),
         source=metadata["workspace_source"],

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from cspace import __version__
 from cspace.errors import FileError
+from cspace.grid import Grid
 from cspace.io.input import decoding
 from cspace.map.contents import Contents
 from cspace.map.storage import read_only, read_only_of
@@ -123,9 +124,19 @@ def axes_of(name: str, dim: int) -> tuple[str, ...]:
     return tuple(part for axis in ARRAYS[name].axes for part in (AXES[:dim] if axis == "cells" else (axis,)))
 
 
-def attributes_of(name: str, dim: int) -> dict[str, Any]:
-    """The attributes of an array on a grid of ``dim`` axes, with its unit where that depends on them."""
-    about = dict(ARRAYS[name].about)
+def grid_of(metadata: Mapping[str, Any]) -> Grid:
+    """The grid of a map, from its metadata; of one that tells no units, metres."""
+    shape = tuple(metadata["shape"])
+    axes, units = metadata.get("axes", "").split()[: len(shape)], metadata.get("units", "").split()
+    return Grid(metadata["lower"], metadata["spacing"], shape, axes or None, units or None)
+
+
+def attributes_of(name: str, grid: Grid) -> dict[str, Any]:
+    """The attributes of an array on a grid, with its unit where that depends on its axes."""
+    about, dim = dict(ARRAYS[name].about), grid.dim
+    if name in AXES:
+        number = AXES.index(name)
+        about |= {"long_name": f"{grid.axes[number]} of the middle of a cell", "units": grid.units[number]}
     if name in FIELDS:
         power = dim - (name != FIELDS[0])
         about["units"] = "m" if power == 1 else f"m{power}"
@@ -138,7 +149,8 @@ def metadata_of(contents: Contents) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``lower`` and ``spacing`` in metres; ``axes`` the names of the numbers of a configuration; ``rotations`` the
+        ``lower`` and ``spacing`` in metres; ``axes`` the names of the numbers of a configuration and ``units`` of
+        those of the cells; ``rotations`` the
         number of rotation cells; ``robot`` as JSON text for ``Robot.from_spec``.
     """
     grid = contents.grid
@@ -150,6 +162,7 @@ def metadata_of(contents: Contents) -> dict[str, Any]:
         "spacing": grid.spacing,
         "shape": list(grid.shape),
         "axes": " ".join(contents.axes),
+        "units": " ".join(grid.units),
         "outside": contents.outside,
         "margin": float(contents.margin),
         "precision": contents.precision,

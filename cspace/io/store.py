@@ -32,6 +32,7 @@ from cspace.io.record import (
     decoding_map,
     digest_of,
     digest_of_array,
+    grid_of,
     metadata_of,
     seal,
     turns_of,
@@ -123,7 +124,7 @@ def _encoded(metadata: dict[str, Any], arrays: Mapping[str, Any]) -> Iterator[tu
 
     files: dict[str, Any] = {}
     digests: dict[str, str] = {}
-    dim = len(metadata["shape"])
+    grid = grid_of(metadata)
 
     def finished(ending: str) -> Iterator[tuple[str, bytes]]:
         for name in [name for name in files if ending in name]:
@@ -133,7 +134,7 @@ def _encoded(metadata: dict[str, Any], arrays: Mapping[str, Any]) -> Iterator[tu
 
     group = zarr.create_group(MemoryStore(files), zarr_format=3)
     for name, array in arrays.items():
-        axes = axes_of(name, dim)
+        axes = axes_of(name, grid.dim)
         chunks = _chunks(array.shape, axes)
         stored = group.create_array(
             name,
@@ -142,7 +143,7 @@ def _encoded(metadata: dict[str, Any], arrays: Mapping[str, Any]) -> Iterator[tu
             chunks=chunks,
             compressors=[ZstdCodec(level=3), Crc32cCodec()],
             fill_value=ARRAYS[name].lost,
-            attributes=attributes_of(name, dim),
+            attributes=attributes_of(name, grid),
             dimension_names=axes,
             config={"write_empty_chunks": True},
         )

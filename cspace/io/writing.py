@@ -178,7 +178,8 @@ def to_xarray(contents: Contents) -> xarray.Dataset:
     Returns
     -------
     xarray.Dataset
-        Dimensions ``x``, ``y`` and in space ``z`` with the middles of the cells, in metres. Variables ``state`` (uint8,
+        Dimensions ``x``, ``y`` and in space ``z``, or the joints of an arm, with the middles of the cells, in metres or
+        radians. Variables ``state`` (uint8,
         flags free, mixed and blocked), ``outer`` and ``inner`` (bool, the workspace) and, where the map has them,
         ``overlap`` (int32), ``penetration`` and its derivatives ``penetration_x`` and so on (float64), and ``shapes``
         (bytes of JSON text, which makes the obstacles again). The arrays are read-only; copy the Dataset to change it.
@@ -222,8 +223,9 @@ def to_xarray(contents: Contents) -> xarray.Dataset:
         if "rotation" in axes and not cells:
             continue
         place = labels if name in (*AXES, *TURNS, "slice_of") else variables
-        place[name] = (axes, array, attributes_of(name, dim))
-    return xarray.Dataset(variables, coords=labels, attrs=metadata_of(contents))
+        place[name] = (axes, array, attributes_of(name, contents.grid))
+    dataset = xarray.Dataset(variables, coords=labels, attrs=metadata_of(contents))
+    return dataset.rename(dict(zip(AXES, contents.grid.axes, strict=False)))
 
 
 def _by_rotation(stack: NDArray[Any], slice_of: NDArray[np.int64]) -> NDArray[Any]:

@@ -94,7 +94,7 @@ class Contents:
     @property
     def axes(self) -> tuple[str, ...]:
         """Names of the numbers in a configuration."""
-        return (*"xyz"[: self.grid.dim], *self.rotations.names)
+        return (*self.grid.axes, *self.rotations.names)
 
     def leading(self, n: int) -> tuple[int, ...]:
         """Shape of an array over n slices and the cells; over the cells alone where the robot does not turn."""

@@ -148,7 +148,7 @@ class _Stage:
         handles = artists.cell_legend([np.unique(part) for part in (ground, *slices)], space, box)
         for ax in (world, plane):
             drawn = artists.draw_route(ax, route, 0.7, robots=False)
-            artists.frame(ax, box, stretch, labels=False)
+            artists.frame(ax, box, stretch)
         self._trail = world.plot([], [], color=artists.ROBOT, linewidth=2.2, zorder=4.5)[0]
         first = route.points[0]
         body: dict[str, Any] = {"facecolor": artists.BODY, "edgecolor": artists.DARK, "zorder": 6}

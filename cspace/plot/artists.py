@@ -59,7 +59,7 @@ def classes_of(space: MapLike, rotation: Floats | None, layer: tuple[Any, ...] =
 
     At a rotation, shape (dof,), or over all of them where none is given.
     """
-    ground = ground_of(space.workspace, layer)
+    ground = ground_of(space.workspace, layer) * np.uint8(space.robot.shape.shown)  # or all of it OPEN
     if rotation is not None:
         return classes_at(ground, space.slice_at(rotation)[layer])
     stack = iter(space._seen)
@@ -97,7 +97,9 @@ def section(grid: Grid, point: Floats, pair: Sequence[int] = (0, 1)) -> tuple[Gr
     """The grid of two axes of a grid, and the index of the layer of cells along them that holds a point."""
     shown, cell = sorted(pair), grid.cell_of(point).tolist()
     layer = tuple(slice(None) if axis in shown else cell[axis] for axis in range(grid.dim))
-    return Grid([grid.lower[axis] for axis in shown], grid.spacing, [grid.shape[axis] for axis in shown]), layer
+    axes, units = ([each[axis] for axis in shown] for each in (grid.axes, grid.units))
+    lower, shape = [grid.lower[axis] for axis in shown], [grid.shape[axis] for axis in shown]
+    return Grid(lower, grid.spacing, shape, axes, units), layer
 
 
 def draw_cells(ax: Axes, grid: Grid, classes: Classes, *, turned: bool = False) -> CellImage:
@@ -165,7 +167,7 @@ def draw_robots(ax: Axes, figurine: Figurine, at: Floats, pair: Sequence[int] = 
     from matplotlib.colors import to_rgb
     from matplotlib.patches import Patch
 
-    if not len(at):
+    if not len(at) or not figurine.shown:
         return []
     style: dict[str, Any] = {"facecolor": (*to_rgb(BODY), 0.55), "edgecolor": DARK}
     robots = PathCollection([outline(figurine, q, pair) for q in at], linewidths=0.9, zorder=3.0, **style)
@@ -249,13 +251,17 @@ def stretches(box: Floats, thin: float = THIN) -> Floats:
 
 def title(space: MapLike, stretch: Floats, words: str | None, about: str = "") -> str:
     """The given title, or the robot, the side of a cell and what is shown; where an axis is stretched, it says so."""
-    notes = [f"{axis} stretched {by:.3g} times" for axis, by in zip("xyz", stretch, strict=False) if by != 1.0]
+    notes = [f"{axis} stretched {by:.3g} times" for axis, by in zip(space.grid.axes, stretch, strict=True) if by != 1.0]
     if words is None:
-        words = f"{space.robot.name}, cells of {space.grid.spacing:g} m" + (f"\n{about}" if about else "")
+        words = f"{space.robot.name}, cells of {space.grid.spacing:g} {space.grid.unit}" + (
+            f"\n{about}" if about else ""
+        )
     return f"{words}\n({', '.join(notes)})".strip() if notes else words
 
 
-def frame(ax: Axes, box: Floats, stretch: Floats, pair: Sequence[int] = (0, 1), *, labels: bool = True) -> None:
+def frame(
+    ax: Axes, box: Floats, stretch: Floats, pair: Sequence[int] = (0, 1), *, labels: Sequence[str] | None = None
+) -> None:
     """Limits, scale and labels of axes that show two axes of a box, and hatching where the map ends."""
     from matplotlib.ticker import MaxNLocator
 
@@ -267,8 +273,8 @@ def frame(ax: Axes, box: Floats, stretch: Floats, pair: Sequence[int] = (0, 1), 
     for axis, number in zip((ax.xaxis, ax.yaxis), pair, strict=True):
         share = drawn[number] / drawn.max()
         axis.set_major_locator(MaxNLocator(max(1, min(8, math.ceil(12 * share))), steps=[1, 2, 2.5, 5, 10]))
-        if labels:
-            axis.set_label_text(f"{'xyz'[number]} (m)")
+        if labels is not None:
+            axis.set_label_text(labels[number])
 
 
 def new_figure(width: float, height: float, dpi: float = 150.0, *, layout: str | None = "constrained") -> Figure:

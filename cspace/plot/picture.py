@@ -16,7 +16,7 @@ import numpy as np
 from cspace.errors import InputError
 from cspace.grid import positive
 from cspace.io.output import replacing
-from cspace.orientation import Unturned
+from cspace.orientation import ROTATION_NAMES, Unturned
 from cspace.plot import artists
 from cspace.plot.dials import draw_dials
 from cspace.plot.route import Bare, Figurine, Floats, HasPath, Look, MapLike, Part, Route
@@ -208,7 +208,7 @@ def view_of(axes: Sequence[str], view: str | None, options: Mapping[str, Any]) -
     InputError
         If there is none such of the map, or an option, where it is not None, goes with other ones.
     """
-    numbers = len(set(axes) - {"x", "y", "z"})  # of a rotation
+    numbers = len(set(axes) & set(ROTATION_NAMES))
     views = [*_VIEWS_IN[len(axes) - numbers], *["panels", "rotations"][: 2 * bool(numbers)]]
     if view is not None and view not in views:
         rule = f"the map's configurations are ({', '.join(axes)}), so it must be {' or '.join(views)}"
@@ -362,7 +362,7 @@ def _draw_plane(space: MapLike, route: Route, look: Look) -> Axes:
     artists.draw_cells(ax, space.grid, classes)
     handles = artists.cell_legend([classes], space, box, several=look.rotation is None)
     handles += artists.draw_route(ax, route)
-    artists.frame(ax, box, stretch)
+    artists.frame(ax, box, stretch, labels=space.grid.labels)
     artists.add_words(ax, space, look, stretch, space.rotations.about(look.rotation), handles, tall=tall)
     return ax
 

@@ -105,10 +105,11 @@ class Figurine:
         Distance of the farthest corner from the reference point, metres.
     size : float
         Diagonal of the box around the robot and its reference point, metres.
+    shown : bool
     """
 
     def __init__(self, robot: RobotLike, rotations: Orientation) -> None:
-        self.dim, self.rotations = robot.dim, rotations
+        self.dim, self.rotations, self.shown = robot.dim, rotations, robot.shape.shown
         self.points, self.rings, self.nose, self.triangles = _DRAWN[robot.dim](robot.shape)
         self.reach = float(np.linalg.norm(self.points, axis=1).max())
         whole = np.vstack([self.points, np.zeros(self.dim)])
@@ -174,7 +175,8 @@ class Part:
         first = np.clip(begin, 0, np.array(whole.shape) - 1)
         stop = np.clip(begin + side, first + 1, whole.shape)
         self._space, self._box = space, tuple(map(slice, first.tolist(), stop.tolist()))
-        self.grid = Grid(whole.lower + whole.spacing * first, whole.spacing, (stop - first).tolist())
+        corner, shape = whole.lower + whole.spacing * first, (stop - first).tolist()
+        self.grid = Grid(corner, whole.spacing, shape, whole.axes, whole.units)
         self.axes, self.rotations, self.robot = space.axes, space.rotations, space.robot
 
     @property

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -34,7 +35,7 @@ def draw_sections(space: MapLike, route: Route, look: Look) -> Axes:
     point = section_point(space, look.at, route)
     box = route.box(space)
     stretch = artists.stretches(box, _THIN)
-    panels = _panels(box, stretch)
+    panels = _panels(box, stretch, space.grid.labels)
     shown: list[artists.Classes] = []
     entries: dict[str, Any] = {}
     for across, (ax, pair) in panels.items():
@@ -66,17 +67,17 @@ def draw_panels(space: MapLike, route: Route, look: Look) -> Axes:
         classes.append(artists.classes_of(space, rotation, layer))
         artists.draw_cells(ax, grid, classes[-1])
         handles = artists.draw_route(ax, route, 0.6, robots=False)
-        artists.frame(ax, box, stretch, labels=False)
+        artists.frame(ax, box, stretch)
         ax.set_title(rotations.text(rotation), loc="left", fontsize=9)
         ax.tick_params(labelsize=8)
     for ax in panels.flat[len(shown) :]:
         ax.remove()
     for column in panels.T:
         last = [ax for ax in column if ax.figure is not None][-1]
-        last.set_xlabel("x (m)", fontsize=9)
+        last.set_xlabel(grid.labels[0], fontsize=9)
         last.tick_params(labelbottom=True)
     for ax in panels[:, 0]:
-        ax.set_ylabel("y (m)", fontsize=9)
+        ax.set_ylabel(grid.labels[1], fontsize=9)
     first: Axes = panels.flat[0]
     about = rotations.about(None).replace("over all rotations, ", "")
     about = ", ".join([about, *(f"z = {height:.4g} m" for height in point[2:])])
@@ -129,7 +130,7 @@ def within(points: Floats, axis: int, low: float, high: float) -> Floats:
     return np.stack([*rows, gaps], axis=1).reshape(-1, points.shape[1])
 
 
-def _panels(box: Floats, stretch: Floats) -> dict[int, tuple[Axes, tuple[int, int]]]:
+def _panels(box: Floats, stretch: Floats, labels: Sequence[str]) -> dict[int, tuple[Axes, tuple[int, int]]]:
     """Panels and the axes that they show, by the axis that they look along.
 
     The plan lies at the lower left, seen along z, and the elevation along y stands above it. The one along x stands
@@ -147,7 +148,7 @@ def _panels(box: Floats, stretch: Floats) -> dict[int, tuple[Axes, tuple[int, in
     side = figure.add_subplot(cells[1, 1], sharey=plan) if lies else figure.add_subplot(cells[0, 1], sharey=front)
     panels = {2: (plan, (0, 1)), 1: (front, (0, 2)), 0: (side, (2, 1) if lies else (1, 2))}
     for ax, pair in panels.values():
-        artists.frame(ax, box, stretch, pair)
+        artists.frame(ax, box, stretch, pair, labels=labels)
         ax.tick_params(labelsize=8)
     front.tick_params(labelbottom=False)
     side.tick_params(labelleft=False)

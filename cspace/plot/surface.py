@@ -90,7 +90,7 @@ def draw_surface(space: MapLike, route: Route, look: Look) -> Axes:
         handles += dotted(ax, line, "path, dotted behind something")
     paint(ax, polygons, colors)
     handles += artists.draw_marks(ax, route.marks, pair=(0, 1, 2))
-    frame_in_space(ax, box, angles, fit=look.ax is None)
+    frame_in_space(ax, box, angles, labels=space.grid.labels, fit=look.ax is None)
     about = [f"cut at z = {top:.4g} m"] * (top < space.grid.upper[2]) + [space.rotations.about(look.rotation)]
     artists.add_words(ax, space, look, stretch, ", ".join(filter(None, about)), handles)
     axes: Axes = ax
@@ -298,7 +298,9 @@ def patch(label: str, color: str) -> Any:
     return Patch(facecolor=color, edgecolor="#555555", linewidth=0.6, label=label)
 
 
-def frame_in_space(ax: Any, box: Floats, angles: Floats, *, fit: bool) -> None:
+def frame_in_space(
+    ax: Any, box: Floats, angles: Floats, *, labels: Sequence[str] = ("x (m)", "y (m)", "z (m)"), fit: bool
+) -> None:
     """Limits, scale, labels and the camera; the figure gets the size of what is drawn, if it is to fit."""
     from matplotlib.ticker import MaxNLocator
 
@@ -307,7 +309,7 @@ def frame_in_space(ax: Any, box: Floats, angles: Floats, *, fit: bool) -> None:
     for axis, name in enumerate("xyz"):
         share = lengths[axis] / lengths.max()
         getattr(ax, f"set_{name}lim")(*box[:, axis])
-        getattr(ax, f"set_{name}label")(f"{name} (m)", fontsize=9)
+        getattr(ax, f"set_{name}label")(labels[axis], fontsize=9)
         one = getattr(ax, f"{name}axis")
         one.set_major_locator(MaxNLocator(max(1, min(8, int(10 * share))), steps=[1, 2, 2.5, 5, 10]))
         one.set_pane_color("#f7f7f7")

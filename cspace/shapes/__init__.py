@@ -16,6 +16,7 @@ from cspace.shapes.balls import check_balls as check_balls
 from cspace.shapes.bracketed import Bracketed as Bracketed
 from cspace.shapes.mesh import Mesh as Mesh
 from cspace.shapes.mesh import MeshWarning as MeshWarning
+from cspace.shapes.point import Point as Point
 from cspace.shapes.polygon import Polygons as Polygons
 from cspace.shapes.shape import Pieces as Pieces
 from cspace.shapes.shape import Shape as Shape
@@ -28,6 +29,7 @@ _FROM_SPEC: Final[dict[str, Callable[[Mapping[str, Any]], Shape]]] = {
     "bracketed": lambda spec: Bracketed.from_spec(spec, shape_from_spec),
     "cells": Voxels.from_spec,
     "mesh": Mesh.from_spec,
+    "point": Point.from_spec,
     "polygon": Polygons.from_spec,
 }
 

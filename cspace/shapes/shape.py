@@ -66,12 +66,15 @@ class Shape(ABC):
         2 in the plane, 3 in space.
     encloses : bool
         Whether it has an inside, that is, more than its boundary.
+    shown : bool
+        Whether pictures show it, and the obstacles that it is held against.
     is_boxes : bool
         Whether it is a union of boxes along the axes in space.
     """
 
     dim: int
     encloses: bool = True
+    shown: bool = True
     is_boxes: bool = False
 
     @property

@@ -42,6 +42,7 @@ from cspace.io.record import (
     axes_of,
     decoding_map,
     digest_of,
+    grid_of,
     seal,
     shapes_from,
     unseal,
@@ -100,7 +101,7 @@ class Store:
     @cached_property
     def grid(self) -> Grid:
         """Of the whole map."""
-        return Grid(self.metadata["lower"], self.metadata["spacing"], tuple(self.metadata["shape"]))
+        return grid_of(self.metadata)
 
     @cached_property
     def robot(self) -> Robot:
@@ -514,7 +515,7 @@ def _write_frame(folder: Path, metadata: Mapping[str, Any], arrays: Mapping[str,
     """All of a store but what is done of its tiles; ``arrays`` are the small ones that are told from the beginning."""
     import zarr
 
-    grid = Grid(metadata["lower"], metadata["spacing"], tuple(metadata["shape"]))
+    grid = grid_of(metadata)
     dim, slices, depth, tile = grid.dim, metadata["slices"], metadata["depth"], tuple(metadata["tile"])
     counts = tuple(-(-n // t) for n, t in zip(grid.shape, tile, strict=True))
     width = columns(slices, dim, -(-slices // depth))
@@ -531,7 +532,7 @@ def _write_frame(folder: Path, metadata: Mapping[str, Any], arrays: Mapping[str,
             chunks=chunks,
             compressors=[_zarr_codec(name)],
             fill_value=ARRAYS[name].lost,
-            attributes=attributes_of(name, dim),
+            attributes=attributes_of(name, grid),
             dimension_names=axes_of(name, dim),
             config={"write_empty_chunks": True},
         )

@@ -1,0 +1,348 @@
+"""Compiled proofs about boxes of configurations: each joint anywhere within its interval, all of them at once.
+
+*FREE.* The straight way from the middle of a box to any configuration in it is a motion on which no joint moves by more
+than half of its interval. So what bounds a motion either way (:mod:`cspace.arms.chain`) with these halves for rates
+bounds all of the box: two solids that are farther apart in the middle than one moves against the other do not touch
+anywhere in it.
+
+*BLOCKED.* A ball that lies in one solid moves by at most so much as well. What is left of its radius is a ball that the
+solid holds, where it is, at every configuration of the box; if the other solid meets that one, they collide in all of
+the box. Where nothing is left of it, its middle must lie in the other solid as deep as it lacks.
+
+*Blocks.* All cells are looked at together first. A pair of solids that is proven apart is not asked of again; where
+some pairs are left, the block is halved along the joint that moves the arm the farthest, down to a cell, which is then
+MIXED. So the work grows with the cells along the border of the C-obstacle, and not with all of them.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace.arms.chain import SLIDES, TURNS, flight_of, place
+from cspace.arms.hulls import least_spare
+from cspace.arms.proofs import Scene, Solids, Work, nests, row_of, seen, work_of
+from cspace.compiling import inner, jit
+from cspace.exact import ADVANCE, ROUNDING
+from cspace.exact.triangles import box_of, cross, dot, minus
+from cspace.grid import SLACK
+from cspace.map.turning import Row
+from cspace.raster.triangles import THIN, point_triangle
+from cspace.raster.winding import turn_above
+from cspace.states import BLOCKED, FREE, MIXED
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+States = NDArray[np.uint8]
+
+_WAITING: Final = 96
+"""Blocks that wait at a time, at most: one for each halving of three axes of 2^31 cells, and some."""
+
+
+class Cells(NamedTuple):
+    """Which configurations the cells of a map are.
+
+    Attributes
+    ----------
+    lower : ndarray of float64, shape (3,)
+        Where the first cell begins, along three axes; a map of two joints has one cell along the first.
+    spacing : float
+    numbers : ndarray of int64, shape (3,)
+        The number of a configuration that each axis is; -1 of an axis that is none.
+    at : ndarray of float64, shape (dof,)
+        Where the other numbers are.
+    levers : ndarray of float64, shape (3,)
+        How far a unit of each number moves the arm, about.
+    """
+
+    lower: Floats
+    spacing: float
+    numbers: Ints
+    at: Floats
+    levers: Floats
+
+
+class Box(NamedTuple):
+    """A box of configurations.
+
+    Attributes
+    ----------
+    middle, halves : ndarray of float64, shape (dof,)
+        Its middle, and half of its sides.
+    least : float
+        What distances have to exceed.
+    """
+
+    middle: Floats
+    halves: Floats
+    least: float
+
+
+class Interiors(NamedTuple):
+    """Balls that lie in solids, and how deep points of a lattice lie in closed surfaces.
+
+    Attributes
+    ----------
+    centers : ndarray of float64, shape (n, 3)
+        Of balls, in the frame of the solid's body.
+    radii : ndarray of float64, shape (n,)
+    starts : ndarray of int64, shape (s + 1,)
+        The first ball of each solid.
+    deepest : ndarray of float64, shape (s,)
+        No point of a solid lies much deeper in it.
+    steps : ndarray of float64, shape (h, 3)
+        Of the lattice in each surface's box; its points are in the middles of as many cells.
+    shapes : ndarray of int64, shape (h, 3)
+    deep : ndarray of float64, shape (m,)
+        By :func:`depth`, of all lattices in a row.
+    firsts : ndarray of int64, shape (h + 1,)
+        Where those of each one begin.
+    """
+
+    centers: Floats
+    radii: Floats
+    starts: Ints
+    deepest: Floats
+    steps: Floats
+    shapes: Ints
+    deep: Floats
+    firsts: Ints
+
+
+class Inside(NamedTuple):
+    """What tells BLOCKED: the solids from within, and balls that lie in them."""
+
+    scene: Scene
+    balls: Interiors
+
+
+@jit
+def fill(scene: Scene, inside: Inside, cells: Cells, block: Ints, states: States) -> None:
+    """States of a block of cells, given by its first cell and the one behind its last, along three axes, shape (6,)."""
+    work, pairs = work_of(scene), len(scene.pairs)
+    blocks, waiting = np.empty((_WAITING, 6), np.int64), np.empty((_WAITING, pairs), np.int64)
+    counts, left = np.empty(_WAITING, np.int64), np.empty(pairs, np.int64)
+    empty = Box(cells.at.copy(), np.zeros(len(cells.at)), scene.least)
+    counts[0], top = pairs, 1
+    for n in range(6):
+        blocks[0, n] = block[n]
+    for n in range(pairs):
+        waiting[0, n] = n
+    while top > 0:
+        top -= 1
+        i, j, k, i1, j1, k1 = blocks[top]
+        box = Box(empty.middle, empty.halves, middle_of(cells, scene, blocks[top], empty))
+        place(scene.chain, box.middle, box.middle, 0.0, work.poses)
+        count = 0
+        for n in range(counts[top]):
+            pair = waiting[top, n]
+            # Borders that stay apart keep one solid in the other, or out of it, all over the box.
+            if are_near(scene, pair, box, work) or nests(scene, pair, work, -1.0):
+                left[count] = pair
+                count += 1
+        if count == 0:
+            states[i:i1, j:j1, k:k1] = FREE
+        elif collide(inside, left[:count], box, work):
+            states[i:i1, j:j1, k:k1] = BLOCKED
+        elif (i1 - i) * (j1 - j) * (k1 - k) == 1:
+            states[i, j, k] = MIXED
+        else:
+            axis = longest(cells, blocks[top])
+            cut = (blocks[top, axis] + blocks[top, axis + 3]) // 2
+            for n in range(6):
+                blocks[top + 1, n] = blocks[top, n]
+            blocks[top, axis + 3] = blocks[top + 1, axis] = cut
+            for n in range(count):
+                waiting[top, n] = waiting[top + 1, n] = left[n]
+            counts[top] = counts[top + 1] = count
+            top += 2
+
+
+@inner(error_model="numpy")
+def are_near(scene: Scene, pair: int, box: Box, work: Work) -> bool:
+    """Whether the borders of a pair of solids may touch somewhere in a box.
+
+    They do not where they are farther apart in its middle than the solids can move, each point as far as any.
+    """
+    solids, near, nodes = scene.solids, work.nearest[pair], work.nodes
+    i, j = scene.pairs[pair]
+    if solids.roots[i] < 0 or solids.roots[j] < 0:
+        return False
+    slide, angle = sway(scene, solids.bodies[i], solids.bodies[j], box, work)
+    moved = (slide + angle * solids.levers[i]) / ADVANCE
+    one, other = work.poses[solids.bodies[i]], work.poses[solids.bodies[j]]
+    flight = flight_of(one, other, 0.0, moved, moved, box.least)
+    nodes[0, 0], nodes[0, 1] = near[0], near[1]
+    spare = least_spare(solids.hulls, solids.roots[i], solids.roots[j], flight, 0.0, nodes, work.ways[pair])
+    near[0], near[1] = nodes[0, 0], nodes[0, 1]
+    return spare < 0.0
+
+
+@inner(error_model="numpy")
+def sway(scene: Scene, a: int, b: int, box: Box, work: Work) -> tuple[float, float]:
+    """How far the origin of body ``a`` can move within a box, as seen from body ``b``, and how far the body can turn.
+
+    A joint moves it by no more than its way times the distance from its axis: what that is in the middle, and what the
+    other joints between can add, and never more than the lengths between.
+    """
+    chain, poses, moving, lengths = scene.chain, work.poses, scene.chain.between[a, b], scene.chain.lengths[a]
+    x, y, z = poses[a, 0, 3], poses[a, 1, 3], poses[a, 2, 3]
+    slide = angle = drift = 0.0
+    for j in range(1, len(moving)):
+        if moving[j]:
+            way = abs(chain.factors[j]) * box.halves[chain.numbers[j]]
+            drift += way * (lengths[j] if chain.kinds[j] == TURNS else 1.0)
+    for j in range(1, len(moving)):
+        way = abs(chain.factors[j]) * box.halves[chain.numbers[j]]
+        if not moving[j] or way == 0.0:
+            continue
+        if chain.kinds[j] == TURNS:
+            joint, (u, v, w) = poses[j], row_of(chain.axes[j], 0)
+            ux = joint[0, 0] * u + joint[0, 1] * v + joint[0, 2] * w
+            uy = joint[1, 0] * u + joint[1, 1] * v + joint[1, 2] * w
+            uz = joint[2, 0] * u + joint[2, 1] * v + joint[2, 2] * w
+            off = cross((ux, uy, uz), (x - joint[0, 3], y - joint[1, 3], z - joint[2, 3]))
+            now = math.sqrt(dot(off, off)) + box.least
+            slide += way * min(lengths[j], now + drift - way * lengths[j])
+            angle += way
+        elif chain.kinds[j] == SLIDES:
+            slide += way
+    return slide, angle
+
+
+@inner
+def middle_of(cells: Cells, scene: Scene, block: Ints, box: Box) -> float:
+    """Put the middle of a block of cells into a box, and half of its sides, rounding of look-ups included.
+
+    Gives what distances have to exceed there.
+    """
+    chain, size = scene.chain, 0.0
+    for axis in range(3):
+        number = cells.numbers[axis]
+        if number >= 0:
+            box.middle[number] = cells.lower[axis] + 0.5 * cells.spacing * (block[axis] + block[axis + 3])
+            box.halves[number] = cells.spacing * (0.5 * (block[axis + 3] - block[axis]) + SLACK)
+    for b in range(1, len(chain.parents)):
+        # What a joint's value is off by moves all that hangs on it.
+        size += 2.0 * abs(chain.factors[b] * box.middle[chain.numbers[b]]) + abs(chain.offsets[b])
+    return scene.least + ROUNDING * 2.0**-9 * size * scene.far
+
+
+@inner
+def longest(cells: Cells, block: Ints) -> int:
+    """The axis along which a block of cells moves the arm the farthest."""
+    chosen, most = 0, -1.0
+    for axis in range(3):
+        count = block[axis + 3] - block[axis]
+        if count > 1 and count * cells.levers[axis] > most:
+            chosen, most = axis, count * cells.levers[axis]
+    return chosen
+
+
+@inner(error_model="numpy")
+def collide(inside: Inside, pairs: Ints, box: Box, work: Work) -> bool:
+    """Whether some pair of solids is proven to collide at every configuration of a box."""
+    for pair in pairs:
+        i, j = inside.scene.pairs[pair]
+        if meets(inside, i, j, box, work) or meets(inside, j, i, box, work):
+            return True
+    return False
+
+
+@inner(error_model="numpy")
+def meets(inside: Inside, i: int, j: int, box: Box, work: Work) -> bool:
+    """Whether solid j meets, all over a box, what a ball in solid i keeps of itself; or its middle, deep enough."""
+    scene, balls, solids = inside.scene, inside.balls, inside.scene.solids
+    slide, angle = sway(scene, solids.bodies[i], solids.bodies[j], box, work)
+    one, other = work.poses[solids.bodies[i]], work.poses[solids.bodies[j]]
+    for n in range(balls.starts[i], balls.starts[i + 1]):
+        center = row_of(balls.centers[n], 0)
+        moved = slide + angle * math.sqrt(dot(center, center)) + box.least
+        x, y, z = point = seen(one, other, center)
+        rest = balls.radii[n] - moved
+        if rest + balls.deepest[j] <= 0.0:
+            continue
+        if solids.filled[j] and fills(solids, j, point, rest, work):
+            return True
+        for surface in range(solids.starts[j, 0], solids.starts[j + 1, 0]):
+            least, most = bounds_of_depth(inside, surface, x, y, z)
+            if least + rest > 0.0 or (most + rest > 0.0 and depth(solids, surface, x, y, z) + rest > 0.0):
+                return True
+    return False
+
+
+@inner(error_model="numpy")
+def fills(solids: Solids, j: int, point: Row, rest: float, work: Work) -> bool:
+    """Whether a box or ball of a solid lies in reach of a point; below zero, whether the point lies so deep in one."""
+    trees, nodes, near, (x, y, z) = solids.trees, work.nodes, max(rest, 0.0), point
+    nodes[1, 0], nodes[1, 1], nodes[1, 2], top = solids.nodes[j, 0], solids.nodes[j, 1], solids.nodes[j, 2], 2
+    while top > 1:
+        top -= 1
+        b, row, m = nodes[top, 0], nodes[top, 1], nodes[top, 2]
+        box = trees.boxes[b]
+        if abs(x - box[0]) > near + box[3] or abs(y - box[1]) > near + box[4] or abs(z - box[2]) > near + box[5]:
+            continue
+        if m == 1:
+            if depth_in_row(trees.triangles[row], point) + rest > 0.0:
+                return True
+            continue
+        few = m // 2
+        nodes[top, 0], nodes[top, 1], nodes[top, 2] = b + 1, row, few
+        nodes[top + 1, 0], nodes[top + 1, 1], nodes[top + 1, 2] = b + 2 * few, row + few, m - few
+        top += 2
+    return False
+
+
+@inner(error_model="numpy")
+def depth_in_row(row: Floats, point: Row) -> float:
+    """How deep a point lies in a box or ball; below zero outside, and in what is neither."""
+    if row[9] >= 0.0:
+        away = minus(point, (row[0], row[1], row[2]))
+        return row[9] - math.sqrt(dot(away, away)) if row[9] > 0.0 else -np.inf
+    away, one, other, third = box_of(row, point)
+    deep, square = np.inf, 0.0
+    for axis in (one, other, third):
+        half = math.sqrt(dot(axis, axis))
+        inward = half - abs(dot(away, axis)) / half
+        deep = min(deep, inward)
+        square += min(inward, 0.0) ** 2
+    return -math.sqrt(square) if square > 0.0 else deep
+
+
+@inner(error_model="numpy")
+def bounds_of_depth(inside: Inside, surface: int, x: float, y: float, z: float) -> tuple[float, float]:
+    """How deep a point lies in a closed surface at least, and about how deep at most, below zero outside.
+
+    Depths change by no more than the way, so that the nearest point of the lattice tells of all around it.
+    """
+    balls, box, number, way, out = inside.balls, inside.scene.solids.boxes[surface], 0, 0.0, 0.0
+    point = x, y, z
+    for axis in range(3):
+        step, count = balls.steps[surface, axis], balls.shapes[surface, axis]
+        place = min(max(math.floor((point[axis] - box[axis]) / step), 0), count - 1)
+        way += (point[axis] - (box[axis] + (place + 0.5) * step)) ** 2
+        out += max(box[axis] - point[axis], point[axis] - box[axis + 3], 0.0) ** 2
+        number = number * count + int(place)
+    deep, way = balls.deep[balls.firsts[surface] + number], math.sqrt(way)
+    return deep - way, -math.sqrt(out) if out > 0.0 else deep + way
+
+
+@inner(error_model="numpy")
+def depth(solids: Solids, surface: int, x: float, y: float, z: float) -> float:
+    """How deep a point lies in a closed surface, at least; below zero outside."""
+    box, turns, least = solids.boxes[surface], 0, np.inf
+    for t in range(solids.firsts[surface], solids.firsts[surface + 1]):
+        turns += turn_above(solids.triangles[t], x, y, z) * solids.turns[t]
+        least = min(least, point_triangle(x, y, z, solids.triangles[t]))
+    # Outside, the distance must not be too small, as it may be to thin triangles.
+    return least if turns != 0 else -least - THIN * (box[3] - box[0] + box[4] - box[1] + box[5] - box[2])
+
+
+@jit
+def depths(solids: Solids, surface: int, points: Floats, out: Floats) -> None:
+    """How deep points, shape (n, 3), lie in a closed surface."""
+    for n in range(len(points)):
+        out[n] = depth(solids, surface, points[n, 0], points[n, 1], points[n, 2])

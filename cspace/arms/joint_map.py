@@ -1,0 +1,280 @@
+"""build_arm_map: a few joints of an arm among obstacles, as a certified map of all their positions.
+
+In the space of its joints an arm is a point, and what it must keep out of are the cells that are not FREE. So the map
+is a :class:`cspace.CSpace` of a point (:class:`cspace.shapes.Point`), whose workspace are these cells.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cspace.arms.boxes import Cells, Inside, Interiors, depths, fill
+from cspace.arms.chain import SLIDES, STILL, TURNS
+from cspace.arms.proofs import Solids, ask_motions
+from cspace.arms.space import ArmSpace
+from cspace.correlation import Progress
+from cspace.errors import ConfigurationError, InputError
+from cspace.grid import Grid, finite, positive
+from cspace.map.contents import Contents
+from cspace.memory import check_memory
+from cspace.orientation import ROTATION_NAMES
+from cspace.robot import Robot
+from cspace.rotations import Rotations
+from cspace.shapes import Point
+from cspace.space import CSpace
+from cspace.states import BLOCKED, FREE, MIXED
+from cspace.threads import cores, in_threads
+from cspace.workspace import Workspace
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+_BYTES: Final = 3
+"""For each cell: its state, and whether it meets an obstacle or lies in one."""
+
+_BLOCK: Final = 32
+"""Cells along each axis of a block that a thread begins with."""
+
+_POINTS: Final = 1000
+"""About how many points of a box are looked at for balls."""
+
+_BALLS: Final = 64
+"""Balls of a closed surface, at most."""
+
+_CORNERS: Final = 24
+"""Corners of a solid that count as balls without a radius, at most."""
+
+
+def build_arm_map(
+    space: ArmSpace,
+    spacing: float,
+    joints: Sequence[str] | None = None,
+    *,
+    at: ArrayLike | None = None,
+    limits: Mapping[str, tuple[float, float]] | None = None,
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> CSpace:
+    """Map all positions of two or three joints of an arm: a cell is FREE or BLOCKED as a whole, or else MIXED.
+
+    Parameters
+    ----------
+    space : ArmSpace
+    spacing : float
+        Side of the cells: radians, and metres of joints that slide.
+    joints : sequence of str, optional
+        The joints of the map, in the order of its axes; by default all of the arm's.
+    at : array-like, shape (arm.dof,), optional
+        A configuration of the arm, at which the other joints are held; needed where there are others.
+    limits : mapping of str to (float, float), optional
+        The part of a joint's way that is mapped; by default all between its limits. Needed for joints that turn for
+        ever: the map is of what lies within, so that nothing leads across its border.
+    workers : int, optional
+        Threads; by default one for each core that the process may use.
+    progress : callable, optional
+        Called with (steps done, steps in all).
+
+    Returns
+    -------
+    CSpace
+        Its axes are the joints. The robot is a point, the workspace the cells that are not FREE, and beyond the limits
+        is BLOCKED. Where limits are not a whole number of cells apart, the last cells reach beyond the upper one, and
+        are never FREE.
+
+    Raises
+    ------
+    InputError
+        If a joint is unknown, or there are not two or three, the others are held nowhere, limits are missing or not
+        within the joint's, or the map does not fit into memory.
+    ConfigurationError
+        If links that the joints do not move against each other touch where the others are held.
+
+    References
+    ----------
+    T. Lozano-Perez, "Spatial planning: a configuration space approach", 1983.
+    """
+    side, arm = positive(spacing, "spacing", "radians"), space.arm
+    names = arm.joints if joints is None else tuple(joints)
+    for name in names:
+        if name not in arm.joints:
+            raise InputError("joints", f"name {name!r}", f"there are {', '.join(arm.joints)}", "name two or three")
+        if name in ROTATION_NAMES or name.split() != [name]:
+            rule = f"an axis of a map has a name without blanks, and none of {', '.join(ROTATION_NAMES)}"
+            raise InputError("joints", f"name {name!r}", rule, "rename the joint in the URDF", value=name)
+    if len(names) not in (2, 3) or len(set(names)) < len(names):
+        rule = "a map is of two or three different joints"
+        raise InputError("joints", f"are {', '.join(names)}", rule, "name them, and pass at= for the others")
+    numbers = np.array([arm.joints.index(name) for name in names])
+    held = _held(space, names, at)
+    ends = np.array([_limits(space, name, limits) for name in names])
+    counts = _counts(ends, side)
+    units = tuple("m" if _slides(space, number) else "rad" for number in numbers.tolist())
+    shape = tuple(counts.tolist())
+    check_memory(_BYTES * math.prod(shape), "the map", shape, side, unit=units[0])
+    grid = Grid(ends[:, 0], side, shape, axes=names, units=units)
+    _check_held(space, numbers, held)
+
+    states = np.empty(shape, dtype=np.uint8)
+    cells, inside = _cells(space, grid, numbers, held), Inside(space._within, _interiors(space._within.solids))
+    layers = states.reshape((1,) * (3 - len(shape)) + shape)
+    counts = -(-np.array(layers.shape) // _BLOCK)
+    starts = _BLOCK * np.indices(tuple(counts.tolist())).reshape(3, -1).T
+    blocks = list(np.concatenate([starts, np.minimum(starts + _BLOCK, layers.shape)], axis=1))
+    tell = None if progress is None else lambda done: progress(done, len(blocks))
+    in_threads(lambda block: fill(space._scene, inside, cells, block, layers), blocks, workers or cores(), tell)
+    for axis, (low, high) in enumerate(ends.tolist()):
+        if low + side * shape[axis] > high + 1e-9 * side:  # the last cells reach beyond
+            last = np.moveaxis(states, axis, 0)[-1]
+            last[last == FREE] = MIXED
+    workspace = Workspace(grid, states != FREE, states == BLOCKED, source=repr(space))
+    rotations, robot = Rotations.of(None), Robot(arm.name, Point.at_origin(len(names)))
+    return CSpace(Contents(workspace, robot, rotations, rotations.slice_of(robot), states[np.newaxis]))
+
+
+def _held(space: ArmSpace, names: Sequence[str], at: ArrayLike | None) -> Floats:
+    """A configuration of the arm, of which the numbers of the map's joints do not count."""
+    others = [name for name in space.arm.joints if name not in names]
+    if at is None:
+        if others:
+            rule = f"the map holds {', '.join(others)} still"
+            raise InputError("at", "is missing", rule, f"pass a configuration of the arm, {space.arm.dof} numbers")
+        return np.zeros(space.arm.dof)
+    held = space.arm.checked(at, "at")
+    if held.ndim != 1:
+        raise InputError("at", f"has shape {held.shape}", "it must be one configuration of the arm", "pass one")
+    for name in others:
+        number = space.arm.joints.index(name)
+        low, high = space.arm.lower[number], space.arm.upper[number]
+        if not low <= held[number] <= high:
+            found = f"has {name} at {held[number]:g}"
+            raise InputError("at", found, f"its limits are {low:g} and {high:g}", "stay within them", value=at)
+    return held.copy()
+
+
+def _limits(space: ArmSpace, name: str, limits: Mapping[str, tuple[float, float]] | None) -> tuple[float, float]:
+    """The part of a joint's way that is mapped."""
+    number = space.arm.joints.index(name)
+    own = float(space.arm.lower[number]), float(space.arm.upper[number])
+    if limits is None or name not in limits:
+        if not all(map(math.isfinite, own)):
+            rule = "a map ends somewhere, and says nothing of what leads across its ends"
+            mend = f"pass limits={{{name!r}: (-3.14, 3.14)}}"
+            raise InputError("limits", f"are missing for {name!r}, which turns for ever", rule, mend)
+        return own
+    given = finite(limits[name], f"limits[{name!r}]")
+    if given.shape != (2,) or not own[0] <= given[0] < given[1] <= own[1]:
+        rule = f"they must be two ascending numbers within {own[0]:g} and {own[1]:g}"
+        raise InputError(f"limits[{name!r}]", f"are {limits[name]}", rule, "correct them", value=limits[name])
+    return float(given[0]), float(given[1])
+
+
+def _counts(ends: Floats, side: float) -> Ints:
+    """How many cells cover each interval, shape (d, 2); rounding makes no cell."""
+    exact = (ends[:, 1] - ends[:, 0]) / side
+    nearest = np.rint(exact)
+    return np.maximum(1, np.where(np.abs(exact - nearest) < 1e-9, nearest, np.ceil(exact))).astype(np.int64)
+
+
+def _check_held(space: ArmSpace, numbers: Ints, held: Floats) -> None:
+    """Refuse to map nothing but BLOCKED: links that the joints do not move against each other, and that touch."""
+    chain, scene, free = space.arm.chain, space._scene, np.empty(1, dtype=np.bool_)
+    moved = np.isin(chain.numbers, numbers) & (chain.kinds != STILL)
+    bodies = scene.solids.bodies[scene.pairs]
+    still = scene._replace(pairs=scene.pairs[~(chain.between[bodies[:, 0], bodies[:, 1]] & moved).any(axis=1)])
+    if not len(still.pairs):
+        return
+    q = held[np.newaxis]
+    ask_motions(still, q, q, free)
+    if not free[0]:
+        link, other, *_ = space._contact(still, q)
+        found = f"has {link} touch {other!r}, or come nearer than the margin"
+        rule = f"{', '.join(space.arm.joints[number] for number in numbers)} do not move them apart"
+        raise ConfigurationError("at", found, rule, "hold the other joints elsewhere", value=held)
+
+
+def _slides(space: ArmSpace, number: int) -> bool:
+    chain = space.arm.chain
+    return bool((chain.kinds[chain.numbers == number] == SLIDES).any())
+
+
+def _cells(space: ArmSpace, grid: Grid, numbers: Ints, held: Floats) -> Cells:
+    """The grid as compiled code takes it, along three axes."""
+    chain, solids = space.arm.chain, space._scene.solids
+    levers = np.zeros(len(held))
+    for body in np.unique(solids.bodies[space._scene.pairs]):
+        reach = float(solids.levers[solids.bodies == body].max())
+        for joint in np.flatnonzero(chain.between[body, 0] & (chain.kinds != STILL)):
+            way = chain.lengths[body, joint] + reach if chain.kinds[joint] == TURNS else 1.0
+            number = chain.numbers[joint]
+            levers[number] = max(levers[number], abs(chain.factors[joint]) * way)
+    pad = 3 - grid.dim
+    return Cells(
+        lower=np.concatenate([np.zeros(pad), grid.lower]),
+        spacing=grid.spacing,
+        numbers=np.concatenate([np.full(pad, -1), numbers]),
+        at=held,
+        levers=np.concatenate([np.zeros(pad), levers[numbers]]),
+    )
+
+
+def _interiors(solids: Solids) -> Interiors:
+    """Balls in solids: of the points of a lattice the deepest, each some way from those before it; and corners."""
+    surfaces = [_depths(solids, surface) for surface in range(len(solids.boxes))]
+    balls: list[Floats] = []
+    counts = []
+    for number, (_, first, count) in enumerate(solids.nodes.tolist()):
+        rows = solids.trees.triangles[first : first + count]
+        own = [_solid_balls(rows)]
+        own += [_balls(*surfaces[k]) for k in range(solids.starts[number, 0], solids.starts[number + 1, 0])]
+        corners = solids.anchors[solids.starts[number, 1] : solids.starts[number + 1, 1]]
+        corners = corners[:: -(-len(corners) // _CORNERS) or 1]
+        own.append(np.column_stack([corners, np.zeros(len(corners))]))
+        balls += own
+        counts.append(sum(map(len, own)))
+    every = np.concatenate([np.empty((0, 4)), *balls])
+    shapes = np.array([shape for _, _, shape in surfaces], dtype=np.int64).reshape(-1, 3)
+    return Interiors(
+        centers=every[:, :3].copy(),
+        radii=every[:, 3].copy(),
+        starts=np.cumsum([0, *counts]),
+        deepest=np.array([max(radii, default=0.0) for radii in np.split(1.5 * every[:, 3], np.cumsum(counts)[:-1])]),
+        steps=(solids.boxes[:, 3:] - solids.boxes[:, :3]) / shapes,
+        shapes=shapes,
+        deep=np.concatenate([np.empty(0), *(deep for _, deep, _ in surfaces)]),
+        firsts=np.cumsum([0, *(len(deep) for _, deep, _ in surfaces)]),
+    )
+
+
+def _solid_balls(rows: Floats) -> Floats:
+    """The largest of the balls in rows of a tree that are boxes or balls, shape (n, 4)."""
+    first, second = (np.linalg.norm(rows[:, k : k + 3], axis=1) for k in (3, 6))
+    radii = np.where(rows[:, 9] < 0.0, np.minimum(np.minimum(first, second), -rows[:, 9]), rows[:, 9])
+    largest = np.argsort(-radii, kind="stable")[:_BALLS]
+    largest = largest[radii[largest] > 0.0]
+    return np.column_stack([rows[largest, :3], radii[largest]])
+
+
+def _depths(solids: Solids, surface: int) -> tuple[Floats, Floats, tuple[int, ...]]:
+    """Points of a lattice in the box of a closed surface, how deep they lie in that, and the lattice's shape."""
+    low, sides = solids.boxes[surface, :3], np.ptp(solids.boxes[surface].reshape(2, 3), axis=0)
+    step = np.cbrt(sides.prod() / _POINTS)
+    # Odd numbers, so that some lie in the middle of what is thin.
+    shape = tuple(np.minimum(2 * np.floor(0.5 * sides / step) + 1, _POINTS // 4).astype(np.int64).tolist())
+    points = low + (np.indices(shape).reshape(3, -1).T + 0.5) * sides / shape
+    deep = np.empty(len(points))
+    depths(solids, surface, points, deep)
+    return points, deep, shape
+
+
+def _balls(points: Floats, deep: Floats, shape: tuple[int, ...]) -> Floats:
+    """Centers and radii of the largest balls around points, but for those near a larger one, shape (n, 4)."""
+    kept: list[int] = []
+    for k in np.argsort(-deep)[: np.count_nonzero(deep > 0.0)].tolist():
+        if len(kept) < _BALLS and (np.linalg.norm(points[kept] - points[k], axis=1) > 0.6 * deep[kept]).all():
+            kept.append(k)
+    return np.column_stack([points[kept], deep[kept]])

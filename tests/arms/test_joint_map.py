@@ -1,0 +1,198 @@
+"""Maps of two and three joints, against shapely for arms in the plane and FCL in space, which share no code."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+import shapely.affinity
+from scipy.ndimage import label
+
+import cspace
+import planners
+from arms.test_space import at, scene
+from cspace import BLOCKED, FREE, MIXED, CSpace, Robot
+from cspace.arms import Arm, ArmSpace, Placed, build_arm, build_arm_map
+from cspace.errors import ConfigurationError, InputError
+from urdfs import joint, link, planar, written
+
+POSTS = ((1.3, 0.9, 0.5), (-0.9, 1.2, 0.4), (0.2, -1.5, 0.7))
+"""Middles of square posts, and their sides."""
+
+
+def plane(folder: Path, limits: tuple[float, float] = (-3.0, 3.0), posts: Any = POSTS) -> ArmSpace:
+    """Two bars of 1 m by 0.1 m among posts."""
+    shapes = {
+        f"post{k}": Placed(Robot.box((side, side, 2.0)).shape, at(x, y, 0)) for k, (x, y, side) in enumerate(posts)
+    }
+    return build_arm(shapes, Arm.from_urdf(planar(folder, limits=limits)))
+
+
+def touches(q: Any, posts: Any = POSTS) -> bool:
+    """Whether the bars meet a post, by shapely."""
+    bar = shapely.box(0.0, -0.05, 1.0, 0.05)
+    fore = shapely.affinity.rotate(bar, q[1], origin=(0, 0), use_radians=True)
+    fore = shapely.affinity.translate(fore, 1.0, 0.0)
+    arm = [shapely.affinity.rotate(each, q[0], origin=(0, 0), use_radians=True) for each in (bar, fore)]
+    squares = [shapely.box(x - s / 2, y - s / 2, x + s / 2, y + s / 2) for x, y, s in posts]
+    return bool(shapely.union_all(arm).intersects(shapely.union_all(squares)))
+
+
+def test_a_plane_arm_against_shapely(tmp_path: Path) -> None:
+    """No configuration of a FREE cell collides, be it at the cell's corner; each of a BLOCKED one does."""
+    space = plane(tmp_path)
+    made = build_arm_map(space, 6.0 / 150)
+    assert isinstance(made, CSpace)
+    assert (made.axes, made.grid.units, made.grid.shape) == (("shoulder", "elbow"), ("rad", "rad"), (150, 150))
+    rng = np.random.default_rng(3)
+    wrong = []
+    for state, collides in ((FREE, True), (BLOCKED, False)):
+        cells = np.argwhere(made.state == state)
+        # Those next to others are where a bound that is too weak would show.
+        near = np.array([(made.state[max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2] != state).any() for i, j in cells])
+        some = cells[near][rng.permutation(near.sum())[:250]]
+        within = np.where(
+            rng.random((len(some), 2)) < 0.5, rng.integers(0, 2, (len(some), 2)), rng.random((len(some), 2))
+        )
+        points = made.grid.lower + made.grid.spacing * (some + within)
+        wrong += [q for q in points if touches(q) == collides]
+    assert not wrong
+    free, mixed, blocked = made.count()
+    truth = np.array([touches(q) for q in rng.uniform(-3.0, 3.0, (400, 2))]).mean()
+    assert mixed < 0.1 * made.grid.size
+    assert free / made.grid.size - 0.05 < 1.0 - truth < (free + mixed) / made.grid.size + 0.05
+    assert blocked > 0.5 * truth * made.grid.size
+
+
+@pytest.mark.parametrize("seed", [1, 3, 4])
+def test_three_joints_of_an_arm_against_fcl(tmp_path: Path, seed: int) -> None:
+    """Random boxes on joints of all kinds; the others are held still."""
+    space, oracle, rng = scene(tmp_path, seed)
+    some = space.sample_free(50, rng)
+    held = some[np.argmax(space.clearance(some))]
+    names = space.arm.joints[:3]
+    ends = np.stack([np.maximum(held - 1.0, space.arm.lower), np.minimum(held + 1.0, space.arm.upper)], axis=1)
+    limits = dict(zip(names, map(tuple, ends.tolist()), strict=False))
+    made = build_arm_map(space, 0.05, names, at=held, limits=limits)
+    states = np.asarray(made.state)
+    assert all((states == state).any() for state in (FREE, BLOCKED))
+    for state, apart in ((FREE, True), (BLOCKED, False)):
+        cells = np.argwhere(states == state)
+        for cell in cells[rng.permutation(len(cells))[:25]]:
+            q = held.copy()
+            q[: len(names)] = made.grid.lower + made.grid.spacing * (cell + rng.integers(0, 2, len(names)))
+            assert (oracle.apart(q) > 0.0) == apart
+
+
+def test_no_path_is_a_proof(tmp_path: Path) -> None:
+    """A post in reach of the upper arm parts its way in two: no dense grid of configurations joins the two either."""
+    posts = ((0.7, 0.0, 0.3),)
+    space = plane(tmp_path, (-1.5, 1.5), posts)
+    made = build_arm_map(space, 0.05)
+    left, right = (-1.0, 0.3), (1.0, -0.3)
+    assert made.path_exists(left, right) is False
+    assert made.path_exists(left, (-0.9, -1.0)) is True
+    q = np.stack(np.meshgrid(np.linspace(-1.5, 1.5, 61), np.linspace(-3.0, 3.0, 61), indexing="ij"), axis=-1)
+    free = ~np.array([touches(each, posts) for each in q.reshape(-1, 2)]).reshape(61, 61)
+    parts, _ = label(free, np.ones((3, 3)))
+    near = [tuple(np.abs(q - end).sum(axis=-1).argmin() // np.array([61, 1]) % 61) for end in (left, right)]
+    assert parts[near[0]] != parts[near[1]]
+
+
+def test_all_that_a_map_can_do(tmp_path: Path) -> None:
+    """Edges and paths that the map proves are proven by the arm itself; files, labels and pictures name the joints."""
+    space = plane(tmp_path)
+    made = build_arm_map(space, 0.05)
+    rng = np.random.default_rng(5)
+    q = made.sample_free(100, rng)
+    edges = made.motion_is_free(q[:-1], q[1:])
+    assert 0 < edges.sum() < len(edges)
+    assert np.all(space.motion_is_free(q[:-1][edges], q[1:][edges]))
+    start, goal = made.nearest_free((-2.5, 1.0)), made.nearest_free((2.5, 0.5))
+    for path in (
+        made.free_path(start, goal),
+        made.widest_path(start, goal),
+        planners.plan(made, start, goal, seed=1).path,
+    ):
+        assert len(path) > 1
+        assert made.certify_path(path).all()
+        assert np.all(space.certify_path(path))
+    assert made.clearance(start) > 0.0
+    assert made.classify((3.1, 0.0)) == BLOCKED  # beyond the limits
+    assert made.robot.name == "small"
+    for name in ("map.zarr", "map.npz"):
+        made.save(tmp_path / name)
+        again = cspace.open(tmp_path / name)
+        assert isinstance(again, CSpace)
+        assert again.grid == made.grid
+        assert repr(again) == repr(made)
+        np.testing.assert_array_equal(again.state, made.state)
+    dataset = made.to_xarray()
+    assert dataset.state.dims == ("shoulder", "elbow")
+    assert dataset.elbow.attrs["units"] == "rad"
+    ax = made.plot(path=made.free_path(start, goal))
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("shoulder (rad)", "elbow (rad)")
+    # A part of the joints' own space may be closed as well.
+    assert made.place("keep out", [(2.4, 0.4), (2.6, 0.4), (2.6, 0.6), (2.4, 0.6)]).changed > 0
+    assert not made.is_free((2.5, 0.5))
+
+
+def test_a_joint_that_slides_and_limits_between_cells(tmp_path: Path) -> None:
+    bar = ((1.0, 0.1, 0.1), (0.5, 0, 0))
+    path = written(
+        tmp_path,
+        link("foot"),
+        link("bar", bar),
+        link("quill", ((0.1, 0.1, 1.0), (0, 0, 0))),
+        joint("turn", "foot", "bar", limits=None, kind="continuous"),
+        joint("lift", "bar", "quill", at=(1, 0, 0), kind="prismatic", limits=(0.0, 0.42)),
+    )
+    wall = {"table": Placed(Robot.box((1.0, 1.0, 0.2)).shape, at(1.0, 0.0, -0.5))}
+    space = build_arm(wall, Arm.from_urdf(path))
+    with pytest.raises(InputError, match=r"limits are missing for 'turn', which turns for ever"):
+        build_arm_map(space, 0.05)
+    made = build_arm_map(space, 0.05, limits={"turn": (-3.0, 3.0)})
+    assert made.grid.units == ("rad", "m")
+    assert made.grid.shape == (120, 9)
+    assert (made.state[:, -1] != FREE).all()
+    assert made.classify((0.0, 0.3)) == FREE
+    assert made.classify((0.0, 0.01)) == BLOCKED
+    assert made.classify((2.0, 0.01)) == FREE
+    assert made.grid.unit == "rad or m"
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"joints": ("shoulder", "wrist")}, "name 'wrist'; there are shoulder, elbow"),
+        ({"joints": ("elbow",), "at": (0.0, 0.0)}, "two or three different joints"),
+        ({"joints": ("elbow", "elbow")}, "two or three different joints"),
+        ({"spacing": 0.0}, "spacing is 0.0"),
+        ({"limits": {"elbow": (-4.0, 1.0)}}, "within -3 and 3"),
+        ({"limits": {"elbow": (1.0, 1.0)}}, "two ascending numbers"),
+        ({"spacing": 1e-5}, r"cells of 1e-05 rad and needs"),
+    ],
+)
+def test_bad_input(tmp_path: Path, options: dict[str, Any], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        build_arm_map(plane(tmp_path), **{"spacing": 0.1, **options})
+
+
+def test_joints_that_are_held_where_links_touch(tmp_path: Path) -> None:
+    bar = ((0.8, 0.1, 0.1), (0.5, 0, 0))
+    path = written(
+        tmp_path,
+        *(link(name, bar) for name in "abcde"),
+        *(joint(f"{k}", "abcde"[k], "abcde"[k + 1], at=(1, 0, 0)) for k in range(4)),
+    )
+    space = build_arm({}, Arm.from_urdf(path))
+    with pytest.raises(InputError, match="at is missing; the map holds 2, 3 still"):
+        build_arm_map(space, 0.5, ("0", "1"))
+    with pytest.raises(InputError, match="has 3 at 5"):
+        build_arm_map(space, 0.5, ("0", "1"), at=(0, 0, 0, 5))
+    with pytest.raises(ConfigurationError, match=r"has c touch 'a'.*2, 3 do not move them apart"):
+        build_arm_map(space, 0.5, ("2", "3"), at=(2.2, 2.2, 0, 0))
+    assert (build_arm_map(space, 0.1, ("1", "2"), at=(0, 0, 0, 0)).state == MIXED).any()
