@@ -190,7 +190,8 @@ def _hull_of(points: Floats) -> tuple[Floats, float, float, float]:
         hull = ConvexHull(kept)
     if len(kept) == len(points):
         return kept, 0.0, 0.0, whole
-    heights = (points @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1)
+    parts = np.array_split(points, len(points) // 4096 + 1)  # of which the heights above all planes fit a cache
+    heights = np.concatenate([(part @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1) for part in parts])
     size = float(np.ptp(points, axis=0).max())
     outside = points[heights > -1e-9 * size]
     sides = hull.points[hull.simplices]
