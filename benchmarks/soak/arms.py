@@ -157,7 +157,9 @@ def _small(rng: Rng) -> Scene:
             theirs = {"box": coal.Box, "cylinder": coal.Cylinder, "sphere": coal.Sphere}
             shapes[f"block{number}"] = Placed(ours[kind](*sizes).shape, pose)
             solids.append((f"block{number}", theirs[kind](*sizes), pose))
-        space = build_arm(shapes, arm, allowed=[("l0", name) for name in shapes])
+        space = build_arm(
+            shapes, arm, allowed=[(link.name, name) for link in arm.links if not link.body for name in shapes]
+        )
         meshes = Meshes(path, arm.joints, solids, allowed=frozenset(arm.allowed))
     lower = np.where(np.isfinite(arm.lower), arm.lower, -np.pi)
     upper = np.where(np.isfinite(arm.upper), arm.upper, np.pi)

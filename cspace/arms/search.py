@@ -53,15 +53,12 @@ class Forest(NamedTuple):
     reaches : ndarray of float64, shape (2, n)
         How far off a sample may be for a node to grow towards it.
     counts : ndarray of int64, shape (2,)
-    joined : ndarray of int64, shape (2,)
-        The nodes of both trees that are the same configuration.
     """
 
     nodes: Floats
     parents: Ints
     reaches: Floats
     counts: Ints
-    joined: Ints
 
 
 @inner(error_model="numpy")
@@ -121,39 +118,14 @@ def stepped(forest: Forest, scene: Scene, side: int, near: int, q: Floats, work:
     return int(new)
 
 
-@jit
-def grow(scene: Scene, forest: Forest, samples: Floats, work: Work) -> int:
-    """Grow both trees, by turns that keep them alike, towards samples, shape (n, dof): how many that took.
-
-    It ends early after some tries, where the trees meet, which ``forest.joined`` then tells, or where room gets scarce.
-    """
-    point, room, tries = np.empty(samples.shape[1]), forest.nodes.shape[1], 0
-    forest.joined[0] = -1
-    for k in range(len(samples)):
-        side = 0 if forest.counts[0] <= forest.counts[1] else 1
-        if tries == SLICE or max(forest.counts[0], forest.counts[1]) + 2 >= room:
-            return k
-        near, far = nearest_to(forest, side, samples[k])
-        if far > forest.reaches[side, near]:
-            continue
-        tries += 1
-        new = stepped(forest, scene, side, near, samples[k], work, point)
-        if new < 0:
-            continue
-        # The other tree comes as far as it can.
-        aim, other = forest.nodes[side, new], 1 - side
-        at, far = nearest_to(forest, other, aim)
-        while at >= 0 and far > 0.0 and forest.counts[other] + 1 < room:
-            at, far = stepped(forest, scene, other, at, aim, work, point), far - STRIDE
-        if at >= 0 and far <= 0.0:
-            forest.joined[side], forest.joined[other] = new, at
-            return k + 1
-    return len(samples)
+@inner(error_model="numpy")
+def proves(scene: Scene, q0: Floats, q1: Floats, work: Work) -> bool:
+    return bool(ask_motion(scene, q0, q1, work) >= 0)
 
 
 @jit
-def joined_path(scene: Scene, forest: Forest, work: Work, straight: bool) -> Floats:
-    """A proven way from the first tree's root to one of the second's where they have met; shape (n, dof).
+def joined_path(scene: Scene, forest: Forest, joined: tuple[int, int], work: Work, straight: bool) -> Floats:
+    """A proven way from the first tree's root to one of the second's by two nodes where they meet, shape (n, dof).
 
     It leaves out nodes that straight motions do not need, if it may. Empty where a motion of the trees cannot be
     proven; what hangs on that one is then cut off.
@@ -161,7 +133,7 @@ def joined_path(scene: Scene, forest: Forest, work: Work, straight: bool) -> Flo
     # The nodes on the way: those of the first tree from its root on, then the second's up to its root.
     on_way, length = np.empty((forest.counts.sum(), 2), np.int64), 0
     for side in range(2):
-        at, first = forest.joined[side], length
+        at, first = joined[side], length
         while at >= 0:
             on_way[length, 0], on_way[length, 1] = side, at
             at, length = forest.parents[side, at], length + 1
@@ -183,7 +155,7 @@ def joined_path(scene: Scene, forest: Forest, work: Work, straight: bool) -> Flo
             ahead = here + (ahead - here) // 2
         if ahead == here:
             # Of the two nodes the one that hangs on the other.
-            side, child = 0, forest.joined[0]
+            side, child = 0, joined[0]
             if on_way[here, 0] == on_way[here + 1, 0]:
                 side, child = on_way[here + 1] if on_way[here, 0] == 0 else on_way[here]
             forest.reaches[side, forest.parents[side, child]] = NEAR
@@ -195,11 +167,6 @@ def joined_path(scene: Scene, forest: Forest, work: Work, straight: bool) -> Flo
     return path[:rows]
 
 
-@inner(error_model="numpy")
-def proves(scene: Scene, q0: Floats, q1: Floats, work: Work) -> bool:
-    return bool(ask_motion(scene, q0, q1, work) >= 0)
-
-
 @inner
 def cut(forest: Forest, side: int, node: int) -> None:
     """Cut off a node with all that hangs on it: those come later."""
@@ -208,6 +175,36 @@ def cut(forest: Forest, side: int, node: int) -> None:
     for n in range(node + 1, forest.counts[side]):
         if parents[n] >= 0 and parents[parents[n]] == -2:
             parents[n] = -2
+
+
+@jit
+def grow(scene: Scene, forest: Forest, samples: Floats, work: Work, straight: bool) -> tuple[int, Floats]:
+    """Grow both trees, by turns that keep them alike, towards samples, shape (n, dof): how many that took, and a path.
+
+    The path is empty where the trees have not met by a proven one yet: after so many tries, or where room is scarce.
+    """
+    point, room, tries = np.empty(samples.shape[1]), forest.nodes.shape[1], 0
+    for k in range(len(samples)):
+        side = 0 if forest.counts[0] <= forest.counts[1] else 1
+        if tries == SLICE or max(forest.counts[0], forest.counts[1]) + 2 >= room:
+            return k, samples[:0]
+        near, far = nearest_to(forest, side, samples[k])
+        if far > forest.reaches[side, near]:
+            continue
+        tries += 1
+        new = stepped(forest, scene, side, near, samples[k], work, point)
+        if new < 0:
+            continue
+        # The other tree comes as far as it can.
+        aim, other = forest.nodes[side, new], 1 - side
+        at, far = nearest_to(forest, other, aim)
+        while at >= 0 and far > 0.0 and forest.counts[other] + 1 < room:
+            at, far = stepped(forest, scene, other, at, aim, work, point), far - STRIDE
+        if at >= 0 and far <= 0.0:
+            path = joined_path(scene, forest, (new, at) if side == 0 else (at, new), work, straight)
+            if len(path) > 0:
+                return k + 1, path
+    return len(samples), samples[:0]
 
 
 def search_path(
@@ -224,21 +221,15 @@ def search_path(
     Samples are uniform within the bounds, after the ends themselves.
     """
     work, forest = work_of(scene), _planted(start, goals)
-    ends = np.concatenate([goals[np.argsort(((goals - start) ** 2).sum(axis=1))], start[np.newaxis]])
-    samples, used = ends, 0
-    grow(scene, forest, ends[:0], work)  # to compile it, the first time, takes none of the seconds
+    samples = np.concatenate([goals[np.argsort(((goals - start) ** 2).sum(axis=1))], start[np.newaxis]])
+    _, path = grow(scene, forest, samples[:0], work, straight)  # compiled here, and not within the limit
     end = time.perf_counter() + seconds
-    while time.perf_counter() < end:
-        if used == len(samples):
-            samples, used = rng.uniform(*bounds, (SAMPLES, len(start))), 0
-        used += grow(scene, forest, samples[used:], work)
-        if forest.joined[0] >= 0:
-            path = joined_path(scene, forest, work, straight)
-            if len(path):
-                return path
-        elif forest.counts.max() + 2 >= forest.nodes.shape[1]:
+    while not len(path) and time.perf_counter() < end:
+        used, path = grow(scene, forest, samples, work, straight)
+        samples = samples[used:] if used < len(samples) else rng.uniform(*bounds, (SAMPLES, len(start)))
+        if forest.counts.max() + 2 >= forest.nodes.shape[1]:
             forest = _doubled(forest)
-    return np.empty((0, len(start)))
+    return path
 
 
 def _planted(start: Floats, goals: Floats) -> Forest:
@@ -246,7 +237,7 @@ def _planted(start: Floats, goals: Floats) -> Forest:
     room, counts = ROOM + len(goals), np.array([1, len(goals)])
     nodes, parents = np.empty((2, room, len(start))), np.full((2, room), -1)
     nodes[0, 0], nodes[1, : len(goals)] = start, goals
-    return Forest(nodes, parents, np.full((2, room), np.inf), counts, np.full(2, -1))
+    return Forest(nodes, parents, np.full((2, room), np.inf), counts)
 
 
 def _doubled(forest: Forest) -> Forest:
