@@ -70,12 +70,9 @@ def _(obstacle: Workspace, name: str, base: Floats) -> Placed | None:
     if obstacle.shapes is not None and len(obstacle.shapes) == 1:
         return placed_obstacle(obstacle.shapes[0], name, base)
     check_memory(_CELL_BYTES * grid.size, name, grid.shape, grid.spacing, mend="cut it to what the arm reaches")
-    if not obstacle.outer.any():
+    held = obstacle.in_memory()
+    if not held.outer.any():
         return None
-    sides = [obstacle.outer, obstacle.inner]
-    if obstacle.unknown is not None:
-        sides[1] = obstacle.inner & ~obstacle.unknown
-    outer, inner = (
-        Voxels(side.copy() if obstacle.live else side, grid.spacing, np.asarray(grid.lower)) for side in sides
-    )
+    sides = held.outer, held.inner if held.unknown is None else held.inner & ~held.unknown
+    outer, inner = (Voxels(side.copy() if held.live else side, grid.spacing, np.asarray(grid.lower)) for side in sides)
     return Placed(outer if sides[0] is sides[1] else Bracketed(outer, inner), base)

@@ -199,6 +199,15 @@ def test_a_map_that_is_updated_later_stays_as_it_was(tmp_path: Path) -> None:
     assert space.classify((0.0, 0.0)) == FREE
 
 
+def test_cells_that_are_read_at_need(tmp_path: Path) -> None:
+    cells = np.zeros((20, 20, 20), dtype=bool)
+    cells[14] = True
+    np.save(tmp_path / "cells.npy", cells)
+    lazy = Workspace.from_array(tmp_path / "cells.npy", 0.1, (0.0, -1.0, -1.0), lazy=True)
+    space = build_arm(lazy, Arm.from_urdf(planar(tmp_path)))
+    assert space.classify(((0.0, 2.9), (0.0, 0.5))).tolist() == [FREE, BLOCKED]
+
+
 @pytest.mark.parametrize(
     ("obstacles", "words"),
     [
