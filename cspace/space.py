@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from cspace.map.mip import Marks, Mip
     from cspace.map.overlaps import Runs, Sums
     from cspace.map.sampling import FreeCells
-    from cspace.map.widest import Graph
+    from cspace.map.widest import Widest
     from cspace.spectral import FourierOverlap, OverlapField
     from cspace.update import Update, Updater
     from cspace.view.cells import Cells
@@ -129,7 +129,7 @@ class CSpace(ConfigurationMap):
         self._inner_sums: Kept[Sums] = Kept(self._lock)
         self._components_kept: Kept[Components] = Kept(self._lock)
         self._free_cells: Kept[FreeCells] = Kept(self._lock)
-        self._widest: Kept[Graph] = Kept(self._lock)
+        self._widest: Kept[Widest] = Kept(self._lock)
         self._exact_kept: Kept[Exact] = Kept(self._lock)
         self._updater: Kept[Updater] = Kept(self._lock)
 
@@ -485,14 +485,14 @@ class CSpace(ConfigurationMap):
         InputError
             If a configuration is not one of finite numbers, or memory is too small.
         """
-        from cspace.map.widest import BYTES, graph_of, widest_path
+        from cspace.map.widest import BYTES, Widest, widest_path
 
         ends = [self._one_free(q, name) for q, name in ((q0, "q0"), (q1, "q1"))]
         needed, shape, fewer = BYTES * self.grid.size * self.rotations.count, self.grid.shape, self.rotations.fewer
         check_memory(needed, "the map, to find its widest path,", shape, self.grid.spacing, fewer=fewer)
         cells = [self._cells_of(q) for q in ends]
-        graph = self._widest.get(lambda: graph_of(self._map, self._seen, self.rotations))
-        return widest_path(graph, self._map, self.rotations, self.grid, list(zip(ends, cells, strict=True)), straight)
+        widest = self._widest.get(lambda: Widest.of(self._map, self._seen, self.rotations))
+        return widest_path(widest, self._map, self.rotations, self.grid, list(zip(ends, cells, strict=True)), straight)
 
     # ---- the set of FREE configurations ------------------------------------------------------------------------------
 

@@ -13,9 +13,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,13 +26,15 @@ from cspace.grid import Grid
 from cspace.map.callbacks import edge_checker
 from cspace.map.free_path import pulled_straight
 from cspace.map.record import Map
+from cspace.map.storage import read_only
 from cspace.rotations import Rotations
-from cspace.states import FREE, MIXED
+from cspace.states import FREE
 from cspace.threads import cores, in_chunks, in_threads
 
 Bytes = NDArray[np.uint8]
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Numbers = TypeVar("Numbers", bound=NDArray[Any])
 Levels = NDArray[np.uint16]
 Squares = NDArray[np.int32]
 Cells = NDArray[np.uint32]
@@ -48,15 +51,34 @@ TOP: Final = 65535
 FAR: Final = 2**30
 """Square of a distance, in half cells, that stands for infinity."""
 
-BYTES: Final = 24
+BYTES: Final = 28
 """For each cell: its level, which is kept, what came before it, its distance, and what waits; at the first path also
-the cell above it and the borders between tops. Measured: 16 to 20 at most at a time, 2 of them kept."""
+the cell above it and the borders between tops. Measured: 9 to 25 at most at a time."""
 
 METRES_A_RADIAN: Final = 0.5
 """What a turn counts as in the length, as in OMPL's SE(2)."""
 
-UNSEEN, LAST = np.uint32(2**32 - 1), np.uint32(2**32 - 2)
-"""What stands in a list in place of the next cell."""
+UNSEEN = np.uint32(2**32 - 1)
+"""What stands in place of a cell that there is not."""
+
+LARGEST: Final = 2**22
+"""Cells of the largest map of which room for searches is kept from one to the next, in 12 bytes for each that a search
+came to: 50 MB at most. To take it anew is up to a third of the time."""
+
+MARGIN: Final = 16.0
+"""Cells by which a chain may be longer than without its turns before it is led less well."""
+
+SAME: Final = 1e-5
+"""Cells of way that rounding may make of nothing."""
+
+LATE: Final = 0.01
+"""The same of estimates, in single precision."""
+
+SPENT: Final = 2.0**20
+"""Cells of way of searches, all in all, after which what they left is wiped away."""
+
+NO_WAY: Final = 255
+"""What stands for the way to the start."""
 
 LISTS: Final = 8
 """Lists of what waits for each cell of way: within one of them, order does not count."""
@@ -386,32 +408,70 @@ def climb(graph: Graph, cell: int) -> Ints:
     return path[:count]
 
 
-def shortest(graph: Graph, start: int, goal: int, least: int) -> Ints:
-    """The shortest chain of cells of a level or above from one to another; empty where there is none."""
-    flat, size = np.empty(0), graph.levels[0].size
-    if len(graph.slice_of) > 1:
-        flat = flat_distances(graph, graph.levels.max(axis=0) >= least, goal % size)
-    chain: Ints = chain_of(graph, start, goal, least, flat)
-    return chain
+@dataclass(frozen=True, slots=True, eq=False)
+class Widest:
+    """What widest paths need of a map.
+
+    Attributes
+    ----------
+    graph : Graph
+    moves : Moves
+    rooms : list of (ndarray of float64, ndarray of uint32), shapes (n,)
+        Room for searches, each for one at a time, a number for each cell, the first with one more, see
+        :func:`chain_of`. Memory is taken where they wrote.
+    """
+
+    graph: Graph
+    moves: Moves
+    rooms: list[tuple[Floats, Cells]]
+
+    @classmethod
+    def of(cls, map_: Map, states: Iterable[Bytes], rotations: Rotations) -> Widest:
+        graph = graph_of(map_, states, rotations)
+        return cls(graph, moves_of(graph), [])
+
+    def shortest(self, start: int, goal: int, least: int) -> Ints:
+        """The shortest chain of cells of a level or above from one to another; empty where there is none."""
+        graph, (_, nx, ny, nz) = self.graph, self.graph.levels.shape
+        size, count = nx * ny * nz, len(graph.slice_of)
+        heads = np.full(LISTS * (4 * (nx + ny + nz) + 64), -1)
+        flat, bound = np.zeros(0), 0.0
+        if count > 1:
+            flat = np.zeros(size)
+            bound = flat_distances(graph, graph.levels.max(axis=0) >= least, goal % size, start % size, flat, heads)
+            heads[:] = -1
+        try:
+            room = self.rooms.pop()
+        except IndexError:  # the first one, or another thread has it
+            room = np.zeros(size * count + 1), np.zeros(size * count, dtype=np.uint32)
+            room[0][-1] = 1.0
+        if room[0][-1] > SPENT:
+            room[0][:-1], room[0][-1] = 0.0, 1.0
+        chain: Ints = chain_of(graph, self.moves, (start, goal, least), (flat, float(bound)), *room, heads)
+        if not self.rooms and size * count <= LARGEST:
+            self.rooms.append(room)
+        return chain
 
 
 @jit
-def flat_distances(graph: Graph, wide: NDArray[np.bool_], goal: int) -> Floats:
-    """From each place, the length of the shortest chain to one, over places that are wide at any rotation, in cells.
+def flat_distances(graph: Graph, wide: NDArray[np.bool_], goal: int, start: int, flat: Floats, heads: Ints) -> float:
+    """From places, 1 and the length of the shortest chain to one, over places that are wide at any rotation, in cells.
 
-    Cells of one rotation allow no shorter way (E. W. Dijkstra, "A note on two problems in connexion with graphs",
-    1959). Infinite where there is none.
+    Cells of one rotation allow no shorter way. Places are looked at that may lie on a chain from ``start`` of at most
+    the length that is given back, which is :data:`MARGIN` more than the shortest one's; others are left at zero.
     """
     nx, ny, nz = wide.shape
-    far = np.full(wide.size, np.inf)
-    heads = np.full(4 * LISTS * (nx + ny + nz) + 2, -1, np.int64)
     cells, after = np.empty(4096, np.int64), np.empty(4096, np.int64)
-    cells[0], after[0], far[goal], heads[0] = goal, -1, 0.0, 0
+    cells[0], after[0], flat[goal], heads[0] = goal, -1, 1.0, 0
+    si, sj, sk = start // (ny * nz), start // nz % ny, start % nz
+    base = 1.0 + _on_empty_grid(goal // (ny * nz) - si, goal // nz % ny - sj, goal % nz - sk)
     count, bucket = 1, 0
     while bucket < len(heads):
         entry = heads[bucket]
         if entry < 0:
             bucket += 1
+            if flat[start] > 0.0 and bucket > LISTS * (MARGIN + flat[start] - base):
+                break
             continue
         heads[bucket] = after[entry]
         cell = cells[entry]
@@ -421,107 +481,195 @@ def flat_distances(graph: Graph, wide: NDArray[np.bool_], goal: int) -> Floats:
             if not (0 <= i + u < nx and 0 <= j + v < ny and 0 <= k + w < nz):
                 continue
             other = ((i + u) * ny + j + v) * nz + k + w
-            cost = far[cell] + math.sqrt(float(u * u + v * v + w * w))
-            if cost >= far[other] or not wide[i + u, j + v, k + w]:
+            cost = flat[cell] + math.sqrt(float(u * u + v * v + w * w))
+            if 0.0 < flat[other] <= cost or not wide[i + u, j + v, k + w]:
                 continue
-            far[other] = cost
+            flat[other] = cost
             if count == len(cells):
-                cells, after = (
-                    np.concatenate((cells, np.empty_like(cells))),
-                    np.concatenate((after, np.empty_like(after))),
-                )
-            number = min(max(int(LISTS * cost), bucket), len(heads) - 1)
+                cells, after = _doubled(cells), _doubled(after)
+            estimate = cost + _on_empty_grid(i + u - si, j + v - sj, k + w - sk) - base
+            number = min(max(int(LISTS * estimate), bucket), len(heads) - 1)
             cells[count], after[count], heads[number] = other, heads[number], count
             count += 1
-    return far
+    return base + bucket / LISTS
+
+
+class Moves(NamedTuple):
+    """What leads from cell to cell, as bits of words: those of moves, and past them those of turns.
+
+    Attributes
+    ----------
+    steps, lengths : ndarray, shape (m,)
+        Of moves: by how much the number of the cell changes, and cells of way.
+    parts : ndarray of int64, shape (m,)
+        For each move itself and those along some of its axes alone: they lead to the cells that it touches.
+    """
+
+    steps: Ints
+    lengths: Floats
+    parts: Ints
+
+
+def moves_of(graph: Graph) -> Moves:
+    """The moves of a graph."""
+    _, _, ny, nz = graph.levels.shape
+    among = (graph.moves == 0) | (graph.moves == graph.moves[:, None])
+    parts = (among.all(axis=2) << np.arange(len(graph.moves))).sum(axis=1)
+    return Moves((graph.moves * (ny * nz, nz, 1)).sum(axis=1), np.linalg.norm(graph.moves, axis=1), parts)
+
+
+@inner
+def _open(graph: Graph, levels: Levels, moves: Moves, first: int, at: Spot, least: int) -> tuple[int, int]:
+    """The moves from a place to cells of a level or above, by the number of its cell among all; and those allowed."""
+    _, nx, ny, nz = graph.levels.shape
+    _, i, j, k = at
+    wide, allowed = 0, 0
+    deep = 1 if len(moves.steps) > 8 else 0
+    if deep <= i < nx - deep and 0 < j < ny - 1 and 0 < k < nz - 1:
+        for way in range(len(moves.steps)):
+            wide |= (levels[first + moves.steps[way]] >= least) << way
+    else:
+        for way in range(len(moves.steps)):
+            u, v, w = i + graph.moves[way, 0], j + graph.moves[way, 1], k + graph.moves[way, 2]
+            if 0 <= u < nx and 0 <= v < ny and 0 <= w < nz:
+                wide |= (levels[first + moves.steps[way]] >= least) << way
+    if wide == (1 << len(moves.steps)) - 1:
+        return wide, wide
+    for way in range(len(moves.steps)):
+        allowed |= ((wide & moves.parts[way]) == moves.parts[way]) << way
+    return wide, allowed
 
 
 @jit
-def chain_of(graph: Graph, start: int, goal: int, least: int, flat: Floats) -> Ints:
-    """:func:`shortest`, given the :func:`flat_distances` to the goal's place, or none where there is one rotation.
+def chain_of(
+    graph: Graph,
+    moves: Moves,
+    task: tuple[int, int, int],
+    led: tuple[Floats, float],
+    far: Floats,
+    came: Cells,
+    heads: Ints,
+) -> Ints:
+    """:meth:`Widest.shortest`, of a start, a goal and a level, given :func:`flat_distances`, or none of one rotation.
 
+    ``far`` is the cost of a cell, beyond the last number in it, below which are those of searches before; at the end
+    that is beyond all of this one. ``came`` has a bit for each move that led there as soon, or turn that leads back.
     What waits lies in lists by its cost, of :data:`LISTS` to a cell; a cell that is reached anew, sooner, waits again,
-    and the search ends when all that could be cheaper is done. Moves and turns add up, so that the shortest way without
-    turns and the turns to the goal's rotation are a bound of what is still to come.
+    and so does one that is reached as soon by another move, after which others are tried. The search ends when all is
+    done that could be cheaper than what has come to the goal: of equal ones, one is enough. So of ways of one cost,
+    that with the longest moves first and turns last will do: what another way than over a cell does as well is not
+    tried from there, where all around is wide, as by D. Harabor and A. Grastien, "Online graph pruning for pathfinding
+    on grid maps", 2011. Moves and turns add up, so that the shortest way without turns and the turns to the goal's
+    rotation are a bound of what is still to come.
     """
     _, nx, ny, nz = graph.levels.shape
-    size, straight, levels = nx * ny * nz, graph.moves.shape[0], graph.levels.ravel()
-    far, came = np.full(size * len(graph.slice_of), np.inf, np.float32), np.empty(size * len(graph.slice_of), np.uint32)
-    ahead = _turns_to(graph, goal // size)
-    heads = np.full(LISTS * (4 * (nx + ny + nz) + 64), LAST, np.uint32)
-    cells, costs, after = np.empty(4096, np.uint32), np.empty(4096, np.float32), np.empty(4096, np.uint32)
-    moves, steps, lengths = graph.moves, np.empty(straight, np.int64), np.empty(straight)
-    for way in range(straight):
-        steps[way] = (moves[way, 0] * ny + moves[way, 1]) * nz + moves[way, 2]
-        lengths[way] = math.sqrt(float((moves[way] ** 2).sum()))
+    (start, goal, least), (flat, bound) = task, led
+    size, straight, levels = nx * ny * nz, len(moves.steps), graph.levels.ravel()
+    ahead, every = _turns_to(graph, goal // size), (1 << straight) - 1
+    cells, ways = np.empty(4096, np.uint32), np.empty(4096, np.uint8)
+    after, estimates = np.empty(4096, np.int32), np.empty(4096, np.float32)
     gi, gj, gk = goal % size // (ny * nz), goal % size // nz % ny, goal % size % nz
-    i, j, k = start % size // (ny * nz), start % size // nz % ny, start % size % nz
-    base = ahead[start // size] + (flat[start % size] if len(flat) else _on_empty_grid(i - gi, j - gj, k - gk))
-    cells[0], costs[0], after[0], far[start], heads[0] = start, 0.0, LAST, 0.0, 0
-    count, bucket = 1, 0
-    while bucket < len(heads):
-        entry = np.int64(heads[bucket])
-        if entry == LAST:
+    si, sj, sk = start % size // (ny * nz), start % size // nz % ny, start % size % nz
+    began = far[-1]
+    base = ahead[start // size] + (flat[start % size] - 1.0 if len(flat) else _on_empty_grid(si - gi, sj - gj, sk - gk))
+    cells[0], ways[0], estimates[0], after[0], heads[0] = start, NO_WAY, base, -1, 0
+    far[start], came[start], count, bucket, most = began, 0, 1, 0, began
+    best = np.inf if start != goal else 0.0
+    while bucket < len(heads) and base + bucket / LISTS < best:
+        entry = heads[bucket]
+        if entry < 0:
             bucket += 1
-            if far[goal] < base + bucket / LISTS:
-                break
             continue
         heads[bucket] = after[entry]
-        cell: int = np.int64(cells[entry])  # type: ignore[assignment]  # one type, for the compiler
-        if costs[entry] > far[cell]:
+        cell, by = np.int64(cells[entry]), np.int64(ways[entry])
+        # A cell that was reached sooner has forgotten the later ways.
+        late = by != NO_WAY and not came[cell] & np.uint32(1) << np.uint32(by)
+        if late or estimates[entry] > best + LATE:
             continue
-        rotation, place = cell // size, cell % size
-        rest, first = place // nz, graph.slice_of[rotation] * size + place
-        i, j, k = rest // ny, rest % ny, place % nz
+        at = _spot(graph, cell)  # type: ignore[arg-type]
+        rotation, i, j, k = at
+        place = cell - rotation * size
+        wide, tries = _open(graph, levels, moves, graph.slice_of[rotation] * size + place, at, least)
+        if by != NO_WAY and by >= straight:
+            # What could have been done before the turn was.
+            before = graph.slice_of[graph.neighbors[rotation, by - straight]] * size + place
+            tries &= ~_open(graph, levels, moves, before, at, least)[1]
+        elif by != NO_WAY and wide == every:
+            tries = moves.parts[by]
         for way in range(straight + graph.neighbors.shape[1]):
-            turn, u, v, w = rotation, 0, 0, 0
+            turn, u, v, w, back = rotation, 0, 0, 0, way
             if way < straight:
-                u, v, w = moves[way, 0], moves[way, 1], moves[way, 2]
-                if not (0 <= i + u < nx and 0 <= j + v < ny and 0 <= k + w < nz):
+                if not (tries >> way) & 1:
                     continue
-                other, cost = cell + steps[way], np.float32(far[cell] + lengths[way])
-                if cost >= far[other]:
-                    continue
-                wide = levels[first + steps[way]] >= least
-                if way >= graph.faces:
-                    # It touches all cells of the block of two along each axis.
-                    x, y = u * ny * nz, v * nz
-                    wide = wide and levels[first + x] >= least and levels[first + y] >= least
-                    wide = wide and levels[first + w] >= least and levels[first + x + y] >= least
-                    wide = wide and levels[first + x + w] >= least and levels[first + y + w] >= least
+                u, v, w = graph.moves[way, 0], graph.moves[way, 1], graph.moves[way, 2]
+                other, cost = cell + moves.steps[way], far[cell] + moves.lengths[way]
             else:
                 turn = graph.neighbors[rotation, way - straight]
                 if turn < 0:
                     continue
-                other = turn * size + place
-                cost = np.float32(far[cell] + graph.turns[rotation, way - straight])
-                wide = cost < far[other] and levels[graph.slice_of[turn] * size + place] >= least
-            if not wide:
+                other, cost = turn * size + place, far[cell] + graph.turns[rotation, way - straight]
+                if levels[graph.slice_of[turn] * size + place] < least:
+                    continue
+                back = straight
+                while graph.neighbors[turn, back - straight] != rotation:
+                    back += 1
+            bit = np.uint32(1) << np.uint32(back)
+            seen = far[other] >= began and other != start
+            if other == start or (
+                seen and (cost > far[other] + SAME or (cost >= far[other] - SAME and came[other] & bit))
+            ):
                 continue
-            far[other], came[other] = cost, np.uint32(cell)
-            to_come = flat[other % size] if len(flat) else _on_empty_grid(i + u - gi, j + v - gj, k + w - gk)
-            estimate = cost + to_come + ahead[turn] - base
+            to_come = _on_empty_grid(i + u - gi, j + v - gj, k + w - gk)
+            if len(flat):
+                known = flat[other - turn * size] - 1.0
+                more = bound - 1.0 - _on_empty_grid(i + u - si, j + v - sj, k + w - sk)
+                to_come = max(to_come, more if known < 0.0 else min(known, more))
+            estimate = cost - began + to_come + ahead[turn]
+            if estimate >= best:
+                continue
+            if seen and cost >= far[other] - SAME:
+                came[other] = came[other] | bit
+            else:
+                far[other], came[other] = cost, bit
+            most = max(most, cost)
+            if other == goal:
+                best = cost - began - SAME
             if count == len(cells):
-                cells, costs = (
-                    np.concatenate((cells, np.empty_like(cells))),
-                    np.concatenate((costs, np.empty_like(costs))),
-                )
-                after = np.concatenate((after, np.empty_like(after)))
-            number = min(max(int(LISTS * estimate), bucket), len(heads) - 1)
-            cells[count], costs[count], after[count], heads[number] = other, cost, heads[number], np.uint32(count)
+                cells, ways = _doubled(cells), _doubled(ways)
+                after, estimates = _doubled(after), _doubled(estimates)
+            number = min(max(int(LISTS * (estimate - base)), bucket), len(heads) - 1)
+            cells[count], ways[count], estimates[count] = other, back, estimate
+            after[count], heads[number] = heads[number], count
             count += 1
-    length, cell = 0, goal
-    if far[goal] < np.inf:
-        length = 1
-        while cell != start:
-            cell = np.int64(came[cell])  # type: ignore[assignment]
-            length += 1
-    path, cell = np.empty(length, np.int64), goal
-    for row in range(length - 1, -1, -1):
-        path[row] = cell
-        if row:
-            cell = np.int64(came[cell])  # type: ignore[assignment]
-    return path
+    far[-1] = most + 1.0
+    if best == np.inf:
+        return np.empty(0, np.int64)
+    return _back(graph, moves, start, goal, came)
+
+
+@jit
+def _doubled(array: Numbers) -> Numbers:
+    return np.concatenate((array, np.empty_like(array)))  # type: ignore[return-value]
+
+
+@jit
+def _back(graph: Graph, moves: Moves, start: int, goal: int, came: Cells) -> Ints:
+    """The cells from one to another, by the ways that each was reached."""
+    size, straight, cell, length = graph.levels[0].size, len(moves.steps), goal, 1
+    path = np.empty(256, np.int64)
+    path[0] = goal
+    while cell != start:
+        way, bits = 0, came[cell]
+        while not (bits >> np.uint32(way)) & np.uint32(1):
+            way += 1
+        if way < straight:
+            cell -= moves.steps[way]
+        else:
+            cell = graph.neighbors[cell // size, way - straight] * size + cell % size
+        if length == len(path):
+            path = _doubled(path)
+        path[length], length = cell, length + 1
+    return path[:length][::-1].copy()
 
 
 @inner
@@ -552,21 +700,21 @@ def _turns_to(graph: Graph, goal: int) -> Floats:
 
 
 def widest_path(
-    graph: Graph, map_: Map, rotations: Rotations, grid: Grid, ends: Sequence[tuple[Floats, Ints]], straight: bool
+    widest: Widest, map_: Map, rotations: Rotations, grid: Grid, ends: Sequence[tuple[Floats, Ints]], straight: bool
 ) -> Floats:
     """Waypoints of the widest path between two configurations, each given with its cell, shape (n, dof).
 
     Of length 0 where there is none, or an edge of it is not proven free. If not ``straight``, they are all the middles
     of cells that it passes.
     """
-    shape = (rotations.count, *grid.shape)
+    shape, graph = (rotations.count, *grid.shape), widest.graph
     start, goal = (int(np.ravel_multi_index(tuple(cell), shape)) for _, cell in ends)
     tops = [climb(graph, start), climb(graph, goal)]
     level = bottleneck(graph, int(tops[0][-1]), int(tops[1][-1]))
     if not level:
         return np.empty((0, len(ends[0][0])))
     up, down = ([cell for cell in way.tolist() if level_of(graph, cell) < level] for way in tops)
-    chain = shortest(graph, int(tops[0][len(up)]), int(tops[1][len(down)]), level)
+    chain = widest.shortest(int(tops[0][len(up)]), int(tops[1][len(down)]), level)
     rotation, *place = np.unravel_index(np.concatenate([up, chain, down[::-1]]).astype(np.int64), shape)
     middles = np.column_stack([grid.center_of(np.stack(place, axis=-1)), rotations.centers[rotation]])
     path = rotations.canonical(np.concatenate([ends[0][0][None], middles, ends[1][0][None]]))
@@ -581,7 +729,17 @@ def widest_path(
     found = [path[:1]]
     for begin, end, least in parts:
         if begin < end:
-            wide = np.where(graph.levels >= least, FREE, MIXED).astype(np.uint8).reshape(map_.states.shape)
-            check = edge_checker(map_._replace(states=wide, cells=wide.reshape(-1)), path.shape[1])
+            part = slice(max(begin - 1, 0), end)
+            check = edge_checker(_wide_part(graph, map_, np.stack(place)[:, part], least), path.shape[1])
             found.append(pulled_straight(path[begin : end + 1], grid.dim, check, 2.0 * grid.spacing)[1:])
     return np.concatenate(found)
+
+
+def _wide_part(graph: Graph, map_: Map, places: Ints, least: int) -> Map:
+    """The map around some places, shape (d, n), in which cells of a level or above are FREE, and no others."""
+    first = np.maximum(places.min(axis=1) - 1, 0)
+    stop = np.minimum(places.max(axis=1) + 2, map_.states.shape[1:])
+    levels = graph.levels.reshape(map_.states.shape)[:, *map(slice, first, stop)]
+    states = read_only((levels < least).view(np.uint8))  # FREE is 0, and MIXED 1
+    lower, upper = (tuple((map_.lower + map_.spacing * cell).tolist()) for cell in (first, stop))
+    return map_._replace(states=states, cells=states.reshape(-1), lower=lower, upper=upper)

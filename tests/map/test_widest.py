@@ -90,8 +90,9 @@ def length_of(space: CSpace, path: np.ndarray) -> float:
 def test_a_path_is_as_wide_as_any_and_no_longer_than_it_must_be(name: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
     space = random_map(name, rng)
-    points, graph = middles(space), widest.graph_of(space._map, space._seen, space.rotations)
+    points, kept = middles(space), widest.Widest.of(space._map, space._seen, space.rotations)
     room = np.asarray(space.clearance(points))
+    graph = kept.graph
     levels = graph.levels[graph.slice_of].ravel()
     assert np.array_equal(levels > 0, room > 0.0) and (np.abs(levels / 128 - room) <= 1 / 128 + 1e-6).all()
     free = np.flatnonzero(room > 0.0)
@@ -108,7 +109,7 @@ def test_a_path_is_as_wide_as_any_and_no_longer_than_it_must_be(name: str, seed:
         assert np.asarray(space.clearance(path)).min() >= best - 1e-6  # a way up may cut a corner
         assert space.certify_path(path).all()
         shortest = dijkstra(links(space, levels >= level, True), indices=start)[goal]
-        chain = points[widest.shortest(graph, start, goal, level)]
+        chain = points[kept.shortest(start, goal, level)]
         assert length_of(space, chain) == pytest.approx(shortest, rel=1e-5)
         pulled = space.widest_path(points[start], points[goal])
         assert np.array_equal(pulled[[0, -1]], path[[0, -1]]) and space.certify_path(pulled).all()
