@@ -22,7 +22,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arms.chain import SLIDES, TURNS, flight_of, place
+from cspace.arms.chain import SLIDES, STILL, TURNS, flight_of, place
 from cspace.arms.hulls import least_spare
 from cspace.arms.proofs import Scene, Solids, Work, nests, row_of, seen, work_of
 from cspace.compiling import inner, jit
@@ -147,10 +147,11 @@ def fill(scene: Scene, inside: Inside, cells: Cells, block: Ints, states: States
             states[i:i1, j:j1, k:k1] = FREE
         elif collide(inside, left[:count], box, work):
             states[i:i1, j:j1, k:k1] = BLOCKED
-        elif (i1 - i) * (j1 - j) * (k1 - k) == 1:
-            states[i, j, k] = MIXED
         else:
-            axis = longest(cells, blocks[top])
+            axis = longest(scene, cells, blocks[top], left[:count])
+            if axis < 0:
+                states[i:i1, j:j1, k:k1] = MIXED
+                continue
             cut = (blocks[top, axis] + blocks[top, axis + 3]) // 2
             for n in range(6):
                 blocks[top + 1, n] = blocks[top, n]
@@ -232,12 +233,21 @@ def middle_of(cells: Cells, scene: Scene, block: Ints, box: Box) -> float:
 
 
 @inner
-def longest(cells: Cells, block: Ints) -> int:
-    """The axis along which a block of cells moves the arm the farthest."""
-    chosen, most = 0, -1.0
+def longest(scene: Scene, cells: Cells, block: Ints, pairs: Ints) -> int:
+    """The axis along which a block moves the arm the farthest, of those that move a pair of solids; -1 if none does.
+
+    So links that a joint of the base does not move against each other are looked at once for all that it does.
+    """
+    chain, chosen, most = scene.chain, -1, 0.0
     for axis in range(3):
-        count = block[axis + 3] - block[axis]
-        if count > 1 and count * cells.levers[axis] > most:
+        count, moves = block[axis + 3] - block[axis], False
+        if count == 1 or count * cells.levers[axis] <= most:
+            continue
+        for pair in pairs:
+            i, j = scene.solids.bodies[scene.pairs[pair, 0]], scene.solids.bodies[scene.pairs[pair, 1]]
+            for b in range(1, len(chain.parents)):
+                moves |= chain.between[i, j, b] and chain.kinds[b] != STILL and chain.numbers[b] == cells.numbers[axis]
+        if moves:
             chosen, most = axis, count * cells.levers[axis]
     return chosen
 
