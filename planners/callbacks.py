@@ -38,8 +38,9 @@ class StateValidityChecker(ob.StateValidityChecker):
         super().__init__(si)
         self._kind = kind_of(space)
         self._space = space
-        self._is_free = self._ask_map = self._kind.of_state(space.point_checker(exact=exact))
+        self._ask_map = self._kind.of_state(space.point_checker(exact=exact))
         self._clearance: Callable[[ob.State], float] | None = None
+        self.answer_with(None)
 
     def isValid(self, state: ob.State) -> bool:  # noqa: N802 - OMPL's name
         """Whether the state is FREE."""
@@ -55,6 +56,8 @@ class StateValidityChecker(ob.StateValidityChecker):
     def answer_with(self, answer: Callable[[ob.State], bool] | None) -> None:
         """Answer by a function from now on, or by the map again; so a plan that is out of time ends a search."""
         self._is_free = answer or self._ask_map
+        if type(self) is StateValidityChecker:  # OMPL then asks the function itself, a tenth quicker
+            self.__dict__["isValid"] = self._is_free
 
 
 class MotionValidator(ob.MotionValidator):
