@@ -11,7 +11,9 @@ import trimesh
 
 from cspace import Robot
 from cspace.arms import Arm, Placed, build_arm
+from cspace.arms.chain import Chain, bounds_of
 from cspace.arms.hulls import TILE, corners_of, forest_of
+from cspace.compiling import jit
 from cspace.shapes import Mesh, Shape
 from urdfs import joint, link, random_arm, written
 
@@ -77,6 +79,60 @@ def test_a_forest_is_its_parts() -> None:
         assert (np.abs(part.boxes[0, :3] - above[:3]) + part.boxes[0, 3:6] <= above[3:6] + 1e-12).all()
 
 
+@jit(cache=False)
+def bounds(chain: Chain, a: int, b: int, rho: float, q0: Any, q1: Any) -> tuple[float, float, float]:
+    return bounds_of(chain, a, b, rho, q0, q1)
+
+
+def chain_of(folder: Path, last: str) -> Path:
+    """Three links of 1 m in a row; the last joint turns as the first one does, or slides across it."""
+    bar = ((1.0, 0.0001, 0.0001), (0.5, 0, 0))
+    ends = {"prismatic": (0, 1, 0), "revolute": (0, 0, 1)}[last]
+    return written(
+        folder,
+        *(link(name, bar) for name in "abc"),
+        joint("one", "a", "b", at=(1, 0, 0)),
+        joint("two", "b", "c", at=(1, 0, 0), axis=ends, kind=last),
+    )
+
+
+@pytest.mark.parametrize(
+    ("make", "start", "end"),
+    [
+        (lambda folder: chain_of(folder, "revolute"), (-0.01, -0.01), (0.01, 0.01)),
+        (lambda folder: chain_of(folder, "prismatic"), (-0.01, -1.0), (0.01, 1.0)),
+        *((lambda folder, seed=seed: random_arm(folder, seed), None, None) for seed in range(3)),
+    ],
+    ids=["turns", "slides", *map(str, range(3))],
+)
+def test_bounds_of_what_moves_against_differences(tmp_path: Path, make: Any, start: Any, end: Any) -> None:
+    """Of every two links, seen from either: no corner is quicker or bends more, and the bounds are near where they can.
+
+    Of links in a row that turn alike, the last one's end has all the acceleration that the bound allows.
+    """
+    arm, rng = Arm.from_urdf(make(tmp_path)), np.random.default_rng(5)
+    lower, upper = np.maximum(arm.lower, -2.0), np.minimum(arm.upper, 2.0)
+    q0, q1 = (lower, upper) if start is None else (np.array(start), np.array(end))
+    times = np.linspace(0.0, 1.0, 101)
+    poses = [arm.poses(q0 + t * (q1 - q0)) for t in times]
+    nearest = 0.0
+    for one in arm.links:
+        corners = np.concatenate([part.border.simplices.reshape(-1, 3) for part in one.parts])
+        corners = np.c_[corners, np.ones(len(corners))][rng.permutation(len(corners))[:20]]
+        rho = max(float(np.linalg.norm(part.border.simplices, axis=-1).max()) for part in one.parts)
+        for other in arm.links:
+            if one.body == other.body:
+                continue
+            far, bend, _ = bounds(arm.chain, one.body, other.body, rho, q0, q1)
+            seen = np.stack([(corners @ (np.linalg.inv(each[other.name]) @ each[one.name]).T)[:, :3] for each in poses])
+            speed = np.linalg.norm(np.diff(seen, axis=0), axis=-1).max() * 100
+            bent = np.linalg.norm(np.diff(seen, n=2, axis=0), axis=-1).max() * 100**2
+            assert speed <= far * (1 + 1e-6)
+            assert bent <= 2.0 * bend * (1 + 1e-6) + 1e-9
+            nearest = max(nearest, bent / (2.0 * bend + 1e-9))
+    assert start is None or nearest > 0.9
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_no_ball_on_the_way_of_a_far_motion_is_missed(tmp_path: Path, seed: int) -> None:
     """Motions as long as the joints allow, of one joint or of all; balls where a corner of a link is on the way."""
@@ -127,3 +183,16 @@ def test_many_turns_round_the_values_of_joints(tmp_path: Path) -> None:
     space = build_arm({"wall": Placed(Robot.box((0.4, 0.1, 1.0)).shape, wall)}, arm)
     assert space.is_free((0.0,))
     assert not space.is_free((2e9 * np.pi,))
+
+
+def test_what_lies_within_a_body_that_is_not_convex(tmp_path: Path) -> None:
+    """A ball in the thick of a ring, whose triangles are all apart from it; in the ring's hole it is free."""
+    arm = Arm.from_urdf(
+        written(tmp_path, link("base"), link("arm", ((0.1,) * 3, (0, 0, 9))), joint("j", "base", "arm"))
+    )
+    held = arm.attach("ring", mesh(trimesh.creation.annulus(0.5, 1.5, 1.0)), "arm")
+    for x, is_free in ((1.0, False), (0.0, True)):
+        ball = np.eye(4)
+        ball[0, 3] = x
+        space = build_arm({"ball": Placed(Robot.ball(0.05).shape, ball)}, held)
+        assert space.is_free((0.0,)) is space.motion_is_free((0.0,), (1.0,)) is is_free
