@@ -188,7 +188,7 @@ def test_many_turns_round_the_values_of_joints(tmp_path: Path) -> None:
 def test_what_lies_within_a_body_that_is_not_convex(tmp_path: Path) -> None:
     """A ball in the thick of a ring, whose triangles are all apart from it; in the ring's hole it is free."""
     arm = Arm.from_urdf(
-        written(tmp_path, link("base"), link("arm", ((0.1,) * 3, (0, 0, 9))), joint("j", "base", "arm"))
+        written(tmp_path, link("base"), link("arm", ((0.1,) * 3, (0, 0, 9))), joint("j", "base", "arm", axis=(0, 1, 0)))
     )
     held = arm.attach("ring", mesh(trimesh.creation.annulus(0.5, 1.5, 1.0)), "arm")
     for x, is_free in ((1.0, False), (0.0, True)):
