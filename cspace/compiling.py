@@ -223,8 +223,7 @@ def inner(function: F | None = None, /, **options: Any) -> Any:
     """
     if function is None:
         return lambda decorated: inner(decorated, **options)
-    options = {"_nrt": False, "no_cpython_wrapper": True, "pipeline_class": _part_compiler(), **options}
-    made = cast(Any, jit(function, **options))
+    made = cast(Any, jit(function, **{"_nrt": False, **_part_options(options.pop("forceinline", False)), **options}))
 
     def add(compiled: Any) -> None:
         made.overloads[tuple(compiled.signature.args)] = compiled
@@ -238,25 +237,27 @@ def inner(function: F | None = None, /, **options: Any) -> Any:
 
 
 @cache
-def _part_compiler() -> Any:
-    """Numba's compiler for what becomes a part of others; numba's own where that has changed within.
+def _part_options(forceinline: bool) -> dict[str, Any]:
+    """What numba is told of a function that becomes a part of others; nothing of its own where that has changed within.
 
     Numba optimises each function, makes machine code of it, and does so again for every one that calls it, all the way
-    up. Of parts only the last time counts.
+    up. Of parts only the last time counts. Numba also types and makes ``min`` and such anew for callers of each set of
+    options; so options of parts are set behind its back, and they share them with others.
     """
-    from numba.core.compiler import Compiler, CompilerBase, DefaultPassBuilder
+    from numba.core.compiler import CompilerBase, DefaultPassBuilder
 
+    options = {"no_cpython_wrapper": True, "forceinline": forceinline}
     try:
         from llvmlite.binding import parse_assembly
         from numba.core.codegen import JITCodeLibrary, JITCPUCodegen
     except ImportError:
-        return Compiler
+        return options
     used = {
         JITCodeLibrary: ("_optimize_final_module", "_finalize_final_module", "_finalize_dynamic_globals"),
         JITCPUCodegen: ("_add_module", "_create_empty_module"),
     }
     if not all(hasattr(kind, name) for kind, names in used.items() for name in names):
-        return Compiler
+        return options
 
     class Part(JITCodeLibrary):
         def _optimize_final_module(self) -> None:
@@ -279,11 +280,13 @@ def _part_compiler() -> Any:
     class PartCompiler(CompilerBase):
         def define_pipelines(self) -> list[Any]:
             state: Any = self.state
+            for name, value in options.items():
+                setattr(state.flags, name, value)
             state.library = Part(state.targetctx.codegen(), state.func_id.func_qualname)  # type: ignore[no-untyped-call]
             state.library.enable_object_caching()
             return [DefaultPassBuilder.define_nopython_pipeline(state)]  # type: ignore[no-untyped-call]
 
-    return PartCompiler
+    return {"pipeline_class": PartCompiler}
 
 
 def entry(kernel: Any, fixed: tuple[Any, ...], floats: int) -> Callable[..., Any]:

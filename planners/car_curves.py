@@ -14,7 +14,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.compiling import entry, jit
+from cspace.compiling import entry, inner, jit
 from cspace.map.points import around_is_free
 from cspace.map.record import Map
 from cspace.rotations import TURN
@@ -130,7 +130,7 @@ def curve_cost(map_: Map, field: Field, law: Law, curve: tuple[int, float], both
     return total
 
 
-@jit
+@inner
 def _word_is_free(map_: Map, radius: float, q0: Pose, turns: Ints, lengths: Floats, spare: float) -> bool:
     """Whether every configuration within ``spare`` of a word, but for its ends, lies in FREE cells of the grid.
 
@@ -183,7 +183,7 @@ def reverse(turns: Ints, lengths: Floats) -> None:
         lengths[k], lengths[4 - k] = -lengths[4 - k], -lengths[k]
 
 
-@jit
+@inner
 def swaps(kind: int, q0: Pose, q1: Pose) -> bool:
     """Whether a curve is that from the second configuration to the first, reversed.
 
@@ -194,7 +194,7 @@ def swaps(kind: int, q0: Pose, q1: Pose) -> bool:
     return q1[0] < q0[0] or q1[1] < q0[1] or (q1[1] == q0[1] and q1[2] < q0[2])
 
 
-@jit
+@inner(_nrt=True)  # it makes arrays
 def tied_words(
     kind: int, radius: float, ends: tuple[Pose, Pose], tie: float, turns: Ints, lengths: Floats
 ) -> tuple[int, float]:
@@ -231,13 +231,13 @@ def tied_words(
     return count, gap
 
 
-@jit
+@inner
 def total_length(lengths: Floats) -> float:
     total: float = abs(lengths[0]) + abs(lengths[1]) + abs(lengths[2]) + abs(lengths[3]) + abs(lengths[4])
     return total
 
 
-@jit
+@inner
 def onwards(pose: Pose, turn: int, length: float) -> Pose:
     """The end of a piece; everything in turning radii."""
     x, y, yaw = pose
@@ -253,14 +253,14 @@ def _around(angle: float) -> float:
     return angle - TURN * math.floor((angle + math.pi) / TURN)
 
 
-@jit
+@inner(_nrt=True)  # it makes arrays
 def _ahead(angle: float, snap: float) -> float:
     """An arc driven forwards, in [0, 2 pi), and 0 where it is a whole turn but for ``snap``."""
     angle -= TURN * math.floor(angle / TURN)
     return 0.0 if angle > TURN - snap else angle
 
 
-@jit
+@inner
 def _gap(turns: Ints, lengths: Floats, goal: Pose) -> float:
     """By how much the end of a word misses a configuration."""
     pose = (0.0, 0.0, 0.0)
@@ -271,7 +271,7 @@ def _gap(turns: Ints, lengths: Floats, goal: Pose) -> float:
     return missed
 
 
-@jit
+@inner
 def is_new(turns: Ints, lengths: Floats, count: int) -> int:
     """1 where the word in row ``count`` is none of those before it, otherwise 0."""
     for row in range(count):
@@ -284,7 +284,7 @@ def is_new(turns: Ints, lengths: Floats, count: int) -> int:
     return 1
 
 
-@jit
+@inner
 def _candidates(kind: int, goal: Pose, turns: Ints, lengths: Floats) -> int:
     """Write all words that might lead from the origin to a configuration, and give their number."""
     x, y, phi = goal
@@ -313,7 +313,7 @@ def _candidates(kind: int, goal: Pose, turns: Ints, lengths: Floats) -> int:
     return count
 
 
-@jit
+@inner
 def _tau_omega(u: float, v: float, xi: float, eta: float, phi: float) -> tuple[float, float]:
     """First and last arc of the words of four arcs."""
     delta = _around(u - v)
@@ -325,7 +325,7 @@ def _tau_omega(u: float, v: float, xi: float, eta: float, phi: float) -> tuple[f
     return t, _around(t - u + v - phi)
 
 
-@jit
+@inner
 def _form(form: int, x: float, y: float, phi: float) -> tuple[Turns, Lengths]:
     """Turns and lengths of a word to (x, y, phi) of one form; all zeros where the form does not get there."""
     half, none = 0.5 * math.pi, ((0, 0, 0, 0, 0), (0.0, 0.0, 0.0, 0.0, 0.0))

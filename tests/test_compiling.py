@@ -180,14 +180,13 @@ def test_parts_are_for_compiled_code_alone_whatever_numba_is_like_within(
     gone: str | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from numba.core.codegen import CPUCodeLibrary
-    from numba.core.compiler import Compiler
 
     with monkeypatch.context() as patch:
         if gone is not None:
             patch.delattr(CPUCodeLibrary, gone)
-        compiler = compiling._part_compiler.__wrapped__()
-    assert (compiler is Compiler) == (gone is not None)
-    monkeypatch.setattr(compiling, "_part_compiler", lambda: compiler)
+        options = compiling._part_options.__wrapped__(False)
+    assert ("pipeline_class" in options) == (gone is None)
+    monkeypatch.setattr(compiling, "_part_options", lambda forceinline: options)
     part = inner(cache=False)(double)
 
     @jit(cache=False)

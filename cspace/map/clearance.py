@@ -66,7 +66,7 @@ def clearance_at(map_: Map, marks: Marks, q: Numbers, most: float) -> float:
         border = min(border, cells, map_.states.shape[axis + 1] - cells)
         place = replaced(place, 3 - dim + axis, cells)
     # Where much is not FREE, the nearest cells are enough.
-    best, close = most * most, is_marked(marks, s, place)
+    best, close = most * most, border > 0.0 and is_marked(marks, s, place)
     if close:
         best = nearest_around(marks, s, place, best)
     if not best < border * abs(border):
@@ -107,13 +107,10 @@ def square_outside(map_: Map, s: int, place: Place) -> float:
 
 @inner(forceinline=True)
 def is_marked(marks: Marks, s: int, place: Place) -> bool:
-    """Whether a place in the grid lies in a block of which something is not FREE."""
-    _, count, wide, long, layers = marks.cells.shape
-    if not (0.0 <= place[0] < layers * count and 0.0 <= place[1] < SIZE * wide and 0.0 <= place[2] < SIZE * long):
-        return False
+    """Whether something is not FREE in the block of cells that holds a place in the grid."""
     i, j, k = int(place[0]) >> SHIFT, int(place[1]) >> SHIFT, int(place[2]) >> SHIFT
     word = marks.blocks[s, i >> SHIFT, j >> SHIFT, k >> SHIFT, i & (marks.blocks.shape[4] - 1)]
-    return (word >> np.uint64(((k & (SIDE - 1)) << SHIFT) + (j & (SIDE - 1)))) & ONE != 0
+    return bool((word >> np.uint64(((k & (SIDE - 1)) << SHIFT) + (j & (SIDE - 1)))) & ONE)
 
 
 @inner
@@ -133,10 +130,9 @@ def nearest_around(marks: Marks, s: int, place: Place, best: float) -> float:
         word = np.uint64(0)
         for n in range(max(b, 0), min(b + 2, wide)):
             column = np.uint64(0)
-            if c >= 0:
-                column |= marks.cells[s, i >> SHIFT, n, c, i & (layers - 1)] >> low_z
-            if c + 1 < long:
-                column |= (marks.cells[s, i >> SHIFT, n, c + 1, i & (layers - 1)] << EIGHT) << (LAST - SEVEN - low_z)
+            for m in range(max(c, 0), min(c + 2, long)):
+                cells = marks.cells[s, i >> SHIFT, n, m, i & (layers - 1)]
+                column |= cells >> low_z if m == c else cells << EIGHT << (LAST - SEVEN - low_z)
             if n == b:
                 word |= (column >> low_y) & kept
             else:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.compiling import jit
+from cspace.compiling import inner, jit
 from cspace.threads import in_chunks
 
 Bools = NDArray[np.bool_]
@@ -152,7 +152,7 @@ def _root(parents: Labels, run: int) -> int:
     return run
 
 
-@jit
+@inner
 def _join_columns(offsets: Integers, lows: Labels, highs: Labels, parents: Labels, column: int, other: int) -> None:
     """Join the runs of two neighbouring columns that overlap."""
     a, b = offsets[column], offsets[other]

@@ -242,7 +242,7 @@ def _at(plane: float, pa: float, qa: float, pc: float, qc: float) -> float:
     return qc + (plane - qa) / (pa - qa) * (pc - qc)
 
 
-@jit
+@inner
 def _clip_to_slab(triangle: Floats, x0: float, x1: float, polygon: Floats) -> int:
     """The (y, z) of the corners, in order, of the part of a triangle over ``x0 <= x <= x1``; their number."""
     n = 0
@@ -261,7 +261,7 @@ def _clip_to_slab(triangle: Floats, x0: float, x1: float, polygon: Floats) -> in
     return n
 
 
-@jit
+@inner
 def _span_over_slab(polygon: Floats, n: int, y0: float, y1: float) -> tuple[float, float]:
     """z-interval of the part of a convex polygon (y, z) over ``y0 <= y <= y1``; (inf, -inf) where there is none."""
     low, high = math.inf, -math.inf
@@ -309,7 +309,7 @@ def _mark_touched(out: Bools, triangles: Floats, b0: float, b1: float, slack: fl
                     out[i, j, k] = True
 
 
-@jit
+@inner
 def point_segment(x: float, y: float, z: float, p: Floats, q: Floats) -> float:
     """Squared distance between a point and a segment."""
     dx, dy, dz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
@@ -331,7 +331,7 @@ def cross(a: Floats, b: Floats, c: Floats) -> tuple[float, float, float]:
     return uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
 
 
-@jit
+@inner
 def point_triangle(x: float, y: float, z: float, triangle: Floats) -> float:
     """Distance between a point and a triangle; up to ``THIN`` times its longest side less for a thin one."""
     square, longest = math.inf, 0.0
@@ -357,14 +357,14 @@ def point_triangle(x: float, y: float, z: float, triangle: Floats) -> float:
     return min(distance, float(abs(nx * (p[0] - x) + ny * (p[1] - y) + nz * (p[2] - z))))
 
 
-@jit
+@inner
 def _box_point(dx: float, dy: float, dz: float, half: float) -> float:
     """Distance of a point from a cube about the origin."""
     dx, dy, dz = max(abs(dx) - half, 0.0), max(abs(dy) - half, 0.0), max(abs(dz) - half, 0.0)
     return math.sqrt(dx * dx + dy * dy + dz * dz)
 
 
-@jit
+@inner
 def _box_edges(p: Floats, q: Floats, center: Floats, half: float) -> float:
     """Smallest distance of a segment from the edges of a cube, where both are met between their ends; else inf."""
     best = math.inf
@@ -383,7 +383,7 @@ def _box_edges(p: Floats, q: Floats, center: Floats, half: float) -> float:
     return best
 
 
-@jit
+@inner
 def _box_triangle(triangle: Floats, center: Floats, half: float) -> float:
     """Distance of a triangle from a cube that it does not meet."""
     best = math.inf

@@ -17,7 +17,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.compiling import jit
+from cspace.compiling import inner, jit
 from cspace.threads import in_chunks
 
 Floats = NDArray[np.float64]
@@ -130,13 +130,13 @@ def mark_enclosed(out: Bools, triangles: Floats, turns: Integers) -> None:
     in_chunks(work, len(out), _SLABS_A_THREAD)
 
 
-@jit
+@inner
 def _bucket_of(value: float, low: float, scale: float, count: int) -> int:
     """Bucket of a coordinate."""
     return int(min(max(math.floor((value - low) * scale), 0), count - 1))
 
 
-@jit
+@inner
 def _chord(triangle: Floats, x: float) -> tuple[int, float, float, float, float]:
     """The part of a triangle that a plane across x cuts: which way it faces, and (y, z) of its lower and upper end.
 
@@ -172,7 +172,7 @@ def _chord(triangle: Floats, x: float) -> tuple[int, float, float, float, float]
     return turn, low_y, low_z, high_y, high_z
 
 
-@jit
+@inner
 def _height(y: float, low_y: float, low_z: float, high_y: float, high_z: float) -> float:
     """Where the line from one point to another is at y, from the nearer end."""
     t = (y - low_y) / (high_y - low_y)
@@ -181,7 +181,7 @@ def _height(y: float, low_y: float, low_z: float, high_y: float, high_z: float) 
     return high_z + (y - high_y) / (low_y - high_y) * (low_z - high_z)
 
 
-@jit
+@inner
 def turn_above(triangle: Floats, x: float, y: float, z: float) -> int:
     """1 where a triangle lies above a point and faces up, -1 where it faces down, 0 where it does not lie there."""
     turn, low_y, low_z, high_y, high_z = _chord(triangle, x)

@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.compiling import jit
+from cspace.compiling import inner, reader
 from cspace.spectral.bump import (
     FLOOR,
     PAIR_TOLERANCE,
@@ -209,23 +209,23 @@ class Terms(NamedTuple):
 # ---- compiled sums, ring by ring -------------------------------------------------------------------------------------
 
 
-@jit
-def add_phases(shares: Floats, first: Ints, last: Ints, phases: Complexes) -> None:
-    """Set ``phases[axis, middle + k]`` to exp(2 pi i k shares[axis]) for ``first[axis] <= |k| <= last[axis]``.
+@inner
+def add_phases(share: float, first: int, last: int, phases: Complexes) -> None:
+    """Set ``phases[middle + k]`` to exp(2 pi i k share) for ``first <= |k| <= last``.
 
-    ``shares`` is the placement in periods. Each factor is computed by itself, so that errors do not add up.
+    ``share`` is the placement along an axis in periods. Each factor is computed by itself, so that errors do not add
+    up.
     """
-    middle = phases.shape[1] // 2
-    for axis in range(len(shares)):
-        for k in range(first[axis], last[axis] + 1):
-            turns = k * shares[axis]
-            angle = 2.0 * math.pi * (turns - round(turns))
-            value = complex(math.cos(angle), math.sin(angle))
-            phases[axis, middle + k] = value
-            phases[axis, middle - k] = value.conjugate()
+    middle = len(phases) // 2
+    for k in range(first, last + 1):
+        turns = k * share
+        angle = 2.0 * math.pi * (turns - round(turns))
+        value = complex(math.cos(angle), math.sin(angle))
+        phases[middle + k] = value
+        phases[middle - k] = value.conjugate()
 
 
-@jit
+@inner
 def add_terms(terms: Terms, phases: Complexes, start: int, stop: int) -> float:
     """Sum of the real parts of ``products * exp(2 pi i k.t)`` over a stretch of frequencies."""
     products, indices = terms.products, terms.indices
@@ -239,7 +239,7 @@ def add_terms(terms: Terms, phases: Complexes, start: int, stop: int) -> float:
     return total
 
 
-@jit
+@reader
 def separate(place: Floats, terms: Terms, threshold: float, phases: Complexes) -> tuple[int, int, float, float]:
     """Sum ring after ring until the sum decides: the verdict, the number of frequencies, the sum and its bound.
 
@@ -248,13 +248,12 @@ def separate(place: Floats, terms: Terms, threshold: float, phases: Complexes) -
     ``place`` is relative to the middles, in metres; ``phases``, of shape (d, 2 m + 1) with the highest frequency m of
     an axis, is room for them.
     """
-    starts = terms.starts
-    shares = place / terms.lengths
-    first = np.zeros(len(place), np.int64)
+    starts, reaches = terms.starts, terms.reaches
     total = 0.0
     for ring in range(len(starts) - 1):
-        add_phases(shares, first, terms.reaches[ring], phases)
-        first = terms.reaches[ring] + 1
+        for axis in range(len(place)):
+            first = reaches[ring - 1, axis] + 1 if ring > 0 else 0
+            add_phases(place[axis] / terms.lengths[axis], first, reaches[ring, axis], phases[axis])
         total += add_terms(terms, phases, starts[ring], starts[ring + 1])
         bound = terms.bounds[ring + 1]
         if total + bound < threshold:
@@ -264,15 +263,22 @@ def separate(place: Floats, terms: Terms, threshold: float, phases: Complexes) -
     return 2, starts[-1], total, terms.bounds[-1]
 
 
-@jit
 def separate_all(places: Floats, asked: Bools, terms: Terms, threshold: float, out: tuple[Bytes, Ints, Floats]) -> None:
     """:func:`separate` at those of some placements, shape (n, d), that are asked for.
 
     ``out`` takes verdicts (n,), numbers of frequencies (n,), and sums with their bounds (n, 2).
     """
+    phases = np.empty((places.shape[1], 2 * int(terms.reaches[-1].max()) + 1), np.complex128)
+    separate_some(places, np.flatnonzero(asked), terms, threshold, phases, out)
+
+
+@reader
+def separate_some(
+    places: Floats, asked: Ints, terms: Terms, threshold: float, phases: Complexes, out: tuple[Bytes, Ints, Floats]
+) -> None:
+    """The same of placements by their numbers, with room as in :func:`separate`."""
     verdicts, counts, sums = out
-    phases = np.empty((places.shape[1], 2 * terms.reaches[-1].max() + 1), np.complex128)
-    for n in np.flatnonzero(asked):
+    for n in asked:
         verdicts[n], counts[n], sums[n, 0], sums[n, 1] = separate(places[n], terms, threshold, phases)
 
 

@@ -15,7 +15,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.compiling import jit
+from cspace.compiling import inner, jit, reader
 from cspace.errors import GeometryError, InputError
 from cspace.grid import positive
 from cspace.shapes import shape_of
@@ -310,8 +310,8 @@ class Cover:
         lattice, dim = self._lattice, self._lattice.region.dim
         large = np.maximum(balls.reaches, 0.0) + 0.5 * lattice.diagonal
         bounds = np.minimum(VOLUME[dim] * large**dim, float(len(lattice.middles)))
-        chosen: Ints = choose(self._cells, balls.centers, balls.reaches, bounds, most)
-        return chosen
+        chosen, left = np.empty(min(most, len(bounds)), dtype=np.int64), int(self._cells.sums[:, :, -1].sum())
+        return chosen[: choose(self._cells, balls.centers, balls.reaches, bounds, left, chosen)]
 
     def trim(self, balls: Balls) -> Floats:
         """Drop balls that hold no cell alone, then cut the others to what they hold alone: reaches, 0 if dropped.
@@ -326,16 +326,17 @@ class Cover:
     def polish(self, centers: Floats, radii: Floats) -> None:
         """Move balls that lie in the shape, as large as it allows, to where they hold more cells; in place."""
         region, lattice = self._lattice.region, self._lattice
-        polish(self._cells, region.tree, centers, radii, (lattice.corner, lattice.side, region.slack))
+        frame = lattice.corner, lattice.side, region.slack
+        polish(self._cells, region.tree, centers, radii, frame, np.empty((2, 3)))
 
 
-@jit
+@inner
 def _span(center: float, length: float, count: int) -> tuple[int, int]:
     """The middles within a length of a center along an axis: the first, and the one after the last."""
     return max(0, math.ceil(center - length - 0.5)), min(count, math.floor(center + length + 0.5))
 
 
-@jit
+@inner
 def _find_rows(cells: Cells, center: Floats, reach: float) -> int:
     """Fill ``cells.rows`` with the rows of cells that a ball holds; how many there are."""
     nx, ny, nz = cells.times.shape
@@ -359,7 +360,7 @@ def _find_rows(cells: Cells, center: Floats, reach: float) -> int:
     return count
 
 
-@jit
+@inner
 def _add(cells: Cells, rows: int, step: int) -> None:
     """Count a ball, whose rows were found, in (``step`` 1) or out (-1)."""
     times, sums = cells.times, cells.sums
@@ -372,7 +373,7 @@ def _add(cells: Cells, rows: int, step: int) -> None:
             sums[i, j, k + 1] = sums[i, j, k] + (times[i, j, k] == 0)
 
 
-@jit
+@inner
 def _gain(cells: Cells, rows: int) -> int:
     """How many cells a ball, whose rows were found, holds that none holds so far."""
     gain = 0
@@ -383,14 +384,13 @@ def _gain(cells: Cells, rows: int) -> int:
 
 
 @jit
-def choose(cells: Cells, centers: Floats, reaches: Floats, bounds: Floats, most: int) -> Ints:
-    """The balls that a greedy choice takes, each for the cells that it adds: numbers, in their order.
+def choose(cells: Cells, centers: Floats, reaches: Floats, bounds: Floats, left: int, chosen: Ints) -> int:
+    """Fill ``chosen`` with the balls that a greedy choice takes, each for the cells that it adds; how many they are.
 
     A ball adds no more cells than it did before others were taken (M. Minoux, "Accelerated greedy algorithms for
-    maximizing submodular set functions", 1978), nor than ``bounds``. It ends when no ball adds a cell.
+    maximizing submodular set functions", 1978), nor than ``bounds``. It ends when none of the cells ``left`` is added.
     """
-    chosen = np.empty(min(most, len(centers)), dtype=np.int64)
-    count, left = 0, cells.sums[:, :, -1].sum()
+    count = 0
     queue = [(-bounds[n], n) for n in range(len(centers))]
     heapq.heapify(queue)
     while len(queue) > 0 and count < len(chosen) and left > 0:
@@ -407,10 +407,10 @@ def choose(cells: Cells, centers: Floats, reaches: Floats, bounds: Floats, most:
         chosen[count] = n
         count += 1
         left -= gain
-    return chosen[:count]
+    return count
 
 
-@jit
+@reader
 def trim(cells: Cells, centers: Floats, reaches: Floats, order: Ints, only_drop: bool) -> None:
     """Cut balls, in an order, to the cells that only they hold; ``reaches`` become zero where there are none."""
     for n in order:
@@ -431,15 +431,17 @@ def trim(cells: Cells, centers: Floats, reaches: Floats, order: Ints, only_drop:
 
 
 @jit
-def polish(cells: Cells, tree: Tree, centers: Floats, radii: Floats, frame: tuple[Floats, float, float]) -> None:
+def polish(
+    cells: Cells, tree: Tree, centers: Floats, radii: Floats, frame: tuple[Floats, float, float], room: Floats
+) -> None:
     """Move balls that lie in a shape, as large as it allows, to where they hold more cells; in place.
 
     A step that stays in the ball stays in the shape, so that the distance from the border is the new radius. Steps go
     along the axes, and halve where none helps. ``frame`` is the corner of the lattice in the space of the tree, its
-    side, and the slack of distances.
+    side, and the slack of distances; ``room``, shape (2, 3), is for a point in both.
     """
     corner, side, slack = frame
-    trial = np.empty(3)
+    trial, place = room[0], room[1]
     for turn in range(ROUNDS):
         moved = False
         for n in range(len(centers)):
@@ -453,9 +455,11 @@ def polish(cells: Cells, tree: Tree, centers: Floats, radii: Floats, frame: tupl
                     axis = direction // 2
                     if cells.times.shape[axis] == 1 or step >= 0.9 * radii[n]:
                         continue
-                    trial[:] = centers[n]
+                    for along in range(3):
+                        trial[along] = centers[n, along]
                     trial[axis] += step if direction % 2 else -step
-                    place = corner + side * trial
+                    for along in range(3):
+                        place[along] = corner[along] + side * trial[along]
                     radius = (distance(tree, place, 2.0 * side * (radii[n] + step))[0] - slack) / side
                     if radius <= 0.0:
                         continue
@@ -463,7 +467,7 @@ def polish(cells: Cells, tree: Tree, centers: Floats, radii: Floats, frame: tupl
                     if gain > best or (gain == best and radius > radii[n]):
                         better = moved = True
                         best = gain
-                        centers[n], radii[n] = trial, radius
+                        centers[n, axis], radii[n] = trial[axis], radius
                 if not better:
                     step *= 0.5
             _add(cells, _find_rows(cells, centers[n], radii[n]), 1)

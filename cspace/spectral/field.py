@@ -11,7 +11,7 @@ from typing import Any, Final, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.compiling import entry, jit
+from cspace.compiling import entry, inner, reader
 from cspace.errors import InputError
 from cspace.map import turning
 from cspace.map.batches import Many, One, answer, in_pieces
@@ -144,7 +144,7 @@ def _shape(space: Space) -> tuple[int, ...]:
     return (*space.rotations.leading(space._map.states.shape[0]), *space.grid.shape)
 
 
-@jit
+@inner
 def field_at(map_: Map, values: Floats, q: tuple[float, ...]) -> float:
     """A field, linear between the middles of cells, at a configuration."""
     dim = len(map_.lower)
@@ -166,22 +166,22 @@ def field_at(map_: Map, values: Floats, q: tuple[float, ...]) -> float:
     return max(total, 0.0)
 
 
-@jit
+@reader
 def _field_2(map_: Map, values: Floats, x: float, y: float) -> float:
     return float(field_at(map_, values, (x, y)))
 
 
-@jit
+@reader
 def _field_3(map_: Map, values: Floats, a: float, b: float, c: float) -> float:
     return float(field_at(map_, values, (a, b, c)))
 
 
-@jit
+@reader
 def _field_4(map_: Map, values: Floats, a: float, b: float, c: float, d: float) -> float:
     return float(field_at(map_, values, (a, b, c, d)))
 
 
-@jit
+@reader
 def _field_7(map_: Map, values: Floats, a: float, b: float, c: float, d: float, e: float, f: float, g: float) -> float:
     return float(field_at(map_, values, (a, b, c, d, e, f, g)))
 
@@ -190,7 +190,7 @@ _FIELDS: Final = {2: _field_2, 3: _field_3, 4: _field_4, 7: _field_7}
 """By the number of floats of a configuration; numba calls a function of floats quicker than one of a tuple."""
 
 
-@jit
+@reader
 def fields_at(map_: Map, values: Floats, points: Floats, out: Floats) -> int:
     """``field_at`` for many configurations; the index of the first that is not usable, or -1."""
     for k in range(len(points)):

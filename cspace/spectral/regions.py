@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.compiling import jit
+from cspace.compiling import inner, jit
 from cspace.errors import InputError
 from cspace.exact.triangles import trees_of
 from cspace.grid import Grid
@@ -225,7 +225,7 @@ class Tree(NamedTuple):
     solid: bool
 
 
-@jit
+@inner
 def _to_box(point: Floats, box: Floats) -> float:
     """Distance from a point to a box."""
     square = 0.0
@@ -234,7 +234,7 @@ def _to_box(point: Floats, box: Floats) -> float:
     return math.sqrt(square)
 
 
-@jit
+@inner(_nrt=True)  # it makes arrays
 def distance(tree: Tree, point: Floats, most: float) -> tuple[float, float]:
     """Bounds of the distance from a point to the nearest piece, if they are below ``most``, and else ``most``."""
     near, far = most, most
@@ -275,8 +275,10 @@ def distances(tree: Tree, points: Floats, near: Floats, far: Floats) -> None:
     for n in range(len(points)):
         most = math.inf
         if n > 0:  # no farther than from the point before, and the way from there
-            way = math.sqrt(((points[n] - points[n - 1]) ** 2).sum())
-            most = (far[n - 1] + way) * 1.000001 + 1e-300
+            square = 0.0
+            for axis in range(3):
+                square += (points[n, axis] - points[n - 1, axis]) ** 2
+            most = (far[n - 1] + math.sqrt(square)) * 1.000001 + 1e-300
         near[n], far[n] = distance(tree, points[n], most)
 
 
