@@ -258,7 +258,7 @@ def ask_way(world: World, q0: Numbers, q1: Numbers, way: int, work: Work) -> int
     """The same of one way.
 
     Parts are proven by the map, or by how far apart all is in their middle, which may leave something on either side.
-    They are looked at from the longest to the shortest, so that a collision far along the way shows early.
+    After the end they are looked at from the longest to the shortest, so that a collision far along shows early.
     """
     map_, scale, parts, size = world.map, world.scale, work.parts, 0.0
     for axis in range(3):
@@ -269,9 +269,10 @@ def ask_way(world: World, q0: Numbers, q1: Numbers, way: int, work: Work) -> int
     step = (scale * (q1[0] - q0[0]), scale * (q1[1] - q0[1]), scale * (q1[2] - q0[2]))
     least, spacing = world.least + 2.0 * ROUNDING * scale * size + jump * world.rho, scale * map_.spacing
     speed = math.sqrt(dot(step, step)) + angle * world.rho
-    parts[0, 0], parts[0, 1] = 0.0, 1.0
+    # Its end comes first, for there most of a planner's edges collide; of a point that is all.
+    parts[0, 0], parts[0, 1], parts[1, 0], parts[1, 1] = 1.0, 1.0, 0.0, 1.0
     work.obstacles[0, 0] = work.walls[0, 0] = -1
-    head, waiting, asked, doubt = 0, 1, 0, 0
+    head, waiting, asked, doubt = 0, 2 if speed > 0.0 else 1, 0, 0
     while waiting > 0:
         waiting -= 1
         # The longest one; where room gets scarce the shortest, so that few are added before some are done.
@@ -282,7 +283,7 @@ def ask_way(world: World, q0: Numbers, q1: Numbers, way: int, work: Work) -> int
         # Where the rotation jumps, a part may be at any rotation of the whole.
         if (
             jump == 0.0
-            and asked + waiting > 0
+            and 0.0 < last - first < 1.0
             and walk(map_, at(map_, q0, q1, way, first), at(map_, q0, q1, way, last))
         ):
             continue
