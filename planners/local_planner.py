@@ -124,6 +124,11 @@ class LocalPlanner(ABC):
     """Whether a chain of cells of the map tells a way that such edges can take."""
 
     @property
+    @abstractmethod
+    def units(self) -> tuple[str, str]:
+        """What lengths and clearances are told in."""
+
+    @property
     def quickest(self) -> str:
         """The planner that mostly finds a path soonest."""
         return planner_named(None, self.drive)
@@ -236,6 +241,10 @@ class EdgesOnMap(LocalPlanner):
 
     space: CSpace
     own = (CUBES, WIDEST)
+
+    @property
+    def units(self) -> tuple[str, str]:
+        return self.space.grid.unit, self.space.grid.unit
 
     @property
     @abstractmethod
@@ -501,6 +510,7 @@ class JointMotions(LocalPlanner):
     space: ArmSpace
     own = (BIRRT,)
     quickest = BIRRT
+    units = "rad", "m"
 
     def states(self) -> ob.StateSpace:
         return kind_of(self.space).make()

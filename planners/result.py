@@ -158,6 +158,13 @@ class Plan:
         edges = local_planner(cast(CSpace, self.space), self.exact, self.drive, self.turning_radius)
         return edges.distance(self.waypoints)
 
+    @property
+    def _units(self) -> tuple[str, str]:
+        """What its length and its clearance are told in."""
+        if self.space is None:
+            return "m" if self.axes[0] == "x" else "rad", "m"
+        return local_planner(cast(CSpace, self.space)).units
+
     def __repr__(self) -> str:
         return "Plan(" + "\n     ".join(self._lines()) + ")"
 
@@ -178,10 +185,11 @@ class Plan:
         edges = "straight edges" if self.drive == HOLONOMIC else f"drive: {self.drive}{radius}"
         ends = " to ".join(f"({', '.join(f'{x:.4g}' for x in q)})" for q in self.waypoints[[0, -1]])
         named = {"clearance": self.clearance, "from obstacles": self.obstacle_distance}
-        room = "".join(f", {name} {metres:.3f} m" for name, metres in named.items() if not math.isnan(metres))
+        unit, apart = self._units
+        room = "".join(f", {name} {far:.3f} {apart}" for name, far in named.items() if not math.isnan(far))
         turning = f", turning {self.turning:.2f} rad" if self.turning else ""
         return [
-            f"{self.planner}: {self.status}, {proof}; {self.length:.3f} m{turning}{room}",
+            f"{self.planner}: {self.status}, {proof}; {self.length:.3f} {unit}{turning}{room}",
             f"{len(self.waypoints)} waypoints ({', '.join(self.axes)}) from {ends}, {edges}",
             f"planned in {_text(self.times.planning + self.times.simplification)}, "
             f"set up in {_text(self.times.setup)}, checked in {_text(self.times.checking)}",

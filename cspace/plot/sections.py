@@ -80,7 +80,8 @@ def draw_panels(space: MapLike, route: Route, look: Look) -> Axes:
         ax.set_ylabel(grid.labels[1], fontsize=9)
     first: Axes = panels.flat[0]
     about = rotations.about(None).replace("over all rotations, ", "")
-    about = ", ".join([about, *(f"z = {height:.4g} m" for height in point[2:])])
+    names = zip(space.grid.axes[2:], point[2:], space.grid.units[2:], strict=True)
+    about = ", ".join([about, *(f"{name} = {height:.4g} {unit}" for name, height, unit in names)])
     artists.add_words(first, space, look, stretch, about, artists.cell_legend(classes, space, box) + handles)
     return first
 
@@ -171,7 +172,8 @@ def _draw_layer(
     height = round(float(point[across]), digits) + 0.0  # no minus sign before zero
     # Unlike a title, a text takes room in the layout, which narrow panels need.
     words: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points", "fontsize": 9}
-    ax.annotate(f"{AXES[across]} = {height:.10g} m", (0.0, 1.0), (0.0, 5.0), **words)
+    name, unit = space.grid.axes[across], space.grid.units[across]
+    ax.annotate(f"{name} = {height:.10g} {unit}", (0.0, 1.0), (0.0, 5.0), **words)
     return classes
 
 

@@ -91,7 +91,9 @@ def draw_surface(space: MapLike, route: Route, look: Look) -> Axes:
     paint(ax, polygons, colors)
     handles += artists.draw_marks(ax, route.marks, pair=(0, 1, 2))
     frame_in_space(ax, box, angles, labels=space.grid.labels, fit=look.ax is None)
-    about = [f"cut at z = {top:.4g} m"] * (top < space.grid.upper[2]) + [space.rotations.about(look.rotation)]
+    about = [f"cut at {space.grid.axes[2]} = {top:.4g} {space.grid.units[2]}"] * (top < space.grid.upper[2]) + [
+        space.rotations.about(look.rotation)
+    ]
     artists.add_words(ax, space, look, stretch, ", ".join(filter(None, about)), handles)
     axes: Axes = ax
     return axes
