@@ -50,8 +50,9 @@ FREE_ENDS: Final = 4
 """FREE cells of the chain, before and after a passage, that are crossed with it, to leave room for lining up."""
 
 FIRST: Final = 0.1
-"""Part of the time, at most a second, that the planner has to itself before chains are looked for: most passages are
-wide enough for it. Then it is the chains' turn, for as long, and so on, each time for twice as long."""
+"""Part of the time, at most a second, that the planner has to itself before chains are looked for, or as long as that
+takes: most passages are wide enough for it. Then it is the chains' turn, for as long, and so on, each time for twice as
+long."""
 
 RATE: Final = 1e7
 """Cells a second that a search for a chain gets over, about."""
@@ -109,12 +110,13 @@ class Passages:
         """The planner alone and chains in turns, each time for twice as long."""
         space, rng = self.edges.space, np.random.default_rng(self.search.seed)
         closed = np.zeros(cells, dtype=np.bool_)
-        search, share = self.search, min(FIRST * self.time_limit, 1.0)
+        # A look for a chain runs on to its end, so that the planner has at least as long.
+        search, share = self.search, max(min(FIRST * self.time_limit, 1.0), needed)
         while True:
             last = self._left() - share <= needed
             alone = max(self._left() if last else share, 1e-3)
             found = search.run(self.edges, start, goal, alone)
-            if len(found.path) and found.planning > 0.9 * alone and not last:
+            if len(found.path) and found.planning > 0.9 * alone and not (last or search.may_stop):
                 # A planner that goes on improving has the rest of the time for it.
                 again = search.run(self.edges, start, goal, max(self._left(), 1e-3))
                 found = again if len(again.path) else found
