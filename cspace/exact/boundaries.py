@@ -15,6 +15,7 @@ from cspace.raster.bitmaps import rectangle_triangles
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.shapes import Pieces, Shape
+from cspace.shapes.bodies import least_joined
 from cspace.workspace import Workspace
 
 Floats = NDArray[np.float64]
@@ -118,15 +119,11 @@ def clipped(border: Pieces, grid: Grid) -> Pieces:
 
 def parts_of(border: Pieces) -> tuple[Floats, NDArray[np.int64]]:
     """Corners of a border, shape (n, d), part by part of what hangs together, and where each part begins."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     corners, dim = border.simplices.shape[1:]
     points, which = np.unique(border.simplices.reshape(-1, dim), axis=0, return_inverse=True)
     rows = which.reshape(-1, corners)
     start, end = rows[:, :-1].ravel(), rows[:, 1:].ravel()
-    links = coo_array((np.ones(len(start)), (start, end)), shape=(len(points), len(points)))
-    labels = connected_components(links, directed=False)[1]
+    labels = least_joined(start, end, len(points))
     order = np.argsort(labels, kind="stable")
     return np.ascontiguousarray(points[order]), np.flatnonzero(np.diff(labels[order], prepend=-1))
 

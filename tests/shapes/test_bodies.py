@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cspace import Grid, Mesh, MeshWarning
-from cspace.shapes.bodies import find_bodies
+from cspace.shapes.bodies import find_bodies, least_joined
 from oracles import winding_numbers
 from strategies import seeds
 
@@ -344,3 +344,23 @@ def test_bars_that_face_opposite_ways_and_cross_are_solid_together():
         vertices, faces = joined(box((-3, -1, -1), (3, 1, 1)), box((-1, -3, -1), (1, 3, 1), inward=True))
         points = np.array([(0, 0, 0), (2, 0, 0), (0, 2, 0), (2, 2, 0)]) @ turn.T
         assert Mesh.of((vertices @ turn.T, faces)).contains(points).tolist() == [True, True, True, False]
+
+
+@pytest.mark.parametrize(("number", "pairs"), [(0, 0), (5, 0), (60, 40), (60, 400), (3000, 2990)])
+def test_least_joined_is_what_a_walk_along_the_pairs_reaches(number, pairs):
+    first, second = np.random.default_rng(pairs).integers(max(number, 1), size=(2, pairs))
+    if pairs > number / 2 > 1000:  # a chain, in no order
+        first, second = np.random.default_rng(1).permutation(number)[[np.arange(pairs), np.arange(1, pairs + 1)]]
+    near = [[] for _ in range(number)]
+    for a, b in zip(first.tolist(), second.tolist(), strict=True):
+        near[a].append(b)
+        near[b].append(a)
+    least = [-1] * number
+    for start in range(number):
+        waiting = [start] if least[start] < 0 else []
+        while waiting:
+            node = waiting.pop()
+            if least[node] < 0:
+                least[node] = start
+                waiting += near[node]
+    assert least_joined(first, second, number).tolist() == least
