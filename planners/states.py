@@ -62,7 +62,7 @@ def check_space(space: object) -> None:
         If it is neither.
     """
     if not isinstance(space, ConfigurationSpace):
-        rule = "it must be a CSpace, or the ArmSpace of an arm"
+        rule = "it must be a CSpace or an ArmSpace"
         mend = "pass what cspace.build, cspace.open or cspace.build_arm returns, and mind the order of the arguments"
         raise InputError("space", f"is a {type(space).__name__}", rule, mend, value=space)
 

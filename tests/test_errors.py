@@ -22,9 +22,18 @@ def space():
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda space: planners.plan((1, 1), (9, 1), space), "space is a tuple; it must be a CSpace; "),
-        (lambda space: planners.plan((1, 1), space, (9, 1)), "space is a tuple; it must be a CSpace; "),
-        (lambda space: planners.plan(space.workspace, (1, 1), (9, 1)), "space is a Workspace; it must be a CSpace; "),
+        (
+            lambda space: planners.plan((1, 1), (9, 1), space),
+            "space is a tuple; it must be a CSpace or an ArmSpace; ",
+        ),
+        (
+            lambda space: planners.plan((1, 1), space, (9, 1)),
+            "space is a tuple; it must be a CSpace or an ArmSpace; ",
+        ),
+        (
+            lambda space: planners.plan(space.workspace, (1, 1), (9, 1)),
+            "space is a Workspace; it must be a CSpace or an ArmSpace; ",
+        ),
         (lambda space: planners.plan(space, space.robot, (9, 1)), "start is Robot(disc 0.2 m, in the plane); "),
         (
             lambda space: cspace.build(space.robot, space.workspace),

@@ -31,7 +31,6 @@ from cspace.cli.options import (
 )
 from cspace.cli.report import Clock, show
 from cspace.errors import InputError
-from cspace.orientation import ROTATION_NAMES
 
 if TYPE_CHECKING:
     from cspace.builder import BuildOptions
@@ -193,6 +192,7 @@ def picture(
 ) -> None:
     """Draw a map, and a path on it, into a picture."""
     from cspace.io.reading import open_map
+    from cspace.orientation import ROTATION_NAMES
     from cspace.plot import SUFFIXES, save_plot
     from cspace.plot.picture import view_of
 
