@@ -1,7 +1,7 @@
 """The widest path between two configurations: the one whose smallest clearance is the largest, and then the shortest.
 
 Each FREE cell has a *level*, the distance from its middle to the nearest cell that is not FREE, in parts of a cell. The
-largest level that the smallest one of a path can have is the *bottleneck* of its ends; a tree that is kept tells it.
+largest level that the smallest one of a path can have is the *bottleneck* of its ends; a flood tells it.
 Among the cells of that level or above, A* finds the shortest chain; where the robot turns, led by the lengths of the
 shortest ways over places that are as wide at any rotation.
 
@@ -25,6 +25,7 @@ from cspace.compiling import inner, jit, reader
 from cspace.grid import Grid
 from cspace.map.callbacks import edge_checker
 from cspace.map.free_path import pulled_straight
+from cspace.map.kept import Lock
 from cspace.map.record import Map
 from cspace.map.storage import read_only
 from cspace.rotations import Rotations
@@ -38,7 +39,6 @@ Numbers = TypeVar("Numbers", bound=NDArray[Any])
 Levels = NDArray[np.uint16]
 Squares = NDArray[np.int32]
 Cells = NDArray[np.uint32]
-Borders = NDArray[np.uint32]
 Spot = tuple[int, int, int, int]
 """Rotation cell, and place along three axes."""
 
@@ -52,14 +52,11 @@ FAR: Final = 2**30
 """Square of a distance, in half cells, that stands for infinity."""
 
 BYTES: Final = 28
-"""For each cell: its level, which is kept, what came before it, its distance, and what waits; at the first path also
-the cell above it and the borders between tops. Measured: 9 to 25 at most at a time."""
+"""For each cell: its level, which is kept, what came before it, its distance, and what waits. Measured: 10 to 25 at
+most at a time."""
 
 METRES_A_RADIAN: Final = 0.5
 """What a turn counts as in the length, as in OMPL's SE(2)."""
-
-UNSEEN = np.uint32(2**32 - 1)
-"""What stands in place of a cell that there is not."""
 
 LARGEST: Final = 2**22
 """Cells of the largest map of which room for searches is kept from one to the next, in 12 bytes for each that a search
@@ -104,8 +101,6 @@ class Graph(NamedTuple):
         Steps from cell to cell: across sides, and then across edges and corners.
     faces : int
         How many of them lead across sides.
-    tops, parents, joints : ndarray of int64, shape (t,)
-        Cells that none beside is higher than, in order; which of them each is joined to, or itself; and at what level.
     """
 
     levels: Levels
@@ -114,9 +109,6 @@ class Graph(NamedTuple):
     turns: Floats
     moves: Ints
     faces: int
-    tops: Ints
-    parents: Ints
-    joints: Ints
 
 
 def graph_of(map_: Map, states: Iterable[Bytes], rotations: Rotations) -> Graph:
@@ -147,9 +139,7 @@ def graph_of(map_: Map, states: Iterable[Bytes], rotations: Rotations) -> Graph:
     middles = np.column_stack([np.zeros((rotations.count, dim)), turning])
     turns = rotations.steps(middles[:, None], middles[rotations.neighbors])
     costs = METRES_A_RADIAN / map_.spacing * np.linalg.norm(turns, axis=-1)
-    none = np.empty(0, dtype=np.int64)
-    faces = int(np.count_nonzero(number == 1))
-    return joined(Graph(levels, map_.slice_of, rotations.neighbors, costs, moves, faces, none, none, none))
+    return Graph(levels, map_.slice_of, rotations.neighbors, costs, moves, int(np.count_nonzero(number == 1)))
 
 
 # ---- distances -------------------------------------------------------------------------------------------------------
@@ -238,9 +228,9 @@ def level_of(graph: Graph, cell: int) -> int:
 
 # ---- bottlenecks -----------------------------------------------------------------------------------------------------
 #
-# From each cell the steepest way up ends at a top. Within the cells of one top, all is joined at the level of the lower
-# of two; a border between two tops' cells joins them at the level of the lower one of its cells. So the widest borders
-# that join all tops, a spanning tree (J. B. Kruskal, 1956), tell the bottleneck between any two cells.
+# From each cell the steepest way up ends at a top. A flood goes from one cell on, always to that beside those behind it
+# to which the widest step leads (R. C. Prim, 1957). Then the lowest step between its coming to one cell and to another
+# is the bottleneck of the two. It is kept for tops alone, and the flood goes no further than was asked for.
 
 
 @inner
@@ -265,7 +255,12 @@ def _beside(graph: Graph, at: Spot, way: int) -> tuple[int, int]:
 @inner
 def _spot(graph: Graph, cell: int) -> Spot:
     _, nx, ny, nz = graph.levels.shape
-    return cell // (nx * ny * nz), cell // (ny * nz) % nx, cell // nz % ny, cell % nz
+    # A division takes as long as all else; in the plane, and of one rotation, one is enough.
+    rotation = cell // (nx * ny * nz) if cell >= nx * ny * nz else 0
+    cell -= rotation * nx * ny * nz
+    i = cell // (ny * nz) if cell >= ny * nz else 0
+    cell -= i * ny * nz
+    return rotation, i, cell // nz, cell % nz
 
 
 @inner
@@ -279,120 +274,125 @@ def _above(graph: Graph, at: Spot, cell: int) -> int:
     return best
 
 
-@jit
-def ascend(graph: Graph, above: Cells, start: int, stop: int) -> int:
-    """Write the highest cell beside each of some rows of cells; UNSEEN for those of level zero."""
-    nz = graph.levels.shape[3]
-    for row in range(start, stop):
-        rotation, i, j, _ = _spot(graph, row * nz)
-        for k in range(nz):
-            at = (rotation, i, j, k)
-            low = graph.levels[graph.slice_of[rotation], i, j, k] == 0
-            above[row * nz + k] = UNSEEN if low else _above(graph, at, row * nz + k)
-    return -1
+class Flood(NamedTuple):
+    """How far the cells have been gone over, and the tops that were come to.
 
-
-@jit
-def number_tops(above: Cells) -> Ints:
-    """The cells that are tops, in order; each cell is given the number of the top that its way up ends at."""
-    is_top = np.zeros(len(above), np.bool_)
-    for cell in range(len(above)):
-        is_top[cell] = above[cell] == cell
-        top: int = cell
-        while above[cell] != UNSEEN and np.int64(above[top]) != top:
-            top = np.int64(above[top])  # type: ignore[assignment]
-        # The way is not gone again.
-        at: int = cell
-        while above[cell] != UNSEEN and at != top:
-            after: int = np.int64(above[at])  # type: ignore[assignment]
-            above[at], at = top, after
-    tops = np.flatnonzero(is_top)
-    for number in range(len(tops)):
-        above[tops[number]] = number
-    for cell in range(len(above)):
-        if above[cell] != UNSEEN and not is_top[cell]:
-            above[cell] = above[np.int64(above[cell])]
-    return tops
-
-
-@jit
-def borders_of(graph: Graph, numbers: Cells, firsts: Ints, borders: Borders) -> None:
-    """Write the tops on either side of each border between their cells, from the widest border on.
-
-    Without room for any, count how many are how wide: those of the n highest levels end before ``firsts[n]``.
+    Attributes
+    ----------
+    seen : ndarray of uint8
+        A bit for each cell: whether it has been gone over, or waits at its own level.
+    lists : ndarray of int32, shape (TOP + 1,)
+        For each level, the entry that waits last; -1 for none.
+    cells, before : ndarray of uint32 and int32, shape (m,)
+        Entries: a cell, and the entry of that level that came before it, or of those that are free.
+    tops, gaps : ndarray of int64 and uint16, shape (t,)
+        Cells that none beside is higher than, in the order in which they were come to; and the lowest level at which a
+        cell was taken since the one before.
+    state : ndarray of int64
+        Number of entries; the one that is free, or -1; number of tops; the highest level at which one waits; and the
+        lowest at which one was taken since the last top.
     """
-    rotations, (_, nx, ny, nz) = len(graph.slice_of), graph.levels.shape
-    for row in range(rotations * nx * ny):
-        rotation, i, j, _ = _spot(graph, row * nz)
-        for k in range(nz):
-            cell = row * nz + k
-            if numbers[cell] == UNSEEN:
-                continue
-            own = int(graph.levels[graph.slice_of[rotation], i, j, k])
-            for way in range(graph.faces + graph.neighbors.shape[1]):
-                other, level = _beside(graph, (rotation, i, j, k), way)
-                if other <= cell or level == 0 or numbers[other] == numbers[cell]:
-                    continue
-                below = TOP - min(own, level)
-                if len(borders):
-                    borders[firsts[below], 0], borders[firsts[below], 1] = numbers[cell], numbers[other]
-                firsts[below] += 1
+
+    seen: Bytes
+    lists: NDArray[np.int32]
+    cells: Cells
+    before: NDArray[np.int32]
+    tops: Ints
+    gaps: Levels
+    state: Ints
+
+    @classmethod
+    def of(cls, cells: int) -> Flood:
+        """Of no cell yet, of that many."""
+        return cls(
+            np.zeros(cells // 8 + 1, dtype=np.uint8),
+            np.full(TOP + 1, -1, dtype=np.int32),
+            np.empty(4096, dtype=np.uint32),
+            np.empty(4096, dtype=np.int32),
+            np.empty(4096, dtype=np.int64),
+            np.empty(4096, dtype=np.uint16),
+            np.array([0, -1, 0, 0, TOP]),
+        )
+
+    def doubled(self) -> Flood:
+        """With room for twice as many entries and tops."""
+        cells, before, tops, gaps = (
+            np.concatenate([each, np.empty_like(each)]) for each in (self.cells, self.before, self.tops, self.gaps)
+        )
+        return self._replace(cells=cells, before=before, tops=tops, gaps=gaps)
 
 
-@jit
-def join(count: int, lasts: Ints, borders: Borders) -> tuple[Ints, Ints]:
-    """To which top each is joined, or itself, and at which level; the smaller of two trees is joined to the larger."""
-    parents, joints, sizes, below = np.arange(count), np.zeros(count, np.int64), np.ones(count, np.int64), 0
-    for row in range(len(borders)):
-        while lasts[below] <= row:
-            below += 1
-        one, other = np.int64(borders[row, 0]), np.int64(borders[row, 1])
-        while parents[one] != one:
-            one = parents[one]
-        while parents[other] != other:
-            other = parents[other]
-        if one == other:
+@inner
+def _is_seen(flood: Flood, cell: int) -> bool:
+    return bool((flood.seen[cell >> 3] >> (cell & 7)) & 1)
+
+
+@inner
+def _see(flood: Flood, cell: int) -> None:
+    flood.seen[cell >> 3] |= 1 << (cell & 7)
+
+
+@inner
+def _wait(flood: Flood, cell: int, level: int) -> None:
+    """Have a cell wait at a level; there must be room for one more entry."""
+    lists, cells, before, state = flood.lists, flood.cells, flood.before, flood.state
+    entry = state[1]
+    if entry < 0:
+        entry = state[0]
+        state[0] += 1
+    else:
+        state[1] = before[entry]
+    cells[entry], before[entry], lists[level] = cell, lists[level], entry
+    state[3] = max(state[3], level)
+
+
+@reader
+def bottleneck(graph: Graph, flood: Flood, one: int, other: int) -> int:
+    """The largest level that the lowest cell of a chain from one top to another can have; 0 where there is none.
+
+    The flood goes on from where it was until it has come to both; -1 where it needs more room.
+    """
+    ways, state, first, second = graph.faces + graph.neighbors.shape[1], flood.state, -1, -1
+    for number in range(state[2]):
+        first = number if flood.tops[number] == one else first
+        second = number if flood.tops[number] == other else second
+    while first < 0 or second < 0:
+        if max(state[0], state[2]) + ways >= len(flood.cells):
+            return -1
+        level = state[3]
+        while level > 0 and flood.lists[level] < 0:
+            level -= 1
+        state[3] = level
+        if flood.lists[level] < 0:  # nothing more is joined to what has been gone over
+            _wait(flood, one if first < 0 else other, 0)
+        entry = flood.lists[level]
+        cell = np.int64(flood.cells[entry])
+        flood.lists[level], flood.before[entry], state[1] = flood.before[entry], state[1], entry
+        at = _spot(graph, cell)  # type: ignore[arg-type]
+        own = int(graph.levels[graph.slice_of[at[0]], at[1], at[2], at[3]])
+        if own > level and _is_seen(flood, cell):  # type: ignore[arg-type]
             continue
-        if sizes[one] > sizes[other]:
-            one, other = other, one
-        parents[one], joints[one] = other, TOP - below
-        sizes[other] += sizes[one]
-    return parents, joints
-
-
-def joined(graph: Graph) -> Graph:
-    """A graph with its tops, and how they are joined."""
-    above = np.empty(graph.levels[0].size * len(graph.slice_of), dtype=np.uint32)
-    in_chunks(partial(ascend, graph, above), above.size // graph.levels.shape[3], LINES)
-    tops = number_tops(above)
-    counts, borders = np.zeros(TOP + 1, dtype=np.int64), np.empty((0, 2), dtype=np.uint32)
-    borders_of(graph, above, counts, borders)
-    firsts = np.cumsum(counts) - counts
-    borders = np.empty((counts.sum(), 2), dtype=np.uint32)
-    if len(borders):
-        borders_of(graph, above, firsts, borders)
-    parents, joints = join(len(tops), firsts, borders)
-    return graph._replace(tops=tops, parents=parents, joints=joints)
-
-
-@jit
-def bottleneck(graph: Graph, start: int, goal: int) -> int:
-    """The largest level that the lowest cell of a chain from one cell to another can have; 0 where there is none."""
-    level = min(level_of(graph, start), level_of(graph, goal))
-    if level == 0:
-        return 0
-    one, other = (
-        np.searchsorted(graph.tops, climb(graph, start)[-1]),
-        np.searchsorted(graph.tops, climb(graph, goal)[-1]),
-    )
-    # Towards the root of a tree joints are ever lower, so that the one with the higher joint is taken on.
-    while one != other:
-        if graph.joints[one] < graph.joints[other]:
-            one, other = other, one
-        level, one = min(level, graph.joints[one]), graph.parents[one]
-        if level == 0:
-            return 0
-    return int(level)
+        _see(flood, cell)  # type: ignore[arg-type]
+        state[4] = min(state[4], level)
+        is_top = True
+        for way in range(ways):
+            beside, height = _beside(graph, at, way)
+            if height > own or (height == own and beside > cell):
+                is_top = False
+            if height > 0 and not _is_seen(flood, beside):
+                if height <= own:  # at its own level it need not wait again
+                    _see(flood, beside)
+                _wait(flood, beside, min(height, own))
+        if is_top:
+            number = state[2]
+            flood.tops[number], flood.gaps[number] = cell, state[4]
+            state[2], state[4] = number + 1, TOP
+            first = number if cell == one else first
+            second = number if cell == other else second
+    best: int = level_of(graph, one)
+    for number in range(min(first, second) + 1, max(first, second) + 1):
+        best = min(best, np.int64(flood.gaps[number]))  # type: ignore[assignment]
+    return best
 
 
 @jit
@@ -419,16 +419,33 @@ class Widest:
     rooms : list of (ndarray of float64, ndarray of uint32), shapes (n,)
         Room for searches, each for one at a time, a number for each cell, the first with one more, see
         :func:`chain_of`. Memory is taken where they wrote.
+    floods : list of Flood
+        One, of one thread at a time, which holds the lock.
+    lock : Lock
     """
 
     graph: Graph
     moves: Moves
     rooms: list[tuple[Floats, Cells]]
+    floods: list[Flood]
+    lock: Lock
 
     @classmethod
     def of(cls, map_: Map, states: Iterable[Bytes], rotations: Rotations) -> Widest:
         graph = graph_of(map_, states, rotations)
-        return cls(graph, moves_of(graph), [])
+        flood = Flood.of(graph.levels[0].size * len(graph.slice_of))
+        return cls(graph, moves_of(graph), [], [flood], Lock())
+
+    def bottleneck(self, start: int, goal: int) -> int:
+        """:func:`bottleneck`, of two cells."""
+        graph, level = self.graph, min(level_of(self.graph, start), level_of(self.graph, goal))
+        if not level:
+            return 0
+        tops = [int(climb(graph, cell)[-1]) for cell in (start, goal)]
+        with self.lock:
+            while (best := bottleneck(graph, self.floods[0], *tops)) < 0:
+                self.floods[0] = self.floods[0].doubled()
+        return min(level, best)
 
     def shortest(self, start: int, goal: int, least: int) -> Ints:
         """The shortest chain of cells of a level or above from one to another; empty where there is none."""
@@ -710,7 +727,7 @@ def widest_path(
     shape, graph = (rotations.count, *grid.shape), widest.graph
     start, goal = (int(np.ravel_multi_index(tuple(cell), shape)) for _, cell in ends)
     tops = [climb(graph, start), climb(graph, goal)]
-    level = bottleneck(graph, int(tops[0][-1]), int(tops[1][-1]))
+    level = widest.bottleneck(int(tops[0][-1]), int(tops[1][-1]))
     if not level:
         return np.empty((0, len(ends[0][0])))
     up, down = ([cell for cell in way.tolist() if level_of(graph, cell) < level] for way in tops)
