@@ -35,6 +35,9 @@ DOUBT: Final = 1 << 40
 SLIDE: Final = 2.0
 """Longest part of an edge that one distance is to prove, in cells: longer ones take a search far and wide."""
 
+GOLDEN: Final = 0.618
+"""Multiples of the golden section, but for whole numbers, are spread evenly however many there are."""
+
 WAITING: Final = 1024
 """Parts of an edge that wait at a time, at most."""
 
@@ -258,7 +261,7 @@ def ask_way(world: World, q0: Numbers, q1: Numbers, way: int, work: Work) -> int
     """The same of one way.
 
     Parts are proven by the map, or by how far apart all is in their middle, which may leave something on either side.
-    After the end they are looked at from the longest to the shortest, so that a collision far along shows early.
+    The end comes first, and then longer parts mostly before shorter ones, so that a collision far along shows early.
     """
     map_, scale, parts, size = world.map, world.scale, work.parts, 0.0
     for axis in range(3):
@@ -269,16 +272,20 @@ def ask_way(world: World, q0: Numbers, q1: Numbers, way: int, work: Work) -> int
     step = (scale * (q1[0] - q0[0]), scale * (q1[1] - q0[1]), scale * (q1[2] - q0[2]))
     least, spacing = world.least + 2.0 * ROUNDING * scale * size + jump * world.rho, scale * map_.spacing
     speed = math.sqrt(dot(step, step)) + angle * world.rho
-    # Its end comes first, for there most of a planner's edges collide; of a point that is all.
+    # At their ends most of a planner's edges collide; of a point that is all.
     parts[0, 0], parts[0, 1], parts[1, 0], parts[1, 1] = 1.0, 1.0, 0.0, 1.0
     work.obstacles[0, 0] = work.walls[0, 0] = -1
     head, waiting, asked, doubt = 0, 2 if speed > 0.0 else 1, 0, 0
     while waiting > 0:
         waiting -= 1
-        # The longest one; where room gets scarce the shortest, so that few are added before some are done.
-        row = head if waiting < WAITING - DEPTH else (head + waiting) % WAITING
-        head = (head + 1) % WAITING if row == head else head
+        # Now from here, now from there: of neighbours mostly both collide, or neither. Where room gets scarce the
+        # newest, which is short, so that few are added before some are done.
+        scarce = waiting >= WAITING - DEPTH
+        row = (head + (waiting if scarce else int(waiting * (GOLDEN * asked % 1.0)))) % WAITING
         first, last = parts[row, 0], parts[row, 1]
+        if not scarce:
+            parts[row, 0], parts[row, 1] = parts[head, 0], parts[head, 1]
+            head = (head + 1) % WAITING
         half, middle = 0.5 * (last - first), 0.5 * (first + last)
         # Where the rotation jumps, a part may be at any rotation of the whole.
         if (
