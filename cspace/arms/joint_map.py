@@ -165,6 +165,9 @@ def _limits(space: ArmSpace, name: str, limits: Mapping[str, tuple[float, float]
             rule = "a map ends somewhere, and says nothing of what leads across its ends"
             mend = f"pass limits={{{name!r}: (-3.14, 3.14)}}"
             raise InputError("limits", f"are missing for {name!r}, which turns for ever", rule, mend)
+        if own[0] == own[1]:
+            mend = "name the other joints; at= says where it is held"
+            raise InputError("joints", f"name {name!r}, which stays at {own[0]:g}", "a map is of what moves", mend)
         return own
     given = finite(limits[name], f"limits[{name!r}]")
     if given.shape != (2,) or not own[0] <= given[0] < given[1] <= own[1]:

@@ -196,3 +196,19 @@ def test_joints_that_are_held_where_links_touch(tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match=r"has c touch 'a'.*2, 3 do not move them apart"):
         build_arm_map(space, 0.5, ("2", "3"), at=(2.2, 2.2, 0, 0))
     assert (build_arm_map(space, 0.1, ("1", "2"), at=(0, 0, 0, 0)).state == MIXED).any()
+
+
+def test_a_joint_that_stays_where_it_is(tmp_path: Path) -> None:
+    """Limits that are equal: the arm is planned for, and a map is of the others."""
+    bar = ((1.0, 0.1, 0.1), (0.5, 0, 0))
+    path = written(
+        tmp_path,
+        *(link(name, bar) for name in "abc"),
+        joint("one", "a", "b", at=(1, 0, 0), limits=(0.3, 0.3)),
+        joint("two", "b", "c", at=(1, 0, 0)),
+    )
+    space = build_arm({}, Arm.from_urdf(path))
+    assert space.sample_free(2, np.random.default_rng(0))[:, 0].tolist() == [0.3, 0.3]
+    assert len(space.free_path((0.3, -1.0), (0.3, 1.0))) == 2
+    with pytest.raises(InputError, match="name 'one', which stays at 0.3.*at= says where it is held"):
+        build_arm_map(space, 0.1)
