@@ -210,5 +210,5 @@ def test_a_joint_that_stays_where_it_is(tmp_path: Path) -> None:
     space = build_arm({}, Arm.from_urdf(path))
     assert space.sample_free(2, np.random.default_rng(0))[:, 0].tolist() == [0.3, 0.3]
     assert len(space.free_path((0.3, -1.0), (0.3, 1.0))) == 2
-    with pytest.raises(InputError, match="name 'one', which stays at 0.3.*at= says where it is held"):
+    with pytest.raises(InputError, match=r"name 'one', which stays at 0.3.*at= says where it is held"):
         build_arm_map(space, 0.1)
