@@ -491,7 +491,11 @@ class CSpace(ConfigurationMap):
         needed, shape, fewer = BYTES * self.grid.size * self.rotations.count, self.grid.shape, self.rotations.fewer
         check_memory(needed, "the map, to find its widest path,", shape, self.grid.spacing, fewer=fewer)
         cells = [self._cells_of(q) for q in ends]
-        widest = self._widest.get(lambda: Widest.of(self._map, self._seen, self.rotations))
+        with self._lock:
+            widest = self._widest.get(lambda: Widest.of(self._map, self._seen, self.rotations))
+            if widest.noted:
+                self._widest.drop()
+                widest = self._widest.get(partial(widest.renewed, self._map, self._seen))
         return widest_path(widest, self._map, self.rotations, self.grid, list(zip(ends, cells, strict=True)), straight)
 
     # ---- the set of FREE configurations ------------------------------------------------------------------------------
@@ -743,7 +747,7 @@ class CSpace(ConfigurationMap):
         if change.changed:
             self._mip.renew(change)
             self._free_cells.drop()
-            self._widest.drop()
+            self._widest.renew(change)
             self._components_kept.renew(change)
         self._exact_kept.renew(change)
 

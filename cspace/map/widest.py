@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
 from typing import Any, Final, NamedTuple, TypeVar
@@ -25,9 +25,9 @@ from cspace.compiling import inner, jit, reader
 from cspace.grid import Grid
 from cspace.map.callbacks import edge_checker
 from cspace.map.free_path import pulled_straight
-from cspace.map.kept import Lock
+from cspace.map.kept import Change, Lock
 from cspace.map.record import Map
-from cspace.map.storage import read_only
+from cspace.map.storage import Stack, read_only
 from cspace.rotations import Rotations
 from cspace.states import FREE
 from cspace.threads import cores, in_chunks, in_threads
@@ -111,25 +111,55 @@ class Graph(NamedTuple):
     faces: int
 
 
+def levels_of(state: Bytes, walled: bool) -> Levels:
+    """Levels of cells, shape (nx, ny, nz); whether what lies around them is not FREE."""
+    squares, (nx, ny, nz) = np.empty(state.shape, dtype=np.int32), state.shape
+    in_chunks(partial(begin, state.reshape(-1, nz), squares.reshape(-1, nz), walled), nx * ny, LINES)
+    in_chunks(partial(extend, squares, walled), nx * nz, LINES)
+    if nx > 1:
+        in_chunks(partial(extend, squares.reshape(1, nx, ny * nz), walled), ny * nz, LINES)
+    return np.minimum(LEVELS / 2 * np.sqrt(squares, dtype=np.float32), TOP).astype(np.uint16)
+
+
+def walls_of(map_: Map) -> NDArray[np.bool_]:
+    """Of each slice, whether what lies around its cells is not FREE."""
+    _, *shape = map_.states.shape
+    boxes, dim = map_.exterior[:, :-1], len(shape)
+    empty = (boxes[:, :dim] > boxes[:, dim:]).any(axis=1)
+    inside = empty | ((boxes[:, :dim] >= 0) & (boxes[:, dim:] < shape)).all(axis=1)
+    return np.asarray((map_.exterior[:, -1] != FREE) | ~inside)
+
+
+def renew_levels(levels: Levels, state: Bytes, box: Ints, walled: bool) -> None:
+    """Bring the levels of a slice up to date where states have changed within a box, its first and last cell.
+
+    A cell whose level was below its distance from the box keeps it, and none was farther than the highest level.
+    """
+    shape, most = np.array(levels.shape), int(levels.max())
+    reach = most // LEVELS + 2
+    low, high = np.maximum(box[:3] - reach, 0), np.minimum(box[3:] + 1 + reach, shape)
+    first, stop = np.maximum(low - reach, 0), np.minimum(high + reach, shape)
+    around = np.ascontiguousarray(state[tuple(map(slice, first, stop))])
+    # What lies around the window is taken as FREE, and where it is the grid's side, as what it is.
+    closed = walled & (shape > (1, 0, 0))  # a plane has no sides along x
+    sides = np.stack([closed & (first == 0), closed & (stop == shape)], axis=1).astype(int)
+    found = levels_of(np.pad(around, sides, constant_values=1), False)
+    inner = tuple(map(slice, low - first + sides[:, 0], high - first + sides[:, 0]))
+    if most == TOP or found[inner].max() >= LEVELS * reach:  # what is beyond the window may count
+        levels[...] = levels_of(np.ascontiguousarray(state), walled)
+    else:
+        levels[tuple(map(slice, low, high))] = found[inner]
+
+
 def graph_of(map_: Map, states: Iterable[Bytes], rotations: Rotations) -> Graph:
     """The cells of a map, by the states of each slice, with their levels."""
     _, *shape = map_.states.shape
     dim, layered, turning = len(shape), (1,) * (3 - len(shape)) + tuple(shape), rotations.centers
-    levels = np.empty((map_.states.shape[0], *layered), dtype=np.uint16)
-    boxes = map_.exterior[:, :-1]
-    empty = (boxes[:, :dim] > boxes[:, dim:]).any(axis=1)
-    inside = empty | ((boxes[:, :dim] >= 0) & (boxes[:, dim:] < shape)).all(axis=1)
-    walled = (map_.exterior[:, -1] != FREE) | ~inside
+    levels, walled = np.empty((map_.states.shape[0], *layered), dtype=np.uint16), walls_of(map_)
 
     def fill(item: tuple[int, Bytes]) -> None:
         number, state = item
-        state, wall = np.ascontiguousarray(state).reshape(layered), bool(walled[number])
-        squares, (nx, ny, nz) = np.empty(layered, dtype=np.int32), layered
-        in_chunks(partial(begin, state.reshape(-1, nz), squares.reshape(-1, nz), wall), nx * ny, LINES)
-        in_chunks(partial(extend, squares, wall), nx * nz, LINES)
-        if nx > 1:
-            in_chunks(partial(extend, squares.reshape(1, nx, ny * nz), wall), ny * nz, LINES)
-        levels[number] = np.minimum(LEVELS / 2 * np.sqrt(squares, dtype=np.float32), TOP)
+        levels[number] = levels_of(np.ascontiguousarray(state).reshape(layered), bool(walled[number]))
 
     in_threads(fill, list(enumerate(states)), cores())
     ways = np.array([-1, 0, 1])
@@ -408,6 +438,10 @@ def climb(graph: Graph, cell: int) -> Ints:
     return path[:count]
 
 
+def _dry(graph: Graph) -> Flood:
+    return Flood.of(graph.levels[0].size * len(graph.slice_of))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Widest:
     """What widest paths need of a map.
@@ -419,22 +453,47 @@ class Widest:
     rooms : list of (ndarray of float64, ndarray of uint32), shapes (n,)
         Room for searches, each for one at a time, a number for each cell, the first with one more, see
         :func:`chain_of`. Memory is taken where they wrote.
+    walled : ndarray of bool, shape (slices,)
+        Whether what lies around the cells is not FREE.
     floods : list of Flood
         One, of one thread at a time, which holds the lock.
     lock : Lock
+    noted : list of ndarray of int64, shape (slices, 6)
+        Boxes of each slice in which states have changed since.
     """
 
     graph: Graph
     moves: Moves
     rooms: list[tuple[Floats, Cells]]
+    walled: NDArray[np.bool_]
     floods: list[Flood]
     lock: Lock
+    noted: list[Ints]
 
     @classmethod
     def of(cls, map_: Map, states: Iterable[Bytes], rotations: Rotations) -> Widest:
         graph = graph_of(map_, states, rotations)
-        flood = Flood.of(graph.levels[0].size * len(graph.slice_of))
-        return cls(graph, moves_of(graph), [], [flood], Lock())
+        return cls(graph, moves_of(graph), [], walls_of(map_), [_dry(graph)], Lock(), [])
+
+    def renew(self, change: Change) -> None:
+        """Note where states have changed."""
+        self.noted.append(change.states)
+
+    def renewed(self, map_: Map, states: Stack) -> Widest:
+        """As of now; this one stays as it is, for those who follow it yet."""
+        if not self.noted:
+            return self
+        levels, walled, noted = self.graph.levels.copy(), walls_of(map_), np.array(self.noted)
+        boxes = np.concatenate([noted[..., :3].min(axis=0), noted[..., 3:].max(axis=0)], axis=1)
+        boxes[walled != self.walled] = 0, 0, 0, *(n - 1 for n in levels.shape[1:])
+
+        def follow(number: int) -> None:
+            state = states[number].reshape(levels.shape[1:])
+            renew_levels(levels[number], state, boxes[number], bool(walled[number]))
+
+        in_threads(follow, np.flatnonzero((boxes[:, :3] <= boxes[:, 3:]).all(axis=1)).tolist(), cores())
+        graph = self.graph._replace(levels=levels)
+        return replace(self, graph=graph, walled=walled, floods=[_dry(graph)], lock=Lock(), noted=[])
 
     def bottleneck(self, start: int, goal: int) -> int:
         """:func:`bottleneck`, of two cells."""

@@ -174,6 +174,29 @@ def test_it_goes_by_the_obstacles_as_they_are_now() -> None:
     assert np.array_equal(space.widest_path(*ends), before)
 
 
+@pytest.mark.parametrize("name", SPACES)
+@pytest.mark.parametrize("outside", ["blocked", "free"])
+def test_levels_follow_updates(name: str, outside: str) -> None:
+    rng = np.random.default_rng(4)
+    cells = rng.random((40, 30) if name in ("plane", "turning") else (12, 11, 10)) < 0.004
+    robot = Robot.disc(0.1) if cells.ndim == 2 else Robot.ball(0.1)
+    if name in TURNS:
+        robot = Robot.rectangle(0.3, 0.1) if cells.ndim == 2 else Robot.box((0.3, 0.1, 0.1))
+    space = build(Workspace.from_array(cells, 0.1), robot, rotations=TURNS.get(name), outside=outside)
+    kept = widest.Widest.of(space._map, space._seen, space.rotations)
+    space._widest.get(lambda: kept)
+    for step in range(24):
+        size = rng.integers(1, 4, cells.ndim)
+        lower = rng.integers(0, np.array(cells.shape) - size + 1)
+        space.update(rng.random(size) < 0.5 * (step % 3), lower)
+        if step % 2:
+            kept = kept.renewed(space._map, space._seen)
+            space._widest.drop()
+            space._widest.get(lambda made=kept: made)
+            fresh = widest.graph_of(space._map, space._seen, space.rotations)
+            assert np.array_equal(kept.graph.levels, fresh.levels)
+
+
 def test_wrong_ends_and_little_memory_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
     space = room("plane")
     with pytest.raises(ConfigurationError, match="one FREE configuration in the grid"):
