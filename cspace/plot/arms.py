@@ -10,7 +10,18 @@ from numpy.typing import NDArray
 
 from cspace.plot import artists
 from cspace.plot.route import Floats, Look, polyline, simplified
-from cspace.plot.surface import SURFACES, axes_in_space, direction_of, dotted, frame_in_space, lit, paint, patch, ribbon
+from cspace.plot.surface import (
+    MOST,
+    SURFACES,
+    axes_in_space,
+    direction_of,
+    dotted,
+    frame_in_space,
+    lit,
+    paint,
+    patch,
+    ribbon,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -185,5 +196,5 @@ def _polygons(surface: Surface, longest: float) -> Floats:
     """The triangles of a surface, none larger than that, each with its last corner twice, shape (n, 4, 3)."""
     from trimesh.remesh import subdivide_to_size
 
-    vertices, faces = subdivide_to_size(*simplified(surface.vertices, surface.faces), longest)  # type: ignore[no-untyped-call]
+    vertices, faces = subdivide_to_size(*simplified(surface.vertices, surface.faces, MOST), longest)  # type: ignore[no-untyped-call]
     return np.asarray(vertices[faces][:, [0, 1, 2, 2]])

@@ -390,10 +390,10 @@ def _solid_parts(shape: Shape) -> tuple[Floats, list[Floats], Floats, Floats]:
 _DRAWN: Final = {2: _plane_parts, 3: _solid_parts}
 
 
-def simplified(vertices: Floats, faces: NDArray[np.int64]) -> tuple[Floats, NDArray[np.int64]]:
-    """A surface of at most some thousands of triangles: corners that lie close are joined (Rossignac, Borrel 1993)."""
+def simplified(vertices: Floats, faces: NDArray[np.int64], most: int = _FACES) -> tuple[Floats, NDArray[np.int64]]:
+    """A surface of at most so many triangles: corners that lie close are joined (Rossignac and Borrel, 1993)."""
     steps = 64
-    while len(faces) > _FACES and steps > 1:
+    while len(faces) > most and steps > 1:
         cells = np.floor((vertices - vertices.min(axis=0)) / np.ptp(vertices, axis=0).max() * steps).astype(np.int64)
         _, number = np.unique(cells, axis=0, return_inverse=True)
         number = number.reshape(-1)

@@ -58,7 +58,8 @@ class ArmCanvas(Canvas):
         arm = space.arm
         self._figure = ArmFigure(space)
         self.title = arm.name
-        self.about = f"{arm.dof} joints, {len(arm.links)} links, {len(space.obstacles)} obstacles"
+        counts = {"joint": arm.dof, "link": len(arm.links), "obstacle": len(space.obstacles)}
+        self.about = ", ".join(f"{count} {name}{'s' * (count != 1)}" for name, count in counts.items())
         sliding = set(arm.chain.numbers[arm.chain.kinds == SLIDES].tolist())
         self._scale = np.array([1.0 if number in sliding else math.degrees(1.0) for number in range(arm.dof)])
         steps = np.where(self._scale == 1.0, _MILLIMETRE, _TENTH)
