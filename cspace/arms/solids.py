@@ -15,7 +15,7 @@ from cspace.arms.hulls import Hulls, forest_of, hulls_of
 from cspace.arms.proofs import Scene, Solids
 from cspace.exact import ROUNDING
 from cspace.exact.boundaries import anchors_of, joined
-from cspace.exact.triangles import Trees, box_rows, trees_of_rows, triangle_rows
+from cspace.exact.triangles import Trees, box_rows, together, tree_of_rows, triangle_rows
 from cspace.shapes import Mesh, Pieces, Shape
 
 Floats = NDArray[np.float64]
@@ -63,6 +63,11 @@ class Placed:
     def rows(self) -> tuple[Floats, Floats]:
         """Its border as rows of a tree, shape (n, 10), and their levers about the origin."""
         return triangle_rows(self.border), np.linalg.norm(self.border.simplices, axis=-1).max(axis=1)
+
+    @cached_property
+    def trees(self) -> dict[tuple[Placed, ...], Trees]:
+        """Trees of it together with others, by all of them."""
+        return {}
 
     @cached_property
     def hulls(self) -> Hulls:
@@ -170,7 +175,8 @@ def solids_of(solids: Sequence[Solid], side: int, outer: Solids | None = None) -
     points = [[part.probes if side else part.anchors for part in each] for each in parts]
     closed = [surface for each in surfaces for surface in each]
     if outer is None or any(part.sides[0] is not part.sides[1] for solid in solids for part in solid.parts):
-        trees, nodes = _trees(parts)
+        trees, begins = together([_tree(each) for each in parts])
+        nodes = np.array(begins, dtype=np.int64).reshape(-1, 3)
     else:
         trees, nodes = outer.trees, outer.nodes
     if outer is None:
@@ -196,14 +202,13 @@ def solids_of(solids: Sequence[Solid], side: int, outer: Solids | None = None) -
     )
 
 
-def _trees(parts: Sequence[Sequence[Placed]]) -> tuple[Trees, Ints]:
-    """A tree for each of some sets of parts, and their roots."""
-    rows = []
-    for each in parts:
-        made = [part.rows for part in each]
-        rows.append((np.concatenate([row for row, _ in made]), np.concatenate([levers for _, levers in made])))
-    trees, roots = trees_of_rows(rows)
-    return trees, np.array(roots, dtype=np.int64).reshape(-1, 3)
+def _tree(parts: Sequence[Placed]) -> Trees:
+    """A tree of some parts; the first one keeps it, so that links have theirs in every scene."""
+    kept, key = parts[0].trees, tuple(parts)
+    if key not in kept:
+        rows, levers = zip(*(part.rows for part in parts), strict=True)
+        kept[key] = tree_of_rows(np.concatenate(rows), np.concatenate(levers))
+    return kept[key]
 
 
 def _starts(counts: Iterable[int]) -> Ints:

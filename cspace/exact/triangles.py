@@ -100,20 +100,22 @@ class Motion(NamedTuple):
 def trees_of(borders: Sequence[Pieces], about_z: bool) -> tuple[Trees, list[Node]]:
     """A tree for each of some sets of triangles, and their roots; levers are about the z axis, or about the origin."""
     levers = [np.linalg.norm(b.simplices[..., : 2 if about_z else 3], axis=-1).max(axis=1) for b in borders]
-    return trees_of_rows([(triangle_rows(b), each) for b, each in zip(borders, levers, strict=True)])
+    return together([tree_of_rows(triangle_rows(b), each) for b, each in zip(borders, levers, strict=True)])
 
 
-def trees_of_rows(parts: Sequence[tuple[Floats, Floats]]) -> tuple[Trees, list[Node]]:
-    """The same of rows of :attr:`Trees.triangles`, and what is kept of each as its lever."""
-    boxes, triangles, roots = [], [], []
-    nodes, rows = 0, 0
-    for part, levers in parts:
-        box, order, spans = boxes_of(*bounds_of_rows(part))
-        roots.append((nodes, rows, len(order)))
-        boxes.append(np.column_stack([box, most(levers[order], spans)]))
-        triangles.append(part[order])
-        nodes, rows = nodes + len(box), rows + len(order)
-    return Trees(np.concatenate(boxes), np.concatenate(triangles)), roots
+def tree_of_rows(rows: Floats, levers: Floats) -> Trees:
+    """A tree of rows of :attr:`Trees.triangles`, and of what is kept of each as its lever."""
+    box, order, spans = boxes_of(*bounds_of_rows(rows))
+    return Trees(np.column_stack([box, most(levers[order], spans)]), rows[order])
+
+
+def together(trees: Sequence[Trees]) -> tuple[Trees, list[Node]]:
+    """Trees as one, and their roots."""
+    roots, nodes, rows = [], 0, 0
+    for tree in trees:
+        roots.append((nodes, rows, len(tree.triangles)))
+        nodes, rows = nodes + len(tree.boxes), rows + len(tree.triangles)
+    return Trees(np.concatenate([tree.boxes for tree in trees]), np.concatenate([t.triangles for t in trees])), roots
 
 
 def triangle_rows(border: Pieces) -> Floats:
