@@ -160,14 +160,17 @@ def dask_setup(worker):
     made, perform = [], work.perform
 
     def wait(content, index):
-        while len(made) == 20 and not pathlib.Path({!r}).exists():
+        end = time.monotonic() + 30.0
+        while len(made) == 20 and not pathlib.Path({!r}).exists() and time.monotonic() < end:
+            time.sleep(0.05)
+        if len(made) < 20:
             time.sleep(0.05)
         made.append(index)
         return perform(content, index)
 
     work.perform = wait
 """
-"""Told to a worker: make some tiles, and no more until there is a file; an interrupt comes before the end."""
+"""Told to a worker: make some tiles slowly, and no more until there is a file; an interrupt comes before the end."""
 
 
 def test_the_command_on_a_live_cluster(live, tmp_path, monkeypatch):
