@@ -71,7 +71,7 @@ def _check_curves(tally: Tally, others: Counter[str], case: Case, name: str, rng
     if not len(pairs):
         return
     # The map tells where to look: half of the edges are those that come closest.
-    lengths = np.array([way.length(*pair) for pair in pairs])
+    lengths = np.array([way.metres(*pair) for pair in pairs])
     few = np.stack([way.points(a, b, np.linspace(0.0, c, 30)) for (a, b), c in zip(pairs, lengths, strict=True)])
     order = np.argsort(np.asarray(space.clearance(few)).min(axis=1))
     picked = np.concatenate([order[: TAKEN // 2], rng.permutation(order[TAKEN // 2 :])[: TAKEN - TAKEN // 2]])
