@@ -545,15 +545,16 @@ class JointMotions(LocalPlanner):
         return found
 
     def same(self, one: Floats, other: Floats) -> bool:
-        step = np.asarray(one) - other
-        circles = np.array(self.space.endless)
-        step[:, circles] -= TURN * np.rint(step[:, circles] / TURN)
-        return bool((np.abs(step) <= SAME).all())
+        return bool((np.abs(self._steps(one, other)) <= SAME).all())
 
     def lengths(self, firsts: Floats, lasts: Floats) -> Floats:
+        return np.asarray(np.linalg.norm(self._steps(firsts, lasts), axis=1))
+
+    def _steps(self, firsts: Floats, lasts: Floats) -> Floats:
+        """What leads from configurations to others, joints that turn for ever the shorter way, shape (n, dof)."""
         steps, circles = lasts - firsts, np.array(self.space.endless)
         steps[:, circles] = wrapped(steps[:, circles])
-        return np.asarray(np.linalg.norm(steps, axis=1))
+        return steps
 
     def length(self, path: Floats) -> float:
         return math.fsum(np.linalg.norm(np.diff(path, axis=0), axis=1))
@@ -562,7 +563,7 @@ class JointMotions(LocalPlanner):
         return self.space._path_clearance(path)
 
     def distance(self, path: Floats) -> float:
-        return self.space.margin + self.clearance(path)
+        return self.space.margin + self.clearance(path) if self.are_free(path) else 0.0
 
     def dense(self, path: Floats) -> tuple[Floats, NDArray[np.int8] | None]:
         return path, None
