@@ -19,9 +19,9 @@ from numpy.typing import ArrayLike
 from cspace.correlation import Correlation, Progress, Sides, sides_of
 from cspace.engines import ENGINES, METHODS
 from cspace.errors import InputError
-from cspace.grid import not_negative
+from cspace.grid import check_word, not_negative, whole
 from cspace.map.contents import Contents
-from cspace.map.exterior import Exterior, check_outside
+from cspace.map.exterior import OUTSIDES, Exterior
 from cspace.map.slices import Pair, Rasters, raster_parts, slice_rasters
 from cspace.map.storage import PackedStates, Stack
 from cspace.memory import SCRATCH_BYTES, TRANSFORM_BYTES, build_seconds, check_memory, is_packed, map_bytes
@@ -266,12 +266,9 @@ def _check(
             "take both in the plane or both in space" + ", or its shadow, robot.footprint()" * (robot.dim == 3),
         )
     rotations.check_dimension(robot.dim)
-    if workers is not None and (not isinstance(workers, int) or workers < 1):
-        rule = "it must be a whole number above zero, or None for all cores"
-        raise InputError("workers", f"is {workers!r}", rule, "leave it out", value=workers)
-    if method not in METHODS:
-        rule = f"it must be one of {', '.join(map(repr, METHODS))}"
-        raise InputError("method", f"is {method!r}", rule, "leave it out", value=method)
+    if workers is not None:
+        whole(workers, "workers", 1, mend="leave it out for all cores")
+    check_word(method, "method", METHODS, "leave it out")
     if overlap and method != "auto" and not ENGINES[method].COUNTS:
         raise InputError(
             "method",
@@ -280,4 +277,4 @@ def _check(
             "use method='fft' or method='auto'",
             value=method,
         )
-    check_outside(outside)
+    check_word(outside, "outside", OUTSIDES)

@@ -32,10 +32,7 @@ _SMALL_WITHIN: Final = 0.25
 def check_bounds(bounds: ArrayLike, dim: int = 2) -> Floats:
     """The corners ``xmin, ymin, (zmin,) xmax, ymax(, zmax)`` of a map, shape (2, dim).
 
-    Raises
-    ------
-    InputError
-        If there are not as many numbers, or an upper one is not above its lower one.
+    Raises InputError if there are not as many numbers, or an upper one is not above its lower one.
     """
     box = finite(bounds, "bounds")
     names = [f"{axis}{end}" for end in ("min", "max") for axis in "xyz"[:dim]]
@@ -66,10 +63,7 @@ def covering_shape(corners: Floats, spacing: float) -> list[int]:
 def covering_grid(corners: Floats, spacing: float, bytes_a_cell: int) -> Grid:
     """The grid that begins at the lower of two corners, shape (2, dim), and reaches the upper one.
 
-    Raises
-    ------
-    InputError
-        If a workspace of so many cells does not fit into memory.
+    Raises InputError if a workspace of so many cells does not fit into memory.
     """
     # What is as near to zero as no raster can tell is zero: shapely goes wrong on numbers below 1e-308.
     corners = np.where(np.abs(corners) < _NOUGHT * spacing, 0.0, corners)

@@ -45,10 +45,7 @@ def demo_workspace(spacing: float = SPACING) -> Workspace:
     Workspace
         16 m by 10 m.
 
-    Raises
-    ------
-    InputError
-        If the spacing is not above zero.
+    Raises InputError if the spacing is not above zero.
     """
     from cspace.workspace import Workspace
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -25,10 +26,7 @@ FLOATS: Final = "pass floats, in metres or radians; of a scipy Rotation, those o
 def finite(values: ArrayLike, name: str) -> NDArray[np.float64]:
     """``values`` as a float64 array.
 
-    Raises
-    ------
-    InputError
-        If a value is not a real number, is NaN or is infinite.
+    Raises InputError if a value is not a real number, is NaN or is infinite.
     """
     unmasked(values, name)
     try:
@@ -55,10 +53,7 @@ def finite(values: ArrayLike, name: str) -> NDArray[np.float64]:
 def unmasked(values: Any, name: str) -> None:
     """Refuse masked entries: what a mask hides is neither free nor occupied.
 
-    Raises
-    ------
-    InputError
-        If ``values`` is a masked array with masked entries.
+    Raises InputError if ``values`` is a masked array with masked entries.
     """
     if isinstance(values, np.ma.MaskedArray) and np.ma.getmaskarray(values).any():
         raise InputError(
@@ -72,10 +67,7 @@ def unmasked(values: Any, name: str) -> None:
 def positive(value: Any, name: str, unit: str = "metres") -> float:
     """``value`` as a float above zero.
 
-    Raises
-    ------
-    InputError
-        If it is not one number, not finite, or not above zero.
+    Raises InputError if it is not one number, not finite, or not above zero.
     """
     array = finite(value, name)
     if array.ndim or array <= 0.0:
@@ -88,15 +80,49 @@ def positive(value: Any, name: str, unit: str = "metres") -> float:
 def not_negative(value: Any, name: str, mend: str = "pass it in metres") -> float:
     """``value`` as a float, zero or above.
 
-    Raises
-    ------
-    InputError
-        If it is not one number, not finite, or negative.
+    Raises InputError if it is not one number, not finite, or negative.
     """
     array = finite(value, name)
     if array.ndim or array < 0.0:
         raise InputError(name, f"is {value!r}", "it must be one number, zero or above", mend, value=value)
     return float(array)
+
+
+def whole(value: Any, name: str, least: int = 0, most: int | None = None, mend: str = "pass e.g. 100") -> int:
+    """``value`` as a whole number from ``least`` to ``most``.
+
+    Raises InputError if it is none.
+    """
+    try:
+        number = None if isinstance(value, bool) else operator.index(value)
+    except TypeError:
+        number = None
+    if number is None or number < least or (most is not None and number > most):
+        span = f"from {least} to {most}" if most is not None else ("above zero" if least == 1 else f"from {least} on")
+        raise InputError(name, f"is {value!r}", f"it must be a whole number {span}", mend, value=value)
+    return number
+
+
+def check_word(value: Any, name: str, words: Sequence[Any], mend: str = "pass one of them") -> None:
+    """Refuse what is none of a few words, or numbers.
+
+    Raises InputError if it is none, or of another type.
+    """
+    if type(value) not in {type(word) for word in words} or value not in words:
+        *most, last = map(repr, words)
+        raise InputError(name, f"is {value!r}", f"it must be {', '.join(most)} or {last}", mend, value=value)
+
+
+def points_of(values: ArrayLike, name: str, dim: int) -> NDArray[np.float64]:
+    """``values`` as float64 numbers, shape (..., dim).
+
+    Raises InputError if the last axis is not ``dim`` long, or a value is not finite.
+    """
+    array = finite(values, name)
+    if array.ndim == 0 or array.shape[-1] != dim:
+        rule, mend = f"its last axis must be {dim} long, one entry for each coordinate", "pass one of them or a batch"
+        raise InputError(name, f"has shape {array.shape}", rule, mend, value=values)
+    return array
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,31 +230,14 @@ class Grid:
         return tuple(low + self.spacing * n for low, n in zip(self.lower, self.shape, strict=True))
 
     def coordinates(self, points: ArrayLike, name: str = "points") -> NDArray[np.float64]:
-        """Check a batch of points.
-
-        Parameters
-        ----------
-        points : array-like, shape (..., d)
-            Metres.
-
-        Returns
-        -------
-        ndarray of float64, shape (..., d)
+        """Points as an array of float64, shape (..., d), metres.
 
         Raises
         ------
         InputError
             If the last axis is not d long, or a value is not finite.
         """
-        array = finite(points, name)
-        if array.ndim == 0 or array.shape[-1] != self.dim:
-            raise InputError(
-                name,
-                f"has shape {array.shape}",
-                f"its last axis must be {self.dim} long, one entry for each coordinate",
-                "pass one configuration or a batch of them",
-            )
-        return array
+        return points_of(points, name, self.dim)
 
     def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
         """Whether points lie in the closed box of the grid.

@@ -129,10 +129,7 @@ def check_memory(
     unit : str
         Of the spacing, for the message.
 
-    Raises
-    ------
-    InputError
-        If there is less; the message tells the spacing that would fit, or else ``mend``.
+    Raises InputError if there is less; the message tells the spacing that would fit, or else ``mend``.
     """
     free = free_bytes()
     if needed <= KEEP * free:

@@ -50,10 +50,7 @@ class Orientation(ABC):
 
         Numbers that are so already stay as they are, to the last bit.
 
-        Raises
-        ------
-        InputError
-            If a yaw is too large to be wrapped exactly, or the norm of a quaternion is not 1 within 1e-6.
+        Raises InputError if a yaw is too large to be wrapped exactly, or the norm of a quaternion is not 1 within 1e-6.
         """
         place, rotation = self._parts(q)
         return np.concatenate([place, self._canonical(rotation, name)], axis=-1)
@@ -77,10 +74,7 @@ class Orientation(ABC):
     def checked(self, rotation: ArrayLike, name: str = "rotation") -> Floats:
         """A rotation as its numbers, canonical, shape (dof,).
 
-        Raises
-        ------
-        InputError
-            If it is not one rotation.
+        Raises InputError if it is not one rotation.
         """
         numbers = np.atleast_1d(finite(rotation, name))
         if numbers.shape != (len(self.names),):

@@ -39,11 +39,8 @@ class Placed(NamedTuple):
     def of(cls, shape: Shape, grid: Grid) -> Placed:
         """An obstacle where it is; what lies beyond the grid is clipped, but for exact answers.
 
-        Raises
-        ------
-        InputError
-            If it is so far from the grid that rounding could reach the certificate's slack, or its inside depends on
-            the spacing.
+        Raises InputError if it is so far from the grid that rounding could reach the certificate's slack, or its inside
+        depends on the spacing.
         """
         shape.boundary()  # exact look-ups will ask for it
         low, high = ((corner - grid.lower) / grid.spacing for corner in shape.bounds)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.errors import InputError
-from cspace.grid import finite
+from cspace.grid import finite, whole
 from cspace.orientation import MAX_YAW as MAX_YAW
 from cspace.orientation import NORM_SLACK as NORM_SLACK
 from cspace.orientation import TURN as TURN
@@ -182,11 +182,7 @@ class Rotations(Orientation):
         >>> cspace.Rotations.quaternions(8).count
         2048
         """
-        if isinstance(n, bool) or not isinstance(n, int | np.integer) or not 1 <= n <= MAX_CUTS:
-            rule = f"n must be a whole number from 1 to {MAX_CUTS}"
-            mend = "pass e.g. 8, for 2,048 cells of rotations"
-            raise InputError("rotations", f"are quaternions of n = {n!r}", rule, mend, value=n)
-        return QuaternionRotations(int(n))
+        return QuaternionRotations(whole(n, "n", 1, MAX_CUTS, "pass e.g. 8, for 2,048 cells of rotations"))
 
     @staticmethod
     def from_coordinates(coordinates: Mapping[str, NDArray[Any]]) -> Rotations:

@@ -13,11 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.configuration_map import ConfigurationMap, Result
 from cspace.errors import ConfigurationError, InputError
-from cspace.grid import Grid, not_negative
+from cspace.grid import Grid, not_negative, whole
 from cspace.map.batches import EDGES_A_THREAD, Ask, Many, One, answer, check_rng, in_pieces
 from cspace.map.contents import Contents
 from cspace.map.exterior import UNKNOWN, Exterior
-from cspace.map.kept import Change, Kept, Lock
+from cspace.map.kept import Kept, Lock
 from cspace.map.record import Map
 from cspace.map.slices import slice_rasters
 from cspace.map.storage import PackedStates, cells_of, check_bytes, counts_of, read_only, read_only_of, record_of
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from cspace.map.sampling import FreeCells
     from cspace.map.widest import Widest
     from cspace.spectral import FourierOverlap, OverlapField
-    from cspace.update import Update, Updater
+    from cspace.update import Change, Update, Updater
     from cspace.view.cells import Cells
 
 Floats = NDArray[np.float64]
@@ -528,14 +528,11 @@ class CSpace(ConfigurationMap):
         """
         from cspace.map.sampling import FreeCells, sample
 
-        if n is not None and (not isinstance(n, int | np.integer) or n < 0):
-            rule = "it must be a whole number, zero or above, or None for one sample"
-            raise InputError("n", f"is {n!r}", rule, "pass e.g. 100, and rng=numpy.random.default_rng(0)", value=n)
+        count = 1 if n is None else whole(n, "n")
         generator = check_rng(rng)
         free = self._free_cells.get(lambda: FreeCells(self._seen))
         if not free.counts.any():
             raise self._nothing_free()
-        count = 1 if n is None else int(n)
         samples = sample(free, self._slice_of, self.rotations, self.grid, count, generator)
         return samples[0] if n is None else samples
 
@@ -742,14 +739,14 @@ class CSpace(ConfigurationMap):
         contents = self._contents
         if contents.workspace is not change.workspace or contents.scene is not change.scene or contents.fields:
             self._contents = replace(contents, workspace=change.workspace, scene=change.scene, fields={})
-        self._outer_sums.renew(change)
-        self._inner_sums.renew(change)
+        self._outer_sums.renew(change.workspace.outer, change.cells)
+        self._inner_sums.renew(change.workspace.inner, change.cells)
         if change.changed:
-            self._mip.renew(change)
+            self._mip.renew(change.states)
             self._free_cells.drop()
-            self._widest.renew(change)
-            self._components_kept.renew(change)
-        self._exact_kept.renew(change)
+            self._widest.renew(change.states)
+            self._components_kept.renew(change.states)
+        self._exact_kept.renew(change.workspace)
 
     # ---- a smooth measure of penetration -----------------------------------------------------------------------------
 
@@ -1025,10 +1022,10 @@ class CSpace(ConfigurationMap):
 
         # What is not known may be an obstacle, and may be none.
         beyond = self.outside != "free" if side == "outer" else self.outside == "blocked"
-        if self.workspace.inner is self.workspace.outer:
-            side = "outer"
-        kept = self._outer_sums if side == "outer" else self._inner_sums
-        sums = kept.get(lambda: Sums(self.workspace, side))
+        workspace = self.workspace
+        outer = side == "outer" or workspace.inner is workspace.outer
+        kept = self._outer_sums if outer else self._inner_sums
+        sums = kept.get(lambda: Sums(workspace.outer if outer else workspace.inner))
         runs = self._runs.get(lambda: Runs.of([outer for outer, _ in self._rasters]))
         kernel = in_pieces(partial(overlaps, self._map, sums.counts, runs, int(beyond)))
         return answer(q, self.dof, kernel, np.int64, int)

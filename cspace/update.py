@@ -29,7 +29,6 @@ from cspace.errors import InputError
 from cspace.grid import Grid
 from cspace.map.contents import Contents
 from cspace.map.exterior import Exterior, reached
-from cspace.map.kept import Change
 from cspace.map.storage import PackedStates
 from cspace.placed import Box, Placed, Scene
 from cspace.raster.raster import Raster
@@ -106,10 +105,7 @@ class Patch:
     def of(cls, grid: Grid, cells: ArrayLike, lower: Sequence[int], inner: ArrayLike | None) -> Patch:
         """Check what was passed to an update of a map on a grid; the arrays are copied.
 
-        Raises
-        ------
-        InputError
-            If the cells or their place are not as :meth:`cspace.CSpace.update` states.
+        Raises InputError if the cells or their place are not as :meth:`cspace.CSpace.update` states.
         """
         outer = _cells(cells, "cells")
         first = _first(lower, grid.dim)
@@ -159,6 +155,34 @@ def _first(lower: Sequence[int], dim: int) -> tuple[int, ...]:
 
 
 @dataclass(frozen=True, slots=True)
+class Change:
+    """What an update of the workspace did to a map.
+
+    Boxes hold the first and the last cell along x, y and z, six numbers; in the plane x is 0, and y and z stand for the
+    two axes. A box is empty where a first number is beyond the last.
+
+    Attributes
+    ----------
+    workspace : Workspace
+        As it is now.
+    scene : Scene or None
+        What its cells come from, where obstacles were placed.
+    cells : ndarray of int64, shape (6,)
+        The box around the workspace cells that differ.
+    states : ndarray of int64, shape (slices, 6)
+        Of each slice, the box around the states that differ.
+    changed : int
+        Number of states that differ, over all rotation cells.
+    """
+
+    workspace: Workspace
+    scene: Scene | None
+    cells: Ints
+    states: Ints
+    changed: int
+
+
+@dataclass(frozen=True, slots=True)
 class Subject:
     """The map that a follower changes.
 
@@ -189,10 +213,6 @@ class Updater:
 
     Every cell of configurations from which some offset of the robot can fall on a changed cell is decided afresh, by
     the direct engine's dilation of the part of the workspace around. No other cell can change.
-
-    Parameters
-    ----------
-    subject : Subject
     """
 
     def __init__(self, subject: Subject) -> None:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from cspace.configuration_space import ConfigurationSpace, Leg
 from cspace.errors import InputError
-from cspace.grid import positive
+from cspace.grid import positive, whole
 from cspace.space import CSpace
 from planners.catalogue import BIRRT, CUBES, IGNORE_OBJECTIVES, OWN, SECOND_THREAD, WIDEST, planner_named
 from planners.local_planner import HOLONOMIC, ON_THE_SPOT, LocalPlanner, check_flag, local_planner, takes_curve, text
@@ -194,7 +194,7 @@ def plan(
             objective=_objective(part, objective, name, drive, turning_radius),
             iterations=_iterations(iterations, name),
             simplify=simplify,
-            seed=None if seed is None else _whole(seed, "seed", 0, MAX_SEED),
+            seed=None if seed is None else whole(seed, "seed", 0, MAX_SEED),
         )
 
     search = search_on(edges.space)
@@ -372,16 +372,9 @@ def _check_own(planner: str, **options: object) -> None:
 def _iterations(value: int | None, planner: str) -> int | None:
     if value is None:
         return None
-    count = _whole(value, "iterations", 1, 2**62)
+    count = whole(value, "iterations", 1, 2**62)
     if planner in SECOND_THREAD:
         found = f"is {count} and planner is {planner!r}"
         rule = f"{planner} asks whether to go on from a second thread, which cannot call Python"
         raise InputError("iterations", found, rule, "leave iterations out or choose another planner", value=count)
     return count
-
-
-def _whole(value: object, name: str, least: int, most: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or not least <= value <= most:
-        rule = f"it must be a whole number from {least} to {most}"
-        raise InputError(name, f"is {value!r}", rule, f"pass {min(1000, most)}", value=value)
-    return int(value)

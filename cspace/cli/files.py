@@ -24,12 +24,8 @@ def check_outputs(paths: Collection[Path], suffixes: Collection[str], overwrite:
     overwrite : bool
         Whether existing outputs may be replaced.
 
-    Raises
-    ------
-    InputError
-        If a suffix is not known, or two outputs have the same name.
-    FileError
-        If a folder is missing or may not be written, or if an output exists and may not be replaced.
+    Raises InputError if a suffix is not known, or two outputs have the same name, and FileError if a folder is missing
+    or may not be written, or if an output exists and may not be replaced.
     """
     from cspace.io.output import check_output
 
@@ -47,10 +43,7 @@ def check_outputs(paths: Collection[Path], suffixes: Collection[str], overwrite:
 def check_folder(folder: Path) -> None:
     """Check that a folder is there or can be made, and can be written.
 
-    Raises
-    ------
-    FileError
-        If not.
+    Raises FileError if not.
     """
     there = folder
     while not there.exists() and there != there.parent:
@@ -65,10 +58,7 @@ def axes_of_map(file: Path) -> tuple[str, ...]:
 
     Told by its metadata alone: a map in space is large, and a wrong option is told at once.
 
-    Raises
-    ------
-    FileError
-        If the file is not a map that can be opened.
+    Raises FileError if the file is not a map that can be opened.
     """
     from cspace.io.reading import open_map
 
@@ -93,10 +83,7 @@ def read_path(file: Path, axes: Sequence[str]) -> list[list[float]]:
     list of list of float
         Metres, and radians.
 
-    Raises
-    ------
-    FileError
-        If the file cannot be read or holds no path, or one of other configurations.
+    Raises FileError if the file cannot be read or holds no path, or one of other configurations.
     """
     mend = "let cspace plan write a path on this map"
     try:

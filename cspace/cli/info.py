@@ -153,12 +153,8 @@ def survey(
     rotations : str, optional
         For a robot that turns: the rotation cells that the map is to have.
 
-    Raises
-    ------
-    InputError
-        If the suffix is not known, an option does not apply to it, or the robot is of another dimension.
-    FileError
-        If the file is missing or malformed.
+    Raises InputError if the suffix is not known, an option does not apply to it, or the robot is of another dimension,
+    and FileError if the file is missing or malformed.
     """
     from cspace.io.formats import dimension_of
     from cspace.workspace import Workspace, reader_of

@@ -75,10 +75,7 @@ def workspace_options(
 ) -> dict[str, Any]:
     """What the user gave for the reader of a workspace, checked as far as it can be without the file.
 
-    Raises
-    ------
-    InputError
-        If ``bounds`` is not a box, or a number is out of range.
+    Raises InputError if ``bounds`` is not a box, or a number is out of range.
     """
     from cspace.grid import positive
 
@@ -96,10 +93,7 @@ def workspace_options(
 def read_robot(text: str, solid: Solid | None) -> Robot:
     """The robot that ``--robot`` and ``--robot-solid`` give.
 
-    Raises
-    ------
-    CspaceError
-        As :meth:`cspace.Robot.open`.
+    Raises CspaceError as :meth:`cspace.Robot.open`.
     """
     from cspace.robot import Robot
 
@@ -110,10 +104,7 @@ def read_robot(text: str, solid: Solid | None) -> Robot:
 def check_dimensions(path: Path, dim: int, robot: Robot) -> None:
     """Refuse a robot of the plane in a workspace of space, or the other way round.
 
-    Raises
-    ------
-    InputError
-        If they do not agree.
+    Raises InputError if they do not agree.
     """
     if robot.dim != dim:
         found = f"is a {robot.name}, which has {robot.dim} dimensions, and the workspace {path} has {dim}"
@@ -124,10 +115,7 @@ def check_dimensions(path: Path, dim: int, robot: Robot) -> None:
 def rotation_cells(text: str | None) -> Rotations:
     """The rotation cells that ``--rotations`` gives.
 
-    Raises
-    ------
-    InputError
-        If it is neither a count nor ``quaternions:`` and one.
+    Raises InputError if it is neither a count nor ``quaternions:`` and one.
     """
     from cspace.rotations import Rotations
 
@@ -144,10 +132,8 @@ def rotation_cells(text: str | None) -> Rotations:
 def configuration(text: str, option: str, axes: Sequence[str]) -> tuple[float, ...]:
     """The configuration that an option such as ``--start`` gives, in metres and radians.
 
-    Raises
-    ------
-    InputError
-        If the text is not as many numbers as the axes, with commas between them; the message says what is expected.
+    Raises InputError if the text is not as many numbers as the axes, with commas between them; the message says what is
+    expected.
     """
     rule = f"the map's configurations are {','.join(axes)}, in metres" + ", yaw an angle" * ("yaw" in axes)
     return _rows(text, option, axes, rule, 1)[0]
@@ -156,10 +142,7 @@ def configuration(text: str, option: str, axes: Sequence[str]) -> tuple[float, .
 def rotation_of(text: str, option: str, axes: Sequence[str]) -> Any:
     """The rotation that an option such as ``--rotation`` gives, as numbers, or a list of several.
 
-    Raises
-    ------
-    InputError
-        If the map's configurations have none, or the text is not one or several of them.
+    Raises InputError if the map's configurations have none, or the text is not one or several of them.
     """
     names = [axis for axis in axes if axis not in ("x", "y", "z")]
     if not names:
@@ -187,10 +170,8 @@ def _rows(text: str, option: str, axes: Sequence[str], rule: str, most: int) -> 
 def box(text: str, option: str) -> tuple[float, ...]:
     """The box that an option such as ``--bounds`` gives: the lower corner, then the upper one, in metres.
 
-    Raises
-    ------
-    InputError
-        If the text is not four numbers, or six in space, with commas between them, or the box has no inside.
+    Raises InputError if the text is not four numbers, or six in space, with commas between them, or the box has no
+    inside.
     """
     from cspace.covering import check_bounds
 
@@ -208,10 +189,8 @@ def box(text: str, option: str) -> tuple[float, ...]:
 def angle(text: str, option: str) -> float:
     """The angle that a word gives, in radians: ``90deg``, or a number of radians.
 
-    Raises
-    ------
-    InputError
-        If the text is neither, or more than a turn without a unit, which is taken for degrees that lack theirs.
+    Raises InputError if the text is neither, or more than a turn without a unit, which is taken for degrees that lack
+    theirs.
     """
     word = text.strip()
     number, unit = next(((word.removesuffix(unit), unit) for unit in ("deg", "rad") if word.endswith(unit)), (word, ""))

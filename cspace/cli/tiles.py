@@ -19,12 +19,8 @@ if TYPE_CHECKING:
 def make_room(output: Path, overwrite: bool) -> None:
     """Check that a store can be made at a path, or gone on with; an old one is removed if it may be replaced.
 
-    Raises
-    ------
-    InputError
-        If the suffix is not that of a store.
-    FileError
-        If there is something else, or nothing can be written.
+    Raises InputError if the suffix is not that of a store, and FileError if there is something else, or nothing can be
+    written.
     """
     from cspace.tiles.store import is_tiled
 
@@ -49,12 +45,7 @@ def lazily(workspace: Path, options: dict[str, Any]) -> dict[str, Any]:
 def cluster(address: str | None) -> Iterator[Any]:
     """The client of a cluster at an address; None without one.
 
-    Raises
-    ------
-    MissingPackageError
-        If dask is not installed.
-    InputError
-        If nothing answers there.
+    Raises MissingPackageError if dask is not installed, and InputError if nothing answers there.
     """
     if address is None:
         yield None
@@ -76,10 +67,7 @@ def cluster(address: str | None) -> Iterator[Any]:
 def part_of(space: CSpace | TiledCSpace, box: Sequence[float] | None) -> CSpace:
     """The map itself; of one in tiles, the window in a box.
 
-    Raises
-    ------
-    InputError
-        If a map in tiles lacks a box, or another one has it.
+    Raises InputError if a map in tiles lacks a box, or another one has it.
     """
     from cspace.tiles.space import TiledCSpace
 

@@ -73,10 +73,7 @@ class Obstacles(NamedTuple):
 def obstacle_border(workspace: Workspace, *, walled: bool) -> Obstacles:
     """The border of the obstacles of a workspace, cut to the grid, whose own border needs no pieces where ``walled``.
 
-    Raises
-    ------
-    InputError
-        If an obstacle is a mesh whose inside depends on the spacing.
+    Raises InputError if an obstacle is a mesh whose inside depends on the spacing.
     """
     found, error = [], 0.0
     for shape in workspace.obstacles:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.exact.boundaries import Problem
-from cspace.map.kept import Change
+from cspace.workspace import Workspace
 
 Floats = NDArray[np.float64]
 Kernel = Callable[..., int]
@@ -109,10 +109,10 @@ class Exact:
 
         return check
 
-    def renew(self, change: Change) -> None:
+    def renew(self, workspace: Workspace) -> None:
         """Ask the obstacles as they are now; checkers that were handed out do so from their next call on."""
         with self._lock:
-            self._problem, self._proofs = self._problem._replace(workspace=change.workspace), None
+            self._problem, self._proofs = self._problem._replace(workspace=workspace), None
 
     def _made(self) -> Proofs:
         """The proofs among the obstacles as they are now."""

@@ -33,12 +33,8 @@ _WITHOUT_SURFACE: Final = frozenset(["source", "vertices", "extra", "lines", "li
 def read_collada(file: Path) -> Surface:
     """Triangles of the file's scene, its unit turned into metres, its axes as they are; lines are left.
 
-    Raises
-    ------
-    FileError
-        If the file is truncated or malformed.
-    GeometryError
-        If there is a surface that is not read, or a polygon can be cut in several ways.
+    Raises FileError if the file is truncated or malformed, and GeometryError if there is a surface that is not read, or
+    a polygon can be cut in several ways.
     """
     root = parse_xml(read_bytes(file, "mesh", memory=20.0))
     for element in root.iter():

@@ -68,12 +68,7 @@ def write_vti(
     about : mapping of str to ndarray of float64, shape (n,), optional
         Field data: numbers about the whole.
 
-    Raises
-    ------
-    InputError
-        If an array has another shape or type.
-    FileError
-        As :func:`cspace.io.output.replacing`.
+    Raises InputError if an array has another shape or type, and FileError as :func:`cspace.io.output.replacing`.
     """
     for name, array in arrays.items():
         if array.shape != grid.shape or str(array.dtype) not in _TYPES:
@@ -158,10 +153,7 @@ def free_border(state: NDArray[np.uint8], grid: Grid) -> tuple[Floats, Ints]:
     faces : ndarray of int64, shape (F, 3)
         Rows of ``vertices``, counterclockwise where seen from outside the free space.
 
-    Raises
-    ------
-    InputError
-        If there is no FREE cell, or the border does not fit into memory.
+    Raises InputError if there is no FREE cell, or the border does not fit into memory.
     """
     # One more cell on each side, and lattice point (i, j, k) is the lower corner of cell (i, j, k) without them.
     free = np.pad((state == FREE).view(np.int8), 1)
@@ -205,12 +197,8 @@ def _squares(step: NDArray[np.int8], axis: int, lattice: tuple[int, ...]) -> Int
 def write_border(state: NDArray[np.uint8], grid: Grid, path: str | os.PathLike[str], overwrite: bool = False) -> None:
     """Write :func:`free_border` as a mesh file that ends in ``.ply``, ``.obj`` or ``.stl``.
 
-    Raises
-    ------
-    InputError
-        As :func:`free_border`, or where the format cannot hold the mesh.
-    FileError
-        As :func:`cspace.io.output.replacing`.
+    Raises InputError as :func:`free_border`, or where the format cannot hold the mesh, and FileError as
+    :func:`cspace.io.output.replacing`.
     """
     with replacing(path, overwrite) as temporary:
         vertices, faces = free_border(state, grid)

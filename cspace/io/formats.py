@@ -36,12 +36,8 @@ METHODS: Final[dict[str, str]] = {
 def method_of(path: Named) -> str:
     """Name of the classmethod of ``Workspace`` that reads a file: by its suffix, and else by how the file begins.
 
-    Raises
-    ------
-    InputError
-        If the suffix is unknown.
-    FileError
-        If the file had to be looked into and is missing or malformed.
+    Raises InputError if the suffix is unknown, and FileError if the file had to be looked into and is missing or
+    malformed.
     """
     suffix = suffix_of(path, METHODS, "the suffix says which format to read")
     if suffix == ".npy":
@@ -55,10 +51,7 @@ def method_of(path: Named) -> str:
 def dimension_of(path: Named) -> int:
     """Dimensions of a workspace's file, without reading it, or no more than its header.
 
-    Raises
-    ------
-    InputError, FileError
-        As :func:`method_of`.
+    Raises InputError or FileError as :func:`method_of`.
     """
     method = method_of(path)
     if method == "from_array":
@@ -71,10 +64,7 @@ def dimension_of(path: Named) -> int:
 def read_npy(path: str | os.PathLike[str]) -> NDArray[Any]:
     """The array of a ``.npy`` file, read-only, its values left in the file until they are used.
 
-    Raises
-    ------
-    FileError
-        If the file is missing, is no such file, is truncated, or holds Python objects.
+    Raises FileError if the file is missing, is no such file, is truncated, or holds Python objects.
     """
     file = existing(path, _KIND)
 
@@ -89,12 +79,7 @@ def read_npy(path: str | os.PathLike[str]) -> NDArray[Any]:
 def read_cells(path: str | os.PathLike[str]) -> NDArray[Any]:
     """The array of a ``.npy`` file, to be taken as cells.
 
-    Raises
-    ------
-    InputError
-        If it rather holds points, as whole numbers.
-    FileError
-        As :func:`read_npy`.
+    Raises InputError if it rather holds points, as whole numbers, and FileError as :func:`read_npy`.
     """
     array = read_npy(path)
     if array.dtype.kind in "iu" and array.shape[1:] == (3,) and ((array != 0) & (array != 1)).any():
@@ -110,10 +95,7 @@ def read_cells(path: str | os.PathLike[str]) -> NDArray[Any]:
 def read_zarr_array(path: str | os.PathLike[str]) -> Any:
     """The array of a folder in the Zarr format, whose values are read where it is indexed.
 
-    Raises
-    ------
-    FileError
-        If there is none.
+    Raises FileError if there is none.
     """
     import zarr
 

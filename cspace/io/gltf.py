@@ -36,13 +36,9 @@ _WIDTHS: Final = {5121: 1, 5123: 2, 5125: 4, 5126: 12}
 def load_gltf(file: Path) -> tuple[Any, int]:
     """The scene of a file, as trimesh reads it, and how many triangles it must have.
 
-    Raises
-    ------
-    FileError
-        If the file or a buffer is missing, truncated or malformed, or another thing was read than is declared.
-    GeometryError
-        If there is something besides triangles, or shapes that depend on an extension, a skin, a morph, or on numbers
-        that are quantised, sparse or compressed.
+    Raises FileError if the file or a buffer is missing, truncated or malformed, or another thing was read than is
+    declared, and GeometryError if there is something besides triangles, or shapes that depend on an extension, a skin,
+    a morph, or on numbers that are quantised, sparse or compressed.
     """
     import trimesh
 

@@ -77,12 +77,8 @@ def read_image(path: str | os.PathLike[str], threshold: float = 0.5, dark: str =
     -------
     ndarray of bool, shape (nx, ny)
 
-    Raises
-    ------
-    InputError
-        If ``threshold`` is not above 0 and at most 1, or ``dark`` is neither word.
-    FileError
-        If the file is missing, too large, cannot be decoded, or has pixels of an unknown kind.
+    Raises InputError if ``threshold`` is not above 0 and at most 1, or ``dark`` is neither word, and FileError if the
+    file is missing, too large, cannot be decoded, or has pixels of an unknown kind.
     """
     level = finite(threshold, "threshold")
     if level.shape != () or not 0.0 < level <= 1.0:
@@ -105,10 +101,7 @@ def read_shades(path: str | os.PathLike[str], kind: str) -> Shades:
     kind : str
         What the image is, for messages.
 
-    Raises
-    ------
-    FileError
-        If the file is missing, too large, cannot be decoded, or has pixels of an unknown kind.
+    Raises FileError if the file is missing, too large, cannot be decoded, or has pixels of an unknown kind.
     """
     from PIL import Image
 

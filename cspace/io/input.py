@@ -30,12 +30,8 @@ def existing(path: str | os.PathLike[str], kind: str, memory: float = 1.0) -> Pa
 
     ``kind`` says in messages what it should be, such as "ROS map"; each of its bytes takes ``memory`` bytes when read.
 
-    Raises
-    ------
-    InputError
-        If ``path`` is not a file name.
-    FileError
-        If nothing is there, or no plain file, or one that is too large (:mod:`cspace.io.limits`).
+    Raises InputError if ``path`` is not a file name, and FileError if nothing is there, or no plain file, or one that
+    is too large (:mod:`cspace.io.limits`).
     """
     try:
         file = Path(path)
@@ -119,10 +115,7 @@ def decoding(
 def suffix_of(path: str | os.PathLike[str], known: Iterable[str], rule: str, argument: str = "path") -> str:
     """The suffix of a file's name, in small letters.
 
-    Raises
-    ------
-    InputError
-        If ``path`` is no name of a file, or ends otherwise than in one of those that are known.
+    Raises InputError if ``path`` is no name of a file, or ends otherwise than in one of those that are known.
     """
     try:
         file = Path(path)
@@ -138,10 +131,7 @@ def suffix_of(path: str | os.PathLike[str], known: Iterable[str], rule: str, arg
 def read_bytes(path: str | os.PathLike[str], kind: str, memory: float = 1.0) -> bytes:
     """Content of a file; ``memory`` as for :func:`existing`.
 
-    Raises
-    ------
-    InputError, FileError
-        As :func:`existing`, and if the system refuses to read it.
+    Raises InputError or FileError as :func:`existing`, and if the system refuses to read it.
     """
     file = existing(path, kind, memory)
     try:
@@ -153,10 +143,7 @@ def read_bytes(path: str | os.PathLike[str], kind: str, memory: float = 1.0) -> 
 def read_text(path: str | os.PathLike[str], kind: str, memory: float = 4.0) -> str:
     """Text of a file in UTF-8, line ends turned into ``\\n``; ``memory`` as for :func:`existing`.
 
-    Raises
-    ------
-    InputError, FileError
-        As :func:`read_bytes`, and if the file is not text.
+    Raises InputError or FileError as :func:`read_bytes`, and if the file is not text.
     """
     content = read_bytes(path, kind, memory)
     try:
@@ -173,10 +160,8 @@ def read_columns(text: str, file: str, first: int = 1) -> NDArray[np.float64]:
     Columns are separated by commas where the first row has one, else by blanks; ``#`` begins a comment, and ``first``
     is the number of the first line. A text that is cut within its last number cannot be told from a whole one.
 
-    Raises
-    ------
-    FileError
-        If a line holds something else than numbers, or has more or fewer than the first one; the message names it.
+    Raises FileError if a line holds something else than numbers, or has more or fewer than the first one; the message
+    names it.
     """
     row = next((content for line in text.split("\n") if (content := _content(line))), "")
     if not row:
@@ -225,27 +210,15 @@ def numbers_of(words: Sequence[bytes], kind: type[float]) -> NDArray[np.float64]
 def numbers_of(words: Sequence[bytes], kind: type[int] | type[float]) -> NDArray[Any]:
     """Words as numbers, shape (n,).
 
-    Raises
-    ------
-    ValueError, OverflowError
-        If one is none, or beyond 64 bits.
+    Raises ValueError or OverflowError if one is none, or beyond 64 bits.
     """
     if max(map(len, words), default=0) > _LONGEST_WORD:  # a table of words is as wide as its longest one
         return np.array(list(map(kind, words)), dtype=np.dtype(kind))
     return np.array(words, dtype=np.bytes_).astype(kind) if words else np.empty(0, kind)
 
 
-def check_unknown(unknown: str) -> None:
-    """Refuse what unknown cells of a map cannot be.
-
-    Raises
-    ------
-    InputError
-        If it is neither "occupied" nor "free".
-    """
-    if unknown not in ("occupied", "free"):
-        mend = "pass one of ('occupied', 'free')"
-        raise InputError("unknown", f"is {unknown!r}", "it says what unknown cells are", mend)
+UNKNOWNS: Final = ("occupied", "free")
+"""What unknown cells of a map can count as."""
 
 
 def is_count(word: str) -> bool:

@@ -67,10 +67,7 @@ def raised_limits(*, max_bytes: int | None = None, max_cells: int | None = None)
 def check_bytes(path: Named, size: int, what: str = "holds", memory: float = 1.0) -> None:
     """Refuse a file of so many bytes, or that ``what`` them, such as "unpacks to", where that is too large.
 
-    Raises
-    ------
-    FileError
-        If it is over ``max_bytes``, or ``memory`` times as much does not fit into memory.
+    Raises FileError if it is over ``max_bytes``, or ``memory`` times as much does not fit into memory.
     """
     _check(path, f"{what} {in_words(size)}", size, "max_bytes", in_words(_CURRENT.get().max_bytes), size)
     check_memory(path, f"{what} {in_words(size)}", memory * size)
@@ -79,10 +76,7 @@ def check_bytes(path: Named, size: int, what: str = "holds", memory: float = 1.0
 def check_cells(path: Named, shape: Sequence[int], memory: float = 1.0) -> None:
     """Refuse a grid, as a file declares it, that is too large.
 
-    Raises
-    ------
-    FileError
-        If there are more than ``max_cells``, or ``memory`` bytes for each do not fit into memory.
+    Raises FileError if there are more than ``max_cells``, or ``memory`` bytes for each do not fit into memory.
     """
     count = math.prod(int(n) for n in shape)
     declared = f"declares {' x '.join(f'{n}' if n < 2**53 else f'{n:.4g}' for n in shape)} cells"

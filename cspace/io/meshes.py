@@ -66,15 +66,10 @@ def read_mesh(path: str | os.PathLike[str]) -> tuple[Floats, Integers]:
         Metres.
     faces : ndarray of int64, shape (F, 3)
 
-    Raises
-    ------
-    InputError
-        If ``path`` is not a file name or ends otherwise, or a coordinate is not finite.
-    FileError
-        If the file is missing, too large, cannot be read, is malformed or is truncated, or other triangles were read
-        than it holds.
-    GeometryError
-        If the file has no triangles, has surfaces that are not read, or has polygons that can be cut in several ways.
+    Raises InputError if ``path`` is not a file name or ends otherwise, or a coordinate is not finite; FileError if the
+    file is missing, too large, cannot be read, is malformed or is truncated, or other triangles were read than it
+    holds; and GeometryError if the file has no triangles, has surfaces that are not read, or has polygons that can be
+    cut in several ways.
     """
     file = existing(path, _KIND)
     suffix = suffix_of(file, _READERS, "the suffix says how a mesh is read", "mesh")
@@ -178,12 +173,8 @@ def flattened(shape: Any, name: str) -> tuple[Floats, Integers]:
     vertices : ndarray of float64, shape (V, 3)
     faces : ndarray of int64, shape (F, 3)
 
-    Raises
-    ------
-    InputError
-        If ``shape`` is something else, or a coordinate is not finite.
-    GeometryError
-        If there are no triangles, or something else besides.
+    Raises InputError if ``shape`` is something else, or a coordinate is not finite, and GeometryError if there are no
+    triangles, or something else besides.
     """
     import trimesh
 

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.errors import InputError
-from cspace.grid import Grid, finite, not_negative, positive
-from cspace.io.input import check_unknown
+from cspace.grid import Grid, check_word, finite, not_negative, positive
+from cspace.io.input import UNKNOWNS
 from cspace.io.rosmap import Frame, on_grid
 from cspace.states import BLOCKED, FREE, MIXED
 
@@ -143,7 +143,7 @@ def read_occupancy_grid(
     InputError
         If a field is missing or not as it must be, or another argument is not usable.
     """
-    check_unknown(unknown)
+    check_word(unknown, "unknown", UNKNOWNS)
     low, high = not_negative(free_thresh, "free_thresh", ""), not_negative(occupied_thresh, "occupied_thresh", "")
     if not 0.0 <= low < high <= 1.0:
         rule = "free_thresh must be below occupied_thresh, both from 0 to 1"

@@ -33,11 +33,8 @@ def read_map(path: str | os.PathLike[str]) -> NDArray[np.bool_]:
     -------
     ndarray of bool, shape (width, height)
 
-    Raises
-    ------
-    FileError
-        If the file is missing, the header is malformed, a row has the wrong length or another character, or rows are
-        missing or left over; the message names the line.
+    Raises FileError if the file is missing, the header is malformed, a row has the wrong length or another character,
+    or rows are missing or left over; the message names the line.
     """
     lines = _lines(path, "MovingAI map")
     if lines[:1] != ["type octile"]:
@@ -78,11 +75,8 @@ def read_3dmap(path: str | os.PathLike[str]) -> NDArray[np.bool_]:
     -------
     ndarray of bool, shape (nx, ny, nz)
 
-    Raises
-    ------
-    FileError
-        If the file is missing, declares too many voxels, or a line is malformed or has a voxel outside the map; the
-        message names the line. A file that is cut between two lines cannot be told from a whole one.
+    Raises FileError if the file is missing, declares too many voxels, or a line is malformed or has a voxel outside the
+    map; the message names the line. A file that is cut between two lines cannot be told from a whole one.
     """
     text = read_text(path, "MovingAI voxel map")
     first, _, body = text.partition("\n")

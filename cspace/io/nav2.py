@@ -46,12 +46,7 @@ def corners_of(footprint: str | ArrayLike, name: str = "footprint") -> Floats:
     name : str
         What to call it in messages.
 
-    Raises
-    ------
-    GeometryError
-        If it is not a list of three points or more.
-    InputError
-        If a number is not finite.
+    Raises GeometryError if it is not a list of three points or more, and InputError if a number is not finite.
     """
     rule = "it must be three points or more, each of two numbers, x and y in metres"
     found, mend = f"is {footprint!r:.80}", "write e.g. [[0.3, 0.2], [0.3, -0.2], [-0.3, 0]]"
@@ -77,10 +72,7 @@ def read_nav2(path: str | os.PathLike[str], costmap: str | None = None) -> Base:
     costmap : str, optional
         Whose robot it is to be, such as "local_costmap"; needed where the costmaps of a file differ in it.
 
-    Raises
-    ------
-    FileError
-        If the file is missing or malformed, tells of no robot, or of several, or not of that costmap.
+    Raises FileError if the file is missing or malformed, tells of no robot, or of several, or not of that costmap.
     """
     file = os.fspath(path)
     tables = dict(_tables(read_yaml(path, "file of Nav2's parameters"), ()))

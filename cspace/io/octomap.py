@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.compiling import jit
-from cspace.grid import Grid
-from cspace.io.input import Fault, check_unknown, decoding, header_lines, read_bytes
+from cspace.grid import Grid, check_word
+from cspace.io.input import UNKNOWNS, Fault, decoding, header_lines, read_bytes
 from cspace.io.limits import check_cells
 
 Bools = NDArray[np.bool_]
@@ -62,15 +62,10 @@ def read_octomap(path: str | os.PathLike[str], unknown: str = "occupied") -> tup
     occupied, unknown : ndarray of bool, shape grid.shape
         What is occupied, with what counts as such, and the cells without a leaf.
 
-    Raises
-    ------
-    InputError
-        If ``unknown`` is neither word.
-    FileError
-        If the file is missing, is no OctoMap, is of another type, is truncated or damaged, knows no cell, or so many
-        that they are too large (:mod:`cspace.io.limits`).
+    Raises InputError if ``unknown`` is neither word, and FileError if the file is missing, is no OctoMap, is of another
+    type, is truncated or damaged, knows no cell, or so many that they are too large (:mod:`cspace.io.limits`).
     """
-    check_unknown(unknown)
+    check_word(unknown, "unknown", UNKNOWNS)
     # A leaf of five numbers for each byte at most.
     content = read_bytes(path, KIND, memory=80.0)
     with decoding(path, KIND):

@@ -41,11 +41,8 @@ def replacing(
     pathlib.Path
         A name in the same folder and with the same suffix, at which nothing exists.
 
-    Raises
-    ------
-    FileError
-        If the folder is missing or may not be written, if the target exists and may not be replaced, or if writing
-        fails in the block or afterwards.
+    Raises FileError if the folder is missing or may not be written, if the target exists and may not be replaced, or if
+    writing fails in the block or afterwards.
     """
     target = _named(path)
     try:
@@ -79,10 +76,7 @@ def _named(path: str | os.PathLike[str]) -> Path:
 def check_output(target: Path, overwrite: bool) -> None:
     """Refuse, before any work, a file or folder that may not be written; whether it is of our kind is seen later.
 
-    Raises
-    ------
-    FileError
-        If its folder is missing or may not be written, or it exists and may not be replaced.
+    Raises FileError if its folder is missing or may not be written, or it exists and may not be replaced.
     """
     parent = target.parent
     if not parent.is_dir():

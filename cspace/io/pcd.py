@@ -76,10 +76,7 @@ def read_pcd(path: str | os.PathLike[str]) -> Floats:
     ndarray of float64, shape (n, 3)
         In the file's unit; NaN where the sensor saw nothing.
 
-    Raises
-    ------
-    FileError
-        If the file is missing, has a malformed header or no such fields, or is truncated or damaged.
+    Raises FileError if the file is missing, has a malformed header or no such fields, or is truncated or damaged.
     """
     content, file = read_bytes(path, KIND, memory=12.0), os.fspath(path)
     header, end = _split(file, content)

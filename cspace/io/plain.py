@@ -44,10 +44,7 @@ _SPECIAL: Final = {"inf": np.inf, "+inf": np.inf, "-inf": -np.inf, "nan": np.nan
 def read_yaml(path: str | os.PathLike[str], kind: str) -> Any:
     """The plain value of a YAML file; ``kind`` says in messages what it should be.
 
-    Raises
-    ------
-    FileError
-        If the file is missing, is not YAML, or holds more than one document or anything but plain values.
+    Raises FileError if the file is missing, is not YAML, or holds more than one document or anything but plain values.
     """
     import yaml
 
@@ -91,10 +88,7 @@ def read_json(path: str | os.PathLike[str], kind: str, each_list: float = 0.0) -
     each_list : float
         Bytes that the caller takes for each list of the file, beside what the value itself takes.
 
-    Raises
-    ------
-    FileError
-        If the file is missing, is not JSON, is nested too deeply, or does not fit into memory.
+    Raises FileError if the file is missing, is not JSON, is nested too deeply, or does not fit into memory.
     """
     text, file = read_text(path, kind, memory=20.0), os.fspath(path)
     check_nesting(text, file, "[{", "]}")
@@ -109,10 +103,7 @@ def read_json(path: str | os.PathLike[str], kind: str, each_list: float = 0.0) -
 def parse_xml(data: bytes) -> Element:
     """The tree of a text without entities, by which a small file unfolds into a huge one, nested in bounds.
 
-    Raises
-    ------
-    Fault
-        If it is no XML, or more than that.
+    Raises Fault if it is no XML, or more than that.
     """
     depth = 0
 
@@ -141,10 +132,7 @@ def parse_xml(data: bytes) -> Element:
 def check_nesting(text: str, file: str, opening: str, closing: str) -> None:
     """Refuse brackets within brackets before anything recurses into them.
 
-    Raises
-    ------
-    FileError
-        If there are more than :data:`DEEPEST` levels.
+    Raises FileError if there are more than :data:`DEEPEST` levels.
     """
     steps = np.zeros(256, dtype=np.int32)
     steps[[ord(letter) for letter in opening]] = 1

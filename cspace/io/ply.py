@@ -61,12 +61,8 @@ class PlyHeader:
 def read_ply_header(path: str | os.PathLike[str]) -> PlyHeader:
     """The header of a PLY file.
 
-    Raises
-    ------
-    FileError
-        If the file is missing, or has no whole header with vertices.
-    GeometryError
-        If it has surfaces of another kind than faces, such as strips of triangles, which would be lost.
+    Raises FileError if the file is missing, or has no whole header with vertices, and GeometryError if it has surfaces
+    of another kind than faces, such as strips of triangles, which would be lost.
     """
     file = existing(path, KIND)
     with decoding(file, KIND), file.open("rb") as stream:
@@ -84,13 +80,8 @@ def read_ply(path: str | os.PathLike[str]) -> tuple[Floats, Integers, Integers]:
     sizes : ndarray of int64, shape (F,)
         Corners of each polygon.
 
-    Raises
-    ------
-    FileError
-        If the file is missing, malformed or truncated, holds more or fewer elements than it declares, or is binary and
-        has faces of different numbers of corners.
-    GeometryError
-        If it has surfaces of another kind.
+    Raises FileError if the file is missing, malformed or truncated, holds more or fewer elements than it declares, or
+    is binary and has faces of different numbers of corners, and GeometryError if it has surfaces of another kind.
     """
     from trimesh.exchange.ply import load_ply
 

@@ -35,15 +35,9 @@ def read_points(path: Named) -> Floats:
     ndarray of float64, shape (n, 3)
         In the file's unit, metres.
 
-    Raises
-    ------
-    InputError
-        If the suffix is another one.
-    FileError
-        If the file is missing, too large, truncated or malformed.
-    GeometryError
-        If there is no point, or a point is not finite: many sensors write NaN where they saw nothing, which is neither
-        free nor occupied. Or if a ``.ply`` has surfaces that are no faces.
+    Raises InputError if the suffix is another one; FileError if the file is missing, too large, truncated or malformed;
+    and GeometryError if there is no point, or a point is not finite: many sensors write NaN where they saw nothing,
+    which is neither free nor occupied. Or if a ``.ply`` has surfaces that are no faces.
     """
     points = READERS[suffix_of(path, READERS, "the suffix says how a cloud is written", "points")](path)
     file = os.fspath(path)

@@ -93,11 +93,8 @@ def triangulated(vertices: Floats, corners: Integers, sizes: Integers) -> Intege
     -------
     ndarray of int64, shape (sum of (sizes - 2), 3)
 
-    Raises
-    ------
-    Fault
-        If a polygon has fewer than three corners, or names a vertex that there is not.
-        Or if one is not flat, or crosses itself or is so bent that no fan covers it.
+    Raises Fault if a polygon has fewer than three corners, or names a vertex that there is not. Or if one is not flat,
+    or crosses itself or is so bent that no fan covers it.
     """
     if len(sizes) and int(sizes.min()) < 3:
         raise Fault(f"has a face with {int(sizes.min())} corners; a face has three or more")
@@ -176,21 +173,13 @@ def unread(what: str, mend: str = "export it as plain triangles, e.g. as STL") -
 def read_obj(file: Path) -> Surface:
     """Triangles of an OBJ file, all its objects together; lines and points are left.
 
-    Parameters
-    ----------
-    file : Path
-
     Returns
     -------
     vertices : ndarray of float64, shape (V, 3)
     faces : ndarray of int64, shape (F, 3)
 
-    Raises
-    ------
-    FileError
-        If a line cannot be understood, or names a vertex that there is not.
-    GeometryError
-        If there are free-form surfaces or other files, or a polygon can be cut in several ways.
+    Raises FileError if a line cannot be understood, or names a vertex that there is not, and GeometryError if there are
+    free-form surfaces or other files, or a polygon can be cut in several ways.
     """
     points: list[list[bytes]] = []
     corners: list[bytes] = []
@@ -263,12 +252,8 @@ def _numbers(corners: list[bytes], before: Integers) -> Integers:
 def read_off(file: Path) -> Surface:
     """Triangles of an OFF file; normals, colours and texture coordinates are left.
 
-    Raises
-    ------
-    FileError
-        If the file is truncated, or its lines are not as many as it says.
-    GeometryError
-        If it is binary, its vertices have other than three coordinates, or a polygon can be cut in several ways.
+    Raises FileError if the file is truncated, or its lines are not as many as it says, and GeometryError if it is
+    binary, its vertices have other than three coordinates, or a polygon can be cut in several ways.
     """
     text = re.sub(rb"#[^\r\n]*", b"", read_bytes(file, "mesh", memory=20.0))
     found = re.match(rb"\s*((?:ST)?C?N?)(4?n?)OFF\b([ \t]+BINARY)?", text)

@@ -211,10 +211,7 @@ def shapes_array(shapes: Sequence[Shape] | None) -> dict[str, NDArray[Any]]:
 def shapes_from(arrays: Mapping[str, NDArray[Any]]) -> tuple[Shape, ...] | None:
     """The obstacles of a map that knows them, from its array ``shapes``.
 
-    Raises
-    ------
-    ValueError
-        If the array holds no obstacles.
+    Raises ValueError if the array holds no obstacles.
     """
     if "shapes" not in arrays:
         return None
@@ -233,10 +230,7 @@ def seal(metadata: Mapping[str, Any], digests: Mapping[str, str]) -> dict[str, A
 def unseal(metadata: Any, path: str | os.PathLike[str], kind: str = FORMAT) -> dict[str, str]:
     """The digest of each part of a map, from its metadata as they were read; ``kind`` is the format that they name.
 
-    Raises
-    ------
-    FileError
-        If they are not as :func:`seal` made them, or of another format version.
+    Raises FileError if they are not as :func:`seal` made them, or of another format version.
     """
     if not isinstance(metadata, Mapping) or metadata.get("format") != kind:
         raise unusable(path, f"its metadata do not say format {kind!r}")

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.errors import FileError, InputError
-from cspace.grid import SLACK, Grid
+from cspace.grid import SLACK, Grid, check_word
 from cspace.io.image import Shades, read_shades
-from cspace.io.input import check_unknown, suffix_of
+from cspace.io.input import UNKNOWNS, suffix_of
 from cspace.io.limits import check_cells
 from cspace.io.output import replacing
 from cspace.io.plain import read_yaml
@@ -80,7 +80,7 @@ def read_ros_map(path: str | os.PathLike[str], unknown: str = "occupied") -> tup
     FileError
         If the YAML or its image is missing or malformed; the message names the key and its value.
     """
-    check_unknown(unknown)
+    check_word(unknown, "unknown", UNKNOWNS)
     header = _read_header(path)
     free, occupied = MODES[header.mode](header, read_shades(header.image, "ROS map's image"))
     try:
@@ -120,12 +120,8 @@ def on_grid(frame: Frame, free: Bools, occupied: Bools, unknown: str) -> tuple[G
         All others are unknown.
     unknown : {"occupied", "free"}
 
-    Raises
-    ------
-    InputError
-        If no grid can lie there.
-    FileError
-        If it has more cells than are read, or than fit into memory.
+    Raises InputError if no grid can lie there, and FileError if it has more cells than are read, or than fit into
+    memory.
     """
     solid = ~free if unknown == "occupied" else occupied
     turns = _quarter_turns(frame.yaw, solid.shape)
@@ -152,12 +148,8 @@ def write_ros_map(state: ArrayLike, grid: Grid, path: str | os.PathLike[str], ov
     overwrite : bool
         Whether existing files may be replaced.
 
-    Raises
-    ------
-    InputError
-        If the suffix is another one, or ``state`` does not fit the grid or holds another value.
-    FileError
-        If a file exists and may not be replaced, or cannot be written; then neither file is changed.
+    Raises InputError if the suffix is another one, or ``state`` does not fit the grid or holds another value, and
+    FileError if a file exists and may not be replaced, or cannot be written; then neither file is changed.
     """
     import yaml
 

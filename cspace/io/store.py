@@ -64,10 +64,7 @@ _LONGEST: Final = 2**28
 def write_store(contents: Contents, path: str | os.PathLike[str], overwrite: bool = False) -> None:
     """Write a map as a Zarr folder, which ``xarray.open_zarr`` reads too; it replaces no folder of anything else.
 
-    Raises
-    ------
-    FileError
-        As :func:`cspace.io.output.replacing`.
+    Raises FileError as :func:`cspace.io.output.replacing`.
     """
     with replacing(path, overwrite, folder=_is_ours) as temporary:
         for name, content in _encoded(metadata_of(contents), arrays_of(contents)):
@@ -79,10 +76,8 @@ def write_store(contents: Contents, path: str | os.PathLike[str], overwrite: boo
 def read_store(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, Any]]:
     """Metadata and arrays of a map that :func:`write_store` wrote; very many states in two bits each.
 
-    Raises
-    ------
-    FileError
-        If the folder cannot be read, is not such a map, or any part of it is missing, truncated or changed.
+    Raises FileError if the folder cannot be read, is not such a map, or any part of it is missing, truncated or
+    changed.
     """
     with decoding_map(path):
         metadata, digests = _opened(path)
@@ -99,10 +94,7 @@ def read_parts(
 
     What is read is checked as :func:`read_store` does; damage elsewhere goes unnoticed.
 
-    Raises
-    ------
-    FileError
-        As :func:`read_store`, of what is read.
+    Raises FileError as :func:`read_store`, of what is read.
     """
     with decoding_map(path):
         metadata, digests = _opened(path)
@@ -263,10 +255,7 @@ def write_npz(contents: Contents, path: str | os.PathLike[str], overwrite: bool 
     needed ``inner``, ``overlap``, those of the overlap field, those of the rotation cells and ``shapes``; besides,
     ``lower``, ``spacing`` and ``metadata`` (JSON text).
 
-    Raises
-    ------
-    FileError
-        As :func:`cspace.io.output.replacing`.
+    Raises FileError as :func:`cspace.io.output.replacing`.
     """
     members: dict[str, Any] = {
         **{name: np.asarray(array) for name, array in arrays_of(contents).items()},
@@ -283,10 +272,7 @@ def write_npz(contents: Contents, path: str | os.PathLike[str], overwrite: bool 
 def read_npz(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
     """Metadata and arrays of a map that :func:`write_npz` wrote.
 
-    Raises
-    ------
-    FileError
-        If the file cannot be read, is not such a map, or is truncated or changed.
+    Raises FileError if the file cannot be read, is not such a map, or is truncated or changed.
     """
     file = existing(path, "saved map")
     with decoding_map(path), file.open("rb") as stream, zipfile.ZipFile(stream) as archive:

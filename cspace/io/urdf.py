@@ -70,14 +70,8 @@ def read_urdf(path: str | os.PathLike[str], link: str | Sequence[str] | None = N
         Metres, in the frame of the first link: the surface itself; or, where something is curved, one around it and one
         within.
 
-    Raises
-    ------
-    FileError
-        If the file or a mesh is missing or malformed.
-    InputError
-        If there is no such link, the links have no collision geometry, or a size is not above zero.
-    MissingPackageError
-        If yourdfpy is not installed.
+    Raises FileError if the file or a mesh is missing or malformed; InputError if there is no such link, the links have
+    no collision geometry, or a size is not above zero; and MissingPackageError if yourdfpy is not installed.
     """
     file = os.fspath(path)
     urdf = load_urdf(path)
@@ -131,12 +125,7 @@ def load_urdf(path: str | os.PathLike[str]) -> URDF:
 def shapes_of(urdf: URDF, link: str, path: str | os.PathLike[str]) -> Iterator[tuple[Shape, NDArray[np.float64]]]:
     """The shapes of a link's collision geometry, and from the frame of each to that of the link, shape (4, 4).
 
-    Raises
-    ------
-    FileError
-        If a mesh is missing or malformed.
-    InputError
-        If a size is not above zero.
+    Raises FileError if a mesh is missing or malformed, and InputError if a size is not above zero.
     """
     for number, collision in enumerate(urdf.link_map[link].collisions):
         place = f"{os.fspath(path)}: link {link!r}, collision {number}"
@@ -149,10 +138,7 @@ def shapes_of(urdf: URDF, link: str, path: str | os.PathLike[str]) -> Iterator[t
 def find_meshes(urdf: URDF, links: Iterable[str], path: str | os.PathLike[str]) -> None:
     """Look for the meshes of some links, before any of them is read.
 
-    Raises
-    ------
-    FileError
-        If one is missing.
+    Raises FileError if one is missing.
     """
     for link in links:
         for number, collision in enumerate(urdf.link_map[link].collisions):

@@ -53,15 +53,9 @@ def read_shapes(source: Any) -> list[BaseGeometry]:
     list of shapely Polygon, LineString, LinearRing and Point
         The parts of all geometries, each valid and not empty.
 
-    Raises
-    ------
-    GeometryError
-        If there is no geometry, or one is malformed, empty, self-crossing, or has coordinates that are not finite or
-        three for each point; the message says which.
-    InputError
-        If ``source`` is something else.
-    FileError
-        If the file is missing or is not JSON or WKT.
+    Raises GeometryError if there is no geometry, or one is malformed, empty, self-crossing, or has coordinates that are
+    not finite or three for each point; the message says which; InputError if ``source`` is something else; and
+    FileError if the file is missing or is not JSON or WKT.
     """
     named = [(name, _parts(shape)) for name, shape in _geometries(source, "polygons")]
     shapes = [part for _, parts in named for part in parts]

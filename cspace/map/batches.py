@@ -58,10 +58,7 @@ def answer(
     name : str
         What messages call the configurations.
 
-    Raises
-    ------
-    InputError
-        If the last axis is not d long, or a value is not a finite number.
+    Raises InputError if the last axis is not d long, or a value is not a finite number.
     """
     points = _as_rows(q, name, dof)
     flat = points.reshape(-1, dof)

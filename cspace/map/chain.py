@@ -159,10 +159,7 @@ def open_chain(space: Space, q0: ArrayLike, q1: ArrayLike, closed: NDArray[np.bo
         Cells ``(rotation, x, y)`` or ``(rotation, x, y, z)``, each sharing a side with the next; of length 0 where
         there is no chain, or one of the two is BLOCKED.
 
-    Raises
-    ------
-    InputError
-        If a configuration is not one of the grid, or ``closed`` is not as stated.
+    Raises InputError if a configuration is not one of the grid, or ``closed`` is not as stated.
     """
     shape = space.grid.shape
     ends = []

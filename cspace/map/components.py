@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.compiling import inner, reader
-from cspace.map.kept import Change
 from cspace.map.storage import Cells, Stack, cells_of, expect, row_in, state_in
 from cspace.threads import cores, in_threads
 
@@ -519,9 +518,9 @@ class Components:
         self._boxes: dict[int, Ints] = {}
         self._asked = self._nothing()
 
-    def renew(self, change: Change) -> None:
-        """Note which blocks have to be joined anew at the next call."""
-        for s, box in enumerate(change.states):
+    def renew(self, boxes: Ints) -> None:
+        """Note which blocks have to be joined anew at the next call: those of a box for each slice, (slices, 6)."""
+        for s, box in enumerate(boxes):
             if (box[:3] <= box[3:]).all():
                 first, last = (box.reshape(2, 3) >> self._blocks.shifts).tolist()
                 own = [slice(low, high + 1) for low, high in zip(first, last, strict=True)]

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.errors import InputError
-from cspace.grid import Grid, finite
-from cspace.map.exterior import UNKNOWN, Exterior, check_outside
+from cspace.grid import Grid, check_word, finite
+from cspace.map.exterior import OUTSIDES, UNKNOWN, Exterior
 from cspace.map.storage import Stack, read_only
 from cspace.rotations import Rotations
 from cspace.states import FIELDS
@@ -53,10 +53,7 @@ class Contents:
     scene : Scene or None
         What the cells of the workspace come from, where obstacles were placed by name; no file holds it.
 
-    Raises
-    ------
-    InputError
-        If an array has another shape or type than stated, or ``outside`` is another word.
+    Raises InputError if an array has another shape or type than stated, or ``outside`` is another word.
     """
 
     workspace: Workspace
@@ -82,7 +79,7 @@ class Contents:
             if isinstance(array, np.ndarray):
                 object.__setattr__(self, name, _writable(array))
         if self.outside != UNKNOWN:
-            check_outside(self.outside)
+            check_word(self.outside, "outside", OUTSIDES)
         if self.fields:
             object.__setattr__(self, "fields", checked_fields(self.fields, self.grid.dim, self.leading(shape[0])))
 
@@ -117,10 +114,8 @@ def checked_fields(
 ) -> dict[str, NDArray[np.float64]]:
     """The arrays of an overlap field, in the order of :data:`cspace.states.FIELDS`, not to be written.
 
-    Raises
-    ------
-    InputError
-        If one is missing or there are others, or one has another shape or type, or holds what is not finite.
+    Raises InputError if one is missing or there are others, or one has another shape or type, or holds what is not
+    finite.
     """
     names, mend = FIELDS[: 1 + dim], "use OverlapField.of, or CSpace.with_overlap_field"
     if set(fields) != set(names):

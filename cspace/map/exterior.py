@@ -4,32 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.errors import InputError
 from cspace.raster.raster import Raster
 from cspace.states import BLOCKED, FREE, MIXED
 
 Ints = NDArray[np.int64]
 
 
-UNKNOWN = "unknown"
+OUTSIDES: Final = ("blocked", "free")
+"""What lies outside the grid."""
+
+UNKNOWN: Final = "unknown"
 """Said of what lies outside a part of a larger map: nothing is known of it, and so all there is MIXED."""
-
-
-def check_outside(outside: str) -> None:
-    """Refuse what is neither "blocked" nor "free".
-
-    Raises
-    ------
-    InputError
-        If it is not one of them.
-    """
-    if outside not in ("blocked", "free"):
-        rule = "it must be 'blocked' or 'free'"
-        raise InputError("outside", f"is {outside!r}", rule, "pass one of them", value=outside)
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,57 +5,19 @@ from __future__ import annotations
 import os
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
 from types import TracebackType
-from typing import ClassVar, Generic, Protocol, TypeVar
+from typing import ClassVar, Generic, ParamSpec, Protocol, TypeVar
 from weakref import ReferenceType, ref
 
-import numpy as np
-from numpy.typing import NDArray
-
-from cspace.placed import Scene
-from cspace.workspace import Workspace
-
-Ints = NDArray[np.int64]
+T = TypeVar("T")
+P = ParamSpec("P")
 
 
-@dataclass(frozen=True, slots=True)
-class Change:
-    """What an update of the workspace did to a map.
-
-    Boxes hold the first and the last cell along x, y and z, six numbers; in the plane x is 0, and y and z stand for the
-    two axes. A box is empty where a first number is beyond the last.
-
-    Attributes
-    ----------
-    workspace : Workspace
-        As it is now.
-    scene : Scene or None
-        What its cells come from, where obstacles were placed.
-    cells : ndarray of int64, shape (6,)
-        The box around the workspace cells that differ.
-    states : ndarray of int64, shape (slices, 6)
-        Of each slice, the box around the states that differ.
-    changed : int
-        Number of states that differ, over all rotation cells.
-    """
-
-    workspace: Workspace
-    scene: Scene | None
-    cells: Ints
-    states: Ints
-    changed: int
-
-
-class Part(Protocol):
+class Part(Protocol[P]):
     """What is derived from a map and follows its changes."""
 
-    def renew(self, change: Change) -> None:
+    def renew(self, *args: P.args, **kwargs: P.kwargs) -> None:
         """Be what would be made from the map now. To be told twice of one change does no harm."""
-
-
-T = TypeVar("T")
-P = TypeVar("P", bound=Part)
 
 
 class Lock:
@@ -134,11 +96,11 @@ class Kept(Generic[T]):
         """The part, or None where there is none yet."""
         return self._part
 
-    def renew(self: Kept[P], change: Change) -> None:
-        """Have the part follow a change of the map, if it was made."""
+    def renew(self: Kept[Part[P]], *args: P.args, **kwargs: P.kwargs) -> None:
+        """Have the part, if it was made, follow a change of the map, by what its ``renew`` takes."""
         with self._lock:
             if self._part is not None:
-                self._part.renew(change)
+                self._part.renew(*args, **kwargs)
 
     def drop(self) -> None:
         """Forget the part; it is made again when it is next asked for. One that is being made is waited for."""

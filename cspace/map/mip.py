@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.compiling import inner, reader
-from cspace.map.kept import Change, Lock
+from cspace.map.kept import Lock
 from cspace.map.storage import Stack, read_only
 from cspace.states import FREE
 from cspace.threads import in_chunks
@@ -92,9 +92,9 @@ class Mip:
         self._nodes = np.zeros((len(states), *nodes[:2], -(-nodes[2] // SIDE) * SIDE), dtype=np.uint8)
         self._noted, self._followed_at_once = [self._whole()], False
 
-    def renew(self, change: Change) -> None:
-        """Note where states have changed."""
-        self._noted.append(change.states)
+    def renew(self, boxes: Ints) -> None:
+        """Note the box in which states of each slice have changed, shape (slices, 6)."""
+        self._noted.append(boxes)
         if len(self._noted) > MOST_NOTED:
             noted = np.array(self._noted)
             self._noted = [np.concatenate([noted[..., :3].min(axis=0), noted[..., 3:].max(axis=0)], axis=1)]

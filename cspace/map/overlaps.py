@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cspace.compiling import inner, reader
 from cspace.map import turning
-from cspace.map.kept import Change
 from cspace.map.points import Numbers, cell_of, configuration, is_usable, layered
 from cspace.map.record import Map
 from cspace.raster.raster import Raster, runs_of
-from cspace.workspace import Workspace
 
+Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
 Counts = NDArray[np.int16] | NDArray[np.int32]
@@ -26,9 +25,8 @@ class Sums:
 
     Parameters
     ----------
-    workspace : Workspace
-    side : {"outer", "inner"}
-        Which cells count.
+    cells : ndarray of bool, shape (nx, ny(, nz))
+        Those that count.
 
     Attributes
     ----------
@@ -37,21 +35,21 @@ class Sums:
         suffice.
     """
 
-    def __init__(self, workspace: Workspace, side: Literal["outer", "inner"]) -> None:
-        self._side = side
-        cells = self._cells(workspace)
+    def __init__(self, cells: Bools) -> None:
+        cells = _spatial(cells)
         kind = np.int16 if cells.shape[2] <= np.iinfo(np.int16).max else np.int32
         self.counts: Counts = np.zeros((*cells.shape[:2], cells.shape[2] + 1), dtype=kind)
         for part, into in zip(cells, self.counts, strict=True):  # one by one: numpy would first copy all to that type
             np.cumsum(part, axis=-1, dtype=kind, out=into[..., 1:])
 
-    def renew(self, change: Change) -> None:
-        """Count again where cells of the workspace have changed."""
-        renew_counts(self.counts, self._cells(change.workspace), change.cells)
+    def renew(self, cells: Bools, box: Ints) -> None:
+        """Count again in a box, shape (6,), in which cells have changed."""
+        renew_counts(self.counts, _spatial(cells), box)
 
-    def _cells(self, workspace: Workspace) -> NDArray[np.bool_]:
-        cells: NDArray[np.bool_] = workspace.outer if self._side == "outer" else workspace.inner
-        return cells.reshape(*(1,) * (3 - cells.ndim), *cells.shape)
+
+def _spatial(cells: Bools) -> Bools:
+    """Cells with three axes."""
+    return cells.reshape(*(1,) * (3 - cells.ndim), *cells.shape)
 
 
 class Runs(NamedTuple):
@@ -110,7 +108,7 @@ def overlap_at(map_: Map, counts: Counts, runs: Runs, outside: int, q: Numbers) 
 
 
 @reader
-def renew_counts(counts: Counts, cells: NDArray[np.bool_], box: Ints) -> None:
+def renew_counts(counts: Counts, cells: Bools, box: Ints) -> None:
     """Running counts of columns through a box whose cells have changed, given by its first cell and its last one."""
     for x in range(box[0], box[3] + 1):
         for y in range(box[1], box[4] + 1):

@@ -383,10 +383,7 @@ class PackedStates:
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
         """All states as bytes.
 
-        Raises
-        ------
-        InputError
-            If they do not fit into memory.
+        Raises InputError if they do not fit into memory.
         """
         check_bytes(self.size)
         return np.stack(list(self)).astype(self.dtype if dtype is None else dtype, copy=False)

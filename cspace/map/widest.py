@@ -25,7 +25,7 @@ from cspace.compiling import inner, jit, reader
 from cspace.grid import Grid
 from cspace.map.callbacks import edge_checker
 from cspace.map.free_path import pulled_straight
-from cspace.map.kept import Change, Lock
+from cspace.map.kept import Lock
 from cspace.map.record import Map
 from cspace.map.storage import Stack, read_only
 from cspace.rotations import Rotations
@@ -475,9 +475,9 @@ class Widest:
         graph = graph_of(map_, states, rotations)
         return cls(graph, moves_of(graph), [], walls_of(map_), [_dry(graph)], Lock(), [])
 
-    def renew(self, change: Change) -> None:
-        """Note where states have changed."""
-        self.noted.append(change.states)
+    def renew(self, boxes: Ints) -> None:
+        """Note the box in which states of each slice have changed, shape (slices, 6)."""
+        self.noted.append(boxes)
 
     def renewed(self, map_: Map, states: Stack) -> Widest:
         """As of now; this one stays as it is, for those who follow it yet."""

@@ -106,10 +106,7 @@ def animate(
 def check_animated(axes: Sequence[str], argument: str) -> None:
     """Refuse maps that are not animated, told by the axes of their configurations.
 
-    Raises
-    ------
-    InputError
-        If it is one in space.
+    Raises InputError if it is one in space.
     """
     if "z" in axes:
         rule, mend = "an animation shows the robot in the plane", "draw a picture, which shows a path in space too"

@@ -63,10 +63,6 @@ class Surface(NamedTuple):
 class ArmFigure:
     """An arm among obstacles, as surfaces.
 
-    Parameters
-    ----------
-    space : ArmSpace
-
     Attributes
     ----------
     links : dict of str to Surface

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from cspace.plot import artists
-from cspace.plot.route import Floats, Look, MapLike, Route
-from cspace.plot.sections import section_point
+from cspace.plot.route import Floats, Look, MapLike, Route, section_point
 from cspace.states import MIXED
 
 if TYPE_CHECKING:

@@ -19,8 +19,8 @@ from cspace.io.output import replacing
 from cspace.orientation import ROTATION_NAMES, Unturned
 from cspace.plot import artists
 from cspace.plot.dials import draw_dials
-from cspace.plot.route import Bare, Figurine, Floats, HasPath, Look, MapLike, Part, Route
-from cspace.plot.sections import draw_panels, draw_sections, section_point
+from cspace.plot.route import Bare, Figurine, Floats, HasPath, Look, MapLike, Part, Route, section_point
+from cspace.plot.sections import draw_panels, draw_sections
 from cspace.plot.surface import draw_surface
 
 if TYPE_CHECKING:
@@ -203,10 +203,7 @@ def plot_workspace(workspace: Any, **options: Unpack[WorkspaceOptions]) -> Axes:
 def view_of(axes: Sequence[str], view: str | None, options: Mapping[str, Any]) -> str:
     """Which picture is asked for, of a map whose configurations have the given axes; told without the map.
 
-    Raises
-    ------
-    InputError
-        If there is none such of the map, or an option, where it is not None, goes with other ones.
+    Raises InputError if there is none such of the map, or an option, where it is not None, goes with other ones.
     """
     numbers = len(set(axes) & set(ROTATION_NAMES))
     views = [*_VIEWS_IN[len(axes) - numbers], *["panels", "rotations"][: 2 * bool(numbers)]]
@@ -281,12 +278,8 @@ def save_plot(
 def save_figure(draw: Callable[[], Any], file: str | os.PathLike[str], overwrite: bool, dpi: float) -> Path:
     """Write the figure that ``draw`` makes; the name and the numbers are checked before it is made.
 
-    Raises
-    ------
-    InputError
-        If the suffix is not one of :data:`SUFFIXES`, or ``dpi`` is not above zero.
-    FileError
-        If the file exists and ``overwrite`` is not set, or cannot be written.
+    Raises InputError if the suffix is not one of :data:`SUFFIXES`, or ``dpi`` is not above zero, and FileError if the
+    file exists and ``overwrite`` is not set, or cannot be written.
     """
     target = Path(file)
     if target.suffix.lower() not in SUFFIXES:

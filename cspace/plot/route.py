@@ -15,7 +15,8 @@ from cspace.errors import InputError
 from cspace.grid import Grid, finite, positive
 from cspace.orientation import Orientation
 from cspace.rotations import Rotations
-from cspace.shapes import Balls, Shape
+from cspace.shapes.balls import Balls
+from cspace.shapes.shape import Shape
 from cspace.states import BLOCKED, FREE
 
 Floats = NDArray[np.float64]
@@ -199,12 +200,7 @@ class Part:
 
 
 class Bare:
-    """A workspace as pictures of maps see it: without a robot, FREE where it is open and BLOCKED in obstacles.
-
-    Parameters
-    ----------
-    workspace : Workspace
-    """
+    """A workspace as pictures of maps see it: without a robot, FREE where it is open and BLOCKED in obstacles."""
 
     def __init__(self, workspace: Any) -> None:
         self.workspace: WorkspaceLike = workspace
@@ -285,10 +281,7 @@ class Route:
     ) -> Route:
         """Check what the caller gave; ``every`` as ``robot_every`` and ``zoom`` of :func:`cspace.plot.plot`.
 
-        Raises
-        ------
-        InputError
-            If something has the wrong shape or is not finite, or ``every`` is not above zero.
+        Raises InputError if something has the wrong shape or is not finite, or ``every`` is not above zero.
         """
         points = polyline(space, path)
         marks = marked(space, points, start, goal)
@@ -403,3 +396,45 @@ def simplified(vertices: Floats, faces: NDArray[np.int64], most: int = _FACES) -
         faces = faces[(np.diff(faces, axis=1) > 0).all(axis=1)]
         steps //= 2
     return vertices, faces
+
+
+def section_point(space: MapLike, at: Any, route: Route) -> Floats:
+    """The point, in the grid, that sections go through, shape (d,).
+
+    Where the caller does not say: half the way along the path; without one, the start, the goal, or the middle.
+
+    Raises InputError if it is not one point of the grid.
+    """
+    grid = space.grid
+    if at is None:
+        middle = [route.along(np.array([0.5]))[0]] if len(route.points) else list(route.marks.values())
+        place = middle[0][: grid.dim] if middle else (np.add(grid.lower, grid.upper)) / 2
+        return np.clip(place, grid.lower, grid.upper)
+    point = finite(at, "at")
+    if point.shape != (grid.dim,):
+        mend = f"pass one point ({', '.join(space.axes[: grid.dim])}) in metres"
+        raise InputError("at", f"has shape {point.shape}", f"it must be ({grid.dim},)", mend, value=at)
+    if not grid.contains(point):
+        given, low, high = (f"({', '.join(f'{v:g}' for v in corner)})" for corner in (point, grid.lower, grid.upper))
+        rule = f"it must lie in the grid, from {low} to {high}"
+        raise InputError("at", f"is {given}", rule, "pass a point in there", value=at)
+    return point
+
+
+def within(points: Floats, axis: int, low: float, high: float) -> Floats:
+    """The parts of a path whose coordinate along an axis lies between two numbers, shape (n, dof).
+
+    Each part is two rows, and a row of NaN follows it, so that a line through all rows has gaps.
+    """
+    first, way = points[:-1], np.diff(points, axis=0)
+    begin, rate = first[:, axis], way[:, axis]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = np.sort([(low - begin) / rate, (high - begin) / rate], axis=0)
+    level = rate == 0.0
+    inside = (low <= begin) & (begin <= high)
+    start = np.where(level, np.where(inside, 0.0, 2.0), np.maximum(ends[0], 0.0))
+    stop = np.where(level, 1.0, np.minimum(ends[1], 1.0))
+    kept = start <= stop
+    rows = [first[kept] + share[kept, np.newaxis] * way[kept] for share in (start, stop)]
+    gaps = np.full((int(kept.sum()), points.shape[1]), np.nan)
+    return np.stack([*rows, gaps], axis=1).reshape(-1, points.shape[1])

@@ -11,7 +11,7 @@ import numpy as np
 from cspace.errors import InputError
 from cspace.grid import finite
 from cspace.plot import artists
-from cspace.plot.route import Floats, Look, MapLike, Route
+from cspace.plot.route import Floats, Look, MapLike, Route, section_point, within
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -84,51 +84,6 @@ def draw_panels(space: MapLike, route: Route, look: Look) -> Axes:
     about = ", ".join([about, *(f"{name} = {height:.4g} {unit}" for name, height, unit in names)])
     artists.add_words(first, space, look, stretch, about, artists.cell_legend(classes, space, box) + handles)
     return first
-
-
-def section_point(space: MapLike, at: Any, route: Route) -> Floats:
-    """The point, in the grid, that sections go through, shape (d,).
-
-    Where the caller does not say: half the way along the path; without one, the start, the goal, or the middle.
-
-    Raises
-    ------
-    InputError
-        If it is not one point of the grid.
-    """
-    grid = space.grid
-    if at is None:
-        middle = [route.along(np.array([0.5]))[0]] if len(route.points) else list(route.marks.values())
-        place = middle[0][: grid.dim] if middle else (np.add(grid.lower, grid.upper)) / 2
-        return np.clip(place, grid.lower, grid.upper)
-    point = finite(at, "at")
-    if point.shape != (grid.dim,):
-        mend = f"pass one point ({', '.join(space.axes[: grid.dim])}) in metres"
-        raise InputError("at", f"has shape {point.shape}", f"it must be ({grid.dim},)", mend, value=at)
-    if not grid.contains(point):
-        given, low, high = (f"({', '.join(f'{v:g}' for v in corner)})" for corner in (point, grid.lower, grid.upper))
-        rule = f"it must lie in the grid, from {low} to {high}"
-        raise InputError("at", f"is {given}", rule, "pass a point in there", value=at)
-    return point
-
-
-def within(points: Floats, axis: int, low: float, high: float) -> Floats:
-    """The parts of a path whose coordinate along an axis lies between two numbers, shape (n, dof).
-
-    Each part is two rows, and a row of NaN follows it, so that a line through all rows has gaps.
-    """
-    first, way = points[:-1], np.diff(points, axis=0)
-    begin, rate = first[:, axis], way[:, axis]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ends = np.sort([(low - begin) / rate, (high - begin) / rate], axis=0)
-    level = rate == 0.0
-    inside = (low <= begin) & (begin <= high)
-    start = np.where(level, np.where(inside, 0.0, 2.0), np.maximum(ends[0], 0.0))
-    stop = np.where(level, 1.0, np.minimum(ends[1], 1.0))
-    kept = start <= stop
-    rows = [first[kept] + share[kept, np.newaxis] * way[kept] for share in (start, stop)]
-    gaps = np.full((int(kept.sum()), points.shape[1]), np.nan)
-    return np.stack([*rows, gaps], axis=1).reshape(-1, points.shape[1])
 
 
 def _panels(box: Floats, stretch: Floats, labels: Sequence[str]) -> dict[int, tuple[Axes, tuple[int, int]]]:

@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.errors import InputError
-from cspace.grid import Grid, finite
+from cspace.grid import Grid, check_word, finite
 from cspace.plot import artists
-from cspace.plot.route import Floats, Look, MapLike, Route
-from cspace.plot.sections import within
+from cspace.plot.route import Floats, Look, MapLike, Route, within
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -58,9 +57,7 @@ class Faces(NamedTuple):
 def draw_surface(space: MapLike, route: Route, look: Look) -> Axes:
     """Draw in three dimensions; as :func:`cspace.plot.plot` tells."""
     surface = look.surface or next(iter(SURFACES))
-    if surface not in SURFACES:
-        rule = f"it must be one of {', '.join(map(repr, SURFACES))}"
-        raise InputError("surface", f"is {surface!r}", rule, "or leave it out", value=surface)
+    check_word(surface, "surface", tuple(SURFACES), "or leave it out")
     ax, angles = axes_in_space(look)
     box = route.box(space)
     stretch = artists.stretches(box, _THIN)
@@ -102,10 +99,7 @@ def draw_surface(space: MapLike, route: Route, look: Look) -> Axes:
 def axes_in_space(look: Look) -> tuple[Any, Floats]:
     """The axes to draw into, the caller's or new ones, and elevation and azimuth of the camera, degrees, shape (2,).
 
-    Raises
-    ------
-    InputError
-        If the caller's are none in space, or the camera is not two such angles.
+    Raises InputError if the caller's are none in space, or the camera is not two such angles.
     """
     if look.ax is not None and getattr(look.ax, "name", None) != "3d":
         mend = 'use figure.add_subplot(projection="3d")'

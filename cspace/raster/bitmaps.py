@@ -55,10 +55,7 @@ def boundary_segments(occupied: ArrayLike, spacing: float, lower: ArrayLike) -> 
         ``x0, y0, x1, y1`` in metres, each with the occupied cells on its left hand; first the upright segments, then
         the level ones. ``(0, 4)`` where nothing is occupied.
 
-    Raises
-    ------
-    InputError
-        If ``occupied`` is not a boolean array of two axes, or ``spacing`` or ``lower`` is not usable.
+    Raises InputError if ``occupied`` is not a boolean array of two axes, or ``spacing`` or ``lower`` is not usable.
     """
     cells = np.asarray(occupied)
     if cells.ndim != 2 or cells.dtype != np.bool_:

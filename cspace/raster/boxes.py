@@ -82,10 +82,7 @@ def rounded_rasters(boxes: Rounded, spacing: float, outward: Floats, inward: Flo
     outward, inward : ndarray, shape (n,)
         By how much each box grows on the outer side, metres, and shrinks on the inner one.
 
-    Raises
-    ------
-    InputError
-        If the robot is too many cells large.
+    Raises InputError if the robot is too many cells large.
     """
     wide = Rounded(boxes.lows / spacing, boxes.highs / spacing, (boxes.radii + outward) / spacing)
     tight = wide._replace(radii=boxes.radii / spacing - inward / spacing)
@@ -109,10 +106,7 @@ def rounded_cells(boxes: Rounded, grid: Grid) -> tuple[Bools, Bools]:
     grid : Grid
         What lies beyond it is clipped.
 
-    Raises
-    ------
-    InputError
-        If one reaches so far from the grid that rounding could reach the certificate's slack.
+    Raises InputError if one reaches so far from the grid that rounding could reach the certificate's slack.
     """
     outer = np.zeros(grid.shape, dtype=np.bool_)
     inner = np.zeros(grid.shape, dtype=np.bool_)

@@ -103,10 +103,7 @@ def runs_of(rasters: Sequence[Raster]) -> tuple[Ints, Ints]:
 def blank(low: NDArray[np.float64], high: NDArray[np.float64]) -> tuple[NDArray[np.bool_], tuple[int, ...]]:
     """An empty bitmap over the lattice points of a box, with two cells to spare, and the offset of its first entry.
 
-    Raises
-    ------
-    InputError
-        If the box holds more cells than a raster may.
+    Raises InputError if the box holds more cells than a raster may.
     """
     first = np.floor(low) - 2
     shape = np.ceil(high) + 3 - first

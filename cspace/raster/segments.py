@@ -95,10 +95,7 @@ def outline_cells(parts: Sequence[tuple[Floats, bool]], grid: Grid) -> tuple[Boo
     grid : Grid
         In the plane. What lies beyond it is clipped.
 
-    Raises
-    ------
-    InputError
-        If a coordinate is so far from the grid that rounding could reach the certificate's slack.
+    Raises InputError if a coordinate is so far from the grid that rounding could reach the certificate's slack.
     """
     outer = np.zeros(grid.shape, dtype=np.bool_)
     inner = np.zeros(grid.shape, dtype=np.bool_)

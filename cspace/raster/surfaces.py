@@ -101,11 +101,8 @@ def surface_cells(skin: Skin, bounds: tuple[Floats, Floats], grid: Grid) -> tupl
     -------
     outer, inner : ndarray of bool, shape grid.shape
 
-    Raises
-    ------
-    InputError
-        If a vertex is so far from the grid that rounding could reach the certificate's slack, or a surface to be filled
-        reaches far beyond the grid.
+    Raises InputError if a vertex is so far from the grid that rounding could reach the certificate's slack, or a
+    surface to be filled reaches far beyond the grid.
     """
     lower, upper = ((corner - np.asarray(grid.lower)) / grid.spacing for corner in bounds)
     far = float(max(np.abs(lower).max(), np.abs(upper).max()))
@@ -155,11 +152,8 @@ def surface_rasters(skin: Skin, spacing: float, margin: float = 0.0, turn: Turn 
     A surface to be filled counts as itself and the cubes ``h * (m + [-1/2, 1/2]^3)`` that it encloses, turned by the
     representative rotation, without touching them.
 
-    Raises
-    ------
-    InputError
-        If the robot has too many cells at this spacing, or lies so far from its origin that rounding could reach the
-        certificate's slack.
+    Raises InputError if the robot has too many cells at this spacing, or lies so far from its origin that rounding
+    could reach the certificate's slack.
     """
     vertices = turn.apply(skin.vertices) / spacing
     triangles = vertices[skin.faces]

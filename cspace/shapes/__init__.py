@@ -37,10 +37,7 @@ _FROM_SPEC: Final[dict[str, Callable[[Mapping[str, Any]], Shape]]] = {
 def shape_from_spec(spec: Mapping[str, Any]) -> Shape:
     """The shape that a :attr:`Shape.spec` describes.
 
-    Raises
-    ------
-    KeyError, TypeError, ValueError
-        If it describes none.
+    Raises KeyError, TypeError or ValueError if it describes none.
     """
     return _FROM_SPEC[spec["kind"]](spec)
 
@@ -55,12 +52,7 @@ def shape_of(source: Any, radius: ArrayLike | None = None) -> Shape:
     radius : array-like, shape () or (n,), optional
         Metres. With it, or where ``source`` is a decomposition, it is balls around points, shape (n, 2) or (n, 3).
 
-    Raises
-    ------
-    InputError
-        If it stands for none.
-    FileError
-        If it names a file that is missing or malformed.
+    Raises InputError if it stands for none, and FileError if it names a file that is missing or malformed.
     """
     import shapely
 

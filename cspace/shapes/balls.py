@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.errors import InputError
-from cspace.grid import Grid, finite
+from cspace.grid import Grid, finite, points_of
 from cspace.raster.raster import Raster
 from cspace.rotations import STILL, Turn
 from cspace.shapes.shape import Bools, Floats, Pieces, Shape, Surface, frozen
@@ -53,10 +53,7 @@ class Balls(Shape):
         radii : array-like, shape (n,), or one number
             Metres, zero or above.
 
-        Raises
-        ------
-        InputError
-            If there is no ball, the shapes do not fit, a value is not finite, or a radius is below zero.
+        Raises InputError if there is no ball, the shapes do not fit, a value is not finite, or a radius is below zero.
         """
         return cls(*check_balls(centers, radii))
 
@@ -99,7 +96,7 @@ class Balls(Shape):
     def contains(self, points: ArrayLike) -> Bools:
         from scipy.spatial import cKDTree
 
-        array = self._checked(points)
+        array = points_of(points, "points", self.dim)
         found = np.zeros(array.shape[:-1], dtype=np.bool_)
         different, which = np.unique(self.radii, return_inverse=True)
         if len(different) <= 8:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.errors import GeometryError, InputError
-from cspace.grid import Grid, finite, unmasked
+from cspace.grid import Grid, finite, points_of, unmasked
 from cspace.raster.raster import Raster
 from cspace.rotations import STILL, Turn
 from cspace.shapes.bodies import Body, find_bodies
@@ -371,7 +371,7 @@ class Mesh(Shape):
                 "what is filled depends on the spacing, so that a mesh alone cannot tell",
                 "ask its cells, or pass solid='auto'",
             )
-        array = self._checked(points)
+        array = points_of(points, "points", self.dim)
         if self.solid == "surface":
             return np.zeros(array.shape[:-1], dtype=np.bool_)
         numbers = self._winding.numbers((array - self.bounds[0]).reshape(-1, 3))

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.errors import GeometryError
-from cspace.grid import Grid, finite
+from cspace.grid import Grid, finite, points_of
 from cspace.raster.raster import Raster
 from cspace.rotations import STILL, Turn
 from cspace.shapes.shape import Bools, Floats, Pieces, Shape
@@ -59,12 +59,8 @@ class Polygons(Shape):
         shape : shapely Polygon or MultiPolygon, a sequence of them, or array-like of shape (n, 2)
             Metres; an array holds the vertices in order, closed or not. Parts may overlap.
 
-        Raises
-        ------
-        GeometryError
-            If a part is empty, has no area, crosses itself, or is not a polygon.
-        InputError
-            If a coordinate is NaN or infinite.
+        Raises GeometryError if a part is empty, has no area, crosses itself, or is not a polygon, and InputError if a
+        coordinate is NaN or infinite.
         """
         import shapely
 
@@ -162,7 +158,7 @@ class Polygons(Shape):
     def contains(self, points: ArrayLike) -> Bools:
         import shapely
 
-        array = self._checked(points)
+        array = points_of(points, "points", self.dim)
         shapely.prepare(self.outline)
         return np.asarray(shapely.intersects_xy(self.outline, array[..., 0], array[..., 1]))
 

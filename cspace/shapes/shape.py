@@ -122,11 +122,8 @@ class Shape(ABC):
         inner : Raster
             Only offsets ``m`` for which ``h * m`` lies in the shape at all of them.
 
-        Raises
-        ------
-        InputError
-            If the shape is too many cells large, or so far from its reference point that rounding could reach the
-            certificate's slack.
+        Raises InputError if the shape is too many cells large, or so far from its reference point that rounding could
+        reach the certificate's slack.
         """
 
     @abstractmethod
@@ -142,10 +139,7 @@ class Shape(ABC):
         -------
         outer, inner : ndarray of bool, shape grid.shape
 
-        Raises
-        ------
-        InputError
-            If the shape is so far from the grid that rounding could reach the certificate's slack.
+        Raises InputError if the shape is so far from the grid that rounding could reach the certificate's slack.
         """
 
     @abstractmethod
@@ -161,10 +155,7 @@ class Shape(ABC):
         -------
         ndarray of bool, shape (...)
 
-        Raises
-        ------
-        InputError
-            If the last axis is not ``dim`` long, or a value is not finite.
+        Raises InputError if the last axis is not ``dim`` long, or a value is not finite.
         """
 
     @abstractmethod
@@ -246,10 +237,7 @@ class Shape(ABC):
 
         That is said of meshes, which are drawn elsewhere; others are placed by their numbers.
 
-        Raises
-        ------
-        GeometryError
-            If it lies too far off.
+        Raises GeometryError if it lies too far off.
         """
 
     def is_same(self, matrix: Floats) -> bool:
@@ -271,18 +259,6 @@ class Shape(ABC):
     def spec(self) -> dict[str, Any]:
         """Plain numbers, strings and lists from which ``cspace.shapes.shape_from_spec`` makes it again."""
 
-    def _checked(self, points: ArrayLike) -> Floats:
-        """Points that were asked for, as an array."""
-        array = finite(points, "points")
-        if array.ndim == 0 or array.shape[-1] != self.dim:
-            raise InputError(
-                "points",
-                f"has shape {array.shape}",
-                f"its last axis must be {self.dim} long",
-                "pass one point or a batch of them",
-            )
-        return array
-
 
 def ordered_rows(rows: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.int64]]:
     """The different rows of an array, shape (n, k), in order, and the number of each one among them, shape (n,)."""
@@ -303,10 +279,7 @@ def frozen(array: NDArray[Any]) -> NDArray[Any]:
 def check_point(value: ArrayLike, name: str = "center", dim: int = 2) -> Floats:
     """The coordinates of one point, shape (dim,).
 
-    Raises
-    ------
-    InputError
-        If there are not as many numbers, or one is not finite.
+    Raises InputError if there are not as many numbers, or one is not finite.
     """
     point = finite(value, name)
     if point.shape != (dim,):

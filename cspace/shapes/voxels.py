@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.errors import GeometryError, InputError
-from cspace.grid import Grid, positive, unmasked
+from cspace.grid import Grid, points_of, positive, unmasked
 from cspace.raster.raster import Raster
 from cspace.rotations import STILL, Turn
 from cspace.shapes.polygon import Polygons
@@ -51,10 +51,7 @@ class Box(Shape):
     def of(cls, extents: ArrayLike, center: ArrayLike = (0.0, 0.0, 0.0)) -> Box:
         """A box from its sides and its middle, metres.
 
-        Raises
-        ------
-        InputError
-            If a number is missing or not finite, or a side is not above zero.
+        Raises InputError if a number is missing or not finite, or a side is not above zero.
         """
         sides = check_point(extents, "extents", dim=3)
         for number, side in enumerate(sides.tolist()):
@@ -90,7 +87,7 @@ class Box(Shape):
         return rounded_cells(Rounded(self.lower[None], self.upper[None], np.zeros(1)), grid)
 
     def contains(self, points: ArrayLike) -> Bools:
-        array = self._checked(points)
+        array = points_of(points, "points", self.dim)
         return np.asarray(((self.lower <= array) & (array <= self.upper)).all(axis=-1))
 
     def boundary(self) -> Pieces:
@@ -153,12 +150,8 @@ class Voxels(Shape):
         lower : array-like, shape (dim,), optional
             Lower corner of the first cell, metres; the origin if left out.
 
-        Raises
-        ------
-        GeometryError
-            If no cell is occupied.
-        InputError
-            If ``occupied`` is not boolean with two or three axes, or another value is not as stated.
+        Raises GeometryError if no cell is occupied, and InputError if ``occupied`` is not boolean with two or three
+        axes, or another value is not as stated.
         """
         unmasked(occupied, "occupied")
         bitmap = np.asarray(occupied)
@@ -223,7 +216,7 @@ class Voxels(Shape):
         return outer, held_by_cells(self.occupied, starts, 1.0, self.side / grid.spacing)
 
     def contains(self, points: ArrayLike) -> Bools:
-        array = self._checked(points)
+        array = points_of(points, "points", self.dim)
         place = (array - self.lower) / self.side
         padded = np.pad(self.occupied, 1)
         most = np.asarray(self.occupied.shape) + 1

@@ -263,17 +263,23 @@ def separate(place: Floats, terms: Terms, threshold: float, phases: Complexes) -
     return 2, starts[-1], total, terms.bounds[-1]
 
 
-def separate_all(places: Floats, asked: Bools, terms: Terms, threshold: float, out: tuple[Bytes, Ints, Floats]) -> None:
-    """:func:`separate` at those of some placements, shape (n, d), that are asked for.
+def separate_all(places: Floats, asked: Bools, terms: Terms, threshold: float) -> tuple[Bytes, Ints, Floats]:
+    """:func:`separate` at those of some placements, shape (n, d), that are asked for; nothing is in common at others.
 
-    ``out`` takes verdicts (n,), numbers of frequencies (n,), and sums with their bounds (n, 2).
+    Gives verdicts (n,), numbers of frequencies (n,), and sums with their bounds (n, 2).
     """
+    out = (
+        np.zeros(len(places), np.uint8),
+        np.zeros(len(places), np.int64),
+        np.tile([0.0, terms.bounds[0]], (len(places), 1)),
+    )
     phases = np.empty((places.shape[1], 2 * int(terms.reaches[-1].max()) + 1), np.complex128)
-    separate_some(places, np.flatnonzero(asked), terms, threshold, phases, out)
+    separate_each(places, np.flatnonzero(asked), terms, threshold, phases, out)
+    return out
 
 
 @reader
-def separate_some(
+def separate_each(
     places: Floats, asked: Ints, terms: Terms, threshold: float, phases: Complexes, out: tuple[Bytes, Ints, Floats]
 ) -> None:
     """The same of placements by their numbers, with room as in :func:`separate`."""

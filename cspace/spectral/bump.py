@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.errors import CspaceError, InputError
-from cspace.grid import positive, unmasked
-from cspace.spectral.inputs import check_kind, check_not_negative, check_number, check_tolerance
+from cspace.grid import check_word, not_negative, positive, unmasked
+from cspace.spectral.inputs import check_not_negative, check_tolerance
 
 Floats = NDArray[np.float64]
 Radial = Callable[[Floats], Floats]
@@ -112,7 +112,7 @@ class Bump:
         from 0 to 1e5, and ``dim`` 2 or 3, it is right to 1e-13 of the value at 0; InputError for other values.
         """
         k = _check_frequency(frequency, "frequency")
-        check_kind(dim, "dim", (2, 3))
+        check_word(dim, "dim", (2, 3))
         return radial_transform(self.values, k, dim)
 
     def table(self, dim: int, most: float, tolerance: float = 1e-12) -> Callable[[Floats], Floats]:
@@ -122,8 +122,8 @@ class Bump:
         then and when the function is asked beyond ``most``.
         """
         within = check_tolerance(tolerance)
-        check_kind(dim, "dim", (2, 3))
-        return _table(self, dim, math.ceil(_check_frequency(check_number(most, "most"), "most")), within)
+        check_word(dim, "dim", (2, 3))
+        return _table(self, dim, math.ceil(_check_frequency(not_negative(most, "most"), "most")), within)
 
     def pair_integral(self, first: float, second: float, distance: float, dim: int) -> float:
         """Integral of ``psi(x / first) psi((x - distance e) / second)`` over the plane or space.
@@ -132,16 +132,11 @@ class Bump:
         the distance of the centres are metres; the result, metres to the power ``dim``, is right to 1e-9 of itself, or
         to 1e-60 of the smaller ball, and 0 from the sum of the radii on, or where it underflows.
 
-        Raises
-        ------
-        InputError
-            If a value is not usable.
-        CspaceError
-            If the quadrature does not converge.
+        Raises InputError if a value is not usable, and CspaceError if the quadrature does not converge.
         """
         a, b = (np.array([positive(*named)]) for named in ((first, "first"), (second, "second")))
-        gap = np.array([check_number(distance, "distance")])
-        check_kind(dim, "dim", (2, 3))
+        gap = np.array([not_negative(distance, "distance")])
+        check_word(dim, "dim", (2, 3))
         if self.is_indicator:
             return float(lens_measure(a, b, gap, dim)[0])
         if gap[0] >= a[0] + b[0]:

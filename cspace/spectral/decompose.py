@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 
 from cspace.compiling import inner, jit, reader
 from cspace.errors import GeometryError, InputError
-from cspace.grid import positive
+from cspace.grid import check_word, positive, whole
 from cspace.shapes import shape_of
 from cspace.spectral.bump import VOLUME
-from cspace.spectral.inputs import check_count, check_kind
 from cspace.spectral.regions import (
     Lattice,
     Region,
@@ -71,15 +70,9 @@ def decompose(
         Metres. For "inner", every point of the shape is so near to a ball; for "outer", every point of a ball is so
         near to the shape. Either this or ``number`` is passed.
 
-    Raises
-    ------
-    GeometryError
-        If the shape is empty or malformed, or has no inside to put balls into.
-    InputError
-        If both or none of ``number`` and ``tolerance`` are passed, a word or number is not usable, balls cannot meet
-        the tolerance, or the lattice does not fit into memory.
-    FileError
-        If a file is missing or malformed.
+    Raises GeometryError if the shape is empty or malformed, or has no inside to put balls into; FileError if a file is
+    missing or malformed; and InputError if both or none of ``number`` and ``tolerance`` are passed, a word or number is
+    not usable, balls cannot meet the tolerance, or the lattice does not fit into memory.
 
     Examples
     --------
@@ -89,13 +82,13 @@ def decompose(
     >>> len(discs.radii) <= 8
     True
     """
-    check_kind(kind, "kind", KINDS)
+    check_word(kind, "kind", KINDS)
     if (number is None) == (tolerance is None):
         found = f"is {number!r} and tolerance {tolerance!r}: {'neither is' if number is None else 'both are'} given"
         mend = "pass e.g. number=64, or tolerance=0.01 in metres"
         raise InputError("number", found, "balls are chosen by one of them", mend)
     length = None if tolerance is None else positive(tolerance, "tolerance")
-    count = None if number is None else check_count(number, "number", "pass e.g. 64")
+    count = None if number is None else whole(number, "number", 1, mend="pass e.g. 64")
     region = Region(shape_of(shape).sides[kind == "inner"])
     if kind == "inner" and not region.measure[1] > 0.0:
         mend = "pass kind='outer', or a shape with an area or volume"

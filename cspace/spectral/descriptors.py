@@ -16,11 +16,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.covering import check_cells
 from cspace.errors import InputError
-from cspace.grid import Grid, finite
+from cspace.grid import Grid, check_word, finite
 from cspace.raster.triangles import mark_touched
 from cspace.shapes import Balls, Mesh, Shape, shape_of
 from cspace.spectral.bump import Bump, check_bump
-from cspace.spectral.inputs import check_dims, check_kind, check_solid_balls
+from cspace.spectral.inputs import check_dims, check_solid_balls
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -162,11 +162,8 @@ def indicator(shape: Shape | BaseGeometry | BallDescriptor | ArrayLike, grid: Gr
         array tells the cells themselves.
     grid : Grid
 
-    Raises
-    ------
-    InputError
-        If the shape and the grid do not have the same dimension, or an array has the wrong shape or holds more than 0
-        and 1.
+    Raises InputError if the shape and the grid do not have the same dimension, or an array has the wrong shape or holds
+    more than 0 and 1.
     """
     return Descriptor(grid, np.asarray(_inside(shape, grid), dtype=np.float64))
 
@@ -280,7 +277,7 @@ def minkowski_sum(first: Descriptor, second: Descriptor, method: Literal["fft", 
     if not _alike(f, g):
         found = f"has {g.dim} axes and a spacing of {g.spacing:g} m, the first {f.dim} and {f.spacing:g} m"
         raise InputError("second", found, "both must be the same", "sample the descriptors alike")
-    check_kind(method, "method", ("fft", "direct"))
+    check_word(method, "method", ("fft", "direct"))
     lower = np.add(f.lower, g.lower) + 0.5 * f.spacing
     grid = Grid(lower, f.spacing, [n + m - 1 for n, m in zip(f.shape, g.shape, strict=True)])
     return Descriptor(grid, _convolution(first.values, second.values, method) * f.spacing**f.dim)

@@ -43,10 +43,8 @@ class OverlapField:
         By the names in ``cspace.states.FIELDS``: the overlap, metres to the power of the dimension, and its
         derivatives along the axes, one power less.
 
-    Raises
-    ------
-    InputError
-        If arrays are missing or superfluous, or one has not the shape and type of the map's, or is not finite.
+    Raises InputError if arrays are missing or superfluous, or one has not the shape and type of the map's, or is not
+    finite.
     """
 
     space: Space
@@ -63,19 +61,11 @@ class OverlapField:
         Of a robot that turns, the values of a slice are those at the representative of the first rotation cell that it
         serves.
 
-        Parameters
-        ----------
-        space : CSpace
-        overlap : FourierOverlap
-            Of the robot's balls, in the robot's frame, with the obstacles', in the map's. Grown balls, such as those of
-            :meth:`FourierOverlap.of_shapes`, overlap before the shapes do.
+        ``overlap`` is that of the robot's balls, in the robot's frame, with the obstacles', in the map's. Grown balls,
+        such as those of :meth:`FourierOverlap.of_shapes`, overlap before the shapes do.
 
-        Raises
-        ------
-        InputError
-            If the overlap is not one, has another dimension than the map, or memory is too small.
-        MissingPackageError
-            If finufft is not installed.
+        Raises InputError if it is none, has another dimension than the map, or memory is too small, and
+        MissingPackageError if finufft is not installed.
         """
         given: object = overlap
         if not isinstance(given, FourierOverlap):

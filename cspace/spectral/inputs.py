@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import operator
 from typing import Any, Final
 
 import numpy as np
@@ -36,46 +35,11 @@ def check_not_negative(values: ArrayLike, name: str) -> Floats:
     return array
 
 
-def check_number(value: ArrayLike, name: str) -> float:
-    """One finite number, zero or above."""
-    array = check_not_negative(value, name)
-    if array.ndim:
-        raise InputError(name, f"is {value!r}", "it must be one number, zero or above", "pass one", value=value)
-    return float(array)
-
-
-def check_vectors(vectors: ArrayLike, name: str, dim: int) -> Floats:
-    """Points or frequencies, shape (..., dim)."""
-    array = finite(vectors, name)
-    if array.ndim == 0 or array.shape[-1] != dim:
-        rule, mend = f"its last axis must be {dim} long, one entry for each coordinate", f"pass e.g. {(0.5,) * dim}"
-        raise InputError(name, f"has shape {array.shape}", rule, mend, value=vectors)
-    return array
-
-
 def check_dims(name: str, dim: int, other: int) -> None:
     """Refuse what is in the plane beside what is in space, or the other way around."""
     if dim != other:
         found, rule = f"has {dim} coordinates and what it goes with {other}", "both must have as many"
         raise InputError(name, found, rule, "pass all in the plane or all in space", value=dim)
-
-
-def check_kind(value: Any, name: str, kinds: tuple[Any, ...]) -> None:
-    """Refuse a word, or a whole number, that is none of a few."""
-    if type(value) not in {type(kind) for kind in kinds} or value not in kinds:
-        rule = f"it must be one of {', '.join(map(repr, kinds))}"
-        raise InputError(name, f"is {value!r}", rule, "pass one of them", value=value)
-
-
-def check_count(value: Any, name: str, mend: str) -> int:
-    """A whole number, one at least."""
-    try:
-        count = 0 if isinstance(value, bool) else operator.index(value)
-    except TypeError:
-        count = 0
-    if count < 1:
-        raise InputError(name, f"is {value!r}", "it must be a whole number, one at least", mend, value=value)
-    return count
 
 
 def check_solid_balls(centers: ArrayLike, radii: ArrayLike) -> tuple[Floats, Floats]:

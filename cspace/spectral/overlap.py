@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.errors import InputError
-from cspace.grid import finite, positive
+from cspace.grid import finite, not_negative, points_of, positive, whole
 from cspace.map.batches import Many, One
 from cspace.spectral.bands import (
     Rings,
@@ -26,11 +26,10 @@ from cspace.spectral.bands import (
 )
 from cspace.spectral.bump import Bump, pair_integrals
 from cspace.spectral.descriptors import ROUNDING, BallDescriptor, balls_of, bump_of
-from cspace.spectral.inputs import check_count, check_dims, check_number, check_vectors
+from cspace.spectral.inputs import check_dims
 from cspace.spectral.regions import gaps
 from cspace.spectral.spectra import nufft
 
-Bools = NDArray[np.bool_]
 Bytes = NDArray[np.uint8]
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -137,7 +136,7 @@ class FourierOverlap:
         kind = bump_of(bump, a, b)
         first, second = balls_of(a, "a", kind), balls_of(b, "b", kind)
         check_dims("b", second.dim, first.dim)
-        self.threshold = check_number(threshold, "threshold")
+        self.threshold = not_negative(threshold, "threshold")
         self._accuracy = accuracy
         self._swell = 0.0  # by how much the balls are grown beyond those whose shapes the verdicts are about
         self._inner: FourierOverlap | None = None  # that of the inner balls, where there are any
@@ -193,13 +192,8 @@ class FourierOverlap:
         bump, tolerance, accuracy
             As for the class.
 
-        Raises
-        ------
-        InputError
-            If a value is not as stated, only one of the inner sets is given, or the bump is so flat, or ``swell`` so
-            small, that grown balls that touched have too little in common to be computed.
-        MissingPackageError
-            If finufft is not installed.
+        Raises as the class does; InputError also if only one of the inner sets is given, or the bump is so flat, or
+        ``swell`` so small, that grown balls that touched have too little in common to be computed.
         """
         given = {"outer_a": outer_a, "outer_b": outer_b, "inner_a": inner_a, "inner_b": inner_b}
         for name, source in given.items():
@@ -208,7 +202,7 @@ class FourierOverlap:
                 mend = "decompose the shape with that kind"
                 raise InputError(name, f"is of kind {kind!r}", f"it must be {name[:5]!r}", mend)
         chosen, more = bump_of(bump, *given.values()), positive(swell, "swell")
-        number = check_count(classes, "classes", "pass e.g. 8")
+        number = whole(classes, "classes", 1, mend="pass e.g. 8")
         if (inner_a is None) is not (inner_b is None):
             raise InputError("inner_a", "is given without inner_b, or b without a", "a hit needs both", "pass both")
         sets = [
@@ -267,20 +261,10 @@ class FourierOverlap:
     @overload
     def value(self, t: ArrayLike) -> float | Floats: ...
     def value(self, t: ArrayLike) -> float | Floats:
-        """The overlap up to the band limit with A moved by t: square or cubic metres, 0 outside the domain; (...).
+        """The overlap up to the band limit with A moved by t, shape (..., d), metres: square or cubic metres, (...).
 
-        Parameters
-        ----------
-        t : array-like, shape (d,) or (..., d)
-            Metres. More than a few dozen placements take one non-uniform transform together, whose tolerance is 1e-9
-            of the root of the sum of the squares of the terms.
-
-        Raises
-        ------
-        InputError
-            If a value is not as stated.
-        MissingPackageError
-            If finufft is needed and not installed.
+        It is 0 outside the domain. More than a few dozen placements take one non-uniform transform together, whose
+        tolerance is 1e-9 of the root of the sum of the squares of the terms. Raises as the class does.
         """
         sums = self._sums(t, [self._terms])
         return sums[..., 0] if sums.ndim > 1 else float(sums[0])
@@ -315,14 +299,9 @@ class FourierOverlap:
         frequencies up to the band limit do not tell. With a threshold of zero a HIT proves that two balls overlap.
         Of one made by :meth:`of_shapes`, MISS and HIT are proofs about the shapes, as stated there.
 
-        Parameters
-        ----------
-        t : array-like, shape (d,) or (..., d)
-            Metres.
-        swelling : bool
-            Whether to ask the swollen balls first.
+        ``t`` is in metres, shape (..., d); without ``swelling`` the swollen balls are not asked.
         """
-        places = check_vectors(t, "t", self.dim)
+        places = points_of(t, "t", self.dim)
         verdicts, counts, sums = self._decide(np.ascontiguousarray(places.reshape(-1, self.dim)), swelling)
         if places.ndim == 1:
             return Separation(Verdict(int(verdicts[0])), int(counts[0]), *sums[0].tolist())
@@ -338,7 +317,7 @@ class FourierOverlap:
             # Balls that were grown for the threshold are taken as they were: where those are apart, so are the shapes.
             near, _ = gaps(places, 0.0, balls.centers - self._middle_b, balls.radii - self._swell)
             asked &= near <= self._reach - self._swell + 4.0 * self._far
-        verdicts, counts, sums = self._summed(places, asked, self._terms, self.threshold)
+        verdicts, counts, sums = separate_all(places, asked, self._terms, self.threshold)
         if self._swell:  # what grown balls do not prove a miss, only inner ones prove a hit
             rest = np.flatnonzero(verdicts != Verdict.MISS)
             verdicts[rest] = Verdict.UNDECIDED
@@ -384,7 +363,7 @@ class FourierOverlap:
 
     def _sums(self, t: ArrayLike, sums: list[Terms]) -> Floats:
         """Several sums of terms at placements, shape (..., sums)."""
-        places = check_vectors(t, "t", self.dim)
+        places = points_of(t, "t", self.dim)
         relative = self._relative(places.reshape(-1, self.dim))
         inside = (np.abs(relative) <= self._limits).all(axis=-1)
         out = np.zeros((len(relative), len(sums)))
@@ -393,15 +372,8 @@ class FourierOverlap:
             out[inside] = nufft(2.0 * math.pi * relative[inside] / self._rings.lengths, boxes, ACCURACY).real.T
         else:
             for column, terms in zip(out.T, sums, strict=True):
-                column[:] = self._summed(relative, inside, terms, math.nan)[2][:, 0]
+                column[:] = separate_all(relative, inside, terms, math.nan)[2][:, 0]
         return out.reshape(*places.shape[:-1], len(sums))
-
-    def _summed(self, places: Floats, asked: Bools, terms: Terms, threshold: float) -> tuple[Bytes, Ints, Floats]:
-        """Verdicts, numbers of frequencies, and sums with their bounds, at placements that are asked for."""
-        verdicts, counts = np.full(len(places), Verdict.MISS, np.uint8), np.zeros(len(places), np.int64)
-        sums = np.tile([0.0, terms.bounds[0]], (len(places), 1))
-        separate_all(places, asked, terms, threshold, (verdicts, counts, sums))
-        return verdicts, counts, sums
 
 
 def _rotation_matrix(rotation: Any, dim: int) -> Floats:

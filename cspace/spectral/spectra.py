@@ -90,12 +90,8 @@ def ball_spectrum(
     ndarray of complex128, shape counts
         Metres to the power ``dim``.
 
-    Raises
-    ------
-    InputError
-        If a value is not usable, the balls do not fit into one period, or the result does not fit into memory.
-    MissingPackageError
-        If finufft is needed, for many balls of one radius, and is not installed.
+    Raises InputError if a value is not usable, the balls do not fit into one period, or the result does not fit into
+    memory, and MissingPackageError if finufft is needed, for many balls of one radius, and is not installed.
     """
     points, sizes = check_solid_balls(centers, radii)
     kind, within, dim = check_bump(bump), check_tolerance(tolerance, LEAST_SPECTRUM_TOLERANCE), points.shape[1]

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.errors import FileError, InputError
-from cspace.grid import finite
+from cspace.grid import check_word, finite
 from cspace.io.input import suffix_of
 from cspace.io.plain import read_json, read_yaml
 from cspace.shapes import Balls, Shape
-from cspace.spectral.inputs import check_kind, check_solid_balls
+from cspace.spectral.inputs import check_solid_balls
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -80,7 +80,7 @@ class Spheres:
 
     def __post_init__(self) -> None:
         centers, radii = check_solid_balls(self.centers, self.radii)
-        check_kind(self.kind, "kind", KINDS)
+        check_word(self.kind, "kind", KINDS)
         for name in _BOUNDS:
             pair = finite(getattr(self, name), name)
             if pair.shape != (2,) or not 0.0 <= pair[0] <= pair[1]:
@@ -152,12 +152,8 @@ class Spheres:
     def save(self, path: str | os.PathLike[str], overwrite: bool = False) -> Path:
         """Write all but the shape to a file, to the last bit; its name ends in ``.yaml``, ``.yml`` or ``.json``.
 
-        Raises
-        ------
-        InputError
-            If the suffix is none of these.
-        FileError
-            If the file exists and ``overwrite`` is not set, or cannot be written.
+        Raises InputError if it ends otherwise, and FileError if the file exists and ``overwrite`` is not set, or cannot
+        be written.
         """
         from cspace.io.output import replacing
 
@@ -173,12 +169,8 @@ class Spheres:
     def open(cls, path: str | os.PathLike[str]) -> Spheres:
         """Read what :meth:`save` wrote.
 
-        Raises
-        ------
-        InputError
-            If the suffix is not one of those that :meth:`save` takes.
-        FileError
-            If the file is missing, malformed, or of another version.
+        Raises InputError if the name ends otherwise, and FileError if the file is missing, malformed, or of another
+        version.
         """
         load = READERS[suffix_of(path, READERS, RULE)]
         record, name = load(path, "file of balls"), os.fspath(path)

@@ -64,12 +64,8 @@ def build_tiles(
 
     What an earlier call left half done is gone on with.
 
-    Raises
-    ------
-    InputError
-        If the tile is not usable, or a task does not fit into memory.
-    FileError
-        If the store is of something else, or cannot be written, or the workspace has changed.
+    Raises InputError if the tile is not usable, or a task does not fit into memory, and FileError if the store is of
+    something else, or cannot be written, or the workspace has changed.
     """
     grid, cells, rotations = workspace.grid, workspace.cells, settings["rotations"]
     slices = int(rotations.slice_of(robot).max()) + 1
@@ -136,10 +132,7 @@ def make(job: Job, index: Index) -> None:
 def tile_sides(tile: int | Sequence[int], shape: Sequence[int]) -> tuple[int, ...]:
     """Cells of a tile along each axis, no more than there are.
 
-    Raises
-    ------
-    InputError
-        If it is not one whole number above zero, or one for each axis.
+    Raises InputError if it is not one whole number above zero, or one for each axis.
     """
     given = np.asarray(tile)
     if given.dtype.kind not in "iu" or given.shape not in ((), (len(shape),)) or (given < 1).any():

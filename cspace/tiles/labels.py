@@ -53,13 +53,7 @@ def faces_of(dim: int) -> list[Face]:
 
 
 class Tile:
-    """The components of one tile.
-
-    Parameters
-    ----------
-    store : Store
-    index : tuple of int
-    """
+    """The components of one tile."""
 
     def __init__(self, store: Store, index: Index) -> None:
         self.store, self.cells = store, store.cells(index)

@@ -14,7 +14,7 @@ from cspace.configuration_map import ConfigurationMap, Result
 from cspace.configuration_space import Leg
 from cspace.correlation import Progress
 from cspace.errors import ConfigurationError, FileError, InputError
-from cspace.grid import Grid
+from cspace.grid import Grid, whole
 from cspace.map.batches import EDGES_A_THREAD, Ask, Kernel
 from cspace.map.batches import own as owned
 from cspace.map.exterior import Exterior
@@ -291,10 +291,8 @@ class TiledCSpace(ConfigurationMap):
         client : dask.distributed.Client, optional
             As for :func:`cspace.build`.
         """
-        if not isinstance(most, int | np.integer) or most < 1:
-            rule = "it must be a whole number above zero"
-            raise InputError("most", f"is {most!r}", rule, "pass e.g. 1024", value=most)
-        return self._at_one_moment(lambda: overview_of(self._job, int(most), client))
+        count = whole(most, "most", 1, mend="pass e.g. 1024")
+        return self._at_one_moment(lambda: overview_of(self._job, count, client))
 
     def _drawn(self) -> CSpace:
         return self.overview()

@@ -19,7 +19,7 @@ import math
 import os
 import shutil
 import uuid
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
@@ -52,6 +52,7 @@ from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.shapes import Shape
 from cspace.states import BLOCKED
+from cspace.tiles.sources import Box, shared
 
 FORMAT: Final = "cspace-tiles"
 ROOT: Final = "zarr.json"
@@ -180,10 +181,7 @@ class Store:
     ) -> Store:
         """A store in which nothing is done yet; ``shapes`` is the array of obstacles that are known as such, if any.
 
-        Raises
-        ------
-        FileError
-            If there is something, or nothing can be written.
+        Raises FileError if there is something, or nothing can be written.
         """
         with replacing(path, folder=is_tiled) as temporary:
             _write_frame(
@@ -195,10 +193,7 @@ class Store:
     def open(cls, path: str | os.PathLike[str]) -> Store:
         """The store at a path, whatever is done of it.
 
-        Raises
-        ------
-        FileError
-            If there is none, or it was changed.
+        Raises FileError if there is none, or it was changed.
         """
         root = Path(path) / ROOT
         with decoding_map(path):
@@ -234,10 +229,7 @@ class Store:
     def write(self, name: str, index: Sequence[int], block: NDArray[Any], aside: str = "") -> bytes:
         """Write a chunk, of which what lies beyond the array may be missing; its digest.
 
-        Raises
-        ------
-        FileError
-            If it cannot be written, as where the disk is full.
+        Raises FileError if it cannot be written, as where the disk is full.
         """
         shape, dtype, lost = self._chunk(name)
         if block.shape != shape:
@@ -251,10 +243,7 @@ class Store:
     def read(self, name: str, index: Sequence[int], digest: bytes | None) -> NDArray[Any]:
         """A chunk, whole; it must have a digest, if one is given.
 
-        Raises
-        ------
-        FileError
-            If it is missing or damaged.
+        Raises FileError if it is missing or damaged.
         """
         file = _name(name, index)
         content = self._content(file)
@@ -308,10 +297,7 @@ class Store:
     def known(self, index: Index) -> Record:
         """The same of a tile that must be done.
 
-        Raises
-        ------
-        FileError
-            If it is not.
+        Raises FileError if it is not.
         """
         record = self.record(index)
         if record is None:
@@ -340,6 +326,19 @@ class Store:
             return outer, outer
         return outer, self.read("inner", index, record.digests[self.layers + 1])[own]
 
+    def obstacles_in(self, box: Box, known: Known | None = None) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Outer and inner cells in a box, which may reach beyond the map; ``known`` may know its tiles already."""
+        beyond = self.metadata["outside"] == "blocked"
+        outer = np.full(tuple(part.stop - part.start for part in box), beyond, dtype=np.bool_)
+        inner = outer if self.metadata["same"] else outer.copy()
+        for index in self.tiles_in(box):
+            here, there = shared(box, self.cells(index))
+            own = self.obstacles(index, (known or self.known)(index))
+            outer[here] = own[0][there]
+            if inner is not outer:
+                inner[here] = own[1][there]
+        return outer, inner
+
     def done(self) -> list[Index]:
         """The tiles that are done."""
         folder = self.path / "record" / "c"
@@ -348,10 +347,7 @@ class Store:
     def totals(self) -> dict[str, Any]:
         """What the records of all tiles come to: counts of each slice, and the box around all obstacles.
 
-        Raises
-        ------
-        FileError
-            If a tile is not done.
+        Raises FileError if a tile is not done.
         """
         counts = np.zeros((self.slices, 3), dtype=np.int64)
         low, high = np.full(self.grid.dim, 2**61), np.full(self.grid.dim, -(2**61))
@@ -435,6 +431,10 @@ class Record:
     def mark(self) -> bytes:
         """A digest of all that is known of it: what was made from another tile has another one."""
         return digest_of_bytes(b"".join(self.digests))
+
+
+Known = Callable[[Index], Record]
+"""What tells of a tile that is done."""
 
 
 def columns(slices: int, dim: int, layers: int) -> int:

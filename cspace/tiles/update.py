@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.errors import InputError
-from cspace.tiles.sources import Box
+from cspace.tiles.sources import Box, box_of, shared
 from cspace.tiles.store import Index, Store, aside_name
-from cspace.tiles.window import obstacles_in
 from cspace.tiles.work import Job, run
 from cspace.update import Patch, Update
 
@@ -26,24 +25,15 @@ Bools = NDArray[np.bool_]
 
 
 class Patched:
-    """The cells that a store keeps of its workspace, some of which are others from now on.
-
-    Parameters
-    ----------
-    store : Store
-    patch : Patch
-    """
+    """The cells that a store keeps of its workspace, some of which are others from now on."""
 
     def __init__(self, store: Store, patch: Patch) -> None:
         self._store, self._patch, self.same = store, patch, bool(store.metadata["same"])
 
     def read(self, box: Box) -> tuple[Bools, Bools]:
-        outer, inner = obstacles_in(self._store, self._store.known, box)
-        sides = zip(box, self._patch.lower, self._patch.outer.shape, strict=True)
-        spans = [(max(part.start, low), min(part.stop, low + n), part.start, low) for part, low, n in sides]
-        if all(first < stop for first, stop, *_ in spans):
-            here = tuple(slice(first - begin, stop - begin) for first, stop, begin, _ in spans)
-            there = tuple(slice(first - low, stop - low) for first, stop, _, low in spans)
+        outer, inner = self._store.obstacles_in(box)
+        here, there = shared(box, _box_of(self._patch))
+        if all(part.start < part.stop for part in here):
             outer[here] = self._patch.outer[there]
             if inner is not outer:
                 inner[here] = self._patch.inner[there]
@@ -57,20 +47,15 @@ class Patched:
 def update_store(store: Store, patch: Patch, client: Client | None, reach: NDArray[np.int64]) -> Update:
     """Change a store; it is as before until all is made, and then as after.
 
-    Raises
-    ------
-    InputError
-        If inner cells are told of a store that keeps outer ones alone.
-    FileError
-        If the store cannot be read or written; it is as before then.
+    Raises InputError if inner cells are told of a store that keeps outer ones alone, and FileError if the store cannot
+    be read or written; it is as before then.
     """
     if patch.inner is not patch.outer and store.metadata["same"]:
         rule = "it was built on obstacles whose outer and inner cells are the same, and keeps one of them"
         raise InputError("inner", f"is given for {store.path}", rule, "leave it out, or build the map anew")
     with _alone(store):
         store = Store.open(store.path).settled()
-        box = tuple(slice(low, low + n) for low, n in zip(patch.lower, patch.outer.shape, strict=True))
-        old = obstacles_in(store, store.known, box)
+        old = store.obstacles_in(_box_of(patch))
         differ = (old[0] != patch.outer) | (old[1] != patch.inner)
         if not differ.any():
             return Update(0, patch.lower, patch.lower, 0)
@@ -86,6 +71,11 @@ def update_store(store: Store, patch: Patch, client: Client | None, reach: NDArr
     weights = np.bincount(store.rotations.slice_of(store.robot), minlength=store.slices)
     counts = int(np.sum(changed, axis=0) @ weights)
     return Update(int(np.count_nonzero(differ)), tuple(looked[0].tolist()), tuple(looked[1].tolist()), counts)
+
+
+def _box_of(patch: Patch) -> Box:
+    """The cells that are others."""
+    return box_of(patch.lower, np.add(patch.lower, patch.outer.shape).tolist())
 
 
 def _remake(job: Job, index: Index, aside: str) -> NDArray[np.int64]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
@@ -16,13 +15,11 @@ from cspace.memory import WORKSPACE_BYTES, check_memory, is_packed, map_bytes
 from cspace.shapes import Shape, Voxels
 from cspace.space import CSpace
 from cspace.states import MIXED
-from cspace.tiles.sources import Box, box_of
-from cspace.tiles.store import Index, Record, Store
+from cspace.tiles.sources import Box, box_of, shared
+from cspace.tiles.store import Known, Store
 from cspace.workspace import Workspace
 
-Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
-Known = Callable[[Index], Record]
 
 _MEND: Final = "ask for a smaller window"
 
@@ -39,10 +36,7 @@ def window_of(store: Store, known: Known, table: Ints, first: Ints, stop: Ints) 
         What is known outside the whole map: :attr:`cspace.map.exterior.Exterior.table`.
     first, stop : ndarray of int64, shape (d,)
 
-    Raises
-    ------
-    InputError
-        If it does not fit into memory.
+    Raises InputError if it does not fit into memory.
     """
     whole, outside = store.grid, str(store.metadata["outside"])
     if (first > 0).any() or (stop < whole.shape).any():
@@ -55,7 +49,7 @@ def window_of(store: Store, known: Known, table: Ints, first: Ints, stop: Ints) 
     needed = map_bytes(grid.shape, store.slices) + WORKSPACE_BYTES * grid.size
     check_memory(needed, "the window", grid.shape, grid.spacing, mend=_MEND)
     box = box_of(first.tolist(), stop.tolist())
-    outer, inner = obstacles_in(store, known, box)
+    outer, inner = store.obstacles_in(box, known)
     workspace = Workspace(grid, outer, inner, source=f"a part of {store.path.name}", shapes=_shapes(store, grid, box))
     return CSpace(
         Contents(
@@ -87,20 +81,6 @@ def _shapes(store: Store, grid: Grid, box: Box) -> tuple[Shape, ...] | None:
     return store.shapes if inside else None
 
 
-def obstacles_in(store: Store, known: Known, box: Box) -> tuple[Bools, Bools]:
-    """Outer and inner cells of the workspace in a box, which may reach beyond the map."""
-    beyond = store.metadata["outside"] == "blocked"
-    outer = np.full(tuple(part.stop - part.start for part in box), beyond, dtype=np.bool_)
-    inner = outer if store.metadata["same"] else outer.copy()
-    for index in store.tiles_in(box):
-        here, there = _shared(box, store.cells(index))
-        own = store.obstacles(index, known(index))
-        outer[here] = own[0][there]
-        if inner is not outer:
-            inner[here] = own[1][there]
-    return outer, inner
-
-
 def _states(store: Store, known: Known, box: Box, table: Ints) -> Stack:
     """States of all slices in a box, which may reach beyond the map."""
     shape = tuple(part.stop - part.start for part in box)
@@ -116,18 +96,9 @@ def _states(store: Store, known: Known, box: Box, table: Ints) -> Stack:
                 mixed = zip(low, high, box, strict=True)
                 part[tuple(slice(max(0, a - b.start), max(0, z + 1 - b.start)) for a, z, b in mixed)] = MIXED
         for index in store.tiles_in(box):
-            here, there = _shared(box, store.cells(index))
+            here, there = shared(box, store.cells(index))
             block[(slice(None), *here)] = store.states(index, layer, known(index))[(slice(0, len(numbers)), *there)]
         if packed:
             for number, part in zip(numbers, block, strict=True):
                 packed.write(number, part)
     return packed or states
-
-
-def _shared(box: Sequence[slice], other: Sequence[slice]) -> tuple[Box, Box]:
-    """The cells that two boxes share, counted from the first cell of each."""
-    pairs = [(max(a.start, b.start), min(a.stop, b.stop)) for a, b in zip(box, other, strict=True)]
-    return tuple(
-        tuple(slice(low - part.start, high - part.start) for (low, high), part in zip(pairs, each, strict=True))
-        for each in (box, other)
-    )  # type: ignore[return-value]

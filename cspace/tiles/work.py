@@ -122,10 +122,7 @@ class Job:
     def read(self, box: tuple[slice, ...]) -> tuple[Bools, Bools]:
         """Cells of the workspace, which is as it was when the build began.
 
-        Raises
-        ------
-        FileError
-            If it is not.
+        Raises FileError if it is not.
         """
         outer, inner = self.source.read(box)
         if self.source.stamp != self.store.metadata["stamp"]:

@@ -10,9 +10,8 @@ from ipaddress import ip_address
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import urlsplit
 
-import numpy as np
-
 from cspace.errors import InputError, MissingPackageError
+from cspace.grid import whole
 
 if TYPE_CHECKING:
     from viser import ViserServer
@@ -31,12 +30,8 @@ def serve(host: str, port: int | None) -> ViserServer:
     Browsers let every page that somebody looks at, from wherever, talk to servers on their own machine, and say which
     page it is; viser does not look.
 
-    Raises
-    ------
-    InputError
-        If the host is none of this machine, or the port is taken, or no port.
-    MissingPackageError
-        If viser is not installed.
+    Raises InputError if the host is none of this machine, or the port is taken, or no port, and MissingPackageError if
+    viser is not installed.
     """
     try:
         import viser
@@ -114,15 +109,10 @@ def is_local(host: str | None) -> bool:
 def _free_port(host: str, port: int | None) -> int:
     """The port to serve on: the one asked for, or the first free one from :data:`PORT` on.
 
-    Raises
-    ------
-    InputError
-        If the host is none of this machine, or the port is taken, or no port.
+    Raises InputError if the host is none of this machine, or the port is taken, or no port.
     """
-    if port is not None and (isinstance(port, bool) or not isinstance(port, int | np.integer) or not 0 <= port < 2**16):
-        rule = "it must be a whole number from 0, which takes any free one, to 65535"
-        raise InputError("port", f"is {port!r}", rule, "or leave it out", value=port)
-    wanted = range(PORT, PORT + _TRIED) if port is None else [int(port)]
+    free = "pass 0 for any free one, or leave it out"
+    wanted = range(PORT, PORT + _TRIED) if port is None else [whole(port, "port", 0, 2**16 - 1, free)]
     try:
         kind, _, _, _, _ = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)[0]
     except OSError as error:

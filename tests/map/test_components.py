@@ -13,7 +13,6 @@ import cspace
 import handmade
 from cspace import BLOCKED, FREE, MIXED, ConfigurationError, InputError, Robot, Workspace
 from cspace.map.components import SHIFTS, Components
-from cspace.map.kept import Change
 from cspace.map.storage import read_only
 from cspace.rotations import Rotations
 from strategies import seeds
@@ -37,11 +36,6 @@ def ring(turns):
 def components(stack, slice_of=ALONE, rim=False, blocks="as they are"):
     with mock.patch.dict(SHIFTS, BLOCKS[blocks]):
         return Components(read_only(stack), slice_of, ring(len(slice_of)), np.broadcast_to(rim, len(stack)))
-
-
-def changed(boxes):
-    none = np.zeros(0, dtype=np.int64)
-    return Change(None, None, none, np.asarray(boxes, dtype=np.int64), 1)
 
 
 def random_stack(rng, dim, slices):
@@ -103,7 +97,7 @@ def test_a_stream_of_changes(seed, kind, blocks, task):
             stack[s][window] = rng.integers(0, 3, stack[s][window].shape)
             pad = [0] * (3 - dim)
             boxes[s] = [*pad, *first, *pad, *last]
-        labels.renew(changed(boxes))
+        labels.renew(np.asarray(boxes))
 
 
 @settings(max_examples=60)
@@ -130,10 +124,10 @@ def test_many_components_in_every_block(blocks):
     assert len(np.unique(free)) - 1 == np.count_nonzero(state == FREE)
     assert len(np.unique(passable)) - 1 < np.count_nonzero(state == FREE)  # the rim joins those at the border
     state[...] = FREE
-    labels.renew(changed([[0, 0, 0, 0, 149, 139]]))
+    labels.renew(np.array([[0, 0, 0, 0, 149, 139]]))
     assert len(np.unique(labels.of(cells)[0])) == 1
     state[70:] = BLOCKED
-    labels.renew(changed([[0, 70, 0, 0, 149, 139]]))
+    labels.renew(np.array([[0, 70, 0, 0, 149, 139]]))
     assert set(np.unique(labels.of(cells)[0])) == {-1, labels.of(cells[0])[0]}
 
 
@@ -144,7 +138,7 @@ def test_a_door_in_a_wall_across_many_blocks():
     ends = np.array([[0, x, 20] for x in (3, 290)])
     for fill, expected in ((FREE, (1, 1)), (BLOCKED, (2, 2)), (MIXED, (2, 1)), (FREE, (1, 1))):
         state[150, 77] = fill
-        labels.renew(changed([[0, 150, 77, 0, 150, 77]]))
+        labels.renew(np.array([[0, 150, 77, 0, 150, 77]]))
         assert tuple(len(np.unique(each)) for each in labels.of(ends)) == expected
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import cspace
 from cspace import FREE, Robot, Workspace
-from cspace.map.kept import Change, Lock
+from cspace.map.kept import Lock
 from cspace.map.mip import MOST_NOTED, SIDE, Mip
 from cspace.map.storage import PackedStates
 from strategies import seeds
@@ -75,8 +75,7 @@ def test_marks_tell_what_is_not_free_and_follow_changes(dim, seed, changes, last
                 part[where] = rng.choice([0, 0, 0, 2], part[where].shape)
                 boxes.append(box)
             write()
-            each = np.array(boxes)
-            mip.renew(Change(None, None, each[0], each, 1))
+            mip.renew(np.array(boxes))
         if lasting:  # what was handed out has followed by itself
             check(marks, stack, cells)
         check(mip.marks(cells), stack, cells)
