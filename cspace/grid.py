@@ -125,6 +125,19 @@ def points_of(values: ArrayLike, name: str, dim: int) -> NDArray[np.float64]:
     return array
 
 
+def check_reach(far: float, name: str, origin: str, mend: str) -> None:
+    """Refuse what reaches so many cells from an origin that rounding could reach the certificate's slack.
+
+    Raises
+    ------
+    InputError
+        If ``far`` is above :data:`MAX_COORDINATE`.
+    """
+    if not far <= MAX_COORDINATE:
+        rule = f"at most {MAX_COORDINATE:.0f} keep the answers proven against rounding"
+        raise InputError(name, f"reaches {far:.3g} cells from {origin}", rule, mend, value=far)
+
+
 @dataclass(frozen=True, slots=True)
 class Grid:
     """A box of closed cubic cells; cell ``i`` is ``lower + spacing * (i + [0, 1]^d)``.
@@ -187,13 +200,7 @@ class Grid:
                 "pass the number of cells along each axis",
             )
         reach = float(np.max(np.maximum(np.abs(corner), np.abs(corner + side * counts))) / side)
-        if reach > MAX_COORDINATE:
-            raise InputError(
-                "grid",
-                f"reaches {reach:.3g} cells from the origin",
-                f"at most {MAX_COORDINATE:.0f} keep the answers proven against rounding",
-                "use a larger spacing, or move the frame's origin nearer to the map",
-            )
+        check_reach(reach, "grid", "the origin", "use a larger spacing, or move the frame's origin nearer to the map")
         object.__setattr__(self, "lower", tuple(corner.tolist()))
         object.__setattr__(self, "spacing", side)
         object.__setattr__(self, "shape", tuple(int(n) for n in counts))

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.errors import FileError, InputError
-from cspace.grid import MAX_COORDINATE, not_negative, positive
+from cspace.grid import check_reach, not_negative, positive
 from cspace.raster.raster import Raster
 from cspace.rotations import STILL, Turn
 from cspace.shapes import Balls, Box, Bracketed, Mesh, Polygons, Shape, Voxels, shape_from_spec
@@ -152,9 +152,8 @@ class Robot:
         balls = Balls.of(centers, radii)
         least = float(balls.radii.min())
         if least <= 0.0:
-            raise InputError(
-                "radii", f"holds {least:g}", "each must be above zero", "drop balls that have no volume", value=least
-            )
+            mend = "drop balls that have no volume"
+            raise InputError("radii", f"holds {least:g}", "each must be above zero", mend, value=least)
         count = len(balls.radii)
         return cls(f"{balls.noun} {balls.radii[0]:g} m" if count == 1 else f"{count} {balls.noun}s", balls)
 
@@ -500,13 +499,8 @@ class Robot:
         grown = not_negative(margin, "margin", GROWN)
         # A corner of the box round the origin is farther away than its sides, and may be turned onto an axis.
         far = (self.span * (1.0 if turn.matrix is None else math.sqrt(self.dim)) + grown) / side
-        if not far <= MAX_COORDINATE:
-            raise InputError(
-                "robot",
-                f"reaches {far:.3g} cells from its reference point",
-                f"at most {MAX_COORDINATE:.0f} keep the answers proven against rounding",
-                "use a larger spacing, or check the robot's units (metres) and origin",
-            )
+        mend = "use a larger spacing, or check the robot's units (metres) and origin"
+        check_reach(far, "robot", "its reference point", mend)
         return self.shape.rasters(side, grown, turn)
 
 

@@ -316,7 +316,7 @@ def _extent(frame: Frame, shape: tuple[int, ...], cos: float, sin: float) -> tup
 def _turned(frame: Frame, solid: Bools, unknown: Bools, beyond: bool) -> tuple[Grid, Bools, Bools, Bools]:
     """The map turned by its yaw, on an upright grid; ``beyond`` tells whether the ground around it is solid."""
     from cspace.raster.bitmaps import boundary_segments
-    from cspace.raster.segments import cells_touched_and_inside
+    from cspace.raster.segments import outline_cells
 
     cos, sin = math.cos(frame.yaw), math.sin(frame.yaw)
     lower, upper = _extent(frame, solid.shape, cos, sin)
@@ -330,12 +330,10 @@ def _turned(frame: Frame, solid: Bools, unknown: Bools, beyond: bool) -> tuple[G
     bounded = ~solid if beyond else solid
     segments = boundary_segments(bounded, 1.0, (0.0, 0.0)).reshape(-1, 2)
     turned = frame.origin + frame.resolution * (segments @ np.array([(cos, sin), (-sin, cos)]))
-    touched = inside = np.zeros(shape, dtype=np.bool_)
-    if len(segments):
-        touched, inside = cells_touched_and_inside(turned.reshape(-1, 4), grid)
+    outer, inner = outline_cells([(turned.reshape(-1, 4), True)] if len(segments) else [], grid)
     if beyond:
-        inside = ~inside
-    return grid, touched | inside, inside & ~touched, _sampled(frame, unknown, grid)
+        outer, inner = ~inner, ~outer
+    return grid, outer, inner, _sampled(frame, unknown, grid)
 
 
 def _sampled(frame: Frame, cells: Bools, grid: Grid) -> Bools:

@@ -1,4 +1,8 @@
-"""Outlines and faces of sets of cells, and boxes with the same union; segments of points and polygons."""
+"""Outlines and faces of sets of cells, and boxes with the same union; segments of points and polygons.
+
+Cells are set in a boolean array; ``spacing`` is their side and ``lower``, shape (d,), the lower corner of the first
+one, metres. Whatever lies beyond the array is not set.
+"""
 
 from __future__ import annotations
 
@@ -8,8 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.errors import InputError
-from cspace.grid import SLACK, finite, positive
+from cspace.grid import SLACK
 
 if TYPE_CHECKING:
     from shapely.geometry import Polygon
@@ -32,7 +35,7 @@ def point_segments(points: Floats) -> Floats:
     return np.hstack([points[:-1], points[1:]])
 
 
-def boundary_segments(occupied: ArrayLike, spacing: float, lower: ArrayLike) -> Floats:
+def boundary_segments(occupied: Bools, spacing: float, lower: ArrayLike) -> Floats:
     """Segments between the occupied cells of a plane grid and everything else.
 
     Unit edges that follow one another are merged, so that the count grows with the corners of the outline and not with
@@ -40,42 +43,19 @@ def boundary_segments(occupied: ArrayLike, spacing: float, lower: ArrayLike) -> 
     cells touch only in a corner, both pass through it. All coordinates come from ``lower + spacing * index``, so
     segments that meet share the corner to the last bit.
 
-    Parameters
-    ----------
-    occupied : array-like of bool, shape (nx, ny)
-        The cells; whatever lies beyond the array is not occupied.
-    spacing : float
-        Side of a cell, in metres.
-    lower : array-like, shape (2,)
-        Lower corner of cell (0, 0), in metres.
-
     Returns
     -------
     ndarray of float64, shape (E, 4)
         ``x0, y0, x1, y1`` in metres, each with the occupied cells on its left hand; first the upright segments, then
         the level ones. ``(0, 4)`` where nothing is occupied.
-
-    Raises InputError if ``occupied`` is not a boolean array of two axes, or ``spacing`` or ``lower`` is not usable.
     """
-    cells = np.asarray(occupied)
-    if cells.ndim != 2 or cells.dtype != np.bool_:
-        raise InputError(
-            "occupied",
-            f"has shape {cells.shape} and dtype {cells.dtype}",
-            "an outline needs a boolean array of two axes",
-            "pass occupied.astype(bool) indexed [x, y]",
-        )
-    cells = cells.view(np.uint8) != 0  # a boolean array may hold other bytes than 0 and 1
-    side = positive(spacing, "spacing")
-    corner = finite(lower, "lower")
-    if corner.shape != (2,):
-        raise InputError("lower", f"has shape {corner.shape}", "it must hold two coordinates", "pass e.g. (0.0, 0.0)")
+    cells = occupied.view(np.uint8) != 0  # a boolean array may hold other bytes than 0 and 1
     x, start, stop, step = _runs(cells.view(np.int8))
     # The cells lie on the left of an upright segment that runs down where occupied cells begin, and up where they end.
     upright = np.column_stack((x, np.where(step > 0, stop, start), x, np.where(step > 0, start, stop)))
     y, start, stop, step = _runs(cells.T.view(np.int8))
     level = np.column_stack((np.where(step > 0, start, stop), y, np.where(step > 0, stop, start), y))
-    return np.asarray(np.tile(corner, 2) + side * np.concatenate((upright, level)))
+    return np.asarray(np.tile(lower, 2) + spacing * np.concatenate((upright, level)))
 
 
 def _runs(cells: NDArray[np.int8]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]:
@@ -94,15 +74,7 @@ def _runs(cells: NDArray[np.int8]) -> tuple[NDArray[Any], NDArray[Any], NDArray[
 def cell_faces(cells: Bools, spacing: float, lower: Any) -> Floats:
     """Triangles of the border of the union of closed cells, shape (n, 3, 3).
 
-    Sides that lie in one plane are merged to rectangles. Whatever lies beyond the array is not in the union.
-
-    Parameters
-    ----------
-    cells : ndarray of bool, shape (nx, ny, nz)
-    spacing : float
-        Side of a cell, metres.
-    lower : array-like, shape (3,)
-        Lower corner of the first cell, metres.
+    Sides that lie in one plane are merged to rectangles.
     """
     found = [np.empty((0, 3, 3))]
     for axis in range(3):
@@ -128,14 +100,6 @@ def rectangle_triangles(sides: Bools, axis: int, spacing: float, lower: Any) -> 
 def cell_squares(cells: Bools, spacing: float, lower: Any) -> tuple[Floats, Integers, Integers]:
     """The sides of closed cells that lie on the border of their union, as triangles that share edges whole.
 
-    Parameters
-    ----------
-    cells : ndarray of bool, shape (nx, ny, nz)
-    spacing : float
-        Side of a cell, metres.
-    lower : array-like, shape (3,)
-        Lower corner of the first cell, metres.
-
     Returns
     -------
     vertices : ndarray of float64, shape (V, 3)
@@ -160,21 +124,7 @@ def cell_squares(cells: Bools, spacing: float, lower: Any) -> tuple[Floats, Inte
 
 
 def cell_boxes(cells: Bools, spacing: float, lower: Any) -> tuple[Floats, Floats]:
-    """Boxes whose union is that of closed cells, as few as runs along two axes leave.
-
-    Parameters
-    ----------
-    cells : ndarray of bool, shape (nx, ny) or (nx, ny, nz)
-    spacing : float
-        Side of a cell, metres.
-    lower : array-like, shape (d,)
-        Lower corner of the first cell, metres.
-
-    Returns
-    -------
-    lows, highs : ndarray of float64, shape (n, d)
-        Their corners, metres.
-    """
+    """Boxes whose union is that of closed cells, as few as runs along two axes leave: corners, shape (n, d), metres."""
     corner = np.asarray(lower, dtype=np.float64)
     low, high = _rectangles(cells.reshape((-1, *cells.shape[-2:])))
     high[:, 0] += 1
@@ -211,7 +161,6 @@ def held_by_cells(cells: Bools, starts: Sequence[Floats], length: float, side: f
     Parameters
     ----------
     cells : ndarray of bool, shape (nx, ny) or (nx, ny, nz)
-        Whatever lies beyond the array is not in the union.
     starts : sequence of ndarray, shape (m,), one for each axis
         Lower ends of the boxes, in steps of the lattice, from the lower border of cell 0.
     length, side : float

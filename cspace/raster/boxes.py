@@ -39,9 +39,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.compiling import reader
-from cspace.grid import SLACK, Grid
+from cspace.grid import SLACK, Grid, check_reach
 from cspace.raster.raster import Raster, blank
-from cspace.raster.segments import check_reach
+from cspace.raster.segments import OBSTACLE
 from cspace.threads import in_chunks
 
 Bools = NDArray[np.bool_]
@@ -114,7 +114,7 @@ def rounded_cells(boxes: Rounded, grid: Grid) -> tuple[Bools, Bools]:
     lows, highs = (boxes.lows - lower) / grid.spacing, (boxes.highs - lower) / grid.spacing
     local = Rounded(lows, highs, boxes.radii / grid.spacing)
     first, last = lows - local.radii[:, None], highs + local.radii[:, None]
-    check_reach(float(max(-first.min(initial=0.0), last.max(initial=0.0))))
+    check_reach(float(max(-first.min(initial=0.0), last.max(initial=0.0))), *OBSTACLE)
     # What stays a cell clear of the grid meets none of its cells.
     near = ((last > -1.0) & (first < np.add(grid.shape, 1.0))).all(axis=1)
     local = Rounded(*(part[near] for part in local))

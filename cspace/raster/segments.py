@@ -34,18 +34,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cspace.compiling import inner, reader
-from cspace.errors import InputError
-from cspace.grid import MAX_COORDINATE, SLACK, Grid
+from cspace.grid import SLACK, Grid, check_reach
 from cspace.raster.raster import Raster, blank
 from cspace.rotations import STILL, Turn
 
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
+
+OBSTACLE: Final = ("an obstacle", "the map's corner", "clip the obstacles to the map, or check their units (metres)")
+"""What is said of obstacles that reach too far."""
 
 
 def outline_rasters(
@@ -103,39 +106,14 @@ def outline_cells(parts: Sequence[tuple[Floats, bool]], grid: Grid) -> tuple[Boo
         local, window = _localise(segments, grid)
         if local is None:
             continue
-        touched, inside = _touched_and_inside(local, outer[window].shape, filled)
+        touched = np.zeros(outer[window].shape, dtype=np.bool_)
+        inside = np.zeros_like(touched)
+        mark_touched(touched, local, np.zeros(len(local)), 0.0, 1.0, SLACK)
+        if filled:
+            mark_inside(inside, local, 0.5)
         outer[window] |= touched | inside
         inner[window] |= inside & ~touched
     return outer, inner
-
-
-def cells_touched_and_inside(segments: Floats, grid: Grid) -> tuple[Bools, Bools]:
-    """Cells that a set of closed curves touches, and cells whose middle they enclose, which holds for untouched ones.
-
-    Parameters
-    ----------
-    segments : ndarray, shape (E, 4)
-        ``(x0, y0, x1, y1)`` in metres; together they form closed curves, in any order.
-    grid : Grid
-    """
-    touched = np.zeros(grid.shape, dtype=np.bool_)
-    inside = np.zeros(grid.shape, dtype=np.bool_)
-    local, window = _localise(segments, grid)
-    if local is not None:
-        touched[window], inside[window] = _touched_and_inside(local, touched[window].shape, True)
-    return touched, inside
-
-
-def check_reach(far: float, what: str = "an obstacle") -> None:
-    """Refuse what reaches so many cells from the map's corner that rounding could reach the certificate's slack."""
-    if far > MAX_COORDINATE:
-        raise InputError(
-            what,
-            f"reaches {far:.3g} cells from the map's corner",
-            f"at most {MAX_COORDINATE:.0f} keep the answers proven against rounding",
-            "clip the obstacles to the map, or check their units (metres)",
-            value=far,
-        )
 
 
 def _localise(segments: Floats, grid: Grid) -> tuple[Floats | None, tuple[slice, slice]]:
@@ -144,7 +122,7 @@ def _localise(segments: Floats, grid: Grid) -> tuple[Floats | None, tuple[slice,
     The window reaches one cell beyond the grid's part of their bounding box; None where they miss the grid.
     """
     local = (segments - np.tile(grid.lower, 2)) / grid.spacing
-    check_reach(float(np.abs(local).max(initial=0.0)))
+    check_reach(float(np.abs(local).max(initial=0.0)), *OBSTACLE)
     points = local.reshape(-1, 2)
     first = np.maximum(np.floor(points.min(axis=0)).astype(int) - 1, 0)
     stop = np.minimum(np.floor(points.max(axis=0)).astype(int) + 2, grid.shape)
@@ -152,15 +130,6 @@ def _localise(segments: Floats, grid: Grid) -> tuple[Floats | None, tuple[slice,
     if (first >= stop).any():
         return None, window
     return np.ascontiguousarray(local - np.tile(first, 2)), window
-
-
-def _touched_and_inside(local: Floats, shape: tuple[int, ...], filled: bool) -> tuple[Bools, Bools]:
-    touched = np.zeros(shape, dtype=np.bool_)
-    inside = np.zeros(shape, dtype=np.bool_)
-    mark_touched(touched, local, np.zeros(len(local)), 0.0, 1.0, SLACK)
-    if filled:
-        mark_inside(inside, local, 0.5)
-    return touched, inside
 
 
 def _turned(segments: Floats, turn: Turn) -> Floats:

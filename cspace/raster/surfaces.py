@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.errors import InputError
-from cspace.grid import MAX_COORDINATE, SLACK, Grid
+from cspace.grid import SLACK, Grid, check_reach
 from cspace.raster.components import Components
 from cspace.raster.raster import Raster, blank
 from cspace.raster.triangles import mark_touched, mark_within, swept
@@ -39,6 +39,8 @@ from cspace.rotations import STILL, Turn
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+
+_MEND: Final = "check its units (metres), {}, or use a larger spacing"
 
 _MOST_FILLED: Final = 2**30
 """Cells of the bounding box of a surface up to which it is filled."""
@@ -106,14 +108,7 @@ def surface_cells(skin: Skin, bounds: tuple[Floats, Floats], grid: Grid) -> tupl
     """
     lower, upper = ((corner - np.asarray(grid.lower)) / grid.spacing for corner in bounds)
     far = float(max(np.abs(lower).max(), np.abs(upper).max()))
-    if far > MAX_COORDINATE:
-        raise InputError(
-            skin.source,
-            f"reaches {far:.3g} cells from the map's corner",
-            f"at most {MAX_COORDINATE:.0f} keep the answers proven against rounding",
-            "check its units (metres), cut it to the map, or use a larger spacing",
-            value=far,
-        )
+    check_reach(far, skin.source, "the map's corner", _MEND.format("cut it to the map"))
     first, stop = np.floor(lower).astype(np.int64) - 1, np.floor(upper).astype(np.int64) + 2
     shape = np.asarray(grid.shape)
     if not skin.fill:
@@ -160,14 +155,7 @@ def surface_rasters(skin: Skin, spacing: float, margin: float = 0.0, turn: Turn 
     corners = triangles.reshape(-1, 3)
     radius = margin / spacing
     far = float(np.abs(corners).max() if turn.matrix is None else np.linalg.norm(corners, axis=1).max())
-    if far + radius > MAX_COORDINATE:
-        raise InputError(
-            skin.source,
-            f"reaches {far:.3g} cells from its origin",
-            f"at most {MAX_COORDINATE:.0f} keep the answers proven against rounding",
-            "check its units (metres), move it to its origin, or use a larger spacing",
-            value=far,
-        )
+    check_reach(far + radius, skin.source, "its origin", _MEND.format("move it to its origin"))
     swing = float(turn.displacement(np.array([1.0, 0.0, 0.0])))
     parts = swept(triangles, swing, turn.about_z)
     widest = float(parts.growth.max())

@@ -123,7 +123,9 @@ class Bump:
         """
         within = check_tolerance(tolerance)
         check_word(dim, "dim", (2, 3))
-        return _table(self, dim, math.ceil(_check_frequency(not_negative(most, "most"), "most")), within)
+        return _table(
+            self, dim, math.ceil(_check_frequency(not_negative(most, "most", "pass cycles per radius"), "most")), within
+        )
 
     def pair_integral(self, first: float, second: float, distance: float, dim: int) -> float:
         """Integral of ``psi(x / first) psi((x - distance e) / second)`` over the plane or space.

@@ -136,7 +136,7 @@ class FourierOverlap:
         kind = bump_of(bump, a, b)
         first, second = balls_of(a, "a", kind), balls_of(b, "b", kind)
         check_dims("b", second.dim, first.dim)
-        self.threshold = not_negative(threshold, "threshold")
+        self.threshold = not_negative(threshold, "threshold", "pass square or cubic metres")
         self._accuracy = accuracy
         self._swell = 0.0  # by how much the balls are grown beyond those whose shapes the verdicts are about
         self._inner: FourierOverlap | None = None  # that of the inner balls, where there are any

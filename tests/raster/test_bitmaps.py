@@ -10,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from cspace.errors import InputError
 from cspace.raster.bitmaps import boundary_segments, cell_boxes, cell_faces
 from strategies import seeds
 
@@ -77,21 +76,6 @@ def test_cells_that_touch_in_a_corner_meet_to_the_last_bit() -> None:
     segments = boundary_segments(cells, 0.1, (0.3, -7.7))
     corners = {tuple(point) for point in segments.reshape(-1, 2).tolist()}
     assert len(corners) == 4 * 40 - 39
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        (np.zeros((2, 2, 2), dtype=bool), 1.0, (0.0, 0.0)),
-        (np.zeros((2, 2)), 1.0, (0.0, 0.0)),
-        (np.zeros((2, 2), dtype=bool), 0.0, (0.0, 0.0)),
-        (np.zeros((2, 2), dtype=bool), 1.0, (0.0, 0.0, 0.0)),
-        (np.zeros((2, 2), dtype=bool), 1.0, (0.0, float("nan"))),
-    ],
-)
-def test_bad_arguments(arguments: tuple[np.ndarray, float, tuple[float, ...]]) -> None:
-    with pytest.raises(InputError):
-        boundary_segments(*arguments)
 
 
 @settings(max_examples=40)

@@ -238,7 +238,7 @@ def test_an_unusable_alpha_is_refused(alpha):
 @pytest.mark.parametrize(
     ("arguments", "match"),
     [
-        ((-1.0, 2), "below zero"),
+        ((-1.0, 2), "below zero|zero or above"),
         ((math.nan, 2), "frequency"),
         ((math.inf, 3), "frequency"),
         ((2e5, 2), "units"),
