@@ -172,7 +172,7 @@ def build(
     slices = int(slice_of.max()) + 1
     needed = map_bytes(grid.shape, slices, overlap)
     seconds = build_seconds(grid.shape, slices)
-    check_memory(needed, "the map", grid.shape, grid.spacing, fixed=TRANSFORM_BYTES, fewer=cells.fewer, seconds=seconds)
+    check_memory(needed, "the map", grid, fixed=TRANSFORM_BYTES, fewer=cells.fewer, seconds=seconds)
     rasters, exterior, overlaps = None, None, None
     states: Stack
 
@@ -185,7 +185,7 @@ def build(
         own = at_once * max(correlation.engine.bytes_needed(grid.shape, side, workers) for side in sides)
         if own > TRANSFORM_BYTES:  # what every build may take was looked at
             what = "the map, with what its engine needs for this robot,"
-            check_memory(needed + own - TRANSFORM_BYTES, what, grid.shape, grid.spacing, fewer=cells.fewer)
+            check_memory(needed + own - TRANSFORM_BYTES, what, grid, fewer=cells.fewer)
         return correlation, sides
 
     if is_packed(grid.shape, slices, overlap):

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.errors import InputError
 from cspace.grid import SLACK, Grid, finite, unmasked
-from cspace.memory import check_memory
+from cspace.memory import Planned, check_memory
 
 Floats = NDArray[np.float64]
 
@@ -68,7 +68,7 @@ def covering_grid(corners: Floats, spacing: float, bytes_a_cell: int) -> Grid:
     # What is as near to zero as no raster can tell is zero: shapely goes wrong on numbers below 1e-308.
     corners = np.where(np.abs(corners) < _NOUGHT * spacing, 0.0, corners)
     shape = covering_shape(corners, spacing)
-    check_memory(bytes_a_cell * float(np.prod(shape, dtype=float)), "the map", shape, spacing, corners=corners)
+    check_memory(bytes_a_cell * float(np.prod(shape, dtype=float)), "the map", Planned(shape, spacing, *corners))
     return Grid(corners[0], spacing, shape)
 
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cspace.errors import InputError
-from cspace.grid import MAX_COORDINATE
+from cspace.grid import MAX_COORDINATE, Grid
 from cspace.threads import cores
 
 WORKSPACE_BYTES: Final = 2
@@ -91,18 +91,25 @@ def free_bytes() -> int:
     return int(min(psutil.virtual_memory().available, _left_by_container(), _left_by_limit()))
 
 
+class Planned(NamedTuple):
+    """A grid that is not made before it is known to fit; lengths in metres, or in ``unit``."""
+
+    shape: Sequence[int]
+    spacing: float
+    lower: Sequence[float] | NDArray[np.float64]
+    upper: Sequence[float] | NDArray[np.float64]
+    unit: str = "m"
+
+
 def check_memory(
     needed: float,
     what: str,
-    shape: Sequence[int],
-    spacing: float,
+    grid: Grid | Planned,
     *,
     fixed: float = 0.0,
-    corners: NDArray[np.float64] | None = None,
     mend: str | None = None,
     fewer: Callable[[float], str] | None = None,
     seconds: float = 0.0,
-    unit: str = "m",
 ) -> None:
     """Refuse work that does not fit into memory.
 
@@ -112,22 +119,16 @@ def check_memory(
         Bytes.
     what : str
         Who needs them, for the message: "the map".
-    shape : sequence of int
-        Cells of the grid, to which the need is proportional, less what is fixed.
-    spacing : float
-        Metres.
+    grid : Grid or Planned
+        To whose cells the need is proportional, less what is fixed.
     fixed : float
         Bytes that do not depend on the number of cells.
-    corners : ndarray of float64, shape (2, d), optional
-        What the grid covers, metres; the box of the cells at the origin if left out.
     mend : str, optional
         What helps, for the message, where another spacing cannot be chosen.
     fewer : callable, optional
         Names the rotation cells that take at most a share of the memory; an empty text where none do.
     seconds : float
         Of one core, for the message.
-    unit : str
-        Of the spacing, for the message.
 
     Raises InputError if there is less; the message tells the spacing that would fit, or else ``mend``.
     """
@@ -135,22 +136,20 @@ def check_memory(
     if needed <= KEEP * free:
         return
     if mend is None:
-        size = np.asarray(shape, dtype=float) * spacing
-        box = np.array([0.0 * size, size]) if corners is None else corners
-        bytes_a_cell = (needed - fixed) / float(np.prod(np.asarray(shape, dtype=float)))
-        coarser = fitting_spacing(box, spacing, bytes_a_cell, _ROOM * free - fixed)
+        bytes_a_cell = (needed - fixed) / float(np.prod(np.asarray(grid.shape, dtype=float)))
+        coarser = fitting_spacing(np.array([grid.lower, grid.upper]), grid.spacing, bytes_a_cell, _ROOM * free - fixed)
         mend = (
             "no spacing helps; take a machine with more memory"
             if coarser is None
-            else f"use a spacing of at least {coarser:g} {unit}, or smaller bounds, or check the units (metres)"
+            else f"use a spacing of at least {coarser:g} {grid.unit}, or smaller bounds, or check the units (metres)"
         )
         rotations = fewer((_ROOM * free - fixed) / (needed - fixed)) if fewer else ""
         mend = f"use {rotations}, or {mend.removeprefix('use ')}" if rotations else mend
-    cells = " x ".join(f"{n:.4g}" if n > _COUNTED else str(n) for n in shape)
+    cells = " x ".join(f"{n:.4g}" if n > _COUNTED else str(n) for n in grid.shape)
     time = f", and very roughly {time_in_words(seconds)} of one core" if seconds else ""
     raise InputError(
         what,
-        f"has {cells} cells of {spacing:g} {unit} and needs about {in_words(needed)} of memory{time}",
+        f"has {cells} cells of {grid.spacing:g} {grid.unit} and needs about {in_words(needed)} of memory{time}",
         f"at most {in_words(KEEP * free)} may be taken, which is {KEEP:.0%} of what is free",
         mend,
         value=needed,

@@ -182,7 +182,7 @@ class Rotations(Orientation):
         >>> cspace.Rotations.quaternions(8).count
         2048
         """
-        return QuaternionRotations(whole(n, "n", 1, MAX_CUTS, "pass e.g. 8, for 2,048 cells of rotations"))
+        return QuaternionRotations(whole(n, "rotations", 1, MAX_CUTS, "pass e.g. 8, for 2,048 cells of quaternions"))
 
     @staticmethod
     def from_coordinates(coordinates: Mapping[str, NDArray[Any]]) -> Rotations:

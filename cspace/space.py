@@ -488,8 +488,8 @@ class CSpace(ConfigurationMap):
         from cspace.map.widest import BYTES, Widest, widest_path
 
         ends = [self._one_free(q, name) for q, name in ((q0, "q0"), (q1, "q1"))]
-        needed, shape, fewer = BYTES * self.grid.size * self.rotations.count, self.grid.shape, self.rotations.fewer
-        check_memory(needed, "the map, to find its widest path,", shape, self.grid.spacing, fewer=fewer)
+        needed, fewer = BYTES * self.grid.size * self.rotations.count, self.rotations.fewer
+        check_memory(needed, "the map, to find its widest path,", self.grid, fewer=fewer)
         cells = [self._cells_of(q) for q in ends]
         with self._lock:
             widest = self._widest.get(lambda: Widest.of(self._map, self._seen, self.rotations))
@@ -970,9 +970,9 @@ class CSpace(ConfigurationMap):
         from cspace.map.components import Components
 
         def make() -> Components:
-            needed, shape = JOINED_BYTES * self._seen.size, self.grid.shape
-            check_memory(needed, "the map, to join its cells,", shape, self.grid.spacing, fewer=self.rotations.fewer)
-            rim_is_open = ~self._exterior.is_all_blocked(shape)
+            needed, fewer = JOINED_BYTES * self._seen.size, self.rotations.fewer
+            check_memory(needed, "the map, to join its cells,", self.grid, fewer=fewer)
+            rim_is_open = ~self._exterior.is_all_blocked(self.grid.shape)
             return Components(self._seen, self._slice_of, self.rotations.neighbors, rim_is_open)
 
         return self._components_kept.get(make)

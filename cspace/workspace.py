@@ -636,7 +636,7 @@ class LazyWorkspace(Workspace):
         whole: list[tuple[NDArray[np.bool_], NDArray[np.bool_]]] = self._whole  # type: ignore[attr-defined]
         if not whole:
             grid = self.grid
-            check_memory(WORKSPACE_BYTES * grid.size, "the workspace", grid.shape, grid.spacing, mend=_IN_TILES)
+            check_memory(WORKSPACE_BYTES * grid.size, "the workspace", grid, mend=_IN_TILES)
             outer, inner = self.cells.read(tuple(slice(0, n) for n in grid.shape))
             for cells in (outer, inner):
                 cells.setflags(write=False)

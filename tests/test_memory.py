@@ -27,11 +27,11 @@ def test_a_limit_of_the_process_counts():
 
 def test_what_does_not_fit_is_refused_with_figures_and_a_spacing_that_would(monkeypatch):
     monkeypatch.setattr("cspace.memory.free_bytes", lambda: 10**9)
-    check_memory(0.95e9, "the map", (1000, 1000, 1000), 0.1)
+    check_memory(0.95e9, "the map", cspace.Grid((0.0,) * 3, 0.1, (1000,) * 3))
     with pytest.raises(cspace.InputError, match=r"at most 950 MB may be taken, which is 95% .* at least 0.11 m"):
-        check_memory(1e9, "the map", (1000, 1000, 1000), 0.1)
+        check_memory(1e9, "the map", cspace.Grid((0.0,) * 3, 0.1, (1000,) * 3))
     with pytest.raises(cspace.InputError, match="no spacing helps"):
-        check_memory(1.1e9, "the map", (10, 10), 0.1, fixed=1e9)
+        check_memory(1.1e9, "the map", cspace.Grid((0.0, 0.0), 0.1, (10, 10)), fixed=1e9)
 
 
 def test_joining_cells_is_refused_before_it_begins(monkeypatch):

@@ -221,7 +221,7 @@ def test_slices_are_shared_where_a_half_turn_of_the_robot_is_not_seen(robot, hal
 
 @pytest.mark.parametrize("n", [0, -1, 65, 2.0, True, "8", None])
 def test_refuses_what_is_no_number_of_cuts(n):
-    with pytest.raises(InputError, match=r"rotations are quaternions of n = .*must be a whole number from 1 to 64"):
+    with pytest.raises(InputError, match=r"rotations is .*must be a whole number from 1 to 64"):
         Rotations.quaternions(n)
 
 

@@ -311,7 +311,7 @@ def test_the_spacing_that_a_refusal_tells_where_an_axis_is_one_cell(monkeypatch:
     with pytest.raises(InputError, match=r"use a spacing of at least 1\.3 m"):
         covering_grid(corners, 0.01, 8)
     with pytest.raises(InputError, match="no spacing helps"):
-        check_memory(1e8, "the map", (100, 100, 100), 0.1, fixed=5e7)
+        check_memory(1e8, "the map", Grid((0.0, 0.0, 0.0), 0.1, (100, 100, 100)), fixed=5e7)
 
 
 @pytest.mark.parametrize(

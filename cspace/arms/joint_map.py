@@ -21,7 +21,7 @@ from cspace.correlation import Progress
 from cspace.errors import ConfigurationError, InputError
 from cspace.grid import Grid, finite, positive
 from cspace.map.contents import Contents
-from cspace.memory import check_memory
+from cspace.memory import Planned, check_memory
 from cspace.orientation import ROTATION_NAMES
 from cspace.robot import Robot
 from cspace.rotations import Rotations
@@ -115,7 +115,7 @@ def build_arm_map(
     counts = _counts(ends, side)
     units = tuple("m" if _slides(space, number) else "rad" for number in numbers.tolist())
     shape = tuple(counts.tolist())
-    check_memory(_BYTES * math.prod(shape), "the map", shape, side, unit=units[0])
+    check_memory(_BYTES * math.prod(shape), "the map", Planned(shape, side, *ends.T, unit=units[0]))
     grid = Grid(ends[:, 0], side, shape, axes=names, units=units)
     _check_held(space, numbers, held)
 

@@ -69,7 +69,7 @@ def _(obstacle: Workspace, name: str, base: Floats) -> Placed | None:
         raise InputError("obstacles", f"hold {name!r}, a map of the plane", "arms are in space", "pass one in space")
     if obstacle.shapes is not None and len(obstacle.shapes) == 1:
         return placed_obstacle(obstacle.shapes[0], name, base)
-    check_memory(_CELL_BYTES * grid.size, name, grid.shape, grid.spacing, mend="cut it to what the arm reaches")
+    check_memory(_CELL_BYTES * grid.size, name, grid, mend="cut it to what the arm reaches")
     held = obstacle.in_memory()
     if not held.outer.any():
         return None

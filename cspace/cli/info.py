@@ -29,6 +29,8 @@ from cspace.errors import InputError
 
 if TYPE_CHECKING:
     from cspace.configuration_map import ConfigurationMap
+    from cspace.grid import Grid
+    from cspace.memory import Planned
     from cspace.robot import Robot
     from cspace.shapes.mesh import Solid
 
@@ -242,7 +244,7 @@ def _grid(cells: _Cells, read: Callable[..., Any], reader: Callable[..., Any]) -
             "free": grid.size - occupied - sum(found.values()),
             "total": grid.size,
         },
-        **cells.memory(grid.shape, grid.spacing, WORKSPACE_BYTES, mend=FIXED_CELLS),
+        **cells.memory(grid, WORKSPACE_BYTES, mend=FIXED_CELLS),
     }
 
 
@@ -264,7 +266,7 @@ class _Cells:
 
         from cspace.covering import check_bounds, covering_shape, warn_of_units
         from cspace.grid import Grid
-        from cspace.memory import cells_of
+        from cspace.memory import Planned, cells_of
 
         corners = np.stack(corners)
         box = corners if bounds is None else check_bounds(bounds, corners.shape[1])
@@ -272,7 +274,7 @@ class _Cells:
             return {}
         warn_of_units(corners, spacing, what, bounds is not None)
         shape = covering_shape(box, spacing)
-        memory = self.memory(shape, spacing, bytes_a_cell, corners=box)
+        memory = self.memory(Planned(shape, spacing, *box), bytes_a_cell)
         if memory["memory"]["fits"]:
             Grid(box[0], spacing, shape)  # raises where the map lies too far from its origin
         return {
@@ -283,7 +285,7 @@ class _Cells:
             **memory,
         }
 
-    def memory(self, shape: Any, spacing: float, bytes_a_cell: int, **advice: Any) -> dict[str, Any]:
+    def memory(self, grid: Grid | Planned, bytes_a_cell: int, **advice: Any) -> dict[str, Any]:
         """What a map of so many cells needs at most, and whether it is there; ``advice`` as for ``check_memory``."""
         from cspace.memory import (
             TRANSFORM_BYTES,
@@ -296,6 +298,7 @@ class _Cells:
             map_bytes,
         )
 
+        shape = grid.shape
         cells = cells_of(shape)
         built = WORKSPACE_BYTES * cells + map_bytes(shape, self.slices)
         told: dict[str, Any] = {
@@ -307,8 +310,8 @@ class _Cells:
         seconds = build_seconds(shape, self.slices)
         advice |= {"seconds": seconds, "fewer": self._fewer}
         try:
-            check_memory(bytes_a_cell * cells, "the map", shape, spacing, **advice)
-            check_memory(built, "the map", shape, spacing, fixed=TRANSFORM_BYTES, **advice)
+            check_memory(bytes_a_cell * cells, "the map", grid, **advice)
+            check_memory(built, "the map", grid, fixed=TRANSFORM_BYTES, **advice)
         except InputError as error:
             told |= {"fits": False, "problem": worded(error, self._names)}
         return {**self._told, "memory": told, "build_cpu_s": float(f"{seconds:.1g}")}

@@ -167,7 +167,7 @@ def free_border(state: NDArray[np.uint8], grid: Grid) -> tuple[Floats, Ints]:
             "a border needs at least one",
             "build it with a smaller spacing, robot or margin",
         )
-    check_memory(_BYTES * count, "the border of the free space", grid.shape, grid.spacing)
+    check_memory(_BYTES * count, "the border of the free space", grid)
     squares = np.concatenate([_squares(step, axis, lattice) for axis, step in enumerate(steps)])
     used = np.zeros(lattice, dtype=np.bool_).reshape(-1)
     used[squares] = True

@@ -74,7 +74,7 @@ class OverlapField:
         grid, map_ = space.grid, space._map
         check_dims("overlap", overlap.dim, grid.dim)
         shape, count = map_.states.shape, 1 + grid.dim
-        check_memory(8.0 * count * math.prod(shape), "the overlap field", grid.shape, grid.spacing)
+        check_memory(8.0 * count * math.prod(shape), "the overlap field", grid)
         arrays = {name: np.empty(shape) for name in FIELDS[:count]}
         turns = space.rotations.turns(grid.dim)
         for number in range(shape[0]):

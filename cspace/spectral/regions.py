@@ -105,8 +105,9 @@ class Region:
         if float(np.prod(counts)) > 1.5 * MOST:
             found = f"or number needs a lattice of {' x '.join(f'{n:.4g}' for n in counts)} cells of {spacing:g} m"
             raise InputError("tolerance", found, f"at most {MOST} are looked at", mend)
-        check_memory(BYTES * float(np.prod(counts)), "the lattice of the balls", counts.tolist(), spacing, mend=mend)
-        return Grid(self.bounds.mean(axis=0) - 0.5 * spacing * counts, spacing, counts.astype(np.int64))
+        grid = Grid(self.bounds.mean(axis=0) - 0.5 * spacing * counts, spacing, counts.astype(np.int64))
+        check_memory(BYTES * float(grid.size), "the lattice of the balls", grid, mend=mend)
+        return grid
 
     def depths(self, points: Floats) -> Floats:
         """A lower bound of the signed distance from the border, above zero inside, shape (n,), metres."""

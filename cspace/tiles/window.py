@@ -47,7 +47,7 @@ def window_of(store: Store, known: Known, table: Ints, first: Ints, stop: Ints) 
     lower = np.array(whole.lower) + whole.spacing * first
     grid = Grid(tuple(lower.tolist()), whole.spacing, tuple((stop - first).tolist()))
     needed = map_bytes(grid.shape, store.slices) + WORKSPACE_BYTES * grid.size
-    check_memory(needed, "the window", grid.shape, grid.spacing, mend=_MEND)
+    check_memory(needed, "the window", grid, mend=_MEND)
     box = box_of(first.tolist(), stop.tolist())
     outer, inner = store.obstacles_in(box, known)
     workspace = Workspace(grid, outer, inner, source=f"a part of {store.path.name}", shapes=_shapes(store, grid, box))

@@ -138,9 +138,9 @@ def test_bad_spheres(changes, words):
     [
         (RECTANGLE, {}, InputError, "neither"),
         (RECTANGLE, {"number": 3, "tolerance": 0.1}, InputError, "both"),
-        (RECTANGLE, {"number": 0}, InputError, "one at least"),
+        (RECTANGLE, {"number": 0}, InputError, "whole number above zero"),
         (RECTANGLE, {"number": 2.5}, InputError, "whole"),
-        (RECTANGLE, {"number": True}, InputError, "one at least"),
+        (RECTANGLE, {"number": True}, InputError, "whole number above zero"),
         (RECTANGLE, {"tolerance": 0.0}, InputError, "tolerance"),
         (RECTANGLE, {"tolerance": np.nan}, InputError, "tolerance"),
         (RECTANGLE, {"tolerance": 1e-7}, InputError, "pass at least about"),
