@@ -315,11 +315,8 @@ class CSpace(ConfigurationMap):
         -------
         bool or ndarray of bool, shape (...)
         """
-        from cspace.map.points import boxes_are_free
-
         reach = not_negative(distance, "distance"), not_negative(angle, "angle", "pass it in radians")
-        kernel = in_pieces(partial(boxes_are_free, self._map, *reach))
-        return answer(q, self.dof, kernel, np.bool_, bool)
+        return answer(q, self.dof, self._around_is_free(*reach), np.bool_, bool)
 
     # ---- edges -------------------------------------------------------------------------------------------------------
 
@@ -1004,6 +1001,11 @@ class CSpace(ConfigurationMap):
         from cspace.map.points import classify
 
         return in_pieces(partial(classify, self._map))
+
+    def _around_is_free(self, distance: float, angle: float) -> Ask:
+        from cspace.map.points import boxes_are_free
+
+        return in_pieces(partial(boxes_are_free, self._map, distance, angle))
 
     def _edges(self, number: int, exact: bool) -> Ask:
         """As everywhere; many edges are worth marks of blocks."""

@@ -26,6 +26,7 @@ from ompl import base as ob
 from cspace.arms import ArmSpace
 from cspace.errors import ConfigurationError, InputError
 from cspace.grid import finite, positive
+from cspace.map.callbacks import brought
 from cspace.orientation import TURN, wrapped
 from cspace.rotations import YAW_SLACK
 from cspace.space import CSpace
@@ -170,11 +171,17 @@ class LocalPlanner(ABC):
 
     def unwound(self, path: Floats) -> Floats:
         """A path of OMPL's as edges join its rows, where whole turns count."""
-        return path
+        circles, found = np.array(self.space.endless), path.copy()
+        for k in range(1, len(path) * circles.any()):
+            step = path[k] - found[k - 1]
+            found[k, circles] -= TURN * np.rint(step[circles] / TURN)
+        return found
 
     def same(self, one: Floats, other: Floats) -> bool:
         """Whether configurations are the same."""
-        return np.array_equal(one, other)
+        step, circles = np.asarray(one) - other, np.array(self.space.endless)
+        turns = np.where(circles, TURN * np.rint(step / TURN), 0.0)
+        return bool((np.abs(step - turns) <= SAME * circles).all())
 
     @abstractmethod
     def lengths(self, firsts: Floats, lasts: Floats) -> Floats:
@@ -378,7 +385,7 @@ class StraightEdges(EdgesOnMap):
     def edge_cost(self, field: Field, law: Law) -> Callable[..., float]:
         from planners.integrals import edge_cost
 
-        return edge_cost(self.space, field, law)
+        return brought(edge_cost(self.space, field, law), self.space.endless)
 
     def lengths(self, firsts: Floats, lasts: Floats) -> Floats:
         metres, turns = self._moved(firsts, lasts)[1:]
@@ -516,17 +523,7 @@ class JointMotions(LocalPlanner):
         return kind_of(self.space).make()
 
     def edge_checker(self) -> Callable[..., bool]:
-        check, dof, circles = self.space.edge_checker(), self.space.dof, np.flatnonzero(self.space.endless).tolist()
-        if not circles:
-            return check
-
-        def shorter(*ends: float) -> bool:
-            numbers = list(ends)
-            for k in circles:
-                numbers[dof + k] = ends[k] + _turn(ends[k], ends[dof + k])
-            return check(*numbers)
-
-        return shorter
+        return brought(self.space.edge_checker(), self.space.endless)
 
     def are_free(self, path: Floats) -> bool:
         firsts, lasts = (path[:-1], path[1:]) if len(path) > 1 else (path, path)
@@ -537,24 +534,10 @@ class JointMotions(LocalPlanner):
         goals = np.array(ends[1]) + np.array(list(itertools.product(*turns)))
         return self.space.free_path(ends[0], goals, straight=straight, seed=seed, time_limit=seconds)
 
-    def unwound(self, path: Floats) -> Floats:
-        circles, found = np.array(self.space.endless), path.copy()
-        for k in range(1, len(path)):
-            step = path[k] - found[k - 1]
-            found[k, circles] -= TURN * np.rint(step[circles] / TURN)
-        return found
-
-    def same(self, one: Floats, other: Floats) -> bool:
-        return bool((np.abs(self._steps(one, other)) <= SAME).all())
-
     def lengths(self, firsts: Floats, lasts: Floats) -> Floats:
-        return np.asarray(np.linalg.norm(self._steps(firsts, lasts), axis=1))
-
-    def _steps(self, firsts: Floats, lasts: Floats) -> Floats:
-        """What leads from configurations to others, joints that turn for ever the shorter way, shape (n, dof)."""
         steps, circles = lasts - firsts, np.array(self.space.endless)
         steps[:, circles] = wrapped(steps[:, circles])
-        return steps
+        return np.asarray(np.linalg.norm(steps, axis=1))
 
     def length(self, path: Floats) -> float:
         return math.fsum(np.linalg.norm(np.diff(path, axis=0), axis=1))

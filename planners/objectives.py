@@ -10,6 +10,7 @@ from ompl import base as ob
 
 from cspace.errors import InputError
 from cspace.grid import finite, positive
+from cspace.map.callbacks import brought
 from cspace.space import CSpace
 from cspace.spectral import OverlapField
 from cspace.states import FREE
@@ -76,7 +77,9 @@ class WeightedLength(ob.OptimizationObjective):
             raise InputError("weight", f"is {weight!r}", rule, "pass 10.0", value=weight)
         edges = edges_on_map(space, drive, turning_radius)
         self._field, self._law = field, Law(offset, slope, float(weight), edges.turn_weight)
-        self._kind, self._map, self._dim = kind_of(space), space._map, space.grid.dim
+        self._kind, self._map, dim, dof = kind_of(space), space._map, space.grid.dim, space.dof
+        line = brought(lambda *ends: math.dist(ends[:dim], ends[dof : dof + dim]), space.endless)
+        self._line = self._kind.of_states(line)
         self._cost = self._own_cost = self._kind.of_states(edges.edge_cost(field, self._law))
 
     @property
@@ -94,8 +97,7 @@ class WeightedLength(ob.OptimizationObjective):
 
     def motionCostHeuristic(self, first: ob.State, second: ob.State) -> ob.Cost:  # noqa: N802 - OMPL's name
         """Length of the straight line, which the cost is never below."""
-        read, dim = self._kind.read, self._dim
-        return ob.Cost(math.dist(read(first)[:dim], read(second)[:dim]))
+        return ob.Cost(self._line(first, second))
 
     def answer_with(self, answer: Callable[[ob.State, ob.State], float] | None) -> None:
         """Give the cost of edges by a function from now on, or as before; so a plan out of time ends a search."""

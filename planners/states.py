@@ -50,7 +50,8 @@ class StateKind:
 
 def kind_of(space: ConfigurationSpace) -> StateKind:
     """The kind of states that a space has."""
-    return _KINDS.get(space.axes) or _joints(space.endless)
+    known = None if any(space.endless) else _KINDS.get(space.axes)
+    return known or _joints(space.endless)
 
 
 def check_space(space: object) -> None:

@@ -18,11 +18,12 @@ from cspace.arms.chain import SLIDES, STILL, TURNS
 from cspace.arms.proofs import Solids, ask_motions
 from cspace.arms.space import ArmSpace
 from cspace.correlation import Progress
+from cspace.endless import map_of
 from cspace.errors import ConfigurationError, InputError
 from cspace.grid import Grid, finite, positive
 from cspace.map.contents import Contents
 from cspace.memory import Planned, check_memory
-from cspace.orientation import ROTATION_NAMES
+from cspace.orientation import ROTATION_NAMES, TURN
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.shapes import Point
@@ -66,14 +67,15 @@ def build_arm_map(
     ----------
     space : ArmSpace
     spacing : float
-        Side of the cells: radians, and metres of joints that slide.
+        Side of the cells: radians, and metres of joints that slide. Where a joint turns for ever, the next smaller one
+        of which a whole number makes a turn.
     joints : sequence of str, optional
         The joints of the map, in the order of its axes; by default all of the arm's.
     at : array-like, shape (arm.dof,), optional
         A configuration of the arm, at which the other joints are held; needed where there are others.
     limits : mapping of str to (float, float), optional
-        The part of a joint's way that is mapped; by default all between its limits. Needed for joints that turn for
-        ever: the map is of what lies within, so that nothing leads across its border.
+        The part of a joint's way that is mapped; by default all between its limits, and of joints that turn for ever
+        the whole circle, which has no seam. Nothing leads across the ends of such a part.
     workers : int, optional
         Threads; by default one for each core that the process may use.
     progress : callable, optional
@@ -82,9 +84,9 @@ def build_arm_map(
     Returns
     -------
     CSpace
-        Its axes are the joints. The robot is a point, the workspace the cells that are not FREE, and beyond the limits
-        is BLOCKED. Where limits are not a whole number of cells apart, the last cells reach beyond the upper one, and
-        are never FREE.
+        Its axes are the joints; a :class:`cspace.endless.EndlessCSpace` where one of them closes in a circle. The robot
+        is a point, the workspace the cells that are not FREE, and beyond the limits is BLOCKED. Where limits are not a
+        whole number of cells apart, the last cells reach beyond the upper one, and are never FREE.
 
     Raises
     ------
@@ -112,6 +114,10 @@ def build_arm_map(
     numbers = np.array([arm.joints.index(name) for name in names])
     held = _held(space, names, at)
     ends = np.array([_limits(space, name, limits) for name in names])
+    endless = tuple(np.isinf(ends).all(axis=1).tolist())
+    if any(endless):
+        ends[list(endless)] = -math.pi, math.pi
+        side = TURN / _counts(np.array([[0.0, TURN]]), side).item()
     counts = _counts(ends, side)
     units = tuple("m" if _slides(space, number) else "rad" for number in numbers.tolist())
     shape = tuple(counts.tolist())
@@ -133,7 +139,8 @@ def build_arm_map(
             last[last == FREE] = MIXED
     workspace = Workspace(grid, states != FREE, states == BLOCKED, source=repr(space))
     rotations, robot = Rotations.of(None), Robot(arm.name, Point.at_origin(len(names)))
-    return CSpace(Contents(workspace, robot, rotations, rotations.slice_of(robot), states[np.newaxis]))
+    slices = rotations.slice_of(robot)
+    return map_of(Contents(workspace, robot, rotations, slices, states[np.newaxis], endless=endless * any(endless)))
 
 
 def _held(space: ArmSpace, names: Sequence[str], at: ArrayLike | None) -> Floats:
@@ -161,10 +168,13 @@ def _limits(space: ArmSpace, name: str, limits: Mapping[str, tuple[float, float]
     number = space.arm.joints.index(name)
     own = float(space.arm.lower[number]), float(space.arm.upper[number])
     if limits is None or name not in limits:
-        if not all(map(math.isfinite, own)):
-            rule = "a map ends somewhere, and says nothing of what leads across its ends"
-            mend = f"pass limits={{{name!r}: (-3.14, 3.14)}}"
-            raise InputError("limits", f"are missing for {name!r}, which turns for ever", rule, mend)
+        chain = space.arm.chain
+        moved = (chain.numbers == number) & (chain.kinds != STILL)
+        same = (chain.kinds[moved] == TURNS).all() and (chain.factors[moved] % 1.0 == 0.0).all()
+        if math.isinf(own[0]) and not same:
+            found = f"are missing for {name!r}, which turns for ever, and other joints by another angle"
+            rule, mend = "after a turn the arm is not where it was", f"pass limits={{{name!r}: (-3.14, 3.14)}}"
+            raise InputError("limits", found, rule, mend)
         if own[0] == own[1]:
             mend = "name the other joints; at= says where it is held"
             raise InputError("joints", f"name {name!r}, which stays at {own[0]:g}", "a map is of what moves", mend)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cspace.endless import map_of
 from cspace.errors import FileError
 from cspace.io.input import not_a_name, unreadable
 from cspace.io.record import grid_of, shapes_from, unusable
@@ -116,7 +117,8 @@ def _restored(metadata: Mapping[str, Any], arrays: Mapping[str, Any]) -> CSpace:
         if not np.allclose(arrays[name], needed, rtol=0.0, atol=_ROUNDING):
             raise ValueError(f"its array {name!r} is not that of its rotation cells and its robot")
     leading = (*rotations.leading(len(arrays["state"])), *workspace.grid.shape)
-    return CSpace(
+    endless = metadata.get("endless", "").split()
+    return map_of(
         Contents(
             workspace,
             robot,
@@ -129,6 +131,7 @@ def _restored(metadata: Mapping[str, Any], arrays: Mapping[str, Any]) -> CSpace:
             arrays.get("overlap"),
             {name: arrays[name].reshape(leading) for name in FIELDS if name in arrays},
             None if "exterior" not in arrays else Exterior(np.array(arrays["exterior"])),
+            endless=tuple(axis in endless for axis in workspace.grid.axes) if endless else (),
         )
     )
 

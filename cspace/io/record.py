@@ -8,6 +8,7 @@ import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
+from itertools import compress
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -150,8 +151,8 @@ def metadata_of(contents: Contents) -> dict[str, Any]:
     -------
     dict
         ``lower`` and ``spacing`` in metres; ``axes`` the names of the numbers of a configuration and ``units`` of
-        those of the cells; ``rotations`` the
-        number of rotation cells; ``robot`` as JSON text for ``Robot.from_spec``.
+        those of the cells; ``endless`` the axes that close in a circle, if there are any; ``rotations`` the number of
+        rotation cells; ``robot`` as JSON text for ``Robot.from_spec``.
     """
     grid = contents.grid
     return {
@@ -163,6 +164,7 @@ def metadata_of(contents: Contents) -> dict[str, Any]:
         "shape": list(grid.shape),
         "axes": " ".join(contents.axes),
         "units": " ".join(grid.units),
+        **({"endless": " ".join(compress(grid.axes, contents.endless))} if any(contents.endless) else {}),
         "outside": contents.outside,
         "margin": float(contents.margin),
         "precision": contents.precision,

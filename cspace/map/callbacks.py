@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Final
+import math
+from collections.abc import Callable, Sequence
+from typing import Final, TypeVar
 
 from cspace.compiling import entry, reader
 from cspace.map.edges import NO_BLOCKS, edge_is_free
 from cspace.map.points import state_at
 from cspace.map.record import Map
+from cspace.orientation import TURN
 from cspace.states import FREE
+
+T = TypeVar("T")
 
 
 def point_checker(map_: Map, dof: int) -> Callable[..., bool]:
@@ -20,6 +24,23 @@ def point_checker(map_: Map, dof: int) -> Callable[..., bool]:
 def edge_checker(map_: Map, dof: int) -> Callable[..., bool]:
     """``check(*q0, *q1)``: whether an edge is FREE all along."""
     return entry(_EDGES[dof], (map_,), 2 * dof)
+
+
+def brought(check: Callable[..., T], endless: Sequence[bool]) -> Callable[..., T]:
+    """A function of a configuration, or two, as one that brings angles within half a turn from 0, or from the first."""
+    circles, dof = [k for k, turns in enumerate(endless) if turns], len(endless)
+    if not circles:
+        return check
+
+    def ask(*numbers: float) -> T:
+        near = list(numbers)
+        for k in circles:
+            near[k] = math.remainder(numbers[k], TURN)
+            for n in range(dof + k, len(near), dof):
+                near[n] = near[k] + math.remainder(numbers[n] - numbers[k], TURN)
+        return check(*near)
+
+    return ask
 
 
 # Numba calls a function of so many floats quicker than one that takes a tuple of them. Looking up a point is too short

@@ -50,6 +50,8 @@ class Contents:
         What is known outside the grid; made from the robot's rasters, when it is needed, where there is none.
     tells_blocked : bool or None
         Whether BLOCKED is told from MIXED; None where that is not known, as of a map from a file.
+    endless : tuple of bool
+        Which axes close in a circle: joints of an arm that turn for ever. Empty where none does.
     scene : Scene or None
         What the cells of the workspace come from, where obstacles were placed by name; no file holds it.
 
@@ -68,6 +70,7 @@ class Contents:
     fields: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
     exterior: Exterior | None = None
     tells_blocked: bool | None = None
+    endless: tuple[bool, ...] = ()
     scene: Scene | None = None
 
     def __post_init__(self) -> None:

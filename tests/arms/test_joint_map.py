@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 import shapely
 import shapely.affinity
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.ndimage import label
 
 import cspace
@@ -152,9 +154,9 @@ def test_a_joint_that_slides_and_limits_between_cells(tmp_path: Path) -> None:
     )
     wall = {"table": Placed(Robot.box((1.0, 1.0, 0.2)).shape, at(1.0, 0.0, -0.5))}
     space = build_arm(wall, Arm.from_urdf(path))
-    with pytest.raises(InputError, match=r"limits are missing for 'turn', which turns for ever"):
-        build_arm_map(space, 0.05)
+    assert build_arm_map(space, 0.05).endless == (True, False)
     made = build_arm_map(space, 0.05, limits={"turn": (-3.0, 3.0)})
+    assert made.endless == (False, False)
     assert made.grid.units == ("rad", "m")
     assert made.grid.shape == (120, 9)
     assert (made.state[:, -1] != FREE).all()
@@ -162,6 +164,95 @@ def test_a_joint_that_slides_and_limits_between_cells(tmp_path: Path) -> None:
     assert made.classify((0.0, 0.01)) == BLOCKED
     assert made.classify((2.0, 0.01)) == FREE
     assert made.grid.unit == "rad or m"
+
+
+def endless(folder: Path, posts: Any, **elbow: Any) -> ArmSpace:
+    """The same bars on a shoulder that turns for ever."""
+    bar = ((1.0, 0.1, 0.1), (0.5, 0, 0))
+    path = written(
+        folder,
+        *(link(name, bar) for name in ("upper", "fore")),
+        link("foot", ((0.02, 0.02, 0.02), (0, 0, -1.0))),
+        joint("shoulder", "foot", "upper", limits=None, kind="continuous"),
+        joint("elbow", "upper", "fore", at=(1, 0, 0), **elbow),
+    )
+    shapes = {f"post{k}": Placed(Robot.box((s, s, 2.0)).shape, at(x, y, 0)) for k, (x, y, s) in enumerate(posts)}
+    return build_arm(shapes, Arm.from_urdf(path))
+
+
+def test_the_only_way_leads_across_the_seam(tmp_path: Path) -> None:
+    """A post on the right stops the upper bar; behind the foot, where angles leap by a turn, nothing is in the way."""
+    space = endless(tmp_path, ((0.7, 0.0, 0.3),))
+    made = build_arm_map(space, 0.05)
+    assert made.grid.spacing == pytest.approx(2.0 * np.pi / 126)
+    left, right = (-1.0, 0.3), (1.0, -0.3)
+    assert made.path_exists(left, right) is True
+    assert build_arm_map(space, 0.05, limits={"shoulder": (-np.pi, np.pi)}).path_exists(left, right) is False
+    for path in (made.free_path(left, right), planners.plan(made, left, right, seed=1).path):
+        assert path[-1] == pytest.approx((1.0 - 2.0 * np.pi, -0.3))
+        assert made.certify_path(path).all()
+        assert np.all(space.certify_path(path))
+        assert not any(touches(q, ((0.7, 0.0, 0.3),)) for q in path)
+    with_wall = build_arm_map(endless(tmp_path, ((0.7, 0.0, 0.3), (-0.7, 0.0, 0.3))), 0.05)
+    assert with_wall.path_exists(left, right) is False
+
+
+@settings(max_examples=3)
+@given(
+    seed=st.integers(0, 2**32 - 1), elbow=st.sampled_from([{"limits": None, "kind": "continuous"}, {"limits": (-2, 2)}])
+)
+def test_circles_against_shapely(tmp_path_factory: pytest.TempPathFactory, seed: int, elbow: dict[str, Any]) -> None:
+    """Among random posts: no cell lies, at the seam neither; no path is found where none is, nor missed."""
+    rng = np.random.default_rng(seed)
+    angle, reach = rng.uniform(-np.pi, np.pi, 4), rng.uniform(0.5, 1.8, 4)
+    posts = tuple(zip(reach * np.cos(angle), reach * np.sin(angle), rng.uniform(0.1, 0.3, 4), strict=True))
+    space = endless(tmp_path_factory.mktemp("arm"), posts, **elbow)
+    made = build_arm_map(space, 0.12)
+    circles, states = made.endless, np.asarray(made.state)
+    for state, collides in ((FREE, True), (BLOCKED, False)):
+        cells = np.argwhere(states == state)
+        near = np.array([(np.take(states, [k - 1, k, k + 1], 0, mode="wrap")[:, j] != state).any() for k, j in cells])
+        some = rng.permutation(cells[near])[:40]
+        points = made.grid.lower + made.grid.spacing * (some + rng.integers(0, 2, some.shape))
+        points = points + 2.0 * np.pi * rng.integers(-2, 3, points.shape) * circles
+        assert not any(touches(q, posts) == collides for q in points)
+    q = np.stack(np.meshgrid(*(made.grid.centers(axis) for axis in range(2)), indexing="ij"), axis=-1).reshape(-1, 2)
+    for most, answer in ((FREE, True), (MIXED, False)):
+        # Parts of one turn, joined where they meet at its ends.
+        parts, _ = label(states <= most)
+        while True:
+            before = parts.copy()
+            for axis in np.flatnonzero(circles):
+                one, other = np.take(parts, 0, axis), np.take(parts, -1, axis)
+                for a, b in np.unique(np.stack([one, other], axis=1)[(one > 0) & (other > 0)], axis=0):
+                    parts[parts == max(a, b)] = min(a, b)
+            if (parts == before).all():
+                break
+        parts, pairs = parts.reshape(-1), rng.integers(0, len(q), (300, 2))
+        pairs = pairs[(states.reshape(-1)[pairs] == FREE).all(axis=1)]
+        same = (parts[pairs[:, 0]] == parts[pairs[:, 1]]) & (parts[pairs[:, 0]] > 0)
+        found = made.path_exists(q[pairs[:, 0]], q[pairs[:, 1]])
+        np.testing.assert_array_equal(found == answer, same == answer)
+
+
+def test_a_joint_that_others_follow_by_half(tmp_path: Path) -> None:
+    """After a turn of it the arm is not where it was."""
+    bar = ((1.0, 0.1, 0.1), (0.5, 0, 0))
+    follows = '<mimic joint="one" multiplier="{}"/>'
+    for factor, good in (("0.5", False), ("-2", True)):
+        path = written(
+            tmp_path,
+            *(link(name, bar) for name in "abcd"),
+            joint("one", "a", "b", at=(1, 0, 0), limits=None, kind="continuous"),
+            joint("two", "b", "c", at=(1, 0, 0), extra=follows.format(factor)),
+            joint("three", "c", "d", at=(1, 0, 0)),
+        )
+        space = build_arm({}, Arm.from_urdf(path))
+        if good:
+            assert build_arm_map(space, 0.5).endless == (True, False)
+        else:
+            with pytest.raises(InputError, match=r"limits are missing for 'one'.*other joints by another angle"):
+                build_arm_map(space, 0.5)
 
 
 @pytest.mark.parametrize(

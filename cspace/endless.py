@@ -1,0 +1,389 @@
+"""EndlessCSpace: a map of joints of which some turn for ever, so that it closes in a circle along their axes.
+
+The cells are those of one turn, and the last ones along a circle are neighbours of the first. Look-ups see them
+*unrolled*, half a turn more at either end: a configuration is brought into the turn in the middle first, and what is
+looked at around it, be it an edge, which goes the shorter way, or what is nearest, is there without a seam. Components
+are those of the cells of one turn, joined across the seams.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise, product
+from typing import TYPE_CHECKING, Any, Final, Literal, NoReturn, Unpack
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import breadth_first_order, connected_components
+
+from cspace.errors import InputError
+from cspace.grid import Grid
+from cspace.map.batches import Ask, as_points
+from cspace.map.callbacks import brought
+from cspace.map.contents import Contents
+from cspace.map.kept import Change, Kept
+from cspace.memory import check_memory
+from cspace.orientation import TURN, wrapped
+from cspace.rotations import OneRotation, Rotations
+from cspace.space import CSpace
+from cspace.workspace import Workspace
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from cspace.map.components import Components
+    from cspace.map.mip import Marks
+    from cspace.map.record import Map
+    from cspace.plot.picture import PlotOptions
+    from cspace.spectral import FourierOverlap
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+MOST: Final = 256.0
+"""Largest angle, in radians, that is wrapped: what rounding does to more turns could reach a cell's slack."""
+
+_BYTES: Final = 3
+"""For each cell that is unrolled: its state, and whether it meets an obstacle or lies in one."""
+
+
+def map_of(contents: Contents) -> CSpace:
+    """The map that some contents are of."""
+    return EndlessCSpace(contents) if any(contents.endless) else CSpace(contents)
+
+
+@dataclass(frozen=True, slots=True)
+class Circles(OneRotation):
+    """No rotation; but some of the numbers of a configuration are angles, that lead on after a turn."""
+
+    endless: tuple[bool, ...] = ()
+
+    def canonical(self, q: Floats, name: str = "q") -> Floats:
+        """Configurations, shape (..., dof), with each angle in [-pi, pi).
+
+        Raises
+        ------
+        InputError
+            If an angle is too large to be wrapped.
+        """
+        far = (np.abs(q) > MOST) & self.endless
+        if far.any():
+            found, rule = f"has an angle of {q[far][0]:g} rad", f"at most {MOST:.0f} are wrapped exactly"
+            raise InputError(name, found, rule, "leave out whole turns", value=float(q[far][0]))
+        return np.where(self.endless, wrapped(q), q)
+
+    def steps(self, q0: Floats, q1: Floats) -> Floats:
+        """What leads from configurations to others, turning the shorter way; half a turn as it is told."""
+        steps = q1 - q0
+        return np.where(self.endless, steps - TURN * np.rint(steps / TURN), steps)
+
+
+class Seam:
+    """Components of a map's cells, joined across the seams.
+
+    Parameters
+    ----------
+    within : Components
+        Of the cells of one turn.
+    shape : tuple of int
+        Number of cells along each axis.
+    endless : sequence of bool
+        The axes that close in a circle.
+    """
+
+    def __init__(self, within: Components, shape: tuple[int, ...], endless: Sequence[bool]) -> None:
+        self._within = within
+        sides = []
+        for axis in np.flatnonzero(endless).tolist():
+            first = np.indices((*shape[:axis], 1, *shape[axis + 1 :])).reshape(len(shape), -1).T
+            unit = np.eye(len(shape), dtype=np.int64)[axis]
+            sides.append((first, first + (shape[axis] - 1) * unit, np.broadcast_to(unit, first.shape)))
+        first, last, self._units = (np.concatenate(each) for each in zip(*sides, strict=True))
+        # Rotation cells are the one that there is.
+        self._ends = np.insert(np.stack([last, first]), 0, 0, axis=2)
+        self._free, passable = within.of(self._ends)
+        self._joined = [_joined(each) for each in (self._free, passable)]
+
+    def of(self, cells: Ints) -> tuple[Ints, Ints]:
+        """As :meth:`cspace.map.components.Components.of`."""
+        free, passable = (
+            _replaced(found, *joined) for found, joined in zip(self._within.of(cells), self._joined, strict=True)
+        )
+        return free, passable
+
+    def box(self, cell: Ints) -> Ints:
+        """As :meth:`cspace.map.components.Components.box`, around all parts of a component."""
+        number = self.of(cell)[0]
+        flat = self._ends.reshape(-1, self._ends.shape[-1])
+        one_each = np.unique(self._free.reshape(-1), return_index=True)[1]
+        ours = [each for each in flat[one_each] if self.of(each)[0] == number]
+        boxes = np.stack([self._within.box(each) for each in (cell, *ours)])
+        return np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
+
+    def crossings(self, start: Ints, goal: Ints) -> list[tuple[Ints, Ints, Ints]] | None:
+        """Where a path through FREE cells crosses seams, as seldom as it can; None where there is no path.
+
+        Parameters
+        ----------
+        start, goal : ndarray of int64, shape (1 + d,)
+            FREE cells.
+
+        Returns
+        -------
+        list of tuples of ndarray, or None
+            The FREE cell on this side, the one on the other side, and the turn that is begun or ended, shape (d,).
+        """
+        here, there = int(self._within.of(start)[0]), int(self._within.of(goal)[0])
+        both = np.hstack([self._free, self._free[::-1]])
+        ways = np.flatnonzero((both >= 0).all(axis=0))
+        names, numbers = np.unique(np.append(both[:, ways], [[here], [there]], axis=1), return_inverse=True)
+        numbers = numbers.reshape(2, -1)
+        (here, there), numbers = numbers[:, -1].tolist(), numbers[:, :-1]
+        graph = coo_array((np.ones(len(ways)), numbers), shape=(len(names), len(names))).tocsr()
+        before = breadth_first_order(graph, here)[1]
+        order = [there]
+        while order[-1] != here:
+            if before[order[-1]] < 0:
+                return None
+            order.append(int(before[order[-1]]))
+        count, found = self._free.shape[1], []
+        for one, other in pairwise(order[::-1]):
+            some = ways[(numbers[0] == one) & (numbers[1] == other)]
+            way, back = some[len(some) // 2] % count, some[len(some) // 2] >= count
+            cells = self._ends[:, way][:: -1 if back else 1]
+            found.append((cells[0], cells[1], self._units[way] * (-1 if back else 1)))
+        return found
+
+
+def _joined(numbers: Ints) -> tuple[Ints, Ints]:
+    """Components, shape (2, n), that meet across seams: those that do, ascending, and the lowest one of each class."""
+    names, pairs = np.unique(numbers[:, (numbers >= 0).all(axis=0)], return_inverse=True)
+    pairs = pairs.reshape(2, -1)
+    graph = coo_array((np.ones(pairs.shape[1]), pairs), shape=(len(names), len(names)))
+    classes = connected_components(graph, directed=False)[1]
+    return names, names[np.unique(classes, return_index=True)[1]][classes]
+
+
+def _replaced(found: Ints, names: Ints, lowest: Ints) -> Ints:
+    """Numbers, those among some names replaced by others."""
+    if not len(names):
+        return found
+    place = np.minimum(np.searchsorted(names, found), len(names) - 1)
+    return np.where(names[place] == found, lowest[place], found)
+
+
+class EndlessCSpace(CSpace):
+    """Certified map of joints of which some turn for ever: a map like any other, without a seam.
+
+    Angles of such joints may be any, up to 2^20 radians; a whole turn more is the same configuration. Edges turn these
+    joints the shorter way, as OMPL does, and rows of a path count whole turns, so that straight motions join them.
+    ``clearance`` is told up to half a turn, and ``is_free_around`` within as much. With ``exact=True`` the cells answer
+    as well. There is no :meth:`widest_path`, no :meth:`overlap` and no overlap field of it.
+
+    Parameters
+    ----------
+    contents : Contents
+        All that the map is; ``endless`` names the axes.
+    """
+
+    def _make_room(self) -> None:
+        super()._make_room()
+        self._unrolled_kept: Kept[CSpace] = Kept(self._lock)
+        self._seam: Kept[Seam] = Kept(self._lock)
+
+    @property
+    def endless(self) -> tuple[bool, ...]:
+        """Which numbers are of joints that turn for ever, so that a whole turn more is the same configuration."""
+        return self._contents.endless
+
+    @property
+    def rotations(self) -> Rotations:
+        """The one cell of what does not turn; it tells which numbers are angles."""
+        return Circles(self.endless)
+
+    @property
+    def _facts(self) -> dict[str, Any]:
+        return {
+            "endless": [axis for axis, turns in zip(self.axes, self.endless, strict=True) if turns],
+            **super()._facts,
+        }
+
+    # ---- unrolled ----------------------------------------------------------------------------------------------------
+
+    @property
+    def _beyond(self) -> Ints:
+        """How many cells more are unrolled at either end, along each axis: half a turn, and what edges touch there."""
+        return np.where(self.endless, np.array(self.grid.shape) // 2 + 2, 0)
+
+    @property
+    def _unrolled(self) -> CSpace:
+        return self._unrolled_kept.get(lambda: self._over(-self._beyond, self.grid.shape + self._beyond))
+
+    def _over(self, first: Ints, stop: Ints) -> CSpace:
+        """A map with an end, from a first cell up to the one before another, with each cell as often as it comes by."""
+        whole, workspace = self.grid, self.workspace
+        lower, shape = np.asarray(whole.lower) + whole.spacing * first, (stop - first).tolist()
+        grid = Grid(lower, whole.spacing, shape, whole.axes, whole.units)
+        check_memory(_BYTES * grid.size, "the map, unrolled,", grid)
+
+        def taken(cells: NDArray[Any]) -> NDArray[Any]:
+            for axis in np.flatnonzero(self.endless).tolist():
+                cells = cells.take(np.arange(first[axis], stop[axis]) % whole.shape[axis], axis=axis)
+            return cells
+
+        outer = taken(workspace.outer)
+        inner = outer if workspace.inner is workspace.outer else taken(workspace.inner)
+        part = Workspace(grid, outer, inner, workspace.source)
+        states = taken(np.asarray(self._seen[0]))[np.newaxis]
+        return CSpace(Contents(part, self.robot, Rotations.of(None), self._slice_of, states))
+
+    def _brought(self, ask: Ask) -> Ask:
+        """The same of configurations, or edges, brought into the turn in the middle."""
+        circles = self.rotations
+
+        def ask_there(parts: Sequence[Any], out: NDArray[Any]) -> int:
+            given = [np.asarray(part, dtype=np.float64) for part in parts]
+            rows = [circles.canonical(part) for part in given]
+            for k in range(1, len(rows)):
+                rows[k] = np.where(self.endless, rows[0] + circles.steps(given[0], given[k]), rows[k])
+            return ask(rows, out)
+
+        return ask_there
+
+    def _classify(self) -> Ask:
+        return self._brought(self._unrolled._classify())
+
+    def _edges(self, number: int, exact: bool) -> Ask:
+        return self._brought(self._unrolled._edges(number, False))
+
+    def _frees(self, exact: bool) -> Ask:
+        return super()._frees(False)
+
+    def _clearances(self) -> Ask:
+        return self._brought(self._unrolled._clearances())
+
+    def _around_is_free(self, distance: float, angle: float) -> Ask:
+        return self._brought(self._unrolled._around_is_free(distance, angle))
+
+    @property
+    def _map(self) -> Map:
+        return self._unrolled._map
+
+    def _marks(self, *, cells: bool, lasting: bool = False) -> Marks:
+        return self._unrolled._marks(cells=cells, lasting=lasting)
+
+    def point_checker(self, *, exact: bool = False) -> Callable[..., bool]:
+        """As :meth:`CSpace.point_checker`."""
+        return brought(self._unrolled.point_checker(), self.endless)
+
+    def edge_checker(self, *, exact: bool = False) -> Callable[..., bool]:
+        """As :meth:`CSpace.edge_checker`."""
+        return brought(self._unrolled.edge_checker(), self.endless)
+
+    def clearance_checker(self) -> Callable[..., float]:
+        """As :meth:`CSpace.clearance_checker`."""
+        return brought(self._unrolled.clearance_checker(), self.endless)
+
+    def nearest_free(self, q: ArrayLike) -> Floats:
+        """As :meth:`CSpace.nearest_free`; angles are in [-pi, pi)."""
+        brought = self.rotations.canonical(as_points(q, "q", self.dof))
+        return self.rotations.canonical(self._unrolled.nearest_free(brought))
+
+    def _cells_of(self, points: Floats) -> Ints:
+        return super()._cells_of(self.rotations.canonical(points))
+
+    def _one_free(self, q: ArrayLike, name: str) -> Floats:
+        return super()._one_free(self.rotations.canonical(as_points(q, name, self.dof)), name)
+
+    # ---- joined ------------------------------------------------------------------------------------------------------
+
+    @property
+    def _components(self) -> Seam:  # type: ignore[override]  # asked alike
+        return self._seam.get(lambda: Seam(super(EndlessCSpace, self)._components, self.grid.shape, self.endless))
+
+    def free_path(self, q0: ArrayLike, q1: ArrayLike, *, straight: bool = True) -> Floats:
+        """As :meth:`CSpace.free_path`; it begins at q0, and ends at q1 but for whole turns."""
+        from cspace.map.free_path import cube_path, pulled_straight
+
+        ends = [self._one_free(q, name) for q, name in ((q0, "q0"), (q1, "q1"))]
+        start, goal = (self._cells_of(q) for q in ends)
+        with self._lock:
+            crossings = self._components.crossings(start, goal)
+        if crossings is None:
+            return np.empty((0, self.dof))
+        still, shape, turns = self.rotations.neighbors[:, :0], np.array(self.grid.shape), np.zeros(self.dof, np.int64)
+        rows: list[Floats] = [ends[0]]
+        for leave, enter, turn in [*crossings, (goal, goal, 0 * turns)]:
+            cells = cube_path(self._seen, self._slice_of, still, start, leave)[:, 1:]
+            rows.append(self.grid.center_of(cells + turns * shape))
+            start, turns = enter, turns + turn
+        path = np.vstack([*rows, ends[1] + TURN * turns])
+        # A step within a cube of FREE cells may be so long that the shorter way is another one.
+        quarters = np.ceil(np.abs(np.diff(path, axis=0)).max(axis=1) / (0.25 * TURN)).astype(np.int64)
+        at = np.concatenate([[0.0], *(k + np.arange(1, n + 1) / n for k, n in enumerate(quarters.tolist()) if n)])
+        path = np.stack([np.interp(at, np.arange(len(path)), column) for column in path.T], axis=1)
+        if not self.certify_path(path).all():
+            return np.empty((0, self.dof))
+        if straight:
+            quick, circles = self.edge_checker(), np.flatnonzero(self.endless).tolist()
+
+            def check(*both: float) -> bool:  # as it is told, and not the other way round
+                return all(abs(both[self.dof + k] - both[k]) < 0.499 * TURN for k in circles) and quick(*both)
+
+            path = pulled_straight(path, self.dof, check, 2.0 * self.grid.spacing)
+        ahead = TURN * np.rint((np.asarray(q0, dtype=np.float64) - path[0]) / TURN)
+        return np.where(self.endless, path + ahead, path)
+
+    # ---- changed -----------------------------------------------------------------------------------------------------
+
+    def _renew(self, change: Change) -> None:
+        super()._renew(change)
+        self._seam.drop()
+        unrolled, cells = self._unrolled_kept.made, change.cells.reshape(2, 3)[:, 3 - self.dof :]
+        if unrolled is None or (cells[0] > cells[1]).any():
+            return
+        shape, beyond = np.array(self.grid.shape), self._beyond
+        for turns in product(*((-1, 0, 1) if turns else (0,) for turns in self.endless)):
+            shift = beyond + shape * turns
+            low, stop = np.maximum(cells[0] + shift, 0), np.minimum(cells[1] + 1 + shift, shape + 2 * beyond)
+            if (low < stop).all():
+                box = tuple(map(slice, low - shift, stop - shift))
+                outer, inner = self.workspace.outer[box], self.workspace.inner[box]
+                unrolled.update(outer, low.tolist(), inner=inner)
+
+    # ---- seen --------------------------------------------------------------------------------------------------------
+
+    def plot(self, **options: Unpack[PlotOptions]) -> Axes:
+        """As :meth:`CSpace.plot`; where a path leads across a seam, the map is drawn as far as it goes."""
+        from cspace.plot.route import polyline
+
+        shape, path = np.array(self.grid.shape), polyline(self, options.get("path"))
+        cells = np.concatenate([[0 * shape, shape - 1], self.grid.cell_of(path)])
+        first, last = (
+            np.where(self.endless, *each) for each in ((cells.min(axis=0), 0), (cells.max(axis=0), shape - 1))
+        )
+        beyond = (first < 0).any() or (last >= shape).any()
+        return self._over(first, last + 1).plot(**options) if beyond else super().plot(**options)
+
+    # ---- what there is not -------------------------------------------------------------------------------------------
+
+    def _none(self, what: str, mend: str) -> NoReturn:
+        circles = ", ".join(self._facts["endless"])
+        raise InputError(what, "is asked for", f"there is none of a map that closes in a circle along {circles}", mend)
+
+    def widest_path(self, q0: ArrayLike, q1: ArrayLike, *, straight: bool = True) -> Floats:
+        """There is none: levels of clearance are not joined across the seam."""
+        self._none("widest_path", "ask free_path, or map a part of the turn with limits=")
+
+    def _sum(self, side: Literal["outer", "inner"], q: ArrayLike) -> int | Ints:
+        self._none("overlap", "ask classify: a point overlaps with nothing, or with one cell")
+
+    def with_overlap_field(self, overlap: FourierOverlap) -> CSpace:
+        """There is none: the arm is a point here."""
+        self._none("overlap_field", "ask the space of the arm")
+
+    @property
+    def _exact(self) -> NoReturn:
+        self._none("the geometry", "ask the space of the arm, which is exact")

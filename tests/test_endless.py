@@ -1,0 +1,273 @@
+"""Maps that close in a circle, against cells that are counted modulo a turn, one by one."""
+
+from __future__ import annotations
+
+import copy
+import itertools
+import math
+import pickle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from matplotlib import pyplot as plt
+
+import cspace
+import planners
+from cspace import FREE, MIXED, Grid, Workspace
+from cspace.endless import EndlessCSpace, map_of
+from cspace.errors import InputError
+from cspace.map.contents import Contents
+from cspace.robot import Robot
+from cspace.rotations import Rotations
+from cspace.shapes import Point
+from oracles import segment_meets_block
+
+TURN = 2.0 * math.pi
+SPACES = [(True, False), (False, True), (True, True), (True, False, False), (False, True, True)]
+
+
+def made(states: Any, endless: tuple[bool, ...], cells: int) -> EndlessCSpace:
+    """The map of some states, with so many cells around each circle."""
+    side = TURN / cells
+    grid = Grid(np.where(endless, -math.pi, -1.0), side, states.shape, tuple("abc")[: states.ndim])
+    workspace = Workspace(grid, states != FREE, states > MIXED)
+    robot, rotations = Robot("arm", Point.at_origin(states.ndim)), Rotations.of(None)
+    slices = rotations.slice_of(robot)
+    space = map_of(Contents(workspace, robot, rotations, slices, states[np.newaxis].copy(), endless=endless))
+    assert isinstance(space, EndlessCSpace)
+    return space
+
+
+@st.composite
+def maps(draw: st.DrawFn, endless: tuple[bool, ...]) -> tuple[EndlessCSpace, Any, np.random.Generator]:
+    """A map of random cells, denser or sparser; its states; and a generator."""
+    cells = draw(st.integers(3, 11 if len(endless) == 2 else 6))
+    shape = [cells if turns else draw(st.integers(1, 8 if len(endless) == 2 else 4)) for turns in endless]
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    share = draw(st.sampled_from([0.2, 0.4, 0.6]))
+    states = np.where(rng.random(shape) < share, rng.integers(1, 3, shape), 0).astype(np.uint8)
+    return made(states, endless, cells), states, rng
+
+
+def joined(states: Any, endless: tuple[bool, ...], most: int) -> Any:
+    """A number for each cell of at most a state, the same for those that chains join, across seams too; or -1."""
+    numbers = np.full(states.shape, -1)
+    for number, first in enumerate(zip(*np.nonzero(states <= most), strict=True)):
+        waiting = [first] if numbers[first] < 0 else []
+        while waiting:
+            cell = waiting.pop()
+            numbers[cell] = number
+            for axis, step in itertools.product(range(states.ndim), (-1, 1)):
+                near = list(cell)
+                near[axis] += step
+                if endless[axis]:
+                    near[axis] %= states.shape[axis]
+                beside = tuple(near)
+                if 0 <= near[axis] < states.shape[axis] and states[beside] <= most and numbers[beside] < 0:
+                    waiting.append(beside)
+    return numbers
+
+
+def drawn(space: EndlessCSpace, rng: np.random.Generator, n: int) -> Any:
+    """Configurations in the grid, or whole turns from there."""
+    grid = space.grid
+    inside = rng.uniform(grid.lower, grid.upper, (n, grid.dim))
+    return inside + TURN * rng.integers(-3, 4, inside.shape) * space.endless
+
+
+def cell(space: EndlessCSpace, q: Any) -> tuple[int, ...]:
+    """The cell of a configuration, the numbers of circles modulo a turn."""
+    place = np.floor((q - np.asarray(space.grid.lower)) / space.grid.spacing).astype(int)
+    return tuple(np.where(space.endless, place % space.grid.shape, place).tolist())
+
+
+@pytest.mark.parametrize("endless", SPACES)
+@settings(max_examples=6)
+@given(data=st.data())
+def test_paths_lead_across_the_seam(data: st.DataObject, endless: tuple[bool, ...]) -> None:
+    space, states, rng = data.draw(maps(endless))
+    q = drawn(space, rng, 40)
+    at = [cell(space, each) for each in q]
+    np.testing.assert_array_equal(space.classify(q), [states[each] for each in at])
+    free, passable = joined(states, endless, FREE), joined(states, endless, MIXED)
+    for one, other in itertools.pairwise(range(len(q))):
+        same = free[at[one]] >= 0 and free[at[one]] == free[at[other]]
+        apart = passable[at[one]] < 0 or passable[at[one]] != passable[at[other]]
+        assert space.path_exists(q[one], q[other]) is (True if same else False if apart else None)
+        if (
+            states[at[one]] == FREE
+            and states[at[other]] == FREE
+            and space.motion_is_free(q[[one, other]], q[[one, other]]).all()
+        ):
+            path = space.free_path(q[one], q[other])
+            assert (len(path) > 0) == same
+            if same:
+                np.testing.assert_allclose(path[0], q[one], atol=1e-9)
+                turns = (path[-1] - q[other]) / TURN
+                np.testing.assert_allclose(turns, np.rint(turns) * endless, atol=1e-9)
+                assert (np.abs(np.diff(path, axis=0))[:, list(endless)] < 0.5 * TURN + 1e-9).all()
+                assert space.certify_path(path).all()
+        if states[at[one]] == FREE:
+            lower, upper = space.free_reach(q[one])
+            cells = np.argwhere(free == free[at[one]])
+            assert (np.rint((lower - space.grid.lower) / space.grid.spacing) <= cells.min(axis=0)).all()
+            assert (np.rint((upper - space.grid.lower) / space.grid.spacing) >= cells.max(axis=0) + 1).all()
+
+
+@pytest.mark.parametrize("endless", SPACES)
+@settings(max_examples=4)
+@given(data=st.data())
+def test_edges_go_the_shorter_way(data: st.DataObject, endless: tuple[bool, ...]) -> None:
+    """An edge is free exactly where all cells that it touches are, counted modulo a turn and looked at one by one."""
+    space, states, rng = data.draw(maps(endless))
+    grid = space.grid
+    starts, ends = drawn(space, rng, 12), drawn(space, rng, 12)
+    near = starts + rng.normal(scale=0.7 * grid.spacing, size=starts.shape)
+    ends[::2] = np.where(endless, near, np.clip(near, np.add(grid.lower, 1e-3), np.subtract(grid.upper, 1e-3)))[::2]
+    found = space.motion_is_free(starts, ends)
+    assert [space.edge_checker()(*a, *b) for a, b in zip(starts, ends, strict=True)] == found.tolist()
+    np.testing.assert_array_equal(
+        space.certify_path(np.concatenate([starts, ends]), [(k, k + 12) for k in range(12)]), found
+    )
+    for start, end, free in zip(starts, ends, found, strict=True):
+        step = end - start
+        step -= TURN * np.round(step / TURN) * endless
+        a, b = ((each - grid.lower) / grid.spacing for each in (start, start + step))
+        first, last = np.floor(np.minimum(a, b)).astype(int), np.floor(np.maximum(a, b)).astype(int)
+        touched = [
+            each
+            for each in itertools.product(*(range(low, high + 1) for low, high in zip(first, last, strict=True)))
+            if segment_meets_block(a.tolist(), b.tolist(), each, [k + 1 for k in each])
+        ]
+        around = [tuple(np.where(endless, np.array(each) % grid.shape, each)) for each in touched]
+        assert free == all(states[each] == FREE for each in around)
+
+
+@pytest.mark.parametrize("endless", SPACES)
+@settings(max_examples=5)
+@given(data=st.data())
+def test_distances_see_across_the_seam(data: st.DataObject, endless: tuple[bool, ...]) -> None:
+    space, states, rng = data.draw(maps(endless))
+    grid, q = space.grid, drawn(space, rng, 15)
+    turns = np.array(list(itertools.product(*((-1, 0, 1) if each else (0,) for each in endless))))
+    place = (np.array(space.rotations.canonical(q)) - grid.lower) / grid.spacing
+
+    def nearest(cells: Any, half: float) -> Any:
+        """The distance from each place to the nearest of some cells, or to their middles."""
+        copies = (cells[:, np.newaxis] + turns * grid.shape).reshape(-1, grid.dim)
+        gaps = np.maximum(np.abs(place[:, np.newaxis] - copies - 0.5) - half, 0.0)
+        return np.linalg.norm(gaps, axis=2).min(axis=1, initial=math.inf)
+
+    border = np.where(endless, math.inf, np.minimum(place, np.array(grid.shape) - place)).min(axis=1)
+    truth = grid.spacing * np.minimum(nearest(np.argwhere(states != FREE), 0.5), border)
+    clearance = space.clearance(q)
+    assert (clearance <= truth + 1e-9).all()
+    assert (clearance >= np.minimum(truth, 0.5 * TURN) - 1e-6).all()
+    check = space.clearance_checker()
+    np.testing.assert_allclose([check(*each) for each in q], clearance, atol=1e-12)
+    if (states == FREE).any():
+        least = grid.spacing * nearest(np.argwhere(states == FREE), 0.0)
+        for each, distance in zip(q, least, strict=True):
+            found = space.nearest_free(each)
+            step = each - found
+            assert space.is_free(found)
+            assert np.linalg.norm(step - TURN * np.round(step / TURN) * endless) <= distance + 1e-9
+    for distance in (0.3 * grid.spacing, 1.2 * grid.spacing):
+        low, high = np.floor(place - distance / grid.spacing).astype(int), np.floor(place + distance / grid.spacing)
+        for k in range(len(q)):
+            box = itertools.product(*(range(a, int(b) + 1) for a, b in zip(low[k], high[k], strict=True)))
+            cells = [np.where(endless, np.array(each) % grid.shape, each) for each in box]
+            inside = [(each >= 0).all() and (each < grid.shape).all() for each in cells]
+            free = all(ok and states[tuple(each)] == FREE for ok, each in zip(inside, cells, strict=True))
+            # Of what is wider than half a turn nothing is known.
+            assert space.is_free_around(q[k], distance) == free or (not free or distance > 0.4 * TURN)
+
+
+@pytest.mark.parametrize("endless", SPACES)
+def test_an_update_is_seen_on_both_sides(endless: tuple[bool, ...]) -> None:
+    """Also by checkers that were handed out before."""
+    rng = np.random.default_rng(len(endless))
+    cells = 9
+    shape = tuple(cells if turns else 5 for turns in endless)
+    states = (rng.random(shape) < 0.2).astype(np.uint8) * 2
+    space, q = made(states, endless, cells), None
+    q = drawn(space, rng, 200)
+    checks = space.point_checker(), space.edge_checker(), space.clearance_checker()
+    space.path_exists(q[0], q[1]), space.motion_is_free(q[:-1], q[1:])
+    for _ in range(4):
+        low = rng.integers(0, shape)
+        size = np.minimum(rng.integers(1, 5, len(shape)), np.array(shape) - low)
+        box = tuple(map(slice, low, low + size))
+        states[box] = rng.integers(0, 2, size) * 2
+        space.update(states[box] > 0, low.tolist())
+        fresh = made(states, endless, cells)
+        np.testing.assert_array_equal(space.state, states)
+        for name in ("classify", "clearance"):
+            np.testing.assert_array_equal(getattr(space, name)(q), getattr(fresh, name)(q))
+        for name in ("motion_is_free", "path_exists"):
+            np.testing.assert_array_equal(getattr(space, name)(q[:-1], q[1:]), getattr(fresh, name)(q[:-1], q[1:]))
+        others = fresh.point_checker(), fresh.edge_checker(), fresh.clearance_checker()
+        for check, other, ends in zip(checks, others, (q, np.hstack([q[:-1], q[1:]]), q), strict=True):
+            assert [check(*each) for each in ends] == [other(*each) for each in ends]
+
+
+def test_copies_and_files_and_what_there_is_not(tmp_path: Path) -> None:
+    states = np.zeros((12, 6), np.uint8)
+    states[4:7] = 2
+    space = made(states, (True, False), 12)
+    left, right = (-1.5, 0.1), (1.5, 0.2)
+    for name in ("map.npz", "map.zarr"):
+        space.save(tmp_path / name)
+    for again in (
+        cspace.open(tmp_path / "map.npz"),
+        cspace.open(tmp_path / "map.zarr"),
+        copy.deepcopy(space),
+        pickle.loads(pickle.dumps(space)),
+    ):
+        assert repr(again) == repr(space)
+        assert again.path_exists(left, right) is True
+        assert again.endless == (True, False)
+    assert space.to_xarray().attrs["endless"] == "a"
+    assert space._facts["endless"] == ["a"]
+    ask: list[tuple[Any, str]] = [
+        (
+            lambda: space.widest_path(left, right),
+            "widest_path is asked for; there is none of a map that closes in a circle along a;",
+        ),
+        (lambda: space.overlap(left), "overlap is asked for"),
+        (lambda: space.contains_robot(left), "overlap is asked for"),
+        (lambda: space.is_free((300.0, 0.0)), "at most 256 are wrapped exactly"),
+        (lambda: space.is_free((math.inf, 0.0)), "at most 256 are wrapped exactly"),
+        (lambda: space.is_free((math.nan, 0.0)), "NaN"),
+        (lambda: planners.plan(space, left, right, planner="Widest"), "widest_path is asked for"),
+    ]
+    for call, words in ask:
+        with pytest.raises(InputError, match=words):
+            call()
+    assert space.is_free(left, exact=True)
+    assert not space.motion_is_free((-1.5, 0.1), (0.0, 0.1), exact=True)
+    figure = space.plot(path=space.free_path(left, right))
+    assert figure.get_xlim()[0] < -math.pi + 1e-9
+    assert figure.get_xlim()[1] < math.pi + 1e-9 or figure.get_xlim()[1] > math.pi
+    plt.close("all")
+
+
+@pytest.mark.parametrize("planner", [None, "Cubes", "RRTConnect", "KPIECE1", "BITstar"])
+def test_planners_go_across_the_seam(planner: str | None) -> None:
+    states = np.zeros((24, 10), np.uint8)
+    states[8:12] = 2
+    states[20, 2:] = 2
+    space = made(states, (True, False), 24)
+    left, right = (-1.4, 0.3), (0.6, 1.0)
+    plan = planners.plan(space, left, right, planner=planner, seed=3, time_limit=1.0)
+    assert plan.certified
+    assert plan.path_exists is True
+    assert plan.length >= math.hypot(TURN - 2.0, 0.7) - 1e-6
+    assert (np.abs(np.diff(plan.path[:, 0])) <= math.pi).all()
+    assert plan.path[-1, 0] == pytest.approx(right[0] - TURN)
+    objective = planners.plan(space, left, right, planner="RRTstar", objective="clearance", seed=3, time_limit=0.3)
+    assert objective.certified
