@@ -23,7 +23,7 @@ from cspace.grid import Grid
 from cspace.map.batches import Ask, as_points
 from cspace.map.callbacks import brought
 from cspace.map.contents import Contents
-from cspace.map.kept import Change, Kept
+from cspace.map.kept import Kept
 from cspace.memory import check_memory
 from cspace.orientation import TURN, wrapped
 from cspace.rotations import OneRotation, Rotations
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from cspace.map.record import Map
     from cspace.plot.picture import PlotOptions
     from cspace.spectral import FourierOverlap
+    from cspace.update import Change
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

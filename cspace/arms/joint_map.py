@@ -121,7 +121,7 @@ def build_arm_map(
     counts = _counts(ends, side)
     units = tuple("m" if _slides(space, number) else "rad" for number in numbers.tolist())
     shape = tuple(counts.tolist())
-    check_memory(_BYTES * math.prod(shape), "the map", Planned(shape, side, *ends.T, unit=units[0]))
+    check_memory(_BYTES * math.prod(shape), "the map", Planned(shape, side, ends[:, 0], ends[:, 1], units[0]))
     grid = Grid(ends[:, 0], side, shape, axes=names, units=units)
     _check_held(space, numbers, held)
 
