@@ -318,8 +318,6 @@ class CSpace(ConfigurationMap):
         reach = not_negative(distance, "distance"), not_negative(angle, "angle", "pass it in radians")
         return answer(q, self.dof, self._around_is_free(*reach), np.bool_, bool)
 
-    # ---- edges -------------------------------------------------------------------------------------------------------
-
     # ---- for callbacks -----------------------------------------------------------------------------------------------
 
     def point_checker(self, *, exact: bool = False) -> Callable[..., bool]:
