@@ -230,6 +230,7 @@ def plan(
         path=path,
         waypoints=waypoints,
         axes=space.axes,
+        units=edges.units,
         direction=direction,
         solved=solved,
         certified=certified,

@@ -68,6 +68,8 @@ class Plan:
         :meth:`cspace.CSpace.certify_path` proves waypoints and path alike.
     axes : tuple of str
         Names of the columns of the path, those of :attr:`cspace.CSpace.axes`.
+    units : tuple of str
+        What the length, and what the clearance is told in: "m", or "rad" for motions of joints.
     direction : ndarray of int8, shape (n,), read-only, or None
         How the robot gets to each row from the one before: 1 ahead, -1 in reverse, 0 turning on the spot; the first row
         has that of the second. None of a holonomic robot.
@@ -116,6 +118,7 @@ class Plan:
     path: Floats
     waypoints: Floats
     axes: tuple[str, ...]
+    units: tuple[str, str]
     direction: NDArray[np.int8] | None
     solved: bool
     certified: bool
@@ -158,13 +161,6 @@ class Plan:
         edges = local_planner(cast(CSpace, self.space), self.exact, self.drive, self.turning_radius)
         return edges.distance(self.waypoints)
 
-    @property
-    def _units(self) -> tuple[str, str]:
-        """What its length and its clearance are told in."""
-        if self.space is None:
-            return "m" if self.axes[0] == "x" else "rad", "m"
-        return local_planner(cast(CSpace, self.space)).units
-
     def __repr__(self) -> str:
         return "Plan(" + "\n     ".join(self._lines()) + ")"
 
@@ -185,7 +181,7 @@ class Plan:
         edges = "straight edges" if self.drive == HOLONOMIC else f"drive: {self.drive}{radius}"
         ends = " to ".join(f"({', '.join(f'{x:.4g}' for x in q)})" for q in self.waypoints[[0, -1]])
         named = {"clearance": self.clearance, "from obstacles": self.obstacle_distance}
-        unit, apart = self._units
+        unit, apart = self.units
         room = "".join(f", {name} {far:.3f} {apart}" for name, far in named.items() if not math.isnan(far))
         turning = f", turning {self.turning:.2f} rad" if self.turning else ""
         return [

@@ -201,10 +201,10 @@ def test_a_plan_is_read_back_from_json(found: planners.Plan, tmp_path: Path) -> 
     assert record.pop("obstacle_distance") == found.obstacle_distance
     times = planners.Times(**record.pop("times"))
     arrays = {name: np.array(record.pop(name)) for name in ("path", "waypoints")}
-    direction, axes = record.pop("direction"), tuple(record.pop("axes"))
-    again = planners.Plan(**arrays, axes=axes, direction=direction, times=times, **record)
+    direction, axes, units = record.pop("direction"), tuple(record.pop("axes")), tuple(record.pop("units"))
+    again = planners.Plan(**arrays, axes=axes, units=units, direction=direction, times=times, **record)
     assert np.array_equal(again.path, found.path) and np.array_equal(again.waypoints, found.waypoints)
-    assert times == found.times and axes == found.axes
+    assert times == found.times and axes == found.axes and units == found.units
     assert direction == (None if found.direction is None else found.direction.tolist())
     for name in record:
         assert getattr(again, name) == getattr(found, name)
