@@ -218,9 +218,9 @@ class Rotations(Orientation):
     def cells_of(self, q: Floats) -> Ints:
         """Cells of configurations, shape (..., d + dof), of which only the last dof numbers count; shape (...)."""
 
-    @abstractmethod
     def leading(self, n: int) -> tuple[int, ...]:
         """First axes of an array that holds n grids: none where there is only ever one, otherwise (n,)."""
+        return (n,)
 
     @abstractmethod
     def keep(self, robot: Symmetric) -> bool:
@@ -358,69 +358,54 @@ class OneRotation(Unturned, Rotations):
 
     @property
     def count(self) -> int:
-        """One."""
         return 1
 
     @property
     def facts(self) -> dict[str, Any]:
-        """Nothing to say."""
         return {}
 
     @property
     def only(self) -> Floats:
-        """No numbers."""
         return np.empty(0)
 
     def about(self, rotation: Floats | None) -> str:
-        """Nothing to tell."""
         return ""
 
     def cell_of(self, rotation: ArrayLike = ()) -> Ints:
-        """Cell 0, whatever the rotation."""
         return np.zeros((), dtype=np.int64)
 
     def cells_of(self, q: Floats) -> Ints:
-        """Cell 0 for each."""
         return np.zeros(q.shape[:-1], dtype=np.int64)
 
     def leading(self, n: int) -> tuple[int, ...]:
-        """None."""
         return ()
 
     def keep(self, robot: Symmetric) -> bool:
-        """True."""
         return True
 
     def fewer(self, share: float) -> str:
-        """Nothing."""
         return ""
 
     def slice_of(self, robot: Symmetric) -> Ints:
-        """Slice 0."""
         return np.zeros(1, dtype=np.int64)
 
     def turns(self, dim: int) -> list[Turn]:
-        """No rotation at all."""
         return [STILL]
 
     @property
     def centers(self) -> Floats:
-        """No numbers."""
         return np.zeros((1, 0))
 
     @property
     def covering_angles(self) -> Floats:
-        """Zero."""
         return np.zeros(1)
 
     @property
     def coordinates(self) -> dict[str, Floats]:
-        """None."""
         return {}
 
     @property
     def volumes(self) -> Floats:
-        """All."""
         return np.ones(1)
 
     def drawn(self, shares: Ints, n: int, rng: np.random.Generator) -> Ints:
@@ -428,20 +413,16 @@ class OneRotation(Unturned, Rotations):
         return np.zeros(n, dtype=np.int64)
 
     def sample(self, cells: Ints, margin: float, rng: np.random.Generator) -> Floats:
-        """No numbers."""
         return np.zeros((len(cells), 0))
 
     def distances(self, q: Floats) -> Floats:
-        """Zero."""
         return np.zeros((*q.shape[:-1], 1))
 
     @property
     def neighbors(self) -> Ints:
-        """None."""
         return np.zeros((1, 0), dtype=np.int64)
 
     def compiled(self, slice_of: Ints) -> OneCell:
-        """What compiled look-ups get."""
         return OneCell((0,))
 
 
@@ -463,15 +444,8 @@ class YawRotations(Yaw, Rotations):
     def from_borders(cls, value: Any) -> YawRotations:
         """Cells from a count or from their borders, as :meth:`Rotations.of` tells."""
         if isinstance(value, bool) or np.ndim(value) == 0:
-            if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
-                raise InputError(
-                    "rotations",
-                    f"is {value!r}",
-                    "it must be a whole number above zero, or the cells' borders in radians",
-                    "pass e.g. 72, or Rotations.quaternions(8) for all rotations in space",
-                    value=value,
-                )
-            count = int(value)
+            mend = "pass e.g. 72, the cells' borders in radians, or Rotations.quaternions(8) for all rotations in space"
+            count = whole(value, "rotations", 1, mend=mend)
             width = TURN / count
             borders = [(k - 0.5) * width for k in range(count)]
         else:
@@ -504,7 +478,6 @@ class YawRotations(Yaw, Rotations):
 
     @property
     def count(self) -> int:
-        """Number of cells."""
         return len(self.borders) - 1
 
     @property
@@ -515,7 +488,6 @@ class YawRotations(Yaw, Rotations):
 
     @property
     def covering_angles(self) -> NDArray[np.float64]:
-        """Largest angle between a yaw of a cell and its representative, rounding included, shape (n,)."""
         return np.asarray(np.diff(self.borders) / 2 + YAW_SLACK)
 
     def is_uniform(self) -> bool:
@@ -523,17 +495,7 @@ class YawRotations(Yaw, Rotations):
         return bool(np.ptp(np.diff(self.borders)) < YAW_SLACK / self.count)
 
     def cell_of(self, yaw: ArrayLike) -> NDArray[np.int64]:
-        """Cells that hold yaw angles; a border belongs to the cell above it.
-
-        Parameters
-        ----------
-        yaw : array-like, any shape
-            Radians, wrapped.
-
-        Returns
-        -------
-        ndarray of int64, same shape
-        """
+        """Cells that hold yaw angles, radians, of any shape; a border belongs to the cell above it."""
         angles = finite(yaw, "yaw")
         if (np.abs(angles) > MAX_YAW).any():
             largest = float(np.abs(angles).max())
@@ -549,19 +511,13 @@ class YawRotations(Yaw, Rotations):
         return np.clip(np.searchsorted(self.borders, wrapped, side="right") - 1, 0, self.count - 1).astype(np.int64)
 
     def cells_of(self, q: Floats) -> Ints:
-        """Cells of configurations whose last number is the yaw."""
         return self.cell_of(q[..., -1])
-
-    def leading(self, n: int) -> tuple[int, ...]:
-        """One axis of n."""
-        return (n,)
 
     def keep(self, robot: Symmetric) -> bool:
         """Whether it is round about the z axis."""
         return robot.symmetry == 0
 
     def fewer(self, share: float) -> str:
-        """A smaller count."""
         return f"rotations={int(share * self.count)}" if share * self.count >= 1 else ""
 
     def slice_of(self, robot: Symmetric) -> Ints:
@@ -610,7 +566,6 @@ class YawRotations(Yaw, Rotations):
         return np.asarray(np.asarray(self.borders)[cells] + self.volumes[cells] * within)[:, None]
 
     def distances(self, q: Floats) -> Floats:
-        """Along the shorter arc."""
         return np.asarray(np.abs((self.representatives - q[..., -1:] + np.pi) % TURN - np.pi))
 
     def cells_within(self, q: Floats, angles: Floats) -> tuple[Ints, Ints]:
@@ -655,7 +610,6 @@ class YawRotations(Yaw, Rotations):
         return found
 
     def compiled(self, slice_of: Ints) -> YawCells:
-        """What compiled look-ups get."""
         return YawCells(np.array(self.borders), np.ascontiguousarray(slice_of))
 
 
@@ -678,7 +632,6 @@ class QuaternionRotations(Quaternion, Rotations):
 
     @property
     def count(self) -> int:
-        """Number of cells."""
         return 4 * self.n**3
 
     @property
@@ -687,17 +640,7 @@ class QuaternionRotations(Quaternion, Rotations):
         return _chart(self.n).borders
 
     def cell_of(self, rotation: ArrayLike) -> Ints:
-        """Cells that hold quaternions, of norm 1 and of either sign.
-
-        Parameters
-        ----------
-        rotation : array-like, shape (..., 4)
-            (x, y, z, w).
-
-        Returns
-        -------
-        ndarray of int64, shape (...)
-        """
+        """Cells that hold quaternions (x, y, z, w), of norm 1 and of either sign, shape (..., 4)."""
         q = finite(rotation, "rotation")
         if q.ndim == 0 or q.shape[-1] != 4:
             rule = "a rotation in space is a quaternion, four numbers (x, y, z, w)"
@@ -714,15 +657,9 @@ class QuaternionRotations(Quaternion, Rotations):
         return np.asarray(largest * self.n**3 + parts @ np.array([self.n**2, self.n, 1]), dtype=np.int64)
 
     def cells_of(self, q: Floats) -> Ints:
-        """Cells of configurations whose last numbers are a quaternion."""
         return self.cell_of(q[..., -4:])
 
-    def leading(self, n: int) -> tuple[int, ...]:
-        """One axis of n."""
-        return (n,)
-
     def check_dimension(self, dim: int) -> None:
-        """Refuse robots in the plane."""
         if dim == 2:
             rule, mend = "a robot in the plane turns by its yaw", "pass e.g. rotations=72"
             raise InputError("rotations", f"are {self}", rule, mend, value=self)
@@ -732,7 +669,6 @@ class QuaternionRotations(Quaternion, Rotations):
         return robot.is_round
 
     def fewer(self, share: float) -> str:
-        """A smaller n."""
         n = int((share * self.count / 4.0) ** (1.0 / 3.0) + 1e-9)
         return f"Rotations.quaternions({n})" if n else ""
 
@@ -766,7 +702,6 @@ class QuaternionRotations(Quaternion, Rotations):
         return [(matrix, self.cell_of(self.centers @ change)) for matrix, change in found.values()]
 
     def turns(self, dim: int) -> list[Turn]:
-        """Rotations about the origin of space."""
         matrices = self._matrices(self.centers, dim)
         return [Turn(matrix, a) for matrix, a in zip(matrices, self.covering_angles.tolist(), strict=True)]
 
@@ -811,7 +746,6 @@ class QuaternionRotations(Quaternion, Rotations):
         return _quaternions(parts[:, 0], quotients)
 
     def distances(self, q: Floats) -> Floats:
-        """The angle of the rotation from one to the other."""
         return np.asarray(2.0 * np.arccos(np.minimum(np.abs(q[..., -4:] @ self.centers.T), 1.0)))
 
     @property
@@ -837,7 +771,6 @@ class QuaternionRotations(Quaternion, Rotations):
         return np.stack(found, axis=1).astype(np.int64)
 
     def compiled(self, slice_of: Ints) -> QuaternionCells:
-        """What compiled look-ups get."""
         return QuaternionCells(self.borders.copy(), np.ascontiguousarray(slice_of))
 
     def __str__(self) -> str:

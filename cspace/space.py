@@ -142,22 +142,18 @@ class CSpace(ConfigurationMap):
 
     @property
     def robot(self) -> Robot:
-        """The robot."""
         return self._contents.robot
 
     @property
     def rotations(self) -> Rotations:
-        """The rotation cells; one of a robot that only translates."""
         return self._contents.rotations
 
     @property
     def outside(self) -> str:
-        """What lies beyond the workspace, "blocked" or "free"; "unknown" of a part of a larger map."""
         return self._contents.outside
 
     @property
     def margin(self) -> float:
-        """Metres by which the robot was grown for FREE."""
         return self._contents.margin
 
     @property
@@ -173,7 +169,6 @@ class CSpace(ConfigurationMap):
 
     @property
     def grid(self) -> Grid:
-        """Cells of positions of the robot's reference point; the workspace's grid."""
         return self._contents.grid
 
     @property
@@ -204,7 +199,6 @@ class CSpace(ConfigurationMap):
         return part
 
     def count(self) -> tuple[int, int, int]:
-        """Number of FREE, MIXED and BLOCKED cells, over all rotation cells."""
         shares = np.bincount(self._slice_of, minlength=len(self._seen))
         free, mixed, blocked = (shares @ counts_of(self._seen)).tolist()
         return free, mixed, blocked

@@ -202,7 +202,6 @@ class Mesh(Shape):
 
     @cached_property
     def bounds(self) -> tuple[Floats, Floats]:
-        """Lower and upper corner of the triangles' bounding box, metres, shape (3,) each."""
         named = np.zeros(len(self.vertices), dtype=np.bool_)
         named[self.faces] = True
         used = self.vertices[named]

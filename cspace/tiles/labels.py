@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from cspace.map.components import Components
 from cspace.map.exterior import Exterior
-from cspace.map.storage import PackedStates, Stack, read_only_of
-from cspace.memory import is_packed
+from cspace.map.storage import read_only_of
 from cspace.tiles.store import Index, Store
 from cspace.tiles.work import Job, run
 
@@ -58,21 +57,11 @@ class Tile:
     def __init__(self, store: Store, index: Index) -> None:
         self.store, self.cells = store, store.cells(index)
         self.shape = tuple(part.stop - part.start for part in self.cells)
-        record = store.known(index)
-        packed = is_packed(self.shape, store.slices)
-        states: Stack = np.empty((0 if packed else store.slices, *self.shape), dtype=np.uint8)
-        states = PackedStates((store.slices, *self.shape)) if packed else states
-        own = tuple(slice(0, n) for n in self.shape)
-        for layer in range(store.layers):
-            block = store.states(index, layer, record)
-            for number, part in zip(store.numbers(layer), block, strict=False):
-                if isinstance(states, PackedStates):
-                    states.write(number, part[own])
-                else:
-                    states[number] = part[own]
         closed = np.zeros(store.slices, dtype=np.bool_)
         slice_of = store.rotations.slice_of(store.robot)
-        self.components = Components(read_only_of(states), slice_of, store.rotations.neighbors, closed)
+        self.components = Components(
+            read_only_of(store.states_in(self.cells)), slice_of, store.rotations.neighbors, closed
+        )
 
     def roots(self, face: Face) -> tuple[Ints, Ints]:
         """Components of both kinds on a face, shape (rotations, *cells of the face); -1 where a cell has none."""

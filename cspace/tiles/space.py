@@ -104,27 +104,22 @@ class TiledCSpace(ConfigurationMap):
 
     @property
     def grid(self) -> Grid:
-        """Cells of positions of the robot's reference point."""
         return self._store.grid
 
     @property
     def robot(self) -> Robot:
-        """The robot that it is of."""
         return self._store.robot
 
     @property
     def rotations(self) -> Rotations:
-        """Its rotation cells."""
         return self._store.rotations
 
     @property
     def outside(self) -> str:
-        """What lies beyond the workspace: "blocked" or "free"."""
         return str(self._store.metadata["outside"])
 
     @property
     def margin(self) -> float:
-        """Metres by which the robot was grown for FREE."""
         return float(self._store.metadata["margin"])
 
     @property
@@ -149,7 +144,6 @@ class TiledCSpace(ConfigurationMap):
         return int(self._now.metadata["version"])
 
     def count(self) -> tuple[int, int, int]:
-        """Number of FREE, MIXED and BLOCKED cells, over all rotation cells."""
         self._check_done()
         slice_of = self.rotations.slice_of(self.robot)
         free, mixed, blocked = np.array(self._now.metadata["counts"])[slice_of].sum(axis=0).tolist()

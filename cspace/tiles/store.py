@@ -48,10 +48,12 @@ from cspace.io.record import (
     unseal,
     unusable,
 )
+from cspace.map.storage import PackedStates, Stack
+from cspace.memory import is_packed
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.shapes import Shape
-from cspace.states import BLOCKED
+from cspace.states import BLOCKED, MIXED
 from cspace.tiles.sources import Box, shared
 
 FORMAT: Final = "cspace-tiles"
@@ -338,6 +340,29 @@ class Store:
             if inner is not outer:
                 inner[here] = own[1][there]
         return outer, inner
+
+    def states_in(self, box: Box, known: Known | None = None, table: NDArray[np.int64] | None = None) -> Stack:
+        """States of all slices in a box; where it reaches beyond the map, ``table`` tells as that of an Exterior."""
+        shape = tuple(part.stop - part.start for part in box)
+        packed = PackedStates((self.slices, *shape)) if is_packed(shape, self.slices) else None
+        states = np.empty((0 if packed else self.slices, *shape), dtype=np.uint8)
+        for layer in range(self.layers):
+            numbers = self.numbers(layer)
+            block = np.empty((len(numbers), *shape), dtype=np.uint8) if packed else states[numbers.start : numbers.stop]
+            for row, part in zip([] if table is None else table[numbers.start : numbers.stop], block, strict=False):
+                low, high = row[:-1].reshape(2, -1)
+                part[...] = row[-1]
+                if (low <= high).all():
+                    mixed = zip(low, high, box, strict=True)
+                    part[tuple(slice(max(0, a - b.start), max(0, z + 1 - b.start)) for a, z, b in mixed)] = MIXED
+            for index in self.tiles_in(box):
+                here, there = shared(box, self.cells(index))
+                own = self.states(index, layer, (known or self.known)(index))
+                block[(slice(None), *here)] = own[(slice(0, len(numbers)), *there)]
+            if packed is not None:
+                for number, part in zip(numbers, block, strict=True):
+                    packed.write(number, part)
+        return packed or states
 
     def done(self) -> list[Index]:
         """The tiles that are done."""

@@ -10,12 +10,10 @@ from numpy.typing import NDArray
 from cspace.grid import Grid
 from cspace.map.contents import Contents
 from cspace.map.exterior import UNKNOWN
-from cspace.map.storage import PackedStates, Stack
-from cspace.memory import WORKSPACE_BYTES, check_memory, is_packed, map_bytes
+from cspace.memory import WORKSPACE_BYTES, check_memory, map_bytes
 from cspace.shapes import Shape, Voxels
 from cspace.space import CSpace
-from cspace.states import MIXED
-from cspace.tiles.sources import Box, box_of, shared
+from cspace.tiles.sources import Box, box_of
 from cspace.tiles.store import Known, Store
 from cspace.workspace import Workspace
 
@@ -57,7 +55,7 @@ def window_of(store: Store, known: Known, table: Ints, first: Ints, stop: Ints) 
             store.robot,
             store.rotations,
             store.rotations.slice_of(store.robot),
-            _states(store, known, box, table),
+            store.states_in(box, known, table),
             outside,
             float(store.metadata["margin"]),
             str(store.metadata["precision"]),
@@ -79,26 +77,3 @@ def _shapes(store: Store, grid: Grid, box: Box) -> tuple[Shape, ...] | None:
     # What of them lies beyond a map that is free around it does not count.
     inside = all((low >= whole.lower).all() and (high <= whole.upper).all() for low, high in bounds)
     return store.shapes if inside else None
-
-
-def _states(store: Store, known: Known, box: Box, table: Ints) -> Stack:
-    """States of all slices in a box, which may reach beyond the map."""
-    shape = tuple(part.stop - part.start for part in box)
-    packed = PackedStates((store.slices, *shape)) if is_packed(shape, store.slices) else None
-    states = np.empty((0 if packed else store.slices, *shape), dtype=np.uint8)
-    for layer in range(store.layers):
-        numbers = store.numbers(layer)
-        block = np.empty((len(numbers), *shape), dtype=np.uint8) if packed else states[numbers.start : numbers.stop]
-        for row, part in zip(table[numbers.start : numbers.stop], block, strict=True):
-            low, high = row[:-1].reshape(2, -1)
-            part[...] = row[-1]
-            if (low <= high).all():
-                mixed = zip(low, high, box, strict=True)
-                part[tuple(slice(max(0, a - b.start), max(0, z + 1 - b.start)) for a, z, b in mixed)] = MIXED
-        for index in store.tiles_in(box):
-            here, there = shared(box, store.cells(index))
-            block[(slice(None), *here)] = store.states(index, layer, known(index))[(slice(0, len(numbers)), *there)]
-        if packed:
-            for number, part in zip(numbers, block, strict=True):
-                packed.write(number, part)
-    return packed or states

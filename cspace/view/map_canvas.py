@@ -126,17 +126,14 @@ class MapCanvas(Canvas):
     # ---- what stands on its own --------------------------------------------------------------------------------------
 
     def place(self, q: Floats) -> None:
-        """Move the robot."""
         self.robot = q
         self._body.position, self._body.wxyz = self.poses.pose(q)
 
     def mark(self, name: str, q: Floats) -> None:
-        """Move the start or the goal."""
         gizmo = self._gizmos[name]
         gizmo.position, gizmo.wxyz = self.poses.pose(q)
 
     def on_drag(self, name: str, moved: Callable[[Floats], None]) -> None:
-        """Have something told where the start or the goal is dragged to."""
 
         def dragged(event: Any) -> None:
             q = self.poses.of_pose(event.target.position, event.target.wxyz)
@@ -152,7 +149,6 @@ class MapCanvas(Canvas):
         return places
 
     def look(self, look_at: Floats, position: Floats, field: float, aspect: float) -> bool:
-        """Take note of where a camera looks; whether something is to be drawn for it."""
         reach = float(np.linalg.norm(position - look_at)) * math.tan(field / 2.0) * max(1.0, aspect)
         grid = self.cells.grid
         part = part_around(grid, look_at[: grid.dim], reach, self.cells.side)
@@ -229,7 +225,6 @@ class MapCanvas(Canvas):
         return wanted
 
     def forget(self) -> None:
-        """Draw all cells anew at the next call: the map has changed."""
         with self._drawing:
             self.cells.forget()
             self._drawn.clear()
