@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from cspace.grid import Grid
 from cspace.shapes import Shape, Voxels
-from cspace.workspace import Workspace
 
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
@@ -74,12 +73,6 @@ class Scene:
     shapes: tuple[Shape, ...] | None
     placed: dict[str, Placed] = field(default_factory=dict)
     _still: tuple[Shape, ...] | None = field(default=None, repr=False)
-
-    @classmethod
-    def of(cls, workspace: Workspace) -> Scene:
-        """A workspace that stays, with nothing placed in it."""
-        unknown = None if workspace.unknown is None else workspace.unknown.copy()
-        return cls(workspace.grid, workspace.outer.copy(), workspace.inner.copy(), unknown, workspace.shapes)
 
     def copy(self) -> Scene:
         """The same, in arrays of its own."""

@@ -267,7 +267,7 @@ class Updater:
         """Place an obstacle of a name, in place of the one that had it, or take that away; nothing else changes."""
         placed = None if shape is None else Placed.of(shape, self._workspace.grid)
         if self._scene is None:
-            self._scene = Scene.of(self._workspace)
+            self._scene = _still(self._workspace)
         boxes = self._scene.put(name, placed)
         if len(boxes) == 2 and not self._are_apart(*boxes):
             (one, two), (three, four) = boxes
@@ -388,6 +388,12 @@ class Updater:
         found = extents(self._map.tallies, np.array(self._shape, dtype=np.int64)).reshape(2, 3)[:, -dim:]
         obstacles = np.repeat([0, -1], dim) if (found[0] > found[1]).any() else found.ravel()
         exterior.boxes[...] = [reached(obstacles, outer) for outer, _ in self._subject.rasters]
+
+
+def _still(workspace: Workspace) -> Scene:
+    """A workspace that stays, with nothing placed in it."""
+    unknown = None if workspace.unknown is None else workspace.unknown.copy()
+    return Scene(workspace.grid, workspace.outer.copy(), workspace.inner.copy(), unknown, workspace.shapes)
 
 
 def _writable(workspace: Workspace, shape: tuple[int, ...]) -> tuple[Bytes, Bytes]:

@@ -652,20 +652,10 @@ class LazyWorkspace(Workspace):
 
 
 def reader_of(path: Named, options: Iterable[str] = ()) -> Callable[..., Workspace]:
-    """The classmethod that reads a workspace's file.
+    """The classmethod that reads a workspace's file, which must take some options.
 
-    Parameters
-    ----------
-    path : path-like
-    options : iterable of str
-        Names of options that it must take.
-
-    Raises
-    ------
-    InputError
-        If the suffix is unknown, or an option does not apply.
-    FileError
-        If the file had to be looked into and is missing.
+    Raises InputError if the suffix is unknown, or an option does not apply, and FileError if the file had to be looked
+    into and is missing.
     """
     from cspace.io.formats import method_of
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.errors import InputError
-from cspace.tiles.sources import Box, box_of, shared
+from cspace.tiles.sources import Box, shared
 from cspace.tiles.store import Index, Store, aside_name
 from cspace.tiles.work import Job, run
 from cspace.update import Patch, Update
@@ -32,7 +32,7 @@ class Patched:
 
     def read(self, box: Box) -> tuple[Bools, Bools]:
         outer, inner = self._store.obstacles_in(box)
-        here, there = shared(box, _box_of(self._patch))
+        here, there = shared(box, self._patch.window)
         if all(part.start < part.stop for part in here):
             outer[here] = self._patch.outer[there]
             if inner is not outer:
@@ -55,7 +55,7 @@ def update_store(store: Store, patch: Patch, client: Client | None, reach: NDArr
         raise InputError("inner", f"is given for {store.path}", rule, "leave it out, or build the map anew")
     with _alone(store):
         store = Store.open(store.path).settled()
-        old = store.obstacles_in(_box_of(patch))
+        old = store.obstacles_in(patch.window)
         differ = (old[0] != patch.outer) | (old[1] != patch.inner)
         if not differ.any():
             return Update(0, patch.lower, patch.lower, 0)
@@ -71,11 +71,6 @@ def update_store(store: Store, patch: Patch, client: Client | None, reach: NDArr
     weights = np.bincount(store.rotations.slice_of(store.robot), minlength=store.slices)
     counts = int(np.sum(changed, axis=0) @ weights)
     return Update(int(np.count_nonzero(differ)), tuple(looked[0].tolist()), tuple(looked[1].tolist()), counts)
-
-
-def _box_of(patch: Patch) -> Box:
-    """The cells that are others."""
-    return box_of(patch.lower, np.add(patch.lower, patch.outer.shape).tolist())
 
 
 def _remake(job: Job, index: Index, aside: str) -> NDArray[np.int64]:
