@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from cspace.plot.cell_image import CellImage
 
 Classes = NDArray[np.uint8]
+Kind = TypeVar("Kind", np.bool_, np.uint8)
 
 # What a cell shows, the most important last: a pixel that covers many cells shows the largest. The hues are from Okabe
 # and Ito (2008), which the colour-blind tell apart, and their lightness differs, so that they part in grey print too.
@@ -91,6 +92,13 @@ def classes_at(ground: Classes, state: NDArray[np.uint8]) -> Classes:
     for number in (OPEN, ASSUMED):
         table[number, FREE] = number
     return np.asarray(table[ground, state])
+
+
+def in_blocks(cells: NDArray[Kind], side: int) -> NDArray[Kind]:
+    """The largest entry in each block of so many cells along each axis; of booleans, whether any is set."""
+    for axis, n in enumerate(cells.shape) if side > 1 else ():
+        cells = np.maximum.reduceat(cells, np.arange(0, n, side), axis=axis)
+    return cells
 
 
 def section(grid: Grid, point: Floats, pair: Sequence[int] = (0, 1)) -> tuple[Grid, tuple[Any, ...]]:

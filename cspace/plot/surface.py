@@ -161,13 +161,13 @@ def border_faces(
     plain = cells if marked is None else cells & ~marked[window]
     side = math.ceil(max(cells.shape) / 200)  # more blocks would be smaller than a picture shows
     while True:
-        blocks = _joined(cells, side)
+        blocks = artists.in_blocks(cells, side)
         seen = [_seen(blocks, axis, towards[axis]) for axis in range(3)]
         count = sum(int(np.count_nonzero(part)) for part in seen)
         if count <= MOST:
             break
         side = max(side + 1, math.floor(side * math.sqrt(count / MOST)))
-    plain = _joined(plain, side)
+    plain = artists.in_blocks(plain, side)
     corners, axes = [], []
     for axis, part in enumerate(seen):
         rim = np.zeros((4, 3), dtype=np.int64)
@@ -178,13 +178,6 @@ def border_faces(
         corners.append(grid.lower + grid.spacing * (first + lattice))
         axes.append(np.full(len(lattice), axis))
     return Faces(np.concatenate(corners), np.concatenate(axes), ~np.concatenate([plain[part] for part in seen]))
-
-
-def _joined(cells: NDArray[np.bool_], side: int) -> NDArray[np.bool_]:
-    """Whether any cell is set, of blocks of so many cells along each axis."""
-    for axis in range(3) if side > 1 else ():
-        cells = np.logical_or.reduceat(cells, np.arange(0, cells.shape[axis], side), axis=axis)
-    return cells
 
 
 def _peeled(layers: NDArray[np.bool_], towards: float) -> int:

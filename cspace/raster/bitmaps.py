@@ -88,7 +88,7 @@ def cell_faces(cells: Bools, spacing: float, lower: Any) -> Floats:
 
 def rectangle_triangles(sides: Bools, axis: int, spacing: float, lower: Any) -> Floats:
     """Triangles of the squares ``sides[k, i, j]`` that lie in the lattice plane k across an axis, shape (n, 3, 3)."""
-    low, high = _rectangles(sides)
+    low, high = rectangles(sides)
     first, second = low.copy(), low.copy()
     first[:, 1], second[:, 2] = high[:, 1], high[:, 2]
     corners = np.stack([low, first, high, second], axis=1)
@@ -126,20 +126,22 @@ def cell_squares(cells: Bools, spacing: float, lower: Any) -> tuple[Floats, Inte
 def cell_boxes(cells: Bools, spacing: float, lower: Any) -> tuple[Floats, Floats]:
     """Boxes whose union is that of closed cells, as few as runs along two axes leave: corners, shape (n, d), metres."""
     corner = np.asarray(lower, dtype=np.float64)
-    low, high = _rectangles(cells.reshape((-1, *cells.shape[-2:])))
+    low, high = rectangles(cells.reshape((-1, *cells.shape[-2:])))
     high[:, 0] += 1
     first = 3 - cells.ndim
     return corner + spacing * low[:, first:], corner + spacing * high[:, first:]
 
 
-def _rectangles(sides: Bools) -> tuple[Integers, Integers]:
+def rectangles(sides: Bools) -> tuple[Integers, Integers]:
     """Rectangles that cover the set entries of each layer: lattice corners ``(layer, row, column)``, lower and upper.
 
     Runs along a row, and rows with the same run that follow one another taken together.
     """
-    steps = np.diff(np.pad(sides, ((0, 0), (0, 0), (1, 1))).view(np.int8), axis=2)
-    layer, row, start = np.nonzero(steps == 1)
-    stop = np.nonzero(steps == -1)[2]
+    edges = np.zeros((*sides.shape[:2], sides.shape[2] + 1), dtype=np.bool_)
+    edges[..., :-1] = sides
+    edges[..., 1:] ^= sides
+    layer, row, place = np.nonzero(edges)
+    layer, row, start, stop = layer[::2], row[::2], place[::2], place[1::2]
     order = np.lexsort((row, stop, start, layer))
     layer, row, start, stop = layer[order], row[order], start[order], stop[order]
     fresh = np.ones(len(row), dtype=np.bool_)

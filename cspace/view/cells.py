@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.grid import Grid
-from cspace.plot.artists import Classes, classes_of, ground_of
+from cspace.plot.artists import Classes, classes_of, ground_of, in_blocks
 from cspace.plot.route import Floats, MapLike
 
 MOST: Final = 2**21
@@ -146,15 +146,8 @@ def blocks(classes: Callable[[tuple[slice, ...]], Classes], part: Part) -> Block
     made = []
     for low in range(part.first[0], part.stop[0], rows):
         slab = classes((slice(low, min(low + rows, part.stop[0])), *others))
-        made.append(_reduced(slab, part.side))
+        made.append(in_blocks(slab, part.side))
     return Blocks(np.concatenate(made), np.array(part.first), part.side)
-
-
-def _reduced(classes: Classes, side: int) -> Classes:
-    """The largest class in each block."""
-    for axis, n in enumerate(classes.shape) if side > 1 else ():
-        classes = np.maximum.reduceat(classes, np.arange(0, n, side), axis=axis)
-    return classes
 
 
 def part_around(grid: Grid, point: Floats, reach: float, coarsest: int) -> Part | None:

@@ -13,6 +13,7 @@ from cspace.plot.artists import BODY, CLASSES, COLLIDES, OBSTACLE, PATH, SOME, U
 from cspace.plot.route import Floats, RobotLike, rings
 from cspace.plot.surface import SURFACES
 from cspace.plot.surface import UNSEEN as DIM
+from cspace.raster.bitmaps import rectangles
 from cspace.view.cells import Blocks, Part
 
 Color = tuple[int, int, int]
@@ -125,7 +126,7 @@ class Stage:
         solid = wanted[classes]
         if hole is not None:
             solid[_box(hole, blocks.side)] = False
-        lattice = np.minimum(first + blocks.side * rectangles(solid, kind.rim, lid), self.shape).reshape(-1, 3)
+        lattice = np.minimum(first + blocks.side * border(solid, kind.rim, lid), self.shape).reshape(-1, 3)
         vertices = self.lower + self._cell * lattice
         vertices[:, 2] = np.minimum(vertices[:, 2], cut)
         corners = np.arange(len(vertices), dtype=np.uint32).reshape(-1, 4)
@@ -156,7 +157,7 @@ def _box(part: Part, side: int) -> tuple[slice, ...]:
     return tuple(slice(low // side, -(-high // side)) for low, high in zip(part.first, part.stop, strict=True))
 
 
-def rectangles(solid: NDArray[np.bool_], rim: bool = True, lid: bool = True) -> NDArray[np.int64]:
+def border(solid: NDArray[np.bool_], rim: bool = True, lid: bool = True) -> NDArray[np.int64]:
     """The border of cells as few rectangles: corners on the lattice of the cells, shape (n, 4, 3).
 
     Counterclockwise where seen from outside. Squares in a row become one rectangle, and rows of the same length one
@@ -184,23 +185,11 @@ def _facing(solid: NDArray[np.bool_], axis: int, way: int, rim: bool) -> NDArray
     inner = (slice(1, None), slice(None, -1)) if way == 0 else (slice(None, -1), slice(1, None))
     seen[inner[0]] &= ~cells[inner[1]]
     seen[-way] &= rim
-    # Runs of squares along the last axis begin and end where neighbours differ.
-    edges = np.zeros((*seen.shape[:2], seen.shape[2] + 1), dtype=np.bool_)
-    edges[..., :-1] = seen
-    edges[..., 1:] ^= seen
-    layer, row, place = np.nonzero(edges)
-    layer, row, begin, end = layer[::2], row[::2], place[::2], place[1::2]
-    order = np.lexsort((row, end, begin, layer))
-    layer, row, begin, end = layer[order], row[order], begin[order], end[order]
-    fresh = np.ones(len(row), dtype=np.bool_)
-    fresh[1:] = (np.diff(layer) != 0) | (np.diff(begin) != 0) | (np.diff(end) != 0) | (np.diff(row) != 1)
-    first = np.flatnonzero(fresh)
-    last = np.append(first[1:], len(row))[: len(first)] - 1
-    corners = np.empty((len(first), 4, 3), dtype=np.int64)
-    low, high = row[first], row[last] + 1
-    corners[..., axis] = (layer[first] + way)[:, np.newaxis]
-    corners[..., one] = np.stack([low, high, high, low], axis=1)
-    corners[..., two] = np.stack([begin[first], begin[first], end[first], end[first]], axis=1)
+    low, high = rectangles(seen)
+    corners = np.empty((len(low), 4, 3), dtype=np.int64)
+    corners[..., axis] = low[:, :1] + way
+    corners[..., one] = np.stack([low[:, 1], high[:, 1], high[:, 1], low[:, 1]], axis=1)
+    corners[..., two] = np.stack([low[:, 2], low[:, 2], high[:, 2], high[:, 2]], axis=1)
     return corners if way else corners[:, ::-1]
 
 

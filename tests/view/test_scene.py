@@ -10,7 +10,7 @@ import trimesh
 import cspace
 from cspace.plot.artists import CLASSES, OBSTACLE
 from cspace.view.cells import CellsInMemory, Part
-from cspace.view.scene import HIGH, KINDS, LOW, Stage, path_colors, rectangles, rgb, robot_solid
+from cspace.view.scene import HIGH, KINDS, LOW, Stage, border, path_colors, rgb, robot_solid
 
 
 def squares(corners: np.ndarray) -> list[tuple[int, ...]]:
@@ -50,14 +50,14 @@ def brute(solid: np.ndarray, rim: bool, lid: bool) -> list[tuple[int, ...]]:
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.8, 1.0])
 def test_rectangles_are_the_border(share: float, rim: bool, lid: bool) -> None:
     solid = np.random.default_rng(0).random((7, 5, 6)) < share
-    found = squares(rectangles(solid, rim, lid))
+    found = squares(border(solid, rim, lid))
     assert sorted(found) == sorted(brute(solid, rim, lid))
 
 
 def test_a_box_has_six_rectangles() -> None:
     solid = np.zeros((9, 8, 7), dtype=bool)
     solid[2:6, 1:7, 3:5] = True
-    assert len(rectangles(solid)) == 6
+    assert len(border(solid)) == 6
 
 
 @pytest.fixture(scope="module")
