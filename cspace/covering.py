@@ -76,18 +76,8 @@ def warn_of_units(corners: Floats, spacing: float, what: str, bounded: bool) -> 
     """Warn of obstacles that are smaller than a cell: they are hardly in metres.
 
     Within bounds, which are in metres, something a little smaller than a cell may well be meant; there it is told from
-    a quarter of a cell down.
-
-    Parameters
-    ----------
-    corners : ndarray of float64, shape (2, d)
-        Their box, metres; nothing is said of a single point.
-    spacing : float
-        Metres.
-    what : str
-        "mesh", for the message.
-    bounded : bool
-        Whether the map has bounds of its own.
+    a quarter of a cell down. ``corners``, shape (2, d), are those of their box; nothing is said of a single point.
+    ``what`` says in the message what they are: "mesh".
     """
     sides = corners[1] - corners[0]
     if 0.0 < sides.max() < (_SMALL_WITHIN if bounded else _SMALL) * spacing:
@@ -100,16 +90,7 @@ def warn_of_units(corners: Floats, spacing: float, what: str, bounded: bool) -> 
 
 
 def warn_of_nothing(outer: NDArray[np.bool_], grid: Grid, corners: Floats) -> None:
-    """Warn where no obstacle lies in the bounds of a map.
-
-    Parameters
-    ----------
-    outer : ndarray of bool, shape grid.shape
-        Cells that meet an obstacle.
-    grid : Grid
-    corners : ndarray of float64, shape (2, d)
-        Box of the obstacles, metres.
-    """
+    """Warn where no obstacle, of a box, shape (2, d), metres, lies in the bounds of a map: no ``outer`` cell is set."""
     if not outer.any():
         warnings.warn(
             f"the obstacles reach from {in_metres(corners[0])} to {in_metres(corners[1])} and none lies within the "

@@ -33,32 +33,14 @@ def demo_robot() -> Robot:
 
 
 def demo_workspace(spacing: float = SPACING) -> Workspace:
-    """The floor plan on a grid.
-
-    Parameters
-    ----------
-    spacing : float
-        Side of a cell, in metres.
-
-    Returns
-    -------
-    Workspace
-        16 m by 10 m.
-
-    Raises InputError if the spacing is not above zero.
-    """
+    """The floor plan, 16 m by 10 m, on a grid; InputError if the spacing is not above zero."""
     from cspace.workspace import Workspace
 
     return Workspace.from_polygons(floor_plan(), spacing)
 
 
 def floor_plan() -> list[BaseGeometry]:
-    """Walls and furniture of a flat, in metres: straight, slanted and round.
-
-    Returns
-    -------
-    list of shapely geometries
-    """
+    """Walls and furniture of a flat, shapely geometries in metres: straight, slanted and round."""
     from shapely import LineString, Point, box
 
     outside = box(0.0, 0.0, 16.0, 10.0) - box(0.2, 0.2, 15.8, 9.8)
@@ -88,15 +70,8 @@ def floor_plan() -> list[BaseGeometry]:
 def write_inputs(folder: Path) -> dict[str, Path]:
     """Write the floor plan, and a house in space whose two rooms are joined by a window, as files to try things on.
 
-    Parameters
-    ----------
-    folder : pathlib.Path
-        It must exist. Files of these names are replaced.
-
-    Returns
-    -------
-    dict of str to pathlib.Path
-        ``floor_plan``: GeoJSON, 16 m by 10 m. ``house``: STL, 6 m by 4 m by 2.5 m.
+    The folder must exist; files of these names are replaced. Their paths are ``floor_plan``: GeoJSON, 16 m by 10 m, and
+    ``house``: STL, 6 m by 4 m by 2.5 m.
     """
     import shapely
     import trimesh

@@ -54,14 +54,8 @@ _ROOM: Final = 0.85 * KEEP
 def map_bytes(shape: Sequence[int], slices: int = 1, overlap: bool = False) -> int:
     """Memory that :func:`cspace.build` takes at most beside its workspace, in bytes, unless the robot is very large.
 
-    Parameters
-    ----------
-    shape : sequence of int
-        Cells of the grid.
-    slices : int
-        Rotation cells whose slices are stored; 1 for a robot that only translates.
-    overlap : bool
-        Whether overlap counts are kept.
+    ``slices`` are the rotation cells whose slices are stored; 1 for a robot that only translates. ``overlap`` says
+    whether overlap counts are kept.
     """
     cells = cells_of(shape) * slices
     if is_packed(shape, slices, overlap):
@@ -159,18 +153,8 @@ def check_memory(
 def fitting_spacing(corners: NDArray[np.float64], spacing: float, bytes_a_cell: float, free: float) -> float | None:
     """The least spacing, to two digits, from ``spacing`` on, at which a grid over a box fits into memory.
 
-    Parameters
-    ----------
-    corners : ndarray of float64, shape (2, d)
-        Metres.
-    spacing : float
-        Metres.
-    bytes_a_cell, free : float
-
-    Returns
-    -------
-    float or None
-        None where not even a grid of one cell fits. The grid also keeps to :data:`cspace.grid.MAX_COORDINATE`.
+    The corners of the box have the shape (2, d), metres. None where not even a grid of one cell fits; the grid also
+    keeps to :data:`cspace.grid.MAX_COORDINATE`.
     """
     sides, reach = corners[1] - corners[0], float(np.abs(corners).max())
 

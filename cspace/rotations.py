@@ -290,10 +290,8 @@ class Rotations(Orientation):
     def cells_within(self, q: Floats, angles: Floats) -> tuple[Ints, Ints]:
         """Every cell with a rotation within an angle, shape (n,), of that of a configuration, shape (n, d + dof).
 
-        Returns
-        -------
-        rows, cells : ndarray of int64, shape (m,)
-            Pairs of a configuration and a cell, rounding included; in the order of the configurations.
+        Gives pairs of a configuration and a cell, shape (m,) each, rounding included, in the order of the
+        configurations.
         """
         rows, cells, room = [], [], max(1, PAIRS // self.count)
         for k in range(0, max(len(q), 1), room):
@@ -311,13 +309,9 @@ class Rotations(Orientation):
     def images(self, robot: Symmetric) -> list[tuple[Floats, Ints]]:
         """What turns or mirrors the world so that it maps cells of rotations to cells, for a robot.
 
-        Let S and M be matrices of one 1 or -1 in each row and column, and M map the robot A to itself. Then S R A is
-        S R M A for every rotation R, so that S makes the raster for S R M from that for R.
-
-        Returns
-        -------
-        list of pairs of ndarray
-            S, shape (d, d), and the cell that each one becomes, shape (count,); the unit matrix among them.
+        Let S and M be matrices of one 1 or -1 in each row and column, and M map the robot A to itself. Then S R A is S
+        R M A for every rotation R, so that S makes the raster for S R M from that for R. Gives each S, shape (d, d),
+        with the cell that each one becomes, shape (count,); the unit matrix among them.
         """
         return [(np.eye(len(robot.symmetries[0])), np.arange(self.count))]
 

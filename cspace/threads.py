@@ -25,18 +25,8 @@ def cores() -> int:
 def in_chunks(work: Callable[[int, int], int], size: int, least: int = LEAST) -> int:
     """Call ``work(start, stop)`` over chunks of ``range(size)``, in threads where that pays.
 
-    Parameters
-    ----------
-    work : callable
-        Gives the index, from ``start``, of the first bad element of its chunk, or -1.
-    size : int
-    least : int
-        Smallest chunk that is worth a thread.
-
-    Returns
-    -------
-    int
-        Index of the first bad element, or -1.
+    Each call gives the index, from ``start``, of the first bad element of its chunk, or -1; so does this, of all. A
+    chunk of fewer than ``least`` is not worth a thread.
     """
     threads = 1 if getattr(_here, "shared", False) else min(cores(), max(1, size // least))
     if threads == 1:

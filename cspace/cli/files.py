@@ -13,19 +13,10 @@ from cspace.errors import FileError, InputError
 
 
 def check_outputs(paths: Collection[Path], suffixes: Collection[str], overwrite: bool) -> None:
-    """Check that files can be written, before work that would be lost.
+    """Check that files, and those that are written beside them, can be written, before work that would be lost.
 
-    Parameters
-    ----------
-    paths : collection of pathlib.Path
-        The outputs; those that are written beside them are checked with them.
-    suffixes : collection of str
-        The suffixes that are known, in lower case.
-    overwrite : bool
-        Whether existing outputs may be replaced.
-
-    Raises InputError if a suffix is not known, or two outputs have the same name, and FileError if a folder is missing
-    or may not be written, or if an output exists and may not be replaced.
+    Raises InputError if a suffix, in lower case, is none of the ``suffixes``, or two outputs have the same name, and
+    FileError if a folder is missing or may not be written, or if an output exists and may not be replaced.
     """
     from cspace.io.output import check_output
 
@@ -69,19 +60,10 @@ def axes_of_map(file: Path) -> tuple[str, ...]:
 
 
 def read_path(file: Path, axes: Sequence[str]) -> list[list[float]]:
-    """The configurations of a path, as ``cspace plan`` writes it.
+    """The configurations of a path, as ``cspace plan`` writes it, on a map whose configurations are ``axes``.
 
-    Parameters
-    ----------
-    file : pathlib.Path
-        CSV, one configuration in a row below one row of names; or JSON with the configurations under ``path``.
-    axes : sequence of str
-        Of the map that the path is for.
-
-    Returns
-    -------
-    list of list of float
-        Metres, and radians.
+    That is a CSV file with one configuration in a row below one row of names, or JSON with the configurations under
+    ``path``; metres, and radians.
 
     Raises FileError if the file cannot be read or holds no path, or one of other configurations.
     """

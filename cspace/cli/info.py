@@ -142,18 +142,9 @@ def survey(
 ) -> dict[str, Any]:
     """What there is to say about the file of a workspace; shapes are not turned into cells.
 
-    Parameters
-    ----------
-    path : pathlib.Path
-    options : dict
-        What the user gave for its reader: see :meth:`cspace.Workspace.open`. Without a spacing, nothing is said of the
-        cells of shapes.
-    names : mapping
-        Of options, for what is said.
-    robot : Robot, optional
-        Told of as well, in cells.
-    rotations : str, optional
-        For a robot that turns: the rotation cells that the map is to have.
+    ``options`` are what the user gave for its reader (:meth:`cspace.Workspace.open`), and ``names`` what they are
+    called. Without a spacing, nothing is said of the cells of shapes. A robot is told of as well, in cells; of one that
+    turns, with the ``rotations`` that the map is to have.
 
     Raises InputError if the suffix is not known, an option does not apply to it, or the robot is of another dimension,
     and FileError if the file is missing or malformed.

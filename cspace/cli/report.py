@@ -97,15 +97,10 @@ def progress_line(words: str, cells: int = 0) -> Iterator[Callable[[int, int], N
 
 
 def show(document: dict[str, Any], as_json: bool) -> None:
-    """Print a document on the standard output.
+    """Print a document on the standard output: a table, or one JSON document, where what is not finite is null.
 
-    Parameters
-    ----------
-    document : dict
-        Names to values, nested at will; the end of a name tells the unit, as ``_m`` does metres. Lists of lists are for
-        machines only.
-    as_json : bool
-        One JSON document, where what is not finite is null, in place of a table.
+    It has names to values, nested at will; the end of a name tells the unit, as ``_m`` does metres. Lists of lists are
+    for machines only.
     """
     if as_json:
         typer.echo(json.dumps(_finite(document), indent=2, allow_nan=False))

@@ -170,18 +170,9 @@ def _advance(progress: Callable[[int, int], None], total: int, done: int) -> Non
 class Board:
     """A map in bits, with as much around it as robots reach; its rows follow each other without a gap.
 
-    Parameters
-    ----------
-    occupied : ndarray of uint8, shape (layers, rows, cells)
-        0 or 1.
-    results : tuple of int
-        Its first layers, rows and cells, that robots are placed at.
-    rasters : sequence of Raster
-        Of the robots.
-    longest : int
-        The greatest number of their offsets in a row.
-    outside : bool
-        What lies around the map.
+    ``occupied`` holds 0 or 1, shape (layers, rows, cells), and ``results`` is how many of its first layers, rows and
+    cells robots are placed at; ``longest`` is the greatest number of a robot's offsets in a row, and ``outside`` what
+    lies around the map.
     """
 
     def __init__(

@@ -62,19 +62,8 @@ def growth(length: int) -> float:
 def error_bound(tile: Sequence[int], count: int, precision: str, digits: int = 1) -> float:
     """Largest error of an overlap, or of a sum of several as digits, that a tile's transforms can make.
 
-    Parameters
-    ----------
-    tile : sequence of int
-        Transform lengths.
-    count : int
-        Number of offsets in the robot's raster; the largest, for several.
-    precision : {"float32", "float64"}
-    digits : int
-        Number of digits: of rasters that share a transform, times that of the tiles.
-
-    Returns
-    -------
-    float
+    ``tile`` are the transforms' lengths, and ``count`` is the number of offsets in the robot's raster; the largest, for
+    several. There are so many ``digits``: those of rasters that share a transform, times those of the tiles.
     """
     passes = sum(growth(length) for length in tile)
     transforms = 2 if precision == "float32" else 3

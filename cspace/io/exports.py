@@ -134,24 +134,12 @@ def _slabs(array: NDArray[Any], kind: np.dtype[Any]) -> Iterator[NDArray[Any]]:
 
 
 def free_border(state: NDArray[np.uint8], grid: Grid) -> tuple[Floats, Ints]:
-    """The border of the union of the closed FREE cells.
+    """The border of the union of the closed FREE cells of a slice in space: vertices (V, 3), metres, and faces (F, 3).
 
     Every cell face between a FREE cell and one that is not, or the outside of the grid, becomes two triangles, whose
-    normals point out of the free space. Triangles share their vertices: every edge belongs to an even number of them,
-    two, or four where FREE cells touch in an edge only.
-
-    Parameters
-    ----------
-    state : ndarray of uint8, shape (nx, ny, nz)
-        One slice of a map in space.
-    grid : Grid
-
-    Returns
-    -------
-    vertices : ndarray of float64, shape (V, 3)
-        Metres, each ``lower + spacing * index``; none twice.
-    faces : ndarray of int64, shape (F, 3)
-        Rows of ``vertices``, counterclockwise where seen from outside the free space.
+    normals point out of the free space: counterclockwise where seen from outside it. Triangles share their vertices,
+    each ``lower + spacing * index`` and none twice: every edge belongs to an even number of them, two, or four where
+    FREE cells touch in an edge only.
 
     Raises InputError if there is no FREE cell, or the border does not fit into memory.
     """

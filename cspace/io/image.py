@@ -95,13 +95,8 @@ def read_image(path: str | os.PathLike[str], threshold: float = 0.5, dark: str =
 def read_shades(path: str | os.PathLike[str], kind: str) -> Shades:
     """Shades of an image: the mean of the colour channels. Grey images of 16 bits keep all their levels.
 
-    Parameters
-    ----------
-    path : path-like
-    kind : str
-        What the image is, for messages.
-
-    Raises FileError if the file is missing, too large, cannot be decoded, or has pixels of an unknown kind.
+    Raises FileError if the file is missing, too large, cannot be decoded, or has pixels of an unknown kind; ``kind``
+    says in messages what the image is.
     """
     from PIL import Image
 

@@ -69,13 +69,7 @@ def damaged(path: str | os.PathLike[str], found: str) -> FileError:
 class Fault(Exception):  # noqa: N818 - it becomes an error in decoding
     """What is wrong with the content of a file, said without its name, which :func:`decoding` adds.
 
-    Parameters
-    ----------
-    found, rule, mend : str
-        As for :class:`cspace.errors.CspaceError`.
-    kind : type
-        Of the error.
-    value : object
+    The parts are those of :class:`cspace.errors.CspaceError`, and ``kind`` is the type of the error.
     """
 
     def __init__(

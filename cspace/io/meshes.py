@@ -160,21 +160,10 @@ SUFFIXES: Final = tuple(_READERS)
 
 
 def flattened(shape: Any, name: str) -> tuple[Floats, Integers]:
-    """Vertices and faces of a trimesh object, the parts of a scene placed and joined.
+    """Vertices and faces of a trimesh.Trimesh or trimesh.Scene, whose parts are placed and joined.
 
-    Parameters
-    ----------
-    shape : trimesh.Trimesh or trimesh.Scene
-    name : str
-        What to call it in messages.
-
-    Returns
-    -------
-    vertices : ndarray of float64, shape (V, 3)
-    faces : ndarray of int64, shape (F, 3)
-
-    Raises InputError if ``shape`` is something else, or a coordinate is not finite, and GeometryError if there are no
-    triangles, or something else besides.
+    Raises InputError if it is something else, or a coordinate is not finite, and GeometryError if there are no
+    triangles, or something else besides; ``name`` is what messages call it.
     """
     import trimesh
 

@@ -25,13 +25,9 @@ _DROP_CELLS: Final = str.maketrans("", "", PASSABLE + BLOCKED)
 
 
 def read_map(path: str | os.PathLike[str]) -> NDArray[np.bool_]:
-    """Blocked cells of a ``.map`` file.
+    """Blocked cells of a ``.map`` file, shape (width, height).
 
     ``.``, ``G`` and ``S`` are passable; ``@``, ``O``, ``T`` and ``W`` are blocked. The first row is the top.
-
-    Returns
-    -------
-    ndarray of bool, shape (width, height)
 
     Raises FileError if the file is missing, the header is malformed, a row has the wrong length or another character,
     or rows are missing or left over; the message names the line.
@@ -66,14 +62,10 @@ def read_map(path: str | os.PathLike[str]) -> NDArray[np.bool_]:
 
 
 def read_3dmap(path: str | os.PathLike[str]) -> NDArray[np.bool_]:
-    """Blocked voxels of a ``.3dmap`` file.
+    """Blocked voxels of a ``.3dmap`` file, shape (nx, ny, nz).
 
     The first line is ``voxel`` and the numbers of voxels along x, y and z; each other line is ``x y z`` of a blocked
     voxel, counted from 0.
-
-    Returns
-    -------
-    ndarray of bool, shape (nx, ny, nz)
 
     Raises FileError if the file is missing, declares too many voxels, or a line is malformed or has a voxel outside the
     map; the message names the line. A file that is cut between two lines cannot be told from a whole one.

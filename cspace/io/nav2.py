@@ -39,14 +39,8 @@ class Base(NamedTuple):
 def corners_of(footprint: str | ArrayLike, name: str = "footprint") -> Floats:
     """The corners that a footprint tells, shape (n, 2), metres.
 
-    Parameters
-    ----------
-    footprint : str or array-like, shape (n, 2)
-        A text is Nav2's, ``"[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]"``.
-    name : str
-        What to call it in messages.
-
-    Raises GeometryError if it is not a list of three points or more, and InputError if a number is not finite.
+    A text is Nav2's, ``"[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]"``. Raises GeometryError if it is not a
+    list of three points or more, and InputError, with its ``name``, if a number is not finite.
     """
     rule = "it must be three points or more, each of two numbers, x and y in metres"
     found, mend = f"is {footprint!r:.80}", "write e.g. [[0.3, 0.2], [0.3, -0.2], [-0.3, 0]]"
@@ -64,13 +58,8 @@ def read_nav2(path: str | os.PathLike[str], costmap: str | None = None) -> Base:
     """What a file of parameters says of the robot.
 
     Every table that holds ``footprint`` or ``robot_radius`` is looked at, at whatever depth: those of the local and of
-    the global costmap in a file of Nav2, or the top of a ``costmap_common_params.yaml`` of ROS 1.
-
-    Parameters
-    ----------
-    path : path-like
-    costmap : str, optional
-        Whose robot it is to be, such as "local_costmap"; needed where the costmaps of a file differ in it.
+    the global costmap in a file of Nav2, or the top of a ``costmap_common_params.yaml`` of ROS 1. Where the costmaps of
+    a file differ in it, one has to be named, such as "local_costmap".
 
     Raises FileError if the file is missing or malformed, tells of no robot, or of several, or not of that costmap.
     """

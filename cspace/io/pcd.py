@@ -185,11 +185,8 @@ def _compressed(file: str, header: _Header, body: bytes) -> Floats:
 def unpack_lzf(packed: NDArray[np.uint8], out: NDArray[np.uint8]) -> int:
     """Unpack LZF (Lehmann), as points are packed: runs of literal bytes, and copies of bytes that were written before.
 
-    Returns
-    -------
-    int
-        Number of bytes written, or -1 where the packed bytes end too early, reach back before the first byte, or hold
-        more than ``out``.
+    Gives the number of bytes written, or -1 where the packed bytes end too early, reach back before the first byte, or
+    hold more than ``out``.
     """
     read, written = 0, 0
     while read < len(packed):

@@ -81,14 +81,8 @@ def read_yaml(path: str | os.PathLike[str], kind: str) -> Any:
 def read_json(path: str | os.PathLike[str], kind: str, each_list: float = 0.0) -> Any:
     """The value of a JSON file; ``kind`` says in messages what it should be.
 
-    Parameters
-    ----------
-    path : path-like
-    kind : str
-    each_list : float
-        Bytes that the caller takes for each list of the file, beside what the value itself takes.
-
-    Raises FileError if the file is missing, is not JSON, is nested too deeply, or does not fit into memory.
+    ``each_list`` bytes are what the caller takes for each list of the file, beside what the value itself takes. Raises
+    FileError if the file is missing, is not JSON, is nested too deeply, or does not fit into memory.
     """
     text, file = read_text(path, kind, memory=20.0), os.fspath(path)
     check_nesting(text, file, "[{", "]}")

@@ -43,17 +43,7 @@ _SURFACES: Final = frozenset(b"surf curv fo bsp bzp cdc cdp res call csh".split(
 
 
 def placed(surface: Surface, transform: Floats) -> Surface:
-    """A surface moved by an affine transform; a mirror image is turned, so that it faces as before.
-
-    Parameters
-    ----------
-    surface : tuple of ndarray
-    transform : ndarray of float64, shape (4, 4)
-
-    Returns
-    -------
-    tuple of ndarray
-    """
+    """A surface moved by an affine transform, shape (4, 4); a mirror image is turned, so that it faces as before."""
     points, faces = surface
     if (transform == np.eye(4)).all():
         return surface
@@ -75,23 +65,11 @@ def joined(parts: Sequence[Surface]) -> Surface:
 
 
 def triangulated(vertices: Floats, corners: Integers, sizes: Integers) -> Integers:
-    """Triangles of polygons.
+    """Triangles of polygons, shape (sum of (sizes - 2), 3), whose corners are vertex numbers, polygon after polygon.
 
     Each polygon becomes a fan around one of its corners, the first one if that does. A polygon that is not flat has no
     surface of its own: each way to cut it gives another. It is refused, and so is one that no fan around one of its
     first :data:`TRIED` corners covers exactly.
-
-    Parameters
-    ----------
-    vertices : ndarray of float64, shape (V, 3)
-    corners : ndarray of int64, shape (sum of sizes,)
-        Vertex numbers, polygon after polygon.
-    sizes : ndarray of int64, shape (P,)
-        Corners of each polygon.
-
-    Returns
-    -------
-    ndarray of int64, shape (sum of (sizes - 2), 3)
 
     Raises Fault if a polygon has fewer than three corners, or names a vertex that there is not. Or if one is not flat,
     or crosses itself or is so bent that no fan covers it.
@@ -172,11 +150,6 @@ def unread(what: str, mend: str = "export it as plain triangles, e.g. as STL") -
 
 def read_obj(file: Path) -> Surface:
     """Triangles of an OBJ file, all its objects together; lines and points are left.
-
-    Returns
-    -------
-    vertices : ndarray of float64, shape (V, 3)
-    faces : ndarray of int64, shape (F, 3)
 
     Raises FileError if a line cannot be understood, or names a vertex that there is not, and GeometryError if there are
     free-form surfaces or other files, or a polygon can be cut in several ways.

@@ -147,12 +147,9 @@ def attributes_of(name: str, grid: Grid) -> dict[str, Any]:
 def metadata_of(contents: Contents) -> dict[str, Any]:
     """All of a map but its arrays, as plain values: text, numbers and lists of numbers.
 
-    Returns
-    -------
-    dict
-        ``lower`` and ``spacing`` in metres; ``axes`` the names of the numbers of a configuration and ``units`` of
-        those of the cells; ``endless`` the axes that close in a circle, if there are any; ``rotations`` the number of
-        rotation cells; ``robot`` as JSON text for ``Robot.from_spec``.
+    ``lower`` and ``spacing`` in metres; ``axes`` the names of the numbers of a configuration and ``units`` of those of
+    the cells; ``endless`` the axes that close in a circle, if there are any; ``rotations`` the number of rotation
+    cells; ``robot`` as JSON text for ``Robot.from_spec``.
     """
     grid = contents.grid
     return {

@@ -301,16 +301,9 @@ def meet_blocks(
 ) -> int:
     """Pairs of components that meet at faces of two layers, without those that follow from others; how many.
 
-    Parameters
-    ----------
-    faces : ndarray of int32, shape (n, 3)
-        A layer, another one, and the axis along which it follows; 3 where it has the same place, and another rotation.
-    parent : ndarray of int32, shape (2 * MOST,)
-        Room for union-find.
-    sizes : ndarray of int32, shape (n,)
-        Is given the number of pairs of each face.
-    pairs : ndarray of int32
-        Is given the pairs, ``component * MOST + other component``.
+    A row of ``faces`` has a layer, another one, and the axis along which it follows; 3 where it has the same place, and
+    another rotation. ``parent``, shape (2 * MOST,), is room for union-find. ``sizes`` is given the number of pairs of
+    each face, and ``pairs`` the pairs, ``component * MOST + other component``.
     """
     counts = labels.counts
     filled: int = np.int64(0)  # type: ignore[assignment]  # of one type for the compiler from the start
@@ -491,15 +484,9 @@ class Components:
     one closed cell to the next through a side, or through an edge or corner, all of whose cells are then not BLOCKED
     and are joined by their sides.
 
-    Parameters
-    ----------
-    states : ndarray of uint8, or PackedStates, shape (slices, nx, ny) or (slices, nx, ny, nz)
-        Kept, not copied; :meth:`renew` tells of changes.
-    slice_of : ndarray of int64, shape (rotations,)
-    neighbors : ndarray of int64, shape (rotations, n)
-        The rotation cells that each one shares a border with; -1 fills up.
-    rim_is_open : ndarray of bool, shape (slices,)
-        Whether some configuration outside the grid is not BLOCKED.
+    The states are kept, not copied; :meth:`renew` tells of changes. ``neighbors``, shape (rotations, n), are the
+    rotation cells that each one shares a border with; -1 fills up. ``rim_is_open``, shape (slices,), is whether some
+    configuration outside the grid is not BLOCKED.
     """
 
     def __init__(self, states: Stack, slice_of: Ints, neighbors: Ints, rim_is_open: NDArray[np.bool_]) -> None:

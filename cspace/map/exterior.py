@@ -37,16 +37,9 @@ class Exterior:
 
     @classmethod
     def of(cls, occupied: NDArray[np.bool_], rasters: Sequence[tuple[Raster, Raster]], policy: str) -> Exterior:
-        """What is proven outside the grid of a workspace.
+        """What is proven outside the grid, from the outer cells of a workspace and the robot's rasters, of each slice.
 
-        Parameters
-        ----------
-        occupied : ndarray of bool, shape (nx, ny) or (nx, ny, nz)
-            Outer obstacle cells.
-        rasters : sequence of (outer, inner) Raster
-            The robot's, of each slice.
-        policy : {"blocked", "free", "unknown"}
-            Whether all beyond the workspace is obstacle or free.
+        ``policy`` says whether all beyond the workspace is obstacle or free: "blocked", "free" or "unknown".
         """
         box = np.zeros((2, occupied.ndim), dtype=np.int64)
         if policy == "free":

@@ -253,20 +253,9 @@ def cube_path(states: Stack, slice_of: Ints, neighbors: Ints, start: Ints, goal:
 def pulled_straight(points: Floats, dim: int, check: Check, step: float) -> Floats:
     """A shorter path with the same ends, by leaving out points between which the straight edge is free.
 
-    Parameters
-    ----------
-    points : ndarray, shape (n, dof)
-        A path, each edge of which is free.
-    dim : int
-        How many of the numbers of a configuration are its position.
-    check : callable
-        Whether the straight edge between two configurations, given by their numbers, is free.
-    step : float
-        Metres between points that are put on long edges before they are pulled a second time.
-
-    Returns
-    -------
-    ndarray, shape (m, dof)
+    ``points``, shape (n, dof), are a path, each edge of which is free, as ``check`` tells of the numbers of two
+    configurations; the first ``dim`` of these are a position. On long edges points are put, ``step`` metres apart,
+    before they are pulled a second time.
     """
     dof = points.shape[1]
 

@@ -66,10 +66,7 @@ class Kept(Generic[T]):
 
     Pickles and copies have the room without the part, which is made again when it is next asked for.
 
-    Parameters
-    ----------
-    lock : Lock
-        Shared by all parts of a map, and held while one is made. An update holds it while it changes the map.
+    The lock is shared by all parts of a map, and held while one is made. An update holds it while it changes the map.
     """
 
     __slots__ = ("_lock", "_part")

@@ -73,12 +73,8 @@ class Marks(NamedTuple):
 class Mip:
     """The marks of all slices. Changes are noted, and followed when the marks are next asked for.
 
-    Parameters
-    ----------
-    states : ndarray of uint8, or PackedStates, shape (slices, nx, ny) or (slices, nx, ny, nz)
-        In one piece, in C order; kept, not copied.
-    lock : Lock
-        Held where the states change, and while the marks follow.
+    The states, in one piece, in C order, are kept, not copied; the lock is held where they change, and while the marks
+    follow.
     """
 
     def __init__(self, states: Stack, lock: Lock) -> None:

@@ -23,11 +23,6 @@ Counts = NDArray[np.int16] | NDArray[np.int32]
 class Sums:
     """Running counts of a workspace's obstacle cells along the last axis.
 
-    Parameters
-    ----------
-    cells : ndarray of bool, shape (nx, ny(, nz))
-        Those that count.
-
     Attributes
     ----------
     counts : ndarray of int16 or int32, shape (nx, ny, nz + 1)

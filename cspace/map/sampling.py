@@ -118,10 +118,6 @@ class FreeCells:
     have a FREE one, until it is FREE itself: that takes half of the map's memory, and rarely more than two draws. Of
     states in two bits nothing is kept, and the FREE cells of the slice are counted up to the one that is drawn.
 
-    Parameters
-    ----------
-    states : ndarray of uint8, or PackedStates, shape (slices, ...)
-
     Attributes
     ----------
     counts : ndarray of int64, shape (slices,)
@@ -161,12 +157,7 @@ class FreeCells:
 def sample(
     free: FreeCells, slice_of: Ints, rotations: Rotations, grid: Grid, n: int, rng: np.random.Generator
 ) -> Floats:
-    """Configurations uniform over the volume of the FREE cells of all rotations, of which there must be one.
-
-    Returns
-    -------
-    ndarray of float64, shape (n, dof)
-    """
+    """Configurations uniform over the volume of the FREE cells of all rotations, of which there must be one."""
     turns = rotations.drawn(free.counts[slice_of], n, rng)
     cells, place = free.draw(slice_of[turns], rng), np.empty((n, grid.dim))
     for axis in range(grid.dim - 1, 0, -1):  # sooner than numpy.unravel_index

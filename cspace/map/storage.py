@@ -302,10 +302,7 @@ def unpack(packed: Bytes, states: Bytes) -> None:
 class PackedStates:
     """States in two bits a cell, slice by slice as bytes: what is read of an array of states along its first axis.
 
-    Parameters
-    ----------
-    shape : tuple of int
-        Slices, and cells of the grid. All are FREE, and to be written.
+    Of a shape, slices and cells of the grid, all are FREE at first, and to be written.
     """
 
     dtype: Final = np.dtype(np.uint8)

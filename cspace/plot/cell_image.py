@@ -24,18 +24,9 @@ _FIRST = 1024
 
 
 def coarsen(classes: NDArray[np.uint8], counts: tuple[int, int]) -> NDArray[np.uint8]:
-    """The largest class in each block of cells.
+    """The largest class in each block of cells, shape ``counts``: blocks along x and y, at most as many as cells.
 
-    Parameters
-    ----------
-    classes : ndarray of uint8, shape (nx, ny)
-    counts : tuple of int, length 2
-        Blocks along x and y, at most as many as cells; block ``i`` of ``m`` begins at cell ``i * n // m``, so that
-        their sides differ by at most one cell.
-
-    Returns
-    -------
-    ndarray of uint8, shape counts
+    Block ``i`` of ``m`` begins at cell ``i * n // m``, so that their sides differ by at most one cell.
     """
     for axis, count in enumerate(counts):
         cells = classes.shape[axis]
@@ -54,16 +45,8 @@ class CellImage(AxesImage):
     The blocks are chosen afresh at every drawing from the view and the pixels of the output, so a large map draws
     fast, and zooming in shows its cells. Nothing is drawn further than a pixel or two from its place.
 
-    Parameters
-    ----------
-    ax : matplotlib.axes.Axes
-        The axes to draw in; add the image with ``ax.add_image``.
-    classes : ndarray of uint8, shape (nx, ny)
-        Class of each cell; the larger, the more important to see.
-    colors : ndarray of uint8, shape (classes, 3)
-        Red, green and blue of each class.
-    grid : Grid
-        Where the cells lie.
+    The larger the class of a cell, shape (nx, ny), the more important it is to see. Of each class there are red, green
+    and blue, shape (classes, 3). Add the image with ``ax.add_image``.
     """
 
     def __init__(self, ax: Axes, classes: NDArray[np.uint8], colors: NDArray[np.uint8], grid: Grid) -> None:

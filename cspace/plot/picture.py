@@ -189,14 +189,7 @@ def plot(
 
 
 def plot_workspace(workspace: Any, **options: Unpack[WorkspaceOptions]) -> Axes:
-    """Draw the obstacles alone; as :func:`plot`, with those of its options that need no robot.
-
-    Parameters
-    ----------
-    workspace : Workspace
-    **options
-        ``view``, ``at``, ``zoom``, ``cut``, ``camera``, ``ax``, ``legend`` and ``title`` of :func:`plot`.
-    """
+    """Draw the obstacles alone; as :func:`plot`, with those of its options that need no robot."""
     return plot(Bare(workspace), **options)
 
 

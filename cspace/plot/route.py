@@ -86,12 +86,6 @@ class MapLike(Protocol):
 class Figurine:
     """A robot as pictures show it: by its outlines in the plane, and in space by its triangles.
 
-    Parameters
-    ----------
-    robot : Robot
-    rotations : Orientation
-        How configurations tell its rotation.
-
     Attributes
     ----------
     points : ndarray of float64, shape (n, d)
@@ -159,14 +153,8 @@ class Figurine:
 class Part:
     """A part of a map, as pictures see it: the cells of a box around a point.
 
-    Parameters
-    ----------
-    space : CSpace
-        The whole.
-    point : ndarray of float64, shape (d,)
-        In its grid, metres.
-    zoom : float
-        The longest side of the whole over that of the box; the box is a square or a cube, cut off where the map ends.
+    The point is in its grid, metres. ``zoom`` is the longest side of the whole over that of the box, a square or a
+    cube, which is cut off where the map ends.
     """
 
     def __init__(self, space: MapLike, point: Floats, zoom: float) -> None:

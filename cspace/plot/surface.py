@@ -135,18 +135,8 @@ def border_faces(
     """The faces of solid cells that look at a camera far away, of blocks that are no larger than they must be.
 
     A block is solid where one of its cells is. Layers at an end of the grid that are mostly solid, walls before the
-    rest, are taken away, and so are cells wholly above ``top``.
-
-    Parameters
-    ----------
-    grid : Grid
-    solid : ndarray of bool, shape grid.shape
-    towards : ndarray of float64, shape (3,)
-        Direction to the camera, in metres.
-    top : float
-        Metres.
-    marked : ndarray of bool, shape grid.shape, optional
-        Cells that are told apart.
+    rest, are taken away, and so are cells wholly above ``top``, metres. ``towards``, shape (3,), is the direction to
+    the camera, in metres. Cells that are ``marked`` are told apart.
     """
     first, stop = np.zeros(3, dtype=np.int64), np.array(grid.shape)
     if top < grid.upper[2]:

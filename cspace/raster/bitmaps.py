@@ -36,18 +36,13 @@ def point_segments(points: Floats) -> Floats:
 
 
 def boundary_segments(occupied: Bools, spacing: float, lower: ArrayLike) -> Floats:
-    """Segments between the occupied cells of a plane grid and everything else.
+    """Segments between the occupied cells of a plane grid and all else, ``x0, y0, x1, y1``, shape (E, 4), metres.
 
     Unit edges that follow one another are merged, so that the count grows with the corners of the outline and not with
     its length. Every piece of the outline is in exactly one segment, which is what even-odd parity needs; where two
     cells touch only in a corner, both pass through it. All coordinates come from ``lower + spacing * index``, so
-    segments that meet share the corner to the last bit.
-
-    Returns
-    -------
-    ndarray of float64, shape (E, 4)
-        ``x0, y0, x1, y1`` in metres, each with the occupied cells on its left hand; first the upright segments, then
-        the level ones. ``(0, 4)`` where nothing is occupied.
+    segments that meet share the corner to the last bit. Each has the occupied cells on its left hand; first come the
+    upright segments, then the level ones.
     """
     cells = occupied.view(np.uint8) != 0  # a boolean array may hold other bytes than 0 and 1
     x, start, stop, step = _runs(cells.view(np.int8))
@@ -100,13 +95,8 @@ def rectangle_triangles(sides: Bools, axis: int, spacing: float, lower: Any) -> 
 def cell_squares(cells: Bools, spacing: float, lower: Any) -> tuple[Floats, Integers, Integers]:
     """The sides of closed cells that lie on the border of their union, as triangles that share edges whole.
 
-    Returns
-    -------
-    vertices : ndarray of float64, shape (V, 3)
-        Metres; the corners of all cells.
-    faces : ndarray of int64, shape (F, 3)
-    turns : ndarray of int64, shape (F,)
-        1 for those that face outward, -1 for the others.
+    Gives the corners of all cells, shape (V, 3), metres, the triangles, shape (F, 3), and for each of these 1 where it
+    faces outward, and -1 elsewhere, shape (F,).
     """
     corners = tuple(n + 1 for n in cells.shape)
     vertices = np.asarray(lower, dtype=np.float64) + spacing * np.indices(corners).reshape(3, -1).T
@@ -160,17 +150,8 @@ def held_by_cells(cells: Bools, starts: Sequence[Floats], length: float, side: f
     A box may lie in any cell whose interval, grown by ``SLACK``, holds part of it along every axis; it is in the union
     where all these are set. So the common borders of set cells count as within, and the border of the union does not.
 
-    Parameters
-    ----------
-    cells : ndarray of bool, shape (nx, ny) or (nx, ny, nz)
-    starts : sequence of ndarray, shape (m,), one for each axis
-        Lower ends of the boxes, in steps of the lattice, from the lower border of cell 0.
-    length, side : float
-        Sides of the boxes, zero for points, and of the cells, in steps of the lattice.
-
-    Returns
-    -------
-    ndarray of bool, shape (m of each axis)
+    Along each axis, ``starts`` are the lower ends of the boxes, shape (m,), from the lower border of cell 0. ``length``
+    and ``side`` are those of the boxes, zero for points, and of the cells; all in steps of the lattice.
     """
     for axis, start in enumerate(starts):
         count = cells.shape[axis]

@@ -71,17 +71,9 @@ class Rounded(NamedTuple):
 
 
 def rounded_rasters(boxes: Rounded, spacing: float, outward: Floats, inward: Floats) -> tuple[Raster, Raster]:
-    """Outer and inner raster of a robot that is a union of rounded boxes.
+    """Outer and inner raster of a robot that is a union of rounded boxes, in its frame; all in metres.
 
-    Parameters
-    ----------
-    boxes : Rounded
-        Metres, in the robot's frame.
-    spacing : float
-        Metres.
-    outward, inward : ndarray, shape (n,)
-        By how much each box grows on the outer side, metres, and shrinks on the inner one.
-
+    On the outer side each box grows by ``outward``, and on the inner one it shrinks by ``inward``, both shape (n,).
     Raises InputError if the robot is too many cells large.
     """
     wide = Rounded(boxes.lows / spacing, boxes.highs / spacing, (boxes.radii + outward) / spacing)
@@ -97,16 +89,10 @@ def rounded_rasters(boxes: Rounded, spacing: float, outward: Floats, inward: Flo
 
 
 def rounded_cells(boxes: Rounded, grid: Grid) -> tuple[Bools, Bools]:
-    """Cells that meet a union of rounded boxes, and cells that lie wholly in one of them.
+    """Cells that meet a union of rounded boxes, metres, and cells that lie wholly in one of them.
 
-    Parameters
-    ----------
-    boxes : Rounded
-        Metres.
-    grid : Grid
-        What lies beyond it is clipped.
-
-    Raises InputError if one reaches so far from the grid that rounding could reach the certificate's slack.
+    What lies beyond the grid is clipped. Raises InputError if one reaches so far from the grid that rounding could
+    reach the certificate's slack.
     """
     outer = np.zeros(grid.shape, dtype=np.bool_)
     inner = np.zeros(grid.shape, dtype=np.bool_)
@@ -129,12 +115,7 @@ def rounded_cells(boxes: Rounded, grid: Grid) -> tuple[Bools, Bools]:
 def mark_touched(out: Bools, boxes: Rounded, b0: float, b1: float) -> None:
     """Set ``out[i]`` where cube ``i + [b0, b1]^d`` meets a rounded box; what lies beyond ``out`` is clipped.
 
-    Parameters
-    ----------
-    out : ndarray of bool, shape (nx, ny) or (nx, ny, nz)
-    boxes : Rounded
-        In cells, in the index frame of ``out``.
-    b0, b1 : float
+    ``out`` has two or three axes; the boxes are in cells, in its index frame.
     """
     radii = np.where(boxes.radii > 0.0, boxes.radii + SLACK, 0.0)
     _in_slabs(out, Rounded(boxes.lows - SLACK, boxes.highs + SLACK, radii), b0, b1)

@@ -54,17 +54,10 @@ OBSTACLE: Final = ("an obstacle", "the map's corner", "clip the obstacles to the
 def outline_rasters(
     parts: Sequence[tuple[Floats, bool]], spacing: float, margin: float = 0.0, turn: Turn = STILL
 ) -> tuple[Raster, Raster]:
-    """Outer and inner raster of a robot that is a union of regions and lines.
+    """Outer and inner raster of a robot that is a union of regions and lines; all in metres.
 
-    Parameters
-    ----------
-    parts : sequence of (segments, filled)
-        Border segments ``(x0, y0, x1, y1)`` of each part, shape (E, 4), metres, and whether they form closed curves, in
-        any order, and the part is what these enclose by even-odd parity.
-    spacing, margin : float
-        Metres.
-    turn : Turn
-        The rotations for which the rasters hold.
+    Each part has its border segments ``(x0, y0, x1, y1)``, shape (E, 4), and whether they form closed curves, in any
+    order, and the part is what these enclose by even-odd parity. The rasters hold for all rotations of the turn.
     """
     scaled = [_turned(_cut(segments / spacing, turn), turn) for segments, _ in parts]
     growths = [turn.displacement(outline.reshape(-1, 2, 2)).max(axis=1) for outline in scaled]
@@ -89,16 +82,10 @@ def outline_rasters(
 
 
 def outline_cells(parts: Sequence[tuple[Floats, bool]], grid: Grid) -> tuple[Bools, Bools]:
-    """Outer and inner cells of a union of obstacles.
+    """Outer and inner cells of a union of obstacles, parts as of :func:`outline_rasters`.
 
-    Parameters
-    ----------
-    parts : sequence of (segments, filled)
-        Border segments of each obstacle, shape (E, 4), metres, and whether they enclose an inside.
-    grid : Grid
-        In the plane. What lies beyond it is clipped.
-
-    Raises InputError if a coordinate is so far from the grid that rounding could reach the certificate's slack.
+    What lies beyond the grid is clipped. Raises InputError if a coordinate is so far from the grid that rounding could
+    reach the certificate's slack.
     """
     outer = np.zeros(grid.shape, dtype=np.bool_)
     inner = np.zeros(grid.shape, dtype=np.bool_)

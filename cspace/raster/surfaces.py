@@ -90,18 +90,9 @@ class Skin(NamedTuple):
 def surface_cells(skin: Skin, bounds: tuple[Floats, Floats], grid: Grid) -> tuple[Bools, Bools]:
     """Cells that a solid meets, and cells that lie in it.
 
-    Parameters
-    ----------
-    skin : Skin
-        What lies beyond the grid is clipped; what is filled is found on the cells of the whole surface. Otherwise
-        triangles that do not meet the grid may be missing.
-    bounds : tuple of ndarray of float64, shape (3,)
-        Lower and upper corner of the whole surface's bounding box, metres.
-    grid : Grid
-
-    Returns
-    -------
-    outer, inner : ndarray of bool, shape grid.shape
+    What lies beyond the grid is clipped; what is filled is found on the cells of the whole surface. Otherwise triangles
+    that do not meet the grid may be missing. ``bounds`` are the lower and upper corner of the whole surface's bounding
+    box, metres.
 
     Raises InputError if a vertex is so far from the grid that rounding could reach the certificate's slack, or a
     surface to be filled reaches far beyond the grid.

@@ -75,17 +75,10 @@ _SLABS_A_THREAD: Final = 4
 
 
 def mark_touched(out: Bools, triangles: Floats, b0: float, b1: float, slack: float = SLACK) -> None:
-    """Set ``out[i]`` where the box ``i + [b0, b1]^3`` meets a triangle.
+    """Set ``out[i]``, of three axes, where the box ``i + [b0, b1]^3`` meets a triangle.
 
-    Parameters
-    ----------
-    out : ndarray of bool, shape (nx, ny, nz)
-    triangles : ndarray, shape (n, 3, 3)
-        In cells, in the index frame of ``out``; they may reach beyond it.
-    b0, b1 : float
-        In cells; multiples of one half.
-    slack : float
-        How much nearer than touching is near enough, in cells.
+    All is in cells, in the index frame of ``out``, beyond which triangles, shape (n, 3, 3), may reach; ``b0`` and
+    ``b1`` are multiples of one half. What is nearer than ``slack`` counts as touching.
     """
     if len(triangles) < 2 * _TRIANGLES_A_THREAD:
         _mark_touched(out, triangles, b0, b1, slack, 0, len(out))
@@ -139,14 +132,8 @@ class Swept(NamedTuple):
 def swept(triangles: Floats, swing: float, about_z: bool) -> Swept:
     """Triangles that turn about the origin, cut to pieces so small that their growth is about that of each point.
 
-    Parameters
-    ----------
-    triangles : ndarray, shape (n, 3, 3)
-        In cells.
-    swing : float
-        How far a point at distance 1 from the origin (from the z axis, if ``about_z``) comes from its place; 0 for
-        triangles that do not turn.
-    about_z : bool
+    A point at distance 1 from the origin (from the z axis, if ``about_z``) comes as far as ``swing`` from its place; 0
+    is for triangles that do not turn. All is in cells.
     """
     still, size = np.zeros(len(triangles)), float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
     if swing == 0.0:
@@ -170,14 +157,8 @@ def _farthest(triangles: Floats) -> Floats:
 def mark_within(out: Bools, parts: Swept, half: float, radius: float) -> None:
     """Set ``out[i]`` where the cube ``i + [-half, half]^3`` comes within a radius of where a triangle comes.
 
-    Parameters
-    ----------
-    out : ndarray of bool, shape (nx, ny, nz)
-        The cubes that meet a triangle must be set already, unless ``half`` is zero.
-    parts : Swept
-        In cells, in the index frame of ``out``.
-    half, radius : float
-        In cells.
+    The cubes that meet a triangle must be set already, unless ``half`` is zero. All is in cells, in the index frame of
+    ``out``.
     """
     size = parts.size
     slack = _ROUNDING + 2.0**-34 * size

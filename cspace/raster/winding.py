@@ -84,12 +84,8 @@ class Buckets(NamedTuple):
 class Winding:
     """The winding number of closed surfaces, at any point.
 
-    Parameters
-    ----------
-    triangles : ndarray of float64, shape (n, 3, 3)
-        They face outward where their corners run counterclockwise; neighbours share their corners to the last bit.
-    turns : ndarray of int64, shape (n,)
-        How often each counts; -1 against its own direction.
+    Triangles, shape (n, 3, 3), face outward where their corners run counterclockwise; neighbours share their corners to
+    the last bit. ``turns`` is how often each counts; -1 against its own direction.
     """
 
     def __init__(self, triangles: Floats, turns: Integers) -> None:
@@ -115,12 +111,8 @@ class Winding:
 def mark_enclosed(out: Bools, triangles: Floats, turns: Integers) -> None:
     """Set ``out[i]`` where closed surfaces go round the lattice point ``i``: their winding number there is not zero.
 
-    Parameters
-    ----------
-    out : ndarray of bool, shape (nx, ny, nz)
-    triangles : ndarray of float64, shape (n, 3, 3)
-        In cells, in the index frame of ``out``; they may reach beyond it. As those of :class:`Winding`.
-    turns : ndarray of int64, shape (n,)
+    The triangles, shape (n, 3, 3), are in cells, in the index frame of ``out``, beyond which they may reach; as those
+    of :class:`Winding`, with how often each counts.
     """
 
     def work(start: int, stop: int) -> int:

@@ -31,11 +31,7 @@ class BallSet(Protocol):
 class Balls(Shape):
     """A union of balls.
 
-    Parameters
-    ----------
-    centers : ndarray, shape (n, dim)
-    radii : ndarray, shape (n,)
-        Metres, zero or above.
+    ``centers`` have the shape (n, dim), and ``radii``, zero or above, (n,); metres.
     """
 
     def __init__(self, centers: Floats, radii: Floats) -> None:

@@ -130,10 +130,7 @@ def cylinder(radius: float, height: float) -> Pair:
 def capsule(radius: float, length: float) -> Pair:
     """All within ``radius`` of a segment of the z axis with its middle in the origin; a ball, where it has no length.
 
-    Returns
-    -------
-    outer, inner : Surface
-        A surface around it and one within, metres.
+    Gives a surface around it and one within, metres.
     """
     angle = np.linspace(0.0, math.pi / 2.0, SIDES // 4 + 1)
     arc = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -152,12 +149,8 @@ def _revolved(profile: Floats) -> Surface:
     """The surface that a polygon makes about the z axis, with as many sides as there are to stand for a circle.
 
     Quarter turns about the axis map it to itself to the last bit; so do half turns about the others, where the profile
-    is its own mirror image.
-
-    Parameters
-    ----------
-    profile : ndarray, shape (n, 2)
-        Distance from the axis and height of its corners, from the lowest to the highest, which are on the axis.
+    is its own mirror image. That is, for each corner, shape (n, 2), its distance from the axis and its height, from the
+    lowest to the highest, which are on the axis.
     """
     angle = np.linspace(0.0, math.pi / 2.0, SIDES // 4 + 1)
     cosines = np.append(np.cos(angle)[:-1], 0.0)

@@ -27,10 +27,7 @@ _NOUGHT: Final = 1e-200
 class Polygons(Shape):
     """A union of polygons, lines and points of the plane.
 
-    Parameters
-    ----------
-    geometries : sequence of shapely geometries
-        Valid, not empty, without z, metres.
+    The geometries, of shapely, are valid, not empty, and without z; metres.
 
     Attributes
     ----------

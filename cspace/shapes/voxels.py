@@ -33,11 +33,7 @@ _FACES = np.array([t for a, b, c, d in _QUADS for t in ((a, b, c), (a, c, d))], 
 class Box(Shape):
     """A box along the axes in space.
 
-    Parameters
-    ----------
-    extents : ndarray, shape (3,)
-        Lengths of its sides, metres, above zero.
-    center : ndarray, shape (3,)
+    ``extents``, shape (3,), are the lengths of its sides, above zero; metres.
     """
 
     dim = 3
@@ -124,14 +120,7 @@ class Box(Shape):
 class Voxels(Shape):
     """The union of the closed cells ``lower + side * (i + [0, 1]^dim)`` where ``occupied[i]`` is set.
 
-    Parameters
-    ----------
-    occupied : ndarray of bool, shape (nx, ny) or (nx, ny, nz)
-        At least one is set.
-    side : float
-        Metres.
-    lower : ndarray, shape (dim,)
-        Metres.
+    There are two axes or three, and one cell is set at least; metres.
     """
 
     def __init__(self, occupied: NDArray[np.bool_], side: float, lower: Floats) -> None:

@@ -45,11 +45,7 @@ class Descriptor:
     """A function given by its values at the middles of a grid's cells; the shape that it stands for is where it is
     above zero.
 
-    Parameters
-    ----------
-    grid : Grid
-    values : array-like, shape grid.shape
-        A copy is kept, as float64, read-only.
+    Of the values, shape grid.shape, a copy is kept, as float64, read-only.
 
     Raises InputError if the values do not have the grid's shape, or one is not finite.
     """
@@ -265,11 +261,7 @@ def minkowski_sum(first: Descriptor, second: Descriptor, method: Literal["fft", 
     ``|f|_2 |g|_2`` below 2^40. Where no value is below zero, the cells in which the sum is above zero are exactly the
     Minkowski sum of those of ``first`` and ``second``: the rounding of an FFT neither adds cells nor loses any.
 
-    Parameters
-    ----------
-    first, second : Descriptor
-    method : {"fft", "direct"}
-        "direct" sums one product after the other, which pays where both are small, or one is a few cells large.
+    The method "direct" sums one product after the other, which pays where both are small, or one is a few cells large.
 
     Raises InputError if a descriptor is not sampled, the dimensions or spacings differ, or ``method`` is neither word.
     """

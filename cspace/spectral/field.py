@@ -126,8 +126,7 @@ class OverlapField:
         return self.space.grid.dim + self.space.rotations.dof
 
     def _fixed(self) -> tuple[Any, ...]:
-        map_ = self.space._map
-        return map_, self.cells
+        return self.space._map, self.cells
 
 
 def _shape(space: Space) -> tuple[int, ...]:

@@ -61,14 +61,9 @@ DIRECTIONS: Final = 200  # points of each sphere that are asked how far they sti
 class Region:
     """A closed set, asked for its signed distance; a plane lies in space as x = 0.
 
-    Attributes
-    ----------
-    pieces : ndarray, shape (n, 2, 2) or (n, 3, 3)
-        Segments or triangles that hold the border, and maybe more.
-    bounds, size
-        Corners of the bounding box, shape (2, d), and its diagonal, metres.
-    slack : float
-        By how much a distance may be wrong, metres.
+    ``pieces``, segments (n, 2, 2) or triangles (n, 3, 3), hold the border, and maybe more. ``bounds`` are the corners
+    of the bounding box, shape (2, d), and ``size`` is its diagonal; by ``slack`` a distance may be wrong. All is in
+    metres.
     """
 
     def __init__(self, shape: Shape) -> None:
@@ -149,19 +144,9 @@ class Lattice:
     """Cells of a grid, of a spacing and no larger, whose union is proven to cover a region.
 
     Two axes are held as three, of which the first is one cell long. Lengths in *sides* are in sides of a cell, from the
-    grid's lower corner; along an axis that is added, all is at 0.5.
-
-    Attributes
-    ----------
-    side, diagonal : float
-        Of a cell: metres, and sides.
-    cells : ndarray of bool, three axes
-    middles : ndarray, shape (n, 3)
-        Of the cells, in sides.
-    half : ndarray, shape (3,)
-        Half a cell along each axis that there is.
-    corner : ndarray, shape (3,)
-        Where the point 0 in sides lies in the space of the region's tree, metres.
+    grid's lower corner; along an axis that is added, all is at 0.5. Of a cell, ``side`` is in metres and ``diagonal``
+    in sides; ``middles``, shape (n, 3), are those of the cells, in sides; ``half`` is half a cell along each axis that
+    there is; and ``corner`` is where the point 0 in sides lies in the space of the region's tree, metres.
     """
 
     def __init__(self, region: Region, spacing: float) -> None:

@@ -24,14 +24,8 @@ Ints = NDArray[np.int64]
 class Cache:
     """Room for as many chunks as a number of bytes holds, the least recently used of which goes first.
 
-    Parameters
-    ----------
-    shape, sides : tuple of int
-        Slices and cells of the map, and of a chunk.
-    limit : int
-        Bytes; there is room for one chunk at least.
-    load : callable
-        The states of a chunk, by its number.
+    ``shape`` and ``sides`` are slices and cells of the map, and of a chunk. ``limit`` is in bytes; there is room for
+    one chunk at least. ``load`` gives the states of a chunk, by its number.
     """
 
     def __init__(

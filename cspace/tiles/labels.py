@@ -114,12 +114,7 @@ def read_labels(store: Store, index: Index, kind: int) -> list[Labels] | None:
 class Joined:
     """The components of a whole map.
 
-    Parameters
-    ----------
-    store : Store
-        All of whose tiles are labelled.
-    exterior : Exterior
-        Of the map.
+    All tiles of its store are labelled.
     """
 
     def __init__(self, store: Store, exterior: Exterior) -> None:
@@ -209,17 +204,9 @@ class Joined:
     def chain(self, start: Ints, goal: Ints) -> tuple[list[Index], Ints]:
         """The fewest tiles that lead from a cell to another through FREE ones, and where one crosses into the next.
 
-        Parameters
-        ----------
-        start, goal : ndarray of int64, shape (1 + d,)
-            Cells ``(rotation, x, y)`` or ``(rotation, x, y, z)``, in the map.
-
-        Returns
-        -------
-        tiles : list of tuple of int
-            Empty where nothing leads there.
-        crossings : ndarray of int64, shape (len(tiles) - 1, 1 + d)
-            The first cell of each tile but the first one, beside a FREE one of the tile before.
+        Cells are ``(rotation, x, y)`` or ``(rotation, x, y, z)``, in the map. The tiles are none where nothing leads
+        there; the crossings, shape (len(tiles) - 1, 1 + d), are the first cell of each tile but the first one, beside a
+        FREE one of the tile before.
         """
         from scipy.sparse import coo_matrix
         from scipy.sparse.csgraph import dijkstra

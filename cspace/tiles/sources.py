@@ -45,10 +45,7 @@ class Source(Protocol):
 class Held:
     """Cells in memory.
 
-    Parameters
-    ----------
-    outer, inner : ndarray of bool, shape (nx, ny) or (nx, ny, nz)
-        The same array where both are the same.
+    Outer and inner ones are the same array where both are the same.
     """
 
     def __init__(self, outer: Bools, inner: Bools) -> None:
@@ -70,10 +67,7 @@ class Held:
 class Lazy:
     """An array that is read a box at a time: of zarr, dask, h5py or xarray, or a ``numpy.memmap``.
 
-    Parameters
-    ----------
-    array : array-like with shape, dtype and slicing
-        Boolean, or 0 and 1, indexed [x, y] or [x, y, z].
+    It is boolean, or holds 0 and 1, and is indexed [x, y] or [x, y, z].
     """
 
     same: Final = True
@@ -204,13 +198,7 @@ def _watched(file: Path) -> Iterable[Path]:
 
 
 class Drawn:
-    """Obstacles that are cut into cells a box at a time; their index tells which ones are near it.
-
-    Parameters
-    ----------
-    shape : Shape
-    grid : Grid
-    """
+    """Obstacles that are cut into cells a box at a time; their index tells which ones are near it."""
 
     same: Final = False
 

@@ -25,16 +25,8 @@ _MEND: Final = "ask for a smaller window"
 def window_of(store: Store, known: Known, table: Ints, first: Ints, stop: Ints) -> CSpace:
     """The part of a map from a first cell up to the one before another; all of it, if it has no cell beyond.
 
-    Parameters
-    ----------
-    store : Store
-    known : callable
-        The record of a tile.
-    table : ndarray of int64, shape (slices, 2 d + 1)
-        What is known outside the whole map: :attr:`cspace.map.exterior.Exterior.table`.
-    first, stop : ndarray of int64, shape (d,)
-
-    Raises InputError if it does not fit into memory.
+    ``known`` tells of tiles, and ``table``, shape (slices, 2 d + 1), what is known outside the whole map
+    (:attr:`cspace.map.exterior.Exterior.table`). Raises InputError if the part does not fit into memory.
     """
     whole, outside = store.grid, str(store.metadata["outside"])
     if (first > 0).any() or (stop < whole.shape).any():

@@ -232,15 +232,7 @@ def _too_large(job: Job, needed: float, free: float) -> InputError:
 
 
 class _Task:
-    """A task as a worker has it, which opens the store once.
-
-    Parameters
-    ----------
-    task : callable
-    path : str
-        Of the store.
-    source : Source
-    """
+    """A task as a worker has it, which opens the store once."""
 
     def __init__(self, task: Callable[[Job, Index], Any], path: str, source: Source) -> None:
         self._task, self._path, self._source = task, path, source

@@ -38,14 +38,8 @@ _MILLIMETRE: Final = 1e-3
 class ArmCanvas(Canvas):
     """Draws an arm among obstacles, its path, the start and the goal.
 
-    Parameters
-    ----------
-    space : ArmSpace
-    server : viser.ViserServer
-    points : ndarray of float64, shape (n, dof)
-        A path that is to be seen.
-    marks : dict of str to ndarray of float64, shape (dof,)
-        The start and the goal, where they are given.
+    ``points`` are a path that is to be seen, shape (n, dof), and ``marks`` the start and the goal, where they are
+    given.
     """
 
     has_cells = False

@@ -54,12 +54,7 @@ class Dial(NamedTuple):
 class Canvas(ABC):
     """Draws a space with the robot, its path, the start and the goal.
 
-    Parameters
-    ----------
-    server : viser.ViserServer
-    space : ConfigurationSpace
-    ends : dict of str to ndarray of float64, shape (dof,)
-        Where the start and the goal are at first.
+    ``ends`` are where the start and the goal are at first.
 
     Attributes
     ----------

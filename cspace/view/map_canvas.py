@@ -34,16 +34,8 @@ _DRAWN: Final = 64
 class MapCanvas(Canvas):
     """Draws a map with the robot, its path, the start and the goal.
 
-    Parameters
-    ----------
-    space : CSpace or TiledCSpace
-    cells : Cells
-        Its cells.
-    server : viser.ViserServer
-    points : ndarray of float64, shape (n, dof)
-        A path that is to be seen; cells above the robot on it are cut off.
-    marks : dict of str to ndarray of float64, shape (dof,)
-        The start and the goal, where they are given.
+    ``points`` are a path that is to be seen, shape (n, dof), and cells above the robot on it are cut off; ``marks`` are
+    the start and the goal, where they are given.
 
     Attributes
     ----------

@@ -36,13 +36,7 @@ FRAMES: Final = 25.0
 class Page:
     """What a page says and is told.
 
-    Parameters
-    ----------
-    server : viser.ViserServer
-    space : ConfigurationSpace
-    canvas : Canvas
-    path : ndarray of float64, shape (n, dof)
-        A path to show; n is 0 where there is none.
+    ``path``, shape (n, dof), is one to show; n is 0 where there is none.
 
     Attributes
     ----------

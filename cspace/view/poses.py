@@ -18,13 +18,6 @@ ANGLES: Final = ("roll", "pitch", "yaw")
 class Poses:
     """The configurations of a map, of which the first numbers are a position in the plane or in space.
 
-    Parameters
-    ----------
-    dim : int
-        Numbers of a position.
-    rotations : Orientation
-        How they tell a rotation.
-
     Attributes
     ----------
     angles : tuple of str

@@ -87,11 +87,7 @@ class Section(NamedTuple):
 class Stage:
     """Where the cells of a grid stand in space: those of a plane are low walls on the ground.
 
-    Parameters
-    ----------
-    grid : Grid
-    wall : float
-        Height of the walls, metres.
+    ``wall`` is the height of the walls, metres.
 
     Attributes
     ----------
@@ -163,13 +159,8 @@ def border(solid: NDArray[np.bool_], rim: bool = True, lid: bool = True) -> NDAr
     Counterclockwise where seen from outside. Squares in a row become one rectangle, and rows of the same length one
     larger one. Corners are not shared and lie on sides of others: to be looked at, not to be computed with.
 
-    Parameters
-    ----------
-    solid : ndarray of bool, shape (nx, ny, nz)
-    rim : bool
-        Whether cells at the border of the array have one there.
-    lid : bool
-        Whether the topmost ones have one above them.
+    Without a ``rim``, cells at the border of the array have none there; without a ``lid``, the topmost ones have none
+    above them.
     """
     sides = ((axis, way) for axis in range(3) for way in (0, 1))
     return np.concatenate([_facing(solid, axis, way, rim and (lid or (axis, way) != (2, 1))) for axis, way in sides])

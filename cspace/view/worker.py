@@ -9,11 +9,7 @@ from collections.abc import Callable
 class Worker:
     """Does some work whenever it is asked to: once, however often it was asked while it was busy.
 
-    Parameters
-    ----------
-    work : callable
-    fail : callable
-        Is given what the work raises; the next time it is done again.
+    ``fail`` is given what the work raises; the next time it is done again.
     """
 
     def __init__(self, work: Callable[[], None], fail: Callable[[Exception], None]) -> None:

@@ -220,7 +220,7 @@ def test_axes_of_the_caller_and_nothing_to_draw(space: CSpace) -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"surface": "walls"}, "surface is 'walls'; it must be one of 'obstacles', 'free'"),
+        ({"surface": "walls"}, "surface is 'walls'; it must be 'obstacles' or 'free'"),
         ({"camera": (91.0, 0.0)}, "camera is (91.0, 0.0)"),
         ({"camera": 30.0}, "the elevation from -90 to 90"),
         ({"cut": 0.0}, "cut is 0.0; it must be one height in the grid, above 0 and up to 2.4"),
