@@ -41,6 +41,9 @@ FINEST = 1.0 / 16.0
 NEAREST = 2.0
 """The same, in cells."""
 
+UPRIGHT = 2.0**-500
+"""Cells between two places that count as one: what is divided by less would overflow."""
+
 
 @reader
 def edges_are_free(map_: Map, blocks: Words, starts: Floats, ends: Floats, out: NDArray[np.bool_]) -> int:
@@ -143,24 +146,21 @@ def probes_are_free(part: Slice, p: Numbers, q: Numbers) -> bool:
 def slab_times(p: float, q: float, first: int, last: int) -> tuple[float, float]:
     """The first and last t in [0, 1] at which ``p + t (q - p)`` lies in some cells of a line, widened by SLACK.
 
-    The first is beyond the last where it never does. Ratios of differences, between 0 and 1: a slope would overflow on
-    edges that are all but upright. Every operation rounds monotonically, so that the times of several cells hold those
-    of each.
+    The first is beyond the last where it never does. Every operation rounds monotonically, so that the times of several
+    cells hold those of each; and what rounding moves, which is the more the longer the segment, SLACK makes up for.
     """
-    if p == q:
+    if abs(q - p) < UPRIGHT:
         return 0.0, 1.0
-    least, most = min(p, q), max(p, q)
-    a = (min(max(first - SLACK, least), most) - p) / (q - p)
-    b = (min(max(last + 1 + SLACK, least), most) - p) / (q - p)
-    return min(a, b), max(a, b)
+    scale = 1.0 / (q - p)
+    a, b = (first - SLACK - p) * scale, (last + 1 + SLACK - p) * scale
+    return max(min(a, b), 0.0), min(max(a, b), 1.0)
 
 
 @inner(forceinline=True)
 def cells_between(p: float, q: float, start: float, stop: float) -> tuple[int, int]:
-    """First and last cell that ``p + t (q - p)``, never beyond p and q, is in for t in [start, stop], with SLACK."""
+    """First and last cell that ``p + t (q - p)`` is in for t in [start, stop], with SLACK."""
     a, b = p + start * (q - p), p + stop * (q - p)
-    least, most = max(min(a, b), min(p, q)), min(max(a, b), max(p, q))
-    return math.ceil(least - SLACK) - 1, math.floor(most + SLACK)
+    return math.ceil(min(a, b) - SLACK) - 1, math.floor(max(a, b) + SLACK)
 
 
 @inner
