@@ -178,8 +178,9 @@ def _replaced(found: Ints, names: Ints, lowest: Ints) -> Ints:
 class EndlessCSpace(CSpace):
     """Certified map of joints of which some turn for ever: a map like any other, without a seam.
 
-    Angles of such joints may be any, up to 2^20 radians; a whole turn more is the same configuration. Edges turn these
+    Angles of such joints may be any, up to 256 radians; a whole turn more is the same configuration. Edges turn these
     joints the shorter way, as OMPL does, and rows of a path count whole turns, so that straight motions join them.
+    What is placed beyond the turn in the middle comes in again, whole turns on.
     ``clearance`` is told up to half a turn, and ``is_free_around`` within as much. With ``exact=True`` the cells answer
     as well. There is no :meth:`widest_path`, no :meth:`overlap` and no overlap field of it.
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -35,13 +37,35 @@ class Placed(NamedTuple):
     inner: Bools
 
     @classmethod
-    def of(cls, shape: Shape, grid: Grid) -> Placed:
+    def of(cls, shape: Shape, grid: Grid, endless: Sequence[bool] = ()) -> Placed:
         """An obstacle where it is; what lies beyond the grid is clipped, but for exact answers.
+
+        Along axes that close in a circle nothing lies beyond: there it comes in again, whole turns on.
 
         Raises InputError if it is so far from the grid that rounding could reach the certificate's slack, or its inside
         depends on the spacing.
         """
         shape.boundary()  # exact look-ups will ask for it
+        turn = grid.spacing * np.array(grid.shape) * (endless or np.zeros(grid.dim))
+        low, high = (
+            np.floor(np.divide(corner + more - grid.lower, turn, out=np.zeros(grid.dim), where=turn > 0.0)).astype(int)
+            for corner, more in zip(shape.bounds, (-grid.spacing, grid.spacing), strict=True)
+        )
+        times = product(*map(range, low.tolist(), (high + 1).tolist()))
+        parts = [cls._clipped(shape, Grid(grid.lower + turn * each, grid.spacing, grid.shape)) for each in times]
+        if len(parts) == 1:
+            return parts[0]
+        first = np.min([each.box[0] for each in parts], axis=0)
+        stop = np.max([each.box[1] for each in parts], axis=0)
+        outer, inner = np.zeros((2, *(stop - first)), dtype=np.bool_)
+        for each in parts:
+            window = _window(each.box[0] - first, each.box[1] - first)
+            outer[window] |= each.outer
+            inner[window] |= each.inner
+        return cls(shape, (first, stop), outer, inner)
+
+    @classmethod
+    def _clipped(cls, shape: Shape, grid: Grid) -> Placed:
         low, high = ((corner - grid.lower) / grid.spacing for corner in shape.bounds)
         first, stop = (np.clip(np.floor(cell), 0, grid.shape).astype(np.int64) for cell in (low - 1.0, high + 2.0))
         # The cells are those of a build to the bit, as they are counted from the same corner, and fewer.

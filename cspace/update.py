@@ -265,7 +265,8 @@ class Updater:
 
     def place(self, name: str, shape: Shape | None) -> Update:
         """Place an obstacle of a name, in place of the one that had it, or take that away; nothing else changes."""
-        placed = None if shape is None else Placed.of(shape, self._workspace.grid)
+        contents = self._subject.contents
+        placed = None if shape is None else Placed.of(shape, contents.grid, contents.endless)
         if self._scene is None:
             self._scene = _still(self._workspace)
         boxes = self._scene.put(name, placed)

@@ -215,6 +215,31 @@ def test_an_update_is_seen_on_both_sides(endless: tuple[bool, ...]) -> None:
             assert [check(*each) for each in ends] == [other(*each) for each in ends]
 
 
+@pytest.mark.parametrize("endless", SPACES)
+def test_what_is_placed_across_the_seam_is_on_both_sides(endless: tuple[bool, ...]) -> None:
+    """Also beyond the turn in the middle, and where it is wider than a turn."""
+    rng, cells = np.random.default_rng(7), 12
+    shape = tuple(cells if turns else 5 for turns in endless)
+    states = (rng.random(shape) < 0.1).astype(np.uint8) * 2
+    space = made(states, endless, cells)
+    q = drawn(space, rng, 300)
+    for radius in (0.4, 0.9, 3.5):
+        centers = drawn(space, rng, 3)
+        centers[0] = np.where(endless, math.pi, centers[0])
+        space.is_free(q)
+        space.place("balls", centers, radius=radius)
+        steps = q[:, np.newaxis] - centers
+        apart = np.linalg.norm(steps - TURN * np.round(steps / TURN) * endless, axis=2).min(axis=1)
+        side = space.grid.spacing * math.sqrt(len(endless))
+        assert not space.is_free(q)[apart <= radius].any()
+        assert (space.clearance(q) <= np.maximum(apart - radius, 0.0) + 1e-9).all()
+        alone = states[tuple(np.transpose([cell(space, each) for each in q]))]
+        np.testing.assert_array_equal(space.classify(q)[apart > radius + side], alone[apart > radius + side])
+        assert space.placed["balls"].bounds[0] == pytest.approx(centers.min(axis=0) - radius)
+    space.remove("balls")
+    np.testing.assert_array_equal(space.state, states)
+
+
 def test_copies_and_files_and_what_there_is_not(tmp_path: Path) -> None:
     states = np.zeros((12, 6), np.uint8)
     states[4:7] = 2

@@ -117,7 +117,10 @@ def build_arm_map(
     endless = tuple(np.isinf(ends).all(axis=1).tolist())
     if any(endless):
         ends[list(endless)] = -math.pi, math.pi
-        side = TURN / _counts(np.array([[0.0, TURN]]), side).item()
+        around = _counts(np.array([[0.0, TURN]]), side).item()
+        side = TURN / around
+        if around * side - math.pi < math.pi:  # the last cell holds the last angle
+            side = math.nextafter(side, math.inf)
     counts = _counts(ends, side)
     units = tuple("m" if _slides(space, number) else "rad" for number in numbers.tolist())
     shape = tuple(counts.tolist())

@@ -197,6 +197,17 @@ def test_the_only_way_leads_across_the_seam(tmp_path: Path) -> None:
     assert with_wall.path_exists(left, right) is False
 
 
+@pytest.mark.parametrize("cells", [75, 76])
+def test_the_last_angle_of_a_turn_is_in_the_last_cell(tmp_path: Path, cells: int) -> None:
+    """However the side of the cells is rounded: 75 times a 75th of a turn is less than a turn."""
+    made = build_arm_map(endless(tmp_path, ((0.7, 0.0, 0.3),)), 2.0 * np.pi / cells)
+    last, other = (np.nextafter(np.pi, 0.0), 0.3), (2.5, 0.3)
+    assert made.grid.shape[0] == cells
+    assert made.path_exists(last, other) is True
+    assert len(made.free_path(last, other)) > 0
+    assert planners.plan(made, last, other).certified
+
+
 @settings(max_examples=3)
 @given(
     seed=st.integers(0, 2**32 - 1), elbow=st.sampled_from([{"limits": None, "kind": "continuous"}, {"limits": (-2, 2)}])
