@@ -22,13 +22,14 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arms.chain import SLIDES, STILL, TURNS, flight_of, place
+from cspace.arms.chain import SLIDES, TURNS, flight_of, place
 from cspace.arms.hulls import least_spare
 from cspace.arms.proofs import Scene, Solids, Work, nests, row_of, seen, work_of
 from cspace.compiling import inner, jit
 from cspace.exact import ADVANCE, ROUNDING
 from cspace.exact.triangles import box_of, cross, dot, minus
 from cspace.grid import SLACK
+from cspace.map.points import replaced
 from cspace.map.turning import Row
 from cspace.raster.triangles import THIN, point_triangle
 from cspace.raster.winding import turn_above
@@ -40,6 +41,9 @@ States = NDArray[np.uint8]
 
 _WAITING: Final = 96
 """Blocks that wait at a time, at most: one for each halving of three axes of 2^31 cells, and some."""
+
+FINER: Final = 4
+"""Parts of a step of a lattice in a closed surface, along each axis, that are looked at where it does not tell."""
 
 
 class Cells(NamedTuple):
@@ -88,7 +92,8 @@ class Interiors(NamedTuple):
     ----------
     centers : ndarray of float64, shape (n, 3)
         Of balls, in the frame of the solid's body.
-    radii : ndarray of float64, shape (n,)
+    radii, levers : ndarray of float64, shape (n,)
+        The latter is how far the center is from the body's origin.
     starts : ndarray of int64, shape (s + 1,)
         The first ball of each solid.
     deepest : ndarray of float64, shape (s,)
@@ -98,17 +103,21 @@ class Interiors(NamedTuple):
     shapes : ndarray of int64, shape (h, 3)
     deep : ndarray of float64, shape (m,)
         By :func:`depth`, of all lattices in a row.
+    finer : ndarray of float64, shape (FINER**3 * m,)
+        The same of lattices that are finer by so much; 0 of what nobody has asked for, so that it takes no memory.
     firsts : ndarray of int64, shape (h + 1,)
         Where those of each one begin.
     """
 
     centers: Floats
     radii: Floats
+    levers: Floats
     starts: Ints
     deepest: Floats
     steps: Floats
     shapes: Ints
     deep: Floats
+    finer: Floats
     firsts: Ints
 
 
@@ -148,7 +157,7 @@ def fill(scene: Scene, inside: Inside, cells: Cells, block: Ints, states: States
         elif collide(inside, left[:count], box, work):
             states[i:i1, j:j1, k:k1] = BLOCKED
         else:
-            axis = longest(scene, cells, blocks[top], left[:count])
+            axis = longest(cells, blocks[top])
             if axis < 0:
                 states[i:i1, j:j1, k:k1] = MIXED
                 continue
@@ -233,21 +242,12 @@ def middle_of(cells: Cells, scene: Scene, block: Ints, box: Box) -> float:
 
 
 @inner
-def longest(scene: Scene, cells: Cells, block: Ints, pairs: Ints) -> int:
-    """The axis along which a block moves the arm the farthest, of those that move a pair of solids; -1 if none does.
-
-    So links that a joint of the base does not move against each other are looked at once for all that it does.
-    """
-    chain, chosen, most = scene.chain, -1, 0.0
+def longest(cells: Cells, block: Ints) -> int:
+    """The axis along which a block moves the arm the farthest; -1 of a cell."""
+    chosen, most = -1, 0.0
     for axis in range(3):
-        count, moves = block[axis + 3] - block[axis], False
-        if count == 1 or count * cells.levers[axis] <= most:
-            continue
-        for pair in pairs:
-            i, j = scene.solids.bodies[scene.pairs[pair, 0]], scene.solids.bodies[scene.pairs[pair, 1]]
-            for b in range(1, len(chain.parents)):
-                moves |= chain.between[i, j, b] and chain.kinds[b] != STILL and chain.numbers[b] == cells.numbers[axis]
-        if moves:
+        count = block[axis + 3] - block[axis]
+        if count > 1 and count * cells.levers[axis] > most:
             chosen, most = axis, count * cells.levers[axis]
     return chosen
 
@@ -269,16 +269,22 @@ def meets(inside: Inside, i: int, j: int, box: Box, work: Work) -> bool:
     slide, angle = sway(scene, solids.bodies[i], solids.bodies[j], box, work)
     one, other = work.poses[solids.bodies[i]], work.poses[solids.bodies[j]]
     for n in range(balls.starts[i], balls.starts[i + 1]):
-        center = row_of(balls.centers[n], 0)
-        moved = slide + angle * math.sqrt(dot(center, center)) + box.least
-        x, y, z = point = seen(one, other, center)
-        rest = balls.radii[n] - moved
+        rest = balls.radii[n] - (slide + angle * balls.levers[n] + box.least)
         if rest + balls.deepest[j] <= 0.0:
             continue
+        x, y, z = point = seen(one, other, row_of(balls.centers[n], 0))
         if solids.filled[j] and fills(solids, j, point, rest, work):
             return True
         for surface in range(solids.starts[j, 0], solids.starts[j + 1, 0]):
-            least, most = bounds_of_depth(inside, surface, x, y, z)
+            whole = solids.boxes[surface]
+            # What a surface holds is no deeper in it than in its box: most balls are told by that.
+            if min(x - whole[0], whole[3] - x) + rest <= 0.0 or min(y - whole[1], whole[4] - y) + rest <= 0.0:
+                continue
+            if min(z - whole[2], whole[5] - z) + rest <= 0.0:
+                continue
+            least, most = bounds_of_depth(inside, surface, 1, point)
+            if least + rest <= 0.0 < most + rest:
+                least, most = bounds_of_depth(inside, surface, FINER, point)
             if least + rest > 0.0 or (most + rest > 0.0 and depth(solids, surface, x, y, z) + rest > 0.0):
                 return True
     return False
@@ -323,21 +329,26 @@ def depth_in_row(row: Floats, point: Row) -> float:
 
 
 @inner(error_model="numpy")
-def bounds_of_depth(inside: Inside, surface: int, x: float, y: float, z: float) -> tuple[float, float]:
-    """How deep a point lies in a closed surface at least, and about how deep at most, below zero outside.
+def bounds_of_depth(inside: Inside, surface: int, parts: int, point: Row) -> tuple[float, float]:
+    """How deep a point in the box of a closed surface, or near it, lies at least and about at most; below zero outside.
 
-    Depths change by no more than the way, so that the nearest point of the lattice tells of all around it.
+    Depths change by no more than the way, so that the nearest point of a lattice tells of all around it. Of the one
+    that is finer by so many ``parts``, points are asked when they are needed, and then known.
     """
-    balls, box, number, way, out = inside.balls, inside.scene.solids.boxes[surface], 0, 0.0, 0.0
-    point = x, y, z
+    balls, solids, number, way = inside.balls, inside.scene.solids, 0, 0.0
+    box, known, near = solids.boxes[surface], balls.deep if parts == 1 else balls.finer, (0.0, 0.0, 0.0)
     for axis in range(3):
-        step, count = balls.steps[surface, axis], balls.shapes[surface, axis]
+        step, count = balls.steps[surface, axis] / parts, balls.shapes[surface, axis] * parts
         place = min(max(math.floor((point[axis] - box[axis]) / step), 0), count - 1)
-        way += (point[axis] - (box[axis] + (place + 0.5) * step)) ** 2
-        out += max(box[axis] - point[axis], point[axis] - box[axis + 3], 0.0) ** 2
+        near = replaced(near, axis, box[axis] + (place + 0.5) * step)
+        way += (point[axis] - near[axis]) ** 2
         number = number * count + int(place)
-    deep, way = balls.deep[balls.firsts[surface] + number], math.sqrt(way)
-    return deep - way, -math.sqrt(out) if out > 0.0 else deep + way
+    number += balls.firsts[surface] * parts**3
+    deep, way = known[number], math.sqrt(way)
+    if deep == 0.0:
+        # Threads that do so at once find the same.
+        deep = known[number] = depth(solids, surface, near[0], near[1], near[2])
+    return deep - way, deep + way
 
 
 @inner(error_model="numpy")

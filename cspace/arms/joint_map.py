@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.arms.boxes import Cells, Inside, Interiors, depths, fill
+from cspace.arms.boxes import FINER, Cells, Inside, Interiors, depths, fill
 from cspace.arms.chain import SLIDES, STILL, TURNS
 from cspace.arms.proofs import Solids, ask_motions
 from cspace.arms.space import ArmSpace
@@ -34,6 +35,7 @@ from cspace.workspace import Workspace
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
 
 _BYTES: Final = 3
 """For each cell: its state, and whether it meets an obstacle or lies in one."""
@@ -126,16 +128,26 @@ def build_arm_map(
     shape = tuple(counts.tolist())
     check_memory(_BYTES * math.prod(shape), "the map", Planned(shape, side, ends[:, 0], ends[:, 1], units[0]))
     grid = Grid(ends[:, 0], side, shape, axes=names, units=units)
-    _check_held(space, numbers, held)
+    moving = _moving(space, numbers)
+    _check_held(space, numbers, held, np.flatnonzero(~moving.any(axis=1)))
 
-    states = np.empty(shape, dtype=np.uint8)
-    cells, inside = _cells(space, grid, numbers, held), Inside(space._within, _interiors(space._within.solids))
-    layers = states.reshape((1,) * (3 - len(shape)) + shape)
-    counts = -(-np.array(layers.shape) // _BLOCK)
-    starts = _BLOCK * np.indices(tuple(counts.tolist())).reshape(3, -1).T
-    blocks = list(np.concatenate([starts, np.minimum(starts + _BLOCK, layers.shape)], axis=1))
-    tell = None if progress is None else lambda done: progress(done, len(blocks))
-    in_threads(lambda block: fill(space._scene, inside, cells, block, layers), blocks, workers or cores(), tell)
+    cells, balls = _cells(space, grid, numbers, held), _interiors(space._within.solids)
+    parts, work = [np.zeros((1, 1, 1), dtype=np.uint8)], []
+    for moved in np.unique(moving[moving.any(axis=1)], axis=0):
+        pairs = space._scene.pairs[(moving == moved).all(axis=1)]
+        scene, inside = space._scene._replace(pairs=pairs), Inside(space._within._replace(pairs=pairs), balls)
+        # Along joints that do not move the two against each other, one cell stands for all.
+        sides = np.concatenate([np.ones(3 - len(shape), dtype=np.int64), np.where(moved, shape, 1)])
+        parts.append(np.empty(sides, dtype=np.uint8))
+        starts = _BLOCK * np.indices(tuple((-(-sides // _BLOCK)).tolist())).reshape(3, -1).T
+        blocks = np.concatenate([starts, np.minimum(starts + _BLOCK, sides)], axis=1)
+        work += [partial(fill, scene, inside, cells, block, parts[-1]) for block in blocks]
+    tell = None if progress is None else lambda done: progress(done, len(work))
+    in_threads(lambda task: task(), work, workers or cores(), tell)
+    # What is FREE of all pairs is FREE, and what is BLOCKED of one is BLOCKED.
+    states = np.zeros(shape, dtype=np.uint8)
+    for part in parts:
+        np.maximum(states, part.reshape(part.shape[3 - len(shape) :]), out=states)
     for axis, (low, high) in enumerate(ends.tolist()):
         if low + side * shape[axis] > high + 1e-9 * side:  # the last cells reach beyond
             last = np.moveaxis(states, axis, 0)[-1]
@@ -196,18 +208,23 @@ def _counts(ends: Floats, side: float) -> Ints:
     return np.maximum(1, np.where(np.abs(exact - nearest) < 1e-9, nearest, np.ceil(exact))).astype(np.int64)
 
 
-def _check_held(space: ArmSpace, numbers: Ints, held: Floats) -> None:
-    """Refuse to map nothing but BLOCKED: links that the joints do not move against each other, and that touch."""
-    chain, scene, free = space.arm.chain, space._scene, np.empty(1, dtype=np.bool_)
-    moved = np.isin(chain.numbers, numbers) & (chain.kinds != STILL)
+def _moving(space: ArmSpace, numbers: Ints) -> Bools:
+    """Which of some numbers of a configuration move pairs of solids against each other, shape (pairs, numbers)."""
+    chain, scene = space.arm.chain, space._scene
     bodies = scene.solids.bodies[scene.pairs]
-    still = scene._replace(pairs=scene.pairs[~(chain.between[bodies[:, 0], bodies[:, 1]] & moved).any(axis=1)])
-    if not len(still.pairs):
+    between = chain.between[bodies[:, 0], bodies[:, 1]] & (chain.kinds != STILL)
+    return np.stack([between[:, chain.numbers == number].any(axis=1) for number in numbers], axis=1)
+
+
+def _check_held(space: ArmSpace, numbers: Ints, held: Floats, still: Ints) -> None:
+    """Refuse to map nothing but BLOCKED: pairs that the joints do not move against each other, and that touch."""
+    scene = space._scene._replace(pairs=space._scene.pairs[still])
+    if not len(scene.pairs):
         return
-    q = held[np.newaxis]
-    ask_motions(still, q, q, free)
+    q, free = held[np.newaxis], np.empty(1, dtype=np.bool_)
+    ask_motions(scene, q, q, free)
     if not free[0]:
-        link, other, *_ = space._contact(still, q)
+        link, other, *_ = space._contact(scene, q)
         found = f"has {link} touch {other!r}, or come nearer than the margin"
         rule = f"{', '.join(space.arm.joints[number] for number in numbers)} do not move them apart"
         raise ConfigurationError("at", found, rule, "hold the other joints elsewhere", value=held)
@@ -257,11 +274,13 @@ def _interiors(solids: Solids) -> Interiors:
     return Interiors(
         centers=every[:, :3].copy(),
         radii=every[:, 3].copy(),
+        levers=np.linalg.norm(every[:, :3], axis=1),
         starts=np.cumsum([0, *counts]),
         deepest=np.array([max(radii, default=0.0) for radii in np.split(1.5 * every[:, 3], np.cumsum(counts)[:-1])]),
         steps=(solids.boxes[:, 3:] - solids.boxes[:, :3]) / shapes,
         shapes=shapes,
         deep=np.concatenate([np.empty(0), *(deep for _, deep, _ in surfaces)]),
+        finer=np.zeros(FINER**3 * sum(len(deep) for _, deep, _ in surfaces)),
         firsts=np.cumsum([0, *(len(deep) for _, deep, _ in surfaces)]),
     )
 
