@@ -21,6 +21,9 @@ LOGGER: Final = logging.getLogger("cspace.compiling")
 
 A program that shows progress adds a handler of its own; this module is quick to import."""
 
+NEEDLESS: Final = {"InlineClosureLikes", "InlineInlinables", "InlineOverloads", "NopythonRewrites"}
+"""Names of numba's passes that find nothing in a :func:`reader`."""
+
 
 @overload
 def jit(function: F, /, **options: Any) -> F: ...
@@ -209,7 +212,7 @@ def reader(function: F | None = None, /, **options: Any) -> Any:
 
     Numba then counts no references, which from Python takes 30 ns an array, and in inner loops as long as the work.
     """
-    return jit(function, _nrt=False, **options)
+    return jit(function, _nrt=False, pipeline_class=_lean_compiler(), **options)
 
 
 @overload
@@ -219,7 +222,7 @@ def inner(**options: Any) -> Callable[[F], F]: ...
 def inner(function: F | None = None, /, **options: Any) -> Any:
     """:func:`reader` for what only compiled code calls; without a door for Python it is compiled sooner.
 
-    What makes arrays says ``_nrt=True``.
+    What makes arrays says ``_nrt=True``, and has loops for what it does to them.
     """
     if function is None:
         return lambda decorated: inner(decorated, **options)
@@ -237,6 +240,32 @@ def inner(function: F | None = None, /, **options: Any) -> Any:
 
 
 @cache
+def _lean_compiler() -> Any:
+    """Numba's compiler with :func:`_lean_pipeline`."""
+    from numba.core.compiler import CompilerBase
+
+    class LeanCompiler(CompilerBase):
+        def define_pipelines(self) -> list[Any]:
+            return [_lean_pipeline(self.state)]
+
+    return LeanCompiler
+
+
+def _lean_pipeline(state: Any) -> Any:
+    """Numba's passes without those that look for what no :func:`reader` has.
+
+    They look for functions within functions, for those that are to be inlined as Python, and for arithmetic of whole
+    arrays, which makes arrays; and each reads all of a function for it.
+    """
+    from numba.core.compiler import DefaultPassBuilder
+
+    pipeline: Any = DefaultPassBuilder.define_nopython_pipeline(state)  # type: ignore[no-untyped-call]
+    pipeline.passes = [each for each in pipeline.passes if each[0].__name__ not in NEEDLESS]
+    pipeline.finalize()
+    return pipeline
+
+
+@cache
 def _part_options(forceinline: bool) -> dict[str, Any]:
     """What numba is told of a function that becomes a part of others; nothing of its own where that has changed within.
 
@@ -244,7 +273,7 @@ def _part_options(forceinline: bool) -> dict[str, Any]:
     up. Of parts only the last time counts. Numba also types and makes ``min`` and such anew for callers of each set of
     options; so options of parts are set behind its back, and they share them with others.
     """
-    from numba.core.compiler import CompilerBase, DefaultPassBuilder
+    from numba.core.compiler import CompilerBase
 
     options = {"no_cpython_wrapper": True, "forceinline": forceinline}
     try:
@@ -284,7 +313,7 @@ def _part_options(forceinline: bool) -> dict[str, Any]:
                 setattr(state.flags, name, value)
             state.library = Part(state.targetctx.codegen(), state.func_id.func_qualname)  # type: ignore[no-untyped-call]
             state.library.enable_object_caching()
-            return [DefaultPassBuilder.define_nopython_pipeline(state)]  # type: ignore[no-untyped-call]
+            return [_lean_pipeline(state)]
 
     return {"pipeline_class": PartCompiler}
 

@@ -175,6 +175,22 @@ def double(value: float) -> float:
     return 2 * value
 
 
+def test_passes_that_are_left_out_are_numbas_own() -> None:
+    """Else nothing would be left out, and nobody would notice."""
+    from numba.core.compiler import CompilerBase, DefaultPassBuilder
+
+    seen = []
+
+    class Seeing(CompilerBase):
+        def define_pipelines(self) -> list[Any]:
+            made: Any = DefaultPassBuilder.define_nopython_pipeline(self.state)  # type: ignore[no-untyped-call]
+            seen.extend(each.__name__ for each, _ in made.passes)
+            return [made]
+
+    assert jit(cache=False, pipeline_class=Seeing)(double)(1.5) == 3.0
+    assert set(seen) >= compiling.NEEDLESS
+
+
 @pytest.mark.parametrize("gone", [None, "_optimize_final_module"])
 def test_parts_are_for_compiled_code_alone_whatever_numba_is_like_within(
     gone: str | None, monkeypatch: pytest.MonkeyPatch
