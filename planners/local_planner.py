@@ -553,7 +553,8 @@ class JointMotions(LocalPlanner):
 
     @property
     def bounds(self) -> tuple[Floats, Floats]:
-        return self.space.arm.lower, self.space.arm.upper
+        # Joints without limits that are no circles: those that others follow by half are the same after two turns.
+        return np.maximum(self.space.arm.lower, -2.0 * TURN), np.minimum(self.space.arm.upper, 2.0 * TURN)
 
     @property
     def step(self) -> float:

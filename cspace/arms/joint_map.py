@@ -183,10 +183,7 @@ def _limits(space: ArmSpace, name: str, limits: Mapping[str, tuple[float, float]
     number = space.arm.joints.index(name)
     own = float(space.arm.lower[number]), float(space.arm.upper[number])
     if limits is None or name not in limits:
-        chain = space.arm.chain
-        moved = (chain.numbers == number) & (chain.kinds != STILL)
-        same = (chain.kinds[moved] == TURNS).all() and (chain.factors[moved] % 1.0 == 0.0).all()
-        if math.isinf(own[0]) and not same:
+        if math.isinf(own[0]) and not space.endless[number]:
             found = f"are missing for {name!r}, which turns for ever, and other joints by another angle"
             rule, mend = "after a turn the arm is not where it was", f"pass limits={{{name!r}: (-3.14, 3.14)}}"
             raise InputError("limits", found, rule, mend)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import nnls
 
-from cspace.arms.chain import STILL, place_bodies
+from cspace.arms.chain import STILL, TURNS, place_bodies
 from cspace.arms.hulls import corners_of
 from cspace.arms.model import Arm, pair_of, rigid
 from cspace.arms.obstacles import named_obstacles, placed_obstacle
@@ -163,8 +163,13 @@ class ArmSpace(ConfigurationSpace):
 
     @property
     def endless(self) -> tuple[bool, ...]:
-        """Which joints turn for ever, so that a whole turn more is the same configuration."""
-        return tuple(np.isinf(self.arm.upper).tolist())
+        """Which joints turn for ever, so that a whole turn more is the same configuration.
+
+        That is not so where another joint follows one by a part of its angle.
+        """
+        chain, circles = self.arm.chain, np.isinf(self.arm.upper)
+        circles[chain.numbers[(chain.kinds != STILL) & ((chain.kinds != TURNS) | (chain.factors % 1.0 != 0.0))]] = False
+        return tuple(circles.tolist())
 
     def plot(self, **options: Unpack[ArmPlotOptions]) -> Axes:
         """Draw the arm among its obstacles, in three dimensions, and a path as pale arms with the way of its end.

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from cspace.arms.chain import SLIDES
 from cspace.errors import ConfigurationError, InputError
-from cspace.orientation import wrapped
+from cspace.orientation import TURN, wrapped
 from cspace.plot.arms import ROOM, ArmFigure, Surface, along_joints
 from cspace.plot.artists import CLASSES, COLLIDES, UNDECIDED
 from cspace.plot.route import Floats
@@ -57,8 +57,9 @@ class ArmCanvas(Canvas):
         sliding = set(arm.chain.numbers[arm.chain.kinds == SLIDES].tolist())
         self._scale = np.array([1.0 if number in sliding else math.degrees(1.0) for number in range(arm.dof)])
         steps = np.where(self._scale == 1.0, _MILLIMETRE, _TENTH)
-        lower = np.ceil(np.where(space.endless, -math.pi, arm.lower) * self._scale / steps - 1e-6) * steps
-        upper = np.floor(np.where(space.endless, math.pi, arm.upper) * self._scale / steps + 1e-6) * steps
+        turn = np.where(space.endless, math.pi, TURN)
+        lower = np.ceil(np.where(np.isinf(arm.lower), -turn, arm.lower) * self._scale / steps - 1e-6) * steps
+        upper = np.floor(np.where(np.isinf(arm.upper), turn, arm.upper) * self._scale / steps + 1e-6) * steps
         units = np.where(self._scale == 1.0, "m", "°")
         self.dials = [
             Dial(f"{joint} ({unit})", *numbers)

@@ -12,7 +12,7 @@ from ompl import base as ob
 import planners
 from cspace import ArmSpace, InputError, Robot
 from cspace.arms import Arm, Placed, build_arm
-from tests.urdfs import planar
+from tests.urdfs import joint, link, planar, written
 
 pytest.importorskip("yourdfpy")
 
@@ -69,6 +69,27 @@ def test_a_joint_that_turns_for_ever_goes_the_shorter_way(tmp_path: Path) -> Non
         around = planners.plan(space, START, (2.8, 0.0), planner=planner, time_limit=20.0, seed=2)
         assert around.certified and space.certify_path(around.path).all()
         assert around.path[-1] == pytest.approx((2.8 - 2 * np.pi, 0.0))  # the other way there is the post
+
+
+@pytest.mark.parametrize("planner", [None, "RRTConnect"])
+@pytest.mark.parametrize("ends", [(4.0, 4.5), (3.0, -3.0), (3.0, 6.5)])
+def test_a_joint_that_another_follows_by_half_is_no_circle(
+    tmp_path: Path, ends: tuple[float, float], planner: str | None
+) -> None:
+    """After a turn of it the arm is elsewhere, so that a plan leads from and to the very numbers that were given."""
+    bar = ((1.0, 0.1, 0.1), (0.5, 0, 0))
+    follows = '<mimic joint="one" multiplier="0.5"/>'
+    path = written(
+        tmp_path,
+        *(link(name, bar) for name in "abc"),
+        joint("one", "a", "b", at=(1, 0, 0), limits=None, kind="continuous"),
+        joint("two", "b", "c", at=(1, 0, 0), extra=follows),
+    )
+    space = build_arm({}, Arm.from_urdf(path), allowed=[("a", "c")])
+    assert space.endless == (False,)
+    plan = planners.plan(space, ends[:1], ends[1:], planner=planner, seed=1)
+    assert plan.certified
+    assert plan.path[[0, -1], 0].tolist() == list(ends)
 
 
 def test_setup_of_ones_own(tmp_path: Path) -> None:
