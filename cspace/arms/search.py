@@ -131,15 +131,17 @@ def joined_path(scene: Scene, forest: Forest, joined: tuple[int, int], work: Wor
     proven; what hangs on that one is then cut off.
     """
     # The nodes on the way: those of the first tree from its root on, then the second's up to its root.
-    on_way, length = np.empty((forest.counts.sum(), 2), np.int64), 0
+    on_way, length = np.empty((forest.counts[0] + forest.counts[1], 2), np.int64), 0
     for side in range(2):
-        at, first = joined[side], length
+        at = joined[side]
         while at >= 0:
             on_way[length, 0], on_way[length, 1] = side, at
             at, length = forest.parents[side, at], length + 1
         if side == 0:
             # Where they meet, the node of the second tree stands for both.
-            on_way[first:length] = on_way[first:length][::-1].copy()
+            for k in range(length // 2):
+                m = length - 1 - k
+                on_way[k, 1], on_way[m, 1] = on_way[m, 1], on_way[k, 1]
             length -= 1
     path, point = np.empty((length, forest.nodes.shape[2])), np.empty(forest.nodes.shape[2])
     for row in range(length):
