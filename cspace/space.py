@@ -618,7 +618,7 @@ class CSpace(ConfigurationMap):
         self._check_whole()
         patch = Patch.of(self.grid, cells, lower, inner)
         with self._lock:
-            return self._follower.update(patch)
+            return self._updates.update(patch)
 
     def place(self, name: str, obstacle: object, *, radius: ArrayLike | None = None) -> Update:
         """Place an obstacle of a name, in metres, or move it there, and have this map follow.
@@ -680,7 +680,7 @@ class CSpace(ConfigurationMap):
             found, place = f"is in {shape.place}", ("the plane", "space")[self.grid.dim - 2]
             raise InputError("obstacle", found, f"the map is in {place}", "pass one of as many coordinates")
         with self._lock:
-            return self._follower.place(name, shape)
+            return self._updates.place(name, shape)
 
     def remove(self, name: str) -> Update:
         """Take away what :meth:`place` has placed; what it hid is there again.
@@ -703,7 +703,7 @@ class CSpace(ConfigurationMap):
             if name not in placed:
                 there = f"there are {', '.join(map(repr, placed))}" if placed else "nothing was placed"
                 raise InputError("name", f"is {name!r}", there, "ask space.placed for the names", value=name)
-            return self._follower.place(name, None)
+            return self._updates.place(name, None)
 
     @property
     def placed(self) -> dict[str, Shape]:
@@ -713,7 +713,7 @@ class CSpace(ConfigurationMap):
             return {} if scene is None else {name: each.shape for name, each in scene.placed.items()}
 
     @property
-    def _follower(self) -> Updater:
+    def _updates(self) -> Updater:
         from cspace.update import Subject, Updater
 
         return self._updater.get(lambda: Updater(Subject(self._contents, self._rasters, self._exterior, self._renew)))

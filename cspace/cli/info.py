@@ -121,12 +121,12 @@ def describe_robot(robot: Robot, spacing: float | None = None) -> dict[str, Any]
 
     from cspace.covering import covering_shape
 
-    body = robot.shape
-    corners = np.array(body.bounds)
+    shape = robot.shape
+    corners = np.array(shape.bounds)
     return {
         "robot": robot.name,
         **describe_box(corners),
-        **body.about,
+        **shape.about,
         **({} if spacing is None else {"cells_across": covering_shape(corners, spacing)}),
     }
 

@@ -75,22 +75,8 @@ def choose_tiling(
 ) -> Tiling:
     """The cheapest tiling whose proven error stays below a quarter.
 
-    Parameters
-    ----------
-    shape : sequence of int
-        Cells of the map.
-    extent : sequence of int
-        Cells of the robots' common bounding box.
-    count : int
-        Largest number of offsets in one raster.
-    threads : int
-        How many tiles are worked on at once.
-    rasters : int
-        Number of rasters.
-
-    Returns
-    -------
-    Tiling
+    ``shape`` is that of the map, and ``extent`` that of the robots' common bounding box, in cells; ``count`` is the
+    largest number of offsets in one of the rasters. So many ``threads`` work on a tile each.
     """
     candidates = [_lengths(n, r) for n, r in zip(shape, extent, strict=True)]
     bits = count.bit_length()

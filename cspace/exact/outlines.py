@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from cspace.compiling import entry
 from cspace.exact import plane
 from cspace.exact.boundaries import Problem, anchors_of, joined, obstacle_border
-from cspace.exact.segments import Body, Scene
+from cspace.exact.segments import Outline, Scene
 from cspace.map.batches import Kernel
 from cspace.shapes import Pieces, Shape
 
@@ -37,7 +37,7 @@ class PlaneProofs:
     """Proofs for one robot among the obstacles of one workspace; what is asked is compiled when it is first asked."""
 
     def __init__(self, problem: Problem) -> None:
-        self._world = plane.World(problem.map, _scene(problem), _body(problem.robot.shape))
+        self._world = plane.World(problem.map, _scene(problem), _outline(problem.robot.shape))
         self._dof = problem.dof
 
     @cached_property
@@ -60,12 +60,12 @@ class PlaneProofs:
         return float(plane.least_spare(self._world, points, lengths, turns))
 
 
-def _body(shape: Shape) -> Body:
+def _outline(shape: Shape) -> Outline:
     """The robot's border: the segments of its regions, or the middles of its discs, each grown by a radius."""
     whole, parts = shape.boundary(), shape.regions
     border, ends = joined([whole], 2, 2), np.cumsum([len(part) for part in parts], dtype=np.int64)
     rho = float(np.hypot(*border.simplices.reshape(-1, 2).T).max())
-    return Body(border.simplices.reshape(-1, 4), border.radii, anchors_of(whole)[0], ends, rho)
+    return Outline(border.simplices.reshape(-1, 4), border.radii, anchors_of(whole)[0], ends, rho)
 
 
 def _scene(problem: Problem) -> Scene:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from cspace.compiling import inner, jit
 from cspace.exact import ADVANCE, MOST_DISTANCES, ROUNDING, SHORTEST
-from cspace.exact.segments import Body, Scene, gap, is_nested, place
+from cspace.exact.segments import Outline, Scene, gap, is_nested, place
 from cspace.grid import MAX_COORDINATE
 from cspace.map import turning
 from cspace.map.edges import NO_BLOCKS, edge_is_free
@@ -33,7 +33,7 @@ class World(NamedTuple):
 
     map: Map
     scene: Scene
-    body: Body
+    outline: Outline
 
 
 class Stretch(NamedTuple):
@@ -80,10 +80,10 @@ def ask_point(world: World, x: float, y: float, yaw: float) -> int:
         return 0
     if state == BLOCKED:
         return -1
-    scene, body = world.scene, world.body
-    placed = place(body, x, y, yaw, (0.0, 0.0))
+    scene, outline = world.scene, world.outline
+    placed = place(outline, x, y, yaw, (0.0, 0.0))
     least = scene.least + ROUNDING * (abs(x) + abs(y))
-    if gap(scene, body, placed, least, scene.reach) <= least or is_nested(scene, body, placed):
+    if gap(scene, outline, placed, least, scene.reach) <= least or is_nested(scene, outline, placed):
         return -2
     return 1
 
@@ -96,7 +96,7 @@ def _ask_stretch(world: World, way: Stretch) -> int:
     what the border sweeps; one with a turn by conservative advancement: a point of the robot moves by at most ``speed``
     times the part of the stretch, so that a distance proves the configurations before and after it.
     """
-    space, scene, body = world.map, world.scene, world.body
+    space, scene, outline = world.map, world.scene, world.outline
     if _walk(space, way, 0.0, 1.0):
         return 0
     dx, dy = way.end_x - way.x, way.end_y - way.y
@@ -104,9 +104,9 @@ def _ask_stretch(world: World, way: Stretch) -> int:
     if not size <= 2.0 * MAX_COORDINATE * space.spacing:
         return -1
     least = scene.least + ROUNDING * size
-    speed = math.hypot(dx, dy) + body.rho * abs(way.turn)
+    speed = math.hypot(dx, dy) + outline.rho * abs(way.turn)
     walk = shortest_walk = 4.0 * space.spacing / speed if speed > 0.0 else 1.0
-    slides = body.rho * way.turn == 0.0
+    slides = outline.rho * way.turn == 0.0
     proven, leap, asked = 0.0, 0.0, 0
     while True:
         # All before `proven` is free. A distance a leap ahead may reach back to there, and proves twice as much.
@@ -128,12 +128,12 @@ def _ask_stretch(world: World, way: Stretch) -> int:
             return -1 - asked
         asked += 1
         stop = min(at + SLIDE * shortest_walk, 1.0) if slides else at
-        placed = place(body, x, y, yaw, ((stop - at) * dx, (stop - at) * dy))
-        spare = gap(scene, body, placed, least, scene.reach) - least
+        placed = place(outline, x, y, yaw, ((stop - at) * dx, (stop - at) * dy))
+        spare = gap(scene, outline, placed, least, scene.reach) - least
         if spare <= 0.0:
             return -1 - asked
         # As long as no borders meet, whether one lies within the other stays as it is.
-        if asked == 1 and is_nested(scene, body, placed):
+        if asked == 1 and is_nested(scene, outline, placed):
             return -1 - asked
         if slides:
             if stop == 1.0:
@@ -205,12 +205,12 @@ def least_spare(world: World, points: Floats, lengths: Floats, turns: Floats) ->
 
     The pieces are given by their middles, shape (n, 2) or (n, 3), metres and radians; no borders may lie nested there.
     """
-    scene, body, best = world.scene, world.body, math.inf
+    scene, outline, best = world.scene, world.outline, math.inf
     for k in range(points.shape[0]):
         x, y, yaw = points[k, 0], points[k, 1], points[k, 2] if points.shape[1] == 3 else 0.0
-        least, half = scene.least + ROUNDING * (abs(x) + abs(y)), 0.5 * (lengths[k] + body.rho * turns[k])
+        least, half = scene.least + ROUNDING * (abs(x) + abs(y)), 0.5 * (lengths[k] + outline.rho * turns[k])
         # What is farther away than elsewhere on the path is not looked for.
-        apart = gap(scene, body, place(body, x, y, yaw, (0.0, 0.0)), least, best + half)
+        apart = gap(scene, outline, place(outline, x, y, yaw, (0.0, 0.0)), least, best + half)
         best = min(best, apart - least - half)
         if best <= 0.0:
             return 0.0

@@ -20,7 +20,7 @@ Bools = NDArray[np.bool_]
 Point = tuple[float, float]
 
 
-class Body(NamedTuple):
+class Outline(NamedTuple):
     """The robot in its own frame, in metres.
 
     Border segments ``(x0, y0, x1, y1)``, each grown by its radius: a disc is a segment without length. One point of
@@ -82,16 +82,16 @@ class Placed(NamedTuple):
 
 
 @inner(_nrt=True)  # it makes arrays
-def place(body: Body, x: float, y: float, yaw: float, along: Point) -> Placed:
+def place(outline: Outline, x: float, y: float, yaw: float, along: Point) -> Placed:
     """The robot at a configuration and all along a vector."""
     cosine, sine = math.cos(yaw), math.sin(yaw)
-    rows, box = np.empty((body.segments.shape[0], 8)), np.array([math.inf, math.inf, -math.inf, -math.inf])
+    rows, box = np.empty((outline.segments.shape[0], 8)), np.array([math.inf, math.inf, -math.inf, -math.inf])
     vx, vy = along
-    for k in range(body.segments.shape[0]):
-        ax, ay, bx, by = body.segments[k, 0], body.segments[k, 1], body.segments[k, 2], body.segments[k, 3]
+    for k in range(outline.segments.shape[0]):
+        ax, ay, bx, by = outline.segments[k, 0], outline.segments[k, 1], outline.segments[k, 2], outline.segments[k, 3]
         ax, ay = x + cosine * ax - sine * ay, y + sine * ax + cosine * ay
         bx, by = x + cosine * bx - sine * by, y + sine * bx + cosine * by
-        radius = body.radii[k]
+        radius = outline.radii[k]
         rows[k, 0], rows[k, 1], rows[k, 2], rows[k, 3] = ax, ay, bx, by
         rows[k, 4], rows[k, 5] = min(ax, bx) - radius + min(vx, 0.0), min(ay, by) - radius + min(vy, 0.0)
         rows[k, 6], rows[k, 7] = max(ax, bx) + radius + max(vx, 0.0), max(ay, by) + radius + max(vy, 0.0)
@@ -101,7 +101,7 @@ def place(body: Body, x: float, y: float, yaw: float, along: Point) -> Placed:
 
 
 @inner
-def gap(scene: Scene, body: Body, placed: Placed, least: float, reach: float) -> float:
+def gap(scene: Scene, outline: Outline, placed: Placed, least: float, reach: float) -> float:
     """Least distance between the borders of the placed robot, all along its vector, and of the obstacles.
 
     At most ``least + reach``; a distance of ``least`` or below may be given too large, but never above ``least``.
@@ -128,7 +128,7 @@ def gap(scene: Scene, body: Body, placed: Placed, least: float, reach: float) ->
                 if max(max(low_x - row[6], row[4] - high_x), max(low_y - row[7], row[5] - high_y)) >= enough:
                     continue
                 apart = _swept_distance((row[0], row[1]), (row[2], row[3]), placed.along, c, d)
-                apart -= body.radii[k] + scene.radii[e]
+                apart -= outline.radii[k] + scene.radii[e]
                 if apart < best:
                     best, enough = apart, apart + scene.radii[e]
                     if best <= least:
@@ -137,14 +137,14 @@ def gap(scene: Scene, body: Body, placed: Placed, least: float, reach: float) ->
 
 
 @inner
-def is_nested(scene: Scene, body: Body, placed: Placed) -> bool:
+def is_nested(scene: Scene, outline: Outline, placed: Placed) -> bool:
     """Whether the robot or a part of it lies in an obstacle, or one in the robot, of borders that do not meet."""
     cosine, sine, box = placed.cosine, placed.sine, placed.box
-    for k in range(body.anchors.shape[0]):
-        ax, ay = body.anchors[k, 0], body.anchors[k, 1]
+    for k in range(outline.anchors.shape[0]):
+        ax, ay = outline.anchors[k, 0], outline.anchors[k, 1]
         if _in_obstacle(scene, placed.x + cosine * ax - sine * ay, placed.y + sine * ax + cosine * ay):
             return True
-    if not body.ends.shape[0]:  # an obstacle in a disc is near the disc's middle, which the distance tells
+    if not outline.ends.shape[0]:  # an obstacle in a disc is near the disc's middle, which the distance tells
         return False
     first_x, first_y, last_x, last_y = _bins(scene, box, 0.0)
     if first_y > last_y:
@@ -155,10 +155,10 @@ def is_nested(scene: Scene, body: Body, placed: Placed) -> bool:
             if not (box[0] <= px <= box[2] and box[1] <= py <= box[3]):
                 continue
             first = 0
-            for k in range(body.ends.shape[0]):
-                if _encloses(placed.rows, first, body.ends[k], px, py):
+            for k in range(outline.ends.shape[0]):
+                if _encloses(placed.rows, first, outline.ends[k], px, py):
                     return True
-                first = body.ends[k]
+                first = outline.ends[k]
     return False
 
 

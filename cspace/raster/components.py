@@ -6,7 +6,7 @@ for the runs alone.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,9 +21,8 @@ Labels = NDArray[np.int32]
 _SLABS_A_THREAD = 32
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Components:
-    """Sets of boxes, joined through sides.
+class Components(NamedTuple):
+    """Sets of boxes, joined through sides; compiled functions take them as they are.
 
     Attributes
     ----------
@@ -33,8 +32,8 @@ class Components:
         The runs of column ``i * ny + j`` are those from ``offsets[column]`` up to ``offsets[column + 1]``.
     lows, highs, labels : ndarray of int32
         For each run its first and last z, and the number of its component.
-    count : int
-        Number of components.
+    number : int
+        Of components.
     """
 
     shape: tuple[int, int, int]
@@ -42,7 +41,7 @@ class Components:
     lows: Labels
     highs: Labels
     labels: Labels
-    count: int
+    number: int
 
     @classmethod
     def of(cls, blocked: Bools) -> Components:
@@ -67,7 +66,7 @@ class Components:
         return cls((nx, ny, nz), offsets, lows, highs, labels, number)
 
     def members(self) -> Integers:
-        """Index of one box of each component, shape (count, 3)."""
+        """Index of one box of each component, shape (number, 3)."""
         runs = np.unique(self.labels, return_index=True)[1]
         column = np.searchsorted(self.offsets, runs, side="right") - 1
         return np.stack([column // self.shape[1], column % self.shape[1], self.lows[runs]], axis=1).astype(np.int64)
@@ -79,24 +78,24 @@ class Components:
         return np.asarray(self.labels[np.searchsorted(starts, boxes, side="right") - 1])
 
     def lengths(self) -> Integers:
-        """How many boxes each component is long, along the axis along which that is most, shape (count,)."""
+        """How many boxes each component is long, along the axis along which that is most, shape (number,)."""
         column = np.repeat(np.arange(len(self.offsets) - 1), np.diff(self.offsets))
-        longest = np.zeros(self.count, dtype=np.int64)
+        longest = np.zeros(self.number, dtype=np.int64)
         i, j = column // self.shape[1], column % self.shape[1]
         for low, high in ((i, i), (j, j), (self.lows, self.highs)):
-            first, last = np.full(self.count, max(self.shape)), np.zeros(self.count, dtype=np.int64)
+            first, last = np.full(self.number, max(self.shape)), np.zeros(self.number, dtype=np.int64)
             np.minimum.at(first, self.labels, low)
             np.maximum.at(last, self.labels, high)
             longest = np.maximum(longest, last - first + 1)
         return longest
 
     def at_border(self) -> Bools:
-        """Whether each component reaches the border of the array, shape (count,)."""
+        """Whether each component reaches the border of the array, shape (number,)."""
         nx, ny, nz = self.shape
         column = np.repeat(np.arange(nx * ny), np.diff(self.offsets))
         i, j = column // ny, column % ny
         ends = (i == 0) | (i == nx - 1) | (j == 0) | (j == ny - 1) | (self.lows == 0) | (self.highs == nz - 1)
-        border = np.zeros(self.count, dtype=np.bool_)
+        border = np.zeros(self.number, dtype=np.bool_)
         border[self.labels[ends]] = True
         return border
 
@@ -104,7 +103,7 @@ class Components:
         """Set ``out`` on the chosen components, and leave the rest as it is."""
 
         def work(start: int, stop: int) -> int:
-            _fill_runs(out, self.offsets, self.lows, self.highs, self.labels, chosen, start, stop)
+            _fill_runs(out, self, chosen, start, stop)
             return -1
 
         if chosen.any():
@@ -191,13 +190,11 @@ def _label_runs(ny: int, offsets: Integers, lows: Labels, highs: Labels, parents
 
 
 @jit
-def _fill_runs(
-    out: Bools, offsets: Integers, lows: Labels, highs: Labels, labels: Labels, chosen: Bools, start: int, stop: int
-) -> None:
+def _fill_runs(out: Bools, runs: Components, chosen: Bools, start: int, stop: int) -> None:
     """Set ``out`` on the runs of the chosen components, for first indices in ``[start, stop)``."""
     ny = out.shape[1]
     for i in range(start, stop):
         for j in range(ny):
-            for run in range(offsets[i * ny + j], offsets[i * ny + j + 1]):
-                if chosen[labels[run]]:
-                    out[i, j, lows[run] : highs[run] + 1] = True
+            for run in range(runs.offsets[i * ny + j], runs.offsets[i * ny + j + 1]):
+                if chosen[runs.labels[run]]:
+                    out[i, j, runs.lows[run] : runs.highs[run] + 1] = True

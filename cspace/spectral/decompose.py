@@ -319,8 +319,8 @@ class Cover:
     def polish(self, centers: Floats, radii: Floats) -> None:
         """Move balls that lie in the shape, as large as it allows, to where they hold more cells; in place."""
         region, lattice = self._lattice.region, self._lattice
-        frame = lattice.corner, lattice.side, region.slack
-        polish(self._cells, region.tree, centers, radii, frame, np.empty((2, 3)))
+        placing = lattice.corner, lattice.side, region.slack
+        polish(self._cells, region.tree, centers, radii, placing, np.empty((2, 3)))
 
 
 @inner
@@ -425,15 +425,15 @@ def trim(cells: Cells, centers: Floats, reaches: Floats, order: Ints, only_drop:
 
 @jit
 def polish(
-    cells: Cells, tree: Tree, centers: Floats, radii: Floats, frame: tuple[Floats, float, float], room: Floats
+    cells: Cells, tree: Tree, centers: Floats, radii: Floats, placing: tuple[Floats, float, float], room: Floats
 ) -> None:
     """Move balls that lie in a shape, as large as it allows, to where they hold more cells; in place.
 
     A step that stays in the ball stays in the shape, so that the distance from the border is the new radius. Steps go
-    along the axes, and halve where none helps. ``frame`` is the corner of the lattice in the space of the tree, its
+    along the axes, and halve where none helps. ``placing`` is the corner of the lattice in the space of the tree, its
     side, and the slack of distances; ``room``, shape (2, 3), is for a point in both.
     """
-    corner, side, slack = frame
+    corner, side, slack = placing
     trial, place = room[0], room[1]
     for turn in range(ROUNDS):
         moved = False

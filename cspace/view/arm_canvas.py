@@ -159,7 +159,7 @@ class ArmCanvas(Canvas):
         turn, room = self._figure.front(lower, upper), ROOM * float(np.max(upper - lower))
         obstacles = self._figure.obstacles.values()
         near = np.concatenate([[lower, upper], *(each.vertices.clip(lower - room, upper + room) for each in obstacles)])
-        self._aim(near.min(axis=0), near.max(axis=0), np.array([math.cos(turn), math.sin(turn), 0.6]))
+        self._place_camera(near.min(axis=0), near.max(axis=0), np.array([math.cos(turn), math.sin(turn), 0.6]))
 
 
 def _solid(surface: Surface) -> Solid:

@@ -193,7 +193,7 @@ class Canvas(ABC):
             receive_shadow=False,
         )
 
-    def _aim(self, lower: Floats, upper: Floats, back: Floats) -> None:
+    def _place_camera(self, lower: Floats, upper: Floats, back: Floats) -> None:
         """Have cameras begin in some direction from the middle of a box, where all of it is in view."""
         middle, half, back = (lower + upper) / 2, (upper - lower) / 2, back / np.linalg.norm(back)
         right = np.cross([0.0, 0.0, 1.0], back)

@@ -73,7 +73,7 @@ class MapCanvas(Canvas):
         self._figure("/robot", ROBOT)
         self._gizmos = {name: self._gizmo(name, color) for name, color in MARKS.items()}
         back = np.array([-0.5, -1.0, 0.9] if self.stage.has_height else [0.0, -0.45, 1.0])
-        self._aim(self.stage.lower, self.stage.upper, back)
+        self._place_camera(self.stage.lower, self.stage.upper, back)
         self._describe()
 
     def _describe(self) -> None:

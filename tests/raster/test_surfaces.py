@@ -449,7 +449,7 @@ def test_a_thin_robot_only_ever_errs_to_the_large_side():
 def test_components_agree_with_scipy(blocked):
     components = Components.of(blocked)
     labels, count = scipy.ndimage.label(~blocked)
-    assert components.count == count
+    assert components.number == count
     assert len({int(labels[tuple(member)]) for member in components.members()} - {0}) == count
     ring = np.ones_like(blocked)
     ring[1:-1, 1:-1, 1:-1] = False
