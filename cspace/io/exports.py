@@ -54,19 +54,11 @@ def write_vti(
     overwrite: bool = False,
     about: Mapping[str, Floats] | None = None,
 ) -> None:
-    """Write arrays over the cells of a grid as a ``.vti`` file.
+    """Write arrays over the cells of a grid, by name, as a ``.vti`` file.
 
-    They become cell data; the origin is the lower corner of the grid. A plane grid becomes an image at z = 0.
-
-    Parameters
-    ----------
-    arrays : mapping of str to ndarray of uint8, bool, int32 or float64, shape grid.shape
-        By name; the first is the one that is shown. bool is stored as uint8, 0 and 1.
-    grid : Grid
-    path, overwrite
-        As for :func:`cspace.io.output.replacing`.
-    about : mapping of str to ndarray of float64, shape (n,), optional
-        Field data: numbers about the whole.
+    They become cell data, the first of which is shown; the origin is the lower corner of the grid. A plane grid becomes
+    an image at z = 0. Arrays are of uint8, bool, which is stored as uint8, 0 and 1, int32 or float64. ``about``, arrays
+    of float64, shape (n,), become field data: numbers about the whole.
 
     Raises InputError if an array has another shape or type, and FileError as :func:`cspace.io.output.replacing`.
     """

@@ -62,20 +62,12 @@ class Shades:
 
 
 def read_image(path: str | os.PathLike[str], threshold: float = 0.5, dark: str = "occupied") -> NDArray[np.bool_]:
-    """Occupied cells of an image, one cell for each pixel.
+    """Occupied cells of an image, one cell for each pixel, shape (nx, ny).
 
-    Parameters
-    ----------
-    path : path-like
-        PNG, PGM, PPM, PBM, BMP, JPEG or TIFF, told by its content. Its first row is the top of the map.
-    threshold : float
-        Pixels whose shade, the mean of their colour channels from 0 (black) to 1 (white), is below this are dark.
-    dark : {"occupied", "free"}
-        What dark pixels are. A pixel that is not fully opaque shows no ground, and is occupied either way.
-
-    Returns
-    -------
-    ndarray of bool, shape (nx, ny)
+    It is a PNG, PGM, PPM, PBM, BMP, JPEG or TIFF, told by its content. Its first row is the top of the map. Pixels
+    whose shade, the mean of their colour channels from 0 (black) to 1 (white), is below ``threshold`` are dark, and
+    ``dark`` says what these are, "occupied" or "free". A pixel that is not fully opaque shows no ground, and is
+    occupied either way.
 
     Raises InputError if ``threshold`` is not above 0 and at most 1, or ``dark`` is neither word, and FileError if the
     file is missing, too large, cannot be decoded, or has pixels of an unknown kind.

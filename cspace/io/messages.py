@@ -133,15 +133,8 @@ def read_occupancy_grid(
 ) -> tuple[Grid, Bools, Bools, Bools]:
     """The cells of a message, as :func:`cspace.io.rosmap.read_ros_map` returns them.
 
-    Parameters
-    ----------
-    msg, unknown, free_thresh, occupied_thresh
-        As for :meth:`cspace.Workspace.from_occupancy_grid`.
-
-    Raises
-    ------
-    InputError
-        If a field is missing or not as it must be, or another argument is not usable.
+    Arguments are those of :meth:`cspace.Workspace.from_occupancy_grid`. Raises InputError if a field is missing or not
+    as it must be, or another argument is not usable.
     """
     check_word(unknown, "unknown", UNKNOWNS)
     low, high = not_negative(free_thresh, "free_thresh", ""), not_negative(occupied_thresh, "occupied_thresh", "")
@@ -161,20 +154,9 @@ def read_occupancy_grid(
 
 
 def fill_occupancy_grid(state: NDArray[np.uint8], grid: Grid, msg: Message, frame_id: str) -> Message:
-    """The message with a map of states in it: free 0, undecided -1, blocked 100.
+    """The message, which is changed, with a map of states in it: free 0, undecided -1, blocked 100.
 
-    Parameters
-    ----------
-    state : ndarray of uint8, shape (nx, ny)
-    grid : Grid
-    msg : object
-        With the fields of ``nav_msgs/OccupancyGrid``; it is changed.
-    frame_id : str
-
-    Raises
-    ------
-    InputError
-        If the grid is not plane, or a field is missing.
+    Raises InputError if the grid is not plane, or a field is missing.
     """
     values = np.array([OCCUPANCY[each] for each in sorted(OCCUPANCY)], dtype=np.int8)
     fields = {"info.width": grid.shape[0], "info.height": grid.shape[1]}
@@ -190,24 +172,11 @@ def fill_costmap(costs: NDArray[np.uint8], grid: Grid, msg: Message, frame_id: s
 def costs_of(
     clearance: Floats, lethal: Bools, unknown: Bools | None, inscribed: float, scaling: float, radius: float
 ) -> NDArray[np.uint8]:
-    """Costs of Nav2's inflation layer.
+    """Costs of Nav2's inflation layer, shape (nx, ny), from the clearance of each cell, metres.
 
-    Parameters
-    ----------
-    clearance : ndarray of float64, shape (nx, ny)
-        Metres; zero where a robot may be in collision.
-    lethal : ndarray of bool, shape (nx, ny)
-        Cells that meet an obstacle.
-    unknown : ndarray of bool, shape (nx, ny), or None
-        Cells that nothing is known of.
-    inscribed : float
-        Radius of the robot's inscribed circle, metres.
-    scaling, radius : float
-        ``cost_scaling_factor``, per metre, and ``inflation_radius``, metres, from the obstacles.
-
-    Returns
-    -------
-    ndarray of uint8, shape (nx, ny)
+    That is zero where a robot may be in collision. ``lethal`` cells meet an obstacle, and of ``unknown`` ones nothing
+    is known. ``inscribed`` is the radius of the robot's inscribed circle, metres; ``scaling`` is
+    ``cost_scaling_factor``, per metre, and ``radius`` is ``inflation_radius``, metres, from the obstacles.
     """
     costs = ((INSCRIBED - 1) * np.exp(-scaling * clearance)).astype(np.uint8)
     costs[clearance + inscribed > radius] = 0

@@ -43,24 +43,12 @@ class _Header:
 
 
 def read_octomap(path: str | os.PathLike[str], unknown: str = "occupied") -> tuple[Grid, Bools, Bools]:
-    """Occupied cells of an OctoMap, over the box of its known space.
+    """The grid of an OctoMap over the box of its known space, its occupied cells, and those without a leaf.
 
-    Coarse leaves are expanded to the finest cells. A leaf of a full tree (``.ot``) is occupied from a probability of
-    one half on, as in OctoMap; the file holds no other threshold.
-
-    Parameters
-    ----------
-    path : path-like
-        A binary (``.bt``) or full (``.ot``) tree of type OcTree or ColorOcTree; the first line says which.
-    unknown : {"occupied", "free"}
-        What cells without a leaf are.
-
-    Returns
-    -------
-    grid : Grid
-        Of the tree's resolution; its corner lies a whole number of cells from the origin.
-    occupied, unknown : ndarray of bool, shape grid.shape
-        What is occupied, with what counts as such, and the cells without a leaf.
+    ``.bt`` is a binary tree, and ``.ot`` a full one, of type OcTree or ColorOcTree; the first line says which. The grid
+    has the resolution of the tree, and its corner lies a whole number of cells from the origin. Coarse leaves are
+    expanded to the finest cells. A leaf of a full tree is occupied from a probability of one half on, as in OctoMap;
+    the file holds no other threshold. Cells without a leaf count as ``unknown`` says: "occupied" or "free".
 
     Raises InputError if ``unknown`` is neither word, and FileError if the file is missing, is no OctoMap, is of another
     type, is truncated or damaged, knows no cell, or so many that they are too large (:mod:`cspace.io.limits`).

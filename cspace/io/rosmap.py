@@ -113,15 +113,8 @@ class Frame(NamedTuple):
 def on_grid(frame: Frame, free: Bools, occupied: Bools, unknown: str) -> tuple[Grid, Bools, Bools, Bools]:
     """The cells of a map on an upright grid, as :func:`read_ros_map` returns them.
 
-    Parameters
-    ----------
-    frame : Frame
-    free, occupied : ndarray of bool, shape (nx, ny)
-        All others are unknown.
-    unknown : {"occupied", "free"}
-
-    Raises InputError if no grid can lie there, and FileError if it has more cells than are read, or than fit into
-    memory.
+    What is neither free nor occupied is unknown. Raises InputError if no grid can lie there, and FileError if it has
+    more cells than are read, or than fit into memory.
     """
     solid = ~free if unknown == "occupied" else occupied
     turns = _quarter_turns(frame.yaw, solid.shape)

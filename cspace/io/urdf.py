@@ -56,19 +56,10 @@ _NUMBERS: Final[Mapping[str, Mapping[str, int]]] = {
 
 
 def read_urdf(path: str | os.PathLike[str], link: str | Sequence[str] | None = None) -> list[Surface]:
-    """The surface of a robot's collision geometry.
+    """The surface of a robot's collision geometry, in the frame of the first link, metres.
 
-    Parameters
-    ----------
-    path : path-like
-    link : str or sequence of str, optional
-        As for :meth:`cspace.Robot.from_urdf`.
-
-    Returns
-    -------
-    list of Surface
-        Metres, in the frame of the first link: the surface itself; or, where something is curved, one around it and one
-        within.
+    Links are those of :meth:`cspace.Robot.from_urdf`. Where something is curved, there are two: one around it and one
+    within.
 
     Raises FileError if the file or a mesh is missing or malformed; InputError if there is no such link, the links have
     no collision geometry, or a size is not above zero; and MissingPackageError if yourdfpy is not installed.

@@ -89,21 +89,9 @@ def chain(
 ) -> Ints:
     """A chain of cells that are not BLOCKED, each sharing a side with the next, with the fewest MIXED ones.
 
-    Parameters
-    ----------
-    states : ndarray of uint8, or PackedStates, shape (slices, nx, ny) or (slices, nx, ny, nz)
-    slice_of : ndarray of int64, shape (rotations,)
-    neighbors : ndarray of int64, shape (rotations, n)
-        The rotation cells that each one shares a border with; -1 fills up.
-    closed : ndarray of bool, shape (rotations, *cells), or None
-        Cells that are left out.
-    start, goal : ndarray of int64, shape (1 + d,)
-        Cells ``(rotation, x, y)`` or ``(rotation, x, y, z)`` in the grid.
-
-    Returns
-    -------
-    ndarray of int64, shape (n, 1 + d)
-        From start to goal; of length 0 where there is none.
+    Cells are ``(rotation, x, y)`` or ``(rotation, x, y, z)`` in the grid, and the chain has the shape (n, 1 + d), from
+    start to goal; n is 0 where there is none. ``neighbors``, shape (rotations, n), are the rotation cells that each one
+    shares a border with; -1 fills up. Cells that are ``closed``, shape (rotations, *cells), are left out.
     """
     flat = (1,) * (4 - states.ndim)  # the plane is space with one layer
     check_bytes(len(slice_of) * math.prod(states.shape[1:]))

@@ -517,20 +517,11 @@ class Components:
                 self._boxes.clear()
 
     def of(self, cells: Ints) -> tuple[Ints, Ints]:
-        """Numbers of the components of FREE cells, and of cells that are not BLOCKED, that cells belong to.
+        """Numbers of the components of FREE cells, and of those that are not BLOCKED, that cells belong to; or -1.
 
-        Within one of the FREE cells, a collision-free path exists; between two of the others, none does. A cell
-        outside the grid counts as not BLOCKED where any of them is.
-
-        Parameters
-        ----------
-        cells : ndarray of int64, shape (..., 1 + d)
-            ``(rotation, x, y)`` or ``(rotation, x, y, z)``, in the grid or not.
-
-        Returns
-        -------
-        free, passable : ndarray of int64, shape (...)
-            -1 where a cell belongs to none. The numbers hold until the next change.
+        Within one of the FREE cells, a collision-free path exists; between two of the others, none does. Cells are
+        ``(rotation, x, y)`` or ``(rotation, x, y, z)``, shape (..., 1 + d). One outside the grid counts as not BLOCKED
+        where any of them is. The numbers hold until the next change.
         """
         flat = np.ascontiguousarray(cells.reshape(-1, cells.shape[-1]))
         joined, found = self._join(), np.empty((KINDS, len(flat)), dtype=np.int64)

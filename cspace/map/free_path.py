@@ -105,19 +105,9 @@ def trace_cubes(field: Field, first: Ints, last: Ints, most: int) -> Ints:
     middle to middle, and :data:`GREED` times the distance to the goal; all that is joined to the start is looked at
     before the search gives up.
 
-    Parameters
-    ----------
-    field : Field
-    first, last : ndarray of int64, shape (4,)
-        FREE cells ``(rotation, x, y, z)``.
-    most : int
-        Largest distance, in cells, from the middle of a cube to its sides.
-
-    Returns
-    -------
-    ndarray of int64, shape (n, 4)
-        Of length 0 where there is no such path. Where the rotation changes, it does in the place of the later cell,
-        which lies in the cube of the one before.
+    Cells are ``(rotation, x, y, z)``, shape (n, 4); n is 0 where there is no such path. Where the rotation changes, it
+    does in the place of the later cell, which lies in the cube of the one before. ``most`` is the largest distance, in
+    cells, from the middle of a cube to its sides.
     """
     nx, ny, nz = field.shape
     volume, goal = nx * ny * nz, (last[1], last[2], last[3])
@@ -221,20 +211,9 @@ def cube_path(states: Stack, slice_of: Ints, neighbors: Ints, start: Ints, goal:
     the place of the one before it, in a neighbouring rotation cell. The search prefers the direction of the goal, finds
     a path wherever there is one, and the same one every time.
 
-    Parameters
-    ----------
-    states : ndarray of uint8, or PackedStates, shape (slices, nx, ny) or (slices, nx, ny, nz)
-        Read-only.
-    slice_of : ndarray of int64, shape (rotations,)
-    neighbors : ndarray of int64, shape (rotations, n)
-        The rotation cells into which each one may be left; none, where n is 0.
-    start, goal : ndarray of int64, shape (1 + d,)
-        FREE cells ``(rotation, x, y)`` or ``(rotation, x, y, z)``.
-
-    Returns
-    -------
-    ndarray of int64, shape (n, 1 + d)
-        From start to goal; of length 0 where no chain of FREE cells joins them.
+    Cells are ``(rotation, x, y)`` or ``(rotation, x, y, z)``, and the chain has the shape (n, 1 + d); n is 0 where none
+    joins them. ``neighbors``, shape (rotations, n), are the rotation cells into which each one may be left; none, where
+    n is 0.
     """
     dim = states.ndim - 1
     nx, ny, nz = np.pad(states.shape[1:], (0, 3 - dim), constant_values=1).tolist()

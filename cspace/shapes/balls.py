@@ -40,14 +40,7 @@ class Balls(Shape):
 
     @classmethod
     def of(cls, centers: ArrayLike | BallSet, radii: ArrayLike | None = None) -> Balls:
-        """Balls from arrays, or from a decomposition, which brings its radii.
-
-        Parameters
-        ----------
-        centers : array-like, shape (n, 2) or (n, 3), or decomposition
-            Metres.
-        radii : array-like, shape (n,), or one number
-            Metres, zero or above.
+        """Balls from arrays, shapes (n, dim) and (n,), or one number, or from a decomposition with its radii; metres.
 
         Raises InputError if there is no ball, the shapes do not fit, a value is not finite, or a radius is below zero.
         """

@@ -49,12 +49,7 @@ class Polygons(Shape):
 
     @classmethod
     def of(cls, shape: ArrayLike | BaseGeometry | Sequence[BaseGeometry]) -> Polygons:
-        """Polygons that have an area, from what describes them.
-
-        Parameters
-        ----------
-        shape : shapely Polygon or MultiPolygon, a sequence of them, or array-like of shape (n, 2)
-            Metres; an array holds the vertices in order, closed or not. Parts may overlap.
+        """Polygons that have an area, from what :meth:`cspace.Robot.polygon` takes.
 
         Raises GeometryError if a part is empty, has no area, crosses itself, or is not a polygon, and InputError if a
         coordinate is NaN or infinite.

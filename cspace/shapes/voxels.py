@@ -129,15 +129,7 @@ class Voxels(Shape):
 
     @classmethod
     def of(cls, occupied: ArrayLike, spacing: float, lower: ArrayLike | None = None) -> Voxels:
-        """The cells of a bitmap.
-
-        Parameters
-        ----------
-        occupied : array-like of bool, shape (nx, ny) or (nx, ny, nz)
-        spacing : float
-            Side of a cell, metres.
-        lower : array-like, shape (dim,), optional
-            Lower corner of the first cell, metres; the origin if left out.
+        """The cells of a bitmap, from the lower corner of the first one, by default the origin; metres.
 
         Raises GeometryError if no cell is occupied, and InputError if ``occupied`` is not boolean with two or three
         axes, or another value is not as stated.

@@ -80,15 +80,9 @@ def _quiet() -> Iterator[None]:
 def is_own(origin: str | None, asked: str, host: str) -> bool:
     """Whether a browser's page is the server's own.
 
-    Parameters
-    ----------
-    origin : str or None
-        Where the page is from, as browsers say; other programs say nothing.
-    asked : str
-        The name and port by which the server was asked.
-    host : str
-        Where it serves. At an address of this machine alone it goes by no other name, or a name that is given that
-        address for a while would do (DNS rebinding).
+    ``origin`` is where the page is from, as browsers say; other programs say nothing. ``asked`` is the name and port by
+    which the server was asked, and ``host`` where it serves. At an address of this machine alone it goes by no other
+    name, or a name that is given that address for a while would do (DNS rebinding).
     """
     if origin is None:
         return True
