@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
-States = NDArray[np.uint8]
 Result = TypeVar("Result")
 
 _ANSWERS = np.array([None, True, False], dtype=object)

@@ -70,11 +70,3 @@ def error_bound(tile: Sequence[int], count: int, precision: str, digits: int = 1
     norms = math.sqrt(math.prod(tile)) / 2.0 * math.sqrt(count)
     norms *= sum(2.0 ** (count.bit_length() * k) for k in range(digits))
     return (transforms * passes + 8.0) * UNIT_ROUNDOFF[precision] * norms
-
-
-def most_digits(extent: Sequence[int], count: int, precision: str) -> int:
-    """More digits than this no tile of robots of an extent can carry, by the parts of the bound that any has."""
-    bits = count.bit_length()
-    one = 8.0 * UNIT_ROUNDOFF[precision] * math.sqrt(math.prod(extent) * count) / 2.0
-    further = math.floor(math.log2(MARGIN / one) / bits) if one < MARGIN else 0
-    return max(1, min(1 + further, SUM_BITS // bits))

@@ -12,7 +12,6 @@ from cspace.compiling import inner, reader
 from cspace.map.storage import Cells, Stack, cells_of, expect, row_in, state_in
 from cspace.threads import cores, in_threads
 
-Bytes = NDArray[np.uint8]
 Ints = NDArray[np.int64]
 Nodes = NDArray[np.int32]
 Words = NDArray[np.uint64]

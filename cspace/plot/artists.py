@@ -124,12 +124,6 @@ def draw_cells(ax: Axes, grid: Grid, classes: Classes, *, turned: bool = False) 
     return image
 
 
-def draw_outside(ax: Axes) -> None:
-    """Hatch what lies outside the grid: the map shows nothing there."""
-    _, ground, lines = OUTSIDE
-    ax.patch.set(facecolor=ground, edgecolor=lines, hatch="////", linewidth=0.0)
-
-
 def cell_legend(classes: Sequence[Classes], space: MapLike, box: Floats, *, several: bool = False) -> list[Any]:
     """Legend entries of the classes that occur, obstacles first, and of what lies outside the grid, if it is in view.
 
@@ -276,7 +270,8 @@ def frame(
     ax.set_xlim(*box[:, pair[0]])
     ax.set_ylim(*box[:, pair[1]])
     ax.set_aspect(float(stretch[pair[1]] / stretch[pair[0]]))
-    draw_outside(ax)
+    _, ground, lines = OUTSIDE
+    ax.patch.set(facecolor=ground, edgecolor=lines, hatch="////", linewidth=0.0)
     drawn = (box[1] - box[0]) * stretch
     for axis, number in zip((ax.xaxis, ax.yaxis), pair, strict=True):
         share = drawn[number] / drawn.max()

@@ -65,12 +65,6 @@ class Components(NamedTuple):
         number = int(_label_runs(ny, offsets, lows, highs, parents, labels))
         return cls((nx, ny, nz), offsets, lows, highs, labels, number)
 
-    def members(self) -> Integers:
-        """Index of one box of each component, shape (number, 3)."""
-        runs = np.unique(self.labels, return_index=True)[1]
-        column = np.searchsorted(self.offsets, runs, side="right") - 1
-        return np.stack([column // self.shape[1], column % self.shape[1], self.lows[runs]], axis=1).astype(np.int64)
-
     def at(self, boxes: Integers) -> Labels:
         """The component of untouched boxes, numbered in the order of the array, shape (n,)."""
         column = np.repeat(np.arange(len(self.offsets) - 1), np.diff(self.offsets))

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from cspace.map.storage import ASIDE, MISSING, USED, TileCells, pack, read_only
 
 Bytes = NDArray[np.uint8]
-Ints = NDArray[np.int64]
 
 
 class Cache:

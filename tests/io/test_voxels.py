@@ -279,7 +279,7 @@ def test_octomaps_larger_than_memory_are_refused(tmp_path):
 
 
 def test_the_unknown_policy_is_one_of_two_words(tmp_path):
-    with pytest.raises(InputError, match=r"'maybe'.*'occupied', 'free'"):
+    with pytest.raises(InputError, match=r"'maybe'.*'occupied' or 'free'"):
         read_octomap(tmp_path / "any.bt", "maybe")
 
 
