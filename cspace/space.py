@@ -39,7 +39,8 @@ if TYPE_CHECKING:
     from cspace.map.overlaps import Runs, Sums
     from cspace.map.sampling import FreeCells
     from cspace.map.widest import Widest
-    from cspace.spectral import FourierOverlap, OverlapField
+    from cspace.spectral.field import OverlapField
+    from cspace.spectral.overlap import FourierOverlap
     from cspace.update import Change, Update, Updater
     from cspace.view.cells import Cells
 
@@ -757,7 +758,7 @@ class CSpace(ConfigurationMap):
         MissingPackageError
             If finufft is not installed.
         """
-        from cspace.spectral import OverlapField
+        from cspace.spectral.field import OverlapField
 
         fields = OverlapField.of(self, overlap).arrays
         with self._lock:  # an update waits
@@ -766,7 +767,7 @@ class CSpace(ConfigurationMap):
     @property
     def overlap_field(self) -> OverlapField | None:
         """The overlap of descriptors that the map carries; None where there is none."""
-        from cspace.spectral import OverlapField
+        from cspace.spectral.field import OverlapField
 
         fields = self._contents.fields
         return OverlapField(self, fields) if fields else None

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from ompl import base as ob
 
-from cspace.arms import ArmSpace
+from cspace.arms.space import ArmSpace
 from cspace.errors import ConfigurationError, InputError
 from cspace.grid import finite, positive
 from cspace.map.callbacks import brought

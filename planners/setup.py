@@ -8,7 +8,7 @@ import numpy as np
 from ompl import base as ob
 from ompl import geometric as og
 
-from cspace.arms import ArmSpace
+from cspace.arms.space import ArmSpace
 from cspace.errors import InputError
 from cspace.map.batches import check_rng
 from cspace.space import CSpace

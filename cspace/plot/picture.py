@@ -9,19 +9,24 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypedDict, Unpack
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cspace.errors import InputError
-from cspace.grid import positive
+from cspace.grid import Grid, positive
 from cspace.io.output import replacing
 from cspace.orientation import ROTATION_NAMES, Unturned
 from cspace.plot import artists
 from cspace.plot.dials import draw_dials
-from cspace.plot.route import Bare, Figurine, Floats, HasPath, Look, MapLike, Part, Route, section_point
+from cspace.plot.route import Figurine, Floats, HasPath, Look, MapLike, Part, Route, WorkspaceLike, section_point
 from cspace.plot.sections import draw_panels, draw_sections
 from cspace.plot.surface import draw_surface
+from cspace.rotations import Rotations
+from cspace.shapes.balls import Balls
+from cspace.shapes.shape import Shape
+from cspace.states import BLOCKED, FREE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -191,6 +196,38 @@ def plot(
 def plot_workspace(workspace: Any, **options: Unpack[WorkspaceOptions]) -> Axes:
     """Draw the obstacles alone; as :func:`plot`, with those of its options that need no robot."""
     return plot(Bare(workspace), **options)
+
+
+class Bare:
+    """A workspace as pictures of maps see it: without a robot, FREE where it is open and BLOCKED in obstacles."""
+
+    def __init__(self, workspace: Any) -> None:
+        self.workspace: WorkspaceLike = workspace
+        self.grid: Grid = workspace.grid
+        self.axes = ("x", "y", "z")[: self.grid.dim]
+        self.rotations = Rotations.of(None)
+        dot = Balls(np.zeros((1, self.grid.dim)), np.ones(1))
+        self.robot = Nobody(Path(workspace.source).name, self.grid.dim, dot)
+
+    @property
+    def _seen(self) -> Iterable[NDArray[np.uint8]]:
+        return iter([self.slice_at(np.empty(0))])
+
+    def slice_at(self, rotation: Floats, /) -> NDArray[np.uint8]:
+        """States of a robot that is a point, at the middle of a cell."""
+        return np.where(self.workspace.outer, np.uint8(BLOCKED), np.uint8(FREE))
+
+    @property
+    def _slice_of(self) -> NDArray[np.int64]:
+        return np.zeros(1, dtype=np.int64)
+
+
+class Nobody(NamedTuple):
+    """What stands for the robot where there is none: it is drawn nowhere, and its name tells of the obstacles."""
+
+    name: str
+    dim: int
+    shape: Shape
 
 
 def view_of(axes: Sequence[str], view: str | None, options: Mapping[str, Any]) -> str:

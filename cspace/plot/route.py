@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
@@ -15,9 +14,7 @@ from cspace.errors import InputError
 from cspace.grid import Grid, finite, positive
 from cspace.orientation import Orientation
 from cspace.rotations import Rotations
-from cspace.shapes.balls import Balls
 from cspace.shapes.shape import Shape
-from cspace.states import BLOCKED, FREE
 
 Floats = NDArray[np.float64]
 
@@ -185,38 +182,6 @@ class Part:
     def slice_at(self, rotation: Floats, /) -> NDArray[np.uint8]:
         """States of its cells at a rotation."""
         return self._space.slice_at(rotation)[self._box]
-
-
-class Bare:
-    """A workspace as pictures of maps see it: without a robot, FREE where it is open and BLOCKED in obstacles."""
-
-    def __init__(self, workspace: Any) -> None:
-        self.workspace: WorkspaceLike = workspace
-        self.grid: Grid = workspace.grid
-        self.axes = ("x", "y", "z")[: self.grid.dim]
-        self.rotations = Rotations.of(None)
-        dot = Balls(np.zeros((1, self.grid.dim)), np.ones(1))
-        self.robot = Nobody(Path(workspace.source).name, self.grid.dim, dot)
-
-    @property
-    def _seen(self) -> Iterable[NDArray[np.uint8]]:
-        return iter([self.slice_at(np.empty(0))])
-
-    def slice_at(self, rotation: Floats, /) -> NDArray[np.uint8]:
-        """States of a robot that is a point, at the middle of a cell."""
-        return np.where(self.workspace.outer, np.uint8(BLOCKED), np.uint8(FREE))
-
-    @property
-    def _slice_of(self) -> NDArray[np.int64]:
-        return np.zeros(1, dtype=np.int64)
-
-
-class Nobody(NamedTuple):
-    """What stands for the robot where there is none: it is drawn nowhere, and its name tells of the obstacles."""
-
-    name: str
-    dim: int
-    shape: Shape
 
 
 class Ground(NamedTuple):

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.errors import InputError
 from cspace.grid import finite
-from cspace.shapes import check_balls
+from cspace.shapes.balls import check_balls
 
 Floats = NDArray[np.float64]
 
