@@ -108,7 +108,7 @@ def check_word(value: Any, name: str, words: Sequence[Any], mend: str = "pass on
 
     Raises InputError if it is none, or of another type.
     """
-    if type(value) not in {type(word) for word in words} or value not in words:
+    if isinstance(value, bool) or not isinstance(value, str | int) or value not in words:
         *most, last = map(repr, words)
         raise InputError(name, f"is {value!r}", f"it must be {', '.join(most)} or {last}", mend, value=value)
 

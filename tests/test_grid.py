@@ -4,6 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cspace import Grid, InputError
+from cspace.grid import check_word, whole
 
 
 def test_holds_plain_immutable_values():
@@ -71,3 +72,19 @@ def test_refuses(lower, spacing, shape, words):
 def test_refuses_points(points):
     with pytest.raises(InputError):
         Grid((0, 0), 1.0, (2, 2)).cell_of(points)
+
+
+@pytest.mark.parametrize("value", [True, 1.5, "3", None, -1, 11])
+def test_what_is_no_whole_number_in_a_span_is_refused(value):
+    with pytest.raises(InputError, match=r"n is .*whole number from 0 to 10"):
+        whole(value, "n", 0, 10)
+    assert whole(np.int64(3), "n", 0, 10) == 3
+
+
+@pytest.mark.parametrize("value", ["maybe", True, ["free"], None, 2.0, 4])
+def test_what_is_none_of_some_words_is_refused(value):
+    for words, rule in ((("free", "blocked"), "'free' or 'blocked'"), ((1, 2, 3), "1, 2 or 3")):
+        with pytest.raises(InputError, match=f"word is .*it must be {rule}"):
+            check_word(value, "word", words)
+    check_word(np.str_("free"), "word", ("free", "blocked"))
+    check_word(2, "word", (1, 2, 3))
