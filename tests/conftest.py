@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import tempfile
 from pathlib import Path
@@ -9,8 +10,10 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-# What is kept about this machine in the user's cache folder shall not change what the tests do, nor they it.
-os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(prefix="cspace-tests-")
+# What is kept about this machine in the user's cache folder shall not change what the tests do, nor they it. Workers
+# share one folder, where what one has made, such as matplotlib's list of fonts, the other finds.
+if "PYTEST_XDIST_WORKER" not in os.environ:
+    os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(prefix="cspace-tests-")
 
 # A test that meets a compiled kernel for the first time waits for the compiler.
 settings.register_profile("cspace", deadline=None, max_examples=50, derandomize="CI" in os.environ)
@@ -24,6 +27,12 @@ FIRST = ("cli/test_commands.py", *APART, "exact/", "spectral/", "raster/", "plan
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Run what takes longest first, so that no worker ends long after the other."""
     items.sort(key=lambda item: next((k for k, part in enumerate(FIRST) if f"/{part}" in item.nodeid), len(FIRST)))
+
+
+def pytest_collection_finish() -> None:
+    """Look for garbage less often, and not among what stays to the end: modules, kernels and thousands of tests."""
+    gc.freeze()
+    gc.set_threshold(20_000, 20, 20)
 
 
 @pytest.fixture(scope="session")

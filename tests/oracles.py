@@ -175,24 +175,25 @@ def touched_turned_cells(start, end, spacing, lower, shape, borders, slack=0):
 
 
 def distance_to_triangles(points, triangles):
-    """Exact distances from points (n, 3) to triangles (m, 3, 3), one point at a time."""
-    out = np.empty(len(points))
-    for n, point in enumerate(points):
-        nearest = trimesh.triangles.closest_point(triangles, np.repeat(point[None], len(triangles), axis=0))
-        out[n] = np.linalg.norm(nearest - point, axis=1).min()
-    return out
+    """Exact distances from points (n, 3) to triangles (m, 3, 3), some points at a time."""
+    found = [np.zeros(0)]
+    for some in np.array_split(points, len(points) * len(triangles) // 100_000 + 1):
+        each, all_of_them = np.repeat(some, len(triangles), axis=0), np.tile(triangles, (len(some), 1, 1))
+        apart = np.linalg.norm(trimesh.triangles.closest_point(all_of_them, each) - each, axis=1)
+        found.append(apart.reshape(len(some), len(triangles)).min(axis=1))
+    return np.concatenate(found)
 
 
 def winding_numbers(points, triangles):
     """Winding numbers of closed triangles, by solid angles (van Oosterom and Strackee, 1983)."""
-    found = []
-    for point in points:
-        a, b, c = np.moveaxis(triangles - point, 1, 0)
-        la, lb, lc = (np.linalg.norm(side, axis=1) for side in (a, b, c))
-        above = np.einsum("ij,ij->i", a, np.cross(b, c))
-        below = la * lb * lc + (a * b).sum(1) * lc + (b * c).sum(1) * la + (c * a).sum(1) * lb
-        found.append(round(np.arctan2(above, below).sum() / (2.0 * np.pi)))
-    return np.array(found)
+    found = [np.zeros(0, dtype=int)]
+    for some in np.array_split(points, len(points) * len(triangles) // 100_000 + 1):
+        a, b, c = np.moveaxis(triangles - some[:, None, None], 2, 0)
+        la, lb, lc = (np.linalg.norm(side, axis=-1) for side in (a, b, c))
+        above = (a * np.cross(b, c)).sum(-1)
+        below = la * lb * lc + (a * b).sum(-1) * lc + (b * c).sum(-1) * la + (c * a).sum(-1) * lb
+        found.append(np.rint(np.arctan2(above, below).sum(-1) / (2.0 * np.pi)).astype(int))
+    return np.concatenate(found)
 
 
 def winds_around(points, triangles):

@@ -8,14 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-import shapely
 from ompl import base as ob
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
-from shapely import affinity
 
 import planners
 from cspace import MIXED, CSpace, InputError, Robot, Workspace, build
+from placements import collides
 from planners import search
 from planners.local_planner import TurnDriveTurn, local_planner
 from planning import ENDS, check, open_map, room, state_at, turn_between, with_state
@@ -197,18 +196,14 @@ def test_on_a_roadmap_the_path_is_taken_that_is_shortest_with_its_turns(
 def test_no_point_of_a_path_collides(drive: str) -> None:
     """The robot's own rectangle, placed along what is driven, against every obstacle."""
     space = room("turning")
-    x, y = np.nonzero(space.workspace.outer)
-    walls = shapely.union_all(shapely.box(x * 0.1, y * 0.1, (x + 1) * 0.1, (y + 1) * 0.1))
-    body, lengths = shapely.box(-0.3, -0.15, 0.3, 0.15), []
+    lengths = []
     for seed in range(4):
         found = planners.plan(space, *ENDS["turning"], drive=drive, seed=seed, time_limit=20.0)
         check(space, found, *ENDS["turning"])
         check_driven(found, drive)
         assert space.certify_path(found.path).all() and space.certify_path(found.waypoints).all()
         for first, last in itertools.pairwise(found.waypoints):
-            for px, py, yaw in driven(first, last, drive, 20).tolist():
-                placed = affinity.translate(affinity.rotate(body, yaw, (0, 0), use_radians=True), px, py)
-                assert not placed.intersects(walls)
+            assert not collides(space, driven(first, last, drive, 20), 0.0).any()
         rough = planners.plan(space, *ENDS["turning"], drive=drive, seed=seed, time_limit=20.0, simplify=False)
         check(space, rough, *ENDS["turning"])
         lengths.append(rough.length / found.length)

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 import shapely
 import trimesh
-from shapely import affinity
 
 import cspace
 import planners
 from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
 from cspace.map.chain import open_chain
+from placements import collides
+from planning import edge
 
 WIDTH = 0.5
 
@@ -34,11 +35,7 @@ def test_a_corridor_two_per_cent_wider_than_the_robot_is_crossed(ends, seed):
     assert found.solved and found.certified and found.status.startswith("path found")
     assert found.path[0] == pytest.approx(ends[0]) and found.path[-1] == pytest.approx(ends[1])
     for first, second in itertools.pairwise(found.waypoints):
-        turn = (second[2] - first[2] + np.pi) % (2 * np.pi) - np.pi
-        for t in np.linspace(0, 1, 200):
-            x, y = first[:2] + t * (second[:2] - first[:2])
-            turned = affinity.rotate(space.robot.geometry, first[2] + t * turn, origin=(0, 0), use_radians=True)
-            assert not affinity.translate(turned, x, y).intersects(walls)
+        assert not collides(space, edge(space, first, second, np.linspace(0, 1, 200))[0], 0.0, [walls]).any()
 
 
 def test_without_exact_it_is_not_crossed():

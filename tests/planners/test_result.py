@@ -17,11 +17,11 @@ import numpy as np
 import pytest
 import shapely
 from scipy.spatial.transform import Rotation
-from shapely import affinity
 
 import planners
 from cspace import BLOCKED, CSpace, FileError, Robot, Workspace, build
 from cspace.errors import InputError
+from placements import placed
 from planners.local_planner import CURVES, HOLONOMIC, local_planner
 from planning import CAR, ENDS, SPACES, distances, halves, open_map, room, turn_between, usable
 
@@ -87,9 +87,7 @@ SIZES = {"space": (0.3, 0.3, 0.1), "yawing": (0.4, 0.2, 0.1), "floating": (0.3, 
 
 def apart_in_the_plane(obstacles: shapely.Geometry, robot: shapely.Geometry, radius: float, q: np.ndarray) -> float:
     """Distance from obstacles, by shapely; the robot is grown by a radius."""
-    yaw = q[2] if len(q) > 2 else 0.0
-    placed = affinity.translate(affinity.rotate(robot, yaw, origin=(0, 0), use_radians=True), *q[:2])
-    return float(placed.distance(obstacles)) - radius
+    return float(placed(robot, q[None])[0].distance(obstacles)) - radius
 
 
 def apart_in_space(space: CSpace, boxes: fcl.DynamicAABBTreeCollisionManager, size: Any, q: np.ndarray) -> float:

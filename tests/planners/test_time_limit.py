@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from functools import cache
 from typing import Any
 
 import pytest
@@ -30,22 +31,29 @@ def in_time(space: Any, ends: Any, **options: Any) -> planners.Plan:
     return found
 
 
+@cache
+def warm(name: str) -> tuple[tuple[Any, Any, Any], ...]:
+    """Maps with start and goal, a path between them or not; what is made at the first plan on a map is not counted."""
+    cases = ((room(name), *ENDS[name]), halves(name, MIXED))
+    for space, start, _ in cases:
+        planners.plan(space, start, start, time_limit=0.01)
+        space.clearance(start)
+    return cases
+
+
 @pytest.mark.parametrize(("name", "curve"), [*((n, None) for n in SPACES), *(("turning", c) for c in CURVES)])
 @pytest.mark.parametrize("planner", planners.planner_names())
 def test_every_planner_ends_in_time(planner: str, name: str, curve: str | None) -> None:
     if planner in REFUSED.get(curve or "", {}):
         return
     options: dict[str, Any] = {"planner": planner} | ({"drive": curve, **CAR} if curve else {})
-    space, start, goal = halves(name, MIXED)
-    for each in (room(name), space):  # what is made at the first plan on a map is not counted
-        planners.plan(each, start if each is space else ENDS[name][0], ENDS[name][0], time_limit=0.01)
-        each.clearance(ENDS[name][0])
-    assert not in_time(space, (start, goal), **options).solved
-    found = in_time(room(name), ENDS[name], **options)
+    (space, *ends), (parted, *others) = warm(name)
+    assert not in_time(parted, others, **options).solved
+    found = in_time(space, ends, **options)
     # One that goes on improving uses its time, and has the path that it found meanwhile.
     assert planner not in ANYTIME or not found.solved or found.times.planning >= 0.9 * LIMIT
     if planner not in IGNORE_OBJECTIVES | SECOND_THREAD:
-        in_time(room(name), ENDS[name], objective="clearance", **options)
+        in_time(space, ends, objective="clearance", **options)
 
 
 def test_a_step_that_asks_for_ever_is_cut_off() -> None:

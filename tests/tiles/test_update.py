@@ -56,7 +56,7 @@ def test_only_the_tiles_that_are_reached(tmp_path):
 def test_readers_see_before_or_after(tmp_path):
     """While one wall comes and goes, a batch over many tiles is of one map, and so is one of another process's."""
     workspace = cspace.Workspace.from_array(np.zeros((120, 120), dtype=bool), 0.1)
-    tiled = cspace.build(workspace, cspace.Robot.disc(0.1), store=tmp_path / "m", tile=16)
+    tiled = cspace.build(workspace, cspace.Robot.disc(0.1), store=tmp_path / "m", tile=24)
     wall = np.ones((120, 3), dtype=bool)
     q = np.stack([np.linspace(0.3, 11.7, 200), np.full(200, 6.15)], axis=1)
     stop, seen, wrong = threading.Event(), set(), []
