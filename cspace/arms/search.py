@@ -123,7 +123,7 @@ def proves(scene: Scene, q0: Floats, q1: Floats, work: Work) -> bool:
     return bool(ask_motion(scene, q0, q1, work) >= 0)
 
 
-@jit
+@inner(_nrt=True)  # it makes arrays
 def joined_path(scene: Scene, forest: Forest, joined: tuple[int, int], work: Work, straight: bool) -> Floats:
     """A proven way from the first tree's root to one of the second's by two nodes where they meet, shape (n, dof).
 
