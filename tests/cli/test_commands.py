@@ -21,6 +21,7 @@ from cspace.cli.report import progress_line
 from cspace.compiling import LOGGER
 from cspace.errors import InputError
 from cspace.memory import MESH_BYTES, build_seconds, map_bytes
+from cspace.plot import animate, save_plot
 from cspace.spectral import FourierOverlap
 from maps import same
 
@@ -281,7 +282,9 @@ def test_no_path(room: Path, file: str) -> None:
     assert "no path exists: proven" in result.stderr
     assert "try" not in result.stderr
     assert not Path("p.csv").exists()
-    assert Path("p.png").exists()
+    ends = {name: [float(x) for x in q.split(",")] for name, q in (("start", ENDS[file][0]), ("goal", SHUT[file]))}
+    save_plot(cspace.open(file), "own.png", **ends)
+    assert Path("p.png").read_bytes() == Path("own.png").read_bytes()
 
 
 def test_out_of_time(room: Path) -> None:
@@ -328,6 +331,11 @@ def test_car_paths_are_drawn(room: Path) -> None:
     # The table has a column more, which tells the way that the car drives.
     assert Path("path.csv").read_text().startswith("x,y,yaw,direction\n")
     document("plot", "turning.npz", "--path", "path.csv", "-o", "path.png", "--dpi", 50)
+    space, rows = cspace.open("turning.npz"), np.loadtxt("path.csv", delimiter=",", skiprows=1)
+    save_plot(space, "own.png", path=rows[:, :3], dpi=50)
+    assert Path("path.png").read_bytes() == Path("own.png").read_bytes()
+    animate(space, rows[:, :3], "own.gif")
+    assert Path("path.gif").read_bytes() == Path("own.gif").read_bytes()
 
 
 # ----------------------------------------------------------------------------------------------- plot and export

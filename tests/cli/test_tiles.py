@@ -10,6 +10,7 @@ import zarr
 
 import cspace
 from commands import run
+from cspace.plot import save_plot
 
 
 @pytest.fixture(scope="module")
@@ -39,6 +40,8 @@ def test_from_city_to_path(city):
     found = json.loads(run(*plan, "--picture", str(folder / f"{record.parent.name}.png"), "--overwrite").stdout)
     assert found["certified"] is True
     run("plot", str(out), "-o", str(folder / "map.png"), "--overwrite")
+    save_plot(cspace.open(out).overview(), folder / "own.png", overwrite=True)
+    assert (folder / "map.png").read_bytes() == (folder / "own.png").read_bytes()
     run("export", str(out), str(folder / "part.zarr"), "--window", "1,1,4,3")
     part = cspace.open(folder / "part.zarr")
     assert part.outside == "unknown"
