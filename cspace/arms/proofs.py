@@ -22,7 +22,7 @@ from cspace.arms.chain import Chain, bounds_of, flight_of, place
 from cspace.arms.hulls import Hulls, least_spare
 from cspace.compiling import inner, jit
 from cspace.exact import ADVANCE, MOST_DISTANCES, ROUNDING, SHORTEST
-from cspace.exact.triangles import DEPTH, Trees, pierces
+from cspace.exact.triangles import DEPTH, Trees, crosses, pierces
 from cspace.map.turning import Row
 from cspace.raster.triangles import point_triangle
 from cspace.raster.winding import turn_above
@@ -311,11 +311,14 @@ def encloses(solids: Solids, surface: int, point: Row, deep: float) -> bool:
 
 
 @inner(error_model="numpy")
-def strikes(scene: Scene, n: int, work: Work) -> bool:
-    """Whether a point of the first solid's border lies in a box or ball of the second one, deeper than ``least``."""
+def strikes(scene: Scene, n: int, work: Work, least: float) -> bool:
+    """Whether the first solid's border crosses that of the second one, or leads into a box or ball of it.
+
+    By more than rounding can do: ``least`` is four times what a point may be off by, or more.
+    """
     solids, trees, nodes = scene.solids, scene.solids.trees, work.nodes
     i, j = scene.pairs[n]
-    if not solids.filled[j]:
+    if solids.nodes[i, 2] == 0 or solids.nodes[j, 2] == 0:
         return False
     one, other, still = work.poses[solids.bodies[i]], work.poses[solids.bodies[j]], solids.nodes[j]
     nodes[1, 0], nodes[1, 1], nodes[1, 2] = solids.nodes[i, 0], solids.nodes[i, 1], solids.nodes[i, 2]
@@ -333,7 +336,9 @@ def strikes(scene: Scene, n: int, work: Work) -> bool:
         if m == 1 and k == 1:
             p, q = trees.triangles[row], trees.triangles[piece]
             corners = seen(one, other, row_of(p, 0)), seen(one, other, row_of(p, 3)), seen(one, other, row_of(p, 6))
-            if pierces(corners, q, scene.least):
+            if q[9] != 0.0 and pierces(corners, q, least):
+                return True
+            if p[9] == 0.0 and q[9] == 0.0 and crosses(corners, (row_of(q, 0), row_of(q, 3), row_of(q, 6)), least):
                 return True
         elif m == 1 or (k > 1 and against[3] + against[4] + against[5] > hx + hy + hz):
             half = k // 2
@@ -411,12 +416,17 @@ def distances(scene: Scene, points: Floats, out: Floats, nearest: Ints) -> None:
 
 @jit
 def ask_blocked(scene: Scene, points: Floats, out: Bools) -> None:
-    """Whether a point of one solid lies in another one of its pair, farther from its surface than ``scene.least``."""
-    work = work_of(scene)
+    """Whether the borders of a pair of solids cross, or a point of one lies in the other one, by more than rounding."""
+    work, chain = work_of(scene), scene.chain
     for k in range(len(points)):
-        place(scene.chain, points[k], points[k], 0.0, work.poses)
+        size = 0.0
+        for b in range(1, len(chain.parents)):
+            # What a joint's value is off by moves all that hangs on it.
+            size += 2.0 * abs(chain.factors[b] * points[k, chain.numbers[b]]) + abs(chain.offsets[b])
+        least = scene.least + ROUNDING * 2.0**-9 * size * scene.far
+        place(chain, points[k], points[k], 0.0, work.poses)
         out[k] = False
         for n in range(len(scene.pairs)):
-            out[k] = out[k] or strikes(scene, n, work)
+            out[k] = out[k] or strikes(scene, n, work, least)
         for n in range(len(scene.pairs)):
-            out[k] = out[k] or nests(scene, n, work, scene.least)
+            out[k] = out[k] or nests(scene, n, work, least)

@@ -323,6 +323,45 @@ def pierces(corners: Corners, q: Floats, deep: float) -> bool:
 
 
 @inner
+def crosses(a: Corners, b: Corners, least: float) -> bool:
+    """Whether a side of one triangle is proven to lead through the inside of the other one.
+
+    It does, whatever rounding is: each corner may be off by a quarter of ``least``.
+    """
+    return _leads_through(a, b, least) or _leads_through(b, a, least)
+
+
+@inner
+def _leads_through(a: Corners, b: Corners, least: float) -> bool:
+    """Whether a side of the first triangle does so.
+
+    Its ends lie on the two sides of the other one's plane, and its line winds about all sides of that alike.
+    """
+    for k in range(3):
+        p, q = a[k], a[k + 1 if k < 2 else 0]
+        one = _side_of(p, b[0], b[1], b[2], least)
+        if one == 0 or _side_of(q, b[0], b[1], b[2], least) != -one:
+            continue
+        way = _side_of(p, q, b[0], b[1], least)
+        if way != 0 and _side_of(p, q, b[1], b[2], least) == way and _side_of(p, q, b[2], b[0], least) == way:
+            return True
+    return False
+
+
+@inner
+def _side_of(p: Row, a: Row, b: Row, c: Row, least: float) -> int:
+    """On which side of a plane through three points another one is, 1 or -1; 0 where rounding could tell.
+
+    The determinant changes by less than ``(s + 2 e)^3 - s^3`` where each point moves by e and none is farther than s,
+    and rounding adds less than ``64 * 2^-52 s^3``.
+    """
+    u, v, w = minus(a, p), minus(b, p), minus(c, p)
+    s = math.sqrt(max(dot(u, u), dot(v, v), dot(w, w)))
+    volume, doubt = dot(u, cross(v, w)), (2.0 * least + 2.0**-46 * s) * (s + least) * (s + least)
+    return 1 if volume > doubt else -1 if volume < -doubt else 0
+
+
+@inner
 def nearest_of_box(p: Row, box: Box, part: float) -> Row:
     """The point that is nearest to another one, of a part of a box about its middle, as well as rounding allows."""
     x, y, z = box[0]

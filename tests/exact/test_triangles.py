@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numba import njit
 from scipy.spatial.transform import Rotation
 
-from cspace.exact.triangles import DEPTH, Motion, share_apart, trees_of
+from cspace.exact.triangles import DEPTH, Motion, crosses, share_apart, trees_of
 from cspace.shapes import Pieces
 from strategies import seeds
 
@@ -269,3 +269,45 @@ def test_a_corner_near_a_face_beside_edges_all_but_parallel() -> None:
     normal = np.cross(moved[1] - moved[0], moved[2] - moved[0])
     true = abs((still[0] - moved[0]) @ normal) / np.linalg.norm(normal)  # at most, as the corner is over the face
     assert 0.0 < Pair(pieces(moved[None]), pieces(still[None])).distance() <= true * (1.0 + 1e-12)
+
+
+@njit
+def cross_each(pairs, least):
+    """What is proven of pairs of triangles, shape (n, 2, 3, 3)."""
+    out = np.empty(len(pairs), np.bool_)
+    for n in range(len(pairs)):
+        a, b = pairs[n, 0], pairs[n, 1]
+        one = (a[0, 0], a[0, 1], a[0, 2]), (a[1, 0], a[1, 1], a[1, 2]), (a[2, 0], a[2, 1], a[2, 2])
+        two = (b[0, 0], b[0, 1], b[0, 2]), (b[1, 0], b[1, 1], b[1, 2]), (b[2, 0], b[2, 1], b[2, 2])
+        out[n] = crosses(one, two, least)
+    return out
+
+
+@pytest.mark.parametrize("least", [1e-12, 1e-3])
+@pytest.mark.parametrize("case", ["any", "slivers", "touching", "one plane"])
+def test_triangles_that_are_proven_to_cross_do_wherever_rounding_puts_them(case, least):
+    """Near-degenerate ones too: flat, long, with a corner on the other one, or all but in its plane."""
+    rng = np.random.default_rng(7)
+    number = 300
+    pairs = rng.normal(size=(number, 2, 3, 3)) * 10.0 ** rng.uniform(-1.5, 0.5, (number, 2, 1, 1))
+    near = least * 10.0 ** rng.uniform(-1.0, 3.0, (number, 1))
+    within = rng.dirichlet((1.0, 1.0, 1.0), number)
+    if case == "slivers":
+        pairs[:, 0, 2] = pairs[:, 0, 0] + 0.4 * (pairs[:, 0, 1] - pairs[:, 0, 0]) + near * rng.normal(size=(number, 3))
+        pairs[:, 1] += (np.einsum("nk,nkj->nj", within, pairs[:, 0]) - pairs[:, 1].mean(axis=1))[:, None]
+    elif case == "touching":
+        at = np.einsum("nk,nkj->nj", within, pairs[:, 1])
+        pairs[:, 0] += (at - pairs[:, 0, 0] + near * rng.normal(size=(number, 3)))[:, None]
+    elif case == "one plane":
+        flat = np.einsum("nkj,njl->nkl", rng.normal(size=(number, 3, 2)), pairs[:, 1, :2])
+        pairs[:, 1, 2] = pairs[:, 1, 0] + pairs[:, 1, 1]
+        pairs[:, 1, 0] = 0.0
+        pairs[:, 0] = flat + near[:, None] * rng.normal(size=(number, 3, 3))
+    found = cross_each(pairs, least)
+    off = rng.normal(size=pairs.shape)
+    off *= 0.25 * least / np.linalg.norm(off, axis=-1, keepdims=True)
+    assert found.sum() > 10
+    for some in (pairs[found][:40], (pairs + off)[found][:40]):
+        assert not any(triangles_square(*pair) for pair in some)
+    if case == "any" and least < 1e-6:
+        assert all(triangles_square(*pair) > 0 for pair in pairs[~found][:40])
