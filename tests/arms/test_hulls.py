@@ -196,3 +196,17 @@ def test_what_lies_within_a_body_that_is_not_convex(tmp_path: Path) -> None:
         ball[0, 3] = x
         space = build_arm({"ball": Placed(Robot.ball(0.05).shape, ball)}, held)
         assert space.is_free((0.0,)) is space.motion_is_free((0.0,), (1.0,)) is is_free
+
+
+def test_a_flat_plate_with_a_window_is_open_there(tmp_path: Path) -> None:
+    """Its triangles lie in one plane, as their hull does, which covers the window too."""
+    corners = [(0.0, s * y, s * z) for s in (1.0, 0.4) for y, z in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    faces = [face for k in range(4) for n in ((k + 1) % 4,) for face in ((k, n, 4 + n), (k, 4 + n, 4 + k))]
+    bar = link("arm", ((1.0, 0.1, 0.1), (0.5, 0, 0)))
+    arm = Arm.from_urdf(written(tmp_path, link("base"), bar, joint("turn", "base", "arm")))
+    wall = np.eye(4)
+    wall[0, 3] = 0.5
+    space = build_arm({"plate": Placed(Mesh(corners, faces, solid="surface"), wall)}, arm)
+    assert space.clearance((0.0,)) == pytest.approx(0.35)
+    assert space.motion_is_free((-0.4,), (0.4,))
+    assert not space.is_free((0.8,))
