@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -105,16 +105,18 @@ def in_metres(point: Iterable[float]) -> str:
     return f"({', '.join(f'{x:g}' for x in point)}) m"
 
 
+def check_dims(array: Any, name: str) -> None:
+    """Refuse an array whose dimensions have names, as those of xarray do, other than x, y (and z) in this order."""
+    dims = getattr(array, "dims", None)
+    if dims is not None and tuple(dims) != ("x", "y", "z")[: len(dims)]:
+        rule = "they must be named x, y (and z), in this order"
+        mend = 'rename or transpose it, e.g. array.transpose("x", "y")'
+        raise InputError(name, f"has the dimensions {tuple(dims)}", rule, mend)
+
+
 def check_cells(values: ArrayLike, name: str) -> NDArray[np.bool_]:
     """A read-only copy of a boolean array of two or three axes."""
-    dims = getattr(values, "dims", None)
-    if dims is not None and tuple(dims) != ("x", "y", "z")[: len(dims)]:
-        raise InputError(
-            name,
-            f"has the dimensions {tuple(dims)}",
-            "they must be named x, y (and z), in this order",
-            'rename or transpose it, e.g. array.transpose("x", "y")',
-        )
+    check_dims(values, name)
     unmasked(values, name)
     try:
         array = np.asarray(values)

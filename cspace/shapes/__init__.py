@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from cspace.errors import InputError
 from cspace.shapes.balls import Balls as Balls
+from cspace.shapes.balls import BallSet as BallSet
 from cspace.shapes.balls import check_balls as check_balls
 from cspace.shapes.bracketed import Bracketed as Bracketed
 from cspace.shapes.mesh import Mesh as Mesh
@@ -61,7 +62,7 @@ def shape_of(source: Any, radius: ArrayLike | None = None) -> Shape:
 
     if isinstance(source, Shape) and radius is None:
         return source
-    if radius is not None or (hasattr(source, "centers") and hasattr(source, "radii")):
+    if radius is not None or isinstance(source, BallSet):
         return Balls.of(source, radius)
     if isinstance(source, str | os.PathLike):
         solid = Path(source).suffix.lower() in SUFFIXES

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
 
+@runtime_checkable
 class BallSet(Protocol):
     """A decomposition into balls."""
 
@@ -145,13 +146,13 @@ class Balls(Shape):
 
 def check_balls(centers: ArrayLike | BallSet, radii: ArrayLike | None) -> tuple[Floats, Floats]:
     """Copies of the centers, shape (n, 2) or (n, 3), and radii, shape (n,), of balls; as :meth:`Balls.of` tells."""
-    decomposed = hasattr(centers, "centers") and hasattr(centers, "radii")
-    if decomposed and radii is not None:
-        raise InputError("radii", "is given beside a decomposition", "a decomposition has its own", "leave it out")
-    if not decomposed and radii is None:
+    if isinstance(centers, BallSet):
+        if radii is not None:
+            raise InputError("radii", "is given beside a decomposition", "a decomposition has its own", "leave it out")
+        radii, centers = centers.radii, centers.centers
+    elif radii is None:
         raise InputError("radii", "is missing", "balls need one number, or one for each center", "pass it in metres")
-    points = finite(centers.centers if decomposed else centers, "centers")  # type: ignore[union-attr,arg-type]
-    sizes = finite(centers.radii if decomposed else radii, "radii")  # type: ignore[union-attr,arg-type]
+    points, sizes = finite(centers, "centers"), finite(radii, "radii")
     if points.ndim != 2 or points.shape[1] not in (2, 3) or not len(points):
         raise InputError(
             "centers",

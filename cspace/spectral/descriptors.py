@@ -18,7 +18,7 @@ from cspace.covering import check_cells
 from cspace.errors import InputError
 from cspace.grid import Grid, check_word, finite
 from cspace.raster.triangles import mark_touched
-from cspace.shapes import Balls, Mesh, Shape, shape_of
+from cspace.shapes import Balls, BallSet, Mesh, Shape, shape_of
 from cspace.spectral.bump import Bump, check_bump
 from cspace.spectral.inputs import check_dims, check_solid_balls
 
@@ -129,7 +129,7 @@ def balls_of(source: Any, name: str, bump: Bump) -> BallDescriptor:
     pair: Any = source
     balls: Any
     for balls in (source, getattr(source, "shape", None)):  # of a robot, its shape has them
-        if not isinstance(pair, tuple) and hasattr(balls, "centers") and hasattr(balls, "radii"):
+        if not isinstance(pair, tuple) and isinstance(balls, BallSet):
             pair = (balls.centers, balls.radii)
     if not isinstance(pair, tuple | list) or len(pair) != 2:
         found, rule = f"is a {type(source).__name__}", "it must have centers and radii, or be a pair of them"
@@ -167,7 +167,7 @@ def indicator(shape: Shape | BaseGeometry | BallDescriptor | ArrayLike, grid: Gr
 def _inside(shape: Any, grid: Grid) -> Bools:
     from shapely import Geometry
 
-    balls = hasattr(shape, "centers") and hasattr(shape, "radii")
+    balls = isinstance(shape, BallSet)
     known: Any = shape_of(shape) if isinstance(shape, Geometry) else shape
     if not balls and not isinstance(known, Shape):
         return check_cells(shape, "shape")

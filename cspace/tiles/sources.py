@@ -14,8 +14,8 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.covering import check_cells
-from cspace.errors import FileError, InputError
+from cspace.covering import check_cells, check_dims
+from cspace.errors import FileError
 from cspace.grid import Grid
 from cspace.shapes import Shape
 
@@ -77,13 +77,7 @@ class Lazy:
         check_cells(np.zeros((1,) * len(self.shape), dtype=array.dtype), "occupied")
         if 0 in self.shape:
             check_cells(np.zeros(self.shape, dtype=np.bool_), "occupied")
-        dims = getattr(getattr(array, "variable", None), "dims", None)  # of xarray
-        if dims is not None and dims != ("x", "y", "z")[: len(dims)]:
-            rule, mend = (
-                "they must be named x, y (and z), in this order",
-                'transpose it, e.g. array.transpose("x", "y")',
-            )
-            raise InputError("occupied", f"has the dimensions {tuple(dims)}", rule, mend)
+        check_dims(getattr(array, "variable", None), "occupied")  # of xarray
 
     def read(self, box: Box) -> tuple[Bools, Bools]:
         try:
