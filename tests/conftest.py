@@ -20,8 +20,20 @@ settings.register_profile("cspace", deadline=None, max_examples=50, derandomize=
 settings.load_profile("cspace")
 
 APART = ("spectral/test_bump.py", "exact/test_triangles.py")  # which compile nothing that builds of maps do
-FIRST = ("cli/test_commands.py", *APART, "exact/", "spectral/", "raster/", "planners/", "tiles/", "test_update.py")
-"""Two workers begin where they compile different things; what one has compiled, the other finds in the cache later."""
+FIRST = (
+    "cli/test_commands.py",
+    *APART,
+    "exact/",
+    "spectral/",
+    "raster/",
+    "planners/",
+    "tiles/",
+    "view/",
+    "test_update.py",
+)
+"""Two workers begin where they compile different things; what one has compiled, the other finds in the cache later.
+
+What waits for others, such as a browser, does so while there is more to do."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
