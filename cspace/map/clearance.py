@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from cspace.compiling import entry, inner, reader
 from cspace.grid import SLACK
 from cspace.map import turning
-from cspace.map.mip import SHIFT, SIDE, Marks
+from cspace.map.mip import ROWS, SHIFT, SIDE, Marks
 from cspace.map.points import FAR, Cell, Numbers, configuration, is_usable, replaced, state_at
 from cspace.map.record import Map
 from cspace.states import FREE
@@ -46,6 +46,18 @@ AHEAD: Final = 4
 NEAR: Final = (SIZE - AHEAD - 1.0) ** 2
 """Squared distance below which these, and as many behind them, are all."""
 
+MIDDLE: Final = 31
+"""The bit of the block of a place in a word of a row of blocks around it."""
+
+AROUND: Final = np.uint64(0x7F << (MIDDLE - 3))
+"""The bits of the blocks all of whose cells are in words of rows of cells around the place."""
+
+NONE: Final = 2**40
+"""Number of a cell that is farther away than any."""
+
+FAR_ROWS: Final = ((MIDDLE - 1) * SIZE) ** 2
+"""Squared distance below which all is seen in words around a place."""
+
 ROUNDING: Final = 2.0**-40
 """Share by which a distance is raised that must not be below the true one, whatever was rounded."""
 
@@ -66,12 +78,16 @@ def clearance_at(map_: Map, marks: Marks, q: Numbers, most: float) -> float:
         border = min(border, cells, map_.states.shape[axis + 1] - cells)
         place = replaced(place, 3 - dim + axis, cells)
     # Where much is not FREE, the nearest cells are enough.
-    best, close = most * most, border > 0.0 and is_marked(marks, s, place)
-    if close:
-        best = nearest_around(marks, s, place, best)
+    best, near = most * most, 0.0
+    if border > 0.0:
+        if marks.blocks.shape[4] == 1:
+            if marks.blocks[s, 0, int(place[1]) >> 2 * SHIFT, int(place[2]) >> 2 * SHIFT, 0] != 0:
+                near, best = FAR_ROWS, nearest_in_rows(marks, s, place, best)
+        elif is_marked(marks, s, place):
+            near, best = NEAR, nearest_around(marks, s, place, best)
     if not best < border * abs(border):
         best = min(best, square_outside(map_, s, place))
-    if best > NEAR or not close:
+    if best > near:
         best = nearest_square(marks, s, place, best)
     return max(0.0, math.sqrt(best) * (1.0 - 2.0**-48) - 4.0 * SLACK)
 
@@ -138,6 +154,88 @@ def nearest_around(marks: Marks, s: int, place: Place, best: float) -> float:
             else:
                 word |= (column << (EIGHT - low_y)) & ~kept
         best = nearest_in_word(word, place, (first_y, first_z), x_gap * x_gap, 0.0, best)
+
+
+@inner
+def nearest_in_rows(marks: Marks, s: int, place: Place, best: float) -> float:
+    """The same of a place in the plane, row by row of blocks, as far as words around the place go."""
+    y, number, count = int(place[1]) >> SHIFT, int(place[2]) >> SHIFT, marks.cells.shape[2] // ROWS
+    for k in range(2 * MIDDLE):
+        j = y - ((k + 1) >> 1) if k & 1 else y + (k >> 1)
+        y_gap = gap(place[1], j, SIZE)
+        square = y_gap * y_gap
+        if not square < best:
+            if k & 1 == 0:  # all that follow are farther than this one
+                return best
+            continue
+        if not 0 <= j < count:
+            continue
+        word = word_from(marks.cells[s, 0, ROWS * j + SIDE], number - MIDDLE)
+        if word & AROUND and k < SIDE:
+            best = nearest_in_eight(marks, s, j, place, best)
+            word &= ~AROUND
+        upper, lower = word >> np.uint64(MIDDLE), word << np.uint64(SIDE * SIDE - MIDDLE)
+        if upper != 0:
+            n = number + int(np.int64(zeros_below(upper)))
+            z_gap = gap(place[2], n, SIZE)
+            if square + z_gap * z_gap < best:
+                best = nearest_in_row(marks, s, (0, j, n), place, best)
+        if lower != 0:
+            n = number - 1 - int(np.int64(zeros_above(lower)))
+            z_gap = gap(place[2], n, SIZE)
+            if square + z_gap * z_gap < best:
+                best = nearest_in_row(marks, s, (0, j, n), place, best)
+    return best
+
+
+@inner(forceinline=True)
+def nearest_in_eight(marks: Marks, s: int, block: int, place: Place, best: float) -> float:
+    """The same of the eight rows of cells of a row of blocks, of which a cell near the place is marked.
+
+    Without a branch, for none could be foretold: without a bit, the next cell is 32 away, farther than the one near.
+    """
+    z, up, down = int(place[2]), np.uint64(MIDDLE), np.uint64(LAST) - np.uint64(MIDDLE)
+    for k in range(SIDE):
+        word = word_from(marks.cells[s, 0, ROWS * block + k], z - MIDDLE)
+        above: int = np.int64(zeros_below(word >> up))  # type: ignore[assignment]
+        below: int = np.int64(zeros_above(word << down))  # type: ignore[assignment]
+        y_gap, z_gap = (
+            gap(place[1], SIDE * block + k, 1.0),
+            max(0.0, min(z + above - place[2], place[2] - z + below - 1)),
+        )
+        best = min(best, y_gap * y_gap + z_gap * z_gap)
+    return best
+
+
+@inner
+def nearest_in_row(marks: Marks, s: int, block: Cell, place: Place, best: float) -> float:
+    """The same of a row of blocks in the plane, from a block on and away from the place."""
+    z, rows, x_gap = int(place[2]), ROWS * block[1], gap(place[0], 0, 1.0)
+    first, last = block[2] << SHIFT, (block[2] << SHIFT) + SIDE - 1
+    found = math.inf
+    if last + 1 >= place[2]:
+        first = max(first, z)
+        for k in range(SIDE):
+            word = word_from(marks.cells[s, 0, rows + k], first)
+            cell = first + np.int64(zeros_below(word)) if word != 0 else NONE
+            y_gap, z_gap = gap(place[1], SIDE * block[1] + k, 1.0), max(0.0, cell - place[2])
+            found = min(found, y_gap * y_gap + z_gap * z_gap)
+    if first <= place[2]:
+        last = min(last, z)
+        for k in range(SIDE):
+            word = word_from(marks.cells[s, 0, rows + k], last + 1 - SIDE * SIDE)
+            cell = last - np.int64(zeros_above(word)) if word != 0 else -NONE
+            y_gap, z_gap = gap(place[1], SIDE * block[1] + k, 1.0), max(0.0, place[2] - cell - 1)
+            found = min(found, y_gap * y_gap + z_gap * z_gap)
+    return min(best, x_gap * x_gap + found)
+
+
+@inner(forceinline=True)
+def word_from(row: Words, number: int) -> np.uint64:
+    """The 64 bits of a row of the plane from a cell, or a block, on; it may lie as many before the first one."""
+    words, shift = (number + 64) >> 6, np.uint64(number & 63)
+    word: np.uint64 = row[words, 0] >> shift | row[words + 1, 0] << ONE << (LAST - shift)
+    return word
 
 
 @inner(forceinline=True)
@@ -208,6 +306,8 @@ def nearest_in_node(marks: Marks, s: int, node: Cell, place: Place, gaps: tuple[
 @inner(forceinline=True)
 def nearest_in_block(marks: Marks, s: int, block: Cell, place: Place, best: float) -> float:
     """The same of a block of cells."""
+    if marks.blocks.shape[4] == 1:
+        return nearest_in_row(marks, s, block, place, best)
     layers = marks.cells[s, block[0], block[1], block[2]]
     first_x, first_y, first_z = block[0] * layers.shape[0], block[1] << SHIFT, block[2] << SHIFT
     last_x, seen = first_x + layers.shape[0], np.uint64(0)

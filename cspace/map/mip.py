@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from cspace.compiling import inner, reader
 from cspace.map.kept import Lock
-from cspace.map.storage import Stack, read_only
+from cspace.map.storage import Stack, flipped, read_only
 from cspace.states import FREE
 from cspace.threads import in_chunks
 
@@ -27,6 +27,9 @@ SIDE: Final = 1 << SHIFT
 """Cells along each side of a block, and blocks along each side of a node; a power of two, so that they are a shift
 away."""
 
+ROWS: Final = SIDE + 1
+"""Rows of bits of the plane from one row of blocks to the next."""
+
 CELLS_AN_EDGE: Final = 4_000
 """Cells of a map for each edge that is asked about, below which marks pay; making them takes some hundredths of a
 nanosecond for each cell, and they save a few hundred nanoseconds for each edge."""
@@ -39,7 +42,7 @@ PIECES: Final = 64
 
 LAST: Final = SIDE - 1
 
-ONE: Final = np.uint64(1)
+ONE, BYTE = np.uint64(1), np.uint64(255)
 
 MOST_NOTED: Final = 32
 """Changes that are noted one by one; of more, the box around all is."""
@@ -57,8 +60,9 @@ class Marks(NamedTuple):
     Attributes
     ----------
     cells : ndarray of uint64, shape (*number of blocks along each axis of (slices, x, y, z), layers)
-        A bit for each cell; a word for each of the 8 layers of cells in a block, of which there is 1 in the plane. Of
-        size 0 where nobody has asked for it.
+        A bit for each cell; a word for each of the 8 layers of cells in a block. In the plane, where there is one
+        layer, rows of bits along z instead, shape (slices, 1, y, words, 1), between a word of zeros before and behind:
+        eight rows of cells, and the row of their blocks, and so on. Of size 0 where nobody has asked for it.
     blocks : ndarray of uint64, shape (*number of nodes, layers)
         A bit for each block, alike: whether one of its cells is marked.
     nodes : ndarray of uint64
@@ -102,7 +106,9 @@ class Mip:
         if self._noted or cells > bool(self._cells.size) or lasting > self._followed_at_once:
             with self._lock:
                 if cells and not self._cells.size:
-                    self._cells = np.zeros((len(self._states), *self._blocks_shape, self._layers), dtype=np.uint64)
+                    rows = 1, ROWS * self._blocks_shape[1], -(-self._shape[2] // 64) + 2
+                    shape = self._blocks_shape if self._layers > 1 else rows
+                    self._cells = np.zeros((len(self._states), *shape, self._layers), dtype=np.uint64)
                     self._noted = [self._whole()]
                 self._followed_at_once |= lasting
                 self._follow()
@@ -178,8 +184,14 @@ def mark(states: States, cells: Words, blocks: Words, room: tuple[States, Words,
                         add_bit(line, states[s, i, j, low:high], np.uint8(1 << (j & LAST)))
                     for c in range(depth):
                         some[c] |= eights[c]
-                        if len(cells) > 0:
+                        if len(cells) > 0 and nx > 1:
                             cells[s, a, b, first + c, i & LAST] = eights[c]
+                for c in range(depth if len(cells) > 0 and nx == 1 else 0):
+                    z, eight = first + c, flipped(some[c])
+                    for j in range(ROWS * b, ROWS * b + SIDE):
+                        put(cells[s, 0, j], z << SHIFT, BYTE, eight & BYTE)
+                        eight >>= np.uint64(SIDE)
+                    put(cells[s, 0, ROWS * b + SIDE], z, ONE, ONE if some[c] != 0 else ONE - ONE)
                 for c in range(depth):
                     z = first + c
                     bit = ONE << np.uint64(((z & LAST) << SHIFT) + (b & LAST))
@@ -187,6 +199,13 @@ def mark(states: States, cells: Words, blocks: Words, room: tuple[States, Words,
                     if some[c] != 0:
                         word |= bit
                     blocks[s, a >> SHIFT, b >> SHIFT, z >> SHIFT, a & LAST] = word
+
+
+@inner
+def put(row: Words, number: int, mask: np.uint64, bits: np.uint64) -> None:
+    """Replace bits of a row, from the one of a number on; they lie in one word."""
+    shift = np.uint64(number & 63)
+    row[(number >> 6) + 1, 0] = (row[(number >> 6) + 1, 0] & ~(mask << shift)) | bits << shift
 
 
 @inner

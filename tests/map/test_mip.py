@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 import cspace
 from cspace import FREE, Robot, Workspace
 from cspace.map.kept import Lock
-from cspace.map.mip import MOST_NOTED, SIDE, Mip
+from cspace.map.mip import MOST_NOTED, ROWS, SIDE, Mip
 from cspace.map.storage import PackedStates
 from strategies import seeds
 
@@ -23,6 +23,15 @@ def bits_of(words):
     return bits.transpose(0, 1, 4, 2, 6, 3, 5).reshape(slices, a * layers, b * SIDE, c * SIDE)
 
 
+def rows_of(words, which):
+    """Some of each nine rows of the plane, shape (slices, 1, y, words, 1), as an array of places."""
+    slices, _, rows, count, _ = words.shape
+    assert not words[:, :, :, [0, -1]].any()
+    kept = np.ascontiguousarray(words[..., 1:-1, 0]).reshape(slices, rows // ROWS, ROWS, count - 2)[:, :, which]
+    bits = np.unpackbits(kept.view(np.uint8), axis=-1, bitorder="little")
+    return bits.reshape(slices, 1, -1, bits.shape[-1])
+
+
 def marked(places):
     """Of places, or of blocks of them, the numbers of those that are marked."""
     return set(map(tuple, np.argwhere(places).tolist()))
@@ -32,10 +41,14 @@ def check(marks, stack, cells):
     expected = marked(stack.reshape(len(stack), *(1,) * (4 - stack.ndim), *stack.shape[1:]) != FREE)
     assert bool(marks.cells.size) == cells
     if cells:
-        assert marked(bits_of(marks.cells)) == expected
-    for places in (bits_of(marks.blocks), marks.nodes.view(np.uint8)):
+        plane = marks.blocks.shape[-1] == 1
+        assert marked(rows_of(marks.cells, slice(0, SIDE)) if plane else bits_of(marks.cells)) == expected
+    nodes = marks.nodes.view(np.uint8)
+    for places in (bits_of(marks.blocks), nodes):
         expected = {(s, *(n // SIDE for n in place)) for s, *place in expected}
         assert marked(places) == expected
+        if cells and plane and places is not nodes:
+            assert marked(rows_of(marks.cells, slice(SIDE, ROWS))) == expected
 
 
 def some_box(part, rng):
