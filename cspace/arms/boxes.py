@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 
 from cspace.arms.chain import SLIDES, TURNS, flight_of, place
 from cspace.arms.hulls import least_spare
-from cspace.arms.proofs import Scene, Solids, Work, nests, row_of, seen, work_of
+from cspace.arms.proofs import Scene, Solids, Work, least_of, nests, row_of, seen, work_of
 from cspace.compiling import inner, jit
-from cspace.exact import ADVANCE, ROUNDING
+from cspace.exact import ADVANCE
 from cspace.exact.triangles import box_of, cross, dot, minus
 from cspace.grid import SLACK
 from cspace.map.points import replaced
@@ -229,16 +229,12 @@ def middle_of(cells: Cells, scene: Scene, block: Ints, box: Box) -> float:
 
     Gives what distances have to exceed there.
     """
-    chain, size = scene.chain, 0.0
     for axis in range(3):
         number = cells.numbers[axis]
         if number >= 0:
             box.middle[number] = cells.lower[axis] + 0.5 * cells.spacing * (block[axis] + block[axis + 3])
             box.halves[number] = cells.spacing * (0.5 * (block[axis + 3] - block[axis]) + SLACK)
-    for b in range(1, len(chain.parents)):
-        # What a joint's value is off by moves all that hangs on it.
-        size += 2.0 * abs(chain.factors[b] * box.middle[chain.numbers[b]]) + abs(chain.offsets[b])
-    return scene.least + ROUNDING * 2.0**-9 * size * scene.far
+    return least_of(scene, box.middle, box.middle)
 
 
 @inner

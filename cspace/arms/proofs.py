@@ -163,22 +163,27 @@ def ask_motions(scene: Scene, starts: Floats, ends: Floats, out: Bools) -> None:
         out[k] = ask_motion(scene, starts[k], ends[k], work) >= 0
 
 
+@inner
+def least_of(scene: Scene, q0: Floats, q1: Floats) -> float:
+    """What a distance has to exceed on a motion: what a joint's value is off by moves all that hangs on it."""
+    chain, size = scene.chain, 0.0
+    for b in range(1, len(chain.parents)):
+        q, r = q0[chain.numbers[b]], q1[chain.numbers[b]]
+        size += abs(chain.factors[b]) * (abs(q) + abs(r)) + abs(chain.offsets[b])
+    return scene.least + ROUNDING * 2.0**-9 * size * scene.far
+
+
 @inner(error_model="numpy")
 def ask_motion(scene: Scene, q0: Floats, q1: Floats, work: Work) -> int:
     """Whether all configurations of a motion are free: how many looks that took, zero or above; or -1 less that."""
     chain, solids, parts, left = scene.chain, scene.solids, work.parts, work.left
-    pairs, nearest, far, size = len(scene.pairs), 0, 0.0, 0.0
-    for b in range(1, len(chain.parents)):
-        q, r = q0[chain.numbers[b]], q1[chain.numbers[b]]
-        size += abs(chain.factors[b]) * (abs(q) + abs(r)) + abs(chain.offsets[b])
+    pairs, nearest, far, least = len(scene.pairs), 0, 0.0, least_of(scene, q0, q1)
     for n in range(pairs):
         i, j = scene.pairs[n]
         most, bend, turned = bounds_of(chain, solids.bodies[i], solids.bodies[j], solids.levers[i], q0, q1)
         work.bounds[n, 0], work.bounds[n, 1], work.bounds[n, 2] = most, bend, turned
         work.aside[n], left[0, n] = False, True
         far = max(far, most)
-    # What a joint's value is off by moves all that hangs on it.
-    least = scene.least + ROUNDING * 2.0**-9 * size * scene.far
     if far > 0.0:
         # Most motions that are not free end in a collision.
         place(chain, q0, q1, 1.0, work.poses)
@@ -417,14 +422,10 @@ def distances(scene: Scene, points: Floats, out: Floats, nearest: Ints) -> None:
 @jit
 def ask_blocked(scene: Scene, points: Floats, out: Bools) -> None:
     """Whether the borders of a pair of solids cross, or a point of one lies in the other one, by more than rounding."""
-    work, chain = work_of(scene), scene.chain
+    work = work_of(scene)
     for k in range(len(points)):
-        size = 0.0
-        for b in range(1, len(chain.parents)):
-            # What a joint's value is off by moves all that hangs on it.
-            size += 2.0 * abs(chain.factors[b] * points[k, chain.numbers[b]]) + abs(chain.offsets[b])
-        least = scene.least + ROUNDING * 2.0**-9 * size * scene.far
-        place(chain, points[k], points[k], 0.0, work.poses)
+        least = least_of(scene, points[k], points[k])
+        place(scene.chain, points[k], points[k], 0.0, work.poses)
         out[k] = False
         for n in range(len(scene.pairs)):
             out[k] = out[k] or strikes(scene, n, work, least)

@@ -199,6 +199,18 @@ def test_a_map_that_is_updated_later_stays_as_it_was(tmp_path: Path) -> None:
     assert space.classify((0.0, 0.0)) == FREE
 
 
+def test_cells_that_become_too_many_boxes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Scattered cells take far more memory than as many in a slab, and are refused before any of it is taken."""
+    arm = Arm.from_urdf(planar(tmp_path))
+    scattered = np.indices((24, 24, 24)).sum(axis=0) % 2 == 0
+    away = np.eye(4)
+    away[:3, 3] = 9.0
+    monkeypatch.setattr("cspace.memory.free_bytes", lambda: 6_000_000)
+    build_arm(Workspace.from_array(np.indices((24, 24, 24))[0] % 2 == 0, 0.1), arm, at=away)
+    with pytest.raises(InputError, match=r"needs about .* its cells are 6912 boxes"):
+        build_arm(Workspace.from_array(scattered, 0.1), arm, at=away)
+
+
 def test_cells_that_are_read_at_need(tmp_path: Path) -> None:
     cells = np.zeros((20, 20, 20), dtype=bool)
     cells[14] = True
