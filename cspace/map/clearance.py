@@ -81,7 +81,8 @@ def clearance_at(map_: Map, marks: Marks, q: Numbers, most: float) -> float:
     best, near = most * most, 0.0
     if border > 0.0:
         if marks.blocks.shape[4] == 1:
-            if marks.blocks[s, 0, int(place[1]) >> 2 * SHIFT, int(place[2]) >> 2 * SHIFT, 0] != 0:
+            # Where nothing is marked far and wide, rows would be gone through in vain.
+            if marks.nodes[s, 0, int(place[1]) >> 2 * SHIFT, int(place[2]) >> 3 * SHIFT] != 0:
                 near, best = FAR_ROWS, nearest_in_rows(marks, s, place, best)
         elif is_marked(marks, s, place):
             near, best = NEAR, nearest_around(marks, s, place, best)
