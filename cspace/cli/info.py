@@ -80,7 +80,7 @@ def info(
         drawn = None if robot is None else read_robot(robot, robot_solid)
         document = survey(Path(file), options, options_of(context.command), drawn, rotations)
     show({"kind": kind, **document}, as_json)
-    if drawn is not None and not as_json:
+    if drawn is not None and drawn.shape.shown and not as_json:
         typer.echo(sketch(drawn))
 
 

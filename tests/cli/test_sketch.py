@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 import shapely
 
+import cspace
 from commands import run
-from cspace import Robot
+from cspace import Robot, Workspace
 from cspace.cli.sketch import sketch
+from cspace.shapes import Point
 
 RING = shapely.box(-2, -1, 2, 2).difference(shapely.box(-1, 0, 0, 1)).difference(shapely.box(1, 1, 2, 2))
 
@@ -68,3 +70,10 @@ def test_info_draws_the_robot_unless_a_machine_asks(tmp_path):
     )
     assert "from the side" in run("info", tmp_path / "robot.urdf").stdout
     assert "from the side" in run("info", f"{tmp_path / 'robot.urdf'}#l").stdout
+
+
+def test_info_of_a_map_without_a_robot_draws_none(tmp_path):
+    """In the space of its joints an arm is a point."""
+    point = Robot("arm", Point.at_origin(2))
+    cspace.build(Workspace.from_array(np.zeros((4, 3), dtype=bool), 0.1), point).save(tmp_path / "joints.npz")
+    assert "from above" not in run("info", tmp_path / "joints.npz").stdout
