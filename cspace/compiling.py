@@ -226,7 +226,7 @@ def inner(function: F | None = None, /, **options: Any) -> Any:
     """
     if function is None:
         return lambda decorated: inner(decorated, **options)
-    made = cast(Any, jit(function, **{"_nrt": False, **_part_options(options.pop("forceinline", False)), **options}))
+    made = cast(Any, jit(function, **{"_nrt": False, **part_options(options.pop("forceinline", False)), **options}))
 
     def add(compiled: Any) -> None:
         made.overloads[tuple(compiled.signature.args)] = compiled
@@ -266,7 +266,7 @@ def _lean_pipeline(state: Any) -> Any:
 
 
 @cache
-def _part_options(forceinline: bool) -> dict[str, Any]:
+def part_options(forceinline: bool) -> dict[str, Any]:
     """What numba is told of a function that becomes a part of others; nothing of its own where that has changed within.
 
     Numba optimises each function, makes machine code of it, and does so again for every one that calls it, all the way

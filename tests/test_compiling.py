@@ -200,9 +200,9 @@ def test_parts_are_for_compiled_code_alone_whatever_numba_is_like_within(
     with monkeypatch.context() as patch:
         if gone is not None:
             patch.delattr(CPUCodeLibrary, gone)
-        options = compiling._part_options.__wrapped__(False)
+        options = compiling.part_options.__wrapped__(False)
     assert ("pipeline_class" in options) == (gone is None)
-    monkeypatch.setattr(compiling, "_part_options", lambda forceinline: options)
+    monkeypatch.setattr(compiling, "part_options", lambda forceinline: options)
     part = inner(cache=False)(double)
 
     @jit(cache=False)

@@ -16,7 +16,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic, overload
 from numpy.typing import DTypeLike, NDArray
 
-from cspace.compiling import inner, reader
+from cspace.compiling import inner, part_options, reader
 from cspace.errors import InputError
 from cspace.memory import KEEP, free_bytes, in_words
 from cspace.states import FREE
@@ -250,10 +250,9 @@ def _row_of_bits(cells: TwoBits, number: int, count: int) -> Halves:
 COMPILED: Final[Any] = {
     "_nrt": False,
     "error_model": "numpy",
-    "forceinline": True,
     "no_cfunc_wrapper": True,
-    "no_cpython_wrapper": True,
     "nogil": True,
+    **part_options(forceinline=True),
 }
 """How what follows is compiled; other ways to keep states may add theirs."""
 
