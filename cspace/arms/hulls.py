@@ -1,8 +1,8 @@
 """Hulls: convex bodies around the triangles of a solid, in trees, and compiled proofs that two of them stay apart.
 
 Each node of a tree has a box and a ball that hold all of its triangles, and some nodes have the corners of a convex
-hull of them, grown by a radius: the whole of a part, or as many of its corners as tell its shape; a few triangles that
-lie together; and single triangles. What is convex, as a box or a cylinder is, is one node.
+hull of them, grown by a radius: the whole of a part and large pieces of it, by as many of their corners as tell their
+shape; a few triangles that lie together; and single triangles. What is convex, as a box or a cylinder is, is one node.
 
 *What is proven.* For any vector n, two sets are at least as far apart as their shadows on a line along n, and the
 shadow of a hull is that of its corners, grown by its radius. So nothing depends on where n comes from: it is that of
@@ -44,7 +44,10 @@ Simplex = tuple[Row, Row, Row]
 TILE: Final = 16
 """Triangles that lie together and are asked as one, at most."""
 
-FULL: Final = 192
+WIDE: Final = 16
+"""How many times as many triangles as the hulls below it has a hull has, at most."""
+
+FULL: Final = 48
 """Corners of a hull that stay as they are; of more, those that are farthest in so many directions, and a radius."""
 
 FLAT: Final = 1e-12
@@ -92,6 +95,8 @@ class Flight(NamedTuple):
         By how much any of its points can move meanwhile in all.
     least : float
         What a distance has to exceed.
+    slack : float
+        Hulls that are larger by about so much than what they hold count as that.
     """
 
     matrix: Matrix
@@ -102,6 +107,7 @@ class Flight(NamedTuple):
     bend: float
     most: float
     least: float
+    slack: float
 
 
 def hulls_of(rows: Floats, volume: float) -> Hulls:
@@ -129,22 +135,28 @@ def hulls_of(rows: Floats, volume: float) -> Hulls:
     points, which = np.unique(corners, axis=0, return_inverse=True)
     above = np.zeros(len(box), dtype=np.int64)
     above[inside + 1] = above[nodes[inside, 0]] = inside
-    tiles = np.flatnonzero(~leaf & (counts <= TILE) & ((counts[above] > TILE) | (above == np.arange(len(box)))))
+    ranks = np.searchsorted(TILE * WIDE ** np.arange(12), counts)
+    has_hull = ranks < ranks[above]
+    has_hull[0] = True
+    parts, stop = [corners], len(corners)
+    for node in np.flatnonzero(has_hull & ((ranks > 0) | (above == np.arange(len(box))))).tolist():
+        if rows[:, 9].any():
+            continue
+        own = points[np.unique(which.ravel()[ends[starts[node]] : ends[starts[node] + counts[node]]])]
+        kept, grown, depth, whole = _hull_of(own)
+        boxes[node, 7], boxes[node, 8] = grown, grown + depth
+        if node == 0 and volume > (1.0 - 1e-9) * whole and grown <= 2.0 * FLAT * np.ptp(points, axis=0).max():
+            boxes[0, 8] = 0.0
+            return Hulls(boxes[:1], np.array([[0, 0, len(kept), 1]]), np.ascontiguousarray(kept.T))
+        nodes[node, 1], nodes[node, 2], stop = stop, stop + len(kept), stop + len(kept)
+        parts.append(kept)
+    tiles = np.flatnonzero(~leaf & has_hull & (ranks == 0) & (nodes[:, 2] == 0))
     few = np.concatenate([np.arange(0), *(np.arange(ends[s], ends[s + c]) for s, c in spans[tiles].tolist())])
     tile = np.repeat(np.arange(len(tiles)), ends[(starts + counts)[tiles]] - ends[starts[tiles]])
     owned = np.unique(tile * len(points) + which.ravel()[few])
-    stops = len(corners) + np.searchsorted(owned, len(points) * np.arange(len(tiles) + 1))
+    stops = stop + np.searchsorted(owned, len(points) * np.arange(len(tiles) + 1))
     nodes[tiles, 1], nodes[tiles, 2], boxes[tiles, 8] = stops[:-1], stops[1:], boxes[tiles, 3:6].min(axis=1)
-    parts = [corners, points[owned % len(points)]]
-    if not rows[:, 9].any():
-        kept, grown, depth, whole = _hull_of(points)
-        if volume > (1.0 - 1e-9) * whole and grown <= 2.0 * FLAT * np.ptp(points, axis=0).max():
-            boxes[0, 7], boxes[0, 8] = grown, 0.0
-            return Hulls(boxes[:1], np.array([[0, 0, len(kept), 1]]), np.ascontiguousarray(kept.T))
-        boxes[0, 7], boxes[0, 8] = grown, grown + depth
-        nodes[0, 1], nodes[0, 2] = stops[-1], stops[-1] + len(kept)
-        parts.append(kept)
-    return Hulls(boxes, nodes, np.ascontiguousarray(np.concatenate(parts).T))
+    return Hulls(boxes, nodes, np.ascontiguousarray(np.concatenate([*parts, points[owned % len(points)]]).T))
 
 
 def _corners(rows: Floats) -> tuple[Floats, Ints]:
@@ -329,7 +341,8 @@ def least_spare(hulls: Hulls, one: int, other: int, flight: Flight, enough: floa
                 partial = partial or not whole
                 continue
             # Its parts may be apart where the hull is not, unless its motion is what is too much.
-            if (after == 0 and behind == 0) or (apart and spare + box[8] + still[8] < 0.0):
+            loose = box[8] + still[8]
+            if (after == 0 and behind == 0) or loose <= flight.slack or (apart and spare + loose < 0.0):
                 best = min(spare, best - 1e-300) if apart else -math.inf
                 work[0, 0], work[0, 1], way[0], way[1], way[2] = a, b, n[0], n[1], n[2]
                 if best <= 0.0:
@@ -462,12 +475,10 @@ def nearest(w: Row, p: Row, q: Row, r: Row, count: int) -> tuple[Row, Row, Row, 
     if volume != 0.0 and s >= 0.0 and t >= 0.0 and y >= 0.0 and s + t + y <= 1.0:
         return o, p, q, r, 4
     found = in_triangle(w, p, q)
-    other = in_triangle(w, q, r)
-    if dot(other[0], other[0]) < dot(found[0], found[0]):
-        found = other
-    other = in_triangle(w, r, p)
-    if dot(other[0], other[0]) < dot(found[0], found[0]):
-        found = other
+    for one, two in ((q, r), (r, p)):
+        other = in_triangle(w, one, two)
+        if dot(other[0], other[0]) < dot(found[0], found[0]):
+            found = other
     return found
 
 

@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arms.proofs import Scene, Work, ask_motion, work_of
+from cspace.arms.proofs import PROVEN, SEEN, STOPPED, Scene, Work, ask_motion, ask_point, work_of
 from cspace.compiling import inner, jit
 
 Floats = NDArray[np.float64]
@@ -24,8 +24,8 @@ Ints = NDArray[np.int64]
 STRIDE: Final = 1.0
 """Longest motion that a tree grows by, radians or metres."""
 
-SPACING: Final = 0.1
-"""How far apart the points of a motion are that are looked at before it is proven, radians or metres."""
+SPACING: Final = 0.25
+"""Longest part of a motion of which, before it is proven, no more than the middle is looked at, radians or metres."""
 
 NEAR: Final = 2.0 * STRIDE
 """How far off samples may be for a node from which a motion was once blocked (A. Yershova and others, "Dynamic-domain
@@ -62,25 +62,12 @@ class Forest(NamedTuple):
 
 
 @inner(error_model="numpy")
-def looks_free(scene: Scene, q0: Floats, q1: Floats, work: Work, point: Floats) -> bool:
-    """Whether points of a motion from a free configuration are free: first its end, then the middle of what is left."""
+def look(scene: Scene, q0: Floats, q1: Floats, work: Work) -> int:
+    """What is seen of a motion between two free configurations, or proven, or in the way."""
     square = 0.0
     for d in range(len(q0)):
         square += (q1[d] - q0[d]) ** 2
-    pieces = max(1, math.ceil(math.sqrt(square) / SPACING))
-    stride = 1
-    while stride < pieces:
-        stride *= 2
-    if not proves(scene, q1, q1, work):
-        return False
-    while stride > 1:
-        for k in range(stride // 2, pieces, stride):
-            for d in range(len(q0)):
-                point[d] = q0[d] + (k / pieces) * (q1[d] - q0[d])
-            if not proves(scene, point, point, work):
-                return False
-        stride //= 2
-    return True
+    return ask_motion(scene, q0, q1, SPACING / math.sqrt(square) if square > SPACING**2 else 1.0, work)
 
 
 @inner(error_model="numpy")
@@ -99,7 +86,7 @@ def nearest_to(forest: Forest, side: int, q: Floats) -> tuple[int, float]:
 
 
 @inner(error_model="numpy")
-def stepped(forest: Forest, scene: Scene, side: int, near: int, q: Floats, work: Work, point: Floats) -> int:
+def stepped(forest: Forest, scene: Scene, side: int, near: int, q: Floats, work: Work) -> int:
     """Grow a tree from a node towards a configuration, by a stride at most: the new node, or -1 where that is blocked.
 
     Its reach is zero where it has arrived.
@@ -110,17 +97,12 @@ def stepped(forest: Forest, scene: Scene, side: int, near: int, q: Floats, work:
     share = STRIDE / math.sqrt(square) if square > STRIDE**2 else 1.0
     for d in range(len(q)):
         nodes[new, d] = nodes[near, d] + share * (q[d] - nodes[near, d]) if share < 1.0 else q[d]
-    if not looks_free(scene, nodes[near], nodes[new], work, point):
+    if not ask_point(scene, nodes[new], work) or look(scene, nodes[near], nodes[new], work) == STOPPED:
         forest.reaches[side, near] = NEAR
         return -1
     forest.parents[side, new], forest.reaches[side, new] = near, np.inf
     forest.counts[side] = new + 1
     return int(new)
-
-
-@inner(error_model="numpy")
-def proves(scene: Scene, q0: Floats, q1: Floats, work: Work) -> bool:
-    return bool(ask_motion(scene, q0, q1, work) >= 0)
 
 
 @inner(_nrt=True)  # it makes arrays
@@ -143,7 +125,7 @@ def joined_path(scene: Scene, forest: Forest, joined: tuple[int, int], work: Wor
                 m = length - 1 - k
                 on_way[k, 1], on_way[m, 1] = on_way[m, 1], on_way[k, 1]
             length -= 1
-    path, point = np.empty((length, forest.nodes.shape[2])), np.empty(forest.nodes.shape[2])
+    path = np.empty((length, forest.nodes.shape[2]))
     for row in range(length):
         for d in range(path.shape[1]):
             path[row, d] = forest.nodes[on_way[row, 0], on_way[row, 1], d]
@@ -151,8 +133,10 @@ def joined_path(scene: Scene, forest: Forest, joined: tuple[int, int], work: Wor
     while here < length - 1:
         start, ahead = path[rows - 1], length - 1 if straight else here + 1
         while ahead > here:
-            near = ahead == here + 1
-            if (near or looks_free(scene, start, path[ahead], work, point)) and proves(scene, start, path[ahead], work):
+            found = SEEN if ahead == here + 1 else look(scene, start, path[ahead], work)
+            if found == SEEN:
+                found = ask_motion(scene, start, path[ahead], 0.0, work)
+            if found == PROVEN:
                 break
             ahead = here + (ahead - here) // 2
         if ahead == here:
@@ -185,7 +169,7 @@ def grow(scene: Scene, forest: Forest, samples: Floats, work: Work, straight: bo
 
     The path is empty where the trees have not met by a proven one yet: after so many tries, or where room is scarce.
     """
-    point, room, tries = np.empty(samples.shape[1]), forest.nodes.shape[1], 0
+    room, tries = forest.nodes.shape[1], 0
     for k in range(len(samples)):
         side = 0 if forest.counts[0] <= forest.counts[1] else 1
         if tries == SLICE or max(forest.counts[0], forest.counts[1]) + 2 >= room:
@@ -194,14 +178,14 @@ def grow(scene: Scene, forest: Forest, samples: Floats, work: Work, straight: bo
         if far > forest.reaches[side, near]:
             continue
         tries += 1
-        new = stepped(forest, scene, side, near, samples[k], work, point)
+        new = stepped(forest, scene, side, near, samples[k], work)
         if new < 0:
             continue
         # The other tree comes as far as it can.
         aim, other = forest.nodes[side, new], 1 - side
         at, far = nearest_to(forest, other, aim)
         while at >= 0 and far > 0.0 and forest.counts[other] + 1 < room:
-            at, far = stepped(forest, scene, other, at, aim, work, point), far - STRIDE
+            at, far = stepped(forest, scene, other, at, aim, work), far - STRIDE
         if at >= 0 and far <= 0.0:
             path = joined_path(scene, forest, (new, at) if side == 0 else (at, new), work, straight)
             if len(path) > 0:
