@@ -47,8 +47,11 @@ TILE: Final = 16
 WIDE: Final = 16
 """How many times as many triangles as the hulls below it has a hull has, at most."""
 
-FULL: Final = 48
-"""Corners of a hull that stay as they are; of more, those that are farthest in so many directions, and a radius."""
+FULL: Final = 192
+"""Corners of a part of nothing else, which stay as they are; of more, those farthest in so many directions."""
+
+FEW: Final = 48
+"""The same of all else, which is taken apart where the hull is too large."""
 
 FLAT: Final = 1e-12
 """By how much hulls from which corners were left out grow besides, relative to their size: for rounding."""
@@ -143,9 +146,9 @@ def hulls_of(rows: Floats, volume: float) -> Hulls:
         if rows[:, 9].any():
             continue
         own = points[np.unique(which.ravel()[ends[starts[node]] : ends[starts[node] + counts[node]]])]
-        kept, grown, depth, whole = _hull_of(own)
+        kept, grown, depth, is_whole = _hull_of(own, -1.0 if node else volume)
         boxes[node, 7], boxes[node, 8] = grown, grown + depth
-        if node == 0 and volume > (1.0 - 1e-9) * whole and grown <= 2.0 * FLAT * np.ptp(points, axis=0).max():
+        if is_whole and grown <= 2.0 * FLAT * np.ptp(points, axis=0).max():
             boxes[0, 8] = 0.0
             return Hulls(boxes[:1], np.array([[0, 0, len(kept), 1]]), np.ascontiguousarray(kept.T))
         nodes[node, 1], nodes[node, 2], stop = stop, stop + len(kept), stop + len(kept)
@@ -181,27 +184,28 @@ def _corners(rows: Floats) -> tuple[Floats, Ints]:
     return corners, ends
 
 
-def _hull_of(points: Floats) -> tuple[Floats, float, float, float]:
-    """Some points, by how much their hull must grow to hold all, how deep one lies in it, and the volume of the whole.
+def _hull_of(points: Floats, volume: float) -> tuple[Floats, float, float, bool]:
+    """Some points, by how much their hull must grow to hold all, how deep one lies in it, and whether that is all.
 
-    Metres. A flat set has all of its points, and no volume that a body could have.
+    Metres. It is all where so much volume is enclosed, below zero of a piece. A flat set has all of its points.
     """
     from scipy.spatial import ConvexHull, QhullError
 
     try:
         hull = ConvexHull(points)
     except QhullError:
-        return points, 0.0, 0.0, math.inf
-    kept, whole = points[hull.vertices], float(hull.volume)
-    if len(kept) > FULL:
+        return points, 0.0, 0.0, False
+    kept, is_whole = points[hull.vertices], volume > (1.0 - 1e-9) * float(hull.volume)
+    count = FULL if is_whole or (volume >= 0.0 and len(kept) == len(points)) else FEW
+    if len(kept) > count:
         # Directions spread evenly over a sphere, along Fibonacci's spiral.
-        k = np.arange(FULL) + 0.5
-        z, angle = 1.0 - 2.0 * k / FULL, math.pi * (1.0 + math.sqrt(5.0)) * k
+        k = np.arange(count) + 0.5
+        z, angle = 1.0 - 2.0 * k / count, math.pi * (1.0 + math.sqrt(5.0)) * k
         ways = np.stack([np.sqrt(1.0 - z * z) * np.cos(angle), np.sqrt(1.0 - z * z) * np.sin(angle), z])
         kept = kept[np.unique((kept @ ways).argmax(axis=0))]
         hull = ConvexHull(kept)
     if len(kept) == len(points):
-        return kept, 0.0, 0.0, whole
+        return kept, 0.0, 0.0, is_whole
     parts = np.array_split(points, len(points) // 4096 + 1)  # of which the heights above all planes fit a cache
     heights = np.concatenate([(part @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1) for part in parts])
     size = float(np.ptp(points, axis=0).max())
@@ -212,7 +216,7 @@ def _hull_of(points: Floats) -> tuple[Floats, float, float, float]:
     areas = np.linalg.norm(np.cross(ways[:, 0], ways[:, 1]), axis=1)
     thin = areas <= 2.0 * THIN * (ways**2).sum(axis=2).max(axis=1)
     grown = farthest(outside, sides[~thin]) + FLAT * size
-    return kept, grown, float(-heights.min()), whole
+    return kept, grown, float(-heights.min()), is_whole
 
 
 @jit
@@ -404,7 +408,7 @@ def spare_between(
             if best > enough:
                 break
         # The way between the nearest points is no shorter than any shadow, and no longer than the one that is found.
-        if gap > 0.0 and half > 0.0 and length - least <= min(flight.bend, speed):
+        if length <= least or (gap > 0.0 and half > 0.0 and length - least <= min(flight.bend, speed)):
             break
         if count and length - shadow <= 1e-10 * length:
             break

@@ -2,8 +2,8 @@
 "RRT-Connect", 2000), along motions that are looked at first and proven last.
 
 A proof of a motion costs as much as looks at many of its points, and most motions of a search end in no path. So trees
-grow along motions of which some points are free; only when they meet, the motions on the way are proven. One that
-cannot be is cut off, with all that hangs on it, and the search goes on.
+grow along motions of which what is far off is proven and for all else some points are free; only when they meet, the
+motions on the way are proven. One that cannot be is cut off, with all that hangs on it, and the search goes on.
 """
 
 from __future__ import annotations
