@@ -99,7 +99,7 @@ class Flight(NamedTuple):
     least : float
         What a distance has to exceed.
     slack : float
-        Hulls that are larger by about so much than what they hold count as that.
+        Hulls that are larger by less than about so much than what they hold count as that.
     """
 
     matrix: Matrix
@@ -346,7 +346,7 @@ def least_spare(hulls: Hulls, one: int, other: int, flight: Flight, enough: floa
                 continue
             # Its parts may be apart where the hull is not, unless its motion is what is too much.
             loose = box[8] + still[8]
-            if (after == 0 and behind == 0) or loose <= flight.slack or (apart and spare + loose < 0.0):
+            if (after == 0 and behind == 0) or loose < flight.slack or (apart and spare + loose < 0.0):
                 best = min(spare, best - 1e-300) if apart else -math.inf
                 work[0, 0], work[0, 1], way[0], way[1], way[2] = a, b, n[0], n[1], n[2]
                 if best <= 0.0:
