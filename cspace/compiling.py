@@ -277,7 +277,7 @@ def part_options(forceinline: bool) -> dict[str, Any]:
 
     options = {"no_cpython_wrapper": True, "forceinline": forceinline}
     try:
-        from llvmlite.binding import parse_assembly
+        from llvmlite.binding import Target, parse_assembly
         from numba.core.codegen import JITCodeLibrary, JITCPUCodegen
     except ImportError:
         return options
@@ -295,16 +295,22 @@ def part_options(forceinline: bool) -> dict[str, Any]:
         def _finalize_final_module(self) -> None:
             _refuse_recursion(self.name, self)
             # Machine code is left out as well, but for places that numba fills in at once.
-            codegen: Any = self._codegen
-            functions = self._final_module
-            names = [each.name for each in functions.global_variables if each.name.startswith("_ZN08NumbaEnv")]
-            places = [f'@"{name}" = common global i8* null' for name in names]
-            codegen._add_module(parse_assembly("\n".join([str(codegen._create_empty_module("")), *places])))
+            self._codegen._add_module(self._places())
             self._finalize_dynamic_globals()  # type: ignore[no-untyped-call]
             self._finalized = True
 
         def serialize_using_object_code(self) -> Any:
-            return self.serialize_using_bitcode()  # type: ignore[no-untyped-call]
+            # Nor is any made where a part is read from the cache: callers would take theirs from it, which is slow.
+            machine: Any = Target.from_default_triple().create_target_machine(codemodel="jitdefault", jit=True)
+            whole: Any = self._get_module_for_linking()  # type: ignore[no-untyped-call]
+            return self.name, "object", (machine.emit_object(self._places()), whole.as_bitcode())
+
+        def _places(self) -> Any:
+            codegen: Any = self._codegen
+            variables: Any = self._final_module.global_variables
+            names = [each.name for each in variables if each.name.startswith("_ZN08NumbaEnv")]
+            places = [f'@"{name}" = common global i8* null' for name in names]
+            return parse_assembly("\n".join([str(codegen._create_empty_module("")), *places]))
 
     class PartCompiler(CompilerBase):
         def define_pipelines(self) -> list[Any]:

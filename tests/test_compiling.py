@@ -215,6 +215,15 @@ def test_parts_are_for_compiled_code_alone_whatever_numba_is_like_within(
             part(1.5)
 
 
+def test_a_part_from_the_cache_has_no_machine_code_that_callers_would_run() -> None:
+    """It was never optimised: a caller that is compiled later took twice the time."""
+    part: Any = inner(cache=False)(double)
+    part.compile("(float64,)")
+    (compiled,) = part.overloads.values()
+    library, name = compiled.library, compiled.fndesc.llvm_func_name
+    assert library.codegen.unserialize_library(library.serialize_using_object_code()).get_pointer_to_function(name) == 0
+
+
 # ---- what was compiled is the user's own -----------------------------------------------------------------------------
 
 
