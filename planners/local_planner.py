@@ -562,11 +562,8 @@ class JointMotions(LocalPlanner):
 
     def end(self, q: ArrayLike, name: str) -> Configuration:
         space, point = self.space, self._point(q, name)
-        if space.classify(space._checked(point, name)) != FREE:
-            contact = space.closest(point)
-            found = f"{text(point)} is not proven free: {contact.link} is in collision with {contact.other}, or all but"
-            mend = f"choose another, or pass allowed=[({contact.link!r}, {contact.other!r})] where they may touch"
-            raise ConfigurationError(name, found, "an arm starts and ends clear of obstacles", mend, value=tuple(point))
+        if not space.is_free(space._checked(point, name)):
+            raise space._unusable(point, name)
         circles = np.array(space.endless)
         point[circles] = wrapped(point[circles])
         return tuple(point.tolist())

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from cspace.arms.chain import SLIDES, TURNS, flight_of, place
 from cspace.arms.hulls import least_spare
-from cspace.arms.proofs import Scene, Solids, Work, least_of, nests, row_of, seen, work_of
+from cspace.arms.proofs import Scene, Solids, Work, least_of, nests, row_of, seen
 from cspace.compiling import inner, jit
 from cspace.exact import ADVANCE
 from cspace.exact.triangles import box_of, cross, dot, minus
@@ -129,9 +129,9 @@ class Inside(NamedTuple):
 
 
 @jit
-def fill(scene: Scene, inside: Inside, cells: Cells, block: Ints, states: States) -> None:
+def fill(scene: Scene, inside: Inside, cells: Cells, block: Ints, states: States, work: Work) -> None:
     """States of a block of cells, given by its first cell and the one behind its last, along three axes, shape (6,)."""
-    work, pairs = work_of(scene), len(scene.pairs)
+    pairs = len(scene.pairs)
     blocks, waiting = np.empty((_WAITING, 6), np.int64), np.empty((_WAITING, pairs), np.int64)
     counts, left = np.empty(_WAITING, np.int64), np.empty(pairs, np.int64)
     empty = Box(cells.at.copy(), np.zeros(len(cells.at)), scene.least)

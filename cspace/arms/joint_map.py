@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.arms.boxes import FINER, Cells, Inside, Interiors, depths, fill
 from cspace.arms.chain import SLIDES, STILL, TURNS
-from cspace.arms.proofs import Solids, ask_motions
+from cspace.arms.proofs import Scene, Solids, are_free, work_of
 from cspace.arms.space import ArmSpace
 from cspace.correlation import Progress
 from cspace.endless import map_of
@@ -141,7 +141,7 @@ def build_arm_map(
         parts.append(np.empty(sides, dtype=np.uint8))
         starts = _BLOCK * np.indices(tuple((-(-sides // _BLOCK)).tolist())).reshape(3, -1).T
         blocks = np.concatenate([starts, np.minimum(starts + _BLOCK, sides)], axis=1)
-        work += [partial(fill, scene, inside, cells, block, parts[-1]) for block in blocks]
+        work += [partial(_fill, scene, inside, cells, block, parts[-1]) for block in blocks]
     tell = None if progress is None else lambda done: progress(done, len(work))
     in_threads(lambda task: task(), work, workers or cores(), tell)
     # What is FREE of all pairs is FREE, and what is BLOCKED of one is BLOCKED.
@@ -156,6 +156,10 @@ def build_arm_map(
     rotations, robot = Rotations.of(None), Robot(arm.name, Point.at_origin(len(names)))
     slices = rotations.slice_of(robot)
     return map_of(Contents(workspace, robot, rotations, slices, states[np.newaxis], endless=endless * any(endless)))
+
+
+def _fill(scene: Scene, inside: Inside, cells: Cells, block: Ints, states: NDArray[np.uint8]) -> None:
+    fill(scene, inside, cells, block, states, work_of(scene))
 
 
 def _held(space: ArmSpace, names: Sequence[str], at: ArrayLike | None) -> Floats:
@@ -218,9 +222,8 @@ def _check_held(space: ArmSpace, numbers: Ints, held: Floats, still: Ints) -> No
     scene = space._scene._replace(pairs=space._scene.pairs[still])
     if not len(scene.pairs):
         return
-    q, free = held[np.newaxis], np.empty(1, dtype=np.bool_)
-    ask_motions(scene, q, q, free)
-    if not free[0]:
+    q = held[np.newaxis]
+    if not are_free(scene, q, q)[0]:
         link, other, *_ = space._contact(scene, q)
         found = f"has {link} touch {other!r}, or come nearer than the margin"
         rule = f"{', '.join(space.arm.joints[number] for number in numbers)} do not move them apart"

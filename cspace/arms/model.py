@@ -208,7 +208,7 @@ class Arm:
         """
         moving = _moving(self.links)
         scene = scene_of(self.chain, self.links, moving)
-        shares = apart(scene, random_points(self.lower, self.upper, LOOKS)).mean(axis=1)
+        shares = apart(scene, random_points(self.ranges(), LOOKS)).mean(axis=1)
         words = ["never" if share == 1.0 else "sometimes" if share else "always" for share in shares.tolist()]
         found = {pair_of(a.name, b.name): "one body" for a, b in combinations(self.links, 2)}
         found |= {self._names(pair): word for pair, word in zip(moving, words, strict=True)}
@@ -216,6 +216,12 @@ class Arm:
 
     def _names(self, pair: tuple[int, int]) -> Names:
         return pair_of(self.links[pair[0]].name, self.links[pair[1]].name)
+
+    def ranges(self, around: ArrayLike = 0.0) -> tuple[Floats, Floats]:
+        """Limits of the joints; of those without, half a turn around some configurations, shape (n, dof), or zero."""
+        q = np.atleast_2d(around)
+        low, high = q.min(axis=0) - math.pi, q.max(axis=0) + math.pi
+        return np.where(np.isinf(self.lower), low, self.lower), np.where(np.isinf(self.upper), high, self.upper)
 
     def checked(self, q: ArrayLike, name: str) -> Floats:
         """Configurations, shape (..., dof).
@@ -372,7 +378,7 @@ class _Assembly:
                 found.setdefault(pair_of(link.name, other), "adjacent")
         pairs = [pair for pair in _moving(arm.links) if arm._names(pair) not in found]
         scene = scene_of(arm.chain, arm.links, pairs)
-        touching = always_touch(scene, random_points(arm.lower, arm.upper, 100))
+        touching = always_touch(scene, random_points(arm.ranges(), 100))
         return found | {arm._names(pair): "always" for pair, always in zip(pairs, touching, strict=True) if always}
 
     def _held(self, joint: Joint) -> Floats:

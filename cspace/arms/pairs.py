@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arms.proofs import Scene, ask_motions
+from cspace.arms.proofs import Scene, are_free
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -19,18 +19,15 @@ _FEW: Final = 4
 """Configurations in one of which most pairs are apart."""
 
 
-def random_points(lower: Floats, upper: Floats, count: int) -> Floats:
-    """Configurations within limits, uniform, and within a turn of joints that have none; always the same ones."""
-    ends = np.where(np.isfinite(lower), lower, -np.pi), np.where(np.isfinite(upper), upper, np.pi)
-    return np.random.default_rng(0).uniform(*ends, (count, len(lower)))
+def random_points(ranges: tuple[Floats, Floats], count: int) -> Floats:
+    """Configurations within ranges, uniform, and always the same ones."""
+    return np.random.default_rng(0).uniform(*ranges, (count, len(ranges[0])))
 
 
 def apart(scene: Scene, points: Floats) -> Bools:
     """Whether each pair of a scene is proven apart at configurations, shape (p, n)."""
-    out = np.empty((len(scene.pairs), len(points)), dtype=np.bool_)
-    for k, row in enumerate(out):
-        ask_motions(scene._replace(pairs=scene.pairs[k : k + 1]), points, points, row)
-    return out
+    found = [are_free(scene._replace(pairs=pair[np.newaxis]), points, points) for pair in scene.pairs]
+    return np.array(found, dtype=np.bool_).reshape(-1, len(points))
 
 
 def always_touch(scene: Scene, points: Floats) -> Bools:

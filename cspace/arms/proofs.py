@@ -142,26 +142,31 @@ class Work(NamedTuple):
     nodes: Ints
 
 
-@jit
 def work_of(scene: Scene) -> Work:
     """Room for the proofs of one thread."""
     bodies, pairs = len(scene.chain.parents), len(scene.pairs)
     return Work(
         np.empty((WAITING, 2)),
-        np.empty((WAITING, pairs), np.bool_),
+        np.empty((WAITING, pairs), dtype=np.bool_),
         np.empty((bodies, 3, 6)),
         np.empty((pairs, 3)),
-        np.empty(pairs, np.bool_),
-        np.full((pairs, 2), -1, np.int64),
+        np.empty(pairs, dtype=np.bool_),
+        np.full((pairs, 2), -1),
         np.zeros((pairs, 3)),
-        np.empty((DEPTH, 6), np.int64),
+        np.empty((DEPTH, 6), dtype=np.int64),
     )
 
 
+def are_free(scene: Scene, starts: Floats, ends: Floats) -> Bools:
+    """Whether motions are proven free, shapes (n, dof), asked by one thread."""
+    out = np.empty(len(starts), dtype=np.bool_)
+    ask_motions(scene, starts, ends, out, work_of(scene))
+    return out
+
+
 @jit
-def ask_motions(scene: Scene, starts: Floats, ends: Floats, out: Bools) -> None:
+def ask_motions(scene: Scene, starts: Floats, ends: Floats, out: Bools, work: Work) -> None:
     """Whether all configurations of motions are free, shapes (n, dof); one that ends where it starts is a point."""
-    work = work_of(scene)
     for k in range(len(starts)):
         # Most motions that are not free end in a collision.
         out[k] = ask_point(scene, ends[k], work) and ask_motion(scene, starts[k], ends[k], 0.0, work) == PROVEN
@@ -417,14 +422,14 @@ def spread(one: Floats, other: Floats, h: Row) -> Row:
 
 
 @jit
-def distances(scene: Scene, points: Floats, out: Floats, nearest: Ints) -> None:
+def distances(scene: Scene, points: Floats, out: Floats, nearest: Ints, work: Work) -> None:
     """How far apart, at least, all pairs are at configurations, shape (n, dof): below zero where that is not proven.
 
     ``nearest``, shape (n, 3), is given the pair and the two nodes that set it.
     """
-    work, solids = work_of(scene), scene.solids
-    nodes, way = work.nodes, np.zeros(3)
+    solids, nodes = scene.solids, work.nodes
     for k in range(len(points)):
+        least = least_of(scene, points[k], points[k])
         place(scene.chain, points[k], points[k], 0.0, work.poses)
         out[k] = np.inf
         for n in range(len(scene.pairs)):
@@ -432,9 +437,9 @@ def distances(scene: Scene, points: Floats, out: Floats, nearest: Ints) -> None:
             if solids.roots[i] < 0 or solids.roots[j] < 0:
                 continue
             one, other = work.poses[solids.bodies[i]], work.poses[solids.bodies[j]]
-            flight = flight_of(one, other, 0.0, 0.0, 0.0, scene.least, 0.0)
+            flight = flight_of(one, other, 0.0, 0.0, 0.0, least, 0.0)
             nodes[0, 0] = -1
-            found = least_spare(solids.hulls, solids.roots[i], solids.roots[j], flight, out[k], nodes, way)
+            found = least_spare(solids.hulls, solids.roots[i], solids.roots[j], flight, out[k], nodes, work.ways[n])
             if found >= 0.0 and nodes[1, 0] and nests(scene, n, work, -1.0):
                 found = -1.0
             if found < out[k]:
@@ -443,9 +448,8 @@ def distances(scene: Scene, points: Floats, out: Floats, nearest: Ints) -> None:
 
 
 @jit
-def ask_blocked(scene: Scene, points: Floats, out: Bools) -> None:
+def ask_blocked(scene: Scene, points: Floats, out: Bools, work: Work) -> None:
     """Whether the borders of a pair of solids cross, or a point of one lies in the other one, by more than rounding."""
-    work = work_of(scene)
     for k in range(len(points)):
         least = least_of(scene, points[k], points[k])
         place(scene.chain, points[k], points[k], 0.0, work.poses)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from functools import partial
 from itertools import combinations
@@ -17,7 +18,7 @@ from cspace.arms.hulls import corners_of
 from cspace.arms.model import Arm, pair_of, rigid
 from cspace.arms.obstacles import named_obstacles, placed_obstacle
 from cspace.arms.pairs import LOOKS, always_touch, random_points
-from cspace.arms.proofs import Scene, ask_blocked, ask_motions, distances
+from cspace.arms.proofs import Scene, are_free, ask_blocked, ask_motions, distances, work_of
 from cspace.arms.solids import Placed, Solid, Still, scene_of, scene_within
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import ConfigurationError, InputError
@@ -123,9 +124,7 @@ class ArmSpace(ConfigurationSpace):
     def _refuse_fixed(self, pair: NDArray[np.int64]) -> None:
         """Refuse an obstacle that a link touches which no joint moves."""
         scene, q = self._scene._replace(pairs=pair), np.zeros((1, self.arm.dof))
-        free = np.empty(1, dtype=np.bool_)
-        ask_motions(scene, q, q, free)
-        if not free[0]:
+        if not are_free(scene, q, q)[0]:
             link, obstacle, *_ = self._contact(scene, q)
             raise ConfigurationError(
                 link,
@@ -149,7 +148,7 @@ class ArmSpace(ConfigurationSpace):
 
     def _always_touch(self, pairs: NDArray[np.int64]) -> Iterator[tuple[str, str]]:
         """Names of what is of pairs that are apart at none of some random configurations."""
-        scene, points = self._scene._replace(pairs=pairs), random_points(self.arm.lower, self.arm.upper, LOOKS)
+        scene, points = self._scene._replace(pairs=pairs), random_points(self.arm.ranges(), LOOKS)
         for pair in pairs[always_touch(scene, points)]:
             yield self._contact(scene._replace(pairs=pair[np.newaxis]), points[:1])[:2]
 
@@ -214,11 +213,15 @@ class ArmSpace(ConfigurationSpace):
 
     def edge_checker(self, *, exact: bool = False) -> Callable[..., bool]:
         """A quick ``motion_is_free`` of floats, ``check(*q0, *q1)``, as :meth:`cspace.CSpace.edge_checker`."""
-        scene, dof = self._scene, self.dof
+        scene, dof, rooms = self._scene, self.dof, threading.local()
 
         def check(*ends: float) -> bool:
-            rows, out = np.array(ends).reshape(2, 1, dof), np.empty(1, dtype=np.bool_)
-            ask_motions(scene, rows[0], rows[1], out)
+            try:
+                work, out = rooms.own
+            except AttributeError:  # the first call of a thread
+                work, out = rooms.own = work_of(scene), np.empty(1, dtype=np.bool_)
+            rows = np.array(ends).reshape(2, 1, dof)
+            ask_motions(scene, rows[0], rows[1], out, work)
             return bool(out[0])
 
         return check
@@ -254,11 +257,9 @@ class ArmSpace(ConfigurationSpace):
         most = float(np.min(self.clearance(np.concatenate([path, middles]))))
         if len(path) < 2 or math.isinf(most):
             return most
-        free = np.empty(len(middles), dtype=np.bool_)
         for share in _SHARES:
             wider = self._scene._replace(least=self._scene.least + share * most)
-            ask_motions(wider, own(path[:-1]), own(path[1:]), free)
-            if free.all():
+            if are_free(wider, own(path[:-1]), own(path[1:])).all():
                 return share * most
         return 0.0
 
@@ -280,11 +281,8 @@ class ArmSpace(ConfigurationSpace):
     def _contact(self, scene: Scene, points: Floats) -> Contact:
         """What is nearest to touching at a configuration, shape (1, dof)."""
         out, nearest = self._distances(scene, points)
-        pair, *nodes = nearest[0].tolist()
-        solids, owners = (
-            scene.solids,
-            [each.name for group in self._groups for each in group.members for _ in each.parts],
-        )
+        solids, (pair, *nodes) = scene.solids, nearest[0].tolist()
+        owners = [each.name for group in self._groups for each in group.members for _ in each.parts]
         names, hulls, radii, poses = [], [], [], place_bodies(self.arm.chain, points[0])
         for number, node in zip(scene.pairs[pair].tolist(), nodes, strict=True):
             at = max(node, int(solids.roots[number]))
@@ -300,7 +298,7 @@ class ArmSpace(ConfigurationSpace):
         out, nearest = np.empty(len(rows)), np.zeros((len(rows), 3), dtype=np.int64)
 
         def work(first: int, stop: int) -> int:
-            distances(scene, rows[first:stop], out[first:stop], nearest[first:stop])
+            distances(scene, rows[first:stop], out[first:stop], nearest[first:stop], work_of(scene))
             return -1
 
         in_chunks(work, len(rows), THREAD)
@@ -330,11 +328,10 @@ class ArmSpace(ConfigurationSpace):
         if n is not None and (not isinstance(n, int | np.integer) or n < 0):
             rule = "it must be a whole number, zero or above, or None for one sample"
             raise InputError("n", f"is {n!r}", rule, "pass e.g. 100", value=n)
-        lower = np.where(np.isfinite(self.arm.lower), self.arm.lower, -np.pi)
-        upper = np.where(np.isfinite(self.arm.upper), self.arm.upper, np.pi)
+        ranges = self.arm.ranges()
         count, found, tried = 1 if n is None else int(n), [np.empty((0, self.arm.dof))], 0
         while (kept := sum(map(len, found))) < count:
-            some = generator.uniform(lower, upper, (min(max(2 * (count - kept), 16), 10_000), self.arm.dof))
+            some = generator.uniform(*ranges, (min(max(2 * (count - kept), 16), 10_000), self.arm.dof))
             found.append(some[np.asarray(self.is_free(some))])
             tried += len(some)
             if tried >= _TRIES and not kept:
@@ -396,15 +393,17 @@ class ArmSpace(ConfigurationSpace):
         free = np.asarray(self.is_free(np.vstack([start, goals])))
         for name, q, good in (("q0", start, free[0]), ("q1", goals[0], free[1:].any())):
             if not good:
-                contact = self.closest(q)
-                found = f"is not FREE: {contact.link} and {contact.other} touch, or cannot be told apart"
-                raise ConfigurationError(name, found, "a path starts and ends where it is proven", "choose another one")
-        ends = np.vstack([start, goals])
-        # A joint that turns for ever is at the same place again after a turn.
-        lower = np.where(np.isfinite(self.arm.lower), self.arm.lower, ends.min(axis=0) - np.pi)
-        upper = np.where(np.isfinite(self.arm.upper), self.arm.upper, ends.max(axis=0) + np.pi)
-        rng = np.random.default_rng(seed)
-        return search_path(self._scene, (lower, upper), start, goals[free[1:]], rng, seconds, straight)
+                raise self._unusable(q, name)
+        ranges, rng = self.arm.ranges(np.vstack([start, goals])), np.random.default_rng(seed)
+        return search_path(self._scene, ranges, start, goals[free[1:]], rng, seconds, straight)
+
+    def _unusable(self, q: Floats, name: str) -> ConfigurationError:
+        """The error that says what touches at a configuration, shape (dof,), from which no path leads."""
+        link, other, *_ = self.closest(q)
+        found = f"is not proven free: {link} is in collision with {other}, or all but"
+        mend = f"choose another, or pass allowed=[({link!r}, {other!r})] where they may touch"
+        point = f"({', '.join(f'{x:.6g}' for x in q)})"
+        return ConfigurationError(name, f"{point} {found}", "a path starts and ends where it is proven", mend, value=q)
 
     def _classify(self) -> Ask:
         def ask(parts: Sequence[Any], out: States) -> int:
@@ -416,7 +415,7 @@ class ArmSpace(ConfigurationSpace):
 
             def work(first: int, stop: int) -> int:
                 found, some = np.empty(stop - first, dtype=np.bool_), left[first:stop]
-                ask_blocked(self._within, rows[some], found)
+                ask_blocked(self._within, rows[some], found, work_of(self._within))
                 out[some[found]] = BLOCKED
                 return -1
 
@@ -442,7 +441,7 @@ class ArmSpace(ConfigurationSpace):
         """Whether motions are proven free, in threads."""
 
         def work(first: int, stop: int) -> int:
-            ask_motions(self._scene, starts[first:stop], ends[first:stop], out[first:stop])
+            out[first:stop] = are_free(self._scene, starts[first:stop], ends[first:stop])
             return -1
 
         return in_chunks(work, len(out), THREAD)
