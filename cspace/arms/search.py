@@ -27,7 +27,7 @@ STRIDE: Final = 1.0
 SPACING: Final = 0.25
 """Longest part of a motion of which, before it is proven, no more than the middle is looked at, radians or metres."""
 
-NEAR: Final = 2.0 * STRIDE
+NEAR: Final = 3.0 * STRIDE
 """How far off samples may be for a node from which a motion was once blocked (A. Yershova and others, "Dynamic-domain
 RRTs", 2005)."""
 
