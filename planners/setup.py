@@ -62,6 +62,8 @@ def _bounded(edges: LocalPlanner) -> ob.StateSpace:
     states = edges.states()
     lower, upper = edges.bounds
     kind_of(edges.space).set_bounds(states, lower.tolist(), upper.tolist())
+    if not states.getType():
+        states.setup()  # OMPL prints the projection of a space that is composed before it is made, which ends in a crash
     return states
 
 

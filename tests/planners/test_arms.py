@@ -99,7 +99,7 @@ def test_setup_of_ones_own(tmp_path: Path) -> None:
     ):
         space = space_of(tmp_path, **changes)
         setup = planners.simple_setup(space)
-        assert isinstance(setup.getStateSpace(), kind)
+        assert isinstance(setup.getStateSpace(), kind) and "Settings for the state space" in str(setup)
         states = [setup.getStateSpace().allocState() for _ in range(2)]
         sampler = setup.getSpaceInformation().allocValidStateSampler()
         assert all(sampler.sample(state) for state in states)

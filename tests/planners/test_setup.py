@@ -47,6 +47,12 @@ def test_what_does_not_go_together_is_refused(wrong: dict[str, Any], words: str)
         planners.simple_setup(room("plane"), **wrong)
 
 
+@pytest.mark.parametrize("name", SPACES)
+def test_a_set_up_prints_itself(name: str) -> None:
+    """OMPL itself crashes where a space is composed of others."""
+    assert "Settings for the state space" in str(planners.simple_setup(room(name)))
+
+
 def test_nothing_of_ours_outlives_its_setup() -> None:
     ours: set[type] = set()
     kinds: list[type] = [planners.MotionValidator, planners.StateValidityChecker, planners.FreeStateSampler]
