@@ -142,9 +142,8 @@ def hulls_of(rows: Floats, volume: float) -> Hulls:
     has_hull = ranks < ranks[above]
     has_hull[0] = True
     parts, stop = [corners], len(corners)
-    for node in np.flatnonzero(has_hull & ((ranks > 0) | (above == np.arange(len(box))))).tolist():
-        if rows[:, 9].any():
-            continue
+    large = np.flatnonzero(has_hull & ((ranks > 0) | (above == np.arange(len(box))))).tolist()
+    for node in [] if rows[:, 9].any() else large:
         own = points[np.unique(which.ravel()[ends[starts[node]] : ends[starts[node] + counts[node]]])]
         kept, grown, depth, is_whole = _hull_of(own, -1.0 if node else volume)
         boxes[node, 7], boxes[node, 8] = grown, grown + depth
