@@ -63,7 +63,7 @@ def _bounded(edges: LocalPlanner) -> ob.StateSpace:
     lower, upper = edges.bounds
     kind_of(edges.space).set_bounds(states, lower.tolist(), upper.tolist())
     if not states.getType():
-        states.setup()  # OMPL prints the projection of a space that is composed before it is made, which ends in a crash
+        states.setup()  # else OMPL crashes where it prints the projection of a space that is composed of others
     return states
 
 
