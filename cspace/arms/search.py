@@ -24,7 +24,7 @@ Ints = NDArray[np.int64]
 STRIDE: Final = 1.0
 """Longest motion that a tree grows by, radians or metres."""
 
-SPACING: Final = 0.25
+SPACING: Final = 0.2
 """Longest part of a motion of which, before it is proven, no more than the middle is looked at, radians or metres."""
 
 NEAR: Final = 3.0 * STRIDE
