@@ -295,7 +295,7 @@ def part_options(forceinline: bool) -> dict[str, Any]:
         def _finalize_final_module(self) -> None:
             _refuse_recursion(self.name, self)
             # Machine code is left out as well, but for places that numba fills in at once.
-            self._codegen._add_module(self._places())
+            self._codegen._add_module(self._places())  # type: ignore[no-untyped-call]
             self._finalize_dynamic_globals()  # type: ignore[no-untyped-call]
             self._finalized = True
 
