@@ -86,7 +86,7 @@ def build_arm_map(
     Returns
     -------
     CSpace
-        Its axes are the joints; a :class:`cspace.endless.EndlessCSpace` where one of them closes in a circle. The robot
+        Its axes are the joints; one without a seam where one of them closes in a circle. The robot
         is a point, the workspace the cells that are not FREE, and beyond the limits is BLOCKED. Where limits are not a
         whole number of cells apart, the last cells reach beyond the upper one, and are never FREE.
 
