@@ -171,8 +171,11 @@ class LocalPlanner(ABC):
 
     def unwound(self, path: Floats) -> Floats:
         """A path of OMPL's as edges join its rows, where whole turns count."""
-        circles, found = np.array(self.space.endless), path.copy()
-        for k in range(1, len(path) * circles.any()):
+        circles = np.array(self.space.endless)
+        if not circles.any():
+            return path
+        found = path.copy()
+        for k in range(1, len(path)):
             step = path[k] - found[k - 1]
             found[k, circles] -= TURN * np.rint(step[circles] / TURN)
         return found

@@ -86,9 +86,9 @@ def build_arm_map(
     Returns
     -------
     CSpace
-        Its axes are the joints; one without a seam where one of them closes in a circle. The robot
-        is a point, the workspace the cells that are not FREE, and beyond the limits is BLOCKED. Where limits are not a
-        whole number of cells apart, the last cells reach beyond the upper one, and are never FREE.
+        Its axes are the joints; it has no seam where one of them turns for ever. The robot is a point, the workspace
+        the cells that are not FREE, and beyond the limits is BLOCKED. Where limits are not a whole number of cells
+        apart, the last cells reach beyond the upper one, and are never FREE.
 
     Raises
     ------
