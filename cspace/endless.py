@@ -21,7 +21,7 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components
 from cspace.errors import InputError
 from cspace.grid import Grid
 from cspace.map.batches import Ask, as_points
-from cspace.map.callbacks import brought
+from cspace.map.callbacks import below_half_a_turn, brought
 from cspace.map.contents import Contents
 from cspace.map.kept import Kept
 from cspace.memory import check_memory
@@ -182,7 +182,7 @@ class EndlessCSpace(CSpace):
     joints the shorter way, as OMPL does, and rows of a path count whole turns, so that straight motions join them.
     What is placed beyond the turn in the middle comes in again, whole turns on.
     ``clearance`` is told up to half a turn, and ``is_free_around`` within as much. With ``exact=True`` the cells answer
-    as well. There is no :meth:`widest_path`, no :meth:`overlap` and no overlap field of it.
+    as well. There is no :meth:`overlap` and no overlap field of it.
 
     Parameters
     ----------
@@ -329,14 +329,17 @@ class EndlessCSpace(CSpace):
         if not self.certify_path(path).all():
             return np.empty((0, self.dof))
         if straight:
-            quick, circles = self.edge_checker(), np.flatnonzero(self.endless).tolist()
-
-            def check(*both: float) -> bool:  # as it is told, and not the other way round
-                return all(abs(both[self.dof + k] - both[k]) < 0.499 * TURN for k in circles) and quick(*both)
-
+            check = below_half_a_turn(self.edge_checker(), self.endless)
             path = pulled_straight(path, self.dof, check, 2.0 * self.grid.spacing)
-        ahead = TURN * np.rint((np.asarray(q0, dtype=np.float64) - path[0]) / TURN)
-        return np.where(self.endless, path + ahead, path)
+        return self._begun(path, q0)
+
+    def widest_path(self, q0: ArrayLike, q1: ArrayLike, *, straight: bool = True) -> Floats:
+        """As :meth:`CSpace.widest_path`; it begins at q0, and ends at q1 but for whole turns."""
+        return self._begun(super().widest_path(q0, q1, straight=straight), q0)
+
+    def _begun(self, path: Floats, q0: ArrayLike) -> Floats:
+        """A path as many whole turns on as it takes to begin at a configuration."""
+        return path + (np.asarray(q0, dtype=np.float64) - path[:1] - self.rotations.steps(path[:1], np.asarray(q0)))
 
     # ---- changed -----------------------------------------------------------------------------------------------------
 
@@ -374,10 +377,6 @@ class EndlessCSpace(CSpace):
     def _none(self, what: str, mend: str) -> NoReturn:
         circles = ", ".join(self._facts["endless"])
         raise InputError(what, "is asked for", f"there is none of a map that closes in a circle along {circles}", mend)
-
-    def widest_path(self, q0: ArrayLike, q1: ArrayLike, *, straight: bool = True) -> Floats:
-        """There is none: levels of clearance are not joined across the seam."""
-        self._none("widest_path", "ask free_path, or map a part of the turn with limits=")
 
     def _sum(self, side: Literal["outer", "inner"], q: ArrayLike) -> int | Ints:
         self._none("overlap", "ask classify: a point overlaps with nothing, or with one cell")

@@ -478,15 +478,17 @@ class CSpace(ConfigurationMap):
         from cspace.map.widest import BYTES, Widest, widest_path
 
         ends = [self._one_free(q, name) for q, name in ((q0, "q0"), (q1, "q1"))]
-        needed, fewer = BYTES * self.grid.size * self.rotations.count, self.rotations.fewer
+        # Levels are told of what is unrolled, half a turn more at either end.
+        cells = self.grid.size * self.rotations.count * 2 ** sum(self.endless)
+        needed, fewer = BYTES * cells, self.rotations.fewer
         check_memory(needed, "the map, to find its widest path,", self.grid, fewer=fewer)
-        cells = [self._cells_of(q) for q in ends]
+        own, both = self._own_map, [(q, self._cells_of(q)) for q in ends]
         with self._lock:
-            widest = self._widest.get(lambda: Widest.of(self._map, self._seen, self.rotations))
+            widest = self._widest.get(lambda: Widest.of(own, self._seen, self.rotations, self.endless[: self.grid.dim]))
             if widest.noted:
                 self._widest.drop()
-                widest = self._widest.get(partial(widest.renewed, self._map, self._seen))
-        return widest_path(widest, self._map, self.rotations, self.grid, list(zip(ends, cells, strict=True)), straight)
+                widest = self._widest.get(partial(widest.renewed, own, self._seen))
+        return widest_path(widest, own, self.rotations, self.grid, both, self.edge_checker(), straight)
 
     # ---- the set of FREE configurations ------------------------------------------------------------------------------
 
@@ -933,6 +935,11 @@ class CSpace(ConfigurationMap):
     @property
     def _map(self) -> Map:
         """The record that compiled look-ups take."""
+        return self._own_map
+
+    @property
+    def _own_map(self) -> Map:
+        """The record of the map's own cells."""
         return self._map_kept.get(self._make_map)
 
     def _make_map(self) -> Map:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import copy
+import heapq
 import itertools
 import math
 import pickle
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -187,6 +189,81 @@ def test_distances_see_across_the_seam(data: st.DataObject, endless: tuple[bool,
             assert space.is_free_around(q[k], distance) == free or (not free or distance > 0.4 * TURN)
 
 
+def room_of(states: Any, endless: tuple[bool, ...]) -> Any:
+    """How far it is from the middle of each cell to the nearest one that is not FREE, modulo a turn, or to the end.
+
+    In 64ths of a cell, rounded down.
+    """
+    turns = np.array(list(itertools.product(*((-1, 0, 1) if each else (0,) for each in endless))))
+    shut = (np.argwhere(states != FREE)[:, np.newaxis] + turns * states.shape).reshape(-1, 1, states.ndim)
+    cells = np.moveaxis(np.indices(states.shape), 0, -1)
+    gaps = np.maximum(np.abs(cells.reshape(-1, states.ndim) - shut) - 0.5, 0.0)
+    least = np.linalg.norm(gaps, axis=2).min(axis=0, initial=1024.0).reshape(states.shape)
+    ends = np.where(endless, math.inf, np.minimum(cells, np.array(states.shape) - 1 - cells) + 0.5).min(axis=-1)
+    return np.where(states == FREE, np.floor(64.0 * np.minimum(np.minimum(least, ends), 1023.99) + 1e-4), 0.0)
+
+
+def widest_chain(room: Any, endless: tuple[bool, ...], start: Any, goal: Any) -> tuple[float, float]:
+    """How wide the narrowest cell of a chain can be, and how many cells long the shortest one is that is as wide."""
+
+    def beside(cell: tuple[int, ...], least: float) -> Iterator[tuple[tuple[int, ...], float]]:
+        for step in itertools.product((-1, 0, 1), repeat=room.ndim):
+            touched = [np.add(cell, part) for part in itertools.product(*({0, each} for each in step))]
+            inside = all(((each >= 0) & (each < room.shape) | endless).all() for each in touched)
+            if inside and all(room[tuple(each % room.shape)] >= least for each in touched):
+                yield tuple((np.add(cell, step) % room.shape).tolist()), math.hypot(*step)
+
+    for least in np.unique(room[room > 0.0])[::-1].tolist():
+        if min(room[start], room[goal]) < least:
+            continue
+        best, waiting = {start: 0.0}, [(0.0, start)]
+        while waiting:
+            length, here = heapq.heappop(waiting)
+            for there, way in beside(here, least):
+                if length + way < best.get(there, math.inf) - 1e-9:
+                    best[there] = length + way
+                    heapq.heappush(waiting, (length + way, there))
+        if goal in best:
+            return least, best[goal]
+    return 0.0, math.inf
+
+
+@pytest.mark.parametrize("endless", SPACES)
+@settings(max_examples=5)
+@given(data=st.data())
+def test_the_widest_path_leads_across_the_seam(data: st.DataObject, endless: tuple[bool, ...]) -> None:
+    """Also after an update: as wide as any chain of cells can be, and no longer than it must be."""
+    space, states, rng = data.draw(maps(endless).filter(lambda each: each[1].shape[0] > 1))
+    grid, states = space.grid, states.copy()
+    for _ in range(2):
+        room, free = room_of(states, endless), np.argwhere(states == FREE)
+        for start, goal in rng.choice(free, (2, 2)) if len(free) else []:
+            turns = TURN * rng.integers(-2, 3, (2, grid.dim)) * endless
+            ends = grid.center_of(np.array([start, goal])) + turns
+            best, length = widest_chain(room, endless, tuple(start.tolist()), tuple(goal.tolist()))
+            path = space.widest_path(*ends, straight=False)
+            assert (len(path) > 0) == (best > 0)
+            if not len(path):
+                continue
+            assert min(room[cell(space, each)] for each in path) == best
+            for each in (path, space.widest_path(*ends)):
+                np.testing.assert_allclose(each[0], ends[0], atol=1e-9)
+                more = (each[-1] - ends[1]) / TURN
+                np.testing.assert_allclose(more, np.rint(more) * endless, atol=1e-9)
+                assert space.certify_path(each).all()
+            kept = space._widest.made
+            assert kept is not None
+            one, other = (int(np.ravel_multi_index(tuple(each), states.shape)) for each in (start, goal))
+            assert kept.bottleneck(one, other) == best
+            steps = np.diff(np.unravel_index(kept.shortest(one, other, int(best)), states.shape))
+            shape = np.array(states.shape)[:, np.newaxis]
+            steps -= shape * np.rint(steps / shape).astype(int) * np.array(endless)[:, np.newaxis]
+            assert np.linalg.norm(steps, axis=0).sum() == pytest.approx(length)
+        box = tuple(slice(0, n // 2 + 1) for n in states.shape)
+        states[box] = rng.integers(0, 2, states[box].shape) * 2
+        space.update(states[box] > 0, [0] * grid.dim)
+
+
 @pytest.mark.parametrize("endless", SPACES)
 def test_an_update_is_seen_on_both_sides(endless: tuple[bool, ...]) -> None:
     """Also by checkers that were handed out before."""
@@ -259,16 +336,11 @@ def test_copies_and_files_and_what_there_is_not(tmp_path: Path) -> None:
     assert space.to_xarray().attrs["endless"] == "a"
     assert space._facts["endless"] == ["a"]
     ask: list[tuple[Any, str]] = [
-        (
-            lambda: space.widest_path(left, right),
-            "widest_path is asked for; there is none of a map that closes in a circle along a;",
-        ),
-        (lambda: space.overlap(left), "overlap is asked for"),
+        (lambda: space.overlap(left), "overlap is asked for; there is none of a map that closes in a circle along a;"),
         (lambda: space.contains_robot(left), "overlap is asked for"),
         (lambda: space.is_free((300.0, 0.0)), "at most 256 are wrapped exactly"),
         (lambda: space.is_free((math.inf, 0.0)), "at most 256 are wrapped exactly"),
         (lambda: space.is_free((math.nan, 0.0)), "NaN"),
-        (lambda: planners.plan(space, left, right, planner="Widest"), "widest_path is asked for"),
     ]
     for call, words in ask:
         with pytest.raises(InputError, match=words):
@@ -288,7 +360,7 @@ def across() -> tuple[EndlessCSpace, tuple[float, float], tuple[float, float]]:
     return made(states, (True, False), 24), (-1.4, 0.3), (0.6, 1.0)
 
 
-@pytest.mark.parametrize("planner", [None, "Cubes", "RRTConnect", "KPIECE1", "BITstar"])
+@pytest.mark.parametrize("planner", [None, "Cubes", "Widest", "RRTConnect", "KPIECE1", "BITstar"])
 def test_planners_go_across_the_seam(planner: str | None) -> None:
     space, left, right = across()
     plan = planners.plan(space, left, right, planner=planner, seed=3, time_limit=0.3 if planner == "BITstar" else 20.0)

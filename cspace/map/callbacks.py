@@ -43,6 +43,14 @@ def brought(check: Callable[..., T], endless: Sequence[bool]) -> Callable[..., T
     return ask
 
 
+def below_half_a_turn(check: Callable[..., bool], endless: Sequence[bool]) -> Callable[..., bool]:
+    """A function of two configurations as one that is False where the shorter way may be another than the straight."""
+    circles, dof = [k for k, turns in enumerate(endless) if turns], len(endless)
+    if not circles:
+        return check
+    return lambda *both: all(abs(both[dof + k] - both[k]) < 0.499 * TURN for k in circles) and check(*both)
+
+
 # Numba calls a function of so many floats quicker than one that takes a tuple of them. Looking up a point is too short
 # to let go of the interpreter for.
 

@@ -12,7 +12,7 @@ are left the steepest way up, and the bottleneck is that between the tops; the p
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -23,16 +23,18 @@ from numpy.typing import NDArray
 
 from cspace.compiling import inner, jit, reader
 from cspace.grid import Grid
-from cspace.map.callbacks import edge_checker
+from cspace.map.callbacks import below_half_a_turn, edge_checker
 from cspace.map.free_path import pulled_straight
 from cspace.map.kept import Lock
 from cspace.map.record import Map
 from cspace.map.storage import Stack, read_only
+from cspace.orientation import TURN
 from cspace.rotations import Rotations
-from cspace.states import FREE
+from cspace.states import FREE, MIXED
 from cspace.threads import cores, in_chunks, in_threads
 
 Bytes = NDArray[np.uint8]
+Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Numbers = TypeVar("Numbers", bound=NDArray[Any])
@@ -101,6 +103,9 @@ class Graph(NamedTuple):
         Steps from cell to cell: across sides, and then across edges and corners.
     faces : int
         How many of them lead across sides.
+    rings : ndarray of int64, shape (3,)
+        Cells around the axes that close in a circle, so that the last one along them is a neighbour of the first;
+        :data:`FAR` of others. Where the robot turns, none close.
     """
 
     levels: Levels
@@ -109,6 +114,12 @@ class Graph(NamedTuple):
     turns: Floats
     moves: Ints
     faces: int
+    rings: Ints
+
+    @property
+    def closed(self) -> Bools:
+        """Which axes close in a circle, shape (3,)."""
+        return np.asarray(self.rings < FAR)
 
 
 def levels_of(state: Bytes, walled: bool) -> Levels:
@@ -119,6 +130,20 @@ def levels_of(state: Bytes, walled: bool) -> Levels:
     if nx > 1:
         in_chunks(partial(extend, squares.reshape(1, nx, ny * nz), walled), ny * nz, LINES)
     return np.minimum(LEVELS / 2 * np.sqrt(squares, dtype=np.float32), TOP).astype(np.uint16)
+
+
+def levels_around(state: Bytes, walled: bool, closed: Bools) -> Levels:
+    """As :func:`levels_of`, where some axes close in a circle, shape (3,)."""
+    if not closed.any():
+        return levels_of(state, walled)
+    # Along a circle, what is nearest is no farther than half a turn; a plane has no sides along x.
+    beyond = np.where(closed, np.array(state.shape) // 2 + 1, walled & (np.array(state.shape) > (1, 0, 0)))
+    around = state
+    for axis, width in enumerate(beyond.tolist()):
+        sides = [(width, width) if each == axis else (0, 0) for each in range(3)]
+        around = np.pad(around, sides, "wrap") if closed[axis] else np.pad(around, sides, constant_values=MIXED)
+    inner = tuple(slice(width, width + n) for width, n in zip(beyond, state.shape, strict=True))
+    return levels_of(around, False)[inner]
 
 
 def walls_of(map_: Map) -> NDArray[np.bool_]:
@@ -151,15 +176,18 @@ def renew_levels(levels: Levels, state: Bytes, box: Ints, walled: bool) -> None:
         levels[tuple(map(slice, low, high))] = found[inner]
 
 
-def graph_of(map_: Map, states: Iterable[Bytes], rotations: Rotations) -> Graph:
-    """The cells of a map, by the states of each slice, with their levels."""
+def graph_of(map_: Map, states: Iterable[Bytes], rotations: Rotations, endless: Sequence[bool] = ()) -> Graph:
+    """The cells of a map, by the states of each slice, with their levels; some axes of it close in a circle."""
     _, *shape = map_.states.shape
     dim, layered, turning = len(shape), (1,) * (3 - len(shape)) + tuple(shape), rotations.centers
     levels, walled = np.empty((map_.states.shape[0], *layered), dtype=np.uint16), walls_of(map_)
+    closed = np.zeros(3, dtype=np.bool_)
+    closed[3 - len(endless) :] = endless
+    rings = np.where(closed, layered, FAR)
 
     def fill(item: tuple[int, Bytes]) -> None:
         number, state = item
-        levels[number] = levels_of(np.ascontiguousarray(state).reshape(layered), bool(walled[number]))
+        levels[number] = levels_around(np.ascontiguousarray(state).reshape(layered), bool(walled[number]), closed)
 
     in_threads(fill, list(enumerate(states)), cores())
     ways = np.array([-1, 0, 1])
@@ -169,7 +197,7 @@ def graph_of(map_: Map, states: Iterable[Bytes], rotations: Rotations) -> Graph:
     middles = np.column_stack([np.zeros((rotations.count, dim)), turning])
     turns = rotations.steps(middles[:, None], middles[rotations.neighbors])
     costs = METRES_A_RADIAN / map_.spacing * np.linalg.norm(turns, axis=-1)
-    return Graph(levels, map_.slice_of, rotations.neighbors, costs, moves, int(np.count_nonzero(number == 1)))
+    return Graph(levels, map_.slice_of, rotations.neighbors, costs, moves, int(np.count_nonzero(number == 1)), rings)
 
 
 # ---- distances -------------------------------------------------------------------------------------------------------
@@ -264,6 +292,21 @@ def level_of(graph: Graph, cell: int) -> int:
 
 
 @inner
+def _moved(graph: Graph, i: int, j: int, k: int) -> tuple[int, int, int]:
+    """A place, or where it comes in again along axes that close; -1 along others where it is beyond the grid."""
+    _, nx, ny, nz = graph.levels.shape
+    if 0 <= i < nx and 0 <= j < ny and 0 <= k < nz:
+        return i, j, k
+    return _around(graph, 0, i), _around(graph, 1, j), _around(graph, 2, k)
+
+
+@inner
+def _around(graph: Graph, axis: int, i: int) -> int:
+    count = graph.levels.shape[axis + 1]
+    return i % count if graph.rings[axis] == count else i if i < count else -1
+
+
+@inner
 def _beside(graph: Graph, at: Spot, way: int) -> tuple[int, int]:
     """The cell that a step across a side, or past those a turn, leads to, and its level; -1 and 0 where there is none.
 
@@ -272,8 +315,9 @@ def _beside(graph: Graph, at: Spot, way: int) -> tuple[int, int]:
     _, nx, ny, nz = graph.levels.shape
     rotation, i, j, k = at
     if way < graph.faces:
-        i, j, k = i + graph.moves[way, 0], j + graph.moves[way, 1], k + graph.moves[way, 2]
-        if not (0 <= i < nx and 0 <= j < ny and 0 <= k < nz):
+        u, v, w = graph.moves[way, 0], graph.moves[way, 1], graph.moves[way, 2]
+        i, j, k = _moved(graph, i + u, j + v, k + w)
+        if min(i, j, k) < 0:
             return -1, 0
     else:
         rotation = graph.neighbors[rotation, way - graph.faces]
@@ -471,8 +515,8 @@ class Widest:
     noted: list[Ints]
 
     @classmethod
-    def of(cls, map_: Map, states: Iterable[Bytes], rotations: Rotations) -> Widest:
-        graph = graph_of(map_, states, rotations)
+    def of(cls, map_: Map, states: Iterable[Bytes], rotations: Rotations, endless: Sequence[bool] = ()) -> Widest:
+        graph = graph_of(map_, states, rotations, endless)
         return cls(graph, moves_of(graph), [], walls_of(map_), [_dry(graph)], Lock(), [])
 
     def renew(self, boxes: Ints) -> None:
@@ -484,12 +528,16 @@ class Widest:
         if not self.noted:
             return self
         levels, walled, noted = self.graph.levels.copy(), walls_of(map_), np.array(self.noted)
+        closed = self.graph.closed
         boxes = np.concatenate([noted[..., :3].min(axis=0), noted[..., 3:].max(axis=0)], axis=1)
         boxes[walled != self.walled] = 0, 0, 0, *(n - 1 for n in levels.shape[1:])
 
         def follow(number: int) -> None:
             state = states[number].reshape(levels.shape[1:])
-            renew_levels(levels[number], state, boxes[number], bool(walled[number]))
+            if closed.any():
+                levels[number] = levels_around(state, bool(walled[number]), closed)
+            else:
+                renew_levels(levels[number], state, boxes[number], bool(walled[number]))
 
         in_threads(follow, np.flatnonzero((boxes[:, :3] <= boxes[:, 3:]).all(axis=1)).tolist(), cores())
         graph = self.graph._replace(levels=levels)
@@ -540,7 +588,7 @@ def flat_distances(graph: Graph, wide: NDArray[np.bool_], goal: int, start: int,
     cells, after = np.empty(4096, np.int64), np.empty(4096, np.int64)
     cells[0], after[0], flat[goal], heads[0] = goal, -1, 1.0, 0
     si, sj, sk = start // (ny * nz), start // nz % ny, start % nz
-    base = 1.0 + _on_empty_grid(goal // (ny * nz) - si, goal // nz % ny - sj, goal % nz - sk)
+    base = 1.0 + _on_empty_grid(graph, goal // (ny * nz) - si, goal // nz % ny - sj, goal % nz - sk)
     count, bucket = 1, 0
     while bucket < len(heads):
         entry = heads[bucket]
@@ -563,7 +611,7 @@ def flat_distances(graph: Graph, wide: NDArray[np.bool_], goal: int, start: int,
             flat[other] = cost
             if count == len(cells):
                 cells, after = _doubled(cells), _doubled(after)
-            estimate = cost + _on_empty_grid(i + u - si, j + v - sj, k + w - sk) - base
+            estimate = cost + _on_empty_grid(graph, i + u - si, j + v - sj, k + w - sk) - base
             number = min(max(int(LISTS * estimate), bucket), len(heads) - 1)
             cells[count], after[count], heads[number] = other, heads[number], count
             count += 1
@@ -605,10 +653,12 @@ def _open(graph: Graph, levels: Levels, moves: Moves, first: int, at: Spot, leas
         for way in range(len(moves.steps)):
             wide |= (levels[first + moves.steps[way]] >= least) << way
     else:
+        first -= (i * ny + j) * nz + k
         for way in range(len(moves.steps)):
-            u, v, w = i + graph.moves[way, 0], j + graph.moves[way, 1], k + graph.moves[way, 2]
-            if 0 <= u < nx and 0 <= v < ny and 0 <= w < nz:
-                wide |= (levels[first + moves.steps[way]] >= least) << way
+            u, v, w = graph.moves[way, 0], graph.moves[way, 1], graph.moves[way, 2]
+            u, v, w = _moved(graph, i + u, j + v, k + w)
+            if min(u, v, w) >= 0:
+                wide |= (levels[first + (u * ny + v) * nz + w] >= least) << way
     if wide == (1 << len(moves.steps)) - 1:
         return wide, wide
     for way in range(len(moves.steps)):
@@ -647,7 +697,9 @@ def chain_of(
     gi, gj, gk = goal % size // (ny * nz), goal % size // nz % ny, goal % size % nz
     si, sj, sk = start % size // (ny * nz), start % size // nz % ny, start % size % nz
     began = far[-1]
-    base = ahead[start // size] + (flat[start % size] - 1.0 if len(flat) else _on_empty_grid(si - gi, sj - gj, sk - gk))
+    base = ahead[start // size] + (
+        flat[start % size] - 1.0 if len(flat) else _on_empty_grid(graph, si - gi, sj - gj, sk - gk)
+    )
     cells[0], ways[0], estimates[0], after[0], heads[0] = start, NO_WAY, base, -1, 0
     far[start], came[start], count, bucket, most = began, 0, 1, 0, began
     best = np.inf if start != goal else 0.0
@@ -673,12 +725,13 @@ def chain_of(
         elif by != NO_WAY and wide == every:
             tries = moves.parts[by]
         for way in range(straight + graph.neighbors.shape[1]):
-            turn, u, v, w, back = rotation, 0, 0, 0, way
+            turn, u, v, w, back = rotation, i, j, k, way
             if way < straight:
                 if not (tries >> way) & 1:
                     continue
                 u, v, w = graph.moves[way, 0], graph.moves[way, 1], graph.moves[way, 2]
-                other, cost = cell + moves.steps[way], far[cell] + moves.lengths[way]
+                u, v, w = _moved(graph, i + u, j + v, k + w)
+                other, cost = rotation * size + (u * ny + v) * nz + w, far[cell] + moves.lengths[way]
             else:
                 turn = graph.neighbors[rotation, way - straight]
                 if turn < 0:
@@ -695,10 +748,10 @@ def chain_of(
                 seen and (cost > far[other] + SAME or (cost >= far[other] - SAME and came[other] & bit))
             ):
                 continue
-            to_come = _on_empty_grid(i + u - gi, j + v - gj, k + w - gk)
+            to_come = _on_empty_grid(graph, u - gi, v - gj, w - gk)
             if len(flat):
                 known = flat[other - turn * size] - 1.0
-                more = bound - 1.0 - _on_empty_grid(i + u - si, j + v - sj, k + w - sk)
+                more = bound - 1.0 - _on_empty_grid(graph, u - si, v - sj, w - sk)
                 to_come = max(to_come, more if known < 0.0 else min(known, more))
             estimate = cost - began + to_come + ahead[turn]
             if estimate >= best:
@@ -731,17 +784,20 @@ def _doubled(array: Numbers) -> Numbers:
 @jit
 def _back(graph: Graph, moves: Moves, start: int, goal: int, came: Cells) -> Ints:
     """The cells from one to another, by the ways that each was reached."""
-    size, straight, cell, length = graph.levels[0].size, len(moves.steps), goal, 1
+    _, nx, ny, nz = graph.levels.shape
+    straight, cell, length = len(moves.steps), goal, 1
     path = np.empty(256, np.int64)
     path[0] = goal
     while cell != start:
         way, bits = 0, came[cell]
         while not (bits >> np.uint32(way)) & np.uint32(1):
             way += 1
+        rotation, i, j, k = _spot(graph, cell)
         if way < straight:
-            cell -= moves.steps[way]
+            i, j, k = _moved(graph, i - graph.moves[way, 0], j - graph.moves[way, 1], k - graph.moves[way, 2])
         else:
-            cell = graph.neighbors[cell // size, way - straight] * size + cell % size
+            rotation = graph.neighbors[rotation, way - straight]
+        cell = ((rotation * nx + i) * ny + j) * nz + k
         if length == len(path):
             path = _doubled(path)
         path[length], length = cell, length + 1
@@ -749,9 +805,10 @@ def _back(graph: Graph, moves: Moves, start: int, goal: int, came: Cells) -> Int
 
 
 @inner
-def _on_empty_grid(i: int, j: int, k: int) -> float:
+def _on_empty_grid(graph: Graph, i: int, j: int, k: int) -> float:
     """Length of the shortest chain from a cell to one that many cells away, with nothing between."""
     i, j, k = abs(i), abs(j), abs(k)
+    i, j, k = min(i, graph.rings[0] - i), min(j, graph.rings[1] - j), min(k, graph.rings[2] - k)
     most, least = max(i, j, k), min(i, j, k)
     middle = i + j + k - most - least
     return most + (math.sqrt(2.0) - 1.0) * middle + (math.sqrt(3.0) - math.sqrt(2.0)) * least
@@ -776,12 +833,18 @@ def _turns_to(graph: Graph, goal: int) -> Floats:
 
 
 def widest_path(
-    widest: Widest, map_: Map, rotations: Rotations, grid: Grid, ends: Sequence[tuple[Floats, Ints]], straight: bool
+    widest: Widest,
+    map_: Map,
+    rotations: Rotations,
+    grid: Grid,
+    ends: Sequence[tuple[Floats, Ints]],
+    check: Callable[..., bool],
+    straight: bool,
 ) -> Floats:
     """Waypoints of the widest path between two configurations, each given with its cell, shape (n, dof).
 
-    Of length 0 where there is none, or an edge of it is not proven free. If not ``straight``, they are all the middles
-    of cells that it passes.
+    Of length 0 where there is none, or an edge of it is not proven free, as ``check`` tells. If not ``straight``, they
+    are all the middles of cells that it passes. Along axes that close, rows count whole turns.
     """
     shape, graph = (rotations.count, *grid.shape), widest.graph
     start, goal = (int(np.ravel_multi_index(tuple(cell), shape)) for _, cell in ends)
@@ -792,10 +855,17 @@ def widest_path(
     up, down = ([cell for cell in way.tolist() if level_of(graph, cell) < level] for way in tops)
     chain = widest.shortest(int(tops[0][len(up)]), int(tops[1][len(down)]), level)
     rotation, *place = np.unravel_index(np.concatenate([up, chain, down[::-1]]).astype(np.int64), shape)
-    middles = np.column_stack([grid.center_of(np.stack(place, axis=-1)), rotations.centers[rotation]])
+    places, endless = np.stack(place, axis=-1), graph.closed[3 - grid.dim :]
+    middles = np.column_stack([grid.center_of(places), rotations.centers[rotation]])
     path = rotations.canonical(np.concatenate([ends[0][0][None], middles, ends[1][0][None]]))
-    check, rows = edge_checker(map_, path.shape[1]), path.tolist()
-    if not all(check(*a, *b) for a, b in pairwise(rows)):
+    turns = np.zeros_like(path)
+    for axis in np.flatnonzero(endless).tolist():
+        unwound = np.unwrap(places[:, axis], period=grid.shape[axis])
+        turns[1:-1, axis] = (unwound - places[:, axis]) / grid.shape[axis]
+        places[:, axis] = unwound
+    turns[-1] = turns[-2]
+    path += TURN * turns
+    if not all(check(*a, *b) for a, b in pairwise(path.tolist())):
         return path[:0]
     if not straight:
         return path
@@ -805,17 +875,21 @@ def widest_path(
     found = [path[:1]]
     for begin, end, least in parts:
         if begin < end:
-            part = slice(max(begin - 1, 0), end)
-            check = edge_checker(_wide_part(graph, map_, np.stack(place)[:, part], least), path.shape[1])
-            found.append(pulled_straight(path[begin : end + 1], grid.dim, check, 2.0 * grid.spacing)[1:])
+            wide = _wide_part(graph, map_, places[max(begin - 1, 0) : end], least)
+            shorter = below_half_a_turn(edge_checker(wide, path.shape[1]), endless.tolist())
+            found.append(pulled_straight(path[begin : end + 1], grid.dim, shorter, 2.0 * grid.spacing)[1:])
     return np.concatenate(found)
 
 
 def _wide_part(graph: Graph, map_: Map, places: Ints, least: int) -> Map:
-    """The map around some places, shape (d, n), in which cells of a level or above are FREE, and no others."""
-    first = np.maximum(places.min(axis=1) - 1, 0)
-    stop = np.minimum(places.max(axis=1) + 2, map_.states.shape[1:])
-    levels = graph.levels.reshape(map_.states.shape)[:, *map(slice, first, stop)]
+    """The map around some places, shape (n, d), in which cells of a level or above are FREE, and no others."""
+    shape, endless = map_.states.shape[1:], graph.closed[3 - len(map_.lower) :]
+    first = np.where(endless, places.min(axis=0) - 1, np.maximum(places.min(axis=0) - 1, 0))
+    stop = np.where(endless, places.max(axis=0) + 2, np.minimum(places.max(axis=0) + 2, shape))
+    window = np.where(endless, None, first), np.where(endless, None, stop)
+    levels = graph.levels.reshape(map_.states.shape)[:, *map(slice, *window)]
+    for axis in np.flatnonzero(endless).tolist():
+        levels = levels.take(np.arange(first[axis], stop[axis]), axis=axis + 1, mode="wrap")
     states = read_only((levels < least).view(np.uint8))  # FREE is 0, and MIXED 1
     lower, upper = (tuple((map_.lower + map_.spacing * cell).tolist()) for cell in (first, stop))
     return map_._replace(states=states, cells=states.reshape(-1), lower=lower, upper=upper)
