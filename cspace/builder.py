@@ -168,7 +168,7 @@ def build(
         )
     workspace = workspace.in_memory()
     grid = workspace.grid
-    slice_of = cells.slice_of(robot)
+    slice_of = cells.slice_of(robot.shape)
     slices = int(slice_of.max()) + 1
     needed = map_bytes(grid.shape, slices, overlap)
     seconds = build_seconds(grid.shape, slices)

@@ -6,7 +6,8 @@ message is made of them, and so is what the command line says in its own words.
 
 from __future__ import annotations
 
-from typing import ClassVar, Final
+from importlib import import_module
+from typing import Any, ClassVar, Final
 
 LONGEST: Final = 240
 """Characters of what was found, at most, in a message."""
@@ -69,6 +70,18 @@ class FileError(CspaceError, OSError):
 
 class MissingPackageError(CspaceError, ImportError):
     """An optional package is needed and is not installed; the message names the command that installs it."""
+
+
+def optional(package: str, use: str, extra: str) -> Any:
+    """An optional package, imported.
+
+    Raises MissingPackageError if it is not installed, with what it is of use for and the extra that has it.
+    """
+    try:
+        return import_module(package)
+    except ImportError as error:
+        mend = f'run: pip install "cspace[{extra}]"'
+        raise MissingPackageError(package, "is not installed", use, mend) from error
 
 
 class ConfigurationError(InputError):

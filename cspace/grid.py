@@ -128,10 +128,7 @@ def points_of(values: ArrayLike, name: str, dim: int) -> NDArray[np.float64]:
 def check_reach(far: float, name: str, origin: str, mend: str) -> None:
     """Refuse what reaches so many cells from an origin that rounding could reach the certificate's slack.
 
-    Raises
-    ------
-    InputError
-        If ``far`` is above :data:`MAX_COORDINATE`.
+    Raises InputError if ``far`` is above :data:`MAX_COORDINATE`.
     """
     if not far <= MAX_COORDINATE:
         rule = f"at most {MAX_COORDINATE:.0f} keep the answers proven against rounding"

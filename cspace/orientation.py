@@ -215,14 +215,14 @@ class Quaternion(Orientation):
         cosine = (first * second).sum(axis=-1, keepdims=True)
         # Of the difference: nothing but zero where both are the same.
         nearer = np.where(cosine < 0.0, -second, second)
-        apart = _product(first * [-1.0, -1.0, -1.0, 1.0], nearer - first)[..., :3]
+        apart = product_of(first * [-1.0, -1.0, -1.0, 1.0], nearer - first)[..., :3]
         sine = np.linalg.norm(apart, axis=-1, keepdims=True)
         angle = 2.0 * np.arctan2(sine, np.abs(cosine))
         return np.asarray(apart * np.where(sine > 0.0, angle / np.where(sine > 0.0, sine, 1.0), 2.0))
 
     def _turned(self, rotation: Floats, by: Floats) -> Floats:
         half = np.linalg.norm(by, axis=-1, keepdims=True) / 2.0
-        turned = _product(rotation, np.concatenate([by * np.sinc(half / np.pi) / 2.0, np.cos(half)], axis=-1))
+        turned = product_of(rotation, np.concatenate([by * np.sinc(half / np.pi) / 2.0, np.cos(half)], axis=-1))
         return np.asarray(turned / np.linalg.norm(turned, axis=-1, keepdims=True))
 
     def _matrices(self, rotation: Floats, dim: int) -> Floats:
@@ -242,8 +242,8 @@ def wrapped(yaw: Floats) -> Floats:
     return np.where((yaw >= -math.pi) & (yaw < math.pi), yaw, turned)
 
 
-def _product(first: Floats, second: Floats) -> Floats:
-    """Products of quaternions: the second rotation about axes that the first has turned."""
+def product_of(first: Floats, second: Floats) -> Floats:
+    """Products of quaternions, shapes (..., 4): the second rotation about axes that the first has turned."""
     (x, y, z, w), (a, b, c, d) = np.moveaxis(first, -1, 0), np.moveaxis(second, -1, 0)
     return np.stack(
         [

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from cspace.errors import FileError, InputError
 from cspace.grid import check_reach, not_negative, positive
@@ -432,32 +432,6 @@ class Robot:
         Balls are drawn with flat faces; the rasters never use this.
         """
         return self.shape.surface
-
-    @property
-    def symmetries(self) -> list[NDArray[np.float64]]:
-        """The matrices of one 1 or -1 in each row and column that map the robot to itself, to the last bit."""
-        return self.shape.symmetries
-
-    @property
-    def symmetry(self) -> int:
-        """How many turns about the z axis in a circle map the robot to itself: 1, 2 or 4, or 0 for all turns.
-
-        Only turns that map it to itself to the last bit count.
-        """
-        return self.shape.symmetry
-
-    @property
-    def half_turns(self) -> tuple[int, ...]:
-        """The axes in space, 0 for x, about which a half turn maps the robot to itself, to the last bit.
-
-        None of a robot in the plane.
-        """
-        return self.shape.half_turns
-
-    @property
-    def is_round(self) -> bool:
-        """Whether every rotation about the reference point maps the robot to itself."""
-        return self.shape.is_round
 
     @property
     def inscribed_radius(self) -> float:

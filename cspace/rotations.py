@@ -22,7 +22,7 @@ from cspace.grid import finite, whole
 from cspace.orientation import MAX_YAW as MAX_YAW
 from cspace.orientation import NORM_SLACK as NORM_SLACK
 from cspace.orientation import TURN as TURN
-from cspace.orientation import Orientation, Quaternion, Unturned, Yaw
+from cspace.orientation import Orientation, Quaternion, Unturned, Yaw, product_of
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -106,7 +106,7 @@ CompiledRotations = OneCell | YawCells | QuaternionCells
 
 
 class Symmetric(Protocol):
-    """What rotation cells ask of a robot."""
+    """What rotation cells ask of a robot's shape."""
 
     @property
     def symmetry(self) -> int:
@@ -223,7 +223,7 @@ class Rotations(Orientation):
         return (n,)
 
     @abstractmethod
-    def keep(self, robot: Symmetric) -> bool:
+    def keep(self, shape: Symmetric) -> bool:
         """Whether all rotations of all cells map a robot to itself."""
 
     def check_dimension(self, dim: int) -> None:
@@ -240,7 +240,7 @@ class Rotations(Orientation):
         """What to ask for instead to get at most a share of the cells, for messages."""
 
     @abstractmethod
-    def slice_of(self, robot: Symmetric) -> Ints:
+    def slice_of(self, shape: Symmetric) -> Ints:
         """Number of the slice that each cell has for a robot, shape (count,).
 
         Cells whose rotations differ by one that maps the robot to itself share a slice. Slices are numbered from 0, in
@@ -306,14 +306,14 @@ class Rotations(Orientation):
     def neighbors(self) -> Ints:
         """The cells that each one shares a border with, shape (count, n); -1 fills up."""
 
-    def images(self, robot: Symmetric) -> list[tuple[Floats, Ints]]:
+    def images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
         """What turns or mirrors the world so that it maps cells of rotations to cells, for a robot.
 
         Let S and M be matrices of one 1 or -1 in each row and column, and M map the robot A to itself. Then S R A is S
         R M A for every rotation R, so that S makes the raster for S R M from that for R. Gives each S, shape (d, d),
         with the cell that each one becomes, shape (count,); the unit matrix among them.
         """
-        return [(np.eye(len(robot.symmetries[0])), np.arange(self.count))]
+        return [(np.eye(len(shape.symmetries[0])), np.arange(self.count))]
 
     @abstractmethod
     def compiled(self, slice_of: Ints) -> CompiledRotations:
@@ -374,13 +374,13 @@ class OneRotation(Unturned, Rotations):
     def leading(self, n: int) -> tuple[int, ...]:
         return ()
 
-    def keep(self, robot: Symmetric) -> bool:
+    def keep(self, shape: Symmetric) -> bool:
         return True
 
     def fewer(self, share: float) -> str:
         return ""
 
-    def slice_of(self, robot: Symmetric) -> Ints:
+    def slice_of(self, shape: Symmetric) -> Ints:
         return np.zeros(1, dtype=np.int64)
 
     def turns(self, dim: int) -> list[Turn]:
@@ -507,20 +507,20 @@ class YawRotations(Yaw, Rotations):
     def cells_of(self, q: Floats) -> Ints:
         return self.cell_of(q[..., -1])
 
-    def keep(self, robot: Symmetric) -> bool:
+    def keep(self, shape: Symmetric) -> bool:
         """Whether it is round about the z axis."""
-        return robot.symmetry == 0
+        return shape.symmetry == 0
 
     def fewer(self, share: float) -> str:
         return f"rotations={int(share * self.count)}" if share * self.count >= 1 else ""
 
-    def slice_of(self, robot: Symmetric) -> Ints:
+    def slice_of(self, shape: Symmetric) -> Ints:
         """Cells a symmetry apart share a slice, where all cells are equally wide."""
         cells = np.arange(self.count, dtype=np.int64)
-        if robot.symmetry == 0:
+        if shape.symmetry == 0:
             return np.zeros_like(cells)
-        if self.count % robot.symmetry == 0 and self.is_uniform():
-            return cells % (self.count // robot.symmetry)
+        if self.count % shape.symmetry == 0 and self.is_uniform():
+            return cells % (self.count // shape.symmetry)
         return cells
 
     def turns(self, dim: int) -> list[Turn]:
@@ -580,13 +580,13 @@ class YawRotations(Yaw, Rotations):
         ways = [[], [1], [-1, 1]][min(self.count - 1, 2)]
         return (np.arange(self.count)[:, None] + np.array(ways, dtype=np.int64)) % self.count
 
-    def images(self, robot: Symmetric) -> list[tuple[Floats, Ints]]:
+    def images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
         """Of quarter turns about the z axis, and of mirrors along it, those that map the middles of cells to such."""
         if not self.is_uniform():
-            return Rotations.images(self, robot)
+            return Rotations.images(self, shape)
         found: list[tuple[Floats, Ints]] = []
         for mirror in (1.0, -1.0):
-            for own in robot.symmetries:
+            for own in shape.symmetries:
                 (a, b), (c, d) = own[:2, :2].tolist()
                 if a * d - b * c == mirror and (own[2:, 2:] == 1.0).all():
                     break
@@ -658,39 +658,39 @@ class QuaternionRotations(Quaternion, Rotations):
             rule, mend = "a robot in the plane turns by its yaw", "pass e.g. rotations=72"
             raise InputError("rotations", f"are {self}", rule, mend, value=self)
 
-    def keep(self, robot: Symmetric) -> bool:
+    def keep(self, shape: Symmetric) -> bool:
         """Whether it is a ball about its reference point."""
-        return robot.is_round
+        return shape.is_round
 
     def fewer(self, share: float) -> str:
         n = int((share * self.count / 4.0) ** (1.0 / 3.0) + 1e-9)
         return f"Rotations.quaternions({n})" if n else ""
 
-    def slice_of(self, robot: Symmetric) -> Ints:
+    def slice_of(self, shape: Symmetric) -> Ints:
         """Cells that a half turn of the robot, about one of its axes, maps to each other share a slice.
 
         In quaternions such a turn is a change of places and signs, and so maps cells to cells; a quarter turn is not.
         """
-        if robot.is_round:
+        if shape.is_round:
             return np.zeros(self.count, dtype=np.int64)
         least = np.arange(self.count)
-        for matrix, cells in self.images(robot):
+        for matrix, cells in self.images(shape):
             if (matrix == np.eye(3)).all():
                 least = np.minimum(least, least[cells])
         return np.unique(least, return_inverse=True)[1].astype(np.int64)
 
-    def images(self, robot: Symmetric) -> list[tuple[Floats, Ints]]:
+    def images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
         """Of turns and mirrors, those that change places and signs in quaternions, and so map cells to cells.
 
         These are all where M puts the axes back that S permutes, whatever their signs.
         """
         found: dict[bytes, tuple[Floats, Floats]] = {}
-        owns = np.array(robot.symmetries)
+        owns = np.array(shape.symmetries)
         for own in owns[np.argsort(-np.linalg.det(owns), kind="stable")]:
             # Two mirrors are two turns, each with the mirror of all three axes; the turns come first.
-            turn = _quaternion_of(own)
-            turns_back = _times(np.eye(4), turn * (-1.0, -1.0, -1.0, 1.0))
-            changes = np.round(_times(_times(turns_back[:, None], np.eye(4)), turn))
+            turn = self.of_matrix(own * np.linalg.det(own))
+            turns_back = product_of(np.eye(4), turn * (-1.0, -1.0, -1.0, 1.0))
+            changes = np.round(product_of(product_of(turns_back[:, None], np.eye(4)), turn))
             for matrix, change in zip(_HALF_TURNS @ own.T, changes, strict=True):
                 found.setdefault(change.tobytes(), (matrix, change))
         return [(matrix, self.cell_of(self.centers @ change)) for matrix, change in found.values()]
@@ -850,22 +850,3 @@ def _quaternions(charts: Ints, quotients: Floats) -> Floats:
     made = np.ones((len(charts), 4))
     np.put_along_axis(made, np.asarray(OTHERS)[charts], quotients, axis=1)
     return np.asarray(made / np.linalg.norm(made, axis=1, keepdims=True))
-
-
-def _quaternion_of(matrix: Floats) -> Floats:
-    """The quaternion of the turn by an orthogonal matrix, or by its negative if the matrix is a mirror."""
-    turn = matrix * np.linalg.det(matrix)
-    # Every column of this is the quaternion times one of its numbers (Bar-Itzhack, 2000).
-    (a, b, c), (d, e, f), (g, h, k) = turn
-    rows = [(1 + a - e - k, b + d, c + g, h - f), (b + d, 1 - a + e - k, f + h, c - g)]
-    rows += [(c + g, f + h, 1 - a - e + k, d - b), (h - f, c - g, d - b, 1 + a + e + k)]
-    column = np.array(max(rows, key=lambda row: max(np.abs(row))))
-    return np.asarray(column / np.linalg.norm(column))
-
-
-def _times(p: Floats, q: Floats) -> Floats:
-    """Products of quaternions, shapes (..., 4): the rotation of p after that of q."""
-    px, py, pz, pw = np.moveaxis(p, -1, 0)
-    qx, qy, qz, qw = np.moveaxis(q, -1, 0)
-    x, y = pw * qx + px * qw + py * qz - pz * qy, pw * qy - px * qz + py * qw + pz * qx
-    return np.stack([x, y, pw * qz + px * qy - py * qx + pz * qw, pw * qw - px * qx - py * qy - pz * qz], axis=-1)

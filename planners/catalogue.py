@@ -67,19 +67,9 @@ def planner_names() -> tuple[str, ...]:
 
 
 def planner_named(name: str | None, drive: str = "holonomic") -> str:
-    """A planner's name as it is written, from one in upper or lower case.
+    """A planner's name as it is written, from one in upper or lower case; without one, what is mostly soonest through.
 
-    Parameters
-    ----------
-    name : str, optional
-        If left out, the planner that mostly finds a path soonest.
-    drive : str
-        The drive that it is to plan with.
-
-    Raises
-    ------
-    InputError
-        If there is none of that name; the message lists them all. Or if it cannot plan with the drive.
+    Raises InputError if there is none of that name; the message lists them all. Or if it cannot plan with the drive.
     """
     if name is None:
         # RRTConnect's tree at the goal grows by curves that leave the goal, where Dubins' car needs those that arrive.

@@ -226,10 +226,7 @@ class LocalPlanner(ABC):
     def end(self, q: ArrayLike, name: str) -> Configuration:
         """A start or goal as OMPL holds it (yaw wrapped, quaternion of norm 1), if a motion can be proven free there.
 
-        Raises
-        ------
-        ConfigurationError, InputError
-            If it cannot, or is no configuration.
+        Raises ConfigurationError if it cannot, and InputError if it is no configuration.
         """
 
     @abstractmethod
@@ -709,25 +706,11 @@ def local_planner(
     turning_radius: float | None = None,
     both_ways: bool = False,
 ) -> LocalPlanner:
-    """How configurations are joined.
+    """How configurations are joined; the options are those of :class:`LocalPlanner`.
 
-    Parameters
-    ----------
-    space : CSpace or ArmSpace
-    exact : bool
-    drive : str
-        One of :data:`DRIVES`.
-    turning_radius : float, optional
-        Metres; for curves, which need it.
-    both_ways : bool
-        As :attr:`LocalPlanner.both_ways`.
-
-    Raises
-    ------
-    InputError
-        If ``space`` is no map; or it is not one of a robot that turns in the plane and a drive is asked for, the
-        turning radius is missing, unwanted, or not above zero, the drive is unknown, or ``exact`` is wanted along a
-        curve.
+    Raises InputError if ``space`` is no map; or it is not one of a robot that turns in the plane and a drive is asked
+    for, the turning radius is missing, unwanted, or not above zero, the drive is unknown, or ``exact`` is wanted along
+    a curve.
     """
     check_space(space)
     check_flag(exact, "exact")
@@ -748,10 +731,7 @@ def local_planner(
 def check_drive(axes: tuple[str, ...], drive: str, turning_radius: float | None, exact: bool = False) -> float | None:
     """The turning radius of a drive that goes with a map of configurations with some axes; None if it has none.
 
-    Raises
-    ------
-    InputError
-        As :func:`local_planner`, which tells of a map's spacing besides.
+    Raises InputError as :func:`local_planner`, which looks at the map's spacing besides.
     """
     if drive not in DRIVES:
         rule = f"it must be {', '.join(map(repr, DRIVES[:-1]))} or {DRIVES[-1]!r}"
@@ -790,13 +770,7 @@ def takes_curve(door: Callable[P, T]) -> Callable[P, T]:
 
 
 def check_flag(value: bool, name: str) -> None:
-    """Refuse what is neither True nor False.
-
-    Raises
-    ------
-    InputError
-        If it is not.
-    """
+    """Refuse, by an InputError, what is neither True nor False."""
     if not isinstance(value, bool | np.bool_):
         raise InputError(name, f"is {value!r}", "it must be True or False", "pass one of them", value=value)
 

@@ -204,10 +204,7 @@ class OverlapObjective(WeightedLength):
 def edges_on_map(space: CSpace, drive: str, turning_radius: float | None) -> EdgesOnMap:
     """How configurations of a map are joined, where cells have costs.
 
-    Raises
-    ------
-    InputError
-        If there are no cells; and as :func:`planners.state_space`.
+    Raises InputError if there are no cells; and as :func:`planners.state_space`.
     """
     edges = local_planner(space, False, drive, turning_radius)
     if not isinstance(edges, EdgesOnMap):
@@ -219,10 +216,7 @@ def edges_on_map(space: CSpace, drive: str, turning_radius: float | None) -> Edg
 def overlap_field(space: CSpace, field: OverlapField | None = None) -> OverlapField:
     """The field that was passed, or else the one that the map carries.
 
-    Raises
-    ------
-    InputError
-        If there is neither, or the field is that of another map.
+    Raises InputError if there is neither, or the field is that of another map.
     """
     found: OverlapField | None = space.overlap_field if field is None else field
     if found is None:

@@ -55,13 +55,7 @@ def kind_of(space: ConfigurationSpace) -> StateKind:
 
 
 def check_space(space: object) -> None:
-    """Refuse what is no map and no space of an arm, as where arguments are swapped.
-
-    Raises
-    ------
-    InputError
-        If it is neither.
-    """
+    """Refuse, by an InputError, what is no map and no space of an arm, as where arguments are swapped."""
     if not isinstance(space, ConfigurationSpace):
         rule = "it must be a CSpace or an ArmSpace"
         mend = "pass what cspace.build, cspace.open or cspace.build_arm returns, and mind the order of the arguments"
@@ -69,13 +63,7 @@ def check_space(space: object) -> None:
 
 
 def check_information(si: object, space: object) -> None:
-    """Refuse what is no space information of OMPL's, or no map.
-
-    Raises
-    ------
-    InputError
-        If one of the two is of another type.
-    """
+    """Refuse, by an InputError, what is no space information of OMPL's, or no map."""
     if not isinstance(si, ob.SpaceInformation):
         rule, mend = "it must be an ompl.base.SpaceInformation", "pass e.g. setup.getSpaceInformation()"
         raise InputError("si", f"is a {type(si).__name__}", rule, mend, value=si)

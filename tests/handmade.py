@@ -52,7 +52,7 @@ def map_in(workspace, robot, states, rotations=None, rasters=None, **options):
     """A map of given states, shape (slices, ...), or (...) of a robot that only translates."""
     cells = Rotations.of(rotations)
     states = states[None] if states.ndim == workspace.grid.dim else states
-    return CSpace(Contents(workspace, robot, cells, cells.slice_of(robot), states, **options), rasters)
+    return CSpace(Contents(workspace, robot, cells, cells.slice_of(robot.shape), states, **options), rasters)
 
 
 def made(states, kind, outside="free", spacing=0.25, rotations=None, lower=None):

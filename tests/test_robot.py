@@ -134,5 +134,5 @@ def test_drawings_of_the_other_dimension_are_refused() -> None:
 
 
 def test_half_turns_are_about_axes_in_space():
-    assert Robot.disc(0.2).half_turns == ()
-    assert Robot.ball(0.2).half_turns == (0, 1, 2)
+    assert Robot.disc(0.2).shape.half_turns == ()
+    assert Robot.ball(0.2).shape.half_turns == (0, 1, 2)

@@ -154,7 +154,7 @@ def build_arm_map(
             last[last == FREE] = MIXED
     workspace = Workspace(grid, states != FREE, states == BLOCKED, source=repr(space))
     rotations, robot = Rotations.of(None), Robot(arm.name, Point.at_origin(len(names)))
-    slices = rotations.slice_of(robot)
+    slices = rotations.slice_of(robot.shape)
     return map_of(Contents(workspace, robot, rotations, slices, states[np.newaxis], endless=endless * any(endless)))
 
 

@@ -117,7 +117,7 @@ def make(
         check_dimensions(workspace, dimension_of(workspace), shape)
         lazy = {} if tile is None else lazily(workspace, options)
         obstacles = Workspace.open(workspace, **options, **lazy)
-    slices = int(cells.slice_of(shape).max()) + 1
+    slices = int(cells.slice_of(shape.shape).max()) + 1
     kept: BuildOptions = {
         "rotations": cells,
         "inner": inner,

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cspace.cli.files import check_outputs
-from cspace.errors import InputError, MissingPackageError
+from cspace.errors import InputError, optional
 
 if TYPE_CHECKING:
     from cspace.space import CSpace
@@ -50,13 +50,10 @@ def cluster(address: str | None) -> Iterator[Any]:
     if address is None:
         yield None
         return
+    from cspace.tiles.work import CLUSTER
+
     try:
-        from distributed import Client
-    except ImportError as error:
-        found, mend = "needs dask", "run: pip install 'cspace[distributed]'"
-        raise MissingPackageError("--scheduler", found, "it runs tiles on a cluster", mend) from error
-    try:
-        client = Client(address, timeout=10)  # type: ignore[no-untyped-call]
+        client = optional("distributed", CLUSTER, "distributed").Client(address, timeout=10)
     except (OSError, ValueError, TimeoutError) as error:
         found, rule = f"is {address!r}, where nothing answers ({error})", "it must be the address of a dask scheduler"
         raise InputError("--scheduler", found, rule, "start one, with dask scheduler", value=address) from error

@@ -20,6 +20,7 @@ from cspace.errors import InputError
 from cspace.grid import Grid
 from cspace.io.output import replacing
 from cspace.memory import check_memory
+from cspace.raster.bitmaps import cell_squares
 from cspace.states import FREE
 
 Floats = NDArray[np.float64]
@@ -135,11 +136,8 @@ def free_border(state: NDArray[np.uint8], grid: Grid) -> tuple[Floats, Ints]:
 
     Raises InputError if there is no FREE cell, or the border does not fit into memory.
     """
-    # One more cell on each side, and lattice point (i, j, k) is the lower corner of cell (i, j, k) without them.
-    free = np.pad((state == FREE).view(np.int8), 1)
-    lattice = tuple(n + 1 for n in state.shape)
-    steps = [np.diff(free, axis=axis)[_without_rim(axis)] for axis in range(3)]
-    count = sum(int(np.count_nonzero(step)) for step in steps)
+    free = np.pad(state == FREE, 1)
+    count = sum(int(np.count_nonzero(np.diff(free, axis=axis))) for axis in range(3))
     if not count:
         raise InputError(
             "the map",
@@ -148,30 +146,8 @@ def free_border(state: NDArray[np.uint8], grid: Grid) -> tuple[Floats, Ints]:
             "build it with a smaller spacing, robot or margin",
         )
     check_memory(_BYTES * count, "the border of the free space", grid)
-    squares = np.concatenate([_squares(step, axis, lattice) for axis, step in enumerate(steps)])
-    used = np.zeros(lattice, dtype=np.bool_).reshape(-1)
-    used[squares] = True
-    points = np.flatnonzero(used)
-    squares = np.searchsorted(points, squares)
-    faces = squares[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3)
-    vertices = np.asarray(grid.lower) + grid.spacing * np.stack(np.unravel_index(points, lattice), axis=1)
-    return vertices, np.ascontiguousarray(faces)
-
-
-def _without_rim(axis: int) -> tuple[slice, ...]:
-    """The cells of the grid in steps along an axis of a padded array."""
-    return tuple(slice(None) if other == axis else slice(1, -1) for other in range(3))
-
-
-def _squares(step: NDArray[np.int8], axis: int, lattice: tuple[int, ...]) -> Ints:
-    """Lattice points of the squares across an axis, counterclockwise where seen from the cell that is not FREE."""
-    found = np.nonzero(step)
-    corner = np.ravel_multi_index(found, lattice)
-    strides = [lattice[1] * lattice[2], lattice[2], 1]
-    one, two = strides[(axis + 1) % 3], strides[(axis + 2) % 3]
-    turned = step[found] > 0  # FREE lies above, so that the normal points down
-    second, fourth = np.where(turned, two, one), np.where(turned, one, two)
-    return np.stack([corner, corner + second, corner + one + two, corner + fourth], axis=1)
+    vertices, faces, turns = cell_squares(free[1:-1, 1:-1, 1:-1], grid.spacing, grid.lower)
+    return vertices, np.where(turns[:, None] < 0, faces[:, ::-1], faces)
 
 
 def write_border(state: NDArray[np.uint8], grid: Grid, path: str | os.PathLike[str], overwrite: bool = False) -> None:

@@ -86,12 +86,7 @@ def check_cells(path: Named, shape: Sequence[int], memory: float = 1.0) -> None:
 
 
 def check_memory(path: Named, declared: str, needed: float) -> None:
-    """Refuse a file whose reading takes ``needed`` bytes, where so many are not free.
-
-    Raises
-    ------
-    FileError
-    """
+    """Refuse a file, by a FileError, whose reading takes ``needed`` bytes, where so many are not free."""
     free = free_bytes()
     if free is not None and needed > _MOST_OF_MEMORY * free:
         found = f"{declared}, and reading it takes about {in_words(needed)}"

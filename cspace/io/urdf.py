@@ -18,7 +18,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.errors import FileError, InputError, MissingPackageError
+from cspace.errors import FileError, InputError, optional
 from cspace.grid import finite, positive
 from cspace.io.input import Fault, decoding, read_bytes
 from cspace.io.meshes import read_mesh
@@ -98,11 +98,7 @@ _XACRO: Final = ("{http://www.ros.org/wiki/xacro}", "{http://ros.org/wiki/xacro}
 
 def load_urdf(path: str | os.PathLike[str]) -> URDF:
     """The file as yourdfpy reads it, once it is known to hold what that takes for granted."""
-    try:
-        import yourdfpy
-    except ImportError as error:
-        mend = "install it with: pip install 'cspace[urdf]'"
-        raise MissingPackageError("yourdfpy", "is not installed", "URDF files are read with it", mend) from error
+    yourdfpy = optional("yourdfpy", "URDF files are read with it", "urdf")
     # What it logs is said by the errors here.
     logging.getLogger("yourdfpy").addHandler(logging.NullHandler())
     data = read_bytes(path, _KIND, memory=20.0)

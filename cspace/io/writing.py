@@ -155,10 +155,7 @@ def export(
 def check_export(path: Named, dim: int) -> str:
     """The suffix of a file that can hold maps of a dimension.
 
-    Raises
-    ------
-    InputError
-        If no format has it, or that one holds maps of the other dimension.
+    Raises InputError if no format has it, or that one holds maps of the other dimension.
     """
     suffix = suffix_of(path, EXPORTS, _RULE)
     refused = _SLICES[suffix][1] if suffix in _SLICES else {}

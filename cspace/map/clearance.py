@@ -12,7 +12,6 @@ from collections.abc import Callable
 from typing import Final
 
 import numpy as np
-from numba.cpython.unsafe.numbers import leading_zeros, trailing_zeros
 from numpy.typing import NDArray
 
 from cspace.compiling import entry, inner, reader
@@ -21,6 +20,7 @@ from cspace.map import turning
 from cspace.map.mip import ROWS, SHIFT, SIDE, Marks
 from cspace.map.points import FAR, Cell, Numbers, configuration, is_usable, replaced, state_at
 from cspace.map.record import Map
+from cspace.map.storage import zeros_above, zeros_below
 from cspace.states import FREE
 
 Floats = NDArray[np.float64]
@@ -32,9 +32,6 @@ ALL, LAST, ONE, EIGHT, SEVEN = np.uint64(255), np.uint64(63), np.uint64(1), np.u
 EVERY, COLUMN = ~np.uint64(0), np.uint64(0x0101010101010101)
 BIT, BYTE = np.uint64(0), np.uint64(3)
 """Binary logarithms of how many bits of a word stand for a block or a cell."""
-
-zeros_below: Callable[[np.uint64], np.uint64] = trailing_zeros  # type: ignore[assignment]  # what it is when compiled
-zeros_above: Callable[[np.uint64], np.uint64] = leading_zeros  # type: ignore[assignment]
 
 SIZE: Final = float(SIDE)
 NODE: Final = SIZE * SIZE

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.compiling import inner, reader
-from cspace.map.storage import Cells, Stack, cells_of, expect, row_in, state_in
+from cspace.map.storage import Cells, Stack, cells_of, expect, row_in, state_in, zeros_below
 from cspace.threads import cores, in_threads
 
 Ints = NDArray[np.int64]
@@ -52,9 +52,6 @@ FEW: Final = 16
 """Blocks that are looked at first for the box around a component."""
 
 _ONE, _ONES = np.uint64(1), ~np.uint64(0)
-_DEBRUIJN = np.uint64(0x03F79D71B4CB0A89)
-_PLACES = np.zeros(64, dtype=np.int32)
-_PLACES[[int(_DEBRUIJN) * 2**k % 2**64 >> 58 for k in range(64)]] = np.arange(64)
 
 
 class Blocks(NamedTuple):
@@ -208,18 +205,6 @@ def pack(blocks: Blocks, corner: Ints, words: Words) -> None:
 
 
 @inner
-def lowest(word: np.uint64) -> np.uint64:
-    """The lowest bit of a word that is set, alone."""
-    return word & (~word + _ONE)
-
-
-@inner
-def place_of(bit: np.uint64) -> int:
-    """The number of a single bit."""
-    return int(_PLACES[np.int64((bit * _DEBRUIJN) >> np.uint64(58))])
-
-
-@inner
 def join_rows(labels: Labels, row: int, other: int, ahead: int, parent: Nodes, pairs: Nodes, count: int) -> int:
     """Join the runs of one row with those of another that they touch; it may lie cells ahead, at the end of the row.
 
@@ -273,10 +258,10 @@ def label_blocks(blocks: Blocks, corners: Ints, labels: Labels, words: Words, ro
                 else:
                     starts, stops = word & ~(word << _ONE), word & ~(word >> _ONE)
                     while starts != 0:
-                        first, last = lowest(starts), lowest(stops)
+                        first, last = np.int64(zeros_below(starts)), np.int64(zeros_below(stops))
                         parent[stop - begin] = stop - begin
-                        runs[stop] = ((stop - begin) << 12) | (place_of(first) << 6) | place_of(last)
-                        starts, stops, stop = starts ^ first, stops ^ last, stop + 1
+                        runs[stop] = ((stop - begin) << 12) | (first << 6) | last
+                        starts, stops, stop = starts & (starts - _ONE), stops & (stops - _ONE), stop + 1
                 ends[at + 1] = stop
                 for step, beside in ((1, follows and not again), (wide, row >= wide)):
                     if beside and (word & word_of[row - step]) != 0:

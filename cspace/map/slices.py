@@ -36,12 +36,12 @@ def raster_parts(robot: Robot, spacing: float, margin: float, rotations: Rotatio
     Each is rasterised afresh from the turned geometry, but for those that are another one turned by quarters or
     mirrored, which come in the same part as that.
     """
-    if rotations.keep(robot):
+    if rotations.keep(robot.shape):
         return [lambda: [(0, robot.rasters(spacing, margin))]]
-    slice_of = rotations.slice_of(robot)
+    slice_of = rotations.slice_of(robot.shape)
     first, turns = np.unique(slice_of, return_index=True)[1], rotations.turns(robot.dim)
     # Of the slices that each one becomes, the least, and what makes it so; the way back is the transposed matrix.
-    images = rotations.images(robot)
+    images = rotations.images(robot.shape)
     becomes = np.array([slice_of[cells[first]] for _, cells in images])
     made_by, source, own = becomes.argmin(axis=0), becomes.min(axis=0), np.arange(len(first))
     alike: dict[int, list[int]] = {}

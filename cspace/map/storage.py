@@ -5,7 +5,7 @@ Compiled code takes either by its type, and Python sees both slice by slice, as 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from math import prod
 from typing import Any, Final, NamedTuple
 
@@ -13,6 +13,7 @@ import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
+from numba.cpython.unsafe.numbers import leading_zeros, trailing_zeros
 from numba.extending import intrinsic, overload
 from numpy.typing import DTypeLike, NDArray
 
@@ -31,6 +32,9 @@ SPARE: Final = 16
 _ONE, _ONES, _GATHER = np.uint64(1), np.uint64(0x0101010101010101), np.uint64(0x0102040810204080)
 _TWO, _THREE = np.uint64(2), np.uint64(3)
 _EVEN = np.uint64(0x5555555555555555)
+
+zeros_below: Callable[[np.uint64], np.uint64] = trailing_zeros  # type: ignore[assignment]  # what it is when compiled
+zeros_above: Callable[[np.uint64], np.uint64] = leading_zeros  # type: ignore[assignment]
 
 
 class TwoBits(NamedTuple):

@@ -95,22 +95,26 @@ def rectangle_triangles(sides: Bools, axis: int, spacing: float, lower: Any) -> 
 def cell_squares(cells: Bools, spacing: float, lower: Any) -> tuple[Floats, Integers, Integers]:
     """The sides of closed cells that lie on the border of their union, as triangles that share edges whole.
 
-    Gives the corners of all cells, shape (V, 3), metres, the triangles, shape (F, 3), and for each of these 1 where it
-    faces outward, and -1 elsewhere, shape (F,).
+    Gives their corners, shape (V, 3), metres, the triangles, shape (F, 3), and for each of these 1 where it faces
+    outward, and -1 elsewhere, shape (F,).
     """
     corners = tuple(n + 1 for n in cells.shape)
-    vertices = np.asarray(lower, dtype=np.float64) + spacing * np.indices(corners).reshape(3, -1).T
-    faces, turns = [], []
+    found, turns = [], []
     for axis in range(3):
         first, second = (int(np.prod(corners[other + 1 :])) for other in range(3) if other != axis)
         padded = np.pad(cells.view(np.int8), [(1, 1) if other == axis else (0, 0) for other in range(3)])
         change = np.asarray(np.diff(padded, axis=axis))
-        where = np.argwhere(change)
-        start = np.asarray(np.ravel_multi_index(tuple(where.T), corners))
-        squares = start[:, None] + np.array([0, first, first + second, 0, first + second, second])
-        faces.append(squares.reshape(-1, 3))
-        turns.append(np.repeat((1 if axis == 1 else -1) * change[tuple(where.T)], 2))
-    return vertices, np.concatenate(faces), np.concatenate(turns).astype(np.int64)
+        where = np.nonzero(change)
+        start = np.ravel_multi_index(where, corners)
+        found.append(start[:, None] + np.array([0, first, first + second, second]))
+        turns.append(np.repeat((1 if axis == 1 else -1) * change[where], 2))
+    squares = np.concatenate(found)
+    used = np.zeros(int(np.prod(corners)), dtype=np.bool_)
+    used[squares] = True
+    points = np.flatnonzero(used)
+    faces = np.searchsorted(points, squares)[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
+    vertices = np.asarray(lower, dtype=np.float64) + spacing * np.stack(np.unravel_index(points, corners), axis=1)
+    return vertices, faces, np.concatenate(turns).astype(np.int64)
 
 
 def cell_boxes(cells: Bools, spacing: float, lower: Any) -> tuple[Floats, Floats]:

@@ -20,7 +20,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.errors import InputError, MissingPackageError
+from cspace.errors import InputError, optional
 from cspace.grid import finite
 from cspace.memory import KEEP, cells_of, free_bytes, in_words
 from cspace.spectral.bump import (
@@ -110,12 +110,7 @@ def ball_spectrum(
 
 def finufft_module() -> Any:
     """The package finufft; MissingPackageError where it is not installed."""
-    try:
-        import finufft
-    except ImportError as error:
-        rule, mend = "spectra at centers that lie on no lattice need it", 'install it: pip install "cspace[spectral]"'
-        raise MissingPackageError("finufft", "is not installed", rule, mend) from error
-    return finufft
+    return optional("finufft", "spectra at centers that lie on no lattice need it", "spectral")
 
 
 def nufft(points: Floats, spectra: Complexes, tolerance: float) -> Complexes:

@@ -58,10 +58,8 @@ class Tile:
         self.store, self.cells = store, store.cells(index)
         self.shape = tuple(part.stop - part.start for part in self.cells)
         closed = np.zeros(store.slices, dtype=np.bool_)
-        slice_of = store.rotations.slice_of(store.robot)
-        self.components = Components(
-            read_only_of(store.states_in(self.cells)), slice_of, store.rotations.neighbors, closed
-        )
+        states = read_only_of(store.states_in(self.cells))
+        self.components = Components(states, store.slice_of, store.rotations.neighbors, closed)
 
     def roots(self, face: Face) -> tuple[Ints, Ints]:
         """Components of both kinds on a face, shape (rotations, *cells of the face); -1 where a cell has none."""
@@ -119,7 +117,7 @@ class Joined:
 
     def __init__(self, store: Store, exterior: Exterior) -> None:
         self.store = store
-        self._slice_of = store.rotations.slice_of(store.robot)[: turns_of(store)]
+        self._slice_of = store.slice_of[: turns_of(store)]
         self._open = ~exterior.is_all_blocked(store.grid.shape)[self._slice_of]
         self._tiles: OrderedDict[Index, tuple[Tile, list[Ints]]] = OrderedDict()
         self.first: list[Ints] = []

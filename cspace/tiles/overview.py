@@ -66,8 +66,8 @@ def overview_of(job: Job, most: int, client: Client | None) -> CSpace:
     coarse = Grid(grid.lower, grid.spacing * factor, shape)
     none = np.zeros_like(outer) if factor > 1 else outer
     workspace = Workspace(coarse, outer, none, source=f"{store.path.name}, from afar")
-    slice_of, margin = store.rotations.slice_of(store.robot), float(store.metadata["margin"])
-    return CSpace(Contents(workspace, store.robot, store.rotations, slice_of, states, UNKNOWN, margin))
+    margin = float(store.metadata["margin"])
+    return CSpace(Contents(workspace, store.robot, store.rotations, store.slice_of, states, UNKNOWN, margin))
 
 
 def _reduce(job: Job, index: Index, factor: int) -> Reduced:

@@ -145,8 +145,8 @@ class TiledCSpace(ConfigurationMap):
 
     def count(self) -> tuple[int, int, int]:
         self._check_done()
-        slice_of = self.rotations.slice_of(self.robot)
-        free, mixed, blocked = np.array(self._now.metadata["counts"])[slice_of].sum(axis=0).tolist()
+        store = self._now
+        free, mixed, blocked = np.array(store.metadata["counts"])[store.slice_of].sum(axis=0).tolist()
         return free, mixed, blocked
 
     @property
@@ -415,7 +415,7 @@ class TiledCSpace(ConfigurationMap):
     def _map(self) -> Map:
         """The record that compiled look-ups take; its tiles are those that are there now."""
         grid, cells = self.grid, self._cache.cells
-        rotations = self.rotations.compiled(self.rotations.slice_of(self.robot))
+        rotations = self.rotations.compiled(self._store.slice_of)
         return Map(cells, cells, rotations, grid.lower, grid.spacing, grid.upper, self._exterior)
 
     @property

@@ -119,6 +119,11 @@ class Store:
         with decoding_map(self.path):
             return shapes_from({"shapes": _small(self.path, "shapes")})
 
+    @cached_property
+    def slice_of(self) -> NDArray[np.int64]:
+        """The slice of each rotation cell."""
+        return self.rotations.slice_of(self.robot.shape)
+
     @property
     def tile(self) -> tuple[int, ...]:
         """Cells of a tile along each axis."""
@@ -187,7 +192,7 @@ class Store:
         """
         with replacing(path, folder=is_tiled) as temporary:
             _write_frame(
-                temporary, metadata, {"slice_of": rotations.slice_of(robot), **rotations.coordinates, **shapes}
+                temporary, metadata, {"slice_of": rotations.slice_of(robot.shape), **rotations.coordinates, **shapes}
             )
         return cls.open(path)
 

@@ -68,7 +68,7 @@ def update_store(store: Store, patch: Patch, client: Client | None, reach: NDArr
         changed = run(partial(_remake, aside=aside), Job(store, Patched(store, patch)), tiles, client, None)
         seen = replace(store, metadata={**store.metadata, "aside": aside})
         store.commit(aside, **seen.totals(), shapes="")
-    weights = np.bincount(store.rotations.slice_of(store.robot), minlength=store.slices)
+    weights = np.bincount(store.slice_of, minlength=store.slices)
     counts = int(np.sum(changed, axis=0) @ weights)
     return Update(int(np.count_nonzero(differ)), tuple(looked[0].tolist()), tuple(looked[1].tolist()), counts)
 

@@ -46,7 +46,7 @@ def window_of(store: Store, known: Known, table: Ints, first: Ints, stop: Ints) 
             workspace,
             store.robot,
             store.rotations,
-            store.rotations.slice_of(store.robot),
+            store.slice_of,
             store.states_in(box, known, table),
             outside,
             float(store.metadata["margin"]),

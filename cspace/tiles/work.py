@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from cspace import __version__
 from cspace.compiling import reader
 from cspace.correlation import Correlation, sides_of
-from cspace.errors import CspaceError, FileError, InputError, MissingPackageError
+from cspace.errors import CspaceError, FileError, InputError, optional
 from cspace.map.slices import Pair, slice_rasters
 from cspace.memory import KEEP, free_bytes, in_words
 from cspace.states import BLOCKED, MIXED
@@ -41,6 +41,9 @@ SMALL: Final = 2**18
 
 AHEAD: Final = 1024
 """Tasks that a scheduler is told of at a time, at least."""
+
+CLUSTER: Final = "tiles are made on the workers of a cluster with it"
+"""What dask is of use for."""
 
 PATIENCE: Final = 60.0
 """Seconds without any worker after which a cluster is given up."""
@@ -198,12 +201,8 @@ def run(
 ) -> list[Any]:
     """What a task gives for each of some tiles, here in threads or on the workers of a cluster.
 
-    Raises
-    ------
-    InputError
-        If a task does not fit into the memory that it may take.
-    CspaceError
-        What a task raises, or if the cluster cannot do it.
+    Raises InputError if a task does not fit into the memory that it may take, and CspaceError if the cluster cannot do
+    it, or what a task raises.
     """
     if not todo:
         return []
@@ -296,12 +295,7 @@ def _on_cluster(
     progress: Callable[[int], None] | None,
 ) -> list[Any]:
     """The same on a cluster, whose scheduler is told of some of the tasks at a time."""
-    try:
-        import distributed
-        from distributed import CancelledError
-        from distributed.scheduler import KilledWorker
-    except ImportError as error:
-        raise MissingPackageError("dask", "distributed") from error
+    distributed = optional("distributed", CLUSTER, "distributed")
 
     # A worker goes down with what it cannot unpickle. So these two functions, which are sent as they stand, ask first
     # whether there is a cspace, and which one; and all else is sent as bytes.
@@ -343,7 +337,7 @@ def _on_cluster(
             # To all workers: what a single one has is lost with it.
             sent = client.scatter(sent, hash=False, broadcast=True)
         waiting = iter(enumerate(todo))
-        running: Any = distributed.as_completed([])  # type: ignore[no-untyped-call]
+        running = distributed.as_completed([])
         done, since = 0, (began := time.monotonic())
         while done < len(todo):
             if len(futures) < AHEAD and (more := dict(itertools.islice(waiting, AHEAD))):
@@ -367,7 +361,8 @@ def _on_cluster(
         raise
     except Exception as error:
         # What a client says of a scheduler that went away in the midst of its work may be anything.
-        if isinstance(error, KilledWorker | CancelledError | OSError | TimeoutError) or client.status != "running":
+        lost = distributed.scheduler.KilledWorker, distributed.CancelledError, OSError, TimeoutError
+        if isinstance(error, lost) or client.status != "running":
             raise _lost(f"{type(error).__name__}: {error}") from error
         raise
     finally:

@@ -10,7 +10,7 @@ from ipaddress import ip_address
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import urlsplit
 
-from cspace.errors import InputError, MissingPackageError
+from cspace.errors import InputError, optional
 from cspace.grid import whole
 
 if TYPE_CHECKING:
@@ -33,15 +33,11 @@ def serve(host: str, port: int | None) -> ViserServer:
     Raises InputError if the host is none of this machine, or the port is taken, or no port, and MissingPackageError if
     viser is not installed.
     """
-    try:
-        import viser
-    except ImportError as error:
-        mend = 'run: pip install "cspace[view]"'
-        raise MissingPackageError("viser", "is not installed", "it serves the page in the browser", mend) from error
+    viser = optional("viser", "it serves the page in the browser", "view")
     from websockets.exceptions import ConnectionClosed
 
     with _quiet():
-        server = viser.ViserServer(host, _free_port(host, port), label="cspace", verbose=False)
+        server: ViserServer = viser.ViserServer(host, _free_port(host, port), label="cspace", verbose=False)
     sockets = server._websock_server
 
     async def admit(client: Any) -> None:

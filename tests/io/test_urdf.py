@@ -136,7 +136,7 @@ def test_a_footprint_is_the_shadow(make, area):
     lower, upper = robot.shape.bounds
     assert np.allclose(footprint.shape.bounds, [lower[:2], upper[:2]], atol=2e-6)
     assert Robot.from_spec(footprint.spec).spec == footprint.spec
-    assert footprint.symmetry == robot.symmetry
+    assert footprint.shape.symmetry == robot.shape.symmetry
 
 
 def test_the_shadow_of_a_mesh_lies_between_its_two_sides():
@@ -231,7 +231,7 @@ try:
 except cspace.MissingPackageError as error:
     print(error)
 """
-    assert "pip install 'cspace[urdf]'" in told_without("yourdfpy", code)
+    assert 'pip install "cspace[urdf]"' in told_without("yourdfpy", code)
 
 
 def test_elements_of_others_do_not_matter_nor_does_a_namespace_that_xacro_left(tmp_path):

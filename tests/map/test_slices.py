@@ -13,6 +13,7 @@ import oracles
 from cspace import Robot, Workspace
 from cspace.map.slices import raster_parts, slice_rasters
 from cspace.rotations import TURN, Rotations, Turn
+from cspace.shapes import Shape
 from strategies import robots
 
 
@@ -54,7 +55,7 @@ def test_what_turns_and_mirrors_of_the_world_make_are_fresh_rasters(robot, rotat
     """Of a box, 16 cells need one raster; a cube's quarter turns, and mirrors of what has two like sides, add to it."""
     assert len(raster_parts(robot, 0.17, 0.02, rotations)) == fresh
     made, turns = slice_rasters(robot, 0.17, 0.02, rotations), rotations.turns(robot.dim)
-    for number, cell in zip(*np.unique(rotations.slice_of(robot), return_index=True), strict=True):
+    for number, cell in zip(*np.unique(rotations.slice_of(robot.shape), return_index=True), strict=True):
         own = robot.rasters(0.17, 0.02, turns[cell])
         for one, other in zip(made[number], own, strict=True):
             # Pieces of the border that are as long along two of their sides may be cut across either.
@@ -78,7 +79,7 @@ SYMMETRIC = {
 @pytest.mark.parametrize("name", SYMMETRIC)
 def test_symmetry_is_found(name):
     robot, order = SYMMETRIC[name]
-    assert robot.symmetry == order
+    assert robot.shape.symmetry == order
 
 
 def test_rotations_in_space_share_slices_as_those_made_without_sharing(monkeypatch):
@@ -86,7 +87,7 @@ def test_rotations_in_space_share_slices_as_those_made_without_sharing(monkeypat
     workspace = Workspace.from_array(np.random.default_rng(0).random((8, 7, 6)) < 0.03, 0.1)
     robot, turns = Robot.box((0.33, 0.21, 0.13)), Rotations.quaternions(2)
     shared = cspace.build(workspace, robot, rotations=turns, overlap=True)
-    monkeypatch.setattr(Robot, "symmetries", property(lambda self: [np.eye(3)]))
+    monkeypatch.setattr(Shape, "symmetries", property(lambda self: [np.eye(3)]))
     monkeypatch.setattr(type(turns), "images", Rotations.images)
     alone = cspace.build(workspace, robot, rotations=turns, overlap=True)
     assert (len(shared._map.states), len(alone._map.states)) == (8, 32)
@@ -105,7 +106,7 @@ def test_shared_slices_are_those_made_without_sharing(name, count, monkeypatch):
         assert (shared.state == cspace.build(workspace, robot).state).all()
     elif count % order == 0:
         assert len(shared._map.states) == count // order
-    monkeypatch.setattr(Robot, "symmetry", property(lambda self: 1))
+    monkeypatch.setattr(Shape, "symmetry", property(lambda self: 1))
     alone = cspace.build(workspace, robot, rotations=count, overlap=True)
     assert len(alone._map.states) == count
     assert shared.state.shape == alone.state.shape == (count, 25, 20)
@@ -117,5 +118,5 @@ def test_shared_slices_are_those_made_without_sharing(name, count, monkeypatch):
 def test_unequal_cells_share_nothing_but_a_discs():
     borders = [0.0, 1.0, math.pi, math.pi + 1.0, TURN]
     cells = Rotations.of(borders)
-    assert cells.slice_of(Robot.rectangle(0.7, 0.3)).tolist() == [0, 1, 2, 3]
-    assert cells.slice_of(Robot.disc(0.3)).tolist() == [0, 0, 0, 0]
+    assert cells.slice_of(Robot.rectangle(0.7, 0.3).shape).tolist() == [0, 1, 2, 3]
+    assert cells.slice_of(Robot.disc(0.3).shape).tolist() == [0, 0, 0, 0]
