@@ -117,15 +117,16 @@ class ConfigurationMap(ConfigurationSpace):
         return self._at_one_moment(lambda: self._path_exists(q0, q1))
 
     def _path_exists(self, q0: ArrayLike, q1: ArrayLike) -> bool | NDArray[np.object_] | None:
-        cells, states = [], []
-        for q, name in ((q0, "q0"), (q1, "q1")):
-            points = as_points(q, name, self.dof)
-            states.append(np.asarray(answer(points, self.dof, self._classify(), np.uint8, int, name)))
-            cells.append(self._cells_of(points).reshape(-1, 1 + self.grid.dim))
-        free, passable = self._components.of(np.concatenate(cells))
-        passable[np.concatenate([each.reshape(-1) for each in states]) == BLOCKED] = -1
-        free0, open0 = (each[: len(cells[0])].reshape(states[0].shape) for each in (free, passable))
-        free1, open1 = (each[len(cells[0]) :].reshape(states[1].shape) for each in (free, passable))
+        ends = [as_points(q, name, self.dof) for q, name in ((q0, "q0"), (q1, "q1"))]
+        rows = [points.reshape(-1, self.dof) for points in ends]
+        both = np.concatenate(rows)
+        states = np.empty(len(both), dtype=np.uint8)
+        if self._classify()([both], states) >= 0:
+            self._checked(q0, "q0"), self._checked(q1, "q1")  # one of them raises
+        free, passable = self._components.of(self._cells_of(both))
+        passable[states == BLOCKED] = -1
+        free0, open0 = (each[: len(rows[0])].reshape(ends[0].shape[:-1]) for each in (free, passable))
+        free1, open1 = (each[len(rows[0]) :].reshape(ends[1].shape[:-1]) for each in (free, passable))
         joined, apart = (free0 == free1) & (free0 != -1), (open0 != open1) | (open0 == -1)
         answers: NDArray[np.object_] = _ANSWERS[np.where(apart, 2, joined), ...]
         found: bool | NDArray[np.object_] | None = answers if answers.ndim else answers[()]

@@ -40,9 +40,9 @@ def finite(values: ArrayLike, name: str) -> NDArray[np.float64]:
         raise InputError(name, "holds a whole number", "it is beyond what a float can be", FLOATS) from error
     if array is None:
         raise InputError(name, "has complex values", "it must be real", "pass the real parts, e.g. array.real")
-    bad = ~np.isfinite(array)
-    if bad.any():
-        index = tuple(int(i) for i in np.argwhere(bad)[0])
+    usable = np.isfinite(array)
+    if not usable.all():
+        index = tuple(int(i) for i in np.argwhere(~usable)[0])
         where = f"{name}[{', '.join(map(str, index))}]" if index else name
         raise InputError(
             where, f"is {array[index]}", "NaN and infinities are refused", "drop or replace such values first"
@@ -274,10 +274,9 @@ class Grid:
         """
         array = self.coordinates(points)
         cells = np.floor((array - self.lower) / self.spacing)
-        last = np.asarray(self.shape) - 1
-        cells = np.where((cells == last + 1) & (array <= self.upper), last, cells)
+        cells -= (cells == self.shape) & (array <= self.upper)
         # Beyond 2^62 cells an int64 would wrap around; far outside is far outside.
-        return np.clip(cells, -(2.0**62), 2.0**62).astype(np.int64)
+        return np.minimum(np.maximum(cells, -(2.0**62)), 2.0**62).astype(np.int64)
 
     def center_of(self, cells: ArrayLike) -> NDArray[np.float64]:
         """Middle points of cells.

@@ -251,7 +251,7 @@ class Updater:
         stays = self._workspace if self._scene is None else self._scene
         same = zip((stays.outer, stays.inner), (patch.outer, patch.inner), strict=True)
         known = stays.unknown is None or not stays.unknown[patch.window].any()
-        if known and all(np.array_equal(old[patch.window], new) for old, new in same):
+        if known and all((old[patch.window] == new).all() for old, new in same):
             return Update(0, patch.lower, patch.lower, 0)
         if self._scene is not None:
             self._scene.write(patch.window, patch.outer, patch.inner)

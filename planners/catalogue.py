@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Callable
+from functools import cache
 from typing import Any, Final
 
 from ompl import base as ob
@@ -105,6 +106,7 @@ def _no_pruning(planner: Any) -> None:
 _SETTINGS: Final[dict[str, Callable[[ob.Planner], None]]] = {"BITstar": _no_pruning}
 
 
+@cache
 def _planners() -> list[str]:
     # A class of which no object can be made has no constructor of its own in the bindings.
     return [

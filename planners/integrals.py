@@ -78,7 +78,7 @@ def cost_of_one(map_: Map, field: Field, law: Law, both: Numbers) -> float:
 
     Steps are at most a cell long, and of at most 5 degrees.
     """
-    q0 = map_.lower + turning.blank(map_.rotations)
+    q0 = map_.lower + turning.origin(map_.rotations)
     q1, dof, dim, square = q0, len(q0), len(map_.lower), 0.0
     for axis in range(dof):
         q0, q1 = replaced(q0, axis, both[axis]), replaced(q1, axis, both[dof + axis])

@@ -191,12 +191,8 @@ class LocalPlanner(ABC):
         """Lengths of the edges from some configurations to others, with what their turns count as, shape (n,)."""
 
     @abstractmethod
-    def length(self, path: Floats) -> float:
-        """The length of a path, as :attr:`planners.Plan.length`."""
-
-    def turning(self, path: Floats) -> float:
-        """The turns of a path, as :attr:`planners.Plan.turning`."""
-        return 0.0
+    def measured(self, path: Floats) -> tuple[float, float]:
+        """The length of a path and its turns, as :attr:`planners.Plan.length` and :attr:`planners.Plan.turning`."""
 
     @abstractmethod
     def clearance(self, path: Floats) -> float:
@@ -270,11 +266,9 @@ class EdgesOnMap(LocalPlanner):
         find = self.space.free_path if planner == CUBES else self.space.widest_path
         return find(*ends, straight=straight)
 
-    def length(self, path: Floats) -> float:
-        return math.fsum(self.pieces(path, math.inf, math.inf).lengths)
-
-    def turning(self, path: Floats) -> float:
-        return math.fsum(self.pieces(path, math.inf, math.inf).turns)
+    def measured(self, path: Floats) -> tuple[float, float]:
+        pieces = self.pieces(path, math.inf, math.inf)
+        return math.fsum(pieces.lengths), math.fsum(pieces.turns)
 
     def clearance(self, path: Floats) -> float:
         """Lower bound of the clearance all along a path.
@@ -539,8 +533,8 @@ class JointMotions(LocalPlanner):
         steps[:, circles] = wrapped(steps[:, circles])
         return np.asarray(np.linalg.norm(steps, axis=1))
 
-    def length(self, path: Floats) -> float:
-        return math.fsum(np.linalg.norm(np.diff(path, axis=0), axis=1))
+    def measured(self, path: Floats) -> tuple[float, float]:
+        return math.fsum(np.linalg.norm(np.diff(path, axis=0), axis=1)), 0.0
 
     def clearance(self, path: Floats) -> float:
         return self.space._path_clearance(path)

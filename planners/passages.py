@@ -79,13 +79,13 @@ class Passages:
 
     def run_free(self, start: Configuration, goal: Configuration) -> Found:
         """A path where FREE cells join the two: by the planner if it is soon through, or else along such cells."""
-        found = replace(self.search, iterations=SOON).run(self.edges, start, goal, self.time_limit)
+        found = replace(self.search, iterations=SOON).run(self.edges, start, goal, self.time_limit, joined=True)
         if len(found.path):
             return found
         path = self.edges.space.free_path(start, goal, straight=self.search.simplify)
         if len(path):
             return Found(path, ALONG, time.perf_counter() - self.began)
-        return self.search.run(self.edges, start, goal, max(self._left(), 1e-3))
+        return self.search.run(self.edges, start, goal, max(self._left(), 1e-3), joined=True)
 
     def run(self, start: Configuration, goal: Configuration) -> Found:
         """A path between two configurations: by the planner alone, or else along a chain that can be walked."""

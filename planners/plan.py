@@ -224,7 +224,7 @@ def plan(
             array.flags.writeable = False
     status, advice = _status(found, name, edges, exists, limit)
     certified = solved and found.proven and edges.same(found.path[[0, -1]], np.array(ends))
-    clearance = edges.clearance(waypoints) if solved else math.nan
+    length, turning = edges.measured(waypoints) if solved else (math.nan, math.nan)
     setup = searched - began - found.planning - found.simplification
     return Plan(
         path=path,
@@ -236,9 +236,9 @@ def plan(
         certified=certified,
         status=status,
         advice=advice,
-        length=edges.length(waypoints) if solved else math.nan,
-        turning=edges.turning(waypoints) if solved else math.nan,
-        clearance=clearance,
+        length=length,
+        turning=turning,
+        clearance=edges.clearance(waypoints) if solved else math.nan,
         path_exists=exists,
         planner=name,
         objective=objective if isinstance(objective, str) else "custom",
@@ -305,7 +305,7 @@ def _leg(
             return passages.run(*ends)
         if exists and edges.space.rotations.names and search.may_stop:
             return passages.run_free(*ends)
-    return search.run(edges, *ends, limit)
+    return search.run(edges, *ends, limit, joined=exists is True)
 
 
 def _shortened(edges: LocalPlanner, path: Floats) -> Floats:

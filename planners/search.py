@@ -96,10 +96,19 @@ class Search:
         """Whether any path will do, and the planner may be asked for how long it looks."""
         return self.objective is None and self.iterations is None and self.planner == planner_named(None)
 
-    def run(self, edges: LocalPlanner, start: Configuration, goal: Configuration, time_limit: float) -> Found:
+    def run(
+        self,
+        edges: LocalPlanner,
+        start: Configuration,
+        goal: Configuration,
+        time_limit: float,
+        *,
+        joined: bool = False,
+    ) -> Found:
         """Search a path between two configurations at which motions can be proven free.
 
-        The limit, in seconds, is for the search and the simplification, but not for what the map makes first.
+        The limit, in seconds, is for the search and the simplification, but not for what the map makes first. Where
+        FREE cells are known to have ``joined`` the two, the search keeps to the box around all that they join.
         """
         with _silence():
             if self.seed is not None:
@@ -110,7 +119,7 @@ class Search:
             setup = set_up(edges, None if self.planner in SECOND_THREAD else self.objective)
             if self._is_shortest(edges, setup, start, goal):
                 return Found(edges.unwound(np.array([start, goal])), "a single edge is free; no search needed")
-            if not edges.exact and edges.space._known(np.array(start), np.array(goal)):
+            if joined and not edges.exact:
                 narrow(setup, edges, start)
             return _Run(self, edges, setup).solve(start, goal, time_limit)
 

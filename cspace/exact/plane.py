@@ -50,7 +50,7 @@ class Stretch(NamedTuple):
 @inner(forceinline=True)
 def _configuration(map_: Map, x: float, y: float, yaw: float) -> Numbers:
     """What the map is asked about: without the yaw, if the robot does not turn."""
-    q: Numbers = map_.lower + turning.blank(map_.rotations)
+    q: Numbers = map_.lower + turning.origin(map_.rotations)
     for axis in range(2, len(q)):
         q = replaced(q, axis, yaw)
     return replaced(replaced(q, 0, x), 1, y)

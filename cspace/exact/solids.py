@@ -230,7 +230,7 @@ def ask_edges(world: World, starts: Floats, ends: Floats, out: Ints) -> int:
 @jit
 def ask_one(world: World, both: Numbers) -> int:
     """:func:`ask_edge` of an edge, by its ends in a row."""
-    q0 = world.map.lower + turning.blank(world.map.rotations)
+    q0 = world.map.lower + turning.origin(world.map.rotations)
     q1, dof = q0, len(q0)
     for axis in range(dof):
         q0, q1 = replaced(q0, axis, both[axis]), replaced(q1, axis, both[dof + axis])

@@ -418,7 +418,7 @@ def nearest_part(word: np.uint64, wide: np.uint64, place: float, size: float, fi
 @reader
 def clearances(map_: Map, marks: Marks, points: Floats, out: Floats) -> int:
     """Clearances of configurations, shape (n, dof), in metres; the index of the first one that is not usable, or -1."""
-    last, dim = map_.lower + turning.blank(map_.rotations), len(map_.lower)
+    last, dim = map_.lower + turning.origin(map_.rotations), len(map_.lower)
     known = math.inf
     for n in range(points.shape[0]):
         q = configuration(map_, points, n)

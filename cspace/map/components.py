@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
@@ -146,14 +147,15 @@ class Joined(NamedTuple):
     Component c of a layer is the node ``start + base[layer] + c``.
 
     base : ndarray of int32, shape (layers + 1,)
-    turns : ndarray of int64, shape (rotations, 2)
+    starts, slices : ndarray of int64, shape (rotations,)
         The start of each rotation cell, and its slice.
     roots : ndarray of int32
         The component of each node.
     """
 
     base: Nodes
-    turns: Ints
+    starts: Ints
+    slices: Ints
     roots: Nodes
 
 
@@ -180,22 +182,23 @@ def unite(parent: Nodes, a: int, b: int) -> bool:
 
 
 @inner
-def pack(blocks: Blocks, corner: Ints, words: Words) -> None:
+def pack(blocks: Blocks, segment: int, words: Words) -> None:
     """Pack the cells of blocks that follow each other along the last axis, a word for each kind and row.
 
     Row by row through all of them, as they lie in memory, which is several times quicker than block by block; and what
     is to come is fetched meanwhile, or each row would be waited for.
     """
-    (_, nx, ny, nz), (_, wide, long) = blocks.grid, blocks.shifts
-    s, z = corner[1], corner[4]
+    (_, nx, ny, nz), (deep, wide, long), (layers, rows, strip) = blocks.grid, blocks.shifts, blocks.shape
+    first_x, first_y = segment // (strip * rows) % layers << deep, segment // strip % rows << wide
+    s, z = segment // (strip * rows * layers), segment % strip << long
     whole, rim = _ONES >> np.uint64(64 - (1 << long)), _ONES if blocks.rim_is_open[s] else np.uint64(0)
     for row in range(-AHEAD, words.shape[2]):
-        x, y = corner[2] + ((row + AHEAD) >> wide), corner[3] + ((row + AHEAD) & ((1 << wide) - 1))
+        x, y = first_x + ((row + AHEAD) >> wide), first_y + ((row + AHEAD) & ((1 << wide) - 1))
         for n in range(len(words) + 1):
             expect(blocks.cells, ((s * nx + x) * ny + y) * nz + z + (n << long))
         if row < 0:
             continue
-        x, y = corner[2] + (row >> wide), corner[3] + (row & ((1 << wide) - 1))
+        x, y = first_x + (row >> wide), first_y + (row & ((1 << wide) - 1))
         for n in range(len(words)):
             first = z + (n << long)
             count = max(0, min(1 << long, nz - first)) if x < nx and y < ny else 0
@@ -226,24 +229,24 @@ def join_rows(labels: Labels, row: int, other: int, ahead: int, parent: Nodes, p
 
 
 @reader
-def label_blocks(blocks: Blocks, corners: Ints, labels: Labels, words: Words, room: tuple[Nodes, Nodes]) -> None:
-    """Label the cells of blocks, of one kind and then of the other.
+def label_blocks(blocks: Blocks, segments: Ints, labels: Labels, words: Words, room: tuple[Nodes, Nodes]) -> None:
+    """Label the cells of blocks, told by their numbers, of one kind and then of the other.
 
-    ``corners``, shape (n, 5), has their numbers, slices and first cells. In ``words`` there is room for the blocks that
-    follow each other along the last axis, and in ``room`` for the runs of a layer, twice.
+    In ``words`` there is room for the blocks that follow each other along the last axis, and in ``room`` for the runs
+    of a layer, twice.
     """
     runs, ends, counts = labels
     rows, wide, (parent, scratch) = words.shape[2], 1 << blocks.shifts[1], room
-    kinds = len(counts) // len(corners)
+    kinds = len(counts) // len(segments)
     zero: int = np.int64(0)  # type: ignore[assignment]  # of one type for the compiler from the start
     n = stop = layer = zero
-    while n < len(corners):
+    while n < len(segments):
         follow = 1
-        while n + follow < len(corners) and corners[n + follow, 0] == corners[n, 0] + follow:
-            if corners[n + follow, 4] == 0:
+        while n + follow < len(segments) and segments[n + follow] == segments[n] + follow:
+            if segments[n + follow] % blocks.shape[2] == 0:
                 break
             follow += 1
-        pack(blocks, corners[n], words[:follow])
+        pack(blocks, segments[n], words[:follow])
         for k in range(kinds * follow):
             word_of, begin, first_row = words[k // kinds, k % kinds], stop, layer * rows
             for row in range(rows):
@@ -279,43 +282,6 @@ def label_blocks(blocks: Blocks, corners: Ints, labels: Labels, words: Words, ro
         n += follow
 
 
-@reader
-def meet_blocks(
-    labels: Labels, shifts: tuple[int, int, int], faces: Nodes, parent: Nodes, sizes: Nodes, pairs: Nodes
-) -> int:
-    """Pairs of components that meet at faces of two layers, without those that follow from others; how many.
-
-    A row of ``faces`` has a layer, another one, and the axis along which it follows; 3 where it has the same place, and
-    another rotation. ``parent``, shape (2 * MOST,), is room for union-find. ``sizes`` is given the number of pairs of
-    each face, and ``pairs`` the pairs, ``component * MOST + other component``.
-    """
-    counts = labels.counts
-    filled: int = np.int64(0)  # type: ignore[assignment]  # of one type for the compiler from the start
-    wide, rows, long = 1 << shifts[1], 1 << (shifts[0] + shifts[1]), 1 << shifts[2]
-    for n in range(len(faces)):
-        ours, theirs, axis = faces[n, 0], faces[n, 1], faces[n, 2]
-        for node in range(counts[ours]):
-            parent[node] = node
-        for node in range(MOST, MOST + counts[theirs]):
-            parent[node] = node
-        begin, most = filled, filled + counts[ours] + counts[theirs] - 1
-        for row in range(rows):
-            # The rows where the two touch: the last ones and the first, or, beside each other or in two slices, all.
-            other = row
-            if axis == 0:
-                other -= rows - wide
-            elif axis == 1:
-                other -= wide - 1 if row % wide == wide - 1 else rows
-            if other < 0:
-                continue
-            if filled == most:
-                break  # all are joined
-            own, other = ours * rows + row, theirs * rows + other
-            filled = join_rows(labels, own, other, long if axis == 2 else 0, parent, pairs, filled)
-        sizes[n] = filled - begin
-    return filled
-
-
 class Faces(NamedTuple):
     """What meets where two layers share a side, or a place in neighbouring rotation cells, face after face.
 
@@ -329,6 +295,50 @@ class Faces(NamedTuple):
 
     rows: Nodes
     pairs: Nodes
+
+
+@reader
+def meet_blocks(
+    labels: Labels, shifts: tuple[int, int, int], beside: Ints, groups: int, parent: Nodes, faces: Faces
+) -> tuple[int, int]:
+    """Faces of blocks that lie beside each other, without pairs that follow from others; how many rows and pairs.
+
+    A column of ``beside`` has a block, another one, the place of each among the labels, the first block's slice, and
+    the axis along which the other follows; 3 and more where it has the same place, and another rotation. Each slice has
+    so many ``groups``. ``parent``, shape (2 * MOST,), is room for union-find, and ``faces`` for what is found.
+    """
+    counts = labels.counts
+    kept: int = np.int64(0)  # type: ignore[assignment]  # of one type for the compiler from the start
+    filled = kept
+    wide, rows, long = 1 << shifts[1], 1 << (shifts[0] + shifts[1]), 1 << shifts[2]
+    for n in range(beside.shape[1]):
+        axis = beside[5, n]
+        for kind in range(KINDS):
+            ours, theirs = KINDS * beside[2, n] + kind, KINDS * beside[3, n] + kind
+            for node in range(counts[ours]):
+                parent[node] = node
+            for node in range(MOST, MOST + counts[theirs]):
+                parent[node] = node
+            begin, most = filled, filled + counts[ours] + counts[theirs] - 1
+            for row in range(rows if counts[ours] > 0 and counts[theirs] > 0 else 0):
+                # The rows where the two touch: the last ones and the first; beside each other or in two slices, all.
+                other = row
+                if axis == 0:
+                    other -= rows - wide
+                elif axis == 1:
+                    other -= wide - 1 if row % wide == wide - 1 else rows
+                if other < 0:
+                    continue
+                if filled == most:
+                    break  # all are joined
+                own, other = ours * rows + row, theirs * rows + other
+                filled = join_rows(labels, own, other, long if axis == 2 else 0, parent, faces.pairs, filled)
+            if filled > begin:
+                face = faces.rows[kept]
+                face[0], face[1] = KINDS * beside[0, n] + kind, KINDS * beside[1, n] + kind
+                face[2], face[3] = groups * beside[4, n] + max(axis - 2, 0), filled - begin
+                kept += 1
+    return kept, filled
 
 
 @reader
@@ -403,7 +413,7 @@ def look_up(blocks: Blocks, joined: Joined, cells: Ints, found: Ints) -> int:
     _, nx, ny, nz = blocks.grid
     asked, solid = 0, cells.shape[1] == 4
     for n in range(len(cells)):
-        start, s = joined.turns[cells[n, 0], 0], joined.turns[cells[n, 0], 1]
+        start, s = joined.starts[cells[n, 0]], joined.slices[cells[n, 0]]
         x, y, z = cells[n, 1] if solid else 0, cells[n, -2], cells[n, -1]
         inside = 0 <= x < nx and 0 <= y < ny and 0 <= z < nz
         state = 1
@@ -445,7 +455,7 @@ def look_into(joined: Joined, cells: Ints, places: Nodes, labels: Labels, found:
             if left < 0 or places[segment] < 0:
                 continue
             layer = KINDS * segment + kind
-            first = joined.turns[cells[n, 0], 0] + joined.base[layer]
+            first = joined.starts[cells[n, 0]] + joined.base[layer]
             line = (KINDS * places[segment] + kind) * rows + row
             found[kind, n] = -1
             for run in labels.runs[labels.ends[line] : labels.ends[line + 1]]:
@@ -481,6 +491,11 @@ class Components:
         grid, rim = (slices, *flat, *states.shape[1:]), np.asarray(rim_is_open, dtype=np.bool_)
         self._blocks = Blocks(cells_of(states), grid, shifts, shape, rim)
         self._turns = Turns.of(slice_of, neighbors, slices)
+        numbers = np.arange(math.prod(shape)).reshape(shape)
+        # From the number of a block to that of the next one along each axis, and in each of the later slices, or none.
+        after = [(np.roll(numbers, -1, axis) - numbers).ravel() for axis in range(3 - self._dim, 3)]
+        later = (self._turns.links - np.arange(slices)[:, None]) * numbers.size
+        self._steps = np.stack(after, axis=1), np.where(self._turns.links >= 0, later, -slices * numbers.size)
         self._changed = np.ones((slices, *shape), dtype=np.bool_)
         self._counts = np.zeros((self._changed.size, KINDS), dtype=np.int32)
         self._faces: Faces | None = None
@@ -491,14 +506,13 @@ class Components:
 
     def renew(self, boxes: Ints) -> None:
         """Note which blocks have to be joined anew at the next call: those of a box for each slice, (slices, 6)."""
-        for s, box in enumerate(boxes):
-            if (box[:3] <= box[3:]).all():
-                first, last = (box.reshape(2, 3) >> self._blocks.shifts).tolist()
-                own = [slice(low, high + 1) for low, high in zip(first, last, strict=True)]
-                self._changed[s][tuple(own)] = True
-                self._asked[0].reshape(self._changed.shape)[s][tuple(own)] = -1
-                self._joined = None
-                self._boxes.clear()
+        slices = np.flatnonzero((boxes[:, :3] <= boxes[:, 3:]).all(axis=1))
+        places, ends = self._asked[0].reshape(self._changed.shape), boxes[slices].reshape(-1, 2, 3)
+        for s, (first, last) in zip(slices.tolist(), (ends >> self._blocks.shifts).tolist(), strict=True):
+            own = tuple(slice(low, high + 1) for low, high in zip(first, last, strict=True))
+            self._changed[s][own], places[s][own] = True, -1
+            self._joined = None
+            self._boxes.clear()
 
     def of(self, cells: Ints) -> tuple[Ints, Ints]:
         """Numbers of the components of FREE cells, and of those that are not BLOCKED, that cells belong to; or -1.
@@ -525,7 +539,7 @@ class Components:
         """The box around a component; of its blocks those are labelled that may widen it, some of all sides first."""
         joined, (deep, wide, _), per = self._join(), self._blocks.shifts, KINDS * self._changed[0].size
         ours = np.zeros(joined.base[-1], dtype=np.bool_)
-        for start, s in np.unique(joined.turns, axis=0).tolist():
+        for start, s in set(zip(joined.starts.tolist(), joined.slices.tolist(), strict=True)):
             nodes = slice(*joined.base[[s * per, (s + 1) * per]].tolist())
             ours[nodes] |= joined.roots[start + nodes.start : start + nodes.stop] == number
         has = np.diff(np.append(0, np.cumsum(ours))[joined.base]) > 0
@@ -578,8 +592,10 @@ class Components:
         """What all blocks come to; those that changed are read again."""
         if self._joined is None:
             stale = self._changed.copy()
-            for axis in (1, 2, 3):
-                stale |= np.roll(self._changed, -1, axis)  # the block before has the face that it shares with this one
+            for axis in (1, 2, 3):  # the block before has the face that it shares with this one
+                before, changed = stale.swapaxes(0, axis), self._changed.swapaxes(0, axis)
+                before[:-1] |= changed[1:]
+                before[-1] |= changed[0]
             for later in self._turns.links.T:
                 stale[later >= 0] |= self._changed[later[later >= 0]]
             faces, self._faces = self._faces, None  # none are right while some are made
@@ -599,7 +615,8 @@ class Components:
     def _parts(self, own: Ints) -> list[Ints]:
         """Blocks in parts for a thread each; those of a part lie together, where there are more than a few."""
         if len(own) <= min(TASK, self._changed.size // 2):
-            return np.array_split(own, max(1, min(cores(), len(own) // LEAST)))
+            parts = max(1, min(cores(), len(own) // LEAST))
+            return [own[len(own) * k // parts : len(own) * (k + 1) // parts] for k in range(parts)]
         slices, strip, each = len(self._changed), self._changed.shape[3], self._changed[0].size
         tall = max(TALL, TASK // each)
         wide = max(1, TASK // min(tall, slices) // strip) * strip
@@ -611,33 +628,24 @@ class Components:
         """The faces of blocks, where they or those beside them have changed."""
         others, changed = self._beside(own), self._changed.reshape(-1)
         n, face = np.nonzero((others >= 0) & (changed[own][:, None] | changed[others]))
-        both = np.stack([own[n], others[n, face]])
-        segments = np.unique(np.append(own[changed[own]], both))
+        own, other = own[n], others[n, face]
+        segments = np.unique(np.concatenate([own, other]))
         labels = self._label(segments)
-        self._counts[segments] = labels.counts.reshape(-1, KINDS)
-        groups = own[n] // self._changed[0].size * (1 + self._turns.links.shape[1]) + np.maximum(face - 2, 0)
-        # From here on, faces of layers: those of one kind, and then of the other.
-        layers = np.hstack([KINDS * np.searchsorted(segments, both) + kind for kind in range(KINDS)])
-        meet = (labels.counts[layers] > 0).all(axis=0)
-        local = np.stack([*layers, np.tile(np.minimum(face, 3), KINDS)], axis=1)[meet].astype(np.int32)
-        sizes, pairs = np.empty(len(local), np.int32), np.empty(labels.counts[local[:, :2]].sum(), np.int32)
-        pairs = pairs[: meet_blocks(labels, self._blocks.shifts, local, np.empty(2 * MOST, np.int32), sizes, pairs)]
-        layers = np.hstack([KINDS * both + kind for kind in range(KINDS)])[:, meet]
-        rows = np.stack([*layers, np.tile(groups, KINDS)[meet], sizes], axis=1)[sizes > 0].astype(np.int32)
-        return Faces(rows, pairs.copy())
+        counts = labels.counts.reshape(-1, KINDS)
+        self._counts[segments] = counts
+        places = np.searchsorted(segments, own), np.searchsorted(segments, other)
+        beside = np.array([own, other, *places, own // self._changed[0].size, face + 3 - self._dim])
+        most = KINDS * len(face), counts.sum(axis=1)[beside[2:4]].sum()
+        faces = Faces(np.empty((most[0], 4), np.int32), np.empty(most[1], np.int32))
+        parent, groups = np.empty(2 * MOST, np.int32), 1 + self._turns.links.shape[1]
+        kept = meet_blocks(labels, self._blocks.shifts, beside, groups, parent, faces)
+        return Faces(*(array[:count].copy() for array, count in zip(faces, kept, strict=True)))
 
     def _beside(self, own: Ints) -> Ints:
         """The block that follows each of some along each axis, and those in its place in later slices; -1 fills up."""
-        slices, *at = np.unravel_index(own, self._changed.shape)
-        _, deep, wide, long = self._changed.shape
-        links = self._turns.links[slices]
-        others = np.full((len(own), 3 + links.shape[1]), -1)
-        for axis, count, step in ((0, deep, wide * long), (1, wide, long), (2, long, 1)):
-            if axis >= 3 - self._dim:
-                others[:, axis] = own + np.where(at[axis] + 1 < count, step, (1 - count) * step)
-        there = own[:, None] + (links - slices[:, None]) * (deep * wide * long)
-        others[:, 3:] = np.where(links >= 0, there, -1)
-        return others
+        (after, later), per = self._steps, self._changed[0].size
+        steps = np.concatenate([after[own % per], later[own // per]], axis=1)
+        return np.asarray(np.maximum(own[:, None] + steps, -1))
 
     def _corners(self, segments: Ints) -> Ints:
         """The first cells of some blocks, shape (3, n)."""
@@ -651,23 +659,24 @@ class Components:
         sizes = count * rows * ((1 + (1 << long)) // 2), count * rows + 1, count
         labels = Labels(*(np.empty(size, dtype=np.int32) for size in sizes))
         labels.ends[0] = 0
-        corners = np.stack([segments, segments // self._changed[0].size, *self._corners(segments)], axis=1)
         words = np.empty((min(len(segments), self._blocks.shape[2]), KINDS, rows), dtype=np.uint64)
         room = np.empty(MOST, dtype=np.int32), np.empty(MOST, dtype=np.int32)
-        label_blocks(self._blocks, corners, labels, words, room)
+        label_blocks(self._blocks, segments, labels, words, room)
         return labels
 
     def _nodes(self, faces: Faces, fresh: int) -> Joined:
         """Join the components of blocks over the whole map; faces are as they are now from number ``fresh`` on."""
         turns, per = self._turns, KINDS * self._changed[0].size
-        base = np.append(np.int32(0), np.cumsum(self._counts, dtype=np.int32))
+        base = np.zeros(self._counts.size + 1, dtype=np.int32)
+        np.cumsum(self._counts, out=base[1:])
         begins = base[::per].astype(np.int64)
-        ends = np.cumsum(np.diff(begins)[turns.slice_of])
-        starts = np.append(0, ends[:-1]) - begins[turns.slice_of]
+        sizes = (begins[1:] - begins[:-1])[turns.slice_of]
+        ends = np.cumsum(sizes)
+        starts = ends - sizes - begins[turns.slice_of]
         roots = np.arange(ends[-1], dtype=np.int32)
         uses, changed = starts[turns.uses], self._changed.reshape(-1)
         self._struck = join_nodes(roots, base, faces, fresh, changed, uses, turns.ends)
-        return Joined(base, np.stack([starts, turns.slice_of], axis=1)[turns.copy_of], roots)
+        return Joined(base, starts[turns.copy_of], turns.slice_of[turns.copy_of], roots)
 
 
 def _followed(array: Nodes, kept: int, parts: Sequence[Nodes]) -> Nodes:

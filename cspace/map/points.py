@@ -18,6 +18,7 @@ from cspace.grid import MAX_COORDINATE, SLACK
 from cspace.map import turning
 from cspace.map.record import Map
 from cspace.map.storage import Cells, state_in
+from cspace.orientation import TURN
 from cspace.states import FREE, MIXED
 
 Floats = NDArray[np.float64]
@@ -57,7 +58,7 @@ INSIDE, ASK = 255, 254
 @inner(forceinline=True)
 def configuration(map_: Map, points: Floats, k: int) -> Numbers:
     """Row k of an array of configurations as a tuple."""
-    q = map_.lower + turning.blank(map_.rotations)
+    q = map_.lower + turning.origin(map_.rotations)
     for axis in range(len(q)):
         q = replaced(q, axis, points[k, axis])
     return q
@@ -133,19 +134,19 @@ def codes_of(map_: Map, places: Floats, slices: Ints, cells: Ints, codes: States
     """Cells of points that are given in cells, and what is to be made of each point.
 
     A point in the grid gets its cell's number in ``cells`` and the code INSIDE; one that is plainly outside gets its
-    state for a code, where there is a single slice; and what is left ASK: not usable, or so near the grid's upper
+    state for a code, where the robot does not turn; and what is left ASK: not usable, or so near the grid's upper
     border that rounding may decide. There are no branches, so that the loop becomes wide instructions. Gives how many
     are to be asked about.
     """
     dim, shape = len(map_.lower), map_.states.shape
-    dof = dim + len(turning.blank(map_.rotations))
+    dof = dim + len(turning.origin(map_.rotations))
     # As tuples: what lies in arrays would be read again after every write.
     sizes, first, last = map_.lower, map_.lower, map_.lower
     for axis in range(dim):
         sizes = replaced(sizes, axis, float(shape[axis + 1]))
         first = replaced(first, axis, float(map_.exterior[0, axis]))
         last = replaced(last, axis, float(map_.exterior[0, axis + dim]) + 1.0)
-    beyond, several = np.uint8(map_.exterior[0, 2 * dim]), shape[0] > 1
+    beyond, several = np.uint8(map_.exterior[0, 2 * dim]), dof > dim  # known to the compiler, which leaves out the rest
     asked = 0
     for k in range(cells.shape[0]):
         cell = turning.slice_among(map_.rotations, slices, k)
@@ -201,16 +202,15 @@ def classify_many(map_: Map, points: Floats, out: States) -> int:
     numbers, dof = points.reshape(-1), points.shape[1]
     size = min(BLOCK, len(points))
     lows, scales, places = np.empty(dof * size), np.empty(dof * size), np.empty(dof * size)
-    for m in range(dof * size):
-        lows[m], scales[m] = 0.0, 1.0
-    for axis in range(len(map_.lower)):
+    origin = map_.lower + turning.origin(map_.rotations)
+    for axis in range(len(origin)):
         for m in range(axis, dof * size, dof):
-            lows[m], scales[m] = map_.lower[axis], map_.spacing
+            lows[m], scales[m] = origin[axis], map_.spacing if axis < len(map_.lower) else TURN
     cells, codes, slices = np.empty(size, np.int64), np.empty(size, np.uint8), np.empty(size, np.int64)
     for first in range(0, points.shape[0], BLOCK):
         last = min(first + BLOCK, points.shape[0])
         scaled(numbers[dof * first : dof * last], lows, scales, places)
-        turning.slices_at(map_.rotations, points[first:last], slices)
+        turning.slices_at(map_.rotations, points[first:last], places, slices)
         asked = codes_of(map_, places, slices, cells[: last - first], codes)
         read_states(map_.cells, cells[: last - first], codes, out[first:last])
         if asked == 0:

@@ -40,8 +40,8 @@ Cursor = Any
 # ---- what look-ups call ----------------------------------------------------------------------------------------------
 
 
-def blank(rotations: CompiledRotations) -> Numbers:
-    """A tuple as long as the rotation in a configuration."""
+def origin(rotations: CompiledRotations) -> Numbers:
+    """What the numbers of a rotation in a configuration are counted from, a yaw from the first border; a tuple."""
     raise NotImplementedError
 
 
@@ -55,8 +55,11 @@ def slice_at(rotations: CompiledRotations, q: Numbers) -> int:
     raise NotImplementedError
 
 
-def slices_at(rotations: CompiledRotations, points: Floats, out: Ints) -> None:
-    """The same of many, shape (n, dof), for :func:`slice_among` to read."""
+def slices_at(rotations: CompiledRotations, points: Floats, places: Floats, out: Ints) -> None:
+    """The same of many, shape (n, dof), for :func:`slice_among` to read; a yaw's ``places`` are turns from its origin.
+
+    Those are all numbers in a row, as the compiler likes them.
+    """
     raise NotImplementedError
 
 
@@ -111,7 +114,7 @@ def matrix_of(rotations: CompiledRotations, q: Numbers) -> Matrix:
 # ---- one cell --------------------------------------------------------------------------------------------------------
 
 
-def _one_blank(rotations: OneCell) -> tuple[()]:
+def _one_origin(rotations: OneCell) -> tuple[()]:
     return ()
 
 
@@ -123,7 +126,7 @@ def _one_slice_at(rotations: OneCell, q: Numbers) -> int:
     return 0
 
 
-def _one_slices_at(rotations: OneCell, points: Floats, out: Ints) -> None:
+def _one_slices_at(rotations: OneCell, points: Floats, places: Floats, out: Ints) -> None:
     pass
 
 
@@ -228,8 +231,8 @@ def share(low: float, high: float, start: float, turn: float) -> tuple[float, fl
     return min(a, b), max(a, b)
 
 
-def _yaw_blank(rotations: YawCells) -> tuple[float]:
-    return (0.0,)
+def _yaw_origin(rotations: YawCells) -> tuple[float]:
+    return (rotations.borders[0],)
 
 
 def _yaw_is_usable(rotations: YawCells, q: Numbers) -> bool:
@@ -240,14 +243,13 @@ def _yaw_slice_at(rotations: YawCells, q: Numbers) -> int:
     return int(rotations.slice_of[cell_of_wrapped(rotations.borders, wrapped(rotations.borders, q[-1]))])
 
 
-def _yaw_slices_at(rotations: YawCells, points: Floats, out: Ints) -> None:
-    borders, last = rotations.borders, points.shape[1] - 1
-    angles = np.empty(len(points))
-    for k in range(len(points)):  # one loop over plain numbers, which the compiler turns into wide instructions
-        angles[k] = points[k, last] - np.floor((points[k, last] - borders[0]) / TURN) * TURN
+def _yaw_slices_at(rotations: YawCells, points: Floats, places: Floats, out: Ints) -> None:
+    last = np.uint64(points.shape[1] - 1)  # unsigned: no index is counted from the end
     for k in range(len(points)):
-        number = rotations.slice_of[np.uint64(cell_of_wrapped(borders, angles[k]))]
-        out[k] = number if abs(points[k, last]) <= MAX_YAW else -1
+        yaw = points[k, last]
+        angle = yaw - np.floor(places[np.uint64(points.shape[1] * k) + last]) * TURN
+        number = rotations.slice_of[np.uint64(cell_of_wrapped(rotations.borders, angle))]
+        out[k] = number if abs(yaw) <= MAX_YAW else -1
 
 
 def _yaw_slice_among(rotations: YawCells, slices: Ints, k: int) -> int:
@@ -391,7 +393,7 @@ def is_unit(q: Numbers) -> bool:
     return abs(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3] - 1.0) <= 2.0 * NORM_SLACK  # nor is NaN
 
 
-def _quaternion_blank(rotations: QuaternionCells) -> tuple[float, float, float, float]:
+def _quaternion_origin(rotations: QuaternionCells) -> tuple[float, float, float, float]:
     return (0.0, 0.0, 0.0, 0.0)
 
 
@@ -404,7 +406,7 @@ def _quaternion_slice_at(rotations: QuaternionCells, q: Numbers) -> int:
     return int(rotations.slice_of[cell_of_parts(rotations.borders, chart, i, j, k)])
 
 
-def _quaternion_slices_at(rotations: QuaternionCells, points: Floats, out: Ints) -> None:
+def _quaternion_slices_at(rotations: QuaternionCells, points: Floats, places: Floats, out: Ints) -> None:
     borders = rotations.borders
     for m in range(len(points)):
         q = (points[m, 3], points[m, 4], points[m, 5], points[m, 6])
@@ -617,7 +619,7 @@ def _quaternion_matrix_of(rotations: QuaternionCells, q: Numbers) -> Matrix:
 # ---- which is taken --------------------------------------------------------------------------------------------------
 
 _MADE = {
-    blank: {OneCell: _one_blank, YawCells: _yaw_blank, QuaternionCells: _quaternion_blank},
+    origin: {OneCell: _one_origin, YawCells: _yaw_origin, QuaternionCells: _quaternion_origin},
     is_usable: {OneCell: _one_is_usable, YawCells: _yaw_is_usable, QuaternionCells: _quaternion_is_usable},
     slice_at: {OneCell: _one_slice_at, YawCells: _yaw_slice_at, QuaternionCells: _quaternion_slice_at},
     slices_at: {OneCell: _one_slices_at, YawCells: _yaw_slices_at, QuaternionCells: _quaternion_slices_at},
