@@ -4,7 +4,7 @@ Every name is imported when it is first asked for, so that importing the package
 """
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from cspace.states import BLOCKED as BLOCKED
 from cspace.states import FREE as FREE
@@ -66,14 +66,16 @@ _HOME = {
 __all__ = ["BLOCKED", "FREE", "MIXED", "__version__", *_HOME]
 
 
-def __getattr__(name: str) -> Any:
-    try:
-        module, attribute = _HOME[name]
-    except KeyError:
-        raise AttributeError(f"module 'cspace' has no attribute {name!r}") from None
-    value = getattr(import_module(module), attribute)
-    globals()[name] = value
-    return value
+if not TYPE_CHECKING:
+
+    def __getattr__(name: str) -> object:
+        try:
+            module, attribute = _HOME[name]
+        except KeyError:
+            raise AttributeError(f"module 'cspace' has no attribute {name!r}") from None
+        value = getattr(import_module(module), attribute)
+        globals()[name] = value
+        return value
 
 
 def __dir__() -> list[str]:

@@ -148,20 +148,22 @@ def build(
     margin, cells = not_negative(margin, "margin", GROWN), Rotations.of(rotations)
     _check(workspace, robot, cells, method, overlap, outside, workers)
     if store is not None:
-        from cspace.tiles.build import Means, Settings, build_tiles
+        from cspace.tiles.build import Settings, build_tiles
 
         if overlap:
             rule, mend = "a store of tiles keeps states alone", "leave it out, and ask windows of the map for overlaps"
             raise InputError("overlap", "is True, with a store", rule, mend, value=overlap)
-        kept: Settings = {
+        settings: Settings = {
             "rotations": cells,
             "inner": inner,
             "method": method,
             "outside": outside,
             "margin": margin,
+            "client": client,
+            "workers": workers,
+            "progress": progress,
         }
-        means: Means = {"client": client, "workers": workers, "progress": progress}
-        return build_tiles(workspace, robot, store, tile, kept, means)
+        return build_tiles(workspace, robot, store, tile, settings)
     if client is not None:
         raise InputError(
             "client", "is given without a store", "its workers make tiles", "pass store='map.zarr'", value=client

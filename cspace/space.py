@@ -25,7 +25,7 @@ from cspace.memory import JOINED_BYTES, check_memory
 from cspace.raster.raster import Raster
 from cspace.robot import Robot
 from cspace.rotations import Rotations
-from cspace.shapes import Shape, shape_of
+from cspace.shapes import Shape, ShapeLike, shape_of
 from cspace.states import FREE, MIXED, NAMES
 from cspace.workspace import Workspace
 
@@ -623,7 +623,7 @@ class CSpace(ConfigurationMap):
         with self._lock:
             return self._updates.update(patch)
 
-    def place(self, name: str, obstacle: object, *, radius: ArrayLike | None = None) -> Update:
+    def place(self, name: str, obstacle: ShapeLike, *, radius: ArrayLike | None = None) -> Update:
         """Place an obstacle of a name, in metres, or move it there, and have this map follow.
 
         The map is from then on what a build would give with these obstacles: what the workspace holds otherwise, and

@@ -149,9 +149,9 @@ class Workspace:
         InputError
             As :func:`cspace.plot.plot`.
         """
-        from cspace.plot import plot_workspace
+        from cspace.plot.picture import Bare, plot
 
-        return plot_workspace(self, **options)
+        return plot(Bare(self), **options)
 
     @classmethod
     def from_array(

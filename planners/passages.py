@@ -18,6 +18,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.configuration_space import ConfigurationSpace
 from cspace.map.chain import open_chain
 from cspace.map.points import FEW
 from cspace.memory import KEEP, free_bytes
@@ -135,7 +136,8 @@ class Passages:
                 path = self._walk(chain, start, goal, closed, rng)
                 if path is not None:
                     by_length = self.search.simplify and self.search.objective is None
-                    path = self._shortened(path) if by_length else path
+                    until = self.began + self.time_limit
+                    path = shortened(space, path, len(path), exact=True, until=until) if by_length else path
                     return Found(path, THROUGH, time.perf_counter() - self.began)
             share *= 2.0
             if search.seed is not None:  # else it would look again where it was
@@ -246,19 +248,21 @@ class Passages:
         steps[space.grid.dim :] = 2.0 * space.rotations.covering_angles[cell[0]]
         return steps
 
-    def _shortened(self, path: Floats) -> Floats:
-        """The path without the configurations that exact edges can leave out."""
-        kept, at = [0], 0
-        while at < len(path) - 1:
-            ahead = np.arange(at + 1, len(path))
-            if self._left() < 0.0:
-                kept += ahead.tolist()
-                break
-            free = np.asarray(self.edges.space.motion_is_free(path[at], path[ahead], exact=True))
-            free[0] = True
-            at = int(ahead[np.flatnonzero(free)[-1]])
-            kept.append(at)
-        return path[kept]
+
+def shortened(
+    space: ConfigurationSpace, path: Floats, ahead: int, *, exact: bool = False, until: float = math.inf
+) -> Floats:
+    """A path without the waypoints that free edges to one of the next ``ahead`` ones pass by, as far as time allows."""
+    kept, at = [0], 0
+    while at < len(path) - 1:
+        if time.perf_counter() > until:
+            return path[[*kept, *range(at + 1, len(path))]]
+        after = np.arange(at + 1, min(at + 1 + ahead, len(path)))
+        free = np.asarray(space.motion_is_free(path[at], path[after], exact=exact))
+        free[0] = True  # the path itself
+        at = int(after[np.flatnonzero(free)[-1]])
+        kept.append(at)
+    return path[kept]
 
 
 def _runs(mixed: NDArray[Any], more: int) -> list[tuple[int, int]]:

@@ -18,11 +18,11 @@ from cspace.space import CSpace
 from planners.catalogue import BIRRT, CUBES, IGNORE_OBJECTIVES, OWN, SECOND_THREAD, WIDEST, planner_named
 from planners.local_planner import HOLONOMIC, ON_THE_SPOT, LocalPlanner, check_flag, local_planner, takes_curve, text
 from planners.objectives import ClearanceObjective, OverlapObjective, WeightedLength, edges_on_map, overlap_field
-from planners.passages import Passages
+from planners.passages import Passages, shortened
 from planners.result import Plan, Times
 from planners.search import Found, Search
 from planners.setup import MakeObjective
-from planners.states import Configuration, Floats
+from planners.states import Configuration
 
 MAX_SEED: Final = 2**32 - 2
 """Largest seed: OMPL's generator takes 32 bits, and refuses zero."""
@@ -279,7 +279,7 @@ def _found(
     began = time.perf_counter()
     search = search_on(edges.space)
     if search.simplify and search.objective is None and edges.drive == HOLONOMIC:
-        path = _shortened(edges, path)
+        path = shortened(edges.space, path, AHEAD)
     return Found(path, f"through {len(legs)} tiles", planning, simplification + time.perf_counter() - began, True)
 
 
@@ -306,17 +306,6 @@ def _leg(
         if exists and edges.space.rotations.names and search.may_stop:
             return passages.run_free(*ends)
     return search.run(edges, *ends, limit, joined=exists is True)
-
-
-def _shortened(edges: LocalPlanner, path: Floats) -> Floats:
-    """A path without the waypoints that a free straight edge passes by."""
-    kept, at = [0], 0
-    while at < len(path) - 1:
-        ahead = np.arange(at + 1, min(at + 1 + AHEAD, len(path)))
-        free = np.asarray(edges.space.motion_is_free(path[at], path[ahead]))
-        at = int(ahead[np.flatnonzero(free)[-1]]) if free.any() else at + 1
-        kept.append(at)
-    return path[kept]
 
 
 def _status(found: Found, planner: str, edges: LocalPlanner, exists: bool | None, limit: float) -> tuple[str, str]:

@@ -14,6 +14,8 @@ from cspace.cli.options import (
     Json,
     MapFile,
     Overwrite,
+    PathFile,
+    Place,
     Radius,
     SolidMesh,
     SolidRobot,
@@ -147,13 +149,9 @@ def picture(
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="PNG", readable=False, help="The picture: .png, .pdf or .svg.")
     ],
-    path: Annotated[
-        Path | None, typer.Option(metavar="FILE", readable=False, help="A path to draw: .csv or .json.")
-    ] = None,
-    start: Annotated[
-        str | None, typer.Option(metavar="X,Y[,Z][,TURN]", help="A configuration to mark, metres.")
-    ] = None,
-    goal: Annotated[str | None, typer.Option(metavar="X,Y[,Z][,TURN]", help="A configuration to mark, metres.")] = None,
+    path: PathFile = None,
+    start: Place = None,
+    goal: Place = None,
     robot_every: Annotated[
         float | None, typer.Option(metavar="METRES", help="Path between two drawn robots  [default: chosen].")
     ] = None,
@@ -262,15 +260,9 @@ def export(
 
 def view(
     file: MapFile,
-    path: Annotated[
-        Path | None, typer.Option(metavar="FILE", readable=False, help="A path to show: .csv or .json.")
-    ] = None,
-    start: Annotated[
-        str | None, typer.Option(metavar="X,Y[,Z][,TURN]", help="Where the start is at first  [default: chosen].")
-    ] = None,
-    goal: Annotated[
-        str | None, typer.Option(metavar="X,Y[,Z][,TURN]", help="Where the goal is at first  [default: chosen].")
-    ] = None,
+    path: PathFile = None,
+    start: Place = None,
+    goal: Place = None,
     host: Annotated[
         str, typer.Option(metavar="ADDRESS", help="Where to serve the page; 0.0.0.0 lets all of the network in.")
     ] = "127.0.0.1",

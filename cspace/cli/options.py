@@ -27,6 +27,14 @@ Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace existing o
 # Typer looks at files before any command runs and tells of them in its own way; the library does it better.
 MapFile = Annotated[Path, typer.Argument(metavar="MAP", readable=False, help="A saved map: .zarr or .npz.")]
 
+PathFile = Annotated[
+    Path | None, typer.Option("--path", metavar="FILE", readable=False, help="A path to show: .csv or .json.")
+]
+Place = Annotated[
+    str | None,
+    typer.Option(metavar="X,Y[,Z][,TURN]", help="A configuration to show, metres  [default: the end of the path]."),
+]
+
 _EXAMPLES = {"x": "-1.5", "y": "2", "z": "0.5", "yaw": "90deg", "qx": "0", "qy": "0", "qz": "0", "qw": "1"}
 """Numbers of configurations, for messages."""
 

@@ -6,7 +6,7 @@ import json
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -93,7 +93,7 @@ def open_slice(path: str | os.PathLike[str], rotation: ArrayLike = ()) -> NDArra
         As :func:`cspace.open`, of what is read.
     """
     if not _is_folder(path):
-        return open_map(path).slice_at(rotation)
+        return cast(CSpace, open_map(path)).slice_at(rotation)  # only folders hold tiles
     _, table = read_parts(path)
     rotations = Rotations.from_coordinates(table)
     _, parts = read_parts(path, int(table["slice_of"][rotations.cells_of(rotations.checked(rotation))]))

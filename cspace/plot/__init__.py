@@ -1,6 +1,6 @@
 """Pictures of maps, and animations of a robot on its way in the plane; nothing here opens a window."""
 
 from cspace.plot.animation import animate
-from cspace.plot.picture import SUFFIXES, as_html, plot, plot_workspace, save_plot, thumbnail
+from cspace.plot.picture import SUFFIXES, as_html, plot, save_plot, thumbnail
 
-__all__ = ["SUFFIXES", "animate", "as_html", "plot", "plot_workspace", "save_plot", "thumbnail"]
+__all__ = ["SUFFIXES", "animate", "as_html", "plot", "save_plot", "thumbnail"]

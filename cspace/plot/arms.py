@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypedDict
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.io.polygons import joined
 from cspace.plot import artists
 from cspace.plot.route import Floats, Look, polyline, simplified
 from cspace.plot.surface import (
@@ -79,7 +80,9 @@ class ArmFigure:
         self._arm = arm = space.arm
         self.links = {}
         for link in arm.links:
-            whole = joined([Surface(part.moved(part.shape.surface[0]), part.shape.surface[1]) for part in link.parts])
+            whole = Surface(
+                *joined([(part.moved(part.shape.surface[0]), part.shape.surface[1]) for part in link.parts])
+            )
             back = np.linalg.inv(arm.frames.get(link.name, np.eye(4)))
             self.links[link.name] = whole._replace(vertices=moved(whole.vertices, back))
         self.obstacles = {
@@ -110,13 +113,6 @@ class ArmFigure:
     def tips(self, points: Floats) -> Floats:
         """Where the middle of the :attr:`tip` is at configurations, shape (n, 3)."""
         return np.stack([moved(self._middle, self._arm.poses(q)[self.tip]) for q in points])
-
-
-def joined(surfaces: list[Surface]) -> Surface:
-    """Surfaces as one."""
-    starts = np.cumsum([0, *(len(each.vertices) for each in surfaces)])
-    faces = [each.faces + start for each, start in zip(surfaces, starts.tolist(), strict=False)]
-    return Surface(np.concatenate([each.vertices for each in surfaces]), np.concatenate(faces))
 
 
 def moved(points: Floats, pose: Floats) -> Floats:

@@ -55,7 +55,7 @@ _DPI: Final = 100.0
 
 
 class WorkspaceOptions(TypedDict, total=False):
-    """What :func:`plot_workspace` takes beside the workspace."""
+    """What :meth:`cspace.Workspace.plot` takes: those options that need no robot."""
 
     ax: Axes
     legend: bool
@@ -71,10 +71,10 @@ class PlotOptions(WorkspaceOptions, total=False):
     """What :func:`plot` takes beside the map."""
 
     rotation: ArrayLike
-    path: ArrayLike | HasPath
+    path: ArrayLike | HasPath | None
     start: ArrayLike
     goal: ArrayLike
-    robot_every: float
+    robot_every: float | None
     surface: str
 
 
@@ -193,11 +193,6 @@ def plot(
     return drawn
 
 
-def plot_workspace(workspace: Any, **options: Unpack[WorkspaceOptions]) -> Axes:
-    """Draw the obstacles alone; as :func:`plot`, with those of its options that need no robot."""
-    return plot(Bare(workspace), **options)
-
-
 class Bare:
     """A workspace as pictures of maps see it: without a robot, FREE where it is open and BLOCKED in obstacles."""
 
@@ -263,7 +258,12 @@ def view_of(axes: Sequence[str], view: str | None, options: Mapping[str, Any]) -
 
 
 def save_plot(
-    space: MapLike, file: str | os.PathLike[str], overwrite: bool = False, *, dpi: float = 150.0, **options: Any
+    space: MapLike,
+    file: str | os.PathLike[str],
+    overwrite: bool = False,
+    *,
+    dpi: float = 150.0,
+    **options: Unpack[PlotOptions],
 ) -> Path:
     """Draw a map into a file.
 
@@ -322,7 +322,7 @@ def save_figure(draw: Callable[[], Any], file: str | os.PathLike[str], overwrite
     return target
 
 
-def thumbnail(subject: Any) -> bytes:
+def thumbnail(subject: object) -> bytes:
     """A small PNG of a map, a workspace, a robot or a plan, about 200 pixels wide or high, without axes or words.
 
     In space, maps and workspaces show the layer of cells at half their height, robots their outline from above.
@@ -359,7 +359,7 @@ def thumbnail(subject: Any) -> bytes:
     return file.getvalue()
 
 
-def as_html(subject: Any, lines: Iterable[str]) -> str:
+def as_html(subject: object, lines: Iterable[str]) -> str:
     """The thumbnail of a map, a workspace, a robot or a plan and some lines of text below it, for notebooks."""
     return f"{_image(thumbnail(subject))}<p>{'<br>'.join(map(escape, lines))}</p>"
 

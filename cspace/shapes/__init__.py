@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,6 +16,7 @@ from cspace.shapes.balls import BallSet as BallSet
 from cspace.shapes.balls import check_balls as check_balls
 from cspace.shapes.bracketed import Bracketed as Bracketed
 from cspace.shapes.mesh import Mesh as Mesh
+from cspace.shapes.mesh import MeshLike as MeshLike
 from cspace.shapes.mesh import MeshWarning as MeshWarning
 from cspace.shapes.point import Point as Point
 from cspace.shapes.polygon import Polygons as Polygons
@@ -23,6 +24,14 @@ from cspace.shapes.shape import Pieces as Pieces
 from cspace.shapes.shape import Shape as Shape
 from cspace.shapes.voxels import Box as Box
 from cspace.shapes.voxels import Voxels as Voxels
+
+if TYPE_CHECKING:
+    from shapely.geometry.base import BaseGeometry
+
+ShapeLike: TypeAlias = (
+    "Shape | BaseGeometry | Mapping[str, object] | Iterable[BaseGeometry] | MeshLike | BallSet | ArrayLike"
+)
+"""What :func:`shape_of` takes."""
 
 _FROM_SPEC: Final[dict[str, Callable[[Mapping[str, Any]], Shape]]] = {
     "balls": Balls.from_spec,
@@ -43,7 +52,7 @@ def shape_from_spec(spec: Mapping[str, Any]) -> Shape:
     return _FROM_SPEC[spec["kind"]](spec)
 
 
-def shape_of(source: Any, radius: ArrayLike | None = None) -> Shape:
+def shape_of(source: ShapeLike, radius: ArrayLike | None = None) -> Shape:
     """The shape that anything stands for.
 
     Parameters
@@ -62,20 +71,21 @@ def shape_of(source: Any, radius: ArrayLike | None = None) -> Shape:
 
     if isinstance(source, Shape) and radius is None:
         return source
+    given: Any = source
     if radius is not None or isinstance(source, BallSet):
-        return Balls.of(source, radius)
+        return Balls.of(given, radius)
     if isinstance(source, str | os.PathLike):
         solid = Path(source).suffix.lower() in SUFFIXES
         return Mesh.of(source) if solid else Polygons(read_shapes(source))
     if getattr(source, "dtype", None) == np.bool_:
         mend = "pass cspace.shapes.Voxels.of(cells, spacing), in metres"
         raise InputError("shape", "is an array of cells", "it must be told how large they are", mend)
-    several = isinstance(source, list | tuple) or (isinstance(source, np.ndarray) and source.ndim > 0)
-    first = next(iter(source), {}) if several else source
+    several = isinstance(given, list | tuple) or (isinstance(given, np.ndarray) and given.ndim > 0)
+    first = next(iter(given), {}) if several else given
     if isinstance(first, shapely.Geometry | Mapping):
-        return Polygons(read_shapes(source))
+        return Polygons(read_shapes(given))
     if several and np.shape(first) == (2,):
-        return Polygons.of(source)
+        return Polygons.of(given)
     if several and np.shape(first) == (3,):
         raise InputError("shape", "is points", "they are balls around them", "pass their radius, 0.0 for points alone")
-    return Mesh.of(source)
+    return Mesh.of(given)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from cspace.compiling import inner, jit, reader
 from cspace.errors import GeometryError, InputError
 from cspace.grid import check_word, positive, whole
-from cspace.shapes import shape_of
+from cspace.shapes import ShapeLike, shape_of
 from cspace.spectral.bump import VOLUME
 from cspace.spectral.regions import (
     Lattice,
@@ -47,7 +47,7 @@ ROUNDS: Final = 6  # how often every ball is moved, at most
 
 
 def decompose(
-    shape: Any, *, kind: Kind = "inner", number: int | None = None, tolerance: float | None = None
+    shape: ShapeLike, *, kind: Kind = "inner", number: int | None = None, tolerance: float | None = None
 ) -> Spheres:
     """Balls that fill a shape from inside, or that cover it.
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import reduce
-from typing import TYPE_CHECKING, Any, Final, Literal, overload
+from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,8 +25,13 @@ from cspace.spectral.inputs import check_dims, check_solid_balls
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
+    from cspace.robot import Robot
+
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
+
+BallsLike: TypeAlias = "BallSet | Robot | tuple[ArrayLike, ArrayLike]"
+"""Balls: what has ``centers`` and ``radii``, a robot of balls, or a pair of arrays of these."""
 
 ROUNDING: Final = 2.0**-50
 """Bound, with room to spare, of the relative error of the few operations that turn and shift a coordinate."""
@@ -123,7 +128,7 @@ class BallDescriptor(Balls):
         return BallDescriptor(self.centers, steps[places if up else places - 1], self.bump)
 
 
-def balls_of(source: Any, name: str, bump: Bump) -> BallDescriptor:
+def balls_of(source: BallsLike, name: str, bump: Bump) -> BallDescriptor:
     """The balls of an object with ``centers`` and ``radii``, of a robot of balls, or of a pair of arrays; InputError if
     it is none of these."""
     pair: Any = source
@@ -137,12 +142,12 @@ def balls_of(source: Any, name: str, bump: Bump) -> BallDescriptor:
     return BallDescriptor(pair[0], pair[1], bump)
 
 
-def bump_of(bump: Bump | None, *sources: Any) -> Bump:
+def bump_of(bump: Bump | None, *sources: object) -> Bump:
     """The bump that was asked for, or else that of the sources that have one, or else the usual one.
 
     Raises InputError if it is no bump, or none was asked for and those of the sources differ.
     """
-    bumps = {source.bump for source in sources if isinstance(getattr(source, "bump", None), Bump)}
+    bumps = {own for source in sources if isinstance(own := getattr(source, "bump", None), Bump)}
     if bump is None and len(bumps) > 1:
         raise InputError("bump", f"is left out, and the descriptors have {bumps}", "both must have one", "pass bump=")
     return check_bump(bumps.pop() if bump is None and bumps else bump)

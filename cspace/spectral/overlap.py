@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
-from typing import Any, Final, overload
+from typing import TYPE_CHECKING, Final, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,10 +25,13 @@ from cspace.spectral.bands import (
     touching_overlap,
 )
 from cspace.spectral.bump import Bump, pair_integrals
-from cspace.spectral.descriptors import ROUNDING, BallDescriptor, balls_of, bump_of
+from cspace.spectral.descriptors import ROUNDING, BallDescriptor, BallsLike, balls_of, bump_of
 from cspace.spectral.inputs import check_dims
 from cspace.spectral.regions import gaps
 from cspace.spectral.spectra import nufft
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 Bytes = NDArray[np.uint8]
 Floats = NDArray[np.float64]
@@ -124,8 +127,8 @@ class FourierOverlap:
 
     def __init__(
         self,
-        a: Any,
-        b: Any,
+        a: BallsLike,
+        b: BallsLike,
         *,
         bump: Bump | None = None,
         threshold: float = 0.0,
@@ -159,10 +162,10 @@ class FourierOverlap:
     @classmethod
     def of_shapes(
         cls,
-        outer_a: Any,
-        outer_b: Any,
-        inner_a: Any = None,
-        inner_b: Any = None,
+        outer_a: BallsLike,
+        outer_b: BallsLike,
+        inner_a: BallsLike | None = None,
+        inner_b: BallsLike | None = None,
         *,
         swell: float,
         classes: int = 8,
@@ -273,7 +276,7 @@ class FourierOverlap:
         """The derivatives of :meth:`value`, shape (..., d): metres, or square metres in space."""
         return self._sums(t, self._slopes)
 
-    def rotated(self, rotation: Any) -> FourierOverlap:
+    def rotated(self, rotation: ArrayLike | Rotation) -> FourierOverlap:
         """The same with A turned about the origin of its frame: by an angle in the plane, radians, a matrix of shape
         (d, d) or a scipy Rotation; InputError if it is none of these.
 
@@ -376,7 +379,7 @@ class FourierOverlap:
         return out.reshape(*places.shape[:-1], len(sums))
 
 
-def _rotation_matrix(rotation: Any, dim: int) -> Floats:
+def _rotation_matrix(rotation: ArrayLike | Rotation, dim: int) -> Floats:
     """The rotation matrix next to an angle in the plane, a matrix or a scipy Rotation, shape (dim, dim)."""
     values = finite(rotation.as_matrix() if hasattr(rotation, "as_matrix") else rotation, "rotation")
     if dim == 2 and values.ndim == 0:

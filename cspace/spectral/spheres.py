@@ -27,7 +27,7 @@ Kind = Literal["inner", "outer"]
 
 KINDS: Final = ("inner", "outer")
 FORMAT: Final = "cspace-spheres"
-VERSIONS: Final = (1, 2)  # that are read; the last one is written. The first also told a method
+VERSION: Final = 2
 
 COLORS: Final = {"inner": "#0072b2", "outer": "#d55e00"}
 """Of balls, from Okabe and Ito (2008)."""
@@ -158,7 +158,7 @@ class Spheres:
         from cspace.io.output import replacing
 
         suffix_of(path, READERS, RULE)
-        record: dict[str, Any] = {"format": FORMAT, "version": VERSIONS[-1], "kind": self.kind}
+        record: dict[str, Any] = {"format": FORMAT, "version": VERSION, "kind": self.kind}
         record |= {name: list(getattr(self, name)) for name in _BOUNDS}
         record |= {"centers": self.centers.tolist(), "radii": self.radii.tolist()}
         with replacing(path, overwrite) as temporary:
@@ -176,9 +176,9 @@ class Spheres:
         record, name = load(path, "file of balls"), os.fspath(path)
         if not isinstance(record, Mapping) or record.get("format") != FORMAT:
             raise FileError(name, "holds no balls", f"its format must be {FORMAT!r}", "pass a file of Spheres.save")
-        if record.get("version") not in VERSIONS:
+        if record.get("version") != VERSION:
             version = f"has version {record.get('version')!r}"
-            raise FileError(name, version, f"this library reads {VERSIONS}", "use the library that wrote it")
+            raise FileError(name, version, f"this library reads {VERSION}", "use the library that wrote it")
         try:
             bounds = {key: record[key] for key in _BOUNDS}
             return cls(record["centers"], record["radii"], record["kind"], **bounds)

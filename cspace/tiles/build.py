@@ -42,11 +42,6 @@ class Settings(TypedDict):
     method: str
     outside: str
     margin: float
-
-
-class Means(TypedDict):
-    """What it is built by."""
-
     client: Client | None
     workers: int | None
     progress: Progress | None
@@ -58,7 +53,6 @@ def build_tiles(
     store: str | os.PathLike[str],
     tile: int | Sequence[int],
     settings: Settings,
-    means: Means,
 ) -> TiledCSpace:
     """What :func:`cspace.build` does with a ``store``; its arguments are checked.
 
@@ -100,14 +94,14 @@ def build_tiles(
     else:
         made = Store.create(store, {**about, **own, **_NEW}, robot, rotations, shapes)
     if made.metadata["box"] is None:
-        _fill(Job(made, cells), means)
+        _fill(Job(made, cells), settings)
         made = Store.open(store)
     return TiledCSpace(made)
 
 
-def _fill(job: Job, means: Means) -> None:
+def _fill(job: Job, settings: Settings) -> None:
     """Make the tiles that are not there, and write down that all are."""
-    store, progress = job.store, means["progress"]
+    store, progress = job.store, settings["progress"]
     done = set(store.done())
     todo = [index for index in store if index not in done]
 
@@ -115,7 +109,7 @@ def _fill(job: Job, means: Means) -> None:
         if progress is not None:
             progress(len(done) + number, len(store))
 
-    run(make, job, todo, means["client"], means["workers"], advance)
+    run(make, job, todo, settings["client"], settings["workers"], advance)
     advance(len(todo))
     engine = store.metadata["method"]
     if engine == "auto":

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -162,10 +162,12 @@ class TiledCSpace(ConfigurationMap):
     def __reduce__(self) -> tuple[Callable[..., TiledCSpace], tuple[str, int]]:
         return TiledCSpace.open, (self.path, self._limit)
 
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("_") or not hasattr(CSpace, name):
-            raise AttributeError(f"'TiledCSpace' object has no attribute {name!r}")
-        raise self._elsewhere(name)
+    if not TYPE_CHECKING:  # which tells of such a name before it is asked for
+
+        def __getattr__(self, name: str) -> NoReturn:
+            if name.startswith("_") or not hasattr(CSpace, name):
+                raise AttributeError(f"'TiledCSpace' object has no attribute {name!r}")
+            raise self._elsewhere(name)
 
     @staticmethod
     def _elsewhere(name: str) -> ConfigurationError:

@@ -6,9 +6,9 @@ import html
 import sys
 import threading
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, TypedDict
+from typing import TYPE_CHECKING, TypedDict
 
-from cspace.plot.route import Floats, marked, polyline
+from cspace.plot.route import Floats, HasAxes, marked, polyline
 from cspace.view.server import serve, stop
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ class Viewer:
 
     def __init__(
         self,
-        space: Any,
+        space: HasAxes,
         canvas: MakeCanvas,
         *,
         path: ArrayLike | HasPath | None = None,
@@ -116,7 +116,7 @@ class Viewer:
         return f'<iframe src="{html.escape(self.url)}" width="100%" height="640" style="border:0"></iframe>'
 
 
-def opened(space: Any, canvas: MakeCanvas, block: bool, options: ViewOptions) -> Viewer:
+def opened(space: HasAxes, canvas: MakeCanvas, block: bool, options: ViewOptions) -> Viewer:
     """A page of a space, which is waited for if ``block`` is set."""
     viewer = Viewer(space, canvas, **options)
     if block:

@@ -54,14 +54,14 @@ def test_files_are_not_replaced_unasked(tmp_path):
         ("[1]", "holds no balls"),
         ('{"format": "other"}', "holds no balls"),
         ('{"format": "cspace-spheres", "version": 7}', "version 7"),
-        ('{"format": "cspace-spheres", "version": 1}', "lacks"),
+        ('{"format": "cspace-spheres", "version": 2}', "lacks"),
         (
-            '{"format": "cspace-spheres", "version": 1, "kind": "inner", "measure": [0, 1], '
+            '{"format": "cspace-spheres", "version": 2, "kind": "inner", "measure": [0, 1], '
             '"shape_measure": [0, 1], "hausdorff": [1, 0], "centers": [[0, 0]], "radii": [1]}',
             "malformed",
         ),
         (
-            '{"format": "cspace-spheres", "version": 1, "kind": "inner", "measure": [0, 1], '
+            '{"format": "cspace-spheres", "version": 2, "kind": "inner", "measure": [0, 1], '
             '"shape_measure": [0, 1], "hausdorff": [0, 1], "centers": [[0, 0]], "radii": [1, 2]}',
             "malformed",
         ),
@@ -95,7 +95,7 @@ def test_damaged_files(tmp_path, text, words, suffix):
     ],
 )
 def test_nonsense_in_files(tmp_path, key, value, suffix):
-    record = {"format": "cspace-spheres", "version": 1, "kind": "inner", "measure": [0, 1]}
+    record = {"format": "cspace-spheres", "version": 2, "kind": "inner", "measure": [0, 1]}
     record |= {"shape_measure": [0, 1], "hausdorff": [0, 1], "centers": [[0, 0]], "radii": [1]}
     file = tmp_path / f"balls{suffix}"
     dump = json.dumps if suffix == ".json" else yaml.safe_dump
