@@ -146,9 +146,11 @@ def distances(space: CSpace, points: np.ndarray) -> np.ndarray:
     corners = lower + space.grid.spacing * np.argwhere(shut & ~ndimage.binary_erosion(shut, border_value=1))
     out = np.minimum(points - lower, upper - points).min(axis=-1)
     for k in range(0, len(points) if len(corners) else 0, 100):
-        part = points[k : k + 100, None]
-        apart = np.maximum(np.maximum(corners - part, part - corners - space.grid.spacing), 0.0)
-        out[k : k + 100] = np.minimum(out[k : k + 100], np.linalg.norm(apart, axis=-1).min(axis=-1))
+        squares = np.zeros(1)
+        for x, low in zip(points[k : k + 100].T, corners.T, strict=True):
+            apart = np.maximum(low - x[:, None], x[:, None] - low - space.grid.spacing)
+            squares = squares + np.maximum(apart, 0.0) ** 2
+        out[k : k + 100] = np.minimum(out[k : k + 100], np.sqrt(squares.min(axis=-1)))
     return out
 
 

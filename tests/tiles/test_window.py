@@ -63,24 +63,27 @@ def test_a_window_answers_as_the_whole(name, outside, tmp_path):
         np.testing.assert_array_equal(np.asarray(window._seen)[(..., *ours)], np.asarray(space._seen)[(..., *theirs)])
 
 
-TRIANGLES = [
-    shapely.Polygon([(x, y), (x + 1.1, y + 0.07), (x + 0.31, y + 0.83)]) for x in (0.1, 1.7) for y in (0.4, 2.3)
-]
-BOX = trimesh.creation.box((0.7, 0.6, 0.5), trimesh.transformations.euler_matrix(0.3, 0.4, 0.5))
-BOX.apply_translation((0.7, 0.6, 0.5))
+def triangles():
+    corners = [[(x, y), (x + 1.1, y + 0.07), (x + 0.31, y + 0.83)] for x in (0.1, 1.7) for y in (0.4, 2.3)]
+    return cspace.Workspace.from_polygons([shapely.Polygon(each) for each in corners], 0.1, (0, 0, 4, 4))
+
+
+def box():
+    turned = trimesh.transformations.euler_matrix(0.3, 0.4, 0.5)
+    turned[:3, 3] = 0.7, 0.6, 0.5
+    made = trimesh.creation.box((0.7, 0.6, 0.5), turned)
+    return cspace.Workspace.from_mesh(made, 0.1, (0, 0, 0, 1.6, 1.6, 1.6))
 
 
 @pytest.mark.parametrize("outside", ["blocked", "free"])
 @pytest.mark.parametrize(
-    ("workspace", "robot", "rotations"),
-    [
-        (cspace.Workspace.from_polygons(TRIANGLES, 0.1, (0, 0, 4, 4)), CAR, 6),
-        (cspace.Workspace.from_mesh(BOX, 0.1, (0, 0, 0, 1.6, 1.6, 1.6)), cspace.Robot.ball(0.13), None),
-    ],
+    ("obstacles", "robot", "rotations"),
+    [(triangles, CAR, 6), (box, cspace.Robot.ball(0.13), None)],
     ids=["plane", "space"],
 )
-def test_a_window_asks_the_obstacles_themselves(workspace, robot, rotations, outside, tmp_path):
+def test_a_window_asks_the_obstacles_themselves(obstacles, robot, rotations, outside, tmp_path):
     """In cells that are MIXED, and until an update; from then on it asks the outer cells."""
+    workspace = obstacles()
     space = cspace.build(workspace, robot, rotations=rotations, outside=outside)
     tiled = cspace.build(workspace, robot, rotations=rotations, outside=outside, store=tmp_path / "m", tile=11)
     rng, size = np.random.default_rng(0), np.asarray(space.grid.upper)
