@@ -141,7 +141,7 @@ def build_arm_map(
         parts.append(np.empty(sides, dtype=np.uint8))
         starts = _BLOCK * np.indices(tuple((-(-sides // _BLOCK)).tolist())).reshape(3, -1).T
         blocks = np.concatenate([starts, np.minimum(starts + _BLOCK, sides)], axis=1)
-        work += [partial(_fill, scene, inside, cells, block, parts[-1]) for block in blocks]
+        work += [partial(_fill, scene, inside, cells, block, parts[-1]) for block in np.ascontiguousarray(blocks)]
     tell = None if progress is None else lambda done: progress(done, len(work))
     in_threads(lambda task: task(), work, workers or cores(), tell)
     # What is FREE of all pairs is FREE, and what is BLOCKED of one is BLOCKED.

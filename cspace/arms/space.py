@@ -283,7 +283,7 @@ class ArmSpace(ConfigurationSpace):
         out, nearest = self._distances(scene, points)
         solids, (pair, *nodes) = scene.solids, nearest[0].tolist()
         owners = [each.name for group in self._groups for each in group.members for _ in each.parts]
-        names, hulls, radii, poses = [], [], [], place_bodies(self.arm.chain, points[0])
+        names, hulls, radii, poses = [], [], [], place_bodies(self.arm.chain, own(points[0]))
         for number, node in zip(scene.pairs[pair].tolist(), nodes, strict=True):
             at = max(node, int(solids.roots[number]))
             names.append(owners[int(np.where(solids.trunks <= at, solids.trunks, -1).argmax())])
@@ -294,7 +294,7 @@ class ArmSpace(ConfigurationSpace):
         return Contact(names[0], names[1], float(out[0]), _nearest(hulls[0], hulls[1], radii))
 
     def _distances(self, scene: Scene, points: Floats) -> tuple[Floats, NDArray[np.int64]]:
-        rows = np.ascontiguousarray(points)
+        rows = own(points)
         out, nearest = np.empty(len(rows)), np.zeros((len(rows), 3), dtype=np.int64)
 
         def work(first: int, stop: int) -> int:

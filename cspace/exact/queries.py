@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.exact.boundaries import Problem
+from cspace.map.batches import own
 from cspace.workspace import Workspace
 
 Floats = NDArray[np.float64]
@@ -81,7 +82,7 @@ class Exact:
         radians along each of them, shape (n,). No point of the robot is farther than half of both from where it is in
         the middle. Where all beyond the grid is obstacle, that counts too. Infinite where there is none.
         """
-        return self._problem.margin + self._made().spare(points, lengths, turns)
+        return self._problem.margin + self._made().spare(own(points), lengths, turns)
 
     def point_checker(self, quick: Callable[..., bool]) -> Callable[..., bool]:
         """``check(*q)``; ``quick`` tells whether a point is FREE."""

@@ -137,7 +137,7 @@ class Region:
         areas = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
         doubts = np.where((areas <= THIN * longest**2) & (self.dim == 3), THIN * longest, 0.0)
         (boxes, rows), _ = trees_of([Pieces(triangles, doubts)], about_z=False)
-        return Tree(rows[:, :9].reshape(-1, 3, 3), rows[:, 9].copy(), boxes, self.dim == 3)
+        return Tree(np.ascontiguousarray(rows[:, :9]).reshape(-1, 3, 3), rows[:, 9].copy(), boxes, self.dim == 3)
 
 
 class Lattice:

@@ -52,6 +52,7 @@ def test_equal_to_each_other(seed, dim):
     largest, across = {2: (300, 60), 3: (60, 14)}[dim]
     occupied = rng.random(rng.integers(1, largest, dim)) < rng.choice([0.0005, 0.05, 0.5, 1.0])
     occupied[: rng.integers(0, 90)] ^= rng.random() < 0.3
+    occupied.setflags(write=False)  # as those of a workspace
     rasters = []
     for _ in range(rng.integers(1, 5)):
         size = rng.integers(1, across, dim)

@@ -35,7 +35,7 @@ def ring(turns):
 
 def components(stack, slice_of=ALONE, rim=False, blocks="as they are"):
     with mock.patch.dict(SHIFTS, BLOCKS[blocks]):
-        return Components(read_only(stack), slice_of, ring(len(slice_of)), np.broadcast_to(rim, len(stack)))
+        return Components(read_only(stack), slice_of, ring(len(slice_of)), np.full(len(stack), rim))
 
 
 def random_stack(rng, dim, slices):
