@@ -10,8 +10,18 @@ Point = tuple[Fraction, Fraction]
 Segment = tuple[Point, Point]
 
 
+UNIT = 2**1074
+"""The smallest number above zero is one of these parts of one, so that every number is a whole number of them."""
+
+
 def exact(values):
     return tuple(Fraction(float(value)) for value in values)
+
+
+def units(values):
+    """Numbers as whole numbers, exactly, with which Python is quicker than with fractions."""
+    parts = (float(value).as_integer_ratio() for value in values)
+    return tuple(above * (UNIT // below) for above, below in parts)
 
 
 def square_distance_to_box(segment, box):
@@ -128,22 +138,27 @@ def collide(engine, occupied, rasters, outside, dtype=np.bool_, **options):
 
 
 def segment_meets_block(start, end, low, high):
-    """Whether a closed segment meets a closed block, in any dimension, by clipping (Liang and Barsky, 1984)."""
-    first, last = Fraction(0), Fraction(1)
+    """Whether a closed segment meets a closed block, in any dimension, by clipping (Liang and Barsky, 1984).
+
+    Exact for fractions and whole numbers: nothing is divided.
+    """
+    first, last = (0, 1), (1, 1)  # shares of the segment, as a number above a number
     for p, q, a, b in zip(start, end, low, high, strict=True):
-        if p == q:
-            if p < a or p > b:
-                return False
-            continue
-        t0, t1 = sorted(((a - p) / (q - p), (b - p) / (q - p)))
-        first, last = max(first, t0), min(last, t1)
-    return first <= last
+        if p > q:
+            p, q, a, b = -p, -q, -b, -a
+        if q < a or p > b:
+            return False
+        if (a - p) * first[1] > first[0] * (q - p):
+            first = a - p, q - p
+        if (b - p) * last[1] < last[0] * (q - p):
+            last = b - p, q - p
+    return first[0] * last[1] <= last[0] * first[1]
 
 
 def turns_between(yaw0, yaw1, turn, slack=0):
     """Signed angles of the shorter way from one yaw to another; both ways where they are equally long, or nearly."""
-    ahead = (Fraction(yaw1) - Fraction(yaw0)) % turn
-    return [way for way in (ahead, ahead - turn) if abs(way) <= turn / 2 + slack]
+    ahead = (yaw1 - yaw0) % turn
+    return [way for way in (ahead, ahead - turn) if 2 * abs(way) <= turn + 2 * slack]
 
 
 def touched_turned_cells(start, end, spacing, lower, shape, borders, slack=0):
@@ -151,22 +166,23 @@ def touched_turned_cells(start, end, spacing, lower, shape, borders, slack=0):
 
     Rotation cells repeat with every turn. Exact for the numbers as they are; ``slack`` widens the cells.
     """
-    h, corner, slack = Fraction(spacing), exact(lower), Fraction(slack)
-    borders = [Fraction(border) for border in borders]
+    (h, slack), corner, borders = units((spacing, slack)), units(lower), units(borders)
     whole = borders[-1] - borders[0]
-    (*first, yaw0), (*second, yaw1) = exact(start), exact(end)
+    (*first, yaw0), (*second, yaw1) = units(start), units(end)
     begin = borders[0] + (yaw0 - borders[0]) % whole
+    sides = [
+        [(c + h * i - slack, c + h * (i + 1) + slack) for i in range(n)] for c, n in zip(corner, shape, strict=True)
+    ]
     found = set()
     for turn in turns_between(yaw0, yaw1, whole, slack):
         a, b = (*first, begin), (*second, begin + turn)
         for k, wraps in product(range(len(borders) - 1), (-1, 0, 1)):
-            low, high = borders[k] + wraps * whole - slack, borders[k + 1] + wraps * whole + slack
-            if high < min(a[-1], b[-1]) or low > max(a[-1], b[-1]):
+            yaws = borders[k] + wraps * whole - slack, borders[k + 1] + wraps * whole + slack
+            if yaws[1] < min(a[-1], b[-1]) or yaws[0] > max(a[-1], b[-1]):
                 continue
             for cell in product(*map(range, shape)):
-                near = (*(c + h * i - slack for c, i in zip(corner, cell, strict=True)), low)
-                far = (*(c + h * (i + 1) + slack for c, i in zip(corner, cell, strict=True)), high)
-                if (k, *cell) not in found and segment_meets_block(a, b, near, far):
+                block = (*(side[i] for side, i in zip(sides, cell, strict=True)), yaws)
+                if (k, *cell) not in found and segment_meets_block(a, b, *zip(*block, strict=True)):
                     found.add((k, *cell))
     return found
 

@@ -28,10 +28,10 @@ ALL_FREE = Outside.all_of(FREE)
 
 def touches(start, end, cell, spacing, lower, slack=0):
     """Whether a closed segment meets a closed cell widened by ``slack`` metres, exactly."""
-    h, corner = Fraction(spacing), oracles.exact(lower)
+    (h, slack), corner = oracles.units((spacing, slack)), oracles.units(lower)
     low = [c + h * i - slack for c, i in zip(corner, cell, strict=True)]
     high = [c + h * (i + 1) + slack for c, i in zip(corner, cell, strict=True)]
-    return oracles.segment_meets_block(oracles.exact(start), oracles.exact(end), low, high)
+    return oracles.segment_meets_block(oracles.units(start), oracles.units(end), low, high)
 
 
 places = st.one_of(
@@ -88,7 +88,7 @@ def test_free_means_that_every_touched_cell_is_free(state, outside, start, end):
     if found == touched:
         # Allowed only towards refusal, where a closed cell is within the slack of the edge.
         assert not found
-        assert any(touches(start, end, cell, H, lower, Fraction(2.0**-26)) for cell in shut)
+        assert any(touches(start, end, cell, H, lower, 2.0**-26) for cell in shut)
 
 
 @settings(max_examples=60)

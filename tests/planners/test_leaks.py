@@ -14,7 +14,7 @@ import cspace, planners
 def growth(name):
     occupied = np.zeros((60, 40, 12)[: 3 if name == "space" else 2], dtype=bool)
     occupied[30, :26] = True
-    heeding = dict(objective="clearance", planner="RRTstar", iterations=20, time_limit=0.03)
+    heeding = dict(objective="clearance", planner="RRTstar", iterations=20, time_limit=0.01)
     ways = [dict(), dict(planner="RRT"), dict(planner="KPIECE1"), dict(planner="BITstar", iterations=50), heeding]
     robot, rotations = cspace.Robot.disc(0.15), None
     if name == "space":
