@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from cspace.states import BLOCKED as BLOCKED
 from cspace.states import FREE as FREE
 from cspace.states import MIXED as MIXED
+from cspace.version import __version__ as __version__
 
 if TYPE_CHECKING:
     from cspace.arms import Arm as Arm
@@ -35,8 +36,6 @@ if TYPE_CHECKING:
     from cspace.workspace import Workspace as Workspace
 
     open = open_map  # noqa: A001 - the public name
-
-__version__ = "0.1.0"
 
 _HOME = {
     "Arm": ("cspace.arms", "Arm"),

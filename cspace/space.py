@@ -572,15 +572,11 @@ class CSpace(ConfigurationMap):
         The :class:`Workspace` that was passed to the build, and other maps of it, stay as they are: the first update
         copies its cells, once. Then :attr:`workspace` shows the current ones, which are the obstacles from then on;
         its ``shapes`` are None, and look-ups with ``exact=True`` ask the outer cells instead. What :meth:`place` has
-        placed stays on top.
+        placed stays on top. An overlap field is about the obstacles as they were, and is let go. A map built without
+        ``inner`` gets no BLOCKED cells; one from a file, if it has none where there could be one.
 
-        Kept up to date, if they were asked for before: the state, stored overlaps, running counts for
-        :meth:`overlap` and :meth:`contains_robot`, what is known outside the grid, and the blocks of
-        :meth:`path_exists` and :meth:`free_reach`, which are joined anew at the next call. For :meth:`clearance` it is
-        noted where states differ, and followed at the next call, or at once where a :meth:`clearance_checker` was
-        handed out. Dropped, and made again at the next call: the counts of FREE cells for :meth:`sample_free`, and the
-        geometry for ``exact=True``. An overlap field is about the obstacles as they were, and is let go. A map built
-        without ``inner`` gets no BLOCKED cells; one from a file, if it has none where there could be one.
+        What look-ups keep follows the change at their next call, but for the counts of FREE cells for
+        :meth:`sample_free` and the geometry for ``exact=True``, which are made again.
 
         Updates wait for each other, and so do :meth:`path_exists`, :meth:`free_reach` and :meth:`contains_robot`, whose
         answers hang on many cells at once, :meth:`save`, :meth:`export`, copies, pickles and forks of the process. Any

@@ -55,30 +55,15 @@ def plan(
 ) -> Plan:
     """Find a path on a map, with any geometric planner of OMPL, and check it; in SE(2) for any ``drive``.
 
-    Where the robot turns, on a map of (x, y, yaw), paths are those of a robot that also moves sideways, unless
-    ``drive`` says otherwise: "differential" for one that turns on the spot and drives straight on, as most mobile
-    robots do.
+    On a map of (x, y, yaw), paths are those of a robot that also moves sideways, unless ``drive`` says otherwise:
+    "differential" for one that turns on the spot and drives straight on, as most mobile robots do.
 
     No search is run where the map proves that no path exists, or where the shortest path is wanted and is the single
     edge from start to goal. OMPL's messages are held back while it runs.
 
-    *Time.* The search and the simplification of its path end within the time limit and a quarter of a second: once it
-    has passed, edges are refused without a look at the map, so that OMPL is soon through. What the map makes once, at
-    the first plan, comes on top (which FREE cells are joined, distances, compiled functions) and is told apart, in
-    :attr:`Plan.times`.
-
-    *Robots that turn.* On a map with rotations, a holonomic robot's edge is straight, and the robot turns evenly along
-    it, the shorter way, as in OMPL's SE(2) and SE(3). On a map of SE(2) there are other drives:
-
-    - "differential", of two driven wheels: it turns on the spot, drives straight ahead along its x axis, and turns on
-      the spot again, each time the shorter way, and not the longer one where the shorter is blocked. Waypoints are the
-      ends of these three.
-    - "differential-reverse" also drives backwards, where that takes less turning.
-    - "dubins" and "reeds-shepp" are the shortest curves of a car, with a ``turning_radius``: Dubins' drives ahead
-      alone, Reeds and Shepp's reverses too.
-
-    All are proven along what is really driven. Start and goal are those of the robot's reference point, which therefore
-    belongs in the middle of the axle that does not steer.
+    *Time.* The search and the simplification of its path end within the time limit and a quarter of a second. What the
+    map makes once, at the first plan, comes on top (which FREE cells are joined, distances, compiled functions) and is
+    told apart, in :attr:`Plan.times`.
 
     *Maps in a store.* On a :class:`cspace.TiledCSpace` the path goes from tile to tile, of which only those on the way
     are opened, through the middle of what is FREE of their common faces. In each of them the planner has the time
@@ -148,8 +133,12 @@ def plan(
         planner joins the FREE stretches of a chain of undecided cells, and the others are crossed by samples of their
         own, if the robot is holonomic; that can take seconds, so give it time. Not for curves.
     drive : {"holonomic", "differential", "differential-reverse", "dubins", "reeds-shepp"}
-        How the robot gets along an edge, see above; all but the first are for maps of (x, y, yaw). Its first name,
-        ``curve``, is still taken, here and elsewhere.
+        How the robot gets along an edge, which is proven along what is really driven. "holonomic": straight, turning
+        evenly the shorter way. "differential": it turns on the spot, drives straight ahead along its x axis, and turns
+        again, each time the shorter way; "differential-reverse" drives backwards where that takes less turning.
+        "dubins" and "reeds-shepp" are the shortest curves of a car, ahead alone, or in reverse too. All but the first
+        are for maps of (x, y, yaw), with the reference point in the middle of the axle that does not steer. Its first
+        name, ``curve``, is still taken, here and elsewhere.
     turning_radius : float, optional
         Of the car, in metres; for curves, which need it.
 
@@ -161,8 +150,8 @@ def plan(
     ------
     ConfigurationError
         If start or goal lies outside the map, is not FREE, or lies on the border of a cell that is not FREE; or, with
-        ``exact``, is not proven free by the geometry either. The
-        message says which, and names the nearest FREE configuration, which is also its ``nearest``.
+        ``exact``, is not proven free by the geometry either. The message says which, and names the nearest FREE
+        configuration, which is also its ``nearest``.
     InputError
         If a number is NaN, infinite or out of range, start or goal has the wrong dimension, a name is unknown, or the
         planner does not go together with ``objective``, ``iterations`` or ``drive``, or the objective is "overlap" and

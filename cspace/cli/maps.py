@@ -99,7 +99,7 @@ def make(
     as_json: Json = False,
 ) -> None:
     """Build the map of a robot in a workspace, and save it."""
-    from cspace import build
+    from cspace.builder import build
     from cspace.cli.tiles import cluster, lazily, make_room
     from cspace.io.formats import dimension_of
     from cspace.io.writing import SAVES

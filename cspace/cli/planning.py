@@ -134,9 +134,9 @@ def demo(
         check_outputs(files.values(), {file.suffix for file in files.values()}, overwrite)
     clock = Clock()
     with clock.step("import"):
+        import cspace.demo as flat
         import planners
-        from cspace import build
-        from cspace import demo as flat
+        from cspace.builder import build
         from cspace.plot import save_plot
     with clock.step("draw_floor_plan"):
         workspace = flat.demo_workspace()

@@ -15,7 +15,6 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace import __version__
 from cspace.errors import FileError
 from cspace.grid import Grid
 from cspace.io.input import decoding
@@ -24,6 +23,7 @@ from cspace.map.storage import read_only, read_only_of
 from cspace.rotations import QuaternionRotations, YawRotations
 from cspace.shapes import Shape, shape_from_spec
 from cspace.states import BLOCKED, FIELDS, NAMES
+from cspace.version import __version__
 
 FORMAT: Final = "cspace-map"
 VERSION: Final = 2

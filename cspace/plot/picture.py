@@ -101,17 +101,13 @@ def plot(
     Where cells are smaller than pixels, a pixel shows the most important of its cells, so that nothing that blocks the
     robot vanishes from a picture of a large map. What lies outside the grid is hatched: the picture says nothing of it.
 
-    A map in space is drawn as three sections through a point, which share their axes: seen from above, from the front
-    and from the right. There, the path is solid, and the robot drawn, where the robot reaches the section; elsewhere
-    the path is faint. Or it is drawn in three dimensions: faces of cells, joined in blocks where there are too many,
-    cut open above the path. The path is dotted where something is in front of it.
+    A map in space is drawn as three sections through a point: seen from above, from the front and from the right. There,
+    the path is solid, and the robot drawn, where the robot reaches the section; elsewhere the path is faint. Or it is
+    drawn in three dimensions, cut open above the path, which is dotted where something is in front of it.
 
-    A map with rotations may also be drawn as panels side by side, one for each of a few rotations, in space seen from
-    above.
-
-    Or it is drawn as its rotations at one position: a ring of yaws, or discs of all rotations, one for each of six
-    headings. In the middle of a disc the robot is upright, turned about z by the heading; outwards it is tipped over
-    towards that side, until at the rim it is upside down.
+    A map with rotations may also be drawn as panels side by side, one for each of a few rotations; or as its rotations
+    at one position: a ring of yaws, or discs of all rotations, one for each of six headings, in whose middle the robot
+    is upright, and tipped over towards a side outwards, until at the rim it is upside down.
 
     Parameters
     ----------

@@ -29,7 +29,6 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace import __version__
 from cspace.errors import FileError
 from cspace.grid import Grid
 from cspace.io.output import replacing
@@ -55,6 +54,7 @@ from cspace.rotations import Rotations
 from cspace.shapes import Shape
 from cspace.states import BLOCKED, MIXED
 from cspace.tiles.sources import Box, shared
+from cspace.version import __version__
 
 FORMAT: Final = "cspace-tiles"
 ROOT: Final = "zarr.json"

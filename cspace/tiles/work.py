@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace import __version__
 from cspace.compiling import reader
 from cspace.correlation import Correlation, sides_of
 from cspace.errors import CspaceError, FileError, InputError, optional
@@ -26,6 +25,7 @@ from cspace.states import BLOCKED, MIXED
 from cspace.threads import cores, in_threads
 from cspace.tiles.sources import Source, box_of, changed
 from cspace.tiles.store import Index, Record, Store
+from cspace.version import __version__
 
 if TYPE_CHECKING:
     from distributed import Client
