@@ -101,9 +101,9 @@ def plot(
     Where cells are smaller than pixels, a pixel shows the most important of its cells, so that nothing that blocks the
     robot vanishes from a picture of a large map. What lies outside the grid is hatched: the picture says nothing of it.
 
-    A map in space is drawn as three sections through a point: seen from above, from the front and from the right. There,
-    the path is solid, and the robot drawn, where the robot reaches the section; elsewhere the path is faint. Or it is
-    drawn in three dimensions, cut open above the path, which is dotted where something is in front of it.
+    A map in space is drawn as three sections through a point: seen from above, from the front and from the right.
+    There, the path is solid, and the robot drawn, where the robot reaches the section; elsewhere the path is faint. Or
+    it is drawn in three dimensions, cut open above the path, which is dotted where something is in front of it.
 
     A map with rotations may also be drawn as panels side by side, one for each of a few rotations; or as its rotations
     at one position: a ring of yaws, or discs of all rotations, one for each of six headings, in whose middle the robot
