@@ -35,7 +35,7 @@ RRTs", 2005)."""
 SLICE: Final = 32
 """How often a tree tries to grow between two looks at the clock."""
 
-SAMPLES: Final = 1024
+SAMPLES: Final = 256
 """Samples drawn at a time, most of which are too far off from where a narrow passage is."""
 
 ROOM: Final = 1000
@@ -206,13 +206,13 @@ def search_path(
 
     Samples are uniform within the bounds, after the ends themselves.
     """
-    work, forest = work_of(scene), _planted(start, goals)
+    work, forest, path, end = work_of(scene), _planted(start, goals), np.empty((0, len(start))), math.inf
     samples = np.concatenate([goals[np.argsort(((goals - start) ** 2).sum(axis=1))], start[np.newaxis]])
-    _, path = grow(scene, forest, samples[:0], work, straight)  # compiled here, and not within the limit
-    end = time.perf_counter() + seconds
     while not len(path) and time.perf_counter() < end:
+        if len(samples) < SLICE:
+            samples = np.concatenate([samples, rng.uniform(*bounds, (SAMPLES, len(start)))])
         used, path = grow(scene, forest, samples, work, straight)
-        samples = samples[used:] if used < len(samples) else rng.uniform(*bounds, (SAMPLES, len(start)))
+        samples, end = samples[used:], min(end, time.perf_counter() + seconds)  # what compiles is not within the limit
         if forest.counts.max() + 2 >= forest.nodes.shape[1]:
             forest = _doubled(forest)
     return path

@@ -390,12 +390,13 @@ class ArmSpace(ConfigurationSpace):
                 rule = f"it must be one configuration of {self.dof} numbers" + " or rows of them" * (name == "q1")
                 raise InputError(name, f"has shape {ends.shape}", rule, f"pass ({', '.join(self.axes)})")
         seconds = positive(time_limit, "time_limit", "seconds")
-        free = np.asarray(self.is_free(np.vstack([start, goals])))
+        ends = np.vstack([start, goals])
+        free = are_free(self._scene, ends, ends)
         for name, q, good in (("q0", start, free[0]), ("q1", goals[0], free[1:].any())):
             if not good:
                 raise self._unusable(q, name)
-        ranges, rng = self.arm.ranges(np.vstack([start, goals])), np.random.default_rng(seed)
-        return search_path(self._scene, ranges, start, goals[free[1:]], rng, seconds, straight)
+        rng = np.random.default_rng(seed)
+        return search_path(self._scene, self.arm.ranges(ends), start, goals[free[1:]], rng, seconds, straight)
 
     def _unusable(self, q: Floats, name: str) -> ConfigurationError:
         """The error that says what touches at a configuration, shape (dof,), from which no path leads."""
