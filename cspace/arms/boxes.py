@@ -184,7 +184,7 @@ def are_near(scene: Scene, pair: int, box: Box, work: Work) -> bool:
     slide, angle = sway(scene, solids.bodies[i], solids.bodies[j], box, work)
     moved = (slide + angle * solids.levers[i]) / ADVANCE
     one, other = work.poses[solids.bodies[i]], work.poses[solids.bodies[j]]
-    flight = flight_of(one, other, 0.0, moved, moved, box.least, 0.0)
+    flight = flight_of(one, other, 0.0, moved, moved, box.least)
     nodes[0, 0], nodes[0, 1] = near[0], near[1]
     spare = least_spare(solids.hulls, solids.roots[i], solids.roots[j], flight, 0.0, nodes, work.ways[pair])
     near[0], near[1] = nodes[0, 0], nodes[0, 1]

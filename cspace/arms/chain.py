@@ -129,7 +129,7 @@ def place(chain: Chain, q0: Floats, q1: Floats, t: float, poses: Floats) -> None
 
 
 @inner(error_model="numpy")
-def flight_of(one: Floats, other: Floats, half: float, bend: float, most: float, least: float, slack: float) -> Flight:
+def flight_of(one: Floats, other: Floats, half: float, bend: float, most: float, least: float) -> Flight:
     """How one of two placed bodies moves as seen from the other one."""
     px, py, pz = other[0, 3], other[1, 3], other[2, 3]
     spin = (one[0, 4] - other[0, 4], one[1, 4] - other[1, 4], one[2, 4] - other[2, 4])
@@ -147,7 +147,6 @@ def flight_of(one: Floats, other: Floats, half: float, bend: float, most: float,
         bend,
         most,
         least,
-        slack,
     )
 
 

@@ -98,8 +98,6 @@ class Flight(NamedTuple):
         By how much any of its points can move meanwhile in all.
     least : float
         What a distance has to exceed.
-    slack : float
-        Hulls that are larger by less than about so much than what they hold count as that.
     """
 
     matrix: Matrix
@@ -110,7 +108,6 @@ class Flight(NamedTuple):
     bend: float
     most: float
     least: float
-    slack: float
 
 
 def hulls_of(rows: Floats, volume: float) -> Hulls:
@@ -280,22 +277,17 @@ def corners_of(hulls: Hulls, node: int) -> tuple[Floats, float]:
 def least_spare(hulls: Hulls, one: int, other: int, flight: Flight, enough: float, work: Ints, way: Floats) -> float:
     """By how much what is apart exceeds what it has to, ``enough`` at most, in the trees of a body and of another one.
 
-    The body is the one that the flight is of. Below zero where one pair of nodes is not proven to stay apart, which is
-    then the first row of ``work``, shape (DEPTH, 6), with a direction in ``way``, shape (3,): it is asked first
-    the next time. Row 1 begins with 1 if parts of what hangs together were looked at alone.
+    The body is the one that the flight is of. Below zero where one pair of nodes is not proven to stay apart, and
+    minus infinity where one is not apart in the middle of a motion, all of which is looked at. The pair is then the
+    first row of ``work``, shape (DEPTH, 6), with a direction in ``way``, shape (3,): it is asked first the next time.
+    Row 1 begins with 1 if parts of what hangs together were looked at alone.
     """
     best, top, last, known, beside = enough, 1, -1, work[0, 0], work[0, 1]
     ((rxx, rxy, rxz), (ryx, ryy, ryz), (rzx, rzy, rzz)), (px, py, pz) = flight.matrix, flight.place
     (wx, wy, wz), (vx, vy, vz) = flight.spin, flight.drift
-    turn, half, bend, most, least = (
-        math.sqrt(wx * wx + wy * wy + wz * wz),
-        flight.half,
-        flight.bend,
-        flight.most,
-        flight.least,
-    )
+    turn, least = math.sqrt(wx * wx + wy * wy + wz * wz), flight.least
     mx, my, mz, hx, hy, hz, sx, sy, sz, speed = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    partial = proven = False
+    partial = proven = moves = False
     work[1, 0], work[1, 1], work[2, 0], work[2, 1] = one, other, known, beside
     top += 2 if known >= 0 else 1
     while top > 1:
@@ -316,7 +308,8 @@ def least_spare(hulls: Hulls, one: int, other: int, flight: Flight, enough: floa
             hz = abs(rzx) * box[3] + abs(rzy) * box[4] + abs(rzz) * box[5] + least
             # How far the node can move, along each axis and in all.
             x, y, z = vx + wy * mz - wz * my, vy + wz * mx - wx * mz, vz + wx * my - wy * mx
-            swing = half * turn * box[6] + bend
+            half, most = flight.half, flight.most
+            swing = half * turn * box[6] + flight.bend
             sx, sy, sz = (
                 min(half * abs(x) + swing, most),
                 min(half * abs(y) + swing, most),
@@ -345,9 +338,13 @@ def least_spare(hulls: Hulls, one: int, other: int, flight: Flight, enough: floa
                 continue
             # Its parts may be apart where the hull is not, unless its motion is what is too much.
             loose = box[8] + still[8]
-            if (after == 0 and behind == 0) or loose < flight.slack or (apart and spare + loose < 0.0):
-                best = min(spare, best - 1e-300) if apart else -math.inf
+            if (after == 0 and behind == 0) or (apart and spare + loose < 0.0):
                 work[0, 0], work[0, 1], way[0], way[1], way[2] = a, b, n[0], n[1], n[2]
+                if apart and flight.half > 0.0:
+                    # A shorter motion is asked about next, unless the middle of this one is in the way.
+                    flight, moves, last = at_rest(flight), True, -1
+                    continue
+                best = min(spare, best - 1e-300) if apart else -math.inf
                 if best <= 0.0:
                     break
                 continue
@@ -367,7 +364,13 @@ def least_spare(hulls: Hulls, one: int, other: int, flight: Flight, enough: floa
             work[top, 0], work[top, 1], work[top + 1, 0], work[top + 1, 1] = a, farther, a, nearer
         top += 2
     work[1, 0] = 1 if partial else 0
-    return best
+    return min(best, -1e-300) if moves else best
+
+
+@inner(forceinline=True)
+def at_rest(flight: Flight) -> Flight:
+    """The same in the middle of the motion."""
+    return Flight(flight.matrix, flight.place, flight.spin, flight.drift, 0.0, 0.0, 0.0, flight.least)
 
 
 @inner(error_model="numpy")

@@ -34,9 +34,6 @@ Bools = NDArray[np.bool_]
 WAITING: Final = 1024
 """Parts of a motion that wait at a time, at most."""
 
-STOPPED, SEEN, PROVEN = 0, 1, 2
-"""What is found of a motion."""
-
 
 class Solids(NamedTuple):
     """Links and obstacles: what hangs on which body, with its tree, its closed surface and points of it.
@@ -169,7 +166,7 @@ def ask_motions(scene: Scene, starts: Floats, ends: Floats, out: Bools, work: Wo
     """Whether all configurations of motions are free, shapes (n, dof); one that ends where it starts is a point."""
     for k in range(len(starts)):
         # Most motions that are not free end in a collision.
-        out[k] = ask_point(scene, ends[k], work) and ask_motion(scene, starts[k], ends[k], 0.0, work) == PROVEN
+        out[k] = ask_point(scene, ends[k], work) and ask_motion(scene, starts[k], ends[k], work)
 
 
 @inner
@@ -188,19 +185,16 @@ def ask_point(scene: Scene, q: Floats, work: Work) -> bool:
     place(scene.chain, q, q, 0.0, work.poses)
     least = least_of(scene, q, q)
     for n in range(len(scene.pairs)):
-        if spare_of(scene, n, 0.0, least, 0.0, work) < 0.0 or (work.nodes[1, 0] and nests(scene, n, work, -1.0)):
+        if spare_of(scene, n, 0.0, least, work) < 0.0 or (work.nodes[1, 0] and nests(scene, n, work, -1.0)):
             return False
     return True
 
 
 @inner(error_model="numpy")
-def ask_motion(scene: Scene, q0: Floats, q1: Floats, step: float, work: Work) -> int:
-    """Whether all configurations of a motion are free, the last of which is: PROVEN, or SEEN or STOPPED.
-
-    It is SEEN where parts of it, no longer than such a share of it, are free in the middle and not proven.
-    """
+def ask_motion(scene: Scene, q0: Floats, q1: Floats, work: Work) -> bool:
+    """Whether all configurations of a motion are proven free, the last of which is."""
     chain, solids, parts, left = scene.chain, scene.solids, work.parts, work.left
-    pairs, nearest, far, least, found = len(scene.pairs), 0, 0.0, least_of(scene, q0, q1), PROVEN
+    pairs, nearest, far, least = len(scene.pairs), 0, 0.0, least_of(scene, q0, q1)
     for n in range(pairs):
         i, j = scene.pairs[n]
         most, bend, turned = bounds_of(chain, solids.bodies[i], solids.bodies[j], solids.levers[i], q0, q1)
@@ -208,7 +202,7 @@ def ask_motion(scene: Scene, q0: Floats, q1: Floats, step: float, work: Work) ->
         work.aside[n], left[0, n] = False, True
         far = max(far, most)
     if far == 0.0:
-        return found
+        return True
     parts[0, 0], parts[0, 1] = 0.0, 1.0
     head, waiting, looks = 0, 1, 0
     while waiting > 0:
@@ -219,7 +213,7 @@ def ask_motion(scene: Scene, q0: Floats, q1: Floats, step: float, work: Work) ->
         first, last = parts[row, 0], parts[row, 1]
         half, middle = 0.5 * (last - first), 0.5 * (first + last)
         if looks == MOST_DISTANCES or half < SHORTEST:
-            return STOPPED
+            return False
         place(chain, q0, q1, middle, work.poses)
         looks += 1
         begin, some = nearest, False
@@ -227,33 +221,28 @@ def ask_motion(scene: Scene, q0: Floats, q1: Floats, step: float, work: Work) ->
             n = (begin + k) % pairs
             if not left[row, n]:
                 continue
-            spare = spare_of(scene, n, half, least, np.inf if step > 0.0 else 0.0, work)
+            spare = spare_of(scene, n, half, least, work)
             left[row, n] = spare < 0.0
             if spare < 0.0:
                 nearest, some = n, True
-                if step > 0.0:
-                    # The largest hulls were all that was asked of the motion; all that there are tell of its middle.
-                    spare = spare_of(scene, n, 0.0, least, 0.0, work)
-                if spare == -np.inf or (step > 0.0 and spare < 0.0):
-                    return STOPPED
-            if work.nodes[1, 0] and not work.aside[n] and spare >= 0.0:
+                if spare == -np.inf:
+                    return False
+            if work.nodes[1, 0] and not work.aside[n]:
                 # As long as no borders meet, whether one lies within the other stays as it is.
                 if nests(scene, n, work, -1.0):
-                    return STOPPED
+                    return False
                 work.aside[n] = True
-        if some and last - first <= step:
-            found = SEEN
-        elif some:
+        if some:
             one, other = (head + waiting) % WAITING, (head + waiting + 1) % WAITING
             parts[one, 0], parts[one, 1], parts[other, 0], parts[other, 1] = first, middle, middle, last
             for n in range(pairs):
                 left[one, n] = left[other, n] = left[row, n]
             waiting += 2
-    return found
+    return True
 
 
 @inner(error_model="numpy")
-def spare_of(scene: Scene, n: int, half: float, least: float, slack: float, work: Work) -> float:
+def spare_of(scene: Scene, n: int, half: float, least: float, work: Work) -> float:
     """What is below zero unless a pair stays apart for so much of a motion either way; -inf where it touches now."""
     solids, nodes, nearest = scene.solids, work.nodes, work.nearest
     i, j = scene.pairs[n]
@@ -266,7 +255,7 @@ def spare_of(scene: Scene, n: int, half: float, least: float, slack: float, work
         # The rounding of what moves is a small part of all that does.
         bend = half * (half * work.bounds[n, 1] + least * work.bounds[n, 2]) / ADVANCE
         most = half * work.bounds[n, 0] / ADVANCE
-    flight = flight_of(one, other, half / ADVANCE, bend, most, least, slack)
+    flight = flight_of(one, other, half / ADVANCE, bend, most, least)
     nodes[0, 0], nodes[0, 1] = nearest[n, 0], nearest[n, 1]
     spare = least_spare(solids.hulls, solids.roots[i], solids.roots[j], flight, 0.0, nodes, work.ways[n])
     nearest[n, 0], nearest[n, 1] = nodes[0, 0], nodes[0, 1]
@@ -437,7 +426,7 @@ def distances(scene: Scene, points: Floats, out: Floats, nearest: Ints, work: Wo
             if solids.roots[i] < 0 or solids.roots[j] < 0:
                 continue
             one, other = work.poses[solids.bodies[i]], work.poses[solids.bodies[j]]
-            flight = flight_of(one, other, 0.0, 0.0, 0.0, least, 0.0)
+            flight = flight_of(one, other, 0.0, 0.0, 0.0, least)
             nodes[0, 0] = -1
             found = least_spare(solids.hulls, solids.roots[i], solids.roots[j], flight, out[k], nodes, work.ways[n])
             if found >= 0.0 and nodes[1, 0] and nests(scene, n, work, -1.0):

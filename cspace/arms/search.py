@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arms.proofs import PROVEN, SEEN, STOPPED, Scene, Work, ask_motion, ask_point, work_of
+from cspace.arms.proofs import Scene, Work, ask_motion, ask_point, work_of
 from cspace.compiling import inner, jit
 
 Floats = NDArray[np.float64]
@@ -23,9 +23,6 @@ Ints = NDArray[np.int64]
 
 STRIDE: Final = 1.0
 """Longest motion that a tree grows by, radians or metres."""
-
-SPACING: Final = 0.2
-"""Longest part of a motion of which, before it is proven, no more than the middle is looked at, radians or metres."""
 
 NEAR: Final = 3.0 * STRIDE
 """How far off samples may be for a node from which a motion was once blocked (A. Yershova and others, "Dynamic-domain
@@ -49,7 +46,7 @@ class Forest(NamedTuple):
     ----------
     nodes : ndarray of float64, shape (2, n, dof)
     parents : ndarray of int64, shape (2, n)
-        -1 for a root, and less for what was cut off.
+        -1 for a root.
     reaches : ndarray of float64, shape (2, n)
         How far off a sample may be for a node to grow towards it.
     counts : ndarray of int64, shape (2,)
@@ -62,21 +59,10 @@ class Forest(NamedTuple):
 
 
 @inner(error_model="numpy")
-def look(scene: Scene, q0: Floats, q1: Floats, work: Work) -> int:
-    """What is seen of a motion between two free configurations, or proven, or in the way."""
-    square = 0.0
-    for d in range(len(q0)):
-        square += (q1[d] - q0[d]) ** 2
-    return ask_motion(scene, q0, q1, SPACING / math.sqrt(square) if square > SPACING**2 else 1.0, work)
-
-
-@inner(error_model="numpy")
 def nearest_to(forest: Forest, side: int, q: Floats) -> tuple[int, float]:
     """The node of a tree nearest to a configuration, and how far off it is."""
     nodes, best, at = forest.nodes[side], np.inf, -1
     for n in range(forest.counts[side]):
-        if forest.parents[side, n] < -1:
-            continue
         square = 0.0
         for d in range(len(q)):
             square += (nodes[n, d] - q[d]) ** 2
@@ -97,7 +83,7 @@ def stepped(forest: Forest, scene: Scene, side: int, near: int, q: Floats, work:
     share = STRIDE / math.sqrt(square) if square > STRIDE**2 else 1.0
     for d in range(len(q)):
         nodes[new, d] = nodes[near, d] + share * (q[d] - nodes[near, d]) if share < 1.0 else q[d]
-    if not ask_point(scene, nodes[new], work) or look(scene, nodes[near], nodes[new], work) == STOPPED:
+    if not (ask_point(scene, nodes[new], work) and ask_motion(scene, nodes[near], nodes[new], work)):
         forest.reaches[side, near] = NEAR
         return -1
     forest.parents[side, new], forest.reaches[side, new] = near, np.inf
@@ -107,60 +93,32 @@ def stepped(forest: Forest, scene: Scene, side: int, near: int, q: Floats, work:
 
 @inner(_nrt=True)  # it makes arrays
 def joined_path(scene: Scene, forest: Forest, joined: tuple[int, int], work: Work, straight: bool) -> Floats:
-    """A proven way from the first tree's root to one of the second's by two nodes where they meet, shape (n, dof).
+    """The way from the first tree's root to one of the second's by two nodes where they meet, shape (n, dof).
 
-    It leaves out nodes that straight motions do not need, if it may. Empty where a motion of the trees cannot be
-    proven; what hangs on that one is then cut off.
+    It leaves out nodes that straight motions do not need, if it may.
     """
-    # The nodes on the way: those of the first tree from its root on, then the second's up to its root.
-    on_way, length = np.empty((forest.counts[0] + forest.counts[1], 2), np.int64), 0
+    path, stop = np.empty((forest.counts[0] + forest.counts[1], forest.nodes.shape[2])), 0
     for side in range(2):
         at = joined[side]
         while at >= 0:
-            on_way[length, 0], on_way[length, 1] = side, at
-            at, length = forest.parents[side, at], length + 1
+            for d in range(path.shape[1]):
+                path[stop, d] = forest.nodes[side, at, d]
+            at, stop = forest.parents[side, at], stop + 1
         if side == 0:
-            # Where they meet, the node of the second tree stands for both.
-            for k in range(length // 2):
-                m = length - 1 - k
-                on_way[k, 1], on_way[m, 1] = on_way[m, 1], on_way[k, 1]
-            length -= 1
-    path = np.empty((length, forest.nodes.shape[2]))
-    for row in range(length):
-        for d in range(path.shape[1]):
-            path[row, d] = forest.nodes[on_way[row, 0], on_way[row, 1], d]
+            # From the root on; where they meet, the node of the second tree stands for both.
+            for k in range(stop // 2):
+                for d in range(path.shape[1]):
+                    path[k, d], path[stop - 1 - k, d] = path[stop - 1 - k, d], path[k, d]
+            stop -= 1
     here, rows = 0, 1
-    while here < length - 1:
-        start, ahead = path[rows - 1], length - 1 if straight else here + 1
-        while ahead > here:
-            found = SEEN if ahead == here + 1 else look(scene, start, path[ahead], work)
-            if found == SEEN:
-                found = ask_motion(scene, start, path[ahead], 0.0, work)
-            if found == PROVEN:
-                break
+    while here < stop - 1:
+        ahead = stop - 1 if straight else here + 1
+        while ahead > here + 1 and not ask_motion(scene, path[rows - 1], path[ahead], work):
             ahead = here + (ahead - here) // 2
-        if ahead == here:
-            # Of the two nodes the one that hangs on the other.
-            side, child = 0, joined[0]
-            if on_way[here, 0] == on_way[here + 1, 0]:
-                side, child = on_way[here + 1] if on_way[here, 0] == 0 else on_way[here]
-            forest.reaches[side, forest.parents[side, child]] = NEAR
-            cut(forest, side, child)
-            return path[:0]
         for d in range(path.shape[1]):
             path[rows, d] = path[ahead, d]
         here, rows = ahead, rows + 1
     return path[:rows]
-
-
-@inner
-def cut(forest: Forest, side: int, node: int) -> None:
-    """Cut off a node with all that hangs on it: those come later."""
-    parents = forest.parents[side]
-    parents[node] = -2
-    for n in range(node + 1, forest.counts[side]):
-        if parents[n] >= 0 and parents[parents[n]] == -2:
-            parents[n] = -2
 
 
 @jit
@@ -187,9 +145,7 @@ def grow(scene: Scene, forest: Forest, samples: Floats, work: Work, straight: bo
         while at >= 0 and far > 0.0 and forest.counts[other] + 1 < room:
             at, far = stepped(forest, scene, other, at, aim, work), far - STRIDE
         if at >= 0 and far <= 0.0:
-            path = joined_path(scene, forest, (new, at) if side == 0 else (at, new), work, straight)
-            if len(path) > 0:
-                return k + 1, path
+            return k + 1, joined_path(scene, forest, (new, at) if side == 0 else (at, new), work, straight)
     return len(samples), samples[:0]
 
 
