@@ -186,7 +186,7 @@ def are_near(scene: Scene, pair: int, box: Box, work: Work) -> bool:
     one, other = work.poses[solids.bodies[i]], work.poses[solids.bodies[j]]
     flight = flight_of(one, other, 0.0, moved, moved, box.least)
     nodes[0, 0], nodes[0, 1] = near[0], near[1]
-    spare = least_spare(solids.hulls, solids.roots[i], solids.roots[j], flight, 0.0, nodes, work.ways[pair])
+    spare = least_spare(solids.hulls, solids.roots[i], solids.roots[j], flight, 0.0, nodes, work.ways)
     near[0], near[1] = nodes[0, 0], nodes[0, 1]
     return spare < 0.0
 

@@ -59,6 +59,9 @@ FLAT: Final = 1e-12
 STEPS: Final = 40
 """Corners of a difference after which the way between the nearest points is good enough."""
 
+KEPT: Final = 256
+"""Pairs of hulls of which it is kept along what they were apart."""
+
 
 class Hulls(NamedTuple):
     """Trees of hulls.
@@ -274,13 +277,13 @@ def corners_of(hulls: Hulls, node: int) -> tuple[Floats, float]:
 
 
 @inner(error_model="numpy")
-def least_spare(hulls: Hulls, one: int, other: int, flight: Flight, enough: float, work: Ints, way: Floats) -> float:
+def least_spare(hulls: Hulls, one: int, other: int, flight: Flight, enough: float, work: Ints, ways: Floats) -> float:
     """By how much what is apart exceeds what it has to, ``enough`` at most, in the trees of a body and of another one.
 
     The body is the one that the flight is of. Below zero where one pair of nodes is not proven to stay apart, and
     minus infinity where one is not apart in the middle of a motion, all of which is looked at. The pair is then the
-    first row of ``work``, shape (DEPTH, 6), with a direction in ``way``, shape (3,): it is asked first the next time.
-    Row 1 begins with 1 if parts of what hangs together were looked at alone.
+    first row of ``work``, shape (DEPTH, 6): it is asked first the next time. Row 1 begins with 1 if parts of what hangs
+    together were looked at alone. ``ways``, shape (KEPT, 4), keeps for some pairs along what their hulls were apart.
     """
     best, top, last, known, beside = enough, 1, -1, work[0, 0], work[0, 1]
     ((rxx, rxy, rxz), (ryx, ryy, ryz), (rzx, rzy, rzz)), (px, py, pz) = flight.matrix, flight.place
@@ -329,17 +332,18 @@ def least_spare(hulls: Hulls, one: int, other: int, flight: Flight, enough: floa
         after, behind = hulls.nodes[a, 0], hulls.nodes[b, 0]
         held, beheld = after == 0 or hulls.nodes[a, 2] > 0, behind == 0 or hulls.nodes[b, 2] > 0
         if held and beheld:
-            n = (still[0] - mx, still[1] - my, still[2] - mz)
-            if again:
-                n = (way[0], way[1], way[2])
+            n, way, number = (still[0] - mx, still[1] - my, still[2] - mz), ways[(31 * a + b) % KEPT], a * 2.0**26 + b
+            if way[0] == number:
+                n = (way[1], way[2], way[3])
             spare, apart, n = spare_between(hulls, a, b, flight, speed, best, n)
+            way[0], way[1], way[2], way[3] = number, n[0], n[1], n[2]
             if spare > best:
                 partial = partial or not whole
                 continue
             # Its parts may be apart where the hull is not, unless its motion is what is too much.
             loose = box[8] + still[8]
             if (after == 0 and behind == 0) or (apart and spare + loose < 0.0):
-                work[0, 0], work[0, 1], way[0], way[1], way[2] = a, b, n[0], n[1], n[2]
+                work[0, 0], work[0, 1] = a, b
                 if apart and flight.half > 0.0:
                     # A shorter motion is asked about next, unless the middle of this one is in the way.
                     flight, moves, last = at_rest(flight), True, -1
@@ -410,7 +414,7 @@ def spare_between(
             if best > enough:
                 break
         # The way between the nearest points is no shorter than any shadow, and no longer than the one that is found.
-        if length <= least or (gap > 0.0 and half > 0.0 and length - least <= min(flight.bend, speed)):
+        if length <= least or (gap > 0.0 and speed > 0.0 and best + length - least - gap <= enough):
             break
         if count and length - shadow <= 1e-10 * length:
             break

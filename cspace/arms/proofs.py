@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.arms.chain import Chain, bounds_of, flight_of, place
-from cspace.arms.hulls import Hulls, least_spare
+from cspace.arms.hulls import KEPT, Hulls, least_spare
 from cspace.compiling import inner, jit
 from cspace.exact import ADVANCE, MOST_DISTANCES, ROUNDING, SHORTEST
 from cspace.exact.triangles import DEPTH, Trees, crosses, pierces
@@ -124,8 +124,8 @@ class Work(NamedTuple):
         Pairs that are known not to lie in each other.
     nearest : ndarray of int64, shape (p, 2)
         What was nearest to touching last, pair by pair.
-    ways : ndarray of float64, shape (p, 3)
-        Along what.
+    ways : ndarray of float64, shape (KEPT, 4)
+        Along what hulls were apart.
     nodes : ndarray of int64, shape (DEPTH, 6)
     """
 
@@ -149,7 +149,7 @@ def work_of(scene: Scene) -> Work:
         np.empty((pairs, 3)),
         np.empty(pairs, dtype=np.bool_),
         np.full((pairs, 2), -1),
-        np.zeros((pairs, 3)),
+        np.zeros((KEPT, 4)),
         np.empty((DEPTH, 6), dtype=np.int64),
     )
 
@@ -257,7 +257,7 @@ def spare_of(scene: Scene, n: int, half: float, least: float, work: Work) -> flo
         most = half * work.bounds[n, 0] / ADVANCE
     flight = flight_of(one, other, half / ADVANCE, bend, most, least)
     nodes[0, 0], nodes[0, 1] = nearest[n, 0], nearest[n, 1]
-    spare = least_spare(solids.hulls, solids.roots[i], solids.roots[j], flight, 0.0, nodes, work.ways[n])
+    spare = least_spare(solids.hulls, solids.roots[i], solids.roots[j], flight, 0.0, nodes, work.ways)
     nearest[n, 0], nearest[n, 1] = nodes[0, 0], nodes[0, 1]
     return spare
 
@@ -428,7 +428,7 @@ def distances(scene: Scene, points: Floats, out: Floats, nearest: Ints, work: Wo
             one, other = work.poses[solids.bodies[i]], work.poses[solids.bodies[j]]
             flight = flight_of(one, other, 0.0, 0.0, 0.0, least)
             nodes[0, 0] = -1
-            found = least_spare(solids.hulls, solids.roots[i], solids.roots[j], flight, out[k], nodes, work.ways[n])
+            found = least_spare(solids.hulls, solids.roots[i], solids.roots[j], flight, out[k], nodes, work.ways)
             if found >= 0.0 and nodes[1, 0] and nests(scene, n, work, -1.0):
                 found = -1.0
             if found < out[k]:

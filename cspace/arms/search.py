@@ -1,9 +1,5 @@
 """Compiled search of a path for an arm: two trees that grow towards each other (J. J. Kuffner and S. M. LaValle,
-"RRT-Connect", 2000), along motions that are looked at first and proven last.
-
-A proof of a motion costs as much as looks at many of its points, and most motions of a search end in no path. So trees
-grow along motions of which what is far off is proven and for all else some points are free; only when they meet, the
-motions on the way are proven. One that cannot be is cut off, with all that hangs on it, and the search goes on.
+"RRT-Connect", 2000), along motions that are proven free.
 """
 
 from __future__ import annotations
@@ -27,7 +23,6 @@ STRIDE: Final = 1.0
 NEAR: Final = 3.0 * STRIDE
 """How far off samples may be for a node from which a motion was once blocked (A. Yershova and others, "Dynamic-domain
 RRTs", 2005)."""
-
 
 SLICE: Final = 32
 """How often a tree tries to grow between two looks at the clock."""
@@ -73,10 +68,7 @@ def nearest_to(forest: Forest, side: int, q: Floats) -> tuple[int, float]:
 
 @inner(error_model="numpy")
 def stepped(forest: Forest, scene: Scene, side: int, near: int, q: Floats, work: Work) -> int:
-    """Grow a tree from a node towards a configuration, by a stride at most: the new node, or -1 where that is blocked.
-
-    Its reach is zero where it has arrived.
-    """
+    """Grow a tree from a node by a stride towards a configuration, or to it: the new node, or -1 if it is blocked."""
     new, nodes, square = forest.counts[side], forest.nodes[side], 0.0
     for d in range(len(q)):
         square += (nodes[near, d] - q[d]) ** 2

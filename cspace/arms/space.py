@@ -115,6 +115,8 @@ class ArmSpace(ConfigurationSpace):
                     pairs.append((i, j) if one.solid.body > other.solid.body else (j, i))
                 elif one.is_obstacle != other.is_obstacle:
                     fixed.append((i, j))
+        # Most collisions are of what is near the tip with an obstacle.
+        pairs.sort(key=lambda pair: (solids[pair[1]].body != 0, -solids[pair[0]].body))
         self._scene = scene_of(arm.chain, solids, pairs, margin)
         self._within = scene_within(self._scene, solids)
         for pair in fixed:
