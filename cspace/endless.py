@@ -181,8 +181,8 @@ class EndlessCSpace(CSpace):
     Angles of such joints may be any, up to 256 radians; a whole turn more is the same configuration. Edges turn these
     joints the shorter way, as OMPL does, and rows of a path count whole turns, so that straight motions join them.
     What is placed beyond the turn in the middle comes in again, whole turns on.
-    ``clearance`` is told up to half a turn, and ``is_free_around`` within as much. With ``exact=True`` the cells answer
-    as well. There is no :meth:`overlap` and no overlap field of it.
+    ``clearance`` is told up to half a turn, and ``is_free_around`` within as much. There is no :meth:`overlap` and no
+    overlap field of it.
 
     Parameters
     ----------
@@ -239,7 +239,9 @@ class EndlessCSpace(CSpace):
         inner = outer if workspace.inner is workspace.outer else taken(workspace.inner)
         part = Workspace(grid, outer, inner, workspace.source)
         states = taken(np.asarray(self._seen[0]))[np.newaxis]
-        return CSpace(Contents(part, self.robot, Rotations.of(None), self._slice_of, states))
+        return CSpace(
+            Contents(part, self.robot, Rotations.of(None), self._slice_of, states, prove=self._contents.prove)
+        )
 
     def _brought(self, ask: Ask) -> Ask:
         """The same of configurations, or edges, brought into the turn in the middle."""
@@ -258,10 +260,10 @@ class EndlessCSpace(CSpace):
         return self._brought(self._unrolled._classify())
 
     def _edges(self, number: int, exact: bool) -> Ask:
-        return self._brought(self._unrolled._edges(number, False))
+        return self._brought(self._unrolled._edges(number, exact))
 
     def _frees(self, exact: bool) -> Ask:
-        return super()._frees(False)
+        return self._brought(self._unrolled._frees(exact))
 
     def _clearances(self) -> Ask:
         return self._brought(self._unrolled._clearances())
@@ -278,11 +280,11 @@ class EndlessCSpace(CSpace):
 
     def point_checker(self, *, exact: bool = False) -> Callable[..., bool]:
         """As :meth:`CSpace.point_checker`."""
-        return brought(self._unrolled.point_checker(), self.endless)
+        return brought(self._unrolled.point_checker(exact=exact), self.endless)
 
     def edge_checker(self, *, exact: bool = False) -> Callable[..., bool]:
         """As :meth:`CSpace.edge_checker`."""
-        return brought(self._unrolled.edge_checker(), self.endless)
+        return brought(self._unrolled.edge_checker(exact=exact), self.endless)
 
     def clearance_checker(self) -> Callable[..., float]:
         """As :meth:`CSpace.clearance_checker`."""
@@ -347,7 +349,10 @@ class EndlessCSpace(CSpace):
         super()._renew(change)
         self._seam.drop()
         unrolled, cells = self._unrolled_kept.made, change.cells.reshape(2, 3)[:, 3 - self.dof :]
-        if unrolled is None or (cells[0] > cells[1]).any():
+        if unrolled is None:
+            return
+        unrolled._renew_exact()
+        if (cells[0] > cells[1]).any():
             return
         shape, beyond = np.array(self.grid.shape), self._beyond
         for turns in product(*((-1, 0, 1) if turns else (0,) for turns in self.endless)):

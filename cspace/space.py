@@ -734,7 +734,13 @@ class CSpace(ConfigurationMap):
             self._free_cells.drop()
             self._widest.renew(change.states)
             self._components_kept.renew(change.states)
-        self._exact_kept.renew(change.workspace)
+        self._renew_exact()
+
+    def _renew_exact(self) -> None:
+        """Have exact look-ups ask robot and obstacles as they are now, and no longer the arm of a map of joints."""
+        if self._contents.prove is not None:
+            self._contents = replace(self._contents, prove=None)
+        self._exact_kept.renew(self.workspace)
 
     # ---- a smooth measure of penetration -----------------------------------------------------------------------------
 
@@ -955,7 +961,8 @@ class CSpace(ConfigurationMap):
         from cspace.exact.boundaries import Problem
         from cspace.exact.queries import Exact
 
-        problem = Problem(self._map, self.rotations, self.workspace, self.robot, self.margin, self.outside != "free")
+        walled, prove = self.outside != "free", self._contents.prove
+        problem = Problem(self._map, self.rotations, self.workspace, self.robot, self.margin, walled, prove)
         return self._exact_kept.get(lambda: Exact(problem))
 
     @property

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.arms.boxes import FINER, Cells, Inside, Interiors, depths, fill
 from cspace.arms.chain import SLIDES, STILL, TURNS
+from cspace.arms.joint_proofs import JointProofs
 from cspace.arms.proofs import Scene, Solids, are_free, work_of
 from cspace.arms.space import ArmSpace
 from cspace.correlation import Progress
@@ -86,7 +87,8 @@ def build_arm_map(
     Returns
     -------
     CSpace
-        Its axes are the joints; it has no seam where one of them turns for ever. The robot is a point, the workspace
+        Its axes are the joints; it has no seam where one of them turns for ever. Look-ups with ``exact=True`` ask the
+        arm in MIXED cells, until cells are changed; a file does not hold the arm. The robot is a point, the workspace
         the cells that are not FREE, and beyond the limits is BLOCKED. Where limits are not a whole number of cells
         apart, the last cells reach beyond the upper one, and are never FREE.
 
@@ -155,7 +157,10 @@ def build_arm_map(
     workspace = Workspace(grid, states != FREE, states == BLOCKED, source=repr(space))
     rotations, robot = Rotations.of(None), Robot(arm.name, Point.at_origin(len(names)))
     slices = rotations.slice_of(robot.shape)
-    return map_of(Contents(workspace, robot, rotations, slices, states[np.newaxis], endless=endless * any(endless)))
+    circles = endless * any(endless)
+    ends[list(endless)] = -math.inf, math.inf
+    prove = partial(JointProofs, space, numbers, held, ends)
+    return map_of(Contents(workspace, robot, rotations, slices, states[np.newaxis], endless=circles, prove=prove))
 
 
 def _fill(scene: Scene, inside: Inside, cells: Cells, block: Ints, states: NDArray[np.uint8]) -> None:

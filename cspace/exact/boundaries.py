@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import Final, NamedTuple
+from collections.abc import Callable, Iterator, Sequence
+from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +19,30 @@ from cspace.shapes.bodies import least_joined
 from cspace.workspace import Workspace
 
 Floats = NDArray[np.float64]
+Kernel = Callable[..., int]
 
 CUT_ERROR: Final = 2.0**-48
 """Rounding of a border that is cut, relative to its coordinates."""
+
+
+class Proofs(Protocol):
+    """Proofs for one robot among the obstacles of one workspace.
+
+    ``point(*q)`` and ``edge(*q0, *q1)`` tell whether all is free: how many distances that took, zero or above; or -1
+    less that number. ``points(q, out, counts)`` and ``edges(q0, q1, out, counts)`` do so for arrays of shape (n, dof).
+    ``spare(points, lengths, turns)``: by how much the robot is farther from obstacles than it has to be, metres, on
+    pieces of a path that is free, by their middles, shape (n, dof), how far they lead and how much they turn; or zero.
+    """
+
+    @property
+    def point(self) -> Callable[..., int]: ...
+    @property
+    def edge(self) -> Callable[..., int]: ...
+    @property
+    def points(self) -> Kernel: ...
+    @property
+    def edges(self) -> Kernel: ...
+    def spare(self, points: Floats, lengths: Floats, turns: Floats) -> float: ...
 
 
 class Problem(NamedTuple):
@@ -37,6 +58,8 @@ class Problem(NamedTuple):
         Metres.
     walled : bool
         Whether all beyond the grid is obstacle.
+    prove : callable or None
+        Makes the proofs, of a map of joints by the space of their arm; None where robot and obstacles are all there is.
     """
 
     map: Map
@@ -45,6 +68,7 @@ class Problem(NamedTuple):
     robot: Robot
     margin: float
     walled: bool
+    prove: Callable[[Problem], Proofs] | None = None
 
     @property
     def dof(self) -> int:

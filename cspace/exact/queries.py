@@ -4,37 +4,16 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.exact.boundaries import Problem
+from cspace.exact.boundaries import Kernel, Problem, Proofs
 from cspace.map.batches import own
 from cspace.workspace import Workspace
 
 Floats = NDArray[np.float64]
-Kernel = Callable[..., int]
-
-
-class Proofs(Protocol):
-    """Proofs for one robot among the obstacles of one workspace.
-
-    ``point(*q)`` and ``edge(*q0, *q1)`` tell whether all is free: how many distances that took, zero or above; or -1
-    less that number. ``points(q, out, counts)`` and ``edges(q0, q1, out, counts)`` do so for arrays of shape (n, dof).
-    ``spare(points, lengths, turns)``: by how much the robot is farther from obstacles than it has to be, metres, on
-    pieces of a path that is free, by their middles, shape (n, dof), how far they lead and how much they turn; or zero.
-    """
-
-    @property
-    def point(self) -> Callable[..., int]: ...
-    @property
-    def edge(self) -> Callable[..., int]: ...
-    @property
-    def points(self) -> Kernel: ...
-    @property
-    def edges(self) -> Kernel: ...
-    def spare(self, points: Floats, lengths: Floats, turns: Floats) -> float: ...
 
 
 def _in_plane(problem: Problem) -> Proofs:
@@ -50,6 +29,11 @@ def _in_space(problem: Problem) -> Proofs:
 
 
 _PROOFS: Final = {2: _in_plane, 3: _in_space}
+
+
+def proofs_by_borders(problem: Problem) -> Proofs:
+    """Proofs by the distance between the borders of the robot and of the obstacles."""
+    return _PROOFS[problem.workspace.grid.dim](problem)
 
 
 class Exact:
@@ -113,7 +97,7 @@ class Exact:
     def renew(self, workspace: Workspace) -> None:
         """Ask the obstacles as they are now; checkers that were handed out do so from their next call on."""
         with self._lock:
-            self._problem, self._proofs = self._problem._replace(workspace=workspace), None
+            self._problem, self._proofs = self._problem._replace(workspace=workspace, prove=None), None
 
     def _made(self) -> Proofs:
         """The proofs among the obstacles as they are now."""
@@ -121,7 +105,7 @@ class Exact:
         if proofs is None:
             with self._lock:
                 if self._proofs is None:
-                    self._proofs = _PROOFS[self._problem.workspace.grid.dim](self._problem)
+                    self._proofs = (self._problem.prove or proofs_by_borders)(self._problem)
                 proofs = self._proofs
         return proofs
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +17,7 @@ from cspace.rotations import Rotations
 from cspace.states import FIELDS
 
 if TYPE_CHECKING:
+    from cspace.exact.boundaries import Problem, Proofs
     from cspace.placed import Scene
     from cspace.robot import Robot
     from cspace.workspace import Workspace
@@ -52,6 +53,9 @@ class Contents:
         Whether BLOCKED is told from MIXED; None where that is not known, as of a map from a file.
     endless : tuple of bool
         Which axes close in a circle: joints of an arm that turn for ever. Empty where none does.
+    prove : callable or None
+        Makes the exact proofs of a map of joints, by the space of their arm, of a
+        :class:`cspace.exact.boundaries.Problem`. No file holds it, and the first change of the cells lets it go.
     scene : Scene or None
         What the cells of the workspace come from, where obstacles were placed by name; no file holds it.
 
@@ -71,6 +75,7 @@ class Contents:
     exterior: Exterior | None = None
     tells_blocked: bool | None = None
     endless: tuple[bool, ...] = ()
+    prove: Callable[[Problem], Proofs] | None = None
     scene: Scene | None = None
 
     def __post_init__(self) -> None:

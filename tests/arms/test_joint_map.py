@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 from pathlib import Path
 from typing import Any
 
@@ -178,6 +180,39 @@ def endless(folder: Path, posts: Any, **elbow: Any) -> ArmSpace:
     )
     shapes = {f"post{k}": Placed(Robot.box((s, s, 2.0)).shape, at(x, y, 0)) for k, (x, y, s) in enumerate(posts)}
     return build_arm(shapes, Arm.from_urdf(path))
+
+
+@pytest.mark.parametrize("circle", [True, False])
+def test_exact_answers_are_those_of_the_arm(tmp_path: Path, circle: bool) -> None:
+    """In all cells, across the seam, in copies, and in plans through MIXED cells; not of cells that changed."""
+    posts, rng = ((0.7, 0.0, 0.3), (-0.9, 1.2, 0.4)), np.random.default_rng(6)
+    space = endless(tmp_path, posts) if circle else plane(tmp_path, posts=posts)
+    made = build_arm_map(space, 0.3, limits={"elbow": (-2.0, 2.0)})
+    low, high = np.array([(-9.0, 9.0) if circle else (-3.0, 3.0), (-2.0, 2.0)]).T
+    q = rng.uniform(low, high, (300, 2))
+    ends = np.clip(q + rng.normal(scale=0.6, size=q.shape), low, high)
+    free, moves = np.asarray(space.is_free(q)), np.asarray(space.motion_is_free(q, ends))
+    for each in (made, copy.deepcopy(made), pickle.loads(pickle.dumps(made))):
+        np.testing.assert_array_equal(each.is_free(q, exact=True), free)
+        np.testing.assert_array_equal(each.motion_is_free(q, ends, exact=True), moves)
+        check, walk = each.point_checker(exact=True), each.edge_checker(exact=True)
+        assert [check(*a) for a in q[:40]] == free[:40].tolist()
+        assert [walk(*a, *b) for a, b in zip(q[:40], ends[:40], strict=True)] == moves[:40].tolist()
+    assert [touches(a, posts) for a in q] == (~free).tolist()
+    mixed = free & (made.classify(q) == MIXED)
+    assert mixed.sum() > 30
+    beyond = (-1.5, 2.1)  # in the last cell, but behind where the map ends
+    assert space.is_free(beyond) and made.classify(beyond) == MIXED and not made.is_free(beyond, exact=True)
+    plans = [planners.plan(made, a, b, exact=True, seed=1) for a, b in q[mixed][:6].reshape(3, 2, 2)]
+    assert any(plan.certified for plan in plans)
+    assert all(plan.certified or plan.path_exists is False for plan in plans)
+    assert not any(touches(each, posts) for plan in plans for each in plan.path)
+    middle = q[mixed][0]
+    check, walk = made.point_checker(exact=True), made.edge_checker(exact=True)
+    assert check(*middle) and walk(*middle, *middle)
+    made.place("closed", [middle], radius=0.01)  # of cells that are MIXED, and stay so
+    assert not (check(*middle) or walk(*middle, *middle) or made.is_free(middle, exact=True))
+    assert not (made.is_free(q, exact=True) & ~free).any()
 
 
 def test_the_only_way_leads_across_the_seam(tmp_path: Path) -> None:
