@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
-from functools import partial
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar, Unpack, overload
 
 import numpy as np
@@ -75,7 +75,7 @@ class ConfigurationMap(ConfigurationSpace):
     def margin(self) -> float:
         """Metres by which the robot was grown for FREE."""
 
-    @property
+    @cached_property
     def axes(self) -> tuple[str, ...]:
         """Names of the numbers in a configuration: x and y, in space z, then yaw or qx, qy, qz and qw."""
         return (*self.grid.axes, *self.rotations.names)
@@ -118,15 +118,15 @@ class ConfigurationMap(ConfigurationSpace):
 
     def _path_exists(self, q0: ArrayLike, q1: ArrayLike) -> bool | NDArray[np.object_] | None:
         ends = [as_points(q, name, self.dof) for q, name in ((q0, "q0"), (q1, "q1"))]
-        rows = [points.reshape(-1, self.dof) for points in ends]
-        both = np.concatenate(rows)
+        both = np.concatenate([points.reshape(-1, self.dof) for points in ends])
         states = np.empty(len(both), dtype=np.uint8)
         if self._classify()([both], states) >= 0:
             self._checked(q0, "q0"), self._checked(q1, "q1")  # one of them raises
         free, passable = self._components.of(self._cells_of(both))
         passable[states == BLOCKED] = -1
-        free0, open0 = (each[: len(rows[0])].reshape(ends[0].shape[:-1]) for each in (free, passable))
-        free1, open1 = (each[len(rows[0]) :].reshape(ends[1].shape[:-1]) for each in (free, passable))
+        count, shapes = ends[0].size // self.dof, [points.shape[:-1] for points in ends]
+        free0, open0 = (each[:count].reshape(shapes[0]) for each in (free, passable))
+        free1, open1 = (each[count:].reshape(shapes[1]) for each in (free, passable))
         joined, apart = (free0 == free1) & (free0 != -1), (open0 != open1) | (open0 == -1)
         answers: NDArray[np.object_] = _ANSWERS[np.where(apart, 2, joined), ...]
         found: bool | NDArray[np.object_] | None = answers if answers.ndim else answers[()]

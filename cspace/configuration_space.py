@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from functools import cached_property
 from typing import TYPE_CHECKING, Unpack, overload
 
 import numpy as np
@@ -33,7 +34,7 @@ class ConfigurationSpace(ABC):
     def axes(self) -> tuple[str, ...]:
         """Names of the numbers in a configuration."""
 
-    @property
+    @cached_property
     def dof(self) -> int:
         """How many numbers a configuration has."""
         return len(self.axes)

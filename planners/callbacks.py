@@ -122,7 +122,8 @@ class MotionValidator(ob.MotionValidator):
         check_information(si, space)
         super().__init__(si)
         edges = local_planner(space, exact, drive, turning_radius, both_ways)
-        self._is_free = self._ask_map = edges.motion_checker()
+        self._ask_map = edges.motion_checker()
+        self.answer_with(None)
 
     def checkMotion(self, first: ob.State, second: ob.State) -> bool:  # noqa: N802 - OMPL's name
         """Whether the edge between two states is free all along."""
@@ -131,6 +132,8 @@ class MotionValidator(ob.MotionValidator):
     def answer_with(self, answer: Callable[[ob.State, ob.State], bool] | None) -> None:
         """Answer by a function from now on, or by the map again; so a plan that is out of time ends a search."""
         self._is_free = answer or self._ask_map
+        if type(self) is MotionValidator:  # OMPL then asks the function itself, a tenth quicker
+            self.__dict__["checkMotion"] = self._is_free
 
 
 class FreeStateSampler(ob.ValidStateSampler):

@@ -55,6 +55,10 @@ FEW: Final = 16
 _ONE, _ONES = np.uint64(1), ~np.uint64(0)
 
 
+_LAYERS = np.array([[1], [1], [0], [0], [1], [1]])
+"""Which rows of what :func:`meet_blocks` is given are numbers of layers."""
+
+
 class Blocks(NamedTuple):
     """The states of a map, cut into blocks, numbered slice by slice.
 
@@ -299,45 +303,45 @@ class Faces(NamedTuple):
 
 @reader
 def meet_blocks(
-    labels: Labels, shifts: tuple[int, int, int], beside: Ints, groups: int, parent: Nodes, faces: Faces
+    labels: Labels, shifts: tuple[int, int, int], beside: Ints, parent: Nodes, faces: Faces
 ) -> tuple[int, int]:
-    """Faces of blocks that lie beside each other, without pairs that follow from others; how many rows and pairs.
+    """Fill in the faces of layers that lie beside each other; how many of them, and pairs, there are.
 
-    A column of ``beside`` has a block, another one, the place of each among the labels, the first block's slice, and
-    the axis along which the other follows; 3 and more where it has the same place, and another rotation. Each slice has
-    so many ``groups``. ``parent``, shape (2 * MOST,), is room for union-find, and ``faces`` for what is found.
+    A column of ``beside`` has a layer, another one and its group, as a face has them, the axis along which the other
+    follows, 3 and more where it has the same place, and another rotation, and the place of each among the labels.
+    Pairs that follow from others are left out. ``parent``, shape (2 * MOST,), is room for union-find.
     """
     counts = labels.counts
     kept: int = np.int64(0)  # type: ignore[assignment]  # of one type for the compiler from the start
     filled = kept
     wide, rows, long = 1 << shifts[1], 1 << (shifts[0] + shifts[1]), 1 << shifts[2]
     for n in range(beside.shape[1]):
-        axis = beside[5, n]
-        for kind in range(KINDS):
-            ours, theirs = KINDS * beside[2, n] + kind, KINDS * beside[3, n] + kind
-            for node in range(counts[ours]):
-                parent[node] = node
-            for node in range(MOST, MOST + counts[theirs]):
-                parent[node] = node
-            begin, most = filled, filled + counts[ours] + counts[theirs] - 1
-            for row in range(rows if counts[ours] > 0 and counts[theirs] > 0 else 0):
-                # The rows where the two touch: the last ones and the first; beside each other or in two slices, all.
-                other = row
-                if axis == 0:
-                    other -= rows - wide
-                elif axis == 1:
-                    other -= wide - 1 if row % wide == wide - 1 else rows
-                if other < 0:
-                    continue
-                if filled == most:
-                    break  # all are joined
-                own, other = ours * rows + row, theirs * rows + other
-                filled = join_rows(labels, own, other, long if axis == 2 else 0, parent, faces.pairs, filled)
-            if filled > begin:
-                face = faces.rows[kept]
-                face[0], face[1] = KINDS * beside[0, n] + kind, KINDS * beside[1, n] + kind
-                face[2], face[3] = groups * beside[4, n] + max(axis - 2, 0), filled - begin
-                kept += 1
+        axis, ours, theirs = beside[3, n], beside[4, n], beside[5, n]
+        if counts[ours] == 0 or counts[theirs] == 0:
+            continue
+        for node in range(counts[ours]):
+            parent[node] = node
+        for node in range(MOST, MOST + counts[theirs]):
+            parent[node] = node
+        begin, most = filled, filled + counts[ours] + counts[theirs] - 1
+        for row in range(rows):
+            # The rows where the two touch: the last ones and the first, or, beside each other or in two slices, all.
+            other = row
+            if axis == 0:
+                other -= rows - wide
+            elif axis == 1:
+                other -= wide - 1 if row % wide == wide - 1 else rows
+            if other < 0:
+                continue
+            if filled == most:
+                break  # all are joined
+            own, other = ours * rows + row, theirs * rows + other
+            filled = join_rows(labels, own, other, long if axis == 2 else 0, parent, faces.pairs, filled)
+        if filled > begin:
+            for k in range(3):
+                faces.rows[kept, k] = beside[k, n]
+            faces.rows[kept, 3] = filled - begin
+            kept += 1
     return kept, filled
 
 
@@ -592,7 +596,7 @@ class Components:
         """What all blocks come to; those that changed are read again."""
         if self._joined is None:
             stale = self._changed.copy()
-            for axis in (1, 2, 3):  # the block before has the face that it shares with this one
+            for axis in range(4 - self._dim, 4):  # the block before has the face that it shares with this one
                 before, changed = stale.swapaxes(0, axis), self._changed.swapaxes(0, axis)
                 before[:-1] |= changed[1:]
                 before[-1] |= changed[0]
@@ -627,18 +631,20 @@ class Components:
     def _read(self, own: Ints) -> Faces:
         """The faces of blocks, where they or those beside them have changed."""
         others, changed = self._beside(own), self._changed.reshape(-1)
-        n, face = np.nonzero((others >= 0) & (changed[own][:, None] | changed[others]))
+        n, face = ((others >= 0) & (changed[own][:, None] | changed[others])).nonzero()
         own, other = own[n], others[n, face]
         segments = np.unique(np.concatenate([own, other]))
         labels = self._label(segments)
-        counts = labels.counts.reshape(-1, KINDS)
-        self._counts[segments] = counts
-        places = np.searchsorted(segments, own), np.searchsorted(segments, other)
-        beside = np.array([own, other, *places, own // self._changed[0].size, face + 3 - self._dim])
-        most = KINDS * len(face), counts.sum(axis=1)[beside[2:4]].sum()
-        faces = Faces(np.empty((most[0], 4), np.int32), np.empty(most[1], np.int32))
-        parent, groups = np.empty(2 * MOST, np.int32), 1 + self._turns.links.shape[1]
-        kept = meet_blocks(labels, self._blocks.shifts, beside, groups, parent, faces)
+        self._counts[segments] = labels.counts.reshape(-1, KINDS)
+        groups = own // self._changed[0].size * (1 + self._turns.links.shape[1]) + np.maximum(face + 1 - self._dim, 0)
+        places = segments.searchsorted(own), segments.searchsorted(other)
+        # From here on, faces of layers: those of one kind, and then of the other.
+        beside = np.array(
+            [KINDS * own, KINDS * other, groups, face + 3 - self._dim, *(KINDS * each for each in places)]
+        )
+        beside = np.concatenate([beside + kind * _LAYERS for kind in range(KINDS)], axis=1)
+        faces = Faces(np.empty((beside.shape[1], 4), np.int32), np.empty(labels.counts[beside[4:]].sum(), np.int32))
+        kept = meet_blocks(labels, self._blocks.shifts, beside, np.empty(2 * MOST, np.int32), faces)
         return Faces(*(array[:count].copy() for array, count in zip(faces, kept, strict=True)))
 
     def _beside(self, own: Ints) -> Ints:
