@@ -324,6 +324,24 @@ def part_options(forceinline: bool) -> dict[str, Any]:
     return {"pipeline_class": PartCompiler}
 
 
+def by_kind(function: Callable[..., Any], made: dict[type, Callable[..., Any]], makes_arrays: bool = False) -> None:
+    """Have compiled code that calls a function take one of several for it, by the kind of the first argument.
+
+    Kinds are classes of records, or ``numpy.ndarray``. Only the one that is taken is compiled, and into its caller.
+    """
+    import numpy as np
+    from numba import types
+    from numba.extending import overload
+
+    options: Any = {"error_model": "numpy", "no_cfunc_wrapper": True, "nogil": True, **part_options(forceinline=True)}
+    if not makes_arrays:
+        options["_nrt"] = False
+
+    @overload(function, jit_options=options, strict=False)
+    def taken(first: Any, *others: Any) -> Any:
+        return made.get(np.ndarray if isinstance(first, types.Array) else getattr(first, "instance_class", object))
+
+
 def entry(kernel: Any, fixed: tuple[Any, ...], floats: int) -> Callable[..., Any]:
     """A kernel with its first arguments given and some floats to come, without numba's dispatch on every call."""
     import numba

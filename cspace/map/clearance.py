@@ -14,10 +14,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.compiling import entry, inner, reader
+from cspace.compiling import by_kind, entry, inner, reader
 from cspace.grid import SLACK
 from cspace.map import turning
-from cspace.map.mip import ROWS, SHIFT, SIDE, Marks
+from cspace.map.mip import ROWS, SHIFT, SIDE, Marks, PlaneMarks, SpaceMarks
 from cspace.map.points import FAR, Cell, Numbers, configuration, is_usable, replaced, state_at
 from cspace.map.record import Map
 from cspace.map.storage import zeros_above, zeros_below
@@ -77,12 +77,7 @@ def clearance_at(map_: Map, marks: Marks, q: Numbers, most: float) -> float:
     # Where much is not FREE, the nearest cells are enough.
     best, near = most * most, 0.0
     if border > 0.0:
-        if marks.blocks.shape[4] == 1:
-            # Where nothing is marked far and wide, rows would be gone through in vain.
-            if marks.nodes[s, 0, int(place[1]) >> 2 * SHIFT, int(place[2]) >> 3 * SHIFT] != 0:
-                near, best = FAR_ROWS, nearest_in_rows(marks, s, place, best)
-        elif is_marked(marks, s, place):
-            near, best = NEAR, nearest_around(marks, s, place, best)
+        near, best = nearest_close(marks, s, place, best)
     if not best < border * abs(border):
         best = min(best, square_outside(map_, s, place))
     if best > near:
@@ -119,20 +114,32 @@ def square_outside(map_: Map, s: int, place: Place) -> float:
 # zero: a block of blocks, a block, a cell. What is no nearer than the best cell so far is not looked into.
 
 
-@inner(forceinline=True)
-def is_marked(marks: Marks, s: int, place: Place) -> bool:
-    """Whether something is not FREE in the block of cells that holds a place in the grid."""
+def nearest_close(marks: Marks, s: int, place: Place, best: float) -> tuple[float, float]:
+    """The same of a place in the grid, of what is near, and the squared distance up to which that is all."""
+    raise NotImplementedError
+
+
+def _close_in_space(marks: SpaceMarks, s: int, place: Place, best: float) -> tuple[float, float]:
     i, j, k = int(place[0]) >> SHIFT, int(place[1]) >> SHIFT, int(place[2]) >> SHIFT
-    word = marks.blocks[s, i >> SHIFT, j >> SHIFT, k >> SHIFT, i & (marks.blocks.shape[4] - 1)]
-    return bool((word >> np.uint64(((k & (SIDE - 1)) << SHIFT) + (j & (SIDE - 1)))) & ONE)
+    word = marks.blocks[s, i >> SHIFT, j >> SHIFT, k >> SHIFT, i & (SIDE - 1)]
+    if (word >> np.uint64(((k & (SIDE - 1)) << SHIFT) + (j & (SIDE - 1)))) & ONE:
+        return NEAR, nearest_around(marks, s, place, best)
+    return 0.0, best
+
+
+def _close_in_plane(marks: PlaneMarks, s: int, place: Place, best: float) -> tuple[float, float]:
+    # Where nothing is marked far and wide, rows would be gone through in vain.
+    if marks.nodes[s, 0, int(place[1]) >> 2 * SHIFT, int(place[2]) >> 3 * SHIFT] == 0:
+        return 0.0, best
+    return FAR_ROWS, nearest_in_rows(marks, s, place, best)
 
 
 @inner
-def nearest_around(marks: Marks, s: int, place: Place, best: float) -> float:
+def nearest_around(marks: SpaceMarks, s: int, place: Place, best: float) -> float:
     """The same of the eight cells, along each axis, around a place in the grid."""
-    _, count, wide, long, layers = marks.cells.shape
+    _, count, wide, long, _ = marks.cells.shape
     first_x, first_y, first_z = int(place[0]) - AHEAD, int(place[1]) - AHEAD, int(place[2]) - AHEAD
-    stop_x, first_x, b, c = min(first_x + SIDE, layers * count), max(first_x, 0), first_y >> SHIFT, first_z >> SHIFT
+    stop_x, first_x, b, c = min(first_x + SIDE, SIDE * count), max(first_x, 0), first_y >> SHIFT, first_z >> SHIFT
     # Of four words, what lies in the eight by eight cells.
     low_y, low_z = np.uint64(first_y & (SIDE - 1)), np.uint64((first_z & (SIDE - 1)) << SHIFT)
     kept = (ALL >> low_y) * COLUMN
@@ -145,7 +152,7 @@ def nearest_around(marks: Marks, s: int, place: Place, best: float) -> float:
         for n in range(max(b, 0), min(b + 2, wide)):
             column = np.uint64(0)
             for m in range(max(c, 0), min(c + 2, long)):
-                cells = marks.cells[s, i >> SHIFT, n, m, i & (layers - 1)]
+                cells = marks.cells[s, i >> SHIFT, n, m, i & (SIDE - 1)]
                 column |= cells >> low_z if m == c else cells << EIGHT << (LAST - SEVEN - low_z)
             if n == b:
                 word |= (column >> low_y) & kept
@@ -155,9 +162,9 @@ def nearest_around(marks: Marks, s: int, place: Place, best: float) -> float:
 
 
 @inner
-def nearest_in_rows(marks: Marks, s: int, place: Place, best: float) -> float:
+def nearest_in_rows(marks: PlaneMarks, s: int, place: Place, best: float) -> float:
     """The same of a place in the plane, row by row of blocks, as far as words around the place go."""
-    y, number, count = int(place[1]) >> SHIFT, int(place[2]) >> SHIFT, marks.cells.shape[2] // ROWS
+    y, number, count = int(place[1]) >> SHIFT, int(place[2]) >> SHIFT, marks.cells.shape[1] // ROWS
     for k in range(2 * MIDDLE):
         j = y - ((k + 1) >> 1) if k & 1 else y + (k >> 1)
         y_gap = gap(place[1], j, SIZE)
@@ -168,7 +175,7 @@ def nearest_in_rows(marks: Marks, s: int, place: Place, best: float) -> float:
             continue
         if not 0 <= j < count:
             continue
-        word = word_from(marks.cells[s, 0, ROWS * j + SIDE], number - MIDDLE)
+        word = word_from(marks.cells[s, ROWS * j + SIDE], number - MIDDLE)
         if word & AROUND and k < SIDE:
             best = nearest_in_eight(marks, s, j, place, best)
             word &= ~AROUND
@@ -177,24 +184,24 @@ def nearest_in_rows(marks: Marks, s: int, place: Place, best: float) -> float:
             n = number + int(np.int64(zeros_below(upper)))
             z_gap = gap(place[2], n, SIZE)
             if square + z_gap * z_gap < best:
-                best = nearest_in_row(marks, s, (0, j, n), place, best)
+                best = nearest_in_row(marks, s, j, n, place, best)
         if lower != 0:
             n = number - 1 - int(np.int64(zeros_above(lower)))
             z_gap = gap(place[2], n, SIZE)
             if square + z_gap * z_gap < best:
-                best = nearest_in_row(marks, s, (0, j, n), place, best)
+                best = nearest_in_row(marks, s, j, n, place, best)
     return best
 
 
 @inner(forceinline=True)
-def nearest_in_eight(marks: Marks, s: int, block: int, place: Place, best: float) -> float:
+def nearest_in_eight(marks: PlaneMarks, s: int, block: int, place: Place, best: float) -> float:
     """The same of the eight rows of cells of a row of blocks, of which a cell near the place is marked.
 
     Without a branch, for none could be foretold: without a bit, the next cell is 32 away, farther than the one near.
     """
     z, up, down = int(place[2]), np.uint64(MIDDLE), np.uint64(LAST) - np.uint64(MIDDLE)
     for k in range(SIDE):
-        word = word_from(marks.cells[s, 0, ROWS * block + k], z - MIDDLE)
+        word = word_from(marks.cells[s, ROWS * block + k], z - MIDDLE)
         above: int = np.int64(zeros_below(word >> up))  # type: ignore[assignment]
         below: int = np.int64(zeros_above(word << down))  # type: ignore[assignment]
         y_gap, z_gap = (
@@ -206,33 +213,31 @@ def nearest_in_eight(marks: Marks, s: int, block: int, place: Place, best: float
 
 
 @inner
-def nearest_in_row(marks: Marks, s: int, block: Cell, place: Place, best: float) -> float:
+def nearest_in_row(marks: PlaneMarks, s: int, row: int, block: int, place: Place, best: float) -> float:
     """The same of a row of blocks in the plane, from a block on and away from the place."""
-    z, rows, x_gap = int(place[2]), ROWS * block[1], gap(place[0], 0, 1.0)
-    first, last = block[2] << SHIFT, (block[2] << SHIFT) + SIDE - 1
-    found = math.inf
+    z, first, last = int(place[2]), block << SHIFT, (block << SHIFT) + SIDE - 1
     if last + 1 >= place[2]:
         first = max(first, z)
         for k in range(SIDE):
-            word = word_from(marks.cells[s, 0, rows + k], first)
+            word = word_from(marks.cells[s, ROWS * row + k], first)
             cell = first + np.int64(zeros_below(word)) if word != 0 else NONE
-            y_gap, z_gap = gap(place[1], SIDE * block[1] + k, 1.0), max(0.0, cell - place[2])
-            found = min(found, y_gap * y_gap + z_gap * z_gap)
+            y_gap, z_gap = gap(place[1], SIDE * row + k, 1.0), max(0.0, cell - place[2])
+            best = min(best, y_gap * y_gap + z_gap * z_gap)
     if first <= place[2]:
         last = min(last, z)
         for k in range(SIDE):
-            word = word_from(marks.cells[s, 0, rows + k], last + 1 - SIDE * SIDE)
+            word = word_from(marks.cells[s, ROWS * row + k], last + 1 - SIDE * SIDE)
             cell = last - np.int64(zeros_above(word)) if word != 0 else -NONE
-            y_gap, z_gap = gap(place[1], SIDE * block[1] + k, 1.0), max(0.0, place[2] - cell - 1)
-            found = min(found, y_gap * y_gap + z_gap * z_gap)
-    return min(best, x_gap * x_gap + found)
+            y_gap, z_gap = gap(place[1], SIDE * row + k, 1.0), max(0.0, place[2] - cell - 1)
+            best = min(best, y_gap * y_gap + z_gap * z_gap)
+    return best
 
 
 @inner(forceinline=True)
 def word_from(row: Words, number: int) -> np.uint64:
     """The 64 bits of a row of the plane from a cell, or a block, on; it may lie as many before the first one."""
     words, shift = (number + 64) >> 6, np.uint64(number & 63)
-    word: np.uint64 = row[words, 0] >> shift | row[words + 1, 0] << ONE << (LAST - shift)
+    word: np.uint64 = row[words] >> shift | row[words + 1] << ONE << (LAST - shift)
     return word
 
 
@@ -280,12 +285,10 @@ def nearest_in_node(marks: Marks, s: int, node: Cell, place: Place, gaps: tuple[
         if not x_square + y_least + z_least < best:
             return best
         word = layers[i - first_x]
-        # A single layer, as in the plane, is looked through sooner than cut down. What is cut off stays too far away in
-        # the layers that follow.
-        if layers.shape[0] > 1 and word != 0:
-            if best < known:
-                seen, known = window(place, SIZE, first_y, first_z, best, x_square + z_least, x_square + y_least), best
-            word &= seen
+        if word != 0 and best < known:
+            # What is cut off stays too far away in the layers that follow.
+            seen, known = seen_in_node(marks, node, place, x_square, gaps, best), best
+        word &= seen
         while word != 0:
             n, z_gap = nearest_part(word, BYTE, place[2], SIZE, first_z)
             square = x_square + z_gap * z_gap
@@ -301,11 +304,35 @@ def nearest_in_node(marks: Marks, s: int, node: Cell, place: Place, gaps: tuple[
             word &= ~(ALL << np.uint64(8 * n))
 
 
-@inner(forceinline=True)
+def seen_in_node(
+    marks: Marks, node: Cell, place: Place, x_square: float, gaps: tuple[float, float], best: float
+) -> np.uint64:
+    """The bits of a layer of a block of blocks that may be near enough."""
+    raise NotImplementedError
+
+
+def _seen_in_space(
+    marks: SpaceMarks, node: Cell, place: Place, x_square: float, gaps: tuple[float, float], best: float
+) -> np.uint64:
+    return window(place, SIZE, node[1] << SHIFT, node[2] << SHIFT, best, x_square + gaps[1], x_square + gaps[0])
+
+
+def _seen_in_plane(
+    marks: PlaneMarks, node: Cell, place: Place, x_square: float, gaps: tuple[float, float], best: float
+) -> np.uint64:
+    return EVERY  # a single layer is looked through sooner than cut down
+
+
 def nearest_in_block(marks: Marks, s: int, block: Cell, place: Place, best: float) -> float:
     """The same of a block of cells."""
-    if marks.blocks.shape[4] == 1:
-        return nearest_in_row(marks, s, block, place, best)
+    raise NotImplementedError
+
+
+def _nearest_in_plane(marks: PlaneMarks, s: int, block: Cell, place: Place, best: float) -> float:
+    return nearest_in_row(marks, s, block[1], block[2], place, best)
+
+
+def _nearest_in_space(marks: SpaceMarks, s: int, block: Cell, place: Place, best: float) -> float:
     layers = marks.cells[s, block[0], block[1], block[2]]
     first_x, first_y, first_z = block[0] * layers.shape[0], block[1] << SHIFT, block[2] << SHIFT
     last_x, seen = first_x + layers.shape[0], np.uint64(0)
@@ -317,11 +344,16 @@ def nearest_in_block(marks: Marks, s: int, block: Cell, place: Place, best: floa
         if not x_square + y_least + z_least < best:
             return best
         word = layers[i - first_x]
-        if layers.shape[0] > 1 and word != 0:
+        if word != 0:
             if seen == 0:  # once, which is enough for cells
                 seen = window(place, 1.0, first_y, first_z, best, x_square + z_least, x_square + y_least)
             word &= seen
         best = nearest_in_word(word, place, (first_y, first_z), x_square, y_least, best)
+
+
+by_kind(nearest_close, {SpaceMarks: _close_in_space, PlaneMarks: _close_in_plane})
+by_kind(seen_in_node, {SpaceMarks: _seen_in_space, PlaneMarks: _seen_in_plane})
+by_kind(nearest_in_block, {SpaceMarks: _nearest_in_space, PlaneMarks: _nearest_in_plane})
 
 
 @inner(forceinline=True)

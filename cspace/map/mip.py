@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.compiling import inner, reader
+from cspace.compiling import by_kind, inner, reader
 from cspace.map.kept import Lock
 from cspace.map.storage import Stack, flipped, read_only
 from cspace.states import FREE
@@ -42,27 +42,25 @@ PIECES: Final = 64
 
 LAST: Final = SIDE - 1
 
-ONE, BYTE = np.uint64(1), np.uint64(255)
+ZERO, ONE, BYTE = np.uint64(0), np.uint64(1), np.uint64(255)
 
 MOST_NOTED: Final = 32
 """Changes that are noted one by one; of more, the box around all is."""
 
 
 NO_BLOCKS: Final = read_only(np.zeros((0,) * 5, dtype=np.uint64))
-"""For :attr:`Marks.blocks`, where there are none."""
+"""For :attr:`SpaceMarks.blocks`, where there are none."""
 
 
-class Marks(NamedTuple):
-    """What is not FREE, at three scales, as compiled code takes it; not to be written.
+class SpaceMarks(NamedTuple):
+    """What is not FREE in space, at three scales, as compiled code takes it; not to be written.
 
     A word has 8 x 8 bits, a byte for each place along z, and in it a bit for each one along y.
 
     Attributes
     ----------
     cells : ndarray of uint64, shape (*number of blocks along each axis of (slices, x, y, z), layers)
-        A bit for each cell; a word for each of the 8 layers of cells in a block. In the plane, where there is one
-        layer, rows of bits along z instead, shape (slices, 1, y, words, 1), between a word of zeros before and behind:
-        eight rows of cells, and the row of their blocks, and so on. Of size 0 where nobody has asked for it.
+        A bit for each cell; a word for each of the 8 layers of cells in a block. Of size 0 where nobody has asked.
     blocks : ndarray of uint64, shape (*number of nodes, layers)
         A bit for each block, alike: whether one of its cells is marked.
     nodes : ndarray of uint64
@@ -72,6 +70,28 @@ class Marks(NamedTuple):
     cells: Words
     blocks: Words
     nodes: Words
+
+
+class PlaneMarks(NamedTuple):
+    """The same in the plane, which is one layer: of another type, so that neither is compiled for both.
+
+    Attributes
+    ----------
+    cells : ndarray of uint64, shape (slices, y, words)
+        Rows of bits along z, between a word of zeros before and behind: eight rows of cells, and the row of their
+        blocks, and so on. Of size 0 where nobody has asked.
+    blocks, nodes : ndarray of uint64
+    """
+
+    cells: Words
+    blocks: Words
+    nodes: Words
+
+
+Marks = SpaceMarks | PlaneMarks
+
+_KINDS: Final[dict[int, tuple[type[Marks], int]]] = {3: (PlaneMarks, 1), 4: (SpaceMarks, SIDE)}
+"""The kind of the marks of a map, by the number of axes of its states, and how many layers its words have."""
 
 
 class Mip:
@@ -86,9 +106,11 @@ class Mip:
         self._shape = (*(1,) * (4 - states.ndim), *states.shape[1:])
         self._blocks_shape = tuple(-(-n // SIDE) for n in self._shape)
         nodes = tuple(-(-n // SIDE) for n in self._blocks_shape)
-        self._layers = SIDE if self._shape[0] > 1 else 1
-        self._cells = np.zeros((0,) * 5, dtype=np.uint64)
-        self._blocks = np.zeros((len(states), *nodes, self._layers), dtype=np.uint64)
+        self._kind, layers = _KINDS[states.ndim]
+        rows = ROWS * self._blocks_shape[1], -(-self._shape[2] // 64) + 2
+        self._cells_shape = (len(states), *((*self._blocks_shape, layers) if layers > 1 else rows))
+        self._cells = np.zeros((0,) * len(self._cells_shape), dtype=np.uint64)
+        self._blocks = np.zeros((len(states), *nodes, layers), dtype=np.uint64)
         self._nodes = np.zeros((len(states), *nodes[:2], -(-nodes[2] // SIDE) * SIDE), dtype=np.uint8)
         self._noted, self._followed_at_once = [self._whole()], False
 
@@ -106,15 +128,11 @@ class Mip:
         if self._noted or cells > bool(self._cells.size) or lasting > self._followed_at_once:
             with self._lock:
                 if cells and not self._cells.size:
-                    rows = 1, ROWS * self._blocks_shape[1], -(-self._shape[2] // 64) + 2
-                    shape = self._blocks_shape if self._layers > 1 else rows
-                    self._cells = np.zeros((len(self._states), *shape, self._layers), dtype=np.uint64)
+                    self._cells = np.zeros(self._cells_shape, dtype=np.uint64)
                     self._noted = [self._whole()]
                 self._followed_at_once |= lasting
                 self._follow()
-        return Marks(
-            read_only(self._cells.view()), read_only(self._blocks.view()), read_only(self._nodes.view(np.uint64))
-        )
+        return self._kind(*map(read_only, (self._cells, self._blocks, self._nodes.view(np.uint64))))
 
     def _whole(self) -> Ints:
         return np.array([[0, 0, 0, *(n - 1 for n in self._shape)]] * len(self._states), dtype=np.int64)
@@ -134,7 +152,8 @@ class Mip:
 
     def _mark_of(self, states: States, part: slice, boxes: Ints) -> None:
         """Mark a part of the slices, in threads where that pays."""
-        states, cells, blocks = read_only(states.reshape(-1, *self._shape)), self._cells[part], self._blocks[part]
+        states = read_only(states.reshape(-1, *self._shape))
+        marks = self._kind(self._cells[part], self._blocks[part], self._nodes[part].view(np.uint64))
         some = np.flatnonzero((boxes[part, :3] <= boxes[part, 3:]).all(axis=1))
         if not len(some):
             return
@@ -149,7 +168,7 @@ class Mip:
 
         def work(start: int, stop: int) -> int:
             line = np.zeros(self._blocks_shape[2], dtype=np.uint64)
-            mark(states, cells, blocks, (line.view(np.uint8), line, line.copy()), its[start:stop])
+            mark(states, marks, (line.view(np.uint8), line, line.copy()), its[start:stop])
             return -1
 
         in_chunks(work, len(its), least=1 + int(len(its) * CELLS_A_THREAD / max(size, 1.0)))
@@ -157,12 +176,34 @@ class Mip:
             slice(None),
             *map(slice, its[:, 1:4].min(axis=0) >> 2 * SHIFT, (its[:, 4:].max(axis=0) >> 2 * SHIFT) + 1),
         )
-        self._nodes[part][every] = blocks[every].any(axis=-1)
+        self._nodes[part][every] = marks.blocks[every].any(axis=-1)
+
+
+def keep(marks: Marks, s: int, i: int, b: int, first: int, depth: int, eights: Words) -> None:
+    """Mark the cells of a layer, in blocks that follow each other along z, by what each word of :class:`Marks` has."""
+    raise NotImplementedError
+
+
+def _keep_words(marks: SpaceMarks, s: int, i: int, b: int, first: int, depth: int, eights: Words) -> None:
+    for c in range(depth):
+        marks.cells[s, i >> SHIFT, b, first + c, i & LAST] = eights[c]
+
+
+def _keep_rows(marks: PlaneMarks, s: int, i: int, b: int, first: int, depth: int, eights: Words) -> None:
+    for c in range(depth):
+        z, eight = first + c, flipped(eights[c])
+        put(marks.cells[s, ROWS * b + SIDE], z, ONE, ONE if eight != 0 else ZERO)
+        for j in range(ROWS * b, ROWS * b + SIDE):
+            put(marks.cells[s, j], z << SHIFT, BYTE, eight & BYTE)
+            eight >>= np.uint64(SIDE)
+
+
+by_kind(keep, {SpaceMarks: _keep_words, PlaneMarks: _keep_rows})
 
 
 @reader
-def mark(states: States, cells: Words, blocks: Words, room: tuple[States, Words, Words], boxes: Ints) -> None:
-    """Mark what boxes of cells touch; see :class:`Marks`.
+def mark(states: States, marks: Marks, room: tuple[States, Words, Words], boxes: Ints) -> None:
+    """Mark what boxes of cells touch; see :class:`SpaceMarks`.
 
     ``room`` is for its own use: a row of blocks along z, as bytes and as the same words, and as many words again.
 
@@ -184,28 +225,21 @@ def mark(states: States, cells: Words, blocks: Words, room: tuple[States, Words,
                         add_bit(line, states[s, i, j, low:high], np.uint8(1 << (j & LAST)))
                     for c in range(depth):
                         some[c] |= eights[c]
-                        if len(cells) > 0 and nx > 1:
-                            cells[s, a, b, first + c, i & LAST] = eights[c]
-                for c in range(depth if len(cells) > 0 and nx == 1 else 0):
-                    z, eight = first + c, flipped(some[c])
-                    for j in range(ROWS * b, ROWS * b + SIDE):
-                        put(cells[s, 0, j], z << SHIFT, BYTE, eight & BYTE)
-                        eight >>= np.uint64(SIDE)
-                    put(cells[s, 0, ROWS * b + SIDE], z, ONE, ONE if some[c] != 0 else ONE - ONE)
+                    if len(marks.cells) > 0:
+                        keep(marks, s, i, b, first, depth, eights)
+                layer = marks.blocks[s, a >> SHIFT, b >> SHIFT, :, a & LAST]
                 for c in range(depth):
                     z = first + c
                     bit = ONE << np.uint64(((z & LAST) << SHIFT) + (b & LAST))
-                    word = blocks[s, a >> SHIFT, b >> SHIFT, z >> SHIFT, a & LAST] & ~bit
-                    if some[c] != 0:
-                        word |= bit
-                    blocks[s, a >> SHIFT, b >> SHIFT, z >> SHIFT, a & LAST] = word
+                    word = layer[z >> SHIFT]
+                    layer[z >> SHIFT] = word | bit if some[c] != 0 else word & ~bit
 
 
 @inner
 def put(row: Words, number: int, mask: np.uint64, bits: np.uint64) -> None:
     """Replace bits of a row, from the one of a number on; they lie in one word."""
     shift = np.uint64(number & 63)
-    row[(number >> 6) + 1, 0] = (row[(number >> 6) + 1, 0] & ~(mask << shift)) | bits << shift
+    row[(number >> 6) + 1] = (row[(number >> 6) + 1] & ~(mask << shift)) | bits << shift
 
 
 @inner

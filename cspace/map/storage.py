@@ -14,10 +14,10 @@ from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.cpython.unsafe.numbers import leading_zeros, trailing_zeros
-from numba.extending import intrinsic, overload
+from numba.extending import intrinsic
 from numpy.typing import DTypeLike, NDArray
 
-from cspace.compiling import inner, part_options, reader
+from cspace.compiling import by_kind, inner, reader
 from cspace.errors import InputError
 from cspace.memory import KEEP, free_bytes, in_words
 from cspace.states import FREE
@@ -251,27 +251,9 @@ def _row_of_bits(cells: TwoBits, number: int, count: int) -> Halves:
     return taken | beyond, blocked | beyond
 
 
-COMPILED: Final[Any] = {
-    "_nrt": False,
-    "error_model": "numpy",
-    "no_cfunc_wrapper": True,
-    "nogil": True,
-    **part_options(forceinline=True),
-}
-"""How what follows is compiled; other ways to keep states may add theirs."""
-
-
-def _register(function: Any, bytes_: Any, bits: Any, tiles: Any = None) -> None:
-    @overload(function, jit_options=COMPILED, strict=False)
-    def _taken(cells: Any, *others: Any) -> Any:
-        if isinstance(cells, types.Array):
-            return bytes_
-        return {TwoBits: bits, TileCells: tiles}.get(getattr(cells, "instance_class", object))
-
-
-_register(state_in, _byte_in, _bits_in, _tiled_in)
-_register(row_in, _row_of_bytes, _row_of_bits)
-_register(expect, _byte_soon, _bits_soon)
+by_kind(state_in, {np.ndarray: _byte_in, TwoBits: _bits_in, TileCells: _tiled_in})
+by_kind(row_in, {np.ndarray: _row_of_bytes, TwoBits: _row_of_bits})
+by_kind(expect, {np.ndarray: _byte_soon, TwoBits: _bits_soon})
 
 
 # ---- packing ---------------------------------------------------------------------------------------------------------

@@ -11,11 +11,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numba.extending import overload
 from numpy.typing import NDArray
 
-from cspace.compiling import inner
-from cspace.map.storage import COMPILED
+from cspace.compiling import by_kind, inner
 from cspace.rotations import (
     MAX_YAW,
     NORM_SLACK,
@@ -618,7 +616,7 @@ def _quaternion_matrix_of(rotations: QuaternionCells, q: Numbers) -> Matrix:
 
 # ---- which is taken --------------------------------------------------------------------------------------------------
 
-_MADE = {
+_MADE: dict[Any, dict[type, Any]] = {
     origin: {OneCell: _one_origin, YawCells: _yaw_origin, QuaternionCells: _quaternion_origin},
     is_usable: {OneCell: _one_is_usable, YawCells: _yaw_is_usable, QuaternionCells: _quaternion_is_usable},
     slice_at: {OneCell: _one_slice_at, YawCells: _yaw_slice_at, QuaternionCells: _quaternion_slice_at},
@@ -635,10 +633,5 @@ _MADE = {
 }
 
 
-def _register(function: Any, made: dict[type, Any]) -> None:
-    options: Any = {name: value for name, value in COMPILED.items() if name != "_nrt"}  # some make arrays
-    overload(function, jit_options=options, strict=False)(lambda rotations, *others: made[rotations.instance_class])
-
-
 for _function, _made in _MADE.items():
-    _register(_function, _made)
+    by_kind(_function, _made, makes_arrays=True)

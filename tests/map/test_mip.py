@@ -24,10 +24,10 @@ def bits_of(words):
 
 
 def rows_of(words, which):
-    """Some of each nine rows of the plane, shape (slices, 1, y, words, 1), as an array of places."""
-    slices, _, rows, count, _ = words.shape
-    assert not words[:, :, :, [0, -1]].any()
-    kept = np.ascontiguousarray(words[..., 1:-1, 0]).reshape(slices, rows // ROWS, ROWS, count - 2)[:, :, which]
+    """Some of each nine rows of the plane, shape (slices, y, words), as an array of places."""
+    slices, rows, count = words.shape
+    assert not words[..., [0, -1]].any()
+    kept = np.ascontiguousarray(words[..., 1:-1]).reshape(slices, rows // ROWS, ROWS, count - 2)[:, :, which]
     bits = np.unpackbits(kept.view(np.uint8), axis=-1, bitorder="little")
     return bits.reshape(slices, 1, -1, bits.shape[-1])
 
