@@ -351,6 +351,11 @@ def entry(kernel: Any, fixed: tuple[Any, ...], floats: int) -> Callable[..., Any
     return partial(kernel.get_overload(types), *fixed)
 
 
+def row_entry(kernel: Any, fixed: Any, floats: int) -> Callable[[tuple[float, ...]], Any]:
+    """As :func:`entry`, of one argument and the floats to come in a tuple."""
+    return partial(entry(kernel, (fixed, (0.0,) * floats), 0).func, fixed)  # type: ignore[attr-defined]
+
+
 @cache
 def _announce_compiling() -> None:
     """Have numba tell when it compiles; what it reads from its cache does not count.

@@ -49,15 +49,15 @@ class JointProofs:
     def edge(self) -> Callable[..., int]:
         return lambda *ends: self._one(self.edges, *np.array(ends).reshape(2, 1, -1))
 
-    def points(self, q: Floats, out: Bools, counts: Ints) -> int:
+    def points(self, q: Floats, out: Bools) -> int:
         states = np.empty(len(q), dtype=np.uint8)
         bad = classify(self._problem.map, q, states)
         np.equal(states, FREE, out=out)
-        return bad if bad >= 0 else self._ask(np.flatnonzero(states == MIXED), q, q, out, counts)
+        return bad if bad >= 0 else self._ask(np.flatnonzero(states == MIXED), q, q, out)
 
-    def edges(self, q0: Floats, q1: Floats, out: Bools, counts: Ints) -> int:
+    def edges(self, q0: Floats, q1: Floats, out: Bools) -> int:
         bad = edges_are_free(self._problem.map, NO_BLOCKS, q0, q1, out)
-        return bad if bad >= 0 else self._ask(np.flatnonzero(~out), q0, q1, out, counts)
+        return bad if bad >= 0 else self._ask(np.flatnonzero(~out), q0, q1, out)
 
     def spare(self, points: Floats, lengths: Floats, turns: Floats) -> float:
         return self._in_joints.spare(points, lengths, turns)
@@ -67,13 +67,12 @@ class JointProofs:
         """What tells distances in the joints, to the cells that are not FREE."""
         return proofs_by_borders(self._problem)
 
-    def _ask(self, left: Ints, q0: Floats, q1: Floats, out: Bools, counts: Ints) -> int:
+    def _ask(self, left: Ints, q0: Floats, q1: Floats, out: Bools) -> int:
         """Ask the arm about some of the motions, of which nothing is proven beyond the ends of the map."""
         low, high = self._ends.T
         inside = [((low <= q[left]) & (q[left] <= high)).all(axis=1) for q in (q0, q1)]
         left = left[inside[0] & inside[1]]
         out[left] = are_free(self._scene, *(self._whole(q[left]) for q in (q0, q1)))
-        counts += len(left)
         return -1
 
     def _whole(self, q: Floats) -> Floats:
@@ -84,6 +83,6 @@ class JointProofs:
 
     @staticmethod
     def _one(ask: Callable[..., int], *rows: Floats) -> int:
-        out, counts = np.zeros(1, dtype=np.bool_), np.zeros(2, dtype=np.int64)
-        ask(*rows, out, counts)
-        return int(counts[1] if out[0] else -1 - counts[1])
+        out = np.zeros(1, dtype=np.bool_)
+        ask(*rows, out)
+        return 0 if out[0] else -1

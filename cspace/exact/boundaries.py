@@ -28,8 +28,8 @@ CUT_ERROR: Final = 2.0**-48
 class Proofs(Protocol):
     """Proofs for one robot among the obstacles of one workspace.
 
-    ``point(*q)`` and ``edge(*q0, *q1)`` tell whether all is free: how many distances that took, zero or above; or -1
-    less that number. ``points(q, out, counts)`` and ``edges(q0, q1, out, counts)`` do so for arrays of shape (n, dof).
+    ``point(*q)`` and ``edge(*q0, *q1)`` are zero or above where all is free, and below it elsewhere: how many distances
+    that took, or -1 less that number. ``points(q, out)`` and ``edges(q0, q1, out)`` tell whether, for shapes (n, dof).
     ``spare(points, lengths, turns)``: by how much the robot is farther from obstacles than it has to be, metres, on
     pieces of a path that is free, by their middles, shape (n, dof), how far they lead and how much they turn; or zero.
     """

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.compiling import entry
+from cspace.compiling import row_entry
 from cspace.exact import plane
 from cspace.exact.boundaries import Problem, anchors_of, joined, obstacle_border
 from cspace.exact.segments import Outline, Scene
@@ -22,17 +22,6 @@ BIN: Final = 4
 """Side of a bin of border segments, in cells."""
 
 
-_POINT: Final[dict[int, Callable[..., Callable[..., int]]]] = {
-    2: lambda ask: lambda x, y: ask(x, y, 0.0),
-    3: lambda ask: ask,
-}
-_EDGE: Final[dict[int, Callable[..., Callable[..., int]]]] = {
-    2: lambda ask: lambda x0, y0, x1, y1: ask(x0, y0, 0.0, x1, y1, 0.0),
-    3: lambda ask: ask,
-}
-"""A question of configurations with a yaw as one of configurations of so many numbers."""
-
-
 class PlaneProofs:
     """Proofs for one robot among the obstacles of one workspace; what is asked is compiled when it is first asked."""
 
@@ -42,11 +31,13 @@ class PlaneProofs:
 
     @cached_property
     def point(self) -> Callable[..., int]:
-        return _POINT[self._dof](entry(plane.ask_point, (self._world,), 3))
+        ask = row_entry(plane.ask_point, self._world, self._dof)
+        return lambda *q: ask(q)
 
     @cached_property
     def edge(self) -> Callable[..., int]:
-        return _EDGE[self._dof](entry(plane.ask_edge, (self._world,), 6))
+        ask = row_entry(plane.ask_edge, self._world, 2 * self._dof)
+        return lambda *ends: ask(ends)
 
     @cached_property
     def points(self) -> Kernel:

@@ -13,15 +13,12 @@ from cspace.exact import ADVANCE, MOST_DISTANCES, ROUNDING, SHORTEST
 from cspace.exact.segments import Outline, Scene, gap, is_nested, place
 from cspace.grid import MAX_COORDINATE
 from cspace.map import turning
-from cspace.map.edges import NO_BLOCKS, edge_is_free
-from cspace.map.points import Numbers, is_usable, replaced, state_at
+from cspace.map.edges import NO_BLOCKS, along, edge_is_free
+from cspace.map.points import Numbers, configuration, halves, is_usable, state_at
 from cspace.map.record import Map
-from cspace.map.turning import shorter_turn
-from cspace.rotations import TURN, YAW_SLACK
 from cspace.states import BLOCKED, FREE
 
 Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 SLIDE = 4.0
@@ -36,89 +33,60 @@ class World(NamedTuple):
     outline: Outline
 
 
-class Stretch(NamedTuple):
-    """A motion on which x, y and yaw change linearly; the end is kept as it was given, for no rounding to move it."""
-
-    x: float
-    y: float
-    yaw: float
-    end_x: float
-    end_y: float
-    turn: float
-
-
 @inner(forceinline=True)
-def _configuration(map_: Map, x: float, y: float, yaw: float) -> Numbers:
-    """What the map is asked about: without the yaw, if the robot does not turn."""
-    q: Numbers = map_.lower + turning.origin(map_.rotations)
+def yaw_of(q: Numbers) -> float:
+    """The yaw of a configuration, zero where the robot does not turn."""
+    yaw = 0.0
     for axis in range(2, len(q)):
-        q = replaced(q, axis, yaw)
-    return replaced(replaced(q, 0, x), 1, y)
-
-
-@inner
-def _state(map_: Map, x: float, y: float, yaw: float) -> int:
-    """State of one configuration."""
-    return state_at(map_, _configuration(map_, x, y, yaw))
-
-
-@inner
-def _walk(map_: Map, way: Stretch, start: float, stop: float) -> bool:
-    """Whether every closed cell that meets a part of a stretch is FREE."""
-    dx, dy = way.end_x - way.x, way.end_y - way.y
-    q0 = _configuration(map_, way.x + start * dx, way.y + start * dy, way.yaw + start * way.turn)
-    x1, y1 = (way.end_x, way.end_y) if stop == 1.0 else (way.x + stop * dx, way.y + stop * dy)
-    q1 = _configuration(map_, x1, y1, way.yaw + stop * way.turn)
-    return bool(edge_is_free(map_, NO_BLOCKS, q0, q1))
+        yaw = q[axis]
+    return yaw
 
 
 @jit
-def ask_point(world: World, x: float, y: float, yaw: float) -> int:
+def ask_point(world: World, q: Numbers) -> int:
     """Whether a configuration is free: how many distances that took, zero or above; or -1 less that number."""
-    state = _state(world.map, x, y, yaw)
+    state = state_at(world.map, q)
     if state == FREE:
         return 0
     if state == BLOCKED:
         return -1
     scene, outline = world.scene, world.outline
-    placed = place(outline, x, y, yaw, (0.0, 0.0))
-    least = scene.least + ROUNDING * (abs(x) + abs(y))
+    placed = place(outline, q[0], q[1], yaw_of(q), (0.0, 0.0))
+    least = scene.least + ROUNDING * (abs(q[0]) + abs(q[1]))
     if gap(scene, outline, placed, least, scene.reach) <= least or is_nested(scene, outline, placed):
         return -2
     return 1
 
 
 @inner(_nrt=True)
-def _ask_stretch(world: World, way: Stretch) -> int:
-    """As :func:`ask_point`, for all configurations of a stretch.
+def _ask_way(world: World, q0: Numbers, q1: Numbers, way: int) -> int:
+    """As :func:`ask_point`, for all configurations on one of the shortest ways from one to another.
 
-    FREE cells are walked without asking for distances. Elsewhere, a stretch without a turn is proven by distances from
+    FREE cells are walked without asking for distances. Elsewhere, a way without a turn is proven by distances from
     what the border sweeps; one with a turn by conservative advancement: a point of the robot moves by at most ``speed``
-    times the part of the stretch, so that a distance proves the configurations before and after it.
+    times the part of the way, so that a distance proves the configurations before and after it.
     """
     space, scene, outline = world.map, world.scene, world.outline
-    if _walk(space, way, 0.0, 1.0):
-        return 0
-    dx, dy = way.end_x - way.x, way.end_y - way.y
-    size = abs(way.x) + abs(way.y) + abs(way.end_x) + abs(way.end_y)
+    dx, dy, angle = q1[0] - q0[0], q1[1] - q0[1], turning.turn_of(space.rotations, q0, q1, way)[0]
+    size = abs(q0[0]) + abs(q0[1]) + abs(q1[0]) + abs(q1[1])
     if not size <= 2.0 * MAX_COORDINATE * space.spacing:
         return -1
     least = scene.least + ROUNDING * size
-    speed = math.hypot(dx, dy) + outline.rho * abs(way.turn)
+    speed = math.hypot(dx, dy) + outline.rho * angle
     walk = shortest_walk = 4.0 * space.spacing / speed if speed > 0.0 else 1.0
-    slides = outline.rho * way.turn == 0.0
+    slides = outline.rho * angle == 0.0
     proven, leap, asked = 0.0, 0.0, 0
     while True:
         # All before `proven` is free. A distance a leap ahead may reach back to there, and proves twice as much.
         at = min(proven + leap, 1.0)
-        x, y, yaw = way.x + at * dx, way.y + at * dy, way.yaw + at * way.turn
-        state = _state(space, x, y, yaw)
+        q = along(space, q0, q1, way, at)
+        state = state_at(space, q)
         if state == BLOCKED:
             return -1 - asked
         if state == FREE:
             # Walks grow as long as they succeed, so that a long way through FREE cells is few calls.
             stop = min(max(at, proven + walk), 1.0)
-            if _walk(space, way, proven, stop):
+            if edge_is_free(space, NO_BLOCKS, along(space, q0, q1, way, proven), along(space, q0, q1, way, stop)):
                 if stop == 1.0:
                     return asked
                 proven, leap, walk = stop, 0.0, 2.0 * walk
@@ -128,7 +96,7 @@ def _ask_stretch(world: World, way: Stretch) -> int:
             return -1 - asked
         asked += 1
         stop = min(at + SLIDE * shortest_walk, 1.0) if slides else at
-        placed = place(outline, x, y, yaw, ((stop - at) * dx, (stop - at) * dy))
+        placed = place(outline, q[0], q[1], yaw_of(q), ((stop - at) * dx, (stop - at) * dy))
         spare = gap(scene, outline, placed, least, scene.reach) - least
         if spare <= 0.0:
             return -1 - asked
@@ -152,50 +120,44 @@ def _ask_stretch(world: World, way: Stretch) -> int:
 
 
 @jit
-def ask_edge(world: World, x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float) -> int:
-    """As :func:`ask_point`, for an edge along the shorter arc; along both where they are equal but for rounding."""
-    turn = shorter_turn(yaw0, yaw1)
-    asked = _ask_stretch(world, Stretch(x0, y0, yaw0, x1, y1, turn))
-    if asked < 0 or math.pi - abs(turn) > YAW_SLACK:
+def ask_edge(world: World, both: Numbers) -> int:
+    """As :func:`ask_point`, for an edge by its ends in a row; where two ways are equally long, both are proven."""
+    q0, q1 = halves(world.map, both)
+    return _ask_edge(world, q0, q1)
+
+
+@inner
+def _ask_edge(world: World, q0: Numbers, q1: Numbers) -> int:
+    asked = 0
+    if edge_is_free(world.map, NO_BLOCKS, q0, q1):
         return asked
-    other = turn - TURN if turn > 0.0 else turn + TURN
-    more = _ask_stretch(world, Stretch(x0, y0, yaw0, x1, y1, other))
-    return asked + more if more >= 0 else more - asked
+    for way in range(turning.ways(world.map.rotations, q0, q1)):
+        more = _ask_way(world, q0, q1, way)
+        if more < 0:
+            return more - asked
+        asked += more
+    return asked
 
 
 @jit
-def ask_points(world: World, points: Floats, out: Bools, counts: Ints) -> int:
-    """``ask_point`` of points, shape (n, 2) or (n, 3); the index of the first one that is not usable, or -1.
-
-    ``counts`` grows by how many points took a distance, and by how many distances were taken.
-    """
+def ask_points(world: World, points: Floats, out: Bools) -> int:
+    """Whether points, shape (n, dof), are free; the index of the first one that is not usable, or -1."""
     for k in range(points.shape[0]):
-        x, y, yaw = points[k, 0], points[k, 1], points[k, 2] if points.shape[1] == 3 else 0.0
-        if not is_usable(world.map, _configuration(world.map, x, y, yaw)):
+        q = configuration(world.map, points, k)
+        if not is_usable(world.map, q):
             return k
-        asked = ask_point(world, x, y, yaw)
-        out[k] = asked >= 0
-        number = asked if asked >= 0 else -1 - asked
-        counts[0] += number > 0
-        counts[1] += number
+        out[k] = ask_point(world, q) >= 0
     return -1
 
 
 @jit
-def ask_edges(world: World, starts: Floats, ends: Floats, out: Bools, counts: Ints) -> int:
-    """``ask_edge`` of edges, shapes (n, 2) or (n, 3); as :func:`ask_points`."""
+def ask_edges(world: World, starts: Floats, ends: Floats, out: Bools) -> int:
+    """The same of edges, shapes (n, dof)."""
     for k in range(starts.shape[0]):
-        x0, y0, yaw0 = starts[k, 0], starts[k, 1], starts[k, 2] if starts.shape[1] == 3 else 0.0
-        x1, y1, yaw1 = ends[k, 0], ends[k, 1], ends[k, 2] if ends.shape[1] == 3 else 0.0
-        if not is_usable(world.map, _configuration(world.map, x0, y0, yaw0)):
+        q0, q1 = configuration(world.map, starts, k), configuration(world.map, ends, k)
+        if not (is_usable(world.map, q0) and is_usable(world.map, q1)):
             return k
-        if not is_usable(world.map, _configuration(world.map, x1, y1, yaw1)):
-            return k
-        asked = ask_edge(world, x0, y0, yaw0, x1, y1, yaw1)
-        out[k] = asked >= 0
-        number = asked if asked >= 0 else -1 - asked
-        counts[0] += number > 0
-        counts[1] += number
+        out[k] = _ask_edge(world, q0, q1) >= 0
     return -1
 
 
@@ -203,14 +165,14 @@ def ask_edges(world: World, starts: Floats, ends: Floats, out: Bools, counts: In
 def least_spare(world: World, points: Floats, lengths: Floats, turns: Floats) -> float:
     """By how much the least distance on pieces of a path exceeds what it has to, metres; zero if not proven to.
 
-    The pieces are given by their middles, shape (n, 2) or (n, 3), metres and radians; no borders may lie nested there.
+    The pieces are given by their middles, shape (n, dof), metres and radians; no borders may lie nested there.
     """
     scene, outline, best = world.scene, world.outline, math.inf
     for k in range(points.shape[0]):
-        x, y, yaw = points[k, 0], points[k, 1], points[k, 2] if points.shape[1] == 3 else 0.0
-        least, half = scene.least + ROUNDING * (abs(x) + abs(y)), 0.5 * (lengths[k] + outline.rho * turns[k])
+        q = configuration(world.map, points, k)
+        least, half = scene.least + ROUNDING * (abs(q[0]) + abs(q[1])), 0.5 * (lengths[k] + outline.rho * turns[k])
         # What is farther away than elsewhere on the path is not looked for.
-        apart = gap(scene, outline, place(outline, x, y, yaw, (0.0, 0.0)), least, best + half)
+        apart = gap(scene, outline, place(outline, q[0], q[1], yaw_of(q), (0.0, 0.0)), least, best + half)
         best = min(best, apart - least - half)
         if best <= 0.0:
             return 0.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,21 +43,14 @@ class Exact:
         self._problem = problem
         self._proofs: Proofs | None = None
         self._lock = threading.RLock()
-        self._counts = {"point": 0, "edge": 0, "distance": 0}
-
-    @property
-    def counts(self) -> dict[str, int]:
-        """How many points and edges the map could not decide, and how many distances were computed for them."""
-        with self._lock:
-            return dict(self._counts)
 
     def points(self) -> Kernel:
         """Kernel of points: whether they are free."""
-        return self._counting("point", self._made().points)
+        return self._made().points
 
     def edges(self) -> Kernel:
         """Kernel of edges, along the shorter arc: whether they are free."""
-        return self._counting("edge", self._made().edges)
+        return self._made().edges
 
     def distance(self, points: Floats, lengths: Floats, turns: Floats) -> float:
         """Lower bound, proven, of the distance between robot and obstacles on a path that is free, metres.
@@ -73,12 +66,7 @@ class Exact:
         self._made()
 
         def check(*q: float) -> bool:
-            if quick(*q):
-                return True
-            asked = self._made().point(*q)
-            if asked > 0 or asked < -1:
-                self._count("point", 1, 1)
-            return asked >= 0
+            return quick(*q) or self._made().point(*q) >= 0
 
         return check
 
@@ -87,10 +75,7 @@ class Exact:
         self._made()
 
         def check(*ends: float) -> bool:
-            asked = self._made().edge(*ends)
-            if asked > 0 or asked < -1:
-                self._count("edge", 1, asked if asked > 0 else -1 - asked)
-            return asked >= 0
+            return self._made().edge(*ends) >= 0
 
         return check
 
@@ -108,19 +93,3 @@ class Exact:
                     self._proofs = (self._problem.prove or proofs_by_borders)(self._problem)
                 proofs = self._proofs
         return proofs
-
-    def _count(self, kind: str, asked: int, distances: int) -> None:
-        with self._lock:
-            self._counts[kind] += asked
-            self._counts["distance"] += distances
-
-    def _counting(self, kind: str, kernel: Kernel) -> Kernel:
-        """A kernel that adds to the counts what it took."""
-
-        def run(*arrays: NDArray[Any]) -> int:
-            counts = np.zeros(2, dtype=np.int64)
-            bad = kernel(*arrays, counts)
-            self._count(kind, *counts.tolist())
-            return bad
-
-        return run

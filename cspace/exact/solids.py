@@ -10,14 +10,14 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.compiling import entry, inner, jit
+from cspace.compiling import inner, jit, row_entry
 from cspace.exact import ADVANCE, MOST_DISTANCES, ROUNDING, SHORTEST
 from cspace.exact.boundaries import Problem, anchors_of, joined, obstacle_border, parts_of
 from cspace.exact.triangles import DEPTH, Motion, Node, Trees, dot, minus, placed, share_apart, trees_of
 from cspace.grid import MAX_COORDINATE
 from cspace.map import turning
-from cspace.map.edges import NO_BLOCKS, between, edge_is_free
-from cspace.map.points import Numbers, classify, configuration, is_usable, replaced, state_at
+from cspace.map.edges import NO_BLOCKS, along, edge_is_free
+from cspace.map.points import Numbers, classify, configuration, halves, is_usable, state_at
 from cspace.map.record import Map
 from cspace.map.turning import Matrix, Row
 from cspace.rotations import YawCells
@@ -152,31 +152,28 @@ class SolidProofs:
 
     @cached_property
     def edge(self) -> Callable[..., int]:
-        world, dof = self._world, self._dof
-        ask = entry(ask_one, (world, (0.0,) * (2 * dof)), 0).func  # type: ignore[attr-defined]
+        dof = self._dof
+        ask = row_entry(ask_one, self._world, 2 * dof)
 
         def edge(*ends: float) -> int:
-            asked: int = ask(world, ends)
+            asked: int = ask(ends)
             return asked if asked < DOUBT else self._resolved(asked, np.array(ends[:dof]))
 
         return edge
 
-    def points(self, points: Floats, out: Bools, counts: Ints) -> int:
-        """Whether points, shape (n, dof), are free; the index of the first one that is not usable, or -1.
-
-        ``counts`` grows by how many points took a distance, and by how many distances were taken.
-        """
+    def points(self, points: Floats, out: Bools) -> int:
+        """Whether points, shape (n, dof), are free; the index of the first one that is not usable, or -1."""
         states = np.empty(len(points), dtype=np.uint8)
         bad: int = classify(self._world.map, points, states)
         if bad < 0:
             asked = np.flatnonzero(states == MIXED)
             answers = np.empty(len(asked), dtype=np.bool_)
-            self.edges(points[asked], points[asked], answers, counts)
+            self.edges(points[asked], points[asked], answers)
             out[...] = states == FREE
             out[asked] = answers
         return bad
 
-    def edges(self, starts: Floats, ends: Floats, out: Bools, counts: Ints) -> int:
+    def edges(self, starts: Floats, ends: Floats, out: Bools) -> int:
         """The same of edges, shapes (n, dof)."""
         asked = np.empty(len(starts), dtype=np.int64)
 
@@ -188,8 +185,6 @@ class SolidProofs:
             for k in np.flatnonzero(asked >= DOUBT).tolist():
                 asked[k] = self._resolved(int(asked[k]), starts[k])
             out[...] = asked >= 0
-            numbers = np.where(asked >= 0, asked, -1 - asked)
-            counts += np.count_nonzero(numbers), numbers.sum()
         return bad
 
     def spare(self, points: Floats, lengths: Floats, turns: Floats) -> float:
@@ -230,10 +225,7 @@ def ask_edges(world: World, starts: Floats, ends: Floats, out: Ints) -> int:
 @jit
 def ask_one(world: World, both: Numbers) -> int:
     """:func:`ask_edge` of an edge, by its ends in a row."""
-    q0 = world.map.lower + turning.origin(world.map.rotations)
-    q1, dof = q0, len(q0)
-    for axis in range(dof):
-        q0, q1 = replaced(q0, axis, both[axis]), replaced(q1, axis, both[dof + axis])
+    q0, q1 = halves(world.map, both)
     work = Work(np.empty((WAITING, 2)), np.empty((DEPTH, 6), np.int64), np.empty((DEPTH, 6), np.int64))
     return ask_edge(world, q0, q1, work)
 
@@ -246,7 +238,7 @@ def ask_edge(world: World, q0: Numbers, q1: Numbers, work: Work) -> int:
     that ends where it starts is a point. Where two ways are equally long but for rounding, both are proven.
     """
     asked = 0
-    if walk(world.map, q0, q1):
+    if edge_is_free(world.map, NO_BLOCKS, q0, q1):
         return asked
     for way in range(turning.ways(world.map.rotations, q0, q1)):
         more = ask_way(world, q0, q1, way, work)
@@ -291,10 +283,10 @@ def ask_way(world: World, q0: Numbers, q1: Numbers, way: int, work: Work) -> int
         if (
             jump == 0.0
             and 0.0 < last - first < 1.0
-            and walk(map_, at(map_, q0, q1, way, first), at(map_, q0, q1, way, last))
+            and edge_is_free(map_, NO_BLOCKS, along(map_, q0, q1, way, first), along(map_, q0, q1, way, last))
         ):
             continue
-        q = at(map_, q0, q1, way, middle)
+        q = along(map_, q0, q1, way, middle)
         state, reach, part = state_at(map_, q), 2.0 * half * speed, 0.0
         if state == FREE and reach == 0.0:
             continue
@@ -350,21 +342,6 @@ def least_spare(world: World, points: Floats, lengths: Floats, turns: Floats) ->
         if best <= 0.0:
             return 0.0
     return best / scale
-
-
-@inner
-def walk(map_: Map, q0: Numbers, q1: Numbers) -> bool:
-    """Whether every closed cell that meets an edge is FREE."""
-    return edge_is_free(map_, NO_BLOCKS, q0, q1)
-
-
-@inner
-def at(map_: Map, q0: Numbers, q1: Numbers, way: int, t: float) -> Numbers:
-    """The configuration at t in [0, 1] on a way."""
-    q = turning.turned(map_.rotations, q0, q1, way, t)
-    for axis in range(3):
-        q = replaced(q, axis, between(q0[axis], q1[axis], t))
-    return q
 
 
 @inner

@@ -76,6 +76,15 @@ def edge_is_free(map_: Map, blocks: Words, q0: Numbers, q1: Numbers) -> bool:
             return False
 
 
+@inner
+def along(map_: Map, q0: Numbers, q1: Numbers, way: int, t: float) -> Numbers:
+    """The configuration at t in [0, 1] on one of the shortest ways of :func:`turning.ways`."""
+    q = turning.turned(map_.rotations, q0, q1, way, t)
+    for axis in range(len(map_.lower)):
+        q = replaced(q, axis, between(q0[axis], q1[axis], t))
+    return q
+
+
 @inner(forceinline=True)
 def between(first: float, second: float, t: float) -> float:
     """The number at t in [0, 1] on the way from one to another, never outside."""

@@ -65,6 +65,16 @@ def configuration(map_: Map, points: Floats, k: int) -> Numbers:
 
 
 @inner(forceinline=True)
+def halves(map_: Map, both: Numbers) -> tuple[Numbers, Numbers]:
+    """Two configurations that are given in a row."""
+    q0 = map_.lower + turning.origin(map_.rotations)
+    q1, dof = q0, len(q0)
+    for axis in range(dof):
+        q0, q1 = replaced(q0, axis, both[axis]), replaced(q1, axis, both[dof + axis])
+    return q0, q1
+
+
+@inner(forceinline=True)
 def is_usable(map_: Map, q: Numbers) -> bool:
     """Whether all is finite, and the rotation exact enough."""
     usable = turning.is_usable(map_.rotations, q)
