@@ -25,7 +25,7 @@ from cspace.map.callbacks import below_half_a_turn, brought
 from cspace.map.contents import Contents
 from cspace.map.kept import Kept
 from cspace.memory import check_memory
-from cspace.orientation import TURN, wrapped
+from cspace.orientation import TURN, shorter, wrapped
 from cspace.rotations import OneRotation, Rotations
 from cspace.space import CSpace
 from cspace.workspace import Workspace
@@ -77,8 +77,7 @@ class Circles(OneRotation):
 
     def steps(self, q0: Floats, q1: Floats) -> Floats:
         """What leads from configurations to others, turning the shorter way; half a turn as it is told."""
-        steps = q1 - q0
-        return np.where(self.endless, steps - TURN * np.rint(steps / TURN), steps)
+        return shorter(q1 - q0, self.endless)
 
 
 class Seam:

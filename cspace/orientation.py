@@ -242,6 +242,11 @@ def wrapped(yaw: Floats) -> Floats:
     return np.where((yaw >= -math.pi) & (yaw < math.pi), yaw, turned)
 
 
+def shorter(steps: Floats, endless: ArrayLike) -> Floats:
+    """Steps, shape (..., dof), without whole turns of the numbers that are angles without an end: the shorter way."""
+    return np.where(endless, steps - TURN * np.rint(steps / TURN), steps)
+
+
 def product_of(first: Floats, second: Floats) -> Floats:
     """Products of quaternions, shapes (..., 4): the second rotation about axes that the first has turned."""
     (x, y, z, w), (a, b, c, d) = np.moveaxis(first, -1, 0), np.moveaxis(second, -1, 0)

@@ -27,7 +27,7 @@ from cspace.arms.space import ArmSpace
 from cspace.errors import ConfigurationError, InputError
 from cspace.grid import finite, positive
 from cspace.map.callbacks import brought
-from cspace.orientation import TURN, wrapped
+from cspace.orientation import TURN, shorter, wrapped
 from cspace.rotations import YAW_SLACK
 from cspace.space import CSpace
 from cspace.states import BLOCKED, FREE, NAMES
@@ -63,9 +63,6 @@ ON_THE_SPOT: Final = tuple(name for name in _SPACES if name not in CURVES)
 """Drives that turn on the spot: OMPL's own length of their edges is in metres alone."""
 
 DRIVES: Final = (HOLONOMIC, *ON_THE_SPOT, *CURVES)
-
-SAME: Final = 1e-12
-"""Radians that whole turns, added or taken, may cost."""
 
 ARM_STEP: Final = 0.01
 """How far apart OMPL looks at configurations of an arm where it steps along a motion by itself."""
@@ -168,23 +165,6 @@ class LocalPlanner(ABC):
     @abstractmethod
     def search(self, planner: str, ends: Ends, straight: bool, seed: int | None, seconds: float) -> Floats:
         """A path by one of our own searches, shape (n, dof); of none if it finds none."""
-
-    def unwound(self, path: Floats) -> Floats:
-        """A path of OMPL's as edges join its rows, where whole turns count."""
-        circles = np.array(self.space.endless)
-        if not circles.any():
-            return path
-        found = path.copy()
-        for k in range(1, len(path)):
-            step = path[k] - found[k - 1]
-            found[k, circles] -= TURN * np.rint(step[circles] / TURN)
-        return found
-
-    def same(self, one: Floats, other: Floats) -> bool:
-        """Whether configurations are the same."""
-        step, circles = np.asarray(one) - other, np.array(self.space.endless)
-        turns = np.where(circles, TURN * np.rint(step / TURN), 0.0)
-        return bool((np.abs(step - turns) <= SAME * circles).all())
 
     @abstractmethod
     def lengths(self, firsts: Floats, lasts: Floats) -> Floats:
@@ -529,9 +509,7 @@ class JointMotions(LocalPlanner):
         return self.space.free_path(ends[0], goals, straight=straight, seed=seed, time_limit=seconds)
 
     def lengths(self, firsts: Floats, lasts: Floats) -> Floats:
-        steps, circles = lasts - firsts, np.array(self.space.endless)
-        steps[:, circles] = wrapped(steps[:, circles])
-        return np.asarray(np.linalg.norm(steps, axis=1))
+        return np.asarray(np.linalg.norm(shorter(lasts - firsts, self.space.endless), axis=1))
 
     def measured(self, path: Floats) -> tuple[float, float]:
         return math.fsum(np.linalg.norm(np.diff(path, axis=0), axis=1)), 0.0

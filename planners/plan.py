@@ -22,7 +22,7 @@ from planners.passages import Passages, shortened
 from planners.result import Plan, Times
 from planners.search import Found, Search
 from planners.setup import MakeObjective
-from planners.states import Configuration
+from planners.states import Configuration, kind_of
 
 MAX_SEED: Final = 2**32 - 2
 """Largest seed: OMPL's generator takes 32 bits, and refuses zero."""
@@ -212,7 +212,7 @@ def plan(
         if array is not None:
             array.flags.writeable = False
     status, advice = _status(found, name, edges, exists, limit)
-    certified = solved and found.proven and edges.same(found.path[[0, -1]], np.array(ends))
+    certified = solved and found.proven and kind_of(space).same(found.path[[0, -1]], np.array(ends))
     length, turning = edges.measured(waypoints) if solved else (math.nan, math.nan)
     setup = searched - began - found.planning - found.simplification
     return Plan(

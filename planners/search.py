@@ -118,7 +118,9 @@ class Search:
                 edges = replace(edges, both_ways=True)
             setup = set_up(edges, None if self.planner in SECOND_THREAD else self.objective)
             if self._is_shortest(edges, setup, start, goal):
-                return Found(edges.unwound(np.array([start, goal])), "a single edge is free; no search needed")
+                return Found(
+                    kind_of(edges.space).unwound(np.array([start, goal])), "a single edge is free; no search needed"
+                )
             if joined and not edges.exact:
                 narrow(setup, edges, start)
             return _Run(self, edges, setup).solve(start, goal, time_limit)
@@ -281,7 +283,7 @@ class _Run:
             return settled
         solution = setup.getSolutionPath()
         simple = self._rows(solution)
-        if not edges.same(simple[[0, -1]], path[[0, -1]]) or not edges.are_free(simple):
+        if not self._kind.same(simple[[0, -1]], path[[0, -1]]) or not edges.are_free(simple):
             return settled
         if weighs:
             return settled if objective.isCostBetterThan(cost, solution.cost(objective)) else edges.settled(simple)
@@ -292,7 +294,7 @@ class _Run:
 
     def _rows(self, path: og.PathGeometric) -> Floats:
         """The configurations of a path, shape (n, dof)."""
-        return self._edges.unwound(np.array([self._kind.read(state) for state in path.getStates()]))
+        return self._kind.unwound(np.array([self._kind.read(state) for state in path.getStates()]))
 
 
 @contextmanager

@@ -12,10 +12,14 @@ from ompl import base as ob
 
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import InputError
+from cspace.orientation import shorter
 
 Floats = NDArray[np.float64]
 Configuration = tuple[float, ...]
 T = TypeVar("T")
+
+SAME: Final = 1e-12
+"""Radians that whole turns, added or taken, may cost."""
 
 TURN_WEIGHT: Final = 0.5
 """Metres that a radian of turn counts as: in OMPL's SE(2) and SE(3), and so in R^3 x SO(2)."""
@@ -38,6 +42,8 @@ class StateKind:
     of_state, of_states : callable
         Make a function of one state, or of two, from one of the numbers of one configuration, or of two. OMPL calls
         them a million times, so that the commonest are written out.
+    endless : tuple of bool
+        Which numbers are of joints that turn for ever; empty if none is.
     """
 
     make: Callable[[], ob.StateSpace]
@@ -46,6 +52,21 @@ class StateKind:
     write: Callable[..., None]
     of_state: Callable[[Callable[..., T]], Callable[[ob.State], T]]
     of_states: Callable[[Callable[..., T]], Callable[[ob.State, ob.State], T]]
+    endless: tuple[bool, ...] = ()
+
+    def unwound(self, path: Floats) -> Floats:
+        """A path of OMPL's, shape (n, dof), as edges join its rows, where whole turns count."""
+        if not self.endless:
+            return path
+        found, steps = path.copy(), np.diff(path, axis=0)
+        found[1:] += np.cumsum(shorter(steps, self.endless) - steps, axis=0)
+        return found
+
+    def same(self, one: Floats, other: Floats) -> bool:
+        """Whether configurations are the same, shape (..., dof)."""
+        if not self.endless:
+            return np.array_equal(one, other)
+        return bool((np.abs(shorter(one - other, self.endless)) <= SAME * np.array(self.endless)).all())
 
 
 def kind_of(space: ConfigurationSpace) -> StateKind:
@@ -224,7 +245,7 @@ def _joints(endless: tuple[bool, ...]) -> StateKind:
         for n, k in enumerate(circles):
             state[first + n].value = q[k]
 
-    return _by_reading(make, set_bounds, read, write)
+    return _by_reading(make, set_bounds, read, write, endless)
 
 
 def _by_reading(
@@ -232,6 +253,7 @@ def _by_reading(
     set_bounds: Callable[[ob.StateSpace, Sequence[float], Sequence[float]], None],
     read: Callable[[ob.State], Configuration],
     write: Callable[..., None],
+    endless: tuple[bool, ...] = (),
 ) -> StateKind:
     """A kind of states of which questions cost far more than the reading of a state."""
     return StateKind(
@@ -241,4 +263,5 @@ def _by_reading(
         write=write,
         of_state=lambda ask: lambda s: ask(*read(s)),
         of_states=lambda ask: lambda a, b: ask(*read(a), *read(b)),
+        endless=endless,
     )
