@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import json
+from functools import cache
 from typing import Any
 
-from typer.testing import CliRunner
+import typer.main
+import typer.testing
 
 from cspace.cli import app
+
+# The runner would make all commands anew at each call, which takes longer than many of them.
+typer.testing._get_command = cache(typer.main.get_command)  # type: ignore[attr-defined]
 
 
 def run(*arguments: object) -> Any:
     """What the command line answers."""
-    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+    return typer.testing.CliRunner().invoke(app, [str(argument) for argument in arguments])
 
 
 def document(*arguments: object, warning: str = "") -> dict[str, Any]:

@@ -52,7 +52,7 @@ def middle(frame: NDArray[np.uint8], color: tuple[int, ...] = ROBOT) -> NDArray[
     return np.array([columns.mean(), -rows.mean()])
 
 
-def test_frames(space: CSpace, tmp_path: Path) -> None:
+def test_the_robot_drives_from_start_to_goal(space: CSpace, tmp_path: Path) -> None:
     calls: list[tuple[int, int]] = []
     file = animate(space, PATH, tmp_path / "drive.gif", seconds=2, rate=10, progress=lambda *call: calls.append(call))
     pixels, times, loop = frames(file)
@@ -62,10 +62,6 @@ def test_frames(space: CSpace, tmp_path: Path) -> None:
     assert calls == [(number, 21) for number in range(1, 22)]
     assert len({frame.shape for frame in pixels}) == 1
     assert [entry.name for entry in tmp_path.iterdir()] == ["drive.gif"]
-
-
-def test_the_robot_drives_from_start_to_goal(space: CSpace, tmp_path: Path) -> None:
-    pixels, _, _ = frames(animate(space, PATH, tmp_path / "drive.gif", seconds=2, rate=10))
     way = np.array([middle(frame) for frame in pixels])
     # Up first, then to the right, as in metres; the scale is the same along both axes.
     scale = (way[-1] - way[0]) / np.subtract(PATH[-1], PATH[0])[:2]
@@ -119,7 +115,7 @@ def test_the_slice_changes_with_the_yaw_alone(space: CSpace, tmp_path: Path) -> 
 
 
 def test_a_map_that_does_not_turn(flat: CSpace, tmp_path: Path) -> None:
-    pixels, _, _ = frames(animate(flat, [(1, 1), (1, 4), (7, 4)], tmp_path / "drive.gif", seconds=1))
+    pixels, _, _ = frames(animate(flat, [(1, 1), (1, 4), (7, 4)], tmp_path / "drive.gif", seconds=1, rate=10))
     way = np.array([middle(frame) for frame in pixels])
     assert (way[-1] - way[0] > 50).all()
 
