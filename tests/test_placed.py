@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import pickle
-import threading
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ from cspace import BLOCKED, FREE, ConfigurationError, InputError, Robot, Workspa
 from cspace.map.components import Components
 from cspace.shapes import Box, Shape, shape_of
 from updates import SPACING, World, agree, check, checkers, worlds
+from waiting import while_two_ask
 
 CART = shapely.box(1.83, 1.33, 2.21, 1.72)
 BLOCK = np.ones((4, 4), dtype=bool)
@@ -362,19 +363,15 @@ def test_files_hold_obstacles_and_no_names(tmp_path: Path) -> None:
 
 
 def test_obstacles_from_threads_wait_for_each_other() -> None:
-    space, stop, failures = room("free"), threading.Event(), []
+    space = room("free")
 
     def ask() -> None:
-        try:
-            while not stop.is_set():
-                q = np.random.default_rng(1).uniform(-1.0, 5.0, (50, 2))
-                space.clearance(q)
-                space.path_exists(q[:25], q[25:])
-                space.is_free(q, exact=True)
-                copy.copy(space)
-                list(space.placed)
-        except Exception as error:
-            failures.append(error)
+        q = np.random.default_rng(1).uniform(-1.0, 5.0, (50, 2))
+        space.clearance(q)
+        space.path_exists(q[:25], q[25:])
+        space.is_free(q, exact=True)
+        copy.copy(space)
+        list(space.placed)
 
     def move(name: str) -> None:
         rng = np.random.default_rng(ord(name))
@@ -382,16 +379,8 @@ def test_obstacles_from_threads_wait_for_each_other() -> None:
             space.place(name, [rng.uniform(0.0, 4.0, 2)], radius=0.2)
         space.remove(name) if name == "a" else None
 
-    readers = [threading.Thread(target=ask) for _ in range(2)]
-    writers = [threading.Thread(target=move, args=(name,)) for name in "abc"]
-    for thread in (*readers, *writers):
-        thread.start()
-    for thread in writers:
-        thread.join()
-    stop.set()
-    for thread in readers:
-        thread.join()
-    assert not failures and set(space.placed) == {"b", "c"}
+    while_two_ask(ask, [partial(move, name) for name in "abc"])
+    assert set(space.placed) == {"b", "c"}
     fresh = cspace.build(space.workspace, space.robot, outside="free")
     again = room("free")
     for name, shape in space.placed.items():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import threading
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
 from cspace.io import rosmap, writing
 from maps import same
 from updates import World, agree, check, checkers, worlds
+from waiting import while_two_ask
 
 BLOCK = np.ones((4, 4), dtype=bool)
 
@@ -342,32 +344,19 @@ def test_updates_from_threads_wait_for_each_other() -> None:
     space.clearance((1.0, 1.0))
     space.path_exists((1.0, 1.0), (2.0, 2.0))
     places = [(int(x), int(y)) for x, y in rng.integers(0, (36, 26), (40, 2))]
-    stop, failures = threading.Event(), []
 
     def ask() -> None:
-        try:
-            while not stop.is_set():
-                q = np.random.default_rng(1).uniform(-1.0, 5.0, (50, 2))
-                space.clearance(q)
-                space.path_exists(q[:25], q[25:])
-                space.overlap(q)
-                space.sample_free(3, np.random.default_rng(2))
-        except Exception as error:
-            failures.append(error)
+        q = np.random.default_rng(1).uniform(-1.0, 5.0, (50, 2))
+        space.clearance(q)
+        space.path_exists(q[:25], q[25:])
+        space.overlap(q)
+        space.sample_free(3, np.random.default_rng(2))
 
-    readers = [threading.Thread(target=ask) for _ in range(2)]
-    writers = [
-        threading.Thread(target=lambda part=part: [space.update(BLOCK, place) for place in part])
-        for part in (places[::2], places[1::2])
-    ]
-    for thread in (*readers, *writers):
-        thread.start()
-    for thread in writers:
-        thread.join()
-    stop.set()
-    for thread in readers:
-        thread.join()
-    assert not failures
+    def put(some: list[tuple[int, int]]) -> None:
+        for place in some:
+            space.update(BLOCK, place)
+
+    while_two_ask(ask, [partial(put, places[::2]), partial(put, places[1::2])])
     occupied = np.zeros((40, 30), dtype=bool)
     for x, y in places:
         occupied[x : x + 4, y : y + 4] = True

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 
@@ -14,3 +16,23 @@ def until(true: Callable[[], Any], seconds: float = 20.0) -> Any:
         assert time.monotonic() < end, "it did not come to that"
         time.sleep(0.05)
     return found
+
+
+def while_two_ask(ask: Callable[[], object], writers: Sequence[Callable[[], object]]) -> None:
+    """Run writers at once, while two threads ask again and again; what goes wrong in any of them is raised."""
+    done = threading.Event()
+
+    def go_on() -> None:
+        while not done.is_set():
+            ask()
+
+    with ThreadPoolExecutor(len(writers) + 2) as threads:
+        readers = [threads.submit(go_on) for _ in range(2)]
+        writing = [threads.submit(write) for write in writers]
+        try:
+            for each in writing:
+                each.result()
+        finally:
+            done.set()
+    for each in readers:
+        each.result()

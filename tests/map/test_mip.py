@@ -1,7 +1,5 @@
 """Marks at three scales against brute force, after changes too, and what threads see while they follow."""
 
-import threading
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -13,6 +11,7 @@ from cspace.map.kept import Lock
 from cspace.map.mip import MOST_NOTED, ROWS, SIDE, Mip
 from cspace.map.storage import PackedStates
 from strategies import seeds
+from waiting import while_two_ask
 
 
 def bits_of(words):
@@ -106,23 +105,18 @@ def test_clearances_asked_for_while_the_map_is_updated(dim):
     space.update(on, place)
     near = space.clearance(q)
     assert (near < far).any()
-    wrong, stop = [], threading.Event()
-    check = space.clearance_checker()
+    wrong, check = [], space.clearance_checker()
 
     def ask():
-        while not stop.is_set():
-            answers = np.array([space.clearance(q), [check(*one) for one in q.tolist()]])
-            wrong.append(((answers < near) | (answers > far)).sum())
+        answers = np.array([space.clearance(q), [check(*one) for one in q.tolist()]])
+        wrong.append(((answers < near) | (answers > far)).sum())
 
-    threads = [threading.Thread(target=ask) for _ in range(2)]
-    for thread in threads:
-        thread.start()
-    for _ in range(200):
-        space.update(off, place)
-        space.update(on, place)
-    stop.set()
-    for thread in threads:
-        thread.join()
+    def change():
+        for _ in range(200):
+            space.update(off, place)
+            space.update(on, place)
+
+    while_two_ask(ask, [change])
     assert wrong and not any(wrong)
     assert (space.clearance(q) == near).all()
     space.update(off, place)

@@ -95,14 +95,14 @@ def test_high_frequencies_agree_with_a_rule_for_oscillating_integrals(alpha, dim
 
 
 @pytest.mark.parametrize("dim", DIMS)
-@pytest.mark.parametrize("tolerance", [1e-6, 1e-12])
 @pytest.mark.parametrize("alpha", [0.2, 40.0, math.inf])
-def test_the_table_tells_the_spectrum(alpha, dim, tolerance):
+def test_the_table_tells_the_spectrum(alpha, dim):
     bump = Bump(alpha)
     k = np.concatenate([np.random.default_rng(0).uniform(0.0, 200.0, 500), np.arange(0.0, 200.5, 0.5), [200.0]])
-    table = bump.table(dim, 200.0, tolerance)
     exact = bump.radial_spectrum(k, dim)
-    assert np.abs(table(k) - exact).max() <= tolerance * bump.radial_spectrum(0.0, dim)
+    for tolerance in (1e-6, 1e-12):
+        table = bump.table(dim, 200.0, tolerance)
+        assert np.abs(table(k) - exact).max() <= tolerance * bump.radial_spectrum(0.0, dim)
     assert table(k.reshape(2, -1)).shape == (2, len(k) // 2)
     with pytest.raises(InputError, match="make it for the largest"):
         table(np.array([202.0]))
