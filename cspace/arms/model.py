@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.arms.chain import MOST_BODIES, SLIDES, STILL, TURNS, Chain, place_bodies
 from cspace.arms.pairs import LOOKS, always_touch, apart, random_points
-from cspace.arms.solids import Placed, Solid, scene_of
+from cspace.arms.solids import Solid, placed_once, scene_of
 from cspace.errors import InputError
 from cspace.grid import finite
 from cspace.shapes import Shape
@@ -194,7 +194,7 @@ class Arm:
                 raise InputError("link", f"is {each!r}", f"there are {', '.join(names)}", "name one of these")
         body = self.links[names.index(link)].body
         place = np.eye(4) if pose is None else rigid(pose, "pose")
-        held = Solid(name, body, (Placed(shape, self.frames[link] @ place),))
+        held = Solid(name, body, (placed_once(shape, self.frames[link] @ place),))
         allowed = self.allowed | {pair_of(name, each): "held" for each in (link, *touch)}
         return replace(self, links=(*self.links, held), allowed=allowed)
 
@@ -399,7 +399,7 @@ class _Assembly:
 
         find_meshes(self._urdf, bodies, self._file)
         for name, (body, pose) in bodies.items():
-            parts = [Placed(shape, pose @ place) for shape, place in shapes_of(self._urdf, name, self._file)]
+            parts = [placed_once(shape, pose @ place) for shape, place in shapes_of(self._urdf, name, self._file)]
             if parts:
                 yield Solid(name, body, tuple(parts))
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
+import pickle
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar, Final, NamedTuple
+from weakref import WeakValueDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -162,6 +165,15 @@ class Solid(NamedTuple):
     name: str
     body: int
     parts: tuple[Placed, ...]
+
+
+_ALIVE: Final = WeakValueDictionary[bytes, Placed]()
+
+
+def placed_once(shape: Shape, pose: Floats) -> Placed:
+    """The shape at the pose with all that was made of it: the same one for each link, of any arm, that is alike."""
+    digest = hashlib.sha256(pickle.dumps((shape, pose))).digest()
+    return _ALIVE.setdefault(digest, Placed(shape, pose))
 
 
 def solids_of(solids: Sequence[Solid], side: int, outer: Solids | None = None) -> Solids:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 import yourdfpy
 
-from cspace.arms import Arm, build_arm
+from cspace.arms import Arm, Placed, build_arm
 from cspace.errors import ConfigurationError, FileError, InputError
 from urdfs import joint, link, planar, random_arm, written
 
@@ -47,6 +48,21 @@ def test_base_and_tip(tmp_path: Path) -> None:
     only = Arm.from_urdf(path, base="b", tip="c")
     assert [each.name for each in only.links] == ["b", "c", "d"]
     assert only.lower.tolist() == [0.5]
+
+
+def test_what_is_alike_is_made_once(tmp_path: Path) -> None:
+    """The same geometry at the same place is one, in all arms, with what was made of it; a copy keeps that."""
+
+    def parts_of(length: float) -> list[Placed]:
+        box = ((length, 0.1, 0.1), (0.5, 0, 0))
+        path = written(tmp_path, link("a", BAR), link("b", box), joint("one", "a", "b", at=(2, 0, 0)))
+        return [part for each in Arm.from_urdf(path).links for part in each.parts]
+
+    first, second, other = parts_of(0.9), parts_of(0.9), parts_of(0.8)
+    assert first[0] is second[0] is other[0] is not first[1]
+    assert first[1] is second[1] is not other[1]
+    made = first[1].hulls
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(first[1])).__dict__["hulls"].corners, made.corners)
 
 
 def test_which_links_may_touch(tmp_path: Path) -> None:
