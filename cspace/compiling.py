@@ -34,22 +34,9 @@ def jit(function: F | None = None, /, **options: Any) -> Any:
 
     What was compiled is kept on disk, beside the module or in the user's cache folder, or where ``NUMBA_CACHE_DIR``
     says: in the first of them that may be written, and that nobody else may write to (:func:`is_own`), for what is
-    kept is run. Where there is none, it is compiled again in each run.
-
-    Parameters
-    ----------
-    **options
-        Those of ``numba.njit``. If left out, ``cache`` and ``nogil`` are True, and division by zero gives infinity or
-        NaN, of whole numbers 0: what has the same options is compiled sooner, as numba types its parts once for each.
-
-    Examples
-    --------
-    >>> @jit
-    ... def twice(value: float) -> float:
-    ...     return 2.0 * value
-    >>> @jit(fastmath=True)
-    ... def ratio(first: float, second: float) -> float:
-    ...     return first / second
+    kept is run. Where there is none, it is compiled again in each run. Options are those of ``numba.njit``. If left
+    out, ``cache`` and ``nogil`` are True, and division by zero gives infinity or NaN, of whole numbers 0: what has
+    the same options is compiled sooner, as numba types its parts once for each.
     """
     if function is None:
         return lambda decorated: jit(decorated, **options)

@@ -105,26 +105,12 @@ def check_memory(
     fewer: Callable[[float], str] | None = None,
     seconds: float = 0.0,
 ) -> None:
-    """Refuse work that does not fit into memory.
+    """Refuse work that does not fit into memory; the message tells the spacing that would fit, or else ``mend``.
 
-    Parameters
-    ----------
-    needed : float
-        Bytes.
-    what : str
-        Who needs them, for the message: "the map".
-    grid : Grid or Planned
-        To whose cells the need is proportional, less what is fixed.
-    fixed : float
-        Bytes that do not depend on the number of cells.
-    mend : str, optional
-        What helps, for the message, where another spacing cannot be chosen.
-    fewer : callable, optional
-        Names the rotation cells that take at most a share of the memory; an empty text where none do.
-    seconds : float
-        Of one core, for the message.
-
-    Raises InputError if there is less; the message tells the spacing that would fit, or else ``mend``.
+    It needs so many bytes, of which ``fixed`` do not depend on the number of cells of ``grid``, and the others are
+    proportional to it. ``what`` says who needs them: "the map". ``mend`` helps where another spacing cannot be
+    chosen; ``fewer`` names the rotation cells that take at most a share of the memory, an empty text where none do.
+    ``seconds`` are those of one core.
     """
     free = free_bytes()
     if needed <= KEEP * free:

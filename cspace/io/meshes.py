@@ -42,34 +42,18 @@ _SOLIDS: Final = re.compile(rb"^[ \t]*(end)?solid\b[^\n]*", re.MULTILINE)
 
 
 def read_mesh(path: str | os.PathLike[str]) -> tuple[Floats, Integers]:
-    """Read the triangles of a file.
+    """Vertices, shape (V, 3), metres, and triangles, shape (F, 3), of a file; its suffix says how it is read.
 
     The parts of a scene are put where its transforms say, and joined. Coordinates are metres: those of ``.glb`` and
     ``.gltf`` are by definition, those of ``.dae`` are turned into metres from the unit that the file names, and those
     of the other formats, which name none, are taken to be. Axes are left as they are, whichever the file may call up.
 
-    Nothing is mended or merged, and nothing of a surface is left out: a file with a part that is not read is refused.
-    So is a polygon with more than three corners if its triangles are not certain, because the corners are out of one
-    plane by more than rounding, or because no fan around one of them covers it. Lines and points are left out in
-    ``.obj``, ``.ply`` and ``.dae``, which often hold them besides; they are refused in ``.glb`` and ``.gltf``. An
-    ``.obj`` that is cut between two lines, or within its very last number, cannot be told from a whole one: nothing in
-    it counts.
-
-    Parameters
-    ----------
-    path : path-like
-        ``.stl``, ``.obj``, ``.ply``, ``.off``, ``.glb``, ``.gltf`` or ``.dae``.
-
-    Returns
-    -------
-    vertices : ndarray of float64, shape (V, 3)
-        Metres.
-    faces : ndarray of int64, shape (F, 3)
-
-    Raises InputError if ``path`` is not a file name or ends otherwise, or a coordinate is not finite; FileError if the
-    file is missing, too large, cannot be read, is malformed or is truncated, or other triangles were read than it
-    holds; and GeometryError if the file has no triangles, has surfaces that are not read, or has polygons that can be
-    cut in several ways.
+    Nothing is mended or merged, and nothing of a surface is left out: a file with a part that is not read is refused
+    with GeometryError. So is a polygon with more than three corners if its triangles are not certain, because the
+    corners are out of one plane by more than rounding, or because no fan around one of them covers it. Lines and
+    points are left out in ``.obj``, ``.ply`` and ``.dae``, which often hold them besides; they are refused in
+    ``.glb`` and ``.gltf``. An ``.obj`` that is cut between two lines, or within its very last number, cannot be told
+    from a whole one: nothing in it counts.
     """
     file = existing(path, _KIND)
     suffix = suffix_of(file, _READERS, "the suffix says how a mesh is read", "mesh")

@@ -138,23 +138,14 @@ def _leaves(header: _Header, nodes: bytes) -> NDArray[np.int64]:
 
 @jit
 def leaves_of(records: Bytes, binary: bool, leaves: Ints) -> tuple[int, int, int]:
-    """Leaves of an octree whose nodes are written in depth-first order.
+    """Leaves of an octree whose nodes are written in depth-first order: nodes met, leaves written, and a fault.
 
-    Parameters
-    ----------
-    records : ndarray of uint8, shape (n, 2)
-        Of a binary tree, one for each inner node: two bits for each of its eight children, where 01 is a free leaf, 10
-        an occupied one, 11 an inner node and 00 unknown. Of a full tree, one for each node: a bit for each child, and
-        whether the node is occupied; a node without children is a leaf.
-    binary : bool
-    leaves : ndarray of int64, shape (m, 5)
-        Written: first cell, side in cells, and 1 where occupied.
-
-    Returns
-    -------
-    nodes, count, fault : int
-        Nodes met, leaves written, and 0 for a whole tree; 1 where records are missing, 2 where a node lies too deep, 3
-        where an inner node has no child, 4 where ``leaves`` is full.
+    The records, shape (n, 2), of a binary tree are one for each inner node: two bits for each of its eight children,
+    where 01 is a free leaf, 10 an occupied one, 11 an inner node and 00 unknown. Those of a full tree are one for
+    each node: a bit for each child, and whether the node is occupied; a node without children is a leaf. ``leaves``,
+    shape (m, 5), are written: first cell, side in cells, and 1 where occupied. The fault is 0 for a whole tree; 1
+    where records are missing, 2 where a node lies too deep, 3 where an inner node has no child, 4 where ``leaves`` is
+    full.
     """
     corner = np.zeros((DEPTH + 1, 3), dtype=np.int64)
     # For each level on the way down, the inner children that are still to be entered, one bit each.

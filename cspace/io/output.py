@@ -19,30 +19,17 @@ def replacing(
 ) -> Iterator[Path]:
     """Hand out a temporary name to write to; give it the real name once the block has ended well.
 
-    Any exception in the block, Ctrl-C included, removes what was written and leaves the target as it was. Targets are
-    checked before the block runs, so that long work is not lost to a name that could never be used. Several outputs
+    The name is in the same folder and has the same suffix; a link is followed. Any exception in the block, Ctrl-C
+    included, removes what was written and leaves the target as it was. Targets are checked before the block runs, so
+    that long work is not lost to a name that could never be used: FileError, as where writing fails. Several outputs
     that belong together are nested, the one that refers to the others outermost::
 
         with replacing("map.yaml") as yaml, replacing("map.pgm") as pgm:
             ...
 
-    Parameters
-    ----------
-    path : path-like
-        The file or folder to write. A link is followed.
-    overwrite : bool
-        Whether an existing output may be replaced. A folder is replaced only by a folder and a file only by a file.
-    folder : callable, optional
-        Given where the output is a folder: tells of an existing, non-empty folder whether it is an earlier output,
-        so that ``overwrite`` never removes anything else.
-
-    Yields
-    ------
-    pathlib.Path
-        A name in the same folder and with the same suffix, at which nothing exists.
-
-    Raises FileError if the folder is missing or may not be written, if the target exists and may not be replaced, or if
-    writing fails in the block or afterwards.
+    With ``overwrite`` a folder is replaced only by a folder and a file only by a file. ``folder`` is given where the
+    output is a folder: it tells of an existing, non-empty one whether it is an earlier output, so that nothing else
+    is ever removed.
     """
     target = _named(path)
     try:

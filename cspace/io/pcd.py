@@ -65,18 +65,11 @@ class _Header:
 
 
 def read_pcd(path: str | os.PathLike[str]) -> Floats:
-    """Coordinates of a ``.pcd`` file, encoded as ``ascii``, ``binary`` or ``binary_compressed``.
+    """Coordinates of a ``.pcd`` file, shape (n, 3), in its unit; NaN where the sensor saw nothing.
 
-    The fields ``x``, ``y`` and ``z`` are read, of any numeric type; others are left. ``VIEWPOINT`` is not applied, as
-    in the Point Cloud Library. An ``ascii`` file that is cut within its very last number has all its points, and is not
-    told from a whole one.
-
-    Returns
-    -------
-    ndarray of float64, shape (n, 3)
-        In the file's unit; NaN where the sensor saw nothing.
-
-    Raises FileError if the file is missing, has a malformed header or no such fields, or is truncated or damaged.
+    It is encoded as ``ascii``, ``binary`` or ``binary_compressed``. The fields ``x``, ``y`` and ``z`` are read, of
+    any numeric type; others are left. ``VIEWPOINT`` is not applied, as in the Point Cloud Library. An ``ascii`` file
+    that is cut within its very last number has all its points, and is not told from a whole one.
     """
     content, file = read_bytes(path, KIND, memory=12.0), os.fspath(path)
     header, end = _split(file, content)

@@ -70,15 +70,7 @@ def read_ply_header(path: str | os.PathLike[str]) -> PlyHeader:
 
 
 def read_ply(path: str | os.PathLike[str]) -> tuple[Floats, Integers, Integers]:
-    """Vertices and faces of a PLY file.
-
-    Returns
-    -------
-    vertices : ndarray of float64, shape (V, 3)
-    corners : ndarray of int64
-        Vertices of the polygons, one polygon after the other.
-    sizes : ndarray of int64, shape (F,)
-        Corners of each polygon.
+    """Vertices, shape (V, 3), of a PLY file, the corners of its polygons, one after the other, and how many each has.
 
     Raises FileError if the file is missing, malformed or truncated, holds more or fewer elements than it declares, or
     is binary and has faces of different numbers of corners, and GeometryError if it has surfaces of another kind.

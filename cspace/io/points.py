@@ -20,24 +20,15 @@ Named = str | os.PathLike[str]
 
 
 def read_points(path: Named) -> Floats:
-    """Points of a cloud.
+    """Points of a cloud, shape (n, 3), in the file's unit, metres; its suffix says how it is read.
 
-    Parameters
-    ----------
-    path : path-like
-        ``.npy``: an array of shape (n, 3). ``.xyz``, ``.txt``, ``.csv``: lines of x, y and z, separated by blanks or
-        commas, with ``#`` before comments. ``.ply``: its vertices. ``.pcd``: the format of the Point Cloud Library.
-        Colours, normals and other columns are left. Nothing counts the lines of a text: one that is cut between two
-        lines, or within its very last number, reads as a smaller cloud.
+    ``.npy``: an array of shape (n, 3). ``.xyz``, ``.txt``, ``.csv``: lines of x, y and z, separated by blanks or
+    commas, with ``#`` before comments. ``.ply``: its vertices. ``.pcd``: the format of the Point Cloud Library.
+    Colours, normals and other columns are left. Nothing counts the lines of a text: one that is cut between two
+    lines, or within its very last number, reads as a smaller cloud.
 
-    Returns
-    -------
-    ndarray of float64, shape (n, 3)
-        In the file's unit, metres.
-
-    Raises InputError if the suffix is another one; FileError if the file is missing, too large, truncated or malformed;
-    and GeometryError if there is no point, or a point is not finite: many sensors write NaN where they saw nothing,
-    which is neither free nor occupied. Or if a ``.ply`` has surfaces that are no faces.
+    Raises GeometryError if there is no point, or a point is not finite: many sensors write NaN where they saw
+    nothing, which is neither free nor occupied. Or if a ``.ply`` has surfaces that are no faces.
     """
     points = READERS[suffix_of(path, READERS, "the suffix says how a cloud is written", "points")](path)
     file = os.fspath(path)

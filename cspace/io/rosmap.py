@@ -126,23 +126,11 @@ def on_grid(frame: Frame, free: Bools, occupied: Bools, unknown: str) -> tuple[G
 
 
 def write_ros_map(state: ArrayLike, grid: Grid, path: str | os.PathLike[str], overwrite: bool = False) -> None:
-    """Write a map of the states FREE, MIXED and BLOCKED as a ROS map: free, unknown and occupied.
+    """Write a map of the states FREE, MIXED and BLOCKED, shape (nx, ny), as a ROS map: free, unknown and occupied.
 
-    Reading it back with ``unknown="occupied"`` gives the cells that are not FREE, with ``unknown="free"`` those that
-    are BLOCKED, on the same grid to the last bit.
-
-    Parameters
-    ----------
-    state : array-like of uint8, shape (nx, ny)
-    grid : Grid
-        In the plane, of that shape.
-    path : path-like
-        The YAML file, ending in ``.yaml`` or ``.yml``; the image goes beside it, ending in ``.pgm``.
-    overwrite : bool
-        Whether existing files may be replaced.
-
-    Raises InputError if the suffix is another one, or ``state`` does not fit the grid or holds another value, and
-    FileError if a file exists and may not be replaced, or cannot be written; then neither file is changed.
+    The path is that of the YAML file, ending in ``.yaml`` or ``.yml``; the image goes beside it, ending in ``.pgm``.
+    Where one cannot be written, neither is changed. Reading it back with ``unknown="occupied"`` gives the cells that
+    are not FREE, with ``unknown="free"`` those that are BLOCKED, on the same grid to the last bit.
     """
     import yaml
 

@@ -36,26 +36,15 @@ _WKT: Final = re.compile(
 
 
 def read_shapes(source: Any) -> list[BaseGeometry]:
-    """Obstacles from anything that describes them.
+    """The parts of all obstacles that a source describes: polygons, lines, rings and points, each valid and not empty.
 
-    Coordinates are metres; no coordinate system is looked at. Polygons are filled; lines, rings and points are
-    obstacles without an inside.
+    A source is a shapely geometry; GeoJSON as a mapping (geometry, Feature or FeatureCollection); a WKT string; a
+    file that ends in ``.geojson``, ``.json`` (GeoJSON) or ``.wkt`` (one geometry, or one on each line; nothing counts
+    them, and one that is cut between two lines reads as fewer); or an iterable of these. Coordinates are metres; no
+    coordinate system is looked at. Polygons are filled; lines, rings and points are obstacles without an inside.
 
-    Parameters
-    ----------
-    source : shapely geometry, mapping, str, path-like, or iterable of these
-        A geometry; GeoJSON as a mapping (geometry, Feature or FeatureCollection); a WKT string; or a file that ends in
-        ``.geojson``, ``.json`` (GeoJSON) or ``.wkt`` (one geometry, or one on each line; nothing counts them, and one
-        that is cut between two lines reads as fewer).
-
-    Returns
-    -------
-    list of shapely Polygon, LineString, LinearRing and Point
-        The parts of all geometries, each valid and not empty.
-
-    Raises GeometryError if there is no geometry, or one is malformed, empty, self-crossing, or has coordinates that are
-    not finite or three for each point; the message says which; InputError if ``source`` is something else; and
-    FileError if the file is missing or is not JSON or WKT.
+    Raises GeometryError if there is no geometry, or one is malformed, empty, self-crossing, or has coordinates that
+    are not finite or three for each point.
     """
     named = [(name, _parts(shape)) for name, shape in _geometries(source, "polygons")]
     shapes = [part for _, parts in named for part in parts]

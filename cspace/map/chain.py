@@ -132,22 +132,9 @@ def open_chain(space: Space, q0: ArrayLike, q1: ArrayLike, closed: NDArray[np.bo
     """A chain of FREE and MIXED cells between two configurations, with as few MIXED ones as can be.
 
     Where :meth:`cspace.CSpace.path_exists` is None, this is where a path has to be looked for with ``exact=True``.
-
-    Parameters
-    ----------
-    space : CSpace
-    q0, q1 : array-like, shape (dof,)
-        Metres, and radians; in the grid.
-    closed : ndarray of bool, shape (rotations, nx, ny) or (rotations, nx, ny, nz), optional
-        Cells that are left out; one rotation where the robot does not turn.
-
-    Returns
-    -------
-    ndarray of int64, shape (n, 1 + d)
-        Cells ``(rotation, x, y)`` or ``(rotation, x, y, z)``, each sharing a side with the next; of length 0 where
-        there is no chain, or one of the two is BLOCKED.
-
-    Raises InputError if a configuration is not one of the grid, or ``closed`` is not as stated.
+    Cells are ``(rotation, x, y)`` or ``(rotation, x, y, z)``, shape (n, 1 + d), each sharing a side with the next;
+    none where there is no chain, or one of the two is BLOCKED. Cells that are ``closed``, shape (rotations, nx, ny)
+    or (rotations, nx, ny, nz), one rotation where the robot does not turn, are left out.
     """
     shape = space.grid.shape
     ends = []

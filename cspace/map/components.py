@@ -369,20 +369,10 @@ def join_nodes(
 ) -> int:
     """Join the nodes of components that meet: each becomes the lowest one of those that it is joined to.
 
-    Faces of blocks that have changed are struck out, but for those from number ``fresh`` on, which were read since; how
-    many are struck out by then.
-
-    Parameters
-    ----------
-    roots : ndarray of int32
-        For union-find; all nodes, in order.
-    base : ndarray of int32
-        As in :class:`Joined`.
-    faces : Faces
-    changed : ndarray of bool
-        By block.
-    starts, ends : ndarray of int64, shapes (m, 2) and (k + 1,)
-        Where nodes start, of one rotation cell and of the other, for all of them that have these slices.
+    ``roots`` are all nodes, in order, for union-find; ``base`` is as in :class:`Joined`. Faces of blocks that have
+    ``changed`` are struck out, but for those from number ``fresh`` on, which were read since; how many are struck out
+    by then. ``starts`` and ``ends``, shapes (m, 2) and (k + 1,), are where nodes start, of one rotation cell and of
+    the other, for all of them that have these slices.
     """
     rows, pairs = faces
     begin: int = np.int64(0)  # type: ignore[assignment]  # of one type for the compiler from the start
