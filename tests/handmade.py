@@ -159,6 +159,12 @@ def sides_of(cell, shape, kind=""):
             yield tuple(near)
 
 
+def half_turns(shape):
+    """The axes in space about which a half turn maps a shape to itself."""
+    turns = (2.0 * np.outer(axis, axis) - np.eye(3) for axis in np.eye(3))
+    return tuple(k for k, turn in enumerate(turns) if any((turn == each).all() for each in shape.symmetries))
+
+
 def components(cells, kind=""):
     """Numbers of the components of the True cells of an array (rotations, ...), joined through sides; -1 for others."""
     number = np.arange(cells.size).reshape(cells.shape)

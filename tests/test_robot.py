@@ -131,8 +131,3 @@ def test_drawings_of_the_other_dimension_are_refused() -> None:
         _ = Robot.ball(0.1).geometry
     with pytest.raises(GeometryError, match="ask for its outline"):
         _ = Robot.disc(0.1).surface
-
-
-def test_half_turns_are_about_axes_in_space():
-    assert Robot.disc(0.2).shape.half_turns == ()
-    assert Robot.ball(0.2).shape.half_turns == (0, 1, 2)

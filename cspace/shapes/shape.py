@@ -226,12 +226,6 @@ class Shape(ABC):
         turns = (each for each in self.symmetries if (each[2:, 2:] == 1.0).all())
         return sum(each[0, 0] * each[1, 1] - each[0, 1] * each[1, 0] == 1.0 for each in turns)
 
-    @property
-    def half_turns(self) -> tuple[int, ...]:
-        """The axes in space about which a half turn maps the shape to itself; none of a shape in the plane."""
-        turns = (2.0 * np.outer(axis, axis) - np.eye(3) for axis in np.eye(3) if self.dim == 3)
-        return tuple(k for k, turn in enumerate(turns) if any((turn == each).all() for each in self.symmetries))
-
     def check_origin(self, warn: bool = False) -> None:  # noqa: B027 - most shapes have nothing to refuse
         """Refuse a robot whose origin, its reference point, can hardly be meant; warn of one that may not, if told to.
 

@@ -43,17 +43,6 @@ class Cache:
         """What compiled code takes, until the next chunk is loaded."""
         return TileCells(read_only(self._packed.view()), self._places, self._wanted, *self._shape)
 
-    @property
-    def nbytes(self) -> int:
-        """Bytes that decoded chunks take."""
-        return self._packed.nbytes
-
-    def clear(self) -> None:
-        """Forget all chunks."""
-        self._used.clear()
-        self._places[:] = MISSING
-        self._wanted[:] = 0
-
     def begin(self) -> None:
         """Begin a look-up: what is not there now was not there before."""
         self._places[self._places < 0] = MISSING

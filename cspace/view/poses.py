@@ -48,9 +48,9 @@ class Poses:
         matrix = Rotation.from_euler("xyz", angles, degrees=True).as_matrix()
         return np.array([*position, *self._rotations.of_matrix(matrix)])
 
-    def pose(self, q: Floats, height: float = 0.0) -> tuple[Floats, Floats]:
-        """Where the robot stands in space: a position, and a quaternion w, x, y, z; in the plane, at some height."""
-        place = np.array([*self.position(q), height][:3])
+    def pose(self, q: Floats) -> tuple[Floats, Floats]:
+        """Where the robot stands in space: a position, and a quaternion w, x, y, z."""
+        place = np.array([*self.position(q), 0.0][:3])
         return place, Rotation.from_matrix(self._matrix(q)).as_quat()[[3, 0, 1, 2]]
 
     def of_pose(self, place: Floats, wxyz: Floats) -> Floats:

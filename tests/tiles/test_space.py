@@ -48,7 +48,7 @@ def test_answers_are_those_of_the_map_in_memory(name, outside, tmp_path):
         tiled = cspace.TiledCSpace.open(tiled.path, cache_bytes=limit)
         np.testing.assert_array_equal(tiled.classify(q), space.classify(q))
         np.testing.assert_array_equal(tiled.motion_is_free(q, near), space.motion_is_free(q, near))
-        assert tiled._cache.nbytes <= max(limit, tiled._cache._each)
+        assert tiled._cache._packed.nbytes <= max(limit, tiled._cache._each)
     np.testing.assert_array_equal(tiled.is_free(q.reshape(30, 100, -1)), space.is_free(q.reshape(30, 100, -1)))
     np.testing.assert_array_equal(tiled.certify_path(near[:50]), space.certify_path(near[:50]))
     edges = rng.integers(0, 50, (40, 2))

@@ -20,8 +20,8 @@ def test_there_and_back(dim: int, cells: object) -> None:
         q = np.concatenate([rng.normal(size=dim), rotations.sample(np.array([0]), 0.0, rng)[0]])
         degrees = poses.degrees(q)
         assert len(degrees) == len(poses.angles)
-        place, wxyz = poses.pose(q, height=0.7)
-        assert place.tolist() == [*q[:dim], 0.7][:3]
+        place, wxyz = poses.pose(q)
+        assert place.tolist() == [*q[:dim], 0.0][:3]
         for again in (poses.of(poses.position(q), degrees), poses.of_pose(place, wxyz)):
             np.testing.assert_allclose(rotations.steps(q, again), 0.0, atol=1e-7)
 
