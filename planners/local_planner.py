@@ -158,9 +158,10 @@ class LocalPlanner(ABC):
         """A path without the turns that it does not need, where that is proven too."""
         return path
 
-    @abstractmethod
     def are_free(self, path: Floats) -> bool:
         """Whether every edge of a path is proven free; of a path of one configuration, whether that is."""
+        check, rows = self.edge_checker(), path.tolist()
+        return all(check(*a, *b) for a, b in itertools.pairwise(rows if len(rows) > 1 else 2 * rows))
 
     @abstractmethod
     def search(self, planner: str, ends: Ends, straight: bool, seed: int | None, seconds: float) -> Floats:
@@ -297,7 +298,7 @@ class EdgesOnMap(LocalPlanner):
         space = self.space
         end: Configuration = tuple(space.rotations.canonical(self._point(q, name), name).tolist())
         inside = all(low <= x <= high for low, x, high in zip(space.grid.lower, end, space.grid.upper, strict=False))
-        if inside and space.motion_is_free(end, end, exact=self.exact):
+        if inside and space._around(np.array(end)).edge_checker(exact=self.exact)(*end, *end):
             return end
         raise self._unusable(end, name, inside)
 
@@ -364,10 +365,6 @@ class StraightEdges(EdgesOnMap):
     def lengths(self, firsts: Floats, lasts: Floats) -> Floats:
         metres, turns = self._moved(firsts, lasts)[1:]
         return metres + self.turn_weight * turns
-
-    def are_free(self, path: Floats) -> bool:
-        firsts, lasts = (path[:-1], path[1:]) if len(path) > 1 else (path, path)
-        return bool(np.all(self.space.motion_is_free(firsts, lasts, exact=self.exact)))
 
     def pieces(self, path: Floats, step: float, turn: float) -> Pieces:
         steps, lengths, turns, counts = self._measured(path, step, turn)
@@ -587,12 +584,6 @@ class CarCurves(EdgesOnMap):
         from planners.car_curves import prover
 
         return prover(self.space, self.kind, self.radius)
-
-    def are_free(self, path: Floats) -> bool:
-        check = self.edge_checker()
-        rows = path.tolist()
-        lasts = rows[1:] if len(rows) > 1 else rows
-        return all(check(*a, *b) for a, b in zip(rows, lasts, strict=False))
 
     def lengths(self, firsts: Floats, lasts: Floats) -> Floats:
         return np.array([self.metres(*ends) for ends in zip(firsts, lasts, strict=True)])
