@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from cspace.compiling import row_entry
 from cspace.exact import plane
 from cspace.exact.boundaries import Problem, anchors_of, joined, obstacle_border
-from cspace.exact.segments import Outline, Scene
+from cspace.exact.segments import Border, Outline, Scene
 from cspace.map.batches import Kernel
 from cspace.shapes import Pieces, Shape
 
@@ -48,7 +48,9 @@ class PlaneProofs:
         return partial(plane.ask_edges, self._world)
 
     def spare(self, points: Floats, lengths: Floats, turns: Floats) -> float:
-        return float(plane.least_spare(self._world, points, lengths, turns))
+        outline = self._world.outline
+        rows = np.empty((len(outline.segments), 8))
+        return float(plane.least_spare(self._world.scene.border, outline, rows, points, lengths, turns))
 
 
 def _outline(shape: Shape) -> Outline:
@@ -72,25 +74,29 @@ def _scene(problem: Problem) -> Scene:
     order = np.argsort(numbers, kind="stable")
     solids = [outline for shape in workspace.obstacles for outline in shape.regions]
     corners = [solid.reshape(-1, 2) for solid in solids]
-    return Scene(
+    starts = np.concatenate([[0], np.cumsum(np.bincount(numbers, minlength=columns * rows))]).astype(np.int64)
+    border = Border(
         lower=grid.lower,
-        spacing=grid.spacing,
         upper=grid.upper,
         segments=segments[order],
         radii=radii[order],
         widest=float(radii.max(initial=0.0)),
-        starts=np.concatenate([[0], np.cumsum(np.bincount(numbers, minlength=columns * rows))]).astype(np.int64),
+        starts=starts,
         columns=columns,
         rows=rows,
         side=side,
+        walled=problem.walled,
+        least=problem.least + obstacles.error,
+        reach=side,
+    )
+    return Scene(
+        border=border,
+        spacing=grid.spacing,
         outer=workspace.outer,
         inner=workspace.inner if workspace.shapes else workspace.outer,
         solids=np.concatenate([*solids, np.empty((0, 4))]),
         ends=np.cumsum([len(solid) for solid in solids], dtype=np.int64),
         hulls=np.array([[*points.min(axis=0), *points.max(axis=0)] for points in corners]).reshape(-1, 4),
-        walled=problem.walled,
-        least=problem.least + obstacles.error,
-        reach=side,
     )
 
 

@@ -35,18 +35,16 @@ class Outline(NamedTuple):
     rho: float
 
 
-class Scene(NamedTuple):
-    """The obstacles, in metres.
+class Border(NamedTuple):
+    """The border of the obstacles, in metres.
 
-    Border segments, at most a bin long, sorted by the square bin of side ``side`` that holds their middle; those of bin
-    b begin at ``starts[b]``, for ``columns`` times ``rows`` bins from the grid's lower corner; each is grown by its
-    radius, the largest of which is ``widest``. Cells that meet and cells that lie in obstacles. Border segments of
-    polygon k end before ``ends[k]``, and ``hulls[k]`` is its bounding box. ``walled`` tells whether all beyond the grid
-    is obstacle. A distance counts above ``least``, and is searched for up to ``reach`` more.
+    Its segments, at most a bin long, sorted by the square bin of side ``side`` that holds their middle; those of bin b
+    begin at ``starts[b]``, for ``columns`` times ``rows`` bins from the grid's lower corner; each is grown by its
+    radius, the largest of which is ``widest``. ``walled`` tells whether all beyond the grid is obstacle. A distance
+    counts above ``least``, and is searched for up to ``reach`` more.
     """
 
     lower: tuple[float, ...]
-    spacing: float
     upper: tuple[float, ...]
     segments: Floats
     radii: Floats
@@ -55,14 +53,24 @@ class Scene(NamedTuple):
     columns: int
     rows: int
     side: float
+    walled: bool
+    least: float
+    reach: float
+
+
+class Scene(NamedTuple):
+    """The obstacles: their border, cells that meet and cells that lie in them, and polygons that they fill.
+
+    Border segments of polygon k end before ``ends[k]``, and ``hulls[k]`` is its bounding box.
+    """
+
+    border: Border
+    spacing: float
     outer: Bools
     inner: Bools
     solids: Floats
     ends: Ints
     hulls: Floats
-    walled: bool
-    least: float
-    reach: float
 
 
 class Placed(NamedTuple):
@@ -73,7 +81,10 @@ class Placed(NamedTuple):
     """
 
     rows: Floats
-    box: Floats
+    left: float
+    low: float
+    right: float
+    high: float
     x: float
     y: float
     cosine: float
@@ -81,78 +92,77 @@ class Placed(NamedTuple):
     along: Point
 
 
-@inner(_nrt=True)  # it makes arrays
-def place(outline: Outline, x: float, y: float, yaw: float, along: Point) -> Placed:
-    """The robot at a configuration and all along a vector."""
-    cosine, sine = math.cos(yaw), math.sin(yaw)
-    rows, box = np.empty((outline.segments.shape[0], 8)), np.array([math.inf, math.inf, -math.inf, -math.inf])
-    vx, vy = along
-    for k in range(outline.segments.shape[0]):
-        ax, ay, bx, by = outline.segments[k, 0], outline.segments[k, 1], outline.segments[k, 2], outline.segments[k, 3]
-        ax, ay = x + cosine * ax - sine * ay, y + sine * ax + cosine * ay
-        bx, by = x + cosine * bx - sine * by, y + sine * bx + cosine * by
-        radius = outline.radii[k]
-        rows[k, 0], rows[k, 1], rows[k, 2], rows[k, 3] = ax, ay, bx, by
-        rows[k, 4], rows[k, 5] = min(ax, bx) - radius + min(vx, 0.0), min(ay, by) - radius + min(vy, 0.0)
-        rows[k, 6], rows[k, 7] = max(ax, bx) + radius + max(vx, 0.0), max(ay, by) + radius + max(vy, 0.0)
-        box[0], box[1] = min(box[0], rows[k, 4]), min(box[1], rows[k, 5])
-        box[2], box[3] = max(box[2], rows[k, 6]), max(box[3], rows[k, 7])
-    return Placed(rows, box, x, y, cosine, sine, along)
+@inner
+def place(outline: Outline, rows: Floats, x: float, y: float, yaw: float, along: Point) -> Placed:
+    """The robot at a configuration and all along a vector; ``rows`` is room for its segments."""
+    cosine, sine, (vx, vy) = math.cos(yaw), math.sin(yaw), along
+    left, low, right, high = math.inf, math.inf, -math.inf, -math.inf
+    for k in range(len(rows)):
+        segment, row, radius = outline.segments[k], rows[k], outline.radii[k]
+        for end in range(0, 4, 2):
+            u, v = segment[end], segment[end + 1]
+            row[end], row[end + 1] = x + cosine * u - sine * v, y + sine * u + cosine * v
+        row[4], row[6] = min(row[0], row[2]) - radius + min(vx, 0.0), max(row[0], row[2]) + radius + max(vx, 0.0)
+        row[5], row[7] = min(row[1], row[3]) - radius + min(vy, 0.0), max(row[1], row[3]) + radius + max(vy, 0.0)
+        left, low, right, high = min(left, row[4]), min(low, row[5]), max(right, row[6]), max(high, row[7])
+    return Placed(rows, left, low, right, high, x, y, cosine, sine, along)
 
 
 @inner
-def gap(scene: Scene, outline: Outline, placed: Placed, least: float, reach: float) -> float:
+def gap(border: Border, outline: Outline, placed: Placed, least: float, reach: float) -> float:
     """Least distance between the borders of the placed robot, all along its vector, and of the obstacles.
 
     At most ``least + reach``; a distance of ``least`` or below may be given too large, but never above ``least``.
     """
-    best, box, rows = float(least + reach), placed.box, placed.rows
-    (left, low), (right, high) = scene.lower, scene.upper
-    if scene.walled:
-        best = min(best, min(min(box[0] - left, box[1] - low), min(right - box[2], high - box[3])))
+    best: float = least + reach
+    rows = placed.rows
+    if border.walled:
+        (left, low), (right, high) = border.lower, border.upper
+        best = min(best, placed.left - left, placed.low - low, right - placed.right, high - placed.high)
         if best <= least:
-            return float(best)
-    first_x, first_y, last_x, last_y = _bins(scene, box, best + scene.widest)
+            return best
+    first_x, first_y, last_x, last_y = _bins(border, placed, best + border.widest)
     if first_y > last_y:
-        return float(best)
+        return best
     for i in range(first_x, last_x + 1):
         # Bins along y follow one another, so that a column of them is one run of segments.
-        for e in range(scene.starts[i * scene.rows + first_y], scene.starts[i * scene.rows + last_y + 1]):
-            c, d = (scene.segments[e, 0], scene.segments[e, 1]), (scene.segments[e, 2], scene.segments[e, 3])
+        for e in range(border.starts[i * border.rows + first_y], border.starts[i * border.rows + last_y + 1]):
+            segment, radius = border.segments[e], border.radii[e]
+            c, d = (segment[0], segment[1]), (segment[2], segment[3])
             low_x, low_y, high_x, high_y = min(c[0], d[0]), min(c[1], d[1]), max(c[0], d[0]), max(c[1], d[1])
-            enough = best + scene.radii[e]
-            if max(max(low_x - box[2], box[0] - high_x), max(low_y - box[3], box[1] - high_y)) >= enough:
+            enough = best + radius
+            if max(low_x - placed.right, placed.left - high_x, low_y - placed.high, placed.low - high_y) >= enough:
                 continue
-            for k in range(rows.shape[0]):
+            for k in range(len(rows)):
                 row = rows[k]
-                if max(max(low_x - row[6], row[4] - high_x), max(low_y - row[7], row[5] - high_y)) >= enough:
+                if max(low_x - row[6], row[4] - high_x, low_y - row[7], row[5] - high_y) >= enough:
                     continue
                 apart = _swept_distance((row[0], row[1]), (row[2], row[3]), placed.along, c, d)
-                apart -= outline.radii[k] + scene.radii[e]
+                apart -= outline.radii[k] + radius
                 if apart < best:
-                    best, enough = apart, apart + scene.radii[e]
+                    best, enough = apart, apart + radius
                     if best <= least:
-                        return float(best)
-    return float(best)
+                        return best
+    return best
 
 
 @inner
 def is_nested(scene: Scene, outline: Outline, placed: Placed) -> bool:
     """Whether the robot or a part of it lies in an obstacle, or one in the robot, of borders that do not meet."""
-    cosine, sine, box = placed.cosine, placed.sine, placed.box
+    cosine, sine, border = placed.cosine, placed.sine, scene.border
     for k in range(outline.anchors.shape[0]):
         ax, ay = outline.anchors[k, 0], outline.anchors[k, 1]
         if _in_obstacle(scene, placed.x + cosine * ax - sine * ay, placed.y + sine * ax + cosine * ay):
             return True
     if not outline.ends.shape[0]:  # an obstacle in a disc is near the disc's middle, which the distance tells
         return False
-    first_x, first_y, last_x, last_y = _bins(scene, box, 0.0)
+    first_x, first_y, last_x, last_y = _bins(border, placed, 0.0)
     if first_y > last_y:
         return False
     for i in range(first_x, last_x + 1):
-        for e in range(scene.starts[i * scene.rows + first_y], scene.starts[i * scene.rows + last_y + 1]):
-            px, py = scene.segments[e, 0], scene.segments[e, 1]
-            if not (box[0] <= px <= box[2] and box[1] <= py <= box[3]):
+        for e in range(border.starts[i * border.rows + first_y], border.starts[i * border.rows + last_y + 1]):
+            px, py = border.segments[e, 0], border.segments[e, 1]
+            if not (placed.left <= px <= placed.right and placed.low <= py <= placed.high):
                 continue
             first = 0
             for k in range(outline.ends.shape[0]):
@@ -213,20 +223,26 @@ def _is_left(a: Point, b: Point, p: Point) -> bool:
 
 
 @inner
-def _bins(scene: Scene, box: Floats, grow: float) -> tuple[int, int, int, int]:
-    """Bins ``(x first, y first, x last, y last)`` of all segments that come within ``grow`` of a box."""
-    wide, (left, low) = grow + 0.51 * scene.side, scene.lower
-    first_x = math.floor(min(max((box[0] - wide - left) / scene.side, 0.0), float(scene.columns)))
-    first_y = math.floor(min(max((box[1] - wide - low) / scene.side, 0.0), float(scene.rows)))
-    last_x = math.floor(min(max((box[2] + wide - left) / scene.side, -1.0), scene.columns - 1.0))
-    last_y = math.floor(min(max((box[3] + wide - low) / scene.side, -1.0), scene.rows - 1.0))
+def _bins(border: Border, placed: Placed, grow: float) -> tuple[int, int, int, int]:
+    """Bins ``(x first, y first, x last, y last)`` of all segments that come within ``grow`` of the robot's box."""
+    (left, low), wide, columns, rows = border.lower, grow + 0.51 * border.side, border.columns, border.rows
+    first_x = _bin(border.side, placed.left - wide - left, 0.0, float(columns))
+    first_y = _bin(border.side, placed.low - wide - low, 0.0, float(rows))
+    last_x = _bin(border.side, placed.right + wide - left, -1.0, columns - 1.0)
+    last_y = _bin(border.side, placed.high + wide - low, -1.0, rows - 1.0)
     return first_x, first_y, last_x, last_y
+
+
+@inner
+def _bin(side: float, place: float, least: float, most: float) -> int:
+    """The bin of a place along an axis, within bounds."""
+    return math.floor(min(max(place / side, least), most))
 
 
 @inner
 def _in_obstacle(scene: Scene, x: float, y: float) -> bool:
     """Whether a point that is not on an obstacle's border lies in an obstacle."""
-    u, v = (x - scene.lower[0]) / scene.spacing, (y - scene.lower[1]) / scene.spacing
+    u, v = (x - scene.border.lower[0]) / scene.spacing, (y - scene.border.lower[1]) / scene.spacing
     nx, ny = scene.outer.shape
     if not (0.0 <= u <= nx and 0.0 <= v <= ny):
         return False
