@@ -356,8 +356,8 @@ class Workspace:
         corners = np.stack(shape.bounds)
         grid = covering_grid(corners if box is None else box, spacing, 0 if lazy else cost)
         if kind:
-            told = corners if points is None else np.stack([points.min(axis=0), points.max(axis=0)])
-            warn_of_units(told, spacing, kind, box is not None)
+            extent = corners if points is None else np.stack([points.min(axis=0), points.max(axis=0)])
+            warn_of_units(extent, spacing, kind, box is not None)
         if lazy:
             from cspace.tiles.sources import Drawn
 

@@ -204,10 +204,10 @@ class Passages:
     def _free_ones(self, drawn: Floats, rng: np.random.Generator) -> Floats:
         """Up to KEPT of some configurations that are free, none where time is over."""
         drawn, kept = rng.permutation(drawn), drawn[:0]
-        for some in np.array_split(drawn, max(1, len(drawn) // AT_ONCE)):
+        for part in np.array_split(drawn, max(1, len(drawn) // AT_ONCE)):
             if len(kept) >= KEPT or self._left() < 0.0:
                 break
-            kept = np.concatenate([kept, some[np.asarray(self.edges.space.is_free(some, exact=True))]])
+            kept = np.concatenate([kept, part[np.asarray(self.edges.space.is_free(part, exact=True))]])
         return kept[:KEPT]
 
     def _joined(self, firsts: Floats, lasts: Floats) -> NDArray[np.bool_]:

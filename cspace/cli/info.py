@@ -245,11 +245,11 @@ class _Cells:
     def __init__(self, names: Options, robot: Robot | None, rotations: str | None) -> None:
         cells = rotation_cells(rotations)
         self._names, self.slices, self._fewer = names, 1, cells.fewer
-        self._told: dict[str, Any] = {}
+        self._facts: dict[str, Any] = {}
         if cells.facts:
             # A robot with a symmetry needs fewer slices than there are rotation cells.
             self.slices = cells.count if robot is None else int(cells.slice_of(robot.shape).max()) + 1
-            self._told = {"rotations": cells.count, "slices": self.slices}
+            self._facts = {"rotations": cells.count, "slices": self.slices}
 
     def on(self, corners: Any, spacing: float | None, bounds: Any, bytes_a_cell: int, what: str) -> dict[str, Any]:
         """The grid that shapes would be put on, and its memory."""
@@ -292,7 +292,7 @@ class _Cells:
         shape = grid.shape
         cells = cells_of(shape)
         built = WORKSPACE_BYTES * cells + map_bytes(shape, self.slices)
-        told: dict[str, Any] = {
+        memory: dict[str, Any] = {
             "map_bytes": cells * self.slices // (4 if is_packed(shape, self.slices) else 1),
             "needed_bytes": max(bytes_a_cell * cells, built),
             "free_bytes": free_bytes(),
@@ -304,5 +304,5 @@ class _Cells:
             check_memory(bytes_a_cell * cells, "the map", grid, **advice)
             check_memory(built, "the map", grid, fixed=TRANSFORM_BYTES, **advice)
         except InputError as error:
-            told |= {"fits": False, "problem": worded(error, self._names)}
-        return {**self._told, "memory": told, "build_cpu_s": float(f"{seconds:.1g}")}
+            memory |= {"fits": False, "problem": worded(error, self._names)}
+        return {**self._facts, "memory": memory, "build_cpu_s": float(f"{seconds:.1g}")}

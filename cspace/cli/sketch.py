@@ -74,9 +74,9 @@ def _drawn(words: str, rings: Rings, blocks: str) -> list[str]:
     rows = [[blocks[code] for code in row] for row in (pixels[1::2] + 2 * pixels[::2]).astype(int).tolist()]
     if frame.origin is not None:
         rows[frame.origin[1] // 2][frame.origin[0]] = "+"
-    told = "+ is the reference point" if frame.origin else "the reference point lies far outside"
+    origin = "+ is the reference point" if frame.origin else "the reference point lies far outside"
     lines = ["  " + "".join(row).rstrip() for row in reversed(rows)]
-    return ["", *lines, f"  {words}; a character is {frame.side:.3g} m wide; {told}"]
+    return ["", *lines, f"  {words}; a character is {frame.side:.3g} m wide; {origin}"]
 
 
 class _Frame:

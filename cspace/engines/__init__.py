@@ -77,9 +77,9 @@ def choose(rasters: Sequence[Raster], *, counts: bool = False) -> str:
     """The engine to take for a robot's rasters: dilation, unless overlaps are counted or it has thousands of rows."""
     if counts:
         return "fft"
-    some = rasters[:: max(1, len(rasters) // 8)]  # turned robots are much alike
-    rows = sum(_rows(raster.cells) for raster in some)
-    return "direct" if rows <= ROWS * len(some) else "fft"
+    sample = rasters[:: max(1, len(rasters) // 8)]  # turned robots are much alike
+    rows = sum(_rows(raster.cells) for raster in sample)
+    return "direct" if rows <= ROWS * len(sample) else "fft"
 
 
 def _rows(cells: NDArray[np.bool_]) -> int:

@@ -73,10 +73,10 @@ def read_nav2(path: str | os.PathLike[str], costmap: str | None = None) -> Base:
     if not chosen:
         raise FileError(file, f"has no costmap {costmap!r}", f"it has {', '.join(bases)}", "name one of these")
     if len(set(chosen.values())) > 1:
-        told = "; ".join(f"{name} has {base}" for name, base in chosen.items())
+        names = "; ".join(f"{name} has {base}" for name, base in chosen.items())
         first = next(iter(chosen))
         mend = f"pass e.g. costmap={first!r}, or {Path(file).name}#{first}"
-        raise FileError(file, f"tells of more than one robot: {told}", "one is mapped at a time", mend)
+        raise FileError(file, f"tells of more than one robot: {names}", "one is mapped at a time", mend)
     return next(iter(chosen.values()))
 
 

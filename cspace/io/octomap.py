@@ -104,8 +104,8 @@ def _header(words: dict[str, str], binary: bool) -> _Header:
     except ValueError:
         count, side = -1, math.nan
     if count < 0 or not 0.0 < side < math.inf:
-        told = f"size {size[:40]!r} and res {resolution[:40]!r}"
-        raise Fault(f"says {told}, where the number of nodes and the side of cells in metres must be")
+        values = f"size {size[:40]!r} and res {resolution[:40]!r}"
+        raise Fault(f"says {values}, where the number of nodes and the side of cells in metres must be")
     if count == 0:
         raise Fault("knows no cell", "a map needs some known space", "insert a scan before it is written")
     return _Header(binary, tree, count, side)

@@ -194,8 +194,8 @@ def _check_numbers(element: Element, place: str) -> None:
 def _check_geometry(geometry: Element | None, place: str) -> None:
     shapes = [] if geometry is None else list(geometry)
     if len(shapes) != 1 or shapes[0].tag not in _NEEDED:
-        told = ", ".join(f"<{shape.tag:.40}>" for shape in shapes) or "nothing"
-        raise Fault(f"has {told} as the geometry of {place}", f"it is one of {', '.join(_NEEDED)}", "correct it")
+        kinds = ", ".join(f"<{shape.tag:.40}>" for shape in shapes) or "nothing"
+        raise Fault(f"has {kinds} as the geometry of {place}", f"it is one of {', '.join(_NEEDED)}", "correct it")
     for name in _NEEDED[shapes[0].tag]:
         if name not in shapes[0].attrib:
             raise Fault(f"lacks the {name} of the {shapes[0].tag} of {place}", "it must be there", "add it")

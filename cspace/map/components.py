@@ -540,12 +540,12 @@ class Components:
         segments = np.random.default_rng(0).permutation(np.flatnonzero(has[::KINDS]))
         low, high, size = np.array(self._blocks.grid[1:]), np.full(3, -1), FEW
         while len(segments):
-            some = np.sort(segments[:size])
-            labels = self._label(some, 1)
+            few = np.sort(segments[:size])
+            labels = self._label(few, 1)
             row = np.repeat(np.arange(len(labels.ends) - 1), np.diff(labels.ends))
             runs, block = labels.runs[: len(row)], row >> (deep + wide)
-            mine = np.flatnonzero(ours[joined.base[KINDS * some[block]] + (runs >> 12)])
-            (x, y, z), row, runs = self._corners(some)[:, block[mine]], row[mine], runs[mine]
+            mine = np.flatnonzero(ours[joined.base[KINDS * few[block]] + (runs >> 12)])
+            (x, y, z), row, runs = self._corners(few)[:, block[mine]], row[mine], runs[mine]
             x, y = x + (row >> wide & ((1 << deep) - 1)), y + (row & ((1 << wide) - 1))
             low = np.minimum(low, [x.min(), y.min(), (z + (runs >> 6 & 63)).min()])
             high = np.maximum(high, [x.max(), y.max(), (z + (runs & 63)).max()])

@@ -154,14 +154,14 @@ class Mip:
         """Mark a part of the slices, in threads where that pays."""
         states = read_only(states.reshape(-1, *self._shape))
         marks = self._kind(self._cells[part], self._blocks[part], self._nodes[part].view(np.uint64))
-        some = np.flatnonzero((boxes[part, :3] <= boxes[part, 3:]).all(axis=1))
-        if not len(some):
+        rows = np.flatnonzero((boxes[part, :3] <= boxes[part, 3:]).all(axis=1))
+        if not len(rows):
             return
-        its = boxes[part][some]
+        its = boxes[part][rows]
         size = float(np.prod(its[:, 3:] - its[:, :3] + SIDE, axis=1).sum())
         # Each box is cut along y, between nodes, into as many pieces as threads may want.
-        cuts = 1 if size < CELLS_A_THREAD else -(-PIECES // len(some))
-        its, number = np.repeat(np.column_stack([some, its]), cuts, axis=0), np.tile(np.arange(cuts), len(some))
+        cuts = 1 if size < CELLS_A_THREAD else -(-PIECES // len(rows))
+        its, number = np.repeat(np.column_stack([rows, its]), cuts, axis=0), np.tile(np.arange(cuts), len(rows))
         first, last = its[:, 2] >> 2 * SHIFT, its[:, 5] >> 2 * SHIFT
         low, stop = (first + (last + 1 - first) * (number + end) // cuts << 2 * SHIFT for end in (0, 1))
         its[:, 2], its[:, 5] = np.maximum(its[:, 2], low), np.minimum(its[:, 5], stop - 1)
@@ -211,20 +211,20 @@ def mark(states: States, marks: Marks, room: tuple[States, Words, Words], boxes:
     is beyond the other. Each mark is written once, those of cells first; threads may take boxes that share no node.
     """
     nx, ny, nz = states.shape[1], states.shape[2], states.shape[3]
-    line, eights, some = room
+    line, eights, met = room
     for n in range(len(boxes)):
         box = boxes[n]
         s, first, depth = box[0], box[3] >> SHIFT, (box[6] >> SHIFT) - (box[3] >> SHIFT) + 1
         low, high = first << SHIFT, min((first + depth) << SHIFT, nz)
         for a in range(box[1] >> SHIFT, (box[4] >> SHIFT) + 1):
             for b in range(box[2] >> SHIFT, (box[5] >> SHIFT) + 1):
-                some[:] = 0
+                met[:] = 0
                 for i in range(a << SHIFT, min((a + 1) << SHIFT, nx)):
                     line[:] = 0
                     for j in range(b << SHIFT, min((b + 1) << SHIFT, ny)):
                         add_bit(line, states[s, i, j, low:high], np.uint8(1 << (j & LAST)))
                     for c in range(depth):
-                        some[c] |= eights[c]
+                        met[c] |= eights[c]
                     if len(marks.cells) > 0:
                         keep(marks, s, i, b, first, depth, eights)
                 layer = marks.blocks[s, a >> SHIFT, b >> SHIFT, :, a & LAST]
@@ -232,7 +232,7 @@ def mark(states: States, marks: Marks, room: tuple[States, Words, Words], boxes:
                     z = first + c
                     bit = ONE << np.uint64(((z & LAST) << SHIFT) + (b & LAST))
                     word = layer[z >> SHIFT]
-                    layer[z >> SHIFT] = word | bit if some[c] != 0 else word & ~bit
+                    layer[z >> SHIFT] = word | bit if met[c] != 0 else word & ~bit
 
 
 @inner

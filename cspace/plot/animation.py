@@ -218,8 +218,8 @@ def _write(frames: list[NDArray[np.uint8]], file: Path, pause: int) -> None:
     from PIL import Image
 
     # The commonest colours of some of the frames, without dithering, which would flicker and swell the file.
-    some = np.concatenate([frame.reshape(-1, 3) for frame in frames[:: max(1, len(frames) // 6)]])
-    colors, counts = np.unique(some @ np.array([65536, 256, 1], np.uint32), return_counts=True)
+    pixels = np.concatenate([frame.reshape(-1, 3) for frame in frames[:: max(1, len(frames) // 6)]])
+    colors, counts = np.unique(pixels @ np.array([65536, 256, 1], np.uint32), return_counts=True)
     chosen = colors[np.argsort(-counts, kind="stable")[:_COLORS]]
     model = Image.new("P", (1, 1))
     model.putpalette(np.stack([chosen >> 16, chosen >> 8 & 255, chosen & 255], axis=-1).astype(np.uint8).tobytes())

@@ -118,8 +118,8 @@ def _bodies_among(triangles: Floats, corners: Integers, most: int) -> list[Body]
     meeting = np.bincount(edge[first].ravel(), minlength=int(edge.max()) + 1)
     body, number = _joined(edge, meeting <= most)
     alike, manifold = _balance(edge, direction, body, number, first)
-    turns, closed, told = first.astype(np.int64), alike.copy(), alike.copy()
-    told[body[np.abs(net) < copies]] = False
+    turns, closed, directed = first.astype(np.int64), alike.copy(), alike.copy()
+    directed[body[np.abs(net) < copies]] = False
     if not first.all():
         every = np.ones(len(first), dtype=np.bool_)
         second = ~closed & _balance(edge, direction, body, number, every)[0]
@@ -127,15 +127,15 @@ def _bodies_among(triangles: Floats, corners: Integers, most: int) -> list[Body]
         second &= np.bincount(body, weights=net != 0, minlength=number) > 0
         turns[second[body]] = 1
         closed |= second
-        told |= second
+        directed |= second
     astray = manifold & ~closed
     if astray.any():
-        some = np.flatnonzero(astray[body] & first)
-        turns[some], possible = _turned_alike(edge[some], direction[some], body[some], number)
+        members = np.flatnonzero(astray[body] & first)
+        turns[members], possible = _turned_alike(edge[members], direction[members], body[members], number)
         closed |= astray & possible
     turns[~closed[body]] = 0
     volume = _volumes(triangles, turns, body, number)
-    inward = closed & ~told & (volume < 0.0)
+    inward = closed & ~directed & (volume < 0.0)
     turns, volume = np.where(inward[body], -turns, turns), np.where(inward, -volume, volume)
     order = np.argsort(body, kind="stable")
     parts = np.split(order, np.cumsum(np.bincount(body, minlength=number))[:-1])
@@ -185,7 +185,7 @@ def _volumes(triangles: Floats, turns: Integers, body: Integers, number: int) ->
     size = np.where(size > 0.0, size, 1.0)
     a, b, c = (part / size[body][:, None] for part in (a, b, c))
     parts = np.einsum("ij,ij->i", a, np.cross(b, c)) * turns / 6.0
-    volume, moduli = (np.bincount(body, weights=some, minlength=number) for some in (parts, np.abs(parts)))
+    volume, moduli = (np.bincount(body, weights=each, minlength=number) for each in (parts, np.abs(parts)))
     return np.where(np.abs(volume) > _NOUGHT * moduli, volume * size**3, 0.0)
 
 

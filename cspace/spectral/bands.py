@@ -322,10 +322,10 @@ def _meeting(balls: BallDescriptor) -> Iterator[tuple[Ints, Ints]]:
     centers, radii = balls.centers, balls.radii
     tree, place = cKDTree(centers), np.empty(len(radii), dtype=np.int64)
     place[np.argsort(radii, kind="stable")] = np.arange(len(radii))
-    for some in np.array_split(np.arange(len(radii)), math.ceil(len(radii) / AT_ONCE)):
+    for part in np.array_split(np.arange(len(radii)), math.ceil(len(radii) / AT_ONCE)):
         # No ball that is smaller, and meets one, is farther away than this one is wide.
-        near = tree.query_ball_point(centers[some], 2.0 * radii[some] * (1.0 + 2.0**-40))
-        i = np.repeat(some, [len(each) for each in near])
+        near = tree.query_ball_point(centers[part], 2.0 * radii[part] * (1.0 + 2.0**-40))
+        i = np.repeat(part, [len(each) for each in near])
         j = np.concatenate([np.asarray(each, dtype=np.int64) for each in near])
         square = ((centers[i] - centers[j]) ** 2).sum(axis=1)
         kept = (place[j] < place[i]) & (square <= (radii[i] + radii[j]) ** 2)

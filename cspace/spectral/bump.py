@@ -223,11 +223,11 @@ def radial_transform(function: Radial, frequencies: Floats, dim: int) -> Floats:
     result = np.empty(flat.shape)
     octaves = np.ceil(np.log2(np.maximum(flat, 1.0)))
     for octave in np.unique(octaves).tolist():
-        some = np.flatnonzero(octaves == octave)
+        rows = np.flatnonzero(octaves == octave)
         # A kernel that turns by 2 pi k ds/du, at most pi / 4 of that, asks for as many samples more.
         s, weights = double_exponential(math.ceil(NODES + REACH * math.pi / 4.0 * 2.0**octave))
         measure = weights * function(s) * around(s, dim)
-        for part in np.array_split(some, math.ceil(len(some) * len(s) / CHUNK)):
+        for part in np.array_split(rows, math.ceil(len(rows) * len(s) / CHUNK)):
             result[part] = kernel(2.0 * flat[part][:, None] * s) @ measure
     return result.reshape(np.shape(frequencies))
 

@@ -180,13 +180,15 @@ def _covered(
         left = cover.open_cells
         if not len(left) or len(balls.reaches) == most:
             break
-        some = _finer(lattice, left) if stage == 2 else (candidates, _on_lattice(lattice))[stage]
-        some = some._replace(reaches=some.depths + reach)
-        some = some.where(some.depths >= (0.0 if inside else -np.inf))
+        offered = _finer(lattice, left) if stage == 2 else (candidates, _on_lattice(lattice))[stage]
+        offered = offered._replace(reaches=offered.depths + reach)
+        offered = offered.where(offered.depths >= (0.0 if inside else -np.inf))
         if len(left) < len(lattice.middles):  # those that reach none add nothing
-            bound = max(float(some.reaches.max(initial=0.0)), 1.0)
-            some = some.where(KDTree(left).query(some.centers, distance_upper_bound=bound)[0] <= some.reaches)
-        balls = balls.joined(some.where(cover.choose(some, most - len(balls.reaches))))
+            bound = max(float(offered.reaches.max(initial=0.0)), 1.0)
+            offered = offered.where(
+                KDTree(left).query(offered.centers, distance_upper_bound=bound)[0] <= offered.reaches
+            )
+        balls = balls.joined(offered.where(cover.choose(offered, most - len(balls.reaches))))
     return cover, balls
 
 

@@ -330,8 +330,8 @@ def balls_to_shape(region: Region, centers: Floats, radii: Floats) -> tuple[floa
     directions = np.random.default_rng(0).normal(size=(DIRECTIONS, region.dim))
     directions /= np.linalg.norm(directions, axis=1)[:, None]
     low = 0.0
-    for some in np.array_split(np.arange(len(radii)), math.ceil(len(radii) * len(directions) / BOXES)):
-        points = centers[some, None] + radii[some, None, None] * (1.0 - ROUNDED) * directions
+    for part in np.array_split(np.arange(len(radii)), math.ceil(len(radii) * len(directions) / BOXES)):
+        points = centers[part, None] + radii[part, None, None] * (1.0 - ROUNDED) * directions
         low = max(low, float(region.gaps(points.reshape(-1, region.dim)).max()))
     return min(low, high), high
 

@@ -259,14 +259,14 @@ class Joined:
     def _tile(self, index: Index) -> tuple[Tile, list[Ints]]:
         """A tile, and of each kind the components on its faces, ascending, with the label of each."""
         if index not in self._tiles:
-            tile, told = Tile(self.store, index), []
+            tile, pairs = Tile(self.store, index), []
             roots = [tile.roots(face) for face in faces_of(self.store.grid.dim)]
             for kind in (FREE_ONES, OPEN_ONES):
                 flat = np.concatenate([each[kind].ravel() for each in roots])
                 labels = np.concatenate([face.ravel() for face in self.labels(index, kind)])
                 known, place = np.unique(flat, return_index=True)
-                told += [known[known >= 0], labels[place][known >= 0].astype(np.int64)]
-            self._tiles[index] = tile, told
+                pairs += [known[known >= 0], labels[place][known >= 0].astype(np.int64)]
+            self._tiles[index] = tile, pairs
             if len(self._tiles) > HELD:
                 self._tiles.popitem(last=False)
         self._tiles.move_to_end(index)

@@ -99,15 +99,15 @@ class Lazy:
 
     @property
     def stamp(self) -> str:
-        told = [f"{self.shape} {np.dtype(self.array.dtype).str}"]
+        parts = [f"{self.shape} {np.dtype(self.array.dtype).str}"]
         for file in self._files():
             for path in _watched(file):
                 try:
                     status = path.stat()
                 except OSError as error:
                     raise changed(str(file), f"it is not there any more ({error.strerror})") from error
-                told.append(f"{path} {status.st_size if path.is_file() else 0} {status.st_mtime_ns}")
-        return hashlib.sha256("\n".join(told).encode()).hexdigest()
+                parts.append(f"{path} {status.st_size if path.is_file() else 0} {status.st_mtime_ns}")
+        return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
     def _files(self) -> list[Path]:
         """The files, or folders, that hold it, as far as they are known."""

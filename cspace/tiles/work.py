@@ -322,14 +322,14 @@ def _on_cluster(
     futures: dict[Any, int] = {}
     results: list[Any] = [None] * len(todo)
     try:
-        told = client.run(room).values()
-        if not told:
+        answers = client.run(room).values()
+        if not answers:
             raise InputError(
                 "client", "has no workers", "tiles are made on them", "start some, e.g. dask worker ADDRESS"
             )
-        if {version for version, _ in told} != {__version__}:
-            raise _other_version({version for version, _ in told})
-        free, needed = min((limit for _, limit in told if limit), default=0), job.bytes_needed()
+        if {version for version, _ in answers} != {__version__}:
+            raise _other_version({version for version, _ in answers})
+        free, needed = min((limit for _, limit in answers if limit), default=0), job.bytes_needed()
         if free and needed > free:
             raise _too_large(job, needed, free)
         sent: Any = pickle.dumps(_Task(task, str(job.store.path.resolve()), job.source))

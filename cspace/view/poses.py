@@ -26,9 +26,9 @@ class Poses:
 
     def __init__(self, dim: int, rotations: Orientation) -> None:
         self.dim, self._rotations = dim, rotations
-        some = np.zeros(dim + len(rotations.names))
-        some[-1] = 1.0
-        self.angles = ANGLES[3 - (rotations.steps(some, some).shape[-1] - dim) :]
+        q = np.zeros(dim + len(rotations.names))
+        q[-1] = 1.0
+        self.angles = ANGLES[3 - (rotations.steps(q, q).shape[-1] - dim) :]
 
     def position(self, q: Floats) -> tuple[float, ...]:
         """Metres."""
