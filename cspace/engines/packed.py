@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.compiling import inner, reader
+from cspace.words import load, store
 
 Octets = NDArray[np.uint8]
 Words = NDArray[np.uint64]
@@ -114,11 +115,11 @@ def unpack(octets: Octets, packed: Packed, part: tuple[int, int], found: bool, a
             for k in range(0 if add else cells):
                 line[k] = 0
             continue
-        first, together = row * packed.octets, line[: 8 * eights].view(np.uint64)
+        first = row * packed.octets
         for k in range(eights):
             byte = np.uint64(octets[first + k])
             bits = ((((byte * _REPEAT) & _SELECT) + _CARRY) >> np.uint64(7)) & _REPEAT
-            together[k] = (together[k] & old) + bits
+            store(line, 8 * k, (load(line, 8 * k) & old) + bits)
         for k in range(8 * eights, cells):
             bit = (octets[first + k // 8] >> np.uint8(k % 8)) & np.uint8(1)
             line[k] = line[k] + bit if add else bit

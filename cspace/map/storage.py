@@ -21,6 +21,7 @@ from cspace.compiling import by_kind, inner, reader
 from cspace.errors import InputError
 from cspace.memory import KEEP, free_bytes, in_words
 from cspace.states import FREE
+from cspace.words import load
 
 Bytes = NDArray[np.uint8]
 Ints = NDArray[np.int64]
@@ -86,20 +87,6 @@ class TileCells(NamedTuple):
 
 
 Cells = Bytes | TwoBits | TileCells
-
-
-def _load(context: Any, cells: Any, number: Any) -> Any:
-    """The word that begins with a byte of an array, wherever that lies; seven more must follow it."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
-        place = builder.bitcast(builder.gep(data, [arguments[1]]), ir.IntType(64).as_pointer())
-        return builder.load(place, align=1)
-
-    return types.uint64(cells, types.int64), generate
-
-
-load: Any = intrinsic(_load)
 
 
 def _fetch(context: Any, cells: Any, number: Any) -> Any:

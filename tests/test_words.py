@@ -1,0 +1,22 @@
+"""Words in arrays of bytes against numpy's views, wherever they begin."""
+
+import numpy as np
+
+from cspace.compiling import jit
+from cspace.words import load, store
+
+
+@jit(cache=False)
+def swapped(octets, first, second):
+    """Exchange two words."""
+    word = load(octets, first)
+    store(octets, first, load(octets, second))
+    store(octets, second, word)
+
+
+def test_words_are_read_and_written_wherever_they_begin():
+    octets = np.random.default_rng(0).integers(0, 256, 40).astype(np.uint8)
+    expected = octets.copy()
+    expected[3:11], expected[21:29] = octets[21:29], octets[3:11]
+    swapped(octets, 3, 21)
+    np.testing.assert_array_equal(octets, expected)
