@@ -126,10 +126,10 @@ def test_edges_are_free_where_all_of_their_points_are(drawn, seed):
         q = np.concatenate([along(a, b + tilt, 300) for tilt in tilts])
         if free:
             assert space.is_free(firm(space.rotations, q)).all()
-        elif abs(a[3:] @ b[3:]) < 1.0 - 1e-8:  # else OMPL may take one rotation all along
+        elif abs(a[3:] @ b[3:]) < 1.0 - 1e-8 and space.is_free(q).all():  # nearer, OMPL may take one all along
             near = np.repeat(q, 30, axis=0) + rng.normal(size=(30 * len(q), 7)) * 5e-3
             near[:, 3:] /= np.linalg.norm(near[:, 3:], axis=1, keepdims=True)
-            assert not (space.is_free(q).all() and space.is_free(near).all())
+            assert not space.is_free(near).all()
 
 
 @pytest.mark.parametrize("n", [1, 2, 5])
