@@ -34,11 +34,11 @@ def space_of(folder: Path, **changes: Any) -> ArmSpace:
 @pytest.mark.parametrize("name", ["BiRRT", *planners.planner_names()])
 def test_every_planner_finds_a_path_that_is_proven(tmp_path: Path, name: str) -> None:
     space = space_of(tmp_path)
-    goes_on = name in ("AORRTC", "BITstar", "InformedRRTstar", "PRMstar", "RRTstar", "SORRTstar")
-    plan = planners.plan(space, START, GOAL, planner=name, time_limit=0.5 if goes_on else 20.0, seed=1)
-    if not plan.solved:
-        assert goes_on and "unknown whether one exists" in plan.status and "more time" in plan.advice
-        return
+    for limit in (0.05, 0.5, 20.0):  # some use all of it; the longer ones are for a busy machine
+        plan = planners.plan(space, START, GOAL, planner=name, time_limit=limit, seed=1)
+        if plan.solved:
+            break
+        assert "unknown whether one exists" in plan.status and "more time" in plan.advice
     assert plan.certified and plan.path_exists is None and plan.exact
     assert np.array_equal(plan.path[[0, -1]], [START, GOAL]) and plan.axes == ("shoulder", "elbow")
     between = np.concatenate([np.linspace(a, b, 60) for a, b in zip(plan.path[:-1], plan.path[1:], strict=True)])

@@ -108,7 +108,7 @@ def test_what_a_planner_does_not_soon_find_goes_along_free_cells(monkeypatch, ro
     long = planners.plan(space, *ends, exact=exact, seed=1, time_limit=20, simplify=False)
     assert long.certified and len(long.waypoints) > len(found.waypoints)
     monkeypatch.setattr(cspace.CSpace, "free_path", lambda space, *ends, **how: np.empty((0, space.dof)))
-    assert "along" not in planners.plan(space, *ends, exact=exact, seed=0, time_limit=0.3).status
+    assert "along" not in planners.plan(space, *ends, exact=exact, seed=0, time_limit=0.1).status
 
 
 # ---- in space --------------------------------------------------------------------------------------------------------
