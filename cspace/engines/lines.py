@@ -69,14 +69,15 @@ def add_lines(
             if 0 <= x < nx and 0 <= y < ny:
                 begin, end = min(max(first[2], 0), nz), min(max(first[2] + length, 0), nz)
             line = lines[number]
+            low = begin - first[2] if begin < end else length
+            for k in range(low):
+                line[k] += beyond
             if begin < end:
-                line[: begin - first[2]] += beyond
-                line[end - first[2] :] += beyond
-                row, line = occupied[x, y, begin:end], line[begin - first[2] :]
+                row, inside, rest = occupied[x, y, begin:end], line[low:], line[end - first[2] :]
                 for k in range(row.size):
-                    line[k] += row[k] * unit - half
-            else:
-                line += beyond
+                    inside[k] += row[k] * unit - half
+                for k in range(rest.size):
+                    rest[k] += beyond
             number += 1
 
 

@@ -181,7 +181,7 @@ def cut_to(triangles: Floats, longest: float, part: float = 0.0, about_z: bool =
     waiting = np.empty((64, 3, 3))  # halves of halves: one for each halving
     axes = 2 if about_z else 3
     for triangle in triangles:
-        waiting[0] = triangle
+        _copy(triangle, waiting[0])
         left = 1
         while left > 0:
             piece = waiting[left - 1]
@@ -197,9 +197,10 @@ def cut_to(triangles: Floats, longest: float, part: float = 0.0, about_z: bool =
             if math.sqrt(square) <= max(longest, part * math.sqrt(lever)) or left == len(waiting):
                 if number == len(done):
                     more = np.empty((2 * number, 3, 3))
-                    more[:number] = done
+                    for k in range(number):
+                        _copy(done[k], more[k])
                     done = more
-                done[number] = piece
+                _copy(piece, done[number])
                 number += 1
                 left -= 1
                 continue
@@ -212,6 +213,14 @@ def cut_to(triangles: Floats, longest: float, part: float = 0.0, about_z: bool =
                 piece[second, axis] = middle
             left += 1
     return done[:number]
+
+
+@inner
+def _copy(triangle: Floats, to: Floats) -> None:
+    """Number by number: what may not fit as a whole takes two seconds of compiling, for the words of its error."""
+    for e in range(3):
+        for axis in range(3):
+            to[e, axis] = triangle[e, axis]
 
 
 @jit
