@@ -265,5 +265,7 @@ def test_kinds_of_answers():
     space = walled(12)
     assert space.path_exists(np.full((2, 1, 2), 1.0), np.full((3, 2), 1.1)).tolist() == [[True] * 3] * 2
     assert space.path_exists(np.empty((0, 2)), (0.1, 0.1)).shape == (0,)
-    with pytest.raises(InputError, match="nan"):
+    with pytest.raises(InputError, match=r"q0 number 0 is .*nan"):
         space.path_exists((np.nan, 1.0), (1.0, 1.0))
+    with pytest.raises(InputError, match=r"q1 number 2 is .*nan"):
+        space.path_exists(np.ones((4, 2)), [(1.0, 1.0), (0.5, 0.5), (1.0, np.nan), (1.0, 1.0)])

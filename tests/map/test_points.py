@@ -62,6 +62,18 @@ def test_batches_answer_in_kind(space, name, batch):
     assert look_up(q.tolist()).tolist() == answers.tolist() if answers.size else True
 
 
+@pytest.mark.parametrize("outside", ["blocked", "free"])
+def test_many_around_a_robot_that_turns_and_is_round(outside):
+    occupied = np.zeros((12, 9), dtype=bool)
+    occupied[5, 3:] = True
+    space = cspace.build(Workspace.from_array(occupied, 0.1), Robot.disc(0.15), rotations=5, outside=outside)
+    q = np.random.default_rng(0).uniform((-1, -1, -20), (2, 2, 20), (3000, 3))
+    answers = space.classify(q)
+    assert answers.tolist() == [space.classify(point) for point in q]
+    beyond = set(answers[~space.grid.contains(q[:, :2])].tolist())
+    assert beyond == ({BLOCKED} if outside == "blocked" else {FREE, MIXED})
+
+
 def test_one_configuration_gets_a_python_number(space):
     q = somewhere(space)
     kinds = {"classify": int, "is_free": bool, "clearance": float, "overlap": int, "contains_robot": bool}

@@ -281,6 +281,14 @@ def test_where_nothing_is_proven_a_planner_searches_and_does_not_pretend(
     assert "time_limit=0.3" in found.advice
 
 
+@pytest.mark.parametrize("name", ENDS)
+def test_whether_a_path_exists_is_asked_once(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    ask, asked = CSpace.path_exists, list[Any]()
+    monkeypatch.setattr(CSpace, "path_exists", lambda *q: asked.append(q) or ask(*q))
+    found = planners.plan(room(name), *ENDS[name], planner="RRTConnect", time_limit=60.0, seed=1)
+    assert found.certified and len(asked) == 1
+
+
 def test_where_a_path_exists_the_status_says_so() -> None:
     for name, curve in JOINED:
         options = {"time_limit": 1e-6, "planner": "RRT", **options_for(curve)}
