@@ -159,7 +159,7 @@ def build_arm_map(
     slices = rotations.slice_of(robot.shape)
     circles = endless * any(endless)
     ends[list(endless)] = -math.inf, math.inf
-    prove = partial(JointProofs, space, numbers, held, ends)
+    prove = partial(JointProofs, space._scene, numbers, held, ends)
     return map_of(Contents(workspace, robot, rotations, slices, states[np.newaxis], endless=circles, prove=prove))
 
 

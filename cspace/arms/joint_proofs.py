@@ -8,8 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arms.proofs import are_free
-from cspace.arms.space import ArmSpace
+from cspace.arms.proofs import Scene, are_free
 from cspace.exact.boundaries import Problem, Proofs
 from cspace.exact.queries import proofs_by_borders
 from cspace.map.edges import NO_BLOCKS, edges_are_free
@@ -22,11 +21,11 @@ Ints = NDArray[np.int64]
 
 
 class JointProofs:
-    """Proofs by the space of an arm, as :class:`cspace.exact.boundaries.Proofs`, of a few of its joints.
+    """Proofs by an arm in a scene, as :class:`cspace.exact.boundaries.Proofs`, of a few of its joints.
 
     Parameters
     ----------
-    space : ArmSpace
+    scene : Scene
     numbers : ndarray of int64, shape (d,)
         Which numbers of the arm's configuration those of the map are.
     held : ndarray of float64, shape (arm.dof,)
@@ -37,8 +36,8 @@ class JointProofs:
         The map.
     """
 
-    def __init__(self, space: ArmSpace, numbers: Ints, held: Floats, ends: Floats, problem: Problem) -> None:
-        self._scene, self._numbers, self._held, self._ends = space._scene, numbers, held, ends
+    def __init__(self, scene: Scene, numbers: Ints, held: Floats, ends: Floats, problem: Problem) -> None:
+        self._scene, self._numbers, self._held, self._ends = scene, numbers, held, ends
         self._problem = problem
 
     @property

@@ -17,7 +17,6 @@ from cspace.rotations import Rotations
 from cspace.states import FIELDS
 
 if TYPE_CHECKING:
-    from cspace.exact.boundaries import Problem, Proofs
     from cspace.placed import Scene
     from cspace.robot import Robot
     from cspace.workspace import Workspace
@@ -75,7 +74,7 @@ class Contents:
     exterior: Exterior | None = None
     tells_blocked: bool | None = None
     endless: tuple[bool, ...] = ()
-    prove: Callable[[Problem], Proofs] | None = None
+    prove: Callable[..., Any] | None = None
     scene: Scene | None = None
 
     def __post_init__(self) -> None:
