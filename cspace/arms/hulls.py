@@ -414,7 +414,11 @@ def spare_between(
             if best > enough:
                 break
         # The way between the nearest points is no shorter than any shadow, and no longer than the one that is found.
-        if length <= least or (gap > 0.0 and speed > 0.0 and best + length - least - gap <= enough):
+        if length <= least:
+            break
+        hoped = best + length - least - gap
+        if gap > 0.0 and speed > 0.0 and hoped <= enough:
+            best = hoped
             break
         if count and length - shadow <= 1e-10 * length:
             break
