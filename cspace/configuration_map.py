@@ -211,8 +211,8 @@ class ConfigurationMap(ConfigurationSpace):
         """What chains of cells join."""
 
     @abstractmethod
-    def _around(self, q: Floats) -> ConfigurationMap:
-        """The map, or of one that is not in memory what lies around a configuration."""
+    def _around(self, q: Floats, exact: bool = False) -> ConfigurationMap:
+        """The map, or of one that is not in memory what lies around a configuration, which has no exact answers."""
 
     @abstractmethod
     def _at_one_moment(self, work: Callable[[], Result]) -> Result:

@@ -983,7 +983,7 @@ class CSpace(ConfigurationMap):
 
         return self._mip.get(lambda: Mip(self._seen, self._lock)).marks(cells, lasting)
 
-    def _around(self, q: Floats) -> CSpace:
+    def _around(self, q: Floats, exact: bool = False) -> CSpace:
         return self
 
     def _at_one_moment(self, work: Callable[[], Result]) -> Result:

@@ -298,9 +298,7 @@ class EdgesOnMap(LocalPlanner):
         space = self.space
         end: Configuration = tuple(space.rotations.canonical(self._point(q, name), name).tolist())
         inside = all(low <= x <= high for low, x, high in zip(space.grid.lower, end, space.grid.upper, strict=False))
-        # A map that is not in memory proves nothing by shapes, and says so.
-        check = space._exact.edge_checker() if self.exact else space._around(np.array(end)).edge_checker()
-        if inside and check(*end, *end):
+        if inside and space._around(np.array(end), self.exact).edge_checker(exact=self.exact)(*end, *end):
             return end
         raise self._unusable(end, name, inside)
 

@@ -224,7 +224,9 @@ class TiledCSpace(ConfigurationMap):
         low, high = np.array([[part.start, part.stop] for part in self._store.cells(tile)]).T
         return self._part(np.minimum(low, cell), np.maximum(high, cell + 1))
 
-    def _around(self, q: Floats) -> CSpace:
+    def _around(self, q: Floats, exact: bool = False) -> CSpace:
+        if exact:
+            raise self._elsewhere("exact")
         middle = np.clip(q[: self.grid.dim], self.grid.lower, self.grid.upper)
         around = 0.5 * self.grid.spacing * np.minimum(self.tile, AROUND[self.grid.dim])
         return self.window(middle - around, middle + around)
