@@ -70,8 +70,9 @@ def _check(tally: Tally, case: Case, rng: Rng) -> None:
     known, free = np.asarray(space.is_free(q)), np.asarray(space.is_free(q, exact=True))
     proven, refused = q[free & ~known], q[~free][:CANDIDATES]
     tally.add(POINT, case, proven, *not_free(case, proven))
-    clear = ~case.meets(refused, space.margin + CLEAR * space.grid.spacing)
-    tally.add(LOST, case, refused, clear, np.zeros(len(refused), dtype=np.bool_))
+    if space.workspace.source != "mesh" or space.workspace.shapes:  # of what was filled, there are only cells
+        clear = ~case.meets(refused, space.margin + CLEAR * space.grid.spacing)
+        tally.add(LOST, case, refused, clear, np.zeros(len(refused), dtype=np.bool_))
     starts = np.concatenate([proven[:CANDIDATES], q[known][: CANDIDATES // 4]])
     ends, number = starts.copy(), len(starts)
     ends[:, :dim] += (
