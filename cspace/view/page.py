@@ -231,10 +231,10 @@ class Page:
             self._button.disabled = False
         self._proves = True  # what the cells join is known from here on
         self._prover.ask()
-        self._answer.content = _in_words(found, self._canvas.unit)
         self._follow(found.path)
         if found.solved:
             self.move(found.path[0])
+        self._answer.content = _in_words(found, self._canvas.unit)
 
     def _play(self) -> None:
         """Move the robot along the path, until it is there or someone stops it."""
