@@ -172,7 +172,7 @@ _ALIVE: Final = WeakValueDictionary[bytes, Placed]()
 
 def placed_once(shape: Shape, pose: Floats) -> Placed:
     """The shape at the pose with all that was made of it: the same one for each link, of any arm, that is alike."""
-    digest = hashlib.sha256(pickle.dumps((shape, pose))).digest()
+    digest = hashlib.sha256(pickle.dumps((shape.spec, pose))).digest()  # the shape itself may hold what it has made
     return _ALIVE.setdefault(digest, Placed(shape, pose))
 
 

@@ -8,10 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 import yourdfpy
 
 from cspace.arms import Arm, Placed, build_arm
 from cspace.errors import ConfigurationError, FileError, InputError
+from cspace.shapes import Mesh
 from urdfs import joint, link, planar, random_arm, written
 
 BAR = ((1.0, 0.1, 0.1), (0.5, 0, 0))
@@ -63,6 +65,11 @@ def test_what_is_alike_is_made_once(tmp_path: Path) -> None:
     assert first[1] is second[1] is not other[1]
     made = first[1].hulls
     np.testing.assert_array_equal(pickle.loads(pickle.dumps(first[1])).__dict__["hulls"].corners, made.corners)
+    # Also of a shape that has been asked about, and so holds what it has made.
+    arm, ball = Arm.from_urdf(planar(tmp_path)), Mesh.of(trimesh.creation.icosphere(1, 0.1))
+    held = arm.attach("ball", ball, arm.links[-1].name).links[-1].parts[0]
+    assert len(held.hulls.nodes) and held.surface
+    assert arm.attach("other", ball, arm.links[-1].name).links[-1].parts[0] is held
 
 
 def test_which_links_may_touch(tmp_path: Path) -> None:
