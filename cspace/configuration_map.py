@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from cspace.exact.queries import Exact
     from cspace.plot.picture import PlotOptions
     from cspace.plot.route import MapLike
-    from cspace.view.cells import Cells
+    from cspace.view.level_of_detail import Cells
     from cspace.view.viewer import MakeCanvas
 
 Floats = NDArray[np.float64]

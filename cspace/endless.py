@@ -23,7 +23,7 @@ from cspace.grid import Grid
 from cspace.map.batches import Ask, as_points
 from cspace.map.callbacks import below_half_a_turn, brought
 from cspace.map.contents import Contents
-from cspace.map.kept import Kept
+from cspace.map.derived import Derived
 from cspace.memory import check_memory
 from cspace.orientation import TURN, shorter, wrapped
 from cspace.rotations import OneRotation, Rotations
@@ -191,8 +191,8 @@ class EndlessCSpace(CSpace):
 
     def _make_room(self) -> None:
         super()._make_room()
-        self._unrolled_kept: Kept[CSpace] = Kept(self._lock)
-        self._seam: Kept[Seam] = Kept(self._lock)
+        self._derived_unrolled: Derived[CSpace] = Derived(self._lock)
+        self._seam: Derived[Seam] = Derived(self._lock)
 
     @property
     def endless(self) -> tuple[bool, ...]:
@@ -220,7 +220,7 @@ class EndlessCSpace(CSpace):
 
     @property
     def _unrolled(self) -> CSpace:
-        return self._unrolled_kept.get(lambda: self._over(-self._beyond, self.grid.shape + self._beyond))
+        return self._derived_unrolled.get(lambda: self._over(-self._beyond, self.grid.shape + self._beyond))
 
     def _over(self, first: Ints, stop: Ints) -> CSpace:
         """A map with an end, from a first cell up to the one before another, with each cell as often as it comes by."""
@@ -347,7 +347,7 @@ class EndlessCSpace(CSpace):
     def _renew(self, change: Change) -> None:
         super()._renew(change)
         self._seam.drop()
-        unrolled, cells = self._unrolled_kept.made, change.cells.reshape(2, 3)[:, 3 - self.dof :]
+        unrolled, cells = self._derived_unrolled.made, change.cells.reshape(2, 3)[:, 3 - self.dof :]
         if unrolled is None:
             return
         unrolled._renew_exact()

@@ -1,7 +1,7 @@
 """The errors that this library raises on purpose, under one base class.
 
-Every one carries its parts as fields: the argument, what was found there, the rule that it breaks and the mend. The
-message is made of them, and so is what the command line says in its own words.
+Each carries its parts as fields: the argument, its fault, the rule that it breaks and the mend. The message is made of
+them, and so is what the command line says in its own words.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from importlib import import_module
 from typing import Any, ClassVar, Final
 
 LONGEST: Final = 240
-"""Characters of what was found, at most, in a message."""
+"""Characters of a fault, at most, in a message."""
 
 
 class CspaceError(Exception):
@@ -20,7 +20,7 @@ class CspaceError(Exception):
     ----------
     argument : str
         What is at fault: the name of an argument, or a file's path; or, where it stands alone, the whole message.
-    found : str, optional
+    fault : str, optional
         What it is, as it follows the name: ``"is -1"``, ``"has shape (3,)"``.
     rule : str
         ``"it must be above zero"``.
@@ -39,16 +39,16 @@ class CspaceError(Exception):
     gap: ClassVar[str] = " "
 
     def __init__(
-        self, argument: str, found: str | None = None, rule: str = "", mend: str = "", *, value: object = None
+        self, argument: str, fault: str | None = None, rule: str = "", mend: str = "", *, value: object = None
     ) -> None:
         text = argument
-        if found is not None:
-            found = " ".join(found.split())  # arrays print themselves in many lines
-            found = found if len(found) <= LONGEST else f"{found[:LONGEST]} ..."
-            text = "; ".join(part for part in (f"{argument}{self.gap}{found}", rule, mend) if part)
+        if fault is not None:
+            fault = " ".join(fault.split())  # arrays print themselves in many lines
+            fault = fault if len(fault) <= LONGEST else f"{fault[:LONGEST]} ..."
+            text = "; ".join(part for part in (f"{argument}{self.gap}{fault}", rule, mend) if part)
         super().__init__(text)
         self.argument = argument
-        self.found = found
+        self.fault = fault
         self.rule = rule
         self.mend = mend
         self.value = value
@@ -96,12 +96,12 @@ class ConfigurationError(InputError):
     def __init__(
         self,
         argument: str,
-        found: str | None = None,
+        fault: str | None = None,
         rule: str = "",
         mend: str = "",
         *,
         value: object = None,
         nearest: tuple[float, ...] | None = None,
     ) -> None:
-        super().__init__(argument, found, rule, mend, value=value)
+        super().__init__(argument, fault, rule, mend, value=value)
         self.nearest = nearest

@@ -16,8 +16,8 @@ from cspace.errors import ConfigurationError, InputError
 from cspace.grid import Grid, not_negative, whole
 from cspace.map.batches import EDGES_A_THREAD, Ask, Many, One, answer, check_rng, in_pieces
 from cspace.map.contents import Contents
+from cspace.map.derived import Derived, Lock
 from cspace.map.exterior import UNKNOWN, Exterior
-from cspace.map.kept import Kept, Lock
 from cspace.map.record import Map
 from cspace.map.slices import slice_rasters
 from cspace.map.storage import PackedStates, cells_of, check_bytes, counts_of, read_only, read_only_of, record_of
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from cspace.spectral.field import OverlapField
     from cspace.spectral.overlap import FourierOverlap
     from cspace.update import Change, Update, Updater
-    from cspace.view.cells import Cells
+    from cspace.view.level_of_detail import Cells
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -113,26 +113,26 @@ class CSpace(ConfigurationMap):
         self._slice_of = contents.slice_of
         self._make_room()
         if rasters is not None:
-            self._rasters_kept.get(lambda: list(rasters))
+            self._derived_rasters.get(lambda: list(rasters))
 
     def _make_room(self) -> None:
         """Room for what is made at need."""
         self._lock = Lock()
-        self._rasters_kept: Kept[list[tuple[Raster, Raster]]] = Kept(self._lock)
-        self._exterior_kept: Kept[Exterior] = Kept(self._lock)
-        self._map_kept: Kept[Map] = Kept(self._lock)
-        self._classify_kept: Kept[Ask] = Kept(self._lock)
-        self._point_checker: Kept[Callable[..., bool]] = Kept(self._lock)
-        self._edge_checker: Kept[Callable[..., bool]] = Kept(self._lock)
-        self._mip: Kept[Mip] = Kept(self._lock)
-        self._runs: Kept[Runs] = Kept(self._lock)
-        self._outer_sums: Kept[Sums] = Kept(self._lock)
-        self._inner_sums: Kept[Sums] = Kept(self._lock)
-        self._components_kept: Kept[Components] = Kept(self._lock)
-        self._free_cells: Kept[FreeCells] = Kept(self._lock)
-        self._widest: Kept[Widest] = Kept(self._lock)
-        self._exact_kept: Kept[Exact] = Kept(self._lock)
-        self._updater: Kept[Updater] = Kept(self._lock)
+        self._derived_rasters: Derived[list[tuple[Raster, Raster]]] = Derived(self._lock)
+        self._derived_exterior: Derived[Exterior] = Derived(self._lock)
+        self._derived_map: Derived[Map] = Derived(self._lock)
+        self._derived_classify: Derived[Ask] = Derived(self._lock)
+        self._point_checker: Derived[Callable[..., bool]] = Derived(self._lock)
+        self._edge_checker: Derived[Callable[..., bool]] = Derived(self._lock)
+        self._mip: Derived[Mip] = Derived(self._lock)
+        self._runs: Derived[Runs] = Derived(self._lock)
+        self._outer_sums: Derived[Sums] = Derived(self._lock)
+        self._inner_sums: Derived[Sums] = Derived(self._lock)
+        self._derived_components: Derived[Components] = Derived(self._lock)
+        self._free_cells: Derived[FreeCells] = Derived(self._lock)
+        self._widest: Derived[Widest] = Derived(self._lock)
+        self._derived_exact: Derived[Exact] = Derived(self._lock)
+        self._updater: Derived[Updater] = Derived(self._lock)
 
     # ---- what the map is ---------------------------------------------------------------------------------------------
 
@@ -733,14 +733,14 @@ class CSpace(ConfigurationMap):
             self._mip.renew(change.states)
             self._free_cells.drop()
             self._widest.renew(change.states)
-            self._components_kept.renew(change.states)
+            self._derived_components.renew(change.states)
         self._renew_exact()
 
     def _renew_exact(self) -> None:
         """Have exact look-ups ask robot and obstacles as they are now, and no longer the arm of a map of joints."""
         if self._contents.prove is not None:
             self._contents = replace(self._contents, prove=None)
-        self._exact_kept.renew(self.workspace)
+        self._derived_exact.renew(self.workspace)
 
     # ---- a smooth measure of penetration -----------------------------------------------------------------------------
 
@@ -919,7 +919,7 @@ class CSpace(ConfigurationMap):
         return self
 
     def _in_blocks(self) -> Cells:
-        from cspace.view.cells import CellsInMemory
+        from cspace.view.level_of_detail import CellsInMemory
 
         return CellsInMemory(self)
 
@@ -927,12 +927,16 @@ class CSpace(ConfigurationMap):
 
     @property
     def _rasters(self) -> list[tuple[Raster, Raster]]:
-        return self._rasters_kept.get(lambda: slice_rasters(self.robot, self.grid.spacing, self.margin, self.rotations))
+        return self._derived_rasters.get(
+            lambda: slice_rasters(self.robot, self.grid.spacing, self.margin, self.rotations)
+        )
 
     @property
     def _exterior(self) -> Exterior:
         known = self._contents.exterior
-        return known or self._exterior_kept.get(lambda: Exterior.of(self.workspace.outer, self._rasters, self.outside))
+        return known or self._derived_exterior.get(
+            lambda: Exterior.of(self.workspace.outer, self._rasters, self.outside)
+        )
 
     @property
     def _map(self) -> Map:
@@ -942,7 +946,7 @@ class CSpace(ConfigurationMap):
     @property
     def _own_map(self) -> Map:
         """The record of the map's own cells."""
-        return self._map_kept.get(self._make_map)
+        return self._derived_map.get(self._make_map)
 
     def _make_map(self) -> Map:
         grid, rotations = self.grid, self.rotations.compiled(self._slice_of)
@@ -963,7 +967,7 @@ class CSpace(ConfigurationMap):
 
         walled, prove = self.outside != "free", self._contents.prove
         problem = Problem(self._map, self.rotations, self.workspace, self.robot, self.margin, walled, prove)
-        return self._exact_kept.get(lambda: Exact(problem))
+        return self._derived_exact.get(lambda: Exact(problem))
 
     @property
     def _components(self) -> Components:
@@ -975,7 +979,7 @@ class CSpace(ConfigurationMap):
             rim_is_open = ~self._exterior.is_all_blocked(self.grid.shape)
             return Components(self._seen, self._slice_of, self.rotations.neighbors, rim_is_open)
 
-        return self._components_kept.get(make)
+        return self._derived_components.get(make)
 
     def _marks(self, *, cells: bool, lasting: bool = False) -> Marks:
         """What is not FREE, at three scales; see :meth:`cspace.map.mip.Mip.marks`."""
@@ -998,7 +1002,7 @@ class CSpace(ConfigurationMap):
         return in_pieces(partial(clearances, self._map, self._marks(cells=True)))
 
     def _classify(self) -> Ask:
-        return self._classify_kept.get(self._make_classify)
+        return self._derived_classify.get(self._make_classify)
 
     def _make_classify(self) -> Ask:
         from cspace.map.points import classify

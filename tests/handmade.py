@@ -44,7 +44,7 @@ def map_of(state, rotations=None, outside="free", spacing=0.25, lower=None, rast
     made = map_in(workspace, robot, state.copy(), rotations, rasters, outside=policy)
     if not isinstance(outside, str):
         table = np.array([[*outside.box, outside.state]] * len(made._seen), dtype=np.int64)
-        made._exterior_kept.get(lambda: Exterior(table))
+        made._derived_exterior.get(lambda: Exterior(table))
     return made
 
 

@@ -174,9 +174,9 @@ def options_of(command: Any) -> Options:
 
 def worded(error: CspaceError, options: Options) -> str:
     """An error in one line, with its argument, and one that its mend names, as options of the command."""
-    if error.found is None:
+    if error.fault is None:
         return _line(str(error))
-    found = f"{options.get(error.argument, error.argument)}{error.gap}{error.found}"
+    found = f"{options.get(error.argument, error.argument)}{error.gap}{error.fault}"
     return _line(
         "; ".join(part for part in (found, in_options(error.rule, options), in_options(error.mend, options)) if part)
     )
@@ -195,11 +195,11 @@ def about_robot() -> Iterator[None]:
         try:
             yield
         except CspaceError as error:
-            if error.found is None:
+            if error.fault is None:
                 raise
             name = "robot_solid" if error.argument == "solid" else error.argument
             mend = error.mend.replace("solid=", "robot_solid=")
-            raise type(error)(name, error.found, error.rule, mend, value=error.value) from error
+            raise type(error)(name, error.fault, error.rule, mend, value=error.value) from error
     for warning in heard:
         warnings.warn(str(warning.message).replace("solid=", "robot_solid="), warning.category, stacklevel=3)
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.compiling import inner, reader
-from cspace.words import load, store
+from cspace.unaligned import load, store
 
 Octets = NDArray[np.uint8]
 Words = NDArray[np.uint64]

@@ -142,7 +142,7 @@ def _ask_edge(world: World, rows: Floats, q0: Numbers, q1: Numbers) -> int:
     asked = 0
     if edge_is_free(world.map, NO_BLOCKS, q0, q1):
         return asked
-    for way in range(turning.ways(world.map.rotations, q0, q1)):
+    for way in range(turning.arc_count(world.map.rotations, q0, q1)):
         more = _ask_way(world, rows, q0, q1, way)
         if more < 0:
             return more - asked

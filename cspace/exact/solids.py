@@ -240,7 +240,7 @@ def ask_edge(world: World, q0: Numbers, q1: Numbers, work: Work) -> int:
     asked = 0
     if edge_is_free(world.map, NO_BLOCKS, q0, q1):
         return asked
-    for way in range(turning.ways(world.map.rotations, q0, q1)):
+    for way in range(turning.arc_count(world.map.rotations, q0, q1)):
         more = ask_way(world, q0, q1, way, work)
         if more < 0:
             return more - asked % DOUBT

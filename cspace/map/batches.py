@@ -20,7 +20,7 @@ Kernel = Callable[..., int]
 is not usable, or -1."""
 
 Ask = Callable[[Sequence[Any], NDArray[Any]], int]
-"""``ask(parts, out)`` does so for a batch of any size and type of numbers, in ways of its own."""
+"""``ask(parts, out)`` does so for a batch of any size and type of numbers."""
 
 D = TypeVar("D", bound=np.generic)
 S = TypeVar("S")
@@ -42,7 +42,7 @@ ROWS: Final = 8_192
 def answer(
     q: ArrayLike, dof: int, ask: Ask, dtype: type[D], scalar: Callable[[Any], S], name: str = "q"
 ) -> S | NDArray[D]:
-    """What is told of configurations.
+    """The answer for one configuration, or an array of answers for a batch.
 
     Parameters
     ----------
@@ -50,13 +50,13 @@ def answer(
     dof : int
         The length d of a configuration.
     ask : callable
-        What tells it of a batch; :func:`in_pieces` makes one of a kernel.
+        Answers for a batch; :func:`in_pieces` makes one of a kernel.
     dtype : numpy scalar type
         Of the answer to a batch.
     scalar : callable
         Makes the answer to a single configuration.
     name : str
-        What messages call the configurations.
+        What error messages call the configurations.
 
     Raises InputError if the last axis is not d long, or a value is not a finite number.
     """
@@ -70,20 +70,20 @@ def answer(
 
 
 def answer_edges(q0: ArrayLike, q1: ArrayLike, dof: int, ask_for: Callable[[int], Ask]) -> bool | NDArray[np.bool_]:
-    """What is told, True or False, of straight edges; as :func:`answer`, with two batches that broadcast.
+    """True or False for straight edges; as :func:`answer`, with two batches that broadcast.
 
-    ``ask_for(n)`` tells it of n edges.
+    ``ask_for(n)`` answers for n edges.
     """
-    starts, ends = _as_rows(q0, "q0", dof), _as_rows(q1, "q1", dof)
-    shape = starts.shape
-    if ends.shape != shape:
+    rows0, rows1 = _as_rows(q0, "q0", dof), _as_rows(q1, "q1", dof)
+    shape = rows0.shape
+    if rows1.shape != shape:
         try:
-            shape = np.broadcast_shapes(shape, ends.shape)
+            shape = np.broadcast_shapes(shape, rows1.shape)
         except ValueError as error:
-            found = f"has shape {starts.shape} and q1 {ends.shape}"
-            raise InputError("q0", found, "they must broadcast", "pass batches of equal shape") from error
-        starts, ends = np.broadcast_to(starts, shape), np.broadcast_to(ends, shape)
-    first, second = starts.reshape(-1, dof), ends.reshape(-1, dof)
+            fault = f"has shape {rows0.shape} and q1 {rows1.shape}"
+            raise InputError("q0", fault, "they must broadcast", "pass batches of equal shape") from error
+        rows0, rows1 = np.broadcast_to(rows0, shape), np.broadcast_to(rows1, shape)
+    first, second = rows0.reshape(-1, dof), rows1.reshape(-1, dof)
     out = np.empty(len(first), dtype=np.bool_)
     bad = ask_for(len(out))([first, second], out)
     if bad >= 0:
@@ -92,14 +92,14 @@ def answer_edges(q0: ArrayLike, q1: ArrayLike, dof: int, ask_for: Callable[[int]
 
 
 def answer_pairs(vertices: Floats, pairs: NDArray[np.int64], ask: Ask) -> NDArray[np.bool_]:
-    """What is told of edges, shape (m, 2), between vertices, shape (n, d); all must be finite and in range."""
+    """True or False for each edge, shape (m, 2), between vertices, shape (n, d); all must be finite and in range."""
     out = np.empty(len(pairs), dtype=np.bool_)
     ask([_Chosen(vertices, pairs[:, 0]), _Chosen(vertices, pairs[:, 1])], out)
     return out
 
 
 class _Chosen:
-    """Rows of an array by their numbers; a slice of them is taken when it is asked for."""
+    """Rows of an array by their indices; a slice of them is copied when it is read."""
 
     def __init__(self, rows: Floats, numbers: NDArray[np.int64]) -> None:
         self._rows, self._numbers = rows, numbers
@@ -133,7 +133,7 @@ def _as_rows(q: ArrayLike, name: str, dof: int) -> NDArray[Any]:
 
 
 def in_pieces(kernel: Kernel, least: int = LEAST) -> Ask:
-    """What asks a kernel of compiled code, in threads that have ``least`` rows each."""
+    """An :data:`Ask` of a compiled kernel, in threads of at least ``least`` rows each."""
     return partial(_fill, kernel, least)
 
 

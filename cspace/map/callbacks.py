@@ -27,7 +27,7 @@ def edge_checker(map_: Map, dof: int) -> Callable[..., bool]:
 
 
 def brought(check: Callable[..., T], endless: Sequence[bool]) -> Callable[..., T]:
-    """A function of a configuration, or two, as one that brings angles within half a turn from 0, or from the first."""
+    """The function, with angles wrapped to half a turn from 0, and those of a second configuration from the first."""
     circles, dof = [k for k, turns in enumerate(endless) if turns], len(endless)
     if not circles:
         return check
@@ -44,7 +44,7 @@ def brought(check: Callable[..., T], endless: Sequence[bool]) -> Callable[..., T
 
 
 def below_half_a_turn(check: Callable[..., bool], endless: Sequence[bool]) -> Callable[..., bool]:
-    """A function of two configurations as one that is False where the shorter way may be another than the straight."""
+    """The check, False where an angle changes by half a turn or more, and the shorter arc may be the other one."""
     circles, dof = [k for k, turns in enumerate(endless) if turns], len(endless)
     if not circles:
         return check

@@ -108,12 +108,12 @@ def chain(
         else:
             cell[0] = int(neighbors[cell[0], step - TURNS])
         cells.append(cell.copy())
-    found = np.array(cells[::-1], dtype=np.int64)
-    return np.delete(found, 1, axis=1) if flat else found
+    rows = np.array(cells[::-1], dtype=np.int64)
+    return np.delete(rows, 1, axis=1) if flat else rows
 
 
 class Space(Protocol):
-    """What is asked of a map; :class:`cspace.CSpace` has it all."""
+    """What :func:`open_chain` needs of a map; :class:`cspace.CSpace` has it all."""
 
     _seen: Stack
 
@@ -137,18 +137,18 @@ def open_chain(space: Space, q0: ArrayLike, q1: ArrayLike, closed: NDArray[np.bo
     or (rotations, nx, ny, nz), one rotation where the robot does not turn, are left out.
     """
     shape = space.grid.shape
-    ends = []
+    endpoints = []
     for name, q in (("q0", q0), ("q1", q1)):
         end = space._cells_of(space._checked(q, name))
         if end.shape != (1 + len(shape),) or (end[1:] < 0).any() or (end[1:] >= shape).any():
             raise InputError(name, f"is {q!r}", "it must be one configuration in the grid", value=q)
-        ends.append(end)
+        endpoints.append(end)
     slice_of = space._map.slice_of
     needed = (len(slice_of), *shape)
     if closed is not None and (getattr(closed, "shape", None) != needed or closed.dtype != np.bool_):
-        found = f"is a {type(closed).__name__} of shape {np.shape(closed)}"
+        fault = f"is a {type(closed).__name__} of shape {np.shape(closed)}"
         rule = f"it must be a boolean array of shape {needed}, one entry for each cell"
-        raise InputError("closed", found, rule, "leave it out for none")
+        raise InputError("closed", fault, rule, "leave it out for none")
     if BLOCKED in (space.classify(q0), space.classify(q1)):
         return np.empty((0, 1 + len(shape)), dtype=np.int64)
-    return chain(space._seen, slice_of, space.rotations.neighbors, closed, *ends)
+    return chain(space._seen, slice_of, space.rotations.neighbors, closed, *endpoints)

@@ -89,13 +89,13 @@ def clearance_at(map_: Map, marks: Marks, q: Numbers, most: float) -> float:
 def square_outside(map_: Map, s: int, place: Place) -> float:
     """Squared distance to what is not FREE outside the grid, in cells; infinite where all is."""
     dim, table = len(map_.lower), map_.exterior
-    beyond, best = table[s, 2 * dim] != FREE, math.inf
+    taken, best = table[s, 2 * dim] != FREE, math.inf
     for side in range(2 * dim):
         # A box as wide as what is not FREE, from one border of the grid on.
         square, empty = 0.0, False
         for axis in range(dim):
-            low = -math.inf if beyond else float(table[s, axis])
-            high = math.inf if beyond else table[s, dim + axis] + 1.0
+            low = -math.inf if taken else float(table[s, axis])
+            high = math.inf if taken else table[s, dim + axis] + 1.0
             if side == 2 * axis:
                 high = min(high, 0.0)
             elif side == 2 * axis + 1:
@@ -142,7 +142,7 @@ def nearest_around(marks: SpaceMarks, s: int, place: Place, best: float) -> floa
     stop_x, first_x, b, c = min(first_x + SIDE, SIDE * count), max(first_x, 0), first_y >> SHIFT, first_z >> SHIFT
     # Of four words, what lies in the eight by eight cells.
     low_y, low_z = np.uint64(first_y & (SIDE - 1)), np.uint64((first_z & (SIDE - 1)) << SHIFT)
-    kept = (ALL >> low_y) * COLUMN
+    mask = (ALL >> low_y) * COLUMN
     below_x, above_x = around(place[0], 1.0, first_x, stop_x)
     while True:
         i, x_gap, below_x, above_x = nearer(place[0], 1.0, first_x, stop_x, below_x, above_x)
@@ -155,9 +155,9 @@ def nearest_around(marks: SpaceMarks, s: int, place: Place, best: float) -> floa
                 cells = marks.cells[s, i >> SHIFT, n, m, i & (SIDE - 1)]
                 column |= cells >> low_z if m == c else cells << EIGHT << (LAST - SEVEN - low_z)
             if n == b:
-                word |= (column >> low_y) & kept
+                word |= (column >> low_y) & mask
             else:
-                word |= (column << (EIGHT - low_y)) & ~kept
+                word |= (column << (EIGHT - low_y)) & ~mask
         best = nearest_in_word(word, place, (first_y, first_z), x_gap * x_gap, 0.0, best)
 
 
@@ -236,8 +236,8 @@ def nearest_in_row(marks: PlaneMarks, s: int, row: int, block: int, place: Place
 @inner(forceinline=True)
 def word_from(row: Words, number: int) -> np.uint64:
     """The 64 bits of a row of the plane from a cell, or a block, on; it may lie as many before the first one."""
-    words, shift = (number + 64) >> 6, np.uint64(number & 63)
-    word: np.uint64 = row[words] >> shift | row[words + 1] << ONE << (LAST - shift)
+    index, shift = (number + 64) >> 6, np.uint64(number & 63)
+    word: np.uint64 = row[index] >> shift | row[index + 1] << ONE << (LAST - shift)
     return word
 
 

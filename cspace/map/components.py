@@ -28,8 +28,8 @@ KINDS: Final = 2
 """Kind 0 are the FREE cells, and kind 1 those that are not BLOCKED."""
 
 ASK: Final = -2
-"""Less the number of a block, and of the cell's row in it and place in the row, 6 bits each: said of cells whose
-component only the labels of their block tell."""
+"""Stands for cells whose component takes the labels of their block; less the number of the block, and of the cell's row
+in it and place in the row, 6 bits each."""
 
 TASK: Final = 2048
 """Blocks that a thread takes at a time."""
@@ -41,7 +41,7 @@ TALL: Final = 8
 """Slices among them, where there are so many."""
 
 STRUCK: Final = -1
-"""Said of a face that is no more."""
+"""Marks a face that is no more."""
 
 FEW_STRUCK: Final = 4
 """Part of the faces, its reciprocal, that may be struck out and still be there."""
@@ -70,7 +70,7 @@ class Blocks(NamedTuple):
         Cells of a block, as powers of two, and number of blocks, along each axis. At least one layer of cells lies
         beyond the last ones of the grid; it stands for all that is outside, so that the first cells are beside it too.
     rim_is_open : ndarray of bool, shape (slices,)
-        Whether some configuration outside the grid is not BLOCKED.
+        Whether any configuration outside the grid is not BLOCKED.
     """
 
     cells: Cells
@@ -85,14 +85,14 @@ class Labels(NamedTuple):
 
     runs : ndarray of int32
         First cell, last cell and component of each run: ``component << 12 | first << 6 | last``.
-    ends : ndarray of int32, shape (layers * rows + 1,)
+    bounds : ndarray of int32, shape (layers * rows + 1,)
         Where the runs of each row begin, and where those of the last one end.
     counts : ndarray of int32, shape (layers,)
         Number of components.
     """
 
     runs: Nodes
-    ends: Nodes
+    bounds: Nodes
     counts: Nodes
 
 
@@ -106,7 +106,7 @@ class Turns(NamedTuple):
         Later slices that copies of each slice have for neighbours; -1 fills up.
     uses : ndarray of int64, shape (m, 2)
         The copies, group by group, that are joined where components of their slices meet.
-    ends : ndarray of int64, shape (slices * (1 + n) + 1,)
+    bounds : ndarray of int64, shape (slices * (1 + n) + 1,)
         Where the groups of each slice end, of which the first one is for faces within it and the others for its links.
     """
 
@@ -114,7 +114,7 @@ class Turns(NamedTuple):
     slice_of: Ints
     links: Ints
     uses: Ints
-    ends: Ints
+    bounds: Ints
 
     @classmethod
     def of(cls, slice_of: Ints, neighbors: Ints, slices: int) -> Turns:
@@ -141,8 +141,8 @@ class Turns(NamedTuple):
         groups = np.concatenate([copies, copies[a]]) * (1 + links.shape[1])
         groups[len(own) :] += 1 + place[link]
         uses = np.stack([np.append(own, a), np.append(own, b)], axis=1)[np.argsort(groups, kind="stable")]
-        ends = np.cumsum(np.bincount(groups + 1, minlength=slices * (1 + links.shape[1]) + 1))
-        return cls(copy_of, copies, links, uses, ends)
+        bounds = np.cumsum(np.bincount(groups + 1, minlength=slices * (1 + links.shape[1]) + 1))
+        return cls(copy_of, copies, links, uses, bounds)
 
 
 class Joined(NamedTuple):
@@ -192,9 +192,9 @@ def pack(blocks: Blocks, segment: int, words: Words) -> None:
     Row by row through all of them, as they lie in memory, which is several times quicker than block by block; and what
     is to come is fetched meanwhile, or each row would be waited for.
     """
-    (_, nx, ny, nz), (deep, wide, long), (layers, rows, strip) = blocks.grid, blocks.shifts, blocks.shape
-    first_x, first_y = segment // (strip * rows) % layers << deep, segment // strip % rows << wide
-    s, z = segment // (strip * rows * layers), segment % strip << long
+    (_, nx, ny, nz), (deep, wide, long), (layers, rows, columns) = blocks.grid, blocks.shifts, blocks.shape
+    first_x, first_y = segment // (columns * rows) % layers << deep, segment // columns % rows << wide
+    s, z = segment // (columns * rows * layers), segment % columns << long
     whole, rim = _ONES >> np.uint64(64 - (1 << long)), _ONES if blocks.rim_is_open[s] else np.uint64(0)
     for row in range(-AHEAD, words.shape[2]):
         x, y = first_x + ((row + AHEAD) >> wide), first_y + ((row + AHEAD) & ((1 << wide) - 1))
@@ -217,8 +217,8 @@ def join_rows(labels: Labels, row: int, other: int, ahead: int, parent: Nodes, p
 
     Those that were apart are added to ``pairs``, of which there are so many; how many there are then.
     """
-    runs, ends, offset, reach = labels.runs, labels.ends, len(parent) - MOST, min(ahead, 1)
-    n, stop, m, other_stop = ends[row], ends[row + 1], ends[other], ends[other + 1]
+    runs, bounds, offset, reach = labels.runs, labels.bounds, len(parent) - MOST, min(ahead, 1)
+    n, stop, m, other_stop = bounds[row], bounds[row + 1], bounds[other], bounds[other + 1]
     while n < stop and m < other_stop:
         one, two = runs[n], runs[m]
         first, last = ahead + ((two >> 6) & 63), ahead + (two & 63)
@@ -234,12 +234,12 @@ def join_rows(labels: Labels, row: int, other: int, ahead: int, parent: Nodes, p
 
 @reader
 def label_blocks(blocks: Blocks, segments: Ints, labels: Labels, words: Words, room: tuple[Nodes, Nodes]) -> None:
-    """Label the cells of blocks, told by their numbers, of one kind and then of the other.
+    """Label the cells of blocks, given by their numbers, of one kind and then of the other.
 
     In ``words`` there is room for the blocks that follow each other along the last axis, and in ``room`` for the runs
     of a layer, twice.
     """
-    runs, ends, counts = labels
+    runs, bounds, counts = labels
     rows, wide, (parent, scratch) = words.shape[2], 1 << blocks.shifts[1], room
     kinds = len(counts) // len(segments)
     zero: int = np.int64(0)  # type: ignore[assignment]  # of one type for the compiler from the start
@@ -258,7 +258,7 @@ def label_blocks(blocks: Blocks, segments: Ints, labels: Labels, words: Words, r
                 follows = row % wide > 0
                 again = follows and word == word_of[row - 1]
                 if again:  # the same runs, each joined to the one beside it
-                    for m in range(ends[at - 1], ends[at]):
+                    for m in range(bounds[at - 1], bounds[at]):
                         parent[stop - begin] = m - begin
                         runs[stop] = ((stop - begin) << 12) | (runs[m] & 4095)
                         stop += 1
@@ -269,7 +269,7 @@ def label_blocks(blocks: Blocks, segments: Ints, labels: Labels, words: Words, r
                         parent[stop - begin] = stop - begin
                         runs[stop] = ((stop - begin) << 12) | (first << 6) | last
                         starts, stops, stop = starts & (starts - _ONE), stops & (stops - _ONE), stop + 1
-                ends[at + 1] = stop
+                bounds[at + 1] = stop
                 for step, beside in ((1, follows and not again), (wide, row >= wide)):
                     if beside and (word & word_of[row - step]) != 0:
                         join_rows(labels, at, at - step, zero, parent, scratch, zero)
@@ -312,8 +312,8 @@ def meet_blocks(
     Pairs that follow from others are left out. ``parent``, shape (2 * MOST,), is room for union-find.
     """
     counts = labels.counts
-    kept: int = np.int64(0)  # type: ignore[assignment]  # of one type for the compiler from the start
-    filled = kept
+    n_faces: int = np.int64(0)  # type: ignore[assignment]  # of one type for the compiler from the start
+    n_pairs = n_faces
     wide, rows, long = 1 << shifts[1], 1 << (shifts[0] + shifts[1]), 1 << shifts[2]
     for n in range(beside.shape[1]):
         axis, ours, theirs = beside[3, n], beside[4, n], beside[5, n]
@@ -323,7 +323,7 @@ def meet_blocks(
             parent[node] = node
         for node in range(MOST, MOST + counts[theirs]):
             parent[node] = node
-        begin, most = filled, filled + counts[ours] + counts[theirs] - 1
+        begin, most = n_pairs, n_pairs + counts[ours] + counts[theirs] - 1
         for row in range(rows):
             # The rows where the two touch: the last ones and the first, or, beside each other or in two slices, all.
             other = row
@@ -333,45 +333,45 @@ def meet_blocks(
                 other -= wide - 1 if row % wide == wide - 1 else rows
             if other < 0:
                 continue
-            if filled == most:
+            if n_pairs == most:
                 break  # all are joined
             own, other = ours * rows + row, theirs * rows + other
-            filled = join_rows(labels, own, other, long if axis == 2 else 0, parent, faces.pairs, filled)
-        if filled > begin:
+            n_pairs = join_rows(labels, own, other, long if axis == 2 else 0, parent, faces.pairs, n_pairs)
+        if n_pairs > begin:
             for k in range(3):
-                faces.rows[kept, k] = beside[k, n]
-            faces.rows[kept, 3] = filled - begin
-            kept += 1
-    return kept, filled
+                faces.rows[n_faces, k] = beside[k, n]
+            faces.rows[n_faces, 3] = n_pairs - begin
+            n_faces += 1
+    return n_faces, n_pairs
 
 
 @reader
 def drop_struck(faces: Faces) -> tuple[int, int]:
     """Move the faces that were not struck out to the front; how many rows and pairs there are of them."""
     rows, pairs = faces
-    kept: int = np.int64(0)  # type: ignore[assignment]  # of one type for the compiler from the start
-    begin = filled = kept
+    n_faces: int = np.int64(0)  # type: ignore[assignment]  # of one type for the compiler from the start
+    begin = n_pairs = n_faces
     for n in range(len(rows)):
         count = rows[n, 3]
         if rows[n, 2] != STRUCK:
             for k in range(4):
-                rows[kept, k] = rows[n, k]
+                rows[n_faces, k] = rows[n, k]
             for k in range(count):
-                pairs[filled + k] = pairs[begin + k]
-            kept, filled = kept + 1, filled + count
+                pairs[n_pairs + k] = pairs[begin + k]
+            n_faces, n_pairs = n_faces + 1, n_pairs + count
         begin += count
-    return kept, filled
+    return n_faces, n_pairs
 
 
 @reader
 def join_nodes(
-    roots: Nodes, base: Nodes, faces: Faces, fresh: int, changed: NDArray[np.bool_], starts: Ints, ends: Ints
+    roots: Nodes, base: Nodes, faces: Faces, fresh: int, changed: NDArray[np.bool_], starts: Ints, bounds: Ints
 ) -> int:
     """Join the nodes of components that meet: each becomes the lowest one of those that it is joined to.
 
     ``roots`` are all nodes, in order, for union-find; ``base`` is as in :class:`Joined`. Faces of blocks that have
     ``changed`` are struck out, but for those from number ``fresh`` on, which were read since; how many are struck out
-    by then. ``starts`` and ``ends``, shapes (m, 2) and (k + 1,), are where nodes start, of one rotation cell and of
+    by then. ``starts`` and ``bounds``, shapes (m, 2) and (k + 1,), are where nodes start, of one rotation cell and of
     the other, for all of them that have these slices.
     """
     rows, pairs = faces
@@ -385,7 +385,7 @@ def join_nodes(
             struck += 1
         else:
             ours, theirs = base[rows[n, 0]], base[rows[n, 1]]
-            for use in range(ends[group], ends[group + 1]):
+            for use in range(bounds[group], bounds[group + 1]):
                 own, other = starts[use, 0] + ours, starts[use, 1] + theirs
                 for k in range(begin, last):
                     one, two = own + (pairs[k] >> BITS), other + (pairs[k] & (MOST - 1))
@@ -398,11 +398,11 @@ def join_nodes(
 
 
 @reader
-def look_up(blocks: Blocks, joined: Joined, cells: Ints, found: Ints) -> int:
-    """Components of cells ``(rotation, x, y)`` or ``(rotation, x, y, z)``, where their states are enough to tell.
+def look_up(blocks: Blocks, joined: Joined, cells: Ints, components: Ints) -> int:
+    """Components of cells ``(rotation, x, y)`` or ``(rotation, x, y, z)``, by their states; how many are left.
 
-    They are, where all components of a block are one over the whole map; cells of other blocks are left to ASK, and
-    what has no component gets -1. Gives how many are left.
+    States decide where all components of a block are one over the whole map; cells of other blocks get ASK less their
+    place, and those without a component -1.
     """
     _, nx, ny, nz = blocks.grid
     asked, solid = 0, cells.shape[1] == 4
@@ -419,7 +419,7 @@ def look_up(blocks: Blocks, joined: Joined, cells: Ints, found: Ints) -> int:
         segment = ((s * blocks.shape[0] + i) * blocks.shape[1] + j) * blocks.shape[2] + k
         x, y, z = x - (i << blocks.shifts[0]), y - (j << blocks.shifts[1]), z - (k << blocks.shifts[2])
         for kind in range(KINDS):
-            found[kind, n] = -1
+            components[kind, n] = -1
             # FREE, MIXED and BLOCKED count up.
             if state > kind or not (inside or blocks.rim_is_open[s]):
                 continue
@@ -427,53 +427,53 @@ def look_up(blocks: Blocks, joined: Joined, cells: Ints, found: Ints) -> int:
             first, stop = start + joined.base[layer], start + joined.base[layer + 1]
             for node in range(first, stop):
                 if node == first:
-                    found[kind, n] = joined.roots[first]
+                    components[kind, n] = joined.roots[first]
                 elif joined.roots[node] != joined.roots[first]:
-                    found[kind, n] = ASK - ((segment << 12) | (((x << blocks.shifts[1]) + y) << 6) | z)
+                    components[kind, n] = ASK - ((segment << 12) | (((x << blocks.shifts[1]) + y) << 6) | z)
                     asked += 1
                     break
     return asked
 
 
 @reader
-def look_into(joined: Joined, cells: Ints, places: Nodes, labels: Labels, found: Ints) -> None:
+def look_into(joined: Joined, cells: Ints, places: Nodes, labels: Labels, components: Ints) -> None:
     """Components of the cells that :func:`look_up` left, in blocks that have labels.
 
     ``places`` has the place of each block among the labels, or -1.
     """
-    rows = (len(labels.ends) - 1) // len(labels.counts)
+    rows = (len(labels.bounds) - 1) // len(labels.counts)
     for kind in range(KINDS):
         for n in range(len(cells)):
-            left = ASK - found[kind, n]
+            left = ASK - components[kind, n]
             segment, row, z = left >> 12, (left >> 6) & 63, left & 63
             if left < 0 or places[segment] < 0:
                 continue
             layer = KINDS * segment + kind
             first = joined.starts[cells[n, 0]] + joined.base[layer]
             line = (KINDS * places[segment] + kind) * rows + row
-            found[kind, n] = -1
-            for run in labels.runs[labels.ends[line] : labels.ends[line + 1]]:
+            components[kind, n] = -1
+            for run in labels.runs[labels.bounds[line] : labels.bounds[line + 1]]:
                 if (run >> 6) & 63 <= z and z <= run & 63:
-                    found[kind, n] = joined.roots[first + (run >> 12)]
+                    components[kind, n] = joined.roots[first + (run >> 12)]
 
 
 # ---- the part of a map -----------------------------------------------------------------------------------------------
 
 
 class Components:
-    """The components of a map, in two levels, so that a change asks for few cells, and no cell has a label in memory.
+    """The components of a map, in two levels, so that a change reads few cells, and no cell has a label in memory.
 
     The cells of each block are joined by themselves, along the runs of its rows, and so are the components of blocks
     that share a side, or the same place in neighbouring rotation cells. Union-find joins them over the whole map. Only
-    what joins blocks is kept; labels of cells are made again, block by block, where they are asked for. What lies
+    what joins blocks is kept; labels of cells are made again, block by block, for each look-up. What lies
     outside the grid is a layer of cells beyond its last ones and before its first ones, which are the same.
 
     Cells that share a side are joined. For FREE cells that is a path. For the others it loses none: a path goes from
     one closed cell to the next through a side, or through an edge or corner, all of whose cells are then not BLOCKED
     and are joined by their sides.
 
-    The states are kept, not copied; :meth:`renew` tells of changes. ``neighbors``, shape (rotations, n), are the
-    rotation cells that each one shares a border with; -1 fills up. ``rim_is_open``, shape (slices,), is whether some
+    The states are shared, not copied; :meth:`renew` notes changes. ``neighbors``, shape (rotations, n), are the
+    rotation cells that each one shares a border with; -1 fills up. ``rim_is_open``, shape (slices,), is whether any
     configuration outside the grid is not BLOCKED.
     """
 
@@ -496,13 +496,13 @@ class Components:
         self._struck = 0
         self._joined: Joined | None = None
         self._boxes: dict[int, Ints] = {}
-        self._asked = self._nothing()
+        self._cached = self._nothing()
 
     def renew(self, boxes: Ints) -> None:
         """Note which blocks have to be joined anew at the next call: those of a box for each slice, (slices, 6)."""
         slices = np.flatnonzero((boxes[:, :3] <= boxes[:, 3:]).all(axis=1))
-        places, ends = self._asked[0].reshape(self._changed.shape), boxes[slices].reshape(-1, 2, 3)
-        for s, (first, last) in zip(slices.tolist(), (ends >> self._blocks.shifts).tolist(), strict=True):
+        places, bounds = self._cached[0].reshape(self._changed.shape), boxes[slices].reshape(-1, 2, 3)
+        for s, (first, last) in zip(slices.tolist(), (bounds >> self._blocks.shifts).tolist(), strict=True):
             own = tuple(slice(low, high + 1) for low, high in zip(first, last, strict=True))
             self._changed[s][own], places[s][own] = True, -1
             self._joined = None
@@ -516,10 +516,10 @@ class Components:
         where any of them is. The numbers hold until the next change.
         """
         flat = np.ascontiguousarray(cells.reshape(-1, cells.shape[-1]))
-        joined, found = self._join(), np.empty((KINDS, len(flat)), dtype=np.int64)
-        if look_up(self._blocks, joined, flat, found):
-            self._ask(joined, flat, found)
-        free, passable = found.reshape(KINDS, *cells.shape[:-1])
+        joined, components = self._join(), np.empty((KINDS, len(flat)), dtype=np.int64)
+        if look_up(self._blocks, joined, flat, components):
+            self._ask(joined, flat, components)
+        free, passable = components.reshape(KINDS, *cells.shape[:-1])
         return free, passable
 
     def box(self, cell: Ints) -> Ints:
@@ -542,7 +542,7 @@ class Components:
         while len(segments):
             few = np.sort(segments[:size])
             labels = self._label(few, 1)
-            row = np.repeat(np.arange(len(labels.ends) - 1), np.diff(labels.ends))
+            row = np.repeat(np.arange(len(labels.bounds) - 1), np.diff(labels.bounds))
             runs, block = labels.runs[: len(row)], row >> (deep + wide)
             mine = np.flatnonzero(ours[joined.base[KINDS * few[block]] + (runs >> 12)])
             (x, y, z), row, runs = self._corners(few)[:, block[mine]], row[mine], runs[mine]
@@ -555,16 +555,16 @@ class Components:
             segments = segments[((first < low) | (last > high)).any(axis=1)]
         return np.stack([low, high])[:, 3 - self._dim :]
 
-    def _ask(self, joined: Joined, cells: Ints, found: Ints) -> None:
-        """Look cells up in the labels of their blocks, where these were left to ask."""
-        wanted = np.unique((ASK - found[found <= ASK]) >> 12)
+    def _ask(self, joined: Joined, cells: Ints, components: Ints) -> None:
+        """Look up the cells that are left in the labels of their blocks."""
+        wanted = np.unique((ASK - components[components <= ASK]) >> 12)
         for first in range(0, len(wanted), TASK):
             self._remember(wanted[first : first + TASK])
-            look_into(joined, cells, *self._asked, found)
+            look_into(joined, cells, *self._cached, components)
 
     def _remember(self, segments: Ints) -> None:
-        """Label blocks, but for those that have not changed since they were; others are kept while these are few."""
-        places, labels = self._asked
+        """Label blocks, but for those whose labels are cached; the cache is dropped where it would become too large."""
+        places, labels = self._cached
         missing = segments[places[segments] < 0]
         if not len(missing):
             return
@@ -572,18 +572,18 @@ class Components:
         if known + len(missing) > TASK:
             known, missing, (places, labels) = 0, segments, self._nothing()
         made = self._label(missing)
-        more = made.runs[: made.ends[-1]].copy(), made.ends[1:] + labels.ends[-1], made.counts
+        more = made.runs[: made.bounds[-1]].copy(), made.bounds[1:] + labels.bounds[-1], made.counts
         labels = Labels(*(_followed(old, len(old), [new]) for old, new in zip(labels, more, strict=True)))
-        self._asked = places, labels
+        self._cached = places, labels
         places[missing] = np.arange(known, known + len(missing))  # last, so that no interrupt leaves one without labels
 
     def _nothing(self) -> tuple[Nodes, Labels]:
         """No labels of any block."""
-        none, ends = np.empty(0, dtype=np.int32), np.zeros(1, dtype=np.int32)
-        return np.full(self._changed.size, -1, dtype=np.int32), Labels(none, ends, none)
+        none, bounds = np.empty(0, dtype=np.int32), np.zeros(1, dtype=np.int32)
+        return np.full(self._changed.size, -1, dtype=np.int32), Labels(none, bounds, none)
 
     def _join(self) -> Joined:
-        """What all blocks come to; those that changed are read again."""
+        """The components over the whole map; blocks that changed are read again."""
         if self._joined is None:
             stale = self._changed.copy()
             for axis in range(4 - self._dim, 4):  # the block before has the face that it shares with this one
@@ -611,9 +611,9 @@ class Components:
         if len(own) <= min(TASK, self._changed.size // 2):
             parts = max(1, min(cores(), len(own) // LEAST))
             return [own[len(own) * k // parts : len(own) * (k + 1) // parts] for k in range(parts)]
-        slices, strip, each = len(self._changed), self._changed.shape[3], self._changed[0].size
+        slices, columns, each = len(self._changed), self._changed.shape[3], self._changed[0].size
         tall = max(TALL, TASK // each)
-        wide = max(1, TASK // min(tall, slices) // strip) * strip
+        wide = max(1, TASK // min(tall, slices) // columns) * columns
         tiles = own // each // tall * each + own % each // wide
         order = np.argsort(tiles, kind="stable")
         return np.split(own[order], np.flatnonzero(np.diff(tiles[order])) + 1)
@@ -634,8 +634,8 @@ class Components:
         )
         beside = np.concatenate([beside + kind * _LAYERS for kind in range(KINDS)], axis=1)
         faces = Faces(np.empty((beside.shape[1], 4), np.int32), np.empty(labels.counts[beside[4:]].sum(), np.int32))
-        kept = meet_blocks(labels, self._blocks.shifts, beside, np.empty(2 * MOST, np.int32), faces)
-        return Faces(*(array[:count].copy() for array, count in zip(faces, kept, strict=True)))
+        sizes = meet_blocks(labels, self._blocks.shifts, beside, np.empty(2 * MOST, np.int32), faces)
+        return Faces(*(array[:count].copy() for array, count in zip(faces, sizes, strict=True)))
 
     def _beside(self, own: Ints) -> Ints:
         """The block that follows each of some along each axis, and those in its place in later slices; -1 fills up."""
@@ -654,7 +654,7 @@ class Components:
         rows, count = 1 << (deep + wide), kinds * len(segments)
         sizes = count * rows * ((1 + (1 << long)) // 2), count * rows + 1, count
         labels = Labels(*(np.empty(size, dtype=np.int32) for size in sizes))
-        labels.ends[0] = 0
+        labels.bounds[0] = 0
         words = np.empty((min(len(segments), self._blocks.shape[2]), KINDS, rows), dtype=np.uint64)
         room = np.empty(MOST, dtype=np.int32), np.empty(MOST, dtype=np.int32)
         label_blocks(self._blocks, segments, labels, words, room)
@@ -667,24 +667,24 @@ class Components:
         np.cumsum(self._counts, out=base[1:])
         begins = base[::per].astype(np.int64)
         sizes = (begins[1:] - begins[:-1])[turns.slice_of]
-        ends = np.cumsum(sizes)
-        starts = ends - sizes - begins[turns.slice_of]
-        roots = np.arange(ends[-1], dtype=np.int32)
+        bounds = np.cumsum(sizes)
+        starts = bounds - sizes - begins[turns.slice_of]
+        roots = np.arange(bounds[-1], dtype=np.int32)
         uses, changed = starts[turns.uses], self._changed.reshape(-1)
-        self._struck = join_nodes(roots, base, faces, fresh, changed, uses, turns.ends)
+        self._struck = join_nodes(roots, base, faces, fresh, changed, uses, turns.bounds)
         return Joined(base, starts[turns.copy_of], turns.slice_of[turns.copy_of], roots)
 
 
-def _followed(array: Nodes, kept: int, parts: Sequence[Nodes]) -> Nodes:
+def _followed(array: Nodes, count: int, parts: Sequence[Nodes]) -> Nodes:
     """The first rows of an array and, behind them, others; in its own memory, where there is room."""
-    size = kept + sum(map(len, parts))
+    size = count + sum(map(len, parts))
     if size == len(parts[0]):
         return parts[0]
     room = array if array.base is None else array.base
     if size > len(room):
         room = np.empty((size + size // 8, *array.shape[1:]), dtype=array.dtype)
-        room[:kept] = array[:kept]
+        room[:count] = array[:count]
     for part in parts:
-        room[kept : kept + len(part)] = part
-        kept += len(part)
+        room[count : count + len(part)] = part
+        count += len(part)
     return room[:size]

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Contents:
-    """All that a map is; what look-ups need beyond it is made of it.
+    """All that a map is; look-ups derive from it what else they need.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class Contents:
         FREE, MIXED or BLOCKED, of each cell of positions of the robot's reference point. Taken over, not copied, unless
         it is read-only: updates write into it.
     outside : {"blocked", "free", "unknown"}
-        What lies beyond the grid; it is not known of a part of a larger map.
+        What lies outside the grid; it is unknown of a part of a larger map.
     margin : float
         Metres by which the robot was grown for FREE.
     precision : {"integer", "float32", "float64"}
@@ -47,9 +47,9 @@ class Contents:
     fields : mapping of str to ndarray of float64
         What :class:`cspace.spectral.OverlapField` holds; all of it, or nothing.
     exterior : Exterior or None
-        What is known outside the grid; made from the robot's rasters, when it is needed, where there is none.
+        What is known outside the grid; computed from the robot's rasters at need, if None.
     tells_blocked : bool or None
-        Whether BLOCKED is told from MIXED; None where that is not known, as of a map from a file.
+        Whether the build could prove BLOCKED; None where that is not known, as of a map from a file.
     endless : tuple of bool
         Which axes close in a circle: joints of an arm that turn for ever. Empty where none does.
     prove : callable or None

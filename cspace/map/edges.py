@@ -46,10 +46,10 @@ UPRIGHT = 2.0**-500
 
 
 @reader
-def edges_are_free(map_: Map, blocks: Words, starts: Floats, ends: Floats, out: NDArray[np.bool_]) -> int:
+def edges_are_free(map_: Map, blocks: Words, first: Floats, second: Floats, out: NDArray[np.bool_]) -> int:
     """``edge_is_free`` of edges, shapes (n, dof); the index of the first edge that is not usable, or -1."""
-    for k in range(starts.shape[0]):
-        q0, q1 = configuration(map_, starts, k), configuration(map_, ends, k)
+    for k in range(first.shape[0]):
+        q0, q1 = configuration(map_, first, k), configuration(map_, second, k)
         if not (is_usable(map_, q0) and is_usable(map_, q1)):
             return k
         out[k] = edge_is_free(map_, blocks, q0, q1)
@@ -78,7 +78,7 @@ def edge_is_free(map_: Map, blocks: Words, q0: Numbers, q1: Numbers) -> bool:
 
 @inner
 def along(map_: Map, q0: Numbers, q1: Numbers, way: int, t: float) -> Numbers:
-    """The configuration at t in [0, 1] on one of the shortest ways of :func:`turning.ways`."""
+    """The configuration at t in [0, 1] along one of the shortest arcs, see :func:`turning.arc_count`."""
     q = turning.turned(map_.rotations, q0, q1, way, t)
     for axis in range(len(map_.lower)):
         q = replaced(q, axis, between(q0[axis], q1[axis], t))
@@ -114,7 +114,7 @@ def segment_is_free(map_: Map, blocks: Words, number: int, first: Numbers, last:
     for axis in range(3):
         high = replaced(high, axis, part.shape[axis] - 1)
     if not inside:
-        # A segment that leaves the grid is proven only where all is FREE beyond the grid and the box.
+        # A segment that leaves the grid is proven only where all is FREE outside the grid and the box.
         if map_.exterior[number, 2 * dim] != FREE:
             return False
         part = with_exterior(map_, part, number)
@@ -133,8 +133,8 @@ def segment_is_free(map_: Map, blocks: Words, number: int, first: Numbers, last:
 def probes_are_free(part: Slice, p: Numbers, q: Numbers) -> bool:
     """Whether some points of a segment in the grid lie in FREE cells: its end, its middle, its quarters, ...
 
-    Most edges that a planner asks for meet an obstacle, and this tells sooner than a walk from one end to the other.
-    Where it says no, so would the walk: the points lie on the segment but for rounding, which is far below SLACK.
+    Most edges of a planner meet an obstacle, and this shows it sooner than a walk from one end to the other. Where it
+    is False, so is the walk: the points lie on the segment but for rounding, which is far below SLACK.
     """
     nx, ny, nz = part.shape
     dx, dy, dz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
@@ -155,7 +155,7 @@ def probes_are_free(part: Slice, p: Numbers, q: Numbers) -> bool:
 def slab_times(p: float, q: float, first: int, last: int) -> tuple[float, float]:
     """The first and last t in [0, 1] at which ``p + t (q - p)`` lies in some cells of a line, widened by SLACK.
 
-    The first is beyond the last where it never does. Every operation rounds monotonically, so that the times of several
+    The first is above the last where it never does. Every operation rounds monotonically, so that the times of several
     cells hold those of each; and what rounding moves, which is the more the longer the segment, SLACK makes up for.
     """
     if abs(q - p) < UPRIGHT:

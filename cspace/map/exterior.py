@@ -19,7 +19,7 @@ OUTSIDES: Final = ("blocked", "free")
 """What lies outside the grid."""
 
 UNKNOWN: Final = "unknown"
-"""Said of what lies outside a part of a larger map: nothing is known of it, and so all there is MIXED."""
+"""What lies outside a part of a larger map: nothing is known of it, and so all there is MIXED."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +30,7 @@ class Exterior:
     ----------
     table : ndarray of int64, shape (slices, 2 d + 1)
         The box's first cell, its last cell, and the state of every cell that lies neither in the grid nor in the box.
-        A box is empty where a first number is beyond the last. An update of the workspace changes it in place.
+        A box is empty where a first number is above the last. An update of the workspace changes it in place.
     """
 
     table: Ints
@@ -39,7 +39,7 @@ class Exterior:
     def of(cls, occupied: NDArray[np.bool_], rasters: Sequence[tuple[Raster, Raster]], policy: str) -> Exterior:
         """What is proven outside the grid, from the outer cells of a workspace and the robot's rasters, of each slice.
 
-        ``policy`` says whether all beyond the workspace is obstacle or free: "blocked", "free" or "unknown".
+        ``policy`` is what lies outside the workspace: "blocked", "free" or "unknown".
         """
         box = np.zeros((2, occupied.ndim), dtype=np.int64)
         if policy == "free":
@@ -49,13 +49,13 @@ class Exterior:
 
     @classmethod
     def around(cls, shape: Sequence[int], box: Ints, rasters: Sequence[tuple[Raster, Raster]], policy: str) -> Exterior:
-        """The same of a workspace of a shape, by the first and last cell of its obstacles, which "free" alone asks."""
+        """The same of a workspace of a shape, by the first and last cell of its obstacles, which only "free" reads."""
         if policy == UNKNOWN:
             nowhere = np.repeat([0, -1], len(shape))
             return cls(np.array([[*nowhere, MIXED]] * len(rasters), dtype=np.int64))
         if policy == "free":
             return cls(np.array([[*reached(box.ravel(), outer), FREE] for outer, _ in rasters], dtype=np.int64))
-        # BLOCKED is proven where an inner offset falls beyond the workspace.
+        # BLOCKED is proven where an inner offset falls outside the workspace.
         last = np.asarray(shape) - 1
         rows = [
             [*-np.asarray(inner.lower), *(last - inner.upper), BLOCKED if inner.count else MIXED]
@@ -76,9 +76,9 @@ class Exterior:
 
 
 def reached(obstacles: Ints, outer: Raster) -> Ints:
-    """The box from whose cells some offset can fall on a box of obstacle cells; beyond it FREE is proven.
+    """The box from whose cells some offset can fall on a box of obstacle cells; outside it FREE is proven.
 
-    Both boxes are first cells along each axis, then last ones, shape (2 d,); empty where a first one is beyond the
+    Both boxes are first cells along each axis, then last ones, shape (2 d,); empty where a first one is above the
     last.
     """
     dim = len(obstacles) // 2

@@ -251,9 +251,9 @@ def pulled_straight(points: Floats, dim: int, check: Check, step: float) -> Floa
 def _pulled(points: Floats, check: Check) -> Floats:
     """The path from each point that is kept straight to one as far on as strides of doubling length find free."""
     rows = points.tolist()
-    kept, last = [0], len(rows) - 1
-    while kept[-1] < last:
-        here = kept[-1]
+    corners, last = [0], len(rows) - 1
+    while corners[-1] < last:
+        here = corners[-1]
         seen, stride, blocked = here + 1, 2, last + 1
         while seen < last:
             ahead = min(here + stride, last)
@@ -269,8 +269,8 @@ def _pulled(points: Floats, check: Check) -> Floats:
                 seen = middle
             else:
                 blocked = middle
-        kept.append(seen)
-    return points[kept]
+        corners.append(seen)
+    return points[corners]
 
 
 def _dense(points: Floats, dim: int, step: float, check: Check) -> Floats:

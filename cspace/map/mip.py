@@ -1,7 +1,7 @@
-"""Marks beside the map: bits that tell, at three scales, where something is not FREE.
+"""Marks beside the map: bits for what is not FREE, at three scales.
 
-An edge that keeps to blocks of FREE cells need not be walked cell by cell, and the nearest cell that is not FREE is
-looked for in marked blocks alone. Places are counted along three axes; the plane is space with one layer of cells.
+An edge through blocks of FREE cells need not be walked cell by cell, and the nearest cell that is not FREE is searched
+in marked blocks alone. Places are counted along three axes; the plane is space with one layer of cells.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.compiling import by_kind, inner, reader
-from cspace.map.kept import Lock
+from cspace.map.derived import Lock
 from cspace.map.storage import Stack, flipped, read_only
 from cspace.states import FREE
 from cspace.threads import in_chunks
@@ -31,7 +31,7 @@ ROWS: Final = SIDE + 1
 """Rows of bits of the plane from one row of blocks to the next."""
 
 CELLS_AN_EDGE: Final = 4_000
-"""Cells of a map for each edge that is asked about, below which marks pay; making them takes some hundredths of a
+"""Cells of a map for each edge of a look-up, below which marks pay; making them takes some hundredths of a
 nanosecond for each cell, and they save a few hundred nanoseconds for each edge."""
 
 CELLS_A_THREAD: Final = 10_000_000
@@ -60,7 +60,7 @@ class SpaceMarks(NamedTuple):
     Attributes
     ----------
     cells : ndarray of uint64, shape (*number of blocks along each axis of (slices, x, y, z), layers)
-        A bit for each cell; a word for each of the 8 layers of cells in a block. Of size 0 where nobody has asked.
+        A bit for each cell; a word for each of the 8 layers of cells in a block. Of size 0 until they are needed.
     blocks : ndarray of uint64, shape (*number of nodes, layers)
         A bit for each block, alike: whether one of its cells is marked.
     nodes : ndarray of uint64
@@ -79,7 +79,7 @@ class PlaneMarks(NamedTuple):
     ----------
     cells : ndarray of uint64, shape (slices, y, words)
         Rows of bits along z, between a word of zeros before and behind: eight rows of cells, and the row of their
-        blocks, and so on. Of size 0 where nobody has asked.
+        blocks, and so on. Of size 0 until they are needed.
     blocks, nodes : ndarray of uint64
     """
 
@@ -95,10 +95,10 @@ _KINDS: Final[dict[int, tuple[type[Marks], int]]] = {3: (PlaneMarks, 1), 4: (Spa
 
 
 class Mip:
-    """The marks of all slices. Changes are noted, and followed when the marks are next asked for.
+    """The marks of all slices. Changes are noted, and followed at the next call of :meth:`marks`.
 
-    The states, in one piece, in C order, are kept, not copied; the lock is held where they change, and while the marks
-    follow.
+    The states, in one piece, in C order, are shared, not copied; the lock is held while they change, and while the
+    marks follow.
     """
 
     def __init__(self, states: Stack, lock: Lock) -> None:
@@ -112,7 +112,7 @@ class Mip:
         self._cells = np.zeros((0,) * len(self._cells_shape), dtype=np.uint64)
         self._blocks = np.zeros((len(states), *nodes, layers), dtype=np.uint64)
         self._nodes = np.zeros((len(states), *nodes[:2], -(-nodes[2] // SIDE) * SIDE), dtype=np.uint8)
-        self._noted, self._followed_at_once = [self._whole()], False
+        self._noted, self._eager = [self._whole()], False
 
     def renew(self, boxes: Ints) -> None:
         """Note the box in which states of each slice have changed, shape (slices, 6)."""
@@ -120,17 +120,17 @@ class Mip:
         if len(self._noted) > MOST_NOTED:
             noted = np.array(self._noted)
             self._noted = [np.concatenate([noted[..., :3].min(axis=0), noted[..., 3:].max(axis=0)], axis=1)]
-        if self._followed_at_once:
+        if self._eager:
             self._follow()
 
     def marks(self, cells: bool, lasting: bool = False) -> Marks:
-        """The marks as of now, with those of cells if they are asked for; of ``lasting`` ones, changes are followed."""
-        if self._noted or cells > bool(self._cells.size) or lasting > self._followed_at_once:
+        """The marks as of now, with those of ``cells`` or not; ``lasting`` ones follow each change at once."""
+        if self._noted or cells > bool(self._cells.size) or lasting > self._eager:
             with self._lock:
                 if cells and not self._cells.size:
                     self._cells = np.zeros(self._cells_shape, dtype=np.uint64)
                     self._noted = [self._whole()]
-                self._followed_at_once |= lasting
+                self._eager |= lasting
                 self._follow()
         return self._kind(*map(read_only, (self._cells, self._blocks, self._nodes.view(np.uint64))))
 
@@ -208,7 +208,7 @@ def mark(states: States, marks: Marks, room: tuple[States, Words, Words], boxes:
     ``room`` is for its own use: a row of blocks along z, as bytes and as the same words, and as many words again.
 
     A box, shape (7,), is given by its slice, its first cell and its last one, along three axes; there is none where one
-    is beyond the other. Each mark is written once, those of cells first; threads may take boxes that share no node.
+    is above the other. Each mark is written once, those of cells first; threads may take boxes that share no node.
     """
     nx, ny, nz = states.shape[1], states.shape[2], states.shape[3]
     line, eights, met = room

@@ -54,12 +54,12 @@ class Runs(NamedTuple):
     ----------
     rows : ndarray of int64, shape (n, 4)
         ``(dx, dy, first dz, number of dz)``; in the plane dx is 0, and the others stand for the two axes.
-    ends : ndarray of int64, shape (slices,)
+    stops : ndarray of int64, shape (slices,)
         Where the rows of each slice end.
     """
 
     rows: Ints
-    ends: Ints
+    stops: Ints
 
     @classmethod
     def of(cls, rasters: Sequence[Raster]) -> Runs:
@@ -90,7 +90,7 @@ def overlap_at(map_: Map, counts: Counts, runs: Runs, outside: int, q: Numbers) 
     i, j, k = layered(cell, 0)
     number = turning.slice_at(map_.rotations, q)
     total = 0
-    for r in range(runs.ends[number - 1] if number > 0 else 0, runs.ends[number]):
+    for r in range(runs.stops[number - 1] if number > 0 else 0, runs.stops[number]):
         a, b = i + runs.rows[r, 0], j + runs.rows[r, 1]
         first, hidden = k + runs.rows[r, 2], runs.rows[r, 3]
         if 0 <= a < nx and 0 <= b < ny:

@@ -40,10 +40,10 @@ replaced: Replaced = tuple_setitem  # type: ignore[assignment]  # this is what i
 FAR = 2.0**62
 
 MAX_PLACE = 8.0 * MAX_COORDINATE
-"""Farthest place, in cells, of which edges and boxes are told; all axes and both ends together."""
+"""Farthest place, in cells, of which edges and boxes are answered; all axes and both ends together."""
 
 BLOCK = 1024
-"""Points that are looked up at a time; what is kept of them stays in a core's nearest cache."""
+"""Points that are looked up at a time; what is noted of them stays in a core's nearest cache."""
 
 FEW = 32
 """Points up to which each is looked up on its own; what is quicker for more takes a second to compile."""
@@ -146,7 +146,7 @@ def codes_of(map_: Map, places: Floats, slices: Ints, cells: Ints, codes: States
     A point in the grid gets its cell's number in ``cells`` and the code INSIDE; one that is plainly outside gets its
     state for a code, where the robot does not turn; and what is left ASK: not usable, or so near the grid's upper
     border that rounding may decide. There are no branches, so that the loop becomes wide instructions. Gives how many
-    are to be asked about.
+    have the code ASK.
     """
     dim, shape = len(map_.lower), map_.states.shape
     dof = dim + len(turning.origin(map_.rotations))
@@ -156,7 +156,8 @@ def codes_of(map_: Map, places: Floats, slices: Ints, cells: Ints, codes: States
         sizes = replaced(sizes, axis, float(shape[axis + 1]))
         first = replaced(first, axis, float(map_.exterior[0, axis]))
         last = replaced(last, axis, float(map_.exterior[0, axis + dim]) + 1.0)
-    beyond, several = np.uint8(map_.exterior[0, 2 * dim]), dof > dim  # known to the compiler, which leaves out the rest
+    # Which is known to the compiler: it leaves out the rest.
+    exterior, several = np.uint8(map_.exterior[0, 2 * dim]), dof > dim
     asked = 0
     for k in range(cells.shape[0]):
         cell = turning.slice_among(map_.rotations, slices, k)
@@ -170,7 +171,7 @@ def codes_of(map_: Map, places: Floats, slices: Ints, cells: Ints, codes: States
             cell = cell * shape[axis + 1] + int(np.int64(u))
         cells[k] = cell if inside else 0
         ask = border | (not (total < FAR))
-        code = INSIDE if inside else (ASK if ask else (MIXED if boxed else beyond))
+        code = INSIDE if inside else (ASK if ask else (MIXED if boxed else exterior))
         codes[k] = code
         asked += code == ASK
     return asked
@@ -292,7 +293,7 @@ def with_exterior(map_: Map, part: Slice, number: int) -> Slice:
 
 @inner(forceinline=True)
 def run_is_free(part: Slice, i: int, j: int, first: int, last: int) -> bool:
-    """Whether the cells ``first <= k <= last`` of the column (i, j) are FREE, all beyond grid and box being so."""
+    """Whether the cells ``first <= k <= last`` of the column (i, j) are FREE, if all outside grid and box is."""
     nx, ny, nz = part.shape
     in_grid = 0 <= i < nx and 0 <= j < ny
     if in_grid:

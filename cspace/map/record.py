@@ -19,7 +19,7 @@ class Map(NamedTuple):
     Attributes
     ----------
     states : ndarray of uint8, shape (slices, nx, ny) or (slices, nx, ny, nz), or TwoBits
-        FREE, MIXED or BLOCKED; read-only, in C order. Compiled code asks it for its shape alone.
+        FREE, MIXED or BLOCKED; read-only, in C order. Compiled code reads its shape alone.
     cells : ndarray of uint8, shape (slices * nx * ny,) or (slices * nx * ny * nz,), or TwoBits
         The same in a row; compiled code reads it by :mod:`cspace.map.storage` alone.
     rotations : NamedTuple

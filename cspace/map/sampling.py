@@ -26,7 +26,7 @@ CHUNK: Final = 8
 """Cells that are drawn from where one of them is FREE."""
 
 SPARE: Final = 4
-"""Draws beyond those that are needed where all are FREE."""
+"""Draws more than are needed where all are FREE."""
 
 TRIES: Final = 2**12
 """Rounds of draws; cells that are missing after them are 0. While no other thread changes the map and takes the last
@@ -39,12 +39,12 @@ _PAIRS = np.uint64(0x3333333333333333)
 
 
 @reader
-def find_chunks(states: Bytes, each: bool, chunks: Chunks, ends: Ints) -> None:
-    """Numbers of the chunks of slices, shape (slices, cells), that have a FREE cell; of ``each`` FREE cell, if asked.
+def find_chunks(states: Bytes, each: bool, chunks: Chunks, stops: Ints) -> None:
+    """Numbers of the chunks of slices, shape (slices, cells), that have a FREE cell; with ``each``, of the FREE cells.
 
-    ``ends`` is given where those of each slice end.
+    ``stops`` gets where those of each slice end.
     """
-    found = 0
+    count = 0
     for s in range(len(states)):
         cells = states[s]
         eights = cells[: len(cells) // CHUNK * CHUNK].view(np.uint64)
@@ -55,15 +55,15 @@ def find_chunks(states: Bytes, each: bool, chunks: Chunks, ends: Ints) -> None:
                     continue
             for cell in range(chunk * CHUNK, min((chunk + 1) * CHUNK, len(cells))):
                 if cells[cell] == FREE:
-                    chunks[found] = cell if each else chunk
-                    found += 1
+                    chunks[count] = cell if each else chunk
+                    count += 1
                     if not each:
                         break
-        ends[s] = found
+        stops[s] = count
 
 
 @reader
-def pick(states: Bytes, each: bool, chunks: Chunks, ends: Ints, slices: Ints, draws: Floats, drawn: Ints) -> int:
+def pick(states: Bytes, each: bool, chunks: Chunks, stops: Ints, slices: Ints, draws: Floats, drawn: Ints) -> int:
     """Go on with drawing FREE cells, ``drawn[0]`` of which are there, by numbers from 0 to 1; how many there are now.
 
     Each number gives one cell of the chunks of a slice; what is not FREE is passed over.
@@ -73,8 +73,8 @@ def pick(states: Bytes, each: bool, chunks: Chunks, ends: Ints, slices: Ints, dr
         if done + 1 == len(drawn):
             break
         s = slices[done]
-        first = ends[s - 1] if s > 0 else 0
-        place = draw * (ends[s] - first)
+        first = stops[s - 1] if s > 0 else 0
+        place = draw * (stops[s] - first)
         chunk = int(place)
         cell = np.int64(chunks[first + chunk])
         if not each:
@@ -114,9 +114,9 @@ def ones_in(word: np.uint64) -> int:
 class FreeCells:
     """The FREE cells of each slice, to be drawn from.
 
-    Where few are FREE, their numbers are kept. Otherwise a cell is drawn from all cells of the chunks of CHUNK that
+    Where few are FREE, their numbers are stored. Otherwise a cell is drawn from all cells of the chunks of CHUNK that
     have a FREE one, until it is FREE itself: that takes half of the map's memory, and rarely more than two draws. Of
-    states in two bits nothing is kept, and the FREE cells of the slice are counted up to the one that is drawn.
+    states in two bits nothing is stored, and the FREE cells of the slice are counted up to the one that is drawn.
 
     Attributes
     ----------
@@ -135,20 +135,20 @@ class FreeCells:
         free = int(self.counts.sum())
         self._each = free * CHUNK <= self._states.size
         chunks = np.empty(free if self._each else slices * -(-cells // CHUNK), dtype=np.int32)
-        self._ends = np.empty(slices, dtype=np.int64)
-        find_chunks(self._states, self._each, chunks, self._ends)
-        self._chunks = chunks[: self._ends[-1]].copy()
+        self._stops = np.empty(slices, dtype=np.int64)
+        find_chunks(self._states, self._each, chunks, self._stops)
+        self._chunks = chunks[: self._stops[-1]].copy()
 
     def draw(self, slices: Ints, rng: np.random.Generator) -> Ints:
         """Flat indices of cells drawn uniformly from the FREE ones of slices, each of which must have one."""
         if self._packed is not None:
-            found, ranks = np.zeros(len(slices), dtype=np.int64), rng.integers(0, self.counts[slices])
-            find_ranks(self._packed.cells, self._packed.size // len(self._packed), slices, ranks, found)
-            return found
+            cells, ranks = np.zeros(len(slices), dtype=np.int64), rng.integers(0, self.counts[slices])
+            find_ranks(self._packed.cells, self._packed.size // len(self._packed), slices, ranks, cells)
+            return cells
         drawn, done = np.zeros(len(slices) + 1, dtype=np.int64), 0
         for _ in range(TRIES):
             draws = rng.random(len(slices) - done + SPARE)
-            done = pick(self._states, self._each, self._chunks, self._ends, slices, draws, drawn)
+            done = pick(self._states, self._each, self._chunks, self._stops, slices, draws, drawn)
             if done == len(slices):
                 break
         return drawn[1:]
@@ -187,7 +187,7 @@ def nearest_cell(cells: Bytes, place: Floats, low: Ints, high: Ints) -> Ints:
     scale = 1.0
     for axis in range(3):
         scale = max(scale, abs(place[axis] - sizes[axis] / 2.0))
-    found = np.empty(0, np.int64)
+    cell = np.empty(0, np.int64)
     best = math.inf
     i, j, k = middle_of(place[0], sizes[0]), middle_of(place[1], sizes[1]), middle_of(place[2], sizes[2])
     least_y, least_z = cost(j, place[1], sizes[1], scale), cost(k, place[2], sizes[2], scale)
@@ -195,7 +195,7 @@ def nearest_cell(cells: Bytes, place: Floats, low: Ints, high: Ints) -> Ints:
     while True:
         x, x_cost = next_layer(low, high, 0, place[0], sizes[0], scale)
         if x < 0 or not x_cost + least_y + least_z < best:
-            return found
+            return cell
         low[1], high[1] = j, j + 1
         while True:
             y, y_cost = next_layer(low, high, 1, place[1], sizes[1], scale)
@@ -208,7 +208,7 @@ def nearest_cell(cells: Bytes, place: Floats, low: Ints, high: Ints) -> Ints:
                     if row[z] == FREE:
                         total = x_cost + y_cost + cost(z, place[2], sizes[2], scale)
                         if total < best:
-                            best, found = total, np.array([x, y, z])
+                            best, cell = total, np.array([x, y, z])
                         break
                     # Far from the best cell it is enough to look where the row still comes near.
                     if best < math.inf and not x_cost + y_cost + cost(z, place[2], sizes[2], scale) < best:

@@ -1,4 +1,4 @@
-"""How a map keeps its states: in a byte a cell, or in two bits where there are very many.
+"""How a map stores its states: in a byte a cell, or in two bits where there are very many.
 
 Compiled code takes either by its type, and Python sees both slice by slice, as bytes.
 """
@@ -21,7 +21,7 @@ from cspace.compiling import by_kind, inner, reader
 from cspace.errors import InputError
 from cspace.memory import KEEP, free_bytes, in_words
 from cspace.states import FREE
-from cspace.words import load
+from cspace.unaligned import load
 
 Bytes = NDArray[np.uint8]
 Ints = NDArray[np.int64]
@@ -70,7 +70,7 @@ class TileCells(NamedTuple):
     places : ndarray of int64, shape (chunks,)
         Where the states of each chunk begin, or MISSING, or ASIDE.
     wanted : ndarray of int64, shape (chunks + 1,)
-        Is given, for each chunk that was MISSING, which of them it was in turn, and how many they were; for others that
+        Gets, for each chunk that was MISSING, which of them it was in turn, and how many they were; for others that
         were read, USED.
     shape : tuple of int
         Slices, and cells of the grid.
@@ -148,7 +148,7 @@ def expect(cells: Cells, number: int) -> None:
 
 
 def row_in(cells: Cells, number: int, count: int) -> Halves:
-    """Which of up to 64 cells from one on are not FREE, and which are BLOCKED, by bits; those beyond are set."""
+    """Which of up to 64 cells from one on are not FREE, and which are BLOCKED, by bits; the rest are set."""
     raise NotImplementedError
 
 
@@ -223,8 +223,8 @@ def _row_of_bytes(cells: Bytes, number: int, count: int) -> Halves:
         above = word >> _ONE  # BLOCKED has the second bit, and MIXED the first
         taken |= ((((word | above) & _ONES) * _GATHER) >> np.uint64(56)) << place
         blocked |= (((above & _ONES) * _GATHER) >> np.uint64(56)) << place
-    beyond = ~np.uint64(0) << np.uint64(count) if count < 64 else np.uint64(0)
-    return taken | beyond, blocked | beyond
+    padding = ~np.uint64(0) << np.uint64(count) if count < 64 else np.uint64(0)
+    return taken | padding, blocked | padding
 
 
 def _row_of_bits(cells: TwoBits, number: int, count: int) -> Halves:
@@ -234,8 +234,8 @@ def _row_of_bits(cells: TwoBits, number: int, count: int) -> Halves:
         word &= np.uint64(0xFFFFFFFF)
         taken |= gathered(word | (word >> _ONE)) << place
         blocked |= gathered(word >> _ONE) << place
-    beyond = ~np.uint64(0) << np.uint64(count) if count < 64 else np.uint64(0)
-    return taken | beyond, blocked | beyond
+    padding = ~np.uint64(0) << np.uint64(count) if count < 64 else np.uint64(0)
+    return taken | padding, blocked | padding
 
 
 by_kind(state_in, {np.ndarray: _byte_in, TwoBits: _bits_in, TileCells: _tiled_in})
@@ -337,8 +337,8 @@ class PackedStates:
 
     def counts(self) -> Ints:
         """Number of FREE, MIXED and BLOCKED cells of each slice, shape (slices, 3)."""
-        found = np.empty((len(self), 3), dtype=np.int64)
-        for number, row in enumerate(found):
+        counts = np.empty((len(self), 3), dtype=np.int64)
+        for number, row in enumerate(counts):
             first, last, begin = self._around(number)
             part = self._packed[first:last]
             if 4 * len(part) != self._each:
@@ -347,7 +347,7 @@ class PackedStates:
                 part[-1] &= 255 >> 2 * (4 * len(part) - begin - self._each)
             row[1:] = np.bitwise_count(part & 0x55).sum(), np.bitwise_count(part & 0xAA).sum()
             row[0] = self._each - row[1] - row[2]
-        return found
+        return counts
 
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
         """All states as bytes.
@@ -373,7 +373,7 @@ def cells_of(states: Stack) -> Cells:
 
 
 def record_of(states: Stack) -> Cells:
-    """All states, which compiled code asks for their shape."""
+    """All states, of which compiled code reads the shape."""
     return states.cells if isinstance(states, PackedStates) else states
 
 

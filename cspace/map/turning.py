@@ -1,4 +1,4 @@
-"""Rotation cells in compiled code: what look-ups ask of them.
+"""Rotation cells in compiled code, as look-ups use them.
 
 Numba takes the implementation for the record that a map carries as it compiles a look-up, so that a robot that only
 translates pays for nothing. A configuration is a tuple of floats; the last of them are its rotation. Another kind of
@@ -89,18 +89,18 @@ def next_around(rotations: CompiledRotations, cursor: Cursor) -> tuple[bool, int
     raise NotImplementedError
 
 
-def ways(rotations: CompiledRotations, q0: Numbers, q1: Numbers) -> int:
-    """How many shortest ways lead from one rotation to another: two where they are equally long but for rounding."""
+def arc_count(rotations: CompiledRotations, q0: Numbers, q1: Numbers) -> int:
+    """Number of shortest arcs from one rotation to another: two where they are equally long but for rounding."""
     raise NotImplementedError
 
 
 def turn_of(rotations: CompiledRotations, q0: Numbers, q1: Numbers, way: int) -> tuple[float, float]:
-    """The angle of one of these ways, and how far from it a planner may take the rotation to be, radians."""
+    """The angle of one of these arcs, and how far from it a planner may take the rotation to be, radians."""
     raise NotImplementedError
 
 
 def turned(rotations: CompiledRotations, q0: Numbers, q1: Numbers, way: int, t: float) -> Numbers:
-    """The first configuration with the rotation at t in [0, 1] on one of these ways."""
+    """The first configuration with the rotation at t in [0, 1] along one of these arcs."""
     raise NotImplementedError
 
 
@@ -148,7 +148,7 @@ def _one_next_around(rotations: OneCell, cursor: bool) -> tuple[bool, int, bool]
     return cursor, 0, False
 
 
-def _one_ways(rotations: OneCell, q0: Numbers, q1: Numbers) -> int:
+def _one_arc_count(rotations: OneCell, q0: Numbers, q1: Numbers) -> int:
     return 1
 
 
@@ -166,7 +166,7 @@ def _one_matrix_of(rotations: OneCell, q: Numbers) -> Matrix:
 
 # ---- yaw cells -------------------------------------------------------------------------------------------------------
 #
-# Where a walk may pass the last border, cells are counted on beyond 0 and n, n of them to a turn.
+# Where a walk may pass the last border, cells are counted on below 0 and above n, n of them to a turn.
 
 
 @inner
@@ -258,7 +258,7 @@ def _yaw_first_piece(rotations: YawCells, q0: Numbers, q1: Numbers) -> tuple[flo
     turn = shorter_turn(q0[-1], q1[-1])
     other = 0.0
     if math.pi - abs(turn) <= YAW_SLACK:  # both arcs are equally long but for rounding, and both are walked
-        other = turn - TURN if turn > 0.0 else turn + TURN
+        other = yaw_arc(q0, q1, 1)
     start = wrapped(rotations.borders, q0[-1])
     return start, turn, other, first_cell(rotations.borders, min(start, start + turn))
 
@@ -296,7 +296,7 @@ def yaw_arc(q0: Numbers, q1: Numbers, way: int) -> float:
     return turn if way == 0 else (turn - TURN if turn > 0.0 else turn + TURN)
 
 
-def _yaw_ways(rotations: YawCells, q0: Numbers, q1: Numbers) -> int:
+def _yaw_arc_count(rotations: YawCells, q0: Numbers, q1: Numbers) -> int:
     return 2 if math.pi - abs(yaw_arc(q0, q1, 0)) <= YAW_SLACK else 1
 
 
@@ -442,8 +442,8 @@ def begin_arc(a: Numbers, b: Numbers, other: bool) -> Walk:
 
 
 @inner
-def arc_ends(q0: Numbers, q1: Numbers, way: int) -> tuple[Numbers, Numbers, float]:
-    """Unit quaternions between which SLERP goes one of the shortest ways, and the angle between them."""
+def arc_endpoints(q0: Numbers, q1: Numbers, way: int) -> tuple[Numbers, Numbers, float]:
+    """Unit quaternions between which SLERP goes along one of the shortest arcs, and the angle between them."""
     a, b = normalised(q0[-4:], 1.0), normalised(q1[-4:], 1.0)
     if (a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] < 0.0) != (way == 1):
         b = normalised(b, -1.0)
@@ -457,7 +457,7 @@ def both_arcs(a: Numbers, b: Numbers) -> bool:
 
 
 def _quaternion_first_piece(rotations: QuaternionCells, q0: Numbers, q1: Numbers) -> Walk:
-    a, b, _ = arc_ends(q0, q1, 0)
+    a, b, _ = arc_endpoints(q0, q1, 0)
     return begin_arc(a, b, both_arcs(a, b))
 
 
@@ -521,7 +521,7 @@ def _quaternion_next_piece(rotations: QuaternionCells, cursor: Walk) -> tuple[bo
 
 @inner
 def parts_around(borders: Floats, largest: float, other: float, reach: float) -> tuple[int, int]:
-    """First and last part of an axis that the quaternions near one may be in; the first beyond the last if none.
+    """First and last part of an axis that the quaternions near one may be in; the first above the last if none.
 
     Those within an angle whose sine is ``reach``, of which two components are given. The quotient is u on a plane
     through zero, and that is within reach where ``r |sin(atan u - atan(other / largest))| <= reach``, r the length of
@@ -532,7 +532,7 @@ def parts_around(borders: Floats, largest: float, other: float, reach: float) ->
         return 0, last
     middle = math.atan(other / largest) if largest != 0.0 else 2.0 * QUARTER
     swing = math.asin(reach / length) + 2.0 * QUOTIENT_SLACK
-    if middle - swing <= -3.0 * QUARTER or middle + swing >= 3.0 * QUARTER:  # that is beyond the other end as well
+    if middle - swing <= -3.0 * QUARTER or middle + swing >= 3.0 * QUARTER:  # past the other end as well
         return 0, last
     low, high = max(middle - swing, -QUARTER), min(middle + swing, QUARTER)
     if low > high:
@@ -575,20 +575,20 @@ def _quaternion_next_around(rotations: QuaternionCells, cursor: Look) -> tuple[b
     return True, number, (q, reach, chart, ranges, i, j, k)
 
 
-def _quaternion_ways(rotations: QuaternionCells, q0: Numbers, q1: Numbers) -> int:
+def _quaternion_arc_count(rotations: QuaternionCells, q0: Numbers, q1: Numbers) -> int:
     return 2 if both_arcs(normalised(q0[-4:], 1.0), normalised(q1[-4:], 1.0)) else 1
 
 
 def _quaternion_turn_of(rotations: QuaternionCells, q0: Numbers, q1: Numbers, way: int) -> tuple[float, float]:
     # A rotation's angle is twice that of its quaternion.
-    a, b, angle = arc_ends(q0, q1, way)
+    a, b, angle = arc_endpoints(q0, q1, way)
     return 2.0 * angle, 2.0 * angle if begin_arc(a, b, False)[7] else 0.0
 
 
 @inner
 def slerp(q0: Numbers, q1: Numbers, way: int, t: float) -> Numbers:
     """The unit quaternion at t."""
-    a, b, angle = arc_ends(q0, q1, way)
+    a, b, angle = arc_endpoints(q0, q1, way)
     first, second = 1.0 - t, t
     if angle > SHORT:
         first, second = math.sin(first * angle), math.sin(second * angle)
@@ -626,7 +626,7 @@ _MADE: dict[Any, dict[type, Any]] = {
     next_piece: {OneCell: _one_next_piece, YawCells: _yaw_next_piece, QuaternionCells: _quaternion_next_piece},
     first_around: {OneCell: _one_first_around, YawCells: _yaw_first_around, QuaternionCells: _quaternion_first_around},
     next_around: {OneCell: _one_next_around, YawCells: _yaw_next_around, QuaternionCells: _quaternion_next_around},
-    ways: {OneCell: _one_ways, YawCells: _yaw_ways, QuaternionCells: _quaternion_ways},
+    arc_count: {OneCell: _one_arc_count, YawCells: _yaw_arc_count, QuaternionCells: _quaternion_arc_count},
     turn_of: {OneCell: _one_turn_of, YawCells: _yaw_turn_of, QuaternionCells: _quaternion_turn_of},
     turned: {OneCell: _one_turned, YawCells: _yaw_turned, QuaternionCells: _quaternion_turned},
     matrix_of: {OneCell: _one_matrix_of, YawCells: _yaw_matrix_of, QuaternionCells: _quaternion_matrix_of},

@@ -1,9 +1,9 @@
 """The widest path between two configurations: the one whose smallest clearance is the largest, and then the shortest.
 
 Each FREE cell has a *level*, the distance from its middle to the nearest cell that is not FREE, in parts of a cell. The
-largest level that the smallest one of a path can have is the *bottleneck* of its ends; a flood tells it.
+largest level that the smallest one of a path can have is the *bottleneck* of its endpoints; a flood finds it.
 Among the cells of that level or above, A* finds the shortest chain; where the robot turns, led by the lengths of the
-shortest ways over places that are as wide at any rotation.
+shortest paths over places that are as wide at any rotation.
 
 Where the start or the goal itself is the narrowest place, as beside a wall, all paths are as narrow as that. So both
 are left the steepest way up, and the bottleneck is that between the tops; the path is among the widest all the same.
@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 from cspace.compiling import inner, jit, reader
 from cspace.grid import Grid
 from cspace.map.callbacks import below_half_a_turn, edge_checker
+from cspace.map.derived import Lock
 from cspace.map.free_path import pulled_straight
-from cspace.map.kept import Lock
 from cspace.map.record import Map
 from cspace.map.storage import Stack, read_only
 from cspace.orientation import TURN
@@ -48,20 +48,20 @@ LEVELS: Final = 64
 """Levels to a cell."""
 
 TOP: Final = 65535
-"""The highest level: 1024 cells of clearance, beyond which more does not count."""
+"""The highest level: 1024 cells of clearance; more does not count."""
 
 FAR: Final = 2**30
 """Square of a distance, in half cells, that stands for infinity."""
 
 BYTES: Final = 28
-"""For each cell: its level, which is kept, what came before it, its distance, and what waits. Measured: 10 to 25 at
+"""For each cell: its level, which stays, what came before it, its distance, and what waits. Measured: 10 to 25 at
 most at a time."""
 
 METRES_A_RADIAN: Final = 0.5
 """What a turn counts as in the length, as in OMPL's SE(2)."""
 
 LARGEST: Final = 2**22
-"""Cells of the largest map of which room for searches is kept from one to the next, in 12 bytes for each that a search
+"""Cells of the largest map whose room for searches is reused by the next one, in 12 bytes for each that a search
 came to: 50 MB at most. To take it anew is up to a third of the time."""
 
 MARGIN: Final = 16.0
@@ -137,12 +137,12 @@ def levels_around(state: Bytes, walled: bool, closed: Bools) -> Levels:
     if not closed.any():
         return levels_of(state, walled)
     # Along a circle, what is nearest is no farther than half a turn; a plane has no sides along x.
-    beyond = np.where(closed, np.array(state.shape) // 2 + 1, walled & (np.array(state.shape) > (1, 0, 0)))
+    padding = np.where(closed, np.array(state.shape) // 2 + 1, walled & (np.array(state.shape) > (1, 0, 0)))
     around = state
-    for axis, width in enumerate(beyond.tolist()):
+    for axis, width in enumerate(padding.tolist()):
         sides = [(width, width) if each == axis else (0, 0) for each in range(3)]
         around = np.pad(around, sides, "wrap") if closed[axis] else np.pad(around, sides, constant_values=MIXED)
-    inner = tuple(slice(width, width + n) for width, n in zip(beyond, state.shape, strict=True))
+    inner = tuple(slice(width, width + n) for width, n in zip(padding, state.shape, strict=True))
     return levels_of(around, False)[inner]
 
 
@@ -168,12 +168,12 @@ def renew_levels(levels: Levels, state: Bytes, box: Ints, walled: bool) -> None:
     # What lies around the window is taken as FREE, and where it is the grid's side, as what it is.
     closed = walled & (shape > (1, 0, 0))  # a plane has no sides along x
     sides = np.stack([closed & (first == 0), closed & (stop == shape)], axis=1).astype(int)
-    found = levels_of(np.pad(around, sides, constant_values=1), False)
+    fresh = levels_of(np.pad(around, sides, constant_values=1), False)
     inner = tuple(map(slice, low - first + sides[:, 0], high - first + sides[:, 0]))
-    if most == TOP or found[inner].max() >= LEVELS * reach:  # what is beyond the window may count
+    if most == TOP or fresh[inner].max() >= LEVELS * reach:  # what is outside the window may count
         levels[...] = levels_of(np.ascontiguousarray(state), walled)
     else:
-        levels[tuple(map(slice, low, high))] = found[inner]
+        levels[tuple(map(slice, low, high))] = fresh[inner]
 
 
 def graph_of(map_: Map, states: Iterable[Bytes], rotations: Rotations, endless: Sequence[bool] = ()) -> Graph:
@@ -190,8 +190,8 @@ def graph_of(map_: Map, states: Iterable[Bytes], rotations: Rotations, endless: 
         levels[number] = levels_around(np.ascontiguousarray(state).reshape(layered), bool(walled[number]), closed)
 
     in_threads(fill, list(enumerate(states)), cores())
-    ways = np.array([-1, 0, 1])
-    moves = np.stack(np.meshgrid(ways if dim == 3 else [0], ways, ways, indexing="ij"), axis=-1).reshape(-1, 3)
+    steps = np.array([-1, 0, 1])
+    moves = np.stack(np.meshgrid(steps if dim == 3 else [0], steps, steps, indexing="ij"), axis=-1).reshape(-1, 3)
     number = np.abs(moves).sum(axis=1)
     moves = moves[np.argsort(number, kind="stable")][1:]
     middles = np.column_stack([np.zeros((rotations.count, dim)), turning])
@@ -229,10 +229,10 @@ def extend(squares: Squares, walled: bool, start: int, stop: int) -> int:
     """Make squares of distances within rows those along one more axis, the middle one, of lines from ``start`` on."""
     n = squares.shape[1]
     values, cells, firsts = np.empty(n + 2, np.int64), np.empty(n + 2, np.int64), np.empty(n + 2, np.int64)
-    beyond = 0 if walled else FAR
+    border = 0 if walled else FAR
     for line in range(start, stop):
         a, b = line // squares.shape[2], line % squares.shape[2]
-        values[0] = values[n + 1] = beyond
+        values[0] = values[n + 1] = border
         for k in range(n):
             values[k + 1] = squares[a, k, b]
         # The cells that are nearest somewhere, and from which place on.
@@ -288,12 +288,12 @@ def level_of(graph: Graph, cell: int) -> int:
 #
 # From each cell the steepest way up ends at a top. A flood goes from one cell on, always to that beside those behind it
 # to which the widest step leads (R. C. Prim, 1957). Then the lowest step between its coming to one cell and to another
-# is the bottleneck of the two. It is kept for tops alone, and the flood goes no further than was asked for.
+# is the bottleneck of the two. It is stored for tops alone, and the flood goes no further than the two.
 
 
 @inner
 def _moved(graph: Graph, i: int, j: int, k: int) -> tuple[int, int, int]:
-    """A place, or where it comes in again along axes that close; -1 along others where it is beyond the grid."""
+    """A place, or where it comes in again along axes that close; -1 along others where it is outside the grid."""
     _, nx, ny, nz = graph.levels.shape
     if 0 <= i < nx and 0 <= j < ny and 0 <= k < nz:
         return i, j, k
@@ -426,12 +426,12 @@ def bottleneck(graph: Graph, flood: Flood, one: int, other: int) -> int:
 
     The flood goes on from where it was until it has come to both; -1 where it needs more room.
     """
-    ways, state, first, second = graph.faces + graph.neighbors.shape[1], flood.state, -1, -1
+    degree, state, first, second = graph.faces + graph.neighbors.shape[1], flood.state, -1, -1
     for number in range(state[2]):
         first = number if flood.tops[number] == one else first
         second = number if flood.tops[number] == other else second
     while first < 0 or second < 0:
-        if max(state[0], state[2]) + ways >= len(flood.cells):
+        if max(state[0], state[2]) + degree >= len(flood.cells):
             return -1
         level = state[3]
         while level > 0 and flood.lists[level] < 0:
@@ -449,7 +449,7 @@ def bottleneck(graph: Graph, flood: Flood, one: int, other: int) -> int:
         _see(flood, cell)  # type: ignore[arg-type]
         state[4] = min(state[4], level)
         is_top = True
-        for way in range(ways):
+        for way in range(degree):
             beside, height = _beside(graph, at, way)
             if height > own or (height == own and beside > cell):
                 is_top = False
@@ -488,7 +488,7 @@ def _dry(graph: Graph) -> Flood:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Widest:
-    """What widest paths need of a map.
+    """What widest paths derive from a map.
 
     Attributes
     ----------
@@ -524,7 +524,7 @@ class Widest:
         self.noted.append(boxes)
 
     def renewed(self, map_: Map, states: Stack) -> Widest:
-        """As of now; this one stays as it is, for those who follow it yet."""
+        """The same with all changes followed; this one stays as it is, for searches that still use it."""
         if not self.noted:
             return self
         levels, walled, noted = self.graph.levels.copy(), walls_of(map_), np.array(self.noted)
@@ -678,8 +678,8 @@ def chain_of(
 ) -> Ints:
     """:meth:`Widest.shortest`, of a start, a goal and a level, given :func:`flat_distances`, or none of one rotation.
 
-    ``far`` is the cost of a cell, beyond the last number in it, below which are those of searches before; at the end
-    that is beyond all of this one. ``came`` has a bit for each move that led there as soon, or turn that leads back.
+    ``far`` is the cost of a cell, above the last number in it, below which are those of searches before; at the end
+    that is above all of this one. ``came`` has a bit for each move that led there as soon, or turn that leads back.
     What waits lies in lists by its cost, of :data:`LISTS` to a cell; a cell that is reached anew, sooner, waits again,
     and so does one that is reached as soon by another move, after which others are tried. The search ends when all is
     done that could be cheaper than what has come to the goal: of equal ones, one is enough. So of ways of one cost,
@@ -692,7 +692,7 @@ def chain_of(
     (start, goal, least), (flat, bound) = task, led
     size, straight, levels = nx * ny * nz, len(moves.steps), graph.levels.ravel()
     ahead, every = _turns_to(graph, goal // size), (1 << straight) - 1
-    cells, ways = np.empty(4096, np.uint32), np.empty(4096, np.uint8)
+    cells, arrivals = np.empty(4096, np.uint32), np.empty(4096, np.uint8)
     after, estimates = np.empty(4096, np.int32), np.empty(4096, np.float32)
     gi, gj, gk = goal % size // (ny * nz), goal % size // nz % ny, goal % size % nz
     si, sj, sk = start % size // (ny * nz), start % size // nz % ny, start % size % nz
@@ -700,7 +700,7 @@ def chain_of(
     base = ahead[start // size] + (
         flat[start % size] - 1.0 if len(flat) else _on_empty_grid(graph, si - gi, sj - gj, sk - gk)
     )
-    cells[0], ways[0], estimates[0], after[0], heads[0] = start, NO_WAY, base, -1, 0
+    cells[0], arrivals[0], estimates[0], after[0], heads[0] = start, NO_WAY, base, -1, 0
     far[start], came[start], count, bucket, most = began, 0, 1, 0, began
     best = np.inf if start != goal else 0.0
     while bucket < len(heads) and base + bucket / LISTS < best:
@@ -709,7 +709,7 @@ def chain_of(
             bucket += 1
             continue
         heads[bucket] = after[entry]
-        cell, by = np.int64(cells[entry]), np.int64(ways[entry])
+        cell, by = np.int64(cells[entry]), np.int64(arrivals[entry])
         # A cell that was reached sooner has forgotten the later ways.
         late = by != NO_WAY and not came[cell] & np.uint32(1) << np.uint32(by)
         if late or estimates[entry] > best + LATE:
@@ -764,10 +764,10 @@ def chain_of(
             if other == goal:
                 best = cost - began - SAME
             if count == len(cells):
-                cells, ways = _doubled(cells), _doubled(ways)
+                cells, arrivals = _doubled(cells), _doubled(arrivals)
                 after, estimates = _doubled(after), _doubled(estimates)
             number = min(max(int(LISTS * (estimate - base)), bucket), len(heads) - 1)
-            cells[count], ways[count], estimates[count] = other, back, estimate
+            cells[count], arrivals[count], estimates[count] = other, back, estimate
             after[count], heads[number] = heads[number], count
             count += 1
     far[-1] = most + 1.0
@@ -837,7 +837,7 @@ def widest_path(
     map_: Map,
     rotations: Rotations,
     grid: Grid,
-    ends: Sequence[tuple[Floats, Ints]],
+    endpoints: Sequence[tuple[Floats, Ints]],
     check: Callable[..., bool],
     straight: bool,
 ) -> Floats:
@@ -847,17 +847,17 @@ def widest_path(
     are all the middles of cells that it passes. Along axes that close, rows count whole turns.
     """
     shape, graph = (rotations.count, *grid.shape), widest.graph
-    start, goal = (int(np.ravel_multi_index(tuple(cell), shape)) for _, cell in ends)
+    start, goal = (int(np.ravel_multi_index(tuple(cell), shape)) for _, cell in endpoints)
     tops = [climb(graph, start), climb(graph, goal)]
     level = widest.bottleneck(int(tops[0][-1]), int(tops[1][-1]))
     if not level:
-        return np.empty((0, len(ends[0][0])))
+        return np.empty((0, len(endpoints[0][0])))
     up, down = ([cell for cell in way.tolist() if level_of(graph, cell) < level] for way in tops)
     chain = widest.shortest(int(tops[0][len(up)]), int(tops[1][len(down)]), level)
     rotation, *place = np.unravel_index(np.concatenate([up, chain, down[::-1]]).astype(np.int64), shape)
     places, endless = np.stack(place, axis=-1), graph.closed[3 - grid.dim :]
     middles = np.column_stack([grid.center_of(places), rotations.centers[rotation]])
-    path = rotations.canonical(np.concatenate([ends[0][0][None], middles, ends[1][0][None]]))
+    path = rotations.canonical(np.concatenate([endpoints[0][0][None], middles, endpoints[1][0][None]]))
     turns = np.zeros_like(path)
     for axis in np.flatnonzero(endless).tolist():
         unwound = np.unwrap(places[:, axis], period=grid.shape[axis])
@@ -872,13 +872,13 @@ def widest_path(
     # Each part keeps to the cells that are as wide as its own narrowest one.
     first, last = len(up) + 1 if up else 0, len(up) + len(chain) if down else len(path) - 1
     parts = (0, first, level_of(graph, start)), (first, last, level), (last, len(path) - 1, level_of(graph, goal))
-    found = [path[:1]]
+    pieces = [path[:1]]
     for begin, end, least in parts:
         if begin < end:
             wide = _wide_part(graph, map_, places[max(begin - 1, 0) : end], least)
             shorter = below_half_a_turn(edge_checker(wide, path.shape[1]), endless.tolist())
-            found.append(pulled_straight(path[begin : end + 1], grid.dim, shorter, 2.0 * grid.spacing)[1:])
-    return np.concatenate(found)
+            pieces.append(pulled_straight(path[begin : end + 1], grid.dim, shorter, 2.0 * grid.spacing)[1:])
+    return np.concatenate(pieces)
 
 
 def _wide_part(graph: Graph, map_: Map, places: Ints, least: int) -> Map:

@@ -17,8 +17,8 @@ from cspace.errors import ConfigurationError, FileError, InputError
 from cspace.grid import Grid, whole
 from cspace.map.batches import EDGES_A_THREAD, Ask, Kernel
 from cspace.map.batches import own as owned
+from cspace.map.derived import Lock
 from cspace.map.exterior import Exterior
-from cspace.map.kept import Lock
 from cspace.map.record import Map
 from cspace.robot import Robot
 from cspace.rotations import Rotations
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from distributed import Client
 
     from cspace.exact.queries import Exact
-    from cspace.view.cells import Cells
+    from cspace.view.level_of_detail import Cells
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -296,7 +296,7 @@ class TiledCSpace(ConfigurationMap):
         return self.overview()
 
     def _in_blocks(self) -> Cells:
-        from cspace.view.cells import CellsInStore
+        from cspace.view.level_of_detail import CellsInStore
 
         return CellsInStore(self)
 

@@ -14,7 +14,7 @@ from cspace.errors import ConfigurationError
 from cspace.plot.artists import CLASSES, COLLIDES, DARK, OBSTACLE, OPEN, UNDECIDED
 from cspace.plot.route import Figurine, Floats
 from cspace.view.canvas import MARKS, Canvas, Dial, far_apart
-from cspace.view.cells import Blocks, Cells, Part, part_around
+from cspace.view.level_of_detail import Blocks, Cells, Part, part_around
 from cspace.view.poses import Poses
 from cspace.view.scene import KINDS, ROBOT, SECTION, Kind, Section, Solid, Stage, robot_solid
 

@@ -14,7 +14,7 @@ from cspace.plot.route import Floats, RobotLike, rings
 from cspace.plot.surface import SURFACES
 from cspace.plot.surface import UNSEEN as DIM
 from cspace.raster.bitmaps import rectangles
-from cspace.view.cells import Blocks, Part
+from cspace.view.level_of_detail import Blocks, Part
 
 Color = tuple[int, int, int]
 

@@ -80,7 +80,7 @@ def test_look_ups_of_a_saved_map_need_no_rasters(tmp_path: Path, space: cspace.C
     again = cspace.open(tmp_path / f"map{suffix}")
     q = np.array([*again.grid.centers(0)[:1], *[0.0] * (again.dof - 2), 1.0])
     assert again.classify(q) == space.classify(q)
-    assert again._rasters_kept.made is None
+    assert again._derived_rasters.made is None
     np.testing.assert_array_equal(again._exterior.table, space._exterior.table)
 
 

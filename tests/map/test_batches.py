@@ -49,8 +49,10 @@ KINDS = [plane, turning, solid, yawing, floating]
 def near(space, q, rng):
     """Ends of edges from configurations: most of them a few cells away."""
     reach = 12.0 * space.grid.spacing
-    ends = np.where(rng.random((len(q), 1)) < 0.8, q + rng.uniform(-reach, reach, q.shape), q[rng.permutation(len(q))])
-    return configurations(space, np.where(rng.random(q.shape) < 0.1, q, ends))
+    targets = np.where(
+        rng.random((len(q), 1)) < 0.8, q + rng.uniform(-reach, reach, q.shape), q[rng.permutation(len(q))]
+    )
+    return configurations(space, np.where(rng.random(q.shape) < 0.1, q, targets))
 
 
 # ---- one cell --------------------------------------------------------------------------------------------------------
@@ -63,8 +65,8 @@ def test_classify_of_many_is_that_of_each(make, seed, outside, number):
     rng = np.random.default_rng(seed)
     space = make(rng, outside=outside)
     q = draw_configurations(space, rng, number, far=True)
-    some = rng.integers(0, number, 500)
-    assert space.classify(q)[some].tolist() == [space.classify(one) for one in q[some]]
+    chosen = rng.integers(0, number, 500)
+    assert space.classify(q)[chosen].tolist() == [space.classify(one) for one in q[chosen]]
     inside = space.grid.contains(q[:, : space.grid.dim])
     cells = space.grid.cell_of(q[inside, : space.grid.dim])
     slices = space._map.slice_of[space.rotations.cells_of(q[inside])]
@@ -167,7 +169,7 @@ def test_edges_of_many_are_those_of_each(make, seed, outside):
     assert space._map.states.size <= len(q0) * CELLS_AN_EDGE
     many = space.motion_is_free(q0, q1)
     check = space.edge_checker()
-    assert many.tolist() == [check(*ends) for ends in np.hstack([q0, q1]).tolist()]
+    assert many.tolist() == [check(*edge) for edge in np.hstack([q0, q1]).tolist()]
     assert many.any() or outside == "blocked"
 
 
@@ -191,8 +193,8 @@ def test_a_path_is_certified_edge_by_edge(make, exact):
     middle = np.array([*np.divide(space.grid.upper, 2), *space.rotations.centers[0]])
     path = configurations(space, path + middle)
     one = [space.motion_is_free(a, b, exact=exact) for a, b in itertools.pairwise(path)]
-    told = space.certify_path(path, exact=exact)
-    assert told.dtype == bool and told.tolist() == one and 0 < sum(one) < len(one)
+    free = space.certify_path(path, exact=exact)
+    assert free.dtype == bool and free.tolist() == one and 0 < sum(one) < len(one)
     paths = path.reshape(2, 3, 10, space.dof)
     assert space.certify_path(paths, exact=exact).shape == (2, 3, 9)
     assert space.certify_path(paths, exact=exact)[1, 2].tolist() == one[50:]
@@ -212,13 +214,13 @@ def test_a_large_roadmap_in_threads(make):
     space = make(rng)
     vertices = space.sample_free(5000, rng)
     edges = rng.integers(0, len(vertices), (3 * ROWS + 1, 2))
-    told = space.certify_path(vertices, edges)
-    assert (told == space.motion_is_free(vertices[edges[:, 0]], vertices[edges[:, 1]])).all()
-    assert (told == space.certify_path(vertices[:, ::-1][:, ::-1], edges.astype(np.uint16))).all()
+    free = space.certify_path(vertices, edges)
+    assert (free == space.motion_is_free(vertices[edges[:, 0]], vertices[edges[:, 1]])).all()
+    assert (free == space.certify_path(vertices[:, ::-1][:, ::-1], edges.astype(np.uint16))).all()
 
 
 @pytest.mark.parametrize(
-    ("path", "edges", "words"),
+    ("path", "edges", "message"),
     [
         ([(0.1, 0.1), (np.nan, 0.2)], None, "path number 1 is"),
         ([(0.1, 0.1), (np.nan, 0.2)], [(0, 0)], "path number 1 is"),
@@ -237,7 +239,7 @@ def test_a_large_roadmap_in_threads(make):
         (np.empty((0, 2)), [(0, 0)], "there are 0 vertices"),
     ],
 )
-def test_refuses_what_is_no_path_and_no_roadmap(path, edges, words):
+def test_refuses_what_is_no_path_and_no_roadmap(path, edges, message):
     space = plane(np.random.default_rng(0))
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(InputError, match=message):
         space.certify_path(path, edges)

@@ -27,7 +27,7 @@ def test_quick_checkers_agree_with_look_ups_everywhere(seed, kind, outside):
     point, edge, clear = space.point_checker(), space.edge_checker(), space.clearance_checker()
     assert [point(*q) for q in q0.tolist()] == space.is_free(q0).tolist()
     assert [clear(*q) for q in q0.tolist()] == space.clearance(q0).tolist()
-    assert [edge(*ends) for ends in np.hstack([q0, q1]).tolist()] == space.motion_is_free(q0, q1).tolist()
+    assert [edge(*both) for both in np.hstack([q0, q1]).tolist()] == space.motion_is_free(q0, q1).tolist()
 
 
 @pytest.mark.parametrize("kind", handmade.KINDS)
@@ -35,7 +35,7 @@ def test_quick_edges_never_pass_nan(kind):
     states = np.zeros((4 if "turning" in kind else 1, *(4,) * (3 if "space" in kind else 2)))
     check = handmade.made(states, kind).edge_checker()
     space = handmade.made(states, kind)
-    ends = handmade.configurations(space, np.full((2, space.dof), 0.3)).ravel().tolist()
-    assert check(*ends)
-    for hole in range(len(ends)):
-        assert not check(*ends[:hole], float("nan"), *ends[hole + 1 :])
+    edge = handmade.configurations(space, np.full((2, space.dof), 0.3)).ravel().tolist()
+    assert check(*edge)
+    for hole in range(len(edge)):
+        assert not check(*edge[:hole], float("nan"), *edge[hole + 1 :])

@@ -41,14 +41,14 @@ def test_chains_have_the_fewest_mixed_cells(seed, kind, shuts):
     if not len(passable):
         return
     space = handmade.made(states, kind)
-    ends = passable[rng.integers(len(passable), size=2)]
-    start, goal = map(tuple, ends.tolist())
-    found = open_chain(space, *handmade.middles(space, ends), closed if shuts else None)
+    endpoints = passable[rng.integers(len(passable), size=2)]
+    start, goal = map(tuple, endpoints.tolist())
+    path = open_chain(space, *handmade.middles(space, endpoints), closed if shuts else None)
     expected = fewest_mixed(states, closed, start, goal, kind)
     if expected is None:
-        assert found.shape == (0, states.ndim)
+        assert path.shape == (0, states.ndim)
         return
-    cells = list(map(tuple, found.tolist()))
+    cells = list(map(tuple, path.tolist()))
     assert cells[0] == start and cells[-1] == goal and len(set(cells)) == len(cells)
     for here, near in pairwise(cells):
         assert near in set(handmade.sides_of(here, states.shape, kind))
@@ -59,12 +59,12 @@ def test_chains_have_the_fewest_mixed_cells(seed, kind, shuts):
 def test_chains_keep_what_is_closed_out_of_use():
     states = np.zeros((1, 3, 3, 3), dtype=np.uint8)
     space, closed = handmade.made(states, "space"), np.zeros(states.shape, dtype=bool)
-    ends = space.grid.center_of([[0, 0, 0], [2, 0, 0]])
-    assert len(open_chain(space, *ends, closed)) == 3
+    endpoints = space.grid.center_of([[0, 0, 0], [2, 0, 0]])
+    assert len(open_chain(space, *endpoints, closed)) == 3
     closed[0, 1] = True
-    assert open_chain(space, *ends, closed).shape == (0, 4)
+    assert open_chain(space, *endpoints, closed).shape == (0, 4)
     closed[0, 1, 2, 2] = False
-    assert len(open_chain(space, *ends, closed)) == 11
+    assert len(open_chain(space, *endpoints, closed)) == 11
 
 
 @pytest.mark.parametrize("kind", handmade.KINDS)
@@ -73,13 +73,17 @@ def test_chains_begin_and_end_where_the_map_is_not_blocked(kind):
     states[0, 2, 1] = BLOCKED
     space = handmade.made(states, kind)
     inside, free = (handmade.middles(space, np.array([[0, n, *[1] * (states.ndim - 2)]]))[0] for n in (2, 0))
-    assert [len(open_chain(space, *ends)) for ends in ((inside, free), (free, inside), (inside, inside))] == [0, 0, 0]
+    assert [len(open_chain(space, *endpoints)) for endpoints in ((inside, free), (free, inside), (inside, inside))] == [
+        0,
+        0,
+        0,
+    ]
     assert len(open_chain(space, free, free)) == 1
     for closed in (np.zeros((9, *states.shape), bool), np.zeros(states.shape, int), [[True]]):
         with pytest.raises(InputError, match="closed is a"):
             open_chain(space, free, free, closed)
     for q in (np.full(space.dof, 99.0), np.ones((2, space.dof))):
         handmade.configurations(space, q)[..., : space.grid.dim] = 99.0
-        for name, ends in (("q0", (q, free)), ("q1", (free, q))):
+        for name, endpoints in (("q0", (q, free)), ("q1", (free, q))):
             with pytest.raises(InputError, match=rf"(?s){name} .*one configuration in the grid"):
-                open_chain(space, *ends)
+                open_chain(space, *endpoints)

@@ -16,12 +16,12 @@ from strategies import seeds
 
 def distances_of(states, places, slices):
     """Distances from places, in cells, to the closed cells of their slices that are not FREE, by brute force."""
-    found = []
+    distances = []
     for place, s in zip(places, slices, strict=True):
         cells = np.argwhere(states[s % len(states)] != FREE)  # a map of all rotations repeats them
         gaps = np.maximum(np.maximum(cells - place, place - cells - 1), 0.0)
-        found.append(np.sqrt(np.square(gaps).sum(axis=1).min(initial=math.inf)))
-    return np.array(found)
+        distances.append(np.sqrt(np.square(gaps).sum(axis=1).min(initial=math.inf)))
+    return np.array(distances)
 
 
 @st.composite
@@ -44,10 +44,10 @@ def test_distances_to_cells_are_exact(kind, data, seed):
     """Also along lines, where each search begins with what the one before has found."""
     states, rng = data.draw(sparse_states(kind)), np.random.default_rng(seed)
     space, dim = handmade.made(states, kind, spacing=1.0), states.ndim - 1
-    ends = rng.uniform(-1.5, 2.5, (2, space.dof)) * [*states.shape[1:], *[3.0] * (space.dof - dim)]
+    endpoints = rng.uniform(-1.5, 2.5, (2, space.dof)) * [*states.shape[1:], *[3.0] * (space.dof - dim)]
     q = np.concatenate(
         [
-            np.linspace(*ends, 40),
+            np.linspace(*endpoints, 40),
             rng.uniform(0.0, 1.0, (20, space.dof)) * [*states.shape[1:], *[9.0] * (space.dof - dim)],
         ]
     )

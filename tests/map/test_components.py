@@ -58,7 +58,7 @@ def all_cells(stack, turns, around=2):
 def by_scipy(stack, slice_of, rim_is_open, cells):
     """Numbers of the components of cells, from labels of the whole map with a rim around, its turns in a ring."""
     order = slice_of if len(stack) > 1 else [0]
-    found = []
+    numbers = []
     for kind, member in enumerate((stack == FREE, stack != BLOCKED)):
         framed = np.zeros((len(stack), *(n + 4 for n in stack.shape[1:])), dtype=bool)
         if kind:
@@ -70,8 +70,8 @@ def by_scipy(stack, slice_of, rim_is_open, cells):
         links = sparse.coo_array((both[both], (first[both], last[both])), shape=(count + 1, count + 1))
         middle = np.where(labels > 0, sparse.csgraph.connected_components(links, directed=False)[1][labels] + 1, 0)
         inside = np.clip(cells[:, 1:] + 2, 0, np.array(framed.shape[1:]) - 1)
-        found.append(middle[(np.minimum(cells[:, 0], len(middle) - 1), *inside.T)] - 1)
-    return found
+        numbers.append(middle[(np.minimum(cells[:, 0], len(middle) - 1), *inside.T)] - 1)
+    return numbers
 
 
 @settings(max_examples=100)
@@ -135,11 +135,11 @@ def test_a_door_in_a_wall_across_many_blocks():
     state = np.zeros((300, 200), dtype=np.uint8)
     state[150] = BLOCKED
     labels = components(state[None])
-    ends = np.array([[0, x, 20] for x in (3, 290)])
+    cells = np.array([[0, x, 20] for x in (3, 290)])
     for fill, expected in ((FREE, (1, 1)), (BLOCKED, (2, 2)), (MIXED, (2, 1)), (FREE, (1, 1))):
         state[150, 77] = fill
         labels.renew(np.array([[0, 150, 77, 0, 150, 77]]))
-        assert tuple(len(np.unique(each)) for each in labels.of(ends)) == expected
+        assert tuple(len(np.unique(each)) for each in labels.of(cells)) == expected
 
 
 # ---- as a map answers ------------------------------------------------------------------------------------------------

@@ -83,11 +83,11 @@ def test_free_means_that_every_touched_cell_is_free(state, outside, start, end):
     ]
     touched = any(touches(start, end, cell, H, lower) for cell in shut) or not (stays or outside.state == FREE)
     space = map_of(state, outside=outside)
-    found = space.motion_is_free(start, end)
-    assert found == space.motion_is_free(end, start) == space.edge_checker()(*start, *end)
-    if found == touched:
+    free = space.motion_is_free(start, end)
+    assert free == space.motion_is_free(end, start) == space.edge_checker()(*start, *end)
+    if free == touched:
         # Allowed only towards refusal, where a closed cell is within the slack of the edge.
-        assert not found
+        assert not free
         assert any(touches(start, end, cell, H, lower, 2.0**-26) for cell in shut)
 
 
@@ -140,8 +140,8 @@ def test_samples_of_a_free_edge_are_free(seed, kind, outside):
     space = handmade.made(states, kind, outside)
     inside, around = rng.random((2, 60, dim)) * space.grid.upper, rng.uniform(-0.6, 1.8, (2, 60, dim))
     places = np.where(rng.random((60, 1)) < 0.5, inside, around)
-    ends = np.concatenate([places, rng.uniform(-3, 3, (2, 60, space.dof - dim))], axis=2)
-    q0, q1 = handmade.configurations(space, ends)
+    endpoints = np.concatenate([places, rng.uniform(-3, 3, (2, 60, space.dof - dim))], axis=2)
+    q0, q1 = handmade.configurations(space, endpoints)
     free = space.motion_is_free(q0, q1)
     for a, b in zip(q0[free], q1[free], strict=True):
         assert space.is_free(edge(space, a, b, np.linspace(0, 1, 101))[0]).all()
@@ -170,7 +170,7 @@ def test_points_of_a_free_edge_do_not_collide(seed, outside):
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_long_edges_beyond_the_grid(dim):
+def test_long_edges_outside_the_grid(dim):
     space = map_of(np.zeros((4,) * dim))
     rest = (0.6,) * (dim - 1)
     assert space.motion_is_free((-100.0, *[0.5] * (dim - 1)), (100.0, *rest))  # no obstacle at all
@@ -234,7 +234,7 @@ yaws = st.one_of(
     uniform(-7, 7),
     st.tuples(st.just("border"), st.integers(0, 11), st.sampled_from([0.0, math.pi, -math.pi, TURN, -TURN])),
 )
-ends = st.tuples(coordinates, coordinates, coordinates, yaws)
+endpoints = st.tuples(coordinates, coordinates, coordinates, yaws)
 blocks = st.lists(st.tuples(st.integers(0, 11), *[st.integers(0, SIDE - 1)] * 3), max_size=16)
 
 
@@ -247,7 +247,7 @@ def configuration(end, borders, shape):
 
 
 @settings(max_examples=100)
-@given(rotation_cells(6), blocks, ends, ends, ROOMS)
+@given(rotation_cells(6), blocks, endpoints, endpoints, ROOMS)
 @example(4, [(2, 1, 1, 0)], (0.3, 0.3, 0.0, 3.0), (0.3, 0.3, 0.0, -3.0), (SIDE, SIDE))  # through the wrap at pi
 @example(4, [(0, 1, 1, 0)], (0.3, 0.3, 0.0, 3.0), (0.3, 0.3, 0.0, -3.0), (SIDE, SIDE))
 @example(4, [(0, 1, 1, 0)], (0.3, 0.3, 0.0, -0.5), (0.3, 0.3, 0.0, 0.5), (SIDE, SIDE))
@@ -274,7 +274,7 @@ def test_free_means_that_every_touched_cell_is_free_at_its_yaws(rotations, close
 
 
 @settings(max_examples=60)
-@given(rotation_cells(6), ends, ends, ROOMS)
+@given(rotation_cells(6), endpoints, endpoints, ROOMS)
 def test_only_touched_cells_matter(rotations, start, end, shape):
     """With every other cell closed the edge is free, and with any one of those it crosses it is not."""
     borders = Rotations.of(rotations).borders
@@ -325,11 +325,11 @@ def interpolate(q0, q1, times):
         state.setX(x)
         state.setY(y)
         state.setYaw(yaw)
-    found = []
+    points = []
     for t in times:
         space.interpolate(first, second, t, between)
-        found.append((between.getX(), between.getY(), between.getYaw()))
-    return np.array(found)
+        points.append((between.getX(), between.getY(), between.getYaw()))
+    return np.array(points)
 
 
 @settings(max_examples=60)
@@ -365,15 +365,15 @@ def test_points_of_a_free_edge_do_not_collide_at_their_yaws(robot, rotations, se
     assert (space.motion_is_free(q1, q0) == space.motion_is_free(q0, q1)).all()
     for k in free[:4]:
         yaw0, yaw1 = ((q[k, 2] + math.pi) % TURN - math.pi for q in (q0, q1))
-        ends = [[*q[k, :2].tolist(), yaw] for q, yaw in ((q0, yaw0), (q1, yaw1))]
-        q = interpolate(*ends, np.linspace(0, 1, 101).tolist())
+        endpoints = [[*q[k, :2].tolist(), yaw] for q, yaw in ((q0, yaw0), (q1, yaw1))]
+        q = interpolate(*endpoints, np.linspace(0, 1, 101).tolist())
         # Rounding must not carry a point off the edge's own box, and with it out of the grid.
-        q[:, :2] = np.clip(q[:, :2], np.minimum(*ends)[:2], np.maximum(*ends)[:2])
+        q[:, :2] = np.clip(q[:, :2], np.minimum(*endpoints)[:2], np.maximum(*endpoints)[:2])
         assert space.is_free(q).all()
         assert not collides(space, q, 0.0).any()
 
 
-def test_edges_beyond_the_grid_follow_the_policy():
+def test_edges_outside_the_grid_follow_the_policy():
     robot = Robot.rectangle(0.4, 0.1, (0.1, 0.0))
     occupied = np.zeros((10, 10), dtype=bool)
     occupied[0, 5] = True

@@ -55,10 +55,10 @@ def test_whether_all_outside_is_blocked(dim, data):
     exterior = Exterior(np.array([[*one.box, one.state] for one in known]))
     state = np.zeros(shape, dtype=np.uint8)
     for number, outside in enumerate(known):
-        beyond = [
+        around = [
             cell
             for cell in cells_around(state, outside)
             if not all(0 <= c < n for c, n in zip(cell, shape, strict=True))
         ]
-        blocked = all(state_of(state, outside, cell) == BLOCKED for cell in beyond)
+        blocked = all(state_of(state, outside, cell) == BLOCKED for cell in around)
         assert exterior.is_all_blocked(shape)[number] == blocked

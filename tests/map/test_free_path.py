@@ -24,7 +24,7 @@ def states(dims=(2, 3), side=9):
 
 @settings(max_examples=60)
 @given(seeds, st.sampled_from(handmade.KINDS))
-def test_a_path_is_found_wherever_free_cells_join_two(seed, kind):
+def test_there_is_a_path_wherever_free_cells_join_two(seed, kind):
     """Of which it turns none where it need not; a quaternion tells of a rotation with either sign."""
     rng = np.random.default_rng(seed)
     states = handmade.random_states(rng, kind, 9, (FREE, FREE, FREE, MIXED, BLOCKED))
@@ -120,18 +120,18 @@ def test_a_maze_is_solved_and_pulled_straight():
     assert len(path) < 30
 
 
-def test_pulling_keeps_the_ends_and_never_lengthens():
+def test_pulling_keeps_the_endpoints_and_never_lengthens():
     turns = np.array([(0.0, 0.0), (0.0, 3.0), (4.0, 3.0), (4.0, 0.0)])
     whole = pulled_straight(turns, 2, lambda *q: True, 0.5)
     assert whole.tolist() == [[0.0, 0.0], [4.0, 0.0]]
     steps = {tuple(p) for p in turns.tolist()}
-    kept = pulled_straight(
+    pulled = pulled_straight(
         turns, 2, lambda a, b, c, d: math.dist((a, b), (c, d)) <= 4.0 and {(a, b), (c, d)} <= steps, 9.0
     )
-    assert kept.tolist() in ([[0.0, 0.0], [4.0, 0.0]], turns.tolist())
+    assert pulled.tolist() in ([[0.0, 0.0], [4.0, 0.0]], turns.tolist())
 
 
-def test_ends_on_the_border_of_what_is_not_free_are_not_joined():
+def test_endpoints_on_the_border_of_what_is_not_free_are_not_joined():
     state = np.zeros((4, 4), np.uint8)
     state[2, :2] = MIXED
     space = map_of(state, outside="blocked", spacing=1.0)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 import cspace
 from cspace import FREE, Robot, Workspace
-from cspace.map.kept import Lock
+from cspace.map.derived import Lock
 from cspace.map.mip import MOST_NOTED, ROWS, SIDE, Mip
 from cspace.map.storage import PackedStates
 from strategies import seeds
@@ -26,8 +26,8 @@ def rows_of(words, which):
     """Some of each nine rows of the plane, shape (slices, y, words), as an array of places."""
     slices, rows, count = words.shape
     assert not words[..., [0, -1]].any()
-    kept = np.ascontiguousarray(words[..., 1:-1]).reshape(slices, rows // ROWS, ROWS, count - 2)[:, :, which]
-    bits = np.unpackbits(kept.view(np.uint8), axis=-1, bitorder="little")
+    part = np.ascontiguousarray(words[..., 1:-1]).reshape(slices, rows // ROWS, ROWS, count - 2)[:, :, which]
+    bits = np.unpackbits(part.view(np.uint8), axis=-1, bitorder="little")
     return bits.reshape(slices, 1, -1, bits.shape[-1])
 
 
@@ -50,13 +50,13 @@ def check(marks, stack, cells):
             assert marked(rows_of(marks.cells, slice(SIDE, ROWS))) == expected
 
 
-def some_box(part, rng):
+def random_box(part, rng):
     """A box of a slice, and its first and last cell along three axes; or none."""
-    ends = np.sort(rng.integers(0, part.shape, (2, part.ndim)), axis=0)
+    corners = np.sort(rng.integers(0, part.shape, (2, part.ndim)), axis=0)
     if rng.random() < 0.2:
-        ends[1, rng.integers(part.ndim)] = -1
+        corners[1, rng.integers(part.ndim)] = -1
     axes = [0] * (3 - part.ndim)
-    return tuple(slice(a, b + 1) for a, b in ends.T), [*axes, *ends[0], *axes, *ends[1]]
+    return tuple(slice(a, b + 1) for a, b in corners.T), [*axes, *corners[0], *axes, *corners[1]]
 
 
 @settings(max_examples=60)
@@ -83,7 +83,7 @@ def test_marks_tell_what_is_not_free_and_follow_changes(dim, seed, changes, last
         for _ in range(changes):
             boxes = []
             for part in stack:
-                where, box = some_box(part, rng)
+                where, box = random_box(part, rng)
                 part[where] = rng.choice([0, 0, 0, 2], part[where].shape)
                 boxes.append(box)
             write()

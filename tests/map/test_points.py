@@ -70,8 +70,8 @@ def test_many_around_a_robot_that_turns_and_is_round(outside):
     q = np.random.default_rng(0).uniform((-1, -1, -20), (2, 2, 20), (3000, 3))
     answers = space.classify(q)
     assert answers.tolist() == [space.classify(point) for point in q]
-    beyond = set(answers[~space.grid.contains(q[:, :2])].tolist())
-    assert beyond == ({BLOCKED} if outside == "blocked" else {FREE, MIXED})
+    outsiders = set(answers[~space.grid.contains(q[:, :2])].tolist())
+    assert outsiders == ({BLOCKED} if outside == "blocked" else {FREE, MIXED})
 
 
 def test_one_configuration_gets_a_python_number(space):
@@ -90,7 +90,7 @@ def changed(q, hole, value):
 
 @pytest.mark.parametrize("name", [*LOOKUPS, "nearest_free"])
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "message"),
     [
         (lambda q: changed(q, 0, np.nan), "nan"),
         (lambda q: changed(q, 1, np.inf), "inf"),
@@ -101,8 +101,8 @@ def changed(q, hole, value):
         (lambda q: "home", "numeric"),
     ],
 )
-def test_refuses(space, name, change, words):
-    with pytest.raises(InputError, match=words):
+def test_refuses(space, name, change, message):
+    with pytest.raises(InputError, match=message):
         getattr(space, name)(change(somewhere(space)))
 
 
@@ -117,15 +117,15 @@ def test_refuses_what_is_no_rotation(space, name):
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -2 * MAX_YAW])
-def test_edges_paths_and_boxes_refuse_bad_ends(space, bad):
+def test_edges_paths_and_boxes_refuse_bad_endpoints(space, bad):
     q = somewhere(space)
     if abs(bad) < np.inf and not space.rotations.dof:
         bad = -np.inf
     wrong = [*q[:-1], bad]
     for ask in (space.motion_is_free, space.path_exists):
-        for ends in ((q, wrong), (wrong, q)):
+        for endpoints in ((q, wrong), (wrong, q)):
             with pytest.raises(InputError, match=r"nan|inf|yaw beyond|norm"):
-                ask(*ends)
+                ask(*endpoints)
     with pytest.raises(InputError, match=r"nan|inf|yaw beyond|norm"):
         space.is_free_around(wrong, 0.1, 0.1)
 
@@ -137,9 +137,9 @@ def test_the_bad_one_of_many_is_named(space):
         for ask in (space.classify, space.clearance, lambda many: space.is_free_around(many, 0.1)):
             with pytest.raises(InputError, match="number 513"):
                 ask(q)
-        for ends in ((q, q[:1]), (q[:1], q)):
+        for endpoints in ((q, q[:1]), (q[:1], q)):
             with pytest.raises(InputError, match="edge number 513"):
-                space.motion_is_free(*ends)
+                space.motion_is_free(*endpoints)
 
 
 def test_masked_configurations_are_refused(space):

@@ -64,7 +64,7 @@ def test_samples_repeat_with_the_seed(space):
 
 
 @pytest.mark.parametrize("free", [[0], [255], [256], [70, 511, 512], [999]])
-def test_cells_are_found_by_their_rank(free):
+def test_cells_by_their_rank(free):
     """Where the FREE cells are few and lie at the ends of what is counted together."""
     states = np.full((1, 25, 40), BLOCKED)
     states.flat[free] = FREE

@@ -30,8 +30,8 @@ def test_quarter_turns_by_permutation_are_fresh_rasters(robot, count, margin):
     cells = Rotations.of(count)
     made = slice_rasters(robot, 0.17, margin, cells)
     turns = zip(cells.representatives.tolist(), cells.covering_angles.tolist(), strict=True)
-    for pair, (yaw, sweep) in zip(made, turns, strict=False):
-        fresh = robot.rasters(0.17, margin, Turn(rotation(yaw), sweep, about_z=True))
+    for pair, (yaw, covering_angle) in zip(made, turns, strict=False):
+        fresh = robot.rasters(0.17, margin, Turn(rotation(yaw), covering_angle, about_z=True))
         assert [oracles.raster_offsets(one) for one in pair] == [oracles.raster_offsets(one) for one in fresh]
 
 
@@ -77,7 +77,7 @@ SYMMETRIC = {
 
 
 @pytest.mark.parametrize("name", SYMMETRIC)
-def test_symmetry_is_found(name):
+def test_symmetry_is_detected(name):
     robot, order = SYMMETRIC[name]
     assert robot.shape.symmetry == order
 

@@ -136,7 +136,7 @@ def test_what_would_not_fit_as_bytes_is_refused(monkeypatch, tmp_path):
     assert two.slice_at(0.3).shape == two.grid.shape
 
 
-def test_overlap_counts_are_kept_with_bytes(monkeypatch):
+def test_maps_with_overlap_counts_store_bytes(monkeypatch):
     monkeypatch.setattr(memory, "PACKED_FROM", 0)
     workspace, robot, rotations = CASES["SE(2)"]()
     assert isinstance(cspace.build(workspace, robot, rotations=rotations, overlap=True)._seen, np.ndarray)

@@ -74,11 +74,11 @@ def along(q0, q1, number):
     first, second, state = (space.allocState() for _ in range(3))
     for one, q in ((first, q0), (second, q1)):
         one.x, one.y, one.z, one.w = (float(value) for value in q[3:])
-    found = []
+    points = []
     for t in np.linspace(0.0, 1.0, number).tolist():
         space.interpolate(first, second, t, state)
-        found.append([*(q0[:3] + t * (q1[:3] - q0[:3])), state.x, state.y, state.z, state.w])
-    return np.array(found)
+        points.append([*(q0[:3] + t * (q1[:3] - q0[:3])), state.x, state.y, state.z, state.w])
+    return np.array(points)
 
 
 def firm(cells, q):
@@ -89,8 +89,8 @@ def firm(cells, q):
 
 
 @st.composite
-def ends(draw):
-    """Ends of edges, shape (n, 7): far turns and small ones, from borders, to the other side, to the same rotation."""
+def edges(draw):
+    """Endpoints of edges, (n, 7): far turns and small ones, from borders, to the other side, to the same rotation."""
     rng, n = np.random.default_rng(draw(seeds)), 40
     cells = Rotations.quaternions(draw(st.sampled_from([1, 2, 3])))
     q0, q1 = (
@@ -109,18 +109,18 @@ def ends(draw):
 
 
 @settings(max_examples=20)
-@given(ends(), seeds)
+@given(edges(), seeds)
 def test_edges_are_free_where_all_of_their_points_are(drawn, seed):
     """Free: all of 300 points are FREE, but next to borders. Not free: some point, or one a hair beside, is not."""
     n, q0, q1 = drawn
     rng = np.random.default_rng(seed)
     space, _ = random_map(rng, n)
-    found = space.motion_is_free(q0, q1)
+    answers = space.motion_is_free(q0, q1)
     check = space.edge_checker()
-    assert [check(*a, *b) for a, b in zip(q0.tolist(), q1.tolist(), strict=True)] == found.tolist()
+    assert [check(*a, *b) for a, b in zip(q0.tolist(), q1.tolist(), strict=True)] == answers.tolist()
     other = q1 * ([1] * 3 + [-1] * 4)
-    np.testing.assert_array_equal(space.motion_is_free(q0, other), found)
-    for a, b, free in zip(q0, q1, found.tolist(), strict=True):
+    np.testing.assert_array_equal(space.motion_is_free(q0, other), answers)
+    for a, b, free in zip(q0, q1, answers.tolist(), strict=True):
         half = abs(a[3:] @ b[3:]) < 1e-9
         tilts = [away * np.append([0.0, 0.0, 0.0], a[3:]) for away in ((-1e-10, 1e-10) if half else (0.0,))]
         q = np.concatenate([along(a, b + tilt, 300) for tilt in tilts])
@@ -156,16 +156,16 @@ def test_positions_go_with_the_rotation():
     """A cell is passed at one rotation and not at another: the time of each border counts."""
     cells = Rotations.quaternions(4)
     half = math.pi / 4 / 4  # from the middle of a cell through its border at a quarter of the way
-    ends = [
+    edge = [
         np.array([x, 0.5, 0.5, *Rotation.from_euler("z", yaw).as_quat()]) for x, yaw in ((0.0, 0.0), (8.0, 4 * half))
     ]
     for cell in range(8):
         states = np.zeros((cells.count, 8, 1, 1), dtype=np.uint8)
         first = cells.cell_of(Rotation.from_euler("z", 0.5 * half).as_quat())
         states[first, cell] = MIXED
-        there = along(*ends, 4001)
+        there = along(*edge, 4001)
         expected = ((cells.cell_of(there[:, 3:]) == first) & (np.floor(there[:, 0]) == cell)).any()
-        assert map_of(states, cells, ALL_FREE, 1.0).motion_is_free(*ends) != expected
+        assert map_of(states, cells, ALL_FREE, 1.0).motion_is_free(*edge) != expected
 
 
 @pytest.mark.parametrize("norm", [1.0, 1.0 + 0.99e-9])
@@ -235,7 +235,7 @@ def depths(extents, middle, q, lows):
     """
     turns = Rotation.from_quat(q[:, 3:]).as_matrix()
     centers = q[:, :3] + turns @ middle
-    found = np.full(len(q), -np.inf)
+    depth = np.full(len(q), -np.inf)
     axes = [np.broadcast_to(np.eye(3)[:, :, None], (3, 3, len(q))).transpose(2, 0, 1), turns.transpose(0, 2, 1)]
     axes.append(np.cross(axes[0][:, :, None], axes[1][:, None]).reshape(len(q), 9, 3))
     axes = np.concatenate(axes, axis=1)
@@ -244,8 +244,8 @@ def depths(extents, middle, q, lows):
     own = (np.abs(axes @ turns) * np.asarray(extents) / 2).sum(axis=2)
     for low in lows:
         apart = np.abs(np.einsum("nad,nd->na", axes, centers - (low + H / 2)))
-        found = np.maximum(found, (own + H / 2 * np.abs(axes).sum(axis=2) - apart).min(axis=1))
-    return found
+        depth = np.maximum(depth, (own + H / 2 * np.abs(axes).sum(axis=2) - apart).min(axis=1))
+    return depth
 
 
 @settings(max_examples=12)

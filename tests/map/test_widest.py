@@ -59,8 +59,8 @@ def links(space: CSpace, wide: np.ndarray, corners: bool) -> coo_array:
         for cell in np.argwhere(wide):
             other = ((cell[0] + 1) % shape[0], *cell[1:])
             if wide[other]:
-                ends = [int(np.ravel_multi_index(tuple(each), shape)) for each in (cell, other)]
-                rows += [(*ends, 0.5 * angle), (*ends[::-1], 0.5 * angle)]
+                pair = [int(np.ravel_multi_index(tuple(each), shape)) for each in (cell, other)]
+                rows += [(*pair, 0.5 * angle), (*pair[::-1], 0.5 * angle)]
     first, last, length = np.array(rows).reshape(-1, 3).T
     return coo_array((length, (first.astype(int), last.astype(int))), shape=(wide.size, wide.size)).tocsr()
 
@@ -90,9 +90,9 @@ def length_of(space: CSpace, path: np.ndarray) -> float:
 def test_a_path_is_as_wide_as_any_and_no_longer_than_it_must_be(name: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
     space = random_map(name, rng)
-    points, kept = middles(space), widest.Widest.of(space._map, space._seen, space.rotations)
+    points, search = middles(space), widest.Widest.of(space._map, space._seen, space.rotations)
     room = np.asarray(space.clearance(points))
-    graph = kept.graph
+    graph = search.graph
     levels = graph.levels[graph.slice_of].ravel()
     assert np.array_equal(levels > 0, room > 0.0) and (np.abs(levels / 128 - room) <= 1 / 128 + 1e-6).all()
     free = np.flatnonzero(room > 0.0)
@@ -100,7 +100,7 @@ def test_a_path_is_as_wide_as_any_and_no_longer_than_it_must_be(name: str, seed:
         return
     for start, goal in rng.choice(free, (2, 2)):
         best = widest_of_all(space, start, goal)
-        level = kept.bottleneck(start, goal)
+        level = search.bottleneck(start, goal)
         assert abs(level / 128 - best) <= 1 / 128 + 1e-6
         path = space.widest_path(points[start], points[goal], straight=False)
         assert (len(path) > 0) == (best > 0.0)
@@ -109,7 +109,7 @@ def test_a_path_is_as_wide_as_any_and_no_longer_than_it_must_be(name: str, seed:
         assert np.asarray(space.clearance(path)).min() >= best - 1e-6  # a way up may cut a corner
         assert space.certify_path(path).all()
         shortest = dijkstra(links(space, levels >= level, True), indices=start)[goal]
-        chain = points[kept.shortest(start, goal, level)]
+        chain = points[search.shortest(start, goal, level)]
         assert length_of(space, chain) == pytest.approx(shortest, rel=1e-5)
         pulled = space.widest_path(points[start], points[goal])
         assert np.array_equal(pulled[[0, -1]], path[[0, -1]]) and space.certify_path(pulled).all()
@@ -164,14 +164,14 @@ def test_it_finds_the_wide_way_in_every_space(name: str) -> None:
 
 def test_it_goes_by_the_obstacles_as_they_are_now() -> None:
     space = build(Workspace.from_array(np.zeros((60, 40), dtype=bool), 0.1), Robot.disc(0.2))
-    ends = (1.0, 2.0), (5.0, 2.0)
-    before = space.widest_path(*ends)
+    endpoints = (1.0, 2.0), (5.0, 2.0)
+    before = space.widest_path(*endpoints)
     space.place("pillar", shapely.box(2.5, 1.2, 3.5, 4.0))
-    after = space.widest_path(*ends)
+    after = space.widest_path(*endpoints)
     assert space.certify_path(after).all() and not space.certify_path(before).all()
-    assert np.array_equal(after, build(space.workspace, space.robot).widest_path(*ends))
+    assert np.array_equal(after, build(space.workspace, space.robot).widest_path(*endpoints))
     space.remove("pillar")
-    assert np.array_equal(space.widest_path(*ends), before)
+    assert np.array_equal(space.widest_path(*endpoints), before)
 
 
 @pytest.mark.parametrize("name", SPACES)
@@ -183,21 +183,21 @@ def test_levels_follow_updates(name: str, outside: str) -> None:
     if name in TURNS:
         robot = Robot.rectangle(0.3, 0.1) if cells.ndim == 2 else Robot.box((0.3, 0.1, 0.1))
     space = build(Workspace.from_array(cells, 0.1), robot, rotations=TURNS.get(name), outside=outside)
-    kept = widest.Widest.of(space._map, space._seen, space.rotations)
-    space._widest.get(lambda: kept)
+    search = widest.Widest.of(space._map, space._seen, space.rotations)
+    space._widest.get(lambda: search)
     for step in range(24):
         size = rng.integers(1, 4, cells.ndim)
         lower = rng.integers(0, np.array(cells.shape) - size + 1)
         space.update(rng.random(size) < 0.5 * (step % 3), lower)
         if step % 2:
-            kept = kept.renewed(space._map, space._seen)
+            search = search.renewed(space._map, space._seen)
             space._widest.drop()
-            space._widest.get(lambda made=kept: made)
+            space._widest.get(lambda made=search: made)
             fresh = widest.graph_of(space._map, space._seen, space.rotations)
-            assert np.array_equal(kept.graph.levels, fresh.levels)
+            assert np.array_equal(search.graph.levels, fresh.levels)
 
 
-def test_wrong_ends_and_little_memory_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_refuses_wrong_endpoints_and_too_little_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     space = room("plane")
     with pytest.raises(ConfigurationError, match="one FREE configuration in the grid"):
         space.widest_path((3.1, 1.0), (9.0, 5.0))

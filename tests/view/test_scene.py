@@ -9,7 +9,7 @@ import trimesh
 
 import cspace
 from cspace.plot.artists import CLASSES, OBSTACLE
-from cspace.view.cells import CellsInMemory, Part
+from cspace.view.level_of_detail import CellsInMemory, Part
 from cspace.view.scene import HIGH, KINDS, LOW, Stage, border, path_colors, rgb, robot_solid
 
 

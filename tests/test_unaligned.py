@@ -3,7 +3,7 @@
 import numpy as np
 
 from cspace.compiling import jit
-from cspace.words import load, store
+from cspace.unaligned import load, store
 
 
 @jit(cache=False)

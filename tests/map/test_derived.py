@@ -1,4 +1,4 @@
-"""Kept parts: made once however many threads ask, renewed, dropped, and left behind by copies."""
+"""Derived parts: made once however many threads ask, renewed, dropped, and left behind by copies."""
 
 import copy
 import pickle
@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from cspace.map.kept import Kept, Lock
+from cspace.map.derived import Derived, Lock
 
 
 class Counter:
@@ -19,14 +19,14 @@ class Counter:
 
 
 def test_one_thread_makes_the_part_and_all_get_it():
-    kept, made, got = Kept(Lock()), [], []
+    derived, made, got = Derived(Lock()), [], []
 
     def make():
         time.sleep(0.01)
         made.append(Counter())
         return made[-1]
 
-    threads = [threading.Thread(target=lambda: got.append(kept.get(make))) for _ in range(8)]
+    threads = [threading.Thread(target=lambda: got.append(derived.get(make))) for _ in range(8)]
     for thread in threads:
         thread.start()
     for thread in threads:
@@ -36,43 +36,43 @@ def test_one_thread_makes_the_part_and_all_get_it():
     assert len(got) == 8
 
 
-def test_a_part_follows_changes_once_it_is_made():
-    kept = Kept(Lock())
-    kept.renew("before")  # nothing is there to follow
-    part = kept.get(Counter)
-    kept.renew("after")
+def test_a_part_follows_changes_after_it_is_made():
+    derived = Derived(Lock())
+    derived.renew("before")  # nothing is there to follow
+    part = derived.get(Counter)
+    derived.renew("after")
     assert part.changes == ["after"]
-    assert kept.made is part
-    kept.drop()
-    assert kept.made is None
-    assert kept.get(Counter) is not part
+    assert derived.made is part
+    derived.drop()
+    assert derived.made is None
+    assert derived.get(Counter) is not part
 
 
 def test_a_part_that_could_not_be_made_is_made_at_the_next_call():
-    kept = Kept(Lock())
+    derived = Derived(Lock())
 
     def fails():
         raise MemoryError
 
     with pytest.raises(MemoryError):
-        kept.get(fails)
-    assert isinstance(kept.get(Counter), Counter)
+        derived.get(fails)
+    assert isinstance(derived.get(Counter), Counter)
 
 
 @pytest.mark.parametrize("of", [copy.copy, copy.deepcopy, lambda pair: pickle.loads(pickle.dumps(pair))])
 def test_copies_leave_the_lock_and_the_part_behind(of):
     lock = Lock()
-    kept = Kept(lock)
-    kept.get(lambda: threading.Lock())  # cannot be pickled
+    derived = Derived(lock)
+    derived.get(lambda: threading.Lock())  # cannot be pickled
     with lock, lock:
-        other = of(kept)
+        other = of(derived)
         assert other.made is None
     assert isinstance(other.get(Counter), Counter)
-    assert not isinstance(kept.made, Counter)
+    assert not isinstance(derived.made, Counter)
 
 
 def test_parts_of_one_copied_map_share_its_new_lock():
     lock = Lock()
-    first, second = copy.deepcopy([Kept(lock), Kept(lock)])
+    first, second = copy.deepcopy([Derived(lock), Derived(lock)])
     assert first._lock is second._lock
     assert first._lock is not lock

@@ -1,4 +1,4 @@
-"""Kept parts: what look-ups need beyond the map itself, made at the first call and brought up to date after changes."""
+"""What look-ups derive from a map: made at the first call, and brought up to date when the map changes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Part(Protocol[P]):
     """What is derived from a map and follows its changes."""
 
     def renew(self, *args: P.args, **kwargs: P.kwargs) -> None:
-        """Be what would be made from the map now. To be told twice of one change does no harm."""
+        """Become what would be made from the map now; to renew twice after one change does no harm."""
 
 
 class Lock:
@@ -61,12 +61,11 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(before=Lock._hold, after_in_parent=Lock._let_go, after_in_child=Lock._let_go)
 
 
-class Kept(Generic[T]):
-    """Room for one part, which is made at the first call, by one thread, however many ask for it.
+class Derived(Generic[T]):
+    """A part that one thread makes at the first call, however many call.
 
-    Pickles and copies have the room without the part, which is made again when it is next asked for.
-
-    The lock is shared by all parts of a map, and held while one is made. An update holds it while it changes the map.
+    Pickles and copies leave the part out; their first call makes it again. All parts of a map share one lock, which is
+    held while a part is made, and by an update while it changes the map.
     """
 
     __slots__ = ("_lock", "_part")
@@ -75,8 +74,8 @@ class Kept(Generic[T]):
         self._lock = lock
         self._part: T | None = None
 
-    def __reduce__(self) -> tuple[type[Kept[T]], tuple[Lock]]:
-        return Kept, (self._lock,)
+    def __reduce__(self) -> tuple[type[Derived[T]], tuple[Lock]]:
+        return Derived, (self._lock,)
 
     def get(self, make: Callable[[], T]) -> T:
         """The part; what ``make`` gives if there is none yet. It must not be None."""
@@ -93,13 +92,13 @@ class Kept(Generic[T]):
         """The part, or None where there is none yet."""
         return self._part
 
-    def renew(self: Kept[Part[P]], *args: P.args, **kwargs: P.kwargs) -> None:
-        """Have the part, if it was made, follow a change of the map, by what its ``renew`` takes."""
+    def renew(self: Derived[Part[P]], *args: P.args, **kwargs: P.kwargs) -> None:
+        """Renew the part, if it was made, with the arguments of its own ``renew``."""
         with self._lock:
             if self._part is not None:
                 self._part.renew(*args, **kwargs)
 
     def drop(self) -> None:
-        """Forget the part; it is made again when it is next asked for. One that is being made is waited for."""
+        """Forget the part, after waiting for one that is being made; the next call makes it again."""
         with self._lock:
             self._part = None

@@ -1,4 +1,4 @@
-"""Words of eight bytes in compiled code: read from arrays of bytes, and written, wherever they begin."""
+"""Unaligned words: eight bytes that compiled code reads from arrays of bytes, or writes, wherever they begin."""
 
 from __future__ import annotations
 

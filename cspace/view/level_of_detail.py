@@ -1,4 +1,4 @@
-"""The cells of a map in blocks: the whole map in large ones, the part that one looks at in small ones."""
+"""Level of detail: the whole map in large blocks of cells, the part that the camera looks at in small ones."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from cspace.plot.route import Floats, MapLike
 
 MOST: Final = 2**21
 """Blocks that are drawn at once, at most: of the whole map, and as many of a part of it."""
-_KEPT: Final = 24
-"""Pictures of the whole map that are kept, each of one slice."""
+_CACHED: Final = 24
+"""Slices whose blocks of the whole map are cached."""
 _SLAB: Final = 2**24
 """Cells whose classes are made at once."""
 
@@ -50,13 +50,13 @@ class Part(NamedTuple):
 
 
 class Cells(Protocol):
-    """What the page asks of the cells of a map, wherever they are."""
+    """The cells of a map as the page draws them, in memory or in a store."""
 
     grid: Grid
     side: int
     """Cells along an axis of a block of the whole map."""
     quick: bool
-    """Whether what the cells join is soon known; of a map in a store it takes long, and is written there."""
+    """Whether the components of the cells are soon known; of a map in a store they take long, and are written there."""
 
     @property
     def near(self) -> Any:
@@ -69,7 +69,7 @@ class Cells(Protocol):
         """A part of it."""
 
     def forget(self) -> None:
-        """Look at the map anew: it has changed."""
+        """Drop what is cached: the map has changed."""
 
 
 class CellsInMemory:
@@ -80,23 +80,23 @@ class CellsInMemory:
     def __init__(self, space: MapLike) -> None:
         self.near, self.grid = space, space.grid
         self.side = math.ceil((space.grid.size / MOST) ** (1.0 / space.grid.dim))
-        self._kept: OrderedDict[int, Blocks] = OrderedDict()
+        self._cached: OrderedDict[int, Blocks] = OrderedDict()
 
     def whole(self, rotation: Floats | None) -> Blocks:
         number = -1 if rotation is None else int(self.near.rotations.cells_of(rotation))
-        if number not in self._kept:
+        if number not in self._cached:
             everything = Part((0,) * self.grid.dim, self.grid.shape, self.side)
-            self._kept[number] = self.part(rotation, everything)
-        self._kept.move_to_end(number)
-        while len(self._kept) > _KEPT:
-            self._kept.popitem(last=False)
-        return self._kept[number]
+            self._cached[number] = self.part(rotation, everything)
+        self._cached.move_to_end(number)
+        while len(self._cached) > _CACHED:
+            self._cached.popitem(last=False)
+        return self._cached[number]
 
     def part(self, rotation: Floats | None, part: Part) -> Blocks:
         return blocks(lambda box: _classes(self.near, rotation, box), part)
 
     def forget(self) -> None:
-        self._kept.clear()
+        self._cached.clear()
 
 
 class CellsInStore:
@@ -107,7 +107,7 @@ class CellsInStore:
     def __init__(self, space: Any) -> None:
         self._space, self.grid = space, space.grid
         slices = int(space.rotations.slice_of(space.robot.shape).max()) + 1
-        self.side = math.ceil((space.grid.size * slices / (_KEPT * MOST)) ** (1.0 / space.grid.dim))
+        self.side = math.ceil((space.grid.size * slices / (_CACHED * MOST)) ** (1.0 / space.grid.dim))
         self.side = max(self.side, math.ceil((space.grid.size / MOST) ** (1.0 / space.grid.dim)))
 
     @cached_property
@@ -139,7 +139,7 @@ def _classes(space: MapLike, rotation: Floats | None, box: tuple[slice, ...] = (
 
 
 def blocks(classes: Callable[[tuple[slice, ...]], Classes], part: Part) -> Blocks:
-    """Blocks of a part of a map, from what tells the classes of a box of cells; made slab by slab."""
+    """Blocks of a part of a map, made slab by slab from the classes of boxes of cells."""
     shape = np.subtract(part.stop, part.first)
     rows = part.side * max(1, _SLAB // int(np.prod(shape[1:]) * part.side))
     others = tuple(slice(low, high) for low, high in zip(part.first[1:], part.stop[1:], strict=True))
@@ -151,9 +151,9 @@ def blocks(classes: Callable[[tuple[slice, ...]], Classes], part: Part) -> Block
 
 
 def part_around(grid: Grid, point: Floats, reach: float, coarsest: int) -> Part | None:
-    """The part of a map to show in smaller blocks where one looks at a point and sees so many metres around it.
+    """The part of a map to show in smaller blocks, around a point, ``reach`` metres to each side.
 
-    It has about as many blocks as the whole map, and moves in steps, so that it stays the same while one looks around a
+    It has about as many blocks as the whole map, and moves in steps, so that it stays the same while the camera moves a
     little. None where its blocks would not be smaller than ``coarsest``, those of the whole map.
     """
     reach = 2.0 ** (math.ceil(2.0 * math.log2(max(reach, grid.spacing))) / 2.0)

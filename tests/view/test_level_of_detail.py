@@ -11,8 +11,8 @@ import pytest
 
 import cspace
 from cspace.plot.artists import OPEN, classes_of
-from cspace.view import cells
-from cspace.view.cells import Blocks, CellsInMemory, Part, part_around
+from cspace.view import level_of_detail
+from cspace.view.level_of_detail import Blocks, CellsInMemory, Part, part_around
 
 WHOLE = {2: (23, 17), 3: (11, 9, 7)}
 
@@ -41,8 +41,8 @@ def brute(classes: Any, part: Part) -> Any:
 def test_blocks_show_the_largest_class(parts: Any, side: int, monkeypatch: pytest.MonkeyPatch) -> None:
     workspace, robot, rotations = parts
     space = cspace.build(workspace, robot, rotations=rotations)
-    monkeypatch.setattr(cells, "MOST", space.grid.size // (side**space.grid.dim) + 1)
-    monkeypatch.setattr(cells, "_SLAB", 40)
+    monkeypatch.setattr(level_of_detail, "MOST", space.grid.size // (side**space.grid.dim) + 1)
+    monkeypatch.setattr(level_of_detail, "_SLAB", 40)
     held = CellsInMemory(space)
     assert held.side == side
     rotation = space.rotations.centers[-1]
@@ -74,7 +74,7 @@ def test_a_store_shows_the_same(parts: Any, tmp_path: Path, monkeypatch: pytest.
     for seen in (rotation, None):
         np.testing.assert_array_equal(whole.whole(seen).classes, held.whole(seen).classes)
         np.testing.assert_array_equal(whole.part(seen, part).classes, held.part(seen, part).classes)
-    monkeypatch.setattr(cells, "MOST", stored.grid.size // 2**stored.grid.dim)
+    monkeypatch.setattr(level_of_detail, "MOST", stored.grid.size // 2**stored.grid.dim)
     far = stored._in_blocks().whole(rotation)
     exact = brute(held.whole(rotation).classes, Part((0,) * stored.grid.dim, stored.grid.shape, far.side))
     assert far.side > 1
@@ -93,7 +93,7 @@ def test_the_part_that_one_looks_at(shape: tuple[int, ...], reach: float, coarse
         assert not (first % coarsest).any()
         assert not ((stop % coarsest) * (stop != grid.shape)).any()
         assert ((first <= cell) & (cell < stop)).all()
-        assert np.prod(-(-(stop - first) // part.side)) <= 2 * cells.MOST
+        assert np.prod(-(-(stop - first) // part.side)) <= 2 * level_of_detail.MOST
         close = (np.maximum(first, 0) == 0) | (cell - first >= 0.5 * reach / grid.spacing)
         assert close.all()
     near = grid.lower + 0.4 * np.subtract(grid.upper, grid.lower)
