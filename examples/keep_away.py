@@ -36,7 +36,7 @@ start, goal = (1.0, 4.3), (7.3, 0.6)
 
 
 def tell(plan: planners.Plan, name: str) -> None:
-    room = f"clearance {plan.clearance:.2f} m, {plan.obstacle_distance:.2f} m from obstacles"
+    room = f"clearance {plan.clearance:.2f} m, obstacle distance {plan.obstacle_distance:.2f} m"
     print(f"{name:10} {plan.length:6.2f} m, {room}, certified: {plan.certified}")
     save_plot(space, f"keep_away_{name}.png", True, path=plan, title=name)
 

@@ -227,7 +227,6 @@ def plan(
         advice=advice,
         length=length,
         turning=turning,
-        clearance=edges.clearance(waypoints) if solved else math.nan,
         path_exists=exists,
         planner=name,
         objective=objective if isinstance(objective, str) else "custom",

@@ -18,7 +18,7 @@ from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import InputError
 from cspace.io.output import replacing
 from cspace.space import CSpace
-from planners.local_planner import CURVES, HOLONOMIC, local_planner
+from planners.local_planner import CURVES, HOLONOMIC, LocalPlanner, local_planner
 from planners.states import Floats
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ class Times:
     simplification : float
         OMPL's simplification of the path.
     checking : float
-        The final check of every edge, and the clearance.
+        The final check of every edge.
     """
 
     setup: float = 0.0
@@ -69,7 +69,7 @@ class Plan:
     axes : tuple of str
         Names of the columns of the path, those of :attr:`cspace.CSpace.axes`.
     units : tuple of str
-        What the length, and what the clearance is told in: "m", or "rad" for motions of joints.
+        What the length, and what :attr:`room` is told in: "m", or "rad" for motions of joints.
     direction : ndarray of int8, shape (n,), read-only, or None
         How the robot gets to each row from the one before: 1 ahead, -1 in reverse, 0 turning on the spot; the first row
         has that of the second. None of a holonomic robot.
@@ -88,12 +88,6 @@ class Plan:
     turning : float
         Radians that the robot turns, all turns added up. What planners hold down is the length and half a metre for
         each of these; but along curves the length alone. Zero of an arm, and NaN where not solved.
-    clearance : float
-        Room in the map: lower bound, proven, of the distance in metres from any configuration on the path to the
-        nearest one that is not FREE, be it in collision or undecided; :attr:`obstacle_distance` is that of the robot
-        from the obstacles. NaN where not solved, and of a path over tiles. Of a robot that turns, the distance is that
-        of its position, at the rotation it has there. Zero along a path through MIXED cells. Of an arm, by how much
-        links are farther from obstacles, and from each other, than the margin.
     path_exists : bool or None
         What the map proves of these ends: a path exists, none does, or None for undecided at this resolution. True is
         said of a holonomic robot, whatever the drive.
@@ -112,7 +106,8 @@ class Plan:
         Seconds that the search was given.
     times : Times
     space : CSpace, TiledCSpace, ArmSpace or None
-        The map that it was planned on; None of a plan that was pickled, which leaves the map behind.
+        The map that it was planned on; None of a plan that was pickled or copied, which leaves the map behind, and
+        takes along what :attr:`clearance` and :attr:`obstacle_distance` are then.
     """
 
     path: Floats
@@ -126,7 +121,6 @@ class Plan:
     advice: str
     length: float
     turning: float
-    clearance: float
     path_exists: bool | None
     planner: str
     objective: str
@@ -137,14 +131,29 @@ class Plan:
     time_limit: float
     times: Times
     space: ConfigurationSpace | None = None
+    _taken_along: tuple[float, float] = (math.nan, math.nan)
 
     def __getstate__(self) -> list[Any]:
-        return [None if each.name == "space" else getattr(self, each.name) for each in fields(self)]
+        left = {"space": None, "_taken_along": (self.clearance, self.obstacle_distance)}
+        return [left.get(each.name, getattr(self, each.name)) for each in fields(self)]
 
     @property
     def curve(self) -> str | None:
         """The drive by its first name: the curves that edges are, None for others."""
         return self.drive if self.drive in CURVES else None
+
+    @property
+    def clearance(self) -> float:
+        """Room in the map: lower bound, proven, of the clearance all along the path.
+
+        Metres from any configuration on it to the nearest one that is not FREE, be it in collision or undecided, in the
+        map as it is now; :attr:`obstacle_distance` is that of the robot from the obstacles. Of a robot that turns, the
+        distance is that of its position, at the rotation it has there. Zero along a path through MIXED cells. Of an
+        arm, by how much links are farther from obstacles, and from each other, than the margin. NaN where not solved.
+        Worked out at each access; the first one on a map takes longer.
+        """
+        edges = self._edges
+        return edges.clearance(self.waypoints) if edges else self._taken_along[0]
 
     @property
     def obstacle_distance(self) -> float:
@@ -153,13 +162,24 @@ class Plan:
         Metres between the robot itself, without margin, and the obstacles as they are now: their shapes where the map
         has them, else the outer cells; and, unless the map is open, its border. It is a quarter of a cell below the
         true least distance at most, but the margin at least; infinite where there is nothing, and zero where the path
-        is no longer proven free. NaN where not solved, where the map was left behind or lies in a store, and where what
-        fills a mesh depends on the spacing. Worked out at each access; the first one on a map takes longer.
+        is no longer proven free. NaN where not solved, where the map lies in a store, and where what fills a mesh
+        depends on the spacing. Worked out at each access; the first one on a map takes longer.
         """
+        edges = self._edges
+        return edges.distance(self.waypoints) if edges else self._taken_along[1]
+
+    @property
+    def room(self) -> tuple[str, float]:
+        """The one number of room to tell a person, after its name: the obstacle distance, or else the clearance."""
+        distance = self.obstacle_distance
+        return ("clearance", self.clearance) if math.isnan(distance) else ("obstacle_distance", distance)
+
+    @property
+    def _edges(self) -> LocalPlanner | None:
+        """What knows the edges of the path on the map; None without a path, and without a map."""
         if not self.solved or self.space is None:
-            return math.nan
-        edges = local_planner(cast(CSpace, self.space), self.exact, self.drive, self.turning_radius)
-        return edges.distance(self.waypoints)
+            return None
+        return local_planner(cast(CSpace, self.space), self.exact, self.drive, self.turning_radius)
 
     def __repr__(self) -> str:
         return "Plan(" + "\n     ".join(self._lines()) + ")"
@@ -180,9 +200,8 @@ class Plan:
         radius = f" of {self.turning_radius:g} m" if self.turning_radius else ""
         edges = "straight edges" if self.drive == HOLONOMIC else f"drive: {self.drive}{radius}"
         ends = " to ".join(f"({', '.join(f'{x:.4g}' for x in q)})" for q in self.waypoints[[0, -1]])
-        named = {"clearance": self.clearance, "from obstacles": self.obstacle_distance}
-        unit, apart = self.units
-        room = "".join(f", {name} {far:.3f} {apart}" for name, far in named.items() if not math.isnan(far))
+        (name, far), (unit, apart) = self.room, self.units
+        room = "" if math.isnan(far) else f", {name.replace('_', ' ')} {far:.3f} {apart}"
         turning = f", turning {self.turning:.2f} rad" if self.turning else ""
         return [
             f"{self.planner}: {self.status}, {proof}; {self.length:.3f} {unit}{turning}{room}",
@@ -257,7 +276,8 @@ class Plan:
         FileError
             If the file exists and may not be replaced, or cannot be written.
         """
-        names = [each.name for each in fields(self) if each.name != "space"] + ["obstacle_distance"]
+        names = [each.name for each in fields(self) if each.name not in ("space", "_taken_along")]
+        names += ["clearance", "obstacle_distance"]
         record = {name: _plain(getattr(self, name)) for name in names}
         _write(path, overwrite, lambda file: file.write(json.dumps(record, indent=2, allow_nan=False) + "\n"))
 

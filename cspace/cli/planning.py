@@ -93,6 +93,8 @@ def plan(
             space, *ends, planner=planner, time_limit=time_limit, simplify=simplify, seed=seed, **options
         )
     clock.split("plan", **_steps(found))
+    with clock.step("measure"):
+        described = _describe(found)
     if found.solved:
         with clock.step("write"):
             _write(found, output or [], overwrite)
@@ -103,7 +105,7 @@ def plan(
     if animate and found.solved:
         with clock.step("animate") as progress:
             save_animation(space._drawn(), found.path, animate, overwrite, progress=progress)
-    show({**_describe(found), "seconds": clock.seconds}, as_json)
+    show({**described, "seconds": clock.seconds}, as_json)
     if not found.solved:
         advice = f"; try {in_options(found.advice, options_of(context.command))}" if found.advice else ""
         typer.echo(f"cspace: from {start} to {goal}: {found.status}{advice}", err=True)
@@ -123,8 +125,7 @@ def demo(
         name: output / file
         for name, file in {
             "map": "map.zarr",
-            "path_csv": "path.csv",
-            "path_json": "path.json",
+            "path": "path.csv",
             "picture": "picture.png",
             "floor_plan": "flat.geojson",
             "house": "house.stl",
@@ -152,20 +153,22 @@ def demo(
     clock.split("plan", **_steps(found))
     if proofs != {"start_to_goal": True, "start_to_store_room": False} or not (found.solved and found.certified):
         raise InputError("the demonstration", f"went wrong: {proofs}, {found.status}", mend="please report it")
+    with clock.step("measure"):
+        described = _describe(found)
     output.mkdir(parents=True, exist_ok=True)
     with clock.step("save_inputs"):
         files |= flat.write_inputs(output)
     with clock.step("save_map"):
         space.save(files["map"], overwrite=overwrite)
     with clock.step("save_path"):
-        _write(found, [files["path_csv"], files["path_json"]], overwrite)
+        found.to_csv(files["path"], overwrite=overwrite)
     with clock.step("draw_picture"):
         save_plot(space, files["picture"], overwrite, path=found)
     show(
         {
             "map": describe_map(space),
             "path_exists": proofs,
-            "plan": _describe(found),
+            "plan": described,
             "files": {name: str(file) for name, file in files.items()},
             "seconds": clock.seconds,
         },
@@ -182,12 +185,12 @@ def _describe(found: Plan) -> dict[str, Any]:
         "path_exists": found.path_exists,
     }
     if found.solved:
-        room = {"clearance_m": found.clearance, "obstacle_distance_m": found.obstacle_distance}
+        room, far = found.room
         described |= {
             "configurations": len(found.path),
             "length_m": found.length,
             **({"turning_rad": found.turning} if found.turning else {}),
-            **{name: metres for name, metres in room.items() if not math.isnan(metres)},
+            **({} if math.isnan(far) else {f"{room}_m": far}),
             "certified": found.certified,
             "path": found.path.tolist(),
         }

@@ -286,7 +286,8 @@ def _in_words(found: Plan, unit: str) -> str:
         advice = f"  \nTry {found.advice}." if found.advice else ""
         return f"**{found.status[:1].upper()}{found.status[1:]}.**{advice}"
     proof = "certified: every edge is proven free" if found.certified else "not certified"
-    room = "" if math.isnan(found.clearance) else f", clearance at least {found.clearance:.3f} m"
+    name, far = found.room
+    room = "" if math.isnan(far) else f", {name.replace('_', ' ')} at least {far:.3f} m"
     seconds = found.times.planning + found.times.simplification
     took = f"{1e3 * seconds:.3g} ms" if seconds < 1.0 else f"{seconds:.3g} s"
     words = f"**{found.status[:1].upper()}{found.status[1:]}**, {proof}."

@@ -265,7 +265,7 @@ def test_plan_and_plot(room: Path, file: str) -> None:
     axes["free.zarr"] = "x,y,z,qx,qy,qz,qw"
     assert Path("path.csv").read_text().splitlines()[0] == axes[file]
     assert json.loads(Path("path.json").read_text())["path"] == told["path"]
-    assert list(told["seconds"]) == ["read", "set_up", "plan", "check", "write", "draw"]
+    assert list(told["seconds"]) == ["read", "set_up", "plan", "check", "measure", "write", "draw"]
     for path in ("path.csv", "path.json"):
         assert document("plot", file, "--path", path, "-o", f"{path}.png", "--dpi", 50)["picture"] == f"{path}.png"
     assert Path("path.csv.png").read_bytes() == Path("path.json.png").read_bytes()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import csv
 import dataclasses
 import itertools
@@ -144,7 +145,8 @@ def test_the_distance_from_obstacles_is_that_of_their_shapes_as_they_are_now() -
     found = planners.plan(space, (1.0, 3.6), (7.0, 3.6))
     least = float(shapely.box(0.5, 3.4, 7.5, 3.8).distance(pillar))
     assert least - 0.025 - 1e-6 <= found.obstacle_distance <= least
-    assert f"clearance {found.clearance:.3f} m, from obstacles {found.obstacle_distance:.3f} m" in repr(found)
+    assert found.room == ("obstacle_distance", found.obstacle_distance)
+    assert f" m, obstacle distance {found.obstacle_distance:.3f} m\n" in repr(found)
     assert planners.plan(space, (1.0, 3.6), (1.0, 3.6)).obstacle_distance > 2.0
     space.place("ball", shapely.Point(4.0, 4.35).buffer(0.2))
     assert found.obstacle_distance == pytest.approx(0.35, abs=0.03)
@@ -152,8 +154,34 @@ def test_the_distance_from_obstacles_is_that_of_their_shapes_as_they_are_now() -
     assert found.obstacle_distance == 0.0
     space.remove("ball")
     assert found.obstacle_distance == pytest.approx(least, abs=0.03)
-    assert math.isnan(pickle.loads(pickle.dumps(found)).obstacle_distance)
     assert planners.plan(open_map("plane"), (2, 2), (5, 5)).obstacle_distance == math.inf
+
+
+def test_room_is_that_of_the_map_as_it_is_and_goes_along_with_a_pickle() -> None:
+    space = build(Workspace.from_array(np.zeros((80, 80), dtype=bool), 0.1), Robot.disc(0.2), outside="free")
+    found = planners.plan(space, (1.0, 4.0), (7.0, 4.0))
+    before = pickle.loads(pickle.dumps(found))
+    assert before.clearance == before.obstacle_distance == math.inf
+    space.place("ball", shapely.Point(4.0, 5.2).buffer(0.3))
+    assert 0.4 < found.clearance < found.obstacle_distance < 0.7
+    for again in (
+        pickle.loads(pickle.dumps(found)),
+        copy.deepcopy(found),
+        pickle.loads(pickle.dumps(copy.copy(found))),
+    ):
+        assert again.space is None and repr(again) == repr(found)
+        assert (again.clearance, again.obstacle_distance) == (found.clearance, found.obstacle_distance)
+    space.place("ball", shapely.Point(4.0, 4.2).buffer(0.3))
+    assert found.clearance == found.obstacle_distance == 0.0 and before.clearance == math.inf
+
+
+def test_where_no_geometry_can_be_asked_the_room_is_that_of_the_map(tmp_path: Path) -> None:
+    occupied = np.zeros((60, 60), dtype=bool)
+    occupied[:20, 30] = True
+    tiled = build(Workspace.from_array(occupied, 0.1), Robot.disc(0.2), store=tmp_path / "map", tile=30)
+    found = planners.plan(tiled, (1.0, 1.0), (1.0, 5.0))
+    assert math.isnan(found.obstacle_distance) and found.room == ("clearance", found.clearance)
+    assert f" m, clearance {found.clearance:.3f} m\n" in repr(found)
 
 
 # ---- what it says ----------------------------------------------------------------------------------------------------
@@ -193,10 +221,9 @@ def test_a_path_is_read_back_from_csv_to_the_last_bit(found: planners.Plan, tmp_
 def test_a_plan_is_read_back_from_json(found: planners.Plan, tmp_path: Path) -> None:
     found.to_json(tmp_path / "plan.json")
     record = json.loads((tmp_path / "plan.json").read_text())
-    assert set(record) == {field.name for field in dataclasses.fields(planners.Plan)} - {"space"} | {
-        "obstacle_distance"
-    }
-    assert record.pop("obstacle_distance") == found.obstacle_distance
+    names = {field.name for field in dataclasses.fields(planners.Plan) if not field.name.startswith("_")}
+    assert set(record) == names - {"space"} | {"clearance", "obstacle_distance"}
+    assert (record.pop("clearance"), record.pop("obstacle_distance")) == (found.clearance, found.obstacle_distance)
     times = planners.Times(**record.pop("times"))
     arrays = {name: np.array(record.pop(name)) for name in ("path", "waypoints")}
     direction, axes, units = record.pop("direction"), tuple(record.pop("axes")), tuple(record.pop("units"))
