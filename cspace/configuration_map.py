@@ -194,7 +194,7 @@ class ConfigurationMap(ConfigurationSpace):
         """What tells the clearance of configurations."""
 
     def _frees(self, exact: bool) -> Ask:
-        return in_pieces(self._exact.points()) if exact else partial(_are_free, self._classify())
+        return in_pieces(self._exact.points) if exact else partial(_are_free, self._classify())
 
     def _known(self, q0: Floats, q1: Floats) -> bool | None:
         known: bool | None = self.path_exists(q0, q1)

@@ -350,9 +350,8 @@ class CSpace(ConfigurationMap):
         """
         from cspace.map import callbacks
 
-        if exact:
-            return self._exact.edge_checker()
-        return self._edge_checker.get(lambda: callbacks.edge_checker(self._map, self.dof))
+        quick = self._edge_checker.get(lambda: callbacks.edge_checker(self._map, self.dof))
+        return self._exact.edge_checker(quick) if exact else quick
 
     def clearance_checker(self) -> Callable[..., float]:
         """A quick ``clearance`` of floats.
@@ -1020,7 +1019,7 @@ class CSpace(ConfigurationMap):
         from cspace.map.mip import CELLS_AN_EDGE
 
         if exact:
-            return in_pieces(self._exact.edges(), EDGES_A_THREAD)
+            return in_pieces(self._exact.edges, EDGES_A_THREAD)
         blocks = NO_BLOCKS
         if self._mip.made is not None or number * CELLS_AN_EDGE >= self._seen.size:
             blocks = self._marks(cells=False).blocks

@@ -19,29 +19,24 @@ from cspace.shapes.bodies import least_joined
 from cspace.workspace import Workspace
 
 Floats = NDArray[np.float64]
-Kernel = Callable[..., int]
+Bools = NDArray[np.bool_]
 
 CUT_ERROR: Final = 2.0**-48
 """Rounding of a border that is cut, relative to its coordinates."""
 
 
 class Proofs(Protocol):
-    """Proofs for one robot among the obstacles of one workspace.
+    """Proofs for one robot among the obstacles of one workspace, of what the cells of the map leave open.
 
-    ``point(*q)`` and ``edge(*q0, *q1)`` are zero or above where all is free, and below it elsewhere: how many distances
-    that took, or -1 less that number. ``points(q, out)`` and ``edges(q0, q1, out)`` tell whether, for shapes (n, dof).
+    ``edge(*q0, *q1)`` tells whether all of an edge is free, and ``are_free(q0, q1)`` whether each of many is, for
+    shapes (n, dof); an edge that ends where it starts is a point.
     ``spare(points, lengths, turns)``: by how much the robot is farther from obstacles than it has to be, metres, on
     pieces of a path that is free, by their middles, shape (n, dof), how far they lead and how much they turn; or zero.
     """
 
     @property
-    def point(self) -> Callable[..., int]: ...
-    @property
-    def edge(self) -> Callable[..., int]: ...
-    @property
-    def points(self) -> Kernel: ...
-    @property
-    def edges(self) -> Kernel: ...
+    def edge(self) -> Callable[..., bool]: ...
+    def are_free(self, q0: Floats, q1: Floats) -> Bools: ...
     def spare(self, points: Floats, lengths: Floats, turns: Floats) -> float: ...
 
 

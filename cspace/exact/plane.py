@@ -1,27 +1,34 @@
-"""Compiled proofs in the plane, of configurations and of motions, where the map cannot decide."""
+"""Proofs in the plane, of configurations and of motions, where the map cannot decide."""
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Callable
+from functools import cached_property
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.compiling import inner, jit, reader
+from cspace.compiling import inner, jit, reader, row_entry
 from cspace.exact import ADVANCE, MOST_DISTANCES, ROUNDING, SHORTEST
+from cspace.exact.boundaries import Problem, anchors_of, joined, obstacle_border
 from cspace.exact.segments import Border, Outline, Scene, gap, is_nested, place
 from cspace.grid import MAX_COORDINATE
 from cspace.map import turning
 from cspace.map.edges import NO_BLOCKS, along, edge_is_free
-from cspace.map.points import Numbers, configuration, halves, is_usable, state_at
+from cspace.map.points import Numbers, configuration, halves, state_at
 from cspace.map.record import Map
+from cspace.shapes import Pieces, Shape
 from cspace.states import BLOCKED, FREE
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-SLIDE = 4.0
+BIN: Final = 4
+"""Side of a bin of border segments, in cells."""
+
+SLIDE: Final = 4.0
 """Length of a sweep, in shortest walks: longer ones meet many segments, of which few come near."""
 
 
@@ -33,6 +40,29 @@ class World(NamedTuple):
     outline: Outline
 
 
+class PlaneProofs:
+    """Proofs for one robot among the obstacles of one workspace; what is asked is compiled when it is first asked."""
+
+    def __init__(self, problem: Problem) -> None:
+        self._world = World(problem.map, _scene(problem), _outline(problem.robot.shape))
+        self._dof = problem.dof
+
+    @cached_property
+    def edge(self) -> Callable[..., bool]:
+        ask = row_entry(ask_edge, self._world, 2 * self._dof)
+        return lambda *ends: ask(ends)
+
+    def are_free(self, q0: Floats, q1: Floats) -> Bools:
+        out = np.empty(len(q0), dtype=np.bool_)
+        ask_edges(self._world, q0, q1, out)
+        return out
+
+    def spare(self, points: Floats, lengths: Floats, turns: Floats) -> float:
+        scene, outline = self._world.scene, self._world.outline
+        rows = np.empty((len(outline.segments), 8))
+        return float(least_spare(scene.border, outline, rows, points, lengths, turns))
+
+
 @inner(forceinline=True)
 def yaw_of(q: Numbers) -> float:
     """The yaw of a configuration, zero where the robot does not turn."""
@@ -42,12 +72,6 @@ def yaw_of(q: Numbers) -> float:
     return yaw
 
 
-@jit
-def ask_point(world: World, q: Numbers) -> int:
-    """Whether a configuration is free: how many distances that took, zero or above; or -1 less that number."""
-    return _ask_point(world, room_for(world.outline), q)
-
-
 @inner(_nrt=True)
 def room_for(outline: Outline) -> Floats:
     """Room for the segments of the placed robot; threads that shared it would spoil each other's."""
@@ -55,23 +79,8 @@ def room_for(outline: Outline) -> Floats:
 
 
 @inner
-def _ask_point(world: World, rows: Floats, q: Numbers) -> int:
-    state = state_at(world.map, q)
-    if state == FREE:
-        return 0
-    if state == BLOCKED:
-        return -1
-    scene, border, outline = world.scene, world.scene.border, world.outline
-    placed = place(outline, rows, q[0], q[1], yaw_of(q), (0.0, 0.0))
-    least = border.least + ROUNDING * (abs(q[0]) + abs(q[1]))
-    if gap(border, outline, placed, least, border.reach) <= least or is_nested(scene, outline, placed):
-        return -2
-    return 1
-
-
-@inner
-def _ask_way(world: World, rows: Floats, q0: Numbers, q1: Numbers, way: int) -> int:
-    """As :func:`ask_point`, for all configurations on one of the shortest ways from one to another.
+def way_is_clear(world: World, rows: Floats, q0: Numbers, q1: Numbers, way: int) -> bool:
+    """Whether all configurations on one of the shortest ways from one to another are free.
 
     FREE cells are walked without asking for distances. Elsewhere, a way without a turn is proven by distances from
     what the border sweeps; one with a turn by conservative advancement: a point of the robot moves by at most ``speed``
@@ -81,7 +90,7 @@ def _ask_way(world: World, rows: Floats, q0: Numbers, q1: Numbers, way: int) -> 
     dx, dy, angle = q1[0] - q0[0], q1[1] - q0[1], turning.turn_of(space.rotations, q0, q1, way)[0]
     size = abs(q0[0]) + abs(q0[1]) + abs(q1[0]) + abs(q1[1])
     if not size <= 2.0 * MAX_COORDINATE * space.spacing:
-        return -1
+        return False
     least = border.least + ROUNDING * size
     speed = math.hypot(dx, dy) + outline.rho * angle
     walk = shortest_walk = 4.0 * space.spacing / speed if speed > 0.0 else 1.0
@@ -93,30 +102,30 @@ def _ask_way(world: World, rows: Floats, q0: Numbers, q1: Numbers, way: int) -> 
         q = along(space, q0, q1, way, at)
         state = state_at(space, q)
         if state == BLOCKED:
-            return -1 - asked
+            return False
         if state == FREE:
             # Walks grow as long as they succeed, so that a long way through FREE cells is few calls.
             stop = min(max(at, proven + walk), 1.0)
             if edge_is_free(space, NO_BLOCKS, along(space, q0, q1, way, proven), along(space, q0, q1, way, stop)):
                 if stop == 1.0:
-                    return asked
+                    return True
                 proven, leap, walk = stop, 0.0, 2.0 * walk
                 continue
             walk = max(0.5 * walk, shortest_walk)
         if asked == MOST_DISTANCES:
-            return -1 - asked
+            return False
         asked += 1
         stop = min(at + SLIDE * shortest_walk, 1.0) if slides else at
         placed = place(outline, rows, q[0], q[1], yaw_of(q), ((stop - at) * dx, (stop - at) * dy))
         spare = gap(border, outline, placed, least, border.reach) - least
         if spare <= 0.0:
-            return -1 - asked
+            return False
         # As long as no borders meet, whether one lies within the other stays as it is.
         if asked == 1 and is_nested(scene, outline, placed):
-            return -1 - asked
+            return False
         if slides:
             if stop == 1.0:
-                return asked
+                return True
             proven = stop
             continue
         part = ADVANCE * spare / speed
@@ -124,54 +133,35 @@ def _ask_way(world: World, rows: Floats, q0: Numbers, q1: Numbers, way: int) -> 
             leap = 0.0
             continue
         if at + part >= 1.0:
-            return asked
+            return True
         if part < SHORTEST:
-            return -1 - asked
+            return False
         proven, leap = at + part, 0.9 * part
 
 
-@jit
-def ask_edge(world: World, both: Numbers) -> int:
-    """As :func:`ask_point`, for an edge by its ends in a row; where two ways are equally long, both are proven."""
-    q0, q1 = halves(world.map, both)
-    return _ask_edge(world, room_for(world.outline), q0, q1)
-
-
 @inner
-def _ask_edge(world: World, rows: Floats, q0: Numbers, q1: Numbers) -> int:
-    asked = 0
-    if edge_is_free(world.map, NO_BLOCKS, q0, q1):
-        return asked
+def edge_is_clear(world: World, rows: Floats, q0: Numbers, q1: Numbers) -> bool:
+    """Whether all configurations of an edge are free; where two ways are equally long, those of both."""
+    clear = True
     for way in range(turning.arc_count(world.map.rotations, q0, q1)):
-        more = _ask_way(world, rows, q0, q1, way)
-        if more < 0:
-            return more - asked
-        asked += more
-    return asked
+        clear = clear and way_is_clear(world, rows, q0, q1, way)
+    return clear
 
 
 @jit
-def ask_points(world: World, points: Floats, out: Bools) -> int:
-    """Whether points, shape (n, dof), are free; the index of the first one that is not usable, or -1."""
-    rows = room_for(world.outline)
-    for k in range(points.shape[0]):
-        q = configuration(world.map, points, k)
-        if not is_usable(world.map, q):
-            return k
-        out[k] = _ask_point(world, rows, q) >= 0
-    return -1
+def ask_edge(world: World, both: Numbers) -> bool:
+    """Whether an edge, by its ends in a row, is free."""
+    q0, q1 = halves(world.map, both)
+    return bool(edge_is_clear(world, room_for(world.outline), q0, q1))
 
 
 @jit
-def ask_edges(world: World, starts: Floats, ends: Floats, out: Bools) -> int:
-    """The same of edges, shapes (n, dof)."""
+def ask_edges(world: World, starts: Floats, ends: Floats, out: Bools) -> None:
+    """Whether edges, shapes (n, dof), are free."""
     rows = room_for(world.outline)
     for k in range(starts.shape[0]):
         q0, q1 = configuration(world.map, starts, k), configuration(world.map, ends, k)
-        if not (is_usable(world.map, q0) and is_usable(world.map, q1)):
-            return k
-        out[k] = _ask_edge(world, rows, q0, q1) >= 0
-    return -1
+        out[k] = edge_is_clear(world, rows, q0, q1)
 
 
 @reader
@@ -193,3 +183,61 @@ def least_spare(
         if best <= 0.0:
             return 0.0
     return best
+
+
+def _outline(shape: Shape) -> Outline:
+    """The robot's border: the segments of its regions, or the middles of its discs, each grown by a radius."""
+    whole, parts = shape.boundary(), shape.regions
+    border, ends = joined([whole], 2, 2), np.cumsum([len(part) for part in parts], dtype=np.int64)
+    rho = float(np.hypot(*border.simplices.reshape(-1, 2).T).max())
+    return Outline(border.simplices.reshape(-1, 4), border.radii, anchors_of(whole)[0], ends, rho)
+
+
+def _scene(problem: Problem) -> Scene:
+    """The obstacles of a workspace: their border, and the polygons that they fill."""
+    workspace, grid = problem.workspace, problem.workspace.grid
+    obstacles = obstacle_border(workspace, walled=problem.walled)
+    side = BIN * grid.spacing
+    segments, radii = _cut(joined(obstacles.pieces, 2, 2), side)
+    columns, rows = (-(-n // BIN) for n in grid.shape)
+    middles = (segments[:, :2] + segments[:, 2:]) / 2.0
+    bins = np.clip(np.floor((middles - grid.lower) / side).astype(np.int64), 0, (columns - 1, rows - 1))
+    numbers = bins[:, 0] * rows + bins[:, 1]
+    order = np.argsort(numbers, kind="stable")
+    solids = [outline for shape in workspace.obstacles for outline in shape.regions]
+    corners = [solid.reshape(-1, 2) for solid in solids]
+    starts = np.concatenate([[0], np.cumsum(np.bincount(numbers, minlength=columns * rows))]).astype(np.int64)
+    border = Border(
+        lower=grid.lower,
+        upper=grid.upper,
+        segments=segments[order],
+        radii=radii[order],
+        widest=float(radii.max(initial=0.0)),
+        starts=starts,
+        columns=columns,
+        rows=rows,
+        side=side,
+        walled=problem.walled,
+        least=problem.least + obstacles.error,
+        reach=side,
+    )
+    return Scene(
+        border=border,
+        spacing=grid.spacing,
+        outer=workspace.outer,
+        inner=workspace.inner if workspace.shapes else workspace.outer,
+        solids=np.concatenate([*solids, np.empty((0, 4))]),
+        ends=np.cumsum([len(solid) for solid in solids], dtype=np.int64),
+        hulls=np.array([[*points.min(axis=0), *points.max(axis=0)] for points in corners]).reshape(-1, 4),
+    )
+
+
+def _cut(border: Pieces, longest: float) -> tuple[Floats, Floats]:
+    """Segments cut into equal ones, none longer than ``longest``, shape (n, 4), and their radii."""
+    starts, steps = border.simplices[:, 0], border.simplices[:, 1] - border.simplices[:, 0]
+    pieces = np.maximum(np.ceil(np.hypot(steps[:, 0], steps[:, 1]) / longest).astype(np.int64), 1)
+    whole = np.repeat(np.arange(len(starts)), pieces)
+    number = np.arange(len(whole)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+    share = np.stack([number, number + 1], axis=1) / pieces[whole, None]
+    ends = starts[whole, None] + steps[whole, None] * share[..., None]
+    return ends.reshape(-1, 4), border.radii[whole]

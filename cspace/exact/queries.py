@@ -9,15 +9,20 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.exact.boundaries import Kernel, Problem, Proofs
+from cspace.exact.boundaries import Problem, Proofs
 from cspace.map.batches import own
+from cspace.map.edges import NO_BLOCKS, edges_are_free
+from cspace.map.points import classify
+from cspace.states import FREE, MIXED
 from cspace.workspace import Workspace
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
 
 
 def _in_plane(problem: Problem) -> Proofs:
-    from cspace.exact.outlines import PlaneProofs
+    from cspace.exact.plane import PlaneProofs
 
     return PlaneProofs(problem)
 
@@ -37,20 +42,29 @@ def proofs_by_borders(problem: Problem) -> Proofs:
 
 
 class Exact:
-    """Exact look-ups of a map; each kernel takes arrays of shape (n, dof) and fills one of shape (n,)."""
+    """Exact look-ups of a map: its cells answer where they decide, and proofs are asked of what they leave open."""
 
     def __init__(self, problem: Problem) -> None:
         self._problem = problem
         self._proofs: Proofs | None = None
         self._lock = threading.RLock()
 
-    def points(self) -> Kernel:
-        """Kernel of points: whether they are free."""
-        return self._made().points
+    def points(self, q: Floats, out: Bools) -> int:
+        """Kernel of points, shape (n, dof): whether they are free."""
+        proofs, states = self._made(), np.empty(len(q), dtype=np.uint8)
+        bad = classify(self._problem.map, q, states)
+        if bad < 0:
+            np.equal(states, FREE, out=out)
+            _prove(proofs, np.flatnonzero(states == MIXED), q, q, out)
+        return bad
 
-    def edges(self) -> Kernel:
-        """Kernel of edges, along the shorter arc: whether they are free."""
-        return self._made().edges
+    def edges(self, q0: Floats, q1: Floats, out: Bools) -> int:
+        """Kernel of edges, shapes (n, dof), along the shorter arc: whether they are free."""
+        proofs = self._made()
+        bad = edges_are_free(self._problem.map, NO_BLOCKS, q0, q1, out)
+        if bad < 0:
+            _prove(proofs, np.flatnonzero(~out), q0, q1, out)
+        return bad
 
     def distance(self, points: Floats, lengths: Floats, turns: Floats) -> float:
         """Lower bound, proven, of the distance between robot and obstacles on a path that is free, metres.
@@ -64,20 +78,12 @@ class Exact:
     def point_checker(self, quick: Callable[..., bool]) -> Callable[..., bool]:
         """``check(*q)``; ``quick`` tells whether a point is FREE."""
         self._made()
+        return lambda *q: quick(*q) or self._made().edge(*q, *q)
 
-        def check(*q: float) -> bool:
-            return quick(*q) or self._made().point(*q) >= 0
-
-        return check
-
-    def edge_checker(self) -> Callable[..., bool]:
-        """``check(*q0, *q1)``: whether an edge is free."""
+    def edge_checker(self, quick: Callable[..., bool]) -> Callable[..., bool]:
+        """``check(*q0, *q1)``; ``quick`` tells whether an edge leads through FREE cells."""
         self._made()
-
-        def check(*ends: float) -> bool:
-            return self._made().edge(*ends) >= 0
-
-        return check
+        return lambda *ends: quick(*ends) or self._made().edge(*ends)
 
     def renew(self, workspace: Workspace) -> None:
         """Ask the obstacles as they are now; checkers that were handed out do so from their next call on."""
@@ -93,3 +99,10 @@ class Exact:
                     self._proofs = (self._problem.prove or proofs_by_borders)(self._problem)
                 proofs = self._proofs
         return proofs
+
+
+def _prove(proofs: Proofs, left: Ints, q0: Floats, q1: Floats, out: Bools) -> None:
+    """Fill ``out`` for some of the edges, those that the cells leave open."""
+    if len(left):
+        starts = q0[left]
+        out[left] = proofs.are_free(starts, starts if q1 is q0 else q1[left])

@@ -17,7 +17,7 @@ from cspace.exact.triangles import DEPTH, Motion, Node, Trees, dot, minus, place
 from cspace.grid import MAX_COORDINATE
 from cspace.map import turning
 from cspace.map.edges import NO_BLOCKS, along, edge_is_free
-from cspace.map.points import Numbers, classify, configuration, halves, is_usable, state_at
+from cspace.map.points import Numbers, configuration, halves, state_at
 from cspace.map.record import Map
 from cspace.map.turning import Matrix, Row
 from cspace.rotations import YawCells
@@ -28,9 +28,7 @@ from cspace.threads import in_chunks
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
-
-DOUBT: Final = 1 << 40
-"""Added to the number of distances of what is free unless one side lies within the other."""
+States = NDArray[np.uint8]
 
 SLIDE: Final = 2.0
 """Longest part of an edge that one distance is to prove, in cells: longer ones take a search far and wide."""
@@ -146,60 +144,41 @@ class SolidProofs:
         self._dof = problem.dof
 
     @cached_property
-    def point(self) -> Callable[..., int]:
-        edge = self.edge
-        return lambda *q: edge(*q, *q)
-
-    @cached_property
-    def edge(self) -> Callable[..., int]:
+    def edge(self) -> Callable[..., bool]:
         dof = self._dof
-        ask = row_entry(ask_one, self._world, 2 * dof)
+        ask = row_entry(ask_edge, self._world, 2 * dof)
 
-        def edge(*ends: float) -> int:
-            asked: int = ask(ends)
-            return asked if asked < DOUBT else self._resolved(asked, np.array(ends[:dof]))
+        def edge(*ends: float) -> bool:
+            state = ask(ends)
+            return state == FREE or (state == MIXED and not self._is_nested(np.array(ends[:dof])))
 
         return edge
 
-    def points(self, points: Floats, out: Bools) -> int:
-        """Whether points, shape (n, dof), are free; the index of the first one that is not usable, or -1."""
-        states = np.empty(len(points), dtype=np.uint8)
-        bad: int = classify(self._world.map, points, states)
-        if bad < 0:
-            asked = np.flatnonzero(states == MIXED)
-            answers = np.empty(len(asked), dtype=np.bool_)
-            self.edges(points[asked], points[asked], answers)
-            out[...] = states == FREE
-            out[asked] = answers
-        return bad
-
-    def edges(self, starts: Floats, ends: Floats, out: Bools) -> int:
-        """The same of edges, shapes (n, dof)."""
-        asked = np.empty(len(starts), dtype=np.int64)
+    def are_free(self, q0: Floats, q1: Floats) -> Bools:
+        states = np.empty(len(q0), dtype=np.uint8)
 
         def work(first: int, last: int) -> int:
-            return int(ask_edges(self._world, starts[first:last], ends[first:last], asked[first:last]))
+            ask_edges(self._world, q0[first:last], q1[first:last], states[first:last])
+            return -1
 
-        bad = in_chunks(work, len(starts), THREAD)
-        if bad < 0:
-            for k in np.flatnonzero(asked >= DOUBT).tolist():
-                asked[k] = self._resolved(int(asked[k]), starts[k])
-            out[...] = asked >= 0
-        return bad
+        in_chunks(work, len(q0), THREAD)
+        free: Bools = states == FREE
+        for k in np.flatnonzero(states == MIXED).tolist():
+            free[k] = not self._is_nested(q0[k])
+        return free
 
     def spare(self, points: Floats, lengths: Floats, turns: Floats) -> float:
         return float(least_spare(self._world, points, lengths, turns))
 
-    def _resolved(self, asked: int, q: Floats) -> int:
-        """What is in doubt, decided: whether a part of one side lies in the other, where no borders meet."""
-        nesting, number = self._world.nesting, asked % DOUBT
-        turn = np.array(matrix_at(self._world.map, q[None]))
+    def _is_nested(self, q: Floats) -> bool:
+        """Whether a part of one side lies in the other, where no borders meet and compiled code cannot tell."""
+        nesting, turn = self._world.nesting, np.array(matrix_at(self._world.map, q[None]))
         anchors = self._anchors @ turn.T + q[:3]
         if any(np.any(part.contains(anchors)) for part in self._shapes):
-            return -1 - number
+            return True
         near = (nesting.anchors - q[:3]) @ turn
         near = near[((near >= nesting.low) & (near <= nesting.high)).all(axis=1)]
-        return -1 - number if len(near) and np.any(self._robot.contains(near)) else number
+        return bool(len(near) and np.any(self._robot.contains(near)))
 
 
 class Work(NamedTuple):
@@ -211,45 +190,37 @@ class Work(NamedTuple):
 
 
 @jit
-def ask_edges(world: World, starts: Floats, ends: Floats, out: Ints) -> int:
-    """:func:`ask_edge` of edges, shapes (n, dof); the index of the first one that is not usable, or -1."""
+def ask_edges(world: World, starts: Floats, ends: Floats, out: States) -> None:
+    """:func:`edge_state` of edges, shapes (n, dof)."""
     work = Work(np.empty((WAITING, 2)), np.empty((DEPTH, 6), np.int64), np.empty((DEPTH, 6), np.int64))
     for k in range(starts.shape[0]):
         q0, q1 = configuration(world.map, starts, k), configuration(world.map, ends, k)
-        if not (is_usable(world.map, q0) and is_usable(world.map, q1)):
-            return k
-        out[k] = ask_edge(world, q0, q1, work)
-    return -1
+        out[k] = edge_state(world, q0, q1, work)
 
 
 @jit
-def ask_one(world: World, both: Numbers) -> int:
-    """:func:`ask_edge` of an edge, by its ends in a row."""
+def ask_edge(world: World, both: Numbers) -> int:
+    """:func:`edge_state` of an edge, by its ends in a row."""
     q0, q1 = halves(world.map, both)
     work = Work(np.empty((WAITING, 2)), np.empty((DEPTH, 6), np.int64), np.empty((DEPTH, 6), np.int64))
-    return ask_edge(world, q0, q1, work)
+    return edge_state(world, q0, q1, work)
 
 
 @inner
-def ask_edge(world: World, q0: Numbers, q1: Numbers, work: Work) -> int:
-    """Whether all configurations of an edge are free: how many distances that took, zero or above; or -1 less that.
+def edge_state(world: World, q0: Numbers, q1: Numbers, work: Work) -> int:
+    """FREE where all configurations of an edge are free, and BLOCKED where that is not proven.
 
-    DOUBT is added where they are if neither the robot nor an obstacle lies in the other at the first of them. An edge
-    that ends where it starts is a point. Where two ways are equally long but for rounding, both are proven.
+    MIXED where they are free if neither the robot nor an obstacle lies in the other at the first of them. An edge that
+    ends where it starts is a point. Where two ways are equally long but for rounding, both are proven.
     """
-    asked = 0
-    if edge_is_free(world.map, NO_BLOCKS, q0, q1):
-        return asked
+    state = FREE
     for way in range(turning.arc_count(world.map.rotations, q0, q1)):
-        more = ask_way(world, q0, q1, way, work)
-        if more < 0:
-            return more - asked % DOUBT
-        asked += more
-    return asked
+        state = max(state, way_state(world, q0, q1, way, work)) if state != BLOCKED else BLOCKED
+    return state
 
 
 @inner
-def ask_way(world: World, q0: Numbers, q1: Numbers, way: int, work: Work) -> int:
+def way_state(world: World, q0: Numbers, q1: Numbers, way: int, work: Work) -> int:
     """The same of one way.
 
     Parts are proven by the map, or by how far apart all is in their middle, which may leave something on either side.
@@ -259,7 +230,7 @@ def ask_way(world: World, q0: Numbers, q1: Numbers, way: int, work: Work) -> int
     for axis in range(3):
         size += abs(q0[axis]) + abs(q1[axis])
     if not size <= 2.0 * MAX_COORDINATE * map_.spacing:
-        return -1
+        return BLOCKED
     angle, jump = turning.turn_of(map_.rotations, q0, q1, way)
     step = (scale * (q1[0] - q0[0]), scale * (q1[1] - q0[1]), scale * (q1[2] - q0[2]))
     least, spacing = world.least + 2.0 * ROUNDING * scale * size + jump * world.rho, scale * map_.spacing
@@ -267,7 +238,7 @@ def ask_way(world: World, q0: Numbers, q1: Numbers, way: int, work: Work) -> int
     # At their ends most of a planner's edges collide; of a point that is all.
     parts[0, 0], parts[0, 1], parts[1, 0], parts[1, 1] = 1.0, 1.0, 0.0, 1.0
     work.obstacles[0, 0] = work.walls[0, 0] = -1
-    head, waiting, asked, doubt = 0, 2 if speed > 0.0 else 1, 0, 0
+    head, waiting, asked, nested = 0, 2 if speed > 0.0 else 1, 0, FREE
     while waiting > 0:
         waiting -= 1
         # Now from here, now from there: of neighbours mostly both collide, or neither. Where room gets scarce the
@@ -291,7 +262,7 @@ def ask_way(world: World, q0: Numbers, q1: Numbers, way: int, work: Work) -> int
         if state == FREE and reach == 0.0:
             continue
         if state == BLOCKED or asked == MOST_DISTANCES:
-            return -1 - asked
+            return BLOCKED
         if reach <= (spacing if state == FREE else SLIDE * spacing):
             place = (scale * q[0], scale * q[1], scale * q[2])
             motion = Motion(turning.matrix_of(map_.rotations, q), place, step, angle, least, 0.0)
@@ -300,23 +271,22 @@ def ask_way(world: World, q0: Numbers, q1: Numbers, way: int, work: Work) -> int
                 part = share_apart(world.trees, world.robot, world.obstacles, motion, part, work.obstacles)
             asked += 1
             if part < 0.0:
-                return -1 - asked
+                return BLOCKED
             # As long as no borders meet, whether one lies within the other stays as it is.
             if asked == 1:
                 nested = nested_at(world.nesting, map_, q, motion.matrix)
                 if nested == BLOCKED:
-                    return -1 - asked
-                doubt = DOUBT if nested == MIXED else 0
+                    return BLOCKED
             part *= ADVANCE
             if part < min(half, SHORTEST):
-                return -1 - asked
+                return BLOCKED
         if part < half:
             row = (head + waiting) % WAITING
             parts[row, 0], parts[row, 1] = first, middle - part
             row = (row + 1) % WAITING
             parts[row, 0], parts[row, 1] = middle + part, last
             waiting += 2
-    return asked + doubt
+    return nested
 
 
 @jit
