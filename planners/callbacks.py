@@ -38,7 +38,7 @@ class StateValidityChecker(ob.StateValidityChecker):
         super().__init__(si)
         self._kind = kind_of(space)
         self._space = space
-        self._ask_map = self._kind.of_state(space.point_checker(exact=exact))
+        self._query_map = self._kind.of_state(space.point_checker(exact=exact))
         self._clearance: Callable[[ob.State], float] | None = None
         self.answer_with(None)
 
@@ -55,7 +55,7 @@ class StateValidityChecker(ob.StateValidityChecker):
 
     def answer_with(self, answer: Callable[[ob.State], bool] | None) -> None:
         """Answer by a function from now on, or by the map again; so a plan that is out of time ends a search."""
-        self._is_free = answer or self._ask_map
+        self._is_free = answer or self._query_map
         if type(self) is StateValidityChecker:  # OMPL then asks the function itself, a tenth quicker
             self.__dict__["isValid"] = self._is_free
 
@@ -100,10 +100,10 @@ class MotionValidator(ob.MotionValidator):
     ...     si = ob.SpaceInformation(planners.state_space(space))
     ...     si.setStateValidityChecker(planners.StateValidityChecker(si, space))
     ...     si.setMotionValidator(planners.MotionValidator(si, space))
-    ...     ends = si.allocState(), si.allocState()
-    ...     for state, q in zip(ends, (q0, q1)):
+    ...     endpoints = si.allocState(), si.allocState()
+    ...     for state, q in zip(endpoints, (q0, q1)):
     ...         state[0], state[1] = q
-    ...     return si.checkMotion(*ends)
+    ...     return si.checkMotion(*endpoints)
     >>> is_free(space, (1.0, 1.0), (3.0, 2.0)), is_free(space, (1.0, 1.0), (3.95, 2.0))
     (True, False)
     """
@@ -122,7 +122,7 @@ class MotionValidator(ob.MotionValidator):
         check_information(si, space)
         super().__init__(si)
         edges = local_planner(space, exact, drive, turning_radius, both_ways)
-        self._ask_map = edges.motion_checker()
+        self._query_map = edges.motion_checker()
         self.answer_with(None)
 
     def checkMotion(self, first: ob.State, second: ob.State) -> bool:  # noqa: N802 - OMPL's name
@@ -131,7 +131,7 @@ class MotionValidator(ob.MotionValidator):
 
     def answer_with(self, answer: Callable[[ob.State, ob.State], bool] | None) -> None:
         """Answer by a function from now on, or by the map again; so a plan that is out of time ends a search."""
-        self._is_free = answer or self._ask_map
+        self._is_free = answer or self._query_map
         if type(self) is MotionValidator:  # OMPL then asks the function itself, a tenth quicker
             self.__dict__["checkMotion"] = self._is_free
 

@@ -70,8 +70,8 @@ def prover(space: CSpace, kind: int, radius: float) -> Callable[..., float]:
 def cost(space: CSpace, kind: int, radius: float, field: Field, law: Law) -> Callable[..., float]:
     """:func:`curve_cost` of the floats of two configurations."""
     fixed = (space._map, field, law, (kind, radius))
-    ask = entry(curve_cost, (*fixed, (0.0,) * 6), 0).func  # type: ignore[attr-defined]
-    return lambda *ends: ask(*fixed, ends)
+    query = entry(curve_cost, (*fixed, (0.0,) * 6), 0).func  # type: ignore[attr-defined]
+    return lambda *endpoints: query(*fixed, endpoints)
 
 
 @jit
@@ -111,9 +111,9 @@ def proven_length(
 
 @jit
 def curve_cost(map_: Map, field: Field, law: Law, curve: tuple[int, float], both: tuple[float, ...]) -> float:
-    """Cost of the shortest curve, of a kind and a turning radius, by its ends in a row.
+    """Cost of the shortest curve between two configurations, given one after the other in ``both``.
 
-    It is that of the middles of its steps, of at most a cell and 5 degrees.
+    The integral takes the middles of steps of at most one cell and 5 degrees.
     """
     (kind, radius), (x0, y0, yaw0, x1, y1, yaw1) = curve, both
     turns, lengths, _ = shortest(kind, radius, (x0, y0, yaw0), (x1, y1, yaw1))
@@ -196,16 +196,16 @@ def swaps(kind: int, q0: Pose, q1: Pose) -> bool:
 
 @inner(_nrt=True)  # it makes arrays
 def tied_words(
-    kind: int, radius: float, ends: tuple[Pose, Pose], tie: float, turns: Ints, lengths: Floats
+    kind: int, radius: float, endpoints: tuple[Pose, Pose], tie: float, turns: Ints, lengths: Floats
 ) -> tuple[int, float]:
-    """Write the shortest word from one configuration to another, and after it all that are longer by ``tie`` at most.
+    """Write the shortest word from one configuration to another, then all others longer by at most ``tie``.
 
     Each form gives words by symmetry: mirrored (left for right), reversed (ahead for back) and backwards (from the end
     to the start). A word counts only if it gets there, which is tried, so that no case needs an argument of its own.
 
-    Gives the number of words, each there once, and the gap of the shortest.
+    Returns the number of words, without duplicates, and the gap of the shortest.
     """
-    (x0, y0, yaw0), (x1, y1, yaw1) = ends
+    (x0, y0, yaw0), (x1, y1, yaw1) = endpoints
     dx, dy, c, s = (x1 - x0) / radius, (y1 - y0) / radius, math.cos(yaw0), math.sin(yaw0)
     x, y, phi = dx * c + dy * s, dy * c - dx * s, _around(yaw1 - yaw0)
     all_turns, all_lengths = np.zeros((MOST, 5), np.int64), np.zeros((MOST, 5))

@@ -25,7 +25,7 @@ OWN: Final = (CUBES, WIDEST, BIRRT)
 """Searches of our own."""
 
 IGNORE_OBJECTIVES: Final = frozenset({"AORRTC", "BKPIECE1", "KPIECE1", "LBKPIECE1", "RRT", "RRTConnect"})
-"""Planners that heed no objective: they stop at the first path, or optimise the length whatever they are told."""
+"""Planners that heed no objective: they stop at the first path, or optimise the length whatever the objective."""
 
 SECOND_THREAD: Final = frozenset({"PRM", "PRMstar"})
 """Planners that look for a solution from a second thread. It would need Python to ask a Python objective or stopping
@@ -34,7 +34,7 @@ callback raise in them, which would end the process."""
 
 _BOTH_WAYS: Final = "takes edges from their ends too, which a car that cannot reverse does not drive"
 
-_METRES: Final = "holds down metres alone, and turns count"
+_METRES: Final = "minimises metres alone, and turns count"
 
 REFUSED: Final[dict[str, dict[str, str]]] = {
     "dubins": {
@@ -68,7 +68,7 @@ def planner_names() -> tuple[str, ...]:
 
 
 def planner_named(name: str | None, drive: str = "holonomic") -> str:
-    """A planner's name as it is written, from one in upper or lower case; without one, what is mostly soonest through.
+    """A planner's name as OMPL spells it, from one in any case; without one, the planner that mostly is quickest.
 
     Raises InputError if there is none of that name; the message lists them all. Or if it cannot plan with the drive.
     """
@@ -82,16 +82,16 @@ def planner_named(name: str | None, drive: str = "holonomic") -> str:
         mend = f"did you mean {known[close[0]]}? {mend}" if close else mend
         rule = f"it must be a geometric planner of the installed OMPL, {CUBES} or {WIDEST}, or for an arm {BIRRT}"
         raise InputError("planner", f"is {name!r}", rule, mend, value=name)
-    found = known[name.lower()]
-    reason = REFUSED.get(drive, {}).get(found) if isinstance(drive, str) else None
+    planner = known[name.lower()]
+    reason = REFUSED.get(drive, {}).get(planner) if isinstance(drive, str) else None
     if reason:
         mend = "choose another planner, e.g. planner='RRT' or 'RRTstar'"
-        raise InputError("planner", f"is {found!r} and drive is {drive!r}", f"{found} {reason}", mend, value=name)
-    return found
+        raise InputError("planner", f"is {planner!r} and drive is {drive!r}", f"{planner} {reason}", mend, value=name)
+    return planner
 
 
 def make_planner(name: str, si: ob.SpaceInformation) -> ob.Planner:
-    """A planner of OMPL, set so that it soon asks again whether to go on."""
+    """A planner of OMPL, with settings that keep its steps short, so that it stops in time."""
     planner = getattr(og, name)(si)
     _SETTINGS.get(name, lambda made: None)(planner)
     return planner

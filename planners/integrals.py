@@ -1,4 +1,4 @@
-"""Compiled: the cost of an edge, which is that of each metre of it, integrated along the whole."""
+"""Compiled: the cost of an edge: the cost of a metre, integrated along it."""
 
 from __future__ import annotations
 
@@ -74,9 +74,9 @@ def metre_cost(map_: Map, field: Field, law: Law, q: Numbers) -> float:
 
 @jit
 def cost_of_one(map_: Map, field: Field, law: Law, both: Numbers) -> float:
-    """Cost of a straight edge, by its ends in a row: those of the middles of its steps.
+    """Cost of a straight edge between two configurations, given one after the other in ``both``.
 
-    Steps are at most a cell long, and of at most 5 degrees.
+    The integral takes the middles of steps of at most one cell and 5 degrees.
     """
     q0 = map_.lower + turning.origin(map_.rotations)
     q1, dof, dim, square = q0, len(q0), len(map_.lower), 0.0
@@ -98,5 +98,5 @@ def cost_of_one(map_: Map, field: Field, law: Law, both: Numbers) -> float:
 def edge_cost(space: CSpace, field: Field, law: Law) -> Callable[..., float]:
     """``cost(*q0, *q1)`` of straight edges of a map."""
     fixed = (space._map, field, law)
-    ask = entry(cost_of_one, (*fixed, (0.0,) * (2 * space.dof)), 0).func  # type: ignore[attr-defined]
-    return lambda *ends: ask(*fixed, ends)
+    query = entry(cost_of_one, (*fixed, (0.0,) * (2 * space.dof)), 0).func  # type: ignore[attr-defined]
+    return lambda *endpoints: query(*fixed, endpoints)

@@ -37,7 +37,7 @@ from planners.states import TURN_WEIGHT, Configuration, Floats, check_space, kin
 if TYPE_CHECKING:
     from planners.integrals import Field, Law
 
-Ends = tuple[Configuration, Configuration]
+Endpoints = tuple[Configuration, Configuration]
 P = ParamSpec("P")
 T = TypeVar("T")
 
@@ -97,7 +97,7 @@ class LocalPlanner(ABC):
     Attributes
     ----------
     space : CSpace or ArmSpace
-        What tells of edges whether they are free.
+        Decides whether an edge is free.
     exact : bool
         Whether the geometry itself is asked where a map cannot decide.
     drive : str
@@ -119,12 +119,12 @@ class LocalPlanner(ABC):
     """Searches of our own that go along such edges."""
 
     follows_cells = False
-    """Whether a chain of cells of the map tells a way that such edges can take."""
+    """Whether such edges can follow a chain of cells of the map."""
 
     @property
     @abstractmethod
     def units(self) -> tuple[str, str]:
-        """What lengths and clearances are told in."""
+        """Units of lengths and of clearances."""
 
     @property
     def quickest(self) -> str:
@@ -133,7 +133,7 @@ class LocalPlanner(ABC):
 
     @property
     def options(self) -> dict[str, Any]:
-        """What :func:`local_planner` makes it of again, beside the map."""
+        """Keyword arguments with which :func:`local_planner` makes it again, beside the map."""
         names = ("exact", "drive", "turning_radius", "both_ways")
         return {name: getattr(self, name) for name in names}
 
@@ -146,12 +146,12 @@ class LocalPlanner(ABC):
         """``check`` of the floats of two configurations: whether the edge between them is proven free."""
 
     def motion_checker(self) -> Callable[[ob.State, ob.State], bool]:
-        """The same of two states of OMPL, of the edge that OMPL means."""
+        """As :meth:`edge_checker`, of two states of OMPL and the edge that OMPL means."""
         check = kind_of(self.space).of_states(self.edge_checker())
         return (lambda first, second: check(first, second) and check(second, first)) if self.both_ways else check
 
     def corners(self, path: Floats) -> Floats:
-        """A path that straight edges join: the configurations of one, and those between which it changes its motion."""
+        """The configurations of a path, and those between where the motion changes: straight edges join them all."""
         return path
 
     def settled(self, path: Floats) -> Floats:
@@ -164,7 +164,7 @@ class LocalPlanner(ABC):
         return all(check(*a, *b) for a, b in itertools.pairwise(rows if len(rows) > 1 else 2 * rows))
 
     @abstractmethod
-    def search(self, planner: str, ends: Ends, straight: bool, seed: int | None, seconds: float) -> Floats:
+    def search(self, planner: str, endpoints: Endpoints, straight: bool, seed: int | None, seconds: float) -> Floats:
         """A path by one of our own searches, shape (n, dof); of none if it finds none."""
 
     @abstractmethod
@@ -185,7 +185,7 @@ class LocalPlanner(ABC):
 
     @abstractmethod
     def dense(self, path: Floats) -> tuple[Floats, NDArray[np.int8] | None]:
-        """A path with rows near enough to drive and to draw; and 1, -1 or 0, ahead, back or on the spot, if told."""
+        """A path with rows near enough to drive and to draw; of a drive, 1, -1 or 0: ahead, back, on the spot."""
 
     # ---- what a plan asks before and after its search ----------------------------------------------------------------
 
@@ -208,7 +208,7 @@ class LocalPlanner(ABC):
 
     @abstractmethod
     def outlook(self, exists: bool | None, planner: str, more_time: str) -> tuple[str, list[str]]:
-        """What is known where a planner found no path, and what to try; one of it, mostly, is to give it more time."""
+        """What is known where a planner found no path, and a list of what to try, ``more_time`` among it."""
 
     def _point(self, q: ArrayLike, name: str) -> Floats:
         """One configuration, its length checked."""
@@ -243,9 +243,9 @@ class EdgesOnMap(LocalPlanner):
     def pieces(self, path: Floats, step: float, turn: float) -> Pieces:
         """A path in pieces of at most ``step`` metres and ``turn`` radians."""
 
-    def search(self, planner: str, ends: Ends, straight: bool, seed: int | None, seconds: float) -> Floats:
+    def search(self, planner: str, endpoints: Endpoints, straight: bool, seed: int | None, seconds: float) -> Floats:
         find = self.space.free_path if planner == CUBES else self.space.widest_path
-        return find(*ends, straight=straight)
+        return find(*endpoints, straight=straight)
 
     def measured(self, path: Floats) -> tuple[float, float]:
         pieces = self.pieces(path, math.inf, math.inf)
@@ -255,8 +255,8 @@ class EdgesOnMap(LocalPlanner):
         """Lower bound of the clearance all along a path.
 
         Each edge is cut into pieces of at most half a cell and 5 degrees. No point of a piece is further than half a
-        piece from its middle, and distance changes by no more than the way moved; so the clearance at the middle less
-        half the piece holds for the whole piece, in each rotation cell that the robot can come to within half the
+        piece from its middle, and distance changes by no more than the length moved; so the clearance at the middle
+        less half the piece holds for the whole piece, in each rotation cell that the robot can come to within half the
         piece's turn; the smallest of them counts.
         """
         space, dim = self.space, self.space.grid.dim
@@ -282,7 +282,7 @@ class EdgesOnMap(LocalPlanner):
         return distance if self.are_free(path) else 0.0
 
     def _pieces(self, path: Floats, step: float, turn: float) -> Pieces:
-        """The same, where one configuration is a piece by itself."""
+        """As :meth:`pieces`; a path of one configuration is one piece."""
         return self.pieces(path, step, turn) if len(path) > 1 else Pieces(path, np.zeros(1), np.zeros(1))
 
     @property
@@ -386,13 +386,13 @@ class StraightEdges(EdgesOnMap):
         return np.concatenate([rows, path[-1:]]), None
 
     def _measured(self, path: Floats, step: float, turn: float) -> tuple[Floats, Floats, Floats, NDArray[np.int64]]:
-        """What leads along each edge, its metres and radians, and the number of pieces that it is cut into."""
+        """Displacement along each edge, its metres and radians, and the number of pieces that it is cut into."""
         steps, lengths, turns = self._moved(path[:-1], path[1:])
         counts = np.maximum(np.ceil(np.maximum(lengths / step, turns / turn)), 1.0).astype(np.int64)
         return steps, lengths, turns, counts
 
     def _moved(self, firsts: Floats, lasts: Floats) -> tuple[Floats, Floats, Floats]:
-        """What leads along straight edges, and its metres and radians."""
+        """Displacements along straight edges, and their metres and radians."""
         dim, steps = self.space.grid.dim, self.space.rotations.steps(firsts, lasts)
         return steps, np.linalg.norm(steps[:, :dim], axis=1), np.linalg.norm(steps[:, dim:], axis=1)
 
@@ -401,7 +401,7 @@ class TurnDriveTurn(StraightEdges):
     """Edges of a robot on two driven wheels: it turns on the spot, drives straight on, and turns on the spot.
 
     It turns the shorter way, and drives with its x axis ahead; one that reverses drives backwards where that takes less
-    turning. Each of the three parts is a straight edge of the map, and proven as one: ``corners`` are their ends.
+    turning. Each of the three parts is a straight edge of the map, and proven as one; ``corners`` are their endpoints.
 
     OMPL is given curves of a car that turns on a point (:data:`POINT`): its interpolation gives configurations on the
     way, straight on the line but for a hundred-millionth, and its distance counts metres alone.
@@ -417,7 +417,7 @@ class TurnDriveTurn(StraightEdges):
 
         def check(x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float) -> bool:
             yaw = heading(x0, y0, yaw0, x1, y1, yaw1)
-            # The way between is the longest, and the likeliest to meet an obstacle.
+            # The drive between the turns is the longest part, and the likeliest to meet an obstacle.
             between = free(x0, y0, yaw, x1, y1, yaw)
             return between and free(x0, y0, yaw0, x0, y0, yaw) and free(x1, y1, yaw, x1, y1, yaw1)
 
@@ -456,12 +456,12 @@ class TurnDriveTurn(StraightEdges):
 
     def corners(self, path: Floats) -> Floats:
         rows = path.tolist()
-        found = rows[:1]
+        waypoints = rows[:1]
         for first, last in itertools.pairwise(rows):
             yaw = self.heading(*first, *last)
-            found += [[*q[:2], yaw] for q in (first, last) if q[2] != yaw and first[:2] != last[:2]]
-            found.append(last)
-        return np.array(found).reshape(-1, 3)
+            waypoints += [[*q[:2], yaw] for q in (first, last) if q[2] != yaw and first[:2] != last[:2]]
+            waypoints.append(last)
+        return np.array(waypoints).reshape(-1, 3)
 
     def settled(self, path: Floats) -> Floats:
         """The path, on which the robot leaves each waypoint as it came, where that is proven: it turns once."""
@@ -500,10 +500,10 @@ class JointMotions(LocalPlanner):
         firsts, lasts = (path[:-1], path[1:]) if len(path) > 1 else (path, path)
         return bool(np.all(self.space.motion_is_free(firsts, lasts)))
 
-    def search(self, planner: str, ends: Ends, straight: bool, seed: int | None, seconds: float) -> Floats:
+    def search(self, planner: str, endpoints: Endpoints, straight: bool, seed: int | None, seconds: float) -> Floats:
         turns = [(-TURN, 0.0, TURN) if circle else (0.0,) for circle in self.space.endless]
-        goals = np.array(ends[1]) + np.array(list(itertools.product(*turns)))
-        return self.space.free_path(ends[0], goals, straight=straight, seed=seed, time_limit=seconds)
+        goals = np.array(endpoints[1]) + np.array(list(itertools.product(*turns)))
+        return self.space.free_path(endpoints[0], goals, straight=straight, seed=seed, time_limit=seconds)
 
     def lengths(self, firsts: Floats, lasts: Floats) -> Floats:
         return np.asarray(np.linalg.norm(shorter(lasts - firsts, self.space.endless), axis=1))
@@ -586,7 +586,7 @@ class CarCurves(EdgesOnMap):
         return prover(self.space, self.kind, self.radius)
 
     def lengths(self, firsts: Floats, lasts: Floats) -> Floats:
-        return np.array([self.metres(*ends) for ends in zip(firsts, lasts, strict=True)])
+        return np.array([self.metres(*edge) for edge in zip(firsts, lasts, strict=True)])
 
     def metres(self, first: Floats, last: Floats) -> float:
         """Metres of the curve between two configurations."""
@@ -700,15 +700,15 @@ def check_drive(axes: tuple[str, ...], drive: str, turning_radius: float | None,
         rule = f"it must be {', '.join(map(repr, DRIVES[:-1]))} or {DRIVES[-1]!r}"
         raise InputError("drive", f"is {drive!r}", rule, "pass one of them", value=drive)
     if drive != HOLONOMIC and axes != CAR_AXES:
-        found = f"is {drive!r} and the map's configurations are ({', '.join(axes)})"
+        problem = f"is {drive!r} and the map's configurations are ({', '.join(axes)})"
         rule = f"it is for a robot that drives and turns in the plane: ({', '.join(CAR_AXES)})"
         mend = "build a map of a plane with rotations=72, or leave drive out"
-        raise InputError("drive", found, rule, mend, value=drive)
+        raise InputError("drive", problem, rule, mend, value=drive)
     if drive not in CURVES:
         if turning_radius is not None:
-            found = f"is {turning_radius!r} and drive is {drive!r}"
+            problem = f"is {turning_radius!r} and drive is {drive!r}"
             mend = f"add {' or '.join(f'drive={name!r}' for name in CURVES)}, or leave the radius out"
-            raise InputError("turning_radius", found, "a radius is for curves", mend, value=turning_radius)
+            raise InputError("turning_radius", problem, "a radius is for curves", mend, value=turning_radius)
         return None
     if turning_radius is None:
         rule, mend = f"drive={drive!r} needs the radius of its tightest turn", "pass it in metres, e.g. 0.5"

@@ -78,7 +78,7 @@ class WeightedLength(ob.OptimizationObjective):
         edges = edges_on_map(space, drive, turning_radius)
         self._field, self._law = field, Law(offset, slope, float(weight), edges.turn_weight)
         self._kind, self._map, dim, dof = kind_of(space), space._map, space.grid.dim, space.dof
-        line = brought(lambda *ends: math.dist(ends[:dim], ends[dof : dof + dim]), space.endless)
+        line = brought(lambda *endpoints: math.dist(endpoints[:dim], endpoints[dof : dof + dim]), space.endless)
         self._line = self._kind.of_states(line)
         self._cost = self._own_cost = self._kind.of_states(edges.edge_cost(field, self._law))
 
@@ -218,14 +218,14 @@ def overlap_field(space: CSpace, field: OverlapField | None = None) -> OverlapFi
 
     Raises InputError if there is neither, or the field is that of another map.
     """
-    found: OverlapField | None = space.overlap_field if field is None else field
-    if found is None:
+    known: OverlapField | None = space.overlap_field if field is None else field
+    if known is None:
         rule, mend = "the objective needs a field", "pass one, or plan on space.with_overlap_field(overlap)"
         raise InputError("field", "is None and the map carries none", rule, mend)
-    if found.space is not space:
+    if known.space is not space:
         mend = "use OverlapField.of(space, ...)"
         raise InputError("field", "is that of another map", "both must be of the same", mend, value=field)
-    return found
+    return known
 
 
 def _largest_free(space: CSpace, field: OverlapField) -> float:

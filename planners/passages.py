@@ -1,6 +1,6 @@
 """Passages: paths along chains of cells, where sampling all space takes long or would hardly ever find one.
 
-Where FREE cells join start and goal, the map's own search finds a path along them, if the planner is not soon through.
+Where FREE cells join start and goal, the map's own search finds a path along them, if the planner finds none soon.
 
 Where the map cannot decide whether a path exists, a chain of FREE and MIXED cells leads from start to goal, if any path
 does. The planner joins the FREE stretches of the chain; the MIXED ones are crossed by samples, taken in and around the
@@ -25,7 +25,7 @@ from cspace.memory import KEEP, free_bytes
 from cspace.space import CSpace
 from cspace.states import FREE
 from planners.local_planner import LocalPlanner
-from planners.search import Found, Search
+from planners.search import Search, SearchResult
 from planners.states import Configuration, Floats
 
 Cells = NDArray[np.int64]
@@ -41,14 +41,14 @@ have a long tail, and the map's own search has none; a count, and not the clock,
 DRAWN: Final = 2000
 """Configurations that are drawn for each cell of a passage."""
 
-KEPT: Final = 24
-"""Free ones among them that are kept."""
+FREE_DRAWS: Final = 24
+"""Free ones among them that are used, at most."""
 
-AT_ONCE: Final = 200
-"""Configurations that the geometry is asked for between two looks at the clock."""
+BATCH: Final = 200
+"""Configurations that are tested by the geometry between two looks at the clock."""
 
-FREE_ENDS: Final = 4
-"""FREE cells of the chain, before and after a passage, that are crossed with it, to leave room for lining up."""
+APPROACH: Final = 4
+"""FREE cells of the chain, before and after a passage, that are crossed with it: room to line up."""
 
 FIRST: Final = 0.1
 """Part of the time, at most a second, that the planner has to itself before chains are looked for, or as long as that
@@ -78,17 +78,17 @@ class Passages:
     time_limit: float
     began: float = field(default_factory=time.perf_counter)
 
-    def run_free(self, start: Configuration, goal: Configuration) -> Found:
-        """A path where FREE cells join the two: by the planner if it is soon through, or else along such cells."""
-        found = replace(self.search, iterations=SOON).run(self.edges, start, goal, self.time_limit, joined=True)
-        if len(found.path):
-            return found
+    def run_free(self, start: Configuration, goal: Configuration) -> SearchResult:
+        """A path where FREE cells join the two: by the planner if it finds one soon, or else along such cells."""
+        result = replace(self.search, iterations=SOON).run(self.edges, start, goal, self.time_limit, joined=True)
+        if len(result.path):
+            return result
         path = self.edges.space.free_path(start, goal, straight=self.search.simplify)
         if len(path):
-            return Found(path, ALONG, time.perf_counter() - self.began)
+            return SearchResult(path, ALONG, time.perf_counter() - self.began)
         return self.search.run(self.edges, start, goal, max(self._left(), 1e-3), joined=True)
 
-    def run(self, start: Configuration, goal: Configuration) -> Found:
+    def run(self, start: Configuration, goal: Configuration) -> SearchResult:
         """A path between two configurations: by the planner alone, or else along a chain that can be walked."""
         space = self.edges.space
         cells = (space.rotations.count, *space.grid.shape)
@@ -101,14 +101,14 @@ class Passages:
         return replace(self, began=time.perf_counter())._run(start, goal, cells, needed)
 
     def _prepare(self, start: Configuration) -> None:
-        """Have made and compiled what chains ask of the map, which would take its seconds from the search."""
+        """Make and compile what chains need of the map, so that it takes no time from the search."""
         space, here = self.edges.space, np.array([start])
         open_chain(space, start, start)
         space.classify(here), space.classify(np.repeat(here, FEW + 1, axis=0))
         space.is_free(here, exact=True), space.motion_is_free(here, here, exact=True)
 
-    def _run(self, start: Configuration, goal: Configuration, cells: tuple[int, ...], needed: float) -> Found:
-        """The planner alone and chains in turns, each time for twice as long."""
+    def _run(self, start: Configuration, goal: Configuration, cells: tuple[int, ...], needed: float) -> SearchResult:
+        """The planner and the search along chains in turns, each time for twice as long."""
         space, rng = self.edges.space, np.random.default_rng(self.search.seed)
         closed = np.zeros(cells, dtype=np.bool_)
         # A look for a chain runs on to its end, so that the planner has at least as long.
@@ -116,13 +116,13 @@ class Passages:
         while True:
             last = self._left() - share <= needed
             alone = max(self._left() if last else share, 1e-3)
-            found = search.run(self.edges, start, goal, alone)
-            if len(found.path) and found.planning > 0.9 * alone and not (last or search.may_stop):
+            result = search.run(self.edges, start, goal, alone)
+            if len(result.path) and result.planning > 0.9 * alone and not (last or search.may_stop):
                 # A planner that goes on improving has the rest of the time for it.
                 again = search.run(self.edges, start, goal, max(self._left(), 1e-3))
-                found = again if len(again.path) else found
-            if len(found.path) or last:
-                return replace(found, planning=time.perf_counter() - self.began - found.simplification)
+                result = again if len(again.path) else result
+            if len(result.path) or last:
+                return replace(result, planning=time.perf_counter() - self.began - result.simplification)
             until = self._left() - share
             while self._left() > max(until, needed):
                 looked = time.perf_counter()
@@ -138,7 +138,7 @@ class Passages:
                     by_length = self.search.simplify and self.search.objective is None
                     until = self.began + self.time_limit
                     path = shortened(space, path, len(path), exact=True, until=until) if by_length else path
-                    return Found(path, THROUGH, time.perf_counter() - self.began)
+                    return SearchResult(path, THROUGH, time.perf_counter() - self.began)
             share *= 2.0
             if search.seed is not None:  # else it would look again where it was
                 search = replace(search, seed=(search.seed + 1) % (2**32 - 1))
@@ -157,7 +157,7 @@ class Passages:
     ) -> Floats | None:
         """A path along a chain; None where it breaks off, with the cells that stopped it closed."""
         mixed = np.asarray(self.edges.space.classify(self._centers(chain))) != FREE
-        runs, path = _runs(mixed, FREE_ENDS), [np.array([start])]
+        runs, path = _runs(mixed, APPROACH), [np.array([start])]
         limit = self._left() / (len(runs) + 1)  # planners that go on improving use up what each leg is given
         for first, last in runs:
             # The run begins and ends in a FREE cell, or at the start or goal itself.
@@ -176,13 +176,13 @@ class Passages:
         if np.array_equal(first, last):
             return first[None]
         limit = max(min(limit, self._left()), 1e-3)
-        found = self.search.run(self.edges, tuple(first.tolist()), tuple(last.tolist()), limit)
-        return found.path if len(found.path) else None
+        result = self.search.run(self.edges, tuple(first.tolist()), tuple(last.tolist()), limit)
+        return result.path if len(result.path) else None
 
     def _cross(
         self, cells: Cells, begin: Floats, end: Floats, closed: NDArray[np.bool_], rng: np.random.Generator
     ) -> Floats | None:
-        """A path from cell to cell, of configurations that exact edges join to ones of the cell before."""
+        """A path through a chain of cells, joined by exact edges; None, and cells closed, where it breaks off."""
         layers, parents = [begin[None]], [np.zeros(1, dtype=np.int64)]
         for before, cell in itertools.pairwise(cells):
             last = len(layers) == len(cells) - 1
@@ -202,13 +202,13 @@ class Passages:
         return np.array(path[::-1])
 
     def _free_ones(self, drawn: Floats, rng: np.random.Generator) -> Floats:
-        """Up to KEPT of some configurations that are free, none where time is over."""
-        drawn, kept = rng.permutation(drawn), drawn[:0]
-        for part in np.array_split(drawn, max(1, len(drawn) // AT_ONCE)):
-            if len(kept) >= KEPT or self._left() < 0.0:
+        """Up to FREE_DRAWS of some configurations that are free, none where time is over."""
+        drawn, free = rng.permutation(drawn), drawn[:0]
+        for part in np.array_split(drawn, max(1, len(drawn) // BATCH)):
+            if len(free) >= FREE_DRAWS or self._left() < 0.0:
                 break
-            kept = np.concatenate([kept, part[np.asarray(self.edges.space.is_free(part, exact=True))]])
-        return kept[:KEPT]
+            free = np.concatenate([free, part[np.asarray(self.edges.space.is_free(part, exact=True))]])
+        return free[:FREE_DRAWS]
 
     def _joined(self, firsts: Floats, lasts: Floats) -> NDArray[np.bool_]:
         """Which of some configurations exact edges join to which others; none where time is over."""
@@ -252,17 +252,17 @@ class Passages:
 def shortened(
     space: ConfigurationSpace, path: Floats, ahead: int, *, exact: bool = False, until: float = math.inf
 ) -> Floats:
-    """A path without the waypoints that free edges to one of the next ``ahead`` ones pass by, as far as time allows."""
-    kept, at = [0], 0
+    """A path without the waypoints that a free edge to one of the next ``ahead`` can skip, as far as time allows."""
+    indices, at = [0], 0
     while at < len(path) - 1:
         if time.perf_counter() > until:
-            return path[[*kept, *range(at + 1, len(path))]]
+            return path[[*indices, *range(at + 1, len(path))]]
         after = np.arange(at + 1, min(at + 1 + ahead, len(path)))
         free = np.asarray(space.motion_is_free(path[at], path[after], exact=exact))
         free[0] = True  # the path itself
         at = int(after[np.flatnonzero(free)[-1]])
-        kept.append(at)
-    return path[kept]
+        indices.append(at)
+    return path[indices]
 
 
 def _runs(mixed: NDArray[Any], more: int) -> list[tuple[int, int]]:

@@ -20,7 +20,7 @@ from planners.local_planner import HOLONOMIC, ON_THE_SPOT, LocalPlanner, check_f
 from planners.objectives import ClearanceObjective, OverlapObjective, WeightedLength, edges_on_map, overlap_field
 from planners.passages import Passages, shortened
 from planners.result import Plan, Times
-from planners.search import Found, Search
+from planners.search import Search, SearchResult
 from planners.setup import MakeObjective
 from planners.states import Configuration, kind_of
 
@@ -28,7 +28,7 @@ MAX_SEED: Final = 2**32 - 2
 """Largest seed: OMPL's generator takes 32 bits, and refuses zero."""
 
 AHEAD: Final = 32
-"""Waypoints that a shorter way may pass by at once."""
+"""Waypoints that one edge may skip, at most, to shorten a path."""
 
 _BY_NAME: Final[dict[str, type[ClearanceObjective | OverlapObjective]]] = {
     "clearance": ClearanceObjective,
@@ -67,7 +67,7 @@ def plan(
 
     *Maps in a store.* On a :class:`cspace.TiledCSpace` the path goes from tile to tile, of which only those on the way
     are opened, through the middle of what is FREE of their common faces. In each of them the planner has the time
-    limit; where it finds no way, and where none is named and the length counts, the map's own search takes its place,
+    limit; where it finds no path, and where none is named and the length counts, the map's own search takes its place,
     but for drives. A path through several tiles by straight edges is shortened once more as a whole. Objectives, and
     curves, are those of each tile; ``exact``, and "overlap", need a map in memory.
 
@@ -188,7 +188,7 @@ def plan(
 
     search = search_on(edges.space)
     limit = positive(time_limit, "time_limit", "seconds")
-    ends = edges.end(start, "start"), edges.end(goal, "goal")
+    endpoints = edges.end(start, "start"), edges.end(goal, "goal")
     if name in OWN:
         if name not in edges.own:
             rule = f"{BIRRT} is for arms, {CUBES} and {WIDEST} follow the cells of a map"
@@ -199,22 +199,22 @@ def plan(
     if name == WIDEST and not isinstance(space, CSpace):
         rule, mend = "a path there is found part by part", "choose another, or plan on space.window(lower, upper)"
         raise InputError("planner", f"is {name!r}, on a map in a store", rule, mend, value=name)
-    exists: bool | None = space._known(*map(np.array, ends))
-    legs = [] if exists is False else space._legs(*map(np.array, ends))
+    exists: bool | None = space._known(*map(np.array, endpoints))
+    legs = [] if exists is False else space._legs(*map(np.array, endpoints))
     if planner is None and len(legs) > 1 and (objective, drive, iterations) == ("length", HOLONOMIC, None):
         name = CUBES
-    found = _found(search_on, edges, legs, exists, limit)
+    result = _search(search_on, edges, legs, exists, limit)
     searched = time.perf_counter()
-    waypoints = edges.corners(found.path)
+    waypoints = edges.corners(result.path)
     solved = len(waypoints) > 0
     path, direction = edges.dense(waypoints)
     for array in (path, waypoints, direction):
         if array is not None:
             array.flags.writeable = False
-    status, advice = _status(found, name, edges, exists, limit)
-    certified = solved and found.proven and kind_of(space).same(found.path[[0, -1]], np.array(ends))
+    status, advice = _status(result, name, edges, exists, limit)
+    certified = solved and result.proven and kind_of(space).same(result.path[[0, -1]], np.array(endpoints))
     length, turning = edges.measured(waypoints) if solved else (math.nan, math.nan)
-    setup = searched - began - found.planning - found.simplification
+    setup = searched - began - result.planning - result.simplification
     return Plan(
         path=path,
         waypoints=waypoints,
@@ -235,81 +235,85 @@ def plan(
         exact=edges.exact,
         seed=search.seed,
         time_limit=limit,
-        times=Times(setup, found.planning, found.simplification, time.perf_counter() - searched),
+        times=Times(setup, result.planning, result.simplification, time.perf_counter() - searched),
         space=space,
     )
 
 
-def _found(
+def _search(
     search_on: Callable[[CSpace], Search],
     edges: LocalPlanner,
     legs: Sequence[Leg],
     exists: bool | None,
     limit: float,
-) -> Found:
+) -> SearchResult:
     """What the search finds, part by part of the map, or what is known without one."""
     path, planning, simplification = np.empty((0, edges.space.dof)), 0.0, 0.0
     for opened, first, last in legs:
         part = replace(edges, space=cast(CSpace, opened()))
-        ends = tuple(first.tolist()), tuple(last.tolist())
-        found = _leg(search_on(part.space), part, ends, exists, limit)
-        if len(legs) > 1 and not len(found.path) and edges.drive == HOLONOMIC:
-            found = _leg(replace(search_on(part.space), planner=CUBES), part, ends, exists, limit)
-        planning, simplification = planning + found.planning, simplification + found.simplification
-        waypoints = edges.corners(found.path)
-        found = replace(found, proven=len(waypoints) > 0 and part.are_free(waypoints))
-        if len(legs) == 1 or not found.proven:
-            where = f" from {text(ends[0])} to {text(ends[1])}" if len(legs) > 1 else ""
-            return replace(found, where=where, planning=planning, simplification=simplification)
-        path = np.concatenate([path[:-1], found.path])
+        endpoints = tuple(first.tolist()), tuple(last.tolist())
+        result = _leg(search_on(part.space), part, endpoints, exists, limit)
+        if len(legs) > 1 and not len(result.path) and edges.drive == HOLONOMIC:
+            result = _leg(replace(search_on(part.space), planner=CUBES), part, endpoints, exists, limit)
+        planning, simplification = planning + result.planning, simplification + result.simplification
+        waypoints = edges.corners(result.path)
+        result = replace(result, proven=len(waypoints) > 0 and part.are_free(waypoints))
+        if len(legs) == 1 or not result.proven:
+            where = f" from {text(endpoints[0])} to {text(endpoints[1])}" if len(legs) > 1 else ""
+            return replace(result, where=where, planning=planning, simplification=simplification)
+        path = np.concatenate([path[:-1], result.path])
     if not legs:
-        return Found(path)
+        return SearchResult(path)
     began = time.perf_counter()
     search = search_on(edges.space)
     if search.simplify and search.objective is None and edges.drive == HOLONOMIC:
         path = shortened(edges.space, path, AHEAD)
-    return Found(path, f"through {len(legs)} tiles", planning, simplification + time.perf_counter() - began, True)
+    return SearchResult(
+        path, f"through {len(legs)} tiles", planning, simplification + time.perf_counter() - began, True
+    )
 
 
 def _leg(
     search: Search,
     edges: LocalPlanner,
-    ends: tuple[Configuration, Configuration],
+    endpoints: tuple[Configuration, Configuration],
     exists: bool | None,
     limit: float,
-) -> Found:
+) -> SearchResult:
     """What the search finds on one map in memory."""
-    if ends[0] == ends[1]:
-        return Found(np.array(ends[:1]), "the start is the goal")
+    if endpoints[0] == endpoints[1]:
+        return SearchResult(np.array(endpoints[:1]), "the start is the goal")
     if search.planner in OWN:
         # What is compiled, and kept, at a first search is made here, and not within the time limit.
-        edges.search(search.planner, (ends[0], ends[0]), search.simplify, search.seed, limit)
+        edges.search(search.planner, (endpoints[0], endpoints[0]), search.simplify, search.seed, limit)
         began = time.perf_counter()
-        path = edges.search(search.planner, ends, search.simplify, search.seed, limit)
-        return Found(path, "", time.perf_counter() - began)
+        path = edges.search(search.planner, endpoints, search.simplify, search.seed, limit)
+        return SearchResult(path, "", time.perf_counter() - began)
     if edges.follows_cells:
         passages = Passages(search, edges, limit)
         if edges.exact and exists is None:
-            return passages.run(*ends)
+            return passages.run(*endpoints)
         if exists and edges.space.rotations.names and search.may_stop:
-            return passages.run_free(*ends)
-    return search.run(edges, *ends, limit, joined=exists is True)
+            return passages.run_free(*endpoints)
+    return search.run(edges, *endpoints, limit, joined=exists is True)
 
 
-def _status(found: Found, planner: str, edges: LocalPlanner, exists: bool | None, limit: float) -> tuple[str, str]:
+def _status(
+    result: SearchResult, planner: str, edges: LocalPlanner, exists: bool | None, limit: float
+) -> tuple[str, str]:
     """What came out in a line, and what to try where no path was found though there may be one."""
-    if len(found.path):
-        return "path found" + (f": {found.note}" if found.note else ""), ""
+    if len(result.path):
+        return "path found" + (f": {result.note}" if result.note else ""), ""
     if exists is False:
         return "no path exists: proven", ""
     if planner in (CUBES, WIDEST):
         within = "no chain of FREE cells joins start and goal"
-    elif found.planning >= 0.95 * limit:
+    elif result.planning >= 0.95 * limit:
         within = f"no path found within {limit:g} s"
     else:
-        within = f"no path found: {found.note or 'the planner gave up'} after {found.planning:.2g} s"
+        within = f"no path found: {result.note or 'the planner gave up'} after {result.planning:.2g} s"
     known, more = edges.outlook(exists, planner, f"more time (time_limit={10 * limit:g})")
-    return f"{within}{found.where}; {known}", f"{', '.join(more[:-1])}, or {more[-1]}"
+    return f"{within}{result.where}; {known}", f"{', '.join(more[:-1])}, or {more[-1]}"
 
 
 def _objective(
@@ -331,8 +335,8 @@ def _objective(
         overlap_field(space)
     if planner in IGNORE_OBJECTIVES | SECOND_THREAD:
         why = "heeds no objective" if planner in IGNORE_OBJECTIVES else "cannot call Python from its second thread"
-        found, mend = f"is {objective!r} and planner is {planner!r}", "choose one that optimises: planner='RRTstar'"
-        raise InputError("objective", found, f"{planner} {why}", mend, value=objective)
+        problem, mend = f"is {objective!r} and planner is {planner!r}", "choose one that optimises: planner='RRTstar'"
+        raise InputError("objective", problem, f"{planner} {why}", mend, value=objective)
     if kind is None:
         return objective  # type: ignore[return-value]  # a string was refused above
     return lambda si: kind(si, space, drive=drive, turning_radius=turning_radius)
@@ -342,9 +346,9 @@ def _check_own(planner: str, **options: object) -> None:
     """Refuse what a search of the map's own cannot do."""
     for name, value in options.items():
         if value not in (None, False, "length", HOLONOMIC):
-            found = f"is {value!r} and planner is {planner!r}"
+            problem = f"is {value!r} and planner is {planner!r}"
             rule = f"{planner} looks for the shortest of straight edges, to any side, in its own way"
-            raise InputError(name, found, rule, f"leave {name} out, or use planner='RRTConnect'", value=value)
+            raise InputError(name, problem, rule, f"leave {name} out, or use planner='RRTConnect'", value=value)
 
 
 def _iterations(value: int | None, planner: str) -> int | None:
@@ -352,7 +356,7 @@ def _iterations(value: int | None, planner: str) -> int | None:
         return None
     count = whole(value, "iterations", 1, 2**62)
     if planner in SECOND_THREAD:
-        found = f"is {count} and planner is {planner!r}"
+        problem = f"is {count} and planner is {planner!r}"
         rule = f"{planner} asks whether to go on from a second thread, which cannot call Python"
-        raise InputError("iterations", found, rule, "leave iterations out or choose another planner", value=count)
+        raise InputError("iterations", problem, rule, "leave iterations out or choose another planner", value=count)
     return count

@@ -44,7 +44,7 @@ ROUNDS: Final = 100
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class SearchResult:
     """What came out of a search.
 
     Attributes
@@ -52,13 +52,13 @@ class Found:
     path : ndarray of float64, shape (n, dof)
         The configurations that edges join; none where the goal was not reached.
     note : str
-        How it was found, or why not, where there is more to say than that.
+        How the path was found, or why not, where there is more to say.
     planning, simplification : float
         Seconds.
     proven : bool
         Whether all edges were proven free, asked again of the map.
     where : str
-        On which part of the way none was found, if it has several.
+        On which part of the path the search failed, if it has several.
     """
 
     path: Floats
@@ -104,7 +104,7 @@ class Search:
         time_limit: float,
         *,
         joined: bool = False,
-    ) -> Found:
+    ) -> SearchResult:
         """Search a path between two configurations at which motions can be proven free.
 
         The limit, in seconds, is for the search and the simplification, but not for what the map makes first. Where
@@ -118,7 +118,7 @@ class Search:
                 edges = replace(edges, both_ways=True)
             setup = set_up(edges, None if self.planner in SECOND_THREAD else self.objective)
             if self._is_shortest(edges, setup, start, goal):
-                return Found(
+                return SearchResult(
                     kind_of(edges.space).unwound(np.array([start, goal])), "a single edge is free; no search needed"
                 )
             if joined and not edges.exact:
@@ -152,7 +152,7 @@ class _Run:
         raising = [*self._refusing, *([objective] if hasattr(objective, "answer_with") else [])]
         self._raising: list[Callbacks] = [] if search.planner in SECOND_THREAD else raising
 
-    def solve(self, start: Configuration, goal: Configuration, time_limit: float) -> Found:
+    def solve(self, start: Configuration, goal: Configuration, time_limit: float) -> SearchResult:
         setup, states = self._setup, []
         for end in (start, goal):
             states.append(setup.getStateSpace().allocState())
@@ -181,13 +181,13 @@ class _Run:
         planning = time.perf_counter() - began
         left = time_limit + GRACE - planning
         if not setup.haveExactSolutionPath():
-            return Found(np.empty((0, len(start))), note, planning)
+            return SearchResult(np.empty((0, len(start))), note, planning)
         path = self._rows(setup.getSolutionPath())
         if not self._search.simplify:
-            return Found(path, note, planning)
+            return SearchResult(path, note, planning)
         began = time.perf_counter()
         path = self._simplified(path, max(left, 1e-3))
-        return Found(path, note, planning, time.perf_counter() - began)
+        return SearchResult(path, note, planning, time.perf_counter() - began)
 
     def _choose_on_roadmap(self) -> None:
         """Of the planners that cannot ask for our length, take the path on their roadmap that is the shortest by it."""
@@ -233,12 +233,12 @@ class _Run:
             with suppress(OutOfTime):
                 setup.solve(ob.timedPlannerTerminationCondition(deadline.left))
                 if setup.haveExactSolutionPath():
-                    found = og.PathGeometric(setup.getSolutionPath())
-                    best = best or og.PathGeometric(found)
-                    self._improve(found, deadline)
-                    cheaper = objective.isCostBetterThan(found.cost(objective), best.cost(objective))
-                    if cheaper and self._edges.are_free(self._rows(found)):
-                        best = found
+                    candidate = og.PathGeometric(setup.getSolutionPath())
+                    best = best or og.PathGeometric(candidate)
+                    self._improve(candidate, deadline)
+                    cheaper = objective.isCostBetterThan(candidate.cost(objective), best.cost(objective))
+                    if cheaper and self._edges.are_free(self._rows(candidate)):
+                        best = candidate
             setup.getProblemDefinition().clearSolutionPaths()
             if deadline.left < (1.0 - SHARE) * limit:
                 break
@@ -263,7 +263,7 @@ class _Run:
         return ob.PlannerTerminationCondition(lambda: next(asked) > most or time.perf_counter() > end)
 
     def _simplified(self, path: Floats, seconds: float) -> Floats:
-        """The path, settled, after OMPL's simplification, unless that made it worse or left the proven ground."""
+        """The path, settled, after OMPL's simplification, unless that made it worse or it is no longer proven free."""
         setup, edges, objective = self._setup, self._edges, self._setup.getOptimizationObjective()
         weighs = objective is not None and not getattr(objective, "is_length", False)
         cost = setup.getSolutionPath().cost(objective) if weighs else None
@@ -299,7 +299,7 @@ class _Run:
 
 @contextmanager
 def _silence() -> Iterator[None]:
-    """Hold back OMPL's messages; what matters of them is in the outcome."""
+    """Hold back OMPL's messages; what matters of them is in the result."""
     level = ou.getLogLevel()
     ou.setLogLevel(ou.LOG_NONE)
     try:

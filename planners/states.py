@@ -58,9 +58,9 @@ class StateKind:
         """A path of OMPL's, shape (n, dof), as edges join its rows, where whole turns count."""
         if not self.endless:
             return path
-        found, steps = path.copy(), np.diff(path, axis=0)
-        found[1:] += np.cumsum(shorter(steps, self.endless) - steps, axis=0)
-        return found
+        unwound, steps = path.copy(), np.diff(path, axis=0)
+        unwound[1:] += np.cumsum(shorter(steps, self.endless) - steps, axis=0)
+        return unwound
 
     def same(self, one: Floats, other: Floats) -> bool:
         """Whether configurations are the same, shape (..., dof)."""
@@ -119,10 +119,10 @@ def _read_r3_so2(state: ob.State) -> Configuration:
     return place[0], place[1], place[2], state[1].value
 
 
-def _of_r3_so2(ask: Callable[..., T]) -> Callable[[ob.State], T]:
+def _of_r3_so2(query: Callable[..., T]) -> Callable[[ob.State], T]:
     def answer(state: ob.State) -> T:
         place = state[0]
-        return ask(place[0], place[1], place[2], state[1].value)
+        return query(place[0], place[1], place[2], state[1].value)
 
     return answer
 
@@ -147,10 +147,10 @@ def _read_se3(state: ob.State) -> Configuration:
     return state.getX(), state.getY(), state.getZ(), rotation.x, rotation.y, rotation.z, rotation.w
 
 
-def _of_se3(ask: Callable[..., T]) -> Callable[[ob.State], T]:
+def _of_se3(query: Callable[..., T]) -> Callable[[ob.State], T]:
     def answer(state: ob.State) -> T:
         turn = state.rotation()  # each reading of it makes a new object
-        return ask(state.getX(), state.getY(), state.getZ(), turn.x, turn.y, turn.z, turn.w)
+        return query(state.getX(), state.getY(), state.getZ(), turn.x, turn.y, turn.z, turn.w)
 
     return answer
 
@@ -161,24 +161,24 @@ _KINDS: Final[dict[tuple[str, ...], StateKind]] = {
         set_bounds=_bound,
         read=lambda s: (s[0], s[1]),
         write=_write_vector,
-        of_state=lambda ask: lambda s: ask(s[0], s[1]),
-        of_states=lambda ask: lambda a, b: ask(a[0], a[1], b[0], b[1]),
+        of_state=lambda query: lambda s: query(s[0], s[1]),
+        of_states=lambda query: lambda a, b: query(a[0], a[1], b[0], b[1]),
     ),
     ("x", "y", "yaw"): StateKind(
         make=lambda: ob.SE2StateSpace(),
         set_bounds=_bound,
         read=lambda s: (s.getX(), s.getY(), s.getYaw()),
         write=_write_se2,
-        of_state=lambda ask: lambda s: ask(s.getX(), s.getY(), s.getYaw()),
-        of_states=lambda ask: lambda a, b: ask(a.getX(), a.getY(), a.getYaw(), b.getX(), b.getY(), b.getYaw()),
+        of_state=lambda query: lambda s: query(s.getX(), s.getY(), s.getYaw()),
+        of_states=lambda query: lambda a, b: query(a.getX(), a.getY(), a.getYaw(), b.getX(), b.getY(), b.getYaw()),
     ),
     ("x", "y", "z"): StateKind(
         make=lambda: ob.RealVectorStateSpace(3),
         set_bounds=_bound,
         read=lambda s: (s[0], s[1], s[2]),
         write=_write_vector,
-        of_state=lambda ask: lambda s: ask(s[0], s[1], s[2]),
-        of_states=lambda ask: lambda a, b: ask(a[0], a[1], a[2], b[0], b[1], b[2]),
+        of_state=lambda query: lambda s: query(s[0], s[1], s[2]),
+        of_states=lambda query: lambda a, b: query(a[0], a[1], a[2], b[0], b[1], b[2]),
     ),
     ("x", "y", "z", "yaw"): StateKind(
         make=_make_r3_so2,
@@ -186,7 +186,7 @@ _KINDS: Final[dict[tuple[str, ...], StateKind]] = {
         read=_read_r3_so2,
         write=_write_r3_so2,
         of_state=_of_r3_so2,
-        of_states=lambda ask: lambda a, b: ask(*_read_r3_so2(a), *_read_r3_so2(b)),
+        of_states=lambda query: lambda a, b: query(*_read_r3_so2(a), *_read_r3_so2(b)),
     ),
     ("x", "y", "z", "qx", "qy", "qz", "qw"): StateKind(
         make=lambda: ob.SE3StateSpace(),
@@ -194,7 +194,7 @@ _KINDS: Final[dict[tuple[str, ...], StateKind]] = {
         read=_read_se3,
         write=_write_se3,
         of_state=_of_se3,
-        of_states=lambda ask: lambda a, b: ask(*_read_se3(a), *_read_se3(b)),
+        of_states=lambda query: lambda a, b: query(*_read_se3(a), *_read_se3(b)),
     ),
 }
 """By the names of the numbers of a configuration."""
@@ -255,13 +255,13 @@ def _by_reading(
     write: Callable[..., None],
     endless: tuple[bool, ...] = (),
 ) -> StateKind:
-    """A kind of states of which questions cost far more than the reading of a state."""
+    """A kind of states whose queries cost far more than reading a state."""
     return StateKind(
         make=make,
         set_bounds=set_bounds,
         read=read,
         write=write,
-        of_state=lambda ask: lambda s: ask(*read(s)),
-        of_states=lambda ask: lambda a, b: ask(*read(a), *read(b)),
+        of_state=lambda query: lambda s: query(*read(s)),
+        of_states=lambda query: lambda a, b: query(*read(a), *read(b)),
         endless=endless,
     )

@@ -27,5 +27,5 @@ def document(*arguments: object, warning: str = "") -> dict[str, Any]:
     assert result.stderr.count("\n") == bool(warning), result.stderr
     assert result.stderr.startswith("cspace: warning: " if warning else "")
     assert warning in result.stderr
-    found: dict[str, Any] = json.loads(result.stdout)
-    return found
+    printed: dict[str, Any] = json.loads(result.stdout)
+    return printed

@@ -37,8 +37,8 @@ def check_boxes(mesh, count=1):
     assert np.allclose(mesh.bounds, [[0, 0, 0], CORNERS[6] + FAR * (count - 1)])
 
 
-def check_refused(tmp_path, name, content, words, error=(FileError, GeometryError)):
-    with pytest.raises(error, match=words) as caught:
+def check_refused(tmp_path, name, content, message, error=(FileError, GeometryError)):
+    with pytest.raises(error, match=message) as caught:
         read(tmp_path, name, content)
     assert name in str(caught.value)
     assert str(caught.value).count(";") >= 2

@@ -19,7 +19,7 @@ import cspace
 """
 
 
-def told_without(package: str, code: str) -> str:
+def output_without(package: str, code: str) -> str:
     """What code prints in a process of its own that finds no such package."""
     run = [sys.executable, "-c", HIDE.format(package=package) + code]
     done = subprocess.run(run, capture_output=True, text=True, check=False)

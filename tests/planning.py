@@ -20,7 +20,7 @@ from handmade import map_of
 from planners.states import kind_of
 
 SPACES = ("plane", "turning", "space", "yawing", "floating")
-ENDS: dict[str, tuple[Any, Any]] = {
+ENDPOINTS: dict[str, tuple[Any, Any]] = {
     "plane": ((1.0, 1.0), (9.0, 5.0)),
     "turning": ((0.8, 0.8, 0.0), (5.0, 3.2, 2.0)),
     "space": ((0.5, 0.5, 0.4), (3.5, 1.4, 1.6)),
@@ -167,53 +167,53 @@ def on_arc(first: np.ndarray, chord: float, turn: float, way: int, along: np.nda
     return np.column_stack([first[:2] + offsets, yaw])
 
 
-def check(space: CSpace, found: planners.Plan, start: Any, goal: Any) -> None:
+def check(space: CSpace, plan: planners.Plan, start: Any, goal: Any) -> None:
     """What holds of every solved plan, told by look-ups of single configurations."""
-    dim, path, waypoints = space.grid.dim, found.path, found.waypoints
-    assert found.solved and found.certified and found.status.startswith("path found") and not found.advice
+    dim, path, waypoints = space.grid.dim, plan.path, plan.waypoints
+    assert plan.solved and plan.certified and plan.status.startswith("path found") and not plan.advice
     for rows in (path, waypoints):
         assert rows.dtype == np.float64 and rows.shape[1:] == (space.dof,) and not rows.flags.writeable
         for end, row in ((start, rows[0]), (goal, rows[-1])):
             assert tuple(row[:dim]) == tuple(end[:dim])
             assert edge(space, row, np.array(end), np.zeros(1))[1] < 1e-7
-    assert found.axes == space.axes
+    assert plan.axes == space.axes
     assert (path[:, dim:] >= -math.pi).all() and (path[:, dim:] < math.pi).all()
     known = {tuple(row) for row in path.tolist()}
     assert all(tuple(row) in known for row in waypoints.tolist())
     along = np.linspace(0.0, 1.0, 20 if space.dof > dim else 200)
     edges = [edge(space, a, b, along) for a, b in itertools.pairwise(path)]
     steps, angles = np.linalg.norm(np.diff(path[:, :dim], axis=0), axis=1), np.array([angle for _, angle in edges])
-    if found.curve is None:
-        assert (found.direction is None) == (found.drive == "holonomic") and found.length == pytest.approx(steps.sum())
-        assert found.turning == pytest.approx(angles.sum(), abs=1e-6)
+    if plan.curve is None:
+        assert (plan.direction is None) == (plan.drive == "holonomic") and plan.length == pytest.approx(steps.sum())
+        assert plan.turning == pytest.approx(angles.sum(), abs=1e-6)
         dense = [points for points, _ in edges]
     else:
-        assert found.turning_radius is not None and found.direction is not None
-        assert len(found.direction) == len(path) and set(found.direction.tolist()) <= {1, -1}
-        assert steps.sum() * (1 - 1e-9) <= found.length <= steps.sum() * 1.01 + 1e-9
+        assert plan.turning_radius is not None and plan.direction is not None
+        assert len(plan.direction) == len(path) and set(plan.direction.tolist()) <= {1, -1}
+        assert steps.sum() * (1 - 1e-9) <= plan.length <= steps.sum() * 1.01 + 1e-9
         turns = turn_between(path[:-1, 2], path[1:, 2])
-        ahead = zip(path, steps, turns, found.direction[1:], strict=False)
+        ahead = zip(path, steps, turns, plan.direction[1:], strict=False)
         dense = [on_arc(a, step, turn, way, along) for a, step, turn, way in ahead]
         # No turn is tighter than the radius, and the robot moves the way it points.
-        assert (np.abs(turns) <= 1.02 * steps / found.turning_radius + 1e-6).all()
+        assert (np.abs(turns) <= 1.02 * steps / plan.turning_radius + 1e-6).all()
         assert all(np.abs(points[-1, :2] - b[:2]).max() < 1e-5 for b, points in zip(path[1:], dense, strict=True))
     points = np.concatenate([path, *dense])
     if space.dof > dim:
         assert (angles <= math.radians(5) + 1e-7).all()
         assert (steps[angles > 1e-7] <= space.grid.spacing * (1 + 1e-9)).all()
-        assert 0.0 <= found.clearance <= space.clearance(points).min() + 1.5 * space.grid.spacing + 1e-9
-    if not found.exact:
+        assert 0.0 <= plan.clearance <= space.clearance(points).min() + 1.5 * space.grid.spacing + 1e-9
+    if not plan.exact:
         assert space.is_free(points).all()
         if space.dof == dim:
             least = distances(space, points).min()
-            assert max(0.0, least - 2.3 * space.grid.spacing) <= found.clearance <= least
-    assert all(seconds >= 0.0 for seconds in dataclasses.astuple(found.times))
+            assert max(0.0, least - 2.3 * space.grid.spacing) <= plan.clearance <= least
+    assert all(seconds >= 0.0 for seconds in dataclasses.astuple(plan.times))
 
 
-def check_none(space: CSpace, found: planners.Plan) -> None:
+def check_none(space: CSpace, plan: planners.Plan) -> None:
     """What holds of every plan that found nothing."""
-    assert not found.solved and not found.certified and found.path.shape == found.waypoints.shape == (0, space.dof)
-    assert all(math.isnan(value) for value in (found.length, found.turning, found.clearance))
+    assert not plan.solved and not plan.certified and plan.path.shape == plan.waypoints.shape == (0, space.dof)
+    assert all(math.isnan(value) for value in (plan.length, plan.turning, plan.clearance))
 
 
 def values(states: Any) -> list[float]:

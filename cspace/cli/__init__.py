@@ -20,11 +20,11 @@ from cspace.cli.report import Options, in_options, options_of, worded
 from cspace.errors import CspaceError
 
 _MISUSE: tuple[Any, ...] = typer.BadParameter.__mro__[1:2]
-"""What typer raises where a command line is not one of its own, under a name that hangs on its version."""
+"""What typer raises where a command line is not one of its own, under a name that depends on its version."""
 
 
 class _Commands(TyperGroup):
-    """The commands, with what goes wrong, or needs a warning, told in one line."""
+    """The commands, whose errors and warnings are printed in one line each."""
 
     def invoke(self, ctx: Any) -> Any:
         def warn(message: Warning | str, *_: Any, **__: Any) -> None:
@@ -41,8 +41,8 @@ class _Commands(TyperGroup):
             problem = worded(error, self._options(ctx))
         except _MISUSE as error:  # such as an option without its value
             command = error.ctx.command_path if error.ctx else "cspace"
-            words = " ".join(error.format_message().split()).removesuffix(".").replace("Value error, ", "")
-            problem = f"{words}; see {command} --help"
+            message = " ".join(error.format_message().split()).removesuffix(".").replace("Value error, ", "")
+            problem = f"{message}; see {command} --help"
         except OSError as error:
             problem = " ".join(str(error).split())
         except MemoryError as error:

@@ -40,14 +40,14 @@ def check_folder(folder: Path) -> None:
     while not there.exists() and there != there.parent:
         there = there.parent
     if not there.is_dir() or not os.access(there, os.W_OK | os.X_OK):
-        found = f"cannot be written: {there.resolve()} is not a folder that may be written"
-        raise FileError(str(folder), found, "outputs need one", "choose another")
+        problem = f"cannot be written: {there.resolve()} is not a folder that may be written"
+        raise FileError(str(folder), problem, "outputs need one", "choose another")
 
 
 def axes_of_map(file: Path) -> tuple[str, ...]:
     """Names of the numbers of a saved map's configurations.
 
-    Told by its metadata alone: a map in space is large, and a wrong option is told at once.
+    Read from its metadata alone: a map in space is large, and a wrong option is reported at once.
 
     Raises FileError if the file is not a map that can be opened.
     """
@@ -55,7 +55,7 @@ def axes_of_map(file: Path) -> tuple[str, ...]:
 
     try:
         return tuple(_metadata(file)["axes"].split())
-    except Exception:  # Whatever is wrong with the map, those who open it tell of it better.
+    except Exception:  # Whatever is wrong with the map, opening it raises the better error.
         return open_map(file).axes
 
 
@@ -88,7 +88,7 @@ def read_path(file: Path, axes: Sequence[str]) -> list[list[float]]:
 
 
 def _table(file: Path) -> tuple[tuple[str, ...], Any]:
-    """What the numbers of a path are called, where the file says so, and its configurations."""
+    """Names of a path's columns, where the file has them, and its configurations."""
     text = file.read_text(encoding="utf-8")
     if file.suffix.lower() == ".json":
         record = json.loads(text)
@@ -96,10 +96,10 @@ def _table(file: Path) -> tuple[tuple[str, ...], Any]:
             raise ValueError
         return tuple(record.get("axes", ())), record["path"]
     rows = list(csv.reader(text.splitlines()))
-    # A car's path also tells which way it drives.
-    kept = [number for number, name in enumerate(rows[0] if rows else ()) if name != "direction"]
-    names = tuple(rows[0][number] for number in kept)
-    return names, [[row[number] for number in kept] if len(row) == len(rows[0]) else row for row in rows[1:]]
+    # A car's path has a column more: whether it drives ahead or back.
+    columns = [number for number, name in enumerate(rows[0] if rows else ()) if name != "direction"]
+    names = tuple(rows[0][number] for number in columns)
+    return names, [[row[number] for number in columns] if len(row) == len(rows[0]) else row for row in rows[1:]]
 
 
 def _metadata(file: Path) -> Any:

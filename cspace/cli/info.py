@@ -1,4 +1,4 @@
-"""info: what a saved map, a workspace or a robot holds, and what a map would take, told before any work."""
+"""info: what a saved map, a workspace or a robot holds, and what a map would need, before any work."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def info(
     ] = None,
     spacing: Spacing = None,
     robot: Annotated[
-        str | None, typer.Option(metavar="SPEC", help="A robot to tell of beside a workspace, as for cspace map.")
+        str | None, typer.Option(metavar="SPEC", help="A robot to describe beside a workspace, as for cspace map.")
     ] = None,
     bounds: Bounds = None,
     unknown: UnknownCells = None,
@@ -56,7 +56,7 @@ def info(
     rotations: TurningCells = None,
     as_json: Json = False,
 ) -> None:
-    """Tell what a saved map, a workspace or a robot holds, and what a map would take, before any work."""
+    """Show what a saved map, a workspace or a robot holds, and what a map would need, before any work."""
     from cspace.cli.sketch import sketch
     from cspace.io.reading import open_map
     from cspace.robot import Robot
@@ -65,8 +65,8 @@ def info(
     kind = kind or _kind(file)
     options = workspace_options(spacing, unknown, bounds, solid, radius)
     if robot_solid is not None and robot is None:
-        found = f"is {robot_solid}, and there is no --robot"
-        raise InputError("--robot-solid", found, "it is for a robot", "add one, or leave it out")
+        problem = f"is {robot_solid}, and there is no --robot"
+        raise InputError("--robot-solid", problem, "it is for a robot", "add one, or leave it out")
     others = given(robot=robot, rotations=rotations)
     if kind == "map":
         _refuse({**options, **others}, (), f"{file} is a saved map")
@@ -101,7 +101,7 @@ def _kind(file: str) -> Kind:
 
 
 def describe_map(space: ConfigurationMap) -> dict[str, Any]:
-    """What there is to say about a map."""
+    """Facts about a map, by name: its robot, grid and rotations, and what is cheap to count."""
     return {
         "robot": space.robot.name,
         "lower_m": list(space.grid.lower),
@@ -116,7 +116,7 @@ def describe_map(space: ConfigurationMap) -> dict[str, Any]:
 
 
 def describe_robot(robot: Robot, spacing: float | None = None) -> dict[str, Any]:
-    """What there is to say about a robot, and how many cells it is across where a spacing is known (metres)."""
+    """Facts about a robot, by name, and how many cells it is across where a spacing is known (metres)."""
     import numpy as np
 
     from cspace.covering import covering_shape
@@ -140,10 +140,10 @@ def describe_box(corners: Any) -> dict[str, Any]:
 def survey(
     path: Path, options: dict[str, Any], names: Options, robot: Robot | None = None, rotations: str | None = None
 ) -> dict[str, Any]:
-    """What there is to say about the file of a workspace; shapes are not turned into cells.
+    """Facts about the file of a workspace, by name; shapes are not turned into cells.
 
     ``options`` are what the user gave for its reader (:meth:`cspace.Workspace.open`), and ``names`` what they are
-    called. Without a spacing, nothing is said of the cells of shapes. A robot is told of as well, in cells; of one that
+    called. Without a spacing, nothing is said of the cells of shapes. A robot is described as well, in cells; one that
     turns, with the ``rotations`` that the map is to have.
 
     Raises InputError if the suffix is not known, an option does not apply to it, or the robot is of another dimension,
@@ -169,7 +169,7 @@ def survey(
 def _shapes(
     cells: _Cells, path: Path, kind: str, *, spacing: float | None = None, bounds: Any = None, **options: Any
 ) -> dict[str, Any]:
-    """A file of shapes, which are put on a grid: their box, what there is to say about them, and the grid."""
+    """A file of shapes, which are put on a grid: their box, facts about them, and the grid."""
     from cspace.covering import check_bounds
     from cspace.memory import MESH_BYTES, WORKSPACE_BYTES
 
@@ -215,7 +215,7 @@ _SHAPES: Final[dict[str, tuple[str, Callable[..., tuple[Any, dict[str, Any]]]]]]
 
 
 def _grid(cells: _Cells, read: Callable[..., Any], reader: Callable[..., Any]) -> dict[str, Any]:
-    """A file that is itself a grid; of a sensor map, what is unknown is told apart."""
+    """A file that is itself a grid; of a sensor map, unknown cells are counted apart."""
     import numpy as np
 
     from cspace.memory import FIXED_CELLS, WORKSPACE_BYTES
@@ -223,7 +223,7 @@ def _grid(cells: _Cells, read: Callable[..., Any], reader: Callable[..., Any]) -
     senses = "unknown" in inspect.signature(reader).parameters
     workspace = read(unknown="free") if senses else read()
     occupied, unseen = int(np.count_nonzero(workspace.outer)), workspace.unknown
-    found = {"unknown": 0 if unseen is None else int(np.count_nonzero(unseen))} if senses else {}
+    unknown = {"unknown": 0 if unseen is None else int(np.count_nonzero(unseen))} if senses else {}
     grid = workspace.grid
     return {
         **describe_box(np.array([grid.lower, grid.upper])),
@@ -231,8 +231,8 @@ def _grid(cells: _Cells, read: Callable[..., Any], reader: Callable[..., Any]) -
         "shape": list(grid.shape),
         "cells": {
             "occupied": occupied,
-            **found,
-            "free": grid.size - occupied - sum(found.values()),
+            **unknown,
+            "free": grid.size - occupied - sum(unknown.values()),
             "total": grid.size,
         },
         **cells.memory(grid, WORKSPACE_BYTES, mend=FIXED_CELLS),

@@ -1,4 +1,4 @@
-"""Commands that make, tell of, draw and export maps."""
+"""Commands that make, draw, export and show maps."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def make(
         lazy = {} if tile is None else lazily(workspace, options)
         obstacles = Workspace.open(workspace, **options, **lazy)
     slices = int(cells.slice_of(shape.shape).max()) + 1
-    kept: BuildOptions = {
+    settings: BuildOptions = {
         "rotations": cells,
         "inner": inner,
         "overlap": overlap,
@@ -131,14 +131,14 @@ def make(
     space: CSpace | TiledCSpace
     if tile is not None:
         with cluster(scheduler) as client, clock.step("build", obstacles.grid.size * slices) as progress:
-            kept["progress"] = progress
-            space = build(obstacles, shape, store=output, tile=tile, client=client, **kept)
+            settings["progress"] = progress
+            space = build(obstacles, shape, store=output, tile=tile, client=client, **settings)
     else:
         if scheduler is not None:
             raise InputError("--scheduler", "is given", "it is for tiles", "add e.g. --tile 4096", value=scheduler)
         with clock.step("build") as progress:
-            kept["progress"] = progress
-            space = made = build(obstacles, shape, **kept)
+            settings["progress"] = progress
+            space = made = build(obstacles, shape, **settings)
         with clock.step("save"):
             made.save(output, overwrite=overwrite)
     show({"map": str(output), **describe_map(space), "seconds": clock.seconds}, as_json)

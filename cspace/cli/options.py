@@ -1,4 +1,4 @@
-"""Options that several commands have, and what their texts mean."""
+"""Options that several commands share, and how their texts are read."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Solid = Literal["auto", "surface", "fill"]
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document, for machines.")]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace existing outputs.")]
-# Typer looks at files before any command runs and tells of them in its own way; the library does it better.
+# Typer looks at files before any command runs and words its errors in its own way; the library's are better.
 MapFile = Annotated[Path, typer.Argument(metavar="MAP", readable=False, help="A saved map: .zarr or .npz.")]
 
 PathFile = Annotated[
@@ -81,7 +81,7 @@ Radius = Annotated[
 def workspace_options(
     spacing: float | None, unknown: Unknown | None, bounds: str | None, solid: Solid | None, radius: float | None
 ) -> dict[str, Any]:
-    """What the user gave for the reader of a workspace, checked as far as it can be without the file.
+    """Options for the reader of a workspace, checked as far as possible without the file.
 
     Raises InputError if ``bounds`` is not a box, or a number is out of range.
     """
@@ -115,9 +115,9 @@ def check_dimensions(path: Path, dim: int, robot: Robot) -> None:
     Raises InputError if they do not agree.
     """
     if robot.dim != dim:
-        found = f"is a {robot.name}, which has {robot.dim} dimensions, and the workspace {path} has {dim}"
+        problem = f"is a {robot.name}, which has {robot.dim} dimensions, and the workspace {path} has {dim}"
         mend = "take both in the plane or both in space" + ", or its shadow, as footprint:ROBOT" * (robot.dim == 3)
-        raise InputError("--robot", found, "they must agree", mend)
+        raise InputError("--robot", problem, "they must agree", mend)
 
 
 def rotation_cells(text: str | None) -> Rotations:
@@ -162,17 +162,17 @@ def rotation_of(text: str, option: str, axes: Sequence[str]) -> Any:
 
 def _rows(text: str, option: str, axes: Sequence[str], rule: str, most: int) -> list[tuple[float, ...]]:
     """Numbers with commas between them, as many as the axes, once or up to ``most`` times."""
-    words, n = text.split(","), len(axes)
+    fields, n = text.split(","), len(axes)
     try:
-        if len(words) % n or len(words) > most * n:
+        if len(fields) % n or len(fields) > most * n:
             raise ValueError
-        numbers = [angle(word, option) if axes[k % n] == "yaw" else float(word) for k, word in enumerate(words)]
+        numbers = [angle(field, option) if axes[k % n] == "yaw" else float(field) for k, field in enumerate(fields)]
     except InputError:
         raise
     except ValueError:
         mend = f"write e.g. {option}={','.join(_EXAMPLES[axis] for axis in axes)}"
         raise InputError(option, f"is {text!r}", rule, mend, value=text) from None
-    return [tuple(numbers[k : k + n]) for k in range(0, len(words), n)]
+    return [tuple(numbers[k : k + n]) for k in range(0, len(fields), n)]
 
 
 def box(text: str, option: str) -> tuple[float, ...]:
@@ -195,22 +195,22 @@ def box(text: str, option: str) -> tuple[float, ...]:
 
 
 def angle(text: str, option: str) -> float:
-    """The angle that a word gives, in radians: ``90deg``, or a number of radians.
+    """The angle that a text gives, in radians: ``90deg``, or a number of radians.
 
     Raises InputError if the text is neither, or more than a turn without a unit, which is taken for degrees that lack
     theirs.
     """
     word = text.strip()
     number, unit = next(((word.removesuffix(unit), unit) for unit in ("deg", "rad") if word.endswith(unit)), (word, ""))
-    found = f"has the yaw {text!r}"
+    problem = f"has the yaw {text!r}"
     try:
         value = float(number)
     except ValueError:
         rule = "it must be a number of degrees or of radians"
-        raise InputError(option, found, rule, "write e.g. 90deg or 1.57", value=text) from None
+        raise InputError(option, problem, rule, "write e.g. 90deg or 1.57", value=text) from None
     if not unit and math.isfinite(value) and abs(value) > 2.0 * math.pi:
         rule = f"a yaw without a unit is in radians, and {value:g} rad is more than a turn"
-        raise InputError(option, found, rule, f"write {number}deg for degrees, or {number}rad if you mean it")
+        raise InputError(option, problem, rule, f"write {number}deg for degrees, or {number}rad if you mean it")
     return math.radians(value) if unit == "deg" else value
 
 

@@ -1,4 +1,4 @@
-"""What a command tells: a table for people or one JSON document for machines, a progress bar, and errors in its words.
+"""What a command prints: a table or one JSON document, a progress bar, and errors in terms of its options.
 
 Errors are worded from their fields, never from their text.
 """
@@ -30,7 +30,7 @@ _UNITS: Final = {
 """Units, by the end of a name."""
 
 _MANY_BYTES: Final = 10**6
-"""From here on people are told of MB and GB."""
+"""From here on, tables show MB and GB."""
 
 
 class Clock:
@@ -48,13 +48,13 @@ class Clock:
         self.seconds[name] = round(time.perf_counter() - began, 4)
 
     def split(self, name: str, **parts: float) -> None:
-        """Tell the parts of the last step instead of its whole."""
+        """Replace the last step by its parts."""
         del self.seconds[name]
         self.seconds |= {part: round(seconds, 4) for part, seconds in parts.items()}
 
 
 @contextmanager
-def progress_line(words: str, cells: int = 0) -> Iterator[Callable[[int, int], None] | None]:
+def progress_line(label: str, cells: int = 0) -> Iterator[Callable[[int, int], None] | None]:
     """A bar on the error stream, where that is a terminal: the callback to pass to the library, else None.
 
     It says so where functions are being compiled; and, of so many ``cells`` in tiles, how many tiles are done and how
@@ -69,22 +69,22 @@ def progress_line(words: str, cells: int = 0) -> Iterator[Callable[[int, int], N
     from cspace.compiling import LOGGER
 
     with Progress(console=Console(stderr=True), transient=True) as bar:
-        task, began = bar.add_task(words, total=None), [math.nan, 0.0]
+        task, began = bar.add_task(label, total=None), [math.nan, 0.0]
 
         class Listener(logging.Handler):
             def emit(self, record: logging.LogRecord) -> None:
-                bar.update(task, description=f"{words} (compiling, once per machine)")
+                bar.update(task, description=f"{label} (compiling, once per machine)")
 
         def advance(done: int, total: int) -> None:
-            said = words
+            text = label
             if cells:
                 # What was there before this run took none of its time.
                 began[:] = began if began[0] == began[0] else [time.perf_counter(), done]
                 seconds = max(time.perf_counter() - began[0], 1e-9)
-                said = f"{words}: {done} of {total} tiles"
+                text = f"{label}: {done} of {total} tiles"
                 if done > began[1]:
-                    said += f", {(done - began[1]) / total * cells / seconds:.3g} cells/s"
-            bar.update(task, description=said, completed=done, total=total)
+                    text += f", {(done - began[1]) / total * cells / seconds:.3g} cells/s"
+            bar.update(task, description=text, completed=done, total=total)
 
         level, listener = LOGGER.level, Listener()
         LOGGER.addHandler(listener)
@@ -99,8 +99,8 @@ def progress_line(words: str, cells: int = 0) -> Iterator[Callable[[int, int], N
 def show(document: dict[str, Any], as_json: bool) -> None:
     """Print a document on the standard output: a table, or one JSON document, where what is not finite is null.
 
-    It has names to values, nested at will; the end of a name tells the unit, as ``_m`` does metres. Lists of lists are
-    for machines only.
+    It maps names to values, nested at will; the end of a name gives the unit: ``_m`` is metres. Lists of lists appear
+    in JSON only.
     """
     if as_json:
         typer.echo(json.dumps(_finite(document), indent=2, allow_nan=False))
@@ -176,9 +176,9 @@ def worded(error: CspaceError, options: Options) -> str:
     """An error in one line, with its argument, and one that its mend names, as options of the command."""
     if error.fault is None:
         return _line(str(error))
-    found = f"{options.get(error.argument, error.argument)}{error.gap}{error.fault}"
+    subject = f"{options.get(error.argument, error.argument)}{error.gap}{error.fault}"
     return _line(
-        "; ".join(part for part in (found, in_options(error.rule, options), in_options(error.mend, options)) if part)
+        "; ".join(part for part in (subject, in_options(error.rule, options), in_options(error.mend, options)) if part)
     )
 
 
@@ -189,7 +189,7 @@ def in_options(text: str, options: Options) -> str:
 
 @contextmanager
 def about_robot() -> Iterator[None]:
-    """Within the block, what is said of ``solid`` is meant for the robot: ``robot_solid``."""
+    """Within the block, errors and warnings about ``solid`` name the robot's option, ``robot_solid``."""
     with warnings.catch_warnings(record=True) as heard:
         warnings.simplefilter("always", UserWarning)
         try:

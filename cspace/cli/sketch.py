@@ -37,7 +37,7 @@ def sketch(robot: Robot) -> str:
 
 
 Rings = Sequence[tuple[NDArray[np.float64], int]]
-"""Closed lines, shape (n, 2), metres, each with what it fills its inside with: 1, or 0 for a hole."""
+"""Closed lines, shape (n, 2), metres, each with the value of its inside: 1, or 0 for a hole."""
 
 
 def _outline(robot: Robot) -> tuple[str, Rings]:
@@ -59,7 +59,7 @@ def _from_the_side(robot: Robot) -> tuple[str, Rings]:
     return "from the side, x to the right and z up", [(corners, 1) for corners in vertices[faces][..., ::2]]
 
 
-def _drawn(words: str, rings: Rings, blocks: str) -> list[str]:
+def _drawn(caption: str, rings: Rings, blocks: str) -> list[str]:
     """The lines of one view."""
     from PIL import Image, ImageDraw
 
@@ -76,7 +76,7 @@ def _drawn(words: str, rings: Rings, blocks: str) -> list[str]:
         rows[frame.origin[1] // 2][frame.origin[0]] = "+"
     origin = "+ is the reference point" if frame.origin else "the reference point lies far outside"
     lines = ["  " + "".join(row).rstrip() for row in reversed(rows)]
-    return ["", *lines, f"  {words}; a character is {frame.side:.3g} m wide; {origin}"]
+    return ["", *lines, f"  {caption}; a character is {frame.side:.3g} m wide; {origin}"]
 
 
 class _Frame:

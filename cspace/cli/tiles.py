@@ -1,4 +1,4 @@
-"""Maps in tiles, for commands: room for a store, a cluster, and what stands for a map that is too large to show."""
+"""Maps in tiles, for commands: the folder of a store, a cluster, and a window of a map that is too large."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def make_room(output: Path, overwrite: bool) -> None:
 
 
 def lazily(workspace: Path, options: dict[str, Any]) -> dict[str, Any]:
-    """What has the reader of a workspace leave the cells where they are, if it can."""
+    """The option that makes the reader of a workspace leave the cells in their file, if it has it."""
     from cspace.workspace import reader_of
 
     try:
@@ -55,8 +55,8 @@ def cluster(address: str | None) -> Iterator[Any]:
     try:
         client = optional("distributed", CLUSTER, "distributed").Client(address, timeout=10)
     except (OSError, ValueError, TimeoutError) as error:
-        found, rule = f"is {address!r}, where nothing answers ({error})", "it must be the address of a dask scheduler"
-        raise InputError("--scheduler", found, rule, "start one, with dask scheduler", value=address) from error
+        problem, rule = f"is {address!r}, where nothing answers ({error})", "it must be the address of a dask scheduler"
+        raise InputError("--scheduler", problem, rule, "start one, with dask scheduler", value=address) from error
     with client:
         yield client
 

@@ -147,9 +147,9 @@ def _compare(points: Floats, accessor: dict[str, Any]) -> None:
         raise Fault(f"declares {accessor['count']} vertices of a part, and {len(points)} were read")
     if "min" in accessor and "max" in accessor and np.isfinite(points).all():
         declared = np.array([accessor["min"], accessor["max"]], dtype=np.float64)
-        found = np.array([points.min(axis=0), points.max(axis=0)])
-        if declared.shape != (2, 3) or not (np.abs(declared - found) <= 1e-5 * np.abs(found).max()).all():
-            raise Fault(f"declares bounds of a part that are {declared.tolist()}, and {found.tolist()} were read")
+        measured = np.array([points.min(axis=0), points.max(axis=0)])
+        if declared.shape != (2, 3) or not (np.abs(declared - measured) <= 1e-5 * np.abs(measured).max()).all():
+            raise Fault(f"declares bounds of a part that are {declared.tolist()}, and {measured.tolist()} were read")
 
 
 def _refuse_extensions(thing: dict[str, Any]) -> None:

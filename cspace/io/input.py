@@ -18,7 +18,7 @@ from cspace.io.limits import check_bytes
 _LONGEST_HEADER: Final = 2**16
 """Bytes in which a text header before binary data must end."""
 
-_LONGEST_WORD: Final = 64
+_LONGEST_NUMBER: Final = 64
 """Bytes of a number that are read many at a time."""
 
 _SHOWN: Final = 60
@@ -57,13 +57,13 @@ def not_a_name(path: object) -> InputError:
 
 def unreadable(path: str | os.PathLike[str], kind: str, error: OSError) -> FileError:
     """The error for a file that the system refuses to read."""
-    found, rule = f"cannot be read: {error.strerror or error}", f"{_one(kind)} must be readable"
-    return FileError(os.fspath(path), found, rule, "check its permissions")
+    problem, rule = f"cannot be read: {error.strerror or error}", f"{_one(kind)} must be readable"
+    return FileError(os.fspath(path), problem, rule, "check its permissions")
 
 
-def damaged(path: str | os.PathLike[str], found: str) -> FileError:
+def damaged(path: str | os.PathLike[str], problem: str) -> FileError:
     """The error for a file that breaks the rules of its format, or is cut short."""
-    return FileError(os.fspath(path), *Fault(found).parts)
+    return FileError(os.fspath(path), *Fault(problem).parts)
 
 
 class Fault(Exception):  # noqa: N818 - it becomes an error in decoding
@@ -74,15 +74,15 @@ class Fault(Exception):  # noqa: N818 - it becomes an error in decoding
 
     def __init__(
         self,
-        found: str,
+        problem: str,
         rule: str = "it is malformed or truncated",
         mend: str = "copy it or write it again",
         *,
         kind: type[CspaceError] = FileError,
         value: object = None,
     ) -> None:
-        super().__init__(found)
-        self.parts, self.kind, self.value = (found, rule, mend), kind, value
+        super().__init__(problem)
+        self.parts, self.kind, self.value = (problem, rule, mend), kind, value
 
 
 @contextmanager
@@ -143,8 +143,8 @@ def read_text(path: str | os.PathLike[str], kind: str, memory: float = 4.0) -> s
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        found, rule = f"is not text: byte {error.start} is not UTF-8", f"{_one(kind)} is a text file"
-        raise FileError(os.fspath(path), found, rule, "pass the right file") from error
+        problem, rule = f"is not text: byte {error.start} is not UTF-8", f"{_one(kind)} is a text file"
+        raise FileError(os.fspath(path), problem, rule, "pass the right file") from error
     return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
 
 
@@ -182,8 +182,8 @@ def _fault(text: str, file: str, first: int, separator: str | None, columns: int
                 continue
         except ValueError:
             rule = "numbers alone; a heading needs a '#' before it"
-        found = f"line {number} is {line.strip()[:_SHOWN]!r}"
-        return FileError(file, found, f"it must hold {rule}", "mend the line, or fetch a truncated file again")
+        problem = f"line {number} is {line.strip()[:_SHOWN]!r}"
+        return FileError(file, problem, f"it must hold {rule}", "mend the line, or fetch a truncated file again")
     return FileError(file, f"cannot be read: {error}", "it must hold columns of numbers", "mend that line")
 
 
@@ -198,17 +198,17 @@ def header_lines(content: bytes) -> Iterator[tuple[str, int]]:
 
 
 @overload
-def numbers_of(words: Sequence[bytes], kind: type[int]) -> NDArray[np.int64]: ...
+def numbers_of(tokens: Sequence[bytes], kind: type[int]) -> NDArray[np.int64]: ...
 @overload
-def numbers_of(words: Sequence[bytes], kind: type[float]) -> NDArray[np.float64]: ...
-def numbers_of(words: Sequence[bytes], kind: type[int] | type[float]) -> NDArray[Any]:
-    """Words as numbers, shape (n,).
+def numbers_of(tokens: Sequence[bytes], kind: type[float]) -> NDArray[np.float64]: ...
+def numbers_of(tokens: Sequence[bytes], kind: type[int] | type[float]) -> NDArray[Any]:
+    """Tokens as numbers, shape (n,).
 
     Raises ValueError or OverflowError if one is none, or beyond 64 bits.
     """
-    if max(map(len, words), default=0) > _LONGEST_WORD:  # a table of words is as wide as its longest one
-        return np.array(list(map(kind, words)), dtype=np.dtype(kind))
-    return np.array(words, dtype=np.bytes_).astype(kind) if words else np.empty(0, kind)
+    if max(map(len, tokens), default=0) > _LONGEST_NUMBER:  # a table of texts is as wide as its longest one
+        return np.array(list(map(kind, tokens)), dtype=np.dtype(kind))
+    return np.array(tokens, dtype=np.bytes_).astype(kind) if tokens else np.empty(0, kind)
 
 
 UNKNOWNS: Final = ("occupied", "free")

@@ -51,9 +51,9 @@ def read_map(path: str | os.PathLike[str]) -> NDArray[np.bool_]:
             raise damaged(path, f"line {number} has {len(row)} characters, and the header says width {width}")
         wrong = row.translate(_DROP_CELLS)
         if wrong:
-            found = f"line {number}, column {row.index(wrong[0]) + 1} is {wrong[0]!r}"
+            problem = f"line {number}, column {row.index(wrong[0]) + 1} is {wrong[0]!r}"
             rule = f"cells are one of '{PASSABLE}' (passable) or '{BLOCKED}' (blocked)"
-            raise FileError(os.fspath(path), found, rule, "replace it")
+            raise FileError(os.fspath(path), problem, rule, "replace it")
     if len(rows) != height:
         raise damaged(path, f"ends at line {len(lines)} with {len(rows)} rows, and the header says height {height}")
     cells = np.frombuffer("".join(rows).encode("ascii"), dtype=np.uint8).reshape(height, width)
@@ -72,10 +72,10 @@ def read_3dmap(path: str | os.PathLike[str]) -> NDArray[np.bool_]:
     """
     text = read_text(path, "MovingAI voxel map")
     first, _, body = text.partition("\n")
-    words = first.split()
-    if words[:1] != ["voxel"] or len(words) != 4 or not all(is_count(word) and int(word) > 0 for word in words[1:]):
+    kind, *counts = first.split() or [""]
+    if kind != "voxel" or len(counts) != 3 or not all(is_count(count) and int(count) > 0 for count in counts):
         raise _fault(path, 1, [first.rstrip()], "'voxel' and three whole numbers above zero")
-    shape = (int(words[1]), int(words[2]), int(words[3]))
+    shape = (int(counts[0]), int(counts[1]), int(counts[2]))
     check_cells(path, shape)
     blocked = np.zeros(shape, dtype=np.bool_)
     if not body.strip():
@@ -93,10 +93,10 @@ def _voxel_fault(path: str | os.PathLike[str], body: str, shape: tuple[int, int,
     """The error for the first line of a voxel map, below the header, that is not what it should be."""
     lines = ["", *(line.strip() for line in body.split("\n"))]
     for number, line in enumerate(lines[1:], start=2):
-        words = line.split()
-        if words and not (len(words) == 3 and all(map(is_count, words))):
+        tokens = line.split()
+        if tokens and not (len(tokens) == 3 and all(map(is_count, tokens))):
             return _fault(path, number, lines, "'x y z' of a blocked voxel, whole numbers from 0 on")
-        if words and any(int(word) >= n for word, n in zip(words, shape, strict=True)):
+        if tokens and any(int(token) >= n for token, n in zip(tokens, shape, strict=True)):
             return _fault(path, number, lines, f"a voxel inside {' x '.join(map(str, shape))}, counted from 0")
     return damaged(path, "cannot be read as lines of 'x y z'")
 
@@ -108,5 +108,5 @@ def _lines(path: str | os.PathLike[str], kind: str) -> list[str]:
 
 def _fault(path: str | os.PathLike[str], number: int, lines: list[str], rule: str) -> FileError:
     """The error for a line that is not what it should be."""
-    found = repr(lines[number - 1][:60]) if number <= len(lines) else "missing"
-    return FileError(os.fspath(path), f"line {number} is {found}", f"it must hold {rule}", "mend it or fetch it again")
+    line = repr(lines[number - 1][:60]) if number <= len(lines) else "missing"
+    return FileError(os.fspath(path), f"line {number} is {line}", f"it must hold {rule}", "mend it or fetch it again")

@@ -75,7 +75,7 @@ def read_octomap(path: str | os.PathLike[str], unknown: str = "occupied") -> tup
 
 def _split(content: bytes) -> tuple[_Header, int]:
     """The header, and the byte at which the nodes begin."""
-    words: dict[str, str] = {}
+    entries: dict[str, str] = {}
     binary: bool | None = None
     for line, after in header_lines(content):
         text = line.strip()
@@ -85,16 +85,16 @@ def _split(content: bytes) -> tuple[_Header, int]:
                 raise Fault(f"begins with {line[:40]!r}", f"an OctoMap begins with {begins}", "pass another file")
             binary = _FIRST_LINES[text]
         elif text == "data":
-            return _header(words, binary), after
+            return _header(entries, binary), after
         elif text and not text.startswith("#"):
             key, _, value = text.partition(" ")
-            words[key] = value.strip()
+            entries[key] = value.strip()
     raise Fault("has no line 'data' after its header" if content else "is empty")
 
 
-def _header(words: dict[str, str], binary: bool) -> _Header:
+def _header(entries: dict[str, str], binary: bool) -> _Header:
     """The header, checked."""
-    tree, size, resolution = words.get("id", ""), words.get("size", ""), words.get("res", "")
+    tree, size, resolution = entries.get("id", ""), entries.get("size", ""), entries.get("res", "")
     if tree not in _COLOURS:
         raise Fault(
             f"holds a tree of type {tree!r:.60}", f"{' and '.join(_COLOURS)} are read", "convert it with OctoMap"
@@ -111,26 +111,26 @@ def _header(words: dict[str, str], binary: bool) -> _Header:
     return _Header(binary, tree, count, side)
 
 
-def _leaves(header: _Header, nodes: bytes) -> NDArray[np.int64]:
+def _leaves(header: _Header, data: bytes) -> NDArray[np.int64]:
     """First cell, side in cells, and whether occupied, of each leaf, shape (n, 5)."""
     values = np.empty(0, dtype=np.float32)
     if header.binary:
-        records = np.frombuffer(nodes, dtype=np.uint8, count=len(nodes) // 2 * 2).reshape(-1, 2)
+        records = np.frombuffer(data, dtype=np.uint8, count=len(data) // 2 * 2).reshape(-1, 2)
     else:
         record = np.dtype([("value", "<f4"), ("colour", "V", _COLOURS[header.tree]), ("children", "u1")])
-        full = np.frombuffer(nodes, dtype=record, count=len(nodes) // record.itemsize)
+        full = np.frombuffer(data, dtype=record, count=len(data) // record.itemsize)
         values = full["value"]
         records = np.stack([full["children"], values >= 0.0], axis=1).astype(np.uint8)
     leaves = np.empty((min(header.size, 8 * len(records)), 5), dtype=np.int64)
-    found, count, fault = leaves_of(records, header.binary, leaves)
-    broken = int(np.isnan(values[:found]).sum())
+    nodes, count, fault = leaves_of(records, header.binary, leaves)
+    broken = int(np.isnan(values[:nodes]).sum())
     if broken:
         raise Fault(f"has {broken} nodes without a value (NaN)")
     if fault == 1:
-        raise Fault(f"ends after {found} nodes, and its header says {header.size}")
-    if fault or found != header.size:
+        raise Fault(f"ends after {nodes} nodes, and its header says {header.size}")
+    if fault or nodes != header.size:
         reason = {2: f"an inner node below level {DEPTH}", 3: "an inner node without children"}.get(
-            fault, f"{'more' if fault else found} nodes, where its header says {header.size}"
+            fault, f"{'more' if fault else nodes} nodes, where its header says {header.size}"
         )
         raise Fault(f"holds {reason}", "that is no octree of OctoMap", "the file is damaged, fetch it again")
     return leaves[:count]

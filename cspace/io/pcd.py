@@ -79,7 +79,7 @@ def read_pcd(path: str | os.PathLike[str]) -> Floats:
 
 def _split(file: str, content: bytes) -> tuple[_Header, int]:
     """The header, and the byte after it."""
-    words: dict[str, list[str]] = {}
+    entries: dict[str, list[str]] = {}
     end = 0
     for number, (line, after) in enumerate(header_lines(content), start=1):
         key, *values = line.partition("#")[0].split() or [""]
@@ -91,28 +91,28 @@ def _split(file: str, content: bytes) -> tuple[_Header, int]:
                 "the file is damaged or of another format",
             )
         if key:
-            words["FIELDS" if key == "COLUMNS" else key] = values
+            entries["FIELDS" if key == "COLUMNS" else key] = values
         end = after
         if key == "DATA":
             break
-    missing = [key for key in ("FIELDS", "SIZE", "TYPE", "DATA") if key not in words]
-    if missing or not ("POINTS" in words or {"WIDTH", "HEIGHT"} <= words.keys()):
+    missing = [key for key in ("FIELDS", "SIZE", "TYPE", "DATA") if key not in entries]
+    if missing or not ("POINTS" in entries or {"WIDTH", "HEIGHT"} <= entries.keys()):
         raise damaged(file, f"has no {' and '.join(missing) or 'POINTS'} in its header, which ends with DATA")
-    return _header(file, words, number), end
+    return _header(file, entries, number), end
 
 
-def _header(file: str, words: dict[str, list[str]], lines: int) -> _Header:
+def _header(file: str, entries: dict[str, list[str]], lines: int) -> _Header:
     """The header, checked."""
-    fields = tuple(words["FIELDS"])
+    fields = tuple(entries["FIELDS"])
     try:
-        sizes = [int(word) for word in words["SIZE"]]
-        counts = tuple(int(word) for word in words.get("COUNT", ["1"] * len(fields)))
-        grid = [int(words[key][0]) for key in ("WIDTH", "HEIGHT") if key in words]
-        points = int(words["POINTS"][0]) if "POINTS" in words else math.prod(grid)
+        sizes = [int(word) for word in entries["SIZE"]]
+        counts = tuple(int(word) for word in entries.get("COUNT", ["1"] * len(fields)))
+        grid = [int(entries[key][0]) for key in ("WIDTH", "HEIGHT") if key in entries]
+        points = int(entries["POINTS"][0]) if "POINTS" in entries else math.prod(grid)
     except (ValueError, IndexError) as error:
         raise damaged(file, f"has a malformed header: {error}; SIZE, COUNT and POINTS hold whole numbers") from error
-    types = list(zip(words["TYPE"], sizes, strict=False))
-    if not (len(fields) == len(sizes) == len(words["TYPE"]) == len(counts)) or not set(types) <= _TYPES:
+    types = list(zip(entries["TYPE"], sizes, strict=False))
+    if not (len(fields) == len(sizes) == len(entries["TYPE"]) == len(counts)) or not set(types) <= _TYPES:
         rule = "each field needs a type F, I or U, a size of 1, 2, 4 or 8 bytes and a count"
         raise damaged(file, f"has fields {fields} of types {types} and counts {counts}; {rule}")
     coordinates = [field for field in fields if field in ("x", "y", "z")]
@@ -124,7 +124,7 @@ def _header(file: str, words: dict[str, list[str]], lines: int) -> _Header:
     length = sum(size * count for size, count in zip(sizes, counts, strict=True))
     if length > _LONGEST:
         raise damaged(file, f"says {length} bytes for each point, by SIZE and COUNT; at most {_LONGEST} are read")
-    data = " ".join(words["DATA"])
+    data = " ".join(entries["DATA"])
     if data not in _DECODERS:
         raise FileError(file, f"says DATA {data!r:.60}", f"it is one of {', '.join(_DECODERS)}", "write the file again")
     dtypes = tuple(np.dtype(f"<{kind.lower()}{size}") for kind, size in types)

@@ -29,7 +29,7 @@ _ELEMENTS: Final = 256
 _BLOCK: Final = 2**22
 """Characters whose brackets are counted at once."""
 
-_WORDS: Final[dict[str, bool | None]] = {
+_CONSTANTS: Final[dict[str, bool | None]] = {
     **dict.fromkeys(("", "~", "null", "Null", "NULL"), None),
     **{form: True for word in ("true", "yes", "on") for form in (word, word.capitalize(), word.upper())},
     **{form: False for word in ("false", "no", "off") for form in (word, word.capitalize(), word.upper())},
@@ -160,8 +160,8 @@ def _scalar(event: Any) -> Any:
     word: str = event.value
     if event.style in ("'", '"', "|", ">"):
         return word
-    if word in _WORDS:
-        return _WORDS[word]
+    if word in _CONSTANTS:
+        return _CONSTANTS[word]
     if _INTEGER.fullmatch(word):
         return int(word)
     if word and _FLOAT.fullmatch(word):

@@ -101,8 +101,8 @@ def read_ply(path: str | os.PathLike[str]) -> tuple[Floats, Integers, Integers]:
         if faces is None:
             faces = _corners(elements["face"]["data"], names[0], header, file) if header.faces else _NO_FACES
     if len(vertices) != header.vertices or len(faces[1]) != header.faces:
-        found = f"{len(vertices)} and {len(faces[1])} were read"
-        raise damaged(file, f"declares {header.vertices} vertices and {header.faces} faces, and {found}")
+        counts = f"{len(vertices)} and {len(faces[1])} were read"
+        raise damaged(file, f"declares {header.vertices} vertices and {header.faces} faces, and {counts}")
     return vertices.astype(np.float64), *faces
 
 
@@ -112,7 +112,7 @@ def _counted(content: bytes, header: PlyHeader, file: str) -> tuple[bytes, tuple
     trimesh takes blank lines for elements, passes over lines and words too many, and tells the length of all lists by
     the first one.
     """
-    rows = [words for line in content[header.end :].splitlines() if (words := line.split())]
+    rows = [tokens for line in content[header.end :].splitlines() if (tokens := line.split())]
     if len(rows) != sum(header.counts.values()):
         raise damaged(file, f"declares {sum(header.counts.values())} elements and has {len(rows)} lines of them")
     corners: list[bytes] = []
@@ -122,15 +122,15 @@ def _counted(content: bytes, header: PlyHeader, file: str) -> tuple[bytes, tuple
         for element, count in header.counts.items():
             properties = header.properties[element]
             lists = any(is_list for _, is_list in properties)
-            for words in rows[first : first + count]:
+            for tokens in rows[first : first + count]:
                 at = 0 if lists else len(properties)
                 for name, is_list in properties if lists else ():
                     if is_list and name in _CORNERS and element == "face":
-                        sizes.append(int(words[at]))
-                        corners += words[at + 1 : at + 1 + sizes[-1]]
-                    at += 1 + int(words[at]) if is_list else 1
-                if at != len(words):
-                    raise damaged(file, f"has a {element} of {len(words)} words, and declares {at}")
+                        sizes.append(int(tokens[at]))
+                        corners += tokens[at + 1 : at + 1 + sizes[-1]]
+                    at += 1 + int(tokens[at]) if is_list else 1
+                if at != len(tokens):
+                    raise damaged(file, f"has a {element} of {len(tokens)} words, and declares {at}")
             first += count
         faces = numbers_of(corners, int), np.array(sizes, dtype=np.int64)
     except (IndexError, ValueError, OverflowError) as error:
@@ -143,17 +143,17 @@ def _header(content: bytes, file: str) -> PlyHeader:
     properties: dict[str, list[tuple[str, bool]]] = {}
     form, name = "", ""
     for number, (line, after) in enumerate(header_lines(content)):
-        words = line.split()
-        if number == 0 and words != ["ply"]:
+        tokens = line.split()
+        if number == 0 and tokens != ["ply"]:
             break
-        if words[:1] == ["format"] and len(words) == 3:
-            form = words[1]
-        elif words[:1] == ["element"] and len(words) == 3 and is_count(words[2]) and words[1] not in counts:
-            name = words[1]
-            counts[name], properties[name] = int(words[2]), []
-        elif words[:1] == ["property"] and name and len(words) in (3, 5) and (len(words) == 5) == (words[1] == "list"):
-            properties[name].append((words[-1], len(words) == 5))
-        elif words == ["end_header"] and "vertex" in counts and form in _FORMATS:
+        if tokens[:1] == ["format"] and len(tokens) == 3:
+            form = tokens[1]
+        elif tokens[:1] == ["element"] and len(tokens) == 3 and is_count(tokens[2]) and tokens[1] not in counts:
+            name = tokens[1]
+            counts[name], properties[name] = int(tokens[2]), []
+        elif tokens[:1] == ["property"] and name and len(tokens) == (5 if tokens[1:2] == ["list"] else 3):
+            properties[name].append((tokens[-1], len(tokens) == 5))
+        elif tokens == ["end_header"] and "vertex" in counts and form in _FORMATS:
             known = ("face", "range_grid")
             strange = [e for e in counts if e not in known and counts[e] and any(listed for _, listed in properties[e])]
             if strange:
@@ -164,7 +164,7 @@ def _header(content: bytes, file: str) -> PlyHeader:
                     "write it with faces, e.g. by MeshLab",
                 )
             return PlyHeader(form == "ascii", counts, properties, after)
-        elif number and words[:1] not in (["comment"], ["obj_info"], []):
+        elif number and tokens[:1] not in (["comment"], ["obj_info"], []):
             break
     raise FileError(
         file,

@@ -138,9 +138,9 @@ def _planes(points: Floats, size: Floats, slack: Floats) -> tuple[Floats, NDArra
 
 def _refused(polygon: Integers, what: str) -> Fault:
     shown = ", ".join(map(str, polygon[:8].tolist())) + (", ..." if len(polygon) > 8 else "")
-    found = f"has a face of {len(polygon)} corners (vertices {shown}, counted from 0) that {what}"
+    problem = f"has a face of {len(polygon)} corners (vertices {shown}, counted from 0) that {what}"
     rule = "more than three corners must lie flat, and one of them must see the whole face"
-    return Fault(found, rule, "triangulate the faces where the file is written", kind=GeometryError)
+    return Fault(problem, rule, "triangulate the faces where the file is written", kind=GeometryError)
 
 
 def unread(what: str, mend: str = "export it as plain triangles, e.g. as STL") -> Fault:
@@ -159,18 +159,18 @@ def read_obj(file: Path) -> Surface:
     sizes: list[int] = []
     before: list[int] = []
     for line in _statements(file):
-        words = line.split()
-        if not words:
+        tokens = line.split()
+        if not tokens:
             continue
-        name = words[0]
+        name = tokens[0]
         if name not in (b"v", b"f"):
             name = name.lower()
         if name == b"f":
-            corners += words[1:]
-            sizes.append(len(words) - 1)
+            corners += tokens[1:]
+            sizes.append(len(tokens) - 1)
             before.append(len(points))
         elif name == b"v":
-            points.append(words[1:])
+            points.append(tokens[1:])
         elif name in _SURFACES:
             raise unread(f"a statement {name.decode()!r}")
         elif name not in _LEFT:
@@ -229,13 +229,13 @@ def read_off(file: Path) -> Surface:
     binary, its vertices have other than three coordinates, or a polygon can be cut in several ways.
     """
     text = re.sub(rb"#[^\r\n]*", b"", read_bytes(file, "mesh", memory=20.0))
-    found = re.match(rb"\s*((?:ST)?C?N?)(4?n?)OFF\b([ \t]+BINARY)?", text)
-    if not found:
+    head = re.match(rb"\s*((?:ST)?C?N?)(4?n?)OFF\b([ \t]+BINARY)?", text)
+    if not head:
         raise Fault("does not begin with OFF")
-    if found[2] or found[3]:
-        what = "binary data" if found[3] else "vertices of another number of coordinates than three"
-        raise unread(f"{what} ({found[0].decode().strip()})")
-    rows = [words for line in text[found.end() :].splitlines() if (words := line.split())]
+    if head[2] or head[3]:
+        what = "binary data" if head[3] else "vertices of another number of coordinates than three"
+        raise unread(f"{what} ({head[0].decode().strip()})")
+    rows = [tokens for line in text[head.end() :].splitlines() if (tokens := line.split())]
     if not rows or len(rows[0]) not in (2, 3):
         raise Fault("does not tell the numbers of vertices and faces after OFF")
     count, polygons = int(rows[0][0]), int(rows[0][1])

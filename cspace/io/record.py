@@ -278,8 +278,8 @@ def check_kind(name: str, array: Any, metadata: Mapping[str, Any], path: str | o
     }
     shape = tuple(sizes[axis] for axis in axes_of(name, dim))
     if tuple(array.shape) != shape or array.dtype != ARRAYS[name].dtype:
-        found = f"{array.dtype} {tuple(array.shape)}"
-        raise unusable(path, f"its array {name!r} is {found} where {ARRAYS[name].dtype} {shape} is needed")
+        given = f"{array.dtype} {tuple(array.shape)}"
+        raise unusable(path, f"its array {name!r} is {given} where {ARRAYS[name].dtype} {shape} is needed")
 
 
 def check_states(state: NDArray[np.uint8], path: str | os.PathLike[str]) -> None:

@@ -119,7 +119,7 @@ def on_grid(frame: Frame, free: Bools, occupied: Bools, unknown: str) -> tuple[G
     solid = ~free if unknown == "occupied" else occupied
     turns = _quarter_turns(frame.yaw, solid.shape)
     if turns is None:
-        return _turned(frame, solid, ~(free | occupied), beyond=unknown == "occupied")
+        return _turned(frame, solid, ~(free | occupied), solid_around=unknown == "occupied")
     lower, _ = _extent(frame, solid.shape, *QUARTERS[turns])
     cells = np.rot90(solid, turns)
     return Grid(lower, frame.resolution, cells.shape), cells, cells, np.rot90(~(free | occupied), turns)
@@ -138,8 +138,8 @@ def write_ros_map(state: ArrayLike, grid: Grid, path: str | os.PathLike[str], ov
     target = Path(path)
     cells = np.asarray(state)
     if cells.shape != grid.shape[:2]:
-        found = f"has shape {cells.shape} on a grid of {grid.shape}, and {target} names a ROS map"
-        raise InputError("state", found, "it is that of a grid in the plane", "pass CSpace.state, or one slice of it")
+        problem = f"has shape {cells.shape} on a grid of {grid.shape}, and {target} names a ROS map"
+        raise InputError("state", problem, "it is that of a grid in the plane", "pass CSpace.state, or one slice of it")
     if cells.dtype.kind not in "iu" or cells.min() < FREE or cells.max() > BLOCKED:
         raise InputError(
             "state", "holds other values than FREE, MIXED and BLOCKED", "it is a state", "pass CSpace.state"
@@ -239,8 +239,8 @@ def _number(value: Any, key: str, path: str | os.PathLike[str]) -> float:
     return number
 
 
-def _fault(path: str | os.PathLike[str], found: str, rule: str, mend: str) -> FileError:
-    return FileError(os.fspath(path), found, f"in a ROS map it must be {rule}", mend)
+def _fault(path: str | os.PathLike[str], problem: str, rule: str, mend: str) -> FileError:
+    return FileError(os.fspath(path), problem, f"in a ROS map it must be {rule}", mend)
 
 
 def _trinary(header: _Header, image: Shades) -> tuple[Bools, Bools]:
@@ -294,8 +294,8 @@ def _extent(frame: Frame, shape: tuple[int, ...], cos: float, sin: float) -> tup
     )
 
 
-def _turned(frame: Frame, solid: Bools, unknown: Bools, beyond: bool) -> tuple[Grid, Bools, Bools, Bools]:
-    """The map turned by its yaw, on an upright grid; ``beyond`` tells whether the ground around it is solid."""
+def _turned(frame: Frame, solid: Bools, unknown: Bools, solid_around: bool) -> tuple[Grid, Bools, Bools, Bools]:
+    """The map turned by its yaw, on an upright grid; ``solid_around``: whether the ground around it is solid."""
     from cspace.raster.bitmaps import boundary_segments
     from cspace.raster.segments import outline_cells
 
@@ -308,11 +308,11 @@ def _turned(frame: Frame, solid: Bools, unknown: Bools, beyond: bool) -> tuple[G
     check_cells(frame.source, shape, memory=8.0)
     grid = Grid(middle - 0.5 * frame.resolution * counts, frame.resolution, shape)
     # The border of whichever set lies within the turned map: the ground around it then needs no border of its own.
-    bounded = ~solid if beyond else solid
+    bounded = ~solid if solid_around else solid
     segments = boundary_segments(bounded, 1.0, (0.0, 0.0)).reshape(-1, 2)
     turned = frame.origin + frame.resolution * (segments @ np.array([(cos, sin), (-sin, cos)]))
     outer, inner = outline_cells([(turned.reshape(-1, 4), True)] if len(segments) else [], grid)
-    if beyond:
+    if solid_around:
         outer, inner = ~inner, ~outer
     return grid, outer, inner, _sampled(frame, unknown, grid)
 
@@ -321,10 +321,10 @@ def _sampled(frame: Frame, cells: Bools, grid: Grid) -> Bools:
     """Cells of a grid whose middle lies in a given cell of the turned map, or beyond it."""
     cos, sin = math.cos(frame.yaw), math.sin(frame.yaw)
     x, y = (grid.centers(axis) - frame.origin[axis] for axis in range(2))
-    found = np.ones(grid.shape, dtype=np.bool_)
+    sampled = np.ones(grid.shape, dtype=np.bool_)
     for column, along in enumerate(x):  # a column at a time: places of all cells would take 32 bytes each
         places = np.stack([cos * along + sin * y, cos * y - sin * along], axis=-1) / frame.resolution
         cell = np.floor(places).astype(np.int64)
         within = ((cell >= 0) & (cell < cells.shape)).all(axis=-1)
-        found[column, within] = cells[tuple(cell[within].T)]
-    return found
+        sampled[column, within] = cells[tuple(cell[within].T)]
+    return sampled

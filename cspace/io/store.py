@@ -213,8 +213,8 @@ def _array(
     array = zarr.open_array(MemoryStore(ours), mode="r", zarr_format=3)
     # Before reading: a forged shape could ask for more memory than there is.
     check_kind(name, array, metadata, path)
-    kept = "overlap" in {file.split("/")[0] for file in files}
-    packed = name == "state" and number is None and is_packed(array.shape[1:], array.shape[0], kept)
+    has_overlap = "overlap" in {file.split("/")[0] for file in files}
+    packed = name == "state" and number is None and is_packed(array.shape[1:], array.shape[0], has_overlap)
     size = array.nbytes // 4 if packed else array.nbytes if number is None else array.nbytes // array.shape[0]
     check_bytes(Path(path) / name, size, "unpacks to")
     front = () if number is None else (number,)

@@ -131,7 +131,7 @@ def find_meshes(urdf: URDF, links: Iterable[str], path: str | os.PathLike[str]) 
         for number, collision in enumerate(urdf.link_map[link].collisions):
             if collision.geometry.mesh is not None:
                 place = f"{os.fspath(path)}: link {link!r}, collision {number}: mesh"
-                _found(str(collision.geometry.mesh.filename), Path(path), place)
+                _locate(str(collision.geometry.mesh.filename), Path(path), place)
 
 
 def _check(root: Element) -> None:
@@ -150,14 +150,14 @@ def _check(root: Element) -> None:
             _check_numbers(element, f"{kind} {element.get('name')!r}")
     parents: dict[str, str] = {}
     for joint in root.findall("joint"):
-        ends = [getattr(joint.find(end), "attrib", {}).get("link") for end in ("parent", "child")]
-        if not all(end in names for end in ends):
-            found = f"joins {ends[0]!r} to {ends[1]!r} by the joint {joint.get('name')!r}"
-            raise Fault(found, "both must be links of it", "correct the names")
+        links = [getattr(joint.find(end), "attrib", {}).get("link") for end in ("parent", "child")]
+        if not all(end in names for end in links):
+            problem = f"joins {links[0]!r} to {links[1]!r} by the joint {joint.get('name')!r}"
+            raise Fault(problem, "both must be links of it", "correct the names")
         axis = getattr(joint.find("axis"), "attrib", {}).get("xyz", "1")
         if joint.get("type") != "fixed" and not any(word.strip("+-0.eE") for word in axis.split()):
             raise Fault(f"has the axis {axis!r} at the joint {joint.get('name')!r}", "it is not zero", "correct it")
-        parent, child = map(str, ends)
+        parent, child = map(str, links)
         if child in parents:
             raise Fault(
                 f"joins {child!r} to {parents[child]!r} and {parent!r}", "a link has one parent", "drop a joint"
@@ -225,11 +225,11 @@ def _mesh(mesh: Any, path: str | os.PathLike[str], place: str) -> Pair:
     scale = finite(np.broadcast_to(1.0 if mesh.scale is None else mesh.scale, 3), f"{place}: scale")
     if not scale.all():
         raise InputError(f"{place}: scale", f"is {scale.tolist()}", "no factor may be zero", "correct it")
-    surface = placed(read_mesh(_found(str(mesh.filename), Path(path), place)), np.diag([*scale, 1.0]))
+    surface = placed(read_mesh(_locate(str(mesh.filename), Path(path), place)), np.diag([*scale, 1.0]))
     return surface, surface
 
 
-def _found(name: str, path: Path, place: str) -> Path:
+def _locate(name: str, path: Path, place: str) -> Path:
     """The file that a URDF names; one of a package is in a folder of that name, or beside the folder of the URDF."""
     kind, _, rest = name.rpartition("://")
     tails = [rest, rest.partition("/")[2]] if kind == "package" else [rest]

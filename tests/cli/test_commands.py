@@ -25,7 +25,7 @@ from cspace.plot import animate, save_plot
 from cspace.spectral import FourierOverlap
 from maps import same
 
-ENDS = {
+ENDPOINTS = {
     "plane.zarr": ("0.35,0.65", "2.15,0.95"),
     "turning.npz": ("0.35,0.65,0", "2.15,0.95,90deg"),
     "space.zarr": ("0.35,0.65,0.45", "2.15,0.65,0.45"),
@@ -74,13 +74,17 @@ def test_help_of_each_command_and_version() -> None:
 
 
 def test_map(room: Path) -> None:
-    told = document("map", "rooms.npy", "--robot", "box:0.2x0.2x0.2", "--spacing", 0.1)
+    printed = document("map", "rooms.npy", "--robot", "box:0.2x0.2x0.2", "--spacing", 0.1)
     space = cspace.open("rooms.zarr")  # named after the workspace
-    assert (told["map"], told["shape"], told["robot"]) == ("rooms.zarr", [25, 12, 8], "box 0.2 m x 0.2 m x 0.2 m")
-    assert tuple(told["cells"].values()) == space.count()
-    assert told["free_volume_m3"] == pytest.approx(space.count()[0] * 1e-3)
+    assert (printed["map"], printed["shape"], printed["robot"]) == (
+        "rooms.zarr",
+        [25, 12, 8],
+        "box 0.2 m x 0.2 m x 0.2 m",
+    )
+    assert tuple(printed["cells"].values()) == space.count()
+    assert printed["free_volume_m3"] == pytest.approx(space.count()[0] * 1e-3)
     lines = run("info", "rooms.zarr").stdout.splitlines()
-    assert f"free volume  {told['free_volume_m3']:.6g} m³" in lines
+    assert f"free volume  {printed['free_volume_m3']:.6g} m³" in lines
     assert "robot        box 0.2 m x 0.2 m x 0.2 m" in lines
     assert f"  free       {space.count()[0]}" in lines
 
@@ -105,16 +109,16 @@ def test_map_options(room: Path) -> None:
 
 @pytest.mark.parametrize("robot", ["ball:0.1", "box:0.2x0.1x0.3", "cube.obj"])
 def test_every_kind_of_robot_in_space(room: Path, robot: str) -> None:
-    told = document("map", "rooms.3dmap", "--robot", robot, "-o", "new.npz", "--outside", "free")
-    assert told["shape"] == [25, 12, 8]
-    assert 0 < told["cells"]["free"] < 2400
+    printed = document("map", "rooms.3dmap", "--robot", robot, "-o", "new.npz", "--outside", "free")
+    assert printed["shape"] == [25, 12, 8]
+    assert 0 < printed["cells"]["free"] < 2400
     assert cspace.open("new.npz").robot.dim == 3
 
 
 def test_shapes_go_on_the_grid_that_the_options_say(room: Path) -> None:
     common = ["map", "cube.obj", "--robot", "ball:0.1", "--spacing", 0.25, "--bounds=-1,-1,-1,2,2,2"]
-    told = document(*common, "-o", "a.zarr")
-    assert (told["lower_m"], told["shape"]) == ([-1.0] * 3, [12] * 3)
+    printed = document(*common, "-o", "a.zarr")
+    assert (printed["lower_m"], printed["shape"]) == ([-1.0] * 3, [12] * 3)
     assert cspace.open("a.zarr").classify([0.5, 0.5, 0.5]) == cspace.BLOCKED
     document(*common, "--solid", "surface", "-o", "b.zarr")
     assert cspace.open("b.zarr").classify([0.5, 0.5, 0.5]) != cspace.BLOCKED
@@ -122,8 +126,8 @@ def test_shapes_go_on_the_grid_that_the_options_say(room: Path) -> None:
     thin, thick = (document(*points, *more)["cells"] for more in (["-o", "c.zarr"], ["--radius", 0.4, "-o", "d.zarr"]))
     assert thick["free"] < thin["free"]
     flat = ["map", "wall.wkt", "--robot", "disc:0.1", "--spacing", 0.5, "--bounds=-1,-1,2,3", "-o", "e.zarr"]
-    told = document(*flat)
-    assert (told["lower_m"], told["shape"]) == ([-1.0, -1.0], [6, 8])
+    printed = document(*flat)
+    assert (printed["lower_m"], printed["shape"]) == ([-1.0, -1.0], [6, 8])
 
 
 def test_warnings_are_one_line_in_options(room: Path) -> None:
@@ -135,21 +139,21 @@ def test_warnings_are_one_line_in_options(room: Path) -> None:
     document("map", "rooms.3dmap", "--robot", "open.obj", "-o", "c.zarr", warning="--robot-solid surface")
     document("map", "rooms.3dmap", "--robot", "open.obj", "--robot-solid", "surface", "-o", "d.zarr")
     assert cspace.open("d.zarr").robot.spec["solid"] == "surface"
-    coarse = ["cube.obj", "--robot", "ball:0.1", "--spacing", 2.0]
-    document("info", *coarse, warning="fits into one cell of 2 m")
-    document("map", *coarse[:-1], 0.25, "--bounds", "5,5,5,6,6,6", "-o", "e.zarr", warning="no obstacle at all")
+    cube = ["cube.obj", "--robot", "ball:0.1", "--spacing", 2.0]
+    document("info", *cube, warning="fits into one cell of 2 m")
+    document("map", *cube[:-1], 0.25, "--bounds", "5,5,5,6,6,6", "-o", "e.zarr", warning="no obstacle at all")
 
 
 # ----------------------------------------------------------------------------------------------- info
 
 
 def test_info_of_maps(room: Path) -> None:
-    space, told = cspace.open("turning.npz"), document("info", "turning.npz")
+    space, printed = cspace.open("turning.npz"), document("info", "turning.npz")
     # A rectangle around its middle has half of its slices twice.
-    assert (told["rotations"], told["slices"], told["rotation_cell_deg"]) == (8, 4, 45.0)
-    assert told["memory_bytes"] == 4 * 300
-    assert tuple(told["cells"].values()) == tuple(np.bincount(space.state.ravel(), minlength=3).tolist())
-    assert told["mean_free_area_m2"] == pytest.approx((space.state == cspace.FREE).mean() * 3.0)
+    assert (printed["rotations"], printed["slices"], printed["rotation_cell_deg"]) == (8, 4, 45.0)
+    assert printed["memory_bytes"] == 4 * 300
+    assert tuple(printed["cells"].values()) == tuple(np.bincount(space.state.ravel(), minlength=3).tolist())
+    assert printed["mean_free_area_m2"] == pytest.approx((space.state == cspace.FREE).mean() * 3.0)
     assert not {"rotations", "slices", "mean_free_area_m2"} & set(document("info", "plane.zarr"))
     lines = run("info", "turning.npz").stdout.splitlines()
     assert "rotation cell   45°" in lines
@@ -158,46 +162,50 @@ def test_info_of_maps(room: Path) -> None:
 
 def test_info_of_a_mesh_before_any_work(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cspace.shapes.mesh.Mesh.cells", None)
-    told = document("info", "cube.obj")
-    assert (told["kind"], told["extents_m"], told["triangles"]) == ("workspace", [1.0] * 3, 12)
-    assert (told["watertight"], told["bodies"], round(told["volume_m3"], 9)) == (True, {"closed": 1, "open": 0}, 1.0)
-    assert not {"cells", "memory", "spacing_m"} & set(told)
-    told = document("info", "cube.obj", "--spacing", 0.01, "--bounds=0,0,0,2,1,1", "--robot", "box:0.1x0.2x0.3")
-    assert (told["shape"], told["cells"]) == ([200, 100, 100], {"total": 2_000_000})
-    assert told["memory"]["needed_bytes"] == max(MESH_BYTES * 2_000_000, 4_000_000 + map_bytes((200, 100, 100)))
-    assert told["memory"]["fits"] is True
-    assert (told["robot"]["name"], told["robot"]["cells_across"]) == ("box 0.1 m x 0.2 m x 0.3 m", [10, 20, 30])
-    told = document("info", "open.obj", warning="open")
-    assert (told["watertight"], told["bodies"]) == (False, {"closed": 0, "open": 1})
-    assert "volume_m3" not in told
+    printed = document("info", "cube.obj")
+    assert (printed["kind"], printed["extents_m"], printed["triangles"]) == ("workspace", [1.0] * 3, 12)
+    assert (printed["watertight"], printed["bodies"], round(printed["volume_m3"], 9)) == (
+        True,
+        {"closed": 1, "open": 0},
+        1.0,
+    )
+    assert not {"cells", "memory", "spacing_m"} & set(printed)
+    printed = document("info", "cube.obj", "--spacing", 0.01, "--bounds=0,0,0,2,1,1", "--robot", "box:0.1x0.2x0.3")
+    assert (printed["shape"], printed["cells"]) == ([200, 100, 100], {"total": 2_000_000})
+    assert printed["memory"]["needed_bytes"] == max(MESH_BYTES * 2_000_000, 4_000_000 + map_bytes((200, 100, 100)))
+    assert printed["memory"]["fits"] is True
+    assert (printed["robot"]["name"], printed["robot"]["cells_across"]) == ("box 0.1 m x 0.2 m x 0.3 m", [10, 20, 30])
+    printed = document("info", "open.obj", warning="open")
+    assert (printed["watertight"], printed["bodies"]) == (False, {"closed": 0, "open": 1})
+    assert "volume_m3" not in printed
 
 
 @pytest.mark.parametrize(("robot", "slices"), [(None, 72), ("rect:0.2x0.1", 36), ("disc:0.1", 1)])
 def test_info_tells_the_slices_of_a_robot_that_turns(room: Path, robot: str | None, slices: int) -> None:
     more = [] if robot is None else ["--robot", robot]
-    told = document("info", "wall.wkt", "--spacing", 0.01, "--rotations", 72, *more)
-    assert (told["rotations"], told["slices"]) == (72, slices)
-    assert told["memory"]["map_bytes"] == slices * 100 * 100
-    assert told["memory"]["needed_bytes"] == 2 * 10_000 + map_bytes((100, 100), slices)
-    assert told["build_cpu_s"] == pytest.approx(build_seconds((100, 100), slices), rel=0.5)
+    printed = document("info", "wall.wkt", "--spacing", 0.01, "--rotations", 72, *more)
+    assert (printed["rotations"], printed["slices"]) == (72, slices)
+    assert printed["memory"]["map_bytes"] == slices * 100 * 100
+    assert printed["memory"]["needed_bytes"] == 2 * 10_000 + map_bytes((100, 100), slices)
+    assert printed["build_cpu_s"] == pytest.approx(build_seconds((100, 100), slices), rel=0.5)
 
 
 def test_info_tells_what_does_not_fit(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    told = document("info", "cube.obj", "--spacing", 1e-7)
-    assert told["cells"]["total"] == 10**21
-    assert told["memory"]["fits"] is False
-    assert "use a spacing of at least" in told["memory"]["problem"]
-    assert " days of one core" in told["memory"]["problem"]
-    told = document("info", "cube.obj", "--spacing", 0.01, "--rotations", "quaternions:48")
-    assert "use Rotations.quaternions(" in told["memory"]["problem"]
+    printed = document("info", "cube.obj", "--spacing", 1e-7)
+    assert printed["cells"]["total"] == 10**21
+    assert printed["memory"]["fits"] is False
+    assert "use a spacing of at least" in printed["memory"]["problem"]
+    assert " days of one core" in printed["memory"]["problem"]
+    printed = document("info", "cube.obj", "--spacing", 0.01, "--rotations", "quaternions:48")
+    assert "use Rotations.quaternions(" in printed["memory"]["problem"]
     # The building agrees.
     result = run("map", "cube.obj", "--spacing", 1e-7, "--robot", "ball:0.1", "-o", "new.zarr")
     assert (result.exit_code, result.stderr.count("\n")) == (2, 1)
     assert "use a spacing of at least" in result.stderr
     monkeypatch.setattr("cspace.memory.free_bytes", lambda: 1_000_000)
-    told = document("info", "rooms.3dmap")["memory"]
-    assert told["fits"] is False
-    assert "a machine with more memory, or cut the file" in told["problem"]
+    printed = document("info", "rooms.3dmap")["memory"]
+    assert printed["fits"] is False
+    assert "a machine with more memory, or cut the file" in printed["problem"]
 
 
 @pytest.mark.parametrize(
@@ -222,23 +230,23 @@ def test_info_shows_what_a_text_without_an_end_holds(
 def test_info_of_cells_points_and_robots(room: Path) -> None:
     taken = int(np.load("rooms.npy").sum())
     for arguments, side in ((["rooms.3dmap"], 1.0), (["rooms.npy", "--spacing", 0.5], 0.5)):
-        told = document("info", *arguments)
-        assert told["cells"] == {"occupied": taken, "free": 2400 - taken, "total": 2400}
-        assert told["extents_m"] == [25 * side, 12 * side, 8 * side]
-    told = document("info", "cloud.xyz", "--radius", 0.25)
-    assert (told["points"], told["lower_m"], told["upper_m"]) == (3, [-0.25] * 3, [1.25, 2.25, 0.75])
+        printed = document("info", *arguments)
+        assert printed["cells"] == {"occupied": taken, "free": 2400 - taken, "total": 2400}
+        assert printed["extents_m"] == [25 * side, 12 * side, 8 * side]
+    printed = document("info", "cloud.xyz", "--radius", 0.25)
+    assert (printed["points"], printed["lower_m"], printed["upper_m"]) == (3, [-0.25] * 3, [1.25, 2.25, 0.75])
     assert document("info", "cloud.xyz", "--spacing", 0.5)["shape"] == [2, 4, 1]
-    told = document("info", "cube.obj", "--as", "robot", "--spacing", 0.3)
-    assert (told["robot"], told["cells_across"]) == ("mesh cube.obj", [4] * 3)
-    assert told["volume_m3"] == pytest.approx(1.0)
+    printed = document("info", "cube.obj", "--as", "robot", "--spacing", 0.3)
+    assert (printed["robot"], printed["cells_across"]) == ("mesh cube.obj", [4] * 3)
+    assert printed["volume_m3"] == pytest.approx(1.0)
     assert document("info", "rect:0.9x0.6")["area_m2"] == pytest.approx(0.54)
     assert document("info", "wall.wkt", "--as", "robot")["upper_m"] == [1.0, 1.0]
 
 
 def test_real_files(data: Path) -> None:
-    told = document("info", data / "voxels/geb079.bt", "--robot", "box:0.6x0.6x0.2")
-    assert (told["spacing_m"], told["shape"]) == (0.08, [487, 187, 39])
-    cells = told["cells"]
+    printed = document("info", data / "voxels/geb079.bt", "--robot", "box:0.6x0.6x0.2")
+    assert (printed["spacing_m"], printed["shape"]) == (0.08, [487, 187, 39])
+    cells = printed["cells"]
     assert cells["total"] == 487 * 187 * 39 == cells["occupied"] + cells["unknown"] + cells["free"]
     assert cells["unknown"] / cells["total"] == pytest.approx(0.68, abs=0.005)
     assert document("info", data / "solids/ZTunnel/obstacles.obj")["watertight"] is True
@@ -247,25 +255,25 @@ def test_real_files(data: Path) -> None:
 # ----------------------------------------------------------------------------------------------- plan
 
 
-@pytest.mark.parametrize("file", ENDS)
+@pytest.mark.parametrize("file", ENDPOINTS)
 def test_plan_and_plot(room: Path, file: str) -> None:
-    start, goal = ENDS[file]
-    told = document(
+    start, goal = ENDPOINTS[file]
+    printed = document(
         *("plan", file, "--start", start, "--goal", goal, "--seed", 1, "--time-limit", 5),
         *("-o", "path.csv", "-o", "path.json", "--picture", "path.png"),
     )
-    assert told["solved"] and told["certified"]
-    path = np.array(told["path"])
-    ends = [
+    assert printed["solved"] and printed["certified"]
+    path = np.array(printed["path"])
+    endpoints = [
         [math.radians(float(x[:-3])) if x.endswith("deg") else float(x) for x in q.split(",")] for q in (start, goal)
     ]
-    np.testing.assert_allclose(path[[0, -1]], ends, atol=1e-12)
+    np.testing.assert_allclose(path[[0, -1]], endpoints, atol=1e-12)
     np.testing.assert_allclose(np.loadtxt("path.csv", delimiter=",", skiprows=1), path)
     axes = {"plane.zarr": "x,y", "turning.npz": "x,y,yaw", "space.zarr": "x,y,z", "both.zarr": "x,y,z,yaw"}
     axes["free.zarr"] = "x,y,z,qx,qy,qz,qw"
     assert Path("path.csv").read_text().splitlines()[0] == axes[file]
-    assert json.loads(Path("path.json").read_text())["path"] == told["path"]
-    assert list(told["seconds"]) == ["read", "set_up", "plan", "check", "measure", "write", "draw"]
+    assert json.loads(Path("path.json").read_text())["path"] == printed["path"]
+    assert list(printed["seconds"]) == ["read", "set_up", "plan", "check", "measure", "write", "draw"]
     for path in ("path.csv", "path.json"):
         assert document("plot", file, "--path", path, "-o", f"{path}.png", "--dpi", 50)["picture"] == f"{path}.png"
     assert Path("path.csv.png").read_bytes() == Path("path.json.png").read_bytes()
@@ -274,22 +282,24 @@ def test_plan_and_plot(room: Path, file: str) -> None:
 @pytest.mark.parametrize("file", SHUT)
 def test_no_path(room: Path, file: str) -> None:
     result = run(
-        "plan", file, "--start", ENDS[file][0], "--goal", SHUT[file], "-o", "p.csv", "--picture", "p.png", "--json"
+        "plan", file, "--start", ENDPOINTS[file][0], "--goal", SHUT[file], "-o", "p.csv", "--picture", "p.png", "--json"
     )
     assert (result.exit_code, result.stderr.count("\n")) == (1, 1), result.exception
-    told = json.loads(result.stdout)
-    assert (told["solved"], told["path_exists"]) == (False, False)
+    printed = json.loads(result.stdout)
+    assert (printed["solved"], printed["path_exists"]) == (False, False)
     assert "no path exists: proven" in result.stderr
     assert "try" not in result.stderr
     assert not Path("p.csv").exists()
-    ends = {name: [float(x) for x in q.split(",")] for name, q in (("start", ENDS[file][0]), ("goal", SHUT[file]))}
-    save_plot(cspace.open(file), "own.png", **ends)
+    endpoints = {
+        name: [float(x) for x in q.split(",")] for name, q in (("start", ENDPOINTS[file][0]), ("goal", SHUT[file]))
+    }
+    save_plot(cspace.open(file), "own.png", **endpoints)
     assert Path("p.png").read_bytes() == Path("own.png").read_bytes()
 
 
 def test_out_of_time(room: Path) -> None:
     """What is known, and what to try, in options."""
-    common = ["plan", "turning.npz", "--start", ENDS["turning.npz"][0], "--goal", ENDS["turning.npz"][1]]
+    common = ["plan", "turning.npz", "--start", ENDPOINTS["turning.npz"][0], "--goal", ENDPOINTS["turning.npz"][1]]
     result = run(*common, "--time-limit", 1e-9, "--animate", "p.gif", "--planner", "RRTstar")
     assert (result.exit_code, result.stderr.count("\n")) == (1, 1), result.exception
     assert "a path exists; try " in result.stderr
@@ -307,14 +317,14 @@ def test_options_go_to_the_planner(room: Path, monkeypatch: pytest.MonkeyPatch) 
         raise InputError("enough")
 
     monkeypatch.setattr(planners, "plan", plan)
-    ends = ["plan", "turning.npz", "--start", "1,1,90deg", "--goal=-1,1,-1.5"]
-    assert run(*ends, "--curve", "reeds-shepp", "--turning-radius", "0.5").stderr == "cspace: enough\n"
+    arguments = ["plan", "turning.npz", "--start", "1,1,90deg", "--goal=-1,1,-1.5"]
+    assert run(*arguments, "--curve", "reeds-shepp", "--turning-radius", "0.5").stderr == "cspace: enough\n"
     assert (heard["drive"], heard["turning_radius"]) == ("reeds-shepp", 0.5)
-    run(*ends, "--exact")
+    run(*arguments, "--exact")
     assert heard["exact"] is True
     assert (heard["start"], heard["goal"]) == ((1.0, 1.0, math.pi / 2), (-1.0, 1.0, -1.5))
     heard.clear()
-    run(*ends, "--objective", "clearance", "--planner", "PRM", "--no-simplify", "--seed", 3)
+    run(*arguments, "--objective", "clearance", "--planner", "PRM", "--no-simplify", "--seed", 3)
     assert not {"exact", "turning_radius"} & set(heard)
     assert [heard[name] for name in ("objective", "planner", "simplify", "seed")] == ["clearance", "PRM", False, 3]
     for start in (["--start=-0.5,-0.25"], ["--start", "-0.5,-0.25"]):
@@ -323,11 +333,11 @@ def test_options_go_to_the_planner(room: Path, monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_car_paths_are_drawn(room: Path) -> None:
-    told = document(
+    printed = document(
         *("plan", "turning.npz", "--start", "0.35,0.55,0", "--goal", "0.95,0.6,0.1", "--seed", 1, "--time-limit", 5),
         *("--curve", "reeds-shepp", "--turning-radius", 0.2, "-o", "path.csv", "--animate", "path.gif"),
     )
-    assert told["solved"]
+    assert printed["solved"]
     # The table has a column more, which tells the way that the car drives.
     assert Path("path.csv").read_text().startswith("x,y,yaw,direction\n")
     document("plot", "turning.npz", "--path", "path.csv", "-o", "path.png", "--dpi", 50)
@@ -345,24 +355,24 @@ def test_options_go_to_the_picture(room: Path, monkeypatch: pytest.MonkeyPatch) 
     heard: dict[str, Any] = {}
     monkeypatch.setattr("cspace.plot.save_plot", lambda *_, **options: heard.update(options))
 
-    def told(file: str, *options: str) -> dict[str, Any]:
+    def passed(file: str, *options: str) -> dict[str, Any]:
         heard.clear()
         document("plot", file, "-o", "map.png", *options)
         return {
             name: value for name, value in heard.items() if name not in ("dpi", "robot_every") and value is not None
         }
 
-    assert told("plane.zarr") == {}
-    assert told("turning.npz", "--rotation", "90deg") == {"rotation": (math.pi / 2,)}
-    assert told("turning.npz", "--rotation", "0,90deg") == {"rotation": [(0.0,), (math.pi / 2,)]}
-    assert told("turning.npz", "--view", "panels") == {"view": "panels"}
-    assert told("turning.npz", "--start", "1,1,90deg", "--goal=1,1,0") == {
+    assert passed("plane.zarr") == {}
+    assert passed("turning.npz", "--rotation", "90deg") == {"rotation": (math.pi / 2,)}
+    assert passed("turning.npz", "--rotation", "0,90deg") == {"rotation": [(0.0,), (math.pi / 2,)]}
+    assert passed("turning.npz", "--view", "panels") == {"view": "panels"}
+    assert passed("turning.npz", "--start", "1,1,90deg", "--goal=1,1,0") == {
         "start": (1.0, 1.0, math.pi / 2),
         "goal": (1.0, 1.0, 0.0),
     }
-    assert told("space.zarr", "--at", "0.3,0.6,0.4") == {"at": (0.3, 0.6, 0.4)}
+    assert passed("space.zarr", "--at", "0.3,0.6,0.4") == {"at": (0.3, 0.6, 0.4)}
     scene = ["--view", "3d", "--surface", "free", "--cut", "0.5"]
-    assert told("space.zarr", *scene) == {"view": "3d", "surface": "free", "cut": 0.5}
+    assert passed("space.zarr", *scene) == {"view": "3d", "surface": "free", "cut": 0.5}
     document("plot", "plane.zarr", "-o", "map.png", "--robot-every", 0.5, "--dpi", 60)
     assert (heard["robot_every"], heard["dpi"]) == (0.5, 60)
 
@@ -389,18 +399,18 @@ def test_a_map_that_carries_an_overlap_field(tmp_path: Path, turning: bool) -> N
     carried = plain.with_overlap_field(FourierOverlap.of_shapes(balls, obstacles, swell=0.2))
     plain.save(tmp_path / "plain.zarr")
     carried.save(tmp_path / "map.zarr")
-    told, less = (document("info", tmp_path / name) for name in ("map.zarr", "plain.zarr"))
-    assert told.pop("overlap_field") is True and "overlap_field" not in less
+    printed, less = (document("info", tmp_path / name) for name in ("map.zarr", "plain.zarr"))
+    assert printed.pop("overlap_field") is True and "overlap_field" not in less
     assert carried.overlap_field is not None
     more = sum(array.nbytes for array in carried.overlap_field.arrays.values())
-    assert told.pop("memory_bytes") - less.pop("memory_bytes") == more
-    assert told == less
+    assert printed.pop("memory_bytes") - less.pop("memory_bytes") == more
+    assert printed == less
     lines = run("info", tmp_path / "map.zarr").stdout.splitlines()
     assert any(line.split() == ["overlap", "field", "yes"] for line in lines)
     document("export", tmp_path / "map.zarr", tmp_path / "map.npz")
     same(carried, cspace.open(tmp_path / "map.npz"))
-    ends = ("0.43,0.88,0", "1.57,0.88,0") if turning else ("0.43,0.88", "1.57,0.88")
-    asked = ["--start", ends[0], "--goal", ends[1], "--planner", "RRTstar", "--objective", "overlap"]
+    endpoints = ("0.43,0.88,0", "1.57,0.88,0") if turning else ("0.43,0.88", "1.57,0.88")
+    asked = ["--start", endpoints[0], "--goal", endpoints[1], "--planner", "RRTstar", "--objective", "overlap"]
     for limit in (0.5, 2, 10):  # the longer one is for a busy machine
         result = run("plan", tmp_path / "map.zarr", *asked, "--seed", 1, "--time-limit", limit, "--json")
         if result.exit_code == 0:
@@ -450,8 +460,8 @@ def test_ctrl_c_while_planning(room: Path) -> None:
         "sys.argv[0] = 'cspace'\n"
         "main()\n"
     )
-    ends = ["--start", ENDS["plane.zarr"][0], "--goal", ENDS["plane.zarr"][1]]
-    arguments = ["plan", "plane.zarr", *ends, "--planner", "RRTstar", "--time-limit", "60", "-o", "path.csv"]
+    endpoints = ["--start", ENDPOINTS["plane.zarr"][0], "--goal", ENDPOINTS["plane.zarr"][1]]
+    arguments = ["plan", "plane.zarr", *endpoints, "--planner", "RRTstar", "--time-limit", "60", "-o", "path.csv"]
     done = spawn("-c", code, *arguments, cwd=room)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "cspace: interrupted\n")
     assert not Path("path.csv").exists()

@@ -164,14 +164,14 @@ def test_bad_input(name: str, room: Path) -> None:
         (Path(folder) / "zarr.json").write_text("{ nothing of use")
         (Path(folder) / "thesis.txt").write_text("years of work")
     before = {file.name for file in room.iterdir()}
-    arguments, words = BAD[name]
+    arguments, parts = BAD[name]
     result = run(*arguments, *(["--json"] if len(name) % 2 else []))
     assert result.exit_code == 2, result.exception or result.output
     assert result.stdout == ""
     assert result.stderr.count("\n") == 1, result.stderr
     assert result.stderr.startswith("cspace: ")
-    for word in words:
-        assert word in result.stderr
+    for part in parts:
+        assert part in result.stderr
     assert {file.name for file in room.iterdir()} == before
     assert (room / "precious" / "thesis.txt").exists()
 
@@ -217,7 +217,7 @@ def test_usage_errors(arguments: list[str]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("error", "code", "words"),
+    ("error", "code", "message"),
     [
         (KeyboardInterrupt(), 130, "interrupted"),
         (MemoryError("cannot allocate"), 2, "out of memory: cannot allocate"),
@@ -226,16 +226,16 @@ def test_usage_errors(arguments: list[str]) -> None:
     ],
 )
 def test_what_comes_from_outside(
-    room: Path, monkeypatch: pytest.MonkeyPatch, error: BaseException, code: int, words: str
+    room: Path, monkeypatch: pytest.MonkeyPatch, error: BaseException, code: int, message: str
 ) -> None:
     def fail(_: object) -> None:
         raise error
 
     monkeypatch.setattr("cspace.io.reading.open_map", fail)
     result = run("info", "plane.zarr")
-    assert (result.exit_code, result.stdout, result.stderr.count("\n")) == (code, "", bool(words))
-    assert words in result.stderr
-    assert isinstance(result.exception, SystemExit if words else ZeroDivisionError)
+    assert (result.exit_code, result.stdout, result.stderr.count("\n")) == (code, "", bool(message))
+    assert message in result.stderr
+    assert isinstance(result.exception, SystemExit if message else ZeroDivisionError)
 
 
 def test_names_of_files_pass_as_they_are(room: Path) -> None:

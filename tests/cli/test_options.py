@@ -22,7 +22,7 @@ OPTIONS = {name: f"--{name.replace('_', '-')}" for name in ("solid", "spacing", 
     ("file", "kind"),
     [("plane.zarr", "plane"), ("turning.npz", "turning"), ("space.zarr", "space"), ("both.zarr", "both")],
 )
-def test_axes_of_a_map_are_told_without_reading_it(
+def test_axes_of_a_map_are_read_without_its_cells(
     folder: Path, monkeypatch: pytest.MonkeyPatch, file: str, kind: str
 ) -> None:
     monkeypatch.setattr("cspace.io.reading.open_map", None)
@@ -30,7 +30,7 @@ def test_axes_of_a_map_are_told_without_reading_it(
 
 
 @pytest.mark.parametrize(
-    ("text", "kind", "found"),
+    ("text", "kind", "expected"),
     [
         ("1,-2", "plane", (1.0, -2.0)),
         ("1,-2, 90", "space", (1.0, -2.0, 90.0)),
@@ -38,8 +38,8 @@ def test_axes_of_a_map_are_told_without_reading_it(
         ("1,-2,0.5,-90deg", "both", (1.0, -2.0, 0.5, -math.pi / 2)),
     ],
 )
-def test_configurations(text: str, kind: str, found: tuple[float, ...]) -> None:
-    assert configuration(text, "--start", AXES[kind]) == found
+def test_configurations(text: str, kind: str, expected: tuple[float, ...]) -> None:
+    assert configuration(text, "--start", AXES[kind]) == expected
 
 
 @pytest.mark.parametrize("kind", AXES)
@@ -89,7 +89,7 @@ def test_boxes() -> None:
 
 
 @pytest.mark.parametrize(
-    ("said", "told"),
+    ("said", "expected"),
     [
         ("pass solid='surface' if", "pass --solid surface if"),
         ('pass robot_solid="fill".', "pass --robot-solid fill."),
@@ -100,12 +100,12 @@ def test_boxes() -> None:
         ("runs/spacing=0.05/a.npy is", "runs/spacing=0.05/a.npy is"),
     ],
 )
-def test_what_the_library_says_in_options(said: str, told: str) -> None:
-    assert in_options(said, OPTIONS) == told
+def test_what_the_library_says_in_options(said: str, expected: str) -> None:
+    assert in_options(said, OPTIONS) == expected
 
 
 @pytest.mark.parametrize(
-    ("error", "told"),
+    ("error", "expected"),
     [
         (
             InputError("spacing", "is -1", "it must be above zero", "pass it in metres"),
@@ -119,5 +119,5 @@ def test_what_the_library_says_in_options(said: str, told: str) -> None:
         (CspaceError("a message with spacing=1 as a whole"), "a message with spacing=1 as a whole"),
     ],
 )
-def test_errors_are_worded_from_their_fields(error: CspaceError, told: str) -> None:
-    assert worded(error, OPTIONS).startswith(told)
+def test_errors_are_worded_from_their_fields(error: CspaceError, expected: str) -> None:
+    assert worded(error, OPTIONS).startswith(expected)

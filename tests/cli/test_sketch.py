@@ -62,8 +62,8 @@ def test_terminals_without_blocks_get_plain_characters(monkeypatch):
 
 
 def test_info_draws_the_robot_unless_a_machine_asks(tmp_path):
-    told = run("info", "rect:4.5x1.9@1.3,0")
-    assert "+ is the reference point" in told.stdout
+    printed = run("info", "rect:4.5x1.9@1.3,0")
+    assert "+ is the reference point" in printed.stdout
     assert "from above" not in run("info", "disc:0.3", "--json").stdout
     (tmp_path / "robot.urdf").write_text(
         '<robot name="r"><link name="l"><collision><geometry><sphere radius="1"/></geometry></collision></link></robot>'

@@ -28,17 +28,17 @@ def test_from_city_to_path(city):
     options = ("--robot", "rect:0.5x0.3", "--rotations", "8", "--spacing", "0.1", "--tile", "32", "--json")
     for source in ("city.zarr", "city.npy"):
         out = folder / f"map-{source}.zarr"
-        told = json.loads(run("map", str(folder / source), *options, "-o", str(out)).stdout)
-        assert told["done_percent"] == 100.0
+        printed = json.loads(run("map", str(folder / source), *options, "-o", str(out)).stdout)
+        assert printed["done_percent"] == 100.0
         space = cspace.build(workspace, cspace.Robot.open("rect:0.5x0.3"), rotations=8)
-        assert told["cells"] == dict(zip(("free", "mixed", "blocked"), space.count(), strict=True))
+        assert printed["cells"] == dict(zip(("free", "mixed", "blocked"), space.count(), strict=True))
     done = json.loads(run("map", str(folder / "city.npy"), *options, "-o", str(out)).stdout)  # nothing is left to do
-    assert done["cells"] == told["cells"]
+    assert done["cells"] == printed["cells"]
     record = next(file for file in (out / "record" / "c").rglob("0") if file.is_file())
     assert run("info", str(out)).stdout.count("100")
     plan = ("plan", str(out), "--start", "1,1,0", "--goal", "11,9,0", "--seed", "1", "--json")
-    found = json.loads(run(*plan, "--picture", str(folder / f"{record.parent.name}.png"), "--overwrite").stdout)
-    assert found["certified"] is True
+    plan_printed = json.loads(run(*plan, "--picture", str(folder / f"{record.parent.name}.png"), "--overwrite").stdout)
+    assert plan_printed["certified"] is True
     run("plot", str(out), "-o", str(folder / "map.png"), "--overwrite")
     save_plot(cspace.open(out).overview(), folder / "own.png", overwrite=True)
     assert (folder / "map.png").read_bytes() == (folder / "own.png").read_bytes()

@@ -61,18 +61,18 @@ def test_the_border_is_that_of_the_free_cells_and_closed(state: np.ndarray) -> N
     np.testing.assert_array_equal(np.abs(normals).sum(axis=1), 1.0)
     low, high = corners.min(axis=1), corners.max(axis=1)
     np.testing.assert_array_equal(np.sort(high - low, axis=1), np.tile([0.0, 1.0, 1.0], (len(faces), 1)))
-    found = Counter(
+    sides = Counter(
         (tuple(middle), tuple(normal))
         for middle, normal in zip((low + high).astype(int).tolist(), normals.astype(int).tolist(), strict=True)
     )
-    assert found == Counter({square: 2 * count for square, count in squares(state).items()})
+    assert sides == Counter({square: 2 * count for square, count in squares(state).items()})
     # Two triangles of half a square each fill it only if they differ.
     assert len({tuple(sorted(face)) for face in faces.tolist()}) == len(faces)
     assert len(np.unique(vertices, axis=0)) == len(vertices)
     assert np.array_equal(np.unique(faces), np.arange(len(vertices)))
-    ways = Counter((face[i], face[i - 2]) for face in faces.tolist() for i in range(3))
-    assert set(Counter(tuple(sorted(edge)) for edge in ways.elements()).values()) <= {2, 4}
-    assert all(ways[a, b] == ways[b, a] for a, b in ways)
+    edges = Counter((face[i], face[i - 2]) for face in faces.tolist() for i in range(3))
+    assert set(Counter(tuple(sorted(edge)) for edge in edges.elements()).values()) <= {2, 4}
+    assert all(edges[a, b] == edges[b, a] for a, b in edges)
 
 
 @given(state=states, spacing=st.sampled_from([0.1, 0.37, 2.0]), shift=st.floats(-50.0, 50.0))
@@ -110,9 +110,9 @@ def test_a_mesh_file_reads_back(tmp_path: Path, ball: cspace.CSpace, suffix: str
         assert not path.read_bytes().startswith(b"solid")  # which readers would take for an STL file in text
         return
     # The others keep every bit, and share vertices; our own reader says so too.
-    kept = cspace.shapes.Mesh.of(path, "surface")
-    np.testing.assert_array_equal(kept.vertices, vertices)
-    np.testing.assert_array_equal(kept.faces, faces)
+    own = cspace.shapes.Mesh.of(path, "surface")
+    np.testing.assert_array_equal(own.vertices, vertices)
+    np.testing.assert_array_equal(own.faces, faces)
 
 
 def test_stl_holds_unit_normals_and_what_single_precision_keeps_apart(tmp_path: Path) -> None:
@@ -207,11 +207,11 @@ def test_vtk_finds_what_was_written(data: st.DataObject) -> None:
         patch.setattr(exports, "_SLAB", data.draw(st.sampled_from([1, 50, 2**24])))
         path = Path(folder) / "map.vti"
         write_vti(arrays, grid, path)
-        image, found = read(path)
-    assert list(found) == list(arrays)
+        image, arrays_read = read(path)
+    assert list(arrays_read) == list(arrays)
     for name, array in arrays.items():
-        assert found[name].dtype == (np.uint8 if array.dtype == bool else array.dtype)
-        np.testing.assert_array_equal(found[name], array.reshape(found[name].shape))
+        assert arrays_read[name].dtype == (np.uint8 if array.dtype == bool else array.dtype)
+        np.testing.assert_array_equal(arrays_read[name], array.reshape(arrays_read[name].shape))
     missing = (0.0,) * (3 - dim)
     assert image.GetOrigin() == (*grid.lower, *missing)
     assert image.GetSpacing() == (grid.spacing,) * 3
@@ -226,37 +226,37 @@ def test_a_map_of_every_kind_in_vtk_is_the_slice_at_a_rotation(
     space = make()
     turn = space.rotations.centers[-1]
     space.export(tmp_path / "map.vti", rotation=turn if len(turn) else None)
-    image, found = read(tmp_path / "map.vti")
+    image, arrays = read(tmp_path / "map.vti")
     expected = space.to_xarray()
     if len(turn):
         expected = expected.isel(rotation=-1)
     names = {name for name in expected if expected[name].dims == expected.state.dims}
     names -= {"inner"} if space.workspace.inner is space.workspace.outer else set()
-    assert set(found) == names
+    assert set(arrays) == names
     for name in names:
-        np.testing.assert_array_equal(found[name].reshape(space.grid.shape), expected[name])
+        np.testing.assert_array_equal(arrays[name].reshape(space.grid.shape), expected[name])
     origin, spacing = np.array(image.GetOrigin()), np.array(image.GetSpacing())
     points = np.random.default_rng(3).uniform(space.grid.lower, space.grid.upper, (50, space.grid.dim))
     flat = np.pad(points, ((0, 0), (0, 3 - space.grid.dim)))
     cells = [image.ComputeCellId(np.floor((point - origin) / spacing).astype(int)) for point in flat]
     q = np.hstack([points, np.tile(turn, (50, 1))])
-    np.testing.assert_array_equal(found["state"].ravel(order="F")[cells], space.classify(q))
+    np.testing.assert_array_equal(arrays["state"].ravel(order="F")[cells], space.classify(q))
 
 
 @pytest.mark.parametrize("name", ["turning", "symmetric", "round", "solid_turning", "field"])
 def test_vtk_finds_every_rotation_in_one_file(tmp_path: Path, name: str) -> None:
     space = SPACES[name]()
     space.export(tmp_path / "map.vti")
-    image, found = read(tmp_path / "map.vti")
-    cells, told = space.to_xarray(), image.GetFieldData()
+    image, arrays = read(tmp_path / "map.vti")
+    cells, rotations = space.to_xarray(), image.GetFieldData()
     count = space.rotations.count
     for number in range(count):
         key = f"state_{number:0{len(str(count - 1))}d}"
-        np.testing.assert_array_equal(found[key].reshape(space.grid.shape), cells.state.isel(rotation=number))
-    turns = np.array([[told.GetArray(axis).GetValue(k) for axis in space.rotations.names] for k in range(count)])
+        np.testing.assert_array_equal(arrays[key].reshape(space.grid.shape), cells.state.isel(rotation=number))
+    turns = np.array([[rotations.GetArray(axis).GetValue(k) for axis in space.rotations.names] for k in range(count)])
     np.testing.assert_array_equal(turns, space.rotations.centers)
-    assert len([key for key in found if key.startswith("state")]) == count
-    assert image.GetCellData().GetScalars().GetName() == min(key for key in found if key.startswith("state"))
+    assert len([key for key in arrays if key.startswith("state")]) == count
+    assert image.GetCellData().GetScalars().GetName() == min(key for key in arrays if key.startswith("state"))
 
 
 @pytest.mark.parametrize("array", [np.zeros((3, 3), np.uint8), np.zeros((3, 2), np.float32), np.zeros((3, 2, 1), bool)])

@@ -31,8 +31,8 @@ SPEC.loader.exec_module(soak)
 
 @pytest.fixture(scope="module")
 def families(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    found: dict[str, Path] = soak.families(tmp_path_factory.mktemp("families"))
-    return found
+    files: dict[str, Path] = soak.families(tmp_path_factory.mktemp("families"))
+    return files
 
 
 def test_every_family_opens_and_its_mutants_open_or_are_refused(families: dict[str, Path]) -> None:
@@ -43,10 +43,10 @@ def test_every_family_opens_and_its_mutants_open_or_are_refused(families: dict[s
     assert set(outcomes) == {"opened", "refused"}
 
 
-def refused(path: Path, words: str, **options: Any) -> None:
+def refused(path: Path, message: str, **options: Any) -> None:
     """Fail unless opening a file is one line of an error that holds ``words``, within seconds."""
     began = time.perf_counter()
-    with pytest.raises(CspaceError, match=words) as caught:
+    with pytest.raises(CspaceError, match=message) as caught:
         cspace.open(path) if path.suffix == ".npz" else Workspace.open(path, **options)
     assert "\n" not in str(caught.value)
     assert time.perf_counter() - began < 5.0
@@ -64,7 +64,7 @@ def ros_map(tmp_path: Path, **changes: str) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("changes", "words"),
+    ("changes", "message"),
     [
         *[
             ({"negate": f"!!{tag} foo"}, "tag in line 4")
@@ -82,8 +82,8 @@ def ros_map(tmp_path: Path, **changes: str) -> Path:
         ({"resolution": "yes"}, "resolution is True"),
     ],
 )
-def test_yaml_holds_plain_values(tmp_path: Path, changes: dict[str, str], words: str) -> None:
-    refused(ros_map(tmp_path, **changes), words)
+def test_yaml_holds_plain_values(tmp_path: Path, changes: dict[str, str], message: str) -> None:
+    refused(ros_map(tmp_path, **changes), message)
 
 
 def test_yaml_that_is_plain_is_read(tmp_path: Path) -> None:
@@ -122,7 +122,7 @@ def chain(depths: int) -> bytes:
 
 
 @pytest.mark.parametrize(
-    ("name", "write", "words"),
+    ("name", "write", "message"),
     [
         ("a.obj", lambda path: os.truncate(path, 2**36), "68.7 GB; at most 4.29 GB"),
         ("a.stl", lambda path: os.truncate(path, 2**36), "at most"),
@@ -166,12 +166,12 @@ def chain(depths: int) -> bytes:
     ],
 )
 def test_what_declares_too_much_is_refused_with_the_figures(
-    tmp_path: Path, name: str, write: Callable[[Path], Any], words: str
+    tmp_path: Path, name: str, write: Callable[[Path], Any], message: str
 ) -> None:
     path = tmp_path / name
     path.touch()
     write(path)
-    refused(path, words, **({} if name.endswith("bt") else {"spacing": 0.1}))
+    refused(path, message, **({} if name.endswith("bt") else {"spacing": 0.1}))
 
 
 def test_a_picture_of_too_many_pixels_is_refused_before_it_is_read(tmp_path: Path) -> None:
@@ -196,19 +196,19 @@ def test_limits_may_be_lowered_and_raised(tmp_path: Path, monkeypatch: pytest.Mo
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "words"),
+    ("name", "content", "message"),
     [
         ("a.wkt", f"MULTIPOINT({','.join(['1 1'] * 1000)})", "holds 1,000 points"),
         ("a.geojson", json.dumps({"type": "MultiPoint", "coordinates": [[1, 1]] * 1000}), "holds 1,001 lists"),
     ],
 )
 def test_points_count_by_what_they_take_as_objects(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, content: str, words: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, content: str, message: str
 ) -> None:
     """Four bytes of text become an object of hundreds."""
     (tmp_path / name).write_text(content)
     monkeypatch.setattr("cspace.io.limits.free_bytes", lambda: 10**6)
-    refused(tmp_path / name, words, spacing=0.1)
+    refused(tmp_path / name, message, spacing=0.1)
     monkeypatch.setattr("cspace.io.limits.free_bytes", lambda: 10**7)
     assert Workspace.open(tmp_path / name, spacing=0.1, bounds=(0, 0, 2, 2)).grid.shape == (20, 20)
 
@@ -243,20 +243,20 @@ def test_a_few_nodes_do_not_unfold_into_any_number(tmp_path: Path, families: dic
         head, tail = text.replace(shown, '<instance_node url="#n0"/>').split("<library_visual_scenes>")
         return f"{head}{library}<library_visual_scenes>{tail}"
 
-    for name, content, words in (
+    for name, content, message in (
         ("a.dae", nodes(12, 10), "nodes into nodes"),
         ("a.dae", nodes(5_000, 1), "nodes into nodes"),
         ("b.dae", text.replace(shown, 3_000 * shown), "unfolds to"),
     ):
         (tmp_path / name).write_text(content)
         with raised_limits(max_bytes=2**21):
-            refused(tmp_path / name, words, spacing=0.1)
+            refused(tmp_path / name, message, spacing=0.1)
     (tmp_path / "a.dae").write_text(nodes(2, 3))
     assert len(Mesh.of(tmp_path / "a.dae").faces) == 9 * 12
-    for children, words in ((False, "unfolds to"), (True, "more than 256 nodes within each other")):
+    for children, message in ((False, "unfolds to"), (True, "more than 256 nodes within each other")):
         (tmp_path / "a.glb").write_bytes(glb_of_places(3_000, children))
         with raised_limits(max_bytes=2**21):
-            refused(tmp_path / "a.glb", words, spacing=0.1)
+            refused(tmp_path / "a.glb", message, spacing=0.1)
 
 
 def glb_of_places(number: int, children: bool) -> bytes:

@@ -114,7 +114,7 @@ def grow(header, **changes):
 
 
 @pytest.mark.parametrize(
-    ("edit", "words"),
+    ("edit", "message"),
     [
         (lambda h, add: add_part(h, add, 1, [0, 1]), "mode 1"),
         (lambda h, add: add_part(h, add, 0, [0]), "mode 0"),
@@ -150,9 +150,9 @@ def grow(header, **changes):
         (lambda h, add: h["asset"].update(version="1.0"), "1.0"),
     ],
 )
-def test_what_a_gltf_reader_does_not_honour_is_refused(tmp_path, edit, words):
-    check_refused(tmp_path, "odd.glb", gltf(edit), words)
-    check_refused(tmp_path, "odd.gltf", gltf(edit, glb=False), words)
+def test_what_a_gltf_reader_does_not_honour_is_refused(tmp_path, edit, message):
+    check_refused(tmp_path, "odd.glb", gltf(edit), message)
+    check_refused(tmp_path, "odd.gltf", gltf(edit, glb=False), message)
 
 
 # COLLADA
@@ -250,7 +250,7 @@ def test_collada_is_read_as_another_reader_does(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("content", "words"),
+    ("content", "message"),
     [
         (collada(nodes='<instance_controller url="#skin"/>'), "instance_controller"),
         (collada(nodes='<instance_geometry url="other.dae#box"/>'), "another file"),
@@ -284,5 +284,5 @@ def test_collada_is_read_as_another_reader_does(tmp_path):
         (collada()[:-20], "truncated"),
     ],
 )
-def test_what_a_collada_reader_does_not_honour_is_refused(tmp_path, content, words):
-    check_refused(tmp_path, "odd.dae", content, words)
+def test_what_a_collada_reader_does_not_honour_is_refused(tmp_path, content, message):
+    check_refused(tmp_path, "odd.dae", content, message)

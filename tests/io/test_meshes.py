@@ -58,7 +58,7 @@ def test_corners_of_obj_may_name_more_than_a_vertex(tmp_path, corner):
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "message"),
     [
         ("surf 0 1 0 1 1 2 3\n", "'surf'"),
         ("curv 0 1 1 2\n", "'curv'"),
@@ -79,8 +79,8 @@ def test_corners_of_obj_may_name_more_than_a_vertex(tmp_path, corner):
         ("\0", "not text"),
     ],
 )
-def test_what_an_obj_reader_cannot_tell_is_refused(tmp_path, text, words):
-    check_refused(tmp_path, "odd.obj", VERTICES + FACES + text, words)
+def test_what_an_obj_reader_cannot_tell_is_refused(tmp_path, text, message):
+    check_refused(tmp_path, "odd.obj", VERTICES + FACES + text, message)
 
 
 def test_a_large_obj_is_read_whole(tmp_path):
@@ -120,7 +120,7 @@ def test_bent_polygons_that_one_corner_sees_keep_their_area(first):
 
 
 @pytest.mark.parametrize(
-    ("points", "words"),
+    ("points", "message"),
     [
         ([(0, 0, 0), (1, 0, 0.01), (1, 1, 0), (0, 1, 0.01)], "one plane"),
         ([(0, 0, 0), (1, 1, 0), (1, 0, 0), (0, 1, 0)], "no area"),
@@ -128,9 +128,9 @@ def test_bent_polygons_that_one_corner_sees_keep_their_area(first):
         ([(0, 0, 0), (4, 0, 0), (4, 3, 0), (3, 3, 0), (3, 1, 0), (1, 1, 0), (1, 3, 0), (0, 3, 0)], "bends"),
     ],
 )
-def test_polygons_without_one_surface_are_refused(tmp_path, points, words):
+def test_polygons_without_one_surface_are_refused(tmp_path, points, message):
     face = f"f {' '.join(map(str, range(1, len(points) + 1)))}\n"
-    check_refused(tmp_path, "bent.obj", lines("v", points) + "f 1 2 3\n" + face, words, GeometryError)
+    check_refused(tmp_path, "bent.obj", lines("v", points) + "f 1 2 3\n" + face, message, GeometryError)
 
 
 def test_polygons_without_an_area_and_of_huge_or_tiny_size_do_no_harm(tmp_path):
@@ -175,7 +175,7 @@ def test_all_solids_of_a_text_stl_are_read(tmp_path, write):
 
 
 @pytest.mark.parametrize(
-    ("content", "words"),
+    ("content", "message"),
     [
         (binary_stl(6), "declares 6 triangles and has bytes for 12"),
         (binary_stl(13), "declares 13 triangles and has bytes for 12"),
@@ -198,8 +198,8 @@ def test_all_solids_of_a_text_stl_are_read(tmp_path, write):
         (text_stl() + text_stl(FAR).partition("facet")[2].partition("endsolid")[0], "endsolid"),
     ],
 )
-def test_stl_files_that_hold_other_than_they_say_are_refused(tmp_path, content, words):
-    check_refused(tmp_path, "odd.stl", content, words, FileError)
+def test_stl_files_that_hold_other_than_they_say_are_refused(tmp_path, content, message):
+    check_refused(tmp_path, "odd.stl", content, message, FileError)
 
 
 # OFF
@@ -226,7 +226,7 @@ def test_off_files_are_read_with_their_colours_and_comments(tmp_path, text):
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "message"),
     [
         (f"OFF\n8 5 0\n{POINTS}{SIDES}", "14 lines"),
         (f"OFF\n8 7 0\n{POINTS}{SIDES}", "14 lines"),
@@ -240,8 +240,8 @@ def test_off_files_are_read_with_their_colours_and_comments(tmp_path, text):
         (f"8 6 0\n{POINTS}{SIDES}", "begin with OFF"),
     ],
 )
-def test_off_files_that_hold_other_than_they_say_are_refused(tmp_path, text, words):
-    check_refused(tmp_path, "odd.off", text, words)
+def test_off_files_that_hold_other_than_they_say_are_refused(tmp_path, text, message):
+    check_refused(tmp_path, "odd.off", text, message)
 
 
 # ---- what both texts share -------------------------------------------------------------------------------------------

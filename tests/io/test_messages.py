@@ -22,8 +22,8 @@ def message(values, resolution=0.05, origin=(0.0, 0.0), yaw=0.0, data=None):
     turn = SimpleNamespace(x=0.0, y=0.0, z=math.sin(yaw / 2), w=math.cos(yaw / 2))
     place = SimpleNamespace(position=SimpleNamespace(x=origin[0], y=origin[1], z=0.0), orientation=turn)
     info = SimpleNamespace(resolution=resolution, width=width, height=height, origin=place)
-    kept = np.ravel(values).astype(np.int8)
-    return SimpleNamespace(header=SimpleNamespace(frame_id="odom"), info=info, data=(data or (lambda x: x))(kept))
+    flat = np.ravel(values).astype(np.int8)
+    return SimpleNamespace(header=SimpleNamespace(frame_id="odom"), info=info, data=(data or (lambda x: x))(flat))
 
 
 class Strict:
@@ -87,13 +87,13 @@ def test_a_message_is_what_the_map_file_says(tmp_path, yaw, unknown):
         f"image: map.pgm\nresolution: 0.05\norigin: [-1.5, 2.5, {yaw!r}]\nnegate: 0\noccupied_thresh: 0.65\n"
         "free_thresh: 0.19\n"
     )
-    told = Workspace.from_ros_map(tmp_path / "map.yaml", unknown)
+    saved = Workspace.from_ros_map(tmp_path / "map.yaml", unknown)
     single = float(np.float32(0.05))  # as it comes from the wire
     made = Workspace.from_occupancy_grid(message(values, single, (-1.5, 2.5), yaw), unknown)
-    assert np.allclose(made.grid.lower, told.grid.lower, atol=1e-12)
-    assert (made.grid.spacing, made.grid.shape) == (0.05, told.grid.shape)
-    assert (made.outer == told.outer).all()
-    assert (made.inner == told.inner).all()
+    assert np.allclose(made.grid.lower, saved.grid.lower, atol=1e-12)
+    assert (made.grid.spacing, made.grid.shape) == (0.05, saved.grid.shape)
+    assert (made.outer == saved.outer).all()
+    assert (made.inner == saved.inner).all()
 
 
 @pytest.mark.parametrize("unknown", ["occupied", "free"])
@@ -191,7 +191,7 @@ def changed(**fields):
 
 
 @pytest.mark.parametrize(
-    ("msg", "words"),
+    ("msg", "expected"),
     [
         (None, r"msg has no info.*nav_msgs/OccupancyGrid"),
         (np.zeros((3, 3)), r"msg has no info"),
@@ -207,10 +207,10 @@ def changed(**fields):
         (changed(info__origin__orientation__x=1.0), r"orientation is \(1, 0, 0, 1\), which is tilted"),
     ],
 )
-def test_bad_messages_are_told_in_a_line(msg, words):
-    with pytest.raises(InputError, match=words) as told:
+def test_bad_messages_are_told_in_a_line(msg, expected):
+    with pytest.raises(InputError, match=expected) as caught:
         Workspace.from_occupancy_grid(msg)
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(caught.value)
 
 
 def test_a_quaternion_that_nobody_filled_is_no_turn():
@@ -220,20 +220,20 @@ def test_a_quaternion_that_nobody_filled_is_no_turn():
 
 def test_other_arguments_are_checked(spaces):
     msg = message(np.zeros((2, 2)))
-    for options, words in (
+    for options, expected in (
         ({"unknown": "maybe"}, "unknown is 'maybe'"),
         ({"free_thresh": 0.7}, "free_thresh is 0.7 and occupied_thresh is 0.65"),
         ({"occupied_thresh": -1}, "occupied_thresh is -1"),
     ):
-        with pytest.raises(InputError, match=words):
+        with pytest.raises(InputError, match=expected):
             Workspace.from_occupancy_grid(msg, **options)
-    for options, words in (
+    for options, expected in (
         ({"inflation_radius": -1}, "inflation_radius is -1"),
         ({"cost_scaling_factor": math.nan}, "cost_scaling_factor is nan"),
         ({"rotation": (1, 2)}, "rotation"),
         ({"msg": SimpleNamespace(header=SimpleNamespace(frame_id=""))}, "msg has no metadata.resolution; .*nav2_msgs"),
     ):
-        with pytest.raises(InputError, match=words):
+        with pytest.raises(InputError, match=expected):
             spaces["car"].to_costmap(**options)
     with pytest.raises(InputError, match=r"msg has no header\.frame_id"):
         spaces["car"].to_occupancy_grid(object())

@@ -68,14 +68,14 @@ def test_reads_a_file_of_ros_1_and_one_of_several_robots(tmp_path):
 
 def test_costmaps_that_differ_are_both_named(tmp_path):
     path = written(tmp_path, "{robot_radius: 0.2}", f'{{footprint: "{TEXT}"}}')
-    with pytest.raises(FileError) as told:
+    with pytest.raises(FileError) as caught:
         Robot.from_nav2(path)
-    for words in (
+    for message in (
         "local_costmap has a robot_radius of 0.2 m",
         "global_costmap has a footprint of 4 corners",
         "costmap='",
     ):
-        assert words in str(told.value)
+        assert message in str(caught.value)
     assert Robot.from_nav2(path, "local_costmap").geometry.bounds[2] == pytest.approx(0.21)
     assert Robot.open(f"{path}#global_costmap").geometry.bounds[2] == pytest.approx(0.31)
     with pytest.raises(FileError, match="no costmap 'third'; it has local_costmap, global_costmap"):
@@ -83,7 +83,7 @@ def test_costmaps_that_differ_are_both_named(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("table", "error", "words"),
+    ("table", "error", "message"),
     [
         ("{resolution: 0.05}", FileError, "neither footprint nor robot_radius"),
         ("{robot_radius: -1}", InputError, "local_costmap: robot_radius is -1"),
@@ -96,8 +96,8 @@ def test_costmaps_that_differ_are_both_named(tmp_path):
         ("{footprint: {x: 1}}", GeometryError, "three points"),
     ],
 )
-def test_bad_parameters_are_named(tmp_path, table, error, words):
-    with pytest.raises(error, match=words):
+def test_bad_parameters_are_named(tmp_path, table, error, message):
+    with pytest.raises(error, match=message):
         Robot.from_nav2(written(tmp_path, table, table))
 
 

@@ -102,10 +102,10 @@ def test_an_output_that_appears_meanwhile_is_kept(tmp_path: Path) -> None:
     assert names(tmp_path) == ["out"]
 
 
-@pytest.mark.parametrize(("failing", "kept"), [(1, "old"), (2, "old"), (3, "new")])
+@pytest.mark.parametrize(("failing", "remaining"), [(1, "old"), (2, "old"), (3, "new")])
 @pytest.mark.parametrize("stop", [OSError("no"), KeyboardInterrupt()])
 def test_whatever_rename_fails_one_of_the_folders_is_there(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, failing: int, kept: str, stop: BaseException
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, failing: int, remaining: str, stop: BaseException
 ) -> None:
     """The third is an interruption after the last."""
     path = tmp_path / "map"
@@ -126,7 +126,7 @@ def test_whatever_rename_fails_one_of_the_folders_is_there(
         write_folder(path, "new", overwrite=True)
     assert calls >= min(failing, 2)
     assert names(tmp_path) == ["map"]
-    assert (path / "text").read_text() == kept
+    assert (path / "text").read_text() == remaining
 
 
 def test_only_an_earlier_output_is_replaced(tmp_path: Path) -> None:

@@ -22,8 +22,8 @@ def ply(order, faces=QUADS, types=("float", "uchar", "int"), before="", after=""
         rows += [(types[1], [len(face)]), (types[2], list(face))]
         rows += [("uchar", [7])] if after else []
     if order == "ascii":
-        words = [str(value) for _, row in rows for value in row]
-        lines, each = [" ".join(words[3 * i : 3 * i + 3]) for i in range(8)], iter(words[24:])
+        tokens = [str(value) for _, row in rows for value in row]
+        lines, each = [" ".join(tokens[3 * i : 3 * i + 3]) for i in range(8)], iter(tokens[24:])
         lines += [" ".join(next(each) for _ in range(1 + len(f) + bool(before) + bool(after))) for f in faces]
         body = "\n".join(lines).encode()
     else:
@@ -64,7 +64,7 @@ def test_binary_lists_whose_lengths_change_are_told_though_the_sizes_agree(tmp_p
 
 
 @pytest.mark.parametrize(
-    ("content", "words"),
+    ("content", "message"),
     [
         (ply("ascii", tail=b"\n0 1 2"), "15 lines"),
         (ply("ascii", tail=b" 7"), "6 words"),
@@ -81,8 +81,8 @@ def test_binary_lists_whose_lengths_change_are_told_though_the_sizes_agree(tmp_p
         (ply("binary_big_endian").replace(b"vertex 8", b"vertex 99999999999999"), "truncated"),
     ],
 )
-def test_ply_files_that_hold_other_than_they_say_are_refused(tmp_path, content, words):
-    check_refused(tmp_path, "odd.ply", content, words)
+def test_ply_files_that_hold_other_than_they_say_are_refused(tmp_path, content, message):
+    check_refused(tmp_path, "odd.ply", content, message)
 
 
 @pytest.mark.parametrize("order", ORDERS)

@@ -32,15 +32,15 @@ def pairs(path, height):
 def test_movingai_pairs_are_joined(data, name):
     """A point robot: the pairs of the benchmark are joined by FREE cells of a map with a tiny robot, refined twice."""
     path = data / "movingai" / f"{name}.map"
-    coarse = Workspace.from_movingai(path)
-    fine = Workspace.from_array(np.repeat(np.repeat(coarse.outer, 3, axis=0), 3, axis=1), 1 / 3)
+    workspace = Workspace.from_movingai(path)
+    fine = Workspace.from_array(np.repeat(np.repeat(workspace.outer, 3, axis=0), 3, axis=1), 1 / 3)
     space = cspace.build(fine, Robot.disc(0.01))
-    first, last, lengths = pairs(path, coarse.grid.shape[1])
-    assert not coarse.outer[tuple(first.T)].any() and not coarse.outer[tuple(last.T)].any()
+    first, last, lengths = pairs(path, workspace.grid.shape[1])
+    assert not workspace.outer[tuple(first.T)].any() and not workspace.outer[tuple(last.T)].any()
     steps = np.abs(first - last)
     assert (lengths >= steps.max(axis=1) + (np.sqrt(2) - 1) * steps.min(axis=1) - 0.02).all()
     starts, goals = first + 0.5, last + 0.5
     assert space.is_free(starts).all() and space.is_free(goals).all()
     assert all(answer is True for answer in space.path_exists(starts, goals))
-    undecided = cspace.build(coarse, Robot.disc(0.01)).path_exists(starts, goals)
+    undecided = cspace.build(workspace, Robot.disc(0.01)).path_exists(starts, goals)
     assert all(answer is not False for answer in undecided)  # in a corridor one cell wide the grid cannot decide

@@ -379,12 +379,12 @@ def test_states_that_do_not_fit(tmp_path: Path, state: np.ndarray, grid: Grid, n
 )
 def test_real_maps_against_a_plain_reading(data: Path, name: str, shape: tuple[int, int]) -> None:
     path = data / "maps" / f"{name}.yaml"
-    lines = dict(line.split(":", 1) for line in path.read_text().splitlines() if line.strip())
-    with Image.open(path.parent / lines["image"].strip()) as image:
+    entries = dict(line.split(":", 1) for line in path.read_text().splitlines() if line.strip())
+    with Image.open(path.parent / entries["image"].strip()) as image:
         (width, height), levels = image.size, image.convert("L").tobytes()
     assert (width, height) == shape
     assert len(levels) == width * height
-    negate, low, high = (float(lines[key]) for key in ("negate", "free_thresh", "occupied_thresh"))
+    negate, low, high = (float(entries[key]) for key in ("negate", "free_thresh", "occupied_thresh"))
     kinds = {}
     for level in range(256):
         p = level / 255 if negate else (255 - level) / 255
@@ -392,10 +392,10 @@ def test_real_maps_against_a_plain_reading(data: Path, name: str, shape: tuple[i
     counts: Counter[str] = Counter()
     for level, count in Counter(levels).items():
         counts[kinds[level]] += count
-    x, y, _ = (float(number) for number in lines["origin"].strip(" []").split(","))
+    x, y, _ = (float(number) for number in entries["origin"].strip(" []").split(","))
     for unknown in ("occupied", "free"):
         workspace = Workspace.from_ros_map(path, unknown)
-        assert workspace.grid == Grid((x, y), float(lines["resolution"]), shape)
+        assert workspace.grid == Grid((x, y), float(entries["resolution"]), shape)
         solid = {"occupied", "unknown"} if unknown == "occupied" else {"occupied"}
         assert workspace.outer.sum() == sum(counts[kind] for kind in solid)
         assert workspace.inner is workspace.outer

@@ -154,11 +154,11 @@ def test_a_slice_is_read_without_the_rest(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
 @pytest.mark.parametrize(
-    ("yaw", "words"), [(np.nan, "is nan"), ([0.0, 1.0], "has shape"), ("east", "rotation is"), (1e9, "wrapped")]
+    ("yaw", "message"), [(np.nan, "is nan"), ([0.0, 1.0], "has shape"), ("east", "rotation is"), (1e9, "wrapped")]
 )
-def test_a_yaw_must_be_one_angle(tmp_path: Path, suffix: str, yaw: Any, words: str) -> None:
+def test_a_yaw_must_be_one_angle(tmp_path: Path, suffix: str, yaw: Any, message: str) -> None:
     SPACES["turning"]().save(tmp_path / f"map{suffix}")
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(InputError, match=message):
         cspace.open_slice(tmp_path / f"map{suffix}", yaw)
 
 
@@ -199,11 +199,11 @@ def test_no_byte_of_an_npz_changes_the_map(tmp_path: Path, small: Path, monkeypa
         path.write_bytes(content)
         content[at] ^= 0x55
         try:
-            told, opened = store.read_npz(path)
+            saved_metadata, opened = store.read_npz(path)
         except FileError:
             caught += 1
         else:  # Some bytes, such as the time of a member, mean nothing.
-            assert told == metadata and opened.keys() == arrays.keys()
+            assert saved_metadata == metadata and opened.keys() == arrays.keys()
             assert all(np.array_equal(opened[name], arrays[name]) for name in arrays)
     assert caught > len(content) // 2
     content = bytearray((small / "map.npz").read_bytes())
@@ -293,7 +293,7 @@ FORGED: list[tuple[dict[str, Any], dict[str, Any], str]] = [
 
 
 @pytest.mark.parametrize("suffix", [".zarr", ".npz"])
-@pytest.mark.parametrize(("metadata", "content", "words"), FORGED, ids=range(len(FORGED)))
+@pytest.mark.parametrize(("metadata", "content", "message"), FORGED, ids=range(len(FORGED)))
 def test_what_makes_no_map_is_refused_though_its_digests_agree(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -301,7 +301,7 @@ def test_what_makes_no_map_is_refused_though_its_digests_agree(
     suffix: str,
     metadata: dict[str, Any],
     content: dict[str, Any],
-    words: str,
+    message: str,
 ) -> None:
     whole = cspace.open(small / "map.zarr")
     arrays = {name: array for name, array in (record.arrays_of(whole._contents) | content).items() if array is not None}
@@ -311,7 +311,7 @@ def test_what_makes_no_map_is_refused_though_its_digests_agree(
         whole.save(tmp_path / f"map{suffix}")
     except (KeyError, TypeError, ValueError, OverflowError):
         pytest.skip("the store itself refuses to hold it")
-    refused(tmp_path / f"map{suffix}", words)
+    refused(tmp_path / f"map{suffix}", message)
 
 
 def test_a_store_that_unpacks_to_more_than_there_is_is_refused(tmp_path: Path, small: Path) -> None:

@@ -7,7 +7,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from cspace import FileError, InputError, Robot
-from missing import told_without
+from missing import output_without
 
 BASE = """
 <link name="base">
@@ -58,10 +58,10 @@ PARTS = [
 
 
 def in_parts(points, parts):
-    found = np.zeros(len(points), dtype=bool)
+    within = np.zeros(len(points), dtype=bool)
     for matrix, inside in parts:
-        found |= inside((points - matrix[:3, 3]) @ matrix[:3, :3])
-    return found
+        within |= inside((points - matrix[:3, 3]) @ matrix[:3, :3])
+    return within
 
 
 def test_the_fixed_base_is_its_primitives(tmp_path):
@@ -154,7 +154,7 @@ GEOMETRY = '<link name="l"><collision><geometry>{}</geometry></collision></link>
 
 
 @pytest.mark.parametrize(
-    ("body", "error", "words"),
+    ("body", "error", "message"),
     [
         ("", FileError, "has no <link>"),
         ('<link name="l"/>', InputError, r"no such link has collision geometry; add <collision>"),
@@ -200,10 +200,10 @@ GEOMETRY = '<link name="l"><collision><geometry>{}</geometry></collision></link>
         ('<x:if xmlns:x="http://www.ros.org/wiki/xacro"/><link name="l"/>', FileError, "macros of xacro"),
     ],
 )
-def test_bad_files_are_told_in_a_line(tmp_path, body, error, words):
-    with pytest.raises(error, match=words) as told:
+def test_bad_files_are_told_in_a_line(tmp_path, body, error, message):
+    with pytest.raises(error, match=message) as caught:
         Robot.from_urdf(written(tmp_path, body))
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(caught.value)
 
 
 def test_bad_names(tmp_path):
@@ -231,7 +231,7 @@ try:
 except cspace.MissingPackageError as error:
     print(error)
 """
-    assert 'pip install "cspace[urdf]"' in told_without("yourdfpy", code)
+    assert 'pip install "cspace[urdf]"' in output_without("yourdfpy", code)
 
 
 def test_elements_of_others_do_not_matter_nor_does_a_namespace_that_xacro_left(tmp_path):

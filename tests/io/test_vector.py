@@ -150,8 +150,8 @@ def test_number_of_cells(bounds: tuple[float, ...], spacing: float, shape: tuple
     spacing=st.sampled_from([0.05, 0.1, 0.3, 1.0 / 3.0, 7.0]),
 )
 def test_an_obstacle_on_the_upper_border_marks_the_last_cell(lower: float, extent: int, spacing: float) -> None:
-    ends = shapely.MultiPoint([(lower, -lower), (lower + extent * spacing, spacing - lower)])
-    workspace = Workspace.from_polygons(ends, spacing)
+    points = shapely.MultiPoint([(lower, -lower), (lower + extent * spacing, spacing - lower)])
+    workspace = Workspace.from_polygons(points, spacing)
     assert workspace.outer[0, 0]
     assert workspace.outer[-1, -1]
     assert workspace.grid.shape[0] == extent

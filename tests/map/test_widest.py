@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 
 from cspace import FREE, MIXED, ConfigurationError, CSpace, InputError, Robot, Workspace, build
 from cspace.map import widest
-from planning import ENDS, room, turn_between, with_state
+from planning import ENDPOINTS, room, turn_between, with_state
 from strategies import seeds
 
 SPACES = ("plane", "space", "turning", "yawing")
@@ -153,12 +153,12 @@ def test_start_and_goal_beside_a_wall_do_not_make_the_path_narrow() -> None:
 @pytest.mark.parametrize("name", [*SPACES, "floating"])
 def test_it_finds_the_wide_way_in_every_space(name: str) -> None:
     space = room(name)
-    path = space.widest_path(*ENDS[name])
+    path = space.widest_path(*ENDPOINTS[name])
     assert len(path) > 2 and space.certify_path(path).all()
-    assert np.array_equal(path[[0, -1]], space.rotations.canonical(np.array(ENDS[name])))
-    assert np.array_equal(path, space.widest_path(*ENDS[name]))
-    back = space.widest_path(*ENDS[name][::-1], straight=False)
-    there = space.widest_path(*ENDS[name], straight=False)
+    assert np.array_equal(path[[0, -1]], space.rotations.canonical(np.array(ENDPOINTS[name])))
+    assert np.array_equal(path, space.widest_path(*ENDPOINTS[name]))
+    back = space.widest_path(*ENDPOINTS[name][::-1], straight=False)
+    there = space.widest_path(*ENDPOINTS[name], straight=False)
     assert np.asarray(space.clearance(back)).min() == pytest.approx(np.asarray(space.clearance(there)).min(), abs=2e-3)
 
 
@@ -205,4 +205,4 @@ def test_refuses_wrong_endpoints_and_too_little_memory(monkeypatch: pytest.Monke
         space.widest_path((1.0, 1.0), (9.0, 5.0, 1.0))
     monkeypatch.setattr("cspace.memory.free_bytes", lambda: 1000)
     with pytest.raises(InputError, match=r"to find its widest path.* needs about .* of memory.*at most 950 bytes"):
-        space.widest_path(*ENDS["plane"])
+        space.widest_path(*ENDPOINTS["plane"])

@@ -72,9 +72,9 @@ def test_a_joint_that_turns_for_ever_goes_the_shorter_way(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("planner", [None, "RRTConnect"])
-@pytest.mark.parametrize("ends", [(4.0, 4.5), (3.0, -3.0), (3.0, 6.5)])
+@pytest.mark.parametrize("endpoints", [(4.0, 4.5), (3.0, -3.0), (3.0, 6.5)])
 def test_a_joint_that_another_follows_by_half_is_no_circle(
-    tmp_path: Path, ends: tuple[float, float], planner: str | None
+    tmp_path: Path, endpoints: tuple[float, float], planner: str | None
 ) -> None:
     """After a turn of it the arm is elsewhere, so that a plan leads from and to the very numbers that were given."""
     bar = ((1.0, 0.1, 0.1), (0.5, 0, 0))
@@ -87,9 +87,9 @@ def test_a_joint_that_another_follows_by_half_is_no_circle(
     )
     space = build_arm({}, Arm.from_urdf(path), allowed=[("a", "c")])
     assert space.endless == (False,)
-    plan = planners.plan(space, ends[:1], ends[1:], planner=planner, seed=1)
+    plan = planners.plan(space, endpoints[:1], endpoints[1:], planner=planner, seed=1)
     assert plan.certified
-    assert plan.path[[0, -1], 0].tolist() == list(ends)
+    assert plan.path[[0, -1], 0].tolist() == list(endpoints)
 
 
 def test_setup_of_ones_own(tmp_path: Path) -> None:
@@ -108,7 +108,7 @@ def test_setup_of_ones_own(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("options", "message"),
     [
         ({"start": (0.0, 9.0)}, "start has elbow at 9; its limits are -3 and 3"),
         ({"start": (0.37, 0.0)}, r"start \(0.37, 0\) is not proven free: fore is in collision with post.*allowed="),
@@ -123,7 +123,7 @@ def test_setup_of_ones_own(tmp_path: Path) -> None:
         ({"time_limit": 0.0}, "time_limit"),
     ],
 )
-def test_bad_input(tmp_path: Path, options: dict[str, Any], words: str) -> None:
+def test_bad_input(tmp_path: Path, options: dict[str, Any], message: str) -> None:
     given = {"start": START, "goal": GOAL, **options}
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(InputError, match=message):
         planners.plan(space_of(tmp_path), given.pop("start"), given.pop("goal"), **given)

@@ -89,9 +89,9 @@ def test_a_word_driven_in_small_steps_gets_there(name: str) -> None:
 @pytest.mark.parametrize("name", CURVES)
 def test_points_on_a_curve_are_those_of_ompl(name: str) -> None:
     states, own = SPACES[name](0.8), curve(name, 0.8)
-    some = [pair for k, pair in enumerate(pairs(500, 0.8, seed=2)) if k % 5]  # parallel ones can be mirrored
+    oblique = [pair for k, pair in enumerate(pairs(500, 0.8, seed=2)) if k % 5]  # parallel ones can be mirrored
     same = 0
-    for a, b in some:
+    for a, b in oblique:
         first, second = as_states(states, a, b)
         length, between = own.metres(a, b), states.allocState()
         shares = np.linspace(0.0, 1.0, 9)
@@ -103,7 +103,7 @@ def test_points_on_a_curve_are_those_of_ompl(name: str) -> None:
         apart[:, 2] = turn_between(0.0, apart[:, 2])
         same += np.abs(apart).max() < 1e-5
     # Many short manoeuvres of a car that reverses are equally short, and each may take its own.
-    assert same >= len(some) * (0.99 if name == "dubins" else 0.75)
+    assert same >= len(oblique) * (0.99 if name == "dubins" else 0.75)
 
 
 @pytest.mark.parametrize("name", CURVES)
@@ -162,15 +162,15 @@ def test_a_curve_called_free_is_free_at_a_thousand_points(space: CSpace, name: s
 @pytest.mark.parametrize("name", CURVES)
 def test_a_curve_with_a_little_room_around_it_is_proven(space: CSpace, name: str) -> None:
     way, own = local_planner(space, False, name, 0.5), curve(name, 0.5, space)
-    check, some, tied = way.edge_checker(), 0, 0
+    check, counted, tied = way.edge_checker(), 0, 0
     room = 0.1 * space.grid.spacing
     for a, b in edges(space, 800, 1):
         points = own.points(a, b, np.linspace(0.0, own.metres(a, b), 3000))
         if space.is_free_around(points, room, room / 0.5).all():
-            some += 1
+            counted += 1
             tied += not check(*a, *b)
     # Where several curves are equally short, the others must be free too; cars that reverse have that now and then.
-    assert some > 20 and tied <= (0.1 * some if name == "reeds-shepp" else 0)
+    assert counted > 20 and tied <= (0.1 * counted if name == "reeds-shepp" else 0)
 
 
 @pytest.mark.parametrize("name", CURVES)
@@ -210,8 +210,8 @@ def test_of_two_equally_short_curves_both_must_be_free() -> None:
 @pytest.mark.parametrize("hair", [(0.0, 0.0, 1e-12), (0.0, 1e-7, 0.0), (5e-10, 0.0, 0.0)])
 def test_a_goal_a_hair_from_the_start(space: CSpace, name: str, hair: Any) -> None:
     start = np.array([1.05, 1.05, 0.1])
-    found = planners.plan(space, start, start + hair, drive=name, turning_radius=0.5, time_limit=2.0, seed=1)
-    assert found.solved and found.certified and found.clearance >= 0.0
+    plan = planners.plan(space, start, start + hair, drive=name, turning_radius=0.5, time_limit=2.0, seed=1)
+    assert plan.solved and plan.certified and plan.clearance >= 0.0
 
 
 def walled(cell: tuple[int, int, int], state: int = MIXED) -> CSpace:

@@ -103,7 +103,7 @@ def test_answers_can_be_taken_over_and_given_back(space: CSpace) -> None:
 
 
 def test_curves_need_a_robot_that_turns_in_the_plane() -> None:
-    for name, words in (("plane", "are .x, y.;.*rotations=72"), ("floating", "qx.*leave drive out")):
+    for name, message in (("plane", "are .x, y.;.*rotations=72"), ("floating", "qx.*leave drive out")):
         space = room(name)
         si = planners.simple_setup(space).getSpaceInformation()
         options: dict[str, Any] = {"drive": "dubins", **CAR}
@@ -113,5 +113,5 @@ def test_curves_need_a_robot_that_turns_in_the_plane() -> None:
             lambda space=space, options=options, si=si: planners.MotionValidator(si, space, **options),
             lambda space=space, options=options, si=si: planners.ClearanceObjective(si, space, **options),
         ):
-            with pytest.raises(InputError, match=words):
+            with pytest.raises(InputError, match=message):
                 make()

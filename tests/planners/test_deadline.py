@@ -13,28 +13,28 @@ from cspace import MIXED
 from planners.catalogue import IGNORE_OBJECTIVES, REFUSED, SECOND_THREAD
 from planners.deadline import Deadline, OutOfTime
 from planners.local_planner import CURVES
-from planning import ANYTIME, CAR, ENDS, SPACES, halves, room
+from planning import ANYTIME, CAR, ENDPOINTS, SPACES, halves, room
 
 LIMIT = 0.03
 ALLOWED = LIMIT + 0.25
 
 
-def in_time(space: Any, ends: Any, **options: Any) -> planners.Plan:
+def in_time(space: Any, endpoints: Any, **options: Any) -> planners.Plan:
     """A plan that ended in time; of four at most, for a busy machine may stop a process for longer than that."""
     for _ in range(4):
         began = time.perf_counter()
-        found = planners.plan(space, *ends, time_limit=LIMIT, **options)
+        plan = planners.plan(space, *endpoints, time_limit=LIMIT, **options)
         taken = time.perf_counter() - began
         if taken < ALLOWED:
             break
-    assert taken < ALLOWED and found.times.planning + found.times.simplification < ALLOWED, found
-    return found
+    assert taken < ALLOWED and plan.times.planning + plan.times.simplification < ALLOWED, plan
+    return plan
 
 
 @cache
 def warm(name: str) -> tuple[tuple[Any, Any, Any], ...]:
     """Maps with start and goal, a path between them or not; what is made at the first plan on a map is not counted."""
-    cases = ((room(name), *ENDS[name]), halves(name, MIXED))
+    cases = ((room(name), *ENDPOINTS[name]), halves(name, MIXED))
     for space, start, _ in cases:
         planners.plan(space, start, start, time_limit=0.01)
         space.clearance(start)
@@ -47,13 +47,13 @@ def test_every_planner_ends_in_time(planner: str, name: str, curve: str | None) 
     if planner in REFUSED.get(curve or "", {}):
         return
     options: dict[str, Any] = {"planner": planner} | ({"drive": curve, **CAR} if curve else {})
-    (space, *ends), (parted, *others) = warm(name)
+    (space, *endpoints), (parted, *others) = warm(name)
     assert not in_time(parted, others, **options).solved
-    found = in_time(space, ends, **options)
+    plan = in_time(space, endpoints, **options)
     # One that goes on improving uses its time, and has the path that it found meanwhile.
-    assert planner not in ANYTIME or not found.solved or found.times.planning >= 0.9 * LIMIT
+    assert planner not in ANYTIME or not plan.solved or plan.times.planning >= 0.9 * LIMIT
     if planner not in IGNORE_OBJECTIVES | SECOND_THREAD:
-        in_time(space, ends, objective="clearance", **options)
+        in_time(space, endpoints, objective="clearance", **options)
 
 
 def test_a_step_that_asks_for_ever_is_cut_off() -> None:
@@ -67,8 +67,8 @@ def test_a_step_that_asks_for_ever_is_cut_off() -> None:
             return super().motionCost(first, second)
 
     space = room("plane")
-    found = in_time(space, ENDS["plane"], planner="FMT", objective=lambda si: Slow(si, space))
-    assert slow and found.solved and found.status.startswith("path found: the first one, by RRTConnect")
+    plan = in_time(space, ENDPOINTS["plane"], planner="FMT", objective=lambda si: Slow(si, space))
+    assert slow and plan.solved and plan.status.startswith("path found: the first one, by RRTConnect")
 
 
 def test_a_simplification_that_takes_for_ever_is_cut_off(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -81,8 +81,8 @@ def test_a_simplification_that_takes_for_ever_is_cut_off(monkeypatch: pytest.Mon
             return super().checkMotion(first, second)
 
     monkeypatch.setattr("planners.setup.MotionValidator", Slow)
-    found = in_time(room("space"), ENDS["space"], seed=1)
-    assert asked and (found.certified or not found.solved)
+    plan = in_time(room("space"), ENDPOINTS["space"], seed=1)
+    assert asked and (plan.certified or not plan.solved)
 
 
 def test_callbacks_refuse_then_raise_and_are_as_before_afterwards() -> None:

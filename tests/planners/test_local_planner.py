@@ -17,7 +17,7 @@ from cspace import MIXED, CSpace, InputError, Robot, Workspace, build
 from placements import collides
 from planners import search
 from planners.local_planner import TurnDriveTurn, local_planner
-from planning import ENDS, check, open_map, room, state_at, turn_between, with_state
+from planning import ENDPOINTS, check, open_map, room, state_at, turn_between, with_state
 
 DRIVES = ("differential", "differential-reverse")
 
@@ -52,18 +52,18 @@ def pairs(space: CSpace, n: int, seed: int) -> list[tuple[np.ndarray, np.ndarray
     return list(zip(first, last, strict=True))
 
 
-def check_driven(found: planners.Plan, drive: str) -> None:
+def check_driven(plan: planners.Plan, drive: str) -> None:
     """What a robot on two wheels cannot do is not in a path: move to a side, or turn as it moves."""
-    path = found.path
+    path = plan.path
     steps, turns = np.diff(path[:, :2], axis=0), turn_between(path[:-1, 2], path[1:, 2])
     metres = np.linalg.norm(steps, axis=1)
     heading = np.stack([np.cos(path[:-1, 2]), np.sin(path[:-1, 2])], axis=-1)
     along, across = (steps * heading).sum(axis=1), steps[:, 0] * heading[:, 1] - steps[:, 1] * heading[:, 0]
     assert np.abs(across).max() < 1e-9 and (np.minimum(metres, np.abs(turns)) == 0.0).all()
-    assert found.direction is not None and found.drive == drive and found.curve is None
-    assert np.array_equal(found.direction[1:], np.sign(np.round(along, 12)))
+    assert plan.direction is not None and plan.drive == drive and plan.curve is None
+    assert np.array_equal(plan.direction[1:], np.sign(np.round(along, 12)))
     assert drive == "differential-reverse" or along.min() >= 0.0
-    assert found.length == pytest.approx(metres.sum())
+    assert plan.length == pytest.approx(metres.sum())
 
 
 # ---- edges -----------------------------------------------------------------------------------------------------------
@@ -129,17 +129,17 @@ def test_a_robot_that_reverses_backs_out_where_it_cannot_turn_around() -> None:
     occupied = np.ones((60, 60), dtype=bool)
     occupied[5:55, 26:34] = False  # a corridor of 0.8 m
     space = build(Workspace.from_array(occupied, 0.1), Robot.rectangle(1.2, 0.4), rotations=72)
-    ends = (4.0, 3.0, 0.0), (2.0, 3.0, 0.0)
-    assert not local_planner(space, drive="differential").edge_checker()(*ends[0], *ends[1])
-    found = planners.plan(space, *ends, drive="differential-reverse")
-    check(space, found, *ends)
-    assert found.length == 2.0 and set(found.direction.tolist()) == {-1}  # type: ignore[union-attr]
+    endpoints = (4.0, 3.0, 0.0), (2.0, 3.0, 0.0)
+    assert not local_planner(space, drive="differential").edge_checker()(*endpoints[0], *endpoints[1])
+    plan = planners.plan(space, *endpoints, drive="differential-reverse")
+    check(space, plan, *endpoints)
+    assert plan.length == 2.0 and set(plan.direction.tolist()) == {-1}  # type: ignore[union-attr]
     for drive, both_ways, free in (("differential", False, True), ("differential", True, False)):
         validator = planners.MotionValidator(
             planners.simple_setup(space, drive=drive).getSpaceInformation(), space, drive=drive, both_ways=both_ways
         )
         si = planners.simple_setup(space, drive=drive).getSpaceInformation()
-        assert validator.checkMotion(*(state_at(space, si, q) for q in ends[::-1])) == free
+        assert validator.checkMotion(*(state_at(space, si, q) for q in endpoints[::-1])) == free
 
 
 def test_a_turn_goes_the_shorter_way_alone() -> None:
@@ -158,16 +158,16 @@ def test_a_turn_goes_the_shorter_way_alone() -> None:
 def test_every_planner_finds_what_can_be_driven(planner: str) -> None:
     space = room("turning")
     if planner == "AORRTC":
-        with pytest.raises(InputError, match=r"AORRTC holds down metres alone, and turns count; .* 'RRTstar'"):
-            planners.plan(space, *ENDS["turning"], planner=planner, drive="differential")
+        with pytest.raises(InputError, match=r"AORRTC minimises metres alone, and turns count; .* 'RRTstar'"):
+            planners.plan(space, *ENDPOINTS["turning"], planner=planner, drive="differential")
         return
     for drive in DRIVES if planner in {"PRM", "RRTConnect"} else DRIVES[:1]:  # the others take seconds
         for limit in (0.1, 0.5, 20.0):
-            found = planners.plan(space, *ENDS["turning"], planner=planner, drive=drive, seed=1, time_limit=limit)
-            if found.solved:
+            plan = planners.plan(space, *ENDPOINTS["turning"], planner=planner, drive=drive, seed=1, time_limit=limit)
+            if plan.solved:
                 break
-        check(space, found, *ENDS["turning"])
-        check_driven(found, drive)
+        check(space, plan, *ENDPOINTS["turning"])
+        check_driven(plan, drive)
 
 
 @pytest.mark.parametrize("drive", DRIVES)
@@ -176,10 +176,10 @@ def test_on_a_roadmap_the_path_is_taken_that_is_shortest_with_its_turns(
 ) -> None:
     space, made, real = room("turning"), list[ob.Planner](), search.make_planner
     monkeypatch.setattr(search, "make_planner", lambda *of: made.append(real(*of)) or made[-1])
-    found = planners.plan(
-        space, *ENDS["turning"], planner="PRMstar", drive=drive, time_limit=0.3, seed=1, simplify=False
+    plan = planners.plan(
+        space, *ENDPOINTS["turning"], planner="PRMstar", drive=drive, time_limit=0.3, seed=1, simplify=False
     )
-    check(space, found, *ENDS["turning"])
+    check(space, plan, *ENDPOINTS["turning"])
     roadmap = ob.PlannerData(made[-1].getSpaceInformation())
     made[-1].getPlannerData(roadmap)
     states = [roadmap.getVertex(v).getState() for v in range(roadmap.numVertices())]
@@ -189,7 +189,7 @@ def test_on_a_roadmap_the_path_is_taken_that_is_shortest_with_its_turns(
     lengths = np.linalg.norm(np.diff(rows[edges][..., :2], axis=1)[:, 0], axis=1) + 0.5 * np.array(turned)
     graph = coo_array((lengths, tuple(edges.T)), shape=(len(rows), len(rows))).tocsr()
     least = dijkstra(graph, indices=roadmap.getStartIndex(0))[roadmap.getGoalIndex(0)]
-    assert found.length + 0.5 * found.turning == pytest.approx(least, abs=1e-6)
+    assert plan.length + 0.5 * plan.turning == pytest.approx(least, abs=1e-6)
 
 
 @pytest.mark.parametrize("drive", DRIVES)
@@ -198,15 +198,15 @@ def test_no_point_of_a_path_collides(drive: str) -> None:
     space = room("turning")
     lengths = []
     for seed in range(4):
-        found = planners.plan(space, *ENDS["turning"], drive=drive, seed=seed, time_limit=20.0)
-        check(space, found, *ENDS["turning"])
-        check_driven(found, drive)
-        assert space.certify_path(found.path).all() and space.certify_path(found.waypoints).all()
-        for first, last in itertools.pairwise(found.waypoints):
+        plan = planners.plan(space, *ENDPOINTS["turning"], drive=drive, seed=seed, time_limit=20.0)
+        check(space, plan, *ENDPOINTS["turning"])
+        check_driven(plan, drive)
+        assert space.certify_path(plan.path).all() and space.certify_path(plan.waypoints).all()
+        for first, last in itertools.pairwise(plan.waypoints):
             assert not collides(space, driven(first, last, drive, 20), 0.0).any()
-        rough = planners.plan(space, *ENDS["turning"], drive=drive, seed=seed, time_limit=20.0, simplify=False)
-        check(space, rough, *ENDS["turning"])
-        lengths.append(rough.length / found.length)
+        rough = planners.plan(space, *ENDPOINTS["turning"], drive=drive, seed=seed, time_limit=20.0, simplify=False)
+        check(space, rough, *ENDPOINTS["turning"])
+        lengths.append(rough.length / plan.length)
     assert min(lengths) >= 1 - 1e-9 and max(lengths) > 1.02
 
 
@@ -227,19 +227,19 @@ def test_exact_geometry_proves_what_the_grid_cannot() -> None:
     occupied[18:22] = True
     occupied[18:22, 18:22] = False  # a gap of 0.4 m in a wall
     space = build(Workspace.from_array(occupied, 0.1), Robot.rectangle(0.5, 0.36), rotations=72)
-    ends = (1.0, 2.0, 0.0), (3.0, 2.0, 0.0)
-    assert space.path_exists(*ends) is None
-    found = planners.plan(space, *ends, drive="differential", exact=True)
-    assert found.solved and found.certified and found.exact and space.certify_path(found.path, exact=True).all()
-    check_driven(found, "differential")
+    endpoints = (1.0, 2.0, 0.0), (3.0, 2.0, 0.0)
+    assert space.path_exists(*endpoints) is None
+    plan = planners.plan(space, *endpoints, drive="differential", exact=True)
+    assert plan.solved and plan.certified and plan.exact and space.certify_path(plan.path, exact=True).all()
+    check_driven(plan, "differential")
 
 
 def test_the_first_name_of_drive_is_still_taken() -> None:
     space, options = room("turning"), {"turning_radius": 0.4, "seed": 1, "time_limit": 20.0}
     older: dict[str, Any] = {"curve": "reeds-shepp"}
-    old = planners.plan(space, *ENDS["turning"], **older, **options)
-    new = planners.plan(space, *ENDS["turning"], drive="reeds-shepp", **options)
+    old = planners.plan(space, *ENDPOINTS["turning"], **older, **options)
+    new = planners.plan(space, *ENDPOINTS["turning"], drive="reeds-shepp", **options)
     assert np.array_equal(old.path, new.path) and old.drive == old.curve == "reeds-shepp"
-    assert planners.plan(space, *ENDS["turning"], curve=None, seed=1).drive == "holonomic"
+    assert planners.plan(space, *ENDPOINTS["turning"], curve=None, seed=1).drive == "holonomic"
     with pytest.raises(InputError, match=r"drive is 'sideways'.*'holonomic', 'differential'"):
         planners.state_space(space, curve="sideways")

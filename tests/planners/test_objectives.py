@@ -55,8 +55,8 @@ def test_no_weight_leaves_the_length(name: str) -> None:
     si, states = setup.getSpaceInformation(), setup.getStateSpace()
     objective = planners.ClearanceObjective(si, space, weight=0)
     for a, b in zip(*edges_from(space, 30, 3), strict=True):
-        ends = state_at(space, si, a), state_at(space, si, b)
-        assert objective.motionCost(*ends).value() == pytest.approx(states.distance(*ends))
+        endpoints = state_at(space, si, a), state_at(space, si, b)
+        assert objective.motionCost(*endpoints).value() == pytest.approx(states.distance(*endpoints))
 
 
 @pytest.mark.parametrize(

@@ -26,15 +26,15 @@ def corridor(gap, robot, rotations=72, spacing=WIDTH / 5):
 
 
 @pytest.mark.parametrize(
-    ("ends", "seed"), [(((0.7, 1.0, 0.0), (4.3, 2.0, 0.0)), 6), (((0.7, 1.5, 0.3), (4.3, 1.5, -0.4)), 2)]
+    ("endpoints", "seed"), [(((0.7, 1.0, 0.0), (4.3, 2.0, 0.0)), 6), (((0.7, 1.5, 0.3), (4.3, 1.5, -0.4)), 2)]
 )
-def test_a_corridor_two_per_cent_wider_than_the_robot_is_crossed(ends, seed):
+def test_a_corridor_two_per_cent_wider_than_the_robot_is_crossed(endpoints, seed):
     space, walls = corridor(WIDTH * 1.02, Robot.rectangle(0.8, WIDTH))
-    assert space.path_exists(*ends) is None
-    found = planners.plan(space, *ends, planner="RRTConnect", exact=True, seed=seed, time_limit=60)
-    assert found.solved and found.certified and found.status.startswith("path found")
-    assert found.path[0] == pytest.approx(ends[0]) and found.path[-1] == pytest.approx(ends[1])
-    for first, second in itertools.pairwise(found.waypoints):
+    assert space.path_exists(*endpoints) is None
+    plan = planners.plan(space, *endpoints, planner="RRTConnect", exact=True, seed=seed, time_limit=60)
+    assert plan.solved and plan.certified and plan.status.startswith("path found")
+    assert plan.path[0] == pytest.approx(endpoints[0]) and plan.path[-1] == pytest.approx(endpoints[1])
+    for first, second in itertools.pairwise(plan.waypoints):
         assert not collides(space, edge(space, first, second, np.linspace(0, 1, 200))[0], 0.0, [walls]).any()
 
 
@@ -45,7 +45,7 @@ def test_without_exact_it_is_not_crossed():
 
 def test_what_is_compiled_for_chains_takes_no_time_from_the_search(monkeypatch):
     space, _ = corridor(WIDTH, Robot.rectangle(0.8, WIDTH))
-    ends, begun = ((0.7, 1.0, 0.0), (4.3, 2.0, 0.0)), []
+    endpoints, begun = ((0.7, 1.0, 0.0), (4.3, 2.0, 0.0)), []
 
     def slow(*asked):
         if not begun:
@@ -54,27 +54,27 @@ def test_what_is_compiled_for_chains_takes_no_time_from_the_search(monkeypatch):
         return open_chain(*asked)
 
     monkeypatch.setattr(planners.passages, "open_chain", slow)
-    found = planners.plan(space, *ends, exact=True, seed=0, time_limit=0.5)
-    assert begun and found.times.setup >= 1.0 and found.times.planning < 1.0
+    plan = planners.plan(space, *endpoints, exact=True, seed=0, time_limit=0.5)
+    assert begun and plan.times.setup >= 1.0 and plan.times.planning < 1.0
 
 
 def test_a_disc_crosses_in_the_plane():
     space, _ = corridor(WIDTH * 1.02, Robot.disc(WIDTH / 2), rotations=None)
-    found = planners.plan(space, (0.7, 1.0), (4.3, 2.0), exact=True, seed=1, time_limit=30)
-    assert found.solved and found.certified and found.status.startswith("path found")
+    plan = planners.plan(space, (0.7, 1.0), (4.3, 2.0), exact=True, seed=1, time_limit=30)
+    assert plan.solved and plan.certified and plan.status.startswith("path found")
 
 
 def test_a_corridor_that_is_no_wider_is_never_crossed():
     space, _ = corridor(WIDTH, Robot.rectangle(0.8, WIDTH))
-    found = planners.plan(space, (0.7, 1.0, 0.0), (4.3, 2.0, 0.0), exact=True, seed=0, time_limit=1.5)
-    assert not found.solved and not len(found.path)
+    plan = planners.plan(space, (0.7, 1.0, 0.0), (4.3, 2.0, 0.0), exact=True, seed=0, time_limit=1.5)
+    assert not plan.solved and not len(plan.path)
 
 
 def test_what_the_map_decides_needs_no_passages():
     space, _ = corridor(WIDTH * 2.5, Robot.rectangle(0.8, WIDTH))
-    found = planners.plan(space, (0.7, 1.0, 0.0), (4.3, 2.0, 0.0), exact=True, seed=0, time_limit=10)
-    assert found.solved and "passages" not in found.status
-    assert (space.classify(found.path) == FREE).any()
+    plan = planners.plan(space, (0.7, 1.0, 0.0), (4.3, 2.0, 0.0), exact=True, seed=0, time_limit=10)
+    assert plan.solved and "passages" not in plan.status
+    assert (space.classify(plan.path) == FREE).any()
 
 
 def doors(robot, rotations):
@@ -98,17 +98,17 @@ def doors(robot, rotations):
 )
 def test_what_a_planner_does_not_soon_find_goes_along_free_cells(monkeypatch, robot, rotations, turn, exact):
     space = doors(robot, rotations)
-    ends = (*np.full(robot.dim, 0.35), *turn), (3.6, *np.full(robot.dim - 1, 0.35), *turn)
-    assert space.path_exists(*ends)
+    endpoints = (*np.full(robot.dim, 0.35), *turn), (3.6, *np.full(robot.dim - 1, 0.35), *turn)
+    assert space.path_exists(*endpoints)
     monkeypatch.setattr(planners.passages, "SOON", 1)
-    found = planners.plan(space, *ends, exact=exact, seed=0, time_limit=20)
-    assert found.solved and found.certified and found.status == "path found: along FREE cells"
-    assert found.path[[0, -1]] == pytest.approx(np.array(ends)) and space.certify_path(found.path, exact=exact).all()
-    assert len(found.waypoints) < 60
-    long = planners.plan(space, *ends, exact=exact, seed=1, time_limit=20, simplify=False)
-    assert long.certified and len(long.waypoints) > len(found.waypoints)
-    monkeypatch.setattr(cspace.CSpace, "free_path", lambda space, *ends, **how: np.empty((0, space.dof)))
-    assert "along" not in planners.plan(space, *ends, exact=exact, seed=0, time_limit=0.1).status
+    plan = planners.plan(space, *endpoints, exact=exact, seed=0, time_limit=20)
+    assert plan.solved and plan.certified and plan.status == "path found: along FREE cells"
+    assert plan.path[[0, -1]] == pytest.approx(np.array(endpoints)) and space.certify_path(plan.path, exact=exact).all()
+    assert len(plan.waypoints) < 60
+    long = planners.plan(space, *endpoints, exact=exact, seed=1, time_limit=20, simplify=False)
+    assert long.certified and len(long.waypoints) > len(plan.waypoints)
+    monkeypatch.setattr(cspace.CSpace, "free_path", lambda space, *endpoints, **how: np.empty((0, space.dof)))
+    assert "along" not in planners.plan(space, *endpoints, exact=exact, seed=0, time_limit=0.1).status
 
 
 # ---- in space --------------------------------------------------------------------------------------------------------
@@ -132,20 +132,20 @@ def shaft(gap, robot, spacing=WIDTH / 5):
 
 
 ROBOTS = [Robot.box((0.6, WIDTH, WIDTH)), Robot.ball(WIDTH / 2)]
-ENDS = (0.6, 0.7, 0.8), (3.4, 1.3, 1.2)
+ENDPOINTS = (0.6, 0.7, 0.8), (3.4, 1.3, 1.2)
 
 
 @pytest.mark.parametrize(("robot", "seed"), [(ROBOTS[0], 1), (ROBOTS[1], 0)], ids=["box", "ball"])
 def test_a_shaft_four_per_cent_wider_than_the_robot_is_crossed(robot, seed):
     space, walls = shaft(WIDTH * 1.04, robot)
-    assert space.path_exists(*ENDS) is None
-    assert not planners.plan(space, *ENDS, seed=0, time_limit=0.2).solved
-    found = planners.plan(space, *ENDS, exact=True, seed=seed, time_limit=120)
-    assert found.solved and found.certified and found.exact and found.status.startswith("path found")
-    assert (space.classify(found.path) != BLOCKED).all() and (space.classify(found.path) == MIXED).any()
-    assert tuple(found.path[0]) == ENDS[0] and tuple(found.path[-1]) == ENDS[1]
+    assert space.path_exists(*ENDPOINTS) is None
+    assert not planners.plan(space, *ENDPOINTS, seed=0, time_limit=0.2).solved
+    plan = planners.plan(space, *ENDPOINTS, exact=True, seed=seed, time_limit=120)
+    assert plan.solved and plan.certified and plan.exact and plan.status.startswith("path found")
+    assert (space.classify(plan.path) != BLOCKED).all() and (space.classify(plan.path) == MIXED).any()
+    assert tuple(plan.path[0]) == ENDPOINTS[0] and tuple(plan.path[-1]) == ENDPOINTS[1]
     along = np.linspace(0.0, 1.0, 1000)[:, None, None]
-    points = (found.path[:-1] + along * np.diff(found.path, axis=0)).reshape(-1, 1, 3)
+    points = (plan.path[:-1] + along * np.diff(plan.path, axis=0)).reshape(-1, 1, 3)
     reach = 0.5 * np.array([0.6, WIDTH, WIDTH]) if robot is ROBOTS[0] else np.zeros(3)
     apart = np.maximum(np.maximum(walls[:, 0] - points, points - walls[:, 1]) - reach, 0.0)
     assert np.linalg.norm(apart, axis=-1).min() > (0.0 if robot is ROBOTS[0] else WIDTH / 2)
@@ -154,5 +154,5 @@ def test_a_shaft_four_per_cent_wider_than_the_robot_is_crossed(robot, seed):
 @pytest.mark.parametrize("robot", ROBOTS, ids=["box", "ball"])
 def test_a_shaft_that_is_no_wider_is_never_crossed(robot):
     space, _ = shaft(WIDTH, robot)
-    found = planners.plan(space, *ENDS, exact=True, seed=0, time_limit=1.0)
-    assert not found.solved and not len(found.path)
+    plan = planners.plan(space, *ENDPOINTS, exact=True, seed=0, time_limit=1.0)
+    assert not plan.solved and not len(plan.path)

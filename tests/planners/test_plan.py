@@ -24,7 +24,7 @@ from planners.local_planner import CURVES
 from planning import (
     ANYTIME,
     CAR,
-    ENDS,
+    ENDPOINTS,
     SPACES,
     check,
     check_none,
@@ -48,18 +48,18 @@ def options_for(curve: str | None) -> dict[str, Any]:
     return {} if curve is None else {"drive": curve, **CAR}
 
 
-def ends_in(name: str, curve: str | None) -> tuple[Any, Any]:
+def endpoints_in(name: str, curve: str | None) -> tuple[Any, Any]:
     """Start and goal that all planners join, also along curves."""
-    return (ENDS[name][0], (5.0, 3.2, 0.5)) if curve else ENDS[name]
+    return (ENDPOINTS[name][0], (5.0, 3.2, 0.5)) if curve else ENDPOINTS[name]
 
 
-def patient(space: CSpace, ends: Any, limits: tuple[float, ...], **options: Any) -> planners.Plan:
+def patient(space: CSpace, endpoints: Any, limits: tuple[float, ...], **options: Any) -> planners.Plan:
     """A plan; the longer time limits are for a busy machine, and each has a seed of its own, for some are unlucky."""
     for seed, limit in enumerate(limits, 1):
-        found = planners.plan(space, *ends, time_limit=limit, seed=seed, **options)
-        if found.solved:
+        plan = planners.plan(space, *endpoints, time_limit=limit, seed=seed, **options)
+        if plan.solved:
             break
-    return found
+    return plan
 
 
 # ---- every planner ---------------------------------------------------------------------------------------------------
@@ -70,15 +70,15 @@ def patient(space: CSpace, ends: Any, limits: tuple[float, ...], **options: Any)
 def test_every_planner_finds_a_certified_path(planner: str, name: str, curve: str | None) -> None:
     if planner in REFUSED.get(curve or "", {}):
         with pytest.raises(InputError, match="choose another planner"):
-            planners.plan(room(name), *ENDS[name], planner=planner, **options_for(curve))
+            planners.plan(room(name), *ENDPOINTS[name], planner=planner, **options_for(curve))
         return
-    space, ends = room(name), ends_in(name, curve)
+    space, endpoints = room(name), endpoints_in(name, curve)
     limits = (20.0,) if planner.endswith("FMT") else (0.03, 0.2, 1.0, 20.0)
-    found = patient(space, ends, limits, planner=planner, simplify=planner not in ANYTIME, **options_for(curve))
-    check(space, found, *ends)
-    assert (found.planner, found.objective, found.curve, found.exact) == (planner, "length", curve, False)
-    assert found.path_exists is True and found.turning_radius == (CAR["turning_radius"] if curve else None)
-    assert curve != "dubins" or set(found.direction.tolist()) == {1}  # type: ignore[union-attr]
+    plan = patient(space, endpoints, limits, planner=planner, simplify=planner not in ANYTIME, **options_for(curve))
+    check(space, plan, *endpoints)
+    assert (plan.planner, plan.objective, plan.curve, plan.exact) == (planner, "length", curve, False)
+    assert plan.path_exists is True and plan.turning_radius == (CAR["turning_radius"] if curve else None)
+    assert curve != "dubins" or set(plan.direction.tolist()) == {1}  # type: ignore[union-attr]
 
 
 @pytest.mark.parametrize("planner", NAMES)
@@ -94,37 +94,37 @@ def test_every_planner_takes_the_single_edge_where_it_is_free(planner: str) -> N
             ("yawing", (0.6, 1.0, 0.6, 0.2)),
             ("floating", (0.6, 0.7, 0.6, 0.1, 0.1, 0.1, math.sqrt(0.97))),
         ):
-            found = planners.plan(room(name), ENDS[name][0], goal, planner=planner, objective=objective)
-            check(room(name), found, ENDS[name][0], goal)
-            assert len(found.waypoints) == 2 and "no search needed" in found.status and found.times.planning == 0.0
+            plan = planners.plan(room(name), ENDPOINTS[name][0], goal, planner=planner, objective=objective)
+            check(room(name), plan, ENDPOINTS[name][0], goal)
+            assert len(plan.waypoints) == 2 and "no search needed" in plan.status and plan.times.planning == 0.0
 
 
 @pytest.mark.parametrize("curve", CURVES)
 def test_the_single_curve_is_taken_where_it_is_free(curve: str) -> None:
-    ends = (0.6, 0.8, 0.0), (1.2, 0.95, 0.45)
-    found = planners.plan(room("turning"), *ends, **options_for(curve))
-    check(room("turning"), found, *ends)
-    assert len(found.waypoints) == 2 and "no search needed" in found.status and len(found.path) > 4
+    endpoints = (0.6, 0.8, 0.0), (1.2, 0.95, 0.45)
+    plan = planners.plan(room("turning"), *endpoints, **options_for(curve))
+    check(room("turning"), plan, *endpoints)
+    assert len(plan.waypoints) == 2 and "no search needed" in plan.status and len(plan.path) > 4
 
 
 @pytest.mark.parametrize(("name", "curve"), JOINED)
 def test_a_robot_that_is_there_stays(name: str, curve: str | None) -> None:
-    space, start = room(name), ENDS[name][0]
-    found = planners.plan(space, start, start, **options_for(curve))
-    check(space, found, start, start)
-    assert found.path.tolist() == [list(map(float, start))] and found.length == 0.0
-    assert found.clearance == space.clearance(start) and "start is the goal" in found.status
+    space, start = room(name), ENDPOINTS[name][0]
+    plan = planners.plan(space, start, start, **options_for(curve))
+    check(space, plan, start, start)
+    assert plan.path.tolist() == [list(map(float, start))] and plan.length == 0.0
+    assert plan.clearance == space.clearance(start) and "start is the goal" in plan.status
 
 
 @pytest.mark.parametrize(("name", "curve"), JOINED)
 def test_many_seeds_give_certified_paths_and_simplifying_makes_none_longer(name: str, curve: str | None) -> None:
-    space, ends, gains, directions = room(name), ends_in(name, curve), [], set()
+    space, endpoints, gains, directions = room(name), endpoints_in(name, curve), [], set()
     for seed in range(3):
         options = {"seed": seed, "time_limit": 20.0, **options_for(curve)}
-        rough, short = (planners.plan(space, *ends, simplify=simplify, **options) for simplify in (False, True))
-        for found in (rough, short):
-            check(space, found, *ends)
-            directions |= set() if found.direction is None else set(found.direction.tolist())
+        rough, short = (planners.plan(space, *endpoints, simplify=simplify, **options) for simplify in (False, True))
+        for plan in (rough, short):
+            check(space, plan, *endpoints)
+            directions |= set() if plan.direction is None else set(plan.direction.tolist())
         assert rough.times.simplification == 0.0 < short.times.simplification
         gains.append(rough.length / short.length)
     # Of a robot that turns, OMPL shortens metres and radians together.
@@ -135,18 +135,18 @@ def test_many_seeds_give_certified_paths_and_simplifying_makes_none_longer(name:
 
 def test_yaw_goes_along_the_shorter_arc_and_is_wrapped() -> None:
     space = room("turning")
-    found = planners.plan(space, (0.8, 0.8, 3.0 + 4 * math.pi), (0.9, 0.8, -3.0))
-    check(space, found, (0.8, 0.8, 3.0), (0.9, 0.8, -3.0))
-    turns = turn_between(found.path[:-1, 2], found.path[1:, 2])
+    plan = planners.plan(space, (0.8, 0.8, 3.0 + 4 * math.pi), (0.9, 0.8, -3.0))
+    check(space, plan, (0.8, 0.8, 3.0), (0.9, 0.8, -3.0))
+    turns = turn_between(plan.path[:-1, 2], plan.path[1:, 2])
     assert turns.sum() == pytest.approx(2 * math.pi - 6.0) and (turns > 0).all()
     assert planners.plan(space, (0.8, 0.8, math.pi), (0.8, 0.8, -math.pi)).path.tolist() == [[0.8, 0.8, -math.pi]]
 
 
 def test_a_z_beyond_pi_is_not_wrapped_as_a_yaw_would_be() -> None:
     space = build(Workspace.from_array(np.zeros((6, 6, 12), dtype=bool), 1.0, lower=(0, 0, -6)), Robot.ball(0.1))
-    found = planners.plan(space, (1.5, 1.5, -4.5), (4.5, 4.5, 4.5))
-    assert found.path.tolist() == [[1.5, 1.5, -4.5], [4.5, 4.5, 4.5]]
-    assert found.length == pytest.approx(math.sqrt(9 + 9 + 81))
+    plan = planners.plan(space, (1.5, 1.5, -4.5), (4.5, 4.5, 4.5))
+    assert plan.path.tolist() == [[1.5, 1.5, -4.5], [4.5, 4.5, 4.5]]
+    assert plan.length == pytest.approx(math.sqrt(9 + 9 + 81))
 
 
 @pytest.mark.parametrize(("name", "curve"), JOINED)
@@ -158,9 +158,9 @@ def test_a_path_that_ompl_spoiled_is_not_called_certified(
             return True
 
     monkeypatch.setattr("planners.setup.MotionValidator", Lenient)
-    found = planners.plan(room(name), *ends_in(name, curve), simplify=False, **options_for(curve))
-    assert found.solved and not found.certified and "not certified" in repr(found)
-    assert found.clearance == 0.0 or curve is not None
+    plan = planners.plan(room(name), *endpoints_in(name, curve), simplify=False, **options_for(curve))
+    assert plan.solved and not plan.certified and "not certified" in repr(plan)
+    assert plan.clearance == 0.0 or curve is not None
 
 
 @settings(max_examples=12)
@@ -184,14 +184,14 @@ def test_no_point_of_a_path_collides_in_any_world(seed: int, kind: str) -> None:
     space = build(Workspace.from_array(occupied, 0.3, lower=lower), robot)
     if not (space.state == FREE).any():
         return
-    ends = space.sample_free(2, rng)
-    exists = space.path_exists(*ends)
-    found = planners.plan(space, *ends, seed=seed % 1000, time_limit=2.0 if exists else 0.05)
-    assert found.solved or not exists
-    if found.solved:
-        check(space, found, *ends)
+    endpoints = space.sample_free(2, rng)
+    exists = space.path_exists(*endpoints)
+    plan = planners.plan(space, *endpoints, seed=seed % 1000, time_limit=2.0 if exists else 0.05)
+    assert plan.solved or not exists
+    if plan.solved:
+        check(space, plan, *endpoints)
         along = np.linspace(0.0, 1.0, 300)[:, None, None]
-        points = (found.path[:-1] + along * np.diff(found.path, axis=0)).reshape(-1, 3)
+        points = (plan.path[:-1] + along * np.diff(plan.path, axis=0)).reshape(-1, 3)
         corners = lower + 0.3 * np.argwhere(occupied)
         for part in np.array_split(points, len(points) // 500 + 1):
             first, last = (part + low)[:, None], (part + high)[:, None]
@@ -200,25 +200,25 @@ def test_no_point_of_a_path_collides_in_any_world(seed: int, kind: str) -> None:
 
 def test_on_a_real_map_a_path_is_found_where_one_is_proven_to_exist(data: Path) -> None:
     space = build(Workspace.open(data / "maps" / "depot.yaml"), Robot.disc(0.3))
-    ends = space.sample_free(16, np.random.default_rng(0))
+    endpoints = space.sample_free(16, np.random.default_rng(0))
     proofs = set()
-    for seed, (start, goal) in enumerate(zip(ends[::2], ends[1::2], strict=True)):
-        found = planners.plan(space, start, goal, seed=seed, time_limit=20.0)
-        proofs.add(found.path_exists)
-        if found.path_exists is not None:
-            assert found.solved is found.certified is found.path_exists
-            assert found.solved or "proven" in found.status
+    for seed, (start, goal) in enumerate(zip(endpoints[::2], endpoints[1::2], strict=True)):
+        plan = planners.plan(space, start, goal, seed=seed, time_limit=20.0)
+        proofs.add(plan.path_exists)
+        if plan.path_exists is not None:
+            assert plan.solved is plan.certified is plan.path_exists
+            assert plan.solved or "proven" in plan.status
     assert True in proofs
 
 
 def test_cubes_join_all_that_free_cells_join() -> None:
     for name in ("plane", "space"):
-        found = planners.plan(room(name), *ENDS[name], planner="cubes")
-        check(room(name), found, *ENDS[name])
-        rough = planners.plan(room(name), *ENDS[name], planner="Cubes", simplify=False)
-        check(room(name), rough, *ENDS[name])
-        assert found.planner == "Cubes" and found.length <= rough.length
-        assert found.path.tolist() == planners.plan(room(name), *ENDS[name], planner="Cubes", seed=3).path.tolist()
+        plan = planners.plan(room(name), *ENDPOINTS[name], planner="cubes")
+        check(room(name), plan, *ENDPOINTS[name])
+        rough = planners.plan(room(name), *ENDPOINTS[name], planner="Cubes", simplify=False)
+        check(room(name), rough, *ENDPOINTS[name])
+        assert plan.planner == "Cubes" and plan.length <= rough.length
+        assert plan.path.tolist() == planners.plan(room(name), *ENDPOINTS[name], planner="Cubes", seed=3).path.tolist()
         space, start, goal = halves(name, MIXED)
         missed = planners.plan(space, start, goal, planner="Cubes")
         check_none(space, missed)
@@ -230,22 +230,22 @@ def test_cubes_turns_where_it_must() -> None:
     state[1] = [[0, 1, 0], [0, 1, 0], [0, 1, 0]]
     space = with_state(state, 4)
     for yaw in (0.1, 1.6):
-        found = planners.plan(space, (0.5, 0.5, yaw), (2.5, 2.5, yaw), planner="Cubes", simplify=False)
-        assert found.solved and found.certified and (found.path[:, 2] == yaw).all() == (yaw == 0.1)
-    found = planners.plan(space, (0.5, 0.5, 0.0), (2.5, 2.5, 1.6), planner="Cubes")
-    assert found.certified and found.path[-1].tolist() == [2.5, 2.5, 1.6]
+        plan = planners.plan(space, (0.5, 0.5, yaw), (2.5, 2.5, yaw), planner="Cubes", simplify=False)
+        assert plan.solved and plan.certified and (plan.path[:, 2] == yaw).all() == (yaw == 0.1)
+    plan = planners.plan(space, (0.5, 0.5, 0.0), (2.5, 2.5, 1.6), planner="Cubes")
+    assert plan.certified and plan.path[-1].tolist() == [2.5, 2.5, 1.6]
 
 
 @pytest.mark.parametrize("name", SPACES)
 def test_the_widest_path_has_more_room_than_others(name: str) -> None:
-    space, ends = room(name), ENDS[name]
-    found, other = (planners.plan(space, *ends, planner=each, seed=1, time_limit=20.0) for each in ("widest", None))
-    check(space, found, *ends)
-    assert found.planner == "Widest" and found.clearance >= other.clearance
-    assert np.array_equal(found.path, planners.plan(space, *ends, planner="Widest", seed=2, time_limit=1e-9).path)
-    rough = planners.plan(space, *ends, planner="Widest", simplify=False)
-    check(space, rough, *ends)
-    assert len(rough.waypoints) > len(found.waypoints)
+    space, endpoints = room(name), ENDPOINTS[name]
+    plan, other = (planners.plan(space, *endpoints, planner=each, seed=1, time_limit=20.0) for each in ("widest", None))
+    check(space, plan, *endpoints)
+    assert plan.planner == "Widest" and plan.clearance >= other.clearance
+    assert np.array_equal(plan.path, planners.plan(space, *endpoints, planner="Widest", seed=2, time_limit=1e-9).path)
+    rough = planners.plan(space, *endpoints, planner="Widest", simplify=False)
+    check(space, rough, *endpoints)
+    assert len(rough.waypoints) > len(plan.waypoints)
 
 
 # ---- no path ---------------------------------------------------------------------------------------------------------
@@ -260,10 +260,10 @@ def test_a_proof_that_no_path_exists_spares_the_search(
         return
     space, start, goal = halves(name, BLOCKED)
     monkeypatch.setattr(og.SimpleSetup, "solve", lambda *_: pytest.fail("OMPL was run"))
-    found = planners.plan(space, start, goal, planner=planner, time_limit=60.0, **options_for(curve))
-    check_none(space, found)
-    assert found.path_exists is False and found.times.planning == 0.0
-    assert (found.status, found.advice) == ("no path exists: proven", "")
+    plan = planners.plan(space, start, goal, planner=planner, time_limit=60.0, **options_for(curve))
+    check_none(space, plan)
+    assert plan.path_exists is False and plan.times.planning == 0.0
+    assert (plan.status, plan.advice) == ("no path exists: proven", "")
 
 
 @pytest.mark.parametrize(("name", "curve"), JOINED)
@@ -273,40 +273,40 @@ def test_where_nothing_is_proven_a_planner_searches_and_does_not_pretend(
 ) -> None:
     space, start, goal = halves(name, MIXED)
     # RRT and others come close, which OMPL calls an approximate solution.
-    found = planners.plan(space, start, goal, planner=planner, time_limit=0.03, **options_for(curve))
-    check_none(space, found)
-    assert found.path_exists is None and found.times.planning > 0.0
-    assert found.status.startswith("no path found") and found.status.endswith("undecided whether one exists")
-    assert ("exact=True" in found.advice) == (curve is None) and "a finer spacing" in found.advice
-    assert "time_limit=0.3" in found.advice
+    plan = planners.plan(space, start, goal, planner=planner, time_limit=0.03, **options_for(curve))
+    check_none(space, plan)
+    assert plan.path_exists is None and plan.times.planning > 0.0
+    assert plan.status.startswith("no path found") and plan.status.endswith("undecided whether one exists")
+    assert ("exact=True" in plan.advice) == (curve is None) and "a finer spacing" in plan.advice
+    assert "time_limit=0.3" in plan.advice
 
 
-@pytest.mark.parametrize("name", ENDS)
+@pytest.mark.parametrize("name", ENDPOINTS)
 def test_whether_a_path_exists_is_asked_once(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     ask, asked = CSpace.path_exists, list[Any]()
     monkeypatch.setattr(CSpace, "path_exists", lambda *q: asked.append(q) or ask(*q))
-    found = planners.plan(room(name), *ENDS[name], planner="RRTConnect", time_limit=60.0, seed=1)
-    assert found.certified and len(asked) == 1
+    plan = planners.plan(room(name), *ENDPOINTS[name], planner="RRTConnect", time_limit=60.0, seed=1)
+    assert plan.certified and len(asked) == 1
 
 
 def test_where_a_path_exists_the_status_says_so() -> None:
     for name, curve in JOINED:
         options = {"time_limit": 1e-6, "planner": "RRT", **options_for(curve)}
-        found = planners.plan(room(name), *ends_in(name, curve), **options)
-        check_none(room(name), found)
+        plan = planners.plan(room(name), *endpoints_in(name, curve), **options)
+        check_none(room(name), plan)
         known = "one exists for a robot that also moves sideways" if curve else "a path exists"
-        assert found.status == f"no path found within 1e-06 s; {known}" and found.path_exists is True
-        assert "time_limit=1e-05" in found.advice and ("Cubes" in found.advice) == (not curve)
+        assert plan.status == f"no path found within 1e-06 s; {known}" and plan.path_exists is True
+        assert "time_limit=1e-05" in plan.advice and ("Cubes" in plan.advice) == (not curve)
 
 
 # ---- start and goal --------------------------------------------------------------------------------------------------
 
-STRIP = np.array([FREE, FREE, MIXED, BLOCKED, FREE], dtype=np.uint8)
+ROW = np.array([FREE, FREE, MIXED, BLOCKED, FREE], dtype=np.uint8)
 """States of cells of 1 m in a row."""
 
 
 @pytest.mark.parametrize(
-    ("x", "other", "words", "nearest"),
+    ("x", "other", "message", "nearest"),
     [
         (2.4, 0.5, "lies in a MIXED cell", 1.5),
         (3.6, 0.5, "lies in a BLOCKED cell", 4.5),
@@ -318,16 +318,16 @@ STRIP = np.array([FREE, FREE, MIXED, BLOCKED, FREE], dtype=np.uint8)
 )
 @pytest.mark.parametrize("shape", [(5, 1), (5, 1, 1), (4, 5, 1)])
 def test_an_end_that_cannot_be_used_is_named_with_its_state_and_the_nearest_free_one(
-    shape: tuple[int, ...], x: float, other: float, words: str, nearest: float
+    shape: tuple[int, ...], x: float, other: float, message: str, nearest: float
 ) -> None:
     turning = shape[0] == 4
-    state = np.tile(STRIP[:, None], (4, 1, 1)) if turning else STRIP.reshape(shape)
+    state = np.tile(ROW[:, None], (4, 1, 1)) if turning else ROW.reshape(shape)
     space = with_state(state, 4 if turning else None)
     rest = (0.1,) if turning else (0.5,) * (len(shape) - 2)
     bad, good = (x, other, *rest), (0.5, 0.5, *rest)
-    for name, ends in (("start", (bad, good)), ("goal", (good, bad))):
-        with pytest.raises(ConfigurationError, match=words) as caught:
-            planners.plan(space, *ends)
+    for name, endpoints in (("start", (bad, good)), ("goal", (good, bad))):
+        with pytest.raises(ConfigurationError, match=message) as caught:
+            planners.plan(space, *endpoints)
         error = caught.value
         assert str(error).startswith(name) and error.argument == name and error.value == bad
         assert error.nearest is not None and error.nearest[:2] == (nearest, 0.5) and len(error.nearest) == len(bad)
@@ -353,7 +353,7 @@ def test_a_map_without_free_cells_has_no_nearest_one() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "wrong", "words"),
+    ("name", "wrong", "message"),
     [
         ("plane", {"start": (math.nan, 1.0)}, r"start\[0\] is nan"),
         ("plane", {"goal": (1.0, math.inf)}, r"goal\[1\] is inf"),
@@ -416,9 +416,9 @@ def test_a_map_without_free_cells_has_no_nearest_one() -> None:
         ("space", {"drive": "reeds-shepp", "turning_radius": 1.0}, "drive is 'reeds-shepp'.*are .x, y, z."),
     ],
 )
-def test_wrong_input_is_named(name: str, wrong: dict[str, Any], words: str) -> None:
-    start, goal = ENDS[name]
-    with pytest.raises(InputError, match=words) as caught:
+def test_wrong_input_is_named(name: str, wrong: dict[str, Any], message: str) -> None:
+    start, goal = ENDPOINTS[name]
+    with pytest.raises(InputError, match=message) as caught:
         planners.plan(**{"space": room(name), "start": start, "goal": goal} | wrong)
     assert caught.value.argument.split("[")[0].split()[0] in {*wrong, "turning_radius", "field"}
 
@@ -435,15 +435,15 @@ def test_a_seed_repeats_a_run_with_others_in_between(planner: str) -> None:
 
         def run(seed: int, name: str = name, curve: str | None = curve) -> list[list[float]]:
             options = {"planner": planner, "seed": seed, **limits, **options_for(curve)}
-            found = planners.plan(room(name), *ends_in(name, curve), **options)
-            assert found.seed == seed and found.times.planning < 30.0
-            path: list[list[float]] = found.path.tolist()
+            plan = planners.plan(room(name), *endpoints_in(name, curve), **options)
+            assert plan.seed == seed and plan.times.planning < 30.0
+            path: list[list[float]] = plan.path.tolist()
             return path
 
         if planner in REFUSED.get(curve or "", {}):
             continue
         first = run(7)
-        planners.plan(room("plane"), ENDS["plane"][0], (5.0, 3.0), planner="RRT")
+        planners.plan(room("plane"), ENDPOINTS["plane"][0], (5.0, 3.0), planner="RRT")
         other = run(8)
         assert first == run(7) and (other != first or not first)
 
@@ -476,9 +476,9 @@ main()
 def test_ompl_is_quiet_and_its_log_level_is_left_as_it_was(capfd: pytest.CaptureFixture[str]) -> None:
     ou.setLogLevel(ou.LOG_INFO)
     try:
-        planners.plan(room("plane"), *ENDS["plane"], seed=3)
+        planners.plan(room("plane"), *ENDPOINTS["plane"], seed=3)
         with pytest.raises(ZeroDivisionError):
-            planners.plan(room("plane"), *ENDS["plane"], planner="RRTstar", objective=lambda si: 1 // 0)
+            planners.plan(room("plane"), *ENDPOINTS["plane"], planner="RRTstar", objective=lambda si: 1 // 0)
         assert ou.getLogLevel() == ou.LOG_INFO
     finally:
         ou.setLogLevel(ou.LOG_WARN)
@@ -497,11 +497,11 @@ def test_an_objective_of_ones_own_is_called_and_keeps_away_from_walls() -> None:
             return super().motionCost(first, second)
 
     options: dict[str, Any] = {"planner": "RRTstar", "time_limit": 60.0, "iterations": 200, "seed": 1}
-    short = planners.plan(space, *ENDS["plane"], **options)
-    wide = planners.plan(space, *ENDS["plane"], objective=lambda si: Counted(si, space), **options)
-    same = planners.plan(space, *ENDS["plane"], objective="clearance", **options)
-    for found in (short, wide):
-        check(space, found, *ENDS["plane"])
+    short = planners.plan(space, *ENDPOINTS["plane"], **options)
+    wide = planners.plan(space, *ENDPOINTS["plane"], objective=lambda si: Counted(si, space), **options)
+    same = planners.plan(space, *ENDPOINTS["plane"], objective="clearance", **options)
+    for plan in (short, wide):
+        check(space, plan, *ENDPOINTS["plane"])
     assert len(calls) > 300
     assert wide.clearance > short.clearance + 0.15 and wide.length > short.length
     assert wide.path.tolist() == same.path.tolist()
@@ -514,43 +514,43 @@ def test_the_planners_that_heed_an_objective_find_a_cheaper_path(planner: str, n
     si = planners.simple_setup(space).getSpaceInformation()
     objective = planners.ClearanceObjective(si, space)
 
-    def cost(found: planners.Plan) -> float:
-        states = [state_at(space, si, q) for q in found.path]
+    def cost(plan: planners.Plan) -> float:
+        states = [state_at(space, si, q) for q in plan.path]
         return sum(objective.motionCost(a, b).value() for a, b in itertools.pairwise(states))
 
     iterations = 3000 if planner == "BITstar" else 250  # an iteration of BITstar is one edge
     options: dict[str, Any] = {"planner": planner, "time_limit": 60.0, "iterations": iterations, "seed": 1}
-    short = planners.plan(space, *ENDS[name], **options | {"iterations": iterations + 150})
-    wide = planners.plan(space, *ENDS[name], objective="clearance", **options)
-    check(space, wide, *ENDS[name])
+    short = planners.plan(space, *ENDPOINTS[name], **options | {"iterations": iterations + 150})
+    wide = planners.plan(space, *ENDPOINTS[name], objective="clearance", **options)
+    check(space, wide, *ENDPOINTS[name])
     assert cost(wide) < (0.8 if name == "plane" else 0.95) * cost(short)
     if planner == "RRTstar":
-        rough = planners.plan(space, *ENDS[name], objective="clearance", simplify=False, **options)
+        rough = planners.plan(space, *ENDPOINTS[name], objective="clearance", simplify=False, **options)
         assert cost(wide) <= cost(rough) * (1 + 1e-12)
 
 
 @pytest.mark.parametrize(("name", "curve"), JOINED)
 def test_a_planner_that_finds_nothing_has_a_quick_path_to_improve(name: str, curve: str | None) -> None:
-    space, ends, drive = room(name), ends_in(name, curve), options_for(curve)
+    space, endpoints, drive = room(name), endpoints_in(name, curve), options_for(curve)
     si = planners.simple_setup(space, **drive).getSpaceInformation()
     objective, costs = planners.ClearanceObjective(si, space, **drive), []
     options: dict[str, Any] = {"planner": "RRTstar", "iterations": 1, "time_limit": 60.0, "seed": 1, **drive}
-    assert not planners.plan(space, *ends, **options).solved
-    quick = planners.plan(space, *ends, simplify=False, **options | {"planner": None, "iterations": None})
-    for found in (quick, planners.plan(space, *ends, objective="clearance", **options)):
-        check(space, found, *ends)
-        states = [state_at(space, si, q) for q in found.waypoints]
+    assert not planners.plan(space, *endpoints, **options).solved
+    quick = planners.plan(space, *endpoints, simplify=False, **options | {"planner": None, "iterations": None})
+    for plan in (quick, planners.plan(space, *endpoints, objective="clearance", **options)):
+        check(space, plan, *endpoints)
+        states = [state_at(space, si, q) for q in plan.waypoints]
         costs.append(sum(objective.motionCost(a, b).value() for a, b in itertools.pairwise(states)))
-    assert "the first one" in found.status and costs[1] < 0.9 * costs[0]
+    assert "the first one" in plan.status and costs[1] < 0.9 * costs[0]
 
 
 @pytest.mark.parametrize("planner", HEEDING)
 @pytest.mark.parametrize("curve", [None, *CURVES])
 def test_an_objective_goes_with_turns_and_curves(curve: str | None, planner: str) -> None:
     options: dict[str, Any] = {"planner": planner, "time_limit": 10.0, "iterations": 60, "seed": 1}
-    ends = (0.6, 1.0, 0.0), (1.2, 3.3, 1.0)
-    found = planners.plan(room("turning"), *ends, objective="clearance", **options, **options_for(curve))
-    check(room("turning"), found, *ends)
+    endpoints = (0.6, 1.0, 0.0), (1.2, 3.3, 1.0)
+    plan = planners.plan(room("turning"), *endpoints, objective="clearance", **options, **options_for(curve))
+    check(room("turning"), plan, *endpoints)
 
 
 def test_an_error_in_a_callback_comes_out() -> None:
@@ -560,4 +560,4 @@ def test_an_error_in_a_callback_comes_out() -> None:
 
     space = room("plane")
     with pytest.raises(KeyError, match="broken"):
-        planners.plan(space, *ENDS["plane"], planner="RRTstar", objective=lambda si: Broken(si, space))
+        planners.plan(space, *ENDPOINTS["plane"], planner="RRTstar", objective=lambda si: Broken(si, space))

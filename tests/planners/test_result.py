@@ -24,16 +24,16 @@ from cspace import BLOCKED, CSpace, FileError, Robot, Workspace, build
 from cspace.errors import InputError
 from placements import placed
 from planners.local_planner import CURVES, HOLONOMIC, local_planner
-from planning import CAR, ENDS, SPACES, distances, halves, open_map, room, turn_between, usable
+from planning import CAR, ENDPOINTS, SPACES, distances, halves, open_map, room, turn_between, usable
 
 CASES = [*((name, None) for name in SPACES), *(("turning", curve) for curve in CURVES)]
 
 
 @pytest.fixture(scope="module", params=CASES, ids=lambda case: case[1] or case[0])
-def found(request: pytest.FixtureRequest) -> planners.Plan:
+def plan(request: pytest.FixtureRequest) -> planners.Plan:
     name, curve = request.param
     options = {"drive": curve, **CAR} if curve else {}
-    return planners.plan(room(name), *ENDS[name], seed=4, time_limit=20.0, **options)
+    return planners.plan(room(name), *ENDPOINTS[name], seed=4, time_limit=20.0, **options)
 
 
 # ---- clearance along a path ------------------------------------------------------------------------------------------
@@ -43,7 +43,7 @@ def found(request: pytest.FixtureRequest) -> planners.Plan:
 def test_the_clearance_of_a_path_is_a_bound_for_each_of_its_points(name: str, curve: str | None) -> None:
     space, dim = room(name), room(name).grid.dim
     edges = local_planner(space, False, curve or HOLONOMIC, 0.4 if curve else None)
-    rng, some = np.random.default_rng(0), 0
+    rng, positive = np.random.default_rng(0), 0
     for a in space.sample_free(40, rng):
         path = usable(space, np.array([a, *(a + rng.uniform(-0.3, 0.3, (2, len(a))))]))
         bound = edges.clearance(path)
@@ -56,8 +56,8 @@ def test_the_clearance_of_a_path_is_a_bound_for_each_of_its_points(name: str, cu
             assert max(0.0, least - 2.3 * space.grid.spacing) <= bound <= least
         else:
             assert bound <= space.clearance(points).min() + 1.5 * space.grid.spacing + 1e-9
-        some += bound > 0.0
-    assert some > 4 or curve == "dubins"  # whose short curves are loops
+        positive += bound > 0.0
+    assert positive > 4 or curve == "dubins"  # whose short curves are loops
 
 
 def test_the_clearance_of_a_path_is_the_least_one_of_its_pieces() -> None:
@@ -73,10 +73,10 @@ def test_the_clearance_of_a_path_is_the_least_one_of_its_pieces() -> None:
 def test_clearance_is_infinite_where_every_configuration_is_free(tmp_path: Path) -> None:
     for name in SPACES:
         space = open_map(name)
-        ends = usable(space, np.array([[1.5] * space.dof, [6.5] * space.grid.dim + [1.0] * space.rotations.dof]))
-        found = planners.plan(space, *ends)
-        assert found.solved and found.clearance == math.inf
-        found.to_json(tmp_path / "plan.json", overwrite=True)
+        endpoints = usable(space, np.array([[1.5] * space.dof, [6.5] * space.grid.dim + [1.0] * space.rotations.dof]))
+        plan = planners.plan(space, *endpoints)
+        assert plan.solved and plan.clearance == math.inf
+        plan.to_json(tmp_path / "plan.json", overwrite=True)
         assert json.loads((tmp_path / "plan.json").read_text())["clearance"] is None
 
 
@@ -129,31 +129,31 @@ def oracle(name: str) -> Callable[[np.ndarray], float]:
 @pytest.mark.parametrize(("name", "curve"), CASES)
 def test_the_distance_from_obstacles_is_the_least_along_the_path(name: str, curve: str | None) -> None:
     space = room(name)
-    found = planners.plan(space, *ENDS[name], seed=4, time_limit=20.0, **({"drive": curve, **CAR} if curve else {}))
-    edges = local_planner(space, False, found.drive, found.turning_radius)
-    dense = edges.pieces(found.waypoints, 0.02, 0.05)
+    plan = planners.plan(space, *ENDPOINTS[name], seed=4, time_limit=20.0, **({"drive": curve, **CAR} if curve else {}))
+    edges = local_planner(space, False, plan.drive, plan.turning_radius)
+    dense = edges.pieces(plan.waypoints, 0.02, 0.05)
     least = min(map(oracle(name), dense.middles))
     between = 0.5 * float((dense.lengths + 0.4 * dense.turns).max())  # by how much it may be less between them
-    assert least - between - 0.25 * space.grid.spacing - 1e-6 <= found.obstacle_distance <= least + 1e-6
-    assert found.obstacle_distance > found.clearance or found.clearance == 0.0
+    assert least - between - 0.25 * space.grid.spacing - 1e-6 <= plan.obstacle_distance <= least + 1e-6
+    assert plan.obstacle_distance > plan.clearance or plan.clearance == 0.0
 
 
 def test_the_distance_from_obstacles_is_that_of_their_shapes_as_they_are_now() -> None:
     pillar = shapely.Point(4.03, 2.51).buffer(0.5)
     workspace = Workspace.from_polygons([pillar], 0.1, bounds=(0, 0, 8, 8))
     space = build(workspace, Robot.polygon(shapely.box(-0.5, -0.2, 0.5, 0.2)), outside="free", margin=0.05)
-    found = planners.plan(space, (1.0, 3.6), (7.0, 3.6))
+    plan = planners.plan(space, (1.0, 3.6), (7.0, 3.6))
     least = float(shapely.box(0.5, 3.4, 7.5, 3.8).distance(pillar))
-    assert least - 0.025 - 1e-6 <= found.obstacle_distance <= least
-    assert found.room == ("obstacle_distance", found.obstacle_distance)
-    assert f" m, obstacle distance {found.obstacle_distance:.3f} m\n" in repr(found)
+    assert least - 0.025 - 1e-6 <= plan.obstacle_distance <= least
+    assert plan.room == ("obstacle_distance", plan.obstacle_distance)
+    assert f" m, obstacle distance {plan.obstacle_distance:.3f} m\n" in repr(plan)
     assert planners.plan(space, (1.0, 3.6), (1.0, 3.6)).obstacle_distance > 2.0
     space.place("ball", shapely.Point(4.0, 4.35).buffer(0.2))
-    assert found.obstacle_distance == pytest.approx(0.35, abs=0.03)
+    assert plan.obstacle_distance == pytest.approx(0.35, abs=0.03)
     space.place("ball", shapely.Point(4.0, 3.9).buffer(0.08))
-    assert found.obstacle_distance == 0.0
+    assert plan.obstacle_distance == 0.0
     space.remove("ball")
-    assert found.obstacle_distance == pytest.approx(least, abs=0.03)
+    assert plan.obstacle_distance == pytest.approx(least, abs=0.03)
     assert planners.plan(open_map("plane"), (2, 2), (5, 5)).obstacle_distance == math.inf
 
 
@@ -187,98 +187,98 @@ def test_where_no_geometry_can_be_asked_the_room_is_that_of_the_map(tmp_path: Pa
 # ---- what it says ----------------------------------------------------------------------------------------------------
 
 
-def test_a_plan_says_in_three_lines_what_it_is(found: planners.Plan) -> None:
-    lines = repr(found).splitlines()
+def test_a_plan_says_in_three_lines_what_it_is(plan: planners.Plan) -> None:
+    lines = repr(plan).splitlines()
     assert len(lines) == 3 and all(len(line) < 160 for line in lines)
-    assert f"{found.planner}: path found, certified; {found.length:.3f} m" in lines[0]
-    assert f"{len(found.waypoints)} waypoints ({', '.join(found.axes)})" in lines[1]
-    assert (found.curve or "straight edges") in lines[1]
-    page = found._repr_html_()
+    assert f"{plan.planner}: path found, certified; {plan.length:.3f} m" in lines[0]
+    assert f"{len(plan.waypoints)} waypoints ({', '.join(plan.axes)})" in lines[1]
+    assert (plan.curve or "straight edges") in lines[1]
+    page = plan._repr_html_()
     assert page.startswith('<img src="data:image/png;base64,') and "path found" in page
 
 
 def test_a_plan_that_failed_says_what_to_try() -> None:
     space, start, goal = halves("plane", BLOCKED)
     assert repr(planners.plan(space, start, goal)) == "Plan(RRTConnect: no path exists: proven)"
-    found = planners.plan(room("plane"), *ENDS["plane"], planner="RRT", time_limit=1e-6)
-    assert repr(found).splitlines() == [f"Plan(RRT: {found.status}", f"     try {found.advice})"]
-    assert found._repr_html_() == f"<p>RRT: {found.status}<br>try {found.advice}</p>".replace("'", "&#x27;")
+    plan = planners.plan(room("plane"), *ENDPOINTS["plane"], planner="RRT", time_limit=1e-6)
+    assert repr(plan).splitlines() == [f"Plan(RRT: {plan.status}", f"     try {plan.advice})"]
+    assert plan._repr_html_() == f"<p>RRT: {plan.status}<br>try {plan.advice}</p>".replace("'", "&#x27;")
 
 
 # ---- what it writes --------------------------------------------------------------------------------------------------
 
 
-def test_a_path_is_read_back_from_csv_to_the_last_bit(found: planners.Plan, tmp_path: Path) -> None:
-    found.to_csv(tmp_path / "path.csv")
+def test_a_path_is_read_back_from_csv_to_the_last_bit(plan: planners.Plan, tmp_path: Path) -> None:
+    plan.to_csv(tmp_path / "path.csv")
     with (tmp_path / "path.csv").open(newline="") as file:
         names, *rows = csv.reader(file)
-    assert names == [*found.axes, *(["direction"] if found.curve else [])]
+    assert names == [*plan.axes, *(["direction"] if plan.curve else [])]
     table = np.array(rows, dtype=float)
-    assert np.array_equal(table[:, : len(found.axes)], found.path)
-    assert found.direction is None or np.array_equal(table[:, -1], found.direction)
+    assert np.array_equal(table[:, : len(plan.axes)], plan.path)
+    assert plan.direction is None or np.array_equal(table[:, -1], plan.direction)
 
 
-def test_a_plan_is_read_back_from_json(found: planners.Plan, tmp_path: Path) -> None:
-    found.to_json(tmp_path / "plan.json")
+def test_a_plan_is_read_back_from_json(plan: planners.Plan, tmp_path: Path) -> None:
+    plan.to_json(tmp_path / "plan.json")
     record = json.loads((tmp_path / "plan.json").read_text())
     names = {field.name for field in dataclasses.fields(planners.Plan) if not field.name.startswith("_")}
     assert set(record) == names - {"space"} | {"clearance", "obstacle_distance"}
-    assert (record.pop("clearance"), record.pop("obstacle_distance")) == (found.clearance, found.obstacle_distance)
+    assert (record.pop("clearance"), record.pop("obstacle_distance")) == (plan.clearance, plan.obstacle_distance)
     times = planners.Times(**record.pop("times"))
     arrays = {name: np.array(record.pop(name)) for name in ("path", "waypoints")}
     direction, axes, units = record.pop("direction"), tuple(record.pop("axes")), tuple(record.pop("units"))
     again = planners.Plan(**arrays, axes=axes, units=units, direction=direction, times=times, **record)
-    assert np.array_equal(again.path, found.path) and np.array_equal(again.waypoints, found.waypoints)
-    assert times == found.times and axes == found.axes and units == found.units
-    assert direction == (None if found.direction is None else found.direction.tolist())
+    assert np.array_equal(again.path, plan.path) and np.array_equal(again.waypoints, plan.waypoints)
+    assert times == plan.times and axes == plan.axes and units == plan.units
+    assert direction == (None if plan.direction is None else plan.direction.tolist())
     for name in record:
-        assert getattr(again, name) == getattr(found, name)
+        assert getattr(again, name) == getattr(plan, name)
 
 
 def test_an_unsolved_plan_is_written_without_nan(tmp_path: Path) -> None:
     space, start, goal = halves("space", BLOCKED)
-    found = planners.plan(space, start, goal)
-    found.to_json(tmp_path / "plan.json")
+    plan = planners.plan(space, start, goal)
+    plan.to_json(tmp_path / "plan.json")
     record = json.loads((tmp_path / "plan.json").read_text())
     assert record["path"] == [] and record["length"] is None and record["path_exists"] is False
-    found.to_csv(tmp_path / "path.csv")
+    plan.to_csv(tmp_path / "path.csv")
     assert (tmp_path / "path.csv").read_text() == "x,y,z\n"
 
 
 @pytest.mark.parametrize("write", ["to_csv", "to_json"])
-def test_an_existing_file_is_kept_unless_told_otherwise(found: planners.Plan, tmp_path: Path, write: str) -> None:
+def test_an_existing_file_is_kept_unless_told_otherwise(plan: planners.Plan, tmp_path: Path, write: str) -> None:
     file = tmp_path / "plan"
     file.write_text("mine")
     with pytest.raises(FileError, match="overwrite=True"):
-        getattr(found, write)(file)
+        getattr(plan, write)(file)
     assert file.read_text() == "mine"
-    getattr(found, write)(file, overwrite=True)
+    getattr(plan, write)(file, overwrite=True)
     assert file.read_text() != "mine"
     with pytest.raises(FileError, match="not a folder"):
-        getattr(found, write)(tmp_path / "missing" / "plan")
+        getattr(plan, write)(tmp_path / "missing" / "plan")
     assert [each.name for each in tmp_path.iterdir()] == ["plan"]
 
 
-def test_a_plan_draws_itself_on_its_map(found: planners.Plan) -> None:
+def test_a_plan_draws_itself_on_its_map(plan: planners.Plan) -> None:
     """With its ends; a copy from a pickle has left the map behind, and says so."""
-    lines = {line.get_label(): line for line in found.plot().lines}
+    lines = {line.get_label(): line for line in plan.plot().lines}
     assert {"path", "start", "goal"} <= set(lines)
-    np.testing.assert_array_equal(np.transpose(lines["start"].get_data())[0], found.path[0, :2])
-    again = pickle.loads(pickle.dumps(found))
-    np.testing.assert_array_equal(again.path, found.path)
-    assert (again.times, again.space) == (found.times, None)
+    np.testing.assert_array_equal(np.transpose(lines["start"].get_data())[0], plan.path[0, :2])
+    again = pickle.loads(pickle.dumps(plan))
+    np.testing.assert_array_equal(again.path, plan.path)
+    assert (again.times, again.space) == (plan.times, None)
     with pytest.raises(InputError, match=r"plan has no map.*space.plot\(path=plan\)"):
         again.plot()
 
 
-def test_a_plan_cannot_be_changed(found: planners.Plan) -> None:
+def test_a_plan_cannot_be_changed(plan: planners.Plan) -> None:
     with pytest.raises(dataclasses.FrozenInstanceError):
-        found.solved = False  # type: ignore[misc]
+        plan.solved = False  # type: ignore[misc]
     with pytest.raises(ValueError, match="read-only"):
-        found.path[0, 0] = 3.0
+        plan.path[0, 0] = 3.0
 
 
 def test_dense_rows_turn_a_little_at_a_time() -> None:
-    found = planners.plan(room("turning"), *ENDS["turning"], seed=4, time_limit=20.0)
-    assert len(found.path) > len(found.waypoints)
-    assert np.abs(turn_between(found.path[:-1, 2], found.path[1:, 2])).max() <= math.radians(5) + 1e-9
+    plan = planners.plan(room("turning"), *ENDPOINTS["turning"], seed=4, time_limit=20.0)
+    assert len(plan.path) > len(plan.waypoints)
+    assert np.abs(turn_between(plan.path[:-1, 2], plan.path[1:, 2])).max() <= math.radians(5) + 1e-9

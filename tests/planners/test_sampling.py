@@ -13,14 +13,14 @@ from ompl import util as ou
 import planners
 from cspace import MIXED, ConfigurationError, CSpace, InputError
 from planners.states import kind_of
-from planning import ENDS, SPACES, edge, open_map, room, state_at, with_state
+from planning import ENDPOINTS, SPACES, edge, open_map, room, state_at, with_state
 
 NEAR = {
-    "plane": [ENDS["plane"][0], (0.0, 3.0), (3.1, 2.0), (9.9, 5.9)],
-    "turning": [ENDS["turning"][0], (3.0, 2.0, 3.1), (0.4, 0.4, -3.1)],
-    "yawing": [ENDS["yawing"][0], (1.4, 1.2, 0.5, -3.1)],
-    "floating": [ENDS["floating"][0], (1.2, 1.3, 0.5, 0.5, -0.5, 0.5, -0.5)],
-    "space": [ENDS["space"][0], (1.4, 0.5, 0.5), (0.0, 0.0, 0.0), (3.9, 1.9, 1.9)],
+    "plane": [ENDPOINTS["plane"][0], (0.0, 3.0), (3.1, 2.0), (9.9, 5.9)],
+    "turning": [ENDPOINTS["turning"][0], (3.0, 2.0, 3.1), (0.4, 0.4, -3.1)],
+    "yawing": [ENDPOINTS["yawing"][0], (1.4, 1.2, 0.5, -3.1)],
+    "floating": [ENDPOINTS["floating"][0], (1.2, 1.3, 0.5, 0.5, -0.5, 0.5, -0.5)],
+    "space": [ENDPOINTS["space"][0], (1.4, 0.5, 0.5), (0.0, 0.0, 0.0), (3.9, 1.9, 1.9)],
 }
 
 
@@ -63,22 +63,22 @@ def test_samples_near_a_state_are_free_and_near(name: str, near: Any, distance: 
     space, dim = room(name), room(name).grid.dim
     si, read = planners.simple_setup(space, rng=np.random.default_rng(1)).getSpaceInformation(), kind_of(space).read
     state, centre = state_at(space, si, [9.0] * dim + _turn(space)), state_at(space, si, near)
-    sampler, found = si.allocValidStateSampler(), []
+    sampler, drawn = si.allocValidStateSampler(), []
     for _ in range(200):
         before = read(state)
         if not sampler.sampleNear(state, centre, distance):
             assert read(state) == before
             continue
-        found.append(read(state))
+        drawn.append(read(state))
         assert si.isValid(state) and si.satisfiesBounds(state)
-        assert np.abs(np.subtract(found[-1], near)[:dim]).max() <= distance
-        assert edge(space, np.array(near), np.array(found[-1]), np.zeros(1))[1] <= distance + 1e-7
+        assert np.abs(np.subtract(drawn[-1], near)[:dim]).max() <= distance
+        assert edge(space, np.array(near), np.array(drawn[-1]), np.zeros(1))[1] <= distance + 1e-7
     side = np.linspace(-distance, distance, 31)
     around = np.stack(np.meshgrid(*[side] * dim), axis=-1)
-    assert len(found) > 0 or space.dof > dim or not space.is_free(np.array(near) + around).any()
-    if near == ENDS[name][0]:
-        assert len(found) > 100 and (np.ptp(found, axis=0)[:dim] > 0.8 * min(distance, 0.7)).all()
-        turned = [edge(space, np.array(near), np.array(each), np.zeros(1))[1] for each in found]
+    assert len(drawn) > 0 or space.dof > dim or not space.is_free(np.array(near) + around).any()
+    if near == ENDPOINTS[name][0]:
+        assert len(drawn) > 100 and (np.ptp(drawn, axis=0)[:dim] > 0.8 * min(distance, 0.7)).all()
+        turned = [edge(space, np.array(near), np.array(each), np.zeros(1))[1] for each in drawn]
         assert max(turned) > 0.4 * min(distance, 0.7) or not space.rotations.dof
     far = state_at(space, si, [0.5] * (dim - 1) + [60.0] + _turn(space))
     assert not sampler.sampleNear(state, far, 1.0)

@@ -12,7 +12,7 @@ from ompl import geometric as og
 
 import planners
 from cspace import InputError
-from missing import told_without
+from missing import output_without
 from planners.catalogue import REFUSED, make_planner, planner_named
 from planning import SPACES, room
 
@@ -31,7 +31,7 @@ def test_another_sampler_may_be_given() -> None:
 
 
 @pytest.mark.parametrize(
-    ("wrong", "words"),
+    ("wrong", "message"),
     [
         ({"valid_state_sampler": lambda si: 3}, "must return an ompl.base.ValidStateSampler"),
         ({"objective": lambda si: 3}, "must return an ompl.base.OptimizationObjective"),
@@ -42,8 +42,8 @@ def test_another_sampler_may_be_given() -> None:
         ({"rng": np.random.default_rng(0), "exact": True}, "rng is given and exact is True"),
     ],
 )
-def test_what_does_not_go_together_is_refused(wrong: dict[str, Any], words: str) -> None:
-    with pytest.raises(InputError, match=words):
+def test_what_does_not_go_together_is_refused(wrong: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
         planners.simple_setup(room("plane"), **wrong)
 
 
@@ -75,10 +75,10 @@ def test_nothing_of_ours_outlives_its_setup() -> None:
         return made
 
     before = count()
-    kept = setups()
+    alive = setups()
     assert count() >= before + 4 * len(SPACES)
     setups()
-    del kept
+    del alive
     assert count() == before
 
 
@@ -132,7 +132,7 @@ def test_planners_that_cannot_plan_with_a_drive_are_refused(curve: str, name: st
 
 
 def test_without_ompl_only_planners_is_missing() -> None:
-    told = told_without(
+    output = output_without(
         "ompl",
         """
 space = cspace.build(cspace.Workspace.from_array(np.zeros((9, 9), dtype=bool), 0.1), cspace.Robot.disc(0.05))
@@ -143,4 +143,4 @@ except cspace.MissingPackageError as error:
     print(error)
 """,
     )
-    assert "pip install ompl" in told
+    assert "pip install ompl" in output

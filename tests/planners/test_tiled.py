@@ -28,17 +28,17 @@ def test_a_path_through_many_tiles(robot, rotations, tmp_path):
     space = cspace.build(maze(), robot, rotations=rotations)
     turn = [0.1] * (space.dof - 2)
     start, goal = [0.7, 0.7, *turn], [8.5, 8.4, *turn]
-    found = planners.plan(tiled, start, goal, seed=1)
-    assert found.solved
-    assert found.certified
-    assert "nan" not in repr(found)
-    assert found.path_exists is True
-    np.testing.assert_allclose(found.waypoints[[0, -1]], [start, goal])
-    assert space.certify_path(found.waypoints).all()
-    assert found.length > 30.0
-    assert any(line.get_label() == "path" for line in found.plot().lines)  # over an overview
+    plan = planners.plan(tiled, start, goal, seed=1)
+    assert plan.solved
+    assert plan.certified
+    assert "nan" not in repr(plan)
+    assert plan.path_exists is True
+    np.testing.assert_allclose(plan.waypoints[[0, -1]], [start, goal])
+    assert space.certify_path(plan.waypoints).all()
+    assert plan.length > 30.0
+    assert any(line.get_label() == "path" for line in plan.plot().lines)  # over an overview
     again = planners.plan(tiled, start, goal, seed=1)
-    np.testing.assert_array_equal(found.waypoints, again.waypoints)
+    np.testing.assert_array_equal(plan.waypoints, again.waypoints)
 
 
 def test_within_one_tile_and_on_the_spot(tmp_path):
@@ -52,10 +52,10 @@ def test_what_is_proven_not_to_exist(tmp_path):
     walls[45:47] = True
     workspace = cspace.Workspace.from_array(walls, 0.1)
     tiled = cspace.build(workspace, cspace.Robot.disc(0.25), store=tmp_path / "m", tile=20)
-    found = planners.plan(tiled, [0.7, 0.7], [8.5, 8.4])
-    assert not found.solved
-    assert found.path_exists is False
-    assert "proven" in found.status
+    plan = planners.plan(tiled, [0.7, 0.7], [8.5, 8.4])
+    assert not plan.solved
+    assert plan.path_exists is False
+    assert "proven" in plan.status
 
 
 def test_what_is_refused(tmp_path):
@@ -91,13 +91,13 @@ def test_what_a_plan_in_memory_takes(options, tmp_path):
     tiled = cspace.build(workspace, CAR, rotations=16, store=tmp_path / "m", tile=30)
     space = cspace.build(workspace, CAR, rotations=16)
     start, goal = [0.7, 0.9, 0.1], [5.3, 4.9, 0.1]
-    found = planners.plan(tiled, start, goal, seed=1, **{"time_limit": 3.0, **options})
-    assert found.certified
-    assert "through" in found.status
-    np.testing.assert_allclose(found.waypoints[[0, -1]], [start, goal])
+    plan = planners.plan(tiled, start, goal, seed=1, **{"time_limit": 3.0, **options})
+    assert plan.certified
+    assert "through" in plan.status
+    np.testing.assert_allclose(plan.waypoints[[0, -1]], [start, goal])
     edges = local_planner(space, False, options.get("drive", "holonomic"), options.get("turning_radius"))
-    assert edges.are_free(found.waypoints)
-    assert found.clearance == pytest.approx(edges.clearance(found.waypoints))
+    assert edges.are_free(plan.waypoints)
+    assert plan.clearance == pytest.approx(edges.clearance(plan.waypoints))
 
 
 def test_a_robot_that_turns_finds_its_way(tmp_path):
@@ -107,5 +107,5 @@ def test_a_robot_that_turns_finds_its_way(tmp_path):
     workspace = cspace.Workspace.from_array(walls, 0.1)
     tiled = cspace.build(workspace, cspace.Robot.rectangle(1.2, 0.4), rotations=16, store=tmp_path / "m", tile=40)
     for options in ({}, {"planner": "RRTConnect", "time_limit": 1e-4}):
-        found = planners.plan(tiled, [1.5, 2.0, np.pi / 2], [10.0, 10.5, 0.0], **options)
-        assert found.certified
+        plan = planners.plan(tiled, [1.5, 2.0, np.pi / 2], [10.0, 10.5, 0.0], **options)
+        assert plan.certified

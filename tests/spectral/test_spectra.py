@@ -15,7 +15,7 @@ from cspace.spectral import (
     ball_spectrum,
 )
 from cspace.spectral.spectra import radius_basis
-from missing import told_without
+from missing import output_without
 from strategies import seeds
 
 pytest.importorskip("finufft")
@@ -159,7 +159,7 @@ def test_balls_that_fill_a_period_fit():
 
 
 def test_without_the_extra_a_transform_is_refused_by_name_and_the_rest_works():
-    told = told_without(
+    told = output_without(
         "finufft",
         """
 from cspace.spectral import Bump, ball_spectrum

@@ -15,7 +15,7 @@ import cspace
 from commands import run
 from cspace.errors import InputError
 from cspace.view import Viewer
-from missing import told_without
+from missing import output_without
 from waiting import until
 
 pytest.importorskip("viser")
@@ -234,7 +234,7 @@ try:
 except cspace.MissingPackageError as error:
     print(error)
 """
-    assert 'pip install "cspace[view]"' in told_without("viser", code)
+    assert 'pip install "cspace[view]"' in output_without("viser", code)
 
 
 @pytest.mark.parametrize(
