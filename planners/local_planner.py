@@ -700,15 +700,15 @@ def check_drive(axes: tuple[str, ...], drive: str, turning_radius: float | None,
         rule = f"it must be {', '.join(map(repr, DRIVES[:-1]))} or {DRIVES[-1]!r}"
         raise InputError("drive", f"is {drive!r}", rule, "pass one of them", value=drive)
     if drive != HOLONOMIC and axes != CAR_AXES:
-        problem = f"is {drive!r} and the map's configurations are ({', '.join(axes)})"
+        fault = f"is {drive!r} and the map's configurations are ({', '.join(axes)})"
         rule = f"it is for a robot that drives and turns in the plane: ({', '.join(CAR_AXES)})"
         mend = "build a map of a plane with rotations=72, or leave drive out"
-        raise InputError("drive", problem, rule, mend, value=drive)
+        raise InputError("drive", fault, rule, mend, value=drive)
     if drive not in CURVES:
         if turning_radius is not None:
-            problem = f"is {turning_radius!r} and drive is {drive!r}"
+            fault = f"is {turning_radius!r} and drive is {drive!r}"
             mend = f"add {' or '.join(f'drive={name!r}' for name in CURVES)}, or leave the radius out"
-            raise InputError("turning_radius", problem, "a radius is for curves", mend, value=turning_radius)
+            raise InputError("turning_radius", fault, "a radius is for curves", mend, value=turning_radius)
         return None
     if turning_radius is None:
         rule, mend = f"drive={drive!r} needs the radius of its tightest turn", "pass it in metres, e.g. 0.5"

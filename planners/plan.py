@@ -335,8 +335,8 @@ def _objective(
         overlap_field(space)
     if planner in IGNORE_OBJECTIVES | SECOND_THREAD:
         why = "heeds no objective" if planner in IGNORE_OBJECTIVES else "cannot call Python from its second thread"
-        problem, mend = f"is {objective!r} and planner is {planner!r}", "choose one that optimises: planner='RRTstar'"
-        raise InputError("objective", problem, f"{planner} {why}", mend, value=objective)
+        fault, mend = f"is {objective!r} and planner is {planner!r}", "choose one that optimises: planner='RRTstar'"
+        raise InputError("objective", fault, f"{planner} {why}", mend, value=objective)
     if kind is None:
         return objective  # type: ignore[return-value]  # a string was refused above
     return lambda si: kind(si, space, drive=drive, turning_radius=turning_radius)
@@ -346,9 +346,9 @@ def _check_own(planner: str, **options: object) -> None:
     """Refuse what a search of the map's own cannot do."""
     for name, value in options.items():
         if value not in (None, False, "length", HOLONOMIC):
-            problem = f"is {value!r} and planner is {planner!r}"
+            fault = f"is {value!r} and planner is {planner!r}"
             rule = f"{planner} looks for the shortest of straight edges, to any side, in its own way"
-            raise InputError(name, problem, rule, f"leave {name} out, or use planner='RRTConnect'", value=value)
+            raise InputError(name, fault, rule, f"leave {name} out, or use planner='RRTConnect'", value=value)
 
 
 def _iterations(value: int | None, planner: str) -> int | None:
@@ -356,7 +356,7 @@ def _iterations(value: int | None, planner: str) -> int | None:
         return None
     count = whole(value, "iterations", 1, 2**62)
     if planner in SECOND_THREAD:
-        problem = f"is {count} and planner is {planner!r}"
+        fault = f"is {count} and planner is {planner!r}"
         rule = f"{planner} asks whether to go on from a second thread, which cannot call Python"
-        raise InputError("iterations", problem, rule, "leave iterations out or choose another planner", value=count)
+        raise InputError("iterations", fault, rule, "leave iterations out or choose another planner", value=count)
     return count

@@ -199,13 +199,13 @@ class Plan:
         proof = "certified" if self.certified else "not certified"
         radius = f" of {self.turning_radius:g} m" if self.turning_radius else ""
         edges = "straight edges" if self.drive == HOLONOMIC else f"drive: {self.drive}{radius}"
-        ends = " to ".join(f"({', '.join(f'{x:.4g}' for x in q)})" for q in self.waypoints[[0, -1]])
+        endpoints = " to ".join(f"({', '.join(f'{x:.4g}' for x in q)})" for q in self.waypoints[[0, -1]])
         (name, far), (unit, apart) = self.room, self.units
         room = "" if math.isnan(far) else f", {name.replace('_', ' ')} {far:.3f} {apart}"
         turning = f", turning {self.turning:.2f} rad" if self.turning else ""
         return [
             f"{self.planner}: {self.status}, {proof}; {self.length:.3f} {unit}{turning}{room}",
-            f"{len(self.waypoints)} waypoints ({', '.join(self.axes)}) from {ends}, {edges}",
+            f"{len(self.waypoints)} waypoints ({', '.join(self.axes)}) from {endpoints}, {edges}",
             f"planned in {_text(self.times.planning + self.times.simplification)}, "
             f"set up in {_text(self.times.setup)}, checked in {_text(self.times.checking)}",
         ]

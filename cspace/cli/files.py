@@ -40,8 +40,8 @@ def check_folder(folder: Path) -> None:
     while not there.exists() and there != there.parent:
         there = there.parent
     if not there.is_dir() or not os.access(there, os.W_OK | os.X_OK):
-        problem = f"cannot be written: {there.resolve()} is not a folder that may be written"
-        raise FileError(str(folder), problem, "outputs need one", "choose another")
+        fault = f"cannot be written: {there.resolve()} is not a folder that may be written"
+        raise FileError(str(folder), fault, "outputs need one", "choose another")
 
 
 def axes_of_map(file: Path) -> tuple[str, ...]:

@@ -65,8 +65,8 @@ def info(
     kind = kind or _kind(file)
     options = workspace_options(spacing, unknown, bounds, solid, radius)
     if robot_solid is not None and robot is None:
-        problem = f"is {robot_solid}, and there is no --robot"
-        raise InputError("--robot-solid", problem, "it is for a robot", "add one, or leave it out")
+        fault = f"is {robot_solid}, and there is no --robot"
+        raise InputError("--robot-solid", fault, "it is for a robot", "add one, or leave it out")
     others = given(robot=robot, rotations=rotations)
     if kind == "map":
         _refuse({**options, **others}, (), f"{file} is a saved map")

@@ -115,9 +115,9 @@ def check_dimensions(path: Path, dim: int, robot: Robot) -> None:
     Raises InputError if they do not agree.
     """
     if robot.dim != dim:
-        problem = f"is a {robot.name}, which has {robot.dim} dimensions, and the workspace {path} has {dim}"
+        fault = f"is a {robot.name}, which has {robot.dim} dimensions, and the workspace {path} has {dim}"
         mend = "take both in the plane or both in space" + ", or its shadow, as footprint:ROBOT" * (robot.dim == 3)
-        raise InputError("--robot", problem, "they must agree", mend)
+        raise InputError("--robot", fault, "they must agree", mend)
 
 
 def rotation_cells(text: str | None) -> Rotations:
@@ -202,15 +202,15 @@ def angle(text: str, option: str) -> float:
     """
     word = text.strip()
     number, unit = next(((word.removesuffix(unit), unit) for unit in ("deg", "rad") if word.endswith(unit)), (word, ""))
-    problem = f"has the yaw {text!r}"
+    fault = f"has the yaw {text!r}"
     try:
         value = float(number)
     except ValueError:
         rule = "it must be a number of degrees or of radians"
-        raise InputError(option, problem, rule, "write e.g. 90deg or 1.57", value=text) from None
+        raise InputError(option, fault, rule, "write e.g. 90deg or 1.57", value=text) from None
     if not unit and math.isfinite(value) and abs(value) > 2.0 * math.pi:
         rule = f"a yaw without a unit is in radians, and {value:g} rad is more than a turn"
-        raise InputError(option, problem, rule, f"write {number}deg for degrees, or {number}rad if you mean it")
+        raise InputError(option, fault, rule, f"write {number}deg for degrees, or {number}rad if you mean it")
     return math.radians(value) if unit == "deg" else value
 
 

@@ -80,7 +80,7 @@ def plan(
     check_outputs([picture] if picture else [], SUFFIXES, overwrite)
     check_outputs([animate] if animate else [], (".gif",), overwrite)
     axes = axes_of_map(file)
-    ends = configuration(start, "--start", axes), configuration(goal, "--goal", axes)
+    endpoints = configuration(start, "--start", axes), configuration(goal, "--goal", axes)
     check_drive(axes, drive, turning_radius, exact)
     if animate:
         check_animated(axes, "--animate")
@@ -89,26 +89,26 @@ def plan(
         space: Any = open_map(file)
     options = given(objective=objective, exact=exact or None, drive=drive, turning_radius=turning_radius)
     with clock.step("plan"):
-        found = planners.plan(
-            space, *ends, planner=planner, time_limit=time_limit, simplify=simplify, seed=seed, **options
+        planned = planners.plan(
+            space, *endpoints, planner=planner, time_limit=time_limit, simplify=simplify, seed=seed, **options
         )
-    clock.split("plan", **_steps(found))
+    clock.split("plan", **_steps(planned))
     with clock.step("measure"):
-        described = _describe(found)
-    if found.solved:
+        described = _describe(planned)
+    if planned.solved:
         with clock.step("write"):
-            _write(found, output or [], overwrite)
+            _write(planned, output or [], overwrite)
     if picture:
         with clock.step("draw"):
-            drawn, path = space._drawn(), found if found.solved else None
-            save_plot(drawn, picture, overwrite, path=path, start=ends[0], goal=ends[1])
-    if animate and found.solved:
+            drawn, path = space._drawn(), planned if planned.solved else None
+            save_plot(drawn, picture, overwrite, path=path, start=endpoints[0], goal=endpoints[1])
+    if animate and planned.solved:
         with clock.step("animate") as progress:
-            save_animation(space._drawn(), found.path, animate, overwrite, progress=progress)
+            save_animation(space._drawn(), planned.path, animate, overwrite, progress=progress)
     show({**described, "seconds": clock.seconds}, as_json)
-    if not found.solved:
-        advice = f"; try {in_options(found.advice, options_of(context.command))}" if found.advice else ""
-        typer.echo(f"cspace: from {start} to {goal}: {found.status}{advice}", err=True)
+    if not planned.solved:
+        advice = f"; try {in_options(planned.advice, options_of(context.command))}" if planned.advice else ""
+        typer.echo(f"cspace: from {start} to {goal}: {planned.status}{advice}", err=True)
         raise typer.Exit(1)
 
 
@@ -149,21 +149,21 @@ def demo(
             "start_to_store_room": space.path_exists(flat.START, flat.STORE),
         }
     with clock.step("plan"):
-        found = planners.plan(space, flat.START, flat.GOAL, seed=1)
-    clock.split("plan", **_steps(found))
-    if proofs != {"start_to_goal": True, "start_to_store_room": False} or not (found.solved and found.certified):
-        raise InputError("the demonstration", f"went wrong: {proofs}, {found.status}", mend="please report it")
+        planned = planners.plan(space, flat.START, flat.GOAL, seed=1)
+    clock.split("plan", **_steps(planned))
+    if proofs != {"start_to_goal": True, "start_to_store_room": False} or not (planned.solved and planned.certified):
+        raise InputError("the demonstration", f"went wrong: {proofs}, {planned.status}", mend="please report it")
     with clock.step("measure"):
-        described = _describe(found)
+        described = _describe(planned)
     output.mkdir(parents=True, exist_ok=True)
     with clock.step("save_inputs"):
         files |= flat.write_inputs(output)
     with clock.step("save_map"):
         space.save(files["map"], overwrite=overwrite)
     with clock.step("save_path"):
-        found.to_csv(files["path"], overwrite=overwrite)
+        planned.to_csv(files["path"], overwrite=overwrite)
     with clock.step("draw_picture"):
-        save_plot(space, files["picture"], overwrite, path=found)
+        save_plot(space, files["picture"], overwrite, path=planned)
     show(
         {
             "map": describe_map(space),
@@ -176,35 +176,35 @@ def demo(
     )
 
 
-def _describe(found: Plan) -> dict[str, Any]:
+def _describe(plan: Plan) -> dict[str, Any]:
     """What there is to say about a plan."""
     described: dict[str, Any] = {
-        "planner": found.planner,
-        "solved": found.solved,
-        "status": found.status,
-        "path_exists": found.path_exists,
+        "planner": plan.planner,
+        "solved": plan.solved,
+        "status": plan.status,
+        "path_exists": plan.path_exists,
     }
-    if found.solved:
-        room, far = found.room
+    if plan.solved:
+        room, far = plan.room
         described |= {
-            "configurations": len(found.path),
-            "length_m": found.length,
-            **({"turning_rad": found.turning} if found.turning else {}),
+            "configurations": len(plan.path),
+            "length_m": plan.length,
+            **({"turning_rad": plan.turning} if plan.turning else {}),
             **({} if math.isnan(far) else {f"{room}_m": far}),
-            "certified": found.certified,
-            "path": found.path.tolist(),
+            "certified": plan.certified,
+            "path": plan.path.tolist(),
         }
     return described
 
 
-def _steps(found: Plan) -> dict[str, float]:
+def _steps(plan: Plan) -> dict[str, float]:
     """Seconds of a plan: what the map makes and compiles first is told apart from the search."""
-    times = found.times
+    times = plan.times
     return {"set_up": times.setup, "plan": times.planning + times.simplification, "check": times.checking}
 
 
-def _write(found: Plan, files: list[Path], overwrite: bool) -> None:
+def _write(plan: Plan, files: list[Path], overwrite: bool) -> None:
     """Write a path to files, by suffix."""
     for file in files:
-        write = found.to_csv if file.suffix.lower() == ".csv" else found.to_json
+        write = plan.to_csv if file.suffix.lower() == ".csv" else plan.to_json
         write(file, overwrite=overwrite)

@@ -55,8 +55,8 @@ def cluster(address: str | None) -> Iterator[Any]:
     try:
         client = optional("distributed", CLUSTER, "distributed").Client(address, timeout=10)
     except (OSError, ValueError, TimeoutError) as error:
-        problem, rule = f"is {address!r}, where nothing answers ({error})", "it must be the address of a dask scheduler"
-        raise InputError("--scheduler", problem, rule, "start one, with dask scheduler", value=address) from error
+        fault, rule = f"is {address!r}, where nothing answers ({error})", "it must be the address of a dask scheduler"
+        raise InputError("--scheduler", fault, rule, "start one, with dask scheduler", value=address) from error
     with client:
         yield client
 

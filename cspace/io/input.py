@@ -57,13 +57,13 @@ def not_a_name(path: object) -> InputError:
 
 def unreadable(path: str | os.PathLike[str], kind: str, error: OSError) -> FileError:
     """The error for a file that the system refuses to read."""
-    problem, rule = f"cannot be read: {error.strerror or error}", f"{_one(kind)} must be readable"
-    return FileError(os.fspath(path), problem, rule, "check its permissions")
+    fault, rule = f"cannot be read: {error.strerror or error}", f"{_one(kind)} must be readable"
+    return FileError(os.fspath(path), fault, rule, "check its permissions")
 
 
-def damaged(path: str | os.PathLike[str], problem: str) -> FileError:
+def damaged(path: str | os.PathLike[str], fault: str) -> FileError:
     """The error for a file that breaks the rules of its format, or is cut short."""
-    return FileError(os.fspath(path), *Fault(problem).parts)
+    return FileError(os.fspath(path), *Fault(fault).parts)
 
 
 class Fault(Exception):  # noqa: N818 - it becomes an error in decoding
@@ -74,15 +74,15 @@ class Fault(Exception):  # noqa: N818 - it becomes an error in decoding
 
     def __init__(
         self,
-        problem: str,
+        fault: str,
         rule: str = "it is malformed or truncated",
         mend: str = "copy it or write it again",
         *,
         kind: type[CspaceError] = FileError,
         value: object = None,
     ) -> None:
-        super().__init__(problem)
-        self.parts, self.kind, self.value = (problem, rule, mend), kind, value
+        super().__init__(fault)
+        self.parts, self.kind, self.value = (fault, rule, mend), kind, value
 
 
 @contextmanager
@@ -143,8 +143,8 @@ def read_text(path: str | os.PathLike[str], kind: str, memory: float = 4.0) -> s
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        problem, rule = f"is not text: byte {error.start} is not UTF-8", f"{_one(kind)} is a text file"
-        raise FileError(os.fspath(path), problem, rule, "pass the right file") from error
+        fault, rule = f"is not text: byte {error.start} is not UTF-8", f"{_one(kind)} is a text file"
+        raise FileError(os.fspath(path), fault, rule, "pass the right file") from error
     return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
 
 
@@ -182,8 +182,8 @@ def _fault(text: str, file: str, first: int, separator: str | None, columns: int
                 continue
         except ValueError:
             rule = "numbers alone; a heading needs a '#' before it"
-        problem = f"line {number} is {line.strip()[:_SHOWN]!r}"
-        return FileError(file, problem, f"it must hold {rule}", "mend the line, or fetch a truncated file again")
+        fault = f"line {number} is {line.strip()[:_SHOWN]!r}"
+        return FileError(file, fault, f"it must hold {rule}", "mend the line, or fetch a truncated file again")
     return FileError(file, f"cannot be read: {error}", "it must hold columns of numbers", "mend that line")
 
 

@@ -89,12 +89,12 @@ def check_memory(path: Named, declared: str, needed: float) -> None:
     """Refuse a file, by a FileError, whose reading takes ``needed`` bytes, where so many are not free."""
     free = free_bytes()
     if free is not None and needed > _MOST_OF_MEMORY * free:
-        problem = f"{declared}, and reading it takes about {in_words(needed)}"
+        fault = f"{declared}, and reading it takes about {in_words(needed)}"
         mend = "take a machine with more memory, or a smaller or coarser file"
-        raise FileError(os.fspath(path), problem, f"{in_words(free)} of memory are free", mend)
+        raise FileError(os.fspath(path), fault, f"{in_words(free)} of memory are free", mend)
 
 
-def _check(path: Named, problem: str, number: int, limit: str, most: str, value: object) -> None:
+def _check(path: Named, fault: str, number: int, limit: str, most: str, value: object) -> None:
     if number > getattr(_CURRENT.get(), limit):
         mend = f"raise it with cspace.io.limits.raised_limits({limit}={number}), if the file is meant to be so large"
-        raise FileError(os.fspath(path), problem, f"at most {most} are read", mend, value=value)
+        raise FileError(os.fspath(path), fault, f"at most {most} are read", mend, value=value)

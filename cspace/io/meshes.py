@@ -118,8 +118,8 @@ def _counted(loaded: Any, declared: int, file: Path) -> Surface:
     """What trimesh read, refused where the file declares more or fewer triangles."""
     vertices, faces = flattened(loaded, str(file))
     if len(faces) != declared:
-        problem, rule = f"holds {declared} triangles, and {len(faces)} were read", "none may be lost or made up"
-        raise Fault(problem, rule, "write it again as binary STL", value=(declared, len(faces)))
+        fault, rule = f"holds {declared} triangles, and {len(faces)} were read", "none may be lost or made up"
+        raise Fault(fault, rule, "write it again as binary STL", value=(declared, len(faces)))
     return vertices, faces
 
 

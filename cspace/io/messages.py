@@ -217,8 +217,8 @@ def _values(data: ArrayLike) -> NDArray[np.int64] | NDArray[np.int8]:
     except ValueError as error:
         raise InputError("msg.data", "is not one list of numbers", "it must be", "pass the message whole") from error
     if values.dtype.kind not in "iu":
-        problem = f"holds values of type {values.dtype}"
-        raise InputError("msg.data", problem, "they must be whole numbers, from -1 to 100", "round them")
+        fault = f"holds values of type {values.dtype}"
+        raise InputError("msg.data", fault, "they must be whole numbers, from -1 to 100", "round them")
     return values
 
 

@@ -43,14 +43,14 @@ def corners_of(footprint: str | ArrayLike, name: str = "footprint") -> Floats:
     list of three points or more, and InputError, with its ``name``, if a number is not finite.
     """
     rule = "it must be three points or more, each of two numbers, x and y in metres"
-    problem, mend = f"is {footprint!r:.80}", "write e.g. [[0.3, 0.2], [0.3, -0.2], [-0.3, 0]]"
+    fault, mend = f"is {footprint!r:.80}", "write e.g. [[0.3, 0.2], [0.3, -0.2], [-0.3, 0]]"
     try:
         value = ast.literal_eval(footprint.strip()) if isinstance(footprint, str) else footprint
         corners = finite(value, name)
     except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError) as error:
-        raise GeometryError(name, problem, rule, mend, value=footprint) from error
+        raise GeometryError(name, fault, rule, mend, value=footprint) from error
     if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 3:
-        raise GeometryError(name, problem, rule, mend, value=footprint)
+        raise GeometryError(name, fault, rule, mend, value=footprint)
     return corners
 
 

@@ -69,8 +69,8 @@ def check_output(target: Path, overwrite: bool) -> None:
     if not parent.is_dir():
         fault = f"cannot be written: {parent} is not a folder", "outputs go to an existing folder", "create it first"
     elif not os.access(parent, os.W_OK | os.X_OK):
-        problem = f"cannot be written: no permission to write in {parent}"
-        fault = problem, "an output needs a writable folder", "change its permissions or choose another"
+        denied = f"cannot be written: no permission to write in {parent}"
+        fault = denied, "an output needs a writable folder", "change its permissions or choose another"
     elif target.exists() and not overwrite:
         fault = "exists", "an existing output is kept unless told otherwise", "pass overwrite=True"
     else:

@@ -138,9 +138,9 @@ def _planes(points: Floats, size: Floats, slack: Floats) -> tuple[Floats, NDArra
 
 def _refused(polygon: Integers, what: str) -> Fault:
     shown = ", ".join(map(str, polygon[:8].tolist())) + (", ..." if len(polygon) > 8 else "")
-    problem = f"has a face of {len(polygon)} corners (vertices {shown}, counted from 0) that {what}"
+    fault = f"has a face of {len(polygon)} corners (vertices {shown}, counted from 0) that {what}"
     rule = "more than three corners must lie flat, and one of them must see the whole face"
-    return Fault(problem, rule, "triangulate the faces where the file is written", kind=GeometryError)
+    return Fault(fault, rule, "triangulate the faces where the file is written", kind=GeometryError)
 
 
 def unread(what: str, mend: str = "export it as plain triangles, e.g. as STL") -> Fault:

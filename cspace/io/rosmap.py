@@ -138,8 +138,8 @@ def write_ros_map(state: ArrayLike, grid: Grid, path: str | os.PathLike[str], ov
     target = Path(path)
     cells = np.asarray(state)
     if cells.shape != grid.shape[:2]:
-        problem = f"has shape {cells.shape} on a grid of {grid.shape}, and {target} names a ROS map"
-        raise InputError("state", problem, "it is that of a grid in the plane", "pass CSpace.state, or one slice of it")
+        fault = f"has shape {cells.shape} on a grid of {grid.shape}, and {target} names a ROS map"
+        raise InputError("state", fault, "it is that of a grid in the plane", "pass CSpace.state, or one slice of it")
     if cells.dtype.kind not in "iu" or cells.min() < FREE or cells.max() > BLOCKED:
         raise InputError(
             "state", "holds other values than FREE, MIXED and BLOCKED", "it is a state", "pass CSpace.state"
@@ -239,8 +239,8 @@ def _number(value: Any, key: str, path: str | os.PathLike[str]) -> float:
     return number
 
 
-def _fault(path: str | os.PathLike[str], problem: str, rule: str, mend: str) -> FileError:
-    return FileError(os.fspath(path), problem, f"in a ROS map it must be {rule}", mend)
+def _fault(path: str | os.PathLike[str], fault: str, rule: str, mend: str) -> FileError:
+    return FileError(os.fspath(path), fault, f"in a ROS map it must be {rule}", mend)
 
 
 def _trinary(header: _Header, image: Shades) -> tuple[Bools, Bools]:

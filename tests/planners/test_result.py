@@ -159,29 +159,29 @@ def test_the_distance_from_obstacles_is_that_of_their_shapes_as_they_are_now() -
 
 def test_room_is_that_of_the_map_as_it_is_and_goes_along_with_a_pickle() -> None:
     space = build(Workspace.from_array(np.zeros((80, 80), dtype=bool), 0.1), Robot.disc(0.2), outside="free")
-    found = planners.plan(space, (1.0, 4.0), (7.0, 4.0))
-    before = pickle.loads(pickle.dumps(found))
+    plan = planners.plan(space, (1.0, 4.0), (7.0, 4.0))
+    before = pickle.loads(pickle.dumps(plan))
     assert before.clearance == before.obstacle_distance == math.inf
     space.place("ball", shapely.Point(4.0, 5.2).buffer(0.3))
-    assert 0.4 < found.clearance < found.obstacle_distance < 0.7
+    assert 0.4 < plan.clearance < plan.obstacle_distance < 0.7
     for again in (
-        pickle.loads(pickle.dumps(found)),
-        copy.deepcopy(found),
-        pickle.loads(pickle.dumps(copy.copy(found))),
+        pickle.loads(pickle.dumps(plan)),
+        copy.deepcopy(plan),
+        pickle.loads(pickle.dumps(copy.copy(plan))),
     ):
-        assert again.space is None and repr(again) == repr(found)
-        assert (again.clearance, again.obstacle_distance) == (found.clearance, found.obstacle_distance)
+        assert again.space is None and repr(again) == repr(plan)
+        assert (again.clearance, again.obstacle_distance) == (plan.clearance, plan.obstacle_distance)
     space.place("ball", shapely.Point(4.0, 4.2).buffer(0.3))
-    assert found.clearance == found.obstacle_distance == 0.0 and before.clearance == math.inf
+    assert plan.clearance == plan.obstacle_distance == 0.0 and before.clearance == math.inf
 
 
 def test_where_no_geometry_can_be_asked_the_room_is_that_of_the_map(tmp_path: Path) -> None:
     occupied = np.zeros((60, 60), dtype=bool)
     occupied[:20, 30] = True
     tiled = build(Workspace.from_array(occupied, 0.1), Robot.disc(0.2), store=tmp_path / "map", tile=30)
-    found = planners.plan(tiled, (1.0, 1.0), (1.0, 5.0))
-    assert math.isnan(found.obstacle_distance) and found.room == ("clearance", found.clearance)
-    assert f" m, clearance {found.clearance:.3f} m\n" in repr(found)
+    plan = planners.plan(tiled, (1.0, 1.0), (1.0, 5.0))
+    assert math.isnan(plan.obstacle_distance) and plan.room == ("clearance", plan.clearance)
+    assert f" m, clearance {plan.clearance:.3f} m\n" in repr(plan)
 
 
 # ---- what it says ----------------------------------------------------------------------------------------------------
