@@ -1,4 +1,4 @@
-"""CSpace: the map of a robot's configurations, and everything that can be asked of it."""
+"""CSpace: the map of a robot's configurations, and all look-ups in it."""
 
 from __future__ import annotations
 
@@ -68,9 +68,9 @@ class CSpace(ConfigurationMap):
 
     :func:`cspace.build` makes it and :func:`cspace.open` reads a saved one. Every look-up takes one configuration,
     shape (dof,), and answers with a Python number, or a batch, shape (..., dof), and answers with an array of shape
-    (...). Look-ups are compiled and may be called from several threads at once. What they need beyond the map itself
-    (labels, sums, which blocks of cells are all FREE) is computed at the first call and kept; a copy or a pickle of the
-    map leaves it behind. Yaw is in radians, and wrapped. Of a quaternion and its negative, which are the same rotation,
+    (...). Look-ups are compiled and may be called from several threads at once. What they derive from the map (labels,
+    sums, which blocks of cells are all FREE) is computed at the first call and cached; a copy or a pickle of the map
+    leaves it out. Yaw is in radians, and wrapped. Of a quaternion and its negative, which are the same rotation,
     either will do; its norm must be 1 within 1e-6.
 
     A configuration outside the grid is BLOCKED under ``outside="blocked"`` where the robot is proven to stick out of
@@ -164,7 +164,7 @@ class CSpace(ConfigurationMap):
 
     @property
     def overlaps(self) -> NDArray[np.int32] | None:
-        """Overlap of each cell, by slice, if it was kept; read-only."""
+        """Overlap of each cell, by slice, if it was stored; read-only."""
         counts = self._contents.overlaps
         return None if counts is None else read_only(counts).reshape(self._contents.leading(len(counts)))
 
@@ -176,7 +176,7 @@ class CSpace(ConfigurationMap):
     def state(self) -> NDArray[np.uint8]:
         """State of each cell, shape (nx, ny) or (nx, ny, nz); of a robot that turns (rotations, nx, ny(, nz)).
 
-        Read-only. A new array at each call where rotation cells share a slice, or states are kept in two bits.
+        Read-only. A new array at each call where rotation cells share a slice, or states take two bits.
 
         Raises
         ------
@@ -194,7 +194,7 @@ class CSpace(ConfigurationMap):
     def slice_at(self, rotation: ArrayLike = ()) -> NDArray[np.uint8]:
         """State of each cell in the rotation cell of a rotation, shape (nx, ny) or (nx, ny, nz).
 
-        The rotation is told as in a configuration: by nothing, a yaw (radians) or a quaternion.
+        The rotation is given as in a configuration: by nothing, a yaw (radians) or a quaternion.
         """
         part: States = self._seen[int(self._slice_of[self.rotations.cells_of(self.rotations.checked(rotation))])]
         return part
@@ -212,7 +212,7 @@ class CSpace(ConfigurationMap):
     @property
     def _facts(self) -> dict[str, Any]:
         grid, rotations, states, fields = self.grid, self.rotations, self._seen, self._contents.fields
-        kept: list[Any] = [states, *fields.values()] + ([] if self.overlaps is None else [self.overlaps])
+        arrays: list[Any] = [states, *fields.values()] + ([] if self.overlaps is None else [self.overlaps])
         filled = "mean_" * bool(rotations.names) + f"free_{('area_m2', 'volume_m3')[grid.dim - 2]}"
         free = counts_of(states)[:, FREE][self._slice_of]
         mean = float(free @ rotations.volumes / rotations.volumes.sum()) * grid.spacing**grid.dim
@@ -224,7 +224,7 @@ class CSpace(ConfigurationMap):
             "precision": self.precision,
             "overlaps": self.overlaps is not None,
             **({"overlap_field": True} if fields else {}),
-            "memory_bytes": sum(array.nbytes for array in kept),
+            "memory_bytes": sum(array.nbytes for array in arrays),
         }
 
     def _repr_html_(self) -> str:
@@ -248,7 +248,7 @@ class CSpace(ConfigurationMap):
         """Number of (obstacle cell, robot offset) pairs that coincide at configurations.
 
         The count is that of the outer rasters: in the grid it is zero exactly where a configuration is FREE, and grows
-        with the depth of the collision; times ``spacing**d`` an area or a volume. Cells beyond the workspace count
+        with the depth of the collision; times ``spacing**d`` an area or a volume. Cells outside the workspace count
         under ``outside="blocked"``. Nothing needs to be stored: the robot's rows are summed at each configuration.
 
         Parameters
@@ -269,7 +269,7 @@ class CSpace(ConfigurationMap):
     def contains_robot(self, q: ArrayLike) -> bool | Bools:
         """Whether the robot is proven to lie wholly inside the obstacles at configurations.
 
-        This is the packing question: with the obstacles a container's cavity or a sheet of material, True means that
+        This is the packing problem: with the obstacles a container's cavity or a sheet of material, True means that
         the robot fits in there, margin included. False means that it is not proven at this resolution.
 
         Parameters
@@ -394,10 +394,10 @@ class CSpace(ConfigurationMap):
         return lower + self.grid.spacing * first, lower + self.grid.spacing * (last + 1)
 
     def free_path(self, q0: ArrayLike, q1: ArrayLike, *, straight: bool = True) -> Floats:
-        """A collision-free path, proven all along, found by the map itself: from cube to cube of FREE cells.
+        """A collision-free path, proven all along, by the map's own search from cube to cube of FREE cells.
 
-        There is one wherever FREE cells join the two, that is, where :meth:`path_exists` is True without going beyond
-        the grid. It turns the robot on the spot, and only where it must. It is the same every time, and not the
+        There is one wherever FREE cells join the two, that is, where :meth:`path_exists` is True without leaving the
+        grid. It turns the robot on the spot, and only where it must. It is the same every time, and not the
         shortest.
 
         Parameters
@@ -422,9 +422,9 @@ class CSpace(ConfigurationMap):
         """
         from cspace.map.free_path import cube_path, pulled_straight
 
-        ends = [self._one_free(q, name) for q, name in ((q0, "q0"), (q1, "q1"))]
-        dim, (first, last) = self.grid.dim, (self._cells_of(q) for q in ends)
-        still, neighbors = not self.rotations.steps(*ends)[dim:].any(), self.rotations.neighbors
+        endpoints = [self._one_free(q, name) for q, name in ((q0, "q0"), (q1, "q1"))]
+        dim, (first, last) = self.grid.dim, (self._cells_of(q) for q in endpoints)
+        still, neighbors = not self.rotations.steps(*endpoints)[dim:].any(), self.rotations.neighbors
         cells = np.empty((0, 1 + dim), dtype=np.int64)
         if still:
             cells = cube_path(self._seen, self._slice_of, neighbors[:, :0], first, last)
@@ -433,17 +433,17 @@ class CSpace(ConfigurationMap):
             cells = cube_path(self._seen, self._slice_of, neighbors, first, last)
         if not len(cells):
             return np.empty((0, self.dof))
-        # Where it does not turn, the rotation stays as q0 tells it, also if q1 tells the same in other numbers.
-        last_turn = ends[1][dim:] if turning else ends[0][dim:]
+        # Where it does not turn, the rotation stays as q0 has it, also if q1 has the same in other numbers.
+        last_turn = endpoints[1][dim:] if turning else endpoints[0][dim:]
         turns = self.rotations.centers[cells[:, 0]] if turning else np.repeat(last_turn[None], len(cells), axis=0)
         middles = np.concatenate([self.grid.center_of(cells[:, 1:]), turns], axis=1)
-        path = np.vstack([ends[0], middles, [*ends[1][:dim], *last_turn]])
+        path = np.vstack([endpoints[0], middles, [*endpoints[1][:dim], *last_turn]])
         if not self.certify_path(path).all():
             return np.empty((0, self.dof))
         return pulled_straight(path, dim, self.edge_checker(), 2.0 * self.grid.spacing) if straight else path
 
     def widest_path(self, q0: ArrayLike, q1: ArrayLike, *, straight: bool = True) -> Floats:
-        """A collision-free path with as much room as there is, and then the shortest, found by the map itself.
+        """A collision-free path with as much room as there is, and then the shortest, by the map's own search.
 
         Of all chains of FREE cells that join the two, turning on the spot from one rotation cell to the next, it takes
         those whose smallest clearance is the largest. Where start and goal lie nearer to obstacles than that, they are
@@ -476,12 +476,12 @@ class CSpace(ConfigurationMap):
         """
         from cspace.map.widest import BYTES, Widest, widest_path
 
-        ends = [self._one_free(q, name) for q, name in ((q0, "q0"), (q1, "q1"))]
-        # Levels are told of what is unrolled, half a turn more at either end.
+        endpoints = [self._one_free(q, name) for q, name in ((q0, "q0"), (q1, "q1"))]
+        # Levels cover what is unrolled, half a turn more at either end.
         cells = self.grid.size * self.rotations.count * 2 ** sum(self.endless)
         needed, fewer = BYTES * cells, self.rotations.fewer
         check_memory(needed, "the map, to find its widest path,", self.grid, fewer=fewer)
-        own, both = self._own_map, [(q, self._cells_of(q)) for q in ends]
+        own, both = self._own_map, [(q, self._cells_of(q)) for q in endpoints]
         with self._lock:
             widest = self._widest.get(lambda: Widest.of(own, self._seen, self.rotations, self.endless[: self.grid.dim]))
             if widest.noted:
@@ -550,10 +550,10 @@ class CSpace(ConfigurationMap):
         if point.ndim != 1:
             rule = f"it must be one configuration of {self.dof} numbers"
             raise InputError("q", f"has shape {point.shape}", rule, "ask for one at a time", value=point.shape)
-        found = nearest(self._seen, self._slice_of, self.rotations, self.grid, point)
-        if found is None:
+        center = nearest(self._seen, self._slice_of, self.rotations, self.grid, point)
+        if center is None:
             raise self._nothing_free()
-        return found
+        return center
 
     def _nothing_free(self) -> ConfigurationError:
         mend = "use a smaller robot, a finer spacing, or unknown='free' where the workspace is a sensor map"
@@ -570,17 +570,17 @@ class CSpace(ConfigurationMap):
 
         The :class:`Workspace` that was passed to the build, and other maps of it, stay as they are: the first update
         copies its cells, once. Then :attr:`workspace` shows the current ones, which are the obstacles from then on;
-        its ``shapes`` are None, and look-ups with ``exact=True`` ask the outer cells instead. What :meth:`place` has
-        placed stays on top. An overlap field is about the obstacles as they were, and is let go. A map built without
+        its ``shapes`` are None, and look-ups with ``exact=True`` use the outer cells instead. What :meth:`place` has
+        placed stays on top. An overlap field belongs to the obstacles as they were, and is dropped. A map built without
         ``inner`` gets no BLOCKED cells; one from a file, if it has none where there could be one.
 
-        What look-ups keep follows the change at their next call, but for the counts of FREE cells for
+        What look-ups have cached follows the change at their next call, but for the counts of FREE cells for
         :meth:`sample_free` and the geometry for ``exact=True``, which are made again.
 
         Updates wait for each other, and so do :meth:`path_exists`, :meth:`free_reach` and :meth:`contains_robot`, whose
-        answers hang on many cells at once, :meth:`save`, :meth:`export`, copies, pickles and forks of the process. Any
-        other look-up that another thread makes meanwhile sees each cell as it was or as it is going to be. An
-        :meth:`overlap` asked for meanwhile may be neither the old count nor the new one.
+        answers depend on many cells, :meth:`save`, :meth:`export`, copies, pickles and forks of the process. Any other
+        look-up that another thread makes meanwhile sees each cell as it was or as it is going to be. An
+        :meth:`overlap` computed meanwhile may be neither the old count nor the new one.
 
         Parameters
         ----------
@@ -624,10 +624,10 @@ class CSpace(ConfigurationMap):
         The map is from then on what a build would give with these obstacles: what the workspace holds otherwise, and
         all that was placed. An obstacle is placed in place of the one that had its name, and what that one hid is there
         again. Obstacles may overlap; a cell is in the workspace if it is in any of them. Of one that sticks out of the
-        grid, what is in the grid counts; one that lies wholly beyond it keeps its name, and changes nothing.
+        grid, what is in the grid counts; one that lies wholly outside it keeps its name, and changes nothing.
 
-        Look-ups with ``exact=True`` ask the obstacle itself, and not its cells. :meth:`update` goes on to change what
-        the workspace holds otherwise, below all that was placed; from then on exact look-ups ask that by its cells.
+        Look-ups with ``exact=True`` use the obstacle itself, and not its cells. :meth:`update` goes on to change what
+        the workspace holds otherwise, below all that was placed; from then on exact look-ups use its cells.
         All else is as for :meth:`update`. A move over a longer way than the robot reaches is two changes, new place
         first, so that look-ups from other threads may see the obstacle at both, and never at neither.
 
@@ -675,8 +675,8 @@ class CSpace(ConfigurationMap):
         self._check_whole()
         shape = shape_of(obstacle, radius)
         if shape.dim != self.grid.dim:
-            found, place = f"is in {shape.place}", ("the plane", "space")[self.grid.dim - 2]
-            raise InputError("obstacle", found, f"the map is in {place}", "pass one of as many coordinates")
+            fault, place = f"is in {shape.place}", ("the plane", "space")[self.grid.dim - 2]
+            raise InputError("obstacle", fault, f"the map is in {place}", "pass one of as many coordinates")
         with self._lock:
             return self._updates.place(name, shape)
 
@@ -736,7 +736,7 @@ class CSpace(ConfigurationMap):
         self._renew_exact()
 
     def _renew_exact(self) -> None:
-        """Have exact look-ups ask robot and obstacles as they are now, and no longer the arm of a map of joints."""
+        """Have exact look-ups use robot and obstacles as they are now, and no longer the arm of a map of joints."""
         if self._contents.prove is not None:
             self._contents = replace(self._contents, prove=None)
         self._derived_exact.renew(self.workspace)
@@ -922,7 +922,7 @@ class CSpace(ConfigurationMap):
 
         return CellsInMemory(self)
 
-    # ---- what is made at the first call ------------------------------------------------------------------------------
+    # ---- what is derived at the first call ---------------------------------------------------------------------------
 
     @property
     def _rasters(self) -> list[tuple[Raster, Raster]]:
@@ -1029,13 +1029,13 @@ class CSpace(ConfigurationMap):
         from cspace.map.overlaps import Runs, Sums, overlaps
 
         # What is not known may be an obstacle, and may be none.
-        beyond = self.outside != "free" if side == "outer" else self.outside == "blocked"
+        walled = self.outside != "free" if side == "outer" else self.outside == "blocked"
         workspace = self.workspace
         outer = side == "outer" or workspace.inner is workspace.outer
-        kept = self._outer_sums if outer else self._inner_sums
-        sums = kept.get(lambda: Sums(workspace.outer if outer else workspace.inner))
+        derived = self._outer_sums if outer else self._inner_sums
+        sums = derived.get(lambda: Sums(workspace.outer if outer else workspace.inner))
         runs = self._runs.get(lambda: Runs.of([outer for outer, _ in self._rasters]))
-        kernel = in_pieces(partial(overlaps, self._map, sums.counts, runs, int(beyond)))
+        kernel = in_pieces(partial(overlaps, self._map, sums.counts, runs, int(walled)))
         return answer(q, self.dof, kernel, np.int64, int)
 
     def _one_free(self, q: ArrayLike, name: str) -> Floats:

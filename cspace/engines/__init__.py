@@ -22,10 +22,10 @@ Measured once, on two cores: engines break even at some 3,500 rows in the plane 
 
 
 class Engine(Protocol):
-    """What :func:`cspace.build` asks of an engine."""
+    """What :func:`cspace.build` needs of an engine."""
 
     COUNTS: bool
-    """Whether it can tell overlap counts."""
+    """Whether it can count overlaps."""
 
     def collide(
         self,
@@ -47,10 +47,10 @@ class Engine(Protocol):
         rasters : sequence of Raster
             Robot offsets.
         out : sequence of ndarray, one for each raster, all of the shape of ``occupied`` or of a smaller one
-            C-ordered; a smaller one is told the first cells. Booleans become whether there is any overlap; int32, with
+            C-ordered; a smaller one gets the first cells. Booleans become whether there is any overlap; int32, with
             engines that count, how many there are.
         outside : bool
-            Whether the cells beyond the map are obstacle.
+            Whether the cells outside the map are obstacles.
         add : bool
             Add 1 to ``out``, arrays of uint8, wherever there is any overlap.
         workers : int, optional

@@ -1,7 +1,7 @@
 """The engine by dilation: a workspace bitmap dilated by robot rasters, 64 cells a word, in integers.
 
 For every cell k of the map: whether ``W[k + m]`` is set for any offset m of the robot. The offsets are taken as runs
-along the last axis. A bitmap in which bit k tells whether any of the ``L`` cells from k on is set serves all runs of
+along the last axis. A bitmap in which bit k says whether any of the ``L`` cells from k on is set serves all runs of
 length L; it is made from that for the next shorter length with one shift. Each run then costs one shift of this bitmap
 to the robot's place. So the work is cells / 64 times (runs + lengths), whatever the number of offsets.
 """
@@ -27,7 +27,7 @@ Cells = NDArray[np.uint8]
 Task: TypeAlias = tuple[Ints, Cells, tuple[int, int]]
 
 COUNTS: Final = False
-"""This engine tells only whether there is any overlap."""
+"""This engine finds only whether there is any overlap."""
 
 PACKED: Final = 2**20
 """Cells that are packed into words at a time."""
@@ -102,9 +102,9 @@ class Runs(NamedTuple):
     ----------
     table : ndarray of int64, shape (n, 4)
         The first offset of each, with 0 along the first axis in the plane, and how many offsets it has; ascending in
-        this number. The last one of each length is told again until their number is a multiple of four.
+        this number. The last one of each length is repeated until their number is a multiple of four.
     clipped : bool
-        Whether there are other offsets, which always fall beyond the map.
+        Whether there are other offsets, which always fall outside the map.
     """
 
     table: Ints
@@ -112,7 +112,7 @@ class Runs(NamedTuple):
 
     @property
     def news(self) -> Bools:
-        """Whether a row is told for the first time, shape (n,)."""
+        """Whether a row is the first of its kind, shape (n,)."""
         return np.append(True, (self.table[1:] != self.table[:-1]).any(axis=1))[: len(self.table)]
 
     @classmethod
@@ -133,9 +133,9 @@ class Runs(NamedTuple):
         last = np.flatnonzero(np.append(kind[1:] != kind[:-1], len(kind) > 0))  # of each length
         times = np.ones(len(table), dtype=np.int64)
         times[last] += -np.diff(last, prepend=-1) % 4
-        ends = np.append(0, np.cumsum(times))[np.searchsorted(owner, np.arange(len(rasters) + 1))].tolist()
+        bounds = np.append(0, np.cumsum(times))[np.searchsorted(owner, np.arange(len(rasters) + 1))].tolist()
         table = np.repeat(table, times, axis=0)
-        parts = itertools.pairwise(ends)
+        parts = itertools.pairwise(bounds)
         return [cls(table[a:b], far) for (a, b), far in zip(parts, clipped.tolist(), strict=True)]
 
 
@@ -152,7 +152,7 @@ def padded(shape: Sequence[int], results: Sequence[int], rasters: Sequence[Raste
     same everywhere, so that the end of a row is the beginning of the next one, and the last rows of a layer are the
     first ones of the next. Rows begin with a byte, and one more is read from than robots reach.
     """
-    far = np.array(shape) - 1  # offsets beyond this cannot fall on the map
+    far = np.array(shape) - 1  # larger offsets cannot fall on the map
     first = np.array([raster.lower for raster in rasters])
     last = first + [raster.cells.shape for raster in rasters] - 1
     before, after = (np.array(in_space(reach.max(axis=0).tolist(), 0)) for reach in (-first, last))
@@ -185,9 +185,9 @@ class Board:
     ) -> None:
         self.results = results
         self.pads, (total, self.rows, self.cells) = padded(occupied.shape, results, rasters)
-        # A block is read beyond the last run's place, as far as the longest run reaches, and one word more.
-        self.beyond = longest // WORD + 2
-        words = np.full(total * self.cells // WORD + 2 + self.beyond, ~np.uint64(0) if outside else np.uint64(0))
+        # A block is read past the last run's place, as far as the longest run reaches, and one word more.
+        self.padding = longest // WORD + 2
+        words = np.full(total * self.cells // WORD + 2 + self.padding, ~np.uint64(0) if outside else np.uint64(0))
         before, above, left = self.pads.tolist()
         each = max(1, PACKED // self.cells)
         slab, octets = (
@@ -222,7 +222,7 @@ class Board:
         buffers = self._buffers
         for table, out, part in tasks:
             size = -(-(part[1] - part[0]) * self.cells // WORD)
-            reach = size + int(table[:, 1].max()) + self.beyond
+            reach = size + int(table[:, 1].max()) + self.padding
             if getattr(buffers, "size", 0) < reach:
                 buffers.arrays, buffers.size = [np.empty(reach, np.uint64) for _ in range(3)], reach
             now, then, words = buffers.arrays

@@ -1,6 +1,6 @@
 """The engine by transforms: correlation of a workspace bitmap with robot rasters (Kavraki, 1995) in tiles.
 
-``overlap[k] = sum over m of W[k + m] * A[m]`` for every cell k of the map, where W beyond the map is all obstacle or
+``overlap[k] = sum over m of W[k + m] * A[m]`` for every cell k of the map, where W outside the map is all obstacle or
 all free. The map is read in tiles small enough for a core's cache (overlap-save). A tile without obstacles, or all
 obstacle, is settled without a transform; the spectrum of any other is multiplied with that of every raster. Where it is
 proven that the rounding allows it (:mod:`cspace.engines.precision`), one transform yields the overlaps with several
@@ -30,7 +30,7 @@ Corner = tuple[int, ...]
 Item = TypeVar("Item")
 
 COUNTS: Final = True
-"""This engine can tell overlap counts."""
+"""This engine counts overlaps."""
 
 TILE_SPECTRA: Final = 3
 """Arrays as large as a tile's spectrum that a thread holds at once, at most."""
@@ -139,10 +139,10 @@ class Part:
             lower.append(low + start)
         cells = raster.cells[tuple(window)]
         count = int(np.count_nonzero(cells))
-        beyond = raster.count - count
+        unreached = raster.count - count
         if not count:
             cells = cells[(slice(0, 0),) * cells.ndim]
-        return cls(cells, tuple(lower), count, beyond if outside else 0)
+        return cls(cells, tuple(lower), count, unreached if outside else 0)
 
 
 @dataclass(frozen=True, slots=True)

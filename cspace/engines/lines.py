@@ -23,14 +23,14 @@ def count_lines(
     """
     nx, ny, nz = occupied.shape
     begin, end = min(max(first[2], 0), nz), min(max(first[2] + length, 0), nz)
-    beyond = (length - (end - begin)) * outside
+    padding = (length - (end - begin)) * outside
     total = 0
     for i in range(counts.shape[0]):
         x = first[0] + i
         for j in range(counts.shape[1]):
             y = first[1] + j
             if 0 <= x < nx and 0 <= y < ny:
-                row, number = occupied[x, y, begin:end], beyond
+                row, number = occupied[x, y, begin:end], padding
                 for k in range(row.size):
                     number += row[k]
             else:
@@ -49,7 +49,7 @@ def add_lines(
     mixed: NDArray[np.bool_],
     lines: NDArray[np.floating],
 ) -> None:
-    """Add W - 1/2, times a scale, to those lines of a tile that are not constant, as ``mixed`` tells; in their order.
+    """Add W - 1/2, times a scale, to those lines of a tile that are ``mixed``, not constant; in their order.
 
     Arrays of cells as for :func:`count_lines`.
     """
@@ -57,7 +57,7 @@ def add_lines(
     half = lines.dtype.type(0.5 * scale)
     nx, ny, nz = occupied.shape
     length = lines.shape[1]
-    beyond = outside * unit - half
+    padding = outside * unit - half
     number = 0
     for i in range(mixed.shape[0]):
         x = first[0] + i
@@ -71,13 +71,13 @@ def add_lines(
             line = lines[number]
             low = begin - first[2] if begin < end else length
             for k in range(low):
-                line[k] += beyond
+                line[k] += padding
             if begin < end:
                 row, inside, rest = occupied[x, y, begin:end], line[low:], line[end - first[2] :]
                 for k in range(row.size):
                     inside[k] += row[k] * unit - half
                 for k in range(rest.size):
-                    rest[k] += beyond
+                    rest[k] += padding
             number += 1
 
 

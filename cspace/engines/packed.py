@@ -47,19 +47,19 @@ def dilate_block(bits: Words, start: int, runs: Ints, spare: Words, more: Words,
     nothing is written, where there is nothing in reach.
     """
     size, reach = result.size, spare.size
-    found = np.uint64(0)
+    any_bit = np.uint64(0)
     source = bits[start : start + reach]
     for k in range(reach):
-        found |= source[k]
+        any_bit |= source[k]
         spare[k] = source[k]
-    if found == 0:
+    if any_bit == 0:
         return False
     for k in range(size):
         result[k] = 0
     length, now, then = 1, spare, more
     for number in range(0, len(runs), 4):
         while length < runs[number, 0]:
-            # A bit tells of as many cells from its own on as ``length``.
+            # A bit stands for as many cells from its own on as ``length``.
             step = min(length, runs[number, 0] - length)
             _widen(now, step, then)
             now, then = then, now
@@ -77,7 +77,7 @@ def _shifted(words: Words, k: int, shift: np.uint64) -> np.uint64:
 
 @inner
 def _widen(now: Words, step: int, then: Words) -> None:
-    """``then[k] = now[k] | now[k + step]``, bit by bit, with nothing beyond the end."""
+    """``then[k] = now[k] | now[k + step]``, bit by bit, with nothing after the end."""
     jump, shift = step // 64, np.uint64(step % 64)
     inner, ahead = max(0, now.size - jump - 1), now[jump:]
     for k in range(inner):
@@ -98,11 +98,11 @@ def _unite(now: Words, runs: Ints, result: Words) -> None:
 
 
 @inner
-def unpack(octets: Octets, packed: Packed, part: tuple[int, int], found: bool, add: bool, out: Octets) -> None:
+def unpack(octets: Octets, packed: Packed, part: tuple[int, int], any_set: bool, add: bool, out: Octets) -> None:
     """Write rows of bits into ``out``, shape (layers, rows, cells), or add them.
 
-    ``octets`` holds rows as ``packed`` has them, from the first of a part to before its last; those beyond the rows of
-    ``out`` are left out. Unless something was ``found``, all are zero.
+    ``octets`` holds rows as ``packed`` has them, from the first of a part to before its last; those past the rows of
+    ``out`` are left out. Unless something was ``any_set``, all are zero.
     """
     cells, old = out.shape[2], _EVERY if add else np.uint64(0)
     eights = cells // 8
@@ -111,7 +111,7 @@ def unpack(octets: Octets, packed: Packed, part: tuple[int, int], found: bool, a
         if x >= out.shape[0] or y >= out.shape[1]:
             continue
         line = out[x, y]
-        if not found:
+        if not any_set:
             for k in range(0 if add else cells):
                 line[k] = 0
             continue
@@ -131,5 +131,5 @@ def settle_block(
 ) -> None:
     """Dilate the rows from the first of a part, which begins a word, to before its last; write or add them."""
     start = part[0] * packed.octets // 8
-    found = dilate_block(packed.words, start, runs, scratch.now, scratch.then, scratch.result)
-    unpack(scratch.octets, packed, part, found, add, out)
+    any_set = dilate_block(packed.words, start, runs, scratch.now, scratch.then, scratch.result)
+    unpack(scratch.octets, packed, part, any_set, add, out)

@@ -112,7 +112,7 @@ def transform_seconds(size: int, precision: str) -> float:
     known = SECONDS_A_POINT[precision]
     place = max(math.log2(size / SIZES[0]) / 2.0, 0.0)
     left = min(int(place), len(SIZES) - 2)
-    # Between the sizes that were timed, and beyond the largest, the cost of a point goes on as it does around.
+    # Between the sizes that were timed, and above the largest, the cost of a point goes on as it does around.
     return size * (known[left + 1] + (known[left + 1] - known[left]) * (place - left - 1)) + 0.5 * SECONDS_A_TILE
 
 

@@ -1,7 +1,7 @@
 """Outlines and faces of sets of cells, and boxes with the same union; segments of points and polygons.
 
 Cells are set in a boolean array; ``spacing`` is their side and ``lower``, shape (d,), the lower corner of the first
-one, metres. Whatever lies beyond the array is not set.
+one, metres. Whatever lies outside the array is not set.
 """
 
 from __future__ import annotations
@@ -71,14 +71,14 @@ def cell_faces(cells: Bools, spacing: float, lower: Any) -> Floats:
 
     Sides that lie in one plane are merged to rectangles.
     """
-    found = [np.empty((0, 3, 3))]
+    triangles = [np.empty((0, 3, 3))]
     for axis in range(3):
         columns = np.moveaxis(cells, axis, 0)
         sides = np.zeros((columns.shape[0] + 1, *columns.shape[1:]), dtype=np.bool_)
         sides[:-1] = columns
         sides[1:] ^= columns
-        found.append(rectangle_triangles(sides, axis, spacing, lower))
-    return np.concatenate(found)
+        triangles.append(rectangle_triangles(sides, axis, spacing, lower))
+    return np.concatenate(triangles)
 
 
 def rectangle_triangles(sides: Bools, axis: int, spacing: float, lower: Any) -> Floats:
@@ -99,16 +99,16 @@ def cell_squares(cells: Bools, spacing: float, lower: Any) -> tuple[Floats, Inte
     outward, and -1 elsewhere, shape (F,).
     """
     corners = tuple(n + 1 for n in cells.shape)
-    found, turns = [], []
+    quads, turns = [], []
     for axis in range(3):
         first, second = (int(np.prod(corners[other + 1 :])) for other in range(3) if other != axis)
         padded = np.pad(cells.view(np.int8), [(1, 1) if other == axis else (0, 0) for other in range(3)])
         change = np.asarray(np.diff(padded, axis=axis))
         where = np.nonzero(change)
         start = np.ravel_multi_index(where, corners)
-        found.append(start[:, None] + np.array([0, first, first + second, second]))
+        quads.append(start[:, None] + np.array([0, first, first + second, second]))
         turns.append(np.repeat((1 if axis == 1 else -1) * change[where], 2))
-    squares = np.concatenate(found)
+    squares = np.concatenate(quads)
     used = np.zeros(int(np.prod(corners)), dtype=np.bool_)
     used[squares] = True
     points = np.flatnonzero(used)

@@ -12,7 +12,7 @@ corner of the cube that is farthest from the box is farthest along each axis by 
 the cube lies in the rounded box exactly where the same holds for the excesses by which it sticks out of the box.
 Column by column, ``dx`` and ``dy`` leave a half chord ``sqrt(r^2 - dx^2 - dy^2)`` for the z-interval.
 
-*Safety against rounding.* Let ``s`` = ``SLACK`` = 2^-26. Corners are scaled, moved to the frame of the array and
+*Safety against rounding.* Let ``s`` = ``SLACK`` = 2^-26. Corners are scaled, moved to the array's indices and
 subtracted from whole numbers; each of these few steps rounds by at most 2^-30, so that gaps and interval ends are off
 by less than 2^-27 = s / 2.
 
@@ -25,7 +25,7 @@ computed half chord is shorter than the true one by more than the rounding of th
 Inner: the box is shrunk by ``s`` along each axis, and ``r`` is taken as ``r - 2 s``, or as 0 where that is negative.
 The square loses ``4 r s - 4 s^2 >= 2 r s`` thereby, which covers the rounding under the root in the same way.
 
-Hence outer cubes are all that the definition asks for and at most those within 4 ``s`` of the rounded box besides;
+Hence outer cubes are all of the definition and at most those within 4 ``s`` of the rounded box besides;
 inner ones are none that the definition forbids, all but those that come within 4 ``s`` of its border. Cubes that touch
 the border are outer and not inner.
 """
@@ -83,15 +83,15 @@ def rounded_rasters(boxes: Rounded, spacing: float, outward: Floats, inward: Flo
     inner = np.zeros_like(outer)
     shift = -np.asarray(lower, dtype=np.float64)
     mark_touched(outer, wide.moved(shift), -1.0, 1.0)
-    kept = tight.radii >= 0.0
-    mark_inside(inner, Rounded(*(part[kept] for part in tight.moved(shift))), 0.0, 0.0)
+    remaining = tight.radii >= 0.0
+    mark_inside(inner, Rounded(*(part[remaining] for part in tight.moved(shift))), 0.0, 0.0)
     return Raster.trimmed(outer, lower), Raster.trimmed(inner, lower)
 
 
 def rounded_cells(boxes: Rounded, grid: Grid) -> tuple[Bools, Bools]:
     """Cells that meet a union of rounded boxes, metres, and cells that lie wholly in one of them.
 
-    What lies beyond the grid is clipped. Raises InputError if one reaches so far from the grid that rounding could
+    What lies outside the grid is clipped. Raises InputError if one reaches so far from the grid that rounding could
     reach the certificate's slack.
     """
     outer = np.zeros(grid.shape, dtype=np.bool_)
@@ -113,9 +113,9 @@ def rounded_cells(boxes: Rounded, grid: Grid) -> tuple[Bools, Bools]:
 
 
 def mark_touched(out: Bools, boxes: Rounded, b0: float, b1: float) -> None:
-    """Set ``out[i]`` where cube ``i + [b0, b1]^d`` meets a rounded box; what lies beyond ``out`` is clipped.
+    """Set ``out[i]`` where cube ``i + [b0, b1]^d`` meets a rounded box; what lies outside ``out`` is clipped.
 
-    ``out`` has two or three axes; the boxes are in cells, in its index frame.
+    ``out`` has two or three axes; the boxes are in cells, as its indices.
     """
     radii = np.where(boxes.radii > 0.0, boxes.radii + SLACK, 0.0)
     _in_slabs(out, Rounded(boxes.lows - SLACK, boxes.highs + SLACK, radii), b0, b1)

@@ -88,9 +88,9 @@ class Components(NamedTuple):
         nx, ny, nz = self.shape
         column = np.repeat(np.arange(nx * ny), np.diff(self.offsets))
         i, j = column // ny, column % ny
-        ends = (i == 0) | (i == nx - 1) | (j == 0) | (j == ny - 1) | (self.lows == 0) | (self.highs == nz - 1)
+        outermost = (i == 0) | (i == nx - 1) | (j == 0) | (j == ny - 1) | (self.lows == 0) | (self.highs == nz - 1)
         border = np.zeros(self.number, dtype=np.bool_)
-        border[self.labels[ends]] = True
+        border[self.labels[outermost]] = True
         return border
 
     def fill(self, out: Bools, chosen: Bools) -> None:

@@ -30,7 +30,7 @@ class Raster:
     Attributes
     ----------
     cells : ndarray of bool
-        ``cells[i]`` tells whether the offset ``lower + i`` belongs to the set; of shape (0, ...) for the empty set.
+        ``cells[i]`` is whether the offset ``lower + i`` belongs to the set; of shape (0, ...) for the empty set.
     lower : tuple of int
         Offset of ``cells[0, ...]``.
     """

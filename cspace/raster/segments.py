@@ -1,7 +1,7 @@
 """Segments of the plane, each grown by a radius, and what closed curves of them enclose: robots and obstacles.
 
 A *box* ``i`` is ``i + [b0, b1]^2``: ``(0, 1)`` for the cells of a workspace, ``(-1, 1)`` for the outer raster of a
-robot, ``(c, c)`` for sample points. Lengths are in cells, in the index frame of the array that is written.
+robot, ``(c, c)`` for sample points. Lengths are in cells, as the indices of the array that is written.
 
 *Robots.* With ``h`` the spacing and ``A`` the robot, grown by the margin on the outer side,
 
@@ -15,7 +15,7 @@ computed from them are then off by less than 2^-28 cells: a few roundings of 2^-
 difference is ever divided by a smaller one (the clip parameter of an edge is a ratio in [0, 1] whose relative error is
 three roundings; the half chord of an end disc is taken of a radius that was enlarged first, by more than the rounding
 of its square). Outer rasters grow by ``SLACK`` = 2^-26 cells and inner ones shrink by as much. So the outer
-raster holds every offset that the definition asks for, and at most those within 2 ``SLACK`` of it besides; the inner
+raster holds every offset of the definition, and at most those within 2 ``SLACK`` of it besides; the inner
 one holds no offset that the definition forbids, and leaves out at most those within 3 ``SLACK`` of the robot's border,
 among them lattice points exactly on it. The rounding of a look-up (also below 2^-28 cells) is covered by the same
 slack.
@@ -84,7 +84,7 @@ def outline_rasters(
 def outline_cells(parts: Sequence[tuple[Floats, bool]], grid: Grid) -> tuple[Bools, Bools]:
     """Outer and inner cells of a union of obstacles, parts as of :func:`outline_rasters`.
 
-    What lies beyond the grid is clipped. Raises InputError if a coordinate is so far from the grid that rounding could
+    What lies outside the grid is clipped. Raises InputError if a coordinate is so far from the grid that rounding could
     reach the certificate's slack.
     """
     outer = np.zeros(grid.shape, dtype=np.bool_)
@@ -106,7 +106,7 @@ def outline_cells(parts: Sequence[tuple[Floats, bool]], grid: Grid) -> tuple[Boo
 def _localise(segments: Floats, grid: Grid) -> tuple[Floats | None, tuple[slice, slice]]:
     """Segments in cells from the first cell of the window of the grid that they can touch, and that window.
 
-    The window reaches one cell beyond the grid's part of their bounding box; None where they miss the grid.
+    The window reaches one cell past the grid's part of their bounding box; None where they miss the grid.
     """
     local = (segments - np.tile(grid.lower, 2)) / grid.spacing
     check_reach(float(np.abs(local).max(initial=0.0)), *OBSTACLE)
@@ -133,7 +133,7 @@ def _cut(segments: Floats, turn: Turn) -> Floats:
     whole = np.repeat(np.arange(len(segments)), pieces)
     number = np.arange(len(whole)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
     starts, steps = segments[whole, :2], segments[whole, 2:] - segments[whole, :2]
-    # Neighbouring pieces must share their ends to the last bit, so each end is computed by one formula.
+    # Neighbouring pieces must share their endpoints to the last bit, so each one is computed by one formula.
     first = starts + steps * (number / pieces[whole])[:, None]
     last = np.where(
         (number + 1 == pieces[whole])[:, None],

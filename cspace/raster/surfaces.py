@@ -1,9 +1,9 @@
 """Surfaces in space, and what they enclose: robots and obstacles, outer and inner.
 
 The surface is marked exactly (see :mod:`cspace.raster.triangles`). A box that no triangle touches lies on one side of
-it, so that its middle, half a cell or more from the surface, tells whether it lies inside. That the winding number says
-(see :mod:`cspace.raster.winding`), or, of a surface to be filled, whether the boxes around the surface are joined to it
-by untouched ones.
+it, so that its middle, half a cell or more from the surface, decides whether it lies inside: by the winding number
+(see :mod:`cspace.raster.winding`), or, of a surface to be filled, by whether untouched boxes join it to those around
+the surface.
 
 *Turning.* A rotation cell holds the rotations within an angle a of its representative R. A point p of the robot A is
 at most ``2 |p| sin(a / 2)`` from ``R p`` at all of them (about the z axis, ``|p|`` is the distance from it). Cut the
@@ -90,12 +90,12 @@ class Skin(NamedTuple):
 def surface_cells(skin: Skin, bounds: tuple[Floats, Floats], grid: Grid) -> tuple[Bools, Bools]:
     """Cells that a solid meets, and cells that lie in it.
 
-    What lies beyond the grid is clipped; what is filled is found on the cells of the whole surface. Otherwise triangles
-    that do not meet the grid may be missing. ``bounds`` are the lower and upper corner of the whole surface's bounding
-    box, metres.
+    What lies outside the grid is clipped; what is filled is decided on the cells of the whole surface. Otherwise
+    triangles that do not meet the grid may be missing. ``bounds`` are the lower and upper corner of the whole
+    surface's bounding box, metres.
 
     Raises InputError if a vertex is so far from the grid that rounding could reach the certificate's slack, or a
-    surface to be filled reaches far beyond the grid.
+    surface to be filled reaches far out of the grid.
     """
     lower, upper = ((corner - np.asarray(grid.lower)) / grid.spacing for corner in bounds)
     far = float(max(np.abs(lower).max(), np.abs(upper).max()))
@@ -124,7 +124,7 @@ def surface_cells(skin: Skin, bounds: tuple[Floats, Floats], grid: Grid) -> tupl
     elif skin.fill:
         _fill(enclosed, touched)
     touched |= enclosed
-    # The window may reach beyond the grid where the surface is filled.
+    # The window may reach out of the grid where the surface is filled.
     low, high = np.maximum(first, 0), np.minimum(stop, shape)
     there = tuple(slice(int(a), int(b)) for a, b in zip(low, high, strict=True))
     here = tuple(slice(int(a), int(b)) for a, b in zip(low - first, high - first, strict=True))
@@ -133,7 +133,7 @@ def surface_cells(skin: Skin, bounds: tuple[Floats, Floats], grid: Grid) -> tupl
 
 
 def surface_rasters(skin: Skin, spacing: float, margin: float = 0.0, turn: Turn = STILL) -> tuple[Raster, Raster]:
-    """Outer and inner raster of a robot that is a solid, as :meth:`cspace.shapes.Shape.rasters` tells.
+    """Outer and inner raster of a robot that is a solid; see :meth:`cspace.shapes.Shape.rasters`.
 
     A surface to be filled counts as itself and the cubes ``h * (m + [-1/2, 1/2]^3)`` that it encloses, turned by the
     representative rotation, without touching them.
@@ -170,7 +170,7 @@ def surface_rasters(skin: Skin, spacing: float, margin: float = 0.0, turn: Turn 
         inner &= ~border
         within = Raster.trimmed(inner, lower)
         if widest > 0.0 and within.cells.size:
-            border = ~within.cells  # no other point is asked for
+            border = ~within.cells  # no other point is looked at
             mark_within(border, parts.moved(-np.array(within.lower, dtype=np.float64)), 0.0, 0.0)
             within = Raster.trimmed(~border, within.lower)
         return Raster.trimmed(outer, lower), within

@@ -1,7 +1,7 @@
 """Triangles in space: the boxes that they touch, those within a distance of them, and how far a point is.
 
 A *box* ``i`` is ``i + [b0, b1]^3``: ``(0, 1)`` for the cells of a workspace, ``(-1, 1)`` for the outer raster of a
-robot, ``(0, 0)`` for lattice points. Lengths are in cells, in the index frame of the array that is written.
+robot, ``(0, 0)`` for lattice points. Lengths are in cells, as the indices of the array that is written.
 
 *Touched boxes.* For each slab of boxes across x, a triangle is cut to the slab, then, for each slab across y, what is
 left of it to that; the part that remains is convex, so that its z-values are an interval, and it meets exactly the
@@ -29,7 +29,7 @@ what is left of ``SLACK`` covers the rounding of a look-up, 4.
 *Boxes within a distance.* The distance of a triangle that a cube does not meet is that of two of their features: a
 corner and the triangle, a corner of the triangle and the cube, or two edges. Before that, going back and forth between
 points of both that are ever nearer to each other bounds it from both sides: by their distance, and, along the way from
-one to the other, by how far the corners of the triangle are beyond the cube. The second holds for any direction.
+one to the other, by how far the corners of the triangle are past the cube. The second holds for any direction.
 
 Let L be the size of all triangles together. A distance from the plane of a triangle is off by the rounding of its
 normal, relative to it less than 2^-39 (thinner triangles than 2^-12 are taken to be as near as their height allows), so
@@ -77,7 +77,7 @@ _SLABS_A_THREAD: Final = 4
 def mark_touched(out: Bools, triangles: Floats, b0: float, b1: float, slack: float = SLACK) -> None:
     """Set ``out[i]``, of three axes, where the box ``i + [b0, b1]^3`` meets a triangle.
 
-    All is in cells, in the index frame of ``out``, beyond which triangles, shape (n, 3, 3), may reach; ``b0`` and
+    All is in cells, as the indices of ``out``, out of which triangles, shape (n, 3, 3), may reach; ``b0`` and
     ``b1`` are multiples of one half. What is nearer than ``slack`` counts as touching.
     """
     if len(triangles) < 2 * _TRIANGLES_A_THREAD:
@@ -469,7 +469,7 @@ def _mark_within(out: Octets, parts: Swept, half: float, radius: float, slack: f
         a, b, c = triangle[0], triangle[1], triangle[2]
         mx, my, mz = (a[0] + b[0] + c[0]) / 3.0, (a[1] + b[1] + c[1]) / 3.0, (a[2] + b[2] + c[2]) / 3.0
         # Farther than this from its middle a cube is too far from all of the triangle.
-        beyond = math.sqrt(
+        limit = math.sqrt(
             max(
                 (a[0] - mx) ** 2 + (a[1] - my) ** 2 + (a[2] - mz) ** 2,
                 (b[0] - mx) ** 2 + (b[1] - my) ** 2 + (b[2] - mz) ** 2,
@@ -477,7 +477,7 @@ def _mark_within(out: Octets, parts: Swept, half: float, radius: float, slack: f
             )
         )
         # These, and what they are held against, are squares.
-        beyond = (beyond + near + slack) ** 2
+        limit = (limit + near + slack) ** 2
         outside = (parts.farthest[t] + radius + slack) ** 2
         within = max(0.0, parts.nearest[t] - radius - slack) ** 2
         reach, rise = near + half + slack, (radius if parts.about_z else near) + half + slack
@@ -487,7 +487,7 @@ def _mark_within(out: Octets, parts: Swept, half: float, radius: float, slack: f
         last_y = min(ny - 1, math.floor(max(a[1], b[1], c[1]) + reach))
         first_z = max(0, math.ceil(min(a[2], b[2], c[2]) - rise))
         last_z = min(nz - 1, math.floor(max(a[2], b[2], c[2]) + rise))
-        # Nor does it come near where the plane of the triangle is too far: in each column, beyond a stretch of it.
+        # Nor does it come near where the plane of the triangle is too far: in each column, outside a stretch of it.
         along_x, along_y, middle, stretch = _slope(triangle, near + slack, half)
         for axis, (begin, end, place) in enumerate(((first, last, mx), (first_y, last_y, my), (first_z, last_z, mz))):
             for k in range(begin, end + 1):
@@ -499,7 +499,7 @@ def _mark_within(out: Octets, parts: Swept, half: float, radius: float, slack: f
                     lows[0, i] + lows[1, j],
                     highs[0, i] + highs[1, j],
                 )
-                if across > beyond or low_flat > outside or (parts.about_z and high_flat < within):
+                if across > limit or low_flat > outside or (parts.about_z and high_flat < within):
                     continue
                 level = middle + along_x * (i - mx) + along_y * (j - my)
                 row, k = out[i, j], max(first_z, math.ceil(level - stretch)) - 1
@@ -516,7 +516,7 @@ def _mark_within(out: Octets, parts: Swept, half: float, radius: float, slack: f
                     gap, low, high = across + gaps[2, k], low_flat, high_flat
                     if not parts.about_z:
                         low, high = low + lows[2, k], high + highs[2, k]
-                    if gap > beyond or low > outside or high < within:
+                    if gap > limit or low > outside or high < within:
                         continue
                     # What comes into the cube is no farther from the origin than that, and came no farther than this.
                     most = min(near, parts.swing * (math.sqrt(high) + radius) + radius)

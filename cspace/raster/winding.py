@@ -4,9 +4,9 @@ A ray runs from the point along z, and the triangles that it crosses are summed 
 front of one, -1 where it enters. Each edge is crossed where half-open intervals say, at a point that all of its
 triangles compute alike; so the crossings of closed bodies are those of closed surfaces that differ from them by the
 rounding of one interpolation, and another one gives their height. Each is off by less than 3 * 2^-30 cells at
-coordinates of 2^22 cells (see :mod:`cspace.raster.triangles`). So a point that is farther from the surface than 2^-27
-cells is told right, however the ray meets edges, vertices, or triangles seen from the side: the sum is an integer, and
-nothing is rounded to it.
+coordinates of 2^22 cells (see :mod:`cspace.raster.triangles`). So the number is right for a point that is farther from
+the surface than 2^-27 cells, however the ray meets edges, vertices, or triangles seen from the side: the sum is an
+integer, and nothing is rounded to it.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class Buckets(NamedTuple):
             scale = np.divide(count, extent, out=np.zeros(2), where=extent > 0.0)
             # As the compiled rays find their bucket; it never falls as the coordinate grows, whatever the rounding.
             first, last = (
-                np.clip(np.floor((ends - low) * scale), 0, count - 1).astype(np.int64) for ends in (lows, highs)
+                np.clip(np.floor((corners - low) * scale), 0, count - 1).astype(np.int64) for corners in (lows, highs)
             )
             rows, columns = (last - first + 1).T
             numbers = rows * columns
@@ -74,8 +74,8 @@ class Buckets(NamedTuple):
 
     def near(self, lower: Floats, upper: Floats) -> Integers:
         """Numbers, ascending, of all triangles that meet a box of space, and of some that are near it."""
-        ends = ((np.stack([lower, upper])[:, :2] - self.low) * self.scale, 0, self.shape - 1)
-        (first, left), (last, right) = np.clip(np.floor(ends[0]), *ends[1:]).astype(np.int64)
+        corners = ((np.stack([lower, upper])[:, :2] - self.low) * self.scale, 0, self.shape - 1)
+        (first, left), (last, right) = np.clip(np.floor(corners[0]), *corners[1:]).astype(np.int64)
         rows = np.arange(first, last + 1) * self.shape[1]
         runs = zip(self.starts[rows + left].tolist(), self.starts[rows + right + 1].tolist(), strict=True)
         return np.unique(np.concatenate([self.entries[start:stop] for start, stop in runs]))
@@ -111,7 +111,7 @@ class Winding:
 def mark_enclosed(out: Bools, triangles: Floats, turns: Integers) -> None:
     """Set ``out[i]`` where closed surfaces go round the lattice point ``i``: their winding number there is not zero.
 
-    The triangles, shape (n, 3, 3), are in cells, in the index frame of ``out``, beyond which they may reach; as those
+    The triangles, shape (n, 3, 3), are in cells, as the indices of ``out``, out of which they may reach; as those
     of :class:`Winding`, with how often each counts.
     """
 
@@ -134,7 +134,7 @@ def _chord(triangle: Floats, x: float) -> tuple[int, float, float, float, float]
 
     It faces up with 1 and down with -1, and is not there with 0. An edge is met where ``x`` lies in the half-open
     interval of its ends, and its point there is computed from its end with the smaller x or from the other one,
-    whichever is nearer, so that all triangles at an edge find the same point.
+    whichever is nearer, so that all triangles at an edge compute the same point.
     """
     turn, number = 0, 0
     low_y, low_z, high_y, high_z = 0.0, 0.0, 0.0, 0.0

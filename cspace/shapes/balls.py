@@ -87,15 +87,15 @@ class Balls(Shape):
         from scipy.spatial import cKDTree
 
         array = points_of(points, "points", self.dim)
-        found = np.zeros(array.shape[:-1], dtype=np.bool_)
+        inside = np.zeros(array.shape[:-1], dtype=np.bool_)
         different, which = np.unique(self.radii, return_inverse=True)
         if len(different) <= 8:
             for number, radius in enumerate(different.tolist()):
-                found |= cKDTree(self.centers[which == number]).query(array)[0] <= radius
-            return found
+                inside |= cKDTree(self.centers[which == number]).query(array)[0] <= radius
+            return inside
         for center, radius in zip(self.centers, self.radii.tolist(), strict=True):
-            found |= ((array - center) ** 2).sum(axis=-1) <= radius * radius
-        return found
+            inside |= ((array - center) ** 2).sum(axis=-1) <= radius * radius
+        return inside
 
     def boundary(self) -> Pieces:
         return Pieces(self.centers[:, None], self.radii)
@@ -145,7 +145,7 @@ class Balls(Shape):
 
 
 def check_balls(centers: ArrayLike | BallSet, radii: ArrayLike | None) -> tuple[Floats, Floats]:
-    """Copies of the centers, shape (n, 2) or (n, 3), and radii, shape (n,), of balls; as :meth:`Balls.of` tells."""
+    """Copies of the centers, shape (n, 2) or (n, 3), and radii, shape (n,), of balls; see :meth:`Balls.of`."""
     if isinstance(centers, BallSet):
         if radii is not None:
             raise InputError("radii", "is given beside a decomposition", "a decomposition has its own", "leave it out")

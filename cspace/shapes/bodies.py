@@ -64,11 +64,11 @@ def find_bodies(vertices: Floats, faces: Integers) -> tuple[Body, ...]:
         if not len(rest):
             break
         chosen = np.sort(np.concatenate([rest, added]))
-        found = _bodies_among(vertices[faces[chosen]], corners[chosen], most)
-        found = [body._replace(faces=chosen[body.faces]) for body in found]
-        closed += [body for body in found if body.closed]
+        parts = _bodies_among(vertices[faces[chosen]], corners[chosen], most)
+        parts = [body._replace(faces=chosen[body.faces]) for body in parts]
+        closed += [body for body in parts if body.closed]
         # Without a triangle that has an area there is nothing to speak of.
-        open_bodies = [body for body in found if not body.closed and not flat[body.faces].all()]
+        open_bodies = [body for body in parts if not body.closed and not flat[body.faces].all()]
         rest = np.concatenate([rest[:0], *(body.faces for body in open_bodies)])
     bodies = _outermost_outward(vertices, faces, closed) + open_bodies
     return tuple(sorted(bodies, key=lambda body: int(body.faces[0])))
@@ -104,14 +104,14 @@ def least_joined(first: Integers, second: Integers, number: int) -> Integers:
 def _bodies_among(triangles: Floats, corners: Integers, most: int) -> list[Body]:
     """Bodies that triangles make, joined through edges at which at most so many different ones meet.
 
-    Each is read in the first of these ways that closes it:
+    Each is read by the first of these rules that closes it:
 
     1. of several equal triangles one counts, in its own direction;
     2. all count as they were given, so that a wall given once for each of the two parts beside it cancels;
     3. of several equal triangles one counts, exactly two meet at each edge, and some are turned over, from neighbour to
        neighbour, until all directions agree; a surface on which that fails, like Klein's bottle, is open.
 
-    Where neither the directions that were given nor their copies tell which way the body faces, it faces outward.
+    Where neither the directions that were given nor their copies decide which way the body faces, it faces outward.
     """
     edge, direction = _edges(corners)
     first, copies, net = _repeated(corners)
@@ -191,10 +191,10 @@ def _volumes(triangles: Floats, turns: Integers, body: Integers, number: int) ->
 
 def _edges(corners: Integers) -> tuple[Integers, Integers]:
     """Edge number and direction (1 or -1) of each side of each triangle, both of shape (n, 3)."""
-    ends = np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1)
-    key = ends.min(axis=-1) * (int(corners.max()) + 1) + ends.max(axis=-1)
+    endpoints = np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1)
+    key = endpoints.min(axis=-1) * (int(corners.max()) + 1) + endpoints.max(axis=-1)
     edge = np.unique(key.ravel(), return_inverse=True)[1].reshape(key.shape)
-    return edge, np.where(ends[..., 0] < ends[..., 1], 1, -1)
+    return edge, np.where(endpoints[..., 0] < endpoints[..., 1], 1, -1)
 
 
 def _repeated(corners: Integers) -> tuple[Bools, Integers, Integers]:
@@ -216,8 +216,8 @@ def _joined(edge: Integers, joining: Bools) -> tuple[Integers, int]:
     """Number of the body of each triangle, and how many there are, given the edges that join."""
     n = len(edge)
     triangle, side = np.nonzero(joining[edge])
-    kept, body = np.unique(least_joined(triangle, n + edge[triangle, side], n + len(joining))[:n], return_inverse=True)
-    return body.astype(np.int64), len(kept)
+    roots, body = np.unique(least_joined(triangle, n + edge[triangle, side], n + len(joining))[:n], return_inverse=True)
+    return body.astype(np.int64), len(roots)
 
 
 def _balance(edge: Integers, direction: Integers, body: Integers, number: int, chosen: Bools) -> tuple[Bools, Bools]:

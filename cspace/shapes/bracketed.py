@@ -157,7 +157,7 @@ def _revolved(profile: Floats) -> Surface:
     quarter = np.stack([cosines, cosines[::-1]], axis=1)[:-1]
     ring = np.concatenate([np.stack([quarter @ (c, -s), quarter @ (s, c)], axis=1) for c, s in _QUARTERS])
     rings = [np.insert(radius * ring, 2, height, axis=1) for radius, height in profile[1:-1].tolist()]
-    ends = np.array([(0.0, 0.0, profile[0, 1]), (0.0, 0.0, profile[-1, 1])])
+    poles = np.array([(0.0, 0.0, profile[0, 1]), (0.0, 0.0, profile[-1, 1])])
     first, count = np.arange(SIDES), SIDES * len(rings)
     second = (first + 1) % SIDES
     faces: list[tuple[ArrayLike, ...]] = [
@@ -168,4 +168,4 @@ def _revolved(profile: Floats) -> Surface:
         above = low + SIDES
         faces += [(low + first, low + second, above + second), (low + first, above + second, above + first)]
     triangles = [np.stack(np.broadcast_arrays(*corners), axis=1) for corners in faces]
-    return np.concatenate([*rings, ends]), np.concatenate(triangles)
+    return np.concatenate([*rings, poles]), np.concatenate(triangles)

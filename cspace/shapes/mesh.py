@@ -83,7 +83,7 @@ class Mesh(Shape):
       edge as often one way as the other. Exact copies of triangles are dropped first, or cancel where they are a wall
       between two parts, and single triangles that are turned over are turned back. What does not close that way (holes,
       Moebius strips, more than two triangles at an edge and no consistent winding) is a surface without an inside, and
-      a :class:`MeshWarning` tells of it.
+      a :class:`MeshWarning` says so.
 
       Winding numbers add up. Bodies that overlap and all face outward are solid together, also where one is nested in
       another. A body that faces inward, nested in one that faces outward, is a cavity, in which there may be an island,
@@ -116,7 +116,7 @@ class Mesh(Shape):
     faces: NDArray[np.int64]
     solid: Solid = "auto"
     source: str = "mesh"
-    _told: bool = field(default=False, init=False, repr=False)
+    _warned: bool = field(default=False, init=False, repr=False)
     dim = 3
 
     def __post_init__(self) -> None:
@@ -189,8 +189,8 @@ class Mesh(Shape):
         else:
             vertices, faces, source = _arrays_of(shape)
             mesh = cls(vertices, faces, solid, source)
-        if mesh.solid == "auto" and not mesh._told:
-            object.__setattr__(mesh, "_told", True)
+        if mesh.solid == "auto" and not mesh._warned:
+            object.__setattr__(mesh, "_warned", True)
             for message in mesh._doubts():
                 warnings.warn(message, MeshWarning, stacklevel=2)
         return mesh
@@ -265,10 +265,10 @@ class Mesh(Shape):
         whole = self.bounds[1] - self.bounds[0]
         if self.solid == "fill" or shared[0] * shared[1] > SMALL * whole[0] * whole[1]:
             return slice(None), slice(None)
-        found = self._index.near(lower, upper)
-        corners = self.vertices[self.faces[found]]
+        numbers = self._index.near(lower, upper)
+        corners = self.vertices[self.faces[numbers]]
         meets = (corners.min(axis=1) <= upper).all(axis=1) & (corners.max(axis=1) >= lower).all(axis=1)
-        return found[meets], found
+        return numbers[meets], numbers
 
     @cached_property
     def _index(self) -> Buckets:
@@ -367,7 +367,7 @@ class Mesh(Shape):
             raise InputError(
                 self.source,
                 "has solid='fill'",
-                "what is filled depends on the spacing, so that a mesh alone cannot tell",
+                "what is filled depends on the spacing, so that a mesh alone does not decide it",
                 "ask its cells, or pass solid='auto'",
             )
         array = points_of(points, "points", self.dim)
@@ -407,8 +407,8 @@ class Mesh(Shape):
                 "write it again with Mesh.spec",
             ) from error
         mesh = cls(vertices, faces, solid, source)
-        # Whoever wrote the record was told.
-        object.__setattr__(mesh, "_told", True)
+        # Whoever wrote the record was warned.
+        object.__setattr__(mesh, "_warned", True)
         return mesh
 
     @cached_property
@@ -465,16 +465,16 @@ class Mesh(Shape):
 
 
 def _merged_faces(points: Floats, faces: NDArray[np.int64]) -> Floats:
-    """Rows that tell the surface of closed bodies apart, whatever the diagonals by which flat faces became triangles.
+    """Rows that identify the surface of closed bodies, whatever the diagonals by which flat faces became triangles.
 
-    Triangles across an axis that lie in one plane and face the same way are told by the sides that do not cancel
+    Triangles across an axis that lie in one plane and face the same way are identified by the sides that do not cancel
     between them, with how often each counts; others by themselves. Points are in order, and named by faces.
     """
     corners = points[faces]
     level = (corners == corners[:, :1]).all(axis=1)
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     plane = np.where(level.any(axis=1), (1 + level.argmax(axis=1)) * np.sign((level * normal).sum(axis=1)), 0.0)
-    # A triangle that is told by itself has all of its corners in each of its rows.
+    # A triangle that is identified by itself has all of its corners in each of its rows.
     sides = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1)
     forth = sides[..., 0] < sides[..., 1]
     third = np.where(plane[:, None] == 0.0, np.roll(faces, -2, axis=1), -1)

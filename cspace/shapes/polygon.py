@@ -138,8 +138,8 @@ class Polygons(Shape):
         lower, upper = np.asarray(grid.lower) - grid.spacing, np.asarray(grid.upper) + grid.spacing
         if (lower <= self.bounds[0]).all() and (self.bounds[1] <= upper).all():
             return self.parts
-        found = np.sort(self._index.query(shapely.box(*lower, *upper)))
-        return list(_parts(self._index.geometries[found]))
+        numbers = np.sort(self._index.query(shapely.box(*lower, *upper)))
+        return list(_parts(self._index.geometries[numbers]))
 
     @cached_property
     def _index(self) -> STRtree:
@@ -172,10 +172,10 @@ class Polygons(Shape):
         """Border segments without direction, with the number of their part."""
         segments = np.concatenate([segments for segments, _ in self.parts])
         number = np.repeat(np.arange(len(self.parts)), [len(segments) for segments, _ in self.parts])
-        ends = (segments.reshape(-1, 2) @ matrix.T).reshape(-1, 2, 2)
-        (x0, y0), (x1, y1) = ends[:, 0].T, ends[:, 1].T
-        ends = np.where(((x0 > x1) | ((x0 == x1) & (y0 > y1)))[:, None, None], ends[:, ::-1], ends)
-        return np.column_stack([ends.reshape(-1, 4), number])
+        endpoints = (segments.reshape(-1, 2) @ matrix.T).reshape(-1, 2, 2)
+        (x0, y0), (x1, y1) = endpoints[:, 0].T, endpoints[:, 1].T
+        endpoints = np.where(((x0 > x1) | ((x0 == x1) & (y0 > y1)))[:, None, None], endpoints[:, ::-1], endpoints)
+        return np.column_stack([endpoints.reshape(-1, 4), number])
 
     @property
     def spec(self) -> dict[str, Any]:

@@ -47,7 +47,7 @@ class Boxes(NamedTuple):
     lows, highs : ndarray of float64, shape (n, d)
         Their corners, metres.
     sizes : ndarray of float64, shape (n,)
-        How long, along some axis, what each of them hangs together with is at least, metres.
+        Lower bound of the length, along some axis, of the body that each of them belongs to, metres.
     """
 
     lows: Floats
@@ -133,7 +133,7 @@ class Shape(ABC):
         Parameters
         ----------
         grid : Grid
-            Of the shape's dimension. What lies beyond it is clipped.
+            Of the shape's dimension. What lies outside it is clipped.
 
         Returns
         -------
@@ -209,14 +209,14 @@ class Shape(ABC):
     def symmetries(self) -> list[Floats]:
         """The matrices, shape (dim, dim), of one 1 or -1 in each row and column that map the shape to itself."""
         lower, upper = self.bounds
-        found = []
+        matrices = []
         for order in permutations(range(self.dim)):
             for signs in product((1.0, -1.0), repeat=self.dim):
                 matrix = np.array(signs)[:, None] * np.eye(self.dim)[list(order)]
-                ends = np.sort([matrix @ lower, matrix @ upper], axis=0)
-                if (ends == [lower, upper]).all() and self.is_same(matrix):
-                    found.append(matrix)
-        return found
+                corners = np.sort([matrix @ lower, matrix @ upper], axis=0)
+                if (corners == [lower, upper]).all() and self.is_same(matrix):
+                    matrices.append(matrix)
+        return matrices
 
     @cached_property
     def symmetry(self) -> int:
@@ -227,9 +227,9 @@ class Shape(ABC):
         return sum(each[0, 0] * each[1, 1] - each[0, 1] * each[1, 0] == 1.0 for each in turns)
 
     def check_origin(self, warn: bool = False) -> None:  # noqa: B027 - most shapes have nothing to refuse
-        """Refuse a robot whose origin, its reference point, can hardly be meant; warn of one that may not, if told to.
+        """Refuse a robot whose reference point, its origin, can hardly be meant; with ``warn``, warn of a doubtful one.
 
-        That is said of meshes, which are drawn elsewhere; others are placed by their numbers.
+        Only meshes, which are drawn elsewhere, are checked; others are placed by their numbers.
 
         Raises GeometryError if it lies too far off.
         """
@@ -246,7 +246,7 @@ class Shape(ABC):
 
     @abstractmethod
     def _features(self, matrix: Floats) -> Floats:
-        """Rows of numbers that tell the shape apart once it was turned by a matrix of entries -1, 0 and 1."""
+        """Rows of numbers that identify the shape turned by a matrix of entries -1, 0 and 1."""
 
     @property
     @abstractmethod

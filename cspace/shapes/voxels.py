@@ -104,8 +104,8 @@ class Box(Shape):
         return Polygons([shapely.box(*self.lower[:2], *self.upper[:2])])
 
     def _features(self, matrix: Floats) -> Floats:
-        ends = np.array([self.lower, self.upper]) @ matrix.T
-        return np.hstack([ends.min(axis=0), ends.max(axis=0)])[None]
+        corners = np.array([self.lower, self.upper]) @ matrix.T
+        return np.hstack([corners.min(axis=0), corners.max(axis=0)])[None]
 
     @property
     def spec(self) -> dict[str, Any]:
@@ -201,13 +201,13 @@ class Voxels(Shape):
         place = (array - self.lower) / self.side
         padded = np.pad(self.occupied, 1)
         most = np.asarray(self.occupied.shape) + 1
-        found = np.zeros(array.shape[:-1], dtype=np.bool_)
+        inside = np.zeros(array.shape[:-1], dtype=np.bool_)
         # On a border either of its two cells will do.
         for choice in range(2**self.dim):
             down = np.array([choice >> axis & 1 for axis in range(self.dim)], dtype=np.bool_)
             cell = np.clip(np.where(down, np.ceil(place) - 1.0, np.floor(place)) + 1.0, 0, most).astype(np.int64)
-            found |= padded[tuple(np.moveaxis(cell, -1, 0))]
-        return found
+            inside |= padded[tuple(np.moveaxis(cell, -1, 0))]
+        return inside
 
     def boundary(self) -> Pieces:
         if self.dim == 2:
@@ -224,10 +224,10 @@ class Voxels(Shape):
         from cspace.raster.bitmaps import cell_boxes
         from cspace.raster.components import Components
 
-        cells, found = self.occupied, Components.of(~self.occupied)
+        cells, cavities = self.occupied, Components.of(~self.occupied)
         lows, highs = cell_boxes(cells, 1.0, np.zeros(3))
         firsts = lows.astype(np.int64) @ (cells.shape[1] * cells.shape[2], cells.shape[2], 1)
-        sizes = np.asarray(self.side * found.lengths()[found.at(firsts)], dtype=np.float64)
+        sizes = np.asarray(self.side * cavities.lengths()[cavities.at(firsts)], dtype=np.float64)
         return Boxes(self.lower + self.side * lows, self.lower + self.side * highs, sizes)
 
     @cached_property
@@ -273,12 +273,12 @@ class Voxels(Shape):
 
     def _features(self, matrix: Floats) -> Floats:
         if self.dim == 2:
-            ends = np.sort(((self._segments.reshape(-1, 2) @ matrix.T) + 0.0).reshape(-1, 2, 2), axis=1)
-            return ends.reshape(-1, 4)
+            endpoints = np.sort(((self._segments.reshape(-1, 2) @ matrix.T) + 0.0).reshape(-1, 2, 2), axis=1)
+            return endpoints.reshape(-1, 4)
         low = self.lower + self.side * np.argwhere(self.occupied)
         high = self.lower + self.side * (np.argwhere(self.occupied) + 1)
-        ends = np.stack([low, high]) @ matrix.T
-        return np.hstack([ends.min(axis=0), ends.max(axis=0)])
+        corners = np.stack([low, high]) @ matrix.T
+        return np.hstack([corners.min(axis=0), corners.max(axis=0)])
 
     @property
     def spec(self) -> dict[str, Any]:

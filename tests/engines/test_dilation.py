@@ -36,11 +36,11 @@ def test_runs_are_the_offsets_that_can_fall_on_the_map(cells, lower, nx, ny):
     other = Raster.trimmed(np.ones((2, 3), bool), (0, 0))
     _, runs, _ = Runs.of([other, raster, other], (1, nx, ny))
     table = runs.table[runs.news]
-    told = {(x, y + k) for _, x, y, n in table.tolist() for k in range(n)}
+    covered = {(x, y + k) for _, x, y, n in table.tolist() for k in range(n)}
     offsets = set(raster_offsets(raster))
-    assert told == {(x, y) for x, y in offsets if abs(x) < nx and abs(y) < ny}
-    assert runs.clipped is (len(told) < len(offsets))
-    assert len(told) == table[:, 3].sum()
+    assert covered == {(x, y) for x, y in offsets if abs(x) < nx and abs(y) < ny}
+    assert runs.clipped is (len(covered) < len(offsets))
+    assert len(covered) == table[:, 3].sum()
     assert (np.diff(runs.table[:, 3]) >= 0).all()
     assert all(number % 4 == 0 for number in np.bincount(runs.table[:, 3]))
     assert {tuple(row) for row in runs.table.tolist()} == {tuple(row) for row in table.tolist()}

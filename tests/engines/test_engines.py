@@ -59,17 +59,17 @@ def test_equal_to_each_other(seed, dim):
         size[-1] = rng.integers(1, 200 if dim == 2 else 80)
         cells = rng.random(size) < rng.choice([0.01, 0.7, 1.0])
         rasters.append(Raster.trimmed(cells, tuple((rng.integers(-size, 10)).tolist())))
-    outside, found = bool(rng.integers(2)), []
+    outside, results = bool(rng.integers(2)), []
     for engine in ENGINES.values():
         hits, _ = collide(engine, occupied, rasters, outside, workers=2)
         marks, _ = collide(engine, occupied, rasters, outside, np.uint8, add=True, workers=1)
         assert all((mark == 7 + hit.astype(int)).all() for hit, mark in zip(hits, marks, strict=True))
         corner = tuple(slice(n) for n in rng.integers(1, np.add(occupied.shape, 1)))
-        some = [np.empty_like(hit[corner]) for hit in hits]
-        engine.collide(occupied, rasters, some, outside=outside, workers=2)
-        assert all((part == hit[corner]).all() for part, hit in zip(some, hits, strict=True))
-        found.append(hits)
-    assert all((first == second).all() for first, second in zip(*found, strict=True))
+        part_hits = [np.empty_like(hit[corner]) for hit in hits]
+        engine.collide(occupied, rasters, part_hits, outside=outside, workers=2)
+        assert all((part == hit[corner]).all() for part, hit in zip(part_hits, hits, strict=True))
+        results.append(hits)
+    assert all((first == second).all() for first, second in zip(*results, strict=True))
 
 
 @both

@@ -59,7 +59,7 @@ def test_tiles_that_share_a_transform(seed):
     for _ in range(rng.integers(1, 6)):
         low = rng.integers(0, occupied.shape)
         high = low + rng.integers(1, 300, 2)
-        occupied[tuple(slice(*ends) for ends in zip(low, high, strict=True))] ^= rng.random() < 0.9
+        occupied[tuple(slice(*span) for span in zip(low, high, strict=True))] ^= rng.random() < 0.9
     occupied[tuple(rng.integers(0, occupied.shape, (9, 2)).T)] = True
     rasters = [
         Raster.trimmed(rng.random((30, 25)) < share, tuple(rng.integers(-20, 5, 2).tolist()))
@@ -146,7 +146,7 @@ def test_tiles_fit_the_cache_and_the_robot():
 
 
 @pytest.mark.parametrize("size", [1, 2**18])
-def test_robot_spectra_beyond_their_memory_are_taken_in_turns(monkeypatch, size):
+def test_robot_spectra_larger_than_their_memory_are_taken_in_turns(monkeypatch, size):
     monkeypatch.setattr(fft, "SPECTRA_BYTES", size)
     occupied = np.random.default_rng(1).random((200, 120)) < 0.02
     rasters = [Raster.trimmed(np.ones((3, 4 + k), bool), (-1, -k)) for k in range(40)]

@@ -34,7 +34,7 @@ def exact(values):
     return np.array([value.numerator for value in scaled], dtype=object).reshape(array.shape)
 
 
-def ends(count, first, lower, spacing, b):
+def cube_sides(count, first, lower, spacing, b):
     """Along one axis, the end ``b`` of each cube, as whole numbers."""
     return exact(lower) + exact(spacing) * (np.arange(count).astype(object) + first + b)
 
@@ -54,7 +54,7 @@ class Definition:
         self.lows, self.highs, self.radii = exact(lows), exact(highs), radii
         self.edge = exact(EDGE * spacing)
         dims = range(len(shape))
-        self.sides = [[ends(shape[a], first, lower[a], spacing, b) for b in (b0, b1)] for a in dims]
+        self.sides = [[cube_sides(shape[a], first, lower[a], spacing, b) for b in (b0, b1)] for a in dims]
 
     def squares(self, low, high):
         """Squares of the distances from the boxes to boxes given by their ends along each axis."""
@@ -88,10 +88,10 @@ class Definition:
         return (volume.sum(axis=0) == (2 * self.edge) ** 3).astype(bool)
 
 
-def check(found, least, most):
+def check(cells, least, most):
     """What must be in a raster is in it, and what must not is not."""
-    assert found[least].all(), f"missing {np.argwhere(least & ~found)[:3]}"
-    assert most[found].all(), f"too many {np.argwhere(found & ~most)[:3]}"
+    assert cells[least].all(), f"missing {np.argwhere(least & ~cells)[:3]}"
+    assert most[cells].all(), f"too many {np.argwhere(cells & ~most)[:3]}"
 
 
 def spread(raster, reach):
@@ -155,11 +155,11 @@ def check_robot(lows, highs, radii, spacing, margin, outer, inner, reach):
     truth = Definition(lows, highs, exact(radii) + exact(margin), *frame, -1, 1, -reach)
     check(spread(outer, reach), truth.touched(0), truth.touched(1))
     truth = Definition(lows, highs, exact(radii), *frame, 0, 0, -reach)
-    found = spread(inner, reach)
+    cells = spread(inner, reach)
     if radii.any():
-        check(found, truth.inside(1), truth.inside(0))
+        check(cells, truth.inside(1), truth.inside(0))
     else:
-        check(found, truth.covered(), truth.inside(0))
+        check(cells, truth.covered(), truth.inside(0))
 
 
 @settings(max_examples=15)
@@ -230,8 +230,8 @@ def test_cells_of_a_bitmap_as_an_obstacle(seed, ratio, dim):
     outer, inner = Voxels(occupied, ratio, lower).cells(Grid((-2.0,) * dim, 1.0, (7, 6, 8)[:dim]))
     for cell in np.ndindex(outer.shape):
         low = np.array(cell) - 2.0 - lower
-        ends = [(np.ceil(a / ratio - 1 - 1e-9), np.floor((a + 1) / ratio + 1e-9) + 1) for a in low]
-        touched = [slice(max(0, int(first)), max(0, int(stop))) for first, stop in ends]
+        spans = [(np.ceil(a / ratio - 1 - 1e-9), np.floor((a + 1) / ratio + 1e-9) + 1) for a in low]
+        touched = [slice(max(0, int(first)), max(0, int(stop))) for first, stop in spans]
         assert outer[cell] == occupied[tuple(touched)].any()
         over = [range(int(np.floor(a / ratio - 1e-9)), int(np.floor((a + 1) / ratio + 1e-9)) + 1) for a in low]
         held = all(

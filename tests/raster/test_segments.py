@@ -15,10 +15,10 @@ NEAR = 1e-6
 """In metres: more than the slack of any grid used here."""
 
 
-def check_between(found, low, high):
+def check_between(cells, low, high):
     """What must be in a raster is in it, and what must not is not."""
-    assert low <= found, f"missing {sorted(low - found)[:5]}"
-    assert found <= high, f"too many {sorted(found - high)[:5]}"
+    assert low <= cells, f"missing {sorted(low - cells)[:5]}"
+    assert cells <= high, f"too many {sorted(cells - high)[:5]}"
 
 
 @settings(max_examples=5)
@@ -70,9 +70,9 @@ def test_every_kind_of_robot_agrees_with_shapely(robot, spacing, margin):
         border = shapely.distance(points, robot.geometry.boundary)
         depth = np.where(shapely.intersects(robot.geometry, points), -border, border)
     for raster, must, may in ((outer, gap <= margin - 1e-9, gap <= margin + NEAR), (inner, depth < -NEAR, depth <= 0)):
-        found = oracles.raster_offsets(raster)
+        members = oracles.raster_offsets(raster)
         as_set = [{tuple(m) for m in offsets[which].tolist()} for which in (must, may)]
-        check_between({m for m in found if max(map(abs, m)) <= 30}, *as_set)
+        check_between({m for m in members if max(map(abs, m)) <= 30}, *as_set)
 
 
 @given(robots(), spacings)

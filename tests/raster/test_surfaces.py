@@ -155,8 +155,8 @@ def test_laws_of_touching(seed, kind):
     triangles = small_mesh(rng, kind)
     grid = Grid((0, 0, 0), 1.0, (6, 6, 6))
 
-    def touched(some, on=grid):
-        return Mesh.of(soup(some), "surface").cells(on)[0]
+    def touched(part, on=grid):
+        return Mesh.of(soup(part), "surface").cells(on)[0]
 
     whole = touched(triangles)
     if kind in ("lattice", "touching"):
@@ -206,13 +206,13 @@ def covered(boxes, side, fine=4):
 def touched_by_faces(boxes, side):
     """Cells that the surface of one of some boxes meets."""
     cells = np.arange(side)
-    found = np.zeros((side,) * 3, dtype=bool)
+    touched = np.zeros((side,) * 3, dtype=bool)
     for low, high in boxes:
         meet = [(cells <= b) & (cells + 1 >= a) for a, b in zip(low, high, strict=True)]
         within = [(cells > a) & (cells + 1 < b) for a, b in zip(low, high, strict=True)]
         outer, inner = (x[:, None, None] & y[None, :, None] & z[None, None, :] for x, y, z in (meet, within))
-        found |= outer & ~inner
-    return found
+        touched |= outer & ~inner
+    return touched
 
 
 @settings(max_examples=40)
@@ -244,12 +244,12 @@ def test_overlapping_boxes_are_their_union_whatever_way_they_face(seed, count):
 
 def test_doubled_faces_of_both_kinds():
     vertices, faces = box((1.5, 1.5, 1.5), (6.5, 6.5, 6.5))
-    once = Mesh.of((vertices, faces)).cells(Grid((0, 0, 0), 1.0, (16,) * 3))
+    single = Mesh.of((vertices, faces)).cells(Grid((0, 0, 0), 1.0, (16,) * 3))
     for again in (faces, faces[:, ::-1], faces[:1], faces[5:6, ::-1]):
         mesh = Mesh.of((vertices, np.concatenate([faces, again])))
         assert mesh.is_watertight
-        twice = mesh.cells(Grid((0, 0, 0), 1.0, (16,) * 3))
-        assert all((a == b).all() for a, b in zip(once, twice, strict=True))
+        double = mesh.cells(Grid((0, 0, 0), 1.0, (16,) * 3))
+        assert all((a == b).all() for a, b in zip(single, double, strict=True))
     for inward in (False, True):
         both, numbers = joined((vertices, faces), box((6.5, 1.5, 1.5), (11.5, 6.5, 6.5), inward))
         with warnings.catch_warnings():
@@ -309,10 +309,10 @@ def test_round_solids_agree_with_their_formulas():
         a_out, a_in = mesh.rasters(0.15)
         for raster, must, may in ((a_out, 0.15 - sag, 0.15 * math.sqrt(3) + NEAR), (a_in, -sag, 0.0)):
             points = np.moveaxis(np.indices(np.array(raster.cells.shape) + 4), 0, -1) - 2 + raster.lower
-            found = np.pad(raster.cells, 2)
+            cells = np.pad(raster.cells, 2)
             depth = distance(points * 0.15)
-            assert found[depth < must].all()
-            assert not found[depth >= may].any()
+            assert cells[depth < must].all()
+            assert not cells[depth >= may].any()
 
 
 @settings(max_examples=25)
@@ -333,13 +333,13 @@ def test_robot_boxes_agree_with_arithmetic(seed, margin):
         # Lattice points on the border itself are left out: rounding could put them on either side.
         (inner, depth > NEAR, depth > 1e-9),
     ):
-        found = np.zeros((48,) * 3, dtype=bool)
+        cells = np.zeros((48,) * 3, dtype=bool)
         start = np.add(raster.lower, 20)
         assert (start >= 0).all() or not raster.count
         window = tuple(slice(a, a + n) for a, n in zip(start, raster.cells.shape, strict=True))
-        found[window] = raster.cells
-        assert found[must].all()
-        assert not found[~may].any()
+        cells[window] = raster.cells
+        assert cells[must].all()
+        assert not cells[~may].any()
 
 
 def distance_to_cube(triangle, center, half):
@@ -358,15 +358,15 @@ def test_margins_agree_with_least_distances():
         radius = float(rng.choice([0.3, 1.0, 1.7]))
         outer, inner = Mesh.of(soup(triangles), "surface").rasters(0.5, radius * 0.5)
         assert not inner.count
-        found = np.pad(outer.cells, 1)
-        cells = np.argwhere(np.ones_like(found))
+        outer_cells = np.pad(outer.cells, 1)
+        cells = np.argwhere(np.ones_like(outer_cells))
         excess = 2.0**-12 * 30 if number % 5 >= 3 else 1e-5
         for cell in cells[rng.permutation(len(cells))[:250]]:
             gap = min(distance_to_cube(triangle * 2.0, cell - 1.0 + outer.lower, 1.0) for triangle in triangles)
             if gap <= radius - 1e-9:
-                assert found[tuple(cell)], (number, cell, gap, radius)
+                assert outer_cells[tuple(cell)], (number, cell, gap, radius)
             if gap > radius + excess:
-                assert not found[tuple(cell)], (number, cell, gap, radius)
+                assert not outer_cells[tuple(cell)], (number, cell, gap, radius)
 
 
 @pytest.mark.parametrize("size", [0.3, 1.0, 4.0])
@@ -390,8 +390,8 @@ def test_pieces_of_triangles_are_as_short_as_asked_and_cover_them():
     pieces = cut_to(triangles, 0.7, 0.0, False)
     assert np.linalg.norm(pieces - np.roll(pieces, -1, axis=1), axis=2).max() <= 0.7
     areas = [
-        np.linalg.norm(np.cross(some[:, 1] - some[:, 0], some[:, 2] - some[:, 0]), axis=1).sum()
-        for some in (triangles, pieces)
+        np.linalg.norm(np.cross(part[:, 1] - part[:, 0], part[:, 2] - part[:, 0]), axis=1).sum()
+        for part in (triangles, pieces)
     ]
     assert areas[0] == pytest.approx(areas[1])
     assert (cut_to(triangles, np.inf, 0.0, False) == triangles).all()
@@ -413,7 +413,7 @@ def test_a_filled_robot_is_as_large_as_what_it_encloses(margin):
 
 
 @pytest.mark.parametrize("margin", [0.0, 0.8])
-def test_a_filled_robot_covers_its_filled_cubes(margin):
+def test_a_filled_robot_covers_its_filled_cells(margin):
     """Cubes that leaky walls enclose are part of the robot: each lattice point near enough to one is in the outer."""
     rng = np.random.default_rng(8)
     filled = 0
@@ -423,11 +423,11 @@ def test_a_filled_robot_covers_its_filled_cubes(margin):
         outer, inner = mesh.rasters(1.0, margin)
         filled += inner.count
         points = np.moveaxis(np.indices(np.array(outer.cells.shape) + 2), 0, -1) - 1 + outer.lower
-        found = np.pad(outer.cells, 1)
+        cells = np.pad(outer.cells, 1)
         for member in np.argwhere(inner.cells) + inner.lower:
             gap = np.linalg.norm(np.maximum(np.abs(points - member) - 1.5, 0), axis=-1)
             near = (np.abs(points - member) < 1.5).all(axis=-1) if margin == 0.0 else gap <= margin
-            assert found[near].all()
+            assert cells[near].all()
     assert filled
 
 
@@ -452,15 +452,15 @@ def test_components_agree_with_scipy(blocked):
     assert components.number == count
     ring = np.ones_like(blocked)
     ring[1:-1, 1:-1, 1:-1] = False
-    found = set()
+    labels_seen = set()
     for number, at_border in enumerate(components.at_border()):
         out = np.zeros_like(blocked)
         components.fill(out, np.arange(count) == number)
         label = int(labels[tuple(np.argwhere(out)[0])])
-        found.add(label)
+        labels_seen.add(label)
         assert (out == (labels == label)).all()
         assert at_border == (out & ring).any()
-    assert found == set(range(1, count + 1))
+    assert labels_seen == set(range(1, count + 1))
 
 
 @pytest.mark.parametrize("call", ["grid", "robot"])

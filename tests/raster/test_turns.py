@@ -101,7 +101,7 @@ SOLID = {
 }
 
 
-def some_turn(rng, about_z, angle=0.0):
+def random_turn(rng, about_z, angle=0.0):
     rotation = Rotation.from_rotvec([0, 0, rng.uniform(-4, 4)]) if about_z else Rotation.random(rng=rng)
     return Turn(rotation.as_matrix(), angle, about_z)
 
@@ -119,7 +119,7 @@ def within(rng, turn):
 def test_rasters_in_space_hold_for_every_rotation_of_the_cell(name, about_z):
     robot, rng = SOLID[name](), np.random.default_rng(len(name))
     for angle, margin in ((0.03, 0.0), (0.2, 0.07), (2.0, 0.0)):
-        turn = some_turn(rng, about_z, angle)
+        turn = random_turn(rng, about_z, angle)
         outer, inner = rasters(robot, 0.12, margin, turn)
         for _ in range(4):
             outer_there, inner_there = rasters(robot, 0.12, margin, within(rng, turn))
@@ -149,19 +149,19 @@ def separate(low, high, box, matrix):
 def test_turned_boxes_agree_with_separating_axes(seed, about_z, spacing):
     rng = np.random.default_rng(seed)
     box = Box(rng.uniform(0.05, 1.2, 3), rng.uniform(-0.5, 0.5, 3))
-    turn = some_turn(rng, about_z)
+    turn = random_turn(rng, about_z)
     outer, inner = box.rasters(spacing, 0.0, turn)
     points = np.moveaxis(np.indices(np.array(outer.cells.shape) + 4), 0, -1).reshape(-1, 3) - 2 + outer.lower
     gap = separate((points - 1) * spacing, (points + 1) * spacing, box.bounds, turn.matrix)
     met, held = places(outer), places(inner)
-    found = np.array([tuple(point) in met for point in points.tolist()])
-    assert found[gap < -1e-7].all()
-    assert not found[gap > 1e-7].any()
+    answers = np.array([tuple(point) in met for point in points.tolist()])
+    assert answers[gap < -1e-7].all()
+    assert not answers[gap > 1e-7].any()
     back = points * spacing @ turn.matrix
     depth = np.minimum(back - box.lower, box.upper - back).min(axis=1)
-    found = np.array([tuple(point) in held for point in points.tolist()])
-    assert found[depth > 1e-6].all()
-    assert not found[depth < 0.0].any()
+    answers = np.array([tuple(point) in held for point in points.tolist()])
+    assert answers[depth > 1e-6].all()
+    assert not answers[depth < 0.0].any()
 
 
 @settings(max_examples=15)
@@ -170,7 +170,7 @@ def test_turned_voxels_are_the_union_of_their_boxes(seed, about_z, margin):
     rng = np.random.default_rng(seed)
     occupied = rng.random(rng.integers(1, 4, 3)) < 0.6
     occupied[0, 0, 0] = True
-    side, lower, turn = 0.2, rng.uniform(-0.5, 0.2, 3), some_turn(rng, about_z)
+    side, lower, turn = 0.2, rng.uniform(-0.5, 0.2, 3), random_turn(rng, about_z)
     outer, inner = rasters(Voxels(occupied, side, lower), 0.07, margin, turn)
     parts = [
         rasters(Box(np.full(3, side), lower + side * (np.array(cell) + 0.5)), 0.07, margin, turn)
@@ -184,7 +184,7 @@ def test_turned_voxels_are_the_union_of_their_boxes(seed, about_z, margin):
 @given(seeds, st.booleans(), st.sampled_from(["auto", "surface", "fill"]), st.sampled_from([0.0, 0.1]))
 def test_a_turned_mesh_is_the_mesh_of_turned_vertices(seed, about_z, solid, margin):
     rng = np.random.default_rng(seed)
-    vertices, turn = np.asarray(CAVITY.vertices) + rng.uniform(-0.3, 0.3, 3), some_turn(rng, about_z)
+    vertices, turn = np.asarray(CAVITY.vertices) + rng.uniform(-0.3, 0.3, 3), random_turn(rng, about_z)
     turned = Mesh.of((vertices @ turn.matrix.T, CAVITY.faces), solid).rasters(0.08, margin)
     for mine, there in zip(Mesh.of((vertices, CAVITY.faces), solid).rasters(0.08, margin, turn), turned, strict=True):
         assert places(mine) == places(there)

@@ -56,14 +56,14 @@ def inside(part, points):
     """Whether some points lie inside, which must agree with the cells of the mesh and with its rasters as a robot."""
     mesh = Mesh.of(part)
     points = np.asarray(points, dtype=float)
-    found = mesh.contains(points)
+    answers = mesh.contains(points)
     spacing = 0.125
     lower, upper = mesh.bounds
     lower = lower - 2 * spacing
     grid = Grid(lower, spacing, tuple(np.ceil((upper - lower) / spacing).astype(int) + 2))
     outer, inner = mesh.cells(grid)
     a_out, a_in = mesh.rasters(spacing)
-    for point, within in zip(points, found, strict=True):
+    for point, within in zip(points, answers, strict=True):
         cell = tuple(np.floor((point - lower) / spacing).astype(int))
         index = np.round(point / spacing).astype(int)
         there = []
@@ -73,7 +73,7 @@ def inside(part, points):
             there.append(known and bool(raster.cells[place]))
         assert inner[cell] <= within <= outer[cell]
         assert there[1] <= within <= there[0]
-    return found.tolist()
+    return answers.tolist()
 
 
 SHARING = {
@@ -185,8 +185,8 @@ def tube(turns=1.15, radius=3.0, thickness=1.0, along=40, around=12):
 def prism(polygon, low, high):
     """A closed prism over a closed polygon that may cross itself."""
     polygon, n = np.asarray(polygon, dtype=float), len(polygon)
-    ends = [np.column_stack([polygon, np.full(n, z)]) for z in (low, high)]
-    vertices = np.concatenate([*ends, [[*polygon.mean(axis=0), low]], [[*polygon.mean(axis=0), high]]])
+    caps = [np.column_stack([polygon, np.full(n, z)]) for z in (low, high)]
+    vertices = np.concatenate([*caps, [[*polygon.mean(axis=0), low]], [[*polygon.mean(axis=0), high]]])
     i, j, k = np.arange(n), np.roll(np.arange(n), -1), np.full(n, 2 * n)
     faces = [(i, j, j + n), (i, j + n, i + n), (j, i, k), (i + n, j + n, k + 1)]
     return vertices, np.concatenate([np.stack(face, axis=-1) for face in faces])
@@ -209,8 +209,8 @@ def test_a_pocket_of_a_body_that_passes_through_itself():
     # In the pocket of a spindle torus they add up to two.
     spindle = trimesh.creation.torus(1.0, 2.5)
     numbers = winding_numbers(np.array([(0.05, 0.05, 0.05)]), spindle.triangles)
-    found = inside((spindle.vertices, spindle.faces), [(0.05, 0.05, 0.05), (2, 0, 0), (0, 0, 2.45)])
-    assert found == [numbers[0] != 0, True, False]
+    answers = inside((spindle.vertices, spindle.faces), [(0.05, 0.05, 0.05), (2, 0, 0), (0, 0, 2.45)])
+    assert answers == [numbers[0] != 0, True, False]
 
 
 @pytest.mark.parametrize("soup", [False, True])
@@ -290,7 +290,7 @@ A, B, C = ((0, 0, 0), (12, 12, 12)), ((3, 3, 3), (9, 9, 9)), ((5, 5, 5), (7, 7, 
 WALL, MIDDLE = (1.5, 1.6, 1.7), (6.1, 6.2, 6.3)
 
 
-def both_ways(part, back_first=False):
+def two_sided(part, back_first=False):
     vertices, faces = part
     pair = [faces[:, ::-1], faces] if back_first else [faces, faces[:, ::-1]]
     return vertices, np.stack(pair, axis=1).reshape(-1, 3)
@@ -310,8 +310,8 @@ NESTED = {
     "wall with a triangle turned over": ([turned_over(box(*A), 0), box(*B, True)], False),
     "cavity in a cavity": ([box(*A), box((2, 2, 2), (10, 10, 10), True), box(*B, True)], True),
     "cavity in a body in a body": ([box((-1, -1, -1), (13, 13, 13)), box(*A), box(*B, True)], True),
-    "both ways": ([both_ways(box(*A)), both_ways(box(*B), True)], True),
-    "both ways, the same first": ([both_ways(box(*A)), both_ways(box(*B))], True),
+    "both ways": ([two_sided(box(*A)), two_sided(box(*B), True)], True),
+    "both ways, the same first": ([two_sided(box(*A)), two_sided(box(*B))], True),
     "inward, and it sticks out": ([box(*A), box((5, 5, 5), (13, 7, 7), True)], True),
     "inward, through and through": ([box(*A), box((-1, 5, 5), (13, 7, 7), True)], True),
 }
@@ -337,7 +337,7 @@ def test_a_room_of_slabs_is_free(soup):
     assert inside(apart(room) if soup else room, [(4.1, 4.2, 4.3), (1.1, 4.2, 4.3)]) == [False, True]
 
 
-def test_bars_that_face_opposite_ways_and_cross_are_solid_together():
+def test_bars_that_face_in_opposite_directions_and_cross_are_solid_together():
     """Of one height: their edges meet in points and pierce no face, turned so that no number is exact."""
     for seed in range(20):
         turn = trimesh.transformations.random_rotation_matrix(np.random.default_rng(seed).random(3))[:3, :3]

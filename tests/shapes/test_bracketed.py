@@ -127,7 +127,7 @@ def test_exact_answers_are_those_of_the_shape_around(kind):
 
 
 @pytest.mark.parametrize(
-    ("make", "words"),
+    ("make", "message"),
     [
         (lambda: Robot.cylinder(0, 1), "radius is 0; it must be one number above zero"),
         (lambda: Robot.cylinder(1, -1), "height is -1"),
@@ -136,6 +136,6 @@ def test_exact_answers_are_those_of_the_shape_around(kind):
         (lambda: Robot.cylinder(1, 1, (0, 0)), "center has shape"),
     ],
 )
-def test_refuses(make, words):
-    with pytest.raises(InputError, match=words):
+def test_refuses(make, message):
+    with pytest.raises(InputError, match=message):
         make()

@@ -75,7 +75,7 @@ def test_truncated_files_are_refused(tmp_path, name, part):
 
 
 @pytest.mark.parametrize(
-    ("name", "text", "error", "words"),
+    ("name", "text", "error", "message"),
     [
         ("nan.obj", "v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", InputError, "nan"),
         ("points.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\n", GeometryError, "cloud of points"),
@@ -86,10 +86,10 @@ def test_truncated_files_are_refused(tmp_path, name, part):
         ("mesh.dae", "<COLLADA/>", GeometryError, "scene"),
     ],
 )
-def test_files_that_hold_no_mesh_are_refused(tmp_path, name, text, error, words):
+def test_files_that_hold_no_mesh_are_refused(tmp_path, name, text, error, message):
     file = tmp_path / name
     file.write_text(text)
-    with pytest.raises(error, match=words):
+    with pytest.raises(error, match=message):
         Mesh.of(file)
 
 
@@ -122,7 +122,7 @@ def test_a_scene_is_put_together_as_it_stands():
 
 
 @pytest.mark.parametrize(
-    ("shape", "error", "words"),
+    ("shape", "error", "message"),
     [
         ((TETRAHEDRON, np.empty((0, 3), dtype=int)), GeometryError, "no triangles"),
         ((TETRAHEDRON, [[0, 1, 4]]), GeometryError, "vertex 4"),
@@ -138,8 +138,8 @@ def test_a_scene_is_put_together_as_it_stands():
         (trimesh.PointCloud(np.eye(3)), GeometryError, "cloud of points"),
     ],
 )
-def test_bad_meshes_are_refused(shape, error, words):
-    with pytest.raises(error, match=words):
+def test_bad_meshes_are_refused(shape, error, message):
+    with pytest.raises(error, match=message):
         Mesh.of(shape)
 
 
@@ -148,7 +148,7 @@ def test_an_unknown_policy_is_refused():
         Mesh.of((TETRAHEDRON, SIDES), "hollow")
 
 
-def test_open_bodies_are_told_once_and_only_under_auto():
+def test_open_bodies_warn_a_single_time_and_only_under_auto():
     shape = (np.concatenate([SPHERE.vertices, TETRAHEDRON + 5]), np.concatenate([SPHERE.faces, SIDES[1:] + 162]))
     with pytest.warns(MeshWarning, match=r"1 of 2 bodies .* \(3 of 323 triangles\).*surface.*fill") as caught:
         mesh = Mesh.of(shape)
@@ -165,7 +165,7 @@ def test_open_bodies_are_told_once_and_only_under_auto():
         Mesh.of((TETRAHEDRON, [[0, 1, 1]]))
 
 
-def test_a_mesh_that_was_made_as_one_is_warned_of_once_and_where_it_is_used():
+def test_a_mesh_that_was_made_as_one_warns_a_single_time_where_it_is_used():
     mesh, again = (Mesh(TETRAHEDRON, SIDES[1:]) for _ in range(2))
     with pytest.warns(MeshWarning, match="1 of 1 bodies") as caught:
         workspace = Workspace.from_mesh(mesh, 0.5)
@@ -204,7 +204,7 @@ def test_coincident_vertices_and_empty_triangles_do_not_open_a_body():
     assert not mended.contains((0.6, 0.6, 0.6))
 
 
-def test_bodies_that_touch_along_an_edge_are_told_apart():
+def test_bodies_that_touch_along_an_edge_are_separate():
     cube = trimesh.creation.box((2, 2, 2))
     vertices, faces = np.array(cube.vertices), np.array(cube.faces)
     beside = Mesh.of((np.concatenate([vertices, np.add(vertices, (2, 2, 0))]), np.concatenate([faces, faces + 8])))
@@ -272,10 +272,10 @@ def test_points_in_convex_bodies_agree_with_half_spaces(seed, lattice):
     outward = np.sign(((starts - triangles.mean(axis=(0, 1))) * normals).sum(axis=1))
     height = ((points[..., None, :] - starts) * normals).sum(axis=-1) * outward
     inside, outside = (height < -1e-9).all(axis=-1), (height > 1e-9).any(axis=-1)
-    found = mesh.contains(points)
-    assert found.shape == inside.shape
-    assert found[inside].all()
-    assert not found[outside].any()
+    answers = mesh.contains(points)
+    assert answers.shape == inside.shape
+    assert answers[inside].all()
+    assert not answers[outside].any()
 
 
 @given(seeds)

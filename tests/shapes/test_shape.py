@@ -107,10 +107,10 @@ def test_the_outer_cells_are_those_of_the_raster_of_a_point_robot(shape):
     expected = np.zeros((2 * reach + 1,) * shape.dim, dtype=bool)
     for corner in np.ndindex((2,) * shape.dim):
         expected[tuple(slice(c, c + 2 * reach) for c in corner)] |= outer
-    found = np.zeros_like(expected)
+    raster = np.zeros_like(expected)
     start = np.add(robot.lower, reach)
-    found[tuple(slice(a, a + n) for a, n in zip(start, robot.cells.shape, strict=True))] = robot.cells
-    assert (found == expected).all()
+    raster[tuple(slice(a, a + n) for a, n in zip(start, robot.cells.shape, strict=True))] = robot.cells
+    assert (raster == expected).all()
 
 
 def test_the_boundary_and_the_drawing_fill_the_bounds(shape):
