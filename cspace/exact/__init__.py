@@ -1,7 +1,7 @@
-"""Exact answers: the geometry itself is asked where the map cannot decide.
+"""Exact answers: the geometry itself decides where the map cannot.
 
 FREE and BLOCKED cells answer at once. In MIXED ones, and outside the grid, the distance between the borders of the
-placed robot and of the obstacles decides; where they are apart, one point of each part that hangs together tells
+placed robot and of the obstacles decides; where they are apart, one point of each connected part decides
 whether it lies within the other side. A distance proves a whole neighbourhood: on a motion that moves the reference
 point by dx and turns the robot by an angle, no point moves by more than ``|dx| + rho * angle``, where rho is how far
 the robot reaches (conservative advancement: B. Mirtich, "Impulse-based dynamic simulation of rigid body systems",

@@ -28,8 +28,8 @@ CUT_ERROR: Final = 2.0**-48
 class Proofs(Protocol):
     """Proofs for one robot among the obstacles of one workspace, of what the cells of the map leave open.
 
-    ``edge(*q0, *q1)`` tells whether all of an edge is free, and ``are_free(q0, q1)`` whether each of many is, for
-    shapes (n, dof); an edge that ends where it starts is a point.
+    ``edge(*q0, *q1)`` is whether all of an edge is free, and ``are_free(q0, q1)`` whether each of many is, for shapes
+    (n, dof); an edge that ends where it starts is a point.
     ``spare(points, lengths, turns)``: by how much the robot is farther from obstacles than it has to be, metres, on
     pieces of a path that is free, by their middles, shape (n, dof), how far they lead and how much they turn; or zero.
     """
@@ -52,7 +52,7 @@ class Problem(NamedTuple):
     margin : float
         Metres.
     walled : bool
-        Whether all beyond the grid is obstacle.
+        Whether all outside the grid is obstacle.
     prove : callable or None
         Makes the proofs, of a map of joints by the space of their arm; None where robot and obstacles are all there is.
     """
@@ -94,7 +94,7 @@ def obstacle_border(workspace: Workspace, *, walled: bool) -> Obstacles:
 
     Raises InputError if an obstacle is a mesh whose inside depends on the spacing.
     """
-    found, error = [], 0.0
+    borders, error = [], 0.0
     for shape in workspace.obstacles:
         whole = shape.boundary()
         pieces = clipped(whole, workspace.grid)
@@ -103,8 +103,8 @@ def obstacle_border(workspace: Workspace, *, walled: bool) -> Obstacles:
                 error = max(error, CUT_ERROR * float(np.abs(whole.simplices).max()))
             if not walled and shape.encloses and whole.simplices.shape[1] > 1:
                 pieces = joined([pieces, *(_bare(lid) for lid in _lids(shape, workspace))], *whole.simplices.shape[1:])
-        found.append(pieces)
-    return Obstacles(found, error)
+        borders.append(pieces)
+    return Obstacles(borders, error)
 
 
 def joined(parts: Sequence[Pieces], corners: int, dim: int) -> Pieces:
@@ -134,7 +134,7 @@ def clipped(border: Pieces, grid: Grid) -> Pieces:
 
 
 def parts_of(border: Pieces) -> tuple[Floats, NDArray[np.int64]]:
-    """Corners of a border, shape (n, d), part by part of what hangs together, and where each part begins."""
+    """Corners of a border, shape (n, d), connected part by connected part, and where each part begins."""
     corners, dim = border.simplices.shape[1:]
     points, which = np.unique(border.simplices.reshape(-1, dim), axis=0, return_inverse=True)
     rows = which.reshape(-1, corners)
@@ -145,7 +145,7 @@ def parts_of(border: Pieces) -> tuple[Floats, NDArray[np.int64]]:
 
 
 def anchors_of(border: Pieces) -> tuple[Floats, Floats]:
-    """One point of each part of a border that hangs together, shape (n, d), and how large the part is, shape (n,)."""
+    """One point of each connected part of a border, shape (n, d), and how large the part is, metres, shape (n,)."""
     points, starts = parts_of(border)
     if not len(points):
         return points, np.empty(0)
@@ -157,13 +157,13 @@ def _cut(simplices: Floats, axis: int, wall: float, sign: float) -> Floats:
     """What of segments or triangles lies where ``sign * (coordinate - wall)`` is zero or above."""
     corners = simplices.shape[1]
     height = sign * (simplices[:, :, axis] - wall)
-    kept = height >= 0.0
-    count = kept.sum(axis=1)
+    inside = height >= 0.0
+    count = inside.sum(axis=1)
     parts = [simplices[count == corners]]
     for number in range(1, corners):
         chosen = np.flatnonzero(count == number)
         # The corner that is alone on its side comes first.
-        alone = np.argmax(kept[chosen] == (number == 1), axis=1)
+        alone = np.argmax(inside[chosen] == (number == 1), axis=1)
         turned = (alone[:, None] + np.arange(corners)) % corners
         first, *others = np.moveaxis(simplices[chosen[:, None], turned], 1, 0)
         h, *heights = np.moveaxis(height[chosen[:, None], turned], 1, 0)
@@ -212,9 +212,9 @@ def _lid(region: Floats, grid: Grid, axis: int, upper: int) -> Floats:
     first, last = first[crosses], last[crosses]
     share = (wall - first[:, axis]) / (last[:, axis] - first[:, axis])
     at = np.sort(first[:, along] + share * (last[:, along] - first[:, along]))
-    ends = np.full((len(at) // 2, 2, 2), wall)
-    ends[:, :, along] = np.clip(at.reshape(-1, 2), grid.lower[along], grid.upper[along])
-    return ends[ends[:, 0, along] < ends[:, 1, along]]
+    endpoints = np.full((len(at) // 2, 2, 2), wall)
+    endpoints[:, :, along] = np.clip(at.reshape(-1, 2), grid.lower[along], grid.upper[along])
+    return endpoints[endpoints[:, 0, along] < endpoints[:, 1, along]]
 
 
 def _bare(simplices: Floats) -> Pieces:

@@ -29,7 +29,8 @@ BIN: Final = 4
 """Side of a bin of border segments, in cells."""
 
 SLIDE: Final = 4.0
-"""Length of a sweep, in shortest walks: longer ones meet many segments, of which few come near."""
+"""Length of a motion whose swept border is measured at once, in shortest walks: a longer one meets many segments, of
+which few come near."""
 
 
 class World(NamedTuple):
@@ -41,7 +42,7 @@ class World(NamedTuple):
 
 
 class PlaneProofs:
-    """Proofs for one robot among the obstacles of one workspace; what is asked is compiled when it is first asked."""
+    """Proofs for one robot among the obstacles of one workspace; each kernel is compiled at its first call."""
 
     def __init__(self, problem: Problem) -> None:
         self._world = World(problem.map, _scene(problem), _outline(problem.robot.shape))
@@ -49,12 +50,12 @@ class PlaneProofs:
 
     @cached_property
     def edge(self) -> Callable[..., bool]:
-        ask = row_entry(ask_edge, self._world, 2 * self._dof)
-        return lambda *ends: ask(ends)
+        kernel = row_entry(prove_edge, self._world, 2 * self._dof)
+        return lambda *both: kernel(both)
 
     def are_free(self, q0: Floats, q1: Floats) -> Bools:
         out = np.empty(len(q0), dtype=np.bool_)
-        ask_edges(self._world, q0, q1, out)
+        prove_edges(self._world, q0, q1, out)
         return out
 
     def spare(self, points: Floats, lengths: Floats, turns: Floats) -> float:
@@ -79,15 +80,15 @@ def room_for(outline: Outline) -> Floats:
 
 
 @inner
-def way_is_clear(world: World, rows: Floats, q0: Numbers, q1: Numbers, way: int) -> bool:
-    """Whether all configurations on one of the shortest ways from one to another are free.
+def arc_is_clear(world: World, rows: Floats, q0: Numbers, q1: Numbers, arc: int) -> bool:
+    """Whether all configurations of an edge are free, where the rotation goes along one of the shortest arcs.
 
-    FREE cells are walked without asking for distances. Elsewhere, a way without a turn is proven by distances from
+    FREE cells are walked without measuring distances. Elsewhere, an edge without a turn is proven by distances from
     what the border sweeps; one with a turn by conservative advancement: a point of the robot moves by at most ``speed``
-    times the part of the way, so that a distance proves the configurations before and after it.
+    times the part of the edge, so that a distance proves the configurations before and after it.
     """
     space, scene, border, outline = world.map, world.scene, world.scene.border, world.outline
-    dx, dy, angle = q1[0] - q0[0], q1[1] - q0[1], turning.turn_of(space.rotations, q0, q1, way)[0]
+    dx, dy, angle = q1[0] - q0[0], q1[1] - q0[1], turning.turn_of(space.rotations, q0, q1, arc)[0]
     size = abs(q0[0]) + abs(q0[1]) + abs(q1[0]) + abs(q1[1])
     if not size <= 2.0 * MAX_COORDINATE * space.spacing:
         return False
@@ -95,33 +96,33 @@ def way_is_clear(world: World, rows: Floats, q0: Numbers, q1: Numbers, way: int)
     speed = math.hypot(dx, dy) + outline.rho * angle
     walk = shortest_walk = 4.0 * space.spacing / speed if speed > 0.0 else 1.0
     slides = outline.rho * angle == 0.0
-    proven, leap, asked = 0.0, 0.0, 0
+    proven, leap, measured = 0.0, 0.0, 0
     while True:
         # All before `proven` is free. A distance a leap ahead may reach back to there, and proves twice as much.
         at = min(proven + leap, 1.0)
-        q = along(space, q0, q1, way, at)
+        q = along(space, q0, q1, arc, at)
         state = state_at(space, q)
         if state == BLOCKED:
             return False
         if state == FREE:
-            # Walks grow as long as they succeed, so that a long way through FREE cells is few calls.
+            # Walks grow as long as they succeed, so that a long edge through FREE cells is few calls.
             stop = min(max(at, proven + walk), 1.0)
-            if edge_is_free(space, NO_BLOCKS, along(space, q0, q1, way, proven), along(space, q0, q1, way, stop)):
+            if edge_is_free(space, NO_BLOCKS, along(space, q0, q1, arc, proven), along(space, q0, q1, arc, stop)):
                 if stop == 1.0:
                     return True
                 proven, leap, walk = stop, 0.0, 2.0 * walk
                 continue
             walk = max(0.5 * walk, shortest_walk)
-        if asked == MOST_DISTANCES:
+        if measured == MOST_DISTANCES:
             return False
-        asked += 1
+        measured += 1
         stop = min(at + SLIDE * shortest_walk, 1.0) if slides else at
         placed = place(outline, rows, q[0], q[1], yaw_of(q), ((stop - at) * dx, (stop - at) * dy))
         spare = gap(border, outline, placed, least, border.reach) - least
         if spare <= 0.0:
             return False
         # As long as no borders meet, whether one lies within the other stays as it is.
-        if asked == 1 and is_nested(scene, outline, placed):
+        if measured == 1 and is_nested(scene, outline, placed):
             return False
         if slides:
             if stop == 1.0:
@@ -141,26 +142,26 @@ def way_is_clear(world: World, rows: Floats, q0: Numbers, q1: Numbers, way: int)
 
 @inner
 def edge_is_clear(world: World, rows: Floats, q0: Numbers, q1: Numbers) -> bool:
-    """Whether all configurations of an edge are free; where two ways are equally long, those of both."""
+    """Whether all configurations of an edge are free; where two arcs are equally long, those of both."""
     clear = True
-    for way in range(turning.arc_count(world.map.rotations, q0, q1)):
-        clear = clear and way_is_clear(world, rows, q0, q1, way)
+    for arc in range(turning.arc_count(world.map.rotations, q0, q1)):
+        clear = clear and arc_is_clear(world, rows, q0, q1, arc)
     return clear
 
 
 @jit
-def ask_edge(world: World, both: Numbers) -> bool:
-    """Whether an edge, by its ends in a row, is free."""
+def prove_edge(world: World, both: Numbers) -> bool:
+    """Whether an edge, given by its endpoints in a row, is free."""
     q0, q1 = halves(world.map, both)
     return bool(edge_is_clear(world, room_for(world.outline), q0, q1))
 
 
 @jit
-def ask_edges(world: World, starts: Floats, ends: Floats, out: Bools) -> None:
+def prove_edges(world: World, first: Floats, second: Floats, out: Bools) -> None:
     """Whether edges, shapes (n, dof), are free."""
     rows = room_for(world.outline)
-    for k in range(starts.shape[0]):
-        q0, q1 = configuration(world.map, starts, k), configuration(world.map, ends, k)
+    for k in range(first.shape[0]):
+        q0, q1 = configuration(world.map, first, k), configuration(world.map, second, k)
         out[k] = edge_is_clear(world, rows, q0, q1)
 
 
@@ -177,7 +178,7 @@ def least_spare(
     for k in range(len(points)):
         x, y, yaw = points[k, 0], points[k, 1], points[k, 2] if points.shape[1] == 3 else 0.0
         least, half = border.least + ROUNDING * (abs(x) + abs(y)), 0.5 * (lengths[k] + outline.rho * turns[k])
-        # What is farther away than elsewhere on the path is not looked for.
+        # What is farther away than elsewhere on the path does not matter.
         apart = gap(border, outline, place(outline, rows, x, y, yaw, (0.0, 0.0)), least, best + half)
         best = min(best, apart - least - half)
         if best <= 0.0:
@@ -188,9 +189,9 @@ def least_spare(
 def _outline(shape: Shape) -> Outline:
     """The robot's border: the segments of its regions, or the middles of its discs, each grown by a radius."""
     whole, parts = shape.boundary(), shape.regions
-    border, ends = joined([whole], 2, 2), np.cumsum([len(part) for part in parts], dtype=np.int64)
+    border, stops = joined([whole], 2, 2), np.cumsum([len(part) for part in parts], dtype=np.int64)
     rho = float(np.hypot(*border.simplices.reshape(-1, 2).T).max())
-    return Outline(border.simplices.reshape(-1, 4), border.radii, anchors_of(whole)[0], ends, rho)
+    return Outline(border.simplices.reshape(-1, 4), border.radii, anchors_of(whole)[0], stops, rho)
 
 
 def _scene(problem: Problem) -> Scene:
@@ -227,7 +228,7 @@ def _scene(problem: Problem) -> Scene:
         outer=workspace.outer,
         inner=workspace.inner if workspace.shapes else workspace.outer,
         solids=np.concatenate([*solids, np.empty((0, 4))]),
-        ends=np.cumsum([len(solid) for solid in solids], dtype=np.int64),
+        stops=np.cumsum([len(solid) for solid in solids], dtype=np.int64),
         hulls=np.array([[*points.min(axis=0), *points.max(axis=0)] for points in corners]).reshape(-1, 4),
     )
 
@@ -239,5 +240,5 @@ def _cut(border: Pieces, longest: float) -> tuple[Floats, Floats]:
     whole = np.repeat(np.arange(len(starts)), pieces)
     number = np.arange(len(whole)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
     share = np.stack([number, number + 1], axis=1) / pieces[whole, None]
-    ends = starts[whole, None] + steps[whole, None] * share[..., None]
-    return ends.reshape(-1, 4), border.radii[whole]
+    endpoints = starts[whole, None] + steps[whole, None] * share[..., None]
+    return endpoints.reshape(-1, 4), border.radii[whole]

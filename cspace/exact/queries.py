@@ -1,4 +1,4 @@
-"""Look-ups that ask the geometry itself where the map cannot decide."""
+"""Exact look-ups: the cells of the map answer where they decide, the geometry itself where they do not."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def proofs_by_borders(problem: Problem) -> Proofs:
 
 
 class Exact:
-    """Exact look-ups of a map: its cells answer where they decide, and proofs are asked of what they leave open."""
+    """Exact look-ups of a map: its cells answer where they decide, and proofs decide what they leave open."""
 
     def __init__(self, problem: Problem) -> None:
         self._problem = problem
@@ -71,22 +71,22 @@ class Exact:
 
         The path is given in pieces: by their middles, shape (n, dof), in metres and radians, and by the metres and the
         radians along each of them, shape (n,). No point of the robot is farther than half of both from where it is in
-        the middle. Where all beyond the grid is obstacle, that counts too. Infinite where there is none.
+        the middle. Where all outside the grid is obstacle, that counts too. Infinite where there is none.
         """
         return self._problem.margin + self._made().spare(own(points), lengths, turns)
 
     def point_checker(self, quick: Callable[..., bool]) -> Callable[..., bool]:
-        """``check(*q)``; ``quick`` tells whether a point is FREE."""
+        """``check(*q)``; ``quick`` is whether a point is FREE."""
         self._made()
         return lambda *q: quick(*q) or self._made().edge(*q, *q)
 
     def edge_checker(self, quick: Callable[..., bool]) -> Callable[..., bool]:
-        """``check(*q0, *q1)``; ``quick`` tells whether an edge leads through FREE cells."""
+        """``check(*q0, *q1)``; ``quick`` is whether an edge leads through FREE cells."""
         self._made()
-        return lambda *ends: quick(*ends) or self._made().edge(*ends)
+        return lambda *both: quick(*both) or self._made().edge(*both)
 
     def renew(self, workspace: Workspace) -> None:
-        """Ask the obstacles as they are now; checkers that were handed out do so from their next call on."""
+        """Use the obstacles as they are now; checkers that were handed out do so from their next call on."""
         with self._lock:
             self._problem, self._proofs = self._problem._replace(workspace=workspace, prove=None), None
 
@@ -102,7 +102,7 @@ class Exact:
 
 
 def _prove(proofs: Proofs, left: Ints, q0: Floats, q1: Floats, out: Bools) -> None:
-    """Fill ``out`` for some of the edges, those that the cells leave open."""
+    """Fill ``out`` for the edges that the cells leave open, by their indices."""
     if len(left):
         starts = q0[left]
         out[left] = proofs.are_free(starts, starts if q1 is q0 else q1[left])

@@ -1,7 +1,7 @@
 """Compiled distances in the plane, between the border of a placed robot and that of the obstacles.
 
 Both are sets of segments, each grown by a radius. Where no two come together the robot is free, unless one side lies
-wholly within the other, which is told by one point of each.
+wholly within the other, which one point of each decides.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ class Outline(NamedTuple):
     """The robot in its own frame, in metres.
 
     Border segments ``(x0, y0, x1, y1)``, each grown by its radius: a disc is a segment without length. One point of
-    each connected part of the border. The segments of region k, without discs, end before ``ends[k]``. ``rho`` is the
-    largest distance of an end of a segment from the reference point.
+    each connected part of the border. The segments of region k, without discs, end before ``stops[k]``. ``rho`` is the
+    largest distance of an endpoint from the reference point.
     """
 
     segments: Floats
     radii: Floats
     anchors: Floats
-    ends: Ints
+    stops: Ints
     rho: float
 
 
@@ -40,7 +40,7 @@ class Border(NamedTuple):
 
     Its segments, at most a bin long, sorted by the square bin of side ``side`` that holds their middle; those of bin b
     begin at ``starts[b]``, for ``columns`` times ``rows`` bins from the grid's lower corner; each is grown by its
-    radius, the largest of which is ``widest``. ``walled`` tells whether all beyond the grid is obstacle. A distance
+    radius, the largest of which is ``widest``. ``walled`` is whether all outside the grid is obstacle. A distance
     counts above ``least``, and is searched for up to ``reach`` more.
     """
 
@@ -61,7 +61,7 @@ class Border(NamedTuple):
 class Scene(NamedTuple):
     """The obstacles: their border, cells that meet and cells that lie in them, and polygons that they fill.
 
-    Border segments of polygon k end before ``ends[k]``, and ``hulls[k]`` is its bounding box.
+    Border segments of polygon k end before ``stops[k]``, and ``hulls[k]`` is its bounding box.
     """
 
     border: Border
@@ -69,7 +69,7 @@ class Scene(NamedTuple):
     outer: Bools
     inner: Bools
     solids: Floats
-    ends: Ints
+    stops: Ints
     hulls: Floats
 
 
@@ -154,7 +154,7 @@ def is_nested(scene: Scene, outline: Outline, placed: Placed) -> bool:
         ax, ay = outline.anchors[k, 0], outline.anchors[k, 1]
         if _in_obstacle(scene, placed.x + cosine * ax - sine * ay, placed.y + sine * ax + cosine * ay):
             return True
-    if not outline.ends.shape[0]:  # an obstacle in a disc is near the disc's middle, which the distance tells
+    if not outline.stops.shape[0]:  # an obstacle in a disc is near the disc's middle: the distance decides
         return False
     first_x, first_y, last_x, last_y = _bins(border, placed, 0.0)
     if first_y > last_y:
@@ -165,10 +165,10 @@ def is_nested(scene: Scene, outline: Outline, placed: Placed) -> bool:
             if not (placed.left <= px <= placed.right and placed.low <= py <= placed.high):
                 continue
             first = 0
-            for k in range(outline.ends.shape[0]):
-                if _encloses(placed.rows, first, outline.ends[k], px, py):
+            for k in range(outline.stops.shape[0]):
+                if _encloses(placed.rows, first, outline.stops[k], px, py):
                     return True
-                first = outline.ends[k]
+                first = outline.stops[k]
     return False
 
 
@@ -200,8 +200,8 @@ def _swept_distance(a: Point, b: Point, along: Point, c: Point, d: Point) -> flo
     if area != 0.0 and 0.0 <= (px * vy - py * vx) / area <= 1.0 and 0.0 <= (ux * py - uy * px) / area <= 1.0:
         return 0.0
     e, f = (a[0] + vx, a[1] + vy), (b[0] + vx, b[1] + vy)
-    ends = min(segment_distance(a, b, c, d), segment_distance(e, f, c, d))
-    return float(min(ends, min(segment_distance(a, e, c, d), segment_distance(b, f, c, d))))
+    nearest = min(segment_distance(a, b, c, d), segment_distance(e, f, c, d))
+    return float(min(nearest, min(segment_distance(a, e, c, d), segment_distance(b, f, c, d))))
 
 
 @inner
@@ -252,11 +252,11 @@ def _in_obstacle(scene: Scene, x: float, y: float) -> bool:
     if scene.inner[i, j]:
         return True
     first = 0
-    for k in range(scene.ends.shape[0]):
+    for k in range(scene.stops.shape[0]):
         hull = scene.hulls[k]
-        if hull[0] <= x <= hull[2] and hull[1] <= y <= hull[3] and _encloses(scene.solids, first, scene.ends[k], x, y):
+        if hull[0] <= x <= hull[2] and hull[1] <= y <= hull[3] and _encloses(scene.solids, first, scene.stops[k], x, y):
             return True
-        first = scene.ends[k]
+        first = scene.stops[k]
     return False
 
 

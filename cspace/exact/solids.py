@@ -46,15 +46,15 @@ THREAD: Final = 500
 class Nesting(NamedTuple):
     """A robot and obstacles as solids.
 
-    What hangs together and meets no border of the other side lies in its solid as a whole, or not at all, so that one
-    point of it tells; of the robot's parts, any of their corners.
+    A connected part that meets no border of the other side lies in its solid as a whole, or not at all, so that one
+    point of it decides; of the robot's parts, any of their corners.
 
     Attributes
     ----------
     corners : ndarray of float64, shape (n, 4)
         Of the robot, part by part, each with the number of the next part's first.
     walled : bool
-        Whether all beyond the grid is obstacle; otherwise none is.
+        Whether all outside the grid is obstacle; otherwise none is.
     outer, inner : ndarray of bool
         Cells that meet obstacles, and those that lie in them.
     anchors : ndarray of float64, shape (m, 3)
@@ -64,7 +64,7 @@ class Nesting(NamedTuple):
     reach : float
         How far the robot reaches from its reference point, and a little more.
     solid : bool
-        Whether there are obstacles with an inside that borders do not tell.
+        Whether there are obstacles with an inside that their borders do not decide.
     boxed : bool
         Whether the robot is all of its bounding box.
     """
@@ -85,7 +85,7 @@ class World(NamedTuple):
     """What every proof needs.
 
     Lengths of trees, ``rho``, the robot's longest lever, and ``least``, what a distance has to exceed, are those in
-    metres times ``scale``. Walls are the sides of the grid's box, where all beyond it is obstacle.
+    metres times ``scale``. Walls are the sides of the grid's box, where all outside it is obstacle.
     """
 
     map: Map
@@ -100,15 +100,15 @@ class World(NamedTuple):
 
 
 class SolidProofs:
-    """Proofs for one robot among the obstacles of one workspace; what is asked is compiled when it is first asked."""
+    """Proofs for one robot among the obstacles of one workspace; each kernel is compiled at its first call."""
 
     def __init__(self, problem: Problem) -> None:
         workspace, self._robot = problem.workspace, problem.robot.shape
-        found, grid = obstacle_border(workspace, walled=problem.walled), workspace.grid
-        # Balls and points have no inside but what is near their middle, which the distance tells.
-        parts = zip(workspace.shapes or (), found.pieces, strict=False)
+        borders, grid = obstacle_border(workspace, walled=problem.walled), workspace.grid
+        # Balls and points have no inside but what is near their middle: the distance decides.
+        parts = zip(workspace.shapes or (), borders.pieces, strict=False)
         self._shapes = [shape for shape, part in parts if shape.encloses and part.simplices.shape[1] == 3]
-        border, still = joined([self._robot.boundary()], 3, 3), joined(found.pieces, 3, 3)
+        border, still = joined([self._robot.boundary()], 3, 3), joined(borders.pieces, 3, 3)
         walls = Box.of(np.subtract(grid.upper, grid.lower), np.add(grid.lower, grid.upper) / 2.0).boundary()
         sides = border, still, Pieces(*(part[: 12 * problem.walled] for part in walls))
         far = problem.far + float(np.abs(still.simplices).max(initial=0.0) + still.radii.max(initial=0.0))
@@ -118,16 +118,16 @@ class SolidProofs:
             isinstance(problem.map.rotations, YawCells),
         )
         corners, starts = parts_of(border)
-        ends = np.append(starts[1:], len(corners))
+        stops = np.append(starts[1:], len(corners))
         self._anchors, reach = corners[starts], float(np.sqrt((corners**2).sum(axis=1)).max())
         anchors = [np.empty((0, 3))]
         # The same of balls of the robot; elsewhere only what is small fits in.
         if self._robot.encloses and (border.simplices != border.simplices[:, :1]).any():
-            anchors += [points[sizes <= 2.0 * reach] for points, sizes in map(anchors_of, found.pieces)]
+            anchors += [points[sizes <= 2.0 * reach] for points, sizes in map(anchors_of, borders.pieces)]
         small = np.concatenate(anchors)
         low, high = self._robot.bounds
         nesting = Nesting(
-            corners=np.hstack([corners, np.repeat(ends, ends - starts)[:, None]]),
+            corners=np.hstack([corners, np.repeat(stops, stops - starts)[:, None]]),
             walled=problem.walled,
             outer=workspace.outer,
             inner=workspace.inner if workspace.shapes else workspace.outer,
@@ -138,7 +138,7 @@ class SolidProofs:
             solid=bool(self._shapes),
             boxed=isinstance(self._robot, Box),
         )
-        least = scale * (problem.least + found.error + ROUNDING * far)
+        least = scale * (problem.least + borders.error + ROUNDING * far)
         rho = float(trees.boxes[0, 6])
         self._world = World(problem.map, trees, roots[0], roots[1], roots[2], rho, nesting, scale, least)
         self._dof = problem.dof
@@ -146,11 +146,11 @@ class SolidProofs:
     @cached_property
     def edge(self) -> Callable[..., bool]:
         dof = self._dof
-        ask = row_entry(ask_edge, self._world, 2 * dof)
+        kernel = row_entry(prove_edge, self._world, 2 * dof)
 
-        def edge(*ends: float) -> bool:
-            state = ask(ends)
-            return state == FREE or (state == MIXED and not self._is_nested(np.array(ends[:dof])))
+        def edge(*both: float) -> bool:
+            state = kernel(both)
+            return state == FREE or (state == MIXED and not self._is_nested(np.array(both[:dof])))
 
         return edge
 
@@ -158,7 +158,7 @@ class SolidProofs:
         states = np.empty(len(q0), dtype=np.uint8)
 
         def work(first: int, last: int) -> int:
-            ask_edges(self._world, q0[first:last], q1[first:last], states[first:last])
+            prove_edges(self._world, q0[first:last], q1[first:last], states[first:last])
             return -1
 
         in_chunks(work, len(q0), THREAD)
@@ -171,7 +171,7 @@ class SolidProofs:
         return float(least_spare(self._world, points, lengths, turns))
 
     def _is_nested(self, q: Floats) -> bool:
-        """Whether a part of one side lies in the other, where no borders meet and compiled code cannot tell."""
+        """Whether a part of one side lies in the other, where no borders meet and compiled code does not decide."""
         nesting, turn = self._world.nesting, np.array(matrix_at(self._world.map, q[None]))
         anchors = self._anchors @ turn.T + q[:3]
         if any(np.any(part.contains(anchors)) for part in self._shapes):
@@ -190,17 +190,17 @@ class Work(NamedTuple):
 
 
 @jit
-def ask_edges(world: World, starts: Floats, ends: Floats, out: States) -> None:
+def prove_edges(world: World, first: Floats, second: Floats, out: States) -> None:
     """:func:`edge_state` of edges, shapes (n, dof)."""
     work = Work(np.empty((WAITING, 2)), np.empty((DEPTH, 6), np.int64), np.empty((DEPTH, 6), np.int64))
-    for k in range(starts.shape[0]):
-        q0, q1 = configuration(world.map, starts, k), configuration(world.map, ends, k)
+    for k in range(first.shape[0]):
+        q0, q1 = configuration(world.map, first, k), configuration(world.map, second, k)
         out[k] = edge_state(world, q0, q1, work)
 
 
 @jit
-def ask_edge(world: World, both: Numbers) -> int:
-    """:func:`edge_state` of an edge, by its ends in a row."""
+def prove_edge(world: World, both: Numbers) -> int:
+    """:func:`edge_state` of an edge, given by its endpoints in a row."""
     q0, q1 = halves(world.map, both)
     work = Work(np.empty((WAITING, 2)), np.empty((DEPTH, 6), np.int64), np.empty((DEPTH, 6), np.int64))
     return edge_state(world, q0, q1, work)
@@ -211,17 +211,17 @@ def edge_state(world: World, q0: Numbers, q1: Numbers, work: Work) -> int:
     """FREE where all configurations of an edge are free, and BLOCKED where that is not proven.
 
     MIXED where they are free if neither the robot nor an obstacle lies in the other at the first of them. An edge that
-    ends where it starts is a point. Where two ways are equally long but for rounding, both are proven.
+    ends where it starts is a point. Where two arcs are equally long but for rounding, both are proven.
     """
     state = FREE
-    for way in range(turning.arc_count(world.map.rotations, q0, q1)):
-        state = max(state, way_state(world, q0, q1, way, work)) if state != BLOCKED else BLOCKED
+    for arc in range(turning.arc_count(world.map.rotations, q0, q1)):
+        state = max(state, arc_state(world, q0, q1, arc, work)) if state != BLOCKED else BLOCKED
     return state
 
 
 @inner
-def way_state(world: World, q0: Numbers, q1: Numbers, way: int, work: Work) -> int:
-    """The same of one way.
+def arc_state(world: World, q0: Numbers, q1: Numbers, arc: int, work: Work) -> int:
+    """The same along one of the shortest arcs.
 
     Parts are proven by the map, or by how far apart all is in their middle, which may leave something on either side.
     The end comes first, and then longer parts mostly before shorter ones, so that a collision far along shows early.
@@ -231,20 +231,20 @@ def way_state(world: World, q0: Numbers, q1: Numbers, way: int, work: Work) -> i
         size += abs(q0[axis]) + abs(q1[axis])
     if not size <= 2.0 * MAX_COORDINATE * map_.spacing:
         return BLOCKED
-    angle, jump = turning.turn_of(map_.rotations, q0, q1, way)
+    angle, jump = turning.turn_of(map_.rotations, q0, q1, arc)
     step = (scale * (q1[0] - q0[0]), scale * (q1[1] - q0[1]), scale * (q1[2] - q0[2]))
     least, spacing = world.least + 2.0 * ROUNDING * scale * size + jump * world.rho, scale * map_.spacing
     speed = math.sqrt(dot(step, step)) + angle * world.rho
-    # At their ends most of a planner's edges collide; of a point that is all.
+    # At their endpoints most of a planner's edges collide; of a point that is all.
     parts[0, 0], parts[0, 1], parts[1, 0], parts[1, 1] = 1.0, 1.0, 0.0, 1.0
     work.obstacles[0, 0] = work.walls[0, 0] = -1
-    head, waiting, asked, nested = 0, 2 if speed > 0.0 else 1, 0, FREE
+    head, waiting, measured, nested = 0, 2 if speed > 0.0 else 1, 0, FREE
     while waiting > 0:
         waiting -= 1
         # Now from here, now from there: of neighbours mostly both collide, or neither. Where room gets scarce the
         # newest, which is short, so that few are added before some are done.
         scarce = waiting >= WAITING - DEPTH
-        row = (head + (waiting if scarce else int(waiting * (GOLDEN * asked % 1.0)))) % WAITING
+        row = (head + (waiting if scarce else int(waiting * (GOLDEN * measured % 1.0)))) % WAITING
         first, last = parts[row, 0], parts[row, 1]
         if not scarce:
             parts[row, 0], parts[row, 1] = parts[head, 0], parts[head, 1]
@@ -254,14 +254,14 @@ def way_state(world: World, q0: Numbers, q1: Numbers, way: int, work: Work) -> i
         if (
             jump == 0.0
             and 0.0 < last - first < 1.0
-            and edge_is_free(map_, NO_BLOCKS, along(map_, q0, q1, way, first), along(map_, q0, q1, way, last))
+            and edge_is_free(map_, NO_BLOCKS, along(map_, q0, q1, arc, first), along(map_, q0, q1, arc, last))
         ):
             continue
-        q = along(map_, q0, q1, way, middle)
+        q = along(map_, q0, q1, arc, middle)
         state, reach, part = state_at(map_, q), 2.0 * half * speed, 0.0
         if state == FREE and reach == 0.0:
             continue
-        if state == BLOCKED or asked == MOST_DISTANCES:
+        if state == BLOCKED or measured == MOST_DISTANCES:
             return BLOCKED
         if reach <= (spacing if state == FREE else SLIDE * spacing):
             place = (scale * q[0], scale * q[1], scale * q[2])
@@ -269,11 +269,11 @@ def way_state(world: World, q0: Numbers, q1: Numbers, way: int, work: Work) -> i
             part = share_apart(world.trees, world.robot, world.walls, motion, half / ADVANCE, work.walls)
             if part >= 0.0:
                 part = share_apart(world.trees, world.robot, world.obstacles, motion, part, work.obstacles)
-            asked += 1
+            measured += 1
             if part < 0.0:
                 return BLOCKED
             # As long as no borders meet, whether one lies within the other stays as it is.
-            if asked == 1:
+            if measured == 1:
                 nested = nested_at(world.nesting, map_, q, motion.matrix)
                 if nested == BLOCKED:
                     return BLOCKED
@@ -302,7 +302,7 @@ def least_spare(world: World, points: Floats, lengths: Floats, turns: Floats) ->
         q = configuration(map_, points, k)
         least = world.least + 2.0 * ROUNDING * scale * (abs(q[0]) + abs(q[1]) + abs(q[2]))
         half = 0.5 * (scale * lengths[k] + world.rho * turns[k])
-        # What moves by a metre to whatever side comes as far as the distance; what is farther is not looked for.
+        # What moves by a metre to whatever side comes as far as the distance; what is farther does not matter.
         place = (scale * q[0], scale * q[1], scale * q[2])
         motion = Motion(turning.matrix_of(map_.rotations, q), place, still, 0.0, least, 1.0)
         apart = share_apart(world.trees, world.robot, world.walls, motion, best + half, work.walls)
@@ -317,7 +317,7 @@ def least_spare(world: World, points: Floats, lengths: Floats, turns: Floats) ->
 @inner
 def nested_at(nesting: Nesting, map_: Map, q: Numbers, matrix: Matrix) -> int:
     """Whether a part of one side lies in the other, where no borders meet: FREE, BLOCKED, or MIXED for unknown."""
-    place, found, k = (q[0], q[1], q[2]), FREE, 0
+    place, state, k = (q[0], q[1], q[2]), FREE, 0
     motion = Motion(matrix, place, place, 0.0, 0.0, 0.0)
     (nx, ny, nz), count = nesting.outer.shape, nesting.corners.shape[0]
     while k < count:
@@ -336,8 +336,8 @@ def nested_at(nesting: Nesting, map_: Map, q: Numbers, matrix: Matrix) -> int:
             k = after
         else:
             k += 1
-            if k == after and nesting.solid:  # no corner of the part has told
-                found = MIXED
+            if k == after and nesting.solid:  # no corner of the part decides
+                state = MIXED
     first, last = 0, nesting.anchors.shape[0]
     while first < last:
         middle = (first + last) // 2
@@ -355,7 +355,7 @@ def nested_at(nesting: Nesting, map_: Map, q: Numbers, matrix: Matrix) -> int:
         x, y, z = xx * x + yx * y + zx * z, xy * x + yy * y + zy * z, xz * x + yz * y + zz * z
         if low[0] <= x <= high[0] and low[1] <= y <= high[1] and low[2] <= z <= high[2]:
             return BLOCKED if nesting.boxed else MIXED
-    return found
+    return state
 
 
 @jit

@@ -11,7 +11,7 @@ and where one moves by less than that, along n, they stay apart. So n may come f
 it, the bound holds for the n that was found, and of triangles without height or length as of all others. It is taken
 from what is nearest: the normals of the faces, the way between the nearest points of two edges, and the normal of both;
 one of these is along the shortest way from one triangle to the other, so that little is lost. Of a triangle and a box,
-the nearest points are found by going from one to the other and back; the normals of faces and of edges tell the rest
+the nearest points are found by going from one to the other and back; the normals of faces and of edges decide the rest
 (S. Gottschalk, M. C. Lin and D. Manocha, 1996).
 
 *Rounding.* With u = 2^-53 and D the largest distance of any corner from a_0, each ``n.(x - a_0)`` is wrong by at most
@@ -47,7 +47,7 @@ Node = tuple[int, int, int]
 """A node of a tree: its number, its first triangle and how many it has."""
 
 LEAST_SQUARE = 2.0**-600
-"""Squared length of the shortest vector along which shadows are told apart."""
+"""Squared length of the shortest vector along which shadows are compared."""
 
 DEPTH = 128
 """Pairs of nodes that wait at a time, at most: fewer than the levels of two trees, and two."""
@@ -104,7 +104,7 @@ def trees_of(borders: Sequence[Pieces], about_z: bool) -> tuple[Trees, list[Node
 
 
 def tree_of_rows(rows: Floats, levers: Floats) -> Trees:
-    """A tree of rows of :attr:`Trees.triangles`, and of what is kept of each as its lever."""
+    """A tree of rows of :attr:`Trees.triangles`, and of the lever of each."""
     box, order, spans = boxes_of(*bounds_of_rows(rows))
     return Trees(np.column_stack([box, most(levers[order], spans)]), rows[order])
 
@@ -160,27 +160,27 @@ def boxes_of(low: Floats, high: Floats) -> tuple[Floats, Ints, Ints]:
         spans[nodes, 0], spans[nodes, 1] = starts, counts
         if counts.max() == 1:
             break
-        # Each node's triangles in order along its box's longest side; the first half of them go one way.
+        # Each node's triangles in order along its box's longest side; the first half of them go to one side.
         which = np.repeat(np.arange(len(nodes)), counts)
         axis = (upper - lower).argmax(axis=1)[which]
         order = order[np.argsort(which * n + ranks[3 * order + axis])]
         first, split = counts // 2, counts > 1
-        kept = np.stack([np.ones_like(split), split], axis=1)
-        nodes = np.stack([nodes + split, nodes + 2 * first], axis=1)[kept]
-        starts = np.stack([starts, starts + first], axis=1)[kept]
-        counts = np.stack([np.where(split, first, 1), counts - first], axis=1)[kept]
+        there = np.stack([np.ones_like(split), split], axis=1)
+        nodes = np.stack([nodes + split, nodes + 2 * first], axis=1)[there]
+        starts = np.stack([starts, starts + first], axis=1)[there]
+        counts = np.stack([np.where(split, first, 1), counts - first], axis=1)[there]
     return boxes, order, spans
 
 
 def most(values: Floats, spans: Ints) -> Floats:
     """The largest value of each node of a tree, by those of its triangles."""
-    ends = np.stack([spans[:, 0], spans.sum(axis=1)], axis=1).ravel()
-    return np.asarray(np.maximum.reduceat(np.append(values, 0.0), ends)[::2]) if len(spans) else np.empty(0)
+    bounds = np.stack([spans[:, 0], spans.sum(axis=1)], axis=1).ravel()
+    return np.asarray(np.maximum.reduceat(np.append(values, 0.0), bounds)[::2]) if len(spans) else np.empty(0)
 
 
 @inner
 def share_apart(trees: Trees, robot: Node, still: Node, motion: Motion, enough: float, work: Ints) -> float:
-    """The part of a motion, ``enough`` at most, that no triangle of a robot can come to others in, whichever way.
+    """The part of a motion, ``enough`` at most, within which no triangle of a robot can reach the others.
 
     Below zero where it is too near to them as it is placed. ``work``, shape (DEPTH, 6), is scratch space; its first row
     holds the last pair of triangles that set the bound, which is likely to do so again, and -1 before there is one.
@@ -215,15 +215,15 @@ def share_apart(trees: Trees, robot: Node, still: Node, motion: Motion, enough: 
         if abs(mz - box[2]) - hz - box[5] > best * (sz + turn):
             continue
         if n == 1 and m == 1:
-            found = share_of_pair(trees, i, j, motion, turn, best)
-            if found < best:
-                best, work[0, 0], work[0, 1], work[0, 2] = found, i, j, a
+            share = share_of_pair(trees, i, j, motion, turn, best)
+            if share < best:
+                best, work[0, 0], work[0, 1], work[0, 2] = share, i, j, a
                 if best < 0.0:
                     break
         elif n == 1 or (m > 1 and box[3] + box[4] + box[5] > hx + hy + hz):
             half = m // 2
             one, other = trees.boxes[b + 1], trees.boxes[b + 2 * half]
-            # The nearer half comes first: what it proves less of need not be asked of the other.
+            # The nearer half comes first: less need not be proven of the other.
             x, y, z = 2.0 * mx - one[0] - other[0], 2.0 * my - one[1] - other[1], 2.0 * mz - one[2] - other[2]
             near = x * (one[0] - other[0]) + y * (one[1] - other[1]) + z * (one[2] - other[2]) > 0.0
             first, second = top + near, top + 1 - near
@@ -350,7 +350,7 @@ def _leads_through(a: Corners, b: Corners, least: float) -> bool:
 
 @inner
 def _side_of(p: Row, a: Row, b: Row, c: Row, least: float) -> int:
-    """On which side of a plane through three points another one is, 1 or -1; 0 where rounding could tell.
+    """On which side of a plane through three points another one is, 1 or -1; 0 where rounding decides.
 
     The determinant changes by less than ``(s + 2 e)^3 - s^3`` where each point moves by e and none is farther than s,
     and rounding adds less than ``64 * 2^-52 s^3``.

@@ -77,9 +77,9 @@ def edge_is_free(map_: Map, blocks: Words, q0: Numbers, q1: Numbers) -> bool:
 
 
 @inner
-def along(map_: Map, q0: Numbers, q1: Numbers, way: int, t: float) -> Numbers:
+def along(map_: Map, q0: Numbers, q1: Numbers, arc: int, t: float) -> Numbers:
     """The configuration at t in [0, 1] along one of the shortest arcs, see :func:`turning.arc_count`."""
-    q = turning.turned(map_.rotations, q0, q1, way, t)
+    q = turning.turned(map_.rotations, q0, q1, arc, t)
     for axis in range(len(map_.lower)):
         q = replaced(q, axis, between(q0[axis], q1[axis], t))
     return q

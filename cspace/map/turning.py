@@ -94,12 +94,12 @@ def arc_count(rotations: CompiledRotations, q0: Numbers, q1: Numbers) -> int:
     raise NotImplementedError
 
 
-def turn_of(rotations: CompiledRotations, q0: Numbers, q1: Numbers, way: int) -> tuple[float, float]:
+def turn_of(rotations: CompiledRotations, q0: Numbers, q1: Numbers, arc: int) -> tuple[float, float]:
     """The angle of one of these arcs, and how far from it a planner may take the rotation to be, radians."""
     raise NotImplementedError
 
 
-def turned(rotations: CompiledRotations, q0: Numbers, q1: Numbers, way: int, t: float) -> Numbers:
+def turned(rotations: CompiledRotations, q0: Numbers, q1: Numbers, arc: int, t: float) -> Numbers:
     """The first configuration with the rotation at t in [0, 1] along one of these arcs."""
     raise NotImplementedError
 
@@ -152,11 +152,11 @@ def _one_arc_count(rotations: OneCell, q0: Numbers, q1: Numbers) -> int:
     return 1
 
 
-def _one_turn_of(rotations: OneCell, q0: Numbers, q1: Numbers, way: int) -> tuple[float, float]:
+def _one_turn_of(rotations: OneCell, q0: Numbers, q1: Numbers, arc: int) -> tuple[float, float]:
     return 0.0, 0.0
 
 
-def _one_turned(rotations: OneCell, q0: Numbers, q1: Numbers, way: int, t: float) -> Numbers:
+def _one_turned(rotations: OneCell, q0: Numbers, q1: Numbers, arc: int, t: float) -> Numbers:
     return q0
 
 
@@ -290,22 +290,22 @@ def _yaw_next_around(rotations: YawCells, cursor: tuple[float, int, int]) -> tup
 
 
 @inner
-def yaw_arc(q0: Numbers, q1: Numbers, way: int) -> float:
+def yaw_arc(q0: Numbers, q1: Numbers, arc: int) -> float:
     """Signed angle from one yaw to another along the shorter arc, or along the other one."""
     turn = shorter_turn(q0[-1], q1[-1])
-    return turn if way == 0 else (turn - TURN if turn > 0.0 else turn + TURN)
+    return turn if arc == 0 else (turn - TURN if turn > 0.0 else turn + TURN)
 
 
 def _yaw_arc_count(rotations: YawCells, q0: Numbers, q1: Numbers) -> int:
     return 2 if math.pi - abs(yaw_arc(q0, q1, 0)) <= YAW_SLACK else 1
 
 
-def _yaw_turn_of(rotations: YawCells, q0: Numbers, q1: Numbers, way: int) -> tuple[float, float]:
-    return abs(yaw_arc(q0, q1, way)), 0.0
+def _yaw_turn_of(rotations: YawCells, q0: Numbers, q1: Numbers, arc: int) -> tuple[float, float]:
+    return abs(yaw_arc(q0, q1, arc)), 0.0
 
 
-def _yaw_turned(rotations: YawCells, q0: Numbers, q1: Numbers, way: int, t: float) -> Numbers:
-    return (*q0[:-1], q0[-1] + t * yaw_arc(q0, q1, way))
+def _yaw_turned(rotations: YawCells, q0: Numbers, q1: Numbers, arc: int, t: float) -> Numbers:
+    return (*q0[:-1], q0[-1] + t * yaw_arc(q0, q1, arc))
 
 
 def _yaw_matrix_of(rotations: YawCells, q: Numbers) -> Matrix:
@@ -442,10 +442,10 @@ def begin_arc(a: Numbers, b: Numbers, other: bool) -> Walk:
 
 
 @inner
-def arc_endpoints(q0: Numbers, q1: Numbers, way: int) -> tuple[Numbers, Numbers, float]:
+def arc_endpoints(q0: Numbers, q1: Numbers, arc: int) -> tuple[Numbers, Numbers, float]:
     """Unit quaternions between which SLERP goes along one of the shortest arcs, and the angle between them."""
     a, b = normalised(q0[-4:], 1.0), normalised(q1[-4:], 1.0)
-    if (a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] < 0.0) != (way == 1):
+    if (a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] < 0.0) != (arc == 1):
         b = normalised(b, -1.0)
     return a, b, 2.0 * begin_arc(a, b, False)[5]
 
@@ -469,10 +469,10 @@ def leaving(
 
     Of both the largest component is given, which is above zero in the first, and another one.
     """
-    for way in range(2):
+    for side in range(2):
         # Zero on the border, and below it inside.
-        here = other - high * largest if way == 0 else low * largest - other
-        there = other1 - high * largest1 if way == 0 else low * largest1 - other1
+        here = other - high * largest if side == 0 else low * largest - other
+        there = other1 - high * largest1 if side == 0 else low * largest1 - other1
         if there > 0.0:
             share = min(share, here / (here - there))
     return share
@@ -494,11 +494,11 @@ def next_part(borders: Floats, walk: Walk) -> tuple[int, float, float, Walk]:
     )
     chart, i, j, k = parts_of(borders, q)
     p, p1 = split(q, chart), split(b, chart)
-    way = math.copysign(1.0, p[0])
+    sign = math.copysign(1.0, p[0])
     share, parts = 1.0, (i, j, k)
     for n in range(3):
         low, high = borders[parts[n]] - QUOTIENT_SLACK, borders[parts[n] + 1] + QUOTIENT_SLACK
-        share = leaving(share, way * p[0], way * p1[0], way * p[n + 1], way * p1[n + 1], low, high)
+        share = leaving(share, sign * p[0], sign * p1[0], sign * p[n + 1], sign * p1[n + 1], low, high)
     more, stop = share < 1.0, 1.0
     if more:
         done += (1.0 - done) * share
@@ -579,16 +579,16 @@ def _quaternion_arc_count(rotations: QuaternionCells, q0: Numbers, q1: Numbers) 
     return 2 if both_arcs(normalised(q0[-4:], 1.0), normalised(q1[-4:], 1.0)) else 1
 
 
-def _quaternion_turn_of(rotations: QuaternionCells, q0: Numbers, q1: Numbers, way: int) -> tuple[float, float]:
+def _quaternion_turn_of(rotations: QuaternionCells, q0: Numbers, q1: Numbers, arc: int) -> tuple[float, float]:
     # A rotation's angle is twice that of its quaternion.
-    a, b, angle = arc_endpoints(q0, q1, way)
+    a, b, angle = arc_endpoints(q0, q1, arc)
     return 2.0 * angle, 2.0 * angle if begin_arc(a, b, False)[7] else 0.0
 
 
 @inner
-def slerp(q0: Numbers, q1: Numbers, way: int, t: float) -> Numbers:
+def slerp(q0: Numbers, q1: Numbers, arc: int, t: float) -> Numbers:
     """The unit quaternion at t."""
-    a, b, angle = arc_endpoints(q0, q1, way)
+    a, b, angle = arc_endpoints(q0, q1, arc)
     first, second = 1.0 - t, t
     if angle > SHORT:
         first, second = math.sin(first * angle), math.sin(second * angle)
@@ -601,8 +601,8 @@ def slerp(q0: Numbers, q1: Numbers, way: int, t: float) -> Numbers:
     return normalised(q, 1.0)
 
 
-def _quaternion_turned(rotations: QuaternionCells, q0: Numbers, q1: Numbers, way: int, t: float) -> Numbers:
-    return q0[:-4] + slerp(q0, q1, way, t)
+def _quaternion_turned(rotations: QuaternionCells, q0: Numbers, q1: Numbers, arc: int, t: float) -> Numbers:
+    return q0[:-4] + slerp(q0, q1, arc, t)
 
 
 def _quaternion_matrix_of(rotations: QuaternionCells, q: Numbers) -> Matrix:

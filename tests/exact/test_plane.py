@@ -128,11 +128,11 @@ def test_a_corridor_a_hair_wider_than_the_robot_is_passable_only_exactly(turns, 
     robot = Robot.rectangle(0.9, SIDE)
     wide = cspace.build(corridor(1.02), robot, rotations=turns)
     narrow = cspace.build(corridor(0.98), robot, rotations=turns)
-    ends = ([1.0, 2.0], [5.0, 2.0]) if turns is None else ([1.0, 2.0, yaw], [5.0, 2.0, yaw])
-    assert wide.motion_is_free(*ends, exact=True) and not wide.motion_is_free(*ends)
-    assert wide.is_free(np.mean(ends, axis=0), exact=True) and not wide.is_free(np.mean(ends, axis=0))
-    assert not narrow.motion_is_free(*ends, exact=True)
-    assert not narrow.is_free(np.mean(ends, axis=0), exact=True)
+    edge = ([1.0, 2.0], [5.0, 2.0]) if turns is None else ([1.0, 2.0, yaw], [5.0, 2.0, yaw])
+    assert wide.motion_is_free(*edge, exact=True) and not wide.motion_is_free(*edge)
+    assert wide.is_free(np.mean(edge, axis=0), exact=True) and not wide.is_free(np.mean(edge, axis=0))
+    assert not narrow.motion_is_free(*edge, exact=True)
+    assert not narrow.is_free(np.mean(edge, axis=0), exact=True)
 
 
 @pytest.mark.parametrize("share", [1.0, 1.0 + 1e-12])
@@ -212,7 +212,7 @@ def test_one_within_the_other_is_a_collision():
     assert inside.is_free([3.0, 3.0], exact=True) and not inside.is_free([3.02, 3.0], exact=True)
 
 
-def test_parts_of_a_bitmap_that_lie_in_an_obstacle_are_found():
+def test_parts_of_a_bitmap_that_lie_in_an_obstacle_collide():
     occupied = np.zeros((40, 3), dtype=bool)
     occupied[[0, 39]] = True
     robot = Robot.cells(occupied, 0.1, (-2.0, 0.0))
@@ -228,8 +228,8 @@ def test_a_thin_robot_does_not_jump_over_a_thin_obstacle(turn):
     below, above = rng.uniform(0.7, 0.99, 500), rng.uniform(1.01, 1.3, 500)
     low = np.column_stack([rng.uniform(0.85, 1.15, 500), below, rng.uniform(-0.1, 0.1, 500)])
     high = np.column_stack([low[:, 0], above, low[:, 2] + turn])
-    ends_clear = space.is_free(low, exact=True) & space.is_free(high, exact=True)
-    assert ends_clear.sum() > 300
+    endpoints_clear = space.is_free(low, exact=True) & space.is_free(high, exact=True)
+    assert endpoints_clear.sum() > 300
     assert not space.motion_is_free(low, high, exact=True).any()
     assert not space.motion_is_free(high, low, exact=True).any()
 
@@ -246,7 +246,7 @@ def test_the_end_of_a_long_wall_is_seen_from_afar():
     assert not space.motion_is_free(low, high, exact=True).any()
 
 
-def test_what_lies_beyond_the_bounds_is_clipped():
+def test_what_lies_outside_the_bounds_is_clipped():
     shape = shapely.Polygon([(2, 1), (9, 1), (9, 3), (2, 3)])
     space = cspace.build(Workspace.from_polygons(shape, 0.25, (0, 0, 4, 4)), Robot.disc(0.3), outside="free")
     assert space.is_free([4.301, 2.0], exact=True) and not space.is_free([4.301, 2.0])
@@ -297,14 +297,14 @@ def test_round_obstacles_are_round(outside):
     np.testing.assert_array_equal(free[decided], gap[decided] > 0.0)
 
 
-def test_a_half_turn_is_proven_both_ways():
+def test_a_half_turn_is_proven_along_both_arcs():
     """A bar beside a wall can turn on one side only."""
     wall = Workspace.from_polygons(shapely.box(0, 0, 6, 1), 0.25, (0, 0, 6, 4))
     space = cspace.build(wall, Robot.rectangle(0.8, 0.1, center=(0.4, 0.0)), rotations=36)
     assert space.motion_is_free([3.0, 1.3, 0.0], [3.0, 1.3, 3.1], exact=True)
     assert not space.motion_is_free([3.0, 1.3, 0.0], [3.0, 1.3, -3.1], exact=True)
-    for ends in [(0.0, math.pi), (math.pi, 0.0), (0.0, -math.pi), (0.0, math.pi + 1e-10)]:
-        assert not space.motion_is_free(*([3.0, 1.3, yaw] for yaw in ends), exact=True)
+    for yaws in [(0.0, math.pi), (math.pi, 0.0), (0.0, -math.pi), (0.0, math.pi + 1e-10)]:
+        assert not space.motion_is_free(*([3.0, 1.3, yaw] for yaw in yaws), exact=True)
 
 
 def test_an_edge_that_grazes_is_given_up():

@@ -45,8 +45,8 @@ def draw(space, rng, n):
     d = space.grid.dim
     q = rng.uniform(np.subtract(space.grid.lower, 0.1), np.add(space.grid.upper, 0.1), (n, d))
     cells = np.argwhere(space.classify(centers(space)) == MIXED)
-    some = cells[rng.integers(len(cells), size=n // 2)][:, -d:]
-    q[: n // 2] = space.grid.lower + space.grid.spacing * (some + rng.random(some.shape))
+    chosen = cells[rng.integers(len(cells), size=n // 2)][:, -d:]
+    q[: n // 2] = space.grid.lower + space.grid.spacing * (chosen + rng.random(chosen.shape))
     return configurations(space, np.column_stack([q, rng.uniform(-9.0, 9.0, (n, space.rotations.dof))]))
 
 
@@ -94,7 +94,7 @@ def test_decided_cells_answer_without_geometry(make):
         Contents(*of, margin=space.margin, prove=lambda problem: None)
     )  # who asks for more than the cells fails
     np.testing.assert_array_equal(silent.is_free(q, exact=True), space.classify(q) == cspace.FREE)
-    assert silent.motion_is_free(*(ends[through] for ends in edges), exact=True).all()
+    assert silent.motion_is_free(*(q[through] for q in edges), exact=True).all()
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])

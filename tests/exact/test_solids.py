@@ -71,8 +71,8 @@ def near_mixed(space, rng, n):
     q = rng.uniform(np.subtract(space.grid.lower, 0.5), np.add(space.grid.upper, 0.5), (n, 3))
     cells = np.argwhere(space.state == MIXED)
     if len(cells):
-        some = cells[rng.integers(len(cells), size=3 * n // 4)]
-        q[: len(some)] = space.grid.lower + space.grid.spacing * (some + rng.random(some.shape))
+        chosen = cells[rng.integers(len(cells), size=3 * n // 4)]
+        q[: len(chosen)] = space.grid.lower + space.grid.spacing * (chosen + rng.random(chosen.shape))
     return q
 
 
@@ -130,11 +130,11 @@ def test_balls_are_round(seed, kind, margin, points):
     def gaps(q):
         if kind == "box":
             apart = np.maximum(np.abs(centers - q[:, None]) - size / 2, 0.0)
-            found = (np.sqrt((apart**2).sum(axis=-1)) - radii).min(axis=1)
+            apart_by = (np.sqrt((apart**2).sum(axis=-1)) - radii).min(axis=1)
         else:
             apart = np.linalg.norm(q[:, None, None] + spots[:, None] - centers, axis=-1)
-            found = (apart - reach[:, None] - radii).min(axis=(1, 2))
-        return np.minimum(found, wall_gaps(space, q)) - margin
+            apart_by = (apart - reach[:, None] - radii).min(axis=(1, 2))
+        return np.minimum(apart_by, wall_gaps(space, q)) - margin
 
     q0 = near_mixed(space, rng, 150)
     agrees(space, q0, gaps(q0))
@@ -274,10 +274,10 @@ BODIES = {
 @pytest.mark.parametrize("body", BODIES)
 def test_a_corridor_a_hair_wider_than_the_robot_is_passable_only_exactly(body):
     wide, narrow = (cspace.build(corridor(share), BODIES[body]) for share in (1.02, 0.98))
-    ends = [1.0, 2.0, 2.0], [5.0, 2.0, 2.0]
-    assert wide.motion_is_free(*ends, exact=True) and not wide.motion_is_free(*ends)
+    edge = [1.0, 2.0, 2.0], [5.0, 2.0, 2.0]
+    assert wide.motion_is_free(*edge, exact=True) and not wide.motion_is_free(*edge)
     assert wide.is_free([3.0, 2.0, 2.0], exact=True) and not wide.is_free([3.0, 2.0, 2.0])
-    assert not narrow.motion_is_free(*ends, exact=True) and not narrow.is_free([3.0, 2.0, 2.0], exact=True)
+    assert not narrow.motion_is_free(*edge, exact=True) and not narrow.is_free([3.0, 2.0, 2.0], exact=True)
     assert wide.motion_is_free([1.0, 1.999, 2.0], [5.0, 2.001, 2.1], exact=True)
     assert not wide.motion_is_free([1.0, 1.985, 2.0], [5.0, 2.015, 2.1], exact=True)
 
@@ -347,7 +347,7 @@ def test_hollows_are_free():
     assert cspace.build(skin, Robot.ball(0.3), inner=False).is_free([1.5, 3.0, 3.0], exact=True)
 
 
-def test_parts_of_a_robot_that_lie_in_an_obstacle_are_found():
+def test_parts_of_a_robot_that_lie_in_an_obstacle_collide():
     occupied = np.zeros((40, 3, 3), dtype=bool)
     occupied[[0, 39]] = True
     block = Workspace.from_mesh(trimesh.creation.box(bounds=[[3, 0, 0], [6, 6, 6]]), 0.5, (0, 0, 0, 6, 6, 6))
@@ -370,7 +370,7 @@ def test_a_thin_robot_does_not_jump_over_a_thin_obstacle(mesh):
 
 
 @pytest.mark.parametrize("outside", ["blocked", "free"])
-def test_what_lies_beyond_the_bounds_is_clipped(outside):
+def test_what_lies_outside_the_bounds_is_clipped(outside):
     bar = trimesh.creation.box(bounds=[[2, 1, 1], [9, 3, 3]])
     workspace = Workspace.from_mesh(bar, 0.25, (0, 0, 0, 4, 4, 4))
     for robot in (Robot.ball(0.3), Robot.mesh(trimesh.creation.icosphere(3, 0.3))):
@@ -446,9 +446,9 @@ def test_robots_that_turn_in_space(outside, turns):
 
     def gap(place, turn):
         moved.setTransform(fcl.Transform(turn.as_matrix(), place))
-        found = fcl.distance(moved, still, fcl.DistanceRequest(), fcl.DistanceResult())
+        apart = fcl.distance(moved, still, fcl.DistanceRequest(), fcl.DistanceResult())
         at = turn.apply(mesh.vertices) + place
-        return found if outside == "free" else min(found, at.min(), (2.0 - at).min())
+        return apart if outside == "free" else min(apart, at.min(), (2.0 - at).min())
 
     rotations = rng.uniform(-9.0, 9.0, (150, 1)) if turns == "yaw" else Rotation.random(150, random_state=1).as_quat()
     q0 = np.column_stack([rng.uniform(0.0, 2.0, (150, 3)), rotations])
@@ -463,26 +463,26 @@ def test_robots_that_turn_in_space(outside, turns):
         step, after = rng.normal(0.0, 0.2, 3), Rotation.from_rotvec(turn) * rotation_of(first)
         last = [first[3] + turn[2]] if turns == "yaw" else after.as_quat() * rng.choice([-1.0, 1.0])
         answer = space.motion_is_free(first, [*(first[:3] + step), *last], exact=True)
-        ways = [
+        poses = [
             (first[:3] + s * step, Rotation.from_rotvec(s * turn) * rotation_of(first))
             for s in (t if answer else t[::9])
         ]
-        least = min(gap(*way) for way in ways)
+        least = min(gap(*pose) for pose in poses)
         assert least > 0.0 if answer else least < 0.03 * (np.abs(step).sum() + np.abs(turn).sum() + 1.0)
         proven += answer
     assert proven > 3
 
 
 @pytest.mark.parametrize("turns", TURNS)
-def test_half_turns_are_proven_both_ways(turns):
+def test_half_turns_are_proven_along_both_arcs(turns):
     """A rod beside a post: of the two ways round one is blocked."""
     workspace = Workspace.from_points([[1.0, 1.5, 1.0]], 0.25, (0, 0, 0, 2, 2, 2))
     rod = Robot.box((1.4, 0.1, 0.1), (0.5, 0.0, 0.0))
     space = cspace.build(workspace, rod, rotations=TURNS[turns], outside="free", inner=False)
 
     def edge(end):
-        ends = np.radians([0.0, end])
-        turn = ends[:, None] if turns == "yaw" else Rotation.from_rotvec(ends[:, None] * [0, 0, 1]).as_quat()
+        yaws = np.radians([0.0, end])
+        turn = yaws[:, None] if turns == "yaw" else Rotation.from_rotvec(yaws[:, None] * [0, 0, 1]).as_quat()
         q0, q1 = np.hstack([np.ones((2, 3)) * (0.9, 0.9, 1.0), turn])
         return space.motion_is_free(q0, q1, exact=True)
 

@@ -149,11 +149,11 @@ class Pair:
 def test_distances_are_never_too_large_and_hardly_too_small(pair):
     square = triangles_square(*pair)
     size = np.linalg.norm(np.ptp(np.concatenate(pair), axis=0))
-    found = Pair(*(pieces(part[None]) for part in pair)).distance()
-    proven = Fraction(max(found, 0.0)) - Fraction(ERROR * size)
+    distance = Pair(*(pieces(part[None]) for part in pair)).distance()
+    proven = Fraction(max(distance, 0.0)) - Fraction(ERROR * size)
     assert proven <= 0 or proven**2 <= square
-    assert found > float(square) ** 0.5 - 1e-7 * size or (found < 0.0 and float(square) ** 0.5 < 1e-7 * size)
-    assert square > 0 or found <= ERROR * size
+    assert distance > float(square) ** 0.5 - 1e-7 * size or (distance < 0.0 and float(square) ** 0.5 < 1e-7 * size)
+    assert square > 0 or distance <= ERROR * size
 
 
 @pytest.mark.parametrize("scale", [2.0**-400, 2.0**-150, 2.0**-20, 1.0])
@@ -185,9 +185,9 @@ def test_a_robot_is_where_its_corners_are_grown_by_its_radius(pair, seed, radius
     rng = np.random.default_rng(seed)
     turn, place = Rotation.random(random_state=seed).as_matrix(), rng.uniform(-1, 1, 3)
     true = float(triangles_square(first @ turn.T + place, second)) ** 0.5 - radius
-    found = Pair(pieces(first[None], 0.75 * radius), pieces(second[None], 0.25 * radius)).distance(place, turn)
+    distance = Pair(pieces(first[None], 0.75 * radius), pieces(second[None], 0.25 * radius)).distance(place, turn)
     allowed = 1e-11 * np.abs(pair).sum()
-    assert found <= max(true, 0.0) + allowed and (found > true - 1e-6 or true < 1e-6)
+    assert distance <= max(true, 0.0) + allowed and (distance > true - 1e-6 or true < 1e-6)
 
 
 @settings(max_examples=60)
@@ -206,7 +206,7 @@ def test_what_is_proven_of_a_motion_holds_all_along_it(pair, seed):
         assert proven < 0.0 or triangles_square(placed, second) > 0
 
 
-def test_a_motion_along_a_face_is_proven_at_once():
+def test_a_motion_along_a_face_is_proven_in_one_step():
     plate = np.array([[[-9.0, -9, 0], [9, -9, 0], [0, 9, 0]]])
     body = np.array([[[-1.0, 0, 1e-6], [1, 0, 1e-6], [0, 0, 1]]])
     assert Pair(pieces(body), pieces(plate)).share(step=(4.0, 3.0, 0.0), enough=1.0) == 1.0
@@ -303,11 +303,11 @@ def test_triangles_that_are_proven_to_cross_do_wherever_rounding_puts_them(case,
         pairs[:, 1, 2] = pairs[:, 1, 0] + pairs[:, 1, 1]
         pairs[:, 1, 0] = 0.0
         pairs[:, 0] = flat + near[:, None] * rng.normal(size=(number, 3, 3))
-    found = cross_each(pairs, least)
+    crossing = cross_each(pairs, least)
     off = rng.normal(size=pairs.shape)
     off *= 0.25 * least / np.linalg.norm(off, axis=-1, keepdims=True)
-    assert found.sum() > 10
-    for some in (pairs[found][:40], (pairs + off)[found][:40]):
-        assert not any(triangles_square(*pair) for pair in some)
+    assert crossing.sum() > 10
+    for chosen in (pairs[crossing][:40], (pairs + off)[crossing][:40]):
+        assert not any(triangles_square(*pair) for pair in chosen)
     if case == "any" and least < 1e-6:
-        assert all(triangles_square(*pair) > 0 for pair in pairs[~found][:40])
+        assert all(triangles_square(*pair) > 0 for pair in pairs[~crossing][:40])
