@@ -28,10 +28,10 @@ def joint(
     rpy: Any = (0, 0, 0),
     extra: str = "",
 ) -> str:
-    ends = "" if limits is None else f'<limit lower="{limits[0]}" upper="{limits[1]}" effort="1" velocity="1"/>'
+    limit = "" if limits is None else f'<limit lower="{limits[0]}" upper="{limits[1]}" effort="1" velocity="1"/>'
     return (
         f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
-        f'<origin xyz="{_text(at)}" rpy="{_text(rpy)}"/><axis xyz="{_text(axis)}"/>{ends}{extra}</joint>'
+        f'<origin xyz="{_text(at)}" rpy="{_text(rpy)}"/><axis xyz="{_text(axis)}"/>{limit}{extra}</joint>'
     )
 
 

@@ -9,7 +9,7 @@ anywhere in it.
 solid holds, where it is, at every configuration of the box; if the other solid meets that one, they collide in all of
 the box. Where nothing is left of it, its middle must lie in the other solid as deep as it lacks.
 
-*Blocks.* All cells are looked at together first. A pair of solids that is proven apart is not asked of again; where
+*Blocks.* All cells are looked at together first. A pair of solids that is proven apart is not tested again; where
 some pairs are left, the block is halved along the joint that moves the arm the farthest, down to a cell, which is then
 MIXED. So the work grows with the cells along the border of the C-obstacle, and not with all of them.
 """
@@ -104,7 +104,7 @@ class Interiors(NamedTuple):
     deep : ndarray of float64, shape (m,)
         By :func:`depth`, of all lattices in a row.
     finer : ndarray of float64, shape (FINER**3 * m,)
-        The same of lattices that are finer by so much; 0 of what nobody has asked for, so that it takes no memory.
+        The same of lattices that are finer by so much; 0 where it was not needed yet, which takes no memory.
     firsts : ndarray of int64, shape (h + 1,)
         Where those of each one begin.
     """
@@ -122,7 +122,7 @@ class Interiors(NamedTuple):
 
 
 class Inside(NamedTuple):
-    """What tells BLOCKED: the solids from within, and balls that lie in them."""
+    """What proves BLOCKED: the solids from within, and balls that lie in them."""
 
     scene: Scene
     balls: Interiors
@@ -186,7 +186,7 @@ def are_near(scene: Scene, pair: int, box: Box, work: Work) -> bool:
     one, other = work.poses[solids.bodies[i]], work.poses[solids.bodies[j]]
     flight = flight_of(one, other, 0.0, moved, moved, box.least)
     nodes[0, 0], nodes[0, 1] = near[0], near[1]
-    spare = least_spare(solids.hulls, solids.roots[i], solids.roots[j], flight, 0.0, nodes, work.ways)
+    spare = least_spare(solids.hulls, solids.roots[i], solids.roots[j], flight, 0.0, nodes, work.directions)
     near[0], near[1] = nodes[0, 0], nodes[0, 1]
     return spare < 0.0
 
@@ -328,8 +328,8 @@ def depth_in_row(row: Floats, point: Row) -> float:
 def bounds_of_depth(inside: Inside, surface: int, parts: int, point: Row) -> tuple[float, float]:
     """How deep a point in the box of a closed surface, or near it, lies at least and about at most; below zero outside.
 
-    Depths change by no more than the way, so that the nearest point of a lattice tells of all around it. Of the one
-    that is finer by so many ``parts``, points are asked when they are needed, and then known.
+    Depth changes by no more than the distance, so that the nearest point of a lattice bounds it all around. Points of
+    the lattice that is finer by so many ``parts`` are computed at need, and cached.
     """
     balls, solids, number, way = inside.balls, inside.scene.solids, 0, 0.0
     box, known, near = solids.boxes[surface], balls.deep if parts == 1 else balls.finer, (0.0, 0.0, 0.0)

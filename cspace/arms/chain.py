@@ -76,10 +76,10 @@ class Chain(NamedTuple):
 
 @inner(error_model="numpy")
 def place(chain: Chain, q0: Floats, q1: Floats, t: float, poses: Floats) -> None:
-    """Where every body is at a part of the way between two configurations, and how it moves, shape (b, 3, 6).
+    """Write the poses and velocities of all bodies at a part ``t`` of a motion into ``poses``, shape (b, 3, 6).
 
-    The columns are those of its rotation, its translation, how fast it turns, and how fast the point of it moves that
-    is at the base's origin.
+    The columns are those of a body's rotation, its translation, its angular velocity, and the velocity of the point of
+    it that is at the base's origin.
     """
     for b in range(len(chain.parents)):
         frame, out = chain.frames[b], poses[b]

@@ -42,7 +42,7 @@ Ints = NDArray[np.int64]
 Simplex = tuple[Row, Row, Row]
 
 TILE: Final = 16
-"""Triangles that lie together and are asked as one, at most."""
+"""Triangles that lie together and are tested as one hull, at most."""
 
 WIDE: Final = 16
 """How many times as many triangles as the hulls below it has a hull has, at most."""
@@ -59,8 +59,8 @@ FLAT: Final = 1e-12
 STEPS: Final = 40
 """Corners of a difference after which the way between the nearest points is good enough."""
 
-KEPT: Final = 256
-"""Pairs of hulls of which it is kept along what they were apart."""
+CACHED: Final = 256
+"""Pairs of hulls whose separating direction is cached."""
 
 
 class Hulls(NamedTuple):
@@ -94,7 +94,7 @@ class Flight(NamedTuple):
     spin, drift : tuple of float
         A point p moves at ``drift + spin x p`` at the moment.
     half : float
-        The time either side that is asked about.
+        The time to either side that the proof covers.
     bend : float
         By how much it can leave that meanwhile.
     most : float
@@ -128,8 +128,8 @@ def hulls_of(rows: Floats, volume: float) -> Hulls:
     nodes, leaf = np.zeros((len(box), 4), dtype=np.int64), counts == 1
     inside = np.flatnonzero(~leaf)
     nodes[inside, 0] = inside + 2 * (counts[inside] // 2)
-    corners, ends = _corners(rows)
-    nodes[leaf, 1], nodes[leaf, 2] = ends[starts[leaf]], ends[starts[leaf] + 1]
+    corners, firsts = _corners(rows)
+    nodes[leaf, 1], nodes[leaf, 2] = firsts[starts[leaf]], firsts[starts[leaf] + 1]
     # Boxes and balls are solid: none of them has another part.
     nodes[:, 3] = bool(((rows[:, 9] < 0.0) | (rows[:, :9] == np.tile(rows[:, :3], 3)).all(axis=1)).all())
     nodes[0, 3] = 1
@@ -144,17 +144,17 @@ def hulls_of(rows: Floats, volume: float) -> Hulls:
     parts, stop = [corners], len(corners)
     large = np.flatnonzero(has_hull & ((ranks > 0) | (above == np.arange(len(box))))).tolist()
     for node in [] if rows[:, 9].any() else large:
-        own = points[np.unique(which.ravel()[ends[starts[node]] : ends[starts[node] + counts[node]]])]
-        kept, grown, depth, is_whole = _hull_of(own, -1.0 if node else volume)
+        own = points[np.unique(which.ravel()[firsts[starts[node]] : firsts[starts[node] + counts[node]]])]
+        hull, grown, depth, is_whole = _hull_of(own, -1.0 if node else volume)
         boxes[node, 7], boxes[node, 8] = grown, grown + depth
         if is_whole and grown <= 2.0 * FLAT * np.ptp(points, axis=0).max():
             boxes[0, 8] = 0.0
-            return Hulls(boxes[:1], np.array([[0, 0, len(kept), 1]]), np.ascontiguousarray(kept.T))
-        nodes[node, 1], nodes[node, 2], stop = stop, stop + len(kept), stop + len(kept)
-        parts.append(kept)
+            return Hulls(boxes[:1], np.array([[0, 0, len(hull), 1]]), np.ascontiguousarray(hull.T))
+        nodes[node, 1], nodes[node, 2], stop = stop, stop + len(hull), stop + len(hull)
+        parts.append(hull)
     tiles = np.flatnonzero(~leaf & has_hull & (ranks == 0) & (nodes[:, 2] == 0))
-    few = np.concatenate([np.arange(0), *(np.arange(ends[s], ends[s + c]) for s, c in spans[tiles].tolist())])
-    tile = np.repeat(np.arange(len(tiles)), ends[(starts + counts)[tiles]] - ends[starts[tiles]])
+    few = np.concatenate([np.arange(0), *(np.arange(firsts[s], firsts[s + c]) for s, c in spans[tiles].tolist())])
+    tile = np.repeat(np.arange(len(tiles)), firsts[(starts + counts)[tiles]] - firsts[starts[tiles]])
     owned = np.unique(tile * len(points) + which.ravel()[few])
     stops = stop + np.searchsorted(owned, len(points) * np.arange(len(tiles) + 1))
     nodes[tiles, 1], nodes[tiles, 2], boxes[tiles, 8] = stops[:-1], stops[1:], boxes[tiles, 3:6].min(axis=1)
@@ -167,20 +167,20 @@ def _corners(rows: Floats) -> tuple[Floats, Ints]:
     u, v = rows[:, 3:6], rows[:, 6:9]
     upright = is_box & ~u[:, 1:].any(axis=1) & ~v[:, ::2].any(axis=1)
     counts = np.where(upright, 0, np.where(is_box, 8, np.where(is_ball, 1, 3)))
-    ends = np.append(0, np.cumsum(counts))
-    corners = np.empty((int(ends[-1]), 3))
+    firsts = np.append(0, np.cumsum(counts))
+    corners = np.empty((int(firsts[-1]), 3))
     for k in range(3):
         chosen = counts > k if k == 0 else counts == 3
         chosen &= ~is_box
-        corners[ends[:-1][chosen] + k] = rows[chosen, 3 * k : 3 * k + 3]
+        corners[firsts[:-1][chosen] + k] = rows[chosen, 3 * k : 3 * k + 3]
     tilted = is_box & ~upright
     w = np.cross(u[tilted], v[tilted])
     w *= (rows[tilted, 9] / np.linalg.norm(w, axis=1))[:, None]
     for k in range(8):
         signs = 1.0 - 2.0 * np.array([k & 1, k >> 1 & 1, k >> 2])
         corner = rows[tilted, :3] + signs[0] * u[tilted] + signs[1] * v[tilted] + signs[2] * w
-        corners[ends[:-1][tilted] + k] = corner
-    return corners, ends
+        corners[firsts[:-1][tilted] + k] = corner
+    return corners, firsts
 
 
 def _hull_of(points: Floats, volume: float) -> tuple[Floats, float, float, bool]:
@@ -194,28 +194,28 @@ def _hull_of(points: Floats, volume: float) -> tuple[Floats, float, float, bool]
         hull = ConvexHull(points)
     except QhullError:
         return points, 0.0, 0.0, False
-    kept, is_whole = points[hull.vertices], volume > (1.0 - 1e-9) * float(hull.volume)
-    count = FULL if is_whole or (volume >= 0.0 and len(kept) == len(points)) else FEW
-    if len(kept) > count:
+    corners, is_whole = points[hull.vertices], volume > (1.0 - 1e-9) * float(hull.volume)
+    count = FULL if is_whole or (volume >= 0.0 and len(corners) == len(points)) else FEW
+    if len(corners) > count:
         # Directions spread evenly over a sphere, along Fibonacci's spiral.
         k = np.arange(count) + 0.5
         z, angle = 1.0 - 2.0 * k / count, math.pi * (1.0 + math.sqrt(5.0)) * k
-        ways = np.stack([np.sqrt(1.0 - z * z) * np.cos(angle), np.sqrt(1.0 - z * z) * np.sin(angle), z])
-        kept = kept[np.unique((kept @ ways).argmax(axis=0))]
-        hull = ConvexHull(kept)
-    if len(kept) == len(points):
-        return kept, 0.0, 0.0, is_whole
+        directions = np.stack([np.sqrt(1.0 - z * z) * np.cos(angle), np.sqrt(1.0 - z * z) * np.sin(angle), z])
+        corners = corners[np.unique((corners @ directions).argmax(axis=0))]
+        hull = ConvexHull(corners)
+    if len(corners) == len(points):
+        return corners, 0.0, 0.0, is_whole
     parts = np.array_split(points, len(points) // 4096 + 1)  # of which the heights above all planes fit a cache
     heights = np.concatenate([(part @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1) for part in parts])
     size = float(np.ptp(points, axis=0).max())
     outside = points[heights > -1e-9 * size]
     sides = hull.points[hull.simplices]
     # Of thin triangles distances may be too small; without them they are too large at worst.
-    ways = np.roll(sides, -1, axis=1) - sides
-    areas = np.linalg.norm(np.cross(ways[:, 0], ways[:, 1]), axis=1)
-    thin = areas <= 2.0 * THIN * (ways**2).sum(axis=2).max(axis=1)
+    edges = np.roll(sides, -1, axis=1) - sides
+    areas = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
+    thin = areas <= 2.0 * THIN * (edges**2).sum(axis=2).max(axis=1)
     grown = farthest(outside, sides[~thin]) + FLAT * size
-    return kept, grown, float(-heights.min()), is_whole
+    return corners, grown, float(-heights.min()), is_whole
 
 
 @jit
@@ -246,9 +246,9 @@ def forest_of(solids: Sequence[Sequence[Hulls]]) -> tuple[Hulls, Ints, Ints]:
             corners.append(part.corners)
             size, count = size + len(part.nodes), count + part.corners.shape[1]
             return
-        found = np.stack([part.boxes[0, :6] for _, part in parts])
-        low, high = (found[:, :3] - found[:, 3:]).min(axis=0), (found[:, :3] + found[:, 3:]).max(axis=0)
-        order = found[:, int((high - low).argmax())].argsort(kind="stable").tolist()
+        extents = np.stack([part.boxes[0, :6] for _, part in parts])
+        low, high = (extents[:, :3] - extents[:, 3:]).min(axis=0), (extents[:, :3] + extents[:, 3:]).max(axis=0)
+        order = extents[:, int((high - low).argmax())].argsort(kind="stable").tolist()
         half, sides = len(order) // 2, 0.5 * (high - low)
         boxes.append(np.array([[*(0.5 * (low + high)), *sides, np.linalg.norm(sides), 0.0, 0.0]]))
         nodes.append(row := np.array([[0, 0, 0, 1]]))
@@ -277,13 +277,15 @@ def corners_of(hulls: Hulls, node: int) -> tuple[Floats, float]:
 
 
 @inner(error_model="numpy")
-def least_spare(hulls: Hulls, one: int, other: int, flight: Flight, enough: float, work: Ints, ways: Floats) -> float:
+def least_spare(
+    hulls: Hulls, one: int, other: int, flight: Flight, enough: float, work: Ints, directions: Floats
+) -> float:
     """By how much what is apart exceeds what it has to, ``enough`` at most, in the trees of a body and of another one.
 
     The body is the one that the flight is of. Below zero where one pair of nodes is not proven to stay apart, and
     minus infinity where one is not apart in the middle of a motion, all of which is looked at. The pair is then the
-    first row of ``work``, shape (DEPTH, 6): it is asked first the next time. Row 1 begins with 1 if parts of what hangs
-    together were looked at alone. ``ways``, shape (KEPT, 4), keeps for some pairs along what their hulls were apart.
+    first row of ``work``, shape (DEPTH, 6), and tested first the next time. Row 1 begins with 1 if parts of what hangs
+    together were looked at alone. ``directions``, shape (CACHED, 4), caches along what hulls were apart.
     """
     best, top, last, known, beside = enough, 1, -1, work[0, 0], work[0, 1]
     ((rxx, rxy, rxz), (ryx, ryy, ryz), (rzx, rzy, rzz)), (px, py, pz) = flight.matrix, flight.place
@@ -332,11 +334,15 @@ def least_spare(hulls: Hulls, one: int, other: int, flight: Flight, enough: floa
         after, behind = hulls.nodes[a, 0], hulls.nodes[b, 0]
         held, beheld = after == 0 or hulls.nodes[a, 2] > 0, behind == 0 or hulls.nodes[b, 2] > 0
         if held and beheld:
-            n, way, number = (still[0] - mx, still[1] - my, still[2] - mz), ways[(31 * a + b) % KEPT], a * 2.0**26 + b
-            if way[0] == number:
-                n = (way[1], way[2], way[3])
+            n, cached, number = (
+                (still[0] - mx, still[1] - my, still[2] - mz),
+                directions[(31 * a + b) % CACHED],
+                a * 2.0**26 + b,
+            )
+            if cached[0] == number:
+                n = (cached[1], cached[2], cached[3])
             spare, apart, n = spare_between(hulls, a, b, flight, speed, best, n)
-            way[0], way[1], way[2], way[3] = number, n[0], n[1], n[2]
+            cached[0], cached[1], cached[2], cached[3] = number, n[0], n[1], n[2]
             if spare > best:
                 partial = partial or not whole
                 continue
@@ -345,7 +351,7 @@ def least_spare(hulls: Hulls, one: int, other: int, flight: Flight, enough: floa
             if (after == 0 and behind == 0) or (apart and spare + loose < 0.0):
                 work[0, 0], work[0, 1] = a, b
                 if apart and flight.half > 0.0:
-                    # A shorter motion is asked about next, unless the middle of this one is in the way.
+                    # A shorter motion is tested next, unless the middle of this one is in the way.
                     flight, moves, last = at_rest(flight), True, -1
                     continue
                 best = min(spare, best - 1e-300) if apart else -math.inf
@@ -356,7 +362,7 @@ def least_spare(hulls: Hulls, one: int, other: int, flight: Flight, enough: floa
         if behind == 0 or (after > 0 and (held < beheld or (held == beheld and box[6] >= still[6]))):
             work[top, 0], work[top, 1], work[top + 1, 0], work[top + 1, 1] = after, b, a + 1, b
         else:
-            # The nearer one comes last, and is asked first: what it proves less of need not be asked of the other.
+            # The nearer one comes last, and is tested first: the other need not prove more than it does.
             one_box, other_box = hulls.boxes[b + 1], hulls.boxes[behind]
             x, y, z = (
                 2.0 * mx - one_box[0] - other_box[0],
@@ -373,7 +379,7 @@ def least_spare(hulls: Hulls, one: int, other: int, flight: Flight, enough: floa
 
 @inner(forceinline=True)
 def at_rest(flight: Flight) -> Flight:
-    """The same in the middle of the motion."""
+    """The flight at its middle moment alone, where nothing moves."""
     return Flight(flight.matrix, flight.place, flight.spin, flight.drift, 0.0, 0.0, 0.0, flight.least)
 
 
@@ -386,7 +392,7 @@ def spare_between(
     ``speed`` is by how much the first can move at most, and ``n`` where to begin: no matter how long, or zero.
     """
     least, half = flight.least + hulls.boxes[a, 7] + hulls.boxes[b, 7], flight.half
-    best, gap, kept, length, count = -math.inf, -math.inf, n, math.inf, 0
+    best, gap, direction, length, count = -math.inf, -math.inf, n, math.inf, 0
     p = q = r = (0.0, 0.0, 0.0)
     for _ in range(STEPS):
         square = dot(n, n)
@@ -399,7 +405,7 @@ def spare_between(
         other, low = highest(hulls, b, scaled(n, -1.0))
         shadow = -low - high - dot(n, flight.place)
         if shadow - least > gap:
-            gap, kept = shadow - least, n
+            gap, direction = shadow - least, n
             best = max(best, gap - speed)
             # Along n it may move by less.
             if best <= enough and gap - flight.bend > enough and half > 0.0:
@@ -426,7 +432,7 @@ def spare_between(
         before, length = length, math.sqrt(dot(n, n))
         if count == 4 or not length < before:
             break
-    return best, gap > 0.0, kept
+    return best, gap > 0.0, direction
 
 
 @inner(error_model="numpy")
@@ -488,12 +494,12 @@ def nearest(w: Row, p: Row, q: Row, r: Row, count: int) -> tuple[Row, Row, Row, 
     s, t, y = dot(o, cross(v, x)) / volume, dot(u, cross(o, x)) / volume, dot(u, cross(v, o)) / volume
     if volume != 0.0 and s >= 0.0 and t >= 0.0 and y >= 0.0 and s + t + y <= 1.0:
         return o, p, q, r, 4
-    found = in_triangle(w, p, q)
+    best = in_triangle(w, p, q)
     for one, two in ((q, r), (r, p)):
         other = in_triangle(w, one, two)
-        if dot(other[0], other[0]) < dot(found[0], found[0]):
-            found = other
-    return found
+        if dot(other[0], other[0]) < dot(best[0], best[0]):
+            best = other
+    return best
 
 
 @inner(error_model="numpy")

@@ -117,19 +117,19 @@ def build_arm_map(
         raise InputError("joints", f"are {', '.join(names)}", rule, "name them, and pass at= for the others")
     numbers = np.array([arm.joints.index(name) for name in names])
     held = _held(space, names, at)
-    ends = np.array([_limits(space, name, limits) for name in names])
-    endless = tuple(np.isinf(ends).all(axis=1).tolist())
+    intervals = np.array([_limits(space, name, limits) for name in names])
+    endless = tuple(np.isinf(intervals).all(axis=1).tolist())
     if any(endless):
-        ends[list(endless)] = -math.pi, math.pi
+        intervals[list(endless)] = -math.pi, math.pi
         around = _counts(np.array([[0.0, TURN]]), side).item()
         side = TURN / around
         if around * side - math.pi < math.pi:  # the last cell holds the last angle
             side = math.nextafter(side, math.inf)
-    counts = _counts(ends, side)
+    counts = _counts(intervals, side)
     units = tuple("m" if _slides(space, number) else "rad" for number in numbers.tolist())
     shape = tuple(counts.tolist())
-    check_memory(_BYTES * math.prod(shape), "the map", Planned(shape, side, ends[:, 0], ends[:, 1], units[0]))
-    grid = Grid(ends[:, 0], side, shape, axes=names, units=units)
+    check_memory(_BYTES * math.prod(shape), "the map", Planned(shape, side, intervals[:, 0], intervals[:, 1], units[0]))
+    grid = Grid(intervals[:, 0], side, shape, axes=names, units=units)
     moving = _moving(space, numbers)
     _check_held(space, numbers, held, np.flatnonzero(~moving.any(axis=1)))
 
@@ -150,7 +150,7 @@ def build_arm_map(
     states = np.zeros(shape, dtype=np.uint8)
     for part in parts:
         np.maximum(states, part.reshape(part.shape[3 - len(shape) :]), out=states)
-    for axis, (low, high) in enumerate(ends.tolist()):
+    for axis, (low, high) in enumerate(intervals.tolist()):
         if low + side * shape[axis] > high + 1e-9 * side:  # the last cells reach beyond
             last = np.moveaxis(states, axis, 0)[-1]
             last[last == FREE] = MIXED
@@ -158,8 +158,8 @@ def build_arm_map(
     rotations, robot = Rotations.of(None), Robot(arm.name, Point.at_origin(len(names)))
     slices = rotations.slice_of(robot.shape)
     circles = endless * any(endless)
-    ends[list(endless)] = -math.inf, math.inf
-    prove = partial(JointProofs, space._scene, numbers, held, ends)
+    intervals[list(endless)] = -math.inf, math.inf
+    prove = partial(JointProofs, space._scene, numbers, held, intervals)
     return map_of(Contents(workspace, robot, rotations, slices, states[np.newaxis], endless=circles, prove=prove))
 
 
@@ -182,8 +182,8 @@ def _held(space: ArmSpace, names: Sequence[str], at: ArrayLike | None) -> Floats
         number = space.arm.joints.index(name)
         low, high = space.arm.lower[number], space.arm.upper[number]
         if not low <= held[number] <= high:
-            found = f"has {name} at {held[number]:g}"
-            raise InputError("at", found, f"its limits are {low:g} and {high:g}", "stay within them", value=at)
+            fault = f"has {name} at {held[number]:g}"
+            raise InputError("at", fault, f"its limits are {low:g} and {high:g}", "stay within them", value=at)
     return held.copy()
 
 
@@ -193,9 +193,9 @@ def _limits(space: ArmSpace, name: str, limits: Mapping[str, tuple[float, float]
     own = float(space.arm.lower[number]), float(space.arm.upper[number])
     if limits is None or name not in limits:
         if math.isinf(own[0]) and not space.endless[number]:
-            found = f"are missing for {name!r}, which turns for ever, and other joints by another angle"
+            fault = f"are missing for {name!r}, which turns for ever, and other joints by another angle"
             rule, mend = "after a turn the arm is not where it was", f"pass limits={{{name!r}: (-3.14, 3.14)}}"
-            raise InputError("limits", found, rule, mend)
+            raise InputError("limits", fault, rule, mend)
         if own[0] == own[1]:
             mend = "name the other joints; at= says where it is held"
             raise InputError("joints", f"name {name!r}, which stays at {own[0]:g}", "a map is of what moves", mend)
@@ -207,9 +207,9 @@ def _limits(space: ArmSpace, name: str, limits: Mapping[str, tuple[float, float]
     return float(given[0]), float(given[1])
 
 
-def _counts(ends: Floats, side: float) -> Ints:
+def _counts(intervals: Floats, side: float) -> Ints:
     """How many cells cover each interval, shape (d, 2); rounding makes no cell."""
-    exact = (ends[:, 1] - ends[:, 0]) / side
+    exact = (intervals[:, 1] - intervals[:, 0]) / side
     nearest = np.rint(exact)
     return np.maximum(1, np.where(np.abs(exact - nearest) < 1e-9, nearest, np.ceil(exact))).astype(np.int64)
 
@@ -230,9 +230,9 @@ def _check_held(space: ArmSpace, numbers: Ints, held: Floats, still: Ints) -> No
     q = held[np.newaxis]
     if not are_free(scene, q, q)[0]:
         link, other, *_ = space._contact(scene, q)
-        found = f"has {link} touch {other!r}, or come nearer than the margin"
+        fault = f"has {link} touch {other!r}, or come nearer than the margin"
         rule = f"{', '.join(space.arm.joints[number] for number in numbers)} do not move them apart"
-        raise ConfigurationError("at", found, rule, "hold the other joints elsewhere", value=held)
+        raise ConfigurationError("at", fault, rule, "hold the other joints elsewhere", value=held)
 
 
 def _slides(space: ArmSpace, number: int) -> bool:
@@ -313,8 +313,8 @@ def _depths(solids: Solids, surface: int) -> tuple[Floats, Floats, tuple[int, ..
 
 def _balls(points: Floats, deep: Floats, shape: tuple[int, ...]) -> Floats:
     """Centers and radii of the largest balls around points, but for those near a larger one, shape (n, 4)."""
-    kept: list[int] = []
+    chosen: list[int] = []
     for k in np.argsort(-deep)[: np.count_nonzero(deep > 0.0)].tolist():
-        if len(kept) < _BALLS and (np.linalg.norm(points[kept] - points[k], axis=1) > 0.6 * deep[kept]).all():
-            kept.append(k)
-    return np.column_stack([points[kept], deep[kept]])
+        if len(chosen) < _BALLS and (np.linalg.norm(points[chosen] - points[k], axis=1) > 0.6 * deep[chosen]).all():
+            chosen.append(k)
+    return np.column_stack([points[chosen], deep[chosen]])

@@ -1,4 +1,4 @@
-"""Exact answers of a map of joints: the arm itself is asked where the cells do not decide."""
+"""Exact answers of a map of joints: the arm's geometry decides where the cells do not."""
 
 from __future__ import annotations
 
@@ -26,21 +26,21 @@ class JointProofs:
         Which numbers of the arm's configuration those of the map are.
     held : ndarray of float64, shape (arm.dof,)
         What the others are.
-    ends : ndarray of float64, shape (d, 2)
-        The part of each joint's way that is mapped; infinite where it turns for ever.
+    intervals : ndarray of float64, shape (d, 2)
+        The part of each joint's range that is mapped; infinite where it turns for ever.
     problem : Problem
         The map.
     """
 
-    def __init__(self, scene: Scene, numbers: Ints, held: Floats, ends: Floats, problem: Problem) -> None:
-        self._scene, self._numbers, self._held, self._ends = scene, numbers, held, ends
+    def __init__(self, scene: Scene, numbers: Ints, held: Floats, intervals: Floats, problem: Problem) -> None:
+        self._scene, self._numbers, self._held, self._intervals = scene, numbers, held, intervals
         self._problem = problem
 
-    def edge(self, *ends: float) -> bool:
-        return bool(self.are_free(*np.array(ends).reshape(2, 1, -1))[0])
+    def edge(self, *endpoints: float) -> bool:
+        return bool(self.are_free(*np.array(endpoints).reshape(2, 1, -1))[0])
 
     def are_free(self, q0: Floats, q1: Floats) -> Bools:
-        free, (low, high) = np.zeros(len(q0), dtype=np.bool_), self._ends.T  # beyond them nothing is proven
+        free, (low, high) = np.zeros(len(q0), dtype=np.bool_), self._intervals.T  # beyond them nothing is proven
         first, last = (((low <= q) & (q <= high)).all(axis=1) for q in (q0, q1))
         inside = np.flatnonzero(first & last)
         free[inside] = are_free(self._scene, *(self._whole(q[inside]) for q in (q0, q1)))
@@ -51,7 +51,7 @@ class JointProofs:
 
     @cached_property
     def _in_joints(self) -> Proofs:
-        """What tells distances in the joints, to the cells that are not FREE."""
+        """Proofs of distances in joint space, to the cells that are not FREE."""
         return proofs_by_borders(self._problem)
 
     def _whole(self, q: Floats) -> Floats:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.arms.chain import MOST_BODIES, SLIDES, STILL, TURNS, Chain, place_bodies
 from cspace.arms.pairs import LOOKS, always_touch, apart, random_points
-from cspace.arms.solids import Solid, placed_once, scene_of
+from cspace.arms.solids import Solid, placed_shared, scene_of
 from cspace.errors import InputError
 from cspace.grid import finite
 from cspace.shapes import Shape
@@ -194,7 +194,7 @@ class Arm:
                 raise InputError("link", f"is {each!r}", f"there are {', '.join(names)}", "name one of these")
         body = self.links[names.index(link)].body
         place = np.eye(4) if pose is None else rigid(pose, "pose")
-        held = Solid(name, body, (placed_once(shape, self.frames[link] @ place),))
+        held = Solid(name, body, (placed_shared(shape, self.frames[link] @ place),))
         allowed = self.allowed | {pair_of(name, each): "held" for each in (link, *touch)}
         return replace(self, links=(*self.links, held), allowed=allowed)
 
@@ -209,10 +209,10 @@ class Arm:
         moving = _moving(self.links)
         scene = scene_of(self.chain, self.links, moving)
         shares = apart(scene, random_points(self.ranges(), LOOKS)).mean(axis=1)
-        words = ["never" if share == 1.0 else "sometimes" if share else "always" for share in shares.tolist()]
-        found = {pair_of(a.name, b.name): "one body" for a, b in combinations(self.links, 2)}
-        found |= {self._names(pair): word for pair, word in zip(moving, words, strict=True)}
-        return found | {pair: why for pair, why in self.allowed.items() if pair in found}
+        labels = ["never" if share == 1.0 else "sometimes" if share else "always" for share in shares.tolist()]
+        reasons = {pair_of(a.name, b.name): "one body" for a, b in combinations(self.links, 2)}
+        reasons |= {self._names(pair): label for pair, label in zip(moving, labels, strict=True)}
+        return reasons | {pair: why for pair, why in self.allowed.items() if pair in reasons}
 
     def _names(self, pair: tuple[int, int]) -> Names:
         return pair_of(self.links[pair[0]].name, self.links[pair[1]].name)
@@ -279,10 +279,10 @@ def _joint(joint: Any, file: str) -> Joint:
         raise InputError(f"{where}: axis", "is zero", "a joint turns about it or slides along it", "correct it")
     lower, upper = -math.inf, math.inf
     if kind != STILL and joint.type != "continuous":
-        ends = (getattr(joint.limit, "lower", None), getattr(joint.limit, "upper", None))
-        if None in ends:
+        limits = (getattr(joint.limit, "lower", None), getattr(joint.limit, "upper", None))
+        if None in limits:
             raise InputError(where, "has no limits", "revolute and prismatic joints have", "add <limit lower= upper=>")
-        lower, upper = (float(finite(float(end), f"{where}: limit")) for end in ends if end is not None)
+        lower, upper = (float(finite(float(limit), f"{where}: limit")) for limit in limits if limit is not None)
         if lower > upper:
             rule = "the lower one must not be above the upper one"
             raise InputError(f"{where}: limits", f"are {lower:g} and {upper:g}", rule, "exchange them")
@@ -317,7 +317,7 @@ class _Assembly:
                     raise InputError("tip", f"is {tip!r}", f"it is not below {base!r}", "name a link that is")
                 way.add(link)
                 link = above[link].parent
-        kept = {joint.name for joint in self._order}
+        names = {joint.name for joint in self._order}
         self._moving = [
             joint.name
             for joint in self._order
@@ -328,7 +328,7 @@ class _Assembly:
                 file, "has no joint that moves there", "an arm has one at least", "name another base or tip"
             )
         for joint in self._order:
-            if joint.leader not in kept or joints[joint.leader].leader != joint.leader:
+            if joint.leader not in names or joints[joint.leader].leader != joint.leader:
                 rule = "it must be a joint of the arm that mimics none itself"
                 raise InputError(f"{file}: joint {joint.name!r}", f"mimics {joint.leader!r}", rule, "correct it")
 
@@ -344,27 +344,29 @@ class _Assembly:
             else:
                 bodies[joint.child] = (body, frame @ self._held(joint))
         if len(rows) > MOST_BODIES:
-            found = f"has {len(rows)} bodies that move against each other"
-            raise InputError(self._file, found, f"at most {MOST_BODIES} are taken", "name a base or a tip")
+            fault = f"has {len(rows)} bodies that move against each other"
+            raise InputError(self._file, fault, f"at most {MOST_BODIES} are taken", "name a base or a tip")
         links = tuple(self._links(bodies))
         if not links:
             raise InputError(self._file, "has no collision geometry", "an arm's links need some", "add <collision>")
-        ends = np.array([(self._joints[name].lower, self._joints[name].upper) for name in self._moving])
+        limits = np.array([(self._joints[name].lower, self._joints[name].upper) for name in self._moving])
         arm = Arm(
             str(self._urdf.robot.name),
             tuple(self._moving),
-            ends[:, 0],
-            ends[:, 1],
+            limits[:, 0],
+            limits[:, 1],
             links,
             {},
             {name: pose for name, (_, pose) in bodies.items()},
             self._chain(rows),
         )
-        return replace(arm, allowed=self._found(arm) if srdf is None else _disabled(srdf, list(self._urdf.link_map)))
+        return replace(
+            arm, allowed=self._default_allowed(arm) if srdf is None else _disabled(srdf, list(self._urdf.link_map))
+        )
 
-    def _found(self, arm: Arm) -> dict[Names, str]:
+    def _default_allowed(self, arm: Arm) -> dict[Names, str]:
         """Pairs that may touch, where no SRDF tells: neighbours, links of one body, and those that always touch."""
-        found = {
+        allowed = {
             pair_of(one.name, other.name): "one body"
             for one, other in combinations(arm.links, 2)
             if one.body == other.body
@@ -375,11 +377,11 @@ class _Assembly:
             while other is not None and other not in filled:
                 other = above.get(other)
             if other is not None:
-                found.setdefault(pair_of(link.name, other), "adjacent")
-        pairs = [pair for pair in _moving(arm.links) if arm._names(pair) not in found]
+                allowed.setdefault(pair_of(link.name, other), "adjacent")
+        pairs = [pair for pair in _moving(arm.links) if arm._names(pair) not in allowed]
         scene = scene_of(arm.chain, arm.links, pairs)
         touching = always_touch(scene, random_points(arm.ranges(), 100))
-        return found | {arm._names(pair): "always" for pair, always in zip(pairs, touching, strict=True) if always}
+        return allowed | {arm._names(pair): "always" for pair, always in zip(pairs, touching, strict=True) if always}
 
     def _held(self, joint: Joint) -> Floats:
         """The motion of a joint that no number moves."""
@@ -399,7 +401,7 @@ class _Assembly:
 
         find_meshes(self._urdf, bodies, self._file)
         for name, (body, pose) in bodies.items():
-            parts = [placed_once(shape, pose @ place) for shape, place in shapes_of(self._urdf, name, self._file)]
+            parts = [placed_shared(shape, pose @ place) for shape, place in shapes_of(self._urdf, name, self._file)]
             if parts:
                 yield Solid(name, body, tuple(parts))
 
@@ -450,7 +452,9 @@ def _disabled(path: str | os.PathLike[str], links: Sequence[str]) -> dict[Names,
                 yield names, element.get("reason") or "SRDF"
 
         defaults = named("disable_default_collisions", "link")
-        found = {pair_of(name, other): why for (name,), why in defaults for other in links if other != name}
+        disabled = {pair_of(name, other): why for (name,), why in defaults for other in links if other != name}
         for (one, other), _ in named("enable_collisions", "link1", "link2"):
-            found.pop(pair_of(one, other), None)
-        return found | {pair_of(one, other): why for (one, other), why in named("disable_collisions", "link1", "link2")}
+            disabled.pop(pair_of(one, other), None)
+        return disabled | {
+            pair_of(one, other): why for (one, other), why in named("disable_collisions", "link1", "link2")
+        }

@@ -26,8 +26,8 @@ def random_points(ranges: tuple[Floats, Floats], count: int) -> Floats:
 
 def apart(scene: Scene, points: Floats) -> Bools:
     """Whether each pair of a scene is proven apart at configurations, shape (p, n)."""
-    found = [are_free(scene._replace(pairs=pair[np.newaxis]), points, points) for pair in scene.pairs]
-    return np.array(found, dtype=np.bool_).reshape(-1, len(points))
+    proven = [are_free(scene._replace(pairs=pair[np.newaxis]), points, points) for pair in scene.pairs]
+    return np.array(proven, dtype=np.bool_).reshape(-1, len(points))
 
 
 def always_touch(scene: Scene, points: Floats) -> Bools:

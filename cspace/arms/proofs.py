@@ -1,8 +1,8 @@
 """Compiled proofs that the links of an arm touch neither obstacles nor each other, anywhere on a motion of the joints.
 
 A motion is cut into halves again and again. In the middle of a part, each pair of solids that may not touch is so far
-apart that it stays so for all of the part, or it is asked again in both halves of it: what is far from all else is
-asked once (F. Schwarzer, M. Saha and J.-C. Latombe, "Adaptive dynamic collision checking for single and multiple
+apart that it stays so for all of the part, or it is tested again in both halves of it: what is far from all else is
+tested once (F. Schwarzer, M. Saha and J.-C. Latombe, "Adaptive dynamic collision checking for single and multiple
 articulated robots in complex environments", 2005). Longer parts come first, so that a collision shows early, and in
 each the pair that was not proven last.
 
@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.arms.chain import Chain, bounds_of, flight_of, place
-from cspace.arms.hulls import KEPT, Hulls, least_spare
+from cspace.arms.hulls import CACHED, Hulls, least_spare
 from cspace.compiling import inner, jit
 from cspace.exact import ADVANCE, MOST_DISTANCES, ROUNDING, SHORTEST
 from cspace.exact.triangles import DEPTH, Trees, crosses, pierces
@@ -123,9 +123,9 @@ class Work(NamedTuple):
     aside : ndarray of bool, shape (p,)
         Pairs that are known not to lie in each other.
     nearest : ndarray of int64, shape (p, 2)
-        What was nearest to touching last, pair by pair.
-    ways : ndarray of float64, shape (KEPT, 4)
-        Along what hulls were apart.
+        The nodes that were nearest to touching last, pair by pair.
+    directions : ndarray of float64, shape (CACHED, 4)
+        Along what pairs of hulls were apart last.
     nodes : ndarray of int64, shape (DEPTH, 6)
     """
 
@@ -135,7 +135,7 @@ class Work(NamedTuple):
     bounds: Floats
     aside: Bools
     nearest: Ints
-    ways: Floats
+    directions: Floats
     nodes: Ints
 
 
@@ -149,24 +149,24 @@ def work_of(scene: Scene) -> Work:
         np.empty((pairs, 3)),
         np.empty(pairs, dtype=np.bool_),
         np.full((pairs, 2), -1),
-        np.zeros((KEPT, 4)),
+        np.zeros((CACHED, 4)),
         np.empty((DEPTH, 6), dtype=np.int64),
     )
 
 
 def are_free(scene: Scene, starts: Floats, ends: Floats) -> Bools:
-    """Whether motions are proven free, shapes (n, dof), asked by one thread."""
+    """Whether motions are proven free, shapes (n, dof), in one thread."""
     out = np.empty(len(starts), dtype=np.bool_)
-    ask_motions(scene, starts, ends, out, work_of(scene))
+    motions_are_free(scene, starts, ends, out, work_of(scene))
     return out
 
 
 @jit
-def ask_motions(scene: Scene, starts: Floats, ends: Floats, out: Bools, work: Work) -> None:
+def motions_are_free(scene: Scene, starts: Floats, ends: Floats, out: Bools, work: Work) -> None:
     """Whether all configurations of motions are free, shapes (n, dof); one that ends where it starts is a point."""
     for k in range(len(starts)):
         # Most motions that are not free end in a collision.
-        out[k] = ask_point(scene, ends[k], work) and ask_motion(scene, starts[k], ends[k], work)
+        out[k] = point_is_free(scene, ends[k], work) and motion_is_free(scene, starts[k], ends[k], work)
 
 
 @inner
@@ -180,7 +180,7 @@ def least_of(scene: Scene, q0: Floats, q1: Floats) -> float:
 
 
 @inner(error_model="numpy")
-def ask_point(scene: Scene, q: Floats, work: Work) -> bool:
+def point_is_free(scene: Scene, q: Floats, work: Work) -> bool:
     """Whether a configuration is proven free."""
     place(scene.chain, q, q, 0.0, work.poses)
     least = least_of(scene, q, q)
@@ -191,7 +191,7 @@ def ask_point(scene: Scene, q: Floats, work: Work) -> bool:
 
 
 @inner(error_model="numpy")
-def ask_motion(scene: Scene, q0: Floats, q1: Floats, work: Work) -> bool:
+def motion_is_free(scene: Scene, q0: Floats, q1: Floats, work: Work) -> bool:
     """Whether all configurations of a motion are proven free, the last of which is."""
     chain, solids, parts, left = scene.chain, scene.solids, work.parts, work.left
     pairs, nearest, far, least = len(scene.pairs), 0, 0.0, least_of(scene, q0, q1)
@@ -216,7 +216,7 @@ def ask_motion(scene: Scene, q0: Floats, q1: Floats, work: Work) -> bool:
             return False
         place(chain, q0, q1, middle, work.poses)
         looks += 1
-        begin, some = nearest, False
+        begin, undecided = nearest, False
         for k in range(pairs):
             n = (begin + k) % pairs
             if not left[row, n]:
@@ -224,7 +224,7 @@ def ask_motion(scene: Scene, q0: Floats, q1: Floats, work: Work) -> bool:
             spare = spare_of(scene, n, half, least, work)
             left[row, n] = spare < 0.0
             if spare < 0.0:
-                nearest, some = n, True
+                nearest, undecided = n, True
                 if spare == -np.inf:
                     return False
             if work.nodes[1, 0] and not work.aside[n]:
@@ -232,7 +232,7 @@ def ask_motion(scene: Scene, q0: Floats, q1: Floats, work: Work) -> bool:
                 if nests(scene, n, work, -1.0):
                     return False
                 work.aside[n] = True
-        if some:
+        if undecided:
             one, other = (head + waiting) % WAITING, (head + waiting + 1) % WAITING
             parts[one, 0], parts[one, 1], parts[other, 0], parts[other, 1] = first, middle, middle, last
             for n in range(pairs):
@@ -257,7 +257,7 @@ def spare_of(scene: Scene, n: int, half: float, least: float, work: Work) -> flo
         most = half * work.bounds[n, 0] / ADVANCE
     flight = flight_of(one, other, half / ADVANCE, bend, most, least)
     nodes[0, 0], nodes[0, 1] = nearest[n, 0], nearest[n, 1]
-    spare = least_spare(solids.hulls, solids.roots[i], solids.roots[j], flight, 0.0, nodes, work.ways)
+    spare = least_spare(solids.hulls, solids.roots[i], solids.roots[j], flight, 0.0, nodes, work.directions)
     nearest[n, 0], nearest[n, 1] = nodes[0, 0], nodes[0, 1]
     return spare
 
@@ -399,20 +399,20 @@ def seen(one: Floats, other: Floats, p: Row) -> Row:
 @inner(error_model="numpy")
 def spread(one: Floats, other: Floats, h: Row) -> Row:
     """Half the sides of what holds a box of one frame, in another, by half its own."""
-    found = (0.0, 0.0, 0.0)
+    half = (0.0, 0.0, 0.0)
     for k in range(3):
         ax, ay, az = one[0, k] * h[k], one[1, k] * h[k], one[2, k] * h[k]
-        found = (
-            found[0] + abs(other[0, 0] * ax + other[1, 0] * ay + other[2, 0] * az),
-            found[1] + abs(other[0, 1] * ax + other[1, 1] * ay + other[2, 1] * az),
-            found[2] + abs(other[0, 2] * ax + other[1, 2] * ay + other[2, 2] * az),
+        half = (
+            half[0] + abs(other[0, 0] * ax + other[1, 0] * ay + other[2, 0] * az),
+            half[1] + abs(other[0, 1] * ax + other[1, 1] * ay + other[2, 1] * az),
+            half[2] + abs(other[0, 2] * ax + other[1, 2] * ay + other[2, 2] * az),
         )
-    return found
+    return half
 
 
 @jit
 def distances(scene: Scene, points: Floats, out: Floats, nearest: Ints, work: Work) -> None:
-    """How far apart, at least, all pairs are at configurations, shape (n, dof): below zero where that is not proven.
+    """Lower bounds of the distances of all pairs at configurations, shape (n, dof): below zero where nothing is proven.
 
     ``nearest``, shape (n, 3), is given the pair and the two nodes that set it.
     """
@@ -428,16 +428,16 @@ def distances(scene: Scene, points: Floats, out: Floats, nearest: Ints, work: Wo
             one, other = work.poses[solids.bodies[i]], work.poses[solids.bodies[j]]
             flight = flight_of(one, other, 0.0, 0.0, 0.0, least)
             nodes[0, 0] = -1
-            found = least_spare(solids.hulls, solids.roots[i], solids.roots[j], flight, out[k], nodes, work.ways)
-            if found >= 0.0 and nodes[1, 0] and nests(scene, n, work, -1.0):
-                found = -1.0
-            if found < out[k]:
-                out[k] = found
+            spare = least_spare(solids.hulls, solids.roots[i], solids.roots[j], flight, out[k], nodes, work.directions)
+            if spare >= 0.0 and nodes[1, 0] and nests(scene, n, work, -1.0):
+                spare = -1.0
+            if spare < out[k]:
+                out[k] = spare
                 nearest[k, 0], nearest[k, 1], nearest[k, 2] = n, nodes[0, 0], nodes[0, 1]
 
 
 @jit
-def ask_blocked(scene: Scene, points: Floats, out: Bools, work: Work) -> None:
+def are_blocked(scene: Scene, points: Floats, out: Bools, work: Work) -> None:
     """Whether the borders of a pair of solids cross, or a point of one lies in the other one, by more than rounding."""
     for k in range(len(points)):
         least = least_of(scene, points[k], points[k])

@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arms.proofs import Scene, Work, ask_motion, ask_point, work_of
+from cspace.arms.proofs import Scene, Work, motion_is_free, point_is_free, work_of
 from cspace.compiling import inner, jit
 
 Floats = NDArray[np.float64]
@@ -75,7 +75,7 @@ def stepped(forest: Forest, scene: Scene, side: int, near: int, q: Floats, work:
     share = STRIDE / math.sqrt(square) if square > STRIDE**2 else 1.0
     for d in range(len(q)):
         nodes[new, d] = nodes[near, d] + share * (q[d] - nodes[near, d]) if share < 1.0 else q[d]
-    if not (ask_point(scene, nodes[new], work) and ask_motion(scene, nodes[near], nodes[new], work)):
+    if not (point_is_free(scene, nodes[new], work) and motion_is_free(scene, nodes[near], nodes[new], work)):
         forest.reaches[side, near] = NEAR
         return -1
     forest.parents[side, new], forest.reaches[side, new] = near, np.inf
@@ -105,7 +105,7 @@ def joined_path(scene: Scene, forest: Forest, joined: tuple[int, int], work: Wor
     here, rows = 0, 1
     while here < stop - 1:
         ahead = stop - 1 if straight else here + 1
-        while ahead > here + 1 and not ask_motion(scene, path[rows - 1], path[ahead], work):
+        while ahead > here + 1 and not motion_is_free(scene, path[rows - 1], path[ahead], work):
             ahead = here + (ahead - here) // 2
         for d in range(path.shape[1]):
             path[rows, d] = path[ahead, d]
@@ -115,7 +115,7 @@ def joined_path(scene: Scene, forest: Forest, joined: tuple[int, int], work: Wor
 
 @jit
 def grow(scene: Scene, forest: Forest, samples: Floats, work: Work, straight: bool) -> tuple[int, Floats]:
-    """Grow both trees, by turns that keep them alike, towards samples, shape (n, dof): how many that took, and a path.
+    """Grow the smaller tree towards each sample, shape (n, dof): how many were used, and a path.
 
     The path is empty where the trees have not met by a proven one yet: after so many tries, or where room is scarce.
     """
@@ -132,10 +132,10 @@ def grow(scene: Scene, forest: Forest, samples: Floats, work: Work, straight: bo
         if new < 0:
             continue
         # The other tree comes as far as it can.
-        aim, other = forest.nodes[side, new], 1 - side
-        at, far = nearest_to(forest, other, aim)
+        target, other = forest.nodes[side, new], 1 - side
+        at, far = nearest_to(forest, other, target)
         while at >= 0 and far > 0.0 and forest.counts[other] + 1 < room:
-            at, far = stepped(forest, scene, other, at, aim, work), far - STRIDE
+            at, far = stepped(forest, scene, other, at, target, work), far - STRIDE
         if at >= 0 and far <= 0.0:
             return k + 1, joined_path(scene, forest, (new, at) if side == 0 else (at, new), work, straight)
     return len(samples), samples[:0]

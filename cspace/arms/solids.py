@@ -96,20 +96,20 @@ class Placed:
     def probes(self) -> Floats:
         """Some corners of its border, and points of a lattice that lie in it, shape (n, 3)."""
         corners = np.unique(self.border.simplices.reshape(-1, 3), axis=0)
-        some = corners[:: -(-len(corners) // PROBES)]
+        corners = corners[:: -(-len(corners) // PROBES)]
         if not self.shape.encloses:
-            return some
+            return corners
         lower, upper = self.shape.bounds
         sides = upper - lower
         step = max(float(np.cbrt(sides.prod() / PROBES)), float(sides.max()) / PROBES)
         counts = np.maximum(1, np.rint(sides / step)).astype(np.int64)
         lattice = lower + (np.indices(tuple(counts.tolist())).reshape(3, -1).T + 0.5) * sides / counts
-        return np.concatenate([some, self.moved(lattice[self.shape.contains(lattice)])])
+        return np.concatenate([corners, self.moved(lattice[self.shape.contains(lattice)])])
 
 
 @dataclass(frozen=True, eq=False)
 class Still(Placed):
-    """A shape that never moves. Boxes, cells and balls are asked as the solids that they are, all others by a border.
+    """A shape that never moves. Boxes, cells and balls are tested as solids, all others by their border.
 
     Attributes
     ----------
@@ -153,7 +153,7 @@ class Still(Placed):
 
 
 class Solid(NamedTuple):
-    """What moves as one and is asked about as one: a link, or an obstacle.
+    """What moves as one and is tested as one: a link, or an obstacle.
 
     Attributes
     ----------
@@ -170,8 +170,8 @@ class Solid(NamedTuple):
 _ALIVE: Final = WeakValueDictionary[bytes, Placed]()
 
 
-def placed_once(shape: Shape, pose: Floats) -> Placed:
-    """The shape at the pose with all that was made of it: the same one for each link, of any arm, that is alike."""
+def placed_shared(shape: Shape, pose: Floats) -> Placed:
+    """The shape at the pose, with what is cached for it: one object for all links, of any arm, that are alike."""
     digest = hashlib.sha256(pickle.dumps((shape.spec, pose))).digest()  # the shape itself may hold what it has made
     return _ALIVE.setdefault(digest, Placed(shape, pose))
 
@@ -216,11 +216,11 @@ def solids_of(solids: Sequence[Solid], side: int, outer: Solids | None = None) -
 
 def _tree(parts: Sequence[Placed]) -> Trees:
     """A tree of some parts; the first one keeps it, so that links have theirs in every scene."""
-    kept, key = parts[0].trees, tuple(parts)
-    if key not in kept:
+    trees, key = parts[0].trees, tuple(parts)
+    if key not in trees:
         rows, levers = zip(*(part.rows for part in parts), strict=True)
-        kept[key] = tree_of_rows(np.concatenate(rows), np.concatenate(levers))
-    return kept[key]
+        trees[key] = tree_of_rows(np.concatenate(rows), np.concatenate(levers))
+    return trees[key]
 
 
 def _starts(counts: Iterable[int]) -> Ints:

@@ -1,4 +1,4 @@
-"""ArmSpace: an arm among obstacles, and what is proven of its configurations and motions."""
+"""ArmSpace: an arm among obstacles, and proofs of its configurations and motions."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from cspace.arms.hulls import corners_of
 from cspace.arms.model import Arm, pair_of, rigid
 from cspace.arms.obstacles import named_obstacles, placed_obstacle
 from cspace.arms.pairs import LOOKS, always_touch, random_points
-from cspace.arms.proofs import Scene, are_free, ask_blocked, ask_motions, distances, work_of
+from cspace.arms.proofs import Scene, are_blocked, are_free, distances, motions_are_free, work_of
 from cspace.arms.solids import Placed, Solid, Still, scene_of, scene_within
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import ConfigurationError, InputError
@@ -149,7 +149,7 @@ class ArmSpace(ConfigurationSpace):
             )
 
     def _always_touch(self, pairs: NDArray[np.int64]) -> Iterator[tuple[str, str]]:
-        """Names of what is of pairs that are apart at none of some random configurations."""
+        """Names of the two solids of each pair that is apart at none of some random configurations."""
         scene, points = self._scene._replace(pairs=pairs), random_points(self.arm.ranges(), LOOKS)
         for pair in pairs[always_touch(scene, points)]:
             yield self._contact(scene._replace(pairs=pair[np.newaxis]), points[:1])[:2]
@@ -173,7 +173,7 @@ class ArmSpace(ConfigurationSpace):
         return tuple(circles.tolist())
 
     def plot(self, **options: Unpack[ArmPlotOptions]) -> Axes:
-        """Draw the arm among its obstacles, in three dimensions, and a path as pale arms with the way of its end.
+        """Draw the arm among its obstacles, in three dimensions, and a path as pale arms with the curve of its end.
 
         No window is opened; a notebook shows the axes as the picture.
 
@@ -217,13 +217,13 @@ class ArmSpace(ConfigurationSpace):
         """A quick ``motion_is_free`` of floats, ``check(*q0, *q1)``, as :meth:`cspace.CSpace.edge_checker`."""
         scene, dof, rooms = self._scene, self.dof, threading.local()
 
-        def check(*ends: float) -> bool:
+        def check(*endpoints: float) -> bool:
             try:
                 work, out = rooms.own
             except AttributeError:  # the first call of a thread
                 work, out = rooms.own = work_of(scene), np.empty(1, dtype=np.bool_)
-            rows = np.array(ends).reshape(2, 1, dof)
-            ask_motions(scene, rows[0], rows[1], out, work)
+            rows = np.array(endpoints).reshape(2, 1, dof)
+            motions_are_free(scene, rows[0], rows[1], out, work)
             return bool(out[0])
 
         return check
@@ -331,12 +331,12 @@ class ArmSpace(ConfigurationSpace):
             rule = "it must be a whole number, zero or above, or None for one sample"
             raise InputError("n", f"is {n!r}", rule, "pass e.g. 100", value=n)
         ranges = self.arm.ranges()
-        count, found, tried = 1 if n is None else int(n), [np.empty((0, self.arm.dof))], 0
-        while (kept := sum(map(len, found))) < count:
-            some = generator.uniform(*ranges, (min(max(2 * (count - kept), 16), 10_000), self.arm.dof))
-            found.append(some[np.asarray(self.is_free(some))])
-            tried += len(some)
-            if tried >= _TRIES and not kept:
+        count, batches, tried = 1 if n is None else int(n), [np.empty((0, self.arm.dof))], 0
+        while (count_drawn := sum(map(len, batches))) < count:
+            points = generator.uniform(*ranges, (min(max(2 * (count - count_drawn), 16), 10_000), self.arm.dof))
+            batches.append(points[np.asarray(self.is_free(points))])
+            tried += len(points)
+            if tried >= _TRIES and not count_drawn:
                 always = [f"{link} touches {other}" for link, other in self._always_touch(self._scene.pairs)]
                 raise ConfigurationError(
                     self.arm.name,
@@ -344,7 +344,7 @@ class ArmSpace(ConfigurationSpace):
                     f"in each of {LOOKS} of them {', '.join(always)}" if always else "sampling needs some that are",
                     "look at space.closest(q), and at the pairs that may touch",
                 )
-        samples = np.concatenate(found)[:count]
+        samples = np.concatenate(batches)[:count]
         return samples[0] if n is None else samples
 
     def free_path(
@@ -387,29 +387,29 @@ class ArmSpace(ConfigurationSpace):
         from cspace.arms.search import search_path
 
         start, goals = self._checked(q0, "q0"), np.atleast_2d(self._checked(q1, "q1"))
-        for name, ends, dims in (("q0", start, (1,)), ("q1", goals, (2,))):
-            if ends.ndim not in dims or not len(ends):
+        for name, q, dims in (("q0", start, (1,)), ("q1", goals, (2,))):
+            if q.ndim not in dims or not len(q):
                 rule = f"it must be one configuration of {self.dof} numbers" + " or rows of them" * (name == "q1")
-                raise InputError(name, f"has shape {ends.shape}", rule, f"pass ({', '.join(self.axes)})")
+                raise InputError(name, f"has shape {q.shape}", rule, f"pass ({', '.join(self.axes)})")
         seconds = positive(time_limit, "time_limit", "seconds")
-        ends = np.vstack([start, goals])
-        free = are_free(self._scene, ends, ends)
+        endpoints = np.vstack([start, goals])
+        free = are_free(self._scene, endpoints, endpoints)
         for name, q, good in (("q0", start, free[0]), ("q1", goals[0], free[1:].any())):
             if not good:
                 raise self._unusable(q, name)
         rng = np.random.default_rng(seed)
-        return search_path(self._scene, self.arm.ranges(ends), start, goals[free[1:]], rng, seconds, straight)
+        return search_path(self._scene, self.arm.ranges(endpoints), start, goals[free[1:]], rng, seconds, straight)
 
     def _unusable(self, q: Floats, name: str) -> ConfigurationError:
         """The error that says what touches at a configuration, shape (dof,), from which no path leads."""
         link, other, *_ = self.closest(q)
-        found = f"is not proven free: {link} is in collision with {other}, or all but"
+        fault = f"is not proven free: {link} is in collision with {other}, or all but"
         mend = f"choose another, or pass allowed=[({link!r}, {other!r})] where they may touch"
         point = f"({', '.join(f'{x:.6g}' for x in q)})"
-        return ConfigurationError(name, f"{point} {found}", "a path starts and ends where it is proven", mend, value=q)
+        return ConfigurationError(name, f"{point} {fault}", "a path starts and ends where it is proven", mend, value=q)
 
     def _classify(self) -> Ask:
-        def ask(parts: Sequence[Any], out: States) -> int:
+        def query(parts: Sequence[Any], out: States) -> int:
             (rows,) = self._rows(parts, ("q",))
             free = np.empty(len(out), dtype=np.bool_)
             self._prove(rows, rows, free)
@@ -417,28 +417,28 @@ class ArmSpace(ConfigurationSpace):
             left = np.flatnonzero(~free)
 
             def work(first: int, stop: int) -> int:
-                found, some = np.empty(stop - first, dtype=np.bool_), left[first:stop]
-                ask_blocked(self._within, rows[some], found, work_of(self._within))
-                out[some[found]] = BLOCKED
+                blocked, rows_left = np.empty(stop - first, dtype=np.bool_), left[first:stop]
+                are_blocked(self._within, rows[rows_left], blocked, work_of(self._within))
+                out[rows_left[blocked]] = BLOCKED
                 return -1
 
             return in_chunks(work, len(left), THREAD)
 
-        return ask
+        return query
 
     def _frees(self, exact: bool) -> Ask:
-        def ask(parts: Sequence[Any], out: Bools) -> int:
+        def query(parts: Sequence[Any], out: Bools) -> int:
             (rows,) = self._rows(parts, ("q",))
             return self._prove(rows, rows, out)
 
-        return ask
+        return query
 
     def _edges(self, number: int, exact: bool) -> Ask:
-        def ask(parts: Sequence[Any], out: Bools) -> int:
+        def query(parts: Sequence[Any], out: Bools) -> int:
             starts, ends = self._rows(parts, ("q0", "q1"))
             return self._prove(starts, ends, out)
 
-        return ask
+        return query
 
     def _prove(self, starts: Floats, ends: Floats, out: Bools) -> int:
         """Whether motions are proven free, in threads."""
@@ -455,10 +455,10 @@ class ArmSpace(ConfigurationSpace):
 
     def _checked(self, q: ArrayLike, name: str) -> Floats:
         points = self.arm.checked(q, name)
-        beyond = (points < self.arm.lower) | (points > self.arm.upper)
-        if beyond.any():
-            *_, number = np.argwhere(beyond)[0]
-            value = float(points[beyond][0])
+        outside = (points < self.arm.lower) | (points > self.arm.upper)
+        if outside.any():
+            *_, number = np.argwhere(outside)[0]
+            value = float(points[outside][0])
             joint, low, high = self.arm.joints[number], self.arm.lower[number], self.arm.upper[number]
             raise ConfigurationError(
                 name,

@@ -1,4 +1,4 @@
-"""animate: a robot on its way, beside the C-obstacle that changes as it turns."""
+"""animate: a robot along a path, beside the C-obstacle that changes as it turns."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def animate(
     """Draw a robot that drives along a path into an animated GIF.
 
     One panel shows the robot among the obstacles; the other, on the same axes, its reference point in the slice of the
-    map at its rotation. The robot's speed is even, where a turn counts as the way of its farthest point.
+    map at its rotation. The robot's speed is even, where a turn counts as the distance that its farthest point moves.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def animate(
 
 
 def check_animated(axes: Sequence[str], argument: str) -> None:
-    """Refuse maps that are not animated, told by the axes of their configurations.
+    """Refuse maps that are not animated, by the axes of their configurations.
 
     Raises InputError if it is one in space.
     """
@@ -114,16 +114,16 @@ def check_animated(axes: Sequence[str], argument: str) -> None:
 
 
 def _timing(seconds: float, rate: float) -> tuple[int, int]:
-    """Milliseconds of a frame, in the tens that a GIF can tell, and the number of frames."""
+    """Milliseconds of a frame, in tens as in every GIF, and the number of frames."""
     lasts, often = positive(seconds, "seconds", "seconds"), positive(rate, "rate", "frames in a second")
     if often > 50.0:
         rule = "it must be at most 50 frames in a second, as viewers play no more"
         raise InputError("rate", f"is {rate!r}", rule, "pass a lower rate", value=rate)
     count = round(lasts * often) + 1
     if count > _MOST_FRAMES:
-        found = f"is {seconds!r}, which at a rate of {often:g} makes {count} frames"
+        fault = f"is {seconds!r}, which at a rate of {often:g} makes {count} frames"
         rule = f"at most {_MOST_FRAMES} keep the file usable"
-        raise InputError("seconds", found, rule, "pass fewer seconds or a lower rate", value=seconds)
+        raise InputError("seconds", fault, rule, "pass fewer seconds or a lower rate", value=seconds)
     return 10 * max(2, round(100.0 / often)), max(count, 2)
 
 
@@ -148,8 +148,8 @@ class _Stage:
             artists.frame(ax, box, stretch)
         self._trail = world.plot([], [], color=artists.ROBOT, linewidth=2.2, zorder=4.5)[0]
         first = route.points[0]
-        body: dict[str, Any] = {"facecolor": artists.BODY, "edgecolor": artists.DARK, "zorder": 6}
-        self._robot = PathPatch(artists.outline(self._figurine, first), **body)
+        style: dict[str, Any] = {"facecolor": artists.ROBOT_FILL, "edgecolor": artists.DARK, "zorder": 6}
+        self._robot = PathPatch(artists.outline(self._figurine, first), **style)
         world.add_patch(self._robot)
         self._nose = PathPatch(artists.nose(self._figurine, first), facecolor=artists.DARK, linewidth=0.0, zorder=6.1)
         world.add_patch(self._nose)

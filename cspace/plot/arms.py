@@ -121,7 +121,7 @@ def moved(points: Floats, pose: Floats) -> Floats:
 
 
 def along_joints(points: Floats, shares: Floats) -> Floats:
-    """Configurations at shares, from 0 to 1, of the way along a path in the joints, shape (n, dof)."""
+    """Configurations at shares, from 0 to 1, of the length of a path in the joints, shape (n, dof)."""
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     return np.stack([np.interp(shares * way[-1], way, column) for column in points.T], axis=-1)
 
@@ -135,14 +135,14 @@ def draw_arm(
     legend: bool = True,
     title: str | None = None,
 ) -> Axes:
-    """Draw an arm among obstacles; as :meth:`cspace.ArmSpace.plot` tells."""
+    """Draw an arm among obstacles; as :meth:`cspace.ArmSpace.plot`."""
     points, figure = polyline(space, path), ArmFigure(space)
     stand = points[-1] if q is None and len(points) else np.zeros(space.dof).clip(space.arm.lower, space.arm.upper)
     stand = space._checked(stand if q is None else q, "q")
     look = Look(ax=ax, camera=camera, legend=legend, title=title or space.arm.name)
     ghosts = along_joints(points, np.linspace(0.0, 1.0, GHOSTS + 1)[:-1]) if len(points) > 1 else points[:0]
     links = [(PALE, placed[name]) for placed in map(figure.placed, ghosts) for name in figure.moving]
-    links += [(artists.BODY, link) for link in figure.placed(stand).values()]
+    links += [(artists.ROBOT_FILL, link) for link in figure.placed(stand).values()]
     corners = np.concatenate([link.vertices for _, link in links])
     low, high = corners.min(axis=0), corners.max(axis=0)
     room = ROOM * float(np.max(high - low))
@@ -155,7 +155,7 @@ def draw_arm(
     towards = direction_of(angles)
     polygons = [_polygons(each, _FINE * float(np.ptp(box, axis=0).max())) for _, each in (*links, *blocks)]
     colors = [lit(part, towards, color) for part, (color, _) in zip(polygons, (*links, *blocks), strict=True)]
-    handles = [patch("arm", artists.BODY)]
+    handles = [patch("arm", artists.ROBOT_FILL)]
     if len(points) > 1:
         way = figure.tips(along_joints(points, np.linspace(0.0, 1.0, 200)))
         polygons.append(ribbon(way, towards, box))
@@ -168,7 +168,7 @@ def draw_arm(
         handles.insert(0, patch(*SURFACES["obstacles"]))
     paint(drawn, polygons, colors)
     frame_in_space(drawn, box, angles, fit=ax is None)
-    artists.add_words(drawn, space, look, np.ones(3), "", handles)
+    artists.annotate(drawn, space, look, np.ones(3), "", handles)
     axes: Axes = drawn
     return axes
 

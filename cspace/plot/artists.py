@@ -36,13 +36,13 @@ CLASSES: Final = (
     ("unknown, taken as obstacle", "#475955"),
     ("obstacle", "#262626"),
 )
-OPEN, SOME, ASSUMED, HOLLOW, UNDECIDED, COLLIDES, UNSEEN, OBSTACLE = range(len(CLASSES))
+OPEN, PARTLY, ASSUMED, HOLLOW, UNDECIDED, COLLIDES, UNSEEN, OBSTACLE = range(len(CLASSES))
 OVER_ALL: Final = {OPEN: "free at every rotation", COLLIDES: "C-obstacle at every rotation"}
 """What classes are called where all rotations are shown at once."""
 
 PATH: Final = "#0072b2"
 ROBOT: Final = "#009e73"
-BODY: Final = "#3fb795"
+ROBOT_FILL: Final = "#3fb795"
 """A robot that is drawn filled."""
 DARK: Final = "#00614a"
 """Its edge and nose."""
@@ -68,7 +68,7 @@ def classes_of(space: MapLike, rotation: Floats | None, layer: tuple[Any, ...] =
     for states in stack:
         least, most = np.minimum(least, states[layer]), np.maximum(most, states[layer])
     classes = classes_at(ground, least)
-    classes[(classes <= ASSUMED) & (most != FREE)] = SOME
+    classes[(classes <= ASSUMED) & (most != FREE)] = PARTLY
     return classes
 
 
@@ -139,9 +139,9 @@ def cell_legend(classes: Sequence[Classes], space: MapLike, box: Floats, *, seve
         if np.asarray(present)[number]
     ]
     label, ground, lines = OUTSIDE
-    beyond = Patch(facecolor=ground, edgecolor=lines, hatch="////", linewidth=0.6, label=label)
+    outside_patch = Patch(facecolor=ground, edgecolor=lines, hatch="////", linewidth=0.6, label=label)
     outside = (box[0] < space.grid.lower).any() or (box[1] > space.grid.upper).any()
-    return entries + [beyond] * bool(outside)
+    return entries + [outside_patch] * bool(outside)
 
 
 def draw_path(ax: Axes, points: Floats, width: float = 1.8) -> list[Any]:
@@ -171,7 +171,7 @@ def draw_robots(ax: Axes, figurine: Figurine, at: Floats, pair: Sequence[int] = 
 
     if not len(at) or not figurine.shown:
         return []
-    style: dict[str, Any] = {"facecolor": (*to_rgb(BODY), 0.55), "edgecolor": DARK}
+    style: dict[str, Any] = {"facecolor": (*to_rgb(ROBOT_FILL), 0.55), "edgecolor": DARK}
     robots = PathCollection([outline(figurine, q, pair) for q in at], linewidths=0.9, zorder=3.0, **style)
     robots.set_transform(ax.transData)
     robots.set_path_effects([halo(2.1, 0.8)])
@@ -206,7 +206,7 @@ def draw_marks(
 ) -> list[Any]:
     """Draw start and goal as seen in two axes, or three; gives their legend entries.
 
-    An arrow shows the heading, where ``rotations`` says how a configuration tells one.
+    An arrow shows the heading, where ``rotations`` says how a configuration holds one.
     """
     looks: dict[str, dict[str, Any]] = {
         "start": {"marker": "o", "markersize": 7.0 * scale, "markerfacecolor": "white"},
@@ -251,14 +251,14 @@ def stretches(box: Floats, thin: float = THIN) -> Floats:
     return np.asarray(np.maximum(1.0, lengths.max() / thin / lengths))
 
 
-def title(space: MapLike, stretch: Floats, words: str | None, about: str = "") -> str:
+def title(space: MapLike, stretch: Floats, heading: str | None, about: str = "") -> str:
     """The given title, or the robot, the side of a cell and what is shown; where an axis is stretched, it says so."""
     notes = [f"{space.grid.axes[axis]} stretched {stretch[axis]:.3g} times" for axis in np.flatnonzero(stretch != 1.0)]
-    if words is None:
-        words = f"{space.robot.name}, cells of {space.grid.spacing:g} {space.grid.unit}" + (
+    if heading is None:
+        heading = f"{space.robot.name}, cells of {space.grid.spacing:g} {space.grid.unit}" + (
             f"\n{about}" if about else ""
         )
-    return f"{words}\n({', '.join(notes)})".strip() if notes else words
+    return f"{heading}\n({', '.join(notes)})".strip() if notes else heading
 
 
 def frame(
@@ -307,7 +307,7 @@ def draw_route(ax: Axes, route: Route, scale: float = 1.0, *, robots: bool = Tru
     return handles + draw_marks(ax, route.marks, scale, rotations=route.figurine.rotations)
 
 
-def add_words(
+def annotate(
     ax: Axes, space: MapLike, look: Look, stretch: Floats, about: str, handles: Sequence[Any], *, tall: bool = False
 ) -> None:
     """A title above and a legend below, or beside a tall map; beside the axes where they are the caller's."""

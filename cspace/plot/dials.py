@@ -40,9 +40,9 @@ class Dial(NamedTuple):
     inside : ndarray of bool, shape (n, n)
         Which pixels belong to it.
     rotations : ndarray of float64, shape (2, m, dof)
-        Two of each of these, as good as the same, as configurations tell them.
+        Two of each of these, all but the same, as in configurations.
     marks : tuple of (str, float, float)
-        Words, and where they stand.
+        Texts, and where they stand.
     """
 
     title: str
@@ -52,7 +52,7 @@ class Dial(NamedTuple):
 
 
 def draw_dials(space: MapLike, route: Route, look: Look) -> Axes:
-    """Draw the rotations at one position; as :func:`cspace.plot.plot` tells. Gives the axes of the first dial."""
+    """Draw the rotations at one position; as :func:`cspace.plot.plot`. Gives the axes of the first dial."""
     from matplotlib.colors import ListedColormap
 
     point, grid = section_point(space, look.at, route), space.grid
@@ -83,12 +83,12 @@ def draw_dials(space: MapLike, route: Route, look: Look) -> Axes:
         ax.set_title(dial.title, fontsize=9)
         ax.set_axis_off()
         ax.contour(*_places(), dial.inside, [0.5], colors="black", linewidths=0.7)
-        for words, x, y in dial.marks:
-            ax.text(x, y, words, fontsize=8, ha="center", va="center", path_effects=[artists.halo(1.6)])
+        for label, x, y in dial.marks:
+            ax.text(x, y, label, fontsize=8, ha="center", va="center", path_effects=[artists.halo(1.6)])
     first: Axes = panels.flat[0]
     place = ", ".join(f"{value + 0.0:.4g}" for value in point)
     box = np.array([grid.lower, grid.upper])
-    artists.add_words(
+    artists.annotate(
         first,
         space,
         look,
@@ -110,7 +110,7 @@ def _ring() -> list[Dial]:
     x, y = _places()
     inside = (np.hypot(x, y) <= 1.0) & (np.hypot(x, y) >= _HOLE)
     marks = [(f"{k * 45}°", k * np.pi / 4.0) for k in range(8)]
-    around = tuple((words, 1.14 * float(np.cos(angle)), 1.14 * float(np.sin(angle))) for words, angle in marks)
+    around = tuple((label, 1.14 * float(np.cos(angle)), 1.14 * float(np.sin(angle))) for label, angle in marks)
     return [Dial("", inside, (np.arctan2(y, x)[inside] + _APART)[..., None], (("yaw", 0.0, 0.0), *around))]
 
 
@@ -134,4 +134,4 @@ _DIALS: Final[dict[tuple[str, ...], Callable[[], list[Dial]]]] = {
     ("yaw",): _ring,
     ("qx", "qy", "qz", "qw"): _discs,
 }
-"""By the numbers that tell a rotation."""
+"""By the names of the numbers of a rotation."""

@@ -43,7 +43,7 @@ VIEWS: Final = {
     "panels": ("rotation", "zoom", "at"),
     "rotations": ("at",),
 }
-"""Pictures that there are, and the options that go with some of them only."""
+"""Kinds of picture, and the options that go with some of them only."""
 
 _VIEWS_IN: Final = {2: ("plane",), 3: ("sections", "3d")}
 """Those of a map with so many axes; where the robot turns, panels and rotations too."""
@@ -126,8 +126,8 @@ def plot(
         Where to draw; by default a new figure, which belongs to no window. ``view="3d"`` takes axes in three
         dimensions; sections and panels always have a figure of their own.
     robot_every : float, optional
-        Metres of path between two drawn robots, where a turn counts as the way of the robot's farthest point; ``inf``
-        draws it at the ends only. By default about a dozen.
+        Metres of path between two drawn robots, where a turn counts as the distance that the robot's farthest point
+        moves; ``inf`` draws it at the ends only. By default about a dozen.
     legend : bool
         Whether to add a legend, beside or below the axes, where it hides nothing.
     title : str, optional
@@ -214,7 +214,7 @@ class Bare:
 
 
 class Nobody(NamedTuple):
-    """What stands for the robot where there is none: it is drawn nowhere, and its name tells of the obstacles."""
+    """Stands for the robot where there is none: not drawn, and named after the obstacles."""
 
     name: str
     dim: int
@@ -222,7 +222,7 @@ class Nobody(NamedTuple):
 
 
 def view_of(axes: Sequence[str], view: str | None, options: Mapping[str, Any]) -> str:
-    """Which picture is asked for, of a map whose configurations have the given axes; told without the map.
+    """Which picture to draw of a map whose configurations have the given axes; the map itself is not needed.
 
     Raises InputError if there is none such of the map, or an option, where it is not None, goes with other ones.
     """
@@ -233,8 +233,8 @@ def view_of(axes: Sequence[str], view: str | None, options: Mapping[str, Any]) -
         raise InputError("view", f"is {view!r}", rule, "or leave it out", value=view)
     rotation = options.get("rotation")
     if rotation is not None and not numbers:
-        found, rule = f"is {rotation!r}", "the map has no rotations, so the robot does not turn"
-        raise InputError("rotation", found, rule, "leave it out, or build the map with rotations", value=rotation)
+        fault, rule = f"is {rotation!r}", "the map has no rotations, so the robot does not turn"
+        raise InputError("rotation", fault, rule, "leave it out, or build the map with rotations", value=rotation)
     several = rotation is not None and np.ndim(rotation) > (numbers > 1)
     kind = view or ("panels" if several else views[0])
     for name, value in options.items():
@@ -382,7 +382,7 @@ def _draw_plane(space: MapLike, route: Route, look: Look) -> Axes:
     handles = artists.cell_legend([classes], space, box, several=look.rotation is None)
     handles += artists.draw_route(ax, route)
     artists.frame(ax, box, stretch, labels=space.grid.labels)
-    artists.add_words(ax, space, look, stretch, space.rotations.about(look.rotation), handles, tall=tall)
+    artists.annotate(ax, space, look, stretch, space.rotations.about(look.rotation), handles, tall=tall)
     return ax
 
 

@@ -34,7 +34,7 @@ class HasPath(Protocol):
 
 
 class RobotLike(Protocol):
-    """What pictures ask of a robot."""
+    """What pictures need of a robot."""
 
     @property
     def name(self) -> str: ...
@@ -45,7 +45,7 @@ class RobotLike(Protocol):
 
 
 class WorkspaceLike(Protocol):
-    """What pictures ask of a workspace."""
+    """What pictures need of a workspace."""
 
     @property
     def outer(self) -> NDArray[np.bool_]: ...
@@ -61,7 +61,7 @@ class HasAxes(Protocol):
 
 
 class MapLike(Protocol):
-    """What pictures ask of a map; :class:`cspace.CSpace` has it all."""
+    """What pictures need of a map; :class:`cspace.CSpace` has it all."""
 
     @property
     def grid(self) -> Grid: ...
@@ -130,9 +130,9 @@ class Figurine:
         return [self.placed(self.nose, q)] if len(self.nose) and self.rotations.heading(q) is not None else []
 
     def travelled(self, points: Floats) -> Floats:
-        """Way from the first to each configuration of a path, metres, shape (n,).
+        """Length of a path from its first configuration to each, metres, shape (n,).
 
-        A turn counts as the way of the robot's farthest point.
+        A turn counts as the distance that the robot's farthest point moves.
         """
         steps = self.rotations.steps(points[:-1], points[1:])
         turns = np.linalg.norm(steps[:, self.dim :], axis=1)
@@ -140,7 +140,7 @@ class Figurine:
         return np.concatenate([[0.0], np.cumsum(lengths)])
 
     def along(self, points: Floats, shares: Floats) -> Floats:
-        """Configurations at shares, from 0 to 1, of the way along a path, shape (n, dof)."""
+        """Configurations at shares, from 0 to 1, of the length of a path, shape (n, dof)."""
         place = np.interp(shares * (way := self.travelled(points))[-1], way, np.arange(len(points)))
         first = np.minimum(place.astype(np.int64), max(len(points) - 2, 0))
         steps = self.rotations.steps(points[first], points[np.minimum(first + 1, len(points) - 1)])
@@ -247,7 +247,7 @@ class Route:
         )
 
     def within(self, grid: Grid) -> Route:
-        """What of it is seen in a picture of that grid only: marks that lie in it, and robots that reach into it."""
+        """The route in a picture of that grid only: marks that lie in it, and robots that reach into it."""
         seen = []
         for q in self.stations:
             low, high = self.figurine.extent(q)
@@ -265,7 +265,7 @@ class Route:
         return np.stack([points.min(axis=0), points.max(axis=0)])
 
     def along(self, shares: Floats) -> Floats:
-        """Configurations at shares, from 0 to 1, of the way along the path, shape (n, dof)."""
+        """Configurations at shares, from 0 to 1, of the path's length, shape (n, dof)."""
         return self.figurine.along(self.points, shares)
 
 
@@ -291,17 +291,17 @@ def polyline(space: HasAxes, path: Any) -> Floats:
 
 
 def marked(space: HasAxes, points: Floats, start: Any, goal: Any) -> dict[str, Floats]:
-    """Start and goal by name, those that there are; the ends of the path where not given."""
-    found = {}
+    """Start and goal by name, those that there are; by default the first and the last row of the path."""
+    marks = {}
     for name, given, end in (("start", start, 0), ("goal", goal, -1)):
         if given is not None:
-            found[name] = finite(given, name)
-            if (shape := found[name].shape) != (len(space.axes),):
+            marks[name] = finite(given, name)
+            if (shape := marks[name].shape) != (len(space.axes),):
                 mend = f"pass one configuration ({', '.join(space.axes)})"
                 raise InputError(name, f"has shape {shape}", f"it must be ({len(space.axes)},)", mend, value=given)
         elif len(points):
-            found[name] = points[end]
-    return found
+            marks[name] = points[end]
+    return marks
 
 
 def _stations(points: Floats, every: float | None, figurine: Figurine, zoom: float) -> Floats:
@@ -382,12 +382,12 @@ def within(points: Floats, axis: int, low: float, high: float) -> Floats:
     first, way = points[:-1], np.diff(points, axis=0)
     begin, rate = first[:, axis], way[:, axis]
     with np.errstate(divide="ignore", invalid="ignore"):
-        ends = np.sort([(low - begin) / rate, (high - begin) / rate], axis=0)
+        shares = np.sort([(low - begin) / rate, (high - begin) / rate], axis=0)
     level = rate == 0.0
     inside = (low <= begin) & (begin <= high)
-    start = np.where(level, np.where(inside, 0.0, 2.0), np.maximum(ends[0], 0.0))
-    stop = np.where(level, 1.0, np.minimum(ends[1], 1.0))
-    kept = start <= stop
-    rows = [first[kept] + share[kept, np.newaxis] * way[kept] for share in (start, stop)]
-    gaps = np.full((int(kept.sum()), points.shape[1]), np.nan)
+    start = np.where(level, np.where(inside, 0.0, 2.0), np.maximum(shares[0], 0.0))
+    stop = np.where(level, 1.0, np.minimum(shares[1], 1.0))
+    visible = start <= stop
+    rows = [first[visible] + share[visible, np.newaxis] * way[visible] for share in (start, stop)]
+    gaps = np.full((int(visible.sum()), points.shape[1]), np.nan)
     return np.stack([*rows, gaps], axis=1).reshape(-1, points.shape[1])

@@ -31,7 +31,7 @@ _MOST: Final = 64
 
 
 def draw_sections(space: MapLike, route: Route, look: Look) -> Axes:
-    """Draw three sections; as :func:`cspace.plot.plot` tells. Gives the axes of the one seen from above."""
+    """Draw three sections; as :func:`cspace.plot.plot`. Gives the axes of the one seen from above."""
     point = section_point(space, look.at, route)
     box = route.box(space)
     stretch = artists.stretches(box, _THIN)
@@ -43,12 +43,12 @@ def draw_sections(space: MapLike, route: Route, look: Look) -> Axes:
         for entry in _draw_route(ax, pair, across, route, float(point[across])):
             entries.setdefault(entry.get_label(), entry)
     handles = artists.cell_legend(shown, space, box, several=look.rotation is None) + list(entries.values())
-    artists.add_words(panels[2][0], space, look, stretch, space.rotations.about(look.rotation), handles)
+    artists.annotate(panels[2][0], space, look, stretch, space.rotations.about(look.rotation), handles)
     return panels[2][0]
 
 
 def draw_panels(space: MapLike, route: Route, look: Look) -> Axes:
-    """Draw a panel for each of some rotations; as :func:`cspace.plot.plot` tells. Gives the axes of the first."""
+    """Draw a panel for each of some rotations; as :func:`cspace.plot.plot`. Gives the axes of the first."""
     rotations = space.rotations
     shown = _distinct(space)
     if look.rotation is not None:
@@ -82,7 +82,7 @@ def draw_panels(space: MapLike, route: Route, look: Look) -> Axes:
     about = rotations.about(None).replace("over all rotations, ", "")
     names = zip(space.grid.axes[2:], point[2:], space.grid.units[2:], strict=True)
     about = ", ".join([about, *(f"{name} = {height:.4g} {unit}" for name, height, unit in names)])
-    artists.add_words(first, space, look, stretch, about, artists.cell_legend(classes, space, box) + handles)
+    artists.annotate(first, space, look, stretch, about, artists.cell_legend(classes, space, box) + handles)
     return first
 
 
@@ -126,9 +126,9 @@ def _draw_layer(
     digits = max(0, 1 + math.ceil(-math.log10(grid.spacing)))
     height = round(float(point[across]), digits) + 0.0  # no minus sign before zero
     # Unlike a title, a text takes room in the layout, which narrow panels need.
-    words: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points", "fontsize": 9}
+    style: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points", "fontsize": 9}
     name, unit = space.grid.axes[across], space.grid.units[across]
-    ax.annotate(f"{name} = {height:.10g} {unit}", (0.0, 1.0), (0.0, 5.0), **words)
+    ax.annotate(f"{name} = {height:.10g} {unit}", (0.0, 1.0), (0.0, 5.0), **style)
     return classes
 
 

@@ -55,7 +55,7 @@ class Faces(NamedTuple):
 
 
 def draw_surface(space: MapLike, route: Route, look: Look) -> Axes:
-    """Draw in three dimensions; as :func:`cspace.plot.plot` tells."""
+    """Draw in three dimensions; as :func:`cspace.plot.plot`."""
     surface = look.surface or next(iter(SURFACES))
     check_word(surface, "surface", tuple(SURFACES), "or leave it out")
     ax, angles = axes_in_space(look)
@@ -70,8 +70,8 @@ def draw_surface(space: MapLike, route: Route, look: Look) -> Axes:
     handles = [patch(*looks[number]) for number in np.unique(faces.marked).tolist()]
     if surface == "obstacles" and len(route.stations):
         polygons.append(_triangles(route))
-        colors.append(lit(polygons[-1], towards, artists.BODY))
-        handles.append(patch("robot", artists.BODY))
+        colors.append(lit(polygons[-1], towards, artists.ROBOT_FILL))
+        handles.append(patch("robot", artists.ROBOT_FILL))
     if len(route.points) > 1:
         way = route.figurine.travelled(route.points)
         shares = np.union1d(np.linspace(0.0, 1.0, 400), way / max(way[-1], np.finfo(float).tiny))
@@ -91,7 +91,7 @@ def draw_surface(space: MapLike, route: Route, look: Look) -> Axes:
     about = [f"cut at {space.grid.axes[2]} = {top:.4g} {space.grid.units[2]}"] * (top < space.grid.upper[2]) + [
         space.rotations.about(look.rotation)
     ]
-    artists.add_words(ax, space, look, stretch, ", ".join(filter(None, about)), handles)
+    artists.annotate(ax, space, look, stretch, ", ".join(filter(None, about)), handles)
     axes: Axes = ax
     return axes
 

@@ -140,10 +140,10 @@ def _check_same(store: Store, settings: dict[str, Any], stamp: str, shapes: str)
     theirs = {name: value for name, value in store.metadata.items() if name not in _OWN}
     for name, value in settings.items():
         if theirs.get(name) != value:
-            found = f"exists, and is of another map: its {name} is {theirs.get(name)!s:.60} and not {value!s:.60}"
+            fault = f"exists, and is of another map: its {name} is {theirs.get(name)!s:.60} and not {value!s:.60}"
             mend = "choose another name, or remove it"
-            raise FileError(str(store.path), found, "a build goes on with what was begun with the same settings", mend)
+            raise FileError(str(store.path), fault, "a build goes on with what was begun with the same settings", mend)
     if store.metadata["stamp"] != stamp or store.metadata.get("shapes", "") not in ("", shapes):
-        found = f"exists, and its workspace, {store.metadata['workspace_source']}, was another one"
+        fault = f"exists, and its workspace, {store.metadata['workspace_source']}, was another one"
         rule = "a build goes on with what was begun on the same obstacles, by their size, time or digest"
-        raise FileError(str(store.path), found, rule, "choose another name, or remove it")
+        raise FileError(str(store.path), fault, rule, "choose another name, or remove it")

@@ -2,8 +2,8 @@
 
 Look-ups are compiled for the whole map, whose cells they read by :func:`cspace.map.storage.state_in`; here is what it
 does for cells that lie in tiles: a cell of a tile that is not there counts as FREE, and the tile is marked. So a
-look-up is made again and again, with other tiles, until none was marked: each cell that it asks for was then there
-once, and what is known of it is the worst that it was told.
+look-up is repeated, with other tiles loaded, until none is marked: each cell that it reads was then there at least
+once, and its answer is the worst of all passes.
 """
 
 from __future__ import annotations
@@ -44,12 +44,12 @@ class Cache:
         return TileCells(read_only(self._packed.view()), self._places, self._wanted, *self._shape)
 
     def begin(self) -> None:
-        """Begin a look-up: what is not there now was not there before."""
+        """Begin a look-up: what earlier ones evicted or wanted counts as missing, like all that is not there."""
         self._places[self._places < 0] = MISSING
         self._wanted[:] = 0
 
     def wanted(self, most: int) -> list[int]:
-        """The chunks that were asked for and were not there, the first ones first, as many as there is room for."""
+        """The chunks that were read and are missing, in the order of reading, as many as there is room for."""
         for chunk in np.flatnonzero(self._wanted[:-1] == USED).tolist():
             self._used.move_to_end(chunk)
         marked = np.flatnonzero(self._wanted[:-1] > 0)
@@ -58,7 +58,7 @@ class Cache:
         return first
 
     def load(self, chunks: Iterable[int]) -> None:
-        """Have chunks there; those that make room for them are set aside."""
+        """Load chunks; the least recently used ones make room for them."""
         for chunk in chunks:
             states = self._load(chunk)
             if len(self._used) < self.room:

@@ -30,7 +30,7 @@ FREE_ONES, OPEN_ONES = 0, 1
 """The two kinds of components: of FREE cells, and of cells that are not BLOCKED."""
 
 MARK: Final = 8
-"""Numbers in which a digest is told."""
+"""Numbers that hold a digest."""
 
 DEEP: Final = 8.0
 """Cells from the border of a common face beyond which a crossing lies well enough."""
@@ -70,7 +70,7 @@ class Tile:
 
 
 def turns_of(store: Store) -> int:
-    """Rotation cells that are told apart: one where there is a single slice."""
+    """Rotation cells that are labelled: one where there is a single slice."""
     return store.rotations.count if store.slices > 1 else 1
 
 
@@ -131,10 +131,10 @@ class Joined:
 
     def labels(self, index: Index, kind: int) -> list[Labels]:
         """Those on the faces of a tile."""
-        found = read_labels(self.store, index, kind)
-        if found is None:
+        labels = read_labels(self.store, index, kind)
+        if labels is None:
             raise LookupError(index)
-        return found
+        return labels
 
     def number(self, index: Index) -> int:
         """Number of a tile."""
@@ -145,7 +145,7 @@ class Joined:
         store, faces = self.store, faces_of(self.store.grid.dim)
         counts = [max(int(face.max(initial=-1)) for face in self.labels(index, kind)) + 1 for index in store]
         first = np.concatenate([[0], np.cumsum(counts)])
-        outside, found = first[-1] + np.arange(len(self._slice_of)), [np.empty((0, 2), dtype=np.int64)]
+        outside, joined = first[-1] + np.arange(len(self._slice_of)), [np.empty((0, 2), dtype=np.int64)]
         for index in store:
             own, begin = self.labels(index, kind), first[self.number(index)]
             for face, labels in zip(faces, own, strict=True):
@@ -154,17 +154,17 @@ class Joined:
                     turns = np.broadcast_to(outside.reshape(-1, *(1,) * (labels.ndim - 1)), labels.shape)
                     touch = (labels >= 0) & self._open.reshape(-1, *(1,) * (labels.ndim - 1))
                     if kind == OPEN_ONES:
-                        found.append(_unique(labels[touch] + begin, turns[touch]))
+                        joined.append(_unique(labels[touch] + begin, turns[touch]))
                 elif face.far:
                     other = self.labels(tuple(beside), kind)[faces.index(Face(face.axis, False))]
                     touch = (labels >= 0) & (other >= 0)
-                    found.append(_unique(labels[touch] + begin, other[touch] + first[self.number(tuple(beside))]))
+                    joined.append(_unique(labels[touch] + begin, other[touch] + first[self.number(tuple(beside))]))
         if kind == OPEN_ONES and len(outside) > 1:
             near = self.store.rotations.neighbors
             one, other = np.nonzero(near >= 0)[0], near[near >= 0].astype(np.int64)
             both = self._open[one] & self._open[other]
-            found.append(_unique(outside[one[both]], outside[other[both]]))
-        return first, np.concatenate(found)
+            joined.append(_unique(outside[one[both]], outside[other[both]]))
+        return first, np.concatenate(joined)
 
     def nodes_of(self, cells: Ints) -> Ints:
         """Nodes of both kinds, shape (2, n), of cells ``(rotation, x, y(, z))``, shape (n, 1 + d), in the map or not.
@@ -174,8 +174,8 @@ class Joined:
         store, nodes = self.store, np.full((2, len(cells)), -1, dtype=np.int64)
         turns = np.minimum(cells[:, 0], len(self._slice_of) - 1)
         inside = ((cells[:, 1:] >= 0) & (cells[:, 1:] < store.grid.shape)).all(axis=1)
-        beyond = ~inside & self._open[turns]
-        nodes[OPEN_ONES, beyond] = self.first[OPEN_ONES][-1] + turns[beyond]
+        outside = ~inside & self._open[turns]
+        nodes[OPEN_ONES, outside] = self.first[OPEN_ONES][-1] + turns[outside]
         tiles = cells[:, 1:] // store.tile
         for index in np.unique(tiles[inside], axis=0):
             own = np.flatnonzero(inside & (tiles == index).all(axis=1))
@@ -187,9 +187,9 @@ class Joined:
                 known, labels = faces[2 * kind], faces[2 * kind + 1]
                 place = np.minimum(np.searchsorted(known, roots), max(len(known) - 1, 0))
                 there = known[place] == roots if len(known) else np.zeros(len(roots), dtype=np.bool_)
-                found = -2 - (number * 2**32 + roots)  # its own, unless it reaches a face
-                found[there] = self.first[kind][number] + labels[place[there]]
-                nodes[kind, own] = np.where(roots < 0, -1, found)
+                own_nodes = -2 - (number * 2**32 + roots)  # its own, unless it reaches a face
+                own_nodes[there] = self.first[kind][number] + labels[place[there]]
+                nodes[kind, own] = np.where(roots < 0, -1, own_nodes)
         return nodes
 
     def of(self, cells: Ints) -> tuple[Ints, Ints]:

@@ -1,4 +1,4 @@
-"""A stored map seen from afar: the same, proven, in larger cells."""
+"""A stored map in larger cells, as proven as the map itself."""
 
 from __future__ import annotations
 
@@ -63,9 +63,9 @@ def overview_of(job: Job, most: int, client: Client | None) -> CSpace:
         if n % factor:  # what lies beyond the map is not known here
             rim = np.moveaxis(states, 1 + axis, 0)[-1]
             rim[...] = MIXED
-    coarse = Grid(grid.lower, grid.spacing * factor, shape)
+    larger = Grid(grid.lower, grid.spacing * factor, shape)
     none = np.zeros_like(outer) if factor > 1 else outer
-    workspace = Workspace(coarse, outer, none, source=f"{store.path.name}, from afar")
+    workspace = Workspace(larger, outer, none, source=f"{store.path.name}, from afar")
     margin = float(store.metadata["margin"])
     return CSpace(Contents(workspace, store.robot, store.rotations, store.slice_of, states, UNKNOWN, margin))
 

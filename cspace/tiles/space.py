@@ -49,7 +49,7 @@ AROUND: Final = {2: 1024, 3: 256}
 """Cells along an axis of what is opened around configurations, by the number of axes."""
 
 CACHE_BYTES: Final = 2**29
-"""Memory for decoded tiles, unless a map is told otherwise: 2 x 10^9 states."""
+"""Memory for decoded tiles, unless ``cache_bytes`` says otherwise: 2 x 10^9 states."""
 
 _OF_A_WHOLE: Final = ("place", "placed", "remove")
 """What only a map answers that is whole, and in memory."""
@@ -213,10 +213,10 @@ class TiledCSpace(ConfigurationMap):
         tiles, crossings = self._at_one_moment(lambda: self._join().chain(*cells))
         turns = self.rotations.centers[crossings[:, 0]]
         points = [q0, *np.concatenate([self.grid.center_of(crossings[:, 1:]), turns], axis=1), q1]
-        beyond = [*crossings[:, 1:], cells[1][1:]]
+        next_cells = [*crossings[:, 1:], cells[1][1:]]
         return [
             (partial(self._opened, tile, cell), points[k], points[k + 1])
-            for k, (tile, cell) in enumerate(zip(tiles, beyond, strict=True))
+            for k, (tile, cell) in enumerate(zip(tiles, next_cells, strict=True))
         ]
 
     def _opened(self, tile: tuple[int, ...], cell: Ints) -> CSpace:
@@ -330,7 +330,7 @@ class TiledCSpace(ConfigurationMap):
     def _classify(self) -> Ask:
         from cspace.map.points import classify_few
 
-        return partial(self._ask, classify_few, FREE, LEAST)
+        return partial(self._query, classify_few, FREE, LEAST)
 
     def _clearances(self) -> Ask:
         return self._in_windows
@@ -358,14 +358,14 @@ class TiledCSpace(ConfigurationMap):
         def kernel(map_: Map, first: Floats, last: Floats, out: Bools) -> int:
             return edges_are_free(map_, NO_BLOCKS, first, last, out)
 
-        return partial(self._ask, kernel, True, EDGES_A_THREAD)
+        return partial(self._query, kernel, True, EDGES_A_THREAD)
 
     @property
     def _exact(self) -> Exact:
         raise self._elsewhere("exact")
 
-    def _ask(self, kernel: Kernel, passed: int, least: int, parts: Sequence[Any], out: NDArray[Any]) -> int:
-        """Fill ``out`` by a kernel of rows, shape (n, dof); ``passed`` is what it tells where all it reads is FREE."""
+    def _query(self, kernel: Kernel, passed: int, least: int, parts: Sequence[Any], out: NDArray[Any]) -> int:
+        """Fill ``out`` by a kernel of rows, shape (n, dof); ``passed`` is its result where all cells are FREE."""
         rows = [owned(part) for part in parts]
         return self._at_one_moment(lambda: self._in_turns(kernel, rows, out, passed, least))
 
@@ -378,7 +378,7 @@ class TiledCSpace(ConfigurationMap):
             return self._store
 
     def _at_one_moment(self, work: Callable[[], Result]) -> Result:
-        """What some work comes to, all of which saw the map as it was at one moment."""
+        """The result of some work, all of which saw the map as it was at one moment."""
         with self._lock:
             while True:
                 store = self._now
@@ -443,9 +443,9 @@ class TiledCSpace(ConfigurationMap):
 
     def _check_done(self) -> None:
         if self._now.metadata["box"] is None:
-            found = f"is {self.done:.1%} done"
+            fault = f"is {self.done:.1%} done"
             mend = "run the same build again: only what is missing is done"
-            raise FileError(self.path, found, "a map is looked up once all of it is there", mend)
+            raise FileError(self.path, fault, "a map is looked up once all of it is there", mend)
 
 
 def _run(kernel: Kernel, map_: Map, rows: list[Floats], out: NDArray[Any], start: int, stop: int) -> int:

@@ -86,9 +86,9 @@ class Store:
     path : Path
     metadata : dict
         Plain values: those of saved maps, and ``tile``, the cells of a tile along each axis, ``depth``, the slices of
-        a chunk, ``inner`` and ``same``, whether BLOCKED is told and whether inner cells are the outer ones, ``method``,
-        ``stamp``, of the workspace, ``shapes``, the digest of its obstacles where they are those of the array of that
-        name, ``version``, how many changes it has seen, and ``aside``, a folder of newer files.
+        a chunk, ``inner`` and ``same``, whether BLOCKED is proven and whether inner cells are the outer ones,
+        ``method``, ``stamp``, of the workspace, ``shapes``, the digest of its obstacles where they are those of the
+        array of that name, ``version``, how many changes it has seen, and ``aside``, a folder of newer files.
     rotations : Rotations
     moment : tuple
         What is another after any change of the map.
@@ -335,8 +335,8 @@ class Store:
 
     def obstacles_in(self, box: Box, known: Known | None = None) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Outer and inner cells in a box, which may reach beyond the map; ``known`` may know its tiles already."""
-        beyond = self.metadata["outside"] == "blocked"
-        outer = np.full(tuple(part.stop - part.start for part in box), beyond, dtype=np.bool_)
+        outside = self.metadata["outside"] == "blocked"
+        outer = np.full(tuple(part.stop - part.start for part in box), outside, dtype=np.bool_)
         inner = outer if self.metadata["same"] else outer.copy()
         for index in self.tiles_in(box):
             here, there = shared(box, self.cells(index))
@@ -464,7 +464,7 @@ class Record:
 
 
 Known = Callable[[Index], Record]
-"""What tells of a tile that is done."""
+"""Gives the record of a tile that is done."""
 
 
 def columns(slices: int, dim: int, layers: int) -> int:

@@ -47,8 +47,8 @@ class Patched:
 def update_store(store: Store, patch: Patch, client: Client | None, reach: NDArray[np.int64]) -> Update:
     """Change a store; it is as before until all is made, and then as after.
 
-    Raises InputError if inner cells are told of a store that keeps outer ones alone, and FileError if the store cannot
-    be read or written; it is as before then.
+    Raises InputError if inner cells are given for a store that keeps outer ones alone, and FileError if the store
+    cannot be read or written; it is as before then.
     """
     if patch.inner is not patch.outer and store.metadata["same"]:
         rule = "it was built on obstacles whose outer and inner cells are the same, and keeps one of them"

@@ -25,12 +25,12 @@ _MEND: Final = "ask for a smaller window"
 def window_of(store: Store, known: Known, table: Ints, first: Ints, stop: Ints) -> CSpace:
     """The part of a map from a first cell up to the one before another; all of it, if it has no cell beyond.
 
-    ``known`` tells of tiles, and ``table``, shape (slices, 2 d + 1), what is known outside the whole map
+    ``known`` gives the records of tiles, and ``table``, shape (slices, 2 d + 1), what is known outside the whole map
     (:attr:`cspace.map.exterior.Exterior.table`). Raises InputError if the part does not fit into memory.
     """
     whole, outside = store.grid, str(store.metadata["outside"])
     if (first > 0).any() or (stop < whole.shape).any():
-        # What the map is beyond its border is told by cells of the window; what lies farther is not known.
+        # Cells of the window say what lies beyond the map's border; what lies farther is not known.
         outside = UNKNOWN
     else:
         first, stop = np.zeros_like(first), np.array(whole.shape)
@@ -62,9 +62,9 @@ def _shapes(store: Store, grid: Grid, box: Box) -> tuple[Shape, ...] | None:
     if store.shapes is None or all(part.start >= 0 and part.stop <= n for part, n in sides):
         return store.shapes
     if store.metadata["outside"] == "blocked":
-        beyond = np.ones(grid.shape, dtype=np.bool_)
-        beyond[tuple(slice(max(0, -part.start), n - part.start) for part, n in sides)] = False
-        return (*store.shapes, Voxels(beyond, grid.spacing, np.asarray(grid.lower)))
+        around = np.ones(grid.shape, dtype=np.bool_)
+        around[tuple(slice(max(0, -part.start), n - part.start) for part, n in sides)] = False
+        return (*store.shapes, Voxels(around, grid.spacing, np.asarray(grid.lower)))
     whole, bounds = store.grid, [shape.bounds for shape in store.shapes]
     # What of them lies beyond a map that is free around it does not count.
     inside = all((low >= whole.lower).all() and (high <= whole.upper).all() for low, high in bounds)

@@ -40,7 +40,7 @@ SMALL: Final = 2**18
 """Bytes up to which what a task needs is sent with each of them."""
 
 AHEAD: Final = 1024
-"""Tasks that a scheduler is told of at a time, at least."""
+"""Tasks that a scheduler is given at a time, at least."""
 
 CLUSTER: Final = "tiles are made on the workers of a cluster with it"
 """What dask is of use for."""
@@ -165,11 +165,11 @@ class Job:
                 mixed, blocked = tally(states.reshape(-1))
                 counts[number] = states.size - mixed - blocked, mixed, blocked
             digests.append(store.write("state", (layer, *index), block, aside))
-        kept = {"outer": outer} if store.metadata["same"] else {"outer": outer, "inner": inner}
-        for name, cells in kept.items():
+        chunks = {"outer": outer} if store.metadata["same"] else {"outer": outer, "inner": inner}
+        for name, cells in chunks.items():
             room[0] = cells[own]
             digests.append(store.write(name, index, room[0].view(np.bool_), aside))
-        digests += digests[-1:] * (2 - len(kept))
+        digests += digests[-1:] * (2 - len(chunks))
         extent = np.array([np.zeros_like(shape), np.subtract(shape, 1)])
         if store.metadata["outside"] == "free":  # which alone asks for it
             extent = _extent(outer[own])
@@ -252,8 +252,8 @@ def _task_of(content: bytes) -> _Task:
     except OSError as error:
         rule = "all machines must see the folders of the workspace and of the store"
         mend = "put them into a folder that is shared, or build without a client"
-        found = f"cannot be read where tiles are made: {error.strerror or error}"
-        raise FileError(str(error.filename or "the workspace"), found, rule, mend) from error
+        fault = f"cannot be read where tiles are made: {error.strerror or error}"
+        raise FileError(str(error.filename or "the workspace"), fault, rule, mend) from error
     return task
 
 
@@ -267,14 +267,14 @@ def perform(content: bytes, index: Index) -> Any:
         raise
 
 
-def _other_version(found: set[Any]) -> CspaceError:
-    names = ", ".join(sorted("none" if version is None else str(version) for version in found))
+def _other_version(versions: set[Any]) -> CspaceError:
+    names = ", ".join(sorted("none" if version is None else str(version) for version in versions))
     return InputError(
         "client",
         f"has workers with cspace {names}",
         f"all must have cspace {__version__}, as this process has",
         "install it where the workers run, and start them again",
-        value=found,
+        value=versions,
     )
 
 
@@ -294,7 +294,7 @@ def _on_cluster(
     client: Any,
     progress: Callable[[int], None] | None,
 ) -> list[Any]:
-    """The same on a cluster, whose scheduler is told of some of the tasks at a time."""
+    """As :func:`run`, on a cluster, whose scheduler is given some of the tasks at a time."""
     distributed = optional("distributed", CLUSTER, "distributed")
 
     # A worker goes down with what it cannot unpickle. So these two functions, which are sent as they stand, ask first
@@ -312,12 +312,12 @@ def _on_cluster(
         return version_there(), limit and limit / max(1, dask_worker.state.nthreads)
 
     def call(index: Index, content: bytes, version: str) -> tuple[str | None, Any]:
-        found = version_there()
-        if found != version:
-            return found, None
+        version_here = version_there()
+        if version_here != version:
+            return version_here, None
         from cspace.tiles.work import perform
 
-        return found, perform(content, index)
+        return version_here, perform(content, index)
 
     futures: dict[Any, int] = {}
     results: list[Any] = [None] * len(todo)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.grid import Grid
-from cspace.plot.artists import BODY, CLASSES, COLLIDES, OBSTACLE, PATH, SOME, UNDECIDED, UNSEEN, Classes
+from cspace.plot.artists import CLASSES, COLLIDES, OBSTACLE, PARTLY, PATH, ROBOT_FILL, UNDECIDED, UNSEEN, Classes
 from cspace.plot.route import Floats, RobotLike, rings
 from cspace.plot.surface import SURFACES
 from cspace.plot.surface import UNSEEN as DIM
@@ -104,7 +104,7 @@ class Stage:
         self.upper = self.lower + self._cell * self.shape
         # In space, one looks down through what is free.
         self._colors = np.array([(*rgb(color), 255) for _, color in CLASSES], dtype=np.uint8)
-        self._colors[: SOME + 1, 3] = 0 if self.has_height else 255
+        self._colors[: PARTLY + 1, 3] = 0 if self.has_height else 255
 
     def point(self, q: Floats) -> Floats:
         """Where configurations lie, shape (..., 3)."""
@@ -225,4 +225,4 @@ def rgb(color: str) -> Color:
     return red, green, blue
 
 
-ROBOT: Final = BODY
+ROBOT: Final = ROBOT_FILL

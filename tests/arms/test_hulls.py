@@ -42,16 +42,16 @@ def test_nodes_hold_what_is_below_them(name: str) -> None:
     border, radius = part.border.simplices, part.border.radii.max()
     hulls = part.hulls
     assert (len(hulls.nodes) == 1) == (name in {"box", "cylinder", "ball"})
-    ways = np.random.default_rng(1).normal(size=(100, 3))
-    ways /= np.linalg.norm(ways, axis=1)[:, None]
+    directions = np.random.default_rng(1).normal(size=(100, 3))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
     last = np.arange(1, len(hulls.nodes) + 1)
     for node in range(len(hulls.nodes))[::-1]:
         if hulls.nodes[node, 0]:
             last[node] = last[hulls.nodes[node, 0]]
     leaves = [k for k in range(len(hulls.nodes)) if hulls.nodes[k, 0] == 0]
     if len(leaves) > 1:
-        found = np.array(sorted(corners_of(hulls, k)[0].ravel().tolist() for k in leaves))
-        np.testing.assert_array_equal(found, sorted(border.reshape(-1, 9).tolist()))
+        held = np.array(sorted(corners_of(hulls, k)[0].ravel().tolist() for k in leaves))
+        np.testing.assert_array_equal(held, sorted(border.reshape(-1, 9).tolist()))
     for node in range(0, len(hulls.nodes), 1 + len(hulls.nodes) // 200):
         below = [k for k in leaves if node <= k < last[node]]
         corners = (
@@ -61,7 +61,8 @@ def test_nodes_hold_what_is_below_them(name: str) -> None:
         assert (np.abs(corners - box[:3]).max(axis=0) + radius <= box[3:6] + 1e-12).all()
         assert np.linalg.norm(corners - box[:3], axis=1).max() + radius <= box[6] + 1e-12
         hull, grown = corners_of(hulls, node)
-        assert ((corners @ ways.T).max(axis=0) + radius <= (hull @ ways.T).max(axis=0) + grown + 1e-12).all()
+        highest, bound = ((points @ directions.T).max(axis=0) for points in (corners, hull))
+        assert (highest + radius <= bound + grown + 1e-12).all()
         assert len(below) <= TILE or len(hull) < 400
 
 
@@ -87,12 +88,12 @@ def bounds(chain: Chain, a: int, b: int, rho: float, q0: Any, q1: Any) -> tuple[
 def chain_of(folder: Path, last: str) -> Path:
     """Three links of 1 m in a row; the last joint turns as the first one does, or slides across it."""
     bar = ((1.0, 0.0001, 0.0001), (0.5, 0, 0))
-    ends = {"prismatic": (0, 1, 0), "revolute": (0, 0, 1)}[last]
+    axis = {"prismatic": (0, 1, 0), "revolute": (0, 0, 1)}[last]
     return written(
         folder,
         *(link(name, bar) for name in "abc"),
         joint("one", "a", "b", at=(1, 0, 0)),
-        joint("two", "b", "c", at=(1, 0, 0), axis=ends, kind=last),
+        joint("two", "b", "c", at=(1, 0, 0), axis=axis, kind=last),
     )
 
 

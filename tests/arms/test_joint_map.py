@@ -57,11 +57,11 @@ def test_a_plane_arm_against_shapely(tmp_path: Path) -> None:
         cells = np.argwhere(made.state == state)
         # Those next to others are where a bound that is too weak would show.
         near = np.array([(made.state[max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2] != state).any() for i, j in cells])
-        some = cells[near][rng.permutation(near.sum())[:250]]
+        sample = cells[near][rng.permutation(near.sum())[:250]]
         within = np.where(
-            rng.random((len(some), 2)) < 0.5, rng.integers(0, 2, (len(some), 2)), rng.random((len(some), 2))
+            rng.random((len(sample), 2)) < 0.5, rng.integers(0, 2, (len(sample), 2)), rng.random((len(sample), 2))
         )
-        points = made.grid.lower + made.grid.spacing * (some + within)
+        points = made.grid.lower + made.grid.spacing * (sample + within)
         wrong += [q for q in points if touches(q) == collides]
     assert not wrong
     free, mixed, blocked = made.count()
@@ -75,11 +75,11 @@ def test_a_plane_arm_against_shapely(tmp_path: Path) -> None:
 def test_three_joints_of_an_arm_against_fcl(tmp_path: Path, seed: int) -> None:
     """Random boxes on joints of all kinds; the others are held still."""
     space, oracle, rng = scene(tmp_path, seed)
-    some = space.sample_free(50, rng)
-    held = some[np.argmax(space.clearance(some))]
+    configurations = space.sample_free(50, rng)
+    held = configurations[np.argmax(space.clearance(configurations))]
     names = space.arm.joints[:3]
-    ends = np.stack([np.maximum(held - 1.0, space.arm.lower), np.minimum(held + 1.0, space.arm.upper)], axis=1)
-    limits = dict(zip(names, map(tuple, ends.tolist()), strict=False))
+    intervals = np.stack([np.maximum(held - 1.0, space.arm.lower), np.minimum(held + 1.0, space.arm.upper)], axis=1)
+    limits = dict(zip(names, map(tuple, intervals.tolist()), strict=False))
     made = build_arm_map(space, 0.05, names, at=held, limits=limits)
     states = np.asarray(made.state)
     assert all((states == state).any() for state in (FREE, BLOCKED))
@@ -190,19 +190,19 @@ def test_exact_answers_are_those_of_the_arm(tmp_path: Path, circle: bool) -> Non
     made = build_arm_map(space, 0.3, limits={"elbow": (-2.0, 2.0)})
     low, high = np.array([(-9.0, 9.0) if circle else (-3.0, 3.0), (-2.0, 2.0)]).T
     q = rng.uniform(low, high, (300, 2))
-    ends = np.clip(q + rng.normal(scale=0.6, size=q.shape), low, high)
-    free, moves = np.asarray(space.is_free(q)), np.asarray(space.motion_is_free(q, ends))
+    targets = np.clip(q + rng.normal(scale=0.6, size=q.shape), low, high)
+    free, moves = np.asarray(space.is_free(q)), np.asarray(space.motion_is_free(q, targets))
     for each in (made, copy.deepcopy(made), pickle.loads(pickle.dumps(made))):
         np.testing.assert_array_equal(each.is_free(q, exact=True), free)
-        np.testing.assert_array_equal(each.motion_is_free(q, ends, exact=True), moves)
+        np.testing.assert_array_equal(each.motion_is_free(q, targets, exact=True), moves)
         check, walk = each.point_checker(exact=True), each.edge_checker(exact=True)
         assert [check(*a) for a in q[:40]] == free[:40].tolist()
-        assert [walk(*a, *b) for a, b in zip(q[:40], ends[:40], strict=True)] == moves[:40].tolist()
+        assert [walk(*a, *b) for a, b in zip(q[:40], targets[:40], strict=True)] == moves[:40].tolist()
     assert [touches(a, posts) for a in q] == (~free).tolist()
     mixed = free & (made.classify(q) == MIXED)
     assert mixed.sum() > 30
-    beyond = (-1.5, 2.1)  # in the last cell, but behind where the map ends
-    assert space.is_free(beyond) and made.classify(beyond) == MIXED and not made.is_free(beyond, exact=True)
+    outside = (-1.5, 2.1)  # in the last cell, but behind where the map ends
+    assert space.is_free(outside) and made.classify(outside) == MIXED and not made.is_free(outside, exact=True)
     plans = [planners.plan(made, a, b, exact=True, seed=1) for a, b in q[mixed][:6].reshape(3, 2, 2)]
     assert any(plan.certified for plan in plans)
     assert all(plan.certified or plan.path_exists is False for plan in plans)
@@ -258,8 +258,8 @@ def test_circles_against_shapely(tmp_path_factory: pytest.TempPathFactory, seed:
     for state, collides in ((FREE, True), (BLOCKED, False)):
         cells = np.argwhere(states == state)
         near = np.array([(np.take(states, [k - 1, k, k + 1], 0, mode="wrap")[:, j] != state).any() for k, j in cells])
-        some = rng.permutation(cells[near])[:40]
-        points = made.grid.lower + made.grid.spacing * (some + rng.integers(0, 2, some.shape))
+        sample = rng.permutation(cells[near])[:40]
+        points = made.grid.lower + made.grid.spacing * (sample + rng.integers(0, 2, sample.shape))
         points = points + 2.0 * np.pi * rng.integers(-2, 3, points.shape) * circles
         assert not any(touches(q, posts) == collides for q in points)
     q = np.stack(np.meshgrid(*(made.grid.centers(axis) for axis in range(2)), indexing="ij"), axis=-1).reshape(-1, 2)
@@ -277,8 +277,8 @@ def test_circles_against_shapely(tmp_path_factory: pytest.TempPathFactory, seed:
         parts, pairs = parts.reshape(-1), rng.integers(0, len(q), (300, 2))
         pairs = pairs[(states.reshape(-1)[pairs] == FREE).all(axis=1)]
         same = (parts[pairs[:, 0]] == parts[pairs[:, 1]]) & (parts[pairs[:, 0]] > 0)
-        found = made.path_exists(q[pairs[:, 0]], q[pairs[:, 1]])
-        np.testing.assert_array_equal(found == answer, same == answer)
+        exists = made.path_exists(q[pairs[:, 0]], q[pairs[:, 1]])
+        np.testing.assert_array_equal(exists == answer, same == answer)
 
 
 def test_a_joint_that_others_follow_by_half(tmp_path: Path) -> None:
@@ -302,7 +302,7 @@ def test_a_joint_that_others_follow_by_half(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("options", "message"),
     [
         ({"joints": ("shoulder", "wrist")}, "name 'wrist'; there are shoulder, elbow"),
         ({"joints": ("elbow",), "at": (0.0, 0.0)}, "two or three different joints"),
@@ -313,8 +313,8 @@ def test_a_joint_that_others_follow_by_half(tmp_path: Path) -> None:
         ({"spacing": 1e-5}, r"cells of 1e-05 rad and needs"),
     ],
 )
-def test_bad_input(tmp_path: Path, options: dict[str, Any], words: str) -> None:
-    with pytest.raises(InputError, match=words):
+def test_bad_input(tmp_path: Path, options: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
         build_arm_map(plane(tmp_path), **{"spacing": 0.1, **options})
 
 

@@ -96,7 +96,7 @@ def test_which_links_may_touch(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "message"),
     [
         ('<robot name="small"><disable_collisions link1="foot" link2="z"/></robot>', "names link 'z'"),
         ('<robot name="small"><disable_collisions link1="foot"/></robot>', "names link 'None'"),
@@ -105,10 +105,10 @@ def test_which_links_may_touch(tmp_path: Path) -> None:
     ],
     ids=["unknown", "missing", "other", "broken"],
 )
-def test_bad_srdf(tmp_path: Path, text: str, words: str) -> None:
+def test_bad_srdf(tmp_path: Path, text: str, message: str) -> None:
     srdf = tmp_path / "arm.srdf"
     srdf.write_text(text)
-    with pytest.raises(FileError, match=words):
+    with pytest.raises(FileError, match=message):
         Arm.from_urdf(planar(tmp_path), srdf)
 
 
@@ -156,7 +156,7 @@ def test_what_is_known_of_pairs(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("changes", "words"),
+    ("changes", "message"),
     [
         ({"limits": (1.0, -1.0)}, "limits are 1 and -1"),
         ({"limits": None}, "has no limits"),
@@ -164,12 +164,12 @@ def test_what_is_known_of_pairs(tmp_path: Path) -> None:
         ({"extra": '<mimic joint="elbow"/>', "kind": "revolute"}, None),
     ],
 )
-def test_bad_joints(tmp_path: Path, changes: dict[str, Any], words: str | None) -> None:
+def test_bad_joints(tmp_path: Path, changes: dict[str, Any], message: str | None) -> None:
     path = planar(tmp_path, **changes)
-    if words is None:
+    if message is None:
         assert Arm.from_urdf(path).joints == ("elbow",)
         return
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(InputError, match=message):
         Arm.from_urdf(path)
 
 

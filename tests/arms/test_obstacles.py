@@ -32,7 +32,7 @@ class Oracle:
     def apart(self, q: Any) -> float:
         values = dict(zip(self._arm.joints, q, strict=True))
         self._urdf.update_cfg(np.array([values[name] for name in self._urdf.actuated_joint_names]))
-        found = np.inf
+        least = np.inf
         for each in self._arm.links[1:]:
             for part in self._urdf.link_map[each.name].collisions:
                 pose = self._urdf.get_transform(each.name) @ part.origin
@@ -40,11 +40,11 @@ class Oracle:
                 box = fcl.CollisionObject(fcl.Box(*part.geometry.box.size), place)
                 for other in self._still:
                     hit = fcl.collide(box, other, fcl.CollisionRequest(), fcl.CollisionResult())
-                    found = min(found, 0.0 if hit else fcl.distance(box, other))
-        return float(found)
+                    least = min(least, 0.0 if hit else fcl.distance(box, other))
+        return float(least)
 
 
-def cubes(cells: Any, pose: Any = None) -> list[Any]:
+def boxes_of(cells: Any, pose: Any = None) -> list[Any]:
     pose = np.eye(4) if pose is None else pose
     middles = (np.argwhere(cells) + 0.5) * H + LOWER
     return [
@@ -72,7 +72,7 @@ def test_cells_against_fcl(tmp_path: Path, seed: int) -> None:
     outer = rng.random((SIDE,) * 3) < 0.03
     inner = outer & (rng.random(outer.shape) < 0.5)
     space = only_obstacles(Workspace.from_array(outer, H, LOWER, inner=inner), arm)
-    around, within = Oracle(path, arm, cubes(outer)), Oracle(path, arm, cubes(inner))
+    around, within = Oracle(path, arm, boxes_of(outer)), Oracle(path, arm, boxes_of(inner))
     points = sampled(arm, rng, 40)
     states = np.asarray(space.classify(points))
     assert set(states.tolist()) >= {FREE, BLOCKED}
@@ -84,9 +84,9 @@ def test_cells_against_fcl(tmp_path: Path, seed: int) -> None:
             assert space.clearance(q) == pytest.approx(apart, rel=0.05, abs=1e-6)
             assert space.clearance(q) <= apart + 1e-6
     starts = points[states == FREE][:8]
-    ends = np.clip(starts + rng.normal(scale=0.4, size=starts.shape), arm.lower, arm.upper)
-    proven = np.asarray(space.motion_is_free(starts, ends))
-    for q0, q1, is_free in zip(starts, ends, proven, strict=True):
+    goals = np.clip(starts + rng.normal(scale=0.4, size=starts.shape), arm.lower, arm.upper)
+    proven = np.asarray(space.motion_is_free(starts, goals))
+    for q0, q1, is_free in zip(starts, goals, proven, strict=True):
         least = min(around.apart(q0 + t * (q1 - q0)) for t in np.linspace(0.0, 1.0, 20))
         assert least > 0.0 or not is_free
 
@@ -102,7 +102,7 @@ def test_cells_that_are_turned_against_fcl(tmp_path: Path, moved: str) -> None:
         space = only_obstacles({"cells": Placed(shape, pose)}, arm, "cells")
     else:
         space = only_obstacles({"cells": shape}, arm, "cells", at=np.linalg.inv(pose))
-    oracle = Oracle(path, arm, cubes(cells, pose))
+    oracle = Oracle(path, arm, boxes_of(cells, pose))
     points = sampled(arm, rng, 40)
     free = np.asarray(space.is_free(points))
     np.testing.assert_array_equal(free, [oracle.apart(q) > 1e-6 for q in points])
@@ -132,11 +132,11 @@ def within_each_other(folder: Path, size: float) -> Arm:
     )
 
 
-@pytest.mark.parametrize(("size", "kept"), [(2.0, 1), (0.1, 20)])
-def test_what_lies_within_the_other(tmp_path: Path, size: float, kept: int) -> None:
+@pytest.mark.parametrize(("size", "width"), [(2.0, 1), (0.1, 20)])
+def test_what_lies_within_the_other(tmp_path: Path, size: float, width: int) -> None:
     """A lone cell in a large link, and a small link in a block of cells, where no borders meet."""
     cells = np.zeros((40, 40, 40), dtype=bool)
-    block = slice(20 - kept // 2, 20 - kept // 2 + kept)
+    block = slice(20 - width // 2, 20 - width // 2 + width)
     cells[block, block, block] = True
     arm, lower = within_each_other(tmp_path, size), (5 - 20.5 * 0.1, -20.5 * 0.1, -20.5 * 0.1)
     space = build_arm(Workspace.from_array(cells, 0.1, lower), arm)
@@ -221,7 +221,7 @@ def test_cells_that_are_read_at_need(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("obstacles", "words"),
+    ("obstacles", "message"),
     [
         (lambda: Workspace.from_array(np.ones((2, 2), dtype=bool), 1.0), "hold 'workspace', a map of the plane"),
         (lambda: {"disc": Robot.disc(1.0).shape}, "hold 'disc', a shape of the plane"),
@@ -232,7 +232,7 @@ def test_cells_that_are_read_at_need(tmp_path: Path) -> None:
     ],
     ids=["plane", "disc", "taken", "kind", "pose", "list"],
 )
-def test_bad_obstacles(tmp_path: Path, obstacles: Any, words: str) -> None:
+def test_bad_obstacles(tmp_path: Path, obstacles: Any, message: str) -> None:
     arm = Arm.from_urdf(planar(tmp_path))
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(InputError, match=message):
         build_arm(obstacles(), arm)

@@ -41,7 +41,7 @@ def test_a_path_around_a_wall_is_proven_and_the_same_for_a_seed(space: ArmSpace,
     assert not space.motion_is_free(START, GOAL)
     np.testing.assert_array_equal(path[[0, -1]], [START, GOAL])
     assert space.certify_path(path).all()
-    along = np.concatenate([np.linspace(*ends, 200) for ends in pairwise(path)])
+    along = np.concatenate([np.linspace(*edge, 200) for edge in pairwise(path)])
     assert np.abs(along[np.abs(along[:, 0]).argmin(), 1]) > 1.5  # it folds where it passes
     np.testing.assert_array_equal(path, space.free_path(START, GOAL, seed=seed, straight=straight))
 
@@ -72,7 +72,7 @@ def test_arms_of_all_kinds_of_joints(tmp_path: Any, seed: int) -> None:
 
 
 @pytest.mark.parametrize(
-    ("ends", "options", "error", "words"),
+    ("endpoints", "options", "error", "message"),
     [
         ((START, IN_WALL), {}, ConfigurationError, "q1 .*is not proven free: fore is in collision with wall"),
         ((IN_WALL, [START, GOAL]), {}, ConfigurationError, "q0 .*is not proven free"),
@@ -82,6 +82,6 @@ def test_arms_of_all_kinds_of_joints(tmp_path: Any, seed: int) -> None:
         ((START, GOAL), {"time_limit": 0.0}, InputError, "time_limit is 0"),
     ],
 )
-def test_bad_input(space: ArmSpace, ends: Any, options: Any, error: type[Exception], words: str) -> None:
-    with pytest.raises(error, match=words):
-        space.free_path(*ends, **options)
+def test_bad_input(space: ArmSpace, endpoints: Any, options: Any, error: type[Exception], message: str) -> None:
+    with pytest.raises(error, match=message):
+        space.free_path(*endpoints, **options)

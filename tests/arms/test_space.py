@@ -46,14 +46,14 @@ class Oracle:
             for part in self._urdf.link_map[each.name].collisions:
                 pose = self._urdf.get_transform(each.name) @ part.origin
                 objects.append((each.name, self._box(part.geometry.box.size, pose)))
-        found = np.inf
+        least = np.inf
         for i, (one, first) in enumerate(objects):
             for other, second in [*objects[i + 1 :], *self._still]:
                 same = one == other or (min(one, other), max(one, other)) in self._arm.allowed
                 if not same and not (one == "l0" and other.startswith("block")):
                     hit = fcl.collide(first, second, fcl.CollisionRequest(), fcl.CollisionResult())
-                    found = min(found, 0.0 if hit else fcl.distance(first, second))
-        return float(max(found, 0.0))
+                    least = min(least, 0.0 if hit else fcl.distance(first, second))
+        return float(max(least, 0.0))
 
 
 def scene(tmp_path: Path, seed: int) -> tuple[ArmSpace, Oracle, np.random.Generator]:
@@ -96,14 +96,14 @@ def test_motions_against_fcl(tmp_path: Path, seed: int) -> None:
     """What is proven is free wherever it is looked at; what is not has a place that is not, or all but touches."""
     space, oracle, rng = scene(tmp_path, seed)
     free = space.sample_free(24, rng)
-    ends = np.clip(free + rng.normal(scale=0.5, size=free.shape), space.arm.lower, space.arm.upper)
-    proven = np.asarray(space.motion_is_free(free, ends))
-    for q0, q1, is_free in zip(free, ends, proven, strict=True):
+    goals = np.clip(free + rng.normal(scale=0.5, size=free.shape), space.arm.lower, space.arm.upper)
+    proven = np.asarray(space.motion_is_free(free, goals))
+    for q0, q1, is_free in zip(free, goals, proven, strict=True):
         least = min(oracle.apart(q0 + t * (q1 - q0)) for t in np.linspace(0.0, 1.0, 60))
         assert least > 0.0 or not is_free
         assert is_free or least < 0.02
     assert 0 < proven.sum() < len(proven)
-    np.testing.assert_array_equal(proven, space.motion_is_free(ends, free))
+    np.testing.assert_array_equal(proven, space.motion_is_free(goals, free))
 
 
 def test_by_hand(tmp_path: Path) -> None:
@@ -192,7 +192,7 @@ def test_obstacles_that_touch_what_does_not_move_are_refused_unless_they_may(tmp
 
 
 @pytest.mark.parametrize(
-    ("call", "words"),
+    ("call", "message"),
     [
         (lambda s: s.is_free((0.0, 9.0)), "has elbow at 9; its limits are -3 and 3"),
         (lambda s: s.is_free((0.0, np.nan)), "is nan"),
@@ -207,9 +207,9 @@ def test_obstacles_that_touch_what_does_not_move_are_refused_unless_they_may(tmp
         (lambda s: build_arm({}, s.arm, margin=-1.0), "margin is -1.0"),
     ],
 )
-def test_bad_input(tmp_path: Path, call: Any, words: str) -> None:
+def test_bad_input(tmp_path: Path, call: Any, message: str) -> None:
     space = build_arm({"post": Placed(Robot.ball(0.1).shape, at(3, 3, 0))}, Arm.from_urdf(planar(tmp_path)))
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(InputError, match=message):
         call(space)
 
 

@@ -121,10 +121,10 @@ def test_a_map_that_does_not_turn(flat: CSpace, tmp_path: Path) -> None:
 
 
 def test_a_plan_is_taken_for_its_path(flat: CSpace, tmp_path: Path) -> None:
-    class Found:
+    class WithPath:
         path = np.array([(1.0, 1.0), (2.0, 3.0)])
 
-    assert len(frames(animate(flat, Found(), tmp_path / "a.gif", seconds=0.5, rate=10))[0]) == 6
+    assert len(frames(animate(flat, WithPath(), tmp_path / "a.gif", seconds=0.5, rate=10))[0]) == 6
 
 
 def test_a_robot_that_stays(space: CSpace, tmp_path: Path) -> None:
@@ -176,7 +176,7 @@ def test_no_folder(flat: CSpace, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("path", "options", "words"),
+    ("path", "options", "message"),
     [
         (None, {}, "path is empty"),
         ([], {}, "path is empty"),
@@ -192,9 +192,9 @@ def test_no_folder(flat: CSpace, tmp_path: Path) -> None:
         (PATH, {"file": "drive"}, ".gif"),
     ],
 )
-def test_bad_input(space: CSpace, tmp_path: Path, path: Any, options: dict[str, Any], words: str) -> None:
+def test_bad_input(space: CSpace, tmp_path: Path, path: Any, options: dict[str, Any], message: str) -> None:
     file = tmp_path / options.pop("file", "drive.gif")
     with pytest.raises(InputError) as caught:
         animate(space, path, file, **options)
-    assert words in str(caught.value)
+    assert message in str(caught.value)
     assert list(tmp_path.iterdir()) == []

@@ -13,7 +13,7 @@ import cspace
 from cspace.arms import Placed
 from cspace.errors import ConfigurationError, InputError
 from cspace.plot.arms import GHOSTS, PALE, along_joints
-from cspace.plot.artists import BODY, PATH
+from cspace.plot.artists import PATH, ROBOT_FILL
 from cspace.plot.surface import SURFACES
 from urdfs import planar
 
@@ -39,7 +39,7 @@ def painted(ax: Any, color: str) -> Any:
 
 def test_links_and_obstacles_are_drawn_where_they_are(space: cspace.ArmSpace) -> None:
     ax = space.plot(q=(0.0, np.pi / 2))
-    arm = painted(ax, BODY).reshape(-1, 3)
+    arm = painted(ax, ROBOT_FILL).reshape(-1, 3)
     np.testing.assert_allclose(
         [arm.min(axis=0), arm.max(axis=0)], [(-0.025, -0.05, -0.225), (1.05, 1.0, 0.05)], atol=1e-9
     )
@@ -51,7 +51,7 @@ def test_links_and_obstacles_are_drawn_where_they_are(space: cspace.ArmSpace) ->
 
 def test_a_path_is_drawn_as_pale_arms_and_a_line(space: cspace.ArmSpace) -> None:
     ax = space.plot(path=PATH_OF_JOINTS, title="on its way", legend=False)
-    shown, pale = painted(ax, BODY).reshape(-1, 3), painted(ax, PALE).reshape(-1, 3)
+    shown, pale = painted(ax, ROBOT_FILL).reshape(-1, 3), painted(ax, PALE).reshape(-1, 3)
     tips = [np.array([np.cos(a) + np.cos(a + b), np.sin(a) + np.sin(a + b), 0.0]) for a, b in PATH_OF_JOINTS]
     assert np.linalg.norm(shown[:, np.newaxis] - tips[2], axis=-1).min() < 0.08
     for q in along_joints(np.array(PATH_OF_JOINTS), np.arange(GHOSTS) / GHOSTS):
@@ -83,12 +83,12 @@ def test_plans_draw_themselves(space: cspace.ArmSpace) -> None:
 
 
 def test_bad_input(space: cspace.ArmSpace) -> None:
-    for error, options, words in (
+    for error, options, message in (
         (InputError, {"path": np.zeros((3, 3))}, "path has shape"),
         (InputError, {"q": (0.0,)}, "q has shape"),
         (InputError, {"ax": Figure().add_subplot()}, "ax has two dimensions"),
         (InputError, {"camera": (95.0, 0.0)}, "camera"),
         (ConfigurationError, {"q": (0.0, 4.0)}, "q has elbow at 4"),
     ):
-        with pytest.raises(error, match=words):
+        with pytest.raises(error, match=message):
             space.plot(**options)  # type: ignore[arg-type]

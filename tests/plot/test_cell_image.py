@@ -21,11 +21,11 @@ def test_coarse_cells_hold_the_largest_class(data: st.DataObject) -> None:
     shape = data.draw(st.tuples(st.integers(1, 23), st.integers(1, 23)))
     classes = data.draw(arrays(np.uint8, shape, elements=st.integers(0, 4)))
     counts = data.draw(st.tuples(*(st.integers(1, n) for n in shape)))
-    coarse = coarsen(classes, counts)
-    assert coarse.shape == counts
+    blocks = coarsen(classes, counts)
+    assert blocks.shape == counts
     starts = [[i * n // m for i in range(m + 1)] for n, m in zip(shape, counts, strict=True)]
-    for i, j in np.ndindex(coarse.shape):
-        assert coarse[i, j] == classes[starts[0][i] : starts[0][i + 1], starts[1][j] : starts[1][j + 1]].max()
+    for i, j in np.ndindex(blocks.shape):
+        assert blocks[i, j] == classes[starts[0][i] : starts[0][i + 1], starts[1][j] : starts[1][j + 1]].max()
 
 
 def cells(classes: NDArray[np.uint8], size: tuple[int, int], view: list[float]) -> tuple[Any, NDArray[np.uint8]]:

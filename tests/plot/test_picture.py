@@ -199,12 +199,12 @@ def boxes(ax: Any, number: int = 0) -> list[Any]:
 
 
 def test_path_and_marks_are_where_they_belong(space: CSpace) -> None:
-    class Found:
+    class WithPath:
         path = np.array([(1.0, 1.0), (1.0, 4.0), (7.0, 4.0)])
 
-    for path in (Found(), Found.path.tolist()):
+    for path in (WithPath(), WithPath.path.tolist()):
         assert drawn(plot(space, path=path)) == {
-            "path": Found.path.tolist(),
+            "path": WithPath.path.tolist(),
             "start": [[1.0, 1.0]],
             "goal": [[7.0, 4.0]],
         }
@@ -224,11 +224,11 @@ def test_robots_along_the_path(space: CSpace) -> None:
 
 def test_robots_are_turned(turning: CSpace) -> None:
     ax = plot(turning, path=[(2, 1, math.pi / 2), (2, 4, math.pi / 2)], robot_every=1.0)
-    found = boxes(ax)
-    np.testing.assert_allclose([(box.x0, box.x1) for box in found], [(1.8, 2.2)] * 4, atol=1e-9)
+    robots = boxes(ax)
+    np.testing.assert_allclose([(box.x0, box.x1) for box in robots], [(1.8, 2.2)] * 4, atol=1e-9)
     # The reference point is 0.3 m behind the middle, and the ends come last.
-    np.testing.assert_allclose([box.y0 for box in found], np.array([2.0, 3.0, 1.0, 4.0]) - 0.3, atol=1e-9)
-    np.testing.assert_allclose([box.height for box in found], 1.2, atol=1e-9)
+    np.testing.assert_allclose([box.y0 for box in robots], np.array([2.0, 3.0, 1.0, 4.0]) - 0.3, atol=1e-9)
+    np.testing.assert_allclose([box.height for box in robots], 1.2, atol=1e-9)
     assert 4 <= len(boxes(plot(turning, path=[(3, 3, 0), (3, 3, 3.0)]))) < 20  # a turn on the spot
     middle = boxes(plot(turning, path=[(2, 2, 3.0), (5, 2, -3.0)], robot_every=2.0))[0]  # the shorter way round
     np.testing.assert_allclose((middle.x0, middle.x1, middle.height), (3.5 - 0.9, 3.5 + 0.3, 0.4), atol=1e-9)
@@ -325,7 +325,7 @@ def test_files(space: CSpace, tmp_path: Path, suffix: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("options", "message"),
     [
         ({"path": [1.0, 2.0]}, "path has shape (2,)"),
         ({"path": [(1.0, 2.0, 3.0)]}, "path has shape (1, 3)"),
@@ -348,15 +348,15 @@ def test_files(space: CSpace, tmp_path: Path, suffix: str) -> None:
         ({"file": "map.xyz"}, "suffix is one of .png, .pdf, .svg, .jpg; name it e.g. map.png"),
     ],
 )
-def test_bad_input(space: CSpace, tmp_path: Path, options: dict[str, Any], words: str) -> None:
+def test_bad_input(space: CSpace, tmp_path: Path, options: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError) as caught:
         save_plot(space, tmp_path / options.pop("file", "map.png"), **options)
-    assert words in str(caught.value)
+    assert message in str(caught.value)
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("options", "message"),
     [
         ({"path": [(1.0, 2.0)]}, "path has shape (1, 2); it must be (n, 3)"),
         ({"start": (1.0, 2.0)}, "start has shape (2,); it must be (3,); pass one configuration (x, y, yaw)"),
@@ -370,10 +370,10 @@ def test_bad_input(space: CSpace, tmp_path: Path, options: dict[str, Any], words
         ({"rotation": [0.0, float("nan")]}, "rotation[1] is nan"),
     ],
 )
-def test_bad_input_of_a_robot_that_turns(turning: CSpace, options: dict[str, Any], words: str) -> None:
+def test_bad_input_of_a_robot_that_turns(turning: CSpace, options: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError) as caught:
         plot(turning, **options)
-    assert words in str(caught.value)
+    assert message in str(caught.value)
 
 
 @pytest.mark.parametrize("wrong", [3, "x", [1, 2]])

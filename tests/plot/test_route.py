@@ -30,10 +30,10 @@ def test_along_is_on_the_path(dim: int, kind: type[Orientation], data: st.DataOb
     )
     way = figurine.travelled(path)
     assert (np.diff(way) >= 0).all()
-    found = figurine.along(path, np.linspace(0.0, 1.0, 7))
-    np.testing.assert_allclose(rotations.steps(found[[0, -1]], path[[0, -1]]), 0.0, atol=1e-7)
+    stations = figurine.along(path, np.linspace(0.0, 1.0, 7))
+    np.testing.assert_allclose(rotations.steps(stations[[0, -1]], path[[0, -1]]), 0.0, atol=1e-7)
     # An even speed: as much way lies between any two.
-    assert (np.diff(figurine.travelled(found)) <= way[-1] / 6 + 1e-7).all()
+    assert (np.diff(figurine.travelled(stations)) <= way[-1] / 6 + 1e-7).all()
 
 
 def test_yaw_runs_the_shorter_way() -> None:

@@ -46,9 +46,9 @@ def pairs(figure: Any) -> list[tuple[int, int]]:
         (plan.get_xlabel(), front.get_ylabel()),
         (side.get_xlabel(), (front if "y" in side.get_xlabel() else plan).get_ylabel()),
     ]
-    found = [("xyz".index(right[0]), "xyz".index(up[0])) for right, up in names]
-    assert [len(set(pair)) for pair in found] == [2, 2, 2]
-    return found
+    pairs = [("xyz".index(right[0]), "xyz".index(up[0])) for right, up in names]
+    assert [len(set(pair)) for pair in pairs] == [2, 2, 2]
+    return pairs
 
 
 def test_zoom_shows_a_part_of_each(space: CSpace) -> None:
@@ -189,8 +189,8 @@ def sections_of(ax: Any) -> list[float]:
 def test_where_sections_run(space: CSpace) -> None:
     """Through what the caller names; else half the way along the path, the start, the goal, or the middle."""
     assert sections_of(plot(space, at=(1.0, 2.0, 0.5))) == [1.0, 2.0, 0.5]
-    found = sections_of(plot(space, path=[(1.0, 1.0, 0.5), (1.0, 3.0, 0.5), (1.0, 3.0, 1.0), (1.5, 3.0, 1.0)]))
-    assert found == [1.0, 2.5, 0.5]
+    points = sections_of(plot(space, path=[(1.0, 1.0, 0.5), (1.0, 3.0, 0.5), (1.0, 3.0, 1.0), (1.5, 3.0, 1.0)]))
+    assert points == [1.0, 2.5, 0.5]
     assert sections_of(plot(space, start=(1.0, 3.0, 2.0), goal=(5.0, 1.0, 1.0))) == [1.0, 3.0, 2.0]
     assert sections_of(plot(space, goal=(5.0, 1.0, 1.0))) == [5.0, 1.0, 1.0]
     assert sections_of(plot(space)) == [3.0, 2.0, 1.2]
@@ -222,7 +222,7 @@ def test_outside_the_grid_sections_say_nothing(space: CSpace) -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("options", "message"),
     [
         ({"path": [(1.0, 2.0)]}, "path has shape (1, 2); it must be (n, 3)"),
         ({"start": (1.0, 2.0)}, "pass one configuration (x, y, z)"),
@@ -234,10 +234,10 @@ def test_outside_the_grid_sections_say_nothing(space: CSpace) -> None:
         ({"camera": (1, 2)}, "it goes with the view 3d"),
     ],
 )
-def test_bad_input(space: CSpace, options: dict[str, Any], words: str) -> None:
+def test_bad_input(space: CSpace, options: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError) as caught:
         plot(space, **options)
-    assert words in str(caught.value)
+    assert message in str(caught.value)
 
 
 def test_a_robot_that_turns_in_space() -> None:

@@ -55,15 +55,15 @@ def test_faces_are_those_that_look_at_the_camera(solid: NDArray[np.bool_], towar
     left = solid.copy()
     inside = [list(range(n)) for n in solid.shape]
     for axis, side in enumerate(towards):
-        kept = list(inside[axis])
-        while side and kept:
-            layer = left[np.ix_(*(kept if k == axis else inside[k] for k in range(3)))]
+        layers = list(inside[axis])
+        while side and layers:
+            layer = left[np.ix_(*(layers if k == axis else inside[k] for k in range(3)))]
             end = layer.take(-1 if side > 0.0 else 0, axis)
             if end.mean() < 0.8:
                 break
-            kept = kept[:-1] if side > 0.0 else kept[1:]
-        if 2 * (len(inside[axis]) - len(kept)) < len(inside[axis]):
-            inside[axis] = kept
+            layers = layers[:-1] if side > 0.0 else layers[1:]
+        if 2 * (len(inside[axis]) - len(layers)) < len(inside[axis]):
+            inside[axis] = layers
     expected = set()
     for cell in product(*inside):
         for axis, side in enumerate(towards):
@@ -193,8 +193,8 @@ def test_the_picture_fits(space: CSpace, camera: Any) -> None:
     ax = plot(space, view="3d", path=PATH, camera=camera)
     rendered(ax)
     figure = ax.figure
-    words = [figure.legends[0].get_window_extent(), figure._suptitle.get_window_extent()]
-    for box in words:
+    texts = [figure.legends[0].get_window_extent(), figure._suptitle.get_window_extent()]
+    for box in texts:
         assert 0 <= box.x0 < box.x1 <= figure.bbox.width
         assert 0 <= box.y0 < box.y1 <= figure.bbox.height
     from mpl_toolkits.mplot3d.proj3d import proj_transform
@@ -203,8 +203,8 @@ def test_the_picture_fits(space: CSpace, camera: Any) -> None:
     shown = ax.transData.transform(np.transpose(proj_transform(*corners.T, ax.get_proj())[:2]))
     assert (shown > 0).all()
     assert (shown < (figure.bbox.width, figure.bbox.height)).all()
-    assert shown[:, 1].min() > words[0].y1
-    assert shown[:, 1].max() < words[1].y0
+    assert shown[:, 1].min() > texts[0].y1
+    assert shown[:, 1].max() < texts[1].y0
     assert np.ptp(shown, axis=0).max() > 0.5 * min(figure.bbox.width, figure.bbox.height)
 
 
@@ -218,7 +218,7 @@ def test_axes_of_the_caller_and_nothing_to_draw(space: CSpace) -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("options", "message"),
     [
         ({"surface": "walls"}, "surface is 'walls'; it must be 'obstacles' or 'free'"),
         ({"camera": (91.0, 0.0)}, "camera is (91.0, 0.0)"),
@@ -229,7 +229,7 @@ def test_axes_of_the_caller_and_nothing_to_draw(space: CSpace) -> None:
         ({"ax": Figure().add_subplot()}, "ax has two dimensions"),
     ],
 )
-def test_bad_input(space: CSpace, options: dict[str, Any], words: str) -> None:
+def test_bad_input(space: CSpace, options: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError) as caught:
         plot(space, view="3d", **options)
-    assert words in str(caught.value)
+    assert message in str(caught.value)

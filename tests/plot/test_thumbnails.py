@@ -62,8 +62,8 @@ def test_robots_show_their_outline() -> None:
 
 def test_plans_show_their_path() -> None:
     space = space_of("plane")
-    found = planners.plan(space, (0.5, 0.5), (3.5, 0.5), seed=1)
-    blue = np.abs(picture(found).astype(int) - np.round(255 * np.array(to_rgb(artists.PATH)))).max(axis=2) < 30
+    plan = planners.plan(space, (0.5, 0.5), (3.5, 0.5), seed=1)
+    blue = np.abs(picture(plan).astype(int) - np.round(255 * np.array(to_rgb(artists.PATH)))).max(axis=2) < 30
     assert blue.sum() > 100
     none = planners.plan(build(space.workspace, Robot.disc(0.75)), (0.9, 1.0), (3.1, 1.0), time_limit=0.1)
     assert not none.solved

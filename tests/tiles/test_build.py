@@ -142,8 +142,8 @@ def test_killed_twenty_times(tmp_path):
             file = path / "record" / "c" / "/".join(map(str, (*index, 0)))
             assert times.setdefault(index, file.stat().st_mtime_ns) == file.stat().st_mtime_ns
     assert done
-    told = []
-    cspace.build(workspace, CAR, rotations=8, store=path, tile=64, progress=lambda *step: told.append(step))
+    steps = []
+    cspace.build(workspace, CAR, rotations=8, store=path, tile=64, progress=lambda *step: steps.append(step))
     same_states(path, space)
     for index, written in times.items():
         file = path / "record" / "c" / "/".join(map(str, (*index, 0)))

@@ -39,12 +39,12 @@ def client():
 
 
 def test_on_a_cluster(client, tmp_path):
-    workspace, told = random_workspace((200, 150)), []
+    workspace, steps = random_workspace((200, 150)), []
     cspace.build(
-        workspace, CAR, rotations=6, store=tmp_path / "m", tile=40, client=client, progress=lambda *s: told.append(s)
+        workspace, CAR, rotations=6, store=tmp_path / "m", tile=40, client=client, progress=lambda *s: steps.append(s)
     )
     same_states(tmp_path / "m", cspace.build(workspace, CAR, rotations=6))
-    assert told[-1] == (20, 20)
+    assert steps[-1] == (20, 20)
     np.save(tmp_path / "a.npy", workspace.outer)
     lazy = cspace.Workspace.from_array(np.load(tmp_path / "a.npy", mmap_mode="r"), 0.1)
     cspace.build(lazy, CAR, store=tmp_path / "lazy", tile=40, client=client)
@@ -85,9 +85,9 @@ class Live:
             time.sleep(0.05)
         self.address = json.loads((folder / "scheduler").read_text())["address"]
 
-    def start(self, *words, code=ROOT):
+    def start(self, *options, code=ROOT):
         """Run ``dask``, somewhere else than here, with a folder of code."""
-        command = [sys.executable, "-m", "dask", *words, "--no-dashboard"]
+        command = [sys.executable, "-m", "dask", *options, "--no-dashboard"]
         with (self.folder / "log").open("a") as log:
             environment = {**os.environ, "PYTHONPATH": str(code)}
             self.processes.append(subprocess.Popen(command, cwd="/", env=environment, stdout=log, stderr=log))
@@ -119,12 +119,12 @@ def test_a_worker_with_another_cspace(live, code, version, tmp_path):
     """One that is there is told of before any work; one that comes later, when it is given a tile."""
     (tmp_path / "cspace").mkdir()
     (tmp_path / "cspace" / "__init__.py").write_text(code)
-    workspace, told = random_workspace((90, 90)), rf"workers with cspace {version}; all must have cspace 0\.1\.0"
+    workspace, message = random_workspace((90, 90)), rf"workers with cspace {version}; all must have cspace 0\.1\.0"
     other = live.worker(code=tmp_path)
     with live.client(1) as client:
-        with pytest.raises(InputError, match=told):
+        with pytest.raises(InputError, match=message):
             cspace.build(workspace, CAR, store=tmp_path / "m", client=client)
-        with pytest.MonkeyPatch.context() as patch, pytest.raises(InputError, match=told):
+        with pytest.MonkeyPatch.context() as patch, pytest.raises(InputError, match=message):
             patch.setattr(client, "run", lambda function: {"tcp://there-before": (cspace.__version__, None)})
             cspace.build(workspace, CAR, store=tmp_path / "m", client=client)
         assert client.scheduler_info()["workers"]  # it has not gone down with what it was sent
@@ -137,7 +137,7 @@ def test_a_worker_with_another_cspace(live, code, version, tmp_path):
                 cspace.build(workspace, CAR, store=tmp_path / "m", client=client)
 
 
-def press_control_c(command, cwd, told):
+def press_control_c(command, cwd, text):
     """Run a command on a terminal and interrupt it once it has told something; what it told, and its exit code."""
     process, terminal = pytest.importorskip("pty").fork()
     if process == 0:
@@ -148,7 +148,7 @@ def press_control_c(command, cwd, told):
     with suppress(OSError):  # on Linux, what the end of a terminal is
         while part := os.read(terminal, 65536):
             seen += part.decode(errors="replace")
-            if not pressed and told in seen:
+            if not pressed and text in seen:
                 pressed = os.write(terminal, b"\x03") > 0
     return seen, os.waitstatus_to_exitcode(os.waitpid(process, 0)[1])
 
@@ -180,17 +180,17 @@ def test_the_command_on_a_live_cluster(live, tmp_path, monkeypatch):
     zarr.save_array(tmp_path / "site.zarr", workspace.outer)
     (tmp_path / "waits.py").write_text(WAITS.format(str(tmp_path / "go on")))
     live.worker("--preload", str(tmp_path / "waits.py"))
-    words = ["map", "site.zarr", "--spacing", "0.1", "--robot", "rect:0.5x0.2", "--rotations", "8", "--tile", "25"]
-    words += ["--scheduler", live.address, "-o", "m.zarr"]
+    command = ["map", "site.zarr", "--spacing", "0.1", "--robot", "rect:0.5x0.2", "--rotations", "8", "--tile", "25"]
+    command += ["--scheduler", live.address, "-o", "m.zarr"]
     with live.client(1):
-        seen, code = press_control_c([sys.executable, "-m", "cspace", *words], tmp_path, " of 320 tiles, ")
+        seen, code = press_control_c([sys.executable, "-m", "cspace", *command], tmp_path, " of 320 tiles, ")
         assert code == 130, seen
         assert "cells/s" in seen
         assert "interrupted" in seen
         assert 0.0 < cspace.open(tmp_path / "m.zarr").done < 1.0
         (tmp_path / "go on").touch()
         monkeypatch.chdir(tmp_path)
-        result = run(*words)
+        result = run(*command)
     assert result.exit_code == 0
     robot, cells = cspace.Robot.rectangle(0.5, 0.2), cspace.Workspace.from_array(workspace.outer, 0.1)
     same_states(tmp_path / "m.zarr", cspace.build(cells, robot, rotations=8))

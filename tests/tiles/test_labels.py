@@ -11,7 +11,7 @@ import cspace
 from tiles.test_build import CAR, SPACES, random_workspace
 
 
-def ends(space, n, rng):
+def endpoints(space, n, rng):
     """Pairs of configurations, in the grid and around it."""
     grid = space.grid
     position = rng.uniform(np.array(grid.lower) - 0.3, np.array(grid.upper) + 0.3, (2, n, grid.dim))
@@ -22,7 +22,7 @@ def ends(space, n, rng):
 
 
 def same_answers(tiled, space, rng, n=300):
-    q0, q1 = ends(space, n, rng)
+    q0, q1 = endpoints(space, n, rng)
     expected = space.path_exists(q0, q1)
     np.testing.assert_array_equal(tiled.path_exists(q0, q1), expected)
     assert tiled.path_exists(q0[0], q1[0]) is expected[0]

@@ -183,6 +183,6 @@ def test_an_index_finds_what_is_near():
     for corner in rng.uniform(-5, 50, (50, 3)):
         grid = Grid(corner, 0.5, (8, 8, 8))
         meets = ((low <= np.array(grid.upper)) & (high >= np.array(grid.lower))).all(axis=1)
-        found, _ = mesh._near(grid)
-        assert set(np.flatnonzero(meets)) <= set(found)
-        assert len(found) < 600
+        near, _ = mesh._near(grid)
+        assert set(np.flatnonzero(meets)) <= set(near)
+        assert len(near) < 600

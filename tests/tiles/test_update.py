@@ -94,7 +94,7 @@ def test_an_update_that_is_killed(tmp_path):
     after.update(np.ones((60, 60), bool), (20, 30))
     rng, context = np.random.default_rng(0), multiprocessing.get_context("fork")
     q = np.hstack([rng.uniform(-2, 14, (3000, 2)), rng.uniform(-4, 4, (3000, 1))])
-    told = [each.classify(q) for each in (before, after)]
+    answers = [each.classify(q) for each in (before, after)]
     for _ in range(6):
         child = context.Process(target=change, args=(tmp_path / "m", True))
         child.start()
@@ -102,7 +102,7 @@ def test_an_update_that_is_killed(tmp_path):
         os.kill(child.pid, signal.SIGKILL)
         child.join()
         states = tiled.classify(q)
-        assert any(np.array_equal(states, each) for each in told)
+        assert any(np.array_equal(states, each) for each in answers)
         np.testing.assert_array_equal(cspace.open(tmp_path / "m").classify(q), states)
     tiled.update(np.ones((60, 60), bool), (20, 30))
     same_states(tmp_path / "m", after)
