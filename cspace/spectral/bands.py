@@ -38,25 +38,25 @@ ROOM: Final = 1.0 + 2.0**-30  # for the rounding of the bounds themselves
 SAMPLES: Final = 4096  # of a bump's energy, from which the band is chosen
 NODES: Final = 64  # distances in a table of pairs of two radii
 ALONE: Final = 1e-13  # relative error of the integral of a bump's own square
-AT_ONCE: Final = 2**8  # balls whose neighbours are held at once
+BATCH: Final = 2**8  # balls whose neighbours are held together
 
 
 def highest_frequency(a: BallDescriptor, b: BallDescriptor, bound: float) -> float:
-    """An estimate of the frequency (cycles per metre) beyond which the overlap of two ball sets is below ``bound``.
+    """An estimate of the frequency (cycles per metre) above which the overlap of two ball sets is below ``bound``.
 
-    Above the frequencies of the gaps between them, balls add their energies. So the energy of a set beyond a frequency
+    Above the frequencies of the gaps between them, balls add their energies. So the energy of a set above a frequency
     is the sum of those of its bumps. At most :data:`TOP` per radius of the smallest ball.
     """
     k = np.linspace(0.0, TOP, SAMPLES)
     energy = a.bump.table(a.dim, TOP, 1e-9)(k) ** 2 * around(k, a.dim)
-    beyond = np.cumsum(energy[::-1])[::-1] * k[1]
+    above = np.cumsum(energy[::-1])[::-1] * k[1]
     every = np.concatenate([a.radii, b.radii])
     frequencies = np.geomspace(0.1 / every.max(), TOP / every.min(), 400)
     tails = []
     for balls in (a, b):
         radii, counts = np.unique(balls.radii, return_counts=True)
         tails.append(
-            sum(n * r**a.dim * np.interp(r * frequencies, k, beyond) for r, n in zip(radii, counts, strict=True))
+            sum(n * r**a.dim * np.interp(r * frequencies, k, above) for r, n in zip(radii, counts, strict=True))
         )
     enough = np.sqrt(tails[0]) * np.sqrt(tails[1]) <= bound
     return float(frequencies[np.argmax(enough)] if enough.any() else frequencies[-1])
@@ -135,16 +135,16 @@ class Rings(NamedTuple):
 
 
 class Spectrum(NamedTuple):
-    """A descriptor's spectrum within a band, and what is known of it beyond.
+    """A descriptor's spectrum within a band, and a bound of its tail outside.
 
     ``values``, shape (n,), in the order of the rings, metres to the power ``dim``, are ``F(w)`` with the origin in the
-    balls' middle, and ``error`` is by how much each may be off. ``beyond`` bounds the energy of all frequencies outside
+    balls' middle, and ``error`` is by how much each may be off. ``tail`` bounds the energy of all frequencies outside
     the band: the integral of the descriptor's square less what the band holds (Parseval).
     """
 
     values: Complexes
     error: float
-    beyond: float
+    tail: float
 
     @classmethod
     def of(
@@ -162,7 +162,7 @@ class Spectrum(NamedTuple):
 
 
 class Terms(NamedTuple):
-    """What each frequency adds to the overlap, and bounds for what is left out; compiled functions take it as it is.
+    """What each frequency adds to the overlap, and bounds of what is left out; compiled functions take it as it is.
 
     Attributes
     ----------
@@ -186,8 +186,8 @@ class Terms(NamedTuple):
     def of(cls, first: Spectrum, second: Spectrum, rings: Rings, far: float) -> Terms:
         """The terms of the overlap of ``first`` (A), which is moved, with ``second`` (B).
 
-        What is left within the band is bounded by the sum of the moduli of its terms; beyond it, by Cauchy and Schwarz,
-        by the product of the two norms there. By ``far``, in metres, a placement may be off.
+        What is left within the band is bounded by the sum of the moduli of its terms; outside it, by the product of the
+        two norms there (Cauchy and Schwarz). By ``far``, in metres, a placement may be off.
         """
         weights = rings.twice / rings.volume
         products = weights * second.values * first.values.conj()
@@ -195,14 +195,14 @@ class Terms(NamedTuple):
         moduli = np.abs(products)
         errors = weights * (a * second.error + b * first.error + first.error * second.error)
         per_ring, errors_per_ring = rings.sums(moduli), rings.sums(errors)
-        beyond = math.sqrt(first.beyond) * math.sqrt(second.beyond)
+        tail = math.sqrt(first.tail) * math.sqrt(second.tail)
         after = np.cumsum((per_ring + errors_per_ring)[::-1])[::-1]
         # A phase k t / L of an axis is off by some units times k; sums, by one for each term of a ring and each ring.
         counts = np.diff(rings.starts)
         units = 64.0 + counts + len(counts) + 8.0 * rings.reaches.sum(axis=1)
         moved = 2.0 * math.pi * far * rings.sums(rings.moduli * (moduli + errors))
         before = np.cumsum(errors_per_ring + UNIT * units * per_ring + moved)
-        bounds = ROOM * (np.append(after, 0.0) + beyond + np.append(0.0, before))
+        bounds = ROOM * (np.append(after, 0.0) + tail + np.append(0.0, before))
         return cls(products, bounds, rings.indices, rings.starts, rings.reaches, rings.lengths)
 
 
@@ -263,8 +263,8 @@ def separate(place: Floats, terms: Terms, threshold: float, phases: Complexes) -
     return 2, starts[-1], total, terms.bounds[-1]
 
 
-def separate_all(places: Floats, asked: Bools, terms: Terms, threshold: float) -> tuple[Bytes, Ints, Floats]:
-    """:func:`separate` at those of some placements, shape (n, d), that are asked for; nothing is in common at others.
+def separate_all(places: Floats, near: Bools, terms: Terms, threshold: float) -> tuple[Bytes, Ints, Floats]:
+    """:func:`separate` at ``near`` placements, of places of shape (n, d); at the others nothing overlaps.
 
     Gives verdicts (n,), numbers of frequencies (n,), and sums with their bounds (n, 2).
     """
@@ -274,17 +274,17 @@ def separate_all(places: Floats, asked: Bools, terms: Terms, threshold: float) -
         np.tile([0.0, terms.bounds[0]], (len(places), 1)),
     )
     phases = np.empty((places.shape[1], 2 * int(terms.reaches[-1].max()) + 1), np.complex128)
-    separate_each(places, np.flatnonzero(asked), terms, threshold, phases, out)
+    separate_each(places, np.flatnonzero(near), terms, threshold, phases, out)
     return out
 
 
 @reader
 def separate_each(
-    places: Floats, asked: Ints, terms: Terms, threshold: float, phases: Complexes, out: tuple[Bytes, Ints, Floats]
+    places: Floats, numbers: Ints, terms: Terms, threshold: float, phases: Complexes, out: tuple[Bytes, Ints, Floats]
 ) -> None:
     """The same of placements by their numbers, with room as in :func:`separate`."""
     verdicts, counts, sums = out
-    for n in asked:
+    for n in numbers:
         verdicts[n], counts[n], sums[n, 0], sums[n, 1] = separate(places[n], terms, threshold, phases)
 
 
@@ -316,20 +316,20 @@ def norm_square(balls: BallDescriptor) -> tuple[float, float]:
 
 
 def _meeting(balls: BallDescriptor) -> Iterator[tuple[Ints, Ints]]:
-    """Each pair of balls that meet, once, the larger of the two first; those of some balls at a time."""
+    """Each pair of balls that meet, the larger of the two first, in batches."""
     from scipy.spatial import cKDTree
 
     centers, radii = balls.centers, balls.radii
     tree, place = cKDTree(centers), np.empty(len(radii), dtype=np.int64)
     place[np.argsort(radii, kind="stable")] = np.arange(len(radii))
-    for part in np.array_split(np.arange(len(radii)), math.ceil(len(radii) / AT_ONCE)):
+    for part in np.array_split(np.arange(len(radii)), math.ceil(len(radii) / BATCH)):
         # No ball that is smaller, and meets one, is farther away than this one is wide.
         near = tree.query_ball_point(centers[part], 2.0 * radii[part] * (1.0 + 2.0**-40))
         i = np.repeat(part, [len(each) for each in near])
         j = np.concatenate([np.asarray(each, dtype=np.int64) for each in near])
         square = ((centers[i] - centers[j]) ** 2).sum(axis=1)
-        kept = (place[j] < place[i]) & (square <= (radii[i] + radii[j]) ** 2)
-        yield i[kept], j[kept]
+        meeting = (place[j] < place[i]) & (square <= (radii[i] + radii[j]) ** 2)
+        yield i[meeting], j[meeting]
 
 
 def _tabled(bump: Bump, first: float, second: float, dim: int) -> Table:

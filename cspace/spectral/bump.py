@@ -44,16 +44,16 @@ TWO_RULES: Final = (26, 32)
 SAFETY: Final = 4.0  # by how much measured errors are multiplied before they are relied upon
 FEW: Final = 8  # pairs up to which each is integrated by itself, to ``PAIR_TOLERANCE``
 COUNTS: Final = (24, 48, 96, 192, 384)  # of nodes, for a pair's integral; two that follow each other must agree
-REACH: Final = 3.3  # largest modulus of u in a sum; beyond, what an interval has left is below 1e-18 of it
+REACH: Final = 3.3  # largest modulus of u in a sum; above, what an interval has left is below 1e-18 of it
 
 NODES: Final = 160
 """Nodes on either side of u = 0 for frequency 0. Two thirds of them leave 1e-14 of bumps from alpha = 0.01 to 1e4."""
 
-CHUNK: Final = 2**21  # values of the kernel held at once
-IN_CACHE: Final = 2**16  # values of a product held at once
+CHUNK: Final = 2**21  # values of the kernel held together
+IN_CACHE: Final = 2**16  # values of a product held together
 HALF: Final = 0.5  # half the width of an interval of a table, in ``k``
 SMALL_ANGLE: Final = 0.25  # below this the series of ``x - sin(x)`` loses less than the difference
-SLACK: Final = 1e-9  # by how much a frequency may lie beyond a table, relative, from rounding
+SLACK: Final = 1e-9  # by how much a frequency may lie above a table, relative, from rounding
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +119,7 @@ class Bump:
         """The same spectrum for many frequencies, computed once at some, and interpolated: a function of ``k``.
 
         The tolerance, from 1e-13 to 0.1, is relative to the value at 0. Raises InputError where a value is not usable,
-        then and when the function is asked beyond ``most``.
+        then, and when the function is called above ``most``.
         """
         within = check_tolerance(tolerance)
         check_word(dim, "dim", (2, 3))
@@ -224,7 +224,7 @@ def radial_transform(function: Radial, frequencies: Floats, dim: int) -> Floats:
     octaves = np.ceil(np.log2(np.maximum(flat, 1.0)))
     for octave in np.unique(octaves).tolist():
         rows = np.flatnonzero(octaves == octave)
-        # A kernel that turns by 2 pi k ds/du, at most pi / 4 of that, asks for as many samples more.
+        # A kernel that turns by 2 pi k ds/du, at most pi / 4 of that, needs as many samples more.
         s, weights = double_exponential(math.ceil(NODES + REACH * math.pi / 4.0 * 2.0**octave))
         measure = weights * function(s) * around(s, dim)
         for part in np.array_split(rows, math.ceil(len(rows) * len(s) / CHUNK)):
@@ -235,7 +235,7 @@ def radial_transform(function: Radial, frequencies: Floats, dim: int) -> Floats:
 class RadialTable:
     """A radial spectrum up to ``most``, interpolated between values (intervals, nodes) at :func:`table_points`.
 
-    What vanishes beyond the unit ball has a spectrum that is a mixture of ``exp(2 pi i k x)`` with ``|x| <= 1``; where
+    What vanishes outside the unit ball has a spectrum that is a mixture of ``exp(2 pi i k x)`` with ``|x| <= 1``; where
     the function is not below zero, the mixture's weights sum to the spectrum at 0. So interpolation at Chebyshev nodes
     errs, relative to that value, by at most what it errs for one such exponential: four times the sum of the Bessel
     functions ``J_n(2 pi HALF)`` from the first degree left out (Trefethen, 2013, chapter 4).
@@ -246,11 +246,11 @@ class RadialTable:
         self._coefficients = np.ascontiguousarray(chebyshev_coefficients(values.T))
 
     def __call__(self, frequencies: Floats) -> Floats:
-        """The spectrum at ``k``, of any shape, from 0 to :attr:`most`; InputError beyond."""
+        """The spectrum at ``k``, of any shape, from 0 to :attr:`most`; InputError above."""
         k = np.asarray(frequencies, dtype=np.float64)
         if k.size and not (k.min() >= 0.0 and k.max() <= self.most * (1.0 + SLACK) + SLACK):
-            found, rule = f"reach from {k.min():g} to {k.max():g}", f"the table holds those from 0 to {self.most:g}"
-            raise InputError("frequencies", found, rule, "make it for the largest one")
+            fault, rule = f"reach from {k.min():g} to {k.max():g}", f"the table holds those from 0 to {self.most:g}"
+            raise InputError("frequencies", fault, rule, "make it for the largest one")
         interval = np.minimum((k / (2.0 * HALF)).astype(np.intp), self._coefficients.shape[1] - 1)
         x = k / HALF - (2.0 * interval + 1.0)
         # Clenshaw's recurrence.
@@ -261,7 +261,7 @@ class RadialTable:
 
 
 def table_points(most: float, tolerance: float) -> Floats:
-    """Where a table up to ``most`` needs a spectrum, shape (intervals, nodes); the last may lie an interval beyond.
+    """Where a table up to ``most`` needs a spectrum, shape (intervals, nodes); the last may lie an interval above.
 
     The tolerance, relative to the value at 0, is that of the interpolation; the spectrum's own error comes on top.
     """
@@ -310,13 +310,13 @@ def product_integrals(function: Radial, a: Floats, b: Floats, distance: Floats, 
     x, weights = double_exponential(count)
     first = np.clip(gaps - radii, 0.0, 1.0)
     cuts = [np.clip(cut, first, 1.0) for cut in (gaps, radii - gaps)]
-    ends = np.sort([first, *cuts, np.ones_like(first)], axis=0)[..., None]
+    borders = np.sort([first, *cuts, np.ones_like(first)], axis=0)[..., None]
     # From the near side of a lens, however thin, so that no digits of it are lost.
-    rise = (ends[:-1] - first[:, None]) + np.diff(ends, axis=0) * x
+    rise = (borders[:-1] - first[:, None]) + np.diff(borders, axis=0) * x
     radial = first[:, None] + rise
-    mass = np.diff(ends, axis=0) * weights * function(radial) * radial ** (dim - 1)
-    found = np.nonzero(mass)
-    mass, rise, radial, pairs = mass[found], rise[found], radial[found], found[1]
+    mass = np.diff(borders, axis=0) * weights * function(radial) * radial ** (dim - 1)
+    positive = np.nonzero(mass)
+    mass, rise, radial, pairs = mass[positive], rise[positive], radial[positive], positive[1]
     totals = np.zeros(len(gaps))
     for part in np.array_split(np.arange(len(mass)), math.ceil(len(mass) * len(x) / IN_CACHE) or 1):
         s, gap, radius = radial[part], gaps[pairs[part]], radii[pairs[part]]

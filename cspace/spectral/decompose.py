@@ -42,7 +42,7 @@ NEIGHBOURS: Final = 2  # how far, in cells, a ball is looked for that holds anot
 LOST: Final = 0.02  # part of the way between two middles that a ball may stick out of another one that holds it
 CUTS: Final = (1, 2, 4, 8, 16)  # into how many parts a cell's sides are cut where no ball lies near
 ANY: Final = 2**40  # more balls than there are
-EPS: Final = 2.0**-20  # rounding allowance, in sides of a cell: by this, a ball that holds a cell reaches beyond it
+EPS: Final = 2.0**-20  # rounding allowance, in sides of a cell: by this, a ball that holds a cell reaches out of it
 ROUNDS: Final = 6  # how often every ball is moved, at most
 
 
@@ -84,9 +84,9 @@ def decompose(
     """
     check_word(kind, "kind", KINDS)
     if (number is None) == (tolerance is None):
-        found = f"is {number!r} and tolerance {tolerance!r}: {'neither is' if number is None else 'both are'} given"
+        fault = f"is {number!r} and tolerance {tolerance!r}: {'neither is' if number is None else 'both are'} given"
         mend = "pass e.g. number=64, or tolerance=0.01 in metres"
-        raise InputError("number", found, "balls are chosen by one of them", mend)
+        raise InputError("number", fault, "balls are chosen by one of them", mend)
     length = None if tolerance is None else positive(tolerance, "tolerance")
     count = None if number is None else whole(number, "number", 1, mend="pass e.g. 64")
     region = Region(shape_of(shape).sides[kind == "inner"])
@@ -95,8 +95,8 @@ def decompose(
         raise GeometryError("shape", "has no inside", "inner balls lie inside", mend)
     if count is not None and not 0.0 < region.size < np.inf:
         rule = "balls are counted by the cells of a lattice, which it must have"
-        found = f"is {number}, and the shape {region.size:g} m across"
-        raise InputError("number", found, rule, "pass a tolerance in place of a number")
+        fault = f"is {number}, and the shape {region.size:g} m across"
+        raise InputError("number", fault, rule, "pass a tolerance in place of a number")
     for finer in FINER:
         lattice = Lattice.fine(region, count, finer) if count else Lattice.within(region, length or 0.0)
         centers, radii = (_inner if kind == "inner" else _outer)(lattice, count, length)
@@ -134,12 +134,12 @@ def _inner(lattice: Lattice, number: int | None, tolerance: float | None) -> tup
     radii = lattice.region.depths(centers)  # found anew, a proof
     centers, radii = centers[radii > 0.0], radii[radii > 0.0]
     if not len(radii):
-        found, rule = "has room for no ball that was found", "inner balls lie inside"
-        raise InputError("shape", found, rule, "pass kind='outer', or a shape that is less thin")
+        fault, rule = "has room for no ball that was found", "inner balls lie inside"
+        raise InputError("shape", fault, rule, "pass kind='outer', or a shape that is less thin")
     if reached and (reached := shape_to_balls(lattice, centers, radii)[1]) > (tolerance or 0.0):
-        found = f"is {tolerance:g} m, and the shape is proven to be within {reached:g} m of {len(radii)} balls"
+        fault = f"is {tolerance:g} m, and the shape is proven to be within {reached:g} m of {len(radii)} balls"
         rule, mend = "what is thinner than the lattice has none near", "pass a larger tolerance, or kind='outer'"
-        raise InputError("tolerance", found, rule, mend)
+        raise InputError("tolerance", fault, rule, mend)
     return centers, radii
 
 
@@ -161,8 +161,8 @@ def _outer(lattice: Lattice, number: int | None, tolerance: float | None) -> tup
         balls = _least(at, 1.001 * lattice.diagonal, 2.0 * lattice.region.size / lattice.side)
     if balls is None:
         name, value = ("number", number) if tolerance is None else ("tolerance", tolerance)
-        found = f"is {value:g}, and balls that cover the shape within it were not found"
-        raise InputError(name, found, "their union must hold all of it", "pass a larger one")
+        fault = f"is {value:g}, and balls that cover the shape within it were not found"
+        raise InputError(name, fault, "their union must hold all of it", "pass a larger one")
     return lattice.metres(balls.centers), balls.reaches * lattice.side
 
 
@@ -199,8 +199,8 @@ def _least(at: Callable[[float], Balls | None], bad: float, good: float) -> Ball
         if best is None or good < 1.02 * bad:
             break
         middle = float(np.sqrt(good * bad))
-        found = at(middle)
-        best, bad, good = (best, middle, good) if found is None else (found, bad, middle)
+        balls = at(middle)
+        best, bad, good = (best, middle, good) if balls is None else (balls, bad, middle)
     return best
 
 
@@ -225,15 +225,15 @@ def _maximal(lattice: Lattice) -> Balls:
     way = np.linalg.norm(np.meshgrid(*steps, indexing="ij"), axis=0)
     reach = -(1.0 - LOST) * way
     held = grey_dilation(depths, footprint=way > 0.0, structure=reach, mode="constant", cval=-np.inf) >= depths
-    found = _on_lattice(lattice).where(~held[lattice.cells])
-    few = np.arange(len(found.depths)) % max(1, -(-len(found.depths) // CANDIDATES)) == 0
+    balls = _on_lattice(lattice).where(~held[lattice.cells])
+    few = np.arange(len(balls.depths)) % max(1, -(-len(balls.depths) // CANDIDATES)) == 0
     if len(few):
-        few[np.argmax(found.depths)] = True
-    return found.where(few)
+        few[np.argmax(balls.depths)] = True
+    return balls.where(few)
 
 
 def _finer(lattice: Lattice, cells: Floats) -> Balls:
-    """Those round a point in each of some cells, told by their middles, that lies in the shape: where one was found."""
+    """Those round a point in each of some cells, given by their middles, that lies in the shape; none without one."""
     points = _on_lattice(lattice).where(np.zeros(0, dtype=np.int64))
     for cuts in CUTS:
         if not len(cells):
@@ -416,7 +416,7 @@ def trim(cells: Cells, centers: Floats, reaches: Floats, order: Ints, only_drop:
             for k in range(first, stop):
                 if cells.times[i, j, k] == 1:
                     square = max(square, cells.squares[row] + (abs(k + 0.5 - centers[n, 2]) + cells.half[2]) ** 2)
-        # Two allowances: one that the ball reaches beyond its cells, and one for the root.
+        # Two allowances: one that the ball reaches out of its cells, and one for the root.
         least = math.sqrt(square) + 2.0 * EPS if square >= 0.0 else 0.0
         if least < reaches[n] and not (only_drop and least > 0.0):
             _add(cells, rows, -1)

@@ -50,7 +50,7 @@ class Descriptor:
     """A function given by its values at the middles of a grid's cells; the shape that it stands for is where it is
     above zero.
 
-    Of the values, shape grid.shape, a copy is kept, as float64, read-only.
+    Of the values, shape grid.shape, a copy is stored, as float64, read-only.
 
     Raises InputError if the values do not have the grid's shape, or one is not finite.
     """
@@ -61,8 +61,8 @@ class Descriptor:
     def __post_init__(self) -> None:
         values = finite(self.values, "values")
         if values.shape != self.grid.shape:
-            found = f"has shape {values.shape} on a grid of {self.grid.shape}"
-            raise InputError("values", found, "both must be the same", "pass one value for each cell")
+            fault = f"has shape {values.shape} on a grid of {self.grid.shape}"
+            raise InputError("values", fault, "both must be the same", "pass one value for each cell")
         values = values.copy()
         values.flags.writeable = False
         object.__setattr__(self, "values", values)
@@ -84,7 +84,7 @@ class BallDescriptor(Balls):
     Parameters
     ----------
     centers : array-like, shape (n, 2) or (n, 3)
-        Metres; a copy is kept, read-only.
+        Metres; a copy is stored, read-only.
     radii : array-like, shape (n,), or one number
         Metres, above zero.
     bump : Bump, optional
@@ -137,15 +137,15 @@ def balls_of(source: BallsLike, name: str, bump: Bump) -> BallDescriptor:
         if not isinstance(pair, tuple) and isinstance(balls, BallSet):
             pair = (balls.centers, balls.radii)
     if not isinstance(pair, tuple | list) or len(pair) != 2:
-        found, rule = f"is a {type(source).__name__}", "it must have centers and radii, or be a pair of them"
-        raise InputError(name, found, rule, "decompose other shapes first", value=source)
+        fault, rule = f"is a {type(source).__name__}", "it must have centers and radii, or be a pair of them"
+        raise InputError(name, fault, rule, "decompose other shapes first", value=source)
     return BallDescriptor(pair[0], pair[1], bump)
 
 
 def bump_of(bump: Bump | None, *sources: object) -> Bump:
-    """The bump that was asked for, or else that of the sources that have one, or else the usual one.
+    """The bump that was passed, or else that of the sources that have one, or else the usual one.
 
-    Raises InputError if it is no bump, or none was asked for and those of the sources differ.
+    Raises InputError if it is no bump, or none was passed and those of the sources differ.
     """
     bumps = {own for source in sources if isinstance(own := getattr(source, "bump", None), Bump)}
     if bump is None and len(bumps) > 1:
@@ -160,7 +160,7 @@ def indicator(shape: Shape | BaseGeometry | BallDescriptor | ArrayLike, grid: Gr
     ----------
     shape : shapely geometry, cspace.Mesh or other shape, set of balls, or array-like of bool, shape grid.shape
         Metres; closed sets, for which a middle on the border counts as inside, or, of a mesh, within rounding of it. An
-        array tells the cells themselves.
+        array gives the cells themselves.
     grid : Grid
 
     Raises InputError if the shape and the grid do not have the same dimension, or an array has the wrong shape or holds
@@ -199,8 +199,8 @@ def _near_balls(centers: Floats, radii: Floats, grid: Grid) -> Iterator[tuple[An
         first, last = np.clip([first, last], 0, grid.shape).astype(np.int64)
         if (first < last).all():
             window = tuple(map(slice, first, last))
-            ways = (((grid.centers(axis)[part] - center[axis]) / radius) ** 2 for axis, part in enumerate(window))
-            yield window, np.asarray(sum(np.meshgrid(*ways, indexing="ij", sparse=True)))
+            squares = (((grid.centers(axis)[part] - center[axis]) / radius) ** 2 for axis, part in enumerate(window))
+            yield window, np.asarray(sum(np.meshgrid(*squares, indexing="ij", sparse=True)))
 
 
 def check_sampled(descriptor: Any) -> Descriptor:
@@ -230,8 +230,8 @@ def union(first: Descriptor | BallDescriptor, *others: Descriptor | BallDescript
         return Descriptor(sampled[0].grid, reduce(np.add, [each.values for each in sampled]))
     for each in balls[1:]:
         if each.bump != balls[0].bump or each.dim != balls[0].dim:
-            found = f"holds balls of {each.bump} with {each.dim} coordinates, the first {balls[0].bump}, {balls[0].dim}"
-            raise InputError("others", found, "both must be the same", "sample them on one grid first")
+            fault = f"holds balls of {each.bump} with {each.dim} coordinates, the first {balls[0].bump}, {balls[0].dim}"
+            raise InputError("others", fault, "both must be the same", "sample them on one grid first")
     centers, radii = (np.concatenate([getattr(each, name) for each in balls]) for name in ("centers", "radii"))
     return BallDescriptor(centers, radii, balls[0].bump)
 
@@ -272,8 +272,8 @@ def minkowski_sum(first: Descriptor, second: Descriptor, method: Literal["fft", 
     """
     f, g = (check_sampled(each).grid for each in (first, second))
     if not _alike(f, g):
-        found = f"has {g.dim} axes and a spacing of {g.spacing:g} m, the first {f.dim} and {f.spacing:g} m"
-        raise InputError("second", found, "both must be the same", "sample the descriptors alike")
+        fault = f"has {g.dim} axes and a spacing of {g.spacing:g} m, the first {f.dim} and {f.spacing:g} m"
+        raise InputError("second", fault, "both must be the same", "sample the descriptors alike")
     check_word(method, "method", ("fft", "direct"))
     lower = np.add(f.lower, g.lower) + 0.5 * f.spacing
     grid = Grid(lower, f.spacing, [n + m - 1 for n, m in zip(f.shape, g.shape, strict=True)])
@@ -281,7 +281,7 @@ def minkowski_sum(first: Descriptor, second: Descriptor, method: Literal["fft", 
 
 
 def _convolution(f: Floats, g: Floats, method: str) -> Floats:
-    """Sums over cells, rounded and cut as :func:`minkowski_sum` tells."""
+    """Sums over cells, rounded and cut as by :func:`minkowski_sum`."""
     from scipy.signal import convolve, convolve2d, fftconvolve
 
     if method == "fft":

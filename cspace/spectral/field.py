@@ -26,7 +26,7 @@ from cspace.states import FIELDS
 
 Floats = NDArray[np.float64]
 
-_AT_ONCE: Final = 2**20  # cells whose values are computed together
+_BATCH: Final = 2**20  # cells whose values are computed together
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -80,7 +80,7 @@ class OverlapField:
         for number in range(shape[0]):
             matrix = turns[int(np.argmax(map_.slice_of == number))].matrix
             placed = overlap if matrix is None else overlap.rotated(matrix)
-            for rows in np.array_split(np.arange(shape[1]), -(-grid.size // _AT_ONCE)):
+            for rows in np.array_split(np.arange(shape[1]), -(-grid.size // _BATCH)):
                 cells = np.stack(np.meshgrid(rows, *map(np.arange, shape[2:]), indexing="ij"), axis=-1)
                 places = grid.center_of(cells)
                 arrays[FIELDS[0]][number, rows] = placed.value(places)

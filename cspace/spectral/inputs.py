@@ -38,8 +38,8 @@ def check_not_negative(values: ArrayLike, name: str) -> Floats:
 def check_dims(name: str, dim: int, other: int) -> None:
     """Refuse what is in the plane beside what is in space, or the other way around."""
     if dim != other:
-        found, rule = f"has {dim} coordinates and what it goes with {other}", "both must have as many"
-        raise InputError(name, found, rule, "pass all in the plane or all in space", value=dim)
+        fault, rule = f"has {dim} coordinates and what it goes with {other}", "both must have as many"
+        raise InputError(name, fault, rule, "pass all in the plane or all in space", value=dim)
 
 
 def check_solid_balls(centers: ArrayLike, radii: ArrayLike) -> tuple[Floats, Floats]:

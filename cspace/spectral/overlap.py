@@ -37,14 +37,14 @@ Bytes = NDArray[np.uint8]
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-MOST: Final = 2**21  # frequencies, opposite ones counted once, up to which the band is chosen where none is given
+MOST: Final = 2**21  # frequencies, opposite ones counted as one, up to which the band is chosen where none is given
 LARGEST: Final = 2**26  # frequencies up to which a band may be given
 HIGHEST: Final = 2**15 - 1  # cycles per period, along an axis, that a short integer holds
 
 PERIOD_ROOM: Final = 1e-6
 """By how much, relative, the period is longer than it must be, so that rounding cannot make anything wrap around."""
 
-LONGEST: Final = 1e40  # metres, beyond which squares of volumes overflow
+LONGEST: Final = 1e40  # metres, above which squares of volumes overflow
 FARTHEST: Final = 1e6  # how many periods the balls may lie from the origin of their frame
 ACCURACY: Final = 1e-9  # of the values at many placements, relative to the root of the sum of the squares of the terms
 FEW: Final = 32  # placements up to which sums are quicker than a transform of the whole band
@@ -52,7 +52,7 @@ NEAR: Final = 1e-6  # how far a matrix may be from a rotation; the nearest one i
 
 
 class Verdict(IntEnum):
-    """Answer to whether two ball sets are apart; what it proves is stated where it is asked for."""
+    """Whether two ball sets are apart; the method that returns it states what it proves."""
 
     MISS = 0
     HIT = 1
@@ -61,7 +61,7 @@ class Verdict(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Separation:
-    """What was asked of one placement, and what it took; or of a batch, all in arrays of its shape.
+    """The verdict about one placement, and what it took; or about a batch, all in arrays of its shape.
 
     Attributes
     ----------
@@ -80,7 +80,7 @@ class Separation:
 
 
 class FourierOverlap:
-    """The overlap of a ball set A, placed anywhere, with a ball set B; made once, and asked many times.
+    """The overlap of a ball set A, placed anywhere, with a ball set B; made once, and evaluated many times.
 
     With the descriptors ``f(x) = sum over balls of psi((x - center) / radius)`` and A moved by t, the two overlap by
 
@@ -152,8 +152,8 @@ class FourierOverlap:
         lengths = 2.0 * (1.0 + PERIOD_ROOM) * self._limits
         far = max(first.span, second.span)
         if far > min(LONGEST, FARTHEST * float(lengths.min())):
-            found = f"or a reaches {far:g} m from the origin of its frame, and both take up {lengths.min():g} m"
-            raise InputError("b", found, "rounding would count", "move the origin nearer to them, or check the units")
+            fault = f"or a reaches {far:g} m from the origin of its frame, and both take up {lengths.min():g} m"
+            raise InputError("b", fault, "rounding would count", "move the origin nearer to them, or check the units")
         self._rings = self._make_rings(first, lengths, band, tolerance)
         self._norms = norm_square(first), norm_square(second)
         self._spectrum_b = Spectrum.of(second, self._middle_b, self._rings, accuracy, self._norms[1])
@@ -176,7 +176,7 @@ class FourierOverlap:
         """An overlap whose verdicts are proofs about the shapes that the balls stand for (``docs/frequency.md``).
 
         *MISS* proves that the closed shapes have no point in common. *HIT* proves that they do: an inner ball of A and
-        one of B overlap. Between the two lie placements that are closer than twice ``swell``, or than the balls tell.
+        one of B overlap. Between the two lie placements closer than twice ``swell``, or than the balls resolve.
         Values and gradients are those of the outer balls, grown by ``swell``; the threshold is what any two of these
         have in common at least, if they touched before they grew.
 
@@ -243,12 +243,12 @@ class FourierOverlap:
 
     @property
     def frequencies(self) -> int:
-        """How many frequencies there are up to the band limit, opposite ones counted once; of inner balls too."""
+        """How many frequencies there are up to the band limit, opposite ones counted as one; of inner balls too."""
         return len(self._rings.indices) + (self._inner.frequencies if self._inner else 0)
 
     @property
     def domain(self) -> tuple[Floats, Floats]:
-        """Lower and upper corner, metres, of the placements t where there can be any overlap; beyond, it is zero."""
+        """Lower and upper corner, metres, of the placements t where there can be any overlap; outside, it is zero."""
         middle = self._middle_b - self._pivot
         return middle - self._limits, middle + self._limits
 
@@ -299,10 +299,10 @@ class FourierOverlap:
         without any frequency. Then the frequencies are summed ring by ring, from low to high, until the sum and a bound
         of all that it leaves out decide: *MISS* proves that the ideal overlap, of all frequencies, lies below
         :attr:`threshold`, or, from swollen balls, that it is zero; *HIT* that it lies above; *UNDECIDED* is what all
-        frequencies up to the band limit do not tell. With a threshold of zero a HIT proves that two balls overlap.
+        frequencies up to the band limit do not decide. With a threshold of zero a HIT proves that two balls overlap.
         Of one made by :meth:`of_shapes`, MISS and HIT are proofs about the shapes, as stated there.
 
-        ``t`` is in metres, shape (..., d); without ``swelling`` the swollen balls are not asked.
+        ``t`` is in metres, shape (..., d); without ``swelling`` the swollen balls are not looked at.
         """
         places = points_of(t, "t", self.dim)
         verdicts, counts, sums = self._decide(np.ascontiguousarray(places.reshape(-1, self.dim)), swelling)
@@ -315,12 +315,12 @@ class FourierOverlap:
     def _decide(self, ts: Floats, swelling: bool) -> tuple[Bytes, Ints, Floats]:
         """Verdicts, numbers of frequencies, and sums with their bounds."""
         places, balls = self._relative(ts), self._b
-        asked = (np.abs(places) <= self._limits).all(axis=1)
+        close = (np.abs(places) <= self._limits).all(axis=1)
         if swelling:
             # Balls that were grown for the threshold are taken as they were: where those are apart, so are the shapes.
             near, _ = gaps(places, 0.0, balls.centers - self._middle_b, balls.radii - self._swell)
-            asked &= near <= self._reach - self._swell + 4.0 * self._far
-        verdicts, counts, sums = separate_all(places, asked, self._terms, self.threshold)
+            close &= near <= self._reach - self._swell + 4.0 * self._far
+        verdicts, counts, sums = separate_all(places, close, self._terms, self.threshold)
         if self._swell:  # what grown balls do not prove a miss, only inner ones prove a hit
             rest = np.flatnonzero(verdicts != Verdict.MISS)
             verdicts[rest] = Verdict.UNDECIDED
@@ -341,8 +341,8 @@ class FourierOverlap:
             highest = min(highest, fitting, HIGHEST / float(lengths.max()))
         halves = tuple(max(1, math.floor(highest * length)) for length in lengths.tolist())
         if math.prod(2 * half + 1 for half in halves) > LARGEST or max(halves) > HIGHEST:
-            found = f"is {band!r}, which takes {' x '.join(str(2 * half + 1) for half in halves)} frequencies"
-            raise InputError("band", found, f"at most {LARGEST} are computed", "pass a lower one")
+            fault = f"is {band!r}, which takes {' x '.join(str(2 * half + 1) for half in halves)} frequencies"
+            raise InputError("band", fault, f"at most {LARGEST} are computed", "pass a lower one")
         return Rings.of(lengths, halves)
 
     def _place(self, a: BallDescriptor) -> None:

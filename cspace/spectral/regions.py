@@ -1,4 +1,4 @@
-"""Region: a shape to be decomposed, asked for its signed distance; the lattice of its cells; and how far the shape and
+"""Region: a shape to be decomposed, by its signed distance; the lattice of its cells; and how far the shape and
 balls are from each other, and how much balls take up, each as two bounds."""
 
 from __future__ import annotations
@@ -46,20 +46,20 @@ FEW: Final = 2**20  # cells of the box up to which a shape that fills little of 
 BOX: Final = {2: 40_000, 3: 80_000}
 USED: Final = {2: 15_000, 3: 20_000}
 A_BALL: Final = {2: 100, 3: 60}
-"""Cells of the box, those that meet the shape, and those of the box for each ball, that tell balls apart."""
+"""Cells of the box, those that meet the shape, and those of the box for each ball, that resolve balls."""
 
 ROUNDED: Final = 2.0**-40  # rounding of a length or an area, in the size of the whole, with room to spare
 SNAPPED: Final = 1e-9  # part of an area that the union of polygons may add or lose, where it snaps corners
 CORNERS: Final = 2**16  # of the polygons that stand for discs, together, if that leaves each from 64 to 1024
-CLOSE: Final = 0.02  # part of a distance by which its bounds may be apart, once that can be had
+CLOSE: Final = 0.02  # part of a distance by which its bounds may be apart, where that can be had
 SMALL: Final = 1e-4  # part of the size of a shape by which the bounds of a distance may be apart in any case
 LEVELS: Final = 14  # how often boxes are halved for a distance, at most
 BOXES: Final = 1_000_000  # boxes that are looked at together, at most
-DIRECTIONS: Final = 200  # points of each sphere that are asked how far they stick out
+DIRECTIONS: Final = 200  # points of each sphere whose distance from the shape is measured
 
 
 class Region:
-    """A closed set, asked for its signed distance; a plane lies in space as x = 0.
+    """A closed set with its signed distance; a plane lies in space as x = 0.
 
     ``pieces``, segments (n, 2, 2) or triangles (n, 3, 3), hold the border, and maybe more. ``bounds`` are the corners
     of the bounding box, shape (2, d), and ``size`` is its diagonal; by ``slack`` a distance may be wrong. All is in
@@ -94,12 +94,12 @@ class Region:
         return float(np.prod(np.maximum(self.bounds[1] - self.bounds[0], 1e-3 * self.size)))
 
     def grid_at(self, spacing: float) -> Grid:
-        """A grid that covers the set, with cells of this side (metres), and no larger; InputError beyond memory."""
+        """A grid that covers the set, with cells of this side (metres), and no larger; InputError if too many."""
         counts = np.ceil((self.bounds[1] - self.bounds[0]) / spacing) + 1.0
         mend = "use a larger tolerance or fewer balls"
         if float(np.prod(counts)) > 1.5 * MOST:
-            found = f"or number needs a lattice of {' x '.join(f'{n:.4g}' for n in counts)} cells of {spacing:g} m"
-            raise InputError("tolerance", found, f"at most {MOST} are looked at", mend)
+            fault = f"or number needs a lattice of {' x '.join(f'{n:.4g}' for n in counts)} cells of {spacing:g} m"
+            raise InputError("tolerance", fault, f"at most {MOST} are looked at", mend)
         grid = Grid(self.bounds.mean(axis=0) - 0.5 * spacing * counts, spacing, counts.astype(np.int64))
         check_memory(BYTES * float(grid.size), "the lattice of the balls", grid, mend=mend)
         return grid
@@ -168,13 +168,13 @@ class Lattice:
         """A lattice on which a tolerance, metres, can be proven."""
         usual, least = (float((region.box_volume / n) ** (1.0 / region.dim)) for n in (USUAL[region.dim], MOST))
         if tolerance < COARSEST * least:
-            found, rule = f"is {tolerance:g} m, and the shape {region.size:g} m across", "to prove it takes many cells"
-            raise InputError("tolerance", found, rule, f"pass at least about {1.2 * COARSEST * least:.2g} m")
+            fault, rule = f"is {tolerance:g} m, and the shape {region.size:g} m across", "to prove it takes many cells"
+            raise InputError("tolerance", fault, rule, f"pass at least about {1.2 * COARSEST * least:.2g} m")
         return cls(region, min(max(usual, tolerance / FINEST[region.dim]), tolerance / COARSEST))
 
     @classmethod
     def fine(cls, region: Region, number: int, finer: int = 1) -> Lattice:
-        """A lattice on which so many balls can be told apart, or one with more cells by a factor."""
+        """A lattice on which so many balls can be resolved, or one with more cells by a factor."""
         dim = region.dim
         box = min(finer * max(BOX[dim], number * A_BALL[dim]), MOST)
         enough = finer * max(USED[dim], number * A_BALL[dim] // 2)
@@ -324,7 +324,7 @@ def shape_to_balls(lattice: Lattice, centers: Floats, radii: Floats) -> tuple[fl
 def balls_to_shape(region: Region, centers: Floats, radii: Floats) -> tuple[float, float]:
     """Bounds of how far a point of the union of balls is from the shape, metres.
 
-    A ball reaches beyond its depth in the shape by no more than the difference of the two lengths.
+    A ball reaches farther than its depth in the shape by no more than the difference of the two lengths.
     """
     high = max(0.0, float((radii - region.depths(centers)).max()))
     directions = np.random.default_rng(0).normal(size=(DIRECTIONS, region.dim))

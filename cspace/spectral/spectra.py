@@ -42,14 +42,14 @@ Complexes = NDArray[np.complex128]
 LEAST_SPECTRUM_TOLERANCE: Final = 1e-12  # of non-uniform transforms, whose rounding is larger
 
 STRICTER: Final = 0.03
-"""Part of a tolerance that is asked of a non-uniform transform, whose own tolerance is that of a 2-norm: single values
-were seen to err by up to seven times that."""
+"""Part of a tolerance that is demanded of a non-uniform transform, whose own tolerance is that of a 2-norm: errors of
+single values up to seven times that were seen."""
 
-LEAST_ASKED: Final = 2e-14  # less is not asked of a non-uniform transform: rounding would be left
+LEAST_DEMANDED: Final = 2e-14  # less is not demanded of a non-uniform transform: rounding would be left
 
 SAMPLING: Final = ((1e-8, 1.25), (1e-11, 1.5), (0.0, 2.0))
-"""How much more finely than its result a transform samples, from which tolerance on that is asked of it: with less, its
-errors were seen to stay above the tolerance."""
+"""How much more finely than its result a transform samples, by its tolerance: with less, its errors were seen to stay
+above the tolerance."""
 
 THREADED: Final = 2**19  # samples of a transform from which on several threads pay: they wait for each other
 FEW: Final = {2: 48, 3: 96}  # balls of one radius up to which sums of products are quicker than a transform of type 1
@@ -60,7 +60,7 @@ SHARE: Final = 0.02
 """Part of the tolerance of a basis for each of: the spectra, the nodes, the decomposition, and the tables of its
 functions. Errors of the first three grow by the nodes' Lebesgue constant, below 6 for a thousand of them."""
 
-MOST_NODES: Final = 6.0  # nodes, for each transform that radii by themselves would take, beyond which none is sought
+MOST_NODES: Final = 6.0  # nodes, for each transform that radii by themselves would take, above which none is sought
 SAMPLES: Final = 4  # frequencies at which spectra are decomposed, for each node
 FIT_SLACK: Final = 1e-9  # part of a period by which what is transformed may be longer, from rounding
 
@@ -168,7 +168,7 @@ def radius_basis(
     if rank >= alone:
         return None
     combinations = left[:, :rank]
-    # Of unit band limit, as a table asks, in cycles per largest radius.
+    # Of unit band limit, as a table needs, in cycles per largest radius.
     values = spectrum((nodes / largest)[:, None, None] * table_points(largest * most, within / math.sqrt(count)))
     position = np.clip((radii - middle) / half, -1.0, 1.0)
     strengths = np.polynomial.chebyshev.chebval(position, chebyshev_coefficients(combinations)) * radii**dim
@@ -184,7 +184,7 @@ class _LatticeSum:
 
     A descriptor is real, so that ``F(-w)`` is the conjugate of ``F(w)``. With strengths ``a + i b`` one transform G
     holds those of two real terms, and what they add up to with radial factors g and h, ``g A + h B``, is
-    ``X(w) + conj(X(-w))`` with ``X = G (g - i h) / 2``. So the X of all pairs are summed, and mirrored once.
+    ``X(w) + conj(X(-w))`` with ``X = G (g - i h) / 2``. So the X of all pairs are summed, and mirrored together.
 
     The points are given in periods; :attr:`moduli` are those that occur, from the smallest on, cycles per metre.
     """
@@ -221,10 +221,10 @@ class _LatticeSum:
 
     @cached_property
     def _plan(self) -> Any:
-        asked = max(LEAST_ASKED, STRICTER * self._tolerance)
-        finer = next(finer for least, finer in SAMPLING if asked >= least)
+        demanded = max(LEAST_DEMANDED, STRICTER * self._tolerance)
+        finer = next(finer for least, finer in SAMPLING if demanded >= least)
         threads = _threads(self._half.size * finer**self._half.ndim)
-        options = {"eps": asked, "isign": -1, "modeord": 1, "nthreads": threads, "upsampfac": finer}
+        options = {"eps": demanded, "isign": -1, "modeord": 1, "nthreads": threads, "upsampfac": finer}
         return finufft_module().Plan(1, self._half.shape, dtype="complex128", **options)
 
     def _transform(self, first: Term, second: Term) -> None:
@@ -282,8 +282,8 @@ def _check_counts(counts: ArrayLike, dim: int) -> tuple[int, ...]:
     shape = tuple(int(n) for n in np.broadcast_to(numbers, dim))
     free, needed = free_bytes(), BYTES[dim] * float(cells_of(shape))
     if needed > KEEP * free:
-        found = f"is {' x '.join(map(str, shape))}, which needs about {in_words(needed)} of memory"
-        raise InputError("counts", found, f"{in_words(free)} are free", "pass smaller counts")
+        fault = f"is {' x '.join(map(str, shape))}, which needs about {in_words(needed)} of memory"
+        raise InputError("counts", fault, f"{in_words(free)} are free", "pass smaller counts")
     return shape
 
 
@@ -291,5 +291,5 @@ def _check_fits(sizes: Floats, lengths: Floats) -> None:
     """Refuse what does not fit into one period: its Fourier series would be that of something that overlaps itself."""
     if (sizes > lengths * (1.0 + FIT_SLACK)).any():
         axis = int(np.argmax(sizes / lengths))
-        found = f"holds {lengths[axis]:g} m along {'xyz'[axis]}, and what is transformed is {sizes[axis]:g} m long"
-        raise InputError("lengths", found, "it must fit into one period, wherever it lies", "pass a longer period")
+        fault = f"holds {lengths[axis]:g} m along {'xyz'[axis]}, and what is transformed is {sizes[axis]:g} m long"
+        raise InputError("lengths", fault, "it must fit into one period, wherever it lies", "pass a longer period")

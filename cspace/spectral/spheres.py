@@ -117,7 +117,7 @@ class Spheres:
     def plot(self, ax: Axes | None = None, *, title: str | None = None) -> Axes:
         """Draw the balls, and their shape where it is known, on axes or else in a new figure that belongs to no window.
 
-        The title tells number, kind and how well they describe the shape, unless one is passed. Raises InputError if
+        The title gives number, kind and how well they describe the shape, unless one is passed. Raises InputError if
         axes are of the plane and balls are in space, or the other way around.
         """
         from matplotlib.collections import LineCollection, PatchCollection
@@ -145,8 +145,8 @@ class Spheres:
                 axes.add_collection(LineCollection(list(self.shape.boundary().simplices), colors="#262626"))
             axes.autoscale_view()
         axes.set(aspect="equal", **{f"{name}label": f"{name} [m]" for name in "xyz"[: self.dim]})
-        words = f"{len(self)} {self.kind} {'balls' if solid else 'discs'}, within {self.hausdorff.upper:.3g} m"
-        axes.set_title(words if title is None else title, fontsize=10)
+        text = f"{len(self)} {self.kind} {'balls' if solid else 'discs'}, within {self.hausdorff.upper:.3g} m"
+        axes.set_title(text if title is None else title, fontsize=10)
         return axes  # type: ignore[no-any-return]
 
     def save(self, path: str | os.PathLike[str], overwrite: bool = False) -> Path:

@@ -31,13 +31,13 @@ DIMS = [2, 3]
         (0.99, Verdict.HIT, 2),
     ],
 )
-def test_sums_decide_beyond_all_that_is_not_known(threshold: float, verdict: Verdict, count: int) -> None:
+def test_sums_decide_in_spite_of_all_that_is_not_known(threshold: float, verdict: Verdict, count: int) -> None:
     """One frequency with the term 1, one with 0.5; and bounds of what is left, rounding included."""
     bounds = np.array([9.0, 9.0, 8.25 if verdict is Verdict.UNDECIDED and threshold > 2.0 else 0.5])
     rings = np.array([[0, 0], [1, 0]], dtype=np.int16), np.array([0, 1, 2]), np.array([[0, 0], [1, 0]]), np.ones(2)
     known = Terms(np.array([1.0, 0.5], dtype=np.complex128), bounds, *rings)
-    found = separate(np.zeros(2), known, threshold, np.empty((2, 3), dtype=np.complex128))
-    assert found == (verdict, count, 1.0 if count == 1 else 1.5, bounds[count])
+    answer = separate(np.zeros(2), known, threshold, np.empty((2, 3), dtype=np.complex128))
+    assert answer == (verdict, count, 1.0 if count == 1 else 1.5, bounds[count])
 
 
 @pytest.mark.parametrize("dim", DIMS)
@@ -48,8 +48,8 @@ def test_errors_of_spectra_are_in_the_bounds_to_the_full(dim: int) -> None:
     true = rng.uniform(1.0, 2.0, (2, len(rings.indices))) * np.exp(2j * np.pi * rng.random((2, len(rings.indices))))
     errors = 0.3, 0.7
     known = [
-        Spectrum(values * (1.0 - error / np.abs(values)), error, beyond)
-        for values, error, beyond in zip(true, errors, (0.25, 9.0), strict=True)
+        Spectrum(values * (1.0 - error / np.abs(values)), error, tail)
+        for values, error, tail in zip(true, errors, (0.25, 9.0), strict=True)
     ]
     near, far = (Terms.of(*known, rings, way) for way in (0.0, 2.0))
     products = rings.twice / float(np.prod(rings.lengths)) * np.abs(true[0] * true[1])
@@ -61,7 +61,7 @@ def test_errors_of_spectra_are_in_the_bounds_to_the_full(dim: int) -> None:
     assert (far.bounds - near.bounds >= 2.0 * steps * (1.0 - 1e-12)).all()
 
 
-def test_what_is_beyond_the_band_is_never_understated() -> None:
+def test_what_is_outside_the_band_is_never_understated() -> None:
     """A band of a few frequencies, and a spectrum whose accuracy leaves its energy unsure."""
     balls = BallDescriptor(np.random.default_rng(0).uniform(0.0, 1.0, (6, 2)), np.full(6, 0.1))
     rings = Rings.of(np.full(2, 3.0), (6, 6))
@@ -72,9 +72,9 @@ def test_what_is_beyond_the_band_is_never_understated() -> None:
         assert rough.error >= 2.0 * accuracy * 0.99 * float(np.abs(best.values[0]))
         moduli, less = np.abs(rough.values), rings.twice / 9.0
         least = float((less * np.maximum(moduli - rough.error, 0.0) ** 2).sum())
-        assert rough.beyond >= best.beyond + 0.125
-        assert rough.beyond >= norm[0] - float((less * moduli**2).sum()) + 0.125
-        assert rough.beyond <= norm[0] - least + 0.125 + 4.0 * rough.error**2 * len(rings.indices)
+        assert rough.tail >= best.tail + 0.125
+        assert rough.tail >= norm[0] - float((less * moduli**2).sum()) + 0.125
+        assert rough.tail <= norm[0] - least + 0.125 + 4.0 * rough.error**2 * len(rings.indices)
     far = BallDescriptor(balls.centers + 1e6, balls.radii)
     assert Spectrum.of(far, far.middle, rings, 1e-12, norm).error > 100.0 * best.error
 
@@ -168,11 +168,11 @@ def test_norms_of_many_radii_and_of_coincident_balls(dim: int) -> None:
     assert error < 1e-4 * value
 
 
-def test_norms_are_found_some_pairs_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_norms_by_batches_of_pairs(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(3)
     balls = BallDescriptor(rng.uniform(0.0, 1.0, (90, 2)), rng.choice([0.1, 0.2, 0.33], 90))
     value, error = norm_square(balls)
-    monkeypatch.setattr("cspace.spectral.bands.AT_ONCE", 7)
+    monkeypatch.setattr("cspace.spectral.bands.BATCH", 7)
     again, off = norm_square(balls)
     assert again == pytest.approx(value, rel=1e-9, abs=error + off)
 
@@ -203,8 +203,8 @@ def test_errors_of_tables_count_for_every_pair() -> None:
     rng = np.random.default_rng(0)
     balls = BallDescriptor(rng.uniform(0.0, 0.6, (14, 2)), np.full(14, 0.4), Bump(300.0))
     value, error = norm_square(balls)
-    ways = np.linalg.norm(balls.centers[:, None] - balls.centers, axis=2)[np.triu_indices(14, 1)]
-    near = ways[ways < 0.8]
+    distances = np.linalg.norm(balls.centers[:, None] - balls.centers, axis=2)[np.triu_indices(14, 1)]
+    near = distances[distances < 0.8]
     alone = Bump(300.0).pair_integral(0.4, 0.4, 0.0, 2)
     expected = 14.0 * alone + 2.0 * sum(Bump(300.0).pair_integral(0.4, 0.4, gap, 2) for gap in near.tolist())
     assert len(near) > 64
@@ -213,7 +213,7 @@ def test_errors_of_tables_count_for_every_pair() -> None:
 
 
 @pytest.mark.parametrize("alpha", [2.0, 300.0, 3000.0])
-def test_of_many_pairs_that_touch_the_least_is_found(alpha: float) -> None:
+def test_the_least_of_many_pairs_that_touch(alpha: float) -> None:
     """Where rules resolve nothing, the pair that seems the least need not be it."""
     bump = Bump(alpha)
     rng = np.random.default_rng(0)

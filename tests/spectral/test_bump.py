@@ -49,8 +49,8 @@ def reference(alpha, dim, k):
         steps = np.unique(np.concatenate([steps, 1.0 - 0.5 ** np.arange(1, 20)]))
     options = {"epsabs": 1e-16, "epsrel": 1e-13, "limit": 200}
     outer = sum(integrate.quad(direct, a, b, **options)[0] for a, b in itertools.pairwise(steps))
-    ends = np.linspace(-math.log(0.1), 60.0, 40)
-    inner = sum(integrate.quad(in_log, a, b, **options)[0] for a, b in itertools.pairwise(ends))
+    borders = np.linspace(-math.log(0.1), 60.0, 40)
+    inner = sum(integrate.quad(in_log, a, b, **options)[0] for a, b in itertools.pairwise(borders))
     return surface * (inner + outer)
 
 
@@ -83,15 +83,15 @@ def test_high_frequencies_agree_with_a_rule_for_oscillating_integrals(alpha, dim
     else:
         # One mean value over the circle turns the plane's kernel into waves, on many more nodes than the rule has.
         nodes, weights = np.polynomial.legendre.leggauss(20)
-        ends = np.unique(
+        borders = np.unique(
             np.concatenate([0.5 ** np.arange(60.0), 1.0 - 0.5 ** np.arange(1.0, 30.0), np.linspace(0, 1, 1500)])
         )
-        s = (ends[:-1, None] + np.diff(ends)[:, None] * (0.5 + 0.5 * nodes)).ravel()
-        w = (np.diff(ends)[:, None] * 0.5 * weights).ravel()
+        s = (borders[:-1, None] + np.diff(borders)[:, None] * (0.5 + 0.5 * nodes)).ravel()
+        w = (np.diff(borders)[:, None] * 0.5 * weights).ravel()
         values = np.array([plain(each, alpha) for each in s]) * s * w
         expected = [2.0 * math.pi * float(values @ j0(2.0 * math.pi * each * s)) for each in k]
-    found = Bump(alpha).radial_spectrum(k, dim)
-    assert np.abs(found - expected).max() <= 1e-12 * Bump(alpha).radial_spectrum(0.0, dim)
+    spectrum = Bump(alpha).radial_spectrum(k, dim)
+    assert np.abs(spectrum - expected).max() <= 1e-12 * Bump(alpha).radial_spectrum(0.0, dim)
 
 
 @pytest.mark.parametrize("dim", DIMS)
@@ -112,10 +112,10 @@ def test_the_table_tells_the_spectrum(alpha, dim):
 def test_values_are_those_of_the_definition(alpha):
     s = np.array([0.0, 1e-300, 1e-9, 0.1, 0.3, 0.5, 0.77, 0.9, 1.0 - 1e-3, 1.0, 1.0 + 1e-9, 3.0, 1e300])
     expected = np.array([plain(each, alpha) for each in s])
-    found = Bump(alpha).profile(s)
-    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-300)
-    assert found.shape == s.shape and Bump(alpha).profile(0.5).shape == ()
-    assert found[0] == 1.0 and not found[-4:].any()
+    values = Bump(alpha).profile(s)
+    np.testing.assert_allclose(values, expected, rtol=1e-9, atol=1e-300)
+    assert values.shape == s.shape and Bump(alpha).profile(0.5).shape == ()
+    assert values[0] == 1.0 and not values[-4:].any()
 
 
 @given(st.floats(0.01, 1e4), st.floats(0.0, 1.2), st.floats(0.0, 1.2))
@@ -150,19 +150,19 @@ def lens_by_quadrature(a, b, distance, dim):
 
 @pytest.mark.parametrize("dim", DIMS)
 @pytest.mark.parametrize(("a", "b"), [(1.0, 1.0), (0.3, 1.1), (2.0, 0.7)])
-def test_lenses_of_indicators(a, b, dim):
+def test_intersections_of_indicators(a, b, dim):
     bump = Bump(math.inf)
     for share in (1e-3, 0.01, 0.3, 0.8, 0.99):
         distance = abs(a - b) + (1.0 - share) * (a + b - abs(a - b))
-        found = bump.pair_integral(a, b, distance, dim)
-        assert found == pytest.approx(lens_by_quadrature(a, b, distance, dim), rel=1e-9)
+        integral = bump.pair_integral(a, b, distance, dim)
+        assert integral == pytest.approx(lens_by_quadrature(a, b, distance, dim), rel=1e-9)
     whole = bump.radial_spectrum(0.0, dim) * min(a, b) ** dim
     assert bump.pair_integral(a, b, abs(a - b), dim) == pytest.approx(float(whole), rel=1e-12)
     assert bump.pair_integral(a, b, a + b, dim) == 0.0
 
 
 @pytest.mark.parametrize("depth", [1e-3, 1e-6, 1e-9])
-def test_thin_lenses_keep_their_relative_accuracy(depth):
+def test_thin_intersections_keep_their_relative_accuracy(depth):
     # To leading order in the depth, of balls of radius 1: caps of parabolas.
     bump = Bump(math.inf)
     assert bump.pair_integral(1.0, 1.0, 2.0 - depth, 2) == pytest.approx(4.0 / 3.0 * depth**1.5, rel=depth + 1e-6)
@@ -175,9 +175,9 @@ def test_thin_lenses_keep_their_relative_accuracy(depth):
 def test_pairs_agree_with_the_inverse_transform(alpha, a, b, dim):
     bump = Bump(alpha)
     nodes, weights = np.polynomial.legendre.leggauss(16)
-    ends = np.linspace(0.0, 40.0 / a, math.ceil(120 / a))
-    k = (ends[:-1, None] + np.diff(ends)[:, None] * (0.5 + 0.5 * nodes)).ravel()
-    w = (0.5 * np.diff(ends)[:, None] * weights).ravel()
+    borders = np.linspace(0.0, 40.0 / a, math.ceil(120 / a))
+    k = (borders[:-1, None] + np.diff(borders)[:, None] * (0.5 + 0.5 * nodes)).ravel()
+    w = (0.5 * np.diff(borders)[:, None] * weights).ravel()
     spectrum = (a * b) ** dim * bump.table(dim, 41.0, 1e-13)(a * k) * bump.table(dim, 111.0, 1e-13)(b * k)
     size = bump.pair_integral(a, b, 0.0, dim)
     for distance in (0.0, 0.05, 0.4, b - a, 0.9, 0.97 * (a + b)):
@@ -211,8 +211,8 @@ def test_hardly_overlapping_pairs_keep_their_relative_accuracy(depth):
 def test_pairs_fall_with_the_distance_and_do_not_mind_the_order(alpha, dim):
     bump = Bump(alpha)
     distances = np.linspace(0.0, 1.75, 15)
-    found = np.array([bump.pair_integral(0.5, 1.2, each, dim) for each in distances])
-    assert (np.diff(found) <= 1e-9 * found[:-1]).all() and found[-1] == 0.0
+    integrals = np.array([bump.pair_integral(0.5, 1.2, each, dim) for each in distances])
+    assert (np.diff(integrals) <= 1e-9 * integrals[:-1]).all() and integrals[-1] == 0.0
     assert bump.pair_integral(1.2, 0.5, 1.1, dim) == pytest.approx(bump.pair_integral(0.5, 1.2, 1.1, dim), rel=1e-9)
     assert bump.pair_integral(5.0, 12.0, 11.0, dim) == pytest.approx(
         10.0**dim * bump.pair_integral(0.5, 1.2, 1.1, dim), rel=1e-9
@@ -247,7 +247,7 @@ def test_an_unusable_alpha_is_refused(alpha):
         ((1.0, True), "dim is True"),
     ],
 )
-def test_unusable_questions_are_refused(arguments, match):
+def test_unusable_arguments_are_refused(arguments, match):
     for ask in (Bump().radial_spectrum, lambda k, dim: Bump().table(dim, k)):
         with pytest.raises(InputError, match=match if "frequency" not in match else "frequency|most"):
             ask(*arguments)

@@ -61,7 +61,7 @@ SOLIDS = {
     "cone": trimesh.creation.cone(0.5, 1.2, sections=16),
     "plate": trimesh.creation.box((1.0, 1.0, 0.02)),
 }
-WAYS = {"number": {"number": 40}, "few": {"number": 7}, "tolerance": {"part": 0.03}}
+OPTIONS = {"number": {"number": 40}, "few": {"number": 7}, "tolerance": {"part": 0.03}}
 
 
 def way_for(way, size):
@@ -110,25 +110,25 @@ def check_flat(spheres, shape, rng):
         assert shapely.covers(shape, centers).all()
         assert (spheres.radii <= shapely.distance(centers, shapely.boundary(shape)) + 1e-15 * size).all()
         assert shapely.within(inner, shape.buffer(1e-9 * size))
-        found = float(gaps(points, spheres).max())
-        assert found <= high
-        assert low <= high <= found + 0.05 * size
+        gap = float(gaps(points, spheres).max())
+        assert gap <= high
+        assert low <= high <= gap + 0.05 * size
         assert spheres.volume_bounds.upper <= 1.0 + 1e-9
     else:
         assert (gaps(points, spheres) <= 0.0).all()
         assert shape.difference(outer).area <= 1e-12 * size**2
         around = np.linspace(0.0, 2 * np.pi, 60)
         rim = spheres.centers[:, None] + spheres.radii[:, None, None] * np.stack([np.cos(around), np.sin(around)], -1)
-        found = float(shapely.distance(shapely.points(rim), shape).max())
-        assert found <= high + 1e-12 * size
-        assert low <= found + 0.05 * size
+        gap = float(shapely.distance(shapely.points(rim), shape).max())
+        assert gap <= high + 1e-12 * size
+        assert low <= gap + 0.05 * size
 
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("way", ["number", "tolerance"])
 @pytest.mark.parametrize("name", FLAT)
 def test_flat_shapes(name, kind, way):
-    shape, way = FLAT[name], WAYS[way]
+    shape, way = FLAT[name], OPTIONS[way]
     whole = shapely.union_all(shape) if isinstance(shape, list) else shape
     size = float(np.hypot(*np.ptp(np.array(whole.bounds).reshape(2, 2), axis=0)))
     spheres = decompose(shape, kind=kind, **way_for(way, size))
@@ -168,7 +168,7 @@ def test_64_balls_fill_nine_tenths(shape):
 
 
 @settings(max_examples=10)
-@given(stars(), st.sampled_from(KINDS), st.sampled_from(list(WAYS.values())), seeds)
+@given(stars(), st.sampled_from(KINDS), st.sampled_from(list(OPTIONS.values())), seeds)
 def test_random_polygons(vertices, kind, way, seed):
     shape = shapely.Polygon(vertices)
     size = float(np.hypot(*np.ptp(vertices, axis=0)))
@@ -208,7 +208,7 @@ def check_solid(spheres, mesh, rng):
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize(("name", "way"), [*((name, "number") for name in SOLIDS), ("box", "tolerance")])
 def test_solids(name, kind, way):
-    mesh, way = SOLIDS[name], WAYS["number"] if way == "number" else {"part": 0.08}
+    mesh, way = SOLIDS[name], OPTIONS["number"] if way == "number" else {"part": 0.08}
     size = float(np.linalg.norm(mesh.extents))
     spheres = decompose(mesh, kind=kind, **way_for(way, size))
     check_solid(spheres, mesh, np.random.default_rng(0))

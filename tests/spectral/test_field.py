@@ -55,11 +55,11 @@ def case(request: pytest.FixtureRequest) -> tuple[CSpace, FourierOverlap]:
     return build(workspace, Robot.balls(*ROBOT), rotations=turns), overlap_of(ROBOT, OBSTACLES)
 
 
-@pytest.mark.parametrize("at_once", [2**20, 300])
+@pytest.mark.parametrize("batch", [2**20, 300])
 def test_the_field_is_the_overlap_and_its_gradient_at_the_cells(
-    case: tuple[CSpace, FourierOverlap], at_once: int, monkeypatch: pytest.MonkeyPatch
+    case: tuple[CSpace, FourierOverlap], batch: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("cspace.spectral.field._AT_ONCE", at_once)
+    monkeypatch.setattr("cspace.spectral.field._BATCH", batch)
     space, overlap = case
     field = OverlapField.of(space, overlap)
     dim = space.grid.dim
@@ -227,7 +227,7 @@ def test_an_update_lets_the_field_go_and_leaves_other_maps(kind: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("fields", "words"),
+    ("fields", "message"),
     [
         ({"penetration": (3, 2)}, "fields are penetration; .* must be penetration, penetration_x, penetration_y"),
         (dict.fromkeys(FIELDS, (3, 2)), "penetration_z; of a map of 2 axes they must be"),
@@ -236,11 +236,11 @@ def test_an_update_lets_the_field_go_and_leaves_other_maps(kind: str) -> None:
         (dict.fromkeys(FIELDS[:3], (1, 3, 2)), r"penetration has shape \(1, 3, 2\)"),
     ],
 )
-def test_half_a_field_is_refused(fields: dict[str, tuple[int, ...]], words: str) -> None:
+def test_half_a_field_is_refused(fields: dict[str, tuple[int, ...]], message: str) -> None:
     space = build(Workspace.from_array(np.zeros((3, 2), dtype=bool), 0.1), Robot.disc(0.01))
     arrays = {name: np.zeros(shape) for name, shape in fields.items()}
     for make in (lambda: without(space, arrays), lambda: OverlapField(space, arrays)):
-        with pytest.raises(InputError, match=words):
+        with pytest.raises(InputError, match=message):
             make()
 
 
@@ -277,14 +277,14 @@ def test_a_second_field_takes_the_place_of_the_first() -> None:
     np.testing.assert_array_equal(first.overlap_field.values, OverlapField.of(space, overlap).values)
 
 
-def ends_of(space: CSpace) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def endpoints_of(space: CSpace) -> tuple[tuple[float, ...], tuple[float, ...]]:
     more = (0.0,) if space.rotations.dof else (0.51,) * (space.dof - 2)
     return (0.43, 0.88, *more), (1.57, 0.88, *more)
 
 
 def least_distance(space: CSpace, plan: planners.Plan) -> float:
     """From the robot's balls to the obstacle, along a path, by trying many places."""
-    share, dim, found = np.linspace(0.0, 1.0, 60)[:, None], space.grid.dim, []
+    share, dim, distances = np.linspace(0.0, 1.0, 60)[:, None], space.grid.dim, []
     for first, second in zip(plan.waypoints[:-1], plan.waypoints[1:], strict=True):
         step = second - first
         if space.rotations.dof:
@@ -295,8 +295,8 @@ def least_distance(space: CSpace, plan: planners.Plan) -> float:
             turn = np.array([[np.cos(q[:, 2]), -np.sin(q[:, 2])], [np.sin(q[:, 2]), np.cos(q[:, 2])]])
             placed = np.einsum("ijn,bj->nbi", turn, space.robot.shape.centers)
         away = np.linalg.norm(placed + q[:, None, :dim] - OBSTACLE[:dim], axis=-1)
-        found.append((away - space.robot.shape.radii).min() - RADIUS)
-    return float(min(found))
+        distances.append((away - space.robot.shape.radii).min() - RADIUS)
+    return float(min(distances))
 
 
 @pytest.mark.parametrize("kind", ["plane", "turning"])
@@ -306,7 +306,7 @@ def test_paths_keep_farther_from_obstacles_than_the_shortest(kind: str) -> None:
     carried = space.with_overlap_field(overlap)
     options: dict[str, Any] = {"planner": "RRTstar", "time_limit": 120.0, "iterations": 200, "seed": 1}
     plans = [
-        planners.plan(carried, *ends_of(space), objective=objective, **options)
+        planners.plan(carried, *endpoints_of(space), objective=objective, **options)
         for objective in (
             "length",
             lambda si: planners.OverlapObjective(si, carried, weight=0.0),
@@ -323,7 +323,7 @@ def test_paths_keep_farther_from_obstacles_than_the_shortest(kind: str) -> None:
 def test_the_objective_by_name_is_that_of_the_carried_field(carried: CSpace) -> None:
     options: dict[str, Any] = {"planner": "RRTstar", "time_limit": 120.0, "iterations": 60, "seed": 3}
     plans = [
-        planners.plan(carried, *ends_of(carried), objective=objective, **options)
+        planners.plan(carried, *endpoints_of(carried), objective=objective, **options)
         for objective in (
             "overlap",
             lambda si: planners.OverlapObjective(si, carried),
@@ -338,7 +338,7 @@ def test_the_objective_by_name_is_that_of_the_carried_field(carried: CSpace) -> 
 def test_a_map_without_a_field_has_no_such_objective() -> None:
     plain, overlap = scene("plane")
     carried = plain.with_overlap_field(overlap)
-    start, goal = ends_of(plain)
+    start, goal = endpoints_of(plain)
     si = planners.simple_setup(plain).getSpaceInformation()
     with pytest.raises(InputError, match=r"the map carries none; .* plan on space\.with_overlap_field"):
         planners.OverlapObjective(si, plain)

@@ -121,9 +121,9 @@ def test_on_a_lattice_they_are_the_correlation_by_fft(dim: int) -> None:
     inside = (ts <= overlap.domain[1]).all(axis=-1)
     assert inside.mean() > 0.9
     assert overlap.value(ts)[inside] == pytest.approx(lattice[inside], abs=1e-9 * lattice.max())
-    some = np.argwhere(inside)[:: max(1, inside.sum() // 20)]
-    one_by_one = [overlap.value(ts[tuple(i)]) for i in some]
-    assert one_by_one == pytest.approx([lattice[tuple(i)] for i in some], abs=1e-9 * lattice.max())
+    chosen = np.argwhere(inside)[:: max(1, inside.sum() // 20)]
+    one_by_one = [overlap.value(ts[tuple(i)]) for i in chosen]
+    assert one_by_one == pytest.approx([lattice[tuple(i)] for i in chosen], abs=1e-9 * lattice.max())
 
 
 @pytest.mark.parametrize("dim", DIMS)
@@ -134,10 +134,10 @@ def test_gradients_are_finite_differences(dim: int) -> None:
     h = 1e-5
     steps = h * np.eye(dim)
     slopes = [[(overlap.value(t + s) - overlap.value(t - s)) / (2 * h) for s in steps] for t in ts]
-    found = np.array([overlap.gradient(t) for t in ts])
-    assert found == pytest.approx(np.array(slopes), abs=1e-6 * np.abs(found).max())
-    assert overlap.gradient(ts) == pytest.approx(found, abs=1e-7 * np.abs(found).max())
-    assert np.abs(found).max() > 1e-3
+    gradients = np.array([overlap.gradient(t) for t in ts])
+    assert gradients == pytest.approx(np.array(slopes), abs=1e-6 * np.abs(gradients).max())
+    assert overlap.gradient(ts) == pytest.approx(gradients, abs=1e-7 * np.abs(gradients).max())
+    assert np.abs(gradients).max() > 1e-3
 
 
 @pytest.mark.parametrize("dim", DIMS)
@@ -147,10 +147,10 @@ def test_many_are_one_by_one_in_any_shape_and_zero_outside_the_domain(dim: int) 
     ts = placements(overlap, rng, 48).reshape(2, 3, 8, dim)
     ts[1, 2, 3] = overlap.domain[1] + 0.5 * np.array(overlap.lengths)
     ts[1, 2, 2] = overlap.domain[0] - 1e6
-    found = overlap.value(ts)
-    assert found.shape == (2, 3, 8)
-    assert found.ravel() == pytest.approx([overlap.value(t) for t in ts.reshape(-1, dim)], abs=1e-8 * found.max())
-    assert found[1, 2, 2] == found[1, 2, 3] == overlap.value(ts[1, 2, 3]) == 0.0
+    values = overlap.value(ts)
+    assert values.shape == (2, 3, 8)
+    assert values.ravel() == pytest.approx([overlap.value(t) for t in ts.reshape(-1, dim)], abs=1e-8 * values.max())
+    assert values[1, 2, 2] == values[1, 2, 3] == overlap.value(ts[1, 2, 3]) == 0.0
     assert (overlap.gradient(ts)[1, 2, 2:4] == 0.0).all()
     assert (overlap.gradient(ts[1, 2, 3]) == 0.0).all()
 
@@ -186,15 +186,17 @@ def test_a_verdict_is_right_about_the_ideal_overlap(seed: int, dim: int, alpha: 
     expected, error = ideals(a, b, bump, ts)
     threshold = float(np.median(expected))
     overlap = FourierOverlap(a, b, bump=bump, threshold=threshold, tolerance=share)
-    told = overlap.separated(ts)
-    assert (expected[told.verdict == Verdict.MISS] < threshold + error).all()
-    assert (expected[told.verdict == Verdict.HIT] > threshold - error).all()
-    assert (np.abs(told.overlap - expected) <= told.bound + error).all()
-    assert ((told.frequencies >= 0) & (told.frequencies <= overlap.frequencies)).all()
+    answers = overlap.separated(ts)
+    assert (expected[answers.verdict == Verdict.MISS] < threshold + error).all()
+    assert (expected[answers.verdict == Verdict.HIT] > threshold - error).all()
+    assert (np.abs(answers.overlap - expected) <= answers.bound + error).all()
+    assert ((answers.frequencies >= 0) & (answers.frequencies <= overlap.frequencies)).all()
     for k, t in enumerate(ts):
         alone = overlap.separated(t)
         assert isinstance(alone.verdict, Verdict)
-        assert alone == Separation(*(each[k] for each in (told.verdict, told.frequencies, told.overlap, told.bound)))
+        assert alone == Separation(
+            *(each[k] for each in (answers.verdict, answers.frequencies, answers.overlap, answers.bound))
+        )
 
 
 @settings(max_examples=5)
@@ -210,10 +212,10 @@ def test_of_shapes_of_balls_is_right_next_to_the_contact(
     turned = (a[0] @ matrix.T, a[1])
     # On the line through the middles of two balls, just before and just after they touch, and further away.
     i, j = rng.integers(len(a[1]), size=30), rng.integers(len(b[1]), size=30)
-    ways = rng.normal(size=(30, dim))
-    ways /= np.linalg.norm(ways, axis=1)[:, None]
+    directions = rng.normal(size=(30, dim))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
     gaps = rng.choice([-1.0, 1.0], 30) * 10.0 ** rng.uniform(-9.0, 0.0, 30)
-    ts = b[0][j] - turned[0][i] + (a[1][i] + b[1][j] + gaps)[:, None] * ways
+    ts = b[0][j] - turned[0][i] + (a[1][i] + b[1][j] + gaps)[:, None] * directions
     deep = depth(turned, b, ts)
     verdicts = overlap.separated(ts, swelling=swelling).verdict
     assert (deep[verdicts == Verdict.MISS] < 1e-12).all()
@@ -300,9 +302,9 @@ def test_most_misses_are_early(dim: int) -> None:
         b = rng.uniform(0.0, 4.0 if dim == 2 else 1.6, (8, dim)), np.full(8, 0.1)
         overlap = FourierOverlap.of_shapes(a, b, swell=0.1, tolerance=1e-2)
         ts = placements(overlap, rng, 400)
-        for swelling, found in shares.items():
-            told = overlap.separated(ts, swelling=swelling)
-            found += (told.frequencies[told.verdict == Verdict.MISS] / overlap.frequencies).tolist()
+        for swelling, early in shares.items():
+            answers = overlap.separated(ts, swelling=swelling)
+            early += (answers.frequencies[answers.verdict == Verdict.MISS] / overlap.frequencies).tolist()
     assert np.median(shares[True]) < 0.05
     assert np.median(shares[False]) < 0.05 * 3
     assert min(shares[False]) > 0.0
@@ -312,8 +314,8 @@ def test_swollen_balls_and_placements_far_away_take_no_frequency() -> None:
     a, b = ([[0.0, 0.0], [0.2, 0.0]], 0.1), ([[0.0, 0.0], [3.0, 3.0]], [0.2, 0.3])
     overlap = FourierOverlap(a, b, band=8.0)
     for t in ([1.5, 1.5], [100.0, 0.0], [0.0, -0.45]):
-        told = overlap.separated(t)
-        assert (told.verdict, told.frequencies) == (Verdict.MISS, 0)
+        answer = overlap.separated(t)
+        assert (answer.verdict, answer.frequencies) == (Verdict.MISS, 0)
     assert overlap.separated([1.5, 1.5], swelling=False).verdict is Verdict.UNDECIDED
     assert overlap.separated([100.0, 0.0], swelling=False).frequencies == 0
     assert overlap.separated([0.0, 0.0]).verdict is Verdict.HIT
@@ -321,7 +323,7 @@ def test_swollen_balls_and_placements_far_away_take_no_frequency() -> None:
 
 
 @pytest.mark.parametrize("dim", DIMS)
-def test_bounds_fall_from_ring_to_ring_and_rings_hold_every_frequency_once(dim: int) -> None:
+def test_bounds_fall_from_ring_to_ring_and_rings_hold_each_frequency_a_single_time(dim: int) -> None:
     a, b, _ = ball_sets(dim, 29)
     overlap = FourierOverlap(a, b, band=9.0)
     rings, terms = overlap._rings, overlap._terms
@@ -375,10 +377,10 @@ def test_turns_of_turns_keep_the_shape(dim: int) -> None:
     turn: Any = 0.1 if dim == 2 else Rotation.from_rotvec([0.0, 0.0, 0.1])
     for _ in range(500):
         overlap = overlap.rotated(turn)
-    ways = [np.linalg.norm(o._a.centers[:, None] - o._a.centers, axis=2) for o in (made, overlap)]
-    assert np.abs(ways[1] - ways[0]).max() <= 2.0**-50 * 4.0
-    once = made.rotated(50.0 if dim == 2 else Rotation.from_rotvec([0.0, 0.0, 50.0]))
-    assert overlap._a.centers == pytest.approx(once._a.centers, abs=1e-11)
+    distances = [np.linalg.norm(o._a.centers[:, None] - o._a.centers, axis=2) for o in (made, overlap)]
+    assert np.abs(distances[1] - distances[0]).max() <= 2.0**-50 * 4.0
+    turned = made.rotated(50.0 if dim == 2 else Rotation.from_rotvec([0.0, 0.0, 50.0]))
+    assert overlap._a.centers == pytest.approx(turned._a.centers, abs=1e-11)
 
 
 def test_the_stated_bound_holds_far_from_the_origin() -> None:
@@ -424,7 +426,7 @@ INNER, OUTER = (
 
 
 @pytest.mark.parametrize(
-    ("call", "words"),
+    ("call", "message"),
     [
         (lambda: FourierOverlap(ONE, SPACE), "all in space"),
         (lambda: FourierOverlap(ONE, ([[0.0, 0.0]], 0.0)), "above zero"),
@@ -454,8 +456,8 @@ INNER, OUTER = (
         (lambda: FourierOverlap(SPACE, SPACE, band=9.0).rotated(0.5), "Rotation"),
     ],
 )
-def test_other_values_are_refused(call: Any, words: str) -> None:
-    with pytest.raises(InputError, match=words):
+def test_other_values_are_refused(call: Any, message: str) -> None:
+    with pytest.raises(InputError, match=message):
         call()
 
 

@@ -58,13 +58,13 @@ def lattice(lengths, counts, number=50, seed=1):
 @pytest.mark.parametrize(("counts", "lengths"), [((64, 45), (2.7, 4.1)), ((24, 17, 20), (2.9, 3.0, 2.7))])
 def test_the_direct_sum_is_met_on_a_lattice(bump, tolerance, number, classes, counts, lengths):
     centers, radii = scene(len(counts), number, classes)
-    found = ball_spectrum(centers, radii, bump, lengths, counts, tolerance)
-    assert found.shape == counts
+    spectrum = ball_spectrum(centers, radii, bump, lengths, counts, tolerance)
+    assert spectrum.shape == counts
     place, frequencies = lattice(lengths, counts)
     expected = direct(centers, radii, bump, frequencies)
     whole = float(bump.radial_spectrum(0.0, len(counts)) * (radii ** len(counts)).sum())
-    assert np.abs(found[place] - expected).max() <= tolerance * whole
-    assert found[(0,) * len(counts)] == pytest.approx(whole, rel=tolerance)
+    assert np.abs(spectrum[place] - expected).max() <= tolerance * whole
+    assert spectrum[(0,) * len(counts)] == pytest.approx(whole, rel=tolerance)
 
 
 @pytest.mark.parametrize("bump", BUMPS, ids=str)
@@ -77,10 +77,10 @@ def test_a_thousand_radii_by_a_few_functions(bump, tolerance, counts, lengths):
     moduli = np.linspace(0.0, most, 9)
     basis = radius_basis(bump, radii, moduli, len(counts), tolerance, alone={2: 30.0, 3: 15.0}[len(counts)])
     assert basis is not None and len(list(basis)) < 30
-    found = ball_spectrum(centers, radii, bump, lengths, counts, tolerance)
+    spectrum = ball_spectrum(centers, radii, bump, lengths, counts, tolerance)
     expected = direct(centers, radii, bump, frequencies)
-    whole = found[(0,) * len(counts)].real
-    assert np.abs(found[place] - expected).max() <= tolerance * whole
+    whole = spectrum[(0,) * len(counts)].real
+    assert np.abs(spectrum[place] - expected).max() <= tolerance * whole
     assert radius_basis(bump, radii, moduli, len(counts), tolerance, alone=2.0) is None
 
 
@@ -90,23 +90,25 @@ def test_laws_of_the_spectrum(dim, seed):
     rng = np.random.default_rng(seed)
     centers, radii = scene(dim, int(rng.integers(1, 120)), int(rng.integers(1, 4)), seed)
     counts, lengths, bump = tuple(rng.integers(3, 20, dim).tolist()), rng.uniform(2.7, 5.0, dim), Bump(2.0)
-    found = ball_spectrum(centers, radii, bump, lengths, counts)
-    size = 1e-8 * found.flat[0].real
+    spectrum = ball_spectrum(centers, radii, bump, lengths, counts)
+    size = 1e-8 * spectrum.flat[0].real
     # What is real has a spectrum with conjugate halves; the frequency half a count down has no partner.
     place = np.ix_(*(np.setdiff1d(np.arange(m), [m // 2] if m % 2 == 0 else []) for m in counts))
     partner = np.ix_(*(-np.setdiff1d(np.arange(m), [m // 2] if m % 2 == 0 else []) % m for m in counts))
-    np.testing.assert_allclose(found[place], found[partner].conj(), atol=size)
+    np.testing.assert_allclose(spectrum[place], spectrum[partner].conj(), atol=size)
     # A move is a phase; one by a period is none.
     shift = rng.uniform(-3, 3, dim)
     axes = [np.fft.fftfreq(m, 1.0 / m) / length for m, length in zip(counts, lengths, strict=True)]
     phase = np.exp(-2j * math.pi * sum(np.meshgrid(*(a * s for a, s in zip(axes, shift, strict=True)), indexing="ij")))
-    np.testing.assert_allclose(ball_spectrum(centers + shift, radii, bump, lengths, counts), found * phase, atol=size)
-    np.testing.assert_allclose(ball_spectrum(centers + 5 * lengths, radii, bump, lengths, counts), found, atol=size)
+    np.testing.assert_allclose(
+        ball_spectrum(centers + shift, radii, bump, lengths, counts), spectrum * phase, atol=size
+    )
+    np.testing.assert_allclose(ball_spectrum(centers + 5 * lengths, radii, bump, lengths, counts), spectrum, atol=size)
     # Balls add up.
     half = len(centers) // 2
     if half:
         parts = [ball_spectrum(centers[s], radii[s], bump, lengths, counts) for s in (slice(half), slice(half, None))]
-        np.testing.assert_allclose(sum(parts), found, atol=size)
+        np.testing.assert_allclose(sum(parts), spectrum, atol=size)
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -159,7 +161,7 @@ def test_balls_that_fill_a_period_fit():
 
 
 def test_without_the_extra_a_transform_is_refused_by_name_and_the_rest_works():
-    told = output_without(
+    output = output_without(
         "finufft",
         """
 from cspace.spectral import Bump, ball_spectrum
@@ -171,4 +173,4 @@ except cspace.MissingPackageError as error:
     print(error)
 """,
     )
-    assert 'pip install "cspace[spectral]"' in told
+    assert 'pip install "cspace[spectral]"' in output

@@ -18,7 +18,7 @@ RECTANGLE = shapely.box(0.0, 0.0, 3.0, 1.0)
 TRIANGLE = Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]), "surface")
 
 
-def some(dim=2, seed=0, n=20):
+def random_spheres(dim=2, seed=0, n=20):
     rng = np.random.default_rng(seed)
     centers, radii = rng.normal(size=(n, dim)) * 1e3, rng.random(n) * 10.0 ** rng.integers(-9, 3, n)
     return Spheres(centers, radii, "outer", Bounds(0.1, 0.3), Bounds(0.0, 1 / 3), Bounds(1e-17, 2e22))
@@ -27,7 +27,7 @@ def some(dim=2, seed=0, n=20):
 @pytest.mark.parametrize("suffix", [".json", ".yaml", ".yml", ".JSON"])
 @pytest.mark.parametrize("dim", [2, 3])
 def test_files_keep_every_bit(tmp_path, suffix, dim):
-    spheres = some(dim)
+    spheres = random_spheres(dim)
     file = spheres.save(tmp_path / f"balls{suffix}")
     back = Spheres.open(file)
     assert back.centers.tobytes() == spheres.centers.tobytes()
@@ -37,18 +37,18 @@ def test_files_keep_every_bit(tmp_path, suffix, dim):
 
 
 def test_files_are_not_replaced_unasked(tmp_path):
-    file = some().save(tmp_path / "balls.json")
+    file = random_spheres().save(tmp_path / "balls.json")
     before = file.read_bytes()
     with pytest.raises(FileError, match="exists"):
-        some(seed=1).save(file)
+        random_spheres(seed=1).save(file)
     assert file.read_bytes() == before
-    some(seed=1).save(file, overwrite=True)
+    random_spheres(seed=1).save(file, overwrite=True)
     assert file.read_bytes() != before
     assert len(list(tmp_path.iterdir())) == 1
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "message"),
     [
         ("{", "is not"),
         ("[1]", "holds no balls"),
@@ -68,10 +68,10 @@ def test_files_are_not_replaced_unasked(tmp_path):
     ],
 )
 @pytest.mark.parametrize("suffix", [".json", ".yaml"])
-def test_damaged_files(tmp_path, text, words, suffix):
+def test_damaged_files(tmp_path, text, message, suffix):
     file = tmp_path / f"balls{suffix}"
     file.write_text(text)
-    with pytest.raises(FileError, match=words):
+    with pytest.raises(FileError, match=message):
         Spheres.open(file)
 
 
@@ -108,7 +108,7 @@ def test_nonsense_in_files(tmp_path, key, value, suffix):
 
 def test_file_names(tmp_path):
     with pytest.raises(InputError, match=r"\.txt"):
-        some().save(tmp_path / "balls.txt")
+        random_spheres().save(tmp_path / "balls.txt")
     with pytest.raises(FileError, match="does not exist"):
         Spheres.open(tmp_path / "none.yaml")
     with pytest.raises(InputError, match="file name"):
@@ -116,7 +116,7 @@ def test_file_names(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("changes", "words"),
+    ("changes", "message"),
     [
         ({"radii": [0.0]}, "above zero"),
         ({"kind": "around"}, "kind"),
@@ -126,15 +126,15 @@ def test_file_names(tmp_path):
         ({"hausdorff": 3.0}, "two numbers"),
     ],
 )
-def test_bad_spheres(changes, words):
+def test_bad_spheres(changes, message):
     values = {"centers": [[0.0, 0.0]], "radii": [1.0], "kind": "inner"}
     values |= {name: Bounds(0, 1) for name in ("measure", "shape_measure", "hausdorff")}
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(InputError, match=message):
         Spheres(**(values | changes))
 
 
 @pytest.mark.parametrize(
-    ("shape", "options", "error", "words"),
+    ("shape", "options", "error", "message"),
     [
         (RECTANGLE, {}, InputError, "neither"),
         (RECTANGLE, {"number": 3, "tolerance": 0.1}, InputError, "both"),
@@ -158,8 +158,8 @@ def test_bad_spheres(changes, words):
         (shapely.Point(3, 4), {"number": 3, "kind": "outer"}, InputError, "pass a tolerance"),
     ],
 )
-def test_refusals(shape, options, error, words):
-    with pytest.raises(error, match=words):
+def test_refusals(shape, options, error, message):
+    with pytest.raises(error, match=message):
         decompose(shape, **options)
 
 
@@ -169,11 +169,11 @@ def test_memory_is_looked_at(monkeypatch):
         decompose(RECTANGLE, number=5)
 
 
-@pytest.mark.parametrize(("shape", "words"), [(RECTANGLE, "discs"), (trimesh.creation.box(), "balls")])
-def test_pictures(shape, words):
+@pytest.mark.parametrize(("shape", "text"), [(RECTANGLE, "discs"), (trimesh.creation.box(), "balls")])
+def test_pictures(shape, text):
     spheres = decompose(shape, number=6)
     ax = spheres.plot()
-    assert f"6 inner {words}" in ax.get_title()
+    assert f"6 inner {text}" in ax.get_title()
     low, high = ax.get_xlim()
     assert low < spheres.shape.bounds[0][0] < spheres.shape.bounds[1][0] < high
     assert len(ax.collections) == 2
