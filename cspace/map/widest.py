@@ -86,6 +86,9 @@ LINES: Final = 64
 """Lines of cells below which a second thread costs more than it saves."""
 
 
+NO_WALLS: Final = np.zeros(3, dtype=np.bool_)
+
+
 class Graph(NamedTuple):
     """Cells, and what leads from one to the next.
 
@@ -122,40 +125,42 @@ class Graph(NamedTuple):
         return np.asarray(self.rings < FAR)
 
 
-def levels_of(state: Bytes, walled: bool) -> Levels:
-    """Levels of cells, shape (nx, ny, nz); whether what lies around them is not FREE."""
+def levels_of(state: Bytes, walls: Bools) -> Levels:
+    """Levels of cells, shape (nx, ny, nz); along which axes what lies around them is not FREE, shape (3,)."""
     squares, (nx, ny, nz) = np.empty(state.shape, dtype=np.int32), state.shape
-    in_chunks(partial(begin, state.reshape(-1, nz), squares.reshape(-1, nz), walled), nx * ny, LINES)
-    in_chunks(partial(extend, squares, walled), nx * nz, LINES)
-    if nx > 1:
-        in_chunks(partial(extend, squares.reshape(1, nx, ny * nz), walled), ny * nz, LINES)
+    in_x, in_y, in_z = walls.tolist()
+    in_chunks(partial(begin, state.reshape(-1, nz), squares.reshape(-1, nz), in_z), nx * ny, LINES)
+    in_chunks(partial(extend, squares, in_y), nx * nz, LINES)
+    if nx > 1 or in_x:
+        in_chunks(partial(extend, squares.reshape(1, nx, ny * nz), in_x), ny * nz, LINES)
     return np.minimum(LEVELS / 2 * np.sqrt(squares, dtype=np.float32), TOP).astype(np.uint16)
 
 
-def levels_around(state: Bytes, walled: bool, closed: Bools) -> Levels:
+def levels_around(state: Bytes, walls: Bools, closed: Bools) -> Levels:
     """As :func:`levels_of`, where some axes close in a circle, shape (3,)."""
     if not closed.any():
-        return levels_of(state, walled)
-    # Along a circle, what is nearest is no farther than half a turn; a plane has no sides along x.
-    padding = np.where(closed, np.array(state.shape) // 2 + 1, walled & (np.array(state.shape) > (1, 0, 0)))
+        return levels_of(state, walls)
+    # Along a circle, what is nearest is no farther than half a turn.
+    padding = np.where(closed, np.array(state.shape) // 2 + 1, walls)
     around = state
     for axis, width in enumerate(padding.tolist()):
         sides = [(width, width) if each == axis else (0, 0) for each in range(3)]
         around = np.pad(around, sides, "wrap") if closed[axis] else np.pad(around, sides, constant_values=MIXED)
     inner = tuple(slice(width, width + n) for width, n in zip(padding, state.shape, strict=True))
-    return levels_of(around, False)[inner]
+    return levels_of(around, NO_WALLS)[inner]
 
 
-def walls_of(map_: Map) -> NDArray[np.bool_]:
-    """Of each slice, whether what lies around its cells is not FREE."""
+def walls_of(map_: Map) -> Bools:
+    """Of each slice, along which axes what lies around its cells is not FREE, shape (slices, 3); a plane has no x."""
     _, *shape = map_.states.shape
     boxes, dim = map_.exterior[:, :-1], len(shape)
     empty = (boxes[:, :dim] > boxes[:, dim:]).any(axis=1)
     inside = empty | ((boxes[:, :dim] >= 0) & (boxes[:, dim:] < shape)).all(axis=1)
-    return np.asarray((map_.exterior[:, -1] != FREE) | ~inside)
+    walled: Bools = (map_.exterior[:, -1] != FREE) | ~inside
+    return walled[:, None] & (np.arange(3) >= 3 - dim)
 
 
-def renew_levels(levels: Levels, state: Bytes, box: Ints, walled: bool) -> None:
+def renew_levels(levels: Levels, state: Bytes, box: Ints, walls: Bools) -> None:
     """Bring the levels of a slice up to date where states have changed within a box, its first and last cell.
 
     A cell whose level was below its distance from the box keeps it, and none was farther than the highest level.
@@ -166,12 +171,11 @@ def renew_levels(levels: Levels, state: Bytes, box: Ints, walled: bool) -> None:
     first, stop = np.maximum(low - reach, 0), np.minimum(high + reach, shape)
     around = np.ascontiguousarray(state[tuple(map(slice, first, stop))])
     # What lies around the window is taken as FREE, and where it is the grid's side, as what it is.
-    closed = walled & (shape > (1, 0, 0))  # a plane has no sides along x
-    sides = np.stack([closed & (first == 0), closed & (stop == shape)], axis=1).astype(int)
-    fresh = levels_of(np.pad(around, sides, constant_values=1), False)
+    sides = np.stack([walls & (first == 0), walls & (stop == shape)], axis=1).astype(int)
+    fresh = levels_of(np.pad(around, sides, constant_values=MIXED), NO_WALLS)
     inner = tuple(map(slice, low - first + sides[:, 0], high - first + sides[:, 0]))
     if most == TOP or fresh[inner].max() >= LEVELS * reach:  # what is outside the window may count
-        levels[...] = levels_of(np.ascontiguousarray(state), walled)
+        levels[...] = levels_of(np.ascontiguousarray(state), walls)
     else:
         levels[tuple(map(slice, low, high))] = fresh[inner]
 
@@ -180,14 +184,14 @@ def graph_of(map_: Map, states: Iterable[Bytes], rotations: Rotations, endless: 
     """The cells of a map, by the states of each slice, with their levels; some axes of it close in a circle."""
     _, *shape = map_.states.shape
     dim, layered, turning = len(shape), (1,) * (3 - len(shape)) + tuple(shape), rotations.centers
-    levels, walled = np.empty((map_.states.shape[0], *layered), dtype=np.uint16), walls_of(map_)
+    levels, walls = np.empty((map_.states.shape[0], *layered), dtype=np.uint16), walls_of(map_)
     closed = np.zeros(3, dtype=np.bool_)
     closed[3 - len(endless) :] = endless
     rings = np.where(closed, layered, FAR)
 
     def fill(item: tuple[int, Bytes]) -> None:
         number, state = item
-        levels[number] = levels_around(np.ascontiguousarray(state).reshape(layered), bool(walled[number]), closed)
+        levels[number] = levels_around(np.ascontiguousarray(state).reshape(layered), walls[number], closed)
 
     in_threads(fill, list(enumerate(states)), cores())
     steps = np.array([-1, 0, 1])
@@ -497,8 +501,8 @@ class Widest:
     rooms : list of (ndarray of float64, ndarray of uint32), shapes (n,)
         Room for searches, each for one at a time, a number for each cell, the first with one more, see
         :func:`chain_of`. Memory is taken where they wrote.
-    walled : ndarray of bool, shape (slices,)
-        Whether what lies around the cells is not FREE.
+    walls : ndarray of bool, shape (slices, 3)
+        As of :func:`walls_of`.
     floods : list of Flood
         One, of one thread at a time, which holds the lock.
     lock : Lock
@@ -509,7 +513,7 @@ class Widest:
     graph: Graph
     moves: Moves
     rooms: list[tuple[Floats, Cells]]
-    walled: NDArray[np.bool_]
+    walls: Bools
     floods: list[Flood]
     lock: Lock
     noted: list[Ints]
@@ -527,21 +531,21 @@ class Widest:
         """The same with all changes followed; this one stays as it is, for searches that still use it."""
         if not self.noted:
             return self
-        levels, walled, noted = self.graph.levels.copy(), walls_of(map_), np.array(self.noted)
+        levels, walls, noted = self.graph.levels.copy(), walls_of(map_), np.array(self.noted)
         closed = self.graph.closed
         boxes = np.concatenate([noted[..., :3].min(axis=0), noted[..., 3:].max(axis=0)], axis=1)
-        boxes[walled != self.walled] = 0, 0, 0, *(n - 1 for n in levels.shape[1:])
+        boxes[(walls != self.walls).any(axis=1)] = 0, 0, 0, *(n - 1 for n in levels.shape[1:])
 
         def follow(number: int) -> None:
             state = states[number].reshape(levels.shape[1:])
             if closed.any():
-                levels[number] = levels_around(state, bool(walled[number]), closed)
+                levels[number] = levels_around(state, walls[number], closed)
             else:
-                renew_levels(levels[number], state, boxes[number], bool(walled[number]))
+                renew_levels(levels[number], state, boxes[number], walls[number])
 
         in_threads(follow, np.flatnonzero((boxes[:, :3] <= boxes[:, 3:]).all(axis=1)).tolist(), cores())
         graph = self.graph._replace(levels=levels)
-        return replace(self, graph=graph, walled=walled, floods=[_dry(graph)], lock=Lock(), noted=[])
+        return replace(self, graph=graph, walls=walls, floods=[_dry(graph)], lock=Lock(), noted=[])
 
     def bottleneck(self, start: int, goal: int) -> int:
         """:func:`bottleneck`, of two cells."""

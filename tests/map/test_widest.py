@@ -125,7 +125,7 @@ def test_a_path_is_as_wide_as_any_and_no_longer_than_it_must_be(name: str, seed:
 
 
 @settings(max_examples=30)
-@given(seeds, st.booleans(), st.sampled_from([(1, 40), (7, 9), (3, 4, 5)]))
+@given(seeds, st.booleans(), st.sampled_from([(1, 40), (7, 9), (3, 4, 5), (1, 4, 5)]))
 def test_levels_are_distances_to_what_is_not_free(seed: int, open_all_around: bool, shape: tuple[int, ...]) -> None:
     rng = np.random.default_rng(seed)
     state = np.where(rng.random(shape) < rng.choice([0.0, 0.02, 0.3]), MIXED, FREE).astype(np.uint8)
