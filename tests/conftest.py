@@ -15,6 +15,9 @@ from hypothesis import settings
 if "PYTEST_XDIST_WORKER" not in os.environ:
     os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(prefix="cspace-tests-")
 
+# There is a worker on each core. A second thread of numpy's linear algebra would wait there for work, and not sleep.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 # A test that meets a compiled kernel for the first time waits for the compiler.
 settings.register_profile("cspace", deadline=None, max_examples=50, derandomize="CI" in os.environ)
 settings.load_profile("cspace")

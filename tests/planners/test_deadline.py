@@ -15,7 +15,7 @@ from planners.deadline import Deadline, OutOfTime
 from planners.local_planner import CURVES
 from planning import ANYTIME, CAR, ENDPOINTS, SPACES, halves, room
 
-LIMIT = 0.03
+LIMIT = 0.015
 ALLOWED = LIMIT + 0.25
 
 

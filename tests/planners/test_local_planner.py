@@ -22,21 +22,28 @@ from planning import ENDPOINTS, check, open_map, room, state_at, turn_between, w
 DRIVES = ("differential", "differential-reverse")
 
 
-def driven(first: np.ndarray, last: np.ndarray, drive: str, each: int = 60) -> np.ndarray:
-    """Configurations of a robot that turns to where it goes, goes there, and turns; of the ways, the one with least
-    turning. Written down without the planners' own arithmetic."""
-    way, best = complex(*(last[:2] - first[:2])), None
+def turns(first: np.ndarray, last: np.ndarray, drive: str) -> np.ndarray:
+    """Yaw at which robots go from one place to another, and by how much they turn before and after, shape (3, ...).
+
+    Of the ways, the one with least turning. Written down without the planners' own arithmetic.
+    """
+    way = (last - first)[..., 0] + 1j * (last - first)[..., 1]
+    begin, end = np.exp(1j * first[..., 2]), np.exp(1j * last[..., 2])
+    ways = []
     for sign in (1.0, -1.0) if drive == "differential-reverse" else (1.0,):
-        heading = sign * way / abs(way) if way else np.exp(1j * first[2])
-        turns = [np.angle(heading / np.exp(1j * first[2])), np.angle(np.exp(1j * last[2]) / heading)]
-        if best is None or np.abs(turns).sum() < np.abs(best[1]).sum() - 1e-12:
-            best = heading, turns
-    assert best is not None
-    (heading, (begin, end)), t = best, np.linspace(0.0, 1.0, each)[:, None]
+        heading = np.where(way == 0.0, begin, sign * way)
+        ways.append(np.stack([np.angle(heading), np.angle(heading / begin), np.angle(end / heading)]))
+    least = [np.abs(way[1:]).sum(axis=0) for way in ways]
+    return np.where(least[-1] < least[0] - 1e-12, ways[-1], ways[0])
+
+
+def driven(first: np.ndarray, last: np.ndarray, drive: str, each: int = 60) -> np.ndarray:
+    """Configurations of a robot that turns to where it goes, goes there, and turns."""
+    (heading, begin, end), t = turns(first, last, drive), np.linspace(0.0, 1.0, each)[:, None]
     rows = [
         np.hstack([np.repeat(first[None, :2], each, axis=0), first[2] + t * begin]),
-        np.hstack([first[:2] + t * (last - first)[:2], np.full((each, 1), np.angle(heading))]),
-        np.hstack([np.repeat(last[None, :2], each, axis=0), np.angle(heading) + t * end]),
+        np.hstack([first[:2] + t * (last - first)[:2], np.full((each, 1), heading)]),
+        np.hstack([np.repeat(last[None, :2], each, axis=0), heading + t * end]),
     ]
     return np.concatenate(rows)
 
@@ -185,8 +192,9 @@ def test_on_a_roadmap_the_path_is_taken_that_is_shortest_with_its_turns(
     states = [roadmap.getVertex(v).getState() for v in range(roadmap.numVertices())]
     rows = np.array([(state.getX(), state.getY(), state.getYaw()) for state in states])
     edges = np.array([(a, b) for a in range(len(rows)) for b in roadmap.getEdges(a)])
-    turned = [np.abs(np.diff(driven(rows[a], rows[b], drive, 2)[:, 2]))[[0, 2, 4]].sum() for a, b in edges]
-    lengths = np.linalg.norm(np.diff(rows[edges][..., :2], axis=1)[:, 0], axis=1) + 0.5 * np.array(turned)
+    first, last = rows[edges[:, 0]], rows[edges[:, 1]]
+    turning = np.abs(turns(first, last, drive)[1:]).sum(axis=0)
+    lengths = np.linalg.norm((last - first)[:, :2], axis=1) + 0.5 * turning
     graph = coo_array((lengths, tuple(edges.T)), shape=(len(rows), len(rows))).tocsr()
     least = dijkstra(graph, indices=roadmap.getStartIndex(0))[roadmap.getGoalIndex(0)]
     assert plan.length + 0.5 * plan.turning == pytest.approx(least, abs=1e-6)
