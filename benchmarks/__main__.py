@@ -66,8 +66,8 @@ def main(arguments: list[str] | None = None) -> int:
         write_page(whole, folder or DOCS)
         return 0
 
-    told = [*options.names, *(["--quick"] if options.quick else [])]
-    report = Report(options.quick, f"python -m benchmarks {shlex.join(told)}")
+    arguments = [*options.names, *(["--quick"] if options.quick else [])]
+    report = Report(options.quick, f"python -m benchmarks {shlex.join(arguments)}")
     names = list(BENCHMARKS) if "all" in options.names else options.names
     for name in names:
         report.start(name)

@@ -53,9 +53,9 @@ def states_of(space: CSpace, si: Any, q: Iterable[Floats]) -> list[Any]:
     return states
 
 
-def edges_of(space: CSpace, si: Any, starts: Floats, ends: Floats) -> list[tuple[Any, Any]]:
+def edges_of(space: CSpace, si: Any, starts: Floats, goals: Floats) -> list[tuple[Any, Any]]:
     """OMPL's states of the ends of edges."""
-    return list(zip(states_of(space, si, starts), states_of(space, si, ends), strict=True))
+    return list(zip(states_of(space, si, starts), states_of(space, si, goals), strict=True))
 
 
 def asker(call: Callable[..., bool], asked: list[Any]) -> Callable[[], list[bool]]:

@@ -56,10 +56,10 @@ class Report:
         cpu = timing.median_cpu if timing.cpu else None
         figures = {"median_s": timing.median, "min_s": low, "max_s": high, "cpu_s": cpu, "runs": len(timing.seconds)}
         self._row(name, {**figures, **more})
-        spread = f"({told_time(low)} to {told_time(high)}, {len(timing.seconds)} runs"
-        spread += ")" if cpu is None else f"; cpu {told_time(cpu)})"
+        spread = f"({time_text(low)} to {time_text(high)}, {len(timing.seconds)} runs"
+        spread += ")" if cpu is None else f"; cpu {time_text(cpu)})"
         extra = "".join(f", {key.replace('_', ' ')} {value}" for key, value in more.items())
-        print(f"  {name:<58}{told_time(timing.median):>10}  {spread}{extra}", flush=True)
+        print(f"  {name:<58}{time_text(timing.median):>10}  {spread}{extra}", flush=True)
 
     def figure(
         self, name: str, value: float, unit: str = "x", least: float | None = None, most: float | None = None
@@ -67,13 +67,13 @@ class Report:
         """One number beside its target: ``least`` or ``most``. A missed target is printed and is not a failure."""
         bound = least if least is not None else most
         verdict = None
-        told = ""
+        target = ""
         if bound is not None:
             verdict = value >= bound if least is not None else value <= bound
             side = "least" if least is not None else "most"
-            told = f"  target: at {side} {bound:g}, {'met' if verdict else 'MISSED'}"
+            target = f"  target: at {side} {bound:g}, {'met' if verdict else 'MISSED'}"
         self._row(name, {"value": value, "unit": unit, "least": least, "most": most, "met": verdict})
-        print(f"  {name:<58}{f'{told_number(value)} {unit}':>10}{told}", flush=True)
+        print(f"  {name:<58}{f'{number_text(value)} {unit}':>10}{target}", flush=True)
 
     def ratio(
         self, name: str, over: Timing, under: Timing, least: float | None = None, most: float | None = None
@@ -121,24 +121,24 @@ def machine() -> dict[str, str]:
     """Versions, and the number of cores that this process may use."""
     from cspace.threads import cores
 
-    found = {"cores": str(cores()), "system": f"{platform.system()} {platform.machine()}"}
-    found["python"] = platform.python_version()
+    about = {"cores": str(cores()), "system": f"{platform.system()} {platform.machine()}"}
+    about["python"] = platform.python_version()
     for name in PACKAGES:
         try:
-            found[name] = version(name)
+            about[name] = version(name)
         except PackageNotFoundError:
-            found[name] = "source tree" if name == "cspace" else "missing"
-    return found
+            about[name] = "source tree" if name == "cspace" else "missing"
+    return about
 
 
-def told_time(seconds: float) -> str:
+def time_text(seconds: float) -> str:
     """A time with a unit that suits it."""
     for scale, unit in ((1.0, "s"), (1e-3, "ms"), (1e-6, "us")):
         if seconds >= scale:
-            return f"{told_number(seconds / scale)} {unit}"
+            return f"{number_text(seconds / scale)} {unit}"
     return f"{seconds * 1e9:.3g} ns"
 
 
-def told_number(value: float) -> str:
+def number_text(value: float) -> str:
     """Three digits, or all those before the point."""
     return f"{value:.0f}" if abs(value) >= 1000.0 else f"{value:.3g}"

@@ -50,7 +50,7 @@ class Timing:
         return Timing(self.value, [taken / number for taken in self.seconds], [taken / number for taken in self.cpu])
 
 
-def interleave(calls: Mapping[str, Callable[[], Any]], runs: int, once: float = math.inf) -> dict[str, Timing]:
+def interleave(calls: Mapping[str, Callable[[], Any]], runs: int, slow: float = math.inf) -> dict[str, Timing]:
     """Time calls in turns, so that what else the machine does falls on all of them alike.
 
     Parameters
@@ -58,7 +58,7 @@ def interleave(calls: Mapping[str, Callable[[], Any]], runs: int, once: float = 
     calls : mapping of str to callable
     runs : int
         Timed runs of each, after one that is not timed. Each round begins with another call.
-    once : float
+    slow : float
         Seconds. Of a call whose first run takes longer, that run counts, and there is no other.
 
     Returns
@@ -70,7 +70,7 @@ def interleave(calls: Mapping[str, Callable[[], Any]], runs: int, once: float = 
     for name, call in calls.items():
         timings[name] = Timing(None)
         timings[name].value = timings[name].take(call)
-    names = [name for name in calls if timings[name].seconds[0] <= once]
+    names = [name for name in calls if timings[name].seconds[0] <= slow]
     for name in names:
         timings[name].forget()
     for turn in range(runs if names else 0):
@@ -98,9 +98,9 @@ def memory_rise(call: Callable[[], Any]) -> float | None:
     watcher = threading.Thread(target=watch)
     watcher.start()
     try:
-        kept = call()
+        result = call()
         highest = max(highest, process.memory_info().rss)
-        del kept
+        del result
     finally:
         done.set()
         watcher.join()

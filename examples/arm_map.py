@@ -53,9 +53,9 @@ print(joints)
 # The upper bar cannot pass the post that it can reach: FREE and MIXED cells fall into parts, and between those no
 # motion leads. Within a part, any planner finds a way, and the map proves it.
 
-start, goal, beyond = np.array([0.2, 0.9]), np.array([-1.2, -1.0]), np.array([1.7, -0.9])
+start, goal, behind = np.array([0.2, 0.9]), np.array([-1.2, -1.0]), np.array([1.7, -0.9])
 print("is there a path to the goal?", joints.path_exists(start, goal))
-print("and beyond the post?", joints.path_exists(start, beyond), "- which is a proof")
+print("and behind the post?", joints.path_exists(start, behind), "- which is a proof")
 plan = planners.plan(joints, start, goal, planner="Widest")
 print(plan)
 print("proven by the arm itself as well:", bool(np.all(space.certify_path(plan.path))))
@@ -69,12 +69,12 @@ for x, y, r in posts:
 turns = np.linspace(0, len(plan.path) - 1, 9)[1:-1]
 between = np.stack([np.interp(turns, np.arange(len(plan.path)), column) for column in plan.path.T], axis=1)
 arms = [(q, "#009e73", 2.0) for q in between]
-arms += [(start, "#0072b2", 5.0), (goal, "#cc79a7", 5.0), (beyond, "#d55e00", 5.0)]
+arms += [(start, "#0072b2", 5.0), (goal, "#cc79a7", 5.0), (behind, "#d55e00", 5.0)]
 for (shoulder, elbow), color, width in arms:
     tip = np.cumsum([[0, 0], *([[np.cos(a), np.sin(a)] for a in (shoulder, shoulder + elbow)])], axis=0)
     world.plot(*tip.T, "-o", color=color, linewidth=width, markersize=width + 1, alpha=1.0 if width > 2 else 0.5)
 world.set(aspect="equal", xlim=(-2.1, 2.1), ylim=(-2.1, 2.1), xlabel="x (m)", ylabel="y (m)")
 world.set_title("from blue to pink; nothing leads to the orange one", fontsize=10)
 joints.plot(ax=angles, path=plan.path, title="proof: the orange one is in another part")
-angles.plot(*beyond, "X", color="#d55e00", markeredgecolor="black", markersize=11)
+angles.plot(*behind, "X", color="#d55e00", markeredgecolor="black", markersize=11)
 figure.savefig("arm_map.png", dpi=110)

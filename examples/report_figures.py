@@ -243,7 +243,7 @@ def transformed(points: Floats) -> Complexes:
     return ball_spectrum(points, radius, bump, period, count, 1e-9)
 
 
-ways: dict[str, Callable[[Floats], Complexes]] = {
+methods: dict[str, Callable[[Floats], Complexes]] = {
     "direct sum": summed,
     "direct sum, a factor for each axis": factored,
     f"sampled on {count} x {count} cells, FFT": partial(sampled, count),
@@ -252,14 +252,14 @@ ways: dict[str, Callable[[Floats], Complexes]] = {
 }
 numbers = [1, 10, 100, 1000, 10_000]
 sets = [rng.uniform(radius, period - radius, (number, 2)) for number in numbers]
-rounds = [in_turns([partial(way, points) for way in ways.values()]) for points in sets]
+rounds = [in_turns([partial(method, points) for method in methods.values()]) for points in sets]
 times = np.transpose([each for each, _ in rounds])
 errors = [
     max(np.abs(results[i] - results[1]).max() / np.abs(results[1]).max() for _, results in rounds)
-    for i in range(len(ways))
+    for i in range(len(methods))
 ]
 figure, ax = plt.subplots(figsize=(9.5, 4.4), layout="constrained")
-for name, each, error, color in zip(ways, times, errors, COLORS, strict=False):
+for name, each, error, color in zip(methods, times, errors, COLORS, strict=False):
     tells = f"\n  (error up to {error:.0e})" if error > 0.0 else ""
     print(f"{name}: {1e3 * each[-1]:.3g} ms for {numbers[-1]} discs")
     ax.loglog(numbers, each, "o-", color=color, markersize=4.0, label=name + tells)
@@ -277,8 +277,8 @@ plt.show()
 def draw_misses(ax: Axes, overlaps: dict[str, FourierOverlap], places: Floats, distances: Floats) -> None:
     """Frequencies that each placement takes, over its distance, and the legend."""
     for (name, overlap), color in zip(overlaps.items(), COLORS, strict=False):
-        told = overlap.separated(places, swelling=False)
-        verdicts, taken = np.asarray(told.verdict), np.asarray(told.frequencies)
+        answer = overlap.separated(places, swelling=False)
+        verdicts, taken = np.asarray(answer.verdict), np.asarray(answer.frequencies)
         asked = (distances > 0.0) & (taken > 0)  # beyond half a period, the answer takes none
         miss = asked & (verdicts == Verdict.MISS)
         median = f"median {np.median(taken[miss]):.0f} of {overlap.frequencies}"

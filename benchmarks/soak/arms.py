@@ -66,7 +66,7 @@ def check(report: Report, seed: int, points: int, motions: int) -> None:
     if not robots:
         report.note(inputs.NO_DATA)
     for kind, draw in kinds.items():
-        began, number, counts, told = time.perf_counter(), 0, Counter[str](), list[str]()
+        began, number, counts, false = time.perf_counter(), 0, Counter[str](), list[str]()
         while counts["points"] < points // len(kinds) or counts["motions"] < motions // len(kinds):
             rng = np.random.default_rng([seed, number, 7])
             number += 1
@@ -75,7 +75,7 @@ def check(report: Report, seed: int, points: int, motions: int) -> None:
             except ConfigurationError:  # something touches a link at every configuration
                 counts["refused scenes"] += 1
                 continue
-            told += _check(scene, rng, counts)
+            false += _check(scene, rng, counts)
         report.section(
             f"{kind}: {number - counts['refused scenes']} scenes, seed {seed}, {time.perf_counter() - began:.0f} s"
         )
@@ -90,8 +90,8 @@ def check(report: Report, seed: int, points: int, motions: int) -> None:
             f"{mixed} of {counts['points']} configurations called MIXED, of which {counts['lost']} do not collide"
         )
         report.note(f"{counts['refused']} motions not proven, of which {counts['missed']} were not seen to collide")
-        for words in told[:10]:
-            report.note(f"not as coal has it: {words}")
+        for line in false[:10]:
+            report.note(f"not as coal has it: {line}")
 
 
 def _check(scene: Scene, rng: Rng, counts: Counter[str]) -> list[str]:
@@ -99,11 +99,11 @@ def _check(scene: Scene, rng: Rng, counts: Counter[str]) -> list[str]:
     arm, meshes = scene.space.arm, scene.meshes
     q = _moved(scene.about[rng.integers(len(scene.about), size=DRAWN)], arm, rng)
     states = np.asarray(scene.space.classify(q))
-    told = []
+    false = []
 
     def wrong(what: str, *where: Floats) -> None:
         counts[f"{what} false"] += 1
-        told.append(f"{what} of {scene.name} at {[each.tolist() for each in where]}")
+        false.append(f"{what} of {scene.name} at {[each.tolist() for each in where]}")
 
     for point, state in zip(q, states, strict=True):
         counts["points"] += 1
@@ -118,9 +118,9 @@ def _check(scene: Scene, rng: Rng, counts: Counter[str]) -> list[str]:
         else:
             counts["lost"] += not meshes.collides(point)
     free = q[states == FREE][:MOTIONS]
-    ends = _moved(free, arm, rng)
-    proven = np.asarray(scene.space.motion_is_free(free, ends)) if len(free) else []
-    for q0, q1, is_free in zip(free, ends, proven, strict=True):
+    goals = _moved(free, arm, rng)
+    proven = np.asarray(scene.space.motion_is_free(free, goals)) if len(free) else []
+    for q0, q1, is_free in zip(free, goals, proven, strict=True):
         places = q0 + np.linspace(0.0, 1.0, ALONG)[:, np.newaxis] * (q1 - q0)
         hit = next((place for place in places if meshes.is_wrong(place)), None)
         if is_free:
@@ -131,7 +131,7 @@ def _check(scene: Scene, rng: Rng, counts: Counter[str]) -> list[str]:
         else:
             counts["refused"] += 1
             counts["missed"] += hit is None
-    return told
+    return false
 
 
 def _moved(q: Floats, arm: Arm, rng: Rng) -> Floats:

@@ -46,10 +46,9 @@ def check(report: Report, seed: int, edges: int) -> None:
                     _check_curves(tally, others, case, name, rng)
         number += 1
     followed = {name: tally.checks[name] // ALONG for name in CURVES}
-    told = " and ".join(f"{count} {name} edges" for name, count in followed.items())
-    report.section(
-        f"curves: {number} random maps, {told} at {ALONG} points each, seed {seed}, {time.perf_counter() - began:.0f} s"
-    )
+    counts = " and ".join(f"{count} {name} edges" for name, count in followed.items())
+    seconds = time.perf_counter() - began
+    report.section(f"curves: {number} random maps, {counts} at {ALONG} points each, seed {seed}, {seconds:.0f} s")
     tally.tell(report)
     for name in CURVES:
         report.note(f"{others[name]} of {followed[name]} {name} edges are not OMPL's: the words were driven instead")
@@ -64,9 +63,9 @@ def _check_curves(tally: Tally, others: Counter[str], case: Case, name: str, rng
     way = local_planner(space, drive=name, turning_radius=radius)
     if not isinstance(way, CarCurves):
         raise TypeError(f"local_planner made {way!r} for curve={name!r}; the soak is for curves")
-    starts, ends = _drawn(case, name, radius, rng)
+    starts, goals = _drawn(case, name, radius, rng)
     is_free = way.edge_checker()
-    rows = np.concatenate([starts, ends], axis=1)
+    rows = np.concatenate([starts, goals], axis=1)
     pairs = rows[[is_free(*row) for row in rows.tolist()]].reshape(-1, 2, 3)
     if not len(pairs):
         return
@@ -95,13 +94,13 @@ def _drawn(case: Case, name: str, radius: float, rng: Rng) -> tuple[Floats, Floa
     lengths = spacing * rng.choice([1.0, 4.0, 15.0], (CANDIDATES, 1)) * rng.exponential(size=(CANDIDATES, 3))
     if name != "dubins":
         lengths *= rng.choice([-1.0, 1.0], lengths.shape)
-    ends = drive(starts, turns, lengths, radius)
+    goals = drive(starts, turns, lengths, radius)
     near = rng.random(CANDIDATES) < 0.2
-    ends[near, :2] = starts[near, :2] + spacing * rng.choice([1.0, 10.0]) * rng.normal(size=(int(near.sum()), 2))
-    ends[near, 2] = rng.uniform(-np.pi, np.pi, int(near.sum()))
+    goals[near, :2] = starts[near, :2] + spacing * rng.choice([1.0, 10.0]) * rng.normal(size=(int(near.sum()), 2))
+    goals[near, 2] = rng.uniform(-np.pi, np.pi, int(near.sum()))
     snapped = rng.random(CANDIDATES) < 0.1
-    ends[snapped] = nearly_snapped(case.space, ends[snapped], rng, away=0.0)
-    return starts, ends
+    goals[snapped] = nearly_snapped(case.space, goals[snapped], rng, away=0.0)
+    return starts, goals
 
 
 def drive(q: Floats, turns: Any, lengths: Floats, radius: float) -> Floats:

@@ -74,22 +74,24 @@ def _check(tally: Tally, case: Case, rng: Rng) -> None:
         clear = ~case.meets(refused, space.margin + CLEAR * space.grid.spacing)
         tally.add(LOST, case, refused, clear, np.zeros(len(refused), dtype=np.bool_))
     starts = np.concatenate([proven[:CANDIDATES], q[known][: CANDIDATES // 4]])
-    ends, number = starts.copy(), len(starts)
-    ends[:, :dim] += (
+    goals, number = starts.copy(), len(starts)
+    goals[:, :dim] += (
         space.grid.spacing * rng.choice([0.0, 0.5, 2.0, 10.0], (number, 1)) * rng.normal(size=(number, dim))
     )
     turns = rng.choice([0.0, 1e-5, 0.05, 0.5, 2.0], number) * np.abs(rng.normal(size=number))
-    ends[:, dim:] = turned(starts[:, dim:], np.where(rng.random(number) < 0.05, np.pi, turns), rng)
-    only = np.asarray(space.motion_is_free(starts, ends, exact=True)) & ~np.asarray(space.motion_is_free(starts, ends))
-    found = rng.permutation(np.flatnonzero(only))
-    if not len(found):
+    goals[:, dim:] = turned(starts[:, dim:], np.where(rng.random(number) < 0.05, np.pi, turns), rng)
+    only = np.asarray(space.motion_is_free(starts, goals, exact=True)) & ~np.asarray(
+        space.motion_is_free(starts, goals)
+    )
+    edges = rng.permutation(np.flatnonzero(only))
+    if not len(edges):
         return
     # Half of the edges are those that come close to the obstacles, as far as there are.
-    few = along(space, starts[found], ends[found], np.linspace(0.0, 1.0, 11), rng).reshape(-1, space.dof)
+    few = along(space, starts[edges], goals[edges], np.linspace(0.0, 1.0, 11), rng).reshape(-1, space.dof)
     close = case.meets(few, space.margin + CLOSE * space.grid.spacing)
-    order = found[np.argsort(~close.reshape(-1, 11).any(axis=1), kind="stable")]
+    order = edges[np.argsort(~close.reshape(-1, 11).any(axis=1), kind="stable")]
     picked = np.concatenate([order[: TAKEN // 2], rng.permutation(order[TAKEN // 2 :])[: TAKEN - TAKEN // 2]])
-    q = along(space, starts[picked], ends[picked], np.linspace(0.0, 1.0, ALONG), rng)
+    q = along(space, starts[picked], goals[picked], np.linspace(0.0, 1.0, ALONG), rng)
     wrong, undecided = not_free_along(case, q)
     wrong[:, ::ASKED] |= ~np.asarray(space.is_free(q[:, ::ASKED], exact=True))
     tally.add(EDGE, case, q.reshape(-1, space.dof), wrong.ravel(), undecided.ravel())

@@ -239,17 +239,17 @@ def attempts(
         write(path, parts, part, changed)
         began = time.monotonic()
         signal.alarm(SECONDS)
-        outcome = attempt(path)
+        result = attempt(path)
         signal.alarm(0)
         if time.monotonic() - began > SECONDS:
-            outcome = f"over {SECONDS} s, then {outcome}"
-        if name == "saved.zarr" and outcome == "opened" and changed != parts[part]:
-            outcome = "a changed store was opened"
-        if outcome not in ("opened", "refused"):
-            outcome = f"{name} {number}: {outcome}"
+            result = f"over {SECONDS} s, then {result}"
+        if name == "saved.zarr" and result == "opened" and changed != parts[part]:
+            result = "a changed store was opened"
+        if result not in ("opened", "refused"):
+            result = f"{name} {number}: {result}"
             if keep is not None:
                 (keep / f"{number}-{Path(part or name).name}").write_bytes(changed)
-        outcomes[outcome] += 1
+        outcomes[result] += 1
         write(path, parts, part, parts[part])
     return outcomes
 
@@ -351,9 +351,9 @@ def check(report: Report, seed: int, wanted: int = MUTANTS) -> None:
         began = time.perf_counter()
         with tempfile.TemporaryDirectory() as folder:
             outcomes = _outcomes(seed, families(Path(folder)), name, wanted)
-        bad = [outcome for outcome in outcomes if outcome not in ("opened", "refused")]
+        bad = [result for result in outcomes if result not in ("opened", "refused")]
         opened, refused = outcomes["opened"], outcomes["refused"]
         report.note(f"{name}: {opened} opened, {refused} refused, {time.perf_counter() - began:.0f} s")
-        for outcome in bad[:9]:
-            report.note(f"  {outcome}")
+        for result in bad[:9]:
+            report.note(f"  {result}")
         report.check(not bad, f"{name}: every mutant opens or is refused in one line")

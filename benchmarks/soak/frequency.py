@@ -71,8 +71,8 @@ def _check_pose(tally: Tally, case: PairCase, rng: Rng) -> None:
     ts[len(ts) - len(contacts) :] = contacts
     meets = collide(ts)
     _judge(tally, case, rotation, ts, meets, overlap.separated(ts).verdict)
-    some = slice(None, None, WITHOUT)
-    _judge(tally, case, rotation, ts[some], meets[some], overlap.separated(ts[some], swelling=False).verdict)
+    part = slice(None, None, WITHOUT)
+    _judge(tally, case, rotation, ts[part], meets[part], overlap.separated(ts[part], swelling=False).verdict)
 
 
 def _judge(
@@ -90,20 +90,20 @@ def _judge(
 
 def _contacts(overlap: FourierOverlap, collide: Oracle, ts: Floats, rng: Rng) -> Floats:
     """Placements around where shapes begin to touch, on straight ways from collisions outwards; a third of ``ts``."""
-    found = ts[collide(ts)]
-    if not len(found):
+    touching = ts[collide(ts)]
+    if not len(touching):
         return ts[:0]
     low, high = overlap.domain
     size = float(np.linalg.norm(high - low))
     number = len(ts) // 3
-    starts = found[rng.integers(len(found), size=number // 5)]
-    ways = rng.normal(size=starts.shape)
-    ways /= np.linalg.norm(ways, axis=1)[:, None]
+    starts = touching[rng.integers(len(touching), size=number // 5)]
+    directions = rng.normal(size=starts.shape)
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
     near, far = np.zeros(len(starts)), np.full(len(starts), 2.0 * size)
     for _ in range(STEPS):
         middle = 0.5 * (near + far)
-        meets = collide(starts + middle[:, None] * ways)
+        meets = collide(starts + middle[:, None] * directions)
         near, far = np.where(meets, middle, near), np.where(meets, far, middle)
     picked = rng.integers(len(starts), size=number)
     off = size * rng.choice([-1.0, 1.0], number) * 10.0 ** rng.uniform(*NEAR, number)
-    return np.asarray(starts[picked] + (far[picked] + off)[:, None] * ways[picked])
+    return np.asarray(starts[picked] + (far[picked] + off)[:, None] * directions[picked])

@@ -111,18 +111,18 @@ def _check_edges(tally: Tally, case: Case, rng: Rng) -> None:
     starts[snapped] = nearly_snapped(space, starts[snapped], rng, away=0.0)
     steps = rng.choice([0.0, 2.0, 10.0, 40.0], (CANDIDATES, 1)) * rng.normal(size=(CANDIDATES, dim))
     lattice = rng.integers(-9, 10, (CANDIDATES, 1)) * rng.integers(-1, 2, (CANDIDATES, dim))
-    ends = starts.copy()
-    ends[:, :dim] += space.grid.spacing * np.where(snapped[:, None], lattice, steps)
+    goals = starts.copy()
+    goals[:, :dim] += space.grid.spacing * np.where(snapped[:, None], lattice, steps)
     turns = rng.choice([0.0, 0.05, 0.5, 2.0], CANDIDATES) * np.abs(rng.normal(size=CANDIDATES))
-    ends[:, dim:] = turned(ends[:, dim:], np.where(rng.random(CANDIDATES) < 0.05, np.pi, turns), rng)
-    free = np.flatnonzero(space.motion_is_free(starts, ends))
+    goals[:, dim:] = turned(goals[:, dim:], np.where(rng.random(CANDIDATES) < 0.05, np.pi, turns), rng)
+    free = np.flatnonzero(space.motion_is_free(starts, goals))
     # The map tells where to look: half of the edges are those that come closest.
-    few = along(space, starts[free], ends[free], np.linspace(0.0, 1.0, 50), rng)
+    few = along(space, starts[free], goals[free], np.linspace(0.0, 1.0, 50), rng)
     order = free[np.argsort(np.asarray(space.clearance(few)).min(axis=1))]
     picked = np.concatenate([order[: TAKEN // 2], rng.permutation(order[TAKEN // 2 :])[: TAKEN - TAKEN // 2]])
     if not len(picked):
         return
-    q = along(space, starts[picked], ends[picked], np.linspace(0.0, 1.0, ALONG), rng)
+    q = along(space, starts[picked], goals[picked], np.linspace(0.0, 1.0, ALONG), rng)
     wrong, undecided = not_free_along(case, q)
     if space.rotations.dof < 4:  # of an edge along the border of cells of quaternions, one side is enough
         wrong |= ~np.asarray(space.is_free(q))
@@ -183,11 +183,11 @@ def _check_walks(tally: Tally, case: Case, rng: Rng) -> None:
     first = first[np.asarray(space.is_free(first, exact=True))][:WALKS]
     last = first.copy()
     for _ in range(STEPS if len(first) else 0):
-        size, ends = rng.choice([0.0, 0.3, 1.0, 3.0], (len(last), 2)), last.copy()
-        ends[:, :dim] += space.grid.spacing * size[:, :1] * rng.normal(size=(len(last), dim))
-        ends[:, dim:] = turned(last[:, dim:], size[:, 1] * np.abs(rng.normal(0.0, 0.5, len(last))), rng)
-        free = np.asarray(space.motion_is_free(last, ends, exact=True))
-        last[free] = ends[free]
+        size, goals = rng.choice([0.0, 0.3, 1.0, 3.0], (len(last), 2)), last.copy()
+        goals[:, :dim] += space.grid.spacing * size[:, :1] * rng.normal(size=(len(last), dim))
+        goals[:, dim:] = turned(last[:, dim:], size[:, 1] * np.abs(rng.normal(0.0, 0.5, len(last))), rng)
+        free = np.asarray(space.motion_is_free(last, goals, exact=True))
+        last[free] = goals[free]
     wrong = np.array([answer is False for answer in space.path_exists(first, last)], dtype=np.bool_)
     tally.add("path", case, last, wrong, np.zeros(len(last), dtype=np.bool_))
 
@@ -227,7 +227,7 @@ def nearly_snapped(space: CSpace, q: Floats, rng: Rng, away: float = 1.0) -> Flo
     grid = space.grid
     near = np.round((q[:, : grid.dim] - grid.lower) / grid.spacing)
     near += away * rng.choice([-1.0, 0.0, 1.0], near.shape) * 10.0 ** rng.uniform(-9.0, -3.0, near.shape)
-    found = np.concatenate([grid.lower + grid.spacing * near, q[:, grid.dim :]], axis=1)
+    snapped = np.concatenate([grid.lower + grid.spacing * near, q[:, grid.dim :]], axis=1)
     if space.rotations.dof:
         borders = np.asarray(space.rotations.borders)
         border = rng.choice(borders, (len(q), 3 if space.rotations.dof == 4 else 1))
@@ -235,25 +235,25 @@ def nearly_snapped(space: CSpace, q: Floats, rng: Rng, away: float = 1.0) -> Flo
         if space.rotations.dof == 4:  # some of the quotients are on a border
             quotients = np.where(rng.random(border.shape) < 0.5, rng.uniform(-1.0, 1.0, border.shape), border)
             border = _unit(rng.permuted(np.column_stack([quotients, np.ones(len(q))]), axis=1))
-        found[:, grid.dim :] = np.where(rng.random((len(q), 1)) < 0.5, q[:, grid.dim :], border)
-    return found
+        snapped[:, grid.dim :] = np.where(rng.random((len(q), 1)) < 0.5, q[:, grid.dim :], border)
+    return snapped
 
 
-def along(space: CSpace, starts: Floats, ends: Floats, t: Floats, rng: Rng) -> Floats:
+def along(space: CSpace, starts: Floats, goals: Floats, t: Floats, rng: Rng) -> Floats:
     """Points of edges, shape (edges, points, dof): linear, and turned the shorter way, either way at half a turn."""
     dim = space.grid.dim
-    steps = ends - starts
+    steps = goals - starts
     if space.rotations.dof == 4:
         q = starts[:, None] + t[:, None] * steps[:, None]
-        q[..., dim:] = _slerp(starts[:, dim:], ends[:, dim:], t, rng)
-        low, high = np.minimum(starts, ends)[:, None, :dim], np.maximum(starts, ends)[:, None, :dim]
+        q[..., dim:] = _slerp(starts[:, dim:], goals[:, dim:], t, rng)
+        low, high = np.minimum(starts, goals)[:, None, :dim], np.maximum(starts, goals)[:, None, :dim]
         q[..., :dim] = np.clip(q[..., :dim], low, high)
         return q
     turns = (steps[:, dim:] + np.pi) % TURN - np.pi
     steps[:, dim:] = np.where(np.pi - np.abs(turns) < 1e-9, np.pi * rng.choice([-1.0, 1.0], turns.shape), turns)
     q = starts[:, None] + t[:, None] * steps[:, None]
     # Rounding must not carry a point off the edge's own box, and with it out of the grid.
-    low, high = np.minimum(starts, ends)[:, None, :dim], np.maximum(starts, ends)[:, None, :dim]
+    low, high = np.minimum(starts, goals)[:, None, :dim], np.maximum(starts, goals)[:, None, :dim]
     q[..., :dim] = np.clip(q[..., :dim], low, high)
     return q
 

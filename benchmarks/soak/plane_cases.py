@@ -109,7 +109,7 @@ class Scale:
         """Where a robot's middle lies in its frame: at the reference point, near it, or far off."""
         return self.place(rng.choice([0.0, 0.5, 3.0]) * size * rng.uniform(-1.0, 1.0, dim))
 
-    def told(self, space: CSpace, workspace: str, robot: str) -> str:
+    def described(self, space: CSpace, workspace: str, robot: str) -> str:
         """What was drawn."""
         grid, turns = space.grid, space.rotations
         off = f", {self.nudge:.1e} cells off the lattice" if self.snap else ""
@@ -149,7 +149,7 @@ def draw_case(seed: int, number: int, turning: bool = False) -> Case:
     solid = [part for part in solid if not part.is_empty]
     for part in solid:
         shapely.prepare(part)
-    name = scale.told(space, workspace_kind, f"{kind} of {size:.3g} cells")
+    name = scale.described(space, workspace_kind, f"{kind} of {size:.3g} cells")
     made_by = f"draw_case({seed}, {number}{', turning=True' if turning else ''})"
     return Case(name, made_by, (workspace_kind, kind), space, shape, solid)
 

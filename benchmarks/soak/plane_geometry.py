@@ -59,19 +59,19 @@ class Shape:
         """Whether the robot comes within a distance, or one for each configuration, of obstacles."""
         import shapely
 
-        found = np.zeros(len(q), dtype=np.bool_)
+        hit = np.zeros(len(q), dtype=np.bool_)
         for center, radius in zip(self.centers, self.radii, strict=True):
             points = shapely.points(_moved(center[None], q)[:, 0])
             for obstacle in obstacles:
-                found |= shapely.dwithin(obstacle, points, radius + distance)
+                hit |= shapely.dwithin(obstacle, points, radius + distance)
         for polygon in self.polygons:
             placed = _placed(polygon, q)
             for obstacle in obstacles:
                 # Of a prepared polygon alone, dwithin misses some that cross it (GEOS 3.14).
-                found |= shapely.intersects(obstacle, placed)
+                hit |= shapely.intersects(obstacle, placed)
                 if np.any(np.asarray(distance) > 0.0):
-                    found |= shapely.dwithin(obstacle, placed, distance)
-        return found
+                    hit |= shapely.dwithin(obstacle, placed, distance)
+        return hit
 
     def lies_in(self, whole: Any, q: Floats, distance: float) -> Bools:
         """Whether the robot, grown by a distance, lies in a region."""

@@ -56,7 +56,7 @@ class SolidCase:
 
     def meets(self, q: Floats, distance: float | Floats) -> Bools:
         """Whether the robot comes within a distance of the obstacles."""
-        found, distances = np.zeros(len(q), dtype=np.bool_), np.broadcast_to(distance, len(q))
+        hit, distances = np.zeros(len(q), dtype=np.bool_), np.broadcast_to(distance, len(q))
         places = q[:, :3] - self._corner
         # Each turned robot is a shape of its own.
         groups = [slice(None)] if q.shape[1] == 3 else [slice(k, k + 1) for k in range(len(q))]
@@ -65,8 +65,8 @@ class SolidCase:
                 self._pairs_of_robot if q.shape[1] == 3 else self._pairs(self.robot.turned(matrix_of(q[group][0, 3:])))
             )
             for each in pairs:
-                found[group] |= each.within(places[group], distances[group])
-        return found
+                hit[group] |= each.within(places[group], distances[group])
+        return hit
 
     def lies_in(self, q: Floats, rng: Rng) -> Bools:
         """Whether random points of the robot, grown by the margin, lie in the obstacles."""
@@ -80,10 +80,10 @@ class SolidCase:
 
     def _holds(self, points: Floats) -> Bools:
         """Whether points lie in the obstacles, or as good as."""
-        found = np.zeros(len(points), dtype=np.bool_)
+        held = np.zeros(len(points), dtype=np.bool_)
         for each in self._pairs(Blocks.balls(np.zeros((1, 3)), np.zeros(1))):
-            found |= each.gaps(points - self._corner) <= 1e-9
-        return found
+            held |= each.gaps(points - self._corner) <= 1e-9
+        return held
 
     @cached_property
     def _corner(self) -> Floats:
@@ -96,12 +96,12 @@ class SolidCase:
 
     def _pairs(self, robot: Shape) -> list[Pair]:
         grid = self.space.grid
-        found: list[Pair] = []
+        pairs: list[Pair] = []
         if self.space.outside == "blocked":
-            found.append(Walls(robot.bounds, np.array([np.zeros(3), np.subtract(grid.upper, grid.lower)])))
+            pairs.append(Walls(robot.bounds, np.array([np.zeros(3), np.subtract(grid.upper, grid.lower)])))
         if self.obstacles is not None:
-            found.append(pair(robot, self.obstacles.moved(-self._corner)))
-        return found
+            pairs.append(pair(robot, self.obstacles.moved(-self._corner)))
+        return pairs
 
 
 def draw_solid_case(seed: int, number: int, turning: bool = False, freely: bool = False) -> SolidCase:
@@ -121,7 +121,7 @@ def draw_solid_case(seed: int, number: int, turning: bool = False, freely: bool 
     if freely:
         rotations = cspace.Rotations.quaternions(int(rng.choice([1, 2, 3])))
     space = cspace.build(workspace, robot, rotations=rotations, outside=outside, margin=margin)
-    name = scale.told(space, workspace_kind, f"{kind} of {size:.3g} cells")
+    name = scale.described(space, workspace_kind, f"{kind} of {size:.3g} cells")
     made_by = f"draw_solid_case({seed}, {number}{', turning=True' if turning else ', freely=True' if freely else ''})"
     return SolidCase(name, made_by, (workspace_kind, kind), space, body, obstacles)
 

@@ -80,9 +80,9 @@ class Blocks:
 
     def skin(self) -> Skin:
         """Boxes as triangles."""
-        ends = np.stack([self.low, self.high])
+        extremes = np.stack([self.low, self.high])
         bits = np.array([[n >> 2 & 1, n >> 1 & 1, n & 1] for n in range(8)])
-        corners = np.stack([ends[bits[:, axis], :, axis] for axis in range(3)], axis=-1)
+        corners = np.stack([extremes[bits[:, axis], :, axis] for axis in range(3)], axis=-1)
         return Skin(corners.transpose(1, 0, 2)[:, SIDES].reshape(-1, 3, 3), np.repeat(np.arange(len(self.low)), 12))
 
 
@@ -126,32 +126,32 @@ class Skin:
 
     def encloses(self, points: Floats) -> Bools:
         """Whether points lie in a body, by solid angles (van Oosterom and Strackee, 1983)."""
-        found = np.zeros(len(points), dtype=np.bool_)
+        inside = np.zeros(len(points), dtype=np.bool_)
         for body in range(int(self.body.max(initial=-1)) + 1):
             triangles = self.triangles[self.body == body]
             corners = triangles.reshape(-1, 3)
-            boxed = ((points >= corners.min(axis=0)) & (points <= corners.max(axis=0))).all(axis=1) & ~found
+            boxed = ((points >= corners.min(axis=0)) & (points <= corners.max(axis=0))).all(axis=1) & ~inside
             for chunk in chunks(np.flatnonzero(boxed), len(triangles)):
-                found[chunk] = np.abs(_turns(triangles, points[chunk])) > 0.5
-        return found
+                inside[chunk] = np.abs(_turns(triangles, points[chunk])) > 0.5
+        return inside
 
     def distances(self, points: Floats) -> Floats:
         """Distances of points from the solid, zero inside."""
-        found = np.empty(len(points))
+        distances = np.empty(len(points))
         for chunk in chunks(np.arange(len(points)), len(self.triangles)):
-            found[chunk] = self._surface_distances(points[chunk])
-        found[self.encloses(points)] = 0.0
-        return found
+            distances[chunk] = self._surface_distances(points[chunk])
+        distances[self.encloses(points)] = 0.0
+        return distances
 
     def _surface_distances(self, points: Floats) -> Floats:
         low, high = self.triangles.min(axis=1), self.triangles.max(axis=1)
         least = box_gaps(points[:, None], points[:, None], low, high)
         nearest = self.triangles[least.argmin(axis=1)]
-        found = _to_triangles(points, nearest)
+        distances = _to_triangles(points, nearest)
         # Whose bounding box is farther than what was found is not looked at.
-        point, triangle = np.nonzero(least < found[:, None])
-        np.minimum.at(found, point, _to_triangles(points[point], self.triangles[triangle]))
-        return found
+        point, triangle = np.nonzero(least < distances[:, None])
+        np.minimum.at(distances, point, _to_triangles(points[point], self.triangles[triangle]))
+        return distances
 
     def model(self) -> Any:
         """The triangles for FCL."""
@@ -179,9 +179,9 @@ def merged_cells(occupied: Bools) -> NDArray[np.int64]:
         new = np.ones(len(boxes), dtype=np.bool_)
         new[1:] = (boxes[1:, others] != boxes[:-1, others]).any(axis=1) | (boxes[1:, axis] != boxes[:-1, axis + 3])
         last = np.append(np.flatnonzero(new)[1:], len(boxes)) - 1 if len(boxes) else np.empty(0, dtype=np.int64)
-        ends = boxes[last, axis + 3]
+        upper = boxes[last, axis + 3]
         boxes = boxes[new]
-        boxes[:, axis + 3] = ends
+        boxes[:, axis + 3] = upper
     return boxes.reshape(-1, 2, 3)
 
 
@@ -193,8 +193,8 @@ def chunks(numbers: NDArray[np.int64], each: int) -> list[NDArray[np.int64]]:
 
 def directions(number: int, rng: np.random.Generator) -> Floats:
     """Unit vectors, shape (number, 3)."""
-    found = rng.normal(size=(number, 3))
-    return np.asarray(found / np.linalg.norm(found, axis=1, keepdims=True))
+    normals = rng.normal(size=(number, 3))
+    return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
 
 
 def box_gaps(low: Floats, high: Floats, other_low: Floats, other_high: Floats) -> Floats:
@@ -216,7 +216,7 @@ def _turns(triangles: Floats, points: Floats) -> Floats:
 def _to_triangles(points: Floats, triangles: Floats) -> Floats:
     """Distances of points from triangles, one each: to the sides, and to the plane where that is met inside."""
     a, b, c = np.moveaxis(triangles, 1, 0)
-    found = np.min([_to_segments(points, x, y) for x, y in ((a, b), (b, c), (c, a))], axis=0)
+    distances = np.min([_to_segments(points, x, y) for x, y in ((a, b), (b, c), (c, a))], axis=0)
     normal = np.cross(b - a, c - a)
     square = (normal * normal).sum(axis=1)
     above = np.all(
@@ -224,7 +224,7 @@ def _to_triangles(points: Floats, triangles: Floats) -> Floats:
     )
     inside = above & (square > 0.0)
     height = np.abs(((points - a) * normal).sum(axis=1)) / np.sqrt(np.where(square > 0.0, square, 1.0))
-    return np.asarray(np.where(inside, np.minimum(found, height), found))
+    return np.asarray(np.where(inside, np.minimum(distances, height), distances))
 
 
 def _to_segments(points: Floats, start: Floats, end: Floats) -> Floats:

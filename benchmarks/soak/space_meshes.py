@@ -74,16 +74,16 @@ def _without(box: Floats, hole: Floats) -> list[Floats]:
     """Boxes whose union is the closure of a box without another."""
     if (hole[0] >= box[1]).any() or (hole[1] <= box[0]).any():
         return [box]
-    found, left = [], box.copy()
+    pieces, left = [], box.copy()
     for axis in range(3):
         for end in (0, 1):
             inside = hole[end, axis] > left[0, axis] if end == 0 else hole[end, axis] < left[1, axis]
             if inside:
                 piece = left.copy()
                 piece[1 - end, axis] = hole[end, axis]
-                found.append(piece)
+                pieces.append(piece)
                 left[end, axis] = hole[end, axis]
-    return found
+    return pieces
 
 
 def _hulls_mesh(rng: Rng, middle: Floats, reach: float, scale: Scale) -> Drawn:

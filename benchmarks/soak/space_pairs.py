@@ -59,10 +59,10 @@ class BlockPair:
     obstacles: Blocks
 
     def gaps(self, q: Floats) -> Floats:
-        found = np.empty(len(q))
+        gaps = np.empty(len(q))
         for chunk in chunks(np.arange(len(q)), len(self.obstacles.low)):
-            found[chunk] = self._gaps(q[chunk])
-        return found
+            gaps[chunk] = self._gaps(q[chunk])
+        return gaps
 
     def within(self, q: Floats, distance: Floats) -> Bools:
         return np.asarray(self.gaps(q) <= distance)
@@ -72,11 +72,11 @@ class BlockPair:
         low, high = robot.bounds
         least = box_gaps(q[:, None] + low, q[:, None] + high, there.low, there.high) - there.radius
         place = np.arange(len(q))
-        found = self._between(q, 0, least.argmin(axis=1))
-        place, other = np.nonzero(least < found[:, None])
+        gaps = self._between(q, 0, least.argmin(axis=1))
+        place, other = np.nonzero(least < gaps[:, None])
         for part in range(len(robot.low)):
-            np.minimum.at(found, place, self._between(q[place], part, other))
-        return np.maximum(found, 0.0)
+            np.minimum.at(gaps, place, self._between(q[place], part, other))
+        return np.maximum(gaps, 0.0)
 
     def _between(self, q: Floats, part: int, other: NDArray[np.int64]) -> Floats:
         robot, there = self.robot, self.obstacles
@@ -102,9 +102,9 @@ class BallPair:
         points = self.balls.low[None] + self.sign * q[:, None]
         far = box_gaps(points, points, low, high) - self.balls.radius
         near = np.flatnonzero(far.min(axis=1) <= distance)
-        found = np.zeros(len(q), dtype=np.bool_)
-        found[near] = self.gaps(q[near]) <= distance[near]
-        return found
+        hit = np.zeros(len(q), dtype=np.bool_)
+        hit[near] = self.gaps(q[near]) <= distance[near]
+        return hit
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,19 +119,19 @@ class SkinPair:
         return self.robot.model(), self.obstacles.model()
 
     def gaps(self, q: Floats) -> Floats:
-        found = np.zeros(len(q))
+        gaps = np.zeros(len(q))
         apart = np.flatnonzero(~self._meet(q))
-        found[apart] = self._distances(q[apart])
-        return found
+        gaps[apart] = self._distances(q[apart])
+        return gaps
 
     def within(self, q: Floats, distance: Floats) -> Bools:
         low, high = self.robot.bounds
-        found = np.zeros(len(q), dtype=np.bool_)
+        hit = np.zeros(len(q), dtype=np.bool_)
         near = np.flatnonzero(box_gaps(q + low, q + high, *self.obstacles.bounds) <= distance)
-        found[near] = self._meet(q[near])
-        open_ = near[~found[near] & (distance[near] > 0.0)]
-        found[open_] = self._distances(q[open_]) <= distance[open_]
-        return found
+        hit[near] = self._meet(q[near])
+        open_ = near[~hit[near] & (distance[near] > 0.0)]
+        hit[open_] = self._distances(q[open_]) <= distance[open_]
+        return hit
 
     def _meet(self, q: Floats) -> Bools:
         """Whether surfaces meet, or a piece of one lies in the other."""
@@ -139,27 +139,27 @@ class SkinPair:
 
         moved, fixed = self._models
         asked = fcl.CollisionRequest()
-        found = np.zeros(len(q), dtype=np.bool_)
+        hit = np.zeros(len(q), dtype=np.bool_)
         low, high = self.robot.bounds
         near = np.flatnonzero(box_gaps(q + low, q + high, *self.obstacles.bounds) <= 0.0)
         for i in near.tolist():
             moved.setTranslation(q[i])
-            found[i] = fcl.collide(fixed, moved, asked, fcl.CollisionResult()) > 0
+            hit[i] = fcl.collide(fixed, moved, asked, fcl.CollisionResult()) > 0
         for spots, skin, sign in ((self.robot.spots, self.obstacles, 1.0), (self.obstacles.spots, self.robot, -1.0)):
-            left = near[~found[near]]
+            left = near[~hit[near]]
             points = spots[None] + sign * q[left, None]
-            found[left] = skin.encloses(points.reshape(-1, 3)).reshape(points.shape[:2]).any(axis=1)
-        return found
+            hit[left] = skin.encloses(points.reshape(-1, 3)).reshape(points.shape[:2]).any(axis=1)
+        return hit
 
     def _distances(self, q: Floats) -> Floats:
         import fcl
 
         moved, fixed = self._models
-        found = np.empty(len(q))
+        distances = np.empty(len(q))
         for i, place in enumerate(q):
             moved.setTranslation(place)
-            found[i] = fcl.distance(fixed, moved, fcl.DistanceRequest(), fcl.DistanceResult())
-        return np.maximum(found, 0.0)
+            distances[i] = fcl.distance(fixed, moved, fcl.DistanceRequest(), fcl.DistanceResult())
+        return np.maximum(distances, 0.0)
 
 
 @dataclass(frozen=True, eq=False)

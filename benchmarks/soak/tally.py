@@ -63,16 +63,16 @@ class Tally:
     kinds: Counter[tuple[str, str]] = field(default_factory=Counter)
     mixed: Counter[str] = field(default_factory=Counter)
     verdicts: Counter[tuple[str, str]] = field(default_factory=Counter)
-    told: list[str] = field(default_factory=list)
+    false: list[str] = field(default_factory=list)
 
     def add(self, what: str, case: Drawn, q: Floats, wrong: Bools, undecided: Bools) -> None:
-        """Count the checks of one kind on one map; the first wrong ones are told with what makes them again."""
+        """Count the checks of one kind on one map; the first wrong ones are listed with what makes them again."""
         self.checks[what] += len(q)
         self.open[what] += int(undecided.sum())
         self.kinds[case.kind] += len(q)
         self.wrong[what] += int(wrong.sum())
-        if wrong.any() and len(self.told) < SHOWN:
-            self.told.append(f"{what} at {q[wrong][0].tolist()} of {case.made_by}: {case.name}")
+        if wrong.any() and len(self.false) < SHOWN:
+            self.false.append(f"{what} at {q[wrong][0].tolist()} of {case.made_by}: {case.name}")
 
     def judge(self, case: Case, q: Floats, states: NDArray[np.integer]) -> None:
         """Check the states that configurations are claimed to have."""
@@ -93,11 +93,11 @@ class Tally:
                 not self.wrong[what],
                 f"{what}: {count} checks, {self.wrong[what]} false, {undecided} within {ROUNDING:g} m of the border",
             )
-        for axis, words in enumerate(("obstacles", "robots")):
+        for axis, label in enumerate(("obstacles", "robots")):
             counts: Counter[str] = Counter()
             for kind, count in self.kinds.items():
                 counts[kind[axis]] += count
-            report.note(f"{words}: " + ", ".join(f"{kind} {count}" for kind, count in sorted(counts.items())))
+            report.note(f"{label}: " + ", ".join(f"{kind} {count}" for kind, count in sorted(counts.items())))
         colliding, every = self.mixed["colliding"], self.mixed["all"]
         if every:
             report.note(f"of {every} configurations called MIXED, {colliding} collide: {colliding / every:.0%}")
@@ -106,8 +106,8 @@ class Tally:
             every = sum(said.values())
             shares = ", ".join(f"{verdict} {count} ({count / max(every, 1):.1%})" for verdict, count in said.items())
             report.note(f"{truth}, {every} placements: {shares}")
-        for told in self.told:
-            report.note(f"FALSE {told}")
+        for line in self.false:
+            report.note(f"FALSE {line}")
 
 
 def not_free(case: Case, q: Floats) -> tuple[Bools, Bools]:

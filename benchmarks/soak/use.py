@@ -46,18 +46,18 @@ def check(report: Report, seed: int, kills: int = KILLS, share: float = 1.0) -> 
     """All of this module; ``share`` of the look-ups, updates and plans."""
     report.section(f"in use: {kills} killed saves of each format, processes, threads, and growth")
     for suffix in SUFFIXES:
-        found = killed_saves(suffix, kills, np.random.default_rng(seed))
-        report.note(f"{suffix}: {kills} saves were killed: {told(found)}")
-        torn = found["torn"] + found["left beside it torn"]
-        report.check(not torn and found["whole"] > 0, f"{suffix}: no torn map opens")
-        found = saves_to_one_place(suffix, 3, max(2, kills // 5))
-        report.note(f"{suffix}: three processes saved to one place, and one read: {told(found)}")
+        counts = killed_saves(suffix, kills, np.random.default_rng(seed))
+        report.note(f"{suffix}: {kills} saves were killed: {text_of(counts)}")
+        torn = counts["torn"] + counts["left beside it torn"]
+        report.check(not torn and counts["whole"] > 0, f"{suffix}: no torn map opens")
+        counts = saves_to_one_place(suffix, 3, max(2, kills // 5))
+        report.note(f"{suffix}: three processes saved to one place, and one read: {text_of(counts)}")
         report.check(
-            not found["torn"] and found["left whole"] == 1, f"{suffix}: what is read is whole, the last one too"
+            not counts["torn"] and counts["left whole"] == 1, f"{suffix}: what is read is whole, the last one too"
         )
-    found = looks_while_updated(3.0 * share)
-    report.note(f"look-ups while another thread updates: {told(found)}")
-    report.check(not found["false"] and found["cells"] > 0, "no cell is told FREE that is not, before or after")
+    counts = looks_while_updated(3.0 * share)
+    report.note(f"look-ups while another thread updates: {text_of(counts)}")
+    report.check(not counts["false"] and counts["cells"] > 0, "no cell is told FREE that is not, before or after")
     for method in {"fork", "spawn"} & {*multiprocessing.get_all_start_methods()}:
         report.check(same_in_a_child(method), f"a map answers alike in a child made by {method}")
     for name, growth, handles in grown(share):
@@ -65,8 +65,8 @@ def check(report: Report, seed: int, kills: int = KILLS, share: float = 1.0) -> 
         report.check(growth < 8 * 2**20 and handles <= 0, f"{name} leave nothing behind")
 
 
-def told(found: Counter[str]) -> str:
-    return ", ".join(f"{count} {what}" for what, count in sorted(found.items()))
+def text_of(counts: Counter[str]) -> str:
+    return ", ".join(f"{count} {what}" for what, count in sorted(counts.items()))
 
 
 # ---- saves -----------------------------------------------------------------------------------------------------------
@@ -74,7 +74,7 @@ def told(found: Counter[str]) -> str:
 
 def killed_saves(suffix: str, kills: int, rng: np.random.Generator) -> Counter[str]:
     """What is found where a process that saves one map over another was killed: no map, one of both, or a torn one."""
-    found: Counter[str] = Counter()
+    counts: Counter[str] = Counter()
     both = maps()
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"map{suffix}"
@@ -85,16 +85,16 @@ def killed_saves(suffix: str, kills: int, rng: np.random.Generator) -> Counter[s
             time.sleep(rng.uniform(0.0, 0.2))
             os.kill(child.pid or 0, signal.SIGKILL)
             child.join()
-            found[_opened(path, both)] += 1
+            counts[_opened(path, both)] += 1
             for left in Path(folder).glob(".cspace-*"):
-                found[f"left beside it {_opened(left, both)}"] += 1
+                counts[f"left beside it {_opened(left, both)}"] += 1
                 shutil.rmtree(left) if left.is_dir() else left.unlink()
-    return found
+    return counts
 
 
 def saves_to_one_place(suffix: str, processes: int, saves: int) -> Counter[str]:
     """What another process finds while some save to one place, and what they leave."""
-    found: Counter[str] = Counter()
+    counts: Counter[str] = Counter()
     both = maps()
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"map{suffix}"
@@ -104,11 +104,11 @@ def saves_to_one_place(suffix: str, processes: int, saves: int) -> Counter[str]:
         for writer in writers:
             writer.start()
         while any(writer.is_alive() for writer in writers):
-            found[_opened(path, both)] += 1
-        found["torn"] += sum(writer.exitcode != 0 for writer in writers)
-        found[f"left {_opened(path, both)}"] += 1
-        found["left beside it"] += len(list(Path(folder).iterdir())) - 1
-    return found
+            counts[_opened(path, both)] += 1
+        counts["torn"] += sum(writer.exitcode != 0 for writer in writers)
+        counts[f"left {_opened(path, both)}"] += 1
+        counts["left beside it"] += len(list(Path(folder).iterdir())) - 1
+    return counts
 
 
 def _save(both: tuple[CSpace, CSpace], path: Path, times: int) -> None:
@@ -136,7 +136,7 @@ def _opened(path: Path, both: tuple[CSpace, CSpace]) -> str:
 
 def looks_while_updated(seconds: float) -> Counter[str]:
     """Cells and edges that a thread calls FREE while another one puts a block into the map and takes it away."""
-    found: Counter[str] = Counter()
+    counts: Counter[str] = Counter()
     one, two = maps()
     block, nothing = two.workspace.outer[20:32, 14:23].copy(), one.workspace.outer[20:32, 14:23].copy()
     yaws = one.rotations.representatives
@@ -150,9 +150,9 @@ def looks_while_updated(seconds: float) -> Counter[str]:
     def look() -> None:
         while not stop.is_set():
             for free in (space.is_free(q), space.motion_is_free(q, q)):
-                found["false"] += int((free & never).sum())
-                found["lost"] += int((~free & always).sum())
-                found["cells"] += len(q)
+                counts["false"] += int((free & never).sum())
+                counts["lost"] += int((~free & always).sum())
+                counts["cells"] += len(q)
 
     threads = [threading.Thread(target=look) for _ in range(2)]
     for thread in threads:
@@ -161,11 +161,11 @@ def looks_while_updated(seconds: float) -> Counter[str]:
     while time.monotonic() < end:
         for cells in (nothing, block):
             space.update(cells, PLACE)
-            found["updates"] += 1
+            counts["updates"] += 1
     stop.set()
     for thread in threads:
         thread.join()
-    return found
+    return counts
 
 
 def _each(space: CSpace, q: Any) -> Any:
@@ -206,16 +206,16 @@ def _send_answers(pipe: Any, space: CSpace) -> None:
 
 
 def _answers(space: CSpace) -> list[Any]:
-    """What a map tells, before an update of a copy and after it."""
+    """Answers of a map, before an update of a copy and after it."""
     import pickle
 
     q = np.random.default_rng(0).uniform((0.0, 0.0, -3.0), (6.0, 4.0, 3.0), (200, 3))
-    told, own = [], pickle.loads(pickle.dumps(space))
+    answers, own = [], pickle.loads(pickle.dumps(space))
     for _ in range(2):
         looks = own.classify(q), own.motion_is_free(q[:100], q[100:]), own.clearance(q)
-        told += [np.asarray(look).tolist() for look in (*looks, own.path_exists(q[:100], q[100:]))]
+        answers += [np.asarray(look).tolist() for look in (*looks, own.path_exists(q[:100], q[100:]))]
         own.update(BLOCK, PLACE)
-    return told
+    return answers
 
 
 # ---- growth ----------------------------------------------------------------------------------------------------------

@@ -73,8 +73,8 @@ class Folder:
         for name, problems in listed["problems"].items():
             for row in problems[:: max(1, len(problems) // number)][:number]:
                 # They are written with fewer digits than the limits that some of them stand at.
-                ends = np.array([row["start"], *row["goals"]])[:, order].clip(self.arm.lower, self.arm.upper)
-                yield Problem(self, name, row, ends[0], ends[1:])
+                endpoints = np.array([row["start"], *row["goals"]])[:, order].clip(self.arm.lower, self.arm.upper)
+                yield Problem(self, name, row, endpoints[0], endpoints[1:])
 
 
 @dataclass(frozen=True)
@@ -197,10 +197,10 @@ class Meshes:
 
     def _of(self, q: Floats) -> Floats:
         """A configuration as pinocchio has it: of a joint that turns for ever the cosine and the sine."""
-        found = np.zeros(self._model.nq)
+        numbers = np.zeros(self._model.nq)
         for value, (first, size) in zip(q, self._joints, strict=True):
-            found[first : first + size] = value if size == 1 else (np.cos(value), np.sin(value))
-        return found
+            numbers[first : first + size] = value if size == 1 else (np.cos(value), np.sin(value))
+        return numbers
 
 
 @cache
@@ -263,13 +263,13 @@ class Vamp:
     def solve(self, start: Floats, goals: Floats) -> Floats | None:
         """A path after VAMP's simplification."""
         sampler = self._module.halton()
-        found = self._plan(
+        solution = self._plan(
             start[self._order].tolist(), goals[:, self._order].tolist(), self._environment, self._settings, sampler
         )
-        if not found.solved:
+        if not solution.solved:
             return None
-        simple = self._module.simplify(found.path, self._environment, self._simplify, sampler)
-        self.own_seconds = 1e-9 * (found.nanoseconds + simple.nanoseconds)
+        simple = self._module.simplify(solution.path, self._environment, self._simplify, sampler)
+        self.own_seconds = 1e-9 * (solution.nanoseconds + simple.nanoseconds)
         return np.asarray(simple.path.numpy(), dtype=np.float64)[:, self._back]
 
 

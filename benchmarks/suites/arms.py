@@ -108,7 +108,7 @@ def _plan(report: Report, problems: list[Problem], least: float, seed: int) -> N
             if path is None or not len(path):
                 continue
             solved[name] += 1
-            colliding[name] += any(meshes.first_collision(*ends, STEP) is not None for ends in pairwise(path))
+            colliding[name] += any(meshes.first_collision(*edge, STEP) is not None for edge in pairwise(path))
             if name in (OURS, SEARCH):
                 proven &= bool(space.certify_path(path).all()) and bool((path[0] == problem.start).all())
             elif name == VAMP:
@@ -120,8 +120,8 @@ def _plan(report: Report, problems: list[Problem], least: float, seed: int) -> N
         report.note(f"VAMP by its own clock, without what passes arguments on: {statistics.median(own) * 1e3:.3g} ms")
     report.figure("share of the problems that ours solves", solved[OURS] / len(sets), "", least=least)
     report.check(proven, f"ours: all {solved[OURS]} paths are proven, from the start on")
-    words = f"ours: {colliding[OURS]} of {solved[OURS]} paths collide, looked at every {STEP:g} rad"
-    report.check(not colliding[OURS], words)
+    summary = f"ours: {colliding[OURS]} of {solved[OURS]} paths collide, looked at every {STEP:g} rad"
+    report.check(not colliding[OURS], summary)
     # OMPL's path is not made shorter, VAMP's is.
     report.ratio(f"{OMPL} / {SEARCH}", timings[OMPL], timings[SEARCH], least=QUICKER)
     for name in [name for name in (OMPL, VAMP) if name in timings]:
@@ -151,9 +151,9 @@ def _judge(report: Report, problems: list[Problem], rng: np.random.Generator) ->
         }
         if is_here("vamp"):
             checks["VAMP"] = Vamp(problem).motion_is_free
-        ends = np.vstack([problem.start, problem.goals])
+        endpoints = np.vstack([problem.start, problem.goals])
         for _ in range(MOTIONS):
-            q0 = _near(ends[rng.integers(len(ends))], rng.choice([0.05, 0.2]), arm, rng)
+            q0 = _near(endpoints[rng.integers(len(endpoints))], rng.choice([0.05, 0.2]), arm, rng)
             q1 = _near(q0, rng.choice([0.1, 0.3, 1.0]), arm, rng)
             asked += 1
             answers = {name: check(q0, q1) for name, check in checks.items()}

@@ -61,13 +61,13 @@ def _edges(report: Report, space: CSpace, ours: Any, discrete: Any, rng: np.rand
     length = EDGE * space.grid.spacing
     starts = space.sample_free(20_000, rng)
     turns = rng.uniform(0, 2 * np.pi, len(starts))
-    ends = starts + length * np.column_stack([np.cos(turns), np.sin(turns)])
-    kept = space.grid.contains(ends)
-    starts, ends = starts[kept], ends[kept]
-    free = space.motion_is_free(starts, ends)
+    goals = starts + length * np.column_stack([np.cos(turns), np.sin(turns)])
+    inside = space.grid.contains(goals)
+    starts, goals = starts[inside], goals[inside]
+    free = space.motion_is_free(starts, goals)
 
     report.section(f"checkMotion of free edges across {EDGE} cells, every one checked to its end")
-    pairs = edges_of(space, ours, starts[free][:100], ends[free][:100])
+    pairs = edges_of(space, ours, starts[free][:100], goals[free][:100])
     asked = {"ours": ours, "discrete at half a cell": discrete}
     timings = interleave({name: asker(si.checkMotion, pairs) for name, si in asked.items()}, runs)
     for name, timing in timings.items():
@@ -76,7 +76,7 @@ def _edges(report: Report, space: CSpace, ours: Any, discrete: Any, rng: np.rand
     for name, timing in timings.items():
         report.check(all(timing.value), f"{name}: every edge free")
 
-    pairs = edges_of(space, ours, starts[:2000], ends[:2000])
+    pairs = edges_of(space, ours, starts[:2000], goals[:2000])
     exact, stepped = (np.array(asker(si.checkMotion, pairs)()) for si in asked.values())
     report.check(bool((exact == free[:2000]).all()), "random edges, ours: equal to CSpace.motion_is_free")
     report.check(not (exact & ~stepped).any(), "random edges: what ours calls free, the discrete validator does too")

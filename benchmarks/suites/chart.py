@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.suites.ways import named
+from benchmarks.suites.outer_maps import named
 
 Row = Mapping[str, Any]
 
@@ -65,13 +65,13 @@ def _panel(panel: Any, sweep: str, rows: Sequence[Row]) -> None:
     """One sweep: a line for each way, named where it ends."""
     x = "size" if len({row["size"] for row in rows}) > 1 else "across"
     dim = rows[0]["dim"]
-    ends: list[tuple[float, float, str, str]] = []
+    last_points: list[tuple[float, float, str, str]] = []
     for way, style in STYLES.items():
         line = sorted(_place(row, x) for row in rows if row["way"] == way)
         if line:
             sampled = any("extrapolated_from" in row for row in rows if row["way"] == way)
             _draw(panel, line, {"linewidth": 1.3, "markersize": 5.0, **style})
-            ends.append((*line[-1][:2], f"{way} (extrapolated)" if sampled else way, style["color"]))
+            last_points.append((*line[-1][:2], f"{way} (extrapolated)" if sampled else way, style["color"]))
     places, seconds, _ = zip(*(_place(row, x) for row in rows if row["way"] == CHOSEN), strict=True)
     panel.plot(places, seconds, linestyle="none", marker="o", markersize=12.0, fillstyle="none", color=GREY)
     panel.set(xscale="log", yscale="log", ylabel="seconds")
@@ -87,11 +87,11 @@ def _panel(panel: Any, sweep: str, rows: Sequence[Row]) -> None:
     else:
         panel.set(title=f"{sweep}: {other} cells", xlabel=f"cells across the {shape}")
     panel.title.set_size(11)
-    told = f"rings: {CHOSEN}"
+    note = f"rings: {CHOSEN}"
     if any(row.get("left_out") for row in rows):
-        told += "\ndashed, hollow: not run, expected"
-    panel.text(0.02, 0.98, told, transform=panel.transAxes, va="top", fontsize=9, color=GREY)
-    _label(panel, ends)
+        note += "\ndashed, hollow: not run, expected"
+    panel.text(0.02, 0.98, note, transform=panel.transAxes, va="top", fontsize=9, color=GREY)
+    _label(panel, last_points)
 
 
 def _place(row: Row, x: str) -> tuple[float, float, bool]:
@@ -111,12 +111,12 @@ def _draw(panel: Any, line: Sequence[tuple[float, float, bool]], style: Mapping[
         panel.plot([x for x, _, _ in whole], [y for _, y, _ in whole], **faint, fillstyle="none")
 
 
-def _label(panel: Any, ends: Sequence[tuple[float, float, str, str]]) -> None:
+def _label(panel: Any, last_points: Sequence[tuple[float, float, str, str]]) -> None:
     """Names beside the ends of lines, moved apart where they would overlap."""
     low, high = np.log10(panel.get_ylim())
-    heights = [(float(np.log10(seconds)) - low) / (high - low) for _, seconds, _, _ in ends]
+    heights = [(float(np.log10(seconds)) - low) / (high - low) for _, seconds, _, _ in last_points]
     for index, height in zip(np.argsort(heights), _apart(sorted(heights)), strict=True):
-        place, seconds, name, color = ends[index]
+        place, seconds, name, color = last_points[index]
         panel.annotate(
             name,
             (place, seconds),

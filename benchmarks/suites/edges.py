@@ -28,10 +28,10 @@ TURN = 0.5
 
 @dataclass(frozen=True)
 class Edges:
-    """Edges of a map, by their ends; they start in FREE cells, and end anywhere in the grid."""
+    """Edges of a map, which start in FREE cells and end anywhere in the grid."""
 
     starts: Floats
-    ends: Floats
+    goals: Floats
 
     @classmethod
     def draw(cls, space: CSpace, number: int, rng: np.random.Generator) -> Edges:
@@ -39,20 +39,20 @@ class Edges:
         dim = space.grid.dim
         lower, upper = np.asarray(space.grid.lower), np.asarray(space.grid.upper)
         starts: list[Floats] = []
-        ends: list[Floats] = []
+        goals: list[Floats] = []
         while sum(len(part) for part in starts) < number:
             first = space.sample_free(number, rng)
             way = rng.normal(size=(number, dim))
             last = first.copy()
             last[:, :dim] += LENGTH * space.grid.spacing * way / np.linalg.norm(way, axis=1)[:, None]
             last[:, dim:] += rng.uniform(-TURN, TURN, last[:, dim:].shape)
-            kept = ((last[:, :dim] >= lower) & (last[:, :dim] <= upper)).all(axis=1)
-            starts.append(first[kept])
-            ends.append(last[kept])
-        return cls(np.concatenate(starts)[:number], np.concatenate(ends)[:number])
+            inside = ((last[:, :dim] >= lower) & (last[:, :dim] <= upper)).all(axis=1)
+            starts.append(first[inside])
+            goals.append(last[inside])
+        return cls(np.concatenate(starts)[:number], np.concatenate(goals)[:number])
 
     def those(self, which: Any) -> Edges:
-        return Edges(self.starts[which], self.ends[which])
+        return Edges(self.starts[which], self.goals[which])
 
     def __len__(self) -> int:
         return len(self.starts)
@@ -80,35 +80,35 @@ def _compare(report: Report, title: str, space: CSpace, rng: np.random.Generator
     number, part, runs = (10**5, 500, 3) if report.quick else (10**6, 5000, 7)
     edges = Edges.draw(space, number, rng)
     report.section(f"{number:.0e} edges of {LENGTH:g} cells, {title}, {cores()} workers")
-    space.motion_is_free(edges.starts, edges.ends)  # marks blocks
-    free = space.motion_is_free(edges.starts, edges.ends)
+    space.motion_is_free(edges.starts, edges.goals)  # marks blocks
+    free = space.motion_is_free(edges.starts, edges.goals)
     report.note(f"{free.mean():.0%} of the edges are proven free")
     informations = {name: motions.discrete(space, make) for name, make in _checkers(space).items()}
     for kind, chosen in (("random", edges), ("free", edges.those(free))):
-        some = chosen.those(slice(part))
-        calls: dict[str, Callable[[], Any]] = {"ours": partial(space.motion_is_free, chosen.starts, chosen.ends)}
+        sample = chosen.those(slice(part))
+        calls: dict[str, Callable[[], Any]] = {"ours": partial(space.motion_is_free, chosen.starts, chosen.goals)}
         for name, si in informations.items():
-            calls[name] = motions.asker(si.checkMotion, motions.edges_of(space, si, some.starts, some.ends))
+            calls[name] = motions.asker(si.checkMotion, motions.edges_of(space, si, sample.starts, sample.goals))
         timings = interleave(calls, runs)
         with one_core() as alone:
             if alone:
                 timings |= interleave({"ours, on one core": calls["ours"]}, runs)
-        sizes = {name: len(chosen) if name.startswith("ours") else len(some) for name in timings}
+        sizes = {name: len(chosen) if name.startswith("ours") else len(sample) for name in timings}
         each = {name: timing.per(sizes[name]) for name, timing in timings.items()}
         for name, timing in each.items():
             report.timing(f"{kind} edges, {name}, one edge", timing)
-            far = "" if name.startswith("ours") else f", extrapolated from {len(some)}"
+            far = "" if name.startswith("ours") else f", extrapolated from {len(sample)}"
             report.figure(f"  all of them{far}", timing.median * len(chosen), "s")
         for name in informations:
             wanted = least if name.startswith("discrete") else None
             report.ratio(f"{kind} edges: {name} / ours", each[name], each["ours"], least=wanted)
-        ours = timings["ours"].value[: len(some)]
+        ours = timings["ours"].value[: len(sample)]
         for name in informations:
             if name.startswith("discrete"):
-                told = np.array(timings[name].value)
-                report.check(not (ours & ~told).any(), f"{kind} edges, {name}: refuses none that ours calls free")
-        one = [space.motion_is_free(a, b) for a, b in zip(some.starts, some.ends, strict=True)]
-        report.check(ours.tolist() == one, f"{kind} edges: equal to one call for each of {len(some)}")
+                theirs = np.array(timings[name].value)
+                report.check(not (ours & ~theirs).any(), f"{kind} edges, {name}: refuses none that ours calls free")
+        one = [space.motion_is_free(a, b) for a, b in zip(sample.starts, sample.goals, strict=True)]
+        report.check(ours.tolist() == one, f"{kind} edges: equal to one call for each of {len(sample)}")
 
 
 def _checkers(space: CSpace) -> dict[str, Callable[[Any], Any]]:

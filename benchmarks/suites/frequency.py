@@ -93,9 +93,9 @@ def run(report: Report, seed: int) -> None:
         _misses(report, seed, dim)
 
 
-def _once(call: Callable[[], Any]) -> Timing:
+def _timed(call: Callable[[], Any]) -> Timing:
     """One timed run of what takes long."""
-    return interleave({"": call}, 0, once=0.0)[""]
+    return interleave({"": call}, 0, slow=0.0)[""]
 
 
 # ---- spectra ---------------------------------------------------------------------------------------------------------
@@ -148,10 +148,10 @@ def _spectra(report: Report, dim: int, rng: np.random.Generator) -> None:
     number = BALLS // 10 if report.quick else BALLS
     count = FREQUENCIES[dim] // (4 if report.quick else 1)
     centers = rng.uniform(0.0, 1.0, (number, dim))
-    some = np.linspace(*RADII, 8)
+    several = np.linspace(*RADII, 8)
     for name, radii in (
-        ("one radius", np.full(number, some[3])),
-        ("8 radii", rng.choice(some, number)),
+        ("one radius", np.full(number, several[3])),
+        ("8 radii", rng.choice(several, number)),
         ("all radii different", rng.uniform(*RADII, number)),
     ):
         report.section(f"{number} balls, {name}, {' x '.join([str(count)] * dim)} frequencies, {Bump(2.0)}")
@@ -161,7 +161,7 @@ def _spectra(report: Report, dim: int, rng: np.random.Generator) -> None:
         whole = count**dim
         asked = min(whole, max(1, PAIRS // number))
         places = np.arange(whole) if asked == whole else rng.choice(whole, asked, replace=False)
-        direct = _once(partial(_direct_sum(centers, radii, count), places)).per(asked / whole)
+        direct = _timed(partial(_direct_sum(centers, radii, count), places)).per(asked / whole)
         report.timing(f"direct sum, extrapolated from 1 / {whole / asked:.4g}", direct)
         report.ratio("direct sum / ours", direct, ours, least=None if report.quick else LEAST_SPECTRUM)
         off = float(np.abs(direct.value - ours.value.ravel()[places]).max()) / float(ours.value.flat[0].real)
@@ -205,8 +205,8 @@ def _minkowski(report: Report, name: str, make: Callable[..., Descriptor], rng: 
         fft = interleave({"": partial(minkowski_sum, f, g, "fft")}, 3)[""]
         report.timing("ours, fft", fft)
         direct = {
-            "ours, direct": _once(partial(minkowski_sum, f, g, "direct")),
-            "compiled sums": _once(partial(_convolution, f.values, g.values)),
+            "ours, direct": _timed(partial(minkowski_sum, f, g, "direct")),
+            "compiled sums": _timed(partial(_convolution, f.values, g.values)),
         }
         for call, timing in direct.items():
             report.timing(call, timing)
@@ -247,7 +247,7 @@ def _values(report: Report, seed: int, dim: int, rng: np.random.Generator) -> No
     ):
         together = interleave({name: partial(one, ts)}, 3)[name]
         one(ts[0])  # compiles it
-        alone = _once(lambda one=one: np.array([one(t) for t in ts[:single]])).per(single / number)
+        alone = _timed(lambda one=one: np.array([one(t) for t in ts[:single]])).per(single / number)
         report.timing(f"{name}(ts)", together)
         report.timing(f"{name}(t), one by one, extrapolated from {single}", alone)
         report.ratio(f"{name}(t), one by one / {name}(ts)", alone, together, least=least)
@@ -276,11 +276,11 @@ def _misses(report: Report, seed: int, dim: int) -> None:
             # Beyond, nothing is near anything, and no frequency is asked.
             inside = ((ts >= low) & (ts <= high)).all(axis=1)
             clear += int((~meets & inside).sum())
-            for swelling, found in parts.items():
-                told = overlap.separated(ts, swelling=swelling)
-                missed = told.verdict == Verdict.MISS
+            for swelling, shares in parts.items():
+                answer = overlap.separated(ts, swelling=swelling)
+                missed = answer.verdict == Verdict.MISS
                 wrong += int((missed & meets).sum())
-                found.append(told.frequencies[missed & inside] / overlap.frequencies)
+                shares.append(answer.frequencies[missed & inside] / overlap.frequencies)
         report.section(
             f"early misses {'in the plane' if dim == 2 else 'in space'}: {len(scenes)} random scenes of "
             f"{SCENE_PLACEMENTS} placements, balls grown by {share:g} of the median radius, {np.median(sizes):.0f} "

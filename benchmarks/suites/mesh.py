@@ -69,8 +69,8 @@ def run(report: Report, seed: int) -> None:
 
 
 def _compare(report: Report, name: str, ours: Bools, theirs: Bools) -> None:
-    beyond = int((theirs & ~ours).sum())
-    report.check(not beyond, f"{name}: {theirs.sum()} cells that trimesh marks, {beyond} of them not ours")
+    extra = int((theirs & ~ours).sum())
+    report.check(not extra, f"{name}: {theirs.sum()} cells that trimesh marks, {extra} of them not ours")
     missed = int((ours & ~theirs).sum())
     report.note(f"{name}: {ours.sum()} cells are ours; trimesh misses {missed} of them, {missed / ours.sum():.1%}")
 
@@ -108,9 +108,9 @@ def _trimesh(vertices: Floats, faces: NDArray[np.int64], spacing: float, fill: b
     mesh = trimesh.Trimesh(vertices - 0.5 * spacing, faces, process=False)
     voxels = mesh.voxelized(spacing)
     voxels = voxels.fill() if fill else voxels
-    found = np.zeros((round(1.0 / spacing),) * 3, dtype=np.bool_)
-    found[tuple(np.round(np.asarray(voxels.points) / spacing).astype(np.int64).T)] = True
-    return found
+    cells = np.zeros((round(1.0 / spacing),) * 3, dtype=np.bool_)
+    cells[tuple(np.round(np.asarray(voxels.points) / spacing).astype(np.int64).T)] = True
+    return cells
 
 
 def _timed(call: Callable[[], Any]) -> Timing:

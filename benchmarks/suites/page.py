@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from benchmarks.report import told_number, told_time
+from benchmarks.report import number_text, time_text
 
 Row = Mapping[str, Any]
 
@@ -55,13 +55,13 @@ def _promises(rows: Sequence[Row]) -> tuple[list[str], list[list[str]]]:
     for row in rows:
         if row.get("met") is None:
             continue
-        took = f"{told_time(row['over_s'])} / {told_time(row['under_s'])}" if "over_s" in row else ""
-        cpu = f"{told_number(row['cpu_value'])} {row['unit']}" if "cpu_value" in row else ""
+        took = f"{time_text(row['over_s'])} / {time_text(row['under_s'])}" if "over_s" in row else ""
+        cpu = f"{number_text(row['cpu_value'])} {row['unit']}" if "cpu_value" in row else ""
         bound = f"at least {row['least']:g}" if row["least"] is not None else f"at most {row['most']:g}"
         case = "the same" if row["case"] == before else row["case"]
         verdict = "met" if row["met"] else "missed"
         body.append(
-            [case, row["name"], took, f"{told_number(row['value'])} {row['unit']}".strip(), cpu, bound, verdict]
+            [case, row["name"], took, f"{number_text(row['value'])} {row['unit']}".strip(), cpu, bound, verdict]
         )
         before = row["case"]
     return head, body
@@ -72,22 +72,22 @@ def _sweep(rows: Sequence[Row], sweep: str) -> list[str]:
     own = [row for row in rows if row.get("sweep") == sweep]
     points = [row for row in own if "size" in row]
     sizes = _unique((row["size"], row["across"]) for row in points)
-    ways = _unique(row["way"] for row in points if "way" in row)
+    methods = _unique(row["way"] for row in points if "way" in row)
     of_map = len({size for size, _ in sizes}) > 1
     # What stays the same: the robot, or the map.
     fixed = sizes[0][1] if of_map else sizes[0][0]
     dim, shape = points[0]["dim"], "disc" if points[0]["dim"] == 2 else "ball"
     sampled = {row["way"]: row["extrapolated_from"] for row in points if "extrapolated_from" in row}
-    named = [f"{way}, extrapolated" if way in sampled else way for way in ways]
+    named = [f"{way}, extrapolated" if way in sampled else way for way in methods]
     first = "map" if of_map else f"{shape}, cells across"
     body = []
     for size, across in sizes:
         here = [row for row in points if (row["size"], row["across"]) == (size, across)]
         label = " x ".join([str(size)] * dim) if of_map else str(across)
-        body.append([label, *(_cell(here, way) for way in ways), _choice(here)])
+        body.append([label, *(_cell(here, way) for way in methods), _choice(here)])
     for over in _unique(row["over"] for row in own if "exponent_of" in row):
         slopes = {row["exponent_of"]: f"{row['value']:.2f}" for row in own if row.get("over") == over}
-        body.append([f"exponent, {over}", *(slopes.get(way, "") for way in ways), ""])
+        body.append([f"exponent, {over}", *(slopes.get(way, "") for way in methods), ""])
     what = f"{shape} {fixed} cells across" if of_map else f"map of {' x '.join([str(fixed)] * dim)} cells"
     place = "the plane" if dim == 2 else "space"
     parts = [
@@ -109,7 +109,7 @@ def _cell(rows: Sequence[Row], way: str) -> str:
     """What a way took at one size."""
     for row in rows:
         if row.get("way") == way:
-            return f"({told_time(row['value'])})" if row.get("left_out") else told_time(row["median_s"])
+            return f"({time_text(row['value'])})" if row.get("left_out") else time_text(row["median_s"])
     return ""
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from benchmarks import inputs
 from benchmarks.report import Report
 from benchmarks.suites import promises, sweeps
-from benchmarks.suites.ways import METHODS, NO_OPENCV, opencv_is_here, ours, peers
+from benchmarks.suites.outer_maps import METHODS, NO_OPENCV, opencv_is_here, ours, peers
 from cspace import Robot, Workspace
 
 

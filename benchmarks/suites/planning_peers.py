@@ -141,15 +141,15 @@ def far_apart(space: CSpace, number: int, rng: np.random.Generator) -> list[Quer
 def _from_scenarios(space: CSpace, number: int = 3) -> list[Query]:
     """The longest problems of the map's scenario file that the disc can solve."""
     rows = np.loadtxt(space.workspace.source + ".scen", skiprows=1, usecols=(4, 5, 6, 7, 8))
-    found: list[Query] = []
+    queries: list[Query] = []
     for x0, y0, x1, y1, _ in rows[np.argsort(-rows[:, 4], kind="stable")]:
         # Rows are counted from the top of the map.
         start, goal = (np.array([x + 0.5, space.grid.shape[1] - y - 0.5]) for x, y in ((x0, y0), (x1, y1)))
         if space.path_exists(start, goal) is True and not space.motion_is_free(start, goal):
-            found.append((start, goal))
-            if len(found) == number:
+            queries.append((start, goal))
+            if len(queries) == number:
                 break
-    return found
+    return queries
 
 
 # ---- the plane: shapely ----------------------------------------------------------------------------------------------
@@ -278,7 +278,7 @@ def _fcl(report: Report, space: CSpace, body: Blocks, boxes: Blocks, models: Map
         "box": (fcl.Box(*(high - low)), (low + high) / 2),
         "triangles": (soup(body.skin().triangles), np.zeros(3)),
     }
-    found: list[tuple[float, str, Callable[[Floats], bool], float]] = []
+    candidates: list[tuple[float, str, Callable[[Floats], bool], float]] = []
     for what, make in models.items():
         began = time.perf_counter()
         try:
@@ -294,8 +294,8 @@ def _fcl(report: Report, space: CSpace, body: Blocks, boxes: Blocks, models: Map
             each = (time.perf_counter() - began) / len(q)
             report.note(f"FCL, {kind} against {what}: {each * 1e6:.3g} us for a FREE configuration")
             report.check(not wrong, f"{wrong} of {len(q)} FREE configurations collide by FCL, {kind} against {what}")
-            found.append((each, f"{kind} against {what}", meets, made))
-    _, name, meets, made = min(found, key=lambda each: each[0])
+            candidates.append((each, f"{kind} against {what}", meets, made))
+    _, name, meets, made = min(candidates, key=lambda each: each[0])
     left, front, bottom = np.subtract(space.grid.lower, low).tolist()
     right, back, top = np.subtract(space.grid.upper, high).tolist()
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 import cspace
 from benchmarks import inputs
 from benchmarks.report import Report
+from benchmarks.suites.outer_maps import NO_OPENCV, across, convolved, named, ours, peers
 from benchmarks.suites.stamping import border_cells, stamp
-from benchmarks.suites.ways import NO_OPENCV, across, convolved, named, ours, peers
 from benchmarks.timing import interleave, memory_rise
 from cspace import Robot, Workspace
 from cspace.engines import ENGINES
@@ -42,7 +42,7 @@ LARGE_MAP, LARGE_BALL = 512, 33
 """Cells along each side of the map whose memory is measured, and cells that its robot is across."""
 
 RUNS, QUICK_RUNS = 5, 2
-ONCE = 6.0
+SLOW = 6.0
 """Seconds; a peer that takes longer is timed once."""
 
 IN_PLANE: Goals = {"fft": {"fftconvolve float64": 6.0}, "auto": {"fftconvolve float64": 20.0}}
@@ -145,16 +145,16 @@ def _translating(report: Report, workspace: Workspace, robot: Robot, name: str, 
     report.section(f"{across(occupied)} cells, {occupied.mean():.1%} occupied in boxes; {name}")
     report.note(f"the robot's outer raster has {across(raster.cells)} cells, {raster.count} of them the robot's")
     asked = {peer for of_engine in goals.values() for peer in of_engine}
-    ways = {way.name: way for way in peers(occupied.ndim) if way.name in asked}
+    chosen = {way.name: way for way in peers(occupied.ndim) if way.name in asked}
     calls: dict[str, Callable[[], Bools]] = {named(method): partial(ours, workspace, robot, method) for method in goals}
-    calls |= {peer: way.ready(occupied, raster) for peer, way in ways.items()}
-    if len(ways) < len(asked):
+    calls |= {peer: way.ready(occupied, raster) for peer, way in chosen.items()}
+    if len(chosen) < len(asked):
         report.note(NO_OPENCV)
-    timings = interleave(calls, _runs(report), ONCE)
+    timings = interleave(calls, _runs(report), SLOW)
     for call, timing in timings.items():
         report.timing(call, timing)
     for method, of_engine in goals.items():
-        for peer in ways:
+        for peer in chosen:
             least = None if report.quick else of_engine.get(peer)
             report.ratio(f"{peer} / {named(method)}", timings[peer], timings[named(method)], least=least)
     wanted = timings["fftconvolve float64"].value
@@ -232,7 +232,7 @@ def _stamping(report: Report) -> None:
 
 def _check_slices(report: Report, call: str, space: cspace.CSpace, wanted: list[Bools]) -> None:
     state = space.state != cspace.FREE
-    equal = all((found == hits).all() for found, hits in zip(state, wanted, strict=True))
+    equal = all((states == hits).all() for states, hits in zip(state, wanted, strict=True))
     report.check(equal, f"{call}: equal to the peer, cell for cell")
 
 

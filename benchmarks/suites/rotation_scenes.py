@@ -158,10 +158,10 @@ def tunnels(report: Report) -> Iterator[Scene]:
         return
     problem = yaml.safe_load((folder / "problem.yaml").read_text(encoding="utf-8"))
     bounds = [*problem["bounds"]["lower"], *problem["bounds"]["upper"]]
-    ends = []
+    endpoints = []
     for end in ("start", "goal"):
         angles = Rotation.from_quat(problem[end]["quaternion_xyzw"]).as_euler("xyz")
-        ends.append(np.array([*problem[end]["position"], *Rotation.from_euler("ZYX", angles).as_quat()]))
+        endpoints.append(np.array([*problem[end]["position"], *Rotation.from_euler("ZYX", angles).as_quat()]))
     workspace = Workspace.from_mesh(folder / "obstacles.obj", TUNNEL_SPACING, bounds)
     skins = {}
     for name in ("obstacles", *TUNNEL_ROBOTS):
@@ -176,7 +176,7 @@ def tunnels(report: Report) -> Iterator[Scene]:
             skins["obstacles"],
             {"triangles": partial(soup, skins["obstacles"].triangles)},
             (4,),
-            lambda space: [(ends[0], ends[1])],
+            lambda space: [(endpoints[0], endpoints[1])],
             2 if name == TUNNEL_ROBOTS[0] else 0,  # no way finds a path of the stout one within the time
         )
 
@@ -224,7 +224,7 @@ class Fcl:
         self.box = np.asarray(grid.lower), np.asarray(grid.upper)
         self.deep = self.box[0] + reach, self.box[1] - reach
         self.skins = scene.body, scene.obstacles
-        found = []
+        candidates = []
         for what, make in scene.models.items():
             began = time.perf_counter()
             self.obstacles = fcl.CollisionObject(make())
@@ -233,8 +233,8 @@ class Fcl:
                 self.meets(each)
             taken = (time.process_time() - began) / len(q)
             report.note(f"FCL, triangles against {what}: {1e6 * taken:.3g} us of CPU a query at random")
-            found.append((taken, what, made, self.obstacles))
-        self.seconds, self.what, self.made, self.obstacles = min(found, key=lambda each: each[0])
+            candidates.append((taken, what, made, self.obstacles))
+        self.seconds, self.what, self.made, self.obstacles = min(candidates, key=lambda each: each[0])
 
     def meets(self, q: Any) -> bool:
         """Whether surfaces meet, or the robot leaves the grid, at a configuration."""
@@ -298,7 +298,7 @@ def _bodies(vertices: int, faces: NDArray[np.int64]) -> NDArray[np.int64]:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    ends = faces[:, [0, 1]].T, faces[:, [1, 2]].T
-    first, last = np.concatenate(ends, axis=1)
+    edges = faces[:, [0, 1]].T, faces[:, [1, 2]].T
+    first, last = np.concatenate(edges, axis=1)
     graph = coo_array((np.ones(len(first)), (first, last)), (vertices, vertices))
     return np.asarray(connected_components(graph, directed=False)[1][faces[:, 0]], dtype=np.int64)

@@ -16,9 +16,9 @@ from benchmarks.motions import asker, edges_of, states_of
 from benchmarks.report import Report
 from benchmarks.soak.space_pairs import NO_FCL, fcl_is_here
 from benchmarks.suites import planning, rotation_scenes
+from benchmarks.suites.outer_maps import convolved
 from benchmarks.suites.planning_peers import LIMIT
 from benchmarks.suites.rotation_scenes import TRIED, Fcl, Scene
-from benchmarks.suites.ways import convolved
 from benchmarks.timing import Timing, interleave, one_core
 from cspace import BLOCKED, FREE, CSpace
 
@@ -86,7 +86,7 @@ def _build(report: Report, scene: Scene, cuts: int, rng: np.random.Generator) ->
         "ours": build,
         "ours, outer alone": partial(build, inner=False, outside="free"),
     }
-    timings = interleave(calls, 1 if report.quick else 3, once=5.0)
+    timings = interleave(calls, 1 if report.quick else 3, slow=5.0)
     space: CSpace = timings["ours"].value
     free, mixed, blocked = np.array(space.count()) / sum(space.count())
     report.timing(f"build of {states:.3g} states", timings["ours"])
@@ -158,7 +158,7 @@ def _look_ups(report: Report, space: CSpace, fcl: Fcl, rng: np.random.Generator)
     report.figure("  the same, of CPU", 1e9 * timing.median_cpu, "ns", most=None if report.quick else 100.0)
 
     few = q[:1000]
-    starts, ends = _edges(space, rng, 1000)
+    starts, goals = _edges(space, rng, 1000)
     informations = {
         "ours": planners.simple_setup(space).getSpaceInformation(),
         "ours, exact": planners.simple_setup(space, exact=True).getSpaceInformation(),
@@ -174,7 +174,7 @@ def _look_ups(report: Report, space: CSpace, fcl: Fcl, rng: np.random.Generator)
     for name, si in informations.items():
         si.setup()
         asks[name] = asker(si.isValid, states_of(space, si, few))
-        walks[name] = asker(si.checkMotion, edges_of(space, si, starts, ends))
+        walks[name] = asker(si.checkMotion, edges_of(space, si, starts, goals))
     points, edges = interleave(asks, runs), interleave(walks, runs)
     for what, timings, target in (("si.isValid", points, None), ("si.checkMotion", edges, 20.0)):
         for name, timing in timings.items():
@@ -188,10 +188,10 @@ def _look_ups(report: Report, space: CSpace, fcl: Fcl, rng: np.random.Generator)
     report.check(bool((answers["ours"] == space.is_free(few)).all()), "isValid: equal to CSpace.is_free")
     report.check(not (answers["ours, exact"] & ~answers["FCL"]).any(), "isValid: FCL refuses none that is exactly free")
     walked = {name: np.array(timing.value) for name, timing in edges.items()}
-    report.check(bool((walked["ours"] == space.motion_is_free(starts, ends)).all()), "checkMotion: equal to CSpace's")
+    report.check(bool((walked["ours"] == space.motion_is_free(starts, goals)).all()), "checkMotion: equal to CSpace's")
     report.check(not (walked["ours, exact"] & ~walked["FCL"]).any(), "checkMotion: FCL refuses none that is proven")
-    told = ", ".join(f"{name} {answer.mean():.0%}" for name, answer in walked.items())
-    report.note(f"edges that are free: {told}; FCL looks at steps of half a cell")
+    shares = ", ".join(f"{name} {answer.mean():.0%}" for name, answer in walked.items())
+    report.note(f"edges that are free: {shares}; FCL looks at steps of half a cell")
 
 
 def _random(space: CSpace, number: int, rng: np.random.Generator) -> Floats:
@@ -206,13 +206,13 @@ def _random(space: CSpace, number: int, rng: np.random.Generator) -> Floats:
 def _edges(space: CSpace, rng: np.random.Generator, number: int) -> tuple[Floats, Floats]:
     """Edges from FREE configurations to ones anywhere around."""
     starts, way = space.sample_free(number, rng), rng.normal(size=(number, 3))
-    ends = starts.copy()
-    ends[:, :3] += EDGE * space.grid.spacing * way / np.linalg.norm(way, axis=1, keepdims=True)
-    ends[:, :3] = np.clip(ends[:, :3], space.grid.lower, space.grid.upper)
-    ends[:, 3:] += rng.uniform(-TURN, TURN, ends[:, 3:].shape) / (2.0 if space.rotations.dof == 4 else 1.0)
+    goals = starts.copy()
+    goals[:, :3] += EDGE * space.grid.spacing * way / np.linalg.norm(way, axis=1, keepdims=True)
+    goals[:, :3] = np.clip(goals[:, :3], space.grid.lower, space.grid.upper)
+    goals[:, 3:] += rng.uniform(-TURN, TURN, goals[:, 3:].shape) / (2.0 if space.rotations.dof == 4 else 1.0)
     if space.rotations.dof == 4:
-        ends[:, 3:] /= np.linalg.norm(ends[:, 3:], axis=1, keepdims=True)
-    return starts, ends
+        goals[:, 3:] /= np.linalg.norm(goals[:, 3:], axis=1, keepdims=True)
+    return starts, goals
 
 
 # ---- plans -----------------------------------------------------------------------------------------------------------
@@ -223,10 +223,10 @@ def _plan(report: Report, space: CSpace, scene: Scene, built: Timing, fcl: Fcl, 
     import planners
 
     exact = bool(scene.cuts[0])
-    queries, told = scene.queries(space), ", exact" if exact else ""
+    queries, label = scene.queries(space), ", exact" if exact else ""
     solvers: dict[str, planning.Solver] = {
-        f"ours, planners.plan{told}": partial(planning.solve_by_plan, space, "RRTConnect", exact=exact),
-        f"ours, simple_setup and RRTConnect{told}": partial(
+        f"ours, planners.plan{label}": partial(planning.solve_by_plan, space, "RRTConnect", exact=exact),
+        f"ours, simple_setup and RRTConnect{label}": partial(
             planning.solve, space, lambda: planners.simple_setup(space, exact=exact)
         ),
         "OMPL with FCL, RRTConnect": partial(planning.solve, space, planning.peer_setup(space, fcl.is_free)),
@@ -244,10 +244,10 @@ def _plan(report: Report, space: CSpace, scene: Scene, built: Timing, fcl: Fcl, 
             report.check(not colliding, f"{name}: {colliding} of {len(paths)} paths collide, {ALONG} places a leg")
     *ours, theirs = timings.items()
     for (name, timing), (number, most) in product(ours, ((1, least), (100, None))):
-        once = number * timing.median + built.median
+        first = number * timing.median + built.median
         what = f"{number} {'query' if number == 1 else 'queries'} on one map"
         report.figure(f"{what}: FCL / {name}", theirs[1].median / timing.median)
-        gain = (number * theirs[1].median + fcl.made) / once
+        gain = (number * theirs[1].median + fcl.made) / first
         report.figure("  with what is made once: the build, FCL's model", gain, least=most)
         cpu = (number * theirs[1].median_cpu + fcl.made) / (number * timing.median_cpu + built.median_cpu)
         report.figure("  the same in CPU time", cpu)

@@ -61,8 +61,8 @@ def run(
         report.mark(**about, way=name, extrapolated_from=SAMPLE)
     for name, hits in answers.items():
         wrong = int(((expected == cspace.FREE) & hits).sum() + ((expected == cspace.BLOCKED) & ~hits).sum())
-        told = f"{(expected == cspace.FREE).sum()} FREE and {(expected == cspace.BLOCKED).sum()} BLOCKED"
-        report.check(not wrong, f"{name}: of {told} cells, {wrong} are not so at a configuration in them")
+        counts = f"{(expected == cspace.FREE).sum()} FREE and {(expected == cspace.BLOCKED).sum()} BLOCKED"
+        report.check(not wrong, f"{name}: of {counts} cells, {wrong} are not so at a configuration in them")
 
 
 def missing(dim: int) -> list[str]:
@@ -116,9 +116,9 @@ def _fcl(boxes: NDArray[np.int64]) -> Checker:
         ball, hit = fcl.CollisionObject(fcl.Sphere(radius)), np.empty(len(q), dtype=np.bool_)
         for number, position in enumerate(q):
             ball.setTranslation(position)
-            found = fcl.CollisionData()
-            tree.collide(ball, found, fcl.defaultCollisionCallback)
-            hit[number] = found.result.is_collision
+            answer = fcl.CollisionData()
+            tree.collide(ball, answer, fcl.defaultCollisionCallback)
+            hit[number] = answer.result.is_collision
         return hit
 
     return check
@@ -128,18 +128,18 @@ def _coal(boxes: NDArray[np.int64]) -> Checker:
     import coal
 
     tree = coal.DynamicAABBTreeCollisionManager()
-    kept = [
+    obstacles = [
         coal.CollisionObject(coal.Box(*size), coal.Transform3s(np.eye(3), middle))
         for size, middle in zip(*_sized(boxes), strict=True)
     ]
-    for each in kept:
+    for each in obstacles:
         tree.registerObject(each)
     tree.setup()
 
-    return partial(_coal_hits, tree, kept)
+    return partial(_coal_hits, tree, obstacles)
 
 
-def _coal_hits(tree: Any, kept: list[Any], q: Floats, radius: float) -> Bools:
+def _coal_hits(tree: Any, obstacles: list[Any], q: Floats, radius: float) -> Bools:
     """Ask coal; ``kept`` are the tree's objects, which it does not keep alive."""
     import coal
 
@@ -147,9 +147,9 @@ def _coal_hits(tree: Any, kept: list[Any], q: Floats, radius: float) -> Bools:
     for number, position in enumerate(q):
         ball.setTranslation(position)
         ball.computeAABB()
-        found = coal.CollisionCallBackDefault()
-        tree.collide(ball, found)
-        hit[number] = found.data.result.isCollision()
+        answer = coal.CollisionCallBackDefault()
+        tree.collide(ball, answer)
+        hit[number] = answer.data.result.isCollision()
     return hit
 
 

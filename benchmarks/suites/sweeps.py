@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from benchmarks import inputs
 from benchmarks.report import Report
 from benchmarks.suites import samples
-from benchmarks.suites.ways import METHODS, Way, across, named, ours, peers
+from benchmarks.suites.outer_maps import METHODS, Peer, across, named, ours, peers
 from benchmarks.timing import Timing, interleave
 from cspace import Robot, Workspace
 from cspace.engines import ENGINES, choose
@@ -31,7 +31,7 @@ BOX, LOOKS = 52, 400
 LONGEST = 20.0
 """Seconds; a peer that is expected to take longer is left out."""
 
-ONCE = 3.0
+SLOW = 3.0
 """Seconds; what takes longer is timed once."""
 
 RUNS = 3
@@ -86,7 +86,7 @@ QUICK = (
 
 
 def run(report: Report, rng: np.random.Generator) -> None:
-    """Go through all sweeps, then tell exponents, and what ``auto`` made of its choices."""
+    """Go through all sweeps, then report exponents, and the choices of ``auto``."""
     for sweep in QUICK if report.quick else SWEEPS:
         for name in samples.missing(sweep.dim):
             report.note(f"{name} is left out: it is not installed")
@@ -106,7 +106,7 @@ def run(report: Report, rng: np.random.Generator) -> None:
 
 @dataclass
 class _Known:
-    """What a way took last, and the work that it had then."""
+    """What a method took last, and the work that it had then."""
 
     seconds: float
     work: float
@@ -119,7 +119,7 @@ class _Point:
     calls: dict[str, Callable[[], Bools]] = field(default_factory=dict)
     left_out: dict[str, float] = field(default_factory=dict)
 
-    def add(self, way: Way, occupied: Bools, raster: Raster, known: Mapping[str, _Known]) -> None:
+    def add(self, way: Peer, occupied: Bools, raster: Raster, known: Mapping[str, _Known]) -> None:
         """A peer, or what it is expected to take where that is too long."""
         before = known.get(way.name)
         expected = before.seconds * way.work(occupied.shape, raster) / before.work if before else 0.0
@@ -137,7 +137,7 @@ def _point(
     known: dict[str, _Known],
     rng: np.random.Generator,
 ) -> dict[str, Timing]:
-    """Time all ways to one map, hold their results against each other, and tell what was chosen."""
+    """Time all methods on one map, compare their results, and report what was chosen."""
     occupied, radius = workspace.outer, cells_across / 2
     robot = Robot.disc(radius) if sweep.dim == 2 else Robot.ball(radius)
     raster = robot.rasters(1.0)[0]
@@ -149,7 +149,7 @@ def _point(
     point = _Point({named(method): partial(ours, workspace, robot, method) for method in METHODS})
     for way in peers(sweep.dim):
         point.add(way, occupied, raster, known)
-    timings = interleave(point.calls, RUNS, ONCE)
+    timings = interleave(point.calls, RUNS, SLOW)
     for name, timing in timings.items():
         report.timing(name, timing)
         report.mark(**about, way=name)
@@ -172,19 +172,19 @@ def _check(report: Report, results: Mapping[str, Bools]) -> None:
     """All results equal, cell for cell, to the direct engine's, which shares no code with any other."""
     wanted = results[named("direct")]
     others = [name for name, result in results.items() if not (result == wanted).all()]
-    told = f"; not so: {', '.join(others)}" if others else ""
-    report.check(not others, f"{len(results)} results are equal, cell for cell{told}")
+    unequal = f"; not so: {', '.join(others)}" if others else ""
+    report.check(not others, f"{len(results)} results are equal, cell for cell{unequal}")
 
 
 def _exponents(report: Report, sweep: Sweep, medians: Mapping[str, Mapping[int, float]]) -> None:
     """Slopes of cost over the number of cells, both in logarithms."""
     report.section(f"{sweep.name}: cost grows with the number of cells to the power of")
     target = None if report.quick else STEEPEST
-    for way, found in medians.items():
-        for name, sizes in ((ALL, list(found)), (f"the largest {LAST} sizes", list(found)[-LAST:])):
-            if len(sizes) < LAST or (name != ALL and len(found) == LAST):
+    for way, by_size in medians.items():
+        for name, sizes in ((ALL, list(by_size)), (f"the largest {LAST} sizes", list(by_size)[-LAST:])):
+            if len(sizes) < LAST or (name != ALL and len(by_size) == LAST):
                 continue  # too few, or the same ones again
-            slope = float(np.polyfit(np.log(sizes), np.log([found[size] for size in sizes]), 1)[0])
+            slope = float(np.polyfit(np.log(sizes), np.log([by_size[size] for size in sizes]), 1)[0])
             report.figure(f"{way}, {name}", slope, "", most=target if way.startswith("ours") else None)
             report.mark(sweep=sweep.name, exponent_of=way, over=name)
 

@@ -114,7 +114,7 @@ def _large(
     with (
         LocalCluster(n_workers=2, memory_limit="2GB", **WORKERS) as cluster,
         Client(cluster) as client,
-        _peak() as peak,
+        _PeakMemory() as peak,
     ):
         began = time.perf_counter()
         space = cspace.build(source, robot, rotations=rotations, store=path, tile=TILE, client=client)
@@ -129,26 +129,28 @@ def _large(
     q = rng.uniform(0.0, upper, (10**6, space.dof))
     space.classify(q[:1])
     space.motion_is_free(q[0], q[0])
-    states = _once(report, "10^6 look-ups at random", lambda: space.classify(q))
+    states = _timed(report, "10^6 look-ups at random", lambda: space.classify(q))
     near = q[: 10**4] + rng.normal(size=(10**4, space.dof)) * ([20.0, 20.0] + [0.3] * bool(rotations))
-    free = _once(report, "10^4 edges of some 25 m", lambda: space.motion_is_free(q[: 10**4], near))
+    free = _timed(report, "10^4 edges of some 25 m", lambda: space.motion_is_free(q[: 10**4], near))
     report.check(not (free & (states[: 10**4] != cspace.FREE)).any(), "no free edge begins in a cell that is not FREE")
     window = space.window(q[0, :2] - 20.0, q[0, :2] + 20.0)
     here = window.grid.contains(q[:, :2])
     report.check(np.array_equal(window.classify(q[here]), states[here]), "a window answers alike")
-    _once(report, "components of all tiles, labelled and joined", space.label)
+    _timed(report, "components of all tiles, labelled and joined", space.label)
     joined = space._join()
     report.figure("components that reach a face", float(joined.first[0][-1]), "")
     free_q = q[states == cspace.FREE]
-    ends = [free_q[np.argmin(np.abs(free_q[:, :2] - corner).sum(axis=1))] for corner in (50.0, size * SPACING - 50.0)]
-    report.figure("cells from start to goal", float(np.abs(ends[1] - ends[0])[:2].max() / SPACING), "")
-    found = _once(report, "a plan", lambda: planners.plan(space, *ends, seed=0, time_limit=10.0), most=60.0)
-    report.note(f"{found.status}; a path exists: {found.path_exists}; {found.length:.0f} m")
-    report.check(found.certified or not found.solved, "the path is certified, where one was found")
+    endpoints = [
+        free_q[np.argmin(np.abs(free_q[:, :2] - corner).sum(axis=1))] for corner in (50.0, size * SPACING - 50.0)
+    ]
+    report.figure("cells from start to goal", float(np.abs(endpoints[1] - endpoints[0])[:2].max() / SPACING), "")
+    plan = _timed(report, "a plan", lambda: planners.plan(space, *endpoints, seed=0, time_limit=10.0), most=60.0)
+    report.note(f"{plan.status}; a path exists: {plan.path_exists}; {plan.length:.0f} m")
+    report.check(plan.certified or not plan.solved, "the path is certified, where one was found")
     report.figure("this process", resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6, "GB")
 
 
-def _once(report: Report, name: str, call: Callable[[], Any], most: float | None = None) -> Any:
+def _timed(report: Report, name: str, call: Callable[[], Any], most: float | None = None) -> Any:
     began = time.perf_counter()
     value = call()
     report.figure(name, time.perf_counter() - began, "s", most=most)
@@ -186,14 +188,14 @@ def _bytes(path: Path) -> int:
     return sum(file.stat().st_size for file in path.rglob("*") if file.is_file())
 
 
-class _peak:  # noqa: N801 - used as a context
+class _PeakMemory:
     """The most memory that each process beneath this one had, bytes."""
 
     def __enter__(self) -> list[int]:
-        self._found, self._stop = [0], threading.Event()
+        self._peak, self._stop = [0], threading.Event()
         self._thread = threading.Thread(target=self._watch)
         self._thread.start()
-        return self._found
+        return self._peak
 
     def __exit__(self, *_: object) -> None:
         self._stop.set()
@@ -205,5 +207,5 @@ class _peak:  # noqa: N801 - used as a context
         while not self._stop.wait(0.1):
             for process in psutil.Process().children(recursive=True):
                 with suppress(psutil.Error):
-                    self._found.append(process.memory_info().rss)
-            self._found[:] = [max(self._found)]
+                    self._peak.append(process.memory_info().rss)
+            self._peak[:] = [max(self._peak)]

@@ -71,11 +71,11 @@ def _moves(report: Report, floor: Workspace, name: str) -> None:
     space.path_exists(q[-1], q[-2])
     space.clearance(q[-3])
     trolley, turns = shapely.box(-0.6, -0.4, 0.6, 0.4), list(enumerate(np.arange(MOVES) * 0.08))
-    ways = {
+    boxes = {
         "steps round a circle": [(*(q[0, :2] + 2.0 * np.array([np.cos(a), np.sin(a)])), 9.0 * k) for k, a in turns],
         "leaps across the map": [(*q[k, :2], 9.0 * k) for k in range(MOVES)],
     }
-    for way, places in ways.items():
+    for way, places in boxes.items():
         move, asked, distance = Timing(None), Timing(None), Timing(None)
         for x, y, angle in places:
             moved = affinity.translate(affinity.rotate(trolley, angle, origin=(0, 0)), x, y)
@@ -114,10 +114,10 @@ def _compare(
         bool((space.state == cspace.build(space.workspace, robot, **options).state).all()),
         "states equal those of a build",
     )
-    _kept(report, space, change, updates, runs, options)
+    _parts(report, space, change, updates, runs, options)
 
 
-def _kept(
+def _parts(
     report: Report, space: CSpace, change: Callable[[], None], updates: int, runs: int, options: dict[str, Any]
 ) -> None:
     """The same with distances, and then also components, that were asked for before, against a build that is asked."""

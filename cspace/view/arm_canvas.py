@@ -16,7 +16,7 @@ from cspace.plot.arms import ROOM, ArmFigure, Surface, along_joints
 from cspace.plot.artists import CLASSES, COLLIDES, UNDECIDED
 from cspace.plot.route import Floats
 from cspace.states import BLOCKED, FREE, MIXED
-from cspace.view.canvas import MARKS, Canvas, Dial, as_light, far_apart, in_words
+from cspace.view.canvas import MARKS, Canvas, Dial, as_light, far_apart, state_text
 from cspace.view.scene import KINDS, ROBOT, Solid, rgb
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 COLORS: Final = {FREE: ROBOT, MIXED: CLASSES[UNDECIDED][1], BLOCKED: CLASSES[COLLIDES][1]}
 """Of the arm, by its state."""
 CONTACT: Final = "#262626"
-"""Colour of the way between what is nearest to touching."""
+"""Colour of the line between what is nearest to touching."""
 FAINT: Final = 0.35
 """Opacity of the arm at the start and the goal."""
 _DRAWN: Final = 64
@@ -47,7 +47,7 @@ class ArmCanvas(Canvas):
 
     def __init__(self, space: Any, server: ViserServer, points: Floats, marks: dict[str, Floats]) -> None:
         given = {name: space._checked(q, name) for name, q in marks.items()}
-        super().__init__(server, space, _ends(space) | given)
+        super().__init__(server, space, _endpoints(space) | given)
         space._checked(points, "path")
         arm = space.arm
         self._figure = ArmFigure(space)
@@ -96,15 +96,15 @@ class ArmCanvas(Canvas):
     def along(self, points: Floats, shares: Floats) -> Floats:
         return along_joints(points, shares)
 
-    def tell(self, q: Floats) -> str:
-        """As :meth:`Canvas.tell`; the arm is coloured by its state, and what is nearest to touching is drawn."""
+    def describe(self, q: Floats) -> str:
+        """As :meth:`Canvas.describe`; the arm is coloured by its state, and what is nearest to touching is drawn."""
         state = int(self._space.classify(q))
         for link in self._links["robot"].values():
             link.color = rgb(COLORS[state])
         try:
             contact = self._space.closest(q)
         except InputError:  # there is nothing to touch
-            return in_words(state, math.inf)
+            return state_text(state, math.inf)
         self._server.scene.add_line_segments(
             "/contact",
             contact.points[np.newaxis],
@@ -112,8 +112,8 @@ class ArmCanvas(Canvas):
             thickness=4.0,
             thickness_units="screen",
         )
-        words = in_words(state, contact.distance)
-        return f"{words}  \nnearest to touching: {contact.link} and {contact.other}"
+        text = state_text(state, contact.distance)
+        return f"{text}  \nnearest to touching: {contact.link} and {contact.other}"
 
     def prove(self, q0: Floats, q1: Floats) -> str:
         free = self._space.motion_is_free(q0, q1)
@@ -153,8 +153,8 @@ class ArmCanvas(Canvas):
                 handle.wxyz = Rotation.from_matrix(poses[link][:3, :3]).as_quat(scalar_first=True)
 
     def _look_from_afar(self) -> None:
-        """Have cameras begin where the arm is in view, before the obstacles around it."""
-        arms = [surface.vertices for q in self.ends.values() for surface in self._figure.placed(q).values()]
+        """Place the camera so that the arm is in view, before the obstacles around it."""
+        arms = [surface.vertices for q in self.endpoints.values() for surface in self._figure.placed(q).values()]
         lower, upper = np.min([points.min(axis=0) for points in arms], 0), np.max([p.max(axis=0) for p in arms], 0)
         turn, room = self._figure.front(lower, upper), ROOM * float(np.max(upper - lower))
         obstacles = self._figure.obstacles.values()
@@ -166,7 +166,7 @@ def _solid(surface: Surface) -> Solid:
     return Solid(surface.vertices.astype(np.float32), surface.faces.astype(np.uint32))
 
 
-def _ends(space: Any) -> dict[str, Floats]:
+def _endpoints(space: Any) -> dict[str, Floats]:
     """Two FREE configurations far apart; of an arm that has none, the middle of its limits."""
     arm = space.arm
     try:

@@ -1,4 +1,4 @@
-"""Canvas: what a page shows of a configuration space, how configurations are set there, and what is told of them."""
+"""Canvas: what a page shows of a configuration space, how configurations are set there, and what is said of them."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ STATES: Final = {
     MIXED: "**MIXED**: neither is proven",
     BLOCKED: "**BLOCKED**: proven in collision",
 }
-"""What a space can say of a configuration, in words."""
+"""The states of a configuration, in words."""
 
 
 class Dial(NamedTuple):
@@ -54,7 +54,7 @@ class Dial(NamedTuple):
 class Canvas(ABC):
     """Draws a space with the robot, its path, the start and the goal.
 
-    ``ends`` are where the start and the goal are at first.
+    ``endpoints`` are where the start and the goal are at first.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class Canvas(ABC):
     legend : list of tuple of str
         Colours, and what they mean.
     has_cells : bool
-        Whether there are cells to search among, and which the geometry itself can be asked in.
+        Whether there are cells, in which the geometry itself may decide.
     is_quick : bool
         Whether what is proven of a start and a goal is soon known.
     unit : str
@@ -88,8 +88,8 @@ class Canvas(ABC):
     is_quick = True
     unit = "m"
 
-    def __init__(self, server: ViserServer, space: Any, ends: dict[str, Floats]) -> None:
-        self._server, self._space, self.ends = server, space, ends
+    def __init__(self, server: ViserServer, space: Any, endpoints: dict[str, Floats]) -> None:
+        self._server, self._space, self.endpoints = server, space, endpoints
         self.bytes = 0
         scene = server.scene
         scene.configure_environment_map(None)
@@ -110,18 +110,18 @@ class Canvas(ABC):
 
     @abstractmethod
     def along(self, points: Floats, shares: Floats) -> Floats:
-        """Configurations at shares, from 0 to 1, of the way along a path, shape (n, dof)."""
+        """Configurations at shares, from 0 to 1, of the length of a path, shape (n, dof)."""
 
     def clearance(self, q: Floats) -> Any:
-        """The clearance of configurations; NaN where that is not told."""
+        """The clearance of configurations; NaN where the space gives none."""
         try:
             return self._space.clearance(q)
-        except ConfigurationError:  # a map in a store does not tell
+        except ConfigurationError:  # a map in a store has none there
             return np.full(q.shape[:-1], math.nan)
 
-    def tell(self, q: Floats) -> str:
+    def describe(self, q: Floats) -> str:
         """What is known of a configuration, in words; it may be shown, too."""
-        return in_words(int(self._space.classify(q)), float(self.clearance(q)))
+        return state_text(int(self._space.classify(q)), float(self.clearance(q)))
 
     @abstractmethod
     def prove(self, q0: Floats, q1: Floats) -> str:
@@ -138,7 +138,7 @@ class Canvas(ABC):
         """Move the start or the goal."""
 
     def on_drag(self, name: str, moved: Callable[[Floats], None]) -> None:  # noqa: B027
-        """Have something told where the start or the goal is dragged to, if they can be."""
+        """Have ``moved`` called with where the start or the goal is dragged to, if it can be."""
 
     def follow(self, points: Floats) -> float:
         """Draw a path, coloured by the clearance along it; its largest clearance."""
@@ -165,14 +165,14 @@ class Canvas(ABC):
 
     @abstractmethod
     def add_choices(self, gui: Any, changed: Callable[[], None]) -> None:
-        """Add to a panel what can be chosen of what is drawn; a change is told, so that it is drawn."""
+        """Add to a panel what can be chosen to be drawn; ``changed`` is called at each change."""
 
     def look(self, look_at: Floats, position: Floats, field: float, aspect: float) -> bool:
-        """Take note of where a camera looks; whether something is to be drawn for it."""
+        """Note where a camera looks; gives whether something must be drawn anew for it."""
         return False
 
     def draw(self) -> None:  # noqa: B027
-        """Draw what hangs on where the robot is, as it is now."""
+        """Draw what depends on the robot's configuration, as it is now."""
 
     def forget(self) -> None:  # noqa: B027
         """Draw all anew at the next call: the space has changed."""
@@ -209,7 +209,7 @@ class Canvas(ABC):
         camera.position = middle + distance * back
 
 
-def in_words(state: int, clearance: float) -> str:
+def state_text(state: int, clearance: float) -> str:
     """A configuration's state and clearance."""
     room = f", clearance at least {clearance:.3f} m" if 0.0 < clearance < math.inf else ""
     return STATES[state] + room

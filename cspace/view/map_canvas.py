@@ -1,4 +1,4 @@
-"""The canvas of a map: its cells, drawn where they are not as they were, and a robot that stands among them."""
+"""The canvas of a map: its cells, drawn anew only where they changed, and the robot among them."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ EXISTS: Final = {
     False: "**No path exists: proven.**",
     None: "Whether a path exists is not decided at this resolution.",
 }
-"""What a map can say, in words."""
+"""Whether a path exists, in words."""
 _DRAWN: Final = 64
 """Configurations that are drawn to begin with two that are far apart."""
 
@@ -52,7 +52,7 @@ class MapCanvas(Canvas):
 
     def __init__(self, space: Any, cells: Cells, server: ViserServer, points: Floats, marks: dict[str, Floats]) -> None:
         given = {name: space.rotations.canonical(q, name) for name, q in marks.items()}
-        super().__init__(server, space, _ends(space, cells) | given)
+        super().__init__(server, space, _endpoints(space, cells) | given)
         self.cells, self.is_quick = cells, cells.quick
         self.figurine = Figurine(space.robot, space.rotations)
         self.poses = Poses(space.grid.dim, space.rotations)
@@ -63,21 +63,21 @@ class MapCanvas(Canvas):
         self.shown = {*self.kinds, SECTION} - ({"mixed"} if self.stage.has_height else {"border", "mixed"})
         self.cut = float(self.stage.upper[2])
         if self.stage.has_height:
-            about = np.concatenate([[*self.ends.values()], points])
+            about = np.concatenate([[*self.endpoints.values()], points])
             self.cut = min(self.cut, max(float(self.figurine.extent(q)[1, 2]) for q in about))
         self.part: Part | None = None
         self._drawn: dict[str, Hashable] = {}
         self._drawing = threading.Lock()
         self._solid = robot_solid(space.robot, self.stage.wall)
-        self._body = server.scene.add_frame("/robot", show_axes=False)
+        self._robot = server.scene.add_frame("/robot", show_axes=False)
         self._figure("/robot", ROBOT)
         self._gizmos = {name: self._gizmo(name, color) for name, color in MARKS.items()}
         back = np.array([-0.5, -1.0, 0.9] if self.stage.has_height else [0.0, -0.45, 1.0])
         self._place_camera(self.stage.lower, self.stage.upper, back)
-        self._describe()
+        self._set_panel()
 
-    def _describe(self) -> None:
-        """Say what there is, and what a configuration is set by."""
+    def _set_panel(self) -> None:
+        """Set the title, the dials and the legend."""
         space, grid, angles = self._space, self._space.grid, self.poses.angles
         shape = " x ".join(f"{n:,}" for n in grid.shape)
         turns = f" x {space.rotations}" if space.rotations.names else ""
@@ -109,8 +109,8 @@ class MapCanvas(Canvas):
     def along(self, points: Floats, shares: Floats) -> Floats:
         return self.figurine.along(points, shares)
 
-    def tell(self, q: Floats) -> str:
-        return f"{super().tell(q)}  \n{self._space.rotations.about(q[self._space.grid.dim :])}"
+    def describe(self, q: Floats) -> str:
+        return f"{super().describe(q)}  \n{self._space.rotations.about(q[self._space.grid.dim :])}"
 
     def prove(self, q0: Floats, q1: Floats) -> str:
         return EXISTS[self._space.path_exists(q0, q1)]
@@ -119,7 +119,7 @@ class MapCanvas(Canvas):
 
     def place(self, q: Floats) -> None:
         self.robot = q
-        self._body.position, self._body.wxyz = self.poses.pose(q)
+        self._robot.position, self._robot.wxyz = self.poses.pose(q)
 
     def mark(self, name: str, q: Floats) -> None:
         gizmo = self._gizmos[name]
@@ -175,7 +175,7 @@ class MapCanvas(Canvas):
             box.on_update(ticked)
 
     def draw(self) -> None:
-        """Draw the cells as they are to be seen now; what is as it was is not sent again."""
+        """Draw the cells as they are to be seen now; what has not changed is not sent again."""
         with self._drawing:
             wanted = self._wanted()
             for name in self._drawn.keys() - wanted.keys():
@@ -187,7 +187,7 @@ class MapCanvas(Canvas):
                     self._drawn[name] = key
 
     def _wanted(self) -> dict[str, tuple[Hashable, Callable[[str], None]]]:
-        """What is to be seen, by name: what it hangs on, and what draws it."""
+        """What is to be seen, by name: a key that changes where it must be drawn anew, and what draws it."""
         q, cut, part, shown, stage = self.robot, self.cut, self.part, set(self.shown), self.stage
         rotation, number = q[self._space.grid.dim :], int(self._space.rotations.cells_of(q))
         lid = not (stage.has_height and SECTION in shown)
@@ -259,7 +259,7 @@ class MapCanvas(Canvas):
             self._mesh(f"{name}/nose", Solid(corners.astype(np.float32), np.array([[0, 1, 2]], dtype=np.uint32)), DARK)
 
 
-def _ends(space: Any, cells: Cells) -> dict[str, Floats]:
+def _endpoints(space: Any, cells: Cells) -> dict[str, Floats]:
     """Two FREE configurations far apart; of a map that has none, the middle of its grid."""
     near, upright = cells.near, space.rotations.of_matrix(np.eye(3))
     try:

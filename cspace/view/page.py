@@ -34,7 +34,7 @@ FRAMES: Final = 25.0
 
 
 class Page:
-    """What a page says and is told.
+    """The panel of a page: what it shows, and what people set there.
 
     ``path``, shape (n, dof), is one to show; n is 0 where there is none.
 
@@ -48,11 +48,11 @@ class Page:
 
     def __init__(self, server: ViserServer, space: Any, canvas: Canvas, path: Floats) -> None:
         self._space, self._canvas, self._gui = space, canvas, server.gui
-        self.marks, self.plan = dict(canvas.ends), None  # type: dict[str, Floats], Plan | None
+        self.marks, self.plan = dict(canvas.endpoints), None  # type: dict[str, Floats], Plan | None
         self._path, self._proves = path, canvas.is_quick
         self._playing = threading.Event()
         self._drawer = Worker(canvas.draw, self._fail)
-        self._teller = Worker(self._tell, self._fail)
+        self._describer = Worker(self._describe, self._fail)
         self._prover = Worker(self._prove, self._fail)
         self._planner = Worker(self._search, self._fail)
         self._player = Worker(self._play, self._fail)
@@ -68,56 +68,56 @@ class Page:
         with self._gui.add_folder("Robot"):
             self._add_robot()
         with self._gui.add_folder("Show"):
-            canvas.add_choices(self._gui, self._drawer.ask)
+            canvas.add_choices(self._gui, self._drawer.request)
             self._gui.add_html(_legend([*canvas.legend, *((color, name) for name, color in MARKS.items())]))
-        for name, q in canvas.ends.items():
+        for name, q in canvas.endpoints.items():
             canvas.on_drag(name, partial(self._marked, name))
             self.mark(name, q)
         self._follow(path)
-        self.move(canvas.ends["start"])
+        self.move(canvas.endpoints["start"])
         server.on_client_connect(self._watch)
 
     # ---- what programs do --------------------------------------------------------------------------------------------
 
     def move(self, q: Floats) -> None:
-        """Bring the robot to a configuration, and show what hangs on that."""
+        """Move the robot to a configuration, and show what depends on it."""
         for slider, number in zip(self._sliders, self._canvas.numbers(q), strict=True):
             slider.value = min(max(number, slider.min), slider.max)
         self._place(q)
 
     def _place(self, q: Floats) -> None:
         self._canvas.place(q)
-        self._drawer.ask()
-        self._teller.ask()
+        self._drawer.request()
+        self._describer.request()
 
     def mark(self, name: str, q: Floats) -> None:
-        """Bring the start or the goal to a configuration."""
+        """Move the start or the goal to a configuration."""
         self._canvas.mark(name, q)
         self._marked(name, q)
 
     def _marked(self, name: str, q: Floats) -> None:
-        """Take note of where the start or the goal is."""
+        """Note where the start or the goal is."""
         self.marks[name] = q
         numbers = self._canvas.numbers(q)
         for (_, which), handle in zip(self._canvas.typed, self._inputs[name], strict=True):
             handle.value = _as_value(tuple(np.round(numbers[which], 3).tolist()))
         self._answer.content = ""  # it was about other ones
-        self._prover.ask()
+        self._prover.request()
 
     def refresh(self) -> None:
         """Draw and prove anew: the map has changed."""
         self._canvas.forget()
-        for worker in (self._drawer, self._teller, self._prover):
-            worker.ask()
+        for worker in (self._drawer, self._describer, self._prover):
+            worker.request()
 
     def wait(self, seconds: float | None = None) -> bool:
-        """Wait until all is drawn and said that was asked for; whether it is."""
-        return all(each.wait(seconds) for each in (self._planner, self._drawer, self._teller, self._prover))
+        """Wait until all that was requested is drawn and said; gives whether it is."""
+        return all(each.wait(seconds) for each in (self._planner, self._drawer, self._describer, self._prover))
 
     def close(self) -> None:
         """End all threads."""
         self._playing.clear()
-        for worker in (self._drawer, self._teller, self._prover, self._planner, self._player):
+        for worker in (self._drawer, self._describer, self._prover, self._planner, self._player):
             worker.close()
 
     # ---- the panel ---------------------------------------------------------------------------------------------------
@@ -155,7 +155,7 @@ class Page:
             visible=canvas.has_cells,
         )
         self._button = gui.add_button("Plan")
-        self._button.on_click(lambda _: self._planner.ask())
+        self._button.on_click(lambda _: self._planner.request())
         self._proof = gui.add_markdown("Finding out what is joined …" if self._proves else "")
         self._answer = gui.add_markdown("")
 
@@ -175,14 +175,14 @@ class Page:
                 self._playing.clear()
             else:
                 self._playing.set()
-                self._player.ask()
+                self._player.request()
 
         self._share.on_update(pulled)
         self._play_button.on_click(pressed)
 
     def _add_robot(self) -> None:
         gui, canvas = self._gui, self._canvas
-        numbers = zip(canvas.dials, canvas.numbers(canvas.ends["start"]), strict=True)
+        numbers = zip(canvas.dials, canvas.numbers(canvas.endpoints["start"]), strict=True)
         self._sliders: list[Any] = [
             gui.add_slider(dial.label, dial.low, dial.high, dial.step, min(max(number, dial.low), dial.high))
             for dial, number in numbers
@@ -201,9 +201,9 @@ class Page:
 
     # ---- what is done in threads -------------------------------------------------------------------------------------
 
-    def _tell(self) -> None:
-        """Say what is known of where the robot is."""
-        self._state.content = self._canvas.tell(self._canvas.robot)
+    def _describe(self) -> None:
+        """Say what is proven of the robot's configuration."""
+        self._state.content = self._canvas.describe(self._canvas.robot)
 
     def _prove(self) -> None:
         """Say what is proven of start and goal."""
@@ -217,7 +217,7 @@ class Page:
         self._answer.content = "Planning …"
         self._button.disabled = True
         try:
-            self.plan = found = planners.plan(
+            self.plan = plan = planners.plan(
                 self._space,
                 self.marks["start"],
                 self.marks["goal"],
@@ -230,11 +230,11 @@ class Page:
         finally:
             self._button.disabled = False
         self._proves = True  # what the cells join is known from here on
-        self._prover.ask()
-        self._follow(found.path)
-        if found.solved:
-            self.move(found.path[0])
-        self._answer.content = _in_words(found, self._canvas.unit)
+        self._prover.request()
+        self._follow(plan.path)
+        if plan.solved:
+            self.move(plan.path[0])
+        self._answer.content = _plan_text(plan, self._canvas.unit)
 
     def _play(self) -> None:
         """Move the robot along the path, until it is there or someone stops it."""
@@ -255,7 +255,7 @@ class Page:
         self.move(self._canvas.along(self._path, np.array([share]))[0])
 
     def _follow(self, path: Floats) -> None:
-        """Show a path."""
+        """Show a path, from its start."""
         self._playing.clear()
         self._path = path
         most = self._canvas.follow(path)
@@ -268,7 +268,7 @@ class Page:
 
         def looked(camera: Any) -> None:
             if self._canvas.look(camera.look_at, camera.position, camera.fov, camera.aspect):
-                self._drawer.ask()
+                self._drawer.request()
 
         client.camera.on_update(looked)
 
@@ -276,22 +276,22 @@ class Page:
         """Say what went wrong; the page goes on."""
         if not isinstance(error, CspaceError):
             LOGGER.error("the page met an error", exc_info=error)
-        words = str(error) if isinstance(error, CspaceError) else f"{type(error).__name__}: {error}"
-        self._answer.content = f"**Not done:** {words}"
+        message = str(error) if isinstance(error, CspaceError) else f"{type(error).__name__}: {error}"
+        self._answer.content = f"**Not done:** {message}"
 
 
-def _in_words(found: Plan, unit: str) -> str:
+def _plan_text(plan: Plan, unit: str) -> str:
     """A plan, and what it proves."""
-    if not found.solved:
-        advice = f"  \nTry {found.advice}." if found.advice else ""
-        return f"**{found.status[:1].upper()}{found.status[1:]}.**{advice}"
-    proof = "certified: every edge is proven free" if found.certified else "not certified"
-    name, far = found.room
+    if not plan.solved:
+        advice = f"  \nTry {plan.advice}." if plan.advice else ""
+        return f"**{plan.status[:1].upper()}{plan.status[1:]}.**{advice}"
+    proof = "certified: every edge is proven free" if plan.certified else "not certified"
+    name, far = plan.room
     room = "" if math.isnan(far) else f", {name.replace('_', ' ')} at least {far:.3f} m"
-    seconds = found.times.planning + found.times.simplification
+    seconds = plan.times.planning + plan.times.simplification
     took = f"{1e3 * seconds:.3g} ms" if seconds < 1.0 else f"{seconds:.3g} s"
-    words = f"**{found.status[:1].upper()}{found.status[1:]}**, {proof}."
-    return f"{words}  \n{found.length:.3f} {unit}{room}  \n{found.planner}, {took}"
+    text = f"**{plan.status[:1].upper()}{plan.status[1:]}**, {proof}."
+    return f"{text}  \n{plan.length:.3f} {unit}{room}  \n{plan.planner}, {took}"
 
 
 def _choices(space: Any) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
@@ -320,15 +320,15 @@ def _scale(most: float) -> str:
     if math.isnan(most):
         return _note("Of a map in a store, no clearance is told.")
     bar = f"height:0.6em;border-radius:0.3em;background:linear-gradient(to right,{LOW},{HIGH})"
-    ends = "display:flex;justify-content:space-between"
+    row = "display:flex;justify-content:space-between"
     return (
         f'<div style="font-size:0.8em;padding:0.2em 0.8em 0.6em"><div style="{bar}"></div>'
-        f'<div style="{ends}"><span>0</span><span>clearance</span><span>{most:.2g} m</span></div></div>'
+        f'<div style="{row}"><span>0</span><span>clearance</span><span>{most:.2g} m</span></div></div>'
     )
 
 
-def _note(words: str) -> str:
-    return f'<div style="font-size:0.8em;padding:0.2em 0.8em 0.6em;color:#777">{html.escape(words)}</div>'
+def _note(text: str) -> str:
+    return f'<div style="font-size:0.8em;padding:0.2em 0.8em 0.6em;color:#777">{html.escape(text)}</div>'
 
 
 def _numbers(gui: Any, label: str, values: tuple[float, ...], step: float, hint: str) -> Any:

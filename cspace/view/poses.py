@@ -1,4 +1,4 @@
-"""Configurations as a page tells them: metres, angles in degrees, and poses of what stands in space."""
+"""Configurations as a page shows them: metres, angles in degrees, and poses in space."""
 
 from __future__ import annotations
 

@@ -120,8 +120,8 @@ def _free_port(host: str, port: int | None) -> int:
                     raise _no_host(host) from error
                 continue
             return int(trial.getsockname()[1])
-    found = f"{port} is taken" if port is not None else f"from {PORT} to {PORT + _TRIED - 1} are taken"
-    raise InputError("port", found, "another program serves there", "choose another, or 0 for any", value=port)
+    fault = f"{port} is taken" if port is not None else f"from {PORT} to {PORT + _TRIED - 1} are taken"
+    raise InputError("port", fault, "another program serves there", "choose another, or 0 for any", value=port)
 
 
 def _no_host(host: str) -> InputError:

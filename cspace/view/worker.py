@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 
 class Worker:
-    """Does some work whenever it is asked to: once, however often it was asked while it was busy.
+    """Does some work at each request; once for all requests that come while it is busy.
 
     ``fail`` is given what the work raises; the next time it is done again.
     """
@@ -15,25 +15,25 @@ class Worker:
     def __init__(self, work: Callable[[], None], fail: Callable[[Exception], None]) -> None:
         self._work, self._fail = work, fail
         self._changed = threading.Condition()
-        self._asked, self._busy, self._open = False, False, True
+        self._requested, self._busy, self._open = False, False, True
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
-    def ask(self) -> None:
+    def request(self) -> None:
         """Have the work done, once what is under way is done."""
         with self._changed:
-            self._asked = True
+            self._requested = True
             self._changed.notify_all()
 
     def wait(self, seconds: float | None = None) -> bool:
-        """Wait until all is done that was asked for; whether it is."""
+        """Wait until all that was requested is done; gives whether it is."""
         with self._changed:
-            return self._changed.wait_for(lambda: not (self._asked or self._busy), seconds)
+            return self._changed.wait_for(lambda: not (self._requested or self._busy), seconds)
 
     def close(self) -> None:
         """Do nothing more, once what is under way is done."""
         with self._changed:
-            self._open = self._asked = False
+            self._open = self._requested = False
             self._changed.notify_all()
 
     def _run(self) -> None:
@@ -41,10 +41,10 @@ class Worker:
             with self._changed:
                 self._busy = False
                 self._changed.notify_all()
-                self._changed.wait_for(lambda: self._asked or not self._open)
+                self._changed.wait_for(lambda: self._requested or not self._open)
                 if not self._open:
                     return
-                self._asked, self._busy = False, True
+                self._requested, self._busy = False, True
             try:
                 self._work()
             except Exception as error:  # whatever it is, the page goes on

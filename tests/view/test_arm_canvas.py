@@ -62,15 +62,15 @@ def test_links_stand_where_the_joints_take_them(shown: Any) -> None:
 
 
 @pytest.mark.parametrize(
-    ("q", "words", "color"),
+    ("q", "text", "color"),
     [((0.3, 0.7), "**FREE**", ROBOT), ((0.8, 0.0), "**BLOCKED**", CLASSES[COLLIDES][1])],
 )
-def test_the_state_is_said_and_seen(shown: Any, q: tuple[float, float], words: str, color: str) -> None:
+def test_the_state_is_said_and_seen(shown: Any, q: tuple[float, float], text: str, color: str) -> None:
     space, viewer = shown
     viewer.page.move(np.array(q))
     assert viewer.page.wait(60.0)
     contact = space.closest(q)
-    assert viewer.page._state.content.startswith(words)
+    assert viewer.page._state.content.startswith(text)
     assert f"{contact.link} and {contact.other}" in viewer.page._state.content
     assert all(tuple(scene(viewer)[f"/robot/{name}"].color) == rgb(color) for name in ("foot", "upper", "fore"))
     np.testing.assert_allclose(scene(viewer)["/contact"].points[0], contact.points, atol=1e-6)
@@ -81,7 +81,7 @@ def test_plans_and_what_is_proven(shown: Any) -> None:
     page = viewer.page
     assert page._proof.content == "The straight motion is not proven free."
     page._limit.value = 30.0
-    page._planner.ask()
+    page._planner.request()
     assert page.wait(60.0)
     assert viewer.plan is not None
     assert viewer.plan.certified
@@ -125,8 +125,8 @@ def test_sliders_stay_within_the_limits(tmp_path: Any) -> None:
 
 def test_bad_input(shown: Any) -> None:
     space, _ = shown
-    for options, words in (({"path": np.zeros((3, 3))}, "path has shape"), ({"start": (0.0,)}, "start has shape")):
-        with pytest.raises(InputError, match=words):
+    for options, message in (({"path": np.zeros((3, 3))}, "path has shape"), ({"start": (0.0,)}, "start has shape")):
+        with pytest.raises(InputError, match=message):
             space.view(block=False, port=0, **options)
     with pytest.raises(ConfigurationError, match="goal has elbow at 4"):
         space.view(block=False, port=0, goal=(0.0, 4.0))

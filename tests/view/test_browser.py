@@ -94,7 +94,7 @@ def test_a_page_in_the_plane(browser: Any, flat: tuple[cspace.CSpace, Viewer]) -
     space, viewer = flat
     browser.get(viewer.url)
     until(lambda: "A path exists: proven." in text(browser))
-    drawn = until(lambda: (found := shares(browser))[COLLIDES] > 0.01 and found)
+    drawn = until(lambda: (share := shares(browser))[COLLIDES] > 0.01 and share)
     assert drawn[UNDECIDED] > 0.005
 
     slide(browser, "yaw (°)", Keys.END, Keys.ARROW_LEFT, Keys.ARROW_LEFT)
@@ -146,7 +146,7 @@ def test_a_page_in_space(browser: Any) -> None:
     with space.view(block=False, port=0, start=(0.6, 0.6, 0.8), goal=(3.4, 0.6, 0.8)) as viewer:
         browser.get(viewer.url)
         until(lambda: "A path exists: proven." in text(browser))
-        drawn = until(lambda: (found := shares(browser))[OBSTACLE] > 0.01 and found)
+        drawn = until(lambda: (share := shares(browser))[OBSTACLE] > 0.01 and share)
         assert drawn[UNDECIDED] > 0.003
         slide(browser, "cut at height (m)", Keys.HOME)
         until(lambda: viewer.canvas.cut == 0.1)

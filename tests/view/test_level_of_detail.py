@@ -30,11 +30,11 @@ def parts(request: pytest.FixtureRequest) -> tuple[cspace.Workspace, cspace.Robo
 def brute(classes: Any, part: Part) -> Any:
     """The largest class in each block of a part, block by block."""
     starts = [range(low, high, part.side) for low, high in zip(part.first, part.stop, strict=True)]
-    found = np.empty([len(axis) for axis in starts], dtype=np.uint8)
-    for index, corner in zip(np.ndindex(found.shape), itertools.product(*starts), strict=True):
+    largest = np.empty([len(axis) for axis in starts], dtype=np.uint8)
+    for index, corner in zip(np.ndindex(largest.shape), itertools.product(*starts), strict=True):
         box = tuple(slice(low, min(low + part.side, stop)) for low, stop in zip(corner, part.stop, strict=True))
-        found[index] = classes[box].max()
-    return found
+        largest[index] = classes[box].max()
+    return largest
 
 
 @pytest.mark.parametrize("side", [1, 3])
@@ -47,10 +47,10 @@ def test_blocks_show_the_largest_class(parts: Any, side: int, monkeypatch: pytes
     assert held.side == side
     rotation = space.rotations.centers[-1]
     everything = Part((0,) * space.grid.dim, space.grid.shape, side)
-    some = Part((2,) * space.grid.dim, tuple(n - 1 for n in space.grid.shape), 2)
+    part = Part((2,) * space.grid.dim, tuple(n - 1 for n in space.grid.shape), 2)
     for seen, classes in ((rotation, classes_of(space, rotation)), (None, 7 * workspace.outer)):
         np.testing.assert_array_equal(held.whole(seen).classes, brute(classes, everything))
-        np.testing.assert_array_equal(held.part(seen, some).classes, brute(classes, some))
+        np.testing.assert_array_equal(held.part(seen, part).classes, brute(classes, part))
 
 
 def test_a_map_that_changed_is_looked_at_anew(parts: Any) -> None:
@@ -97,8 +97,8 @@ def test_the_part_that_one_looks_at(shape: tuple[int, ...], reach: float, coarse
         close = (np.maximum(first, 0) == 0) | (cell - first >= 0.5 * reach / grid.spacing)
         assert close.all()
     near = grid.lower + 0.4 * np.subtract(grid.upper, grid.lower)
-    found = {part_around(grid, near + 0.01 * k, reach * 1.001**k, coarsest) for k in range(8)}
-    assert len(found) <= 2  # who looks around a little sees the same part
+    parts = {part_around(grid, near + 0.01 * k, reach * 1.001**k, coarsest) for k in range(8)}
+    assert len(parts) <= 2  # who looks around a little sees the same part
     assert part_around(grid, near, 1e4, coarsest) is None
     assert part_around(grid, near, reach, 1) is None
     assert part_around(grid, near + 1e5, reach, coarsest) is None

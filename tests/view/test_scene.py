@@ -15,23 +15,23 @@ from cspace.view.scene import HIGH, KINDS, LOW, Stage, border, path_colors, rgb,
 
 def squares(corners: np.ndarray) -> list[tuple[int, ...]]:
     """The unit squares of rectangles: axis, way of the normal, and place."""
-    found = []
+    unit_squares = []
     for one in corners:
         normal = np.cross(one[1] - one[0], one[2] - one[1])
         (axis,) = np.flatnonzero(normal)
         low, high = one.min(axis=0), one.max(axis=0)
         high[axis] += 1
-        found += [
+        unit_squares += [
             (int(axis), int(np.sign(normal[axis])), *place)
             for place in np.ndindex(*(high - low))
             for place in [tuple((low + place).tolist())]
         ]
-    return found
+    return unit_squares
 
 
 def brute(solid: np.ndarray, rim: bool, lid: bool) -> list[tuple[int, ...]]:
     """The same of the border of cells, cell by cell."""
-    found = []
+    faces = []
     for cell in np.argwhere(solid):
         for axis in range(3):
             for way in (-1, 1):
@@ -42,16 +42,16 @@ def brute(solid: np.ndarray, rim: bool, lid: bool) -> list[tuple[int, ...]]:
                     continue
                 place = cell.copy()
                 place[axis] += way > 0
-                found.append((axis, way, *place.tolist()))
-    return found
+                faces.append((axis, way, *place.tolist()))
+    return faces
 
 
 @pytest.mark.parametrize(("rim", "lid"), [(True, True), (True, False), (False, True)])
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.8, 1.0])
 def test_rectangles_are_the_border(share: float, rim: bool, lid: bool) -> None:
     solid = np.random.default_rng(0).random((7, 5, 6)) < share
-    found = squares(border(solid, rim, lid))
-    assert sorted(found) == sorted(brute(solid, rim, lid))
+    rectangles = squares(border(solid, rim, lid))
+    assert sorted(rectangles) == sorted(brute(solid, rim, lid))
 
 
 def test_a_box_has_six_rectangles() -> None:

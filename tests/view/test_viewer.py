@@ -74,7 +74,7 @@ def test_what_is_drawn_follows_what_is_asked(viewer: Any) -> None:
         page.page.move(q)
         assert page.page.wait(60.0)
         assert page.page._state.content.startswith("**FREE**")
-        np.testing.assert_allclose(canvas._body.position[: space.grid.dim], q[: space.grid.dim])
+        np.testing.assert_allclose(canvas._robot.position[: space.grid.dim], q[: space.grid.dim])
     turned = len({int(space.rotations.cells_of(q)) for q in free}) > 1
     assert (canvas.bytes > sent) == turned  # the cells change with the rotation alone
     canvas.shown.discard("obstacles")
@@ -103,7 +103,7 @@ def test_plans_and_proofs(viewer: Any) -> None:
     space, page = viewer
     start, goal = page.page.marks["start"], page.page.marks["goal"]
     assert space.path_exists(start, goal)
-    page.page._planner.ask()
+    page.page._planner.request()
     assert page.page.wait(60.0)
     assert page.page._proof.content == "**A path exists: proven.**"
     assert page.plan is not None
@@ -113,7 +113,7 @@ def test_plans_and_proofs(viewer: Any) -> None:
     page.page._go(1.0)
     np.testing.assert_allclose(space.rotations.steps(page.canvas.robot, goal), 0.0, atol=1e-6)
     page.page.mark("goal", np.array([1e3, *goal[1:]]))
-    page.page._planner.ask()
+    page.page._planner.request()
     assert page.page.wait(60.0)
     assert "lies outside the map" in page.page._answer.content  # and the page goes on
     page.page.mark("goal", goal)
@@ -129,7 +129,7 @@ def test_drives_of_robots_that_turn_in_the_plane(viewer: Any, drive: str) -> Non
     if chosen.visible:
         chosen.value, radius.value = drive, 0.2
         until(lambda: radius.visible == (drive == "dubins"))
-        page.page._planner.ask()
+        page.page._planner.request()
         assert page.page.wait(60.0)
         assert (page.plan.drive, page.plan.turning_radius) == (drive, 0.2 if radius.visible else None)
         assert page.plan.certified
@@ -143,7 +143,7 @@ def test_no_path_exists_is_said_to_be_proven() -> None:
     with space.view(block=False, port=0, start=(0.7, 1.0), goal=(2.3, 1.0)) as viewer:
         assert viewer.page.wait(60.0)
         assert viewer.page._proof.content == "**No path exists: proven.**"
-        viewer.page._planner.ask()
+        viewer.page._planner.request()
         assert viewer.page.wait(60.0)
         assert viewer.page._answer.content == "**No path exists: proven.**"
         space.update(np.zeros((2, 20), dtype=bool), (14, 0))
@@ -165,7 +165,7 @@ def test_a_map_in_a_store(tmp_path: Path) -> None:
     with stored.view(block=False, port=0, start=(0.6, 0.6), goal=(3.4, 0.6)) as viewer:
         assert viewer.page.wait(60.0)
         assert viewer.page._proof.content == ""  # to find out takes long in a store, and is left until it is asked for
-        viewer.page._planner.ask()
+        viewer.page._planner.request()
         assert viewer.page.wait(60.0)
         assert viewer.page._proof.content == "**A path exists: proven.**"
         assert viewer.plan is not None
@@ -183,10 +183,10 @@ def test_bad_input(tmp_path: Path) -> None:
         port = taken.getsockname()[1]
         with pytest.raises(InputError, match=f"port {port} is taken; .*; choose another"):
             space.view(block=False, port=port)
-        told = run("view", tmp_path / "map.zarr", "--port", port)
-        assert (told.exit_code, told.stderr.count("\n")) == (2, 1)
-        assert told.stderr.startswith(f"cspace: --port {port} is taken")
-    for options, words in (
+        printed = run("view", tmp_path / "map.zarr", "--port", port)
+        assert (printed.exit_code, printed.stderr.count("\n")) == (2, 1)
+        assert printed.stderr.startswith(f"cspace: --port {port} is taken")
+    for options, message in (
         ({"port": 70_000}, "port is 70000"),
         ({"port": True}, "port is True"),
         ({"host": "198.51.100.7", "port": 0}, "address of this machine"),
@@ -194,12 +194,12 @@ def test_bad_input(tmp_path: Path) -> None:
         ({"start": (0.0,)}, "start has shape"),
         ({"goal": (0.0, np.nan)}, "goal"),
     ):
-        with pytest.raises(InputError, match=words):
+        with pytest.raises(InputError, match=message):
             space.view(block=False, **options)
     (tmp_path / "path.csv").write_text("x,y,z\n0,0,0\n1,1,1\n")
-    told = run("view", tmp_path / "map.zarr", "--path", tmp_path / "path.csv")
-    assert told.exit_code == 2
-    assert "the configurations of the map are x, y" in told.stderr
+    printed = run("view", tmp_path / "map.zarr", "--path", tmp_path / "path.csv")
+    assert printed.exit_code == 2
+    assert "the configurations of the map are x, y" in printed.stderr
 
 
 def test_the_command_opens_a_page(
@@ -218,11 +218,11 @@ def test_the_command_opens_a_page(
         viewer.close()
 
     monkeypatch.setattr(Viewer, "wait", wait)
-    told = run("view", tmp_path / "map.zarr", "--path", tmp_path / "path.csv", "--port", 0)
-    assert told.exit_code == 0, told.stderr
+    printed = run("view", tmp_path / "map.zarr", "--path", tmp_path / "path.csv", "--port", 0)
+    assert printed.exit_code == 0, printed.stderr
     assert seen[0].url.startswith("http://127.0.0.1:")
-    assert f"{seen[0].url}  Ctrl-C ends it\n" in told.stdout
-    assert "viser" not in told.stdout + "".join(capfd.readouterr())
+    assert f"{seen[0].url}  Ctrl-C ends it\n" in printed.stdout
+    assert "viser" not in printed.stdout + "".join(capfd.readouterr())
     np.testing.assert_allclose(seen[0].page.marks["goal"], free[1])
 
 

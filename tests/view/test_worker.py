@@ -18,18 +18,18 @@ def test_work_is_done_once_for_many() -> None:
 
     failed: list[Exception] = []
     worker = Worker(work, failed.append)
-    worker.ask()
+    worker.request()
     for _ in range(50):
-        worker.ask()
+        worker.request()
     assert not worker.wait(0.01)
     go.set()
     assert worker.wait(10.0)
     assert 1 <= len(done) <= 2
     while not failed:
-        worker.ask()
+        worker.request()
         assert worker.wait(10.0)
     count = len(done)
-    worker.ask()
+    worker.request()
     assert worker.wait(10.0)
     assert len(done) == count + 1
     assert [str(error) for error in failed] == ["once"]

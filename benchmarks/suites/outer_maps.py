@@ -1,4 +1,4 @@
-"""Ways to the outer map: where a robot meets obstacles, for all cells, with everything beyond the map free."""
+"""The outer map, by our engines and by peers: where a robot meets obstacles, with everything outside the map free."""
 
 from __future__ import annotations
 
@@ -89,18 +89,18 @@ def opencv_is_here() -> bool:
 
 
 @dataclass(frozen=True)
-class Way:
+class Peer:
     """One peer.
 
     Attributes
     ----------
     name : str
     ready : callable
-        From the map and the robot's raster to the call that is timed; copies that the peer asks for are made here.
+        From the map and the robot's raster to the call that is timed; copies that the peer needs are made here.
     work : callable
         From the map's shape and the raster to a number that its time is taken to grow with.
     dims : tuple of int
-        Dimensions in which there is such a way.
+        Dimensions that it works in.
     """
 
     name: str
@@ -109,9 +109,9 @@ class Way:
     dims: tuple[int, ...] = (2, 3)
 
 
-def peers(dim: int) -> list[Way]:
+def peers(dim: int) -> list[Peer]:
     """All that are installed and go with a number of dimensions."""
-    every = [*WAYS, *(OPENCV if opencv_is_here() else [])]
+    every = [*PEERS, *(OPENCV if opencv_is_here() else [])]
     return [way for way in every if dim in way.dims]
 
 
@@ -160,11 +160,11 @@ def _rows(shape: Sequence[int], raster: Raster) -> float:
     return math.prod(shape) * float(len(raster.cells))
 
 
-WAYS = (
-    Way("fftconvolve float64", partial(_convolution, "fftconvolve", np.float64), _points),
-    Way("oaconvolve float32", partial(_convolution, "oaconvolve", np.float32), _cells),
-    Way("ndimage.binary_dilation", _dilated, _pairs),
-    Way("stamping, compiled", _stamped, _rows, (2,)),
+PEERS = (
+    Peer("fftconvolve float64", partial(_convolution, "fftconvolve", np.float64), _points),
+    Peer("oaconvolve float32", partial(_convolution, "oaconvolve", np.float32), _cells),
+    Peer("ndimage.binary_dilation", _dilated, _pairs),
+    Peer("stamping, compiled", _stamped, _rows, (2,)),
 )
 
-OPENCV = (Way("cv2.dilate", dilation, _pairs, (2,)), Way("cv2.filter2D", filtered, _cells, (2,)))
+OPENCV = (Peer("cv2.dilate", dilation, _pairs, (2,)), Peer("cv2.filter2D", filtered, _cells, (2,)))
