@@ -24,35 +24,35 @@ BIRRT: Final = "BiRRT"
 OWN: Final = (CUBES, WIDEST, BIRRT)
 """Searches of our own."""
 
-IGNORE_OBJECTIVES: Final = frozenset({"AORRTC", "BKPIECE1", "KPIECE1", "LBKPIECE1", "RRT", "RRTConnect"})
-"""Planners that heed no objective: they stop at the first path, or optimise the length whatever the objective."""
+IGNORE_OBJECTIVES: Final = frozenset({"BKPIECE1", "KPIECE1", "LBKPIECE1", "RRT", "RRTConnect"})
+"""Planners that heed no objective: they stop at the first path."""
 
 SECOND_THREAD: Final = frozenset({"PRM", "PRMstar"})
 """Planners that look for a solution from a second thread. It would need Python to ask a Python objective or stopping
 rule, while the first thread holds Python and waits for the second: a deadlock, so such pairs are refused. Nor may a
 callback raise in them, which would end the process."""
 
-_BOTH_WAYS: Final = "takes edges from their ends too, which a car that cannot reverse does not drive"
+_BOTH_WAYS: Final = ("BFMT", "BKPIECE1", "LBKPIECE1", "PRM", "PRMstar")
+"""Planners that take edges from their ends too."""
 
-_METRES: Final = "minimises metres alone, and turns count"
+UNSAFE: Final = {"AORRTC": "of OMPL 2.0.1 ends the process where paths are longer than some 90 m"}
+"""Planners that are not offered, and why. AORRTC looks for the root of a tree within a distance that is rounded to
+seven digits, and where the root is farther off, it reads on behind the end of its list."""
 
-REFUSED: Final[dict[str, dict[str, str]]] = {
-    "dubins": {
-        "AORRTC": "crashes where the way back is another",
-        **dict.fromkeys(("BFMT", "BKPIECE1", "LBKPIECE1", "PRM", "PRMstar"), _BOTH_WAYS),
-    },
-    "differential": {"AORRTC": _METRES},
-    "differential-reverse": {"AORRTC": _METRES},
+REFUSED: Final = {
+    "dubins": dict.fromkeys(_BOTH_WAYS, "takes edges from their ends too, which such a car does not drive")
 }
 """For each drive, the planners that cannot plan with it, and why."""
 
-ASK_BOTH_WAYS: Final = {"differential": frozenset(REFUSED["dubins"])}
+ASK_BOTH_WAYS: Final = {"differential": frozenset(_BOTH_WAYS)}
 """For each drive, the planners for which edges must be free from end to start too, since they take them so. A car's
 way back is a loop, which is hardly ever free; a robot that turns on the spot has only to turn around."""
 
 
 def planner_names() -> tuple[str, ...]:
     """Names of the geometric planners that the installed OMPL binds, in alphabetical order.
+
+    AORRTC is not among them: that of OMPL 2.0.1 ends the process where paths are longer than some 90 m.
 
     Returns
     -------
@@ -64,7 +64,7 @@ def planner_names() -> tuple[str, ...]:
     >>> "RRTConnect" in planners.planner_names()
     True
     """
-    return tuple(sorted(_planners(), key=str.lower))
+    return tuple(sorted((name for name in _planners() if name not in UNSAFE), key=str.lower))
 
 
 def planner_named(name: str | None, drive: str = "holonomic") -> str:
@@ -83,7 +83,8 @@ def planner_named(name: str | None, drive: str = "holonomic") -> str:
         rule = f"it must be a geometric planner of the installed OMPL, {CUBES} or {WIDEST}, or for an arm {BIRRT}"
         raise InputError("planner", f"is {name!r}", rule, mend, value=name)
     planner = known[name.lower()]
-    reason = REFUSED.get(drive, {}).get(planner) if isinstance(drive, str) else None
+    refused = REFUSED.get(drive, {}) if isinstance(drive, str) else {}
+    reason = UNSAFE.get(planner) or refused.get(planner)
     if reason:
         mend = "choose another planner, e.g. planner='RRT' or 'RRTstar'"
         raise InputError("planner", f"is {planner!r} and drive is {drive!r}", f"{planner} {reason}", mend, value=name)

@@ -80,8 +80,8 @@ def plan(
     sometimes not for long. So unless ``iterations``, an objective or another planner is asked for, it has ten thousand
     iterations; then the map's own search is taken, see "Cubes".
 
-    Planners that go on improving their path (AORRTC, BITstar, InformedRRTstar, PRMstar, RRTstar, SORRTstar) use up the
-    time limit.
+    Planners that go on improving their path (BITstar, InformedRRTstar, PRMstar, RRTstar, SORRTstar) use up the time
+    limit.
 
     *Repeatable runs.* A seed sets OMPL's global seed generator, from which every planner, sampler and simplifier made
     afterwards draws its own seed; so the same call with the same seed gives the same path, also with other plans in
@@ -123,10 +123,9 @@ def plan(
         information and returns an ``ompl.base.OptimizationObjective``. Anything but the length is for planners that
         heed it: BITstar, InformedRRTstar, RRTstar, SORRTstar, and, with a time limit of many seconds, FMT and
         BFMT, which ask for the cost between all pairs of near samples. They have to beat the cheapest of a few paths
-        that RRTConnect finds in a tenth of the time, so that there is one where it finds any. AORRTC optimises the
-        length whatever it is told; BKPIECE1, KPIECE1, LBKPIECE1, RRT and RRTConnect stop at the first path; PRM and
-        PRMstar cannot call Python from their second thread. The length counts a radian of turn as half a metre, but
-        for curves; see :attr:`Plan.turning`.
+        that RRTConnect finds in a tenth of the time, so that there is one where it finds any. BKPIECE1, KPIECE1,
+        LBKPIECE1, RRT and RRTConnect stop at the first path; PRM and PRMstar cannot call Python from their second
+        thread. The length counts a radian of turn as half a metre, but for curves; see :attr:`Plan.turning`.
     exact : bool
         Ask the geometry itself in cells that the map leaves MIXED, so that passages are solved which are a hair wider
         than the robot. Slower there; edges are no less proven. Where the map cannot decide whether a path exists, the

@@ -131,7 +131,7 @@ class Search:
         """Whether the shortest path is wanted and is the single edge from start to goal.
 
         This is more than a short cut: OMPL's SORRTstar never returns once it has found a path of the least conceivable
-        length, and its AORRTC reports such a path as an invalid goal.
+        length.
         """
         objective = setup.getOptimizationObjective()
         wanted = self.objective is None or self.planner in SECOND_THREAD

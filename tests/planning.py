@@ -30,7 +30,7 @@ ENDPOINTS: dict[str, tuple[Any, Any]] = {
 """Start and goal in each room."""
 
 CAR = {"turning_radius": 0.4}
-ANYTIME = {"AORRTC", "BITstar", "InformedRRTstar", "PRMstar", "RRTstar", "SORRTstar"}
+ANYTIME = {"BITstar", "InformedRRTstar", "PRMstar", "RRTstar", "SORRTstar"}
 """Planners that go on improving their path until their time is over."""
 
 

@@ -83,7 +83,7 @@ def test_every_planner_finds_a_certified_path(planner: str, name: str, curve: st
 
 @pytest.mark.parametrize("planner", NAMES)
 def test_every_planner_takes_the_single_edge_where_it_is_free(planner: str) -> None:
-    # OMPL's SORRTstar would never return from here, and its AORRTC call the goal invalid.
+    # OMPL's SORRTstar would never return from here.
     for objective in ("length", ob.PathLengthOptimizationObjective):
         if objective != "length" and planner in IGNORE_OBJECTIVES | SECOND_THREAD:
             continue
