@@ -1,6 +1,6 @@
 """Certified configuration-space maps by FFT correlation.
 
-Every name is imported when it is first asked for, so that importing the package costs next to nothing.
+Every name is imported at its first use, so that importing the package costs next to nothing.
 """
 
 from importlib import import_module

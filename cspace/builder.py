@@ -91,8 +91,8 @@ def build(
         0, or the borders of the cells in radians, ascending over a whole turn. For one that turns in space as it likes:
         :meth:`cspace.Rotations.quaternions`. FREE and BLOCKED are then proven for every position and every rotation of
         a cell. Slices that a symmetry of the robot repeats are computed and stored once. Of more than 2^29 states, in 8
-        slices or more and without overlap counts, each is kept in two bits instead of a byte; all that is asked of the
-        map is answered alike, and what needs bytes of all of them refuses where they do not fit. If left out, the robot
+        slices or more and without overlap counts, each is stored in two bits instead of a byte; look-ups answer alike,
+        and what needs bytes of all of them refuses where they do not fit. If left out, the robot
         only translates.
     inner : bool
         Also prove cells BLOCKED. Without it, every cell that is not FREE is MIXED, at half the work.
@@ -100,10 +100,10 @@ def build(
         Keep the overlap counts of the outer rasters as :attr:`CSpace.overlaps`.
     method : {"auto", "fft", "direct"}
         The engine; the map is the same, cell for cell. "fft" correlates by transforms, "direct" dilates 64 cells at a
-        time, and "auto" takes that unless the robot has thousands of rows, or overlap counts are asked for, which only
+        time, and "auto" takes that unless the robot has thousands of rows, or overlap counts are wanted, which only
         the transforms give.
     outside : {"blocked", "free"}
-        Whether what lies beyond the workspace's bounds is obstacle or free.
+        Whether what lies outside the workspace's bounds is obstacle or free.
     margin : float
         Metres by which the robot is grown for FREE; BLOCKED keeps to the robot as it is.
     workers : int, optional
@@ -112,7 +112,7 @@ def build(
         Called with (steps done, steps in all); with a store, of tiles.
     store : path-like, optional
         A folder to build the map into, tile by tile, for maps that do not fit into memory; see ``docs/large.md``. The
-        same call again goes on where an earlier one was stopped. Overlap counts are not kept.
+        same call again goes on where an earlier one was stopped. Overlap counts are not stored.
     tile : int or sequence of int
         Cells of a tile along each axis.
     client : dask.distributed.Client, optional
@@ -128,7 +128,7 @@ def build(
     ------
     InputError
         If an argument breaks its rule, the robot is absurdly large at the workspace's spacing, or the map does not fit
-        into the memory that is free; the message tells what would.
+        into the memory that is free; the message says what would.
     FileError
         If the store is of something else, or cannot be written, or the workspace changes while it is read.
 
@@ -179,12 +179,12 @@ def build(
     states: Stack
 
     def correlation_of(
-        pairs: Sequence[Pair], at_once: int, workers: int | None, tell: Progress | None
+        pairs: Sequence[Pair], engines: int, workers: int | None, progress: Progress | None
     ) -> tuple[Correlation, Sides]:
-        """The engine for the rasters of slices, and these by side, where so many engines work at once."""
+        """The engine for the rasters of slices, and these by side, where so many engines work in parallel."""
         sides = sides_of(pairs, inner)
-        correlation = Correlation.by(method, sides, outside, workers, tell, overlap)
-        own = at_once * max(correlation.engine.bytes_needed(grid.shape, side, workers) for side in sides)
+        correlation = Correlation.by(method, sides, outside, workers, progress, overlap)
+        own = engines * max(correlation.engine.bytes_needed(grid.shape, side, workers) for side in sides)
         if own > TRANSFORM_BYTES:  # what every build may take was looked at
             what = "the map, with what its engine needs for this robot,"
             check_memory(needed + own - TRANSFORM_BYTES, what, grid, fewer=cells.fewer)
@@ -235,7 +235,7 @@ def build(
         precision,
         overlaps,
         exterior=exterior,
-        tells_blocked=inner,
+        proves_blocked=inner,
     )
     return CSpace(contents, rasters)
 
@@ -275,7 +275,7 @@ def _check(
         raise InputError(
             "method",
             f"is {method!r} and overlap is True",
-            "this engine tells only whether there is any overlap; counts need the transforms",
+            "this engine finds only whether there is any overlap; counts need the transforms",
             "use method='fft' or method='auto'",
             value=method,
         )

@@ -15,7 +15,7 @@ Ints = NDArray[np.int64]
 Words = NDArray[np.uint64]
 
 LOOKED, CHANGED, COUNT = 0, 6, 12
-"""Where a row of what :func:`renew_states` tells of a slice has its boxes, first cells and then last ones, and the
+"""Where a row of what :func:`renew_states` gives for a slice has its boxes, first cells and then last ones, and the
 number of cells that changed their state."""
 
 ROW = 13
@@ -31,27 +31,27 @@ _BYTE = np.uint64(255)
 class Robots(NamedTuple):
     """The offsets of a robot's slices, of one side, as rows (first offset, length).
 
-    runs, ends : ndarray of int64, shapes (n, 4) and (slices,)
-        Each offset once, and where the rows of each slice end.
-    fours, fours_ends : ndarray of int64, shapes (m, 4) and (slices,)
-        The same by ascending length, in fours of one length, the last of them told again to fill them up.
+    runs, stops : ndarray of int64, shapes (n, 4) and (slices,)
+        Each offset a single time, and where the rows of each slice end.
+    fours, fours_stops : ndarray of int64, shapes (m, 4) and (slices,)
+        The same by ascending length, in fours of one length, the last of them repeated to fill them up.
     fixed : ndarray of bool, shape (slices,)
         Whether the robot meets the outside from everywhere.
     """
 
     runs: Ints
-    ends: Ints
+    stops: Ints
     fours: Ints
-    fours_ends: Ints
+    fours_stops: Ints
     fixed: NDArray[np.bool_]
 
     def of(self, start: int, stop: int) -> Robots:
         """Those of some slices, from ``start`` to before ``stop``."""
-        first, four = (int(ends[start - 1]) if start else 0 for ends in (self.ends, self.fours_ends))
-        last, last_four = int(self.ends[stop - 1]), int(self.fours_ends[stop - 1])
+        first, four = (int(stops[start - 1]) if start else 0 for stops in (self.stops, self.fours_stops))
+        last, last_four = int(self.stops[stop - 1]), int(self.fours_stops[stop - 1])
         runs, fours = self.runs[first:last], self.fours[four:last_four]
-        ends, fours_ends = self.ends[start:stop] - first, self.fours_ends[start:stop] - four
-        return Robots(runs, ends, fours, fours_ends, self.fixed[start:stop])
+        stops, fours_stops = self.stops[start:stop] - first, self.fours_stops[start:stop] - four
+        return Robots(runs, stops, fours, fours_stops, self.fixed[start:stop])
 
 
 class Followed(NamedTuple):
@@ -63,13 +63,13 @@ class Followed(NamedTuple):
     outer, inner : ndarray of uint8, shape (nx, ny, nz)
         The cells of the workspace, 0 or 1; ``inner`` may be the same array as ``outer``.
     tallies : ndarray of int64, shape (nx + ny + nz,)
-        Numbers of outer cells in each layer along each axis, one axis after the other; empty where they are not kept.
+        Numbers of outer cells in each layer along each axis, one axis after the other; empty where they are not needed.
     far, near : Robots
         Outer and inner offsets.
     weights : ndarray of int64, shape (slices,)
         Number of rotation cells that share each slice.
     one, blocked, walled : bool
-        Whether ``inner`` is the same array as ``outer``; whether BLOCKED is proven at all; and whether all beyond the
+        Whether ``inner`` is the same array as ``outer``; whether BLOCKED is proven at all; and whether all outside the
         map is obstacle.
     """
 
@@ -90,29 +90,29 @@ class Followed(NamedTuple):
 def renew(map_: Followed, outer: Bytes, inner: Bytes, lower: Ints) -> tuple[Ints, Ints]:
     """Write new cells, and what follows from them, in one call, so that an interrupt finds all of it done or nothing.
 
-    ``outer`` and ``inner`` are the new cells from ``lower`` on. Gives what :func:`renew_cells` and :func:`renew_states`
-    tell.
+    ``outer`` and ``inner`` are the new cells from ``lower`` on. Gives the results of :func:`renew_cells` and
+    :func:`renew_states`.
     """
     change = np.empty(outer.shape if map_.overlaps.size > 0 else (0, 0, 0), np.int8)
-    found = renew_cells(map_, outer, inner, lower, change)
-    box = found[:6]
-    if found[6] == 0:
-        return found, np.zeros((len(map_.states) + 1, ROW), np.int64)
+    changed = renew_cells(map_, outer, inner, lower, change)
+    box = changed[:6]
+    if changed[6] == 0:
+        return changed, np.zeros((len(map_.states) + 1, ROW), np.int64)
     if map_.overlaps.size > 0:
         renew_overlaps(map_.overlaps, change, lower, box, map_.far)
-    return found, renew_states(map_, box)
+    return changed, renew_states(map_, box)
 
 
 @jit
 def renew_cells(map_: Followed, new_outer: Bytes, new_inner: Bytes, lower: Ints, change: NDArray[np.int8]) -> Ints:
     """Write the new cells of a box into a workspace; the box around those that differ, and their number.
 
-    ``change``, empty or of the shape of the new cells, is given what is added to each outer cell.
+    ``change``, empty or of the shape of the new cells, gets what is added to each outer cell.
     """
     outer, inner, tallies = map_.outer, map_.inner, map_.tallies
     nx, ny, nz = new_outer.shape
     x, y, z = lower
-    found = np.array([nx + x, ny + y, nz + z, -1, -1, -1, 0])
+    changed = np.array([nx + x, ny + y, nz + z, -1, -1, -1, 0])
     for i in range(nx):
         for j in range(ny):
             old_row, new_row = outer[x + i, y + j], new_outer[i, j]
@@ -129,17 +129,17 @@ def renew_cells(map_: Followed, new_outer: Bytes, new_inner: Bytes, lower: Ints,
                     tallies[x + i] += step
                     tallies[outer.shape[0] + y + j] += step
                     tallies[outer.shape[0] + outer.shape[1] + z + k] += step
-                found[0], found[3] = min(found[0], x + i), max(found[3], x + i)
-                found[1], found[4] = min(found[1], y + j), max(found[4], y + j)
-                found[2], found[5] = min(found[2], z + k), max(found[5], z + k)
-                found[6] += 1
-    return found
+                changed[0], changed[3] = min(changed[0], x + i), max(changed[3], x + i)
+                changed[1], changed[4] = min(changed[1], y + j), max(changed[4], y + j)
+                changed[2], changed[5] = min(changed[2], z + k), max(changed[5], z + k)
+                changed[6] += 1
+    return changed
 
 
 @jit
 def extents(tallies: Ints, shape: Ints) -> Ints:
     """First and last layer along each axis that is not empty, from numbers of cells in each; (0, -1) without any."""
-    found = np.empty(6, np.int64)
+    layers = np.empty(6, np.int64)
     start = 0
     for axis in range(3):
         first, last = 0, shape[axis] - 1
@@ -147,24 +147,24 @@ def extents(tallies: Ints, shape: Ints) -> Ints:
             first += 1
         while last >= first and tallies[start + last] == 0:
             last -= 1
-        found[axis], found[3 + axis] = first, last
+        layers[axis], layers[3 + axis] = first, last
         start += shape[axis]
-    return found
+    return layers
 
 
 @jit
 def renew_states(map_: Followed, box: Ints) -> Ints:
     """States of all configurations that a changed box of cells can touch; what has changed, shape (slices + 1, ROW).
 
-    The last row is of all slices together, each counted as often as its weight tells.
+    The last row is of all slices together, each counted by its weight.
     """
     stack = map_.states
-    told = np.zeros((stack.shape[0] + 1, ROW), np.int64)
+    rows = np.zeros((stack.shape[0] + 1, ROW), np.int64)
     for s in range(stack.shape[0]):
         far, near = _fours_of(map_.far, s), _fours_of(map_.near, s)
         if not map_.blocked:
             near = near[:0]
-        part, row = stack[s], told[s]
+        part, row = stack[s], rows[s]
         for axis in range(3):
             row[LOOKED + axis], row[LOOKED + 3 + axis] = part.shape[axis], -1
             row[CHANGED + axis], row[CHANGED + 3 + axis] = part.shape[axis], -1
@@ -210,23 +210,23 @@ def renew_states(map_: Followed, box: Ints) -> Ints:
                     near_byte = (deep[at + k // 64] >> bit) | deep_always
                     state = int((far_byte & np.uint64(1)) + (near_byte & np.uint64(1)))
                     _settle(line, k, state, x, y, first[2], row)
-    whole = told[-1]
+    whole = rows[-1]
     for k in range(COUNT):
-        whole[k] = told[0, k]
+        whole[k] = rows[0, k]
     for s in range(stack.shape[0]):
-        row = told[s]
+        row = rows[s]
         for start in (LOOKED, CHANGED):
             for axis in range(start, start + 3):
                 whole[axis] = min(whole[axis], row[axis])
                 whole[3 + axis] = max(whole[3 + axis], row[3 + axis])
         whole[COUNT] += map_.weights[s] * row[COUNT]
-    return told
+    return rows
 
 
 @jit
 def _fours_of(robots: Robots, s: int) -> Ints:
     """Rows of a slice, in fours; none where the robot meets the outside from everywhere, and no cell matters."""
-    first, end = robots.fours_ends[s - 1] if s > 0 else 0, robots.fours_ends[s]
+    first, end = robots.fours_stops[s - 1] if s > 0 else 0, robots.fours_stops[s]
     return robots.fours[first : first if robots.fixed[s] else end]
 
 
@@ -238,7 +238,7 @@ def _spread(byte: np.uint64) -> np.uint64:
 
 @reader
 def _settle(line: Bytes, at: int, state: int, x: int, y: int, z: int, row: Ints) -> None:
-    """Write the state of a cell, whose line begins at ``z``, and tell of it if it is another."""
+    """Write the state of a cell, whose line begins at ``z``, and note it if it is another."""
     old = line[at]
     if state == old:
         return
@@ -264,18 +264,18 @@ def _reach(runs: Ints, low: Ints, high: Ints) -> None:
 
 
 @jit
-def _pack(cells: Bytes, first: Ints, last: Ints, beyond: bool, tall: int, wide: int) -> Words:
+def _pack(cells: Bytes, first: Ints, last: Ints, outside: bool, tall: int, wide: int) -> Words:
     """A box of cells, which may stick out of the map, in rows of ``wide`` words, of which a layer has ``tall``.
 
-    Behind them are as many words as the dilation reads beyond, at most.
+    Behind them are as many words as the dilation reads past them, at most.
     """
     words = np.zeros((last[0] - first[0] + 1) * tall * wide + 2 * wide + 2, np.uint64)
     begin, end = max(0, first[2]), min(cells.shape[2], last[2] + 1)
     for x in range(max(0, first[0]), min(cells.shape[0], last[0] + 1)):
         for y in range(max(0, first[1]), min(cells.shape[1], last[1] + 1)):
             at = ((x - first[0]) * tall + y - first[1]) * wide
-            _pack_row(cells[x, y, begin:end], beyond, begin - first[2], words[at : at + wide])
-    if beyond:  # the free cells were packed
+            _pack_row(cells[x, y, begin:end], outside, begin - first[2], words[at : at + wide])
+    if outside:  # the free cells were packed
         for k in range(words.size):
             words[k] = ~words[k]
     return words
@@ -330,9 +330,9 @@ def renew_overlaps(
 ) -> None:
     """Add the overlaps with changed cells to stored ones, shape (slices, nx, ny, nz).
 
-    ``change``, the first of whose entries is cell ``lower``, tells what was added to each cell, all within ``box``.
+    ``change``, the first of whose entries is cell ``lower``, is what was added to each cell, all within ``box``.
     """
-    runs, ends = robots.runs, robots.ends
+    runs, stops = robots.runs, robots.stops
     first, last = box[:3], box[3:]
     sums = np.zeros((last[0] - first[0] + 1, last[1] - first[1] + 1, last[2] - first[2] + 2), np.int64)
     for x in range(sums.shape[0]):
@@ -343,7 +343,7 @@ def renew_overlaps(
     count = sums.shape[2] - 1
     for s in range(overlaps.shape[0]):
         part = overlaps[s]
-        for n in range(ends[s - 1] if s > 0 else 0, ends[s]):
+        for n in range(stops[s - 1] if s > 0 else 0, stops[s]):
             length = runs[n, 3]
             for i in range(sums.shape[0]):
                 x = first[0] + i - runs[n, 0]

@@ -78,8 +78,8 @@ def _cache_class() -> Any:
     class File(IndexDataCacheFile):
         def load(self, key: Any) -> Any:
             with suppress(Exception):  # a file that is damaged holds nothing
-                stamp, kept, code = super().load(key)  # type: ignore[no-untyped-call]
-                return code if (stamp, kept) == (self._source_stamp, key) else None
+                stamp, cached_key, code = super().load(key)  # type: ignore[no-untyped-call]
+                return code if (stamp, cached_key) == (self._source_stamp, key) else None
 
         def save(self, key: Any, code: Any) -> None:
             with suppress(OSError):  # a full disk
@@ -108,9 +108,9 @@ def _cache_class() -> Any:
                 super().save_overload(signature, compiled)  # type: ignore[no-untyped-call]
 
         def _look_around(self) -> None:
-            found: set[tuple[str, str]] = set()
-            _add_sources(self._py_func, found, set())
-            self._cache_file._source_stamp = sorted(found)
+            sources: set[tuple[str, str]] = set()
+            _add_sources(self._py_func, sources, set())
+            self._cache_file._source_stamp = sorted(sources)
 
     return Cache
 
@@ -152,14 +152,14 @@ def is_own(folder: Path) -> bool:
         if about.st_mode & others and (place == folder or not about.st_mode & stat.S_ISVTX):
             theirs.append(place)
     if theirs:
-        LOGGER.info("what is compiled is not kept in %s: others may write to %s", folder, theirs[0])
+        LOGGER.info("what is compiled is not cached in %s: others may write to %s", folder, theirs[0])
     return not theirs
 
 
-def _add_sources(function: Callable[..., Any], found: set[tuple[str, str]], seen: set[object]) -> None:
+def _add_sources(function: Callable[..., Any], sources: set[tuple[str, str]], seen: set[object]) -> None:
     """Add what the machine code of a function is made from: files with their stamps, constants with their values."""
     seen.add(function)
-    found.add((function.__module__, _stamp(function.__code__.co_filename)))
+    sources.add((function.__module__, _stamp(function.__code__.co_filename)))
     names, codes = set[str](), [function.__code__]
     while codes:
         code = codes.pop()
@@ -170,18 +170,18 @@ def _add_sources(function: Callable[..., Any], found: set[tuple[str, str]], seen
     values += [(name, getattr(module, name)) for module in modules for name in names if hasattr(module, name)]
     for name, value in values:
         if isinstance(value, bool | int | float | str | tuple):
-            found.add((name, repr(value)))
+            sources.add((name, repr(value)))
             continue
         home = sys.modules.get(str(getattr(value, "__module__", "")))
         if home is None or not home.__name__.startswith(("cspace.", "planners.")):
             continue
-        found.add((home.__name__, _stamp(str(home.__file__))))
+        sources.add((home.__name__, _stamp(str(home.__file__))))
         # A function that is not compiled itself stands for overloads, which are with it.
         others = [value] if hasattr(value, "py_func") else vars(home).values()
         for other in others:
             inner = getattr(other, "py_func", None)
             if inner is not None and inner not in seen:
-                _add_sources(inner, found, seen)
+                _add_sources(inner, sources, seen)
 
 
 @cache

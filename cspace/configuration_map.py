@@ -68,7 +68,7 @@ class ConfigurationMap(ConfigurationSpace):
     @property
     @abstractmethod
     def outside(self) -> str:
-        """What lies beyond the workspace, "blocked" or "free"; "unknown" of a part of a larger map."""
+        """What lies outside the workspace, "blocked" or "free"; "unknown" of a part of a larger map."""
 
     @property
     @abstractmethod
@@ -101,7 +101,7 @@ class ConfigurationMap(ConfigurationSpace):
     def path_exists(self, q0: ArrayLike, q1: ArrayLike) -> bool | NDArray[np.object_] | None:
         """Whether a collision-free path joins configurations.
 
-        Which cells are joined is found out at the first call, and kept; of a map in a store, in its store.
+        Which cells are joined is computed at the first call, and cached; of a map in a store, in its store.
 
         Parameters
         ----------
@@ -117,20 +117,19 @@ class ConfigurationMap(ConfigurationSpace):
         return self._at_one_moment(lambda: self._path_exists(q0, q1))
 
     def _path_exists(self, q0: ArrayLike, q1: ArrayLike) -> bool | NDArray[np.object_] | None:
-        ends = [as_points(q, name, self.dof) for q, name in ((q0, "q0"), (q1, "q1"))]
-        both = np.concatenate([points.reshape(-1, self.dof) for points in ends])
+        endpoints = [as_points(q, name, self.dof) for q, name in ((q0, "q0"), (q1, "q1"))]
+        both = np.concatenate([points.reshape(-1, self.dof) for points in endpoints])
         states = np.empty(len(both), dtype=np.uint8)
         if self._classify()([both], states) >= 0:
             self._checked(q0, "q0"), self._checked(q1, "q1")  # one of them raises
         free, passable = self._components.of(self._cells_of(both))
         passable[states == BLOCKED] = -1
-        count, shapes = ends[0].size // self.dof, [points.shape[:-1] for points in ends]
+        count, shapes = endpoints[0].size // self.dof, [points.shape[:-1] for points in endpoints]
         free0, open0 = (each[:count].reshape(shapes[0]) for each in (free, passable))
         free1, open1 = (each[count:].reshape(shapes[1]) for each in (free, passable))
         joined, apart = (free0 == free1) & (free0 != -1), (open0 != open1) | (open0 == -1)
         answers: NDArray[np.object_] = _ANSWERS[np.where(apart, 2, joined), ...]
-        found: bool | NDArray[np.object_] | None = answers if answers.ndim else answers[()]
-        return found
+        return answers if answers.ndim else answers[()]
 
     @overload
     def clearance(self, q: One) -> float: ...  # type: ignore[overload-overlap]
@@ -142,7 +141,7 @@ class ConfigurationMap(ConfigurationSpace):
         The bound is proven, and but for rounding it is that distance, in the grid and outside. Zero where a
         configuration is not FREE; infinite where every configuration is. Nothing of the size of the map is computed.
 
-        Of a map in a store it is told up to 64 cells in the plane, and 16 in space: windows are opened around the
+        Of a map in a store it is computed up to 64 cells in the plane, and 16 in space: windows are opened around the
         configurations, one after the other, and where all is FREE up to there, that is the bound.
 
         Parameters
@@ -191,7 +190,7 @@ class ConfigurationMap(ConfigurationSpace):
 
     @abstractmethod
     def _clearances(self) -> Ask:
-        """What tells the clearance of configurations."""
+        """The kernel of clearances."""
 
     def _frees(self, exact: bool) -> Ask:
         return in_pieces(self._exact.points) if exact else partial(_are_free, self._classify())
@@ -203,7 +202,7 @@ class ConfigurationMap(ConfigurationSpace):
     @property
     @abstractmethod
     def _exact(self) -> Exact:
-        """What asks the geometry itself."""
+        """Exact look-ups, by the geometry itself."""
 
     @property
     @abstractmethod
@@ -234,7 +233,7 @@ class ConfigurationMap(ConfigurationSpace):
 
 
 def _are_free(classify: Ask, parts: Sequence[Any], out: NDArray[Any]) -> int:
-    """Fill ``out`` with whether configurations are FREE, by what tells their states; the index of a bad one, or -1."""
+    """Fill ``out`` with whether configurations are FREE, by a kernel of states; the index of a bad one, or -1."""
     states = out.view(np.uint8)
     bad = classify(parts, states)
     np.equal(states, FREE, out=out)

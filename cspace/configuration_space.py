@@ -162,8 +162,8 @@ class ConfigurationSpace(ABC):
         if points.ndim < 2 or points.shape[-2] == 0:
             rule = "it must hold at least one configuration in a row"
             raise InputError("path", f"has shape {points.shape}", rule, f"pass an array of shape (n, {self.dof})")
-        starts, ends = points[..., :-1, :], points[..., 1:, :]
-        return np.asarray(answer_edges(starts, ends, self.dof, lambda number: self._edges(number, exact)))
+        q0, q1 = points[..., :-1, :], points[..., 1:, :]
+        return np.asarray(answer_edges(q0, q1, self.dof, lambda number: self._edges(number, exact)))
 
     def view(self, *, block: bool = True, **options: Unpack[ViewOptions]) -> Viewer:
         """Show the space on a page in the browser, and plan there; needs viser: ``pip install "cspace[view]"``.

@@ -16,7 +16,7 @@ from cspace.raster.raster import Raster
 Bools = NDArray[np.bool_]
 Progress = Callable[[int, int], None]
 Sides = Sequence[Sequence[Raster]]
-"""The outer rasters of slices, and, where BLOCKED is to be told, the inner ones."""
+"""The outer rasters of slices, and, where BLOCKED is to be proven, the inner ones."""
 
 STEP: Final = 1000
 """Steps of progress that a correlation counts for."""
@@ -35,7 +35,7 @@ class Correlation:
     ----------
     engine : Engine
     outside : str
-        What lies beyond the cells that :meth:`fill` is given: "blocked" or "free".
+        What lies outside the cells that :meth:`fill` is given: "blocked" or "free".
     workers : int or None
         Threads.
     progress : callable or None
@@ -76,7 +76,7 @@ class Correlation:
         outers, inners = sides[0], [raster for side in sides[1:] for raster in side]
         collides = state.view(np.bool_)
         if inners and overlaps is None and len(outers) == 1 and inner is outer:
-            # One slice and one workspace bitmap, which is read once for both rasters.
+            # One slice and one workspace bitmap, which is read for both rasters together.
             lies_in = np.empty(state[0].shape, dtype=np.bool_)
             precision = self._collide(outer, [*outers, *inners], [collides[0], lies_in], (0, 1))
             state[0] += lies_in
@@ -99,11 +99,11 @@ class Correlation:
         add: bool = False,
     ) -> str:
         """One step of so many; each counts alike for progress, however many parts it has."""
-        (number, steps), tell = step, self.progress
+        (number, steps), progress = step, self.progress
 
         def advance(done: int, total: int) -> None:
-            if tell is not None:
-                tell(number * STEP + STEP * done // total, steps * STEP)
+            if progress is not None:
+                progress(number * STEP + STEP * done // total, steps * STEP)
 
         precision = self.engine.collide(
             occupied, rasters, out, outside=self.outside == "blocked", add=add, workers=self.workers, progress=advance

@@ -15,9 +15,9 @@ from cspace.memory import Planned, check_memory
 
 Floats = NDArray[np.float64]
 
-_STRIP: Final = 1e-9
+_SLIVER: Final = 1e-9
 """Part of a cell that the upper bound may be off by rounding; far below the slack of an outer raster, so that an
-obstacle in that strip still marks the last cell."""
+obstacle in that sliver still marks the last cell."""
 
 _NOUGHT: Final = SLACK / 2**14
 """Part of a cell below which a bound counts as zero."""
@@ -56,7 +56,7 @@ def check_bounds(bounds: ArrayLike, dim: int = 2) -> Floats:
 def covering_shape(corners: Floats, spacing: float) -> list[int]:
     """Cells along each axis of the grid that begins at the lower of two corners and reaches the upper one."""
     with np.errstate(over="ignore"):
-        counts = np.maximum(1.0, np.ceil((corners[1] - corners[0]) / spacing - _STRIP))
+        counts = np.maximum(1.0, np.ceil((corners[1] - corners[0]) / spacing - _SLIVER))
     return [int(min(n, 2.0**62)) for n in counts]
 
 
@@ -65,7 +65,7 @@ def covering_grid(corners: Floats, spacing: float, bytes_a_cell: int) -> Grid:
 
     Raises InputError if a workspace of so many cells does not fit into memory.
     """
-    # What is as near to zero as no raster can tell is zero: shapely goes wrong on numbers below 1e-308.
+    # What no raster can distinguish from zero is zero: shapely goes wrong on numbers below 1e-308.
     corners = np.where(np.abs(corners) < _NOUGHT * spacing, 0.0, corners)
     shape = covering_shape(corners, spacing)
     check_memory(bytes_a_cell * float(np.prod(shape, dtype=float)), "the map", Planned(shape, spacing, *corners))
@@ -75,8 +75,8 @@ def covering_grid(corners: Floats, spacing: float, bytes_a_cell: int) -> Grid:
 def warn_of_units(corners: Floats, spacing: float, what: str, bounded: bool) -> None:
     """Warn of obstacles that are smaller than a cell: they are hardly in metres.
 
-    Within bounds, which are in metres, something a little smaller than a cell may well be meant; there it is told from
-    a quarter of a cell down. ``corners``, shape (2, d), are those of their box; nothing is said of a single point.
+    Within bounds, which are in metres, something a little smaller than a cell may well be meant; there it is warned of
+    from a quarter of a cell down. ``corners``, shape (2, d), are those of their box; nothing is said of a single point.
     ``what`` says in the message what they are: "mesh".
     """
     sides = corners[1] - corners[0]

@@ -71,12 +71,12 @@ class Circles(OneRotation):
         """
         far = (np.abs(q) > MOST) & self.endless
         if far.any():
-            found, rule = f"has an angle of {q[far][0]:g} rad", f"at most {MOST:.0f} are wrapped exactly"
-            raise InputError(name, found, rule, "leave out whole turns", value=float(q[far][0]))
+            fault, rule = f"has an angle of {q[far][0]:g} rad", f"at most {MOST:.0f} are wrapped exactly"
+            raise InputError(name, fault, rule, "leave out whole turns", value=float(q[far][0]))
         return np.where(self.endless, wrapped(q), q)
 
     def steps(self, q0: Floats, q1: Floats) -> Floats:
-        """What leads from configurations to others, turning the shorter way; half a turn as it is told."""
+        """What leads from configurations to others, turning the shorter way; half a turn as it is given."""
         return shorter(q1 - q0, self.endless)
 
 
@@ -102,21 +102,21 @@ class Seam:
             sides.append((first, first + (shape[axis] - 1) * unit, np.broadcast_to(unit, first.shape)))
         first, last, self._units = (np.concatenate(each) for each in zip(*sides, strict=True))
         # Rotation cells are the one that there is.
-        self._ends = np.insert(np.stack([last, first]), 0, 0, axis=2)
-        self._free, passable = within.of(self._ends)
+        self._pairs = np.insert(np.stack([last, first]), 0, 0, axis=2)
+        self._free, passable = within.of(self._pairs)
         self._joined = [_joined(each) for each in (self._free, passable)]
 
     def of(self, cells: Ints) -> tuple[Ints, Ints]:
         """As :meth:`cspace.map.components.Components.of`."""
         free, passable = (
-            _replaced(found, *joined) for found, joined in zip(self._within.of(cells), self._joined, strict=True)
+            _replaced(numbers, *joined) for numbers, joined in zip(self._within.of(cells), self._joined, strict=True)
         )
         return free, passable
 
     def box(self, cell: Ints) -> Ints:
         """As :meth:`cspace.map.components.Components.box`, around all parts of a component."""
         number = self.of(cell)[0]
-        flat = self._ends.reshape(-1, self._ends.shape[-1])
+        flat = self._pairs.reshape(-1, self._pairs.shape[-1])
         one_each = np.unique(self._free.reshape(-1), return_index=True)[1]
         ours = [each for each in flat[one_each] if self.of(each)[0] == number]
         boxes = np.stack([self._within.box(each) for each in (cell, *ours)])
@@ -137,24 +137,24 @@ class Seam:
         """
         here, there = int(self._within.of(start)[0]), int(self._within.of(goal)[0])
         both = np.hstack([self._free, self._free[::-1]])
-        ways = np.flatnonzero((both >= 0).all(axis=0))
-        names, numbers = np.unique(np.append(both[:, ways], [[here], [there]], axis=1), return_inverse=True)
+        open_pairs = np.flatnonzero((both >= 0).all(axis=0))
+        names, numbers = np.unique(np.append(both[:, open_pairs], [[here], [there]], axis=1), return_inverse=True)
         numbers = numbers.reshape(2, -1)
         (here, there), numbers = numbers[:, -1].tolist(), numbers[:, :-1]
-        graph = coo_array((np.ones(len(ways)), numbers), shape=(len(names), len(names))).tocsr()
+        graph = coo_array((np.ones(len(open_pairs)), numbers), shape=(len(names), len(names))).tocsr()
         before = breadth_first_order(graph, here)[1]
         order = [there]
         while order[-1] != here:
             if before[order[-1]] < 0:
                 return None
             order.append(int(before[order[-1]]))
-        count, found = self._free.shape[1], []
+        count, crossed = self._free.shape[1], []
         for one, other in pairwise(order[::-1]):
-            some = ways[(numbers[0] == one) & (numbers[1] == other)]
-            way, back = some[len(some) // 2] % count, some[len(some) // 2] >= count
-            cells = self._ends[:, way][:: -1 if back else 1]
-            found.append((cells[0], cells[1], self._units[way] * (-1 if back else 1)))
-        return found
+            candidates = open_pairs[(numbers[0] == one) & (numbers[1] == other)]
+            way, back = candidates[len(candidates) // 2] % count, candidates[len(candidates) // 2] >= count
+            cells = self._pairs[:, way][:: -1 if back else 1]
+            crossed.append((cells[0], cells[1], self._units[way] * (-1 if back else 1)))
+        return crossed
 
 
 def _joined(numbers: Ints) -> tuple[Ints, Ints]:
@@ -166,12 +166,12 @@ def _joined(numbers: Ints) -> tuple[Ints, Ints]:
     return names, names[np.unique(classes, return_index=True)[1]][classes]
 
 
-def _replaced(found: Ints, names: Ints, lowest: Ints) -> Ints:
+def _replaced(numbers: Ints, names: Ints, lowest: Ints) -> Ints:
     """Numbers, those among some names replaced by others."""
     if not len(names):
-        return found
-    place = np.minimum(np.searchsorted(names, found), len(names) - 1)
-    return np.where(names[place] == found, lowest[place], found)
+        return numbers
+    place = np.minimum(np.searchsorted(names, numbers), len(names) - 1)
+    return np.where(names[place] == numbers, lowest[place], numbers)
 
 
 class EndlessCSpace(CSpace):
@@ -179,9 +179,9 @@ class EndlessCSpace(CSpace):
 
     Angles of such joints may be any, up to 256 radians; a whole turn more is the same configuration. Edges turn these
     joints the shorter way, as OMPL does, and rows of a path count whole turns, so that straight motions join them.
-    What is placed beyond the turn in the middle comes in again, whole turns on.
-    ``clearance`` is told up to half a turn, and ``is_free_around`` within as much. There is no :meth:`overlap` and no
-    overlap field of it.
+    What is placed outside the turn in the middle comes in again, whole turns on.
+    ``clearance`` is computed up to half a turn, and ``is_free_around`` within as much. There is no :meth:`overlap`, and
+    no overlap field.
 
     Parameters
     ----------
@@ -201,7 +201,7 @@ class EndlessCSpace(CSpace):
 
     @property
     def rotations(self) -> Rotations:
-        """The one cell of what does not turn; it tells which numbers are angles."""
+        """The one cell of what does not turn; it knows which numbers are angles."""
         return Circles(self.endless)
 
     @property
@@ -214,13 +214,13 @@ class EndlessCSpace(CSpace):
     # ---- unrolled ----------------------------------------------------------------------------------------------------
 
     @property
-    def _beyond(self) -> Ints:
-        """How many cells more are unrolled at either end, along each axis: half a turn, and what edges touch there."""
+    def _padding(self) -> Ints:
+        """Cells that are unrolled at either end, along each axis: half a turn, and what edges touch there."""
         return np.where(self.endless, np.array(self.grid.shape) // 2 + 2, 0)
 
     @property
     def _unrolled(self) -> CSpace:
-        return self._derived_unrolled.get(lambda: self._over(-self._beyond, self.grid.shape + self._beyond))
+        return self._derived_unrolled.get(lambda: self._over(-self._padding, self.grid.shape + self._padding))
 
     def _over(self, first: Ints, stop: Ints) -> CSpace:
         """A map with an end, from a first cell up to the one before another, with each cell as often as it comes by."""
@@ -303,26 +303,26 @@ class EndlessCSpace(CSpace):
     # ---- joined ------------------------------------------------------------------------------------------------------
 
     @property
-    def _components(self) -> Seam:  # type: ignore[override]  # asked alike
+    def _components(self) -> Seam:  # type: ignore[override]  # with the same methods
         return self._seam.get(lambda: Seam(super(EndlessCSpace, self)._components, self.grid.shape, self.endless))
 
     def free_path(self, q0: ArrayLike, q1: ArrayLike, *, straight: bool = True) -> Floats:
         """As :meth:`CSpace.free_path`; it begins at q0, and ends at q1 but for whole turns."""
         from cspace.map.free_path import cube_path, pulled_straight
 
-        ends = [self._one_free(q, name) for q, name in ((q0, "q0"), (q1, "q1"))]
-        start, goal = (self._cells_of(q) for q in ends)
+        endpoints = [self._one_free(q, name) for q, name in ((q0, "q0"), (q1, "q1"))]
+        start, goal = (self._cells_of(q) for q in endpoints)
         with self._lock:
             crossings = self._components.crossings(start, goal)
         if crossings is None:
             return np.empty((0, self.dof))
         still, shape, turns = self.rotations.neighbors[:, :0], np.array(self.grid.shape), np.zeros(self.dof, np.int64)
-        rows: list[Floats] = [ends[0]]
+        rows: list[Floats] = [endpoints[0]]
         for leave, enter, turn in [*crossings, (goal, goal, 0 * turns)]:
             cells = cube_path(self._seen, self._slice_of, still, start, leave)[:, 1:]
             rows.append(self.grid.center_of(cells + turns * shape))
             start, turns = enter, turns + turn
-        path = np.vstack([*rows, ends[1] + TURN * turns])
+        path = np.vstack([*rows, endpoints[1] + TURN * turns])
         # A step within a cube of FREE cells may be so long that the shorter way is another one.
         quarters = np.ceil(np.abs(np.diff(path, axis=0)).max(axis=1) / (0.25 * TURN)).astype(np.int64)
         at = np.concatenate([[0.0], *(k + np.arange(1, n + 1) / n for k, n in enumerate(quarters.tolist()) if n)])
@@ -353,10 +353,10 @@ class EndlessCSpace(CSpace):
         unrolled._renew_exact()
         if (cells[0] > cells[1]).any():
             return
-        shape, beyond = np.array(self.grid.shape), self._beyond
+        shape, padding = np.array(self.grid.shape), self._padding
         for turns in product(*((-1, 0, 1) if turns else (0,) for turns in self.endless)):
-            shift = beyond + shape * turns
-            low, stop = np.maximum(cells[0] + shift, 0), np.minimum(cells[1] + 1 + shift, shape + 2 * beyond)
+            shift = padding + shape * turns
+            low, stop = np.maximum(cells[0] + shift, 0), np.minimum(cells[1] + 1 + shift, shape + 2 * padding)
             if (low < stop).all():
                 box = tuple(map(slice, low - shift, stop - shift))
                 outer, inner = self.workspace.outer[box], self.workspace.inner[box]
@@ -373,8 +373,8 @@ class EndlessCSpace(CSpace):
         first, last = (
             np.where(self.endless, *each) for each in ((cells.min(axis=0), 0), (cells.max(axis=0), shape - 1))
         )
-        beyond = (first < 0).any() or (last >= shape).any()
-        return self._over(first, last + 1).plot(**options) if beyond else super().plot(**options)
+        across = (first < 0).any() or (last >= shape).any()
+        return self._over(first, last + 1).plot(**options) if across else super().plot(**options)
 
     # ---- what there is not -------------------------------------------------------------------------------------------
 

@@ -18,7 +18,7 @@ SLACK: Final = 2.0**-26
 look-up stays below it, so that no answer depends on how a floating-point number was rounded."""
 
 MAX_COORDINATE: Final = 2.0**22
-"""Largest coordinate in cells, measured from the origin of the frame, for which :data:`SLACK` covers the rounding."""
+"""Largest coordinate in cells, measured from the origin, for which :data:`SLACK` covers the rounding."""
 
 FLOATS: Final = "pass floats, in metres or radians; of a scipy Rotation, those of as_quat()"
 
@@ -37,7 +37,7 @@ def finite(values: ArrayLike, name: str) -> NDArray[np.float64]:
     except (TypeError, ValueError) as error:
         raise InputError(name, f"is {values!r}", "it must be numeric", FLOATS, value=values) from error
     except OverflowError as error:
-        raise InputError(name, "holds a whole number", "it is beyond what a float can be", FLOATS) from error
+        raise InputError(name, "holds a whole number", "it is larger than a float can be", FLOATS) from error
     if array is None:
         raise InputError(name, "has complex values", "it must be real", "pass the real parts, e.g. array.real")
     usable = np.isfinite(array)
@@ -103,13 +103,13 @@ def whole(value: Any, name: str, least: int = 0, most: int | None = None, mend: 
     return number
 
 
-def check_word(value: Any, name: str, words: Sequence[Any], mend: str = "pass one of them") -> None:
+def check_word(value: Any, name: str, choices: Sequence[Any], mend: str = "pass one of them") -> None:
     """Refuse what is none of a few words, or numbers.
 
     Raises InputError if it is none, or of another type.
     """
-    if isinstance(value, bool) or not isinstance(value, str | int) or value not in words:
-        *most, last = map(repr, words)
+    if isinstance(value, bool) or not isinstance(value, str | int) or value not in choices:
+        *most, last = map(repr, choices)
         raise InputError(name, f"is {value!r}", f"it must be {', '.join(most)} or {last}", mend, value=value)
 
 
@@ -152,7 +152,7 @@ class Grid:
     axes : sequence of str, length d, optional
         What the coordinates are called; by default x, y and, in space, z.
     units : sequence of str, length d, optional
-        What they are told in, "m" by default; the joints of an arm may have "rad".
+        Their unit, "m" by default; the joints of an arm may have "rad".
 
     Raises
     ------
@@ -215,7 +215,7 @@ class Grid:
 
     @property
     def unit(self) -> str:
-        """What the side of a cell is told in."""
+        """The unit of the side of a cell."""
         return " or ".join(dict.fromkeys(self.units))
 
     @property

@@ -1,4 +1,4 @@
-"""Memory: how much a map takes, and whether it is there, told before any work; and very roughly how long it takes."""
+"""Memory: how much a map takes, checked before any work; and very roughly how long a build takes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ WORKSPACE_BYTES: Final = 2
 """For each cell of a workspace: what meets an obstacle, and what lies in one."""
 
 MESH_BYTES: Final = 8
-"""For each cell, while a mesh is cut into cells: the above, and the labels by which inside is told from outside."""
+"""For each cell, while a mesh is cut into cells: the above, and the labels that separate inside from outside."""
 
 TRANSFORM_BYTES: Final = 2**27
 """For the transforms of a build with a robot of a hundred cells across or less, whatever the size of the map."""
@@ -45,7 +45,7 @@ FIXED_CELLS: Final = (
 """What helps where a file says how large its cells are."""
 
 _COUNTED: Final = 2**53
-"""Counts of cells up to here are told to the last one."""
+"""Counts of cells up to here are printed to the last one."""
 
 _ROOM: Final = 0.85 * KEEP
 """Part of the free memory that a spacing is advised for: what is free changes."""
@@ -55,7 +55,7 @@ def map_bytes(shape: Sequence[int], slices: int = 1, overlap: bool = False) -> i
     """Memory that :func:`cspace.build` takes at most beside its workspace, in bytes, unless the robot is very large.
 
     ``slices`` are the rotation cells whose slices are stored; 1 for a robot that only translates. ``overlap`` says
-    whether overlap counts are kept.
+    whether overlap counts are stored.
     """
     cells = cells_of(shape) * slices
     if is_packed(shape, slices, overlap):
@@ -66,7 +66,7 @@ def map_bytes(shape: Sequence[int], slices: int = 1, overlap: bool = False) -> i
 def build_seconds(shape: Sequence[int], slices: int = 1) -> float:
     """Seconds of one core that :func:`cspace.build` takes, very roughly: threefold or a third is usual.
 
-    Parameters as for :func:`map_bytes`. Told from what was measured once, on one machine, with robots a few tens of
+    Parameters as for :func:`map_bytes`. Estimated from measurements on one machine, with robots a few tens of
     cells across: the robot's rasters of each slice, and each state.
     """
     rasters, state = (2e-4, 1e-9) if len(shape) == 2 else (1e-3, 4e-9)
@@ -105,7 +105,7 @@ def check_memory(
     fewer: Callable[[float], str] | None = None,
     seconds: float = 0.0,
 ) -> None:
-    """Refuse work that does not fit into memory; the message tells the spacing that would fit, or else ``mend``.
+    """Refuse work that does not fit into memory; the message gives the spacing that would fit, or else ``mend``.
 
     It needs so many bytes, of which ``fixed`` do not depend on the number of cells of ``grid``, and the others are
     proportional to it. ``what`` says who needs them: "the map". ``mend`` helps where another spacing cannot be
@@ -126,11 +126,11 @@ def check_memory(
         rotations = fewer((_ROOM * free - fixed) / (needed - fixed)) if fewer else ""
         mend = f"use {rotations}, or {mend.removeprefix('use ')}" if rotations else mend
     cells = " x ".join(f"{n:.4g}" if n > _COUNTED else str(n) for n in grid.shape)
-    time = f", and very roughly {time_in_words(seconds)} of one core" if seconds else ""
+    time = f", and very roughly {time_text(seconds)} of one core" if seconds else ""
     raise InputError(
         what,
-        f"has {cells} cells of {grid.spacing:g} {grid.unit} and needs about {in_words(needed)} of memory{time}",
-        f"at most {in_words(KEEP * free)} may be taken, which is {KEEP:.0%} of what is free",
+        f"has {cells} cells of {grid.spacing:g} {grid.unit} and needs about {bytes_text(needed)} of memory{time}",
+        f"at most {bytes_text(KEEP * free)} may be taken, which is {KEEP:.0%} of what is free",
         mend,
         value=needed,
     )
@@ -147,7 +147,7 @@ def fitting_spacing(corners: NDArray[np.float64], spacing: float, bytes_a_cell: 
     def fits(side: float) -> bool:
         with np.errstate(over="ignore"):
             cells = np.prod(np.maximum(1.0, np.ceil(sides / side)))
-        # The last cell may reach one cell beyond the box.
+        # The last cell may reach one cell past the box.
         return bool(bytes_a_cell * cells <= free) and reach <= (MAX_COORDINATE - 1.0) * side
 
     least, enough = spacing, max(spacing, float(sides.max()), reach)
@@ -156,12 +156,12 @@ def fitting_spacing(corners: NDArray[np.float64], spacing: float, bytes_a_cell: 
     while enough > 1.001 * least:
         middle = math.sqrt(least) * math.sqrt(enough)
         least, enough = (least, middle) if fits(middle) else (middle, enough)
-    # Rounded up: in decimal digits, as it is going to be told.
+    # Rounded up: in decimal digits, as it is going to be printed.
     unit = 10.0 ** (math.floor(math.log10(enough)) - 1)
     return float(f"{math.ceil(enough / unit) * unit:.2g}")
 
 
-def in_words(size: float) -> str:
+def bytes_text(size: float) -> str:
     """A number of bytes for people."""
     for unit in ("bytes", "kB", "MB", "GB", "TB"):
         if size < 999.5 or unit == "TB":
@@ -170,7 +170,7 @@ def in_words(size: float) -> str:
     return ""
 
 
-def time_in_words(seconds: float) -> str:
+def time_text(seconds: float) -> str:
     """A time for people, to one digit, as it is a rough one."""
     for unit, size in (("days", 86400.0), ("hours", 3600.0), ("minutes", 60.0)):
         if seconds >= 2.0 * size:
@@ -194,7 +194,7 @@ def _left_by_container() -> float:
         folder = next(f for f in (folder / group.lstrip("/"), folder) if (f / "memory.max").exists())
         limit, used = (int((folder / name).read_text(encoding="ascii")) for name in ("memory.max", "memory.current"))
         lines = (folder / "memory.stat").read_text(encoding="ascii").splitlines()
-    except (OSError, StopIteration, ValueError):  # no such limit, which is then told as "max"
+    except (OSError, StopIteration, ValueError):  # no such limit, which then reads "max"
         return math.inf
     cached = next((int(line.split()[1]) for line in lines if line.startswith("inactive_file ")), 0)
     return max(0, limit - used + cached)

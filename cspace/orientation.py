@@ -1,7 +1,7 @@
-"""Rotations as configurations tell them behind the position: not at all, as a yaw, or as a quaternion.
+"""Orientation: how configurations represent a rotation, by no number, a yaw, or a quaternion.
 
-A way to tell them is a class here: its arithmetic, over arrays of any leading shape, and its words. Which rotations a
-map tells apart, its rotation cells, are in :mod:`cspace.rotations`.
+Each representation is a class here: its arithmetic, over arrays of any leading shape, and its text. The rotation cells
+of a map are in :mod:`cspace.rotations`.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Orientation(ABC):
     Attributes
     ----------
     names : tuple of str
-        The numbers that tell a rotation.
+        The numbers of a rotation.
     """
 
     names: ClassVar[tuple[str, ...]] = ()
@@ -78,20 +78,20 @@ class Orientation(ABC):
         """
         numbers = np.atleast_1d(finite(rotation, name))
         if numbers.shape != (len(self.names),):
-            rule = f"a rotation is told by {', '.join(self.names)}" if self.names else "the robot does not turn"
+            rule = f"a rotation is given by {', '.join(self.names)}" if self.names else "the robot does not turn"
             raise InputError(name, f"has shape {numbers.shape}", rule, "pass one rotation", value=rotation)
         return self._canonical(numbers, name)
 
     @abstractmethod
     def text(self, rotation: Floats) -> str:
-        """A rotation, shape (dof,), in words."""
+        """A rotation, shape (dof,), as a text for people."""
 
     @abstractmethod
     def of_matrix(self, matrix: Floats) -> Floats:
         """The rotation, shape (dof,), that a rotation matrix of space is; of a yaw, that about z alone."""
 
     def heading(self, q: Floats) -> float | None:
-        """The yaw of a configuration, where it is told as one."""
+        """The yaw of a configuration, radians; None where its rotation is no yaw."""
         return None
 
     @abstractmethod

@@ -16,7 +16,7 @@ from cspace.shapes import Shape, Voxels
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
 Box = tuple[Ints, Ints]
-"""First cell, and the first one beyond the last; with no cell in between where an obstacle lies beyond the grid."""
+"""First cell, and the one after the last; with no cell in between where an obstacle lies outside the grid."""
 
 
 class Placed(NamedTuple):
@@ -38,14 +38,14 @@ class Placed(NamedTuple):
 
     @classmethod
     def of(cls, shape: Shape, grid: Grid, endless: Sequence[bool] = ()) -> Placed:
-        """An obstacle where it is; what lies beyond the grid is clipped, but for exact answers.
+        """An obstacle where it is; what lies outside the grid is clipped, but for exact answers.
 
-        Along axes that close in a circle nothing lies beyond: there it comes in again, whole turns on.
+        Along axes that close in a circle nothing lies outside: there it comes in again, whole turns on.
 
         Raises InputError if it is so far from the grid that rounding could reach the certificate's slack, or its inside
         depends on the spacing.
         """
-        shape.boundary()  # exact look-ups will ask for it
+        shape.boundary()  # exact look-ups will need it
         turn = grid.spacing * np.array(grid.shape) * (endless or np.zeros(grid.dim))
         low, high = (
             np.floor(np.divide(corner + more - grid.lower, turn, out=np.zeros(grid.dim), where=turn > 0.0)).astype(int)

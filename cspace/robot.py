@@ -206,7 +206,7 @@ class Robot:
         ----------
         shape : trimesh.Trimesh, trimesh.Scene, cspace.Mesh, path-like, or (vertices, faces)
             Metres, in the robot's frame; files are ``.stl``, ``.obj``, ``.ply``, ``.off``, ``.glb``, ``.gltf`` and
-            ``.dae``. A warning tells of a mesh that lies off its origin by more than its own size.
+            ``.dae``. A warning names a mesh that lies off its origin by more than its own size.
         solid : {"auto", "surface", "fill"}
             What has an inside; see :class:`cspace.Mesh`, of which "auto" leaves what it says itself.
 
@@ -286,7 +286,7 @@ class Robot:
         Raises
         ------
         FileError
-            If the file is missing or malformed, tells of no robot, or of several, or not of that costmap.
+            If the file is missing or malformed, holds no robot, or several, or not of that costmap.
         GeometryError
             If the corners make no polygon.
         """
@@ -520,7 +520,7 @@ def _numbers(text: str, mark: str) -> list[float]:
 
 
 def _files() -> dict[str, tuple[Callable[..., Robot], bool]]:
-    """What makes a robot of a file, by its suffix, from its path and, where it tells of several, the name of one; and
+    """What makes a robot of a file, by its suffix, from its path and, where it holds several, the name of one; and
     whether it takes ``solid``, for meshes."""
     from cspace.io.meshes import SUFFIXES as MESHES
     from cspace.io.vector import SUFFIXES as POLYGONS

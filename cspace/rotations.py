@@ -1,4 +1,4 @@
-"""Rotation cells: the sets of rotations that a map tells apart.
+"""Rotation cells: the sets of rotations that a map distinguishes.
 
 A kind of rotation cells is a class here, the record that compiled look-ups get of it, and the compiled functions of
 :mod:`cspace.map.turning` for that record. No look-up knows which kind it has.
@@ -28,7 +28,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 PAIRS: Final = 2**20
-"""Rotations and cells that are compared at once."""
+"""Rotations and cells that are compared together."""
 
 YAW_SLACK: Final = 1e-9
 """Rounding allowance in radians: rotation cells count as that much wider on both sides."""
@@ -130,9 +130,9 @@ class Rotations(Orientation):
     Attributes
     ----------
     dof : int
-        How many numbers of a configuration tell its rotation: those behind the position.
+        How many numbers of a configuration are its rotation: those behind the position.
     slack : float
-        Radians by which rounding may turn a robot beyond what its configuration tells.
+        Radians by which rounding may turn a robot farther than its configuration says.
     """
 
     dof: ClassVar[int]
@@ -202,12 +202,12 @@ class Rotations(Orientation):
         """Cells that hold rotations: yaw angles (radians, any shape), or quaternions, shape (..., 4)."""
 
     def one_cell(self, rotation: ArrayLike | None, name: str, rule: str) -> int:
-        """Number of the cell that holds a rotation; of the only cell, where none is told.
+        """Number of the cell that holds a rotation; of the only cell, where none is given.
 
         Raises
         ------
         InputError
-            If it is not one rotation, or none is told and there are several cells; ``rule`` says why one is needed.
+            If it is not one rotation, or none is given and there are several cells; ``rule`` says why one is needed.
         """
         if rotation is None and self.count > 1:
             rule = f"{rule}, and this map has {self.count} rotation cells"
@@ -254,7 +254,7 @@ class Rotations(Orientation):
     @property
     @abstractmethod
     def centers(self) -> Floats:
-        """The representative rotation of each cell, as a configuration tells it, shape (count, dof)."""
+        """The representative rotation of each cell, as a configuration has it, shape (count, dof)."""
 
     @property
     @abstractmethod
@@ -264,7 +264,7 @@ class Rotations(Orientation):
     @property
     @abstractmethod
     def coordinates(self) -> dict[str, Floats]:
-        """Arrays that tell of the cells, by their names in files; the first axis of each counts the cells."""
+        """Arrays that describe the cells, by their names in files; the first axis of each counts the cells."""
 
     @property
     @abstractmethod
@@ -436,7 +436,7 @@ class YawRotations(Yaw, Rotations):
 
     @classmethod
     def from_borders(cls, value: Any) -> YawRotations:
-        """Cells from a count or from their borders, as :meth:`Rotations.of` tells."""
+        """Cells from a count or from their borders, see :meth:`Rotations.of`."""
         if isinstance(value, bool) or np.ndim(value) == 0:
             mend = "pass e.g. 72, the cells' borders in radians, or Rotations.quaternions(8) for all rotations in space"
             count = whole(value, "rotations", 1, mend=mend)
@@ -565,9 +565,9 @@ class YawRotations(Yaw, Rotations):
     def cells_within(self, q: Floats, angles: Floats) -> tuple[Ints, Ints]:
         """As of all rotations; found by the borders alone."""
         reach = np.minimum(angles + YAW_SLACK, math.pi)
-        ends = q[:, -1] + np.stack([-reach, reach])
-        turns = np.floor((ends - self.borders[0]) / TURN)
-        within = np.searchsorted(self.borders, ends - turns * TURN, side="right") - 1
+        limits = q[:, -1] + np.stack([-reach, reach])
+        turns = np.floor((limits - self.borders[0]) / TURN)
+        within = np.searchsorted(self.borders, limits - turns * TURN, side="right") - 1
         low, high = (turns * self.count + np.clip(within, 0, self.count - 1)).astype(np.int64)
         counts = np.minimum(high - low + 1, self.count)
         rows = np.repeat(np.arange(len(q)), counts)
@@ -577,14 +577,14 @@ class YawRotations(Yaw, Rotations):
     @property
     def neighbors(self) -> Ints:
         """The cell before each and the one after it; the last and the first are neighbours too."""
-        ways = [[], [1], [-1, 1]][min(self.count - 1, 2)]
-        return (np.arange(self.count)[:, None] + np.array(ways, dtype=np.int64)) % self.count
+        steps = [[], [1], [-1, 1]][min(self.count - 1, 2)]
+        return (np.arange(self.count)[:, None] + np.array(steps, dtype=np.int64)) % self.count
 
     def images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
         """Of quarter turns about the z axis, and of mirrors along it, those that map the middles of cells to such."""
         if not self.is_uniform():
             return Rotations.images(self, shape)
-        found: list[tuple[Floats, Ints]] = []
+        images: list[tuple[Floats, Ints]] = []
         for mirror in (1.0, -1.0):
             for own in shape.symmetries:
                 (a, b), (c, d) = own[:2, :2].tolist()
@@ -600,8 +600,8 @@ class YawRotations(Yaw, Rotations):
             yaws = mirror * self.representatives + turns[:, None]
             cells = self.cell_of(yaws)
             off = np.abs(np.sin((yaws - self.representatives[cells]) / 2.0)).max(axis=1)
-            found += [(matrices[k], cells[k]) for k in np.flatnonzero(off < YAW_SLACK / 8.0)]
-        return found
+            images += [(matrices[k], cells[k]) for k in np.flatnonzero(off < YAW_SLACK / 8.0)]
+        return images
 
     def compiled(self, slice_of: Ints) -> YawCells:
         return YawCells(np.array(self.borders), np.ascontiguousarray(slice_of))
@@ -609,7 +609,7 @@ class YawRotations(Yaw, Rotations):
 
 @dataclass(frozen=True, slots=True)
 class QuaternionRotations(Quaternion, Rotations):
-    """Cells of quaternions, for SE(3); :meth:`Rotations.quaternions` tells what they are.
+    """Cells of quaternions, for SE(3); see :meth:`Rotations.quaternions`.
 
     A cell is numbered ``((c * n + i) * n + j) * n + k`` by the component c that is largest and the parts i, j and k of
     the quotients of the others, in the order x, y, z, w. A border belongs to the cell above it.
@@ -684,7 +684,7 @@ class QuaternionRotations(Quaternion, Rotations):
 
         These are all where M puts the axes back that S permutes, whatever their signs.
         """
-        found: dict[bytes, tuple[Floats, Floats]] = {}
+        known: dict[bytes, tuple[Floats, Floats]] = {}
         owns = np.array(shape.symmetries)
         for own in owns[np.argsort(-np.linalg.det(owns), kind="stable")]:
             # Two mirrors are two turns, each with the mirror of all three axes; the turns come first.
@@ -692,8 +692,8 @@ class QuaternionRotations(Quaternion, Rotations):
             turns_back = product_of(np.eye(4), turn * (-1.0, -1.0, -1.0, 1.0))
             changes = np.round(product_of(product_of(turns_back[:, None], np.eye(4)), turn))
             for matrix, change in zip(_HALF_TURNS @ own.T, changes, strict=True):
-                found.setdefault(change.tobytes(), (matrix, change))
-        return [(matrix, self.cell_of(self.centers @ change)) for matrix, change in found.values()]
+                known.setdefault(change.tobytes(), (matrix, change))
+        return [(matrix, self.cell_of(self.centers @ change)) for matrix, change in known.values()]
 
     def turns(self, dim: int) -> list[Turn]:
         matrices = self._matrices(self.centers, dim)
@@ -734,9 +734,9 @@ class QuaternionRotations(Quaternion, Rotations):
         quotients, missing = np.empty((len(cells), 3)), np.arange(len(cells))
         while len(missing):
             drawn = low[missing] + wide[missing] * rng.uniform(margin, 1.0 - margin, (len(missing), 3))
-            kept = rng.random(len(missing)) * (1.0 + (drawn**2).sum(axis=1)) ** 2 <= most[missing] ** 2
-            quotients[missing[kept]] = drawn[kept]
-            missing = missing[~kept]
+            accepted = rng.random(len(missing)) * (1.0 + (drawn**2).sum(axis=1)) ** 2 <= most[missing] ** 2
+            quotients[missing[accepted]] = drawn[accepted]
+            missing = missing[~accepted]
         return _quaternions(parts[:, 0], quotients)
 
     def distances(self, q: Floats) -> Floats:
@@ -747,12 +747,12 @@ class QuaternionRotations(Quaternion, Rotations):
         """The cells before and after each along the axes of its chart, in which that of another chart may lie."""
         n = self.n
         charts = np.indices((4, n, n, n)).reshape(4, -1)
-        found = []
+        columns = []
         for axis in range(3):
             for way in (-1, 1):
                 parts = charts.copy()
                 parts[1 + axis] += way
-                # Beyond a quotient of -1 or 1 that component is the largest, and all signs are those of the quotient.
+                # Past a quotient of -1 or 1 that component is the largest, and all signs are those of the quotient.
                 for c in range(4):
                     over = np.flatnonzero((charts[0] == c) & ((parts[1 + axis] < 0) | (parts[1 + axis] == n)))
                     place = dict(zip(OTHERS[c], charts[1:, over], strict=True))
@@ -761,8 +761,8 @@ class QuaternionRotations(Quaternion, Rotations):
                     others = np.array([place[k] if way > 0 else n - 1 - place[k] for k in OTHERS[largest]])
                     others[OTHERS[largest].index(c)] = n - 1 if way > 0 else 0
                     parts[:, over] = [np.full(len(over), largest), *others]
-                found.append(np.ravel_multi_index(tuple(parts), (4, n, n, n)))
-        return np.stack(found, axis=1).astype(np.int64)
+                columns.append(np.ravel_multi_index(tuple(parts), (4, n, n, n)))
+        return np.stack(columns, axis=1).astype(np.int64)
 
     def compiled(self, slice_of: Ints) -> QuaternionCells:
         return QuaternionCells(self.borders.copy(), np.ascontiguousarray(slice_of))

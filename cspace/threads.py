@@ -31,10 +31,10 @@ def in_chunks(work: Callable[[int, int], int], size: int, least: int = LEAST) ->
     threads = 1 if getattr(_here, "shared", False) else min(cores(), max(1, size // least))
     if threads == 1:
         return work(0, size)
-    ends = [size * k // threads for k in range(threads + 1)]
+    bounds = [size * k // threads for k in range(threads + 1)]
     with ThreadPoolExecutor(threads) as pool:
-        found = list(pool.map(work, ends[:-1], ends[1:]))
-    return next((start + index for start, index in zip(ends, found, strict=False) if index >= 0), -1)
+        bad = list(pool.map(work, bounds[:-1], bounds[1:]))
+    return next((start + index for start, index in zip(bounds, bad, strict=False) if index >= 0), -1)
 
 
 def in_threads(

@@ -39,7 +39,7 @@ from cspace.workspace import Workspace
 Bytes = NDArray[np.uint8]
 Ints = NDArray[np.int64]
 
-AT_ONCE: Final = 64
+BATCH: Final = 64
 """Slices of states in two bits that are made bytes together."""
 
 _NOWHERE: Final = np.array([1, 1, 1, 0, 0, 0])
@@ -56,7 +56,7 @@ class Update:
         Number of workspace cells that differ from what they were.
     lower, upper : tuple of int
         The box of cells of configurations, in any rotation cell, that were looked at again: its first cell, and the
-        first one beyond it along each axis. Equal where nothing had to be.
+        first one after it along each axis. Equal where nothing had to be.
     changed : int
         Number of cells of configurations, over all rotation cells, whose state is another now.
     """
@@ -110,22 +110,22 @@ class Patch:
         outer = _cells(cells, "cells")
         first = _first(lower, grid.dim)
         if outer.ndim != grid.dim:
-            found = f"has {outer.ndim} axes on a grid of {grid.dim}"
+            fault = f"has {outer.ndim} axes on a grid of {grid.dim}"
             mend = "pass one entry for each cell of a box, indexed in the order of the coordinates"
-            raise InputError("cells", found, "both must have as many", mend, value=outer.shape)
+            raise InputError("cells", fault, "both must have as many", mend, value=outer.shape)
         for low, count, size in zip(first, outer.shape, grid.shape, strict=True):
             if low < 0 or low + count > size:
-                found = f"has shape {outer.shape} and lower is {first} on a grid of {grid.shape} cells"
+                fault = f"has shape {outer.shape} and lower is {first} on a grid of {grid.shape} cells"
                 raise InputError(
-                    "cells", found, "the box must lie in the grid", "cut off what lies beyond it", value=first
+                    "cells", fault, "the box must lie in the grid", "cut off what lies outside it", value=first
                 )
         if inner is None:
             return cls(first, outer, outer)
         within = _cells(inner, "inner")
         if within.shape != outer.shape:
-            found = f"has shape {within.shape} and cells {outer.shape}"
+            fault = f"has shape {within.shape} and cells {outer.shape}"
             mend = "pass one entry for each cell of the box"
-            raise InputError("inner", found, "both must be the same", mend, value=within.shape)
+            raise InputError("inner", fault, "both must be the same", mend, value=within.shape)
         if (within > outer).any():
             lost = tuple(np.argwhere(within & ~outer)[0].tolist())
             rule = "a cell that lies in an obstacle also meets it"
@@ -159,7 +159,7 @@ class Change:
     """What an update of the workspace did to a map.
 
     Boxes hold the first and the last cell along x, y and z, six numbers; in the plane x is 0, and y and z stand for the
-    two axes. A box is empty where a first number is beyond the last.
+    two axes. A box is empty where a first number is above the last.
 
     Attributes
     ----------
@@ -184,7 +184,7 @@ class Change:
 
 @dataclass(frozen=True, slots=True)
 class Subject:
-    """The map that a follower changes.
+    """The map that an :class:`Updater` changes.
 
     Attributes
     ----------
@@ -194,7 +194,7 @@ class Subject:
         The robot's, for each slice.
     exterior : Exterior
     renew : callable
-        Called with each change, to bring up to date what hangs on the map; again if it was interrupted.
+        Called with each change, to bring up to date what depends on the map; again if it was interrupted.
     """
 
     contents: Contents
@@ -204,7 +204,7 @@ class Subject:
 
     @property
     def walled(self) -> bool:
-        """Whether all beyond the workspace is obstacle."""
+        """Whether all outside the workspace is obstacle."""
         return self.contents.outside == "blocked"
 
 
@@ -217,7 +217,7 @@ class Updater:
 
     def __init__(self, subject: Subject) -> None:
         contents, walled = subject.contents, subject.walled
-        workspace, shape, blocked = contents.workspace, contents.grid.shape, contents.tells_blocked
+        workspace, shape, blocked = contents.workspace, contents.grid.shape, contents.proves_blocked
         self._subject, self._flat = subject, (1,) * (3 - len(shape))
         self._shape = (*self._flat, *shape)
         self._packed, states = None, np.empty((0, *self._shape), dtype=np.uint8)
@@ -294,7 +294,7 @@ class Updater:
         return Update.of(updates, len(scene.grid.shape))
 
     def _show(self, shapes: tuple[Shape, ...] | None) -> None:
-        """Have the workspace, which follows all changes, tell other shapes."""
+        """Have the workspace, which follows all changes, show other shapes."""
         object.__setattr__(self._workspace, "shapes", shapes)
 
     def _write(self, patch: Patch) -> Update:
@@ -309,51 +309,51 @@ class Updater:
         outer = patch.outer.view(np.uint8).reshape(*self._flat, *patch.outer.shape)
         inner = patch.inner.view(np.uint8).reshape(outer.shape)
         if self._packed is None:
-            found, told = renew(self._map, outer, inner, low)
-            self._follow(found, told)
+            changed, renewed = renew(self._map, outer, inner, low)
+            self._follow(changed, renewed)
         else:
             with ThreadPoolExecutor(1) as pool:  # where no interrupt gets
                 work = pool.submit(self._renew_packed, self._packed, outer, inner, low)
                 try:
                     wait([work])
                 finally:
-                    found, told = work.result()
-                    self._follow(found, told)
-        if not found[6]:
+                    changed, renewed = work.result()
+                    self._follow(changed, renewed)
+        if not changed[6]:
             return Update(0, patch.lower, patch.lower, 0)
-        whole, dim = told[-1].tolist(), len(patch.lower)
+        whole, dim = renewed[-1].tolist(), len(patch.lower)
         first, last = whole[LOOKED + 3 - dim : LOOKED + 3], whole[LOOKED + 6 - dim : LOOKED + 6]
         if first[0] > last[0]:
-            return Update(int(found[6]), patch.lower, patch.lower, 0)
-        return Update(int(found[6]), tuple(first), tuple(n + 1 for n in last), whole[COUNT])
+            return Update(int(changed[6]), patch.lower, patch.lower, 0)
+        return Update(int(changed[6]), tuple(first), tuple(n + 1 for n in last), whole[COUNT])
 
     def _renew_packed(self, packed: PackedStates, outer: Bytes, inner: Bytes, low: Ints) -> tuple[Ints, Ints]:
-        """What :func:`cspace.changes.renew` does, with states in two bits: bytes are made of some slices at a time."""
+        """What :func:`cspace.changes.renew` does, with states in two bits: slices become bytes in batches."""
         map_, rows, whole = self._map, [], np.zeros((0, ROW), dtype=np.int64)
-        found = renew_cells(map_, outer, inner, low, np.empty((0, 0, 0), dtype=np.int8))
-        for start in range(0, len(packed) if found[6] else 0, AT_ONCE):
-            stop = min(start + AT_ONCE, len(packed))
+        changed = renew_cells(map_, outer, inner, low, np.empty((0, 0, 0), dtype=np.int8))
+        for start in range(0, len(packed) if changed[6] else 0, BATCH):
+            stop = min(start + BATCH, len(packed))
             states = packed[start:stop].reshape(-1, *self._shape)
             far, near = map_.far.of(start, stop), map_.near.of(start, stop)
             part = map_._replace(states=states, far=far, near=near, weights=map_.weights[start:stop])
-            told = renew_states(part, found[:6])
-            for number in np.flatnonzero(told[:-1, COUNT]).tolist():
+            renewed = renew_states(part, changed[:6])
+            for number in np.flatnonzero(renewed[:-1, COUNT]).tolist():
                 packed.write(start + number, states[number])
-            rows.append(told[:-1])
-            whole = np.concatenate([whole, told[-1:]])
+            rows.append(renewed[:-1])
+            whole = np.concatenate([whole, renewed[-1:]])
         least, most = whole.min(axis=0, initial=2**62), whole.max(axis=0, initial=-1)
         for first in (LOOKED, CHANGED):
             least[first + 3 : first + 6] = most[first + 3 : first + 6]
         least[COUNT] = whole[:, COUNT].sum()
-        return found, np.concatenate([*rows, least[None]])
+        return changed, np.concatenate([*rows, least[None]])
 
-    def _follow(self, found: Ints, told: Ints) -> None:
-        """Have all that hangs on the map follow what was found of the cells, and told of the states."""
-        if found[6]:
-            self._renew(found[:6], told[:-1, CHANGED : CHANGED + 6], int(told[-1, COUNT]))
+    def _follow(self, changed: Ints, renewed: Ints) -> None:
+        """Have all that depends on the map follow the changed cells and the renewed states."""
+        if changed[6]:
+            self._renew(changed[:6], renewed[:-1, CHANGED : CHANGED + 6], int(renewed[-1, COUNT]))
 
     def _renew(self, box: Ints, states: Ints, changed: int) -> None:
-        """Have all that hangs on the map follow the change."""
+        """Have all that depends on the map follow the change."""
         change = Change(self._workspace, self._scene, box, states, changed)
         try:
             self._renew_parts(change)
@@ -384,10 +384,10 @@ class Updater:
         self._map = self._map._replace(outer=views[0], inner=views[1], one=False)
 
     def _move_border(self) -> None:
-        """Tell anew what is known outside the grid, where all beyond the workspace is free."""
+        """Bring up to date what is known outside the grid, where all outside the workspace is free."""
         dim, exterior = 3 - len(self._flat), self._subject.exterior
-        found = extents(self._map.tallies, np.array(self._shape, dtype=np.int64)).reshape(2, 3)[:, -dim:]
-        obstacles = np.repeat([0, -1], dim) if (found[0] > found[1]).any() else found.ravel()
+        changed = extents(self._map.tallies, np.array(self._shape, dtype=np.int64)).reshape(2, 3)[:, -dim:]
+        obstacles = np.repeat([0, -1], dim) if (changed[0] > changed[1]).any() else changed.ravel()
         exterior.boxes[...] = [reached(obstacles, outer) for outer, _ in self._subject.rasters]
 
 
@@ -430,7 +430,7 @@ def _robots(rasters: Sequence[Raster], shape: tuple[int, ...], walled: bool) -> 
 
 
 def _proves_blocked(subject: Subject) -> bool:
-    """Whether a map tells BLOCKED from MIXED: unless it shows that it was built without ``inner``."""
+    """Whether a map proves BLOCKED: unless it shows that it was built without ``inner``."""
     workspace = subject.contents.workspace
     if any(bool((part == BLOCKED).any()) for part in subject.contents.states):
         return True

@@ -36,13 +36,13 @@ def files(path: Path) -> Iterator[Path]:
     return (entry for entry in sorted(path.rglob("*")) if entry.is_file())
 
 
-def refused(path: Path, *words: str) -> None:
-    """Fail unless opening ``path`` is an error that names it and holds ``words``."""
+def refused(path: Path, *texts: str) -> None:
+    """Fail unless opening ``path`` is an error that names it and holds ``texts``."""
     with pytest.raises(FileError) as caught:
         cspace.open(path)
     message = str(caught.value)
-    for word in (str(path), *words):
-        assert word in message
+    for text in (str(path), *texts):
+        assert text in message
 
 
 def plane() -> cspace.CSpace:

@@ -67,16 +67,16 @@ def ring_segments(vertices):
 def polygon_outer_offsets(vertices, spacing, margins, reach):
     """Offsets m with |m| <= reach whose box ``h (m + [-1, 1]^2)`` comes within each margin of a polygon."""
     segments, h = ring_segments(vertices), Fraction(spacing)
-    found = [set() for _ in margins]
+    offsets_by_margin = [set() for _ in margins]
     for m in product(range(-reach, reach + 1), repeat=2):
         box = (h * (m[0] - 1), h * (m[1] - 1), h * (m[0] + 1), h * (m[1] + 1))
         square = 0
         if not encloses((h * m[0], h * m[1]), segments):
             square = min(square_distance_to_box(segment, box) for segment in segments)
-        for offsets, margin in zip(found, map(Fraction, margins), strict=True):
+        for offsets, margin in zip(offsets_by_margin, map(Fraction, margins), strict=True):
             if square <= margin * margin:
                 offsets.add(m)
-    return found
+    return offsets_by_margin
 
 
 def polygon_inner_offsets(vertices, spacing, reach):
@@ -88,13 +88,13 @@ def polygon_inner_offsets(vertices, spacing, reach):
 
 def disc_outer_offsets(center, radius, spacing, margin, reach):
     (cx, cy), h, grown = exact(center), Fraction(spacing), Fraction(radius) + Fraction(margin)
-    found = set()
+    offsets = set()
     for m in product(range(-reach, reach + 1), repeat=2):
         dx = max(Fraction(0), h * (m[0] - 1) - cx, cx - h * (m[0] + 1))
         dy = max(Fraction(0), h * (m[1] - 1) - cy, cy - h * (m[1] + 1))
         if dx * dx + dy * dy <= grown * grown:
-            found.add(m)
-    return found
+            offsets.add(m)
+    return offsets
 
 
 def disc_inner_offsets(center, radius, spacing, reach):
@@ -173,7 +173,7 @@ def touched_turned_cells(start, end, spacing, lower, shape, borders, slack=0):
     sides = [
         [(c + h * i - slack, c + h * (i + 1) + slack) for i in range(n)] for c, n in zip(corner, shape, strict=True)
     ]
-    found = set()
+    cells = set()
     for turn in turns_between(yaw0, yaw1, whole, slack):
         a, b = (*first, begin), (*second, begin + turn)
         for k, wraps in product(range(len(borders) - 1), (-1, 0, 1)):
@@ -182,9 +182,9 @@ def touched_turned_cells(start, end, spacing, lower, shape, borders, slack=0):
                 continue
             for cell in product(*map(range, shape)):
                 block = (*(side[i] for side, i in zip(sides, cell, strict=True)), yaws)
-                if (k, *cell) not in found and segment_meets_block(a, b, *zip(*block, strict=True)):
-                    found.add((k, *cell))
-    return found
+                if (k, *cell) not in cells and segment_meets_block(a, b, *zip(*block, strict=True)):
+                    cells.add((k, *cell))
+    return cells
 
 
 # ---- solids ----------------------------------------------------------------------------------------------------------
@@ -192,24 +192,24 @@ def touched_turned_cells(start, end, spacing, lower, shape, borders, slack=0):
 
 def distance_to_triangles(points, triangles):
     """Exact distances from points (n, 3) to triangles (m, 3, 3), some points at a time."""
-    found = [np.zeros(0)]
-    for some in np.array_split(points, len(points) * len(triangles) // 100_000 + 1):
-        each, all_of_them = np.repeat(some, len(triangles), axis=0), np.tile(triangles, (len(some), 1, 1))
+    distances = [np.zeros(0)]
+    for part in np.array_split(points, len(points) * len(triangles) // 100_000 + 1):
+        each, all_of_them = np.repeat(part, len(triangles), axis=0), np.tile(triangles, (len(part), 1, 1))
         apart = np.linalg.norm(trimesh.triangles.closest_point(all_of_them, each) - each, axis=1)
-        found.append(apart.reshape(len(some), len(triangles)).min(axis=1))
-    return np.concatenate(found)
+        distances.append(apart.reshape(len(part), len(triangles)).min(axis=1))
+    return np.concatenate(distances)
 
 
 def winding_numbers(points, triangles):
     """Winding numbers of closed triangles, by solid angles (van Oosterom and Strackee, 1983)."""
-    found = [np.zeros(0, dtype=int)]
-    for some in np.array_split(points, len(points) * len(triangles) // 100_000 + 1):
-        a, b, c = np.moveaxis(triangles - some[:, None, None], 2, 0)
+    numbers = [np.zeros(0, dtype=int)]
+    for part in np.array_split(points, len(points) * len(triangles) // 100_000 + 1):
+        a, b, c = np.moveaxis(triangles - part[:, None, None], 2, 0)
         la, lb, lc = (np.linalg.norm(side, axis=-1) for side in (a, b, c))
         above = (a * np.cross(b, c)).sum(-1)
         below = la * lb * lc + (a * b).sum(-1) * lc + (b * c).sum(-1) * la + (c * a).sum(-1) * lb
-        found.append(np.rint(np.arctan2(above, below).sum(-1) / (2.0 * np.pi)).astype(int))
-    return np.concatenate(found)
+        numbers.append(np.rint(np.arctan2(above, below).sum(-1) / (2.0 * np.pi)).astype(int))
+    return np.concatenate(numbers)
 
 
 def winds_around(points, triangles):

@@ -35,9 +35,9 @@ def problems(draw, size=0.25, side=(9, 7)):
     """Outer and inner cells, and a robot, in the plane or in space."""
     dim = draw(st.integers(2, 3))
     shape = draw(st.tuples(*[st.integers(1, side[dim - 2])] * dim))
-    outer, kept = (draw(hnp.arrays(np.bool_, shape)) for _ in range(2))
+    outer, part = (draw(hnp.arrays(np.bool_, shape)) for _ in range(2))
     robot = draw(robots(size)) if dim == 2 else draw(solid_robots(size))[0]
-    return outer, outer & kept, robot
+    return outer, outer & part, robot
 
 
 @settings(max_examples=60)
@@ -102,8 +102,8 @@ def test_corners_and_borders_belong_to_every_cell_that_touches_them(robot, rotat
         if not len(cells):
             continue
         cells = cells[rng.integers(0, len(cells), 60)]
-        ends = rng.integers(0, 2, cells.shape)
-        q = np.column_stack([0.2 * (cells + ends)[:, 1:], borders[cells[:, 0] + ends[:, 0]]])
+        corner = rng.integers(0, 2, cells.shape)
+        q = np.column_stack([0.2 * (cells + corner)[:, 1:], borders[cells[:, 0] + corner[:, 0]]])
         assert (collides(space, q, tolerance, obstacles) == (state == BLOCKED)).all()
 
 
@@ -146,11 +146,11 @@ def test_agrees_with_the_exact_minkowski_sum(robot, obstacle):
 
 def gaps(parts, q, lows, side):
     """Distances between the robot at configurations (n, 3) and the nearest of some cubes; (n,)."""
-    found = np.full(len(q), np.inf)
+    gap = np.full(len(q), np.inf)
     for (lower, upper, radius), low in itertools.product(parts, lows):
         apart = np.maximum(np.maximum(low - (q + upper), (q + lower) - (low + side)), 0.0)
-        found = np.minimum(found, np.linalg.norm(apart, axis=1) - radius)
-    return found
+        gap = np.minimum(gap, np.linalg.norm(apart, axis=1) - radius)
+    return gap
 
 
 @settings(max_examples=40)
@@ -311,9 +311,9 @@ def test_a_turn_of_the_world_in_space_is_a_turn_of_the_map(body, rotations, seed
         turned = [part.swapaxes(-3, -2) if yaws else part for part in (occupied, space.state)]
         flips = (-3,) if yaws else tuple({-3, -2, -1} - {axis - 3})
         world, wanted = (np.ascontiguousarray(np.flip(part, flips)) for part in turned)
-        found = cspace.build(Workspace.from_array(world, H), body[0], rotations=rotations, **options).state
+        states = cspace.build(Workspace.from_array(world, H), body[0], rotations=rotations, **options).state
         images = (np.arange(8) + 2) % 8 if yaws else cells.cell_of((turn * Rotation.from_quat(cells.centers)).as_quat())
-        assert (found[images] == wanted).all()
+        assert (states[images] == wanted).all()
 
 
 @pytest.mark.parametrize("count", [2, 3, 5, 9, 17, 34])
@@ -401,7 +401,7 @@ WORKSPACE = Workspace.from_array(np.eye(4, dtype=bool), 0.1)
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    ("arguments", "message"),
     [
         ({"rotations": 0}, "rotations is 0"),
         ({"rotations": -4}, "rotations is -4"),
@@ -418,9 +418,9 @@ WORKSPACE = Workspace.from_array(np.eye(4, dtype=bool), 0.1)
         ({"workspace": Workspace.from_array(np.zeros((2, 2, 2), bool), 0.1)}, "2 dimensions and the workspace 3"),
     ],
 )
-def test_refuses(arguments, words):
+def test_refuses(arguments, message):
     options = {"workspace": WORKSPACE, "robot": Robot.disc(0.1), **arguments}
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(InputError, match=message):
         cspace.build(options.pop("workspace"), options.pop("robot"), **options)
 
 

@@ -38,8 +38,8 @@ LINE = "INFO cspace.compiling: compiling cspace.map.points, once per machine"
 
 def looked_up(folder: Path, **environment: str) -> list[str]:
     """Lines that a first look-up prints and logs, with the package taken from a folder."""
-    kept = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_")}
-    env = {**kept, "PYTHONPATH": str(folder), **environment}
+    others = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_")}
+    env = {**others, "PYTHONPATH": str(folder), **environment}
     done = subprocess.run(
         [sys.executable, "-c", CODE], env=env, cwd=folder, capture_output=True, text=True, check=False
     )
@@ -50,7 +50,7 @@ def looked_up(folder: Path, **environment: str) -> list[str]:
     return lines[:-1]
 
 
-def test_the_log_says_once_what_is_compiled_and_nothing_of_what_is_read_from_the_cache(tmp_path: Path) -> None:
+def test_the_log_names_each_module_that_is_compiled_and_none_that_is_read_from_the_cache(tmp_path: Path) -> None:
     root = Path(cspace.__file__).parents[1]
     first, second = (looked_up(root, NUMBA_CACHE_DIR=str(tmp_path)) for _ in range(2))
     assert LINE in first and len(set(first)) == len(first)
@@ -239,15 +239,15 @@ class Harm:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="closed to others there by itself")
 def test_what_others_may_write_is_never_read(tmp_path: Path, run: Callable[..., tuple[float, int]]) -> None:
-    kept, harm = tmp_path / "kept", tmp_path / "harm"
-    where = {"NUMBA_CACHE_DIR": str(kept), "HOME": os.devnull, "XDG_CACHE_HOME": os.devnull}
+    cache, harm = tmp_path / "kept", tmp_path / "harm"
+    where = {"NUMBA_CACHE_DIR": str(cache), "HOME": os.devnull, "XDG_CACHE_HOME": os.devnull}
     (tmp_path / "__pycache__").write_text("in the way")
     assert run("2.0", **where) == (3.0, 0)
     assert run(**where) == (3.0, 1)
-    (folder,) = kept.iterdir()
-    for index in kept.rglob("*.nbi"):
+    (folder,) = cache.iterdir()
+    for index in cache.rglob("*.nbi"):
         index.write_bytes(pickle.dumps(Harm(harm)))
-    for place, mode in ((folder, 0o1757), (kept, 0o777)):
+    for place, mode in ((folder, 0o1757), (cache, 0o777)):
         before = place.stat().st_mode
         place.chmod(mode)
         assert run(**where) == (3.0, 0)

@@ -127,15 +127,15 @@ def test_edges_go_the_shorter_way(data: st.DataObject, endless: tuple[bool, ...]
     """An edge is free exactly where all cells that it touches are, counted modulo a turn and looked at one by one."""
     space, states, rng = data.draw(maps(endless))
     grid = space.grid
-    starts, ends = drawn(space, rng, 12), drawn(space, rng, 12)
-    near = starts + rng.normal(scale=0.7 * grid.spacing, size=starts.shape)
-    ends[::2] = np.where(endless, near, np.clip(near, np.add(grid.lower, 1e-3), np.subtract(grid.upper, 1e-3)))[::2]
-    found = space.motion_is_free(starts, ends)
-    assert [space.edge_checker()(*a, *b) for a, b in zip(starts, ends, strict=True)] == found.tolist()
+    q0, q1 = drawn(space, rng, 12), drawn(space, rng, 12)
+    near = q0 + rng.normal(scale=0.7 * grid.spacing, size=q0.shape)
+    q1[::2] = np.where(endless, near, np.clip(near, np.add(grid.lower, 1e-3), np.subtract(grid.upper, 1e-3)))[::2]
+    answers = space.motion_is_free(q0, q1)
+    assert [space.edge_checker()(*a, *b) for a, b in zip(q0, q1, strict=True)] == answers.tolist()
     np.testing.assert_array_equal(
-        space.certify_path(np.concatenate([starts, ends]), [(k, k + 12) for k in range(12)]), found
+        space.certify_path(np.concatenate([q0, q1]), [(k, k + 12) for k in range(12)]), answers
     )
-    for start, end, free in zip(starts, ends, found, strict=True):
+    for start, end, free in zip(q0, q1, answers, strict=True):
         step = end - start
         step -= TURN * np.round(step / TURN) * endless
         a, b = ((each - grid.lower) / grid.spacing for each in (start, start + step))
@@ -174,9 +174,9 @@ def test_distances_see_across_the_seam(data: st.DataObject, endless: tuple[bool,
     if (states == FREE).any():
         least = grid.spacing * nearest(np.argwhere(states == FREE), 0.0)
         for each, distance in zip(q, least, strict=True):
-            found = space.nearest_free(each)
-            step = each - found
-            assert space.is_free(found)
+            center = space.nearest_free(each)
+            step = each - center
+            assert space.is_free(center)
             assert np.linalg.norm(step - TURN * np.round(step / TURN) * endless) <= distance + 1e-9
     for distance in (0.3 * grid.spacing, 1.2 * grid.spacing):
         low, high = np.floor(place - distance / grid.spacing).astype(int), np.floor(place + distance / grid.spacing)
@@ -199,8 +199,8 @@ def room_of(states: Any, endless: tuple[bool, ...]) -> Any:
     cells = np.moveaxis(np.indices(states.shape), 0, -1)
     gaps = np.maximum(np.abs(cells.reshape(-1, states.ndim) - shut) - 0.5, 0.0)
     least = np.linalg.norm(gaps, axis=2).min(axis=0, initial=1024.0).reshape(states.shape)
-    ends = np.where(endless, math.inf, np.minimum(cells, np.array(states.shape) - 1 - cells) + 0.5).min(axis=-1)
-    return np.where(states == FREE, np.floor(64.0 * np.minimum(np.minimum(least, ends), 1023.99) + 1e-4), 0.0)
+    border = np.where(endless, math.inf, np.minimum(cells, np.array(states.shape) - 1 - cells) + 0.5).min(axis=-1)
+    return np.where(states == FREE, np.floor(64.0 * np.minimum(np.minimum(least, border), 1023.99) + 1e-4), 0.0)
 
 
 def widest_chain(room: Any, endless: tuple[bool, ...], start: Any, goal: Any) -> tuple[float, float]:
@@ -239,23 +239,23 @@ def test_the_widest_path_leads_across_the_seam(data: st.DataObject, endless: tup
         room, free = room_of(states, endless), np.argwhere(states == FREE)
         for start, goal in rng.choice(free, (2, 2)) if len(free) else []:
             turns = TURN * rng.integers(-2, 3, (2, grid.dim)) * endless
-            ends = grid.center_of(np.array([start, goal])) + turns
+            endpoints = grid.center_of(np.array([start, goal])) + turns
             best, length = widest_chain(room, endless, tuple(start.tolist()), tuple(goal.tolist()))
-            path = space.widest_path(*ends, straight=False)
+            path = space.widest_path(*endpoints, straight=False)
             assert (len(path) > 0) == (best > 0)
             if not len(path):
                 continue
             assert min(room[cell(space, each)] for each in path) >= best  # what is narrowest may lie beside a corner
-            for each in (path, space.widest_path(*ends)):
-                np.testing.assert_allclose(each[0], ends[0], atol=1e-9)
-                more = (each[-1] - ends[1]) / TURN
+            for each in (path, space.widest_path(*endpoints)):
+                np.testing.assert_allclose(each[0], endpoints[0], atol=1e-9)
+                more = (each[-1] - endpoints[1]) / TURN
                 np.testing.assert_allclose(more, np.rint(more) * endless, atol=1e-9)
                 assert space.certify_path(each).all()
-            kept = space._widest.made
-            assert kept is not None
+            derived = space._widest.made
+            assert derived is not None
             one, other = (int(np.ravel_multi_index(tuple(each), states.shape)) for each in (start, goal))
-            assert kept.bottleneck(one, other) == best
-            steps = np.diff(np.unravel_index(kept.shortest(one, other, int(best)), states.shape))
+            assert derived.bottleneck(one, other) == best
+            steps = np.diff(np.unravel_index(derived.shortest(one, other, int(best)), states.shape))
             shape = np.array(states.shape)[:, np.newaxis]
             steps -= shape * np.rint(steps / shape).astype(int) * np.array(endless)[:, np.newaxis]
             assert np.linalg.norm(steps, axis=0).sum() == pytest.approx(length)
@@ -288,8 +288,8 @@ def test_an_update_is_seen_on_both_sides(endless: tuple[bool, ...]) -> None:
         for name in ("motion_is_free", "path_exists"):
             np.testing.assert_array_equal(getattr(space, name)(q[:-1], q[1:]), getattr(fresh, name)(q[:-1], q[1:]))
         others = fresh.point_checker(), fresh.edge_checker(), fresh.clearance_checker()
-        for check, other, ends in zip(checks, others, (q, np.hstack([q[:-1], q[1:]]), q), strict=True):
-            assert [check(*each) for each in ends] == [other(*each) for each in ends]
+        for check, other, arguments in zip(checks, others, (q, np.hstack([q[:-1], q[1:]]), q), strict=True):
+            assert [check(*each) for each in arguments] == [other(*each) for each in arguments]
 
 
 @pytest.mark.parametrize("endless", SPACES)
@@ -342,8 +342,8 @@ def test_copies_and_files_and_what_there_is_not(tmp_path: Path) -> None:
         (lambda: space.is_free((math.inf, 0.0)), "at most 256 are wrapped exactly"),
         (lambda: space.is_free((math.nan, 0.0)), "NaN"),
     ]
-    for call, words in ask:
-        with pytest.raises(InputError, match=words):
+    for call, message in ask:
+        with pytest.raises(InputError, match=message):
             call()
     assert space.is_free(left, exact=True)
     assert not space.motion_is_free((-1.5, 0.1), (0.0, 0.1), exact=True)

@@ -20,7 +20,7 @@ def space():
 
 
 @pytest.mark.parametrize(
-    ("call", "words"),
+    ("call", "beginning"),
     [
         (
             lambda space: planners.plan((1, 1), (9, 1), space),
@@ -65,10 +65,10 @@ def space():
         (lambda space: cspace.open(space), "path is CSpace("),
     ],
 )
-def test_exchanged_arguments_are_told_in_a_line(space, call, words):
-    with pytest.raises(InputError) as told:
+def test_exchanged_arguments_are_named_in_a_line(space, call, beginning):
+    with pytest.raises(InputError) as caught:
         call(space)
-    message = str(told.value)
-    assert message.startswith(words)
+    message = str(caught.value)
+    assert message.startswith(beginning)
     assert "\n" not in message
     assert len(message) < LONGEST + 200

@@ -47,7 +47,7 @@ def test_far_points_do_not_wrap_around():
 
 
 @pytest.mark.parametrize(
-    ("lower", "spacing", "shape", "words"),
+    ("lower", "spacing", "shape", "message"),
     [
         ((0, 0), 0.0, (1, 1), "spacing is 0.0"),
         ((0, 0), -0.1, (1, 1), "spacing is -0.1"),
@@ -61,8 +61,8 @@ def test_far_points_do_not_wrap_around():
         ((1e9, 0), 1e-3, (4, 4), "cells from the origin"),
     ],
 )
-def test_refuses(lower, spacing, shape, words):
-    with pytest.raises(InputError, match=words):
+def test_refuses(lower, spacing, shape, message):
+    with pytest.raises(InputError, match=message):
         Grid(lower, spacing, shape)
 
 
@@ -82,9 +82,9 @@ def test_what_is_no_whole_number_in_a_span_is_refused(value):
 
 
 @pytest.mark.parametrize("value", ["maybe", True, ["free"], None, 2.0, 4])
-def test_what_is_none_of_some_words_is_refused(value):
-    for words, rule in ((("free", "blocked"), "'free' or 'blocked'"), ((1, 2, 3), "1, 2 or 3")):
+def test_what_is_none_of_the_choices_is_refused(value):
+    for choices, rule in ((("free", "blocked"), "'free' or 'blocked'"), ((1, 2, 3), "1, 2 or 3")):
         with pytest.raises(InputError, match=f"word is .*it must be {rule}"):
-            check_word(value, "word", words)
+            check_word(value, "word", choices)
     check_word(np.str_("free"), "word", ("free", "blocked"))
     check_word(2, "word", (1, 2, 3))

@@ -104,14 +104,14 @@ def test_what_is_drawn_near_a_rotation_is_near_it(name: str) -> None:
 
 def test_yaw_is_wrapped_and_left_alone_where_it_is_wrapped_already() -> None:
     angles = np.concatenate([np.linspace(-20.0, 20.0, 997), [-math.pi, math.pi, np.nextafter(math.pi, 0.0)]])
-    found = wrapped(angles)
-    assert ((found >= -math.pi) & (found < math.pi)).all()
+    yaws = wrapped(angles)
+    assert ((yaws >= -math.pi) & (yaws < math.pi)).all()
     inside = (angles >= -math.pi) & (angles < math.pi)
-    assert np.array_equal(found[inside], angles[inside])
-    np.testing.assert_allclose(np.exp(1j * found), np.exp(1j * angles), atol=1e-12)
+    assert np.array_equal(yaws[inside], angles[inside])
+    np.testing.assert_allclose(np.exp(1j * yaws), np.exp(1j * angles), atol=1e-12)
 
 
-def test_words() -> None:
+def test_texts() -> None:
     assert Unturned().text(np.empty(0)) == ""
     assert [Yaw().text(np.array([yaw])) for yaw in (-1e-9, -math.pi, 4.0)] == ["yaw 0°", "yaw 180°", "yaw -130.8°"]
     about_z = [0.0, 0.0, math.sin(0.1), math.cos(0.1)]
@@ -122,19 +122,19 @@ def test_words() -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "rotation", "words"),
+    ("kind", "rotation", "message"),
     [
         (Unturned, 0.0, "does not turn"),
-        (Yaw, [1.0, 2.0], "told by yaw"),
+        (Yaw, [1.0, 2.0], "given by yaw"),
         (Yaw, 1e9, "yaw of 1e.09 rad.*wrap"),
         (Yaw, math.nan, "rotation"),
-        (Quaternion, 0.3, "told by qx, qy, qz, qw"),
+        (Quaternion, 0.3, "given by qx, qy, qz, qw"),
         (Quaternion, [0.0, 0.0, 0.0, 1.00001], "norm 1.00001; it must be 1"),
         (Quaternion, [0.0, 0.0, 0.0, 0.0], "norm 0"),
     ],
 )
-def test_what_is_no_rotation_is_refused(kind: type[Orientation], rotation: object, words: str) -> None:
-    with pytest.raises(InputError, match=words):
+def test_what_is_no_rotation_is_refused(kind: type[Orientation], rotation: object, message: str) -> None:
+    with pytest.raises(InputError, match=message):
         kind().checked(rotation)
 
 

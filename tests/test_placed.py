@@ -114,16 +114,16 @@ def test_checkers_and_exact_answers_follow(world: World) -> None:
 
 
 @pytest.mark.parametrize("rotations", [None, 24])
-def test_a_move_across_the_map_is_told_as_what_it_changed(rotations: int | None) -> None:
+def test_a_move_across_the_map_returns_what_it_changed(rotations: int | None) -> None:
     space = room(robot=Robot.rectangle(0.5, 0.3, (0.1, 0.0)), rotations=rotations)
     space.path_exists((1.0, 1.0), (2.0, 2.0)) if rotations is None else space.clearance((1.0, 1.0, 0.0))
     space.place("cart", shapely.box(0.52, 0.52, 0.98, 0.98))
     for corner in (0.62, 1.7, 2.31):  # overlapping, in reach of one robot, and not
         before = space.state.copy()
-        found = space.place("cart", shapely.box(corner, corner, corner + 0.46, corner + 0.46))
+        update = space.place("cart", shapely.box(corner, corner, corner + 0.46, corner + 0.46))
         changed = np.argwhere(space.state != before)
-        assert found.changed == len(changed) > 0
-        assert (changed[:, -2:] >= found.lower).all() and (changed[:, -2:] < found.upper).all()
+        assert update.changed == len(changed) > 0
+        assert (changed[:, -2:] >= update.lower).all() and (changed[:, -2:] < update.upper).all()
 
 
 def test_polygons_of_a_workspace_stay_what_they_are() -> None:
@@ -162,7 +162,7 @@ def test_updates_go_below_what_is_placed() -> None:
     np.testing.assert_array_equal(space.state, empty.state)
 
 
-def test_what_is_unknown_is_known_where_something_is_placed_or_told() -> None:
+def test_what_is_unknown_is_known_where_something_is_placed_or_updated() -> None:
     unknown = np.zeros((40, 30), dtype=bool)
     unknown[:, 10:] = True
     workspace = Workspace(cspace.Grid((0, 0), 0.1, (40, 30)), unknown, unknown, unknown=unknown)
@@ -229,13 +229,13 @@ def test_exact_answers_agree_with_fcl(rotations: Any) -> None:
             else Rotation.random(300, rng)
         )
         numbers = {3: np.empty((300, 0)), 4: turns.as_rotvec()[:, 2:], 7: turns.as_quat()}[space.dof]
-        ways = turns.as_matrix() if space.dof > 3 else np.tile(np.eye(3), (300, 1, 1))
+        matrices = turns.as_matrix() if space.dof > 3 else np.tile(np.eye(3), (300, 1, 1))
         q = np.hstack([rng.uniform(0.5, 1.9, (300, 3)), numbers])
-        for one, way, free in zip(q, ways, space.is_free(q, exact=True), strict=True):
-            robot = fcl.CollisionObject(fcl.Box(*size), fcl.Transform(way, one[:3]))
+        for one, matrix, free in zip(q, matrices, space.is_free(q, exact=True), strict=True):
+            robot = fcl.CollisionObject(fcl.Box(*size), fcl.Transform(matrix, one[:3]))
             spare = min(fcl.distance(robot, each, fcl.DistanceRequest(), fcl.DistanceResult()) for each in there)
             corners = np.array([p * size / 2 for p in np.stack(np.meshgrid(*[(-1, 1)] * 3), -1).reshape(-1, 3)])
-            reach = corners @ way.T + one[:3]
+            reach = corners @ matrix.T + one[:3]
             spare = min(spare, reach.min(), (2.4 - reach).min())
             if abs(spare) > 1e-4:
                 assert free == (spare > 0.0)
@@ -246,7 +246,7 @@ def test_exact_answers_agree_with_fcl(rotations: Any) -> None:
 
 def test_what_shapes_stand_for() -> None:
     square = [(1.8, 1.3), (2.2, 1.3), (2.2, 1.7), (1.8, 1.7)]
-    ways: list[tuple[Any, Any]] = [
+    obstacles: list[tuple[Any, Any]] = [
         (shapely.Polygon(square), None),
         ([shapely.Polygon(square)], None),
         (square, None),
@@ -255,7 +255,7 @@ def test_what_shapes_stand_for() -> None:
         (shapely.geometry.mapping(shapely.Polygon(square)), None),
     ]
     states = []
-    for obstacle, radius in ways:
+    for obstacle, radius in obstacles:
         space = room()
         space.place("cart", obstacle, radius=radius)
         states.append(space.state)
@@ -274,7 +274,7 @@ def test_what_shapes_stand_for() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "obstacle", "radius", "words"),
+    ("name", "obstacle", "radius", "message"),
     [
         ("", CART, None, "not empty"),
         (3, CART, None, "not empty"),
@@ -298,11 +298,11 @@ def test_what_shapes_stand_for() -> None:
         ("cart", "no such file.stl", None, "does not exist"),
     ],
 )
-def test_what_is_refused_changes_nothing(name: Any, obstacle: Any, radius: Any, words: str) -> None:
+def test_what_is_refused_changes_nothing(name: Any, obstacle: Any, radius: Any, message: str) -> None:
     space = room()
     space.place("cart", CART)
     state, shape = space.state.copy(), space.placed["cart"]
-    with pytest.raises(cspace.CspaceError, match=words):
+    with pytest.raises(cspace.CspaceError, match=message):
         space.place(name, obstacle, radius=radius)
     np.testing.assert_array_equal(space.state, state)
     assert space.placed == {"cart": shape} and not space.is_free((2.0, 1.5), exact=True)

@@ -32,7 +32,7 @@ def test_opens_polygon_files(tmp_path, data):
 
 
 @pytest.mark.parametrize(
-    ("make", "words"),
+    ("make", "message"),
     [
         (lambda: Robot.disc(0.0), "radi.* 0"),
         (lambda: Robot.disc(-1.0), "-1"),
@@ -66,8 +66,8 @@ def test_opens_polygon_files(tmp_path, data):
         (lambda: Robot.cells(np.ma.array(np.ones((2, 2), bool), mask=True), 0.1), "4 masked"),
     ],
 )
-def test_refuses(make, words):
-    with pytest.raises(InputError, match=words):
+def test_refuses(make, message):
+    with pytest.raises(InputError, match=message):
         make()
 
 
@@ -112,7 +112,7 @@ def test_something_that_is_no_name_of_a_robot():
 TETRAHEDRON = (np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1.0)]), [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)])
 
 
-def test_a_mesh_off_its_reference_point_is_a_warning_once():
+def test_a_mesh_off_its_reference_point_is_a_single_warning():
     vertices, faces = TETRAHEDRON
     Robot.mesh((vertices + 1.0, faces))
     with pytest.warns(UserWarning, match=r"lies 17.3205 m from its origin.* by \(-10.5, -10.5, -10.5\) m"):

@@ -49,8 +49,8 @@ def test_a_yaw_belongs_to_the_cell_between_its_borders(value, seed, wraps):
     assert (cells.cell_of(yaw + wraps * TURN) == expected)[away].all()
     # A border may be wrapped to the number next to it: it belongs to one of its two cells.
     above = np.arange(cells.count)
-    found = cells.cell_of(borders[:-1] + wraps * TURN)
-    assert ((found == above) | (found == (above - 1) % cells.count)).all()
+    numbers = cells.cell_of(borders[:-1] + wraps * TURN)
+    assert ((numbers == above) | (numbers == (above - 1) % cells.count)).all()
 
 
 def test_borders_may_be_given_as_degrees_turned_to_radians():
@@ -61,7 +61,7 @@ def test_borders_may_be_given_as_degrees_turned_to_radians():
 
 
 @pytest.mark.parametrize(
-    ("value", "words"),
+    ("value", "message"),
     [
         (0, "rotations is 0; it must be a whole number above zero"),
         (-72, "rotations is -72"),
@@ -83,9 +83,9 @@ def test_borders_may_be_given_as_degrees_turned_to_radians():
         ([0.0, 90.0, 180.0, 270.0, 360.0], "numpy.radians turns degrees"),
     ],
 )
-def test_refuses_what_is_no_cover(value, words):
+def test_refuses_what_is_no_cover(value, message):
     workspace = Workspace.from_array(np.zeros((3, 3), bool), 0.1)
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(InputError, match=message):
         cspace.build(workspace, Robot.rectangle(0.1, 0.2), rotations=value)
 
 
@@ -168,9 +168,9 @@ def test_volumes_are_those_of_random_rotations_and_samples_are_uniform():
     """Chi-squared; samples of large cells over small ones. Five standard deviations."""
     cells, rng = Rotations.quaternions(3), np.random.default_rng(0)
     drawn = Rotation.random(100_000, random_state=1).as_quat()
-    coarse = Rotations.quaternions(1).sample(np.repeat(np.arange(4), 25_000), 2.0**-20, rng)
+    from_few_cells = Rotations.quaternions(1).sample(np.repeat(np.arange(4), 25_000), 2.0**-20, rng)
     assert cells.volumes.sum() == pytest.approx(1.0)
-    for q in (drawn, coarse):
+    for q in (drawn, from_few_cells):
         expected = len(q) * cells.volumes
         bins = np.bincount(cells.cell_of(q), minlength=cells.count)
         assert (np.square(bins - expected) / expected).sum() < cells.count + 5.0 * math.sqrt(2.0 * cells.count)
@@ -185,8 +185,8 @@ def test_neighbors_are_the_cells_across_a_border(n):
     q = Rotation.random(300_000, random_state=n).as_quat()
     steps = q + 2e-2 * rng.normal(size=q.shape)
     here, there = cells.cell_of(q), cells.cell_of(steps / np.linalg.norm(steps, axis=1, keepdims=True))
-    found, often = np.unique(np.stack([here, there])[:, here != there], axis=1, return_counts=True)
-    met = dict(zip(zip(*found.tolist(), strict=True), often.tolist(), strict=True))
+    pairs, often = np.unique(np.stack([here, there])[:, here != there], axis=1, return_counts=True)
+    met = dict(zip(zip(*pairs.tolist(), strict=True), often.tolist(), strict=True))
     near = {(cell, other) for cell, row in enumerate(cells.neighbors.tolist()) for other in row}
     assert near <= set(met)
     # A step through an edge or a corner is as rare as it is short.
@@ -228,8 +228,8 @@ def test_refuses_what_is_no_number_of_cuts(n):
 
 def test_refuses_what_is_no_rotation_in_space():
     cells = Rotations.quaternions(2)
-    for wrong, words in (((0, 0, 0, 1.01), "norm of 1.01"), ((0, 0, 0, 0), "norm of 0"), ((0, 0, 1), "four numbers")):
-        with pytest.raises(InputError, match=words):
+    for wrong, message in (((0, 0, 0, 1.01), "norm of 1.01"), ((0, 0, 0, 0), "norm of 0"), ((0, 0, 1), "four numbers")):
+        with pytest.raises(InputError, match=message):
             cells.cell_of(wrong)
     assert cells.cell_of((0, 0, 0, 1.0 + 5e-7)) == cells.cell_of((0, 0, 0, -1))
     flat = Workspace.from_array(np.zeros((3, 3), bool), 0.1)

@@ -131,16 +131,16 @@ def test_a_state_made_by_hand_may_be_read_only() -> None:
 # ---- what is told ----------------------------------------------------------------------------------------------------
 
 
-def test_an_update_tells_what_it_looked_at() -> None:
+def test_an_update_returns_what_it_looked_at() -> None:
     space = room()
     before = space.state.copy()
-    found = space.update(BLOCK, (18, 13))
+    update = space.update(BLOCK, (18, 13))
     reach = 4  # cells: three of the disc's own, and one more as any point of a cell may meet it
-    assert found.occupied == 16
-    assert (found.lower, found.upper) == ((18 - reach, 13 - reach), (22 + reach, 17 + reach))
+    assert update.occupied == 16
+    assert (update.lower, update.upper) == ((18 - reach, 13 - reach), (22 + reach, 17 + reach))
     changed = np.argwhere(space.state != before)
-    assert found.changed == len(changed)
-    assert (changed >= found.lower).all() and (changed < found.upper).all()
+    assert update.changed == len(changed)
+    assert (changed >= update.lower).all() and (changed < update.upper).all()
 
 
 def test_only_what_differs_is_looked_at() -> None:
@@ -155,14 +155,14 @@ def test_only_what_differs_is_looked_at() -> None:
 def test_cells_count_in_every_rotation() -> None:
     space = room(robot=Robot.rectangle(0.8, 0.4), rotations=8)  # of which four slices are stored
     before = space.state.copy()
-    found = space.update(BLOCK, (18, 13))
-    assert found.changed == np.count_nonzero(space.state != before)
+    update = space.update(BLOCK, (18, 13))
+    assert update.changed == np.count_nonzero(space.state != before)
 
 
 def test_a_robot_larger_than_the_map_changes_nothing() -> None:
     space = room(robot=Robot.disc(9.0))
-    found = space.update(BLOCK, (18, 13))
-    assert found.occupied == 16 and found.changed == 0 and found.lower == found.upper
+    update = space.update(BLOCK, (18, 13))
+    assert update.occupied == 16 and update.changed == 0 and update.lower == update.upper
     assert (space.state == BLOCKED).all()
 
 
@@ -238,19 +238,19 @@ def test_a_door_closes_and_opens() -> None:
     occupied[20] = True
     occupied[20, 10:20] = False
     space = cspace.build(Workspace.from_array(occupied, 0.1), Robot.disc(0.2))
-    ends, door = ((0.5, 1.5), (3.5, 1.5)), np.ones((1, 10), dtype=bool)
+    endpoints, door = ((0.5, 1.5), (3.5, 1.5)), np.ones((1, 10), dtype=bool)
     for shut in (False, True, False):
         space.update(door & shut, (20, 10))
-        found = planners.plan(space, *ends, seed=1)
-        assert found.path_exists is (not shut) and found.solved is (not shut)
-        assert found.certified is (not shut)
+        plan = planners.plan(space, *endpoints, seed=1)
+        assert plan.path_exists is (not shut) and plan.solved is (not shut)
+        assert plan.certified is (not shut)
 
 
 # ---- refusals --------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ("cells", "lower", "inner", "words"),
+    ("cells", "lower", "inner", "message"),
     [
         (BLOCK, (38, 0), None, "must lie in the grid"),
         (BLOCK, (-1, 0), None, "must lie in the grid"),
@@ -269,16 +269,16 @@ def test_a_door_closes_and_opens() -> None:
         (~BLOCK, (0, 0), BLOCK, "which is not in cells"),
     ],
 )
-def test_what_is_refused_changes_nothing(cells, lower, inner, words) -> None:
+def test_what_is_refused_changes_nothing(cells, lower, inner, message) -> None:
     space = room()
     workspace, state = space.workspace, space.state.copy()
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(InputError, match=message):
         space.update(cells, lower, inner=inner)
     assert space.workspace is workspace and not workspace.outer.any()
     np.testing.assert_array_equal(space.state, state)
     space.update(BLOCK, (18, 13))
     held = space.workspace.outer.copy(), space.state.copy()
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(InputError, match=message):
         space.update(cells, lower, inner=inner)
     np.testing.assert_array_equal(space.workspace.outer, held[0])
     np.testing.assert_array_equal(space.state, held[1])
@@ -352,8 +352,8 @@ def test_updates_from_threads_wait_for_each_other() -> None:
         space.overlap(q)
         space.sample_free(3, np.random.default_rng(2))
 
-    def put(some: list[tuple[int, int]]) -> None:
-        for place in some:
+    def put(own: list[tuple[int, int]]) -> None:
+        for place in own:
             space.update(BLOCK, place)
 
     while_two_ask(ask, [partial(put, places[::2]), partial(put, places[1::2])])
@@ -387,13 +387,13 @@ def test_what_is_saved_is_of_one_moment(tmp_path: Path, monkeypatch: pytest.Monk
     assert (space.state != FREE).sum() > (room().state != FREE).sum()
 
 
-def test_paths_are_told_before_an_update_or_after_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_paths_are_of_before_an_update_or_after_it(monkeypatch: pytest.MonkeyPatch) -> None:
     # A cell that becomes FREE amid others, away from the rest, in a block that had one component.
     occupied = np.zeros((40, 40), dtype=bool)
     occupied[10:20, 10:20] = True
     space = cspace.build(Workspace.from_array(occupied, 0.1), Robot.disc(0.01))
-    pocket, corner, found = (1.55, 1.55), (3.5, 3.5), []
-    asking = threading.Thread(target=lambda: found.append(space.path_exists(pocket, corner)))
+    pocket, corner, answers = (1.55, 1.55), (3.5, 3.5), []
+    asking = threading.Thread(target=lambda: answers.append(space.path_exists(pocket, corner)))
     assert space.path_exists(pocket, corner) is False
     renew = cspace.CSpace._renew
 
@@ -408,4 +408,4 @@ def test_paths_are_told_before_an_update_or_after_it(monkeypatch: pytest.MonkeyP
     space.update(ring, (10, 10))
     asking.join()
     assert space.is_free(pocket)
-    assert found == [space.path_exists(pocket, corner)] == [False]
+    assert answers == [space.path_exists(pocket, corner)] == [False]

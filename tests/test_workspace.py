@@ -286,18 +286,18 @@ sizes = st.floats(1e-6, 1e6)
 
 
 @given(st.lists(sizes, min_size=2, max_size=3), sizes, st.floats(-1e7, 1e7), st.integers(1000, 10**12))
-def test_the_spacing_that_a_refusal_tells_fits(sides: list[float], spacing: float, low: float, free: int) -> None:
+def test_the_spacing_that_a_refusal_advises_fits(sides: list[float], spacing: float, low: float, free: int) -> None:
     corners = np.array([np.full(len(sides), low), low + np.array(sides)])
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("cspace.memory.free_bytes", lambda: free)
         try:
             covering_grid(corners, spacing, 8)
         except InputError as error:
-            told = re.search(r"use a spacing of at least (\S+) m", str(error))
-            if told is None:
+            match = re.search(r"use a spacing of at least (\S+) m", str(error))
+            if match is None:
                 assert "reaches" in str(error)
                 return
-            advised = float(told[1])
+            advised = float(match[1])
             assert covering_grid(corners, advised, 8).shape
             # Nor is it much larger than it must be: by a tenth for its two digits, and for what is left free.
             finer = covering_shape(corners, advised / 1.12)
@@ -318,18 +318,18 @@ def test_the_spacing_that_a_refusal_tells_where_an_axis_is_one_cell(monkeypatch:
     ("name", "dim"),
     [("a.yaml", 2), ("a.png", 2), ("a.wkt", 2), ("a.map", 2), ("a.3dmap", 3), ("a.stl", 3), ("a.bt", 3), ("a.csv", 3)],
 )
-def test_dimensions_are_told_by_the_suffix(name: str, dim: int) -> None:
+def test_dimensions_by_the_suffix(name: str, dim: int) -> None:
     assert dimension_of(name) == dim
 
 
-def test_dimensions_of_an_array_are_told_by_its_header(tmp_path: Path) -> None:
+def test_dimensions_of_an_array_by_its_header(tmp_path: Path) -> None:
     for array, dim in ((np.zeros((3, 3), bool), 2), (np.zeros((3, 3, 3), bool), 3), (np.zeros((4, 3)), 3)):
         np.save(tmp_path / "a.npy", array)
         assert dimension_of(tmp_path / "a.npy") == dim
 
 
 @pytest.mark.parametrize("suffix", METHODS)
-def test_every_suffix_is_told(suffix: str) -> None:
+def test_every_suffix_has_dimensions(suffix: str) -> None:
     assert Workspace.open.__doc__ is not None
     images = {".pbm", ".pnm", ".jpeg", ".tif", ".tiff"}
     assert suffix in images or f"``{suffix}``" in Workspace.open.__doc__

@@ -117,7 +117,7 @@ def check(space: CSpace, fresh: CSpace, world: World) -> None:
         assert (mine is None) == (other is None)
         np.testing.assert_array_equal(mine, other)
     q = world.points(40)
-    questions = {
+    queries = {
         "classify": (q,),
         "overlap": (q,),
         "contains_robot": (q,),
@@ -126,7 +126,7 @@ def check(space: CSpace, fresh: CSpace, world: World) -> None:
         "motion_is_free": (q, world.near(q, 0.2)),
         "certify_path": (q,),
     }
-    for name, given in questions.items():
+    for name, given in queries.items():
         np.testing.assert_array_equal(getattr(space, name)(*given), getattr(fresh, name)(*given), name)
     np.testing.assert_array_equal(space.is_free_around(q, SPACING, 0.3), fresh.is_free_around(q, SPACING, 0.3))
     if (fresh._map.states == FREE).any():

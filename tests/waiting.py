@@ -12,10 +12,10 @@ from typing import Any
 def until(true: Callable[[], Any], seconds: float = 20.0) -> Any:
     """What something comes to, once it is true."""
     end = time.monotonic() + seconds
-    while not (found := true()):
+    while not (value := true()):
         assert time.monotonic() < end, "it did not come to that"
         time.sleep(0.05)
-    return found
+    return value
 
 
 def while_two_ask(ask: Callable[[], object], writers: Sequence[Callable[[], object]]) -> None:

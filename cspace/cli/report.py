@@ -154,9 +154,9 @@ def _text(value: Any, unit: str) -> str:
         return f"({', '.join(_text(item, '') for item in value)}){unit}"
     if isinstance(value, int):
         if unit == _UNITS["_bytes"] and value >= _MANY_BYTES:
-            from cspace.memory import in_words
+            from cspace.memory import bytes_text
 
-            return in_words(value)
+            return bytes_text(value)
         return f"{value:,}{unit}"
     return f"{value:.6g}{unit}" if isinstance(value, float) else f"{value}{unit}"
 

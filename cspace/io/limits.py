@@ -15,7 +15,7 @@ from contextvars import ContextVar
 from typing import Final, NamedTuple
 
 from cspace.errors import FileError
-from cspace.memory import free_bytes, in_words
+from cspace.memory import bytes_text, free_bytes
 
 Named = str | os.PathLike[str]
 
@@ -69,8 +69,8 @@ def check_bytes(path: Named, size: int, what: str = "holds", memory: float = 1.0
 
     Raises FileError if it is over ``max_bytes``, or ``memory`` times as much does not fit into memory.
     """
-    _check(path, f"{what} {in_words(size)}", size, "max_bytes", in_words(_CURRENT.get().max_bytes), size)
-    check_memory(path, f"{what} {in_words(size)}", memory * size)
+    _check(path, f"{what} {bytes_text(size)}", size, "max_bytes", bytes_text(_CURRENT.get().max_bytes), size)
+    check_memory(path, f"{what} {bytes_text(size)}", memory * size)
 
 
 def check_cells(path: Named, shape: Sequence[int], memory: float = 1.0) -> None:
@@ -89,9 +89,9 @@ def check_memory(path: Named, declared: str, needed: float) -> None:
     """Refuse a file, by a FileError, whose reading takes ``needed`` bytes, where so many are not free."""
     free = free_bytes()
     if free is not None and needed > _MOST_OF_MEMORY * free:
-        fault = f"{declared}, and reading it takes about {in_words(needed)}"
+        fault = f"{declared}, and reading it takes about {bytes_text(needed)}"
         mend = "take a machine with more memory, or a smaller or coarser file"
-        raise FileError(os.fspath(path), fault, f"{in_words(free)} of memory are free", mend)
+        raise FileError(os.fspath(path), fault, f"{bytes_text(free)} of memory are free", mend)
 
 
 def _check(path: Named, fault: str, number: int, limit: str, most: str, value: object) -> None:

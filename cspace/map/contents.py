@@ -48,8 +48,8 @@ class Contents:
         What :class:`cspace.spectral.OverlapField` holds; all of it, or nothing.
     exterior : Exterior or None
         What is known outside the grid; computed from the robot's rasters at need, if None.
-    tells_blocked : bool or None
-        Whether the build could prove BLOCKED; None where that is not known, as of a map from a file.
+    proves_blocked : bool or None
+        Whether BLOCKED is proven; None where that is not known, as of a map from a file.
     endless : tuple of bool
         Which axes close in a circle: joints of an arm that turn for ever. Empty where none does.
     prove : callable or None
@@ -72,7 +72,7 @@ class Contents:
     overlaps: NDArray[np.int32] | None = None
     fields: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
     exterior: Exterior | None = None
-    tells_blocked: bool | None = None
+    proves_blocked: bool | None = None
     endless: tuple[bool, ...] = ()
     prove: Callable[..., Any] | None = None
     scene: Scene | None = None

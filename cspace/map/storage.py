@@ -19,7 +19,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from cspace.compiling import by_kind, inner, reader
 from cspace.errors import InputError
-from cspace.memory import KEEP, free_bytes, in_words
+from cspace.memory import KEEP, bytes_text, free_bytes
 from cspace.states import FREE
 from cspace.unaligned import load
 
@@ -402,8 +402,8 @@ def check_bytes(states: int) -> None:
     if states > KEEP * free:
         raise InputError(
             "the state of every cell",
-            f"takes {in_words(states)}, a byte for each",
-            f"at most {in_words(KEEP * free)} may be taken, which is {KEEP:.0%} of what is free",
+            f"takes {bytes_text(states)}, a byte for each",
+            f"at most {bytes_text(KEEP * free)} may be taken, which is {KEEP:.0%} of what is free",
             "ask for one rotation at a time, with slice_at",
             value=states,
         )

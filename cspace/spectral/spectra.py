@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.errors import InputError, optional
 from cspace.grid import finite
-from cspace.memory import KEEP, cells_of, free_bytes, in_words
+from cspace.memory import KEEP, bytes_text, cells_of, free_bytes
 from cspace.spectral.bump import (
     HALF,
     Bump,
@@ -282,8 +282,8 @@ def _check_counts(counts: ArrayLike, dim: int) -> tuple[int, ...]:
     shape = tuple(int(n) for n in np.broadcast_to(numbers, dim))
     free, needed = free_bytes(), BYTES[dim] * float(cells_of(shape))
     if needed > KEEP * free:
-        fault = f"is {' x '.join(map(str, shape))}, which needs about {in_words(needed)} of memory"
-        raise InputError("counts", fault, f"{in_words(free)} are free", "pass smaller counts")
+        fault = f"is {' x '.join(map(str, shape))}, which needs about {bytes_text(needed)} of memory"
+        raise InputError("counts", fault, f"{bytes_text(free)} are free", "pass smaller counts")
     return shape
 
 

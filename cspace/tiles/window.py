@@ -51,7 +51,7 @@ def window_of(store: Store, known: Known, table: Ints, first: Ints, stop: Ints) 
             outside,
             float(store.metadata["margin"]),
             str(store.metadata["precision"]),
-            tells_blocked=bool(store.metadata["inner"]),
+            proves_blocked=bool(store.metadata["inner"]),
         )
     )
 

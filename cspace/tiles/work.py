@@ -20,7 +20,7 @@ from cspace.compiling import reader
 from cspace.correlation import Correlation, sides_of
 from cspace.errors import CspaceError, FileError, InputError, optional
 from cspace.map.slices import Pair, slice_rasters
-from cspace.memory import KEEP, free_bytes, in_words
+from cspace.memory import KEEP, bytes_text, free_bytes
 from cspace.states import BLOCKED, MIXED
 from cspace.threads import cores, in_threads
 from cspace.tiles.sources import Source, box_of, changed
@@ -223,8 +223,8 @@ def _too_large(job: Job, needed: float, free: float) -> InputError:
     return InputError(
         "tile",
         f"is {' x '.join(map(str, job.store.tile))} cells, which with the {reach} cells that the robot reaches around "
-        f"it takes {in_words(needed)} of memory",
-        f"a task may take {in_words(free)}",
+        f"it takes {bytes_text(needed)} of memory",
+        f"a task may take {bytes_text(free)}",
         "use a smaller tile, or workers with more memory",
         value=job.store.tile,
     )

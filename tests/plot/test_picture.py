@@ -362,7 +362,7 @@ def test_bad_input(space: CSpace, tmp_path: Path, options: dict[str, Any], messa
         ({"start": (1.0, 2.0)}, "start has shape (2,); it must be (3,); pass one configuration (x, y, yaw)"),
         ({"goal": (1.0, 2.0, float("inf"))}, "goal[2] is inf"),
         ({"rotation": float("nan")}, "rotation is nan"),
-        ({"rotation": [0.0, 1.0], "view": "plane"}, "rotation has shape (2,); a rotation is told by yaw"),
+        ({"rotation": [0.0, 1.0], "view": "plane"}, "rotation has shape (2,); a rotation is given by yaw"),
         ({"rotation": 1e9}, "rotation has a yaw of 1e+09 rad"),
         ({"rotation": "north"}, "rotation is 'north'"),
         ({"rotation": []}, "rotation tells 0 rotations; from 1 to 64 panels can be shown"),
