@@ -41,18 +41,20 @@ def map_of(state, rotations=None, outside="free", spacing=0.25, lower=None, rast
     workspace = Workspace.from_array(occupied, spacing, lower)
     robot = Robot.disc(1e-6, away) if dim == 2 else Robot.ball(1e-6, away)
     policy = outside if isinstance(outside, str) else "free"
-    made = map_in(workspace, robot, state.copy(), rotations, rasters, outside=policy)
+    cells = Rotations.of(rotations)
+    states = state.reshape(cells.count, *state.shape[-dim:]).copy()
+    made = CSpace(Contents(workspace, robot, cells, np.arange(cells.count), states, outside=policy), rasters)
     if not isinstance(outside, str):
         table = np.array([[*outside.box, outside.state]] * len(made._seen), dtype=np.int64)
         made._derived_exterior.get(lambda: Exterior(table))
     return made
 
 
-def map_in(workspace, robot, states, rotations=None, rasters=None, **options):
+def map_in(workspace, robot, states, rotations=None, **options):
     """A map of given states, shape (slices, ...), or (...) of a robot that only translates."""
     cells = Rotations.of(rotations)
     states = states[None] if states.ndim == workspace.grid.dim else states
-    return CSpace(Contents(workspace, robot, cells, cells.slice_of(robot.shape), states, **options), rasters)
+    return CSpace(Contents(workspace, robot, cells, cells.slice_of(robot.shape), states, **options))
 
 
 def made(states, kind, outside="free", spacing=0.25, rotations=None, lower=None):

@@ -40,7 +40,7 @@ def test_a_corridor_two_per_cent_wider_than_the_robot_is_crossed(endpoints, seed
 
 def test_without_exact_it_is_not_crossed():
     space, _ = corridor(WIDTH * 1.02, Robot.rectangle(0.8, WIDTH))
-    assert not planners.plan(space, (0.7, 1.0, 0.0), (4.3, 2.0, 0.0), seed=0, time_limit=0.5).solved
+    assert not planners.plan(space, (0.7, 1.0, 0.0), (4.3, 2.0, 0.0), seed=0, time_limit=0.2).solved
 
 
 def test_what_is_compiled_for_chains_takes_no_time_from_the_search(monkeypatch):
@@ -54,7 +54,7 @@ def test_what_is_compiled_for_chains_takes_no_time_from_the_search(monkeypatch):
         return open_chain(*asked)
 
     monkeypatch.setattr(planners.passages, "open_chain", slow)
-    plan = planners.plan(space, *endpoints, exact=True, seed=0, time_limit=0.5)
+    plan = planners.plan(space, *endpoints, exact=True, seed=0, time_limit=0.3)
     assert begun and plan.times.setup >= 1.0 and plan.times.planning < 1.0
 
 
@@ -66,8 +66,11 @@ def test_a_disc_crosses_in_the_plane():
 
 def test_a_corridor_that_is_no_wider_is_never_crossed():
     space, _ = corridor(WIDTH, Robot.rectangle(0.8, WIDTH))
-    plan = planners.plan(space, (0.7, 1.0, 0.0), (4.3, 2.0, 0.0), exact=True, seed=0, time_limit=1.5)
+    plan = planners.plan(space, (0.7, 1.0, 0.0), (4.3, 2.0, 0.0), exact=True, seed=0, time_limit=0.6)
     assert not plan.solved and not len(plan.path)
+    # Nor by any edge that runs through the middle, but for a hair.
+    hair = np.random.default_rng(0).normal(size=(2, 500, 3)) * 10.0 ** np.linspace(-17, -3, 500)[:, None]
+    assert not space.motion_is_free(*hair + np.array([(1.0, 1.5, 0.0), (4.0, 1.5, 0.0)])[:, None], exact=True).any()
 
 
 def test_what_the_map_decides_needs_no_passages():
@@ -139,7 +142,7 @@ ENDPOINTS = (0.6, 0.7, 0.8), (3.4, 1.3, 1.2)
 def test_a_shaft_four_per_cent_wider_than_the_robot_is_crossed(robot, seed):
     space, walls = shaft(WIDTH * 1.04, robot)
     assert space.path_exists(*ENDPOINTS) is None
-    assert not planners.plan(space, *ENDPOINTS, seed=0, time_limit=0.2).solved
+    assert not planners.plan(space, *ENDPOINTS, seed=0, time_limit=0.1).solved
     plan = planners.plan(space, *ENDPOINTS, exact=True, seed=seed, time_limit=120)
     assert plan.solved and plan.certified and plan.exact and plan.status.startswith("path found")
     assert (space.classify(plan.path) != BLOCKED).all() and (space.classify(plan.path) == MIXED).any()
@@ -154,5 +157,7 @@ def test_a_shaft_four_per_cent_wider_than_the_robot_is_crossed(robot, seed):
 @pytest.mark.parametrize("robot", ROBOTS, ids=["box", "ball"])
 def test_a_shaft_that_is_no_wider_is_never_crossed(robot):
     space, _ = shaft(WIDTH, robot)
-    plan = planners.plan(space, *ENDPOINTS, exact=True, seed=0, time_limit=1.0)
+    plan = planners.plan(space, *ENDPOINTS, exact=True, seed=0, time_limit=0.4)
     assert not plan.solved and not len(plan.path)
+    hair = np.random.default_rng(0).normal(size=(2, 500, 3)) * 10.0 ** np.linspace(-17, -3, 500)[:, None]
+    assert not space.motion_is_free(*hair + np.array([(1.0, 1.0, 1.0), (3.0, 1.0, 1.0)])[:, None], exact=True).any()
