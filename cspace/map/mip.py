@@ -179,17 +179,17 @@ class Mip:
         self._nodes[part][every] = marks.blocks[every].any(axis=-1)
 
 
-def keep(marks: Marks, s: int, i: int, b: int, first: int, depth: int, eights: Words) -> None:
+def mark_layer(marks: Marks, s: int, i: int, b: int, first: int, depth: int, eights: Words) -> None:
     """Mark the cells of a layer, in blocks that follow each other along z, by what each word of :class:`Marks` has."""
     raise NotImplementedError
 
 
-def _keep_words(marks: SpaceMarks, s: int, i: int, b: int, first: int, depth: int, eights: Words) -> None:
+def _mark_layer_in_space(marks: SpaceMarks, s: int, i: int, b: int, first: int, depth: int, eights: Words) -> None:
     for c in range(depth):
         marks.cells[s, i >> SHIFT, b, first + c, i & LAST] = eights[c]
 
 
-def _keep_rows(marks: PlaneMarks, s: int, i: int, b: int, first: int, depth: int, eights: Words) -> None:
+def _mark_layer_in_plane(marks: PlaneMarks, s: int, i: int, b: int, first: int, depth: int, eights: Words) -> None:
     for c in range(depth):
         z, eight = first + c, flipped(eights[c])
         put(marks.cells[s, ROWS * b + SIDE], z, ONE, ONE if eight != 0 else ZERO)
@@ -198,7 +198,7 @@ def _keep_rows(marks: PlaneMarks, s: int, i: int, b: int, first: int, depth: int
             eight >>= np.uint64(SIDE)
 
 
-by_kind(keep, {SpaceMarks: _keep_words, PlaneMarks: _keep_rows})
+by_kind(mark_layer, {SpaceMarks: _mark_layer_in_space, PlaneMarks: _mark_layer_in_plane})
 
 
 @reader
@@ -226,7 +226,7 @@ def mark(states: States, marks: Marks, room: tuple[States, Words, Words], boxes:
                     for c in range(depth):
                         met[c] |= eights[c]
                     if len(marks.cells) > 0:
-                        keep(marks, s, i, b, first, depth, eights)
+                        mark_layer(marks, s, i, b, first, depth, eights)
                 layer = marks.blocks[s, a >> SHIFT, b >> SHIFT, :, a & LAST]
                 for c in range(depth):
                     z = first + c

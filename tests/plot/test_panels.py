@@ -93,5 +93,5 @@ def test_panels_at_rotations_about_any_axis() -> None:
                 assert pixel(ax, image, x, y) == COLORS[name]
     assert len(yaws_of(plot(space, view="panels"))) == 6
     assert "turned 90° about (1, 0, 0), in a rotation cell of " in heading(plot(space, rotation=turns[1]))
-    with pytest.raises(InputError, match="told by qx, qy, qz, qw"):
+    with pytest.raises(InputError, match="given by qx, qy, qz, qw"):
         plot(space, rotation=(0.0, 0.0, 1.0))
