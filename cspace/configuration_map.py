@@ -181,7 +181,7 @@ class ConfigurationMap(ConfigurationSpace):
 
     @property
     @abstractmethod
-    def _facts(self) -> dict[str, Any]:
+    def facts(self) -> dict[str, Any]:
         """What there is to say of it beside its grid, for people: plain values by what they are."""
 
     @abstractmethod

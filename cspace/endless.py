@@ -205,10 +205,10 @@ class EndlessCSpace(CSpace):
         return Circles(self.endless)
 
     @property
-    def _facts(self) -> dict[str, Any]:
+    def facts(self) -> dict[str, Any]:
         return {
             "endless": [axis for axis, turns in zip(self.axes, self.endless, strict=True) if turns],
-            **super()._facts,
+            **super().facts,
         }
 
     # ---- unrolled ----------------------------------------------------------------------------------------------------
@@ -271,8 +271,8 @@ class EndlessCSpace(CSpace):
         return self._brought(self._unrolled._around_is_free(distance, angle))
 
     @property
-    def _map(self) -> Map:
-        return self._unrolled._map
+    def record(self) -> Map:
+        return self._unrolled.record
 
     def _marks(self, *, cells: bool, lasting: bool = False) -> Marks:
         return self._unrolled._marks(cells=cells, lasting=lasting)
@@ -379,7 +379,7 @@ class EndlessCSpace(CSpace):
     # ---- what there is not -------------------------------------------------------------------------------------------
 
     def _none(self, what: str, mend: str) -> NoReturn:
-        circles = ", ".join(self._facts["endless"])
+        circles = ", ".join(self.facts["endless"])
         raise InputError(what, "is asked for", f"there is none of a map that closes in a circle along {circles}", mend)
 
     def _sum(self, side: Literal["outer", "inner"], q: ArrayLike) -> int | Ints:

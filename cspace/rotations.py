@@ -247,6 +247,10 @@ class Rotations(Orientation):
         the order of the first cells that have them.
         """
 
+    def of_slices(self, shape: Symmetric) -> Floats:
+        """A rotation of each slice of a robot, as a configuration tells it, shape (slices, dof)."""
+        return self.centers[np.unique(self.slice_of(shape), return_index=True)[1]]
+
     @abstractmethod
     def turns(self, dim: int) -> list[Turn]:
         """The cells as shapes in the plane or in space meet them."""

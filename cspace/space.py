@@ -210,7 +210,7 @@ class CSpace(ConfigurationMap):
         return f"{free=}, {mixed=}, {blocked=}"
 
     @property
-    def _facts(self) -> dict[str, Any]:
+    def facts(self) -> dict[str, Any]:
         grid, rotations, states, fields = self.grid, self.rotations, self._seen, self._contents.fields
         arrays: list[Any] = [states, *fields.values()] + ([] if self.overlaps is None else [self.overlaps])
         filled = "mean_" * bool(rotations.names) + f"free_{('area_m2', 'volume_m3')[grid.dim - 2]}"
@@ -331,7 +331,7 @@ class CSpace(ConfigurationMap):
         """
         from cspace.map import callbacks
 
-        quick = self._point_checker.get(lambda: callbacks.point_checker(self._map, self.dof))
+        quick = self._point_checker.get(lambda: callbacks.point_checker(self.record, self.dof))
         return self._exact.point_checker(quick) if exact else quick
 
     def edge_checker(self, *, exact: bool = False) -> Callable[..., bool]:
@@ -350,7 +350,7 @@ class CSpace(ConfigurationMap):
         """
         from cspace.map import callbacks
 
-        quick = self._edge_checker.get(lambda: callbacks.edge_checker(self._map, self.dof))
+        quick = self._edge_checker.get(lambda: callbacks.edge_checker(self.record, self.dof))
         return self._exact.edge_checker(quick) if exact else quick
 
     def clearance_checker(self) -> Callable[..., float]:
@@ -364,7 +364,7 @@ class CSpace(ConfigurationMap):
         """
         from cspace.map.clearance import checker
 
-        return checker(self._map, self._marks(cells=True, lasting=True), self.dof)
+        return checker(self.record, self._marks(cells=True, lasting=True), self.dof)
 
     # ---- what FREE cells join ----------------------------------------------------------------------------------------
 
@@ -894,7 +894,7 @@ class CSpace(ConfigurationMap):
         scaling = not_negative(cost_scaling_factor, "cost_scaling_factor", "pass it per metre")
         if self.grid.dim == 3:
             raise InputError("the map", "is one in space", "a costmap is plane", "build one of the plane")
-        turns = self.rotations.centers[np.unique(self._slice_of, return_index=True)[1]]
+        turns = self.rotations.of_slices(self.robot.shape)
         turns = turns if rotation is None else self.rotations.checked(rotation).reshape(1, -1)
         middles = np.stack(np.meshgrid(*map(self.grid.centers, range(2)), indexing="ij"), axis=-1)
         clearance = np.zeros(self.grid.shape)
@@ -938,8 +938,8 @@ class CSpace(ConfigurationMap):
         )
 
     @property
-    def _map(self) -> Map:
-        """The record that compiled look-ups take."""
+    def record(self) -> Map:
+        """What compiled functions take of the map, such as those of ``cspace.map.points``; it follows updates."""
         return self._own_map
 
     @property
@@ -965,7 +965,7 @@ class CSpace(ConfigurationMap):
         from cspace.exact.queries import Exact
 
         walled, prove = self.outside != "free", self._contents.prove
-        problem = Problem(self._map, self.rotations, self.workspace, self.robot, self.margin, walled, prove)
+        problem = Problem(self.record, self.rotations, self.workspace, self.robot, self.margin, walled, prove)
         return self._derived_exact.get(lambda: Exact(problem))
 
     @property
@@ -998,7 +998,7 @@ class CSpace(ConfigurationMap):
     def _clearances(self) -> Ask:
         from cspace.map.clearance import clearances
 
-        return in_pieces(partial(clearances, self._map, self._marks(cells=True)))
+        return in_pieces(partial(clearances, self.record, self._marks(cells=True)))
 
     def _classify(self) -> Ask:
         return self._derived_classify.get(self._make_classify)
@@ -1006,12 +1006,12 @@ class CSpace(ConfigurationMap):
     def _make_classify(self) -> Ask:
         from cspace.map.points import classify
 
-        return in_pieces(partial(classify, self._map))
+        return in_pieces(partial(classify, self.record))
 
     def _around_is_free(self, distance: float, angle: float) -> Ask:
         from cspace.map.points import boxes_are_free
 
-        return in_pieces(partial(boxes_are_free, self._map, distance, angle))
+        return in_pieces(partial(boxes_are_free, self.record, distance, angle))
 
     def _edges(self, number: int, exact: bool) -> Ask:
         """As everywhere; many edges are worth marks of blocks."""
@@ -1023,7 +1023,7 @@ class CSpace(ConfigurationMap):
         blocks = NO_BLOCKS
         if self._mip.made is not None or number * CELLS_AN_EDGE >= self._seen.size:
             blocks = self._marks(cells=False).blocks
-        return in_pieces(partial(edges_are_free, self._map, blocks), EDGES_A_THREAD)
+        return in_pieces(partial(edges_are_free, self.record, blocks), EDGES_A_THREAD)
 
     def _sum(self, side: Literal["outer", "inner"], q: ArrayLike) -> int | Ints:
         from cspace.map.overlaps import Runs, Sums, overlaps
@@ -1035,7 +1035,7 @@ class CSpace(ConfigurationMap):
         derived = self._outer_sums if outer else self._inner_sums
         sums = derived.get(lambda: Sums(workspace.outer if outer else workspace.inner))
         runs = self._runs.get(lambda: Runs.of([outer for outer, _ in self._rasters]))
-        kernel = in_pieces(partial(overlaps, self._map, sums.counts, runs, int(walled)))
+        kernel = in_pieces(partial(overlaps, self.record, sums.counts, runs, int(walled)))
         return answer(q, self.dof, kernel, np.int64, int)
 
     def _one_free(self, q: ArrayLike, name: str) -> Floats:

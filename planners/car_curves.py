@@ -61,7 +61,7 @@ SHORTEST = 1.0 / 16.0
 
 def prover(space: CSpace, kind: int, radius: float) -> Callable[..., float]:
     """:func:`proven_length` of the floats of two configurations."""
-    map_ = space._map
+    map_ = space.record
     # A curve that leaves the grid is not proven, whatever is known out there.
     map_ = map_._replace(exterior=np.full_like(map_.exterior, MIXED))
     return entry(proven_length, (map_, kind, radius), 6)
@@ -69,7 +69,7 @@ def prover(space: CSpace, kind: int, radius: float) -> Callable[..., float]:
 
 def cost(space: CSpace, kind: int, radius: float, field: Field, law: Law) -> Callable[..., float]:
     """:func:`curve_cost` of the floats of two configurations."""
-    fixed = (space._map, field, law, (kind, radius))
+    fixed = (space.record, field, law, (kind, radius))
     query = entry(curve_cost, (*fixed, (0.0,) * 6), 0).func  # type: ignore[attr-defined]
     return lambda *endpoints: query(*fixed, endpoints)
 

@@ -97,6 +97,6 @@ def cost_of_one(map_: Map, field: Field, law: Law, both: Numbers) -> float:
 
 def edge_cost(space: CSpace, field: Field, law: Law) -> Callable[..., float]:
     """``cost(*q0, *q1)`` of straight edges of a map."""
-    fixed = (space._map, field, law)
+    fixed = (space.record, field, law)
     query = entry(cost_of_one, (*fixed, (0.0,) * (2 * space.dof)), 0).func  # type: ignore[attr-defined]
     return lambda *endpoints: query(*fixed, endpoints)

@@ -77,7 +77,7 @@ class WeightedLength(ob.OptimizationObjective):
             raise InputError("weight", f"is {weight!r}", rule, "pass 10.0", value=weight)
         edges = edges_on_map(space, drive, turning_radius)
         self._field, self._law = field, Law(offset, slope, float(weight), edges.turn_weight)
-        self._kind, self._map, dim, dof = kind_of(space), space._map, space.grid.dim, space.dof
+        self._kind, self._map, dim, dof = kind_of(space), space.record, space.grid.dim, space.dof
         line = brought(lambda *endpoints: math.dist(endpoints[:dim], endpoints[dof : dof + dim]), space.endless)
         self._line = self._kind.of_states(line)
         self._cost = self._own_cost = self._kind.of_states(edges.edge_cost(field, self._law))
@@ -230,6 +230,6 @@ def overlap_field(space: CSpace, field: OverlapField | None = None) -> OverlapFi
 
 def _largest_free(space: CSpace, field: OverlapField) -> float:
     """Largest overlap in a FREE cell, or one where there is none above zero."""
-    parts = zip(field.values.reshape(space._seen.shape), space._seen, strict=True)
-    largest = max(float(values[states == FREE].max(initial=0.0)) for values, states in parts)
+    parts = zip(field.cells, space.rotations.of_slices(space.robot.shape), strict=True)
+    largest = max(float(values[space.slice_at(rotation) == FREE].max(initial=0.0)) for values, rotation in parts)
     return largest if largest > 0.0 else 1.0

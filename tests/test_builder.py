@@ -50,9 +50,9 @@ def test_states_by_definition(problem, rotations, outside, margin):
     workspace = Workspace.from_array(outer, H, inner=inner)
     options = {"rotations": rotations, "outside": outside, "margin": margin}
     counted = cspace.build(workspace, robot, overlap=True, **options)
-    cells, wanted = np.argwhere(np.ones_like(outer)), np.empty_like(counted._map.states)
+    cells, wanted = np.argwhere(np.ones_like(outer)), np.empty_like(counted.record.states)
     rasters = slice_rasters(robot, H, margin, counted.rotations)
-    for number, cell in zip(*np.unique(counted._map.slice_of, return_index=True), strict=True):
+    for number, cell in zip(*np.unique(counted.record.slice_of, return_index=True), strict=True):
         far, near = rasters[number]
         touches = overlaps_by_shifts(outer, far, outside == "blocked")
         lies_in = overlaps_by_shifts(inner, near, outside == "blocked")
@@ -61,11 +61,11 @@ def test_states_by_definition(problem, rotations, outside, margin):
         center = np.broadcast_to(counted.rotations.centers[cell], (len(cells), counted.rotations.dof))
         q = np.column_stack([counted.grid.center_of(cells), center])
         assert counted.overlap(q).tolist() == touches.ravel().tolist()
-    assert (counted._map.states == wanted).all()
+    assert (counted.record.states == wanted).all()
     for method in ("fft", "direct"):
-        assert (cspace.build(workspace, robot, method=method, **options)._map.states == wanted).all()
+        assert (cspace.build(workspace, robot, method=method, **options).record.states == wanted).all()
     bare = cspace.build(workspace, robot, inner=False, **options)
-    assert (bare._map.states == np.minimum(wanted, MIXED)).all()
+    assert (bare.record.states == np.minimum(wanted, MIXED)).all()
 
 
 def prove(space, q, obstacles=None):
@@ -325,7 +325,7 @@ def test_slices_made_together_are_each_their_own(count, size):
     space = cspace.build(workspace, robot, rotations=count, method="fft")
     counted = cspace.build(workspace, robot, rotations=count, overlap=True)
     assert {space.precision, counted.precision} <= {"float32", "float64"}
-    assert len(space._map.states) == count and (counted.state == space.state).all()
+    assert len(space.record.states) == count and (counted.state == space.state).all()
     cells = np.argwhere(np.ones(occupied.shape, dtype=bool))
     borders = np.asarray(space.rotations.borders)
     for k in {0, 1, count // 2, count - 1}:

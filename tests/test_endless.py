@@ -334,7 +334,7 @@ def test_copies_and_files_and_what_there_is_not(tmp_path: Path) -> None:
         assert again.path_exists(left, right) is True
         assert again.endless == (True, False)
     assert space.to_xarray().attrs["endless"] == "a"
-    assert space._facts["endless"] == ["a"]
+    assert space.facts["endless"] == ["a"]
     ask: list[tuple[Any, str]] = [
         (lambda: space.overlap(left), "overlap is asked for; there is none of a map that closes in a circle along a;"),
         (lambda: space.contains_robot(left), "overlap is asked for"),

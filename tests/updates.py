@@ -107,7 +107,7 @@ def worlds(draw: st.DrawFn, kinds: tuple[str, ...] = KINDS) -> World:
 
 def check(space: CSpace, fresh: CSpace, world: World) -> None:
     """Fail unless all that a map answers is what one answers that was built anew."""
-    np.testing.assert_array_equal(space._map.states, fresh._map.states)
+    np.testing.assert_array_equal(space.record.states, fresh.record.states)
     assert space.count() == fresh.count()
     for mine, other in (
         (space.workspace.outer, fresh.workspace.outer),
@@ -129,7 +129,7 @@ def check(space: CSpace, fresh: CSpace, world: World) -> None:
     for name, given in queries.items():
         np.testing.assert_array_equal(getattr(space, name)(*given), getattr(fresh, name)(*given), name)
     np.testing.assert_array_equal(space.is_free_around(q, SPACING, 0.3), fresh.is_free_around(q, SPACING, 0.3))
-    if (fresh._map.states == FREE).any():
+    if (fresh.record.states == FREE).any():
         draws = [one.sample_free(9, np.random.default_rng(1)) for one in (space, fresh)]
         np.testing.assert_array_equal(*draws)
         np.testing.assert_array_equal(space.nearest_free(q[0]), fresh.nearest_free(q[0]))

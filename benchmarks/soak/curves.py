@@ -40,7 +40,7 @@ def check(report: Report, seed: int, edges: int) -> None:
     while min(tally.checks[name] for name in CURVES) < edges * ALONG:
         case = draw_case(seed, number, turning=True)
         rng = np.random.default_rng([seed, number, 5])
-        if (case.space._map.states == FREE).any():
+        if (case.space.record.states == FREE).any():
             for name in CURVES:
                 if tally.checks[name] < edges * ALONG:
                     _check_curves(tally, others, case, name, rng)

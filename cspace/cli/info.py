@@ -111,7 +111,7 @@ def describe_map(space: ConfigurationMap) -> dict[str, Any]:
         "outside": space.outside,
         "margin_m": space.margin,
         **space.rotations.facts,
-        **space._facts,
+        **space.facts,
     }
 
 

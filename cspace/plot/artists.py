@@ -63,10 +63,10 @@ def classes_of(space: MapLike, rotation: Floats | None, layer: tuple[Any, ...] =
     ground = ground_of(space.workspace, layer) * np.uint8(space.robot.shape.shown)  # or all of it OPEN
     if rotation is not None:
         return classes_at(ground, space.slice_at(rotation)[layer])
-    stack = iter(space._seen)
-    least = most = next(stack)[layer]
+    stack = (space.slice_at(each)[layer] for each in space.rotations.of_slices(space.robot.shape))
+    least = most = next(stack)
     for states in stack:
-        least, most = np.minimum(least, states[layer]), np.maximum(most, states[layer])
+        least, most = np.minimum(least, states), np.maximum(most, states)
     classes = classes_at(ground, least)
     classes[(classes <= ASSUMED) & (most != FREE)] = PARTLY
     return classes

@@ -57,7 +57,8 @@ def draw_dials(space: MapLike, route: Route, look: Look) -> Axes:
 
     point, grid = section_point(space, look.at, route), space.grid
     cell = tuple(grid.cell_of(point).tolist())
-    states = np.array([states[cell] for states in space._seen])[space._slice_of]
+    rotations, shape = space.rotations, space.robot.shape
+    states = np.array([space.slice_at(each)[cell] for each in rotations.of_slices(shape)])[rotations.slice_of(shape)]
     ground, shown = artists.ground_of(space.workspace, cell), []
     dials = _DIALS[space.rotations.names]()
     rows = -(-len(dials) // _COLUMNS)

@@ -200,17 +200,9 @@ class Bare:
         dot = Balls(np.zeros((1, self.grid.dim)), np.ones(1))
         self.robot = Nobody(Path(workspace.source).name, self.grid.dim, dot)
 
-    @property
-    def _seen(self) -> Iterable[NDArray[np.uint8]]:
-        return iter([self.slice_at(np.empty(0))])
-
     def slice_at(self, rotation: Floats, /) -> NDArray[np.uint8]:
         """States of a robot that is a point, at the middle of a cell."""
         return np.where(self.workspace.outer, np.uint8(BLOCKED), np.uint8(FREE))
-
-    @property
-    def _slice_of(self) -> NDArray[np.int64]:
-        return np.zeros(1, dtype=np.int64)
 
 
 class Nobody(NamedTuple):

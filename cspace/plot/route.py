@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple, Protocol
 
@@ -73,10 +73,6 @@ class MapLike(Protocol):
     def robot(self) -> RobotLike: ...
     @property
     def workspace(self) -> WorkspaceLike: ...
-    @property
-    def _slice_of(self) -> NDArray[np.int64]: ...
-    @property
-    def _seen(self) -> Iterable[NDArray[np.uint8]]: ...
     def slice_at(self, rotation: Floats, /) -> NDArray[np.uint8]: ...
 
 
@@ -170,14 +166,6 @@ class Part:
         """Its cells."""
         workspace = self._space.workspace
         return Ground(workspace.outer[self._box], None if workspace.unknown is None else workspace.unknown[self._box])
-
-    @property
-    def _seen(self) -> Iterable[NDArray[np.uint8]]:
-        return (states[self._box] for states in self._space._seen)
-
-    @property
-    def _slice_of(self) -> NDArray[np.int64]:
-        return self._space._slice_of
 
     def slice_at(self, rotation: Floats, /) -> NDArray[np.uint8]:
         """States of its cells at a rotation."""

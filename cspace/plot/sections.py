@@ -155,9 +155,9 @@ def _spread(route: Route) -> Floats:
 
 def _distinct(space: MapLike) -> Floats:
     """Representatives of at most so many rotation cells whose slices differ, spread evenly, shape (n, dof)."""
-    first = np.sort(np.unique(space._slice_of, return_index=True)[1])
-    count = min(PANELS, len(first))
-    return np.asarray(space.rotations.centers[first[np.arange(count) * len(first) // count]])
+    every = space.rotations.of_slices(space.robot.shape)
+    count = min(PANELS, len(every))
+    return every[np.arange(count) * len(every) // count]
 
 
 def _grid_of_panels(count: int, box: Floats) -> Any:

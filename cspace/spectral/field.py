@@ -71,7 +71,7 @@ class OverlapField:
         if not isinstance(given, FourierOverlap):
             rule, mend = "it must be a FourierOverlap", "make it with e.g. FourierOverlap.of_shapes"
             raise InputError("overlap", f"is a {type(given).__name__}", rule, mend, value=given)
-        grid, map_ = space.grid, space._map
+        grid, map_ = space.grid, space.record
         check_dims("overlap", overlap.dim, grid.dim)
         shape, count = map_.states.shape, 1 + grid.dim
         check_memory(8.0 * count * math.prod(shape), "the overlap field", grid)
@@ -96,7 +96,7 @@ class OverlapField:
     @property
     def cells(self) -> Floats:
         """The same by slice, shape (slices, nx, ny(, nz)), as ``field_at`` takes it."""
-        return np.ascontiguousarray(self.values).reshape(self.space._map.states.shape)
+        return np.ascontiguousarray(self.values).reshape(self.space.record.states.shape)
 
     @overload
     def at(self, q: One) -> float: ...  # type: ignore[overload-overlap]
@@ -126,11 +126,11 @@ class OverlapField:
         return self.space.grid.dim + self.space.rotations.dof
 
     def _fixed(self) -> tuple[Any, ...]:
-        return self.space._map, self.cells
+        return self.space.record, self.cells
 
 
 def _shape(space: Space) -> tuple[int, ...]:
-    return (*space.rotations.leading(space._map.states.shape[0]), *space.grid.shape)
+    return (*space.rotations.leading(space.record.states.shape[0]), *space.grid.shape)
 
 
 @inner

@@ -52,7 +52,7 @@ def along(q0, q1, n=1000):
 def draw(space, rng, n):
     """Configurations in and around the grid, half of them near cells that are MIXED."""
     q = rng.uniform(np.subtract(space.grid.lower, 0.5), np.add(space.grid.upper, 0.5), (n, 2))
-    cells = np.argwhere(space._map.states == MIXED)
+    cells = np.argwhere(space.record.states == MIXED)
     if len(cells):
         chosen = cells[rng.integers(len(cells), size=n // 2)]
         q[: n // 2] = space.grid.lower + space.grid.spacing * (chosen[:, 1:] + rng.random((n // 2, 2)))

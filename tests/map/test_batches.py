@@ -69,8 +69,8 @@ def test_classify_of_many_is_that_of_each(make, seed, outside, number):
     assert space.classify(q)[chosen].tolist() == [space.classify(one) for one in q[chosen]]
     inside = space.grid.contains(q[:, : space.grid.dim])
     cells = space.grid.cell_of(q[inside, : space.grid.dim])
-    slices = space._map.slice_of[space.rotations.cells_of(q[inside])]
-    assert (space.classify(q)[inside] == space._map.states[(slices, *cells.T)]).all()
+    slices = space.record.slice_of[space.rotations.cells_of(q[inside])]
+    assert (space.classify(q)[inside] == space.record.states[(slices, *cells.T)]).all()
 
 
 @pytest.mark.parametrize("make", KINDS)
@@ -166,7 +166,7 @@ def test_edges_of_many_are_those_of_each(make, seed, outside):
     space = make(rng, outside=outside)
     q0 = draw_configurations(space, rng, 2 * EDGES_A_THREAD + 3, far=True)
     q1 = near(space, q0, rng)
-    assert space._map.states.size <= len(q0) * CELLS_AN_EDGE
+    assert space.record.states.size <= len(q0) * CELLS_AN_EDGE
     many = space.motion_is_free(q0, q1)
     check = space.edge_checker()
     assert many.tolist() == [check(*edge) for edge in np.hstack([q0, q1]).tolist()]

@@ -153,7 +153,7 @@ def test_state_is_read_only(space):
 
 
 def test_refuses_states_that_do_not_fit(space):
-    states = space._map.states
+    states = space.record.states
     for other in (states[1:], states[..., 1:], states[None], np.concatenate([states, states]), states.astype(int)):
         with pytest.raises(InputError, match="map's shape"):
             handmade.map_in(space.workspace, space.robot, other, space.rotations)

@@ -90,9 +90,9 @@ def test_rotations_in_space_share_slices_as_those_made_without_sharing(monkeypat
     monkeypatch.setattr(Shape, "symmetries", property(lambda self: [np.eye(3)]))
     monkeypatch.setattr(type(turns), "images", Rotations.images)
     alone = cspace.build(workspace, robot, rotations=turns, overlap=True)
-    assert (len(shared._map.states), len(alone._map.states)) == (8, 32)
+    assert (len(shared.record.states), len(alone.record.states)) == (8, 32)
     assert (shared.state == alone.state).all() and shared.count() == alone.count()
-    assert (shared.overlaps[shared._map.slice_of] == alone.overlaps).all()
+    assert (shared.overlaps[shared.record.slice_of] == alone.overlaps).all()
 
 
 @pytest.mark.parametrize("name", [name for name, (_, order) in SYMMETRIC.items() if order != 1])
@@ -102,16 +102,16 @@ def test_shared_slices_are_those_made_without_sharing(name, count, monkeypatch):
     workspace = Workspace.from_array(np.random.default_rng(0).random((25, 20)) < 0.05, 0.1)
     shared = cspace.build(workspace, robot, rotations=count, overlap=True)
     if order == 0:
-        assert len(shared._map.states) == 1
+        assert len(shared.record.states) == 1
         assert (shared.state == cspace.build(workspace, robot).state).all()
     elif count % order == 0:
-        assert len(shared._map.states) == count // order
+        assert len(shared.record.states) == count // order
     monkeypatch.setattr(Shape, "symmetry", property(lambda self: 1))
     alone = cspace.build(workspace, robot, rotations=count, overlap=True)
-    assert len(alone._map.states) == count
+    assert len(alone.record.states) == count
     assert shared.state.shape == alone.state.shape == (count, 25, 20)
     assert (shared.state == alone.state).all()
-    assert (shared.overlaps[shared._map.slice_of] == alone.overlaps).all()
+    assert (shared.overlaps[shared.record.slice_of] == alone.overlaps).all()
     assert shared.count() == alone.count() == tuple(np.bincount(alone.state.ravel(), minlength=3))
 
 

@@ -90,7 +90,7 @@ def length_of(space: CSpace, path: np.ndarray) -> float:
 def test_a_path_is_as_wide_as_any_and_no_longer_than_it_must_be(name: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
     space = random_map(name, rng)
-    points, search = middles(space), widest.Widest.of(space._map, space._seen, space.rotations)
+    points, search = middles(space), widest.Widest.of(space.record, space._seen, space.rotations)
     room = np.asarray(space.clearance(points))
     graph = search.graph
     levels = graph.levels[graph.slice_of].ravel()
@@ -131,7 +131,7 @@ def test_levels_are_distances_to_what_is_not_free(seed: int, open_all_around: bo
     state = np.where(rng.random(shape) < rng.choice([0.0, 0.02, 0.3]), MIXED, FREE).astype(np.uint8)
     space = with_state(state)
     table = np.array([[*np.repeat([0, -1], len(shape)), FREE if open_all_around else MIXED]])
-    map_ = space._map._replace(exterior=table)
+    map_ = space.record._replace(exterior=table)
     levels = widest.graph_of(map_, space._seen, space.rotations).levels.reshape(shape)
     shut = np.argwhere(state != FREE)
     if not open_all_around:
@@ -183,17 +183,17 @@ def test_levels_follow_updates(name: str, outside: str) -> None:
     if name in TURNS:
         robot = Robot.rectangle(0.3, 0.1) if cells.ndim == 2 else Robot.box((0.3, 0.1, 0.1))
     space = build(Workspace.from_array(cells, 0.1), robot, rotations=TURNS.get(name), outside=outside)
-    search = widest.Widest.of(space._map, space._seen, space.rotations)
+    search = widest.Widest.of(space.record, space._seen, space.rotations)
     space._widest.get(lambda: search)
     for step in range(24):
         size = rng.integers(1, 4, cells.ndim)
         lower = rng.integers(0, np.array(cells.shape) - size + 1)
         space.update(rng.random(size) < 0.5 * (step % 3), lower)
         if step % 2:
-            search = search.renewed(space._map, space._seen)
+            search = search.renewed(space.record, space._seen)
             space._widest.drop()
             space._widest.get(lambda made=search: made)
-            fresh = widest.graph_of(space._map, space._seen, space.rotations)
+            fresh = widest.graph_of(space.record, space._seen, space.rotations)
             assert np.array_equal(search.graph.levels, fresh.levels)
 
 

@@ -206,7 +206,7 @@ def test_the_map_is_the_same_and_the_field_that_of_the_overlap(kind: str) -> Non
             array[...] = 0.0
     assert made._rasters[0][0] is space._rasters[0][0]  # it is not made again
     assert made.clearance(made.nearest_free([0.0] * space.dof)) == clearance
-    assert (kind == "shared") == (space.rotations.dof and len(space._map.states) < space.rotations.count)
+    assert (kind == "shared") == (space.rotations.dof and len(space.record.states) < space.rotations.count)
     again = build(made.workspace, made.robot, rotations=made.rotations)
     assert again.overlap_field is None and not set(FIELDS) & set(again.to_xarray())
 
